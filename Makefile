@@ -1,0 +1,49 @@
+# Two commands do everything: `make demo` and `make test`. Each makes .venv by itself and installs the built wheel.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+SOURCES := pyproject.toml constraints.txt README.md LICENSE $(shell find lgprjax data_schema -type f -not -name '*.pyc')
+
+.PHONY: demo test lint types campaign clean
+
+demo: $(VENV)/.wheel
+	$(BIN)/lgprjax demo --output out/demo
+
+test: $(VENV)/.test
+	$(BIN)/pytest
+
+campaign: $(VENV)/.test
+	$(BIN)/pytest -m campaign
+
+lint: $(VENV)/.lint
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/.lint $(VENV)/.test
+	$(BIN)/mypy
+
+$(VENV)/.venv:
+	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"Python 3.11 or newer is needed, this is {v[0]}.{v[1]}: make PYTHON=python3.12 ...")'
+	$(PYTHON) -m venv $(VENV)
+	@touch $@
+
+# The wheel is built and installed, never the source tree: what is tested is what a user gets.
+$(VENV)/.wheel: $(VENV)/.venv $(SOURCES)
+	@echo "installing lgprjax (the first time fetches its dependencies)"
+	@rm -rf build/wheel
+	PIP_CONSTRAINT=constraints.txt $(PIP) wheel --no-deps --wheel-dir build/wheel .
+	$(PIP) install --constraint constraints.txt build/wheel/lgprjax-*.whl
+	$(PIP) install --no-deps --force-reinstall build/wheel/lgprjax-*.whl
+	@touch $@
+
+$(VENV)/.test: $(VENV)/.wheel
+	$(PIP) install --constraint constraints.txt "lgprjax[test] @ file://$(CURDIR)/$$(ls build/wheel/lgprjax-*.whl)"
+	@touch $@
+
+$(VENV)/.lint: $(VENV)/.wheel
+	$(PIP) install --constraint constraints.txt "lgprjax[lint] @ file://$(CURDIR)/$$(ls build/wheel/lgprjax-*.whl)"
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build dist out

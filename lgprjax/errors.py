@@ -1,0 +1,22 @@
+"""The one error a user meets: bad input, told in one line that names file, place, expected and found."""
+
+from pathlib import Path
+
+
+class InputError(ValueError):
+    """Input that cannot be used.
+
+    The message is always one line: ``FILE: PLACE: expected EXPECTED, found FOUND``. The command line prints
+    it and exits with status 1; library users catch it as a ``ValueError``.
+    """
+
+    def __init__(self, file: str | Path, place: str, expected: str, found: str) -> None:
+        self.file = str(file)
+        self.place = place
+        self.expected = expected
+        self.found = found
+        line = f"{file}: {place}: expected {expected}, found {found}"
+        super().__init__(" ".join(line.split()))
+
+    def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str, str]]:
+        return (InputError, (self.file, self.place, self.expected, self.found))

@@ -1,0 +1,24 @@
+"""Settings of every test: the shipped float32, no silent broadcasting, no silent promotion."""
+
+import os
+from pathlib import Path
+
+import jax
+import pytest
+
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+# An optimisation of repeated runs only; the suite passes without it.
+jax.config.update("jax_compilation_cache_dir", os.environ.get("LGPRJAX_TEST_CACHE") or None)
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """Folder of the real recordings; the test skips, and says so, where the variable is not set."""
+    folder = os.environ.get("LGPRJAX_REAL_DATA")
+    if not folder:
+        pytest.skip("LGPRJAX_REAL_DATA is not set: the real recordings are not tested here")
+    path = Path(folder)
+    if not (path / "SHA256SUMS").is_file():
+        pytest.fail(f"LGPRJAX_REAL_DATA={folder} holds no recordings (no SHA256SUMS)")
+    return path
