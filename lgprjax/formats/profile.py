@@ -1,0 +1,100 @@
+"""One recorded line as the vendor readers return it, and what they share."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Num
+
+from lgprjax.errors import InputError
+
+
+@dataclass(frozen=True)
+class Profile:
+    """One line of traces; sample i lies at travel time ``i * sample_interval_ns - time_zero_ns``.
+
+    Attributes:
+        path: the file it came from.
+        channels: the data, signed, zero standing for no signal; several channels only from multi-channel DZT.
+        sample_interval_ns: two-way travel time between samples.
+        time_zero_ns: how long after sample 0 time zero lies.
+        spacing_m: distance between traces; ``None`` when the file does not say (recorded by time).
+        centre_frequency_hz: nominal centre frequency; ``None`` when the file does not say.
+        positions_m: position of each trace as the headers give it; ``None`` when they do not.
+        metadata: further header values under the vendor's own names.
+    """
+
+    path: Path
+    channels: Num[np.ndarray, "trace channel sample"]
+    sample_interval_ns: float
+    time_zero_ns: float
+    spacing_m: float | None
+    centre_frequency_hz: float | None
+    positions_m: Float[np.ndarray, " trace"] | None
+    metadata: dict[str, object]
+
+    @property
+    def traces(self) -> Num[np.ndarray, "trace sample"]:
+        """Traces of the first channel, the only one of most files."""
+        return self.channels[:, 0, :]
+
+
+def read_bytes(path: Path) -> bytes:
+    """Whole file. Raises ``InputError`` when it is missing, unreadable or empty."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(path, "file", "a readable file", error.strerror or str(error)) from None
+    if not data:
+        raise InputError(path, "file", "radar data", "an empty file")
+    return data
+
+
+def companion(path: Path, suffix: str) -> Path:
+    """The file of the same name with another suffix, written in whatever case. Raises ``InputError`` without one."""
+    try:
+        for candidate in sorted(path.parent.iterdir()):
+            if candidate.stem == path.stem and candidate.suffix.lower() == suffix:
+                return candidate
+    except OSError:
+        pass
+    raise InputError(path, "header file", f"{path.stem}{suffix} beside it", "none")
+
+
+class TextHeader:
+    """Header of lines ``NAME separator VALUE``; asks for values and refuses what is missing or no number."""
+
+    def __init__(self, path: Path, separator: str) -> None:
+        self.path = path
+        self.values: dict[str, str] = {}
+        for line in read_bytes(path).decode("latin-1").splitlines():
+            name, found, value = line.partition(separator)
+            if found:
+                self.values.setdefault(name.strip().upper(), value.strip())
+
+    def number(self, name: str, *, default: float | None = None) -> float:
+        """Finite value of a line; ``default`` stands in only for a line that is missing."""
+        text = self.values.get(name)
+        if text is None and default is not None:
+            return default
+        try:
+            value = float(text or "")
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            raise InputError(self.path, name, "a number", "none" if text is None else repr(text))
+        return value
+
+    def positive(self, name: str) -> float:
+        """Value above zero."""
+        value = self.number(name)
+        if value <= 0:
+            raise InputError(self.path, name, "a number above zero", f"{value:g}")
+        return value
+
+    def count(self, name: str) -> int:
+        """Whole value above zero."""
+        value = self.positive(name)
+        if value != int(value):
+            raise InputError(self.path, name, "a whole number", f"{value:g}")
+        return int(value)

@@ -1,0 +1,219 @@
+"""HDF5 files that describe themselves: opened with one clear error, held against their schema, written with units."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from lgprjax.errors import InputError
+from lgprjax.formats.findings import Finding, Tally, check_scalar, check_version, expected_scalar
+from lgprjax.formats.schema import Entry, Schema
+
+CHUNK_BYTES = 1 << 20
+# Room for a few chunks, so that ranges of scans that end inside a chunk do not decompress it twice.
+CACHE_BYTES = 8 << 20
+_BLOCK_BYTES = 8 << 20
+# What h5py raises, by turns, when bytes of a file's structure are not what they were.
+DAMAGE = (OSError, RuntimeError, KeyError, TypeError, ValueError, MemoryError, OverflowError)
+
+
+def open_store(path: str | Path) -> h5py.File:
+    """Open an HDF5 file for reading. Raises ``InputError`` when it is missing, empty, cut short or another format."""
+    file = Path(path)
+    try:
+        with file.open("rb") as stream:
+            if not stream.read(1):
+                raise InputError(file, "file", "an HDF5 file", "an empty file")
+        return h5py.File(file, "r", rdcc_nbytes=CACHE_BYTES, locking="best-effort")
+    except OSError as error:
+        if error.errno is not None and error.strerror:
+            raise InputError(file, "file", "a readable file", error.strerror) from None
+        if not h5py.is_hdf5(file):
+            raise InputError(file, "file", "an HDF5 file", "another format") from None
+        raise InputError(file, "file", "a whole HDF5 file", "one that is cut short or damaged") from None
+
+
+@contextmanager
+def reading(path: str | Path, place: str) -> Iterator[None]:
+    """Turn the library's error about damaged contents into one line."""
+    try:
+        yield
+    except InputError:
+        raise
+    except DAMAGE as error:
+        raise InputError(path, place, "readable data", "damaged data (a part of the file is lost)") from error
+
+
+def attribute_of(item: Any, name: str) -> object:
+    """Attribute as plain Python value: text, number, or ``None`` where there is none."""
+    value = item.attrs.get(name)
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.reshape(())[()]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def write_attribute(item: Any, name: str, value: str | float) -> None:
+    """Write an attribute; texts at fixed length, as HDF5 may crash on a damaged file's texts of free length."""
+    if isinstance(value, str):
+        text = value.encode()
+        item.attrs.create(name, text, dtype=h5py.string_dtype("utf-8", max(1, len(text))))
+    else:
+        item.attrs[name] = value
+
+
+def write_root(store: h5py.File, schema: Schema) -> None:
+    """Write what every file of ours begins with: schema and version."""
+    write_attribute(store, "schema", schema.name)
+    write_attribute(store, "schema_version", schema.version)
+
+
+def write_array(store: h5py.File, schema: Schema, path: str, values: np.ndarray) -> h5py.Dataset:
+    """Write a small array whole, with the unit and description its schema gives."""
+    entry = schema.dataset(path)
+    # Fixed-length text: readable everywhere and compressible, unlike HDF5's own strings.
+    kind = f"S{max(map(len, entry.choices))}" if entry.choices else entry.dtype[0]
+    data = np.asarray(values).astype(kind)
+    compression = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if data.nbytes > 4096 else {}
+    return _describe(store.create_dataset(path, data=data, **compression), entry)
+
+
+def create_array(
+    store: h5py.File, schema: Schema, path: str, row_shape: tuple[int, ...], dtype: str | np.dtype[Any] | None = None
+) -> h5py.Dataset:
+    """Create an empty array that grows along its first axis, in chunks of whole rows of about 1 MiB."""
+    entry = schema.dataset(path)
+    kind = np.dtype(entry.dtype[0] if dtype is None else dtype)
+    row_bytes = max(1, kind.itemsize * int(np.prod(row_shape)))
+    # A short row (a time, a flag) would make chunks of 100,000 rows: too much to rewrite for each append.
+    rows = min(max(1, CHUNK_BYTES // row_bytes), 16384)
+    dataset = store.create_dataset(
+        path,
+        shape=(0, *row_shape),
+        maxshape=(None, *row_shape),
+        chunks=(rows, *row_shape),
+        dtype=kind,
+        compression="gzip",
+        compression_opts=1,
+        shuffle=True,
+    )
+    return _describe(dataset, entry)
+
+
+def _describe(dataset: h5py.Dataset, entry: Entry) -> h5py.Dataset:
+    write_attribute(dataset, "unit", entry.unit)
+    write_attribute(dataset, "description", entry.description)
+    return dataset
+
+
+def validate_store(
+    store: h5py.File, path: str | Path, schema: Schema, *, bulk: bool = False, complete: bool = True
+) -> Iterator[Finding]:
+    """Findings of an open file, lazily, in the schema's order.
+
+    Args:
+        store: the open file.
+        path: its name in the findings.
+        schema: what it must be.
+        bulk: also read the bulk datasets, block by block.
+        complete: false while a writer still appends: the smallest sizes are not due yet.
+    """
+    file = str(path)
+    try:
+        yield from _findings(store, file, schema, bulk, complete)
+    except DAMAGE:
+        yield Finding(file, "file", "a whole HDF5 file", "one whose structure is damaged")
+
+
+def _findings(store: h5py.File, file: str, schema: Schema, bulk: bool, complete: bool) -> Iterator[Finding]:
+    refusal = check_version(schema, attribute_of(store, "schema"), attribute_of(store, "schema_version"))
+    if refusal is not None:
+        yield Finding(file, *refusal)
+        return
+    absent: list[str] = []
+    for group in schema.groups:
+        if not isinstance(_get(store, group.path), h5py.Group):
+            absent.append(group.path + "/")
+            if group.required or group.path in store:
+                yield Finding(file, group.path, "a group", "another object" if group.path in store else "none")
+    for paths in schema.one_of:
+        present = [p for p in paths if p in store]
+        if len(present) != 1 and not paths[0].startswith(tuple(absent)):
+            yield Finding(file, " or ".join(paths), "exactly one of them", "both" if present else "neither")
+    for entry in schema.attributes:
+        holder, _, name = entry.path.partition("@")
+        if holder in store:
+            yield from _check_attribute(store[holder], name, file, entry)
+    sizes: dict[str, tuple[int, str]] = {}
+    for entry in schema.datasets:
+        if entry.path.startswith(tuple(absent)):
+            continue
+        if entry.path in store:
+            yield from _check_dataset(store, file, entry, sizes, bulk)
+        elif entry.required or (entry.needs is not None and entry.needs in store):
+            yield Finding(file, entry.path, "a dataset", "none")
+    if complete:
+        for axis, (size, place) in sizes.items():
+            if size < schema.minimum.get(axis, 1):
+                expected = f"at least {schema.minimum.get(axis, 1)} along the axis {axis}"
+                yield Finding(file, place, expected, str(size))
+
+
+def _get(store: h5py.File, path: str) -> object:
+    """Object at a path; ``None`` where there is none or where its link is broken."""
+    return store.get(path) if path in store else None
+
+
+def _check_attribute(holder: Any, name: str, file: str, entry: Entry) -> Iterator[Finding]:
+    value = attribute_of(holder, name)
+    if value is None:
+        if entry.required:
+            yield Finding(file, entry.path, expected_scalar(entry), "none")
+        return
+    problem = check_scalar(entry, value)
+    if problem is not None:
+        yield Finding(file, entry.path, expected_scalar(entry), problem)
+
+
+def _check_dataset(
+    store: h5py.File, file: str, entry: Entry, sizes: dict[str, tuple[int, str]], bulk: bool
+) -> Iterator[Finding]:
+    dataset = _get(store, entry.path)
+    if not isinstance(dataset, h5py.Dataset):
+        yield Finding(file, entry.path, "a dataset", "another object")
+        return
+    if dataset.dtype.name not in entry.dtype and not (entry.choices and dataset.dtype.kind == "S"):
+        yield Finding(file, entry.path, " or ".join(entry.dtype), f"type {dataset.dtype.name}")
+        return
+    shape = dataset.shape
+    names = ", ".join(str(axis) for axis in entry.dims)
+    if shape is None or len(shape) != len(entry.dims):
+        yield Finding(file, entry.path, f"axes [{names}]", f"shape {shape}")
+        return
+    for axis, size in zip(entry.dims, shape, strict=True):
+        due, origin = (axis, "") if isinstance(axis, int) else sizes.setdefault(axis, (size, entry.path))
+        if size != due:
+            reason = f" as in {origin}" if origin else ""
+            yield Finding(file, entry.path, f"axes [{names}] with {axis} = {due}{reason}", f"shape {shape}")
+    unit = attribute_of(dataset, "unit")
+    if unit != entry.unit:
+        yield Finding(file, f"{entry.path}@unit", repr(entry.unit), "none" if unit is None else repr(unit))
+    if bulk or not entry.bulk:
+        yield from _check_values(dataset, file, entry)
+
+
+def _check_values(dataset: h5py.Dataset, file: str, entry: Entry) -> Iterator[Finding]:
+    tally = Tally(entry)
+    row_bytes = max(1, dataset.dtype.itemsize * int(np.prod(dataset.shape[1:])))
+    rows = max(1, _BLOCK_BYTES // row_bytes)
+    try:
+        for start in range(0, dataset.shape[0], rows):
+            tally.add(dataset[start : start + rows])
+    except DAMAGE:
+        yield Finding(file, entry.path, "readable data", "damaged data (a part of the file is lost)")
+        return
+    yield from tally.findings(file, entry.path)

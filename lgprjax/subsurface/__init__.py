@@ -1,0 +1,33 @@
+"""Scans -> stations -> regular grid tiles; sampling at a place; the index of what lies where."""
+
+from lgprjax.subsurface.grid import GridSpec, TraceSet, grid_spec, grid_traces
+from lgprjax.subsurface.ground_map import GroundMap, MapDescription, Stations, StationSource
+from lgprjax.subsurface.index import SpatialIndex, place_tiles
+from lgprjax.subsurface.stations import (
+    Coherence,
+    ScanBlock,
+    StationBlock,
+    coherence_lag,
+    stations_of_drive,
+)
+from lgprjax.subsurface.tile import Tile, sample_tile
+
+__all__ = [
+    "Coherence",
+    "GridSpec",
+    "GroundMap",
+    "MapDescription",
+    "ScanBlock",
+    "SpatialIndex",
+    "StationBlock",
+    "StationSource",
+    "Stations",
+    "Tile",
+    "TraceSet",
+    "coherence_lag",
+    "grid_spec",
+    "grid_traces",
+    "place_tiles",
+    "sample_tile",
+    "stations_of_drive",
+]

@@ -1,0 +1,169 @@
+"""The check reports every problem of a file, for every kind of file."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from formats.samples import write_drive
+from lgprjax.errors import InputError
+from lgprjax.formats import DriveLog, check_file, create_store, load_schema
+from lgprjax.formats.schema import Entry
+
+_VEHICLE = """
+schema = "lgprjax.vehicle"
+schema_version = "1.0"
+name = "test vehicle"
+steering_kind = "counter_steer"
+[chassis]
+wheelbase_m = 3.3
+[steering]
+rear_ratio = 0.63
+"""
+
+
+def test_good_drive_has_no_findings(tmp_path: Path) -> None:
+    assert check_file(write_drive(tmp_path / "a.drive.h5")) == []
+
+
+def test_every_problem_is_reported_in_one_go(tmp_path: Path) -> None:
+    path = write_drive(tmp_path / "a.drive.h5")
+    with h5py.File(path, "r+") as store:
+        store["/radar/time_s"][2] = 0.0
+        store["/radar/traces"].attrs["sample_interval_ns"] = -1.0
+        store["/array/x_m"].attrs["unit"] = "ft"
+        del store["/gnss_ins/roll_deg"]
+        store.attrs["t0_utc"] = "noon"
+    assert {finding.place for finding in check_file(path)} == {
+        "/radar/time_s",
+        "/radar/traces@sample_interval_ns",
+        "/array/x_m@unit",
+        "/gnss_ins/roll_deg",
+        "/@t0_utc",
+    }
+
+
+def test_non_finite_traces_are_a_warning(tmp_path: Path) -> None:
+    traces = np.zeros((2000, 11, 200), np.float32)
+    traces[1900, 3, 7:9] = np.nan
+    (finding,) = check_file(write_drive(tmp_path / "a.drive.h5", traces))
+    assert (finding.place, finding.severity) == ("/radar/traces", "warning")
+    assert finding.found == f"2 of {traces.size} values otherwise, the first at index {(1900 * 11 + 3) * 200 + 7}"
+    assert str(finding).startswith("warning: ")
+
+
+def test_damaged_data_are_found(tmp_path: Path) -> None:
+    path = write_drive(tmp_path / "a.drive.h5")
+    with h5py.File(path) as store:
+        chunk = store["/radar/traces"].id.get_chunk_info(0)
+    with path.open("r+b") as stream:
+        stream.seek(chunk.byte_offset)
+        stream.write(b"\xff" * chunk.size)
+    (finding,) = check_file(path)
+    assert (finding.place, finding.expected) == ("/radar/traces", "readable data")
+
+
+def test_random_damage_is_found_or_harmless(tmp_path: Path) -> None:
+    path = write_drive(tmp_path / "a.drive.h5")
+    whole = path.read_bytes()
+    rng = np.random.default_rng(5)
+    noticed = 0
+    for _ in range(80):
+        damaged = np.frombuffer(whole, np.uint8).copy()
+        damaged[rng.integers(0, len(whole), 4)] = rng.integers(0, 256, 4)
+        path.write_bytes(damaged.tobytes())
+        try:
+            with DriveLog.open(path) as log:
+                log.read_traces(0, log.scans)
+        except InputError:
+            noticed += len(check_file(path)) > 0
+    # All of the structure is under checksums; only bytes of small arrays can change unseen.
+    assert noticed > 70
+
+
+@pytest.mark.parametrize("content", [b"", b"not HDF5", b"\x89HDF\r\n\x1a\n" + bytes(40), None])
+@pytest.mark.parametrize("suffix", [".drive.h5", ".map.h5", ".fixes.h5"])
+def test_what_is_no_hdf5_is_one_finding(tmp_path: Path, suffix: str, content: bytes | None) -> None:
+    path = tmp_path / f"a{suffix}"
+    if content is not None:
+        path.write_bytes(content)
+    (finding,) = check_file(path)
+    assert (finding.place, finding.severity) == ("file", "error")
+
+
+@pytest.mark.parametrize(("version", "count"), [("1.9", 0), ("2.0", 1), ("1", 1)])
+def test_version(tmp_path: Path, version: str, count: int) -> None:
+    path = write_drive(tmp_path / "a.drive.h5")
+    with h5py.File(path, "r+") as store:
+        store.attrs["schema_version"] = version
+    assert len(check_file(path)) == count
+
+
+def test_unknown_suffix(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"file name: expected a suffix among \.drive\.h5"):
+        check_file(tmp_path / "a.sgy")
+
+
+def _plain_value(entry: Entry) -> object:
+    return {"number": 1.0, "string": "text", "json": "{}", "utc": "2024-01-01T00:00:00Z"}[entry.dtype[0]]
+
+
+def _write_map(path: Path) -> Path:
+    """A map made from nothing but its schema: every dataset with sizes 2, every attribute."""
+    schema = load_schema("map")
+    with create_store(path, schema) as (store, _):
+        for entry in schema.datasets:
+            shape = [axis if isinstance(axis, int) else 2 for axis in entry.dims]
+            dataset = store.create_dataset(entry.path, data=np.ones(shape, entry.dtype[0]))
+            dataset.attrs["unit"] = entry.unit
+        for entry in schema.attributes:
+            holder, _, name = entry.path.partition("@")
+            store[holder].attrs[name] = _plain_value(entry)
+    return path
+
+
+def test_map_made_from_its_schema_is_good(tmp_path: Path) -> None:
+    assert check_file(_write_map(tmp_path / "a.map.h5")) == []
+
+
+def test_map_with_problems(tmp_path: Path) -> None:
+    path = _write_map(tmp_path / "a.map.h5")
+    with h5py.File(path, "r+") as store:
+        store["/baselines/traces"][0, 1, 1] = np.nan
+        store["/gain"][0] = np.nan
+        store.attrs["anchor_latitude_deg"] = 91.0
+        del store["/tiles"]
+    findings = {finding.place: finding for finding in check_file(path)}
+    assert set(findings) == {"/baselines/traces", "/gain", "/@anchor_latitude_deg", "/tiles"}
+    # In a map, unlike in a drive, a value that is not finite is an error: nothing may enter it unseen.
+    assert findings["/baselines/traces"].severity == "error"
+
+
+def test_vehicle(tmp_path: Path) -> None:
+    path = tmp_path / "a.vehicle.toml"
+    path.write_text(_VEHICLE)
+    assert check_file(path) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("3.3", "-3.3", "chassis.wheelbase_m: expected a number, finite, above zero, found -3.3"),
+        ("3.3", '"long"', "chassis.wheelbase_m: expected a number, finite, above zero, found 'long'"),
+        ("3.3", "true", "chassis.wheelbase_m: expected a number, finite, above zero, found True"),
+        ("3.3", "nan", "above zero, found nan"),
+        ("0.63", "1.63", "steering.rear_ratio: expected a number, finite, zero or more, from 0 to 1, found 1.63"),
+        ("wheelbase_m", "wheel_base_m", "chassis.wheel_base_m: expected a key of data_schema/vehicle.toml"),
+        ("counter_steer", "crab", "steering_kind: expected a text, one of counter_steer, skid_steer, found 'crab'"),
+        ('name = "test vehicle"', "", "name: expected a text, found none"),
+        ('"1.0"', '"3.0"', "@schema_version: expected version 1.x or older (update lgprjax), found 3.0"),
+        ("lgprjax.vehicle", "lgprjax.drive", "@schema: expected lgprjax.vehicle, found 'lgprjax.drive'"),
+        ("[steering]", "[steering", "file: expected TOML, found"),
+    ],
+)
+def test_vehicle_with_a_problem(tmp_path: Path, old: str, new: str, words: str) -> None:
+    path = tmp_path / "a.vehicle.toml"
+    path.write_text(_VEHICLE.replace(old, new))
+    (finding,) = check_file(path)
+    assert words in str(finding)

@@ -1,0 +1,161 @@
+"""Fixes tables: both files hold the table, and a bad one is refused in one line."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from lgprjax.errors import InputError
+from lgprjax.formats import check_file, load_schema, read_fix_poses, read_fixes, write_fixes
+
+_HEADER = (
+    "scan,time_s,latitude_deg,longitude_deg,height_m,heading_deg,roll_deg,"
+    "sigma_along_m,sigma_cross_m,correlation,margin,overlap_channels,code"
+)
+
+
+def _table(rows: int = 4) -> pd.DataFrame:
+    index = np.arange(rows)
+    some = np.where(index % 2 == 0, 0.25, np.nan)
+    return pd.DataFrame(
+        {
+            "scan": index,
+            "time_s": index / 126,
+            "latitude_deg": 42.123456789 + some,
+            "longitude_deg": -71.987654321 + some,
+            "height_m": some,
+            "heading_deg": some,
+            "roll_deg": some,
+            "sigma_along_m": some,
+            "sigma_cross_m": some,
+            "correlation": some,
+            "margin": some,
+            "overlap_channels": np.where(index % 2 == 0, 11, 0),
+            "code": np.where(index % 2 == 0, "ok", "no_window"),
+        }
+    )
+
+
+def _write(folder: Path, table: pd.DataFrame, **options: object) -> tuple[Path, Path]:
+    paths = folder / "a.fixes.csv", folder / "a.fixes.h5"
+    write_fixes(*paths, table, attributes={"name": "a", "anchor_height_m": 3.5, "steps": [1, 2]}, **options)  # type: ignore[arg-type]
+    return paths
+
+
+def test_csv_is_as_the_contract_says(tmp_path: Path) -> None:
+    path, _ = _write(tmp_path, _table())
+    lines = path.read_text().splitlines()
+    assert lines[0] == _HEADER
+    assert (
+        lines[1]
+        == "0,0.000000,42.3734567890,-71.7376543210,0.2500,0.250000,0.250000,0.2500,0.2500,0.250000,0.250000,11,ok"
+    )
+    assert lines[2] == "1,0.007937" + "," * 10 + "0,no_window"
+
+
+def test_both_files_hold_the_table(tmp_path: Path) -> None:
+    table = _table(20000)
+    pose = np.arange(100000.0).reshape(-1, 5)
+    covariance = np.ones((20000, 5, 5), np.float32)
+    csv_path, h5_path = _write(tmp_path, table, pose_m=pose, covariance=covariance)
+    pd.testing.assert_frame_equal(read_fixes(h5_path), table, check_dtype=False)
+    pd.testing.assert_frame_equal(read_fixes(csv_path), table, check_dtype=False, atol=1e-6, rtol=0)
+    np.testing.assert_allclose(read_fixes(csv_path)["latitude_deg"], table["latitude_deg"], atol=1e-9, rtol=0)
+    found = read_fix_poses(h5_path)
+    assert found[0] is not None
+    assert found[1] is not None
+    np.testing.assert_array_equal(found[0], pose)
+    assert found[1].dtype == np.float32
+    assert read_fixes(h5_path).attrs["anchor_height_m"] == 3.5
+    assert read_fixes(h5_path).attrs["steps"] == "[1, 2]"
+    assert check_file(csv_path) == []
+    assert check_file(h5_path) == []
+
+
+def test_optional_parts(tmp_path: Path) -> None:
+    csv_path, h5_path = _write(tmp_path, _table().assign(time_scale=1.01))
+    assert csv_path.read_text().splitlines()[0] == _HEADER + ",time_scale"
+    assert read_fixes(csv_path)["time_scale"].tolist() == [1.01] * 4
+    assert read_fix_poses(h5_path) == (None, None)
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_round_trip(tmp_path: Path, data: st.DataObject) -> None:
+    rows = data.draw(st.integers(1, 8))
+    angle = st.one_of(st.just(np.nan), st.floats(-90, 90))
+    table = _table(rows)
+    for name in ("latitude_deg", "longitude_deg", "heading_deg"):
+        table[name] = data.draw(st.lists(angle, min_size=rows, max_size=rows))
+    codes = next(entry.choices for entry in load_schema("fixes").columns if entry.choices)
+    table["code"] = data.draw(st.lists(st.sampled_from(codes), min_size=rows, max_size=rows))
+    csv_path, h5_path = _write(tmp_path, table, force=True)
+    pd.testing.assert_frame_equal(read_fixes(h5_path), table, check_dtype=False, check_exact=True)
+    pd.testing.assert_frame_equal(read_fixes(csv_path), table, check_dtype=False, atol=1e-6, rtol=0)
+    np.testing.assert_allclose(read_fixes(csv_path)["longitude_deg"], table["longitude_deg"], atol=1e-9, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: t.drop(columns="margin"), "column margin: expected a column, found none"),
+        (lambda t: t.assign(speed=1.0), "columns: expected those of data_schema/fixes.toml, found speed"),
+        (lambda t: t.assign(code="fine"), "column code: expected one of ok, low_correlation"),
+        (lambda t: t.assign(time_s=0.0), "column time_s: expected strictly increasing values"),
+        (lambda t: t.assign(latitude_deg=95.0), "column latitude_deg: expected values from -90 to 90"),
+        (lambda t: t.assign(sigma_along_m=-1.0), "column sigma_along_m: expected values of zero or more"),
+        (lambda t: t.assign(scan=0.5), "column scan: expected type int64"),
+        (lambda t: t.iloc[:0], "rows: expected at least one fix, found none"),
+    ],
+)
+def test_bad_table_is_refused_and_leaves_nothing(
+    tmp_path: Path, change: Callable[[pd.DataFrame], pd.DataFrame], words: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        _write(tmp_path, change(_table()))
+    assert words in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_wrong_array_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="/pose_m: expected axes"):
+        _write(tmp_path, _table(), pose_m=np.zeros((3, 5)))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_neither_file_is_replaced_without_force(tmp_path: Path) -> None:
+    (tmp_path / "a.fixes.h5").write_text("mine")
+    with pytest.raises(InputError, match=r"a\.fixes\.h5: output: expected a new file"):
+        _write(tmp_path, _table())
+    assert [path.name for path in tmp_path.iterdir()] == ["a.fixes.h5"]
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (lambda text: text[:0], "file: expected a table of fixes, found an empty file"),
+        (lambda text: text.replace("margin", "gap"), "header: expected scan,time_s"),
+        (
+            lambda text: text.replace("0.007937", "soon"),
+            "column time_s, row 1: expected a number or an empty cell, found 'soon'",
+        ),
+        (lambda text: text.replace("\n1,", "\n1.5,"), "column scan, row 1: expected a whole number, found '1.5'"),
+        (lambda text: text.replace("\n1,", "\n,"), "column scan, row 1: expected a whole number, found ''"),
+        (lambda text: text.replace("no_window", "NoWindow"), "column code: expected one of ok"),
+        (lambda text: text.replace("0.007937", ""), "column time_s: expected finite values"),
+        (lambda text: text + "9,9,9,9,9,9,9,9,9,9,9,9,9,9,9,9\n", "file: expected a table of fixes"),
+        (lambda text: text.splitlines()[0] + "\n", "rows: expected at least one fix, found none"),
+    ],
+)
+def test_bad_csv_is_one_clear_line(tmp_path: Path, edit: Callable[[str], str], words: str) -> None:
+    path, _ = _write(tmp_path, _table())
+    path.write_text(edit(path.read_text()))
+    with pytest.raises(InputError) as caught:
+        read_fixes(path)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert any(words in str(finding) for finding in check_file(path))
