@@ -1,0 +1,146 @@
+"""A bounded particle swarm with ring neighbourhoods.
+
+Knows nothing of radar: it maximises any batched objective over the box [-1, 1]^dim. Constants are the
+constriction of Clerc & Kennedy (2002) in inertia form. The topology is a ring, because a single global best
+loses about a fifth of hard problems to premature convergence (research/pso_peers.md 3). Particles that cross
+a wall are reflected and their speed on that axis is turned and halved, since clipping glues small swarms to
+walls. A score that is not finite never becomes a best.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Key
+
+Objective = Callable[[Float[Array, "particle dim"]], Float[Array, " particle"]]
+"""Scores of a batch of positions in the box; higher is better; -inf or NaN where there is nothing."""
+
+
+@dataclass(frozen=True)
+class SwarmConfig:
+    """Static settings of a swarm.
+
+    Attributes:
+        particles, iterations: the size; each pair is a compile of its own.
+        neighbours: to each side on the ring.
+        inertia, attraction: w and c1 = c2 of the constriction.
+        velocity_cap: largest step, as a share of the box's width.
+    """
+
+    particles: int
+    iterations: int
+    neighbours: int = 2
+    inertia: float = 0.7298
+    attraction: float = 1.49618
+    velocity_cap: float = 0.25
+
+
+class SwarmState(NamedTuple):
+    """What the loop carries."""
+
+    position: Float[Array, "particle dim"]
+    velocity: Float[Array, "particle dim"]
+    best_position: Float[Array, "particle dim"]
+    best_score: Float[Array, " particle"]
+
+
+class SwarmResult(NamedTuple):
+    """The best place found.
+
+    Attributes:
+        position: in the box.
+        score: there; -inf if no particle ever scored.
+        history: best score after the start and after each iteration.
+    """
+
+    position: Float[Array, " dim"]
+    score: Float[Array, ""]
+    history: Float[Array, " iteration"]
+
+
+def init_swarm(key: Key[Array, ""], start: Float[Array, "particle dim"], objective: Objective) -> SwarmState:
+    """Score the start positions; they are the first personal bests. The key is consumed."""
+    score = _finite(objective(start))
+    velocity = 0.5 * (jax.random.permutation(key, start) - start)
+    return SwarmState(start, velocity, start, score)
+
+
+def step_swarm(
+    key: Key[Array, ""],
+    state: SwarmState,
+    objective: Objective,
+    free: Bool[Array, " dim"],
+    *,
+    config: SwarmConfig,
+) -> SwarmState:
+    """One synchronous update. The key is consumed.
+
+    Args:
+        state: before.
+        objective: to maximise.
+        free: degrees of freedom that may move; the others stay where they started.
+    """
+    pull = jax.random.uniform(key, (2, *state.position.shape)) * config.attraction
+    leader = _ring_best(state, config.neighbours)
+    velocity = (
+        config.inertia * state.velocity
+        + pull[0] * (state.best_position - state.position)
+        + pull[1] * (leader - state.position)
+    )
+    cap = 2.0 * config.velocity_cap
+    velocity = jnp.where(free[None, :], jnp.clip(velocity, -cap, cap), 0.0)
+    moved = state.position + velocity
+    crossed = jnp.abs(moved) > 1.0
+    position = jnp.clip(jnp.where(crossed, jnp.sign(moved) * 2.0 - moved, moved), -1.0, 1.0)
+    velocity = jnp.where(crossed, -0.5 * velocity, velocity)
+    score = _finite(objective(position))
+    better = score > state.best_score
+    return SwarmState(
+        position,
+        velocity,
+        jnp.where(better[:, None], position, state.best_position),
+        jnp.where(better, score, state.best_score),
+    )
+
+
+def run_swarm(
+    key: Key[Array, ""],
+    start: Float[Array, "particle dim"],
+    objective: Objective,
+    free: Bool[Array, " dim"],
+    *,
+    config: SwarmConfig,
+) -> SwarmResult:
+    """Run the swarm from given start positions for ``config.iterations`` updates. The key is consumed."""
+    first, *steps = jax.random.split(key, config.iterations + 1)
+    state = init_swarm(first, start, objective)
+
+    def body(carry: SwarmState, step_key: Key[Array, ""]) -> tuple[SwarmState, Float[Array, ""]]:
+        after = step_swarm(step_key, carry, objective, free, config=config)
+        return after, jnp.max(after.best_score)
+
+    end, history = jax.lax.scan(body, state, jnp.stack(steps))
+    winner = jnp.argmax(end.best_score)
+    return SwarmResult(
+        end.best_position[winner],
+        end.best_score[winner],
+        jnp.concatenate([jnp.max(state.best_score)[None], history]),
+    )
+
+
+def _ring_best(state: SwarmState, neighbours: int) -> Float[Array, "particle dim"]:
+    """Best personal best among each particle and its neighbours on the ring; shifts, no gather of a table."""
+    leader, score = state.best_position, state.best_score
+    for shift in [s for n in range(1, neighbours + 1) for s in (-n, n)]:
+        other = jnp.roll(state.best_score, shift)
+        better = other > score
+        leader = jnp.where(better[:, None], jnp.roll(state.best_position, shift, axis=0), leader)
+        score = jnp.where(better, other, score)
+    return leader
+
+
+def _finite(score: Float[Array, " particle"]) -> Float[Array, " particle"]:
+    return jnp.where(jnp.isfinite(score), score, -jnp.inf)

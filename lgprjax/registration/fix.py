@@ -1,0 +1,55 @@
+"""What a registration answers: a fix with a code. A code is data; one bad scan raises nothing."""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+
+class Code(IntEnum):
+    """Why a fix may or may not be used. Only ``OK`` is a position."""
+
+    OK = 0
+    LOW_CORRELATION = 1
+    AMBIGUOUS = 2
+    EDGE = 3
+    OFF_MAP = 4
+    LOW_OVERLAP = 5
+    NON_FINITE = 6
+    NO_WINDOW = 7
+
+    @property
+    def label(self) -> str:
+        """The name in tables and files."""
+        return self.name.lower()
+
+
+class Fix(NamedTuple):
+    """Pose of the array's centre against the map, with what is known about its quality.
+
+    In a batch every field has a leading axis. The pose is (east_m, north_m, height_m above ground, yaw_rad,
+    roll_rad), the covariance in that order; inside jit east and north stand for along and cross of the tile.
+
+    Attributes:
+        pose: best pose; NaN where there is none.
+        covariance: of the pose, from the curvature of the correlation at its peak.
+        correlation: at the best pose.
+        runner_up: strength (correlation times the root of the overlap) of the best rival: a summit of its own,
+            refined like the best.
+        margin: the best pose's strength less the runner-up's.
+        overlap_channels: channels of the last scan that lie on the map.
+        overlap: share of all valid traces of the template that lie on the map.
+        evaluations: poses scored.
+        code: a ``Code``.
+    """
+
+    pose: Float[Array | np.ndarray, "*batch 5"]
+    covariance: Float[Array | np.ndarray, "*batch 5 5"]
+    correlation: Float[Array | np.ndarray, "*batch"]
+    runner_up: Float[Array | np.ndarray, "*batch"]
+    margin: Float[Array | np.ndarray, "*batch"]
+    overlap_channels: Int[Array | np.ndarray, "*batch"]
+    overlap: Float[Array | np.ndarray, "*batch"]
+    evaluations: Int[Array | np.ndarray, "*batch"]
+    code: Int[Array | np.ndarray, "*batch"]
