@@ -1,0 +1,154 @@
+"""The report: one HTML page that carries its pictures inside and needs nothing from outside."""
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+from lgprjax.formats.atomic import atomic_output
+from lgprjax.report.results import DriveResult
+from lgprjax.report.summary import OVERVIEW_HEADER, DriveSummary, overview_rows
+
+
+@dataclass(frozen=True)
+class ReportTable:
+    """Texts in rows under a header; the first cell of a row names it."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class ReportFigure:
+    """A PNG on disk, what stands under it, and what it says to who cannot see it."""
+
+    path: Path
+    caption: str
+    alt: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading, its text (blank lines part paragraphs), then tables and figures."""
+
+    heading: str
+    text: str = ""
+    tables: tuple[ReportTable, ...] = ()
+    figures: tuple[ReportFigure, ...] = ()
+
+
+def write_report(path: str | Path, title: str, intro: str, sections: Sequence[Section], force: bool = False) -> None:
+    """Write one self-contained page: for screens light and dark, telephones and paper.
+
+    Args:
+        path: the HTML file.
+        title, intro: texts; blank lines part the paragraphs of ``intro``.
+        sections: in reading order.
+        force: replace a file that exists.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    links = "".join(f'<li><a href="#s{i}">{escape(s.heading)}</a></li>' for i, s in enumerate(sections))
+    with atomic_output(path, force) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as page:
+        page.write(
+            '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+            f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<main>\n"
+            f"<h1>{escape(title)}</h1>\n{_paragraphs(intro)}<nav><ol>{links}</ol></nav>\n"
+        )
+        for number, section in enumerate(sections):
+            page.write(f'<section id="s{number}">\n<h2>{escape(section.heading)}</h2>\n{_paragraphs(section.text)}')
+            page.writelines(_table(table) for table in section.tables)
+            page.writelines(_figure(figure) for figure in section.figures)
+            page.write("</section>\n")
+        page.write("</main>\n</body>\n</html>\n")
+
+
+def drive_section(result: DriveResult, summary: DriveSummary, figures: Sequence[ReportFigure]) -> Section:
+    """The section of one drive: what came of it in words, its figures, its pictures."""
+    if result.impostor:
+        text = (
+            "This drive was recorded over ground that is not the map's. Every fix called ok would be wrong; "
+            f"{summary.ok} of {summary.tried} tried scans were."
+        )
+    elif not summary.ok:
+        text = f"None of {summary.tried} tried scans has an ok fix: this drive has no position from the map."
+    elif not result.has_truth:
+        text = f"{summary.ok} of {summary.tried} tried scans have an ok fix. No truth is known, so no error is stated."
+    else:
+        text = (
+            f"{summary.ok} of {summary.tried} tried scans have an ok fix; {summary.judged} of these have a known "
+            f"truth, and {summary.wrong_ok} lie more than 0.3 m from it."
+        )
+    table = ReportTable(("quantity", "value"), tuple(summary.as_rows()))
+    return Section(f"{result.name} on {result.map_name}", text, (table,), tuple(figures))
+
+
+def overview_table(summaries: Sequence[DriveSummary]) -> ReportTable:
+    """All drives, a row each."""
+    caption = "Errors of the ok fixes in the map frame; wrong: more than 0.3 m off."
+    return ReportTable(OVERVIEW_HEADER, tuple(overview_rows(summaries)), caption)
+
+
+def _paragraphs(text: str) -> str:
+    return "".join(f"<p>{escape(part.strip())}</p>\n" for part in text.split("\n\n") if part.strip())
+
+
+def _table(table: ReportTable) -> str:
+    head = "".join(f'<th scope="col">{escape(cell)}</th>' for cell in table.header)
+    body = "".join(
+        f'<tr><th scope="row">{escape(first)}</th>{"".join(f"<td>{_cell(cell)}</td>" for cell in rest)}</tr>\n'
+        for first, *rest in table.rows
+    )
+    caption = f"<caption>{escape(table.caption)}</caption>" if table.caption else ""
+    return f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>\n'
+
+
+def _cell(text: str) -> str:
+    """A number keeps its unit beside it; longer texts may break."""
+    return escape(text).replace(" ", "&nbsp;") if len(text) <= _UNBROKEN else escape(text)
+
+
+def _figure(figure: ReportFigure) -> str:
+    data = base64.b64encode(figure.path.read_bytes()).decode("ascii")
+    return (
+        f'<figure><div class="wide"><img src="data:image/png;base64,{data}" alt="{escape(figure.alt)}"></div>'
+        f"<figcaption>{escape(figure.caption)}</figcaption></figure>\n"
+    )
+
+
+_UNBROKEN = 10
+_STYLE = """
+:root { color-scheme: light dark; --ink: #222; --soft: #595959; --ground: #fff; --line: #d0d0d0; --link: #0057a3; }
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #e6e6e6; --soft: #b0b0b0; --ground: #16181b; --line: #44484d; --link: #7fbfff; }
+}
+body { margin: 0; background: var(--ground); color: var(--ink);
+  font: 1.05rem/1.55 system-ui, -apple-system, "Segoe UI", "DejaVu Sans", sans-serif; }
+main { max-width: 62rem; margin: 0 auto; padding: 1.5rem 1rem 4rem; }
+p, nav { max-width: 44rem; }
+h1 { font-size: 1.8rem; line-height: 1.2; }
+h2 { font-size: 1.35rem; line-height: 1.3; margin-top: 2.8rem; padding-top: 0.6rem; border-top: 1px solid var(--line); }
+a { color: var(--link); }
+.wide { overflow-x: auto; margin: 1rem 0; }
+table { border-collapse: collapse; font-size: 0.92rem; font-variant-numeric: tabular-nums; }
+th, td { padding: 0.3rem 0.8rem 0.3rem 0; border-bottom: 1px solid var(--line); text-align: left; vertical-align: top; }
+th[scope="row"] { font-weight: 500; }
+thead th { color: var(--soft); font-weight: 600; vertical-align: bottom; }
+caption { caption-side: bottom; text-align: left; color: var(--soft); padding-top: 0.4rem; }
+figure { margin: 1.5rem 0; }
+img { width: 100%; min-width: 40rem; height: auto; display: block; background: #fff; border-radius: 4px; }
+figcaption { color: var(--soft); font-size: 0.92rem; max-width: 48rem; padding-top: 0.4rem; }
+@media print {
+  :root { --ink: #000; --soft: #333; --ground: #fff; --line: #999; --link: #000; }
+  body { font-size: 10pt; }
+  main { max-width: none; padding: 0; }
+  img { min-width: 0; }
+  nav { display: none; }
+  figure, tr { break-inside: avoid; }
+  h2 { break-after: avoid; }
+}
+"""

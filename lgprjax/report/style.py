@@ -1,0 +1,96 @@
+"""One look for all pictures: colours that survive print and colour blindness, and how a picture becomes a file."""
+
+import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from lgprjax.formats.atomic import atomic_output
+
+AMPLITUDE_MAP = "gray"
+CORRELATION_MAP = "viridis"
+ERROR_MAP = "RdBu_r"
+
+# Okabe and Ito's palette: apart for every common colour blindness, and of different lightness in print.
+BLUE, SKY, GREEN, ORANGE, VERMILLION, PURPLE = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#CC79A7"
+INK, MUTED, FAINT, GAP = "#222222", "#6b6b6b", "#bdbdbd", "#ececec"
+
+CODE_COLOURS = MappingProxyType(
+    {
+        "ok": GREEN,
+        "low_correlation": VERMILLION,
+        "ambiguous": PURPLE,
+        "edge": ORANGE,
+        "off_map": SKY,
+        "low_overlap": BLUE,
+        "non_finite": INK,
+        "no_window": "#d9d9d9",
+    }
+)
+
+DPI = 120
+_CAPTION_CHARACTERS_PER_INCH = 15.0
+# Newer matplotlib types the keys as a list of literals, older ones as str.
+_STYLE: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 10.0,
+    "axes.titlesize": 10.5,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 10.0,
+    "xtick.labelsize": 9.0,
+    "ytick.labelsize": 9.0,
+    "legend.fontsize": 9.0,
+    "legend.framealpha": 0.9,
+    "figure.titlesize": 12.5,
+    "figure.titleweight": "bold",
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+}
+
+
+@contextmanager
+def picture(path: str | Path, width_in: float, height_in: float, force: bool) -> Iterator[Figure]:
+    """Yield an empty figure in the house style; write it to ``path`` as PNG when the block ends well.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    # rc_context restores what it sets, and a Figure made without pyplot is known to no one else.
+    with atomic_output(path, force) as temporary, rc_context(_STYLE):
+        figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
+        yield figure
+        figure.savefig(temporary, format="png")
+
+
+def write_caption(figure: Figure, text: str) -> None:
+    """Set ``text`` under the picture, wrapped to its width. A second call replaces the first."""
+    width = int(figure.get_figwidth() * _CAPTION_CHARACTERS_PER_INCH)
+    figure.supxlabel(textwrap.fill(text, width), x=0.01, ha="left", fontsize=9.0, color=MUTED)
+
+
+def exaggeration(axes: Axes) -> float:
+    """Drawn length of a vertical metre over that of a horizontal one, after laying the figure out."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    layout = figure.get_layout_engine()
+    assert layout is not None
+    layout.execute(figure)
+    box, (left, right), (bottom, top) = axes.get_window_extent(), axes.get_xlim(), axes.get_ylim()
+    return float(box.height / abs(top - bottom) / (box.width / abs(right - left)))
+
+
+def outer_edges(centres: Float[np.ndarray, " cell"]) -> tuple[float, float]:
+    """Where the first of evenly spaced cells begins and the last one ends; a single cell is one unit wide."""
+    half = (centres[-1] - centres[0]) / (2 * (len(centres) - 1)) if len(centres) > 1 else 0.5
+    return float(centres[0] - half), float(centres[-1] + half)

@@ -1,0 +1,1 @@
+"""Tests of lgprjax.formats. A package, so that the test files share ``samples``."""

@@ -1,0 +1,122 @@
+"""The page: well formed, whole in one file, safe from what names contain."""
+
+import base64
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from lgprjax.errors import InputError
+from lgprjax.report import (
+    ReportFigure,
+    ReportTable,
+    Section,
+    draw_surface,
+    drive_section,
+    overview_table,
+    summarise,
+    write_report,
+)
+from report.synthetic import correlation_surface, declined_drive, straight_drive, without_truth
+
+VOID = {"meta", "img", "br", "link"}
+
+
+class Page(HTMLParser):
+    """Collects what the tests ask for and holds that every element closes in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.images: list[dict[str, str | None]] = []
+        self.tags: list[str] = []
+        self.ids: set[str] = set()
+        self.links: list[str] = []
+        self.words: list[str] = []
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        values = dict(attrs)
+        self.ids.add(values.get("id") or "")
+        if tag == "img":
+            self.images.append(values)
+        if tag == "a":
+            self.links.append(values["href"] or "")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+
+@pytest.fixture(scope="module")
+def picture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("pictures") / "surface.png"
+    draw_surface(correlation_surface(), path)
+    return path
+
+
+def test_page_holds_every_figure_and_table(tmp_path: Path, picture: Path) -> None:
+    drives = [straight_drive(), without_truth(), declined_drive()]
+    summaries = [summarise(drive) for drive in drives]
+    figure = ReportFigure(picture, "Seen from above.", "Correlation over position")
+    sections = [Section("Overview", "All drives.\n\nAgainst one map.", (overview_table(summaries),))]
+    sections += [drive_section(d, s, [figure, figure]) for d, s in zip(drives, summaries, strict=True)]
+    write_report(tmp_path / "r.html", "Report", "First.\n\nSecond.", sections)
+    text = (tmp_path / "r.html").read_text(encoding="utf-8")
+    page = Page(text)
+    assert len(page.images) == 6
+    for image in page.images:
+        assert image["alt"] == "Correlation over position"
+        scheme, data = (image["src"] or "").split(",")
+        assert scheme == "data:image/png;base64"
+        assert base64.b64decode(data) == picture.read_bytes()
+    assert page.tags.count("table") == 4
+    assert page.tags.count("figcaption") == 6
+    assert {link.removeprefix("#") for link in page.links} <= page.ids
+    assert "script" not in page.tags
+    assert "http" not in text
+
+
+def test_sections_say_what_kind_of_drive_it_was() -> None:
+    texts = [
+        drive_section(drive, summarise(drive), ()).text
+        for drive in (straight_drive(), without_truth(), declined_drive(), declined_drive(impostor=False))
+    ]
+    assert "have a known truth, and 0 lie more than 0.3 m from it" in texts[0]
+    assert "No truth is known" in texts[1]
+    assert "0 of 200 tried scans were" in texts[2]
+    assert "no position from the map" in texts[3]
+
+
+def test_names_cannot_become_markup(tmp_path: Path, picture: Path) -> None:
+    evil = '<b onclick="x">&amp;'
+    section = Section(evil, evil, (ReportTable((evil,), ((evil, evil),), evil),), (ReportFigure(picture, evil, evil),))
+    write_report(tmp_path / "r.html", evil, evil, [section])
+    page = Page((tmp_path / "r.html").read_text(encoding="utf-8"))
+    assert "b" not in page.tags
+    assert page.images[0]["alt"] == evil
+    assert sum(word.strip() == evil for word in page.words) == 11
+
+
+def test_existing_page_is_refused_without_force(tmp_path: Path) -> None:
+    target = tmp_path / "r.html"
+    target.write_text("mine")
+    with pytest.raises(InputError, match="the file exists"):
+        write_report(target, "t", "", [])
+    assert target.read_text() == "mine"
+    write_report(target, "t", "", [], force=True)
+    assert Page(target.read_text()).tags.count("h1") == 1
+
+
+def test_missing_picture_leaves_no_page(tmp_path: Path) -> None:
+    section = Section("s", figures=(ReportFigure(tmp_path / "none.png", "c", "a"),))
+    with pytest.raises(FileNotFoundError):
+        write_report(tmp_path / "r.html", "t", "", [section])
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,218 @@
+"""Pictures: written whole, from any drive, and showing what the records say."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+
+from lgprjax.errors import InputError
+from lgprjax.report import DriveResult, draw_codes, draw_match, draw_surface, draw_trajectory
+from lgprjax.report.plan import plan_frame, reference_track
+from report.synthetic import correlation_surface, declined_drive, match_example, straight_drive, without_truth
+
+
+def draw_codes_of(result: DriveResult, path: Path, *, force: bool = False) -> None:
+    draw_codes([result], path, least_correlation=0.5, least_margin=0.045, force=force)
+
+
+def closed_loop() -> DriveResult:
+    """A ring road: no axis to stretch along."""
+    angle = np.linspace(0.0, 6.0, 300)
+    east, north = 100.0 * np.cos(angle), 80.0 * np.sin(angle)
+    return straight_drive(300, truth_east_m=east, truth_north_m=north, east_m=east + 0.02, north_m=north)
+
+
+def windowed() -> DriveResult:
+    """Fixes on every tenth scan, as windows leave them."""
+    drive = straight_drive(400)
+    return replace(drive, code=np.where(np.arange(400) % 10 == 9, drive.code, "no_window"))
+
+
+STILL, NAN = np.zeros(30), np.full(30, np.nan)
+DRIVES: dict[str, Callable[[], DriveResult]] = {
+    "truth": straight_drive,
+    "heading": lambda: straight_drive(yaw_rad=straight_drive().heading_rad),
+    "no truth": without_truth,
+    "declined": declined_drive,
+    "ring": closed_loop,
+    "windows": windowed,
+    "single scan": lambda: straight_drive(1),
+    "single declined scan": lambda: declined_drive(1),
+    "nothing tried": lambda: straight_drive(30, code=np.full(30, "no_window")),
+    "standing": lambda: replace(
+        straight_drive(30), distance_m=STILL, truth_east_m=STILL, truth_north_m=STILL, east_m=STILL, north_m=STILL
+    ),
+    "no finite number": lambda: replace(
+        declined_drive(30), correlation=NAN, margin=NAN, sigma_along_m=NAN, prior_east_m=NAN, distance_m=NAN
+    ),
+}
+
+
+@pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES.keys())
+def test_any_drive_draws(drive: Callable[[], DriveResult], tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    draw_trajectory(drive(), tmp_path / "a.png")
+    assert imread(tmp_path / "a.png").std() > 0.01
+    assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
+    # matplotlib logs what it could not do as asked, where others would warn.
+    assert not caplog.records
+
+
+def test_codes_of_all_kinds_of_drives_draw(tmp_path: Path) -> None:
+    drives = [drive() for drive in DRIVES.values()]
+    draw_codes(drives, tmp_path / "c.png", least_correlation=0.5, least_margin=0.045)
+    draw_codes_of(DRIVES["nothing tried"](), tmp_path / "d.png")
+    assert all(imread(tmp_path / name).std() > 0.01 for name in ("c.png", "d.png"))
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """Figures as they were saved."""
+    figures: list[Figure] = []
+    save = Figure.savefig
+
+    def keep(figure: Figure, *args: object, **kwargs: object) -> None:
+        save(figure, *args, **kwargs)  # type: ignore[arg-type]
+        figures.append(figure)
+
+    monkeypatch.setattr(Figure, "savefig", keep)
+    return figures
+
+
+def test_match_shows_the_strips_and_their_difference_at_one_scale(tmp_path: Path, drawn: list[Figure]) -> None:
+    example = match_example()
+    draw_match(example, tmp_path / "m.png")
+    panels = [axes for axes in drawn[0].axes if axes.images]
+    map_here, map_beside, live, _, difference, difference_beside = panels
+    np.testing.assert_array_equal(np.asarray(map_here.images[0].get_array()), example.baseline.T)
+    np.testing.assert_array_equal(np.asarray(map_beside.images[0].get_array()), example.beside.T)
+    np.testing.assert_allclose(np.asarray(difference.images[0].get_array()), (example.live - example.baseline).T)
+    limits = {panel.images[0].get_clim() for panel in panels}
+    assert len(limits) == 1
+    low, high = limits.pop()
+    assert low == -high
+    top, bottom = live.get_ylim()[::-1]
+    assert top < bottom, "time zero stands at the top"
+    # r is high at the place and low beside it; the titles must say which is which.
+    assert float(difference.get_title(loc="left").split("r = ")[1]) > 0.9
+    assert abs(float(difference_beside.get_title(loc="left").split("r = ")[1])) < 0.4
+    caption = drawn[0].get_supxlabel()
+    assert example.gain in caption
+    assert "Depth drawn ×1." in caption.replace("\n", " ")
+
+
+def test_silent_match_draws(tmp_path: Path) -> None:
+    example = match_example()
+    silence = np.zeros_like(example.live)
+    gaps = np.where(np.arange(silence.shape[1]) % 7, example.beside, np.nan)
+    draw_match(replace(example, live=silence, baseline=silence, beside=gaps, window_m=None), tmp_path / "m.png")
+
+
+def test_surface_keeps_its_scale_and_puts_x_across(tmp_path: Path, drawn: list[Figure]) -> None:
+    surface = correlation_surface()
+    draw_surface(surface, tmp_path / "s.png")
+    axes = drawn[0].axes[0]
+    image = axes.images[0]
+    assert image.get_clim() == (0.0, 1.0)
+    assert np.asarray(image.get_array()).shape == (len(surface.y_m), len(surface.x_m))
+    assert image.get_extent() == pytest.approx((-2.025, 2.025, -1.525, 1.525))
+    assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_aspect()) == ("along (m)", "cross (m)", 1.0)
+    assert "0.028 m" in drawn[0].get_supxlabel()
+
+
+def test_surface_without_rival_truth_or_map_draws(tmp_path: Path) -> None:
+    surface = correlation_surface()
+    draw_surface(replace(surface, second=None, truth=None), tmp_path / "a.png")
+    draw_surface(replace(surface, correlation=np.full_like(surface.correlation, np.nan)), tmp_path / "b.png")
+
+
+def panel_of(figure: Figure, word: str) -> Axes:
+    return next(axes for axes in figure.axes if axes.get_ylabel().startswith(word))
+
+
+def test_trajectory_shows_every_ok_fix_however_wrong(tmp_path: Path, drawn: list[Figure]) -> None:
+    drive = straight_drive()
+    east = drive.east_m.copy()
+    east[5] += 4.0
+    draw_trajectory(replace(drive, east_m=east), tmp_path / "t.png")
+    low, high = panel_of(drawn[0], "cross-track").get_ylim()
+    assert low < -4.0 * np.sin(np.radians(40.0)) + 0.3
+    assert high == -low
+
+
+def test_trajectory_states_what_it_stretches_and_what_it_compares_with(tmp_path: Path, drawn: list[Figure]) -> None:
+    draw_trajectory(straight_drive(), tmp_path / "a.png")
+    draw_trajectory(without_truth(), tmp_path / "b.png")
+    draw_trajectory(closed_loop(), tmp_path / "c.png")
+    truth, prior, ring = ((figure.get_supxlabel().replace("\n", " "), figure) for figure in drawn)
+    plan = truth[1].axes[0]
+    box = plan.get_window_extent()
+    metre_across, metre_along = box.height / np.ptp(plan.get_ylim()), box.width / np.ptp(plan.get_xlim())
+    assert f"across drawn ×{metre_across / metre_along:.1f}" in truth[0]
+    assert "error" in panel_of(truth[1], "cross-track").get_ylabel()
+    assert "fix − prior" in panel_of(prior[1], "cross-track").get_ylabel()
+    assert "not errors" in prior[0]
+    assert "equal aspect" in ring[0]
+    assert plan.get_aspect() == "auto"
+    assert ring[1].axes[0].get_aspect() == 1.0
+
+
+def test_trajectory_shades_what_was_tried_in_vain(tmp_path: Path, drawn: list[Figure]) -> None:
+    scans = 11
+    code = np.full(scans, "ok", dtype="<U16")
+    code[3:5], code[8], code[10] = "edge", "no_window", "ambiguous"
+    draw_trajectory(straight_drive(scans, code=code, distance_m=np.arange(11.0)), tmp_path / "t.png")
+    axes = panel_of(drawn[0], "correlation")
+    shades = [c for c in axes.collections if c.get_label() != "_" and len(c.get_paths()) == 2]
+    spans = [tuple(path.get_extents().intervalx) for path in shades[-1].get_paths()]
+    assert spans == [(2.5, 4.5), (9.5, 10.0)]
+
+
+def test_plan_of_a_straight_road_runs_ahead_and_left() -> None:
+    frame = plan_frame(np.array([[0.0, 0.0], [-3.0, 0.01], [-6.0, 0.0]]))
+    along, cross = frame(np.array([-6.0]), np.array([-2.0]))
+    assert frame.along_road
+    # Driving west: six metres ahead, and south is to the left.
+    assert along[0] == pytest.approx(6.0, abs=0.01)
+    assert cross[0] == pytest.approx(2.0, abs=0.02)
+    assert not plan_frame(reference_track(closed_loop())).along_road
+
+
+def test_codes_draws_thresholds_and_shares(tmp_path: Path, drawn: list[Figure]) -> None:
+    drives = [straight_drive(), declined_drive()]
+    draw_codes(drives, tmp_path / "c.png", least_correlation=0.5, least_margin=0.045)
+    correlation, margin, bar = drawn[0].axes[:3]
+    assert correlation.lines[0].get_xdata()[0] == 0.5  # type: ignore[index]
+    assert margin.lines[0].get_xdata()[0] == 0.045  # type: ignore[index]
+    widths = [patch.get_width() for patch in bar.patches]  # type: ignore[attr-defined]
+    assert sum(widths) == pytest.approx(100.0)
+    assert widths[0] == pytest.approx(100.0 * drives[0].ok.mean())
+    assert "(impostor): 0 ok of 200 tried" in drawn[0].axes[3].get_title(loc="left")
+
+
+def test_existing_picture_is_refused_without_force(tmp_path: Path) -> None:
+    target = tmp_path / "x.png"
+    target.write_bytes(b"mine")
+    calls: list[Callable[[bool], None]] = [
+        lambda force: draw_match(match_example(), target, force=force),
+        lambda force: draw_surface(correlation_surface(), target, force=force),
+        lambda force: draw_trajectory(straight_drive(), target, force=force),
+        lambda force: draw_codes_of(straight_drive(), target, force=force),
+    ]
+    for call in calls:
+        with pytest.raises(InputError, match="the file exists"):
+            call(False)
+    assert target.read_bytes() == b"mine"
+    calls[1](True)
+    assert target.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_drawing_leaves_the_settings_as_they_were(tmp_path: Path) -> None:
+    before = dict(mpl.rcParams)
+    draw_surface(correlation_surface(), tmp_path / "s.png")
+    assert dict(mpl.rcParams) == before

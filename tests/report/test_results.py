@@ -1,0 +1,144 @@
+"""Records and their figures, against hand computation."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from lgprjax.registration.fix import Code
+from lgprjax.report import CODES, DriveResult, summarise, summary_table, track_errors
+from report.synthetic import declined_drive, straight_drive, without_truth
+
+
+def hand_drive(**changes: object) -> DriveResult:
+    """Six scans due north; the third and later fields tell each case apart."""
+    north = np.arange(6.0)
+    fields: dict[str, object] = {
+        "name": "hand",
+        "map_name": "map",
+        "origin": (42.0, -71.0),
+        "milliseconds_per_scan": 2.0,
+        "time_s": north,
+        "distance_m": north,
+        # Heading north: east is to the right, so east +0.1 is cross -0.1; north is ahead.
+        "east_m": np.array([0.1, -0.3, 0.0, 5.0, np.nan, np.nan]),
+        "north_m": north + np.array([0.0, 0.4, -0.2, 0.0, np.nan, np.nan]),
+        "prior_east_m": np.zeros(6),
+        "prior_north_m": north,
+        "heading_rad": np.full(6, np.pi / 2),
+        "sigma_along_m": np.full(6, 0.1),
+        "sigma_cross_m": np.full(6, 0.1),
+        "correlation": np.array([0.9, 0.7, 0.8, 0.3, np.nan, np.nan]),
+        "margin": np.full(6, 0.2),
+        "code": np.array(["ok", "ok", "ok", "low_correlation", "off_map", "no_window"]),
+        "truth_east_m": np.zeros(6),
+        "truth_north_m": north,
+        "truth_yaw_rad": np.full(6, np.pi / 2),
+        "correlation_at_truth": np.array([0.5, 0.6, 0.7, 0.8, np.nan, np.nan]),
+    }
+    return DriveResult(**(fields | changes))  # type: ignore[arg-type]
+
+
+def test_labels_are_those_of_the_registration() -> None:
+    assert tuple(code.label for code in Code) == CODES
+
+
+def test_along_is_ahead_and_cross_is_left() -> None:
+    errors = track_errors(hand_drive())
+    np.testing.assert_allclose(errors.along_m[:3], [0.0, 0.4, -0.2], atol=1e-12)
+    np.testing.assert_allclose(errors.cross_m[:3], [-0.1, 0.3, 0.0], atol=1e-12)
+    east = track_errors(hand_drive(truth_yaw_rad=np.zeros(6)))
+    np.testing.assert_allclose(east.along_m[:3], [0.1, -0.3, 0.0], atol=1e-12)
+    np.testing.assert_allclose(east.cross_m[:3], [0.0, 0.4, -0.2], atol=1e-12)
+
+
+def test_summary_against_hand_computation() -> None:
+    summary = summarise(hand_drive())
+    assert (summary.scans, summary.tried, summary.ok, summary.judged) == (6, 5, 3, 3)
+    assert summary.ok_fraction == pytest.approx(3 / 5)
+    assert {label: n for label, n in summary.counts.items() if n} == {
+        "ok": 3,
+        "low_correlation": 1,
+        "off_map": 1,
+        "no_window": 1,
+    }
+    assert summary.median_correlation_ok == pytest.approx(0.8)
+    assert summary.median_correlation_at_truth == pytest.approx(0.65)
+    assert summary.rms_cross_m == pytest.approx(math.sqrt((0.01 + 0.09) / 3))
+    assert summary.rms_along_m == pytest.approx(math.sqrt((0.16 + 0.04) / 3))
+    assert summary.mean_absolute_total_m == pytest.approx((0.1 + 0.5 + 0.2) / 3)
+    assert summary.mean_absolute_cross_m == pytest.approx((0.1 + 0.3) / 3)
+    assert summary.max_error_m == pytest.approx(0.5)
+    assert summary.wrong_ok == 1
+
+
+def test_declined_fixes_do_not_count_as_errors_however_far_off() -> None:
+    assert summarise(hand_drive()).max_error_m == pytest.approx(0.5)
+    every = np.array(["ok", "ok", "ok", "ok", "off_map", "no_window"])
+    assert summarise(hand_drive(code=every)).max_error_m == pytest.approx(5.0)
+
+
+def test_truth_unknown_at_some_scans_judges_the_others() -> None:
+    truth = np.zeros(6)
+    truth[1] = np.nan
+    summary = summarise(hand_drive(truth_east_m=truth))
+    assert (summary.ok, summary.judged, summary.wrong_ok) == (3, 2, 0)
+    assert summary.max_error_m == pytest.approx(0.2)
+
+
+def test_without_truth_no_error_is_stated() -> None:
+    summary = summarise(without_truth())
+    assert summary.ok > 0
+    assert summary.judged == 0
+    for value in (summary.rms_cross_m, summary.rms_along_m, summary.max_error_m, summary.wrong_ok):
+        assert value is None
+    assert dict(summary.as_rows())["RMS cross-track error (metric of 2016)"] == "–"
+
+
+def test_differences_from_the_prior_use_its_heading() -> None:
+    nothing = dict.fromkeys(("truth_east_m", "truth_north_m", "truth_yaw_rad"))
+    errors = track_errors(hand_drive(**nothing, prior_east_m=np.full(6, 1.0), heading_rad=np.zeros(6)))
+    np.testing.assert_allclose(errors.along_m[:3], [-0.9, -1.3, -1.0], atol=1e-12)
+    np.testing.assert_allclose(errors.cross_m[:3], [0.0, 0.4, -0.2], atol=1e-12)
+
+
+def test_every_ok_of_an_impostor_is_wrong() -> None:
+    summary = summarise(hand_drive(impostor=True))
+    assert (summary.ok, summary.wrong_ok, summary.judged) == (3, 3, 0)
+    assert summary.rms_cross_m is None
+    assert summarise(declined_drive()).wrong_ok == 0
+
+
+def test_nothing_tried() -> None:
+    summary = summarise(hand_drive(code=np.full(6, "no_window")))
+    assert summary.ok_fraction is None
+    assert summary.median_correlation_ok is None
+    assert dict(summary.as_rows())["ok"] == "0 (– of the tried)"
+
+
+def test_summary_is_strict_json() -> None:
+    for result in (hand_drive(), without_truth(), declined_drive()):
+        summary = summarise(result)
+        assert json.loads(json.dumps(summary.as_json(), allow_nan=False)) == summary.as_json()
+
+
+def test_rows_carry_units() -> None:
+    rows = dict(summarise(hand_drive()).as_rows())
+    assert rows["ok"] == "3 (60.0 % of the tried)"
+    assert rows["declined"] == "1 low_correlation, 1 off_map"
+    assert rows["largest error of an ok fix"] == "0.500 m"
+    assert rows["time per scan"] == "2.00 ms"
+
+
+def test_unknown_code_and_partial_truth_are_refused() -> None:
+    with pytest.raises(ValueError, match="codes that no fix has: perfect"):
+        hand_drive(code=np.full(6, "perfect"))
+    with pytest.raises(ValueError, match="truth needs"):
+        hand_drive(truth_yaw_rad=None)
+
+
+def test_terminal_table_has_a_row_a_drive_and_marks_the_wrong() -> None:
+    table = summary_table([summarise(straight_drive()), summarise(hand_drive())])
+    assert [row.style for row in table.rows] == [None, "bold red"]
+    assert list(table.columns[4].cells) == ["0", "1"]
