@@ -1,0 +1,201 @@
+"""One fix of a drive, shown: strips of ground under the path, and the correlation about the prior."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from lgprjax.archive.registering import RegisteredDrive, live_blocks, recording_of
+from lgprjax.formats import DriveLog, MapFile
+from lgprjax.radar import CoefficientBasis, profile_operator
+from lgprjax.registration import (
+    BLOCK_SCANS,
+    LiveChain,
+    RegisterOptions,
+    SurfacePicture,
+    ground_map_for,
+    ground_under,
+    search_spec_for,
+    survey_surface,
+    templates_of,
+)
+from lgprjax.subsurface import Tile
+
+_STRIP_M = 4.0
+_BESIDE_M = 1.0
+
+
+class Strips(NamedTuple):
+    """Gained samples of one channel under a path, each strip in units of its own RMS.
+
+    Attributes:
+        live, baseline, beside: of the drive, of the map there, and of the map a metre farther on.
+        distance_m: travel of each trace.
+        time_ns: two-way travel time of the samples.
+        channel: that was taken.
+        beside_m: how much farther on ``beside`` lies.
+        lag_m: shift along the track at which live and map strips agree best.
+    """
+
+    live: Float[np.ndarray, "trace sample"]
+    baseline: Float[np.ndarray, "trace sample"]
+    beside: Float[np.ndarray, "trace sample"]
+    distance_m: Float[np.ndarray, " trace"]
+    time_ns: Float[np.ndarray, " sample"]
+    channel: int
+    beside_m: float
+    lag_m: float
+
+
+class FixExample(NamedTuple):
+    """A fix worth looking at: scan number, strips, surface about its prior, in the tile's frame."""
+
+    scan: int
+    strips: Strips
+    surface: SurfacePicture
+    prior_m: Float[np.ndarray, "2"]
+    prior_sigma_m: tuple[float, float]
+    best_m: Float[np.ndarray, "2"]
+    truth_m: Float[np.ndarray, "2"] | None
+
+
+def example_scan(drive: RegisteredDrive) -> int | None:
+    """The tried scan nearest to the middle of the drive whose fix is ok, else any tried; None without one."""
+    code = drive.table["code"].to_numpy()
+    for wanted in (code == "ok", (code != "no_window") & np.isfinite(drive.table["correlation"].to_numpy())):
+        scans = np.flatnonzero(wanted)
+        if len(scans):
+            return int(scans[np.argmin(np.abs(scans - len(code) // 2))])
+    return None
+
+
+def fix_example(
+    source: MapFile, log: DriveLog, drive: RegisteredDrive, options: RegisterOptions, scan: int
+) -> FixExample | None:
+    """Strips and surface of one fix; None where no tile is near.
+
+    The drive is read again from far enough before the scan for the track filter to have settled.
+    """
+    ground = ground_map_for(source, options)
+    tile_number = ground.tile_near(drive.track.pose[scan, :2], options.search_m)
+    if tile_number is None:
+        return None
+    tile, frame = ground.tile(tile_number), ground.frame(tile_number)
+    description = source.description
+    recording = recording_of(log)
+    reach_m = max(_STRIP_M, options.window_m)
+    travel = drive.track.travel_m
+    settled = np.flatnonzero(np.abs(travel - travel[scan]) < 2.0 * description.settings.track_filter_m + reach_m)
+    chain = LiveChain(
+        profile_operator(
+            recording.samples,
+            recording.sample_interval_ns,
+            recording.time_zero_ns,
+            description.settings,
+            kept=len(description.gain),
+        ),
+        ground.basis,
+        track_filter_m=description.settings.track_filter_m,
+        channels=log.channels,
+        history_m=reach_m + 1.0,
+    )
+    start = int(settled[0])
+    scans = None
+    for number, block in enumerate(live_blocks(log, drive.track, None, start)):
+        scans, _ = chain.feed(block.traces, block.valid, block.track, BLOCK_SCANS)
+        if start + (number + 1) * BLOCK_SCANS > scan:
+            break
+    assert scans is not None
+    at = int(np.flatnonzero(scans.number == scan - start)[0])
+    template = templates_of(
+        scans,
+        np.array([at]),
+        recording.array,
+        window_m=options.window_m,
+        step_m=ground.grid_of(tile_number)[0].along_cell_m,
+    )
+    spec = search_spec_for(ground, tile_number, recording.array, options)
+    prior = _in_tile(drive.track.pose[scan], frame)
+    surface = survey_surface(
+        tile,
+        template,
+        jnp.asarray(prior, dtype=jnp.float32),
+        jnp.full(2, options.search_m, dtype=jnp.float32),
+        jnp.float32(options.thresholds.overlap),
+        lattice=spec.lattice,
+        margin=spec.margin,
+    )
+    strip = _strip(log, options)
+    lane = templates_of(scans, np.array([at]), recording.array, window_m=strip, step_m=description.settings.step_m)
+    channel = log.channels // 2
+    offset = np.asarray(lane.offset_m)[0].reshape(-1, log.channels, 2)[:, channel]
+    live = np.asarray(lane.coefficients)[0].reshape(len(offset), log.channels, -1)[:, channel]
+    pose = _in_tile(np.asarray(drive.fix.pose)[scan], frame)
+    under, _ = ground_under(tile, _placed(offset, pose))
+    ahead, _ = ground_under(tile, _placed(offset - np.array([_BESIDE_M, 0.0]), pose))
+    # Templates count back from the scan; strips read forward.
+    strips = Strips(
+        live=_levelled(_samples(live, ground.basis))[::-1],
+        baseline=_levelled(_samples(under, ground.basis))[::-1],
+        beside=_levelled(_samples(ahead, ground.basis))[::-1],
+        distance_m=(travel[scan] + offset[:, 0])[::-1],
+        time_ns=np.arange(len(description.gain)) * description.settings.sample_interval_ns,
+        channel=channel,
+        beside_m=_BESIDE_M,
+        lag_m=_lag(live, tile, offset, pose),
+    )
+    truth = None if drive.truth is None else _in_tile(drive.truth[scan], frame)[:2]
+    return FixExample(scan, strips, surface, prior[:2], _prior_sigma(log, scan), pose[:2], truth)
+
+
+def _lag(
+    live: Float[np.ndarray, "trace coefficient"],
+    tile: Tile,
+    offset_m: Float[np.ndarray, "trace 2"],
+    pose: Float[np.ndarray, "5"],
+) -> float:
+    """Along-track shift, of at most 0.3 m, at which the strip correlates best with the map."""
+    lags = np.arange(-0.3, 0.3001, 0.01)
+    scores = []
+    for lag in lags:
+        under, covered = ground_under(tile, _placed(offset_m + np.array([lag, 0.0]), pose))
+        power = np.sum(live[covered] ** 2) * np.sum(under[covered] ** 2)
+        scores.append(np.sum(live * under) / np.sqrt(max(float(power), 1e-30)))
+    return float(lags[int(np.argmax(scores))])
+
+
+def _prior_sigma(log: DriveLog, scan: int) -> tuple[float, float]:
+    navigation = log.description.navigation
+    sigmas = (navigation.sigma_east_m, navigation.sigma_north_m)
+    time_s = log.scan_time_s[scan]
+    known = [float(np.interp(time_s, navigation.time_s, s)) for s in sigmas if s is not None]
+    return (known[0], known[1]) if len(known) == 2 else (0.0, 0.0)
+
+
+def _strip(log: DriveLog, options: RegisterOptions) -> float:
+    return max(_STRIP_M if log.channels > 1 else 0.0, options.window_m, 1.0)
+
+
+def _placed(offset_m: Float[np.ndarray, "trace 2"], pose: Float[np.ndarray, "5"]) -> Float[np.ndarray, "trace 2"]:
+    cos, sin = np.cos(pose[3]), np.sin(pose[3])
+    turn = np.array([[cos, sin], [-sin, cos]])
+    return np.asarray(offset_m @ turn + pose[:2])
+
+
+def _in_tile(pose: Float[np.ndarray, "5"], frame: Float[np.ndarray, "3"]) -> Float[np.ndarray, "5"]:
+    cos, sin = np.cos(frame[2]), np.sin(frame[2])
+    apart = pose[:2] - frame[:2]
+    place = [cos * apart[0] + sin * apart[1], cos * apart[1] - sin * apart[0]]
+    return np.array([*place, pose[2], np.mod(pose[3] - frame[2] + np.pi, 2 * np.pi) - np.pi, pose[4]])
+
+
+def _levelled(samples: Float[np.ndarray, "trace sample"]) -> Float[np.ndarray, "trace sample"]:
+    """A drive is in counts of its receiver, a map in units of its drive's RMS: correlation asks for neither."""
+    return np.asarray(samples / max(float(np.sqrt(np.mean(samples**2))), 1e-30))
+
+
+def _samples(
+    coefficients: Float[np.ndarray, "trace coefficient"], basis: CoefficientBasis
+) -> Float[np.ndarray, "trace sample"]:
+    return np.asarray(coefficients @ np.asarray(basis.matrix).T)

@@ -1,0 +1,178 @@
+"""Drive logs -> subsurface database, streaming."""
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from lgprjax import __version__
+from lgprjax.archive.tracks import antennas_of, scan_spacing_m, track_of_drive
+from lgprjax.errors import InputError
+from lgprjax.formats import DriveLog, MapWriter, TraceRecording
+from lgprjax.frames import LocalFrame
+from lgprjax.radar import (
+    ChainSettings,
+    apply_operator,
+    coherence_gain,
+    default_chain,
+    profile_operator,
+    profile_samples,
+)
+from lgprjax.subsurface import (
+    Coherence,
+    MapDescription,
+    ScanBlock,
+    coherence_lag,
+    place_tiles,
+    stations_of_drive,
+)
+
+_BLOCK_SCANS = 512
+_LONE_CHANNEL_PITCH_M = 0.2  # how far a single channel speaks for the ground beside its line
+
+Progress = Callable[[int], None]
+"""Called with the number of scans done since the last call."""
+
+
+def build_map(
+    drives: Sequence[str | Path],
+    output: str | Path,
+    *,
+    centre_frequency_hz: float | None = None,
+    force: bool = False,
+    progress: Progress = lambda _: None,
+) -> MapDescription:
+    """Build a subsurface database from one or more drives over the same ground.
+
+    Args:
+        drives: drive logs; the first gives anchor, channels and chain.
+        output: the database.
+        centre_frequency_hz: of the antennas, where the first log does not say.
+        force: replace an output that exists.
+        progress: told as scans are done.
+
+    Returns:
+        what holds for the map.
+
+    Raises:
+        InputError: a log that cannot be used, drives that do not fit together, or an output that cannot be
+            written.
+    """
+    with DriveLog.open(drives[0]) as first:
+        frame, settings, spacing_m = _plan(first, centre_frequency_hz)
+        pitch_m = _pitch(first)
+        channels = first.channels
+        recording = _traces_of(first)
+        samples = profile_samples(recording.samples, recording.sample_interval_ns, recording.time_zero_ns, settings)
+    tile_spacing_m = max(4.0, 10.0 * settings.step_m)
+    frames = np.zeros((0, 3))
+    references: list[float] = []
+    coherence: Coherence | None = None
+    inputs: list[dict[str, object]] = []
+    with MapWriter.create(output, force=force) as writer:
+        for number, path in enumerate(drives):
+            with DriveLog.open(path) as log:
+                if log.channels != channels:
+                    raise InputError(path, "/radar/traces", f"{channels} channels as in {drives[0]}", str(log.channels))
+                scale: float | None = None
+                before = writer.stations
+                lag = coherence_lag(settings, spacing_m)
+                for block in stations_of_drive(
+                    scan_blocks(log, frame, settings, samples, progress), settings, spacing_m
+                ):
+                    if scale is None:
+                        scale = float(np.sqrt(np.mean(block.profile[block.valid] ** 2))) or 1.0
+                    block = block._replace(profile=block.profile / np.float32(scale))
+                    coherence = (coherence or Coherence.empty(block.profile.shape[2])).add(block, lag)
+                    added = place_tiles(block.pose, frames, tile_spacing_m)
+                    frames = np.concatenate([frames, added])
+                    references += [float(np.median(block.pose[:, 2]))] * len(added)
+                    writer.append(block, number)
+                if writer.stations - before < 2:
+                    raise InputError(
+                        path,
+                        "/odometry/distance_m",
+                        f"travel of at least {2 * settings.step_m:.3g} m",
+                        "less",
+                    )
+                inputs.append({"file": Path(path).name, "sha256": file_hash(path), "scans": log.scans})
+        assert coherence is not None
+        description = MapDescription(
+            name=Path(output).name.removesuffix(".map.h5"),
+            frame=frame,
+            settings=settings,
+            channel_pitch_m=pitch_m,
+            channels=channels,
+            tile_spacing_m=tile_spacing_m,
+            gain=coherence_gain(
+                coherence.power / max(coherence.traces, 1), coherence.lagged / max(coherence.pairs, 1)
+            ).astype(np.float32),
+        )
+        steps = ["time zero", "dewow", "band-pass", "decimate", "stations", "zero-phase track filter"]
+        provenance: dict[str, object] = {
+            "program": f"lgprjax {__version__}",
+            "steps": [*steps, "coherence gain (stored beside)"],
+            "inputs": inputs,
+        }
+        writer.finish(description, frames, np.asarray(references), provenance)
+    return description
+
+
+def scan_blocks(
+    log: DriveLog, frame: LocalFrame, settings: ChainSettings, samples: int, progress: Progress
+) -> Iterator[ScanBlock]:
+    """Profiled scans of a drive with their places, block by block."""
+    recording = _traces_of(log)
+    operator = profile_operator(
+        recording.samples, recording.sample_interval_ns, recording.time_zero_ns, settings, kept=samples
+    )
+    track, ground_up = track_of_drive(log, frame)
+    antennas = antennas_of(track, log.description.array)
+    for start, traces, valid in log.chunks(_BLOCK_SCANS):
+        span = slice(start, start + len(traces))
+        padded = np.pad(traces, [(0, _BLOCK_SCANS - len(traces)), (0, 0), (0, 0)])
+        yield ScanBlock(
+            profile=np.asarray(apply_operator(jnp.asarray(padded), operator))[: len(traces)],
+            valid=valid,
+            travel_m=track.travel_m[span],
+            pose=track.pose[span],
+            ground_up_m=ground_up[span],
+            antenna_m=antennas[span],
+            time_s=log.scan_time_s[span],
+        )
+        progress(len(traces))
+
+
+def file_hash(path: str | Path) -> str:
+    """SHA-256 of a file, read in blocks."""
+    with Path(path).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _plan(log: DriveLog, centre_frequency_hz: float | None) -> tuple[LocalFrame, ChainSettings, float]:
+    """Frame, chain and scan spacing that the first drive sets for the map."""
+    navigation = log.description.navigation
+    frame = LocalFrame(
+        float(navigation.latitude_deg[0]), float(navigation.longitude_deg[0]), float(navigation.height_m[0])
+    )
+    frequency = centre_frequency_hz or _traces_of(log).centre_frequency_hz
+    if frequency is None:
+        raise InputError(
+            log.path, "/radar/traces@centre_frequency_hz", "a frequency, or --centre-frequency-mhz", "none"
+        )
+    spacing_m = scan_spacing_m(track_of_drive(log, frame).track)
+    return frame, default_chain(frequency, spacing_m), spacing_m
+
+
+def _pitch(log: DriveLog) -> float:
+    y_m = log.description.array.y_m
+    return float(np.median(np.abs(np.diff(y_m)))) if len(y_m) > 1 else _LONE_CHANNEL_PITCH_M
+
+
+def _traces_of(log: DriveLog) -> TraceRecording:
+    recording = log.description.recording
+    if not isinstance(recording, TraceRecording):
+        raise InputError(log.path, "/radar", "time traces", "stepped-frequency sweeps")
+    return recording

@@ -1,0 +1,192 @@
+"""A drive log against a subsurface database: fixes in files, streaming."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from lgprjax import __version__
+from lgprjax.archive.map_building import file_hash
+from lgprjax.archive.tracks import DriveTrack, poses_of, track_of_drive
+from lgprjax.errors import InputError
+from lgprjax.formats import DriveLog, MapFile, TraceRecording, write_fixes
+from lgprjax.frames import LocalFrame
+from lgprjax.registration import (
+    BLOCK_SCANS,
+    Code,
+    Fix,
+    LiveBlock,
+    Recording,
+    RegisterOptions,
+    Track,
+    ground_map_for,
+    register_drive,
+)
+from lgprjax.subsurface import GroundMap
+
+
+@dataclass(frozen=True)
+class RegisteredDrive:
+    """What registering a drive gave, one row a scan, in the map's frame.
+
+    Attributes:
+        table: the columns of the fixes CSV.
+        fix: poses, covariances and quality.
+        track: prior poses and travel.
+        truth: true poses of the array's centre, where the log holds them.
+        correlation_at_truth: NaN where not known.
+        milliseconds_per_scan: wall time a scan of the drive, reading and all processing included.
+    """
+
+    name: str
+    table: pd.DataFrame
+    fix: Fix
+    track: Track
+    truth: Float[np.ndarray, "scan 5"] | None
+    correlation_at_truth: Float[np.ndarray, " scan"]
+    milliseconds_per_scan: float
+
+
+def recording_of(log: DriveLog) -> Recording:
+    """How the live traces were recorded. Raises ``InputError`` for a log of stepped-frequency sweeps."""
+    recording = log.description.recording
+    if not isinstance(recording, TraceRecording):
+        raise InputError(log.path, "/radar", "time traces", "stepped-frequency sweeps")
+    return Recording(recording.samples, recording.sample_interval_ns, recording.time_zero_ns, log.description.array)
+
+
+def live_blocks(
+    log: DriveLog, track: Track, truth: Float[np.ndarray, "scan 5"] | None, start: int = 0
+) -> Iterator[LiveBlock]:
+    """Scans of a log from ``start`` on, in blocks of ``BLOCK_SCANS``."""
+    for low in range(start, log.scans, BLOCK_SCANS):
+        high = min(low + BLOCK_SCANS, log.scans)
+        traces, valid = log.read_traces(low, high)
+        span = slice(low, high)
+        part = Track(*(field[span] for field in track))
+        yield LiveBlock(traces, valid, part, None if truth is None else truth[span])
+
+
+def register_log(
+    source: MapFile,
+    log: DriveLog,
+    options: RegisterOptions,
+    progress: Callable[[int], None] = lambda _: None,
+) -> RegisteredDrive:
+    """Register every scan of a drive log.
+
+    Traces stream through in blocks; what is kept is a few hundred bytes a scan.
+
+    Args:
+        source: the database.
+        log: the drive.
+        options: the search.
+        progress: told the number of scans done since the last call.
+    """
+    frame = source.description.frame
+    ground = ground_map_for(source, options)
+    moved: DriveTrack = track_of_drive(log, frame)
+    description = log.description
+    truth = (
+        None if description.truth is None else poses_of(description.truth, log.scan_time_s, frame, description.array)[0]
+    )
+    began = time.perf_counter()
+    parts: list[Fix] = []
+    at_truth: list[Float[np.ndarray, " scan"]] = []
+    for fixes in register_drive(ground, recording_of(log), live_blocks(log, moved.track, truth), options):
+        parts.append(fixes.fix)
+        at_truth.append(fixes.correlation_at_truth)
+        progress(len(fixes.scan))
+    fix = Fix(*(np.concatenate(field) for field in zip(*parts, strict=True)))
+    took_s = time.perf_counter() - began
+    return RegisteredDrive(
+        name=log.path.name.removesuffix(".drive.h5"),
+        table=fixes_table(fix, log.scan_time_s, frame, ground),
+        fix=fix,
+        track=moved.track,
+        truth=truth,
+        correlation_at_truth=np.concatenate(at_truth),
+        milliseconds_per_scan=1e3 * took_s / log.scans,
+    )
+
+
+def fixes_table(fix: Fix, time_s: Float[np.ndarray, " scan"], frame: LocalFrame, ground: GroundMap) -> pd.DataFrame:
+    """The columns of the fixes CSV (DESIGN.md section 2): WGS-84 positions, sigmas along and across the heading."""
+    pose = np.asarray(fix.pose)
+    found = np.isfinite(pose[:, 0])
+    # Fixes lie metres from a station; the ground between them is as high as at the nearest one.
+    up = np.array([ground.ground_up_at(p) if ok else np.nan for p, ok in zip(pose[:, :2], found, strict=True)])
+    up = np.where(found & ~np.isfinite(up), 0.0, up)
+    latitude, longitude, height = frame.to_geodetic(
+        np.where(found, pose[:, 0], 0.0), np.where(found, pose[:, 1], 0.0), np.where(found, up + pose[:, 2], 0.0)
+    )
+    blank = np.where(found, 1.0, np.nan)
+    along, cross = _sigmas(np.asarray(fix.covariance), pose[:, 3])
+    return pd.DataFrame(
+        {
+            "scan": np.arange(len(time_s)),
+            "time_s": time_s,
+            "latitude_deg": latitude * blank,
+            "longitude_deg": longitude * blank,
+            "height_m": height * blank,
+            "heading_deg": frame.heading_of_yaw(pose[:, 3], longitude),
+            "roll_deg": np.degrees(pose[:, 4]),
+            "sigma_along_m": along,
+            "sigma_cross_m": cross,
+            "correlation": fix.correlation,
+            "margin": fix.margin,
+            "overlap_channels": fix.overlap_channels,
+            "code": [Code(int(code)).label for code in fix.code],
+        }
+    )
+
+
+def write_registered(
+    drive: RegisteredDrive, source: MapFile, log: DriveLog, options: RegisterOptions, folder: Path, force: bool
+) -> None:
+    """Write ``DRIVE.fixes.csv`` and ``DRIVE.fixes.h5``; both appear, or neither."""
+    thresholds = {name: float(value) for name, value in options.thresholds._asdict().items()}
+    provenance = {
+        "program": f"lgprjax {__version__}",
+        "map": {"file": source.path.name, "sha256": file_hash(source.path)},
+        "drive": {"file": log.path.name, "sha256": file_hash(log.path)},
+        "search_m": options.search_m,
+        "window_m": options.window_m,
+        "seed": options.seed,
+        "thresholds": thresholds,
+        "chain": source.description.settings.as_provenance(),
+    }
+    frame = source.description.frame
+    attributes = {
+        "name": drive.name,
+        "map": source.description.name,
+        "t0_utc": log.description.t0_utc,
+        "anchor_latitude_deg": frame.latitude_deg,
+        "anchor_longitude_deg": frame.longitude_deg,
+        "anchor_height_m": frame.height_m,
+        "provenance": provenance,
+    }
+    write_fixes(
+        folder / f"{drive.name}.fixes.csv",
+        folder / f"{drive.name}.fixes.h5",
+        drive.table,
+        attributes=attributes,
+        pose_m=np.asarray(drive.fix.pose),
+        covariance=np.asarray(drive.fix.covariance, dtype=np.float32),
+        force=force,
+    )
+
+
+def _sigmas(
+    covariance: Float[np.ndarray, "scan 5 5"], yaw_rad: Float[np.ndarray, " scan"]
+) -> tuple[Float[np.ndarray, " scan"], Float[np.ndarray, " scan"]]:
+    """Standard deviations along and across a heading, of covariances in east and north."""
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    east, north, both = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
+    along = cos**2 * east + sin**2 * north + 2 * cos * sin * both
+    cross = sin**2 * east + cos**2 * north - 2 * cos * sin * both
+    return np.sqrt(along), np.sqrt(cross)

@@ -1,0 +1,94 @@
+"""The track of a recorded drive: navigation and odometry brought to the scans and to the array's centre."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from lgprjax.errors import InputError
+from lgprjax.formats import DriveLog, NavigationTrack
+from lgprjax.frames import LocalFrame, body_to_local
+from lgprjax.radar import ArrayGeometry, centre_of
+from lgprjax.registration import Track
+
+
+class DriveTrack(NamedTuple):
+    """A drive's track in a local frame.
+
+    Attributes:
+        track: prior pose of the array's centre, travel and speed, at every scan.
+        ground_up_m: up coordinate of the ground under the vehicle.
+    """
+
+    track: Track
+    ground_up_m: Float[np.ndarray, " scan"]
+
+
+def poses_of(
+    navigation: NavigationTrack, time_s: Float[np.ndarray, " scan"], frame: LocalFrame, array: ArrayGeometry
+) -> tuple[Float[np.ndarray, "scan 5"], Float[np.ndarray, " scan"]]:
+    """Poses of the array's centre (height above the ground) and the ground's up coordinate at given times."""
+    east, north, up = frame.to_local(navigation.latitude_deg, navigation.longitude_deg, navigation.height_m)
+    yaw = np.unwrap(frame.yaw_of_heading(navigation.heading_deg, navigation.longitude_deg))
+    roll = np.radians(navigation.roll_deg)
+    east, north, up, yaw, roll = (
+        np.interp(time_s, navigation.time_s, values) for values in (east, north, up, yaw, roll)
+    )
+    x_m, y_m = body_to_local(east, north, yaw, *centre_of(array))
+    return np.stack([x_m, y_m, np.full_like(x_m, array.height_m), yaw, roll], axis=1), up
+
+
+def track_of_drive(log: DriveLog, frame: LocalFrame) -> DriveTrack:
+    """Track of a drive log in a map's frame.
+
+    Raises:
+        InputError: navigation or odometry does not span the scans (more than a second is missing).
+    """
+    description = log.description
+    time_s = log.scan_time_s
+    for place, covered in (
+        ("/gnss_ins/time_s", description.navigation.time_s),
+        ("/odometry/time_s", description.odometry.time_s),
+    ):
+        if covered[0] > time_s[0] + 1.0 or covered[-1] < time_s[-1] - 1.0:
+            raise InputError(
+                log.path,
+                place,
+                f"times that span the scans, {time_s[0]:.2f} to {time_s[-1]:.2f} s",
+                f"{covered[0]:.2f} to {covered[-1]:.2f} s",
+            )
+    pose, up = poses_of(description.navigation, time_s, frame, description.array)
+    travel = np.interp(time_s, description.odometry.time_s, description.odometry.distance_m)
+    sigma_deg = description.navigation.sigma_heading_deg
+    sigma = (
+        np.full_like(time_s, 1.0) if sigma_deg is None else np.interp(time_s, description.navigation.time_s, sigma_deg)
+    )
+    return DriveTrack(Track(pose, travel, _speed(travel, time_s), np.radians(sigma)), up)
+
+
+def scan_spacing_m(track: Track) -> float:
+    """Typical distance between scans while the vehicle moves; 0 if it never does."""
+    moved = np.abs(np.diff(track.travel_m))
+    moving = moved[moved > 1e-4]
+    return float(np.median(moving)) if len(moving) else 0.0
+
+
+def antennas_of(track: Track, array: ArrayGeometry) -> Float[np.ndarray, "scan channel 3"]:
+    """East and north of every antenna from the array's centre, and its height above the ground.
+
+    Each channel stands where the vehicle had come when the switch matrix reached it.
+    """
+    centre_x, centre_y = centre_of(array)
+    x = array.x_m - centre_x + track.speed_mps[:, None] * array.time_offset_s
+    y = np.broadcast_to(array.y_m - centre_y, x.shape)
+    cos, sin = np.cos(track.pose[:, 3])[:, None], np.sin(track.pose[:, 3])[:, None]
+    height = track.pose[:, 2][:, None] + y * np.sin(track.pose[:, 4])[:, None]
+    return np.stack([cos * x - sin * y, sin * x + cos * y, height], axis=-1)
+
+
+def _speed(travel_m: Float[np.ndarray, " scan"], time_s: Float[np.ndarray, " scan"]) -> Float[np.ndarray, " scan"]:
+    """Speed over about a tenth of a second: odometry is coarse from scan to scan."""
+    half = max(1, int(0.05 / max(float(np.median(np.diff(time_s))), 1e-4)))
+    index = np.arange(len(time_s))
+    low, high = np.maximum(index - half, 0), np.minimum(index + half, len(time_s) - 1)
+    return np.asarray((travel_m[high] - travel_m[low]) / (time_s[high] - time_s[low]))

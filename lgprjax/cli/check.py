@@ -1,0 +1,36 @@
+"""``lgprjax check``: hold files against their schema."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from lgprjax.cli.progress import console
+
+
+@dataclass(frozen=True)
+class Check:
+    """Hold files against the data schema: every place that is not as it should be."""
+
+    files: Positional[tuple[Path, ...]]
+    """.drive.h5, .map.h5, .fixes.h5, .fixes.csv or .vehicle.toml"""
+    json: Path | None = None
+    """also write the findings to this file"""
+
+    def run(self) -> int:
+        """Check; status 1 if any file cannot be used."""
+        from lgprjax.formats import check_file
+
+        findings = []
+        for path in self.files:
+            with console.status(f"checking {path}"):
+                found = check_file(path)
+            findings += found
+            for finding in found:
+                console.print(str(finding), highlight=False, soft_wrap=True, markup=False)
+            if not found:
+                console.print(f"{path}: ok", highlight=False, soft_wrap=True, markup=False)
+        if self.json is not None:
+            self.json.write_text(json.dumps([asdict(f) for f in findings], indent=2) + "\n", encoding="utf-8")
+        return int(any(finding.severity == "error" for finding in findings))

@@ -1,0 +1,28 @@
+"""Exit statuses: 0 done, 1 bad input with one clear line, 2 usage."""
+
+import errno
+import os
+import sys
+from collections.abc import Callable
+
+from lgprjax.errors import InputError
+
+BAD_INPUT = 1
+INTERRUPTED = 130
+
+
+def run_verb(verb: Callable[[], int | None]) -> int:
+    """Run a verb; bad input becomes one line on standard error and status 1."""
+    try:
+        return verb() or 0
+    except InputError as error:
+        print(f"lgprjax: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EACCES, errno.EROFS, errno.EDQUOT):
+            raise
+        print(f"lgprjax: {error.filename}: {os.strerror(error.errno)}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("lgprjax: interrupted; unfinished outputs were removed", file=sys.stderr)
+        return INTERRUPTED

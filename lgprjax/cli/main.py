@@ -1,0 +1,40 @@
+"""``lgprjax VERB``."""
+
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+
+from lgprjax.cli.check import Check
+from lgprjax.cli.demo import Demo
+from lgprjax.cli.errors import run_verb
+from lgprjax.cli.imports import ImportVerb
+from lgprjax.cli.maps import MapVerb
+from lgprjax.cli.register import Register
+
+_DESCRIPTION = """Localizing ground-penetrating radar: locate a vehicle by the ground beneath it.
+
+A drive recorded once is a map; a later drive is located against it. In order: import (or record) drive logs, map build,
+register. Exit status: 0 done, 1 bad input (one line says which file, where, what was expected and what was found),
+2 wrong usage."""
+
+Verb = (
+    Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[ImportVerb, tyro.conf.subcommand("import", description="Vendor files to drive logs.")]
+    | Annotated[Check, tyro.conf.subcommand("check")]
+    | Annotated[MapVerb, tyro.conf.subcommand("map", description="Subsurface databases.")]
+    | Annotated[Register, tyro.conf.subcommand("register")]
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point of the ``lgprjax`` command."""
+    verb = tyro.cli(
+        Verb,
+        prog="lgprjax",
+        description=_DESCRIPTION,
+        args=arguments,
+        config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes),
+    )
+    sys.exit(run_verb(verb.run))

@@ -1,0 +1,93 @@
+"""``lgprjax map``: build a subsurface database, tell what one covers."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from rich.table import Table
+from tyro.conf import Positional, arg
+
+from lgprjax.cli.progress import console, progress_bar
+
+
+@dataclass(frozen=True)
+class MapBuild:
+    """Build a subsurface database from drive logs over the same ground."""
+
+    drives: Positional[tuple[Path, ...]]
+    """drive logs; the first gives the map its origin and its processing"""
+    output: Annotated[Path, arg(aliases=["-o"], help="database to write, M.map.h5")]
+    centre_frequency_mhz: float | None = None
+    """centre frequency of the antennas, where the log does not say"""
+    force: bool = False
+    """replace an output that exists"""
+
+    def run(self) -> None:
+        """Build."""
+        from lgprjax.archive import build_map
+        from lgprjax.formats import DriveLog
+
+        scans = 0
+        for path in self.drives:
+            with DriveLog.open(path) as log:
+                scans += log.scans
+        frequency = None if self.centre_frequency_mhz is None else 1e6 * self.centre_frequency_mhz
+        with progress_bar("building map", scans) as progress:
+            build_map(self.drives, self.output, centre_frequency_hz=frequency, force=self.force, progress=progress)
+        console.print(f"wrote {self.output}", highlight=False)
+        _print_info(self.output, None)
+
+
+@dataclass(frozen=True)
+class MapInfo:
+    """What a subsurface database covers and how it was made."""
+
+    file: Positional[Path]
+    """the database, M.map.h5"""
+    json: Path | None = None
+    """also write the figures to this file"""
+
+    def run(self) -> None:
+        """Print."""
+        _print_info(self.file, self.json)
+
+
+def _print_info(path: Path, json_path: Path | None) -> None:
+    from lgprjax.formats import MapFile
+
+    with MapFile.open(path) as source:
+        description, pose = source.description, source.pose
+        step = np.hypot(*np.diff(pose[:, :2], axis=0).T)
+        along = float(step[np.diff(source.drive) == 0].sum())
+        low, high = pose[:, :2].min(axis=0), pose[:, :2].max(axis=0)
+        figures: dict[str, object] = {
+            "name": description.name,
+            "anchor_latitude_deg": description.frame.latitude_deg,
+            "anchor_longitude_deg": description.frame.longitude_deg,
+            "baselines": int(source.drive.max()) + 1,
+            "stations": len(pose),
+            "length_m": round(along, 2),
+            "east_m": [round(float(low[0]), 2), round(float(high[0]), 2)],
+            "north_m": [round(float(low[1]), 2), round(float(high[1]), 2)],
+            "channels": description.channels,
+            "channel_pitch_m": round(description.channel_pitch_m, 4),
+            "station_step_m": round(description.settings.step_m, 4),
+            "band_mhz": [description.settings.band_low_hz / 1e6, description.settings.band_high_hz / 1e6],
+            "travel_time_ns": round(len(description.gain) * description.settings.sample_interval_ns, 2),
+            "track_filter_m": round(description.settings.track_filter_m, 2),
+            "tiles": len(source.tile_frame),
+            "bytes_per_m": round(path.stat().st_size / max(along, 1e-9)),
+            "steps": source.provenance.get("steps"),
+        }
+    table = Table("quantity", "value", title=f"{path.name}")
+    for name, value in figures.items():
+        table.add_row(name, ", ".join(map(str, value)) if isinstance(value, list) else str(value))
+    console.print(table)
+    if json_path is not None:
+        json_path.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+
+
+MapVerb = Annotated[MapBuild, tyro.conf.subcommand("build")] | Annotated[MapInfo, tyro.conf.subcommand("info")]
