@@ -5,6 +5,7 @@ from pathlib import Path
 
 import jax
 import pytest
+from generated import Site, make_site
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -22,3 +23,9 @@ def real_data() -> Path:
     if not (path / "SHA256SUMS").is_file():
         pytest.fail(f"LGPRJAX_REAL_DATA={folder} holds no recordings (no SHA256SUMS)")
     return path
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
+    """A generated road of 40 m with two baselines, a live drive and an impostor."""
+    return make_site(tmp_path_factory.mktemp("site"), seed=1, length_m=40.0)

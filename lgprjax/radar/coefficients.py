@@ -102,8 +102,8 @@ def to_coefficients(
     belong together falls from 0.37 to 0.31, that of scans that do stays at 0.66.) The limit is relative to the
     scan itself, so it needs no calibration between the day of the map and today.
     """
-    gained = jnp.where(valid[..., None], profile, 0.0) * basis.gain
-    samples = profile.shape[-1] * jnp.maximum(jnp.sum(valid, axis=-1), 1)
+    gained = jnp.where(valid[..., None], profile, 0.0) * basis.gain[None, None, :]
+    samples = profile.shape[-1] * jnp.maximum(jnp.sum(valid, axis=-1, dtype=jnp.float32), 1.0)
     limit = LIMIT * jnp.sqrt(jnp.sum(gained**2, axis=(-2, -1)) / samples)[:, None, None]
     return jnp.clip(gained, -limit, limit) @ basis.matrix
 

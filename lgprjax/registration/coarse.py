@@ -68,9 +68,9 @@ def coarse_surface(
     cos, sin = jnp.cos(prior[3]), jnp.sin(prior[3])
     forward, left = template.offset_m[:, 0], template.offset_m[:, 1]
     offset_m = jnp.stack([cos * forward - sin * left, sin * forward + cos * left], axis=-1)
-    offset = jnp.round(offset_m / tile.cell_m).astype(jnp.int32)
-    reached = template.valid & jnp.all(jnp.abs(offset) <= reach, axis=-1)
-    start = first + jnp.clip(offset, -reach, reach) + reach
+    offset = jnp.round(offset_m / tile.cell_m[None]).astype(jnp.int32)
+    reached = template.valid & jnp.all(jnp.abs(offset) <= reach[None], axis=-1)
+    start = (first + reach)[None] + jnp.clip(offset, -reach[None], reach[None])
     live_power = jnp.sum(template.coefficients**2, axis=-1)
     border = [(m, m) for m in margin]
     power = jnp.pad(tile.power, border)
@@ -96,11 +96,11 @@ def coarse_surface(
     traces = template.valid.shape[0]
     total = jax.lax.fori_loop(0, traces, add, jnp.zeros((4, *lattice), jnp.float32))
     at_m = [
-        (first[axis] + jnp.arange(lattice[axis])) * tile.cell_m[axis] + tile.origin_m[axis] - prior[axis]
+        (first[axis] + jnp.arange(lattice[axis])).astype(jnp.float32) * tile.cell_m[axis] + tile.origin_m[axis] - prior[axis]
         for axis in range(2)
     ]
     inside = (jnp.abs(at_m[0]) <= half_width_m[0])[:, None] & (jnp.abs(at_m[1]) <= half_width_m[1])[None, :]
-    overlap = jnp.where(inside, total[3] / jnp.maximum(jnp.sum(template.valid), 1), 0.0)
+    overlap = jnp.where(inside, total[3] / jnp.maximum(jnp.sum(template.valid, dtype=jnp.float32), 1.0), 0.0)
     correlation = normalise(total[0], total[1], total[2], overlap, min_overlap)
     return CoarseSurface(strength_of(correlation, overlap), overlap, first)
 
@@ -126,8 +126,8 @@ def find_modes(tile: Tile, surface: CoarseSurface, apart_m: Float[Array, ""], *,
     Summits only: the flank of the best one, just beyond ``apart_m``, is no rival.
     """
     shape = surface.strength.shape
-    along = (surface.first_cell[0] + jnp.arange(shape[0])) * tile.cell_m[0] + tile.origin_m[0]
-    cross = (surface.first_cell[1] + jnp.arange(shape[1])) * tile.cell_m[1] + tile.origin_m[1]
+    along = (surface.first_cell[0] + jnp.arange(shape[0])).astype(jnp.float32) * tile.cell_m[0] + tile.origin_m[0]
+    cross = (surface.first_cell[1] + jnp.arange(shape[1])).astype(jnp.float32) * tile.cell_m[1] + tile.origin_m[1]
     around = jax.lax.reduce_window(surface.strength, -jnp.inf, jax.lax.max, (3, 3), (1, 1), "SAME")
     left = jnp.where(surface.strength >= around, surface.strength, OFF_MAP_SCORE)
     places, scores = [], []
@@ -141,7 +141,7 @@ def find_modes(tile: Tile, surface: CoarseSurface, apart_m: Float[Array, ""], *,
         left = jnp.where(near, OFF_MAP_SCORE, left)
         if mode == 0:
             away = ~near & (surface.strength > OFF_MAP_SCORE)
-    count = jnp.maximum(jnp.sum(away), 1)
+    count = jnp.maximum(jnp.sum(away, dtype=jnp.float32), 1.0)
     mean = jnp.sum(jnp.where(away, surface.strength, 0.0)) / count
     spread = jnp.sum(jnp.where(away, (surface.strength - mean) ** 2, 0.0)) / count
     return Modes(jnp.stack(places), jnp.stack(scores), jnp.sqrt(spread))

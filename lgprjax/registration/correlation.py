@@ -92,7 +92,8 @@ def score_poses(
     product = jnp.sum(live * ground, axis=-1)
     live_power = jnp.broadcast_to(jnp.sum(template.coefficients**2, axis=-1)[None], product.shape)
     ground_power = jnp.sum(ground**2, axis=-1)
-    overlap = jnp.sum(covered, axis=-1) / jnp.maximum(jnp.sum(template.valid), 1)
+    traces = jnp.maximum(jnp.sum(template.valid, dtype=jnp.float32), 1.0)
+    overlap = jnp.sum(covered, axis=-1, dtype=jnp.float32) / traces
     correlation = normalise(
         jnp.sum(jnp.where(covered, product, 0.0), axis=-1),
         jnp.sum(jnp.where(covered, live_power, 0.0), axis=-1),

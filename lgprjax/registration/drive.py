@@ -160,7 +160,7 @@ def _blank(scans: int) -> Fix:
 
 def _by_tile(
     ground: GroundMap, scans: LiveScans, ends: Int[np.ndarray, " end"], options: RegisterOptions
-) -> list[tuple[int, Int[np.ndarray, " end"]]]:
+) -> list[tuple[int, Int[np.ndarray, " _"]]]:
     groups: dict[int, list[int]] = {}
     for end in ends:
         tile = ground.tile_near(scans.track.pose[end, :2], options.search_m)
@@ -196,7 +196,7 @@ def _register_at(
     step_m = spec.along_cell_m
     channels = len(array.x_m)
     traces = (1 + round(options.window_m / step_m)) * channels
-    batch = max(1, min(64, 1 << int(np.log2(_PRODUCTS / (traces * spec.along_cells * spec.cross_cells) + 1))))
+    batch = max(1, min(32, 1 << int(np.log2(_PRODUCTS / (traces * spec.along_cells * spec.cross_cells) + 1))))
     region = Region(
         apart_m=jnp.float32(0.6 * description.settings.wavelength_m),
         # One channel sees no roll, and one trace no heading.

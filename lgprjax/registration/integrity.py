@@ -29,7 +29,7 @@ def default_thresholds() -> Thresholds:
     Real parallel lines lie at 0.6 to 0.9 where they are right and lead by 0.05 or more; ground that is not
     the map's stays below 0.3 on real and generated data alike (docs/performance.md has the tables).
     """
-    return Thresholds(strength=0.5, margin=0.045, overlap=0.6)
+    return Thresholds(strength=0.55, margin=0.045, overlap=0.6)
 
 
 def peak_covariance(

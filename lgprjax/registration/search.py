@@ -166,7 +166,7 @@ def _register(
         first, second = jax.random.split(jax.random.fold_in(key, mode))
         start = jax.random.uniform(first, (spec.swarm.particles, 5), minval=-1.0, maxval=1.0)
         start = jnp.where(region.free[None, :], start, 0.0).at[0].set(0.0)
-        found = run_swarm(second, start, lambda u: score(centre + u * reach).strength, region.free, config=spec.swarm)
+        found = run_swarm(second, start, lambda u: score(centre[None] + u * reach[None]).strength, region.free, config=spec.swarm)
         return centre + found.position * reach, found.score
 
     poses, scores = jax.lax.map(refine, jnp.arange(spec.modes))
@@ -191,8 +191,8 @@ def _register(
         correlation=jnp.where(found_any, peak.correlation[0], blank),
         runner_up=jnp.where(found_any, runner_up, blank),
         margin=jnp.where(found_any, strength - runner_up, blank),
-        overlap_channels=jnp.sum(covered & template.last_scan).astype(jnp.int32),
-        overlap=jnp.sum(covered) / jnp.maximum(jnp.sum(template.valid), 1).astype(jnp.float32),
+        overlap_channels=jnp.sum(covered & template.last_scan, dtype=jnp.int32),
+        overlap=jnp.sum(covered, dtype=jnp.float32) / jnp.maximum(jnp.sum(template.valid, dtype=jnp.float32), 1.0),
         evaluations=jnp.int32(evaluations),
         code=code,
     )

@@ -116,7 +116,7 @@ def grid_traces(
     size = jnp.asarray([spec.along_cells, spec.cross_cells], dtype=jnp.int32)
     reach_m = _REACH * max(spec.along_spread_m, spec.cross_spread_m)
     half = [int(np.ceil(reach_m / c)) for c in (spec.along_cell_m, spec.cross_cell_m)]
-    centre = jnp.round((traces.position_m - origin_m) / cell_m).astype(jnp.int32)
+    centre = jnp.round((traces.position_m - origin_m[None]) / cell_m[None]).astype(jnp.int32)
     cells = spec.along_cells * spec.cross_cells
     coefficients = levelled.shape[-1]
 
@@ -124,13 +124,13 @@ def grid_traces(
         carry: tuple[Array, Array], offset: Array
     ) -> tuple[tuple[Float[Array, "cell coefficient_and_weight"], Bool[Array, " cell"]], None]:
         total, covered = carry
-        cell = centre + offset
-        apart = cell.astype(jnp.float32) * cell_m + origin_m - traces.position_m
+        cell = centre + offset[None]
+        apart = cell.astype(jnp.float32) * cell_m[None] + origin_m[None] - traces.position_m
         cos, sin = traces.direction[:, 0], traces.direction[:, 1]
         along = (apart[:, 0] * cos + apart[:, 1] * sin) / spec.along_spread_m
         cross = (apart[:, 1] * cos - apart[:, 0] * sin) / spec.cross_spread_m
         near = (jnp.abs(along) <= _REACH) & (jnp.abs(cross) <= _REACH) & (traces.weight > 0.0)
-        reached = near & jnp.all((cell >= 0) & (cell < size), axis=-1)
+        reached = near & jnp.all((cell >= 0) & (cell < size[None]), axis=-1)
         weight = jnp.where(reached, jnp.exp(-0.5 * (along**2 + cross**2)) * traces.weight, 0.0)
         flat = jnp.where(reached, cell[:, 0] * spec.cross_cells + cell[:, 1], cells)
         rows = jnp.concatenate([levelled, jnp.ones_like(levelled[:, :1])], axis=1) * weight[:, None]

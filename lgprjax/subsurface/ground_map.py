@@ -1,6 +1,7 @@
 """The map as registration sees it: tiles of any extent, gridded when first asked for."""
 
 from collections import OrderedDict
+from functools import cached_property
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax.numpy as jnp
@@ -103,9 +104,11 @@ class GroundMap:
         self._tiles: OrderedDict[int, Tile] = OrderedDict()
         self._stations = SpatialIndex(source.pose[:, :2], 8.0)
         self._frames = SpatialIndex(source.tile_frame[:, :2], 2.0 * self._spacing_m)
-        self._box_m = _bounding_box(source.pose)
+        self._low_m, self._high_m = self._extents(_bounding_box(source.pose))
+        # One size for all tiles, so that one program serves the whole map.
+        self._span_m = np.minimum(2.0 * self._half_m, np.max(self._high_m - self._low_m, axis=0))
 
-    @property
+    @cached_property
     def basis(self) -> CoefficientBasis:
         """Coefficients of this map's profiles."""
         return coefficient_basis(
@@ -128,11 +131,10 @@ class GroundMap:
     def grid_of(self, tile: int) -> tuple[GridSpec, Float[np.ndarray, "2"]]:
         """Grid of a tile and where its first cell lies: the asked extent, no larger than the whole map."""
         description = self.description
-        low, high = self._extent_in(self.frame(tile))
-        span = np.minimum(2.0 * self._half_m, high - low)
+        low, high = self._low_m[tile], self._high_m[tile]
         spec = grid_spec(
-            float(span[0]),
-            float(span[1]),
+            float(self._span_m[0]),
+            float(self._span_m[1]),
             step_m=description.settings.step_m,
             pitch_m=description.channel_pitch_m,
             wavelength_m=description.settings.wavelength_m,
@@ -180,14 +182,17 @@ class GroundMap:
         )
         return tile
 
-    def _extent_in(self, frame: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-        """Extent of the whole map in a tile's frame, with room for the array to both sides."""
-        apart = self._box_m - frame[:2]
-        cos, sin = np.cos(frame[2]), np.sin(frame[2])
-        along, cross = apart[:, 0] * cos + apart[:, 1] * sin, apart[:, 1] * cos - apart[:, 0] * sin
+    def _extents(
+        self, corners_m: Float[np.ndarray, "4 2"]
+    ) -> tuple[Float[np.ndarray, "tile 2"], Float[np.ndarray, "tile 2"]]:
+        """Extent of the whole map in every tile's frame, with room for the array to both sides."""
+        frame = self.source.tile_frame
+        apart = corners_m[None] - frame[:, None, :2]
+        cos, sin = np.cos(frame[:, 2])[:, None], np.sin(frame[:, 2])[:, None]
+        along, cross = apart[..., 0] * cos + apart[..., 1] * sin, apart[..., 1] * cos - apart[..., 0] * sin
         room = self.description.channel_pitch_m * self.description.channels
-        low = np.array([along.min(), cross.min()]) - room
-        return low, np.array([along.max(), cross.max()]) + room
+        low = np.stack([along.min(axis=1), cross.min(axis=1)], axis=1) - room
+        return low, np.stack([along.max(axis=1), cross.max(axis=1)], axis=1) + room
 
 
 def _bounding_box(pose: Float[np.ndarray, "scan 5"]) -> Float[np.ndarray, "4 2"]:

@@ -47,7 +47,7 @@ def place_tiles(
     pose: Float[np.ndarray, "scan 5"],
     known: Float[np.ndarray, "tile 3"],
     spacing_m: float,
-) -> Float[np.ndarray, "tile 3"]:
+) -> Float[np.ndarray, "added 3"]:
     """Frames (east_m, north_m, yaw_rad) of the tiles along a drive that earlier ones do not serve yet.
 
     A tile stands on the drive, its axis along it. A stretch is served when a frame lies within half the

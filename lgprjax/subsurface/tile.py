@@ -38,10 +38,11 @@ def sample_tile(
     Args:
         position_m: along and cross in the tile's frame.
     """
-    cells = (position_m - tile.origin_m) / tile.cell_m
+    plane = (1,) * (position_m.ndim - 1) + (2,)
+    cells = (position_m - tile.origin_m.reshape(plane)) / tile.cell_m.reshape(plane)
     low = jnp.floor(cells)
     part = cells - low
-    size = jnp.asarray(tile.valid.shape, dtype=jnp.int32)
+    size = jnp.asarray(tile.valid.shape, dtype=jnp.int32).reshape(plane)
     base = low.astype(jnp.int32)
     inside = jnp.all((base >= 0) & (base + 1 < size), axis=-1)
     base = jnp.clip(base, 0, size - 2)
