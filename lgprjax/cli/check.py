@@ -3,9 +3,11 @@
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
+from lgprjax.cli.errors import require_files
 from lgprjax.cli.progress import console
 
 
@@ -13,8 +15,10 @@ from lgprjax.cli.progress import console
 class Check:
     """Hold files against the data schema: every place that is not as it should be."""
 
-    files: Positional[tuple[Path, ...]]
-    """.drive.h5, .map.h5, .fixes.h5, .fixes.csv or .vehicle.toml"""
+    files: Annotated[
+        Positional[tuple[Path, ...]],
+        arg(metavar="FILE...", help=".drive.h5, .map.h5, .fixes.h5, .fixes.csv or .vehicle.toml"),
+    ]
     json: Path | None = None
     """also write the findings to this file"""
 
@@ -22,6 +26,7 @@ class Check:
         """Check; status 1 if any file cannot be used."""
         from lgprjax.formats import check_file
 
+        require_files(self.files, "files")
         findings = []
         for path in self.files:
             with console.status(f"checking {path}"):

@@ -3,12 +3,23 @@
 import errno
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from lgprjax.errors import InputError
 
 BAD_INPUT = 1
+USAGE = 2
 INTERRUPTED = 130
+
+
+class UsageError(Exception):
+    """Options that make no sense; one line says which."""
+
+
+def require_files(files: Sequence[object], what: str) -> None:
+    """Raise ``UsageError`` where a verb was given no file to work on."""
+    if not files:
+        raise UsageError(f"{what}: expected at least one file, found none")
 
 
 def run_verb(verb: Callable[[], int | None]) -> int:
@@ -18,6 +29,9 @@ def run_verb(verb: Callable[[], int | None]) -> int:
     except InputError as error:
         print(f"lgprjax: {error}", file=sys.stderr)
         return BAD_INPUT
+    except UsageError as error:
+        print(f"lgprjax: {error} (see --help)", file=sys.stderr)
+        return USAGE
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EACCES, errno.EROFS, errno.EDQUOT):
             raise

@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import tyro
 from tyro.conf import Positional, arg
 
+from lgprjax.cli.errors import require_files
 from lgprjax.cli.progress import console
+from lgprjax.errors import InputError
 
 Output = Annotated[Path, arg(aliases=["-o"], help="drive log to write, X.drive.h5")]
 Force = Annotated[bool, arg(help="replace an output that exists")]
@@ -17,8 +19,9 @@ Force = Annotated[bool, arg(help="replace an output that exists")]
 class ImportLine:
     """One vendor file as a drive log (each of its channels a line)."""
 
-    file: Positional[Path]
-    """the recording; its header file lies beside it"""
+    suffix: ClassVar[str]
+
+    file: Annotated[Positional[Path], arg(metavar="FILE", help="the recording; its header file lies beside it")]
     output: Output
     latitude_deg: float = 0.0
     """latitude of the first trace, WGS-84"""
@@ -32,6 +35,8 @@ class ImportLine:
 
     def run(self) -> None:
         """Import."""
+        if self.file.suffix.lower() != self.suffix:
+            raise InputError(self.file, "file name", f"a name that ends in {self.suffix}", repr(self.file.name))
         _lines(
             (self.file,),
             spacing_m=0.2,
@@ -45,11 +50,34 @@ class ImportLine:
 
 
 @dataclass(frozen=True)
+class ImportDt1(ImportLine):
+    """Sensors & Software .DT1, its .HD beside it."""
+
+    suffix: ClassVar[str] = ".dt1"
+
+
+@dataclass(frozen=True)
+class ImportDzt(ImportLine):
+    """GSSI .DZT."""
+
+    suffix: ClassVar[str] = ".dzt"
+
+
+@dataclass(frozen=True)
+class ImportMala(ImportLine):
+    """MALA .rd3, its .rad beside it."""
+
+    suffix: ClassVar[str] = ".rd3"
+
+
+@dataclass(frozen=True)
 class ImportLines:
     """Parallel lines (DT1, DZT or rd3), from left to right, as one multi-channel survey."""
 
-    files: Positional[tuple[Path, ...]]
-    """the lines, leftmost first; their header files lie beside them"""
+    files: Annotated[
+        Positional[tuple[Path, ...]],
+        arg(metavar="FILE...", help="the lines, leftmost first; their header files lie beside them"),
+    ]
     output: Output
     line_spacing_m: float
     """distance between neighbouring lines"""
@@ -69,6 +97,7 @@ class ImportLines:
 
     def run(self) -> None:
         """Import."""
+        require_files(self.files, "lines")
         _lines(
             self.files,
             spacing_m=self.line_spacing_m,
@@ -85,8 +114,13 @@ class ImportLines:
 class ImportGrounded:
     """A run in the layout in which users of the GROUNDED data set work: run.npy and run_UTM_point.npy."""
 
-    run_dir: Positional[Path]
-    """folder that holds run.npy [scan, sample, channel] and run_UTM_point.npy [scan, channel, 2]"""
+    run_dir: Annotated[
+        Positional[Path],
+        arg(
+            metavar="RUN_DIR",
+            help="folder that holds run.npy [scan, sample, channel] and run_UTM_point.npy [scan, channel, 2]",
+        ),
+    ]
     output: Output
     utm_zone: str
     """UTM zone of the points, such as 19N"""
@@ -143,9 +177,9 @@ def _lines(
 
 
 ImportVerb = (
-    Annotated[ImportLine, tyro.conf.subcommand("dt1", description="Sensors & Software .DT1 (with its .HD)")]
-    | Annotated[ImportLine, tyro.conf.subcommand("dzt", description="GSSI .DZT")]
-    | Annotated[ImportLine, tyro.conf.subcommand("mala", description="MALA .rd3 (with its .rad)")]
+    Annotated[ImportDt1, tyro.conf.subcommand("dt1")]
+    | Annotated[ImportDzt, tyro.conf.subcommand("dzt")]
+    | Annotated[ImportMala, tyro.conf.subcommand("mala")]
     | Annotated[ImportLines, tyro.conf.subcommand("lines")]
     | Annotated[ImportGrounded, tyro.conf.subcommand("grounded")]
 )

@@ -35,6 +35,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         prog="lgprjax",
         description=_DESCRIPTION,
         args=arguments,
-        config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes),
+        config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
     )
     sys.exit(run_verb(verb.run))

@@ -10,6 +10,7 @@ import tyro
 from rich.table import Table
 from tyro.conf import Positional, arg
 
+from lgprjax.cli.errors import require_files
 from lgprjax.cli.progress import console, progress_bar
 
 
@@ -17,8 +18,10 @@ from lgprjax.cli.progress import console, progress_bar
 class MapBuild:
     """Build a subsurface database from drive logs over the same ground."""
 
-    drives: Positional[tuple[Path, ...]]
-    """drive logs; the first gives the map its origin and its processing"""
+    drives: Annotated[
+        Positional[tuple[Path, ...]],
+        arg(metavar="DRIVE...", help="drive logs; the first gives the map its origin and its processing"),
+    ]
     output: Annotated[Path, arg(aliases=["-o"], help="database to write, M.map.h5")]
     centre_frequency_mhz: float | None = None
     """centre frequency of the antennas, where the log does not say"""
@@ -30,6 +33,7 @@ class MapBuild:
         from lgprjax.archive import build_map
         from lgprjax.formats import DriveLog
 
+        require_files(self.drives, "drives")
         scans = 0
         for path in self.drives:
             with DriveLog.open(path) as log:
@@ -45,8 +49,7 @@ class MapBuild:
 class MapInfo:
     """What a subsurface database covers and how it was made."""
 
-    file: Positional[Path]
-    """the database, M.map.h5"""
+    file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
     json: Path | None = None
     """also write the figures to this file"""
 

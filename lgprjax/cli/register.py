@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from tyro.conf import Positional, arg
 
+from lgprjax.cli.errors import UsageError, require_files
 from lgprjax.cli.progress import console, progress_bar
 from lgprjax.errors import InputError
 
@@ -30,10 +31,8 @@ if TYPE_CHECKING:
 class Register:
     """Locate drives by the ground beneath them: fixes, summary and pictures."""
 
-    map: Positional[Path]
-    """subsurface database, M.map.h5"""
-    drives: Positional[tuple[Path, ...]]
-    """drive logs, X.drive.h5"""
+    map: Annotated[Positional[Path], arg(metavar="MAP", help="subsurface database, M.map.h5")]
+    drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs, X.drive.h5")]
     output: Annotated[Path, arg(aliases=["-o"], help="folder for DRIVE.fixes.csv, summary, pictures, report.html")]
     search_m: float = 1.5
     """half side of the search square about the position that GNSS/INS gives"""
@@ -49,9 +48,10 @@ class Register:
         from lgprjax.registration import RegisterOptions
         from lgprjax.report import summary_table
 
+        require_files(self.drives, "drives")
         for name, value, least in (("--search-m", self.search_m, 1e-3), ("--window-m", self.window_m, 0.0)):
             if not (np.isfinite(value) and least <= value <= 1e4):
-                raise InputError("command line", name, "a length in metres", f"{value:g}")
+                raise UsageError(f"{name}: expected a length in metres, found {value:g}")
         options = RegisterOptions(search_m=self.search_m, window_m=self.window_m)
         results = register_all(self.map, self.drives, self.output, options, force=self.force)
         summaries = [summary for _, summary, _ in results]

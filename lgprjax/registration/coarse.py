@@ -96,7 +96,9 @@ def coarse_surface(
     traces = template.valid.shape[0]
     total = jax.lax.fori_loop(0, traces, add, jnp.zeros((4, *lattice), jnp.float32))
     at_m = [
-        (first[axis] + jnp.arange(lattice[axis])).astype(jnp.float32) * tile.cell_m[axis] + tile.origin_m[axis] - prior[axis]
+        (first[axis] + jnp.arange(lattice[axis])).astype(jnp.float32) * tile.cell_m[axis]
+        + tile.origin_m[axis]
+        - prior[axis]
         for axis in range(2)
     ]
     inside = (jnp.abs(at_m[0]) <= half_width_m[0])[:, None] & (jnp.abs(at_m[1]) <= half_width_m[1])[None, :]

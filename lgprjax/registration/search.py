@@ -166,7 +166,9 @@ def _register(
         first, second = jax.random.split(jax.random.fold_in(key, mode))
         start = jax.random.uniform(first, (spec.swarm.particles, 5), minval=-1.0, maxval=1.0)
         start = jnp.where(region.free[None, :], start, 0.0).at[0].set(0.0)
-        found = run_swarm(second, start, lambda u: score(centre[None] + u * reach[None]).strength, region.free, config=spec.swarm)
+        found = run_swarm(
+            second, start, lambda u: score(centre[None] + u * reach[None]).strength, region.free, config=spec.swarm
+        )
         return centre + found.position * reach, found.score
 
     poses, scores = jax.lax.map(refine, jnp.arange(spec.modes))

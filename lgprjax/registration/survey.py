@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from lgprjax.registration.coarse import coarse_surface, trace_products
 from lgprjax.registration.correlation import Template
@@ -68,7 +68,7 @@ def _surface(
 
 def ground_under(
     tile: Tile, position_m: Float[np.ndarray, "trace 2"]
-) -> tuple[Float[np.ndarray, "trace coefficient"], Float[np.ndarray, " trace"]]:
+) -> tuple[Float[np.ndarray, "trace coefficient"], Bool[np.ndarray, " trace"]]:
     """Map coefficients under places (along, cross in the tile's frame), and which of them are on the map."""
     value, covered = sample_tile(tile, jnp.asarray(position_m, dtype=jnp.float32))
     return np.asarray(value), np.asarray(covered)

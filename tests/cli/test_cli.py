@@ -1,0 +1,286 @@
+"""The command line as a person meets it: statuses, one clear line, nothing half-written."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from generated import Site
+
+from lgprjax.cli import main
+from lgprjax.formats import DriveLog, DriveWriter
+
+
+def run(*arguments: object) -> int:
+    """Exit status of a command."""
+    with pytest.raises(SystemExit) as stopped:
+        main([str(a) for a in arguments])
+    code = stopped.value.code
+    assert isinstance(code, int)
+    return code
+
+
+def listing(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+
+
+@pytest.fixture(scope="module")
+def short(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first 120 scans of the live drive: a small log to damage."""
+    path = tmp_path_factory.mktemp("short") / "short.drive.h5"
+    with DriveLog.open(site.logs["live"]) as log:
+        traces, _ = log.read_traces(0, 120)
+        with DriveWriter.create(path, log.description, channels=log.channels, dtype=np.uint8) as writer:
+            writer.append(log.scan_time_s[:120], (traces + 128).astype(np.uint8))
+    return path
+
+
+def edited(source: Path, target: Path, change: Callable[[h5py.File], None]) -> Path:
+    target.write_bytes(source.read_bytes())
+    with h5py.File(target, "r+") as store:
+        change(store)
+    return target
+
+
+def delete(path: str) -> Callable[[h5py.File], None]:
+    def change(store: h5py.File) -> None:
+        del store[path]
+
+    return change
+
+
+def attribute(path: str, name: str, value: object) -> Callable[[h5py.File], None]:
+    def change(store: h5py.File) -> None:
+        store[path].attrs[name] = value
+
+    return change
+
+
+def swap_times(store: h5py.File) -> None:
+    times = store["/radar/time_s"][()]
+    times[[10, 11]] = times[[11, 10]]
+    store["/radar/time_s"][...] = times
+
+
+def short_array(store: h5py.File) -> None:
+    x = store["/array/x_m"][()]
+    unit, text = store["/array/x_m"].attrs["unit"], store["/array/x_m"].attrs["description"]
+    del store["/array/x_m"]
+    store["/array/x_m"] = x[:-1]
+    store["/array/x_m"].attrs["unit"], store["/array/x_m"].attrs["description"] = unit, text
+
+
+def truncate(source: Path, target: Path) -> Path:
+    target.write_bytes(source.read_bytes()[: source.stat().st_size // 2])
+    return target
+
+
+def one_scan(store: h5py.File) -> None:
+    for name in ("time_s", "traces", "valid"):
+        store[f"/radar/{name}"].resize(1, axis=0)
+
+
+BAD_LOGS: dict[str, tuple[Callable[[Path, Path], Path], str]] = {
+    "truncated": (truncate, "whole HDF5 file"),
+    "empty": (lambda _, t: (t.write_bytes(b""), t)[1], "empty file"),
+    "wrong magic": (lambda _, t: (t.write_bytes(b"GIF89a" * 100), t)[1], "another format"),
+    "missing": (lambda _, t: t, "No such file"),
+    "missing dataset": (lambda s, t: edited(s, t, delete("/odometry/distance_m")), "/odometry/distance_m"),
+    "wrong unit": (lambda s, t: edited(s, t, attribute("/odometry/distance_m", "unit", "ft")), "'ft'"),
+    "wrong shape": (lambda s, t: edited(s, t, short_array), "/array/"),
+    "zero interval": (
+        lambda s, t: edited(s, t, attribute("/radar/traces", "sample_interval_ns", 0.0)),
+        "sample_interval_ns",
+    ),
+    "negative interval": (
+        lambda s, t: edited(s, t, attribute("/radar/traces", "sample_interval_ns", -0.1)),
+        "above zero",
+    ),
+    "time not rising": (lambda s, t: edited(s, t, swap_times), "strictly increasing"),
+    "newer schema": (lambda s, t: edited(s, t, attribute("/", "schema_version", "2.0")), "update lgprjax"),
+    "one scan": (lambda s, t: edited(s, t, one_scan), "at least 2"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_LOGS)
+@pytest.mark.parametrize("verb", ["check", "map", "register"])
+def test_bad_log_is_one_line_and_status_1(
+    case: str, verb: str, site: Site, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make, expected = BAD_LOGS[case]
+    bad = make(short, tmp_path / "bad.drive.h5")
+    before = listing(tmp_path)
+    commands = {
+        "check": ("check", bad),
+        "map": ("map", "build", bad, "-o", tmp_path / "new.map.h5"),
+        "register": ("register", site.map, bad, "-o", tmp_path / "new"),
+    }
+    assert run(*commands[verb]) == 1
+    out, err = capsys.readouterr()
+    told = out if verb == "check" else err
+    assert expected in told
+    assert "bad.drive.h5" in told
+    assert "Traceback" not in out + err
+    if verb != "check":
+        assert len(err.strip().splitlines()) == 1
+    assert listing(tmp_path) - before <= {"new"}
+    assert not list(tmp_path.glob("new/*"))
+
+
+def test_map_that_is_no_map(site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("register", site.logs["live"], site.logs["live"], "-o", tmp_path / "new") == 1
+    assert "lgprjax.map" in capsys.readouterr().err
+    assert run("map", "info", site.logs["live"]) == 1
+
+
+def test_nan_and_inf_are_reported_by_check(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A bad scan never stops a drive: check warns, and the status stays 0."""
+    bad = tmp_path / "nan.drive.h5"
+    with DriveLog.open(short) as log:
+        traces, _ = log.read_traces(0, 60)
+        traces = traces + np.float32(128)
+        traces[7, 2, 5], traces[9] = np.nan, np.inf
+        with DriveWriter.create(bad, log.description, channels=log.channels, dtype=np.float32) as writer:
+            writer.append(log.scan_time_s[:60], traces)
+    assert run("check", bad) == 0
+    assert "warning" in capsys.readouterr().out
+
+
+def test_output_that_exists_is_refused_before_any_work(
+    site: Site, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    database = tmp_path / "m.map.h5"
+    database.write_text("precious")
+    assert run("map", "build", short, "-o", database) == 1
+    assert "--force" in capsys.readouterr().err
+    assert database.read_text() == "precious"
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "short.fixes.csv").write_text("precious")
+    assert run("register", site.map, short, "-o", folder) == 1
+    assert "--force" in capsys.readouterr().err
+    assert (folder / "short.fixes.csv").read_text() == "precious"
+    assert listing(folder) == {"short.fixes.csv"}
+
+
+def test_register_writes_what_it_promises(
+    site: Site, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "out"
+    assert run("register", site.map, short, "-o", folder, "--json", tmp_path / "figures.json") == 0
+    told = capsys.readouterr().out
+    assert "report.html" in told
+    assert listing(folder) == {
+        "short.fixes.csv",
+        "short.fixes.h5",
+        "short-trajectory.png",
+        "short-match.png",
+        "short-map.png",
+        "codes.png",
+        "summary.json",
+        "report.html",
+    }
+    table = pd.read_csv(folder / "short.fixes.csv")
+    assert list(table.columns) == [
+        *("scan", "time_s", "latitude_deg", "longitude_deg", "height_m", "heading_deg", "roll_deg"),
+        *("sigma_along_m", "sigma_cross_m", "correlation", "margin", "overlap_channels", "code"),
+    ]
+    assert len(table) == 120
+    ok = table[table["code"] == "ok"]
+    assert len(ok) > 100
+    assert ok["latitude_deg"].between(41.9, 42.1).all()
+    assert ok["heading_deg"].between(85, 95).all()
+    assert ok["height_m"].between(30.1, 30.5).all()
+    first = (folder / "short.fixes.csv").read_text().splitlines()[60].split(",")
+    assert all(len(first[column].split(".")[1]) >= 9 for column in (2, 3))
+    (figures,) = json.loads((tmp_path / "figures.json").read_text())
+    assert figures["tried"] == 120
+    assert run("check", folder / "short.fixes.csv", folder / "short.fixes.h5", site.map) == 0
+
+
+def test_map_info(site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("map", "info", site.map, "--json", tmp_path / "info.json") == 0
+    figures = json.loads((tmp_path / "info.json").read_text())
+    assert figures["baselines"] == 2
+    assert figures["channels"] == 11
+    assert 60 < figures["length_m"] < 80
+    assert "baselines" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("option", ["--search-m=-1", "--search-m=nan", "--window-m=-2"])
+def test_lengths_that_make_no_sense(
+    option: str, site: Site, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("register", site.map, short, "-o", tmp_path / "o", option) == 2
+    assert option.split("=")[0] in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["nonsense"], ["register"], ["register", "m.map.h5", "-o", "o"], ["import", "abc"], ["map"], ["check"]],
+)
+def test_usage_is_status_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(*arguments) == 2
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["import"], ["import", "grounded"], ["map", "build"], ["register"], ["demo"]]
+)
+def test_help(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(*arguments, "--help") == 0
+    assert "usage: lgprjax" in capsys.readouterr().out
+
+
+def test_installed_command_starts_fast_and_without_a_device() -> None:
+    """``--help`` imports no JAX: the answer is there in a second."""
+    probe = "import sys; from lgprjax.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
+    probe += "print('jax' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.splitlines()[-1] == "False"
+
+
+@pytest.mark.real
+def test_vendor_files_import(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = [real_data / "gpr_o_parallel_lines" / f"XLINE{n:02d}.DT1" for n in (1, 3, 5)]
+    files = {
+        "dt1": real_data / "gprpy_yosemite" / "XLINE00.DT1",
+        "dzt": real_data / "hautefeuille" / "FILE__001.DZT",
+        "mala": real_data / "gprpymini_mala500" / "utility_example.rd3",
+    }
+    for kind, path in files.items():
+        output = tmp_path / f"{kind}.drive.h5"
+        assert run("import", kind, path, "-o", output) == 0
+        assert run("check", output) == 0
+    output = tmp_path / "lines.drive.h5"
+    assert run("import", "lines", *lines, "--line-spacing-m", 0.4, "-o", output) == 0
+    assert run("check", output) == 0
+    with DriveLog.open(output) as log:
+        assert (log.channels, log.samples) == (3, 250)
+    assert run("import", "lines", *lines, "--line-spacing-m", 0.4, "-o", output) == 1
+    assert "--force" in capsys.readouterr().err
+    assert run("import", "dzt", files["dt1"], "-o", tmp_path / "x.drive.h5") == 1
+    assert not (tmp_path / "x.drive.h5").exists()
+
+
+def test_grounded_run_imports_by_the_documented_call(tmp_path: Path) -> None:
+    folder = tmp_path / "run_0001"
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    np.save(folder / "run.npy", rng.integers(0, 255, (60, 369, 11), dtype=np.uint8))
+    along, across = np.arange(60) * 0.2, (5 - np.arange(11)) * 0.127
+    points = np.stack(np.broadcast_arrays(330_000 + along[:, None], 4_700_000 + across[None, :]), axis=-1)
+    np.save(folder / "run_UTM_point.npy", points)
+    output = tmp_path / "X.drive.h5"
+    grounded = ("import", "grounded", folder, "--utm-zone", "19N", "--sample-interval-ns", 0.16)
+    assert run(*grounded, "--scan-rate-hz", 126, "-o", output) == 0
+    with DriveLog.open(output) as log:
+        assert (log.scans, log.channels, log.samples) == (60, 11, 369)
+    assert run(*grounded, "--scan-rate-hz", -1, "-o", tmp_path / "Y.drive.h5") == 1
+    assert listing(tmp_path) == {"run_0001", "run_0001/run.npy", "run_0001/run_UTM_point.npy", "X.drive.h5"}
