@@ -1,6 +1,6 @@
 """Frames: WGS-84 on the host, local east-north-up metres in computation, the vehicle's body.
 
-SYSTEM.md section 2 is the law: headings are compass degrees clockwise from true north on the host, yaw is
+docs/conventions.md is the law: headings are compass degrees clockwise from true north on the host, yaw is
 radians counter-clockwise from east in computation; x forward, y left, z up. Everything here is float64 NumPy:
 float32 degrees have an ulp of about half a metre and never reach the device.
 """

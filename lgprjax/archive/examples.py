@@ -113,7 +113,7 @@ def fix_example(
         np.array([at]),
         recording.array,
         window_m=options.window_m,
-        step_m=ground.grid_of(tile_number)[0].along_cell_m,
+        step_m=description.settings.step_m,
     )
     spec = search_spec_for(ground, tile_number, recording.array, options)
     prior = _in_tile(drive.track.pose[scan], frame)

@@ -115,7 +115,7 @@ def register_log(
 
 
 def fixes_table(fix: Fix, time_s: Float[np.ndarray, " scan"], frame: LocalFrame, ground: GroundMap) -> pd.DataFrame:
-    """The columns of the fixes CSV (DESIGN.md section 2): WGS-84 positions, sigmas along and across the heading."""
+    """The columns of the fixes CSV: WGS-84 positions, sigmas along and across the heading."""
     pose = np.asarray(fix.pose)
     found = np.isfinite(pose[:, 0])
     # Fixes lie metres from a station; the ground between them is as high as at the nearest one.

@@ -2,7 +2,7 @@
 
 Knows nothing of radar: it maximises any batched objective over the box [-1, 1]^dim. Constants are the
 constriction of Clerc & Kennedy (2002) in inertia form. The topology is a ring, because a single global best
-loses about a fifth of hard problems to premature convergence (research/pso_peers.md 3). Particles that cross
+lost about a fifth of hard problems to premature convergence where both were measured. Particles that cross
 a wall are reflected and their speed on that axis is turned and halved, since clipping glues small swarms to
 walls. A score that is not finite never becomes a best.
 """

@@ -2,7 +2,7 @@
 
 Surface return, antenna ringing and reflections of the vehicle do not change as the vehicle moves; the ground
 does. The filter works in metres of travel, not in scans. Maps use the zero-phase form, live scans the causal
-one; the causal form serves batch registration and the vehicle alike (SYSTEM.md section 1).
+one; the causal form serves batch registration and the vehicle alike.
 """
 
 from typing import NamedTuple

@@ -2,7 +2,7 @@
 
 Correlation is linear in the map, so one matrix product of traces with cells holds every product that any
 place needs; with the antennas rounded to whole cells a place's score is a sum of slices, one a trace, and no
-gather (DESIGN.md 4). Exhaustive, it leaves no doubt where the best place and its rivals are: the swarm refines
+gather. Exhaustive, it leaves no doubt where the best place and its rivals are: the swarm refines
 them, and their difference is the margin on which integrity rests.
 """
 

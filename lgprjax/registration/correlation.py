@@ -2,7 +2,7 @@
 
     r = sum(S G) / sqrt(sum(S^2) sum(G^2))
 
-over channels and depth (Husky article, figure B; RA-L 2020 as repaired in research/lgpr.md 1.2), S the live
+over channels and depth (LL figure B; RA-L 2020 with its normaliser repaired, docs/conventions.md), S the live
 traces, G the tile sampled under the antennas, both sums over the traces that lie on the map. A template is one
 scan, or a window of scans joined by odometry: to the score both are a set of traces with offsets.
 """
@@ -62,7 +62,7 @@ def score_poses(
     """Correlation of a template with the tile at each pose.
 
     An antenna at offset (x, y) stands at z = height + y sin(roll) above the ground, and its trace moves by
-    2 (z - reference) / c in air (SYSTEM.md section 1).
+    2 (z - reference) / c in air (docs/conventions.md).
 
     Args:
         tile: the ground.

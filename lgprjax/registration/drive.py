@@ -193,7 +193,7 @@ def _register_at(
     description = ground.description
     spec, _ = ground.grid_of(tile)
     search = search_spec_for(ground, tile, array, options)
-    step_m = spec.along_cell_m
+    step_m = description.settings.step_m
     channels = len(array.x_m)
     traces = (1 + round(options.window_m / step_m)) * channels
     batch = max(1, min(32, 1 << int(np.log2(_PRODUCTS / (traces * spec.along_cells * spec.cross_cells) + 1))))

@@ -78,7 +78,7 @@ def register_batch(
     """Fixes of a batch, poses in the tile's frame. The key is consumed.
 
     Lanes share one matrix product and are then worked off one by one: a vmap over them would turn every
-    slice into a gather (twenty times slower than this loop, DESIGN.md 4), and no lane can touch another.
+    slice into a gather (measured twenty times slower than this loop), and no lane can touch another.
     """
     sane = problem.finite[:, None] & problem.template.valid
     template = problem.template._replace(

@@ -113,7 +113,7 @@ def place_antennas(
 ) -> Float[np.ndarray, "scan channel 3"]:
     """(east_m, north_m, height above the ground) of each channel, given the body's pose at its instant.
 
-    Height is h + y sin(roll) (SYSTEM.md section 1): roll is positive right side down, so the left end rises.
+    Height is h + y sin(roll) (docs/conventions.md): roll is positive right side down, so the left end rises.
     """
     east, north, height, yaw, roll = np.moveaxis(poses, -1, 0)
     x_m, y_m = array.x_m[None], array.y_m[None] * np.cos(roll)

@@ -25,7 +25,7 @@ LIGHT_M_PER_NS = 0.299792458
 
 @dataclass(frozen=True)
 class RadarConfig:
-    """The radar's time axis, band and field of view (defaults: research/lgpr.md 1.1).
+    """The radar's time axis, band and field of view (defaults: the array of RA-L 2020).
 
     Attributes:
         samples, sample_step_ns, time_zero_ns: sample k is taken k * step - time_zero after transmission.

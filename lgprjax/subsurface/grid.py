@@ -3,7 +3,7 @@
 Each antenna trace is spread over the cells around it by a Gaussian kernel whose axes follow the station's own
 heading: along the track stations are dense, across it they stand a channel pitch apart. The kernel is wide
 against its data's spacing, so that the noise of a cell hardly depends on where it lies between the traces;
-raw linear interpolation halves the noise at mid-step and draws matches there (research/lgpr.md 4).
+raw linear interpolation halves the noise at mid-step and draws matches there.
 """
 
 from dataclasses import dataclass

@@ -164,7 +164,9 @@ class GroundMap:
         middle = origin_m + 0.5 * corner
         cos, sin = np.cos(yaw), np.sin(yaw)
         centre = np.array([east + cos * middle[0] - sin * middle[1], north + sin * middle[0] + cos * middle[1]])
-        reach_m = 0.5 * float(np.hypot(*corner)) + 32.0 * spec.cross_spread_m
+        # Stations whose outermost antennas still reach into the tile.
+        array_m = 0.5 * self.description.channels * self.description.channel_pitch_m
+        reach_m = 0.5 * float(np.hypot(*corner)) + array_m + 4.0 * spec.cross_spread_m
         chosen = self._stations.near(centre, reach_m)
         stations = self.source.read_stations(chosen)
         traces = _trace_set(

@@ -2,7 +2,7 @@
 
 Scans come at equal times, the ground lies in metres. A station is the kernel-weighted mean of the scans
 around its place; this is also the low-pass along the track without which a noisy map draws matches to the
-middle between its traces (research/lgpr.md 4, interpolation pull). Built as a stream: only the stretch under
+middle between its traces (interpolation pull). Built as a stream: only the stretch under
 the track filter is in memory.
 """
 

@@ -1,0 +1,148 @@
+"""The track filter against loops over scans."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from lgprjax.radar import LiveFilterState, init_live_filter, run_live_filter, zero_phase_filter
+
+SCANS, CHANNELS, SAMPLES = 60, 3, 5
+LENGTH_M = 2.0
+
+
+def run(
+    profile: np.ndarray, valid: np.ndarray, travel_m: np.ndarray, state: LiveFilterState | None = None
+) -> tuple[LiveFilterState, np.ndarray]:
+    state = init_live_filter(CHANNELS, SAMPLES) if state is None else state
+    after, out = run_live_filter(
+        state,
+        jnp.asarray(profile, dtype=jnp.float32),
+        jnp.asarray(valid),
+        jnp.asarray(travel_m, dtype=jnp.float32),
+        jnp.float32(LENGTH_M),
+    )
+    return after, np.asarray(out)
+
+
+def oracle(profile: np.ndarray, valid: np.ndarray, travel_m: np.ndarray) -> np.ndarray:
+    """Weights of all scans so far, spelt out: each travel fades the past by exp(-|d| / (L/2))."""
+    out = np.zeros_like(profile)
+    for channel in range(CHANNELS):
+        weights: list[float] = []
+        traces: list[np.ndarray] = []
+        for n in range(len(profile)):
+            if not valid[n, channel]:
+                continue
+            fade = np.exp(-abs(travel_m[n]) / (LENGTH_M / 2))
+            # The first scan counts for its own travel, or a little where there was none.
+            new = max(1 - fade, 1e-3) if not weights else 1 - fade
+            weights = [w * fade for w in weights] + [new]
+            traces.append(profile[n, channel])
+            mean = sum(w * t for w, t in zip(weights, traces, strict=True)) / sum(weights)
+            out[n, channel] = profile[n, channel] - mean
+    return out
+
+
+@pytest.fixture
+def drive() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Forward, standing, in reverse, forward; channel 1 fails for a while, channel 2 at random."""
+    rng = np.random.default_rng(0)
+    travel_m = np.concatenate([np.full(20, 0.1), np.zeros(8), np.full(12, -0.07), np.full(20, 0.15)])
+    valid = np.ones((SCANS, CHANNELS), bool)
+    valid[15:35, 1] = False
+    valid[:, 2] = rng.random(SCANS) > 0.3
+    return rng.normal(size=(SCANS, CHANNELS, SAMPLES)) + 3.0, valid, travel_m
+
+
+def test_live_filter_is_the_faded_mean_written_out(drive: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    _, out = run(*drive)
+    np.testing.assert_allclose(out, oracle(*drive), atol=2e-5)
+
+
+def test_blocks_make_no_difference(drive: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    profile, valid, travel_m = drive
+    whole_state, whole = run(*drive)
+    state, parts = init_live_filter(CHANNELS, SAMPLES), []
+    for first in range(0, SCANS, 20):
+        block = slice(first, first + 20)
+        state, out = run(profile[block], valid[block], travel_m[block], state)
+        parts.append(out)
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+    for a, b in zip(state, whole_state, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_standing_freezes_the_mean(drive: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    """However long the vehicle stands over a stone, the stone does not become background."""
+    profile, valid, travel_m = drive
+    before, _ = run(profile, valid, travel_m)
+    after, out = run(profile + 50.0, np.ones_like(valid), np.zeros(SCANS), before)
+    for a, b in zip(after, before, strict=True):
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_allclose(out, (profile + 50.0) - np.asarray(before.mean), atol=1e-5)
+
+
+def test_reverse_is_travel_too(drive: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    profile, valid, travel_m = drive
+    _, forward = run(profile, valid, np.abs(travel_m))
+    _, back = run(profile, valid, -np.abs(travel_m))
+    np.testing.assert_array_equal(forward, back)
+
+
+def test_an_invalid_channel_keeps_its_mean_and_gives_zeros(
+    drive: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    profile, valid, travel_m = drive
+    before, _ = run(profile, valid, travel_m)
+    off = np.ones_like(valid)
+    off[:, 1] = False
+    after, out = run(1e6 * profile, off, np.full(SCANS, 0.2), before)
+    np.testing.assert_array_equal(after.mean[1], before.mean[1])
+    np.testing.assert_array_equal(after.weight[1], before.weight[1])
+    assert not out[:, 1].any()
+    assert np.abs(np.asarray(after.mean[0]) - np.asarray(before.mean[0])).max() > 1e5
+
+
+def test_what_is_constant_along_the_drive_is_gone_from_the_first_scan_on() -> None:
+    constant = np.broadcast_to(np.arange(SAMPLES) * 10.0, (SCANS, CHANNELS, SAMPLES))
+    _, out = run(constant, np.ones((SCANS, CHANNELS), bool), np.full(SCANS, 0.1))
+    np.testing.assert_allclose(out, 0.0, atol=1e-4)
+
+
+def test_the_mean_forgets_over_half_its_length() -> None:
+    """After a step of the surface return the rest fades by e over L/2: metres, not scans."""
+    for spacing_m in (0.05, 0.1):
+        profile = np.zeros((SCANS, CHANNELS, SAMPLES))
+        _, valid, far = None, np.ones((SCANS, CHANNELS), bool), np.full(SCANS, 10 * LENGTH_M)
+        state, _ = run(profile, valid, far)
+        _, out = run(profile + 1.0, valid, np.full(SCANS, spacing_m), state)
+        path_m = np.arange(1, SCANS + 1) * spacing_m
+        np.testing.assert_allclose(out[:, 0, 0], np.exp(-path_m / (LENGTH_M / 2)), atol=1e-4)
+
+
+@pytest.mark.parametrize("stations", [3, 4, 9, 200])
+def test_zero_phase_filter_is_a_centred_mean_of_what_there_is(stations: int) -> None:
+    rng = np.random.default_rng(3)
+    profile = (rng.normal(size=(40, CHANNELS, SAMPLES)) + 5.0).astype(np.float32)
+    valid = rng.random((40, CHANNELS)) > 0.25
+    valid[10:22, 1] = False
+    half = stations // 2
+    expected = np.zeros(profile.shape)
+    for n in range(40):
+        for channel in range(CHANNELS):
+            if valid[n, channel]:
+                around = [m for m in range(max(0, n - half), min(40, n + half + 1)) if valid[m, channel]]
+                mean = np.mean([profile[m, channel].astype(float) for m in around], axis=0)
+                expected[n, channel] = profile[n, channel] - mean
+    profile[~valid] = 1e3
+    np.testing.assert_allclose(zero_phase_filter(profile, valid, stations), expected, atol=2e-6)
+
+
+def test_zero_phase_filter_shifts_nothing() -> None:
+    """A drive run backwards is filtered to the same profile run backwards."""
+    rng = np.random.default_rng(4)
+    profile = rng.normal(size=(30, CHANNELS, SAMPLES)).astype(np.float32)
+    valid = rng.random((30, CHANNELS)) > 0.1
+    there = zero_phase_filter(profile, valid, 7)
+    back = zero_phase_filter(profile[::-1], valid[::-1], 7)[::-1]
+    np.testing.assert_allclose(there, back, atol=1e-6)

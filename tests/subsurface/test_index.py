@@ -1,0 +1,102 @@
+"""The spatial index against a look at every point; tile frames along drives."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lgprjax.subsurface import SpatialIndex, place_tiles
+
+COORDINATE = st.floats(-40.0, 40.0, width=32)
+POINT = st.tuples(COORDINATE, COORDINATE)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    points=st.lists(POINT, min_size=1, max_size=40),
+    centre=POINT,
+    radius_m=st.floats(0.0, 60.0),
+    cell_m=st.sampled_from([0.7, 2.0, 8.0, 100.0]),
+)
+def test_near_and_nearest_are_what_a_look_at_every_point_finds(
+    points: list[tuple[float, float]], centre: tuple[float, float], radius_m: float, cell_m: float
+) -> None:
+    place = np.array(points, dtype=np.float64)
+    index = SpatialIndex(place, cell_m)
+    middle = np.array(centre, dtype=np.float64)
+    square = np.sum((place - middle) ** 2, axis=1)
+    expected = [n for n in range(len(points)) if square[n] <= radius_m**2]
+    assert index.near(middle, radius_m).tolist() == expected
+    best = min(expected, key=lambda n: (square[n], n)) if expected else None
+    assert index.nearest(middle, radius_m) == best
+
+
+def test_far_from_the_anchor_the_cells_do_not_mix() -> None:
+    """Both signs, 50 km out, on the borders of cells."""
+    corners = np.array([[sx * 50_000.0, sy * 50_000.0] for sx in (-1, 1) for sy in (-1, 1)])
+    place = np.concatenate([corners, corners + 0.5, [[0.0, 0.0], [-1e-9, -1e-9], [8.0, -8.0]]])
+    index = SpatialIndex(place, 8.0)
+    for n, point in enumerate(place):
+        found = [m for m in range(len(place)) if np.hypot(*(place[m] - point)) <= 1.0]
+        assert index.near(point, 1.0).tolist() == found
+        assert n in found
+
+
+def drive(east: np.ndarray, north: np.ndarray, yaw_rad: float) -> np.ndarray:
+    pose = np.zeros((len(east), 5))
+    pose[:, 0], pose[:, 1], pose[:, 3] = east, north, yaw_rad
+    return pose
+
+
+NONE = np.zeros((0, 3))
+SPACING_M = 4.0
+ROAD = drive(np.arange(-30.0, 30.0, 0.05), np.full(1200, -5.0), 0.0)
+
+
+def reached(frames: np.ndarray, pose: np.ndarray) -> float:
+    """Largest distance from a station to its nearest frame."""
+    apart = np.hypot(pose[:, None, 0] - frames[None, :, 0], pose[:, None, 1] - frames[None, :, 1])
+    return float(apart.min(axis=1).max())
+
+
+def test_every_stretch_of_a_drive_is_within_half_the_spacing_of_a_frame() -> None:
+    frames = place_tiles(ROAD, NONE, SPACING_M)
+    assert reached(frames, ROAD) <= 0.5 * SPACING_M
+    gaps_m = np.diff(frames[:, 0])
+    assert np.all(gaps_m > 0.5 * SPACING_M)
+    assert np.all(gaps_m <= SPACING_M)
+    np.testing.assert_array_equal(frames[:, 1:], np.tile([-5.0, 0.0], (len(frames), 1)))
+
+
+def test_frames_look_along_the_drive() -> None:
+    angle = np.linspace(0.0, 3.0, 600)
+    curve = drive(20 * np.sin(angle), -20 * np.cos(angle), 0.0)
+    curve[:, 3] = angle
+    frames = place_tiles(curve, NONE, SPACING_M)
+    assert reached(frames, curve) <= 0.5 * SPACING_M
+    np.testing.assert_allclose(frames[:, 0], 20 * np.sin(frames[:, 2]), atol=1e-9)
+
+
+def test_a_second_drive_over_the_same_road_adds_none_in_either_direction() -> None:
+    frames = place_tiles(ROAD, NONE, SPACING_M)
+    beside = ROAD.copy()
+    beside[:, 1] += 0.3
+    assert place_tiles(ROAD, frames, SPACING_M).shape == (0, 3)
+    back = ROAD[::-1].copy()
+    back[:, 3] = np.pi
+    assert place_tiles(back, frames, SPACING_M).shape == (0, 3)
+    # A lane 0.3 m over may need a frame where it just leaves the reach of two neighbours, no more.
+    assert reached(np.concatenate([frames, place_tiles(beside, frames, SPACING_M)]), beside) <= 0.5 * SPACING_M
+
+
+def test_a_drive_on_another_road_gets_its_own() -> None:
+    frames = place_tiles(ROAD, NONE, SPACING_M)
+    other = ROAD.copy()
+    other[:, 1] += 20.0
+    assert len(place_tiles(other, frames, SPACING_M)) == len(frames)
+
+
+def test_a_longer_drive_adds_what_is_new() -> None:
+    frames = place_tiles(ROAD[:600], NONE, SPACING_M)
+    added = place_tiles(ROAD, frames, SPACING_M)
+    assert added[:, 0].min() > frames[:, 0].max() + 0.5 * SPACING_M
+    assert reached(np.concatenate([frames, added]), ROAD) <= 0.5 * SPACING_M
