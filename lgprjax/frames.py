@@ -53,7 +53,8 @@ class LocalFrame:
     def heading_of_yaw(self, yaw_rad: Array1, longitude_deg: Array1) -> Array1:
         """Compass heading in [0, 360) of a yaw at a longitude."""
         heading = np.degrees(np.pi / 2 - yaw_rad + self._convergence(longitude_deg))
-        return np.asarray(np.mod(heading, 360.0))
+        turned = np.mod(heading, 360.0)  # of a tiny negative angle, 360 itself
+        return np.asarray(np.where(turned < 360.0, turned, 0.0))
 
     def _convergence(self, longitude_deg: Array1) -> Array1:
         """Angle, radians, from the anchor's east to the east of the point's own meridian."""
@@ -63,7 +64,8 @@ class LocalFrame:
 
 def wrap_angle(angle_rad: Array1) -> Array1:
     """The same angle in [-pi, pi)."""
-    return np.asarray(np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi)
+    wrapped = np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi
+    return np.asarray(np.where(wrapped < np.pi, wrapped, -np.pi))
 
 
 def body_to_local(east_m: Array1, north_m: Array1, yaw_rad: Array1, x_m: float, y_m: float) -> tuple[Array1, Array1]:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import jax
 import pytest
+
 from generated import Site, make_site
 
 jax.config.update("jax_numpy_rank_promotion", "raise")

@@ -24,8 +24,8 @@ from lgprjax.subsurface import (
     Coherence,
     MapDescription,
     ScanBlock,
+    TilePlacer,
     coherence_lag,
-    place_tiles,
     stations_of_drive,
 )
 
@@ -67,7 +67,7 @@ def build_map(
         recording = _traces_of(first)
         samples = profile_samples(recording.samples, recording.sample_interval_ns, recording.time_zero_ns, settings)
     tile_spacing_m = max(4.0, 10.0 * settings.step_m)
-    frames = np.zeros((0, 3))
+    tiles = TilePlacer(tile_spacing_m)
     references: list[float] = []
     coherence: Coherence | None = None
     inputs: list[dict[str, object]] = []
@@ -86,9 +86,7 @@ def build_map(
                         scale = float(np.sqrt(np.mean(block.profile[block.valid] ** 2))) or 1.0
                     block = block._replace(profile=block.profile / np.float32(scale))
                     coherence = (coherence or Coherence.empty(block.profile.shape[2])).add(block, lag)
-                    added = place_tiles(block.pose, frames, tile_spacing_m)
-                    frames = np.concatenate([frames, added])
-                    references += [float(np.median(block.pose[:, 2]))] * len(added)
+                    references += [float(np.median(block.pose[:, 2]))] * tiles.place(block.pose)
                     writer.append(block, number)
                 if writer.stations - before < 2:
                     raise InputError(
@@ -116,7 +114,7 @@ def build_map(
             "steps": [*steps, "coherence gain (stored beside)"],
             "inputs": inputs,
         }
-        writer.finish(description, frames, np.asarray(references), provenance)
+        writer.finish(description, tiles.frames, np.asarray(references), provenance)
     return description
 
 

@@ -115,14 +115,14 @@ def run_swarm(
     config: SwarmConfig,
 ) -> SwarmResult:
     """Run the swarm from given start positions for ``config.iterations`` updates. The key is consumed."""
-    first, *steps = jax.random.split(key, config.iterations + 1)
-    state = init_swarm(first, start, objective)
+    keys = jax.random.split(key, config.iterations + 1)
+    state = init_swarm(keys[0], start, objective)
 
     def body(carry: SwarmState, step_key: Key[Array, ""]) -> tuple[SwarmState, Float[Array, ""]]:
         after = step_swarm(step_key, carry, objective, free, config=config)
         return after, jnp.max(after.best_score)
 
-    end, history = jax.lax.scan(body, state, jnp.stack(steps))
+    end, history = jax.lax.scan(body, state, keys[1:])
     winner = jnp.argmax(end.best_score)
     return SwarmResult(
         end.best_position[winner],

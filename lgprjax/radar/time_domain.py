@@ -65,7 +65,7 @@ def default_chain(centre_frequency_hz: float, scan_spacing_m: float) -> ChainSet
 
 def profile_samples(samples: int, sample_interval_ns: float, time_zero_ns: float, settings: ChainSettings) -> int:
     """Samples of the profile of a recording: those between travel time zero and the recording's end."""
-    window_ns = samples * sample_interval_ns - max(time_zero_ns, 0.0)
+    window_ns = samples * sample_interval_ns - time_zero_ns
     return max(2, int(window_ns / settings.sample_interval_ns))
 
 
@@ -99,7 +99,9 @@ def profile_operator(
     inverse = np.exp(2e-9j * np.pi * np.outer(frequencies_hz, time_ns))
     twice = np.where((frequencies_hz > 0) & (np.arange(len(frequencies_hz)) < padded // 2), 2.0, 1.0)
     weight = band_response(frequencies_hz, settings) * twice / padded
-    return jnp.asarray(((spectrum * weight) @ inverse).real, dtype=jnp.float32)
+    # The transform is periodic in the padded length: a profile longer than that would begin anew.
+    recorded = time_ns < samples * sample_interval_ns
+    return jnp.asarray(((spectrum * weight) @ inverse).real * recorded, dtype=jnp.float32)
 
 
 @partial(jax.jit, static_argnames="half_width")

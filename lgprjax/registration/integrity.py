@@ -32,6 +32,28 @@ def default_thresholds() -> Thresholds:
     return Thresholds(strength=0.55, margin=0.045, overlap=0.6)
 
 
+def stencil_poses(pose: Float[Array, "5"], steps: Float[Array, "5"]) -> Float[Array, "31 5"]:
+    """The pose, its neighbours along each axis, and those along the diagonal of each pair of axes."""
+    unit = np.eye(5, dtype=np.float32)
+    rows, columns = np.triu_indices(5, k=1)
+    pair = unit[rows] + unit[columns]
+    offsets = np.concatenate([np.zeros((1, 5), np.float32), unit, -unit, pair, -pair])
+    return pose[None, :] + jnp.asarray(offsets) * steps[None, :]
+
+
+def curvature(stencil: Float[Array, " pose"], steps: Float[Array, "5"]) -> Float[Array, "5 5"]:
+    """Hessian of the score from its values at ``stencil_poses``, by central differences."""
+    # A step off the map says nothing about the summit's shape.
+    stencil = jnp.where(stencil > -1.5, stencil, stencil[0])
+    centre, plus, minus = stencil[0], stencil[1:6], stencil[6:11]
+    rows, columns = np.triu_indices(5, k=1)
+    diagonal = (plus + minus - 2.0 * centre) / steps**2
+    mixed = (stencil[11:21] + stencil[21:31] + 2.0 * centre - (plus + minus)[rows] - (plus + minus)[columns]) / (
+        2.0 * steps[rows] * steps[columns]
+    )
+    return jnp.diag(diagonal).at[rows, columns].set(mixed).at[columns, rows].set(mixed)
+
+
 def peak_covariance(
     stencil: Float[Array, " pose"],
     steps: Float[Array, "5"],
@@ -52,14 +74,7 @@ def peak_covariance(
         floor: standard deviation of the correlation away from the peak.
         half_width: of the search region.
     """
-    centre, plus, minus = stencil[0], stencil[1:6], stencil[6:11]
-    rows, columns = np.triu_indices(5, k=1)
-    diagonal = (plus + minus - 2.0 * centre) / steps**2
-    cross_plus, cross_minus = stencil[11:21], stencil[21:31]
-    mixed = (cross_plus + cross_minus + 2.0 * centre - (plus + minus)[rows] - (plus + minus)[columns]) / (
-        2.0 * steps[rows] * steps[columns]
-    )
-    hessian = jnp.diag(diagonal).at[rows, columns].set(mixed).at[columns, rows].set(mixed)
+    centre, hessian = stencil[0], curvature(stencil, steps)
     numbers = jnp.clip(1.0 / jnp.maximum(floor, 1e-3) ** 2, 4.0, 4000.0)
     r = jnp.clip(centre, 0.0, 0.999)
     information = -hessian * numbers * r / (1.0 - r**2)
@@ -68,15 +83,6 @@ def peak_covariance(
     value, vector = jnp.linalg.eigh(0.5 * (scaled + scaled.T))
     covariance: Float[Array, "5 5"] = (vector / (jnp.maximum(value, 0.0) + 3.0)[None, :]) @ vector.T
     return covariance * half_width[:, None] * half_width[None, :]
-
-
-def stencil_poses(pose: Float[Array, "5"], steps: Float[Array, "5"]) -> Float[Array, "31 5"]:
-    """The pose, its neighbours along each axis, and those along the diagonal of each pair of axes."""
-    unit = np.eye(5, dtype=np.float32)
-    rows, columns = np.triu_indices(5, k=1)
-    pair = unit[rows] + unit[columns]
-    offsets = np.concatenate([np.zeros((1, 5), np.float32), unit, -unit, pair, -pair])
-    return pose[None, :] + jnp.asarray(offsets) * steps[None, :]
 
 
 def judge(

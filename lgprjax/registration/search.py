@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key, UInt32
 
 from lgprjax.pso import SwarmConfig, run_swarm
+from lgprjax.radar import air_delay_ns, shift_travel_time
 from lgprjax.registration.coarse import CoarseSurface, Modes, coarse_surface, find_modes, trace_products
 from lgprjax.registration.correlation import Score, Template, score_poses
 from lgprjax.registration.fix import Fix
@@ -30,7 +31,7 @@ class SearchSpec:
     lattice: tuple[int, int]
     margin: tuple[int, int]
     modes: int = 2
-    swarm: SwarmConfig = field(default_factory=lambda: SwarmConfig(particles=16, iterations=8))
+    swarm: SwarmConfig = field(default_factory=lambda: SwarmConfig(particles=24, iterations=16))
 
 
 class Region(NamedTuple):
@@ -84,7 +85,12 @@ def register_batch(
     template = problem.template._replace(
         coefficients=jnp.where(sane[..., None], problem.template.coefficients, 0.0), valid=sane
     )
-    products = trace_products(tile, template)
+    # The coarse stage has the prior's height and roll: antennas to the tile's reference, as in score_poses.
+    height_m = problem.prior[:, 2, None] + template.offset_m[..., 1] * jnp.sin(problem.prior[:, 4, None])
+    levelled = shift_travel_time(
+        template.coefficients, -air_delay_ns(height_m - height_reference_m), angular_frequency_rad_per_ns
+    )
+    products = trace_products(tile, template._replace(coefficients=levelled))
 
     def one(lane: tuple[Template, Array, Array, Array, Array, Array]) -> Fix:
         lane_template, lane_products, prior, half_width, finite, number = lane
@@ -158,6 +164,8 @@ def _register(
     # About a mode the swarm explores what the coarse stage rounded off, no more: modes stay apart.
     reach = half_width.at[:2].set(jnp.minimum(1.5 * tile.cell_m, half_width[:2]))
 
+    steps = jnp.concatenate([tile.cell_m, jnp.asarray([0.02, 0.01, 0.01], jnp.float32)])
+
     def score(pose: Float[Array, "particle 5"]) -> Score:
         return score_poses(tile, template, pose, height_reference_m, angular_frequency_rad_per_ns, thresholds.overlap)
 
@@ -176,7 +184,6 @@ def _register(
     best = jnp.argmax(scores)
     pose, strength = poses[best], scores[best]
     runner_up = jnp.max(jnp.where(jnp.arange(spec.modes) == best, -1.0, scores))
-    steps = jnp.concatenate([tile.cell_m, jnp.asarray([0.02, 0.01, 0.01], jnp.float32)])
     peak = score(stencil_poses(pose, steps))
     covariance = peak_covariance(peak.correlation, steps, modes.floor, half_width)
     on_edge = jnp.any(region.free[:2] & (jnp.abs(pose[:2] - prior[:2]) > half_width[:2] - tile.cell_m))

@@ -2,7 +2,7 @@
 
 from lgprjax.subsurface.grid import GridSpec, TraceSet, grid_spec, grid_traces
 from lgprjax.subsurface.ground_map import GroundMap, MapDescription, Stations, StationSource
-from lgprjax.subsurface.index import SpatialIndex, place_tiles
+from lgprjax.subsurface.index import SpatialIndex, TilePlacer
 from lgprjax.subsurface.stations import (
     Coherence,
     ScanBlock,
@@ -23,11 +23,11 @@ __all__ = [
     "StationSource",
     "Stations",
     "Tile",
+    "TilePlacer",
     "TraceSet",
     "coherence_lag",
     "grid_spec",
     "grid_traces",
-    "place_tiles",
     "sample_tile",
     "stations_of_drive",
 ]

@@ -3,7 +3,8 @@
 Each antenna trace is spread over the cells around it by a Gaussian kernel whose axes follow the station's own
 heading: along the track stations are dense, across it they stand a channel pitch apart. The kernel is wide
 against its data's spacing, so that the noise of a cell hardly depends on where it lies between the traces;
-raw linear interpolation halves the noise at mid-step and draws matches there.
+raw linear interpolation halves the noise at mid-step and draws matches there. Only where stations stand more than
+a third of a wavelength apart does the kernel stay narrower: there it would smooth the ground itself away.
 """
 
 from dataclasses import dataclass
@@ -76,7 +77,7 @@ def grid_spec(along_m: float, cross_m: float, *, step_m: float, pitch_m: float, 
         cross_cells=_rung(cross_m / cross_cell_m + 1),
         along_cell_m=along_cell_m,
         cross_cell_m=cross_cell_m,
-        along_spread_m=max(0.4 * step_m, 0.8 * along_cell_m),
+        along_spread_m=max(min(0.6 * step_m, 0.2 * wavelength_m), 0.4 * step_m, 0.8 * along_cell_m),
         cross_spread_m=0.6 * pitch_m,
     )
 

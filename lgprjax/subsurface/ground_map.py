@@ -24,7 +24,7 @@ class MapDescription(NamedTuple):
         settings: the chain that its baselines went through, and live scans must.
         channel_pitch_m: spacing of the array's channels.
         channels: largest number of channels of a baseline.
-        tile_spacing_m: distance between tile frames along a route.
+        tile_spacing_m: no station is farther than half of this from a tile frame.
         gain: depth gain of each profile sample.
     """
 

@@ -43,41 +43,44 @@ def _key(cell: Int[np.ndarray, "point 2"]) -> Int[np.ndarray, " point"]:
     return np.asarray(cell[:, 0] * (1 << 32) + cell[:, 1] + (1 << 31))
 
 
-def place_tiles(
-    pose: Float[np.ndarray, "scan 5"],
-    known: Float[np.ndarray, "tile 3"],
-    spacing_m: float,
-) -> Float[np.ndarray, "added 3"]:
-    """Frames (east_m, north_m, yaw_rad) of the tiles along a drive that earlier ones do not serve yet.
+class TilePlacer:
+    """Places tile frames (east_m, north_m, yaw_rad) along drives, where earlier ones do not serve yet.
 
-    A tile stands on the drive, its axis along it. A stretch is served when a frame lies within half the
-    spacing; a second drive over the same road, in either direction, adds none.
+    A tile stands on the drive, its axis along it. A station is served by a frame within half the spacing: a second
+    drive over the same road, in either direction, adds hardly any.
 
     Args:
-        pose: of the drive's stations.
-        known: frames there are.
-        spacing_m: distance between frames along the drive.
+        spacing_m: no station is farther than half of this from a frame.
     """
-    frames = [tuple(frame) for frame in known]
-    added: list[tuple[float, float, float]] = []
-    cells: dict[tuple[int, int], list[int]] = {}
 
-    def remember(number: int) -> None:
-        east, north, _ = frames[number]
-        cells.setdefault((int(east // spacing_m), int(north // spacing_m)), []).append(number)
+    def __init__(self, spacing_m: float) -> None:
+        self._spacing_m = spacing_m
+        self._frames: list[tuple[float, float, float]] = []
+        self._cells: dict[tuple[int, int], list[int]] = {}
 
-    for number in range(len(frames)):
-        remember(number)
-    for east, north, _, yaw, _ in pose:
-        column, row = int(east // spacing_m), int(north // spacing_m)
-        around = (
-            frames[number]
-            for i in (column - 1, column, column + 1)
-            for j in (row - 1, row, row + 1)
-            for number in cells.get((i, j), ())
-        )
-        if all(np.hypot(east - e, north - n) > 0.5 * spacing_m for e, n, _ in around):
-            frames.append((float(east), float(north), float(yaw)))
-            added.append(frames[-1])
-            remember(len(frames) - 1)
-    return np.asarray(added, dtype=np.float64).reshape(-1, 3)
+    @property
+    def frames(self) -> Float[np.ndarray, "tile 3"]:
+        """All frames so far."""
+        return np.asarray(self._frames, dtype=np.float64).reshape(-1, 3)
+
+    def place(self, pose: Float[np.ndarray, "scan 5"]) -> int:
+        """Place frames for the next stations of a drive; returns how many were added."""
+        before = len(self._frames)
+        for east, north, _, yaw, _ in pose:
+            if not self._served(float(east), float(north)):
+                self._cells.setdefault(self._cell(east, north), []).append(len(self._frames))
+                self._frames.append((float(east), float(north), float(yaw)))
+        return len(self._frames) - before
+
+    def _cell(self, east: float, north: float) -> tuple[int, int]:
+        return int(east // self._spacing_m), int(north // self._spacing_m)
+
+    def _served(self, east: float, north: float) -> bool:
+        column, row = self._cell(east, north)
+        for i in (column - 1, column, column + 1):
+            for j in (row - 1, row, row + 1):
+                for number in self._cells.get((i, j), ()):
+                    x, y, _ = self._frames[number]
+                    if np.hypot(east - x, north - y) <= 0.5 * self._spacing_m:
+                        return True
+        return False

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from generated import Site, make_site, register_site
 
+from generated import Site, make_site, register_site
 from lgprjax.archive import RegisteredDrive, build_map, register_log
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording
 from lgprjax.registration import Code, RegisterOptions

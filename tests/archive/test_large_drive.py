@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from generated import Site
 
+from generated import Site
 from lgprjax.formats import DriveLog, DriveWriter, NavigationTrack, OdometryTrack
 
 GIGABYTES = float(os.environ.get("LGPRJAX_LARGE_GB", "10"))
@@ -30,7 +30,7 @@ def write_large(source: Path, target: Path, gigabytes: float) -> int:
         run_m = float(odometry.distance_m[-1])
 
         def again(values: np.ndarray, step: float) -> np.ndarray:
-            return (values[None] + step * np.arange(passes)[:, None]).reshape(-1)
+            return np.asarray((values[None] + step * np.arange(passes)[:, None]).reshape(-1))
 
         whole = navigation.time_s < period_s - 1e-9
         covered = odometry.time_s < period_s - 1e-9

@@ -10,8 +10,8 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from generated import Site
 
+from generated import Site
 from lgprjax.cli import main
 from lgprjax.formats import DriveLog, DriveWriter
 

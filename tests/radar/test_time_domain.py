@@ -123,7 +123,6 @@ def test_nothing_wraps_from_the_surface_to_the_end() -> None:
     assert profile[kept // 2 :].max() < 1e-3 * profile.max()
 
 
-@pytest.mark.xfail(strict=True, reason="profile times beyond twice the recording come round to its start again")
 def test_beyond_the_recordings_end_there_is_nothing() -> None:
     """A short live recording against a deep map."""
     samples, interval_ns = 64, 0.4

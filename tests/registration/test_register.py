@@ -83,9 +83,6 @@ def test_a_known_pose_is_found(tile: Tile, ground: Ground, seed: int) -> None:
     np.testing.assert_array_equal(fix.overlap, 1.0)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="the swarm of 16 x 8 stops before the summit: 1.4 degrees RMS, 0.5 at the summit"
-)
 def test_the_heading_found_is_better_than_the_prior(tile: Tile, ground: Ground) -> None:
     """24 fixes; the priors err by 1.15 degrees RMS, the best pose that the score knows by 0.5."""
     errors = []
@@ -108,7 +105,6 @@ def test_an_array_higher_than_at_the_time_of_the_map_is_found_when_the_prior_say
     assert_found(register(tile, make_problem(ground, truth, prior)), truth)
 
 
-@pytest.mark.xfail(strict=True, reason="the coarse stage matches the traces as recorded, not at the prior's height")
 def test_an_array_much_higher_than_at_the_time_of_the_map_is_found_when_the_prior_says_so(
     tile: Tile, ground: Ground
 ) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lgprjax.subsurface import SpatialIndex, place_tiles
+from lgprjax.subsurface import SpatialIndex, TilePlacer
 
 COORDINATE = st.floats(-40.0, 40.0, width=32)
 POINT = st.tuples(COORDINATE, COORDINATE)
@@ -47,9 +47,16 @@ def drive(east: np.ndarray, north: np.ndarray, yaw_rad: float) -> np.ndarray:
     return pose
 
 
-NONE = np.zeros((0, 3))
 SPACING_M = 4.0
 ROAD = drive(np.arange(-30.0, 30.0, 0.05), np.full(1200, -5.0), 0.0)
+
+
+def placed(*poses: np.ndarray) -> np.ndarray:
+    """Frames after drives in this order."""
+    placer = TilePlacer(SPACING_M)
+    for pose in poses:
+        placer.place(pose)
+    return placer.frames
 
 
 def reached(frames: np.ndarray, pose: np.ndarray) -> float:
@@ -59,7 +66,7 @@ def reached(frames: np.ndarray, pose: np.ndarray) -> float:
 
 
 def test_every_stretch_of_a_drive_is_within_half_the_spacing_of_a_frame() -> None:
-    frames = place_tiles(ROAD, NONE, SPACING_M)
+    frames = placed(ROAD)
     assert reached(frames, ROAD) <= 0.5 * SPACING_M
     gaps_m = np.diff(frames[:, 0])
     assert np.all(gaps_m > 0.5 * SPACING_M)
@@ -71,32 +78,32 @@ def test_frames_look_along_the_drive() -> None:
     angle = np.linspace(0.0, 3.0, 600)
     curve = drive(20 * np.sin(angle), -20 * np.cos(angle), 0.0)
     curve[:, 3] = angle
-    frames = place_tiles(curve, NONE, SPACING_M)
+    frames = placed(curve)
     assert reached(frames, curve) <= 0.5 * SPACING_M
     np.testing.assert_allclose(frames[:, 0], 20 * np.sin(frames[:, 2]), atol=1e-9)
 
 
 def test_a_second_drive_over_the_same_road_adds_none_in_either_direction() -> None:
-    frames = place_tiles(ROAD, NONE, SPACING_M)
+    frames = placed(ROAD)
     beside = ROAD.copy()
     beside[:, 1] += 0.3
-    assert place_tiles(ROAD, frames, SPACING_M).shape == (0, 3)
+    assert len(placed(ROAD, ROAD)) == len(frames)
     back = ROAD[::-1].copy()
     back[:, 3] = np.pi
-    assert place_tiles(back, frames, SPACING_M).shape == (0, 3)
+    assert len(placed(ROAD, back)) == len(frames)
     # A lane 0.3 m over may need a frame where it just leaves the reach of two neighbours, no more.
-    assert reached(np.concatenate([frames, place_tiles(beside, frames, SPACING_M)]), beside) <= 0.5 * SPACING_M
+    assert reached(placed(ROAD, beside), beside) <= 0.5 * SPACING_M
 
 
 def test_a_drive_on_another_road_gets_its_own() -> None:
-    frames = place_tiles(ROAD, NONE, SPACING_M)
+    frames = placed(ROAD)
     other = ROAD.copy()
     other[:, 1] += 20.0
-    assert len(place_tiles(other, frames, SPACING_M)) == len(frames)
+    assert len(placed(ROAD, other)) == 2 * len(frames)
 
 
 def test_a_longer_drive_adds_what_is_new() -> None:
-    frames = place_tiles(ROAD[:600], NONE, SPACING_M)
-    added = place_tiles(ROAD, frames, SPACING_M)
+    frames = placed(ROAD[:600])
+    added = placed(ROAD[:600], ROAD)[len(frames) :]
     assert added[:, 0].min() > frames[:, 0].max() + 0.5 * SPACING_M
-    assert reached(np.concatenate([frames, added]), ROAD) <= 0.5 * SPACING_M
+    assert reached(placed(ROAD[:600], ROAD), ROAD) <= 0.5 * SPACING_M

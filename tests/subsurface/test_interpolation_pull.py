@@ -128,7 +128,6 @@ def test_scans_finer_than_the_step_do_not_pull(on_traces: bool) -> None:
     assert abs(pull_m) < 0.002
 
 
-@pytest.mark.xfail(strict=True, reason="a kernel of 0.4 steps halves the noise between stations that are single scans")
 @pytest.mark.parametrize("on_traces", [False, True])
 def test_scans_as_coarse_as_the_step_do_not_pull(on_traces: bool) -> None:
     """Scans 10 cm apart are the stations: the setting of the study, where 1-2-1 smoothing reached 1.9 cm."""
