@@ -54,7 +54,7 @@ class LocalFrame:
         """Compass heading in [0, 360) of a yaw at a longitude."""
         heading = np.degrees(np.pi / 2 - yaw_rad + self._convergence(longitude_deg))
         turned = np.mod(heading, 360.0)  # of a tiny negative angle, 360 itself
-        return np.asarray(np.where(turned < 360.0, turned, 0.0))
+        return np.asarray(np.where(turned >= 360.0, 0.0, turned))
 
     def _convergence(self, longitude_deg: Array1) -> Array1:
         """Angle, radians, from the anchor's east to the east of the point's own meridian."""
@@ -65,7 +65,7 @@ class LocalFrame:
 def wrap_angle(angle_rad: Array1) -> Array1:
     """The same angle in [-pi, pi)."""
     wrapped = np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi
-    return np.asarray(np.where(wrapped < np.pi, wrapped, -np.pi))
+    return np.asarray(np.where(wrapped >= np.pi, -np.pi, wrapped))
 
 
 def body_to_local(east_m: Array1, north_m: Array1, yaw_rad: Array1, x_m: float, y_m: float) -> tuple[Array1, Array1]:

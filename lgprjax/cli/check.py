@@ -1,6 +1,5 @@
 """``lgprjax check``: hold files against their schema."""
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
@@ -8,7 +7,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.errors import require_files
-from lgprjax.cli.progress import console
+from lgprjax.cli.progress import console, working
 
 
 @dataclass(frozen=True)
@@ -21,15 +20,18 @@ class Check:
     ]
     json: Path | None = None
     """also write the findings to this file"""
+    force: bool = False
+    """replace that file if it exists"""
 
     def run(self) -> int:
         """Check; status 1 if any file cannot be used."""
+        from lgprjax.cli.figures import write_figures
         from lgprjax.formats import check_file
 
         require_files(self.files, "files")
         findings = []
         for path in self.files:
-            with console.status(f"checking {path}"):
+            with working(f"checking {path}"):
                 found = check_file(path)
             findings += found
             for finding in found:
@@ -37,5 +39,5 @@ class Check:
             if not found:
                 console.print(f"{path}: ok", highlight=False, soft_wrap=True, markup=False)
         if self.json is not None:
-            self.json.write_text(json.dumps([asdict(f) for f in findings], indent=2) + "\n", encoding="utf-8")
+            write_figures(self.json, [asdict(finding) for finding in findings], force=self.force)
         return int(any(finding.severity == "error" for finding in findings))

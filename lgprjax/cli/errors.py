@@ -33,7 +33,7 @@ def run_verb(verb: Callable[[], int | None]) -> int:
         print(f"lgprjax: {error} (see --help)", file=sys.stderr)
         return USAGE
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EACCES, errno.EROFS, errno.EDQUOT):
+        if error.errno not in (errno.ENOSPC, errno.EFBIG, errno.EACCES, errno.EROFS, errno.EDQUOT):
             raise
         print(f"lgprjax: {error.filename}: {os.strerror(error.errno)}", file=sys.stderr)
         return BAD_INPUT

@@ -8,7 +8,7 @@ import tyro
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.errors import require_files
-from lgprjax.cli.progress import console
+from lgprjax.cli.progress import console, working
 from lgprjax.errors import InputError
 
 Output = Annotated[Path, arg(aliases=["-o"], help="drive log to write, X.drive.h5")]
@@ -134,14 +134,15 @@ class ImportGrounded:
         """Import."""
         from lgprjax.formats import import_grounded
 
-        import_grounded(
-            self.run_dir,
-            utm_zone=self.utm_zone,
-            sample_interval_ns=self.sample_interval_ns,
-            scan_rate_hz=self.scan_rate_hz,
-            output=self.output,
-            force=self.force,
-        )
+        with working(f"importing {self.run_dir}"):
+            import_grounded(
+                self.run_dir,
+                utm_zone=self.utm_zone,
+                sample_interval_ns=self.sample_interval_ns,
+                scan_rate_hz=self.scan_rate_hz,
+                output=self.output,
+                force=self.force,
+            )
         console.print(f"wrote {self.output}", highlight=False)
 
 
@@ -159,18 +160,19 @@ def _lines(
     from lgprjax.formats import import_lines
 
     latitude_deg, longitude_deg, heading_deg = place
-    import_lines(
-        files,
-        line_spacing_m=spacing_m,
-        first_line_m=first_m,
-        length_m=length_m,
-        reversed_lines=backwards,
-        latitude_deg=latitude_deg,
-        longitude_deg=longitude_deg,
-        heading_deg=heading_deg,
-        output=output,
-        force=force,
-    )
+    with working(f"importing {len(files)} file(s)"):
+        import_lines(
+            files,
+            line_spacing_m=spacing_m,
+            first_line_m=first_m,
+            length_m=length_m,
+            reversed_lines=backwards,
+            latitude_deg=latitude_deg,
+            longitude_deg=longitude_deg,
+            heading_deg=heading_deg,
+            output=output,
+            force=force,
+        )
     console.print(f"wrote {output}", highlight=False)
     if latitude_deg == 0.0 and longitude_deg == 0.0:
         console.print("the site's origin was put at latitude 0, longitude 0 (see --latitude-deg)", highlight=False)

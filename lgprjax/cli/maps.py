@@ -1,6 +1,5 @@
 """``lgprjax map``: build a subsurface database, tell what one covers."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -42,7 +41,7 @@ class MapBuild:
         with progress_bar("building map", scans) as progress:
             build_map(self.drives, self.output, centre_frequency_hz=frequency, force=self.force, progress=progress)
         console.print(f"wrote {self.output}", highlight=False)
-        _print_info(self.output, None)
+        _print_info(self.output)
 
 
 @dataclass(frozen=True)
@@ -52,13 +51,19 @@ class MapInfo:
     file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
     json: Path | None = None
     """also write the figures to this file"""
+    force: bool = False
+    """replace that file if it exists"""
 
     def run(self) -> None:
         """Print."""
-        _print_info(self.file, self.json)
+        from lgprjax.cli.figures import write_figures
+
+        figures = _print_info(self.file)
+        if self.json is not None:
+            write_figures(self.json, figures, force=self.force)
 
 
-def _print_info(path: Path, json_path: Path | None) -> None:
+def _print_info(path: Path) -> dict[str, object]:
     from lgprjax.formats import MapFile
 
     with MapFile.open(path) as source:
@@ -89,8 +94,7 @@ def _print_info(path: Path, json_path: Path | None) -> None:
     for name, value in figures.items():
         table.add_row(name, ", ".join(map(str, value)) if isinstance(value, list) else str(value))
     console.print(table)
-    if json_path is not None:
-        json_path.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    return figures
 
 
 MapVerb = Annotated[MapBuild, tyro.conf.subcommand("build")] | Annotated[MapInfo, tyro.conf.subcommand("info")]

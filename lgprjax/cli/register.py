@@ -1,6 +1,5 @@
 """``lgprjax register``: drives against a map; fixes, summary and pictures."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.errors import UsageError, require_files
-from lgprjax.cli.progress import console, progress_bar
+from lgprjax.cli.progress import console, progress_bar, working
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,6 +44,7 @@ class Register:
 
     def run(self) -> None:
         """Register."""
+        from lgprjax.cli.figures import write_figures
         from lgprjax.registration import RegisterOptions
         from lgprjax.report import summary_table
 
@@ -58,7 +58,7 @@ class Register:
         console.print(summary_table(summaries))
         write_page(results, self.output, "Registration", force=self.force, options=options)
         if self.json is not None:
-            self.json.write_text(_json(summaries), encoding="utf-8")
+            write_figures(self.json, [summary.as_json() for summary in summaries], force=self.force)
         console.print(f"fixes, summary.json and pictures: {self.output}", highlight=False, soft_wrap=True)
         console.print(f"report: {(self.output / 'report.html').resolve()}", highlight=False, soft_wrap=True)
 
@@ -83,6 +83,7 @@ def register_all(
         impostors: names of drives that are known to lie on other ground.
     """
     from lgprjax.archive import register_log, write_registered
+    from lgprjax.cli.figures import write_figures
     from lgprjax.formats import DriveLog, MapFile
     from lgprjax.report import drive_section, summarise
 
@@ -99,10 +100,11 @@ def register_all(
                     drive = register_log(source, log, options, progress)
                 write_registered(drive, source, log, options, folder, force)
                 result = drive_result(drive, source, impostor=drive.name in impostors)
-                figures = _draw(result, drive, source, log, options, folder, force)
+                with working(f"drawing {path.name}"):
+                    figures = _draw(result, drive, source, log, options, folder, force)
                 summary = summarise(result)
                 results.append((result, summary, drive_section(result, summary, figures)))
-    (folder / "summary.json").write_text(_json([summary for _, summary, _ in results]), encoding="utf-8")
+    write_figures(folder / "summary.json", [summary.as_json() for _, summary, _ in results], force=force)
     return results
 
 
@@ -256,7 +258,3 @@ def _claim(folder: Path, names: Sequence[str], force: bool) -> None:
         if (folder / output).exists() and not force:
             raise InputError(folder / output, "output", "a new file, or --force", "the file exists")
     folder.mkdir(parents=True, exist_ok=True)
-
-
-def _json(summaries: Sequence["DriveSummary"]) -> str:
-    return json.dumps([summary.as_json() for summary in summaries], indent=2) + "\n"

@@ -23,6 +23,11 @@ class Thresholds(NamedTuple):
     overlap: float | Float[Array, ""]
 
 
+PRIOR = (3.0, 3.0, 9.0, 9.0, 9.0)
+"""Information of the prior, per squared half width of the region: position uniform within it, attitude and height
+normal with the half width as three sigma."""
+
+
 def default_thresholds() -> Thresholds:
     """One set for all ground.
 
@@ -42,16 +47,32 @@ def stencil_poses(pose: Float[Array, "5"], steps: Float[Array, "5"]) -> Float[Ar
 
 
 def curvature(stencil: Float[Array, " pose"], steps: Float[Array, "5"]) -> Float[Array, "5 5"]:
-    """Hessian of the score from its values at ``stencil_poses``, by central differences."""
-    # A step off the map says nothing about the summit's shape.
-    stencil = jnp.where(stencil > -1.5, stencil, stencil[0])
+    """Hessian of the score from its values at ``stencil_poses``, by central differences.
+
+    At the map's rim a step may lead off it, and says nothing there: the step to the other side then stands for
+    both (a summit is level), and a diagonal one for none.
+    """
+    on_map = stencil > -1.5
     centre, plus, minus = stencil[0], stencil[1:6], stencil[6:11]
-    rows, columns = np.triu_indices(5, k=1)
-    diagonal = (plus + minus - 2.0 * centre) / steps**2
-    mixed = (stencil[11:21] + stencil[21:31] + 2.0 * centre - (plus + minus)[rows] - (plus + minus)[columns]) / (
-        2.0 * steps[rows] * steps[columns]
+    plus_on, minus_on = on_map[1:6], on_map[6:11]
+    plus, minus = (
+        jnp.where(plus_on, plus, jnp.where(minus_on, minus, centre)),
+        jnp.where(minus_on, minus, jnp.where(plus_on, plus, centre)),
     )
+    rows, columns = np.triu_indices(5, k=1)
+    both = plus + minus
+    diagonal = (both - 2.0 * centre) / steps**2
+    pairs = stencil[11:21] + stencil[21:31] + 2.0 * centre - both[rows] - both[columns]
+    known = on_map[11:21] & on_map[21:31] & (plus_on & minus_on)[rows] & (plus_on & minus_on)[columns]
+    mixed = jnp.where(known, pairs / (2.0 * steps[rows] * steps[columns]), 0.0)
     return jnp.diag(diagonal).at[rows, columns].set(mixed).at[columns, rows].set(mixed)
+
+
+def noise_scale(correlation: Float[Array, ""], floor: Float[Array, ""]) -> Float[Array, ""]:
+    """How much correlation one unit of log-likelihood is worth at a peak: (1 - r²)/(N r), see ``peak_covariance``."""
+    numbers = jnp.clip(1.0 / jnp.maximum(floor, 1e-3) ** 2, 4.0, 4000.0)
+    r = jnp.clip(correlation, 0.05, 0.999)
+    return (1.0 - r**2) / (numbers * r)
 
 
 def peak_covariance(
@@ -65,8 +86,8 @@ def peak_covariance(
     With the gain projected out, the log-likelihood of a template of N independent numbers is
     -N/2 log(1 - r²), whose curvature at the peak is N r/(1 - r²) times that of r. N is not the number of
     samples: neighbours in depth, channel and track repeat each other. Ground that does not match scatters
-    with variance 1/N, so the surface away from the peak tells N. The search region itself is a prior: what
-    the radar does not see (roll, often) keeps the region's width.
+    with variance 1/N, so the surface away from the peak tells N. To this comes the prior (see ``PRIOR``): what
+    the radar does not see (roll, often) keeps the prior's width.
 
     Args:
         stencil: correlations at the poses of ``stencil_poses``.
@@ -75,13 +96,15 @@ def peak_covariance(
         half_width: of the search region.
     """
     centre, hessian = stencil[0], curvature(stencil, steps)
-    numbers = jnp.clip(1.0 / jnp.maximum(floor, 1e-3) ** 2, 4.0, 4000.0)
-    r = jnp.clip(centre, 0.0, 0.999)
-    information = -hessian * numbers * r / (1.0 - r**2)
+    information = -hessian / noise_scale(centre, floor)
+    # Where a step to either side leaves the map (the line of a single channel), the map itself says how far.
+    narrow = ~(stencil[1:6] > -1.5) & ~(stencil[6:11] > -1.5)
+    information = information + jnp.diag(jnp.where(narrow, 3.0 / steps**2, 0.0))
     # A direction that looks like a valley (noise on a flat peak) carries no information, not negative one.
     scaled = information * half_width[:, None] * half_width[None, :]
     value, vector = jnp.linalg.eigh(0.5 * (scaled + scaled.T))
-    covariance: Float[Array, "5 5"] = (vector / (jnp.maximum(value, 0.0) + 3.0)[None, :]) @ vector.T
+    seen = (vector * jnp.maximum(value, 0.0)[None, :]) @ vector.T
+    covariance: Float[Array, "5 5"] = jnp.linalg.inv(seen + jnp.diag(jnp.asarray(PRIOR, dtype=jnp.float32)))
     return covariance * half_width[:, None] * half_width[None, :]
 
 

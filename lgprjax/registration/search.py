@@ -13,7 +13,7 @@ from lgprjax.radar import air_delay_ns, shift_travel_time
 from lgprjax.registration.coarse import CoarseSurface, Modes, coarse_surface, find_modes, trace_products
 from lgprjax.registration.correlation import Score, Template, score_poses
 from lgprjax.registration.fix import Fix
-from lgprjax.registration.integrity import Thresholds, judge, peak_covariance, stencil_poses
+from lgprjax.registration.integrity import PRIOR, Thresholds, judge, noise_scale, peak_covariance, stencil_poses
 from lgprjax.subsurface import Tile
 
 
@@ -174,10 +174,19 @@ def _register(
         first, second = jax.random.split(jax.random.fold_in(key, mode))
         start = jax.random.uniform(first, (spec.swarm.particles, 5), minval=-1.0, maxval=1.0)
         start = jnp.where(region.free[None, :], start, 0.0).at[0].set(0.0)
-        found = run_swarm(
-            second, start, lambda u: score(centre[None] + u * reach[None]).strength, region.free, config=spec.swarm
-        )
-        return centre + found.position * reach, found.score
+        # The summit of the posterior: heading and roll from the INS and the height of the array are known
+        # beforehand, and one scan often tells less of them. Position has no such prior within its region.
+        attitude = jnp.asarray([0.0, 0.0, *PRIOR[2:]], dtype=jnp.float32)
+        worth = noise_scale(modes.strength[mode], modes.floor)
+
+        def posterior(u: Float[Array, "particle 5"]) -> Float[Array, " particle"]:
+            return score(centre[None] + u * reach[None]).strength - 0.5 * worth * jnp.sum(
+                attitude[None] * u**2, axis=-1
+            )
+
+        found = run_swarm(second, start, posterior, region.free, config=spec.swarm)
+        pose = centre + found.position * reach
+        return pose, score(pose[None]).strength[0]
 
     poses, scores = jax.lax.map(refine, jnp.arange(spec.modes))
     scores = jnp.where(modes.strength > -1.0, scores, -1.0)

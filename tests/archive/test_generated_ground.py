@@ -104,13 +104,13 @@ def test_windows_are_at_least_as_good(site: Site) -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_no_impostor_is_called_ok(seed: int, tmp_path: Path) -> None:
-    """Four roads of 70 m: 6,164 scans over ground that is not the map's, none of them ok."""
-    road = make_site(tmp_path, seed, 70.0)
+    """Four roads of 60 m: 5,044 scans over ground that is not the map's, none of them ok."""
+    road = make_site(tmp_path, seed, 60.0)
     drive = register_site(road, "impostor")
     code = np.asarray(drive.fix.code)
     strength = np.asarray(drive.fix.correlation) * np.sqrt(np.asarray(drive.fix.overlap))
     print(f"impostor {seed}: {len(code)} scans, highest strength {np.nanmax(strength):.3f}")
-    assert len(code) > 1500
+    assert len(code) > 1250
     assert np.sum(code == Code.OK) == 0
 
 

@@ -203,6 +203,26 @@ def test_register_writes_what_it_promises(
     assert run("check", folder / "short.fixes.csv", folder / "short.fixes.h5", site.map) == 0
 
 
+@pytest.mark.parametrize("verb", ["map", "register"])
+def test_full_disk_is_one_line_and_leaves_nothing_half_written(
+    verb: str, site: Site, short: Path, tmp_path: Path
+) -> None:
+    """Files may grow to 60 kB and no further, as on a disk that fills up."""
+    target = tmp_path / ("m.map.h5" if verb == "map" else "out")
+    words = ["map", "build", short] if verb == "map" else ["register", site.map, short]
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))"
+    code = f"{limit}; from lgprjax.cli import main; main({[str(w) for w in (*words, '-o', target)]!r})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 1, done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "File too large" in done.stderr
+    left = listing(tmp_path)
+    assert not [name for name in left if "partial" in name]
+    # What was finished before the disk was full is whole.
+    files = [tmp_path / name for name in left if name.endswith((".h5", ".csv"))]
+    assert not files or run("check", *files) == 0
+
+
 def test_map_info(site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("map", "info", site.map, "--json", tmp_path / "info.json") == 0
     figures = json.loads((tmp_path / "info.json").read_text())

@@ -9,6 +9,8 @@ from lgprjax.registration.integrity import judge, peak_covariance, stencil_poses
 
 STEPS = np.array([0.05, 0.06, 0.02, 0.01, 0.01])
 HALF_WIDTH = np.array([0.5, 0.5, 0.08, 0.05, 0.03])
+# Position is uniform in its region; of height, heading and roll the region is three sigma.
+PRIOR_SIGMA = HALF_WIDTH / np.array([np.sqrt(3.0), np.sqrt(3.0), 3.0, 3.0, 3.0])
 
 
 def parabola(hessian: np.ndarray, r: float) -> np.ndarray:
@@ -30,13 +32,13 @@ def covariance(stencil: np.ndarray, floor: float) -> np.ndarray:
 
 
 def test_the_covariance_is_the_inverse_of_the_curvature_and_the_prior() -> None:
-    """N r / (1 - r²) times the curvature, N = 1 / floor², beside the region's own 3 / width²; axes coupled."""
+    """N r / (1 - r²) times the curvature, N = 1 / floor², beside the prior; axes coupled."""
     root = np.array(
         [[7.0, 1.0, 0, 0, 2.0], [0, 5.0, 0, 0, 0], [0, 0, 9.0, 3.0, 0], [0, 0, 0, 6.0, 0], [0, 0, 0, 0, 8.0]]
     )
     hessian = -root.T @ root * 0.1
     r, floor = 0.8, 0.1
-    information = -hessian * 100.0 * r / (1 - r**2) + np.diag(3.0 / HALF_WIDTH**2)
+    information = -hessian * 100.0 * r / (1 - r**2) + np.diag(1.0 / PRIOR_SIGMA**2)
     np.testing.assert_allclose(
         covariance(parabola(hessian, r), floor), np.linalg.inv(information), rtol=0.02, atol=1e-6
     )
@@ -44,10 +46,10 @@ def test_the_covariance_is_the_inverse_of_the_curvature_and_the_prior() -> None:
 
 def test_a_flat_or_hollow_peak_leaves_the_region() -> None:
     flat = covariance(np.full(31, 0.7), 0.1)
-    np.testing.assert_allclose(flat, np.diag(HALF_WIDTH**2 / 3.0), rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(flat, np.diag(PRIOR_SIGMA**2), rtol=1e-4, atol=1e-9)
     hollow = covariance(parabola(np.diag([-50.0, 20.0, 0.0, 0.0, 0.0]), 0.7), 0.1)
     sigma = np.sqrt(np.diag(hollow))
-    np.testing.assert_allclose(sigma[1:], HALF_WIDTH[1:] / np.sqrt(3.0), rtol=1e-2)
+    np.testing.assert_allclose(sigma[1:], PRIOR_SIGMA[1:], rtol=1e-2)
     assert sigma[0] < 0.02
 
 

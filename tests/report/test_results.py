@@ -138,7 +138,8 @@ def test_unknown_code_and_partial_truth_are_refused() -> None:
         hand_drive(truth_yaw_rad=None)
 
 
-def test_terminal_table_has_a_row_a_drive_and_marks_the_wrong() -> None:
+def test_terminal_table_has_a_column_a_drive_and_marks_the_wrong() -> None:
     table = summary_table([summarise(straight_drive()), summarise(hand_drive())])
-    assert [row.style for row in table.rows] == [None, "bold red"]
-    assert list(table.columns[4].cells) == ["0", "1"]
+    assert [column.style for column in table.columns[1:]] == ["", "bold red"]
+    wrong = list(table.columns[0].cells).index("ok but wrong")
+    assert [list(column.cells)[wrong] for column in table.columns[1:]] == ["0", "1"]
