@@ -124,7 +124,8 @@ def write_page(
     )
     figure = ReportFigure(
         codes,
-        "Correlation and margin of all tried scans with the thresholds a fix must reach, and the codes given.",
+        "Correlation and margin of all tried scans with the thresholds a fix must reach, and the codes given. The "
+        "threshold stands where all traces lie on the map; with fewer on it the correlation must be higher.",
         "histograms of correlation and margin, bar of codes, one row a drive",
     )
     tables = (overview_table([summary for _, summary, _ in results]),)

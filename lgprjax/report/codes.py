@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 
 from lgprjax.report.results import CODES, DriveResult
 from lgprjax.report.style import BLUE, CODE_COLOURS, GAP, INK, MUTED, picture, write_caption
+from lgprjax.report.summary import labelled
 
 _BINS = 50
 _COMPACT: dict[str, Any] = {"frameon": False, "handlelength": 1.2, "columnspacing": 1.0}
@@ -47,7 +48,7 @@ def draw_codes(
             _draw_histogram(row[0], _shown(result.correlation, result), (0.0, 1.0), least_correlation, colour)
             _draw_histogram(row[1], _shown(result.margin, result), span, least_margin, colour)
             _draw_codes_bar(row[2], result)
-            name = f"{result.name} (impostor)" if result.impostor else result.name
+            name = labelled(result.name, impostor=result.impostor)
             row[0].set_title(f"{name}: {int(result.ok.sum())} ok of {int(result.tried.sum())} tried", fontweight="bold")
         grid[-1, 0].set_xlabel("correlation")
         grid[-1, 1].set_xlabel("margin over the runner-up")

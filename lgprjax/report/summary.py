@@ -108,7 +108,8 @@ OVERVIEW_HEADER = (
     "tried",
     "ok",
     "ok but wrong",
-    "median r",
+    "median r, ok fixes",
+    "median r at the truth",
     "RMS cross-track",
     "RMS along-track",
     "mean total",
@@ -117,16 +118,22 @@ OVERVIEW_HEADER = (
 )
 
 
+def labelled(name: str, *, impostor: bool) -> str:
+    """A drive's name, that of an impostor marked as one."""
+    return f"{name} (impostor)" if impostor and "impostor" not in name else name
+
+
 def overview_rows(summaries: Sequence[DriveSummary]) -> list[tuple[str, ...]]:
     """One row a drive under ``OVERVIEW_HEADER``, for the terminal and the page alike."""
     return [
         (
-            f"{s.name} (impostor)" if s.impostor else s.name,
+            labelled(s.name, impostor=s.impostor),
             s.map_name,
             str(s.tried),
             _percent(s.ok_fraction),
             _whole(s.wrong_ok),
             _number(s.median_correlation_ok),
+            _number(s.median_correlation_at_truth),
             _metres(s.rms_cross_m),
             _metres(s.rms_along_m),
             _metres(s.mean_absolute_total_m),
