@@ -2,7 +2,7 @@
 
 from lgprjax.archive.examples import FixExample, Strips, example_scan, fix_example
 from lgprjax.archive.map_building import build_map, file_hash
-from lgprjax.archive.registering import RegisteredDrive, register_log, write_registered
+from lgprjax.archive.registering import RegisteredDrive, recording_of, register_log, write_registered
 from lgprjax.archive.tracks import DriveTrack, poses_of, track_of_drive
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "file_hash",
     "fix_example",
     "poses_of",
+    "recording_of",
     "register_log",
     "track_of_drive",
     "write_registered",

@@ -82,12 +82,17 @@ def build_map(
                 for block in stations_of_drive(
                     scan_blocks(log, frame, settings, samples, progress), settings, spacing_m
                 ):
+                    if scale is None and np.any(block.profile):
+                        scale = float(np.sqrt(np.mean(block.profile[block.valid] ** 2)))
                     if scale is None:
-                        scale = float(np.sqrt(np.mean(block.profile[block.valid] ** 2))) or 1.0
-                    block = block._replace(profile=block.profile / np.float32(scale))
+                        # Nothing has been received yet: these stations are not ground.
+                        block = block._replace(valid=np.zeros_like(block.valid))
+                    block = block._replace(profile=block.profile / np.float32(scale or 1.0))
                     coherence = (coherence or Coherence.empty(block.profile.shape[2])).add(block, lag)
                     references += [float(np.median(block.pose[:, 2]))] * tiles.place(block.pose)
                     writer.append(block, number)
+                if scale is None and writer.stations > before:
+                    raise InputError(path, "/radar/traces", "a signal that changes along the drive", "none")
                 if writer.stations - before < 2:
                     raise InputError(
                         path,
@@ -155,7 +160,7 @@ def _plan(log: DriveLog, centre_frequency_hz: float | None) -> tuple[LocalFrame,
     frame = LocalFrame(
         float(navigation.latitude_deg[0]), float(navigation.longitude_deg[0]), float(navigation.height_m[0])
     )
-    frequency = centre_frequency_hz or _traces_of(log).centre_frequency_hz
+    frequency = _traces_of(log).centre_frequency_hz if centre_frequency_hz is None else centre_frequency_hz
     if frequency is None:
         raise InputError(
             log.path, "/radar/traces@centre_frequency_hz", "a frequency, or --centre-frequency-mhz", "none"

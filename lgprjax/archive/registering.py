@@ -90,10 +90,7 @@ def register_log(
     frame = source.description.frame
     ground = ground_map_for(source, options)
     moved: DriveTrack = track_of_drive(log, frame)
-    description = log.description
-    truth = (
-        None if description.truth is None else poses_of(description.truth, log.scan_time_s, frame, description.array)[0]
-    )
+    truth = _truth(log, frame)
     began = time.perf_counter()
     parts: list[Fix] = []
     at_truth: list[Float[np.ndarray, " scan"]] = []
@@ -112,6 +109,18 @@ def register_log(
         correlation_at_truth=np.concatenate(at_truth),
         milliseconds_per_scan=1e3 * took_s / log.scans,
     )
+
+
+def _truth(log: DriveLog, frame: LocalFrame) -> Float[np.ndarray, "scan 5"] | None:
+    """True poses of the array's centre; NaN where the truth does not reach."""
+    known, time_s = log.description.truth, log.scan_time_s
+    if known is None:
+        return None
+    pose = poses_of(known, time_s, frame, log.description.array)[0]
+    # Half a scan period of slack: the truth's clock may end a rounding error before the last scan.
+    slack_s = 0.5 * float(np.median(np.diff(time_s)))
+    reached = (time_s >= known.time_s[0] - slack_s) & (time_s <= known.time_s[-1] + slack_s)
+    return np.where(reached[:, None], pose, np.nan)
 
 
 def fixes_table(fix: Fix, time_s: Float[np.ndarray, " scan"], frame: LocalFrame, ground: GroundMap) -> pd.DataFrame:

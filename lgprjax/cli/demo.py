@@ -46,4 +46,4 @@ class Demo:
             results, self.output, "lgprjax: a drive located by the ground", force=True, options=options, intro=_INTRO
         )
         console.print(summary_table([summary for _, summary, _ in results]))
-        console.print(f"report: {page.resolve()}", highlight=False, soft_wrap=True)
+        console.print(f"report: {page.resolve()}", highlight=False, markup=False, soft_wrap=True)

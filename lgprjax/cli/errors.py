@@ -12,6 +12,13 @@ USAGE = 2
 INTERRUPTED = 130
 
 
+# What a path or a disk can be wrong by; other operating system errors are defects and keep their traceback.
+_ABOUT_FILES = {
+    *(errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EACCES, errno.EROFS, errno.EPERM),
+    *(errno.ENOENT, errno.ENOTDIR, errno.EEXIST, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP),
+}
+
+
 class UsageError(Exception):
     """Options that make no sense; one line says which."""
 
@@ -33,7 +40,7 @@ def run_verb(verb: Callable[[], int | None]) -> int:
         print(f"lgprjax: {error} (see --help)", file=sys.stderr)
         return USAGE
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EFBIG, errno.EACCES, errno.EROFS, errno.EDQUOT):
+        if error.errno not in _ABOUT_FILES:
             raise
         print(f"lgprjax: {error.filename}: {os.strerror(error.errno)}", file=sys.stderr)
         return BAD_INPUT

@@ -143,7 +143,7 @@ class ImportGrounded:
                 output=self.output,
                 force=self.force,
             )
-        console.print(f"wrote {self.output}", highlight=False)
+        console.print(f"wrote {self.output}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _lines(
@@ -173,7 +173,7 @@ def _lines(
             output=output,
             force=force,
         )
-    console.print(f"wrote {output}", highlight=False)
+    console.print(f"wrote {output}", highlight=False, markup=False, soft_wrap=True)
     if latitude_deg == 0.0 and longitude_deg == 0.0:
         console.print("the site's origin was put at latitude 0, longitude 0 (see --latitude-deg)", highlight=False)
 

@@ -9,7 +9,7 @@ import tyro
 from rich.table import Table
 from tyro.conf import Positional, arg
 
-from lgprjax.cli.errors import require_files
+from lgprjax.cli.errors import UsageError, require_files
 from lgprjax.cli.progress import console, progress_bar
 
 
@@ -33,6 +33,8 @@ class MapBuild:
         from lgprjax.formats import DriveLog
 
         require_files(self.drives, "drives")
+        if self.centre_frequency_mhz is not None and not 1.0 <= self.centre_frequency_mhz <= 1e4:
+            raise UsageError(f"--centre-frequency-mhz: expected 1 to 10000, found {self.centre_frequency_mhz:g}")
         scans = 0
         for path in self.drives:
             with DriveLog.open(path) as log:
@@ -40,7 +42,7 @@ class MapBuild:
         frequency = None if self.centre_frequency_mhz is None else 1e6 * self.centre_frequency_mhz
         with progress_bar("building map", scans) as progress:
             build_map(self.drives, self.output, centre_frequency_hz=frequency, force=self.force, progress=progress)
-        console.print(f"wrote {self.output}", highlight=False)
+        console.print(f"wrote {self.output}", highlight=False, markup=False, soft_wrap=True)
         _print_info(self.output)
 
 

@@ -52,6 +52,8 @@ class Register:
         for name, value, least in (("--search-m", self.search_m, 1e-3), ("--window-m", self.window_m, 0.0)):
             if not (np.isfinite(value) and least <= value <= 1e4):
                 raise UsageError(f"{name}: expected a length in metres, found {value:g}")
+        if self.json is not None and self.json.exists() and not self.force:
+            raise InputError(self.json, "output", "a new file, or --force", "the file exists")
         options = RegisterOptions(search_m=self.search_m, window_m=self.window_m)
         results = register_all(self.map, self.drives, self.output, options, force=self.force)
         summaries = [summary for _, summary, _ in results]
@@ -59,8 +61,10 @@ class Register:
         write_page(results, self.output, "Registration", force=self.force, options=options)
         if self.json is not None:
             write_figures(self.json, [summary.as_json() for summary in summaries], force=self.force)
-        console.print(f"fixes, summary.json and pictures: {self.output}", highlight=False, soft_wrap=True)
-        console.print(f"report: {(self.output / 'report.html').resolve()}", highlight=False, soft_wrap=True)
+        console.print(f"fixes, summary.json and pictures: {self.output}", highlight=False, markup=False, soft_wrap=True)
+        console.print(
+            f"report: {(self.output / 'report.html').resolve()}", highlight=False, markup=False, soft_wrap=True
+        )
 
 
 Registered = tuple["DriveResult", "DriveSummary", "Section"]
@@ -82,7 +86,7 @@ def register_all(
     Args:
         impostors: names of drives that are known to lie on other ground.
     """
-    from lgprjax.archive import register_log, write_registered
+    from lgprjax.archive import recording_of, register_log, track_of_drive, write_registered
     from lgprjax.cli.figures import write_figures
     from lgprjax.formats import DriveLog, MapFile
     from lgprjax.report import drive_section, summarise
@@ -92,6 +96,17 @@ def register_all(
         if names.count(name) > 1:
             raise InputError(name, "drives", "drives of different names", "this name twice")
     _claim(folder, names, force)
+    # Every input is opened once before any is worked on: a broken last drive must not cost the first. A region no
+    # wider than a match itself has no room for the rivals that a fix is measured by.
+    with MapFile.open(map_path) as source:
+        least_m = 0.9 * source.description.settings.wavelength_m
+        if options.search_m < least_m:
+            raise UsageError(f"--search-m: expected {least_m:.2g} or more on this map, found {options.search_m:g}")
+        for path in drives:
+            with DriveLog.open(path) as log:
+                recording_of(log)
+                track_of_drive(log, source.description.frame)
+    folder.mkdir(parents=True, exist_ok=True)
     results: list[Registered] = []
     with MapFile.open(map_path) as source:
         for path in drives:
@@ -251,11 +266,11 @@ def _surface(example: "FixExample", options: "RegisterOptions") -> "CorrelationS
 
 
 def _claim(folder: Path, names: Sequence[str], force: bool) -> None:
-    """Make the output folder; refuse before any work what would be refused after it."""
+    """Refuse before any work what would be refused after it."""
     if folder.exists() and not folder.is_dir():
         raise InputError(folder, "output", "a folder", "a file")
-    outputs = [f"{name}{end}" for name in names for end in (".fixes.csv", ".fixes.h5")]
-    for output in [*outputs, "summary.json", "report.html"]:
+    ends = (".fixes.csv", ".fixes.h5", "-trajectory.png", "-match.png", "-map.png")
+    outputs = [f"{name}{end}" for name in names for end in ends]
+    for output in [*outputs, "codes.png", "summary.json", "report.html"]:
         if (folder / output).exists() and not force:
             raise InputError(folder / output, "output", "a new file, or --force", "the file exists")
-    folder.mkdir(parents=True, exist_ok=True)

@@ -146,4 +146,6 @@ def find_modes(tile: Tile, surface: CoarseSurface, apart_m: Float[Array, ""], *,
     count = jnp.maximum(jnp.sum(away, dtype=jnp.float32), 1.0)
     mean = jnp.sum(jnp.where(away, surface.strength, 0.0)) / count
     spread = jnp.sum(jnp.where(away, (surface.strength - mean) ** 2, 0.0)) / count
-    return Modes(jnp.stack(places), jnp.stack(scores), jnp.sqrt(spread))
+    # A handful of places away from the best tells nothing of chance: then as little is believed as can be.
+    enough = jnp.sum(away) >= 16
+    return Modes(jnp.stack(places), jnp.stack(scores), jnp.where(enough, jnp.sqrt(spread), 0.5))

@@ -117,6 +117,7 @@ def normalise(
     min_overlap: float | Float[Array, ""],
 ) -> Float[Array, "*batch"]:
     """Sums to a correlation; ``OFF_MAP_SCORE`` where overlap or power is missing."""
-    power = live_power * ground_power
-    usable = (overlap >= min_overlap) & (power > 1e-20)
-    return jnp.where(usable, product / jnp.sqrt(jnp.where(usable, power, 1.0)), OFF_MAP_SCORE)
+    usable = (overlap >= min_overlap) & (live_power > 0.0) & (ground_power > 0.0)
+    # A root each: the product of the powers of a drive in small units would not be a number any more.
+    level = jnp.sqrt(jnp.where(usable, live_power, 1.0)) * jnp.sqrt(jnp.where(usable, ground_power, 1.0))
+    return jnp.where(usable, product / level, OFF_MAP_SCORE)

@@ -89,7 +89,7 @@ def ground_map_for(source: StationSource, options: RegisterOptions) -> GroundMap
     return GroundMap(
         source,
         half_along_m=options.search_m + options.window_m + way_m + array_m,
-        half_cross_m=options.search_m + way_m + array_m,
+        half_cross_m=options.search_m + options.window_m + way_m + array_m,
     )
 
 
@@ -98,8 +98,8 @@ def register_drive(
 ) -> Iterator[DriveFixes]:
     """Fixes of every scan, block by block; memory does not grow with the drive.
 
-    A scan without a fix of its own (inside a window) has code ``no_window``. A fix depends on its scan, its
-    prior and the map only: neither block nor batch nor neighbour changes it.
+    A scan without a fix of its own (inside a window) has code ``no_window``. A fix depends on its scan or window,
+    what the track filter saw before, its prior and the map: neither block nor batch changes it.
 
     Args:
         ground: from ``ground_map_for`` with the same options.

@@ -58,7 +58,7 @@ class LiveChain:
         basis: of the map.
         track_filter_m: length of the track filter.
         channels: of the drive.
-        history_m: how far back windows reach; 0 without windows.
+        history_m: how far back scans are kept for windows.
     """
 
     def __init__(
@@ -122,8 +122,9 @@ class LiveChain:
         else:
             joined, first = _join(last, fresh), len(last.number)
         keep = joined.path_m >= joined.path_m[-1] - self._history_m
-        # A vehicle that stands adds scans but no path: of one place the last scan is enough.
-        keep[:-1] &= np.floor(joined.path_m[:-1] * 1e3) < np.floor(joined.path_m[1:] * 1e3)
+        # A vehicle that stands adds scans but no path: of one place the first scan is what windows take.
+        keep[1:-1] &= joined.path_m[1:-1] > joined.path_m[:-2] + 1e-9
+        keep[-1] = True
         self._held = _take(joined, np.flatnonzero(keep))
         return joined, first
 

@@ -190,12 +190,14 @@ def _register(
 
     poses, scores = jax.lax.map(refine, jnp.arange(spec.modes))
     scores = jnp.where(modes.strength > -1.0, scores, -1.0)
+    # A rival at the map's rim may be scored by the coarse stage alone, which asks for fewer cells: it stays one.
+    rivals = jnp.maximum(jnp.where(scores > -1.0, scores, modes.strength), -1.0)
     best = jnp.argmax(scores)
     pose, strength = poses[best], scores[best]
-    runner_up = jnp.max(jnp.where(jnp.arange(spec.modes) == best, -1.0, scores))
+    runner_up = jnp.max(jnp.where(jnp.arange(spec.modes) == best, -1.0, rivals))
     peak = score(stencil_poses(pose, steps))
     covariance = peak_covariance(peak.correlation, steps, modes.floor, half_width)
-    on_edge = jnp.any(region.free[:2] & (jnp.abs(pose[:2] - prior[:2]) > half_width[:2] - tile.cell_m))
+    on_edge = jnp.any(jnp.abs(pose[:2] - prior[:2]) > half_width[:2] - tile.cell_m)
     best_overlap = jnp.max(surface.overlap)
     code = judge(strength, strength - runner_up, best_overlap, on_edge, finite, thresholds)
     found_any = finite & (strength > -1.0)

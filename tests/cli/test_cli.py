@@ -132,6 +132,36 @@ def test_bad_log_is_one_line_and_status_1(
     assert not list(tmp_path.glob("new/*"))
 
 
+def test_a_broken_second_drive_costs_nothing(
+    site: Site, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = truncate(short, tmp_path / "bad.drive.h5")
+    assert run("register", site.map, short, bad, "-o", tmp_path / "new") == 1
+    assert "bad.drive.h5" in capsys.readouterr().err
+    assert listing(tmp_path) == {"bad.drive.h5"}
+
+
+def test_output_below_a_file_is_one_line(
+    site: Site, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("x")
+    assert run("register", site.map, short, "-o", tmp_path / "file" / "out") == 1
+    assert run("demo", "--output", tmp_path / "file") == 1
+    assert len(capsys.readouterr().err.strip().splitlines()) == 2
+
+
+def test_a_silent_drive_makes_no_map(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    silent = tmp_path / "silent.drive.h5"
+    with DriveLog.open(short) as log:
+        quiet = np.full((log.scans, log.channels, log.samples), 128, np.uint8)
+        description, times = log.description, log.scan_time_s
+    with DriveWriter.create(silent, description, channels=quiet.shape[1], dtype=np.uint8) as writer:
+        writer.append(times, quiet)
+    assert run("map", "build", silent, "-o", tmp_path / "m.map.h5") == 1
+    assert "a signal that changes" in capsys.readouterr().err
+    assert listing(tmp_path) == {"silent.drive.h5"}
+
+
 def test_map_that_is_no_map(site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("register", site.logs["live"], site.logs["live"], "-o", tmp_path / "new") == 1
     assert "lgprjax.map" in capsys.readouterr().err
@@ -232,7 +262,7 @@ def test_map_info(site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert "baselines" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("option", ["--search-m=-1", "--search-m=nan", "--window-m=-2"])
+@pytest.mark.parametrize("option", ["--search-m=-1", "--search-m=nan", "--search-m=0.2", "--window-m=-2"])
 def test_lengths_that_make_no_sense(
     option: str, site: Site, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

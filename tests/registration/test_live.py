@@ -101,14 +101,16 @@ def test_windows_close_each_sixteenth_after_a_full_length() -> None:
 
 
 def test_blocks_give_the_windows_of_the_whole() -> None:
-    where = straight(200, 0.05)
+    travel = np.concatenate([np.arange(100) * 0.05, np.full(60, 4.95), 4.95 + np.arange(1, 101) * 0.05])
+    zero = np.zeros_like(travel)
+    where = track(travel, zero, zero, travel)  # it stands for 60 scans on the way
     rng = np.random.default_rng(1)
-    traces = rng.normal(size=(200, 2, SAMPLES)).astype(np.float32)
+    traces = rng.normal(size=(260, 2, SAMPLES)).astype(np.float32)
     array = uniform_array(2, 0.3)
 
     def windows(size: int) -> dict[int, np.ndarray]:
         chain, found = identity_chain(2, 5.0), {}
-        for low in range(0, 200, size):
+        for low in range(0, 260, size):
             part = Track(*(field[low : low + size] for field in where))
             valid = np.ones((len(part.travel_m), 2), bool)
             scans, first = chain.feed(traces[low : low + size], valid, part, 64)
