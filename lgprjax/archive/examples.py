@@ -19,6 +19,7 @@ from lgprjax.registration import (
     search_spec_for,
     survey_surface,
     templates_of,
+    to_tile,
 )
 from lgprjax.subsurface import Tile
 
@@ -116,7 +117,7 @@ def fix_example(
         step_m=description.settings.step_m,
     )
     spec = search_spec_for(ground, tile_number, recording.array, options)
-    prior = _in_tile(drive.track.pose[scan], frame)
+    prior = to_tile(drive.track.pose[[scan]], frame)[0]
     surface = survey_surface(
         tile,
         template,
@@ -131,7 +132,7 @@ def fix_example(
     channel = log.channels // 2
     offset = np.asarray(lane.offset_m)[0].reshape(-1, log.channels, 2)[:, channel]
     live = np.asarray(lane.coefficients)[0].reshape(len(offset), log.channels, -1)[:, channel]
-    pose = _in_tile(np.asarray(drive.fix.pose)[scan], frame)
+    pose = to_tile(np.asarray(drive.fix.pose)[[scan]], frame)[0]
     under, _ = ground_under(tile, _placed(offset, pose))
     ahead, _ = ground_under(tile, _placed(offset - np.array([_BESIDE_M, 0.0]), pose))
     # Templates count back from the scan; strips read forward.
@@ -145,7 +146,7 @@ def fix_example(
         beside_m=_BESIDE_M,
         lag_m=_lag(live, tile, offset, pose),
     )
-    truth = None if drive.truth is None else _in_tile(drive.truth[scan], frame)[:2]
+    truth = None if drive.truth is None else to_tile(drive.truth[[scan]], frame)[0][:2]
     return FixExample(scan, strips, surface, prior[:2], _prior_sigma(log, scan), pose[:2], truth)
 
 
@@ -181,13 +182,6 @@ def _placed(offset_m: Float[np.ndarray, "trace 2"], pose: Float[np.ndarray, "5"]
     cos, sin = np.cos(pose[3]), np.sin(pose[3])
     turn = np.array([[cos, sin], [-sin, cos]])
     return np.asarray(offset_m @ turn + pose[:2])
-
-
-def _in_tile(pose: Float[np.ndarray, "5"], frame: Float[np.ndarray, "3"]) -> Float[np.ndarray, "5"]:
-    cos, sin = np.cos(frame[2]), np.sin(frame[2])
-    apart = pose[:2] - frame[:2]
-    place = [cos * apart[0] + sin * apart[1], cos * apart[1] - sin * apart[0]]
-    return np.array([*place, pose[2], np.mod(pose[3] - frame[2] + np.pi, 2 * np.pi) - np.pi, pose[4]])
 
 
 def _levelled(samples: Float[np.ndarray, "trace sample"]) -> Float[np.ndarray, "trace sample"]:

@@ -10,6 +10,7 @@ from lgprjax.registration.drive import (
     ground_map_for,
     register_drive,
     search_spec_for,
+    to_tile,
 )
 from lgprjax.registration.fix import Code, Fix
 from lgprjax.registration.integrity import Thresholds, default_thresholds
@@ -44,4 +45,5 @@ __all__ = [
     "search_spec_for",
     "survey_surface",
     "templates_of",
+    "to_tile",
 ]

@@ -215,7 +215,7 @@ def _register_at(
             ground.tile(tile),
             Problem(
                 template=template,
-                prior=jnp.asarray(_to_tile(scans.track.pose[lanes], frame), dtype=jnp.float32),
+                prior=jnp.asarray(to_tile(scans.track.pose[lanes], frame), dtype=jnp.float32),
                 half_width=jnp.asarray(_half_width(scans.track, lanes, options), dtype=jnp.float32),
                 finite=jnp.mean(template.valid, axis=-1, dtype=jnp.float32) >= options.thresholds.overlap,
                 number=jnp.asarray(scans.number[lanes], dtype=jnp.uint32),
@@ -231,7 +231,7 @@ def _register_at(
             scored[low : low + batch] = score_truth(
                 ground.tile(tile),
                 template,
-                jnp.asarray(_to_tile(true_pose, frame), dtype=jnp.float32),
+                jnp.asarray(to_tile(true_pose, frame), dtype=jnp.float32),
                 height_reference_m,
                 ground.basis.angular_frequency_rad_per_ns,
             )[: len(chosen)]
@@ -249,7 +249,8 @@ def _half_width(
     return out
 
 
-def _to_tile(pose: Float[np.ndarray, "batch 5"], frame: Float[np.ndarray, "3"]) -> Float[np.ndarray, "batch 5"]:
+def to_tile(pose: Float[np.ndarray, "batch 5"], frame: Float[np.ndarray, "3"]) -> Float[np.ndarray, "batch 5"]:
+    """Poses of the map's frame in that of a tile."""
     east, north, yaw = frame
     cos, sin = np.cos(yaw), np.sin(yaw)
     out = pose.copy()
