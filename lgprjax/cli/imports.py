@@ -8,71 +8,139 @@ import tyro
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.errors import require_files
-from lgprjax.cli.progress import console, working
+from lgprjax.cli.import_parts import Force, Origin, Output, finished
+from lgprjax.cli.import_sets import ImportCmu, ImportGprMax, ImportGrounded
+from lgprjax.cli.progress import working
 from lgprjax.errors import InputError
-
-Output = Annotated[Path, arg(aliases=["-o"], help="drive log to write, X.drive.h5")]
-Force = Annotated[bool, arg(help="replace an output that exists")]
 
 
 @dataclass(frozen=True)
 class ImportLine:
     """One vendor file as a drive log (each of its channels a line)."""
 
-    suffix: ClassVar[str]
+    suffixes: ClassVar[tuple[str, ...]]
 
     file: Annotated[Positional[Path], arg(metavar="FILE", help="the recording; its header file lies beside it")]
     output: Output
-    latitude_deg: float = 0.0
-    """latitude of the first trace, WGS-84"""
-    longitude_deg: float = 0.0
-    """longitude of the first trace, WGS-84"""
-    heading_deg: float = 90.0
-    """direction of the line, clockwise from true north"""
     length_m: float | None = None
     """length of the line, where it was measured by tape; without it the header's trace spacing counts"""
+    origin: Origin = field(default_factory=Origin)
     force: Force = False
 
     def run(self) -> None:
         """Import."""
-        if self.file.suffix.lower() != self.suffix:
-            raise InputError(self.file, "file name", f"a name that ends in {self.suffix}", repr(self.file.name))
-        _lines(
-            (self.file,),
-            spacing_m=0.2,
-            first_m=0.0,
-            length_m=self.length_m,
-            backwards=(),
-            place=(self.latitude_deg, self.longitude_deg, self.heading_deg),
-            output=self.output,
-            force=self.force,
-        )
+        if self.file.suffix.lower() not in self.suffixes:
+            expected = "a name that ends in " + " or ".join(self.suffixes)
+            raise InputError(self.file, "file name", expected, repr(self.file.name))
+        from lgprjax.formats import import_lines
+
+        with working(f"importing {self.file}"):
+            import_lines(
+                (self.file,),
+                line_spacing_m=0.2,
+                length_m=self.length_m,
+                latitude_deg=self.origin.latitude_deg,
+                longitude_deg=self.origin.longitude_deg,
+                heading_deg=self.origin.heading_deg,
+                output=self.output,
+                force=self.force,
+            )
+        finished(self.output, self.origin)
 
 
 @dataclass(frozen=True)
 class ImportDt1(ImportLine):
     """Sensors & Software .DT1, its .HD beside it."""
 
-    suffix: ClassVar[str] = ".dt1"
+    suffixes: ClassVar[tuple[str, ...]] = (".dt1",)
 
 
 @dataclass(frozen=True)
 class ImportDzt(ImportLine):
     """GSSI .DZT."""
 
-    suffix: ClassVar[str] = ".dzt"
+    suffixes: ClassVar[tuple[str, ...]] = (".dzt",)
 
 
 @dataclass(frozen=True)
 class ImportMala(ImportLine):
-    """MALA .rd3, its .rad beside it."""
+    """MALA .rd3 (16 bit) or .rd7 (32 bit), its .rad beside it."""
 
-    suffix: ClassVar[str] = ".rd3"
+    suffixes: ClassVar[tuple[str, ...]] = (".rd3", ".rd7")
+
+
+@dataclass(frozen=True)
+class ImportIprb:
+    """ImpulseRadar .iprb, its .iprh beside it. An array writes one file a channel: name all files of the line.
+
+    Several files (LINE_001_A01.iprb LINE_001_A02.iprb ..., in any order) become one multi-channel drive; their headers
+    say where each channel is. One file becomes a single-channel drive.
+    """
+
+    files: Annotated[
+        Positional[tuple[Path, ...]],
+        arg(metavar="FILE...", help="the channels of one line; the header file of each lies beside it"),
+    ]
+    output: Output
+    length_m: float | None = None
+    """length of the line, where it was measured by tape; without it the distance that the wheel measured counts"""
+    origin: Origin = field(default_factory=Origin)
+    force: Force = False
+
+    def run(self) -> None:
+        """Import."""
+        require_files(self.files, "channels")
+        from lgprjax.formats import import_iprb
+
+        with working(f"importing {len(self.files)} file(s)"):
+            import_iprb(
+                self.files, place=self.origin.place(), length_m=self.length_m, output=self.output, force=self.force
+            )
+        finished(self.output, self.origin)
+
+
+@dataclass(frozen=True)
+class ImportSegy:
+    """SEG-Y .sgy or .segy (needs: pip install lgprjax[segy]).
+
+    Positions come from the trace headers. Coordinates in degrees, or in metres with --utm-zone, put every trace on the
+    map; otherwise the line runs straight from the origin along the heading.
+    """
+
+    file: Annotated[Positional[Path], arg(metavar="FILE", help="the recording")]
+    output: Output
+    sample_interval_ns: float | None = None
+    """two-way travel time between samples; needed where the header holds no plausible one (picoseconds, 10 to 2000)"""
+    time_zero_ns: float = 0.0
+    """how long after the first sample time zero lies"""
+    utm_zone: str | None = None
+    """UTM zone of coordinates in metres, such as 19N"""
+    length_m: float | None = None
+    """length of the line, where it was measured by tape; the headers' coordinates then do not count"""
+    origin: Origin = field(default_factory=Origin)
+    force: Force = False
+
+    def run(self) -> None:
+        """Import."""
+        from lgprjax.formats import import_segy
+
+        with working(f"importing {self.file}"):
+            placed = import_segy(
+                self.file,
+                sample_interval_ns=self.sample_interval_ns,
+                time_zero_ns=self.time_zero_ns,
+                utm_zone=self.utm_zone,
+                place=self.origin.place(),
+                length_m=self.length_m,
+                output=self.output,
+                force=self.force,
+            )
+        finished(self.output, None if placed else self.origin)
 
 
 @dataclass(frozen=True)
 class ImportLines:
-    """Parallel lines (DT1, DZT or rd3), from left to right, as one multi-channel survey."""
+    """Parallel lines (DT1, DZT, rd3, rd7, iprb or SEG-Y), from left to right, as one multi-channel survey."""
 
     files: Annotated[
         Positional[tuple[Path, ...]],
@@ -87,101 +155,41 @@ class ImportLines:
     """spread every line evenly over this length (ends on the tape)"""
     reversed_lines: tuple[int, ...] = field(default=())
     """numbers (from 0) of the lines that were recorded backwards"""
-    latitude_deg: float = 0.0
-    """latitude of the site's origin, WGS-84"""
-    longitude_deg: float = 0.0
-    """longitude of the site's origin, WGS-84"""
-    heading_deg: float = 90.0
-    """direction of the lines, clockwise from true north"""
+    sample_interval_ns: float | None = None
+    """two-way travel time between samples of SEG-Y lines whose headers do not say it"""
+    origin: Origin = field(default_factory=Origin)
     force: Force = False
 
     def run(self) -> None:
         """Import."""
         require_files(self.files, "lines")
-        _lines(
-            self.files,
-            spacing_m=self.line_spacing_m,
-            first_m=self.first_line_m,
-            length_m=self.length_m,
-            backwards=self.reversed_lines,
-            place=(self.latitude_deg, self.longitude_deg, self.heading_deg),
-            output=self.output,
-            force=self.force,
-        )
+        from lgprjax.formats import import_lines
 
-
-@dataclass(frozen=True)
-class ImportGrounded:
-    """A run in the layout in which users of the GROUNDED data set work: run.npy and run_UTM_point.npy."""
-
-    run_dir: Annotated[
-        Positional[Path],
-        arg(
-            metavar="RUN_DIR",
-            help="folder that holds run.npy [scan, sample, channel] and run_UTM_point.npy [scan, channel, 2]",
-        ),
-    ]
-    output: Output
-    utm_zone: str
-    """UTM zone of the points, such as 19N"""
-    sample_interval_ns: float
-    """two-way travel time between samples"""
-    scan_rate_hz: float
-    """scans a second"""
-    force: Force = False
-
-    def run(self) -> None:
-        """Import."""
-        from lgprjax.formats import import_grounded
-
-        with working(f"importing {self.run_dir}"):
-            import_grounded(
-                self.run_dir,
-                utm_zone=self.utm_zone,
+        with working(f"importing {len(self.files)} file(s)"):
+            import_lines(
+                self.files,
+                line_spacing_m=self.line_spacing_m,
+                first_line_m=self.first_line_m,
+                length_m=self.length_m,
+                reversed_lines=self.reversed_lines,
                 sample_interval_ns=self.sample_interval_ns,
-                scan_rate_hz=self.scan_rate_hz,
+                latitude_deg=self.origin.latitude_deg,
+                longitude_deg=self.origin.longitude_deg,
+                heading_deg=self.origin.heading_deg,
                 output=self.output,
                 force=self.force,
             )
-        console.print(f"wrote {self.output}", highlight=False, markup=False, soft_wrap=True)
-
-
-def _lines(
-    files: tuple[Path, ...],
-    *,
-    spacing_m: float,
-    first_m: float,
-    length_m: float | None,
-    backwards: tuple[int, ...],
-    place: tuple[float, float, float],
-    output: Path,
-    force: bool,
-) -> None:
-    from lgprjax.formats import import_lines
-
-    latitude_deg, longitude_deg, heading_deg = place
-    with working(f"importing {len(files)} file(s)"):
-        import_lines(
-            files,
-            line_spacing_m=spacing_m,
-            first_line_m=first_m,
-            length_m=length_m,
-            reversed_lines=backwards,
-            latitude_deg=latitude_deg,
-            longitude_deg=longitude_deg,
-            heading_deg=heading_deg,
-            output=output,
-            force=force,
-        )
-    console.print(f"wrote {output}", highlight=False, markup=False, soft_wrap=True)
-    if latitude_deg == 0.0 and longitude_deg == 0.0:
-        console.print("the site's origin was put at latitude 0, longitude 0 (see --latitude-deg)", highlight=False)
+        finished(self.output, self.origin)
 
 
 ImportVerb = (
     Annotated[ImportDt1, tyro.conf.subcommand("dt1")]
     | Annotated[ImportDzt, tyro.conf.subcommand("dzt")]
     | Annotated[ImportMala, tyro.conf.subcommand("mala")]
+    | Annotated[ImportIprb, tyro.conf.subcommand("iprb")]
+    | Annotated[ImportSegy, tyro.conf.subcommand("segy")]
     | Annotated[ImportLines, tyro.conf.subcommand("lines")]
     | Annotated[ImportGrounded, tyro.conf.subcommand("grounded")]
+    | Annotated[ImportCmu, tyro.conf.subcommand("cmu")]
+    | Annotated[ImportGprMax, tyro.conf.subcommand("gprmax")]
 )

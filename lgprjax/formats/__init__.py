@@ -2,6 +2,7 @@
 
 from lgprjax.formats.atomic import atomic_output
 from lgprjax.formats.check import check_file
+from lgprjax.formats.cmu_gpr import import_cmu
 from lgprjax.formats.drive_description import (
     DriveDescription,
     NavigationTrack,
@@ -15,13 +16,18 @@ from lgprjax.formats.dt1 import read_dt1
 from lgprjax.formats.dzt import read_dzt
 from lgprjax.formats.findings import Finding
 from lgprjax.formats.fixes import read_fix_poses, read_fixes, write_fixes
+from lgprjax.formats.gprmax import import_gprmax, read_gprmax
 from lgprjax.formats.grounded import import_grounded
 from lgprjax.formats.hdf5_output import create_store
+from lgprjax.formats.iprb import read_iprb, read_iprb_array
 from lgprjax.formats.mala import read_mala
 from lgprjax.formats.map_file import MapFile, MapWriter
-from lgprjax.formats.profile import Profile
+from lgprjax.formats.profile import Profile, TraceCoordinates
 from lgprjax.formats.schema import Schema, load_schema
-from lgprjax.formats.surveys import import_lines, read_profile
+from lgprjax.formats.segy import read_segy
+from lgprjax.formats.segy_drive import import_segy
+from lgprjax.formats.survey_track import Place
+from lgprjax.formats.surveys import import_iprb, import_lines, read_profile
 
 __all__ = [
     "DriveDescription",
@@ -32,21 +38,31 @@ __all__ = [
     "MapWriter",
     "NavigationTrack",
     "OdometryTrack",
+    "Place",
     "Profile",
     "Schema",
     "SweepRecording",
+    "TraceCoordinates",
     "TraceRecording",
     "atomic_output",
     "check_file",
     "create_store",
+    "import_cmu",
+    "import_gprmax",
     "import_grounded",
+    "import_iprb",
     "import_lines",
+    "import_segy",
     "load_schema",
     "read_dt1",
     "read_dzt",
     "read_fix_poses",
     "read_fixes",
+    "read_gprmax",
+    "read_iprb",
+    "read_iprb_array",
     "read_mala",
     "read_profile",
+    "read_segy",
     "write_fixes",
 ]

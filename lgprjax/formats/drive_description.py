@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from lgprjax.radar.array import ArrayGeometry
+from lgprjax.radar.channels import ChannelResponse
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,31 @@ class TraceRecording:
 
 @dataclass(frozen=True)
 class SweepRecording:
-    """How stepped-frequency sweeps were recorded, with the look-up sweeps taken in empty space."""
+    """How stepped-frequency sweeps were recorded, with the look-up sweeps taken in empty space.
+
+    Attributes:
+        frequencies_hz: of the steps.
+        lookup_sweeps, lookup_calibration_sweep: of every channel and of the calibration channel in empty space.
+        group_delay_ns: delay of the calibration channel's path, which dividing by it takes off every echo.
+        channel_gain, channel_delay_ns: of each channel relative to the array's mean; ``None`` where not measured,
+            which stands for gains of 1 and delays of 0.
+    """
 
     frequencies_hz: Float[np.ndarray, " frequency"]
     lookup_sweeps: Complex[np.ndarray, "channel frequency"]
     lookup_calibration_sweep: Complex[np.ndarray, " frequency"]
+    group_delay_ns: float = 0.0
+    channel_gain: Float[np.ndarray, " channel"] | None = None
+    channel_delay_ns: Float[np.ndarray, " channel"] | None = None
+
+    @property
+    def response(self) -> ChannelResponse:
+        """Gain and delay of each channel, the defaults where they were not measured."""
+        channels = len(self.lookup_sweeps)
+        return ChannelResponse(
+            np.ones(channels) if self.channel_gain is None else self.channel_gain,
+            np.zeros(channels) if self.channel_delay_ns is None else self.channel_delay_ns,
+        )
 
 
 @dataclass(frozen=True)

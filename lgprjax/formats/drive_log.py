@@ -108,9 +108,7 @@ class DriveLog:
         self._check_range(start, stop)
         with reading(self.path, f"/radar/traces, scans {start} to {stop}"):
             traces = self._store["/radar/traces"][start:stop].astype(np.float32)
-            valid = np.ones(traces.shape[:2], dtype=bool)
-            if "/radar/valid" in self._store:
-                valid = self._store["/radar/valid"][start:stop].astype(bool)
+            valid = self._read_valid(start, stop)
         finite = np.isfinite(traces).all(axis=2)
         traces[~finite] = recording.zero_level
         valid &= finite
@@ -120,8 +118,15 @@ class DriveLog:
 
     def read_sweeps(
         self, start: int, stop: int
-    ) -> tuple[Complex[np.ndarray, "scan channel frequency"], Complex[np.ndarray, "scan frequency"]]:
-        """Sweeps of the scans from ``start`` to before ``stop``, and the calibration sweep of each; as recorded.
+    ) -> tuple[
+        Complex[np.ndarray, "scan channel frequency"],
+        Complex[np.ndarray, "scan frequency"],
+        Bool[np.ndarray, "scan channel"],
+    ]:
+        """Sweeps of the scans from ``start`` to before ``stop``, the calibration sweep of each, and which are valid.
+
+        As recorded, but what is not finite: a sweep is marked invalid and reads as zeros, a calibration sweep
+        reads as zeros and makes its whole scan invalid.
 
         Raises:
             InputError: the log holds traces, the range lies outside the drive, or the data are damaged.
@@ -130,7 +135,15 @@ class DriveLog:
             raise InputError(self.path, "/radar/sweeps", "stepped-frequency sweeps", "traces")
         self._check_range(start, stop)
         with reading(self.path, f"/radar/sweeps, scans {start} to {stop}"):
-            return self._store["/radar/sweeps"][start:stop], self._store["/radar/calibration_sweeps"][start:stop]
+            sweeps = self._store["/radar/sweeps"][start:stop]
+            calibration = self._store["/radar/calibration_sweeps"][start:stop]
+            valid = self._read_valid(start, stop)
+        finite = np.isfinite(sweeps).all(axis=2)
+        known = np.isfinite(calibration).all(axis=1)
+        sweeps[~finite] = 0.0
+        calibration[~known] = 0.0
+        self._non_finite[start:stop] |= ~(finite.all(axis=1) & known)
+        return sweeps, calibration, valid & finite & known[:, None]
 
     def chunks(
         self, scans_per_chunk: int
@@ -139,6 +152,11 @@ class DriveLog:
         for start in range(0, self.scans, scans_per_chunk):
             traces, valid = self.read_traces(start, min(start + scans_per_chunk, self.scans))
             yield start, traces, valid
+
+    def _read_valid(self, start: int, stop: int) -> Bool[np.ndarray, "scan channel"]:
+        if "/radar/valid" not in self._store:
+            return np.ones((stop - start, self.channels), dtype=bool)
+        return np.asarray(self._store["/radar/valid"][start:stop].astype(bool))
 
     def _check_range(self, start: int, stop: int) -> None:
         if not 0 <= start < stop <= self.scans:
@@ -178,6 +196,9 @@ def _read_recording(radar: Any) -> TraceRecording | SweepRecording:
             frequencies_hz=radar["frequencies_hz"][:],
             lookup_sweeps=radar["lookup_sweeps"][:],
             lookup_calibration_sweep=radar["lookup_calibration_sweep"][:],
+            group_delay_ns=_number(radar["sweeps"], "group_delay_ns", 0.0),
+            channel_gain=radar["channel_gain"][:] if "channel_gain" in radar else None,
+            channel_delay_ns=radar["channel_delay_ns"][:] if "channel_delay_ns" in radar else None,
         )
     traces = radar["traces"]
     known = attribute_of(traces, "centre_frequency_hz") is not None
@@ -190,5 +211,6 @@ def _read_recording(radar: Any) -> TraceRecording | SweepRecording:
     )
 
 
-def _number(holder: Any, name: str) -> float:
-    return float(np.float64(attribute_of(holder, name)))  # type: ignore[arg-type]  # held against the schema
+def _number(holder: Any, name: str, absent: float = float("nan")) -> float:
+    value = attribute_of(holder, name)
+    return absent if value is None else float(np.float64(value))  # type: ignore[arg-type]  # held against the schema

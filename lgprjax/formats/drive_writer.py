@@ -107,15 +107,19 @@ class DriveWriter:
         scan_time_s: Float[np.ndarray, " scan"],
         sweeps: Complex[np.ndarray, "scan channel frequency"],
         calibration_sweeps: Complex[np.ndarray, "scan frequency"],
+        valid: Bool[np.ndarray, "scan channel"] | None = None,
     ) -> None:
-        """Append scans of stepped-frequency sweeps, with the calibration sweep of each.
+        """Append scans of stepped-frequency sweeps, with the calibration sweep of each; without ``valid`` all are.
 
         Raises:
             InputError: the log is one of traces, a shape or the order of the times is wrong, or the disk is full.
         """
         if not isinstance(self._recording, SweepRecording):
             raise InputError(self.path, "/radar/traces", "traces", "stepped-frequency sweeps")
-        self._append(scan_time_s, {"/radar/sweeps": sweeps, "/radar/calibration_sweeps": calibration_sweeps})
+        if valid is None:
+            valid = np.ones(sweeps.shape[:2], dtype=bool)
+        arrays = {"/radar/sweeps": sweeps, "/radar/calibration_sweeps": calibration_sweeps, "/radar/valid": valid}
+        self._append(scan_time_s, arrays)
 
     def _append(self, scan_time_s: np.ndarray, arrays: dict[str, np.ndarray]) -> None:
         times = np.asarray(scan_time_s, dtype=np.float64)
@@ -178,16 +182,20 @@ def _write_recording(
     store: h5py.File, recording: TraceRecording | SweepRecording, channels: int, dtype: np.dtype[Any]
 ) -> None:
     create_array(store, _SCHEMA, "/radar/time_s", ())
+    create_array(store, _SCHEMA, "/radar/valid", (channels,))
     if isinstance(recording, SweepRecording):
         frequencies = len(recording.frequencies_hz)
-        create_array(store, _SCHEMA, "/radar/sweeps", (channels, frequencies), dtype)
+        sweeps = create_array(store, _SCHEMA, "/radar/sweeps", (channels, frequencies), dtype)
+        write_attribute(sweeps, "group_delay_ns", float(recording.group_delay_ns))
         create_array(store, _SCHEMA, "/radar/calibration_sweeps", (frequencies,))
         write_array(store, _SCHEMA, "/radar/lookup_sweeps", recording.lookup_sweeps)
         write_array(store, _SCHEMA, "/radar/lookup_calibration_sweep", recording.lookup_calibration_sweep)
         write_array(store, _SCHEMA, "/radar/frequencies_hz", recording.frequencies_hz)
+        for name in ("channel_gain", "channel_delay_ns"):
+            if getattr(recording, name) is not None:
+                write_array(store, _SCHEMA, f"/radar/{name}", getattr(recording, name))
         return
     traces = create_array(store, _SCHEMA, "/radar/traces", (channels, recording.samples), dtype)
-    create_array(store, _SCHEMA, "/radar/valid", (channels,))
     for name in ("sample_interval_ns", "time_zero_ns", "zero_level", "centre_frequency_hz"):
         value = getattr(recording, name)
         if value is not None:

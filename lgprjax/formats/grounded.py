@@ -1,6 +1,5 @@
 """GROUNDED-style runs (two NumPy files a run: radar cube and antenna positions in UTM) as drive logs."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ from jaxtyping import Float
 from lgprjax.errors import InputError
 from lgprjax.formats.drive_description import DriveDescription, NavigationTrack, OdometryTrack, TraceRecording
 from lgprjax.formats.drive_writer import DriveWriter
+from lgprjax.formats.survey_track import utm_projection
 from lgprjax.radar.array import ArrayGeometry
 
 _BLOCK_SCANS = 4096
@@ -54,7 +54,7 @@ def import_grounded(
         InputError: a file is missing or damaged, shapes disagree, positions are not finite or never move.
     """
     folder = Path(run_dir)
-    projection = _projection(folder, utm_zone)
+    projection = utm_projection(folder, utm_zone)
     for place, value in (("sample interval", sample_interval_ns), ("scan rate", scan_rate_hz)):
         if not (np.isfinite(value) and value > 0):
             raise InputError(folder, place, "a number above zero", f"{value:g}")
@@ -102,13 +102,6 @@ def import_grounded(
         for start in range(0, scans, _BLOCK_SCANS):
             block = cube[start : start + _BLOCK_SCANS].transpose(0, 2, 1).astype(dtype)
             writer.append(time_s[start : start + len(block)], block[:, ::-1] if flipped else block)
-
-
-def _projection(folder: Path, utm_zone: str) -> pyproj.Proj:
-    parts = re.fullmatch(r"(\d{1,2})([NS])", utm_zone.strip().upper())
-    if parts is None or not 1 <= int(parts[1]) <= 60:
-        raise InputError(folder, "UTM zone", "a number from 1 to 60 and N or S, such as 19N", repr(utm_zone))
-    return pyproj.Proj(proj="utm", zone=int(parts[1]), ellps="WGS84", south=parts[2] == "S")
 
 
 def _load(path: Path, axes: str) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Num
@@ -10,18 +11,35 @@ from lgprjax.errors import InputError
 
 
 @dataclass(frozen=True)
+class TraceCoordinates:
+    """Where each trace was recorded, as the file says it.
+
+    Attributes:
+        kind: ``degrees`` (x longitude, y latitude) or ``metres`` (x easting, y northing of a grid it does not name).
+        x, y: the coordinates.
+    """
+
+    kind: Literal["degrees", "metres"]
+    x: Float[np.ndarray, " trace"]
+    y: Float[np.ndarray, " trace"]
+
+
+@dataclass(frozen=True)
 class Profile:
     """One line of traces; sample i lies at travel time ``i * sample_interval_ns - time_zero_ns``.
 
     Attributes:
         path: the file it came from.
-        channels: the data, signed, zero standing for no signal; several channels only from multi-channel DZT.
+        channels: the data, signed, zero standing for no signal; several channels only from arrays.
         sample_interval_ns: two-way travel time between samples.
         time_zero_ns: how long after sample 0 time zero lies.
-        spacing_m: distance between traces; ``None`` when the file does not say (recorded by time).
+        spacing_m: distance between traces; ``None`` when the file does not say (recorded by time) or when it
+            varies, and then ``positions_m`` has the places.
         centre_frequency_hz: nominal centre frequency; ``None`` when the file does not say.
         positions_m: position of each trace as the headers give it; ``None`` when they do not.
         metadata: further header values under the vendor's own names.
+        coordinates: where each trace was recorded, when the file says.
+        left_m, forward_m: place of each channel in the array, when the files say; falling from left to right.
     """
 
     path: Path
@@ -32,6 +50,9 @@ class Profile:
     centre_frequency_hz: float | None
     positions_m: Float[np.ndarray, " trace"] | None
     metadata: dict[str, object]
+    coordinates: TraceCoordinates | None = None
+    left_m: Float[np.ndarray, " channel"] | None = None
+    forward_m: Float[np.ndarray, " channel"] | None = None
 
     @property
     def traces(self) -> Num[np.ndarray, "trace sample"]:

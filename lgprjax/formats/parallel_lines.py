@@ -1,0 +1,205 @@
+"""Parallel lines laid side by side: every line becomes a channel of one wide array that drives straight ahead."""
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Num
+
+from lgprjax.errors import InputError
+from lgprjax.formats.drive_description import DriveDescription, OdometryTrack, TraceRecording
+from lgprjax.formats.drive_writer import DriveWriter
+from lgprjax.formats.profile import Profile
+from lgprjax.formats.survey_track import SURVEY_SPEED_MPS, Place, straight_track
+from lgprjax.radar.array import ArrayGeometry
+
+# Time zeros closer than this are the same (8 ps at 0.4 ns a sample); farther than this share, another recording.
+_SAME_TIME_ZERO_SAMPLES = 0.02
+_LARGEST_SHIFT = 0.05
+# A gap of more usual steps than this is left open, not bridged; a line of more steps than so many a trace is no line.
+_LARGEST_GAP_STEPS = 3.0
+_STEPS_A_TRACE = 20
+
+
+def write_lines(
+    lines: Sequence[Profile],
+    *,
+    left_m: Float[np.ndarray, " line"],
+    forward_m: Float[np.ndarray, " line"],
+    place: Place,
+    output: str | Path,
+    provenance: dict[str, object],
+    length_m: float | None = None,
+    reversed_lines: Sequence[int] = (),
+    force: bool = False,
+) -> None:
+    """Write lines of one channel each as one drive log that leaves ``place`` straight along its heading.
+
+    Args:
+        lines: the lines, leftmost first.
+        left_m, forward_m: place of each line's antenna in the body frame.
+        place: origin and direction.
+        output: the drive log.
+        provenance: what the drive log says about its making; how the lines were resampled is added.
+        length_m: spread every line evenly over this length (both ends on the tape) and resample it to the common
+            step. Without it lines keep the spacing and start of their headers and may end early.
+        reversed_lines: numbers of the lines that were recorded backwards; a reversed line ends at the start.
+        force: replace an output that exists.
+
+    Raises:
+        InputError: the lines do not belong together, or an option makes no sense.
+    """
+    place.check(output)
+    if length_m is not None and not (np.isfinite(length_m) and length_m > 0):
+        raise InputError(output, "line length", "a length above zero", f"{length_m:g} m")
+    for index in reversed_lines:
+        if not 0 <= index < len(lines):
+            raise InputError(output, "reversed lines", f"numbers from 0 to {len(lines) - 1}", str(index))
+    time_zero_ns = float(np.median([line.time_zero_ns for line in lines]))
+    _check_lines(lines, time_zero_ns)
+
+    along = [_along_m(lines, i, length_m, i in reversed_lines) for i in range(len(lines))]
+    step_m = _common_step_m(lines, along, length_m)
+    scan_m = np.arange(int(np.floor(max(a.max() for a in along) / step_m + 1e-6)) + 1) * step_m
+    columns = [
+        _resampled(line, a, scan_m, time_zero_ns, i in reversed_lines)
+        for i, (line, a) in enumerate(zip(lines, along, strict=True))
+    ]
+    traces = np.stack([column for column, _ in columns], axis=1)
+    if traces.dtype.kind == "f":
+        traces = traces.astype(np.float32)
+    valid = np.stack([covered for _, covered in columns], axis=1)
+
+    time_s = scan_m / SURVEY_SPEED_MPS
+    frequencies = [line.centre_frequency_hz for line in lines if line.centre_frequency_hz is not None]
+    description = DriveDescription(
+        name=Path(output).name.split(".")[0],
+        # The vendors' clocks are no UTC: the epoch says that the moment is not known.
+        t0_utc="1970-01-01T00:00:00Z",
+        array=ArrayGeometry(forward_m, left_m, np.zeros(len(lines)), 0.0),
+        recording=TraceRecording(
+            lines[0].sample_interval_ns, time_zero_ns, 0.0, frequencies[0] if frequencies else None, traces.shape[2]
+        ),
+        navigation=straight_track(scan_m, place, time_s),
+        odometry=OdometryTrack(time_s, scan_m),
+        truth=None,
+        vehicle=None,
+        provenance=provenance
+        | {
+            "length_m": length_m,
+            "reversed_lines": list(reversed_lines),
+            "scan_step_m": step_m,
+            "assumed_survey_speed_mps": SURVEY_SPEED_MPS,
+            "line_time_zero_ns": [line.time_zero_ns for line in lines],
+        },
+    )
+    with DriveWriter.create(output, description, channels=len(lines), dtype=traces.dtype, force=force) as writer:
+        writer.append(time_s, traces, valid)
+
+
+def inputs_of(paths: Sequence[str | Path]) -> list[dict[str, str]]:
+    """Names and SHA-256 of input files, for the provenance."""
+    return [{"file": Path(p).name, "sha256": hashlib.sha256(Path(p).read_bytes()).hexdigest()} for p in paths]
+
+
+def _check_lines(lines: Sequence[Profile], time_zero_ns: float) -> None:
+    first = lines[0]
+    for line in lines:
+        if line.channels.shape[1] != 1:
+            found = str(line.channels.shape[1])
+            raise InputError(line.path, "channels", "one a file when several files are given", found)
+        if len(line.channels) < 2:
+            raise InputError(line.path, "traces", "at least 2", str(len(line.channels)))
+        if line.channels.shape[2] != first.channels.shape[2]:
+            expected = f"{first.channels.shape[2]} as in {first.path.name}"
+            raise InputError(line.path, "samples a trace", expected, str(line.channels.shape[2]))
+        if abs(line.sample_interval_ns / first.sample_interval_ns - 1) > 1e-3:
+            expected = f"{first.sample_interval_ns:g} ns as in {first.path.name}"
+            raise InputError(line.path, "sample interval", expected, f"{line.sample_interval_ns:g} ns")
+        shift = abs(line.time_zero_ns - time_zero_ns) / line.sample_interval_ns
+        if shift > _LARGEST_SHIFT * line.channels.shape[2]:
+            raise InputError(line.path, "time zero", f"about {time_zero_ns:g} ns", f"{line.time_zero_ns:g} ns")
+
+
+def _along_m(
+    lines: Sequence[Profile], index: int, length_m: float | None, backwards: bool
+) -> Float[np.ndarray, " trace"]:
+    """Position of each trace along the drive, rising; a line recorded backwards is flipped before."""
+    line = lines[index]
+    traces = len(line.channels)
+    if length_m is not None:
+        return np.linspace(0.0, length_m, traces)
+    if line.spacing_m is not None:
+        own = np.arange(traces) * line.spacing_m
+    elif line.positions_m is not None:
+        own = line.positions_m - line.positions_m[0]
+        _check_positions(line, own)
+    else:
+        raise InputError(line.path, "trace spacing", "a spacing in the header, or the length of the line", "none")
+    starts = [0.0 if other.positions_m is None else float(other.positions_m[0]) for other in lines]
+    along: np.ndarray = own[-1] - own[::-1] if backwards else starts[index] - min(starts) + own
+    return along
+
+
+def _check_positions(line: Profile, own_m: Float[np.ndarray, " trace"]) -> None:
+    steps_m = np.diff(own_m)
+    usual_m = float(np.median(steps_m))
+    if np.any(steps_m <= 0):
+        bad = int(np.argmax(steps_m <= 0))
+        expected = "positions that rise from trace to trace, or the length of the line"
+    elif own_m[-1] > _STEPS_A_TRACE * len(own_m) * usual_m:
+        bad = int(np.argmax(steps_m))
+        expected = f"steps like most of them, {usual_m:g} m"
+    else:
+        return
+    raise InputError(line.path, f"position of trace {bad + 1}", expected, f"a step of {steps_m[bad]:g} m")
+
+
+def _common_step_m(lines: Sequence[Profile], along: list[Float[np.ndarray, " _"]], length_m: float | None) -> float:
+    if length_m is not None:
+        return length_m / (max(len(line.channels) for line in lines) - 1)
+    return min(
+        float(np.median(np.diff(a))) if line.spacing_m is None else line.spacing_m
+        for line, a in zip(lines, along, strict=True)
+    )
+
+
+def _resampled(
+    line: Profile,
+    along_m: Float[np.ndarray, " trace"],
+    scan_m: Float[np.ndarray, " scan"],
+    time_zero_ns: float,
+    backwards: bool,
+) -> tuple[Num[np.ndarray, "scan sample"], Bool[np.ndarray, " scan"]]:
+    """One line at the common scans and the common time zero; as recorded where nothing has to be moved.
+
+    Scans beyond the line's ends and within its gaps are not covered.
+    """
+    traces = line.traces[::-1] if backwards else line.traces
+    shift = (line.time_zero_ns - time_zero_ns) / line.sample_interval_ns
+    if abs(shift) > _SAME_TIME_ZERO_SAMPLES:
+        traces = _interpolated(traces.T, np.clip(np.arange(traces.shape[1]) + shift, 0, traces.shape[1] - 1)).T
+    margin_m = 1e-3 * (along_m[1] - along_m[0])
+    covered = (scan_m > along_m[0] - margin_m) & (scan_m < along_m[-1] + margin_m)
+    steps_m = np.diff(along_m)
+    before = np.clip(np.searchsorted(along_m, scan_m, side="right") - 1, 0, len(steps_m) - 1)
+    inside = (scan_m > along_m[before] + margin_m) & (scan_m < along_m[before + 1] - margin_m)
+    covered &= ~(inside & (steps_m[before] > _LARGEST_GAP_STEPS * np.median(steps_m)))
+    at = np.interp(scan_m[covered], along_m, np.arange(len(along_m)))
+    nearest = np.rint(at)
+    moved = traces[nearest.astype(np.intp)] if np.all(np.abs(at - nearest) < 1e-3) else _interpolated(traces, at)
+    column = np.zeros((len(scan_m), traces.shape[1]), dtype=moved.dtype)
+    column[covered] = moved
+    return column, covered
+
+
+def _interpolated(
+    rows: Num[np.ndarray, "row column"], at: Float[np.ndarray, " place"]
+) -> Float[np.ndarray, "place column"]:
+    """Rows at fractional row numbers, linear between neighbours; float32."""
+    low = np.minimum(at.astype(np.intp), len(rows) - 2)
+    weight = (at - low)[:, None].astype(np.float32)
+    values = rows.astype(np.float32)
+    between: np.ndarray = (1 - weight) * values[low] + weight * values[low + 1]
+    return between

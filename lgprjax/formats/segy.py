@@ -1,0 +1,195 @@
+"""SEG-Y lines as radars write them. Needs the optional package segyio (``pip install lgprjax[segy]``)."""
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+from jaxtyping import Float, Int
+
+from lgprjax.errors import InputError
+from lgprjax.formats.profile import Profile, TraceCoordinates, read_bytes
+
+_TEXT_BYTES, _BINARY_BYTES, _TRACE_HEADER_BYTES = 3200, 400, 240
+# Bytes a sample and the type returned, by the format code: IBM float, int32, int16, IEEE float, int8.
+_FORMATS: dict[int, tuple[int, type[np.generic]]] = {
+    1: (4, np.float32),
+    2: (4, np.int32),
+    3: (2, np.int16),
+    5: (4, np.float32),
+    8: (1, np.int16),
+}
+# A header word of microseconds cannot hold a radar's interval; radars' programs write picoseconds in it. Only words
+# in this range are taken for them: 0.01 ns (100 GHz) to 2 ns (Nyquist 250 MHz). Seismic defaults (4000) lie outside.
+_PLAUSIBLE_PS = (10, 2000)
+_FOOT_M = 0.3048
+# Steps that vary by less than this share are even.
+_EVEN = 0.02
+
+
+def read_segy(path: str | Path, *, sample_interval_ns: float | None = None, time_zero_ns: float = 0.0) -> Profile:
+    """Read one SEG-Y file of revision 0, 1 or 2, big- or little-endian; IBM or IEEE float, int32, int16 or int8.
+
+    The sample interval is, in this order: ``sample_interval_ns`` if given; the extended interval of revision 2; the
+    interval word of the binary and trace headers, taken for picoseconds, if they agree and it is from 10 to 2000.
+    ``metadata["reading"]`` says in words what was taken. Coordinates are the midpoints of source and receiver, or
+    what there is of them, or else those of the ensemble; the coordinate scalar and feet are applied.
+
+    Args:
+        path: the file.
+        sample_interval_ns: two-way travel time between samples, where the header does not say it.
+        time_zero_ns: how long after sample 0 time zero lies (no header of SEG-Y says it in ns).
+
+    Raises:
+        InputError: segyio is missing, the file is missing, cut short or another format, or no header says the
+            sample interval.
+    """
+    file = Path(path)
+    data = read_bytes(file)
+    order, binary = _binary_header(file, data)
+    if sample_interval_ns is not None and not (np.isfinite(sample_interval_ns) and sample_interval_ns > 0):
+        raise InputError(file, "sample interval", "a number above zero", f"{sample_interval_ns:g}")
+    if not np.isfinite(time_zero_ns):
+        raise InputError(file, "time zero", "a number", f"{time_zero_ns:g}")
+    segyio = _segyio(file)
+    try:
+        with segyio.open(str(file), ignore_geometry=True, endian="big" if order == ">" else "little") as store:
+            stored = store.trace.raw[:]
+            words = {place: np.asarray(store.attributes(place)[:], dtype=np.int64) for place in _TRACE_WORDS}
+    except (OSError, RuntimeError, ValueError, IndexError) as error:
+        raise InputError(file, "file", "a whole SEG-Y file", str(error) or type(error).__name__) from None
+    interval_ns, interval_from = _interval(file, binary, words[117], sample_interval_ns)
+    coordinates, coordinates_from = _coordinates(words, feet=binary["units"] == 2)
+    positions_m = None if coordinates is None else _along_m(coordinates)
+    spacing_m = None
+    if positions_m is not None and len(positions_m) > 1:
+        steps = np.diff(positions_m)
+        mean_m = float(steps.mean())
+        if mean_m > 0 and np.all(np.abs(steps - mean_m) < _EVEN * mean_m):
+            spacing_m = mean_m
+    traces = np.atleast_2d(stored).astype(_FORMATS[binary["format"]][1])
+    return Profile(
+        path=file,
+        channels=traces[:, None, :],
+        sample_interval_ns=interval_ns,
+        time_zero_ns=time_zero_ns,
+        spacing_m=spacing_m,
+        centre_frequency_hz=None,
+        positions_m=positions_m,
+        metadata={
+            "revision": binary["revision"],
+            "format": binary["format"],
+            "reading": f"sample interval {interval_ns:g} ns from {interval_from}; coordinates from {coordinates_from}",
+        },
+        coordinates=coordinates,
+    )
+
+
+# First bytes, counted from 1 as the standard does, of the words that are read from every trace header.
+_TRACE_WORDS = (71, 73, 77, 81, 85, 89, 117, 181, 185)
+
+
+def _segyio(file: Path) -> Any:
+    try:
+        import segyio
+    except ImportError:
+        expected = "the optional package segyio (pip install lgprjax[segy])"
+        raise InputError(file, "SEG-Y", expected, "none") from None
+    return segyio
+
+
+def _binary_header(file: Path, data: bytes) -> tuple[str, dict[str, Any]]:
+    """Byte order and the words of the binary header that count; the size of the file is held against them."""
+    header = data[_TEXT_BYTES : _TEXT_BYTES + _BINARY_BYTES]
+    if len(header) < _BINARY_BYTES:
+        raise InputError(file, "file", "SEG-Y headers of 3600 bytes", f"{len(data)} bytes")
+    codes = {order: struct.unpack_from(f"{order}h", header, 24)[0] for order in (">", "<")}
+    order = next((o for o, code in codes.items() if code in _FORMATS), None)
+    if order is None:
+        expected = "1 (IBM float), 2 (int32), 3 (int16), 5 (IEEE float) or 8 (int8)"
+        raise InputError(file, "binary header, sample format", expected, str(codes[">"]))
+    interval, samples = (struct.unpack_from(f"{order}H", header, at)[0] for at in (16, 20))
+    units, extended_headers = (struct.unpack_from(f"{order}h", header, at)[0] for at in (54, 304))
+    major, minor = header[300], header[301]
+    exact_us = struct.unpack_from(f"{order}d", header, 72)[0] if major >= 2 else 0.0
+    if major >= 2 and samples == 0:
+        samples = struct.unpack_from(f"{order}I", header, 68)[0]
+    if samples < 2:
+        raise InputError(file, "binary header, samples a trace", "at least 2", str(samples))
+    if extended_headers < 0:
+        raise InputError(file, "binary header, extended text headers", "a number of them", str(extended_headers))
+    before = _TEXT_BYTES + _BINARY_BYTES + _TEXT_BYTES * (extended_headers if major >= 1 else 0)
+    trace_bytes = _TRACE_HEADER_BYTES + samples * _FORMATS[codes[order]][0]
+    held = (len(data) - before) / trace_bytes
+    if held < 1 or held != int(held):
+        expected = f"whole traces of {trace_bytes} bytes ({samples} samples) after {before} bytes of headers"
+        raise InputError(file, "size", expected, f"{len(data)} bytes ({held:.6g} traces)")
+    return order, {
+        "format": codes[order],
+        "interval": interval,
+        "exact_us": exact_us,
+        "units": units,
+        "revision": f"{major}.{minor}",
+    }
+
+
+def _interval(
+    file: Path, binary: dict[str, Any], trace_words: Int[np.ndarray, " trace"], given_ns: float | None
+) -> tuple[float, str]:
+    found = sorted({binary["interval"], *np.unique(trace_words & 0xFFFF).tolist()} - {0})
+    says = f"(the header says {', '.join(map(str, found)) or 'nothing'})"
+    if given_ns is not None:
+        return given_ns, f"the option {says}"
+    if np.isfinite(binary["exact_us"]) and 1e-6 <= binary["exact_us"] <= 0.1:
+        return binary["exact_us"] * 1e3, "the extended interval of revision 2"
+    low, high = _PLAUSIBLE_PS
+    if len(found) == 1 and low <= found[0] <= high:
+        return found[0] / 1e3, f"the interval word {found[0]} read as picoseconds"
+    expected = f"one interval word that reads as picoseconds ({low} to {high}), or --sample-interval-ns"
+    raise InputError(file, "sample interval", expected, ", ".join(map(str, found)) or "none")
+
+
+def _coordinates(words: dict[int, Int[np.ndarray, " trace"]], *, feet: bool) -> tuple[TraceCoordinates | None, str]:
+    """Coordinates of the traces, and where they come from, in words."""
+    scalar = words[71].astype(np.float64)
+    factor = np.where(scalar < 0, 1.0 / np.where(scalar < 0, -scalar, 1.0), np.where(scalar > 0, scalar, 1.0))
+    pairs = {name: np.stack([words[x], words[y]]) for name, (x, y) in _PAIRS.items()}
+    there = {name: pair for name, pair in pairs.items() if np.any(pair)}
+    if "source" in there and "receiver" in there:
+        chosen, name = (there["source"] + there["receiver"]) / 2, "the midpoints of source and receiver"
+        present = np.any(there["source"] != 0, axis=0) & np.any(there["receiver"] != 0, axis=0)
+    elif there:
+        name, chosen = next(iter(there.items()))
+        present = np.any(chosen != 0, axis=0)
+        name = f"the {name} fields"
+    else:
+        return None, "no header"
+    if not present.all():
+        return None, f"no header ({name}: {np.count_nonzero(~present)} of {present.size} traces without)"
+    x, y = chosen * factor
+    if np.ptp(x) == 0 and np.ptp(y) == 0:
+        return None, f"no header ({name}: all traces in one place)"
+    unit = int(words[89][0])
+    if unit in (2, 3):
+        to_degrees = 3600.0 if unit == 2 else 1.0
+        x, y = x / to_degrees, y / to_degrees
+        if np.max(np.abs(x)) > 360 or np.max(np.abs(y)) > 90:
+            return None, f"no header ({name}: degrees that are none)"
+        return TraceCoordinates("degrees", x, y), f"{name}, degrees"
+    if unit == 4:
+        return None, f"no header ({name}: degrees, minutes and seconds are not read)"
+    return TraceCoordinates("metres", x * (_FOOT_M if feet else 1.0), y * (_FOOT_M if feet else 1.0)), f"{name}, length"
+
+
+_PAIRS = {"source": (73, 77), "receiver": (81, 85), "ensemble": (181, 185)}
+
+
+def _along_m(coordinates: TraceCoordinates) -> Float[np.ndarray, " trace"]:
+    """Cumulative distance along the traces."""
+    if coordinates.kind == "degrees":
+        x, y = coordinates.x, coordinates.y
+        steps = pyproj.Geod(ellps="WGS84").inv(x[:-1], y[:-1], x[1:], y[1:])[2]
+    else:
+        steps = np.hypot(np.diff(coordinates.x), np.diff(coordinates.y))
+    return np.concatenate([[0.0], np.cumsum(steps)])

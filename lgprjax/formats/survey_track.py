@@ -1,0 +1,134 @@
+"""Tracks of surveys: a straight line from an origin, and the heading along a measured path."""
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pyproj
+from jaxtyping import Float
+
+from lgprjax.errors import InputError
+from lgprjax.formats.drive_description import NavigationTrack
+
+# A survey has no clock that matters: scans are timed as if walked at this speed.
+SURVEY_SPEED_MPS = 1.0
+SIGMA_M = 0.05
+SIGMA_DEG = 0.5
+# Headings are taken over this length of path: centimetres of noise then turn them by a degree or two at most.
+_CHORD_M = 1.0
+_GEOD = pyproj.Geod(ellps="WGS84")
+
+
+class Place(NamedTuple):
+    """Origin of a survey, WGS-84, and the direction of its lines, clockwise from true north."""
+
+    latitude_deg: float
+    longitude_deg: float
+    heading_deg: float
+
+    def check(self, file: str | Path) -> None:
+        """Raise ``InputError``, about a file to write, unless this is a place on the earth."""
+        for name, value, limit in (("latitude", self.latitude_deg, 90.0), ("longitude", self.longitude_deg, 360.0)):
+            if not abs(value) <= limit:
+                raise InputError(file, name, f"degrees from {-limit:g} to {limit:g}", f"{value:g}")
+        if not np.isfinite(self.heading_deg):
+            raise InputError(file, "heading", "degrees", f"{self.heading_deg:g}")
+
+    def ahead(self, distance_m: float) -> "Place":
+        """The place that lies so far ahead."""
+        longitude, latitude, back = _GEOD.fwd(self.longitude_deg, self.latitude_deg, self.heading_deg, distance_m)
+        return Place(latitude, longitude, (back + 180.0) % 360.0)
+
+
+def utm_projection(file: str | Path, utm_zone: str) -> pyproj.Proj:
+    """Projection of a zone such as ``19N``. Raises ``InputError``, about a file, for what is none."""
+    parts = re.fullmatch(r"(\d{1,2})([NS])", utm_zone.strip().upper())
+    if parts is None or not 1 <= int(parts[1]) <= 60:
+        raise InputError(file, "UTM zone", "a number from 1 to 60 and N or S, such as 19N", repr(utm_zone))
+    return pyproj.Proj(proj="utm", zone=int(parts[1]), ellps="WGS84", south=parts[2] == "S")
+
+
+def straight_track(
+    along_m: Float[np.ndarray, " scan"], place: Place, time_s: Float[np.ndarray, " scan"]
+) -> NavigationTrack:
+    """Poses on the geodesic that leaves a place along its heading; ``along_m`` may fall and be negative."""
+    count = len(along_m)
+    longitude, latitude = np.full(count, place.longitude_deg), np.full(count, place.latitude_deg)
+    heading = np.full(count, place.heading_deg)
+    longitudes, latitudes, back = _GEOD.fwd(longitude, latitude, heading, along_m)
+    return track(time_s, np.asarray(latitudes), np.asarray(longitudes), (np.asarray(back) + 180.0) % 360.0)
+
+
+def track(
+    time_s: Float[np.ndarray, " scan"],
+    latitude_deg: Float[np.ndarray, " scan"],
+    longitude_deg: Float[np.ndarray, " scan"],
+    heading_deg: Float[np.ndarray, " scan"],
+    height_m: Float[np.ndarray, " scan"] | None = None,
+    *,
+    sigmas: bool = True,
+) -> NavigationTrack:
+    """Poses without roll, at height 0 where none is given, with a survey's usual sigmas or with none (truth)."""
+    zeros = np.zeros(len(time_s))
+    metres, degrees = (np.full(len(time_s), s) if sigmas else None for s in (SIGMA_M, SIGMA_DEG))
+    return NavigationTrack(
+        time_s=time_s,
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        height_m=zeros if height_m is None else height_m,
+        heading_deg=heading_deg,
+        roll_deg=zeros,
+        sigma_east_m=metres,
+        sigma_north_m=metres,
+        sigma_height_m=metres,
+        sigma_heading_deg=degrees,
+        sigma_roll_deg=degrees,
+    )
+
+
+def distances_m(
+    latitude_deg: Float[np.ndarray, " scan"], longitude_deg: Float[np.ndarray, " scan"]
+) -> Float[np.ndarray, " scan"]:
+    """Cumulative length of a path, from 0."""
+    steps = _GEOD.inv(longitude_deg[:-1], latitude_deg[:-1], longitude_deg[1:], latitude_deg[1:])[2]
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def path_headings_deg(
+    latitude_deg: Float[np.ndarray, " scan"],
+    longitude_deg: Float[np.ndarray, " scan"],
+    travel_m: Float[np.ndarray, " scan"],
+) -> Float[np.ndarray, " scan"]:
+    """Heading of the vehicle along its path, clockwise from true north, in [0, 360).
+
+    ``travel_m`` is signed: where it falls the vehicle reverses and its heading is opposite to its motion. Where it
+    stands it keeps its heading. The path is unrolled for that, as if every step had been driven forwards, and the
+    heading is the direction of a chord of it.
+
+    Raises:
+        ValueError: the path never moves.
+    """
+    plane = pyproj.Proj(proj="aeqd", ellps="WGS84", lat_0=float(latitude_deg[0]), lon_0=float(longitude_deg[0]))
+    east_north = np.stack(plane(longitude_deg, latitude_deg), axis=1)
+    travelled = np.diff(travel_m)
+    unrolled = np.cumsum(np.diff(east_north, axis=0) * np.sign(travelled)[:, None], axis=0)
+    length_m = np.cumsum(np.abs(travelled))
+    moving = np.abs(travelled) > 0
+    knots = np.concatenate([[0.0], length_m[moving]])
+    points = np.concatenate([np.zeros((1, 2)), unrolled[moving]])
+    at = np.concatenate([[0.0], length_m])
+    ahead, behind = (
+        np.stack([np.interp(at + half, knots, points[:, axis]) for axis in (0, 1)], axis=1)
+        for half in (_CHORD_M / 2, -_CHORD_M / 2)
+    )
+    chord = ahead - behind
+    known = np.flatnonzero(np.hypot(chord[:, 0], chord[:, 1]) > 0)
+    if not known.size:
+        raise ValueError("the path never moves")
+    held = known[np.clip(np.searchsorted(known, np.arange(len(at)), side="right") - 1, 0, None)]
+    # Meridians converge: true north leans off the plane's by this much.
+    turn_deg = (longitude_deg - longitude_deg[0] + 180.0) % 360.0 - 180.0
+    convergence_deg = turn_deg * np.sin(np.deg2rad(latitude_deg))
+    headings: np.ndarray = (np.rad2deg(np.arctan2(chord[held, 0], chord[held, 1])) + convergence_deg) % 360.0
+    return headings
