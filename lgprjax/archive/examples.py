@@ -6,16 +6,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.archive.registering import RegisteredDrive, live_blocks, recording_of
+from lgprjax.archive.depth_levels import live_operator
+from lgprjax.archive.registering import RegisteredDrive, live_blocks
 from lgprjax.formats import DriveLog, MapFile
-from lgprjax.radar import CoefficientBasis, profile_operator
+from lgprjax.radar import CoefficientBasis
 from lgprjax.registration import (
     BLOCK_SCANS,
-    LiveChain,
     RegisterOptions,
     SurfacePicture,
     ground_map_for,
     ground_under,
+    live_chain,
     search_spec_for,
     survey_surface,
     templates_of,
@@ -84,23 +85,11 @@ def fix_example(
         return None
     tile, frame = ground.tile(tile_number), ground.frame(tile_number)
     description = source.description
-    recording = recording_of(log)
+    array = log.description.array
     reach_m = max(_STRIP_M, options.window_m)
     travel = drive.track.travel_m
     settled = np.flatnonzero(np.abs(travel - travel[scan]) < 2.0 * description.settings.track_filter_m + reach_m)
-    chain = LiveChain(
-        profile_operator(
-            recording.samples,
-            recording.sample_interval_ns,
-            recording.time_zero_ns,
-            description.settings,
-            kept=len(description.gain),
-        ),
-        ground.basis,
-        track_filter_m=description.settings.track_filter_m,
-        channels=log.channels,
-        history_m=reach_m + 1.0,
-    )
+    chain = live_chain(ground, live_operator(source, log, drive.track, options.time_scale), log.channels, reach_m)
     start = int(settled[0])
     scans = None
     for number, block in enumerate(live_blocks(log, drive.track, None, start)):
@@ -112,11 +101,11 @@ def fix_example(
     template = templates_of(
         scans,
         np.array([at]),
-        recording.array,
+        array,
         window_m=options.window_m,
         step_m=description.settings.step_m,
     )
-    spec = search_spec_for(ground, tile_number, recording.array, options)
+    spec = search_spec_for(ground, tile_number, array, options)
     prior = to_tile(drive.track.pose[[scan]], frame)[0]
     surface = survey_surface(
         tile,
@@ -128,7 +117,7 @@ def fix_example(
         margin=spec.margin,
     )
     strip = _strip(log, options)
-    lane = templates_of(scans, np.array([at]), recording.array, window_m=strip, step_m=description.settings.step_m)
+    lane = templates_of(scans, np.array([at]), array, window_m=strip, step_m=description.settings.step_m)
     channel = log.channels // 2
     offset = np.asarray(lane.offset_m)[0].reshape(-1, log.channels, 2)[:, channel]
     live = np.asarray(lane.coefficients)[0].reshape(len(offset), log.channels, -1)[:, channel]

@@ -6,26 +6,26 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from lgprjax import __version__
+from lgprjax.archive.depth_levels import at_levels, depth_level
+from lgprjax.archive.recordings import recording_of
 from lgprjax.archive.tracks import antennas_of, scan_spacing_m, track_of_drive
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, MapWriter, TraceRecording
+from lgprjax.formats import DriveLog, MapWriter
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import (
     ChainSettings,
     apply_operator,
     coherence_gain,
-    default_chain,
-    profile_operator,
-    profile_samples,
 )
 from lgprjax.subsurface import (
     Coherence,
     MapDescription,
     ScanBlock,
     TilePlacer,
-    coherence_lag,
+    coherence_lags,
     stations_of_drive,
 )
 
@@ -41,15 +41,18 @@ def build_map(
     output: str | Path,
     *,
     centre_frequency_hz: float | None = None,
+    travel_time_ns: float | None = None,
     force: bool = False,
     progress: Progress = lambda _: None,
 ) -> MapDescription:
     """Build a subsurface database from one or more drives over the same ground.
 
     Args:
-        drives: drive logs; the first gives anchor, channels and chain.
+        drives: drive logs, of traces or of sweeps; the first gives anchor, channels and chain.
         output: the database.
-        centre_frequency_hz: of the antennas, where the first log does not say.
+        centre_frequency_hz: of the antennas, where the first log does not say; sweeps always do.
+        travel_time_ns: how deep the profiles go at most; by default traces go to the recording's end and sweeps
+            fifteen periods of their centre frequency, and none farther than its recording is unambiguous.
         force: replace an output that exists.
         progress: told as scans are done.
 
@@ -61,11 +64,13 @@ def build_map(
             written.
     """
     with DriveLog.open(drives[0]) as first:
-        frame, settings, spacing_m = _plan(first, centre_frequency_hz)
+        recording = recording_of(first)
+        frame, spacing_m = _plan(first)
+        settings = recording.chain(spacing_m, centre_frequency_hz)
+        samples = recording.samples(settings, travel_time_ns)
+        steps = [*recording.steps, "stations", "zero-phase track filter", "coherence gain (stored beside)"]
         pitch_m = _pitch(first)
         channels = first.channels
-        recording = _traces_of(first)
-        samples = profile_samples(recording.samples, recording.sample_interval_ns, recording.time_zero_ns, settings)
     tile_spacing_m = max(4.0, 10.0 * settings.step_m)
     tiles = TilePlacer(tile_spacing_m)
     references: list[float] = []
@@ -75,24 +80,26 @@ def build_map(
         for number, path in enumerate(drives):
             with DriveLog.open(path) as log:
                 if log.channels != channels:
-                    raise InputError(path, "/radar/traces", f"{channels} channels as in {drives[0]}", str(log.channels))
+                    raise InputError(path, "/array/y_m", f"{channels} channels as in {drives[0]}", str(log.channels))
                 scale: float | None = None
                 before = writer.stations
-                lag = coherence_lag(settings, spacing_m)
-                for block in stations_of_drive(
-                    scan_blocks(log, frame, settings, samples, progress), settings, spacing_m
-                ):
+                lags = coherence_lags(settings, spacing_m)
+                operator = recording_of(log).operator(settings, samples)
+                if recording_of(log).kind != recording.kind:
+                    levels = (_level(path, frame, settings, samples) for path in (drives[0], drives[number]))
+                    operator = at_levels(operator, *levels)
+                for block in stations_of_drive(scan_blocks(log, frame, operator, progress), settings, spacing_m):
                     if scale is None and np.any(block.profile):
                         scale = float(np.sqrt(np.mean(block.profile[block.valid] ** 2)))
                     if scale is None:
                         # Nothing has been received yet: these stations are not ground.
                         block = block._replace(valid=np.zeros_like(block.valid))
                     block = block._replace(profile=block.profile / np.float32(scale or 1.0))
-                    coherence = (coherence or Coherence.empty(block.profile.shape[2])).add(block, lag)
+                    coherence = (coherence or Coherence.empty(block.profile.shape[2])).add(block, lags)
                     references += [float(np.median(block.pose[:, 2]))] * tiles.place(block.pose)
                     writer.append(block, number)
                 if scale is None and writer.stations > before:
-                    raise InputError(path, "/radar/traces", "a signal that changes along the drive", "none")
+                    raise InputError(path, "/radar", "a signal that changes along the drive", "none")
                 if writer.stations - before < 2:
                     raise InputError(
                         path,
@@ -109,14 +116,12 @@ def build_map(
             channel_pitch_m=pitch_m,
             channels=channels,
             tile_spacing_m=tile_spacing_m,
-            gain=coherence_gain(
-                coherence.power / max(coherence.traces, 1), coherence.lagged / max(coherence.pairs, 1)
-            ).astype(np.float32),
+            gain=coherence_gain(*coherence.means).astype(np.float32),
         )
-        steps = ["time zero", "dewow", "band-pass", "decimate", "stations", "zero-phase track filter"]
         provenance: dict[str, object] = {
             "program": f"lgprjax {__version__}",
-            "steps": [*steps, "coherence gain (stored beside)"],
+            "recording": recording.kind,
+            "steps": steps,
             "inputs": inputs,
         }
         writer.finish(description, tiles.frames, np.asarray(references), provenance)
@@ -124,20 +129,16 @@ def build_map(
 
 
 def scan_blocks(
-    log: DriveLog, frame: LocalFrame, settings: ChainSettings, samples: int, progress: Progress
+    log: DriveLog, frame: LocalFrame, operator: Float[Array, "recorded sample"], progress: Progress
 ) -> Iterator[ScanBlock]:
     """Profiled scans of a drive with their places, block by block."""
-    recording = _traces_of(log)
-    operator = profile_operator(
-        recording.samples, recording.sample_interval_ns, recording.time_zero_ns, settings, kept=samples
-    )
     track, ground_up = track_of_drive(log, frame)
     antennas = antennas_of(track, log.description.array)
-    for start, traces, valid in log.chunks(_BLOCK_SCANS):
-        span = slice(start, start + len(traces))
-        padded = np.pad(traces, [(0, _BLOCK_SCANS - len(traces)), (0, 0), (0, 0)])
+    for start, recorded, valid in recording_of(log).blocks(_BLOCK_SCANS):
+        span = slice(start, start + len(recorded))
+        padded = np.pad(recorded, [(0, _BLOCK_SCANS - len(recorded)), (0, 0), (0, 0)])
         yield ScanBlock(
-            profile=np.asarray(apply_operator(jnp.asarray(padded), operator))[: len(traces)],
+            profile=np.asarray(apply_operator(jnp.asarray(padded), operator))[: len(recorded)],
             valid=valid,
             travel_m=track.travel_m[span],
             pose=track.pose[span],
@@ -145,7 +146,7 @@ def scan_blocks(
             antenna_m=antennas[span],
             time_s=log.scan_time_s[span],
         )
-        progress(len(traces))
+        progress(len(recorded))
 
 
 def file_hash(path: str | Path) -> str:
@@ -154,28 +155,21 @@ def file_hash(path: str | Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def _plan(log: DriveLog, centre_frequency_hz: float | None) -> tuple[LocalFrame, ChainSettings, float]:
-    """Frame, chain and scan spacing that the first drive sets for the map."""
+def _plan(log: DriveLog) -> tuple[LocalFrame, float]:
+    """Frame and scan spacing that the first drive sets for the map."""
     navigation = log.description.navigation
     frame = LocalFrame(
         float(navigation.latitude_deg[0]), float(navigation.longitude_deg[0]), float(navigation.height_m[0])
     )
-    frequency = _traces_of(log).centre_frequency_hz if centre_frequency_hz is None else centre_frequency_hz
-    if frequency is None:
-        raise InputError(
-            log.path, "/radar/traces@centre_frequency_hz", "a frequency, or --centre-frequency-mhz", "none"
-        )
-    spacing_m = scan_spacing_m(track_of_drive(log, frame).track)
-    return frame, default_chain(frequency, spacing_m), spacing_m
+    return frame, scan_spacing_m(track_of_drive(log, frame).track)
+
+
+def _level(path: str | Path, frame: LocalFrame, settings: ChainSettings, samples: int) -> Float[np.ndarray, " sample"]:
+    with DriveLog.open(path) as log:
+        recording, track = recording_of(log), track_of_drive(log, frame).track
+        return depth_level(recording, recording.operator(settings, samples), track, settings.track_filter_m)
 
 
 def _pitch(log: DriveLog) -> float:
     y_m = log.description.array.y_m
     return float(np.median(np.abs(np.diff(y_m)))) if len(y_m) > 1 else _LONE_CHANNEL_PITCH_M
-
-
-def _traces_of(log: DriveLog) -> TraceRecording:
-    recording = log.description.recording
-    if not isinstance(recording, TraceRecording):
-        raise InputError(log.path, "/radar", "time traces", "stepped-frequency sweeps")
-    return recording

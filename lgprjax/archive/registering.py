@@ -10,17 +10,17 @@ import pandas as pd
 from jaxtyping import Float
 
 from lgprjax import __version__
+from lgprjax.archive.depth_levels import live_operator
 from lgprjax.archive.map_building import file_hash
+from lgprjax.archive.recordings import recording_of
 from lgprjax.archive.tracks import DriveTrack, poses_of, track_of_drive
-from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, MapFile, TraceRecording, write_fixes
+from lgprjax.formats import DriveLog, MapFile, write_fixes
 from lgprjax.frames import LocalFrame
 from lgprjax.registration import (
     BLOCK_SCANS,
     Code,
     Fix,
     LiveBlock,
-    Recording,
     RegisterOptions,
     Track,
     ground_map_for,
@@ -51,24 +51,14 @@ class RegisteredDrive:
     milliseconds_per_scan: float
 
 
-def recording_of(log: DriveLog) -> Recording:
-    """How the live traces were recorded. Raises ``InputError`` for a log of stepped-frequency sweeps."""
-    recording = log.description.recording
-    if not isinstance(recording, TraceRecording):
-        raise InputError(log.path, "/radar", "time traces", "stepped-frequency sweeps")
-    return Recording(recording.samples, recording.sample_interval_ns, recording.time_zero_ns, log.description.array)
-
-
 def live_blocks(
     log: DriveLog, track: Track, truth: Float[np.ndarray, "scan 5"] | None, start: int = 0
 ) -> Iterator[LiveBlock]:
     """Scans of a log from ``start`` on, in blocks of ``BLOCK_SCANS``."""
-    for low in range(start, log.scans, BLOCK_SCANS):
-        high = min(low + BLOCK_SCANS, log.scans)
-        traces, valid = log.read_traces(low, high)
-        span = slice(low, high)
+    for low, recorded, valid in recording_of(log).blocks(BLOCK_SCANS, start):
+        span = slice(low, low + len(recorded))
         part = Track(*(field[span] for field in track))
-        yield LiveBlock(traces, valid, part, None if truth is None else truth[span])
+        yield LiveBlock(recorded, valid, part, None if truth is None else truth[span])
 
 
 def register_log(
@@ -86,6 +76,9 @@ def register_log(
         log: the drive.
         options: the search.
         progress: told the number of scans done since the last call.
+
+    Raises:
+        InputError: navigation does not span the drive, or the recording misses most of the map's band.
     """
     frame = source.description.frame
     ground = ground_map_for(source, options)
@@ -94,7 +87,9 @@ def register_log(
     began = time.perf_counter()
     parts: list[Fix] = []
     at_truth: list[Float[np.ndarray, " scan"]] = []
-    for fixes in register_drive(ground, recording_of(log), live_blocks(log, moved.track, truth), options):
+    operator = live_operator(source, log, moved.track, options.time_scale)
+    blocks = live_blocks(log, moved.track, truth)
+    for fixes in register_drive(ground, operator, log.description.array, blocks, options):
         parts.append(fixes.fix)
         at_truth.append(fixes.correlation_at_truth)
         progress(len(fixes.scan))
@@ -165,6 +160,7 @@ def write_registered(
         "drive": {"file": log.path.name, "sha256": file_hash(log.path)},
         "search_m": options.search_m,
         "window_m": options.window_m,
+        "time_scale": options.time_scale,
         "seed": options.seed,
         "thresholds": thresholds,
         "chain": source.description.settings.as_provenance(),

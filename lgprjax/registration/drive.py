@@ -7,9 +7,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from lgprjax.radar import ArrayGeometry, profile_operator
+from lgprjax.radar import ArrayGeometry
 from lgprjax.registration.fix import Code, Fix
 from lgprjax.registration.integrity import Thresholds, default_thresholds
 from lgprjax.registration.live import LiveChain, LiveScans, Track, templates_of, window_ends
@@ -29,6 +29,7 @@ class RegisterOptions:
         window_m: length of the window of scans that is matched as one; 0 for single scans.
         height_m, roll_deg: half widths of the search in height and roll. That in heading follows the prior:
             three sigma, no less than one degree and no more than five.
+        time_scale: how much longer the wave's way in the ground takes today than on the map's day (rain: above 1).
         thresholds: what a fix must reach.
         seed: of the swarm.
     """
@@ -37,24 +38,16 @@ class RegisterOptions:
     window_m: float = 0.0
     height_m: float = 0.08
     roll_deg: float = 1.5
+    time_scale: float = 1.0
     thresholds: Thresholds = field(default_factory=default_thresholds)
     seed: int = 0
-
-
-class Recording(NamedTuple):
-    """How the live traces were recorded."""
-
-    samples: int
-    sample_interval_ns: float
-    time_zero_ns: float
-    array: ArrayGeometry
 
 
 class LiveBlock(NamedTuple):
     """Consecutive scans of a drive.
 
     Attributes:
-        traces: as recorded, zero level removed.
+        traces: as recorded, in whatever numbers the drive's operator takes.
         valid: channels that hold data.
         track: of the scans.
         truth: true poses of the array's centre where they are known, to score them beside the fixes.
@@ -93,8 +86,32 @@ def ground_map_for(source: StationSource, options: RegisterOptions) -> GroundMap
     )
 
 
+def live_chain(
+    ground: GroundMap, operator: Float[Array, "recorded sample"], channels: int, window_m: float
+) -> LiveChain:
+    """The chain that brings recorded scans to this map's coefficients.
+
+    Args:
+        ground: the map.
+        operator: recorded numbers of a trace to profile samples, for the map's settings and as many samples.
+        channels: of the drive.
+        window_m: longest window that will be asked for.
+    """
+    return LiveChain(
+        operator,
+        ground.basis,
+        track_filter_m=ground.description.settings.track_filter_m,
+        channels=channels,
+        history_m=window_m + 1.0,
+    )
+
+
 def register_drive(
-    ground: GroundMap, recording: Recording, blocks: Iterable[LiveBlock], options: RegisterOptions
+    ground: GroundMap,
+    operator: Float[Array, "recorded sample"],
+    array: ArrayGeometry,
+    blocks: Iterable[LiveBlock],
+    options: RegisterOptions,
 ) -> Iterator[DriveFixes]:
     """Fixes of every scan, block by block; memory does not grow with the drive.
 
@@ -103,24 +120,12 @@ def register_drive(
 
     Args:
         ground: from ``ground_map_for`` with the same options.
-        recording: of the drive.
+        operator: recorded numbers of a trace to profile samples, for the map's settings and as many samples.
+        array: geometry of the drive.
         blocks: its scans in order, at most ``BLOCK_SCANS`` each.
         options: the search.
     """
-    description = ground.description
-    chain = LiveChain(
-        profile_operator(
-            recording.samples,
-            recording.sample_interval_ns,
-            recording.time_zero_ns,
-            description.settings,
-            kept=len(description.gain),
-        ),
-        ground.basis,
-        track_filter_m=description.settings.track_filter_m,
-        channels=len(recording.array.x_m),
-        history_m=options.window_m + 1.0,
-    )
+    chain = live_chain(ground, operator, len(array.x_m), options.window_m)
     start_m: float | None = None
     for block in blocks:
         scans, first = chain.feed(block.traces, block.valid, block.track, BLOCK_SCANS)
@@ -134,7 +139,7 @@ def register_drive(
         at_truth = np.full(len(fixes.code), np.nan)
         for tile, at in _by_tile(ground, scans, ends, options):
             truth = None if block.truth is None else block.truth[at - first]
-            found, scored = _register_at(ground, tile, scans, at, truth, recording.array, options)
+            found, scored = _register_at(ground, tile, scans, at, truth, array, options)
             for whole, part in zip(fixes, found, strict=True):
                 whole[at - first] = part
             at_truth[at - first] = scored

@@ -7,7 +7,7 @@ from lgprjax.subsurface.stations import (
     Coherence,
     ScanBlock,
     StationBlock,
-    coherence_lag,
+    coherence_lags,
     stations_of_drive,
 )
 from lgprjax.subsurface.tile import Tile, sample_tile
@@ -25,7 +25,7 @@ __all__ = [
     "Tile",
     "TilePlacer",
     "TraceSet",
-    "coherence_lag",
+    "coherence_lags",
     "grid_spec",
     "grid_traces",
     "sample_tile",

@@ -52,37 +52,65 @@ class StationBlock(NamedTuple):
 
 
 class Coherence(NamedTuple):
-    """Running sums behind the depth gain: power of the traces, and product with those a lag farther on."""
+    """Running sums behind the depth gain.
+
+    Attributes:
+        power: of the traces.
+        lagged, distant: product with the traces a short and a long lag farther on (see ``coherence_lags``).
+        traces, lagged_pairs, distant_pairs: how many were summed.
+    """
 
     power: Float[np.ndarray, " sample"]
     lagged: Float[np.ndarray, " sample"]
+    distant: Float[np.ndarray, " sample"]
     traces: int
-    pairs: int
+    lagged_pairs: int
+    distant_pairs: int
 
     @staticmethod
     def empty(samples: int) -> "Coherence":
         """Nothing seen yet."""
-        return Coherence(np.zeros(samples), np.zeros(samples), 0, 0)
+        return Coherence(np.zeros(samples), np.zeros(samples), np.zeros(samples), 0, 0, 0)
 
-    def add(self, block: StationBlock, lag: int) -> "Coherence":
+    def add(self, block: StationBlock, lags: tuple[int, int]) -> "Coherence":
         """The sums after one more block."""
-        both = block.valid[lag:] & block.valid[:-lag]
-        product = np.where(both[..., None], block.profile[lag:] * block.profile[:-lag], 0.0)
+        lagged, lagged_pairs = _products(block, lags[0])
+        distant, distant_pairs = _products(block, lags[1])
         return Coherence(
             self.power + np.sum(block.profile.astype(np.float64) ** 2, axis=(0, 1)),
-            self.lagged + np.sum(product, axis=(0, 1), dtype=np.float64),
+            self.lagged + lagged,
+            self.distant + distant,
             self.traces + int(block.valid.sum()),
-            self.pairs + int(both.sum()),
+            self.lagged_pairs + lagged_pairs,
+            self.distant_pairs + distant_pairs,
+        )
+
+    @property
+    def means(self) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, " sample"], Float[np.ndarray, " sample"]]:
+        """Means of power, lagged and distant product."""
+        return (
+            self.power / max(self.traces, 1),
+            self.lagged / max(self.lagged_pairs, 1),
+            self.distant / max(self.distant_pairs, 1),
         )
 
 
-def coherence_lag(settings: ChainSettings, scan_spacing_m: float) -> int:
-    """Stations between the two traces whose agreement is called ground: an eighth of a wavelength.
+def coherence_lags(settings: ChainSettings, scan_spacing_m: float) -> tuple[int, int]:
+    """Stations between traces whose agreement is called ground, and between those whose agreement is not.
 
-    Where stations are means of several scans, neighbours share noise, and the lag is two at least.
+    What agrees over an eighth of a wavelength is no noise; what still agrees over a whole one (what is left of
+    the surface return, flat layers) says nothing about the place. Where stations are means of several scans,
+    neighbours share noise, and the short lag is two at least.
     """
     shares_scans = scan_spacing_m < 0.9 * settings.step_m
-    return max(2 if shares_scans else 1, round(settings.wavelength_m / 8.0 / settings.step_m))
+    short = max(2 if shares_scans else 1, round(settings.wavelength_m / 8.0 / settings.step_m))
+    return short, max(short + 1, round(settings.wavelength_m / settings.step_m))
+
+
+def _products(block: StationBlock, lag: int) -> tuple[Float[np.ndarray, " sample"], int]:
+    both = block.valid[lag:] & block.valid[:-lag]
+    product = np.where(both[..., None], block.profile[lag:] * block.profile[:-lag], 0.0)
+    return np.asarray(np.sum(product, axis=(0, 1), dtype=np.float64)), int(both.sum())
 
 
 def stations_of_drive(

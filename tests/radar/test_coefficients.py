@@ -131,15 +131,25 @@ def test_the_gain_levels_ground_and_drops_noise() -> None:
     noise = [0.003 * rng.normal(size=traces.shape) for _ in range(2)]
     power = np.mean((traces + noise[0]) ** 2, axis=0)
     lagged = np.mean((traces + noise[0]) * (traces + noise[1]), axis=0)
-    gain = coherence_gain(power, lagged)
+    gain = coherence_gain(power, lagged, 0.0 * power)
     levelled = gain * np.sqrt(power)
     np.testing.assert_allclose(levelled[3:46], 1.0, atol=0.05)
     assert np.abs(levelled[54:-4]).max() < 0.05
     assert np.all(gain >= 0.0)
 
 
+def test_the_gain_drops_what_is_the_same_a_wavelength_on() -> None:
+    """The upper third holds the remains of a surface return, which change over metres; the rest is ground."""
+    power = np.ones(SAMPLES)
+    surface = np.where(np.arange(SAMPLES) < SAMPLES // 3, 1.0, 0.0)
+    lagged, distant = np.full(SAMPLES, 0.95), 0.9 * surface - 0.1 * (1 - surface)
+    gain = coherence_gain(power, lagged, distant)
+    np.testing.assert_allclose(gain[3 : SAMPLES // 3 - 4], 0.05, atol=1e-6)
+    np.testing.assert_allclose(gain[SAMPLES // 3 + 4 : -4], 0.95, atol=1e-6)
+
+
 def test_the_gain_of_silence_is_finite() -> None:
-    assert np.all(np.isfinite(coherence_gain(np.zeros(SAMPLES), np.zeros(SAMPLES))))
+    assert np.all(np.isfinite(coherence_gain(np.zeros(SAMPLES), np.zeros(SAMPLES), np.zeros(SAMPLES))))
 
 
 def test_a_metre_of_air_is_6_67_ns() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lgprjax.radar import ChainSettings
-from lgprjax.subsurface import Coherence, ScanBlock, StationBlock, coherence_lag, stations_of_drive
+from lgprjax.subsurface import Coherence, ScanBlock, StationBlock, coherence_lags, stations_of_drive
 
 CHANNELS, SAMPLES = 2, 4
 SETTINGS = ChainSettings(
@@ -172,29 +172,37 @@ def test_coarse_scans_are_stations_themselves() -> None:
     np.testing.assert_allclose(other.profile, expected, atol=1e-4)
 
 
-def test_coherence_sums_are_those_of_the_whole_drive() -> None:
+def test_coherence_means_are_those_of_the_whole_drive() -> None:
     rng = np.random.default_rng(0)
     profile = rng.normal(size=(30, CHANNELS, SAMPLES)).astype(np.float32)
     valid = rng.random((30, CHANNELS)) > 0.2
     profile[~valid] = 0.0
     empty = np.zeros((30, 1))
     block = StationBlock(profile, valid, empty, empty, empty, empty)
-    total = Coherence.empty(SAMPLES).add(block, 2)
-    power, lagged, pairs = np.zeros(SAMPLES), np.zeros(SAMPLES), 0
-    for n in range(30):
-        for channel in range(CHANNELS):
-            power += profile[n, channel].astype(float) ** 2
-            if n >= 2 and valid[n, channel] and valid[n - 2, channel]:
-                lagged += profile[n, channel].astype(float) * profile[n - 2, channel]
-                pairs += 1
-    np.testing.assert_allclose(total.power, power, rtol=1e-5)
-    np.testing.assert_allclose(total.lagged, lagged, rtol=1e-4, atol=1e-5)
-    assert (total.traces, total.pairs) == (int(valid.sum()), pairs)
-    twice = total.add(block, 2)
-    np.testing.assert_allclose(twice.power, 2 * power, rtol=1e-5)
+    total = Coherence.empty(SAMPLES).add(block, (2, 7))
+    expected = []
+    for lag in (0, 2, 7):
+        products = [
+            profile[n, channel].astype(float) * profile[n - lag, channel]
+            for n in range(lag, 30)
+            for channel in range(CHANNELS)
+            if valid[n, channel] and valid[n - lag, channel]
+        ]
+        expected.append(np.mean(products, axis=0))
+    np.testing.assert_allclose(total.means, expected, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(total.add(block, (2, 7)).means, expected, rtol=1e-4, atol=1e-5)
 
 
-def test_the_lag_of_coherence_never_shares_scans() -> None:
-    assert coherence_lag(SETTINGS, 0.035) == 2
-    assert coherence_lag(SETTINGS, 0.05) == 1
-    assert coherence_lag(replace(SETTINGS, step_m=0.01), 0.01) == 6  # an eighth of 0.5 m
+def test_a_block_shorter_than_the_long_lag_has_no_pairs() -> None:
+    ones = np.ones((5, CHANNELS, SAMPLES), np.float32)
+    empty = np.zeros((5, 1))
+    block = StationBlock(ones, np.ones((5, CHANNELS), bool), empty, empty, empty, empty)
+    total = Coherence.empty(SAMPLES).add(block, (2, 7))
+    assert total.distant_pairs == 0
+    np.testing.assert_allclose(total.means[2], 0.0)
+
+
+def test_the_short_lag_of_coherence_never_shares_scans_and_the_long_one_is_a_wavelength() -> None:
+    assert coherence_lags(SETTINGS, 0.035) == (2, 10)
+    assert coherence_lags(SETTINGS, 0.05) == (1, 10)
+    assert coherence_lags(replace(SETTINGS, step_m=0.01), 0.01) == (6, 50)  # an eighth of 0.5 m, and all of it

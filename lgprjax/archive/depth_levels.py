@@ -1,0 +1,114 @@
+"""How loud a recording is at each depth, and recordings of traces and of sweeps brought to one level.
+
+Receivers of traces amplify with travel time, by up to 60 dB, and say nowhere by how much; sweeps are not amplified.
+A map's depth gain levels what its own baselines recorded. A drive of the other kind first gets the levels over depth
+that the map's traces have; a drive of the same kind is left as it is.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from lgprjax.archive.recordings import SweepDrive, TraceDrive, recording_of
+from lgprjax.formats import DriveLog, MapFile
+from lgprjax.radar import LIGHT_SPEED_M_PER_NS, apply_operator, stretched_samples, time_scale_matrix
+from lgprjax.registration import Track
+
+_STRETCHES = 8
+_SCANS = 128  # of a stretch
+_REACH = 4 * _SCANS  # scans after its first
+_STATIONS = 1024
+_SMOOTH = 5
+
+
+def depth_level(
+    recording: TraceDrive | SweepDrive,
+    operator: Float[Array, "recorded sample"],
+    track: Track,
+    stretch_m: float,
+) -> Float[np.ndarray, " sample"]:
+    """RMS at each depth of what changes along a drive: over eight stretches spread over it, each less its mean.
+
+    Args:
+        recording: the drive.
+        operator: its matrix.
+        track: of the drive; stretches are told by travel, not by time, as a vehicle that stands sees no ground.
+        stretch_m: length of a stretch, that of the track filter.
+    """
+    path_m = np.cumsum(np.abs(np.diff(track.travel_m, prepend=track.travel_m[0])))
+    power, traces = np.zeros(operator.shape[1]), 0
+    for begin_m in np.linspace(0.0, max(path_m[-1] - stretch_m, 0.0), _STRETCHES):
+        places_m = begin_m + np.arange(_SCANS) * (stretch_m / _SCANS)
+        wanted = np.unique(np.minimum(np.searchsorted(path_m, places_m), len(path_m) - 1))
+        first = int(wanted[0])
+        # A stretch in which the vehicle crept or stood is shorter: what comes later is left out.
+        wanted = wanted[wanted < first + _REACH]
+        block = next(recording.blocks(_REACH, first))
+        recorded, valid = block.recorded[wanted - first], block.valid[wanted - first]
+        padded = np.pad(recorded, [(0, _SCANS - len(recorded)), (0, 0), (0, 0)])
+        profile = np.asarray(apply_operator(jnp.asarray(padded), operator), dtype=np.float64)[: len(recorded)]
+        seen = np.maximum(valid.sum(axis=0), 1)[:, None]
+        change = np.where(valid[..., None], profile - np.sum(profile * valid[..., None], axis=0) / seen, 0.0)
+        power += np.sum(change**2, axis=(0, 1))
+        traces += int(valid.sum())
+    return np.asarray(np.sqrt(power / max(traces, 1)))
+
+
+def map_level(source: MapFile) -> Float[np.ndarray, " sample"]:
+    """RMS at each depth of a map's stations, over a thousand of them spread over the map."""
+    chosen = np.unique(np.linspace(0, len(source.pose) - 1, _STATIONS).astype(int))
+    stations = source.read_stations(chosen)
+    power = np.sum(np.where(stations.valid[..., None], stations.profile, 0.0).astype(np.float64) ** 2, axis=(0, 1))
+    return np.asarray(np.sqrt(power / max(int(stations.valid.sum()), 1)))
+
+
+def level_ratio(
+    wanted: Float[np.ndarray, " sample"], found: Float[np.ndarray, " sample"]
+) -> Float[np.ndarray, " sample"]:
+    """What to multiply each depth by, smoothed over five samples; 0 where nothing was found at all."""
+    kernel = np.full(min(_SMOOTH, len(found)), 1.0 / min(_SMOOTH, len(found)))
+    want, have = (np.sqrt(np.convolve(level**2, kernel, mode="same")) for level in (wanted, found))
+    heard = found > 0.0
+    return np.asarray(np.where(heard, want / np.where(heard, have, 1.0), 0.0))
+
+
+def live_operator(
+    source: MapFile, log: DriveLog, track: Track, time_scale: float = 1.0
+) -> Float[Array, "recorded sample"]:
+    """The matrix of a live drive for a map: its recording's own, at the map's levels where the kinds differ.
+
+    Args:
+        source: the map.
+        log: the live drive.
+        track: of the drive.
+        time_scale: see ``RegisterOptions``.
+
+    Raises:
+        InputError: the recording cannot be used, or hears too little of the map's band.
+    """
+    recording, settings = recording_of(log), source.description.settings
+    kept = len(source.description.gain)
+    operator = recording.operator(settings, stretched_samples(kept, time_scale))
+    if time_scale == 1.0:
+        operator = operator[:, :kept]
+    else:
+        surface_ns = 2.0 * log.description.array.height_m / LIGHT_SPEED_M_PER_NS
+        stretch = time_scale_matrix(
+            operator.shape[1], kept, settings.sample_interval_ns, scale=time_scale, about_ns=surface_ns
+        )
+        operator = operator @ jnp.asarray(stretch, dtype=jnp.float32)
+    # Maps made before sweeps could be used do not say: they hold traces.
+    if recording.kind == source.provenance.get("recording", TraceDrive.kind):
+        return operator
+    found = depth_level(recording, operator, track, settings.track_filter_m)
+    return at_levels(operator, map_level(source), found)
+
+
+def at_levels(
+    operator: Float[Array, "recorded sample"],
+    wanted: Float[np.ndarray, " sample"],
+    found: Float[np.ndarray, " sample"],
+) -> Float[Array, "recorded sample"]:
+    """An operator whose profiles have the wanted levels over depth, up to one factor."""
+    ratio = level_ratio(wanted, found)
+    return operator * jnp.asarray(ratio / max(float(ratio.max()), 1e-30), dtype=jnp.float32)[None, :]

@@ -1,0 +1,35 @@
+"""Travel time stretched or shrunk about the surface return: what rain and drought do to a whole profile.
+
+Wet soil slows the wave: an echo that came at t comes at s + scale (t - s), s the surface's travel time. A profile is
+band-limited and sampled finer than its band needs, so sinc interpolation brings it back.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+
+def time_scale_matrix(
+    samples: int, kept: int, sample_interval_ns: float, *, scale: float, about_ns: float
+) -> Float[np.ndarray, "sample kept"]:
+    """Profile samples to those of the same ground with the stretching taken back; a factor for an operator's right.
+
+    Args:
+        samples: of the stretched profile.
+        kept: of the profile as the map has it.
+        sample_interval_ns: of both.
+        scale: how much longer the way in the ground takes today than when the map was made.
+        about_ns: travel time of the surface, which stays.
+
+    Raises:
+        ValueError: the scale is not above zero.
+    """
+    if not scale > 0:
+        raise ValueError(f"a time scale is above zero, not {scale}")
+    map_ns = np.arange(kept) * sample_interval_ns
+    today_ns = np.where(map_ns > about_ns, about_ns + scale * (map_ns - about_ns), map_ns)
+    return np.asarray(np.sinc(today_ns[None, :] / sample_interval_ns - np.arange(samples)[:, None]))
+
+
+def stretched_samples(kept: int, scale: float) -> int:
+    """Samples that a profile of today needs for ``kept`` of the map: its stretch, and the interpolation's skirt."""
+    return int(np.ceil(kept * max(scale, 1.0))) + 8

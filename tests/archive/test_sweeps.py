@@ -1,0 +1,271 @@
+"""Stepped-frequency drives end to end: the traces of a generated site as such a radar would have recorded them."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from generated import Site
+from lgprjax.archive import RegisteredDrive, build_map, fix_example, recording_of, register_log
+from lgprjax.archive.depth_levels import at_levels, depth_level, level_ratio
+from lgprjax.errors import InputError
+from lgprjax.formats import DriveLog, DriveWriter, MapFile, SweepRecording, TraceRecording
+from lgprjax.radar import default_chain, sweep_chain
+from lgprjax.registration import Code, RegisterOptions, Track
+from lgprjax.scene import RadarConfig
+from lgprjax.scene.receiver import ReceiverConfig, time_gain
+
+FREQUENCIES_HZ = np.linspace(100e6, 400e6, 61)  # 5 MHz: 200 ns
+CABLE_NS = 3.7
+OPTIONS = RegisterOptions(search_m=1.5)
+LIVE_SCANS = 400
+
+
+def late(delay_ns: float | np.ndarray) -> np.ndarray:
+    return np.asarray(np.exp(-2e-9j * np.pi * np.multiply.outer(delay_ns, FREQUENCIES_HZ)))
+
+
+def write_sweeps(
+    source: Path, target: Path, day: int, *, scans: int | None = None, changes: dict[str, Any] | None = None
+) -> Path:
+    """A drive of traces as sweeps: time gain taken off, transformed, with what the instrument does to them.
+
+    Receiver gain and phase drift by a fifth and by half a radian along the drive, and were others when the look-up
+    was taken; channels have gains, delays, coupling and reflections of the vehicle; the calibration path has a delay
+    and a ripple; noise lies 80 dB below the coupling. ``changes`` replace fields of the recording.
+    """
+    rng, hardware = np.random.default_rng(day), np.random.default_rng(99)
+    with DriveLog.open(source) as log:
+        known, channels = log.description.recording, log.channels
+        assert isinstance(known, TraceRecording)
+        traces, _ = log.read_traces(0, scans or log.scans)
+        time_ns = np.arange(known.samples) * known.sample_interval_ns - known.time_zero_ns
+        field = (traces / time_gain(RadarConfig(), ReceiverConfig())) @ late(time_ns)
+        gain, delay_ns = 1 + 0.1 * hardware.normal(size=channels), 0.1 * hardware.normal(size=channels)
+        own = gain[:, None] * late(delay_ns)
+        coupling = (hardware.normal(size=(channels, 3)) * [20.0, 5.0, 2.0]) @ late(np.array([0.5, 4.0, 11.0]))
+        path = 30.0 * (1 + 0.2 * np.sin(FREQUENCIES_HZ / 23e6)) * late(CABLE_NS)
+        elsewhere = 0.6 * np.exp(0.9j)
+        recording = SweepRecording(
+            FREQUENCIES_HZ,
+            (elsewhere * own * coupling).astype(np.complex64),
+            (elsewhere * path).astype(np.complex64),
+            CABLE_NS,
+            gain / gain.mean(),
+            delay_ns - delay_ns.mean(),
+        )
+        part = np.linspace(0.0, 1.0, len(traces))
+        drift = (1 + 0.2 * np.sin(2 * np.pi * part + day)) * np.exp(0.5j * np.cos(5.0 * part))
+        noise = 2e-3 * (rng.normal(size=field.shape) + 1j * rng.normal(size=field.shape))
+        sweeps = drift[:, None, None] * (own * (field + coupling) + noise)
+        description = replace(log.description, recording=replace(recording, **(changes or {})))
+        with DriveWriter.create(target, description, channels=channels, dtype=np.complex64, force=True) as writer:
+            calibration = (drift[:, None] * path).astype(np.complex64)
+            writer.append_sweeps(log.scan_time_s[: len(traces)], sweeps.astype(np.complex64), calibration)
+    return target
+
+
+def registered(database: Path, drive: Path) -> RegisteredDrive:
+    with MapFile.open(database) as source, DriveLog.open(drive) as log:
+        return register_log(source, log, OPTIONS)
+
+
+def right(drive: RegisteredDrive) -> tuple[float, float]:
+    """Share of fixes that are ok, and their cross-track RMS."""
+    assert drive.truth is not None
+    ok = np.asarray(drive.fix.code) == Code.OK
+    off, yaw = np.asarray(drive.fix.pose)[:, :2] - drive.truth[:, :2], drive.truth[:, 3]
+    cross = (np.cos(yaw) * off[:, 1] - np.sin(yaw) * off[:, 0])[ok]
+    assert np.max(np.hypot(off[ok, 0], off[ok, 1]), initial=0.0) < 0.3
+    return float(ok.mean()), float(np.sqrt(np.mean(cross**2)))
+
+
+@pytest.fixture(scope="module")
+def sweeps(site: Site, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("sweeps")
+    return {
+        name: write_sweeps(
+            log, folder / f"{name}.drive.h5", day, scans=None if name.startswith("baseline") else LIVE_SCANS
+        )
+        for day, (name, log) in enumerate(site.logs.items())
+    }
+
+
+@pytest.fixture(scope="module")
+def sweep_map(sweeps: dict[str, Path]) -> Path:
+    database = sweeps["live"].parent / "sweeps.map.h5"
+    build_map([sweeps["baseline_left"], sweeps["baseline_right"]], database)
+    return database
+
+
+@pytest.fixture(scope="module")
+def traces(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same scans of the live drive as traces."""
+    path = tmp_path_factory.mktemp("traces") / "live.drive.h5"
+    with DriveLog.open(site.logs["live"]) as log:
+        samples, _ = log.read_traces(0, LIVE_SCANS)
+        with DriveWriter.create(path, log.description, channels=log.channels, dtype=np.uint8) as writer:
+            writer.append(log.scan_time_s[:LIVE_SCANS], (samples + 128.0).astype(np.uint8))
+    return path
+
+
+def test_sweeps_are_located_like_traces(sweep_map: Path, sweeps: dict[str, Path], site: Site, traces: Path) -> None:
+    drive, by_traces = registered(sweep_map, sweeps["live"]), registered(site.map, traces)
+    share, cross_m = right(drive)
+    print(f"sweeps on a map of sweeps: {share:.3f} ok, cross-track RMS {cross_m:.3f} m")
+    assert share >= 0.95
+    assert cross_m <= 0.04
+    both = (np.asarray(drive.fix.code) == Code.OK) & (np.asarray(by_traces.fix.code) == Code.OK)
+    apart = (np.asarray(drive.fix.pose) - np.asarray(by_traces.fix.pose))[both, :2]
+    assert np.sqrt(np.mean(apart**2)) < 0.02
+    with MapFile.open(sweep_map) as source, DriveLog.open(sweeps["live"]) as log:
+        assert source.provenance["recording"] == "sweeps"
+        assert len(source.description.gain) * source.description.settings.sample_interval_ns <= 60.0
+        example = fix_example(source, log, drive, OPTIONS, 300)
+    assert example is not None
+    live, under = (part.ravel() for part in (example.strips.live, example.strips.baseline))
+    assert live @ under / np.sqrt((live @ live) * (under @ under)) > 0.5
+
+
+def test_other_ground_is_refused(sweep_map: Path, sweeps: dict[str, Path]) -> None:
+    assert not np.any(np.asarray(registered(sweep_map, sweeps["impostor"]).fix.code) == Code.OK)
+
+
+def test_sweeps_on_a_map_of_traces(site: Site, sweeps: dict[str, Path]) -> None:
+    share, cross_m = right(registered(site.map, sweeps["live"]))
+    assert share >= 0.95
+    assert cross_m <= 0.04
+
+
+def test_traces_on_a_map_of_sweeps(sweep_map: Path, traces: Path) -> None:
+    share, cross_m = right(registered(sweep_map, traces))
+    assert share >= 0.95
+    assert cross_m <= 0.04
+
+
+def test_a_map_of_both(site: Site, sweeps: dict[str, Path], traces: Path, tmp_path: Path) -> None:
+    database = tmp_path / "both.map.h5"
+    build_map([site.logs["baseline_left"], sweeps["baseline_right"]], database)
+    share, cross_m = right(registered(database, traces))
+    assert share >= 0.95
+    assert cross_m <= 0.04
+
+
+def test_without_its_calibration_channel_a_drive_is_lost(
+    sweeps: dict[str, Path], sweep_map: Path, tmp_path: Path
+) -> None:
+    """The drift is no decoration: divided by one calibration sweep for all scans, the drive is hardly located."""
+    path = tmp_path / "frozen.drive.h5"
+    with DriveLog.open(sweeps["live"]) as log:
+        recorded, calibration, _ = log.read_sweeps(0, log.scans)
+        with DriveWriter.create(path, log.description, channels=log.channels, dtype=np.complex64) as writer:
+            writer.append_sweeps(log.scan_time_s, recorded, np.repeat(calibration[:1], log.scans, axis=0))
+    share = np.mean(np.asarray(registered(sweep_map, path).fix.code) == Code.OK)
+    print(f"without the calibration channel: {share:.3f} ok")
+    assert share < 0.8
+
+
+def test_faults_say_so_and_disturb_nobody(sweeps: dict[str, Path], sweep_map: Path, tmp_path: Path) -> None:
+    """NaN scans, a dead calibration channel for two scans, and a channel that is noise."""
+    path, rng = tmp_path / "faults.drive.h5", np.random.default_rng(1)
+    with DriveLog.open(sweeps["live"]) as log:
+        recorded, calibration, _ = log.read_sweeps(0, 300)
+        recorded[:, 3] = rng.normal(size=(300, 61)) + 1j * rng.normal(size=(300, 61))
+        recorded[100:104] = np.nan
+        calibration[150:152, 20] = 0.0
+        calibration[153] = np.nan
+        with DriveWriter.create(path, log.description, channels=log.channels, dtype=np.complex64) as writer:
+            writer.append_sweeps(log.scan_time_s[:300], recorded, calibration)
+    drive = registered(sweep_map, path)
+    code = np.asarray(drive.fix.code)
+    bad = [100, 101, 102, 103, 150, 151, 153]
+    assert list(np.flatnonzero(code == Code.NON_FINITE)) == bad
+    assert np.mean(np.delete(code, bad)[10:] == Code.OK) > 0.95
+    assert np.nanmax(drive.fix.overlap_channels) == 10
+
+
+def test_a_drive_reads_the_same_from_anywhere(sweeps: dict[str, Path]) -> None:
+    with DriveLog.open(sweeps["live"]) as log:
+        recording = recording_of(log)
+        whole = list(recording.blocks(256))
+        assert [block.start for block in whole] == [0, 256]
+        assert len(whole[1].recorded) == LIVE_SCANS - 256
+        later = next(recording.blocks(50, 200))
+        assert later.start == 200
+        np.testing.assert_allclose(later.recorded, whole[0].recorded[200:250], rtol=1e-6)
+        np.testing.assert_array_equal(later.valid, whole[0].valid[200:250])
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            {"frequencies_hz": np.geomspace(100e6, 400e6, 61)},
+            "/radar/frequencies_hz: expected equal steps, or multiples of one step, found steps of 2.337 to 9.136 MHz",
+        ),
+        (
+            {"lookup_calibration_sweep": np.zeros(61, np.complex64)},
+            "/radar/lookup_calibration_sweep: expected values other than zero, found 61 zeros",
+        ),
+    ],
+)
+def test_sweeps_that_no_profile_can_be_made_of(site: Site, tmp_path: Path, changes: dict[str, Any], words: str) -> None:
+    path = write_sweeps(site.logs["live"], tmp_path / "a.drive.h5", 0, scans=100, changes=changes)
+    with pytest.raises(InputError) as caught:
+        build_map([path], tmp_path / "a.map.h5")
+    assert words in str(caught.value)
+    assert not (tmp_path / "a.map.h5").exists()
+
+
+def test_a_band_that_cannot_serve_the_map_is_refused(site: Site, sweep_map: Path, sweeps: dict[str, Path]) -> None:
+    with DriveLog.open(sweeps["live"]) as log:
+        recording = recording_of(log)
+        recording.operator(default_chain(250e6, 0.035), 50)
+        words = "/radar/frequencies_hz: expected half of the map's band, 270 to 1800 MHz, or more, found 100 to 400 MHz"
+        with pytest.raises(InputError) as caught:
+            recording.operator(default_chain(900e6, 0.035), 50)
+        assert words in str(caught.value)
+        with pytest.raises(InputError, match="expected no --centre-frequency-mhz: sweeps say their band, found 250"):
+            build_map([sweeps["live"]], sweep_map.parent / "a.map.h5", centre_frequency_hz=250e6)
+    with DriveLog.open(site.logs["live"]) as log:
+        recording_of(log).operator(sweep_chain(FREQUENCIES_HZ, 0.035), 50)
+        with pytest.raises(InputError, match=r"sample_interval_ns: expected at most 0.0966 ns .*, found 0.16 ns"):
+            recording_of(log).operator(default_chain(4.5e9, 0.035), 50)
+
+
+def test_depth_is_bounded(site: Site, sweeps: dict[str, Path]) -> None:
+    settings = sweep_chain(FREQUENCIES_HZ, 0.035)
+    for path, deepest_ns in ((sweeps["live"], 60.0), (site.logs["live"], 369 * 0.16 - 4.0)):
+        with DriveLog.open(path) as log:
+            recording = recording_of(log)
+            assert recording.samples(settings, None) == int(deepest_ns / settings.sample_interval_ns)
+            assert recording.samples(settings, 25.0) == int(25.0 / settings.sample_interval_ns)
+            assert recording.samples(settings, 1e4) > recording.samples(settings, 25.0)
+
+
+def test_levels_are_told_by_travel_and_matched(traces: Path, sweeps: dict[str, Path]) -> None:
+    """The two kinds' levels differ by the receiver's gain over time, by 40 dB and more, and not once matched."""
+    settings, levels = sweep_chain(FREQUENCIES_HZ, 0.035), []
+    for path in (traces, sweeps["live"]):
+        with DriveLog.open(path) as log:
+            recording, scans = recording_of(log), log.scans
+            travel_m = np.arange(scans) * 0.035
+            zero = np.zeros(scans)
+            track = Track(np.zeros((scans, 5)), travel_m, zero, zero)
+            levels.append(depth_level(recording, recording.operator(settings, 50), track, 4.0))
+    ratio = level_ratio(*levels)
+    time_ns = np.arange(50) * settings.sample_interval_ns
+    gain = np.interp(
+        time_ns, np.arange(369) * 0.16 - 4.0, np.asarray(time_gain(RadarConfig(), ReceiverConfig()), np.float64)
+    )
+    reached = (time_ns > 6.0) & (time_ns < 40.0)
+    step_db = np.diff(20 * np.log10((ratio / gain)[reached]))
+    assert gain[reached].max() / gain[reached].min() > 100.0
+    # The eight bits' own noise stands in the level of the traces; else the ratio is the gain up to one factor.
+    assert np.ptp(20 * np.log10((ratio / gain)[reached])) < 6.0
+    assert np.abs(step_db).max() < 3.0
+    matched = np.asarray(at_levels(jnp.ones((2, 50)), levels[0], levels[1]))
+    np.testing.assert_allclose(matched[0] / matched[0].max(), ratio / ratio.max(), rtol=1e-5)
