@@ -1,22 +1,40 @@
 """Drive logs in, products out: databases built, drives registered against them."""
 
+from lgprjax.archive.drive_health import DriveHealth, drive_health
 from lgprjax.archive.examples import FixExample, Strips, example_scan, fix_example
 from lgprjax.archive.map_building import build_map, file_hash
-from lgprjax.archive.registering import RegisteredDrive, recording_of, register_log, write_registered
+from lgprjax.archive.map_findings import MapFinding, RouteInterval
+from lgprjax.archive.map_health import MapHealth, verify_map
+from lgprjax.archive.map_survey import places_of
+from lgprjax.archive.recordings import SweepDrive, TraceDrive, recording_of
+from lgprjax.archive.registering import RegisteredDrive, register_log, write_registered
 from lgprjax.archive.tracks import DriveTrack, poses_of, track_of_drive
+from lgprjax.archive.verdicts import HealthFigure, Stretch, Verdict
 
 __all__ = [
+    "DriveHealth",
     "DriveTrack",
     "FixExample",
+    "HealthFigure",
+    "MapFinding",
+    "MapHealth",
     "RegisteredDrive",
+    "RouteInterval",
+    "Stretch",
     "Strips",
+    "SweepDrive",
+    "TraceDrive",
+    "Verdict",
     "build_map",
+    "drive_health",
     "example_scan",
     "file_hash",
     "fix_example",
+    "places_of",
     "poses_of",
     "recording_of",
     "register_log",
     "track_of_drive",
+    "verify_map",
     "write_registered",
 ]

@@ -37,6 +37,8 @@ class Register:
     """half side of the search square about the position that GNSS/INS gives"""
     window_m: float = 0.0
     """match windows of this length instead of single scans"""
+    time_scale: float = 1.0
+    """how much longer the wave's way in the ground takes today than on the map's day (after rain about 1.05)"""
     json: Path | None = None
     """also write the figures to this file"""
     force: bool = False
@@ -52,9 +54,11 @@ class Register:
         for name, value, least in (("--search-m", self.search_m, 1e-3), ("--window-m", self.window_m, 0.0)):
             if not (np.isfinite(value) and least <= value <= 1e4):
                 raise UsageError(f"{name}: expected a length in metres, found {value:g}")
+        if not 0.5 <= self.time_scale <= 2.0:
+            raise UsageError(f"--time-scale: expected 0.5 to 2, found {self.time_scale:g}")
         if self.json is not None and self.json.exists() and not self.force:
             raise InputError(self.json, "output", "a new file, or --force", "the file exists")
-        options = RegisterOptions(search_m=self.search_m, window_m=self.window_m)
+        options = RegisterOptions(search_m=self.search_m, window_m=self.window_m, time_scale=self.time_scale)
         results = register_all(self.map, self.drives, self.output, options, force=self.force)
         summaries = [summary for _, summary, _ in results]
         console.print(summary_table(summaries))
@@ -104,7 +108,7 @@ def register_all(
             raise UsageError(f"--search-m: expected {least_m:.2g} or more on this map, found {options.search_m:g}")
         for path in drives:
             with DriveLog.open(path) as log:
-                recording_of(log)
+                recording_of(log).operator(source.description.settings, len(source.description.gain))
                 track_of_drive(log, source.description.frame)
     folder.mkdir(parents=True, exist_ok=True)
     results: list[Registered] = []

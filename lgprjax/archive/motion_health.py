@@ -1,0 +1,213 @@
+"""Figures of a drive's clock, odometry and GNSS/INS."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from lgprjax.archive.verdicts import HealthFigure, Stretch, figure, runs
+from lgprjax.formats import NavigationTrack, OdometryTrack
+from lgprjax.frames import LocalFrame
+
+_WINDOW_M = 8  # odometry and GNSS are compared over this travel: noise of 5 cm makes less than 1 %
+_GOOD_SIGMA_M = 0.1  # where GNSS is better than this, it can judge the odometer
+_LOST_SIGMA_M = 0.5  # three of these are the default search: beyond, the prior may miss its own fix
+_JUMP_LAG_S = 0.1
+_JUMP_M = (0.2, 0.5)
+_SLIP_PERCENT = (2.0, 4.0)
+
+
+def clock_figures(time_s: Float[np.ndarray, " scan"], path_m: Float[np.ndarray, " scan"]) -> list[HealthFigure]:
+    """Dropped scans and jitter of the time stamps.
+
+    Args:
+        time_s: of the scans.
+        path_m: metres travelled since the first scan.
+    """
+    interval, moved = np.diff(time_s), np.diff(path_m)
+    usual, usual_m = _local_median(interval), _local_median(moved)
+    late = interval >= 1.5 * usual
+    # Scans that a wheel triggers stop with the vehicle: a gap in time alone is one only where the clock is steady.
+    steady = float(np.median(np.abs(interval - np.median(interval)))) < 0.1 * float(np.median(interval))
+    gap = late & ((moved >= 1.5 * usual_m) | steady)
+    lost = np.where(gap, np.round(interval / usual) - 1.0, 0.0)
+    where = tuple(
+        Stretch(float(time_s[a]), float(time_s[b + 1]), float(path_m[a]), float(path_m[b + 1])) for a, b in runs(gap)
+    )
+    apart = np.abs(interval - usual)[~late] / float(np.median(interval))
+    jitter = 100.0 * float(np.percentile(apart, 95.0)) if len(apart) else 0.0
+    return [
+        figure(
+            "dropped_scans",
+            100.0 * float(lost.sum() / (len(time_s) + lost.sum())),
+            "%",
+            (0.5, 2.0),
+            f"scans missing in gaps between time stamps ({int(lost.sum())} scans, {len(where)} gaps)",
+            where,
+        ),
+        figure(
+            "time_jitter",
+            jitter,
+            "%",
+            (10.0, 30.0),
+            "95th percentile of what intervals between scans differ by from their neighbours, of the usual interval",
+        ),
+    ]
+
+
+def _local_median(values: Float[np.ndarray, " interval"]) -> Float[np.ndarray, " interval"]:
+    """Median over the ten neighbours to each side."""
+    padded = np.pad(values, 10, mode="reflect" if len(values) > 10 else "edge")
+    out = np.empty_like(values)
+    for start in range(0, len(values), 4096):
+        part = padded[start : start + 4096 + 20]
+        out[start : start + 4096] = np.median(np.lib.stride_tricks.sliding_window_view(part, 21), axis=1)
+    return out
+
+
+def motion_figures(
+    navigation: NavigationTrack,
+    odometry: OdometryTrack,
+    time_s: Float[np.ndarray, " scan"],
+    path_m: Float[np.ndarray, " scan"],
+) -> tuple[list[HealthFigure], list[tuple[str, str]]]:
+    """Figures of GNSS/INS and odometry, and the names of those that could not be measured, with the reason.
+
+    Args:
+        navigation, odometry: of the drive.
+        time_s, path_m: times of the scans and metres travelled there.
+    """
+    names = ("gnss_sigma", "gnss_outage", "gnss_jump", "odometer_scale", "odometer_slip")
+    inside = (navigation.time_s >= odometry.time_s[0]) & (navigation.time_s <= odometry.time_s[-1])
+    if inside.sum() < 3:
+        return [], [(name, "GNSS/INS and odometry do not run at the same time") for name in names]
+    at_s = navigation.time_s[inside]
+
+    def places(mask: Bool[np.ndarray, " interval"]) -> tuple[Stretch, ...]:
+        out = []
+        for a, b in runs(mask):
+            metres = np.interp([at_s[a], at_s[b + 1]], time_s, path_m)
+            out.append(Stretch(float(at_s[a]), float(at_s[b + 1]), float(metres[0]), float(metres[1])))
+        return tuple(out)
+
+    figures: list[HealthFigure] = []
+    missing: list[tuple[str, str]] = []
+    interval = np.diff(at_s)
+    lost = interval > max(1.0, 5.0 * float(np.median(interval)))
+    good = ~lost
+    if navigation.sigma_east_m is None or navigation.sigma_north_m is None:
+        missing.append(("gnss_sigma", "the log holds no sigmas"))
+    else:
+        sigma = np.maximum(navigation.sigma_east_m, navigation.sigma_north_m)[inside]
+        lost |= np.maximum(sigma[1:], sigma[:-1]) > _LOST_SIGMA_M
+        good &= np.maximum(sigma[1:], sigma[:-1]) <= _GOOD_SIGMA_M
+        figures.append(
+            figure(
+                "gnss_sigma",
+                float(np.percentile(sigma, 95.0)),
+                "m",
+                (0.25, _LOST_SIGMA_M),
+                "95th percentile of the horizontal sigma that GNSS/INS states (the larger of east and north)",
+                places(np.maximum(sigma[1:], sigma[:-1]) >= 0.25),
+            )
+        )
+    figures.append(
+        figure(
+            "gnss_outage",
+            float(interval[lost].sum()),
+            "s",
+            (0.5, 10.0),
+            f"time with a sigma above {_LOST_SIGMA_M:g} m or without a record",
+            places(lost),
+        )
+    )
+    # Steps of GNSS in the INS heading: their sum telescopes, so noise is not rectified and reverse has its sign.
+    frame = LocalFrame(*(float(v[0]) for v in (navigation.latitude_deg, navigation.longitude_deg, navigation.height_m)))
+    east, north, _ = frame.to_local(navigation.latitude_deg, navigation.longitude_deg, navigation.height_m)
+    east, north = east[inside], north[inside]
+    yaw = np.unwrap(frame.yaw_of_heading(navigation.heading_deg, navigation.longitude_deg))[inside]
+    middle = 0.5 * (yaw[1:] + yaw[:-1])
+    travel = np.interp(at_s, odometry.time_s, odometry.distance_m)
+    forward = np.diff(east) * np.cos(middle) + np.diff(north) * np.sin(middle)
+    left = np.diff(north) * np.cos(middle) - np.diff(east) * np.sin(middle)
+    step = _jumps(forward - np.diff(travel), left, np.abs(np.diff(travel)), interval)
+    jumped = step >= _JUMP_M[0]
+    figures.append(
+        figure(
+            "gnss_jump",
+            float(step.max()),
+            "m",
+            _JUMP_M,
+            f"largest step of the position in {_JUMP_LAG_S:g} s that odometry denies (a tenth of the way allowed)",
+            places(jumped),
+        )
+    )
+    judged = good & ~jumped
+    ratio, centre_s = _ratios(travel, forward, at_s, judged, _WINDOW_M)
+    if len(ratio) < 3:
+        why = f"less than three windows of {_WINDOW_M} m with a sigma of {_GOOD_SIGMA_M:g} m or better"
+        return figures, [*missing, ("odometer_scale", why), ("odometer_slip", why)]
+    # Of single metres: windows that slip touches are more than the metres that slip.
+    scale = float(np.median(_ratios(travel, forward, at_s, judged, 1)[0]))
+    slip = 100.0 * np.abs(ratio / scale - 1.0)
+    metres = np.interp(centre_s, time_s, path_m)
+    slipped = tuple(
+        Stretch(float(centre_s[a]), float(centre_s[b]), float(metres[a]), float(metres[b]))
+        for a, b in runs(slip >= _SLIP_PERCENT[0])
+    )
+    figures += [
+        figure(
+            "odometer_scale",
+            100.0 * abs(scale - 1.0),
+            "%",
+            (1.0, 3.0),
+            f"odometry over GNSS travel, median of single metres: {100.0 * (scale - 1.0):+.2f} %",
+        ),
+        figure(
+            "odometer_slip",
+            float(slip.max()),
+            "%",
+            _SLIP_PERCENT,
+            f"worst window of {_WINDOW_M} m: odometry over GNSS travel against the drive's median",
+            slipped,
+        ),
+    ]
+    return figures, missing
+
+
+def _jumps(
+    forward_m: Float[np.ndarray, " interval"],
+    left_m: Float[np.ndarray, " interval"],
+    travel_m: Float[np.ndarray, " interval"],
+    interval_s: Float[np.ndarray, " interval"],
+) -> Float[np.ndarray, " interval"]:
+    """What positions step by beyond odometry, each interval with those of the next tenth of a second."""
+    lag = max(1, round(_JUMP_LAG_S / float(np.median(interval_s))))
+
+    def over_lag(values: np.ndarray) -> np.ndarray:
+        total = np.concatenate([[0.0], np.cumsum(values)])
+        last = np.minimum(np.arange(len(values)) + lag, len(values))
+        return np.asarray(total[last] - total[:-1])
+
+    step = np.hypot(over_lag(forward_m), over_lag(left_m)) - 0.1 * over_lag(travel_m)
+    return np.asarray(np.maximum(step, 0.0))
+
+
+def _ratios(
+    travel_m: Float[np.ndarray, " navigation"],
+    forward_m: Float[np.ndarray, " interval"],
+    at_s: Float[np.ndarray, " navigation"],
+    good: Bool[np.ndarray, " interval"],
+    window_m: int,
+) -> tuple[Float[np.ndarray, " window"], Float[np.ndarray, " window"]]:
+    """Odometry over GNSS travel in windows a metre apart where GNSS can judge, and the times of their middles."""
+    path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(travel_m)))])
+    came = np.concatenate([[0.0], np.cumsum(forward_m)])
+    doubt = np.concatenate([[0], np.cumsum(~good)])
+    node = np.searchsorted(path, np.arange(0.0, path[-1] + 1e-9, 1.0))
+    node = np.minimum(node, len(path) - 1)
+    a, b = node[:-window_m], node[window_m:]
+    # Signed: noise of a standing odometer and a turn back within the window make a path, but no way.
+    gone = came[b] - came[a]
+    use = (doubt[b] == doubt[a]) & (np.abs(gone) > 0.5 * window_m)
+    a, b = a[use], b[use]
+    middle = np.interp(0.5 * (path[a] + path[b]), path, at_s)
+    return np.asarray((travel_m[b] - travel_m[a]) / gone[use]), middle

@@ -1,0 +1,349 @@
+"""Faults put into copies of a sound drive are found where they were put, and the sound drive is called good."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from generated import Site
+from lgprjax.archive import DriveHealth, HealthFigure, drive_health
+from lgprjax.formats import (
+    DriveDescription,
+    DriveLog,
+    DriveWriter,
+    NavigationTrack,
+    OdometryTrack,
+    SweepRecording,
+    TraceRecording,
+    import_lines,
+)
+from lgprjax.radar.array import uniform_array
+
+
+class Recording(NamedTuple):
+    """A drive that a test may damage."""
+
+    description: DriveDescription
+    time_s: np.ndarray
+    traces: np.ndarray
+    valid: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def recorded(site: Site) -> Recording:
+    with DriveLog.open(site.logs["baseline_left"]) as log:
+        traces, valid = log.read_traces(0, log.scans)
+        return Recording(log.description, log.scan_time_s, (traces + 128.0).astype(np.uint8), valid)
+
+
+def measured(path: Path, drive: Recording) -> DriveHealth:
+    with DriveWriter.create(
+        path, drive.description, channels=drive.traces.shape[1], dtype=drive.traces.dtype
+    ) as writer:
+        writer.append(drive.time_s, drive.traces, drive.valid)
+    with DriveLog.open(path) as log:
+        return drive_health(log)
+
+
+def fallen(health: DriveHealth) -> set[str]:
+    """Names of the figures that are not good."""
+    return {figure.name for figure in health.figures if figure.verdict != "good"}
+
+
+def reaches(figure: HealthFigure, start_m: float, stop_m: float, within_m: float) -> None:
+    """The figure's stretches begin and end at these metres."""
+    assert min(stretch.start_m for stretch in figure.where) == pytest.approx(start_m, abs=within_m)
+    assert max(stretch.stop_m for stretch in figure.where) == pytest.approx(stop_m, abs=within_m)
+
+
+def test_sound_drives_are_called_good(site: Site) -> None:
+    for path in site.logs.values():
+        with DriveLog.open(path) as log:
+            health = drive_health(log)
+        print(path.name, {figure.name: round(figure.value, 3) for figure in health.figures})
+        assert fallen(health) == set()
+        assert health.verdict == "good"
+        assert health.not_measured == ()
+
+
+def test_noise_is_what_was_added(recorded: Recording, tmp_path: Path) -> None:
+    """Two channels of pure noise of known RMS beside silence: the estimate has no ground to confuse it."""
+    rng = np.random.default_rng(3)
+    traces = np.zeros((640, 4, 200), np.float32)
+    traces[:, :, 20:24] = 1000.0
+    traces += 5.0 * rng.normal(size=traces.shape).astype(np.float32)
+    traces[:, 2] += np.sqrt(75.0) * rng.normal(size=(640, 200)).astype(np.float32)
+    recording = TraceRecording(0.16, 4.0, 0.0, 2.5e8, 200)
+    description = replace(recorded.description, recording=recording, array=uniform_array(4, 0.127))
+    health = measured(
+        tmp_path / "noise.drive.h5", Recording(description, recorded.time_s[:640], traces, np.ones((640, 4), bool))
+    )
+    # 10 over 5 counts: 6 dB.
+    assert health.figure("noisy_channel").value == pytest.approx(6.02, abs=0.3)
+    assert [stretch.channel for stretch in health.figure("noisy_channel").where] == [2]
+    assert "median of 5" in health.figure("noise_rise").meaning
+    assert health.figure("heard_time").value < 2.0
+
+
+def test_gain_ramp(recorded: Recording, tmp_path: Path) -> None:
+    """A fifth more gain at the end than at the start: quarters of the drive differ by three quarters of it."""
+    ramp = np.linspace(0.8, 1.0, len(recorded.traces))[:, None, None]
+    traces = np.clip(np.round((recorded.traces - 128.0) * ramp + 128.0), 0, 255).astype(np.uint8)
+    health = measured(tmp_path / "ramp.drive.h5", recorded._replace(traces=traces))
+    figure = health.figure("gain_drift")
+    assert figure.verdict == "look"
+    assert figure.value == pytest.approx(100.0 * 0.15 / 0.9, abs=2.0)
+    assert fallen(health) == {"gain_drift"}
+
+
+def test_dead_channel(recorded: Recording, tmp_path: Path) -> None:
+    """Channel 3 falls silent over the second half of the drive: its trace stands still at the zero level."""
+    traces = recorded.traces.copy()
+    half = len(traces) // 2
+    traces[half:, 3] = 128
+    health = measured(tmp_path / "dead.drive.h5", recorded._replace(traces=traces))
+    figure = health.figure("dead_channels")
+    assert figure.value == 1.0
+    assert {stretch.channel for stretch in figure.where} == {3}
+    whole_m = health.travel_m
+    reaches(figure, 0.5 * whole_m, whole_m, 3.0)
+    assert {"dead_channels", "stuck_channel"} <= fallen(health)
+
+
+def test_weak_channel_and_opposite_polarity(recorded: Recording, tmp_path: Path) -> None:
+    traces = recorded.traces.astype(np.float32) - 128.0
+    traces[:, 5] *= 0.3
+    traces[:, 8] *= -1.0
+    traces = np.clip(np.round(traces + 128.0), 0, 255).astype(np.uint8)
+    health = measured(tmp_path / "weak.drive.h5", recorded._replace(traces=traces))
+    weak, polarity = health.figure("weak_channel"), health.figure("polarity")
+    assert weak.value == pytest.approx(20.0 * np.log10(0.3), abs=2.5)
+    assert {stretch.channel for stretch in weak.where} == {5}
+    assert polarity.value < -0.9
+    assert polarity.verdict == "bad"
+    assert {stretch.channel for stretch in polarity.where} == {8}
+
+
+def test_dropped_scans(recorded: Recording, tmp_path: Path) -> None:
+    keep = np.ones(len(recorded.traces), bool)
+    keep[200:230] = False
+    keep[700] = False
+    damaged = Recording(recorded.description, recorded.time_s[keep], recorded.traces[keep], recorded.valid[keep])
+    health = measured(tmp_path / "dropped.drive.h5", damaged)
+    figure = health.figure("dropped_scans")
+    # By the stamps: the generated receiver loses a scan now and then by itself.
+    lost = int(np.sum(np.round(np.diff(damaged.time_s) * 126.0) - 1.0))
+    assert lost >= 31
+    assert figure.value == pytest.approx(100.0 * lost / (len(damaged.time_s) + lost), abs=1e-9)
+    assert figure.verdict == "bad"
+    gaps = {(stretch.start_s, stretch.stop_s) for stretch in figure.where}
+    assert gaps >= {(recorded.time_s[199], recorded.time_s[230]), (recorded.time_s[699], recorded.time_s[701])}
+    assert fallen(health) == {"dropped_scans"}
+
+
+def test_non_finite_and_invalid_scans(recorded: Recording, tmp_path: Path) -> None:
+    traces = recorded.traces.astype(np.float32)
+    traces[300:310, 2, 7] = np.nan
+    valid = recorded.valid.copy()
+    valid[500:520, 4] = False
+    health = measured(tmp_path / "holes.drive.h5", recorded._replace(traces=traces, valid=valid))
+    scans = len(traces)
+    assert health.figure("non_finite_scans").value == pytest.approx(100.0 * 10 / scans)
+    assert health.figure("invalid_scans").value == pytest.approx(100.0 * 20 / scans)
+    spacing_m = health.travel_m / scans
+    reaches(health.figure("invalid_scans"), 500 * spacing_m, 520 * spacing_m, 3.0)
+
+
+def test_clipping(recorded: Recording, tmp_path: Path) -> None:
+    """The ground doubled in size over a quarter of the drive: late samples meet the rails, and those are counted."""
+    traces = recorded.traces.copy()
+    low, high = len(traces) // 2, 3 * len(traces) // 4
+    late = np.clip(128.0 + 6.0 * (traces[low:high, :, 90:].astype(np.float32) - 128.0), 0, 255)
+    traces[low:high, :, 90:] = late.astype(np.uint8)
+    health = measured(tmp_path / "clipped.drive.h5", recorded._replace(traces=traces))
+    figure = health.figure("clipped_traces")
+    rails = (traces[:, :, 90:] == 0) | (traces[:, :, 90:] == 255)
+    assert figure.value == pytest.approx(100.0 * rails.any(axis=2).mean(), abs=0.3)
+    assert figure.verdict != "good"
+    reaches(figure, 0.5 * health.travel_m, 0.75 * health.travel_m, 3.0)
+
+
+def test_bursts(recorded: Recording, tmp_path: Path) -> None:
+    """A transmitter nearby: twenty scans in a hundred-scan stretch full of noise."""
+    rng = np.random.default_rng(5)
+    traces = recorded.traces.astype(np.int16)
+    hit = rng.choice(np.arange(400, 500), 20, replace=False)
+    traces[hit] += np.round(40.0 * rng.normal(size=traces[hit].shape)).astype(np.int16)
+    health = measured(tmp_path / "bursts.drive.h5", recorded._replace(traces=np.clip(traces, 0, 255).astype(np.uint8)))
+    figure = health.figure("bursts")
+    assert figure.verdict != "good"
+    spacing_m = health.travel_m / len(traces)
+    reaches(figure, 400 * spacing_m, 500 * spacing_m, 4.5)
+
+
+def moved(
+    recorded: Recording, change: Callable[[np.ndarray, NavigationTrack, OdometryTrack], DriveDescription]
+) -> Recording:
+    track = recorded.description.navigation
+    return recorded._replace(description=change(track.time_s, track, recorded.description.odometry))
+
+
+def test_wheel_slip(recorded: Recording, tmp_path: Path) -> None:
+    """Wheels turn 5 % more between 12 and 24 m."""
+
+    def slip(_: np.ndarray, __: NavigationTrack, odometry: OdometryTrack) -> DriveDescription:
+        distance = odometry.distance_m
+        extra = 0.05 * np.clip(distance - 12.0, 0.0, 12.0)
+        return replace(recorded.description, odometry=OdometryTrack(odometry.time_s, distance + extra))
+
+    health = measured(tmp_path / "slip.drive.h5", moved(recorded, slip))
+    figure = health.figure("odometer_slip")
+    assert figure.value == pytest.approx(5.0, abs=1.5)
+    assert figure.verdict != "good"
+    reaches(figure, 12.0, 24.6, 2.5)
+
+
+def test_gnss_jump(recorded: Recording, tmp_path: Path) -> None:
+    """A metre to the north at 4 s, and back at 5 s: where two stretches begin."""
+
+    def jump(time_s: np.ndarray, track: NavigationTrack, _: OdometryTrack) -> DriveDescription:
+        metre_deg = 1.0 / 111_000.0
+        away = (time_s >= 4.0) & (time_s < 5.0)
+        return replace(
+            recorded.description, navigation=replace(track, latitude_deg=track.latitude_deg + metre_deg * away)
+        )
+
+    health = measured(tmp_path / "jump.drive.h5", moved(recorded, jump))
+    figure = health.figure("gnss_jump")
+    assert figure.value == pytest.approx(1.0, abs=0.1)
+    assert figure.verdict == "bad"
+    assert [round(stretch.stop_s, 1) for stretch in figure.where] == [4.0, 5.0]
+    # A jump is not taken for slip.
+    assert fallen(health) == {"gnss_jump"}
+
+
+def test_gnss_outage(recorded: Recording, tmp_path: Path) -> None:
+    """Under a bridge: sigma of 3 m for two seconds; elsewhere as before."""
+
+    def outage(time_s: np.ndarray, track: NavigationTrack, _: OdometryTrack) -> DriveDescription:
+        assert track.sigma_east_m is not None
+        sigma = np.where((time_s >= 3.0) & (time_s <= 5.0), 3.0, track.sigma_east_m)
+        return replace(recorded.description, navigation=replace(track, sigma_east_m=sigma))
+
+    health = measured(tmp_path / "outage.drive.h5", moved(recorded, outage))
+    figure = health.figure("gnss_outage")
+    assert figure.value == pytest.approx(2.0, abs=0.05)
+    (stretch,) = figure.where
+    assert stretch.start_s == pytest.approx(3.0, abs=0.02)
+    assert stretch.stop_s == pytest.approx(5.0, abs=0.02)
+    assert health.figure("odometer_slip").verdict == "good"
+
+
+def sweeps_of(recorded: Recording, *, scans: int = 640) -> tuple[DriveDescription, np.ndarray, np.ndarray]:
+    """Stepped-frequency sweeps of a direct wave, a few echoes and noise; calibration path of known delay."""
+    rng = np.random.default_rng(11)
+    frequencies_hz = np.linspace(1e8, 4e8, 61)
+    phase = -2j * np.pi * frequencies_hz
+    lookup = np.tile(np.exp(phase * 10e-9), (3, 1)).astype(np.complex64)
+    calibration = (0.5 * np.exp(phase * 4e-9)).astype(np.complex64)
+    travel = np.arange(scans) * 0.036
+    echo_ns = 40.0 + 8.0 * np.sin(travel[:, None] / 2.0 + np.arange(3))
+    clean = np.exp(phase * 10e-9) + 0.2 * np.exp(phase * 1e-9 * echo_ns[..., None])
+    noise = 0.003 * (rng.normal(size=clean.shape) + 1j * rng.normal(size=clean.shape))
+    quiet = 0.001 * (rng.normal(size=(scans, 61)) + 1j * rng.normal(size=(scans, 61)))
+    description = replace(
+        recorded.description,
+        array=uniform_array(3, 0.127),
+        recording=SweepRecording(frequencies_hz, lookup, calibration),
+        truth=None,
+    )
+    return description, (clean + noise).astype(np.complex64), (calibration + quiet).astype(np.complex64)
+
+
+def measured_sweeps(
+    path: Path, description: DriveDescription, sweeps: np.ndarray, calibration: np.ndarray
+) -> DriveHealth:
+    time_s = np.arange(len(sweeps)) / 126.0
+    with DriveWriter.create(path, description, channels=sweeps.shape[1], dtype=np.complex64) as writer:
+        writer.append_sweeps(time_s, sweeps, calibration)
+    with DriveLog.open(path) as log:
+        return drive_health(log)
+
+
+def test_sound_sweeps_are_called_good(recorded: Recording, tmp_path: Path) -> None:
+    health = measured_sweeps(tmp_path / "sweeps.drive.h5", *sweeps_of(recorded))
+    print({figure.name: round(figure.value, 3) for figure in health.figures})
+    assert health.kind == "sweeps"
+    assert fallen(health) == set()
+    # Noise of 0.001 a component on a level of 0.5: -51 dB.
+    assert health.figure("calibration_noise").value == pytest.approx(20 * np.log10(0.001 * np.sqrt(2) / 0.5), abs=0.5)
+
+
+def test_drift_that_calibration_takes_out(recorded: Recording, tmp_path: Path) -> None:
+    """Receiver gain and phase drift alike in all channels: seen in the calibration channel, gone after it."""
+    description, sweeps, calibration = sweeps_of(recorded)
+    drift = np.linspace(1.0, 0.8, len(sweeps)) * np.exp(1j * np.radians(np.linspace(0.0, 40.0, len(sweeps))))
+    both = sweeps * drift[:, None, None], calibration * drift[:, None]
+    health = measured_sweeps(tmp_path / "d.drive.h5", description, *(values.astype(np.complex64) for values in both))
+    assert health.figure("calibration_drift").value == pytest.approx(20 * np.log10(1.0 / 0.8), abs=0.2)
+    assert health.figure("calibration_phase").value == pytest.approx(40.0, abs=3.0)
+    assert fallen(health) == {"calibration_drift", "calibration_phase"}
+
+
+def test_drift_that_calibration_does_not_see(recorded: Recording, tmp_path: Path) -> None:
+    """The antennas' own path drifts: the calibration channel stands, and what remains is reported."""
+    description, sweeps, calibration = sweeps_of(recorded)
+    drift = np.linspace(1.0, 0.8, len(sweeps)) * np.exp(1j * np.radians(np.linspace(0.0, 40.0, len(sweeps))))
+    health = measured_sweeps(
+        tmp_path / "r.drive.h5", description, (sweeps * drift[:, None, None]).astype(np.complex64), calibration
+    )
+    assert health.figure("remaining_phase").value == pytest.approx(40.0, abs=4.0)
+    assert health.figure("gain_drift").value == pytest.approx(100.0 * 0.15 / 0.9, abs=2.0)
+    assert fallen(health) == {"remaining_phase", "gain_drift"}
+
+
+def test_narrow_interference(recorded: Recording, tmp_path: Path) -> None:
+    """A transmitter at one frequency: on all the time, it is a line; keyed now and then, bursts."""
+    description, sweeps, calibration = sweeps_of(recorded)
+    rng = np.random.default_rng(2)
+    line = sweeps.copy()
+    line[:, :, 30] += (0.05 * np.exp(2j * np.pi * rng.uniform(size=line.shape[:2]))).astype(np.complex64)
+    health = measured_sweeps(tmp_path / "line.drive.h5", description, line, calibration)
+    # 0.05 squared over the noise's 2 (0.003)^2, and the noise itself.
+    assert health.figure("narrow_line").value == pytest.approx(10 * np.log10(0.05**2 / (2 * 0.003**2) + 1), abs=1.5)
+    keyed = sweeps.copy()
+    hit = np.arange(205, 300, 6)
+    keyed[hit, :, 30] += np.complex64(0.1)
+    health = measured_sweeps(tmp_path / "keyed.drive.h5", description, keyed, calibration)
+    figure = health.figure("narrow_bursts")
+    assert figure.verdict != "good"
+    spacing_m = health.travel_m / len(sweeps)
+    reaches(figure, 205 * spacing_m, 300 * spacing_m, 2.0)
+
+
+def test_as_json_is_plain(recorded: Recording, tmp_path: Path) -> None:
+    traces = recorded.traces.copy()
+    traces[:, 3] = 128
+    plain = measured(tmp_path / "dead.drive.h5", recorded._replace(traces=traces)).as_json()
+    assert plain["verdict"] == "bad"
+    figures = plain["figures"]
+    assert isinstance(figures, list)
+    dead = next(row for row in figures if row["name"] == "dead_channels")
+    assert (dead["value"], dead["unit"], dead["verdict"]) == (1.0, "channels", "bad")
+    assert dead["where"][0]["channel"] == 3
+
+
+@pytest.mark.real
+def test_the_line_of_opposite_polarity_is_named(real_data: Path, tmp_path: Path) -> None:
+    lines = [real_data / "gpr_o_parallel_lines" / f"XLINE{number:02d}.DT1" for number in range(25)]
+    import_lines(lines, line_spacing_m=0.2, output=tmp_path / "lines.drive.h5")
+    with DriveLog.open(tmp_path / "lines.drive.h5") as log:
+        health = drive_health(log)
+    polarity = health.figure("polarity")
+    assert polarity.value < -0.8
+    assert {stretch.channel for stretch in polarity.where} == {24}
+    # What is not good besides: lines of unequal length, and ground that sinks into noise early.
+    assert fallen(health) == {"polarity", "invalid_scans", "heard_time"}
