@@ -1,15 +1,35 @@
-"""Synthetic ground with a known truth: a corridor, a radar over it, drives on different days."""
+"""Synthetic ground with a known truth: a road, a radar over it, drives on different days."""
 
-from lgprjax.scene.drive import SimulatedDrive, default_array, iterate_traces, render_drive, simulate_drive
-from lgprjax.scene.ground import Ground, GroundConfig, GroundSlice, Layers, make_ground, slice_ground
+from lgprjax.scene.day import Conditions, Cover, Day, Skin, Trench, ground_on, usual_conditions
+from lgprjax.scene.drive import (
+    SimulatedDrive,
+    default_array,
+    iterate_sweeps,
+    iterate_traces,
+    render_drive,
+    simulate_drive,
+)
+from lgprjax.scene.ground import Ground, GroundConfig, Layers, make_ground
+from lgprjax.scene.hardware import NO_FAULTS, Faults, Response, ScanErrors
 from lgprjax.scene.motion import DrivePlan
-from lgprjax.scene.receiver import Day, ReceiverConfig, Response, record_scans, time_gain
-from lgprjax.scene.render import RadarConfig, make_wavelet, render_traces
+from lgprjax.scene.objects import Scatterers, Utilities
+from lgprjax.scene.propagation import RadarConfig, make_wavelet
+from lgprjax.scene.receiver import ReceiverConfig, record_scans, time_gain
+from lgprjax.scene.render import render_traces
+from lgprjax.scene.road import Road, RoadConfig, make_road, straight_road
 from lgprjax.scene.sensors import NavigationErrors, OdometerTrack, PoseTrack
+from lgprjax.scene.slices import GroundSlice, slice_ground
+from lgprjax.scene.sweeps import StartOfDay, SweepPlan, record_sweeps, start_of_day
+from lgprjax.scene.weather import WEATHER
 
 __all__ = [
+    "NO_FAULTS",
+    "WEATHER",
+    "Conditions",
+    "Cover",
     "Day",
     "DrivePlan",
+    "Faults",
     "Ground",
     "GroundConfig",
     "GroundSlice",
@@ -20,15 +40,31 @@ __all__ = [
     "RadarConfig",
     "ReceiverConfig",
     "Response",
+    "Road",
+    "RoadConfig",
+    "ScanErrors",
+    "Scatterers",
     "SimulatedDrive",
+    "Skin",
+    "StartOfDay",
+    "SweepPlan",
+    "Trench",
+    "Utilities",
     "default_array",
+    "ground_on",
+    "iterate_sweeps",
     "iterate_traces",
     "make_ground",
+    "make_road",
     "make_wavelet",
     "record_scans",
+    "record_sweeps",
     "render_drive",
     "render_traces",
     "simulate_drive",
     "slice_ground",
+    "start_of_day",
+    "straight_road",
     "time_gain",
+    "usual_conditions",
 ]

@@ -1,4 +1,4 @@
-"""A synthetic drive: the truth, what the sensors say of it, and the recorded traces, block by block."""
+"""A synthetic drive: the truth, what the sensors say of it, and the recording, block by block."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -6,42 +6,64 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Complex, Float, UInt8
 
 from lgprjax.radar.array import ArrayGeometry, uniform_array
-from lgprjax.scene.ground import Ground, add_stones, count_stones, draw_stones, slice_ground
-from lgprjax.scene.motion import DrivePlan, place_antennas, plan_motion, poses_at, scan_times
-from lgprjax.scene.receiver import Day, ReceiverConfig, Response, draw_response, record_scans
-from lgprjax.scene.render import RadarConfig
+from lgprjax.scene.day import Conditions, Day, ground_on
+from lgprjax.scene.ground import Ground
+from lgprjax.scene.hardware import Faults, Response, ScanErrors, draw_response, draw_scan_errors, kept_scans
+from lgprjax.scene.motion import (
+    DrivePlan,
+    antennas_on_road,
+    ground_up_at,
+    place_antennas,
+    plan_motion,
+    poses_at,
+    scan_times,
+)
+from lgprjax.scene.propagation import RadarConfig, sweep_matrix, trace_matrix
+from lgprjax.scene.receiver import ReceiverConfig, record_scans
+from lgprjax.scene.road import Road
 from lgprjax.scene.sensors import NavigationErrors, OdometerTrack, PoseTrack, observe_drive
+from lgprjax.scene.slices import GroundSlice, count_stones, count_utilities, slice_ground
+from lgprjax.scene.sweeps import SweepPlan, record_sweeps
 
 BLOCK_SCANS = 64
 STONE_STEP = 256  # slices grow in these steps, so that drives of one speed share one compiled program
+UTILITY_STEP = 4
+
+_Block = tuple[jax.Array, jax.Array, GroundSlice, jax.Array, Response, ScanErrors, jax.Array]
 
 
 class SimulatedDrive(NamedTuple):
     """One drive over a ground on one day.
 
     Attributes:
-        scan_time_s: each scan's own time since the drive's start; channel i is taken time_offset_s[i] later.
+        scan_time_s: each recorded scan's own time since the drive's start; channel i is taken time_offset_s[i] later.
         pose: true (east_m, north_m, height_m, yaw_rad, roll_rad) of the body origin at each scan's own time;
             its height is that above the vehicle's place at rest.
-        antenna_m: true (east_m, north_m, height above the ground) of each channel at its own instant.
-        odometer, navigation: what the vehicle's own sensors say.
-        ground: with the day's clutter in it; response, velocity_factor: the day's errors, for whoever checks.
+        ground_up_m: true height of the ground below the body origin, above the road's start.
+        antenna_m: true (east_m, north_m, height) of each channel at its own instant.
+        road_antenna_m: the same in the road frame: (along, cross, height above the ground).
+        odometer, navigation: what the vehicle's own sensors say; navigation_up_m: the ground below, at its times.
+        ground: with the day's clutter in it; conditions, response, errors: the day's, for whoever checks.
     """
 
     scan_time_s: Float[np.ndarray, " scan"]
     pose: Float[np.ndarray, "scan 5"]
+    ground_up_m: Float[np.ndarray, " scan"]
     antenna_m: Float[np.ndarray, "scan channel 3"]
+    road_antenna_m: Float[np.ndarray, "scan channel 3"]
     odometer: OdometerTrack
     navigation: PoseTrack
+    navigation_up_m: Float[np.ndarray, " time"]
     array: ArrayGeometry
     day: Day
     seed: int
     ground: Ground
+    conditions: Conditions
     response: Response
-    velocity_factor: float
+    errors: ScanErrors
     radar: RadarConfig
     receiver: ReceiverConfig
 
@@ -57,46 +79,57 @@ def simulate_drive(
     day: Day,
     seed: int,
     *,
+    road: Road | None = None,
     array: ArrayGeometry | None = None,
     errors: NavigationErrors | None = None,
+    faults: Faults | None = None,
     radar: RadarConfig | None = None,
     receiver: ReceiverConfig | None = None,
 ) -> SimulatedDrive:
-    """Everything of a drive but its traces, which ``iterate_traces`` renders when asked.
+    """Everything of a drive but its recording, which ``iterate_traces`` or ``iterate_sweeps`` makes when asked.
 
     Args:
         day: what the ground and the radar are like that day; its seed draws clutter, response and velocity.
-        seed: of the driving (wander, bounce) and the navigation's errors; with the day's, of the noise.
+        seed: of the driving (wander, bounce), the navigation's errors and the faults; with the day's, of the noise.
 
     Raises:
         ValueError: a plan that cannot be driven, or an antenna that would hear beyond the corridor's edge.
     """
     array = default_array() if array is None else array
-    radar = RadarConfig() if radar is None else radar
-    motion = plan_motion(plan, seed)
+    radar = RadarConfig(height_m=array.height_m) if radar is None else radar
+    faults = Faults() if faults is None else faults
+    motion = plan_motion(plan, seed, road)
     time_s = scan_times(motion)
-    antenna_m = place_antennas(poses_at(motion, time_s[:, None] + array.time_offset_s[None]), array)
-    _check_inside(ground, antenna_m, radar)
+    drawn = draw_scan_errors(faults, len(time_s), radar.band_mhz, seed)
+    kept = kept_scans(faults, len(time_s), seed)
+    time_s = time_s[kept]
+    on_road = antennas_on_road(motion, time_s, array)
+    _check_inside(ground, on_road, radar)
     odometer, navigation = observe_drive(motion, NavigationErrors() if errors is None else errors, seed)
+    that_day, conditions = ground_on(ground, day)
     return SimulatedDrive(
         scan_time_s=time_s,
         pose=poses_at(motion, time_s),
-        antenna_m=antenna_m,
+        ground_up_m=ground_up_at(motion, time_s),
+        antenna_m=place_antennas(poses_at(motion, time_s[:, None] + array.time_offset_s[None]), array),
+        road_antenna_m=on_road,
         odometer=odometer,
         navigation=navigation,
+        navigation_up_m=ground_up_at(motion, navigation.time_s),
         array=array,
         day=day,
         seed=seed,
-        ground=_scatter_clutter(ground, day),
-        response=draw_response(day, array.x_m.size),
-        velocity_factor=_draw_velocity(day),
+        ground=that_day,
+        conditions=conditions,
+        response=draw_response(day, array.x_m.size, faults),
+        errors=ScanErrors(*(e[kept] for e in drawn)),
         radar=radar,
-        receiver=ReceiverConfig(height_m=array.height_m) if receiver is None else receiver,
+        receiver=ReceiverConfig() if receiver is None else receiver,
     )
 
 
 def iterate_traces(drive: SimulatedDrive, chunk_scans: int = 512) -> Iterator[UInt8[np.ndarray, "scan channel sample"]]:
-    """The recording in chunks of ``chunk_scans`` scans (the last may be shorter).
+    """The recording as time traces of one byte, in chunks of ``chunk_scans`` scans (the last may be shorter).
 
     Scans are rendered in fixed blocks counted from the drive's start: one compiled program serves the drive,
     and the size of the chunks never changes the bytes.
@@ -104,76 +137,92 @@ def iterate_traces(drive: SimulatedDrive, chunk_scans: int = 512) -> Iterator[UI
     Raises:
         ValueError: ``chunk_scans`` is less than 1.
     """
-    if chunk_scans < 1:
-        raise ValueError(f"chunk_scans must be at least 1, not {chunk_scans}")
-    waiting: list[UInt8[np.ndarray, "scan channel sample"]] = []
-    held = 0
-    for block in _render_blocks(drive):
-        waiting.append(block)
-        held += len(block)
-        if held >= chunk_scans:
-            scans = np.concatenate(waiting)
-            whole = held // chunk_scans * chunk_scans
-            for first in range(0, whole, chunk_scans):
-                yield scans[first : first + chunk_scans]
-            waiting, held = [scans[whole:]], held - whole
-    if held:
-        yield np.concatenate(waiting)
+    matrix = jnp.asarray(trace_matrix(drive.radar, **_soil(drive)))
+    blocks = (
+        (np.asarray(record_scans(*block, matrix, radar=drive.radar, receiver=drive.receiver)),)
+        for block in _blocks(drive)
+    )
+    for (chunk,) in _chunks(blocks, len(drive.scan_time_s), chunk_scans):
+        yield chunk
+
+
+def iterate_sweeps(
+    drive: SimulatedDrive, plan: SweepPlan, chunk_scans: int = 512
+) -> Iterator[tuple[Complex[np.ndarray, "scan channel frequency"], Complex[np.ndarray, "scan frequency"]]]:
+    """The recording as stepped-frequency sweeps, each with its calibration sweep; chunks as in ``iterate_traces``."""
+    matrix = jnp.asarray(sweep_matrix(drive.radar, plan.frequency_mhz, **_soil(drive)))
+    recorded = (record_sweeps(*block, matrix, radar=drive.radar, plan=plan) for block in _blocks(drive))
+    blocks = ((np.asarray(sweeps), np.asarray(calibration)) for sweeps, calibration in recorded)
+    for pair in _chunks(blocks, len(drive.scan_time_s), chunk_scans):
+        yield pair[0], pair[1]
 
 
 def render_drive(drive: SimulatedDrive) -> UInt8[np.ndarray, "scan channel sample"]:
-    """The whole recording at once (4 kB a scan)."""
-    return np.concatenate(list(_render_blocks(drive)))
+    """All traces at once (4 kB a scan)."""
+    return np.concatenate(list(iterate_traces(drive)))
 
 
-def _render_blocks(drive: SimulatedDrive) -> Iterator[UInt8[np.ndarray, "scan channel sample"]]:
+def _soil(drive: SimulatedDrive) -> dict[str, float]:
+    config, conditions = drive.ground.config, drive.conditions
+    return {
+        "velocity_m_per_ns": config.velocity_m_per_ns * conditions.velocity_factor,
+        "attenuation_per_m": config.attenuation_per_m * conditions.attenuation_factor,
+        "dispersive_share": config.dispersive_share,
+    }
+
+
+def _blocks(drive: SimulatedDrive) -> Iterator[_Block]:
+    """What the recorders need, ``BLOCK_SCANS`` scans at a time; the last block is filled up with its last scan."""
     scans = len(drive.scan_time_s)
     blocks = -(-scans // BLOCK_SCANS)
-    # The last block is filled up with its last scan; what it renders is dropped.
-    index = np.minimum(np.arange(blocks * BLOCK_SCANS), scans - 1)
-    antenna_m = drive.antenna_m[index].reshape(blocks, BLOCK_SCANS, -1, 3)
+    index = np.minimum(np.arange(blocks * BLOCK_SCANS), scans - 1).reshape(blocks, BLOCK_SCANS)
+    antenna_m = drive.road_antenna_m[index]
     reach = drive.radar.aperture_m
     from_m, to_m = antenna_m[..., 0].min(axis=(1, 2)) - reach, antenna_m[..., 0].max(axis=(1, 2)) + reach
     stones = -(-max(count_stones(drive.ground, from_m, to_m), 1) // STONE_STEP) * STONE_STEP
+    utilities = -(-max(count_utilities(drive.ground, from_m, to_m), 1) // UTILITY_STEP) * UTILITY_STEP
     key = jax.random.fold_in(jax.random.key(drive.day.seed), drive.seed)
+    noise_field = jnp.asarray(drive.day.noise_field, jnp.float32)
     for block in range(blocks):
         origin = antenna_m[block].reshape(-1, 3).mean(axis=0) * [1.0, 1.0, 0.0]
-        recorded = record_scans(
+        piece = slice_ground(
+            drive.ground,
+            from_m[block],
+            to_m[block],
+            stones=stones,
+            utilities=utilities,
+            origin_m=(origin[0], origin[1]),
+            conditions=drive.conditions,
+        )
+        yield (
             key,
             jnp.asarray(block * BLOCK_SCANS, jnp.int32),
-            slice_ground(
-                drive.ground,
-                from_m[block],
-                to_m[block],
-                stones=stones,
-                origin_m=(origin[0], origin[1]),
-                velocity_factor=drive.velocity_factor,
-            ),
+            piece,
             jnp.asarray(antenna_m[block] - origin, jnp.float32),
             drive.response,
-            jnp.asarray(drive.day.noise_field, jnp.float32),
-            radar=drive.radar,
-            receiver=drive.receiver,
+            ScanErrors(*(e[index[block]] for e in drive.errors)),
+            noise_field,
         )
-        yield np.asarray(recorded)[: min(BLOCK_SCANS, scans - block * BLOCK_SCANS)]
 
 
-def _scatter_clutter(ground: Ground, day: Day) -> Ground:
-    if day.clutter_per_m2 <= 0:
-        return ground
-    clutter = draw_stones(
-        np.random.default_rng([day.seed, 4]),
-        ground.config,
-        per_m2=day.clutter_per_m2,
-        depth_m=day.clutter_depth_m,
-        strength_m=day.clutter_strength_m,
-    )
-    return add_stones(ground, *clutter)
-
-
-def _draw_velocity(day: Day) -> float:
-    normal = float(np.random.default_rng([day.seed, 5]).normal())
-    return day.velocity_factor * (1 + day.velocity_spread * normal)
+def _chunks(blocks: Iterator[tuple[np.ndarray, ...]], scans: int, chunk_scans: int) -> Iterator[tuple[np.ndarray, ...]]:
+    """Blocks of ``BLOCK_SCANS`` as chunks of another size, without what filled up the last block."""
+    if chunk_scans < 1:
+        raise ValueError(f"chunk_scans must be at least 1, not {chunk_scans}")
+    waiting: list[tuple[np.ndarray, ...]] = []
+    held, done = 0, 0
+    for block in blocks:
+        waiting.append(tuple(part[: scans - done] for part in block))
+        held += len(waiting[-1][0])
+        done += len(waiting[-1][0])
+        if held >= chunk_scans:
+            joined = tuple(np.concatenate(parts) for parts in zip(*waiting, strict=True))
+            whole = held // chunk_scans * chunk_scans
+            for first in range(0, whole, chunk_scans):
+                yield tuple(part[first : first + chunk_scans] for part in joined)
+            waiting, held = [tuple(part[whole:] for part in joined)], held - whole
+    if held:
+        yield tuple(np.concatenate(parts) for parts in zip(*waiting, strict=True))
 
 
 def _check_inside(ground: Ground, antenna_m: Float[np.ndarray, "scan channel 3"], radar: RadarConfig) -> None:

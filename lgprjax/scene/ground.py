@@ -1,8 +1,8 @@
-"""A corridor of ground that never changes: stones and rough layers, everything from one seed.
+"""A corridor of ground that never changes, everything from one seed.
 
-The ground lives in the *road frame*: ``along`` points local east, ``cross`` local north, ``depth`` down from
-a flat surface. It is host data in float64; ``slice_ground`` cuts the part a block of scans can see and brings
-it to the block's own origin, so that float32 on the device resolves it after kilometres as at the start.
+The ground lives in the *road frame*: ``along`` the centreline, ``cross`` to its left, ``depth`` down from the
+surface. It is host data in float64; ``slice_ground`` cuts the part a block of scans can see and brings it to
+the block's own origin, so that float32 on the device resolves it after kilometres as at the start.
 """
 
 from dataclasses import dataclass
@@ -10,6 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+
+from lgprjax.scene.fields import Field, draw_field, draw_wave_vectors
+from lgprjax.scene.objects import Scatterers, Utilities, draw_roots, draw_stones, draw_utilities, joined, repeated
 
 
 @dataclass(frozen=True)
@@ -25,8 +28,13 @@ class GroundConfig:
         layer_depth_m: mean depths of the interfaces.
         layer_relief_m: rms of an interface's depth about its mean; the slopes are alike at every wavelength.
         layer_reflectivity: rms reflection coefficient; half its power is the mean, half changes with place.
-        wavelength_m, waves: range and number of the sinusoids that make up relief and reflectivity.
-        velocity_m_per_ns, attenuation_per_m: of the wave in the ground (amplitude, one way).
+        wavelength_m, waves: range and number of the sinusoids that make up relief, reflectivity and moisture.
+        trees_per_100m: on both sides together; each sends roots under the road.
+        utilities_per_100m: pipes and cables across the road; ``utilities_along`` more run with it.
+        moisture_rms: relative change of the wave's slowness with place, fractal, the same every day.
+        velocity_m_per_ns, attenuation_per_m: of the wave in the ground (amplitude, one way, at the band's middle).
+        dispersive_share: of the attenuation: it grows with the frequency, the rest does not.
+        repeat_m: the ground repeats itself after this length (slabs, sleepers); None for ground that never does.
     """
 
     length_m: float = 200.0
@@ -42,8 +50,14 @@ class GroundConfig:
     layer_reflectivity: float = 0.025
     wavelength_m: tuple[float, float] = (0.3, 10.0)
     waves: int = 24
+    trees_per_100m: float = 6.0
+    utilities_per_100m: float = 3.0
+    utilities_along: int = 1
+    moisture_rms: float = 0.01
     velocity_m_per_ns: float = 0.1
     attenuation_per_m: float = 0.7
+    dispersive_share: float = 0.5
+    repeat_m: float | None = None
 
 
 class Layers(NamedTuple):
@@ -59,135 +73,109 @@ class Layers(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """The whole corridor, float64 on the host. Stones are (along, cross, depth), sorted along the track."""
+    """The whole corridor, float64 on the host.
 
-    config: GroundConfig
-    stone_m: Float[np.ndarray, "stone 3"]
-    stone_strength_m: Float[np.ndarray, " stone"]
-    layers: Layers
-
-
-class GroundSlice(NamedTuple):
-    """What a block of scans sees, float32, about the block's origin; stones of strength 0 are padding.
-
-    The arrays are NumPy's on the host and JAX's inside a compiled function.
+    Attributes:
+        scatterers: stones and roots, sorted along the track.
+        utilities: pipes and cables.
+        layers: interfaces.
+        moisture: relative change of the wave's slowness with place.
     """
 
-    stone_m: Float[np.ndarray, "stone 3"]
-    stone_strength_m: Float[np.ndarray, " stone"]
+    config: GroundConfig
+    scatterers: Scatterers
+    utilities: Utilities
     layers: Layers
-    velocity_m_per_ns: Float[np.ndarray, ""]
-    attenuation_per_m: Float[np.ndarray, ""]
+    moisture: Field
 
 
 def make_ground(seed: int, config: GroundConfig | None = None) -> Ground:
-    """Draws a corridor of ground; the same seed and config give the same ground, bit for bit."""
-    config = GroundConfig() if config is None else config
-    rng_stones, rng_layers = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
-    stone_m, strength_m = draw_stones(
-        rng_stones,
-        config,
-        per_m2=config.stones_per_m2,
-        depth_m=config.stone_depth_m,
-        strength_m=config.stone_strength_m,
-    )
-    return Ground(config, stone_m, strength_m, _draw_layers(rng_layers, config))
-
-
-def draw_stones(
-    rng: np.random.Generator,
-    config: GroundConfig,
-    *,
-    per_m2: float,
-    depth_m: tuple[float, float],
-    strength_m: float,
-) -> tuple[Float[np.ndarray, "stone 3"], Float[np.ndarray, " stone"]]:
-    """Stones over the whole corridor, sorted along, of random polarity (lighter or denser than the soil)."""
-    low, high = -config.margin_m, config.length_m + config.margin_m
-    count = round((high - low) * 2 * config.half_width_m * per_m2)
-    along = np.sort(rng.uniform(low, high, count))
-    cross = rng.uniform(-config.half_width_m, config.half_width_m, count)
-    # Inverse of the truncated exponential's distribution function.
-    scale = config.stone_depth_scale_m
-    top, bottom = np.exp(-np.asarray(depth_m) / scale)
-    depth = -scale * np.log(top - rng.uniform(size=count) * (top - bottom))
-    size = strength_m * np.exp(config.stone_strength_spread * rng.normal(size=count))
-    return np.stack([along, cross, depth], axis=1), size * rng.choice([-1.0, 1.0], count)
-
-
-def add_stones(
-    ground: Ground, stone_m: Float[np.ndarray, "added 3"], strength_m: Float[np.ndarray, " added"]
-) -> Ground:
-    """The same ground with more stones in it (what lies about on one day only)."""
-    places = np.concatenate([ground.stone_m, stone_m])
-    order = np.argsort(places[:, 0], kind="stable")
-    strengths = np.concatenate([ground.stone_strength_m, strength_m])
-    return ground._replace(stone_m=places[order], stone_strength_m=strengths[order])
-
-
-def count_stones(ground: Ground, from_m: Float[np.ndarray, " block"], to_m: Float[np.ndarray, " block"]) -> int:
-    """Most stones found in any of the windows [from, to] along the track."""
-    along = ground.stone_m[:, 0]
-    return int(np.max(np.searchsorted(along, to_m) - np.searchsorted(along, from_m)))
-
-
-def slice_ground(
-    ground: Ground,
-    from_m: float,
-    to_m: float,
-    *,
-    stones: int,
-    origin_m: tuple[float, float] = (0.0, 0.0),
-    velocity_factor: float = 1.0,
-) -> GroundSlice:
-    """Cuts the window [from, to] along the track out of the ground, about ``origin_m`` (along, cross).
-
-    Args:
-        stones: rows of the result, the same for every block of a drive so that nothing is compiled anew.
-        velocity_factor: wave velocity relative to the config's (moisture slows the wave).
+    """Draws a corridor of ground; the same seed and config give the same ground, bit for bit.
 
     Raises:
-        ValueError: the window holds more stones than ``stones``.
+        ValueError: the length after which it should repeat itself is not above zero.
     """
-    along = ground.stone_m[:, 0]
-    first, last = (int(i) for i in np.searchsorted(along, [from_m, to_m]))
-    if last - first > stones:
-        raise ValueError(f"window [{from_m}, {to_m}] holds {last - first} stones, more than {stones}")
-    origin = np.asarray(origin_m)
-    place = np.zeros((stones, 3), np.float32)
-    place[:, 2] = 1.0  # padding lies at a harmless depth: no division by zero
-    place[: last - first] = ground.stone_m[first:last] - np.append(origin, 0.0)
-    strength = np.zeros(stones, np.float32)
-    strength[: last - first] = ground.stone_strength_m[first:last]
-    turn = ground.layers.wave_rad_per_m @ origin
-    layers = ground.layers._replace(
-        relief_phase_rad=np.mod(ground.layers.relief_phase_rad + turn, 2 * np.pi),
-        reflectivity_phase_rad=np.mod(ground.layers.reflectivity_phase_rad + turn, 2 * np.pi),
+    config = GroundConfig() if config is None else config
+    if config.repeat_m is not None and not config.repeat_m > 0:
+        raise ValueError(f"repeat_m must be above zero, not {config.repeat_m}")
+    stones, layers, roots, utilities, moisture = (
+        np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)
     )
-    return GroundSlice(
-        stone_m=place,
-        stone_strength_m=strength,
-        layers=Layers(*(a.astype(np.float32) for a in layers)),
-        velocity_m_per_ns=np.asarray(ground.config.velocity_m_per_ns * velocity_factor, np.float32),
-        attenuation_per_m=np.asarray(ground.config.attenuation_per_m, np.float32),
+    low, high = -config.margin_m, config.length_m + config.margin_m
+    # One length of the pattern is drawn and then laid end to end.
+    span = (low, high) if config.repeat_m is None else (low, low + config.repeat_m)
+    field = draw_stones(
+        stones,
+        span,
+        half_width_m=config.half_width_m,
+        per_m2=config.stones_per_m2,
+        depth_m=config.stone_depth_m,
+        depth_scale_m=config.stone_depth_scale_m,
+        strength_m=config.stone_strength_m,
+        strength_spread=config.stone_strength_spread,
     )
+    if config.repeat_m is None:
+        field = joined(field, draw_roots(roots, span, config.half_width_m, config.trees_per_100m))
+        pipes = draw_utilities(utilities, span, config.half_width_m, config.utilities_per_100m, config.utilities_along)
+    else:
+        field = repeated(field, config.repeat_m, high)
+        pipes = draw_utilities(utilities, span, config.half_width_m, 0.0, config.utilities_along)
+    return Ground(
+        config,
+        field,
+        pipes,
+        _draw_layers(layers, config),
+        draw_field(
+            moisture,
+            rms=config.moisture_rms,
+            wavelength_m=config.wavelength_m,
+            waves=config.waves,
+            repeat_m=config.repeat_m,
+        ),
+    )
+
+
+def draw_layer(
+    rng: np.random.Generator, config: GroundConfig, *, depth_m: float, relief_m: float, reflectivity: float
+) -> Layers:
+    """One interface; a negative reflectivity is a step to denser soil, as seen from above.
+
+    Details finer than the Fresnel zone are not mirrored but scattered, and the specular echo that ``render``
+    gives must not follow them: at wavenumber q and depth d waves are damped by exp(-(q**2 d / 4k)**2 / 2).
+    """
+    wave, wavelength = draw_wave_vectors(rng, config.waves, config.wavelength_m, config.repeat_m)
+    k = 2 * np.pi * 0.25 / config.velocity_m_per_ns  # in the middle of the band, 0.25 GHz
+    q2 = np.sum(wave**2, axis=-1)
+    damping = np.exp(-0.5 * (q2 * depth_m / (4 * k)) ** 2)
+    # Equal slope at every wavelength: the long undulations are high, the short ones a roughness.
+    relief = wavelength / np.sqrt(np.sum(wavelength**2) / 2) * relief_m
+    return Layers(
+        depth_m=np.array([depth_m], np.float64),
+        wave_rad_per_m=wave[None],
+        relief_m=(relief * damping)[None],
+        relief_phase_rad=rng.uniform(0.0, 2 * np.pi, (1, config.waves)),
+        reflectivity_mean=np.array([reflectivity * np.sqrt(0.5)]),
+        reflectivity=(np.abs(reflectivity) / np.sqrt(config.waves) * damping)[None],
+        reflectivity_phase_rad=rng.uniform(0.0, 2 * np.pi, (1, config.waves)),
+    )
+
+
+def stack_layers(layers: list[Layers]) -> Layers:
+    """Interfaces of one ground, in the order given."""
+    return Layers(*(np.concatenate(parts) for parts in zip(*layers, strict=True)))
 
 
 def _draw_layers(rng: np.random.Generator, config: GroundConfig) -> Layers:
-    layers, waves = len(config.layer_depth_m), config.waves
-    log_low, log_high = np.log(config.wavelength_m)
-    wavelength = np.exp(rng.uniform(log_low, log_high, (layers, waves)))
-    direction = rng.uniform(0.0, 2 * np.pi, (layers, waves))
-    wave = (2 * np.pi / wavelength)[..., None] * np.stack([np.cos(direction), np.sin(direction)], axis=-1)
-    # Equal slope at every wavelength: the long undulations are high, the short ones a roughness.
-    relief = wavelength / np.sqrt(np.sum(wavelength**2, axis=1, keepdims=True) / 2) * config.layer_relief_m
-    sign = rng.choice([-1.0, 1.0], layers)
-    return Layers(
-        depth_m=np.asarray(config.layer_depth_m, np.float64),
-        wave_rad_per_m=wave,
-        relief_m=relief,
-        relief_phase_rad=rng.uniform(0.0, 2 * np.pi, (layers, waves)),
-        reflectivity_mean=sign * config.layer_reflectivity * np.sqrt(0.5),
-        reflectivity=np.full((layers, waves), config.layer_reflectivity / np.sqrt(waves)),
-        reflectivity_phase_rad=rng.uniform(0.0, 2 * np.pi, (layers, waves)),
+    sign = rng.choice([-1.0, 1.0], len(config.layer_depth_m))
+    return stack_layers(
+        [
+            draw_layer(
+                rng,
+                config,
+                depth_m=depth,
+                relief_m=config.layer_relief_m,
+                reflectivity=float(s) * config.layer_reflectivity,
+            )
+            for depth, s in zip(config.layer_depth_m, sign, strict=True)
+        ]
     )

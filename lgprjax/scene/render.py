@@ -1,83 +1,30 @@
-"""What an antenna above the ground hears: single (Born) scattering by stones and layers, in the time domain.
+"""What an antenna above the ground hears: single (Born) scattering by what is buried, on refracted rays.
 
-Units: a field of 1 is the radiated field at 1 m in air. A stone of scattering length l (m) at path length
-p = height + R returns l / p**2, a flat mirror of reflection coefficient G returns G / (2 p); both lose
-exp(-2 attenuation R) in the ground and the two passages of the surface.
+Units: a field of 1 is the radiated field at 1 m in air. A ray tube that spreads over p one way returns l / p**2
+from a stone of scattering length l, G / (2 p) from a flat mirror of reflection coefficient G, and
+G sqrt(r / (r + p)) / (2 p) from a cylinder of radius r; all lose exp(-2 a R) on the way R in the ground and the two
+passages of the surface. A positive strength or reflectivity is a step to a lighter (faster) material: its echo
+has the polarity opposite to the surface's.
 
-What is left out: refraction at the surface (the ray goes straight down to the surface and on straight to
-the stone, so t = 2 height / c + 2 R / velocity), multiple scattering, dispersion, polarisation, and the
-diffraction that smooths a layer's details below its Fresnel zone (a layer reflects at the specular point of
-the plane tangent to it below the antenna).
+What is left out: multiple scattering, polarisation, the separation of transmitter and receiver (12.7 cm: 0.03 ns
+at 0.5 m), and waves that run along the surface.
 """
 
-from dataclasses import dataclass
 from functools import partial
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from lgprjax.scene.ground import GroundSlice
+from lgprjax.scene.fields import device_value_at
+from lgprjax.scene.propagation import RadarConfig, trace_matrix
+from lgprjax.scene.rays import LIGHT_M_PER_NS, Ray, passage, refract
+from lgprjax.scene.slices import GroundSlice
 
-LIGHT_M_PER_NS = 0.299792458
-
-
-@dataclass(frozen=True)
-class RadarConfig:
-    """The radar's time axis, band and field of view (defaults: the array of RA-L 2020).
-
-    Attributes:
-        samples, sample_step_ns, time_zero_ns: sample k is taken k * step - time_zero after transmission.
-        band_mhz, band_edge_mhz: the spectrum is flat inside and falls to zero at the band's ends as a cosine.
-        tail_ns: half-length of the wavelet; what lies beyond is cut off.
-        aperture_m: stones farther aside than this are not heard (faded out over the last quarter).
-        surface_reflection: reflection coefficient of the surface seen from the air.
-        surface_follows_height: the surface's echo moves with the antenna, as it does in nature. Off, it stays
-            that of the array at rest, and a filter along the track can take it away completely.
-    """
-
-    samples: int = 369
-    sample_step_ns: float = 0.16
-    time_zero_ns: float = 4.0
-    band_mhz: tuple[float, float] = (100.0, 400.0)
-    band_edge_mhz: float = 100.0
-    tail_ns: float = 16.0
-    aperture_m: float = 2.0
-    surface_reflection: float = -0.5
-    surface_follows_height: bool = False
-
-    @property
-    def tail_samples(self) -> int:
-        """Samples of the wavelet on either side of its peak."""
-        return round(self.tail_ns / self.sample_step_ns)
+Echoes = tuple[Float[Array, "trace echo"], Float[Array, "trace echo"]]
+"""Times after transmission (ns) and fields."""
 
 
-def make_wavelet(radar: RadarConfig) -> Float[np.ndarray, " tap"]:
-    """The band-limited, zero-phase wavelet, its peak of 1 in the middle of 2 * tail_samples + 1 taps."""
-    low, high = radar.band_mhz
-    frequency_mhz = np.arange(0.0, high, 0.5)
-    inside = np.minimum(frequency_mhz - low, high - frequency_mhz)
-    spectrum = 0.5 - 0.5 * np.cos(np.pi * np.clip(inside / radar.band_edge_mhz, 0.0, 1.0))
-    time_ns = np.arange(-radar.tail_samples, radar.tail_samples + 1) * radar.sample_step_ns
-    wave = np.cos(2e-3 * np.pi * time_ns[:, None] * frequency_mhz) @ spectrum
-    fade = np.cos(0.5 * np.pi * time_ns / (time_ns[-1] + radar.sample_step_ns)) ** 2
-    return np.asarray(wave / spectrum.sum() * fade)
-
-
-def wavelet_matrix(radar: RadarConfig) -> Float[np.ndarray, "bin sample"]:
-    """Convolution with the wavelet as a matrix.
-
-    On two cores the product takes 2.2 ms for 704 traces, a pair of FFTs 3.0 ms; and it cannot wrap around.
-    There are tail_samples more bins than samples, so an echo just past the end still rings into the trace.
-    """
-    taps = make_wavelet(radar)
-    bins = radar.samples + radar.tail_samples
-    offset = np.arange(radar.samples)[None, :] - np.arange(bins)[:, None] + radar.tail_samples
-    return np.where((offset >= 0) & (offset < taps.size), taps[np.clip(offset, 0, taps.size - 1)], 0.0)
-
-
-@partial(jax.jit, static_argnames=("radar",))
 def render_traces(
     ground: GroundSlice, antenna_m: Float[Array, "trace 3"], *, radar: RadarConfig
 ) -> Float[Array, "trace sample"]:
@@ -86,13 +33,20 @@ def render_traces(
     Args:
         antenna_m: (along, cross, height above the ground) of each trace, about the slice's origin.
     """
+    matrix = trace_matrix(
+        radar,
+        velocity_m_per_ns=float(ground.velocity_m_per_ns),
+        attenuation_per_m=float(ground.attenuation_per_m),
+        dispersive_share=float(ground.dispersive_share),
+    )
     delay_ns = jnp.zeros(antenna_m.shape[0], antenna_m.dtype)
-    return convolve_echoes(place_ground_echoes(ground, antenna_m, delay_ns, radar=radar), radar=radar)
+    return convolve_echoes(_ground_echoes(ground, antenna_m, delay_ns, radar=radar), jnp.asarray(matrix))
 
 
-def convolve_echoes(echoes: Float[Array, "trace bin"], *, radar: RadarConfig) -> Float[Array, "trace sample"]:
-    """Turns echoes in time bins into traces."""
-    matrix = jnp.asarray(wavelet_matrix(radar), echoes.dtype)
+def convolve_echoes(
+    echoes: Float[Array, "trace bin"], matrix: Float[Array, "bin recorded"]
+) -> Float[Array, "trace recorded"]:
+    """Turns echoes in time bins into what is recorded of them."""
     return jnp.matmul(echoes, matrix, precision=jax.lax.Precision.HIGHEST)
 
 
@@ -103,11 +57,31 @@ def place_ground_echoes(
     *,
     radar: RadarConfig,
 ) -> Float[Array, "trace bin"]:
-    """Echoes of stones and layers in time bins, before the wavelet; ``delay_ns`` is the antenna's own."""
-    stone_ns, stone_field = _stone_echoes(ground, antenna_m, radar=radar)
-    layer_ns, layer_field = _layer_echoes(ground, antenna_m, radar=radar)
-    time_ns = jnp.concatenate([stone_ns, layer_ns], axis=1) + delay_ns[:, None]
-    return place_echoes(time_ns, jnp.concatenate([stone_field, layer_field], axis=1), radar=radar)
+    """Echoes of all that is buried in time bins, before the wavelet; ``delay_ns`` is the antenna's own."""
+    snow_ns, snow_loss, lift_m = snow_over(ground, antenna_m)
+    antenna_m = antenna_m.at[:, 2].add(lift_m)
+    groups = (
+        _stone_echoes(ground, antenna_m, radar),
+        _utility_echoes(ground, antenna_m, radar),
+        _layer_echoes(ground, antenna_m),
+    )
+    time_ns = jnp.concatenate([time for time, _ in groups], axis=1)
+    field = jnp.concatenate([field for _, field in groups], axis=1)
+    return place_echoes(time_ns + (delay_ns + snow_ns)[:, None], field * snow_loss[:, None], radar=radar)
+
+
+def snow_over(
+    ground: GroundSlice, antenna_m: Float[Array, "trace 3"]
+) -> tuple[Float[Array, " trace"], Float[Array, " trace"], Float[Array, " trace"]]:
+    """What the snow does: delay of what lies below it, its loss, and how much it raises the antenna."""
+    index, attenuation, lift, _ = jnp.asarray(ground.cover)
+    thickness_m = jnp.maximum(device_value_at(ground.cover_m, antenna_m[:, :2]), 0.0)
+    # Near the vertical; snow's index is low, and what comes from far aside is faint.
+    return (
+        2.0 * thickness_m * (index - 1.0) / LIGHT_M_PER_NS,
+        jnp.exp(-2.0 * attenuation * thickness_m),
+        lift * thickness_m,
+    )
 
 
 def place_echoes(
@@ -118,7 +92,7 @@ def place_echoes(
     Linear shares keep an echo's time; half-way between bins they cost 1 - cos(pi f step) of its amplitude: at
     0.16 ns 0.8 % in the middle of the band, 2 % at its upper end.
     """
-    traces, bins = time_ns.shape[0], radar.samples + radar.tail_samples
+    traces, bins = time_ns.shape[0], radar.bins
     position = (time_ns + radar.time_zero_ns) / radar.sample_step_ns
     below = jnp.clip(jnp.floor(position), 0.0, bins - 2.0)
     share = position - below
@@ -131,40 +105,88 @@ def place_echoes(
     return flat.reshape(traces, bins)
 
 
-def _stone_echoes(
-    ground: GroundSlice, antenna_m: Float[Array, "trace 3"], *, radar: RadarConfig
-) -> tuple[Float[Array, "trace stone"], Float[Array, "trace stone"]]:
+def _stone_echoes(ground: GroundSlice, antenna_m: Float[Array, "trace 3"], radar: RadarConfig) -> Echoes:
     stone_m = jnp.asarray(ground.stone_m)
-    aside_m = antenna_m[:, None, :2] - stone_m[None, :, :2]
-    aside2 = jnp.sum(aside_m**2, axis=-1)
-    depth, height = stone_m[None, :, 2], antenna_m[:, 2:3]
-    range_m = jnp.sqrt(aside2 + depth**2)
-    edge = jnp.clip(4.0 * (1.0 - jnp.sqrt(aside2) / radar.aperture_m), 0.0, 1.0)
-    pattern = (depth / range_m) ** 2 * edge**2 * (3.0 - 2.0 * edge)  # cosine each way
-    loss = _surface_passage(radar) * jnp.exp(-2.0 * ground.attenuation_per_m * range_m)
-    field = jnp.asarray(ground.stone_strength_m)[None, :] * pattern * loss / (height + range_m) ** 2
-    return 2.0 * height / LIGHT_M_PER_NS + 2.0 * range_m / ground.velocity_m_per_ns, field
+    aside_m = jnp.sqrt(jnp.sum((antenna_m[:, None, :2] - stone_m[None, :, :2]) ** 2, axis=-1))
+    ray = refract(aside_m, antenna_m[:, 2:3], stone_m[None, :, 2], _index(ground))
+    field = jnp.asarray(ground.stone_strength_m)[None, :] * _way(ground, ray, aside_m, radar)
+    field /= ray.spread_m[0] * ray.spread_m[1]
+    return _time_ns(ground, ray, jnp.asarray(ground.stone_slowness)[None, :]), field
 
 
-def _layer_echoes(
-    ground: GroundSlice, antenna_m: Float[Array, "trace 3"], *, radar: RadarConfig
-) -> tuple[Float[Array, "trace layer"], Float[Array, "trace layer"]]:
-    layers = ground.layers
-    angle = jnp.einsum("tp,lwp->tlw", antenna_m[:, :2], layers.wave_rad_per_m)
+def _utility_echoes(ground: GroundSlice, antenna_m: Float[Array, "trace 3"], radar: RadarConfig) -> Echoes:
+    pipe = ground.utilities
+    apart_m = antenna_m[:, None, :2] - jnp.asarray(pipe.centre_m)[None]
+    direction = jnp.asarray(pipe.direction)[None]
+    beyond_m = jnp.abs(jnp.sum(apart_m * direction, axis=-1)) - jnp.asarray(pipe.half_length_m)[None]
+    aside_m = jnp.abs(apart_m[..., 0] * direction[..., 1] - apart_m[..., 1] * direction[..., 0])
+    # The ray meets the wall, not the axis.
+    radius_m = jnp.asarray(pipe.radius_m)[None]
+    depth_m = jnp.maximum(jnp.asarray(pipe.depth_m)[None] - radius_m, 0.05)
+    ray = refract(aside_m, antenna_m[:, 2:3], depth_m, _index(ground))
+    spread_m = ray.spread_m[0]
+    ends = jnp.clip(0.5 - beyond_m / 0.3, 0.0, 1.0)  # a cylinder's echo fades out over its end
+    shape = jnp.sqrt(radius_m / (radius_m + spread_m)) / (2.0 * spread_m)
+    field = jnp.asarray(pipe.reflectivity)[None] * ends * shape * _way(ground, ray, aside_m, radar)
+    slowness = 1.0 + sum(device_value_at(m, antenna_m[:, :2]) for m in ground.moisture)
+    return _time_ns(ground, ray, jnp.asarray(slowness)[:, None]), field
+
+
+def _layer_echoes(ground: GroundSlice, antenna_m: Float[Array, "trace 3"]) -> Echoes:
+    layers, index, place_m = ground.layers, _index(ground), antenna_m[:, :2]
+    angle = jnp.einsum("tp,lwp->tlw", place_m, layers.wave_rad_per_m)
     relief_angle = angle + layers.relief_phase_rad[None]
-    depth = layers.depth_m[None] + jnp.sum(layers.relief_m[None] * jnp.sin(relief_angle), axis=-1)
+    depth = jnp.asarray(layers.depth_m)[None] + jnp.sum(layers.relief_m[None] * jnp.sin(relief_angle), axis=-1)
     slope = jnp.einsum("tlw,lwp->tlp", layers.relief_m[None] * jnp.cos(relief_angle), layers.wave_rad_per_m)
-    # Distance to the tangent plane below the antenna: where the specular ray meets it.
+    # The ray that meets the plane tangent to the interface below the antenna at a right angle: down the normal, bent
+    # at the surface. Its angle in the ground is the slope's; a slope past the critical angle is not heard.
     cosine = 1.0 / jnp.sqrt(1.0 + jnp.sum(slope**2, axis=-1))
-    range_m = jnp.maximum(depth, 0.05) * cosine
+    sine = jnp.minimum(index * jnp.sqrt(1.0 - cosine**2), 0.999)
+    height = antenna_m[:, 2:3]
+    cos_air = jnp.sqrt(1.0 - sine**2)
+    air_m = height / cos_air
+    # It runs uphill, where the plane is shallower: by so much at the point where the ray enters the ground.
+    aside_m = height * sine / cos_air
+    range_m = jnp.maximum(depth - aside_m * jnp.sqrt(1.0 - cosine**2) / cosine, 0.05) * cosine
     waves = layers.reflectivity[None] * jnp.sin(angle + layers.reflectivity_phase_rad[None])
     reflectivity = jnp.asarray(layers.reflectivity_mean)[None] + jnp.sum(waves, axis=-1)
-    height = antenna_m[:, 2:3]
-    loss = _surface_passage(radar) * jnp.exp(-2.0 * ground.attenuation_per_m * range_m)
-    field = reflectivity * cosine**2 * loss / (2.0 * (height + range_m))
-    return 2.0 * height / LIGHT_M_PER_NS + 2.0 * range_m / ground.velocity_m_per_ns, field
+    whole = 1.0 - _in_trench(ground, place_m, depth)
+    spread_m = air_m + range_m / index
+    ray = Ray(air_m, range_m, cos_air, cosine, (spread_m, spread_m))
+    loss = passage(ray, index) * cos_air**2 * jnp.exp(-2.0 * ground.attenuation_per_m * range_m)
+    moisture = sum(device_value_at(m, place_m) for m in ground.moisture)
+    skin_m = jnp.clip(device_value_at(ground.skin_m, place_m)[:, None], 0.0, depth)
+    slowness = 1.0 + jnp.asarray(moisture)[:, None] + ground.skin_slowness * skin_m / jnp.maximum(depth, 0.05)
+    return _time_ns(ground, ray, slowness), reflectivity * whole * loss / (2.0 * spread_m)
 
 
-def _surface_passage(radar: RadarConfig) -> float:
-    """Into the ground and out again: (1 + G)(1 - G)."""
-    return 1.0 - radar.surface_reflection**2
+def _in_trench(
+    ground: GroundSlice, place_m: Float[Array, "trace 2"], depth_m: Float[Array, "trace layer"]
+) -> Float[Array, "trace layer"]:
+    """1 where an interface was dug away, 0 outside, over 0.3 m between."""
+    low, high, right, left, deep = (c[None, :] for c in jnp.asarray(ground.trenches).T)
+    along, cross = place_m[:, 0:1], place_m[:, 1:2]
+    within = jnp.minimum(jnp.minimum(along - low, high - along), jnp.minimum(cross - right, left - cross))
+    flat = jnp.clip(0.5 + within / 0.3, 0.0, 1.0)
+    dug = flat[:, None, :] * (depth_m[..., None] < deep[:, None, :])
+    return jnp.max(dug, axis=-1)
+
+
+def _index(ground: GroundSlice) -> Float[Array, ""]:
+    return LIGHT_M_PER_NS / jnp.asarray(ground.velocity_m_per_ns)
+
+
+def _way(
+    ground: GroundSlice, ray: Ray, aside_m: Float[Array, "trace echo"], radar: RadarConfig
+) -> Float[Array, "trace echo"]:
+    """Antenna pattern (cosine each way, faded out at the aperture), surface and loss."""
+    edge = jnp.clip(4.0 * (1.0 - aside_m / radar.aperture_m), 0.0, 1.0)
+    pattern = ray.cos_air**2 * edge**2 * (3.0 - 2.0 * edge)
+    return pattern * passage(ray, _index(ground)) * jnp.exp(-2.0 * ground.attenuation_per_m * ray.ground_m)
+
+
+def _time_ns(ground: GroundSlice, ray: Ray, slowness: Float[Array, "#trace #echo"]) -> Float[Array, "trace echo"]:
+    return 2.0 * ray.air_m / LIGHT_M_PER_NS + 2.0 * ray.ground_m * slowness / ground.velocity_m_per_ns
+
+
+_ground_echoes = partial(jax.jit, static_argnames=("radar",))(place_ground_echoes)

@@ -1,4 +1,11 @@
-"""What the vehicle's own navigation says of a drive: odometer, and a GNSS/INS track with slow errors."""
+"""What the vehicle's own navigation says of a drive: odometer, and a GNSS/INS track with slow errors.
+
+A GNSS/INS track's error is a slow Gauss-Markov process about a bias. Reflected signals (jumps) displace it for a
+while without a word. In an outage the inertial sensors carry on from the last place and heading: the velocity's
+error is a random walk (w m/s a root second) and so is the heading's (h rad a root second), each step of which turns
+the rest of the path about the place where it came. After t seconds straight on at speed v the error has grown by
+w t**1.5 / sqrt(3) along and sqrt(w**2 + v**2 h**2) t**1.5 / sqrt(3) across. When the signal is back, so is the fix.
+"""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,17 +15,28 @@ from jaxtyping import Float
 
 from lgprjax.scene.motion import Motion, poses_at
 
+Intervals = tuple[tuple[float, float], ...]
+
 
 @dataclass(frozen=True)
 class NavigationErrors:
-    """Errors of the navigation sensors.
+    """Errors of the navigation sensors. Events come at given times, and at random at a rate; none by default.
 
     Attributes:
-        rate_hz: of both tracks.
+        rate_hz, odometer_rate_hz: of the pose track and of the odometer (None: the same).
         position_sigma_m, position_bias_m: of east and of north; the bias (east, north) stays for the drive.
         height_sigma_m, heading_sigma_rad, roll_sigma_rad: of the other components.
         correlation_s: time constant of all of them: first-order Gauss-Markov, exp(-t / correlation).
+        jump_start_s, jumps_per_hour, jump_held_s, jump_sigma_m: each displaces east and north at once by a normal
+            deviate of this sigma and holds it.
+        jump_sigma_factor: reported position sigmas during a jump, relative to those without: 1 gives nothing away.
+        outages_s, outages_per_hour, outage_held_s: (start, stop) intervals without GNSS.
+        velocity_walk, heading_walk: in an outage, m/s and rad a root second; of east, north and height alike.
         odometer_scale_error, odometer_noise_m: distance reads (1 + scale) times the truth plus white noise.
+        odometer_drift, odometer_drift_s: sigma and time constant of a slow part of the scale (Gauss-Markov).
+        slips_s, slips_per_hour, slip_held_s: (start, stop) intervals in which the wheels slip.
+        slip_fraction: the wheels turn by this much more than the ground passes.
+        odometer_step_m: distance that one count of the encoder stands for; 0 reads continuously.
     """
 
     rate_hz: float = 100.0
@@ -30,6 +48,24 @@ class NavigationErrors:
     correlation_s: float = 20.0
     odometer_scale_error: float = 0.005
     odometer_noise_m: float = 0.002
+    odometer_rate_hz: float | None = None
+    jump_start_s: tuple[float, ...] = ()
+    jumps_per_hour: float = 0.0
+    jump_held_s: float = 10.0
+    jump_sigma_m: float = 2.0
+    jump_sigma_factor: float = 1.0
+    outages_s: Intervals = ()
+    outages_per_hour: float = 0.0
+    outage_held_s: float = 30.0
+    velocity_walk: float = 0.003
+    heading_walk: float = 0.05 * np.pi / 180 / 60**0.5
+    odometer_drift: float = 0.0
+    odometer_drift_s: float = 60.0
+    slips_s: Intervals = ()
+    slips_per_hour: float = 0.0
+    slip_held_s: float = 1.0
+    slip_fraction: float = 0.1
+    odometer_step_m: float = 0.0
 
 
 class OdometerTrack(NamedTuple):
@@ -40,25 +76,44 @@ class OdometerTrack(NamedTuple):
 
 
 class PoseTrack(NamedTuple):
-    """Poses of the body origin (east_m, north_m, height_m, yaw_rad, roll_rad)."""
+    """Poses of the body origin (east_m, north_m, height_m, yaw_rad, roll_rad).
+
+    ``sigma`` is what the receiver says of each, in the same units; None for a track known without error.
+    """
 
     time_s: Float[np.ndarray, " time"]
     pose: Float[np.ndarray, "time 5"]
+    sigma: Float[np.ndarray, "time 5"] | None = None
 
 
 def observe_drive(motion: Motion, errors: NavigationErrors, seed: int) -> tuple[OdometerTrack, PoseTrack]:
-    """Odometer and GNSS/INS over the drive and one sample past its end: every scan lies between samples."""
+    """Odometer and GNSS/INS over the drive and one sample past its end: every scan lies between samples.
+
+    Every effect draws from a stream of its own: switching one on leaves the others as they were.
+
+    Raises:
+        ValueError: a rate is not positive, or an outage or a slip does not end after it starts.
+    """
+    odometer_hz = errors.rate_hz if errors.odometer_rate_hz is None else errors.odometer_rate_hz
+    if not (errors.rate_hz > 0 and odometer_hz > 0):
+        raise ValueError(f"rates of {errors.rate_hz} and {odometer_hz} Hz must be positive")
+    for start_s, stop_s in errors.outages_s + errors.slips_s:
+        if not start_s < stop_s:
+            raise ValueError(f"an interval from {start_s} s to {stop_s} s does not end after it starts")
     rng = np.random.default_rng([seed, 3])
-    time_s = np.arange(int(np.ceil(motion.duration_s * errors.rate_hz)) + 2) / errors.rate_hz
-    noise_m = errors.odometer_noise_m * rng.normal(size=time_s.size)
-    noise_m[0] = 0.0  # the odometer is set to zero at the start
-    distance_m = motion.plan.speed_mps * time_s * (1 + errors.odometer_scale_error) + noise_m
-    position = errors.position_sigma_m
-    sigma = [position, position, errors.height_sigma_m, errors.heading_sigma_rad, errors.roll_sigma_rad]
+    time_s, wheel_s = (_sample_times(motion, rate_hz) for rate_hz in (errors.rate_hz, odometer_hz))
+    white = rng.normal(size=time_s.size)
+    if odometer_hz != errors.rate_hz:  # the draw above stands, for the pose errors that follow it in this stream
+        white = _stream(seed, 1).normal(size=wheel_s.size)
+    sigma = _component_sigma(errors)
     keep = float(np.exp(-1.0 / (errors.rate_hz * errors.correlation_s)))
-    wrong = gauss_markov(rng, np.asarray(sigma), keep, time_s.size)
+    wrong = gauss_markov(rng, sigma, keep, time_s.size)
     wrong[:, :2] += np.asarray(errors.position_bias_m)
-    return OdometerTrack(time_s, distance_m), PoseTrack(time_s, poses_at(motion, time_s) + wrong)
+    pose, reported = poses_at(motion, time_s), np.tile(sigma, (time_s.size, 1))
+    _add_jumps(wrong, reported, time_s, errors, seed)
+    _coast_outages(wrong, reported, time_s, pose, errors, seed)
+    distance_m = _read_odometer(motion, wheel_s, white, errors, seed)
+    return OdometerTrack(wheel_s, distance_m), PoseTrack(time_s, pose + wrong, reported)
 
 
 def gauss_markov(
@@ -70,3 +125,121 @@ def gauss_markov(
     for step in range(1, steps):
         value[step] += keep * value[step - 1]
     return value
+
+
+def _stream(seed: int, effect: int) -> np.random.Generator:
+    return np.random.default_rng([seed, 3, effect])
+
+
+def _sample_times(motion: Motion, rate_hz: float) -> Float[np.ndarray, " time"]:
+    return np.arange(int(np.ceil(motion.duration_s * rate_hz)) + 2) / rate_hz
+
+
+def _component_sigma(errors: NavigationErrors) -> Float[np.ndarray, "5"]:
+    position = errors.position_sigma_m
+    return np.array([position, position, errors.height_sigma_m, errors.heading_sigma_rad, errors.roll_sigma_rad])
+
+
+def _draw_starts(rng: np.random.Generator, per_hour: float, duration_s: float) -> Float[np.ndarray, " event"]:
+    """A Poisson process over the drive."""
+    return np.asarray(rng.uniform(0.0, duration_s, rng.poisson(per_hour * duration_s / 3600)))
+
+
+def _list_intervals(given_s: Intervals, start_s: Float[np.ndarray, " event"], held_s: float) -> Intervals:
+    """Given intervals and those that start at random, in order, overlapping ones joined."""
+    joined: list[tuple[float, float]] = []
+    for start, stop in sorted([*given_s, *((float(s), float(s) + held_s) for s in start_s)]):
+        if joined and start <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(stop, joined[-1][1]))
+        else:
+            joined.append((start, stop))
+    return tuple(joined)
+
+
+def _add_jumps(
+    wrong: Float[np.ndarray, "time 5"],
+    reported: Float[np.ndarray, "time 5"],
+    time_s: Float[np.ndarray, " time"],
+    errors: NavigationErrors,
+    seed: int,
+) -> None:
+    given_s = np.asarray(errors.jump_start_s, np.float64)
+    drawn_s = _draw_starts(_stream(seed, 2), errors.jumps_per_hour, time_s[-1])
+    size = np.concatenate(
+        [_stream(seed, 3).normal(size=(given_s.size, 2)), _stream(seed, 4).normal(size=(drawn_s.size, 2))]
+    )
+    in_jump = np.zeros(time_s.size, bool)
+    for start_s, east_north in zip(np.append(given_s, drawn_s), size, strict=True):
+        held = (time_s >= start_s) & (time_s < start_s + errors.jump_held_s)
+        wrong[held, :2] += errors.jump_sigma_m * east_north
+        in_jump |= held
+    reported[in_jump, :2] *= errors.jump_sigma_factor
+
+
+def _coast_outages(
+    wrong: Float[np.ndarray, "time 5"],
+    reported: Float[np.ndarray, "time 5"],
+    time_s: Float[np.ndarray, " time"],
+    pose: Float[np.ndarray, "time 5"],
+    errors: NavigationErrors,
+    seed: int,
+) -> None:
+    starts_s = _draw_starts(_stream(seed, 5), errors.outages_per_hour, time_s[-1])
+    white = _stream(seed, 6).normal(size=(time_s.size, 4)) / np.sqrt(errors.rate_hz)
+    white *= [errors.velocity_walk, errors.velocity_walk, errors.velocity_walk, errors.heading_walk]
+    for start_s, stop_s in _list_intervals(errors.outages_s, starts_s, errors.outage_held_s):
+        first, last = np.searchsorted(time_s, [start_s, stop_s])
+        if first == last:
+            continue
+        out = slice(first, last)
+        away_s, away_m = time_s[out] - time_s[first], pose[out, :2] - pose[first, :2]
+        # A step of the heading's error displaces what follows across: by -north in east, by east in north.
+        levers = np.stack([away_s, away_s, away_s, -away_m[:, 1], away_m[:, 0]], axis=1)
+        source = [0, 1, 2, 3, 3]
+        step = white[out][:, source]
+        step[0] = 0.0  # at the last fix nothing has grown yet
+        grown = levers * np.cumsum(step, axis=0) - np.cumsum(step * levers, axis=0)
+        variance = _sum_squares(levers) * np.array([errors.velocity_walk] * 3 + [errors.heading_walk] * 2) ** 2
+        variance /= errors.rate_hz
+        # Roll is held by gravity; the rest carries on from the error at the last fix.
+        wrong[out, :3] = wrong[first, :3] + grown[:, :3]
+        wrong[out, :2] += grown[:, 3:]
+        wrong[out, 3] = wrong[first, 3] + np.cumsum(step[:, 3])
+        reported[out, :3] = np.sqrt(reported[first, :3] ** 2 + variance[:, :3])
+        reported[out, :2] = np.sqrt(reported[out, :2] ** 2 + variance[:, 3:])
+        reported[out, 3] = np.sqrt(reported[first, 3] ** 2 + errors.heading_walk**2 * away_s)
+
+
+def _sum_squares(lever: Float[np.ndarray, "time source"]) -> Float[np.ndarray, "time source"]:
+    """Sum over the steps j so far of (lever - lever_j)**2; the first, where the lever is 0, is not a step."""
+    count = np.arange(len(lever), dtype=np.float64)[:, None]
+    total = count * lever**2 - 2 * lever * np.cumsum(lever, axis=0) + np.cumsum(lever**2, axis=0)
+    return np.asarray(np.maximum(total, 0.0))  # rounding may leave a zero below zero
+
+
+def _read_odometer(
+    motion: Motion,
+    time_s: Float[np.ndarray, " time"],
+    white: Float[np.ndarray, " time"],
+    errors: NavigationErrors,
+    seed: int,
+) -> Float[np.ndarray, " time"]:
+    step_s = np.diff(time_s)
+    drift = np.zeros(step_s.size)
+    if errors.odometer_drift > 0:
+        keep = float(np.exp(-step_s[0] / errors.odometer_drift_s))
+        drift = gauss_markov(_stream(seed, 7), np.array([errors.odometer_drift]), keep, step_s.size)[:, 0]
+    starts_s = _draw_starts(_stream(seed, 8), errors.slips_per_hour, time_s[-1])
+    slipped_s = np.zeros(time_s.size)
+    for start_s, stop_s in _list_intervals(errors.slips_s, starts_s, errors.slip_held_s):
+        slipped_s += np.clip(time_s - start_s, 0.0, stop_s - start_s)
+    scale = 1 + errors.odometer_scale_error
+    extra_s = drift * step_s + errors.slip_fraction * (scale + drift) * np.diff(slipped_s)
+    noise_m = errors.odometer_noise_m * white
+    noise_m[0] = 0.0  # the odometer is set to zero at the start
+    distance_m = motion.plan.speed_mps * time_s * scale
+    distance_m += motion.plan.speed_mps * np.append(0.0, np.cumsum(extra_s))
+    distance_m += noise_m
+    if errors.odometer_step_m > 0:
+        distance_m = np.floor(distance_m / errors.odometer_step_m) * errors.odometer_step_m
+    return np.asarray(distance_m)

@@ -1,4 +1,4 @@
-"""Poses and antennas by hand: heading along the path, roll, time offsets, odometer and navigation."""
+"""Poses and antennas by hand: heading along the path, roll, time offsets, curves, hills and rough roads."""
 
 from dataclasses import replace
 
@@ -6,11 +6,24 @@ import numpy as np
 import pytest
 
 from lgprjax.radar.array import uniform_array
-from lgprjax.scene.motion import DrivePlan, place_antennas, plan_motion, poses_at, scan_times
-from lgprjax.scene.sensors import NavigationErrors, gauss_markov, observe_drive
+from lgprjax.scene.motion import (
+    DrivePlan,
+    antennas_on_road,
+    ground_up_at,
+    place_antennas,
+    place_on_road,
+    plan_motion,
+    poses_at,
+    scan_times,
+)
+from lgprjax.scene.road import RoadConfig, make_road
+from lgprjax.scene.road_waves import roughness_value, wave_value
 
 PLAN = DrivePlan(0.0, 60.0, lane_m=0.2)
 STILL = replace(PLAN, wander_m=0.0, height_sigma_m=0.0, roll_sigma_rad=0.0)
+CURVY = RoadConfig(length_m=300.0, curvature_rms_per_m=1 / 100, heading_deg=-40.0)
+HILLY = replace(CURVY, grade_rms=0.03, bank_rms_rad=0.02)
+CIRCLE = RoadConfig(length_m=100.0, arcs=((100.0, 1 / 80),))
 
 
 @pytest.mark.parametrize("direction", [1, -1])
@@ -77,32 +90,104 @@ def test_scans_last_from_one_end_to_the_other() -> None:
     assert poses_at(motion, np.array([motion.duration_s]))[0, 0] == pytest.approx(60.0)
 
 
-def test_the_odometer_agrees_with_the_truth_up_to_its_scale_and_noise() -> None:
-    motion = plan_motion(PLAN, 3)
-    odometer, _ = observe_drive(motion, NavigationErrors(), 3)
-    inside = odometer.time_s <= motion.duration_s
-    dense = poses_at(motion, np.linspace(0.0, motion.duration_s, 20_001))
-    run_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(dense[:, :2], axis=0), axis=1)))
-    true_m = np.interp(odometer.time_s[inside], np.linspace(0.0, motion.duration_s, 20_001), run_m)
-    wrong_m = odometer.distance_m[inside] - 1.005 * true_m
-    assert np.abs(wrong_m).max() < 0.01
-    assert wrong_m.std() == pytest.approx(0.002, rel=0.1)
-    assert odometer.time_s[-1] >= motion.duration_s
+def test_a_lane_of_a_circle_is_a_circle_driven_at_the_speed_asked_for() -> None:
+    motion = plan_motion(replace(STILL, lane_m=0.5), 0, make_road(1, CIRCLE))
+    assert motion.duration_s == pytest.approx(60.0 * (79.5 / 80) / 4.5, rel=1e-9)
+    time_s = scan_times(motion)
+    angle = 4.5 * time_s / 79.5
+    poses = poses_at(motion, time_s)
+    np.testing.assert_allclose(poses[:, 0], 79.5 * np.sin(angle), atol=1e-8)
+    np.testing.assert_allclose(poses[:, 1], 80.0 - 79.5 * np.cos(angle), atol=1e-8)
+    np.testing.assert_allclose(poses[:, 3], angle, atol=1e-9)
+    np.testing.assert_allclose(poses[:, [2, 4]], 0.0, atol=1e-15)
 
 
-def test_navigation_errors_have_their_sigma_and_memory() -> None:
-    keep = float(np.exp(-1 / 50))
-    process = gauss_markov(np.random.default_rng(0), np.array([0.05, 2.0]), keep, 200_000)
-    np.testing.assert_allclose(process.std(axis=0), [0.05, 2.0], rtol=0.05)
-    for column in process.T:
-        assert np.corrcoef(column[:-50], column[50:])[0, 1] == pytest.approx(np.exp(-1), abs=0.05)
+@pytest.mark.parametrize("direction", [1, -1])
+def test_on_a_curved_hilly_road_too_it_runs_along_its_heading_at_its_speed(direction: int) -> None:
+    motion = plan_motion(DrivePlan(0.0, 300.0, direction, lane_m=-1.0), 3, make_road(5, HILLY))
+    time_s, step_s = scan_times(motion)[5:-5], 1e-4
+    before, now, after = (poses_at(motion, time_s + dt) for dt in (-step_s, 0.0, step_s))
+    velocity = (after[:, :2] - before[:, :2]) / (2 * step_s)
+    climb = (ground_up_at(motion, time_s + step_s) - ground_up_at(motion, time_s - step_s)) / (2 * step_s)
+    np.testing.assert_allclose(np.hypot(np.linalg.norm(velocity, axis=1), climb), 4.5, atol=2e-3)
+    heading = np.stack([np.cos(now[:, 3]), np.sin(now[:, 3])], axis=-1)
+    np.testing.assert_allclose(velocity / np.linalg.norm(velocity, axis=1)[:, None], heading, atol=1e-6)
+    assert np.ptp(np.unwrap(now[:, 3])) > 0.3
+    assert np.abs(climb).max() > 0.1
 
 
-def test_a_navigation_bias_shifts_the_whole_track() -> None:
-    motion = plan_motion(PLAN, 3)
-    _, plain = observe_drive(motion, NavigationErrors(), 3)
-    _, biased = observe_drive(motion, NavigationErrors(position_bias_m=(1.0, -0.5)), 3)
-    np.testing.assert_allclose(biased.pose - plain.pose, [[1.0, -0.5, 0, 0, 0]] * len(plain.pose), atol=1e-12)
+def test_both_directions_pass_the_same_places_of_a_road() -> None:
+    there, back = (plan_motion(replace(PLAN, direction=d), 7, make_road(5, HILLY)) for d in (1, -1))
+    time_s = np.linspace(1.0, 12.0, 50)
+    outward, homeward = poses_at(there, time_s), poses_at(back, back.duration_s - time_s)
+    np.testing.assert_allclose(homeward[:, :3], outward[:, :3], atol=1e-9)
+    np.testing.assert_allclose(homeward[:, 4], -outward[:, 4], atol=1e-12)
+    np.testing.assert_allclose(np.cos(homeward[:, 3] - outward[:, 3]), -1.0, atol=1e-12)
+    np.testing.assert_allclose(ground_up_at(back, back.duration_s - time_s), ground_up_at(there, time_s), atol=1e-9)
+
+
+def test_on_a_straight_road_antennas_stand_in_the_road_frame_as_in_the_local_one() -> None:
+    array = uniform_array(11, 0.127, x_m=3.0, height_m=0.3, scan_period_s=1 / 126)
+    for direction in (1, -1):
+        motion = plan_motion(replace(PLAN, direction=direction), 3)
+        time_s = scan_times(motion)
+        placed = place_antennas(poses_at(motion, time_s[:, None] + array.time_offset_s[None]), array)
+        np.testing.assert_allclose(antennas_on_road(motion, time_s, array), placed, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_curve_leads_away_from_under_the_antennas(direction: int) -> None:
+    array = uniform_array(3, 0.5, x_m=3.0, height_m=0.3)  # y = +0.5, 0, -0.5
+    motion = plan_motion(replace(STILL, direction=direction), 0, make_road(1, CIRCLE))
+    time_s = scan_times(motion)
+    along, cross = place_on_road(motion, time_s)
+    # Seen from the circle's centre the axle lies 79.8 m away; forward of it and aside make a right triangle.
+    aside = 79.8 - direction * array.y_m
+    expected_cross = np.broadcast_to(80.0 - np.hypot(aside, 3.0), (len(time_s), 3))
+    expected_along = along[:, None] + direction * 80.0 * np.arctan2(3.0, aside)[None]
+    placed = antennas_on_road(motion, time_s, array)
+    np.testing.assert_allclose(cross, 0.2, atol=1e-12)
+    np.testing.assert_allclose(placed[..., 0], expected_along, atol=1e-7)
+    np.testing.assert_allclose(placed[..., 1], expected_cross, atol=1e-7)
+    np.testing.assert_allclose(placed[..., 2], 0.3, atol=1e-12)
+
+
+def test_the_road_carries_the_vehicle_so_grade_and_bank_leave_the_antennas_height_alone() -> None:
+    array = uniform_array(3, 0.5, x_m=3.0, height_m=0.3)
+    road = make_road(5, HILLY)
+    motion, level = (plan_motion(PLAN, 3, r) for r in (road, make_road(5, CURVY)))
+    time_s = np.linspace(0.0, 12.0, 40)
+    along, _ = place_on_road(motion, time_s)
+    bank = wave_value(road.bank_rad, along)
+    assert np.abs(bank).max() > 0.01
+    own = wave_value(motion.roll, along)
+    np.testing.assert_allclose(poses_at(motion, time_s)[:, 4], own + bank, atol=1e-15)
+    expected = 0.3 + wave_value(motion.height, along)[:, None] + array.y_m[None] * np.sin(own)[:, None]
+    np.testing.assert_allclose(antennas_on_road(motion, time_s, array)[..., 2], expected, atol=1e-12)
+    np.testing.assert_allclose(ground_up_at(level, time_s), 0.0, atol=1e-15)
+    assert motion.duration_s > level.duration_s  # a hill is longer than its plan
+
+
+def test_roughness_comes_off_the_height_and_is_the_same_both_ways() -> None:
+    array = uniform_array(5, 0.3, height_m=0.3)  # above the rear axle, all channels at once
+    smooth, rough = make_road(1, RoadConfig()), make_road(1, RoadConfig(roughness_rms_m=0.003))
+    there, back = (plan_motion(replace(STILL, direction=d), 0, rough) for d in (1, -1))
+    time_s = scan_times(there)
+    plain = antennas_on_road(plan_motion(STILL, 0, smooth), time_s, array)
+    outward = antennas_on_road(there, time_s, array)
+    homeward = antennas_on_road(back, back.duration_s - time_s, array)[:, ::-1]
+    np.testing.assert_allclose(outward, homeward, atol=1e-9)
+    sunk = roughness_value(rough.roughness, plain[..., 0], plain[..., 1])
+    np.testing.assert_allclose(outward[..., 2], plain[..., 2] - sunk, atol=1e-15)
+    assert sunk.std() == pytest.approx(0.003, rel=0.25)
+
+
+def test_a_lane_beyond_a_curves_centre_and_a_drive_beyond_the_road_are_refused() -> None:
+    road = make_road(1, CIRCLE)
+    with pytest.raises(ValueError, match="centre of a curve"):
+        plan_motion(replace(STILL, lane_m=81.0), 0, road)
+    with pytest.raises(ValueError, match="leaves the road"):
+        plan_motion(replace(STILL, stop_m=113.0), 0, road)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,215 @@
+"""What differs from day to day: weather, what people did to the road, and the receiver's own errors."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from lgprjax.scene.fields import Field, constant_field, draw_field
+from lgprjax.scene.ground import Ground, GroundConfig, draw_layer, stack_layers
+from lgprjax.scene.objects import Scatterers, chosen, draw_stones, joined
+
+WAVES = 12  # of each of the day's fields
+_SKIN_WAVELENGTH_M = (0.6, 8.0)
+
+
+@dataclass(frozen=True)
+class Cover:
+    """Snow on the ground: the wave goes through it slower than through air, and the wheels ride up on it.
+
+    Attributes:
+        thickness_m, relief_m: mean and rms.
+        index: of refraction (dry snow 1.25, wet 1.5 and more).
+        attenuation_per_m: amplitude, one way.
+        lift: share of the thickness by which the packed snow raises the vehicle.
+        reflectivity: of its top, seen from the air.
+    """
+
+    thickness_m: float
+    relief_m: float
+    index: float = 1.35
+    attenuation_per_m: float = 0.4
+    lift: float = 0.4
+    reflectivity: float = -0.15
+
+
+@dataclass(frozen=True)
+class Skin:
+    """The top of the ground in another state: soaked by rain, or frozen.
+
+    Attributes:
+        thickness_m, relief_m: mean and rms.
+        slowness: relative change of the wave's slowness in it (+ wet, - frozen).
+        reflectivity: of its lower front, seen from above.
+    """
+
+    thickness_m: float
+    relief_m: float
+    slowness: float
+    reflectivity: float
+
+
+@dataclass(frozen=True)
+class Trench:
+    """A stretch that was dug up and filled again: what lay in it is gone, other ground fills it.
+
+    Attributes:
+        along_m: from, to. cross_m: from, to.
+        depth_m: of the trench; deeper ground is as it was.
+    """
+
+    along_m: tuple[float, float]
+    cross_m: tuple[float, float] = (-5.0, 5.0)
+    depth_m: float = 1.2
+
+
+@dataclass(frozen=True)
+class Day:
+    """What differs from day to day. The defaults are a clear day (see ``weather``).
+
+    Attributes:
+        seed: of everything below.
+        noise_field: rms of the receiver's noise within its band, before the time gain.
+        gain_spread: sigma of a channel's gain about 1, constant over a drive.
+        delay_spread_ns: sigma of a channel's own delay, constant over a drive.
+        coupling_spread: sigma of a channel's coupling and surface echo, relative, constant over a drive.
+        velocity_factor, velocity_spread: the wave's velocity is the ground's, times the factor, times
+            1 + spread * normal.
+        attenuation_factor: of the ground's attenuation.
+        moisture_rms: relative change of slowness with place, that day only.
+        clutter_per_m2, clutter_depth_m, clutter_strength_m: small shallow things, there on this day only.
+        moved_share: of the ground's stones shallower than ``moved_depth_m``, replaced by others since.
+        cover, skin, trenches: see there.
+    """
+
+    seed: int = 1
+    noise_field: float = 3.3e-4
+    gain_spread: float = 0.03
+    delay_spread_ns: float = 0.03
+    coupling_spread: float = 0.02
+    velocity_factor: float = 1.0
+    velocity_spread: float = 0.002
+    attenuation_factor: float = 1.0
+    moisture_rms: float = 0.0025
+    clutter_per_m2: float = 7.0
+    clutter_depth_m: tuple[float, float] = (0.03, 0.5)
+    clutter_strength_m: float = 0.0065
+    moved_share: float = 0.0
+    moved_depth_m: float = 0.6
+    cover: Cover | None = None
+    skin: Skin | None = None
+    trenches: tuple[Trench, ...] = ()
+
+
+class Conditions(NamedTuple):
+    """A day's ground: what ``slice_ground`` cuts.
+
+    Attributes:
+        velocity_factor, attenuation_factor: of the ground's.
+        moisture: relative change of slowness that day.
+        skin_m, skin_slowness: thickness of the skin over place, and its relative slowness.
+        cover_m: thickness of the snow over place, with its index, attenuation, lift and reflectivity.
+        trenches: (from along, to along, from cross, to cross, depth), one row each.
+    """
+
+    velocity_factor: float
+    attenuation_factor: float
+    moisture: Field
+    skin_m: Field
+    skin_slowness: float
+    cover_m: Field
+    cover: Cover
+    trenches: Float[np.ndarray, "trench 5"]
+
+
+_BARE = Cover(0.0, 0.0, index=1.0, attenuation_per_m=0.0, lift=0.0, reflectivity=0.0)
+
+
+def usual_conditions(velocity_factor: float = 1.0) -> Conditions:
+    """The ground as its config says: no moisture of the day, no skin, no snow."""
+    none = constant_field(0.0, WAVES)
+    return Conditions(velocity_factor, 1.0, none, none, 0.0, none, _BARE, np.zeros((0, 5)))
+
+
+def ground_on(ground: Ground, day: Day) -> tuple[Ground, Conditions]:
+    """The ground as it is on a day, and the day's conditions."""
+    velocity, moisture, skin, cover = (np.random.default_rng([day.seed, 5, stream]) for stream in range(4))
+    trenches = np.array([[*t.along_m, *t.cross_m, t.depth_m] for t in day.trenches]).reshape(-1, 5)
+    config = ground.config
+    scatterers = _dug(_aged(ground.scatterers, config, day), config, day, trenches)
+    scatterers = _littered(scatterers, config, day)
+    layers = ground.layers
+    skin_m = constant_field(0.0, WAVES)
+    if day.skin is not None:
+        s = day.skin
+        skin_m = draw_field(skin, rms=s.relief_m, wavelength_m=_SKIN_WAVELENGTH_M, waves=WAVES, mean=s.thickness_m)
+        front = draw_layer(skin, config, depth_m=s.thickness_m, relief_m=s.relief_m, reflectivity=s.reflectivity)
+        layers = stack_layers([layers, front])
+    cover_m = constant_field(0.0, WAVES)
+    if day.cover is not None:
+        c = day.cover
+        cover_m = draw_field(cover, rms=c.relief_m, wavelength_m=_SKIN_WAVELENGTH_M, waves=WAVES, mean=c.thickness_m)
+    conditions = Conditions(
+        velocity_factor=day.velocity_factor * (1 + day.velocity_spread * float(velocity.normal())),
+        attenuation_factor=day.attenuation_factor,
+        moisture=draw_field(moisture, rms=day.moisture_rms, wavelength_m=config.wavelength_m, waves=WAVES),
+        skin_m=skin_m,
+        skin_slowness=0.0 if day.skin is None else day.skin.slowness,
+        cover_m=cover_m,
+        cover=_BARE if day.cover is None else day.cover,
+        trenches=trenches,
+    )
+    return ground._replace(scatterers=scatterers, layers=layers), conditions
+
+
+def _aged(scatterers: Scatterers, config: GroundConfig, day: Day) -> Scatterers:
+    """Some of the shallow stones gone, as many others come."""
+    if day.moved_share <= 0:
+        return scatterers
+    rng = np.random.default_rng([day.seed, 6])
+    shallow = scatterers.place_m[:, 2] < day.moved_depth_m
+    gone = shallow & (rng.uniform(size=shallow.size) < day.moved_share)
+    moved = scatterers.place_m[gone].copy()
+    moved[:, :2] += rng.normal(scale=0.3, size=(len(moved), 2))
+    low, high = -config.margin_m, config.length_m + config.margin_m
+    moved[:, 0] = np.clip(moved[:, 0], low, high)
+    moved[:, 1] = np.clip(moved[:, 1], -config.half_width_m, config.half_width_m)
+    strength = scatterers.strength_m[gone] * rng.choice([-1.0, 1.0], len(moved))
+    return joined(chosen(scatterers, ~gone), Scatterers(moved, strength))
+
+
+def _dug(scatterers: Scatterers, config: GroundConfig, day: Day, trenches: Float[np.ndarray, "trench 5"]) -> Scatterers:
+    rng = np.random.default_rng([day.seed, 7])
+    for low, high, right, left, deep in trenches:
+        along, cross, depth = scatterers.place_m.T
+        inside = (along >= low) & (along <= high) & (cross >= right) & (cross <= left) & (depth <= deep)
+        fill = draw_stones(
+            rng,
+            (float(low), float(high)),
+            half_width_m=config.half_width_m,
+            per_m2=config.stones_per_m2,
+            depth_m=(min(config.stone_depth_m[0], 0.5 * deep), float(deep)),
+            depth_scale_m=config.stone_depth_scale_m,
+            strength_m=config.stone_strength_m,
+            strength_spread=config.stone_strength_spread,
+        )
+        between = (fill.place_m[:, 1] >= right) & (fill.place_m[:, 1] <= left)
+        scatterers = joined(chosen(scatterers, ~inside), chosen(fill, between))
+    return scatterers
+
+
+def _littered(scatterers: Scatterers, config: GroundConfig, day: Day) -> Scatterers:
+    if day.clutter_per_m2 <= 0:
+        return scatterers
+    litter = draw_stones(
+        np.random.default_rng([day.seed, 4]),
+        (-config.margin_m, config.length_m + config.margin_m),
+        half_width_m=config.half_width_m,
+        per_m2=day.clutter_per_m2,
+        depth_m=day.clutter_depth_m,
+        depth_scale_m=config.stone_depth_scale_m,
+        strength_m=day.clutter_strength_m,
+        strength_spread=config.stone_strength_spread,
+    )
+    return joined(scatterers, litter)
