@@ -83,7 +83,7 @@ def register_log(
     frame = source.description.frame
     ground = ground_map_for(source, options)
     moved: DriveTrack = track_of_drive(log, frame)
-    truth = _truth(log, frame)
+    truth = true_poses(log, frame)
     began = time.perf_counter()
     parts: list[Fix] = []
     at_truth: list[Float[np.ndarray, " scan"]] = []
@@ -106,7 +106,7 @@ def register_log(
     )
 
 
-def _truth(log: DriveLog, frame: LocalFrame) -> Float[np.ndarray, "scan 5"] | None:
+def true_poses(log: DriveLog, frame: LocalFrame) -> Float[np.ndarray, "scan 5"] | None:
     """True poses of the array's centre; NaN where the truth does not reach."""
     known, time_s = log.description.truth, log.scan_time_s
     if known is None:

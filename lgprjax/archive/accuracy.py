@@ -1,0 +1,138 @@
+"""How well a registered drive was located, in the metrics of the literature, each by its name."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from lgprjax.archive.registering import RegisteredDrive, true_poses
+from lgprjax.archive.tracks import track_of_drive
+from lgprjax.formats import DriveLog
+from lgprjax.frames import LocalFrame
+from lgprjax.registration import Code
+from lgprjax.subsurface import SpatialIndex
+
+WRONG_M = 0.3
+"""An ok fix farther from the truth than this is wrong: half a wavelength off and more, another place."""
+_NEAR_M = 5.0
+
+
+class Labels(NamedTuple):
+    """What baselines' positions are wrong by: true places of their array centres, and label less truth."""
+
+    truth_m: Float[np.ndarray, "scan 2"]
+    error_m: Float[np.ndarray, "scan 2"]
+
+
+class DriveAccuracy(NamedTuple):
+    """Figures of one registered drive whose truth is known; those of errors are of its ok fixes.
+
+    Attributes:
+        scans, ok, wrong: all that were tried (inside a window none is); those called ok; those of them more than ``WRONG_M`` off.
+        correlation_at_truth: median of the plain score at the true pose: how hard the drive is.
+        overlap_channels: median channels of the scan on the map.
+        along_rms_m, cross_rms_m: of fix less truth in the map's frame, along and across the true heading.
+        relative_mean_m, relative_cross_mean_m: mean of |(truth_live - truth_map) - (fix_live - label_map)|, whole and
+            across, with one clock offset a drive taken out (RA-L 2020): free of what the map's labels are wrong by,
+            and of a constant lag along the track.
+    """
+
+    name: str
+    scans: int
+    ok: int
+    wrong: int
+    correlation_at_truth: float
+    overlap_channels: float
+    along_rms_m: float
+    cross_rms_m: float
+    relative_mean_m: float
+    relative_cross_mean_m: float
+
+    @property
+    def availability(self) -> float:
+        """Share of the scans called ok."""
+        return self.ok / max(self.scans, 1)
+
+
+def labels_of(baselines: Iterable[DriveLog], frame: LocalFrame) -> Labels:
+    """Label errors of a map's baselines, where their truth is known.
+
+    Raises:
+        ValueError: no baseline holds its truth.
+    """
+    places, errors = [], []
+    for log in baselines:
+        truth = true_poses(log, frame)
+        if truth is None:
+            continue
+        label = track_of_drive(log, frame).track.pose[:, :2]
+        known = np.isfinite(truth[:, 0])
+        places.append(truth[known, :2])
+        errors.append((label - truth[:, :2])[known])
+    if not places:
+        raise ValueError("no baseline holds its truth")
+    return Labels(np.concatenate(places), np.concatenate(errors))
+
+
+def accuracy_of(drive: RegisteredDrive, labels: Labels) -> DriveAccuracy:
+    """Accuracy of a drive against its truth.
+
+    Raises:
+        ValueError: the drive's truth is not known.
+    """
+    if drive.truth is None:
+        raise ValueError(f"the truth of {drive.name} is not known")
+    code, pose = np.asarray(drive.fix.code), np.asarray(drive.fix.pose)
+    ok = (code == Code.OK) & np.isfinite(drive.truth[:, 0])
+    error = pose[:, :2] - drive.truth[:, :2]
+    along, cross = _along_cross(error[ok], drive.truth[ok, 3])
+    wrong = np.hypot(along, cross) > WRONG_M
+    relative_along, relative_cross = _along_cross(*_relative(error, drive.truth, ok, labels))
+    # One clock offset a drive moves every fix along the track by speed times offset; a lag is all it can hide.
+    relative_along -= np.median(relative_along) if len(relative_along) else 0.0
+    tried = np.isfinite(drive.correlation_at_truth)
+    return DriveAccuracy(
+        name=drive.name,
+        scans=int(np.sum(code != Code.NO_WINDOW)),
+        ok=int(ok.sum()),
+        wrong=int(wrong.sum()),
+        correlation_at_truth=float(np.median(drive.correlation_at_truth[tried])) if tried.any() else float("nan"),
+        overlap_channels=float(np.median(np.asarray(drive.fix.overlap_channels)[ok])) if ok.any() else float("nan"),
+        along_rms_m=_rms(along),
+        cross_rms_m=_rms(cross),
+        relative_mean_m=_mean(np.hypot(relative_along, relative_cross)),
+        relative_cross_mean_m=_mean(np.abs(relative_cross)),
+    )
+
+
+def _relative(
+    error_m: Float[np.ndarray, "scan 2"],
+    truth: Float[np.ndarray, "scan 5"],
+    ok: Bool[np.ndarray, " scan"],
+    labels: Labels,
+) -> tuple[Float[np.ndarray, "near 2"], Float[np.ndarray, " near"]]:
+    """Errors less the label's at the nearest true point of the map, and the true headings, where there is one."""
+    index = SpatialIndex(labels.truth_m, 0.5)
+    kept, errors = [], []
+    for scan in np.flatnonzero(ok):
+        near = index.nearest(truth[scan, :2], _NEAR_M)
+        if near is not None:
+            kept.append(scan)
+            errors.append(error_m[scan] - labels.error_m[near])
+    return np.asarray(errors, np.float64).reshape(-1, 2), truth[np.asarray(kept, np.int64), 3]
+
+
+def _along_cross(
+    error_m: Float[np.ndarray, "scan 2"], yaw_rad: Float[np.ndarray, " scan"]
+) -> tuple[Float[np.ndarray, " scan"], Float[np.ndarray, " scan"]]:
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    return cos * error_m[:, 0] + sin * error_m[:, 1], cos * error_m[:, 1] - sin * error_m[:, 0]
+
+
+def _rms(values: Float[np.ndarray, " scan"]) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
+
+
+def _mean(values: Float[np.ndarray, " scan"]) -> float:
+    return float(np.mean(values)) if len(values) else float("nan")

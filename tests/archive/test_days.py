@@ -1,0 +1,120 @@
+"""Days of fixed difficulty: accuracy and availability of each, impostors and look-alikes refused.
+
+The short form runs with every test; ``make campaign`` runs all days on four roads and 10,000 scans of each kind of
+false ground, and prints the table of docs/performance.md.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from days import MPH, DaySite, strength_of
+
+from lgprjax.archive import DriveAccuracy
+from lgprjax.registration import Code, RegisterOptions
+
+SINGLE = RegisterOptions(search_m=1.5)
+WINDOW = RegisterOptions(search_m=1.5, window_m=1.0)
+RIGHT_SCALE = RegisterOptions(search_m=1.5, time_scale=1.05)
+# Median single-scan correlation at the truth by the plain score: fixed beforehand, not chosen to please.
+DIFFICULTY = {"clear": (0.70, 0.80), "snow": (0.50, 0.60), "rain": (0.10, 0.30)}
+HEADING = (
+    "| drive | r at truth | ok | wrong | along RMS | cross RMS | relative mean | relative cross mean |\n"
+    "| --- | --- | --- | --- | --- | --- | --- | --- |"
+)
+
+
+def row(what: str, figures: list[DriveAccuracy]) -> str:
+    """A line of the table: medians and root mean squares over the roads, wrong fixes of all."""
+    weights = np.array([f.ok for f in figures], np.float64)
+
+    def pooled(name: str, power: int) -> str:
+        values = np.array([getattr(f, name) for f in figures])
+        known = weights > 0
+        if not known.any():
+            return "-"
+        return f"{np.average(values[known] ** power, weights=weights[known]) ** (1 / power):.3f}"
+
+    scans = sum(f.scans for f in figures)
+    return (
+        f"| {what} | {np.median([f.correlation_at_truth for f in figures]):.2f} | {weights.sum() / scans:.1%} "
+        f"| {sum(f.wrong for f in figures)} | {pooled('along_rms_m', 2)} | {pooled('cross_rms_m', 2)} "
+        f"| {pooled('relative_mean_m', 1)} | {pooled('relative_cross_mean_m', 1)} |"
+    )
+
+
+@pytest.fixture(scope="module")
+def road(tmp_path_factory: pytest.TempPathFactory) -> DaySite:
+    return DaySite(tmp_path_factory.mktemp("road"), seed=3, length_m=50.0)
+
+
+@pytest.mark.parametrize("day", list(DIFFICULTY))
+def test_each_day_is_as_hard_as_it_should_be_and_never_lied_about(road: DaySite, day: str) -> None:
+    path = road.drive(day)
+    _, figures = road.register(path, SINGLE)
+    print(f"\n{HEADING}\n{row(day, [figures])}")
+    low, high = DIFFICULTY[day]
+    assert low <= figures.correlation_at_truth <= high
+    assert figures.wrong == 0
+    if day == "clear":
+        assert figures.availability > 0.85
+        assert figures.cross_rms_m < 0.05
+    if day == "rain":
+        _, scaled = road.register(path, RIGHT_SCALE)
+        print(row("rain, time scale 1.05", [scaled]))
+        assert figures.correlation_at_truth + 0.1 < scaled.correlation_at_truth <= 0.50
+        assert scaled.wrong == 0
+
+
+def test_the_way_back_and_thirty_miles_an_hour(road: DaySite) -> None:
+    for what, path in (
+        ("clear, opposite direction", road.drive("clear", direction=-1)),
+        ("clear, 30 mph", road.drive("clear", speed_mps=30 * MPH)),
+    ):
+        _, figures = road.register(path, SINGLE)
+        print(f"\n{row(what, [figures])}")
+        assert figures.wrong == 0
+        assert figures.availability > 0.7
+        assert figures.cross_rms_m < 0.06
+
+
+@pytest.mark.campaign
+def test_all_days_on_four_roads(tmp_path: Path) -> None:
+    """The table: single scans, and windows of a metre."""
+    drives: dict[str, dict[str, object]] = {day: {"day": day} for day in ("clear", "snow", "rain", "frost")}
+    drives |= {"road repaired": {"day": "repaired"}, "years later": {"day": "years"}}
+    drives |= {"clear, opposite direction": {"day": "clear", "direction": -1}}
+    drives |= {"clear, 30 mph": {"day": "clear", "speed_mps": 30 * MPH}}
+    drives |= {"clear, 0.6 m to the left": {"day": "clear", "lane_m": 0.6}}
+    rows: dict[str, list[DriveAccuracy]] = {}
+    for seed in (1, 2, 3, 4):
+        site = DaySite(tmp_path / str(seed), seed, 100.0)
+        for what, kind in drives.items():
+            path = site.drive(**kind)  # type: ignore[arg-type]
+            for suffix, options in (("", SINGLE), (", 1 m windows", WINDOW)):
+                rows.setdefault(what + suffix, []).append(site.register(path, options)[1])
+            if what == "rain":
+                rows.setdefault("rain, time scale 1.05", []).append(site.register(path, RIGHT_SCALE)[1])
+            path.unlink()
+    print(f"\n{HEADING}")
+    for what, figures in rows.items():
+        print(row(what, figures))
+    for day, (low, high) in DIFFICULTY.items():
+        assert low <= np.median([f.correlation_at_truth for f in rows[day]]) <= high
+    assert np.median([f.correlation_at_truth for f in rows["rain, time scale 1.05"]]) <= 0.50
+    assert sum(f.wrong for figures in rows.values() for f in figures) == 0
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("kind", ["impostor", "look-alike"])
+def test_ten_thousand_scans_of_false_ground(kind: str, tmp_path: Path) -> None:
+    """Another road below the same drive; and a road of slabs that repeats itself every 1.1 m."""
+    scans, highest = 0, 0.0
+    for seed in (1, 2, 3, 4):
+        site = DaySite(tmp_path / str(seed), seed, 100.0, repeat_m=1.1 if kind == "look-alike" else None)
+        drive, figures = site.register(site.drive("clear", impostor=kind == "impostor"), SINGLE)
+        assert not np.any(np.asarray(drive.fix.code) == Code.OK), f"seed {seed}"
+        scans += figures.scans
+        highest = max(highest, float(np.nanmax(strength_of(drive))))
+    print(f"{kind}: {scans} scans, none ok, highest strength {highest:.3f}")
+    assert scans >= 10_000
