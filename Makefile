@@ -5,7 +5,10 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 SOURCES := pyproject.toml constraints.txt README.md LICENSE $(shell find lgprjax data_schema -type f -not -name '*.pyc')
 
-.PHONY: demo test lint types campaign clean
+# gprMax (GPL) is an outside program in an environment of its own. Its wheels are for Python 3.11 to 3.13.
+GPRMAX := .venv-gprmax
+
+.PHONY: demo test lint types campaign gprmax clean
 
 demo: $(VENV)/.wheel
 	$(BIN)/lgprjax demo --output out/demo
@@ -15,6 +18,9 @@ test: $(VENV)/.test
 
 campaign: $(VENV)/.test
 	$(BIN)/pytest -m campaign
+
+gprmax: $(VENV)/.test $(GPRMAX)/.gprmax
+	LGPRJAX_GPRMAX=$(CURDIR)/$(GPRMAX)/bin/python $(BIN)/pytest -m gprmax -s tests/physics
 
 lint: $(VENV)/.lint
 	$(BIN)/ruff check .
@@ -45,5 +51,10 @@ $(VENV)/.lint: $(VENV)/.wheel
 	$(PIP) install --constraint constraints.txt "lgprjax[lint] @ file://$(CURDIR)/$$(ls build/wheel/lgprjax-*.whl)"
 	@touch $@
 
+$(GPRMAX)/.gprmax:
+	$(PYTHON) -m venv $(GPRMAX)
+	$(GPRMAX)/bin/python -m pip --disable-pip-version-check --quiet install gprmax==4.0.1
+	@touch $@
+
 clean:
-	rm -rf $(VENV) build dist out
+	rm -rf $(VENV) $(GPRMAX) build dist out

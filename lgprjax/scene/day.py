@@ -11,7 +11,7 @@ from lgprjax.scene.ground import Ground, GroundConfig, draw_layer, stack_layers
 from lgprjax.scene.objects import Scatterers, chosen, draw_stones, joined
 
 WAVES = 12  # of each of the day's fields
-_SKIN_WAVELENGTH_M = (0.6, 8.0)
+_COVER_WAVELENGTH_M = (0.6, 8.0)
 
 
 @dataclass(frozen=True)
@@ -143,13 +143,14 @@ def ground_on(ground: Ground, day: Day) -> tuple[Ground, Conditions]:
     skin_m = constant_field(0.0, WAVES)
     if day.skin is not None:
         s = day.skin
-        skin_m = draw_field(skin, rms=s.relief_m, wavelength_m=_SKIN_WAVELENGTH_M, waves=WAVES, mean=s.thickness_m)
         front = draw_layer(skin, config, depth_m=s.thickness_m, relief_m=s.relief_m, reflectivity=s.reflectivity)
         layers = stack_layers([layers, front])
+        # The front that is heard is the one that the wave's speed changes at.
+        skin_m = Field(front.depth_m[0], front.relief_m[0], front.wave_rad_per_m[0], front.relief_phase_rad[0])
     cover_m = constant_field(0.0, WAVES)
     if day.cover is not None:
         c = day.cover
-        cover_m = draw_field(cover, rms=c.relief_m, wavelength_m=_SKIN_WAVELENGTH_M, waves=WAVES, mean=c.thickness_m)
+        cover_m = draw_field(cover, rms=c.relief_m, wavelength_m=_COVER_WAVELENGTH_M, waves=WAVES, mean=c.thickness_m)
     conditions = Conditions(
         velocity_factor=day.velocity_factor * (1 + day.velocity_spread * float(velocity.normal())),
         attenuation_factor=day.attenuation_factor,
@@ -171,10 +172,9 @@ def _aged(scatterers: Scatterers, config: GroundConfig, day: Day) -> Scatterers:
     shallow = scatterers.place_m[:, 2] < day.moved_depth_m
     gone = shallow & (rng.uniform(size=shallow.size) < day.moved_share)
     moved = scatterers.place_m[gone].copy()
-    moved[:, :2] += rng.normal(scale=0.3, size=(len(moved), 2))
     low, high = -config.margin_m, config.length_m + config.margin_m
-    moved[:, 0] = np.clip(moved[:, 0], low, high)
-    moved[:, 1] = np.clip(moved[:, 1], -config.half_width_m, config.half_width_m)
+    moved[:, 0] = rng.uniform(low, high, len(moved))
+    moved[:, 1] = rng.uniform(-config.half_width_m, config.half_width_m, len(moved))
     strength = scatterers.strength_m[gone] * rng.choice([-1.0, 1.0], len(moved))
     return joined(chosen(scatterers, ~gone), Scatterers(moved, strength))
 

@@ -120,6 +120,8 @@ def make_ground(seed: int, config: GroundConfig | None = None) -> Ground:
     else:
         field = repeated(field, config.repeat_m, high)
         pipes = draw_utilities(utilities, span, config.half_width_m, 0.0, config.utilities_along)
+        # What runs with the road runs exactly with it, or it would be elsewhere a length on.
+        pipes = pipes._replace(direction=np.tile([1.0, 0.0], (config.utilities_along, 1)))
     return Ground(
         config,
         field,

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 
 class Scatterers(NamedTuple):
-    """Points that scatter: (along, cross, depth), sorted along; scattering length, positive for lighter than soil."""
+    """Points that scatter, sorted along: (along, cross, depth), and scattering length, positive for denser than soil."""
 
     place_m: Float[np.ndarray, "scatterer 3"]
     strength_m: Float[np.ndarray, " scatterer"]
@@ -20,7 +20,7 @@ class Utilities(NamedTuple):
         centre_m: (along, cross) of the middle.
         direction: unit vector along the cylinder.
         half_length_m, depth_m, radius_m: depth of the axis.
-        reflectivity: of its top: -1 for metal or water, above zero for an empty plastic pipe.
+        reflectivity: of its top: -1 for metal, above zero for an empty plastic pipe.
     """
 
     centre_m: Float[np.ndarray, "utility 2"]
@@ -57,7 +57,7 @@ def draw_stones(
 def draw_roots(
     rng: np.random.Generator, span_m: tuple[float, float], half_width_m: float, trees_per_100m: float
 ) -> Scatterers:
-    """Roots of trees beside the road: they wander inwards, thinner and deeper as they go; wood is moist: negative."""
+    """Roots of trees beside the road: they wander inwards, thinner and deeper as they go; wood is moist: positive."""
     low, high = span_m
     places, strengths = [np.zeros((0, 3))], [np.zeros(0)]
     for _ in range(rng.poisson((high - low) * trees_per_100m / 100)):
@@ -71,7 +71,7 @@ def draw_roots(
             taper = np.linspace(1.0, 0.2, points)
             inside = (np.abs(path[:, 1]) <= half_width_m) & (path[:, 0] >= low) & (path[:, 0] <= high)
             places.append(np.column_stack([path, depth])[inside])
-            strengths.append((-0.002 * taper * np.exp(0.3 * rng.normal()))[inside])
+            strengths.append((0.002 * taper * np.exp(0.3 * rng.normal()))[inside])
     return _sorted(np.concatenate(places), np.concatenate(strengths))
 
 
@@ -85,13 +85,16 @@ def draw_utilities(
     angle = np.concatenate([np.pi / 2 + rng.normal(scale=0.25, size=across), rng.normal(scale=0.002, size=along)])
     centre = np.column_stack([rng.uniform(low, high, count), rng.uniform(-0.3, 0.3, count)])
     centre[across:] = np.column_stack([np.full(along, (low + high) / 2), rng.uniform(-1.5, 1.5, along)])
+    radius = rng.uniform(0.01, 0.08, count)
+    # An empty pipe thinner than some 4 cm returns next to nothing at these wavelengths.
+    plastic = np.minimum(radius / 0.08, 1.0) ** 2 * 0.4
     return Utilities(
         centre_m=centre,
         direction=np.column_stack([np.cos(angle), np.sin(angle)]),
         half_length_m=np.concatenate([np.full(across, 2 * half_width_m), np.full(along, high - low)]),
         depth_m=rng.uniform(0.4, 1.4, count),
-        radius_m=rng.uniform(0.01, 0.08, count),
-        reflectivity=rng.choice([-1.0, -0.5, 0.35], count),
+        radius_m=radius,
+        reflectivity=np.where(rng.uniform(size=count) < 0.6, -1.0, plastic),
     )
 
 

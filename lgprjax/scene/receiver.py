@@ -83,7 +83,8 @@ def record_scans(
     phase = jax.vmap(lambda k: jax.random.uniform(jax.random.fold_in(k, 1), (channels,)))(keys)
     time_ns = jnp.asarray(radar.bin_ns[: radar.samples], jnp.float32)
     cycles = errors.interference_mhz[:, None, None] * 1e-3 * time_ns[None, None, :] + phase[..., None]
-    traces += errors.interference[:, None, None] * jnp.cos(2 * jnp.pi * cycles)
+    connected = (jnp.asarray(response.gain) != 0).astype(traces.dtype)[None, :, None]
+    traces += errors.interference[:, None, None] * connected * jnp.cos(2 * jnp.pi * cycles)
 
     traces *= errors.gain[:, None, None]
     counts = ZERO_LEVEL + traces * jnp.asarray(time_gain(radar, receiver), jnp.float32)[None, None, :]

@@ -2,12 +2,16 @@
 
 Units: a field of 1 is the radiated field at 1 m in air. A ray tube that spreads over p one way returns l / p**2
 from a stone of scattering length l, G / (2 p) from a flat mirror of reflection coefficient G, and
-G sqrt(r / (r + p)) / (2 p) from a cylinder of radius r; all lose exp(-2 a R) on the way R in the ground and the two
-passages of the surface. A positive strength or reflectivity is a step to a lighter (faster) material: its echo
-has the polarity opposite to the surface's.
+G sqrt(r / (r + n p)) / (2 p) from a cylinder of radius r (in ground of index n the wave's own radius is n p); all
+lose exp(-2 a R) on the way R in the ground and the two passages of the surface.
+
+A positive reflectivity is a step to a lighter (faster) material; a positive scattering length is a small object denser
+than the soil: it returns the pulse upright, an interface to denser soil turns it over (tests/physics).
 
 What is left out: multiple scattering, polarisation, the separation of transmitter and receiver (12.7 cm: 0.03 ns
-at 0.5 m), and waves that run along the surface.
+at 0.5 m), waves that run along the surface, and the antenna's near field (0.3 m is a quarter of a wavelength at
+250 MHz: echoes come 0.25 ns later straight below in three dimensions, and in two 0.28 ns later still from 0.6 m aside).
+One velocity holds for the whole column: a layer's depth is its optical depth.
 """
 
 from functools import partial
@@ -120,16 +124,16 @@ def _utility_echoes(ground: GroundSlice, antenna_m: Float[Array, "trace 3"], rad
     direction = jnp.asarray(pipe.direction)[None]
     beyond_m = jnp.abs(jnp.sum(apart_m * direction, axis=-1)) - jnp.asarray(pipe.half_length_m)[None]
     aside_m = jnp.abs(apart_m[..., 0] * direction[..., 1] - apart_m[..., 1] * direction[..., 0])
-    # The ray meets the wall, not the axis.
-    radius_m = jnp.asarray(pipe.radius_m)[None]
-    depth_m = jnp.maximum(jnp.asarray(pipe.depth_m)[None] - radius_m, 0.05)
-    ray = refract(aside_m, antenna_m[:, 2:3], depth_m, _index(ground))
-    spread_m = ray.spread_m[0]
+    # The ray that meets the wall at a right angle is the one to the axis, less the radius.
+    index, radius_m = _index(ground), jnp.asarray(pipe.radius_m)[None]
+    depth_m = jnp.broadcast_to(jnp.asarray(pipe.depth_m)[None], aside_m.shape)
+    ray = refract(aside_m, antenna_m[:, 2:3], depth_m, index)
+    ray = ray._replace(ground_m=jnp.maximum(ray.ground_m - radius_m, 0.05))
+    spread_m = ray.air_m + ray.ground_m / index
     ends = jnp.clip(0.5 - beyond_m / 0.3, 0.0, 1.0)  # a cylinder's echo fades out over its end
-    shape = jnp.sqrt(radius_m / (radius_m + spread_m)) / (2.0 * spread_m)
+    shape = jnp.sqrt(radius_m / (radius_m + index * spread_m)) / (2.0 * spread_m)
     field = jnp.asarray(pipe.reflectivity)[None] * ends * shape * _way(ground, ray, aside_m, radar)
-    slowness = 1.0 + sum(device_value_at(m, antenna_m[:, :2]) for m in ground.moisture)
-    return _time_ns(ground, ray, jnp.asarray(slowness)[:, None]), field
+    return _time_ns(ground, ray, _slowness_below(ground, antenna_m[:, :2], depth_m)), field
 
 
 def _layer_echoes(ground: GroundSlice, antenna_m: Float[Array, "trace 3"]) -> Echoes:
@@ -154,10 +158,17 @@ def _layer_echoes(ground: GroundSlice, antenna_m: Float[Array, "trace 3"]) -> Ec
     spread_m = air_m + range_m / index
     ray = Ray(air_m, range_m, cos_air, cosine, (spread_m, spread_m))
     loss = passage(ray, index) * cos_air**2 * jnp.exp(-2.0 * ground.attenuation_per_m * range_m)
-    moisture = sum(device_value_at(m, place_m) for m in ground.moisture)
-    skin_m = jnp.clip(device_value_at(ground.skin_m, place_m)[:, None], 0.0, depth)
-    slowness = 1.0 + jnp.asarray(moisture)[:, None] + ground.skin_slowness * skin_m / jnp.maximum(depth, 0.05)
+    slowness = _slowness_below(ground, place_m, depth)
     return _time_ns(ground, ray, slowness), reflectivity * whole * loss / (2.0 * spread_m)
+
+
+def _slowness_below(
+    ground: GroundSlice, place_m: Float[Array, "trace 2"], depth_m: Float[Array, "trace echo"]
+) -> Float[Array, "trace echo"]:
+    """Mean slowness of the ground from the surface at the place down to a depth, relative to the day's."""
+    moisture = sum(device_value_at(m, place_m) for m in ground.moisture)
+    skin_m = jnp.clip(device_value_at(ground.skin_m, place_m)[:, None], 0.0, depth_m)
+    return 1.0 + jnp.asarray(moisture)[:, None] + ground.skin_slowness * skin_m / jnp.maximum(depth_m, 0.05)
 
 
 def _in_trench(
@@ -168,7 +179,7 @@ def _in_trench(
     along, cross = place_m[:, 0:1], place_m[:, 1:2]
     within = jnp.minimum(jnp.minimum(along - low, high - along), jnp.minimum(cross - right, left - cross))
     flat = jnp.clip(0.5 + within / 0.3, 0.0, 1.0)
-    dug = flat[:, None, :] * (depth_m[..., None] < deep[:, None, :])
+    dug = jnp.where(depth_m[..., None] < deep[:, None, :], flat[:, None, :], 0.0)
     return jnp.max(dug, axis=-1)
 
 

@@ -74,7 +74,7 @@ def slice_ground(
         conditions: of the day; without any the ground is as its config says.
 
     Raises:
-        ValueError: the window holds more stones or utilities than asked for.
+        ValueError: the window holds more stones or utilities than asked for, or more than ``TRENCHES`` trenches.
     """
     conditions = usual_conditions() if conditions is None else conditions
     place_m, strength_m = ground.scatterers
@@ -109,7 +109,7 @@ def slice_ground(
         skin_slowness=np.asarray(conditions.skin_slowness, np.float32),
         cover_m=field_about(conditions.cover_m, origin),
         cover=np.array([cover.index, cover.attenuation_per_m, cover.lift, cover.reflectivity], np.float32),
-        trenches=_nearest_trenches(conditions.trenches, 0.5 * (from_m + to_m), origin),
+        trenches=_trenches_within(conditions.trenches, from_m, to_m, origin),
         velocity_m_per_ns=np.asarray(ground.config.velocity_m_per_ns * conditions.velocity_factor, np.float32),
         attenuation_per_m=np.asarray(ground.config.attenuation_per_m * conditions.attenuation_factor, np.float32),
         dispersive_share=np.asarray(ground.config.dispersive_share, np.float32),
@@ -142,14 +142,16 @@ def _near(utilities: Utilities, from_m: float, to_m: float, origin_m: Float[np.n
     return out
 
 
-def _nearest_trenches(
-    trenches: Float[np.ndarray, "trench 5"], middle_m: float, origin_m: Float[np.ndarray, "2"]
+def _trenches_within(
+    trenches: Float[np.ndarray, "trench 5"], from_m: float, to_m: float, origin_m: Float[np.ndarray, "2"]
 ) -> Float[np.ndarray, "kept 5"]:
-    """The trenches that a block can meet; places without one lie far away."""
+    """The trenches that reach into the window, about the origin; rows without one lie far away."""
+    inside = trenches[(trenches[:, 1] >= from_m) & (trenches[:, 0] <= to_m)]
+    if len(inside) > TRENCHES:
+        raise ValueError(f"window [{from_m}, {to_m}] holds {len(inside)} trenches, more than {TRENCHES}")
     out = np.full((TRENCHES, 5), 1e6)
     out[:, 4] = 0.0
-    order = np.argsort(np.abs(trenches[:, :2].mean(axis=1) - middle_m))[:TRENCHES]
-    out[: len(order)] = trenches[order]
+    out[: len(inside)] = inside
     out[:, :2] -= origin_m[0]
     out[:, 2:4] -= origin_m[1]
     return out.astype(np.float32)

@@ -127,11 +127,12 @@ def record_sweeps(
     sigma = noise_field * _noise_per_step(plan, radar, 1.0) * np.sqrt(0.5)
     sweep += jax.lax.complex(white[:, 0], white[:, 1]) * sigma
 
-    # A transmitter in the band is heard in the step that meets it; the calibration channel has no antenna.
+    # A transmitter in the band is heard in the step that meets it; where no antenna is, it is not.
     phase = jax.vmap(lambda k: jax.random.uniform(jax.random.fold_in(k, 1), (channels + 1,)))(keys)
     away = jnp.abs(jnp.asarray(plan.frequency_mhz, jnp.float32)[None, :] - errors.interference_mhz[:, None])
     share = jnp.clip(1.0 - away / plan.step_mhz, 0.0, 1.0) * errors.interference[:, None] * plan.steps
-    turn = jnp.exp(2j * jnp.pi * phase).astype(jnp.complex64).at[:, -1].set(0.0)
+    connected = jnp.append(jnp.asarray(response.gain) != 0, False).astype(jnp.complex64)
+    turn = jnp.exp(2j * jnp.pi * phase).astype(jnp.complex64) * connected[None, :]
     sweep += share[:, None, :] * turn[..., None]
 
     step = 2.0 * plan.full_scale_field / 2**plan.adc_bits
