@@ -29,7 +29,8 @@ class DriveAccuracy(NamedTuple):
     """Figures of one registered drive whose truth is known; those of errors are of its ok fixes.
 
     Attributes:
-        scans, ok, wrong: all that were tried (inside a window none is); those called ok; those of them more than ``WRONG_M`` off.
+        scans, ok, wrong: all that were tried (inside a window none is); those called ok; those of them more than
+            ``WRONG_M`` off.
         correlation_at_truth: median of the plain score at the true pose: how hard the drive is.
         overlap_channels: median channels of the scan on the map.
         along_rms_m, cross_rms_m: of fix less truth in the map's frame, along and across the true heading.

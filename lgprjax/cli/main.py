@@ -12,6 +12,7 @@ from lgprjax.cli.errors import run_verb
 from lgprjax.cli.imports import ImportVerb
 from lgprjax.cli.maps import MapVerb
 from lgprjax.cli.register import Register
+from lgprjax.cli.simulate import Simulate
 
 _DESCRIPTION = """Localizing ground-penetrating radar: locate a vehicle by the ground beneath it.
 
@@ -25,6 +26,7 @@ Verb = (
     | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[MapVerb, tyro.conf.subcommand("map", description="Subsurface databases.")]
     | Annotated[Register, tyro.conf.subcommand("register")]
+    | Annotated[Simulate, tyro.conf.subcommand("simulate")]
 )
 
 

@@ -1,7 +1,7 @@
 """A whole drive against a map: scans or windows, grouped by tile, in batches of one shape."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
@@ -30,7 +30,7 @@ class RegisterOptions:
         height_m, roll_deg: half widths of the search in height and roll. That in heading follows the prior:
             three sigma, no less than one degree and no more than five.
         time_scale: how much longer the wave's way in the ground takes today than on the map's day (rain: above 1).
-        thresholds: what a fix must reach.
+        own_thresholds: what a fix must reach; without them the defaults for scans or windows.
         seed: of the swarm.
     """
 
@@ -39,8 +39,15 @@ class RegisterOptions:
     height_m: float = 0.08
     roll_deg: float = 1.5
     time_scale: float = 1.0
-    thresholds: Thresholds = field(default_factory=default_thresholds)
+    own_thresholds: Thresholds | None = None
     seed: int = 0
+
+    @property
+    def thresholds(self) -> Thresholds:
+        """What a fix must reach."""
+        if self.own_thresholds is not None:
+            return self.own_thresholds
+        return default_thresholds(self.window_m)
 
 
 class LiveBlock(NamedTuple):

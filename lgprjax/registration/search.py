@@ -199,7 +199,7 @@ def _register(
     covariance = peak_covariance(peak.correlation, steps, modes.floor, half_width)
     on_edge = jnp.any(jnp.abs(pose[:2] - prior[:2]) > half_width[:2] - tile.cell_m)
     best_overlap = jnp.max(surface.overlap)
-    code = judge(strength, strength - runner_up, best_overlap, on_edge, finite, thresholds)
+    code = judge(strength, strength - runner_up, modes.floor, best_overlap, on_edge, finite, thresholds)
     found_any = finite & (strength > -1.0)
     covered = peak.covered[0]
     per_mode = spec.swarm.particles * (spec.swarm.iterations + 1)

@@ -52,7 +52,7 @@ class Skin:
 
 @dataclass(frozen=True)
 class Trench:
-    """A stretch that was dug up and filled again: what lay in it is gone, other ground fills it.
+    """A stretch that was dug up and filled again: stones, roots and layers in it are gone, other ground fills it; pipes stay.
 
     Attributes:
         along_m: from, to. cross_m: from, to.

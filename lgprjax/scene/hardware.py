@@ -26,7 +26,7 @@ class Faults:
 
     Attributes:
         gain_drift: relative change of the receiver's gain from the drive's start to its end (it warms up).
-        phase_drift_rad: change of its phase.
+        phase_drift_rad: change of its phase (heard in sweeps only).
         dropped_share: of the scans, lost between radar and recorder.
         clipped_share: of the scans, received four times too loud.
         interference_share, interference_field: of the scans hit by a transmitter in the band, and how loudly.

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 
 class Scatterers(NamedTuple):
-    """Points that scatter, sorted along: (along, cross, depth), and scattering length, positive for denser than soil."""
+    """Points that scatter: (along, cross, depth), sorted along; scattering length, positive for denser than soil."""
 
     place_m: Float[np.ndarray, "scatterer 3"]
     strength_m: Float[np.ndarray, " scatterer"]

@@ -119,21 +119,21 @@ def record_sweeps(
     through = np.broadcast_to(np.stack([calibration.real, calibration.imag])[None, None], (scans, 1, 2, plan.steps))
     halves = jnp.concatenate([halves, jnp.asarray(through, jnp.float32)], axis=1)
     heard = jax.lax.complex(halves[:, :, 0], halves[:, :, 1])
-    drift = errors.gain * jnp.exp(1j * errors.phase_rad).astype(jnp.complex64)
+    drift = jax.lax.complex(errors.gain * jnp.cos(errors.phase_rad), errors.gain * jnp.sin(errors.phase_rad))
     sweep = heard * drift[:, None, None] * jnp.asarray(common_path(plan), jnp.complex64)[None, None]
 
     keys = jax.vmap(jax.random.fold_in, (None, 0))(key, first_scan + jnp.arange(scans, dtype=jnp.int32))
     white = jax.vmap(lambda k: jax.random.normal(k, (2, channels + 1, plan.steps), jnp.float32))(keys)
     sigma = noise_field * _noise_per_step(plan, radar, 1.0) * np.sqrt(0.5)
-    sweep += jax.lax.complex(white[:, 0], white[:, 1]) * sigma
+    sweep += jax.lax.complex(white[:, 0] * sigma, white[:, 1] * sigma)
 
     # A transmitter in the band is heard in the step that meets it; where no antenna is, it is not.
     phase = jax.vmap(lambda k: jax.random.uniform(jax.random.fold_in(k, 1), (channels + 1,)))(keys)
     away = jnp.abs(jnp.asarray(plan.frequency_mhz, jnp.float32)[None, :] - errors.interference_mhz[:, None])
     share = jnp.clip(1.0 - away / plan.step_mhz, 0.0, 1.0) * errors.interference[:, None] * plan.steps
     connected = jnp.append(jnp.asarray(response.gain) != 0, False).astype(jnp.complex64)
-    turn = jnp.exp(2j * jnp.pi * phase).astype(jnp.complex64) * connected[None, :]
-    sweep += share[:, None, :] * turn[..., None]
+    turn = jax.lax.complex(jnp.cos(2 * jnp.pi * phase), jnp.sin(2 * jnp.pi * phase)) * connected[None, :]
+    sweep += share.astype(jnp.complex64)[:, None, :] * turn[..., None]
 
     step = 2.0 * plan.full_scale_field / 2**plan.adc_bits
 

@@ -48,7 +48,7 @@ def years_later(seed: int) -> Day:
 
 def repaired_day(seed: int) -> Day:
     """A clear day after the road was dug up across, two metres in every forty, from 20 m on."""
-    return Day(seed=seed, trenches=tuple(Trench((start, start + 2.0)) for start in range(20, 2000, 40)))
+    return Day(seed=seed, trenches=tuple(Trench((20.0 + at, 22.0 + at)) for at in range(0, 2000, 40)))
 
 
 WEATHER: dict[str, Callable[[int], Day]] = {

@@ -1,62 +1,88 @@
 """A simulated drive as a drive log."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from lgprjax import __version__
 from lgprjax.formats import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack, TraceRecording
 from lgprjax.frames import LocalFrame
-from lgprjax.scene import PoseTrack, SimulatedDrive, iterate_traces
+from lgprjax.scene import PoseTrack, SimulatedDrive, SweepPlan, iterate_sweeps, iterate_traces
+from lgprjax.simulation.sweep_recording import describe_sweeps
 
 SITE_FRAME = LocalFrame(latitude_deg=42.0, longitude_deg=-71.0, height_m=30.0)
-"""Where generated sites are put on the globe."""
+"""Where generated sites are put on the globe unless told otherwise."""
 
-_CENTRE_FREQUENCY_HZ = 250e6
 _T0_UTC = "2026-01-01T00:00:00+00:00"
 
 
-def describe_drive(name: str, drive: SimulatedDrive) -> DriveDescription:
-    """Everything of a simulated drive but its traces; the truth included."""
+def describe_drive(
+    name: str,
+    drive: SimulatedDrive,
+    *,
+    frame: LocalFrame = SITE_FRAME,
+    sweeps: SweepPlan | None = None,
+    provenance: Mapping[str, object] | None = None,
+) -> DriveDescription:
+    """Everything of a simulated drive but its radar data; the truth included.
+
+    Args:
+        frame: where the road begins on the globe.
+        sweeps: what a stepped-frequency radar measures; None for one that records traces.
+        provenance: of the site, beside the drive's own.
+    """
     radar = drive.radar
-    sigma = {"position_m": 0.05, "height_m": 0.05, "heading_deg": 0.3, "roll_deg": 0.1}
+    traces = TraceRecording(
+        sample_interval_ns=radar.sample_step_ns,
+        time_zero_ns=radar.time_zero_ns,
+        zero_level=128.0,
+        centre_frequency_hz=0.5e6 * (radar.band_mhz[0] + radar.band_mhz[1]),
+        samples=radar.samples,
+    )
+    own = {"program": f"lgprjax {__version__}", "synthetic": True, "drive_seed": drive.seed, "day": asdict(drive.day)}
+    # A log's height is the road's below the vehicle: of what navigation says, its error counts and the springs do not.
+    springs_m = np.interp(drive.navigation.time_s, drive.scan_time_s, drive.pose[:, 2])
+    wrong_m = drive.navigation.pose[:, 2] - springs_m
     return DriveDescription(
         name=name,
         t0_utc=_T0_UTC,
         array=drive.array,
-        recording=TraceRecording(
-            sample_interval_ns=radar.sample_step_ns,
-            time_zero_ns=radar.time_zero_ns,
-            zero_level=128.0,
-            centre_frequency_hz=_CENTRE_FREQUENCY_HZ,
-            samples=radar.samples,
-        ),
-        navigation=_navigation(drive.navigation, sigma),
+        recording=traces if sweeps is None else describe_sweeps(drive, sweeps),
+        navigation=_navigation(drive.navigation, drive.navigation_up_m + wrong_m, frame),
         odometry=OdometryTrack(drive.odometer.time_s, drive.odometer.distance_m),
-        truth=_navigation(PoseTrack(drive.scan_time_s, drive.pose), None),
+        truth=_navigation(PoseTrack(drive.scan_time_s, drive.pose), drive.ground_up_m, frame),
         vehicle=None,
-        provenance={"program": f"lgprjax {__version__}", "synthetic": True, "drive_seed": drive.seed},
+        provenance={**own, **(provenance or {})},
     )
 
 
 def write_drive(
-    path: Path, drive: SimulatedDrive, *, force: bool = False, progress: Callable[[int], None] = lambda _: None
+    path: Path,
+    drive: SimulatedDrive,
+    *,
+    frame: LocalFrame = SITE_FRAME,
+    sweeps: SweepPlan | None = None,
+    provenance: Mapping[str, object] | None = None,
+    force: bool = False,
+    progress: Callable[[int], None] = lambda _: None,
 ) -> None:
-    """Render a simulated drive into a drive log, streaming.
+    """Render a simulated drive into a drive log, streaming; arguments as of ``describe_drive``.
+
+    A drive that fails leaves nothing behind.
 
     Raises:
         InputError: the output exists or cannot be written.
     """
     name = path.name.removesuffix(".drive.h5")
-    done = 0
-    with DriveWriter.create(
-        path, describe_drive(name, drive), channels=len(drive.array.y_m), dtype=np.uint8, force=force
-    ) as writer:
-        for traces in iterate_traces(drive):
-            writer.append(drive.scan_time_s[done : done + len(traces)], traces)
-            done += len(traces)
-            progress(len(traces))
+    description = describe_drive(name, drive, frame=frame, sweeps=sweeps, provenance=provenance)
+    dtype = np.uint8 if sweeps is None else np.complex64
+    channels = len(drive.array.y_m)
+    with DriveWriter.create(path, description, channels=channels, dtype=dtype, force=force) as writer:
+        for scans in _record(writer, drive, sweeps):
+            progress(scans)
 
 
 def write_drives(
@@ -73,24 +99,37 @@ def write_drives(
     return paths
 
 
-def _navigation(track: PoseTrack, sigma: Mapping[str, float] | None) -> NavigationTrack:
-    pose = track.pose
-    # The generated road is level: the ground is as high as the site's anchor everywhere.
-    latitude, longitude, height = SITE_FRAME.to_geodetic(pose[:, 0], pose[:, 1], np.zeros(len(pose)))
+def _record(writer: DriveWriter, drive: SimulatedDrive, sweeps: SweepPlan | None) -> Iterator[int]:
+    """Append chunk by chunk; yields the number of scans in each."""
+    if sweeps is None:
+        for traces in iterate_traces(drive):
+            writer.append(drive.scan_time_s[writer.scans : writer.scans + len(traces)], traces)
+            yield len(traces)
+        return
+    for recorded, calibration in iterate_sweeps(drive, sweeps):
+        time_s = drive.scan_time_s[writer.scans : writer.scans + len(recorded)]
+        writer.append_sweeps(time_s, recorded, calibration)
+        yield len(recorded)
 
-    def every(name: str) -> np.ndarray | None:
-        return None if sigma is None else np.full(len(pose), sigma[name])
 
-    return NavigationTrack(
+def _navigation(track: PoseTrack, up_m: Float[np.ndarray, " time"], frame: LocalFrame) -> NavigationTrack:
+    pose, sigma = track.pose, track.sigma
+    latitude, longitude, height = frame.to_geodetic(pose[:, 0], pose[:, 1], up_m)
+    known = NavigationTrack(
         time_s=track.time_s,
         latitude_deg=latitude,
         longitude_deg=longitude,
         height_m=height,
-        heading_deg=SITE_FRAME.heading_of_yaw(pose[:, 3], longitude),
+        heading_deg=frame.heading_of_yaw(pose[:, 3], longitude),
         roll_deg=np.degrees(pose[:, 4]),
-        sigma_east_m=every("position_m"),
-        sigma_north_m=every("position_m"),
-        sigma_height_m=every("height_m"),
-        sigma_heading_deg=every("heading_deg"),
-        sigma_roll_deg=every("roll_deg"),
+    )
+    if sigma is None:
+        return known
+    return replace(
+        known,
+        sigma_east_m=sigma[:, 0],
+        sigma_north_m=sigma[:, 1],
+        sigma_height_m=sigma[:, 2],
+        sigma_heading_deg=np.degrees(sigma[:, 3]),
+        sigma_roll_deg=np.degrees(sigma[:, 4]),
     )

@@ -77,7 +77,8 @@ class DaySite:
 
 def strength_of(drive: RegisteredDrive) -> np.ndarray:
     """What the threshold asks of: correlation times the root of the overlap."""
-    return np.asarray(drive.fix.correlation) * np.sqrt(np.asarray(drive.fix.overlap))
+    strength: np.ndarray = np.asarray(drive.fix.correlation) * np.sqrt(np.asarray(drive.fix.overlap))
+    return strength
 
 
 def _opened(paths: list[Path]) -> Iterator[DriveLog]:

@@ -1,10 +1,11 @@
 """Days of fixed difficulty: accuracy and availability of each, impostors and look-alikes refused.
 
-The short form runs with every test; ``make campaign`` runs all days on four roads and 10,000 scans of each kind of
+The short form runs with every test; ``make campaign`` runs all days on two roads and 10,000 scans of each kind of
 false ground, and prints the table of docs/performance.md.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,18 +80,18 @@ def test_the_way_back_and_thirty_miles_an_hour(road: DaySite) -> None:
 
 
 @pytest.mark.campaign
-def test_all_days_on_four_roads(tmp_path: Path) -> None:
+def test_all_days_on_two_roads(tmp_path: Path) -> None:
     """The table: single scans, and windows of a metre."""
-    drives: dict[str, dict[str, object]] = {day: {"day": day} for day in ("clear", "snow", "rain", "frost")}
+    drives: dict[str, dict[str, Any]] = {day: {"day": day} for day in ("clear", "snow", "rain", "frost")}
     drives |= {"road repaired": {"day": "repaired"}, "years later": {"day": "years"}}
     drives |= {"clear, opposite direction": {"day": "clear", "direction": -1}}
     drives |= {"clear, 30 mph": {"day": "clear", "speed_mps": 30 * MPH}}
     drives |= {"clear, 0.6 m to the left": {"day": "clear", "lane_m": 0.6}}
     rows: dict[str, list[DriveAccuracy]] = {}
-    for seed in (1, 2, 3, 4):
-        site = DaySite(tmp_path / str(seed), seed, 100.0)
+    for seed in (1, 2):
+        site = DaySite(tmp_path / str(seed), seed, 60.0)
         for what, kind in drives.items():
-            path = site.drive(**kind)  # type: ignore[arg-type]
+            path = site.drive(**kind)
             for suffix, options in (("", SINGLE), (", 1 m windows", WINDOW)):
                 rows.setdefault(what + suffix, []).append(site.register(path, options)[1])
             if what == "rain":

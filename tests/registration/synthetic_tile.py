@@ -33,7 +33,7 @@ TRACES = CHANNELS * SCANS
 
 SEARCH = SearchSpec(lattice=(23, 19), margin=(22, 18))
 HALF_WIDTH = np.array([0.5, 0.5, 0.08, np.radians(3.0), np.radians(1.5)])
-THRESHOLDS = Thresholds(jnp.float32(0.5), jnp.float32(0.045), jnp.float32(0.6))
+THRESHOLDS = Thresholds(jnp.float32(0.5), jnp.float32(0.045), jnp.float32(0.3), jnp.float32(0.6))
 
 Ground = Callable[[np.ndarray], np.ndarray]
 """Places [..., 2] to complex waves [..., half] of unit power."""

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.registration import Code, Thresholds, default_thresholds
+from lgprjax.registration import Code, RegisterOptions, Thresholds, default_thresholds
 from lgprjax.registration.integrity import judge, peak_covariance, stencil_poses
 
 STEPS = np.array([0.05, 0.06, 0.02, 0.01, 0.01])
@@ -70,7 +70,7 @@ def test_a_stencil_that_leaves_the_map_does_not_sharpen_the_peak() -> None:
 
 
 T = default_thresholds()
-GOOD = {"strength": 0.7, "margin": 0.1, "best_overlap": 1.0, "on_edge": False, "finite": True}
+GOOD = {"strength": 0.7, "margin": 0.1, "floor": 0.12, "best_overlap": 1.0, "on_edge": False, "finite": True}
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,10 @@ GOOD = {"strength": 0.7, "margin": 0.1, "best_overlap": 1.0, "on_edge": False, "
         ({"strength": float("nan"), "margin": float("nan")}, Code.LOW_CORRELATION),
         ({"strength": float("-inf")}, Code.LOW_CORRELATION),
         ({"on_edge": True, "margin": 0.0}, Code.EDGE),
-        ({"margin": 0.04}, Code.AMBIGUOUS),
+        ({"margin": 0.04, "floor": 0.0}, Code.AMBIGUOUS),
+        ({"margin": 0.046, "floor": 0.0}, Code.OK),
+        ({"margin": 0.09}, Code.AMBIGUOUS),
+        ({"margin": 0.3, "floor": 0.4}, Code.AMBIGUOUS),
         ({"margin": float("nan")}, Code.AMBIGUOUS),
     ],
 )
@@ -94,12 +97,22 @@ def test_the_first_reason_that_applies_is_the_code(change: dict[str, float | boo
     result = judge(
         jnp.float32(given["strength"]),
         jnp.float32(given["margin"]),
+        jnp.float32(given["floor"]),
         jnp.float32(given["best_overlap"]),
         jnp.asarray(bool(given["on_edge"])),
         jnp.asarray(bool(given["finite"])),
         thresholds,
     )
     assert int(result) == code
+
+
+def test_a_window_may_be_fainter_than_a_single_scan() -> None:
+    scan, window = default_thresholds(), default_thresholds(1.0)
+    assert window.strength < scan.strength
+    assert window.margin_by_chance < scan.margin_by_chance
+    assert RegisterOptions().thresholds == scan
+    assert RegisterOptions(window_m=1.0).thresholds == window
+    assert RegisterOptions(window_m=1.0, own_thresholds=scan).thresholds == scan
 
 
 def test_codes_have_the_names_of_the_contract() -> None:

@@ -1,62 +1,43 @@
-"""Echoes against hand formulae: times, polarity, spreading, band, and the same answer far down the road."""
+"""Echoes against searched paths and hand formulae: times, polarity, strength, sums, and the same far down the road."""
 
-import jax.numpy as jnp
+from itertools import pairwise
+
 import numpy as np
 import pytest
-from jaxtyping import Float
+from scipy.optimize import minimize_scalar
 
-from lgprjax.scene import (
-    Ground,
-    GroundConfig,
-    Layers,
-    RadarConfig,
-    make_ground,
-    make_wavelet,
-    render_traces,
-    slice_ground,
+from lgprjax.scene import GroundConfig, Layers, Scatterers, make_ground
+from lgprjax.scene.fields import Field, constant_field
+from scene.bare_ground import (
+    INDEX,
+    LIGHT_M_PER_NS,
+    RADAR,
+    Point,
+    fermat,
+    ground_of,
+    one_layer,
+    peak_of,
+    pipes,
+    render,
+    wavelets_at,
 )
 
-RADAR = RadarConfig()
-LIGHT_M_PER_NS = 0.299792458
-VELOCITY_M_PER_NS = 0.1
+THROUGH = 1 - ((INDEX - 1) / (INDEX + 1)) ** 2  # the surface, twice, straight down
 
 
-def ground_of(
-    stones: list[tuple[float, float, float]],
-    strengths: list[float],
-    layer: tuple[float, float] | None = None,
-    slope: float = 0.0,
-) -> Ground:
-    """Stones (along, cross, depth) and one interface (depth, reflectivity); it tilts by ``slope``."""
-    depth, reflectivity = (1.0, 0.0) if layer is None else layer
-    one = np.ones((1, 1))
-    wave_rad_per_m = 1e-3
-    layers = Layers(
-        depth_m=np.array([depth]),
-        wave_rad_per_m=np.array([[[wave_rad_per_m, 0.0]]]),
-        relief_m=slope / wave_rad_per_m * one,
-        relief_phase_rad=0.0 * one,
-        reflectivity_mean=np.array([reflectivity]),
-        reflectivity=0.0 * one,
-        reflectivity_phase_rad=0.0 * one,
-    )
-    return Ground(GroundConfig(), np.array(stones).reshape(-1, 3), np.array(strengths), layers)
-
-
-def render(ground: Ground, antenna_m: list[tuple[float, float, float]]) -> Float[np.ndarray, "trace sample"]:
-    piece = slice_ground(ground, -10.0, 10.0, stones=16)
-    return np.asarray(render_traces(piece, jnp.asarray(antenna_m, jnp.float32), radar=RADAR))
-
-
-def peak_of(trace: Float[np.ndarray, " sample"]) -> tuple[float, float]:
-    """Place (in samples, through a parabola) and value of the strongest sample."""
-    at = int(np.argmax(np.abs(trace)))
-    left, top, right = trace[at - 1 : at + 2]
-    return at + 0.5 * (left - right) / (left - 2 * top + right), float(top)
-
-
-def sample_of(time_ns: float) -> float:
-    return (time_ns + RADAR.time_zero_ns) / RADAR.sample_step_ns
+def stone_echo(antenna: Point, stone: Point, strength: float) -> tuple[float, float]:
+    """Time and field of a stone by a searched ray, a traced fan and Fresnel's sines."""
+    aside = float(np.hypot(antenna[0] - stone[0], antenna[1] - stone[1]))
+    time_ns, air_m, ground_m = fermat(aside, antenna[2], stone[2])
+    air_rad, ground_rad = np.arccos(antenna[2] / air_m), np.arccos(stone[2] / ground_m)
+    out_of_plane = air_m + ground_m / INDEX
+    slant = np.cos(air_rad) / (INDEX * np.cos(ground_rad))
+    in_plane = (antenna[2] / np.cos(air_rad) ** 2 + stone[2] * slant / np.cos(ground_rad) ** 2) * np.cos(ground_rad)
+    reflected = np.sin(air_rad - ground_rad) / np.sin(air_rad + ground_rad) if aside > 1e-3 else 1 - 2 / (1 + 1 / INDEX)
+    edge = np.clip(4 * (1 - aside / RADAR.aperture_m), 0, 1)
+    pattern = np.cos(air_rad) ** 2 * edge**2 * (3 - 2 * edge)
+    loss = pattern * (1 - reflected**2) * np.exp(-1.4 * ground_m)
+    return 2 * time_ns, strength * loss / (out_of_plane * in_plane)
 
 
 @pytest.mark.parametrize("strength", [0.02, -0.02])
@@ -66,92 +47,159 @@ def sample_of(time_ns: float) -> float:
         ((0.0, 0.0, 0.3), (0.0, 0.0, 1.0)),
         ((0.7, -0.4, 0.32), (0.1, 0.2, 0.6)),
         ((-0.5, 1.0, 0.15), (0.0, 0.0, 2.0)),
+        ((0.9, 0.0, 0.5), (0.0, 0.0, 0.2)),
     ],
 )
-def test_stone_arrives_in_time_with_its_polarity_and_loss(
-    antenna: tuple[float, float, float], stone: tuple[float, float, float], strength: float
-) -> None:
-    trace = render(ground_of([stone], [strength]), [antenna])[0].astype(np.float64)
-    aside = np.hypot(antenna[0] - stone[0], antenna[1] - stone[1])
-    range_m = float(np.hypot(aside, stone[2]))
-    expected_ns = 2 * antenna[2] / LIGHT_M_PER_NS + 2 * range_m / VELOCITY_M_PER_NS
-    passage = 1 - 0.5**2
-    expected = strength * passage * (stone[2] / range_m) ** 2 * np.exp(-1.4 * range_m) / (antenna[2] + range_m) ** 2
-    place, value = peak_of(trace)
-    assert abs(place - sample_of(expected_ns)) < 0.1
-    assert value == pytest.approx(expected, rel=0.02)
+def test_a_stone_arrives_in_time_with_its_polarity_and_loss(antenna: Point, stone: Point, strength: float) -> None:
+    time_ns, field = stone_echo(antenna, stone, strength)
+    place, value = peak_of(render(ground_of([stone], [strength]), [antenna])[0])
+    assert place == pytest.approx(time_ns, abs=0.01)
+    assert value == pytest.approx(field, rel=0.02)
 
 
-def test_flat_interface_arrives_in_time_with_its_polarity() -> None:
-    traces = render(ground_of([], [], layer=(0.8, -0.05)), [(0.0, 0.0, 0.3), (0.0, 0.5, 0.4)])
-    for trace, height in zip(traces.astype(np.float64), (0.3, 0.4), strict=True):
-        place, value = peak_of(trace)
-        assert abs(place - sample_of(2 * height / LIGHT_M_PER_NS + 1.6 / VELOCITY_M_PER_NS)) < 0.1
-        assert value == pytest.approx(-0.05 * 0.75 * np.exp(-1.4 * 0.8) / (2 * (height + 0.8)), rel=0.02)
-
-
-def test_tilted_interface_is_heard_along_its_normal() -> None:
-    slope = 0.5
-    trace = render(ground_of([], [], layer=(1.0, 0.05), slope=slope), [(0.2, 0.0, 0.3)])[0]
-    normal_m = (1.0 + slope * 0.2) * np.cos(np.arctan(slope))
-    expected = sample_of(2 * 0.3 / LIGHT_M_PER_NS + 2 * normal_m / VELOCITY_M_PER_NS)
-    assert abs(peak_of(trace.astype(np.float64))[0] - expected) < 0.1
+def test_a_stone_straight_down_is_what_can_be_worked_out_by_hand() -> None:
+    """Field l T exp(-2 a d) / (h + d/n)**2, T = 4 n / (n + 1)**2."""
+    value = peak_of(render(ground_of([(0.0, 0.0, 0.8)], [0.01]), [(0.0, 0.0, 0.3)])[0])[1]
+    expected = 0.01 * 4 * INDEX / (INDEX + 1) ** 2 * np.exp(-1.12) / (0.3 + 0.8 / INDEX) ** 2
+    assert value == pytest.approx(expected, rel=0.01)
 
 
 def test_stones_add_up_as_exact_wavelets() -> None:
-    """Oracle: float64 sum of wavelets, each read at its echo's exact time from an eight times finer axis."""
     rng = np.random.default_rng(5)
     stones = np.column_stack([np.sort(rng.uniform(-1, 1, 12)), rng.uniform(-1, 1, 12), rng.uniform(0.3, 2, 12)])
     strengths = rng.normal(size=12) * 0.01
     trace = render(ground_of([tuple(s) for s in stones], list(strengths)), [(0.0, 0.0, 0.3)])[0]
-    fine = RadarConfig(sample_step_ns=RADAR.sample_step_ns / 8)
-    taps = make_wavelet(fine)
-    tap_ns = (np.arange(taps.size) - fine.tail_samples) * fine.sample_step_ns
-    sample_ns = np.arange(RADAR.samples) * RADAR.sample_step_ns - RADAR.time_zero_ns
-    expected = np.zeros(RADAR.samples)
-    for (along, cross, depth), strength in zip(stones, strengths, strict=True):
-        aside = np.hypot(along, cross)
-        range_m = np.hypot(aside, depth)
-        edge = np.clip(4 * (1 - aside / RADAR.aperture_m), 0, 1)
-        field = strength * 0.75 * (depth / range_m) ** 2 * edge**2 * (3 - 2 * edge)
-        field *= np.exp(-1.4 * range_m) / (0.3 + range_m) ** 2
-        arrival_ns = 2 * 0.3 / LIGHT_M_PER_NS + 2 * range_m / VELOCITY_M_PER_NS
-        expected += field * np.interp(sample_ns - arrival_ns, tap_ns, taps, left=0.0, right=0.0)
+    echoes = [stone_echo((0.0, 0.0, 0.3), tuple(s), float(size)) for s, size in zip(stones, strengths, strict=True)]
+    expected = wavelets_at(*np.array(echoes).T)
     assert np.abs(trace - expected).max() < 0.02 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize("reflectivity", [0.05, -0.05])
+def test_a_flat_interface_arrives_in_time_with_its_polarity_and_strength(reflectivity: float) -> None:
+    ground = ground_of(layer=one_layer(0.8, reflectivity))
+    for trace, height in zip(render(ground, [(0.0, 0.0, 0.3), (0.0, 0.5, 0.4)]), (0.3, 0.4), strict=True):
+        place, value = peak_of(trace)
+        assert place == pytest.approx(2 * height / LIGHT_M_PER_NS + 2 * 0.8 / 0.1, abs=0.01)
+        expected = reflectivity * THROUGH * np.exp(-1.4 * 0.8) / (2 * (height + 0.8 / INDEX))
+        assert value == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize("slope", [0.15, -0.25])
+def test_a_tilted_interface_is_heard_on_the_quickest_way(slope: float) -> None:
+    """Searched over where the ray enters the ground; in there it runs down the interface's normal."""
+    along, height, depth = 0.2, 0.3, 1.0
+
+    def path_m(entry: float) -> float:
+        in_ground = (depth + slope * entry) * np.cos(np.arctan(slope))
+        return float(np.hypot(along - entry, height) + INDEX * in_ground)
+
+    quickest = minimize_scalar(path_m, bounds=(-1.0, 1.0), method="bounded", options={"xatol": 1e-9})
+    trace = render(ground_of(layer=one_layer(depth, 0.05, slope)), [(along, 0.0, height)])[0]
+    place = peak_of(trace)[0]
+    assert place == pytest.approx(2 * quickest.fun / LIGHT_M_PER_NS, abs=0.02)
+    below = 2 * (height + INDEX * (depth + slope * along)) / LIGHT_M_PER_NS
+    assert abs(place - below) > 0.3  # the point straight below is later
+
+
+@pytest.mark.parametrize("angle_rad", [np.pi / 2, 0.0, 1.1])
+def test_a_pipe_is_heard_from_the_quickest_point_of_its_wall(angle_rad: float) -> None:
+    depth, radius, across = 0.7, 0.08, np.array([-np.sin(angle_rad), np.cos(angle_rad)])
+    places = [(*(a * across + [0.1, -0.05]), 0.3) for a in (0.0, 0.3, 0.7, 1.2)]
+    ground = ground_of(utilities=pipes((0.1, -0.05, angle_rad, depth, radius, -1.0)))
+    turn = np.linspace(-np.pi / 2, np.pi / 2, 721)
+    for trace, aside in zip(render(ground, places), (0.0, 0.3, 0.7, 1.2), strict=True):
+        wall_m = (aside - radius * np.sin(turn), depth - radius * np.cos(turn))
+        time_ns = min(fermat(abs(float(a)), 0.3, float(d))[0] for a, d in zip(*wall_m, strict=True))
+        place, value = peak_of(trace)
+        assert place == pytest.approx(2 * time_ns, abs=0.01)
+        assert value < 0
+
+
+def test_a_pipe_straight_below_is_as_loud_as_wavefronts_say() -> None:
+    """Oracle: the two radii of curvature of the wavefront, followed down, over the mirror and up again."""
+    height, depth, radius = 0.3, 0.7, 0.08
+    way = depth - radius
+    amplitude = THROUGH * np.exp(-1.4 * way)
+    curvatures = []
+    for mirror in (0.0, 2 / radius):  # along the pipe, around it
+        front = INDEX * height  # just under the surface
+        falls = [np.sqrt(front / (front + way))]
+        front = 1 / (1 / (front + way) + mirror)
+        falls.append(np.sqrt(front / (front + way)))
+        front = (front + way) / INDEX
+        falls.append(np.sqrt(front / (front + height)))
+        curvatures.append(np.prod(falls))
+    amplitude *= np.prod(curvatures) / height  # a field of 1 / h reaches the surface
+    ground = ground_of(utilities=pipes((0.0, 0.0, np.pi / 2, depth, radius, -1.0)))
+    assert peak_of(render(ground, [(0.0, 0.3, height)])[0])[1] == pytest.approx(-amplitude, rel=0.01)
+
+
+def test_a_pipe_is_silent_beyond_its_end() -> None:
+    there, end, beyond = np.abs(
+        render(
+            ground_of(utilities=pipes((0.0, 0.0, np.pi / 2, 0.7, 0.05, 0.35))),
+            [(0.0, 9.0, 0.3), (0.0, 10.0, 0.3), (0.0, 10.3, 0.3)],
+        )
+    ).max(axis=1)
+    assert end == pytest.approx(0.5 * there, rel=1e-3)
+    assert beyond == 0
+
+
 def test_echoes_outside_the_trace_and_padding_are_silent() -> None:
-    late = render(ground_of([(0.0, 0.0, 4.5)], [1.0]), [(0.0, 0.0, 0.3)])
-    aside = render(ground_of([(0.0, 2.1, 1.0)], [1.0]), [(0.0, 0.0, 0.3)])
-    assert not late.any()
-    assert not aside.any()
+    assert not render(ground_of([(0.0, 0.0, 4.5)], [1.0]), [(0.0, 0.0, 0.3)]).any()
+    assert not render(ground_of([(0.0, 2.1, 1.0)], [1.0]), [(0.0, 0.0, 0.3)]).any()
 
 
-def test_wavelet_keeps_to_its_band() -> None:
-    taps = make_wavelet(RADAR)
-    power = np.abs(np.fft.rfft(taps, 8192)) ** 2
-    frequency_mhz = np.fft.rfftfreq(8192, RADAR.sample_step_ns * 1e-3)
-    inside = (frequency_mhz >= 100) & (frequency_mhz <= 400)
-    assert power[~inside].sum() < 1e-3 * power.sum()
-    assert taps[RADAR.tail_samples] == pytest.approx(1.0)
-    np.testing.assert_allclose(taps, taps[::-1], atol=1e-12)
+def test_wetter_ground_is_slower_by_as_much() -> None:
+    stone, layer = [(0.0, 0.0, 0.9)], one_layer(1.8, 0.02)
+    pipe = pipes((0.0, 0.0, np.pi / 2, 0.9, 0.05, -1.0))
+    for dry_ground in (ground_of(stone, [0.02]), ground_of(layer=layer), ground_of(utilities=pipe)):
+        wet_ground = dry_ground._replace(moisture=constant_field(0.03, 2))
+        dry, wet = (peak_of(render(ground, [(0.0, 0.0, 0.3)])[0])[0] for ground in (dry_ground, wet_ground))
+        air_ns = 0.6 / LIGHT_M_PER_NS
+        assert wet - air_ns == pytest.approx(1.03 * (dry - air_ns), abs=0.01)
 
 
 def test_far_down_the_road_is_as_sharp_as_at_the_start() -> None:
-    near = make_ground(3, GroundConfig(length_m=10.0))
+    """Seven kilometres: float32 places would be 0.5 mm apart, phases of the layers 0.01 rad off."""
+    near = make_ground(3, GroundConfig(length_m=10.0, stones_per_m2=0.05, trees_per_100m=0.0, utilities_per_100m=0.0))
     far_m = 7_000.0
-    turn = near.layers.wave_rad_per_m[..., 0] * far_m
+
+    def turned(phase: np.ndarray, wave: np.ndarray) -> np.ndarray:
+        return np.asarray(phase - wave[..., 0] * far_m)
+
+    layers, moisture = near.layers, near.moisture
     far = near._replace(
-        stone_m=near.stone_m + np.array([far_m, 0.0, 0.0]),
-        layers=near.layers._replace(
-            relief_phase_rad=near.layers.relief_phase_rad - turn,
-            reflectivity_phase_rad=near.layers.reflectivity_phase_rad - turn,
+        scatterers=Scatterers(near.scatterers.place_m + [far_m, 0.0, 0.0], near.scatterers.strength_m),
+        utilities=near.utilities._replace(centre_m=near.utilities.centre_m + [far_m, 0.0]),
+        layers=Layers(
+            layers.depth_m,
+            layers.wave_rad_per_m,
+            layers.relief_m,
+            turned(layers.relief_phase_rad, layers.wave_rad_per_m),
+            layers.reflectivity_mean,
+            layers.reflectivity,
+            turned(layers.reflectivity_phase_rad, layers.wave_rad_per_m),
+        ),
+        moisture=Field(
+            moisture.mean,
+            moisture.amplitude,
+            moisture.wave_rad_per_m,
+            turned(np.asarray(moisture.phase_rad), np.asarray(moisture.wave_rad_per_m)),
         ),
     )
-    antenna_m = jnp.asarray([(5.0, 0.0, 0.3), (5.3, 0.5, 0.31)], jnp.float32)
-    here = slice_ground(near, 2.0, 8.0, stones=1024)
-    there = slice_ground(far, far_m + 2.0, far_m + 8.0, stones=1024, origin_m=(far_m, 0.0))
-    traces = render_traces(here, antenna_m, radar=RADAR)
-    np.testing.assert_allclose(
-        render_traces(there, antenna_m, radar=RADAR), traces, atol=1e-4 * float(jnp.abs(traces).max())
-    )
+    antenna_m = [(5.0, 0.0, 0.3), (5.3, 0.5, 0.31)]
+    here, there = render(near, antenna_m), render(far, antenna_m, origin_m=far_m)
+    assert np.abs(here).max() > 1e-3
+    np.testing.assert_allclose(there, here, atol=2e-4 * np.abs(here).max())
+
+
+def test_self_similar_ground_sounds_the_same_a_length_on() -> None:
+    config = GroundConfig(length_m=30.0, stones_per_m2=0.05, repeat_m=5.0, utilities_along=2)
+    ground = make_ground(4, config)
+    antenna_m = [(0.4, 0.1, 0.3), (1.7, -0.2, 0.31)]
+    places = [render(ground, antenna_m, origin_m=at) for at in (0.0, 5.0, 25.0)]
+    for one, next_one in pairwise(places):
+        np.testing.assert_allclose(next_one, one, atol=2e-4 * np.abs(one).max())
+    between = render(ground, antenna_m, origin_m=2.5)
+    assert np.abs(between - places[0]).max() > 0.1 * np.abs(places[0]).max()

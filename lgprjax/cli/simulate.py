@@ -1,0 +1,58 @@
+"""``lgprjax simulate``: drive logs of a generated site, from a site file."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from rich.table import Table
+from tyro.conf import Positional, arg
+
+from lgprjax.cli.progress import console, progress_bar, working
+
+if TYPE_CHECKING:
+    from lgprjax.simulation import PlannedSite
+
+
+@dataclass(frozen=True)
+class Simulate:
+    """Generate drive logs: a road, the ground below it, days and drives, from a site file.
+
+    The position of every scan is known exactly and stands in the log as /truth. The same file gives the same drives.
+    sites/ has examples; docs/scene.md lists the keys and says what is modelled and what is not.
+    """
+
+    site: Annotated[Positional[Path], arg(metavar="SITE.toml", help="the site file")]
+    output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for NAME.drive.h5, one for each drive")]
+    only: Annotated[tuple[str, ...], arg(metavar="NAME...", help="write these drives only")] = ()
+    force: bool = False
+    """replace outputs that exist"""
+
+    def run(self) -> None:
+        """Plan all drives, then render them."""
+        from lgprjax.simulation import output_paths, plan_site, read_site, write_site
+
+        site = read_site(self.site)
+        with working(f"planning {self.site}"):
+            planned = plan_site(site, self.site, self.only)
+        output_paths(planned, self.output, force=self.force)
+        scans = sum(entry.scans for entry in planned.drives)
+        with progress_bar("rendering drives", scans) as progress:
+            paths = write_site(planned, self.output, force=self.force, progress=progress)
+        _print_written(planned, paths)
+        console.print(f"drive logs: {self.output}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _print_written(planned: "PlannedSite", paths: dict[str, Path]) -> None:
+    site = planned.scene.site
+    what = "traces" if site.sweeps is None else "sweeps"
+    title = f"{site.header.name}: {site.array.channels} channels of {what}, seed {site.header.seed}"
+    table = Table("drive", "day", "scans", "length", "time", "ground", "file size", title=title)
+    for column in (2, 3, 4, 6):
+        table.columns[column].justify = "right"
+    for entry in planned.drives:
+        drive = entry.drive
+        ground = "site" if drive.other_ground is None else f"other, {drive.other_ground}"
+        length, took = f"{entry.length_m:.1f} m", f"{entry.duration_s:.1f} s"
+        size = f"{paths[drive.name].stat().st_size / 1e6:.1f} MB"
+        table.add_row(drive.name, drive.day_name, str(entry.scans), length, took, ground, size)
+    console.print(table)

@@ -1,0 +1,192 @@
+"""What a site file may say: closed ranges of every number, in the units of the dataclasses' fields.
+
+The ranges are those in which the models hold (refraction is solved for indices of 1.5 to 5), or else what no radar,
+road or vehicle exceeds.
+"""
+
+import math
+
+from lgprjax.scene import (
+    Cover,
+    Day,
+    DrivePlan,
+    Faults,
+    GroundConfig,
+    NavigationErrors,
+    RadarConfig,
+    RoadConfig,
+    Skin,
+    SweepPlan,
+    Trench,
+)
+from lgprjax.simulation.site_plan import ArrayConfig, SiteHeader
+
+Limits = dict[str, tuple[float, float]]
+
+ASCENDING = frozenset(
+    {
+        *("stone_depth_m", "wavelength_m", "arc_length_m", "grade_wavelength_m", "bank_wavelength_m"),
+        *("roughness_wavelength_m", "band_mhz", "clutter_depth_m", "along_m", "cross_m"),
+        *("wander_wavelength_m", "bounce_wavelength_m", "outages_s", "slips_s"),
+    }
+)
+"""Fields that are, or are lists of, [from, to]."""
+
+_SEED = (0.0, 2.0**31 - 1)
+_SHARE = (0.0, 1.0)
+_ANGLE_RAD = (0.0, math.radians(20))
+_TIME_S = (0.0, 1e6)
+_PER_HOUR = (0.0, 1e5)
+
+LIMITS: dict[type, Limits] = {
+    SiteHeader: {
+        "seed": _SEED,
+        "latitude_deg": (-85.0, 85.0),
+        "longitude_deg": (-180.0, 180.0),
+        "height_m": (-500.0, 9000.0),
+    },
+    ArrayConfig: {
+        "channels": (1, 64),
+        "pitch_m": (0.01, 2.0),
+        "x_m": (-10.0, 10.0),
+        "height_m": (0.1, 2.0),
+        "scan_rate_hz": (1.0, 1e4),
+    },
+    GroundConfig: {
+        "length_m": (1.0, 1e5),
+        "margin_m": (0.0, 1e3),
+        "half_width_m": (2.1, 20.0),
+        "stones_per_m2": (0.0, 200.0),
+        "stone_depth_m": (0.01, 10.0),
+        "stone_depth_scale_m": (0.05, 1e3),
+        "stone_strength_m": (0.0, 1.0),
+        "stone_strength_spread": (0.0, 3.0),
+        "layer_depth_m": (0.05, 10.0),
+        "layer_relief_m": (0.0, 1.0),
+        "layer_reflectivity": (0.0, 0.5),
+        "wavelength_m": (0.05, 1e3),
+        "waves": (1, 200),
+        "trees_per_100m": (0.0, 100.0),
+        "utilities_per_100m": (0.0, 100.0),
+        "utilities_along": (0, 20),
+        "moisture_rms": (0.0, 0.2),
+        "velocity_m_per_ns": (0.06, 0.2),
+        "attenuation_per_m": (0.0, 10.0),
+        "dispersive_share": _SHARE,
+        "repeat_m": (0.1, 1e3),
+    },
+    RoadConfig: {
+        "heading_deg": (0.0, 360.0),
+        "arcs": (-1.0, 1e5),
+        "curvature_rms_per_m": (0.0, 0.1),
+        "arc_length_m": (1.0, 1e4),
+        "min_radius_m": (10.0, 1e6),
+        "transition_m": (0.5, 1e3),
+        "grade_rms": (0.0, 0.2),
+        "grade_wavelength_m": (10.0, 1e5),
+        "bank_rms_rad": (0.0, 0.2),
+        "bank_wavelength_m": (10.0, 1e5),
+        "roughness_rms_m": (0.0, 0.05),
+        "roughness_wavelength_m": (0.05, 100.0),
+    },
+    RadarConfig: {
+        "samples": (32, 4096),
+        "sample_step_ns": (0.01, 2.0),
+        "time_zero_ns": (0.0, 50.0),
+        "band_mhz": (10.0, 5e3),
+        "band_edge_mhz": (1.0, 2e3),
+        "tail_ns": (0.0, 100.0),
+        "aperture_m": (0.5, 5.0),
+    },
+    SweepPlan: {
+        "first_mhz": (10.0, 5e3),
+        "step_mhz": (0.1, 100.0),
+        "steps": (8, 2001),
+        "adc_bits": (6, 24),
+        "full_scale_field": (1e-3, 1e3),
+        "calibration_gain": (1e-3, 10.0),
+        "calibration_delay_ns": (0.0, 100.0),
+        "ripple": (0.0, 1.0),
+    },
+    Day: {
+        "seed": _SEED,
+        "noise_field": (0.0, 1.0),
+        "gain_spread": (0.0, 0.3),
+        "delay_spread_ns": (0.0, 2.0),
+        "coupling_spread": (0.0, 0.5),
+        "velocity_factor": (0.8, 1.25),
+        "velocity_spread": (0.0, 0.05),
+        "attenuation_factor": (0.0, 20.0),
+        "moisture_rms": (0.0, 0.1),
+        "clutter_per_m2": (0.0, 200.0),
+        "clutter_depth_m": (0.01, 10.0),
+        "clutter_strength_m": (0.0, 1.0),
+        "moved_share": _SHARE,
+        "moved_depth_m": (0.0, 10.0),
+    },
+    Cover: {
+        "thickness_m": (0.0, 1.0),
+        "relief_m": (0.0, 0.3),
+        "index": (1.0, 2.5),
+        "attenuation_per_m": (0.0, 20.0),
+        "lift": _SHARE,
+        "reflectivity": (-0.9, 0.9),
+    },
+    Skin: {
+        "thickness_m": (0.05, 2.0),
+        "relief_m": (0.0, 0.3),
+        "slowness": (-0.4, 0.5),
+        "reflectivity": (-0.5, 0.5),
+    },
+    Trench: {"along_m": (-1e3, 1e5), "cross_m": (-20.0, 20.0), "depth_m": (0.1, 10.0)},
+    DrivePlan: {
+        "start_m": (-1e3, 1e5),
+        "stop_m": (-1e3, 1e5),
+        "direction": (-1, 1),
+        "speed_mps": (0.05, 60.0),
+        "lane_m": (-20.0, 20.0),
+        "wander_m": (0.0, 1.0),
+        "wander_wavelength_m": (1.0, 1e4),
+        "height_sigma_m": (0.0, 0.05),
+        "roll_sigma_rad": (0.0, math.radians(5)),
+        "bounce_wavelength_m": (0.5, 1e4),
+    },
+    NavigationErrors: {
+        "rate_hz": (0.5, 1e4),
+        "position_sigma_m": (0.0, 100.0),
+        "position_bias_m": (-100.0, 100.0),
+        "height_sigma_m": (0.0, 100.0),
+        "heading_sigma_rad": _ANGLE_RAD,
+        "roll_sigma_rad": _ANGLE_RAD,
+        "correlation_s": (0.01, 1e5),
+        "odometer_scale_error": (-0.5, 0.5),
+        "odometer_noise_m": (0.0, 1.0),
+        "odometer_rate_hz": (0.5, 1e4),
+        "jump_start_s": _TIME_S,
+        "jumps_per_hour": _PER_HOUR,
+        "jump_held_s": _TIME_S,
+        "jump_sigma_m": (0.0, 100.0),
+        "jump_sigma_factor": (0.0, 100.0),
+        "outages_s": _TIME_S,
+        "outages_per_hour": _PER_HOUR,
+        "outage_held_s": _TIME_S,
+        "velocity_walk": (0.0, 1.0),
+        "heading_walk": (0.0, 0.1),
+        "odometer_drift": (0.0, 0.5),
+        "odometer_drift_s": (0.1, 1e5),
+        "slips_s": _TIME_S,
+        "slips_per_hour": _PER_HOUR,
+        "slip_held_s": _TIME_S,
+        "slip_fraction": (-1.0, 5.0),
+        "odometer_step_m": (0.0, 1.0),
+    },
+    Faults: {
+        "gain_drift": (-0.9, 10.0),
+        "phase_drift_rad": (-2 * math.pi, 2 * math.pi),
+        "dropped_share": (0.0, 0.5),
+        "clipped_share": _SHARE,
+        "interference_share": _SHARE,
+        "interference_field": (0.0, 10.0),
+        "dead_channels": (0, 63),
+    },
+}
