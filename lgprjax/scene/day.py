@@ -52,7 +52,9 @@ class Skin:
 
 @dataclass(frozen=True)
 class Trench:
-    """A stretch that was dug up and filled again: stones, roots and layers in it are gone, other ground fills it; pipes stay.
+    """A stretch that was dug up and filled again: stones, roots and layers in it are gone, other ground fills it.
+
+    Pipes stay.
 
     Attributes:
         along_m: from, to. cross_m: from, to.

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from days import MPH, DaySite, strength_of
 
+from day_site import MPH, DaySite, strength_of
 from lgprjax.archive import DriveAccuracy
 from lgprjax.registration import Code, RegisterOptions
 
