@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int, PRNGKeyArray
 
 from lgprjax.scene.hardware import COUPLING_NS, HARDWARE_SEED, Response, ScanErrors, heard_echoes
-from lgprjax.scene.propagation import RadarConfig
+from lgprjax.scene.propagation import RadarConfig, band_spectrum
 from lgprjax.scene.rays import LIGHT_M_PER_NS
 from lgprjax.scene.render import convolve_echoes
 from lgprjax.scene.slices import GroundSlice
@@ -30,7 +30,8 @@ class SweepPlan:
     Attributes:
         first_mhz, step_mhz, steps: the frequencies. 1 / step is the unambiguous travel time.
         adc_bits, full_scale_field: of the quadrature receiver; what is louder is clipped.
-        calibration_gain, calibration_delay_ns: of the path through the attenuator.
+        calibration_gain, calibration_delay_ns: of the path through the attenuator, which is set as loud as the converter
+            allows: noise of the calibration channel is noise of every channel, in proportion to the direct coupling.
         ripple: rms of the common path's response over frequency, in nepers and radians.
     """
 
@@ -39,7 +40,7 @@ class SweepPlan:
     steps: int = 61
     adc_bits: int = 14
     full_scale_field: float = 3.0
-    calibration_gain: float = 0.3
+    calibration_gain: float = 1.5
     calibration_delay_ns: float = 6.0
     ripple: float = 0.15
 
@@ -145,6 +146,6 @@ def record_sweeps(
 
 
 def _noise_per_step(plan: SweepPlan, radar: RadarConfig, noise_field: float) -> float:
-    """Rms of the complex noise of a step that makes ``noise_field`` in a time trace of the whole band."""
-    low, high = radar.band_mhz
-    return float(noise_field * np.sqrt(2.0 * plan.steps * min(1.0, (high - low) / (plan.step_mhz * plan.steps))))
+    """Rms of the complex noise of a step that makes ``noise_field`` in a time trace with the radar's spectrum."""
+    spectrum = band_spectrum(radar, plan.frequency_mhz)
+    return float(noise_field * np.sqrt(2.0) * spectrum.sum() / np.linalg.norm(spectrum))

@@ -23,6 +23,7 @@ from lgprjax.radar import (
 )
 from lgprjax.scene import (
     NO_FAULTS,
+    RadarConfig,
     ReceiverConfig,
     SimulatedDrive,
     SweepPlan,
@@ -76,7 +77,7 @@ def test_what_is_measured_is_drift_common_path_and_the_echoes() -> None:
     gain = drive.errors.gain.astype(np.float64) * np.exp(1j * drive.errors.phase_rad.astype(np.float64))
     expected = gain[scans, None, None] * common_path(PLAN) * heard
     assert rms(sweeps[scans] - expected) < 1e-3 * rms(expected)
-    cable = 0.3 * np.exp(-2e-3j * np.pi * PLAN.frequency_mhz * 6.0)
+    cable = 1.5 * np.exp(-2e-3j * np.pi * PLAN.frequency_mhz * 6.0)
     np.testing.assert_allclose(calibration_path(PLAN), cable, atol=1e-12)
     assert rms(calibration - gain[:, None] * common_path(PLAN) * cable) < 1e-5 * rms(calibration)
     ground = sweeps[scans] / calibration[scans, None, :]
@@ -116,13 +117,15 @@ def test_the_converter_has_its_step_and_its_full_scale() -> None:
 
 
 def test_noise_of_a_sweep_is_that_of_a_trace() -> None:
-    """Transformed over the whole band with equal weights, it has the rms that the traces have."""
+    """Transformed with the radar's own spectrum, it has the rms that the traces have."""
     noisy = replace(SPOTLESS, noise_field=3e-3)
     quiet, _ = sweeps_of(drive_over(GROUND))
     loud, _ = sweeps_of(drive_over(GROUND, noisy))
     noise = loud - quiet
     time_ns = np.linspace(0.0, 60.0, 61)
-    traces = np.real(noise @ np.exp(2e-3j * np.pi * np.outer(PLAN.frequency_mhz, time_ns))) / PLAN.steps
+    weight = band_spectrum(RadarConfig(), PLAN.frequency_mhz)
+    back = np.exp(2e-3j * np.pi * np.outer(PLAN.frequency_mhz, time_ns)) * (weight / weight.sum())[:, None]
+    traces = np.real(noise @ back)
     assert rms(traces) == pytest.approx(3e-3, rel=0.05)
     assert abs(np.mean(noise[1:] * np.conj(noise[:-1]))) < 0.03 * rms(noise) ** 2
     assert abs(np.mean(noise[:, 1:] * np.conj(noise[:, :-1]))) < 0.03 * rms(noise) ** 2
