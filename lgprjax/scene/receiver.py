@@ -30,7 +30,7 @@ class ReceiverConfig:
     counts_per_field: float = 900.0
     velocity_m_per_ns: float = 0.1
     attenuation_per_m: float = 0.7
-    gain_limit: float = 1000.0
+    gain_limit: float = 300.0
 
 
 def time_gain(radar: RadarConfig, receiver: ReceiverConfig) -> Float[np.ndarray, " sample"]:
