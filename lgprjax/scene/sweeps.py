@@ -30,8 +30,8 @@ class SweepPlan:
     Attributes:
         first_mhz, step_mhz, steps: the frequencies. 1 / step is the unambiguous travel time.
         adc_bits, full_scale_field: of the quadrature receiver; what is louder is clipped.
-        calibration_gain, calibration_delay_ns: of the path through the attenuator, which is set as loud as the converter
-            allows: noise of the calibration channel is noise of every channel, in proportion to the direct coupling.
+        calibration_gain, calibration_delay_ns: of the path through the attenuator, set as loud as the converter
+            allows: noise of the calibration channel is noise of every channel, in proportion to the coupling.
         ripple: rms of the common path's response over frequency, in nepers and radians.
     """
 
