@@ -11,12 +11,12 @@ def clear_day(seed: int) -> Day:
 
 
 def snow_day(seed: int) -> Day:
-    """Nine centimetres of snow, uneven, with its own echo; wheels ride up on what they pack."""
+    """Eleven centimetres of snow, uneven, with its own echo; wheels ride up on what they pack."""
     return Day(
         seed=seed,
         attenuation_factor=1.1,
         moisture_rms=0.004,
-        cover=Cover(thickness_m=0.09, relief_m=0.018, lift=0.3),
+        cover=Cover(thickness_m=0.11, relief_m=0.02, lift=0.3),
     )
 
 
@@ -26,8 +26,8 @@ def rain_day(seed: int) -> Day:
         seed=seed,
         attenuation_factor=2.2,
         velocity_factor=1 / 1.05,
-        moisture_rms=0.005,
-        clutter_per_m2=15.0,
+        moisture_rms=0.004,
+        clutter_per_m2=12.0,
         clutter_strength_m=0.007,
     )
 
