@@ -15,7 +15,7 @@ WEAK_REPEATS = 0.3
 """Where less of the stations' signal repeats an eighth of a wavelength farther, there is hardly ground in it."""
 WIDE_OFFSET_M = 0.1
 """A baseline that lies farther than this from where the others' ground puts it."""
-_DISAGREEMENT_PERCENT = (10.0, 30.0)  # of the places: on sound ground, too, a single scan is declined now and then
+_DISAGREEMENT_PERCENT = (20.0, 40.0)  # of the places: on sound ground, too, one single scan in seven is declined
 _CHANNEL_LIMITS = (0.5, 0.25)  # of the usual likeness of neighbouring channels
 _LEAST_LIKENESS = 0.1  # channels so far apart that neighbours hear different ground tell nothing of each other
 _LIMITS_PERCENT = (2.0, 20.0)  # of the route, for kinds that count places

@@ -122,5 +122,5 @@ def test_one_baseline_is_a_map(site: Site, tmp_path: Path) -> None:
         drive = register_log(source, log, RegisterOptions(search_m=1.5))
     ok = np.asarray(drive.fix.code) == Code.OK
     along, cross = errors_m(drive)
-    assert ok.mean() > 0.9
+    assert ok.mean() > 0.75
     assert np.max(np.hypot(along[ok], cross[ok])) < 0.3
