@@ -72,3 +72,9 @@ def body_to_local(east_m: Array1, north_m: Array1, yaw_rad: Array1, x_m: float, 
     """East and north of the body point (x_m forward, y_m left) of vehicles at the given poses."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     return east_m + cos * x_m - sin * y_m, north_m + sin * x_m + cos * y_m
+
+
+def along_cross(east_m: Array1, north_m: Array1, yaw_rad: Array1) -> tuple[Array1, Array1]:
+    """A difference of places along a heading, and across it to the left."""
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    return cos * east_m + sin * north_m, cos * north_m - sin * east_m

@@ -1,6 +1,6 @@
 """Drive logs in, products out: databases built, drives registered against them."""
 
-from lgprjax.archive.accuracy import WRONG_M, DriveAccuracy, Labels, accuracy_of, labels_of
+from lgprjax.archive.accuracy import DriveAccuracy, Labels, accuracy_of, labels_of
 from lgprjax.archive.drive_health import DriveHealth, drive_health
 from lgprjax.archive.examples import FixExample, Strips, example_scan, fix_example
 from lgprjax.archive.map_building import build_map, file_hash
@@ -13,7 +13,6 @@ from lgprjax.archive.tracks import DriveTrack, poses_of, track_of_drive
 from lgprjax.archive.verdicts import HealthFigure, Stretch, Verdict
 
 __all__ = [
-    "WRONG_M",
     "DriveAccuracy",
     "DriveHealth",
     "DriveTrack",

@@ -9,12 +9,10 @@ from jaxtyping import Bool, Float
 from lgprjax.archive.registering import RegisteredDrive, true_poses
 from lgprjax.archive.tracks import track_of_drive
 from lgprjax.formats import DriveLog
-from lgprjax.frames import LocalFrame
-from lgprjax.registration import Code
+from lgprjax.frames import LocalFrame, along_cross
+from lgprjax.registration import WRONG_M, Code
 from lgprjax.subsurface import SpatialIndex
 
-WRONG_M = 0.3
-"""An ok fix farther from the truth than this is wrong: half a wavelength off and more, another place."""
 _NEAR_M = 5.0
 
 
@@ -87,9 +85,10 @@ def accuracy_of(drive: RegisteredDrive, labels: Labels) -> DriveAccuracy:
     code, pose = np.asarray(drive.fix.code), np.asarray(drive.fix.pose)
     ok = (code == Code.OK) & np.isfinite(drive.truth[:, 0])
     error = pose[:, :2] - drive.truth[:, :2]
-    along, cross = _along_cross(error[ok], drive.truth[ok, 3])
+    along, cross = along_cross(error[ok, 0], error[ok, 1], drive.truth[ok, 3])
     wrong = np.hypot(along, cross) > WRONG_M
-    relative_along, relative_cross = _along_cross(*_relative(error, drive.truth, ok, labels))
+    relative, yaw = _relative(error, drive.truth, ok, labels)
+    relative_along, relative_cross = along_cross(relative[:, 0], relative[:, 1], yaw)
     # One clock offset a drive moves every fix along the track by speed times offset; a lag is all it can hide.
     relative_along -= np.median(relative_along) if len(relative_along) else 0.0
     tried = np.isfinite(drive.correlation_at_truth)
@@ -122,13 +121,6 @@ def _relative(
             kept.append(scan)
             errors.append(error_m[scan] - labels.error_m[near])
     return np.asarray(errors, np.float64).reshape(-1, 2), truth[np.asarray(kept, np.int64), 3]
-
-
-def _along_cross(
-    error_m: Float[np.ndarray, "scan 2"], yaw_rad: Float[np.ndarray, " scan"]
-) -> tuple[Float[np.ndarray, " scan"], Float[np.ndarray, " scan"]]:
-    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    return cos * error_m[:, 0] + sin * error_m[:, 1], cos * error_m[:, 1] - sin * error_m[:, 0]
 
 
 def _rms(values: Float[np.ndarray, " scan"]) -> float:

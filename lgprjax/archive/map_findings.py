@@ -107,10 +107,12 @@ class MapJudge:
         likeness = self._survey.signal.likeness
         text = (
             f"route where another place within the search region reaches {most:.2f} of a scan's own strength: at a "
-            f"strength of {float(thresholds.strength):g} its margin would be below {float(thresholds.margin):g}; "
-            f"median {np.nanmedian(likeness):.2f}"
+            f"strength of {float(thresholds.strength):g} its margin would be below {float(thresholds.margin):g}; or "
+            f"where the map's own scan leads by less than {float(thresholds.margin_by_chance):g} of what its region "
+            f"scatters by; median {np.nanmedian(likeness):.2f}"
         )
-        return self._counted("ambiguous", likeness >= most, likeness, text, smallest=False)
+        short = (likeness >= most) | self._survey.signal.ambiguous
+        return self._counted("ambiguous", short, likeness, text, smallest=False)
 
     def offset(self) -> MapFinding:
         """How far the baselines' labels lie from where the ground of the others puts them."""

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from lgprjax.archive.map_matching import Matches, OtherBaselines, match_stations, signal_about
 from lgprjax.archive.map_route import (
@@ -19,7 +19,7 @@ from lgprjax.archive.map_route import (
     route_of,
 )
 from lgprjax.formats import MapFile
-from lgprjax.registration import RegisterOptions, ground_map_for, to_tile
+from lgprjax.registration import Code, RegisterOptions, ground_map_for, to_tile
 from lgprjax.subsurface import GroundMap, SpatialIndex, coherence_lags
 
 STEP_M = 1.0
@@ -32,11 +32,13 @@ class Signal(NamedTuple):
         power: mean square of the gained traces about the place.
         repeats: their correlation with those an eighth of a wavelength farther: the share that is ground.
         likeness: strength of the best rival of the place's own scan within the search region, over its own.
+        ambiguous: that scan, registered on the map, is declined for its rival.
     """
 
     power: Float[np.ndarray, " route"]
     repeats: Float[np.ndarray, " route"]
     likeness: Float[np.ndarray, " route"]
+    ambiguous: Bool[np.ndarray, " route"]
 
 
 class Agreement(NamedTuple):
@@ -85,6 +87,7 @@ def survey_map(source: MapFile, progress: Callable[[int], None] = lambda _: None
     size = len(route.at_m)
     width, overlap = np.zeros(size), np.zeros(size)
     power, repeats, likeness = (np.full(size, np.nan) for _ in range(3))
+    ambiguous = np.zeros(size, bool)
     for tile, at in _by_tile(ground, route.pose, options):
         mask = mask_of(ground.tile(tile))
         description = source.description
@@ -95,6 +98,7 @@ def survey_map(source: MapFile, progress: Callable[[int], None] = lambda _: None
         if held.any():
             match = match_stations(source, ground, tile, station[held], options)
             likeness[at[held]] = np.maximum(match.rival, 0.0) / np.maximum(match.strength, 1e-3)
+            ambiguous[at[held]] = match.code == Code.AMBIGUOUS
         progress(len(at))
     beside = np.zeros((len(drives), max(source.description.channels - 1, 0), 2))
     nearest = SpatialIndex(route.pose[:, :2], 8.0)
@@ -112,7 +116,7 @@ def survey_map(source: MapFile, progress: Callable[[int], None] = lambda _: None
     return MapSurvey(
         route,
         Ground(passes_at(source, route), width, overlap),
-        Signal(power, repeats, likeness),
+        Signal(power, repeats, likeness, ambiguous),
         _joined(rows),
         beside[..., 0] / np.maximum(beside[..., 1], 1e-30),
     )

@@ -12,7 +12,7 @@ from lgprjax.registration.drive import (
     search_spec_for,
     to_tile,
 )
-from lgprjax.registration.fix import Code, Fix
+from lgprjax.registration.fix import WRONG_M, Code, Fix
 from lgprjax.registration.integrity import Thresholds, default_thresholds
 from lgprjax.registration.live import LiveChain, Track, templates_of
 from lgprjax.registration.search import Problem, Region, SearchSpec, register_batch
@@ -21,6 +21,7 @@ from lgprjax.registration.survey import SurfacePicture, ground_under, survey_sur
 __all__ = [
     "BLOCK_SCANS",
     "OFF_MAP_SCORE",
+    "WRONG_M",
     "Code",
     "DriveFixes",
     "Fix",

@@ -6,6 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+WRONG_M = 0.3
+"""An ok fix farther from the truth than this, in metres, is wrong: the nominal 1 ft of the Husky's requirements."""
+
 
 class Code(IntEnum):
     """Why a fix may or may not be used. Only ``OK`` is a position."""

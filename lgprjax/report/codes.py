@@ -63,8 +63,8 @@ def draw_codes(
         write_caption(
             figure,
             f"Dashed: thresholds, correlation {least_correlation:.2f} and margin {least_margin:.3f}; a fix must stand "
-            "in the white part of both to be ok. Black: an impostor. Scans without a fix of their own (no_window) are "
-            "left out.",
+            "in the white part of both to be ok, and lead by a multiple of what its own region scatters by. Black: an "
+            "impostor. Scans without a fix of their own (no_window) are left out.",
         )
 
 

@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Shaped
 
+from lgprjax.frames import along_cross
+
 CODES = ("ok", "low_correlation", "ambiguous", "edge", "off_map", "low_overlap", "non_finite", "no_window")
 """Labels of ``registration.Code`` in its order; repeated here so that pictures need no accelerator library."""
 
@@ -160,6 +162,4 @@ def track_errors(result: DriveResult) -> TrackErrors:
         prior if true is None else true
         for true, prior in zip(reference, (result.prior_east_m, result.prior_north_m, result.heading_rad), strict=True)
     )
-    off_east, off_north = result.east_m - east, result.north_m - north
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return TrackErrors(cos * off_east + sin * off_north, cos * off_north - sin * off_east)
+    return TrackErrors(*along_cross(result.east_m - east, result.north_m - north, yaw))

@@ -9,7 +9,8 @@ from jaxtyping import Float
 from lgprjax.report.results import CODES, DriveResult, track_errors
 
 WRONG_M = 0.3
-"""An ``ok`` fix farther off than this is wrong: the nominal 1 ft of the Husky's requirements."""
+"""An ``ok`` fix farther off than this is wrong: the nominal 1 ft of the Husky's requirements (``registration.WRONG_M``;
+repeated here so that pictures need no accelerator library)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -112,11 +112,18 @@ def traces(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def plain_share(site: Site, traces: Path) -> float:
+    """Share of ok fixes where drive and map both are traces."""
+    return right(registered(site.map, traces))[0]
+
+
 def test_sweeps_are_located_like_traces(sweep_map: Path, sweeps: dict[str, Path], site: Site, traces: Path) -> None:
     drive, by_traces = registered(sweep_map, sweeps["live"]), registered(site.map, traces)
     share, cross_m = right(drive)
+    plain_share, _ = right(by_traces)
     print(f"sweeps on a map of sweeps: {share:.3f} ok, cross-track RMS {cross_m:.3f} m")
-    assert share >= 0.8  # the traces of the same site: 0.88
+    assert share >= plain_share - 0.06
     assert cross_m <= 0.04
     both = (np.asarray(drive.fix.code) == Code.OK) & (np.asarray(by_traces.fix.code) == Code.OK)
     apart = (np.asarray(drive.fix.pose) - np.asarray(by_traces.fix.pose))[both, :2]
@@ -134,23 +141,23 @@ def test_other_ground_is_refused(sweep_map: Path, sweeps: dict[str, Path]) -> No
     assert not np.any(np.asarray(registered(sweep_map, sweeps["impostor"]).fix.code) == Code.OK)
 
 
-def test_sweeps_on_a_map_of_traces(site: Site, sweeps: dict[str, Path]) -> None:
+def test_sweeps_on_a_map_of_traces(site: Site, sweeps: dict[str, Path], plain_share: float) -> None:
     share, cross_m = right(registered(site.map, sweeps["live"]))
-    assert share >= 0.8  # the traces of the same site: 0.88
+    assert share >= plain_share - 0.06
     assert cross_m <= 0.04
 
 
-def test_traces_on_a_map_of_sweeps(sweep_map: Path, traces: Path) -> None:
+def test_traces_on_a_map_of_sweeps(sweep_map: Path, traces: Path, plain_share: float) -> None:
     share, cross_m = right(registered(sweep_map, traces))
-    assert share >= 0.8  # the traces of the same site: 0.88
+    assert share >= plain_share - 0.06
     assert cross_m <= 0.04
 
 
-def test_a_map_of_both(site: Site, sweeps: dict[str, Path], traces: Path, tmp_path: Path) -> None:
+def test_a_map_of_both(site: Site, sweeps: dict[str, Path], traces: Path, tmp_path: Path, plain_share: float) -> None:
     database = tmp_path / "both.map.h5"
     build_map([site.logs["baseline_left"], sweeps["baseline_right"]], database)
     share, cross_m = right(registered(database, traces))
-    assert share >= 0.8  # the traces of the same site: 0.88
+    assert share >= plain_share - 0.06
     assert cross_m <= 0.04
 
 
@@ -165,7 +172,7 @@ def test_without_its_calibration_channel_a_drive_is_lost(
             writer.append_sweeps(log.scan_time_s, recorded, np.repeat(calibration[:1], log.scans, axis=0))
     share = np.mean(np.asarray(registered(sweep_map, path).fix.code) == Code.OK)
     print(f"without the calibration channel: {share:.3f} ok")
-    assert share < 0.8
+    assert share < 0.3
 
 
 def test_faults_say_so_and_disturb_nobody(sweeps: dict[str, Path], sweep_map: Path, tmp_path: Path) -> None:
