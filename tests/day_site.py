@@ -59,6 +59,8 @@ class DaySite:
         name = f"{'impostor_' if impostor else ''}{day}_{direction:+d}_{speed_mps:.1f}_{lane_m:+.1f}"
         plan = DrivePlan(2.0, self.length_m - 8.0, lane_m=lane_m, direction=direction, speed_mps=speed_mps)
         weather = WEATHER[day](100 * self.seed + 10 + list(WEATHER).index(day))
+        if (path := self.folder / f"{name}.drive.h5").exists():
+            return path
         ground = self.other if impostor else self.ground
         drive = simulate_drive(ground, plan, weather, self.seed + 7, road=self.road, errors=METRE_OFF)
         return self._write(name, drive)

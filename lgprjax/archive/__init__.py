@@ -1,6 +1,7 @@
 """Drive logs in, products out: databases built, drives registered against them."""
 
 from lgprjax.archive.accuracy import DriveAccuracy, Labels, accuracy_of, labels_of
+from lgprjax.archive.calibrating import Trials, thresholds_from, try_drives
 from lgprjax.archive.drive_health import DriveHealth, drive_health
 from lgprjax.archive.examples import FixExample, Strips, example_scan, fix_example
 from lgprjax.archive.map_building import build_map, file_hash
@@ -27,6 +28,7 @@ __all__ = [
     "Strips",
     "SweepDrive",
     "TraceDrive",
+    "Trials",
     "Verdict",
     "accuracy_of",
     "build_map",
@@ -39,7 +41,9 @@ __all__ = [
     "poses_of",
     "recording_of",
     "register_log",
+    "thresholds_from",
     "track_of_drive",
+    "try_drives",
     "verify_map",
     "write_registered",
 ]

@@ -5,6 +5,8 @@ A map's depth gain levels what its own baselines recorded. A drive of the other 
 that the map's traces have; a drive of the same kind is left as it is.
 """
 
+from functools import cache
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -12,7 +14,7 @@ from jaxtyping import Array, Float
 from lgprjax.archive.recordings import SweepDrive, TraceDrive, recording_of
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.radar import LIGHT_SPEED_M_PER_NS, apply_operator, stretched_samples, time_scale_matrix
-from lgprjax.registration import Track
+from lgprjax.registration import Operators, Track
 
 _STRETCHES = 8
 _SCANS = 128  # of a stretch
@@ -72,36 +74,43 @@ def level_ratio(
     return np.asarray(np.where(heard, want / np.where(heard, have, 1.0), 0.0))
 
 
-def live_operator(
-    source: MapFile, log: DriveLog, track: Track, time_scale: float = 1.0
-) -> Float[Array, "recorded sample"]:
-    """The matrix of a live drive for a map: its recording's own, at the map's levels where the kinds differ.
+def live_operators(source: MapFile, log: DriveLog, track: Track) -> Operators:
+    """The matrices of a live drive for a map: its recording's own, at the map's levels where the kinds differ.
 
     Args:
         source: the map.
         log: the live drive.
         track: of the drive.
-        time_scale: see ``RegisterOptions``.
 
-    Raises:
-        InputError: the recording cannot be used, or hears too little of the map's band.
+    Returns:
+        time scale (see ``RegisterOptions``) to matrix. It raises ``InputError`` where the recording cannot be used, or
+        hears too little of the map's band.
     """
     recording, settings = recording_of(log), source.description.settings
     kept = len(source.description.gain)
-    operator = recording.operator(settings, stretched_samples(kept, time_scale))
-    if time_scale == 1.0:
-        operator = operator[:, :kept]
-    else:
-        surface_ns = 2.0 * log.description.array.height_m / LIGHT_SPEED_M_PER_NS
-        stretch = time_scale_matrix(
-            operator.shape[1], kept, settings.sample_interval_ns, scale=time_scale, about_ns=surface_ns
-        )
-        operator = operator @ jnp.asarray(stretch, dtype=jnp.float32)
-    # Maps made before sweeps could be used do not say: they hold traces.
-    if recording.kind == source.provenance.get("recording", TraceDrive.kind):
-        return operator
-    found = depth_level(recording, operator, track, settings.track_filter_m)
-    return at_levels(operator, map_level(source), found)
+    surface_ns = 2.0 * log.description.array.height_m / LIGHT_SPEED_M_PER_NS
+
+    @cache
+    def ratio() -> Float[np.ndarray, " sample"] | None:
+        # Maps made before sweeps could be used do not say: they hold traces.
+        if recording.kind == source.provenance.get("recording", TraceDrive.kind):
+            return None
+        plain = recording.operator(settings, kept)
+        return level_ratio(map_level(source), depth_level(recording, plain, track, settings.track_filter_m))
+
+    @cache
+    def operator(time_scale: float) -> Float[Array, "recorded sample"]:
+        samples = kept if time_scale == 1.0 else stretched_samples(kept, time_scale)
+        matrix = recording.operator(settings, samples)
+        if time_scale != 1.0:
+            stretch = time_scale_matrix(
+                samples, kept, settings.sample_interval_ns, scale=time_scale, about_ns=surface_ns
+            )
+            matrix = matrix @ jnp.asarray(stretch, dtype=jnp.float32)
+        levels = ratio()
+        return matrix if levels is None else scaled(matrix, levels)
+
+    return operator
 
 
 def at_levels(
@@ -110,5 +119,11 @@ def at_levels(
     found: Float[np.ndarray, " sample"],
 ) -> Float[Array, "recorded sample"]:
     """An operator whose profiles have the wanted levels over depth, up to one factor."""
-    ratio = level_ratio(wanted, found)
+    return scaled(operator, level_ratio(wanted, found))
+
+
+def scaled(
+    operator: Float[Array, "recorded sample"], ratio: Float[np.ndarray, " sample"]
+) -> Float[Array, "recorded sample"]:
+    """An operator with its samples in these proportions."""
     return operator * jnp.asarray(ratio / max(float(ratio.max()), 1e-30), dtype=jnp.float32)[None, :]

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.archive.depth_levels import live_operator
+from lgprjax.archive.depth_levels import live_operators
 from lgprjax.archive.registering import RegisteredDrive, live_blocks
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.radar import CoefficientBasis
@@ -89,11 +89,11 @@ def fix_example(
     reach_m = max(_STRIP_M, options.window_m)
     travel = drive.track.travel_m
     settled = np.flatnonzero(np.abs(travel - travel[scan]) < 2.0 * description.settings.track_filter_m + reach_m)
-    chain = live_chain(ground, live_operator(source, log, drive.track, options.time_scale), log.channels, reach_m)
+    chain = live_chain(ground, live_operators(source, log, drive.track), log.channels, reach_m)
     start = int(settled[0])
     scans = None
-    for number, block in enumerate(live_blocks(log, drive.track, None, start)):
-        scans, _ = chain.feed(block.traces, block.valid, block.track, BLOCK_SCANS)
+    for number, block in enumerate(live_blocks(log, drive.track, None, start, drive.time_scale)):
+        scans, _ = chain.feed(block.traces, block.valid, block.track, BLOCK_SCANS, block.time_scale)
         if start + (number + 1) * BLOCK_SCANS > scan:
             break
     assert scans is not None

@@ -107,7 +107,14 @@ def build_map(
                         f"travel of at least {2 * settings.step_m:.3g} m",
                         "less",
                     )
-                inputs.append({"file": Path(path).name, "sha256": file_hash(path), "scans": log.scans})
+                inputs.append(
+                    {
+                        "file": Path(path).name,
+                        "sha256": file_hash(path),
+                        "scans": log.scans,
+                        "position_sigma_m": _position_sigma_m(log),
+                    }
+                )
         assert coherence is not None
         description = MapDescription(
             name=Path(output).name.removesuffix(".map.h5"),
@@ -117,6 +124,7 @@ def build_map(
             channels=channels,
             tile_spacing_m=tile_spacing_m,
             gain=coherence_gain(*coherence.means).astype(np.float32),
+            label_sigma_m=tuple(float(str(row["position_sigma_m"] or 0.0)) for row in inputs),
         )
         provenance: dict[str, object] = {
             "program": f"lgprjax {__version__}",
@@ -173,3 +181,11 @@ def _level(path: str | Path, frame: LocalFrame, settings: ChainSettings, samples
 def _pitch(log: DriveLog) -> float:
     y_m = log.description.array.y_m
     return float(np.median(np.abs(np.diff(y_m)))) if len(y_m) > 1 else _LONE_CHANNEL_PITCH_M
+
+
+def _position_sigma_m(log: DriveLog) -> float | None:
+    """Root mean square of what the drive's navigation says of its east and north; None where it says nothing."""
+    said = [
+        s for s in (log.description.navigation.sigma_east_m, log.description.navigation.sigma_north_m) if s is not None
+    ]
+    return float(np.sqrt(np.mean(np.stack(said) ** 2))) if len(said) == 2 else None

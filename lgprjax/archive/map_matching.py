@@ -5,7 +5,6 @@ The score, the search and the judgement are those of registration, with its defa
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -16,8 +15,8 @@ from lgprjax.radar import to_coefficients, uniform_array
 from lgprjax.registration import (
     Code,
     Problem,
-    Region,
     RegisterOptions,
+    Rules,
     Template,
     Thresholds,
     register_batch,
@@ -71,6 +70,7 @@ class OtherBaselines:
         self.kept: Bool[np.ndarray, " scan"] = np.asarray(source.drive != left_out)
         self.description: MapDescription = source.description
         self.pose: Float[np.ndarray, "scan 5"] = source.pose
+        self.drive: Int[np.ndarray, " scan"] = source.drive
         self.ground_up_m: Float[np.ndarray, " scan"] = source.ground_up_m
         self.tile_frame: Float[np.ndarray, "tile 3"] = source.tile_frame
         self.height_reference_m: Float[np.ndarray, " tile"] = source.height_reference_m
@@ -122,9 +122,11 @@ def match_stations(
         ground, tile, uniform_array(channels, description.channel_pitch_m), _searched(options, count, step_m)
     )
     traces = count * channels
-    region = Region(
+    rules = Rules(
         apart_m=jnp.float32(0.6 * description.settings.wavelength_m),
-        free=jnp.asarray([True, True, True, traces > 1, channels > 1]),
+        free=jnp.asarray([True, True, True, traces > 1, channels > 1, False]),
+        thresholds=Thresholds(*(jnp.float32(value) for value in options.thresholds)),
+        seed=jnp.uint32(options.seed),
     )
     half_width = np.array([options.search_m, options.search_m, options.height_m, np.radians(1.0), np.radians(1.5)])
     parts = []
@@ -140,7 +142,6 @@ def match_stations(
             there = there & on_map(mask, prior[:, None, :2] + turned + room_m * aside)
         share = there.sum(axis=1) / np.maximum(np.asarray(template.valid).sum(axis=1), 1)
         fix = register_batch(
-            jax.random.key(options.seed),
             ground.tile(tile),
             Problem(
                 template=template._replace(valid=jnp.asarray(there)),
@@ -149,10 +150,9 @@ def match_stations(
                 finite=jnp.asarray(share >= _LEAST_TRACES),
                 number=jnp.asarray(lanes, dtype=jnp.uint32),
             ),
-            region,
+            rules,
             jnp.float32(ground.source.height_reference_m[tile]),
             basis.angular_frequency_rad_per_ns,
-            Thresholds(*(jnp.float32(value) for value in options.thresholds)),
             spec=spec,
         )
         off = np.asarray(fix.pose, dtype=np.float64)[:, :2] - prior[:, :2]

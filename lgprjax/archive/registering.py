@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from lgprjax import __version__
-from lgprjax.archive.depth_levels import live_operator
+from lgprjax.archive.depth_levels import live_operators
 from lgprjax.archive.map_building import file_hash
+from lgprjax.archive.moisture import find_time_scales
 from lgprjax.archive.recordings import recording_of
 from lgprjax.archive.tracks import DriveTrack, poses_of, track_of_drive
 from lgprjax.formats import DriveLog, MapFile, write_fixes
@@ -21,10 +22,14 @@ from lgprjax.registration import (
     Code,
     Fix,
     LiveBlock,
+    Operators,
     RegisterOptions,
     Track,
+    TrackedFixes,
     ground_map_for,
     register_drive,
+    track_drive,
+    tracking_ground,
 )
 from lgprjax.subsurface import GroundMap
 
@@ -39,6 +44,9 @@ class RegisteredDrive:
         track: prior poses and travel.
         truth: true poses of the array's centre, where the log holds them.
         correlation_at_truth: NaN where not known.
+        time_scale: of each scan; None where it is 1 throughout.
+        beside_match: see ``DriveFixes``.
+        rung: of the ladder that each scan was searched on, -1 where it was not; None where the drive was not tracked.
         milliseconds_per_scan: wall time a scan of the drive, reading and all processing included.
     """
 
@@ -48,17 +56,30 @@ class RegisteredDrive:
     track: Track
     truth: Float[np.ndarray, "scan 5"] | None
     correlation_at_truth: Float[np.ndarray, " scan"]
+    time_scale: Float[np.ndarray, " scan"] | None
+    beside_match: Float[np.ndarray, "scan 2 2"]
+    rung: Int[np.ndarray, " scan"] | None
     milliseconds_per_scan: float
 
 
 def live_blocks(
-    log: DriveLog, track: Track, truth: Float[np.ndarray, "scan 5"] | None, start: int = 0
+    log: DriveLog,
+    track: Track,
+    truth: Float[np.ndarray, "scan 5"] | None,
+    start: int = 0,
+    time_scale: Float[np.ndarray, " scan"] | None = None,
 ) -> Iterator[LiveBlock]:
     """Scans of a log from ``start`` on, in blocks of ``BLOCK_SCANS``."""
     for low, recorded, valid in recording_of(log).blocks(BLOCK_SCANS, start):
         span = slice(low, low + len(recorded))
         part = Track(*(field[span] for field in track))
-        yield LiveBlock(recorded, valid, part, None if truth is None else truth[span])
+        yield LiveBlock(
+            recorded,
+            valid,
+            part,
+            None if truth is None else truth[span],
+            None if time_scale is None else time_scale[span],
+        )
 
 
 def register_log(
@@ -66,6 +87,7 @@ def register_log(
     log: DriveLog,
     options: RegisterOptions,
     progress: Callable[[int], None] = lambda _: None,
+    led_to: Callable[[Track], Track] = lambda track: track,
 ) -> RegisteredDrive:
     """Register every scan of a drive log.
 
@@ -76,34 +98,59 @@ def register_log(
         log: the drive.
         options: the search.
         progress: told the number of scans done since the last call.
+        led_to: changes where the vehicle believes to be, to see what is said of ground that cannot match.
 
     Raises:
         InputError: navigation does not span the drive, or the recording misses most of the map's band.
     """
     frame = source.description.frame
-    ground = ground_map_for(source, options)
+    ground = tracking_ground(source, options) if options.track else ground_map_for(source, options)
     moved: DriveTrack = track_of_drive(log, frame)
+    moved = moved._replace(track=led_to(moved.track))
     truth = true_poses(log, frame)
     began = time.perf_counter()
     parts: list[Fix] = []
     at_truth: list[Float[np.ndarray, " scan"]] = []
-    operator = live_operator(source, log, moved.track, options.time_scale)
-    blocks = live_blocks(log, moved.track, truth)
-    for fixes in register_drive(ground, operator, log.description.array, blocks, options):
+    beside: list[Float[np.ndarray, "scan 2 2"]] = []
+    rungs: list[Int[np.ndarray, " scan"]] = []
+    operators = live_operators(source, log, moved.track)
+    time_scale = _time_scales(source, log, moved.track, operators, options)
+    blocks = live_blocks(log, moved.track, truth, time_scale=time_scale)
+    follow = track_drive if options.track else register_drive
+    for fixes in follow(ground, operators, log.description.array, blocks, options):
         parts.append(fixes.fix)
         at_truth.append(fixes.correlation_at_truth)
+        beside.append(fixes.beside_match)
+        if isinstance(fixes, TrackedFixes):
+            rungs.append(fixes.rung)
         progress(len(fixes.scan))
     fix = Fix(*(np.concatenate(field) for field in zip(*parts, strict=True)))
     took_s = time.perf_counter() - began
     return RegisteredDrive(
         name=log.path.name.removesuffix(".drive.h5"),
-        table=fixes_table(fix, log.scan_time_s, frame, ground),
+        table=_with_time_scale(fixes_table(fix, log.scan_time_s, frame, ground), time_scale),
         fix=fix,
         track=moved.track,
         truth=truth,
         correlation_at_truth=np.concatenate(at_truth),
+        time_scale=time_scale,
+        beside_match=np.concatenate(beside),
+        rung=np.concatenate(rungs) if rungs else None,
         milliseconds_per_scan=1e3 * took_s / log.scans,
     )
+
+
+def _time_scales(
+    source: MapFile, log: DriveLog, track: Track, operators: Operators, options: RegisterOptions
+) -> Float[np.ndarray, " scan"] | None:
+    """Of every scan: as given, or found along the drive; None where it is 1."""
+    if options.time_scale is None:
+        return find_time_scales(source, log, track, operators, options)
+    return None if options.time_scale == 1.0 else np.full(log.scans, options.time_scale)
+
+
+def _with_time_scale(table: pd.DataFrame, time_scale: Float[np.ndarray, " scan"] | None) -> pd.DataFrame:
+    return table if time_scale is None else table.assign(time_scale=time_scale)
 
 
 def true_poses(log: DriveLog, frame: LocalFrame) -> Float[np.ndarray, "scan 5"] | None:
@@ -160,7 +207,8 @@ def write_registered(
         "drive": {"file": log.path.name, "sha256": file_hash(log.path)},
         "search_m": options.search_m,
         "window_m": options.window_m,
-        "time_scale": options.time_scale,
+        "track": options.track,
+        "time_scale": "found along the drive" if options.time_scale is None else options.time_scale,
         "seed": options.seed,
         "thresholds": thresholds,
         "chain": source.description.settings.as_provenance(),

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import tyro
 
+from lgprjax.cli.bench import Bench
 from lgprjax.cli.check import Check
 from lgprjax.cli.demo import Demo
 from lgprjax.cli.errors import run_verb
@@ -13,6 +14,7 @@ from lgprjax.cli.imports import ImportVerb
 from lgprjax.cli.maps import MapVerb
 from lgprjax.cli.register import Register
 from lgprjax.cli.simulate import Simulate
+from lgprjax.cli.thresholds import ThresholdsVerb
 
 _DESCRIPTION = """Localizing ground-penetrating radar: locate a vehicle by the ground beneath it.
 
@@ -27,6 +29,8 @@ Verb = (
     | Annotated[MapVerb, tyro.conf.subcommand("map", description="Subsurface databases.")]
     | Annotated[Register, tyro.conf.subcommand("register")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
+    | Annotated[ThresholdsVerb, tyro.conf.subcommand("thresholds")]
+    | Annotated[Bench, tyro.conf.subcommand("bench")]
 )
 
 

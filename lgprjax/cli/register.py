@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from tyro.conf import Positional, arg
@@ -37,8 +37,13 @@ class Register:
     """half side of the search square about the position that GNSS/INS gives"""
     window_m: float = 0.0
     """match windows of this length instead of single scans"""
-    time_scale: float = 1.0
-    """how much longer the wave's way in the ground takes today than on the map's day (after rain about 1.05)"""
+    time_scale: float | Literal["auto"] = 1.0
+    """how much longer the wave's way in the ground takes today than on the map's day (after rain about 1.05);
+    auto finds it along the drive"""
+    thresholds: Path | None = None
+    """what a fix must reach, from lgprjax thresholds with the same --window-m; without it the defaults"""
+    track: bool = False
+    """each search starts from the last fix carried on by odometry; its region follows the correlation"""
     json: Path | None = None
     """also write the figures to this file"""
     force: bool = False
@@ -47,18 +52,26 @@ class Register:
     def run(self) -> None:
         """Register."""
         from lgprjax.cli.figures import write_figures
-        from lgprjax.registration import RegisterOptions
+        from lgprjax.formats import read_thresholds
+        from lgprjax.registration import RegisterOptions, Thresholds
         from lgprjax.report import summary_table
 
         require_files(self.drives, "drives")
         for name, value, least in (("--search-m", self.search_m, 1e-3), ("--window-m", self.window_m, 0.0)):
             if not (np.isfinite(value) and least <= value <= 1e4):
                 raise UsageError(f"{name}: expected a length in metres, found {value:g}")
-        if not 0.5 <= self.time_scale <= 2.0:
-            raise UsageError(f"--time-scale: expected 0.5 to 2, found {self.time_scale:g}")
+        if self.time_scale != "auto" and not 0.5 <= self.time_scale <= 2.0:
+            raise UsageError(f"--time-scale: expected auto or 0.5 to 2, found {self.time_scale:g}")
         if self.json is not None and self.json.exists() and not self.force:
             raise InputError(self.json, "output", "a new file, or --force", "the file exists")
-        options = RegisterOptions(search_m=self.search_m, window_m=self.window_m, time_scale=self.time_scale)
+        held = None if self.thresholds is None else read_thresholds(self.thresholds, self.window_m)
+        options = RegisterOptions(
+            search_m=self.search_m,
+            window_m=self.window_m,
+            time_scale=None if self.time_scale == "auto" else self.time_scale,
+            own_thresholds=None if held is None else Thresholds(**held),
+            track=self.track,
+        )
         results = register_all(self.map, self.drives, self.output, options, force=self.force)
         summaries = [summary for _, summary, _ in results]
         console.print(summary_table(summaries))
@@ -117,6 +130,8 @@ def register_all(
             with DriveLog.open(path) as log:
                 with progress_bar(f"registering {path.name}", log.scans) as progress:
                     drive = register_log(source, log, options, progress)
+                if drive.rung is not None:
+                    _print_rungs(drive.name, drive.rung)
                 write_registered(drive, source, log, options, folder, force)
                 result = drive_result(drive, source, impostor=drive.name in impostors)
                 with working(f"drawing {path.name}"):
@@ -125,6 +140,14 @@ def register_all(
                 results.append((result, summary, drive_section(result, summary, figures)))
     write_figures(folder / "summary.json", [summary.as_json() for _, summary, _ in results], force=force)
     return results
+
+
+def _print_rungs(name: str, rung: np.ndarray) -> None:
+    """How many scans of a tracked drive were searched on which rung."""
+    from lgprjax.registration import LADDER
+
+    counts = ", ".join(f"{step.name} {np.sum(rung == number)}" for number, step in enumerate(LADDER))
+    console.print(f"{name}, scans on each rung: {counts}", highlight=False, markup=False, soft_wrap=True)
 
 
 def write_page(

@@ -28,6 +28,7 @@ from lgprjax.formats.segy import read_segy
 from lgprjax.formats.segy_drive import import_segy
 from lgprjax.formats.survey_track import Place
 from lgprjax.formats.surveys import import_iprb, import_lines, read_profile
+from lgprjax.formats.thresholds_file import read_thresholds, write_thresholds
 
 __all__ = [
     "DriveDescription",
@@ -64,5 +65,7 @@ __all__ = [
     "read_mala",
     "read_profile",
     "read_segy",
+    "read_thresholds",
     "write_fixes",
+    "write_thresholds",
 ]

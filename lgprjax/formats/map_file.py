@@ -124,6 +124,7 @@ class MapFile:
         except TypeError:
             expected = ", ".join(ChainSettings.__dataclass_fields__)
             raise InputError(path, "/@chain", expected, ", ".join(settings) or "nothing") from None
+        provenance: dict[str, object] = json.loads(str(attribute_of(store, "provenance")))
         self.description = MapDescription(
             name=str(attribute_of(store, "name")),
             frame=LocalFrame(*(self._number(f"anchor_{n}") for n in ("latitude_deg", "longitude_deg", "height_m"))),
@@ -132,8 +133,9 @@ class MapFile:
             channels=int(traces.shape[1]),
             tile_spacing_m=self._number("tile_spacing_m"),
             gain=store["gain"][()],
+            label_sigma_m=_label_sigmas(provenance),
         )
-        self.provenance: dict[str, object] = json.loads(str(attribute_of(store, "provenance")))
+        self.provenance = provenance
         self.pose: Float[np.ndarray, "scan 5"] = store["baselines/pose"][()]
         self.ground_up_m: Float[np.ndarray, " scan"] = store["baselines/ground_up_m"][()]
         self.drive: Int[np.ndarray, " scan"] = store["baselines/drive"][()]
@@ -189,3 +191,10 @@ class MapFile:
         if not isinstance(value, int | float):
             raise InputError(self.path, f"/@{name}", "a number", repr(value))
         return float(value)
+
+
+def _label_sigmas(provenance: dict[str, object]) -> tuple[float, ...]:
+    """What the baselines' navigation said of its positions; 0 where the map, or the drive, does not say."""
+    inputs = provenance.get("inputs")
+    rows = inputs if isinstance(inputs, list) else []
+    return tuple(float(row.get("position_sigma_m") or 0.0) if isinstance(row, dict) else 0.0 for row in rows)

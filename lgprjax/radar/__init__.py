@@ -8,6 +8,7 @@ from lgprjax.radar.coefficients import (
     air_delay_ns,
     coefficient_basis,
     coherence_gain,
+    cos_sin,
     shift_travel_time,
     to_coefficients,
 )
@@ -54,6 +55,7 @@ __all__ = [
     "centre_of",
     "coefficient_basis",
     "coherence_gain",
+    "cos_sin",
     "default_chain",
     "depth_window_ns",
     "estimate_channel_response",

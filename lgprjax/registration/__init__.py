@@ -1,50 +1,77 @@
 """Correlation, search and judgement: one scan, a window of scans, a whole drive."""
 
+from lgprjax.registration.batches import to_tile
+from lgprjax.registration.calibration import Outcomes, calibrate, joined, outcomes_of, squared_errors
+from lgprjax.registration.columns import ArrayColumns, make_columns
 from lgprjax.registration.correlation import OFF_MAP_SCORE, Score, Template, score_poses
 from lgprjax.registration.drive import (
     BLOCK_SCANS,
     DriveFixes,
     LiveBlock,
-    RegisterOptions,
     ground_map_for,
     live_chain,
+    probe_strengths,
     register_drive,
-    search_spec_for,
-    to_tile,
 )
+from lgprjax.registration.finish import Region, Rules
 from lgprjax.registration.fix import WRONG_M, Code, Fix
 from lgprjax.registration.integrity import Thresholds, default_thresholds
-from lgprjax.registration.live import LiveChain, Track, templates_of
-from lgprjax.registration.search import Problem, Region, SearchSpec, register_batch
+from lgprjax.registration.live import LiveChain, Operators, Track, templates_of
+from lgprjax.registration.match import Ends, MatchSpec, ScanSet, match_scans
+from lgprjax.registration.options import RegisterOptions
+from lgprjax.registration.policy import LADDER
+from lgprjax.registration.search import Problem, SearchSpec, register_batch, search_spec_for
 from lgprjax.registration.survey import SurfacePicture, ground_under, survey_surface
+from lgprjax.registration.tracking import TrackedFixes, Tracker, track_drive, warm_up
+from lgprjax.registration.tracking_ground import tracking_ground
 
 __all__ = [
     "BLOCK_SCANS",
+    "LADDER",
     "OFF_MAP_SCORE",
     "WRONG_M",
+    "ArrayColumns",
     "Code",
     "DriveFixes",
+    "Ends",
     "Fix",
     "LiveBlock",
     "LiveChain",
+    "MatchSpec",
+    "Operators",
+    "Outcomes",
     "Problem",
     "Region",
     "RegisterOptions",
+    "Rules",
+    "ScanSet",
     "Score",
     "SearchSpec",
     "SurfacePicture",
     "Template",
     "Thresholds",
     "Track",
+    "TrackedFixes",
+    "Tracker",
+    "calibrate",
     "default_thresholds",
     "ground_map_for",
     "ground_under",
+    "joined",
     "live_chain",
+    "make_columns",
+    "match_scans",
+    "outcomes_of",
+    "probe_strengths",
     "register_batch",
     "register_drive",
     "score_poses",
     "search_spec_for",
+    "squared_errors",
     "survey_surface",
     "templates_of",
     "to_tile",
+    "track_drive",
+    "tracking_ground",
+    "warm_up",
 ]

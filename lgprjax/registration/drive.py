@@ -1,53 +1,26 @@
 """A whole drive against a map: scans or windows, grouped by tile, in batches of one shape."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from lgprjax.radar import ArrayGeometry
+from lgprjax.registration.batches import WindowLayout, to_tile
+from lgprjax.registration.finish import Rules
 from lgprjax.registration.fix import Code, Fix
-from lgprjax.registration.integrity import Thresholds, default_thresholds
-from lgprjax.registration.live import LiveChain, LiveScans, Track, templates_of, window_ends
-from lgprjax.registration.search import Problem, Region, SearchSpec, register_batch, score_truth
+from lgprjax.registration.integrity import Thresholds
+from lgprjax.registration.labels import covariance_beside_match, with_covariance
+from lgprjax.registration.live import LiveChain, LiveScans, Operators, Track
+from lgprjax.registration.match import match_scans, score_truth
+from lgprjax.registration.options import RegisterOptions
+from lgprjax.registration.prepared import Aspect, PreparedGround
 from lgprjax.subsurface import GroundMap, StationSource
 
 BLOCK_SCANS = 512
-_PRODUCTS = 16_000_000  # traces x cells of one batch: 64 MB of float32
-
-
-@dataclass(frozen=True)
-class RegisterOptions:
-    """What a user decides about a registration.
-
-    Attributes:
-        search_m: half side of the search square about the prior.
-        window_m: length of the window of scans that is matched as one; 0 for single scans.
-        height_m, roll_deg: half widths of the search in height and roll. That in heading follows the prior:
-            three sigma, no less than one degree and no more than five.
-        time_scale: how much longer the wave's way in the ground takes today than on the map's day (rain: above 1).
-        own_thresholds: what a fix must reach; without them the defaults for scans or windows.
-        seed: of the swarm.
-    """
-
-    search_m: float = 1.5
-    window_m: float = 0.0
-    height_m: float = 0.08
-    roll_deg: float = 1.5
-    time_scale: float = 1.0
-    own_thresholds: Thresholds | None = None
-    seed: int = 0
-
-    @property
-    def thresholds(self) -> Thresholds:
-        """What a fix must reach."""
-        if self.own_thresholds is not None:
-            return self.own_thresholds
-        return default_thresholds(self.window_m)
+_PROBES = 4
 
 
 class LiveBlock(NamedTuple):
@@ -58,12 +31,14 @@ class LiveBlock(NamedTuple):
         valid: channels that hold data.
         track: of the scans.
         truth: true poses of the array's centre where they are known, to score them beside the fixes.
+        time_scale: of each scan, few different ones; None for 1.
     """
 
     traces: Float[np.ndarray, "scan channel recorded"]
     valid: Bool[np.ndarray, "scan channel"]
     track: Track
     truth: Float[np.ndarray, "scan 5"] | None = None
+    time_scale: Float[np.ndarray, " scan"] | None = None
 
 
 class DriveFixes(NamedTuple):
@@ -74,11 +49,14 @@ class DriveFixes(NamedTuple):
         fix: of each.
         correlation_at_truth: what the score says at the true pose: how hard the ground is. NaN where no truth
             is known or the scan was not tried.
+        beside_match: part of the covariances of east and north that is not the match's: the map's own positions and
+            the odometer's scale.
     """
 
     scan: Int[np.ndarray, " scan"]
     fix: Fix
     correlation_at_truth: Float[np.ndarray, " scan"]
+    beside_match: Float[np.ndarray, "scan 2 2"]
 
 
 def ground_map_for(source: StationSource, options: RegisterOptions) -> GroundMap:
@@ -93,19 +71,17 @@ def ground_map_for(source: StationSource, options: RegisterOptions) -> GroundMap
     )
 
 
-def live_chain(
-    ground: GroundMap, operator: Float[Array, "recorded sample"], channels: int, window_m: float
-) -> LiveChain:
+def live_chain(ground: GroundMap, operators: Operators, channels: int, window_m: float) -> LiveChain:
     """The chain that brings recorded scans to this map's coefficients.
 
     Args:
         ground: the map.
-        operator: recorded numbers of a trace to profile samples, for the map's settings and as many samples.
+        operators: recorded numbers of a trace to profile samples, for the map's settings and as many samples.
         channels: of the drive.
         window_m: longest window that will be asked for.
     """
     return LiveChain(
-        operator,
+        operators,
         ground.basis,
         track_filter_m=ground.description.settings.track_filter_m,
         channels=channels,
@@ -115,45 +91,81 @@ def live_chain(
 
 def register_drive(
     ground: GroundMap,
-    operator: Float[Array, "recorded sample"],
+    operators: Operators,
     array: ArrayGeometry,
     blocks: Iterable[LiveBlock],
     options: RegisterOptions,
 ) -> Iterator[DriveFixes]:
     """Fixes of every scan, block by block; memory does not grow with the drive.
 
-    A scan without a fix of its own (inside a window) has code ``no_window``. A fix depends on its scan or window,
-    what the track filter saw before, its prior and the map: neither block nor batch changes it.
+    With a window every scan has a fix that ends with it; the first scans, before a window is full, have code
+    ``no_window``. A fix depends on its scan or window, what the track filter saw before, its prior and the map:
+    neither block nor batch changes it.
 
     Args:
         ground: from ``ground_map_for`` with the same options.
-        operator: recorded numbers of a trace to profile samples, for the map's settings and as many samples.
+        operators: recorded numbers of a trace to profile samples, for the map's settings and as many samples.
         array: geometry of the drive.
         blocks: its scans in order, at most ``BLOCK_SCANS`` each.
         options: the search.
     """
-    chain = live_chain(ground, operator, len(array.x_m), options.window_m)
+    chain = live_chain(ground, operators, len(array.x_m), options.window_m)
+    prepared = PreparedGround(ground, array)
     start_m: float | None = None
     for block in blocks:
-        scans, first = chain.feed(block.traces, block.valid, block.track, BLOCK_SCANS)
+        scans, first = chain.feed(block.traces, block.valid, block.track, BLOCK_SCANS, block.time_scale)
         start_m = float(scans.path_m[first]) if start_m is None else start_m
-        if options.window_m > 0.0:
-            ends = window_ends(scans, first, options.window_m, start_m)
-        else:
-            ends = np.arange(first, len(scans.number))
-        fixes = _blank(len(scans.number) - first)
+        ends = first + np.flatnonzero(scans.path_m[first:] - start_m + 1e-6 >= options.window_m)
+        fixes = blank_fixes(len(scans.number) - first)
         fixes.code[ends - first] = Code.OFF_MAP
-        at_truth = np.full(len(fixes.code), np.nan)
-        for tile, at in _by_tile(ground, scans, ends, options):
+        at_truth, beside = np.full(len(fixes.code), np.nan), np.full((len(fixes.code), 2, 2), np.nan)
+        for aspect, at in _by_aspect(prepared, scans, ends, options):
             truth = None if block.truth is None else block.truth[at - first]
-            found, scored = _register_at(ground, tile, scans, at, truth, array, options)
+            found, scored = register_at(prepared, aspect, scans, at, truth, options)
+            beside[at - first] = covariance_beside_match(prepared, aspect, found, options)
+            found = with_covariance(found, beside[at - first])
             for whole, part in zip(fixes, found, strict=True):
                 whole[at - first] = part
             at_truth[at - first] = scored
-        yield DriveFixes(scans.number[first:], fixes, at_truth)
+        yield DriveFixes(scans.number[first:], fixes, at_truth, beside)
 
 
-def _blank(scans: int) -> Fix:
+def probe_strengths(
+    ground: GroundMap,
+    operator: Float[Array, "recorded sample"],
+    array: ArrayGeometry,
+    blocks: Iterable[tuple[np.ndarray, np.ndarray, Track]],
+    probes: Int[np.ndarray, " probe"],
+    options: RegisterOptions,
+) -> Float[np.ndarray, " probe"]:
+    """Strength of the best match of the windows that end with some scans of a drive; 0 where there is none.
+
+    Args:
+        ground: from ``ground_map_for`` with the same options.
+        operator: one matrix for the whole drive.
+        array: geometry of the drive.
+        blocks: recorded traces, valid channels and track, at most ``BLOCK_SCANS`` scans each.
+        probes: rising numbers of the scans.
+        options: the search.
+    """
+    chain = live_chain(ground, lambda _: operator, len(array.x_m), options.window_m)
+    prepared = PreparedGround(ground, array)
+    out = np.zeros(len(probes))
+    for traces, valid, track in blocks:
+        scans, first = chain.feed(traces, valid, track, BLOCK_SCANS)
+        number = scans.number[first:]
+        own = np.flatnonzero((probes >= number[0]) & (probes <= number[-1]))
+        ends = first + probes[own] - int(number[0])
+        for aspect, at in _by_aspect(prepared, scans, ends, options):
+            fix, _ = register_at(prepared, aspect, scans, at, None, options, ends=_PROBES)
+            strength = np.asarray(fix.correlation) * np.sqrt(np.asarray(fix.overlap))
+            out[own[np.searchsorted(ends, at)]] = np.nan_to_num(strength)
+    return out
+
+
+def blank_fixes(scans: int) -> Fix:
+    """Fixes of scans that have none of their own."""
+
     def empty(*shape: int) -> Float[np.ndarray, "..."]:
         return np.full((scans, *shape), np.nan, np.float64)
 
@@ -163,6 +175,7 @@ def _blank(scans: int) -> Fix:
         correlation=empty(),
         runner_up=empty(),
         margin=empty(),
+        scatter=empty(),
         overlap_channels=np.zeros(scans, np.int32),
         overlap=np.zeros(scans, np.float32),
         evaluations=np.zeros(scans, np.int32),
@@ -170,109 +183,84 @@ def _blank(scans: int) -> Fix:
     )
 
 
-def _by_tile(
-    ground: GroundMap, scans: LiveScans, ends: Int[np.ndarray, " end"], options: RegisterOptions
-) -> list[tuple[int, Int[np.ndarray, " _"]]]:
-    groups: dict[int, list[int]] = {}
-    for end in ends:
-        tile = ground.tile_near(scans.track.pose[end, :2], options.search_m)
-        if tile is not None:
-            groups.setdefault(tile, []).append(int(end))
-    return [(tile, np.asarray(at)) for tile, at in groups.items()]
+def _by_aspect(
+    prepared: PreparedGround, scans: LiveScans, ends: Int[np.ndarray, " end"], options: RegisterOptions
+) -> list[tuple[Aspect, Int[np.ndarray, " _"]]]:
+    near = [prepared.ground.tile_near(scans.track.pose[end, :2], options.search_m) for end in ends]
+    reached = np.array([tile is not None for tile in near], bool)
+    at = ends[reached]
+    if not len(at):
+        return []
+    tiles = np.array([tile for tile in near if tile is not None])
+    return [(aspect, at[which]) for aspect, which in prepared.aspects(tiles, scans.track, at)]
 
 
-def search_spec_for(ground: GroundMap, tile: int, array: ArrayGeometry, options: RegisterOptions) -> SearchSpec:
-    """Shape of the search on a tile: the whole region as far as the grid goes."""
-    spec, _ = ground.grid_of(tile)
-    array_reach_m = float(np.hypot(np.ptp(array.x_m), np.ptp(array.y_m))) + 0.5
-    cells_m = (spec.along_cell_m, spec.cross_cell_m)
-    sizes = (spec.along_cells, spec.cross_cells)
-    lattice = [min(2 * int(options.search_m / c) + 3, n) for c, n in zip(cells_m, sizes, strict=True)]
-    margin = [int(np.ceil((options.window_m + array_reach_m) / c)) + 1 for c in cells_m]
-    return SearchSpec(lattice=(lattice[0], lattice[1]), margin=(margin[0], margin[1]))
-
-
-def _register_at(
-    ground: GroundMap,
-    tile: int,
+def register_at(
+    prepared: PreparedGround,
+    aspect: Aspect,
     scans: LiveScans,
     at: Int[np.ndarray, " end"],
     truth: Float[np.ndarray, "end 5"] | None,
-    array: ArrayGeometry,
     options: RegisterOptions,
+    ends: int | None = None,
 ) -> tuple[Fix, Float[np.ndarray, " end"]]:
-    """Fixes of the templates that end at ``at``, all on one tile, and the correlations at the truth."""
-    description = ground.description
-    spec, _ = ground.grid_of(tile)
-    search = search_spec_for(ground, tile, array, options)
-    step_m = description.settings.step_m
-    channels = len(array.x_m)
-    traces = (1 + round(options.window_m / step_m)) * channels
-    batch = max(1, min(32, 1 << int(np.log2(_PRODUCTS / (traces * spec.along_cells * spec.cross_cells) + 1))))
-    region = Region(
-        apart_m=jnp.float32(0.6 * description.settings.wavelength_m),
-        # One channel sees no roll, and one trace no heading.
-        free=jnp.asarray([True, True, True, traces > 1, channels > 1]),
-    )
-    frame = ground.frame(tile)
-    height_reference_m = jnp.float32(ground.source.height_reference_m[tile])
+    """Fixes of the templates that end at ``at``, all of one aspect, and the correlations at the truth.
+
+    ``ends`` is the number of templates a batch where that of the layout is too many.
+    """
+    ground = prepared.ground
+    ready = prepared.at(aspect)
+    frame = ground.frame(aspect.tile)
+    height_reference_m = jnp.float32(ground.source.height_reference_m[aspect.tile])
+    omega = ground.basis.angular_frequency_rad_per_ns
+    layout = WindowLayout.of(prepared, options, ends)
+    rules = rules_for(prepared, options)
     parts: list[Fix] = []
-    scored = np.full(len(at), np.nan)
-    for low in range(0, len(at), batch):
-        chosen = at[low : low + batch]
-        lanes = np.concatenate([chosen, np.full(batch - len(chosen), chosen[0])])
-        template = templates_of(scans, lanes, array, window_m=options.window_m, step_m=step_m)
-        fixes = register_batch(
-            jax.random.key(options.seed),
-            ground.tile(tile),
-            Problem(
-                template=template,
-                prior=jnp.asarray(to_tile(scans.track.pose[lanes], frame), dtype=jnp.float32),
-                half_width=jnp.asarray(_half_width(scans.track, lanes, options), dtype=jnp.float32),
-                finite=jnp.mean(template.valid, axis=-1, dtype=jnp.float32) >= options.thresholds.overlap,
-                number=jnp.asarray(scans.number[lanes], dtype=jnp.uint32),
-            ),
-            region,
+    scored: list[Float[np.ndarray, " end"]] = []
+    for low, high in layout.chunks(scans, at):
+        chosen = at[low:high]
+        batch = layout.batch_of(prepared, scans, chosen, frame, float(height_reference_m), options)
+        fixes = match_scans(
+            ready.columns,
+            ground.components,
+            ready.tile,
+            batch.scans,
+            batch.ends,
+            rules,
             height_reference_m,
-            ground.basis.angular_frequency_rad_per_ns,
-            Thresholds(*(jnp.float32(value) for value in options.thresholds)),
-            spec=search,
+            omega,
+            spec=layout.spec,
         )
         if truth is not None:
-            true_pose = truth[np.minimum(np.arange(low, low + batch), len(at) - 1)]
-            scored[low : low + batch] = score_truth(
-                ground.tile(tile),
-                template,
+            true_pose = truth[np.minimum(np.arange(low, low + layout.ends), len(at) - 1)]
+            at_truth = score_truth(
+                ready.tile,
+                batch.scans,
+                batch.ends,
                 jnp.asarray(to_tile(true_pose, frame), dtype=jnp.float32),
                 height_reference_m,
-                ground.basis.angular_frequency_rad_per_ns,
-            )[: len(chosen)]
-        parts.append(Fix(*(np.asarray(field)[: len(chosen)] for field in fixes)))
-    return _to_map(Fix(*(np.concatenate(field) for field in zip(*parts, strict=True))), frame), scored
+                omega,
+            )
+            scored.append(np.asarray(at_truth)[: high - low])
+        parts.append(Fix(*(np.asarray(field)[: high - low] for field in fixes)))
+    fix = fixes_to_map(Fix(*(np.concatenate(field) for field in zip(*parts, strict=True))), frame)
+    return fix, np.concatenate(scored) if scored else np.full(len(at), np.nan)
 
 
-def _half_width(
-    track: Track, lanes: Int[np.ndarray, " batch"], options: RegisterOptions
-) -> Float[np.ndarray, "batch 5"]:
-    yaw = np.clip(3.0 * track.sigma_yaw_rad[lanes], np.radians(1.0), np.radians(5.0))
-    fixed = np.array([options.search_m, options.search_m, options.height_m, 0.0, np.radians(options.roll_deg)])
-    out = np.tile(fixed, (len(lanes), 1))
-    out[:, 3] = yaw
-    return out
+def rules_for(prepared: PreparedGround, options: RegisterOptions) -> Rules:
+    """What holds for every scan of a drive."""
+    several = len(prepared.array.x_m) > 1
+    return Rules(
+        apart_m=jnp.float32(0.6 * prepared.ground.description.settings.wavelength_m),
+        # One channel sees no roll, and one trace no heading.
+        free=jnp.asarray([True, True, True, several or options.window_m > 0.0, several, options.pitch_deg > 0.0]),
+        thresholds=Thresholds(*(jnp.float32(value) for value in options.thresholds)),
+        seed=jnp.uint32(options.seed),
+    )
 
 
-def to_tile(pose: Float[np.ndarray, "batch 5"], frame: Float[np.ndarray, "3"]) -> Float[np.ndarray, "batch 5"]:
-    """Poses of the map's frame in that of a tile."""
-    east, north, yaw = frame
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    out = pose.copy()
-    out[:, 0] = cos * (pose[:, 0] - east) + sin * (pose[:, 1] - north)
-    out[:, 1] = cos * (pose[:, 1] - north) - sin * (pose[:, 0] - east)
-    out[:, 3] = np.mod(pose[:, 3] - yaw + np.pi, 2 * np.pi) - np.pi
-    return out
-
-
-def _to_map(fix: Fix, frame: Float[np.ndarray, "3"]) -> Fix:
+def fixes_to_map(fix: Fix, frame: Float[np.ndarray, "3"]) -> Fix:
+    """Fixes of a tile's frame in that of the map."""
     east, north, yaw = frame
     cos, sin = np.cos(yaw), np.sin(yaw)
     turn = np.eye(5)

@@ -41,6 +41,8 @@ class Fix(NamedTuple):
         runner_up: strength (correlation times the root of the overlap) of the best rival: a summit of its own,
             refined like the best.
         margin: the best pose's strength less the runner-up's.
+        scatter: standard deviation of the strength over the rest of the region: what ground that does not match
+            gives by chance.
         overlap_channels: channels of the last scan that lie on the map.
         overlap: share of all valid traces of the template that lie on the map.
         evaluations: poses scored.
@@ -52,6 +54,7 @@ class Fix(NamedTuple):
     correlation: Float[Array | np.ndarray, "*batch"]
     runner_up: Float[Array | np.ndarray, "*batch"]
     margin: Float[Array | np.ndarray, "*batch"]
+    scatter: Float[Array | np.ndarray, "*batch"]
     overlap_channels: Int[Array | np.ndarray, "*batch"]
     overlap: Float[Array | np.ndarray, "*batch"]
     evaluations: Int[Array | np.ndarray, "*batch"]

@@ -4,6 +4,7 @@ One object a drive, fed with blocks of scans in order; it holds the filter's sta
 window needs. The same functions serve batch registration and the vehicle.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -20,6 +21,9 @@ from lgprjax.radar import (
     to_coefficients,
 )
 from lgprjax.registration.correlation import Template
+
+Operators = Callable[[float], Float[Array, "recorded sample"]]
+"""Time scale to the matrix from recorded numbers of a trace to profile samples; one shape for all scales."""
 
 
 class Track(NamedTuple):
@@ -54,7 +58,7 @@ class LiveChain:
     """Recorded traces of one drive to coefficients, block by block.
 
     Args:
-        operator: of the drive's recording, with the map's settings.
+        operators: of the drive's recording at a time scale, with the map's settings.
         basis: of the map.
         track_filter_m: length of the track filter.
         channels: of the drive.
@@ -63,17 +67,17 @@ class LiveChain:
 
     def __init__(
         self,
-        operator: Float[Array, "recorded sample"],
+        operators: Operators,
         basis: CoefficientBasis,
         *,
         track_filter_m: float,
         channels: int,
         history_m: float,
     ) -> None:
-        self._operator = operator
+        self._operators = operators
         self._basis = basis
         self._length_m = jnp.float32(track_filter_m)
-        self._state = init_live_filter(channels, operator.shape[1])
+        self._state = init_live_filter(channels, len(basis.gain))
         self._history_m = history_m
         self._held: LiveScans | None = None
         self._fed = 0
@@ -84,6 +88,7 @@ class LiveChain:
         valid: Bool[np.ndarray, "scan channel"],
         track: Track,
         block: int,
+        time_scale: Float[np.ndarray, " scan"] | None = None,
     ) -> tuple[LiveScans, int]:
         """Process a block of scans.
 
@@ -92,6 +97,7 @@ class LiveChain:
             valid: channels that hold data.
             track: of these scans.
             block: scans that a full block has; a shorter one is padded, so that one shape is compiled.
+            time_scale: of each scan, few different ones; 1 where there is none.
 
         Returns:
             the scans, preceded by those of the past that windows may need, and the index of the first new one.
@@ -101,7 +107,7 @@ class LiveChain:
         last = self._held
         before_m = track.travel_m[0] if last is None else last.track.travel_m[-1]
         moved = np.diff(track.travel_m, prepend=before_m)
-        profile = apply_operator(jnp.asarray(np.pad(traces, [*pad, (0, 0)])), self._operator)
+        profile = self._profile(jnp.asarray(np.pad(traces, [*pad, (0, 0)])), time_scale)
         ok = jnp.asarray(np.pad(valid, pad))
         self._state, filtered = run_live_filter(
             self._state,
@@ -128,6 +134,18 @@ class LiveChain:
         self._held = _take(joined, np.flatnonzero(keep))
         return joined, first
 
+    def _profile(
+        self, traces: Float[Array, "block channel recorded"], time_scale: Float[np.ndarray, " scan"] | None
+    ) -> Float[Array, "block channel sample"]:
+        of_scan = np.ones(1) if time_scale is None else time_scale
+        of_scan = np.pad(of_scan, (0, len(traces) - len(of_scan)), mode="edge")
+        scales = np.unique(of_scan)
+        profile: Float[Array, "block channel sample"] = apply_operator(traces, self._operators(float(scales[0])))
+        for scale in scales[1:]:
+            own = jnp.asarray(of_scan == scale)[:, None, None]
+            profile = jnp.where(own, apply_operator(traces, self._operators(float(scale))), profile)
+        return profile
+
 
 def templates_of(
     scans: LiveScans,
@@ -137,11 +155,7 @@ def templates_of(
     window_m: float,
     step_m: float,
 ) -> Template:
-    """Templates whose last scans are ``at``: single scans, or windows of scans joined by odometry.
-
-    A window holds a scan each ``step_m`` of the path back from its last one. Odometry and the INS heading
-    place them against each other; a jump of GNSS cannot bend a window. Within a scan each channel stands
-    where the vehicle had come when the switch matrix reached it.
+    """One template for each scan index in ``at``: that scan, or the window that ends with it.
 
     Args:
         scans: from ``LiveChain.feed``.
@@ -150,15 +164,46 @@ def templates_of(
         window_m: 0 for single scans.
         step_m: spacing within a window.
     """
-    stations = 1 + round(window_m / step_m)
+    member = window_members(scans, at, window_m=window_m, step_m=step_m)
+    batch, stations = member.shape
     channels = len(array.x_m)
-    back = np.arange(stations) * step_m
-    wanted = scans.path_m[at][:, None] - back[None, :]
-    member = np.clip(np.searchsorted(scans.path_m, wanted - 1e-6), 0, len(scans.path_m) - 1)
+    last = np.zeros((batch, stations, channels), bool)
+    last[:, 0] = True
+    coefficients = scans.coefficients[member].reshape(batch, stations * channels, -1)
+    return Template(
+        coefficients=jnp.asarray(coefficients),
+        offset_m=jnp.asarray(trace_offsets(scans, at, member, array), dtype=jnp.float32),
+        valid=jnp.asarray(scans.valid[member].reshape(batch, -1)),
+        last_scan=jnp.asarray(last.reshape(batch, -1)),
+    )
+
+
+def window_members(
+    scans: LiveScans, at: Int[np.ndarray, " batch"], *, window_m: float, step_m: float
+) -> Int[np.ndarray, "batch member"]:
+    """Indices of the scans of each window: its last one, then those at every whole ``step_m`` of the path behind it.
+
+    The steps are the path's, not the window's, so that windows one scan apart share their scans.
+    """
+    count = max(0, int(window_m / step_m - 0.5 + 1e-6))
+    path_m = scans.path_m
+    newest = np.ceil(path_m[at] / step_m - 0.5) - 1.0
+    wanted = (newest[:, None] - np.arange(count)) * step_m
+    member = np.clip(np.searchsorted(path_m, wanted - 1e-6), 0, len(path_m) - 1)
     earlier = np.maximum(member - 1, 0)
-    nearer = np.abs(scans.path_m[earlier] - wanted) < np.abs(scans.path_m[member] - wanted)
+    nearer = np.abs(path_m[earlier] - wanted) < np.abs(path_m[member] - wanted)
     member = np.where(nearer, earlier, member)
-    member[:, 0] = at
+    return np.concatenate([at[:, None], member], axis=1)
+
+
+def trace_offsets(
+    scans: LiveScans, at: Int[np.ndarray, " batch"], member: Int[np.ndarray, "batch member"], array: ArrayGeometry
+) -> Float[np.ndarray, "batch trace 2"]:
+    """Where the members' traces stand relative to the array's centre at the last scan, in its body frame.
+
+    Odometry and INS heading place the scans; within a scan each channel stands where the vehicle had come when the
+    switch matrix reached it.
+    """
     yaw = scans.track.pose[:, 3]
     apart = scans.dead_reckoned_m[member] - scans.dead_reckoned_m[at][:, None, :]
     cos, sin = np.cos(yaw[at])[:, None], np.sin(yaw[at])[:, None]
@@ -173,29 +218,7 @@ def templates_of(
     swing_y = np.sin(turn) * centre_x + (np.cos(turn) - 1.0) * centre_y
     x = forward[..., None] + swing_x + np.cos(turn) * body_x - np.sin(turn) * body_y
     y = left[..., None] + swing_y + np.sin(turn) * body_x + np.cos(turn) * body_y
-    batch = len(at)
-    last = np.zeros((batch, stations, channels), bool)
-    last[:, 0] = True
-    coefficients = scans.coefficients[member].reshape(batch, stations * channels, -1)
-    return Template(
-        coefficients=jnp.asarray(coefficients),
-        offset_m=jnp.asarray(np.stack([x, y], axis=-1).reshape(batch, -1, 2), dtype=jnp.float32),
-        valid=jnp.asarray(scans.valid[member].reshape(batch, -1)),
-        last_scan=jnp.asarray(last.reshape(batch, -1)),
-    )
-
-
-def window_ends(scans: LiveScans, first: int, window_m: float, start_m: float) -> Int[np.ndarray, " end"]:
-    """Scans from index ``first`` on that close a window: one each sixteenth of the window's length.
-
-    ``start_m`` is the path length at the drive's first scan; the first window ends a full length after it.
-    """
-    every_m = window_m / 16.0
-    path = scans.path_m[first:] - start_m
-    before = scans.path_m[first - 1] - start_m if first else -1.0
-    slot = np.floor((path + 1e-6) / every_m)
-    earlier = np.concatenate([[np.floor((before + 1e-6) / every_m)], slot[:-1]])
-    return first + np.flatnonzero((slot > earlier) & (path + 1e-6 >= window_m))
+    return np.stack([x, y], axis=-1).reshape(len(at), -1, 2)
 
 
 def _join(a: LiveScans, b: LiveScans) -> LiveScans:

@@ -1,5 +1,6 @@
 """Scans -> stations -> regular grid tiles; sampling at a place; the index of what lies where."""
 
+from lgprjax.subsurface.components import leading_components
 from lgprjax.subsurface.grid import GridSpec, TraceSet, grid_spec, grid_traces
 from lgprjax.subsurface.ground_map import GroundMap, MapDescription, Stations, StationSource
 from lgprjax.subsurface.index import SpatialIndex, TilePlacer
@@ -28,6 +29,7 @@ __all__ = [
     "coherence_lags",
     "grid_spec",
     "grid_traces",
+    "leading_components",
     "sample_tile",
     "stations_of_drive",
 ]

@@ -10,9 +10,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import ChainSettings, CoefficientBasis, coefficient_basis, to_coefficients
+from lgprjax.subsurface.components import leading_components
+from lgprjax.subsurface.direction import filter_along
 from lgprjax.subsurface.grid import GridSpec, TraceSet, grid_spec, grid_traces
 from lgprjax.subsurface.index import SpatialIndex
 from lgprjax.subsurface.tile import Tile
+
+_SAMPLED = 300
+_HELD = 0.99
+"""Share of the map's power that its leading components hold: the coarse stage asks for no more."""
 
 
 class MapDescription(NamedTuple):
@@ -26,6 +32,8 @@ class MapDescription(NamedTuple):
         channels: largest number of channels of a baseline.
         tile_spacing_m: no station is farther than half of this from a tile frame.
         gain: depth gain of each profile sample.
+        label_sigma_m: of each baseline, what its navigation said of its positions, root mean square over the drive
+            and over east and north; 0 where it said nothing.
     """
 
     name: str
@@ -35,6 +43,7 @@ class MapDescription(NamedTuple):
     channels: int
     tile_spacing_m: float
     gain: Float[np.ndarray, " sample"]
+    label_sigma_m: tuple[float, ...] = ()
 
 
 class Stations(NamedTuple):
@@ -57,6 +66,11 @@ class StationSource(Protocol):
     @property
     def pose(self) -> Float[np.ndarray, "scan 5"]:
         """Of every station."""
+        ...
+
+    @property
+    def drive(self) -> Int[np.ndarray, " scan"]:
+        """Number of the baseline that each station comes from."""
         ...
 
     @property
@@ -101,10 +115,10 @@ class GroundMap:
         self._half_m = np.array([half_along_m, half_cross_m])
         self._spacing_m = self.description.tile_spacing_m
         self._keep = keep
-        self._tiles: OrderedDict[int, Tile] = OrderedDict()
+        self._tiles: OrderedDict[tuple[int, int], Tile] = OrderedDict()
         self._stations = SpatialIndex(source.pose[:, :2], 8.0)
         self._frames = SpatialIndex(source.tile_frame[:, :2], 2.0 * self._spacing_m)
-        self._low_m, self._high_m = self._extents(_bounding_box(source.pose))
+        self._low_m, self._high_m = self._extents()
         # One size for all tiles, so that one program serves the whole map.
         self._span_m = np.minimum(2.0 * self._half_m, np.max(self._high_m - self._low_m, axis=0))
 
@@ -115,6 +129,15 @@ class GroundMap:
             self.description.gain, self.description.settings.sample_interval_ns, self.description.settings
         )
 
+    @cached_property
+    def components(self) -> Float[Array, "coefficient component"]:
+        """Leading components of the map's coefficients, from some hundred of its stations."""
+        chosen = np.unique(np.linspace(0, len(self.source.pose) - 1, _SAMPLED).astype(int))
+        stations = self.source.read_stations(chosen)
+        valid = jnp.asarray(stations.valid)
+        coefficients = np.asarray(to_coefficients(jnp.asarray(stations.profile), valid, self.basis))
+        return jnp.asarray(leading_components(coefficients[stations.valid], _HELD))
+
     def tile_near(self, point_m: Float[np.ndarray, "2"], within_m: float) -> int | None:
         """Number of the tile whose frame is nearest to a point, if the map comes within ``within_m`` of it."""
         return self._frames.nearest(point_m, within_m + self._spacing_m)
@@ -123,6 +146,22 @@ class GroundMap:
         """Local height of the ground at the station nearest to a point; NaN far from the map."""
         station = self._stations.nearest(point_m, 16.0)
         return float("nan") if station is None else float(self.source.ground_up_m[station])
+
+    def lanes(self, tile: int) -> Float[np.ndarray, "drive 2"]:
+        """Lowest and highest place across the tile's axis that each baseline's array covers near its frame.
+
+        NaN for a baseline that does not come by.
+        """
+        east, north, yaw = self.frame(tile)
+        near = self._stations.near(np.array([east, north]), 0.75 * self._spacing_m)
+        apart = self.source.pose[near, :2] - np.array([east, north])
+        cross = apart @ np.array([-np.sin(yaw), np.cos(yaw)])
+        half_m = 0.5 * self.description.channel_pitch_m * self.description.channels
+        out = np.full((len(self.description.label_sigma_m), 2), np.nan)
+        for drive in np.unique(self.source.drive[near]):
+            own = cross[self.source.drive[near] == drive]
+            out[drive] = np.median(own) - half_m, np.median(own) + half_m
+        return out
 
     def frame(self, tile: int) -> Float[np.ndarray, "3"]:
         """East, north and yaw of a tile."""
@@ -146,13 +185,23 @@ class GroundMap:
         inside = np.clip(-0.5 * size_m, low, np.maximum(high - size_m, low))
         return spec, np.where(size_m >= high - low, origin, inside)
 
-    def tile(self, number: int) -> Tile:
-        """The tile, gridded now or held from before."""
-        if number in self._tiles:
-            self._tiles.move_to_end(number)
-            return self._tiles[number]
-        tile = self._grid(number)
-        self._tiles[number] = tile
+    def tile(self, number: int, direction: int = 0) -> Tile:
+        """The tile, gridded now or held from before.
+
+        Args:
+            number: of the tile.
+            direction: of live scans that it is for, 1 along its axis and -1 against it (see ``filter_along``); 0 for
+                the ground as the map has it.
+        """
+        if (number, direction) in self._tiles:
+            self._tiles.move_to_end((number, direction))
+            return self._tiles[number, direction]
+        if direction == 0:
+            tile = self._grid(number)
+        else:
+            length_m = jnp.float32(self.description.settings.track_filter_m)
+            tile = filter_along(self.tile(number), length_m, direction=direction)
+        self._tiles[number, direction] = tile
         if len(self._tiles) > self._keep:
             self._tiles.popitem(last=False)
         return tile
@@ -184,22 +233,24 @@ class GroundMap:
         )
         return tile
 
-    def _extents(
-        self, corners_m: Float[np.ndarray, "4 2"]
-    ) -> tuple[Float[np.ndarray, "tile 2"], Float[np.ndarray, "tile 2"]]:
-        """Extent of the whole map in every tile's frame, with room for the array to both sides."""
+    def _extents(self) -> tuple[Float[np.ndarray, "tile 2"], Float[np.ndarray, "tile 2"]]:
+        """Extent of the ground about every tile in its frame, with room for the array to both sides.
+
+        A map is a narrow band along its routes: a tile as wide as it is long would be empty for the most part.
+        """
         frame = self.source.tile_frame
-        apart = corners_m[None] - frame[:, None, :2]
-        cos, sin = np.cos(frame[:, 2])[:, None], np.sin(frame[:, 2])[:, None]
-        along, cross = apart[..., 0] * cos + apart[..., 1] * sin, apart[..., 1] * cos - apart[..., 0] * sin
-        room = self.description.channel_pitch_m * self.description.channels
-        low = np.stack([along.min(axis=1), cross.min(axis=1)], axis=1) - room
-        return low, np.stack([along.max(axis=1), cross.max(axis=1)], axis=1) + room
-
-
-def _bounding_box(pose: Float[np.ndarray, "scan 5"]) -> Float[np.ndarray, "4 2"]:
-    low, high = pose[:, :2].min(axis=0), pose[:, :2].max(axis=0)
-    return np.array([[low[0], low[1]], [low[0], high[1]], [high[0], low[1]], [high[0], high[1]]])
+        reach_m = float(np.hypot(*self._half_m))
+        low, high = np.zeros((len(frame), 2)), np.zeros((len(frame), 2))
+        for tile, (east, north, yaw) in enumerate(frame):
+            near = self._stations.near(np.array([east, north]), reach_m)
+            apart = self.source.pose[near, :2] - np.array([east, north])
+            cos, sin = np.cos(yaw), np.sin(yaw)
+            place = np.stack([apart @ [cos, sin], apart @ [-sin, cos]], axis=1)
+            place = place[np.all(np.abs(place) <= self._half_m, axis=1)]
+            if len(place):
+                low[tile], high[tile] = place.min(axis=0), place.max(axis=0)
+        room = self.description.channel_pitch_m * (0.5 * self.description.channels + 1.0)
+        return np.maximum(low - room, -self._half_m), np.minimum(high + room, self._half_m)
 
 
 def _trace_set(

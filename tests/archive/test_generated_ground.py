@@ -9,12 +9,12 @@ from generated import Site, make_site, register_site
 from lgprjax.archive import RegisteredDrive, build_map, register_log
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording
 from lgprjax.registration import Code, RegisterOptions
-from lgprjax.registration.search import register_batch
+from lgprjax.registration.match import match_scans
 
 
 def programs() -> int:
     """Compiled programs of the search so far."""
-    return int(register_batch._cache_size())  # type: ignore[attr-defined]
+    return int(match_scans._cache_size())  # type: ignore[attr-defined]
 
 
 def errors_m(drive: RegisteredDrive) -> tuple[np.ndarray, np.ndarray]:

@@ -5,68 +5,61 @@ import numpy as np
 import pytest
 
 from lgprjax.registration import Code, RegisterOptions, Thresholds, default_thresholds
-from lgprjax.registration.integrity import judge, peak_covariance, stencil_poses
+from lgprjax.registration.integrity import judge
+from lgprjax.registration.newton import Summit, covariance_of
 
-STEPS = np.array([0.05, 0.06, 0.02, 0.01, 0.01])
-HALF_WIDTH = np.array([0.5, 0.5, 0.08, 0.05, 0.03])
+HALF_WIDTH = np.array([0.5, 0.5, 0.08, 0.05, 0.03, 1.0])
 # Position is uniform in its region; of height, heading and roll the region is three sigma.
-PRIOR_SIGMA = HALF_WIDTH / np.array([np.sqrt(3.0), np.sqrt(3.0), 3.0, 3.0, 3.0])
+PRIOR_SIGMA = HALF_WIDTH / np.array([np.sqrt(3.0), np.sqrt(3.0), 3.0, 3.0, 3.0, 3.0])
+FREE = np.array([True, True, True, True, True, False])
+CELL_M = np.array([0.04, 0.06])
 
 
-def parabola(hessian: np.ndarray, r: float) -> np.ndarray:
-    """Correlations at the stencil of a summit of the given curvature."""
-    pose = np.asarray(stencil_poses(jnp.zeros(5, jnp.float32), jnp.asarray(STEPS, dtype=jnp.float32)), float)
-    return np.asarray(r + 0.5 * np.einsum("pi,ij,pj->p", pose, hessian, pose))
-
-
-def covariance(stencil: np.ndarray, floor: float) -> np.ndarray:
-    return np.asarray(
-        peak_covariance(
-            jnp.asarray(stencil, dtype=jnp.float32),
-            jnp.asarray(STEPS, dtype=jnp.float32),
-            jnp.float32(floor),
-            jnp.asarray(HALF_WIDTH, dtype=jnp.float32),
-        ),
-        dtype=np.float64,
+def covariance(
+    information: np.ndarray, r: float, numbers: float, narrow: tuple[bool, bool] = (False, False)
+) -> np.ndarray:
+    """Of one summit."""
+    summit = Summit(
+        pose=jnp.zeros((1, 6), jnp.float32),
+        correlation=jnp.full(1, r, jnp.float32),
+        strength=jnp.full(1, r, jnp.float32),
+        information=jnp.asarray(information[None], dtype=jnp.float32),
+        covered=jnp.ones((1, 11), bool),
+        narrow=jnp.asarray([narrow]),
     )
-
-
-def test_the_covariance_is_the_inverse_of_the_curvature_and_the_prior() -> None:
-    """N r / (1 - r²) times the curvature, N = 1 / floor², beside the prior; axes coupled."""
-    root = np.array(
-        [[7.0, 1.0, 0, 0, 2.0], [0, 5.0, 0, 0, 0], [0, 0, 9.0, 3.0, 0], [0, 0, 0, 6.0, 0], [0, 0, 0, 0, 8.0]]
+    widths = jnp.asarray(HALF_WIDTH[None], dtype=jnp.float32)
+    found = covariance_of(
+        summit, jnp.full(1, numbers, jnp.float32), widths, jnp.asarray(FREE), jnp.asarray(CELL_M, dtype=jnp.float32)
     )
-    hessian = -root.T @ root * 0.1
-    r, floor = 0.8, 0.1
-    information = -hessian * 100.0 * r / (1 - r**2) + np.diag(1.0 / PRIOR_SIGMA**2)
-    np.testing.assert_allclose(
-        covariance(parabola(hessian, r), floor), np.linalg.inv(information), rtol=0.02, atol=1e-6
-    )
+    return np.asarray(found[0], dtype=np.float64)
 
 
-def test_a_flat_or_hollow_peak_leaves_the_region() -> None:
-    flat = covariance(np.full(31, 0.7), 0.1)
-    np.testing.assert_allclose(flat, np.diag(PRIOR_SIGMA**2), rtol=1e-4, atol=1e-9)
-    hollow = covariance(parabola(np.diag([-50.0, 20.0, 0.0, 0.0, 0.0]), 0.7), 0.1)
-    sigma = np.sqrt(np.diag(hollow))
-    np.testing.assert_allclose(sigma[1:], PRIOR_SIGMA[1:], rtol=1e-2)
-    assert sigma[0] < 0.02
+def test_the_covariance_is_the_inverse_of_the_information_and_the_prior() -> None:
+    """N / (1 - r²) times the information of the match, beside the prior; axes coupled."""
+    root = np.zeros((6, 6))
+    root[:5, :5] = np.array([[7, 1, 0, 0, 2], [0, 5, 0, 0, 0], [0, 0, 9, 3, 0], [0, 0, 0, 6, 0], [0, 0, 0, 0, 8]])
+    match = root.T @ root * 0.1
+    r, numbers = 0.8, 100.0
+    information = (match * numbers / (1 - r**2) + np.diag(1.0 / PRIOR_SIGMA**2))[:5, :5]
+    np.testing.assert_allclose(covariance(match, r, numbers), np.linalg.inv(information), rtol=1e-3, atol=1e-8)
+
+
+def test_a_flat_peak_leaves_the_region() -> None:
+    flat = covariance(np.zeros((6, 6)), 0.7, 100.0)
+    np.testing.assert_allclose(flat, np.diag(PRIOR_SIGMA[:5] ** 2), rtol=1e-4, atol=1e-9)
 
 
 def test_stronger_noise_gives_wider_sigma() -> None:
-    hessian = np.diag([-50.0, -50.0, -50.0, -5.0, -5.0])
-    widths = [np.sqrt(covariance(parabola(hessian, r), 0.1)[0, 0]) for r in (0.9, 0.7, 0.5)]
+    match = np.diag([50.0, 50.0, 50.0, 5.0, 5.0, 0.0])
+    widths = [np.sqrt(covariance(match * r**2, r, 100.0)[0, 0]) for r in (0.9, 0.7, 0.5)]
     assert widths[0] < widths[1] < widths[2]
 
 
-def test_a_stencil_that_leaves_the_map_does_not_sharpen_the_peak() -> None:
-    """A step over the map's rim scores OFF_MAP_SCORE: it says nothing about how sharp the summit is."""
-    hessian = np.diag([-2.0, -2.0, -5.0, -5.0, -5.0])
-    whole = parabola(hessian, 0.8)
-    pose = np.asarray(stencil_poses(jnp.zeros(5, jnp.float32), jnp.asarray(STEPS, dtype=jnp.float32)))
-    broken = np.where(pose[:, 0] > 0.01, -2.0, whole)
-    sigma, honest = (np.sqrt(np.diag(covariance(stencil, 0.1))) for stencil in (broken, whole))
-    assert sigma[0] > 0.9 * honest[0]
+def test_a_line_that_a_step_aside_leaves_is_as_wide_as_the_step() -> None:
+    """The map of a single channel: nothing tells where across it the vehicle stands, but that it stands on it."""
+    sigma = np.sqrt(np.diag(covariance(np.zeros((6, 6)), 0.7, 100.0, (False, True))))
+    assert sigma[0] == pytest.approx(PRIOR_SIGMA[0], rel=1e-3)
+    assert sigma[1] == pytest.approx(CELL_M[1] / np.sqrt(3.0), rel=0.02)
 
 
 T = default_thresholds()
@@ -111,6 +104,8 @@ def test_a_window_may_be_fainter_than_a_single_scan() -> None:
     assert window.strength < scan.strength
     assert window.margin_by_chance < scan.margin_by_chance
     assert RegisterOptions().thresholds == scan
+    assert RegisterOptions(search_m=3.0).thresholds.strength == pytest.approx(scan.strength + 0.05)
+    assert RegisterOptions(search_m=12.0, window_m=1.0).thresholds == window
     assert RegisterOptions(window_m=1.0).thresholds == window
     assert RegisterOptions(window_m=1.0, own_thresholds=scan).thresholds == scan
 

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 
 from lgprjax.radar import ArrayGeometry, CoefficientBasis, uniform_array
-from lgprjax.registration.live import LiveChain, LiveScans, Track, templates_of, window_ends
+from lgprjax.registration.live import LiveChain, LiveScans, Track, templates_of, window_members
 
 SAMPLES = 6
 
 
 def identity_chain(channels: int, history_m: float) -> LiveChain:
     basis = CoefficientBasis(jnp.ones(SAMPLES), jnp.eye(SAMPLES), jnp.ones(SAMPLES // 2))
-    return LiveChain(jnp.eye(SAMPLES), basis, track_filter_m=4.0, channels=channels, history_m=history_m)
+    return LiveChain(lambda _: jnp.eye(SAMPLES), basis, track_filter_m=4.0, channels=channels, history_m=history_m)
 
 
 def track(east: np.ndarray, north: np.ndarray, yaw: np.ndarray, travel: np.ndarray, speed: float = 0.0) -> Track:
@@ -37,15 +37,15 @@ def feed(chain: LiveChain, where: Track, channels: int, block: int = 256) -> Liv
 def test_a_window_looks_back_in_equal_steps() -> None:
     array = uniform_array(3, 0.4, x_m=2.0)
     scans = feed(identity_chain(3, 2.0), straight(60, 0.05), 3)
-    template = templates_of(scans, np.array([50, 59]), array, window_m=1.0, step_m=0.1)
-    offset = np.asarray(template.offset_m).reshape(2, 11, 3, 2)
+    template = templates_of(scans, np.array([50, 58]), array, window_m=1.0, step_m=0.1)
+    offset = np.asarray(template.offset_m).reshape(2, 10, 3, 2)
     np.testing.assert_allclose(
-        offset[:, :, :, 0], np.broadcast_to(-0.1 * np.arange(11)[:, None], (2, 11, 3)), atol=1e-6
+        offset[:, :, :, 0], np.broadcast_to(-0.1 * np.arange(10)[:, None], (2, 10, 3)), atol=1e-6
     )
-    np.testing.assert_allclose(offset[:, :, :, 1], np.broadcast_to([0.4, 0.0, -0.4], (2, 11, 3)), atol=1e-6)
-    assert np.asarray(template.last_scan).reshape(2, 11, 3)[:, 0].all()
+    np.testing.assert_allclose(offset[:, :, :, 1], np.broadcast_to([0.4, 0.0, -0.4], (2, 10, 3)), atol=1e-6)
+    assert np.asarray(template.last_scan).reshape(2, 10, 3)[:, 0].all()
     assert np.asarray(template.last_scan).sum() == 2 * 3
-    wanted = scans.coefficients[50 - 2 * np.arange(11)].reshape(33, -1)
+    wanted = scans.coefficients[50 - 2 * np.arange(10)].reshape(30, -1)
     np.testing.assert_array_equal(np.asarray(template.coefficients)[0], wanted)
 
 
@@ -76,7 +76,7 @@ def test_a_window_bends_with_the_road() -> None:
     scans = feed(identity_chain(2, 5.0), track(centre[:, 0], centre[:, 1], yaw, travel), 2)
     offset = np.asarray(templates_of(scans, np.array([110]), array, window_m=4.0, step_m=0.1).offset_m)[0]
     c, s = np.cos(yaw[110]), np.sin(yaw[110])
-    for station in (0, 10, 25, 40):
+    for station in (0, 10, 25, 39):
         for channel, y in enumerate((aside + 0.5, aside - 0.5)):
             apart = antenna(110 - 2 * station, y) - centre[110]
             by_hand = [c * apart[0] + s * apart[1], c * apart[1] - s * apart[0]]
@@ -94,10 +94,20 @@ def test_gnss_jumps_do_not_bend_a_window() -> None:
     np.testing.assert_array_equal(np.asarray(after.offset_m), np.asarray(smooth.offset_m))
 
 
-def test_windows_close_each_sixteenth_after_a_full_length() -> None:
-    scans = feed(identity_chain(1, 5.0), straight(200, 0.05), 1)
-    ends = window_ends(scans, 0, 4.0, 0.0)
-    np.testing.assert_allclose(scans.path_m[ends], np.arange(4.0, 9.96, 0.25), atol=1e-6)
+def test_windows_share_the_steps_of_the_path() -> None:
+    """The last scan, then the scans at whole steps of the path behind it, none farther back than the window is long."""
+    scans = feed(identity_chain(1, 5.0), straight(200, 0.03), 1)
+    at = np.array([150, 151, 152])
+    member = window_members(scans, at, window_m=2.0, step_m=0.12)
+    np.testing.assert_array_equal(member[:, 0], at)
+    back_m = scans.path_m[at][:, None] - scans.path_m[member[:, 1:]]
+    assert back_m.min() >= 0.06 - 1e-6
+    assert back_m.max() <= 2.0 + 1e-6
+    steps = scans.path_m[member[:, 1:]] / 0.12
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+    np.testing.assert_allclose(-np.diff(scans.path_m[member[:, 1:]], axis=1), 0.12, atol=1e-6)
+    # One more scan moves the window by a whole step or not at all.
+    assert set(np.unique(member[1:, 1:] - member[:-1, 1:])) <= {0, 4}
 
 
 def test_blocks_give_the_windows_of_the_whole() -> None:
@@ -114,7 +124,7 @@ def test_blocks_give_the_windows_of_the_whole() -> None:
             part = Track(*(field[low : low + size] for field in where))
             valid = np.ones((len(part.travel_m), 2), bool)
             scans, first = chain.feed(traces[low : low + size], valid, part, 64)
-            for end in window_ends(scans, first, 4.0, 0.0):
+            for end in first + np.flatnonzero(scans.path_m[first:] >= 4.0):
                 template = templates_of(scans, np.array([end]), array, window_m=4.0, step_m=0.1)
                 found[int(scans.number[end])] = np.asarray(template.coefficients)[0]
         return found
@@ -139,5 +149,5 @@ def test_a_window_in_reverse_reads_the_path_back(reverse: bool) -> None:
     """Backing up, the path behind the template lies ahead of the vehicle."""
     step = -0.05 if reverse else 0.05
     scans = feed(identity_chain(1, 3.0), straight(60, step), 1)
-    offset = np.asarray(templates_of(scans, np.array([59]), uniform_array(1, 0.1), window_m=1.0, step_m=0.1).offset_m)
-    np.testing.assert_allclose(offset[0, :, 0], (0.1 if reverse else -0.1) * np.arange(11), atol=1e-6)
+    offset = np.asarray(templates_of(scans, np.array([58]), uniform_array(1, 0.1), window_m=1.0, step_m=0.1).offset_m)
+    np.testing.assert_allclose(offset[0, :, 0], (0.1 if reverse else -0.1) * np.arange(10), atol=1e-6)

@@ -20,6 +20,7 @@ class Road:
         yaw = 0.6 * np.sin(travel / 30.0)
         east, north = np.cumsum(0.04 * np.cos(yaw)), np.cumsum(0.04 * np.sin(yaw))
         self.pose: Float[np.ndarray, "scan 5"] = np.stack([east, north, 0 * yaw + 0.3, yaw, 0 * yaw], axis=1)
+        self.drive: Int[np.ndarray, " scan"] = np.zeros(len(travel), int)
         self.ground_up_m: Float[np.ndarray, " scan"] = 0.01 * travel
         placer = TilePlacer(4.0)
         placer.place(self.pose)

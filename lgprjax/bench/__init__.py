@@ -1,0 +1,23 @@
+"""Measurements that stand beside others' programs: a hard set of registration problems, and peers that solve it."""
+
+from lgprjax.bench.hard_set import HardSet, HardSetConfig, load_hard_set, make_hard_set, save_hard_set, success
+from lgprjax.bench.intervals import Interval, wilson
+from lgprjax.bench.process import PeerResult, run_peer
+from lgprjax.bench.records import Record, markdown_table, records_as_json, text_table
+
+__all__ = [
+    "HardSet",
+    "HardSetConfig",
+    "Interval",
+    "PeerResult",
+    "Record",
+    "load_hard_set",
+    "make_hard_set",
+    "markdown_table",
+    "records_as_json",
+    "run_peer",
+    "save_hard_set",
+    "success",
+    "text_table",
+    "wilson",
+]

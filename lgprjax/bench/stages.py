@@ -1,0 +1,121 @@
+"""Where the time of a scan goes, and the least that it could take; a program (``python -m lgprjax.bench.stages``).
+
+One scan, or one chunk of scans: a batch's chunks run side by side, each on a thread of its own. The stages are timed
+each by itself; what the whole takes beyond them is the finish, the judgement and the call. The floor is that of the two
+large products: their operations at the speed of a large matrix product on this machine, and the bytes of the columns
+at the speed of reading memory.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from lgprjax.bench.hard_set import CHANNELS, SAMPLES, load_hard_set
+from lgprjax.bench.peers.this_project import _CHUNK, _STARTS, _Search
+from lgprjax.bench.programs import hold_to
+from lgprjax.registration import MatchSpec
+from lgprjax.registration.places import PlaceScores, find_summits, products_at_places, single_scores
+
+_STRIDE = (3, 2)
+_REPEATS = 40
+_GEMM = 1024
+_MEMORY_MB = 256
+
+
+def profile(search: _Search, count: int) -> dict[str, float]:
+    """Milliseconds a scan of the stages of ``count`` scans on the first map, of the whole, and of the floor."""
+    own = np.resize(np.flatnonzero(search.hard_set.map_index == 0), count)
+    search.prepare(0)
+    columns, ends, spec = search.columns[0], search.ends[count], search.spec
+    scans = search.hard_set.scans[own]
+    still = jnp.zeros((count, CHANNELS), jnp.float32)
+    steps = jnp.arange(spec.heights, dtype=jnp.float32) * (2.0 / spec.heights) + (1.0 / spec.heights - 1.0)
+    heights_m = ends.half_width[0, 2] * steps
+
+    @jax.jit
+    def convert(samples: Array) -> Array:
+        return jnp.asarray(samples @ search.basis)
+
+    @jax.jit
+    def products(heard: Array) -> Array:
+        return products_at_places(columns, search.components, heard, still, heights_m, search.omega)
+
+    @jax.jit
+    def places(product: Array, heard: Array) -> PlaceScores:
+        return single_scores(columns, product, jnp.sum(heard**2, axis=(1, 2)), search.rules.thresholds.overlap)
+
+    @jax.jit
+    def summits(scores: PlaceScores) -> Array:
+        region = (ends.prior[:, :2], ends.half_width[:, :2], search.rules.apart_m)
+        return find_summits(columns, scores, *region, summits=spec.summits).place_m
+
+    heard = convert(scans)
+    product = products(heard)
+    scores = places(product, heard)
+
+    def whole() -> object:
+        return search.locate(0, scans[0]) if count == 1 else search.locate_all(own)
+
+    taken = {
+        "samples to coefficients": _best_s(lambda: convert(scans)),
+        "products with all places": _best_s(lambda: products(heard)),
+        "scores": _best_s(lambda: places(product, heard)),
+        "summits": _best_s(lambda: summits(scores)),
+    }
+    all_s = _best_s(whole)
+    taken["finish, judgement, call"] = all_s - sum(taken.values())
+    taken["whole"] = all_s
+    size, along, cross = columns.value.shape
+    operations = 2.0 * CHANNELS * SAMPLES * search.basis.shape[1] + 2.0 * spec.heights * size * along * cross
+    taken["floor from operations"] = count * operations / _operations_per_s()
+    taken["floor from bytes"] = 4.0 * columns.value.size / _bytes_per_s()
+    return {stage: 1e3 * seconds / count for stage, seconds in taken.items()}
+
+
+def _best_s(work: Callable[[], object]) -> float:
+    jax.block_until_ready(work())
+    best = np.inf
+    for _ in range(_REPEATS):
+        start = time.perf_counter()
+        jax.block_until_ready(work())
+        best = min(best, time.perf_counter() - start)
+    return float(best)
+
+
+def _operations_per_s() -> float:
+    """Of a large product, in the library that the stages use."""
+    square = jnp.asarray(np.random.default_rng(0).standard_normal((_GEMM, _GEMM)), dtype=jnp.float32)
+    product = jax.jit(lambda left: left @ left)
+    return 2.0 * _GEMM**3 / _best_s(lambda: product(square))
+
+
+def _bytes_per_s() -> float:
+    """Of reading memory once, beyond every cache."""
+    values = jnp.ones((_MEMORY_MB << 20) // 4, jnp.float32)
+    total = jax.jit(jnp.sum)
+    return values.size * 4.0 / _best_s(lambda: total(values))
+
+
+def main() -> None:
+    """The program."""
+    parser = argparse.ArgumentParser(prog="lgprjax.bench.stages")
+    parser.add_argument("out", type=Path)
+    parser.add_argument("hard_set", type=Path)
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--batch", action="store_true", help="a chunk of scans instead of one")
+    chosen = parser.parse_args()
+    hold_to(chosen.threads)
+    search = _Search(load_hard_set(chosen.hard_set), MatchSpec(summits=_STARTS), _STRIDE, chosen.threads)
+    figures = profile(search, _CHUNK if chosen.batch else 1)
+    chosen.out.write_text(json.dumps(figures) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,134 @@
+"""Templates of a drive as batches of few shapes: which scans, which windows, where they start their search."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from lgprjax.radar import centre_of
+from lgprjax.registration.live import LiveScans, trace_offsets, window_members
+from lgprjax.registration.match import Ends, MatchSpec, ScanSet
+from lgprjax.registration.options import RegisterOptions
+from lgprjax.registration.prepared import PreparedGround
+
+_SINGLES = 64
+_WINDOWS = 64
+_FINE = 0.3  # of the wavelength, from scan to scan of a window for the finish
+_FEW_CHANNELS = 3  # an array of no more is finished on every station that a map could have: it has little else
+
+
+class Batch(NamedTuple):
+    """One call's worth of scans and templates."""
+
+    scans: ScanSet
+    ends: Ends
+
+
+@dataclass(frozen=True)
+class WindowLayout:
+    """How the windows of a drive are made of scans, and how many go into a batch.
+
+    Attributes:
+        window_m: length; 0 for single scans.
+        coarse_m, fine_m: from scan to scan of a window, for the coarse stage and for the finish.
+        ends, scans: templates and scans of a batch.
+        spec: of the search.
+    """
+
+    window_m: float
+    coarse_m: float
+    fine_m: float
+    ends: int
+    scans: int
+    spec: MatchSpec
+
+    @staticmethod
+    def of(prepared: PreparedGround, options: RegisterOptions, ends: int | None = None) -> "WindowLayout":
+        """Layout for a map and a window; ``ends`` templates a batch, or as many as pay."""
+        window_m = options.window_m
+        settings = prepared.ground.description.settings
+        if window_m <= 0.0:
+            count = ends or _SINGLES
+            return WindowLayout(0.0, 1.0, 1.0, count, count, MatchSpec(swarm=options.swarm))
+        coarse_m = max(float(prepared.step_m[0]), settings.step_m)
+        few = len(prepared.array.x_m) <= _FEW_CHANNELS
+        fine_m = settings.step_m if few else max(_FINE * settings.wavelength_m, settings.step_m)
+        border = tuple(int(np.ceil(window_m / step)) + 1 for step in prepared.step_m)
+        # Windows share the scans at whole steps: those of one window, and as many new ones.
+        count = ends or _WINDOWS
+        scans = 1 << int(count + 2.0 * window_m / fine_m).bit_length()
+        spec = MatchSpec(border=(border[0], border[1]), swarm=options.swarm)
+        return WindowLayout(window_m, coarse_m, fine_m, count, scans, spec)
+
+    def members(
+        self, scans: LiveScans, at: Int[np.ndarray, " end"]
+    ) -> tuple[Int[np.ndarray, "end member"], Int[np.ndarray, "end fine"]]:
+        """Scans of each template for the coarse stage and for the finish."""
+        coarse = window_members(scans, at, window_m=self.window_m, step_m=self.coarse_m)
+        fine = window_members(scans, at, window_m=self.window_m, step_m=self.fine_m)
+        return coarse, fine
+
+    def chunks(self, scans: LiveScans, at: Int[np.ndarray, " end"]) -> Iterator[tuple[int, int]]:
+        """Ranges of ``at`` whose templates fit into one batch."""
+        low = 0
+        while low < len(at):
+            high = min(low + self.ends, len(at))
+            while self.window_m > 0.0 and high > low + 1:
+                if len(np.unique(np.concatenate(self.members(scans, at[low:high]), axis=1))) <= self.scans:
+                    break
+                high = low + (high - low + 1) // 2
+            yield low, high
+            low = high
+
+    def batch_of(
+        self,
+        prepared: PreparedGround,
+        scans: LiveScans,
+        at: Int[np.ndarray, " end"],
+        frame: Float[np.ndarray, "3"],
+        height_reference_m: float,
+        options: RegisterOptions,
+    ) -> Batch:
+        """The batch of the templates that end at ``at``, filled up with its first template."""
+        lanes = np.concatenate([at, np.full(self.ends - len(at), at[0])])
+        coarse, fine = self.members(scans, lanes)
+        used, where = np.unique(np.concatenate([coarse, fine], axis=1), return_inverse=True)
+        where = where.reshape(len(lanes), -1)
+        rows = np.concatenate([used, np.full(self.scans - len(used), used[0])])
+        track = scans.track
+        left_m = prepared.array.y_m - centre_of(prepared.array)[1]
+        height_m = track.pose[rows, 2, None] + left_m * np.sin(track.pose[rows, 4, None])
+        apart = scans.dead_reckoned_m[coarse] - scans.dead_reckoned_m[lanes][:, None]
+        cos, sin = np.cos(frame[2]), np.sin(frame[2])
+        apart = np.stack([apart @ [cos, sin], apart @ [-sin, cos]], axis=-1)
+        prior = to_tile(track.pose[lanes], frame)
+        return Batch(
+            ScanSet(
+                coefficients=jnp.asarray(scans.coefficients[rows]),
+                valid=jnp.asarray(scans.valid[rows]),
+                above_m=jnp.asarray(height_m - height_reference_m, dtype=jnp.float32),
+            ),
+            Ends(
+                member=jnp.asarray(where[:, : coarse.shape[1]], dtype=jnp.int32),
+                shift=jnp.asarray(np.round(apart / prepared.step_m), dtype=jnp.int32),
+                fine=jnp.asarray(where[:, coarse.shape[1] :], dtype=jnp.int32),
+                offset_m=jnp.asarray(trace_offsets(scans, lanes, fine, prepared.array), dtype=jnp.float32),
+                prior=jnp.asarray(np.pad(prior, [(0, 0), (0, 1)]), dtype=jnp.float32),
+                half_width=jnp.asarray(options.half_width(track.sigma_yaw_rad[lanes]), dtype=jnp.float32),
+                number=jnp.asarray(scans.number[lanes], dtype=jnp.uint32),
+            ),
+        )
+
+
+def to_tile(pose: Float[np.ndarray, "batch 5"], frame: Float[np.ndarray, "3"]) -> Float[np.ndarray, "batch 5"]:
+    """Poses of the map's frame in that of a tile."""
+    east, north, yaw = frame
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    out = pose.copy()
+    out[:, 0] = cos * (pose[:, 0] - east) + sin * (pose[:, 1] - north)
+    out[:, 1] = cos * (pose[:, 1] - north) - sin * (pose[:, 0] - east)
+    out[:, 3] = np.mod(pose[:, 3] - yaw + np.pi, 2 * np.pi) - np.pi
+    return out

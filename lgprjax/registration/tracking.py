@@ -1,0 +1,238 @@
+"""A drive tracked scan after scan: each search starts from the last fix, its size follows the correlation.
+
+Batch registration searches every scan alike about the log's prior. Here a fix that is ok is carried on by odometry and
+heading to the next scan, and what is searched about it is a rung of a ladder (``policy``): few places where the lock
+is good, many where it is lost. The region is data, the counts are shapes; each shape is compiled ahead.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from lgprjax.radar import ArrayGeometry, centre_of
+from lgprjax.registration.batches import Batch, to_tile
+from lgprjax.registration.drive import (
+    BLOCK_SCANS,
+    LiveBlock,
+    blank_fixes,
+    fixes_to_map,
+    live_chain,
+)
+from lgprjax.registration.fix import Code, Fix
+from lgprjax.registration.labels import covariance_beside_match, with_covariance
+from lgprjax.registration.live import LiveScans, Operators, Track
+from lgprjax.registration.match import score_truth
+from lgprjax.registration.near import Search, match_near, search_of
+from lgprjax.registration.options import RegisterOptions
+from lgprjax.registration.policy import Outcome, Policy, Turn, first_lock, next_lock, next_turn
+from lgprjax.registration.prepared import Aspect, PreparedGround
+from lgprjax.registration.tracking_ground import in_map, one_of_each_size
+from lgprjax.subsurface import GroundMap
+
+
+class TrackedFixes(NamedTuple):
+    """Fixes of consecutive scans as ``DriveFixes`` has them, and the rung that each was searched on.
+
+    Attributes:
+        beside_match: see ``DriveFixes``.
+        rung: number in the ladder; -1 where the scan was not searched.
+    """
+
+    scan: Int[np.ndarray, " scan"]
+    fix: Fix
+    correlation_at_truth: Float[np.ndarray, " scan"]
+    beside_match: Float[np.ndarray, "scan 2 2"]
+    rung: Int[np.ndarray, " scan"]
+
+
+class _Anchor(NamedTuple):
+    """The last ok fix: where the rear axle was, and what dead reckoning said there."""
+
+    axle_m: Float[np.ndarray, "2"]
+    reckoned_m: Float[np.ndarray, "2"]
+
+
+class Tracker:
+    """One drive's search, scan after scan.
+
+    Position is carried from the last ok fix by odometry and heading; before the first fix, and in turns when lost (see
+    ``policy.next_turn``), it is the log's own prior. Heading, roll and height are always the log's. Only ok fixes move
+    the prior. A wrong one is left again: the place it was taken for does not go on matching, the region widens with
+    the scans that do not and with the travel, and it held the true place when the fix was made; where the ground
+    repeats itself, the log's prior raises the doubt (see ``policy.next_lock``).
+
+    Args:
+        ground: from ``tracking_ground`` with the same options.
+        operators: of the drive, for the map.
+        array: geometry of the drive.
+        options: the search; ``search_m`` is how far the log's prior may be wrong.
+    """
+
+    def __init__(self, ground: GroundMap, operators: Operators, array: ArrayGeometry, options: RegisterOptions) -> None:
+        self._ground = ground
+        self._operators = operators
+        self._array = array
+        self._options = options
+        self._policy = Policy.of(options, ground.description.settings.wavelength_m)
+        self._prepared = PreparedGround(ground, array)
+        self._chain = live_chain(ground, operators, len(array.x_m), options.window_m)
+        self._searches = [search_of(rung, self._prepared, options) for rung in self._policy.ladder]
+        self._centre = np.array(centre_of(array))
+        self.lock = first_lock(self._policy)
+        self._anchor: _Anchor | None = None
+        self._start_m: float | None = None
+        self._path_m = 0.0
+
+    def warm_up(self, *, truth: bool = False) -> None:
+        """Compile all that a drive will need: the chain, tiles of every size of station set, every rung.
+
+        Args:
+            truth: blocks will bring true poses.
+        """
+        channels, recorded = len(self._array.x_m), self._operators(1.0).shape[0]
+        still = np.zeros(BLOCK_SCANS)
+        chain = live_chain(self._ground, self._operators, channels, self._options.window_m)
+        tiles = one_of_each_size(self._ground)
+        frame = self._ground.frame(tiles[0])
+        pose = np.tile([frame[0], frame[1], self._array.height_m, frame[2], 0.0], (BLOCK_SCANS, 1))
+        blank = np.zeros((BLOCK_SCANS, channels, recorded), np.float32)
+        scans, _ = chain.feed(
+            blank, np.ones((BLOCK_SCANS, channels), bool), Track(pose, still, still, still), BLOCK_SCANS
+        )
+        for tile in tiles:
+            for direction in (0, 1, -1):
+                self._prepared.at(Aspect(tile, direction, 0, 0))
+        aspect = Aspect(tiles[0], 1, 0, 0)
+        for search in self._searches:
+            batch = self._batch(search, aspect, scans, 0)
+            self._match(search, aspect, batch)
+            if truth:
+                self._at_truth(aspect, batch, pose[:1])
+
+    def feed(self, block: LiveBlock) -> TrackedFixes:
+        """Search every scan of a block, at most ``BLOCK_SCANS`` of them, each from what the one before it gave."""
+        scans, first = self._chain.feed(block.traces, block.valid, block.track, BLOCK_SCANS, block.time_scale)
+        if self._start_m is None:
+            self._start_m = self._path_m = float(scans.path_m[first])
+        count = len(scans.number) - first
+        fixes, at_truth = blank_fixes(count), np.full(count, np.nan)
+        rungs, tiles = np.full(count, -1), np.full(count, -1)
+        logged = scans.track.pose
+        tried = scans._replace(track=scans.track._replace(pose=logged.copy()))
+        for row in range(count):
+            at = first + row
+            if scans.path_m[at] - self._start_m + 1e-6 < self._options.window_m:
+                continue
+            turn = next_turn(self.lock, self._policy)
+            search = self._searches[turn.rung]
+            centre_m = self._centre_at(scans, at, turn)
+            tried.track.pose[at, :2] = centre_m
+            rungs[row] = turn.rung
+            tile = self._ground.tile_near(centre_m, search.options.search_m)
+            code, strength, astray_m = int(Code.OFF_MAP), -1.0, 0.0
+            if tile is not None:
+                tiles[row] = tile
+                here = np.array([at])
+                aspect = self._prepared.aspects(np.array([tile]), tried.track, here)[0][0]
+                batch = self._batch(search, aspect, tried, at)
+                found = self._match(search, aspect, batch)
+                for whole, part in zip(fixes, found, strict=True):
+                    whole[row] = part[0]
+                if block.truth is not None:
+                    at_truth[row] = self._at_truth(aspect, batch, block.truth[row : row + 1])
+                code, strength = int(found.code[0]), float(found.correlation[0]) * float(found.overlap[0]) ** 0.5
+                if code == Code.OK:
+                    place_m = in_map(np.asarray(found.pose[0, :2]), self._ground.frame(tile))
+                    astray_m = float(np.hypot(*(place_m - logged[at, :2])))
+                    self._anchor = _Anchor(self._axle(place_m, float(logged[at, 3]), -1.0), scans.dead_reckoned_m[at])
+            else:
+                fixes.code[row] = code
+            travelled_m = float(scans.path_m[at]) - self._path_m
+            self._path_m = float(scans.path_m[at])
+            self.lock = next_lock(self.lock, Outcome(code, strength, travelled_m, astray_m), self._policy)
+        variance = self._in_map(fixes, tiles)
+        return TrackedFixes(scans.number[first:], fixes, at_truth, variance, rungs)
+
+    def _centre_at(self, scans: LiveScans, at: int, turn: Turn) -> Float[np.ndarray, "2"]:
+        pose = np.asarray(scans.track.pose[at])
+        if self._anchor is None or turn.about_log:
+            return pose[:2]
+        axle_m = self._anchor.axle_m + scans.dead_reckoned_m[at] - self._anchor.reckoned_m
+        return self._axle(np.asarray(axle_m), float(pose[3]), 1.0)
+
+    def _axle(self, place_m: Float[np.ndarray, "2"], yaw_rad: float, sign: float) -> Float[np.ndarray, "2"]:
+        """From the rear axle to the array's centre, or back: odometry is the axle's."""
+        x_m, y_m = sign * self._centre
+        cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+        return np.asarray(place_m + np.array([cos * x_m - sin * y_m, sin * x_m + cos * y_m]))
+
+    def _batch(self, search: Search, aspect: Aspect, scans: LiveScans, at: int) -> Batch:
+        frame, height_m = self._ground.frame(aspect.tile), self._ground.source.height_reference_m[aspect.tile]
+        return search.layout.batch_of(self._prepared, scans, np.array([at]), frame, float(height_m), search.options)
+
+    def _match(self, search: Search, aspect: Aspect, batch: Batch) -> Fix:
+        ready = self._prepared.at(aspect)
+        found: Fix = jax.device_get(
+            match_near(
+                ready.columns,
+                self._ground.components,
+                ready.tile,
+                *batch,
+                search.rules,
+                np.float32(self._ground.source.height_reference_m[aspect.tile]),
+                self._ground.basis.angular_frequency_rad_per_ns,
+                places=search.places,
+                spec=search.layout.spec,
+            )
+        )
+        return found
+
+    def _at_truth(self, aspect: Aspect, batch: Batch, truth: Float[np.ndarray, "1 5"]) -> float:
+        scored = score_truth(
+            self._prepared.at(aspect).tile,
+            *batch,
+            to_tile(truth, self._ground.frame(aspect.tile)).astype(np.float32),
+            np.float32(self._ground.source.height_reference_m[aspect.tile]),
+            self._ground.basis.angular_frequency_rad_per_ns,
+        )
+        return float(scored[0])
+
+    def _in_map(self, fixes: Fix, tiles: Int[np.ndarray, " scan"]) -> Float[np.ndarray, "scan 2 2"]:
+        """Bring fixes of tiles' frames to the map's, and say what their covariances hold beside the match's."""
+        beside = np.full((len(tiles), 2, 2), np.nan)
+        for tile in np.unique(tiles[tiles >= 0]):
+            rows = np.flatnonzero(tiles == tile)
+            part = fixes_to_map(Fix(*(np.asarray(field)[rows] for field in fixes)), self._ground.frame(int(tile)))
+            aspect = Aspect(int(tile), 0, 0, 0)
+            beside[rows] = covariance_beside_match(self._prepared, aspect, part, self._options)
+            for whole, moved in zip(fixes, with_covariance(part, beside[rows]), strict=True):
+                whole[rows] = moved
+        return beside
+
+
+def warm_up(
+    ground: GroundMap, operators: Operators, array: ArrayGeometry, options: RegisterOptions, *, truth: bool = False
+) -> None:
+    """Compile every rung of a drive's search; arguments as for ``Tracker`` and its ``warm_up``."""
+    Tracker(ground, operators, array, options).warm_up(truth=truth)
+
+
+def track_drive(
+    ground: GroundMap,
+    operators: Operators,
+    array: ArrayGeometry,
+    blocks: Iterable[LiveBlock],
+    options: RegisterOptions,
+) -> Iterator[TrackedFixes]:
+    """Fixes of every scan of a drive, tracked; block by block. Arguments as for ``Tracker``.
+
+    What ``register_drive`` gives, but a fix depends on the fixes before it.
+    """
+    tracker = Tracker(ground, operators, array, options)
+    for number, block in enumerate(blocks):
+        if number == 0:
+            tracker.warm_up(truth=block.truth is not None)
+        yield tracker.feed(block)
