@@ -13,6 +13,7 @@ from lgprjax.formats import DriveLog, MapFile
 from lgprjax.registration import Outcomes, RegisterOptions, Thresholds, Track, calibrate, joined, outcomes_of
 
 _OPEN = Thresholds(strength=0.0, margin=0.0, margin_by_chance=0.0, overlap=0.8)
+_LEAST_RIGHT = 0.5
 _APART = 2.0
 """A false place lies at least this many search squares from the true one."""
 
@@ -42,7 +43,7 @@ def try_drives(
         progress: told the number of scans done since the last call; each scan is done twice.
 
     Raises:
-        InputError: a drive is too short to be led elsewhere.
+        InputError: a drive is too short to be led elsewhere, or does not lie on the map's ground.
     """
     search = RegisterOptions(
         search_m=options.search_m, window_m=options.window_m, time_scale=options.time_scale, own_thresholds=_OPEN
@@ -50,15 +51,17 @@ def try_drives(
     true, false = [], []
     for log in logs:
         own = register_log(source, log, search, progress)
-        true.append(_outcomes(own, log, led_astray=False))
-        if true[-1].right.any():
-            # Elsewhere the same time scale holds: finding one for ground that does not match would only be chance.
-            known = RegisterOptions(**{**vars(search), "time_scale": _common_scale(own)})
-            apart_m = _APART * 2.0 * options.search_m + options.window_m
-            other = register_log(source, log, known, progress, partial(_elsewhere, log=log, apart_m=apart_m))
-            false.append(_outcomes(other, log, led_astray=True))
-    if not false:
-        raise InputError(source.path, "drives", "a drive over the ground of this map", "none that matches it anywhere")
+        outcomes = _outcomes(own, log, led_astray=False)
+        share = float(np.mean(outcomes.right)) if len(outcomes.right) else 0.0
+        if share < _LEAST_RIGHT:
+            expected = f"a drive over the ground of {source.path.name}, half of its matches or more at their places"
+            raise InputError(log.path, "drive", expected, f"{share:.0%} of {len(outcomes.right)} matches")
+        true.append(outcomes)
+        # Elsewhere the same time scale holds: finding one for ground that does not match would only be chance.
+        known = RegisterOptions(**{**vars(search), "time_scale": _common_scale(own)})
+        apart_m = _APART * 2.0 * options.search_m + options.window_m
+        other = register_log(source, log, known, progress, partial(_elsewhere, log=log, apart_m=apart_m))
+        false.append(_outcomes(other, log, led_astray=True))
     return Trials(joined(true), joined(false))
 
 
