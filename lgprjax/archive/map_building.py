@@ -18,6 +18,7 @@ from lgprjax.frames import LocalFrame
 from lgprjax.radar import (
     ChainSettings,
     apply_operator,
+    centre_of,
     coherence_gain,
 )
 from lgprjax.subsurface import (
@@ -184,8 +185,15 @@ def _pitch(log: DriveLog) -> float:
 
 
 def _position_sigma_m(log: DriveLog) -> float | None:
-    """Root mean square of what the drive's navigation says of its east and north; None where it says nothing."""
-    said = [
-        s for s in (log.description.navigation.sigma_east_m, log.description.navigation.sigma_north_m) if s is not None
-    ]
-    return float(np.sqrt(np.mean(np.stack(said) ** 2))) if len(said) == 2 else None
+    """What the drive's navigation says of the array's places, root mean square over the drive and both axes.
+
+    An error of heading swings the array about the body's origin. None where navigation says nothing.
+    """
+    navigation = log.description.navigation
+    if navigation.sigma_east_m is None or navigation.sigma_north_m is None:
+        return None
+    variance = 0.5 * (np.mean(navigation.sigma_east_m**2) + np.mean(navigation.sigma_north_m**2))
+    if navigation.sigma_heading_deg is not None:
+        lever_m = np.hypot(*centre_of(log.description.array))
+        variance += 0.5 * lever_m**2 * np.mean(np.radians(navigation.sigma_heading_deg) ** 2)
+    return float(np.sqrt(variance))

@@ -164,7 +164,7 @@ def test_a_map_of_both(site: Site, sweeps: dict[str, Path], traces: Path, tmp_pa
 def test_without_its_calibration_channel_a_drive_is_lost(
     sweeps: dict[str, Path], sweep_map: Path, tmp_path: Path
 ) -> None:
-    """The drift is no decoration: divided by one calibration sweep for all scans, the drive is hardly located."""
+    """The drift is no decoration: divided by one calibration sweep for all scans, half of the drive is lost."""
     path = tmp_path / "frozen.drive.h5"
     with DriveLog.open(sweeps["live"]) as log:
         recorded, calibration, _ = log.read_sweeps(0, log.scans)
@@ -172,7 +172,7 @@ def test_without_its_calibration_channel_a_drive_is_lost(
             writer.append_sweeps(log.scan_time_s, recorded, np.repeat(calibration[:1], log.scans, axis=0))
     share = np.mean(np.asarray(registered(sweep_map, path).fix.code) == Code.OK)
     print(f"without the calibration channel: {share:.3f} ok")
-    assert share < 0.3
+    assert share < 0.5  # with the channel 0.94
 
 
 def test_faults_say_so_and_disturb_nobody(sweeps: dict[str, Path], sweep_map: Path, tmp_path: Path) -> None:
