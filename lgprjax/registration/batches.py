@@ -17,7 +17,6 @@ from lgprjax.registration.prepared import PreparedGround
 _SINGLES = 64
 _WINDOWS = 64
 _FINE = 0.3  # of the wavelength, from scan to scan of a window for the finish
-_FEW_CHANNELS = 3  # an array of no more is finished on every station that a map could have: it has little else
 
 
 class Batch(NamedTuple):
@@ -54,8 +53,8 @@ class WindowLayout:
             count = ends or _SINGLES
             return WindowLayout(0.0, 1.0, 1.0, count, count, MatchSpec(swarm=options.swarm))
         coarse_m = max(float(prepared.step_m[0]), settings.step_m)
-        few = len(prepared.array.x_m) <= _FEW_CHANNELS
-        fine_m = settings.step_m if few else max(_FINE * settings.wavelength_m, settings.step_m)
+        # Few channels are finished on every station that a map could have: they have little else.
+        fine_m = max(0.0 if prepared.few_channels else _FINE * settings.wavelength_m, settings.step_m)
         border = tuple(int(np.ceil(window_m / step)) + 1 for step in prepared.step_m)
         # Windows share the scans at whole steps: those of one window, and as many new ones.
         count = ends or _WINDOWS

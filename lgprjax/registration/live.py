@@ -183,9 +183,10 @@ def window_members(
 ) -> Int[np.ndarray, "batch member"]:
     """Indices of the scans of each window: its last one, then those at every whole ``step_m`` of the path behind it.
 
-    The steps are the path's, not the window's, so that windows one scan apart share their scans.
+    The steps are the path's, not the window's, so that windows one scan apart share their scans; the farthest lies up
+    to half a step more than the window behind.
     """
-    count = max(0, int(window_m / step_m - 0.5 + 1e-6))
+    count = int(window_m / step_m + 1e-6)
     path_m = scans.path_m
     newest = np.ceil(path_m[at] / step_m - 0.5) - 1.0
     wanted = (newest[:, None] - np.arange(count)) * step_m

@@ -27,7 +27,8 @@ normal with the half width as three sigma."""
 CLIMB_STEPS = 3
 """Poses measured on a climb: two steps from a coarse place reach the centimetre."""
 
-_LARGEST_STEP = (0.06, 0.06, 0.04, 0.035, 0.03, 0.03)  # metres and radians
+_LARGEST_STEP = (1.5, 1.5, 0.04, 0.035, 0.03, 0.03)
+"""Of place in cells along the tile, which are a tenth of a wavelength; of the rest in metres and radians."""
 _RIDGE = 1e-5  # share of its diagonal that a step's matrix gets on top
 
 
@@ -78,7 +79,7 @@ def climb(
     live_power = jnp.sum(template.coefficients**2, axis=-1)
     held = jnp.asarray(PRIOR, dtype=jnp.float32)[None] / half_width**2
     pull = held.at[:, :2].set(0.0)
-    cap = jnp.asarray(_LARGEST_STEP, dtype=jnp.float32)[None]
+    cap = jnp.asarray(_LARGEST_STEP, dtype=jnp.float32).at[:2].multiply(tile.cell_m[0])[None]
     traces = jnp.maximum(jnp.sum(template.valid, axis=-1, dtype=jnp.float32), 1.0)
     rate = angular_frequency_rad_per_ns * (2.0 / LIGHT_SPEED_M_PER_NS)
     both = free[:, None] & free[None, :]

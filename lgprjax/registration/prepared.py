@@ -15,6 +15,7 @@ from lgprjax.subsurface import GroundMap, Tile
 _BIN_RAD = np.radians(6.0)
 """Headings this far apart have columns of their own: half of it moves the end channel of a wide array by 3 cm."""
 _CARRIED_M = 0.04
+_FEW_CHANNELS = 3
 _STRIDE = 0.3  # of the wavelength, from coarse place to coarse place
 
 
@@ -62,7 +63,13 @@ class PreparedGround:
         spec, _ = ground.grid_of(0)
         self._cell_m = np.array([spec.along_cell_m, spec.cross_cell_m])
         wavelength_m = description.settings.wavelength_m
-        self.stride = tuple(int(max(1, round(_STRIDE * wavelength_m / cell_m))) for cell_m in self._cell_m)
+        # A lane is at least a channel's pitch wide: places farther apart across could miss that of a lone channel.
+        step_m = _STRIDE * wavelength_m
+        steps_m = (step_m, min(step_m, description.channel_pitch_m))
+        along, cross = (int(max(1, round(s / cell_m))) for s, cell_m in zip(steps_m, self._cell_m, strict=True))
+        # Lines of few channels have few places across; their summits, of few traces, are narrow and many.
+        self.few_channels = len(array.x_m) <= _FEW_CHANNELS
+        self.stride = (1 if self.few_channels else along, cross)
         self.step_m = self._cell_m * np.array(self.stride)
         array_m = float(np.max(np.hypot(*self._body_m.T))) + 0.5
         self._margin = tuple(int(np.ceil(array_m / cell_m)) + 1 for cell_m in self._cell_m)
