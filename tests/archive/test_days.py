@@ -168,3 +168,52 @@ def test_ten_thousand_scans_of_false_ground(kind: str, tmp_path: Path) -> None:
         highest = max(highest, float(np.nanmax(strength_of(drive))))
     print(f"{kind}: {scans} scans, none ok, highest strength {highest:.3f}")
     assert scans >= 10_000
+
+
+@pytest.mark.campaign
+def test_windows_on_twenty_sites(tmp_path: Path) -> None:
+    """Sites that the thresholds were not found on; forward on every day, and the clear day's way back."""
+    rows: dict[str, list[tuple[np.ndarray, ...]]] = {}
+    for seed in range(201, 221):
+        site = DaySite(tmp_path / str(seed), seed, 45.0)
+        for what, kind in (*((day, {"day": day}) for day in DIFFICULTY), ("back", {"day": "clear", "direction": -1})):
+            path = site.drive(**kind)  # type: ignore[arg-type]
+            drive, _ = site.register(path, FOUND_SCALE if what == "rain" else WINDOWS)
+            path.unlink()
+            assert drive.truth is not None
+            fix, code = drive.fix, np.asarray(drive.fix.code)
+            # Where the array leaves the map (the way back begins there) no fix can be asked for.
+            tried = (code != Code.NO_WINDOW) & (np.asarray(fix.overlap) >= CALIBRATED.overlap)
+            ok = code == Code.OK
+            off = (np.asarray(fix.pose)[:, :2] - drive.truth[:, :2])[ok]
+            yaw = drive.truth[ok, 3]
+            cross = np.cos(yaw) * off[:, 1] - np.sin(yaw) * off[:, 0]
+            rows.setdefault(what, []).append((ok[tried], np.hypot(*off.T), cross, squared_errors(drive)))
+    for what, parts in rows.items():
+        ok, off_m, cross_m, nees = (np.concatenate(part) for part in zip(*parts, strict=True))
+        print(
+            f"{what}: {len(ok)} windows, ok {ok.mean():.4f}, wrong {np.sum(off_m > 0.3)}, cross-track RMS "
+            f"{np.sqrt(np.mean(cross_m**2)):.4f} m, squared errors {np.mean(nees) / 2:.2f}, "
+            f"within 95 %: {np.mean(nees < 5.991):.3f}"
+        )
+        assert np.mean(off_m > 0.3) <= 1e-4
+        if what in AVAILABLE:
+            assert ok.mean() >= AVAILABLE[what]
+            assert np.sqrt(np.mean(cross_m**2)) <= CROSS_M[what]
+        assert 0.8 <= np.mean(nees) / 2 <= 1.3
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("kind", ["impostor", "look-alike"])
+def test_windows_on_a_hundred_thousand_scans_of_false_ground(kind: str, tmp_path: Path) -> None:
+    scans = 0
+    for seed in range(301, 341):
+        folder = tmp_path / str(seed)
+        site = DaySite(folder, seed, 100.0, repeat_m=1.1 if kind == "look-alike" else None)
+        drive, figures = site.register(site.drive("clear", impostor=kind == "impostor"), WINDOWS)
+        assert not np.any(np.asarray(drive.fix.code) == Code.OK), f"seed {seed}"
+        scans += figures.scans
+        for path in folder.iterdir():
+            path.unlink()
+    print(f"{kind}, windows of 4 m: {scans} scans, none ok")
+    assert scans >= 100_000
