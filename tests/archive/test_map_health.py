@@ -104,7 +104,7 @@ def test_a_shifted_baseline_is_measured(damaged: MapHealth) -> None:
         mine = clear[clear["baseline"] == baseline]
         assert len(mine) >= 15
         assert float(mine["cross_m"].median()) == pytest.approx(expected, abs=0.02)
-        assert abs(float(mine["along_m"].median())) < 0.02
+        assert abs(float(mine["along_m"].median())) < 0.025
     finding = damaged.finding("offset")
     assert finding.verdict != "good"
     assert finding.value == pytest.approx(SHIFT_M, abs=0.02)
