@@ -16,10 +16,9 @@ from lgprjax.registration import (
     Code,
     Problem,
     RegisterOptions,
-    Rules,
     Template,
-    Thresholds,
     register_batch,
+    rules_of,
     search_spec_for,
     to_tile,
 )
@@ -121,13 +120,7 @@ def match_stations(
     spec = search_spec_for(
         ground, tile, uniform_array(channels, description.channel_pitch_m), _searched(options, count, step_m)
     )
-    traces = count * channels
-    rules = Rules(
-        apart_m=jnp.float32(0.6 * description.settings.wavelength_m),
-        free=jnp.asarray([True, True, True, traces > 1, channels > 1, False]),
-        thresholds=Thresholds(*(jnp.float32(value) for value in options.thresholds)),
-        seed=jnp.uint32(options.seed),
-    )
+    rules = rules_of(description.settings.wavelength_m, channels, count * channels, options)
     half_width = np.array([options.search_m, options.search_m, options.height_m, np.radians(1.0), np.radians(1.5)])
     parts = []
     for low in range(0, len(stations), _LANES):

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array
 
 from lgprjax.bench.hard_set import CHANNELS, SAMPLES, load_hard_set
-from lgprjax.bench.peers.this_project import _CHUNK, _STARTS, _Search
+from lgprjax.bench.peers.this_project import CHUNK, STARTS, Search
 from lgprjax.bench.programs import hold_to
 from lgprjax.registration import MatchSpec
 from lgprjax.registration.places import PlaceScores, find_summits, products_at_places, single_scores
@@ -29,7 +29,7 @@ _GEMM = 1024
 _MEMORY_MB = 256
 
 
-def profile(search: _Search, count: int) -> dict[str, float]:
+def profile(search: Search, count: int) -> dict[str, float]:
     """Milliseconds a scan of the stages of ``count`` scans on the first map, of the whole, and of the floor."""
     own = np.resize(np.flatnonzero(search.hard_set.map_index == 0), count)
     search.prepare(0)
@@ -112,8 +112,8 @@ def main() -> None:
     parser.add_argument("--batch", action="store_true", help="a chunk of scans instead of one")
     chosen = parser.parse_args()
     hold_to(chosen.threads)
-    search = _Search(load_hard_set(chosen.hard_set), MatchSpec(summits=_STARTS), _STRIDE, chosen.threads)
-    figures = profile(search, _CHUNK if chosen.batch else 1)
+    search = Search(load_hard_set(chosen.hard_set), MatchSpec(summits=STARTS), _STRIDE, chosen.threads)
+    figures = profile(search, CHUNK if chosen.batch else 1)
     chosen.out.write_text(json.dumps(figures) + "\n", encoding="utf-8")
 
 

@@ -133,7 +133,7 @@ class MapFile:
             channels=int(traces.shape[1]),
             tile_spacing_m=self._number("tile_spacing_m"),
             gain=store["gain"][()],
-            label_sigma_m=_label_sigmas(provenance),
+            label_sigma_m=_label_sigmas(provenance, 1 + int(store["baselines/drive"][()].max())),
         )
         self.provenance = provenance
         self.pose: Float[np.ndarray, "scan 5"] = store["baselines/pose"][()]
@@ -193,8 +193,10 @@ class MapFile:
         return float(value)
 
 
-def _label_sigmas(provenance: dict[str, object]) -> tuple[float, ...]:
-    """What the baselines' navigation said of its positions; 0 where the map, or the drive, does not say."""
+def _label_sigmas(provenance: dict[str, object], drives: int) -> tuple[float, ...]:
+    """What each baseline's navigation said of its positions; 0 where the map, or the drive, does not say."""
     inputs = provenance.get("inputs")
     rows = inputs if isinstance(inputs, list) else []
-    return tuple(float(row.get("position_sigma_m") or 0.0) if isinstance(row, dict) else 0.0 for row in rows)
+    said = [row.get("position_sigma_m") if isinstance(row, dict) else None for row in rows]
+    known = [float(v) if isinstance(v, int | float) and 0.0 <= v < float("inf") else 0.0 for v in said[:drives]]
+    return tuple(known + [0.0] * (drives - len(known)))

@@ -1,5 +1,6 @@
 """Thresholds as a small TOML file, with what they were found on."""
 
+import json
 import tomllib
 from pathlib import Path
 
@@ -34,7 +35,8 @@ def write_thresholds(
     lines = [f'schema = "{_SCHEMA}"', 'version = "1.0"', f"window_m = {window_m!r}", f"search_m = {search_m!r}", ""]
     lines += ["[thresholds]", *(f"{name} = {float(thresholds[name])!r}" for name in _NAMES), "", "[found_on]"]
     for name, value in found_on.items():
-        lines.append(f'{name} = "{value}"' if isinstance(value, str) else f"{name} = {value!r}")
+        # A JSON string is a TOML string: names of files may hold quotes.
+        lines.append(f"{name} = {json.dumps(value)}")
     with atomic_output(path, force) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 

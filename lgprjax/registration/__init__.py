@@ -13,7 +13,7 @@ from lgprjax.registration.drive import (
     probe_strengths,
     register_drive,
 )
-from lgprjax.registration.finish import Region, Rules
+from lgprjax.registration.finish import Region, Rules, rules_of
 from lgprjax.registration.fix import WRONG_M, Code, Fix
 from lgprjax.registration.integrity import Thresholds, default_thresholds
 from lgprjax.registration.live import LiveChain, Operators, Track, templates_of
@@ -65,6 +65,7 @@ __all__ = [
     "probe_strengths",
     "register_batch",
     "register_drive",
+    "rules_of",
     "score_poses",
     "search_spec_for",
     "squared_errors",

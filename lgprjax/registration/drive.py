@@ -9,9 +9,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from lgprjax.radar import ArrayGeometry
 from lgprjax.registration.batches import WindowLayout, to_tile
-from lgprjax.registration.finish import Rules
+from lgprjax.registration.finish import Rules, rules_of
 from lgprjax.registration.fix import Code, Fix
-from lgprjax.registration.integrity import Thresholds
 from lgprjax.registration.labels import covariance_beside_match, with_covariance
 from lgprjax.registration.live import LiveChain, LiveScans, Operators, Track
 from lgprjax.registration.match import match_scans, score_truth
@@ -85,7 +84,8 @@ def live_chain(ground: GroundMap, operators: Operators, channels: int, window_m:
         ground.basis,
         track_filter_m=ground.description.settings.track_filter_m,
         channels=channels,
-        history_m=window_m + 1.0,
+        # The farthest scan of a window may stand half a step beyond it.
+        history_m=window_m + 1.0 + ground.description.settings.step_m,
     )
 
 
@@ -249,14 +249,9 @@ def register_at(
 
 def rules_for(prepared: PreparedGround, options: RegisterOptions) -> Rules:
     """What holds for every scan of a drive."""
-    several = len(prepared.array.x_m) > 1
-    return Rules(
-        apart_m=jnp.float32(0.6 * prepared.ground.description.settings.wavelength_m),
-        # One channel sees no roll, and one trace no heading.
-        free=jnp.asarray([True, True, True, several or options.window_m > 0.0, several, options.pitch_deg > 0.0]),
-        thresholds=Thresholds(*(jnp.float32(value) for value in options.thresholds)),
-        seed=jnp.uint32(options.seed),
-    )
+    channels = len(prepared.array.x_m)
+    traces = channels if options.window_m <= 0.0 else 2 * channels
+    return rules_of(prepared.ground.description.settings.wavelength_m, channels, traces, options)
 
 
 def fixes_to_map(fix: Fix, frame: Float[np.ndarray, "3"]) -> Fix:

@@ -11,6 +11,7 @@ from lgprjax.registration.correlation import OFF_MAP_SCORE, Template
 from lgprjax.registration.fix import Fix
 from lgprjax.registration.integrity import Thresholds, independent_numbers, judge
 from lgprjax.registration.newton import CLIMB_STEPS, Summit, climb, covariance_of
+from lgprjax.registration.options import RegisterOptions
 from lgprjax.registration.places import Summits
 from lgprjax.registration.swarm_finish import swarm_poses
 from lgprjax.subsurface import Tile
@@ -47,6 +48,16 @@ class Rules(NamedTuple):
     free: Bool[Array, "6"]
     thresholds: Thresholds
     seed: UInt32[Array, ""]
+
+
+def rules_of(wavelength_m: float, channels: int, traces: int, options: RegisterOptions) -> Rules:
+    """Rules for templates of so many traces of an array: one channel sees no roll, and one trace no heading."""
+    return Rules(
+        apart_m=jnp.float32(0.6 * wavelength_m),
+        free=jnp.asarray([True, True, True, traces > 1, channels > 1, options.pitch_deg > 0.0]),
+        thresholds=Thresholds(*(jnp.float32(value) for value in options.thresholds)),
+        seed=jnp.uint32(options.seed),
+    )
 
 
 def finish(

@@ -17,9 +17,6 @@ from lgprjax.registration.correlation import OFF_MAP_SCORE, Template, normalise,
 from lgprjax.registration.trace_sums import Heard, hear_traces, leads_off_map, normal_equations, trace_sums
 from lgprjax.subsurface import Tile
 
-DEGREES = ("along", "cross", "height", "yaw", "roll", "pitch")
-"""Degrees of freedom in their order; a pose has the first five."""
-
 PRIOR = (3.0, 3.0, 9.0, 9.0, 9.0, 9.0)
 """Information of the prior, per squared half width of the region: position uniform within it, attitude and height
 normal with the half width as three sigma."""

@@ -8,9 +8,7 @@ from jaxtyping import Float
 from lgprjax.registration.drive import ground_map_for
 from lgprjax.registration.options import RegisterOptions
 from lgprjax.registration.policy import Policy
-from lgprjax.subsurface import GroundMap, SpatialIndex, StationSource
-
-_FEWEST_STATIONS = 64
+from lgprjax.subsurface import GroundMap, StationSource, padded_stations
 
 
 def tracking_ground(source: StationSource, options: RegisterOptions) -> GroundMap:
@@ -21,16 +19,9 @@ def tracking_ground(source: StationSource, options: RegisterOptions) -> GroundMa
 
 def one_of_each_size(ground: GroundMap) -> list[int]:
     """A tile for every padded number of stations that a tile of the map is gridded from."""
-    description, source = ground.description, ground.source
-    index = SpatialIndex(source.pose[:, :2], 8.0)
     found: dict[int, int] = {}
-    for tile, frame in enumerate(source.tile_frame):
-        spec, origin_m = ground.grid_of(tile)
-        size_m = np.array([spec.along_cell_m * spec.along_cells, spec.cross_cell_m * spec.cross_cells])
-        array_m = 0.5 * description.channels * description.channel_pitch_m
-        reach_m = 0.5 * float(np.hypot(*size_m)) + array_m + 4.0 * spec.cross_spread_m
-        stations = len(index.near(in_map(origin_m + 0.5 * size_m, frame), reach_m))
-        found.setdefault(max(_FEWEST_STATIONS, 1 << max(0, stations - 1).bit_length()), tile)
+    for tile in range(len(ground.source.tile_frame)):
+        found.setdefault(padded_stations(len(ground.stations_under(tile))), tile)
     return list(found.values())
 
 

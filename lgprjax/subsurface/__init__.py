@@ -2,7 +2,7 @@
 
 from lgprjax.subsurface.components import leading_components
 from lgprjax.subsurface.grid import GridSpec, TraceSet, grid_spec, grid_traces
-from lgprjax.subsurface.ground_map import GroundMap, MapDescription, Stations, StationSource
+from lgprjax.subsurface.ground_map import GroundMap, MapDescription, Stations, StationSource, padded_stations
 from lgprjax.subsurface.index import SpatialIndex, TilePlacer
 from lgprjax.subsurface.stations import (
     Coherence,
@@ -30,6 +30,7 @@ __all__ = [
     "grid_spec",
     "grid_traces",
     "leading_components",
+    "padded_stations",
     "sample_tile",
     "stations_of_drive",
 ]

@@ -206,17 +206,22 @@ class GroundMap:
             self._tiles.popitem(last=False)
         return tile
 
-    def _grid(self, number: int) -> Tile:
+    def stations_under(self, number: int) -> Int[np.ndarray, " scan"]:
+        """Numbers of the stations whose outermost antennas still reach into a tile."""
         spec, origin_m = self.grid_of(number)
         east, north, yaw = self.frame(number)
         corner = np.array([spec.along_cell_m * spec.along_cells, spec.cross_cell_m * spec.cross_cells])
         middle = origin_m + 0.5 * corner
         cos, sin = np.cos(yaw), np.sin(yaw)
         centre = np.array([east + cos * middle[0] - sin * middle[1], north + sin * middle[0] + cos * middle[1]])
-        # Stations whose outermost antennas still reach into the tile.
         array_m = 0.5 * self.description.channels * self.description.channel_pitch_m
         reach_m = 0.5 * float(np.hypot(*corner)) + array_m + 4.0 * spec.cross_spread_m
-        chosen = self._stations.near(centre, reach_m)
+        return self._stations.near(centre, reach_m)
+
+    def _grid(self, number: int) -> Tile:
+        spec, origin_m = self.grid_of(number)
+        east, north, yaw = self.frame(number)
+        chosen = self.stations_under(number)
         stations = self.source.read_stations(chosen)
         traces = _trace_set(
             stations,
@@ -253,6 +258,11 @@ class GroundMap:
         return np.maximum(low - room, -self._half_m), np.minimum(high + room, self._half_m)
 
 
+def padded_stations(stations: int) -> int:
+    """Stations that a tile's set is padded to: few sizes, each a compile."""
+    return max(64, 1 << max(0, int(stations - 1).bit_length()))
+
+
 def _trace_set(
     stations: Stations,
     pose: Float[np.ndarray, "scan 5"],
@@ -268,8 +278,7 @@ def _trace_set(
     along = position[..., 0] * cos + position[..., 1] * sin
     cross = position[..., 1] * cos - position[..., 0] * sin
     turn = np.broadcast_to((pose[:, 3] - yaw)[:, None], along.shape)
-    # A rung of 64 · 2^n stations: few shapes are ever compiled.
-    rung = max(64, 1 << max(0, int(scans - 1).bit_length()))
+    rung = padded_stations(scans)
 
     def padded(values: np.ndarray) -> Array:
         full = np.zeros((rung, *values.shape[1:]), np.float32)

@@ -13,7 +13,8 @@ from lgprjax.bench.peers import PEERS
 from lgprjax.bench.process import results_as_json
 
 PROBLEMS = 4
-SMALL = {
+SMALL: dict[str, tuple[str, ...]] = {
+    "this_project": (),
     "numba_swarm": (),
     "numba_control": ("--rank", "16"),
     "pyswarms_peer": (),

@@ -16,12 +16,12 @@ from lgprjax.pso import SwarmConfig
 from lgprjax.registration import ArrayColumns, Ends, MatchSpec, Rules, ScanSet, Thresholds, make_columns, match_scans
 from lgprjax.subsurface import Tile, leading_components
 
-_CHUNK = 57  # half of a tile's scans at 3.5 cm
+CHUNK = 57  # half of a tile's scans at 3.5 cm
 _HELD = 0.6
-_STARTS = 2
+STARTS = 2
 
 
-class _Search:
+class Search:
     """The peer's state: tiles as given, columns of the maps prepared so far."""
 
     def __init__(self, hard_set: HardSet, spec: MatchSpec, stride: tuple[int, int], threads: int = 1) -> None:
@@ -38,7 +38,7 @@ class _Search:
         nothing = Thresholds(*(jnp.float32(value) for value in (0.0, 0.0, 0.0, 0.5)))
         free = jnp.asarray([True, True, True, True, True, False])
         self.rules = Rules(jnp.float32(0.25), free, nothing, jnp.uint32(0))
-        self.ends = {count: _ends(hard_set, self.offset_m, width, count) for count in (1, _CHUNK)}
+        self.ends = {count: _ends(hard_set, self.offset_m, width, count) for count in (1, CHUNK)}
 
     def prepare(self, place: int) -> None:
         """Columns of a map."""
@@ -55,11 +55,11 @@ class _Search:
         chunks: list[Int[np.ndarray, " chunk"]] = []
         for place in np.unique(maps):
             rows = np.flatnonzero(maps == place)
-            chunks += [rows[low : low + _CHUNK] for low in range(0, len(rows), _CHUNK)]
+            chunks += [rows[low : low + CHUNK] for low in range(0, len(rows), CHUNK)]
 
         def some(rows: Int[np.ndarray, " chunk"]) -> Float[np.ndarray, "chunk 5"]:
-            full = problems[np.resize(rows, _CHUNK)]
-            return np.asarray(self._found(int(maps[rows[0]]), self.hard_set.scans[full], _CHUNK))[: len(rows)]
+            full = problems[np.resize(rows, CHUNK)]
+            return np.asarray(self._found(int(maps[rows[0]]), self.hard_set.scans[full], CHUNK))[: len(rows)]
 
         out = np.empty((len(problems), 5), np.float32)
         for rows, pose in zip(chunks, self.pool.map(some, chunks), strict=True):
@@ -152,11 +152,11 @@ def build(hard_set: HardSet, chosen: argparse.Namespace) -> Peer:
     """The peer on a hard set."""
     swarm = SwarmConfig(*chosen.swarm) if chosen.swarm else None
     # A swarm takes the better coarse summit's side itself: one start more would double its cost.
-    spec = MatchSpec(summits=_STARTS, swarm=swarm)
-    search = _Search(hard_set, spec, tuple(chosen.stride), chosen.threads)
+    spec = MatchSpec(summits=STARTS, swarm=swarm)
+    search = Search(hard_set, spec, tuple(chosen.stride), chosen.threads)
     name = "columns, swarm {}x{}".format(*chosen.swarm) if chosen.swarm else "columns, Gauss-Newton"
     places = np.prod([-(-side // step) for side, step in zip(hard_set.ground.shape[1:3], chosen.stride, strict=True)])
-    finish = _STARTS * (swarm.particles * (swarm.iterations + 1) if swarm else 4)
+    finish = STARTS * (swarm.particles * (swarm.iterations + 1) if swarm else 4)
     evaluations = spec.heights * int(places) + finish
     return Peer("this_project", name, evaluations, search.prepare, search.locate, search.locate_all)
 
