@@ -9,7 +9,7 @@ from lgprjax.archive.map_findings import MapFinding, RouteInterval
 from lgprjax.archive.map_health import MapHealth, verify_map
 from lgprjax.archive.map_survey import places_of
 from lgprjax.archive.recordings import SweepDrive, TraceDrive, recording_of
-from lgprjax.archive.registering import RegisteredDrive, register_log, write_registered
+from lgprjax.archive.registering import RegisteredDrive, passes_over, register_log, write_registered
 from lgprjax.archive.tracks import DriveTrack, poses_of, track_of_drive
 from lgprjax.archive.verdicts import HealthFigure, Stretch, Verdict
 
@@ -37,6 +37,7 @@ __all__ = [
     "file_hash",
     "fix_example",
     "labels_of",
+    "passes_over",
     "places_of",
     "poses_of",
     "recording_of",

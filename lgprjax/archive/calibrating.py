@@ -40,7 +40,7 @@ def try_drives(
         source: the map.
         logs: drives over it.
         options: the search; its thresholds do not matter.
-        progress: told the number of scans done since the last call; each scan is done twice.
+        progress: told the number of scans done since the last call: of each drive ``passes_over`` it, and once more.
 
     Raises:
         InputError: a drive is too short to be led elsewhere, or does not lie on the map's ground.

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from lgprjax import __version__
 from lgprjax.archive.depth_levels import live_operators
 from lgprjax.archive.map_building import file_hash
-from lgprjax.archive.moisture import find_time_scales
+from lgprjax.archive.moisture import SCALES, find_time_scales
 from lgprjax.archive.recordings import recording_of
 from lgprjax.archive.tracks import DriveTrack, poses_of, track_of_drive
 from lgprjax.formats import DriveLog, MapFile, write_fixes
@@ -82,6 +82,11 @@ def live_blocks(
         )
 
 
+def passes_over(options: RegisterOptions) -> int:
+    """How often a drive's scans are gone through: once, and once for every time scale that is tried."""
+    return 1 + (len(SCALES) if options.time_scale is None else 0)
+
+
 def register_log(
     source: MapFile,
     log: DriveLog,
@@ -97,7 +102,7 @@ def register_log(
         source: the database.
         log: the drive.
         options: the search.
-        progress: told the number of scans done since the last call.
+        progress: told the number of scans done since the last call; ``passes_over`` a drive in all.
         led_to: changes where the vehicle believes to be, to see what is said of ground that cannot match.
 
     Raises:
@@ -114,7 +119,7 @@ def register_log(
     beside: list[Float[np.ndarray, "scan 2 2"]] = []
     rungs: list[Int[np.ndarray, " scan"]] = []
     operators = live_operators(source, log, moved.track)
-    time_scale = _time_scales(source, log, moved.track, operators, options)
+    time_scale = _time_scales(source, log, moved.track, operators, options, progress)
     blocks = live_blocks(log, moved.track, truth, time_scale=time_scale)
     follow = track_drive if options.track else register_drive
     for fixes in follow(ground, operators, log.description.array, blocks, options):
@@ -141,11 +146,16 @@ def register_log(
 
 
 def _time_scales(
-    source: MapFile, log: DriveLog, track: Track, operators: Operators, options: RegisterOptions
+    source: MapFile,
+    log: DriveLog,
+    track: Track,
+    operators: Operators,
+    options: RegisterOptions,
+    progress: Callable[[int], None],
 ) -> Float[np.ndarray, " scan"] | None:
     """Of every scan: as given, or found along the drive; None where it is 1."""
     if options.time_scale is None:
-        return find_time_scales(source, log, track, operators, options)
+        return find_time_scales(source, log, track, operators, options, progress)
     return None if options.time_scale == 1.0 else np.full(log.scans, options.time_scale)
 
 

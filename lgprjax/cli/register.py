@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from tyro.conf import Positional, arg
 
-from lgprjax.cli.errors import UsageError, require_files
+from lgprjax.cli.errors import require_files
 from lgprjax.cli.progress import console, progress_bar, working
+from lgprjax.cli.search_options import check_region, check_search
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -57,11 +58,7 @@ class Register:
         from lgprjax.report import summary_table
 
         require_files(self.drives, "drives")
-        for name, value, least in (("--search-m", self.search_m, 1e-3), ("--window-m", self.window_m, 0.0)):
-            if not (np.isfinite(value) and least <= value <= 1e4):
-                raise UsageError(f"{name}: expected a length in metres, found {value:g}")
-        if self.time_scale != "auto" and not 0.5 <= self.time_scale <= 2.0:
-            raise UsageError(f"--time-scale: expected auto or 0.5 to 2, found {self.time_scale:g}")
+        check_search(self.search_m, self.window_m, self.time_scale)
         if self.json is not None and self.json.exists() and not self.force:
             raise InputError(self.json, "output", "a new file, or --force", "the file exists")
         held = None if self.thresholds is None else read_thresholds(self.thresholds, self.window_m)
@@ -103,7 +100,7 @@ def register_all(
     Args:
         impostors: names of drives that are known to lie on other ground.
     """
-    from lgprjax.archive import recording_of, register_log, track_of_drive, write_registered
+    from lgprjax.archive import passes_over, recording_of, register_log, track_of_drive, write_registered
     from lgprjax.cli.figures import write_figures
     from lgprjax.formats import DriveLog, MapFile
     from lgprjax.report import drive_section, summarise
@@ -113,12 +110,9 @@ def register_all(
         if names.count(name) > 1:
             raise InputError(name, "drives", "drives of different names", "this name twice")
     _claim(folder, names, force)
-    # Every input is opened once before any is worked on: a broken last drive must not cost the first. A region no
-    # wider than a match itself has no room for the rivals that a fix is measured by.
+    # Every input is opened once before any is worked on: a broken last drive must not cost the first.
     with MapFile.open(map_path) as source:
-        least_m = 0.9 * source.description.settings.wavelength_m
-        if options.search_m < least_m:
-            raise UsageError(f"--search-m: expected {least_m:.2g} or more on this map, found {options.search_m:g}")
+        check_region(options.search_m, source)
         for path in drives:
             with DriveLog.open(path) as log:
                 recording_of(log).operator(source.description.settings, len(source.description.gain))
@@ -128,7 +122,7 @@ def register_all(
     with MapFile.open(map_path) as source:
         for path in drives:
             with DriveLog.open(path) as log:
-                with progress_bar(f"registering {path.name}", log.scans) as progress:
+                with progress_bar(f"registering {path.name}", log.scans * passes_over(options)) as progress:
                     drive = register_log(source, log, options, progress)
                 if drive.rung is not None:
                     _print_rungs(drive.name, drive.rung)
@@ -162,6 +156,7 @@ def write_page(
         codes,
         least_correlation=float(options.thresholds.strength),
         least_margin=float(options.thresholds.margin),
+        by_chance=(float(options.thresholds.strength_by_chance), float(options.thresholds.margin_by_chance)),
         force=force,
     )
     figure = ReportFigure(

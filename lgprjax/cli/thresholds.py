@@ -1,5 +1,6 @@
 """``lgprjax thresholds``: what a fix must reach, found on one's own drives."""
 
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -9,6 +10,7 @@ from tyro.conf import Positional, arg
 
 from lgprjax.cli.errors import UsageError, require_files
 from lgprjax.cli.progress import console, progress_bar
+from lgprjax.cli.search_options import check_region, check_search
 from lgprjax.errors import InputError
 
 
@@ -39,12 +41,13 @@ class ThresholdsVerb:
 
     def run(self) -> None:
         """Calibrate."""
-        from lgprjax.archive import thresholds_from, try_drives
+        from lgprjax.archive import passes_over, thresholds_from, try_drives
         from lgprjax.cli.figures import write_figures
         from lgprjax.formats import DriveLog, MapFile, write_thresholds
         from lgprjax.registration import RegisterOptions, squared_errors
 
         require_files(self.drives, "drives")
+        check_search(self.search_m, self.window_m, self.time_scale)
         if not 1e-9 <= self.risk <= 0.01:
             raise UsageError(f"--risk: expected a probability of 1e-9 to 0.01, found {self.risk:g}")
         for output in (self.output, self.json):
@@ -55,20 +58,19 @@ class ThresholdsVerb:
             window_m=self.window_m,
             time_scale=None if self.time_scale == "auto" else float(self.time_scale),
         )
-        logs = [DriveLog.open(path) for path in self.drives]
+        with ExitStack() as opened:
+            source = opened.enter_context(MapFile.open(self.map))
+            check_region(self.search_m, source)
+            logs = [opened.enter_context(DriveLog.open(path)) for path in self.drives]
+            scans = sum(log.scans for log in logs)
+            # The places where nothing can match are searched at a time scale that is known by then.
+            total = scans * (1 + passes_over(options))
+            with progress_bar("matching, at true places and at false ones", total) as told:
+                trials = try_drives(source, logs, options, told)
         try:
-            with MapFile.open(self.map) as source:
-                with progress_bar(
-                    "matching, at true places and at false ones", 2 * sum(log.scans for log in logs)
-                ) as told:
-                    trials = try_drives(source, logs, options, told)
-                try:
-                    found = thresholds_from(trials, self.risk)
-                except ValueError as error:
-                    raise InputError(self.map, "drives", "drives that tell enough", str(error)) from None
-        finally:
-            for log in logs:
-                log.close()
+            found = thresholds_from(trials, self.risk)
+        except ValueError as error:
+            raise InputError(self.map, "drives", "drives that tell enough", str(error)) from None
         right = trials.true.right
         strength, lead = (values / trials.true.scatter for values in (trials.true.strength, trials.true.margin))
         passed = right & (strength >= found.strength_by_chance) & (lead >= found.margin_by_chance)

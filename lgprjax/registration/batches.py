@@ -1,6 +1,6 @@
 """Templates of a drive as batches of few shapes: which scans, which windows, where they start their search."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,8 +14,7 @@ from lgprjax.registration.match import Ends, MatchSpec, ScanSet
 from lgprjax.registration.options import RegisterOptions
 from lgprjax.registration.prepared import PreparedGround
 
-_SINGLES = 64
-_WINDOWS = 64
+_ENDS = 64
 _FINE = 0.3  # of the wavelength, from scan to scan of a window for the finish
 
 
@@ -46,21 +45,28 @@ class WindowLayout:
 
     @staticmethod
     def of(prepared: PreparedGround, options: RegisterOptions, ends: int | None = None) -> "WindowLayout":
-        """Layout for a map and a window; ``ends`` templates a batch, or as many as pay."""
+        """Layout for a map and a window; ``ends`` templates a batch, or as many as pay and fit into memory."""
         window_m = options.window_m
         settings = prepared.ground.description.settings
         if window_m <= 0.0:
-            count = ends or _SINGLES
-            return WindowLayout(0.0, 1.0, 1.0, count, count, MatchSpec(swarm=options.swarm))
+            single = MatchSpec(swarm=options.swarm)
+            count = ends or _as_many_as_fit(prepared.places, single.heights, options, lambda count: count)
+            return WindowLayout(0.0, 1.0, 1.0, count, count, single)
         coarse_m = max(float(prepared.step_m[0]), settings.step_m)
         # Few channels are finished on every station that a map could have: they have little else.
         fine_m = max(0.0 if prepared.few_channels else _FINE * settings.wavelength_m, settings.step_m)
         border = tuple(int(np.ceil(window_m / step)) + 1 for step in prepared.step_m)
-        # Windows share the scans at whole steps: those of one window, and as many new ones.
-        count = ends or _WINDOWS
-        scans = 1 << int(count + 2.0 * window_m / fine_m).bit_length()
         spec = MatchSpec(border=(border[0], border[1]), swarm=options.swarm)
-        return WindowLayout(window_m, coarse_m, fine_m, count, scans, spec)
+
+        def scans_of(count: int) -> int:
+            # Windows share the scans at whole steps: those of one window, and as many new ones.
+            return 1 << int(count + 2.0 * window_m / fine_m).bit_length()
+
+        # A window's scans are held twice, once with a border.
+        count = ends or _as_many_as_fit(
+            prepared.places, spec.heights, options, lambda count: 2 * scans_of(count) + 2 * count
+        )
+        return WindowLayout(window_m, coarse_m, fine_m, count, scans_of(count), spec)
 
     def members(
         self, scans: LiveScans, at: Int[np.ndarray, " end"]
@@ -120,6 +126,14 @@ class WindowLayout:
                 number=jnp.asarray(scans.number[lanes], dtype=jnp.uint32),
             ),
         )
+
+
+def _as_many_as_fit(places: int, heights: int, options: RegisterOptions, held: Callable[[int], int]) -> int:
+    """Templates a batch, a power of two: ``held`` is how many surfaces of all places and heights so many take."""
+    count = _ENDS
+    while count > 1 and 4e-6 * held(count) * heights * places > options.memory_mb:
+        count //= 2
+    return count
 
 
 def to_tile(pose: Float[np.ndarray, "batch 5"], frame: Float[np.ndarray, "3"]) -> Float[np.ndarray, "batch 5"]:

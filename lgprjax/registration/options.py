@@ -24,6 +24,8 @@ class RegisterOptions:
         own_thresholds: what a fix must reach; without them the defaults for scans or windows.
         swarm: finish by a swarm of this size about each coarse summit; without it by Gauss-Newton.
         seed: of the swarm.
+        memory_mb: bound on what a batch's products at all places of a tile may take, in 10⁶ bytes; a wide search goes
+            in smaller batches. One template is always tried, whatever it takes.
         track: search about the last fix, carried on by odometry, in a region that follows the correlation.
     """
 
@@ -37,6 +39,7 @@ class RegisterOptions:
     own_thresholds: Thresholds | None = None
     swarm: SwarmConfig | None = None
     seed: int = 0
+    memory_mb: float = 256.0
     track: bool = False
 
     @property

@@ -49,6 +49,11 @@ class PreparedGround:
         ground: the map's tiles.
         array: geometry of the drive.
         keep: columns held in memory.
+
+    Attributes:
+        stride: cells of a tile from place to place, along and across; ``step_m`` is the same in metres.
+        places: of a tile.
+        few_channels: the array has so few that its search takes every cell along.
     """
 
     def __init__(self, ground: GroundMap, array: ArrayGeometry, *, keep: int = 4) -> None:
@@ -73,6 +78,8 @@ class PreparedGround:
         self.step_m = self._cell_m * np.array(self.stride)
         array_m = float(np.max(np.hypot(*self._body_m.T))) + 0.5
         self._margin = tuple(int(np.ceil(array_m / cell_m)) + 1 for cell_m in self._cell_m)
+        sides = zip((spec.along_cells, spec.cross_cells), self._margin, self.stride, strict=True)
+        self.places = int(np.prod([-(-(cells + 2 * margin) // stride) for cells, margin, stride in sides]))
 
     def aspects(
         self, tile: Int[np.ndarray, " scan"], track: Track, at: Int[np.ndarray, " scan"]

@@ -25,6 +25,7 @@ def draw_codes(
     *,
     least_correlation: float,
     least_margin: float,
+    by_chance: tuple[float, float],
     force: bool = False,
 ) -> None:
     """Draw a row a drive: histograms of correlation and margin with their thresholds, and the shares of the codes.
@@ -32,7 +33,8 @@ def draw_codes(
     Args:
         results: at least one drive.
         path: the PNG.
-        least_correlation, least_margin: what an ok fix must reach.
+        least_correlation, least_margin: what an ok fix must reach; 0 where nothing fixed is asked.
+        by_chance: and how many times what the strength scatters by in its own region, strength and lead.
         force: replace a file that exists.
 
     Raises:
@@ -62,10 +64,16 @@ def draw_codes(
             grid[0, 2].legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 0.9), ncols=3, **_COMPACT)
         write_caption(
             figure,
-            f"Dashed: thresholds, correlation {least_correlation:.2f} and margin {least_margin:.3f}; a fix must stand "
-            "in the white part of both to be ok, and lead by a multiple of what its own region scatters by. Black: an "
-            "impostor. Scans without a fix of their own (no_window) are left out.",
+            f"Dashed: thresholds, correlation {least_correlation:.2f} and margin {least_margin:.3f}; to be ok a fix "
+            f"must stand in the white part of both{_also(*by_chance)}. Black: an impostor. Scans without a fix of "
+            "their own (no_window) are left out.",
         )
+
+
+def _also(strength: float, lead: float) -> str:
+    """What else is asked, in numbers that differ from fix to fix and so have no line in the picture."""
+    asked = [f"{name} of {least:.1f}" for name, least in (("a strength", strength), ("a lead", lead)) if least > 0.0]
+    return f", and have {' and '.join(asked)} times its own region's scatter" if asked else ""
 
 
 def _shown(values: Float[np.ndarray, " scan"], result: DriveResult) -> Float[np.ndarray, " shown"]:

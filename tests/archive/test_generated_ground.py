@@ -8,8 +8,10 @@ import pytest
 from generated import Site, make_site, register_site
 from lgprjax.archive import RegisteredDrive, build_map, register_log
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording
-from lgprjax.registration import Code, RegisterOptions
+from lgprjax.registration import Code, RegisterOptions, ground_map_for
+from lgprjax.registration.batches import WindowLayout
 from lgprjax.registration.match import match_scans
+from lgprjax.registration.prepared import PreparedGround
 
 
 def programs() -> int:
@@ -63,6 +65,21 @@ def test_blocks_do_not_change_fixes(site: Site, live: RegisteredDrive, monkeypat
     assert list(other.table["code"]) == list(live.table["code"])
     off = np.abs(np.asarray(other.fix.pose)[:, :2] - np.asarray(live.fix.pose)[:, :2])
     assert np.nanmax(off) < 1e-3
+
+
+@pytest.mark.parametrize("window_m", [0.0, 0.5])
+def test_memory_bound_does_not_change_fixes(site: Site, live: RegisteredDrive, window_m: float) -> None:
+    """Codes equal and poses within 1 mm in batches of another size: other neighbours, other shapes."""
+    small = RegisterOptions(search_m=1.5, window_m=window_m, memory_mb=1.0)
+    large = RegisterOptions(search_m=1.5, window_m=window_m)
+    with MapFile.open(site.map) as source, DriveLog.open(site.logs["live"]) as log:
+        prepared = PreparedGround(ground_map_for(source, small), log.description.array)
+        sizes = [WindowLayout.of(prepared, options).ends for options in (small, large)]
+        drive = register_log(source, log, small)
+        other = live if window_m == 0.0 else register_log(source, log, large)
+    assert 1 <= sizes[0] <= sizes[1] // 2
+    assert list(other.table["code"]) == list(drive.table["code"])
+    assert np.nanmax(np.abs(np.asarray(other.fix.pose)[:, :2] - np.asarray(drive.fix.pose)[:, :2])) < 1e-3
 
 
 def test_damaged_scans_say_so_and_disturb_nobody(site: Site, live: RegisteredDrive, tmp_path: Path) -> None:

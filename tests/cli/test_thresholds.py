@@ -75,6 +75,18 @@ def test_nothing_is_overwritten_and_no_risk_is_nonsense(site: Site, calibrated: 
     assert run("thresholds", site.map, "-o", tmp_path / "x.toml") == 2
 
 
+@pytest.mark.parametrize(
+    ("option", "value"), [("--search-m", "nan"), ("--search-m", 0.1), ("--window-m", -1), ("--time-scale", 3)]
+)
+@pytest.mark.parametrize("verb", ["thresholds", "register"])
+def test_searches_that_cannot_be_are_usage_errors(
+    site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str, option: str, value: float | str
+) -> None:
+    assert run(verb, site.map, site.logs["live"], "-o", tmp_path / "x.toml", option, value) == 2
+    assert option in capsys.readouterr().err
+    assert not (tmp_path / "x.toml").exists()
+
+
 def test_a_drive_over_other_ground_calibrates_nothing(
     site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
