@@ -1,0 +1,34 @@
+"""Vehicles: steering geometry, motion, pursuit laws, actuators and sensors, rollouts along courses."""
+
+from lgprjax.vehicle.arc import VehiclePose, body_point, drive_arc
+from lgprjax.vehicle.chassis import (
+    Chassis,
+    MeasuredRear,
+    ProportionalRear,
+    Rear,
+    Turn,
+    rear_angle,
+    turn_of,
+    yaw_gain,
+    zero_slip_point,
+)
+from lgprjax.vehicle.pursuit import Steering, reverse_look_ahead_m, steer_closed, steer_exact
+
+__all__ = [
+    "Chassis",
+    "MeasuredRear",
+    "ProportionalRear",
+    "Rear",
+    "Steering",
+    "Turn",
+    "VehiclePose",
+    "body_point",
+    "drive_arc",
+    "rear_angle",
+    "reverse_look_ahead_m",
+    "steer_closed",
+    "steer_exact",
+    "turn_of",
+    "yaw_gain",
+    "zero_slip_point",
+]
