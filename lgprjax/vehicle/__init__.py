@@ -13,21 +13,28 @@ from lgprjax.vehicle.chassis import (
     zero_slip_point,
 )
 from lgprjax.vehicle.pursuit import Steering, reverse_look_ahead_m, steer_closed, steer_exact
+from lgprjax.vehicle.servo import Servo, ServoState, ideal_servo, init_servo, step_servo, torque_share
 
 __all__ = [
     "Chassis",
     "MeasuredRear",
     "ProportionalRear",
     "Rear",
+    "Servo",
+    "ServoState",
     "Steering",
     "Turn",
     "VehiclePose",
     "body_point",
     "drive_arc",
+    "ideal_servo",
+    "init_servo",
     "rear_angle",
     "reverse_look_ahead_m",
     "steer_closed",
     "steer_exact",
+    "step_servo",
+    "torque_share",
     "turn_of",
     "yaw_gain",
     "zero_slip_point",

@@ -9,7 +9,7 @@ from lgprjax.vehicle.chassis import Turn
 
 
 class VehiclePose(NamedTuple):
-    """Pose of the rear axle in a level local frame. Roll out a point that stays in the body: the zero-slip point does not.
+    """Pose of the rear axle in a level local frame: a point that stays in the body, which the zero-slip point does not.
 
     Attributes:
         x_m, y_m: position, east and north or any other level axes.

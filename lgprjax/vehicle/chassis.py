@@ -1,7 +1,7 @@
 """A counter-steered chassis: wheelbase, rear wheels that follow the front ones, and the turn that both make.
 
-Body frame x forward, y left, origin at the rear axle; angles counter-clockwise positive. The front wheels stand at φ, the
-rear wheels at −ψ(φ) with ψ ≥ 0 for φ ≥ 0: they counter-steer. ψ = kφ is the usual model, k = 0 a front-steered
+Body frame x forward, y left, origin at the rear axle; angles counter-clockwise positive. The front wheels stand at φ,
+the rear wheels at −ψ(φ) with ψ ≥ 0 for φ ≥ 0: they counter-steer. ψ = kφ is the usual model, k = 0 a front-steered
 vehicle; a measured ψ(φ) takes its place where there is one.
 """
 

@@ -1,7 +1,7 @@
 """Counter-steer pure pursuit: the front angle that takes the anchor through a goal on one arc.
 
-Goal as seen from the anchor in the body frame: ahead X = D cos η, left Y = D sin η. The anchor, l ahead of the rear axle,
-comes to the goal on the arc about the turn centre exactly when (LL eq. 2)
+Goal as seen from the anchor in the body frame: ahead X = D cos η, left Y = D sin η. The anchor, l ahead of the rear
+axle, comes to the goal on the arc about the turn centre exactly when (LL eq. 2)
 
     (D/2 + l cos η) tan φ + (D/2 + (l − L) cos η) tan ψ(φ) = L sin η / G,
 
@@ -80,8 +80,9 @@ def steer_exact(
 ) -> Steering:
     """Front angle by LL eq. 2: four Newton steps from the closed form, start and iterates clipped to the largest angle.
 
-    A goal is reachable when the left side of the equation rises with φ at 0 and at the largest angle and, there, is not
-    short of the right side. Where it is not the wheels go to the largest angle on the goal's side, and the flag says so.
+    A goal is reachable when the left side of the equation rises with φ at 0 and at the largest angle and, there, is
+    not short of the right side. Where it is not the wheels go to the largest angle on the goal's side, and the flag
+    says so.
 
     Args:
         chassis: geometry and limits.

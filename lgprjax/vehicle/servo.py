@@ -1,0 +1,105 @@
+"""The steering servo: delay, dead band, lag, rate, play, and what is left of its torque at a supply voltage.
+
+Each part is its own line of ``step_servo`` and off at its neutral value, so that a study can switch them one by one.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+class Servo(NamedTuple):
+    """A servo that turns the front wheels. Fields are scalars or one value a lane; angles are those of the wheels.
+
+    Attributes:
+        lag_s: time constant towards the command; 0 for none.
+        rate_radps: fastest turning at full torque; infinite for no limit.
+        delay_s: from a command to its first effect.
+        dead_band_rad: what the position may differ from the command by without the motor moving.
+        backlash_rad: play of the linkage, from one side to the other.
+        asymmetry: share by which turning left is faster than the mean, and right slower.
+        nominal_v: supply at which torque is full.
+        stall_v: supply at which nothing moves.
+    """
+
+    lag_s: Float[Array, "*lane"]
+    rate_radps: Float[Array, "*lane"]
+    delay_s: Float[Array, "*lane"]
+    dead_band_rad: Float[Array, "*lane"]
+    backlash_rad: Float[Array, "*lane"]
+    asymmetry: Float[Array, "*lane"]
+    nominal_v: Float[Array, "*lane"]
+    stall_v: Float[Array, "*lane"]
+
+
+class ServoState(NamedTuple):
+    """What the servo carries from step to step.
+
+    Attributes:
+        motor_rad: position of the motor, as an angle of the wheels.
+        wheel_rad: of the front wheels, behind the play.
+        waiting_rad: commands that have no effect yet, the newest first; as many as the longest delay has steps.
+    """
+
+    motor_rad: Float[Array, "*lane"]
+    wheel_rad: Float[Array, "*lane"]
+    waiting_rad: Float[Array, "slot *lane"]
+
+
+def ideal_servo(lag_s: float = 0.0, rate_radps: float = float("inf")) -> Servo:
+    """A servo with no more than a lag and a rate, at full torque whatever the supply."""
+    zero = jnp.float32(0.0)
+    return Servo(jnp.float32(lag_s), jnp.float32(rate_radps), zero, zero, zero, zero, jnp.float32(1.0), zero)
+
+
+def init_servo(wheel_rad: Float[Array, "*lane"], *, delay_slots: int = 0) -> ServoState:
+    """A servo at rest. ``delay_slots`` is static: steps of the longest delay that a servo of these lanes has."""
+    return ServoState(wheel_rad, wheel_rad, jnp.broadcast_to(wheel_rad, (delay_slots, *wheel_rad.shape)))
+
+
+def torque_share(servo: Servo, supply_v: Float[Array, "*lane"]) -> Float[Array, "*lane"]:
+    """Share of the full torque at a supply, between 0 at ``stall_v`` and 1 at ``nominal_v`` and above."""
+    return jnp.clip((supply_v - servo.stall_v) / (servo.nominal_v - servo.stall_v), 0.0, 1.0)
+
+
+def step_servo(
+    state: ServoState,
+    servo: Servo,
+    command_rad: Float[Array, "*lane"],
+    share: float | Float[Array, "*lane"],
+    step_s: float | Float[Array, ""],
+) -> ServoState:
+    """The servo after ``step_s`` of a constant command.
+
+    Against the same load a share of the torque turns the wheels at that share of the rate, and the lag grows by its
+    inverse: that is why a weak servo needs a longer look-ahead.
+
+    Args:
+        state: before.
+        servo: its parameters.
+        command_rad: wanted front angle; within the wheels' limits, which are not the servo's business.
+        share: of the full torque, from ``torque_share``.
+        step_s: time step.
+    """
+    waiting = jnp.concatenate([command_rad[None], state.waiting_rad])
+    heard = _delayed(waiting, servo.delay_s / step_s)
+    wrong = heard - state.motor_rad
+    wrong = wrong - jnp.clip(wrong, -servo.dead_band_rad, servo.dead_band_rad)
+    # The exact step of a first-order lag; without a lag all of the way at once.
+    slow = servo.lag_s > 0.0
+    decay = jnp.exp(-step_s * share / jnp.where(slow, servo.lag_s, 1.0))
+    moved = wrong * jnp.where(slow, 1.0 - decay, jnp.where(share > 0.0, 1.0, 0.0))
+    most = servo.rate_radps * share * step_s
+    motor = state.motor_rad + jnp.clip(moved, -most * (1.0 - servo.asymmetry), most * (1.0 + servo.asymmetry))
+    play = 0.5 * servo.backlash_rad
+    return ServoState(motor, jnp.clip(state.wheel_rad, motor - play, motor + play), waiting[:-1])
+
+
+def _delayed(waiting_rad: Float[Array, "slot *lane"], steps: Float[Array, "*lane"]) -> Float[Array, "*lane"]:
+    """The command of so many steps ago, linear between steps, so that a delay has a gradient; the oldest at most."""
+    heard = waiting_rad[-1]
+    for age in range(len(waiting_rad) - 2, -1, -1):
+        part = jnp.clip(steps - age, 0.0, 1.0)
+        heard = jnp.where(steps < age + 1, part * waiting_rad[age + 1] + (1.0 - part) * waiting_rad[age], heard)
+    return heard
