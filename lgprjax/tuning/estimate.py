@@ -18,7 +18,7 @@ class Estimate(NamedTuple):
     high: float
 
 
-class NotExcited(ValueError):
+class NotExcitedError(ValueError):
     """A log does not hold what a fit needs; the message says what was expected and what was found."""
 
     def __init__(self, what: str, expected: str, found: str) -> None:

@@ -16,13 +16,13 @@ class VehiclePose(NamedTuple):
         yaw_rad: counter-clockwise from x.
     """
 
-    x_m: Float[Array, "*lane"]
-    y_m: Float[Array, "*lane"]
-    yaw_rad: Float[Array, "*lane"]
+    x_m: Float[Array, "..."]
+    y_m: Float[Array, "..."]
+    yaw_rad: Float[Array, "..."]
 
 
 def drive_arc(
-    pose: VehiclePose, travel_m: Float[Array, "*lane"], turn: Turn, gain: float | Float[Array, "*lane"] = 1.0
+    pose: VehiclePose, travel_m: Float[Array, "..."], turn: Turn, gain: float | Float[Array, "..."] = 1.0
 ) -> VehiclePose:
     """Pose after ``travel_m`` (forward component of the way; negative in reverse) at constant wheel angles.
 
@@ -48,8 +48,6 @@ def drive_arc(
     return VehiclePose(pose.x_m + cos * x - sin * y, pose.y_m + sin * x + cos * y, pose.yaw_rad + change)
 
 
-def body_point(
-    pose: VehiclePose, ahead_m: Float[Array, "*lane"]
-) -> tuple[Float[Array, "*lane"], Float[Array, "*lane"]]:
+def body_point(pose: VehiclePose, ahead_m: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Position of a point of the centre line, metres ahead of the rear axle: anchor, front axle, array."""
     return pose.x_m + ahead_m * jnp.cos(pose.yaw_rad), pose.y_m + ahead_m * jnp.sin(pose.yaw_rad)

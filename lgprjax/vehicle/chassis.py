@@ -18,7 +18,7 @@ class ProportionalRear(NamedTuple):
         ratio: k, the magnitude of rear over front angle.
     """
 
-    ratio: Float[Array, "*lane"]
+    ratio: Float[Array, "..."]
 
 
 class MeasuredRear(NamedTuple):
@@ -49,11 +49,11 @@ class Chassis(NamedTuple):
         characteristic_speed_mps: V_CHAR of the yaw gain; infinite where nothing is lost to slip.
     """
 
-    wheelbase_m: Float[Array, "*lane"]
-    anchor_m: Float[Array, "*lane"]
+    wheelbase_m: Float[Array, "..."]
+    anchor_m: Float[Array, "..."]
     rear: Rear
-    largest_angle_rad: Float[Array, "*lane"]
-    characteristic_speed_mps: Float[Array, "*lane"]
+    largest_angle_rad: Float[Array, "..."]
+    characteristic_speed_mps: Float[Array, "..."]
 
 
 class Turn(NamedTuple):
@@ -64,11 +64,11 @@ class Turn(NamedTuple):
         rear_tangent: tan ψ; the rear axle moves sideways by this share of its way forward, to the right when positive.
     """
 
-    curvature_radpm: Float[Array, "*lane"]
-    rear_tangent: Float[Array, "*lane"]
+    curvature_radpm: Float[Array, "..."]
+    rear_tangent: Float[Array, "..."]
 
 
-def rear_angle(rear: Rear, front_rad: Float[Array, "*lane"]) -> tuple[Float[Array, "*lane"], Float[Array, "*lane"]]:
+def rear_angle(rear: Rear, front_rad: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Magnitude of counter-steer ψ(φ), signed as φ, and its slope dψ/dφ."""
     if isinstance(rear, ProportionalRear):
         return rear.ratio * front_rad, jnp.broadcast_to(rear.ratio, front_rad.shape)
@@ -78,14 +78,14 @@ def rear_angle(rear: Rear, front_rad: Float[Array, "*lane"]) -> tuple[Float[Arra
     return low + (at - knot.astype(at.dtype)) * (high - low), (high - low) / rear.step_rad
 
 
-def turn_of(chassis: Chassis, front_rad: Float[Array, "*lane"]) -> Turn:
+def turn_of(chassis: Chassis, front_rad: Float[Array, "..."]) -> Turn:
     """Turn at a front angle: κ = (tan φ + tan ψ) / L (LL's yaw formula with the wheelbase as L)."""
     behind, _ = rear_angle(chassis.rear, front_rad)
     rear_tangent = jnp.tan(behind)
     return Turn((jnp.tan(front_rad) + rear_tangent) / chassis.wheelbase_m, rear_tangent)
 
 
-def zero_slip_point(chassis: Chassis, front_rad: Float[Array, "*lane"]) -> Float[Array, "*lane"]:
+def zero_slip_point(chassis: Chassis, front_rad: Float[Array, "..."]) -> Float[Array, "..."]:
     """x_c, metres ahead of the rear axle: the point that moves straight along the body axis.
 
     It is L tan ψ / (tan φ + tan ψ), and its limit for small angles where the wheels stand straight.
@@ -97,8 +97,6 @@ def zero_slip_point(chassis: Chassis, front_rad: Float[Array, "*lane"]) -> Float
     return chassis.wheelbase_m * share
 
 
-def yaw_gain(
-    characteristic_speed_mps: Float[Array, "*lane"], speed_mps: Float[Array, "*lane"]
-) -> Float[Array, "*lane"]:
+def yaw_gain(characteristic_speed_mps: Float[Array, "..."], speed_mps: Float[Array, "..."]) -> Float[Array, "..."]:
     """G_ss = 1 / (1 + (v/V_CHAR)²): the share of the geometric yaw rate that is left at a speed."""
     return 1.0 / (1.0 + (speed_mps / characteristic_speed_mps) ** 2)

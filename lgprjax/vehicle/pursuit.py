@@ -28,20 +28,20 @@ class Steering(NamedTuple):
             goal's side.
     """
 
-    front_rad: Float[Array, "*lane"]
-    reachable: Bool[Array, "*lane"]
+    front_rad: Float[Array, "..."]
+    reachable: Bool[Array, "..."]
 
 
 class _Arms(NamedTuple):
     """Factors of tan φ and tan ψ, and the side that they must reach."""
 
-    front: Float[Array, "*lane"]
-    rear: Float[Array, "*lane"]
-    wanted: Float[Array, "*lane"]
+    front: Float[Array, "..."]
+    rear: Float[Array, "..."]
+    wanted: Float[Array, "..."]
 
 
 def _arms(
-    chassis: Chassis, ahead_m: Float[Array, "*lane"], left_m: Float[Array, "*lane"], gain: Float[Array, "*lane"]
+    chassis: Chassis, ahead_m: Float[Array, "..."], left_m: Float[Array, "..."], gain: Float[Array, "..."]
 ) -> _Arms:
     """The equation times D: no angle is ever taken of the goal."""
     square = ahead_m * ahead_m + left_m * left_m
@@ -53,8 +53,8 @@ def _arms(
 
 
 def steer_closed(
-    chassis: Chassis, ahead_m: Float[Array, "*lane"], left_m: Float[Array, "*lane"], gain: Float[Array, "*lane"]
-) -> Float[Array, "*lane"]:
+    chassis: Chassis, ahead_m: Float[Array, "..."], left_m: Float[Array, "..."], gain: Float[Array, "..."]
+) -> Float[Array, "..."]:
     """Front angle by the closed form (LL eq. 3), clipped to the largest.
 
     Its error is at most 1.9 % for k = 0.63 up to 30° with the anchor at or before the front axle and the goal ahead of
@@ -76,7 +76,7 @@ def steer_closed(
 
 
 def steer_exact(
-    chassis: Chassis, ahead_m: Float[Array, "*lane"], left_m: Float[Array, "*lane"], gain: Float[Array, "*lane"]
+    chassis: Chassis, ahead_m: Float[Array, "..."], left_m: Float[Array, "..."], gain: Float[Array, "..."]
 ) -> Steering:
     """Front angle by LL eq. 2: four Newton steps from the closed form, start and iterates clipped to the largest angle.
 
@@ -106,15 +106,15 @@ def steer_exact(
 
 
 def _left_side(
-    chassis: Chassis, arms: _Arms, front_rad: Float[Array, "*lane"]
-) -> tuple[Float[Array, "*lane"], Float[Array, "*lane"]]:
+    chassis: Chassis, arms: _Arms, front_rad: Float[Array, "..."]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     behind, slope = rear_angle(chassis.rear, front_rad)
     front, rear = jnp.tan(front_rad), jnp.tan(behind)
     value = arms.front * front + arms.rear * rear
     return value, arms.front * (1.0 + front * front) + arms.rear * (1.0 + rear * rear) * slope
 
 
-def reverse_look_ahead_m(chassis: Chassis) -> Float[Array, "*lane"]:
+def reverse_look_ahead_m(chassis: Chassis) -> Float[Array, "..."]:
     """Least look-ahead when reversing, 2 |l − x_c|: with less the vehicle steers the wrong way."""
     slope = rear_angle(chassis.rear, jnp.zeros_like(chassis.anchor_m))[1]
     return 2.0 * jnp.abs(chassis.anchor_m - chassis.wheelbase_m * slope / (1.0 + slope))

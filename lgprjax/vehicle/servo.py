@@ -23,14 +23,14 @@ class Servo(NamedTuple):
         stall_v: supply at which nothing moves.
     """
 
-    lag_s: Float[Array, "*lane"]
-    rate_radps: Float[Array, "*lane"]
-    delay_s: Float[Array, "*lane"]
-    dead_band_rad: Float[Array, "*lane"]
-    backlash_rad: Float[Array, "*lane"]
-    asymmetry: Float[Array, "*lane"]
-    nominal_v: Float[Array, "*lane"]
-    stall_v: Float[Array, "*lane"]
+    lag_s: Float[Array, "..."]
+    rate_radps: Float[Array, "..."]
+    delay_s: Float[Array, "..."]
+    dead_band_rad: Float[Array, "..."]
+    backlash_rad: Float[Array, "..."]
+    asymmetry: Float[Array, "..."]
+    nominal_v: Float[Array, "..."]
+    stall_v: Float[Array, "..."]
 
 
 class ServoState(NamedTuple):
@@ -42,9 +42,9 @@ class ServoState(NamedTuple):
         waiting_rad: commands that have no effect yet, the newest first; as many as the longest delay has steps.
     """
 
-    motor_rad: Float[Array, "*lane"]
-    wheel_rad: Float[Array, "*lane"]
-    waiting_rad: Float[Array, "slot *lane"]
+    motor_rad: Float[Array, "..."]
+    wheel_rad: Float[Array, "..."]
+    waiting_rad: Float[Array, "slot ..."]
 
 
 def ideal_servo(lag_s: float = 0.0, rate_radps: float = float("inf")) -> Servo:
@@ -53,12 +53,12 @@ def ideal_servo(lag_s: float = 0.0, rate_radps: float = float("inf")) -> Servo:
     return Servo(jnp.float32(lag_s), jnp.float32(rate_radps), zero, zero, zero, zero, jnp.float32(1.0), zero)
 
 
-def init_servo(wheel_rad: Float[Array, "*lane"], *, delay_slots: int = 0) -> ServoState:
+def init_servo(wheel_rad: Float[Array, "..."], *, delay_slots: int = 0) -> ServoState:
     """A servo at rest. ``delay_slots`` is static: steps of the longest delay that a servo of these lanes has."""
     return ServoState(wheel_rad, wheel_rad, jnp.broadcast_to(wheel_rad, (delay_slots, *wheel_rad.shape)))
 
 
-def torque_share(servo: Servo, supply_v: Float[Array, "*lane"]) -> Float[Array, "*lane"]:
+def torque_share(servo: Servo, supply_v: Float[Array, "..."]) -> Float[Array, "..."]:
     """Share of the full torque at a supply, between 0 at ``stall_v`` and 1 at ``nominal_v`` and above."""
     return jnp.clip((supply_v - servo.stall_v) / (servo.nominal_v - servo.stall_v), 0.0, 1.0)
 
@@ -66,8 +66,8 @@ def torque_share(servo: Servo, supply_v: Float[Array, "*lane"]) -> Float[Array, 
 def step_servo(
     state: ServoState,
     servo: Servo,
-    command_rad: Float[Array, "*lane"],
-    share: float | Float[Array, "*lane"],
+    command_rad: Float[Array, "..."],
+    share: float | Float[Array, "..."],
     step_s: float | Float[Array, ""],
 ) -> ServoState:
     """The servo after ``step_s`` of a constant command.
@@ -96,7 +96,7 @@ def step_servo(
     return ServoState(motor, jnp.clip(state.wheel_rad, motor - play, motor + play), waiting[:-1])
 
 
-def _delayed(waiting_rad: Float[Array, "slot *lane"], steps: Float[Array, "*lane"]) -> Float[Array, "*lane"]:
+def _delayed(waiting_rad: Float[Array, "slot ..."], steps: Float[Array, "..."]) -> Float[Array, "..."]:
     """The command of so many steps ago, linear between steps, so that a delay has a gradient; the oldest at most."""
     heard = waiting_rad[-1]
     for age in range(len(waiting_rad) - 2, -1, -1):
