@@ -13,8 +13,9 @@ GPRMAX := .venv-gprmax
 demo: $(VENV)/.wheel
 	$(BIN)/lgprjax demo --output out/demo
 
+# A file stays in one process, whose compiled programs and fixtures its tests share.
 test: $(VENV)/.test
-	$(BIN)/pytest
+	$(BIN)/pytest -n 2 --dist loadfile
 
 campaign: $(VENV)/.test
 	$(BIN)/pytest -m campaign

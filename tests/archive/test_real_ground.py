@@ -60,7 +60,7 @@ def test_parallel_lines_are_found_between_the_lines_of_the_map(real_data: Path, 
     assert tally.right >= 0.97 * tally.ok
 
 
-@pytest.mark.parametrize("window_m", [4.0, 10.0])
+@pytest.mark.parametrize("window_m", [4.0, pytest.param(10.0, marks=pytest.mark.campaign)])
 def test_lines_half_a_metre_apart_are_not_lied_about(real_data: Path, tmp_path: Path, window_m: float) -> None:
     """Hautefeuille, line 1 the map, line 2 live: a single line 0.5 m away is off the map. Declining is right."""
     folder = real_data / "hautefeuille"

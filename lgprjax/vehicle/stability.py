@@ -1,0 +1,77 @@
+"""What a pursuit law can stand: lag, delay, reversing, dead band, a wrong gain. Linear, about a straight path.
+
+With e the anchor's offset, ψ the heading, a = l − x_c from the zero-slip point to the anchor and D the look-ahead,
+the law asks for κ = −(e/D + ψ) / (D/2 + a) while e' = v ψ + a v κ and ψ' = v κ. A forward anchor steadies the vehicle;
+reversing turns a negative. All functions take scalars or one value a lane.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from lgprjax.vehicle.chassis import Chassis, rear_angle
+
+
+def anchor_lead_m(chassis: Chassis) -> Float[Array, "..."]:
+    """a = l − x_c for small angles: how far the anchor stands ahead of the point without slip."""
+    slope = rear_angle(chassis.rear, jnp.zeros_like(chassis.anchor_m))[1]
+    return chassis.anchor_m - chassis.wheelbase_m * slope / (1.0 + slope)
+
+
+def damping(look_ahead_m: Float[Array, "..."], lead_m: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Damping ratio without lag, ζ² = (1 + a²/(D (D + 2a))) / 2: 0.707 with the anchor at the zero-slip point."""
+    ahead = look_ahead_m * (look_ahead_m + 2.0 * lead_m)
+    return jnp.sqrt(0.5 * (1.0 + lead_m * lead_m / ahead))
+
+
+def lag_limit_s(
+    look_ahead_m: Float[Array, "..."], lead_m: Float[Array, "..."], speed_mps: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """Largest first-order lag of the steering, (D + a)/v, by Routh's criterion."""
+    return (look_ahead_m + lead_m) / speed_mps
+
+
+def delay_limit_s(
+    look_ahead_m: Float[Array, "..."], lead_m: Float[Array, "..."], speed_mps: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """Largest pure delay, from the frequency where the open loop's gain is one: 0.52 D/v with a = 0."""
+    ratio = lead_m / look_ahead_m
+    m = 0.5 + ratio
+    square = (1.0 + ratio) ** 2
+    x = jnp.sqrt((square + jnp.sqrt(square * square + 4.0 * m * m)) / (2.0 * m * m))
+    return jnp.arctan(x * (1.0 + ratio)) / x * look_ahead_m / speed_mps
+
+
+def stability_load(
+    look_ahead_m: Float[Array, "..."],
+    lead_m: Float[Array, "..."],
+    speed_mps: Float[Array, "..."],
+    lag_s: Float[Array, "..."],
+    delay_s: Float[Array, "..."],
+) -> Float[Array, "..."]:
+    """Share of what the loop can stand that lag and delay use up together; the loop is unstable from about 1 on.
+
+    Each is a share of its own limit, and the shares are added: exact where there is but one of them, and a little on
+    the safe side where there are both (``tests/vehicle/test_stability.py`` finds by how much).
+    """
+    return lag_s / lag_limit_s(look_ahead_m, lead_m, speed_mps) + delay_s / delay_limit_s(
+        look_ahead_m, lead_m, speed_mps
+    )
+
+
+def dead_band_offset_m(
+    chassis: Chassis, look_ahead_m: Float[Array, "..."], dead_band_rad: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """Parallel offset that a dead band of the steering leaves standing: D (D/2 + a) (1 + k) d / L."""
+    slope = rear_angle(chassis.rear, jnp.zeros_like(chassis.anchor_m))[1]
+    arm_m = 0.5 * look_ahead_m + anchor_lead_m(chassis)
+    return look_ahead_m * arm_m * (1.0 + slope) * dead_band_rad / chassis.wheelbase_m
+
+
+def gain_error_m(
+    look_ahead_m: Float[Array, "..."],
+    lead_m: Float[Array, "..."],
+    radius_m: Float[Array, "..."],
+    deficit: Float[Array, "..."],
+) -> Float[Array, "..."]:
+    """Steady error on a circle, outwards, where curvature falls short by a share: (ε/R) D (D/2 + a)."""
+    return deficit / radius_m * look_ahead_m * (0.5 * look_ahead_m + lead_m)
