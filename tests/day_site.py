@@ -71,6 +71,13 @@ class DaySite:
             registered = register_log(source, log, options)
         return registered, accuracy_of(registered, self.labels)
 
+    def on_map(self, pose: np.ndarray) -> np.ndarray:
+        """Whether a station of the map lies within 0.5 m of each pose."""
+        with MapFile.open(self.map) as source:
+            stations = source.pose[:, :2]
+        apart = np.abs((pose[:, :2] @ [1.0, 1j])[:, None] - (stations @ [1.0, 1j])[None])
+        return np.asarray(np.min(apart, axis=1) < 0.5)
+
     def _write(self, name: str, drive: SimulatedDrive) -> Path:
         path = self.folder / f"{name}.drive.h5"
         write_drive(path, drive)

@@ -16,6 +16,12 @@ from lgprjax.registration.places import Summits
 from lgprjax.registration.swarm_finish import swarm_poses
 from lgprjax.subsurface import Tile
 
+FEW_CHANNELS = 3
+"""An array of no more channels than this sees little to its sides."""
+
+_UNFINISHED = 1.0
+"""Cells: at a summit the step that is left is a small part of one."""
+
 _TRACES_AT_ONCE = 4096
 """Traces that the finish holds at a time: a few megabytes of work."""
 
@@ -153,6 +159,11 @@ def _judged(
     traces = jnp.sum(template.valid, axis=1, dtype=jnp.float32)
     away = jnp.abs(top.pose[:, :2] - region.prior[:, :2])
     on_edge = jnp.any(away > region.half_width[:, :2] - cell_m[None], axis=1)
+    # Where the map ends a climb leans against the least overlap and would go on: the summit lies beyond. Across, an
+    # array of few channels has but the rim of its lane; its covariance says so.
+    wide = jnp.sum(template.last_scan, axis=1) > FEW_CHANNELS
+    unfinished = jnp.abs(top.left_m) > _UNFINISHED * cell_m[None]
+    on_edge = on_edge | unfinished[:, 0] | (unfinished[:, 1] & wide)
     code = judge(reached, reached - runner_up, found.floor, found.overlap, on_edge, finite, rules.thresholds)
     held = numbers / rules.thresholds.sigma_scale**2
     covariance = covariance_of(top, held, region.half_width, rules.free, cell_m)

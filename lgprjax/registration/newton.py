@@ -38,6 +38,7 @@ class Summit(NamedTuple):
         information: of the match alone, per unit of 1/(1 - r²) and of independent numbers (see ``covariance_of``).
         covered: traces on the map.
         narrow: along and cross: a cell to either side of the pose leads off the map.
+        left_m: along and cross: the step that the slope there still asks for.
     """
 
     pose: Float[Array, "batch 6"]
@@ -46,6 +47,7 @@ class Summit(NamedTuple):
     information: Float[Array, "batch 6 6"]
     covered: Bool[Array, "batch trace"]
     narrow: Bool[Array, "batch 2"]
+    left_m: Float[Array, "batch 2"]
 
 
 def climb(
@@ -96,11 +98,6 @@ def climb(
         weight = numbers / jnp.maximum(1.0 - correlation**2, 1e-3)
         away = pose - prior
         posterior = strength - 0.5 * jnp.sum(pull * away**2, axis=-1) / jnp.maximum(weight * correlation, 1e-3)
-        here = _Best(pose, posterior, correlation, strength, information, heard.covered)
-        better = posterior > best.posterior
-        best = jax.tree.map(
-            lambda new, old: jnp.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old), here, best
-        )
         matrix = jnp.where(both[None], weight[:, None, None] * information, 0.0) + unit[None] * held[:, None, :]
         # Directions that only rounding tells apart (a single channel's along and yaw) must not end the factorisation.
         matrix = matrix * (1.0 + _RIDGE * unit[None])
@@ -108,6 +105,11 @@ def climb(
         lower = jax.lax.linalg.cholesky(matrix, symmetrize_input=False)
         move = jnp.clip(jax.scipy.linalg.cho_solve((lower, True), side[..., None])[..., 0], -cap, cap)
         move = jnp.where((strength > OFF_MAP_SCORE)[:, None], move, 0.0)
+        here = _Best(pose, posterior, correlation, strength, information, heard.covered, move[:, :2])
+        better = posterior > best.posterior
+        best = jax.tree.map(
+            lambda new, old: jnp.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old), here, best
+        )
         return jnp.clip(pose + move, prior - half_width, prior + half_width), best
 
     # What a pose hears is carried into the next round: gathered once, not anew for each of the sums, as the compiler
@@ -124,11 +126,12 @@ def climb(
         off,
         jnp.zeros((len(start), 6, 6), jnp.float32),
         jnp.zeros(template.valid.shape, bool),
+        jnp.zeros((len(start), 2), jnp.float32),
     )
     pose, heard, best = jax.lax.fori_loop(0, steps - 1, step, (start, hear(start), none))
     _, best = measure(pose, heard, best)
     narrow = leads_off_map(tile, template, best.pose, min_overlap)
-    return Summit(best.pose, best.correlation, best.strength, best.information, best.covered, narrow)
+    return Summit(best.pose, best.correlation, best.strength, best.information, best.covered, narrow, best.left_m)
 
 
 class _Best(NamedTuple):
@@ -140,6 +143,7 @@ class _Best(NamedTuple):
     strength: Float[Array, " batch"]
     information: Float[Array, "batch 6 6"]
     covered: Bool[Array, "batch trace"]
+    left_m: Float[Array, "batch 2"]
 
 
 def covariance_of(

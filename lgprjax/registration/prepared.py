@@ -9,13 +9,13 @@ from jaxtyping import Float, Int
 
 from lgprjax.radar import ArrayGeometry, centre_of
 from lgprjax.registration.columns import ArrayColumns, make_columns
+from lgprjax.registration.finish import FEW_CHANNELS
 from lgprjax.registration.live import Track
 from lgprjax.subsurface import GroundMap, Tile
 
 _BIN_RAD = np.radians(6.0)
 """Headings this far apart have columns of their own: half of it moves the end channel of a wide array by 3 cm."""
 _CARRIED_M = 0.04
-_FEW_CHANNELS = 3
 _STRIDE = 0.3  # of the wavelength, from coarse place to coarse place
 
 
@@ -73,7 +73,7 @@ class PreparedGround:
         steps_m = (step_m, min(step_m, description.channel_pitch_m))
         along, cross = (int(max(1, round(s / cell_m))) for s, cell_m in zip(steps_m, self._cell_m, strict=True))
         # Lines of few channels have few places across; their summits, of few traces, are narrow and many.
-        self.few_channels = len(array.x_m) <= _FEW_CHANNELS
+        self.few_channels = len(array.x_m) <= FEW_CHANNELS
         self.stride = (1 if self.few_channels else along, cross)
         self.step_m = self._cell_m * np.array(self.stride)
         array_m = float(np.max(np.hypot(*self._body_m.T))) + 0.5

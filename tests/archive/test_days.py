@@ -129,6 +129,19 @@ def test_the_way_back_and_thirty_miles_an_hour(road: DaySite) -> None:
         assert figures.cross_rms_m < 0.06
 
 
+def test_a_window_that_leaves_the_map_is_not_drawn_back_onto_it(road: DaySite) -> None:
+    """The way back ends before the map begins: a window half off it leans against the least overlap, and is no fix."""
+    drive, _ = road.register(road.drive("clear", direction=-1), WINDOWS)
+    assert drive.truth is not None
+    code, ok = np.asarray(drive.fix.code), np.asarray(drive.fix.code) == Code.OK
+    off_m = np.hypot(*(np.asarray(drive.fix.pose)[:, :2] - drive.truth[:, :2]).T)
+    on_map = road.on_map(drive.truth) & (code != Code.NO_WINDOW)
+    print(f"way back: {ok[on_map].mean():.3f} ok on the map, largest error of an ok fix {off_m[ok].max():.3f} m")
+    assert ok[on_map].mean() >= 0.99
+    assert off_m[ok].max() < 0.15
+    assert Code.EDGE in code[~on_map]
+
+
 @pytest.mark.campaign
 def test_all_days_on_two_roads(tmp_path: Path) -> None:
     """The table of docs/performance.md."""
@@ -182,8 +195,8 @@ def test_windows_on_twenty_sites(tmp_path: Path) -> None:
             path.unlink()
             assert drive.truth is not None
             fix, code = drive.fix, np.asarray(drive.fix.code)
-            # Where the array leaves the map (the way back begins there) no fix can be asked for.
-            tried = (code != Code.NO_WINDOW) & (np.asarray(fix.overlap) >= CALIBRATED.overlap)
+            # Where the array leaves the map (the way back ends there) no fix can be asked for.
+            tried = (code != Code.NO_WINDOW) & site.on_map(drive.truth)
             ok = code == Code.OK
             off = (np.asarray(fix.pose)[:, :2] - drive.truth[:, :2])[ok]
             yaw = drive.truth[ok, 3]
