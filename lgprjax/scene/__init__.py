@@ -11,6 +11,16 @@ from lgprjax.scene.drive import (
 )
 from lgprjax.scene.ground import Ground, GroundConfig, Layers, make_ground
 from lgprjax.scene.hardware import NO_FAULTS, Faults, Response, ScanErrors
+from lgprjax.scene.manoeuvres import (
+    Manoeuvre,
+    drive_palm_tree,
+    drive_straight,
+    drive_turns,
+    half_turn_angles,
+    step_pedals,
+    step_steering,
+    turn_standing,
+)
 from lgprjax.scene.motion import DrivePlan
 from lgprjax.scene.objects import Scatterers, Utilities
 from lgprjax.scene.propagation import RadarConfig, make_wavelet
@@ -20,6 +30,8 @@ from lgprjax.scene.road import Road, RoadConfig, make_road, straight_road
 from lgprjax.scene.sensors import NavigationErrors, OdometerTrack, PoseTrack
 from lgprjax.scene.slices import GroundSlice, slice_ground
 from lgprjax.scene.sweeps import StartOfDay, SweepPlan, record_sweeps, start_of_day
+from lgprjax.scene.vehicle_drive import TrueVehicle, VehicleDrive, drive_manoeuvre, read_vehicle, simulate_vehicle_drive
+from lgprjax.scene.vehicle_sensors import DriveTruth, VehicleSensors
 from lgprjax.scene.weather import WEATHER
 
 __all__ = [
@@ -29,11 +41,13 @@ __all__ = [
     "Cover",
     "Day",
     "DrivePlan",
+    "DriveTruth",
     "Faults",
     "Ground",
     "GroundConfig",
     "GroundSlice",
     "Layers",
+    "Manoeuvre",
     "NavigationErrors",
     "OdometerTrack",
     "PoseTrack",
@@ -49,22 +63,35 @@ __all__ = [
     "StartOfDay",
     "SweepPlan",
     "Trench",
+    "TrueVehicle",
     "Utilities",
+    "VehicleDrive",
+    "VehicleSensors",
     "default_array",
+    "drive_manoeuvre",
+    "drive_palm_tree",
+    "drive_straight",
+    "drive_turns",
     "ground_on",
+    "half_turn_angles",
     "iterate_sweeps",
     "iterate_traces",
     "make_ground",
     "make_road",
     "make_wavelet",
+    "read_vehicle",
     "record_scans",
     "record_sweeps",
     "render_drive",
     "render_traces",
     "simulate_drive",
+    "simulate_vehicle_drive",
     "slice_ground",
     "start_of_day",
+    "step_pedals",
+    "step_steering",
     "straight_road",
     "time_gain",
+    "turn_standing",
     "usual_conditions",
 ]

@@ -10,6 +10,8 @@ from jaxtyping import Array, Float
 
 from lgprjax.vehicle.chassis import Chassis, rear_angle
 
+_CUBIC_STEPS = 8
+
 
 def anchor_lead_m(chassis: Chassis) -> Float[Array, "..."]:
     """a = l − x_c for small angles: how far the anchor stands ahead of the point without slip."""
@@ -31,31 +33,52 @@ def lag_limit_s(
 
 
 def delay_limit_s(
-    look_ahead_m: Float[Array, "..."], lead_m: Float[Array, "..."], speed_mps: Float[Array, "..."]
+    look_ahead_m: Float[Array, "..."],
+    lead_m: Float[Array, "..."],
+    speed_mps: Float[Array, "..."],
+    lag_s: Float[Array, "..."],
 ) -> Float[Array, "..."]:
-    """Largest pure delay, from the frequency where the open loop's gain is one: 0.52 D/v with a = 0."""
-    ratio = lead_m / look_ahead_m
-    m = 0.5 + ratio
-    square = (1.0 + ratio) ** 2
-    x = jnp.sqrt((square + jnp.sqrt(square * square + 4.0 * m * m)) / (2.0 * m * m))
-    return jnp.arctan(x * (1.0 + ratio)) / x * look_ahead_m / speed_mps
+    """Largest pure delay beside a first-order lag: 0.52 D/v with a = 0 and no lag. Negative: too much lag."""
+    crossover, margin = _crossover(look_ahead_m, lead_m, speed_mps, lag_s)
+    return margin / crossover
 
 
-def stability_load(
+def phase_margin_rad(
     look_ahead_m: Float[Array, "..."],
     lead_m: Float[Array, "..."],
     speed_mps: Float[Array, "..."],
     lag_s: Float[Array, "..."],
     delay_s: Float[Array, "..."],
 ) -> Float[Array, "..."]:
-    """Share of what the loop can stand that lag and delay use up together; the loop is unstable from about 1 on.
+    """Phase margin of the loop with lag and delay; stable where it is positive.
 
-    Each is a share of its own limit, and the shares are added: exact where there is but one of them, and a little on
-    the safe side where there are both (``tests/vehicle/test_stability.py`` finds by how much).
+    Lag and delay are worse together than the sum of their shares in each one's own limit.
     """
-    return lag_s / lag_limit_s(look_ahead_m, lead_m, speed_mps) + delay_s / delay_limit_s(
-        look_ahead_m, lead_m, speed_mps
-    )
+    crossover, margin = _crossover(look_ahead_m, lead_m, speed_mps, lag_s)
+    return margin - delay_s * crossover
+
+
+def _crossover(
+    look_ahead_m: Float[Array, "..."],
+    lead_m: Float[Array, "..."],
+    speed_mps: Float[Array, "..."],
+    lag_s: Float[Array, "..."],
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Angular frequency where the open loop's gain is one, and the phase that is left there without a delay.
+
+    The open loop is v ((1 + a/D) s + v/D) / ((D/2 + a) s² (τ s + 1)). Its gain is one at the only positive root
+    w = ω² of a cubic; from the root without a lag, which lies above, Newton's steps come down to it.
+    """
+    m = 0.5 * look_ahead_m + lead_m
+    slope, offset = speed_mps * (1.0 + lead_m / look_ahead_m), speed_mps * speed_mps / look_ahead_m
+    a, b, c = m * m, slope * slope, offset * offset
+    w = (b + jnp.sqrt(b * b + 4.0 * a * c)) / (2.0 * a)
+    lagged = lag_s * lag_s
+    for _ in range(_CUBIC_STEPS):
+        value = a * w * w * (1.0 + lagged * w) - b * w - c
+        w = w - value / (a * w * (2.0 + 3.0 * lagged * w) - b)
+    crossover = jnp.sqrt(w)
+    return crossover, jnp.arctan(slope * crossover / offset) - jnp.arctan(lag_s * crossover)
 
 
 def dead_band_offset_m(

@@ -1,0 +1,101 @@
+"""How well a rollout followed its path, summed while it runs: no trajectory is kept."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+
+class MetricSums(NamedTuple):
+    """What is carried from step to step.
+
+    Attributes:
+        square_m2: sum of squared errors.
+        largest_m: error.
+        settled_m: travel at which the error was last beyond the tolerance.
+        low_m, high_m: signed errors over the last stretch.
+        steered_rad: sum of the wheels' movements.
+        unreachable: steps whose goal could not be reached.
+    """
+
+    square_m2: Float[Array, "..."]
+    largest_m: Float[Array, "..."]
+    settled_m: Float[Array, "..."]
+    low_m: Float[Array, "..."]
+    high_m: Float[Array, "..."]
+    steered_rad: Float[Array, "..."]
+    unreachable: Float[Array, "..."]
+
+
+class RolloutMetrics(NamedTuple):
+    """A rollout in figures. The error is the anchor's distance from the interpolated path.
+
+    Attributes:
+        rms_m, largest_m: error over all steps.
+        settling_m: travel after which the error stays within the tolerance; the whole travel where it does not.
+        cycle_m: half of the error's peak to peak over the last stretch: a limit cycle's amplitude.
+        effort_radpm: movement of the front wheels a metre.
+        unreachable_share: of the steps, those whose goal no allowed angle leads to.
+    """
+
+    rms_m: Float[Array, "..."]
+    largest_m: Float[Array, "..."]
+    settling_m: Float[Array, "..."]
+    cycle_m: Float[Array, "..."]
+    effort_radpm: Float[Array, "..."]
+    unreachable_share: Float[Array, "..."]
+
+
+def init_metrics(like: Float[Array, "..."]) -> MetricSums:
+    """Nothing seen yet; one value for each of ``like``."""
+    zero = jnp.zeros_like(like)
+    return MetricSums(zero, zero, zero, jnp.full_like(like, jnp.inf), jnp.full_like(like, -jnp.inf), zero, zero)
+
+
+def step_metrics(
+    sums: MetricSums,
+    offset_m: Float[Array, "..."],
+    travelled_m: Float[Array, "..."],
+    late: Bool[Array, "..."],
+    steered_rad: Float[Array, "..."],
+    reachable: Bool[Array, "..."],
+    *,
+    tolerance_m: float,
+) -> MetricSums:
+    """With one more step.
+
+    Args:
+        sums: so far.
+        offset_m: of the anchor from the path, signed.
+        travelled_m: way from the start, the step included.
+        late: the step belongs to the last stretch.
+        steered_rad: movement of the wheels in the step, not negative.
+        reachable: the step's goal was.
+        tolerance_m: of the settling distance.
+    """
+    error = jnp.abs(offset_m)
+    return MetricSums(
+        sums.square_m2 + offset_m * offset_m,
+        jnp.maximum(sums.largest_m, error),
+        # Written so that an error that is no number never counts as settled.
+        jnp.where(error <= tolerance_m, sums.settled_m, travelled_m),
+        jnp.where(late, jnp.minimum(sums.low_m, offset_m), sums.low_m),
+        jnp.where(late, jnp.maximum(sums.high_m, offset_m), sums.high_m),
+        sums.steered_rad + steered_rad,
+        sums.unreachable + jnp.where(reachable, 0.0, 1.0),
+    )
+
+
+def finish_metrics(sums: MetricSums, steps: int, travel_m: Float[Array, "..."]) -> RolloutMetrics:
+    """Figures of so many steps over a travel, which is not negative. RMS and effort have gradients everywhere."""
+    square = sums.square_m2 / steps
+    some = square > 0.0
+    moved = travel_m > 0.0
+    return RolloutMetrics(
+        jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), square),
+        sums.largest_m,
+        sums.settled_m,
+        0.5 * (sums.high_m - sums.low_m),
+        sums.steered_rad / jnp.where(moved, travel_m, 1.0),
+        sums.unreachable / steps,
+    )

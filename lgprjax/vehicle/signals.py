@@ -1,0 +1,45 @@
+"""What a vehicle's log holds of a drive: its signals on one clock."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+
+class DriveSignals(NamedTuple):
+    """Signals of a drive at common times. What a log does not hold is ``None``.
+
+    Position and heading are not a number at a record without one of their own: GNSS is slower than the servo, and
+    values drawn between fixes would share their noise.
+
+    Attributes:
+        time_s: increasing; steps may be uneven.
+        east_m, north_m: rear axle, level local metres.
+        sigma_position_m: of each of the two, as navigation says it.
+        yaw_rad: heading of the body by INS, counter-clockwise from east, without jumps of a turn.
+        sigma_yaw_rad: of it.
+        travel_m: signed cumulative way by odometry; falls in reverse.
+        command_rad: front angle that the servo was told.
+        front_rad, rear_rad: measured wheel angles, counter-clockwise positive: the rear wheels' is negative in a left
+            turn.
+        potentiometer_v: of the absolute wheel angle.
+        encoder_counts: of the servo, counted from wherever it was switched on.
+        supply_v: voltage at the servo.
+        throttle, brake: commands, 0 to 1.
+    """
+
+    time_s: Float[np.ndarray, " record"]
+    east_m: Float[np.ndarray, " record"]
+    north_m: Float[np.ndarray, " record"]
+    sigma_position_m: Float[np.ndarray, " record"]
+    yaw_rad: Float[np.ndarray, " record"]
+    sigma_yaw_rad: Float[np.ndarray, " record"]
+    travel_m: Float[np.ndarray, " record"]
+    command_rad: Float[np.ndarray, " record"] | None = None
+    front_rad: Float[np.ndarray, " record"] | None = None
+    rear_rad: Float[np.ndarray, " record"] | None = None
+    potentiometer_v: Float[np.ndarray, " record"] | None = None
+    encoder_counts: Float[np.ndarray, " record"] | None = None
+    supply_v: Float[np.ndarray, " record"] | None = None
+    throttle: Float[np.ndarray, " record"] | None = None
+    brake: Float[np.ndarray, " record"] | None = None

@@ -1,0 +1,161 @@
+"""Limits of stability by simulation of the full loop, and the formulas beside them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from lgprjax.vehicle import (
+    Chassis,
+    ProportionalRear,
+    Servo,
+    ServoState,
+    VehiclePose,
+    anchor_lead_m,
+    body_point,
+    damping,
+    dead_band_offset_m,
+    delay_limit_s,
+    drive_arc,
+    gain_error_m,
+    ideal_servo,
+    init_servo,
+    lag_limit_s,
+    phase_margin_rad,
+    steer_exact,
+    step_servo,
+    turn_of,
+)
+
+L, K = 3.8, 0.63
+X_C = K * L / (1 + K)
+STEP_S = 0.01
+
+
+def chassis(lead: float) -> Chassis:
+    values = (jnp.float32(v) for v in (L, X_C + lead, 0.7, np.inf))
+    wheelbase, anchor, largest, characteristic = values
+    return Chassis(wheelbase, anchor, ProportionalRear(jnp.float32(K)), largest, characteristic)
+
+
+@jax.jit
+def offsets(
+    body: Chassis, servo: Servo, look_ahead_m: jax.Array, speed_mps: jax.Array, start_m: jax.Array
+) -> jax.Array:
+    """Anchor's offset from the x axis over 6,000 steps of 10 ms: law, servo and exact arcs, one lane a servo."""
+    lanes = servo.lag_s.shape
+    state = init_servo(jnp.zeros(lanes), delay_slots=200)
+    pose = VehiclePose(jnp.zeros(lanes), jnp.broadcast_to(start_m, lanes), jnp.zeros(lanes))
+
+    def step(carry: tuple[VehiclePose, ServoState], _: jax.Array) -> tuple[tuple[VehiclePose, ServoState], jax.Array]:
+        pose, state = carry
+        _, y = body_point(pose, body.anchor_m)
+        ahead = jnp.sqrt(jnp.maximum(look_ahead_m**2 - y**2, 0.01 * look_ahead_m**2))
+        cos, sin = jnp.cos(pose.yaw_rad), jnp.sin(pose.yaw_rad)
+        wanted = steer_exact(body, cos * ahead - sin * y, -sin * ahead - cos * y, jnp.ones(lanes)).front_rad
+        state = step_servo(state, servo, wanted, 1.0, STEP_S)
+        return (drive_arc(pose, speed_mps * STEP_S, turn_of(body, state.wheel_rad)), state), y
+
+    track: jax.Array = jax.lax.scan(step, (pose, state), jnp.arange(6_000))[1]
+    return track
+
+
+def servos(lag_s: np.ndarray, delay_s: np.ndarray, dead_band_rad: float = 0.0) -> Servo:
+    lanes = len(lag_s)
+    plain = Servo(*(jnp.broadcast_to(field, (lanes,)) for field in ideal_servo()))
+    return plain._replace(
+        lag_s=jnp.asarray(lag_s, jnp.float32),
+        delay_s=jnp.asarray(delay_s, jnp.float32),
+        dead_band_rad=jnp.full(lanes, dead_band_rad, jnp.float32),
+    )
+
+
+def grows(track: np.ndarray) -> np.ndarray:
+    """Whether each lane's swing in the last quarter is larger than in the second."""
+    quarter = len(track) // 4
+    return np.asarray(np.ptp(track[3 * quarter :], axis=0) > np.ptp(track[quarter : 2 * quarter], axis=0))
+
+
+def limit(values: np.ndarray, track: np.ndarray) -> float:
+    """Middle between the largest value that decays and the smallest that grows."""
+    unstable = grows(track)
+    assert not unstable[0]
+    assert unstable[-1]
+    first = int(np.argmax(unstable))
+    assert unstable[first:].all()
+    return float(0.5 * (values[first - 1] + values[first]))
+
+
+@pytest.mark.parametrize(("look_ahead", "lead"), [(5.0, 0.0), (5.0, 5.03), (8.0, 5.03), (5.0, -1.0)])
+def test_lag_and_delay_limits(look_ahead: float, lead: float) -> None:
+    """A small offset dies out below the limits of the formulas and grows above them, within 3 %."""
+    share = np.linspace(0.9, 1.1, 21)
+    at = (jnp.float32(look_ahead), jnp.float32(lead), jnp.float32(4.47))
+    lag_s, delay_s = float(lag_limit_s(*at)) * share, float(delay_limit_s(*at, jnp.float32(0.0))) * share
+    run = (jnp.float32(look_ahead), jnp.float32(4.47), jnp.float32(0.01))
+    lagging = np.asarray(offsets(chassis(lead), servos(lag_s, 0 * lag_s), *run))
+    assert limit(share, lagging) == pytest.approx(1.0, abs=0.03)
+    delayed = np.asarray(offsets(chassis(lead), servos(0 * delay_s, delay_s), *run))
+    assert limit(share, delayed) == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize(("look_ahead", "lead"), [(5.0, 0.0), (5.0, 5.03)])
+@pytest.mark.parametrize("part", [0.2, 0.5, 0.8])
+def test_lag_and_delay_together(look_ahead: float, lead: float, part: float) -> None:
+    """With a share of the largest lag, the delay that is left is that of the formula within 3 %."""
+    at = (jnp.float32(look_ahead), jnp.float32(lead), jnp.float32(4.47))
+    lag_s = part * lag_limit_s(*at)
+    share = np.linspace(0.9, 1.1, 21)
+    delay_s = float(delay_limit_s(*at, lag_s)) * share
+    margin = phase_margin_rad(*at, lag_s, jnp.asarray(delay_s, jnp.float32))
+    np.testing.assert_array_equal(np.asarray(margin) > 1e-5, share < 0.9999)
+    track = np.asarray(
+        offsets(
+            chassis(lead), servos(np.full(21, float(lag_s)), delay_s), jnp.float32(look_ahead), at[2], jnp.float32(0.01)
+        )
+    )
+    assert limit(share, track) == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize(("lead", "expected"), [(0.0, 0.707), (5.03, 0.817)])
+def test_damping_is_that_of_the_linear_loop(lead: float, expected: float) -> None:
+    """From the eigenvalues of the linear loop, float64; 0.707 at the zero-slip point and more ahead of it."""
+    look_ahead, m = 5.0, 2.5 + lead
+    matrix = np.array([[-lead / (m * look_ahead), 1 - lead / m], [-1 / (m * look_ahead), -1 / m]])
+    values = np.linalg.eigvals(matrix)
+    zeta = -values.real.sum() / (2 * np.sqrt(np.prod(values).real))
+    assert float(damping(jnp.float32(look_ahead), jnp.float32(lead))) == pytest.approx(zeta, rel=1e-5)
+    assert zeta == pytest.approx(expected, abs=2e-3)
+
+
+@pytest.mark.parametrize(("degrees", "centimetres"), [(1.0, 28.0), (0.2, 5.6)])
+def test_dead_band_leaves_an_offset(degrees: float, centimetres: float) -> None:
+    """An offset a little below the formula's stays for ever, one a little above it shrinks."""
+    body = chassis(6.5 - X_C)
+    band, look_ahead = np.radians(degrees), jnp.float32(5.0)
+    stands = float(dead_band_offset_m(body, look_ahead, jnp.float32(band)))
+    assert 100 * stands == pytest.approx(centimetres, abs=0.2)
+    servo = servos(np.zeros(21), np.zeros(21), band)
+    below, above = (
+        np.asarray(offsets(body, servo, look_ahead, jnp.float32(2.0), jnp.float32(share * stands)))[:, 0]
+        for share in (0.95, 1.05)
+    )
+    assert below[-1] == pytest.approx(0.95 * stands, rel=1e-4)
+    assert above[-1] < 1.045 * stands
+
+
+def test_reversing_with_too_short_a_look_ahead_runs_away() -> None:
+    """a = −3 m (the anchor trails), D = 5 m < 2|a|: the linear loop has an eigenvalue of +1.15."""
+    look_ahead, lead = 5.0, -3.0
+    m = look_ahead / 2 + lead
+    matrix = np.array([[-lead / (m * look_ahead), 1 - lead / m], [-1 / (m * look_ahead), -1 / m]])
+    assert np.linalg.eigvals(matrix).real.max() == pytest.approx(1.15, abs=0.005)
+    assert np.isnan(float(damping(jnp.float32(look_ahead), jnp.float32(lead))))
+
+
+def test_gain_error_is_the_notes() -> None:
+    """G_ss of 0.952 ignored on a circle of 12 m: the formula says what the rollout's test finds, 14.6 cm."""
+    body = chassis(6.5 - X_C)
+    deficit = jnp.float32(1 - 1 / (1 + (4.47 / 20) ** 2))
+    error = gain_error_m(jnp.float32(5.0), anchor_lead_m(body), jnp.float32(12.0), deficit)
+    assert 100 * float(error) == pytest.approx(14.9, abs=0.2)
