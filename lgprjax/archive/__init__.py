@@ -11,6 +11,8 @@ from lgprjax.archive.map_survey import places_of
 from lgprjax.archive.recordings import SweepDrive, TraceDrive, recording_of
 from lgprjax.archive.registering import RegisteredDrive, passes_over, register_log, write_registered
 from lgprjax.archive.tracks import DriveTrack, poses_of, track_of_drive
+from lgprjax.archive.vehicle_signals import signals_of
+from lgprjax.archive.vehicles import chassis_of, servo_of
 from lgprjax.archive.verdicts import HealthFigure, Stretch, Verdict
 
 __all__ = [
@@ -32,6 +34,7 @@ __all__ = [
     "Verdict",
     "accuracy_of",
     "build_map",
+    "chassis_of",
     "drive_health",
     "example_scan",
     "file_hash",
@@ -42,6 +45,8 @@ __all__ = [
     "poses_of",
     "recording_of",
     "register_log",
+    "servo_of",
+    "signals_of",
     "thresholds_from",
     "track_of_drive",
     "try_drives",

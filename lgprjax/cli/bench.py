@@ -1,10 +1,11 @@
 """``lgprjax bench``: measurements beside other programs, on this machine."""
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from json import loads
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 from rich.console import Console
 from rich.status import Status
@@ -14,72 +15,94 @@ from lgprjax.cli.progress import console
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
-    from lgprjax.bench.registration import Outcome
+    from lgprjax.bench.records import Record
+
+Name = Literal["registration", "rollouts"]
+Say = Callable[[str], None]
+
+
+class Measured(NamedTuple):
+    """What a benchmark found, as the command line shows it.
+
+    Attributes:
+        machine: what it ran on.
+        lead: lines and tables above the records.
+        records: figures, goals among them.
+        not_measured: what did not run, and why.
+        more: further data for the JSON file.
+    """
+
+    machine: str
+    lead: list[str]
+    records: "list[Record]"
+    not_measured: list[str]
+    more: dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Bench:
     """Measure this project beside others' programs, on the same problems on this machine.
 
-    registration: the search for a scan's pose, on hard generated ground. Each peer runs in a process of its own with
-    the number of threads that suits it best. Goals that are not met are printed as plainly as those that are; the
-    exit status does not depend on them. Peers come with pip install "lgprjax[bench]".
+    registration: the search for a scan's pose, on hard generated ground.
+    rollouts: vehicles driven along a path in closed loop, very many at once.
+
+    Each peer runs in a process of its own with the number of threads that suits it best. Goals that are not met are
+    printed as plainly as those that are; the exit status does not depend on them. Peers come with pip install
+    "lgprjax[bench]".
     """
 
-    name: Annotated[Positional[Literal["registration"]], arg(metavar="NAME", help="registration")]
+    name: Annotated[Positional[Name], arg(metavar="NAME", help="registration or rollouts")]
     quick: bool = False
     """few problems, about two minutes: rough figures"""
     json: Path | None = None
     """also write machine, peers and records to this file"""
     figure: Path | None = None
-    """also measure success against coarse step and correlation length of the ground and draw it (PNG); minutes more"""
+    """registration: also measure success against coarse step and correlation length of the ground and draw it (PNG);
+    minutes more"""
     force: bool = False
     """replace outputs that exist"""
 
     def run(self) -> None:
         """Run, print, write."""
-        from lgprjax.bench.registration import FULL, QUICK, run_registration
-
+        if self.figure is not None and self.name != "registration":
+            raise InputError("--figure", "option", "the benchmark registration", self.name)
         for path in (self.json, self.figure):
             if path is not None and path.exists() and not self.force:
                 raise InputError(path, "output", "a new file, or --force", "the file exists")
             if path is not None and not path.absolute().parent.is_dir():
                 raise InputError(path, "output", "a file in a folder that exists", "no such folder")
         with tempfile.TemporaryDirectory() as folder, _sign("starting") as status:
-            outcome = run_registration(QUICK if self.quick else FULL, Path(folder), status.update)
-        self._print(outcome)
-        self._write(outcome)
+            measured = _BENCHMARKS[self.name](self.quick, Path(folder), status.update)
+        self._print(measured)
+        self._write(measured)
         if self.figure is not None:
             self._draw(self.figure)
 
-    def _print(self, outcome: "Outcome") -> None:
+    def _print(self, measured: Measured) -> None:
         from lgprjax.bench import text_table
-        from lgprjax.bench.peer_table import peer_table
 
-        _say(outcome.machine)
+        _say(measured.machine)
         if self.quick:
-            _say("quick: few problems and one number of threads; the figures are rough, and none is to be quoted")
+            _say("quick: few problems, few repeats; the figures are rough, and none is to be quoted")
         _say("")
-        _say("Times a scan, 369 samples of 11 channels to pose, map prepared; threads in brackets.")
-        _say(peer_table(outcome.peers))
-        _say("A ratio says how many times faster this project is than what stands after the stroke.")
-        _say(text_table(outcome.records).rstrip())
-        for line in outcome.not_measured:
+        for line in measured.lead:
+            _say(line)
+        _say(text_table(measured.records).rstrip())
+        for line in measured.not_measured:
             _say(f"not measured: {line}")
 
-    def _write(self, outcome: "Outcome") -> None:
+    def _write(self, measured: Measured) -> None:
         from lgprjax.bench import records_as_json
-        from lgprjax.bench.peer_table import peers_as_data
         from lgprjax.cli.figures import write_figures
 
         if self.json is None:
             return
         figures = {
-            "machine": outcome.machine,
+            "machine": measured.machine,
             "quick": self.quick,
-            "peers": peers_as_data(outcome.peers),
-            "records": loads(records_as_json(outcome.records)),
-            "not_measured": outcome.not_measured,
+            **measured.more,
+            "records": loads(records_as_json(measured.records)),
+            "not_measured": measured.not_measured,
         }
         write_figures(self.json, figures, force=self.force)
 
@@ -91,6 +114,31 @@ class Bench:
             strides, grounds = measure_sweeps(sweep, Path(folder), status.update)
         draw_sweeps(strides, grounds, path, usual_m=sweep.hard_set.correlation_m, force=self.force)
         _say(f"figure: {path}")
+
+
+def _registration(quick: bool, folder: Path, say: Say) -> Measured:
+    from lgprjax.bench.peer_table import peer_table, peers_as_data
+    from lgprjax.bench.registration import FULL, QUICK, run_registration
+
+    outcome = run_registration(QUICK if quick else FULL, folder, say)
+    lead = [
+        "Times a scan, 369 samples of 11 channels to pose, map prepared; threads in brackets.",
+        peer_table(outcome.peers),
+        "A ratio says how many times faster this project is than what stands after the stroke.",
+    ]
+    more = {"peers": peers_as_data(outcome.peers)}
+    return Measured(outcome.machine, lead, outcome.records, outcome.not_measured, more)
+
+
+def _rollouts(quick: bool, folder: Path, say: Say) -> Measured:
+    from lgprjax.bench.rollouts import FULL_ROLLOUTS, QUICK_ROLLOUTS, run_rollouts
+
+    outcome = run_rollouts(QUICK_ROLLOUTS if quick else FULL_ROLLOUTS, folder, say)
+    lead = ["One step of one vehicle is a step. A ratio says how many times faster this project is than the other."]
+    return Measured(outcome.machine, lead, outcome.records, outcome.not_measured, {})
+
+
+_BENCHMARKS: dict[Name, Callable[[bool, Path, Say], Measured]] = {"registration": _registration, "rollouts": _rollouts}
 
 
 def _sign(what: str) -> Status:

@@ -15,6 +15,7 @@ from lgprjax.cli.maps import MapVerb
 from lgprjax.cli.register import Register
 from lgprjax.cli.simulate import Simulate
 from lgprjax.cli.thresholds import ThresholdsVerb
+from lgprjax.cli.tune import Tune
 
 _DESCRIPTION = """Localizing ground-penetrating radar: locate a vehicle by the ground beneath it.
 
@@ -30,6 +31,7 @@ Verb = (
     | Annotated[Register, tyro.conf.subcommand("register")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[ThresholdsVerb, tyro.conf.subcommand("thresholds")]
+    | Annotated[Tune, tyro.conf.subcommand("tune")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
 )
 

@@ -1,4 +1,4 @@
-"""``lgprjax simulate``: drive logs of a generated site, from a site file."""
+"""``lgprjax simulate``: drive logs of a generated site or of a made-up vehicle's calibration drives, from a file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,10 +18,11 @@ class Simulate:
     """Generate drive logs: a road, the ground below it, days and drives, from a site file.
 
     The position of every scan is known exactly and stands in the log as /truth. The same file gives the same drives.
-    sites/ has examples; docs/scene.md lists the keys and says what is modelled and what is not.
+    sites/ has examples; docs/scene.md lists the keys and says what is modelled and what is not. A file of kind
+    "vehicle_drives" gives calibration drives of a vehicle, without radar: tuning/drives.toml is one.
     """
 
-    site: Annotated[Positional[Path], arg(metavar="SITE.toml", help="the site file")]
+    site: Annotated[Positional[Path], arg(metavar="SITE.toml", help="the site file, or the drives file")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for NAME.drive.h5, one for each drive")]
     only: Annotated[tuple[str, ...], arg(metavar="NAME...", help="write these drives only")] = ()
     force: bool = False
@@ -29,8 +30,11 @@ class Simulate:
 
     def run(self) -> None:
         """Plan all drives, then render them."""
-        from lgprjax.simulation import output_paths, plan_site, read_site, write_site
+        from lgprjax.simulation import is_vehicle_plan, output_paths, plan_site, read_site, write_site
 
+        if is_vehicle_plan(self.site):
+            self._drive_vehicle()
+            return
         site = read_site(self.site)
         with working(f"planning {self.site}"):
             planned = plan_site(site, self.site, self.only)
@@ -39,6 +43,21 @@ class Simulate:
         with progress_bar("rendering drives", scans) as progress:
             paths = write_site(planned, self.output, force=self.force, progress=progress)
         _print_written(planned, paths)
+        console.print(f"drive logs: {self.output}", highlight=False, markup=False, soft_wrap=True)
+
+    def _drive_vehicle(self) -> None:
+        from lgprjax.simulation import read_vehicle_plan, write_vehicle_logs
+
+        plan = read_vehicle_plan(self.site)
+        with progress_bar("driving", len(self.only or plan.drives)) as progress:
+            paths = write_vehicle_logs(plan, self.output, only=self.only, force=self.force, progress=progress)
+        title = f"vehicle {plan.serial_number or 'without serial number'}"
+        table = Table("drive", "time", "file size", title=title)
+        for drive in plan.drives:
+            if drive.name in paths:
+                size = f"{paths[drive.name].stat().st_size / 1e6:.2f} MB"
+                table.add_row(drive.name, f"{drive.manoeuvre.time_s[-1]:.1f} s", size)
+        console.print(table)
         console.print(f"drive logs: {self.output}", highlight=False, markup=False, soft_wrap=True)
 
 

@@ -26,25 +26,35 @@ from lgprjax.formats.profile import Profile, TraceCoordinates
 from lgprjax.formats.schema import Schema, load_schema
 from lgprjax.formats.segy import read_segy
 from lgprjax.formats.segy_drive import import_segy
+from lgprjax.formats.study_file import Study, read_study
 from lgprjax.formats.survey_track import Place
 from lgprjax.formats.surveys import import_iprb, import_lines, read_profile
 from lgprjax.formats.thresholds_file import read_thresholds, write_thresholds
+from lgprjax.formats.vehicle_file import read_vehicle, require_serial_number, write_vehicle
+from lgprjax.formats.vehicle_log import VehicleLog, write_vehicle_log
+from lgprjax.formats.vehicle_model import Found, RearMap, VehicleFile, WheelMap, with_values
 
 __all__ = [
     "DriveDescription",
     "DriveLog",
     "DriveWriter",
     "Finding",
+    "Found",
     "MapFile",
     "MapWriter",
     "NavigationTrack",
     "OdometryTrack",
     "Place",
     "Profile",
+    "RearMap",
     "Schema",
+    "Study",
     "SweepRecording",
     "TraceCoordinates",
     "TraceRecording",
+    "VehicleFile",
+    "VehicleLog",
+    "WheelMap",
     "atomic_output",
     "check_file",
     "create_store",
@@ -65,7 +75,13 @@ __all__ = [
     "read_mala",
     "read_profile",
     "read_segy",
+    "read_study",
     "read_thresholds",
+    "read_vehicle",
+    "require_serial_number",
+    "with_values",
     "write_fixes",
     "write_thresholds",
+    "write_vehicle",
+    "write_vehicle_log",
 ]

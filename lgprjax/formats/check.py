@@ -1,14 +1,14 @@
 """Hold any file of ours against its schema and report every problem, not only the first."""
 
-import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from lgprjax.errors import InputError
-from lgprjax.formats.findings import Finding, check_scalar, check_version, expected_scalar
+from lgprjax.formats.findings import Finding
 from lgprjax.formats.fixes import parse_cells, read_cells, table_findings
 from lgprjax.formats.schema import Schema, load_schema
 from lgprjax.formats.store import open_store, validate_store
+from lgprjax.formats.vehicle_file import vehicle_findings
 
 
 def check_file(path: str | Path) -> list[Finding]:
@@ -45,37 +45,10 @@ def _check_fixes_csv(path: Path) -> Iterator[Finding]:
     yield from (f for f in table_findings(path, table) if f.found != "none" or f.place not in named)
 
 
-def _check_vehicle(path: Path) -> Iterator[Finding]:
-    schema = load_schema("vehicle")
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, "file", "a readable file", error.strerror or str(error)) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(path, "file", "TOML", str(error)) from None
-    refusal = check_version(schema, table.pop("schema", None), table.pop("schema_version", None))
-    if refusal is not None:
-        yield Finding(str(path), *refusal)
-        return
-    values: dict[str, object] = {}
-    for name, value in table.items():
-        values |= {f"{name}.{key}": inner for key, inner in value.items()} if isinstance(value, dict) else {name: value}
-    for entry in schema.keys:
-        if entry.path not in values:
-            if entry.required:
-                yield Finding(str(path), entry.path, expected_scalar(entry), "none")
-            continue
-        problem = check_scalar(entry, values.pop(entry.path))
-        if problem is not None:
-            yield Finding(str(path), entry.path, expected_scalar(entry), problem)
-    for name in values:
-        yield Finding(str(path), name, "a key of data_schema/vehicle.toml", "an unknown key")
-
-
 _CHECKS: dict[str, Callable[[Path], Iterator[Finding]]] = {
     ".drive.h5": _check_store(load_schema("drive")),
     ".map.h5": _check_store(load_schema("map")),
     ".fixes.h5": _check_store(load_schema("fixes")),
     ".fixes.csv": _check_fixes_csv,
-    ".vehicle.toml": _check_vehicle,
+    ".vehicle.toml": vehicle_findings,
 }

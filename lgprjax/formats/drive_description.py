@@ -104,6 +104,7 @@ class DriveDescription:
         truth: true poses (synthetic, or RTK), without sigmas.
         vehicle: signals by name, ``time_s`` among them.
         provenance: which steps, parameters and inputs made the log; must be JSON.
+        serial_number: of the vehicle, stored with its signals; ``None`` where nobody told.
     """
 
     name: str
@@ -115,3 +116,4 @@ class DriveDescription:
     truth: NavigationTrack | None
     vehicle: dict[str, np.ndarray] | None
     provenance: dict[str, object]
+    serial_number: str | None = None

@@ -63,13 +63,16 @@ class DriveLog:
 
         Raises:
             InputError: the file is missing, damaged, of another format or of a newer major version, or a dataset,
-                attribute, unit, shape or small value is not as ``data_schema/drive.toml`` says.
+                attribute, unit, shape or small value is not as ``data_schema/drive.toml`` says, or it holds no radar
+                recording (``VehicleLog`` reads such a file).
         """
         store = open_store(path)
         try:
             for finding in validate_store(store, path, load_schema("drive")):
                 if finding.severity == "error":
                     raise finding.error()
+            if "/radar" not in store:
+                raise InputError(path, "/radar", "a radar recording", "a drive without radar (only for tune and check)")
             return cls(Path(path), store)
         except BaseException:
             store.close()
@@ -177,15 +180,23 @@ def _read_description(store: h5py.File) -> DriveDescription:
             height_m=_number(array, "height_m"),
         ),
         recording=_read_recording(store["/radar"]),
-        navigation=_read_track(store["/gnss_ins"]),
+        navigation=read_track(store["/gnss_ins"]),
         odometry=OdometryTrack(store["/odometry/time_s"][:], store["/odometry/distance_m"][:]),
-        truth=None if truth is None else _read_track(truth),
+        truth=None if truth is None else read_track(truth),
         vehicle=None if vehicle is None else {name: vehicle[name][:] for name in vehicle},
         provenance=json.loads(str(attribute_of(store, "provenance"))),
+        serial_number=serial_number_of(vehicle),
     )
 
 
-def _read_track(group: Any) -> NavigationTrack:
+def serial_number_of(vehicle: Any) -> str | None:
+    """Serial number that the group of a vehicle's signals names, ``None`` where there is no group or no number."""
+    number = None if vehicle is None else attribute_of(vehicle, "serial_number")
+    return None if number is None else str(number)
+
+
+def read_track(group: Any) -> NavigationTrack:
+    """A track from its group."""
     names = NavigationTrack.__dataclass_fields__
     return NavigationTrack(**{name: group[name][:] for name in names if name in group})
 

@@ -13,7 +13,13 @@ import numpy.typing as npt
 from jaxtyping import Bool, Complex, Float, Num
 
 from lgprjax.errors import InputError
-from lgprjax.formats.drive_description import DriveDescription, NavigationTrack, SweepRecording, TraceRecording
+from lgprjax.formats.drive_description import (
+    DriveDescription,
+    NavigationTrack,
+    OdometryTrack,
+    SweepRecording,
+    TraceRecording,
+)
 from lgprjax.formats.hdf5_output import GuardedFile, create_store
 from lgprjax.formats.schema import load_schema
 from lgprjax.formats.store import create_array, validate_store, write_array, write_attribute
@@ -151,22 +157,42 @@ def _write_description(
     write_attribute(store, "name", description.name)
     write_attribute(store, "t0_utc", description.t0_utc)
     write_attribute(store, "provenance", json.dumps(description.provenance))
+    write_tracks(store, description.navigation, description.odometry, description.truth)
+    write_signals(store, target, description.vehicle, description.serial_number)
     _write_recording(store, description.recording, channels, dtype)
     array = description.array
     for name in ("x_m", "y_m", "time_offset_s"):
         write_array(store, _SCHEMA, f"/array/{name}", getattr(array, name))
     store["/array"].attrs["height_m"] = array.height_m
-    _write_track(store, "/gnss_ins", description.navigation)
-    write_array(store, _SCHEMA, "/odometry/time_s", description.odometry.time_s)
-    write_array(store, _SCHEMA, "/odometry/distance_m", description.odometry.distance_m)
-    if description.truth is not None:
-        _write_track(store, "/truth", description.truth)
-    for name, values in (description.vehicle or {}).items():
+
+
+def write_tracks(
+    store: h5py.File, navigation: NavigationTrack, odometry: OdometryTrack, truth: NavigationTrack | None
+) -> None:
+    """Write where a drive went, as navigation, odometry and, where it is known, truth say."""
+    _write_track(store, "/gnss_ins", navigation)
+    write_array(store, _SCHEMA, "/odometry/time_s", odometry.time_s)
+    write_array(store, _SCHEMA, "/odometry/distance_m", odometry.distance_m)
+    if truth is not None:
+        _write_track(store, "/truth", truth)
+
+
+def write_signals(
+    store: h5py.File, target: Path, signals: dict[str, np.ndarray] | None, serial_number: str | None
+) -> None:
+    """Write the signals of the vehicle by name, and whose they are.
+
+    Raises:
+        InputError: the format has no such signal.
+    """
+    for name, values in (signals or {}).items():
         try:
             write_array(store, _SCHEMA, f"/vehicle/{name}", values)
         except KeyError:
             known = ", ".join(e.path[9:] for e in _SCHEMA.datasets if e.path.startswith("/vehicle/"))
             raise InputError(target, "vehicle", f"signals among {known}", name) from None
+    if signals and serial_number is not None:
+        write_attribute(store["/vehicle"], "serial_number", serial_number)
 
 
 def _write_track(store: h5py.File, group: str, track: NavigationTrack) -> None:

@@ -138,7 +138,8 @@ def _findings(store: h5py.File, file: str, schema: Schema, bulk: bool, complete:
     for group in schema.groups:
         if not isinstance(_get(store, group.path), h5py.Group):
             absent.append(group.path + "/")
-            if group.required or group.path in store:
+            needed = group.required or (group.needs is not None and group.needs in store)
+            if needed or group.path in store:
                 yield Finding(file, group.path, "a group", "another object" if group.path in store else "none")
     for paths in schema.one_of:
         present = [p for p in paths if p in store]

@@ -1,10 +1,15 @@
 """Pictures, tables and the HTML page that show what a registration did. NumPy in, files out."""
 
 from lgprjax.report.codes import draw_codes
+from lgprjax.report.encoder_fit import EncoderPicture, draw_encoder_fit
+from lgprjax.report.fitted_curve import Curve, Points, draw_fitted_curve
 from lgprjax.report.html import ReportFigure, ReportTable, Section, drive_section, overview_table, write_report
+from lgprjax.report.look_ahead_surface import LookAheadSweep, draw_look_ahead
 from lgprjax.report.map_strips import BaselineStrip, MapStrips, draw_map_strips
 from lgprjax.report.match import draw_match
+from lgprjax.report.palm_tree import Branch, draw_palm_tree
 from lgprjax.report.results import CODES, CorrelationSurface, DriveResult, MatchExample, TrackErrors, track_errors
+from lgprjax.report.servo_steps import ServoResponse, draw_servo_steps
 from lgprjax.report.summary import WRONG_M, DriveSummary, summarise
 from lgprjax.report.surface import draw_surface
 from lgprjax.report.table import summary_table
@@ -14,18 +19,29 @@ __all__ = [
     "CODES",
     "WRONG_M",
     "BaselineStrip",
+    "Branch",
     "CorrelationSurface",
+    "Curve",
     "DriveResult",
     "DriveSummary",
+    "EncoderPicture",
+    "LookAheadSweep",
     "MapStrips",
     "MatchExample",
+    "Points",
     "ReportFigure",
     "ReportTable",
     "Section",
+    "ServoResponse",
     "TrackErrors",
     "draw_codes",
+    "draw_encoder_fit",
+    "draw_fitted_curve",
+    "draw_look_ahead",
     "draw_map_strips",
     "draw_match",
+    "draw_palm_tree",
+    "draw_servo_steps",
     "draw_surface",
     "draw_trajectory",
     "drive_section",

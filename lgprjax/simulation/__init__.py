@@ -6,24 +6,32 @@ from lgprjax.simulation.site_file import read_site
 from lgprjax.simulation.site_plan import ArrayConfig, Site, SiteDrive, SiteHeader, plan_drive, prepare_site
 from lgprjax.simulation.site_writing import PlannedDrive, PlannedSite, output_paths, plan_site, write_site
 from lgprjax.simulation.sweep_recording import describe_sweeps
+from lgprjax.simulation.vehicle_logs import vehicle_log_of, write_vehicle_logs
+from lgprjax.simulation.vehicle_plan import PlannedVehicleDrive, VehiclePlan, is_vehicle_plan, read_vehicle_plan
 
 __all__ = [
     "SITE_FRAME",
     "ArrayConfig",
     "PlannedDrive",
     "PlannedSite",
+    "PlannedVehicleDrive",
     "Site",
     "SiteDrive",
     "SiteHeader",
+    "VehiclePlan",
     "demo_site",
     "describe_drive",
     "describe_sweeps",
+    "is_vehicle_plan",
     "output_paths",
     "plan_drive",
     "plan_site",
     "prepare_site",
     "read_site",
+    "read_vehicle_plan",
+    "vehicle_log_of",
     "write_drive",
     "write_drives",
     "write_site",
+    "write_vehicle_logs",
 ]

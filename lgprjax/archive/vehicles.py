@@ -1,0 +1,77 @@
+"""A vehicle file as the chassis and the servo that kinematics and simulation take."""
+
+from pathlib import Path
+
+import jax.numpy as jnp
+
+from lgprjax.errors import InputError
+from lgprjax.formats import VehicleFile
+from lgprjax.vehicle import Chassis, MeasuredRear, ProportionalRear, Rear, Servo
+
+
+def chassis_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Chassis:
+    """The chassis that a file describes, scalars in float32.
+
+    Measured rear wheel angles, where the file has them, come before ``steering.rear_ratio``. Without a characteristic
+    speed nothing is lost to slip.
+
+    Args:
+        vehicle: a counter-steered one.
+        path: its file, for errors.
+
+    Raises:
+        InputError: a skid-steered vehicle, or a number that is needed is not in the file.
+    """
+    if vehicle.steering_kind != "counter_steer":
+        raise InputError(path, "steering_kind", "counter_steer", repr(vehicle.steering_kind))
+    steering = vehicle.steering
+    if vehicle.rear_map is not None:
+        held = vehicle.rear_map
+        knots = jnp.asarray(held.rear_rad, jnp.float32)
+        rear: Rear = MeasuredRear(jnp.float32(held.first_rad), jnp.float32(held.step_rad), knots)
+    else:
+        rear = ProportionalRear(jnp.float32(_needed(path, "steering.rear_ratio", steering.rear_ratio)))
+    speed = steering.characteristic_speed_mps
+    return Chassis(
+        wheelbase_m=jnp.float32(_needed(path, "chassis.wheelbase_m", vehicle.chassis.wheelbase_m)),
+        anchor_m=jnp.float32(_needed(path, "pursuit.anchor_m", vehicle.pursuit.anchor_m)),
+        rear=rear,
+        largest_angle_rad=jnp.float32(
+            _needed(path, "steering.largest_wheel_angle_rad", steering.largest_wheel_angle_rad)
+        ),
+        characteristic_speed_mps=jnp.float32(float("inf") if speed is None else speed),
+    )
+
+
+def servo_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Servo:
+    """The servo that a file describes, scalars in float32: each part that the file does not tell is off.
+
+    Lag and rate must be told. Without voltages the torque is full at any supply from 1 V.
+
+    Args:
+        vehicle: the vehicle.
+        path: its file, for errors.
+
+    Raises:
+        InputError: a number that is needed is not in the file, or one voltage without the other.
+    """
+    steering = vehicle.steering
+    if (steering.nominal_v is None) != (steering.stall_v is None):
+        absent = "nominal_v" if steering.nominal_v is None else "stall_v"
+        raise InputError(path, f"steering.{absent}", "nominal_v and stall_v, or neither", "none")
+    return Servo(
+        lag_s=jnp.float32(_needed(path, "steering.lag_s", steering.lag_s)),
+        rate_radps=jnp.float32(_needed(path, "steering.largest_wheel_rate_radps", steering.largest_wheel_rate_radps)),
+        delay_s=jnp.float32(steering.delay_s or 0.0),
+        dead_band_rad=jnp.float32(steering.dead_band_rad or 0.0),
+        backlash_rad=jnp.float32(steering.backlash_rad or 0.0),
+        asymmetry=jnp.float32(steering.asymmetry or 0.0),
+        nominal_v=jnp.float32(1.0 if steering.nominal_v is None else steering.nominal_v),
+        stall_v=jnp.float32(0.0 if steering.stall_v is None else steering.stall_v),
+    )
+
+
+def _needed(path: str | Path, place: str, value: float | None) -> float:
+    if value is None:
+        raise InputError(path, place, "a number (the study that finds it comes first)", "none")
+    return value

@@ -1,0 +1,193 @@
+"""Pictures of how the vehicle turns, gains speed and follows: from a fit to a PNG."""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from lgprjax.archive.study_pedals import levelled
+from lgprjax.archive.study_rear_ratio import rear_axle_slip
+from lgprjax.report.fitted_curve import Curve, Points, draw_fitted_curve
+from lgprjax.report.look_ahead_surface import LookAheadSweep, draw_look_ahead
+from lgprjax.report.pedal_runs import PedalPicture, draw_pedal_runs
+from lgprjax.tuning import DriveSignals
+from lgprjax.tuning.arcs import Arcs
+from lgprjax.tuning.look_ahead_trials import Judged
+from lgprjax.tuning.look_ahead_tuner import TunedLookAhead
+from lgprjax.tuning.pedal_fit import PedalsFit
+from lgprjax.tuning.pedal_runs import PedalRuns
+from lgprjax.tuning.rear_ratio import RearRatioFit
+from lgprjax.tuning.yaw_gain_fit import YawGainFit
+from lgprjax.vehicle import Chassis
+
+_STEPS = 201
+
+
+def draw_rear_ratio_heading(
+    arcs: Arcs, chassis: Chassis, fit: RearRatioFit, path: str | Path, *, force: bool = False
+) -> None:
+    """Direction of the rear axle's path against the heading, over curvature, with what k makes of it.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    known = np.isfinite(arcs.slip_rad)
+    bend, slip = arcs.curvature_radpm[known], np.degrees(arcs.slip_rad[known] + fit.offset_rad.value)
+    sigma = np.degrees(np.hypot(arcs.sigma_slip_rad[known], fit.drift_rad))
+    curve = np.linspace(bend.min(), bend.max(), _STEPS)
+    speed = float(np.median(arcs.speed_mps[known]))
+    middle, low, high = (
+        np.degrees(rear_axle_slip(chassis, k, speed, curve)) for k in (fit.ratio.value, fit.ratio.low, fit.ratio.high)
+    )
+    ratio, forward = fit.ratio, arcs.stretches.sense[known] > 0
+    series = [
+        Points(label, bend[chosen], slip[chosen], sigma[chosen], np.interp(bend[chosen], curve, middle))
+        for label, chosen in (("stretches driven forward", forward), ("in reverse", ~forward))
+        if chosen.any()
+    ]
+    draw_fitted_curve(
+        series,
+        Curve(f"k = {ratio.value:.4f}", curve, middle, np.minimum(low, high), np.maximum(low, high)),
+        path,
+        title=f"Rear over front wheel angle: k = {ratio.value:.4f}, {ratio.low:.4f} to {ratio.high:.4f}",
+        x_label="curvature of the rear axle's path (1/m), left positive",
+        y_label="path less heading (degrees)",
+        residual_label="residual (degrees)",
+        caption=(
+            "Direction in which the rear axle moves, less the body's heading: minus the rear wheels' angle. The INS "
+            f"heading was taken to be turned by {np.degrees(fit.offset_rad.value):.2f}°; bars hold its drift, too."
+        ),
+        force=force,
+    )
+
+
+def draw_rear_ratio_angles(
+    front_rad: Float[np.ndarray, " block"],
+    rear_rad: Float[np.ndarray, " block"],
+    fit: RearRatioFit,
+    path: str | Path,
+    *,
+    force: bool = False,
+) -> None:
+    """Measured rear over front wheel angle, with the line that k is.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    front = np.linspace(front_rad.min(), front_rad.max(), _STEPS)
+    ratio, offset = fit.ratio, fit.offset_rad
+    line = offset.value - ratio.value * front
+    half = np.hypot(0.5 * (offset.high - offset.low), 0.5 * (ratio.high - ratio.low) * front)
+    draw_fitted_curve(
+        [
+            Points(
+                "means over a second",
+                np.degrees(front_rad),
+                np.degrees(rear_rad),
+                np.zeros_like(rear_rad),
+                np.degrees(offset.value - ratio.value * front_rad),
+            )
+        ],
+        Curve(f"k = {ratio.value:.4f}", *(np.degrees(v) for v in (front, line, line - half, line + half))),
+        path,
+        title=f"Rear over front wheel angle: k = {ratio.value:.4f}, {ratio.low:.4f} to {ratio.high:.4f}",
+        x_label="front wheel angle (degrees)",
+        y_label="rear wheel angle (degrees)",
+        residual_label="residual (degrees)",
+        caption="Both measured; a robust line. What bends away from it asks for a map in place of k.",
+        force=force,
+    )
+
+
+def draw_yaw_gain(fit: YawGainFit, path: str | Path, *, force: bool = False) -> None:
+    """Yaw gain over speed, a point a turn.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    speed, found = np.linspace(0.0, 1.05 * float(fit.speed_mps.max()), _STEPS), fit.characteristic_speed_mps
+    # The fit's scale belongs to the wheel angles, not to the gain.
+    gain = fit.gain * fit.scale.value
+    lines = [1.0 / (1.0 + (speed / v) ** 2) for v in (found.value, found.low, found.high)]
+    at_points = 1.0 / (1.0 + (fit.speed_mps / found.value) ** 2)
+    draw_fitted_curve(
+        [Points("turns", fit.speed_mps, gain, fit.sigma_gain, at_points)],
+        Curve(f"V = {found.value:.1f} m/s", speed, *lines),
+        path,
+        title=f"Yaw gain: characteristic speed {found.value:.1f} m/s, {found.low:.1f} to {found.high:.1f}",
+        x_label="speed (m/s)",
+        y_label="yaw rate over geometric yaw rate",
+        residual_label="residual",
+        caption=(
+            f"Gains times {fit.scale.value:.4f}, by which curvatures of the wheel angles differ from true ones at no "
+            f"speed. Front angles read {np.degrees(fit.offset_rad):.2f}° too far to the left; turns to either side lie "
+            "apart by it."
+        ),
+        force=force,
+    )
+
+
+def draw_pedals(
+    signals: DriveSignals,
+    runs: PedalRuns,
+    model_m: Float[np.ndarray, " record"],
+    fit: PedalsFit,
+    path: str | Path,
+    *,
+    force: bool = False,
+) -> None:
+    """Runs of throttle and brake, against the model.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    measured_m = levelled(runs, signals.travel_m[runs.record])
+    shown = PedalPicture(signals.time_s[runs.record], runs.run, runs.throttle, runs.brake, measured_m, model_m)
+    parts = [
+        f"{name}: from {pedal.pre_tension.value:.3f} on, dead zone {pedal.dead_zone.value:.3f}, "
+        f"{pedal.gain_mps2.value:.2f} m/s² a unit, lag {pedal.lag_s.value:.2f} s"
+        for name, pedal in (("throttle", fit.throttle), ("brake", fit.brake))
+    ]
+    draw_pedal_runs(shown, path, caption="; ".join(parts).capitalize() + ".", force=force)
+
+
+def draw_look_ahead_sweep(
+    tuned: TunedLookAhead,
+    swept: Judged,
+    look_m: Float[np.ndarray, " look"],
+    speed_mps: Float[np.ndarray, " speed"],
+    least_margin_rad: float,
+    path: str | Path,
+    *,
+    force: bool = False,
+) -> None:
+    """Error and oscillation over look-ahead and speed, with what was chosen.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    steady = np.asarray(swept.margin_rad) >= least_margin_rad
+    error = np.where(steady, np.asarray(swept.error_m, np.float64), np.nan)
+    # Below a millimetre there is nothing to see.
+    cycle_cm = np.where(steady, 100.0 * np.maximum(np.asarray(swept.cycle_m, np.float64), 1e-3), np.nan)
+    short, long, slow, fast = (float(value) for value in tuned.schedule)
+    chosen = np.linspace(speed_mps.min(), speed_mps.max(), _STEPS)
+    shown = LookAheadSweep(
+        look_m,
+        speed_mps,
+        error,
+        cycle_cm,
+        "oscillation left, amplitude (cm)",
+        chosen,
+        np.interp(chosen, [slow, fast], [short, long]),
+    )
+    draw_look_ahead(
+        shown,
+        path,
+        title=f"Look-ahead: {short:.1f} m up to {slow:.1f} m/s, {long:.1f} m from {fast:.1f} m/s on",
+        caption=(
+            "Means over the courses, and over offsets to both sides at the start. Grey: lag and delay leave less than "
+            f"{np.degrees(least_margin_rad):.0f}° of phase margin."
+        ),
+        force=force,
+    )

@@ -1,0 +1,126 @@
+"""Simulated calibration drives of one vehicle as drive logs without radar, from a drives file."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+
+from lgprjax import __version__
+from lgprjax.errors import InputError
+from lgprjax.formats import NavigationTrack, OdometryTrack, VehicleLog, write_vehicle_log
+from lgprjax.frames import LocalFrame
+from lgprjax.scene.vehicle_drive import VehicleDrive, simulate_vehicle_drive
+from lgprjax.simulation.vehicle_plan import VehiclePlan
+
+_T0_UTC = "2026-01-01T00:00:00+00:00"
+# A level site and no roll: calibrations use neither.
+_SIGMA_HEIGHT_M, _SIGMA_ROLL_DEG = 0.05, 0.1
+_TRUTH_EVERY = 10
+
+_SIGNALS = {
+    "steering_command_rad": "command_rad",
+    "wheel_angle_rad": "front_rad",
+    "rear_wheel_angle_rad": "rear_rad",
+    "steering_potentiometer_v": "potentiometer_v",
+    "encoder_counts": "encoder_counts",
+    "supply_v": "supply_v",
+    "throttle": "throttle",
+    "brake": "brake",
+}
+
+
+def vehicle_log_of(
+    name: str,
+    drive: VehicleDrive,
+    frame: LocalFrame,
+    *,
+    serial_number: str | None = None,
+    provenance: dict[str, object] | None = None,
+) -> VehicleLog:
+    """A simulated drive as a log; its truth included.
+
+    The navigation has a record wherever there is a position; the heading of the records between is left out, as
+    positions and headings share one clock in a log.
+
+    Args:
+        name: of the drive.
+        drive: from ``simulate_vehicle_drive``.
+        frame: where the drive begins on the globe.
+        serial_number: of the vehicle.
+        provenance: beside the program's.
+    """
+    signals, truth = drive.signals, drive.truth
+    fixed = np.isfinite(signals.east_m) & np.isfinite(signals.north_m) & np.isfinite(signals.yaw_rad)
+    poses = (signals.time_s, signals.east_m, signals.north_m, signals.yaw_rad)
+    navigation = _track(frame, *(values[fixed] for values in poses))
+    sigma_m, none = signals.sigma_position_m[fixed], np.zeros(int(fixed.sum()))
+    navigation = replace(
+        navigation,
+        sigma_east_m=sigma_m,
+        sigma_north_m=sigma_m,
+        sigma_height_m=none + _SIGMA_HEIGHT_M,
+        sigma_heading_deg=np.degrees(signals.sigma_yaw_rad[fixed]),
+        sigma_roll_deg=none + _SIGMA_ROLL_DEG,
+    )
+    every = slice(None, None, _TRUTH_EVERY)
+    true_track = _track(frame, *(values[every] for values in truth[:4]))
+    held = {logged: getattr(signals, own) for logged, own in _SIGNALS.items() if getattr(signals, own) is not None}
+    return VehicleLog(
+        name=name,
+        t0_utc=_T0_UTC,
+        navigation=navigation,
+        odometry=OdometryTrack(signals.time_s, signals.travel_m),
+        truth=true_track,
+        vehicle={"time_s": signals.time_s, **held},
+        serial_number=serial_number,
+        provenance={"program": f"lgprjax {__version__}", "synthetic": True, **(provenance or {})},
+    )
+
+
+def write_vehicle_logs(
+    plan: VehiclePlan,
+    folder: Path,
+    *,
+    only: Sequence[str] = (),
+    force: bool = False,
+    progress: Callable[[int], None] = lambda _: None,
+) -> dict[str, Path]:
+    """Simulate the drives of a plan and write each to ``NAME.drive.h5`` in a folder, which is made; paths by name.
+
+    Args:
+        only: names of the drives wanted; none for all.
+        progress: is told 1 for each drive written.
+
+    Raises:
+        InputError: a name that is none of the plan's; an output exists (without ``force``; found before any work) or
+            cannot be written.
+    """
+    drives = {drive.name: drive for drive in plan.drives}
+    for name in only:
+        if name not in drives:
+            raise InputError(plan.file, "--only", f"drives among {', '.join(drives)}", name)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(folder, "output", "a folder", "a file")
+    paths = {name: folder / f"{name}.drive.h5" for name in drives if not only or name in only}
+    for path in paths.values():
+        if path.exists() and not force:
+            raise InputError(path, "output", "a new file, or --force", "the file exists")
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, path in paths.items():
+        drive = drives[name]
+        simulated = simulate_vehicle_drive(plan.vehicle, drive.manoeuvre, drive.sensors, drive.seed)
+        origin = {"drives": plan.file.name, "seed": drive.seed, "true_vehicle": asdict(plan.vehicle)}
+        log = vehicle_log_of(name, simulated, plan.frame, serial_number=plan.serial_number, provenance=origin)
+        write_vehicle_log(path, log, force=force)
+        progress(1)
+    return paths
+
+
+def _track(
+    frame: LocalFrame, time_s: np.ndarray, east_m: np.ndarray, north_m: np.ndarray, yaw_rad: np.ndarray
+) -> NavigationTrack:
+    """Level poses of a local frame on the globe."""
+    latitude, longitude, height = frame.to_geodetic(east_m, north_m, np.zeros_like(east_m))
+    heading = frame.heading_of_yaw(yaw_rad, longitude)
+    return NavigationTrack(time_s, latitude, longitude, height, heading, np.zeros_like(east_m))
