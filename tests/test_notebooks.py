@@ -1,0 +1,76 @@
+"""The notebooks: short, with their outputs kept, and each runs from a fresh clone to a tuned vehicle file."""
+
+import os
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+import lgprjax
+from lgprjax.formats import check_file, read_vehicle
+from lgprjax.simulation import read_vehicle_plan
+
+_ROOT = Path(__file__).parents[1]
+_NOTEBOOKS = sorted(path.stem for path in (_ROOT / "notebooks").glob("*.ipynb"))
+
+_TRUE: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    "palm_tree": ("steering.potentiometer_v_per_rad", lambda vehicle: vehicle.potentiometer_per_rad_v[0]),
+    "encoder_potentiometer": ("steering.encoder_counts_per_rad", lambda vehicle: vehicle.encoder_counts_per_rad),
+    "k_ratio": ("steering.rear_ratio", lambda vehicle: vehicle.rear),
+}
+
+
+def _read(name: str) -> Any:
+    return nbformat.read(_ROOT / "notebooks" / f"{name}.ipynb", as_version=4)  # type: ignore[no-untyped-call]
+
+
+def test_there_is_a_notebook_for_each_session() -> None:
+    assert _NOTEBOOKS == ["encoder_potentiometer", "k_ratio", "look_ahead", "palm_tree"]
+
+
+@pytest.mark.parametrize("name", _NOTEBOOKS)
+def test_notebook_is_short_and_keeps_its_pictures(name: str) -> None:
+    book = _read(name)
+    assert len(book.cells) <= 12
+    outputs = [output for cell in book.cells if cell.cell_type == "code" for output in cell.outputs]
+    assert any("image/png" in output.get("data", {}) for output in outputs)
+    assert not [output for output in outputs if output.output_type == "error" or output.get("name") == "stderr"]
+    assert [cell.execution_count for cell in book.cells if cell.cell_type == "code"] == list(
+        range(1, 1 + sum(cell.cell_type == "code" for cell in book.cells))
+    )
+    # No one's folders, and public names only.
+    source = "\n".join(cell.source for cell in book.cells)
+    assert not re.search(r"[\"'(\s]/(home|tmp|work|root|Users)", source + str(outputs))
+    assert not re.search(r"(import|\.) _", source)
+
+
+@pytest.mark.parametrize("name", _NOTEBOOKS)
+def test_notebook_runs_from_a_fresh_clone(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The kernel finds the package that these tests found, however it is installed.
+    monkeypatch.setenv("PYTHONPATH", str(Path(lgprjax.__file__).parents[1]))
+    if os.environ.get("LGPRJAX_TEST_CACHE"):
+        monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", os.environ["LGPRJAX_TEST_CACHE"])
+    for folder in ("notebooks", "tuning"):
+        shutil.copytree(_ROOT / folder, tmp_path / folder)
+    book = _read(name)
+    NotebookClient(book, timeout=300, resources={"metadata": {"path": str(tmp_path / "notebooks")}}).execute()
+    (result,) = (tmp_path / "out" / "notebooks" / name).glob("*.vehicle.toml")
+    assert check_file(result) == []
+    vehicle = read_vehicle(result)
+    if name == "look_ahead":
+        assert vehicle.pursuit.short_m is not None
+        assert vehicle.pursuit.long_m is not None
+        assert 0.0 < vehicle.pursuit.short_m < vehicle.pursuit.long_m
+        return
+    path, truth_of = _TRUE[name]
+    truth = truth_of(read_vehicle_plan(_ROOT / "tuning" / "drives.toml").vehicle)
+    found = vehicle.found[path]
+    assert isinstance(found.low, float)
+    assert isinstance(found.high, float)
+    assert found.study == name
+    assert found.low < truth < found.high
