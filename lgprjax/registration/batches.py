@@ -130,8 +130,11 @@ class WindowLayout:
 
 def _as_many_as_fit(places: int, heights: int, options: RegisterOptions, held: Callable[[int], int]) -> int:
     """Templates a batch, a power of two: ``held`` is how many surfaces of all places and heights so many take."""
+    surface_mb = 4e-6 * heights * places
+    # A long window's own scans are the most of it: then a few templates more cost hardly more.
+    most_mb = max(options.memory_mb, 1.25 * surface_mb * held(1))
     count = _ENDS
-    while count > 1 and 4e-6 * held(count) * heights * places > options.memory_mb:
+    while count > 1 and surface_mb * held(count) > most_mb:
         count //= 2
     return count
 

@@ -25,7 +25,7 @@ class RegisterOptions:
         swarm: finish by a swarm of this size about each coarse summit; without it by Gauss-Newton.
         seed: of the swarm.
         memory_mb: bound on what a batch's products at all places of a tile may take, in 10⁶ bytes; a wide search goes
-            in smaller batches. One template is always tried, whatever it takes.
+            in smaller batches. One template is always tried, and a quarter more than it takes allowed.
         track: search about the last fix, carried on by odometry, in a region that follows the correlation.
     """
 
@@ -39,7 +39,7 @@ class RegisterOptions:
     own_thresholds: Thresholds | None = None
     swarm: SwarmConfig | None = None
     seed: int = 0
-    memory_mb: float = 256.0
+    memory_mb: float = 512.0
     track: bool = False
 
     @property
