@@ -36,7 +36,9 @@ def test_pauses_are_where_the_wheel_was_held() -> None:
     np.testing.assert_allclose(pauses.potentiometer_v, 2.43 + 2.0 * behind, atol=0.003)
 
 
-@pytest.mark.parametrize("spike_share", [0.0, 0.04], ids=["white", "spikes"])
+@pytest.mark.parametrize(
+    "spike_share", [pytest.param(0.0, id="white", marks=pytest.mark.campaign), pytest.param(0.04, id="spikes")]
+)
 def test_the_intervals_cover(spike_share: float) -> None:
     sensors = VehicleSensors(record_hz=10.0, spike_share=spike_share)
     draws = DRAWS if spike_share == 0.0 else 500

@@ -64,7 +64,9 @@ def test_ratio_without_noise_is_the_truth() -> None:
     assert fit.ratio.value == pytest.approx(RATIO, abs=2e-5)
 
 
-@pytest.mark.parametrize("noise", [Noise(), WANDERING], ids=["white", "wandering"])
+@pytest.mark.parametrize(
+    "noise", [pytest.param(Noise(), id="white"), pytest.param(WANDERING, id="wandering", marks=pytest.mark.campaign)]
+)
 def test_ratio_and_its_interval(noise: Noise) -> None:
     held, spread = drawn(300, noise)
     low, high = covered_band(300)

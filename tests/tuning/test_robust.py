@@ -119,7 +119,10 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+# The longest one is in the campaign.
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.campaign) if name == "memory" else name for name in CASES]
+)
 def test_intervals_of_level_and_slope_cover(name: str) -> None:
     count, outliers, kind = CASES[name]
     rng = np.random.default_rng(list(name.encode()))
