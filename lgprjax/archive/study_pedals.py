@@ -8,7 +8,7 @@ from jaxtyping import Float
 from lgprjax.archive.study_parts import Figure, LoggedDrive, Outcome, Task, fitting, one_drive, refuse_options, rms
 from lgprjax.tuning import DriveSignals
 from lgprjax.tuning.pedal_fit import WHAT, PedalFit, PedalsFit, fit_pedals
-from lgprjax.tuning.pedal_runs import PedalRuns, cut_runs, predict_way
+from lgprjax.tuning.pedal_runs import PedalRuns, cut_runs, levelled, predict_way
 
 
 class PedalsStudy(NamedTuple):
@@ -43,12 +43,6 @@ def study_pedals(task: Task) -> Outcome:
         notes.append(f"a metre of the odometer is {scale.value:.4f} m by the fixes")
     model_m = levelled(runs, _way(runs, fit))
     return Outcome({**found}, {}, tuple(figures), tuple(notes), PedalsStudy(drive.signals, runs, model_m, fit))
-
-
-def levelled(runs: PedalRuns, way_m: Float[np.ndarray, " record"]) -> Float[np.ndarray, " record"]:
-    """Less its mean over each run: where a run begins is not known better than its records."""
-    mean = np.bincount(runs.run, way_m) / np.bincount(runs.run)
-    return np.asarray(way_m - mean[runs.run])
 
 
 def _way(runs: PedalRuns, fit: PedalsFit) -> Float[np.ndarray, " record"]:

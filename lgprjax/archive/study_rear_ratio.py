@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -19,10 +18,9 @@ from lgprjax.archive.study_parts import (
 )
 from lgprjax.errors import InputError
 from lgprjax.tuning.arcs import Arcs, fit_arcs
-from lgprjax.tuning.axle_track import axle_track
 from lgprjax.tuning.rear_ratio import RearRatioFit, rear_ratio_by_angles, rear_ratio_by_heading, wheel_angle_blocks
 from lgprjax.tuning.stretches import find_stretches
-from lgprjax.vehicle import Chassis, ProportionalRear
+from lgprjax.vehicle import Chassis
 
 _METHODS = ("heading", "wheel_angles")
 
@@ -62,14 +60,6 @@ def study_rear_ratio(task: Task) -> Outcome:
     if method == "heading":
         notes.append(f"drift of the headings beside their noise: {np.degrees(fit.drift_rad):.3f}°")
     return Outcome({"steering.rear_ratio": fit.ratio}, {}, tuple(figures), tuple(notes), detail)
-
-
-def rear_axle_slip(
-    chassis: Chassis, ratio: float, speed_mps: float, curvature_radpm: Float[np.ndarray, " step"]
-) -> Float[np.ndarray, " step"]:
-    """Direction of the rear axle's path less the body's, at curvatures of that path, were k the ratio."""
-    track = axle_track(chassis._replace(rear=ProportionalRear(jnp.float32(ratio))), np.array([speed_mps]))
-    return np.asarray(np.interp(curvature_radpm, track.curvature_radpm[0], track.slip_rad[0]))
 
 
 def _fit(method: str, drive: LoggedDrive, chassis: Chassis) -> tuple[RearRatioFit, HeadingStudy | WheelAnglesStudy]:

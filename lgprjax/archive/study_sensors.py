@@ -17,7 +17,7 @@ from lgprjax.archive.study_parts import (
 )
 from lgprjax.formats import Found
 from lgprjax.tuning import DriveSignals, Estimate
-from lgprjax.tuning.encoder import EncoderFit, fit_encoder, potentiometer_of_counts
+from lgprjax.tuning.encoder import EncoderFit, fit_encoder, fitted_volts
 from lgprjax.tuning.straight import StraightFit, fit_straight
 
 
@@ -67,12 +67,6 @@ def study_encoder(task: Task) -> Outcome:
         figures.append(Figure("the same at the road wheel", fit.rms_counts * per_count, "deg"))
     figures += [_judge(judge, fit, v_per_rad) for judge in task.judges]
     return Outcome(found, {}, tuple(figures), tuple(notes), EncoderStudy(drive.signals, fit, v_per_rad))
-
-
-def fitted_volts(fit: EncoderFit, counts: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Voltage at counts reached in a direction (+1 rising): the middle of the play and half of it to either side."""
-    half_v = 0.5 * fit.hysteresis_counts.value / fit.counts_per_v.value
-    return np.asarray(potentiometer_of_counts(fit, counts) - direction * half_v)
 
 
 def _straight_rms_mv(fit: StraightFit) -> float:

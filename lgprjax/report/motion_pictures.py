@@ -5,17 +5,16 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.archive.study_pedals import levelled
-from lgprjax.archive.study_rear_ratio import rear_axle_slip
 from lgprjax.report.fitted_curve import Curve, Points, draw_fitted_curve
 from lgprjax.report.look_ahead_surface import LookAheadSweep, draw_look_ahead
 from lgprjax.report.pedal_runs import PedalPicture, draw_pedal_runs
 from lgprjax.tuning import DriveSignals
 from lgprjax.tuning.arcs import Arcs
+from lgprjax.tuning.axle_track import rear_axle_slip
 from lgprjax.tuning.look_ahead_trials import Judged
 from lgprjax.tuning.look_ahead_tuner import TunedLookAhead
 from lgprjax.tuning.pedal_fit import PedalsFit
-from lgprjax.tuning.pedal_runs import PedalRuns
+from lgprjax.tuning.pedal_runs import PedalRuns, levelled
 from lgprjax.tuning.rear_ratio import RearRatioFit
 from lgprjax.tuning.yaw_gain_fit import YawGainFit
 from lgprjax.vehicle import Chassis

@@ -5,14 +5,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lgprjax.archive.study_sensors import fitted_volts
 from lgprjax.report.encoder_fit import EncoderPicture, draw_encoder_fit
 from lgprjax.report.fitted_curve import Curve, Points, draw_fitted_curve
 from lgprjax.report.palm_tree import Branch, draw_palm_tree
 from lgprjax.report.servo_steps import ServoResponse, draw_servo_steps
 from lgprjax.tuning import DriveSignals
 from lgprjax.tuning.arcs import Arcs
-from lgprjax.tuning.encoder import EncoderFit
+from lgprjax.tuning.encoder import EncoderFit, fitted_volts
 from lgprjax.tuning.servo_fit import ServoFit
 from lgprjax.tuning.straight import StraightFit
 from lgprjax.tuning.wheel_angle import WheelAngleFit, front_angle, front_band

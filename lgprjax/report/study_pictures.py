@@ -4,7 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from lgprjax.archive.study_rear_ratio import HeadingStudy, WheelAnglesStudy
 from lgprjax.report.motion_pictures import (
     draw_look_ahead_sweep,
     draw_pedals,
@@ -34,8 +33,9 @@ def study_pictures(kind: str) -> dict[str, Callable[[Any, Path, bool], None]]:
     return _PICTURES[kind]
 
 
-def _draw_rear_ratio(detail: HeadingStudy | WheelAnglesStudy, path: Path, force: bool) -> None:
-    if isinstance(detail, HeadingStudy):
+def _draw_rear_ratio(detail: Any, path: Path, force: bool) -> None:
+    # Found by heading it holds arcs, else both wheel angles.
+    if "arcs" in detail._fields:
         draw_rear_ratio_heading(detail.arcs, detail.chassis, detail.fit, path, force=force)
     else:
         draw_rear_ratio_angles(detail.front_rad, detail.rear_rad, detail.fit, path, force=force)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.vehicle.chassis import Chassis, turn_of, yaw_gain
+from lgprjax.vehicle.chassis import Chassis, ProportionalRear, turn_of, yaw_gain
 
 _POINTS = 601
 _BEYOND = 1.3
@@ -58,3 +58,11 @@ def front_of_curvature(
         np.clip(curvature_radpm, *track.curvature_radpm[:, [0, last]].T) - low
     )
     return front, slope
+
+
+def rear_axle_slip(
+    chassis: Chassis, ratio: float, speed_mps: float, curvature_radpm: Float[np.ndarray, " step"]
+) -> Float[np.ndarray, " step"]:
+    """Direction of the rear axle's path less the body's, at curvatures of that path, were k the ratio."""
+    track = axle_track(chassis._replace(rear=ProportionalRear(jnp.float32(ratio))), np.array([speed_mps]))
+    return np.asarray(np.interp(curvature_radpm, track.curvature_radpm[0], track.slip_rad[0]))

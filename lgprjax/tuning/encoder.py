@@ -154,3 +154,11 @@ def _solve(curve: np.polynomial.Polynomial, volts: float) -> float:
     if near.size == 0:
         raise NotExcitedError(WHAT, f"a wheel turned about the reference of {volts:.3f} V", "no such voltage near")
     return float(near[np.argmin(np.abs(near))])
+
+
+def fitted_volts(
+    fit: EncoderFit, counts: Float[np.ndarray, " record"], direction: Float[np.ndarray, " record"]
+) -> Float[np.ndarray, " record"]:
+    """Voltage at counts reached in a direction (+1 rising): the middle of the play and half of it to either side."""
+    half_v = 0.5 * fit.hysteresis_counts.value / fit.counts_per_v.value
+    return np.asarray(potentiometer_of_counts(fit, counts) - direction * half_v)

@@ -160,3 +160,9 @@ def _standstill_middles(
     first, last = edges[::2], edges[1::2] - 1
     lasting = time_s[last] - time_s[first] >= STANDING_S
     return np.asarray((first[lasting] + last[lasting]) // 2)
+
+
+def levelled(runs: PedalRuns, way_m: Float[np.ndarray, " record"]) -> Float[np.ndarray, " record"]:
+    """Less its mean over each run: where a run begins is not known better than its records."""
+    mean = np.bincount(runs.run, way_m) / np.bincount(runs.run)
+    return np.asarray(way_m - mean[runs.run])
