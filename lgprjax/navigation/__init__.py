@@ -1,0 +1,211 @@
+"""Navigation: frames, fusion of fixes with GNSS, heading and odometry, routes and the planner."""
+
+from lgprjax.navigation.drifting_frame import (
+    FrameOffset,
+    SlewLimits,
+    anchor_frame,
+    slew_frame,
+    step_local,
+    to_global,
+    to_local,
+)
+from lgprjax.navigation.error_state import (
+    Transition,
+    course_observation,
+    predict,
+    transition_matrix,
+    transition_of,
+    update,
+)
+from lgprjax.navigation.filter import (
+    FilterInfo,
+    FilterState,
+    init_filter,
+    step_filter,
+)
+from lgprjax.navigation.filter_model import (
+    STATES,
+    FilterModel,
+    NavEstimate,
+    default_model,
+    init_estimate,
+    initial_sigmas,
+    pose_of,
+    position_sigma_m,
+)
+from lgprjax.navigation.gates import (
+    GateRules,
+    GateState,
+    default_rules,
+    init_gates,
+)
+from lgprjax.navigation.health import (
+    Health,
+    HealthState,
+    init_health,
+    step_health,
+)
+from lgprjax.navigation.health_rules import (
+    HealthRules,
+    health_rules,
+)
+from lgprjax.navigation.innovations import (
+    Innovation,
+    gnss_innovation,
+    heading_innovation,
+    lgpr_innovation,
+    odometer_innovation,
+)
+from lgprjax.navigation.observations import (
+    SOURCES,
+    GnssObservation,
+    HeadingObservation,
+    LgprObservation,
+    Motion,
+    Observations,
+    OdometerObservation,
+    no_observations,
+    valid_sources,
+)
+from lgprjax.navigation.plan import (
+    Plan,
+    PlanCode,
+    PlannerSettings,
+    PlannerState,
+    lost_planner,
+    planner_settings,
+)
+from lgprjax.navigation.planner import (
+    step_planner,
+)
+from lgprjax.navigation.planner_search import (
+    Starts,
+    acquire,
+    choose,
+    find_starts,
+    replace_route,
+)
+from lgprjax.navigation.reaction import (
+    STOPPING,
+    Reaction,
+    Reason,
+)
+from lgprjax.navigation.rewind import (
+    History,
+    InsertCode,
+    init_history,
+    insert,
+    step_history,
+)
+from lgprjax.navigation.route_path import (
+    RoutePath,
+    RouteSpeeds,
+    largest_curvature_radpm,
+    leg_point,
+    leg_project,
+    make_route_path,
+)
+from lgprjax.navigation.route_smoothing import (
+    RouteTrack,
+    is_closed,
+    legs_of_track,
+)
+from lgprjax.navigation.smoother import (
+    filter_drive,
+    smooth_drive,
+    smooth_estimates,
+)
+from lgprjax.navigation.threshold_switch import (
+    SwitchSettings,
+    SwitchState,
+    init_switch,
+    step_switch,
+)
+
+__all__ = [
+    "SOURCES",
+    "STATES",
+    "STOPPING",
+    "FilterInfo",
+    "FilterModel",
+    "FilterState",
+    "FrameOffset",
+    "GateRules",
+    "GateState",
+    "GnssObservation",
+    "HeadingObservation",
+    "Health",
+    "HealthRules",
+    "HealthState",
+    "History",
+    "Innovation",
+    "InsertCode",
+    "LgprObservation",
+    "Motion",
+    "NavEstimate",
+    "Observations",
+    "OdometerObservation",
+    "Plan",
+    "PlanCode",
+    "PlannerSettings",
+    "PlannerState",
+    "Reaction",
+    "Reason",
+    "RoutePath",
+    "RouteSpeeds",
+    "RouteTrack",
+    "SlewLimits",
+    "Starts",
+    "SwitchSettings",
+    "SwitchState",
+    "Transition",
+    "acquire",
+    "anchor_frame",
+    "choose",
+    "course_observation",
+    "default_model",
+    "default_rules",
+    "filter_drive",
+    "find_starts",
+    "gnss_innovation",
+    "heading_innovation",
+    "health_rules",
+    "init_estimate",
+    "init_filter",
+    "init_gates",
+    "init_health",
+    "init_history",
+    "init_switch",
+    "initial_sigmas",
+    "insert",
+    "is_closed",
+    "largest_curvature_radpm",
+    "leg_point",
+    "leg_project",
+    "legs_of_track",
+    "lgpr_innovation",
+    "lost_planner",
+    "make_route_path",
+    "no_observations",
+    "odometer_innovation",
+    "planner_settings",
+    "pose_of",
+    "position_sigma_m",
+    "predict",
+    "replace_route",
+    "slew_frame",
+    "smooth_drive",
+    "smooth_estimates",
+    "step_filter",
+    "step_health",
+    "step_history",
+    "step_local",
+    "step_planner",
+    "step_switch",
+    "to_global",
+    "to_local",
+    "transition_matrix",
+    "transition_of",
+    "update",
+    "valid_sources",
+]

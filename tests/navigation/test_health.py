@@ -1,0 +1,364 @@
+"""Faults of the navigation, each put into a drawn drive: told in time, with the reaction it asks for."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Float
+
+from drawn_drives import SPEED_MPS, TICK_S, Drawn, draw_drive, stacked, usual_model
+from lgprjax.navigation.filter import FilterInfo, FilterState, init_filter, step_filter
+from lgprjax.navigation.filter_model import RATE_BIAS, SPEED, YAW, NavEstimate, position_sigma_m
+from lgprjax.navigation.gates import default_rules
+from lgprjax.navigation.health import Health, HealthState, init_health, step_health
+from lgprjax.navigation.health_rules import HealthRules, health_rules
+from lgprjax.navigation.observations import Motion, Observations, no_observations
+from lgprjax.navigation.reaction import STOPPING, Reaction, Reason
+from lgprjax.vehicle import VehiclePose
+
+_SECONDS, _ONSET_S = 34.0, 18.0
+_MODEL = usual_model(gnss_error_sigma_m=0.03, gnss_error_s=60.0)
+_RULES = health_rules(gnss_period_s=0.1, heading_period_s=0.05, odometer_period_s=0.05, lgpr_period_s=0.2)
+_GATES = default_rules()
+
+
+class _Case(NamedTuple):
+    """A fault, what must be told of it and how soon, and the least and largest reaction from then on."""
+
+    name: str
+    fault: Callable[["_Inputs"], "_Inputs"]
+    reasons: Reason
+    within_s: float
+    reaction: Reaction
+    onset_s: float = _ONSET_S
+
+
+class _Inputs(NamedTuple):
+    """What a drive gives the filter and the health."""
+
+    motions: Motion
+    observations: Observations
+    strength: Float[np.ndarray, " tick"]
+    turned_rad: float = 0.0
+
+
+_TIME_S = TICK_S * np.arange(1, round(_SECONDS / TICK_S) + 1)
+_AFTER = _TIME_S > _ONSET_S + 1e-6
+
+
+def _changed(inputs: _Inputs, source: str, **fields: np.ndarray) -> _Inputs:
+    """An inputs' slot with other values from the onset on."""
+    slot = getattr(inputs.observations, source)
+    new = {}
+    for name, values in fields.items():
+        old = np.asarray(getattr(slot, name))
+        after = _AFTER.reshape(-1, *[1] * (old.ndim - 1))
+        new[name] = jnp.asarray(np.where(after, values, old), old.dtype)
+    return inputs._replace(observations=inputs.observations._replace(**{source: slot._replace(**new)}))
+
+
+def _silent(*sources: str) -> Callable[[_Inputs], _Inputs]:
+    def fault(inputs: _Inputs) -> _Inputs:
+        for source in sources:
+            inputs = _changed(inputs, source, valid=np.asarray(False))
+        return inputs
+
+    return fault
+
+
+def _stuck(inputs: _Inputs) -> _Inputs:
+    gnss = inputs.observations.gnss
+    last = int(np.flatnonzero(np.asarray(gnss.valid) & ~_AFTER)[-1])
+    return _changed(inputs, "gnss", x_m=np.asarray(gnss.x_m[last]), y_m=np.asarray(gnss.y_m[last]))
+
+
+def _shifted(source: str, x_m: float, y_m: float) -> Callable[[_Inputs], _Inputs]:
+    def fault(inputs: _Inputs) -> _Inputs:
+        slot = getattr(inputs.observations, source)
+        return _changed(inputs, source, x_m=np.asarray(slot.x_m) + x_m, y_m=np.asarray(slot.y_m) + y_m)
+
+    return fault
+
+
+def _drifting(inputs: _Inputs) -> _Inputs:
+    gnss = inputs.observations.gnss
+    return _changed(inputs, "gnss", y_m=np.asarray(gnss.y_m) + 0.1 * (_TIME_S - _ONSET_S))
+
+
+def _coarse(sigma_m: float) -> Callable[[_Inputs], _Inputs]:
+    def fault(inputs: _Inputs) -> _Inputs:
+        gnss, rng = inputs.observations.gnss, np.random.default_rng(3)
+        x, y = (np.asarray(v) + sigma_m * rng.normal(size=_TIME_S.size) for v in (gnss.x_m, gnss.y_m))
+        return _changed(inputs, "gnss", x_m=x, y_m=y, covariance=sigma_m**2 * np.eye(2))
+
+    return fault
+
+
+def _heading(change_rad: float, nan: bool = False) -> Callable[[_Inputs], _Inputs]:
+    def fault(inputs: _Inputs) -> _Inputs:
+        yaw = np.asarray(inputs.observations.heading.yaw_rad) + change_rad
+        return _changed(inputs, "heading", yaw_rad=yaw * np.nan if nan else yaw)
+
+    return fault
+
+
+def _wheels(factor: float) -> Callable[[_Inputs], _Inputs]:
+    def fault(inputs: _Inputs) -> _Inputs:
+        return _changed(inputs, "odometer", speed_mps=factor * np.asarray(inputs.observations.odometer.speed_mps))
+
+    return fault
+
+
+def _step(step_s: float) -> Callable[[_Inputs], _Inputs]:
+    def fault(inputs: _Inputs) -> _Inputs:
+        at = int(np.argmax(_AFTER))
+        return inputs._replace(motions=inputs.motions._replace(step_s=inputs.motions.step_s.at[at].set(step_s)))
+
+    return fault
+
+
+def _backwards(inputs: _Inputs) -> _Inputs:
+    return inputs._replace(turned_rad=np.pi)
+
+
+def _fading(inputs: _Inputs) -> _Inputs:
+    return inputs._replace(strength=np.where(_AFTER, 0.3, inputs.strength))
+
+
+def _both(*faults: Callable[[_Inputs], _Inputs]) -> Callable[[_Inputs], _Inputs]:
+    def fault(inputs: _Inputs) -> _Inputs:
+        for one in faults:
+            inputs = one(inputs)
+        return inputs
+
+    return fault
+
+
+_EPOCH_S, _SCAN_S = 0.1, 0.2
+_C, _D, _S = Reaction.CONTINUE, Reaction.DEGRADE, Reaction.STOP
+_CASES = [
+    _Case("nothing", lambda inputs: inputs, Reason(0), 0.0, _C),
+    _Case("1_gnss_off", _silent("gnss"), Reason.GNSS_SILENT, 1.5 * _EPOCH_S, _D),
+    _Case("2_gnss_stuck", _stuck, Reason.GNSS_STUCK | Reason.GNSS_REJECTED, 1.0, _D),
+    _Case("3_gnss_jumps_0.3_m", _shifted("gnss", 0.0, 0.3), Reason.GNSS_REJECTED, _EPOCH_S, _D),
+    _Case("3_gnss_jumps_3_m", _shifted("gnss", 2.0, 2.2), Reason.GNSS_REJECTED, _EPOCH_S, _D),
+    _Case("3_gnss_jumps_30_m", _shifted("gnss", -30.0, 0.0), Reason.GNSS_REJECTED, _EPOCH_S, _D),
+    _Case("4_rtk_float", _coarse(0.4), Reason.GNSS_COARSE, _EPOCH_S, _D),
+    _Case("4_single_without_lgpr", _both(_coarse(2.0), _silent("lgpr")), Reason.TOO_UNCERTAIN, 15.0, _S),
+    _Case("5_gnss_drifts", _drifting, Reason.CONFLICT, 10.0, _D),
+    _Case("7_clock_stands", _step(0.0), Reason.BAD_STEP, 0.0, _D),
+    _Case("7_clock_leaps", _step(1.5), Reason.BAD_STEP, 0.0, _S),
+    _Case("8_ins_off", _silent("heading"), Reason.HEADING_SILENT, 0.2, _D),
+    _Case("8_ins_not_a_number", _heading(0.0, nan=True), Reason.HEADING_SILENT, 0.2, _D),
+    _Case("8_ins_bias_steps", _heading(0.1), Reason.HEADING_REJECTED, 0.2, _D),
+    _Case("8_ins_off_without_lgpr", _silent("heading", "lgpr"), Reason.HEADING_LOST, 0.7, _S),
+    _Case("9_starts_backwards", _backwards, Reason.HEADING_REJECTED, 2 * TICK_S, _S, onset_s=0.0),
+    _Case("10_scans_missing", _silent("lgpr"), Reason.LGPR_SILENT, 3 * _SCAN_S, _D),
+    _Case("11_lgpr_at_a_wrong_place", _shifted("lgpr", 1.0, -1.5), Reason.LGPR_REJECTED, 1.0, _D),
+    _Case("11_lgpr_stays_there", _shifted("lgpr", 1.0, -1.5), Reason.CONFLICT_LASTS, 11.0, _S),
+    _Case("12_lgpr_fades", _fading, Reason.LGPR_FADED, 2.0, _D),
+    _Case("13_gnss_and_lgpr_lost", _silent("gnss", "lgpr"), Reason.POSITION_LOST, 0.6, _S),
+    _Case("14_encoder_off", _silent("odometer"), Reason.ODOMETER_SILENT, 0.5, _D),
+    _Case("14_encoder_dead", _wheels(0.0), Reason.ODOMETER_REJECTED, 0.5, _D),
+    _Case("14_wheels_slip", _wheels(1.3), Reason.ODOMETER_REJECTED, 0.5, _D),
+    _Case("14_encoder_reversed", _wheels(-1.0), Reason.ODOMETER_REJECTED, 0.5, _D),
+    _Case("14_speed_unknown", _silent("odometer", "gnss", "lgpr"), Reason.SPEED_LOST, 3.0, _S),
+]
+
+
+@jax.jit
+def _run(
+    motions: Motion, observations: Observations, strength: jax.Array, turned_rad: jax.Array
+) -> tuple[FilterState, FilterInfo, Health]:
+    def one(
+        motion: Motion, observed: Observations, strengths: jax.Array, turned: jax.Array
+    ) -> tuple[FilterState, FilterInfo, Health]:
+        def step(
+            carry: tuple[FilterState, HealthState], tick: tuple[Motion, Observations, jax.Array]
+        ) -> tuple[tuple[FilterState, HealthState], tuple[FilterState, FilterInfo, Health]]:
+            state, info = step_filter(_MODEL, _GATES, carry[0], tick[0], tick[1])
+            health, told = step_health(
+                _RULES, carry[1], state, info, tick[1], tick[2], jnp.float32(0.0), tick[0].step_s
+            )
+            return (state, health), (state, info, told)
+
+        zero = jnp.zeros((), jnp.float32)
+        start = init_filter(_MODEL, VehiclePose(zero, zero, turned), jnp.float32(SPEED_MPS))
+        whole: tuple[FilterState, FilterInfo, Health] = jax.lax.scan(
+            step, (start, init_health()), (motion, observed, strengths)
+        )[1]
+        return whole
+
+    return jax.vmap(one)(motions, observations, strength, turned_rad)
+
+
+class _Told(NamedTuple):
+    """Of one case, by tick."""
+
+    reasons: np.ndarray
+    reaction: np.ndarray
+    cap_mps: np.ndarray
+    estimate: NavEstimate
+    states: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def told() -> dict[str, _Told]:
+    drawn: Drawn = draw_drive(_MODEL, 5, seconds=_SECONDS)
+    usual = _Inputs(drawn.motions, drawn.observations, np.full(_TIME_S.size, 0.8))
+    inputs = [case.fault(usual) for case in _CASES]
+    motions, observations = stacked([drawn._replace(motions=i.motions, observations=i.observations) for i in inputs])
+    # A strength belongs to a scan: between scans there is none.
+    scanned = np.asarray(observations.lgpr.valid)
+    strength = np.where(scanned, np.stack([i.strength for i in inputs]), np.nan)
+    state, _, health = jax.device_get(
+        _run(
+            motions,
+            observations,
+            jnp.asarray(strength, jnp.float32),
+            jnp.asarray([i.turned_rad for i in inputs], jnp.float32),
+        )
+    )
+    return {
+        case.name: _Told(
+            health.reasons[lane],
+            health.reaction[lane],
+            health.speed_cap_mps[lane],
+            jax.tree.map(lambda leaf, lane=lane: leaf[lane], state.estimate),
+            drawn.states,
+        )
+        for lane, case in enumerate(_CASES)
+    }
+
+
+@pytest.mark.parametrize("case", _CASES[1:], ids=lambda case: case.name)
+def test_fault_is_told_in_time_with_its_reaction(told: dict[str, _Told], case: _Case) -> None:
+    of = told[case.name]
+    before = (_TIME_S > 2.0) & (case.onset_s > _TIME_S)
+    assert (of.reaction[before] == _C).all()
+    hit = (of.reasons & case.reasons.value) != 0
+    assert not hit[before].any()
+    first = _TIME_S[np.argmax(hit & (case.onset_s < _TIME_S))]
+    assert hit.any()
+    # The tick in which it becomes true at the latest.
+    assert first - case.onset_s <= case.within_s + TICK_S + 1e-6
+    at = int(np.argmax(first - 1e-9 <= _TIME_S))
+    assert of.reaction[at] == case.reaction
+    assert of.cap_mps[at] == (0.0 if case.reaction == _S else float(_RULES.degraded_mps))
+
+
+def test_sound_drive_goes_on_at_full_speed(told: dict[str, _Told]) -> None:
+    of = told["nothing"]
+    settled = _TIME_S > 2.0
+    assert (of.reasons[settled] == 0).all()
+    assert np.isinf(of.cap_mps[settled]).all()
+
+
+@pytest.mark.parametrize("name", ["3_gnss_jumps_0.3_m", "3_gnss_jumps_3_m", "3_gnss_jumps_30_m", "2_gnss_stuck"])
+def test_rejected_gnss_does_not_move_the_estimate(told: dict[str, _Told], name: str) -> None:
+    after = (_TIME_S > _ONSET_S) & (_TIME_S < _ONSET_S + 10.0)
+    away = np.asarray(told[name].estimate.mean - told["1_gnss_off"].estimate.mean)[after, :2]
+    assert np.hypot(*away.T).max() < 0.1
+
+
+def test_lost_position_stops_the_vehicle_within_the_budget(told: dict[str, _Told]) -> None:
+    of = told["13_gnss_and_lgpr_lost"]
+    stop_s = _TIME_S[np.argmax((of.reaction == _S) & _AFTER)]
+    # A ramp to 2 m/s² and down to standstill takes three seconds from 10 mph.
+    _, cross_m = position_sigma_m(of.estimate)
+    assert float(np.asarray(cross_m)[_AFTER & (stop_s + 3.0 >= _TIME_S)].max()) < 0.3
+    assert (of.reaction[stop_s <= _TIME_S] == _S).all()
+
+
+def test_slow_drift_is_told_before_it_has_led_far_astray(told: dict[str, _Told]) -> None:
+    of = told["5_gnss_drifts"]
+    first = int(np.argmax((of.reaction != _C) & _AFTER))
+    away = np.asarray(of.estimate.mean, np.float64)[: first + 1, :2] - of.states[: first + 1, :2]
+    assert np.hypot(*away.T)[_TIME_S[: first + 1] > 5.0].max() < 0.3
+
+
+def _sound() -> tuple[FilterState, FilterInfo]:
+    """A filter that has just accepted all sources."""
+    state = init_filter(_MODEL, VehiclePose(*jnp.zeros(3, jnp.float32)), jnp.float32(0.0))
+    gates = state.gates._replace(since_accepted_s=jnp.zeros(4), since_offered_s=jnp.zeros(4))
+    covariance = jnp.diag(jnp.full(13, 1e-4, jnp.float32))
+    yes, no = jnp.ones(4, bool), jnp.zeros(4, bool)
+    estimate = NavEstimate(state.estimate.mean, covariance)
+    return FilterState(estimate, gates), FilterInfo(jnp.ones(4), yes, yes, no)
+
+
+_one = jax.jit(step_health)
+
+
+def _told_once(
+    state: FilterState, info: FilterInfo, *, left_m: float = 0.0, rules: HealthRules = _RULES
+) -> tuple[Reason, Reaction]:
+    health = _one(
+        rules,
+        init_health(),
+        state,
+        info,
+        no_observations(),
+        jnp.float32(jnp.nan),
+        jnp.float32(left_m),
+        jnp.float32(TICK_S),
+    )[1]
+    return Reason(int(health.reasons)), Reaction(int(health.reaction))
+
+
+@pytest.mark.parametrize("state", [SPEED, YAW, RATE_BIAS])
+def test_what_is_no_number_stops(state: int) -> None:
+    sound, info = _sound()
+    mean = sound.estimate.mean.at[state].set(jnp.nan)
+    reasons, reaction = _told_once(sound._replace(estimate=sound.estimate._replace(mean=mean)), info)
+    assert reasons & Reason.NON_FINITE
+    assert reaction == _S
+
+
+@pytest.mark.parametrize(
+    ("left_m", "reasons", "reaction"),
+    [
+        (0.2, Reason(0), _C),
+        (0.5, Reason.FRAME_BEHIND, _D),
+        (1.5, Reason.FRAME_BEHIND | Reason.FRAME_FAR, _S),
+    ],
+)
+def test_path_behind_its_place_degrades_then_stops(left_m: float, reasons: Reason, reaction: Reaction) -> None:
+    assert _told_once(*_sound(), left_m=left_m) == (reasons, reaction)
+
+
+def test_reacquired_source_degrades() -> None:
+    state, info = _sound()
+    assert _told_once(state, info._replace(reacquired=info.reacquired.at[0].set(True))) == (Reason.REACQUIRED, _D)
+
+
+def test_source_that_the_vehicle_lacks_is_not_missed() -> None:
+    never = float("inf")
+    rules = health_rules(gnss_period_s=never, heading_period_s=0.05, odometer_period_s=0.05, lgpr_period_s=0.2)
+    state, info = _sound()
+    silent = state.gates._replace(
+        since_offered_s=jnp.asarray([1e6, 0.0, 0.0, 0.0]), since_accepted_s=jnp.asarray([1e6, 0.0, 0.0, 0.0])
+    )
+    assert _told_once(state._replace(gates=silent), info, rules=rules) == (Reason(0), _C)
+
+
+def test_reason_is_held_and_then_let_go() -> None:
+    state, info = _sound()
+    health, told_for = init_health(), 0
+    for tick in range(60):
+        left = jnp.float32(0.5 if tick == 0 else 0.0)
+        health, out = _one(
+            _RULES, health, state, info, no_observations(), jnp.float32(jnp.nan), left, jnp.float32(TICK_S)
+        )
+        told_for += int(out.reasons) != 0
+    # A second of ticks, and the one that saw it.
+    assert told_for in (20, 21)
+
+
+def test_each_reason_is_a_bit_of_its_own_and_stopping_ones_stop() -> None:
+    assert [reason.value for reason in Reason] == [1 << bit for bit in range(len(Reason))]
+    assert Reason.CONFLICT not in STOPPING
+    assert Reason.CONFLICT_LASTS in STOPPING

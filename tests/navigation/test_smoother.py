@@ -1,0 +1,130 @@
+"""The smoother against batch conditioning in float64, and its honesty on drives with a gap in GNSS and LGPR."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+from drawn_drives import SPEED_MPS, draw_drive, silenced, stacked, usual_model
+from lgprjax.navigation.filter import FilterInfo, FilterState, init_filter
+from lgprjax.navigation.filter_model import FilterModel, NavEstimate
+from lgprjax.navigation.gates import default_rules
+from lgprjax.navigation.observations import Motion, Observations
+from lgprjax.navigation.smoother import filter_drive, smooth_drive, smooth_estimates
+from lgprjax.vehicle import VehiclePose
+from linear_drives import LINEAR, STATES, draw_straight, gaussian_of, padded
+
+_LANES, _TICKS = 24, 500
+_RESTART = 250
+_MODEL = usual_model(gnss_error_sigma_m=0.03, gnss_error_s=60.0)
+
+
+def _start(model: FilterModel) -> FilterState:
+    return init_filter(model, VehiclePose(*jnp.zeros(3, jnp.float32)), jnp.float32(SPEED_MPS))
+
+
+@jax.jit
+def _both(
+    model: FilterModel, motions: Motion, observations: Observations, restarted: jax.Array
+) -> tuple[NavEstimate, FilterInfo, NavEstimate]:
+    def one(motion: Motion, observed: Observations) -> tuple[NavEstimate, FilterInfo, NavEstimate]:
+        filtered, info = filter_drive(model, default_rules(), _start(model), motion, observed)
+        return filtered, info, smooth_estimates(model, filtered, motion, restarted)
+
+    return jax.vmap(one)(motions, observations)
+
+
+_NEVER = np.zeros(_TICKS, bool)
+
+
+class _Driven:
+    """Drives of 25 s; neither GNSS nor LGPR from 8 to 20 s."""
+
+    def __init__(self) -> None:
+        self.drives = [
+            silenced(silenced(draw_drive(_MODEL, seed, seconds=25.0), "gnss", 8.0, 20.0), "lgpr", 8.0, 20.0)
+            for seed in range(_LANES)
+        ]
+        self.motions, self.observations = stacked(self.drives)
+        self.filtered, self.info, self.smoothed = _both(_MODEL, self.motions, self.observations, jnp.asarray(_NEVER))
+        self.states = np.stack([drive.states for drive in self.drives])
+
+    def error_m(self, estimate: NavEstimate) -> np.ndarray:
+        """Distance from the truth, [lane, tick]."""
+        away = np.asarray(estimate.mean, np.float64)[..., :2] - self.states[..., :2]
+        return np.asarray(np.hypot(away[..., 0], away[..., 1]))
+
+
+@pytest.fixture(scope="module")
+def driven() -> _Driven:
+    return _Driven()
+
+
+def test_smoothed_track_is_better_in_the_gap(driven: _Driven) -> None:
+    gap = slice(180, 380)
+    rms = [float(np.sqrt(np.mean(driven.error_m(e)[:, gap] ** 2))) for e in (driven.filtered, driven.smoothed)]
+    assert rms[1] < 0.7 * rms[0]
+    # At the end there is nothing later to learn from.
+    np.testing.assert_allclose(driven.smoothed.mean[:, -1], driven.filtered.mean[:, -1])
+
+
+@pytest.mark.parametrize("states", [(0, 1, 2), tuple(range(13))], ids=["pose", "all"])
+def test_smoothed_covariance_is_honest(driven: _Driven, states: tuple[int, ...]) -> None:
+    index = np.asarray(states)
+    # Ticks far apart: neighbours share their errors.
+    at = np.arange(60, _TICKS, 120)
+    away = (np.asarray(driven.smoothed.mean, np.float64) - driven.states)[:, at][..., index]
+    covariance = np.asarray(driven.smoothed.covariance, np.float64)[:, at][..., index[:, None], index]
+    nees = np.einsum("lti,lti->lt", away, np.linalg.solve(covariance, away[..., None])[..., 0])
+    # The mean over a lane is one draw: its spread is measured, not assumed.
+    lane = nees.mean(axis=1)
+    half = stats.t.ppf(0.995, _LANES - 1) * lane.std(ddof=1) / np.sqrt(_LANES)
+    assert abs(lane.mean() - index.size) < half
+    assert half < 0.45 * index.size
+
+
+def test_covariances_are_symmetric_and_positive(driven: _Driven) -> None:
+    # The last is the filter's own.
+    covariance = np.asarray(driven.smoothed.covariance, np.float64)[:, :-1]
+    sigma = np.sqrt(np.einsum("...ii->...i", covariance))
+    scaled = covariance / (sigma[..., :, None] * sigma[..., None, :])
+    np.testing.assert_allclose(scaled, scaled.swapaxes(-1, -2), atol=1e-6)
+    assert np.linalg.eigvalsh(scaled).min() > 0.0
+    before = np.sqrt(np.einsum("...ii->...i", np.asarray(driven.filtered.covariance, np.float64)[:, :-1]))
+    assert np.max(sigma / before) < 1.01
+
+
+def test_nothing_is_carried_back_across_a_restart(driven: _Driven) -> None:
+    restarted = _NEVER.copy()
+    restarted[_RESTART] = True
+    _, _, smoothed = _both(_MODEL, driven.motions, driven.observations, jnp.asarray(restarted))
+    np.testing.assert_allclose(smoothed.mean[:, _RESTART - 1], driven.filtered.mean[:, _RESTART - 1], atol=1e-6)
+    np.testing.assert_array_equal(smoothed.mean[:, _RESTART:], driven.smoothed.mean[:, _RESTART:])
+    moved = np.abs(np.asarray(smoothed.mean - driven.smoothed.mean))[:, 100 : _RESTART - 1, :2]
+    assert moved.max() > 0.005
+
+
+def test_smooth_drive_is_forward_and_back(driven: _Driven) -> None:
+    first = jax.tree.map(lambda leaf: leaf[0], (driven.motions, driven.observations))
+    smoothed = jax.jit(partial(smooth_drive, _MODEL, default_rules(), _start(_MODEL)))(*first)
+    np.testing.assert_allclose(smoothed.mean, driven.smoothed.mean[0], atol=1e-3)
+
+
+def test_linear_drive_is_that_of_batch_conditioning_whatever_is_appended() -> None:
+    ticks = 60
+    drives = [draw_straight(seed, ticks) for seed in range(_LANES)]
+    _, info, smoothed = _both(LINEAR, *padded(drives, _TICKS), jnp.asarray(_NEVER))
+    assert bool((info.accepted == info.offered).all())
+    for lane in range(3):
+        prior = gaussian_of(drives[lane], ticks)
+        seen = prior.rows @ prior.covariance
+        gain = np.linalg.solve(seen @ prior.rows.T + np.diag(prior.noise), seen).T
+        mean = prior.mean + gain @ (prior.values - prior.rows @ prior.mean)
+        variance = np.diag(prior.covariance - gain @ seen)
+        got = np.asarray(smoothed.mean, np.float64)[lane, :ticks][:, STATES]
+        np.testing.assert_allclose(got.ravel(), mean, atol=5e-4)
+        diagonal = np.einsum("tii->ti", np.asarray(smoothed.covariance, np.float64)[lane, :ticks])[:, STATES]
+        np.testing.assert_allclose(np.sqrt(diagonal).ravel(), np.sqrt(variance), rtol=5e-3)
