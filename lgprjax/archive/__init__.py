@@ -10,9 +10,19 @@ from lgprjax.archive.map_health import MapHealth, verify_map
 from lgprjax.archive.map_survey import places_of
 from lgprjax.archive.recordings import SweepDrive, TraceDrive, recording_of
 from lgprjax.archive.registering import RegisteredDrive, passes_over, register_log, write_registered
+from lgprjax.archive.routes import (
+    Route,
+    lay_route,
+    open_route,
+    require_map,
+    route_named,
+    routes_of,
+    stretch_of,
+    waypoints_of,
+)
 from lgprjax.archive.tracks import DriveTrack, poses_of, track_of_drive
 from lgprjax.archive.vehicle_signals import signals_of
-from lgprjax.archive.vehicles import chassis_of, servo_of
+from lgprjax.archive.vehicles import chassis_of, filter_model_of, servo_of
 from lgprjax.archive.verdicts import HealthFigure, Stretch, Verdict
 
 __all__ = [
@@ -25,6 +35,7 @@ __all__ = [
     "MapFinding",
     "MapHealth",
     "RegisteredDrive",
+    "Route",
     "RouteInterval",
     "Stretch",
     "Strips",
@@ -38,18 +49,26 @@ __all__ = [
     "drive_health",
     "example_scan",
     "file_hash",
+    "filter_model_of",
     "fix_example",
     "labels_of",
+    "lay_route",
+    "open_route",
     "passes_over",
     "places_of",
     "poses_of",
     "recording_of",
     "register_log",
+    "require_map",
+    "route_named",
+    "routes_of",
     "servo_of",
     "signals_of",
+    "stretch_of",
     "thresholds_from",
     "track_of_drive",
     "try_drives",
     "verify_map",
+    "waypoints_of",
     "write_registered",
 ]

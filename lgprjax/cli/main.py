@@ -13,6 +13,7 @@ from lgprjax.cli.errors import run_verb
 from lgprjax.cli.imports import ImportVerb
 from lgprjax.cli.maps import MapVerb
 from lgprjax.cli.register import Register
+from lgprjax.cli.route import RouteVerb
 from lgprjax.cli.simulate import Simulate
 from lgprjax.cli.thresholds import ThresholdsVerb
 from lgprjax.cli.tune import Tune
@@ -29,6 +30,7 @@ Verb = (
     | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[MapVerb, tyro.conf.subcommand("map", description="Subsurface databases.")]
     | Annotated[Register, tyro.conf.subcommand("register")]
+    | Annotated[RouteVerb, tyro.conf.subcommand("route", description="Routes of a subsurface database.")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[ThresholdsVerb, tyro.conf.subcommand("thresholds")]
     | Annotated[Tune, tyro.conf.subcommand("tune")]

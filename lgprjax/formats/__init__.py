@@ -23,6 +23,7 @@ from lgprjax.formats.iprb import read_iprb, read_iprb_array
 from lgprjax.formats.mala import read_mala
 from lgprjax.formats.map_file import MapFile, MapWriter
 from lgprjax.formats.profile import Profile, TraceCoordinates
+from lgprjax.formats.route_file import RouteFile, read_route, route_findings, write_route
 from lgprjax.formats.schema import Schema, load_schema
 from lgprjax.formats.segy import read_segy
 from lgprjax.formats.segy_drive import import_segy
@@ -33,6 +34,7 @@ from lgprjax.formats.thresholds_file import read_thresholds, write_thresholds
 from lgprjax.formats.vehicle_file import read_vehicle, require_serial_number, write_vehicle
 from lgprjax.formats.vehicle_log import VehicleLog, write_vehicle_log
 from lgprjax.formats.vehicle_model import Found, RearMap, VehicleFile, WheelMap, with_values
+from lgprjax.formats.waypoints import Waypoints, write_waypoints
 
 __all__ = [
     "DriveDescription",
@@ -47,6 +49,7 @@ __all__ = [
     "Place",
     "Profile",
     "RearMap",
+    "RouteFile",
     "Schema",
     "Study",
     "SweepRecording",
@@ -54,6 +57,7 @@ __all__ = [
     "TraceRecording",
     "VehicleFile",
     "VehicleLog",
+    "Waypoints",
     "WheelMap",
     "atomic_output",
     "check_file",
@@ -74,14 +78,18 @@ __all__ = [
     "read_iprb_array",
     "read_mala",
     "read_profile",
+    "read_route",
     "read_segy",
     "read_study",
     "read_thresholds",
     "read_vehicle",
     "require_serial_number",
+    "route_findings",
     "with_values",
     "write_fixes",
+    "write_route",
     "write_thresholds",
     "write_vehicle",
     "write_vehicle_log",
+    "write_waypoints",
 ]

@@ -6,13 +6,14 @@ from pathlib import Path
 from lgprjax.errors import InputError
 from lgprjax.formats.findings import Finding
 from lgprjax.formats.fixes import parse_cells, read_cells, table_findings
+from lgprjax.formats.route_file import route_findings
 from lgprjax.formats.schema import Schema, load_schema
 from lgprjax.formats.store import open_store, validate_store
 from lgprjax.formats.vehicle_file import vehicle_findings
 
 
 def check_file(path: str | Path) -> list[Finding]:
-    """Findings of a ``.drive.h5``, ``.map.h5``, ``.fixes.h5``, ``.fixes.csv`` or ``.vehicle.toml`` file.
+    """Findings of a ``.drive.h5``, ``.map.h5``, ``.fixes.h5``, ``.fixes.csv``, ``.route.toml`` or ``.vehicle.toml``.
 
     Radar data are read block by block, so memory stays small. An empty list means that the file is as it should be.
 
@@ -50,5 +51,6 @@ _CHECKS: dict[str, Callable[[Path], Iterator[Finding]]] = {
     ".map.h5": _check_store(load_schema("map")),
     ".fixes.h5": _check_store(load_schema("fixes")),
     ".fixes.csv": _check_fixes_csv,
+    ".route.toml": route_findings,
     ".vehicle.toml": vehicle_findings,
 }

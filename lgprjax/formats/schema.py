@@ -89,7 +89,7 @@ def _entry(table: dict[str, Any]) -> Entry:
 
 @lru_cache
 def load_schema(name: str) -> Schema:
-    """Schema of ``drive``, ``map``, ``fixes`` or ``vehicle``."""
+    """Schema of ``drive``, ``map``, ``fixes``, ``route`` or ``vehicle``."""
     table = tomllib.loads(schema_text(name))
 
     def entries(key: str) -> tuple[Entry, ...]:

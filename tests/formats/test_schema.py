@@ -9,7 +9,7 @@ import pytest
 from lgprjax.formats import load_schema
 from lgprjax.formats.schema import schema_text
 
-_NAMES = ["drive", "map", "fixes", "vehicle"]
+_NAMES = ["drive", "map", "fixes", "route", "vehicle"]
 _CHECKS = {"finite", "increasing", "decreasing", "positive", "non_negative"}
 
 
@@ -17,8 +17,8 @@ _CHECKS = {"finite", "increasing", "decreasing", "positive", "non_negative"}
 def test_schema_is_complete(name: str) -> None:
     schema = load_schema(name)
     assert schema.name == f"lgprjax.{name}"
-    # 1.2: drives without radar, more signals of the vehicle. Vehicle 1.1: servo, sensors, maps, pedals, what was found.
-    assert schema.version == {"drive": "1.2", "vehicle": "1.1"}.get(name, "1.0")
+    # 1.3: drives without radar, more signals of the vehicle. Vehicle 1.2: servo, sensors, maps, pedals, navigation.
+    assert schema.version == {"drive": "1.3", "vehicle": "1.2"}.get(name, "1.0")
     entries = [*schema.datasets, *schema.attributes, *schema.columns, *schema.keys]
     paths = [entry.path for entry in entries]
     assert len(set(paths)) == len(paths)

@@ -1,0 +1,160 @@
+"""``lgprjax route``: what can be driven on a map, the choice of it, and its waypoints for other programs."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.table import Table
+from tyro.conf import Positional, arg
+
+from lgprjax.cli.errors import UsageError
+from lgprjax.cli.progress import console
+from lgprjax.errors import InputError
+
+_TEN_MPH = 4.47
+_SUFFIX = ".route.toml"
+
+
+@dataclass(frozen=True)
+class RouteList:
+    """The routes of a subsurface database: one a baseline."""
+
+    file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
+    json: Path | None = None
+    """also write the figures to this file"""
+    force: bool = False
+    """replace that file if it exists"""
+
+    def run(self) -> None:
+        """Print."""
+        from lgprjax.archive import routes_of
+        from lgprjax.cli.figures import write_figures
+        from lgprjax.formats import MapFile
+
+        with MapFile.open(self.file) as source:
+            routes = routes_of(source)
+            frame = source.description.frame
+        figures = []
+        table = Table("route", "length m", "from", "heading deg", "ends where it began", title=self.file.name)
+        for route in routes:
+            first = route.track.points_m[:1]
+            latitude, longitude, _ = frame.to_geodetic(first[:, 0], first[:, 1], first[:, 0] * 0.0)
+            heading = frame.heading_of_yaw(route.track.yaw_rad[:1], longitude)
+            figures.append(
+                {
+                    "route": route.name,
+                    "length_m": round(route.length_m, 2),
+                    "stations": len(route.at_m),
+                    "start_latitude_deg": float(latitude[0]),
+                    "start_longitude_deg": float(longitude[0]),
+                    "start_heading_deg": round(float(heading[0]), 2),
+                    "ends_where_it_began": route.closed,
+                }
+            )
+            place = f"{latitude[0]:.7f}, {longitude[0]:.7f}"
+            closed = "yes" if route.closed else "no"
+            table.add_row(route.name, f"{route.length_m:.1f}", place, f"{heading[0]:.0f}", closed)
+        console.print(table)
+        if self.json is not None:
+            write_figures(self.json, {"map": self.file.name, "routes": figures}, force=self.force)
+
+
+@dataclass(frozen=True)
+class RouteSelect:
+    """Choose a route, or a stretch of it: which way it is driven and how fast.
+
+    The route is laid at once, so that one that cannot be driven is refused here. It holds as long as the database is
+    the same file.
+    """
+
+    file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
+    route: Annotated[Positional[str], arg(metavar="ROUTE", help="name as route list shows it")]
+    output: Annotated[Path, arg(aliases=["-o"], metavar="X.route.toml", help="route file to write")]
+    from_m: float = 0.0
+    """where the stretch begins, metres along the route as recorded"""
+    to_m: float | None = None
+    """where it ends; without it at the route's end"""
+    against: bool = False
+    """drive from the stretch's end to its beginning"""
+    cruise_mps: float = _TEN_MPH
+    """highest speed"""
+    lateral_mps2: float = 1.5
+    """highest lateral acceleration: bends are driven more slowly"""
+    vehicle: Path | None = None
+    """vehicle file; a bend that is tighter than it can drive is refused"""
+    force: bool = False
+    """replace an output that exists"""
+
+    def run(self) -> None:
+        """Choose."""
+        from lgprjax.archive import file_hash, lay_route, route_named
+        from lgprjax.formats import MapFile, RouteFile, write_route
+
+        if not self.output.name.endswith(_SUFFIX):
+            raise UsageError(f"--output: expected a file name that ends in {_SUFFIX}, found {self.output.name!r}")
+        if self.output.exists() and not self.force:
+            raise InputError(self.output, "output", "a new file, or --force", "the file exists")
+        with MapFile.open(self.file) as source:
+            length_m = route_named(source, self.route).length_m
+            chosen = RouteFile(
+                self.file,
+                file_hash(self.file),
+                self.route,
+                self.from_m,
+                length_m if self.to_m is None else self.to_m,
+                "against" if self.against else "along",
+                self.cruise_mps,
+                self.lateral_mps2,
+                self.vehicle,
+            )
+            laid = lay_route(chosen, source, file=self.output)
+        write_route(self.output, chosen, force=self.force)
+        legs = int(laid.leg_count)
+        metres = float(laid.legs.length_m[:legs].sum())
+        slowest = float(laid.speed_mps[:legs].min())
+        told = f"{metres:.1f} m in {legs} leg{'s' if legs > 1 else ''}, {slowest:.1f} to {self.cruise_mps:g} m/s"
+        console.print(f"wrote {self.output}: {told}", highlight=False, markup=False, soft_wrap=True)
+
+
+@dataclass(frozen=True)
+class RouteExport:
+    """Waypoints of a route in WGS-84 with heading, arc length, curvature, speed and gear, every quarter of a metre."""
+
+    file: Annotated[Positional[Path], arg(metavar="X.route.toml|MAP", help="a route file, or a database with ROUTE")]
+    output: Annotated[Path, arg(aliases=["-o"], metavar="F", help="waypoints to write: .csv, .geojson or .gpx")]
+    route: Annotated[Positional[str | None], arg(metavar="ROUTE", help="name, where the first is a database")] = None
+    force: bool = False
+    """replace an output that exists"""
+
+    def run(self) -> None:
+        """Export."""
+        from lgprjax.archive import lay_route, require_map, route_named, waypoints_of
+        from lgprjax.formats import MapFile, RouteFile, read_route, write_waypoints
+
+        chosen = None
+        if self.file.name.endswith(_SUFFIX):
+            if self.route is not None:
+                raise UsageError("ROUTE: expected none with a route file, which names its own")
+            chosen = read_route(self.file)
+            require_map(chosen, self.file)
+        elif self.route is None:
+            raise UsageError("ROUTE: expected the name of one (lgprjax route list), found none")
+        with MapFile.open(self.file if chosen is None else chosen.map) as source:
+            if chosen is None:
+                assert self.route is not None
+                length_m = route_named(source, self.route).length_m
+                # The whole baseline at ten miles an hour: what route select takes when told nothing else.
+                chosen = RouteFile(self.file, "", self.route, 0.0, length_m, "along", _TEN_MPH, 1.5, None)
+            waypoints = waypoints_of(lay_route(chosen, source, file=self.file), source)
+        write_waypoints(self.output, chosen.route, waypoints, force=self.force)
+        console.print(
+            f"wrote {self.output}: {len(waypoints.leg)} waypoints", highlight=False, markup=False, soft_wrap=True
+        )
+
+
+RouteVerb = (
+    Annotated[RouteList, tyro.conf.subcommand("list")]
+    | Annotated[RouteSelect, tyro.conf.subcommand("select")]
+    | Annotated[RouteExport, tyro.conf.subcommand("export")]
+)

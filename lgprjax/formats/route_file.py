@@ -1,0 +1,136 @@
+"""The route file ``X.route.toml``: a stretch of a baseline, which way and how fast; held against its schema."""
+
+import json
+import os
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from lgprjax.errors import InputError
+from lgprjax.formats.atomic import atomic_output
+from lgprjax.formats.findings import Finding, check_scalar, check_version, expected_scalar
+from lgprjax.formats.schema import load_schema
+
+_SCHEMA = load_schema("route")
+_DIGITS = 64
+
+
+class RouteFile(NamedTuple):
+    """A route as its file tells it; paths are ready to be opened.
+
+    Attributes:
+        map: the subsurface database.
+        map_sha256: of the database that the route was chosen from.
+        route: name of the baseline.
+        from_m, to_m: the stretch, along the baseline as recorded.
+        direction: as recorded, or from the stretch's end to its beginning.
+        cruise_mps: highest speed.
+        lateral_mps2: highest lateral acceleration.
+        vehicle: the vehicle file whose tightest circle the route was held against.
+    """
+
+    map: Path
+    map_sha256: str
+    route: str
+    from_m: float
+    to_m: float
+    direction: Literal["along", "against"]
+    cruise_mps: float
+    lateral_mps2: float
+    vehicle: Path | None
+
+
+def read_route(path: str | Path) -> RouteFile:
+    """A route from its file; whether the map is still that one is the archive's to say.
+
+    Raises:
+        InputError: the file is missing, no TOML or of a newer major version; a key is unknown, missing, of a wrong
+            type or out of its range.
+    """
+    file = Path(path)
+    table = _load(file)
+    for finding in _problems(file, table):
+        raise finding.error()
+    vehicle = table.get("vehicle")
+    return RouteFile(
+        file.parent / table["map"],
+        table["map_sha256"],
+        table["route"],
+        float(table["from_m"]),
+        float(table["to_m"]),
+        table["direction"],
+        float(table["cruise_mps"]),
+        float(table["lateral_mps2"]),
+        None if vehicle is None else file.parent / vehicle,
+    )
+
+
+def write_route(path: str | Path, route: RouteFile, *, force: bool = False) -> None:
+    """Write a route to its file, each key with its description and paths relative to the file's folder.
+
+    Raises:
+        InputError: a value is not as the schema says, or the output exists (without ``force``) or cannot be written.
+    """
+    folder = Path(path).parent
+    values = {key: value for key, value in route._asdict().items() if value is not None}
+    for key in ("map", "vehicle"):
+        if key in values:
+            # Not resolved: a link beside the map is still the map's own folder to whoever made it.
+            values[key] = Path(os.path.relpath(values[key], folder)).as_posix()
+    table = {"schema": _SCHEMA.name, "schema_version": _SCHEMA.version, **values}
+    for finding in _problems(path, table):
+        raise finding.error()
+    described = {entry.path: entry.description for entry in _SCHEMA.keys}
+    lines = []
+    for key, value in table.items():
+        # A JSON string is a TOML string, and a JSON number of Python's a TOML number.
+        line = f"{key} = {json.dumps(value, ensure_ascii=False)}"
+        lines.append(f"{line}  # {described[key]}" if key in described else line)
+    with atomic_output(path, force) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def route_findings(path: Path) -> Iterator[Finding]:
+    """Every problem of a route file.
+
+    Raises:
+        InputError: it cannot be read, or is no TOML.
+    """
+    return _problems(path, _load(path))
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(path, "file", "a readable file", error.strerror or str(error)) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(path, "file", "TOML", str(error)) from None
+
+
+def _problems(path: str | Path, table: dict[str, Any]) -> Iterator[Finding]:
+    """Every problem of a table, header included; rules between numbers only where the numbers are good."""
+    refusal = check_version(_SCHEMA, table.get("schema"), table.get("schema_version"))
+    if refusal is not None:
+        yield Finding(str(path), *refusal)
+        return
+    left = {key: value for key, value in table.items() if key not in ("schema", "schema_version")}
+    sound = True
+    for entry in _SCHEMA.keys:
+        if entry.path in left:
+            problem = check_scalar(entry, left.pop(entry.path))
+        else:
+            problem = "none" if entry.required else None
+        if problem is not None:
+            sound = False
+            yield Finding(str(path), entry.path, expected_scalar(entry), problem)
+    for key in left:
+        yield Finding(str(path), key, "a key of data_schema/route.toml", "an unknown key")
+    if not sound:
+        return
+    if table["to_m"] <= table["from_m"]:
+        yield Finding(str(path), "to_m", f"more than from_m, {table['from_m']:g}", f"{table['to_m']:g}")
+    digest = table["map_sha256"]
+    if len(digest) != _DIGITS or set(digest) - set("0123456789abcdef"):
+        yield Finding(str(path), "map_sha256", f"{_DIGITS} hexadecimal digits", repr(digest)[:_DIGITS])

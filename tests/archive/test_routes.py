@@ -1,0 +1,118 @@
+"""Routes of a subsurface database: names, stretches, either way; waypoints where the stations are."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from pyproj import Geod
+
+from generated import Site
+from lgprjax.archive import (
+    file_hash,
+    lay_route,
+    open_route,
+    route_named,
+    routes_of,
+    stretch_of,
+    waypoints_of,
+)
+from lgprjax.errors import InputError
+from lgprjax.formats import MapFile, RouteFile, write_route
+
+
+def chosen(site: Site, **changed: object) -> RouteFile:
+    route = RouteFile(site.map, file_hash(site.map), "baseline_left", 2.0, 30.0, "along", 3.0, 1.5, None)
+    return route._replace(**changed)  # type: ignore[arg-type]
+
+
+def test_every_baseline_is_a_route(site: Site) -> None:
+    with MapFile.open(site.map) as source:
+        routes = routes_of(source)
+        assert [each.name for each in routes] == ["baseline_left", "baseline_right"]
+        for number, route in enumerate(routes):
+            mine = source.pose[source.drive == number]
+            np.testing.assert_array_equal(route.track.points_m, mine[:, :2])
+            assert route.length_m == pytest.approx(np.sum(np.hypot(*np.diff(mine[:, :2], axis=0).T)))
+            assert not route.closed
+        with pytest.raises(InputError, match="route: expected one of baseline_left, baseline_right, found 'left'"):
+            route_named(source, "left")
+
+
+def test_baselines_of_one_name_and_of_none_are_told_apart(site: Site) -> None:
+    with MapFile.open(site.map) as source:
+        source.provenance = {"inputs": [{"file": "road.drive.h5"}] * 2}
+        assert [each.name for each in routes_of(source)] == ["road#0", "road#1"]
+        source.provenance = {}
+        assert [each.name for each in routes_of(source)] == ["baseline0", "baseline1"]
+
+
+def test_a_laid_route_stays_within_centimetres_of_its_stations_either_way(site: Site) -> None:
+    with MapFile.open(site.map) as source:
+        route = route_named(source, "baseline_left")
+        inside = (route.at_m >= 2.0) & (route.at_m <= 30.0)
+        stations = route.track.points_m[inside]
+        ends = []
+        for direction in ("along", "against"):
+            laid = lay_route(chosen(site, direction=direction), source, file="x")
+            assert int(laid.leg_count) == 1
+            assert float(laid.gear[0]) == 1.0
+            assert float(laid.legs.length_m[0]) == pytest.approx(28.0, abs=0.15)
+            rows = np.asarray(laid.legs.rows[0], np.float64)
+            count = round(float(laid.legs.length_m[0] / laid.legs.spacing_m[0]))
+            line = rows[1 : count + 2, :2]
+            away = np.hypot(*(line[:, None] - stations[None]).transpose(2, 0, 1)).min(axis=1)
+            # Stations stand 4 cm apart: half of that along the way, and what smoothing moved.
+            assert away.max() < 0.06
+            ends.append(line[[0, -1]])
+        np.testing.assert_allclose(ends[0], ends[1][::-1], atol=0.05)
+
+
+@pytest.mark.parametrize(("from_m", "to_m"), [(-1.0, 10.0), (10.0, 10.0), (10.0, 11.0), (0.0, 99.0), (np.nan, 5.0)])
+def test_a_stretch_that_is_none_is_refused(site: Site, from_m: float, to_m: float) -> None:
+    with MapFile.open(site.map) as source:
+        route = route_named(source, "baseline_left")
+        with pytest.raises(InputError, match="from_m, to_m: expected a stretch"):
+            stretch_of(route, from_m, to_m, "along", file="x.route.toml")
+
+
+def test_waypoints_are_where_the_route_is_and_point_along_it(site: Site) -> None:
+    with MapFile.open(site.map) as source:
+        laid = lay_route(chosen(site), source, file="x")
+        points = waypoints_of(laid, source)
+        frame = source.description.frame
+        up = float(source.ground_up_m.mean())
+    # Distances and azimuths on the ellipsoid, by another route than the local frame's.
+    geod = Geod(ellps="WGS84")
+    azimuth, _, distance = geod.inv(
+        points.longitude_deg[:-1], points.latitude_deg[:-1], points.longitude_deg[1:], points.latitude_deg[1:]
+    )
+    np.testing.assert_allclose(distance, np.diff(points.arc_m), rtol=2e-3)
+    middle = 0.5 * (points.heading_deg[:-1] + points.heading_deg[1:])
+    assert np.abs((azimuth - middle + 180.0) % 360.0 - 180.0).max() < 0.3
+    turned = np.radians(np.diff(np.unwrap(points.heading_deg, period=360.0)))
+    np.testing.assert_allclose(-turned / np.diff(points.arc_m), points.curvature_radpm[:-1], atol=2e-3)
+    np.testing.assert_allclose(points.height_m, frame.height_m + up, atol=0.3)
+    assert set(points.gear) == {1}
+    assert points.speed_mps.max() == pytest.approx(3.0)
+
+
+def test_a_route_file_opens_with_its_own_map_only(site: Site, tmp_path: Path) -> None:
+    path = tmp_path / "x.route.toml"
+    write_route(path, chosen(site))
+    read, laid, frame = open_route(path)
+    assert read.route == "baseline_left"
+    assert float(laid.legs.length_m[0]) == pytest.approx(28.0, abs=0.15)
+    with MapFile.open(site.map) as source:
+        assert frame == source.description.frame
+
+    changed = tmp_path / "changed.map.h5"
+    changed.write_bytes(site.map.read_bytes())
+    with h5py.File(changed, "r+") as store:
+        store.attrs["name"] = "another"
+    write_route(path, chosen(site, map=changed), force=True)
+    with pytest.raises(InputError, match=r"map_sha256: expected .* as it was when the route was chosen"):
+        open_route(path)
+    write_route(path, chosen(site, map=tmp_path / "none.map.h5"), force=True)
+    with pytest.raises(InputError, match="map: expected a file, found no file"):
+        open_route(path)

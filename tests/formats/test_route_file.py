@@ -1,0 +1,155 @@
+"""The route file and waypoints: there and back, and one clear line for each thing that is wrong."""
+
+import csv
+import json
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from lgprjax.errors import InputError
+from lgprjax.formats import (
+    RouteFile,
+    Waypoints,
+    load_schema,
+    read_route,
+    route_findings,
+    write_route,
+    write_waypoints,
+)
+
+
+def chosen(folder: Path) -> RouteFile:
+    return RouteFile(folder / "m.map.h5", "ab" * 32, 'a "road"', 3.5, 80.25, "against", 4.0, 1.5, None)
+
+
+def test_what_is_written_is_read_and_paths_follow_the_file(tmp_path: Path) -> None:
+    (tmp_path / "routes").mkdir()
+    route = chosen(tmp_path)._replace(vehicle=tmp_path / "v.vehicle.toml")
+    path = tmp_path / "routes" / "x.route.toml"
+    write_route(path, route)
+    assert 'map = "../m.map.h5"' in path.read_text()
+    read = read_route(path)
+    assert read.map.resolve() == route.map.resolve()
+    assert read.vehicle is not None
+    assert read.vehicle.resolve() == (tmp_path / "v.vehicle.toml").resolve()
+    assert read._replace(map=route.map, vehicle=route.vehicle) == route
+    with pytest.raises(InputError, match="the file exists"):
+        write_route(path, route)
+    write_route(path, route._replace(vehicle=None), force=True)
+    assert read_route(path).vehicle is None
+
+
+def test_the_schema_tells_every_key() -> None:
+    schema = load_schema("route")
+    assert [entry.path for entry in schema.keys] == list(RouteFile._fields)
+    assert (schema.name, schema.version, schema.suffix) == ("lgprjax.route", "1.0", ".route.toml")
+    assert all(entry.description for entry in schema.keys)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('schema = "lgprjax.route"', 'schema = "lgprjax.vehicle"', "@schema: expected lgprjax.route"),
+        ('schema_version = "1.0"', 'schema_version = "2.0"', "update lgprjax"),
+        ("from_m = 3.5", "from_m = -1", "from_m: expected a number, finite, zero or more, found -1"),
+        ("from_m = 3.5", "from_m = 90", "to_m: expected more than from_m, 90, found 80.25"),
+        ("to_m = 80.25", "to_m = nan", "to_m: expected a number, finite, above zero, found nan"),
+        ("cruise_mps = 4.0", 'cruise_mps = "4"', "cruise_mps: expected a number"),
+        ("cruise_mps = 4.0", "", "cruise_mps: expected a number, finite, above zero, from 0 to 50, found none"),
+        ('direction = "against"', 'direction = "back"', "direction: expected a text, one of along, against"),
+        ("lateral_mps2 = 1.5", "lateral_mps2 = 1.5\nlane = 2", "lane: expected a key of data_schema/route.toml"),
+        ("abab", "xy", "map_sha256: expected 64 hexadecimal digits"),
+        ("to_m = 80.25", "to_m = ", "file: expected TOML"),
+    ],
+)
+def test_a_wrong_file_is_one_clear_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = tmp_path / "x.route.toml"
+    write_route(path, chosen(tmp_path))
+    path.write_text(path.read_text().replace(old, new, 1))
+    with pytest.raises(InputError, match=re.escape(message)) as refused:
+        read_route(path)
+    assert "\n" not in str(refused.value)
+
+
+def test_findings_name_every_problem(tmp_path: Path) -> None:
+    path = tmp_path / "x.route.toml"
+    write_route(path, chosen(tmp_path))
+    assert list(route_findings(path)) == []
+    text = path.read_text().replace("from_m = 3.5", "from_m = -1").replace("cruise_mps = 4.0", "cruise_mps = 0")
+    path.write_text(text)
+    assert [finding.place for finding in route_findings(path)] == ["from_m", "cruise_mps"]
+    with pytest.raises(InputError, match="a readable file"):
+        read_route(tmp_path / "none.route.toml")
+
+
+@pytest.fixture
+def waypoints() -> Waypoints:
+    count = 7
+    along = np.arange(count, dtype=np.float64)
+    return Waypoints(
+        np.array([0, 0, 0, 0, 1, 1, 1]),
+        np.array([1, 1, 1, 1, -1, -1, -1]),
+        0.25 * along,
+        42.0 + 1.23456789e-6 * along,
+        -71.0 - 3.21e-6 * along,
+        30.0 + 0.01 * along,
+        90.0 + along,
+        0.01 * along,
+        np.full(count, 4.47),
+    )
+
+
+def test_csv_holds_ten_decimals_of_a_degree(tmp_path: Path, waypoints: Waypoints) -> None:
+    path = tmp_path / "w.csv"
+    write_waypoints(path, "road", waypoints)
+    with path.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    for name, values in zip(Waypoints._fields, waypoints, strict=True):
+        np.testing.assert_allclose([float(row[name]) for row in rows], values, rtol=0.0, atol=6e-5, err_msg=name)
+    for name, values in (("latitude_deg", waypoints.latitude_deg), ("longitude_deg", waypoints.longitude_deg)):
+        assert all(len(row[name].partition(".")[2]) >= 9 for row in rows)
+        np.testing.assert_allclose([float(row[name]) for row in rows], values, rtol=0.0, atol=1e-10)
+
+
+def test_geojson_has_a_line_a_leg(tmp_path: Path, waypoints: Waypoints) -> None:
+    path = tmp_path / "w.geojson"
+    write_waypoints(path, "road", waypoints)
+    held = json.loads(path.read_text())
+    assert held["type"] == "FeatureCollection"
+    assert [each["geometry"]["type"] for each in held["features"]] == ["LineString"] * 2
+    assert [each["properties"]["gear"] for each in held["features"]] == [1, -1]
+    places = np.concatenate([each["geometry"]["coordinates"] for each in held["features"]])
+    np.testing.assert_allclose(places[:, 0], waypoints.longitude_deg, rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(places[:, 1], waypoints.latitude_deg, rtol=0.0, atol=1e-10)
+    for name in ("heading_deg", "arc_m", "curvature_radpm", "speed_mps"):
+        values = np.concatenate([each["properties"][name] for each in held["features"]])
+        np.testing.assert_allclose(values, getattr(waypoints, name), atol=1e-5, err_msg=name)
+
+
+def test_gpx_has_a_segment_a_leg(tmp_path: Path, waypoints: Waypoints) -> None:
+    path = tmp_path / "w.gpx"
+    write_waypoints(path, "a <road>", waypoints)
+    space = {"g": "http://www.topografix.com/GPX/1/1"}
+    root = ElementTree.parse(path).getroot()
+    name = root.find("g:trk/g:name", space)
+    assert name is not None
+    assert name.text == "a <road>"
+    assert [len(each) for each in root.findall("g:trk/g:trkseg", space)] == [4, 3]
+    points = root.findall("g:trk/g:trkseg/g:trkpt", space)
+    np.testing.assert_allclose(
+        [float(each.attrib["lat"]) for each in points], waypoints.latitude_deg, rtol=0.0, atol=1e-10
+    )
+    headings = [each.findtext("g:extensions/g:heading_deg", None, space) for each in points]
+    np.testing.assert_allclose([float(each or "nan") for each in headings], waypoints.heading_deg, atol=1e-5)
+
+
+def test_other_suffixes_and_standing_outputs_are_refused(tmp_path: Path, waypoints: Waypoints) -> None:
+    with pytest.raises(InputError, match=r"suffix \.csv, \.geojson or \.gpx"):
+        write_waypoints(tmp_path / "w.kml", "road", waypoints)
+    (tmp_path / "w.csv").write_text("mine")
+    with pytest.raises(InputError, match="the file exists"):
+        write_waypoints(tmp_path / "w.csv", "road", waypoints)
+    assert (tmp_path / "w.csv").read_text() == "mine"
