@@ -8,7 +8,7 @@ SOURCES := pyproject.toml constraints.txt README.md LICENSE $(shell find lgprjax
 # gprMax (GPL) is an outside program in an environment of its own. Its wheels are for Python 3.11 to 3.13.
 GPRMAX := .venv-gprmax
 
-.PHONY: demo test lint types campaign gprmax clean
+.PHONY: demo test lint types campaign gprmax mutants clean
 
 demo: $(VENV)/.wheel
 	$(BIN)/lgprjax demo --output out/demo
@@ -22,6 +22,16 @@ campaign: $(VENV)/.test
 
 gprmax: $(VENV)/.test $(GPRMAX)/.gprmax
 	LGPRJAX_GPRMAX=$(CURDIR)/$(GPRMAX)/bin/python $(BIN)/pytest -m gprmax -s tests/physics
+
+# Every mutant of the command limiter must be killed. The tool changes files in place, hence the copy.
+mutants: $(VENV)/.test
+	$(PIP) install --constraint constraints.txt cosmic-ray
+	rm -rf build/mutants && mkdir -p build/mutants/tests/autopilot
+	cp -r lgprjax build/mutants/ && cp tests/autopilot/test_limiter.py build/mutants/tests/autopilot/
+	cd build/mutants && PATH="$(CURDIR)/$(BIN):$$PATH" PYTHONPATH=. && export PATH PYTHONPATH \
+	&& cosmic-ray init $(CURDIR)/tests/autopilot/mutants.toml limiter.sqlite \
+	&& cosmic-ray exec $(CURDIR)/tests/autopilot/mutants.toml limiter.sqlite \
+	&& cr-report limiter.sqlite | tail -3 && cr-rate --fail-over 0 limiter.sqlite
 
 lint: $(VENV)/.lint
 	$(BIN)/ruff check .

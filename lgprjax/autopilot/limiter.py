@@ -1,0 +1,157 @@
+"""The last filter on commands: range, rate, finite numbers, age. It knows nothing of what made them.
+
+A command that is no number or too old is replaced by the last good one for one step. Is the next one bad too, the
+limiter fails to its default and asks for manual, and stays there until it is started anew: throttle idle, brake
+rising to its default, steering led from the last good angle to straight at a slow rate of its own. What it lets through
+never has both pedals pressed; the brake wins. Letting a pedal go is never slowed.
+"""
+
+from enum import IntFlag
+from functools import reduce
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int32
+
+
+class Limited(IntFlag):
+    """What was done to a command."""
+
+    FRONT_RANGE = 1
+    FRONT_RATE = 2
+    THROTTLE_RANGE = 4
+    THROTTLE_RATE = 8
+    BRAKE_RANGE = 16
+    BRAKE_RATE = 32
+    BOTH_PEDALS = 64
+    NOT_FINITE = 128
+    STALE = 256
+    MANUAL_REQUESTED = 512
+
+
+class Command(NamedTuple):
+    """What the drive-by-wire is told.
+
+    Attributes:
+        front_rad: angle of the front wheels.
+        throttle, brake: 0 to 1.
+    """
+
+    front_rad: Float[Array, "..."]
+    throttle: Float[Array, "..."]
+    brake: Float[Array, "..."]
+
+
+class LimiterRules(NamedTuple):
+    """Rules of the limiter, float32 scalars or one value a lane.
+
+    Attributes:
+        largest_front_rad: to either side.
+        front_rate_radps: fastest turning of the front wheels.
+        throttle_rate_per_s, brake_rate_per_s: fastest pressing.
+        oldest_s: age of the pose behind a command at which it is still good.
+        default_brake: where the brake goes when commands fail.
+        release_rate_radps: how fast the wheels are led to straight then.
+    """
+
+    largest_front_rad: Float[Array, "..."]
+    front_rate_radps: Float[Array, "..."]
+    throttle_rate_per_s: Float[Array, "..."]
+    brake_rate_per_s: Float[Array, "..."]
+    oldest_s: Float[Array, "..."]
+    default_brake: Float[Array, "..."]
+    release_rate_radps: Float[Array, "..."]
+
+
+class LimiterState(NamedTuple):
+    """What the limiter carries from step to step.
+
+    Attributes:
+        last: what it let through.
+        missed: the last command was bad.
+        failed: two in a row were; it stays with the default.
+    """
+
+    last: Command
+    missed: Bool[Array, "..."]
+    failed: Bool[Array, "..."]
+
+
+def init_limiter(front_rad: Float[Array, "..."]) -> LimiterState:
+    """With both pedals free and the front wheels where they are."""
+    free, no = jnp.zeros_like(front_rad), jnp.zeros_like(front_rad, jnp.bool_)
+    return LimiterState(Command(front_rad, free, free), no, no)
+
+
+def limit_command(
+    rules: LimiterRules,
+    state: LimiterState,
+    command: Command,
+    age_s: Float[Array, "..."],
+    step_s: Float[Array, "..."],
+) -> tuple[LimiterState, Command, Int32[Array, "..."]]:
+    """State, the command to send, and what was done to it as bits of ``Limited``.
+
+    Args:
+        rules: the limits.
+        state: of the last step.
+        command: as wanted.
+        age_s: of the pose that it was made of; a negative age is one of a broken clock, and too old.
+        step_s: since the last command sent; one that is not positive, or no number, allows no change.
+    """
+    last = state.last
+    finite = jnp.isfinite(jnp.stack(command)).all(0)
+    fresh = jnp.logical_and(age_s >= 0.0, age_s <= rules.oldest_s)
+    bad = jnp.logical_not(jnp.logical_and(finite, fresh))
+    failed = jnp.logical_or(state.failed, jnp.logical_and(state.missed, bad))
+    good = jnp.logical_not(jnp.logical_or(bad, failed))
+    # Of zero and no number this takes zero.
+    step = jnp.fmax(step_s, 0.0)
+
+    turn, largest = rules.front_rate_radps * step, rules.largest_front_rad
+    front_ranged = jnp.clip(command.front_rad, -largest, largest)
+    front = jnp.clip(front_ranged, last.front_rad - turn, last.front_rad + turn)
+    throttle_ranged, brake_ranged = jnp.clip(command.throttle, 0.0, 1.0), jnp.clip(command.brake, 0.0, 1.0)
+    throttle = jnp.minimum(throttle_ranged, last.throttle + rules.throttle_rate_per_s * step)
+    brake = jnp.minimum(brake_ranged, last.brake + rules.brake_rate_per_s * step)
+    # Neither is negative: a pedal is pressed where it is not zero.
+    both = jnp.logical_and(throttle.astype(jnp.bool_), brake.astype(jnp.bool_))
+    limited = Command(front, jnp.where(both, 0.0, throttle), brake)
+
+    sent = _pick(good, limited, _pick(failed, _default(rules, last, step), last))
+    limits = (
+        (Limited.FRONT_RANGE, jnp.not_equal(front_ranged, command.front_rad)),
+        (Limited.FRONT_RATE, jnp.not_equal(front, front_ranged)),
+        (Limited.THROTTLE_RANGE, jnp.not_equal(throttle_ranged, command.throttle)),
+        (Limited.THROTTLE_RATE, jnp.not_equal(throttle, throttle_ranged)),
+        (Limited.BRAKE_RANGE, jnp.not_equal(brake_ranged, command.brake)),
+        (Limited.BRAKE_RATE, jnp.not_equal(brake, brake_ranged)),
+        (Limited.BOTH_PEDALS, both),
+    )
+    faults = (
+        (Limited.NOT_FINITE, jnp.logical_not(finite)),
+        (Limited.STALE, jnp.logical_not(fresh)),
+        (Limited.MANUAL_REQUESTED, failed),
+    )
+    # What was replaced met no limits.
+    bits = jnp.bitwise_or(jnp.where(good, _bits(limits), 0), _bits(faults))
+    return LimiterState(sent, bad, failed), sent, bits
+
+
+def _default(rules: LimiterRules, last: Command, step_s: Float[Array, "..."]) -> Command:
+    """One step further towards straight wheels and the brake's default, the throttle idle at once."""
+    turn = rules.release_rate_radps * step_s
+    rising = jnp.minimum(rules.default_brake, last.brake + rules.brake_rate_per_s * step_s)
+    # A brake that is pressed harder than its default is not let go of.
+    brake = jnp.maximum(rising, last.brake)
+    return Command(last.front_rad - jnp.clip(last.front_rad, -turn, turn), jnp.zeros_like(brake), brake)
+
+
+def _bits(flags: tuple[tuple[Limited, Bool[Array, "..."]], ...]) -> Int32[Array, "..."]:
+    return reduce(jnp.bitwise_or, (jnp.where(is_set, jnp.int32(flag), jnp.int32(0)) for flag, is_set in flags))
+
+
+def _pick(choice: Bool[Array, "..."], chosen: Command, other: Command) -> Command:
+    picked: Command = jax.tree.map(lambda one, two: jnp.where(choice, one, two), chosen, other)
+    return picked

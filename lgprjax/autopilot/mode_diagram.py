@@ -1,0 +1,153 @@
+"""The mode machine as a diagram and a table, found by trying every event in every state that can be reached.
+
+The whole state space is too large for that, most of it for reasons that do not meet: three processes that are watched
+alike, ten reasons to refuse. It is gone through in views, each with the events that bear on one another; the other
+inputs stand as they do on a vehicle that is ready to drive. Time passes with ``TICK`` only, by so much that a held
+button counts as stuck and that failures are forgotten.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from functools import cache
+
+from lgprjax.autopilot.mode_events import (
+    CLEARS,
+    FATAL,
+    MOTIONS,
+    PLACES,
+    WATCHED,
+    Action,
+    Event,
+    Happening,
+    Mode,
+    Refusal,
+)
+from lgprjax.autopilot.mode_state import ModeState
+from lgprjax.autopilot.modes import FAILURES_WITHIN_S, step_modes
+
+_LONG_S = 2.0 * FAILURES_WITHIN_S
+_START = (Event.ROUTE_NEAR, Event.MOVING, Event.SOURCES_PRESENT, Event.HEALTH_GOOD)
+_HANDS = (
+    Event.BOOT_DONE,
+    Event.CHECKS_PASSED,
+    Event.STEERING_BUTTON,
+    Event.CRUISE_PLUS,
+    Event.OVERRIDE_PRESSED,
+    Event.OVERRIDE_RELEASED,
+    Event.TICK,
+)
+_VIEWS: tuple[tuple[Event, ...], ...] = (
+    (
+        *_HANDS,
+        Event.CRUISE_MINUS,
+        Event.CHECKS_FAILED,
+        Event.STEERING_TORQUE,
+        Event.BRAKE_TAPPED,
+        Event.BRAKE_HELD,
+        Event.BRAKE_RELEASED,
+        Event.ESTOP_PRESSED,
+        Event.ESTOP_RELEASED,
+        Event.ERROR_RAISED,
+        Event.ERROR_CLEARED,
+    ),
+    (
+        *_HANDS,
+        Event.ESTOP_PRESSED,
+        Event.ESTOP_RELEASED,
+        Event.HEALTH_STOP,
+        Event.HEALTH_GOOD,
+        Event.SOURCE_MISSING,
+        Event.SOURCES_PRESENT,
+        *PLACES,
+        *MOTIONS,
+    ),
+    *(
+        (*_HANDS, Event.ESTOP_PRESSED, Event.ESTOP_RELEASED, died, process.relaunched)
+        for died, process in (*FATAL.items(), *WATCHED.items())
+    ),
+    (*_HANDS, Event.REGISTRATION_DIED, Event.REGISTRATION_RELAUNCHED),
+)
+
+Transition = tuple[ModeState, Event, ModeState, tuple[Action, ...]]
+
+
+@cache
+def every_transition() -> tuple[Transition, ...]:
+    """Every state that can be reached, with every event of its view: before, event, after, actions."""
+    return tuple(_transitions())
+
+
+def _transitions() -> Iterator[Transition]:
+    for view in _VIEWS:
+        start = ModeState()
+        for event in _START:
+            start, _ = step_modes(start, Happening(event, 0.0))
+        known, waiting = {start}, [start]
+        while waiting:
+            state = waiting.pop()
+            for event in view:
+                passed_s = _LONG_S if event is Event.TICK else 0.0
+                after, actions = step_modes(state, Happening(event, passed_s))
+                after = _at_zero(after)
+                yield state, event, after, actions
+                if after not in known:
+                    known.add(after)
+                    waiting.append(after)
+
+
+def mode_changes() -> dict[tuple[Mode, Event], frozenset[Mode]]:
+    """Modes that an event can lead to from a mode."""
+    found: dict[tuple[Mode, Event], set[Mode]] = defaultdict(set)
+    for before, event, after, _ in every_transition():
+        found[before.mode, event].add(after.mode)
+    return {key: frozenset(modes) for key, modes in found.items()}
+
+
+def describe_modes() -> str:
+    """Markdown: a Mermaid diagram of the changes of mode, and a table of modes and events."""
+    changes = mode_changes()
+    arrows: dict[tuple[Mode, Mode], list[Event]] = defaultdict(list)
+    for (before, event), modes in changes.items():
+        for after in modes - {before}:
+            arrows[before, after].append(event)
+    lines = [
+        "# Operating modes",
+        "",
+        "Made by `lgprjax.autopilot.describe_modes()` from `step_modes`, by trying every event in every state that can",
+        "be reached; a test holds this page equal to it. An arrow with the word *may* is taken in some states of the",
+        "mode only: engaging needs all that `refusal_of` asks for.",
+        "",
+        "```mermaid",
+        "stateDiagram-v2",
+        "    [*] --> BOOT",
+    ]
+    for (before, after), events in sorted(arrows.items()):
+        told = [_told(event, changes[before, event]) for event in sorted(events, key=lambda event: event.value)]
+        lines.append(f"    {before.name} --> {after.name}: {', '.join(told)}")
+    lines += ["```", "", "| event | " + " | ".join(mode.name for mode in Mode) + " |", "| --- " * (len(Mode) + 1) + "|"]
+    for event in Event:
+        cells = [_cell(mode, changes.get((mode, event), frozenset({mode}))) for mode in Mode]
+        lines.append(f"| {_word(event)} | " + " | ".join(cells) + " |")
+    ends = ", ".join(f"{fault.name} by *{_word(event)}*" for event, fault in CLEARS.items())
+    closing = f"A cell lists the modes after the event; · is no change. What stands in ERROR is ended, {ends}."
+    return "\n".join([*lines, "", closing, ""])
+
+
+def _at_zero(state: ModeState) -> ModeState:
+    """The same state with its times counted from now and without what no event asks about: equal states are one."""
+    now_s = state.time_s
+    pressed_s = max(state.override_since_s - now_s, -_LONG_S) if state.override_pressed else 0.0
+    recent = tuple((event, at_s - now_s) for event, at_s in state.failures if now_s - at_s < FAILURES_WITHIN_S)
+    return state._replace(time_s=0.0, override_since_s=pressed_s, failures=recent, refusal=Refusal.NONE)
+
+
+def _word(event: Event) -> str:
+    return event.name.lower().replace("_", " ")
+
+
+def _told(event: Event, modes: frozenset[Mode]) -> str:
+    return _word(event) if len(modes) == 1 else f"may {_word(event)}"
+
+
+def _cell(mode: Mode, modes: frozenset[Mode]) -> str:
+    return ", ".join("·" if after is mode else after.name for after in sorted(modes))

@@ -1,0 +1,166 @@
+"""The step in which a command is born: planner, pursuit, velocity control, and the limiter last.
+
+Beyond what navigation gives, the inputs hold the measured angle of the front wheels: while nothing is engaged the
+limiter follows it, so that the first command after engaging starts from where the wheels are.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int32
+
+from lgprjax.autopilot.limiter import Command, LimiterRules, LimiterState, init_limiter, limit_command
+from lgprjax.autopilot.velocity import VelocitySettings, VelocityState, init_velocity, step_stop, step_velocity
+from lgprjax.navigation import Plan, PlanCode, PlannerSettings, PlannerState, Reaction, RoutePath, step_planner
+from lgprjax.vehicle import Chassis, LookAhead, Pedals, VehiclePose, look_ahead_m, steer_exact, yaw_gain
+
+
+class AutopilotConfig(NamedTuple):
+    """The vehicle as it is believed to be, and the settings.
+
+    Attributes:
+        chassis, pedals: the vehicle.
+        look_ahead: over the commanded speed; it replaces the planner's constant one.
+        planner, velocity, limiter: settings of the parts.
+    """
+
+    chassis: Chassis
+    pedals: Pedals
+    look_ahead: LookAhead
+    planner: PlannerSettings
+    velocity: VelocitySettings
+    limiter: LimiterRules
+
+
+class AutopilotState(NamedTuple):
+    """What the autopilot carries from step to step: the parts' states."""
+
+    planner: PlannerState
+    velocity: VelocityState
+    limiter: LimiterState
+
+
+class AutopilotInputs(NamedTuple):
+    """What a step is told.
+
+    Attributes:
+        pose_route: rear axle in the route's frame.
+        speed_mps: forward positive.
+        reaction: a ``Reaction``. That a stop goes on when its reason is gone is for the mode machine to see to, which
+            knows of it as ``stopping``.
+        speed_cap_mps: highest that navigation allows; may be infinite.
+        age_s: of the pose.
+        steering_engaged, speed_engaged: from the mode; the second counts with the first only.
+        set_speed_mps: that the operator locked.
+        front_rad: angle of the front wheels as measured.
+    """
+
+    pose_route: VehiclePose
+    speed_mps: Float[Array, ""]
+    reaction: Int32[Array, ""]
+    speed_cap_mps: Float[Array, ""]
+    age_s: Float[Array, ""]
+    steering_engaged: Bool[Array, ""]
+    speed_engaged: Bool[Array, ""]
+    set_speed_mps: Float[Array, ""]
+    front_rad: Float[Array, ""]
+
+
+class AutopilotInfo(NamedTuple):
+    """What a step found out.
+
+    Attributes:
+        plan: from the planner, with the gear to be in.
+        limited: bits of ``Limited``; the one that asks for manual is an error to the mode machine.
+        wanted_mps: speed that is being held or approached; 0 in a stop.
+        reachable: the goal lies on an arc that the wheels can make.
+    """
+
+    plan: Plan
+    limited: Int32[Array, ""]
+    wanted_mps: Float[Array, ""]
+    reachable: Bool[Array, ""]
+
+
+def init_autopilot(planner: PlannerState, speed_mps: Float[Array, ""], front_rad: Float[Array, ""]) -> AutopilotState:
+    """With a start that the planner found, at a speed (its magnitude), the front wheels where they are."""
+    return AutopilotState(planner, init_velocity(speed_mps), init_limiter(front_rad))
+
+
+def step_autopilot(
+    config: AutopilotConfig, route: RoutePath, state: AutopilotState, inputs: AutopilotInputs, step_s: Float[Array, ""]
+) -> tuple[AutopilotState, Command, AutopilotInfo]:
+    """State, command and what was found out, of one step. One lane; ``vmap`` for many.
+
+    The anchor is steered along the route with the yaw gain of the speed fed forward. Speed is the least of what the
+    operator set, what navigation allows and what the route allows here. In a stop the throttle is idle, the brake
+    ramped, and the wheels steer on along the route for as long as there is a pose; so it is, too, where the vehicle
+    rolls against the gear that the plan wants. With no place on the route known the wheels stay as they are.
+
+    A pose or a speed that is no number makes a command that is none: the limiter knows what to do with it. Only in a
+    stop may the speed be missing, since the stop needs none.
+
+    Args:
+        config: vehicle and settings.
+        route: to be driven.
+        state: of the last step.
+        inputs: of this one.
+        step_s: since the last step.
+    """
+    pose = inputs.pose_route
+    ahead_m = look_ahead_m(config.look_ahead, state.velocity.reference_mps)
+    settings = config.planner._replace(look_ahead_m=ahead_m)
+    planner, plan = step_planner(route, settings, config.chassis, state.planner, pose, inputs.speed_mps)
+    engaged = inputs.steering_engaged
+    along_mps = inputs.speed_mps * plan.gear
+    stops = (inputs.reaction == Reaction.STOP) | (along_mps < -config.velocity.standing_mps)
+    wanted = jnp.minimum(jnp.minimum(inputs.set_speed_mps, inputs.speed_cap_mps), plan.speed_limit_mps)
+
+    front, reachable = _steer(config, plan, inputs.speed_mps, stops, state.limiter.last.front_rad)
+    pose_is_one = jnp.isfinite(pose.x_m) & jnp.isfinite(pose.y_m) & jnp.isfinite(pose.yaw_rad)
+    front = jnp.where(pose_is_one, front, jnp.nan)
+
+    drives = engaged & inputs.speed_engaged
+    held, throttle, brake = step_velocity(
+        config.velocity, config.pedals, state.velocity, wanted, along_mps, drives, step_s
+    )
+    throttle = jnp.where(drives & ~jnp.isfinite(wanted + along_mps), jnp.nan, throttle)
+    stopped = step_stop(config.velocity, config.pedals, state.velocity, jnp.abs(inputs.speed_mps), step_s)
+    velocity, throttle, brake = _pick(engaged & stops, stopped, (held, throttle, brake))
+
+    # Not engaged, nothing is told to anybody: the limiter stands where the operator has the wheels.
+    wheels_known = jnp.isfinite(inputs.front_rad)
+    free = init_limiter(jnp.where(wheels_known, inputs.front_rad, state.limiter.last.front_rad))
+    limiter, _, limited = limit_command(
+        config.limiter, state.limiter, Command(front, throttle, brake), inputs.age_s, step_s
+    )
+    limiter = jax.tree.map(lambda one, two: jnp.where(engaged, one, two), limiter, free)
+    info = AutopilotInfo(plan, jnp.where(engaged, limited, 0), jnp.where(stops, 0.0, wanted), reachable)
+    return AutopilotState(planner, velocity, limiter), limiter.last, info
+
+
+def _steer(
+    config: AutopilotConfig,
+    plan: Plan,
+    speed_mps: Float[Array, ""],
+    stops: Bool[Array, ""],
+    last_rad: Float[Array, ""],
+) -> tuple[Float[Array, ""], Bool[Array, ""]]:
+    """Front angle and whether it reaches the goal."""
+    # In a stop without a speed the geometry alone must do: a gain of 1.
+    speed = jnp.where(stops & ~jnp.isfinite(speed_mps), 0.0, speed_mps)
+    gain = yaw_gain(config.chassis.characteristic_speed_mps, speed)
+    steering = steer_exact(config.chassis, plan.ahead_m, plan.left_m, gain)
+    blind = (plan.code == PlanCode.AMBIGUOUS) | (plan.code == PlanCode.LOST)
+    # ``steer_exact`` answers no number with a number; here it is to be seen.
+    front = jnp.where(jnp.isfinite(gain), steering.front_rad, jnp.nan)
+    return jnp.where(blind, last_rad, front), steering.reachable & ~blind
+
+
+_Driven = tuple[VelocityState, Float[Array, "..."], Float[Array, "..."]]
+
+
+def _pick(choice: Bool[Array, ""], chosen: _Driven, other: _Driven) -> _Driven:
+    picked: _Driven = jax.tree.map(lambda one, two: jnp.where(choice, one, two), chosen, other)
+    return picked

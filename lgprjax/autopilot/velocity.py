@@ -1,0 +1,221 @@
+"""Velocity control: throttle and brake that hold a speed.
+
+The wanted speed is approached by a reference whose acceleration is bounded; what the pedal's lag leaves of it is the
+speed to expect. What the vehicle must be given is
+
+    a = a_reference + K_p (v_expected − v) + I + rolling + drag · v,
+
+and the pedal model turns that into a command: pre-tension + a / gain, less its dead zone where the pedal is let go of,
+so that friction does not swallow it. Feedback has only the model's errors and grades left to do. The integral stands
+still while it would push a pedal further into its stop, and the reference never runs ahead of the vehicle by more than
+a bound: a hill that was too steep leaves no run-up behind. Speeds count in the gear's direction; at most one pedal is
+ever pressed.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int32
+
+from lgprjax.vehicle import Pedal, Pedals
+
+_REVERSAL_SHARE = 0.2
+"""Of a pedal's dead zone: what the wish must turn back by before the command does."""
+
+
+class VelocitySettings(NamedTuple):
+    """Settings of the velocity controller, float32 scalars or one value a lane.
+
+    Attributes:
+        proportional_per_s: K_p, acceleration per m/s of error.
+        integral_per_s2: growth of the integral's acceleration per m/s of error.
+        rise_mps2, fall_mps2: largest acceleration and deceleration of the reference.
+        lead_mps: farthest that the reference is ahead of the speed, above it or, slowing down, below.
+        press_mps2: a pedal is pressed when more than this is asked of it, and let go when nothing is: between lies
+            the dead zone in which the vehicle coasts.
+        hold_brake: command of the brake at standstill.
+        standing_mps: below it the vehicle stands.
+        stop_mps2: deceleration of a controlled stop.
+        stop_rise_mps3: how fast a controlled stop gets there.
+    """
+
+    proportional_per_s: Float[Array, "..."]
+    integral_per_s2: Float[Array, "..."]
+    rise_mps2: Float[Array, "..."]
+    fall_mps2: Float[Array, "..."]
+    lead_mps: Float[Array, "..."]
+    press_mps2: Float[Array, "..."]
+    hold_brake: Float[Array, "..."]
+    standing_mps: Float[Array, "..."]
+    stop_mps2: Float[Array, "..."]
+    stop_rise_mps3: Float[Array, "..."]
+
+
+class Pressed(NamedTuple):
+    """A pedal as the model believes it to be.
+
+    Attributes:
+        amount: command beyond the pre-tension that acts.
+        side: 1 while it is pressed further, −1 while it is let go of: on which side of the friction the command is.
+    """
+
+    amount: Float[Array, "..."]
+    side: Float[Array, "..."]
+
+
+class VelocityState(NamedTuple):
+    """What the velocity controller carries from step to step.
+
+    Attributes:
+        reference_mps: speed that the controller is at.
+        expected_mps: what the pedal's lag leaves of it.
+        integral_mps2: what the feedback has learnt.
+        pedal: 1 with the throttle pressed, −1 with the brake, 0 with neither.
+        throttle, brake: how far they are pressed; a controlled stop begins with the brake that is.
+    """
+
+    reference_mps: Float[Array, "..."]
+    expected_mps: Float[Array, "..."]
+    integral_mps2: Float[Array, "..."]
+    pedal: Int32[Array, "..."]
+    throttle: Pressed
+    brake: Pressed
+
+
+def default_velocity() -> VelocitySettings:
+    """Settings for a heavy vehicle with a pedal lag of half a second or so: gentle, and stable with twice that lag.
+
+    A stop at 1.5 m/s² is firmer than driving and softer than what throws a standing passenger.
+    """
+    values = (1.3, 0.25, 0.8, 1.0, 1.0, 0.08, 0.4, 0.05, 1.5, 1.5)
+    return VelocitySettings(*(jnp.float32(value) for value in values))
+
+
+def init_velocity(speed_mps: Float[Array, "..."]) -> VelocityState:
+    """At a speed, with nothing learnt and no pedal pressed."""
+    free = _free(speed_mps)
+    return VelocityState(speed_mps, speed_mps, free.amount, jnp.zeros(speed_mps.shape, jnp.int32), free, free)
+
+
+def step_velocity(
+    settings: VelocitySettings,
+    pedals: Pedals,
+    state: VelocityState,
+    wanted_mps: Float[Array, "..."],
+    speed_mps: Float[Array, "..."],
+    active: Bool[Array, "..."],
+    step_s: Float[Array, "..."],
+) -> tuple[VelocityState, Float[Array, "..."], Float[Array, "..."]]:
+    """State, throttle and brake (0 to 1) of one step.
+
+    Not active, both commands are 0 and the state follows the vehicle: the first active step starts from the speed that
+    is, with the throttle that the model needs to keep it. A speed that is no number presses nothing and leaves no
+    trace in the state.
+
+    Args:
+        settings: of the controller.
+        pedals: the model of both pedals as it is believed.
+        state: of the last step.
+        wanted_mps: speed to hold; 0 is a stop that then holds.
+        speed_mps: in the gear's direction.
+        active: the autopilot drives the pedals.
+        step_s: time step.
+    """
+    known = jnp.isfinite(speed_mps) & jnp.isfinite(wanted_mps)
+    speed = jnp.where(known, speed_mps, state.reference_mps)
+    wanted = jnp.maximum(jnp.where(known, wanted_mps, state.reference_mps), 0.0)
+    change = jnp.clip(wanted - state.reference_mps, -settings.fall_mps2 * step_s, settings.rise_mps2 * step_s)
+    moved = state.reference_mps + change
+    reference = jnp.minimum(moved, speed + settings.lead_mps)
+    reference = jnp.where(moved > wanted, jnp.maximum(reference, speed - settings.lead_mps), reference)
+    lag_s = jnp.where(state.pedal < 0, pedals.brake.lag_s, pedals.throttle.lag_s)
+    expected = reference + (state.expected_mps - reference) * jnp.where(
+        lag_s > 0.0, jnp.exp(-step_s / jnp.where(lag_s > 0.0, lag_s, 1.0)), 0.0
+    )
+    missing = expected - speed
+    resisted = pedals.rolling_mps2 + pedals.drag_per_s * speed
+    # A reference that the vehicle drags along has no acceleration of its own to be fed forward.
+    fed = jnp.where(moved == reference, change / step_s, 0.0)
+    asked = fed + settings.proportional_per_s * missing + state.integral_mps2 + resisted
+    pedal = _choose_pedal(state.pedal, asked, settings.press_mps2)
+    throttle_pressed, throttle = _press(pedals.throttle, state.throttle, asked, pedal > 0)
+    brake_pressed, brake = _press(pedals.brake, state.brake, -asked, pedal < 0)
+    stuck = ((throttle >= 1.0) & (missing > 0.0)) | ((brake >= 1.0) & (missing < 0.0))
+    integral = state.integral_mps2 + jnp.where(stuck, 0.0, settings.integral_per_s2 * missing * step_s)
+    stands = (wanted <= 0.0) & (speed < settings.standing_mps)
+    driven = VelocityState(reference, expected, integral, pedal, throttle_pressed, brake_pressed)
+    throttle, brake = jnp.where(stands, 0.0, throttle), jnp.where(stands, settings.hold_brake, brake)
+    held = Pressed(settings.hold_brake - pedals.brake.pre_tension, jnp.ones_like(brake))
+    # What was learnt of a grade while rolling says nothing about moving off from it.
+    standing = init_velocity(jnp.zeros_like(speed))._replace(pedal=jnp.full_like(pedal, -1), brake=held)
+    drives = active & known
+    free = _free(speed)
+    undriven = _pick(known, init_velocity(speed), state._replace(throttle=free, brake=free))
+    after = _pick(drives, _pick(stands, standing, driven), undriven)
+    return after, jnp.where(drives, throttle, 0.0), jnp.where(drives, brake, 0.0)
+
+
+def step_stop(
+    settings: VelocitySettings,
+    pedals: Pedals,
+    state: VelocityState,
+    speed_mps: Float[Array, "..."],
+    step_s: Float[Array, "..."],
+) -> tuple[VelocityState, Float[Array, "..."], Float[Array, "..."]]:
+    """State, throttle and brake of one step of a controlled stop: throttle idle, brake by the model, ramped.
+
+    It is not closed over the speed, which may be what has been lost: the brake is asked for a deceleration that rises
+    from what it was to ``stop_mps2``. The speed only tells what rolling resistance and drag do already, and when the
+    vehicle stands; without one the brake does everything.
+    """
+    rolls = speed_mps > 0.0
+    resisted = jnp.where(rolls, pedals.rolling_mps2 + pedals.drag_per_s * jnp.where(rolls, speed_mps, 0.0), 0.0)
+    gain = pedals.brake.gain_mps2
+    braking = state.brake.amount * gain
+    most = jnp.maximum(settings.stop_mps2 - resisted, 0.0)
+    # Harder braking that is under way goes on.
+    asked = jnp.maximum(jnp.minimum(braking + settings.stop_rise_mps3 * step_s, most), braking)
+    pressed, command = _press(pedals.brake, state.brake, asked, jnp.ones(braking.shape, jnp.bool_))
+    stands = speed_mps < settings.standing_mps
+    brake = jnp.where(stands, jnp.maximum(settings.hold_brake, command), command)
+    reference = jnp.where(jnp.isfinite(speed_mps), speed_mps, state.reference_mps)
+    free = _free(reference)
+    after = VelocityState(reference, reference, free.amount, jnp.full_like(state.pedal, -1), free, pressed)
+    return after, jnp.zeros_like(brake), brake
+
+
+def _free(like: Float[Array, "..."]) -> Pressed:
+    return Pressed(jnp.zeros_like(like), jnp.ones_like(like))
+
+
+def _press(
+    pedal: Pedal, was: Pressed, effect_mps2: Float[Array, "..."], chosen: Bool[Array, "..."]
+) -> tuple[Pressed, Float[Array, "..."]]:
+    """How far a pedal then acts, and its command: the inverse of its onset, gain and friction; free if not chosen.
+
+    A reversal costs the dead zone twice over, so one is made only for more than a share of it.
+    """
+    wanted = jnp.clip(effect_mps2 / pedal.gain_mps2, 0.0, 1.0 - pedal.pre_tension)
+    change = wanted - was.amount
+    moves = (change * was.side >= 0.0) | (jnp.abs(change) > _REVERSAL_SHARE * pedal.dead_zone)
+    amount = jnp.where(moves, wanted, was.amount)
+    side = jnp.where(moves & (change != 0.0), jnp.sign(change), was.side)
+    command = pedal.pre_tension + amount - jnp.where(side < 0.0, pedal.dead_zone, 0.0)
+    free = _free(amount)
+    pressed = Pressed(jnp.where(chosen, amount, free.amount), jnp.where(chosen, side, free.side))
+    return pressed, jnp.where(chosen, jnp.clip(command, 0.0, 1.0), 0.0)
+
+
+def _choose_pedal(
+    pedal: Int32[Array, "..."], asked_mps2: Float[Array, "..."], press_mps2: Float[Array, "..."]
+) -> Int32[Array, "..."]:
+    """The pedal to press: the one pressed for as long as it has work, a new one only for more than the dead zone."""
+    stays = jnp.sign(asked_mps2).astype(jnp.int32) == pedal
+    pressed = jnp.where(asked_mps2 > press_mps2, 1, jnp.where(asked_mps2 < -press_mps2, -1, 0))
+    return jnp.where(stays, pedal, pressed).astype(jnp.int32)
+
+
+def _pick(choice: Bool[Array, "..."], chosen: VelocityState, other: VelocityState) -> VelocityState:
+    picked: VelocityState = jax.tree.map(lambda one, two: jnp.where(choice, one, two), chosen, other)
+    return picked
