@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from drawn_drives import SPEED_MPS, TICK_S, Drawn, Sensors, draw_drive, silenced, stacked, usual_model
 from lgprjax.navigation.observations import Motion, Observations
+from model_drives import SPEED_MPS, TICK_S, Drawn, Sensors, draw_drive, silenced, stacked, usual_model
 
 LINEAR = usual_model(
     gnss_error_sigma_m=0.03,

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from lgprjax.archive.study_fusion import study_fusion
 from lgprjax.archive.study_look_ahead import study_look_ahead
 from lgprjax.archive.study_parts import LoggedDrive, Outcome, Task
 from lgprjax.archive.study_pedals import study_pedals
@@ -83,4 +84,5 @@ _RUN: dict[str, Callable[[Task], Outcome]] = {
     "servo": study_servo,
     "pedals": study_pedals,
     "look_ahead": study_look_ahead,
+    "fusion": study_fusion,
 }

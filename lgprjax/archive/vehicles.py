@@ -1,12 +1,13 @@
-"""A vehicle file as the chassis and the servo that kinematics and simulation take."""
+"""A vehicle file as the chassis, the servo and the filter's model that kinematics, simulation and navigation take."""
 
 from pathlib import Path
 
 import jax.numpy as jnp
 
 from lgprjax.errors import InputError
-from lgprjax.formats import VehicleFile
-from lgprjax.vehicle import Chassis, MeasuredRear, ProportionalRear, Rear, Servo
+from lgprjax.formats import VehicleFile, with_values
+from lgprjax.navigation import FilterModel, default_model
+from lgprjax.vehicle import Chassis, MeasuredRear, ProportionalRear, Rear, Servo, zero_slip_point
 
 
 def chassis_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Chassis:
@@ -69,6 +70,32 @@ def servo_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Servo:
         nominal_v=jnp.float32(1.0 if steering.nominal_v is None else steering.nominal_v),
         stall_v=jnp.float32(0.0 if steering.stall_v is None else steering.stall_v),
     )
+
+
+def filter_model_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> FilterModel:
+    """The navigation filter's model that a file describes: noises that it does not tell are the defaults.
+
+    Without an antenna in the file GNSS positions are taken for those of the rear axle, as drive logs hold them. The
+    point without slip is that of small wheel angles.
+
+    Args:
+        vehicle: a counter-steered one.
+        path: its file, for errors.
+
+    Raises:
+        InputError: a skid-steered vehicle, or a number that is needed is not in the file.
+    """
+    anchor_m = 0.0 if vehicle.pursuit.anchor_m is None else vehicle.pursuit.anchor_m
+    chassis = chassis_of(with_values(vehicle, {"pursuit.anchor_m": anchor_m}, {}), path)
+    told = vehicle.navigation.model_dump(exclude_none=True)
+    model = default_model(
+        zero_slip_m=float(zero_slip_point(chassis, jnp.float32(0.0))),
+        gnss_x_m=told.pop("gnss_x_m", 0.0),
+        gnss_y_m=told.pop("gnss_y_m", 0.0),
+        array_x_m=_needed(path, "array.x_m", vehicle.array.x_m),
+        array_y_m=0.0,
+    )
+    return model._replace(**{name: jnp.float32(value) for name, value in told.items()})
 
 
 def _needed(path: str | Path, place: str, value: float | None) -> float:

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from lgprjax.errors import InputError
 
 Kind = Literal[
-    "straight", "encoder", "wheel_angle", "rear_ratio", "yaw_gain", "servo", "pedals", "look_ahead"
+    "straight", "encoder", "wheel_angle", "rear_ratio", "yaw_gain", "servo", "pedals", "look_ahead", "fusion"
 ]  # in the order in which a new vehicle needs them
 
 

@@ -116,6 +116,24 @@ class ArrayTable(_Table):
     height_m: float | None = None
 
 
+class NavigationTable(_Table):
+    """Where the GNSS antenna stands, metres, and the noises of the filter, as in ``navigation.FilterModel``."""
+
+    gnss_x_m: float | None = None
+    gnss_y_m: float | None = None
+    yaw_rate_noise: float | None = None
+    acceleration_noise: float | None = None
+    side_noise: float | None = None
+    rate_bias_walk: float | None = None
+    odometer_scale_walk: float | None = None
+    clock_walk: float | None = None
+    lever_walk: float | None = None
+    gnss_error_sigma_m: float | None = None
+    gnss_error_s: float | None = None
+    lgpr_error_sigma_m: float | None = None
+    lgpr_error_m: float | None = None
+
+
 class Found(_Table):
     """How a number was found: standard error and 95 % interval in the number's unit, by which study, on which logs.
 
@@ -144,6 +162,7 @@ class VehicleFile(_Table):
     resistance: ResistanceTable = ResistanceTable()
     pursuit: PursuitTable = PursuitTable()
     array: ArrayTable = ArrayTable()
+    navigation: NavigationTable = NavigationTable()
     found: dict[str, Found] = {}
 
     @model_validator(mode="after")

@@ -2,11 +2,10 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int
 
 from lgprjax.radar import centre_of
 from lgprjax.registration.live import LiveScans, trace_offsets, window_members
@@ -112,20 +111,25 @@ class WindowLayout:
         prior = to_tile(track.pose[lanes], frame)
         return Batch(
             ScanSet(
-                coefficients=jnp.asarray(scans.coefficients[rows]),
-                valid=jnp.asarray(scans.valid[rows]),
-                above_m=jnp.asarray(height_m - height_reference_m, dtype=jnp.float32),
+                coefficients=_input(scans.coefficients[rows], np.float32),
+                valid=_input(scans.valid[rows], np.bool_),
+                above_m=_input(height_m - height_reference_m, np.float32),
             ),
             Ends(
-                member=jnp.asarray(where[:, : coarse.shape[1]], dtype=jnp.int32),
-                shift=jnp.asarray(np.round(apart / prepared.step_m), dtype=jnp.int32),
-                fine=jnp.asarray(where[:, coarse.shape[1] :], dtype=jnp.int32),
-                offset_m=jnp.asarray(trace_offsets(scans, lanes, fine, prepared.array), dtype=jnp.float32),
-                prior=jnp.asarray(np.pad(prior, [(0, 0), (0, 1)]), dtype=jnp.float32),
-                half_width=jnp.asarray(options.half_width(track.sigma_yaw_rad[lanes]), dtype=jnp.float32),
-                number=jnp.asarray(scans.number[lanes], dtype=jnp.uint32),
+                member=_input(where[:, : coarse.shape[1]], np.int32),
+                shift=_input(np.round(apart / prepared.step_m), np.int32),
+                fine=_input(where[:, coarse.shape[1] :], np.int32),
+                offset_m=_input(trace_offsets(scans, lanes, fine, prepared.array), np.float32),
+                prior=_input(np.pad(prior, [(0, 0), (0, 1)]), np.float32),
+                half_width=_input(options.half_width(track.sigma_yaw_rad[lanes]), np.float32),
+                number=_input(scans.number[lanes], np.uint32),
             ),
         )
+
+
+def _input(values: np.ndarray, dtype: type[np.generic]) -> Array:
+    """What a compiled function is handed, NumPy's: a transfer of its own would cost as much as the call."""
+    return cast("Array", values.astype(dtype, copy=False))
 
 
 def _as_many_as_fit(places: int, heights: int, options: RegisterOptions, held: Callable[[int], int]) -> int:

@@ -69,9 +69,19 @@ class Tracker:
         operators: of the drive, for the map.
         array: geometry of the drive.
         options: the search; ``search_m`` is how far the log's prior may be wrong.
+        block_scans: most scans that ``feed`` is given at once, a shape that is compiled: few on a vehicle.
     """
 
-    def __init__(self, ground: GroundMap, operators: Operators, array: ArrayGeometry, options: RegisterOptions) -> None:
+    def __init__(
+        self,
+        ground: GroundMap,
+        operators: Operators,
+        array: ArrayGeometry,
+        options: RegisterOptions,
+        *,
+        block_scans: int = BLOCK_SCANS,
+    ) -> None:
+        self._block_scans = block_scans
         self._ground = ground
         self._operators = operators
         self._array = array
@@ -93,15 +103,14 @@ class Tracker:
             truth: blocks will bring true poses.
         """
         channels, recorded = len(self._array.x_m), self._operators(1.0).shape[0]
-        still = np.zeros(BLOCK_SCANS)
+        scans_in = self._block_scans
+        still = np.zeros(scans_in)
         chain = live_chain(self._ground, self._operators, channels, self._options.window_m)
         tiles = one_of_each_size(self._ground)
         frame = self._ground.frame(tiles[0])
-        pose = np.tile([frame[0], frame[1], self._array.height_m, frame[2], 0.0], (BLOCK_SCANS, 1))
-        blank = np.zeros((BLOCK_SCANS, channels, recorded), np.float32)
-        scans, _ = chain.feed(
-            blank, np.ones((BLOCK_SCANS, channels), bool), Track(pose, still, still, still), BLOCK_SCANS
-        )
+        pose = np.tile([frame[0], frame[1], self._array.height_m, frame[2], 0.0], (scans_in, 1))
+        blank = np.zeros((scans_in, channels, recorded), np.float32)
+        scans, _ = chain.feed(blank, np.ones((scans_in, channels), bool), Track(pose, still, still, still), scans_in)
         for tile in tiles:
             for direction in (0, 1, -1):
                 self._prepared.at(Aspect(tile, direction, 0, 0))
@@ -113,8 +122,8 @@ class Tracker:
                 self._at_truth(aspect, batch, pose[:1])
 
     def feed(self, block: LiveBlock) -> TrackedFixes:
-        """Search every scan of a block, at most ``BLOCK_SCANS`` of them, each from what the one before it gave."""
-        scans, first = self._chain.feed(block.traces, block.valid, block.track, BLOCK_SCANS, block.time_scale)
+        """Search every scan of a block, at most ``block_scans`` of them, each from what the one before it gave."""
+        scans, first = self._chain.feed(block.traces, block.valid, block.track, self._block_scans, block.time_scale)
         if self._start_m is None:
             self._start_m = self._path_m = float(scans.path_m[first])
         count = len(scans.number) - first

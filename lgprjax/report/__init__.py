@@ -1,6 +1,7 @@
 """Pictures, tables and the HTML page that show what a registration did. NumPy in, files out."""
 
 from lgprjax.report.codes import draw_codes
+from lgprjax.report.driven_course import DrivenResult, draw_driven_course
 from lgprjax.report.encoder_fit import EncoderPicture, draw_encoder_fit
 from lgprjax.report.fitted_curve import Curve, Points, draw_fitted_curve
 from lgprjax.report.html import ReportFigure, ReportTable, Section, drive_section, overview_table, write_report
@@ -24,6 +25,7 @@ __all__ = [
     "Curve",
     "DriveResult",
     "DriveSummary",
+    "DrivenResult",
     "EncoderPicture",
     "LookAheadSweep",
     "MapStrips",
@@ -35,6 +37,7 @@ __all__ = [
     "ServoResponse",
     "TrackErrors",
     "draw_codes",
+    "draw_driven_course",
     "draw_encoder_fit",
     "draw_fitted_curve",
     "draw_look_ahead",

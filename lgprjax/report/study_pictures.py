@@ -4,6 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from lgprjax.report.fusion_fit import FusionPicture, draw_fusion_fit
 from lgprjax.report.motion_pictures import (
     draw_look_ahead_sweep,
     draw_pedals,
@@ -41,6 +44,22 @@ def _draw_rear_ratio(detail: Any, path: Path, force: bool) -> None:
         draw_rear_ratio_angles(detail.front_rad, detail.rear_rad, detail.fit, path, force=force)
 
 
+def _draw_fusion(detail: Any, path: Path, force: bool) -> None:
+    """The first drive that judges the fit."""
+    one = detail.judged[0]
+    errors = {}
+    if one.truth is not None:
+        tracks = {"filter": one.filtered.mean, "smoother": one.smoothed.mean, "threshold switch": one.switched}
+        errors = {
+            name: np.hypot(*(np.asarray(track, np.float64)[:, :2] - one.truth[:, :2]).T)
+            for name, track in tracks.items()
+        }
+    info = one.info
+    offered, accepted = np.asarray(info.offered), np.asarray(info.accepted)
+    shown = FusionPicture(one.time_s, np.asarray(info.nis, np.float64), offered, accepted, errors)
+    draw_fusion_fit(shown, path, caption=f"{one.name} by the noises found; beyond the red line lie 5 %.", force=force)
+
+
 _PICTURES: dict[str, dict[str, Callable[[Any, Path, bool], None]]] = {
     "straight": {"windows": lambda d, path, force: draw_straight(d, path, force=force)},
     "encoder": {
@@ -57,6 +76,7 @@ _PICTURES: dict[str, dict[str, Callable[[Any, Path, bool], None]]] = {
     },
     "yaw_gain": {"yaw_gain": lambda d, path, force: draw_yaw_gain(d.fit, path, force=force)},
     "servo": {"servo": lambda d, path, force: draw_servo(d.signals, d.measured_rad, d.fit, path, force=force)},
+    "fusion": {"innovations": _draw_fusion},
     "wheel_angle": {
         "palm_tree": lambda d, path, force: draw_arcs(d.signals, d.arcs, d.fit, path, force=force),
         "wheel_angle": lambda d, path, force: draw_wheel_angle(d.fit, path, force=force),

@@ -1,5 +1,6 @@
 """Synthetic ground with a known truth: a road, a radar over it, drives on different days."""
 
+from lgprjax.scene.calibrated_fixes import calibrated_fixes
 from lgprjax.scene.day import Conditions, Cover, Day, Skin, Trench, ground_on, usual_conditions
 from lgprjax.scene.drive import (
     SimulatedDrive,
@@ -9,8 +10,19 @@ from lgprjax.scene.drive import (
     render_drive,
     simulate_drive,
 )
+from lgprjax.scene.fix_errors import FixErrors, FixErrorState, init_fix_errors, step_fix_errors
 from lgprjax.scene.ground import Ground, GroundConfig, Layers, make_ground
 from lgprjax.scene.hardware import NO_FAULTS, Faults, Response, ScanErrors
+from lgprjax.scene.live_faults import SensorFaults, during, no_faults
+from lgprjax.scene.live_radar import LiveRadar, LiveScan, Springs, draw_springs
+from lgprjax.scene.live_sensors import (
+    LiveSensors,
+    LiveSensorState,
+    Readings,
+    init_live_sensors,
+    live_sensors,
+    read_live_sensors,
+)
 from lgprjax.scene.manoeuvres import (
     Manoeuvre,
     drive_palm_tree,
@@ -23,6 +35,7 @@ from lgprjax.scene.manoeuvres import (
 )
 from lgprjax.scene.motion import DrivePlan
 from lgprjax.scene.objects import Scatterers, Utilities
+from lgprjax.scene.plant import Plant, PlantState, Terrain, init_plant, step_plant
 from lgprjax.scene.propagation import RadarConfig, make_wavelet
 from lgprjax.scene.receiver import ReceiverConfig, record_scans, time_gain
 from lgprjax.scene.render import render_traces
@@ -43,42 +56,63 @@ __all__ = [
     "DrivePlan",
     "DriveTruth",
     "Faults",
+    "FixErrorState",
+    "FixErrors",
     "Ground",
     "GroundConfig",
     "GroundSlice",
     "Layers",
+    "LiveRadar",
+    "LiveScan",
+    "LiveSensorState",
+    "LiveSensors",
     "Manoeuvre",
     "NavigationErrors",
     "OdometerTrack",
+    "Plant",
+    "PlantState",
     "PoseTrack",
     "RadarConfig",
+    "Readings",
     "ReceiverConfig",
     "Response",
     "Road",
     "RoadConfig",
     "ScanErrors",
     "Scatterers",
+    "SensorFaults",
     "SimulatedDrive",
     "Skin",
+    "Springs",
     "StartOfDay",
     "SweepPlan",
+    "Terrain",
     "Trench",
     "TrueVehicle",
     "Utilities",
     "VehicleDrive",
     "VehicleSensors",
+    "calibrated_fixes",
     "default_array",
+    "draw_springs",
     "drive_manoeuvre",
     "drive_palm_tree",
     "drive_straight",
     "drive_turns",
+    "during",
     "ground_on",
     "half_turn_angles",
+    "init_fix_errors",
+    "init_live_sensors",
+    "init_plant",
     "iterate_sweeps",
     "iterate_traces",
+    "live_sensors",
     "make_ground",
     "make_road",
     "make_wavelet",
+    "no_faults",
+    "read_live_sensors",
     "read_vehicle",
     "record_scans",
     "record_sweeps",
@@ -88,7 +122,9 @@ __all__ = [
     "simulate_vehicle_drive",
     "slice_ground",
     "start_of_day",
+    "step_fix_errors",
     "step_pedals",
+    "step_plant",
     "step_steering",
     "straight_road",
     "time_gain",

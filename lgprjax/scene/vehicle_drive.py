@@ -37,6 +37,7 @@ class TrueVehicle:
         lock_to_lock_turns: of the steering wheel.
         throttle, brake: (pre-tension, dead zone, gain in m/s², lag in s), as in ``Pedal``.
         rolling_mps2, drag_per_s: as in ``Pedals``.
+        array_x_m: centre of the radar's array ahead of the rear axle, on the centre line.
     """
 
     wheelbase_m: float = 3.8
@@ -60,6 +61,7 @@ class TrueVehicle:
     brake: tuple[float, float, float, float] = (0.18, 0.06, 6.0, 0.25)
     rolling_mps2: float = 0.15
     drag_per_s: float = 0.03
+    array_x_m: float = 6.2
 
 
 class VehicleDrive(NamedTuple):

@@ -47,11 +47,15 @@ class VehicleSensors:
         record_hz: of the log; the simulation's 100 Hz or a whole part of it.
         gnss_hz: of the fixes; records between have no position.
         position_sigma_m: of east and of north.
-        position_wander_m, position_wander_s: sigma and time constant of a slow error of each (Gauss-Markov).
+        position_wander_m, position_wander_s: sigma and time constant of a slow error of each (Gauss-Markov) against
+            the true frame; navigation knows nothing of it, its sigma is that of the white part.
         heading_sigma_rad, heading_wander_rad, heading_wander_s: the same of the INS heading, at every record.
         heading_bias_rad: by which the INS is mounted askew.
         front_sigma_rad, rear_sigma_rad, potentiometer_sigma_v: of the steering sensors.
         odometer_scale_error, odometer_sigma_m: distance reads (1 + scale) times the truth plus noise.
+        yaw_rate_noise: white noise of the gyro, rad/s/√Hz.
+        yaw_rate_bias_radps, yaw_rate_bias_walk: its bias at the start, and the bias's random walk in rad/s/√s.
+        fix_hz: of the radar's fixes, for drives that have any.
         outlier_share, outlier_m: share of fixes that are displaced, by a normal deviate of this sigma.
         spike_share, spike_v: share of potentiometer readings that are displaced, by a normal deviate of this sigma.
         gnss_gaps_s: (start, stop) intervals without fixes.
@@ -72,6 +76,10 @@ class VehicleSensors:
     potentiometer_sigma_v: float = 0.004
     odometer_scale_error: float = 0.005
     odometer_sigma_m: float = 0.002
+    yaw_rate_noise: float = 5e-4
+    yaw_rate_bias_radps: float = 0.0
+    yaw_rate_bias_walk: float = 0.0
+    fix_hz: float = 10.0
     outlier_share: float = 0.0
     outlier_m: float = 2.0
     spike_share: float = 0.0
@@ -111,13 +119,12 @@ def read_sensors(
     volts += (_stream(seed, 8).random(count) < sensors.spike_share) * _noise(seed, 9, (count,), sensors.spike_v)
     zero_counts = float(_stream(seed, 10).integers(-100_000, 100_000)) + float(_stream(seed, 11).random())
     travel = (1.0 + sensors.odometer_scale_error) * truth.travel_m[record]
-    position_sigma = np.hypot(sensors.position_sigma_m, sensors.position_wander_m)
     heading_sigma = np.hypot(sensors.heading_sigma_rad, sensors.heading_wander_rad)
     log = DriveSignals(
         time_s=time_s,
         east_m=place[:, 0],
         north_m=place[:, 1],
-        sigma_position_m=np.full(count, position_sigma),
+        sigma_position_m=np.full(count, sensors.position_sigma_m),
         yaw_rad=yaw,
         sigma_yaw_rad=np.full(count, heading_sigma),
         travel_m=travel + _noise(seed, 12, (count,), sensors.odometer_sigma_m),
@@ -133,6 +140,21 @@ def read_sensors(
     kept = ~_within(time_s, sensors.record_gaps_s)
     lasting: DriveSignals = jax.tree.map(lambda signal: signal[kept], log)
     return lasting
+
+
+def read_yaw_rate(truth: DriveTruth, sensors: VehicleSensors, seed: int) -> Float[np.ndarray, " record"]:
+    """Yaw rate by gyro, rad/s counter-clockwise, at the records of ``read_sensors``.
+
+    A record's noise is such that the sum over the records has the sensor's density.
+
+    Raises:
+        ValueError: as ``read_sensors``.
+    """
+    record = _record_steps(truth, sensors)
+    walk = np.cumsum(_noise(seed, 15, (record.size,), sensors.yaw_rate_bias_walk / np.sqrt(sensors.record_hz)))
+    rate = np.gradient(truth.yaw_rad, STEP_S)[record] + sensors.yaw_rate_bias_radps + walk
+    rate += _noise(seed, 16, (record.size,), sensors.yaw_rate_noise * np.sqrt(sensors.record_hz))
+    return np.asarray(rate[~_within(truth.time_s[record], sensors.record_gaps_s)])
 
 
 def _record_steps(truth: DriveTruth, sensors: VehicleSensors) -> Int[np.ndarray, " record"]:

@@ -1,17 +1,21 @@
-"""Simulated calibration drives of one vehicle as drive logs without radar, from a drives file."""
+"""Simulated drives of one vehicle as drive logs without radar, from a drives file; fixes beside those that ask."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from lgprjax import __version__
 from lgprjax.errors import InputError
 from lgprjax.formats import NavigationTrack, OdometryTrack, VehicleLog, write_vehicle_log
 from lgprjax.frames import LocalFrame
 from lgprjax.scene.vehicle_drive import VehicleDrive, simulate_vehicle_drive
-from lgprjax.simulation.vehicle_plan import VehiclePlan
+from lgprjax.scene.vehicle_fixes import draw_vehicle_fixes
+from lgprjax.scene.vehicle_sensors import read_yaw_rate
+from lgprjax.simulation.vehicle_fixes import fixes_paths, write_vehicle_fixes
+from lgprjax.simulation.vehicle_plan import PlannedVehicleDrive, VehiclePlan
 
 _T0_UTC = "2026-01-01T00:00:00+00:00"
 # A level site and no roll: calibrations use neither.
@@ -35,6 +39,7 @@ def vehicle_log_of(
     drive: VehicleDrive,
     frame: LocalFrame,
     *,
+    yaw_rate_radps: Float[np.ndarray, " record"] | None = None,
     serial_number: str | None = None,
     provenance: dict[str, object] | None = None,
 ) -> VehicleLog:
@@ -47,6 +52,7 @@ def vehicle_log_of(
         name: of the drive.
         drive: from ``simulate_vehicle_drive``.
         frame: where the drive begins on the globe.
+        yaw_rate_radps: by gyro, at the records; ``None`` for a vehicle without one.
         serial_number: of the vehicle.
         provenance: beside the program's.
     """
@@ -66,6 +72,8 @@ def vehicle_log_of(
     every = slice(None, None, _TRUTH_EVERY)
     true_track = _track(frame, *(values[every] for values in truth[:4]))
     held = {logged: getattr(signals, own) for logged, own in _SIGNALS.items() if getattr(signals, own) is not None}
+    if yaw_rate_radps is not None:
+        held["yaw_rate_radps"] = yaw_rate_radps
     return VehicleLog(
         name=name,
         t0_utc=_T0_UTC,
@@ -88,6 +96,8 @@ def write_vehicle_logs(
 ) -> dict[str, Path]:
     """Simulate the drives of a plan and write each to ``NAME.drive.h5`` in a folder, which is made; paths by name.
 
+    Drives that ask for fixes have ``NAME.fixes.csv`` and ``NAME.fixes.h5`` beside them.
+
     Args:
         only: names of the drives wanted; none for all.
         progress: is told 1 for each drive written.
@@ -103,18 +113,41 @@ def write_vehicle_logs(
     if folder.exists() and not folder.is_dir():
         raise InputError(folder, "output", "a folder", "a file")
     paths = {name: folder / f"{name}.drive.h5" for name in drives if not only or name in only}
-    for path in paths.values():
+    fixes = [path for name in paths if drives[name].fix_errors for path in fixes_paths(folder, name)]
+    for path in (*paths.values(), *fixes):
         if path.exists() and not force:
             raise InputError(path, "output", "a new file, or --force", "the file exists")
     folder.mkdir(parents=True, exist_ok=True)
     for name, path in paths.items():
         drive = drives[name]
-        simulated = simulate_vehicle_drive(plan.vehicle, drive.manoeuvre, drive.sensors, drive.seed)
-        origin = {"drives": plan.file.name, "seed": drive.seed, "true_vehicle": asdict(plan.vehicle)}
-        log = vehicle_log_of(name, simulated, plan.frame, serial_number=plan.serial_number, provenance=origin)
-        write_vehicle_log(path, log, force=force)
+        _write_drive(plan, drive, path, force)
         progress(1)
     return paths
+
+
+def _write_drive(plan: VehiclePlan, drive: PlannedVehicleDrive, path: Path, force: bool) -> None:
+    simulated = simulate_vehicle_drive(plan.vehicle, drive.manoeuvre, drive.sensors, drive.seed)
+    origin = {"drives": plan.file.name, "seed": drive.seed, "true_vehicle": asdict(plan.vehicle)}
+    log = vehicle_log_of(
+        drive.name,
+        simulated,
+        plan.frame,
+        yaw_rate_radps=read_yaw_rate(simulated.truth, drive.sensors, drive.seed),
+        serial_number=plan.serial_number,
+        provenance=origin,
+    )
+    write_vehicle_log(path, log, force=force)
+    if drive.fix_errors is None:
+        return
+    fixes = draw_vehicle_fixes(
+        simulated.truth,
+        drive.fix_errors,
+        array_x_m=plan.vehicle.array_x_m,
+        rate_hz=drive.sensors.fix_hz,
+        seed=drive.seed,
+    )
+    origin["fixes"] = f"drawn from the error model of a {drive.fixes} day, without ground or radar"
+    write_vehicle_fixes(path.parent, drive.name, fixes, plan.frame, t0_utc=_T0_UTC, provenance=origin, force=force)
 
 
 def _track(

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from lgprjax.frames import LocalFrame
+from lgprjax.scene.calibrated_fixes import calibrated_fixes
+from lgprjax.scene.fix_errors import FixErrors
 from lgprjax.scene.manoeuvres import (
     Manoeuvre,
     drive_palm_tree,
@@ -32,12 +34,23 @@ _SPEED_MPS, _ANGLE_RAD, _HOLD_S, _SHARE = (0.2, 15.0), (-1.2, 1.2), (0.5, 120.0)
 
 
 class PlannedVehicleDrive(NamedTuple):
-    """One drive: its manoeuvre, the sensors that record it, and the seed of their noise."""
+    """One drive.
+
+    Attributes:
+        name: of its log.
+        manoeuvre: what it does.
+        sensors: that record it.
+        seed: of their noise.
+        fixes: the day on which its fixes are to be as good as; ``None`` for none.
+        fix_errors: of that day.
+    """
 
     name: str
     manoeuvre: Manoeuvre
     sensors: VehicleSensors
     seed: int
+    fixes: str | None = None
+    fix_errors: FixErrors | None = None
 
 
 class VehiclePlan(NamedTuple):
@@ -119,6 +132,7 @@ _VEHICLE: dict[str, Range] = {
     "potentiometer_per_rad_v": (-1e3, 1e3),
     "encoder_counts_per_rad": (-1e7, 1e7),
     "lock_to_lock_turns": (0.5, 20.0),
+    "array_x_m": (-5.0, 20.0),
 }
 _SENSORS: dict[str, Range] = {
     "record_hz": (1.0, 100.0),
@@ -129,6 +143,10 @@ _SENSORS: dict[str, Range] = {
     "heading_wander_s": (0.1, 1e5),
     "odometer_scale_error": (-0.5, 0.5),
     "heading_bias_rad": (-0.2, 0.2),
+    "yaw_rate_noise": (0.0, 1.0),
+    "yaw_rate_bias_radps": (-1.0, 1.0),
+    "yaw_rate_bias_walk": (0.0, 1.0),
+    "fix_hz": (0.1, 100.0),
 }
 _NON_NEGATIVE: Range = (0.0, 1e3)
 
@@ -202,7 +220,7 @@ def _drive(
         raise place.at("manoeuvre").refuse(nearest(str(word), _MANOEUVRES, "a manoeuvre"), repr(word))
     kind = _MANOEUVRES[word]
     degrees = [f"{key.removesuffix('_rad')}_deg" for key in kind.ranges if key.endswith("_rad")]
-    refuse_unknown(place, table, ["name", "manoeuvre", "sensors", *kind.ranges, *degrees])
+    refuse_unknown(place, table, ["name", "manoeuvre", "sensors", "fixes", *kind.ranges, *degrees])
     numbers = {key: _numbers(place, table, key, limits) for key, limits in kind.ranges.items()}
     for key in kind.needed:
         if numbers[key] is None:
@@ -211,7 +229,18 @@ def _drive(
     if word == "pedal_steps" and len(given["throttles"]) != len(given["brakes"]):
         raise place.at("brakes").refuse(f"{len(given['throttles'])}, as many as throttles", str(len(given["brakes"])))
     own = _sensors(place.at("sensors"), table.get("sensors", {}), sensors)
-    return PlannedVehicleDrive(name, kind.make(vehicle, given), own, derive_seed(seed, name))
+    fixes, errors = _fixes(place.at("fixes"), table.get("fixes"))
+    return PlannedVehicleDrive(name, kind.make(vehicle, given), own, derive_seed(seed, name), fixes, errors)
+
+
+def _fixes(place: Place, day: object) -> tuple[str | None, FixErrors | None]:
+    """A day and the error model of its fixes; neither where a drive asks for none."""
+    if day is None:
+        return None, None
+    try:
+        return str(day), calibrated_fixes(str(day))
+    except KeyError:
+        raise place.refuse("a day whose fixes were measured", repr(day)) from None
 
 
 def _numbers(place: Place, table: dict[str, Any], key: str, limits: Range) -> Any:

@@ -3,6 +3,9 @@
 from lgprjax.tuning.arcs import Arcs, choose_arcs, fit_arcs
 from lgprjax.tuning.encoder import EncoderFit, fit_encoder, potentiometer_of_counts
 from lgprjax.tuning.estimate import Estimate, NotExcitedError
+from lgprjax.tuning.fix_error_fit import FixErrorFit, fit_fix_errors
+from lgprjax.tuning.fusion_fit import NOISES, FusionFit, fit_fusion
+from lgprjax.tuning.innovations_likelihood import NavigationDrives
 from lgprjax.tuning.look_ahead_trials import Judged, Trials, TunedVehicle, judge, sweep_look_ahead
 from lgprjax.tuning.look_ahead_tuner import GradientConfig, TunedLookAhead, cost_of, tune_look_ahead
 from lgprjax.tuning.pauses import Pauses, find_pauses
@@ -32,12 +35,16 @@ from lgprjax.tuning.yaw_gain_fit import YawGainFit, fit_yaw_gain
 from lgprjax.vehicle.signals import DriveSignals
 
 __all__ = [
+    "NOISES",
     "Arcs",
     "DriveSignals",
     "EncoderFit",
     "Estimate",
+    "FixErrorFit",
+    "FusionFit",
     "GradientConfig",
     "Judged",
+    "NavigationDrives",
     "NotExcitedError",
     "Pauses",
     "PedalFit",
@@ -64,6 +71,8 @@ __all__ = [
     "find_stretches",
     "fit_arcs",
     "fit_encoder",
+    "fit_fix_errors",
+    "fit_fusion",
     "fit_pedals",
     "fit_rear_map",
     "fit_servo",

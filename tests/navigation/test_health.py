@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from drawn_drives import SPEED_MPS, TICK_S, Drawn, draw_drive, stacked, usual_model
 from lgprjax.navigation.filter import FilterInfo, FilterState, init_filter, step_filter
 from lgprjax.navigation.filter_model import RATE_BIAS, SPEED, YAW, NavEstimate, position_sigma_m
 from lgprjax.navigation.gates import default_rules
@@ -18,6 +17,7 @@ from lgprjax.navigation.health_rules import HealthRules, health_rules
 from lgprjax.navigation.observations import Motion, Observations, no_observations
 from lgprjax.navigation.reaction import STOPPING, Reaction, Reason
 from lgprjax.vehicle import VehiclePose
+from model_drives import SPEED_MPS, TICK_S, Drawn, draw_drive, stacked, usual_model
 
 _SECONDS, _ONSET_S = 34.0, 18.0
 _MODEL = usual_model(gnss_error_sigma_m=0.03, gnss_error_s=60.0)

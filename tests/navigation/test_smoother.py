@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from drawn_drives import SPEED_MPS, draw_drive, silenced, stacked, usual_model
 from lgprjax.navigation.filter import FilterInfo, FilterState, init_filter
 from lgprjax.navigation.filter_model import FilterModel, NavEstimate
 from lgprjax.navigation.gates import default_rules
@@ -16,6 +15,7 @@ from lgprjax.navigation.observations import Motion, Observations
 from lgprjax.navigation.smoother import filter_drive, smooth_drive, smooth_estimates
 from lgprjax.vehicle import VehiclePose
 from linear_drives import LINEAR, STATES, draw_straight, gaussian_of, padded
+from model_drives import SPEED_MPS, draw_drive, silenced, stacked, usual_model
 
 _LANES, _TICKS = 24, 500
 _RESTART = 250

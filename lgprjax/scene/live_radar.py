@@ -1,0 +1,171 @@
+"""A radar on a vehicle whose way nobody knows beforehand: what it records, a few scans at a time, where it is."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from lgprjax.radar.array import ArrayGeometry
+from lgprjax.scene.day import Day, ground_on
+from lgprjax.scene.drive import STONE_STEP, UTILITY_STEP
+from lgprjax.scene.ground import Ground
+from lgprjax.scene.hardware import Faults, ScanErrors, draw_response, draw_scan_errors, kept_scans
+from lgprjax.scene.motion import DrivePlan, place_antennas
+from lgprjax.scene.propagation import RadarConfig, trace_matrix
+from lgprjax.scene.receiver import ReceiverConfig, record_scans
+from lgprjax.scene.road import Road, local_to_road
+from lgprjax.scene.road_waves import Waves, draw_waves, roughness_value, wave_value
+from lgprjax.scene.slices import count_stones, count_utilities, slice_ground
+
+_ALONG_M = 3.0  # most that a block of scans and its array cover along the road, beside the aperture
+
+
+class Springs(NamedTuple):
+    """How the body moves on its springs along the road: height and roll."""
+
+    height: Waves
+    roll: Waves
+
+
+class LiveScan(NamedTuple):
+    """A block as recorded.
+
+    Attributes:
+        traces: bytes, 128 for silence.
+        received: scans that came through.
+        roll_rad: true roll of the body at each scan's own time.
+    """
+
+    traces: UInt8[np.ndarray, "scan channel sample"]
+    received: Bool[np.ndarray, " scan"]
+    roll_rad: Float[np.ndarray, " scan"]
+
+
+def draw_springs(plan: DrivePlan, seed: int) -> Springs:
+    """Springs of a drive, with the plan's amplitudes."""
+    rng = np.random.default_rng([seed, 12])
+    return Springs(
+        draw_waves(rng, plan.height_sigma_m, plan.bounce_wavelength_m),
+        draw_waves(rng, plan.roll_sigma_rad, plan.bounce_wavelength_m),
+    )
+
+
+class LiveRadar:
+    """One drive's radar; its errors are those of a ``SimulatedDrive`` of as many scans.
+
+    Args:
+        ground, day, road: what it drives over.
+        array: that it carries.
+        springs: of the vehicle.
+        scans: most that will be asked for; drifts run over them.
+        seed: of the faults; with the day's, of the noise.
+
+    Raises:
+        ValueError: a scan is recorded where the ground has ended.
+    """
+
+    def __init__(
+        self,
+        ground: Ground,
+        day: Day,
+        road: Road,
+        array: ArrayGeometry,
+        springs: Springs,
+        *,
+        scans: int,
+        seed: int,
+        faults: Faults | None = None,
+        radar: RadarConfig | None = None,
+        receiver: ReceiverConfig | None = None,
+    ) -> None:
+        faults = Faults() if faults is None else faults
+        self.radar = RadarConfig(height_m=array.height_m) if radar is None else radar
+        self._receiver = ReceiverConfig() if receiver is None else receiver
+        self._road, self._array, self._springs = road, array, springs
+        self._ground, self._conditions = ground_on(ground, day)
+        self._response = draw_response(day, array.x_m.size, faults)
+        self._errors = draw_scan_errors(faults, scans, self.radar.band_mhz, seed)
+        self._received = np.isin(np.arange(scans), kept_scans(faults, scans, seed))
+        self._key = jax.random.fold_in(jax.random.key(day.seed), seed)
+        self._noise_field = jnp.asarray(day.noise_field, jnp.float32)
+        config = self._ground.config
+        self._matrix = jnp.asarray(
+            trace_matrix(
+                self.radar,
+                velocity_m_per_ns=config.velocity_m_per_ns * self._conditions.velocity_factor,
+                attenuation_per_m=config.attenuation_per_m * self._conditions.attenuation_factor,
+                dispersive_share=config.dispersive_share,
+            )
+        )
+        # Any block's window lies within one of these, so that one program serves the drive.
+        reach = 2.0 * self.radar.aperture_m + _ALONG_M
+        starts = np.arange(-config.margin_m - reach, config.length_m + config.margin_m, 0.5)
+        ends = starts + reach + 0.5
+        self._stones = -(-count_stones(self._ground, starts, ends) // STONE_STEP) * STONE_STEP
+        self._utilities = -(-max(count_utilities(self._ground, starts, ends), 1) // UTILITY_STEP) * UTILITY_STEP
+
+    def body_pose(
+        self, place: Float[np.ndarray, "*time 3"], along_m: Float[np.ndarray, "*time"], direction: int
+    ) -> Float[np.ndarray, "*time 5"]:
+        """Pose with what the springs and the road's bank add: east_m, north_m, height_m, yaw_rad, roll_rad."""
+        roll = wave_value(self._springs.roll, along_m) + wave_value(self._road.bank_rad, along_m)
+        height = wave_value(self._springs.height, along_m)
+        return np.stack([place[..., 0], place[..., 1], height, place[..., 2], direction * roll], axis=-1)
+
+    def record(
+        self, first_scan: int, place: Float[np.ndarray, "scan channel 3"], along_m: float, direction: int = 1
+    ) -> LiveScan:
+        """Record consecutive scans; every number of scans is a program of its own.
+
+        Args:
+            first_scan: number of the first in the drive.
+            place: east_m, north_m, yaw_rad of the rear axle at every channel's own instant.
+            along_m: about where the array is on the road.
+            direction: in which the vehicle stands on the road, +1 or -1.
+        """
+        array, scans = self._array, len(place)
+        guess = np.full(place.shape[:2], along_m)
+        axle_along, _ = local_to_road(self._road, place[..., 0], place[..., 1], guess - direction * array.x_m[None])
+        poses = self.body_pose(place, axle_along, direction)
+        antenna = place_antennas(poses, array)
+        along, cross = local_to_road(self._road, antenna[..., 0], antenna[..., 1], guess)
+        bank = direction * wave_value(self._road.bank_rad, axle_along)
+        height = array.height_m + poses[..., 2] + array.y_m[None] * np.sin(poses[..., 4] - bank)
+        on_road = np.stack([along, cross, height - roughness_value(self._road.roughness, along, cross)], axis=-1)
+        reach = self.radar.aperture_m
+        from_m, to_m = float(along.min()) - reach, float(along.max()) + reach
+        self._check_inside(from_m, to_m, float(np.abs(cross).max()) + reach)
+        origin = on_road.reshape(-1, 3).mean(axis=0) * [1.0, 1.0, 0.0]
+        piece = slice_ground(
+            self._ground,
+            from_m,
+            to_m,
+            stones=self._stones,
+            utilities=self._utilities,
+            origin_m=(origin[0], origin[1]),
+            conditions=self._conditions,
+        )
+        span = slice(first_scan, first_scan + scans)
+        traces = record_scans(
+            self._key,
+            jnp.asarray(first_scan, jnp.int32),
+            piece,
+            jnp.asarray(on_road - origin, jnp.float32),
+            self._response,
+            ScanErrors(*(error[span] for error in self._errors)),
+            self._noise_field,
+            self._matrix,
+            radar=self.radar,
+            receiver=self._receiver,
+        )
+        return LiveScan(np.asarray(traces), self._received[span], poses[:, 0, 4])
+
+    def _check_inside(self, from_m: float, to_m: float, aside_m: float) -> None:
+        config = self._ground.config
+        if from_m < -config.margin_m or to_m > config.length_m + config.margin_m or aside_m > config.half_width_m:
+            raise ValueError(
+                f"the radar hears [{from_m:.1f}, {to_m:.1f}] m along and {aside_m:.2f} m aside; the ground ends at "
+                f"[{-config.margin_m:.1f}, {config.length_m + config.margin_m:.1f}] and {config.half_width_m:.2f} m"
+            )
