@@ -71,7 +71,7 @@ def draw_fusion_fit(shown: FusionPicture, path: str | Path, *, caption: str, for
                 errors.set_yscale("symlog", linthresh=10.0)
                 shares.set_xscale("symlog", linthresh=10.0)
             errors.set_ylim(bottom=0.0)
-            errors.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
+            errors.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, columnspacing=1.0, handlelength=1.2)
             shares.set_xlabel("error (cm)")
             shares.set_ylabel("share")
             shares.axhline(0.95, color=MUTED, linewidth=0.8)

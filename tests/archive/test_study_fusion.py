@@ -25,7 +25,8 @@ from lgprjax.report.study_pictures import study_pictures
 from model_drives import TICK_S, draw_drive, usual_model
 
 _FRAME = LocalFrame(46.0, 11.0, 300.0)
-_SECONDS = 30.0
+# The least that a fit of nine noises takes.
+_SECONDS = 100.0
 # A log's positions are those of the rear axle, and its clock is the radar's.
 _TRUE = usual_model(
     zero_slip_m=0.63 * 3.8 / 1.63,
@@ -132,13 +133,14 @@ def _write_drive(folder: Path, name: str, seed: int) -> Path:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fusion")
-    for seed, name in enumerate(("one", "two", "three", "four", "five")):
+    for seed, name in enumerate(("one", "two")):
         _write_drive(folder, name, seed)
     write_vehicle(folder / "x.vehicle.toml", _FILE)
+    # Wheels whose speed over a tick is wrong by 0.03 m/s.
     (folder / "fusion.toml").write_text(
         'name = "fusion"\nkind = "fusion"\nvehicle = "x.vehicle.toml"\n'
-        'logs = ["one.drive.h5", "two.drive.h5", "four.drive.h5", "five.drive.h5"]\nheld_out = ["three.drive.h5"]\n'
-        "[options]\ntick_s = 0.05\nodometer_sigma_m = 0.00106\n"
+        'logs = ["one.drive.h5"]\nheld_out = ["two.drive.h5"]\n'
+        f"[options]\ntick_s = {TICK_S}\nodometer_sigma_m = {0.03 * TICK_S / np.sqrt(2.0)}\n"
     )
     return folder
 
@@ -178,19 +180,19 @@ def test_noises_go_into_the_vehicle_file_with_intervals(finished: FinishedStudy)
         found = finished.vehicle.found[f"navigation.{name}"]
         assert isinstance(found.low, float)
         assert isinstance(found.high, float)
-        middle, true = np.log(found.low * found.high) / 2.0, np.log(float(getattr(_TRUE, name)))
-        # A file's distances make the wheels' errors those of neighbours, which costs the speed's noise a little.
-        assert abs(middle - true) < max(1.5 * np.log(found.high / found.low) / 2.0, 0.15)
+        assert found.low < float(getattr(_TRUE, name)) < found.high < 1.6 * found.low
         assert found.study == "fusion"
-        assert found.log == "one.drive.h5, two.drive.h5, four.drive.h5, five.drive.h5"
+        assert found.log == "one.drive.h5"
     known = {entry.path for entry in load_schema("vehicle").keys}
     assert set(finished.outcome.found) <= known
 
 
 def test_held_out_drive_judges(finished: FinishedStudy) -> None:
     figures = {figure.name: figure.value for figure in finished.outcome.figures}
-    prefix = "held out, three.drive.h5"
-    assert figures[f"{prefix}: NIS of gnss"] == pytest.approx(1.0, abs=0.25)
+    prefix = "held out, two.drive.h5"
+    for source in ("gnss", "heading", "odometer", "lgpr"):
+        assert figures[f"{prefix}: NIS of {source}"] == pytest.approx(1.0, abs=0.15)
+        assert figures[f"{prefix}: {source}, rejected"] <= 2
     errors = [figures[f"{prefix}: {what}, position, rms"] for what in ("filter", "smoother", "threshold switch")]
     assert errors[1] < errors[0] < errors[2] < 1.0
 

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from lgprjax.navigation import (
     PlanCode,
@@ -36,7 +36,7 @@ def route_of_road(course: Bare, chassis: Chassis, cruise_mps: float) -> RoutePat
 
 
 def start_lanes(
-    spec: LoopSpec, setup: LoopSetup, course: Bare, route: RoutePath, errors: FixErrors, keys: PRNGKeyArray
+    spec: LoopSpec, setup: LoopSetup, course: Bare, route: RoutePath, errors: FixErrors, keys: Key[Array, " lane"]
 ) -> tuple[LoopState, FixErrorState]:
     """As many drives as keys, the anchor on the route's start, each fusion wrong by decimetres of its own."""
     at = follow_centre(course.road, np.array([_STARTS_AT_M]))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from lgprjax.navigation import LgprObservation, Reaction, RoutePath
 from lgprjax.navigation.route_path import leg_project
@@ -135,7 +135,7 @@ def run_lanes(
     state: LoopState,
     fix_state: FixErrorState,
     sums: LoopSums,
-    keys: PRNGKeyArray,
+    keys: Key[Array, " lane"],
     ticks: int,
 ) -> tuple[LoopState, FixErrorState, LoopSums]:
     """The same for many drives: states, sums and keys have a leading axis, setup, route and errors are theirs all."""

@@ -1,0 +1,101 @@
+"""Full registration in the loop: every scan rendered, searched, fused and steered by."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lgprjax.archive import build_map, labels_of
+from lgprjax.bench.course_drive import as_result, figures_of
+from lgprjax.formats import DriveLog, MapFile
+from lgprjax.navigation import RouteSpeeds
+from lgprjax.registration import Code, RegisterOptions
+from lgprjax.report import draw_driven_course
+from lgprjax.simulation.loop import (
+    MILE_M,
+    DrivenCourse,
+    LoopSpec,
+    LoopVehicle,
+    OffRoad,
+    drive_course,
+    loop_setup,
+    make_course,
+    route_of_map,
+)
+
+_SPEC = LoopSpec()
+
+
+def _drive(folder: Path, spec: OffRoad, seed: int) -> tuple[DrivenCourse, dict[str, float], float]:
+    """A course made, mapped and driven; its figures, and the steering's limit a tick."""
+    course = make_course(spec, folder)
+    database = folder / "course.map.h5"
+    build_map([course.baseline], database)
+    with MapFile.open(database) as source, DriveLog.open(course.baseline) as log:
+        setup = loop_setup(_SPEC, LoopVehicle(), course.terrain)
+        route = route_of_map(source, setup, RouteSpeeds(float(setup.set_speed_mps)))
+        labels = labels_of([log], source.description.frame)
+        options = RegisterOptions(search_m=1.5)
+        driven = drive_course(course, source, _SPEC, setup, route, options, weather="clear", seed=seed)
+    figures = figures_of(driven, spec.array_x_m, labels.truth_m, labels.error_m)
+    return driven, figures, float(setup.autopilot.limiter.front_rate_radps) * _SPEC.tick_s
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[DrivenCourse, dict[str, float], float]:
+    return _drive(tmp_path_factory.mktemp("course"), OffRoad(7, 45.0, scan_share=3), 11)
+
+
+def test_it_arrives_within_decimetres(short: tuple[DrivenCourse, dict[str, float], float]) -> None:
+    driven, figures, limit_rad = short
+    assert driven.finished
+    assert driven.engaged.any()
+    assert figures["rms_m"] < 0.10
+    assert figures["largest_m"] < 0.3048
+    assert figures["largest_steering_step_rad"] <= 1.0001 * limit_rad
+
+
+def test_no_wrong_fix_is_called_ok(short: tuple[DrivenCourse, dict[str, float], float]) -> None:
+    driven, figures, _ = short
+    assert figures["wrong_fixes"] == 0
+    # After the first metres, in which the track filter has no mean yet, most scans are placed.
+    assert np.mean(driven.codes[40:] == Code.OK) > 0.75
+    errors = driven.fix_error
+    assert np.sqrt(np.mean(errors[:, 1] ** 2)) < 0.06
+
+
+def test_the_filter_is_better_than_gnss_alone(short: tuple[DrivenCourse, dict[str, float], float]) -> None:
+    _, figures, _ = short
+    assert figures["located_cross_rms_m"] < figures["gnss_ins_cross_rms_m"]
+
+
+def test_its_picture_is_drawn(short: tuple[DrivenCourse, dict[str, float], float], tmp_path: Path) -> None:
+    driven, _, _ = short
+    path = tmp_path / "driven.png"
+    draw_driven_course(as_result(driven, "a short course"), path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(Exception, match="exists"):
+        draw_driven_course(as_result(driven, "a short course"), path)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", range(2, 21))
+def test_a_mile_at_every_third_scan(seed: int, tmp_path: Path) -> None:
+    _holds_a_mile(tmp_path, OffRoad(seed, MILE_M, scan_share=3))
+
+
+@pytest.mark.campaign
+def test_a_mile_at_126_scans_a_second(tmp_path: Path) -> None:
+    _holds_a_mile(tmp_path, OffRoad(1, MILE_M))
+
+
+def _holds_a_mile(folder: Path, spec: OffRoad) -> None:
+    driven, figures, limit_rad = _drive(folder, spec, 100 + spec.seed)
+    print({key: value for key, value in figures.items() if key != "fixes"})
+    assert driven.finished
+    assert figures["rms_m"] <= 0.10
+    assert figures["largest_m"] <= 0.9144
+    assert figures["within_foot"] >= 0.99
+    assert figures["wrong_fixes"] == 0
+    assert figures["largest_steering_step_rad"] <= 1.0001 * limit_rad
+    assert 0.3 < figures["nees_position"] < 1.5
