@@ -1,27 +1,20 @@
 """Closed loops: scene, registration, fusion, planner, law, limiter, actuators, vehicle, and round again."""
 
-from lgprjax.simulation.loop.closed_loop import (
+from lgprjax.simulation.loop.closed_loop import decide, move
+from lgprjax.simulation.loop.driven_course import DrivenCourse, drive_course, route_of_map
+from lgprjax.simulation.loop.lane_starts import route_of_road, start_lanes
+from lgprjax.simulation.loop.loop_setup import LoopVehicle, loop_setup
+from lgprjax.simulation.loop.loop_state import (
     TICK_S,
     Decision,
     LoopSetup,
     LoopSpec,
     LoopState,
     ReportedNoise,
-    decide,
-    move,
     start_loop,
 )
-from lgprjax.simulation.loop.driven_course import DrivenCourse, drive_course, route_of_map
-from lgprjax.simulation.loop.lane_starts import route_of_road, start_lanes
-from lgprjax.simulation.loop.loop_setup import LoopVehicle, loop_setup
-from lgprjax.simulation.loop.many_drives import (
-    LoopSums,
-    LoopTick,
-    blank_sums,
-    draw_fix,
-    run_lane,
-    run_lanes,
-)
+from lgprjax.simulation.loop.loop_tick import LoopSums, LoopTick, blank_sums
+from lgprjax.simulation.loop.many_drives import draw_fix, run_lane, run_lanes
 from lgprjax.simulation.loop.off_road import (
     MILE_M,
     Course,

@@ -23,8 +23,9 @@ from lgprjax.navigation import (
 )
 from lgprjax.registration import RegisterOptions
 from lgprjax.scene import Readings
-from lgprjax.simulation.loop.closed_loop import LoopSetup, LoopSpec, LoopState, decide, move, start_loop
-from lgprjax.simulation.loop.many_drives import LoopTick, told_tick
+from lgprjax.simulation.loop.closed_loop import decide, move
+from lgprjax.simulation.loop.loop_state import LoopSetup, LoopSpec, LoopState, start_loop
+from lgprjax.simulation.loop.loop_tick import LoopTick, told_tick
 from lgprjax.simulation.loop.off_road import Course
 from lgprjax.simulation.loop.radar_loop import RadarLoop
 from lgprjax.simulation.loop.tracking_error import TrackingError, tracking_error

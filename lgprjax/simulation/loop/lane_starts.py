@@ -17,7 +17,7 @@ from lgprjax.navigation import (
 )
 from lgprjax.scene import FixErrors, FixErrorState, init_fix_errors
 from lgprjax.scene.road import follow_centre
-from lgprjax.simulation.loop.closed_loop import LoopSetup, LoopSpec, LoopState, start_loop
+from lgprjax.simulation.loop.loop_state import LoopSetup, LoopSpec, LoopState, start_loop
 from lgprjax.simulation.loop.off_road import Bare
 from lgprjax.vehicle import Chassis, VehiclePose
 

@@ -16,7 +16,7 @@ from lgprjax.navigation import (
 )
 from lgprjax.scene import Plant, Terrain, TrueVehicle, live_sensors, no_faults
 from lgprjax.scene.vehicle_drive import chassis_of, pedals_of, servo_of
-from lgprjax.simulation.loop.closed_loop import LoopSetup, LoopSpec, ReportedNoise
+from lgprjax.simulation.loop.loop_state import LoopSetup, LoopSpec, ReportedNoise
 from lgprjax.vehicle import LookAhead
 
 _K_ERROR = -0.0008

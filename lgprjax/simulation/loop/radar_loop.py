@@ -9,13 +9,13 @@ from jaxtyping import Array, Float
 
 from lgprjax.formats import MapFile
 from lgprjax.navigation import LgprObservation, pose_of, step_local
-from lgprjax.radar import profile_operator, stretched_samples, time_scale_matrix
+from lgprjax.navigation.filter_model import RATE_BIAS, SPEED, YAW
+from lgprjax.radar import LIGHT_SPEED_M_PER_NS, profile_operator, stretched_samples, time_scale_matrix
 from lgprjax.registration import Code, LiveBlock, Operators, RegisterOptions, Track, Tracker, tracking_ground
 from lgprjax.scene import WEATHER, Faults, LiveRadar, Readings, draw_springs
-from lgprjax.simulation.loop.closed_loop import LoopSetup, LoopState
+from lgprjax.simulation.loop.loop_state import LoopSetup, LoopState
 from lgprjax.simulation.loop.off_road import Course, SceneFrame, scene_frame_of
 
-LIGHT_M_PER_NS = 0.299792458
 _ROLL_SIGMA_RAD = 0.1 * np.pi / 180.0
 _LEAST_YAW_SIGMA_RAD = 0.1 * np.pi / 180.0
 
@@ -183,9 +183,9 @@ def _see(
 ) -> Float[Array, "5 4"]:
     estimate = before.reckoned.estimate
     start = pose_of(estimate)
-    rate = readings.yaw_rate_radps - estimate.mean[4]
-    end = step_local(start, estimate.mean[3], rate, setup.model.zero_slip_m, tick_s)
-    sigma = jnp.sqrt(estimate.covariance[2, 2])
+    rate = readings.yaw_rate_radps - estimate.mean[RATE_BIAS]
+    end = step_local(start, estimate.mean[SPEED], rate, setup.model.zero_slip_m, tick_s)
+    sigma = jnp.sqrt(estimate.covariance[YAW, YAW])
     odometer = jnp.stack([readings.odometer_mps, sigma, before.plant.along_m, before.tick.astype(jnp.float32)])
     poses = [jnp.stack([*pose, jnp.zeros_like(tick_s)]) for pose in (before.plant.pose, after.plant.pose, start, end)]
     return jnp.stack([*poses, odometer])
@@ -195,7 +195,7 @@ def _operators(course: Course, radar: LiveRadar, source: MapFile) -> Operators:
     """As ``archive.live_operators`` makes them of a log: this recording's, for the map's settings."""
     settings, kept = source.description.settings, len(source.description.gain)
     known = radar.radar
-    surface_ns = 2.0 * course.array.height_m / LIGHT_M_PER_NS
+    surface_ns = 2.0 * course.array.height_m / LIGHT_SPEED_M_PER_NS
     made: dict[float, jnp.ndarray] = {}
 
     def operator(time_scale: float) -> jnp.ndarray:
