@@ -19,9 +19,10 @@ _ROOT = Path(__file__).parents[1]
 _NOTEBOOKS = sorted(path.stem for path in (_ROOT / "notebooks").glob("*.ipynb"))
 
 _TRUE: dict[str, tuple[str, Callable[[Any], Any]]] = {
-    "palm_tree": ("steering.potentiometer_v_per_rad", lambda vehicle: vehicle.potentiometer_per_rad_v[0]),
-    "encoder_potentiometer": ("steering.encoder_counts_per_rad", lambda vehicle: vehicle.encoder_counts_per_rad),
-    "k_ratio": ("steering.rear_ratio", lambda vehicle: vehicle.rear),
+    "palm_tree": ("steering.potentiometer_v_per_rad", lambda plan: plan.vehicle.potentiometer_per_rad_v[0]),
+    "encoder_potentiometer": ("steering.encoder_counts_per_rad", lambda plan: plan.vehicle.encoder_counts_per_rad),
+    "k_ratio": ("steering.rear_ratio", lambda plan: plan.vehicle.rear),
+    "fusion": ("navigation.yaw_rate_noise", lambda plan: plan.drives[-1].sensors.yaw_rate_noise),
 }
 
 
@@ -30,7 +31,7 @@ def _read(name: str) -> Any:
 
 
 def test_there_is_a_notebook_for_each_session() -> None:
-    assert _NOTEBOOKS == ["encoder_potentiometer", "k_ratio", "look_ahead", "palm_tree"]
+    assert _NOTEBOOKS == ["encoder_potentiometer", "fusion", "k_ratio", "look_ahead", "palm_tree"]
 
 
 @pytest.mark.parametrize("name", _NOTEBOOKS)
@@ -68,7 +69,7 @@ def test_notebook_runs_from_a_fresh_clone(name: str, tmp_path: Path, monkeypatch
         assert 0.0 < vehicle.pursuit.short_m < vehicle.pursuit.long_m
         return
     path, truth_of = _TRUE[name]
-    truth = truth_of(read_vehicle_plan(_ROOT / "tuning" / "drives.toml").vehicle)
+    truth = truth_of(read_vehicle_plan(_ROOT / "tuning" / "drives.toml"))
     found = vehicle.found[path]
     assert isinstance(found.low, float)
     assert isinstance(found.high, float)

@@ -103,13 +103,16 @@ def stack_drives(drives: list[TickedDrive]) -> NavigationDrives:
     def padded(one: TickedDrive) -> NavigationDrives:
         missing = ticks - len(one.time_s)
 
-        def pad(leaf: Array) -> Array:
-            return jnp.pad(leaf, ((0, missing),) + ((0, 0),) * (leaf.ndim - 1))
+        def pad(leaf: Array) -> np.ndarray:
+            return np.pad(np.asarray(leaf), ((0, missing),) + ((0, 0),) * (leaf.ndim - 1))
 
         motions, observations = jax.tree.map(pad, (one.drive.motions, one.drive.observations))
         return one.drive._replace(motions=motions, observations=observations)
 
-    many: NavigationDrives = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[padded(one) for one in drives])
+    # By NumPy: nothing is compiled for it.
+    many: NavigationDrives = jax.tree.map(
+        lambda *leaves: jnp.asarray(np.stack(leaves)), *[padded(one) for one in drives]
+    )
     return many
 
 

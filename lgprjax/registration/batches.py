@@ -109,27 +109,25 @@ class WindowLayout:
         cos, sin = np.cos(frame[2]), np.sin(frame[2])
         apart = np.stack([apart @ [cos, sin], apart @ [-sin, cos]], axis=-1)
         prior = to_tile(track.pose[lanes], frame)
-        return Batch(
-            ScanSet(
-                coefficients=_input(scans.coefficients[rows], np.float32),
-                valid=_input(scans.valid[rows], np.bool_),
-                above_m=_input(height_m - height_reference_m, np.float32),
-            ),
-            Ends(
-                member=_input(where[:, : coarse.shape[1]], np.int32),
-                shift=_input(np.round(apart / prepared.step_m), np.int32),
-                fine=_input(where[:, coarse.shape[1] :], np.int32),
-                offset_m=_input(trace_offsets(scans, lanes, fine, prepared.array), np.float32),
-                prior=_input(np.pad(prior, [(0, 0), (0, 1)]), np.float32),
-                half_width=_input(options.half_width(track.sigma_yaw_rad[lanes]), np.float32),
-                number=_input(scans.number[lanes], np.uint32),
-            ),
+        scan_set = (
+            scans.coefficients[rows].astype(np.float32, copy=False),
+            scans.valid[rows],
+            (height_m - height_reference_m).astype(np.float32),
         )
-
-
-def _input(values: np.ndarray, dtype: type[np.generic]) -> Array:
-    """What a compiled function is handed, NumPy's: a transfer of its own would cost as much as the call."""
-    return cast("Array", values.astype(dtype, copy=False))
+        ends = (
+            where[:, : coarse.shape[1]].astype(np.int32),
+            np.round(apart / prepared.step_m).astype(np.int32),
+            where[:, coarse.shape[1] :].astype(np.int32),
+            trace_offsets(scans, lanes, fine, prepared.array).astype(np.float32),
+            np.pad(prior, [(0, 0), (0, 1)]).astype(np.float32),
+            options.half_width(track.sigma_yaw_rad[lanes]).astype(np.float32),
+            scans.number[lanes].astype(np.uint32),
+        )
+        # NumPy's, as a compiled function takes them: a transfer of each would cost as much as the call.
+        return Batch(
+            ScanSet(*cast("tuple[Array, Array, Array]", scan_set)),
+            Ends(*cast("tuple[Array, Array, Array, Array, Array, Array, Array]", ends)),
+        )
 
 
 def _as_many_as_fit(places: int, heights: int, options: RegisterOptions, held: Callable[[int], int]) -> int:

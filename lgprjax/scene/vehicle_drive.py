@@ -124,16 +124,17 @@ def drive_manoeuvre(vehicle: TrueVehicle, manoeuvre: Manoeuvre) -> DriveTruth:
         step_m = np.append(0.0, 0.5 * (speed[1:] + speed[:-1]) * STEP_S)
     else:
         speed, step_m = _run_pedals(vehicle, manoeuvre)
-    front = jnp.asarray(wheel, jnp.float32)
-    gain = yaw_gain(chassis.characteristic_speed_mps, jnp.asarray(np.abs(speed), jnp.float32))
+    steps = _loop_length(wheel.size)
+    front = _padded(wheel, steps)
+    gain = yaw_gain(chassis.characteristic_speed_mps, _padded(np.abs(speed), steps))
     zero = jnp.zeros_like(front)
-    arcs = drive_arc(VehiclePose(zero, zero, zero), jnp.asarray(step_m, jnp.float32), turn_of(chassis, front), gain)
-    forward, left, turned = (np.asarray(part, np.float64) for part in arcs)
+    arcs = drive_arc(VehiclePose(zero, zero, zero), _padded(step_m, steps), turn_of(chassis, front), gain)
+    forward, left, turned = (np.asarray(part, np.float64)[: wheel.size] for part in arcs)
     yaw = np.cumsum(turned)
     before = yaw - turned
     east = np.cumsum(np.cos(before) * forward - np.sin(before) * left)
     north = np.cumsum(np.sin(before) * forward + np.cos(before) * left)
-    rear = -np.asarray(rear_angle(chassis.rear, front)[0], np.float64)
+    rear = -np.asarray(rear_angle(chassis.rear, front)[0], np.float64)[: wheel.size]
     return DriveTruth(
         time_s,
         east,

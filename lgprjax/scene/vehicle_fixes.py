@@ -14,6 +14,9 @@ from lgprjax.scene.vehicle_sensors import DriveTruth
 # What a fix knows of height and roll; level ground and a level vehicle.
 _SIGMA_HEIGHT_M, _SIGMA_ROLL_RAD = 0.05, 0.002
 
+# Drawn for a multiple of so many scans: few lengths are compiled. What is drawn for a scan does not depend on it.
+_BLOCK_SCANS = 1024
+
 
 class VehicleFixes(NamedTuple):
     """Fixes of the array's centre in the drive's frame, one a scan.
@@ -50,8 +53,9 @@ def draw_vehicle_fixes(
     every = max(round(1.0 / (STEP_S * rate_hz)), 1)
     scan = np.arange(0, truth.time_s.size, every)
     way_m = np.append(0.0, np.abs(np.diff(truth.travel_m[scan])))
-    found, error = (np.asarray(part) for part in _drawn(errors, jax.random.key(seed), jnp.asarray(way_m, jnp.float32)))
-    error = error.astype(np.float64)
+    way_m = np.pad(way_m, (0, -scan.size % _BLOCK_SCANS))
+    drawn = _drawn(errors, jax.random.key(seed), jnp.asarray(way_m, jnp.float32))
+    found, error = np.asarray(drawn[0])[: scan.size], np.asarray(drawn[1], np.float64)[: scan.size]
     yaw = truth.yaw_rad[scan]
     cos, sin = np.cos(yaw), np.sin(yaw)
     along, aside = array_x_m + error[:, 0], error[:, 1]

@@ -2,35 +2,24 @@
 
 import math
 import tomllib
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from lgprjax.frames import LocalFrame
 from lgprjax.scene.calibrated_fixes import calibrated_fixes
 from lgprjax.scene.fix_errors import FixErrors
-from lgprjax.scene.manoeuvres import (
-    Manoeuvre,
-    drive_palm_tree,
-    drive_straight,
-    drive_turns,
-    step_pedals,
-    step_steering,
-    turn_standing,
-)
+from lgprjax.scene.manoeuvres import Manoeuvre
 from lgprjax.scene.vehicle_drive import TrueVehicle
 from lgprjax.scene.vehicle_sensors import VehicleSensors
 from lgprjax.simulation.drives import SITE_FRAME
 from lgprjax.simulation.site_file import derive_seed
 from lgprjax.simulation.site_table import Place, as_table, fill_config, nearest, refuse_unknown
+from lgprjax.simulation.vehicle_manoeuvres import LISTS, MANOEUVRES, Range
 
 KIND = "vehicle_drives"
 """What a drives file calls itself, so that it is not taken for a site file."""
 
 Config = TypeVar("Config")
-Range = tuple[float, float]
-
-_SPEED_MPS, _ANGLE_RAD, _HOLD_S, _SHARE = (0.2, 15.0), (-1.2, 1.2), (0.5, 120.0), (0.0, 1.0)
 
 
 class PlannedVehicleDrive(NamedTuple):
@@ -63,59 +52,6 @@ class VehiclePlan(NamedTuple):
     drives: tuple[PlannedVehicleDrive, ...]
 
 
-class _Kind(NamedTuple):
-    """A manoeuvre: how it is made of the vehicle and its numbers, and the range of each; lists have plural names."""
-
-    make: Callable[[TrueVehicle, Mapping[str, Any]], Manoeuvre]
-    ranges: dict[str, Range]
-    needed: tuple[str, ...] = ()
-
-
-def _palm_tree(vehicle: TrueVehicle, numbers: Mapping[str, Any]) -> Manoeuvre:
-    # The ratio only says how long an arc is to be.
-    ratio = vehicle.rear if isinstance(vehicle.rear, float) else 0.5
-    limits = (vehicle.largest_angle_rad, vehicle.lock_to_lock_turns)
-    return drive_palm_tree(vehicle.wheelbase_m, ratio, *limits, **numbers)
-
-
-_MANOEUVRES = {
-    "straight": _Kind(
-        lambda _, numbers: drive_straight(**numbers),
-        {"length_m": (5.0, 5e3), "speed_mps": _SPEED_MPS, "weave_rad": (0.0, 0.2), "weave_m": (2.0, 500.0)},
-        ("length_m", "speed_mps"),
-    ),
-    "standing": _Kind(
-        lambda vehicle, numbers: turn_standing(vehicle.largest_angle_rad, vehicle.lock_to_lock_turns, **numbers),
-        {"pause_s": _HOLD_S},
-    ),
-    "palm_tree": _Kind(
-        _palm_tree,
-        {"speed_mps": _SPEED_MPS, "arc_turns": (0.05, 1.0), "longest_m": (2.0, 200.0), "pause_s": _HOLD_S},
-    ),
-    "turns": _Kind(
-        lambda _, numbers: drive_turns(**numbers),
-        {"speeds_mps": _SPEED_MPS, "angles_rad": _ANGLE_RAD, "hold_s": _HOLD_S},
-        ("speeds_mps", "angles_rad"),
-    ),
-    "steering_steps": _Kind(
-        lambda _, numbers: step_steering(**numbers),
-        {
-            "sizes_rad": _ANGLE_RAD,
-            "speed_mps": (0.0, 15.0),
-            "hold_s": _HOLD_S,
-            "sweep_rad": (0.0, 1.2),
-            "sweep_s": (5.0, 600.0),
-        },
-        ("sizes_rad",),
-    ),
-    "pedal_steps": _Kind(
-        lambda _, numbers: step_pedals(**numbers),
-        {"throttles": _SHARE, "brakes": _SHARE, "back": _SHARE, "hold_s": _HOLD_S},
-        ("throttles", "brakes"),
-    ),
-}
-_LISTS = frozenset({"speeds_mps", "angles_rad", "angles_deg", "sizes_rad", "sizes_deg", "throttles", "brakes"})
-
 _VEHICLE: dict[str, Range] = {
     "wheelbase_m": (0.3, 20.0),
     "largest_angle_rad": (0.01, 1.2),
@@ -137,8 +73,8 @@ _VEHICLE: dict[str, Range] = {
 _SENSORS: dict[str, Range] = {
     "record_hz": (1.0, 100.0),
     "gnss_hz": (0.1, 100.0),
-    "outlier_share": _SHARE,
-    "spike_share": _SHARE,
+    "outlier_share": (0.0, 1.0),
+    "spike_share": (0.0, 1.0),
     "position_wander_s": (0.1, 1e5),
     "heading_wander_s": (0.1, 1e5),
     "odometer_scale_error": (-0.5, 0.5),
@@ -216,9 +152,9 @@ def _drive(
     name, word = table.get("name"), table.get("manoeuvre")
     if not isinstance(name, str) or not name or not all(c.isalnum() or c in "._-" for c in name):
         raise place.at("name").refuse("a name fit for a file", repr(name))
-    if not isinstance(word, str) or word not in _MANOEUVRES:
-        raise place.at("manoeuvre").refuse(nearest(str(word), _MANOEUVRES, "a manoeuvre"), repr(word))
-    kind = _MANOEUVRES[word]
+    if not isinstance(word, str) or word not in MANOEUVRES:
+        raise place.at("manoeuvre").refuse(nearest(str(word), MANOEUVRES, "a manoeuvre"), repr(word))
+    kind = MANOEUVRES[word]
     degrees = [f"{key.removesuffix('_rad')}_deg" for key in kind.ranges if key.endswith("_rad")]
     refuse_unknown(place, table, ["name", "manoeuvre", "sensors", "fixes", *kind.ranges, *degrees])
     numbers = {key: _numbers(place, table, key, limits) for key, limits in kind.ranges.items()}
@@ -252,7 +188,7 @@ def _numbers(place: Place, table: dict[str, Any], key: str, limits: Range) -> An
         return [math.radians(v) for v in asked] if isinstance(asked, list) else math.radians(asked)
     if key not in table:
         return None
-    if key not in _LISTS:
+    if key not in LISTS:
         return _number(place, table, key, limits, 0.0)
     items = table[key]
     if not isinstance(items, list) or not items:

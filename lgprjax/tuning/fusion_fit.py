@@ -116,9 +116,9 @@ def fit_fusion(
 def filter_drives(model: FilterModel, rules: GateRules, drives: NavigationDrives) -> tuple[NavEstimate, FilterInfo]:
     """The filter over all drives; axes drive, tick."""
     # One by one, so that any number of drives of a length is compiled once.
-    lanes = [jax.tree.map(lambda leaf, i=i: leaf[i], drives) for i in range(drives.speed_mps.shape[0])]
+    lanes = [jax.tree.map(lambda leaf, i=i: np.asarray(leaf)[i], drives) for i in range(drives.speed_mps.shape[0])]
     driven = [_filtered(model, rules, lane) for lane in lanes]
-    many: tuple[NavEstimate, FilterInfo] = jax.tree.map(lambda *leaves: jnp.stack(leaves), *driven)
+    many: tuple[NavEstimate, FilterInfo] = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *driven)
     return many
 
 

@@ -18,7 +18,7 @@ from lgprjax.scene.manoeuvres import (
     turn_standing,
 )
 from lgprjax.scene.vehicle_drive import TrueVehicle, drive_manoeuvre, read_vehicle, simulate_vehicle_drive
-from lgprjax.scene.vehicle_sensors import VehicleSensors
+from lgprjax.scene.vehicle_sensors import VehicleSensors, read_yaw_rate
 from lgprjax.vehicle import Linkage
 
 DEGREE = np.pi / 180.0
@@ -144,6 +144,32 @@ def test_noise_has_its_sigma() -> None:
     assert noisy.potentiometer_v is not None
     assert np.mean(noisy.potentiometer_v != bare.potentiometer_v) == pytest.approx(0.05, rel=0.1)
     np.testing.assert_allclose(noisy.yaw_rad - bare.yaw_rad, 0.01, atol=1e-12)
+
+
+def test_a_gyro_reads_the_yaw_rate_with_noise_of_its_density_and_a_bias_that_walks() -> None:
+    truth = drive_manoeuvre(VEHICLE, drive_turns([2.0], [10.0 * DEGREE, -10.0 * DEGREE], hold_s=6.0))
+    bare = read_yaw_rate(truth, replace(QUIET, yaw_rate_noise=0.0), 1)
+    # What is read adds up to the turn.
+    turned = np.append(0.0, np.cumsum(0.5 * (bare[1:] + bare[:-1]) * 0.02))
+    np.testing.assert_allclose(turned, truth.yaw_rad[::2] - truth.yaw_rad[0], atol=1e-3)
+    still = drive_manoeuvre(VEHICLE, STILL_LONG)
+    noisy = read_yaw_rate(still, replace(QUIET, yaw_rate_noise=2e-3, yaw_rate_bias_radps=0.01), 1)
+    assert noisy.size == 30_000
+    # Summed over a second the noise is the density, whatever the rate of the records.
+    summed = noisy.reshape(-1, 50).sum(axis=1) * 0.02
+    assert summed.mean() == pytest.approx(0.01, abs=4 * 2e-3 / np.sqrt(600))
+    assert summed.std() == pytest.approx(2e-3, rel=0.1)
+    walking = read_yaw_rate(still, replace(QUIET, yaw_rate_noise=0.0, yaw_rate_bias_walk=1e-4), 1)
+    steps = np.diff(walking[::50])
+    assert steps.std() == pytest.approx(1e-4, rel=0.1)
+    lost = replace(QUIET, record_gaps_s=((20.0, 21.0),))
+    assert read_yaw_rate(still, lost, 1).size == noisy.size - 50
+
+
+def test_navigation_knows_nothing_of_its_slow_error() -> None:
+    sensors = VehicleSensors(position_wander_m=0.1)
+    signals = simulate_vehicle_drive(VEHICLE, STILL_LONG, sensors, seed=2).signals
+    np.testing.assert_array_equal(signals.sigma_position_m, 0.02)
 
 
 def test_lost_seconds_are_lost() -> None:

@@ -1,4 +1,4 @@
-"""The drives file: what is wrong is one line that names the key; degrees are radians."""
+"""The drives file: what is wrong is one line that names the key; degrees are radians; fixes beside logs that ask."""
 
 from pathlib import Path
 
@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from lgprjax.errors import InputError
-from lgprjax.simulation import is_vehicle_plan, read_vehicle_plan
+from lgprjax.formats import VehicleLog, check_file, read_fixes
+from lgprjax.formats.fixes import read_fix_poses
+from lgprjax.simulation import is_vehicle_plan, read_vehicle_plan, write_vehicle_logs
 
 _DRIVES = """
 kind = "vehicle_drives"
@@ -39,6 +41,13 @@ weave_deg = 0.5
         ('name = "straight"', 'name = "standing"', "drive[2].name: expected a name that no other drive has"),
         ("[vehicle]", "[sensors]\nrecord_hz = 30.0\n[vehicle]", "sensors.record_hz: expected a record_hz of 100"),
         ("[vehicle]", "[sensors]\noutlier_share = 2.0\n[vehicle]", "sensors.outlier_share: expected a number from 0"),
+        (
+            "[vehicle]",
+            "[sensors]\nfix_hz = 0.0\n[vehicle]",
+            "sensors.fix_hz: expected a number from 0.1 to 100",
+        ),
+        ("pause_s = 1.5", 'fixes = "hail"', "drive[1].fixes: expected a day whose fixes were measured, found 'hail'"),
+        ("pause_s = 1.5", "fixes = true", "drive[1].fixes: expected a day whose fixes were measured, found True"),
     ],
 )
 def test_a_bad_drives_file_is_one_line(tmp_path: Path, old: str, new: str, words: str) -> None:
@@ -74,3 +83,40 @@ def test_seeds_go_by_the_name(tmp_path: Path) -> None:
     assert standing.seed != straight.seed
     path.write_text(_DRIVES.replace('"standing"\nmanoeuvre', '"first"\nmanoeuvre'))
     assert read_vehicle_plan(path).drives[1].seed == straight.seed
+
+
+def test_a_drive_that_asks_for_fixes_has_them_beside_its_log(tmp_path: Path) -> None:
+    path = tmp_path / "drives.toml"
+    path.write_text(_DRIVES.replace("weave_deg = 0.5", 'weave_deg = 0.5\nfixes = "clear"'))
+    plan = read_vehicle_plan(path)
+    folder = tmp_path / "logs"
+    write_vehicle_logs(plan, folder)
+    names = ["standing.drive.h5", "straight.drive.h5", "straight.fixes.csv", "straight.fixes.h5"]
+    assert sorted(made.name for made in folder.iterdir()) == names
+    assert [finding for name in names for finding in check_file(folder / name)] == []
+    log, table = VehicleLog.open(folder / "straight.drive.h5"), read_fixes(folder / "straight.fixes.h5")
+    assert log.vehicle is not None
+    assert log.vehicle["yaw_rate_radps"].shape == log.vehicle["time_s"].shape
+    assert log.truth is not None
+    assert "error model of a clear day" in str(table.attrs["provenance"])
+    good = (table["code"] == "ok").to_numpy()
+    assert good.mean() > 0.5
+    # The array is 6.2 m ahead of the rear axle: against the truth, in level metres of the plan's frame.
+    times = table["time_s"].to_numpy()[good]
+    held = (log.truth.latitude_deg, log.truth.longitude_deg, log.truth.height_m)
+    true = plan.frame.to_local(*(np.interp(times, log.truth.time_s, v) for v in held))
+    columns = ("latitude_deg", "longitude_deg", "height_m")
+    found = plan.frame.to_local(*(table[name].to_numpy()[good] for name in columns))
+    ahead = np.hypot(found[0] - true[0], found[1] - true[1])
+    assert ahead.mean() == pytest.approx(6.2, abs=0.03)
+    pose, covariance = read_fix_poses(folder / "straight.fixes.h5")
+    assert pose is not None
+    assert covariance is not None
+    np.testing.assert_allclose(pose[good][:, 0], found[0], atol=1e-4)
+    assert np.isfinite(covariance[good]).all()
+    # Nothing is written where one of the outputs exists.
+    for made in folder.glob("*.drive.h5"):
+        made.unlink()
+    with pytest.raises(InputError, match=r"straight\.fixes\.csv.*--force"):
+        write_vehicle_logs(plan, folder)
+    assert not list(folder.glob("*.drive.h5"))
