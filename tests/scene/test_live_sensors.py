@@ -41,7 +41,8 @@ def run(model: LiveSensors) -> Run:
             noise = jax.random.fold_in(key, tick)
             return read_live_sensors(model, faults, state, noise, pose, jnp.float32(_SPEED), zero, tick, _TICK_S)
 
-        return jax.lax.scan(step, init_live_sensors(model, key), jnp.arange(1, _TICKS + 1))[1]
+        readings: Readings = jax.lax.scan(step, init_live_sensors(model, key), jnp.arange(1, _TICKS + 1))[1]
+        return readings
 
     many = jax.jit(jax.vmap(one, in_axes=(None, 0)))
     keys = jax.random.split(jax.random.key(0), 400)
