@@ -110,8 +110,14 @@ def figures_of(drive: DrivenCourse, lead_m: float, labelled_m: np.ndarray, label
         drive: the drive.
         lead_m: array ahead of the rear axle.
         labelled_m, label_error_m: of the map's labels, see ``relative_error``.
+
+    Raises:
+        ValueError: the autopilot never drove.
     """
     on, tick = drive.engaged, drive.tick
+    if not on.any():
+        ok = float(np.mean(drive.codes == Code.OK))
+        raise ValueError(f"navigation was never sound enough to engage the autopilot; {ok:.0%} of the scans ok")
     yaw = np.asarray(tick.yaw_rad, np.float64)[on]
     along, cross = (np.asarray(tick.error_m, np.float64)[on, column] for column in (0, 1))
     cross = cross + lead_m * np.asarray(tick.error_yaw_rad, np.float64)[on]
