@@ -1,6 +1,6 @@
 """Drive logs in, products out: databases built, drives registered against them."""
 
-from lgprjax.archive.accuracy import DriveAccuracy, Labels, accuracy_of, labels_of
+from lgprjax.archive.accuracy import DriveAccuracy, Labels, RelativeError, accuracy_of, labels_of, relative_error
 from lgprjax.archive.calibrating import Trials, thresholds_from, try_drives
 from lgprjax.archive.drive_health import DriveHealth, drive_health
 from lgprjax.archive.examples import FixExample, Strips, example_scan, fix_example
@@ -35,6 +35,7 @@ __all__ = [
     "MapFinding",
     "MapHealth",
     "RegisteredDrive",
+    "RelativeError",
     "Route",
     "RouteInterval",
     "Stretch",
@@ -59,6 +60,7 @@ __all__ = [
     "poses_of",
     "recording_of",
     "register_log",
+    "relative_error",
     "require_map",
     "route_named",
     "routes_of",

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from lgprjax.archive.registering import RegisteredDrive, true_poses
 from lgprjax.archive.tracks import track_of_drive
@@ -87,10 +87,7 @@ def accuracy_of(drive: RegisteredDrive, labels: Labels) -> DriveAccuracy:
     error = pose[:, :2] - drive.truth[:, :2]
     along, cross = along_cross(error[ok, 0], error[ok, 1], drive.truth[ok, 3])
     wrong = np.hypot(along, cross) > WRONG_M
-    relative, yaw = _relative(error, drive.truth, ok, labels)
-    relative_along, relative_cross = along_cross(relative[:, 0], relative[:, 1], yaw)
-    # One clock offset a drive moves every fix along the track by speed times offset; a lag is all it can hide.
-    relative_along -= np.median(relative_along) if len(relative_along) else 0.0
+    relative = relative_error(error[ok], drive.truth[ok, :2], drive.truth[ok, 3], labels)
     tried = np.isfinite(drive.correlation_at_truth)
     return DriveAccuracy(
         name=drive.name,
@@ -101,26 +98,40 @@ def accuracy_of(drive: RegisteredDrive, labels: Labels) -> DriveAccuracy:
         overlap_channels=float(np.median(np.asarray(drive.fix.overlap_channels)[ok])) if ok.any() else float("nan"),
         along_rms_m=_rms(along),
         cross_rms_m=_rms(cross),
-        relative_mean_m=_mean(np.hypot(relative_along, relative_cross)),
-        relative_cross_mean_m=_mean(np.abs(relative_cross)),
+        relative_mean_m=relative.mean_m,
+        relative_cross_mean_m=relative.cross_mean_m,
     )
 
 
-def _relative(
-    error_m: Float[np.ndarray, "scan 2"],
-    truth: Float[np.ndarray, "scan 5"],
-    ok: Bool[np.ndarray, " scan"],
+class RelativeError(NamedTuple):
+    """Means of |(truth_live - truth_map) - (found_live - label_map)| and of its part across (RA-L 2020)."""
+
+    mean_m: float
+    cross_mean_m: float
+
+
+def relative_error(
+    error_m: Float[np.ndarray, "place 2"],
+    truth_m: Float[np.ndarray, "place 2"],
+    yaw_rad: Float[np.ndarray, " place"],
     labels: Labels,
-) -> tuple[Float[np.ndarray, "near 2"], Float[np.ndarray, " near"]]:
-    """Errors less the label's at the nearest true point of the map, and the true headings, where there is one."""
+) -> RelativeError:
+    """Errors less the label's at the nearest true point of the map, where there is one, without a lag along the track.
+
+    Args:
+        error_m: found less true, in the map's frame.
+        truth_m, yaw_rad: true places of the array's centre, and headings.
+        labels: of the map.
+    """
     index = SpatialIndex(labels.truth_m, 0.5)
-    kept, errors = [], []
-    for scan in np.flatnonzero(ok):
-        near = index.nearest(truth[scan, :2], _NEAR_M)
-        if near is not None:
-            kept.append(scan)
-            errors.append(error_m[scan] - labels.error_m[near])
-    return np.asarray(errors, np.float64).reshape(-1, 2), truth[np.asarray(kept, np.int64), 3]
+    nearest = [index.nearest(place, _NEAR_M) for place in truth_m]
+    kept = np.array([number for number, near in enumerate(nearest) if near is not None], np.int64)
+    near = np.array([near for near in nearest if near is not None], np.int64)
+    wrong = error_m[kept] - labels.error_m[near]
+    along, cross = along_cross(wrong[:, 0], wrong[:, 1], yaw_rad[kept])
+    # One clock offset a drive moves every fix along the track by speed times offset; a lag is all it can hide.
+    along -= np.median(along) if len(along) else 0.0
+    return RelativeError(_mean(np.hypot(along, cross)), _mean(np.abs(cross)))
 
 
 def _rms(values: Float[np.ndarray, " scan"]) -> float:

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from lgprjax.archive.recordings import SweepDrive, TraceDrive, recording_of
 from lgprjax.formats import DriveLog, MapFile
-from lgprjax.radar import LIGHT_SPEED_M_PER_NS, apply_operator, stretched_samples, time_scale_matrix
+from lgprjax.radar import apply_operator, stretched_operator
 from lgprjax.registration import Operators, Track
 
 _STRETCHES = 8
@@ -88,7 +88,6 @@ def live_operators(source: MapFile, log: DriveLog, track: Track) -> Operators:
     """
     recording, settings = recording_of(log), source.description.settings
     kept = len(source.description.gain)
-    surface_ns = 2.0 * log.description.array.height_m / LIGHT_SPEED_M_PER_NS
 
     @cache
     def ratio() -> Float[np.ndarray, " sample"] | None:
@@ -100,13 +99,13 @@ def live_operators(source: MapFile, log: DriveLog, track: Track) -> Operators:
 
     @cache
     def operator(time_scale: float) -> Float[Array, "recorded sample"]:
-        samples = kept if time_scale == 1.0 else stretched_samples(kept, time_scale)
-        matrix = recording.operator(settings, samples)
-        if time_scale != 1.0:
-            stretch = time_scale_matrix(
-                samples, kept, settings.sample_interval_ns, scale=time_scale, about_ns=surface_ns
-            )
-            matrix = matrix @ jnp.asarray(stretch, dtype=jnp.float32)
+        matrix = stretched_operator(
+            lambda samples: recording.operator(settings, samples),
+            kept,
+            settings.sample_interval_ns,
+            scale=time_scale,
+            height_m=log.description.array.height_m,
+        )
         levels = ratio()
         return matrix if levels is None else scaled(matrix, levels)
 

@@ -28,6 +28,7 @@ from lgprjax.registration import (
     TrackedFixes,
     ground_map_for,
     register_drive,
+    sigmas_along_cross,
     track_drive,
     tracking_ground,
 )
@@ -186,7 +187,7 @@ def fixes_table(fix: Fix, time_s: Float[np.ndarray, " scan"], frame: LocalFrame,
         np.where(found, pose[:, 0], 0.0), np.where(found, pose[:, 1], 0.0), np.where(found, up + pose[:, 2], 0.0)
     )
     blank = np.where(found, 1.0, np.nan)
-    along, cross = _sigmas(np.asarray(fix.covariance), pose[:, 3])
+    along, cross = sigmas_along_cross(np.asarray(fix.covariance), pose[:, 3])
     return pd.DataFrame(
         {
             "scan": np.arange(len(time_s)),
@@ -242,14 +243,3 @@ def write_registered(
         covariance=np.asarray(drive.fix.covariance, dtype=np.float32),
         force=force,
     )
-
-
-def _sigmas(
-    covariance: Float[np.ndarray, "scan 5 5"], yaw_rad: Float[np.ndarray, " scan"]
-) -> tuple[Float[np.ndarray, " scan"], Float[np.ndarray, " scan"]]:
-    """Standard deviations along and across a heading, of covariances in east and north."""
-    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    east, north, both = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
-    along = cos**2 * east + sin**2 * north + 2 * cos * sin * both
-    cross = sin**2 * east + cos**2 * north - 2 * cos * sin * both
-    return np.sqrt(along), np.sqrt(cross)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lgprjax.archive import build_map, labels_of
+from lgprjax.archive import Labels, build_map, labels_of, relative_error
 from lgprjax.bench.programs import hold_to
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.navigation import RouteSpeeds
@@ -27,7 +27,6 @@ from lgprjax.simulation.loop import (
     drive_course,
     loop_setup,
     make_course,
-    relative_error,
     route_of_map,
 )
 from lgprjax.tuning.fix_error_fit import fit_fix_errors
@@ -74,7 +73,7 @@ def drive_one(chosen: argparse.Namespace, seed: int) -> dict[str, Any]:
         title = f"{chosen.length_m:.0f} m off road, {chosen.weather} day, seed {seed}"
         # Whether a file may be replaced was asked before the drive.
         draw_driven_course(as_result(drive, title), chosen.picture, force=True)
-    figures = figures_of(drive, course.spec.array_x_m, labels.truth_m, labels.error_m)
+    figures = figures_of(drive, course.spec.array_x_m, labels)
     figures["seconds"] = seconds
     figures["steering_limit_rad"] = float(setup.autopilot.limiter.front_rate_radps) * spec.tick_s
     return figures
@@ -99,17 +98,16 @@ def as_result(drive: DrivenCourse, name: str) -> DrivenResult:
         limit_mps=np.asarray(tick.limit_mps, np.float64),
         front_rad=np.asarray(tick.front_rad, np.float64),
         fix=np.asarray(tick.fix, bool),
-        degraded=np.asarray(tick.reaction) == 1,
     )
 
 
-def figures_of(drive: DrivenCourse, lead_m: float, labelled_m: np.ndarray, label_error_m: np.ndarray) -> dict[str, Any]:
+def figures_of(drive: DrivenCourse, lead_m: float, labels: Labels) -> dict[str, Any]:
     """Figures of a drive, of what the autopilot drove.
 
     Args:
         drive: the drive.
         lead_m: array ahead of the rear axle.
-        labelled_m, label_error_m: of the map's labels, see ``relative_error``.
+        labels: of the map, see ``relative_error``.
 
     Raises:
         ValueError: the autopilot never drove.
@@ -122,8 +120,7 @@ def figures_of(drive: DrivenCourse, lead_m: float, labelled_m: np.ndarray, label
     along, cross = (np.asarray(tick.error_m, np.float64)[on, column] for column in (0, 1))
     cross = cross + lead_m * np.asarray(tick.error_yaw_rad, np.float64)[on]
     offset = np.stack([np.cos(yaw) * along - np.sin(yaw) * cross, np.sin(yaw) * along + np.cos(yaw) * cross], axis=1)
-    truth = drive.anchor_m[on]
-    relative = relative_error(truth, truth + offset, yaw, labelled_m, label_error_m)
+    relative = relative_error(offset, drive.anchor_m[on], yaw, labels)
     tracking = drive.tracking
     ok = drive.codes == Code.OK
     figures: dict[str, Any] = {

@@ -69,3 +69,8 @@ def reach(
 def turned(cos: Float[Array, "..."], sin: Float[Array, "..."], vector: Pair) -> Pair:
     """A vector of the body in the frame in which the body stands at an angle."""
     return cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]
+
+
+def wrap_yaw(angle_rad: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The same angle in [-π, π]."""
+    return angle_rad - 2.0 * jnp.pi * jnp.round(angle_rad / (2.0 * jnp.pi))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from lgprjax.navigation.arc_reach import reach, turned
+from lgprjax.navigation.arc_reach import reach, turned, wrap_yaw
 from lgprjax.vehicle import VehiclePose
 
 
@@ -40,7 +40,7 @@ class SlewLimits(NamedTuple):
 
 def anchor_frame(pose_global: VehiclePose, pose_local: VehiclePose) -> FrameOffset:
     """The offset with which both poses are the same place."""
-    yaw = _wrap(pose_local.yaw_rad - pose_global.yaw_rad)
+    yaw = wrap_yaw(pose_local.yaw_rad - pose_global.yaw_rad)
     x, y = turned(jnp.cos(yaw), jnp.sin(yaw), (pose_global.x_m, pose_global.y_m))
     return FrameOffset(pose_local.x_m - x, pose_local.y_m - y, yaw)
 
@@ -105,7 +105,7 @@ def slew_frame(
     """
     here = to_global(frame, pose_local)
     x, y = _missing(wanted, here, pose_local)
-    turn = _wrap(wanted.yaw_rad - frame.yaw_rad)
+    turn = wrap_yaw(wanted.yaw_rad - frame.yaw_rad)
     distance = jnp.hypot(x, y)
     most_m, most_rad = limits.position_mps * step_s, limits.yaw_radps * step_s
     share = jnp.minimum(1.0, most_m / jnp.maximum(distance, 1e-9))
@@ -127,8 +127,3 @@ def _missing(
     """From the vehicle to where the wanted offset puts the point of the map that is at the vehicle now."""
     there = to_local(wanted, here)
     return there.x_m - pose_local.x_m, there.y_m - pose_local.y_m
-
-
-def _wrap(angle_rad: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The same angle in [−π, π]."""
-    return angle_rad - 2.0 * jnp.pi * jnp.round(angle_rad / (2.0 * jnp.pi))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from lgprjax.navigation.arc_reach import Pair, Reach, reach, turned
+from lgprjax.navigation.arc_reach import Pair, Reach, reach, turned, wrap_yaw
 from lgprjax.navigation.filter_model import (
     GNSS_ERROR_X,
     GNSS_ERROR_Y,
@@ -71,7 +71,7 @@ def gnss_innovation(
 def heading_innovation(estimate: NavEstimate, motion: Motion, observation: HeadingObservation) -> Innovation:
     """Of the yaw; it depends on no lever."""
     age, (_, _, rate) = _clean(observation, observation.age_s), _body_motion(estimate, motion)
-    residual = _wrap(observation.yaw_rad - (estimate.mean[YAW] - age * rate))
+    residual = wrap_yaw(observation.yaw_rad - (estimate.mean[YAW] - age * rate))
     row = {YAW: jnp.float32(1.0), RATE_BIAS: age}
     return _innovation(residual[None], (row,), observation.variance[None, None], _usable(observation))
 
@@ -113,7 +113,7 @@ def lgpr_innovation(
         [
             observation.x_m - x - mean[LGPR_ERROR_X],
             observation.y_m - y - mean[LGPR_ERROR_Y],
-            _wrap(observation.yaw_rad - (mean[YAW] - age * rate)),
+            wrap_yaw(observation.yaw_rad - (mean[YAW] - age * rate)),
         ]
     )
     return _innovation(residual, (*rows, turn_row), observation.covariance, _usable(observation))
@@ -159,8 +159,3 @@ def _innovation(
 ) -> Innovation:
     neutral = jnp.eye(len(rows), dtype=noise.dtype)
     return Innovation(jnp.where(offered, residual, 0.0), rows, jnp.where(offered, noise, neutral), offered)
-
-
-def _wrap(angle_rad: Float[Array, ""]) -> Float[Array, ""]:
-    """The same angle in [−π, π]."""
-    return angle_rad - 2.0 * jnp.pi * jnp.round(angle_rad / (2.0 * jnp.pi))

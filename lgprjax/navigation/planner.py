@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from lgprjax.navigation.arc_reach import wrap_yaw
 from lgprjax.navigation.plan import Plan, PlanCode, PlannerSettings, PlannerState
 from lgprjax.navigation.route_path import RoutePath, leg_point, leg_project, leg_row
 from lgprjax.vehicle import Chassis, PathPoint, VehiclePose, anchor_lead_m, body_point, reverse_look_ahead_m
@@ -54,7 +55,7 @@ def step_planner(
     here = leg_point(route, leg, arc)
     facing = state.facing * route.gear[leg]
     gear = facing * state.travel
-    error = wrap(pose.yaw_rad - body_yaw(chassis, here, facing))
+    error = wrap_yaw(pose.yaw_rad - body_yaw(chassis, here, facing))
     length, closed = route.legs.length_m[leg], route.legs.laps_per_m[leg] > 0.0
     to_go = jnp.where(closed, ENDLESS_M, jnp.where(state.travel > 0.0, length - arc, arc))
 
@@ -99,11 +100,6 @@ def body_yaw(chassis: Chassis, here: PathPoint, facing: Float[Array, ""]) -> Flo
     """
     swing = jnp.clip(facing * anchor_lead_m(chassis) * here.curvature_radpm, -0.95, 0.95)
     return jnp.arctan2(facing * here.sin, facing * here.cos) - jnp.arcsin(swing)
-
-
-def wrap(angle_rad: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The same angle in [-π, π]."""
-    return angle_rad - 2.0 * jnp.pi * jnp.round(angle_rad / (2.0 * jnp.pi))
 
 
 def _next_leg(

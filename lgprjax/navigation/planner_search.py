@@ -10,8 +10,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from lgprjax.navigation.arc_reach import wrap_yaw
 from lgprjax.navigation.plan import PlanCode, PlannerSettings, PlannerState
-from lgprjax.navigation.planner import body_yaw, wrap
+from lgprjax.navigation.planner import body_yaw
 from lgprjax.navigation.route_path import RoutePath, leg_point, leg_project
 from lgprjax.vehicle import Chassis, PathPoint, VehiclePose, body_point
 
@@ -66,9 +67,12 @@ def find_starts(
     arc, point = jax.vmap(lambda one, at: _refined(route, one, at, x, y))(leg, near_m)
     distance = jnp.where(found, jnp.hypot(point.x_m - x, point.y_m - y), jnp.inf)
     recorded = route.gear[leg]
+
     # The body as recorded points along the leg, or against it where it reversed.
-    error = jax.vmap(lambda at, faces: wrap(pose_route.yaw_rad - body_yaw(chassis, at, faces)))(point, recorded)
-    round_error = jax.vmap(lambda at, faces: wrap(pose_route.yaw_rad - body_yaw(chassis, at, -faces)))(point, recorded)
+    def yaw_error(at: PathPoint, faces: Float[Array, ""]) -> Float[Array, ""]:
+        return wrap_yaw(pose_route.yaw_rad - body_yaw(chassis, at, faces))
+
+    error, round_error = jax.vmap(yaw_error)(point, recorded), jax.vmap(yaw_error)(point, -recorded)
     facing = jnp.where(jnp.abs(error) <= jnp.abs(round_error), 1.0, -1.0)
     fits = jnp.minimum(jnp.abs(error), jnp.abs(round_error)) <= settings.heading_gate_rad
     close = distance <= settings.off_route_m

@@ -32,7 +32,7 @@ from lgprjax.radar.time_domain import (
     profile_operator,
     profile_samples,
 )
-from lgprjax.radar.time_scale import stretched_samples, time_scale_matrix
+from lgprjax.radar.time_scale import stretched_operator
 from lgprjax.radar.track_filter import (
     LiveFilterState,
     init_live_filter,
@@ -66,13 +66,12 @@ __all__ = [
     "run_live_filter",
     "shift_travel_time",
     "stacked",
-    "stretched_samples",
+    "stretched_operator",
     "sweep_chain",
     "sweep_operator",
     "sweep_samples",
     "sweep_step_hz",
     "sweep_window",
-    "time_scale_matrix",
     "to_coefficients",
     "unambiguous_ns",
     "uniform_array",

@@ -4,8 +4,13 @@ Wet soil slows the wave: an echo that came at t comes at s + scale (t - s), s th
 band-limited and sampled finer than its band needs, so sinc interpolation brings it back.
 """
 
+from collections.abc import Callable
+
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
+
+from lgprjax.radar.coefficients import LIGHT_SPEED_M_PER_NS
 
 
 def time_scale_matrix(
@@ -33,3 +38,28 @@ def time_scale_matrix(
 def stretched_samples(kept: int, scale: float) -> int:
     """Samples that a profile of today needs for ``kept`` of the map: its stretch, and the interpolation's skirt."""
     return int(np.ceil(kept * max(scale, 1.0))) + 8
+
+
+def stretched_operator(
+    recorded: Callable[[int], Float[Array, "recorded sample"]],
+    kept: int,
+    sample_interval_ns: float,
+    *,
+    scale: float,
+    height_m: float,
+) -> Float[Array, "recorded kept"]:
+    """A recording's matrix to the profile samples of a map that was made when the ground was drier or wetter.
+
+    Args:
+        recorded: number of profile samples to the recording's own matrix.
+        kept: samples of the map's profiles.
+        sample_interval_ns: of both.
+        scale: see ``time_scale_matrix``; 1 leaves the matrix as it is.
+        height_m: of the array above the surface, whose return stays.
+    """
+    if scale == 1.0:
+        return recorded(kept)
+    samples = stretched_samples(kept, scale)
+    about_ns = 2.0 * height_m / LIGHT_SPEED_M_PER_NS
+    stretch = time_scale_matrix(samples, kept, sample_interval_ns, scale=scale, about_ns=about_ns)
+    return recorded(samples) @ jnp.asarray(stretch, dtype=jnp.float32)

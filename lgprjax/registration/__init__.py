@@ -14,7 +14,7 @@ from lgprjax.registration.drive import (
     register_drive,
 )
 from lgprjax.registration.finish import Region, Rules, rules_of
-from lgprjax.registration.fix import WRONG_M, Code, Fix
+from lgprjax.registration.fix import WRONG_M, Code, Fix, sigmas_along_cross
 from lgprjax.registration.integrity import Thresholds, default_thresholds
 from lgprjax.registration.live import LiveChain, Operators, Track, templates_of
 from lgprjax.registration.match import Ends, MatchSpec, ScanSet, match_scans
@@ -68,6 +68,7 @@ __all__ = [
     "rules_of",
     "score_poses",
     "search_spec_for",
+    "sigmas_along_cross",
     "squared_errors",
     "survey_surface",
     "templates_of",

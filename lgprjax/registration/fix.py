@@ -59,3 +59,14 @@ class Fix(NamedTuple):
     overlap: Float[Array | np.ndarray, "*batch"]
     evaluations: Int[Array | np.ndarray, "*batch"]
     code: Int[Array | np.ndarray, "*batch"]
+
+
+def sigmas_along_cross(
+    covariance: Float[np.ndarray, "scan 5 5"], yaw_rad: Float[np.ndarray, " scan"]
+) -> tuple[Float[np.ndarray, " scan"], Float[np.ndarray, " scan"]]:
+    """Standard deviations along and across a heading, of covariances in east and north."""
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    east, north, both = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
+    along = cos**2 * east + sin**2 * north + 2 * cos * sin * both
+    cross = sin**2 * east + cos**2 * north - 2 * cos * sin * both
+    return np.sqrt(along), np.sqrt(cross)

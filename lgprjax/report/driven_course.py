@@ -29,7 +29,6 @@ class DrivenResult(NamedTuple):
         speed_mps: true; limit_mps: wanted.
         front_rad: of the front wheels.
         fix: there was an ok fix.
-        degraded: navigation asked for less speed.
     """
 
     name: str
@@ -46,7 +45,6 @@ class DrivenResult(NamedTuple):
     limit_mps: Float[np.ndarray, " tick"]
     front_rad: Float[np.ndarray, " tick"]
     fix: Bool[np.ndarray, " tick"]
-    degraded: Bool[np.ndarray, " tick"]
 
 
 def draw_driven_course(result: DrivenResult, path: str | Path, *, force: bool = False) -> None:

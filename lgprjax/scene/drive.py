@@ -104,7 +104,7 @@ def simulate_drive(
     kept = kept_scans(faults, len(time_s), seed)
     time_s = time_s[kept]
     on_road = antennas_on_road(motion, time_s, array)
-    _check_inside(ground, on_road, radar)
+    check_inside(ground, on_road, radar)
     odometer, navigation = observe_drive(motion, NavigationErrors() if errors is None else errors, seed)
     that_day, conditions = ground_on(ground, day)
     return SimulatedDrive(
@@ -137,7 +137,7 @@ def iterate_traces(drive: SimulatedDrive, chunk_scans: int = 512) -> Iterator[UI
     Raises:
         ValueError: ``chunk_scans`` is less than 1.
     """
-    matrix = jnp.asarray(trace_matrix(drive.radar, **_soil(drive)))
+    matrix = jnp.asarray(trace_matrix(drive.radar, **soil_of(drive.ground, drive.conditions)))
     blocks = (
         (np.asarray(record_scans(*block, matrix, radar=drive.radar, receiver=drive.receiver)),)
         for block in _blocks(drive)
@@ -150,7 +150,7 @@ def iterate_sweeps(
     drive: SimulatedDrive, plan: SweepPlan, chunk_scans: int = 512
 ) -> Iterator[tuple[Complex[np.ndarray, "scan channel frequency"], Complex[np.ndarray, "scan frequency"]]]:
     """The recording as stepped-frequency sweeps, each with its calibration sweep; chunks as in ``iterate_traces``."""
-    matrix = jnp.asarray(sweep_matrix(drive.radar, plan.frequency_mhz, **_soil(drive)))
+    matrix = jnp.asarray(sweep_matrix(drive.radar, plan.frequency_mhz, **soil_of(drive.ground, drive.conditions)))
     recorded = (record_sweeps(*block, matrix, radar=drive.radar, plan=plan) for block in _blocks(drive))
     blocks = ((np.asarray(sweeps), np.asarray(calibration)) for sweeps, calibration in recorded)
     for pair in _chunks(blocks, len(drive.scan_time_s), chunk_scans):
@@ -162,8 +162,9 @@ def render_drive(drive: SimulatedDrive) -> UInt8[np.ndarray, "scan channel sampl
     return np.concatenate(list(iterate_traces(drive)))
 
 
-def _soil(drive: SimulatedDrive) -> dict[str, float]:
-    config, conditions = drive.ground.config, drive.conditions
+def soil_of(ground: Ground, conditions: Conditions) -> dict[str, float]:
+    """What a recorder's matrix needs to know of a day's ground."""
+    config = ground.config
     return {
         "velocity_m_per_ns": config.velocity_m_per_ns * conditions.velocity_factor,
         "attenuation_per_m": config.attenuation_per_m * conditions.attenuation_factor,
@@ -225,7 +226,8 @@ def _chunks(blocks: Iterator[tuple[np.ndarray, ...]], scans: int, chunk_scans: i
         yield tuple(np.concatenate(parts) for parts in zip(*waiting, strict=True))
 
 
-def _check_inside(ground: Ground, antenna_m: Float[np.ndarray, "scan channel 3"], radar: RadarConfig) -> None:
+def check_inside(ground: Ground, antenna_m: Float[np.ndarray, "scan channel 3"], radar: RadarConfig) -> None:
+    """Raises ``ValueError`` where an antenna would hear beyond the corridor's edge."""
     config, reach = ground.config, radar.aperture_m
     low, high = antenna_m[..., 0].min() - reach, antenna_m[..., 0].max() + reach
     if low < -config.margin_m or high > config.length_m + config.margin_m:

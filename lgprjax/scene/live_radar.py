@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from lgprjax.radar.array import ArrayGeometry
 from lgprjax.scene.day import Day, ground_on
-from lgprjax.scene.drive import STONE_STEP, UTILITY_STEP
+from lgprjax.scene.drive import STONE_STEP, UTILITY_STEP, check_inside, soil_of
 from lgprjax.scene.ground import Ground
 from lgprjax.scene.hardware import Faults, ScanErrors, draw_response, draw_scan_errors, kept_scans
 from lgprjax.scene.motion import DrivePlan, place_antennas
@@ -90,15 +90,8 @@ class LiveRadar:
         self._received = np.isin(np.arange(scans), kept_scans(faults, scans, seed))
         self._key = jax.random.fold_in(jax.random.key(day.seed), seed)
         self._noise_field = jnp.asarray(day.noise_field, jnp.float32)
+        self._matrix = jnp.asarray(trace_matrix(self.radar, **soil_of(self._ground, self._conditions)))
         config = self._ground.config
-        self._matrix = jnp.asarray(
-            trace_matrix(
-                self.radar,
-                velocity_m_per_ns=config.velocity_m_per_ns * self._conditions.velocity_factor,
-                attenuation_per_m=config.attenuation_per_m * self._conditions.attenuation_factor,
-                dispersive_share=config.dispersive_share,
-            )
-        )
         # Any block's window lies within one of these, so that one program serves the drive.
         reach = 2.0 * self.radar.aperture_m + _ALONG_M
         starts = np.arange(-config.margin_m - reach, config.length_m + config.margin_m, 0.5)
@@ -136,7 +129,7 @@ class LiveRadar:
         on_road = np.stack([along, cross, height - roughness_value(self._road.roughness, along, cross)], axis=-1)
         reach = self.radar.aperture_m
         from_m, to_m = float(along.min()) - reach, float(along.max()) + reach
-        self._check_inside(from_m, to_m, float(np.abs(cross).max()) + reach)
+        check_inside(self._ground, on_road, self.radar)
         origin = on_road.reshape(-1, 3).mean(axis=0) * [1.0, 1.0, 0.0]
         piece = slice_ground(
             self._ground,
@@ -161,11 +154,3 @@ class LiveRadar:
             receiver=self._receiver,
         )
         return LiveScan(np.asarray(traces), self._received[span], poses[:, 0, 4])
-
-    def _check_inside(self, from_m: float, to_m: float, aside_m: float) -> None:
-        config = self._ground.config
-        if from_m < -config.margin_m or to_m > config.length_m + config.margin_m or aside_m > config.half_width_m:
-            raise ValueError(
-                f"the radar hears [{from_m:.1f}, {to_m:.1f}] m along and {aside_m:.2f} m aside; the ground ends at "
-                f"[{-config.margin_m:.1f}, {config.length_m + config.margin_m:.1f}] and {config.half_width_m:.2f} m"
-            )

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array, Float, Int
+from made_up_pedals import pedals_with
 
 from lgprjax.autopilot import (
     AutopilotConfig,
@@ -31,8 +32,6 @@ from lgprjax.navigation import (
 )
 from lgprjax.vehicle import (
     LookAhead,
-    Pedal,
-    Pedals,
     Servo,
     ServoState,
     VehiclePose,
@@ -53,12 +52,7 @@ SPEED_MPS = 4.47
 FRONT_RATE_RADPS = 0.5
 CHASSIS = chassis(v_char_mps=20.0)
 RULES = LimiterRules(*(jnp.float32(value) for value in (0.6, FRONT_RATE_RADPS, 1.0, 2.0, 0.2, 0.4, 0.05)))
-PEDALS = Pedals(
-    Pedal(*(jnp.float32(value) for value in (0.12, 0.05, 3.0, 0.6))),
-    Pedal(*(jnp.float32(value) for value in (0.18, 0.06, 6.0, 0.25))),
-    jnp.float32(0.15),
-    jnp.float32(0.03),
-)
+PEDALS = pedals_with()
 CONFIG = AutopilotConfig(
     CHASSIS,
     PEDALS,

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from jaxtyping import Array, Float
+from made_up_pedals import pedals_with
 
 from lgprjax.autopilot import (
     Pressed,
@@ -19,19 +20,12 @@ from lgprjax.autopilot import (
     step_stop,
     step_velocity,
 )
-from lgprjax.vehicle import Pedal, Pedals, init_drive, step_drive
+from lgprjax.vehicle import Pedals, init_drive, step_drive
 
 STEP_S = 0.05
 STEPS = 1600
 CRUISE_MPS = 4.47
 GRAVITY_MPS2 = 9.81
-
-
-def pedals_with(throttle_gain: float = 3.0, rolling: float = 0.15, lag_s: float = 0.6) -> Pedals:
-    """A throttle slower than the brake, both with slack and friction."""
-    throttle = Pedal(*(jnp.float32(value) for value in (0.12, 0.05, throttle_gain, lag_s)))
-    brake = Pedal(*(jnp.float32(value) for value in (0.18, 0.06, 6.0, 0.25)))
-    return Pedals(throttle, brake, jnp.float32(rolling), jnp.float32(0.03))
 
 
 class Told(NamedTuple):

@@ -239,7 +239,8 @@ def test_the_route_turned_over_and_its_mirror_image_give_the_same_plan(
             getattr(image, name), signs.get(name, 1.0) * getattr(plan, name), atol=3e-4, err_msg=name
         )
     np.testing.assert_allclose(plan.offset_m, -offset_m, atol=5e-3)
-    np.testing.assert_allclose(plan.heading_error_rad, error_rad, atol=5e-3)
+    # Half of what the route turns within a row at its sharpest, 0.05 rad/m over 0.25 m.
+    np.testing.assert_allclose(plan.heading_error_rad, error_rad, atol=6.3e-3)
 
 
 @jax.jit

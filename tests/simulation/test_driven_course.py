@@ -37,7 +37,7 @@ def _drive(folder: Path, spec: OffRoad, seed: int) -> tuple[DrivenCourse, dict[s
         labels = labels_of([log], source.description.frame)
         options = RegisterOptions(search_m=1.5)
         driven = drive_course(course, source, _SPEC, setup, route, options, weather="clear", seed=seed)
-    figures = figures_of(driven, spec.array_x_m, labels.truth_m, labels.error_m)
+    figures = figures_of(driven, spec.array_x_m, labels)
     return driven, figures, float(setup.autopilot.limiter.front_rate_radps) * _SPEC.tick_s
 
 

@@ -1,9 +1,9 @@
-"""Distances from a baseline, and the relative metric, against geometry."""
+"""Distances from a baseline, against geometry."""
 
 import numpy as np
 import pytest
 
-from lgprjax.simulation.loop import cross_track_m, relative_error, tracking_error
+from lgprjax.simulation.loop import cross_track_m, tracking_error
 
 
 def _circle(radius_m: float, step_m: float, laps: float = 1.0) -> np.ndarray:
@@ -44,16 +44,3 @@ def test_share_within_a_foot_is_by_length() -> None:
     assert found.within_foot == pytest.approx(0.75, abs=0.01)
     assert found.largest_m == pytest.approx(0.4)
     assert found.rms_m == pytest.approx(np.sqrt(0.25 * 0.4**2 + 0.75 * 0.1**2), rel=0.01)
-
-
-def test_relative_error_is_free_of_labels_and_lag() -> None:
-    rng = np.random.default_rng(1)
-    x = np.arange(0.0, 200.0, 0.25)
-    truth = np.stack([x, np.full(len(x), 0.3)], axis=1)
-    labelled = np.stack([x, np.zeros(len(x))], axis=1)
-    label_error = np.stack([0.2 * np.sin(x / 30.0), 0.1 * np.cos(x / 40.0)], axis=1)
-    lag = np.array([0.5, 0.0])
-    noise = rng.normal(size=(len(x), 2)) * [0.05, 0.02]
-    found = relative_error(truth, truth + label_error + lag + noise, np.zeros(len(x)), labelled, label_error)
-    assert found.cross_mean_m == pytest.approx(np.mean(np.abs(noise[:, 1])), rel=1e-6)
-    assert found.mean_m == pytest.approx(np.mean(np.hypot(noise[:, 0] - np.median(noise[:, 0]), noise[:, 1])), rel=1e-3)

@@ -27,10 +27,8 @@ from lgprjax.simulation.loop.off_road import (
 from lgprjax.simulation.loop.radar_loop import RadarLoop, TickFix
 from lgprjax.simulation.loop.tracking_error import (
     FOOT_M,
-    RelativeError,
     TrackingError,
     cross_track_m,
-    relative_error,
     tracking_error,
 )
 
@@ -49,7 +47,6 @@ __all__ = [
     "LoopVehicle",
     "OffRoad",
     "RadarLoop",
-    "RelativeError",
     "ReportedNoise",
     "SceneFrame",
     "TickFix",
@@ -63,7 +60,6 @@ __all__ = [
     "loop_setup",
     "make_course",
     "move",
-    "relative_error",
     "route_of_map",
     "route_of_road",
     "run_lane",

@@ -5,12 +5,12 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from lgprjax.navigation import LgprObservation, Reaction, RoutePath
+from lgprjax.navigation import LgprObservation, Reaction, RoutePath, position_sigma_m
+from lgprjax.navigation.arc_reach import wrap_yaw
 from lgprjax.navigation.filter_model import YAW, X, Y
 from lgprjax.navigation.route_path import leg_project
 from lgprjax.simulation.loop.loop_state import Decision, LoopSetup, LoopState
-
-FOOT_M = 0.3048
+from lgprjax.simulation.loop.tracking_error import FOOT_M
 
 
 class LoopSums(NamedTuple):
@@ -112,7 +112,6 @@ def told_tick(
     foot = leg_project(route, planner.leg, planner.arc_m, anchor_x, anchor_y)
     foot = leg_project(route, planner.leg, foot.arc_m, anchor_x, anchor_y)
     driven = decision.pose_route
-    turn = driven.yaw_rad - pose.yaw_rad
     plan = decision.autopilot.plan
     return LoopTick(
         pose.x_m,
@@ -120,8 +119,8 @@ def told_tick(
         pose.yaw_rad,
         planner.travel * foot.offset_m,
         jnp.stack(_along_cross(driven.x_m - pose.x_m, driven.y_m - pose.y_m, pose.yaw_rad)),
-        turn - 2.0 * jnp.pi * jnp.round(turn / (2.0 * jnp.pi)),
-        _cross_sigma(state),
+        wrap_yaw(driven.yaw_rad - pose.yaw_rad),
+        position_sigma_m(state.fused.estimate)[1],
         *_nees(state),
         state.plant.speed_mps,
         decision.autopilot.wanted_mps,
@@ -173,18 +172,10 @@ def _along_cross(
     return cos * east_m + sin * north_m, cos * north_m - sin * east_m
 
 
-def _cross_sigma(state: LoopState) -> Float[Array, ""]:
-    covariance, yaw = state.fused.estimate.covariance, state.fused.estimate.mean[YAW]
-    cos, sin = jnp.cos(yaw), jnp.sin(yaw)
-    square = sin * sin * covariance[0, 0] - 2.0 * cos * sin * covariance[0, 1] + cos * cos * covariance[1, 1]
-    return jnp.sqrt(jnp.maximum(square, 0.0))
-
-
 def _nees(state: LoopState) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Normalized squares of the filter's position, two degrees of freedom, and of its heading."""
     mean, covariance, pose = state.fused.estimate.mean, state.fused.estimate.covariance, state.plant.pose
-    east, north, turn = mean[X] - pose.x_m, mean[Y] - pose.y_m, mean[YAW] - pose.yaw_rad
-    turn = turn - 2.0 * jnp.pi * jnp.round(turn / (2.0 * jnp.pi))
+    east, north, turn = mean[X] - pose.x_m, mean[Y] - pose.y_m, wrap_yaw(mean[YAW] - pose.yaw_rad)
     xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
     position = (yy * east * east - 2.0 * xy * east * north + xx * north * north) / (xx * yy - xy * xy)
     return position, turn * turn / covariance[YAW, YAW]

@@ -8,13 +8,14 @@ from jax import lax
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from lgprjax.navigation import LgprObservation, RoutePath
+from lgprjax.registration import default_thresholds
 from lgprjax.scene import FixErrors, FixErrorState, SensorFaults, during, step_fix_errors
 from lgprjax.simulation.loop.closed_loop import decide, move
 from lgprjax.simulation.loop.loop_state import LoopSetup, LoopSpec, LoopState
 from lgprjax.simulation.loop.loop_tick import LoopSums, LoopTick, add_tick, told_tick
 
 _FAILED = 0.6  # of the strength where the ground gives no fix
-_LEAST_STRENGTH = 0.64  # below it a match is no fix
+_LEAST_STRENGTH = float(default_thresholds(0.0, 1.5).strength)  # below it a match is no fix
 
 
 @partial(jax.jit, static_argnums=(0, 8), static_argnames="traced")

@@ -1,5 +1,6 @@
 """The radar's part of a closed loop: scans rendered where the vehicle truly is, registered where it believes to be."""
 
+from functools import cache
 from typing import NamedTuple, cast
 
 import jax
@@ -8,10 +9,20 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from lgprjax.formats import MapFile
+from lgprjax.frames import along_cross, wrap_angle
 from lgprjax.navigation import LgprObservation, pose_of, step_local
 from lgprjax.navigation.filter_model import RATE_BIAS, SPEED, YAW
-from lgprjax.radar import LIGHT_SPEED_M_PER_NS, profile_operator, stretched_samples, time_scale_matrix
-from lgprjax.registration import Code, LiveBlock, Operators, RegisterOptions, Track, Tracker, tracking_ground
+from lgprjax.radar import profile_operator, stretched_operator
+from lgprjax.registration import (
+    Code,
+    LiveBlock,
+    Operators,
+    RegisterOptions,
+    Track,
+    Tracker,
+    sigmas_along_cross,
+    tracking_ground,
+)
 from lgprjax.scene import WEATHER, Faults, LiveRadar, Readings, draw_springs
 from lgprjax.simulation.loop.loop_state import LoopSetup, LoopState
 from lgprjax.simulation.loop.off_road import Course, SceneFrame, scene_frame_of
@@ -143,7 +154,8 @@ class RadarLoop:
                 self._tick_s * (1.0 - share[kept][last]),
                 valid=True,
             )
-        reported = _sigmas(np.asarray(found.covariance)[ok], centre[ok, 2])
+        covariance = np.asarray(found.covariance)[ok]
+        reported = np.stack([*sigmas_along_cross(covariance, centre[ok, 2]), np.sqrt(covariance[:, 3, 3])], axis=1)
         strength = float(matched[-1]) if len(matched) else float("nan")
         return TickFix(observation, strength, codes.tolist(), error, reported)
 
@@ -192,23 +204,18 @@ def _see(
 
 
 def _operators(course: Course, radar: LiveRadar, source: MapFile) -> Operators:
-    """As ``archive.live_operators`` makes them of a log: this recording's, for the map's settings."""
+    """This recording's matrices for the map's settings, by time scale."""
     settings, kept = source.description.settings, len(source.description.gain)
     known = radar.radar
-    surface_ns = 2.0 * course.array.height_m / LIGHT_SPEED_M_PER_NS
-    made: dict[float, jnp.ndarray] = {}
 
-    def operator(time_scale: float) -> jnp.ndarray:
-        if time_scale not in made:
-            samples = kept if time_scale == 1.0 else stretched_samples(kept, time_scale)
-            matrix = profile_operator(known.samples, known.sample_step_ns, known.time_zero_ns, settings, kept=samples)
-            if time_scale != 1.0:
-                stretch = time_scale_matrix(
-                    samples, kept, settings.sample_interval_ns, scale=time_scale, about_ns=surface_ns
-                )
-                matrix = matrix @ jnp.asarray(stretch, dtype=jnp.float32)
-            made[time_scale] = matrix
-        return made[time_scale]
+    def recorded(samples: int) -> Float[Array, "recorded sample"]:
+        return profile_operator(known.samples, known.sample_step_ns, known.time_zero_ns, settings, kept=samples)
+
+    @cache
+    def operator(time_scale: float) -> Float[Array, "recorded sample"]:
+        return stretched_operator(
+            recorded, kept, settings.sample_interval_ns, scale=time_scale, height_m=course.array.height_m
+        )
 
     return operator
 
@@ -228,21 +235,9 @@ def _array_pose(axle: Float[np.ndarray, "scan 3"], array_x_m: float) -> Float[np
 
 def _error(found: Float[np.ndarray, "fix 5"], truth: Float[np.ndarray, "fix 3"]) -> Float[np.ndarray, "fix 3"]:
     """Along and across the true heading, and of the heading."""
-    difference = found[:, :2] - truth[:, :2]
-    cos, sin = np.cos(truth[:, 2]), np.sin(truth[:, 2])
-    along = cos * difference[:, 0] + sin * difference[:, 1]
-    cross = cos * difference[:, 1] - sin * difference[:, 0]
-    turn = found[:, 3] - truth[:, 2]
-    return np.stack([along, cross, turn - 2 * np.pi * np.round(turn / (2 * np.pi))], axis=1)
-
-
-def _sigmas(covariance: Float[np.ndarray, "fix 5 5"], yaw_rad: Float[np.ndarray, " fix"]) -> Float[np.ndarray, "fix 3"]:
-    """Standard deviations along and across a heading, and of the heading."""
-    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    east, north, both = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
-    along = cos**2 * east + sin**2 * north + 2 * cos * sin * both
-    cross = sin**2 * east + cos**2 * north - 2 * cos * sin * both
-    return np.asarray(np.sqrt(np.stack([along, cross, covariance[:, 3, 3]], axis=1)))
+    east, north = (found[:, :2] - truth[:, :2]).T
+    along, cross = along_cross(east, north, truth[:, 2])
+    return np.stack([along, cross, wrap_angle(found[:, 3] - truth[:, 2])], axis=1)
 
 
 def _no_fix() -> LgprObservation:

@@ -68,35 +68,3 @@ def tracking_error(track_m: Float[np.ndarray, "tick 2"], baseline_m: Float[np.nd
         float(np.sum(way[np.abs(cross) < FOOT_M]) / total),
         total,
     )
-
-
-class RelativeError(NamedTuple):
-    """Mean of |(truth_live − truth_map) − (found_live − label_map)|, whole and across (RA-L 2020)."""
-
-    mean_m: float
-    cross_mean_m: float
-
-
-def relative_error(
-    truth_m: Float[np.ndarray, "tick 2"],
-    found_m: Float[np.ndarray, "tick 2"],
-    yaw_rad: Float[np.ndarray, " tick"],
-    labelled_m: Float[np.ndarray, "point 2"],
-    label_error_m: Float[np.ndarray, "point 2"],
-) -> RelativeError:
-    """How far a live position is off relative to the map: free of what the map's labels are wrong by.
-
-    One clock offset a drive, which moves every position along the track, is taken out.
-
-    Args:
-        truth_m, found_m: places of the array, true and as located.
-        yaw_rad: true headings.
-        labelled_m: true places of the map's labels; label_error_m: label less truth.
-    """
-    nearest = np.array([int(np.argmin(np.sum((labelled_m - place) ** 2, axis=1))) for place in truth_m])
-    wrong = found_m - truth_m - label_error_m[nearest]
-    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    along = cos * wrong[:, 0] + sin * wrong[:, 1]
-    cross = cos * wrong[:, 1] - sin * wrong[:, 0]
-    along -= np.median(along)
-    return RelativeError(float(np.mean(np.hypot(along, cross))), float(np.mean(np.abs(cross))))
