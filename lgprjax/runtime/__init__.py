@@ -1,0 +1,1 @@
+"""The onboard runtime: ports, processes, watchdogs, recorder, operator display."""

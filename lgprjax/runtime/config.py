@@ -1,0 +1,157 @@
+"""The configuration of the onboard runtime, ``CONFIG.toml``: paths are relative to the file's folder."""
+
+import tomllib
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from lgprjax.errors import InputError
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+
+class PortTable(_Table):
+    """A line to a device: a serial device or ``socket://host:port``, as pyserial's ``serial_for_url`` takes it."""
+
+    url: str
+    baud: int = Field(default=921600, gt=0)
+
+
+class PortsTable(_Table):
+    """The lines. GNSS/INS speaks NMEA or u-blox UBX, the others ``data_schema/wire.toml``."""
+
+    drive_by_wire: PortTable
+    controller: PortTable
+    gnss: PortTable
+    radar: PortTable
+
+
+class RegistrationTable(_Table):
+    """The search, as ``lgprjax register`` has it."""
+
+    search_m: float = Field(default=1.5, gt=0.0, le=5.0)
+    window_m: float = Field(default=0.0, ge=0.0, le=10.0)
+    time_scale: float = Field(default=1.0, gt=0.5, lt=2.0)
+    thresholds: str | None = None
+
+
+class SensorsTable(_Table):
+    """What the sensors' own numbers leave open: sigmas (1), delays and levers."""
+
+    gnss_delay_s: float = Field(default=0.0, ge=0.0, le=1.0)
+    gnss_period_s: float = Field(default=0.143, gt=0.0, le=2.0)
+    gnss_sigma_m: float = Field(default=0.01, gt=0.0)
+    heading_sigma_deg: float = Field(default=0.06, gt=0.0)
+    heading_slow_deg: float = Field(default=0.12, ge=0.0)
+    heading_slow_s: float = Field(default=60.0, gt=0.0)
+    odometer_sigma_mps: float = Field(default=0.03, gt=0.0)
+    fix_heading_slow_deg: float = Field(default=0.25, ge=0.0)
+    fix_changes_m: float = Field(default=4.0, gt=0.0)
+
+
+class ControlTable(_Table):
+    """The control loop. ``fusion`` names whose pose is driven by."""
+
+    fusion: Literal["filter", "switch"] = "filter"
+    core: int | None = None
+    realtime_priority: int | None = Field(default=None, ge=1, le=99)
+    collect_garbage: Literal["never", "between"] = "between"
+    set_speed_step_mps: float = Field(default=0.25, gt=0.0, le=2.0)
+    fastest_engage_mps: float = Field(default=4.5, gt=0.0)
+    override_torque_nm: float = Field(default=4.0, gt=0.0)
+
+
+class RecordingTable(_Table):
+    """Where runs are recorded; ``mandatory``: without it the vehicle stops."""
+
+    folder: str = "runs"
+    mandatory: bool = False
+    segment_s: float = Field(default=60.0, gt=0.0)
+    least_free_mb: int = Field(default=500, ge=0)
+
+
+class DisplayTable(_Table):
+    """The operator's page. Any address but a loopback one demands a token."""
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=8080, ge=0, le=65535)
+    token: str | None = Field(default=None, min_length=16)
+    origins: list[str] = []
+
+
+class SupervisionTable(_Table):
+    """How long a process may be silent once it is ready, seconds, and how long it may take to come up."""
+
+    control_s: float = Field(default=0.2, gt=0.0)
+    others_s: float = Field(default=1.0, gt=0.0)
+    start_s: float = Field(default=120.0, gt=0.0)
+    registration_core: int | None = None
+    hottest_c: float = Field(default=95.0, gt=0.0)
+
+
+class SimulationTable(_Table):
+    """The world of ``run --simulate``: an off-road course, what the operator does, and what goes wrong.
+
+    Attributes:
+        script: what the operator does: moments in seconds since the vehicle was ready, and what is pressed.
+        faults: see ``simulation.devices``.
+    """
+
+    seed: int = 2
+    length_m: float = Field(default=300.0, ge=60.0, le=2000.0)
+    weather: str = "clear"
+    scan_share: int = Field(default=1, ge=1, le=6)
+    drive_seed: int = 102
+    script: list[dict[str, Any]] = []
+    faults: list[dict[str, Any]] = []
+
+
+class RuntimeConfig(_Table):
+    """Everything of a ``CONFIG.toml``.
+
+    Attributes:
+        file: where it was read.
+    """
+
+    file: Path
+    name: str
+    vehicle: str
+    map: str
+    routes: list[str] = Field(min_length=1)
+    cache: str | None = "cache"
+    ports: PortsTable
+    registration: RegistrationTable = RegistrationTable()
+    sensors: SensorsTable = SensorsTable()
+    control: ControlTable = ControlTable()
+    recording: RecordingTable = RecordingTable()
+    display: DisplayTable = DisplayTable()
+    supervision: SupervisionTable = SupervisionTable()
+    simulation: SimulationTable | None = None
+
+    def path(self, named: str) -> Path:
+        """A path of the configuration, ready to be opened."""
+        return self.file.parent / named
+
+
+def read_config(path: str | Path) -> RuntimeConfig:
+    """A configuration from its file.
+
+    Raises:
+        InputError: it is missing, no TOML, or a key is unknown, missing or not as expected.
+    """
+    file = Path(path)
+    try:
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(file, "file", "a readable file", error.strerror or str(error)) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(file, "file", "TOML", str(error)) from None
+    try:
+        return RuntimeConfig.model_validate({**table, "file": file.resolve()})
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise InputError(file, place, first["msg"], repr(first["input"])[:60]) from None
