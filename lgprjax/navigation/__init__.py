@@ -56,6 +56,14 @@ from lgprjax.navigation.innovations import (
     lgpr_innovation,
     odometer_innovation,
 )
+from lgprjax.navigation.navigator import (
+    Fusion,
+    Navigated,
+    NavigatorSetup,
+    NavigatorState,
+    init_navigator,
+    step_navigator,
+)
 from lgprjax.navigation.observations import (
     SOURCES,
     GnssObservation,
@@ -130,6 +138,7 @@ __all__ = [
     "FilterModel",
     "FilterState",
     "FrameOffset",
+    "Fusion",
     "GateRules",
     "GateState",
     "GnssObservation",
@@ -143,6 +152,9 @@ __all__ = [
     "LgprObservation",
     "Motion",
     "NavEstimate",
+    "Navigated",
+    "NavigatorSetup",
+    "NavigatorState",
     "Observations",
     "OdometerObservation",
     "Plan",
@@ -175,6 +187,7 @@ __all__ = [
     "init_gates",
     "init_health",
     "init_history",
+    "init_navigator",
     "init_switch",
     "initial_sigmas",
     "insert",
@@ -200,6 +213,7 @@ __all__ = [
     "step_health",
     "step_history",
     "step_local",
+    "step_navigator",
     "step_planner",
     "step_switch",
     "to_global",

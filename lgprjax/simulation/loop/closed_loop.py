@@ -6,17 +6,14 @@ registration of rendered scans, or fixes drawn from an error model. Both halves 
 controller never sees the true pose; only the driver does, who brings the vehicle to where it may be engaged.
 """
 
-import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from lgprjax.autopilot import (
     AutopilotInputs,
     step_autopilot,
 )
 from lgprjax.navigation import (
-    FilterInfo,
-    FilterState,
     GnssObservation,
     HeadingObservation,
     LgprObservation,
@@ -25,16 +22,8 @@ from lgprjax.navigation import (
     OdometerObservation,
     Reaction,
     RoutePath,
-    anchor_frame,
-    pose_of,
-    slew_frame,
-    step_filter,
-    step_health,
-    step_local,
-    step_switch,
-    to_global,
+    step_navigator,
 )
-from lgprjax.navigation.filter_model import RATE_BIAS, SPEED
 from lgprjax.scene import (
     Readings,
     read_live_sensors,
@@ -92,34 +81,20 @@ def decide(
     step_s = jnp.float32(spec.tick_s)
     motion = Motion(readings.yaw_rate_radps, step_s)
     observations = observe(setup, readings, lgpr)
-    # One program for both filters: only whether the fix is there differs.
-    told = jnp.asarray([True, False] if spec.reckons else [True])
-
-    def filtered(held: FilterState, fix: Bool[Array, ""]) -> tuple[FilterState, FilterInfo]:
-        known = observations._replace(lgpr=observations.lgpr._replace(valid=observations.lgpr.valid & fix))
-        return step_filter(setup.model, setup.gates, held, motion, known)
-
-    filters, infos = jax.vmap(filtered)(state.filters, told)
-    info: FilterInfo = jax.tree.map(lambda leaf: leaf[0], infos)
-    state = state._replace(filters=filters)
-    fused, reckoned = state.fused, state.reckoned
-    speed = fused.estimate.mean[SPEED]
-    rate = readings.yaw_rate_radps - fused.estimate.mean[RATE_BIAS]
-    switch = step_switch(setup.switch, state.switch, motion, speed, pose_of(reckoned.estimate), lgpr, strength)
-    pose_map = pose_of(fused.estimate) if spec.fusion == "filter" else switch.pose
-    local = step_local(state.local, speed, rate, setup.model.zero_slip_m, step_s)
-    frame, left_m = slew_frame(state.frame, anchor_frame(pose_map, local), local, setup.slew, step_s)
-    health, judged = step_health(setup.health, state.health, fused, info, observations, strength, left_m, step_s)
+    navigator, navigated = step_navigator(
+        setup.navigator, state.navigator, motion, observations, strength, fusion=spec.fusion
+    )
+    judged = navigated.health
     sound_s = jnp.where(judged.reaction == Reaction.CONTINUE, state.sound_s + step_s, 0.0)
     engaged = state.engaged | (sound_s > setup.settled_s)
     true = state.plant.pose
     pose_route = VehiclePose(
-        *(jnp.where(engaged, ours, his) for ours, his in zip(to_global(frame, local), true, strict=True))
+        *(jnp.where(engaged, ours, his) for ours, his in zip(navigated.pose_route, true, strict=True))
     )
     stopping = state.stopping | (engaged & (judged.reaction == Reaction.STOP))
     inputs = AutopilotInputs(
         pose_route,
-        speed,
+        navigated.speed_mps,
         jnp.where(stopping, Reaction.STOP.value, jnp.where(engaged, judged.reaction, 0)).astype(jnp.int32),
         jnp.where(engaged, judged.speed_cap_mps, jnp.inf).astype(jnp.float32),
         jnp.float32(0.0),
@@ -131,10 +106,7 @@ def decide(
     )
     autopilot, command, why = step_autopilot(setup.autopilot, route, state.autopilot, inputs, step_s)
     state = state._replace(
-        switch=switch,
-        local=local,
-        frame=frame,
-        health=health,
+        navigator=navigator,
         autopilot=autopilot,
         command=command,
         gear=why.plan.gear,
@@ -142,7 +114,7 @@ def decide(
         sound_s=sound_s,
         stopping=stopping,
     )
-    return state, Decision(pose_route, info, judged, left_m, why)
+    return state, Decision(pose_route, navigated, why)
 
 
 def observe(setup: LoopSetup, readings: Readings, lgpr: LgprObservation) -> Observations:

@@ -1,9 +1,8 @@
 """What a closed loop is made of and what it carries: spec, setup, state, decision."""
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
@@ -14,24 +13,7 @@ from lgprjax.autopilot import (
     Command,
     init_autopilot,
 )
-from lgprjax.navigation import (
-    FilterInfo,
-    FilterModel,
-    FilterState,
-    FrameOffset,
-    GateRules,
-    Health,
-    HealthRules,
-    HealthState,
-    PlannerState,
-    SlewLimits,
-    SwitchSettings,
-    SwitchState,
-    anchor_frame,
-    init_filter,
-    init_health,
-    init_switch,
-)
+from lgprjax.navigation import Fusion, Navigated, NavigatorSetup, NavigatorState, PlannerState, init_navigator
 from lgprjax.scene import (
     LiveSensors,
     LiveSensorState,
@@ -61,7 +43,7 @@ class LoopSpec:
     """
 
     tick_s: float = TICK_S
-    fusion: Literal["filter", "switch"] = "filter"
+    fusion: Fusion = "filter"
     delay_slots: int = 5
     reckons: bool = True
 
@@ -93,8 +75,7 @@ class LoopSetup(NamedTuple):
 
     Attributes:
         plant, terrain, sensors, faults: the world's.
-        model, gates, noise: of the filters; switch: of LL's fusion.
-        health, slew, autopilot: settings of the parts.
+        navigator, autopilot: settings of the parts; noise: of the observations.
         set_speed_mps: that the operator locked.
         settled_s: how long health must have been without a complaint before the driver engages the autopilot.
     """
@@ -103,12 +84,8 @@ class LoopSetup(NamedTuple):
     terrain: Terrain
     sensors: LiveSensors
     faults: SensorFaults
-    model: FilterModel
-    gates: GateRules
+    navigator: NavigatorSetup
     noise: ReportedNoise
-    health: HealthRules
-    slew: SlewLimits
-    switch: SwitchSettings
     autopilot: AutopilotConfig
     set_speed_mps: Float[Array, "..."]
     settled_s: Float[Array, "..."]
@@ -119,10 +96,7 @@ class LoopState(NamedTuple):
 
     Attributes:
         plant, sensors: the world's.
-        filters: the one with every source and, where the loop reckons, the one without LGPR, along a leading axis.
-        switch: LL's fusion.
-        local: dead-reckoned pose that never jumps; frame: where the map lies in it.
-        health, autopilot: as they stand.
+        navigator, autopilot: as they stand.
         command: drives the next tick.
         gear: +1 or -1.
         engaged: the autopilot drives. Before, a driver does, who sees the road; he engages it when health has been
@@ -134,11 +108,7 @@ class LoopState(NamedTuple):
 
     plant: PlantState
     sensors: LiveSensorState
-    filters: FilterState
-    switch: SwitchState
-    local: VehiclePose
-    frame: FrameOffset
-    health: HealthState
+    navigator: NavigatorState
     autopilot: AutopilotState
     command: Command
     gear: Float[Array, "..."]
@@ -147,26 +117,18 @@ class LoopState(NamedTuple):
     stopping: Bool[Array, "..."]
     tick: Int[Array, "..."]
 
-    @property
-    def fused(self) -> FilterState:
-        """The filter with every source; of one lane."""
-        first: FilterState = jax.tree.map(lambda leaf: leaf[0], self.filters)
-        return first
-
-    @property
-    def reckoned(self) -> FilterState:
-        """The filter without LGPR, or, where there is none, the only one; of one lane."""
-        last: FilterState = jax.tree.map(lambda leaf: leaf[-1], self.filters)
-        return last
-
 
 class Decision(NamedTuple):
-    """What a tick decided, and why."""
+    """What a tick decided, and why.
+
+    Attributes:
+        pose_route: that was driven by: navigation's, or before engaging the driver's own eyes.
+        navigated: what navigation gave.
+        autopilot: what the autopilot found out.
+    """
 
     pose_route: VehiclePose
-    info: FilterInfo
-    health: Health
-    frame_left_m: Float[Array, "..."]
+    navigated: Navigated
     autopilot: AutopilotInfo
 
 
@@ -192,17 +154,10 @@ def start_loop(
         key: of the sensors' errors.
     """
     zero = jnp.zeros_like(pose.x_m)
-    both = [init_filter(setup.model, believed, speed_mps)] * (2 if spec.reckons else 1)
-    filters: FilterState = jax.tree.map(lambda *leaves: jnp.stack(leaves), *both)
-    local = VehiclePose(zero, zero, zero)
     return LoopState(
         init_plant(pose, speed_mps, along_m, delay_slots=spec.delay_slots),
         init_live_sensors(setup.sensors, key),
-        filters,
-        init_switch(believed),
-        local,
-        anchor_frame(believed, local),
-        init_health(),
+        init_navigator(setup.navigator, believed, speed_mps, reckons=spec.reckons),
         init_autopilot(planner, speed_mps, zero),
         Command(zero, zero, zero),
         jnp.ones_like(zero),

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from lgprjax.navigation import LgprObservation, Reaction, RoutePath, position_sigma_m
+from lgprjax.navigation import LgprObservation, Reaction, RoutePath, pose_of, position_sigma_m
 from lgprjax.navigation.arc_reach import wrap_yaw
 from lgprjax.navigation.filter_model import YAW, X, Y
 from lgprjax.navigation.route_path import leg_project
@@ -113,6 +113,7 @@ def told_tick(
     foot = leg_project(route, planner.leg, foot.arc_m, anchor_x, anchor_y)
     driven = decision.pose_route
     plan = decision.autopilot.plan
+    switch, gnss_ins = state.navigator.switch, pose_of(state.navigator.reckoned.estimate)
     return LoopTick(
         pose.x_m,
         pose.y_m,
@@ -120,7 +121,7 @@ def told_tick(
         planner.travel * foot.offset_m,
         jnp.stack(_along_cross(driven.x_m - pose.x_m, driven.y_m - pose.y_m, pose.yaw_rad)),
         wrap_yaw(driven.yaw_rad - pose.yaw_rad),
-        position_sigma_m(state.fused.estimate)[1],
+        position_sigma_m(state.navigator.fused.estimate)[1],
         *_nees(state),
         state.plant.speed_mps,
         decision.autopilot.wanted_mps,
@@ -128,19 +129,17 @@ def told_tick(
         state.plant.servo.wheel_rad,
         state.command.throttle,
         state.command.brake,
-        decision.health.reaction,
-        decision.health.reasons,
-        decision.info.accepted,
+        decision.navigated.health.reaction,
+        decision.navigated.health.reasons,
+        decision.navigated.info.accepted,
         lgpr.valid,
         plan.code,
         plan.to_go_m,
         state.engaged,
         state.stopping,
-        state.switch.on_lgpr,
-        _along_cross(state.switch.pose.x_m - pose.x_m, state.switch.pose.y_m - pose.y_m, pose.yaw_rad)[1],
-        _along_cross(
-            state.reckoned.estimate.mean[X] - pose.x_m, state.reckoned.estimate.mean[Y] - pose.y_m, pose.yaw_rad
-        )[1],
+        switch.on_lgpr,
+        _along_cross(switch.pose.x_m - pose.x_m, switch.pose.y_m - pose.y_m, pose.yaw_rad)[1],
+        _along_cross(gnss_ins.x_m - pose.x_m, gnss_ins.y_m - pose.y_m, pose.yaw_rad)[1],
     )
 
 
@@ -174,7 +173,7 @@ def _along_cross(
 
 def _nees(state: LoopState) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Normalized squares of the filter's position, two degrees of freedom, and of its heading."""
-    mean, covariance, pose = state.fused.estimate.mean, state.fused.estimate.covariance, state.plant.pose
+    (mean, covariance), pose = state.navigator.fused.estimate, state.plant.pose
     east, north, turn = mean[X] - pose.x_m, mean[Y] - pose.y_m, wrap_yaw(mean[YAW] - pose.yaw_rad)
     xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
     position = (yy * east * east - 2.0 * xy * east * north + xx * north * north) / (xx * yy - xy * xy)

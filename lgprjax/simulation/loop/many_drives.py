@@ -106,8 +106,8 @@ def draw_fix(
     pose, faults = state.plant.pose, setup.faults
     cos, sin = jnp.cos(pose.yaw_rad), jnp.sin(pose.yaw_rad)
     wrong = _wrong_place(faults, time_s)
-    x = pose.x_m + cos * (setup.model.array_x_m + error[0]) - sin * error[1] + wrong[0]
-    y = pose.y_m + sin * (setup.model.array_x_m + error[0]) + cos * error[1] + wrong[1]
+    x = pose.x_m + cos * (setup.navigator.model.array_x_m + error[0]) - sin * error[1] + wrong[0]
+    y = pose.y_m + sin * (setup.navigator.model.array_x_m + error[0]) + cos * error[1] + wrong[1]
     along, cross, yaw = (sigma * sigma for sigma in errors.reported_sigma)
     covariance = jnp.stack(
         [

@@ -23,6 +23,7 @@ from lgprjax.scene import (
     make_road,
     simulate_drive,
 )
+from lgprjax.scene.motion import plan_motion, poses_at, scan_times
 from lgprjax.scene.road import follow_centre
 from lgprjax.scene.road_waves import Waves, draw_waves
 from lgprjax.simulation.drives import SITE_FRAME, write_drive
@@ -69,6 +70,23 @@ class Bare(NamedTuple):
     spec: OffRoad
     road: Road
     terrain: Terrain
+
+
+class Laid(NamedTuple):
+    """A course with its ground, its baseline not recorded.
+
+    Attributes:
+        spec, road, terrain: as in ``Bare``.
+        ground: under it.
+        array: that vehicles carry; plan: how the baseline is driven, and what springs vehicles have.
+    """
+
+    spec: OffRoad
+    road: Road
+    terrain: Terrain
+    ground: Ground
+    array: ArrayGeometry
+    plan: DrivePlan
 
 
 class Course(NamedTuple):
@@ -124,8 +142,8 @@ def draw_course(spec: OffRoad) -> Bare:
     return Bare(spec, road, terrain)
 
 
-def make_course(spec: OffRoad, folder: Path) -> Course:
-    """Draw a course with its ground and write the log of its baseline drive into a folder."""
+def lay_course(spec: OffRoad) -> Laid:
+    """Draw a course with its ground, and plan its baseline drive."""
     bare = draw_course(spec)
     ground = make_ground(spec.seed, GroundConfig(length_m=spec.length_m + 40.0))
     array = uniform_array(11, 0.127, x_m=spec.array_x_m, height_m=0.3, scan_period_s=1.0 / SCAN_HZ)
@@ -139,12 +157,23 @@ def make_course(spec: OffRoad, folder: Path) -> Course:
         height_sigma_m=0.015,
         roll_sigma_rad=float(np.radians(0.8)),
     )
-    drive = simulate_drive(
-        ground, plan, WEATHER["clear"](100 * spec.seed), spec.seed, road=bare.road, array=array, errors=_SURVEY
-    )
+    return Laid(*bare, ground, array, plan)
+
+
+def baseline_poses(laid: Laid) -> Float[np.ndarray, "scan 5"]:
+    """How the baseline truly goes: ``poses_at`` of the rear axle in the scene's frame at every scan, lost ones too."""
+    motion = plan_motion(laid.plan, laid.spec.seed, laid.road)
+    return poses_at(motion, scan_times(motion))
+
+
+def make_course(spec: OffRoad, folder: Path) -> Course:
+    """Draw a course with its ground and write the log of its baseline drive into a folder."""
+    laid = lay_course(spec)
+    day = WEATHER["clear"](100 * spec.seed)
+    drive = simulate_drive(laid.ground, laid.plan, day, spec.seed, road=laid.road, array=laid.array, errors=_SURVEY)
     path = folder / "baseline.drive.h5"
     write_drive(path, drive)
-    return Course(*bare, ground, array, plan, path, drive.antenna_m[..., :2].mean(axis=1))
+    return Course(*laid, path, drive.antenna_m[..., :2].mean(axis=1))
 
 
 def scene_frame_of(frame: LocalFrame) -> SceneFrame:

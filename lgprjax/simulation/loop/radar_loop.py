@@ -193,10 +193,10 @@ class _Seen(NamedTuple):
 def _see(
     setup: LoopSetup, before: LoopState, after: LoopState, readings: Readings, tick_s: Float[Array, ""]
 ) -> Float[Array, "5 4"]:
-    estimate = before.reckoned.estimate
+    estimate = before.navigator.reckoned.estimate
     start = pose_of(estimate)
     rate = readings.yaw_rate_radps - estimate.mean[RATE_BIAS]
-    end = step_local(start, estimate.mean[SPEED], rate, setup.model.zero_slip_m, tick_s)
+    end = step_local(start, estimate.mean[SPEED], rate, setup.navigator.model.zero_slip_m, tick_s)
     sigma = jnp.sqrt(estimate.covariance[YAW, YAW])
     odometer = jnp.stack([readings.odometer_mps, sigma, before.plant.along_m, before.tick.astype(jnp.float32)])
     poses = [jnp.stack([*pose, jnp.zeros_like(tick_s)]) for pose in (before.plant.pose, after.plant.pose, start, end)]

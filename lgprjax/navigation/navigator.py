@@ -1,0 +1,141 @@
+"""What of navigation runs on board each tick: fusion, the drifting frame, health. One step for simulator and vehicle.
+
+Two filters run side by side: one with every source, and one without LGPR, which is the GNSS/INS that a search of the
+map starts from and that the threshold switch falls back on.
+"""
+
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from lgprjax.navigation.drifting_frame import (
+    FrameOffset,
+    SlewLimits,
+    anchor_frame,
+    slew_frame,
+    step_local,
+    to_global,
+)
+from lgprjax.navigation.filter import FilterInfo, FilterState, init_filter, step_filter
+from lgprjax.navigation.filter_model import RATE_BIAS, SPEED, FilterModel, pose_of
+from lgprjax.navigation.gates import GateRules
+from lgprjax.navigation.health import Health, HealthState, init_health, step_health
+from lgprjax.navigation.health_rules import HealthRules
+from lgprjax.navigation.observations import Motion, Observations
+from lgprjax.navigation.threshold_switch import SwitchSettings, SwitchState, init_switch, step_switch
+from lgprjax.vehicle import VehiclePose
+
+Fusion = Literal["filter", "switch"]
+"""Whose pose is driven by: the error-state filter's, or that of LL's threshold switch."""
+
+
+class NavigatorSetup(NamedTuple):
+    """Model and settings of the parts."""
+
+    model: FilterModel
+    gates: GateRules
+    switch: SwitchSettings
+    slew: SlewLimits
+    health: HealthRules
+
+
+class NavigatorState(NamedTuple):
+    """What navigation carries from tick to tick.
+
+    Attributes:
+        filters: the one with every source and, where it reckons, the one without LGPR, along a leading axis.
+        switch: LL's fusion.
+        local: dead-reckoned pose that never jumps; frame: where the map lies in it.
+        health: as it stands.
+    """
+
+    filters: FilterState
+    switch: SwitchState
+    local: VehiclePose
+    frame: FrameOffset
+    health: HealthState
+
+    @property
+    def fused(self) -> FilterState:
+        """The filter with every source; of one lane."""
+        first: FilterState = jax.tree.map(lambda leaf: leaf[0], self.filters)
+        return first
+
+    @property
+    def reckoned(self) -> FilterState:
+        """The filter without LGPR, or, where there is none, the only one; of one lane."""
+        last: FilterState = jax.tree.map(lambda leaf: leaf[-1], self.filters)
+        return last
+
+
+class Navigated(NamedTuple):
+    """What a tick gave.
+
+    Attributes:
+        pose_route: of the rear axle in the map's frame, as the slewed frame has it: to be driven by.
+        speed_mps: forward, by the filter.
+        info: of the filter with every source.
+        health: what is asked of the vehicle.
+        frame_left_m: what the slewed frame has yet to go.
+    """
+
+    pose_route: VehiclePose
+    speed_mps: Float[Array, "..."]
+    info: FilterInfo
+    health: Health
+    frame_left_m: Float[Array, "..."]
+
+
+def init_navigator(
+    setup: NavigatorSetup, believed: VehiclePose, speed_mps: Float[Array, ""], *, reckons: bool = True
+) -> NavigatorState:
+    """At a pose and a speed known within the model's sigmas; one lane."""
+    zero = jnp.zeros_like(believed.x_m)
+    both = [init_filter(setup.model, believed, speed_mps)] * (2 if reckons else 1)
+    filters: FilterState = jax.tree.map(lambda *leaves: jnp.stack(leaves), *both)
+    local = VehiclePose(zero, zero, zero)
+    return NavigatorState(filters, init_switch(believed), local, anchor_frame(believed, local), init_health())
+
+
+def step_navigator(
+    setup: NavigatorSetup,
+    state: NavigatorState,
+    motion: Motion,
+    observations: Observations,
+    strength: Float[Array, ""],
+    *,
+    fusion: Fusion = "filter",
+) -> tuple[NavigatorState, Navigated]:
+    """One tick; one lane, more by ``vmap``.
+
+    Args:
+        setup: of the parts.
+        state: of the last tick.
+        motion: what the gyro saw, and the tick's length.
+        observations: of the tick, with their ages at its end.
+        strength: of the tick's match; NaN where no scan was matched.
+        fusion: whose pose is driven by.
+    """
+    # One program for both filters: only whether the fix is there differs.
+    told = jnp.arange(state.filters.estimate.mean.shape[0]) == 0
+
+    def filtered(held: FilterState, fix: Bool[Array, ""]) -> tuple[FilterState, FilterInfo]:
+        known = observations._replace(lgpr=observations.lgpr._replace(valid=observations.lgpr.valid & fix))
+        return step_filter(setup.model, setup.gates, held, motion, known)
+
+    filters, infos = jax.vmap(filtered)(state.filters, told)
+    info: FilterInfo = jax.tree.map(lambda leaf: leaf[0], infos)
+    state = state._replace(filters=filters)
+    fused = state.fused
+    speed = fused.estimate.mean[SPEED]
+    rate = motion.yaw_rate_radps - fused.estimate.mean[RATE_BIAS]
+    gnss_ins = pose_of(state.reckoned.estimate)
+    switch = step_switch(setup.switch, state.switch, motion, speed, gnss_ins, observations.lgpr, strength)
+    pose_map = pose_of(fused.estimate) if fusion == "filter" else switch.pose
+    local = step_local(state.local, speed, rate, setup.model.zero_slip_m, motion.step_s)
+    frame, left_m = slew_frame(state.frame, anchor_frame(pose_map, local), local, setup.slew, motion.step_s)
+    health, judged = step_health(setup.health, state.health, fused, info, observations, strength, left_m, motion.step_s)
+    state = state._replace(switch=switch, local=local, frame=frame, health=health)
+    return state, Navigated(to_global(frame, local), speed, info, judged, left_m)
