@@ -20,9 +20,10 @@ from lgprjax.archive.routes import (
     stretch_of,
     waypoints_of,
 )
+from lgprjax.archive.run_drives import RunDrive, write_run_drive
 from lgprjax.archive.tracks import DriveTrack, poses_of, track_of_drive
 from lgprjax.archive.vehicle_signals import signals_of
-from lgprjax.archive.vehicles import chassis_of, filter_model_of, servo_of
+from lgprjax.archive.vehicles import chassis_of, filter_model_of, pedals_of, servo_of
 from lgprjax.archive.verdicts import HealthFigure, Stretch, Verdict
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
     "RelativeError",
     "Route",
     "RouteInterval",
+    "RunDrive",
     "Stretch",
     "Strips",
     "SweepDrive",
@@ -56,6 +58,7 @@ __all__ = [
     "lay_route",
     "open_route",
     "passes_over",
+    "pedals_of",
     "places_of",
     "poses_of",
     "recording_of",
@@ -73,4 +76,5 @@ __all__ = [
     "verify_map",
     "waypoints_of",
     "write_registered",
+    "write_run_drive",
 ]

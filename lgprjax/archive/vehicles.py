@@ -1,4 +1,4 @@
-"""A vehicle file as the chassis, the servo and the filter's model that kinematics, simulation and navigation take."""
+"""A vehicle file as the parts that kinematics, simulation, navigation and the runtime take."""
 
 from pathlib import Path
 
@@ -7,7 +7,16 @@ import jax.numpy as jnp
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile, with_values
 from lgprjax.navigation import FilterModel, default_model
-from lgprjax.vehicle import Chassis, MeasuredRear, ProportionalRear, Rear, Servo, zero_slip_point
+from lgprjax.vehicle import (
+    Chassis,
+    MeasuredRear,
+    Pedal,
+    Pedals,
+    ProportionalRear,
+    Rear,
+    Servo,
+    zero_slip_point,
+)
 
 
 def chassis_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Chassis:
@@ -69,6 +78,34 @@ def servo_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Servo:
         asymmetry=jnp.float32(steering.asymmetry or 0.0),
         nominal_v=jnp.float32(1.0 if steering.nominal_v is None else steering.nominal_v),
         stall_v=jnp.float32(0.0 if steering.stall_v is None else steering.stall_v),
+    )
+
+
+def pedals_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Pedals:
+    """Both pedals that a file describes, scalars in float32.
+
+    Args:
+        vehicle: the vehicle.
+        path: its file, for errors.
+
+    Raises:
+        InputError: a number that is needed is not in the file.
+    """
+    throttle, brake = (
+        Pedal(
+            *(
+                jnp.float32(_needed(path, f"{name}.{key}", getattr(table, key)))
+                for key in ("pre_tension", "dead_zone", "gain_mps2", "lag_s")
+            )
+        )
+        for name, table in (("throttle", vehicle.throttle), ("brake", vehicle.brake))
+    )
+    slows = vehicle.resistance
+    return Pedals(
+        throttle,
+        brake,
+        jnp.float32(_needed(path, "resistance.rolling_mps2", slows.rolling_mps2)),
+        jnp.float32(_needed(path, "resistance.drag_per_s", slows.drag_per_s)),
     )
 
 

@@ -12,8 +12,10 @@ from lgprjax.cli.demo import Demo
 from lgprjax.cli.errors import run_verb
 from lgprjax.cli.imports import ImportVerb
 from lgprjax.cli.maps import MapVerb
+from lgprjax.cli.recover import Recover
 from lgprjax.cli.register import Register
 from lgprjax.cli.route import RouteVerb
+from lgprjax.cli.run import Run
 from lgprjax.cli.simulate import Simulate
 from lgprjax.cli.thresholds import ThresholdsVerb
 from lgprjax.cli.tune import Tune
@@ -31,6 +33,8 @@ Verb = (
     | Annotated[MapVerb, tyro.conf.subcommand("map", description="Subsurface databases.")]
     | Annotated[Register, tyro.conf.subcommand("register")]
     | Annotated[RouteVerb, tyro.conf.subcommand("route", description="Routes of a subsurface database.")]
+    | Annotated[Run, tyro.conf.subcommand("run")]
+    | Annotated[Recover, tyro.conf.subcommand("recover")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[ThresholdsVerb, tyro.conf.subcommand("thresholds")]
     | Annotated[Tune, tyro.conf.subcommand("tune")]

@@ -24,6 +24,7 @@ from lgprjax.formats.mala import read_mala
 from lgprjax.formats.map_file import MapFile, MapWriter
 from lgprjax.formats.profile import Profile, TraceCoordinates
 from lgprjax.formats.route_file import RouteFile, read_route, route_findings, write_route
+from lgprjax.formats.run_log import RunReading, RunSummary, read_run
 from lgprjax.formats.schema import Schema, load_schema
 from lgprjax.formats.segy import read_segy
 from lgprjax.formats.segy_drive import import_segy
@@ -50,6 +51,8 @@ __all__ = [
     "Profile",
     "RearMap",
     "RouteFile",
+    "RunReading",
+    "RunSummary",
     "Schema",
     "Study",
     "SweepRecording",
@@ -79,6 +82,7 @@ __all__ = [
     "read_mala",
     "read_profile",
     "read_route",
+    "read_run",
     "read_segy",
     "read_study",
     "read_thresholds",

@@ -105,6 +105,7 @@ class DriveDescription:
         vehicle: signals by name, ``time_s`` among them.
         provenance: which steps, parameters and inputs made the log; must be JSON.
         serial_number: of the vehicle, stored with its signals; ``None`` where nobody told.
+        plan: what the autopilot decided, by name, ``time_s`` among them.
     """
 
     name: str
@@ -117,3 +118,4 @@ class DriveDescription:
     vehicle: dict[str, np.ndarray] | None
     provenance: dict[str, object]
     serial_number: str | None = None
+    plan: dict[str, np.ndarray] | None = None

@@ -183,10 +183,16 @@ def _read_description(store: h5py.File) -> DriveDescription:
         navigation=read_track(store["/gnss_ins"]),
         odometry=OdometryTrack(store["/odometry/time_s"][:], store["/odometry/distance_m"][:]),
         truth=None if truth is None else read_track(truth),
-        vehicle=None if vehicle is None else {name: vehicle[name][:] for name in vehicle},
+        vehicle=read_arrays(vehicle),
         provenance=json.loads(str(attribute_of(store, "provenance"))),
         serial_number=serial_number_of(vehicle),
+        plan=read_arrays(store.get("/plan")),
     )
+
+
+def read_arrays(group: Any) -> dict[str, np.ndarray] | None:
+    """Arrays of a group by name; ``None`` where there is no group."""
+    return None if group is None else {name: group[name][:] for name in group}
 
 
 def serial_number_of(vehicle: Any) -> str | None:

@@ -159,6 +159,7 @@ def _write_description(
     write_attribute(store, "provenance", json.dumps(description.provenance))
     write_tracks(store, description.navigation, description.odometry, description.truth)
     write_signals(store, target, description.vehicle, description.serial_number)
+    write_plan(store, target, description.plan)
     _write_recording(store, description.recording, channels, dtype)
     array = description.array
     for name in ("x_m", "y_m", "time_offset_s"):
@@ -185,14 +186,28 @@ def write_signals(
     Raises:
         InputError: the format has no such signal.
     """
-    for name, values in (signals or {}).items():
-        try:
-            write_array(store, _SCHEMA, f"/vehicle/{name}", values)
-        except KeyError:
-            known = ", ".join(e.path[9:] for e in _SCHEMA.datasets if e.path.startswith("/vehicle/"))
-            raise InputError(target, "vehicle", f"signals among {known}", name) from None
+    _write_named(store, target, "vehicle", signals)
     if signals and serial_number is not None:
         write_attribute(store["/vehicle"], "serial_number", serial_number)
+
+
+def write_plan(store: h5py.File, target: Path, plan: dict[str, np.ndarray] | None) -> None:
+    """Write what the autopilot decided, by name.
+
+    Raises:
+        InputError: the format has no such array.
+    """
+    _write_named(store, target, "plan", plan)
+
+
+def _write_named(store: h5py.File, target: Path, group: str, arrays: dict[str, np.ndarray] | None) -> None:
+    for name, values in (arrays or {}).items():
+        try:
+            write_array(store, _SCHEMA, f"/{group}/{name}", values)
+        except KeyError:
+            within = f"/{group}/"
+            known = ", ".join(e.path[len(within) :] for e in _SCHEMA.datasets if e.path.startswith(within))
+            raise InputError(target, group, f"signals among {known}", name) from None
 
 
 def _write_track(store: h5py.File, group: str, track: NavigationTrack) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from lgprjax.formats.drive_description import NavigationTrack, OdometryTrack
-from lgprjax.formats.drive_log import read_track, serial_number_of
-from lgprjax.formats.drive_writer import write_signals, write_tracks
+from lgprjax.formats.drive_log import read_arrays, read_track, serial_number_of
+from lgprjax.formats.drive_writer import write_plan, write_signals, write_tracks
 from lgprjax.formats.hdf5_output import create_store
 from lgprjax.formats.schema import load_schema
 from lgprjax.formats.store import attribute_of, open_store, reading, validate_store, write_attribute
@@ -29,6 +29,7 @@ class VehicleLog:
         vehicle: signals by their names in ``data_schema/drive.toml``, ``time_s`` among them; ``None``: there are none.
         serial_number: of the vehicle, ``None`` where the log names none.
         provenance: which steps, parameters and inputs made the log; must be JSON.
+        plan: what the autopilot decided, likewise by name.
     """
 
     name: str
@@ -39,6 +40,7 @@ class VehicleLog:
     vehicle: dict[str, np.ndarray] | None
     serial_number: str | None
     provenance: dict[str, object]
+    plan: dict[str, np.ndarray] | None = None
 
     @classmethod
     def open(cls, path: str | Path) -> "VehicleLog":
@@ -60,9 +62,10 @@ class VehicleLog:
                     navigation=read_track(store["/gnss_ins"]),
                     odometry=OdometryTrack(store["/odometry/time_s"][:], store["/odometry/distance_m"][:]),
                     truth=None if truth is None else read_track(truth),
-                    vehicle=None if vehicle is None else {name: vehicle[name][:] for name in vehicle},
+                    vehicle=read_arrays(vehicle),
                     serial_number=serial_number_of(vehicle),
                     provenance=json.loads(str(attribute_of(store, "provenance"))),
+                    plan=read_arrays(store.get("/plan")),
                 )
 
 
@@ -80,6 +83,7 @@ def write_vehicle_log(path: str | Path, log: VehicleLog, *, force: bool = False)
         write_attribute(store, "provenance", json.dumps(log.provenance))
         write_tracks(store, log.navigation, log.odometry, log.truth)
         write_signals(store, target, log.vehicle, log.serial_number)
+        write_plan(store, target, log.plan)
         for finding in validate_store(store, target, _SCHEMA):
             if finding.severity == "error":
                 raise finding.error()

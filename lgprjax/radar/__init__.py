@@ -32,7 +32,7 @@ from lgprjax.radar.time_domain import (
     profile_operator,
     profile_samples,
 )
-from lgprjax.radar.time_scale import stretched_operator
+from lgprjax.radar.time_scale import stretched_operator, trace_operators
 from lgprjax.radar.track_filter import (
     LiveFilterState,
     init_live_filter,
@@ -73,6 +73,7 @@ __all__ = [
     "sweep_step_hz",
     "sweep_window",
     "to_coefficients",
+    "trace_operators",
     "unambiguous_ns",
     "uniform_array",
     "zero_phase_filter",

@@ -5,12 +5,14 @@ band-limited and sampled finer than its band needs, so sinc interpolation brings
 """
 
 from collections.abc import Callable
+from functools import cache
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from lgprjax.radar.coefficients import LIGHT_SPEED_M_PER_NS
+from lgprjax.radar.time_domain import ChainSettings, profile_operator
 
 
 def time_scale_matrix(
@@ -63,3 +65,31 @@ def stretched_operator(
     about_ns = 2.0 * height_m / LIGHT_SPEED_M_PER_NS
     stretch = time_scale_matrix(samples, kept, sample_interval_ns, scale=scale, about_ns=about_ns)
     return recorded(samples) @ jnp.asarray(stretch, dtype=jnp.float32)
+
+
+def trace_operators(
+    samples: int,
+    sample_interval_ns: float,
+    time_zero_ns: float,
+    settings: ChainSettings,
+    kept: int,
+    *,
+    height_m: float,
+) -> Callable[[float], Float[Array, "recorded sample"]]:
+    """Time scale to the matrix of live traces for a map, each made once.
+
+    Args:
+        samples, sample_interval_ns, time_zero_ns: of the traces.
+        settings: of the map's chain.
+        kept: samples of its profiles.
+        height_m: of the array above the surface.
+    """
+
+    def recorded(number: int) -> Float[Array, "recorded sample"]:
+        return profile_operator(samples, sample_interval_ns, time_zero_ns, settings, kept=number)
+
+    @cache
+    def operator(time_scale: float) -> Float[Array, "recorded sample"]:
+        return stretched_operator(recorded, kept, settings.sample_interval_ns, scale=time_scale, height_m=height_m)
+
+    return operator

@@ -20,6 +20,7 @@ from lgprjax.registration.live import LiveChain, Operators, Track, templates_of
 from lgprjax.registration.match import Ends, MatchSpec, ScanSet, match_scans
 from lgprjax.registration.options import RegisterOptions
 from lgprjax.registration.policy import LADDER
+from lgprjax.registration.prepared import Aspect, PreparedGround, PreparedTile
 from lgprjax.registration.search import Problem, SearchSpec, register_batch, search_spec_for
 from lgprjax.registration.survey import SurfacePicture, ground_under, survey_surface
 from lgprjax.registration.tracking import TrackedFixes, Tracker, track_drive, warm_up
@@ -31,6 +32,7 @@ __all__ = [
     "OFF_MAP_SCORE",
     "WRONG_M",
     "ArrayColumns",
+    "Aspect",
     "Code",
     "DriveFixes",
     "Ends",
@@ -40,6 +42,8 @@ __all__ = [
     "MatchSpec",
     "Operators",
     "Outcomes",
+    "PreparedGround",
+    "PreparedTile",
     "Problem",
     "Region",
     "RegisterOptions",

@@ -101,6 +101,22 @@ class PreparedGround:
         if aspect in self._held:
             self._held.move_to_end(aspect)
             return self._held[aspect]
+        ready = self.make(aspect)
+        self.hold(aspect, ready)
+        return ready
+
+    def holds(self, aspect: Aspect) -> bool:
+        """Whether a tile is ready for an aspect."""
+        return aspect in self._held
+
+    def hold(self, aspect: Aspect, ready: PreparedTile) -> None:
+        """Keep what ``make`` gave, here or elsewhere for the same map and array; the least used goes."""
+        self._held[aspect] = ready
+        if len(self._held) > self._keep:
+            self._held.popitem(last=False)
+
+    def make(self, aspect: Aspect) -> PreparedTile:
+        """Tile and columns, made now."""
         tile = self.ground.tile(aspect.tile, aspect.direction)
         columns = make_columns(
             tile,
@@ -109,10 +125,7 @@ class PreparedGround:
             stride=self.stride,
             margin=self._margin,
         )
-        self._held[aspect] = PreparedTile(tile, columns)
-        if len(self._held) > self._keep:
-            self._held.popitem(last=False)
-        return self._held[aspect]
+        return PreparedTile(tile, columns)
 
     def _offsets(self, aspect: Aspect) -> Float[np.ndarray, "channel 2"]:
         body_m = self._body_m.copy()

@@ -70,6 +70,11 @@ class Tracker:
         array: geometry of the drive.
         options: the search; ``search_m`` is how far the log's prior may be wrong.
         block_scans: most scans that ``feed`` is given at once, a shape that is compiled: few on a vehicle.
+        held_tiles: prepared tiles held in memory.
+
+    Attributes:
+        lock: what the search knows of its own state.
+        prepared: the ground as it is searched; a vehicle has tiles made ready ahead (``PreparedGround.hold``).
     """
 
     def __init__(
@@ -80,6 +85,7 @@ class Tracker:
         options: RegisterOptions,
         *,
         block_scans: int = BLOCK_SCANS,
+        held_tiles: int = 4,
     ) -> None:
         self._block_scans = block_scans
         self._ground = ground
@@ -87,9 +93,9 @@ class Tracker:
         self._array = array
         self._options = options
         self._policy = Policy.of(options, ground.description.settings.wavelength_m)
-        self._prepared = PreparedGround(ground, array)
+        self.prepared = PreparedGround(ground, array, keep=held_tiles)
         self._chain = live_chain(ground, operators, len(array.x_m), options.window_m)
-        self._searches = [search_of(rung, self._prepared, options) for rung in self._policy.ladder]
+        self._searches = [search_of(rung, self.prepared, options) for rung in self._policy.ladder]
         self._centre = np.array(centre_of(array))
         self.lock = first_lock(self._policy)
         self._anchor: _Anchor | None = None
@@ -113,7 +119,7 @@ class Tracker:
         scans, _ = chain.feed(blank, np.ones((scans_in, channels), bool), Track(pose, still, still, still), scans_in)
         for tile in tiles:
             for direction in (0, 1, -1):
-                self._prepared.at(Aspect(tile, direction, 0, 0))
+                self.prepared.at(Aspect(tile, direction, 0, 0))
         aspect = Aspect(tiles[0], 1, 0, 0)
         for search in self._searches:
             batch = self._batch(search, aspect, scans, 0)
@@ -145,7 +151,7 @@ class Tracker:
             if tile is not None:
                 tiles[row] = tile
                 here = np.array([at])
-                aspect = self._prepared.aspects(np.array([tile]), tried.track, here)[0][0]
+                aspect = self.prepared.aspects(np.array([tile]), tried.track, here)[0][0]
                 batch = self._batch(search, aspect, tried, at)
                 found = self._match(search, aspect, batch)
                 for whole, part in zip(fixes, found, strict=True):
@@ -180,10 +186,10 @@ class Tracker:
 
     def _batch(self, search: Search, aspect: Aspect, scans: LiveScans, at: int) -> Batch:
         frame, height_m = self._ground.frame(aspect.tile), self._ground.source.height_reference_m[aspect.tile]
-        return search.layout.batch_of(self._prepared, scans, np.array([at]), frame, float(height_m), search.options)
+        return search.layout.batch_of(self.prepared, scans, np.array([at]), frame, float(height_m), search.options)
 
     def _match(self, search: Search, aspect: Aspect, batch: Batch) -> Fix:
-        ready = self._prepared.at(aspect)
+        ready = self.prepared.at(aspect)
         found: Fix = jax.device_get(
             match_near(
                 ready.columns,
@@ -201,7 +207,7 @@ class Tracker:
 
     def _at_truth(self, aspect: Aspect, batch: Batch, truth: Float[np.ndarray, "1 5"]) -> float:
         scored = score_truth(
-            self._prepared.at(aspect).tile,
+            self.prepared.at(aspect).tile,
             *batch,
             to_tile(truth, self._ground.frame(aspect.tile)).astype(np.float32),
             np.float32(self._ground.source.height_reference_m[aspect.tile]),
@@ -216,7 +222,7 @@ class Tracker:
             rows = np.flatnonzero(tiles == tile)
             part = fixes_to_map(Fix(*(np.asarray(field)[rows] for field in fixes)), self._ground.frame(int(tile)))
             aspect = Aspect(int(tile), 0, 0, 0)
-            beside[rows] = covariance_beside_match(self._prepared, aspect, part, self._options)
+            beside[rows] = covariance_beside_match(self.prepared, aspect, part, self._options)
             for whole, moved in zip(fixes, with_covariance(part, beside[rows]), strict=True):
                 whole[rows] = moved
         return beside

@@ -114,6 +114,8 @@ PLAN = np.dtype(
         ("front_rad", "<f4"),  # measured
         ("command", "<f4", 3),  # front_rad, throttle, brake
         ("engage", "<u1"),
+        ("watch", "<u4"),  # findings of the watches
+        ("severity", "<u1"),
     ]
 )
 

@@ -8,7 +8,9 @@ import mmap
 import os
 import struct
 import zlib
+from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 _MAGIC = b"LGPRRING"
 _HEAD = 64  # magic, size, then head and tail each on a line of its own of eight bytes
@@ -17,15 +19,32 @@ _U64 = struct.Struct("<Q")
 _PLACE = struct.Struct("<II")
 
 
+class Waiting(NamedTuple):
+    """Messages that wait in a ring, oldest first.
+
+    Attributes:
+        messages: each with its end, in bytes from the ring's beginning.
+        end: where the next one begins; what ``release`` is given once all of them are safe.
+    """
+
+    messages: list[tuple[int, bytes]]
+    end: int
+
+
 class Ring:
     """One end of a ring. Bytes written and read are counted from the ring's beginning and never fall.
 
     Args:
         path: its file.
+
+    Attributes:
+        damaged: places that this end found spoilt and left out.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
+        self.damaged = 0
+        self._doubted = -1
         with self.path.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), 0)
         if self._map[:8] != _MAGIC:
@@ -42,7 +61,10 @@ class Ring:
                 file.truncate(_HEAD + size)
                 file.seek(0)
                 file.write(_MAGIC + _U64.pack(size))
-            fresh.rename(target)
+            # A link fails where another process was first: a rename would take its ring from under it.
+            with suppress(FileExistsError):
+                target.hardlink_to(fresh)
+            fresh.unlink()
         return cls(target)
 
     @property
@@ -62,28 +84,43 @@ class Ring:
         if need > self._size - (written - self._get(_READ)):
             self._set(_LOST, self.lost + 1)
             return False
-        self._copy_in(written, _PLACE.pack(len(message), zlib.crc32(message)) + message)
+        self._copy_in(written, _PLACE.pack(len(message), _crc(message)) + message)
         # What is counted is there: the place is whole before this.
         self._set(_WRITTEN, written + need)
         return True
 
     def take(self, most: int = 1 << 30) -> list[bytes]:
         """Reader: all messages that wait, oldest first, of at most about ``most`` bytes together."""
-        messages: list[bytes] = []
+        waiting = self.peek(most)
+        self.release(waiting.end)
+        return [message for _, message in waiting.messages]
+
+    def peek(self, most: int = 1 << 30) -> Waiting:
+        """Reader: the same, but they stay in the ring until they are released."""
+        messages: list[tuple[int, bytes]] = []
         read, written = self._get(_READ), self._get(_WRITTEN)
         taken = 0
         while read + _PLACE.size <= written and taken < most:
             length, crc = _PLACE.unpack(self._copy_out(read, _PLACE.size))
-            if length > self._size or read + _PLACE.size + length > written:
-                read = written  # a writer killed in the middle of counting: nothing of this can be trusted
-                break
-            message = self._copy_out(read + _PLACE.size, length)
-            read += _PLACE.size + length
+            after = read + _PLACE.size + length
+            message = self._copy_out(read + _PLACE.size, length) if after <= written else b""
+            if after > written or _crc(message) != crc:
+                # A processor may show the count before the bytes: looked at twice before it is given up.
+                if self._doubted != read:
+                    self._doubted = read
+                    break
+                self.damaged += 1
+                read = min(after, written)
+                continue
+            messages.append((after, message))
             taken += length
-            if zlib.crc32(message) == crc:
-                messages.append(message)
-        self._set(_READ, read)
-        return messages
+            read = after
+        return Waiting(messages, read)
+
+    def release(self, end: int) -> None:
+        """Reader: let go of everything before ``end``; nothing where it is not waiting."""
+        if self._get(_READ) < end <= self._get(_WRITTEN):
+            self._set(_READ, end)
 
     def latest(self) -> bytes | None:
         """Reader: the newest message; those before it are let go. ``None`` where nothing waits."""
@@ -110,3 +147,8 @@ class Ring:
         first = min(length, self._size - start)
         data = self._map[_HEAD + start : _HEAD + start + first]
         return data if first == length else data + self._map[_HEAD : _HEAD + length - first]
+
+
+def _crc(message: bytes) -> int:
+    # Begun with the length: eight bytes of zeros are no message.
+    return zlib.crc32(message, ~len(message) & 0xFFFFFFFF)

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array, Float, Int
-from made_up_pedals import pedals_with
 
 from lgprjax.autopilot import (
     AutopilotConfig,
@@ -45,6 +44,7 @@ from lgprjax.vehicle import (
     turn_of,
     yaw_gain,
 )
+from made_up_pedals import pedals_with
 from rollout_lanes import ANCHOR_M, chassis
 
 STEP_S, STEPS = 0.05, 1300

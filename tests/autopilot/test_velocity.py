@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from jaxtyping import Array, Float
-from made_up_pedals import pedals_with
 
 from lgprjax.autopilot import (
     Pressed,
@@ -21,6 +20,7 @@ from lgprjax.autopilot import (
     step_velocity,
 )
 from lgprjax.vehicle import Pedals, init_drive, step_drive
+from made_up_pedals import pedals_with
 
 STEP_S = 0.05
 STEPS = 1600

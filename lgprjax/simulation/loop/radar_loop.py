@@ -1,6 +1,5 @@
 """The radar's part of a closed loop: scans rendered where the vehicle truly is, registered where it believes to be."""
 
-from functools import cache
 from typing import NamedTuple, cast
 
 import jax
@@ -12,11 +11,10 @@ from lgprjax.formats import MapFile
 from lgprjax.frames import along_cross, wrap_angle
 from lgprjax.navigation import LgprObservation, pose_of, step_local
 from lgprjax.navigation.filter_model import RATE_BIAS, SPEED, YAW
-from lgprjax.radar import profile_operator, stretched_operator
+from lgprjax.radar import trace_operators
 from lgprjax.registration import (
     Code,
     LiveBlock,
-    Operators,
     RegisterOptions,
     Track,
     Tracker,
@@ -89,7 +87,15 @@ class RadarLoop:
             faults=Faults(),
         )
         ground = tracking_ground(source, options)
-        operators = _operators(course, self._radar, source)
+        known, kept = self._radar.radar, len(source.description.gain)
+        operators = trace_operators(
+            known.samples,
+            known.sample_step_ns,
+            known.time_zero_ns,
+            source.description.settings,
+            kept,
+            height_m=course.array.height_m,
+        )
         self._tracker = Tracker(ground, operators, course.array, options, block_scans=self._scans)
         self._tracker.warm_up()
         self._rng = np.random.default_rng([seed, 31])
@@ -201,23 +207,6 @@ def _see(
     odometer = jnp.stack([readings.odometer_mps, sigma, before.plant.along_m, before.tick.astype(jnp.float32)])
     poses = [jnp.stack([*pose, jnp.zeros_like(tick_s)]) for pose in (before.plant.pose, after.plant.pose, start, end)]
     return jnp.stack([*poses, odometer])
-
-
-def _operators(course: Course, radar: LiveRadar, source: MapFile) -> Operators:
-    """This recording's matrices for the map's settings, by time scale."""
-    settings, kept = source.description.settings, len(source.description.gain)
-    known = radar.radar
-
-    def recorded(samples: int) -> Float[Array, "recorded sample"]:
-        return profile_operator(known.samples, known.sample_step_ns, known.time_zero_ns, settings, kept=samples)
-
-    @cache
-    def operator(time_scale: float) -> Float[Array, "recorded sample"]:
-        return stretched_operator(
-            recorded, kept, settings.sample_interval_ns, scale=time_scale, height_m=course.array.height_m
-        )
-
-    return operator
 
 
 def _between(

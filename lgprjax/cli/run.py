@@ -1,0 +1,166 @@
+"""``lgprjax run``: the onboard runtime."""
+
+import os
+import signal
+import threading
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from rich.table import Table
+from tyro.conf import Positional, arg
+
+from lgprjax.cli.errors import BAD_INPUT, UsageError
+from lgprjax.cli.progress import console, working
+from lgprjax.errors import InputError
+
+if TYPE_CHECKING:
+    from lgprjax.runtime.config import RuntimeConfig
+
+
+@dataclass(frozen=True)
+class Run:
+    """Drive: the onboard runtime by a configuration, on a vehicle's devices or on simulated ones.
+
+    Radar, GNSS/INS, drive-by-wire box and operator controller come over the lines that the configuration names. Nothing
+    is engaged but by the controller; the page of the display shows and chooses routes. A run is recorded into a folder
+    of its own and, at its end, becomes a drive log beside it. Ends with Ctrl-C or SIGTERM.
+    """
+
+    config: Annotated[Positional[Path], arg(metavar="CONFIG.toml", help="configuration, see onboard/")]
+    simulate: bool = False
+    """start simulated devices as [simulation] says; map and route are made where they are missing"""
+    replay: Annotated[Path | None, arg(metavar="RUN_FOLDER")] = None
+    """run the control loop on a recording again: every command must come out to the bit"""
+    preflight: bool = False
+    """look at everything that a run needs, send nothing; status 1 where an item is not in order"""
+    for_s: float | None = None
+    """end so many seconds after everything is ready"""
+    json: Path | None = None
+    """with --simulate or --replay, also write the figures to this file"""
+    force: bool = False
+    """replace that file if it exists"""
+
+    def run(self) -> int:
+        """Run."""
+        from lgprjax.runtime.config import read_config
+
+        if sum([self.simulate, self.replay is not None, self.preflight]) > 1:
+            raise UsageError("--simulate, --replay, --preflight: expected one of them")
+        if self.json is not None and self.json.exists() and not self.force:
+            raise InputError(self.json, "output", "a new file, or --force", "the file exists")
+        config = read_config(self.config)
+        if self.preflight:
+            return _preflight(config)
+        if self.replay is not None:
+            return self._replay(self.replay)
+        if self.simulate:
+            return self._simulate(config)
+        return _drive(config, run_folder(config), self.for_s)
+
+    def _replay(self, folder: Path) -> int:
+        from lgprjax.cli.figures import write_figures
+        from lgprjax.runtime.replay import replay_run
+
+        with working(f"replaying {folder}"):
+            found = replay_run(folder)
+        table = Table("replay", "found", title=str(folder))
+        table.add_row("starts of the control loop", str(found.starts))
+        table.add_row("ticks", str(found.ticks))
+        table.add_row("frames sent", str(found.frames))
+        table.add_row("of these different", str(found.differing))
+        if found.first is not None:
+            table.add_row("first difference", f"tick {found.first[0]}, {found.first[1].lower()}")
+        if found.broken is not None:
+            table.add_row("records missing", f"before tick {found.broken}: its start was replayed up to there")
+        console.print(table, highlight=False)
+        if self.json is not None:
+            write_figures(self.json, found._asdict(), force=self.force)
+        return BAD_INPUT if found.differing or not found.ticks else 0
+
+    def _simulate(self, config: "RuntimeConfig") -> int:
+        from lgprjax.cli.figures import write_figures
+        from lgprjax.cli.simulated_course import devices, prepare_course
+        from lgprjax.cli.simulated_run import figures_of, print_figures
+        from lgprjax.runtime.config import PortsTable, PortTable
+        from lgprjax.runtime.config_text import write_config
+
+        table = config.simulation
+        if table is None:
+            raise InputError(self.config, "simulation", "a table that says what to simulate", "none")
+        with working("course, map and route"):
+            prepare_course(config, table)
+        folder = run_folder(config)
+        folder.mkdir(parents=True)
+        with devices(config, table, folder) as addresses:
+            ports = PortsTable(**{name: PortTable(url=url) for name, url in addresses.items()})
+            file = folder / "simulated.run.toml"
+            write_config(file, config.model_copy(update={"ports": ports}))
+            from lgprjax.runtime.config import read_config
+
+            status = _drive(read_config(file), folder, self.for_s)
+        figures = figures_of(folder)
+        print_figures(figures, folder)
+        if self.json is not None:
+            write_figures(self.json, figures, force=self.force)
+        return status
+
+
+def run_folder(config: "RuntimeConfig") -> Path:
+    """A new folder for a run, by its beginning in UTC."""
+    name = datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
+    return config.path(config.recording.folder) / f"{config.name}-{name}"
+
+
+def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None) -> int:
+    from lgprjax.runtime.supervisor import Ready, make_rings_folder, say_ready, supervise
+
+    def ready(found: Ready) -> None:
+        say_ready(found)
+        if for_s is not None:
+            ending = threading.Timer(for_s, os.kill, (os.getpid(), signal.SIGTERM))
+            ending.daemon = True
+            ending.start()
+
+    folder.mkdir(parents=True, exist_ok=True)
+    print(f"run: {folder}", flush=True)
+    print(f"display: http://{config.display.host}:{config.display.port}", flush=True)
+    status = supervise(config, folder, make_rings_folder(), ready=ready)
+    _write_drive(config, folder)
+    return status
+
+
+def _write_drive(config: "RuntimeConfig", folder: Path) -> None:
+    """The run as a drive log beside its recording; what cannot be made is said, the recording stays."""
+    from lgprjax.archive import write_run_drive
+    from lgprjax.formats import MapFile, read_vehicle
+
+    output = folder / f"{config.name}.drive.h5"
+    try:
+        with MapFile.open(config.path(config.map)) as source, working(f"writing {output}"):
+            drive = write_run_drive(
+                folder,
+                output,
+                source=source,
+                vehicle=read_vehicle(config.path(config.vehicle)),
+                position_sigma_m=config.sensors.gnss_sigma_m,
+            )
+    except InputError as error:
+        print(f"no drive log: {error}; lgprjax recover tries again", flush=True)
+        return
+    print(f"wrote {output}: {drive.seconds:.1f} s, {drive.scans} scans", flush=True)
+
+
+def _preflight(config: "RuntimeConfig") -> int:
+    from lgprjax.runtime.preflight import preflight
+
+    table = Table("item", "", "found", title=f"preflight of {config.file.name}")
+    good = True
+    with working("looking"):
+        items = list(preflight(config))
+    for item in items:
+        good &= item.good
+        table.add_row(item.name, "ok" if item.good else "NOT OK", item.told)
+    console.print(table, highlight=False, markup=False)
+    return 0 if good else BAD_INPUT

@@ -1,0 +1,215 @@
+"""A recorded run: every record that is whole, whatever happened to the rest of its files."""
+
+import json
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+from uuid import UUID
+
+from lgprjax.errors import InputError
+from lgprjax.run_segment import (
+    HEADS_SIZE,
+    OWN,
+    SUFFIX,
+    SegmentHead,
+    SegmentRecord,
+    read_head,
+    scan_records,
+    segments_of,
+)
+
+RUN_FILE = "run.json"
+"""Beside the segments: UUID, versions, and the computer's clocks each time that the recorder came up."""
+
+
+class DamagedBytes(NamedTuple):
+    """Bytes of a segment that are no whole record: from ``start`` to before ``stop``."""
+
+    file: str
+    start: int
+    stop: int
+
+
+class MissingNumbers(NamedTuple):
+    """Arrival numbers from ``first`` to ``last`` that no whole record carries."""
+
+    first: int
+    last: int
+
+
+class RunSummary(NamedTuple):
+    """What a run's files hold.
+
+    Attributes:
+        run: UUID; ``None`` where no file tells it, and then no record can be told from others' bytes.
+        segments: how many files there are.
+        records: whole records, without the recorder's own.
+        first, last: arrival numbers of the first and the last whole record.
+        cut: bytes at the end of segments that are no whole record: where the recording was interrupted.
+        damaged: other bytes that are none.
+        missing: numbers that are lost.
+        dropped: messages that did not fit into their rings, by ring.
+        end: why the recording ended; ``None`` where it was interrupted.
+    """
+
+    run: UUID | None
+    segments: int
+    records: int
+    first: int | None
+    last: int | None
+    cut: tuple[DamagedBytes, ...]
+    damaged: tuple[DamagedBytes, ...]
+    missing: tuple[MissingNumbers, ...]
+    dropped: dict[str, int]
+    end: str | None
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing that arrived is lost: it was ended in order, no number and no message is missing."""
+        return self.end is not None and not self.missing and not any(self.dropped.values())
+
+
+class RunReading:
+    """The records of a run. Each pass over it reads the files anew.
+
+    Attributes:
+        folder: of the run.
+        heads: of the segments whose head is whole, in order.
+    """
+
+    def __init__(self, folder: Path, files: dict[int, Path]) -> None:
+        self.folder = folder
+        self._files = files
+        self._broken: dict[int, list[int]] = {}
+        heads = []
+        for segment, path in files.items():
+            head, self._broken[segment] = read_head(path)
+            if head is not None:
+                heads.append(head)
+        told = Counter(head.run for head in heads).most_common(1)
+        self._run = told[0][0] if told else _run_of(folder / RUN_FILE)
+        self.heads: tuple[SegmentHead, ...] = tuple(head for head in heads if head.run == self._run)
+        self._summary: RunSummary | None = None
+
+    def __iter__(self) -> Iterator[tuple[int, bytes]]:
+        """Arrival number and bytes of every whole record, numbers rising."""
+        tally = _Tally()
+        for segment, path in self._files.items():
+            tally.open(path, self._broken[segment])
+            if self._run is not None:
+                for record in scan_records(path, self._run):
+                    if tally.add(record) and record.origin != OWN:
+                        yield record.number, record.data
+            tally.close(path)
+        self._summary = tally.summary(self._run, len(self._files))
+
+    @property
+    def clock(self) -> tuple[int, int] | None:
+        """UTC and monotonic clock of one moment at the run's beginning, ns; ``None`` where no file tells it."""
+        if self.heads:
+            return self.heads[0].utc_ns, self.heads[0].mono_ns
+        with suppress(OSError, ValueError, KeyError, TypeError, IndexError):
+            first = json.loads((self.folder / RUN_FILE).read_text(encoding="utf-8"))["clocks"][0]
+            return int(first["utc_ns"]), int(first["mono_ns"])
+        return None
+
+    @property
+    def summary(self) -> RunSummary:
+        """Of the last whole pass; one is made where there was none."""
+        if self._summary is None:
+            for _ in self:
+                pass
+        assert self._summary is not None
+        return self._summary
+
+
+def read_run(folder: str | Path) -> RunReading:
+    """The records of a run, in the order of their arrival.
+
+    Damage never stops it: whole records after it are found again, and the summary tells what is lost.
+
+    Args:
+        folder: of the run.
+
+    Raises:
+        InputError: there is no folder, or no segment of a run in it.
+    """
+    path = Path(folder)
+    if not path.is_dir():
+        raise InputError(path, "folder", "the folder of a recorded run", "no folder")
+    files = segments_of(path)
+    if not files:
+        raise InputError(path, "folder", f"segments of a recorded run, 0000{SUFFIX} and on", "none")
+    return RunReading(path, files)
+
+
+class _Tally:
+    """What a pass over a run finds beside its records."""
+
+    def __init__(self) -> None:
+        self._records = 0
+        self._first: int | None = None
+        self._last: int | None = None
+        self._cut: list[DamagedBytes] = []
+        self._damaged: list[DamagedBytes] = []
+        self._missing: list[MissingNumbers] = []
+        self._dropped: dict[str, int] = {}
+        self._end: str | None = None
+        self._file = ""
+        self._stop = 0
+
+    def open(self, path: Path, broken: list[int]) -> None:
+        """A segment begins."""
+        self._file, self._stop = path.name, 0
+        if path.stat().st_size >= HEADS_SIZE:
+            self._stop = HEADS_SIZE
+            self._damaged += [DamagedBytes(self._file, at, at + HEADS_SIZE // 2) for at in broken]
+
+    def add(self, record: SegmentRecord) -> bool:
+        """Whether a record belongs to the run: a number that does not rise is none of it."""
+        due = 0 if self._last is None else self._last + 1
+        if record.number < due:
+            return False
+        if record.number > due:
+            self._missing.append(MissingNumbers(due, record.number - 1))
+        if record.start > self._stop:
+            self._damaged.append(DamagedBytes(self._file, self._stop, record.start))
+        self._first = record.number if self._first is None else self._first
+        self._last, self._stop = record.number, record.stop
+        self._records += record.origin != OWN
+        # What comes after an end is a relaunch: it ends anew.
+        self._end = None
+        if record.origin == OWN:
+            note = json.loads(record.data)
+            self._dropped |= note.get("dropped", {})
+            self._end = note.get("end")
+        return True
+
+    def close(self, path: Path) -> None:
+        """A segment ends."""
+        size = path.stat().st_size
+        if size > self._stop:
+            self._cut.append(DamagedBytes(self._file, self._stop, size))
+
+    def summary(self, run: bytes | None, segments: int) -> RunSummary:
+        """Of all segments."""
+        return RunSummary(
+            run=None if run is None else UUID(bytes=run),
+            segments=segments,
+            records=self._records,
+            first=self._first,
+            last=self._last,
+            cut=tuple(self._cut),
+            damaged=tuple(self._damaged),
+            missing=tuple(self._missing),
+            dropped=self._dropped,
+            end=self._end,
+        )
+
+
+def _run_of(path: Path) -> bytes | None:
+    with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
+        return UUID(json.loads(path.read_text(encoding="utf-8"))["uuid"]).bytes
+    return None

@@ -1,0 +1,220 @@
+"""The compiled step of the control loop: one vector of numbers in, one out, so that a tick is one call and one copy."""
+
+from functools import partial
+from typing import Any, NamedTuple, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from lgprjax.autopilot import OnboardSetup, OnboardState, Orders, init_autopilot, step_onboard
+from lgprjax.navigation import (
+    Fusion,
+    GnssObservation,
+    HeadingObservation,
+    LgprObservation,
+    Motion,
+    Observations,
+    OdometerObservation,
+    PlanCode,
+    PlannerState,
+    RoutePath,
+    acquire,
+    find_starts,
+    init_navigator,
+    lost_planner,
+    pose_of,
+    position_sigma_m,
+)
+from lgprjax.navigation.filter_model import YAW
+from lgprjax.vehicle import VehiclePose
+
+
+class TickNumbers(NamedTuple):
+    """What a tick is told, as plain numbers; see ``Motion``, ``Observations`` and ``Orders``. Flags are 0 or 1."""
+
+    step_s: float
+    yaw_rate_radps: float
+    gnss_valid: float
+    gnss_x_m: float
+    gnss_y_m: float
+    gnss_m2: float
+    gnss_age_s: float
+    heading_valid: float
+    heading_rad: float
+    heading_rad2: float
+    heading_age_s: float
+    odometer_valid: float
+    odometer_mps: float
+    odometer_m2ps2: float
+    fix_valid: float
+    fix_x_m: float
+    fix_y_m: float
+    fix_yaw_rad: float
+    fix_xx: float
+    fix_xy: float
+    fix_yy: float
+    fix_xyaw: float
+    fix_yyaw: float
+    fix_yawyaw: float
+    fix_age_s: float
+    strength: float
+    steering_engaged: float
+    speed_engaged: float
+    stop: float
+    speed_cap_mps: float
+    set_speed_mps: float
+    front_rad: float
+    age_s: float
+
+
+class TickResult(NamedTuple):
+    """What a tick gave, as plain numbers.
+
+    Attributes:
+        x_m, y_m, yaw_rad: pose that is driven by, rear axle, map's frame.
+        fused_x_m, fused_y_m, fused_yaw_rad: of the filter; reckoned_ alike, without LGPR, and its heading's sigma.
+        speed_mps: forward.
+        sigma_along_m, sigma_cross_m: of the filter's position.
+        reaction, reasons, cap_mps, frame_left_m: health.
+        accepted, offered: bits of the sources.
+        ahead_m ... gear: the plan, see ``Plan``.
+        front_rad, throttle, brake, limited: the command and what the limiter did.
+        wanted_mps, reachable: see ``AutopilotInfo``.
+    """
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    fused_x_m: float
+    fused_y_m: float
+    fused_yaw_rad: float
+    reckoned_x_m: float
+    reckoned_y_m: float
+    reckoned_yaw_rad: float
+    reckoned_yaw_sigma_rad: float
+    speed_mps: float
+    sigma_along_m: float
+    sigma_cross_m: float
+    reaction: float
+    reasons: float
+    cap_mps: float
+    frame_left_m: float
+    accepted: float
+    offered: float
+    offset_m: float
+    heading_error_rad: float
+    to_go_m: float
+    gear: float
+    code: float
+    front_rad: float
+    throttle: float
+    brake: float
+    limited: float
+    wanted_mps: float
+    reachable: float
+
+
+@partial(jax.jit, static_argnames="fusion")
+def step_compiled(
+    setup: OnboardSetup,
+    route: RoutePath,
+    state: OnboardState,
+    numbers: Float[Array, " number"],
+    *,
+    fusion: Fusion,
+) -> tuple[OnboardState, Float[Array, " result"]]:
+    """``step_onboard`` on ``TickNumbers``, with ``TickResult`` as one row."""
+    # Under the names of plain numbers stand traced ones here.
+    told, yes = cast("Any", TickNumbers(*numbers)), cast("Any", TickNumbers(*(numbers > 0.5)))
+    motion = Motion(told.yaw_rate_radps, told.step_s)
+    covariance = jnp.stack(
+        [
+            jnp.stack([told.fix_xx, told.fix_xy, told.fix_xyaw]),
+            jnp.stack([told.fix_xy, told.fix_yy, told.fix_yyaw]),
+            jnp.stack([told.fix_xyaw, told.fix_yyaw, told.fix_yawyaw]),
+        ]
+    )
+    observations = Observations(
+        GnssObservation(
+            told.gnss_x_m, told.gnss_y_m, told.gnss_m2 * jnp.eye(2, dtype=jnp.float32), told.gnss_age_s, yes.gnss_valid
+        ),
+        HeadingObservation(told.heading_rad, told.heading_rad2, told.heading_age_s, yes.heading_valid),
+        OdometerObservation(told.odometer_mps, told.odometer_m2ps2, yes.odometer_valid),
+        LgprObservation(told.fix_x_m, told.fix_y_m, told.fix_yaw_rad, covariance, told.fix_age_s, yes.fix_valid),
+    )
+    orders = Orders(
+        yes.steering_engaged,
+        yes.speed_engaged,
+        yes.stop,
+        told.speed_cap_mps,
+        told.set_speed_mps,
+        told.front_rad,
+        told.age_s,
+    )
+    state, command, info = step_onboard(setup, route, state, motion, observations, told.strength, orders, fusion=fusion)
+    navigated, plan = info.navigated, info.autopilot.plan
+    fused, reckoned = state.navigator.fused.estimate, state.navigator.reckoned.estimate
+    bits = jnp.asarray([1.0, 2.0, 4.0, 8.0], jnp.float32)
+    numbers_out = (
+        *navigated.pose_route,
+        *pose_of(fused),
+        *pose_of(reckoned),
+        jnp.sqrt(reckoned.covariance[YAW, YAW]),
+        navigated.speed_mps,
+        *position_sigma_m(fused),
+        navigated.health.reaction,
+        navigated.health.reasons,
+        navigated.health.speed_cap_mps,
+        navigated.frame_left_m,
+        jnp.sum(jnp.where(navigated.info.accepted, bits, 0.0)),
+        jnp.sum(jnp.where(navigated.info.offered, bits, 0.0)),
+        plan.offset_m,
+        plan.heading_error_rad,
+        plan.to_go_m,
+        plan.gear,
+        plan.code,
+        *command,
+        info.autopilot.limited,
+        info.autopilot.wanted_mps,
+        info.autopilot.reachable,
+    )
+    return state, jnp.stack([jnp.asarray(number).astype(jnp.float32) for number in numbers_out])
+
+
+@jax.jit
+def start_compiled(
+    setup: OnboardSetup, pose: Float[Array, " 3"], speed_mps: Float[Array, ""], front_rad: Float[Array, ""]
+) -> OnboardState:
+    """On board at a pose of the rear axle known by GNSS/INS, on no route yet."""
+    navigator = init_navigator(setup.navigator, VehiclePose(*pose), speed_mps)
+    return OnboardState(navigator, init_autopilot(lost_planner(), jnp.abs(speed_mps), front_rad))
+
+
+@jax.jit
+def acquire_compiled(
+    setup: OnboardSetup, route: RoutePath, state: OnboardState, pose: Float[Array, " 3"]
+) -> tuple[OnboardState, Float[Array, " 2"]]:
+    """The planner set on the route where the vehicle stands, and the code and distance of the nearest place."""
+    config = setup.autopilot
+    starts = find_starts(route, config.planner, config.chassis, VehiclePose(*pose))
+    planner, code = acquire(starts)
+    held = state.autopilot._replace(planner=_as(planner, state.autopilot.planner))
+    row = jnp.stack([code.astype(jnp.float32), starts.distance_m[0]])
+    return state._replace(autopilot=held), row
+
+
+def _as(planner: PlannerState, like: PlannerState) -> PlannerState:
+    """In the types that the loop carries, so that nothing is compiled twice."""
+    cast_one = jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), planner, like)
+    return cast("PlannerState", cast_one)
+
+
+def as_vector(numbers: TickNumbers) -> Float[np.ndarray, " number"]:
+    """As the compiled step takes them."""
+    return np.array(numbers, np.float32)
+
+
+FOLLOWED = frozenset({int(PlanCode.FOLLOWING), int(PlanCode.AT_CUSP), int(PlanCode.DONE)})
+"""Plan codes with which the vehicle has a place on the route."""

@@ -1,0 +1,138 @@
+"""The control process: the loop at 50 Hz between ports and rings, on the computer's monotonic clock."""
+
+import contextlib
+import gc
+import json
+import os
+import signal
+import time
+from typing import Any
+
+from lgprjax import __version__
+from lgprjax.runtime.control.core import ControlCore
+from lgprjax.runtime.control.setup import TICK_S, Loaded, load
+from lgprjax.runtime.gnss import GnssParser
+from lgprjax.runtime.link import draw_session
+from lgprjax.runtime.notify import Notifier
+from lgprjax.runtime.port import Arrival, Port
+from lgprjax.runtime.process import Stage, Started
+from lgprjax.runtime.records import Kind, Record, Source, pack, unpack
+from lgprjax.runtime.wire import Frame
+
+_TICK_NS = int(TICK_S * 1e9)
+
+
+class Control:
+    """The process's ports, rings and loop."""
+
+    def __init__(self, started: Started) -> None:
+        self._started, config = started, started.config
+        self._log = started.ring("control_log")
+        self._incoming = [started.ring(name) for name in ("fixes", "notes", "monitor", "requests")]
+        self._priors, self._state = started.ring("priors"), started.ring("state")
+        ports = config.ports
+        self._ports: list[Port[Any]] = [
+            Port.frames(Source.DRIVE_BY_WIRE, ports.drive_by_wire.url, ports.drive_by_wire.baud, "drive_by_wire"),
+            Port.frames(Source.CONTROLLER, ports.controller.url, ports.controller.baud, "controller"),
+            Port(Source.GNSS, ports.gnss.url, ports.gnss.baud, GnssParser()),
+        ]
+        self._port_of = {port.source: port for port in self._ports}
+        self._notifier = Notifier()
+        self._ended = False
+        signal.signal(signal.SIGTERM, self._end)
+
+    def run(self) -> None:
+        """Until SIGTERM."""
+        started, config = self._started, self._started.config
+        loaded = load(config)
+        session = draw_session()
+        core = ControlCore(config, loaded, session=session, after_death=started.after_death)
+        started.beat(Stage.WARMING)
+        core.pilot.warm_up()
+        self._header(loaded, session)
+        # Fixes of before say nothing now. What the supervisor told is still true.
+        self._incoming[0].take()
+        for port in self._ports:
+            port.take()
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        try:
+            self._loop(core, collects=config.control.collect_garbage == "between")
+        finally:
+            for port in self._ports:
+                port.close()
+
+    def _loop(self, core: ControlCore, *, collects: bool) -> None:
+        due_ns = time.monotonic_ns()
+        tick = 0
+        while not self._ended:
+            wait_ns = due_ns - time.monotonic_ns()
+            if wait_ns > 0:
+                time.sleep(wait_ns / 1e9)
+            now_ns = time.monotonic_ns()
+            tick += 1
+            came = self._came(tick)
+            out = core.step(tick, now_ns, came)
+            for record in out:
+                if record.kind is Kind.PORT_OUT:
+                    self._port_of[record.source].write(record.payload)
+                elif record.kind is Kind.PRIOR:
+                    self._priors.put(pack(record))
+            self._started.beat(Stage.READY)
+            self._notifier.watchdog()
+            self._record(Record(Kind.TICK, Source.CONTROL, tick, now_ns, b""), came, out)
+            # A tick that was missed is not made up for.
+            due_ns = max(due_ns + _TICK_NS, now_ns + _TICK_NS // 2)
+            if collects and due_ns - time.monotonic_ns() > _TICK_NS // 2:
+                gc.collect(0)
+
+    def _came(self, tick: int) -> list[Record]:
+        """What came since the last tick, as it will be recorded: a line after the other, then the rings."""
+        came: list[Record] = []
+        for port in self._ports:
+            for arrival in port.take():
+                came.append(Record(Kind.PORT_IN, Source(port.source), tick, arrival.mono_ns, _raw(arrival)))
+        for ring in self._incoming:
+            for message in ring.take():
+                with contextlib.suppress(ValueError):
+                    came.append(unpack(message)._replace(tick=tick))
+        return came
+
+    def _record(self, begin: Record, came: list[Record], out: list[Record]) -> None:
+        self._log.put(pack(begin))
+        for record in came:
+            self._log.put(pack(record))
+        for record in out:
+            if record.kind is Kind.STATE:
+                self._state.put(pack(record))
+            else:
+                self._log.put(pack(record))
+        for port in self._ports:
+            for refused in port.take_refused():
+                payload = bytes([int(refused.item.reason)]) + refused.item.data
+                self._log.put(pack(Record(Kind.REFUSED, Source(port.source), begin.tick, refused.mono_ns, payload)))
+
+    def _header(self, loaded: Loaded, session: int) -> None:
+        """What a replay needs beside the ticks."""
+        header = {
+            "version": __version__,
+            "config": str(self._started.config.file),
+            "hashes": loaded.hashes,
+            "session": session,
+            "after_death": self._started.after_death,
+            "pid": os.getpid(),
+        }
+        self._log.put(pack(Record(Kind.HEADER, Source.CONTROL, 0, time.monotonic_ns(), json.dumps(header).encode())))
+
+    def _end(self, *_: object) -> None:
+        self._ended = True
+
+
+def _raw(arrival: Arrival[Any]) -> bytes:
+    return arrival.item.raw if isinstance(arrival.item, Frame) else bytes(arrival.item)
+
+
+def run(started: Started) -> None:
+    """The process."""
+    Control(started).run()

@@ -1,0 +1,164 @@
+"""What the control loop runs with, read from the files of a configuration before anything moves."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from lgprjax.archive import chassis_of, file_hash, filter_model_of, lay_route, open_route, pedals_of, servo_of
+from lgprjax.autopilot import AutopilotConfig, LimiterRules, OnboardSetup, default_velocity
+from lgprjax.errors import InputError
+from lgprjax.formats import MapFile, VehicleFile, read_route, read_vehicle
+from lgprjax.frames import LocalFrame
+from lgprjax.navigation import (
+    NavigatorSetup,
+    RoutePath,
+    SlewLimits,
+    SwitchSettings,
+    default_rules,
+    health_rules,
+    planner_settings,
+)
+from lgprjax.registration import default_thresholds
+from lgprjax.runtime.config import RuntimeConfig
+from lgprjax.vehicle import LookAhead
+
+TICK_S = 0.02
+"""Of the control loop: 50 Hz."""
+
+
+class LaidRoute(NamedTuple):
+    """A route of the configuration, laid and ready, or why it is not.
+
+    Attributes:
+        name: of its file.
+        path: ``None`` where there is a problem.
+        length_m: of all legs.
+        points: for the display, at most 400, x and y.
+        problem: one line; empty where there is none.
+    """
+
+    name: str
+    path: RoutePath | None
+    length_m: float
+    points: list[list[float]]
+    problem: str
+
+
+class Loaded(NamedTuple):
+    """Everything read.
+
+    Attributes:
+        vehicle: the file's contents.
+        setup: of the compiled step.
+        frame: of the map.
+        routes: in the order of the configuration; at least one without a problem.
+        hashes: of every file read, by its name in the configuration.
+    """
+
+    vehicle: VehicleFile
+    setup: OnboardSetup
+    frame: LocalFrame
+    routes: list[LaidRoute]
+    hashes: dict[str, str]
+
+
+def load(config: RuntimeConfig) -> Loaded:
+    """Read vehicle, map and routes.
+
+    A route that cannot be driven is kept with its reason, so that the operator sees it; the others serve.
+
+    Raises:
+        InputError: the vehicle file or the map cannot be used, or no route can.
+    """
+    vehicle_path, map_path = config.path(config.vehicle), config.path(config.map)
+    vehicle = read_vehicle(vehicle_path)
+    setup = onboard_setup(config, vehicle)
+    hashes = {name: file_hash(config.path(name)) for name in (config.vehicle, config.map)}
+    with MapFile.open(map_path) as source:
+        frame = source.description.frame
+    routes = [_laid(config, name, hashes) for name in config.routes]
+    if all(route.path is None for route in routes):
+        raise InputError(config.file, "routes", "a route that can be driven", routes[0].problem)
+    return Loaded(vehicle, setup, frame, routes, hashes)
+
+
+def onboard_setup(config: RuntimeConfig, vehicle: VehicleFile) -> OnboardSetup:
+    """Models and settings by the vehicle file.
+
+    Raises:
+        InputError: a number that is needed is not in it.
+    """
+    path = config.path(config.vehicle)
+    chassis, servo = chassis_of(vehicle, path), servo_of(vehicle, path)
+    pursuit = vehicle.pursuit
+    schedule = (pursuit.short_m, pursuit.long_m, pursuit.slow_mps, pursuit.fast_mps)
+    if any(number is None for number in schedule):
+        raise InputError(path, "pursuit", "the look-ahead over speed (lgprjax tune finds it)", "none")
+    # Lever and clock of the array are measured on the vehicle; at one speed the two cannot be told from a place.
+    model = filter_model_of(vehicle, path)._replace(initial_lever_m=jnp.float32(0.02))
+    strength = float(default_thresholds(config.registration.window_m, config.registration.search_m).strength)
+    one = jnp.float32
+    navigator = NavigatorSetup(
+        model,
+        default_rules(),
+        SwitchSettings(
+            one(strength + 0.02), one(strength), one(1.0), model.zero_slip_m, model.array_x_m, model.array_y_m
+        ),
+        SlewLimits(one(0.5), one(0.05)),
+        health_rules(
+            gnss_period_s=config.sensors.gnss_period_s,
+            heading_period_s=TICK_S,
+            odometer_period_s=TICK_S,
+            # Fixes come in stretches: a metre or two of poor ground is no fault.
+            lgpr_period_s=0.5,
+        ),
+    )
+    limits = LimiterRules(
+        largest_front_rad=chassis.largest_angle_rad,
+        front_rate_radps=servo.rate_radps,
+        throttle_rate_per_s=one(2.0),
+        brake_rate_per_s=one(4.0),
+        oldest_s=one(0.2),
+        default_brake=one(0.5),
+        release_rate_radps=one(0.1),
+    )
+    autopilot = AutopilotConfig(
+        chassis,
+        pedals_of(vehicle, path),
+        LookAhead(*(one(number) for number in schedule if number is not None)),
+        planner_settings(2.0),
+        default_velocity()._replace(proportional_per_s=one(1.5), integral_per_s2=one(0.4)),
+        limits,
+    )
+    return OnboardSetup(navigator, autopilot)
+
+
+def _laid(config: RuntimeConfig, name: str, hashes: dict[str, str]) -> LaidRoute:
+    file = config.path(name)
+    try:
+        chosen = read_route(file)
+        if chosen.map.resolve() != config.path(config.map).resolve():
+            raise InputError(file, "map", f"the map of {config.file.name}, {config.map}", str(chosen.map))
+        _, path, _ = open_route(file)
+        # A route chosen without a vehicle file is held against this vehicle's circle here.
+        own = chosen._replace(vehicle=config.path(config.vehicle))
+        with MapFile.open(chosen.map) as source:
+            path = lay_route(own, source, file=file)
+    except InputError as error:
+        return LaidRoute(name, None, 0.0, [], str(error))
+    hashes[name] = file_hash(file)
+    legs = int(path.leg_count)
+    length_m = float(path.legs.length_m[:legs].sum())
+    return LaidRoute(name, path, length_m, _points(path), "")
+
+
+def _points(path: RoutePath) -> list[list[float]]:
+    """Places along the route for the display."""
+    rows = []
+    for leg in range(int(path.leg_count)):
+        count = round(float(path.legs.length_m[leg]) / float(path.legs.spacing_m[leg])) + 1
+        rows.append(np.asarray(path.legs.rows[leg, 1 : count + 1, :2], np.float64))
+    points = np.concatenate(rows)
+    few = points[np.unique(np.linspace(0, len(points) - 1, 400).astype(int))]
+    return [[round(float(x), 2), round(float(y), 2)] for x, y in few]

@@ -1,0 +1,237 @@
+"""Every watch at work: actuators, line, odometer, heading, path and buttons, each tick, in one place."""
+
+import math
+from typing import NamedTuple
+
+from lgprjax.autopilot import Event
+from lgprjax.autopilot.watch_belief import curvature, yaw_gain
+from lgprjax.autopilot.watch_buttons import ButtonState, Hands, step_buttons
+from lgprjax.autopilot.watch_chassis import ChassisWatchState, step_chassis_watch
+from lgprjax.autopilot.watch_findings import Severity, Watch, severity_of
+from lgprjax.autopilot.watch_ground import Position
+from lgprjax.autopilot.watch_heading import HeadingCheck, HeadingWatchState, step_heading_watch
+from lgprjax.autopilot.watch_line import LineWatchState, step_line_watch
+from lgprjax.autopilot.watch_motion import MotionState, step_motion
+from lgprjax.autopilot.watch_odometer import OdometerWatchState, step_odometer_watch
+from lgprjax.autopilot.watch_path import PathWatchState, step_path_watch
+from lgprjax.autopilot.watch_pedals import PedalReading, PedalWatchState, step_pedal_watch
+from lgprjax.autopilot.watch_servo import ServoWatchState, step_servo_watch
+from lgprjax.autopilot.watch_wheel_sensors import WheelSensorState, init_wheel_sensors, step_wheel_sensors
+from lgprjax.formats import VehicleFile
+from lgprjax.runtime.config import RuntimeConfig
+from lgprjax.runtime.control.beliefs import chassis_belief, pedals_belief, wheel_belief
+from lgprjax.runtime.control.mode_keeper import PEDALS, STEERING
+from lgprjax.runtime.control.senses import Sensed, Wheels
+
+ODOMETER = Watch.ODOMETER_DEAD | Watch.ODOMETER_REVERSED | Watch.ODOMETER_SLIPS | Watch.SPEED_UNKNOWN
+_TOLD = STEERING | PEDALS
+
+
+class Sent(NamedTuple):
+    """The command of the last tick."""
+
+    front_rad: float
+    throttle: float
+    brake: float
+    engage: int
+
+
+class Watched(NamedTuple):
+    """What the watches say of a tick.
+
+    Attributes:
+        bits: findings; severity: the largest.
+        events: of buttons, pedals, hands and motion, in their order.
+        front_rad: of the front wheels, by the potentiometer.
+        yaw_rate_radps: by the gyro, or where there is none by the wheels.
+        speed_known: the odometer may be used.
+    """
+
+    bits: Watch
+    severity: Severity
+    events: list[Event]
+    front_rad: float
+    yaw_rate_radps: float
+    speed_known: bool
+
+
+class Watches:
+    """The watches' states.
+
+    Args:
+        config: of the run.
+        vehicle: its file's contents.
+
+    Raises:
+        InputError: a number that the watches need is not in the file.
+    """
+
+    def __init__(self, config: RuntimeConfig, vehicle: VehicleFile) -> None:
+        path = config.path(config.vehicle)
+        self._control = config.control
+        self._wheel, self._chassis = wheel_belief(vehicle, path), chassis_belief(vehicle, path)
+        self._pedals = pedals_belief(vehicle, path)
+        self._sensors: WheelSensorState = init_wheel_sensors()
+        self._servo, self._rear, self._pedal = ServoWatchState(), ChassisWatchState(), PedalWatchState()
+        self._odometer, self._line, self._path = OdometerWatchState(), LineWatchState(), PathWatchState()
+        self._heading, self._motion, self._buttons = HeadingWatchState(), MotionState(), ButtonState()
+        self._session = 0
+
+    def step(
+        self,
+        sensed: Sensed,
+        sent: Sent,
+        now_ns: int,
+        *,
+        statuses: tuple[int, ...],
+        controller_age_s: float,
+        heading_rad: float,
+        cross_track_m: float,
+    ) -> Watched:
+        """A tick.
+
+        Args:
+            sensed: of the tick.
+            sent: command of the last one.
+            now_ns: of this tick.
+            statuses: buttons of the controller since the last tick, oldest first.
+            controller_age_s: since the newest came; infinite before the first.
+            heading_rad: by GNSS/INS, NaN where there is none.
+            cross_track_m: of the last tick.
+        """
+        time_s, step_s = now_ns / 1e9, sensed.step_s
+        steers = bool(sent.engage & STEERING)
+        bits, events, front = Watch(0), list[Event](), math.nan
+        speed, speed_known = math.nan, False
+        wheels = sensed.wheels
+        line_state = (0, 0) if wheels is None else (wheels.bits("state"), wheels.bits("engaged"))
+        self._line, found = step_line_watch(
+            self._line,
+            status_age_s=math.inf if wheels is None else sensed.wheels_age_s,
+            box_state=line_state[0],
+            box_engaged=line_state[1],
+            told_engaged=sent.engage & _TOLD,
+            step_s=step_s,
+        )
+        bits |= found
+        hands = Hands(0.0, False)
+        if wheels is not None:
+            if wheels.frame.session != self._session:
+                # A box that started anew counts from zero.
+                self._session = wheels.frame.session
+                self._sensors, self._odometer = init_wheel_sensors(), OdometerWatchState()
+            speed = wheels.number("speed_mps")
+            hands = Hands(wheels.number("torque_nm"), sensed.foot_on_brake)
+            position = _position(sensed)
+            speed_known, found = self._step_speed(sensed, wheels, position, heading_rad, time_s, sent)
+            bits |= found
+            front, found = self._step_wheels(wheels, sensed, sent, speed, speed_known)
+            bits |= found
+        self._path, found = step_path_watch(self._path, engaged=steers, cross_track_m=cross_track_m, step_s=step_s)
+        bits |= found
+        self._buttons, pressed, found = step_buttons(
+            self._buttons,
+            statuses=statuses,
+            controller_age_s=controller_age_s,
+            hands=hands,
+            override_torque_nm=self._control.override_torque_nm,
+            engaged=bool(sent.engage & _TOLD),
+            step_s=step_s,
+        )
+        bits |= found
+        self._motion, moved = step_motion(
+            self._motion, speed_mps=speed, fastest_engage_mps=self._control.fastest_engage_mps, step_s=step_s
+        )
+        events += [*pressed, *moved]
+        rate = sensed.yaw_rate_radps
+        if not math.isfinite(rate) and math.isfinite(front + speed):
+            rate = speed * curvature(self._chassis, front) * yaw_gain(self._chassis, speed)
+        return Watched(bits, severity_of(bits), events, front, rate if math.isfinite(rate) else 0.0, speed_known)
+
+    @property
+    def heading(self) -> HeadingCheck:
+        """Whether the heading has been confirmed."""
+        return self._heading.check
+
+    def _step_speed(
+        self,
+        sensed: Sensed,
+        wheels: Wheels,
+        position: Position | None,
+        heading_rad: float,
+        time_s: float,
+        sent: Sent,
+    ) -> tuple[bool, Watch]:
+        """Odometer, heading and pedals, which lean on each other."""
+        step_s, speed, way = sensed.step_s, wheels.number("speed_mps"), wheels.number("odometer_m")
+        fix_yaw = None if sensed.fix is None else float(sensed.fix["pose"][3])
+        found = Watch(0)
+        if math.isfinite(heading_rad):
+            self._heading, found = step_heading_watch(
+                self._heading,
+                time_s=time_s,
+                odometer_m=way,
+                heading_rad=heading_rad,
+                position=position,
+                fix_heading_rad=fix_yaw,
+            )
+        engaged = bool(sent.engage & PEDALS)
+        self._odometer, more = step_odometer_watch(
+            self._odometer,
+            time_s=time_s,
+            odometer_m=way,
+            speed_mps=speed,
+            heading_rad=heading_rad,
+            heading_confirmed=self._heading.check is HeadingCheck.CONFIRMED,
+            position=position,
+            thrust_mps2=self._pedal.throttle.effect_mps2 if engaged else 0.0,
+            step_s=step_s,
+        )
+        known = not more & ODOMETER
+        self._pedal, pressed = step_pedal_watch(
+            self._pedals,
+            self._pedal,
+            engaged=engaged,
+            command=PedalReading(sent.throttle, sent.brake),
+            measured=PedalReading(wheels.number("throttle"), wheels.number("brake")),
+            speed_mps=speed,
+            speed_trusted=known,
+            step_s=step_s,
+        )
+        return known, found | more | pressed
+
+    def _step_wheels(
+        self, wheels: Wheels, sensed: Sensed, sent: Sent, speed_mps: float, speed_known: bool
+    ) -> tuple[float, Watch]:
+        """Wheel sensors, servo and rear steering."""
+        self._sensors, angles, bits = step_wheel_sensors(
+            self._wheel,
+            self._sensors,
+            wheels.number("potentiometer_v"),
+            wheels.number("encoder_counts"),
+            sensed.step_s,
+        )
+        self._servo, found = step_servo_watch(
+            self._wheel,
+            self._servo,
+            angles,
+            wheels.number("supply_v"),
+            engaged=bool(wheels.bits("engaged") & STEERING),
+            command_rad=sent.front_rad,
+            step_s=sensed.step_s,
+        )
+        self._rear, more = step_chassis_watch(
+            self._chassis,
+            self._rear,
+            front_rad=angles.front_rad,
+            yaw_rate_radps=sensed.yaw_rate_radps,
+            speed_mps=speed_mps,
+            speed_trusted=speed_known,
+            step_s=sensed.step_s,
+        )
+        return angles.front_rad, bits | found | more
+
+
+def _position(sensed: Sensed) -> Position | None:
+    place = sensed.place
+    return None if place is None else Position(place.time_ns / 1e9, place.x_m, place.y_m, place.sigma_m)

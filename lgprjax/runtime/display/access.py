@@ -1,0 +1,113 @@
+"""Who may see the page: the Host it was called by, the Origin of who calls, and the token."""
+
+import hashlib
+import hmac
+import ipaddress
+from collections.abc import Iterable
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import urlsplit
+
+from lgprjax.errors import InputError
+from lgprjax.runtime.config import RuntimeConfig
+
+COOKIE = "lgprjax_display"
+_HTTP_PORT = 80
+
+Headers = list[tuple[bytes, bytes]]
+
+
+def is_loopback(host: str) -> bool:
+    """Whether nobody outside this computer reaches an address; a name other than ``localhost`` counts as reachable."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+class Access:
+    """What a request must carry.
+
+    Args:
+        config: of the run; ``display`` is used.
+
+    Raises:
+        InputError: others can reach the address and there is no token, or an origin is none.
+    """
+
+    def __init__(self, config: RuntimeConfig) -> None:
+        display = config.display
+        if display.token is None and not is_loopback(display.host):
+            raise InputError(
+                config.file, "display.token", f"a token, because others can reach {display.host}", "no token"
+            )
+        self._origins = {_checked(config, origin) for origin in display.origins}
+        self._host = display.host
+        self._token = None if display.token is None else display.token.encode()
+
+    def host_is_ours(self, headers: Headers, server: tuple[str, int | None] | None) -> bool:
+        """Whether the Host header names this server: a page of another name that resolves to it does not.
+
+        Args:
+            headers: of the request.
+            server: address and port at which its connection came in.
+        """
+        hosts = _values(headers, b"host")
+        known = self._own(server) | {urlsplit(origin).netloc for origin in self._origins}
+        return len(hosts) == 1 and hosts[0].lower() in known
+
+    def origin_is_ours(self, headers: Headers, server: tuple[str, int | None] | None) -> bool:
+        """Whether a browser's Origin is the page itself or a configured one; without any it is not."""
+        origins = _values(headers, b"origin")
+        if len(origins) != 1:
+            return False
+        own = {f"http://{name}" for name in self._own(server)}
+        return origins[0].lower() in own | self._origins
+
+    def is_let_in(self, headers: Headers) -> bool:
+        """Whether the token is not needed, or comes as ``Authorization: Bearer`` or as the page's cookie."""
+        if self._token is None:
+            return True
+        bearers = [value[7:] for value in _values(headers, b"authorization") if value[:7].lower() == "bearer "]
+        return any(self.token_is_right(bearer) for bearer in bearers) or any(
+            hmac.compare_digest(value.encode("latin-1", "replace"), self.cookie().encode())
+            for value in _cookies(headers)
+        )
+
+    def token_is_right(self, token: str) -> bool:
+        """Whether a token is the configured one, in a time that tells nothing about it."""
+        return self._token is not None and hmac.compare_digest(token.encode("utf-8", "replace"), self._token)
+
+    def cookie(self) -> str:
+        """What the browser keeps instead of the token; the same after the display was started anew."""
+        return hmac.new(self._token or b"", b"lgprjax.display", hashlib.sha256).hexdigest()
+
+    def _own(self, server: tuple[str, int | None] | None) -> set[str]:
+        address, port = server or ("", None)
+        names = {_bracketed(address), _bracketed(self._host)} | ({"localhost"} if is_loopback(address) else set())
+        own = {f"{name}:{port}" for name in names} | (names if port == _HTTP_PORT else set())
+        return {name.lower() for name in own}
+
+
+def _checked(config: RuntimeConfig, origin: str) -> str:
+    parts = urlsplit(origin)
+    if parts.scheme not in ("http", "https") or origin != f"{parts.scheme}://{parts.netloc}" or not parts.netloc:
+        raise InputError(config.file, "display.origins", "origins such as http://10.0.0.5:8080", repr(origin))
+    return origin.lower()
+
+
+def _bracketed(address: str) -> str:
+    return f"[{address}]" if ":" in address else address
+
+
+def _values(headers: Headers, name: bytes) -> list[str]:
+    return [value.decode("latin-1") for key, value in headers if key.lower() == name]
+
+
+def _cookies(headers: Headers) -> Iterable[str]:
+    for value in _values(headers, b"cookie"):
+        try:
+            cookie = SimpleCookie(value).get(COOKIE)
+        except CookieError:
+            continue
+        if cookie is not None:
+            yield cookie.value

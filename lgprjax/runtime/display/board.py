@@ -1,0 +1,93 @@
+"""What the display knows: the newest state of the control process, how old it is, and the path."""
+
+import json
+from typing import Any
+
+from lgprjax.runtime.records import Kind, unpack
+
+STALE_NS = 500_000_000
+ENGAGED = ("STEERING", "SPEED")
+
+
+class Board:
+    """The newest state.
+
+    Attributes:
+        path_version: another one where the path is another one.
+        refused_states: messages of the control process that were none.
+    """
+
+    def __init__(self) -> None:
+        self.path_version = 0
+        self.refused_states = 0
+        self._state: dict[str, Any] | None = None
+        self._state_ns = 0
+        self._path: list[Any] | None = None
+
+    def take(self, messages: list[bytes]) -> None:
+        """Use what the control process wrote, oldest first."""
+        for message in messages:
+            try:
+                record = unpack(message)
+                state = json.loads(record.payload, parse_constant=_nothing)
+                if record.kind is not Kind.STATE or not isinstance(state, dict):
+                    raise ValueError("no state")
+                # A number too large for a browser, 1e999, is found here.
+                json.dumps(state, allow_nan=False)
+            except (ValueError, RecursionError):
+                self.refused_states += 1
+                continue
+            self._show(state, record.mono_ns)
+
+    def text(self, mono_ns: int, refused: int, *, with_path: bool) -> str:
+        """The message to a page.
+
+        Args:
+            mono_ns: monotonic time now.
+            refused: requests refused since the display started.
+            with_path: the page does not have this path yet.
+        """
+        said: dict[str, Any] = {
+            "kind": "state",
+            "sent_s": mono_ns * 1e-9,
+            "age_s": None if self._state is None else (mono_ns - self._state_ns) * 1e-9,
+            "refused": refused,
+            "state": self._state,
+        }
+        if with_path:
+            said["path"] = self._path
+        return json.dumps(said, allow_nan=False, separators=(",", ":"))
+
+    def obstacle(self, name: str, mono_ns: int) -> str | None:
+        """Why a route cannot be asked for now; ``None`` where it can. The control process decides anew.
+
+        Args:
+            name: of the route.
+            mono_ns: monotonic time now.
+        """
+        if self._state is None or mono_ns - self._state_ns > STALE_NS:
+            return "there is no data from the vehicle"
+        mode = self._state.get("mode")
+        if not isinstance(mode, str) or mode in ENGAGED:
+            return "a route is chosen before the vehicle steers"
+        routes = self._state.get("routes")
+        for route in routes if isinstance(routes, list) else []:
+            if isinstance(route, dict) and route.get("name") == name:
+                return None if route.get("problem") is None else f"the route cannot be driven: {route['problem']}"
+        return "there is no such route"
+
+    def _show(self, state: dict[str, Any], mono_ns: int) -> None:
+        path = state.pop("path", None)
+        changed = self._state is None or self._state.get("route") != state.get("route")
+        if isinstance(path, list) or changed:
+            # The path of another route is never shown, not even until the new one comes.
+            new = path if isinstance(path, list) else None
+            if new != self._path:
+                self._path = new
+                self.path_version += 1
+        self._state, self._state_ns = state, mono_ns
+
+
+def _nothing(constant: str) -> None:
+    """NaN and infinities are no JSON to a browser: shown as missing."""
+    del constant

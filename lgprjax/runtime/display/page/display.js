@@ -1,0 +1,242 @@
+// The operator's page: shows what the control process says, and says loudly when it says nothing.
+
+import { drawPlan, points } from "./plan.js";
+
+const STALE_S = 0.5;
+const NOMINAL_M = 0.305, MOST_M = 0.914; // one foot and three
+const ENGAGED = ["STEERING", "SPEED"];
+const MODES = {
+  BOOT: ["STARTING", "You drive. The computer is starting.", "M50 12v38l24 14M50 5a45 45 0 1 0 .1 0"],
+  CHECKS: ["CHECKING", "You drive. The system is being checked.", "M20 22h60M20 50h60M20 78h34"],
+  READY: ["READY", "You drive. The controller's button can engage steering.", "M50 6a44 44 0 1 0 .1 0M30 52l14 15 27-32"],
+  READY_REFUSED: ["READY", "You drive. Steering cannot be engaged now.", "M50 6a44 44 0 1 0 .1 0M28 50h44"],
+  STEERING: ["STEERING", "The vehicle steers. Throttle and brake are yours.", "M50 6a44 44 0 1 0 .1 0M8 46h84M50 46v46"],
+  SPEED: ["STEERING + SPEED", "The vehicle steers and holds the speed.", "M12 14l32 36-32 36M50 14l32 36-32 36"],
+  MANUAL: ["MANUAL", "You drive.", "M10 10h80v80h-80z"],
+  ERROR: ["ERROR", "You drive. Press override once the error is cleared.", "M50 8 95 90H5zM50 38v24M50 76v1"],
+  EMERGENCY_STOP: ["EMERGENCY STOP", "Power is cut. Release the stop, then press override.",
+    "M30 5h40l25 25v40l-25 25h-40l-25-25v-40zM28 50h44"],
+  NO_DATA: ["NO DATA", "What is shown is old. Be ready to take over.", "M15 15 85 85M85 15 15 85"],
+  UNKNOWN: ["MODE UNKNOWN", "The vehicle tells no mode. Be ready to drive.", "M15 15 85 85M85 15 15 85"],
+};
+const CODES = {
+  ok: "good", low_correlation: "too low", ambiguous: "two places fit", edge: "edge of the search",
+  off_map: "off the map", low_overlap: "little map beneath", non_finite: "no numbers", no_window: "gathering scans",
+};
+
+const at = (id) => document.getElementById(id);
+const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
+const fixed = (value, digits) => (isNumber(value) ? value.toFixed(digits) : "–");
+const texts = (value) => (Array.isArray(value) ? value.filter((text) => typeof text === "string" && text) : []);
+const plain = (name) => (/^[A-Z_]+_[A-Z_]+$/.test(name) ? name.toLowerCase().replaceAll("_", " ") : name);
+const now = () => performance.now() / 1000;
+const tell = (id, text) => { if (at(id).textContent !== text) at(id).textContent = text; };
+
+let socket = null, session = null, asked = 0;
+let received_s = -Infinity, age_s = null, leastDelay_s = Infinity, delay_s = 0;
+let state = null, path = [], refused = 0, vehicleUp = false, broken = false, closedBecause = "";
+
+// --- what the vehicle is doing -----------------------------------------------------------------------------------
+function showMode(mode, refusedNow) {
+  const [word, sentence, shape] = refusedNow ? MODES.READY_REFUSED : MODES[mode];
+  at("top").dataset.mode = mode;
+  at("top").dataset.refused = refusedNow ? "yes" : "no";
+  tell("mode", word);
+  tell("mode-text", sentence);
+  at("shape-path").setAttribute("d", shape);
+}
+
+function refusal() {
+  if (typeof state.refusal !== "string" || state.refusal === "NONE") return null;
+  return state.refusal_text || plain(state.refusal);
+}
+
+function sayings(engaged) {
+  const said = [];
+  if (state.estop === true) said.push(["bad", "■ Emergency stop is pressed."]);
+  if (state.override === true) said.push(["warn", "▲ Override is pressed."]);
+  for (const fault of texts(state.faults)) said.push(["bad", `■ Fault: ${plain(fault)}`]);
+  if (!engaged && refusal() !== null) said.push(["warn", `▲ Cannot engage: ${refusal()}`]);
+  if (state.reaction === "STOP") said.push(["bad", `■ Stopping: ${texts(state.reasons).map(plain).join(", ")}`]);
+  if (state.reaction === "DEGRADE") said.push(["warn", `▲ Slowed: ${texts(state.reasons).map(plain).join(", ")}`]);
+  for (const warning of texts(state.warnings)) said.push(["warn", `▲ ${warning}`]);
+  for (const [name, stage] of Object.entries(state.processes || {})) {
+    if (stage !== "ready") said.push(["warn", `▲ ${name}: ${stage}`]);
+  }
+  if (state.recording && state.recording.lost > 0) said.push(["warn", `▲ Recording lost ${state.recording.lost} records`]);
+  return said.length ? said : [["", "✓ No warnings"]];
+}
+
+function showWords(engaged) {
+  const list = at("words");
+  const said = sayings(engaged);
+  const all = JSON.stringify(said) + list.clientHeight;
+  if (list.dataset.said === all) return;
+  list.dataset.said = all;
+  const item = ([kind, text]) => Object.assign(document.createElement("li"), { className: kind, textContent: text });
+  // What does not fit is counted; the weightiest stands first.
+  for (let shown = said.length; shown > 0; shown -= 1) {
+    const more = shown < said.length ? [["warn", `▲ and ${said.length - shown} more`]] : [];
+    list.replaceChildren(...[...said.slice(0, shown), ...more].map(item));
+    if (list.scrollHeight <= list.clientHeight) break;
+  }
+}
+
+function showFigures() {
+  tell("speed", fixed(state.speed_mps, 1));
+  const set = isNumber(state.set_speed_mps) ? `set ${fixed(state.set_speed_mps, 2)}` : "not held";
+  tell("speed-more", isNumber(state.cap_mps) ? `${set}, limit ${fixed(state.cap_mps, 1)}` : set);
+  tell("correlation", fixed(state.correlation, 2));
+  const code = typeof state.code === "string" ? CODES[state.code] || state.code : "no scan";
+  tell("correlation-more", code);
+  tell("share", isNumber(state.ok_share) ? `${Math.round(100 * state.ok_share)} % good in 10 s` : "");
+  at("correlation").className = `figure ${state.code === "ok" ? "" : "warn"}`;
+  const cross = state.cross_track_m, size = Math.abs(cross);
+  const kind = !isNumber(cross) || size <= NOMINAL_M ? "" : size <= MOST_M ? "warn" : "bad";
+  tell("cross", isNumber(cross) ? `${size.toFixed(2)} m ${size < 0.005 ? "" : cross > 0 ? "left" : "right"}` : "–");
+  at("cross").className = `figure ${kind}`;
+  at("bar-mark").className = kind;
+  at("bar-mark").style.left = `${50 - 50 * Math.max(-0.97, Math.min(0.97, isNumber(cross) ? cross : 0))}%`;
+  at("bar-mark").style.visibility = isNumber(cross) ? "visible" : "hidden";
+  tell("to-go", isNumber(state.to_go_m) ? `${Math.round(state.to_go_m)} m to go` : "");
+}
+
+function showRoutes(engaged) {
+  const routes = (Array.isArray(state.routes) ? state.routes : []).filter((r) => r && typeof r.name === "string");
+  const shown = engaged ? routes.filter((r) => r.name === state.route) : routes;
+  tell("route-title", engaged ? "Route" : "Choose a route");
+  const all = JSON.stringify([shown, state.route, engaged]);
+  if (at("route-list").dataset.all === all) return;
+  at("route-list").dataset.all = all;
+  at("route-list").replaceChildren(...shown.map((route) => {
+    const button = document.createElement("button");
+    const name = document.createElement("span"), more = document.createElement("em");
+    name.textContent = `${route.name === state.route ? "● " : "○ "}${route.name}`;
+    more.textContent = route.problem ? String(route.problem) : isNumber(route.length_m) ? `${Math.round(route.length_m)} m` : "";
+    button.append(name, more);
+    button.type = "button";
+    button.disabled = engaged || Boolean(route.problem);
+    button.setAttribute("aria-pressed", String(route.name === state.route));
+    button.addEventListener("click", () => select(route.name));
+    return button;
+  }));
+}
+
+function showFoot() {
+  const monitor = state.monitor || {};
+  const ready = Object.entries(state.processes || {}).filter(([, stage]) => stage === "ready").map(([name]) => name);
+  const parts = [ready.length ? `ready: ${ready.join(", ")}` : ""];
+  if (isNumber(monitor.free_mb)) parts.push(`${(monitor.free_mb / 1000).toFixed(1)} GB free`);
+  if (isNumber(monitor.memory_mb)) parts.push(`memory ${Math.round(monitor.memory_mb)} MB`);
+  if (isNumber(monitor.hottest_c)) parts.push(`${Math.round(monitor.hottest_c)} °C`);
+  if (refused) parts.push(`${refused} requests refused`);
+  tell("foot", parts.filter(Boolean).join("  ·  "));
+}
+
+function render() {
+  const mode = Object.hasOwn(MODES, state.mode) ? state.mode : "UNKNOWN";
+  const engaged = ENGAGED.includes(mode);
+  showMode(mode, mode === "READY" && refusal() !== null);
+  showFigures();
+  showWords(engaged);
+  showRoutes(engaged);
+  showFoot();
+  const times = drawPlan(at("plan"), state, path, vehicleUp);
+  tell("ellipse-key", times === null ? "uncertainty unknown" : times === 1 ? "3σ" : `3σ × ${times}`);
+}
+
+// --- how old it is -----------------------------------------------------------------------------------------------
+function staleBecause() {
+  const silent_s = now() - received_s;
+  if (broken) return "The page failed. Load it again.";
+  if (socket.readyState !== WebSocket.OPEN || silent_s > STALE_S) {
+    return `No connection to the vehicle's computer${closedBecause && `: ${closedBecause}`}.`;
+  }
+  if (age_s === null) return "The control process has said nothing yet.";
+  if (age_s > STALE_S) return `The control process is silent for ${age_s.toFixed(1)} s.`;
+  if (age_s + silent_s > STALE_S) return "The connection is slow.";
+  if (delay_s > STALE_S) return `The connection is slow: what arrives is ${delay_s.toFixed(1)} s old.`;
+  return null;
+}
+
+function watch() {
+  const because = staleBecause();
+  document.body.classList.toggle("stale", because !== null);
+  if (because === null) return;
+  showMode("NO_DATA");
+  tell("no-data-text", because);
+}
+
+// --- the line ----------------------------------------------------------------------------------------------------
+function take(said) {
+  if (said.kind === "hello") {
+    session = said.session;
+    asked = 0;
+    leastDelay_s = Infinity;
+  } else if (said.kind === "answer") {
+    tell("answer", said.refused ? `Refused: ${said.refused}` : "");
+  } else if (said.kind === "state") {
+    // The clocks have nothing in common: the quickest message is the measure, let go slowly for their drift.
+    const apart_s = now() - said.sent_s;
+    leastDelay_s = Math.min(apart_s, leastDelay_s + 1e-4);
+    delay_s = apart_s - leastDelay_s;
+    age_s = said.age_s;
+    refused = said.refused;
+    if ("path" in said) path = points(said.path);
+    received_s = now();
+    if (said.state === null) return;
+    state = said.state;
+    if (staleBecause() === null) render();
+  }
+  watch();
+}
+
+function select(name) {
+  if (socket === null || socket.readyState !== WebSocket.OPEN || session === null) return;
+  asked += 1;
+  tell("answer", "");
+  socket.send(JSON.stringify({ session, number: asked, select_route: name }));
+}
+
+function connect() {
+  session = null;
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`);
+  const mine = socket;
+  const late = setTimeout(() => mine.close(), 3000);
+  mine.addEventListener("open", () => { clearTimeout(late); closedBecause = ""; });
+  mine.addEventListener("message", (event) => {
+    if (mine !== socket) return;
+    try {
+      take(JSON.parse(event.data));
+      broken = false;
+    } catch (error) {
+      broken = true;
+      console.error(error);
+      watch();
+    }
+  });
+  mine.addEventListener("close", (event) => {
+    clearTimeout(late);
+    closedBecause = event.reason;
+    setTimeout(connect, 1000);
+  });
+}
+
+// --- the page itself ---------------------------------------------------------------------------------------------
+function setTheme(theme) {
+  document.documentElement.dataset.theme = theme;
+  tell("theme", theme === "night" ? "DAY" : "NIGHT");
+  if (state !== null) drawPlan(at("plan"), state, path, vehicleUp);
+}
+
+const dark = window.matchMedia("(prefers-color-scheme: dark)");
+setTheme(dark.matches ? "night" : "day");
+dark.addEventListener("change", () => setTheme(dark.matches ? "night" : "day"));
+at("theme").addEventListener("click", () => setTheme(document.documentElement.dataset.theme === "night" ? "day" : "night"));
+at("up").addEventListener("click", () => {
+  vehicleUp = !vehicleUp;
+  tell("up", vehicleUp ? "NORTH UP" : "VEHICLE UP");
+  if (state !== null) drawPlan(at("plan"), state, path, vehicleUp);
+});
+connect();
+setInterval(watch, 100);

@@ -1,0 +1,146 @@
+// The plan: path, vehicle, its uncertainty and the place by GNSS/INS, in metres of the map frame.
+
+const LEAST_HALF_M = 18;
+const VEHICLE_PX = 17;
+
+const number = (value) => typeof value === "number" && Number.isFinite(value);
+const pose = (value) => (Array.isArray(value) && value.length >= 3 && value.slice(0, 3).every(number) ? value : null);
+export const points = (value) =>
+  Array.isArray(value) ? value.filter((p) => Array.isArray(p) && number(p[0]) && number(p[1])) : [];
+
+// How much an ellipse of a few centimetres is enlarged so that it is seen; the legend says it.
+function enlargement(sigma_m, px_m) {
+  return [1, 2, 5, 10, 20, 50, 100].find((times) => 3 * sigma_m * times * px_m >= 28) || 100;
+}
+
+function halfWidth(path, vehicle) {
+  let nearest = Infinity;
+  for (const [x, y] of path) nearest = Math.min(nearest, Math.hypot(x - vehicle[0], y - vehicle[1]));
+  return Math.max(LEAST_HALF_M, Number.isFinite(nearest) ? 1.3 * nearest : 0);
+}
+
+function frame(canvas) {
+  const ratio = window.devicePixelRatio || 1;
+  const width = canvas.clientWidth, height = canvas.clientHeight;
+  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+  }
+  const pen = canvas.getContext("2d");
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  pen.clearRect(0, 0, width, height);
+  return { pen, width, height };
+}
+
+function scaleBar(pen, px_m, width, ink) {
+  const length_m = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].find((m) => m * px_m > 60) || 1000;
+  const right = width - 12;
+  pen.strokeStyle = pen.fillStyle = ink;
+  pen.lineWidth = 3;
+  pen.beginPath();
+  pen.moveTo(right - length_m * px_m, 16);
+  pen.lineTo(right - length_m * px_m, 22);
+  pen.lineTo(right, 22);
+  pen.lineTo(right, 16);
+  pen.stroke();
+  pen.font = "bold 15px sans-serif";
+  pen.textAlign = "right";
+  pen.fillText(`${length_m} m`, right, 40);
+}
+
+function northArrow(pen, turn, ink) {
+  pen.save();
+  pen.translate(28, 34);
+  pen.rotate(turn);
+  pen.fillStyle = ink;
+  pen.beginPath();
+  pen.moveTo(0, -22);
+  pen.lineTo(9, 10);
+  pen.lineTo(0, 4);
+  pen.lineTo(-9, 10);
+  pen.fill();
+  pen.restore();
+  pen.font = "bold 15px sans-serif";
+  pen.textAlign = "left";
+  pen.fillText("N", 46, 40);
+}
+
+function drawPath(pen, path, place, ink) {
+  if (path.length < 2) return;
+  pen.strokeStyle = ink;
+  pen.lineWidth = 5;
+  pen.lineJoin = "round";
+  pen.beginPath();
+  path.forEach((p, i) => (i ? pen.lineTo(...place(p[0], p[1])) : pen.moveTo(...place(p[0], p[1]))));
+  pen.stroke();
+}
+
+function drawVehicle(pen, at, heading, ink) {
+  pen.save();
+  pen.translate(...at);
+  pen.rotate(heading);
+  pen.fillStyle = ink;
+  pen.beginPath();
+  pen.moveTo(0, -1.5 * VEHICLE_PX);
+  pen.lineTo(0.8 * VEHICLE_PX, 0.6 * VEHICLE_PX);
+  pen.lineTo(0, 0.2 * VEHICLE_PX);
+  pen.lineTo(-0.8 * VEHICLE_PX, 0.6 * VEHICLE_PX);
+  pen.fill();
+  pen.restore();
+}
+
+function drawGnss(pen, at, ink) {
+  pen.strokeStyle = ink;
+  pen.lineWidth = 5;
+  pen.beginPath();
+  pen.moveTo(at[0] - 13, at[1]);
+  pen.lineTo(at[0] + 13, at[1]);
+  pen.moveTo(at[0], at[1] - 13);
+  pen.lineTo(at[0], at[1] + 13);
+  pen.stroke();
+}
+
+// Draws, and returns how many times the uncertainty is enlarged, null where none is known.
+export function drawPlan(canvas, state, path, vehicleUp) {
+  const { pen, width, height } = frame(canvas);
+  const style = getComputedStyle(document.documentElement);
+  const colour = (name) => style.getPropertyValue(name).trim();
+  const vehicle = pose(state.pose), gnss = pose(state.gnss_pose);
+  const centre = vehicle || gnss || (path.length ? [...path[0], 0] : null);
+  if (!centre) {
+    pen.fillStyle = colour("--faint");
+    pen.font = "bold 18px sans-serif";
+    pen.textAlign = "center";
+    pen.fillText("no place known", width / 2, height / 2);
+    return null;
+  }
+  const px_m = Math.min(width, height) / 2 / halfWidth(path, centre);
+  // Angles of the canvas run clockwise, yaw runs counter-clockwise from east.
+  const turn = vehicleUp ? centre[2] - Math.PI / 2 : 0;
+  const place = (x, y) => {
+    const east = x - centre[0], north = y - centre[1];
+    const right = east * Math.cos(turn) + north * Math.sin(turn);
+    const up = north * Math.cos(turn) - east * Math.sin(turn);
+    return [width / 2 + right * px_m, height / 2 - up * px_m];
+  };
+  drawPath(pen, path, place, colour("--path"));
+  let times = null;
+  if (vehicle) {
+    const heading = Math.PI / 2 - vehicle[2] + turn;
+    if (number(state.sigma_along_m) && number(state.sigma_cross_m)) {
+      times = enlargement(Math.max(state.sigma_along_m, state.sigma_cross_m), px_m);
+      const across = 3 * times * px_m;
+      pen.strokeStyle = colour("--ellipse");
+      pen.lineWidth = 4;
+      pen.beginPath();
+      pen.ellipse(...place(vehicle[0], vehicle[1]), Math.abs(state.sigma_cross_m) * across,
+        Math.abs(state.sigma_along_m) * across, heading, 0, 2 * Math.PI);
+      pen.stroke();
+    }
+    drawVehicle(pen, place(vehicle[0], vehicle[1]), heading, colour("--vehicle"));
+  }
+  if (gnss) drawGnss(pen, place(gnss[0], gnss[1]), colour("--gnss"));
+  northArrow(pen, turn, colour("--ink"));
+  scaleBar(pen, px_m, width, colour("--ink"));
+  return times;
+}

@@ -1,0 +1,109 @@
+"""The display process: it reads the control process's state, serves the page and hands on requests for a route."""
+
+import asyncio
+import contextlib
+import signal
+import socket
+from collections.abc import Generator
+
+import uvicorn
+
+from lgprjax.errors import InputError
+from lgprjax.runtime.config import RuntimeConfig
+from lgprjax.runtime.display.access import Access
+from lgprjax.runtime.display.board import Board
+from lgprjax.runtime.display.connections import MOST_CONNECTIONS, HttpConnection, PageSocket
+from lgprjax.runtime.display.pages import Pages
+from lgprjax.runtime.display.route_request import LARGEST_BYTES
+from lgprjax.runtime.process import Stage, Started
+
+ADDRESS_FILE = "display.url"
+"""In the folder of the rings: where the page is, for a port that the system chose."""
+_LOOK_S = 0.05
+_LOOKS_A_PUSH = 2
+_SEND_BUFFER = 32 << 10
+
+
+def run(started: Started) -> None:
+    """Serve the page until SIGTERM.
+
+    Args:
+        started: rings ``state`` and ``requests`` are used, and ``display`` of the configuration.
+
+    Raises:
+        InputError: others can reach the address and there is no token, or it cannot be listened at.
+    """
+    started.beat(Stage.STARTING)
+    access = Access(started.config)
+    with _listen(started.config) as listener:
+        host, port = listener.getsockname()[:2]
+        shown = f"[{host}]" if ":" in host else host
+        fresh = started.rings / f"{ADDRESS_FILE}.new"
+        fresh.write_text(f"http://{shown}:{port}/", encoding="ascii")
+        fresh.rename(started.rings / ADDRESS_FILE)
+        asyncio.run(_serve(started, access, listener))
+
+
+class _Server(uvicorn.Server):
+    @contextlib.contextmanager
+    def capture_signals(self) -> Generator[None, None, None]:
+        """The process's loop has them."""
+        yield
+
+
+async def _serve(started: Started, access: Access, listener: socket.socket) -> None:
+    state = started.ring("state")
+    board = Board()
+    pages = Pages(board, started.ring("requests"), access)
+    server = _Server(_settings(pages))
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, setattr, server, "should_exit", True)
+    serving = asyncio.create_task(server.serve(sockets=[listener]))
+    looks = 0
+    while not serving.done():
+        board.take(state.take())
+        looks += 1
+        if looks % _LOOKS_A_PUSH == 0:
+            pages.push()
+        started.beat(Stage.ENDING if server.should_exit else Stage.READY if server.started else Stage.STARTING)
+        await asyncio.sleep(_LOOK_S)
+    await serving
+
+
+def _settings(pages: Pages) -> uvicorn.Config:
+    return uvicorn.Config(
+        pages.app,
+        loop="asyncio",
+        http=HttpConnection,
+        ws=PageSocket,
+        ws_max_size=LARGEST_BYTES,
+        ws_ping_interval=5.0,
+        ws_ping_timeout=5.0,
+        # A compressed message is larger than what was received.
+        ws_per_message_deflate=False,
+        # Also how many connections are taken in at once before any of them can be found one too many.
+        backlog=MOST_CONNECTIONS,
+        h11_max_incomplete_event_size=8 << 10,
+        lifespan="off",
+        interface="asgi3",
+        log_config=None,
+        # Anybody can have a bad request logged. The application logs its own failures.
+        log_level="critical",
+        access_log=False,
+        proxy_headers=False,
+        server_header=False,
+        date_header=False,
+        timeout_graceful_shutdown=1,
+    )
+
+
+def _listen(config: RuntimeConfig) -> socket.socket:
+    host, port = config.display.host, config.display.port
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        listener = socket.create_server((host, port), family=family)
+    except OSError as error:
+        found = f"{host}:{port}: {error.strerror or error}"
+        raise InputError(config.file, "display", "an address to listen at", found) from None
+    # Connections inherit it. What a slow viewer has not taken must not wait long enough to grow old.
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+    return listener

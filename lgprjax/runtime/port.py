@@ -1,0 +1,232 @@
+"""A line to a device: a thread reads what comes, stamps and parses it, and sends what is to go out."""
+
+import contextlib
+import os
+import select
+import socket
+import termios
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+
+import serial
+
+from lgprjax.runtime.link import Receiver, Verdict
+from lgprjax.runtime.refused import KEPT, Refused
+from lgprjax.runtime.wire import Frame, FrameParser
+
+_WAIT_S = 0.02
+_REOPEN_S = 0.5
+_CHUNK = 65536
+_TO_SEND = 4
+_SEND_WITHIN_NS = 100_000_000
+_REFUSED_KEPT = 64
+
+Item = TypeVar("Item", covariant=True)
+
+
+@runtime_checkable
+class Parser(Protocol[Item]):
+    """What cuts messages out of a stream of bytes."""
+
+    def feed(self, data: bytes) -> Sequence[Item | Refused]:
+        """Messages that are whole now, and what was refused."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival(Generic[Item]):
+    """What came, and when by this computer's monotonic clock: a message, or bytes or a frame that were refused."""
+
+    mono_ns: int
+    item: Item
+
+
+class Port(Generic[Item]):
+    """One line. Nothing here raises or waits but ``close``: a line that is not there is tried again and again.
+
+    Args:
+        source: ``records.Source`` of what comes.
+        url: a serial device, or ``socket://host:port``.
+        baud: of a serial device.
+        parser: of what comes.
+        receiver: judges frames; the others are refused.
+        capacity: messages that wait for ``take``; the oldest give way.
+
+    Attributes:
+        opened: whether the line is open.
+        problem: why it is not, ``""`` where it is.
+        openings: how often it was opened.
+        last_arrival_ns: when the last message came that was not refused; 0 before the first.
+        lost: messages that nobody took in time.
+        unsent: frames that were not sent: too old, or pushed out by newer ones.
+        refused: how often something was refused, by ``Reason`` or ``Verdict``.
+    """
+
+    def __init__(
+        self,
+        source: int,
+        url: str,
+        baud: int,
+        parser: Parser[Item],
+        *,
+        receiver: Receiver | None = None,
+        capacity: int = 512,
+    ) -> None:
+        if "://" in url and not url.startswith("socket://"):
+            raise ValueError(f"{url}: a serial device or socket://host:port expected")
+        self.source, self.url, self.receiver = source, url, receiver
+        self.opened, self.problem, self.openings = False, "not opened yet", 0
+        self.last_arrival_ns, self.lost, self.unsent = 0, 0, 0
+        self.refused: Counter[int] = Counter()
+        self._baud, self._parser = baud, parser
+        self._arrivals: deque[Arrival[Item]] = deque(maxlen=capacity)
+        self._refused: deque[Arrival[Refused]] = deque()
+        self._to_send: deque[tuple[int, bytes]] = deque(maxlen=_TO_SEND)
+        self._rest, self._rest_ns, self._begun = b"", 0, False  # of the frame that is being sent
+        self._ending = threading.Event()
+        self._woken, self._wake = os.pipe()
+        os.set_blocking(self._woken, False)
+        os.set_blocking(self._wake, False)
+        self._thread = threading.Thread(target=self._run, name=f"port {url}", daemon=True)
+        self._thread.start()
+
+    @staticmethod
+    def frames(source: int, url: str, baud: int, line: str, *, capacity: int = 512) -> "Port[Frame]":
+        """The port of a line that speaks ``data_schema/wire.toml``: ``radar``, ``drive_by_wire`` or ``controller``."""
+        return Port(source, url, baud, FrameParser(), receiver=Receiver(line), capacity=capacity)
+
+    def take(self) -> list[Arrival[Item]]:
+        """What came since the last call, oldest first."""
+        return [self._arrivals.popleft() for _ in range(len(self._arrivals))]
+
+    def take_refused(self) -> list[Arrival[Refused]]:
+        """What was refused since the last call: the first of it, for the recorder."""
+        return [self._refused.popleft() for _ in range(len(self._refused))]
+
+    def write(self, data: bytes) -> bool:
+        """Have a frame sent; at once, and ``False``, where the line is not open. The newest frames win."""
+        if not self.opened:
+            return False
+        if len(self._to_send) == _TO_SEND:
+            self.unsent += 1
+        self._to_send.append((time.monotonic_ns(), data))
+        with contextlib.suppress(BlockingIOError):  # a full pipe wakes as well
+            os.write(self._wake, b"\0")
+        return True
+
+    def close(self) -> None:
+        """Close the line and end its thread."""
+        if not self._ending.is_set():
+            self._ending.set()
+            with contextlib.suppress(BlockingIOError):
+                os.write(self._wake, b"\0")
+            self._thread.join()
+            os.close(self._woken)
+            os.close(self._wake)
+
+    def _run(self) -> None:
+        while not self._ending.is_set():
+            again_s = time.monotonic() + _REOPEN_S
+            try:
+                line = _open(self.url, self._baud)
+            except (OSError, ValueError, termios.error) as error:
+                self.problem = str(error)
+            else:
+                self.opened, self.problem = True, ""
+                self.openings += 1
+                try:
+                    self._serve(line.fileno())
+                except OSError as error:
+                    self.problem = error.strerror or str(error)
+                self.opened = False
+                self._to_send.clear()
+                self._rest = b""
+                again_s = time.monotonic() + _REOPEN_S
+                _close(line)
+            self._ending.wait(max(0.0, again_s - time.monotonic()))
+        self.problem = "closed"
+
+    def _serve(self, fd: int) -> None:
+        while not self._ending.is_set():
+            waits = [fd] if self._rest or self._to_send else []
+            readable, _, _ = select.select([fd, self._woken], waits, [], _WAIT_S)
+            if self._woken in readable:
+                os.read(self._woken, _CHUNK)
+            self._send(fd)
+            if fd in readable:
+                data = os.read(fd, _CHUNK)
+                if not data:
+                    raise OSError("the other end closed the line")
+                self._receive(data, time.monotonic_ns())
+        self._send(fd)  # what a process says last gives the actuators back
+
+    def _receive(self, data: bytes, arrival_ns: int) -> None:
+        for item in self._parser.feed(data):
+            if isinstance(item, Refused):
+                self._refuse(item, arrival_ns)
+                continue
+            if self.receiver is not None and isinstance(item, Frame):
+                verdict = self.receiver.accept(item, arrival_ns)
+                if verdict is not Verdict.ACCEPTED:
+                    self._refuse(Refused(verdict, item.raw[:KEPT]), arrival_ns)
+                    continue
+            if len(self._arrivals) == self._arrivals.maxlen:
+                self.lost += 1
+            self._arrivals.append(Arrival(arrival_ns, item))
+            self.last_arrival_ns = arrival_ns
+
+    def _refuse(self, refused: Refused, arrival_ns: int) -> None:
+        self.refused[refused.reason] += 1
+        if len(self._refused) < _REFUSED_KEPT:
+            self._refused.append(Arrival(arrival_ns, refused))
+
+    def _send(self, fd: int) -> None:
+        """As much of what waits as the line takes now; a frame that was begun is finished, however late."""
+        while True:
+            if self._rest and not self._begun and time.monotonic_ns() - self._rest_ns > _SEND_WITHIN_NS:
+                self.unsent += 1
+                self._rest = b""
+            if not self._rest:
+                if not self._to_send:
+                    return
+                self._rest_ns, self._rest = self._to_send.popleft()
+                self._begun = False
+                continue
+            try:
+                sent = os.write(fd, self._rest)
+            except BlockingIOError:
+                return
+            self._begun = self._begun or sent > 0
+            self._rest = self._rest[sent:]
+
+
+def _open(url: str, baud: int) -> Any:
+    """The open line; its descriptor never blocks.
+
+    Raises:
+        OSError, ValueError, termios.error: it cannot be opened.
+    """
+    device = "://" not in url
+    line = serial.serial_for_url(url, baudrate=baud, timeout=0, exclusive=True if device else None)
+    os.set_blocking(line.fileno(), False)
+    if not device:
+        # A frame goes out at once; an end that vanished without a word is noticed within seconds.
+        with socket.socket(fileno=os.dup(line.fileno())) as held:
+            held.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            held.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            for option, value in (("TCP_KEEPIDLE", 1), ("TCP_KEEPINTVL", 1), ("TCP_KEEPCNT", 3)):
+                if hasattr(socket, option):
+                    held.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+    return line
+
+
+def _close(line: Any) -> None:
+    # pyserial leaves a socket open whose other end has gone.
+    held = getattr(line, "_socket", None)
+    with contextlib.suppress(OSError):
+        line.close()
+    if held is not None:
+        held.close()

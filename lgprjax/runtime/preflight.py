@@ -1,0 +1,116 @@
+"""Everything that can be looked at before a run: files, lines, storage, computer. Nothing is sent."""
+
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from lgprjax.errors import InputError
+from lgprjax.runtime.config import PortTable, RuntimeConfig
+from lgprjax.runtime.gnss import GnssParser
+from lgprjax.runtime.port import Port
+from lgprjax.runtime.records import Source
+
+_LISTEN_S = 2.5
+
+
+class Item(NamedTuple):
+    """One item: what, whether it is in order, and what was found or is to be done."""
+
+    name: str
+    good: bool
+    told: str
+
+
+def preflight(config: RuntimeConfig) -> Iterator[Item]:
+    """Every item, one after the other."""
+    yield from _files(config)
+    yield _storage(config)
+    yield _display(config)
+    yield _cores(config)
+    yield from _lines(config)
+
+
+def _files(config: RuntimeConfig) -> Iterator[Item]:
+    from lgprjax.formats import MapFile, read_vehicle
+    from lgprjax.runtime.control.setup import load, onboard_setup
+    from lgprjax.runtime.control.watches import Watches
+    from lgprjax.runtime.registration.search import options_of
+
+    def vehicle() -> str:
+        held = read_vehicle(config.path(config.vehicle))
+        onboard_setup(config, held)
+        Watches(config, held)
+        return f"{held.name}, serial number {held.serial_number or 'not told'}"
+
+    def database() -> str:
+        with MapFile.open(config.path(config.map)) as source:
+            return f"{len(source.pose)} stations, {source.description.channels} channels"
+
+    yield _tried("vehicle file", vehicle)
+    yield _tried("map", database)
+    yield _tried(
+        "registration", lambda: f"thresholds {tuple(round(float(v), 3) for v in options_of(config).thresholds)}"
+    )
+    try:
+        routes = load(config).routes
+    except InputError as error:
+        yield Item("routes", False, str(error))
+        return
+    for route in routes:
+        yield Item(f"route {route.name}", route.path is not None, route.problem or f"{route.length_m:.1f} m")
+
+
+def _storage(config: RuntimeConfig) -> Item:
+    folder = config.path(config.recording.folder)
+    there = next(each for each in (folder, *folder.parents) if each.exists())
+    free_mb = shutil.disk_usage(there).free / 1e6
+    good = os.access(there, os.W_OK) and free_mb > config.recording.least_free_mb
+    hours = free_mb / (0.6 * 3600.0)
+    return Item("storage", good, f"{folder}: {free_mb:.0f} MB free, about {hours:.0f} h of 126 scans a second")
+
+
+def _display(config: RuntimeConfig) -> Item:
+    from lgprjax.runtime.display.access import Access
+
+    def address() -> str:
+        Access(config)
+        return f"http://{config.display.host}:{config.display.port}"
+
+    return _tried("display", address)
+
+
+def _cores(config: RuntimeConfig) -> Item:
+    wanted = {config.control.core, config.supervision.registration_core} - {None}
+    missing = wanted - set(os.sched_getaffinity(0))
+    found = f"{len(os.sched_getaffinity(0))} cores"
+    return Item("cores", not missing, found if not missing else f"{found}; not there: {sorted(missing, key=str)}")
+
+
+def _lines(config: RuntimeConfig) -> Iterator[Item]:
+    ports: list[tuple[str, PortTable, Port[Any]]] = []
+    for source, name in (
+        (Source.DRIVE_BY_WIRE, "drive_by_wire"),
+        (Source.CONTROLLER, "controller"),
+        (Source.RADAR, "radar"),
+    ):
+        table: PortTable = getattr(config.ports, name)
+        ports.append((name, table, Port.frames(source, table.url, table.baud, name)))
+    table = config.ports.gnss
+    ports.append(("gnss", table, Port(Source.GNSS, table.url, table.baud, GnssParser())))
+    time.sleep(_LISTEN_S)
+    for name, table, port in ports:
+        heard, refused = len(port.take()), sum(port.refused.values())
+        port.close()
+        told = f"{table.url}: {heard} messages in {_LISTEN_S:g} s" + (f", {refused} refused" if refused else "")
+        yield Item(name, heard > 0, told if port.openings else f"{table.url}: {port.problem}")
+
+
+def _tried(name: str, look: Callable[[], str | Path | None]) -> Item:
+    try:
+        told = look()
+    except InputError as error:
+        return Item(name, False, str(error))
+    return Item(name, True, "" if told is None else str(told))

@@ -1,0 +1,1 @@
+"""The registration process: scans in, fixes out."""

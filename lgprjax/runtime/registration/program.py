@@ -1,0 +1,170 @@
+"""The registration process: takes the radar's scans, searches each from the control loop's prior, sends its fix."""
+
+import os
+import signal
+import time
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from lgprjax.formats import MapFile, read_vehicle
+from lgprjax.registration import TrackedFixes
+from lgprjax.runtime.link import Sender, draw_session
+from lgprjax.runtime.port import Arrival, Port
+from lgprjax.runtime.process import Stage, Started
+from lgprjax.runtime.records import FIX, Kind, Record, Source, pack, unpack
+from lgprjax.runtime.registration.prior_track import PriorTrack
+from lgprjax.runtime.registration.search import BLOCK_SCANS, RadarDescription, Search, description_of
+from lgprjax.runtime.registration.tiles_ahead import AHEAD_M
+from lgprjax.runtime.stamps import StampClock
+from lgprjax.runtime.wire import Frame
+
+_IDLE_S = 0.002
+_WISH_S = 0.1
+_ASK_S = 1.0
+_WAITING = 256  # scans: two seconds
+_START = 1
+
+
+class _Scan(NamedTuple):
+    time_ns: int
+    frame: Frame
+
+
+class Registration:
+    """The process's state and its loop."""
+
+    def __init__(self, started: Started) -> None:
+        self._started = started
+        config = started.config
+        self._fixes, self._log = started.ring("fixes"), started.ring("registration_log")
+        self._priors = started.ring("priors")
+        self._port = Port.frames(Source.RADAR, config.ports.radar.url, config.ports.radar.baud, "radar")
+        self._sender = Sender(draw_session())
+        self._clock = StampClock()
+        self._waiting: deque[_Scan] = deque()
+        self._asked_s = self._wished_s = 0.0
+        self._scanning = False
+        self._ended = False
+        self.description: RadarDescription | None = None
+        signal.signal(signal.SIGTERM, self._end)
+
+    def run(self) -> None:
+        """Until SIGTERM."""
+        started, config = self._started, self._started.config
+        vehicle = read_vehicle(config.path(config.vehicle))
+        while self.description is None and not self._ended:
+            started.beat(Stage.WARMING)
+            self._listen()
+            time.sleep(_IDLE_S)
+        if self.description is None:
+            return
+        path = config.path(config.map)
+        with MapFile.open(path) as source, MapFile.open(path) as beside:
+            search = Search(config, vehicle, source, beside, self.description)
+            search.warm_up()
+            place = vehicle.array
+            assert place.x_m is not None
+            assert place.height_m is not None
+            priors = PriorTrack(place.x_m, place.height_m)
+            self._waiting.clear()
+            while not self._ended:
+                started.beat(Stage.READY)
+                self._listen()
+                for message in self._priors.take():
+                    priors.take(unpack(message).payload)
+                if not self._search(search, priors):
+                    time.sleep(_IDLE_S)
+            search.ahead.close()
+        self._port.close()
+
+    def _end(self, *_: object) -> None:
+        self._ended = True
+
+    def _listen(self) -> None:
+        """Take what came; ask the radar to scan where it does not."""
+        for arrival in self._port.take():
+            self._take(arrival)
+        for refused in self._port.take_refused():
+            payload = bytes([refused.item.reason]) + refused.item.data
+            self._log.put(pack(Record(Kind.REFUSED, Source.RADAR, 0, refused.mono_ns, payload)))
+        now_s = time.monotonic()
+        if not self._scanning and now_s - self._asked_s > _ASK_S:
+            self._asked_s = now_s
+            command = self._sender.frame(
+                "radar_command", {"action": _START, "scan_period_us": 0}, mode=0, mono_ns=time.monotonic_ns()
+            )
+            self._port.write(command)
+            self._log.put(pack(Record(Kind.PORT_OUT, Source.RADAR, 0, time.monotonic_ns(), command)))
+
+    def _take(self, arrival: Arrival[Frame]) -> None:
+        frame = arrival.item
+        self._log.put(pack(Record(Kind.PORT_IN, Source.RADAR, 0, arrival.mono_ns, frame.raw)))
+        if frame.name == "radar_scan":
+            self._scanning = True
+            scan_ns = self._clock.feed(frame.stamp_us, arrival.mono_ns)
+            if scan_ns is not None:
+                self._waiting.append(_Scan(scan_ns, frame))
+                if len(self._waiting) > _WAITING:
+                    self._waiting.popleft()
+        elif frame.name == "radar_health":
+            self._scanning = int(frame.number("state")) == 1
+        elif frame.name == "radar_description":
+            told = description_of(frame)
+            if self.description is not None and told != self.description:
+                # What is compiled is for other scans: started anew, it is made for these.
+                raise SystemExit(f"the radar describes itself anew: {told}")
+            self.description = told
+
+    def _search(self, search: Search, priors: PriorTrack) -> bool:
+        """Search what waits and has a prior; whether there was something to do."""
+        while self._waiting and priors.covers(self._waiting[0].time_ns) is False:
+            self._waiting.popleft()
+        ready: list[_Scan] = []
+        for scan in self._waiting:
+            if len(ready) == BLOCK_SCANS or priors.covers(scan.time_ns) is not True:
+                break
+            ready.append(scan)
+        self._look_ahead(search, priors)
+        if not ready:
+            return False
+        for _ in ready:
+            self._waiting.popleft()
+        times = np.array([scan.time_ns for scan in ready], np.int64)
+        track = priors.track(times)
+        found = search.feed([scan.frame for scan in ready], track)
+        self._tell(ready, found)
+        return True
+
+    def _look_ahead(self, search: Search, priors: PriorTrack) -> None:
+        now_s = time.monotonic()
+        if now_s - self._wished_s < _WISH_S:
+            return
+        self._wished_s = now_s
+        places = [place for place in (priors.ahead(way) for way in AHEAD_M) if place is not None]
+        search.ahead.wish(places, priors.speed_mps, search.tracker.prepared)
+
+    def _tell(self, scans: list[_Scan], found: TrackedFixes) -> None:
+        fix = found.fix
+        rows = np.zeros(len(scans), FIX)
+        rows["scan_ns"] = [scan.time_ns for scan in scans]
+        rows["scan"] = [int(scan.frame.number("scan")) for scan in scans]
+        rows["code"], rows["rung"], rows["waiting"] = fix.code, found.rung, len(self._waiting)
+        rows["correlation"], rows["margin"] = fix.correlation, fix.margin
+        overlap = np.maximum(np.asarray(fix.overlap, np.float64), 0.0)
+        rows["strength"] = np.asarray(fix.correlation, np.float64) * np.sqrt(overlap)
+        rows["overlap_channels"] = fix.overlap_channels
+        rows["pose"], rows["covariance"] = fix.pose, fix.covariance
+        now_ns = time.monotonic_ns()
+        for row in rows:
+            record = pack(Record(Kind.FIX, Source.REGISTRATION, 0, now_ns, row.tobytes()))
+            self._fixes.put(record)
+            self._log.put(record)
+
+
+def run(started: Started) -> None:
+    """The process."""
+    # The control loop, which needs little, comes first.
+    os.nice(2)
+    Registration(started).run()

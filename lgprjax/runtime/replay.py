@@ -1,0 +1,132 @@
+"""A recorded run through the control loop again: every frame that was sent must come out to the bit."""
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from lgprjax import __version__
+from lgprjax.errors import InputError
+from lgprjax.formats import read_run
+from lgprjax.runtime.config import RuntimeConfig, read_config
+from lgprjax.runtime.control.core import ControlCore
+from lgprjax.runtime.control.setup import load
+from lgprjax.runtime.records import Kind, Record, Source, unpack
+
+_TAKEN = (Kind.PORT_IN, Kind.FIX, Kind.EVENT, Kind.MONITOR, Kind.REQUEST)
+
+
+class Replayed(NamedTuple):
+    """What a replay found.
+
+    Attributes:
+        ticks: replayed.
+        frames: sent in them, as recorded.
+        differing: of these, that came out otherwise.
+        first: tick and line of the first of them; ``None`` where there is none.
+        starts: how often the control process had been started.
+        broken: where records are missing and the replay of a start ended early: tick after the gap, or ``None``.
+    """
+
+    ticks: int
+    frames: int
+    differing: int
+    first: tuple[int, str] | None
+    starts: int
+    broken: int | None
+
+
+class _Tick(NamedTuple):
+    number: int
+    mono_ns: int
+    came: list[Record]
+    sent: list[Record]
+
+
+def replay_run(folder: Path, progress: Callable[[int], None] = lambda _: None) -> Replayed:
+    """Replay what a run's folder holds.
+
+    Args:
+        folder: of the run; its files (vehicle, map, routes) must be those that it was driven with.
+        progress: told of every tick.
+
+    Raises:
+        InputError: no run, or none of the control loop in it; it is of another version, or a file has changed.
+    """
+    totals = [0, 0, 0]
+    first: tuple[int, str] | None = None
+    starts, broken = 0, None
+    for header, ticks in _starts(folder):
+        starts += 1
+        core = _core(folder, header)
+        expected = 1
+        for tick in ticks:
+            if tick.number != expected:
+                broken = tick.number if broken is None else broken
+                break
+            expected += 1
+            out = [record for record in core.step(tick.number, tick.mono_ns, tick.came) if record.kind is Kind.PORT_OUT]
+            totals[0] += 1
+            totals[1] += len(tick.sent)
+            for number, sent in enumerate(tick.sent):
+                same = number < len(out) and out[number].payload == sent.payload and out[number].source is sent.source
+                if not same:
+                    totals[2] += 1
+                    first = (tick.number, sent.source.name) if first is None else first
+            progress(1)
+    if not starts:
+        raise InputError(folder, "segments", "a record HEADER of the control loop", "none")
+    return Replayed(totals[0], totals[1], totals[2], first, starts, broken)
+
+
+def _starts(folder: Path) -> Iterator[tuple[dict[str, Any], Iterator[_Tick]]]:
+    """Header and whole ticks of every start of the control process."""
+    records = _records(folder)
+    held: list[Record] = []
+
+    def ticks() -> Iterator[_Tick]:
+        now: _Tick | None = None
+        for record in records:
+            if record.kind is Kind.HEADER:
+                held.append(record)
+                break
+            if record.kind is Kind.TICK:
+                if now is not None:
+                    yield now
+                now = _Tick(record.tick, record.mono_ns, [], [])
+            elif now is not None and record.tick == now.number:
+                if record.kind is Kind.PORT_OUT:
+                    now.sent.append(record)
+                elif record.kind in _TAKEN and record.source is not Source.CONTROL:
+                    now.came.append(record)
+        # The last tick of all may lack records: it is whole only where its plan, made last, is there; nothing is lost
+        # by leaving it out.
+
+    for record in records:
+        if record.kind is Kind.HEADER:
+            held.append(record)
+            break
+    while held:
+        header = json.loads(held.pop().payload)
+        yield header, ticks()
+
+
+def _records(folder: Path) -> Iterator[Record]:
+    """Of the control loop, in order: the recording mixes them with the other processes'."""
+    for _, data in read_run(folder):
+        record = unpack(data)
+        of_control = record.tick > 0 or (record.kind is Kind.HEADER and record.source is Source.CONTROL)
+        if of_control:
+            yield record
+
+
+def _core(folder: Path, header: dict[str, Any]) -> ControlCore:
+    if header["version"] != __version__:
+        raise InputError(folder, "version", f"a run of this version, {__version__}", str(header["version"]))
+    config: RuntimeConfig = read_config(folder / "config.toml")
+    config = config.model_copy(update={"file": Path(header["config"])})
+    loaded = load(config)
+    for name, digest in header["hashes"].items():
+        if loaded.hashes.get(name) != digest:
+            raise InputError(config.path(name), "file", f"as in the run, {digest[:12]}...", "another, or none")
+    return ControlCore(config, loaded, session=int(header["session"]), after_death=bool(header["after_death"]))

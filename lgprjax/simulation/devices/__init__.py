@@ -1,0 +1,1 @@
+"""The world behind the runtime's ports: devices on pseudo-terminals and a socket, fed by the scene."""

@@ -1,0 +1,213 @@
+"""Recorded runs as drive logs: what was recorded stands in them, and they are used like any other."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from archive.run_sample import LEAST_DELAY_S, MONO_NS, run_of_drive
+from formats.run_log_sample import head_bytes, record_bytes
+from generated import Site
+from lgprjax.archive import build_map, register_log, write_run_drive
+from lgprjax.archive.run_signals import device_times, rising
+from lgprjax.errors import InputError
+from lgprjax.formats import (
+    DriveLog,
+    MapFile,
+    TraceRecording,
+    VehicleFile,
+    VehicleLog,
+    check_file,
+    read_run,
+    read_vehicle,
+)
+from lgprjax.registration import RegisterOptions
+
+_DRIVE = "live"
+
+
+@pytest.fixture(scope="module")
+def run(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run") / "recorded"
+    run_of_drive(site, _name(site), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def vehicle(run: Path) -> VehicleFile:
+    return read_vehicle(run.parent / "v.vehicle.toml")
+
+
+@pytest.fixture(scope="module")
+def recovered(site: Site, run: Path, vehicle: VehicleFile) -> Path:
+    path = run.parent / "recovered.drive.h5"
+    with MapFile.open(site.map) as source:
+        made = write_run_drive(run, path, source=source, vehicle=vehicle, position_sigma_m=0.02)
+    with DriveLog.open(site.logs[_name(site)]) as log:
+        assert log.scans - 20 <= made.scans <= log.scans
+        assert made.scans + made.left_out == log.scans
+    return path
+
+
+def _name(site: Site) -> str:
+    return next(name for name in site.logs if name.startswith(_DRIVE))
+
+
+def test_it_is_as_the_schema_says(recovered: Path) -> None:
+    assert check_file(recovered) == []
+
+
+def test_scans_come_back(site: Site, recovered: Path) -> None:
+    with DriveLog.open(site.logs[_name(site)]) as due, DriveLog.open(recovered) as found:
+        # Scans at both ends, where nothing tells the place, are left out.
+        first = int(np.argmin(np.abs(due.scan_time_s + LEAST_DELAY_S - found.scan_time_s[0])))
+        last = first + found.scans
+        np.testing.assert_allclose(found.scan_time_s, due.scan_time_s[first:last] + LEAST_DELAY_S, atol=1e-3)
+        traces, valid = found.read_traces(0, found.scans)
+        due_traces, due_valid = due.read_traces(first, last)
+        np.testing.assert_array_equal(traces, due_traces)
+        np.testing.assert_array_equal(valid, due_valid)
+        one, other = found.description.recording, due.description.recording
+        assert isinstance(one, TraceRecording)
+        assert isinstance(other, TraceRecording)
+        assert (one.sample_interval_ns, one.time_zero_ns) == pytest.approx(
+            (other.sample_interval_ns, other.time_zero_ns), abs=1e-3
+        )
+        assert one.centre_frequency_hz == pytest.approx(other.centre_frequency_hz)
+        np.testing.assert_allclose(found.description.array.y_m, due.description.array.y_m, atol=1e-9)
+        np.testing.assert_allclose(
+            found.description.array.time_offset_s, due.description.array.time_offset_s, atol=1e-6
+        )
+
+
+def test_the_track_comes_back(site: Site, recovered: Path) -> None:
+    with DriveLog.open(site.logs[_name(site)]) as log:
+        due = log.description
+    found = VehicleLog.open(recovered)
+    assert found.t0_utc == "2027-01-15T08:00:00+00:00"
+    assert found.serial_number == "T1"
+    at = found.navigation.time_s
+    for name, per_m in (("latitude_deg", 111_000.0), ("longitude_deg", 82_000.0), ("roll_deg", 1.0)):
+        values = np.interp(at, due.navigation.time_s, getattr(due.navigation, name))
+        np.testing.assert_allclose(getattr(found.navigation, name) * per_m, values * per_m, atol=1e-3)
+    heading = np.interp(at, due.navigation.time_s, np.unwrap(due.navigation.heading_deg, period=360.0))
+    np.testing.assert_allclose((found.navigation.heading_deg - heading + 180.0) % 360.0 - 180.0, 0.0, atol=1e-3)
+    # The map's ground and the live drive's height differ by what GNSS is wrong by.
+    height = np.interp(at, due.navigation.time_s, due.navigation.height_m)
+    assert np.max(np.abs(found.navigation.height_m - height)) < 0.3
+    assert found.navigation.sigma_east_m is not None
+    assert set(found.navigation.sigma_east_m) == {0.02}
+    # One distance, although the box counted anew.
+    travel = np.interp(found.odometry.time_s, due.odometry.time_s, due.odometry.distance_m)
+    np.testing.assert_allclose(found.odometry.distance_m, travel, atol=0.05)
+
+
+def test_signals_of_the_vehicle(recovered: Path) -> None:
+    signals = VehicleLog.open(recovered).vehicle
+    assert signals is not None
+    assert 95 < 1.0 / np.median(np.diff(signals["time_s"])) < 105
+    for name, value in (
+        ("steering_potentiometer_v", 2.5),
+        ("supply_v", 12.5),
+        ("wheel_angle_rad", 0.02),
+        ("steering_command_rad", 0.03),
+        ("throttle", 0.2),
+        ("brake", 0.0),
+        ("yaw_rate_radps", 0.01),
+        ("mode", 4),
+    ):
+        np.testing.assert_allclose(signals[name], value, rtol=1e-6)
+    assert np.all(np.diff(signals["encoder_counts"]) >= 1)
+
+
+def test_what_was_decided(recovered: Path) -> None:
+    log = VehicleLog.open(recovered)
+    assert log.plan is not None
+    due = {
+        **{"sigma_cross_m": 0.05, "speed_mps": 2.0, "wanted_mps": 2.2, "cross_track_m": -0.1, "to_go_m": 30.0},
+        **{"code": 2, "reaction": 1},
+    }
+    for name, value in due.items():
+        np.testing.assert_allclose(log.plan[name], value, rtol=1e-6)
+    # Driven by the same pose that navigation had.
+    for name in ("latitude_deg", "longitude_deg"):
+        known = np.interp(log.plan["time_s"], log.navigation.time_s, getattr(log.navigation, name))
+        np.testing.assert_allclose(log.plan[name], known, atol=1e-8)
+
+
+def test_it_registers_like_the_drive_itself(site: Site, recovered: Path) -> None:
+    with MapFile.open(site.map) as source, DriveLog.open(recovered) as log:
+        found = register_log(source, log, RegisterOptions(search_m=1.5))
+    with DriveLog.open(site.logs[_name(site)]) as log:
+        truth = log.description.truth
+    assert truth is not None
+    good = found.table[found.table["code"] == "ok"]
+    assert len(good) > 0.6 * len(found.table)
+    # The array's centre is 3 m before the rear axle, whose true place the simulator knows.
+    east = (good["longitude_deg"] - np.interp(good["time_s"], truth.time_s, truth.longitude_deg)) * 82_600.0
+    north = (good["latitude_deg"] - np.interp(good["time_s"], truth.time_s, truth.latitude_deg)) * 111_080.0
+    yaw = np.radians(90.0 - np.interp(good["time_s"], truth.time_s, np.unwrap(truth.heading_deg, period=360.0)))
+    along = east * np.cos(yaw) + north * np.sin(yaw)
+    cross = north * np.cos(yaw) - east * np.sin(yaw)
+    assert abs(np.median(along) - 3.0) < 0.1
+    assert abs(np.median(cross)) < 0.1
+
+
+def test_a_map_is_built_of_it(recovered: Path, tmp_path: Path) -> None:
+    build_map([recovered], tmp_path / "again.map.h5")
+    assert check_file(tmp_path / "again.map.h5") == []
+
+
+def test_a_run_without_scans(site: Site, run: Path, vehicle: VehicleFile, tmp_path: Path) -> None:
+    folder = _only(run, tmp_path / "run", lambda data: data[1] != 4)
+    path = tmp_path / "a.drive.h5"
+    with MapFile.open(site.map) as source:
+        assert write_run_drive(folder, path, source=source, vehicle=vehicle, position_sigma_m=0.1).scans == 0
+    assert check_file(path) == []
+    assert VehicleLog.open(path).vehicle is not None
+
+
+def test_a_run_that_tells_no_place(site: Site, run: Path, vehicle: VehicleFile, tmp_path: Path) -> None:
+    path = tmp_path / "a.drive.h5"
+    with MapFile.open(site.map) as source:
+        for name, kept, place in (
+            ("priors", lambda data: data[0] != 7, "prior or more"),
+            ("box", lambda data: data[1] != 1, "drive_status or more"),
+        ):
+            folder = _only(run, tmp_path / name, kept)
+            with pytest.raises(InputError, match=place):
+                write_run_drive(folder, path, source=source, vehicle=vehicle, position_sigma_m=0.1)
+    assert not path.exists()
+
+
+def test_a_vehicle_without_array(site: Site, run: Path, vehicle: VehicleFile, tmp_path: Path) -> None:
+    bare = vehicle.model_copy(update={"array": type(vehicle.array)()})
+    with MapFile.open(site.map) as source, pytest.raises(InputError, match="x_m and height_m"):
+        write_run_drive(run, tmp_path / "a.drive.h5", source=source, vehicle=bare, position_sigma_m=0.1)
+
+
+def test_times_of_a_device() -> None:
+    rng = np.random.default_rng(1)
+    true_ns = MONO_NS + np.arange(6000, dtype=np.int64) * 10_000_000
+    arrival_ns = true_ns + 2_000_000 + (rng.exponential(3e6, 6000)).astype(np.int64)
+    session = np.repeat([4, 9], 3000)
+    start_us = np.where(session == 4, 123, 2**40)
+    stamp_us = (start_us + (true_ns - MONO_NS) * (1 - 1e-4) // 1000).astype(np.int64)
+    found = device_times(session, stamp_us, arrival_ns)
+    assert np.all(found <= arrival_ns)
+    # Late by the line's least delay, whatever clock and drift.
+    assert np.max(np.abs(found - true_ns - 2_000_000)) < 1_200_000
+    assert list(rising(np.array([3, 1, 4, 4, 9, 5, 10]), np.array([1, 1, 1, 1, 0, 1, 1], bool))) == [
+        *(True, False, True, False),
+        *(False, True, True),
+    ]
+
+
+def _only(run: Path, folder: Path, kept: Callable[[bytes], bool]) -> Path:
+    """The run with those records only whose bytes are wanted."""
+    folder.mkdir()
+    parts = [head_bytes(0, 0, mono_ns=MONO_NS)]
+    parts += [record_bytes(number, data) for number, data in read_run(run) if kept(data)]
+    (folder / "0000.lgprun").write_bytes(b"".join(parts))
+    return folder

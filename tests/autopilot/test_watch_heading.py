@@ -1,0 +1,84 @@
+"""The heading against the way driven: confirmed, contradicted, or not known yet."""
+
+import math
+
+import pytest
+
+from lgprjax.autopilot.watch_findings import Watch
+from lgprjax.autopilot.watch_ground import Position
+from lgprjax.autopilot.watch_heading import HeadingCheck, HeadingWatchState, step_heading_watch
+
+COURSE = 2.9
+"""Near π, where angles wrap."""
+
+
+def drive(
+    heading_rad: float,
+    *,
+    way_m: float = 3.0,
+    odometer_sign: float = 1.0,
+    leap_m: float = 0.0,
+    sigma_m: float = 0.01,
+    fix_heading_rad: float | None = None,
+) -> tuple[HeadingWatchState, Watch]:
+    """A straight way at 1 m/s; positions seven ticks apart, each two ticks old."""
+    state, bits = HeadingWatchState(), Watch(0)
+    ticks = round(way_m / 0.02)
+    for tick in range(ticks + 1):
+        position = None
+        if tick >= 2 and tick % 7 == 0:
+            at_m = 0.02 * (tick - 2) + (leap_m if tick > ticks // 2 else 0.0)
+            position = Position(0.02 * (tick - 2), 500.0 + at_m * math.cos(COURSE), at_m * math.sin(COURSE), sigma_m)
+        state, bits = step_heading_watch(
+            state,
+            time_s=0.02 * tick,
+            odometer_m=odometer_sign * 0.02 * tick,
+            heading_rad=heading_rad,
+            position=position,
+            fix_heading_rad=fix_heading_rad,
+        )
+    return state, bits
+
+
+@pytest.mark.parametrize("off_deg", [0.0, 25.0, -25.0])
+def test_a_heading_along_the_way_is_confirmed(off_deg: float) -> None:
+    state, bits = drive(COURSE + math.radians(off_deg))
+    assert state.check is HeadingCheck.CONFIRMED
+    assert bits == Watch(0)
+
+
+@pytest.mark.parametrize("off_deg", [180.0, 100.0, -120.0])
+def test_a_reversed_heading_is_contradicted(off_deg: float) -> None:
+    state, bits = drive(COURSE + math.radians(off_deg))
+    assert state.check is HeadingCheck.CONTRADICTED
+    assert bits == Watch.HEADING_CONTRADICTED
+
+
+def test_in_reverse_the_heading_points_back() -> None:
+    assert drive(COURSE + math.pi, odometer_sign=-1.0)[0].check is HeadingCheck.CONFIRMED
+    assert drive(COURSE, odometer_sign=-1.0)[0].check is HeadingCheck.CONTRADICTED
+
+
+@pytest.mark.parametrize(
+    "told", [{"way_m": 1.4}, {"leap_m": 5.0, "way_m": 2.0}, {"sigma_m": 0.5}, {"sigma_m": math.nan}]
+)
+def test_too_short_a_way_a_leap_or_poor_positions_say_nothing(told: dict[str, float]) -> None:
+    for heading_rad in (COURSE, COURSE + math.pi):
+        state, bits = drive(heading_rad, **told)
+        assert state.check is HeadingCheck.UNCONFIRMED
+        assert bits == Watch.HEADING_UNCONFIRMED
+
+
+@pytest.mark.parametrize("off_deg", [60.0, math.nan])
+def test_an_angle_between_or_none_says_nothing(off_deg: float) -> None:
+    assert drive(COURSE + math.radians(off_deg))[0].check is HeadingCheck.UNCONFIRMED
+
+
+def test_a_fix_confirms_or_contradicts_at_standstill() -> None:
+    assert drive(COURSE, way_m=0.02, fix_heading_rad=COURSE + 0.02)[1] == Watch(0)
+    assert drive(COURSE, way_m=0.02, fix_heading_rad=COURSE + 3.0)[1] == Watch.HEADING_CONTRADICTED
+    assert drive(COURSE, way_m=0.02, fix_heading_rad=math.nan)[1] == Watch.HEADING_UNCONFIRMED
+
+
+def test_an_odometer_that_is_no_number_says_nothing() -> None:
+    assert drive(COURSE, odometer_sign=math.nan)[1] == Watch.HEADING_UNCONFIRMED

@@ -1,0 +1,110 @@
+"""What the display knows, how old it is, and which routes may be asked for."""
+
+import json
+from typing import Any
+
+import pytest
+
+from lgprjax.autopilot.mode_events import ENGAGED as ENGAGED_MODES
+from lgprjax.autopilot.mode_events import Mode
+from lgprjax.runtime.display.board import ENGAGED, Board
+from lgprjax.runtime.records import Kind, Record, Source, pack
+from runtime.display.served_page import DRIVING, READY, state_record
+
+NOW_NS = 5_000_000_000
+
+
+def board_of(*states: dict[str, Any]) -> Board:
+    board = Board()
+    board.take([state_record(state, NOW_NS) for state in states])
+    return board
+
+
+def shown(board: Board, *, mono_ns: int = NOW_NS, with_path: bool = True) -> Any:
+    return json.loads(board.text(mono_ns, 3, with_path=with_path), parse_constant=pytest.fail)
+
+
+def test_the_newest_state_and_its_age() -> None:
+    said = shown(board_of(READY, DRIVING), mono_ns=NOW_NS + 250_000_000)
+    assert said["state"]["mode"] == "SPEED"
+    assert said["age_s"] == pytest.approx(0.25)
+    assert said["sent_s"] == pytest.approx(5.25)
+    assert said["refused"] == 3
+
+
+def test_before_the_first_state() -> None:
+    said = shown(Board())
+    assert said["state"] is None
+    assert said["age_s"] is None
+    assert said["path"] is None
+
+
+def test_the_path_stays_until_the_route_changes() -> None:
+    path = [[0.0, 0.0], [1.0, 2.0]]
+    board = board_of(READY | {"path": path}, READY, READY | {"path": path})
+    version = board.path_version
+    assert shown(board)["path"] == path
+    assert "path" not in shown(board, with_path=False)
+    assert "path" not in shown(board)["state"]
+    board.take([state_record(READY | {"path": path}, NOW_NS)])
+    assert board.path_version == version
+    board.take([state_record(READY | {"route": "quarry"}, NOW_NS)])
+    assert board.path_version != version
+    assert shown(board)["path"] is None
+
+
+def test_numbers_that_are_none_do_not_reach_a_browser() -> None:
+    payload = b'{"mode": "READY", "speed_mps": NaN, "sigma_along_m": Infinity, "to_go_m": -Infinity}'
+    board = Board()
+    board.take([pack(Record(Kind.STATE, Source.CONTROL, 1, NOW_NS, payload))])
+    assert shown(board)["state"] == {"mode": "READY", "speed_mps": None, "sigma_along_m": None, "to_go_m": None}
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        b"",
+        b"\x09\x0a",
+        state_record(DRIVING)[:-1],
+        pack(Record(Kind.STATE, Source.CONTROL, 1, NOW_NS, b"[1]")),
+        pack(Record(Kind.STATE, Source.CONTROL, 1, NOW_NS, b'{"a": 1e999}')),
+        pack(Record(Kind.STATE, Source.CONTROL, 1, NOW_NS, b"[" * 100_000)),
+        pack(Record(Kind.STATE, Source.CONTROL, 1, NOW_NS, b"\xff\xfe")),
+        pack(Record(Kind.MONITOR, Source.CONTROL, 1, NOW_NS, b"{}")),
+        b"\xff" + state_record(DRIVING)[1:],
+    ],
+)
+def test_what_is_no_state_is_counted_and_changes_nothing(message: bytes) -> None:
+    board = board_of(READY)
+    board.take([message])
+    assert board.refused_states == 1
+    assert shown(board)["state"]["mode"] == "READY"
+
+
+def test_a_route_that_can_be_chosen() -> None:
+    assert board_of(READY).obstacle("quarry", NOW_NS) is None
+
+
+@pytest.mark.parametrize(
+    ("state", "name", "why"),
+    [
+        (DRIVING, "quarry", "before the vehicle steers"),
+        (DRIVING | {"mode": "STEERING"}, "quarry", "before the vehicle steers"),
+        (READY | {"mode": None}, "quarry", "before the vehicle steers"),
+        (READY, "old road", "too tight a curve"),
+        (READY, "nowhere", "no such route"),
+        (READY | {"routes": None}, "quarry", "no such route"),
+        (READY | {"routes": [None, 7, {}]}, "quarry", "no such route"),
+    ],
+)
+def test_a_route_that_cannot(state: dict[str, Any], name: str, why: str) -> None:
+    assert why in str(board_of(state).obstacle(name, NOW_NS))
+
+
+def test_no_route_without_data() -> None:
+    assert "no data" in str(Board().obstacle("quarry", NOW_NS))
+    assert "no data" in str(board_of(READY).obstacle("quarry", NOW_NS + 500_000_001))
+
+
+def test_engaged_as_the_mode_machine_has_it() -> None:
+    assert tuple(Mode(mode).name for mode in ENGAGED_MODES) == ENGAGED

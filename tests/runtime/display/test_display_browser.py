@@ -1,0 +1,233 @@
+"""The page in headless Chromium: what an operator reads, that nothing is fetched from elsewhere, and how it looks.
+
+With ``LGPRJAX_PICTURES`` set to a folder the pictures of the documentation are written there.
+"""
+
+import io
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from runtime.display.browser import Tab, open_tab
+from runtime.display.served_page import DRIVING, READY, ServedPage, serve
+
+SIZES = [(1024, 600), (1280, 800), (800, 1280)]
+PATH = [[60.0 + 0.6 * i, 10.0 + 12.0 * math.sin((0.6 * i - 40.0) / 25.0)] for i in range(200)]
+YAW_RAD = math.atan(12.0 / 25.0)
+PLACE: dict[str, Any] = {"path": PATH, "pose": [100.0, 10.0, YAW_RAD], "gnss_pose": [101.2, 11.1, YAW_RAD]}
+REFUSED = READY | PLACE | {"refusal": "OFF_ROUTE", "refusal_text": "the vehicle is 14 m beside the route"}
+ERROR = DRIVING | PLACE | {
+    "mode": "ERROR",
+    "faults": ["DRIVE_BY_WIRE"],
+    "warnings": ["steering potentiometer and encoder disagree by 4.1 degrees", "storage is nearly full"],
+    "reaction": "STOP",
+    "reasons": ["steering sensors disagree"],
+    "correlation": 0.41,
+    "code": "low_correlation",
+    "ok_share": 0.12,
+    "cross_track_m": -0.62,
+    "processes": DRIVING["processes"] | {"registration": "relaunched"},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedPage]:
+    with serve(tmp_path_factory.mktemp("display")) as page:
+        yield page
+
+
+@pytest.fixture(scope="module")
+def tab(served: ServedPage) -> Iterator[Tab]:
+    with open_tab() as opened:
+        yield opened
+    elsewhere = [url for url in opened.requested if urlsplit(url).netloc != served.host]
+    assert elsewhere == []
+    assert f"ws://{served.host}/socket" in opened.requested
+
+
+def show(served: ServedPage, tab: Tab, state: dict[str, Any], size: tuple[int, int] = SIZES[0], **how: bool) -> None:
+    """A page freshly opened on a state."""
+    served.show(state)
+    tab.open(served.url, *size, **how)
+    tab.wait_for("!document.body.classList.contains('stale')")
+    assert tab.complaints == []
+
+
+def picture(tab: Tab, name: str | None = None) -> Any:
+    """The window's colours, and the file of the documentation where one is wanted."""
+    png = tab.picture()
+    folder = os.environ.get("LGPRJAX_PICTURES")
+    path = Path(folder or "/nonexistent") / f"display-{name}.png"
+    if folder and name:
+        path.write_bytes(png)
+    return matplotlib.image.imread(io.BytesIO(png), format="png")[..., :3]
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("state", [DRIVING | PLACE, ERROR, REFUSED], ids=["driving", "error", "refused"])
+def test_everything_is_on_the_screen(
+    served: ServedPage, tab: Tab, state: dict[str, Any], size: tuple[int, int]
+) -> None:
+    show(served, tab, state, size)
+    page = tab.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]")
+    assert page == list(size)
+    outside = """[...document.querySelectorAll('header *, main *, footer')].filter((e) => {
+        const box = e.getBoundingClientRect();
+        return e.textContent && (box.left < 0 || box.top < 0 || box.right > innerWidth || box.bottom > innerHeight);
+    }).map((e) => e.id || e.textContent)"""
+    assert tab.evaluate(outside) == []
+    cut = "['mode', 'speed', 'correlation', 'cross'].filter((n) => { const e = document.getElementById(n);"
+    assert (
+        tab.evaluate(cut + " return e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display != 'inline'})")
+        == []
+    )
+
+
+def test_driving(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, DRIVING | PLACE)
+    assert tab.text("#mode") == "STEERING + SPEED"
+    assert tab.text("#speed") == "4.4"
+    assert tab.text("#speed-more") == "set 4.50, limit 4.5"
+    assert tab.text("#cross") == "0.07 m left"
+    assert tab.text("#correlation") == "0.93"
+    assert tab.text("#correlation-more") == "good"
+    assert tab.text("#share") == "98 % good in 10 s"
+    assert tab.text("#words") == "✓ No warnings"
+    assert tab.text("#to-go") == "287 m to go"
+    # Left of the path stands left of the middle.
+    mark = "document.getElementById('bar-mark').getBoundingClientRect().right"
+    bar = "document.getElementById('bar').getBoundingClientRect()"
+    assert tab.evaluate(f"{mark} < ({bar}.left + {bar}.right) / 2")
+    # The route stands there, and cannot be changed.
+    assert "meadow" in tab.text("#routes")
+    assert "quarry" not in tab.text("#routes")
+    assert tab.evaluate("[...document.querySelectorAll('#routes button')].every((button) => button.disabled)")
+    picture(tab, "day")
+
+
+def test_nothing_on_the_page_engages(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, READY | PLACE)
+    buttons = tab.evaluate("[...document.querySelectorAll('button, input, a, form')].map((e) => e.id || e.textContent)")
+    assert buttons == ["theme", "up", "● meadow412 m", "○ quarry1609 m", "○ old roadtoo tight a curve"]
+
+
+def test_choosing_a_route(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, READY | PLACE)
+    served.requests()
+    tab.evaluate("document.querySelectorAll('#route-list button')[2].click()")
+    tab.evaluate("document.querySelectorAll('#route-list button')[1].click()")
+    tab.wait_for("document.getElementById('answer').textContent === ''")
+    served.show(READY | PLACE | {"route": "quarry", "path": None})
+    tab.wait_for("document.querySelector('[aria-pressed=true]').textContent.includes('quarry')")
+    assert served.requests() == [{"select_route": "quarry"}]
+
+
+def test_a_refused_engage_says_why(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, REFUSED)
+    assert tab.text("#mode") == "READY"
+    assert "cannot be engaged" in tab.text("#mode-text")
+    assert tab.text("#words") == "▲ Cannot engage: the vehicle is 14 m beside the route"
+
+
+def test_an_error_in_words(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, ERROR)
+    assert tab.text("#mode") == "ERROR"
+    words = tab.text("#words").split("\n")
+    assert words[:2] == ["■ Fault: drive by wire", "■ Stopping: steering sensors disagree"]
+    assert "▲ steering potentiometer and encoder disagree by 4.1 degrees" in words
+    assert tab.text("#correlation-more") == "too low"
+    assert tab.text("#cross") == "0.62 m right"
+    picture(tab, "error")
+
+
+def test_names_are_text(served: ServedPage, tab: Tab) -> None:
+    markup = "<img src=x onerror=document.title='hurt'><b>"
+    state = READY | {"warnings": [markup], "routes": [{"name": markup, "length_m": None, "problem": markup}]}
+    show(served, tab, state)
+    tab.wait_for("document.querySelector('#route-list button')")
+    assert markup in tab.text("#words")
+    assert tab.evaluate("document.querySelectorAll('img, main b').length") == 0
+    assert tab.evaluate("document.title") == "Vehicle"
+
+
+def test_a_state_of_nothing_but_nulls_is_shown(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, dict.fromkeys(DRIVING))
+    assert tab.text("#mode") == "MODE UNKNOWN"
+    assert tab.text("#speed") == tab.text("#correlation") == tab.text("#cross") == "–"
+
+
+def test_many_warnings_are_counted(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, DRIVING | {"warnings": [f"warning {i}" for i in range(30)]})
+    words = tab.text("#words").split("\n")
+    assert words[0] == "▲ warning 0"
+    assert words[-1] == f"▲ and {30 - (len(words) - 1)} more"
+    assert len(words) > 3
+
+
+def test_old_data_is_said_loudly(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, DRIVING | PLACE)
+    served.state = None
+    tab.wait_for("document.body.classList.contains('stale')", 5.0)
+    assert tab.text("#mode") == "NO DATA"
+    assert tab.text("#no-data").startswith("NO DATA\nThe control process is silent for ")
+    shares = picture(tab).reshape(-1, 3)
+    red = (shares[:, 0] > 0.5) & (shares[:, 1] < 0.2) & (shares[:, 2] < 0.2)
+    assert red.mean() > 0.15
+    served.show(DRIVING | PLACE)
+    tab.wait_for("!document.body.classList.contains('stale')")
+    assert tab.text("#mode") == "STEERING + SPEED"
+
+
+def test_night_dazzles_nobody(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, DRIVING | PLACE, dark=True)
+    night = picture(tab, "night")
+    assert night.mean() < 0.15
+    # No white, and no more blue than red or green anywhere.
+    assert night.min(axis=2).max() < 0.65
+    assert np.all(night[..., 2] <= night[..., :2].max(axis=2) + 0.02)
+    tab.evaluate("document.getElementById('theme').click()")
+    assert picture(tab).mean() > 0.6
+    tab.evaluate("document.getElementById('theme').click()")
+    assert picture(tab).mean() < 0.15
+
+
+def test_the_plan_turns(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, DRIVING | PLACE)
+
+    def path_pixels() -> Any:
+        box = tab.evaluate(
+            "(b => [b.left, b.top, b.right, b.bottom])(document.getElementById('plan').getBoundingClientRect())"
+        )
+        left, top, right, bottom = (round(edge) for edge in box)
+        plan = picture(tab)[top : bottom - 30, left:right]
+        return np.argwhere((plan[..., 2] > 0.6) & (plan[..., 0] < 0.1)) - (np.array(plan.shape[:2]) / 2)
+
+    # North is up: a path to the east-north-east lies flatter than it is high. Turned, it stands upright.
+    north = np.std(path_pixels(), axis=0)
+    assert north[0] < 0.7 * north[1]
+    tab.evaluate("document.getElementById('up').click()")
+    turned = np.std(path_pixels(), axis=0)
+    assert turned[0] > 2.0 * turned[1]
+    assert tab.text("#up") == "NORTH UP"
+
+
+def test_without_the_computer(tab: Tab, served: ServedPage, tmp_path: Path) -> None:
+    with serve(tmp_path) as other:
+        other.show(DRIVING)
+        tab.open(other.url, *SIZES[0])
+        tab.wait_for("!document.body.classList.contains('stale')")
+        other.process.kill()
+        tab.wait_for("document.body.classList.contains('stale')", 5.0)
+        assert "No connection to the vehicle" in tab.text("#no-data")
+    tab.requested[:] = [url for url in tab.requested if urlsplit(url).netloc != other.host]
+    show_again = tab.complaints.copy()
+    tab.complaints.clear()
+    assert all("WebSocket" in complaint for complaint in show_again)
+    show(served, tab, DRIVING)

@@ -1,0 +1,128 @@
+"""What a page may say: each request once, in order, for its own connection."""
+
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lgprjax.runtime.display.route_request import Refused, RequestGate
+
+SESSION = "0123456789abcdef"
+SECOND_NS = 1_000_000_000
+
+
+def said(**changed: Any) -> str:
+    return json.dumps({"session": SESSION, "number": 1, "select_route": "meadow"} | changed)
+
+
+def judge(message: str | bytes | None) -> str | Refused:
+    return RequestGate(SESSION).judge(message, 0)
+
+
+def test_a_good_request() -> None:
+    assert judge(said()) == "meadow"
+    assert judge(said(select_route="Straße 4 <b>")) == "Straße 4 <b>"
+
+
+def test_numbers_rise() -> None:
+    gate = RequestGate(SESSION)
+    verdicts = [gate.judge(said(number=number), i * SECOND_NS) for i, number in enumerate([3, 3, 2, 4, 4, 900, 5])]
+    again = Refused.REPEATED
+    assert verdicts == ["meadow", again, again, "meadow", again, "meadow", again]
+
+
+def test_a_refused_message_uses_no_number() -> None:
+    gate = RequestGate(SESSION)
+    assert gate.judge(said(session="other", number=9), 0) is Refused.SESSION
+    assert gate.judge(said(number=2), 0) == "meadow"
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        '{"session":"0123456789abcdef","number":1,"select_route":"meadow","engage":true}',
+        '{"session":"0123456789abcdef","number":1,"engage":true}',
+        '{"session":"0123456789abcdef","number":1}',
+        said(number=True),
+        said(number=1.0),
+        said(number="1"),
+        said(number=0),
+        said(number=-1),
+        said(number=2**53),
+        said(number=None),
+        said(session=7),
+        said(select_route=""),
+        said(select_route=None),
+        said(select_route=["meadow"]),
+        said(select_route={"engage": True}),
+        said(select_route="m" * 201),
+        "[]",
+        "1",
+        "null",
+        '"select_route"',
+        "{}",
+    ],
+)
+def test_anything_but_a_request(message: str) -> None:
+    assert judge(message) is Refused.NOT_A_REQUEST
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        "",
+        "{",
+        said() + "x",
+        said()[:-1],
+        "[" * 1000,
+        '{"a":' * 200,
+        said().replace("1", "NaN"),
+        said().replace("1", "-Infinity"),
+        said().replace("1,", '1, "number": 2,'),
+        "\x00",
+        "9" * 1024,
+    ],
+)
+def test_no_json_or_a_json_bomb(message: str) -> None:
+    assert judge(message) in (Refused.NOT_JSON, Refused.NOT_A_REQUEST)
+
+
+def test_too_large_counts_bytes() -> None:
+    assert judge(said() + " " * (1024 - len(said()))) == "meadow"
+    assert judge(said() + " " * (1025 - len(said()))) is Refused.TOO_LARGE
+    assert judge("ü" * 513) is Refused.TOO_LARGE
+
+
+def test_bytes_are_no_text() -> None:
+    assert judge(said().encode()) is Refused.NOT_TEXT
+    assert judge(None) is Refused.NOT_TEXT
+
+
+def test_five_a_second() -> None:
+    gate = RequestGate(SESSION)
+    times_ns = [i * SECOND_NS // 10 for i in range(10)]
+    verdicts = [gate.judge(said(number=i + 1), at_ns) for i, at_ns in enumerate(times_ns)]
+    assert verdicts == ["meadow"] * 5 + [Refused.TOO_MANY] * 5
+    # The refused ones count too: who goes on shouting is not heard.
+    assert gate.judge(said(number=50), times_ns[-1] + SECOND_NS * 9 // 10) == "meadow"
+
+
+@given(st.text(max_size=300) | st.binary(max_size=300))
+def test_no_text_is_taken_for_a_request(message: str | bytes) -> None:
+    assert isinstance(judge(message), Refused)
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.text(max_size=8),
+        lambda inner: (
+            st.lists(inner, max_size=3)
+            | st.dictionaries(st.sampled_from(["session", "number", "select_route", "engage"]), inner, max_size=4)
+        ),
+        max_leaves=8,
+    )
+)
+def test_no_json_is_taken_for_a_request(value: Any) -> None:
+    assert isinstance(judge(json.dumps(value)), Refused)

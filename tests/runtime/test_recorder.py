@@ -1,0 +1,128 @@
+"""The recorder as a process: what it is fed is on the disk once and in order, whatever happens to it."""
+
+import json
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from lgprjax.formats.run_log import read_run
+from lgprjax.runtime.config import read_config
+from lgprjax.runtime.process import Heartbeats, Stage, Started
+from lgprjax.runtime.recorder import Recorder
+from lgprjax.runtime.ring import Ring
+from runtime.recorder_process import Feeder, end, make_place, make_record, recorded, ring, start_recorder
+
+
+def test_everything_is_recorded_once_and_in_order(tmp_path: Path) -> None:
+    place = make_place(tmp_path, least_free_mb=0, segment_s=0.4)
+    process = start_recorder(place)
+    feeder = Feeder(place, 1)
+    time.sleep(1.2)
+    beat = Heartbeats(place.rings).read("recorder")
+    feeder.end()
+    assert end(process) == (0, "")
+    assert recorded(place) == feeder.put
+    assert (beat.stage, beat.pid) == (Stage.READY, process.pid)
+    assert beat.count > 10
+    reading = read_run(place.run)
+    numbers = [number for number, _ in reading]
+    summary = reading.summary
+    assert summary.complete
+    assert summary.end == "ended"
+    assert summary.segments >= 3
+    assert (summary.cut, summary.damaged) == ((), ())
+    assert numbers == sorted(numbers)
+    assert summary.last is not None
+    assert len(numbers) + summary.segments + 1 == summary.last + 1  # each segment's own first record, and the end
+    assert Heartbeats(place.rings).read("recorder").stage is Stage.ENDING
+
+
+def test_beside_the_segments_stands_what_a_reader_needs(tmp_path: Path) -> None:
+    place = make_place(tmp_path, least_free_mb=0)
+    before_ns = time.time_ns(), time.monotonic_ns()
+    assert end(start_recorder(place)) == (0, "")
+    place.config.write_text("changed = 1")
+    first = json.loads((place.run / "run.json").read_text())
+    copied = (place.run / "config.toml").read_text()
+    assert tomllib.loads(copied)["recording"] == {"least_free_mb": 0}
+    reading = read_run(place.run)
+    assert first["uuid"] == str(reading.summary.run)
+    (clock,) = first["clocks"]
+    for name, low in zip(("utc_ns", "mono_ns"), before_ns, strict=True):
+        assert 0 < clock[name] - low < 20e9
+    # Both clocks of one moment: their difference is the computer's.
+    assert abs((clock["utc_ns"] - clock["mono_ns"]) - (time.time_ns() - time.monotonic_ns())) < 1e8
+    assert {path.name for path in place.run.iterdir()} == {"0000.lgprun", "config.toml", "run.json"}
+
+
+def test_it_needs_no_accelerator_library() -> None:
+    code = "import sys, lgprjax.runtime.recorder; print(sorted({'jax', 'numpy', 'h5py'} & set(sys.modules)))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path.cwd())
+    assert found.stdout.strip() == "[]"
+
+
+def test_what_waited_while_it_was_dead_is_recorded(tmp_path: Path) -> None:
+    place = make_place(tmp_path, least_free_mb=0)
+    control = ring(place, "control_log")
+    messages = [make_record(n) for n in range(300)]
+    process = start_recorder(place)
+    for message in messages[:100]:
+        control.put(message)
+    time.sleep(0.3)
+    process.kill()
+    process.communicate()
+    for message in messages[100:]:
+        control.put(message)
+    process = start_recorder(place, after_death=True)
+    assert end(process) == (0, "")
+    numbers, found = zip(*read_run(place.run), strict=True)
+    assert list(found) == messages
+    # Number 0 and the one after the relaunch are the recorder's own.
+    assert list(numbers) == [*range(1, 101), *range(102, 302)]
+
+
+def test_written_but_not_let_go_of_is_not_recorded_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = make_place(tmp_path, least_free_mb=0)
+    control = ring(place, "control_log")
+    messages = [make_record(n) for n in range(50)]
+    recorder = Recorder(Started("recorder", read_config(place.config), place.rings, place.run, False))
+    released: list[int] = []
+
+    def dies(_ring: Ring, end: int) -> None:
+        released.append(end)
+
+    monkeypatch.setattr(Ring, "release", dies)
+    for message in messages[:30]:
+        control.put(message)
+    recorder.write()
+    assert len(released) == 3
+    monkeypatch.undo()
+    assert control.waiting > 0
+    # The process dies here; its successor knows by the disk what it has to let go of.
+    control.put(messages[30])
+    assert end(start_recorder(place, after_death=True)) == (0, "")
+    assert recorded(place)["control_log"] == messages[:31]
+
+
+def test_messages_that_found_no_room_are_told(tmp_path: Path) -> None:
+    place = make_place(tmp_path, least_free_mb=0)
+    supervisor = ring(place, "supervisor_log")
+    message = make_record(0, bytes(60_000))
+    while supervisor.put(message):
+        pass
+    assert not supervisor.put(message)
+    assert end(start_recorder(place)) == (0, "")
+    assert end(start_recorder(place, after_death=True)) == (0, "")
+    summary = read_run(place.run).summary
+    assert summary.dropped == {"control_log": 0, "registration_log": 0, "supervisor_log": 2}
+    assert not summary.complete
+    assert summary.missing == ()
+    # New rings, as after a new start of everything, take nothing back.
+    for path in place.rings.iterdir():
+        path.unlink()
+    assert end(start_recorder(place)) == (0, "")
+    assert read_run(place.run).summary.dropped["supervisor_log"] == 2

@@ -1,0 +1,101 @@
+"""Radar and controller boxes against data_schema/wire.toml, by frames made by hand."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from lgprjax.scene.propagation import RadarConfig
+from lgprjax.simulation.devices.controller_box import ControllerBox, buttons_of
+from lgprjax.simulation.devices.radar_box import PROCESSING_NS, RadarBox, RadarState, Recorded
+from lgprjax.simulation.devices.wire_ends import Sender
+from simulation.devices.host_frames import MS, host_frame, read_frame
+
+_PERIOD_NS = 7_936_508
+
+
+def _radar() -> RadarBox:
+    return RadarBox(Sender(9, 0), RadarConfig(), 11, 1.0 / 126.0)
+
+
+def _tell(box: RadarBox, action: int, sequence: int, now_ns: int, period_us: int = 0) -> None:
+    box.receive(host_frame(0x10, struct.pack("<BI", action, period_us), sequence, now_ns), now_ns)
+
+
+def _scan(number: int) -> Recorded:
+    data = np.arange(11 * 369, dtype=np.int64).reshape(11, 369) + number
+    return Recorded(number, number * _PERIOD_NS, data.astype(np.uint8))
+
+
+def test_scans_leave_when_they_are_done_stamped_with_their_start() -> None:
+    box = _radar()
+    _tell(box, 1, 0, 10 * _PERIOD_NS)
+    box.put([_scan(9), _scan(10), Recorded(11, 11 * _PERIOD_NS, None), _scan(12)])
+    # The one of before the start is left.
+    assert box.due(11 * _PERIOD_NS + PROCESSING_NS - 1000) == []
+    frames = [read_frame(data) for _, data in box.due(14 * _PERIOD_NS)]
+    assert [frame.stamp_us for frame in frames] == [10 * _PERIOD_NS // 1000, 12 * _PERIOD_NS // 1000]
+    scan, channels, samples, valid = struct.unpack_from("<IHHI", frames[1].payload)
+    assert (scan, channels, samples, valid) == (2, 11, 369, 0x7FF)
+    assert frames[1].payload[12:] == _scan(12).data.tobytes()  # type: ignore[union-attr]
+    assert box.dropped == 1
+
+
+def test_it_stops_and_numbers_anew() -> None:
+    box = _radar()
+    _tell(box, 1, 0, 0)
+    box.put([_scan(0), _scan(1)])
+    _tell(box, 0, 1, 1)
+    assert box.due(1000 * MS) == []
+    box.put([_scan(5)])
+    _tell(box, 1, 2, 90 * _PERIOD_NS)
+    box.put([_scan(90)])
+    ((_, data),) = box.due(1000 * MS)
+    assert struct.unpack_from("<I", read_frame(data).payload)[0] == 0
+
+
+def test_a_longer_period_leaves_scans_out() -> None:
+    box = _radar()
+    _tell(box, 1, 0, 0, period_us=3 * 7937)
+    box.put([_scan(number) for number in range(7)])
+    numbers = [struct.unpack_from("<I", read_frame(data).payload)[0] for _, data in box.due(1000 * MS)]
+    assert numbers == [0, 1, 2]
+    assert struct.unpack("<HHIifI", read_frame(box.description(0)).payload)[5] == 23810
+
+
+def test_it_describes_itself() -> None:
+    told = read_frame(_radar().description(5000))
+    assert told.kind == 0x14
+    assert struct.unpack("<HHIifI", told.payload) == (11, 369, 160, 4000, 128.0, 7937)
+
+
+def test_calibrating_takes_a_second() -> None:
+    box = _radar()
+    _tell(box, 2, 0, 0)
+    box.due(900 * MS)
+    assert struct.unpack("<BHfI", read_frame(box.health(0)).payload)[0] == 2
+    box.due(1000 * MS)
+    assert box.state is RadarState.IDLE
+
+
+@pytest.mark.parametrize(
+    ("pressed", "bits"),
+    [
+        ((), 2),
+        (("override",), 1),
+        (("steering", "plus"), 2 | 8 | 16),
+        (("estop", "minus", "brake_tap"), 2 | 4 | 32 | 64),
+    ],
+)
+def test_buttons_have_their_bits(pressed: tuple[str, ...], bits: int) -> None:
+    box = ControllerBox(Sender(3, 0))
+    told = read_frame(box.status(20 * MS, buttons_of(set(pressed))))
+    assert (told.kind, told.stamp_us, struct.unpack("<H", told.payload)[0]) == (0x30, 20_000, bits)
+
+
+def test_the_light_goes_out_when_nobody_feeds_it() -> None:
+    box = ControllerBox(Sender(3, 0))
+    box.receive(host_frame(0x31, b"\x01", 0, 0, mode=6, ttl_ms=500), 0)
+    assert box.lit(499 * MS)
+    assert not box.lit(501 * MS)
+    assert read_frame(box.status(0, 2)).mode == 6
