@@ -1,4 +1,4 @@
-"""The search of one template on the places near its prior: a rung of the ladder as shapes."""
+"""The search of a template, or of a few, on the places near their prior: a rung of the ladder as shapes."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -30,7 +30,7 @@ class Search:
     Attributes:
         options: with the rung's region and thresholds.
         rules: of the drive, with these thresholds.
-        layout: one template at a time, with the rung's counts.
+        layout: as many templates at a time as are searched together, with the rung's counts.
         places: along and across that the coarse stage scores, no more than a tile has.
     """
 
@@ -54,7 +54,7 @@ def match_near(
     places: tuple[int, int],
     spec: MatchSpec,
 ) -> Fix:
-    """``match_scans`` of one template on the places nearest to its prior."""
+    """``match_scans`` of templates close to each other on the places nearest to the first one's prior."""
     near = cut_columns(columns, ends.prior[0, :2], places=places)
     fix: Fix = match_scans(
         near, components, tile, scans, ends, rules, height_reference_m, angular_frequency_rad_per_ns, spec=spec
@@ -80,8 +80,8 @@ def cut_columns(columns: ArrayColumns, centre_m: Float[Array, "2"], *, places: t
     )
 
 
-def search_of(rung: Rung, prepared: PreparedGround, options: RegisterOptions) -> Search:
-    """Shapes of a rung for a map, an array and a window."""
+def search_of(rung: Rung, prepared: PreparedGround, options: RegisterOptions, ends: int = 1) -> Search:
+    """Shapes of a rung for a map, an array and a window; ``ends`` templates are searched together."""
     swarm = options.swarm
     if swarm is not None:
         swarm = replace(swarm, particles=rung.particles, iterations=rung.iterations)
@@ -90,7 +90,7 @@ def search_of(rung: Rung, prepared: PreparedGround, options: RegisterOptions) ->
     members = 1
     if options.window_m > 0.0:
         members = 2 + int(options.window_m / whole.coarse_m) + int(options.window_m / whole.fine_m)
-    layout = replace(whole, ends=1, scans=1 << (members - 1).bit_length(), spec=spec)
+    layout = replace(whole, ends=ends, scans=1 << (members + ends - 2).bit_length(), spec=spec)
     # The scans of a window stand behind its last one, and their places must be among those that are scored.
     half_m = rung.half_m + _RIM_M + options.window_m
     along, cross = (2 * int(np.ceil(half_m / step_m)) + 1 for step_m in prepared.step_m)

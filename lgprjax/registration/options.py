@@ -27,6 +27,7 @@ class RegisterOptions:
         memory_mb: bound on what a batch's products at all places of a tile may take, in 10⁶ bytes; a wide search goes
             in smaller batches. One template is always tried, and a quarter more than it takes allowed.
         track: search about the last fix, carried on by odometry, in a region that follows the correlation.
+        never_wider: such a region is never wider than ``search_m``: the prior is known to be no farther off.
     """
 
     search_m: float = 1.5
@@ -41,6 +42,7 @@ class RegisterOptions:
     seed: int = 0
     memory_mb: float = 512.0
     track: bool = False
+    never_wider: bool = False
 
     @property
     def thresholds(self) -> Thresholds:

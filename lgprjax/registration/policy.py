@@ -120,6 +120,8 @@ class Policy:
         start = next((n for n, half_m in enumerate(halves) if half_m >= options.search_m), len(halves) - 1)
         halves[start] = options.search_m
         ladder = tuple(rung._replace(half_m=half) for rung, half in zip(LADDER, halves, strict=True))
+        if options.never_wider:
+            ladder = ladder[: start + 1]
         return Policy(ladder, options.search_m, float(options.thresholds.strength))
 
     def rung_for(self, reach_m: float) -> int:

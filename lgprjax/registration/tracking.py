@@ -71,6 +71,8 @@ class Tracker:
         options: the search; ``search_m`` is how far the log's prior may be wrong.
         block_scans: most scans that ``feed`` is given at once, a shape that is compiled: few on a vehicle.
         held_tiles: prepared tiles held in memory.
+        together: scans of a block that are searched in one call, all from the last fix before them and on one rung: a
+            call costs as much as a search.
 
     Attributes:
         lock: what the search knows of its own state.
@@ -86,6 +88,7 @@ class Tracker:
         *,
         block_scans: int = BLOCK_SCANS,
         held_tiles: int = 4,
+        together: int = 1,
     ) -> None:
         self._block_scans = block_scans
         self._ground = ground
@@ -95,7 +98,8 @@ class Tracker:
         self._policy = Policy.of(options, ground.description.settings.wavelength_m)
         self.prepared = PreparedGround(ground, array, keep=held_tiles)
         self._chain = live_chain(ground, operators, len(array.x_m), options.window_m)
-        self._searches = [search_of(rung, self.prepared, options) for rung in self._policy.ladder]
+        self._searches = [search_of(rung, self.prepared, options, together) for rung in self._policy.ladder]
+        self._most = together
         self._centre = np.array(centre_of(array))
         self.lock = first_lock(self._policy)
         self._anchor: _Anchor | None = None
@@ -122,7 +126,7 @@ class Tracker:
                 self.prepared.at(Aspect(tile, direction, 0, 0))
         aspect = Aspect(tiles[0], 1, 0, 0)
         for search in self._searches:
-            batch = self._batch(search, aspect, scans, 0)
+            batch = self._batch(search, aspect, scans, np.array([0]))
             self._match(search, aspect, batch)
             if truth:
                 self._at_truth(aspect, batch, pose[:1])
@@ -137,39 +141,66 @@ class Tracker:
         rungs, tiles = np.full(count, -1), np.full(count, -1)
         logged = scans.track.pose
         tried = scans._replace(track=scans.track._replace(pose=logged.copy()))
-        for row in range(count):
+        row = 0
+        while row < count:
             at = first + row
             if scans.path_m[at] - self._start_m + 1e-6 < self._options.window_m:
+                row += 1
                 continue
             turn = next_turn(self.lock, self._policy)
-            search = self._searches[turn.rung]
             centre_m = self._centre_at(scans, at, turn)
-            tried.track.pose[at, :2] = centre_m
-            rungs[row] = turn.rung
-            tile = self._ground.tile_near(centre_m, search.options.search_m)
-            code, strength, astray_m = int(Code.OFF_MAP), -1.0, 0.0
-            if tile is not None:
-                tiles[row] = tile
-                here = np.array([at])
-                aspect = self.prepared.aspects(np.array([tile]), tried.track, here)[0][0]
-                batch = self._batch(search, aspect, tried, at)
-                found = self._match(search, aspect, batch)
-                for whole, part in zip(fixes, found, strict=True):
-                    whole[row] = part[0]
-                if block.truth is not None:
-                    at_truth[row] = self._at_truth(aspect, batch, block.truth[row : row + 1])
-                code, strength = int(found.code[0]), float(found.correlation[0]) * float(found.overlap[0]) ** 0.5
-                if code == Code.OK:
-                    place_m = in_map(np.asarray(found.pose[0, :2]), self._ground.frame(tile))
-                    astray_m = float(np.hypot(*(place_m - logged[at, :2])))
-                    self._anchor = _Anchor(self._axle(place_m, float(logged[at, 3]), -1.0), scans.dead_reckoned_m[at])
-            else:
-                fixes.code[row] = code
-            travelled_m = float(scans.path_m[at]) - self._path_m
-            self._path_m = float(scans.path_m[at])
-            self.lock = next_lock(self.lock, Outcome(code, strength, travelled_m, astray_m), self._policy)
+            tile = self._ground.tile_near(centre_m, self._searches[turn.rung].options.search_m)
+            if tile is None:
+                rungs[row] = turn.rung
+                fixes.code[row] = int(Code.OFF_MAP)
+                self._advance(scans, at, Outcome(int(Code.OFF_MAP), -1.0, 0.0, 0.0))
+                row += 1
+                continue
+            here, aspect = self._group(turn, tried, at, count - row if block.truth is None else 1, tile)
+            search = self._searches[turn.rung]
+            batch = self._batch(search, aspect, tried, here)
+            found = self._match(search, aspect, batch)
+            if block.truth is not None:
+                at_truth[row] = self._at_truth(aspect, batch, block.truth[row : row + 1])
+            for part, scan in enumerate(here):
+                rungs[row], tiles[row] = turn.rung, tile
+                for whole, one in zip(fixes, found, strict=True):
+                    whole[row] = one[part]
+                self._advance(scans, int(scan), self._outcome(found, part, tile, scans, int(scan), logged[scan]))
+                row += 1
         variance = self._in_map(fixes, tiles)
         return TrackedFixes(scans.number[first:], fixes, at_truth, variance, rungs)
+
+    def _group(
+        self, turn: Turn, tried: LiveScans, at: int, left: int, tile: int
+    ) -> tuple[Int[np.ndarray, " scan"], Aspect]:
+        """Scans from ``at`` on that are searched in one call, and how they look at the tile: all of them alike."""
+        many = min(self._most, left)
+        here = np.arange(at, at + many)
+        tried.track.pose[here, :2] = [self._centre_at(tried, int(scan), turn) for scan in here]
+        looks = self.prepared.aspects(np.full(many, tile), tried.track, here)
+        if len(looks) > 1:
+            here = here[:1]
+            looks = self.prepared.aspects(np.array([tile]), tried.track, here)
+        return here, looks[0][0]
+
+    def _outcome(
+        self, found: Fix, part: int, tile: int, scans: LiveScans, scan: int, logged: Float[np.ndarray, "5"]
+    ) -> Outcome:
+        """What a search gave; an ok fix is what the next ones start from."""
+        code, astray_m = int(found.code[part]), 0.0
+        strength = float(found.correlation[part]) * float(found.overlap[part]) ** 0.5
+        if code == Code.OK:
+            place_m = in_map(np.asarray(found.pose[part, :2]), self._ground.frame(tile))
+            astray_m = float(np.hypot(*(place_m - logged[:2])))
+            self._anchor = _Anchor(self._axle(place_m, float(logged[3]), -1.0), scans.dead_reckoned_m[scan])
+        return Outcome(code, strength, 0.0, astray_m)
+
+    def _advance(self, scans: LiveScans, scan: int, outcome: Outcome) -> None:
+        """The lock after a scan."""
+        travelled_m = float(scans.path_m[scan]) - self._path_m
+        self._path_m = float(scans.path_m[scan])
+        self.lock = next_lock(self.lock, outcome._replace(travelled_m=travelled_m), self._policy)
 
     def _centre_at(self, scans: LiveScans, at: int, turn: Turn) -> Float[np.ndarray, "2"]:
         pose = np.asarray(scans.track.pose[at])
@@ -184,9 +215,9 @@ class Tracker:
         cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
         return np.asarray(place_m + np.array([cos * x_m - sin * y_m, sin * x_m + cos * y_m]))
 
-    def _batch(self, search: Search, aspect: Aspect, scans: LiveScans, at: int) -> Batch:
+    def _batch(self, search: Search, aspect: Aspect, scans: LiveScans, at: Int[np.ndarray, " scan"]) -> Batch:
         frame, height_m = self._ground.frame(aspect.tile), self._ground.source.height_reference_m[aspect.tile]
-        return search.layout.batch_of(self.prepared, scans, np.array([at]), frame, float(height_m), search.options)
+        return search.layout.batch_of(self.prepared, scans, at, frame, float(height_m), search.options)
 
     def _match(self, search: Search, aspect: Aspect, batch: Batch) -> Fix:
         ready = self.prepared.at(aspect)

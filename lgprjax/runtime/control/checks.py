@@ -35,10 +35,16 @@ class SystemChecks:
         """Begin, or begin again."""
         self.running, self._began_s, self._braked_s = True, time_s, 0.0
 
-    def step(self, time_s: float, look: Callable[[], list[CheckItem]]) -> CheckItem | bool | None:
-        """``True`` where the run has passed, the failed item where it failed, ``None`` while it goes on."""
+    def step(self, time_s: float, look: Callable[[], list[CheckItem]], *, starting: bool) -> CheckItem | bool | None:
+        """``True`` where the run has passed, the failed item where it failed, ``None`` while it goes on.
+
+        While processes are still ``starting`` for the first time nothing has failed yet: how long they may take is the
+        supervisor's to say.
+        """
         if not self.running:
             return None
+        if starting:
+            self._began_s = time_s
         self.items = look()
         failed = next((item for item in self.items if not item.good), None)
         if failed is None:

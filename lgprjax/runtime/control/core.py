@@ -223,7 +223,8 @@ class ControlCore:
         if self.modes.checks_asked:
             self.modes.checks_asked = False
             self._checks.begin(now_s)
-        verdict = self._checks.step(now_s, lambda: self.look(sensed, watched))
+        starting = "registration" not in self._alive
+        verdict = self._checks.step(now_s, lambda: self.look(sensed, watched), starting=starting)
         if verdict is True:
             self._tell(Event.CHECKS_PASSED, now_ns)
         elif isinstance(verdict, CheckItem):

@@ -1,6 +1,6 @@
 """The registration process: takes the radar's scans, searches each from the control loop's prior, sends its fix."""
 
-import os
+import gc
 import signal
 import time
 from collections import deque
@@ -21,8 +21,9 @@ from lgprjax.runtime.stamps import StampClock
 from lgprjax.runtime.wire import Frame
 
 _IDLE_S = 0.002
-_WISH_S = 0.1
+_WISH_S = 0.2
 _ASK_S = 1.0
+_STANDING_MPS = 0.05
 _WAITING = 256  # scans: two seconds
 _START = 1
 
@@ -68,7 +69,12 @@ class Registration:
             assert place.x_m is not None
             assert place.height_m is not None
             priors = PriorTrack(place.x_m, place.height_m)
+            # Scans that came meanwhile are old.
+            self._listen()
             self._waiting.clear()
+            # What is there now stays: collecting it again and again is what a collector's pauses are made of.
+            gc.collect()
+            gc.freeze()
             while not self._ended:
                 started.beat(Stage.READY)
                 self._listen()
@@ -122,15 +128,14 @@ class Registration:
         while self._waiting and priors.covers(self._waiting[0].time_ns) is False:
             self._waiting.popleft()
         ready: list[_Scan] = []
-        for scan in self._waiting:
-            if len(ready) == BLOCK_SCANS or priors.covers(scan.time_ns) is not True:
-                break
-            ready.append(scan)
+        while self._waiting and len(ready) < BLOCK_SCANS and priors.covers(self._waiting[0].time_ns):
+            scan = self._waiting.popleft()
+            # One scan in ten of a vehicle that stands says all that there is to say.
+            if abs(priors.speed_mps) > _STANDING_MPS or scan.frame.number("scan") % 10 == 0:
+                ready.append(scan)
         self._look_ahead(search, priors)
         if not ready:
             return False
-        for _ in ready:
-            self._waiting.popleft()
         times = np.array([scan.time_ns for scan in ready], np.int64)
         track = priors.track(times)
         found = search.feed([scan.frame for scan in ready], track)
@@ -165,6 +170,4 @@ class Registration:
 
 def run(started: Started) -> None:
     """The process."""
-    # The control loop, which needs little, comes first.
-    os.nice(2)
     Registration(started).run()

@@ -14,7 +14,7 @@ from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.registration.tiles_ahead import TilesAhead
 from lgprjax.runtime.wire import Frame
 
-BLOCK_SCANS = 3
+BLOCK_SCANS = 4
 """Most scans that are searched at once: a compiled shape."""
 _HELD_TILES = 10
 
@@ -55,6 +55,8 @@ def options_of(config: RuntimeConfig) -> RegisterOptions:
         window_m=told.window_m,
         time_scale=told.time_scale,
         own_thresholds=None if held is None else Thresholds(**held),
+        # Navigation says how far off it may be; on poor ground wider searches would only take time.
+        never_wider=True,
     )
 
 
@@ -110,7 +112,15 @@ class Search:
             height_m=place.height_m,
         )
         ground = tracking_ground(source, options)
-        self.tracker = Tracker(ground, operators, self.array, options, block_scans=BLOCK_SCANS, held_tiles=_HELD_TILES)
+        self.tracker = Tracker(
+            ground,
+            operators,
+            self.array,
+            options,
+            block_scans=BLOCK_SCANS,
+            held_tiles=_HELD_TILES,
+            together=BLOCK_SCANS,
+        )
         self.ahead = TilesAhead(beside, self.array, options)
 
     def warm_up(self) -> None:
