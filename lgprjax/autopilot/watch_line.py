@@ -13,6 +13,8 @@ SILENT_S = 0.06
 """Six statuses of the box."""
 HELD_S = 0.1
 """After it was told to engage, the box must say that it holds."""
+FAULT_S = 0.08
+"""An actuator's fault must last longer than a sag of the supply, which a vehicle rides through."""
 
 
 class BoxState(IntFlag):
@@ -32,18 +34,16 @@ class BoxState(IntFlag):
 _BITS = (
     (int(BoxState.BAD_FRAMES), int(Watch.BAD_FRAMES)),
     (int(BoxState.SECOND_SENDER), int(Watch.SECOND_SENDER)),
-    (
-        int(BoxState.SERVO_FAULT | BoxState.THROTTLE_FAULT | BoxState.BRAKE_FAULT | BoxState.NO_POWER),
-        int(Watch.ACTUATOR_FAULT),
-    ),
     (int(BoxState.BUS_OFF), int(Watch.BUS_OFF)),
 )
+_FAULTS = int(BoxState.SERVO_FAULT | BoxState.THROTTLE_FAULT | BoxState.BRAKE_FAULT | BoxState.NO_POWER)
 
 
 class LineWatchState(NamedTuple):
-    """What is carried from tick to tick: for how long the box has not held what it was told to."""
+    """What is carried from tick to tick: for how long the box has not held what it was told to, and told of a fault."""
 
     let_go: Dwell = Dwell()
+    fault: Dwell = Dwell()
 
 
 def step_line_watch(
@@ -61,10 +61,15 @@ def step_line_watch(
     step_s = counted_step_s(step_s)
     lets_go = told_engaged != 0 and (box_state & BoxState.DEFAULTS != 0 or told_engaged & ~box_engaged != 0)
     let_go = step_dwell(state.let_go, lets_go, step_s, on_s=HELD_S)
-    bits = let_go.on * Watch.DEFAULTS_ACT | (not 0.0 <= status_age_s <= SILENT_S) * Watch.LINE_SILENT
+    fault = step_dwell(state.fault, box_state & _FAULTS != 0, step_s, on_s=FAULT_S, off_s=0.0)
+    bits = (
+        fault.on * Watch.ACTUATOR_FAULT
+        | let_go.on * Watch.DEFAULTS_ACT
+        | (not 0.0 <= status_age_s <= SILENT_S) * Watch.LINE_SILENT
+    )
     for box_bits, bit in _BITS:
         if box_state & box_bits:
             bits |= bit
     if not box_state & BoxState.BRAKE_TESTED:
         bits |= Watch.BRAKE_UNTESTED
-    return LineWatchState(let_go), as_watch(bits)
+    return LineWatchState(let_go, fault), as_watch(bits)

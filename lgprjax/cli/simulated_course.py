@@ -2,11 +2,12 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -97,13 +98,14 @@ def devices(config: "RuntimeConfig", table: "SimulationTable", folder: Path) -> 
     if config.cache is not None:
         environment["JAX_COMPILATION_CACHE_DIR"] = str(config.path(config.cache))
         environment["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+    # The world waits for nobody: where it is permitted its devices run before the runtime.
+    first = ["nice", "-n", "-10"] if shutil.which("nice") else []
     with told.open("w", encoding="utf-8") as log:
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "lgprjax.simulation.devices", str(file)],
+            [*first, sys.executable, "-P", "-m", "lgprjax.simulation.devices", str(file)],
             stdout=log,
             stderr=subprocess.STDOUT,
             env=environment,
-            preexec_fn=_comes_first,
         )
     try:
         yield _addresses(process, folder / "ports.json", told)
@@ -113,12 +115,6 @@ def devices(config: "RuntimeConfig", table: "SimulationTable", folder: Path) -> 
             process.wait(_DOWN_S)
         except subprocess.TimeoutExpired:
             process.kill()
-
-
-def _comes_first() -> None:
-    """The world waits for nobody: where it is permitted, its devices run before the runtime."""
-    with suppress(PermissionError):
-        os.nice(-10)
 
 
 def _addresses(process: "subprocess.Popen[bytes]", ports: Path, told: Path) -> dict[str, str]:

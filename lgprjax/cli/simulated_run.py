@@ -1,5 +1,6 @@
 """What a simulated run was worth: the truth of the devices against the recording of the runtime."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ def figures_of(folder: Path) -> dict[str, Any]:
     fixes: list[np.void] = []
     used: list[tuple[int, int]] = []
     scans = 0
-    events: list[str] = []
+    memory: list[tuple[float, float]] = []
     for _, data in read_run(folder):
         record = unpack(data)
         if record.kind is Kind.TICK:
@@ -42,29 +43,53 @@ def figures_of(folder: Path) -> dict[str, Any]:
             used.append((record.tick, int(fix["scan_ns"])))
         elif record.kind is Kind.PORT_IN and record.source is Source.RADAR:
             scans += record.payload[3] == 0x12
-        elif record.kind is Kind.EVENT:
-            events.append(record.payload.decode())
+        elif record.kind is Kind.MONITOR and record.tick > 0:
+            held = [value for value in json.loads(record.payload).get("rss_mb", {}).values() if value is not None]
+            memory.append((record.mono_ns / 1e9, float(sum(held))))
     figures: dict[str, Any] = {"ticks": len(ticks), "scans": scans, "searched": len(fixes)}
-    if fixes:
-        codes = np.array([int(fix["code"]) for fix in fixes])
-        figures["ok_share"] = float(np.mean(codes == Code.OK))
-        figures["most_waiting"] = int(max(int(fix["waiting"]) for fix in fixes))
-        figures["largest_gap_scans"] = int(np.diff([int(fix["scan"]) for fix in fixes]).max(initial=1))
+    modes = np.array([int(plan["mode"]) for plan in plans])
+    speeds = np.array([abs(float(plan["speed_mps"])) for plan in plans])
+    # What is told of the search is told of tracking: engaged, and moving.
+    tracking = np.isin(modes, _ENGAGED) & (speeds > 0.1)
+
+    def tracked(scan_ns: np.ndarray) -> np.ndarray:
+        return tracking[np.clip(np.searchsorted(plan_ns, scan_ns), 0, len(plan_ns) - 1)]
+
+    if fixes and len(plans):
+        found = np.array(fixes, FIX)
+        on = tracked(found["scan_ns"])
+        if on.any():
+            figures["ok_share"] = float(np.mean(found["code"][on] == Code.OK))
+            figures["most_waiting"] = int(found["waiting"][on].max())
+            gaps = np.diff(found["scan"].astype(np.int64))[on[1:] & on[:-1]]
+            figures["largest_gap_scans"] = int(gaps.max(initial=1))
+            figures["missed_scans"] = int(np.sum(gaps - 1))
     period = np.diff([mono for _, mono in ticks]) / 1e6
     if len(period):
         for name, share in (("p50", 50.0), ("p99", 99.0), ("p99_9", 99.9), ("largest", 100.0)):
             figures[f"period_{name}_ms"] = float(np.percentile(period, share))
     begun = dict(ticks)
     late = np.array([(begun[tick] - scan_ns) / 1e6 for tick, scan_ns in used if tick in begun])
+    if len(late) and len(plans):
+        late = late[tracked(np.array([scan_ns for tick, scan_ns in used if tick in begun]))]
     if len(late):
         for name, share in (("p50", 50.0), ("p99", 99.0), ("largest", 100.0)):
             figures[f"scan_to_command_{name}_ms"] = float(np.percentile(late, share))
-    modes = np.array([int(plan["mode"]) for plan in plans])
+    figures |= _memory(memory)
     figures["modes"] = {str(mode): int(np.sum(modes == mode)) for mode in np.unique(modes)}
     truth = folder / "truth.npz"
     if truth.exists() and len(plans):
         figures |= _against_truth(truth, np.array(plan_ns), plans, modes)
     return figures
+
+
+def _memory(memory: list[tuple[float, float]]) -> dict[str, float]:
+    """Memory of all processes together, and how it grows once a minute has passed."""
+    settled = np.array([each for each in memory if each[0] - memory[0][0] > 60.0])
+    if len(settled) < 30:
+        return {}
+    slope = np.polyfit(settled[:, 0] - settled[0, 0], settled[:, 1], 1)[0]
+    return {"memory_mb": float(settled[-1, 1]), "memory_growth_mb_per_h": float(3600.0 * slope)}
 
 
 def _against_truth(path: Path, plan_ns: np.ndarray, plans: list[np.void], modes: np.ndarray) -> dict[str, Any]:

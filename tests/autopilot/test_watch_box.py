@@ -41,15 +41,16 @@ def test_a_silent_box_is_found_at_once(age_s: float) -> None:
     [
         (2, Watch.BAD_FRAMES),
         (4, Watch.SECOND_SENDER),
-        (8, Watch.ACTUATOR_FAULT),
-        (16, Watch.ACTUATOR_FAULT),
-        (32, Watch.ACTUATOR_FAULT),
         (64, Watch.BUS_OFF),
-        (256, Watch.ACTUATOR_FAULT),
     ],
 )
-def test_what_the_box_says_is_found_at_once(state: int, bit: Watch) -> None:
+def test_what_the_box_says_of_the_line_is_found_at_once(state: int, bit: Watch) -> None:
     assert line(1, box=TESTED | state) == [bit]
+
+
+@pytest.mark.parametrize("state", [8, 16, 32, 256])
+def test_a_fault_of_an_actuator_is_found_when_it_lasts_longer_than_a_sag(state: int) -> None:
+    assert line(5, box=TESTED | state) == [Watch(0)] * 3 + [Watch.ACTUATOR_FAULT] * 2
 
 
 def test_a_box_that_lets_go_is_found_within_a_tenth_of_a_second() -> None:

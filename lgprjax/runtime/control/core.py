@@ -31,6 +31,7 @@ from lgprjax.runtime.wire import decode
 _COMMAND_TTL_MS = 200
 _LIGHT_TTL_MS = 500
 _OLD_S = 0.5
+_OLD_NS = 300_000_000
 _DEGRADED_MPS = 2.0
 _STATE_TICKS = 5
 _LATE_TICKS = 3
@@ -116,6 +117,13 @@ class ControlCore:
         if tick % _STATE_TICKS == 0:
             self._show(result, watched, now_ns)
         return self._out
+
+    def release(self, now_ns: int) -> Record:
+        """The last command of all: nothing engaged, a cut power left cut."""
+        fields = {"front_rad": self._sent.front_rad, "throttle": 0.0, "brake": 0.0, "engage": self.modes.engage & CUT}
+        mode = int(self.modes.mode)
+        frame = self._box.frame("drive_command", fields, mode=mode, mono_ns=now_ns, ttl_ms=_COMMAND_TTL_MS)
+        return Record(Kind.PORT_OUT, Source.DRIVE_BY_WIRE, self._tick + 1, now_ns, frame)
 
     def look(self, sensed: Sensed, watched: Watched) -> list[CheckItem]:
         """Every system check as it stands."""
@@ -209,7 +217,7 @@ class ControlCore:
             now_ns,
             statuses=statuses,
             controller_age_s=math.inf if controller_ns is None else (now_ns - controller_ns) / 1e9,
-            heading_rad=math.nan if attitude is None else attitude.yaw_rad,
+            heading_rad=math.nan if attitude is None or now_ns - attitude.time_ns > _OLD_NS else attitude.yaw_rad,
             cross_track_m=self.pilot.result.offset_m,
         )
 

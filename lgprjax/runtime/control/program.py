@@ -9,6 +9,7 @@ import time
 from typing import Any
 
 from lgprjax import __version__
+from lgprjax.runtime.compiles import count_compiles
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.setup import TICK_S, Loaded, load
 from lgprjax.runtime.gnss import GnssParser
@@ -60,12 +61,15 @@ class Control:
         try:
             self._loop(core, collects=config.control.collect_garbage == "between")
         finally:
+            last = core.release(time.monotonic_ns())
+            self._port_of[last.source].write(last.payload)
+            self._log.put(pack(last))
             for port in self._ports:
                 port.close()
 
     def _loop(self, core: ControlCore, *, collects: bool) -> None:
         due_ns = time.monotonic_ns()
-        tick = 0
+        tick, known, compiles = 0, 0, count_compiles()
         while not self._ended:
             wait_ns = due_ns - time.monotonic_ns()
             if wait_ns > 0:
@@ -82,6 +86,10 @@ class Control:
             self._started.beat(Stage.READY)
             self._notifier.watchdog()
             self._record(Record(Kind.TICK, Source.CONTROL, tick, now_ns, b""), came, out)
+            if compiles() != known:
+                known = compiles()
+                told = json.dumps({"compiled": known}).encode()
+                self._log.put(pack(Record(Kind.EVENT, Source.CONTROL, tick, time.monotonic_ns(), told)))
             # A tick that was missed is not made up for.
             due_ns = max(due_ns + _TICK_NS, now_ns + _TICK_NS // 2)
             if collects and due_ns - time.monotonic_ns() > _TICK_NS // 2:

@@ -1,6 +1,7 @@
 """The registration process: takes the radar's scans, searches each from the control loop's prior, sends its fix."""
 
 import gc
+import json
 import signal
 import time
 from collections import deque
@@ -10,6 +11,7 @@ import numpy as np
 
 from lgprjax.formats import MapFile, read_vehicle
 from lgprjax.registration import TrackedFixes
+from lgprjax.runtime.compiles import count_compiles
 from lgprjax.runtime.link import Sender, draw_session
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import Stage, Started
@@ -75,6 +77,7 @@ class Registration:
             # What is there now stays: collecting it again and again is what a collector's pauses are made of.
             gc.collect()
             gc.freeze()
+            known, compiles = 0, count_compiles()
             while not self._ended:
                 started.beat(Stage.READY)
                 self._listen()
@@ -82,6 +85,10 @@ class Registration:
                     priors.take(unpack(message).payload)
                 if not self._search(search, priors):
                     time.sleep(_IDLE_S)
+                if compiles() != known:
+                    known = compiles()
+                    told = json.dumps({"compiled": known}).encode()
+                    self._log.put(pack(Record(Kind.EVENT, Source.REGISTRATION, 0, time.monotonic_ns(), told)))
             search.ahead.close()
         self._port.close()
 

@@ -186,7 +186,8 @@ class Stage:
             for due_ns in self._foreign.due(now_ns):
                 if self.faults.has("second_master"):
                     self.drive_box.take([self._second.command(due_ns)], now_ns)
-            for due_ns in self._drive.due(now_ns):
+            # What is not known yet is not told: a world that is late tells it late, and never wrong.
+            for due_ns in self._drive.due(min(now_ns, self._known.known_ns)):
                 self._note("status", now_ns - due_ns)
                 measured = self._sensing.measured(self._known.at(due_ns), self._hands)
                 told.append(("drive_by_wire", self.drive_box.status(due_ns, measured)))
@@ -218,7 +219,7 @@ class Stage:
             fix = self._sensing.position(moved)
             if not self.faults.has("gnss_off"):
                 told.append(position_message(self._clock, time_ns, fix))
-        for time_ns in self._ins.due(now_ns - ATTITUDE_LATENCY_NS):
+        for time_ns in self._ins.due(min(now_ns - ATTITUDE_LATENCY_NS, self._known.known_ns)):
             attitude = self._sensing.attitude(self._known.at(time_ns - _INS_NS), self._known.at(time_ns))
             if not self.faults.has("ins_off"):
                 told.append(attitude_messages(self._clock, time_ns, attitude))

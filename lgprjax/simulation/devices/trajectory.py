@@ -56,6 +56,11 @@ class Trajectory:
         """The newest sample."""
         return Sample._make(self._rows[-1].tolist())
 
+    @property
+    def known_ns(self) -> int:
+        """Up to when the truth is known."""
+        return self._times[-1]
+
     def at(self, time_ns: int) -> Sample:
         """The truth at a moment; the oldest, or newest, sample beyond what is known."""
         times = self._times

@@ -1,0 +1,283 @@
+"""The operator's hands, processes that die, and what navigation loses, in the closed loop of the runtime."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from lgprjax.autopilot import Mode, Refusal
+from lgprjax.autopilot.watch_findings import Watch
+from lgprjax.navigation import Reason
+from lgprjax.runtime.config import RuntimeConfig
+from lgprjax.runtime.control.core import ControlCore
+from lgprjax.runtime.control.setup import Loaded
+from lgprjax.simulation.devices.course_world import CourseWorld
+from onboard_loop import DRIVE, OnboardLoop
+from onboard_moments import ENGAGED, Moment, follow, goes_on, stops
+
+STEER: dict[str, Any] = {"do": "press", "button": "steering", "for_s": 0.3}
+
+
+@pytest.mark.parametrize("moment", ["straight", "bend", "fast"])
+def test_the_override_button_gives_the_vehicle_back_at_once(moments: dict[str, Moment], moment: str) -> None:
+    after = follow(moments[moment], 1.5, script=[{"do": "press", "button": "override", "for_s": 0.5}])
+    assert after.mode(Mode.MANUAL) <= 0.1
+    assert after.engaged(0) <= 0.1
+    assert after.loop.mode is Mode.READY
+
+
+def test_hands_on_the_wheel_give_the_vehicle_back(moments: dict[str, Moment]) -> None:
+    after = follow(moments["bend"], 1.0, script=[{"do": "torque", "nm": 8.0, "for_s": 0.5}])
+    assert after.mode(Mode.MANUAL) <= 0.15
+    assert not int(after.last["engage"])
+
+
+def test_a_tap_on_the_brake_leaves_the_steering_engaged_and_a_held_brake_nothing(moments: dict[str, Moment]) -> None:
+    tapped = follow(moments["straight"], 1.0, script=[{"do": "brake_tap", "for_s": 0.2}])
+    assert tapped.mode(Mode.STEERING) <= 0.1
+    assert tapped.loop.mode is Mode.STEERING
+    assert int(tapped.last["engage"]) == 1
+    held = follow(moments["straight"], 2.0, script=[{"do": "brake_tap", "for_s": 1.5}])
+    assert held.mode(Mode.MANUAL) <= 0.7
+
+
+@pytest.mark.parametrize("moment", ["straight", "fast"])
+def test_the_emergency_stop_cuts_the_power_and_needs_arming_anew(moments: dict[str, Moment], moment: str) -> None:
+    script = [{"do": "press", "button": "estop", "for_s": 4.0}]
+    after = follow(moments[moment], 3.5, script=script)
+    assert after.engaged(4) <= 0.1
+    assert after.loop.mode is Mode.EMERGENCY_STOP
+    assert after.speed_at(3.5) < 0.1
+    # Released, nothing can be engaged before an override press and the checks.
+    loop = after.loop
+    loop.run(2.0)
+    assert loop.mode is Mode.EMERGENCY_STOP
+    assert int(loop.rows[-1]["engage"]) == 4
+
+
+def test_with_the_emergency_stop_held_at_boot_nothing_is_engaged(
+    world: CourseWorld, config: RuntimeConfig, loaded: Loaded
+) -> None:
+    script = [{"at_s": 0.1, **STEER}, {"after": {"mode": 7, "for_s": 3.0}, **STEER}]
+    loop = OnboardLoop(world, config, loaded, script, [{"kind": "estop_held", "at_s": 0.0}])
+    loop.stage.faults.run([])
+    loop.stage._pressed = lambda: 4 | 2  # type: ignore[method-assign]
+    loop.run(6.0)
+    assert loop.mode is Mode.EMERGENCY_STOP
+    assert all(not int(row["engage"]) & 3 for row in loop.rows)
+
+
+@pytest.mark.parametrize(
+    ("script", "refusal"),
+    [
+        ([{"at_s": 0.1, "do": "drive", "speed_mps": 6.0}, {"at_way_m": 40.0, **STEER}], Refusal.TOO_FAST),
+        (
+            [
+                {"at_s": 0.1, "do": "drive", "speed_mps": 2.0},
+                {"at_way_m": 11.0, "do": "brake_tap", "for_s": 1.5},
+                {"at_way_m": 11.3, **STEER},
+            ],
+            Refusal.BRAKE_PRESSED,
+        ),
+        ([{"at_s": 0.1, **STEER}], Refusal.NONE),
+    ],
+)
+def test_what_may_not_be_engaged_is_refused_with_its_reason(
+    world: CourseWorld, config: RuntimeConfig, loaded: Loaded, script: list[dict[str, Any]], refusal: Refusal
+) -> None:
+    loop = OnboardLoop(world, config, loaded, script, [])
+    refused: list[Refusal] = []
+
+    def watch(at: OnboardLoop) -> bool:
+        refused.append(at.core.modes.state.refusal)
+        return False
+
+    loop.run(16.0, until=watch)
+    if refusal is Refusal.NONE:
+        # Standing, its heading confirmed by fixes: the first press engages the steering.
+        assert Mode.STEERING in {Mode(int(row["mode"])) for row in loop.rows}
+        return
+    assert refusal in refused
+    assert all(not int(row["engage"]) & 3 for row in loop.rows)
+
+
+def test_a_heading_that_is_turned_round_engages_nothing(
+    world: CourseWorld, config: RuntimeConfig, loaded: Loaded
+) -> None:
+    loop = OnboardLoop(world, config, loaded, DRIVE, [{"kind": "heading_reversed", "at_s": 0.0}], fixes=False)
+    loop.run(14.0)
+    assert all(not int(row["engage"]) & 3 for row in loop.rows)
+    assert int(loop.rows[-1]["watch"]) & Watch.HEADING_CONTRADICTED
+
+
+def lose_fixes(loop: OnboardLoop) -> None:
+    loop._lost = lambda _: True
+
+
+def misplace(east_m: float) -> Callable[[OnboardLoop], None]:
+    def change(loop: OnboardLoop) -> None:
+        loop._wrong = lambda _: (east_m, 0.0)
+
+    return change
+
+
+@pytest.mark.parametrize("moment", ["straight", "bend", "fast"])
+def test_without_scans_the_vehicle_goes_on_slowly(moments: dict[str, Moment], moment: str) -> None:
+    after = follow(moments[moment], 6.0, change=lose_fixes)
+    assert after.reason(Reason.LGPR_SILENT) <= 1.7
+    assert goes_on(after), after.told
+    assert float(after.last["wanted_mps"]) <= 2.0
+
+
+@pytest.mark.parametrize("moment", ["straight", "bend", "fast"])
+def test_fixes_of_a_wrong_place_do_not_move_the_vehicle(moments: dict[str, Moment], moment: str) -> None:
+    after = follow(moments[moment], 4.0, change=misplace(1.5))
+    assert after.reason(Reason.LGPR_REJECTED | Reason.CONFLICT) <= 1.0
+    assert after.largest_off_m < 0.3048, after.told
+    assert goes_on(after) or stops(after)
+
+
+@pytest.mark.parametrize("moment", ["straight", "bend", "fast"])
+def test_without_gnss_and_scans_the_vehicle_stops(moments: dict[str, Moment], moment: str) -> None:
+    after = follow(moments[moment], 9.0, faults=[{"kind": "gnss_off"}], change=lose_fixes)
+    assert after.reason(Reason.POSITION_LOST) <= 1.0
+    assert stops(after), after.told
+    assert after.largest_off_m < 0.3048
+
+
+def test_a_brake_without_effect_in_a_stop_is_an_emergency(moments: dict[str, Moment]) -> None:
+    faults = [{"kind": "gnss_off"}, {"kind": "brake_dead"}]
+    after = follow(moments["fast"], 8.0, faults=faults, change=lose_fixes)
+    assert after.watch(Watch.BRAKE_DEAD) < 4.0, after.told
+    assert after.engaged(4) < 4.0
+
+
+@pytest.mark.parametrize("moment", ["straight", "bend", "fast"])
+def test_an_estimate_that_is_no_number_is_held_for_a_step_and_handed_over(
+    moments: dict[str, Moment], moment: str
+) -> None:
+    def spoil(loop: OnboardLoop) -> None:
+        state = loop.core.pilot._state
+        assert state is not None
+        filters = state.navigator.filters
+        estimate = filters.estimate._replace(mean=jnp.full_like(filters.estimate.mean, jnp.nan))
+        navigator = state.navigator._replace(filters=filters._replace(estimate=estimate))
+        loop.core.pilot._state = jax.tree.map(lambda leaf: leaf, state._replace(navigator=navigator))
+
+    after = follow(moments[moment], 1.0, change=spoil)
+    assert after.mode(Mode.ERROR) <= 0.07, after.told
+    assert not int(after.last["engage"])
+
+
+def test_one_late_tick_is_counted_and_three_are_an_error(moments: dict[str, Moment]) -> None:
+    def late(*at_s: float) -> Callable[[OnboardLoop], None]:
+        def change(loop: OnboardLoop) -> None:
+            loop.held_up = [(loop.time_s + begin, loop.time_s + begin + 0.055) for begin in at_s]
+
+        return change
+
+    assert goes_on(follow(moments["bend"], 2.0, change=late(0.3)))
+    after = follow(moments["bend"], 2.0, change=late(0.3, 0.5, 0.7))
+    assert after.mode(Mode.ERROR) <= 0.85, after.told
+
+
+def test_a_control_loop_that_hangs_leaves_the_box_to_its_defaults(moments: dict[str, Moment]) -> None:
+    def hang(loop: OnboardLoop) -> None:
+        loop.held_up = [(loop.time_s, loop.time_s + 1.0)]
+
+    loop = moments["fast"].copy()
+    hang(loop)
+    loop.run(0.25)
+    assert not loop.stage.drive_box.orders(loop._now_ns).steering
+    before = loop.stage._known.last.speed_mps
+    loop.run(0.7)
+    assert loop.stage._known.last.speed_mps < before - 0.5
+
+
+def test_a_control_loop_that_was_relaunched_is_never_engaged_by_itself(
+    moments: dict[str, Moment], config: RuntimeConfig, loaded: Loaded
+) -> None:
+    loop = moments["straight"].copy()
+    loop.held_up = [(loop.time_s, loop.time_s + 2.0)]
+    loop.run(1.9)
+    loop.core = ControlCore(config, loaded, session=78, after_death=True)
+    loop.tell({"ready": "recorder"})
+    loop.tell({"ready": "registration"})
+    first, loop.tick = len(loop.rows), 0
+    loop.run(6.0)
+    assert {Mode(int(row["mode"])) for row in loop.rows[first:]} == {Mode.ERROR}
+    assert all(not int(row["engage"]) & 3 for row in loop.rows[first:])
+
+
+def test_registration_that_dies_degrades_and_comes_back(moments: dict[str, Moment]) -> None:
+    def die(loop: OnboardLoop) -> None:
+        loop.tell({"died": "registration", "why": "signal 9"})
+        lose_fixes(loop)
+
+    after = follow(moments["fast"], 4.0, change=die)
+    assert goes_on(after), after.told
+    assert after.loop.core.modes.state.registration_dead
+    assert float(after.last["wanted_mps"]) <= 2.0
+    after.loop.tell({"ready": "registration"})
+    after.loop._lost = lambda _: False
+    after.loop.run(3.0)
+    assert after.loop.mode is Mode.SPEED
+    assert not after.loop.core.modes.state.registration_dead
+    assert float(after.loop.rows[-1]["wanted_mps"]) > 2.0
+
+
+def test_a_recorder_that_dies_changes_nothing_but_the_third_time(moments: dict[str, Moment]) -> None:
+    def die(loop: OnboardLoop) -> None:
+        loop.tell({"died": "recorder", "why": "exit 1"})
+        loop.tell({"ready": "recorder"})
+
+    once = follow(moments["straight"], 1.0, change=die)
+    assert goes_on(once)
+    die(once.loop)
+    once.loop.run(1.0)
+    assert once.loop.mode in ENGAGED
+    die(once.loop)
+    once.loop.run(0.2)
+    assert once.loop.mode is Mode.ERROR
+
+
+def test_where_recording_is_mandatory_the_vehicle_stops_without_it(moments: dict[str, Moment]) -> None:
+    def fail(loop: OnboardLoop) -> None:
+        recording = loop.core._config.recording.model_copy(update={"mandatory": True})
+        loop.core._config = loop.core._config.model_copy(update={"recording": recording})
+        loop.tell({"left": "recorder", "why": "too little space"})
+
+    after = follow(moments["straight"], 6.0, change=fail)
+    assert stops(after), after.told
+
+
+def test_a_route_is_chosen_only_while_the_operator_drives(moments: dict[str, Moment]) -> None:
+    import json
+
+    from lgprjax.runtime.records import Kind, Record, Source
+
+    def ask(loop: OnboardLoop) -> None:
+        name = loop.core._panel._routes[0].name
+        payload = json.dumps({"select_route": name}).encode()
+        loop._came.append(Record(Kind.REQUEST, Source.DISPLAY, 0, loop._now_ns, payload))
+
+    after = follow(moments["straight"], 1.0, change=ask)
+    assert after.loop.mode is Mode.SPEED
+    assert any("while the operator drives" in event for _, event in after.loop.events)
+    manual = follow(moments["straight"], 1.0, script=[{"do": "press", "button": "override", "for_s": 0.3}])
+    ask(manual.loop)
+    manual.loop.run(1.0)
+    assert any('"route"' in event for _, event in manual.loop.events)
+
+
+def test_the_same_records_give_the_same_commands_to_the_bit(moments: dict[str, Moment]) -> None:
+    one, other = moments["bend"].copy(), moments["bend"].copy()
+    one.run(1.0)
+    other.run(1.0)
+    assert [row.tobytes() for row in one.rows] == [row.tobytes() for row in other.rows]
+    assert not math.isnan(float(one.rows[-1]["cross_track_m"]))
+    assert np.isfinite(one.rows[-1]["pose"]).all()

@@ -1,0 +1,96 @@
+"""What a run is loaded from: a route that cannot be driven is kept with its reason, a file of no use refused."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from lgprjax.errors import InputError
+from lgprjax.runtime.config import RuntimeConfig, read_config
+from lgprjax.runtime.config_text import write_config
+from lgprjax.runtime.control.setup import load
+
+
+@pytest.fixture
+def folder(onboard_folder: Path, tmp_path: Path) -> Path:
+    """A copy of the course's files."""
+    for name in ("course.map.h5", "course.route.toml", "course.run.toml"):
+        shutil.copy(onboard_folder / name, tmp_path / name)
+    text = (tmp_path / "course.route.toml").read_text(encoding="utf-8")
+    (tmp_path / "course.route.toml").write_text(text.replace(str(onboard_folder), str(tmp_path)), encoding="utf-8")
+    return tmp_path
+
+
+def with_route(folder: Path, text: str) -> RuntimeConfig:
+    """A configuration with a second route."""
+    (folder / "other.route.toml").write_text(text, encoding="utf-8")
+    config = read_config(folder / "course.run.toml")
+    return config.model_copy(update={"routes": ["course.route.toml", "other.route.toml"]})
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (lambda text: text[: len(text) // 2], "other.route.toml"),
+        (lambda text: text.replace("from_m = 0.0", "from_m = nan"), "from_m"),
+        (lambda text: text.replace('map_sha256 = "', 'map_sha256 = "0')[:-1] + "\n", "map_sha256"),
+        (lambda text: text.replace("from_m = 0.0", "from_m = 149.0"), "from_m, to_m"),
+        (lambda text: text.replace('direction = "along"', 'direction = "sideways"'), "direction"),
+    ],
+)
+def test_a_route_that_cannot_be_driven_is_kept_with_its_reason(folder: Path, spoil: object, told: str) -> None:
+    good = (folder / "course.route.toml").read_text(encoding="utf-8")
+    assert callable(spoil)
+    loaded = load(with_route(folder, spoil(good)))
+    first, other = loaded.routes
+    assert first.path is not None
+    assert first.problem == ""
+    assert other.path is None
+    assert told in other.problem
+    assert "\n" not in other.problem
+
+
+def test_without_any_route_that_can_be_driven_nothing_is_loaded(folder: Path) -> None:
+    (folder / "course.route.toml").write_text("", encoding="utf-8")
+    with pytest.raises(InputError, match="a route that can be driven"):
+        load(read_config(folder / "course.run.toml"))
+
+
+def test_a_missing_map_and_a_vehicle_without_its_numbers_are_refused(folder: Path) -> None:
+    config = read_config(folder / "course.run.toml")
+    with pytest.raises(InputError, match=r"nowhere\.map\.h5"):
+        load(config.model_copy(update={"map": "nowhere.map.h5"}))
+    bare = 'schema = "lgprjax.vehicle"\nschema_version = "1.2"\nname = "x"\nsteering_kind = "counter_steer"\n'
+    (folder / "bare.vehicle.toml").write_text(bare, encoding="utf-8")
+    with pytest.raises(InputError, match=r"bare\.vehicle\.toml"):
+        load(config.model_copy(update={"vehicle": "bare.vehicle.toml"}))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("name =", "nome =", "name"),
+        ("gnss_delay_s = 0.03", "gnss_delay_s = -1.0", "gnss_delay_s"),
+        ("gnss_delay_s = 0.03", 'gnss_delay_s = "soon"', "gnss_delay_s"),
+        ("[recording]", "[recordings]", "recordings"),
+    ],
+)
+def test_a_configuration_that_is_wrong_names_the_place(folder: Path, old: str, new: str, place: str) -> None:
+    file = folder / "course.run.toml"
+    file.write_text(file.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_config(file)
+    assert place in str(caught.value)
+    assert str(file) in str(caught.value)
+
+
+def test_a_configuration_written_with_absolute_paths_is_the_same(folder: Path) -> None:
+    config = read_config(folder / "course.run.toml")
+    target = folder / "elsewhere" / "written.run.toml"
+    target.parent.mkdir()
+    write_config(target, config)
+    again = read_config(target)
+    assert again.path(again.map).resolve() == config.path(config.map).resolve()
+    assert again.simulation == config.simulation
+    assert again.control == config.control
+    assert again.ports == config.ports
