@@ -9,7 +9,7 @@ class Severity(IntEnum):
     CONTINUE = 0
     """Shown and recorded."""
     DEGRADE = 1
-    """Drive on slowly, with a longer look-ahead."""
+    """Drive on slowly."""
     STOP = 2
     """Controlled stop: throttle idle, ramped brake, steer on along the path."""
     MANUAL = 3

@@ -1,4 +1,4 @@
-"""``run --simulate``: its course, map, route and vehicle file made where they are missing, and its devices started."""
+"""``run --simulate``: its map and route made where they are missing, and its devices started."""
 
 import json
 import os

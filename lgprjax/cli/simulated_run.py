@@ -16,7 +16,7 @@ _ENGAGED = (3, 4)
 def figures_of(folder: Path) -> dict[str, Any]:
     """Figures of a run's folder.
 
-    Sensor to servo: from a scan's start to the arrival, at the box, of the first command made with its fix.
+    Scan to command: from a scan's start to the begin of the tick that commands with its fix.
     """
     from lgprjax.formats import read_run
     from lgprjax.registration import Code

@@ -39,7 +39,7 @@ class RegistrationTable(_Table):
 
 
 class SensorsTable(_Table):
-    """What the sensors' own numbers leave open: sigmas (1), delays and levers."""
+    """What the sensors' own numbers leave open: delay and period of positions, sigmas, and slow errors of headings."""
 
     gnss_delay_s: float = Field(default=0.0, ge=0.0, le=1.0)
     gnss_period_s: float = Field(default=0.143, gt=0.0, le=2.0)
@@ -83,7 +83,7 @@ class DisplayTable(_Table):
 
 
 class SupervisionTable(_Table):
-    """How long a process may be silent once it is ready, seconds, and how long it may take to come up."""
+    """How long a process may be silent once ready, and take to come up; registration's core; when it is too hot."""
 
     control_s: float = Field(default=0.2, gt=0.0)
     others_s: float = Field(default=1.0, gt=0.0)

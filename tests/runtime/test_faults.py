@@ -76,7 +76,14 @@ CASES = [
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.number}-{case.name}")
-@pytest.mark.parametrize("moment", ["straight", "bend", "fast"])
+@pytest.mark.parametrize(
+    "moment",
+    [
+        pytest.param("straight", marks=pytest.mark.campaign),
+        "bend",
+        pytest.param("fast", marks=pytest.mark.campaign),
+    ],
+)
 def test_a_fault_is_answered_as_listed(moments: dict[str, Moment], moment: str, case: Case) -> None:
     after = follow(moments[moment], case.seconds, faults=case.faults)
     assert case.holds(after), after.told

@@ -51,7 +51,7 @@ class ControlCore:
 
     Attributes:
         modes: the mode machine; pilot: navigation and autopilot; senses: what came.
-        ready: the process is compiled: the boot is done with the next tick.
+        unrecorded: messages that found no room on their way to the recorder; for the display.
 
     Raises:
         InputError: the vehicle file lacks a number.
@@ -79,6 +79,7 @@ class ControlCore:
         self._alive: dict[str, bool] = {}
         self._monitor: dict[str, Any] = {}
         self._recorder_lost = False
+        self.unrecorded = 0
         self._booted = False
         self._out: list[Record] = []
 
@@ -109,6 +110,8 @@ class ControlCore:
             self._tell(event, now_ns)
         self._run_checks(sensed, watched, now_ns)
         self._notice(sensed, watched, now_ns, self.pilot.result, limited=0)
+        if not watched.speed_known:
+            sensed = sensed._replace(odometer_mps=math.nan)
         result = self.pilot.step(sensed, self._ordered(sensed, watched), now_ns)
         self._notice(sensed, watched, now_ns, result, limited=_whole(result.limited))
         self._command(result, watched, now_ns)
@@ -273,6 +276,8 @@ class ControlCore:
             len(self._late) >= _LATE_TICKS,
             self._recorder_lost,
         )
+        # Asked before the events, which release what was engaged.
+        emergency = watched.severity is Severity.EMERGENCY and bool(modes.engage & (STEERING | PEDALS | CUT))
         self._told, events = events_of(self._told, seen)
         for event in events:
             why: list[str] = []
@@ -280,8 +285,8 @@ class ControlCore:
                 why = [*describe(watched.bits), *words_of(result), *_limits(limited)]
                 why += ["the control loop is late"] if seen.late else []
             self._tell(event, now_ns, why=why)
-        if watched.severity is Severity.EMERGENCY and modes.engage & (STEERING | PEDALS | CUT):
-            modes.engage = CUT
+        if emergency:
+            modes.cut()
 
     def _ordered(self, sensed: Sensed, watched: Watched) -> Ordered:
         modes = self.modes
@@ -369,6 +374,7 @@ class ControlCore:
             "estop": modes.state.estop_pressed,
             "processes": {name: "ready" if alive else "dead" for name, alive in self._alive.items()},
             "monitor": self._monitor,
+            "recording": {"lost": self.unrecorded},
         }
         payload = self._panel.state(self._tick, self.pilot.route, told, result)
         self._out.append(Record(Kind.STATE, Source.CONTROL, self._tick, now_ns, payload))

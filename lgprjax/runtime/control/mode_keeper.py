@@ -67,6 +67,8 @@ class ModeKeeper:
             self._act(action, speed_mps)
         if self.state.mode is not before.mode:
             self.since_s = time_s
+            if before.mode is Mode.ERROR and self.state.mode is not Mode.EMERGENCY_STOP:
+                self.engage &= ~CUT
         if not actions and self.state._replace(time_s=0.0) == before._replace(time_s=0.0):
             return None
         return Happened(event.name, self.state.mode.name, tuple(action.name for action in actions))

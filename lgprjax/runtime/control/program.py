@@ -77,6 +77,7 @@ class Control:
             now_ns = time.monotonic_ns()
             tick += 1
             came = self._came(tick)
+            core.unrecorded = self._log.lost
             out = core.step(tick, now_ns, came)
             for record in out:
                 if record.kind is Kind.PORT_OUT:

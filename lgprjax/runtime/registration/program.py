@@ -26,6 +26,7 @@ _IDLE_S = 0.002
 _WISH_S = 0.2
 _ASK_S = 1.0
 _STANDING_MPS = 0.05
+_STANDING_NS = 100_000_000
 _WAITING = 256  # scans: two seconds
 _START = 1
 
@@ -48,6 +49,7 @@ class Registration:
         self._clock = StampClock()
         self._waiting: deque[_Scan] = deque()
         self._asked_s = self._wished_s = 0.0
+        self._searched_ns = 0
         self._scanning = False
         self._ended = False
         self.description: RadarDescription | None = None
@@ -137,9 +139,10 @@ class Registration:
         ready: list[_Scan] = []
         while self._waiting and len(ready) < BLOCK_SCANS and priors.covers(self._waiting[0].time_ns):
             scan = self._waiting.popleft()
-            # One scan in ten of a vehicle that stands says all that there is to say.
-            if abs(priors.speed_mps) > _STANDING_MPS or scan.frame.number("scan") % 10 == 0:
+            # Ten scans a second of a vehicle that stands say all that there is to say.
+            if abs(priors.speed_mps) > _STANDING_MPS or scan.time_ns - self._searched_ns >= _STANDING_NS:
                 ready.append(scan)
+                self._searched_ns = scan.time_ns
         self._look_ahead(search, priors)
         if not ready:
             return False
