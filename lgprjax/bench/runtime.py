@@ -106,7 +106,7 @@ def _drive(figures: dict[str, Any], bare: dict[str, float]) -> list[Record]:
         Record("runtime/engaged_way_m", told("engaged_way_m"), "m", "higher"),
         Record("runtime/ok_share", told("ok_share"), "", "higher", None, "of the scans searched"),
         Record("runtime/memory_growth_mb_per_h", told("memory_growth_mb_per_h"), "MB/h", "lower", None,
-               f"all processes, after the first minute; {told('memory_mb'):.0f} MB in all"),
+               f"all processes, second half of the run; {told('memory_mb'):.0f} MB in all"),
         Record("runtime/devices_cpu", told("devices_cpu_share"), "cores", "lower", None, "of the simulated devices"),
     ]  # fmt: skip
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 _UP_S = 180.0
 _DOWN_S = 60.0
+_PRIORITY = 10
+"""Below what onboard/ gives the control loop."""
 _CRUISE_MPS = 4.4704
 
 
@@ -99,7 +101,7 @@ def devices(config: "RuntimeConfig", table: "SimulationTable", folder: Path) -> 
         environment["JAX_COMPILATION_CACHE_DIR"] = str(config.path(config.cache))
         environment["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     # The world waits for nobody: where it is permitted its devices run before the runtime.
-    first = ["nice", "-n", "-10"] if shutil.which("nice") else []
+    first = ["chrt", "--fifo", str(_PRIORITY)] if _may_run_in_real_time() else []
     with told.open("w", encoding="utf-8") as log:
         process = subprocess.Popen(
             [*first, sys.executable, "-P", "-m", "lgprjax.simulation.devices", str(file)],
@@ -115,6 +117,13 @@ def devices(config: "RuntimeConfig", table: "SimulationTable", folder: Path) -> 
             process.wait(_DOWN_S)
         except subprocess.TimeoutExpired:
             process.kill()
+
+
+def _may_run_in_real_time() -> bool:
+    """Whether this process may give another a real-time priority."""
+    if shutil.which("chrt") is None:
+        return False
+    return subprocess.run(["chrt", "--fifo", str(_PRIORITY), "true"], capture_output=True, check=False).returncode == 0
 
 
 def _addresses(process: "subprocess.Popen[bytes]", ports: Path, told: Path) -> dict[str, str]:

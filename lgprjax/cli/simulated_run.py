@@ -84,9 +84,9 @@ def figures_of(folder: Path) -> dict[str, Any]:
 
 
 def _memory(memory: list[tuple[float, float]]) -> dict[str, float]:
-    """Memory of all processes together, and how it grows once a minute has passed."""
-    settled = np.array([each for each in memory if each[0] - memory[0][0] > 60.0])
-    if len(settled) < 30:
+    """Memory of all processes together, and how it grows in the run's second half: rings are used up by then."""
+    settled = np.array(memory[len(memory) // 2 :])
+    if len(settled) < 60:
         return {}
     slope = np.polyfit(settled[:, 0] - settled[0, 0], settled[:, 1], 1)[0]
     return {"memory_mb": float(settled[-1, 1]), "memory_growth_mb_per_h": float(3600.0 * slope)}
@@ -101,7 +101,6 @@ def _against_truth(path: Path, plan_ns: np.ndarray, plans: list[np.void], modes:
         )
         told = {name: float(truth[name]) for name in ("cpu_s", "render_s", "late_ticks") if name in truth}
         seconds = float(mono[-1] - mono[0]) / 1e9
-        x, y, yaw = (np.asarray(truth[name], np.float64) for name in ("x_m", "y_m", "yaw_rad"))
     at = np.clip(np.searchsorted(plan_ns, mono) - 1, 0, len(plans) - 1)
     on = np.isin(modes[at], _ENGAGED)
     figures: dict[str, Any] = {f"devices_{name}": value for name, value in told.items()}
@@ -112,10 +111,6 @@ def _against_truth(path: Path, plan_ns: np.ndarray, plans: list[np.void], modes:
         figures["tracking_rms_m"] = float(np.sqrt(np.sum(cross[on] ** 2 * weight)))
         figures["tracking_largest_m"] = float(np.abs(cross[on]).max())
         figures["within_foot"] = float(np.sum(weight * (np.abs(cross[on]) <= _FOOT_M)))
-        pose = np.array([plan["pose"] for plan in plans], np.float64)[at]
-        off = np.stack([pose[:, 0] - x, pose[:, 1] - y], axis=1)
-        located = np.cos(yaw) * off[:, 1] - np.sin(yaw) * off[:, 0]
-        figures["located_cross_rms_m"] = float(np.sqrt(np.mean(located[on] ** 2)))
     return figures
 
 

@@ -52,6 +52,10 @@ class ModeKeeper:
         """As driven."""
         return self.state.mode
 
+    def cut(self) -> None:
+        """An emergency that a watch found: the box cuts the power and brakes, until the operator leaves the error."""
+        self.engage = CUT
+
     def tell(self, event: Event, time_s: float, speed_mps: float, *, check: Check = Check.NONE) -> Happened | None:
         """An event; what it changed, ``None`` where nothing.
 
