@@ -21,11 +21,12 @@ from lgprjax.runtime.control.happenings import DIED, RELAUNCHED, Seen, Told, eve
 from lgprjax.runtime.control.mode_keeper import CUT, PEDALS, STEERING, Happened, ModeKeeper
 from lgprjax.runtime.control.panel import REFUSALS, Panel, words_of
 from lgprjax.runtime.control.pilot import Ordered, Pilot
+from lgprjax.runtime.control.rows import plan_row, prior_row, whole
 from lgprjax.runtime.control.senses import Sensed, Senses
 from lgprjax.runtime.control.setup import Loaded
 from lgprjax.runtime.control.watches import Sent, Watched, Watches
 from lgprjax.runtime.link import Sender
-from lgprjax.runtime.records import FIX, PLAN, PRIOR, Kind, Record, Source
+from lgprjax.runtime.records import FIX, Kind, Record, Source
 from lgprjax.runtime.wire import decode
 
 _COMMAND_TTL_MS = 200
@@ -113,10 +114,9 @@ class ControlCore:
         if not watched.speed_known:
             sensed = sensed._replace(odometer_mps=math.nan)
         result = self.pilot.step(sensed, self._ordered(sensed, watched), now_ns)
-        self._notice(sensed, watched, now_ns, result, limited=_whole(result.limited))
+        self._notice(sensed, watched, now_ns, result, limited=whole(result.limited))
         self._command(result, watched, now_ns)
-        self._prior(sensed, result, now_ns)
-        self._plan(result, watched, now_ns)
+        self._rows(sensed, result, watched, now_ns)
         if tick % _STATE_TICKS == 0:
             self._show(result, watched, now_ns)
         return self._out
@@ -268,7 +268,7 @@ class ControlCore:
             modes.state.place,
             pilot.started,
             pilot.code,
-            _whole(result.reaction, int(Reaction.STOP)),
+            whole(result.reaction, int(Reaction.STOP)),
             max(ages) < _OLD_S,
             watched.bits & ~unheard,
             watched.severity if not unheard else Severity.CONTINUE,
@@ -322,33 +322,20 @@ class ControlCore:
             frame = self._controller.frame("controller_light", light, mode=mode, mono_ns=now_ns, ttl_ms=_LIGHT_TTL_MS)
             self._port_out(Source.CONTROLLER, frame, now_ns)
 
-    def _prior(self, sensed: Sensed, result: TickResult, now_ns: int) -> None:
-        if not self.pilot.started:
-            return
-        row = np.zeros((), PRIOR)
+    def _rows(self, sensed: Sensed, result: TickResult, watched: Watched, now_ns: int) -> None:
+        """The prior for registration, and the plan."""
         attitude = self.senses.attitude
-        row["time_ns"], row["valid"] = now_ns, 1
-        row["pose"] = (result.reckoned_x_m, result.reckoned_y_m, result.reckoned_yaw_rad)
-        row["roll_rad"] = 0.0 if attitude is None else attitude.roll_rad
-        row["sigma_yaw_rad"] = result.reckoned_yaw_sigma_rad
-        row["speed_mps"] = result.speed_mps
-        row["yaw_rate_radps"] = sensed.yaw_rate_radps if math.isfinite(sensed.yaw_rate_radps) else 0.0
-        row["travel_m"] = self.senses.travel_m
-        self._out.append(Record(Kind.PRIOR, Source.CONTROL, self._tick, now_ns, row.tobytes()))
-
-    def _plan(self, result: TickResult, watched: Watched, now_ns: int) -> None:
-        row = np.zeros((), PLAN)
-        row["mode"], row["reaction"] = int(self.modes.mode), _whole(result.reaction, int(Reaction.STOP))
-        row["code"], row["reasons"] = int(self.pilot.code), _whole(result.reasons)
-        row["limited"] = _whole(result.limited)
-        row["pose"] = (result.x_m, result.y_m, result.yaw_rad)
-        row["sigma_cross_m"], row["speed_mps"] = result.sigma_cross_m, result.speed_mps
-        row["wanted_mps"], row["cross_track_m"] = result.wanted_mps, result.offset_m
-        row["to_go_m"], row["front_rad"] = result.to_go_m, watched.front_rad
-        row["command"] = (self._sent.front_rad, self._sent.throttle, self._sent.brake)
-        row["engage"] = self._sent.engage
-        row["watch"], row["severity"] = int(watched.bits), int(watched.severity)
-        self._out.append(Record(Kind.PLAN, Source.CONTROL, self._tick, now_ns, row.tobytes()))
+        if self.pilot.started:
+            prior = prior_row(
+                result,
+                now_ns,
+                roll_rad=0.0 if attitude is None else attitude.roll_rad,
+                yaw_rate_radps=sensed.yaw_rate_radps,
+                travel_m=self.senses.travel_m,
+            )
+            self._out.append(Record(Kind.PRIOR, Source.CONTROL, self._tick, now_ns, prior))
+        plan = plan_row(result, watched, self._sent, mode=int(self.modes.mode), code=self.pilot.code)
+        self._out.append(Record(Kind.PLAN, Source.CONTROL, self._tick, now_ns, plan))
 
     def _show(self, result: TickResult, watched: Watched, now_ns: int) -> None:
         modes = self.modes
@@ -402,10 +389,6 @@ class ControlCore:
             self._late.append(self._tick)
         self._last_ns = now_ns
         self._late = [tick for tick in self._late if tick > self._tick - _LATE_WINDOW]
-
-
-def _whole(number: float, unknown: int = 0) -> int:
-    return int(number) if math.isfinite(number) else unknown
 
 
 def _limits(limited: int) -> list[str]:
