@@ -13,7 +13,7 @@ SILENT_S = 0.06
 """Six statuses of the box."""
 HELD_S = 0.1
 """After it was told to engage, the box must say that it holds."""
-FAULT_S = 0.08
+FAULT_S = 0.2
 """An actuator's fault must last longer than a sag of the supply, which a vehicle rides through."""
 
 

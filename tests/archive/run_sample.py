@@ -135,7 +135,7 @@ def _decided(log: DriveLog, source: MapFile) -> list[Sent]:
         mono_ns = MONO_NS + int(1e9 * at_s)
         prior = struct.pack("<qB8d", mono_ns, number > 0, x_m, y_m, angle, roll, 0.001, 2.0, 0.01, 3.0)
         plan = struct.pack(
-            "<BBBII3d6f3fB", 4, 1, 2, 3, 4, x_m, y_m, angle, 0.05, 2.0, 2.2, -0.1, 30.0, 0.02, 0.03, 0.2, 0.0, 3
+            "<BBBII3d6f3fBIB", 4, 1, 2, 3, 4, x_m, y_m, angle, 0.05, 2.0, 2.2, -0.1, 30.0, 0.02, 0.03, 0.2, 0.0, 3, 0, 0
         )
         sent.append(record(_PRIOR, _CONTROL, mono_ns + 10_000, prior))
         if number >= 10:

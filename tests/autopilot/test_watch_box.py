@@ -50,7 +50,7 @@ def test_what_the_box_says_of_the_line_is_found_at_once(state: int, bit: Watch) 
 
 @pytest.mark.parametrize("state", [8, 16, 32, 256])
 def test_a_fault_of_an_actuator_is_found_when_it_lasts_longer_than_a_sag(state: int) -> None:
-    assert line(5, box=TESTED | state) == [Watch(0)] * 3 + [Watch.ACTUATOR_FAULT] * 2
+    assert line(11, box=TESTED | state) == [Watch(0)] * 9 + [Watch.ACTUATOR_FAULT] * 2
 
 
 def test_a_box_that_lets_go_is_found_within_a_tenth_of_a_second() -> None:

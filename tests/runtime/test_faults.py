@@ -48,7 +48,7 @@ CASES = [
     Case(14, "odometer reversed", [{"kind": "odometer_reversed"}], 5.0,
          lambda a: a.watch(Watch.ODOMETER_REVERSED | Watch.ODOMETER_DEAD) <= 0.6),
     Case(14, "odometer slips", [{"kind": "odometer_slip", "share": 0.5}], 5.0,
-         lambda a: a.watch(Watch.ODOMETER_SLIPS | Watch.ODOMETER_DEAD) <= 1.0),
+         lambda a: a.watch(Watch.ODOMETER_SLIPS | Watch.ODOMETER_DEAD) <= 1.5),
     Case(15, "potentiometer open", [{"kind": "potentiometer_open"}], 2.0, hands_over(0.15)),
     Case(15, "potentiometer short", [{"kind": "potentiometer_short"}], 2.0, hands_over(0.15)),
     Case(15, "potentiometer stuck", [{"kind": "potentiometer_stuck"}], 8.0,

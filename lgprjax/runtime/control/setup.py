@@ -74,9 +74,9 @@ def load(config: RuntimeConfig) -> Loaded:
     vehicle_path, map_path = config.path(config.vehicle), config.path(config.map)
     vehicle = read_vehicle(vehicle_path)
     setup = onboard_setup(config, vehicle)
-    hashes = {name: file_hash(config.path(name)) for name in (config.vehicle, config.map)}
     with MapFile.open(map_path) as source:
         frame = source.description.frame
+    hashes = {name: file_hash(config.path(name)) for name in (config.vehicle, config.map)}
     routes = [_laid(config, name, hashes) for name in config.routes]
     if all(route.path is None for route in routes):
         raise InputError(config.file, "routes", "a route that can be driven", routes[0].problem)
