@@ -34,7 +34,7 @@ def with_route(folder: Path, text: str) -> RuntimeConfig:
         (lambda text: text[: len(text) // 2], "other.route.toml"),
         (lambda text: text.replace("from_m = 0.0", "from_m = nan"), "from_m"),
         (lambda text: text.replace('map_sha256 = "', 'map_sha256 = "0')[:-1] + "\n", "map_sha256"),
-        (lambda text: text.replace("from_m = 0.0", "from_m = 1000.0"), "from_m, to_m"),
+        (lambda text: text.replace("from_m = 0.0", "from_m = 180.0"), "from_m, to_m"),
         (lambda text: text.replace('direction = "along"', 'direction = "sideways"'), "direction"),
     ],
 )
