@@ -99,8 +99,7 @@ def _starts(folder: Path) -> Iterator[tuple[dict[str, Any], Iterator[_Tick]]]:
                     now.sent.append(record)
                 elif record.kind in _TAKEN and record.source is not Source.CONTROL:
                     now.came.append(record)
-        # The last tick of all may lack records: it is whole only where its plan, made last, is there; nothing is lost
-        # by leaving it out.
+        # The last tick of all is left out: a cut recording may lack some of its records.
 
     for record in records:
         if record.kind is Kind.HEADER:

@@ -64,7 +64,6 @@ def test_with_the_emergency_stop_held_at_boot_nothing_is_engaged(
 ) -> None:
     script = [{"at_s": 0.1, **STEER}, {"after": {"mode": 7, "for_s": 3.0}, **STEER}]
     loop = OnboardLoop(world, config, loaded, script, [{"kind": "estop_held", "at_s": 0.0}])
-    loop.stage.faults.run([])
     loop.stage._pressed = lambda: 4 | 2  # type: ignore[method-assign]
     loop.run(6.0)
     assert loop.mode is Mode.EMERGENCY_STOP
