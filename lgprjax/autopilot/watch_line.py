@@ -9,8 +9,8 @@ from typing import NamedTuple
 from lgprjax.autopilot.watch_dwell import Dwell, counted_step_s, step_dwell
 from lgprjax.autopilot.watch_findings import Watch, as_watch
 
-SILENT_S = 0.06
-"""Six statuses of the box."""
+SILENT_S = 0.1
+"""Ten statuses of the box, and half of the time after which the box lets go by itself."""
 HELD_S = 0.1
 """After it was told to engage, the box must say that it holds."""
 FAULT_S = 0.2

@@ -31,7 +31,7 @@ def test_a_sound_box_gives_no_finding() -> None:
     assert set(line(50, held=0, told=0, box=TESTED | 1)) == {Watch(0)}
 
 
-@pytest.mark.parametrize("age_s", [0.061, math.inf, math.nan, -0.01])
+@pytest.mark.parametrize("age_s", [0.101, math.inf, math.nan, -0.01])
 def test_a_silent_box_is_found_at_once(age_s: float) -> None:
     assert line(1, age_s=age_s) == [Watch.LINE_SILENT]
 

@@ -176,7 +176,8 @@ def test_old_data_is_said_loudly(served: ServedPage, tab: Tab) -> None:
     served.state = None
     tab.wait_for("document.body.classList.contains('stale')", 5.0)
     assert tab.text("#mode") == "NO DATA"
-    assert tab.text("#no-data").startswith("NO DATA\nThe control process is silent for ")
+    tab.wait_for("document.querySelector('#no-data').innerText.includes('The control process is silent for ')", 5.0)
+    assert tab.text("#no-data").startswith("NO DATA")
     shares = picture(tab).reshape(-1, 3)
     red = (shares[:, 0] > 0.5) & (shares[:, 1] < 0.2) & (shares[:, 2] < 0.2)
     assert red.mean() > 0.15

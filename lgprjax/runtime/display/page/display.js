@@ -153,8 +153,11 @@ function staleBecause() {
     return `No connection to the vehicle's computer${closedBecause && `: ${closedBecause}`}.`;
   }
   if (age_s === null) return "The control process has said nothing yet.";
-  if (age_s > STALE_S) return `The control process is silent for ${age_s.toFixed(1)} s.`;
-  if (age_s + silent_s > STALE_S) return "The connection is slow.";
+  if (age_s + silent_s > STALE_S) {
+    // Both make it old: the larger part is to blame.
+    if (age_s < silent_s) return "The connection is slow.";
+    return `The control process is silent for ${(age_s + silent_s).toFixed(1)} s.`;
+  }
   if (delay_s > STALE_S) return `The connection is slow: what arrives is ${delay_s.toFixed(1)} s old.`;
   return null;
 }
