@@ -50,12 +50,12 @@ from lgprjax.navigation.health_rules import (
     health_rules,
 )
 from lgprjax.navigation.innovations import (
-    Innovation,
     gnss_innovation,
     heading_innovation,
     lgpr_innovation,
     odometer_innovation,
 )
+from lgprjax.navigation.kalman import Innovation
 from lgprjax.navigation.navigator import (
     Fusion,
     Navigated,
@@ -118,6 +118,28 @@ from lgprjax.navigation.route_smoothing import (
     is_closed,
     legs_of_track,
 )
+from lgprjax.navigation.skid_filter import (
+    SkidFilterInfo,
+    SkidFilterState,
+    init_skid_filter,
+    skid_rules,
+    step_skid_filter,
+)
+from lgprjax.navigation.skid_model import (
+    SKID_STATES,
+    SkidEstimate,
+    SkidModel,
+    default_skid_model,
+    skid_pose,
+    skid_pose_covariance,
+)
+from lgprjax.navigation.skid_observations import (
+    SKID_SOURCES,
+    DeltaHeading,
+    SkidMotion,
+    SkidObservations,
+    no_skid_observations,
+)
 from lgprjax.navigation.smoother import (
     filter_drive,
     smooth_drive,
@@ -131,9 +153,12 @@ from lgprjax.navigation.threshold_switch import (
 )
 
 __all__ = [
+    "SKID_SOURCES",
+    "SKID_STATES",
     "SOURCES",
     "STATES",
     "STOPPING",
+    "DeltaHeading",
     "FilterInfo",
     "FilterModel",
     "FilterState",
@@ -166,6 +191,12 @@ __all__ = [
     "RoutePath",
     "RouteSpeeds",
     "RouteTrack",
+    "SkidEstimate",
+    "SkidFilterInfo",
+    "SkidFilterState",
+    "SkidModel",
+    "SkidMotion",
+    "SkidObservations",
     "SlewLimits",
     "Starts",
     "SwitchSettings",
@@ -177,6 +208,7 @@ __all__ = [
     "course_observation",
     "default_model",
     "default_rules",
+    "default_skid_model",
     "filter_drive",
     "find_starts",
     "gnss_innovation",
@@ -188,6 +220,7 @@ __all__ = [
     "init_health",
     "init_history",
     "init_navigator",
+    "init_skid_filter",
     "init_switch",
     "initial_sigmas",
     "insert",
@@ -200,12 +233,16 @@ __all__ = [
     "lost_planner",
     "make_route_path",
     "no_observations",
+    "no_skid_observations",
     "odometer_innovation",
     "planner_settings",
     "pose_of",
     "position_sigma_m",
     "predict",
     "replace_route",
+    "skid_pose",
+    "skid_pose_covariance",
+    "skid_rules",
     "slew_frame",
     "smooth_drive",
     "smooth_estimates",
@@ -215,6 +252,7 @@ __all__ = [
     "step_local",
     "step_navigator",
     "step_planner",
+    "step_skid_filter",
     "step_switch",
     "to_global",
     "to_local",

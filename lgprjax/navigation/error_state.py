@@ -1,7 +1,7 @@
-"""The filter's algebra: prediction of 13 states over a tick, and the update by one observation in Joseph's form.
+"""The filter's algebra: prediction of 13 states over a tick; the update by an observation is the common core's.
 
-The derivatives of a tick's motion touch three rows of the covariance, and an observation depends on a few states: both
-are written out by rows, so that a tick of hundreds of lanes stays elementwise work.
+The derivatives of a tick's motion touch three rows of the covariance: they are written out by rows, so that a tick of
+hundreds of lanes stays elementwise work.
 """
 
 from typing import NamedTuple
@@ -9,6 +9,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from lgprjax.navigation import kalman
 from lgprjax.navigation.arc_reach import reach, turned
 from lgprjax.navigation.drifting_frame import step_local
 from lgprjax.navigation.filter_model import (
@@ -26,7 +27,7 @@ from lgprjax.navigation.filter_model import (
     Y,
     pose_of,
 )
-from lgprjax.navigation.innovations import Innovation, Row
+from lgprjax.navigation.kalman import Innovation, Weighed
 from lgprjax.navigation.observations import HeadingObservation, Motion
 
 LEAST_COURSE_MPS = 1.0
@@ -47,22 +48,6 @@ class Transition(NamedTuple):
     pose_rows: Float[Array, "3 13"]
     decay: Float[Array, " 10"]
     yaw_noise: Float[Array, " 3"]
-
-
-class Weighed(NamedTuple):
-    """An innovation against its own covariance.
-
-    Attributes:
-        nis: normalised innovation squared.
-        gain: one row a component.
-        crossed: HP, the covariance of each component with the states.
-        covariance: of the innovation, S.
-    """
-
-    nis: Float[Array, ""]
-    gain: Float[Array, "part 13"]
-    crossed: Float[Array, "part 13"]
-    covariance: Float[Array, "part part"]
 
 
 def transition_of(model: FilterModel, estimate: NavEstimate, motion: Motion) -> Transition:
@@ -122,59 +107,13 @@ def predict(model: FilterModel, estimate: NavEstimate, motion: Motion) -> NavEst
 
 
 def weigh(estimate: NavEstimate, innovation: Innovation) -> Weighed:
-    """Gain and normalised innovation squared, by a Cholesky factor written out: one to three components."""
-    rows, parts = innovation.rows, range(len(innovation.rows))
-    crossed = [_along_row(row, estimate.covariance) for row in rows]
-    covariance = [[_along_row(rows[j], crossed[i]) + innovation.noise[i, j] for j in range(i + 1)] for i in parts]
-    factor: list[list[Float[Array, ""]]] = []
-    white: list[Float[Array, ""]] = []
-    gain: list[Float[Array, " 13"]] = []
-    for i in parts:
-        line: list[Float[Array, ""]] = []
-        for j in range(i + 1):
-            value = covariance[i][j]
-            for m in range(j):
-                value = value - line[m] * (factor[j][m] if j < i else line[m])
-            # Rounding may leave nothing of a variance; a huge innovation is then the gate's business.
-            line.append(value / factor[j][j] if j < i else jnp.sqrt(jnp.maximum(value, 1e-12)))
-        factor.append(line)
-        row, residual = crossed[i], innovation.residual[i]
-        for m in range(i):
-            row, residual = row - line[m] * gain[m], residual - line[m] * white[m]
-        gain.append(row / line[i])
-        white.append(residual / line[i])
-    nis = white[0] * white[0]
-    for i in reversed(parts):
-        for m in range(i + 1, len(rows)):
-            gain[i] = gain[i] - factor[m][i] * gain[m]
-        gain[i] = gain[i] / factor[i][i]
-        nis = nis + white[i] * white[i] if i else nis
-    whole = jnp.stack([jnp.stack([covariance[max(i, j)][min(i, j)] for j in parts]) for i in parts])
-    return Weighed(nis, jnp.stack(gain), jnp.stack(crossed), whole)
+    """Gain and normalised innovation squared of an observation of one to three components."""
+    return kalman.weigh(estimate.covariance, innovation)
 
 
 def correct(estimate: NavEstimate, innovation: Innovation, weighed: Weighed, use: Bool[Array, ""]) -> NavEstimate:
-    """The estimate after an observation, by Joseph's form: P ← (I − KH) P (I − KH)ᵀ + K R Kᵀ.
-
-    It is multiplied out to P − Σ (k eᵀ + e kᵀ) with e = HP − S k / 2 by component: that is symmetric but for the last
-    digit, and a rounded gain enters squared, as in the product. What rounding leaves is 1e-7 of the covariance before:
-    in float32 a standard deviation may fall to a thousandth in one update, not to less.
-
-    Args:
-        estimate: before.
-        innovation: of the observation.
-        weighed: from ``weigh``.
-        use: whether it is used; if not, the estimate stays what it is.
-    """
-    gain = jnp.where(use, weighed.gain, 0.0)
-    covariance, mean = estimate.covariance, estimate.mean
-    for part in range(len(innovation.rows)):
-        rest = weighed.crossed[part]
-        for other in range(len(innovation.rows)):
-            rest = rest - 0.5 * weighed.covariance[part, other] * gain[other]
-        covariance = covariance - (jnp.outer(gain[part], rest) + jnp.outer(rest, gain[part]))
-        mean = mean + innovation.residual[part] * gain[part]
-    return NavEstimate(mean, covariance)
+    """The estimate after an observation, by Joseph's form, where it is used; if not, it stays what it is."""
+    return NavEstimate(*kalman.correct(*estimate, innovation, weighed, use))
 
 
 def update(estimate: NavEstimate, innovation: Innovation) -> NavEstimate:
@@ -233,11 +172,3 @@ def _apply(transition: Transition, matrix: Float[Array, "13 13"]) -> Float[Array
             weight = weight.at[YAW].set(0.0)
         pose = pose + jnp.outer(weight, matrix[state])
     return jnp.concatenate([pose, transition.decay[:, None] * matrix[YAW + 1 :]])
-
-
-def _along_row(row: Row, matrix: Float[Array, "13 ..."]) -> Float[Array, "..."]:
-    """An observation's row times a matrix or vector of the states."""
-    total = jnp.zeros_like(matrix[0])
-    for state, weight in row.items():
-        total = total + weight * matrix[state]
-    return total

@@ -10,7 +10,6 @@ from lgprjax.navigation.filter_model import (
     GNSS_ERROR_X,
     GNSS_ERROR_Y,
     SPEED,
-    STATES,
     YAW,
     FilterModel,
     NavEstimate,
@@ -19,13 +18,8 @@ from lgprjax.navigation.filter_model import (
     init_estimate,
 )
 from lgprjax.navigation.gates import GateRules, GateState, advance_gates, count_conflict, init_gates, judge
-from lgprjax.navigation.innovations import (
-    Innovation,
-    gnss_innovation,
-    heading_innovation,
-    lgpr_innovation,
-    odometer_innovation,
-)
+from lgprjax.navigation.innovations import gnss_innovation, heading_innovation, lgpr_innovation, odometer_innovation
+from lgprjax.navigation.kalman import Innovation, reopen
 from lgprjax.navigation.observations import GNSS, HEADING, LGPR, ODOMETER, SOURCES, Motion, Observations
 from lgprjax.vehicle import VehiclePose
 
@@ -122,13 +116,9 @@ def _let_go(source: int, estimate: NavEstimate, innovation: Innovation, reacquir
     large that float32 loses it.
     """
     letting = {GNSS: (X, Y), HEADING: (YAW,), ODOMETER: (SPEED,), LGPR: (X, Y, YAW)}[source]
-    kept = jnp.ones(len(STATES)).at[jnp.array(letting)].set(jnp.where(reacquired, 0.0, 1.0))
-    variances, moves = jnp.zeros(len(STATES)), jnp.zeros(len(STATES))
-    for part, state in enumerate(letting):
-        least = 0.04 if state == YAW else 1.0
-        variances = variances.at[state].set(least + 100.0 * innovation.noise[part, part])
-        moves = moves.at[state].set(innovation.residual[part])
-    return NavEstimate(
-        estimate.mean + jnp.where(reacquired, moves, 0.0),
-        estimate.covariance * jnp.outer(kept, kept) + jnp.diag(jnp.where(reacquired, variances, 0.0)),
-    )
+    moves = {state: innovation.residual[part] for part, state in enumerate(letting)}
+    variances = {
+        state: (0.04 if state == YAW else 1.0) + 100.0 * innovation.noise[part, part]
+        for part, state in enumerate(letting)
+    }
+    return NavEstimate(*reopen(*estimate, moves, variances, reacquired))

@@ -4,10 +4,8 @@ Derivatives are kept as the few states that an observation depends on. An observ
 vehicle was τ before the tick's end: the pose moves back along body velocity and yaw rate, which is exact within a tick.
 """
 
-from typing import NamedTuple
-
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from lgprjax.navigation.arc_reach import Pair, Reach, reach, turned, wrap_yaw
 from lgprjax.navigation.filter_model import (
@@ -27,6 +25,7 @@ from lgprjax.navigation.filter_model import (
     X,
     Y,
 )
+from lgprjax.navigation.kalman import Innovation, Row, innovation_of, usable
 from lgprjax.navigation.observations import (
     GnssObservation,
     HeadingObservation,
@@ -34,25 +33,6 @@ from lgprjax.navigation.observations import (
     Motion,
     OdometerObservation,
 )
-
-Row = dict[int, Float[Array, ""]]
-"""Derivatives of one component by the states it depends on."""
-
-
-class Innovation(NamedTuple):
-    """An observation against the filter's expectation; neutral where nothing usable was offered.
-
-    Attributes:
-        residual: observed less expected, one to three components.
-        rows: derivatives of the expectation, one a component.
-        noise: covariance of the observation's white noise.
-        offered: valid, and finite in every number.
-    """
-
-    residual: Float[Array, " part"]
-    rows: tuple[Row, ...]
-    noise: Float[Array, "part part"]
-    offered: Bool[Array, ""]
 
 
 def gnss_innovation(
@@ -65,7 +45,7 @@ def gnss_innovation(
     row_x[GNSS_ERROR_X] = row_y[GNSS_ERROR_Y] = jnp.float32(1.0)
     expected = jnp.stack([x + estimate.mean[GNSS_ERROR_X], y + estimate.mean[GNSS_ERROR_Y]])
     observed = jnp.stack([observation.x_m, observation.y_m])
-    return _innovation(observed - expected, (row_x, row_y), observation.covariance, _usable(observation))
+    return innovation_of(observed - expected, (row_x, row_y), observation.covariance, usable(observation))
 
 
 def heading_innovation(estimate: NavEstimate, motion: Motion, observation: HeadingObservation) -> Innovation:
@@ -73,7 +53,7 @@ def heading_innovation(estimate: NavEstimate, motion: Motion, observation: Headi
     age, (_, _, rate) = _clean(observation, observation.age_s), _body_motion(estimate, motion)
     residual = wrap_yaw(observation.yaw_rad - (estimate.mean[YAW] - age * rate))
     row = {YAW: jnp.float32(1.0), RATE_BIAS: age}
-    return _innovation(residual[None], (row,), observation.variance[None, None], _usable(observation))
+    return innovation_of(residual[None], (row,), observation.variance[None, None], usable(observation))
 
 
 def odometer_innovation(estimate: NavEstimate, observation: OdometerObservation) -> Innovation:
@@ -81,7 +61,7 @@ def odometer_innovation(estimate: NavEstimate, observation: OdometerObservation)
     speed, scale = estimate.mean[SPEED], 1.0 + estimate.mean[ODOMETER_SCALE]
     residual = observation.speed_mps - speed * scale
     row = {SPEED: scale, ODOMETER_SCALE: speed}
-    return _innovation(residual[None], (row,), observation.variance[None, None], _usable(observation))
+    return innovation_of(residual[None], (row,), observation.variance[None, None], usable(observation))
 
 
 def lgpr_innovation(
@@ -116,7 +96,7 @@ def lgpr_innovation(
             wrap_yaw(observation.yaw_rad - (mean[YAW] - age * rate)),
         ]
     )
-    return _innovation(residual, (*rows, turn_row), observation.covariance, _usable(observation))
+    return innovation_of(residual, (*rows, turn_row), observation.covariance, usable(observation))
 
 
 def _body_motion(estimate: NavEstimate, motion: Motion) -> tuple[Pair, Float[Array, ""], Float[Array, ""]]:
@@ -136,26 +116,8 @@ def _position(estimate: NavEstimate, at: Reach, age_s: Float[Array, ""], yaw: Pa
     return (estimate.mean[X] + x, estimate.mean[Y] + y), (row_x, row_y)
 
 
-def _usable(
-    observation: GnssObservation | HeadingObservation | OdometerObservation | LgprObservation,
-) -> Bool[Array, ""]:
-    """Valid, and every number of it finite."""
-    finite = [jnp.all(jnp.isfinite(part)) for part in observation[:-1]]
-    return observation.valid & jnp.all(jnp.stack(finite))
-
-
 def _clean(
     observation: GnssObservation | HeadingObservation | LgprObservation, age_s: Float[Array, ""]
 ) -> Float[Array, ""]:
     """The age, or none where it would poison what is linearised about it."""
     return jnp.where(observation.valid & jnp.isfinite(age_s), age_s, 0.0)
-
-
-def _innovation(
-    residual: Float[Array, " part"],
-    rows: tuple[Row, ...],
-    noise: Float[Array, "part part"],
-    offered: Bool[Array, ""],
-) -> Innovation:
-    neutral = jnp.eye(len(rows), dtype=noise.dtype)
-    return Innovation(jnp.where(offered, residual, 0.0), rows, jnp.where(offered, noise, neutral), offered)
