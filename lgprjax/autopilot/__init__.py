@@ -2,12 +2,25 @@
 the watches on what the vehicle does with it.
 """
 
+from lgprjax.autopilot.edge_ahead import StopRules, edge_ahead
+from lgprjax.autopilot.fence import FENCE_SLOTS, fence_around, fence_of_route, pad_fence, room_of_route
 from lgprjax.autopilot.limiter import Command, Limited, LimiterRules, LimiterState, init_limiter, limit_command
 from lgprjax.autopilot.mode_diagram import describe_modes
 from lgprjax.autopilot.mode_events import Action, Check, Event, Fault, Happening, Mode, Motion, Place, Refusal
 from lgprjax.autopilot.mode_state import ModeState, operator_drives, refusal_of
 from lgprjax.autopilot.modes import step_modes
 from lgprjax.autopilot.onboard import OnboardInfo, OnboardSetup, OnboardState, Orders, step_onboard
+from lgprjax.autopilot.skid_health import SkidHealth, SkidHealthRules, default_skid_health
+from lgprjax.autopilot.skid_limiter import (
+    SkidCommand,
+    SkidLimited,
+    SkidLimiterRules,
+    SkidLimiterState,
+    init_skid_limiter,
+    limit_skid_command,
+)
+from lgprjax.autopilot.skid_setup import SkidSetup, skid_setup
+from lgprjax.autopilot.skid_step import Guidance, SkidInfo, SkidOrders, SkidState, init_skid, step_skid
 from lgprjax.autopilot.step import (
     AutopilotConfig,
     AutopilotInfo,
@@ -49,6 +62,7 @@ from lgprjax.autopilot.watch_servo import ServoWatchState, step_servo_watch
 from lgprjax.autopilot.watch_wheel_sensors import WheelAngles, WheelSensorState, init_wheel_sensors, step_wheel_sensors
 
 __all__ = [
+    "FENCE_SLOTS",
     "REFUSING",
     "SEVERITY",
     "Action",
@@ -63,6 +77,7 @@ __all__ = [
     "Command",
     "Event",
     "Fault",
+    "Guidance",
     "Hands",
     "Happening",
     "HeadingCheck",
@@ -92,6 +107,17 @@ __all__ = [
     "Refusal",
     "ServoWatchState",
     "Severity",
+    "SkidCommand",
+    "SkidHealth",
+    "SkidHealthRules",
+    "SkidInfo",
+    "SkidLimited",
+    "SkidLimiterRules",
+    "SkidLimiterState",
+    "SkidOrders",
+    "SkidSetup",
+    "SkidState",
+    "StopRules",
     "VelocitySettings",
     "VelocityState",
     "Watch",
@@ -99,20 +125,30 @@ __all__ = [
     "WheelBelief",
     "WheelSensorState",
     "as_watch",
+    "default_skid_health",
     "default_velocity",
     "describe",
     "describe_modes",
+    "edge_ahead",
+    "fence_around",
+    "fence_of_route",
     "front_angle",
     "init_autopilot",
     "init_limiter",
+    "init_skid",
+    "init_skid_limiter",
     "init_velocity",
     "init_wheel_sensors",
     "limit_command",
+    "limit_skid_command",
     "linear_wheel_map",
     "operator_drives",
+    "pad_fence",
     "proportional_rear",
     "refusal_of",
+    "room_of_route",
     "severity_of",
+    "skid_setup",
     "step_autopilot",
     "step_buttons",
     "step_chassis_watch",
@@ -125,6 +161,7 @@ __all__ = [
     "step_path_watch",
     "step_pedal_watch",
     "step_servo_watch",
+    "step_skid",
     "step_stop",
     "step_velocity",
     "step_wheel_sensors",

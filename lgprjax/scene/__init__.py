@@ -41,6 +41,15 @@ from lgprjax.scene.receiver import ReceiverConfig, record_scans, time_gain
 from lgprjax.scene.render import render_traces
 from lgprjax.scene.road import Road, RoadConfig, make_road, straight_road
 from lgprjax.scene.sensors import NavigationErrors, OdometerTrack, PoseTrack
+from lgprjax.scene.skid_plant import SkidPlant, SkidPlantState, default_skid_plant, init_skid_plant, step_skid_plant
+from lgprjax.scene.skid_sensors import (
+    SkidReadings,
+    SkidSensors,
+    SkidSensorState,
+    default_skid_sensors,
+    init_skid_sensors,
+    read_skid_sensors,
+)
 from lgprjax.scene.slices import GroundSlice, slice_ground
 from lgprjax.scene.sweeps import StartOfDay, SweepPlan, record_sweeps, start_of_day
 from lgprjax.scene.vehicle_drive import TrueVehicle, VehicleDrive, drive_manoeuvre, read_vehicle, simulate_vehicle_drive
@@ -82,6 +91,11 @@ __all__ = [
     "Scatterers",
     "SensorFaults",
     "SimulatedDrive",
+    "SkidPlant",
+    "SkidPlantState",
+    "SkidReadings",
+    "SkidSensorState",
+    "SkidSensors",
     "Skin",
     "Springs",
     "StartOfDay",
@@ -94,6 +108,8 @@ __all__ = [
     "VehicleSensors",
     "calibrated_fixes",
     "default_array",
+    "default_skid_plant",
+    "default_skid_sensors",
     "draw_springs",
     "drive_manoeuvre",
     "drive_palm_tree",
@@ -105,6 +121,8 @@ __all__ = [
     "init_fix_errors",
     "init_live_sensors",
     "init_plant",
+    "init_skid_plant",
+    "init_skid_sensors",
     "iterate_sweeps",
     "iterate_traces",
     "live_sensors",
@@ -113,6 +131,7 @@ __all__ = [
     "make_wavelet",
     "no_faults",
     "read_live_sensors",
+    "read_skid_sensors",
     "read_vehicle",
     "record_scans",
     "record_sweeps",
@@ -125,6 +144,7 @@ __all__ = [
     "step_fix_errors",
     "step_pedals",
     "step_plant",
+    "step_skid_plant",
     "step_steering",
     "straight_road",
     "time_gain",

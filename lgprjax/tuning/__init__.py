@@ -6,6 +6,7 @@ from lgprjax.tuning.estimate import Estimate, NotExcitedError
 from lgprjax.tuning.fix_error_fit import FixErrorFit, fit_fix_errors
 from lgprjax.tuning.fusion_fit import NOISES, FusionFit, fit_fusion
 from lgprjax.tuning.innovations_likelihood import NavigationDrives
+from lgprjax.tuning.limit_cycle import LimitCycle, find_limit_cycle
 from lgprjax.tuning.look_ahead_trials import Judged, Trials, TunedVehicle, judge, sweep_look_ahead
 from lgprjax.tuning.look_ahead_tuner import GradientConfig, TunedLookAhead, cost_of, tune_look_ahead
 from lgprjax.tuning.pauses import Pauses, find_pauses
@@ -23,6 +24,7 @@ from lgprjax.tuning.robust import (
 from lgprjax.tuning.servo_fit import ServoFit, fit_servo
 from lgprjax.tuning.straight import StraightFit, fit_straight
 from lgprjax.tuning.stretches import Stretches, StretchRules, find_stretches
+from lgprjax.tuning.threshold_fit import ThresholdFit, fit_threshold
 from lgprjax.tuning.wheel_angle import (
     SteeringMap,
     WheelAngleFit,
@@ -44,6 +46,7 @@ __all__ = [
     "FusionFit",
     "GradientConfig",
     "Judged",
+    "LimitCycle",
     "NavigationDrives",
     "NotExcitedError",
     "Pauses",
@@ -58,6 +61,7 @@ __all__ = [
     "StraightFit",
     "StretchRules",
     "Stretches",
+    "ThresholdFit",
     "Trials",
     "TunedLookAhead",
     "TunedVehicle",
@@ -67,6 +71,7 @@ __all__ = [
     "combine",
     "compare_rears",
     "cost_of",
+    "find_limit_cycle",
     "find_pauses",
     "find_stretches",
     "fit_arcs",
@@ -77,6 +82,7 @@ __all__ = [
     "fit_rear_map",
     "fit_servo",
     "fit_straight",
+    "fit_threshold",
     "fit_wheel_angle",
     "fit_yaw_gain",
     "front_angle",

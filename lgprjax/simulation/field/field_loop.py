@@ -1,0 +1,226 @@
+"""A field worked in closed loop: vehicle, sensors, the step that runs on board, and round again; whole fields compiled.
+
+A driver drives the vehicle straight on towards the route until its heading is known and its health is sound; the
+computer does the rest. A stop that was asked for goes on, as in the mode machine: such a lane stands to the end.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
+
+from lgprjax.autopilot.skid_limiter import SkidCommand
+from lgprjax.autopilot.skid_step import SkidInfo, SkidOrders, SkidState, init_skid, step_skid
+from lgprjax.coverage.cover_route import CoverRoute, route_point
+from lgprjax.coverage.route_foot import route_foot
+from lgprjax.navigation.observations import GNSS, GnssObservation
+from lgprjax.navigation.reaction import Reaction
+from lgprjax.navigation.skid_model import skid_pose, skid_pose_covariance
+from lgprjax.navigation.skid_observations import DeltaHeading, SkidMotion, SkidObservations
+from lgprjax.scene.skid_plant import SkidPlantState, init_skid_plant, step_skid_plant
+from lgprjax.scene.skid_sensors import SkidReadings, SkidSensorState, init_skid_sensors, read_skid_sensors
+from lgprjax.simulation.field.field_world import MOMENT_TICKS, TICK_S, FieldSpec, FieldWorld
+from lgprjax.vehicle.arc import VehiclePose
+from lgprjax.vehicle.skid_steer import WheelSpeeds
+
+_BELIEVED_OFF_M = 0.3
+
+
+class FieldState(NamedTuple):
+    """What a lane carries from tick to tick.
+
+    Attributes:
+        track_m: of its plant.
+        plant, sensors: the world's.
+        skid: what runs on board.
+        command: drives the next tick.
+        engaged: the computer drives; stopping: it was told to stop.
+        tick: how many have passed.
+    """
+
+    track_m: Float[Array, ""]
+    plant: SkidPlantState
+    sensors: SkidSensorState
+    skid: SkidState
+    command: SkidCommand
+    engaged: Bool[Array, ""]
+    stopping: Bool[Array, ""]
+    tick: Int[Array, ""]
+
+
+class FieldMoment(NamedTuple):
+    """What is kept of a moment, ten times a second.
+
+    Attributes:
+        x_m, y_m, yaw_rad: true pose of the reference point.
+        believed: the estimate of it; covariance: of x, y and yaw.
+        cross_m: true, from the route, left positive.
+        speed_mps: true.
+        turn_mps: difference of the wheels that was commanded.
+        tool: 1 where it was told on; line: of the pattern, −1 in turns.
+        to_go_m: to the route's end.
+        heard: GNSS spoke within the last 1.5 s.
+        engaged, stopping, done: the computer drives; was told to stop; has reached the route's end.
+        edge: the fence was foretold to be crossed.
+        reasons: bits of ``Reason``; limited: of ``SkidLimited``.
+        sigma_m: of the position, by the estimate.
+    """
+
+    x_m: Float[Array, "..."]
+    y_m: Float[Array, "..."]
+    yaw_rad: Float[Array, "..."]
+    believed: VehiclePose
+    covariance: Float[Array, "... 3 3"]
+    cross_m: Float[Array, "..."]
+    speed_mps: Float[Array, "..."]
+    turn_mps: Float[Array, "..."]
+    tool: Float[Array, "..."]
+    line: Int[Array, "..."]
+    to_go_m: Float[Array, "..."]
+    heard: Bool[Array, "..."]
+    engaged: Bool[Array, "..."]
+    stopping: Bool[Array, "..."]
+    done: Bool[Array, "..."]
+    edge: Bool[Array, "..."]
+    reasons: Int[Array, "..."]
+    limited: Int[Array, "..."]
+    sigma_m: Float[Array, "..."]
+
+
+@partial(jax.jit, static_argnums=0)
+def run_fields(
+    spec: FieldSpec,
+    world: FieldWorld,
+    route: CoverRoute,
+    fence: Float[Array, "corner 2"],
+    keys: Key[Array, " lane"],
+) -> FieldMoment:
+    """Drives of one field, one a key; what is kept has the axes moment and lane.
+
+    Args:
+        spec: compiled in.
+        world, route, fence: all lanes'.
+        keys: of the lanes' draws.
+    """
+    states = jax.vmap(partial(_start, spec, world, route))(keys)
+
+    def moment(states: FieldState, number: Int[Array, ""]) -> tuple[FieldState, FieldMoment]:
+        return jax.vmap(lambda state, key: _moment(spec, world, route, fence, state, key))(
+            states, jax.vmap(lambda key: jax.random.fold_in(key, number))(keys)
+        )
+
+    kept: FieldMoment = lax.scan(moment, states, jnp.arange(spec.moments))[1]
+    return kept
+
+
+def _start(spec: FieldSpec, world: FieldWorld, route: CoverRoute, key: PRNGKeyArray) -> FieldState:
+    """A lane before its first tick: its vehicle stands before the route's start, in the route's direction."""
+    track_key, plant_key, sensor_key, place_key = jax.random.split(key, 4)
+    begin = route_point(route, jnp.float32(-spec.run_up_m))
+    track_m = world.plant.track_m * (1.0 + world.track_sigma * jnp.clip(jax.random.normal(track_key), -2.0, 2.0))
+    pose = VehiclePose(begin.x_m, begin.y_m, begin.yaw_rad)
+    off_m = _BELIEVED_OFF_M * jax.random.normal(place_key, (2,))
+    skid = init_skid(world.setup, pose.x_m + off_m[0], pose.y_m + off_m[1])
+    return FieldState(
+        track_m,
+        init_skid_plant(world.plant, pose, plant_key, delay_slots=spec.delay_slots),
+        init_skid_sensors(world.sensors, pose.yaw_rad, sensor_key),
+        skid,
+        skid.limiter.last,
+        jnp.asarray(False),
+        jnp.asarray(False),
+        jnp.int32(0),
+    )
+
+
+def _moment(
+    spec: FieldSpec,
+    world: FieldWorld,
+    route: CoverRoute,
+    fence: Float[Array, "corner 2"],
+    state: FieldState,
+    key: PRNGKeyArray,
+) -> tuple[FieldState, FieldMoment]:
+    def tick(state: FieldState, key: PRNGKeyArray) -> tuple[FieldState, SkidInfo]:
+        return _tick(spec, world, route, fence, state, key)
+
+    state, infos = lax.scan(tick, state, jax.random.split(key, MOMENT_TICKS))
+    info: SkidInfo = jax.tree.map(lambda leaf: leaf[-1], infos)
+    return state, _kept(route, state, info)
+
+
+def _tick(
+    spec: FieldSpec,
+    world: FieldWorld,
+    route: CoverRoute,
+    fence: Float[Array, "corner 2"],
+    state: FieldState,
+    key: PRNGKeyArray,
+) -> tuple[FieldState, SkidInfo]:
+    plant_key, sensor_key = jax.random.split(key)
+    command, straight = state.command, world.set_speed_mps
+    # The driver eases off the lever as the computer's limiter would.
+    told = WheelSpeeds(
+        jnp.where(state.engaged, command.left_mps, straight), jnp.where(state.engaged, command.right_mps, straight)
+    )
+    plant = step_skid_plant(world.plant._replace(track_m=state.track_m), state.plant, told, plant_key, TICK_S)
+    tick = state.tick + 1
+    sensors, readings = read_skid_sensors(world.sensors, state.sensors, plant, tick, sensor_key, TICK_S)
+    orders = SkidOrders(
+        engaged=state.engaged,
+        drives=state.engaged,
+        stop=state.stopping,
+        speed_cap_mps=jnp.float32(jnp.inf),
+        set_speed_mps=world.set_speed_mps,
+        age_s=jnp.float32(0.0),
+        left_mps=readings.left_mps,
+        right_mps=readings.right_mps,
+    )
+    skid, command, info = step_skid(
+        world.setup, route, fence, state.skid, *_observed(readings), orders, guidance=spec.guidance
+    )
+    sound = info.filter.heading_known & (info.reaction != Reaction.STOP)
+    stopping = state.stopping | (state.engaged & (info.reaction == Reaction.STOP)) | info.edge_predicted
+    return FieldState(state.track_m, plant, sensors, skid, command, state.engaged | sound, stopping, tick), info
+
+
+def _observed(readings: SkidReadings) -> tuple[SkidMotion, SkidObservations]:
+    """Readings as the filter takes them."""
+    variance = readings.gnss_sigma_m * readings.gnss_sigma_m
+    gnss = GnssObservation(
+        readings.gnss_m[0],
+        readings.gnss_m[1],
+        variance * jnp.eye(2, dtype=jnp.float32),
+        readings.gnss_age_s,
+        readings.gnss_valid,
+    )
+    turn = DeltaHeading(readings.turn_rad, readings.span_s, readings.turn_valid)
+    return SkidMotion(readings.left_mps, readings.right_mps, jnp.float32(TICK_S)), SkidObservations(gnss, turn)
+
+
+def _kept(route: CoverRoute, state: FieldState, info: SkidInfo) -> FieldMoment:
+    estimate, true = state.skid.filter.estimate, state.plant.pose
+    return FieldMoment(
+        true.x_m,
+        true.y_m,
+        true.yaw_rad,
+        skid_pose(estimate),
+        skid_pose_covariance(estimate),
+        route_foot(route, state.skid.carrot.arc_m, true).cross_m,
+        state.plant.speed_mps,
+        state.command.right_mps - state.command.left_mps,
+        state.command.tool,
+        info.plan.line,
+        info.plan.to_go_m,
+        state.skid.filter.gates.since_offered_s[GNSS] < 1.5,
+        state.engaged,
+        state.stopping,
+        info.plan.done,
+        info.edge_predicted,
+        info.reasons,
+        info.limited,
+        info.sigma_m,
+    )
