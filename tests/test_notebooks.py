@@ -1,4 +1,4 @@
-"""The notebooks: short, with their outputs kept, and each runs from a fresh clone to a tuned vehicle file."""
+"""The notebooks: short, with their outputs kept; each runs from a fresh clone to a vehicle file, or a worked field."""
 
 import os
 import re
@@ -8,15 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import nbformat
+import numpy as np
 import pytest
 from nbclient import NotebookClient
 
 import lgprjax
-from lgprjax.formats import check_file, read_vehicle
+from lgprjax.formats import check_file, read_cover_plan, read_vehicle, read_worked
 from lgprjax.simulation import read_vehicle_plan
 
 _ROOT = Path(__file__).parents[1]
 _NOTEBOOKS = sorted(path.stem for path in (_ROOT / "notebooks").glob("*.ipynb"))
+_COVERAGE = "coverage_record"
 
 _TRUE: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "palm_tree": ("steering.potentiometer_v_per_rad", lambda plan: plan.vehicle.potentiometer_per_rad_v[0]),
@@ -31,7 +33,7 @@ def _read(name: str) -> Any:
 
 
 def test_there_is_a_notebook_for_each_session() -> None:
-    assert _NOTEBOOKS == ["encoder_potentiometer", "fusion", "k_ratio", "look_ahead", "palm_tree"]
+    assert _NOTEBOOKS == [_COVERAGE, "encoder_potentiometer", "fusion", "k_ratio", "look_ahead", "palm_tree"]
 
 
 @pytest.mark.parametrize("name", _NOTEBOOKS)
@@ -50,17 +52,33 @@ def test_notebook_is_short_and_keeps_its_pictures(name: str) -> None:
     assert not re.search(r"(import|\.) _", source)
 
 
-@pytest.mark.parametrize("name", _NOTEBOOKS)
-def test_notebook_runs_from_a_fresh_clone(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _run(name: str, clone: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Run a notebook in a copy of what a clone has; the folder that it writes to."""
     # The kernel finds the package that these tests found, however it is installed.
     monkeypatch.setenv("PYTHONPATH", str(Path(lgprjax.__file__).parents[1]))
     if os.environ.get("LGPRJAX_TEST_CACHE"):
         monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", os.environ["LGPRJAX_TEST_CACHE"])
-    for folder in ("notebooks", "tuning"):
-        shutil.copytree(_ROOT / folder, tmp_path / folder)
+    for folder in ("notebooks", "tuning", "onboard"):
+        shutil.copytree(_ROOT / folder, clone / folder)
     book = _read(name)
-    NotebookClient(book, timeout=300, resources={"metadata": {"path": str(tmp_path / "notebooks")}}).execute()
-    (result,) = (tmp_path / "out" / "notebooks" / name).glob("*.vehicle.toml")
+    NotebookClient(book, timeout=300, resources={"metadata": {"path": str(clone / "notebooks")}}).execute()
+    return clone / "out" / "notebooks" / name
+
+
+def test_the_field_of_the_notebook_is_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = _run(_COVERAGE, tmp_path, monkeypatch)
+    record, plan = read_worked(folder / "field.worked.h5"), read_cover_plan(folder / "field.cover.geojson")
+    assert abs(plan.pattern.field.area_m2 - 12.0 * 9.0) < 0.1
+    assert len(record.stops.run) == 1
+    processed = np.count_nonzero(record.cells.state[0] == 2) * record.cells.cell_m**2
+    # The tool also worked a strip as long as itself beyond both ends of every line.
+    assert 100.0 < processed < 108.0 + 10 * 2 * 1.2 * 0.6
+    assert {path.suffix for path in (folder / "export").iterdir()} == {".csv", ".geojson", ".gpkg", ".html", ".kml"}
+
+
+@pytest.mark.parametrize("name", [name for name in _NOTEBOOKS if name != _COVERAGE])
+def test_notebook_runs_from_a_fresh_clone(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (result,) = _run(name, tmp_path, monkeypatch).glob("*.vehicle.toml")
     assert check_file(result) == []
     vehicle = read_vehicle(result)
     if name == "look_ahead":

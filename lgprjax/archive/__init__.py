@@ -2,6 +2,11 @@
 
 from lgprjax.archive.accuracy import DriveAccuracy, Labels, RelativeError, accuracy_of, labels_of, relative_error
 from lgprjax.archive.calibrating import Trials, thresholds_from, try_drives
+from lgprjax.archive.cover_figures import CoverFigures, LayerFigures, cover_figures
+from lgprjax.archive.cover_layers import cover_layers
+from lgprjax.archive.cover_plans import PlanFile, PlanOptions, make_cover_plan, open_cover_plan, save_cover_plan
+from lgprjax.archive.cover_record import record_cover
+from lgprjax.archive.cover_runs import CoverRun, read_cover_run
 from lgprjax.archive.drive_health import DriveHealth, drive_health
 from lgprjax.archive.examples import FixExample, Strips, example_scan, fix_example
 from lgprjax.archive.map_building import build_map, file_hash
@@ -21,25 +26,32 @@ from lgprjax.archive.routes import (
     waypoints_of,
 )
 from lgprjax.archive.run_drives import RunDrive, write_run_drive
+from lgprjax.archive.skid_vehicles import SkidVehicle, carrot_of, pattern_settings_of, skid_setup_of, tool_of
 from lgprjax.archive.tracks import DriveTrack, poses_of, track_of_drive
 from lgprjax.archive.vehicle_signals import signals_of
 from lgprjax.archive.vehicles import chassis_of, filter_model_of, pedals_of, servo_of
 from lgprjax.archive.verdicts import HealthFigure, Stretch, Verdict
 
 __all__ = [
+    "CoverFigures",
+    "CoverRun",
     "DriveAccuracy",
     "DriveHealth",
     "DriveTrack",
     "FixExample",
     "HealthFigure",
     "Labels",
+    "LayerFigures",
     "MapFinding",
     "MapHealth",
+    "PlanFile",
+    "PlanOptions",
     "RegisteredDrive",
     "RelativeError",
     "Route",
     "RouteInterval",
     "RunDrive",
+    "SkidVehicle",
     "Stretch",
     "Strips",
     "SweepDrive",
@@ -48,7 +60,10 @@ __all__ = [
     "Verdict",
     "accuracy_of",
     "build_map",
+    "carrot_of",
     "chassis_of",
+    "cover_figures",
+    "cover_layers",
     "drive_health",
     "example_scan",
     "file_hash",
@@ -56,21 +71,29 @@ __all__ = [
     "fix_example",
     "labels_of",
     "lay_route",
+    "make_cover_plan",
+    "open_cover_plan",
     "open_route",
     "passes_over",
+    "pattern_settings_of",
     "pedals_of",
     "places_of",
     "poses_of",
+    "read_cover_run",
+    "record_cover",
     "recording_of",
     "register_log",
     "relative_error",
     "require_map",
     "route_named",
     "routes_of",
+    "save_cover_plan",
     "servo_of",
     "signals_of",
+    "skid_setup_of",
     "stretch_of",
     "thresholds_from",
+    "tool_of",
     "track_of_drive",
     "try_drives",
     "verify_map",

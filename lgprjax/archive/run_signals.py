@@ -38,7 +38,7 @@ class RunSignals(NamedTuple):
     plan: np.ndarray
 
 
-class _Rows:
+class RowGatherer:
     """Rows of one type and their times, gathered as bytes."""
 
     def __init__(self, kind: np.dtype[Any]) -> None:
@@ -61,11 +61,11 @@ class _Rows:
 
 def signals_of_run(run: RunReading) -> RunSignals:
     """Gather everything but the samples: some hundred bytes a hundredth of a second."""
-    scans, box = _Rows(frame_type("radar_scan")), _Rows(frame_type("drive_status"))
+    scans, box = RowGatherer(frame_type("radar_scan")), RowGatherer(frame_type("drive_status"))
     prior, plan, radar = (
-        _Rows(payload_type("prior")),
-        _Rows(payload_type("plan")),
-        _Rows(frame_type("radar_description")),
+        RowGatherer(payload_type("prior")),
+        RowGatherer(payload_type("plan")),
+        RowGatherer(frame_type("radar_description")),
     )
     by_message = {"radar_scan": scans, "drive_status": box, "radar_description": radar}
     for _, data in run:

@@ -23,7 +23,10 @@ class Check:
 
     files: Annotated[
         Positional[tuple[Path, ...]],
-        arg(metavar="FILE...", help=".drive.h5, .map.h5, .fixes.h5, .fixes.csv or .vehicle.toml"),
+        arg(
+            metavar="FILE...",
+            help=".drive.h5, .map.h5, .fixes.h5, .fixes.csv, .vehicle.toml, .cover.geojson, .worked.h5",
+        ),
     ]
     health: bool = False
     """also measure how well the drive logs were recorded: radar, clock, odometry, GNSS"""

@@ -8,6 +8,7 @@ import tyro
 
 from lgprjax.cli.bench import Bench
 from lgprjax.cli.check import Check
+from lgprjax.cli.cover import CoverVerb
 from lgprjax.cli.demo import Demo
 from lgprjax.cli.errors import run_verb
 from lgprjax.cli.imports import ImportVerb
@@ -33,6 +34,9 @@ Verb = (
     | Annotated[MapVerb, tyro.conf.subcommand("map", description="Subsurface databases.")]
     | Annotated[Register, tyro.conf.subcommand("register")]
     | Annotated[RouteVerb, tyro.conf.subcommand("route", description="Routes of a subsurface database.")]
+    | Annotated[
+        CoverVerb, tyro.conf.subcommand("cover", description="Fields: plan, record and hand over what was worked.")
+    ]
     | Annotated[Run, tyro.conf.subcommand("run")]
     | Annotated[Recover, tyro.conf.subcommand("recover")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]

@@ -3,6 +3,7 @@
 from lgprjax.formats.atomic import atomic_output
 from lgprjax.formats.check import check_file
 from lgprjax.formats.cmu_gpr import import_cmu
+from lgprjax.formats.cover_plan import CoverPlan, cover_plan_findings, read_cover_plan, write_cover_plan
 from lgprjax.formats.drive_description import (
     DriveDescription,
     NavigationTrack,
@@ -14,8 +15,10 @@ from lgprjax.formats.drive_log import DriveLog
 from lgprjax.formats.drive_writer import DriveWriter
 from lgprjax.formats.dt1 import read_dt1
 from lgprjax.formats.dzt import read_dzt
+from lgprjax.formats.field_file import FieldPlaces, read_field
 from lgprjax.formats.findings import Finding
 from lgprjax.formats.fixes import read_fix_poses, read_fixes, write_fixes
+from lgprjax.formats.geo_layers import GeoLayer, write_geojson, write_geopackage, write_kml
 from lgprjax.formats.gprmax import import_gprmax, read_gprmax
 from lgprjax.formats.grounded import import_grounded
 from lgprjax.formats.hdf5_output import create_store
@@ -32,17 +35,23 @@ from lgprjax.formats.study_file import Study, read_study
 from lgprjax.formats.survey_track import Place
 from lgprjax.formats.surveys import import_iprb, import_lines, read_profile
 from lgprjax.formats.thresholds_file import read_thresholds, write_thresholds
+from lgprjax.formats.turning_points import write_turning_points
 from lgprjax.formats.vehicle_file import read_vehicle, require_serial_number, write_vehicle
 from lgprjax.formats.vehicle_log import VehicleLog, write_vehicle_log
 from lgprjax.formats.vehicle_model import Found, RearMap, VehicleFile, WheelMap, with_values
 from lgprjax.formats.waypoints import Waypoints, write_waypoints
+from lgprjax.formats.worked_file import read_worked, write_worked
+from lgprjax.formats.worked_record import WorkedRecord, stop_words
 
 __all__ = [
+    "CoverPlan",
     "DriveDescription",
     "DriveLog",
     "DriveWriter",
+    "FieldPlaces",
     "Finding",
     "Found",
+    "GeoLayer",
     "MapFile",
     "MapWriter",
     "NavigationTrack",
@@ -62,8 +71,10 @@ __all__ = [
     "VehicleLog",
     "Waypoints",
     "WheelMap",
+    "WorkedRecord",
     "atomic_output",
     "check_file",
+    "cover_plan_findings",
     "create_store",
     "import_cmu",
     "import_gprmax",
@@ -72,8 +83,10 @@ __all__ = [
     "import_lines",
     "import_segy",
     "load_schema",
+    "read_cover_plan",
     "read_dt1",
     "read_dzt",
+    "read_field",
     "read_fix_poses",
     "read_fixes",
     "read_gprmax",
@@ -87,13 +100,21 @@ __all__ = [
     "read_study",
     "read_thresholds",
     "read_vehicle",
+    "read_worked",
     "require_serial_number",
     "route_findings",
+    "stop_words",
     "with_values",
+    "write_cover_plan",
     "write_fixes",
+    "write_geojson",
+    "write_geopackage",
+    "write_kml",
     "write_route",
     "write_thresholds",
+    "write_turning_points",
     "write_vehicle",
     "write_vehicle_log",
     "write_waypoints",
+    "write_worked",
 ]

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from lgprjax.errors import InputError
+from lgprjax.formats.cover_plan import cover_plan_findings
 from lgprjax.formats.findings import Finding
 from lgprjax.formats.fixes import parse_cells, read_cells, table_findings
 from lgprjax.formats.route_file import route_findings
@@ -13,7 +14,7 @@ from lgprjax.formats.vehicle_file import vehicle_findings
 
 
 def check_file(path: str | Path) -> list[Finding]:
-    """Findings of a ``.drive.h5``, ``.map.h5``, ``.fixes.h5``, ``.fixes.csv``, ``.route.toml`` or ``.vehicle.toml``.
+    """Findings of a file, by its suffix: ``.drive.h5``, ``.map.h5``, ``.vehicle.toml`` and whatever has a schema.
 
     Radar data are read block by block, so memory stays small. An empty list means that the file is as it should be.
 
@@ -53,4 +54,6 @@ _CHECKS: dict[str, Callable[[Path], Iterator[Finding]]] = {
     ".fixes.csv": _check_fixes_csv,
     ".route.toml": route_findings,
     ".vehicle.toml": vehicle_findings,
+    ".cover.geojson": cover_plan_findings,
+    ".worked.h5": _check_store(load_schema("worked")),
 }

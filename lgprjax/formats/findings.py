@@ -133,3 +133,23 @@ def check_version(schema: Schema, name: object, version: object) -> tuple[str, s
     if int(major) > schema.major:
         return "@schema_version", f"version {schema.major}.x or older (update lgprjax)", str(version)
     return None
+
+
+def key_findings(schema: Schema, file: str, values: dict[str, object]) -> Iterator[Finding]:
+    """Every key of a text file that is missing, wrong or unknown, in the schema's order; lists are not for this.
+
+    Args:
+        schema: whose keys are meant.
+        file: its name in the findings.
+        values: by dotted path, without schema and version.
+    """
+    left = dict(values)
+    for entry in schema.keys:
+        if entry.path in left:
+            problem = check_scalar(entry, left.pop(entry.path))
+        else:
+            problem = "none" if entry.required else None
+        if problem is not None:
+            yield Finding(file, entry.path, expected_scalar(entry), problem)
+    for key in left:
+        yield Finding(file, key, f"a key of data_schema/{schema.name.rpartition('.')[2]}.toml", "an unknown key")

@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 
 from lgprjax.errors import InputError
 from lgprjax.formats.atomic import atomic_output
-from lgprjax.formats.findings import Finding, check_scalar, check_version, expected_scalar
+from lgprjax.formats.findings import Finding, check_version, key_findings
 from lgprjax.formats.schema import load_schema
 
 _SCHEMA = load_schema("route")
@@ -115,19 +115,10 @@ def _problems(path: str | Path, table: dict[str, Any]) -> Iterator[Finding]:
     if refusal is not None:
         yield Finding(str(path), *refusal)
         return
-    left = {key: value for key, value in table.items() if key not in ("schema", "schema_version")}
-    sound = True
-    for entry in _SCHEMA.keys:
-        if entry.path in left:
-            problem = check_scalar(entry, left.pop(entry.path))
-        else:
-            problem = "none" if entry.required else None
-        if problem is not None:
-            sound = False
-            yield Finding(str(path), entry.path, expected_scalar(entry), problem)
-    for key in left:
-        yield Finding(str(path), key, "a key of data_schema/route.toml", "an unknown key")
-    if not sound:
+    values = {key: value for key, value in table.items() if key not in ("schema", "schema_version")}
+    problems = list(key_findings(_SCHEMA, str(path), values))
+    yield from problems
+    if any(finding.found != "an unknown key" for finding in problems):
         return
     if table["to_m"] <= table["from_m"]:
         yield Finding(str(path), "to_m", f"more than from_m, {table['from_m']:g}", f"{table['to_m']:g}")

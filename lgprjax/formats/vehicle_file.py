@@ -14,7 +14,8 @@ from lgprjax.errors import InputError
 from lgprjax.formats.atomic import atomic_output
 from lgprjax.formats.findings import Finding, check_scalar, check_version, expected_scalar
 from lgprjax.formats.schema import Entry, load_schema
-from lgprjax.formats.vehicle_model import BrokenRuleError, VehicleFile, flat_keys
+from lgprjax.formats.vehicle_model import VehicleFile
+from lgprjax.formats.vehicle_rules import BrokenRuleError, flat_keys
 
 _SCHEMA = load_schema("vehicle")
 

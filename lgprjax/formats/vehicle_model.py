@@ -4,21 +4,18 @@ What a number may be (range, sign, unit) stands in ``data_schema/vehicle.toml`` 
 ``vehicle_file``; here stand the structure and what numbers must be to each other.
 """
 
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from lgprjax.formats.skid_tables import CarrotTable, SkidSteerTable, ToolTable
+from lgprjax.formats.vehicle_rules import BrokenRuleError, FileTable, as_list, flat_keys
 
 # Fewer knots are no map.
 _KNOTS = 2
 
 
-class _Table(BaseModel):
-    """A table of the file: no key that it does not know, no text where a number belongs."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
-
-
-class ChassisTable(_Table):
+class ChassisTable(FileTable):
     """Lengths of the body, metres."""
 
     wheelbase_m: float | None = None
@@ -26,7 +23,7 @@ class ChassisTable(_Table):
     track_width_m: float | None = None
 
 
-class SteeringTable(_Table):
+class SteeringTable(FileTable):
     """Angles are those of the front wheels; volts and counts those of their sensors."""
 
     rear_ratio: float | None = None
@@ -48,11 +45,11 @@ class SteeringTable(_Table):
     @model_validator(mode="after")
     def _voltages_in_order(self) -> "SteeringTable":
         if self.nominal_v is not None and self.stall_v is not None and self.stall_v >= self.nominal_v:
-            raise _problem("stall_v", f"a voltage below nominal_v, {self.nominal_v:g}", f"{self.stall_v:g}")
+            raise BrokenRuleError("stall_v", f"a voltage below nominal_v, {self.nominal_v:g}", f"{self.stall_v:g}")
         return self
 
 
-class RearMap(_Table):
+class RearMap(FileTable):
     """Measured rear wheel angles at evenly spaced front wheel angles, radians."""
 
     first_rad: float
@@ -60,7 +57,7 @@ class RearMap(_Table):
     rear_rad: list[float] = Field(min_length=_KNOTS)
 
 
-class WheelMap(_Table):
+class WheelMap(FileTable):
     """Measured front wheel angles, radians, at evenly spaced potentiometer values, volts."""
 
     first_v: float
@@ -71,11 +68,11 @@ class WheelMap(_Table):
     def _one_angle_one_value(self) -> "WheelMap":
         steps = [after - before for before, after in zip(self.front_rad, self.front_rad[1:], strict=False)]
         if min(steps) <= 0.0 <= max(steps):
-            raise _problem("front_rad", "angles that only rise or only fall", "both")
+            raise BrokenRuleError("front_rad", "angles that only rise or only fall", "both")
         return self
 
 
-class PedalTable(_Table):
+class PedalTable(FileTable):
     """A pedal, its commands from 0 to 1."""
 
     pre_tension: float | None = None
@@ -84,14 +81,14 @@ class PedalTable(_Table):
     lag_s: float | None = None
 
 
-class ResistanceTable(_Table):
+class ResistanceTable(FileTable):
     """What slows the vehicle without pedals."""
 
     rolling_mps2: float | None = None
     drag_per_s: float | None = None
 
 
-class PursuitTable(_Table):
+class PursuitTable(FileTable):
     """The point that follows the path, and the look-ahead over speed."""
 
     anchor_m: float | None = None
@@ -105,18 +102,18 @@ class PursuitTable(_Table):
         for low, high in (("short_m", "long_m"), ("slow_mps", "fast_mps")):
             first, last = getattr(self, low), getattr(self, high)
             if first is not None and last is not None and last < first:
-                raise _problem(high, f"{low}, {first:g}, or more", f"{last:g}")
+                raise BrokenRuleError(high, f"{low}, {first:g}, or more", f"{last:g}")
         return self
 
 
-class ArrayTable(_Table):
+class ArrayTable(FileTable):
     """Where the radar array stands, metres."""
 
     x_m: float | None = None
     height_m: float | None = None
 
 
-class NavigationTable(_Table):
+class NavigationTable(FileTable):
     """Where the GNSS antenna stands, metres, and the noises of the filter, as in ``navigation.FilterModel``."""
 
     gnss_x_m: float | None = None
@@ -134,7 +131,7 @@ class NavigationTable(_Table):
     lgpr_error_m: float | None = None
 
 
-class Found(_Table):
+class Found(FileTable):
     """How a number was found: standard error and 95 % interval in the number's unit, by which study, on which logs.
 
     ``low``, ``high`` and ``sigma`` are lists for a key that is one.
@@ -147,7 +144,7 @@ class Found(_Table):
     log: str
 
 
-class VehicleFile(_Table):
+class VehicleFile(FileTable):
     """Everything of an ``X.vehicle.toml``."""
 
     name: str
@@ -155,6 +152,9 @@ class VehicleFile(_Table):
     serial_number: str | None = None
     chassis: ChassisTable = ChassisTable()
     steering: SteeringTable = SteeringTable()
+    skid_steer: SkidSteerTable = SkidSteerTable()
+    tool: ToolTable = ToolTable()
+    carrot: CarrotTable = CarrotTable()
     rear_map: RearMap | None = None
     wheel_map: WheelMap | None = None
     throttle: PedalTable = PedalTable()
@@ -163,7 +163,7 @@ class VehicleFile(_Table):
     pursuit: PursuitTable = PursuitTable()
     array: ArrayTable = ArrayTable()
     navigation: NavigationTable = NavigationTable()
-    found: dict[str, Found] = {}
+    found: dict[str, Found] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _found_is_there(self) -> "VehicleFile":
@@ -171,13 +171,13 @@ class VehicleFile(_Table):
         for path, found in self.found.items():
             place = f"found.{path}"
             if path not in values:
-                raise _problem(place, "the path of a number of this file", "none there")
+                raise BrokenRuleError(place, "the path of a number of this file", "none there")
             lows, highs, numbers = as_list(found.low), as_list(found.high), as_list(values[path])
             if not len(lows) == len(highs) == len(numbers):
-                raise _problem(place, f"{len(numbers)} low and high", f"{len(lows)} and {len(highs)}")
+                raise BrokenRuleError(place, f"{len(numbers)} low and high", f"{len(lows)} and {len(highs)}")
             for low, number, high in zip(lows, numbers, highs, strict=True):
                 if not low <= number <= high:
-                    raise _problem(place, f"an interval that holds {path} = {number:g}", f"{low:g} to {high:g}")
+                    raise BrokenRuleError(place, f"an interval that holds {path} = {number:g}", f"{low:g} to {high:g}")
         return self
 
 
@@ -201,43 +201,3 @@ def with_values(vehicle: VehicleFile, values: dict[str, Any], found: dict[str, F
         else:
             table[name] = value
     return VehicleFile.model_validate({**table, "found": {**kept, **{p: f.model_dump() for p, f in found.items()}}})
-
-
-class Problem(NamedTuple):
-    """A rule between numbers that a file breaks."""
-
-    place: str
-    expected: str
-    found: str
-
-
-class BrokenRuleError(ValueError):
-    """What a validator raises: pydantic adds the table that it stands in."""
-
-    def __init__(self, problem: Problem) -> None:
-        super().__init__(f"{problem.place}: expected {problem.expected}, found {problem.found}")
-        self.problem = problem
-
-
-def flat_keys(table: dict[str, Any]) -> dict[str, Any]:
-    """Keys by their dotted path. Of ``found`` each number's table is a path of its own: ``found.PATH.low``."""
-    flat: dict[str, Any] = {}
-    for name, value in table.items():
-        if not isinstance(value, dict):
-            flat[name] = value
-            continue
-        for key, inner in value.items():
-            if name == "found" and isinstance(inner, dict):
-                flat |= {f"{name}.{key}.{last}": deepest for last, deepest in inner.items()}
-            else:
-                flat[f"{name}.{key}"] = inner
-    return flat
-
-
-def as_list(value: Any) -> list[Any]:
-    """A list as it is, anything else as a list of one."""
-    return value if isinstance(value, list) else [value]
-
-
-def _problem(place: str, expected: str, found: str) -> BrokenRuleError:
-    return BrokenRuleError(Problem(place, expected, found))

@@ -1,6 +1,9 @@
 """Pictures, tables and the HTML page that show what a registration did. NumPy in, files out."""
 
 from lgprjax.report.codes import draw_codes
+from lgprjax.report.coverage_channels import CoverChannelsPicture, draw_cover_channels
+from lgprjax.report.coverage_map import CoverPicture, draw_coverage
+from lgprjax.report.coverage_page import CoveragePage, write_coverage_page
 from lgprjax.report.driven_course import DrivenResult, draw_driven_course
 from lgprjax.report.encoder_fit import EncoderPicture, draw_encoder_fit
 from lgprjax.report.fitted_curve import Curve, Points, draw_fitted_curve
@@ -22,6 +25,9 @@ __all__ = [
     "BaselineStrip",
     "Branch",
     "CorrelationSurface",
+    "CoverChannelsPicture",
+    "CoverPicture",
+    "CoveragePage",
     "Curve",
     "DriveResult",
     "DriveSummary",
@@ -37,6 +43,8 @@ __all__ = [
     "ServoResponse",
     "TrackErrors",
     "draw_codes",
+    "draw_cover_channels",
+    "draw_coverage",
     "draw_driven_course",
     "draw_encoder_fit",
     "draw_fitted_curve",
@@ -52,5 +60,6 @@ __all__ = [
     "summarise",
     "summary_table",
     "track_errors",
+    "write_coverage_page",
     "write_report",
 ]

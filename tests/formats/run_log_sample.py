@@ -14,8 +14,10 @@ def crc(data: bytes, start: int = 0) -> bytes:
     return struct.pack("<I", zlib.crc32(data, start))
 
 
-def head_bytes(segment: int, number: int, *, utc_ns: int = 1_800_000_000_000_000_000, mono_ns: int = 10**12) -> bytes:
-    head = b"LGPRRUN\0" + struct.pack("<HHI", 1, 0, segment) + RUN.bytes + struct.pack("<QQQ", utc_ns, mono_ns, number)
+def head_bytes(
+    segment: int, number: int, *, utc_ns: int = 1_800_000_000_000_000_000, mono_ns: int = 10**12, run: UUID = RUN
+) -> bytes:
+    head = b"LGPRRUN\0" + struct.pack("<HHI", 1, 0, segment) + run.bytes + struct.pack("<QQQ", utc_ns, mono_ns, number)
     return 2 * (head + crc(head))
 
 
@@ -24,8 +26,8 @@ def record_bytes(number: int, data: bytes, *, origin: int = 1, run: UUID = RUN) 
     return b"\x9d\x52\x65\x63" + covered + crc(covered, zlib.crc32(run.bytes))
 
 
-def own_bytes(number: int, **what: object) -> bytes:
-    return record_bytes(number, json.dumps(what).encode(), origin=0)
+def own_bytes(number: int, *, run: UUID = RUN, **what: object) -> bytes:
+    return record_bytes(number, json.dumps(what).encode(), origin=0, run=run)
 
 
 def data_of(number: int, size: int) -> bytes:

@@ -9,7 +9,7 @@ import pytest
 from lgprjax.formats import load_schema
 from lgprjax.formats.schema import schema_text
 
-_NAMES = ["drive", "map", "fixes", "route", "vehicle"]
+_NAMES = ["drive", "map", "fixes", "route", "vehicle", "cover_plan", "worked"]
 _CHECKS = {"finite", "increasing", "decreasing", "positive", "non_negative"}
 
 
@@ -17,8 +17,8 @@ _CHECKS = {"finite", "increasing", "decreasing", "positive", "non_negative"}
 def test_schema_is_complete(name: str) -> None:
     schema = load_schema(name)
     assert schema.name == f"lgprjax.{name}"
-    # 1.4: what the autopilot decided. Vehicle 1.2: servo, sensors, maps, pedals, navigation.
-    assert schema.version == {"drive": "1.4", "vehicle": "1.2"}.get(name, "1.0")
+    # 1.4: what the autopilot decided. Vehicle 1.3: skid-steer, tool, carrot.
+    assert schema.version == {"drive": "1.4", "vehicle": "1.3"}.get(name, "1.0")
     entries = [*schema.datasets, *schema.attributes, *schema.columns, *schema.keys]
     paths = [entry.path for entry in entries]
     assert len(set(paths)) == len(paths)

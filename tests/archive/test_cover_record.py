@@ -1,0 +1,201 @@
+"""The record of a field: what runs worked adds up by the largest, and nothing is claimed that no moment told of."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drawn_field import FIELD_M, UTC_NS, VEHICLE, Drive, cover_rows, write_cover_run
+from lgprjax.archive.cover_figures import cover_figures
+from lgprjax.archive.cover_plans import PlanFile, PlanOptions, make_cover_plan
+from lgprjax.archive.cover_record import moments_of_run, record_cover, whole_down
+from lgprjax.archive.cover_runs import CoverRun, read_cover_run
+from lgprjax.errors import InputError
+from lgprjax.formats import CoverPlan, WorkedRecord, stop_words
+from lgprjax.frames import LocalFrame
+
+_CELL_M = 0.1
+_PLAN = "ab" * 32
+_LINES = tuple((line, 0.5 + line) for line in range(5))
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> CoverPlan:
+    folder = tmp_path_factory.mktemp("plan")
+    (folder / "v.vehicle.toml").write_text(VEHICLE)
+    frame = LocalFrame(40.0, -100.0, 0.0)
+    latitude, longitude, _ = frame.to_geodetic(FIELD_M[:, 0], FIELD_M[:, 1], np.zeros(4))
+    ring = [[float(x), float(y)] for x, y in zip(longitude, latitude, strict=True)]
+    (folder / "f.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [[*ring, ring[0]]]}))
+    made = make_cover_plan(folder / "f.geojson", folder / "v.vehicle.toml", PlanOptions(0.0, "boustrophedon"))
+    assert made is not None
+    return made
+
+
+def run_of(folder: Path, drive: Drive, *, begin_s: float = 0.0, cut: slice | None = None) -> CoverRun:
+    rows, time_s = cover_rows(drive)
+    if cut is not None:
+        rows, time_s = np.delete(rows, cut), np.delete(time_s, cut)
+    write_cover_run(folder, rows, time_s, begin_s=begin_s, plan_sha256=_PLAN)
+    return read_cover_run(folder)
+
+
+def record_of(plan: CoverPlan, *runs: CoverRun) -> WorkedRecord:
+    return record_cover([PlanFile(Path("p.cover.geojson"), _PLAN, plan)], runs, cell_m=_CELL_M)
+
+
+def column(record: WorkedRecord, north_m: float, east_m: float = 4.0) -> float:
+    """Probability of the cell at a place."""
+    cells = record.cells
+    at = int((north_m - cells.north_m) / _CELL_M), int((east_m - cells.east_m) / _CELL_M)
+    return float(cells.probability[at]) / 65535
+
+
+def test_a_run_is_read_as_it_was_recorded(tmp_path: Path) -> None:
+    rows, time_s = cover_rows(Drive(_LINES[:1], stop_s=3.0))
+    write_cover_run(tmp_path / "a", rows, time_s)
+    run = read_cover_run(tmp_path / "a")
+    for name in rows.dtype.names or ():
+        np.testing.assert_array_equal(run.rows[name], rows[name])
+    np.testing.assert_allclose((run.utc_ns - UTC_NS) * 1e-9, time_s, atol=1e-6)
+    digest = hashlib.sha256((tmp_path / "a" / "0000.lgprun").read_bytes()).hexdigest()
+    assert run.provenance["segments"] == [{"file": "0000.lgprun", "sha256": digest}]
+    assert run.provenance["complete"] is True
+    assert [json.loads(event.text)["event"] for event in run.events] == ["speed_engaged", "route_done"]
+
+
+def test_a_well_known_pass_works_its_width_and_no_more(tmp_path: Path, plan: CoverPlan) -> None:
+    record = record_of(plan, run_of(tmp_path / "a", Drive(_LINES[:1])))
+    # The tool is 1 m wide about 0.5 m; cells 0.05 m from its edge are 5 sigma within.
+    assert all(column(record, north_m) > 0.999 for north_m in (0.15, 0.45, 0.85))
+    assert all(column(record, north_m) < 0.001 for north_m in (-0.15, 1.15, 2.5))
+    (low, high) = cover_figures(record).layers
+    assert (low.level, high.level) == (0.95, 0.996)
+    assert abs(low.processed_m2 - 8.0) < 0.9
+    assert high.processed_m2 <= low.processed_m2
+    assert low.processed_m2 + low.uncertain_m2 + low.not_processed_m2 == pytest.approx(40.0, abs=1e-6)
+
+
+def test_runs_add_up_by_the_largest(tmp_path: Path, plan: CoverPlan) -> None:
+    sure = run_of(tmp_path / "sure", Drive(_LINES[:3], sigma_m=0.02), begin_s=0.0)
+    vague = run_of(tmp_path / "vague", Drive(_LINES[1:], sigma_m=0.2), begin_s=500.0)
+    each = [record_of(plan, run).cells.probability for run in (sure, vague)]
+    both = record_of(plan, vague, sure)
+    np.testing.assert_array_equal(both.cells.probability, np.maximum(*each))
+    assert (each[0] > each[1]).any()
+    assert (each[1] > each[0]).any()
+    # In the order of the work, whatever the order they were named in.
+    assert [run["folder"] for run in both.provenance["runs"]] == ["sure", "vague"]
+    assert set(both.channels.run.tolist()) == {0, 1}
+    assert both.channels.time_s[both.channels.run == 1].min() == pytest.approx(500.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("bits", [0, 1, 2, 3, 4, 7])
+def test_nothing_is_worked_where_the_tool_does_not_count(tmp_path: Path, plan: CoverPlan, bits: int) -> None:
+    record = record_of(plan, run_of(tmp_path / "a", Drive(_LINES[:2], tool=bits)))
+    assert record.cells.probability.max() == 0
+    assert len(record.passes.run) == 0
+    assert cover_figures(record).layers[0].sentence == "No cell is processed at 95 %."
+
+
+def test_nothing_is_claimed_across_a_hole_in_the_recording(tmp_path: Path, plan: CoverPlan) -> None:
+    # Half a second is missing in the middle of the line: 0.2 m of way, less than the tool is long.
+    rows, _ = cover_rows(Drive(_LINES[:1]))
+    middle = int(np.argmin(np.abs(rows["x_m"][:200] + 0.8 - 4.0)))
+    whole = record_of(plan, run_of(tmp_path / "whole", Drive(_LINES[:1])))
+    run = run_of(tmp_path / "cut", Drive(_LINES[:1]), cut=slice(middle, middle + 5))
+    on = moments_of_run(run)[-1]
+    assert np.flatnonzero(~on).tolist()[0] == middle
+    assert np.count_nonzero(on) == np.count_nonzero(run.rows["tool"] == 15)
+    cut = record_of(plan, run)
+    assert (cut.cells.probability <= whole.cells.probability).all()
+    assert column(cut, 0.45, 2.0) > 0.999
+    assert len(whole.passes.run) == 1
+
+
+def test_a_pose_that_is_no_number_claims_nothing(tmp_path: Path, plan: CoverPlan) -> None:
+    rows, time_s = cover_rows(Drive(_LINES[:1]))
+    rows["covariance"][:, 0, 0] = np.nan
+    write_cover_run(tmp_path / "a", rows, time_s, plan_sha256=_PLAN)
+    record = record_of(plan, read_cover_run(tmp_path / "a"))
+    assert record.cells.probability.max() == 0
+
+
+def test_passes_stops_and_events_are_told(tmp_path: Path, plan: CoverPlan) -> None:
+    record = record_of(plan, run_of(tmp_path / "a", Drive(_LINES[:3], stop_s=4.0)))
+    passes = record.passes
+    # The stop parts the first line in two.
+    assert passes.line.tolist() == [0, 0, 1, 2]
+    np.testing.assert_allclose(passes.length_m.sum(), 3 * 9.0, atol=0.3)
+    np.testing.assert_allclose(passes.depth_mean_m, 0.15, atol=1e-6)
+    np.testing.assert_allclose(passes.speed_largest_mps, 0.4, atol=1e-6)
+    for number, line in enumerate(passes.line):
+        of = record.swaths.number == number
+        np.testing.assert_allclose(record.swaths.north_m[of], 0.5 + line, atol=1e-9)
+        way = np.hypot(np.diff(record.swaths.east_m[of]), np.diff(record.swaths.north_m[of])).sum()
+        assert way == pytest.approx(passes.length_m[number], abs=1e-6)
+    stops = record.stops
+    assert len(stops.run) == 1
+    assert stops.end_s[0] - stops.begin_s[0] == pytest.approx(3.9, abs=1e-6)
+    assert stop_words(int(stops.reasons[0])) == "operator or remote link"
+    assert cover_figures(record).stops == {"operator or remote link": 1}
+    assert len(record.events.text) == 2
+    assert record.events.east_m[0] == pytest.approx(record.channels.x_m[0])
+
+
+def test_the_sentence_is_markovs_bound(tmp_path: Path, plan: CoverPlan) -> None:
+    record = record_of(plan, run_of(tmp_path / "a", Drive(_LINES, sigma_m=0.1)))
+    cells = record.cells
+    rows, columns = np.nonzero(cells.state[0] == 2)
+    north = cells.north_m + _CELL_M * (rows + 0.5)
+    east = cells.east_m + _CELL_M * (columns + 0.5)
+    inside = (east > 0.0) & (east < 8.0) & (north > 0.0) & (north < 5.0)
+    missed = 1.0 - cells.probability[rows, columns][inside] / 65535.0
+    layer = cover_figures(record).layers[0]
+    assert layer.mean_miss == pytest.approx(missed.mean(), rel=1e-9)
+    assert layer.worked_share == pytest.approx(1.0 - missed.mean() / 0.05, rel=1e-9)
+    assert 0.0 < layer.worked_share < 1.0
+    assert "with probability 95 % or more" in layer.sentence
+    assert "clear" not in layer.sentence
+
+
+def test_probabilities_are_rounded_down() -> None:
+    values = np.array([[0.0, 0.95, np.nextafter(np.float32(0.95), np.float32(0.0)), 1.0, np.nan, 1.5]], np.float32)
+    numbers = whole_down(values.astype(np.float64))
+    assert numbers.dtype == np.uint16
+    assert (numbers[0, :4] / 65535.0 <= values[0, :4].astype(np.float64)).all()
+    assert numbers[0].tolist() == [0, 62258, 62258, 65535, 0, 65535]
+
+
+def test_what_cannot_be_recorded_is_one_line(tmp_path: Path, plan: CoverPlan) -> None:
+    run = run_of(tmp_path / "a", Drive(_LINES[:1]))
+    with pytest.raises(InputError, match="each run once"):
+        record_of(plan, run, run)
+    with pytest.raises(InputError, match="one recorded run or more"):
+        record_of(plan)
+    with pytest.raises(InputError, match="million cells"):
+        record_cover([PlanFile(Path("p"), _PLAN, plan)], [run], cell_m=0.0005)
+    rows, time_s = cover_rows(Drive(_LINES[:1]))
+    write_cover_run(tmp_path / "none", rows[:0], time_s[:0])
+    with pytest.raises(InputError, match="records of what a tool worked"):
+        read_cover_run(tmp_path / "none")
+    with pytest.raises(InputError, match="the folder of a recorded run"):
+        read_cover_run(tmp_path / "absent")
+
+
+def test_a_run_counts_by_its_own_plan_only(tmp_path: Path, plan: CoverPlan) -> None:
+    rows, time_s = cover_rows(Drive(_LINES[:1]))
+    for name, told, found in (("other", "cd" * 32, "the plan cdcdcdcdcdcd..."), ("mute", None, "none that it tells")):
+        write_cover_run(tmp_path / name, rows, time_s, plan_sha256=told)
+        with pytest.raises(InputError, match=f"or by another one that --plan names too, found {found}"):
+            record_of(plan, read_cover_run(tmp_path / name))
+    # Named beside the first, the other plan is good; about another anchor its cells would lie elsewhere.
+    other = read_cover_run(tmp_path / "other")
+    both = [PlanFile(Path("p.cover.geojson"), _PLAN, plan), PlanFile(Path("g.cover.geojson"), "cd" * 32, plan)]
+    record = record_cover(both, [other], cell_m=_CELL_M)
+    assert record.provenance["other_plans"] == [{"file": "g.cover.geojson", "sha256": "cd" * 32}]
+    moved = plan._replace(frame=LocalFrame(40.0001, -100.0, 0.0))
+    with pytest.raises(InputError, match=r"g\.cover\.geojson: plan: expected anchor and tool of p\.cover\.geojson"):
+        record_cover([both[0], both[1]._replace(plan=moved)], [other], cell_m=_CELL_M)

@@ -1,0 +1,245 @@
+"""``lgprjax cover``: plan, record, export as a person meets them, and one line for each field that is none."""
+
+import csv
+import hashlib
+import json
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drawn_field import FIELD_M, VEHICLE, Drive, cover_rows, write_cover_run
+from lgprjax.cli import main
+from lgprjax.formats import check_file, read_cover_plan, read_worked
+from lgprjax.frames import LocalFrame
+
+FRAME = LocalFrame(40.0, -100.0, 0.0)
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as stopped:
+        main([str(each) for each in ("cover", *arguments)])
+    assert isinstance(stopped.value.code, int)
+    return stopped.value.code
+
+
+def geojson(path: Path, corners_m: np.ndarray) -> Path:
+    east, north = corners_m.T.astype(np.float64)
+    latitude, longitude, _ = FRAME.to_geodetic(east, north, np.zeros(len(east)))
+    ring = [[float(x), float(y)] for x, y in zip(longitude, latitude, strict=True)]
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": [[*ring, *ring[:1]]]}))
+    return path
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a vehicle, a field, two runs over parts of it, their plan and their record."""
+    folder = tmp_path_factory.mktemp("cover")
+    (folder / "v.vehicle.toml").write_text(VEHICLE)
+    geojson(folder / "f.geojson", FIELD_M)
+    lines = tuple((line, 0.5 + line) for line in range(5))
+    vehicle = ("--vehicle", folder / "v.vehicle.toml")
+    plan = ("plan", folder / "f.geojson", "-o", folder / "f.cover.geojson", *vehicle)
+    assert run(*plan, "--overlap", 0, "--order", "boustrophedon") == 0
+    digest = hashlib.sha256((folder / "f.cover.geojson").read_bytes()).hexdigest()
+    for name, drive, begin_s in (
+        ("one", Drive(lines[:2], stop_s=3.0), 0.0),
+        ("two", Drive(lines[2:4], sigma_m=0.03), 600.0),
+    ):
+        write_cover_run(folder / name, *cover_rows(drive), begin_s=begin_s, plan_sha256=digest)
+    record = ("record", folder / "one", folder / "two", "--plan", folder / "f.cover.geojson")
+    assert run(*record, "-o", folder / "r.worked.h5", "--cell-m", 0.1) == 0
+    return folder
+
+
+def test_the_plan_is_there_and_tells_its_figures(
+    work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ("--vehicle", work / "v.vehicle.toml", "--overlap", 0.1, "--json", tmp_path / "p.json")
+    order = ("--order", "boustrophedon", "--turning-room-m", 9, "--heading-deg", 0)
+    assert run("plan", work / "f.geojson", "-o", tmp_path / "x.cover.geojson", *options, *order) == 0
+    assert "9 m beyond the perimeter" in capsys.readouterr().out
+    figures = json.loads((tmp_path / "p.json").read_text())
+    # Lines northward over 8 m: ceil((8 - 1) / 0.9) + 1 = 9 of 5 m.
+    assert (figures["lines"], figures["line_length_m"]) == (9, 45.0)
+    assert figures["turning_room_m"] == 9.0
+    assert figures["tightest_radius_m"] >= 1.0 - 1e-6
+    plan = read_cover_plan(tmp_path / "x.cover.geojson")
+    assert plan.vehicle_sha256 == hashlib.sha256((work / "v.vehicle.toml").read_bytes()).hexdigest()
+    first = plan.pattern.lines[0]
+    assert np.degrees(np.arctan2(*(first.end_m - first.start_m))) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_three_corners_make_the_same_plan(work: Path, tmp_path: Path) -> None:
+    latitude, longitude, _ = FRAME.to_geodetic(FIELD_M[:3, 0], FIELD_M[:3, 1], np.zeros(3))
+    rows = [f"{lat:.12f},{lon:.12f}" for lat, lon in zip(latitude, longitude, strict=True)]
+    marked = tmp_path / "run"
+    marked.mkdir()
+    (marked / "corners.csv").write_text("\n".join(["latitude_deg,longitude_deg", *rows]) + "\n")
+    options = ("--vehicle", work / "v.vehicle.toml", "--overlap", 0, "--order", "boustrophedon")
+    assert run("plan", marked, "-o", tmp_path / "x.cover.geojson", *options) == 0
+    one, other = (read_cover_plan(path).pattern for path in (tmp_path / "x.cover.geojson", work / "f.cover.geojson"))
+    for a, b in zip(one.lines, other.lines, strict=True):
+        np.testing.assert_allclose([*a.start_m, *a.end_m], [*b.start_m, *b.end_m], atol=1e-4)
+
+
+def test_the_record_tells_what_was_worked(work: Path) -> None:
+    assert check_file(work / "r.worked.h5") == []
+    record = read_worked(work / "r.worked.h5")
+    assert [each["folder"] for each in record.provenance["runs"]] == ["one", "two"]
+    digest = hashlib.sha256((work / "f.cover.geojson").read_bytes()).hexdigest()
+    assert record.provenance["plan"] == {"file": "f.cover.geojson", "sha256": digest}
+    # Four of five metres of width were driven.
+    cells = record.cells
+    rows, columns = np.indices(cells.probability.shape)
+    east, north = cells.east_m + 0.1 * (columns + 0.5), cells.north_m + 0.1 * (rows + 0.5)
+    inside = (east > 0.0) & (east < 8.0) & (north > 0.0) & (north < 5.0)
+    assert 0.75 < np.mean(cells.state[0][inside] == 2) <= 0.8
+    assert (cells.state[0][inside & (north > 4.3)] == 0).all()
+
+
+def test_gaps_are_planned_again(work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    gaps, output = ("--gaps", work / "r.worked.h5"), ("-o", tmp_path / "g.cover.geojson")
+    vehicle = ("--vehicle", work / "v.vehicle.toml")
+    # From the plan itself: it holds the field.
+    assert run("plan", work / "f.cover.geojson", *output, *vehicle, *gaps, "--level", 0.95) == 0
+    again, first = read_cover_plan(tmp_path / "g.cover.geojson"), read_cover_plan(work / "f.cover.geojson")
+    assert again.frame == first.frame
+    assert again.pattern.line_length_m < first.pattern.line_length_m
+    assert any(4.0 < line.start_m[1] < 5.0 for line in again.pattern.lines)
+    elsewhere = geojson(tmp_path / "e.geojson", FIELD_M + np.array([1.0, 0.0]))
+    assert run("plan", elsewhere, "-o", tmp_path / "h.cover.geojson", *vehicle, *gaps) == 1
+    assert "expected the field of the record, f, found corners up to 1.00 m" in capsys.readouterr().err
+
+
+class Page(HTMLParser):
+    """Words of a page, and whatever would be fetched from elsewhere."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.words: list[str] = []
+        self.sources: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, _: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+
+def test_the_export_is_whole(work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pyogrio")
+    options = ("--organisation", "Us & <them>", "--benchmark-deg", 40.001, -100.0, "--json", tmp_path / "e.json")
+    arguments = ("export", work / "r.worked.h5", "-o", tmp_path / "out", *options)
+    assert run(*arguments) == 0
+    assert "A machine pass is not clearance" in capsys.readouterr().out
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == ["r.geojson", "r.gpkg", "r.html", "r.kml", "r.turning_points.csv"]
+    text = (tmp_path / "out" / "r.html").read_text(encoding="utf-8")
+    page = Page(text)
+    words = " ".join(page.words)
+    assert all(source.startswith(("#", "data:image/png")) for source in page.sources)
+    assert "Us & <them>" in words
+    for path in (
+        work / "r.worked.h5",
+        work / "f.cover.geojson",
+        work / "one" / "0000.lgprun",
+        work / "two" / "0000.lgprun",
+    ):
+        assert hashlib.sha256(path.read_bytes()).hexdigest() in words
+    for word in ("signature", "operator or remote link", "not processed", "uncertain", "99.6 %", "TP4"):
+        assert word in words
+    assert "cleared" not in words.lower()
+    figures = json.loads((tmp_path / "e.json").read_text())
+    for layer in figures["layers"]:
+        assert layer["sentence"] in words
+    with (tmp_path / "out" / "r.turning_points.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert float(rows[1]["bearing_from_benchmark_deg"]) == pytest.approx(180.0, abs=1e-3)
+    before = (tmp_path / "out" / "r.html").read_bytes()
+    assert run(*arguments) == 1
+    assert "expected a new file, or --force" in capsys.readouterr().err
+    assert (tmp_path / "out" / "r.html").read_bytes() == before
+    assert run(*arguments, "--force") == 0
+
+
+_BAD_FIELDS = {
+    "collinear": ([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], "corner"),
+    "crossed": ([[0.0, 0.0], [10.0, 10.0], [10.0, 0.0], [0.0, 10.0]], "side 1 meets side 3"),
+    "200 km apart": ([[0.0, 0.0], [200e3, 0.0], [200e3, 50.0], [0.0, 50.0]], "at most"),
+    "narrower than the tool": ([[0.0, 0.0], [20.0, 0.0], [20.0, 0.8], [0.0, 0.8]], "at least the tool's 1.00 m"),
+}
+
+
+@pytest.mark.parametrize("name", _BAD_FIELDS)
+def test_a_field_that_is_none_is_one_line(
+    work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    corners, message = _BAD_FIELDS[name]
+    field = geojson(tmp_path / "f.geojson", np.array(corners))
+    assert run("plan", field, "-o", tmp_path / "x.cover.geojson", "--vehicle", work / "v.vehicle.toml") == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"lgprjax: {field}: ")
+    assert message in line
+    assert [path.name for path in tmp_path.iterdir()] == ["f.geojson"]
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "message"),
+    [
+        ([], "an empty one"),
+        ([[[512345.0, 4428123.0], [512375.0, 4428123.0], [512375.0, 4428143.0]]], "metres of a projection"),
+        ([[[40.0, -100.0], [40.0, -99.9997], [40.0002, -99.9997]]], "look swapped"),
+    ],
+)
+def test_coordinates_that_are_none_are_one_line(
+    work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], coordinates: object, message: str
+) -> None:
+    field = tmp_path / "f.geojson"
+    field.write_text(json.dumps({"type": "Polygon", "coordinates": coordinates}))
+    assert run("plan", field, "-o", tmp_path / "x.cover.geojson", "--vehicle", work / "v.vehicle.toml") == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert message in line
+
+
+def test_wrong_vehicles_and_outputs_are_one_line(
+    work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for old, new, message in (
+        ('"skid_steer"', '"counter_steer"', "steering_kind: expected skid_steer"),
+        ("width_m = 1.0\n", "", "tool.width_m: expected a number, measured for the vehicle"),
+        ("smallest_radius_m = 1.0", "smallest_radius_m = 0.0", "skid_steer.smallest_radius_m: expected a number"),
+    ):
+        (tmp_path / "v.vehicle.toml").write_text(VEHICLE.replace(old, new))
+        output = ("-o", tmp_path / "x.cover.geojson", "--vehicle", tmp_path / "v.vehicle.toml")
+        assert run("plan", work / "f.geojson", *output) == 1
+        assert message in capsys.readouterr().err
+    vehicle = ("--vehicle", work / "v.vehicle.toml")
+    assert run("plan", work / "f.geojson", "-o", work / "f.cover.geojson", *vehicle) == 1
+    assert "the file exists" in capsys.readouterr().err
+    assert run("plan", work / "f.geojson", "-o", tmp_path / "x.json", *vehicle) == 2
+    assert "ends in .cover.geojson" in capsys.readouterr().err
+    options = ("-o", tmp_path / "x.cover.geojson", *vehicle)
+    assert run("plan", work / "f.geojson", *options, "--turning-room-m", 0, "--order", "boustrophedon") == 1
+    assert "m of turning room, found 0.00 m" in capsys.readouterr().err
+
+
+def test_runs_and_records_that_are_none_are_one_line(
+    work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan, output = ("--plan", work / "f.cover.geojson"), ("-o", tmp_path / "r.worked.h5")
+    (tmp_path / "empty").mkdir()
+    for arguments, message in (
+        (("record", tmp_path / "empty", *plan, *output), "segments of a recorded run"),
+        (("record", work / "one", "--plan", work / "f.geojson", *output), "expected a coverage plan"),
+        (("record", work / "one", work / "one", *plan, *output), "expected each run once"),
+        (("export", work / "f.geojson", "-o", tmp_path / "out"), "expected an HDF5 file, found another format"),
+        (("export", work / "r.worked.h5", "-o", work / "f.geojson"), "expected a folder, found a file"),
+    ):
+        assert run(*arguments) == 1
+        (line,) = filter(str.strip, capsys.readouterr().err.splitlines())
+        assert message in line
+    assert run("record", work / "one", *plan, *output, "--cell-m", 5) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["empty"]
