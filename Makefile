@@ -13,9 +13,9 @@ GPRMAX := .venv-gprmax
 demo: $(VENV)/.wheel
 	$(BIN)/lgprjax demo --output out/demo
 
-# A file stays in one process, whose compiled programs and fixtures its tests share.
+# A file stays in one process, whose fixtures its tests share. Compiled programs are shared by all, run after run.
 test: $(VENV)/.test
-	$(BIN)/pytest -n 2 --dist loadfile
+	LGPRJAX_TEST_CACHE="$(CURDIR)/build/test-cache" $(BIN)/pytest -n 2 --dist loadfile
 
 campaign: $(VENV)/.test
 	$(BIN)/pytest -m campaign
