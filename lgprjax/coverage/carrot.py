@@ -59,7 +59,7 @@ class CarrotState(NamedTuple):
     Attributes:
         arc_m: of the vehicle's foot on the route.
         carrot_m: of the carrot.
-        begun: the vehicle has come near enough for the carrot to move.
+        begun: the vehicle has come near enough for the carrot to move, or has passed it.
         integral_rad_m: of the error over the way.
         done: the route's end was reached.
     """
@@ -175,8 +175,11 @@ def lead(
     foot = route_foot(route, state.arc_m, pose)
     waits = route_point(route, state.carrot_m)
     distance = jnp.hypot(waits.x_m - pose.x_m, waits.y_m - pose.y_m)
-    begun = state.begun | (distance <= settings.distance_m)
+    # A vehicle that has passed beside it would circle about a carrot that waits on: that one is laid ahead at once.
+    passed = ~state.begun & (foot.arc_m > state.carrot_m)
+    begun = state.begun | passed | (distance <= settings.distance_m)
     furthest = state.carrot_m + _CATCH_UP * jnp.maximum(speed_mps, 0.0) * step_s
+    furthest = jnp.where(passed, foot.arc_m + settings.distance_m, furthest)
     moved = jnp.clip(foot.arc_m + settings.distance_m, state.carrot_m, jnp.maximum(furthest, state.carrot_m))
     carrot_m = jnp.where(begun, moved, state.carrot_m)
     carrot = route_point(route, carrot_m)

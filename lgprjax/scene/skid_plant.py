@@ -21,7 +21,7 @@ class SkidPlant(NamedTuple):
         slip_sigma, slip_m: of either side: the ground passes by less than the wheel turns, by a share that is a
             Gauss-Markov process over the side's way.
         slide_m: the point that does not move aside in a turn stands so far before the track's midpoint.
-        wander: random walk of the heading, rad/√m: stones and ruts.
+        wander: random walk of the heading, rad/√m; along, aside: of the position, m/√m: stones and ruts.
     """
 
     track_m: Float[Array, "..."]
@@ -32,6 +32,8 @@ class SkidPlant(NamedTuple):
     slip_m: Float[Array, "..."]
     slide_m: Float[Array, "..."]
     wander: Float[Array, "..."]
+    along: Float[Array, "..."]
+    aside: Float[Array, "..."]
 
 
 class SkidPlantState(NamedTuple):
@@ -58,7 +60,7 @@ class SkidPlantState(NamedTuple):
 
 def default_skid_plant(*, track_m: float) -> SkidPlant:
     """A small tracked machine with a hydraulic drive; usual sizes, no maker's figures, no control threshold."""
-    values = (track_m, 0.1, 0.2, 0.0, 0.015, 10.0, 0.05, 0.003)
+    values = (track_m, 0.1, 0.2, 0.0, 0.015, 10.0, 0.05, 0.003, 0.0, 0.0)
     return SkidPlant(*(jnp.float32(value) for value in values))
 
 
@@ -82,7 +84,7 @@ def step_skid_plant(
         key: of this step's noise.
         step_s: of the control loop.
     """
-    noise = jax.random.normal(key, (3,))
+    noise = jax.random.normal(key, (5,))
     waiting = jnp.concatenate([jnp.stack(command)[None], state.waiting[:-1]])
     late = jnp.clip(jnp.round(plant.delay_s / step_s).astype(jnp.int32), 0, waiting.shape[0] - 1)
     told = obeyed_wheels(plant.threshold_mps, WheelSpeeds(waiting[late, 0], waiting[late, 1]))
@@ -96,10 +98,12 @@ def step_skid_plant(
     speed, yaw_rate = body_rates(plant.track_m, ground)
     pose = drive_skid_arc(state.pose, plant.track_m, ground, jnp.float32(step_s))
     # About a point ahead of the midpoint the midpoint itself swings out.
-    slid = -plant.slide_m * yaw_rate * step_s
-    turned = plant.wander * jnp.sqrt(jnp.abs(speed) * step_s) * noise[2]
-    yaw = pose.yaw_rad
-    pose = VehiclePose(pose.x_m - jnp.sin(yaw) * slid, pose.y_m + jnp.cos(yaw) * slid, yaw + turned)
+    root_m = jnp.sqrt(jnp.abs(speed) * step_s)
+    pushed = plant.along * root_m * noise[3]
+    slid = plant.aside * root_m * noise[4] - plant.slide_m * yaw_rate * step_s
+    yaw, turned = pose.yaw_rad, plant.wander * root_m * noise[2]
+    cos, sin = jnp.cos(yaw), jnp.sin(yaw)
+    pose = VehiclePose(pose.x_m + cos * pushed - sin * slid, pose.y_m + sin * pushed + cos * slid, yaw + turned)
     return SkidPlantState(
         pose,
         WheelSpeeds(left, right),

@@ -94,6 +94,14 @@ def test_the_carrot_waits_for_the_vehicle() -> None:
     assert 0.0 < float(state.carrot_m) <= 1.5 * SPEED_MPS * STEP_S + 1e-6
 
 
+def test_a_vehicle_that_has_passed_the_carrot_takes_it_along() -> None:
+    state = init_carrot()
+    for _ in range(10):
+        state, plan = once("carrot", settings(), state, pose(2.0, 2.5, 0.0), jnp.float32(STEP_S))
+    assert bool(state.begun)
+    assert float(plan.yaw_rate_radps) < 0.0
+
+
 @pytest.mark.parametrize("law", list(LAWS))
 def test_the_whole_route_is_driven_to_its_end(law: str) -> None:
     where, plan = drive(law, settings(), pose(-3.0, 0.3, 0.1))

@@ -1,7 +1,8 @@
 """A field worked in closed loop: vehicle, sensors, the step that runs on board, and round again; whole fields compiled.
 
-A driver drives the vehicle straight on towards the route until its heading is known and its health is sound; the
-computer does the rest. A stop that was asked for goes on, as in the mode machine: such a lane stands to the end.
+A driver drives the vehicle straight on towards the route, and engages near its start once the heading is known and the
+health is sound; the computer does the rest. A stop that was asked for goes on, as in the mode machine: such a lane
+stands to the end.
 """
 
 from functools import partial
@@ -27,6 +28,8 @@ from lgprjax.vehicle.arc import VehiclePose
 from lgprjax.vehicle.skid_steer import WheelSpeeds
 
 _BELIEVED_OFF_M = 0.3
+_ENGAGE_M = 3.0
+"""So far before the route's start the driver engages at the earliest: farther out lies beyond the fence."""
 
 
 class FieldState(NamedTuple):
@@ -182,7 +185,11 @@ def _tick(
     skid, command, info = step_skid(
         world.setup, route, fence, state.skid, *_observed(readings), orders, guidance=spec.guidance
     )
-    sound = info.filter.heading_known & (info.reaction != Reaction.STOP)
+    begin = route_point(route, jnp.float32(0.0))
+    apart = (begin.x_m - plant.pose.x_m) * jnp.cos(begin.yaw_rad) + (begin.y_m - plant.pose.y_m) * jnp.sin(
+        begin.yaw_rad
+    )
+    sound = info.filter.heading_known & (info.reaction != Reaction.STOP) & (apart <= _ENGAGE_M)
     stopping = state.stopping | (state.engaged & (info.reaction == Reaction.STOP)) | info.edge_predicted
     return FieldState(state.track_m, plant, sensors, skid, command, state.engaged | sound, stopping, tick), info
 

@@ -43,7 +43,7 @@ class FieldSpec:
     moments: int
     guidance: Guidance = "carrot"
     delay_slots: int = 30
-    run_up_m: float = 10.0
+    run_up_m: float = 16.0
 
 
 class FieldWorld(NamedTuple):
@@ -87,9 +87,11 @@ def made_up_field_world(*, set_speed_mps: float = 0.45, off_s: float = 0.0, ever
     vehicle = SkidSteer(one(_TRACK_M), one(0.9), one(0.8), one(1.5))
     model = default_skid_model(track_m=_TRACK_M, gnss_x_m=_GNSS_X_M, gnss_y_m=0.0)
     return FieldWorld(
-        default_skid_plant(track_m=_TRACK_M),
+        default_skid_plant(track_m=_TRACK_M)._replace(
+            slide_m=one(0.08), wander=one(0.004), along=one(0.003), aside=one(0.005)
+        ),
         sensors._replace(off_s=one(off_s), every_s=one(every_s)),
-        one(0.08),
+        one(0.12),
         skid_setup(vehicle, made_up_tool(), model, depth_m=0.15, deepest_m=0.3),
         one(set_speed_mps),
     )
