@@ -14,6 +14,7 @@ from lgprjax.autopilot import Mode
 from lgprjax.registration import Code
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore
+from lgprjax.runtime.control.counter_steer import CounterSteer
 from lgprjax.runtime.control.setup import Loaded
 from lgprjax.runtime.gnss import GnssParser
 from lgprjax.runtime.link import Receiver, Verdict
@@ -96,6 +97,13 @@ class OnboardLoop:
         import json
 
         self._came.append(Record(Kind.EVENT, Source.SUPERVISOR, 0, self._now_ns, json.dumps(note).encode()))
+
+    @property
+    def kind(self) -> CounterSteer:
+        """The vehicle in the control loop."""
+        kind = self.core.kind
+        assert isinstance(kind, CounterSteer)
+        return kind
 
     @property
     def time_s(self) -> float:

@@ -30,7 +30,7 @@ class Run:
 
     config: Annotated[Positional[Path], arg(metavar="CONFIG.toml", help="configuration, see onboard/")]
     simulate: bool = False
-    """start simulated devices as [simulation] says; map and route are made where they are missing"""
+    """start simulated devices as [simulation] says; map and route, or plan, are made where they are missing"""
     replay: Annotated[Path | None, arg(metavar="RUN_FOLDER")] = None
     """run the control loop on a recording again: every command must come out to the bit"""
     preflight: bool = False
@@ -81,7 +81,8 @@ class Run:
 
     def _simulate(self, config: "RuntimeConfig") -> int:
         from lgprjax.cli.figures import write_figures
-        from lgprjax.cli.simulated_course import devices, prepare_course
+        from lgprjax.cli.simulated_course import course_spec, devices, prepare_course
+        from lgprjax.cli.simulated_field import field_figures, field_spec, prepare_field
         from lgprjax.cli.simulated_run import figures_of, print_figures
         from lgprjax.runtime.config import PortsTable, PortTable
         from lgprjax.runtime.config_text import write_config
@@ -89,18 +90,22 @@ class Run:
         table = config.simulation
         if table is None:
             raise InputError(self.config, "simulation", "a table that says what to simulate", "none")
-        with working("course, map and route"):
-            prepare_course(config, table)
+        field = config.coverage is not None
+        with working("plan" if field else "course, map and route"):
+            (prepare_field if field else prepare_course)(config, table)
+            spec = field_spec(config, table) if field else course_spec(config, table)
         folder = run_folder(config)
         folder.mkdir(parents=True)
-        with devices(config, table, folder) as addresses:
+        with devices(config, spec, folder) as addresses:
             ports = PortsTable(**{name: PortTable(url=url) for name, url in addresses.items()})
             file = folder / "simulated.run.toml"
             write_config(file, config.model_copy(update={"ports": ports}))
             from lgprjax.runtime.config import read_config
 
-            status = _drive(read_config(file), folder, self.for_s)
-        figures = figures_of(folder)
+            driven = read_config(file)
+            status = _drive(driven, folder, self.for_s)
+        with working("figures"):
+            figures = field_figures(folder, driven) if field else figures_of(folder)
         print_figures(figures, folder)
         if self.json is not None:
             write_figures(self.json, figures, force=self.force)
@@ -127,7 +132,8 @@ def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None) -> int:
     print(f"run: {folder}", flush=True)
     print(f"display: http://{config.display.host}:{config.display.port}", flush=True)
     status = supervise(config, folder, make_rings_folder(), ready=ready)
-    _write_drive(config, folder)
+    if config.coverage is None:
+        _write_drive(config, folder)
     return status
 
 

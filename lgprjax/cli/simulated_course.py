@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lgprjax.errors import InputError
 
@@ -69,30 +69,33 @@ def _make_route(config: "RuntimeConfig", database: Path, route: Path) -> None:
     write_route(route, chosen)
 
 
-@contextmanager
-def devices(config: "RuntimeConfig", table: "SimulationTable", folder: Path) -> Iterator[dict[str, str]]:
-    """The simulated devices, for as long as the block lasts: addresses of their lines.
-
-    Args:
-        config: of the run.
-        table: its simulation.
-        folder: where their truth and their messages go.
-
-    Raises:
-        InputError: they did not come up.
-    """
-    spec = {
+def course_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, Any]:
+    """What the devices of a course are asked for."""
+    return {
         "seed": table.seed,
         "length_m": table.length_m,
         "scan_share": table.scan_share,
         "weather": table.weather,
         "drive_seed": table.drive_seed,
         "map": str(config.path(config.map)),
-        "ports": str(folder / "ports.json"),
-        "truth": str(folder / "truth.npz"),
         "script": table.script,
         "faults": table.faults,
     }
+
+
+@contextmanager
+def devices(config: "RuntimeConfig", spec: dict[str, Any], folder: Path) -> Iterator[dict[str, str]]:
+    """The simulated devices, for as long as the block lasts: addresses of their lines.
+
+    Args:
+        config: of the run.
+        spec: what they are asked for.
+        folder: where their truth and their messages go.
+
+    Raises:
+        InputError: they did not come up.
+    """
+    spec = {**spec, "ports": str(folder / "ports.json"), "truth": str(folder / "truth.npz")}
     file = folder / "devices.json"
     file.write_text(json.dumps(spec, indent=1), encoding="utf-8")
     told = folder / "devices.log"

@@ -4,7 +4,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from lgprjax.errors import InputError
 
@@ -26,7 +26,30 @@ class PortsTable(_Table):
     drive_by_wire: PortTable
     controller: PortTable
     gnss: PortTable
-    radar: PortTable
+    radar: PortTable | None = None
+
+
+class SweepTable(_Table):
+    """Frequencies of a stepped-frequency radar, as ``radar_sweep_plan`` of ``data_schema/wire.toml`` has them."""
+
+    first_khz: int = Field(gt=0, lt=1 << 32)
+    step_khz: int = Field(gt=0, lt=1 << 32)
+    steps: int = Field(gt=1, lt=1 << 16)
+
+
+class RadarTable(_Table):
+    """What the radar is told before it scans.
+
+    Attributes:
+        sweep: frequencies; none: as the radar has them.
+        scan_period_us: from scan to scan; 0: as planned.
+        calibrate, look_up: have it do so before it starts, the array over the ground and at empty space.
+    """
+
+    sweep: SweepTable | None = None
+    scan_period_us: int = Field(default=0, ge=0, le=1_000_000)
+    calibrate: bool = False
+    look_up: bool = False
 
 
 class RegistrationTable(_Table):
@@ -64,6 +87,26 @@ class ControlTable(_Table):
     override_torque_nm: float = Field(default=4.0, gt=0.0)
 
 
+class CoverageTable(_Table):
+    """A field that a skid-steer vehicle works.
+
+    Attributes:
+        plan: X.cover.geojson; without one nothing is driven, but corners can be marked.
+        speed_mps: set speed that the buttons plus and minus lock.
+        guidance: law that steers along the plan.
+        spare_m: room that the fence leaves beyond what the plan needs, for stopping, uncertainty and tracking.
+        cell_m: of the map of what is worked.
+        level: probability from which on the page shows a cell as worked.
+    """
+
+    plan: str | None = None
+    speed_mps: float = Field(default=0.3, gt=0.0, le=3.0)
+    guidance: Literal["carrot", "pursuit"] = "carrot"
+    spare_m: float = Field(default=0.8, ge=0.0, le=20.0)
+    cell_m: float = Field(default=0.05, gt=0.0, le=1.0)
+    level: float = Field(default=0.95, gt=0.5, lt=1.0)
+
+
 class RecordingTable(_Table):
     """Where runs are recorded; ``mandatory``: without it the vehicle stops."""
 
@@ -93,9 +136,12 @@ class SupervisionTable(_Table):
 
 
 class SimulationTable(_Table):
-    """The world of ``run --simulate``: an off-road course, what the operator does, and what goes wrong.
+    """The world of ``run --simulate``: an off-road course or a field, what the operator does, and what goes wrong.
 
     Attributes:
+        length_m, weather, scan_share: of a course.
+        field: X.geojson that the plan is made from where it is missing; of a field.
+        overlap, order, turning_room_m: of that plan, see ``lgprjax cover plan``.
         script: what the operator does: moments in seconds since the vehicle was ready, and what is pressed.
         faults: see ``simulation.devices``.
     """
@@ -105,6 +151,10 @@ class SimulationTable(_Table):
     weather: str = "clear"
     scan_share: int = Field(default=1, ge=1, le=6)
     drive_seed: int = 102
+    field: str | None = None
+    overlap: float = Field(default=0.2, ge=0.0, lt=1.0)
+    order: Literal["zamboni", "boustrophedon"] = "zamboni"
+    turning_room_m: float | None = Field(default=None, ge=0.0)
     script: list[dict[str, Any]] = []
     faults: list[dict[str, Any]] = []
 
@@ -119,10 +169,12 @@ class RuntimeConfig(_Table):
     file: Path
     name: str
     vehicle: str
-    map: str
-    routes: list[str] = Field(min_length=1)
+    map: str = ""
+    routes: list[str] = []
     cache: str | None = "cache"
     ports: PortsTable
+    coverage: CoverageTable | None = None
+    radar: RadarTable = RadarTable()
     registration: RegistrationTable = RegistrationTable()
     sensors: SensorsTable = SensorsTable()
     control: ControlTable = ControlTable()
@@ -130,6 +182,16 @@ class RuntimeConfig(_Table):
     display: DisplayTable = DisplayTable()
     supervision: SupervisionTable = SupervisionTable()
     simulation: SimulationTable | None = None
+
+    @model_validator(mode="after")
+    def _one_work(self) -> "RuntimeConfig":
+        """Either a map with routes of it, which needs the radar, or a field."""
+        if self.coverage is not None:
+            if self.map or self.routes:
+                raise ValueError("either [coverage], or map and routes")
+        elif not (self.map and self.routes and self.ports.radar is not None):
+            raise ValueError("map, routes and ports.radar, or [coverage]")
+        return self
 
     def path(self, named: str) -> Path:
         """A path of the configuration, ready to be opened."""
@@ -153,5 +215,7 @@ def read_config(path: str | Path) -> RuntimeConfig:
         return RuntimeConfig.model_validate({**table, "file": file.resolve()})
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise InputError(file, place, first["msg"], repr(first["input"])[:60]) from None
+        place = ".".join(str(part) for part in first["loc"]) or "map, routes, coverage"
+        expected = first["msg"].removeprefix("Value error, ")
+        found = ", ".join(table) if not first["loc"] else repr(first["input"])[:60]
+        raise InputError(file, place, expected, found) from None

@@ -16,9 +16,12 @@ def write_config(path: Path, config: RuntimeConfig) -> None:
     """
     table = config.model_dump(exclude={"file"}, exclude_none=True)
     for name in ("vehicle", "map", "cache"):
-        if name in table:
+        if table.get(name):
             table[name] = str(config.path(table[name]))
     table["routes"] = [str(config.path(name)) for name in table["routes"]]
+    for name, key in (("coverage", "plan"), ("simulation", "field")):
+        if key in table.get(name, {}):
+            table[name][key] = str(config.path(table[name][key]))
     table["recording"]["folder"] = str(config.path(config.recording.folder))
     with atomic_output(path, force=True) as temporary:
         temporary.write_text("\n".join(_lines(table, "")) + "\n", encoding="utf-8")

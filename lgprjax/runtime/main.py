@@ -18,6 +18,7 @@ PROGRAMS = {
     "recorder": "lgprjax.runtime.recorder",
     "display": "lgprjax.runtime.display.program",
     "monitor": "lgprjax.runtime.monitor",
+    "coverage": "lgprjax.runtime.coverage.program",
 }
 """The module whose ``run`` a process is. Only its own is imported: the others stay small and start fast."""
 

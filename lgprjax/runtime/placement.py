@@ -23,9 +23,10 @@ def check_cores(config: RuntimeConfig) -> None:
 
 
 def hold_to_cores(name: str, config: RuntimeConfig) -> None:
-    """Pin control and registration to their cores; the others keep off a core that is control's own."""
+    """Pin control and registration, or coverage, to their cores; the others keep off a core that is control's own."""
     check_cores(config)
-    own = {"control": config.control.core, "registration": config.supervision.registration_core}.get(name)
+    beside = config.supervision.registration_core
+    own = {"control": config.control.core, "registration": beside, "coverage": beside}.get(name)
     allowed = {own} if own is not None else _cores() - {config.control.core}
     if sys.platform == "linux" and allowed:
         os.sched_setaffinity(0, allowed)

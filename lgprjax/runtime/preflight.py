@@ -26,7 +26,7 @@ class Item(NamedTuple):
 
 def preflight(config: RuntimeConfig) -> Iterator[Item]:
     """Every item, one after the other."""
-    yield from _files(config)
+    yield from _files(config) if config.coverage is None else _field_files(config)
     yield _storage(config)
     yield _display(config)
     yield _cores(config)
@@ -63,6 +63,24 @@ def _files(config: RuntimeConfig) -> Iterator[Item]:
         yield Item(f"route {route.name}", route.path is not None, route.problem or f"{route.length_m:.1f} m")
 
 
+def _field_files(config: RuntimeConfig) -> Iterator[Item]:
+    from lgprjax.formats import read_vehicle
+    from lgprjax.runtime.control.skid.setup import load_skid
+
+    def vehicle() -> str:
+        held = read_vehicle(config.path(config.vehicle))
+        return f"{held.name}, serial number {held.serial_number or 'not told'}"
+
+    def plan() -> str:
+        loaded = load_skid(config)
+        if loaded.name is None:
+            return "none: corners can be marked, nothing is driven"
+        return f"{loaded.name}, {loaded.lines} lines, {float(loaded.route.length_m):.0f} m"
+
+    yield _tried("vehicle file", vehicle)
+    yield _tried("plan", plan)
+
+
 def _storage(config: RuntimeConfig) -> Item:
     folder = config.path(config.recording.folder)
     there = next(each for each in (folder, *folder.parents) if each.exists())
@@ -96,8 +114,9 @@ def _lines(config: RuntimeConfig) -> Iterator[Item]:
         (Source.CONTROLLER, "controller"),
         (Source.RADAR, "radar"),
     ):
-        table: PortTable = getattr(config.ports, name)
-        ports.append((name, table, Port.frames(source, table.url, table.baud, name)))
+        known: PortTable | None = getattr(config.ports, name)
+        if known is not None:
+            ports.append((name, known, Port.frames(source, known.url, known.baud, name)))
     table = config.ports.gnss
     ports.append(("gnss", table, Port(Source.GNSS, table.url, table.baud, GnssParser())))
     time.sleep(_LISTEN_S)

@@ -11,8 +11,8 @@ from pathlib import Path
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.ring import Ring
 
-PROCESSES = ("control", "registration", "recorder", "display", "monitor")
-"""Names, in the order of their rows in the table of heartbeats; the supervisor starts them."""
+PROCESSES = ("control", "registration", "recorder", "display", "monitor", "coverage")
+"""Names, in the order of their rows in the table of heartbeats. No run has all of them: see ``processes_of``."""
 
 RINGS = {
     "control_log": 8 << 20,  # control to recorder
@@ -24,8 +24,16 @@ RINGS = {
     "requests": 64 << 10,  # display to control
     "notes": 256 << 10,  # supervisor to control
     "monitor": 64 << 10,  # monitor to control
+    "cover": 1 << 20,  # control to coverage
+    "worked": 4 << 20,  # coverage to display
 }
 """Rings and their sizes in bytes; each carries ``records``."""
+
+
+def processes_of(config: RuntimeConfig) -> tuple[str, ...]:
+    """Those of a run: a field is worked without radar, a course is driven without a map of cells."""
+    without = "coverage" if config.coverage is None else "registration"
+    return tuple(name for name in PROCESSES if name != without)
 
 
 class Stage(IntEnum):

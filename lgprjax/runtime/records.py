@@ -1,7 +1,7 @@
 """What processes tell each other and the recorder: one record, a head of 16 bytes and a payload."""
 
 import struct
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +37,14 @@ class Kind(IntEnum):
     """JSON: what somebody asked for on the display."""
     PLAN = 12
     """``PLAN``: what a tick decided."""
+    COVER = 13
+    """``COVER``: ten times a second, where a skid-steer vehicle is and what its tool does."""
+    SKID_PLAN = 14
+    """``SKID_PLAN``: what a tick of a skid-steer vehicle decided."""
+    WORKED = 15
+    """JSON: what of the field is worked, for the display."""
+    CORNER = 16
+    """JSON: a corner of a field that the operator marked."""
 
 
 class Source(IntEnum):
@@ -52,6 +60,7 @@ class Source(IntEnum):
     DISPLAY = 13
     MONITOR = 14
     SUPERVISOR = 15
+    COVERAGE = 16
 
 
 class Record(NamedTuple):
@@ -118,6 +127,70 @@ PLAN = np.dtype(
         ("severity", "<u1"),
     ]
 )
+COVER = np.dtype(
+    [
+        ("x_m", "<f8"),
+        ("y_m", "<f8"),
+        ("yaw_rad", "<f8"),
+        ("covariance", "<f4", (3, 3)),
+        ("speed_mps", "<f4"),
+        ("left_mps", "<f4"),
+        ("right_mps", "<f4"),
+        ("tool", "<u1"),  # ToolBits
+        ("depth_m", "<f4"),
+        ("mode", "<u1"),
+        ("line", "<i4"),
+        ("stop", "<u2"),  # StopBits
+        ("gnss_quality", "<u1"),
+    ]
+)
+SKID_PLAN = np.dtype(
+    [
+        ("mode", "<u1"),
+        ("reaction", "<u1"),
+        ("known", "<u1"),
+        ("reasons", "<u4"),
+        ("limited", "<u4"),
+        ("pose", "<f8", 3),
+        ("sigma", "<f4", 3),
+        ("speed_mps", "<f4"),
+        ("cross_m", "<f4"),
+        ("heading_error_rad", "<f4"),
+        ("to_go_m", "<f4"),
+        ("line", "<i4"),
+        ("command", "<f4", 2),
+        ("tool", "<u1"),
+        ("depth_m", "<f4"),
+        ("engage", "<u1"),
+        ("watch", "<u4"),
+        ("found", "<u4"),
+        ("severity", "<u1"),
+    ]
+)
+
+
+class ToolBits(IntFlag):
+    """``COVER.tool``."""
+
+    TOLD_ON = 1
+    TURNS = 2
+    DEPTH_RIGHT = 4
+    COUNTS = 8
+
+
+class StopBits(IntFlag):
+    """``COVER.stop``: why the vehicle stops or is not driven."""
+
+    OPERATOR = 1
+    EDGE = 2
+    TOOL = 4
+    POSITION = 8
+    HEADING = 16
+    WHEELS = 32
+    BOX = 64
+    COMPUTER = 128
+    RECORDING = 256
+    OFF_LINE = 512
 
 
 def pack(record: Record) -> bytes:

@@ -10,7 +10,7 @@ from lgprjax.errors import InputError
 from lgprjax.formats import read_run
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.control.core import ControlCore
-from lgprjax.runtime.control.setup import load
+from lgprjax.runtime.control.kinds import load_vehicle
 from lgprjax.runtime.records import Kind, Record, Source, unpack
 
 _TAKEN = (Kind.PORT_IN, Kind.FIX, Kind.EVENT, Kind.MONITOR, Kind.REQUEST)
@@ -124,7 +124,7 @@ def _core(folder: Path, header: dict[str, Any]) -> ControlCore:
         raise InputError(folder, "version", f"a run of this version, {__version__}", str(header["version"]))
     config: RuntimeConfig = read_config(folder / "config.toml")
     config = config.model_copy(update={"file": Path(header["config"])})
-    loaded = load(config)
+    loaded = load_vehicle(config)
     for name, digest in header["hashes"].items():
         if loaded.hashes.get(name) != digest:
             raise InputError(config.path(name), "file", f"as in the run, {digest[:12]}...", "another, or none")

@@ -26,7 +26,7 @@ from lgprjax.runtime.main import process_command
 from lgprjax.runtime.notify import Notifier, watchdog_s
 from lgprjax.runtime.parent import SUPERVISOR
 from lgprjax.runtime.placement import check_cores, run_in_ordinary_time, run_in_real_time
-from lgprjax.runtime.process import PROCESSES, RINGS, Heartbeats
+from lgprjax.runtime.process import RINGS, Heartbeats, processes_of
 from lgprjax.runtime.records import Kind, Record, Source, pack
 from lgprjax.runtime.ring import Ring
 
@@ -111,7 +111,7 @@ def supervise(
 
 class _Supervisor:
     def __init__(self, config: RuntimeConfig, run_folder: Path, rings: Path, command: CommandMaker) -> None:
-        self._needed = {"control", "registration"} | ({"recorder"} if config.recording.mandatory else set())
+        self._needed = {"control", "registration"} | ({"recorder", "coverage"} if config.recording.mandatory else set())
         self._notifier = Notifier()
         self._watchdog_s = watchdog_s()
         self._start_s = config.supervision.start_s
@@ -125,7 +125,7 @@ class _Supervisor:
                 beats,
                 _limits(name, config),
             )
-            for name in PROCESSES
+            for name in processes_of(config)
         }
 
     def run(self, asked: list[int], ready: Callable[[Ready], None]) -> None:

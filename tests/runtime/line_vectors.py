@@ -45,6 +45,25 @@ MESSAGES: dict[str, tuple[int, str, list[str]]] = {
         ],
     ),
     "drive_test": (0x22, "<B", ["test"]),
+    "skid_command": (0x24, "<ffBfB", ["left_mps", "right_mps", "tool", "depth_m", "engage"]),
+    "skid_status": (
+        0x25,
+        "<IBHHffddBfff",
+        [
+            "command_sequence",
+            "engaged",
+            "state",
+            "refused",
+            "left_mps",
+            "right_mps",
+            "left_m",
+            "right_m",
+            "tool",
+            "tool_rpm",
+            "depth_m",
+            "supply_v",
+        ],
+    ),
     "controller_status": (0x30, "<H", ["buttons"]),
     "controller_light": (0x31, "<B", ["light"]),
 }
@@ -107,7 +126,12 @@ _VALUES: list[tuple[str, list[Any]]] = [
     ("drive_status", _DEFAULTS),
     ("drive_test", [1]),
     ("drive_test", [0]),
+    ("skid_command", [0.5, -0.25, 1, 0.125, 1]),
+    ("skid_command", [0.0, 0.0, 0, 0.0, 4]),
+    ("skid_status", [12, 1, 0, 2, 0.5, 0.375, 1609.344, -0.5, 1, 412.5, 0.125, 24.5]),
+    ("skid_status", [0, 0, 33, 65535, "nan", 0.0, 0.0, 0.0, 0, 0.0, -0.25, 0.0]),
     ("controller_status", [2]),
+    ("controller_status", [130]),
     ("controller_status", [125]),
     ("controller_light", [1]),
     ("controller_light", [0]),
@@ -190,7 +214,7 @@ def document() -> Table:
     """All of ``data_schema/wire_vectors.json``."""
     return {
         "schema": "lgprjax.wire_vectors",
-        "version": "1.0",
+        "version": "1.1",
         "description": "Examples of data_schema/wire.toml. Verdicts of bad bytes: no_sync, version, length, crc, type, "
         "payload; waits: nothing is told before more comes. Bytes are hex; nan is no number.",
         "good": good_frames(),

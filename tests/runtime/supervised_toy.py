@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 NAME, RINGS, RUN = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
-ROW = ("control", "registration", "recorder", "display", "monitor").index(NAME)
+ROW = ("control", "registration", "recorder", "display", "monitor", "coverage").index(NAME)
 
 
 def note(file: str, *words: object) -> None:

@@ -161,12 +161,12 @@ def test_an_estimate_that_is_no_number_is_held_for_a_step_and_handed_over(
     moments: dict[str, Moment], moment: str
 ) -> None:
     def spoil(loop: OnboardLoop) -> None:
-        state = loop.core.pilot._state
+        state = loop.kind.pilot._state
         assert state is not None
         filters = state.navigator.filters
         estimate = filters.estimate._replace(mean=jnp.full_like(filters.estimate.mean, jnp.nan))
         navigator = state.navigator._replace(filters=filters._replace(estimate=estimate))
-        loop.core.pilot._state = jax.tree.map(lambda leaf: leaf, state._replace(navigator=navigator))
+        loop.kind.pilot._state = jax.tree.map(lambda leaf: leaf, state._replace(navigator=navigator))
 
     after = follow(moments[moment], 1.0, change=spoil)
     assert after.mode(Mode.ERROR) <= 0.07, after.told
@@ -230,8 +230,12 @@ def test_registration_that_dies_degrades_and_comes_back(moments: dict[str, Momen
     assert float(after.loop.rows[-1]["wanted_mps"]) > 2.0
 
 
-def test_a_recorder_that_dies_changes_nothing_but_the_third_time(moments: dict[str, Moment]) -> None:
+@pytest.mark.parametrize("mandatory", [False, True])
+def test_a_recorder_that_dies_is_an_error_the_third_time_where_it_is_mandatory(
+    moments: dict[str, Moment], mandatory: bool
+) -> None:
     def die(loop: OnboardLoop) -> None:
+        loop.core.processes.mandatory = mandatory
         loop.tell({"died": "recorder", "why": "exit 1"})
         loop.tell({"ready": "recorder"})
 
@@ -242,13 +246,12 @@ def test_a_recorder_that_dies_changes_nothing_but_the_third_time(moments: dict[s
     assert once.loop.mode in ENGAGED
     die(once.loop)
     once.loop.run(0.2)
-    assert once.loop.mode is Mode.ERROR
+    assert once.loop.mode is (Mode.ERROR if mandatory else Mode.SPEED)
 
 
 def test_where_recording_is_mandatory_the_vehicle_stops_without_it(moments: dict[str, Moment]) -> None:
     def fail(loop: OnboardLoop) -> None:
-        recording = loop.core._config.recording.model_copy(update={"mandatory": True})
-        loop.core._config = loop.core._config.model_copy(update={"recording": recording})
+        loop.core.processes.mandatory = True
         loop.tell({"left": "recorder", "why": "too little space"})
 
     after = follow(moments["straight"], 6.0, change=fail)
@@ -261,7 +264,7 @@ def test_a_route_is_chosen_only_while_the_operator_drives(moments: dict[str, Mom
     from lgprjax.runtime.records import Kind, Record, Source
 
     def ask(loop: OnboardLoop) -> None:
-        name = loop.core._panel._routes[0].name
+        name = loop.kind._panel._routes[0].name
         payload = json.dumps({"select_route": name}).encode()
         loop._came.append(Record(Kind.REQUEST, Source.DISPLAY, 0, loop._now_ns, payload))
 

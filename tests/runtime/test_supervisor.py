@@ -14,6 +14,8 @@ from lgprjax.runtime.records import unpack
 from lgprjax.runtime.ring import Ring
 from runtime.supervised_run import SupervisedRun, is_there, wait_gone
 
+STARTED = tuple(name for name in PROCESSES if name != "coverage")
+"""Processes of a run on a course."""
 FOUND_S = 0.35
 """0.2 s, and slack for a machine that does much else beside."""
 
@@ -21,11 +23,11 @@ FOUND_S = 0.35
 def test_all_ready_is_said_once_on_one_line_and_told_to_control(tmp_path: Path) -> None:
     with SupervisedRun(tmp_path).start() as run:
         line = run.wait_ready()
-        for name in PROCESSES:
+        for name in STARTED:
             run.wait_note(ready=name)
         assert line.startswith("ready after ")
         assert line.endswith(" s")
-        assert all(run.starts(name)[0][1] is False for name in PROCESSES)
+        assert all(run.starts(name)[0][1] is False for name in STARTED)
         status, output, errors = run.end()
     assert (status, output, errors) == (0, "", "")
 
@@ -127,7 +129,7 @@ def test_the_end_is_in_order_and_leaves_nothing(tmp_path: Path, by: int) -> None
     assert status == 0
     assert run.ends()[0] == "control"
     assert run.ends()[-1] == "recorder"
-    assert sorted(run.ends()) == sorted(PROCESSES)
+    assert sorted(run.ends()) == sorted(STARTED)
     assert not [pid for pid in pids if is_there(pid)]
     assert not run.rings.exists()
 
@@ -138,7 +140,7 @@ def test_a_killed_supervisor_takes_all_its_processes_with_it_and_a_run_starts_an
     with run.start():
         run.wait_ready()
         pids = run.pids()
-        assert len(pids) == len(PROCESSES)
+        assert len(pids) == len(STARTED)
         run.process.kill()
         run.process.wait()
         assert wait_gone(pids, 2.0) == []

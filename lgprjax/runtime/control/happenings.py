@@ -2,20 +2,10 @@
 
 from typing import NamedTuple
 
-from lgprjax.autopilot import Event, Limited, Mode, Place
-from lgprjax.autopilot.watch_findings import REFUSING, Severity, Watch
-from lgprjax.navigation import PlanCode, Reaction
+from lgprjax.autopilot import Event, Mode, Place
+from lgprjax.autopilot.watch_findings import Severity
+from lgprjax.navigation import Reaction
 
-_PLACES = {
-    PlanCode.FOLLOWING: Event.ROUTE_NEAR,
-    PlanCode.AT_CUSP: Event.ROUTE_NEAR,
-    PlanCode.DONE: Event.ROUTE_OFF,
-    PlanCode.OFF_ROUTE: Event.ROUTE_OFF,
-    PlanCode.AMBIGUOUS: Event.ROUTE_AMBIGUOUS,
-    PlanCode.WRONG_HEADING: Event.ROUTE_WRONG_HEADING,
-    PlanCode.LOST: Event.ROUTE_OFF,
-    PlanCode.NON_FINITE: Event.ROUTE_OFF,
-}
 _PLACE_OF = {
     Event.ROUTE_NEAR: Place.NEAR,
     Event.ROUTE_OFF: Place.OFF_ROUTE,
@@ -44,7 +34,6 @@ class Told(NamedTuple):
 
     Attributes:
         sources, health, error, line: as told; ``None`` before the first time.
-        overruns: ticks that began late, of the last ones.
     """
 
     sources: bool | None = None
@@ -59,54 +48,50 @@ class Seen(NamedTuple):
     Attributes:
         mode: as driven; place: as the mode machine has it.
         started: there is a pose.
-        code: of the plan or of the search for a place.
+        route: one of the events ``ROUTE_*``: where the vehicle is beside what it is to follow.
+        doubtful: the heading is not confirmed yet, which matters until something is engaged.
         reaction: a ``Reaction`` of navigation's health.
         sources: everything that engaging needs is there.
-        watch: findings; severity: their largest.
-        limited: bits of the limiter.
-        late: the control loop missed its period too often.
+        line: the box and its line are sound.
+        severity: the largest of the findings.
+        manual: findings beside the line's ask for manual or more.
+        failed: the limiter, or a control loop that is late, asks for manual.
         recorder_lost: the recording is mandatory and cannot be kept.
     """
 
     mode: Mode
     place: Place
     started: bool
-    code: PlanCode
+    route: Event
+    doubtful: bool
     reaction: int
     sources: bool
-    watch: Watch
+    line: bool
     severity: Severity
-    limited: int
-    late: bool
+    manual: bool
+    failed: bool
     recorder_lost: bool
-
-
-_LINE = Watch.LINE_SILENT | Watch.BAD_FRAMES | Watch.BUS_OFF | Watch.DEFAULTS_ACT | Watch.SECOND_SENDER
 
 
 def events_of(told: Told, seen: Seen) -> tuple[Told, list[Event]]:
     """What has changed since the last tick, as events in the order in which they weigh."""
     engaged = seen.mode in (Mode.STEERING, Mode.SPEED)
     events: list[Event] = []
-    line = not seen.watch & _LINE
-    if line is not told.line:
-        events.append(Event.DRIVE_BY_WIRE_RELAUNCHED if line else Event.DRIVE_BY_WIRE_DIED)
+    if seen.line is not told.line:
+        events.append(Event.DRIVE_BY_WIRE_RELAUNCHED if seen.line else Event.DRIVE_BY_WIRE_DIED)
     # Watches that ask for manual are an error while the autopilot drives. While a person drives they only refuse.
-    severe = seen.severity >= Severity.MANUAL and bool(seen.watch & ~_LINE)
-    failed = bool(seen.limited & Limited.MANUAL_REQUESTED) or seen.late
-    error = (engaged and (severe or failed)) or (told.error and severe)
+    error = (engaged and (seen.manual or seen.failed)) or (told.error and seen.manual)
     if error is not told.error:
         events.append(Event.ERROR_RAISED if error else Event.ERROR_CLEARED)
-    place = _PLACES[seen.code] if seen.started else Event.ROUTE_GONE
-    if seen.watch & Watch.HEADING_CONTRADICTED or (seen.watch & Watch.HEADING_UNCONFIRMED and not engaged):
-        place = Event.ROUTE_WRONG_HEADING
-    if _PLACE_OF[place] is not seen.place:
-        events.append(place)
-    sources = seen.sources and not seen.watch & REFUSING
-    if sources is not told.sources:
-        events.append(Event.SOURCES_PRESENT if sources else Event.SOURCE_MISSING)
+    route = seen.route if seen.started else Event.ROUTE_GONE
+    if seen.doubtful and not engaged:
+        route = Event.ROUTE_WRONG_HEADING
+    if _PLACE_OF[route] is not seen.place:
+        events.append(route)
+    if seen.sources is not told.sources:
+        events.append(Event.SOURCES_PRESENT if seen.sources else Event.SOURCE_MISSING)
     stops = seen.reaction == Reaction.STOP or seen.severity is Severity.STOP or seen.recorder_lost
     health = seen.started and not stops
     if health is not told.health:
         events.append(Event.HEALTH_GOOD if health else Event.HEALTH_STOP)
-    return Told(sources, health, error, line), events
+    return Told(seen.sources, health, error, seen.line), events

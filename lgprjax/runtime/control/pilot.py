@@ -18,7 +18,8 @@ from lgprjax.runtime.control.compiled import (
     start_compiled,
     step_compiled,
 )
-from lgprjax.runtime.control.senses import Attitude, Place, Sensed
+from lgprjax.runtime.control.gnss_senses import Attitude, Place
+from lgprjax.runtime.control.senses import Sensed
 from lgprjax.runtime.control.setup import TICK_S, Loaded
 
 _SEARCH_TICKS = 25

@@ -11,7 +11,8 @@ from typing import Any
 from lgprjax import __version__
 from lgprjax.runtime.compiles import count_compiles
 from lgprjax.runtime.control.core import ControlCore
-from lgprjax.runtime.control.setup import TICK_S, Loaded, load
+from lgprjax.runtime.control.kinds import AnyLoaded, load_vehicle
+from lgprjax.runtime.control.setup import TICK_S
 from lgprjax.runtime.gnss import GnssParser
 from lgprjax.runtime.link import draw_session
 from lgprjax.runtime.notify import Notifier
@@ -30,7 +31,9 @@ class Control:
         self._started, config = started, started.config
         self._log = started.ring("control_log")
         self._incoming = [started.ring(name) for name in ("fixes", "notes", "monitor", "requests")]
-        self._priors, self._state = started.ring("priors"), started.ring("state")
+        self._state = started.ring("state")
+        priors, cover = started.ring("priors"), started.ring("cover")
+        self._onward = {Kind.PRIOR: priors, Kind.COVER: cover, Kind.CORNER: cover}
         ports = config.ports
         self._ports: list[Port[Any]] = [
             Port.frames(Source.DRIVE_BY_WIRE, ports.drive_by_wire.url, ports.drive_by_wire.baud, "drive_by_wire"),
@@ -45,11 +48,11 @@ class Control:
     def run(self) -> None:
         """Until SIGTERM."""
         started, config = self._started, self._started.config
-        loaded = load(config)
+        loaded = load_vehicle(config)
         session = draw_session()
         core = ControlCore(config, loaded, session=session, after_death=started.after_death)
         started.beat(Stage.WARMING)
-        core.pilot.warm_up()
+        core.kind.warm_up()
         self._header(loaded, session)
         # Fixes of before say nothing now. What the supervisor told is still true.
         self._incoming[0].take()
@@ -82,8 +85,8 @@ class Control:
             for record in out:
                 if record.kind is Kind.PORT_OUT:
                     self._port_of[record.source].write(record.payload)
-                elif record.kind is Kind.PRIOR:
-                    self._priors.put(pack(record))
+                elif record.kind in self._onward:
+                    self._onward[record.kind].put(pack(record))
             self._started.beat(Stage.READY)
             self._notifier.watchdog()
             self._record(Record(Kind.TICK, Source.CONTROL, tick, now_ns, b""), came, out)
@@ -122,12 +125,15 @@ class Control:
                 payload = bytes([int(refused.item.reason)]) + refused.item.data
                 self._log.put(pack(Record(Kind.REFUSED, Source(port.source), begin.tick, refused.mono_ns, payload)))
 
-    def _header(self, loaded: Loaded, session: int) -> None:
+    def _header(self, loaded: AnyLoaded, session: int) -> None:
         """What a replay needs beside the ticks."""
+        table = self._started.config.coverage
+        plan = None if table is None else table.plan
         header = {
             "version": __version__,
             "config": str(self._started.config.file),
             "hashes": loaded.hashes,
+            "plan_sha256": loaded.hashes.get(plan) if plan else None,
             "session": session,
             "after_death": self._started.after_death,
             "pid": os.getpid(),

@@ -11,9 +11,9 @@ import numpy as np
 
 from lgprjax.frames import LocalFrame
 from lgprjax.runtime.config import SensorsTable
-from lgprjax.runtime.gnss_samples import GnssSample, Position, Quality, read_gnss
+from lgprjax.runtime.control.gnss_senses import Attitude, GnssSenses, Place, TurnRate
 from lgprjax.runtime.records import FIX, Kind, Record, Source
-from lgprjax.runtime.stamps import StampClock, TimeScale, WeekClock
+from lgprjax.runtime.stamps import StampClock
 from lgprjax.runtime.wire import Frame, decode
 
 _RATE_OLD_S = 0.1
@@ -34,24 +34,6 @@ class Wheels(NamedTuple):
     def bits(self, name: str) -> int:
         """A field of bits."""
         return int(self.frame.number(name))
-
-
-class Place(NamedTuple):
-    """A position of the antenna in the map's frame; ``sigma_m`` is white, an axis."""
-
-    time_ns: int
-    x_m: float
-    y_m: float
-    sigma_m: float
-    quality: Quality
-
-
-class Attitude(NamedTuple):
-    """A heading as yaw in the map's frame, and roll, positive right side down."""
-
-    time_ns: int
-    yaw_rad: float
-    roll_rad: float
 
 
 class Sensed(NamedTuple):
@@ -91,31 +73,34 @@ class Senses:
     """
 
     def __init__(self, frame: LocalFrame, sensors: SensorsTable) -> None:
-        self._frame, self._sensors = frame, sensors
-        # Positions are older than attitudes when they come: each kind has a clock of its own.
-        self._clocks: dict[tuple[str, TimeScale], WeekClock] = {}
+        self._gnss = GnssSenses(frame, sensors)
         self._box = StampClock()
-        self._longitude_deg = frame.longitude_deg
-        self.place: Place | None = None
-        self.attitude: Attitude | None = None
         self.wheels: Wheels | None = None
         self.fix: np.void | None = None
         self.travel_m = 0.0
         self._odometer: tuple[int, float] | None = None
         self._wheels_arrived_ns = 0
-        self._rate = (0, math.nan)
-        self._rates: list[float] = []
-        self._new_place = self._new_attitude = self._new_fix = self._foot = False
+        self._rate = TurnRate(0, math.nan)
+        self._new_fix = self._foot = False
         self._strength = math.nan
-        self._accuracy_m = math.nan
         self._tick_ns = 0
+
+    @property
+    def place(self) -> Place | None:
+        """The newest position of all."""
+        return self._gnss.place
+
+    @property
+    def attitude(self) -> Attitude | None:
+        """The newest attitude of all."""
+        return self._gnss.attitude
 
     def take(self, record: Record) -> None:
         """A message: of the GNSS/INS, of the drive-by-wire box, or a fix. Others are not for the senses."""
         if record.kind is Kind.FIX:
             self._take_fix(np.frombuffer(record.payload, FIX)[0])
         elif record.kind is Kind.PORT_IN and record.source is Source.GNSS:
-            self._take_gnss(record)
+            self._gnss.take(record)
         elif record.kind is Kind.PORT_IN and record.source is Source.DRIVE_BY_WIRE:
             frame = decode(record.payload)
             time_ns = self._box.feed(frame.stamp_us, record.mono_ns) if frame.name == "drive_status" else None
@@ -128,14 +113,17 @@ class Senses:
         """Everything since the last tick; what was new is no longer."""
         step_s = (now_ns - self._tick_ns) / 1e9 if self._tick_ns else 0.0
         self._tick_ns = now_ns
-        rate_age_s = (now_ns - self._rate[0]) / 1e9
-        rate = float(np.mean(self._rates)) if self._rates else self._rate[1]
+        gnss = self._gnss.end_tick()
+        if gnss.rates:
+            self._rate = gnss.rates[-1]
+        rate_age_s = (now_ns - self._rate.arrival_ns) / 1e9
+        rate = float(np.mean([each.radps for each in gnss.rates])) if gnss.rates else self._rate.radps
         sensed = Sensed(
             step_s,
             rate if rate_age_s <= _RATE_OLD_S else math.nan,
             rate_age_s,
-            self.place if self._new_place else None,
-            self.attitude if self._new_attitude else None,
+            gnss.place,
+            gnss.attitude,
             self._fresh_fix(now_ns),
             self._strength,
             self._mean_speed(),
@@ -143,55 +131,9 @@ class Senses:
             self._foot,
             (now_ns - self._wheels_arrived_ns) / 1e9,
         )
-        self._rates = []
-        self._new_place = self._new_attitude = self._new_fix = self._foot = False
+        self._new_fix = self._foot = False
         self._strength = math.nan
         return sensed
-
-    def _take_gnss(self, record: Record) -> None:
-        sample = read_gnss(record.payload)
-        if sample is None:
-            return
-        if sample.position is not None:
-            self._take_position(sample, sample.position, record.mono_ns)
-        if sample.accuracy is not None:
-            self._accuracy_m = sample.accuracy.sigma_m
-        if sample.attitude is not None:
-            turned = sample.attitude
-            time_ns = self._time_of("attitude", sample.scale, turned.tow_s, record.mono_ns)
-            if time_ns is not None:
-                heading = np.array([turned.heading_deg])
-                yaw = float(self._frame.yaw_of_heading(heading, np.array([self._longitude_deg]))[0])
-                roll = math.radians(turned.roll_deg) if math.isfinite(turned.roll_deg) else 0.0
-                self.attitude = Attitude(time_ns, yaw, roll)
-                self._new_attitude = True
-        if sample.rate is not None:
-            self._rate = (record.mono_ns, sample.rate.yaw_rate_radps)
-            self._rates.append(sample.rate.yaw_rate_radps)
-
-    def _take_position(self, sample: GnssSample, told: Position, arrival_ns: int) -> None:
-        time_ns = self._time_of("position", sample.scale, told.tow_s, arrival_ns)
-        if time_ns is None or told.quality is Quality.NONE:
-            return
-        east, north, _ = self._frame.to_local(
-            np.array([told.latitude_deg]), np.array([told.longitude_deg]), np.array([told.height_m])
-        )
-        least = self._sensors.gnss_sigma_m
-        reported = told.sigma_m if math.isfinite(told.sigma_m) else self._accuracy_m
-        # Without a word of how good it is, a position that is not fixed is one of metres.
-        loose = max(least, reported) if math.isfinite(reported) else 2.0
-        sigma = least if told.quality is Quality.FIXED else loose
-        self._longitude_deg = told.longitude_deg
-        self.place = Place(time_ns, float(east[0]), float(north[0]), sigma, told.quality)
-        self._new_place = True
-
-    def _time_of(self, what: str, scale: TimeScale, tow_s: float, arrival_ns: int) -> int | None:
-        """By the sample's stamp; a message without one is as old as its way is long."""
-        if scale is TimeScale.NONE or not math.isfinite(tow_s):
-            return arrival_ns
-        delay_s = self._sensors.gnss_delay_s if what == "position" else 0.0
-        clock = self._clocks.setdefault((what, scale), WeekClock(scale, delay_s))
-        return clock.feed(tow_s, arrival_ns)
 
     def _take_fix(self, fix: np.void) -> None:
         if math.isfinite(float(fix["strength"])):

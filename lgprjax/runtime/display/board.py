@@ -13,16 +13,17 @@ class Board:
     """The newest state.
 
     Attributes:
-        path_version: another one where the path is another one.
+        path_version: another one where the path is another one; worked_version: where more of a field is worked.
         refused_states: messages of the control process that were none.
     """
 
     def __init__(self) -> None:
-        self.path_version = 0
+        self.path_version = self.worked_version = 0
         self.refused_states = 0
         self._state: dict[str, Any] | None = None
         self._state_ns = 0
         self._path: list[Any] | None = None
+        self._worked: dict[str, Any] | None = None
 
     def take(self, messages: list[bytes]) -> None:
         """Use what the control process wrote, oldest first."""
@@ -39,13 +40,28 @@ class Board:
                 continue
             self._show(state, record.mono_ns)
 
-    def text(self, mono_ns: int, refused: int, *, with_path: bool) -> str:
+    def take_worked(self, message: bytes | None) -> None:
+        """Use what the coverage process wrote last, if anything."""
+        if message is None:
+            return
+        try:
+            worked = json.loads(unpack(message).payload, parse_constant=_nothing)
+            if not isinstance(worked, dict):
+                raise ValueError("no map of what is worked")
+            json.dumps(worked, allow_nan=False)
+        except (ValueError, RecursionError):
+            self.refused_states += 1
+            return
+        self._worked = worked
+        self.worked_version += 1
+
+    def text(self, mono_ns: int, refused: int, *, with_path: bool, with_worked: bool = False) -> str:
         """The message to a page.
 
         Args:
             mono_ns: monotonic time now.
             refused: requests refused since the display started.
-            with_path: the page does not have this path yet.
+            with_path: the page does not have this path yet; with_worked: nor what is worked.
         """
         said: dict[str, Any] = {
             "kind": "state",
@@ -56,6 +72,8 @@ class Board:
         }
         if with_path:
             said["path"] = self._path
+        if with_worked:
+            said["worked"] = self._worked
         return json.dumps(said, allow_nan=False, separators=(",", ":"))
 
     def obstacle(self, name: str, mono_ns: int) -> str | None:

@@ -30,6 +30,7 @@ _FILES = {
     "/style.css": ("style.css", "text/css"),
     "/display.js": ("display.js", "text/javascript"),
     "/plan.js": ("plan.js", "text/javascript"),
+    "/field.js": ("field.js", "text/javascript"),
 }
 
 
@@ -83,12 +84,17 @@ class Pages:
 
     async def _send(self, websocket: WebSocket, session: str, due: asyncio.Event) -> None:
         await websocket.send_text(json.dumps({"kind": "hello", "session": session}))
-        version = -1
+        path, worked = -1, -1
         while True:
-            newest = self._board.path_version
-            text = self._board.text(time.monotonic_ns(), self.counts.total(), with_path=newest != version)
+            new_path, new_worked = self._board.path_version, self._board.worked_version
+            text = self._board.text(
+                time.monotonic_ns(),
+                self.counts.total(),
+                with_path=new_path != path,
+                with_worked=new_worked != worked,
+            )
             await websocket.send_text(text)
-            version = newest
+            path, worked = new_path, new_worked
             due.clear()
             await due.wait()
 

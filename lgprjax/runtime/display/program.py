@@ -52,7 +52,7 @@ class _Server(uvicorn.Server):
 
 
 async def _serve(started: Started, access: Access, listener: socket.socket) -> None:
-    state = started.ring("state")
+    state, worked = started.ring("state"), started.ring("worked")
     board = Board()
     pages = Pages(board, started.ring("requests"), access)
     server = _Server(_settings(pages))
@@ -61,6 +61,7 @@ async def _serve(started: Started, access: Access, listener: socket.socket) -> N
     looks = 0
     while not serving.done():
         board.take(state.take())
+        board.take_worked(worked.latest())
         looks += 1
         if looks % _LOOKS_A_PUSH == 0:
             pages.push()

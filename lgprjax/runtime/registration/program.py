@@ -12,11 +12,11 @@ import numpy as np
 from lgprjax.formats import MapFile, read_vehicle
 from lgprjax.registration import TrackedFixes
 from lgprjax.runtime.compiles import count_compiles
-from lgprjax.runtime.link import Sender, draw_session
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import Stage, Started
 from lgprjax.runtime.records import FIX, Kind, Record, Source, pack, unpack
 from lgprjax.runtime.registration.prior_track import PriorTrack
+from lgprjax.runtime.registration.radar_line import RadarLine
 from lgprjax.runtime.registration.search import BLOCK_SCANS, RadarDescription, Search, description_of
 from lgprjax.runtime.registration.tiles_ahead import AHEAD_M
 from lgprjax.runtime.stamps import StampClock
@@ -24,11 +24,9 @@ from lgprjax.runtime.wire import Frame
 
 _IDLE_S = 0.002
 _WISH_S = 0.2
-_ASK_S = 1.0
 _STANDING_MPS = 0.05
 _STANDING_NS = 100_000_000
 _WAITING = 256  # scans: two seconds
-_START = 1
 
 
 class _Scan(NamedTuple):
@@ -44,13 +42,14 @@ class Registration:
         config = started.config
         self._fixes, self._log = started.ring("fixes"), started.ring("registration_log")
         self._priors = started.ring("priors")
-        self._port = Port.frames(Source.RADAR, config.ports.radar.url, config.ports.radar.baud, "radar")
-        self._sender = Sender(draw_session())
+        table = config.ports.radar
+        assert table is not None
+        port = Port.frames(Source.RADAR, table.url, table.baud, "radar")
+        self._radar = RadarLine(port, config.radar, self._log, self._fixes)
         self._clock = StampClock()
         self._waiting: deque[_Scan] = deque()
-        self._asked_s = self._wished_s = 0.0
+        self._wished_s = 0.0
         self._searched_ns = 0
-        self._scanning = False
         self._ended = False
         self.description: RadarDescription | None = None
         signal.signal(signal.SIGTERM, self._end)
@@ -59,11 +58,12 @@ class Registration:
         """Until SIGTERM."""
         started, config = self._started, self._started.config
         vehicle = read_vehicle(config.path(config.vehicle))
-        while self.description is None and not self._ended:
+        while (self.description is None or self._radar.preparing) and not self._ended:
             started.beat(Stage.WARMING)
             self._listen()
             time.sleep(_IDLE_S)
         if self.description is None:
+            self._radar.close()
             return
         path = config.path(config.map)
         with MapFile.open(path) as source, MapFile.open(path) as beside:
@@ -92,39 +92,27 @@ class Registration:
                     told = json.dumps({"compiled": known}).encode()
                     self._log.put(pack(Record(Kind.EVENT, Source.REGISTRATION, 0, time.monotonic_ns(), told)))
             search.ahead.close()
-        self._port.close()
+        self._radar.close()
 
     def _end(self, *_: object) -> None:
         self._ended = True
 
     def _listen(self) -> None:
-        """Take what came; ask the radar to scan where it does not."""
-        for arrival in self._port.take():
+        """Take what came; tell the radar what is next."""
+        for arrival in self._radar.arrivals():
             self._take(arrival)
-        for refused in self._port.take_refused():
-            payload = bytes([refused.item.reason]) + refused.item.data
-            self._log.put(pack(Record(Kind.REFUSED, Source.RADAR, 0, refused.mono_ns, payload)))
-        now_s = time.monotonic()
-        if not self._scanning and now_s - self._asked_s > _ASK_S:
-            self._asked_s = now_s
-            command = self._sender.frame(
-                "radar_command", {"action": _START, "scan_period_us": 0}, mode=0, mono_ns=time.monotonic_ns()
-            )
-            self._port.write(command)
-            self._log.put(pack(Record(Kind.PORT_OUT, Source.RADAR, 0, time.monotonic_ns(), command)))
+        self._radar.order()
 
     def _take(self, arrival: Arrival[Frame]) -> None:
         frame = arrival.item
         self._log.put(pack(Record(Kind.PORT_IN, Source.RADAR, 0, arrival.mono_ns, frame.raw)))
+        self._radar.take(frame)
         if frame.name == "radar_scan":
-            self._scanning = True
             scan_ns = self._clock.feed(frame.stamp_us, arrival.mono_ns)
             if scan_ns is not None:
                 self._waiting.append(_Scan(scan_ns, frame))
                 if len(self._waiting) > _WAITING:
                     self._waiting.popleft()
-        elif frame.name == "radar_health":
-            self._scanning = int(frame.number("state")) == 1
         elif frame.name == "radar_description":
             told = description_of(frame)
             if self.description is not None and told != self.description:

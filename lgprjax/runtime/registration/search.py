@@ -88,6 +88,7 @@ class Search:
     ) -> None:
         known, told = source.description, config.registration
         if radar.channels != known.channels:
+            assert config.ports.radar is not None
             raise InputError(
                 config.ports.radar.url, "radar_description", f"{known.channels} channels", f"{radar.channels}"
             )

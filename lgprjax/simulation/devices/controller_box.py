@@ -4,17 +4,18 @@ import struct
 
 from lgprjax.simulation.devices.wire_ends import Acceptance, FrameReader, Kind, Sender, Verdict
 
-OVERRIDE_FIRST, OVERRIDE_SECOND, ESTOP, STEERING, PLUS, MINUS, BRAKE_TAP = (1 << bit for bit in range(7))
+OVERRIDE_FIRST, OVERRIDE_SECOND, ESTOP, STEERING, PLUS, MINUS, BRAKE_TAP, CORNER = (1 << bit for bit in range(8))
 AT_REST = OVERRIDE_SECOND
 _LIGHT_LASTS_NS = 500_000_000
 
 
 def buttons_of(pressed: set[str]) -> int:
-    """The status bits while some buttons are pressed: steering, plus, minus, override, estop, brake_tap."""
+    """The status bits while some buttons are pressed: steering, plus, minus, override, estop, brake_tap, corner."""
     bits = AT_REST
     for name, bit in (("steering", STEERING), ("plus", PLUS), ("minus", MINUS), ("estop", ESTOP)):
         bits |= bit if name in pressed else 0
     bits |= BRAKE_TAP if "brake_tap" in pressed else 0
+    bits |= CORNER if "corner" in pressed else 0
     return bits ^ (OVERRIDE_FIRST | OVERRIDE_SECOND) if "override" in pressed else bits
 
 

@@ -23,6 +23,7 @@ FAULTS: dict[str, tuple[str, ...]] = {
     "radar_garbage": (),
     "radar_wrong_place": ("m",),
     "radar_faded": ("share",),
+    "radar_errors": ("bits",),
     "odometer_dead": (),
     "odometer_slip": ("share",),
     "odometer_reversed": (),

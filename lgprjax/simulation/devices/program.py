@@ -10,13 +10,8 @@ from pathlib import Path
 
 import jax
 
-from lgprjax.formats import MapFile
-from lgprjax.simulation.devices.course_world import CourseWorld
 from lgprjax.simulation.devices.ports import Ports
-from lgprjax.simulation.devices.radar_box import RadarState
-from lgprjax.simulation.devices.stage import Stage
-from lgprjax.simulation.devices.stage_spec import StageSpec, read_spec
-from lgprjax.simulation.loop.off_road import OffRoad
+from lgprjax.simulation.devices.stages import AnyStage, StageMaker, open_spec
 
 _LOOK_S = 0.002
 """How often the ports are looked after."""
@@ -30,25 +25,21 @@ class RealTime:
     """A stage against the computer's clock.
 
     Args:
-        spec: what is asked for.
-        file: where it was read.
+        make: the stage that begins at a time.
+        rate: world's seconds in one of the computer's.
 
     Raises:
         InputError: the spec cannot be used.
     """
 
-    def __init__(self, spec: StageSpec, file: Path) -> None:
-        self._spec = spec
-        course = OffRoad(spec.seed, spec.length_m, spec.scan_share)
-        with MapFile.open(spec.map) as opened:
-            local = opened.description.frame
-        world = CourseWorld(course, local, weather=spec.weather, drive_seed=spec.drive_seed)
-        _warm(Stage(spec, world, file, 0))
+    def __init__(self, make: StageMaker, rate: float) -> None:
+        self._rate = rate
+        _warm(make(0))
         gc.collect()
         gc.freeze()
         self._origin_ns = time.monotonic_ns()
-        self.stage = Stage(spec, world, file, self._origin_ns)
-        self.ports = Ports(self.stage.radar.forget_line)
+        self.stage = make(self._origin_ns)
+        self.ports = Ports(self.stage.renew)
         self._ends = threading.Event()
         self._late_ticks, self._skipped = 0, 0
         self._largest_late_s, self._render_s = 0.0, 0.0
@@ -71,8 +62,7 @@ class RealTime:
             "render_cpu_s": self._render_s,
             "late_ticks": self._late_ticks,
             "largest_late_s": self._largest_late_s,
-            "largest_scan_late_s": self.stage.latest_s["scan"],
-            "largest_status_late_s": self.stage.latest_s["status"],
+            **{f"largest_{what}_late_s": late_s for what, late_s in self.stage.latest_s.items()},
             "skipped_scans": self._skipped,
             "unread_messages": self.ports.dropped,
         }
@@ -83,12 +73,12 @@ class RealTime:
 
     def _now_ns(self) -> int:
         since_ns = time.monotonic_ns() - self._origin_ns
-        return self._origin_ns + (since_ns if self._spec.rate == 1.0 else round(self._spec.rate * since_ns))
+        return self._origin_ns + (since_ns if self._rate == 1.0 else round(self._rate * since_ns))
 
     def _tick_on(self) -> None:
         stage, parent, looked_s = self.stage, os.getppid(), 0.0
         while not self._ends.is_set():
-            wait_s = 1e-9 * (stage.next_ns - self._now_ns()) / self._spec.rate
+            wait_s = 1e-9 * (stage.next_ns - self._now_ns()) / self._rate
             if wait_s > 0.0:
                 time.sleep(wait_s)
             late_s = 1e-9 * (self._now_ns() - stage.next_ns)
@@ -96,8 +86,7 @@ class RealTime:
             self._late_ticks += late_s > _LATE_S
             tick = stage.tick()
             if late_s > _SKIPS_S:
-                self._skipped += stage.world.scans_a_tick
-                stage.put_scans(tick, [None] * stage.world.scans_a_tick)
+                self._skipped += stage.skip(tick)
             else:
                 began_s = time.thread_time()
                 stage.render(tick)
@@ -125,15 +114,15 @@ def run_devices(file: Path) -> int:
     Raises:
         InputError: the spec cannot be used, or an output not written.
     """
-    spec = read_spec(file)
     _hold_xla_to_one()
     sys.setswitchinterval(0.0005)
-    real = RealTime(spec, file)
+    opened = open_spec(file)
+    real = RealTime(opened.make, opened.rate)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: real.end())
-    real.ports.announce(Path(spec.ports))
+    real.ports.announce(opened.ports)
     figures = real.run()
-    real.stage.truth.write(Path(spec.truth), figures)
+    real.stage.truth.write(opened.truth, figures)
     if figures["late_ticks"] or figures["skipped_scans"]:
         print(
             f"devices: {figures['late_ticks']:.0f} ticks were late, by {figures['largest_late_s']:.3f} s at most; "
@@ -156,9 +145,9 @@ def _hold_xla_to_one() -> None:
         os.sched_setaffinity(0, allowed)
 
 
-def _warm(stage: Stage) -> None:
+def _warm(stage: AnyStage) -> None:
     """Compile and load whatever a run needs, on a stage that is thrown away."""
-    stage.radar.state = RadarState.SCANNING
+    stage.warm()
     for _ in range(_WARM_TICKS):
         stage.render(stage.tick())
         stage.emit(stage.next_ns)

@@ -52,7 +52,7 @@ class RadarBox:
 
     def __init__(self, sender: Sender, radar: RadarConfig, channels: int, period_s: float) -> None:
         self.state = RadarState.IDLE
-        self.dropped = 0
+        self.dropped, self.errors = 0, 0
         self._sender, self._radar, self._channels, self._period_s = sender, radar, channels, period_s
         self._reader, self._rules = FrameReader(), Acceptance()
         self._mode = 0
@@ -104,7 +104,7 @@ class RadarBox:
 
     def health(self, due_ns: int) -> bytes:
         """The health frame of a moment."""
-        payload = _HEALTH.pack(self.state, 0, _TEMPERATURE_C, self.dropped)
+        payload = _HEALTH.pack(self.state, self.errors, _TEMPERATURE_C, self.dropped)
         return self._sender.frame(Kind.RADAR_HEALTH, payload, due_ns, self._mode)
 
     def description(self, due_ns: int) -> bytes:

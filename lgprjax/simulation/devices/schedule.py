@@ -1,7 +1,7 @@
 """When the items of a script, or faults, begin and end."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +19,7 @@ class Moment(NamedTuple):
         since_ready_s: since the host first was ready; ``None`` before.
         way_m: driven.
         mode: of the host's last command; it has been that for ``mode_for_s``.
+        arrivals: places that the operator of a field has driven to.
     """
 
     now_s: float
@@ -26,6 +27,7 @@ class Moment(NamedTuple):
     way_m: float
     mode: int
     mode_for_s: float
+    arrivals: int = 0
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,8 @@ class Item:
         name: what happens.
         numbers: its own keys.
         for_s: how long.
-        at_s, at_way_m, after: when it begins, one of the three; ``after`` is (mode, for so long).
+        at_s, at_way_m, at_arrival, after: when it begins, one of them; ``after`` is (mode, for so long).
+        every_s: with at_s, it begins again so much later, and again.
     """
 
     name: str
@@ -45,6 +48,8 @@ class Item:
     at_s: float | None = None
     at_way_m: float | None = None
     after: tuple[int, float] | None = None
+    at_arrival: int | None = None
+    every_s: float | None = None
 
     def begins(self, moment: Moment) -> bool:
         """Whether its time has come."""
@@ -52,13 +57,21 @@ class Item:
             return moment.since_ready_s is not None and moment.since_ready_s >= self.at_s
         if self.at_way_m is not None:
             return moment.way_m >= self.at_way_m
+        if self.at_arrival is not None:
+            return moment.arrivals >= self.at_arrival
         assert self.after is not None
         mode, for_s = self.after
         return moment.since_ready_s is not None and moment.mode == mode and moment.mode_for_s >= for_s
 
+    def again(self) -> "Item":
+        """The same, to begin once more."""
+        assert self.at_s is not None
+        assert self.every_s is not None
+        return replace(self, at_s=self.at_s + self.every_s)
+
 
 class Schedule:
-    """Items, each of which begins once."""
+    """Items, each of which begins once, or every so many seconds."""
 
     def __init__(self, items: Iterable[Item]) -> None:
         self._waiting = list(items)
@@ -68,6 +81,7 @@ class Schedule:
         """Items that run now, the oldest first."""
         begun = [item for item in self._waiting if item.begins(moment)]
         self._waiting = [item for item in self._waiting if item not in begun]
+        self._waiting += [item.again() for item in begun if item.every_s is not None]
         self._running += [(moment.now_s + item.for_s, item) for item in begun]
         self._running = [(ends_s, item) for ends_s, item in self._running if moment.now_s < ends_s]
         return [item for _, item in self._running]
@@ -100,10 +114,10 @@ def read_items(
         name = str(row.get(key))
         if name not in known:
             raise InputError(file, f"{where}.{key}", f"one of {', '.join(known)}", name)
-        begin = [begins for begins in ("at_s", "at_way_m", "after") if begins in row]
+        begin = [begins for begins in ("at_s", "at_way_m", "at_arrival", "after") if begins in row]
         if len(begin) != 1:
-            raise InputError(file, where, "one of at_s, at_way_m, after", ", ".join(begin) or "none")
-        allowed = {key, "for_s", begin[0], *known[name]}
+            raise InputError(file, where, "one of at_s, at_way_m, at_arrival, after", ", ".join(begin) or "none")
+        allowed = {key, "for_s", begin[0], *known[name], *(("every_s",) if begin[0] == "at_s" else ())}
         if unknown := sorted(set(row) - allowed):
             raise InputError(file, f"{where}.{unknown[0]}", f"one of {', '.join(sorted(allowed))}", unknown[0])
         if missing := [needed for needed in known[name] if needed not in row]:
@@ -117,6 +131,19 @@ def read_items(
                 None if "at_s" not in row else float(row["at_s"]),
                 None if "at_way_m" not in row else float(row["at_way_m"]),
                 None if after is None else (int(after["mode"]), float(after["for_s"])),
+                None if "at_arrival" not in row else int(row["at_arrival"]),
+                None if "every_s" not in row else float(row["every_s"]),
             )
         )
     return items
+
+
+def check_choice(file: Path, place: str, items: list[Item], key: str, known: tuple[str, ...]) -> None:
+    """Hold the items' texts under a key against those that there are.
+
+    Raises:
+        InputError: one is not among them.
+    """
+    for item in items:
+        if item.numbers.get(key, known[0]) not in known:
+            raise InputError(file, f"{place}: {item.name}.{key}", f"one of {', '.join(known)}", repr(item.numbers[key]))

@@ -9,6 +9,7 @@ import numpy as np
 
 from lgprjax.errors import InputError
 from lgprjax.scene.vehicle_drive import TrueVehicle
+from lgprjax.simulation.devices.beat import Beat
 from lgprjax.simulation.devices.body import Body
 from lgprjax.simulation.devices.controller_box import OVERRIDE_FIRST, OVERRIDE_SECOND, ControllerBox, buttons_of
 from lgprjax.simulation.devices.course_world import CourseWorld
@@ -25,7 +26,7 @@ from lgprjax.simulation.devices.gnss_box import (
 )
 from lgprjax.simulation.devices.lines import LINES, Lines
 from lgprjax.simulation.devices.radar_box import RadarBox, RadarState, Recorded
-from lgprjax.simulation.devices.schedule import READY_MODE, Item, Moment, Schedule, read_items
+from lgprjax.simulation.devices.schedule import READY_MODE, Item, Moment, Schedule, check_choice, read_items
 from lgprjax.simulation.devices.second_master import SecondMaster
 from lgprjax.simulation.devices.sensing import INS_PERIOD_S, Sensing
 from lgprjax.simulation.devices.stage_spec import StageSpec
@@ -35,8 +36,6 @@ from lgprjax.simulation.devices.vehicle import Moved
 from lgprjax.simulation.devices.wire_ends import Sender
 
 _INS_NS = round(1e9 * INS_PERIOD_S)
-_LATEST_NS = 100_000_000
-"""What fell due longer ago is left out, as a device has no queue."""
 
 
 class Tick(NamedTuple):
@@ -46,21 +45,6 @@ class Tick(NamedTuple):
     begin_ns: int
     before: Sample
     after: Sample
-
-
-class _Beat:
-    """Something that falls due again and again."""
-
-    def __init__(self, first_ns: int, period_ns: int) -> None:
-        self._next_ns, self._period_ns = first_ns, period_ns
-
-    def due(self, now_ns: int) -> list[int]:
-        times = []
-        while self._next_ns <= now_ns:
-            if now_ns - self._next_ns <= _LATEST_NS:
-                times.append(self._next_ns)
-            self._next_ns += self._period_ns
-        return times
 
 
 class Stage:
@@ -112,7 +96,7 @@ class Stage:
         self._known.add(begin_ns, self._body.sample)
         self._lock = threading.Lock()
         self._drive, self._buttons, self._ins, self._health, self._described, self._foreign = (
-            _Beat(begin_ns, period_ns)
+            Beat(begin_ns, period_ns)
             for period_ns in (10_000_000, 20_000_000, _INS_NS, 100_000_000, 1_000_000_000, 20_000_000)
         )
 
@@ -166,6 +150,19 @@ class Stage:
         with self._lock:
             self.radar.put(rows)
 
+    def skip(self, tick: Tick) -> int:
+        """Leave a tick's scans out, and say how many they are."""
+        self.put_scans(tick, [None] * self.world.scans_a_tick)
+        return self.world.scans_a_tick
+
+    def renew(self) -> None:
+        """Another host has connected to the radar."""
+        self.radar.forget_line()
+
+    def warm(self) -> None:
+        """Have the radar scan: what renders is compiled then, too."""
+        self.radar.state = RadarState.SCANNING
+
     def receive(self, line: str, data: bytes, now_ns: int) -> None:
         """The host's bytes on a line."""
         with self._lock:
@@ -196,6 +193,7 @@ class Stage:
             ]
             told += [("gnss", data) for data in self._navigation(now_ns)]
             told += [("radar", self.radar.description(due_ns)) for due_ns in self._described.due(now_ns)]
+            self.radar.errors = int(self.faults.number("radar_errors", "bits", 0.0))
             told += [("radar", self.radar.health(due_ns)) for due_ns in self._health.due(now_ns)]
             slow_ns = round(1e9 * self.faults.number("radar_slow", "s", 0.0))
             for due_ns, frame in self.radar.due(now_ns, slow_ns):
@@ -237,15 +235,9 @@ def _read_schedules(spec: StageSpec, file: Path) -> tuple[Schedule, Schedule, fl
     """Script, faults, and when GNSS weeks roll over, s after the world's begin."""
     script = read_items(file, "script", spec.script, key="do", known=SCRIPT, lasts_s=SCRIPT_LASTS_S)
     wrong = read_items(file, "faults", spec.faults, key="kind", known=FAULTS, lasts_s=FAULT_LASTS_S)
-    _check(file, "script", script, "button", BUTTONS)
-    _check(file, "faults", wrong, "line", LINES)
+    check_choice(file, "script", script, "button", BUTTONS)
+    check_choice(file, "faults", wrong, "line", LINES)
     rolls: list[Item] = [item for item in wrong if item.name == "week_rollover"]
     if rolls and rolls[0].at_s is None:
         raise InputError(file, "faults", "week_rollover with at_s", "another beginning")
     return Schedule(script), Schedule(wrong), rolls[0].at_s if rolls else None
-
-
-def _check(file: Path, place: str, items: list[Item], key: str, known: tuple[str, ...]) -> None:
-    for item in items:
-        if item.numbers.get(key, known[0]) not in known:
-            raise InputError(file, f"{place}: {item.name}.{key}", f"one of {', '.join(known)}", repr(item.numbers[key]))

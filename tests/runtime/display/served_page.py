@@ -102,6 +102,7 @@ class ServedPage:
         config.write_text(CONFIG.format(display=display, port=port))
         self._states = Ring.create(folder / "state", RINGS["state"])
         self._requests = Ring.create(folder / "requests", RINGS["requests"])
+        self._worked = Ring.create(folder / "worked", RINGS["worked"])
         self._beats = Heartbeats(folder)
         begun_s = time.monotonic()
         with self.errors.open("wb") as errors:
@@ -124,6 +125,11 @@ class ServedPage:
         self.host = urlsplit(self.url).netloc
         self.port = int(self.host.rsplit(":", 1)[1])
         self._teller.start()
+
+    def show_worked(self, worked: dict[str, Any]) -> None:
+        """Tell what of a field is worked, as the coverage process does."""
+        payload = json.dumps(worked).encode()
+        self._worked.put(pack(Record(Kind.WORKED, Source.COVERAGE, 0, time.monotonic_ns(), payload)))
 
     def show(self, state: dict[str, Any]) -> None:
         """Tell a state at once, and again and again."""

@@ -108,3 +108,21 @@ def test_no_route_without_data() -> None:
 
 def test_engaged_as_the_mode_machine_has_it() -> None:
     assert tuple(Mode(mode).name for mode in ENGAGED_MODES) == ENGAGED
+
+
+def worked_record(worked: object) -> bytes:
+    return pack(Record(Kind.WORKED, Source.COVERAGE, 0, NOW_NS, json.dumps(worked).encode()))
+
+
+def test_what_is_worked_is_told_once_a_version_and_what_is_none_is_counted() -> None:
+    board = board_of(READY)
+    assert "worked" not in shown(board)
+    board.take_worked(worked_record({"runs": [[0, 1, 2]], "level": 0.95}))
+    assert board.worked_version == 1
+    assert json.loads(board.text(NOW_NS, 0, with_path=False, with_worked=True))["worked"]["runs"] == [[0, 1, 2]]
+    board.take_worked(None)
+    board.take_worked(worked_record([1, 2]))
+    board.take_worked(pack(Record(Kind.WORKED, Source.COVERAGE, 0, NOW_NS, b'{"level": 1e999}')))
+    board.take_worked(b"short")
+    assert board.worked_version == 1
+    assert board.refused_states == 3

@@ -232,3 +232,66 @@ def test_without_the_computer(tab: Tab, served: ServedPage, tmp_path: Path) -> N
     tab.complaints.clear()
     assert all("WebSocket" in complaint for complaint in show_again)
     show(served, tab, DRIVING)
+
+
+CORNERS = [[0.0, 0.0], [30.0, 0.0], [30.0, 20.0], [0.0, 20.0]]
+LINES = [[x, y] for line in range(6) for x, y in ((0.0, 0.6 + line), (30.0, 0.6 + line))[:: -1 if line % 2 else 1]]
+FIELD = DRIVING | {
+    "route": "north field",
+    "routes": [],
+    "speed_mps": 0.42,
+    "set_speed_mps": 0.6,
+    "cross_track_m": -0.012,
+    "pose": [14.0, 3.6, math.pi],
+    "gnss_pose": [14.0, 3.6, 0.0],
+    "path": LINES,
+    "processes": dict.fromkeys(("control", "coverage", "recorder", "display", "monitor"), "ready"),
+    "field": {
+        "perimeter": CORNERS,
+        "line": 4,
+        "lines": 21,
+        "tool_width_m": 1.2,
+        "tool_ahead_m": 1.2,
+        "told_on": True,
+        "turns": True,
+        "depth_m": 0.148,
+        "depth_right": True,
+        "depth_asked_m": 0.15,
+        "gnss": "none",
+        "gnss_age_s": 12.4,
+        "heading_known": True,
+        "sigma_heading_deg": 0.21,
+    },
+}
+WORKED = {
+    "east_m": 0.0,
+    "north_m": 0.0,
+    "block_m": 0.2,
+    "runs": [[row, 0, 150] for row in range(15)],
+    "level": 0.95,
+    "worked_m2": 90.0,
+    "field_m2": 600.0,
+}
+
+
+def test_a_field_shows_its_line_tool_gnss_and_what_is_worked(served: ServedPage, tab: Tab) -> None:
+    served.show_worked(WORKED)
+    show(served, tab, FIELD)
+    tab.wait_for("document.body.innerText.includes('Worked at 95 %: 15 %')")
+    told = tab.evaluate("document.body.innerText")
+    for words in (
+        "line 4 of 21",
+        "15 cm",
+        "told on, 15 cm",
+        "GNSS off for 12 s",
+        "Field north field",
+        "drives its plan",
+    ):
+        assert words in told, words
+    day = picture(tab, "field")
+    bare = FIELD | {"field": FIELD["field"] | {"turns": False, "told_on": True}}
+    show(served, tab, bare)
+    assert "OFF" in tab.evaluate("document.body.innerText")
+    # Worked ground has its colour: some percent of the window.
+    colour = np.array([0x9A, 0xD0, 0xB0]) / 255.0
+    assert 0.001 < float((np.abs(day - colour).max(axis=-1) < 0.02).mean()) < 0.5

@@ -80,7 +80,9 @@ def refused_in_all(socket: ClientConnection) -> int:
             return int(said["refused"])
 
 
-@pytest.mark.parametrize("path", ["/", "/style.css", "/display.js", "/plan.js", "/nowhere", "/page/display.js"])
+@pytest.mark.parametrize(
+    "path", ["/", "/style.css", "/display.js", "/plan.js", "/field.js", "/nowhere", "/page/display.js"]
+)
 def test_every_answer_has_its_headers(page: ServedPage, browser: httpx.Client, path: str) -> None:
     found = browser.get(path)
     assert found.status_code == (404 if path in ("/nowhere", "/page/display.js") else 200)

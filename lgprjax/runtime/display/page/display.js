@@ -1,6 +1,7 @@
 // The operator's page: shows what the control process says, and says loudly when it says nothing.
 
 import { drawPlan, points } from "./plan.js";
+import { FIELD_MODES, fieldWords, toolWords } from "./field.js";
 
 const STALE_S = 0.5;
 const NOMINAL_M = 0.305, MOST_M = 0.914; // one foot and three
@@ -34,7 +35,7 @@ const tell = (id, text) => { if (at(id).textContent !== text) at(id).textContent
 
 let socket = null, session = null, asked = 0;
 let received_s = -Infinity, age_s = null, leastDelay_s = Infinity, delay_s = 0;
-let state = null, path = [], refused = 0, vehicleUp = false, broken = false, closedBecause = "";
+let state = null, path = [], worked = null, refused = 0, vehicleUp = false, broken = false, closedBecause = "";
 
 // --- what the vehicle is doing -----------------------------------------------------------------------------------
 function showMode(mode, refusedNow) {
@@ -42,7 +43,8 @@ function showMode(mode, refusedNow) {
   at("top").dataset.mode = mode;
   at("top").dataset.refused = refusedNow ? "yes" : "no";
   tell("mode", word);
-  tell("mode-text", sentence);
+  const own = state && state.field && FIELD_MODES[refusedNow ? "READY_REFUSED" : mode];
+  tell("mode-text", own || sentence);
   at("shape-path").setAttribute("d", shape);
 }
 
@@ -82,15 +84,37 @@ function showWords(engaged) {
   }
 }
 
-function showFigures() {
-  tell("speed", fixed(state.speed_mps, 1));
-  const set = isNumber(state.set_speed_mps) ? `set ${fixed(state.set_speed_mps, 2)}` : "not held";
-  tell("speed-more", isNumber(state.cap_mps) ? `${set}, limit ${fixed(state.cap_mps, 1)}` : set);
+function showCorrelation() {
   tell("correlation", fixed(state.correlation, 2));
-  const code = typeof state.code === "string" ? CODES[state.code] || state.code : "no scan";
-  tell("correlation-more", code);
+  tell("correlation-more", typeof state.code === "string" ? CODES[state.code] || state.code : "no scan");
   tell("share", isNumber(state.ok_share) ? `${Math.round(100 * state.ok_share)} % good in 10 s` : "");
   at("correlation").className = `figure ${state.code === "ok" ? "" : "warn"}`;
+}
+
+function showTool() {
+  const tool = toolWords(state.field);
+  tell("correlation-title", "Tool");
+  tell("share", tool.line);
+  tell("correlation", tool.figure);
+  tell("correlation-more", tool.more);
+  at("correlation").className = `figure ${tool.kind}`;
+}
+
+function showField() {
+  tell("route-title", typeof state.route === "string" ? `Field ${state.route}` : "No plan: mark three corners");
+  const words = fieldWords(state.field, worked);
+  const all = JSON.stringify(words);
+  if (at("route-list").dataset.all === all) return;
+  at("route-list").dataset.all = all;
+  at("route-list").replaceChildren(...words.map((text) => Object.assign(document.createElement("p"), { textContent: text })));
+}
+
+function showFigures() {
+  tell("speed", fixed(state.speed_mps, state.field ? 2 : 1));
+  const set = isNumber(state.set_speed_mps) ? `set ${fixed(state.set_speed_mps, 2)}` : "not held";
+  tell("speed-more", isNumber(state.cap_mps) ? `${set}, limit ${fixed(state.cap_mps, 1)}` : set);
+  if (state.field) showTool();
+  else showCorrelation();
   const cross = state.cross_track_m, size = Math.abs(cross);
   const kind = !isNumber(cross) || size <= NOMINAL_M ? "" : size <= MOST_M ? "warn" : "bad";
   tell("cross", isNumber(cross) ? `${size.toFixed(2)} m ${size < 0.005 ? "" : cross > 0 ? "left" : "right"}` : "–");
@@ -139,9 +163,10 @@ function render() {
   showMode(mode, mode === "READY" && refusal() !== null);
   showFigures();
   showWords(engaged);
-  showRoutes(engaged);
+  if (state.field) showField();
+  else showRoutes(engaged);
   showFoot();
-  const times = drawPlan(at("plan"), state, path, vehicleUp);
+  const times = drawPlan(at("plan"), state, path, vehicleUp, worked);
   tell("ellipse-key", times === null ? "uncertainty unknown" : times === 1 ? "3σ" : `3σ × ${times}`);
 }
 
@@ -186,6 +211,7 @@ function take(said) {
     age_s = said.age_s;
     refused = said.refused;
     if ("path" in said) path = points(said.path);
+    if ("worked" in said) worked = said.worked;
     received_s = now();
     if (said.state === null) return;
     state = said.state;
@@ -229,7 +255,7 @@ function connect() {
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme;
   tell("theme", theme === "night" ? "DAY" : "NIGHT");
-  if (state !== null) drawPlan(at("plan"), state, path, vehicleUp);
+  if (state !== null) drawPlan(at("plan"), state, path, vehicleUp, worked);
 }
 
 const dark = window.matchMedia("(prefers-color-scheme: dark)");
@@ -239,7 +265,7 @@ at("theme").addEventListener("click", () => setTheme(document.documentElement.da
 at("up").addEventListener("click", () => {
   vehicleUp = !vehicleUp;
   tell("up", vehicleUp ? "NORTH UP" : "VEHICLE UP");
-  if (state !== null) drawPlan(at("plan"), state, path, vehicleUp);
+  if (state !== null) drawPlan(at("plan"), state, path, vehicleUp, worked);
 });
 connect();
 setInterval(watch, 100);

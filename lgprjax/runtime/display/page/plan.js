@@ -3,6 +3,8 @@
 const LEAST_HALF_M = 18;
 const VEHICLE_PX = 17;
 
+import { drawField } from "./field.js";
+
 const number = (value) => typeof value === "number" && Number.isFinite(value);
 const pose = (value) => (Array.isArray(value) && value.length >= 3 && value.slice(0, 3).every(number) ? value : null);
 export const points = (value) =>
@@ -60,15 +62,16 @@ function northArrow(pen, turn, ink) {
   pen.lineTo(-9, 10);
   pen.fill();
   pen.restore();
+  pen.fillStyle = ink;
   pen.font = "bold 15px sans-serif";
   pen.textAlign = "left";
   pen.fillText("N", 46, 40);
 }
 
-function drawPath(pen, path, place, ink) {
+function drawPath(pen, path, place, ink, width) {
   if (path.length < 2) return;
   pen.strokeStyle = ink;
-  pen.lineWidth = 5;
+  pen.lineWidth = width;
   pen.lineJoin = "round";
   pen.beginPath();
   path.forEach((p, i) => (i ? pen.lineTo(...place(p[0], p[1])) : pen.moveTo(...place(p[0], p[1]))));
@@ -101,7 +104,7 @@ function drawGnss(pen, at, ink) {
 }
 
 // Draws, and returns how many times the uncertainty is enlarged, null where none is known.
-export function drawPlan(canvas, state, path, vehicleUp) {
+export function drawPlan(canvas, state, path, vehicleUp, worked) {
   const { pen, width, height } = frame(canvas);
   const style = getComputedStyle(document.documentElement);
   const colour = (name) => style.getPropertyValue(name).trim();
@@ -123,7 +126,8 @@ export function drawPlan(canvas, state, path, vehicleUp) {
     const up = north * Math.cos(turn) - east * Math.sin(turn);
     return [width / 2 + right * px_m, height / 2 - up * px_m];
   };
-  drawPath(pen, path, place, colour("--path"));
+  if (state.field) drawField(pen, state.field, worked, place, colour);
+  drawPath(pen, path, place, colour("--path"), state.field ? 2 : 5);
   let times = null;
   if (vehicle) {
     const heading = Math.PI / 2 - vehicle[2] + turn;

@@ -1,0 +1,152 @@
+"""The compiled step of a skid-steer vehicle: one vector in, one out, so that a tick is one call and one copy."""
+
+from functools import partial
+from typing import Any, NamedTuple, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from lgprjax.autopilot.skid_setup import SkidSetup
+from lgprjax.autopilot.skid_step import Guidance, SkidOrders, SkidState, init_skid, step_skid
+from lgprjax.coverage.cover_route import CoverRoute, route_point
+from lgprjax.navigation.observations import GnssObservation
+from lgprjax.navigation.skid_model import skid_pose, skid_pose_covariance
+from lgprjax.navigation.skid_observations import DeltaHeading, SkidMotion, SkidObservations
+from lgprjax.vehicle.skid_steer import WheelSpeeds, body_rates
+
+
+class SkidNumbers(NamedTuple):
+    """What a tick is told, as plain numbers; see ``SkidMotion``, ``SkidObservations``, ``SkidOrders``. Flags 0 or 1."""
+
+    step_s: float
+    left_mps: float
+    right_mps: float
+    gnss_valid: float
+    gnss_x_m: float
+    gnss_y_m: float
+    gnss_m2: float
+    gnss_age_s: float
+    turn_valid: float
+    turn_rad: float
+    span_s: float
+    engaged: float
+    drives: float
+    stop: float
+    speed_cap_mps: float
+    set_speed_mps: float
+    age_s: float
+
+
+class SkidResult(NamedTuple):
+    """What a tick gave, as plain numbers.
+
+    Attributes:
+        x_m, y_m, yaw_rad: of the reference point; xx ... yawyaw: their covariance.
+        speed_mps, sigma_m: forward, and of the position's larger axis.
+        heading_known, reaction, reasons: of navigation.
+        accepted, offered: bits of the sources.
+        cross_m, heading_error_rad, to_go_m, line, done, off_m: the plan, and how far from it the vehicle is.
+        edge: the fence was foretold to be crossed.
+        left_mps, right_mps, tool, depth_m, limited: the command and what the limiter did.
+    """
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    xx: float
+    xy: float
+    xyaw: float
+    yy: float
+    yyaw: float
+    yawyaw: float
+    speed_mps: float
+    sigma_m: float
+    heading_known: float
+    reaction: float
+    reasons: float
+    accepted: float
+    offered: float
+    cross_m: float
+    heading_error_rad: float
+    to_go_m: float
+    line: float
+    done: float
+    off_m: float
+    edge: float
+    left_mps: float
+    right_mps: float
+    tool: float
+    depth_m: float
+    limited: float
+
+
+@partial(jax.jit, static_argnames="guidance")
+def step_skid_compiled(
+    setup: SkidSetup,
+    route: CoverRoute,
+    fence: Float[Array, "slot 2"],
+    state: SkidState,
+    numbers: Float[Array, " number"],
+    *,
+    guidance: Guidance,
+) -> tuple[SkidState, Float[Array, " result"]]:
+    """``step_skid`` on ``SkidNumbers``, with ``SkidResult`` as one row."""
+    # Under the names of plain numbers stand traced ones here.
+    told, yes = cast("Any", SkidNumbers(*numbers)), cast("Any", SkidNumbers(*(numbers > 0.5)))
+    motion = SkidMotion(told.left_mps, told.right_mps, told.step_s)
+    observations = SkidObservations(
+        GnssObservation(
+            told.gnss_x_m, told.gnss_y_m, told.gnss_m2 * jnp.eye(2, dtype=jnp.float32), told.gnss_age_s, yes.gnss_valid
+        ),
+        DeltaHeading(told.turn_rad, told.span_s, yes.turn_valid),
+    )
+    orders = SkidOrders(
+        yes.engaged,
+        yes.drives,
+        yes.stop,
+        told.speed_cap_mps,
+        told.set_speed_mps,
+        told.age_s,
+        told.left_mps,
+        told.right_mps,
+    )
+    state, command, info = step_skid(setup, route, fence, state, motion, observations, orders, guidance=guidance)
+    estimate, plan = state.filter.estimate, info.plan
+    pose, covariance = skid_pose(estimate), skid_pose_covariance(estimate)
+    speed_mps, _ = body_rates(setup.vehicle.track_m, WheelSpeeds(told.left_mps, told.right_mps))
+    foot = route_point(route, state.carrot.arc_m)
+    sources = jnp.asarray([1.0, 2.0], jnp.float32)
+    row = (
+        *pose,
+        *(covariance[one, other] for one in range(3) for other in range(one, 3)),
+        speed_mps,
+        info.sigma_m,
+        info.filter.heading_known,
+        info.reaction,
+        info.reasons,
+        jnp.sum(jnp.where(info.filter.accepted, sources, 0.0)),
+        jnp.sum(jnp.where(info.filter.offered, sources, 0.0)),
+        plan.cross_m,
+        plan.heading_error_rad,
+        plan.to_go_m,
+        plan.line,
+        plan.done,
+        jnp.hypot(pose.x_m - foot.x_m, pose.y_m - foot.y_m),
+        info.edge_predicted,
+        *command,
+        info.limited,
+    )
+    return state, jnp.stack([jnp.asarray(number).astype(jnp.float32) for number in row])
+
+
+@jax.jit
+def start_skid_compiled(setup: SkidSetup, x_m: Float[Array, ""], y_m: Float[Array, ""]) -> SkidState:
+    """Standing at a position; the heading is unknown."""
+    return init_skid(setup, x_m, y_m)
+
+
+def as_skid_vector(numbers: SkidNumbers) -> Float[np.ndarray, " number"]:
+    """As the compiled step takes them."""
+    return np.array(numbers, np.float32)

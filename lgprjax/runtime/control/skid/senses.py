@@ -1,0 +1,137 @@
+"""What the control loop of a skid-steer vehicle knows by its lines: messages in, the numbers of a tick out."""
+
+import math
+from typing import NamedTuple
+
+from lgprjax.frames import LocalFrame
+from lgprjax.runtime.config import SensorsTable
+from lgprjax.runtime.control.gnss_senses import GnssSenses, Place
+from lgprjax.runtime.control.skid.ins_turn import InsTurn, InsTurns
+from lgprjax.runtime.gnss_samples import Quality
+from lgprjax.runtime.records import Record, Source
+from lgprjax.runtime.stamps import StampClock
+from lgprjax.runtime.wire import Frame, decode
+
+_LONGEST_NS = 500_000_000
+"""Odometers farther apart than this say no speed of a tick."""
+_PRESENT_PERIODS = 1.5
+
+
+class Box(NamedTuple):
+    """The last skid_status, when it was so on this computer's clock, and when it arrived."""
+
+    time_ns: int
+    arrival_ns: int
+    frame: Frame
+
+    def number(self, name: str) -> float:
+        """A field that is a number."""
+        return float(self.frame.number(name))
+
+    def bits(self, name: str) -> int:
+        """A field of bits."""
+        return int(self.frame.number(name))
+
+
+class SkidSensed(NamedTuple):
+    """What came since the last tick, and what is known at its end.
+
+    Attributes:
+        step_s: since the last tick.
+        left_mps, right_mps: mean speeds of the tracks since the last skid_status of the tick before; as last measured
+            where none came; no number where nothing is known.
+        place: new in this tick, else ``None``; turn: what the INS turned, likewise.
+        box: the last skid_status; ``None`` before the first.
+        box_age_s: since it arrived; infinite before the first.
+        gnss_age_s: since the newest position was measured; infinite before the first. ins_age_s: of the newest turn.
+        quality: of the newest position while it is younger than 1.5 periods.
+    """
+
+    step_s: float
+    left_mps: float
+    right_mps: float
+    place: Place | None
+    turn: InsTurn | None
+    box: Box | None
+    box_age_s: float
+    gnss_age_s: float
+    ins_age_s: float
+    quality: Quality
+
+
+class SkidSenses:
+    """The lines' messages, taken one by one.
+
+    Args:
+        frame: of the plan; without one the first position becomes its anchor.
+        sensors: of the configuration.
+    """
+
+    def __init__(self, frame: LocalFrame | None, sensors: SensorsTable) -> None:
+        self._gnss, self._turns, self._stamps = GnssSenses(frame, sensors), InsTurns(), StampClock()
+        self._period_s = sensors.gnss_period_s
+        self._box: Box | None = None
+        self._counted: tuple[int, float, float] | None = None
+        self._speeds = (math.nan, math.nan)
+        self._tick_ns, self._turned_ns = 0, 0
+
+    @property
+    def place(self) -> Place | None:
+        """The newest position of all."""
+        return self._gnss.place
+
+    @property
+    def frame(self) -> LocalFrame | None:
+        """That positions are in; ``None`` before the first where no plan gave one."""
+        return self._gnss.frame
+
+    def take(self, record: Record) -> None:
+        """A message: of the GNSS/INS or of the box."""
+        if record.source is Source.GNSS:
+            self._gnss.take(record)
+        elif record.source is Source.DRIVE_BY_WIRE:
+            frame = decode(record.payload)
+            time_ns = self._stamps.feed(frame.stamp_us, record.mono_ns) if frame.name == "skid_status" else None
+            if time_ns is not None:
+                if self._box is not None and self._box.frame.session != frame.session:
+                    # A box that started anew counts from zero.
+                    self._counted = None
+                self._box = Box(time_ns, record.mono_ns, frame)
+
+    def end_tick(self, now_ns: int) -> SkidSensed:
+        """Everything since the last tick; what was new is no longer."""
+        step_s = (now_ns - self._tick_ns) / 1e9 if self._tick_ns else 0.0
+        self._tick_ns = now_ns
+        gnss = self._gnss.end_tick()
+        turn = self._turns.take(gnss.attitude, gnss.rates)
+        if turn is not None:
+            self._turned_ns = now_ns
+        self._measure_speeds(now_ns)
+        newest = self.place
+        gnss_age_s = math.inf if newest is None else (now_ns - newest.time_ns) / 1e9
+        present = newest is not None and gnss_age_s < _PRESENT_PERIODS * self._period_s
+        return SkidSensed(
+            step_s,
+            *self._speeds,
+            gnss.place,
+            turn,
+            self._box,
+            math.inf if self._box is None else (now_ns - self._box.arrival_ns) / 1e9,
+            gnss_age_s,
+            (now_ns - self._turned_ns) / 1e9,
+            newest.quality if newest is not None and present else Quality.NONE,
+        )
+
+    def _measure_speeds(self, now_ns: int) -> None:
+        """Between the box's own stamps, which do not jitter as arrivals do."""
+        box, before = self._box, self._counted
+        if box is None:
+            return
+        self._counted = here = (box.time_ns, box.number("left_m"), box.number("right_m"))
+        if now_ns - box.arrival_ns > _LONGEST_NS:
+            self._speeds = (math.nan, math.nan)
+        elif before is None or here[0] - before[0] > _LONGEST_NS:
+            self._speeds = (box.number("left_mps"), box.number("right_mps"))
+        elif here[0] > before[0]:
+            step_s = (here[0] - before[0]) / 1e9
+            self._speeds = ((here[1] - before[1]) / step_s, (here[2] - before[2]) / step_s)

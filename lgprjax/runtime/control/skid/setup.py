@@ -1,0 +1,109 @@
+"""What the control loop of a skid-steer vehicle runs with, read from files before anything moves."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from lgprjax.archive import file_hash
+from lgprjax.archive.skid_vehicles import carrot_of, skid_setup_of
+from lgprjax.autopilot.fence import fence_of_route, pad_fence
+from lgprjax.autopilot.skid_setup import SkidSetup, skid_setup
+from lgprjax.coverage.cover_route import LEAST_ROWS, CoverRoute, lay_pattern
+from lgprjax.errors import InputError
+from lgprjax.formats import VehicleFile, read_vehicle
+from lgprjax.formats.cover_plan import read_cover_plan
+from lgprjax.frames import LocalFrame
+from lgprjax.runtime.config import RuntimeConfig
+from lgprjax.runtime.control.skid.watch_tool import ToolBelief
+
+_DEEPER = 2.0
+"""The limiter lets no depth pass that is more than so many times the asked one."""
+_ANYWHERE_M = 5000.0
+
+
+class SkidLoaded(NamedTuple):
+    """Everything read.
+
+    Attributes:
+        setup: of the compiled step.
+        belief: what is asked of the tool.
+        frame: of the plan; ``None`` without one.
+        name: of the field; ``None`` without a plan: nothing can be driven then.
+        perimeter_m: of the field, corners; none without a plan.
+        lines: of the plan.
+        route, fence: as the step takes them; without a plan they lead nowhere and hold nothing.
+        gnss_period_s: from one position to the next.
+        hashes: of every file read, by its name in the configuration.
+    """
+
+    setup: SkidSetup
+    belief: ToolBelief
+    frame: LocalFrame | None
+    name: str | None
+    perimeter_m: Float[np.ndarray, "corner 2"]
+    lines: int
+    route: CoverRoute
+    fence: Float[Array, "slot 2"]
+    gnss_period_s: float
+    hashes: dict[str, str]
+
+
+def load_skid(config: RuntimeConfig) -> SkidLoaded:
+    """Read vehicle and plan.
+
+    Raises:
+        InputError: the vehicle file or the plan cannot be used, or the plan is for another tool.
+    """
+    assert config.coverage is not None
+    path = config.path(config.vehicle)
+    vehicle = read_vehicle(path)
+    setup, belief = _setup(config, vehicle)
+    hashes = {config.vehicle: file_hash(path)}
+    period_s = config.sensors.gnss_period_s
+    if config.coverage.plan is None:
+        corners = _ANYWHERE_M * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+        none = np.zeros((0, 2))
+        return SkidLoaded(setup, belief, None, None, none, 0, _no_route(), pad_fence(corners), period_s, hashes)
+    file = config.path(config.coverage.plan)
+    plan = read_cover_plan(file)
+    hashes[config.coverage.plan] = file_hash(file)
+    if plan.tool != setup.tool:
+        raise InputError(file, "tool", f"that of {path.name}, {setup.tool}", f"{plan.tool}: plan again")
+    route = lay_pattern(plan.pattern)
+    perimeter_m = plan.pattern.field.perimeter_m
+    try:
+        fence = fence_of_route(perimeter_m, route, setup.tool, spare_m=config.coverage.spare_m)
+    except InputError as error:
+        raise InputError(file, error.place, error.expected, error.found) from None
+    lines = len(plan.pattern.lines)
+    return SkidLoaded(setup, belief, plan.frame, plan.name, perimeter_m, lines, route, fence, period_s, hashes)
+
+
+def _setup(config: RuntimeConfig, vehicle: VehicleFile) -> tuple[SkidSetup, ToolBelief]:
+    path = config.path(config.vehicle)
+    parts = skid_setup_of(vehicle, path)
+    depth_m = _needed(config, "tool.depth_m", vehicle.tool.depth_m)
+    tolerance_m = _needed(config, "tool.depth_tolerance_m", vehicle.tool.depth_tolerance_m)
+    setup = skid_setup(
+        parts.vehicle,
+        parts.tool,
+        parts.model,
+        depth_m=depth_m,
+        deepest_m=_DEEPER * depth_m,
+        threshold_mps=vehicle.skid_steer.threshold_mps or 0.0,
+        carrot=carrot_of(vehicle, path),
+    )
+    return setup, ToolBelief(depth_m, tolerance_m)
+
+
+def _no_route() -> CoverRoute:
+    rows, line = jnp.zeros((LEAST_ROWS, 5), jnp.float32), jnp.full(LEAST_ROWS, -1, jnp.int32)
+    return CoverRoute(rows, line, jnp.float32(1.0), jnp.float32(1.0), jnp.int32(2))
+
+
+def _needed(config: RuntimeConfig, place: str, value: float | None) -> float:
+    if value is None:
+        raise InputError(config.path(config.vehicle), place, "a number", "none")
+    return value

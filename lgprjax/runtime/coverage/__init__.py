@@ -1,0 +1,1 @@
+"""The coverage process: the map of what is worked, live."""

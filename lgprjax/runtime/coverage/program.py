@@ -1,0 +1,125 @@
+"""The coverage process: keeps the map of what is worked from the control loop's rows, and the list of marked corners.
+
+It is beside the control loop, not in it: what it computes decides nothing about driving, and may be late. When it comes
+up again after its death it takes up the map as it was a second before; the record itself is the recorder's.
+"""
+
+import csv
+import json
+import signal
+import time
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from lgprjax.coverage import CellState, cell_states, grid_of_field, inside_cells
+from lgprjax.coverage.field import Field
+from lgprjax.runtime.control.skid.setup import SkidLoaded, load_skid
+from lgprjax.runtime.coverage.worked_map import WorkedMap, worked_runs
+from lgprjax.runtime.process import Stage, Started
+from lgprjax.runtime.records import COVER, Kind, Record, Source, pack, unpack
+
+CORNERS_FILE = "corners.csv"
+"""In the run's folder: the corners that were marked, in their order."""
+_COLUMNS = ("latitude_deg", "longitude_deg", "sigma_m", "height_m")
+_IDLE_S = 0.02
+_TELL_S = 1.0
+_MOST_BLOCKS = 300
+_SHARE = 4 << 10  # bytes of rows
+
+
+class CoverageProcess:
+    """The process's state and its loop.
+
+    Args:
+        started: of the process.
+
+    Raises:
+        InputError: vehicle file or plan cannot be used.
+    """
+
+    def __init__(self, started: Started) -> None:
+        assert started.config.coverage is not None
+        self._started, self._table = started, started.config.coverage
+        self._cover, self._worked = started.ring("cover"), started.ring("worked")
+        self._kept = started.rings / "worked.npy"
+        self._told_s, self._told_moments = 0.0, -1
+        self._ended = False
+        signal.signal(signal.SIGTERM, self._end)
+        started.beat(Stage.WARMING)
+        loaded = load_skid(started.config)
+        self._map = None if loaded.name is None else self._open(loaded)
+
+    def run(self) -> None:
+        """Until SIGTERM."""
+        while not self._ended:
+            self._started.beat(Stage.READY)
+            # A few at a time: one that has fallen behind must not look as if it hung.
+            messages = self._cover.take(_SHARE)
+            for message in messages:
+                with suppress(ValueError):
+                    self._take(unpack(message))
+            self._tell()
+            if not messages:
+                time.sleep(_IDLE_S)
+
+    def _open(self, loaded: SkidLoaded) -> WorkedMap:
+        field, tool = Field(loaded.perimeter_m), loaded.setup.tool
+        self._grid = grid_of_field(field, self._table.cell_m, tool.width_m)
+        self._inside = inside_cells(field, self._grid)
+        opened = WorkedMap(self._grid, tool)
+        opened.warm_up()
+        with suppress(OSError, ValueError):
+            opened.take_up(np.load(self._kept))
+        return opened
+
+    def _take(self, record: Record) -> None:
+        if record.kind is Kind.COVER and self._map is not None:
+            self._map.take(np.frombuffer(record.payload, COVER)[0], record.mono_ns)
+        elif record.kind is Kind.CORNER:
+            self._keep_corner(json.loads(record.payload))
+
+    def _keep_corner(self, corner: dict[str, Any]) -> None:
+        path = self._started.folder / CORNERS_FILE
+        fresh = not path.exists()
+        with path.open("a", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, _COLUMNS, extrasaction="ignore", lineterminator="\n")
+            if fresh:
+                writer.writeheader()
+            writer.writerow(corner)
+
+    def _tell(self) -> None:
+        """To the display, once a second where something is new."""
+        now_s = time.monotonic()
+        held = self._map
+        if held is None or now_s - self._told_s < _TELL_S or held.moments == self._told_moments:
+            return
+        self._told_s, self._told_moments = now_s, held.moments
+        probability = held.probability()
+        fresh = self._kept.with_name(f"{self._kept.name}.new")
+        with suppress(OSError):
+            with fresh.open("wb") as file:
+                np.save(file, probability)
+            fresh.replace(self._kept)
+        worked = cell_states(probability, self._table.level) == CellState.PROCESSED
+        side, runs = worked_runs(worked, self._inside, _MOST_BLOCKS)
+        grid = self._grid
+        told = {
+            "east_m": grid.east_m,
+            "north_m": grid.north_m,
+            "block_m": side * grid.cell_m,
+            "runs": runs,
+            "level": self._table.level,
+            "worked_m2": round(float(np.count_nonzero(worked & self._inside)) * grid.cell_m2, 2),
+            "field_m2": round(float(np.count_nonzero(self._inside)) * grid.cell_m2, 2),
+        }
+        self._worked.put(pack(Record(Kind.WORKED, Source.COVERAGE, 0, time.monotonic_ns(), json.dumps(told).encode())))
+
+    def _end(self, *_: object) -> None:
+        self._ended = True
+
+
+def run(started: Started) -> None:
+    """The process."""
+    CoverageProcess(started).run()

@@ -1,0 +1,49 @@
+"""The runtime of a skid-steer vehicle as its user starts it: plan, devices in real time, figures, replay."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cli.test_run import ROOT, lgprjax
+from lgprjax.formats import read_cover_plan, read_run
+from lgprjax.runtime.records import Kind, unpack
+
+
+@pytest.fixture(scope="module")
+def field(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A configuration of the field; a machine with other work keeps up."""
+    folder = tmp_path_factory.mktemp("field")
+    text = (ROOT / "onboard" / "field.run.toml").read_text(encoding="utf-8").replace("../out/onboard/", "")
+    text = text.replace("made_up_flail.vehicle.toml", str(ROOT / "onboard/made_up_flail.vehicle.toml"))
+    text = text.replace('"field.geojson"', f'"{ROOT / "onboard/field.geojson"}"')
+    text += "\n[supervision]\ncontrol_s = 5.0\nothers_s = 20.0\nstart_s = 300.0\n\n[display]\nport = 0\n"
+    (folder / "field.run.toml").write_text(text, encoding="utf-8")
+    return folder / "field.run.toml"
+
+
+def test_a_field_is_driven_recorded_and_replayed_to_the_same_frames(field: Path) -> None:
+    figures = field.parent / "figures.json"
+    done = lgprjax("run", str(field), "--simulate", "--for-s", "12", "--json", str(figures), limit_s=600.0)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    assert len(read_cover_plan(field.parent / "field.cover.geojson").pattern.lines) == 21
+    found = json.loads(figures.read_text(encoding="utf-8"))
+    assert found["ticks"] > 300
+    folder = next((field.parent / "runs").iterdir())
+    kinds = {unpack(data).kind for _, data in read_run(folder)}
+    assert {Kind.COVER, Kind.SKID_PLAN, Kind.PORT_IN, Kind.PORT_OUT} <= kinds
+    out = folder / "replayed.json"
+    again = lgprjax("run", str(folder / "simulated.run.toml"), "--replay", str(folder), "--json", str(out))
+    assert again.returncode == 0, again.stdout + again.stderr
+    told = json.loads(out.read_text(encoding="utf-8"))
+    assert told["differing"] == 0
+    assert told["frames"] >= told["ticks"] > 300
+
+
+def test_a_configuration_that_is_of_both_kinds_is_one_line(field: Path) -> None:
+    both = field.with_name("both.run.toml")
+    both.write_text('map = "m.map.h5"\n' + field.read_text(encoding="utf-8"), encoding="utf-8")
+    done = lgprjax("run", str(both))
+    assert done.returncode == 1
+    assert "expected either [coverage], or map and routes" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1

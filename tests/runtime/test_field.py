@@ -1,0 +1,314 @@
+"""A skid-steer vehicle in the closed loop of the runtime: its plan, its faults with their times, its corners.
+
+Numbers are those of the fault list in docs/onboard.md. Faults begin on a line, with the tool on, and in a turn.
+"""
+
+import json
+import math
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from field_loop import BEGIN_NS, FieldLoop
+from field_site import Moments, before_the_start, drive_to_moments, make_field
+from lgprjax.autopilot import Mode
+from lgprjax.autopilot.fence import pad_fence
+from lgprjax.runtime.config import read_config
+from lgprjax.runtime.control.core import ControlCore
+from lgprjax.runtime.control.skid.findings import Found
+from lgprjax.runtime.control.skid.setup import load_skid
+from lgprjax.runtime.records import Kind, StopBits, ToolBits
+
+BOTH = pytest.mark.parametrize("where", ["line", "turn"])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Field, plan and configurations."""
+    made = tmp_path_factory.mktemp("field")
+    make_field(made)
+    return made
+
+
+@pytest.fixture(scope="module")
+def moments(folder: Path) -> Moments:
+    """A drive on a line and in a turn."""
+    file = folder / "small.run.toml"
+    return drive_to_moments(file, load_skid(read_config(file)))
+
+
+def found_after(loop: FieldLoop, first: int, bit: Found) -> float:
+    return loop.when(first, lambda row: bool(int(row["found"]) & bit))
+
+
+def stops(loop: FieldLoop, first: int) -> bool:
+    """A controlled stop: engaged until it stands, the tool off at once, then the operator's."""
+    over_s = loop.when(first, lambda row: Mode(int(row["mode"])) is Mode.MANUAL)
+    at_ns = loop.times_ns[first - 1] + over_s * 1e9
+    truth = loop.stage.truth.arrays()
+    speed = np.interp(at_ns, truth["mono_ns"], truth["speed_mps"]) if over_s < math.inf else math.inf
+    return bool(abs(speed) < 0.12) and not loop.stage.drive_box.command.tool
+
+
+def counted(loop: FieldLoop, since_s: float) -> bool:
+    """Whether any cell was counted after a time."""
+    return any(
+        int(row["tool"]) & ToolBits.COUNTS for time_ns, row in loop.covers if (time_ns - BEGIN_NS) / 1e9 > since_s
+    )
+
+
+def test_it_drives_its_line_with_the_tool_on_and_turns_with_it_off(moments: Moments) -> None:
+    line, turn = moments.line, moments.turn
+    assert int(line.rows[-1]["tool"]) == 1
+    assert int(line.covers[-1][1]["tool"]) == 15
+    assert int(line.covers[-1][1]["stop"]) == 0
+    assert int(turn.rows[-1]["tool"]) == 0
+    assert not int(turn.covers[-1][1]["tool"]) & ToolBits.COUNTS
+    true = line.stage.moved
+    assert np.hypot(*(line.rows[-1]["pose"][:2] - (true.x_m, true.y_m))) < 0.06
+    assert abs(float(line.rows[-1]["cross_m"])) < 0.05
+    assert len(line.covers) == pytest.approx(line.time_s * 10.0, abs=12)
+
+
+def test_it_goes_on_without_gnss_for_half_a_minute(moments: Moments) -> None:
+    loop = moments.at("line")
+    first = len(loop.rows)
+    loop.inject({"kind": "gnss_off", "for_s": 30.0})
+    loop.run(20.0)
+    assert {int(row["mode"]) for row in loop.rows[first:]} == {int(Mode.SPEED)}
+    assert loop.state["field"]["gnss_age_s"] > 18.0
+    true = loop.stage.moved
+    off = np.hypot(*(loop.rows[-1]["pose"][:2] - (true.x_m, true.y_m)))
+    assert off < 4.0 * float(loop.rows[-1]["sigma"][:2].max())
+    loop.within_limits(first)
+
+
+@BOTH
+def test_35_a_remote_control_that_is_silent_stops_it_within_a_second(moments: Moments, where: str) -> None:
+    loop = moments.at(where)
+    first, begun_s = len(loop.rows), loop.time_s
+    loop.inject({"kind": "line_silent", "line": "controller"})
+    loop.run(4.0)
+    assert found_after(loop, first, Found.REMOTE_SILENT) <= 1.0
+    assert stops(loop, first), loop.events[-5:]
+    assert not counted(loop, begun_s + 1.2)
+    assert int(loop.covers[-1][1]["stop"]) & StopBits.OPERATOR
+    loop.within_limits(first)
+
+
+@BOTH
+def test_36_it_stops_before_an_edge_that_it_would_cross(moments: Moments, where: str) -> None:
+    loop = moments.at(where)
+    first = len(loop.rows)
+    true = loop.stage.moved
+    # Across the way of the tool, so far ahead that it can be kept.
+    ahead_m = 1.35 + 1.6
+    x = true.x_m + ahead_m * math.cos(true.yaw_rad)
+    corners = np.array([[-40.0, -40.0], [x, -40.0], [x, 40.0], [-40.0, 40.0]])
+    if where == "turn":
+        y = true.y_m - ahead_m
+        corners = np.array([[-40.0, y], [x + 0.4, y], [x + 0.4, 40.0], [-40.0, 40.0]])
+    pilot = loop.kind.pilot
+    pilot._loaded = moments.loaded._replace(fence=pad_fence(corners))
+    loop.run(12.0)
+    assert found_after(loop, first, Found.EDGE) < 12.0
+    assert stops(loop, first), loop.events[-5:]
+    truth = loop.stage.truth.arrays()
+    tool = moments.loaded.setup.tool
+    front, half = tool.ahead_m + 0.5 * tool.length_m, 0.5 * tool.width_m
+    cos, sin = np.cos(truth["yaw_rad"]), np.sin(truth["yaw_rad"])
+    for side in (-half, half):
+        assert float(np.max(truth["x_m"] + cos * front - sin * side)) < float(corners[:, 0].max())
+    assert loop.core.modes.state.mode is Mode.MANUAL
+    loop.within_limits(first)
+
+
+@pytest.mark.parametrize(
+    ("fault", "bit"),
+    [({"kind": "tool_stops"}, Found.TOOL_OFF), ({"kind": "tool_depth", "m": 0.1}, Found.TOOL_DEPTH)],
+)
+def test_37_a_tool_that_does_not_work_stops_it_and_counts_nothing(
+    moments: Moments, fault: dict[str, object], bit: Found
+) -> None:
+    loop = moments.at("line")
+    first, begun_s = len(loop.rows), loop.time_s
+    loop.inject(fault)
+    loop.run(3.0)
+    assert found_after(loop, first, bit) <= 0.2
+    assert stops(loop, first), loop.events[-5:]
+    assert not counted(loop, begun_s + 0.21)
+    assert any(int(row["stop"]) & StopBits.TOOL for _, row in loop.covers[-40:])
+    loop.within_limits(first)
+
+
+def test_a_position_that_is_too_uncertain_stops_it(moments: Moments) -> None:
+    loop = moments.at("line")
+    first = len(loop.rows)
+    setup = moments.loaded.setup
+    health = setup.health._replace(stop_sigma_m=jnp.float32(0.03))
+    pilot = loop.kind.pilot
+    pilot._loaded = moments.loaded._replace(setup=setup._replace(health=health))
+    loop.inject({"kind": "gnss_off"})
+    loop.run(12.0)
+    assert found_after(loop, first, Found.UNCERTAIN) < 12.0
+    assert stops(loop, first), loop.events[-5:]
+    loop.within_limits(first)
+
+
+@pytest.mark.parametrize(("fault", "bit"), [("left_dead", Found.LEFT_DEAD), ("right_dead", Found.RIGHT_DEAD)])
+def test_14_a_track_whose_sensor_is_dead_stops_it(moments: Moments, fault: str, bit: Found) -> None:
+    loop = moments.at("line")
+    first = len(loop.rows)
+    loop.inject({"kind": fault})
+    loop.run(4.0)
+    assert found_after(loop, first, bit) <= 0.7
+    assert loop.mode is Mode.MANUAL, loop.events[-5:]
+    loop.within_limits(first)
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("fault", "within_s"),
+    [
+        ({"kind": "line_silent", "line": "drive_by_wire"}, 0.3),
+        ({"kind": "line_corrupt", "line": "drive_by_wire"}, 0.3),
+        ({"kind": "bus_off"}, 0.3),
+        ({"kind": "supply_sag", "v": 5.0, "for_s": 2.0}, 0.4),
+    ],
+)
+def test_23_24_without_its_box_it_is_an_error(
+    moments: Moments, where: str, fault: dict[str, object], within_s: float
+) -> None:
+    loop = moments.at(where)
+    first = len(loop.rows)
+    loop.inject(fault)
+    loop.run(1.0)
+    assert loop.when(first, lambda row: Mode(int(row["mode"])) is Mode.ERROR) <= within_s, loop.events[-5:]
+    assert not int(loop.rows[-1]["engage"]) & 1
+    assert not int(loop.rows[-1]["tool"])
+
+
+def test_27_an_estimate_that_is_no_number_stops_it(moments: Moments) -> None:
+    loop = moments.at("line")
+    first = len(loop.rows)
+    pilot = loop.kind.pilot
+    state = pilot._state
+    assert state is not None
+    filtered = state.filter
+    estimate = filtered.estimate._replace(mean=jnp.full_like(filtered.estimate.mean, jnp.nan))
+    pilot._state = jax.tree.map(lambda leaf: leaf, state._replace(filter=filtered._replace(estimate=estimate)))
+    loop.run(3.0)
+    assert stops(loop, first), loop.events[-5:]
+    assert not int(loop.rows[-1]["engage"])
+    # Begun anew at the next fix, its heading unknown.
+    assert int(loop.rows[-1]["known"]) == 1
+    assert not counted(loop, (loop.times_ns[first] - BEGIN_NS) / 1e9)
+    loop.within_limits(first)
+
+
+def test_32_33_the_operator_takes_it_at_once(moments: Moments) -> None:
+    loop = moments.at("line")
+    first = len(loop.rows)
+    loop.act({"do": "press", "button": "override"})
+    loop.run(0.5)
+    assert loop.when(first, lambda row: Mode(int(row["mode"])) is Mode.MANUAL) <= 0.1
+    loop = moments.at("turn")
+    first = len(loop.rows)
+    loop.act({"do": "press", "button": "estop"})
+    loop.run(1.0)
+    assert loop.when(first, lambda row: int(row["engage"]) == 4) <= 0.1
+    assert abs(loop.stage.moved.speed_mps) < 0.05
+
+
+def test_a_brake_tap_makes_it_stand_held_and_plus_goes_on(moments: Moments) -> None:
+    loop = moments.at("line")
+    loop.act({"do": "brake_tap"})
+    loop.run(2.5)
+    assert loop.mode is Mode.STEERING
+    assert abs(loop.stage.moved.speed_mps) < 0.03
+    assert int(loop.rows[-1]["engage"]) == 1
+    assert not int(loop.rows[-1]["tool"])
+    before_m = loop.stage.moved.x_m
+    loop.act({"do": "press", "button": "plus"})
+    loop.run(4.0)
+    assert loop.stage.moved.x_m > before_m + 0.5
+    assert int(loop.rows[-1]["mode"]) == Mode.SPEED
+
+
+def test_26_three_late_ticks_are_an_error(moments: Moments) -> None:
+    loop = moments.at("line")
+    loop.held_up = [(loop.time_s + begin, loop.time_s + begin + 0.055) for begin in (0.3, 0.5, 0.7)]
+    loop.run(1.2)
+    assert loop.mode is Mode.ERROR
+
+
+def test_without_the_map_of_cells_it_drives_slowly_and_stops_where_it_is_mandatory(moments: Moments) -> None:
+    loop = moments.at("line")
+    loop.tell({"died": "coverage", "why": "signal 9"})
+    loop.run(2.5)
+    assert loop.mode is Mode.SPEED
+    assert float(loop.rows[-1]["speed_mps"]) < 0.25
+    assert "the map of what is worked is not being kept" in loop.state["warnings"]
+    loop = moments.at("line")
+    first = len(loop.rows)
+    loop.core.processes.mandatory = True
+    loop.tell({"died": "coverage", "why": "signal 9"})
+    loop.run(3.0)
+    assert stops(loop, first), loop.events[-5:]
+
+
+def test_engaging_is_refused_until_the_heading_is_known(moments: Moments) -> None:
+    pose, way = before_the_start(moments.loaded)
+    script = [{"at_s": 0.3, "do": "press", "button": "steering"}, {**way, "at_s": 1.2}]
+    loop = FieldLoop(moments.config, moments.loaded, pose, script, [])
+    loop.run(2.4)
+    assert loop.mode is Mode.READY
+    assert loop.state["refusal_text"] == "heading not known: drive straight by remote control"
+    assert not any(int(row["engage"]) for row in loop.rows)
+    assert loop.run(12.0, until=lambda each: bool(int(each.rows[-1]["known"]) & 2))
+    assert loop.run(0.3) is False
+    assert loop.state["refusal"] == "NONE"
+
+
+def test_corners_are_marked_by_remote_control_without_a_plan(folder: Path) -> None:
+    config = read_config(folder / "corners.run.toml")
+    loaded = load_skid(config)
+    script = [
+        {"at_s": 0.2, "do": "press", "button": "corner"},
+        {"at_s": 0.6, "do": "drive_to", "x_m": 6.0, "y_m": 0.0, "speed_mps": 0.7},
+        {"at_arrival": 1, "do": "press", "button": "corner"},
+        {"at_arrival": 1, "do": "press", "button": "steering", "for_s": 0.4},
+    ]
+    loop = FieldLoop(config, loaded, (0.0, 0.0, 0.0), script, [])
+    loop.run(16.0)
+    assert any("heading not known" in event for _, event in loop.events)
+    (corner,) = loop.corners
+    x, y, _ = loop.stage._frame.to_local(
+        np.array([corner["latitude_deg"]]), np.array([corner["longitude_deg"]]), np.array([corner["height_m"]])
+    )
+    assert math.hypot(float(x[0]) - loop.stage.moved.x_m, float(y[0]) - loop.stage.moved.y_m) < 0.08
+    assert 0.005 < corner["sigma_m"] < 0.1
+    assert loop.mode is Mode.READY
+    assert loop.state["refusal_text"] == "no plan: mark three corners, then lgprjax cover plan"
+
+
+def test_the_same_records_give_the_same_frames_to_the_bit(moments: Moments) -> None:
+    loop = moments.line
+    core = ControlCore(moments.config, moments.loaded, session=77, after_death=False)
+    for number, (now_ns, came, sent) in enumerate(loop.ticks, 1):
+        out = [record.payload for record in core.step(number, now_ns, came) if record.kind is Kind.PORT_OUT]
+        assert out == sent, number
+    assert len(loop.ticks) > 500
+    assert json.loads(json.dumps(loop.state))["field"]["line"] == 1
+
+
+@pytest.mark.campaign
+def test_a_whole_field_is_driven_without_intervention(moments: Moments) -> None:
+    loop = moments.at("line")
+    loop.inject({"kind": "gnss_off", "at_s": 30.0, "for_s": 30.0, "every_s": 90.0})
+    assert loop.run(600.0, until=lambda each: each.mode is not Mode.SPEED)
+    assert any("the plan is done" in event for _, event in loop.events), loop.events[-5:]
+    assert {int(row["line"]) for row in loop.rows} >= set(range(moments.loaded.lines))

@@ -1,0 +1,116 @@
+"""Watches of a skid-steer vehicle: the tool and the tracks against what they were told, the INS's turns, the stops."""
+
+import math
+
+import pytest
+
+from lgprjax.autopilot.watch_findings import Severity, Watch
+from lgprjax.runtime.control.gnss_senses import Attitude, TurnRate
+from lgprjax.runtime.control.skid.findings import SEVERITY, TEXT, Found, describe_found, stops_of
+from lgprjax.runtime.control.skid.ins_turn import InsTurns
+from lgprjax.runtime.control.skid.watch_tool import ToolBelief, ToolReading, ToolWatchState, step_tool_watch
+from lgprjax.runtime.control.skid.watch_tracks import TrackWatchState, step_track_watch
+from lgprjax.runtime.records import StopBits
+
+BELIEF = ToolBelief(0.15, 0.03)
+RIGHT, OFF, SHALLOW = ToolReading(True, 0.16), ToolReading(False, 0.15), ToolReading(True, 0.11)
+STEP_S = 0.02
+
+
+def seconds_until(
+    readings: list[ToolReading | None], *, told_on: bool = True, speed_mps: float = 0.4
+) -> tuple[float, Found]:
+    """Time to the first finding, and which; infinite where there is none."""
+    state = ToolWatchState()
+    for number, reading in enumerate(readings, 1):
+        state, found = step_tool_watch(BELIEF, state, reading, told_on=told_on, speed_mps=speed_mps, step_s=STEP_S)
+        if found:
+            return number * STEP_S, found
+    return math.inf, Found(0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "found"),
+    [
+        (OFF, Found.TOOL_OFF),
+        (SHALLOW, Found.TOOL_DEPTH),
+        (ToolReading(True, 0.19), Found.TOOL_DEPTH),
+        (ToolReading(True, math.nan), Found.TOOL_DEPTH),
+        (None, Found.TOOL_OFF | Found.TOOL_DEPTH),
+    ],
+)
+def test_a_tool_that_worked_and_does_not_is_found_within_a_fifth_of_a_second(
+    wrong: ToolReading | None, found: Found
+) -> None:
+    right: list[ToolReading | None] = [RIGHT] * 5
+    seconds, seen = seconds_until([*right, *[wrong] * 50])
+    assert seconds - 5 * STEP_S <= 0.12
+    assert seen == found
+
+
+def test_a_tool_has_time_to_rise_to_its_speed_but_not_more() -> None:
+    rising: list[ToolReading | None] = [OFF] * 70
+    assert seconds_until(rising)[0] == math.inf
+    assert 1.5 <= seconds_until([*rising, *[OFF] * 30])[0] <= 1.7
+
+
+def test_a_tool_that_is_told_off_or_stands_is_no_fault() -> None:
+    assert seconds_until([OFF] * 200, told_on=False)[0] == math.inf
+    assert seconds_until([OFF] * 200, speed_mps=0.01)[0] == math.inf
+    assert seconds_until([OFF] * 200, speed_mps=math.nan)[0] < 2.0
+
+
+@pytest.mark.parametrize(
+    ("told", "measured", "drives", "found"),
+    [
+        ((0.4, 0.4), (0.0, 0.4), True, Found.LEFT_DEAD),
+        ((0.4, -0.4), (0.4, 0.4), True, Found.RIGHT_DEAD),
+        ((0.4, 0.4), (math.nan, 0.4), True, Found.LEFT_DEAD),
+        ((0.4, 0.4), (0.3, 0.35), True, Found(0)),
+        ((0.05, 0.05), (0.0, 0.0), True, Found(0)),
+        ((0.4, 0.4), (0.0, 0.0), False, Found(0)),
+    ],
+)
+def test_a_track_that_does_not_follow_is_found(
+    told: tuple[float, float], measured: tuple[float, float], drives: bool, found: Found
+) -> None:
+    state, seen, seconds = TrackWatchState(), Found(0), 0.0
+    while not seen and seconds < 2.0:
+        state, seen = step_track_watch(state, told_mps=told, measured_mps=measured, drives=drives, step_s=STEP_S)
+        seconds += STEP_S
+    assert seen == found
+    assert not found or seconds == pytest.approx(0.5)
+
+
+def test_turns_by_attitudes_are_told_ten_times_a_second_and_across_half_a_turn() -> None:
+    turns, told = InsTurns(), []
+    for number in range(51):
+        yaw = math.remainder(3.1 + 0.002 * number, math.tau)
+        turn = turns.take(Attitude(1_000_000_000 + number * 20_000_000, yaw, 0.0), [TurnRate(0, 5.0)])
+        if turn is not None:
+            told.append(turn)
+    assert len(told) == 10
+    assert sum(turn.turn_rad for turn in told) == pytest.approx(0.1)
+    assert sum(turn.span_s for turn in told) == pytest.approx(1.0)
+
+
+def test_turns_by_rates_are_summed_and_not_across_a_gap() -> None:
+    turns, told = InsTurns(), []
+    for number in range(60):
+        arrival_ns = number * 20_000_000 + (0 if number < 30 else 3_000_000_000)
+        turn = turns.take(None, [TurnRate(arrival_ns, 0.1)])
+        if turn is not None:
+            told.append(turn)
+    assert all(turn.turn_rad == pytest.approx(0.1 * turn.span_s) for turn in told)
+    assert sum(turn.span_s for turn in told) < 1.2
+    assert len(told) == 10
+
+
+def test_every_finding_has_words_a_severity_and_its_stop() -> None:
+    assert set(SEVERITY) == set(TEXT) == set(Found)
+    for bit in Found:
+        assert describe_found(bit) == [TEXT[bit]]
+        if SEVERITY[bit] is Severity.STOP:
+            assert stops_of(bit, Watch(0))
+    assert stops_of(Found(0), Watch.LINE_SILENT) == StopBits.BOX
+    assert stops_of(Found.EDGE | Found.TOOL_OFF, Watch(0)) == StopBits.EDGE | StopBits.TOOL
