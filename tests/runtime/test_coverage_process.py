@@ -96,16 +96,14 @@ def test_what_counts_is_worked_and_nothing_else(folder: Path, tmp_path: Path) ->
 
 def test_nothing_is_claimed_across_rows_that_were_lost(folder: Path, tmp_path: Path) -> None:
     areas = []
-    for name, lost in (("whole", range(0)), ("two", range(80, 82)), ("twenty", range(70, 90))):
+    for name, lost in (("whole", range(0)), ("holed", range(70, 90))):
         with process(folder, tmp_path / name) as (cover, worked):
             for number in range(160):
                 if number not in lost:
                     cover.put(cover_record(number, counts=True))
             areas.append(told(worked)["worked_m2"])
-    whole, two, twenty = areas
-    # Uncertain ends of two passes come on top of the way itself, 0.15 m and 1.05 m from row to row.
-    assert 0.1 * 1.1 < whole - two < 0.5 * 1.2
-    assert 1.0 * 1.1 < whole - twenty < 1.4 * 1.2
+    # 1.05 m from row to row, of which the tool stood over 0.3 m; ends that are not claimed come on top.
+    assert 0.75 * 1.1 < areas[0] - areas[1] < 1.1 * 1.2
 
 
 def test_corners_make_a_file_that_a_plan_can_be_made_from(folder: Path, tmp_path: Path) -> None:

@@ -129,7 +129,7 @@ def test_the_whole_field_of_the_source(guidance: str) -> None:
     """30 x 20 m in Zamboni order, eight seeds, GNSS off 30 s of every 90 s."""
     whole = PatternSettings(1.2, 0.15, "zamboni", 1.5, 8.0, 1.2)
     course = rectangle_course(30.0, 20.0, whole, made_up_tool())
-    spec = FieldSpec(moments=28_000, guidance="carrot" if guidance == "carrot" else "pursuit")
+    spec = FieldSpec(moments=26_000, guidance="carrot" if guidance == "carrot" else "pursuit")
     keys = jax.random.split(jax.random.key(11), 8)
     kept: FieldMoment = jax.tree.map(
         np.asarray, run_fields(spec, made_up_field_world(off_s=30.0), course.route, course.fence, keys)
@@ -153,7 +153,7 @@ def test_the_whole_field_of_the_source(guidance: str) -> None:
     assert kept.done[-1].all()
     assert not kept.stopping.any()
     assert figures["position_heard"] < INCH_M
-    assert figures["heading_deg"] < 1.0
+    assert figures["heading_largest_deg"] < 1.0
     assert all(0.7 <= figures[name] <= 1.5 for name in ("nees", "nees_heard", "nees_off"))
     if guidance == "carrot":
         assert figures["cross_heard"] < INCH_M

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from lgprjax.autopilot.skid_limiter import SkidCommand
 from lgprjax.autopilot.skid_step import SkidInfo, SkidOrders, SkidState, init_skid, step_skid
-from lgprjax.coverage.cover_route import CoverRoute, route_point
+from lgprjax.coverage.cover_route import CoverRoute, RoutePoint, route_point
 from lgprjax.coverage.route_foot import route_foot
 from lgprjax.navigation.observations import GNSS, GnssObservation
 from lgprjax.navigation.reaction import Reaction
@@ -25,11 +25,13 @@ from lgprjax.scene.skid_plant import SkidPlantState, init_skid_plant, step_skid_
 from lgprjax.scene.skid_sensors import SkidReadings, SkidSensorState, init_skid_sensors, read_skid_sensors
 from lgprjax.simulation.field.field_world import MOMENT_TICKS, TICK_S, FieldSpec, FieldWorld
 from lgprjax.vehicle.arc import VehiclePose
-from lgprjax.vehicle.skid_steer import WheelSpeeds
+from lgprjax.vehicle.skid_steer import WheelSpeeds, wheel_speeds
 
 _BELIEVED_OFF_M = 0.3
 _ENGAGE_M = 3.0
 """So far before the route's start the driver engages at the earliest: farther out lies beyond the fence."""
+_DRIVER = 0.3, 0.8, 0.1
+"""Of the driver, who sees where he drives: yaw rate a metre aside and a radian turned, and its largest, rad/s."""
 
 
 class FieldState(NamedTuple):
@@ -164,10 +166,11 @@ def _tick(
     key: PRNGKeyArray,
 ) -> tuple[FieldState, SkidInfo]:
     plant_key, sensor_key = jax.random.split(key)
-    command, straight = state.command, world.set_speed_mps
-    # The driver eases off the lever as the computer's limiter would.
+    command, begin = state.command, route_point(route, jnp.float32(0.0))
+    by_hand = _by_hand(world, begin, state.plant.pose)
     told = WheelSpeeds(
-        jnp.where(state.engaged, command.left_mps, straight), jnp.where(state.engaged, command.right_mps, straight)
+        jnp.where(state.engaged, command.left_mps, by_hand.left_mps),
+        jnp.where(state.engaged, command.right_mps, by_hand.right_mps),
     )
     plant = step_skid_plant(world.plant._replace(track_m=state.track_m), state.plant, told, plant_key, TICK_S)
     tick = state.tick + 1
@@ -185,13 +188,25 @@ def _tick(
     skid, command, info = step_skid(
         world.setup, route, fence, state.skid, *_observed(readings), orders, guidance=spec.guidance
     )
-    begin = route_point(route, jnp.float32(0.0))
-    apart = (begin.x_m - plant.pose.x_m) * jnp.cos(begin.yaw_rad) + (begin.y_m - plant.pose.y_m) * jnp.sin(
-        begin.yaw_rad
-    )
-    sound = info.filter.heading_known & (info.reaction != Reaction.STOP) & (apart <= _ENGAGE_M)
+    apart_m = _seen_from(begin, plant.pose)[0]
+    sound = info.filter.heading_known & (info.reaction != Reaction.STOP) & (apart_m >= -_ENGAGE_M)
     stopping = state.stopping | (state.engaged & (info.reaction == Reaction.STOP)) | info.edge_predicted
     return FieldState(state.track_m, plant, sensors, skid, command, state.engaged | sound, stopping, tick), info
+
+
+def _by_hand(world: FieldWorld, begin: RoutePoint, pose: VehiclePose) -> WheelSpeeds:
+    """The driver's levers on the way to the route's start."""
+    aside, turned, largest = _DRIVER
+    _, left_m = _seen_from(begin, pose)
+    yaw_rate = -aside * left_m - turned * jnp.sin(pose.yaw_rad - begin.yaw_rad)
+    return wheel_speeds(world.plant.track_m, world.set_speed_mps, jnp.clip(yaw_rate, -largest, largest))
+
+
+def _seen_from(begin: RoutePoint, pose: VehiclePose) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Metres beyond the route's start along its direction, and to the left of it."""
+    east_m, north_m = pose.x_m - begin.x_m, pose.y_m - begin.y_m
+    cos, sin = jnp.cos(begin.yaw_rad), jnp.sin(begin.yaw_rad)
+    return east_m * cos + north_m * sin, north_m * cos - east_m * sin
 
 
 def _observed(readings: SkidReadings) -> tuple[SkidMotion, SkidObservations]:
