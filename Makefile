@@ -8,7 +8,7 @@ SOURCES := pyproject.toml constraints.txt README.md LICENSE $(shell find lgprjax
 # gprMax (GPL) is an outside program in an environment of its own. Its wheels are for Python 3.11 to 3.13.
 GPRMAX := .venv-gprmax
 
-.PHONY: demo test lint types campaign gprmax mutants clean
+.PHONY: demo test lint types docs campaign gprmax mutants clean
 
 demo: $(VENV)/.wheel
 	$(BIN)/lgprjax demo --output out/demo
@@ -40,6 +40,11 @@ lint: $(VENV)/.lint
 types: $(VENV)/.lint $(VENV)/.test
 	$(BIN)/mypy
 
+# Any warning ends it. The site needs nothing from outside, neither now nor when it is read.
+docs: $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "site: build/site/index.html"
+
 $(VENV)/.venv:
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"Python 3.11 or newer is needed, this is {v[0]}.{v[1]}: make PYTHON=python3.12 ...")'
 	$(PYTHON) -m venv $(VENV)
@@ -60,6 +65,10 @@ $(VENV)/.test: $(VENV)/.wheel
 
 $(VENV)/.lint: $(VENV)/.wheel
 	$(PIP) install --constraint constraints.txt "lgprjax[lint] @ file://$(CURDIR)/$$(ls build/wheel/lgprjax-*.whl)"
+	@touch $@
+
+$(VENV)/.docs: $(VENV)/.wheel
+	$(PIP) install --constraint constraints.txt "lgprjax[docs] @ file://$(CURDIR)/$$(ls build/wheel/lgprjax-*.whl)"
 	@touch $@
 
 $(GPRMAX)/.gprmax:

@@ -7,6 +7,7 @@ import jax
 import pytest
 
 from generated import Site, make_site
+from trench_site import TrenchSite, make_trench_site
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -36,3 +37,9 @@ def real_data() -> Path:
 def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
     """A generated road of 40 m with two baselines, a live drive and an impostor."""
     return make_site(tmp_path_factory.mktemp("site"), seed=1, length_m=40.0)
+
+
+@pytest.fixture(scope="session")
+def trench(tmp_path_factory: pytest.TempPathFactory) -> TrenchSite:
+    """A generated road of 22 m that is dug up over 6 m after it was mapped, and two drives later."""
+    return make_trench_site(tmp_path_factory.mktemp("trench"), 3, 22.0, (9.0, 15.0))

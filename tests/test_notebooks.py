@@ -1,4 +1,4 @@
-"""The notebooks: short, with their outputs kept; each runs from a fresh clone to a vehicle file, or a worked field."""
+"""The notebooks: short, with their outputs kept, each beside the same as a script; each runs from a fresh clone."""
 
 import os
 import re
@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import jupytext
 import nbformat
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from lgprjax.simulation import read_vehicle_plan
 _ROOT = Path(__file__).parents[1]
 _NOTEBOOKS = sorted(path.stem for path in (_ROOT / "notebooks").glob("*.ipynb"))
 _COVERAGE = "coverage_record"
+_LOCATED = ("drive_health", "first_registration", "own_radar")
 
 _TRUE: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "palm_tree": ("steering.potentiometer_v_per_rad", lambda plan: plan.vehicle.potentiometer_per_rad_v[0]),
@@ -33,7 +35,16 @@ def _read(name: str) -> Any:
 
 
 def test_there_is_a_notebook_for_each_session() -> None:
-    assert _NOTEBOOKS == [_COVERAGE, "encoder_potentiometer", "fusion", "k_ratio", "look_ahead", "palm_tree"]
+    sessions = [_COVERAGE, "encoder_potentiometer", "fusion", "k_ratio", "look_ahead", "palm_tree"]
+    assert sorted([*_LOCATED, *sessions]) == _NOTEBOOKS
+
+
+@pytest.mark.parametrize("name", _NOTEBOOKS)
+def test_the_script_beside_a_notebook_is_the_same(name: str) -> None:
+    script = jupytext.read(_ROOT / "notebooks" / f"{name}.py")
+    assert [(cell.cell_type, cell.source) for cell in script.cells] == [
+        (cell.cell_type, cell.source) for cell in _read(name).cells
+    ]
 
 
 @pytest.mark.parametrize("name", _NOTEBOOKS)
@@ -52,8 +63,8 @@ def test_notebook_is_short_and_keeps_its_pictures(name: str) -> None:
     assert not re.search(r"(import|\.) _", source)
 
 
-def _run(name: str, clone: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Run a notebook in a copy of what a clone has; the folder that it writes to."""
+def _run(name: str, clone: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, str]:
+    """Run a notebook in a copy of what a clone has; the folder that it writes to, and what it printed."""
     # The kernel finds the package that these tests found, however it is installed.
     monkeypatch.setenv("PYTHONPATH", str(Path(lgprjax.__file__).parents[1]))
     if os.environ.get("LGPRJAX_TEST_CACHE"):
@@ -62,11 +73,12 @@ def _run(name: str, clone: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         shutil.copytree(_ROOT / folder, clone / folder)
     book = _read(name)
     NotebookClient(book, timeout=300, resources={"metadata": {"path": str(clone / "notebooks")}}).execute()
-    return clone / "out" / "notebooks" / name
+    printed = [output.get("text", "") for cell in book.cells for output in cell.get("outputs", [])]
+    return clone / "out" / "notebooks" / name, "".join(printed)
 
 
 def test_the_field_of_the_notebook_is_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = _run(_COVERAGE, tmp_path, monkeypatch)
+    folder, _ = _run(_COVERAGE, tmp_path, monkeypatch)
     record, plan = read_worked(folder / "field.worked.h5"), read_cover_plan(folder / "field.cover.geojson")
     assert abs(plan.pattern.field.area_m2 - 12.0 * 9.0) < 0.1
     assert len(record.stops.run) == 1
@@ -76,9 +88,34 @@ def test_the_field_of_the_notebook_is_recorded(tmp_path: Path, monkeypatch: pyte
     assert {path.suffix for path in (folder / "export").iterdir()} == {".csv", ".geojson", ".gpkg", ".html", ".kml"}
 
 
-@pytest.mark.parametrize("name", [name for name in _NOTEBOOKS if name != _COVERAGE])
+def test_the_first_registration_is_right_and_refuses_the_impostor(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, printed = _run("first_registration", tmp_path, monkeypatch)
+    assert "'impostor': 0}" in printed
+    (fixes_cm,) = re.findall(r"fixes ([\d.]+) cm", printed)
+    assert float(fixes_cm) < 5.0
+
+
+def test_lines_of_ones_own_radar_are_located(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, printed = _run("own_radar", tmp_path, monkeypatch)
+    assert check_file(folder / "site.map.h5") == []
+    ((along, across),) = re.findall(r"off by (-?[\d.]+) m along the lines, (-?[\d.]+) m across", printed)
+    assert abs(float(along) - 0.4) < 0.06
+    assert abs(float(across) + 0.1) < 0.06
+
+
+def test_the_faults_of_the_drive_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, printed = _run("drive_health", tmp_path, monkeypatch)
+    assert "sound: 1819 scans, 65 m: good" in printed
+    for name in ("dropped_scans", "dead_channels", "odometer_scale"):
+        assert f"faulty: bad: {name}" in printed
+    assert "sound: bad" not in printed
+
+
+@pytest.mark.parametrize("name", [name for name in _NOTEBOOKS if name not in (_COVERAGE, *_LOCATED)])
 def test_notebook_runs_from_a_fresh_clone(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (result,) = _run(name, tmp_path, monkeypatch).glob("*.vehicle.toml")
+    (result,) = _run(name, tmp_path, monkeypatch)[0].glob("*.vehicle.toml")
     assert check_file(result) == []
     vehicle = read_vehicle(result)
     if name == "look_ahead":

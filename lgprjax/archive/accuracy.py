@@ -82,12 +82,12 @@ def accuracy_of(drive: RegisteredDrive, labels: Labels) -> DriveAccuracy:
     """
     if drive.truth is None:
         raise ValueError(f"the truth of {drive.name} is not known")
-    code, pose = np.asarray(drive.fix.code), np.asarray(drive.fix.pose)
-    ok = (code == Code.OK) & np.isfinite(drive.truth[:, 0])
-    error = pose[:, :2] - drive.truth[:, :2]
-    along, cross = along_cross(error[ok, 0], error[ok, 1], drive.truth[ok, 3])
+    code, errors = np.asarray(drive.fix.code), true_errors(drive)
+    ok = np.isfinite(errors[:, 0])
+    along, cross = errors[ok].T
     wrong = np.hypot(along, cross) > WRONG_M
-    relative = relative_error(error[ok], drive.truth[ok, :2], drive.truth[ok, 3], labels)
+    error = np.asarray(drive.fix.pose)[ok, :2] - drive.truth[ok, :2]
+    relative = relative_error(error, drive.truth[ok, :2], drive.truth[ok, 3], labels)
     tried = np.isfinite(drive.correlation_at_truth)
     return DriveAccuracy(
         name=drive.name,
@@ -101,6 +101,15 @@ def accuracy_of(drive: RegisteredDrive, labels: Labels) -> DriveAccuracy:
         relative_mean_m=relative.mean_m,
         relative_cross_mean_m=relative.cross_mean_m,
     )
+
+
+def true_errors(drive: RegisteredDrive) -> Float[np.ndarray, "scan 2"]:
+    """Fix less truth along and across the true heading; NaN without an ok fix, and where no truth is known."""
+    if drive.truth is None:
+        return np.full((len(drive.table), 2), np.nan)
+    ok = np.asarray(drive.fix.code) == Code.OK
+    error = np.where(ok[:, None], np.asarray(drive.fix.pose)[:, :2] - drive.truth[:, :2], np.nan)
+    return np.stack(along_cross(error[:, 0], error[:, 1], drive.truth[:, 3]), axis=1)
 
 
 class RelativeError(NamedTuple):

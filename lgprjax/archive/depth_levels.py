@@ -57,8 +57,10 @@ def depth_level(
 
 
 def map_level(source: MapFile) -> Float[np.ndarray, " sample"]:
-    """RMS at each depth of a map's stations, over a thousand of them spread over the map."""
-    chosen = np.unique(np.linspace(0, len(source.pose) - 1, _STATIONS).astype(int))
+    """RMS at each depth of a map's stations: as it was before they were coded, or over a thousand of them."""
+    if source.level is not None:
+        return source.level.astype(np.float64)
+    chosen = np.unique(np.linspace(0, len(source.places) - 1, _STATIONS).astype(int))
     stations = source.read_stations(chosen)
     power = np.sum(np.where(stations.valid[..., None], stations.profile, 0.0).astype(np.float64) ** 2, axis=(0, 1))
     return np.asarray(np.sqrt(power / max(int(stations.valid.sum()), 1)))

@@ -7,21 +7,26 @@ import numpy as np
 from jaxtyping import Float
 
 from lgprjax.archive.depth_levels import live_operators
+from lgprjax.archive.example_swarm import swarm_about
 from lgprjax.archive.registering import RegisteredDrive, live_blocks
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.radar import CoefficientBasis
 from lgprjax.registration import (
     BLOCK_SCANS,
+    PreparedGround,
     RegisterOptions,
     SurfacePicture,
+    SwarmView,
     ground_map_for,
     ground_under,
     live_chain,
+    rival_of,
     search_spec_for,
     survey_surface,
     templates_of,
     to_tile,
 )
+from lgprjax.registration.drive import rules_for
 from lgprjax.subsurface import Tile
 
 _STRIP_M = 4.0
@@ -51,7 +56,18 @@ class Strips(NamedTuple):
 
 
 class FixExample(NamedTuple):
-    """A fix worth looking at: scan number, strips, surface about its prior, in the tile's frame."""
+    """A fix worth looking at, places along and across in the frame of the tile that it was searched on.
+
+    Attributes:
+        scan: its number in the drive.
+        strips: of the ground live and in the map.
+        surface: the correlation about its prior.
+        prior_m, best_m, second_m, truth_m: where the search began, what it chose, the highest other summit of the
+            surface, and the truth where it is known.
+        prior_sigma_m: of the prior, east and north; 0 where the drive does not say.
+        frame: east_m, north_m, yaw_rad of the tile's frame in the map's.
+        swarm: that found it, where the search asks for one.
+    """
 
     scan: int
     strips: Strips
@@ -59,7 +75,10 @@ class FixExample(NamedTuple):
     prior_m: Float[np.ndarray, "2"]
     prior_sigma_m: tuple[float, float]
     best_m: Float[np.ndarray, "2"]
+    second_m: Float[np.ndarray, "2"] | None
     truth_m: Float[np.ndarray, "2"] | None
+    frame: Float[np.ndarray, "3"]
+    swarm: SwarmView | None
 
 
 def example_scan(drive: RegisteredDrive) -> int | None:
@@ -136,7 +155,19 @@ def fix_example(
         lag_m=_lag(live, tile, offset, pose),
     )
     truth = None if drive.truth is None else to_tile(drive.truth[[scan]], frame)[0][:2]
-    return FixExample(scan, strips, surface, prior[:2], _prior_sigma(log, scan), pose[:2], truth)
+    rules = rules_for(PreparedGround(ground, array), options)
+    return FixExample(
+        scan,
+        strips,
+        surface,
+        prior[:2],
+        _prior_sigma(log, scan),
+        pose[:2],
+        rival_of(surface, pose[:2], float(rules.apart_m)),
+        truth,
+        frame,
+        swarm_about(ground, tile_number, template, prior, surface, drive, rules, options, scan),
+    )
 
 
 def _lag(

@@ -11,9 +11,9 @@ from jaxtyping import Array, Float
 from lgprjax import __version__
 from lgprjax.archive.depth_levels import at_levels, depth_level
 from lgprjax.archive.recordings import recording_of
-from lgprjax.archive.tracks import antennas_of, scan_spacing_m, track_of_drive
+from lgprjax.archive.tracks import DriveTrack, antennas_of, scan_spacing_m, track_of_drive
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, MapWriter
+from lgprjax.formats import MAP_PRECISIONS, DriveLog, MapPrecision, MapWriter
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import (
     ChainSettings,
@@ -25,6 +25,7 @@ from lgprjax.subsurface import (
     Coherence,
     MapDescription,
     ScanBlock,
+    StationBlock,
     TilePlacer,
     coherence_lags,
     stations_of_drive,
@@ -43,6 +44,7 @@ def build_map(
     *,
     centre_frequency_hz: float | None = None,
     travel_time_ns: float | None = None,
+    precision: MapPrecision = MAP_PRECISIONS["standard"],
     force: bool = False,
     progress: Progress = lambda _: None,
 ) -> MapDescription:
@@ -54,6 +56,7 @@ def build_map(
         centre_frequency_hz: of the antennas, where the first log does not say; sweeps always do.
         travel_time_ns: how deep the profiles go at most; by default traces go to the recording's end and sweeps
             fifteen periods of their centre frequency, and none farther than its recording is unambiguous.
+        precision: how closely traces are stored.
         force: replace an output that exists.
         progress: told as scans are done.
 
@@ -77,43 +80,28 @@ def build_map(
     references: list[float] = []
     coherence: Coherence | None = None
     inputs: list[dict[str, object]] = []
-    with MapWriter.create(output, force=force) as writer:
+    with MapWriter.create(output, precision=precision, force=force) as writer:
         for number, path in enumerate(drives):
             with DriveLog.open(path) as log:
                 if log.channels != channels:
                     raise InputError(path, "/array/y_m", f"{channels} channels as in {drives[0]}", str(log.channels))
-                scale: float | None = None
-                before = writer.stations
                 lags = coherence_lags(settings, spacing_m)
                 operator = recording_of(log).operator(settings, samples)
                 if recording_of(log).kind != recording.kind:
                     levels = (_level(path, frame, settings, samples) for path in (drives[0], drives[number]))
                     operator = at_levels(operator, *levels)
-                for block in stations_of_drive(scan_blocks(log, frame, operator, progress), settings, spacing_m):
-                    if scale is None and np.any(block.profile):
-                        scale = float(np.sqrt(np.mean(block.profile[block.valid] ** 2)))
-                    if scale is None:
-                        # Nothing has been received yet: these stations are not ground.
-                        block = block._replace(valid=np.zeros_like(block.valid))
-                    block = block._replace(profile=block.profile / np.float32(scale or 1.0))
+                track = track_of_drive(log, frame)
+                for block in baseline_stations(log, track, operator, settings, spacing_m, progress):
                     coherence = (coherence or Coherence.empty(block.profile.shape[2])).add(block, lags)
                     references += [float(np.median(block.pose[:, 2]))] * tiles.place(block.pose)
                     writer.append(block, number)
-                if scale is None and writer.stations > before:
-                    raise InputError(path, "/radar", "a signal that changes along the drive", "none")
-                if writer.stations - before < 2:
-                    raise InputError(
-                        path,
-                        "/odometry/distance_m",
-                        f"travel of at least {2 * settings.step_m:.3g} m",
-                        "less",
-                    )
                 inputs.append(
                     {
                         "file": Path(path).name,
                         "sha256": file_hash(path),
+                        "t0_utc": log.description.t0_utc,
                         "scans": log.scans,
-                        "position_sigma_m": _position_sigma_m(log),
+                        "position_sigma_m": position_sigma_m(log),
                     }
                 )
         assert coherence is not None
@@ -137,11 +125,48 @@ def build_map(
     return description
 
 
+def baseline_stations(
+    log: DriveLog,
+    track: DriveTrack,
+    operator: Float[Array, "recorded sample"],
+    settings: ChainSettings,
+    spacing_m: float,
+    progress: Progress,
+) -> Iterator[StationBlock]:
+    """A drive as stations of a map, in units of its own RMS.
+
+    Args:
+        log: the drive.
+        track: of its scans, in the map's frame.
+        operator: its matrix, to the map's profiles.
+        settings: the map's chain.
+        spacing_m: typical distance between scans.
+        progress: told as scans are done.
+
+    Raises:
+        InputError: nothing was received, or the drive makes fewer than two stations.
+    """
+    scale: float | None = None
+    stations = 0
+    for block in stations_of_drive(scan_blocks(log, track, operator, progress), settings, spacing_m):
+        if scale is None and np.any(block.profile):
+            scale = float(np.sqrt(np.mean(block.profile[block.valid] ** 2)))
+        if scale is None:
+            # Nothing has been received yet: these stations are not ground.
+            block = block._replace(valid=np.zeros_like(block.valid))
+        stations += len(block.pose)
+        yield block._replace(profile=block.profile / np.float32(scale or 1.0))
+    if scale is None and stations:
+        raise InputError(log.path, "/radar", "a signal that changes along the drive", "none")
+    if stations < 2:
+        raise InputError(log.path, "/odometry/distance_m", f"travel of at least {2 * settings.step_m:.3g} m", "less")
+
+
 def scan_blocks(
-    log: DriveLog, frame: LocalFrame, operator: Float[Array, "recorded sample"], progress: Progress
+    log: DriveLog, moved: DriveTrack, operator: Float[Array, "recorded sample"], progress: Progress
 ) -> Iterator[ScanBlock]:
     """Profiled scans of a drive with their places, block by block."""
-    track, ground_up = track_of_drive(log, frame)
+    track, ground_up = moved
     antennas = antennas_of(track, log.description.array)
     for start, recorded, valid in recording_of(log).blocks(_BLOCK_SCANS):
         span = slice(start, start + len(recorded))
@@ -184,7 +209,7 @@ def _pitch(log: DriveLog) -> float:
     return float(np.median(np.abs(np.diff(y_m)))) if len(y_m) > 1 else _LONE_CHANNEL_PITCH_M
 
 
-def _position_sigma_m(log: DriveLog) -> float | None:
+def position_sigma_m(log: DriveLog) -> float | None:
     """What the drive's navigation says of the array's places, root mean square over the drive and both axes.
 
     An error of heading swings the array about the body's origin. None where navigation says nothing.

@@ -7,28 +7,13 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
-from lgprjax.archive.map_route import mask_of, on_map
+from lgprjax.archive.station_matching import register_stations, turned_by
 from lgprjax.formats import MapFile
-from lgprjax.radar import to_coefficients, uniform_array
-from lgprjax.registration import (
-    Code,
-    Problem,
-    RegisterOptions,
-    Template,
-    register_batch,
-    rules_of,
-    search_spec_for,
-    to_tile,
-)
-from lgprjax.subsurface import GroundMap, MapDescription, Stations
-
-_LANES = 4  # a tile of usual spacing holds three or four places
-_FEW_CHANNELS = 3  # an array of no more channels is matched in windows
-_WINDOW_WAVELENGTHS = 4.0
-_ROOM_M = 0.15  # to both sides: a trace at the rim would be lost on the way to the match, and hold it back
-_LEAST_TRACES = 0.25  # of a template that lie over the other baselines' ground: fewer say nothing
+from lgprjax.radar import to_coefficients
+from lgprjax.registration import RegisterOptions
+from lgprjax.subsurface import GroundMap, MapDescription, StationPlaces, Stations
 
 
 class Matches(NamedTuple):
@@ -54,28 +39,26 @@ class Matches(NamedTuple):
     code: Int[np.ndarray, " template"]
 
 
-class OtherBaselines:
-    """A database in which one baseline holds no data: a ``StationSource``.
+class KeptStations:
+    """A database of which only some stations hold data: a ``StationSource``.
 
     All stations keep their places, so that tiles have the shapes of the whole map's and nothing is compiled anew.
 
     Args:
         source: the database.
-        left_out: number of the baseline.
+        kept: stations that hold data.
     """
 
-    def __init__(self, source: MapFile, left_out: int) -> None:
+    def __init__(self, source: MapFile, kept: Bool[np.ndarray, " scan"]) -> None:
         self._source = source
-        self.kept: Bool[np.ndarray, " scan"] = np.asarray(source.drive != left_out)
+        self.kept: Bool[np.ndarray, " scan"] = kept
         self.description: MapDescription = source.description
-        self.pose: Float[np.ndarray, "scan 5"] = source.pose
-        self.drive: Int[np.ndarray, " scan"] = source.drive
-        self.ground_up_m: Float[np.ndarray, " scan"] = source.ground_up_m
+        self.places: StationPlaces = source.places
         self.tile_frame: Float[np.ndarray, "tile 3"] = source.tile_frame
         self.height_reference_m: Float[np.ndarray, " tile"] = source.height_reference_m
 
     def read_stations(self, stations: Int[np.ndarray, " scan"]) -> Stations:
-        """Profiles of the stations with these rising numbers; those of the baseline left out are not valid."""
+        """Profiles of the stations with these rising numbers; the others are not valid."""
         kept = self.kept[stations]
         read = self._source.read_stations(stations[kept])
 
@@ -87,11 +70,16 @@ class OtherBaselines:
         return Stations(*(spread(field) for field in read))
 
 
-def window_stations(description: MapDescription) -> int:
-    """Stations of a template: one of an array; four wavelengths where three channels or fewer say too little."""
-    if description.channels > _FEW_CHANNELS:
-        return 1
-    return 1 + round(_WINDOW_WAVELENGTHS * description.settings.wavelength_m / description.settings.step_m)
+class OtherBaselines(KeptStations):
+    """A database in which one baseline holds no data.
+
+    Args:
+        source: the database.
+        left_out: number of the baseline.
+    """
+
+    def __init__(self, source: MapFile, left_out: int) -> None:
+        super().__init__(source, np.asarray(source.drive != left_out))
 
 
 def match_stations(
@@ -113,107 +101,21 @@ def match_stations(
         stations: numbers of the templates' last stations.
         options: the search.
     """
-    description, basis = ground.description, ground.basis
-    frame, mask = ground.frame(tile), mask_of(ground.tile(tile))
-    count = window_stations(description)
-    channels, step_m = description.channels, description.settings.step_m
-    spec = search_spec_for(
-        ground, tile, uniform_array(channels, description.channel_pitch_m), _searched(options, count, step_m)
+    pose = source.pose[stations]
+    prior, fix, share = register_stations(source, ground, tile, stations, pose, options, over_ground=True)
+    off = np.asarray(fix.pose, dtype=np.float64)[:, :2] - prior[:, :2]
+    turned_back = turned_by(off[:, None], -prior[:, 3])[:, 0]
+    covariance = np.asarray(fix.covariance, dtype=np.float64)
+    return Matches(
+        along_m=turned_back[:, 0],
+        cross_m=turned_back[:, 1],
+        sigma_m=np.sqrt(np.maximum(covariance[:, 0, 0], covariance[:, 1, 1])),
+        correlation=np.asarray(fix.correlation, dtype=np.float64),
+        strength=np.asarray(fix.margin, dtype=np.float64) + np.asarray(fix.runner_up, dtype=np.float64),
+        rival=np.asarray(fix.runner_up, dtype=np.float64),
+        share=share,
+        code=np.asarray(fix.code),
     )
-    rules = rules_of(description.settings.wavelength_m, channels, count * channels, options)
-    half_width = np.array([options.search_m, options.search_m, options.height_m, np.radians(1.0), np.radians(1.5)])
-    parts = []
-    for low in range(0, len(stations), _LANES):
-        chosen = stations[low : low + _LANES]
-        lanes = np.concatenate([chosen, np.full(_LANES - len(chosen), chosen[0])])
-        template = _templates(source, lanes, count, basis_of=ground)
-        prior = to_tile(source.pose[lanes], frame)
-        turned = _turned(np.asarray(template.offset_m, dtype=np.float64), prior[:, 3])
-        there = np.asarray(template.valid)
-        aside = np.stack([-np.sin(prior[:, 3]), np.cos(prior[:, 3])], axis=-1)[:, None]
-        for room_m in (0.0, _ROOM_M, -_ROOM_M) if channels > _FEW_CHANNELS else (0.0,):
-            there = there & on_map(mask, prior[:, None, :2] + turned + room_m * aside)
-        share = there.sum(axis=1) / np.maximum(np.asarray(template.valid).sum(axis=1), 1)
-        fix = register_batch(
-            ground.tile(tile),
-            Problem(
-                template=template._replace(valid=jnp.asarray(there)),
-                prior=jnp.asarray(prior, dtype=jnp.float32),
-                half_width=jnp.asarray(np.tile(half_width, (_LANES, 1)), dtype=jnp.float32),
-                finite=jnp.asarray(share >= _LEAST_TRACES),
-                number=jnp.asarray(lanes, dtype=jnp.uint32),
-            ),
-            rules,
-            jnp.float32(ground.source.height_reference_m[tile]),
-            basis.angular_frequency_rad_per_ns,
-            spec=spec,
-        )
-        off = np.asarray(fix.pose, dtype=np.float64)[:, :2] - prior[:, :2]
-        turned_back = _turned(off[:, None], -prior[:, 3])[:, 0]
-        covariance = np.asarray(fix.covariance, dtype=np.float64)
-        strength = np.asarray(fix.margin, dtype=np.float64) + np.asarray(fix.runner_up, dtype=np.float64)
-        code = np.where(share >= _LEAST_TRACES, np.asarray(fix.code), int(Code.OFF_MAP))
-        row = Matches(
-            along_m=turned_back[:, 0],
-            cross_m=turned_back[:, 1],
-            sigma_m=np.sqrt(np.maximum(covariance[:, 0, 0], covariance[:, 1, 1])),
-            correlation=np.asarray(fix.correlation, dtype=np.float64),
-            strength=strength,
-            rival=np.asarray(fix.runner_up, dtype=np.float64),
-            share=share,
-            code=code,
-        )
-        parts.append(Matches(*(field[: len(chosen)] for field in row)))
-    return Matches(*(np.concatenate(field) for field in zip(*parts, strict=True)))
-
-
-def _searched(options: RegisterOptions, count: int, step_m: float) -> RegisterOptions:
-    """The options with the window that the templates have: the search spec leaves room for it."""
-    return RegisterOptions(search_m=options.search_m, window_m=(count - 1) * step_m)
-
-
-def _templates(source: MapFile, last: Int[np.ndarray, " template"], count: int, basis_of: GroundMap) -> Template:
-    """Templates of ``count`` stations of one baseline that end at the given ones."""
-    description = source.description
-    member = np.maximum(last[:, None] - np.arange(count)[None, :], 0)
-    numbers, where = np.unique(member, return_inverse=True)
-    stations = source.read_stations(numbers)
-    pose = source.pose[numbers]
-    full = len(last) * count
-
-    def padded(values: np.ndarray) -> Array:
-        out = np.zeros((full, *values.shape[1:]), values.dtype)
-        out[: len(values)] = values
-        return jnp.asarray(out)
-
-    coefficients = np.asarray(to_coefficients(padded(stations.profile), padded(stations.valid), basis_of.basis))
-    where = where.reshape(member.shape)
-    centre = source.pose[last]
-    apart = pose[where][:, :, None, :2] + stations.antenna_m[where][..., :2] - centre[:, None, None, :2]
-    # A gap of the baseline, or the end of the one before, ends a window.
-    path = np.hypot(*np.moveaxis(pose[where][..., :2] - centre[:, None, :2], -1, 0))
-    near = path <= (np.arange(count) + 1.0) * 1.5 * description.settings.step_m
-    same = source.drive[member] == source.drive[last][:, None]
-    valid = stations.valid[where] & (near & same & (last[:, None] >= np.arange(count)))[..., None]
-    batch, traces = len(last), count * description.channels
-    first = np.zeros((batch, count, description.channels), bool)
-    first[:, 0] = True
-    offset = _turned(apart.reshape(batch, traces, 2), -centre[:, 3])
-    return Template(
-        coefficients=jnp.asarray(coefficients[where].reshape(batch, traces, -1)),
-        offset_m=jnp.asarray(offset, dtype=jnp.float32),
-        valid=jnp.asarray(valid.reshape(batch, traces)),
-        last_scan=jnp.asarray(first.reshape(batch, traces)),
-    )
-
-
-def _turned(
-    vector_m: Float[np.ndarray, "template trace 2"], angle_rad: Float[np.ndarray, " template"]
-) -> Float[np.ndarray, "template trace 2"]:
-    """Vectors turned counter-clockwise."""
-    cos, sin = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
-    x, y = vector_m[..., 0], vector_m[..., 1]
-    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
 class StretchSignal(NamedTuple):

@@ -14,8 +14,8 @@ class DrivePlaces(NamedTuple):
 
     Attributes:
         pose: east_m, north_m, yaw_rad.
-        station: nearest station of the baseline along its track; -1 where none is within half a step.
-        fresh: no earlier baseline came by: here the route goes on.
+        station: nearest station of the baseline along its track; -1 where none in force is within half a step.
+        fresh: in force, and no earlier baseline in force came by: here the route goes on.
     """
 
     pose: Float[np.ndarray, "place 3"]
@@ -61,6 +61,7 @@ def places_of_drives(source: MapFile, step_m: float) -> list[DrivePlaces]:
     """Places of every baseline, ``step_m`` apart along its own track."""
     radius_m = max(array_width_m(source), step_m)
     out: list[DrivePlaces] = []
+    earlier, retired = np.zeros((0, 2)), source.retired > 0
     for number in range(int(source.drive.max()) + 1):
         stations = np.flatnonzero(source.drive == number)
         if len(stations) < 2:
@@ -72,14 +73,16 @@ def places_of_drives(source: MapFile, step_m: float) -> list[DrivePlaces]:
         where = np.stack([np.interp(at, path, pose[:, column]) for column in (0, 1, 3)], axis=1)
         nearest = np.clip(np.searchsorted(path, at), 1, len(path) - 1)
         nearest = np.where(np.abs(path[nearest - 1] - at) < np.abs(path[nearest] - at), nearest - 1, nearest)
-        station = np.where(np.abs(path[nearest] - at) <= 0.5 * step_m, stations[nearest], -1)
-        fresh = np.ones(len(at), bool)
+        in_force = ~retired[stations[nearest]]
+        close = np.abs(path[nearest] - at) <= 0.5 * step_m
+        station = np.where(close & in_force, stations[nearest], -1)
+        fresh = in_force.copy()
         # Against the earlier places, not stations: a gap in one baseline is a hole, not another road.
-        earlier = np.concatenate([np.zeros((0, 2)), *(places.pose[:, :2] for places in out)])
         if len(earlier):
             index = SpatialIndex(earlier, 8.0)
-            fresh = np.array([index.nearest(point, radius_m) is None for point in where[:, :2]])
+            fresh &= np.array([index.nearest(point, radius_m) is None for point in where[:, :2]])
         out.append(DrivePlaces(where, station, fresh))
+        earlier = np.concatenate([earlier, where[in_force, :2]])
     return out
 
 
@@ -92,9 +95,11 @@ def route_of(drives: list[DrivePlaces], step_m: float) -> Route:
 
 
 def passes_at(source: MapFile, route: Route) -> Int[np.ndarray, " route"]:
-    """Baselines that came by each place within an array's width."""
-    index, radius_m = SpatialIndex(source.pose[:, :2], 8.0), array_width_m(source)
-    return np.array([len(np.unique(source.drive[index.near(point, radius_m)])) for point in route.pose[:, :2]])
+    """Baselines in force that came by each place within an array's width."""
+    in_force = source.retired == 0
+    index, radius_m = SpatialIndex(source.pose[in_force, :2], 8.0), array_width_m(source)
+    drive = source.drive[in_force]
+    return np.array([len(np.unique(drive[index.near(point, radius_m)])) for point in route.pose[:, :2]])
 
 
 class TileMask(NamedTuple):

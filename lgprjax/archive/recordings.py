@@ -1,6 +1,7 @@
 """A drive log of either kind, traces or sweeps, as real numbers a trace and one matrix that makes profiles of them."""
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -75,12 +76,20 @@ class TraceDrive:
                 f"at most {0.5e9 / _least_top_hz(settings):.3g} ns for half of the map's band, {_band(settings)}",
                 f"{known.sample_interval_ns:.3g} ns",
             )
-        return profile_operator(known.samples, known.sample_interval_ns, known.time_zero_ns, settings, kept=kept)
+        return _trace_operator(known.samples, known.sample_interval_ns, known.time_zero_ns, settings, kept)
 
     def blocks(self, scans: int, start: int = 0) -> Iterator[RecordedBlock]:
         """The drive from ``start`` on in blocks of ``scans``, the last one shorter."""
         for low in range(start, self._log.scans, scans):
             yield RecordedBlock(low, *self._log.read_traces(low, min(low + scans, self._log.scans)))
+
+
+@lru_cache(maxsize=8)
+def _trace_operator(
+    samples: int, sample_interval_ns: float, time_zero_ns: float, settings: ChainSettings, kept: int
+) -> Float[Array, "recorded sample"]:
+    """Made once for all drives of a radar."""
+    return profile_operator(samples, sample_interval_ns, time_zero_ns, settings, kept=kept)
 
 
 class SweepDrive:

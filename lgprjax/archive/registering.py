@@ -1,7 +1,7 @@
 """A drive log against a subsurface database: fixes in files, streaming."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +11,8 @@ from jaxtyping import Float, Int
 
 from lgprjax import __version__
 from lgprjax.archive.depth_levels import live_operators
+from lgprjax.archive.fixes_table import fixes_table
+from lgprjax.archive.held_ground import HeldGround
 from lgprjax.archive.map_building import file_hash
 from lgprjax.archive.moisture import SCALES, find_time_scales
 from lgprjax.archive.recordings import recording_of
@@ -19,20 +21,16 @@ from lgprjax.formats import DriveLog, MapFile, write_fixes
 from lgprjax.frames import LocalFrame
 from lgprjax.registration import (
     BLOCK_SCANS,
-    Code,
+    DriveFixes,
     Fix,
     LiveBlock,
     Operators,
     RegisterOptions,
     Track,
     TrackedFixes,
-    ground_map_for,
     register_drive,
-    sigmas_along_cross,
     track_drive,
-    tracking_ground,
 )
-from lgprjax.subsurface import GroundMap
 
 
 @dataclass(frozen=True)
@@ -94,6 +92,7 @@ def register_log(
     options: RegisterOptions,
     progress: Callable[[int], None] = lambda _: None,
     led_to: Callable[[Track], Track] = lambda track: track,
+    held: HeldGround | None = None,
 ) -> RegisteredDrive:
     """Register every scan of a drive log.
 
@@ -105,12 +104,13 @@ def register_log(
         options: the search.
         progress: told the number of scans done since the last call; ``passes_over`` a drive in all.
         led_to: changes where the vehicle believes to be, to see what is said of ground that cannot match.
+        held: ground of the same map and search, held from drive to drive.
 
     Raises:
         InputError: navigation does not span the drive, or the recording misses most of the map's band.
     """
     frame = source.description.frame
-    ground = tracking_ground(source, options) if options.track else ground_map_for(source, options)
+    held, array = held or HeldGround(source, options), log.description.array
     moved: DriveTrack = track_of_drive(log, frame)
     moved = moved._replace(track=led_to(moved.track))
     truth = true_poses(log, frame)
@@ -122,8 +122,12 @@ def register_log(
     operators = live_operators(source, log, moved.track)
     time_scale = _time_scales(source, log, moved.track, operators, options, progress)
     blocks = live_blocks(log, moved.track, truth, time_scale=time_scale)
-    follow = track_drive if options.track else register_drive
-    for fixes in follow(ground, operators, log.description.array, blocks, options):
+    found: Iterable[DriveFixes | TrackedFixes] = (
+        track_drive(held.ground, operators, array, blocks, options)
+        if options.track
+        else register_drive(held.ground, operators, array, blocks, options, held.prepared_for(array))
+    )
+    for fixes in found:
         parts.append(fixes.fix)
         at_truth.append(fixes.correlation_at_truth)
         beside.append(fixes.beside_match)
@@ -134,7 +138,7 @@ def register_log(
     took_s = time.perf_counter() - began
     return RegisteredDrive(
         name=log.path.name.removesuffix(".drive.h5"),
-        table=_with_time_scale(fixes_table(fix, log.scan_time_s, frame, ground), time_scale),
+        table=_with_time_scale(fixes_table(fix, log.scan_time_s, frame, held.ground), time_scale),
         fix=fix,
         track=moved.track,
         truth=truth,
@@ -176,46 +180,25 @@ def true_poses(log: DriveLog, frame: LocalFrame) -> Float[np.ndarray, "scan 5"] 
     return np.where(reached[:, None], pose, np.nan)
 
 
-def fixes_table(fix: Fix, time_s: Float[np.ndarray, " scan"], frame: LocalFrame, ground: GroundMap) -> pd.DataFrame:
-    """The columns of the fixes CSV: WGS-84 positions, sigmas along and across the heading."""
-    pose = np.asarray(fix.pose)
-    found = np.isfinite(pose[:, 0])
-    # Fixes lie metres from a station; the ground between them is as high as at the nearest one.
-    up = np.array([ground.ground_up_at(p) if ok else np.nan for p, ok in zip(pose[:, :2], found, strict=True)])
-    up = np.where(found & ~np.isfinite(up), 0.0, up)
-    latitude, longitude, height = frame.to_geodetic(
-        np.where(found, pose[:, 0], 0.0), np.where(found, pose[:, 1], 0.0), np.where(found, up + pose[:, 2], 0.0)
-    )
-    blank = np.where(found, 1.0, np.nan)
-    along, cross = sigmas_along_cross(np.asarray(fix.covariance), pose[:, 3])
-    return pd.DataFrame(
-        {
-            "scan": np.arange(len(time_s)),
-            "time_s": time_s,
-            "latitude_deg": latitude * blank,
-            "longitude_deg": longitude * blank,
-            "height_m": height * blank,
-            "heading_deg": frame.heading_of_yaw(pose[:, 3], longitude),
-            "roll_deg": np.degrees(pose[:, 4]),
-            "sigma_along_m": along,
-            "sigma_cross_m": cross,
-            "correlation": fix.correlation,
-            "margin": fix.margin,
-            "overlap_channels": fix.overlap_channels,
-            "code": [Code(int(code)).label for code in fix.code],
-        }
-    )
-
-
 def write_registered(
-    drive: RegisteredDrive, source: MapFile, log: DriveLog, options: RegisterOptions, folder: Path, force: bool
+    drive: RegisteredDrive,
+    source: MapFile,
+    log: DriveLog,
+    options: RegisterOptions,
+    folder: Path,
+    force: bool,
+    sha256: tuple[str, str] | None = None,
 ) -> None:
-    """Write ``DRIVE.fixes.csv`` and ``DRIVE.fixes.h5``; both appear, or neither."""
+    """Write ``DRIVE.fixes.csv`` and ``DRIVE.fixes.h5``; both appear, or neither.
+
+    ``sha256`` is that of the map's file and of the log's where both are known; else they are read.
+    """
+    map_sha256, drive_sha256 = sha256 or (file_hash(source.path), file_hash(log.path))
     thresholds = {name: float(value) for name, value in options.thresholds._asdict().items()}
     provenance = {
         "program": f"lgprjax {__version__}",
-        "map": {"file": source.path.name, "sha256": file_hash(source.path)},
-        "drive": {"file": log.path.name, "sha256": file_hash(log.path)},
+        "map": {"file": source.path.name, "sha256": map_sha256},
+        "drive": {"file": log.path.name, "sha256": drive_sha256},
         "search_m": options.search_m,
         "window_m": options.window_m,
         "track": options.track,

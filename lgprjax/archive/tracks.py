@@ -3,13 +3,16 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, NavigationTrack
 from lgprjax.frames import LocalFrame, body_to_local
 from lgprjax.radar import ArrayGeometry, centre_of
 from lgprjax.registration import Track
+
+_SILENT_S = 1.0
+_LESS_SURE = 3.0
 
 
 class DriveTrack(NamedTuple):
@@ -92,3 +95,19 @@ def _speed(travel_m: Float[np.ndarray, " scan"], time_s: Float[np.ndarray, " sca
     index = np.arange(len(time_s))
     low, high = np.maximum(index - half, 0), np.minimum(index + half, len(time_s) - 1)
     return np.asarray((travel_m[high] - travel_m[low]) / (time_s[high] - time_s[low]))
+
+
+def gnss_gaps(log: DriveLog) -> Bool[np.ndarray, " scan"]:
+    """Scans at which GNSS/INS said nothing for a second, or was three times less sure than at its best.
+
+    Best is the tenth part of the drive's scans at which its position's sigma is least.
+    """
+    navigation, time_s = log.description.navigation, log.scan_time_s
+    # Before the first record and after the last one there is no interval.
+    interval_s = np.diff(navigation.time_s, prepend=navigation.time_s[:1], append=navigation.time_s[-1:])
+    gap = interval_s[np.searchsorted(navigation.time_s, time_s)] > _SILENT_S
+    if navigation.sigma_east_m is not None and navigation.sigma_north_m is not None:
+        sigma_m = np.maximum(navigation.sigma_east_m, navigation.sigma_north_m)
+        at_scan = np.interp(time_s, navigation.time_s, sigma_m)
+        gap = gap | (at_scan > _LESS_SURE * np.percentile(at_scan, 10.0))
+    return np.asarray(gap)

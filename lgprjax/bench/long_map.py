@@ -7,7 +7,7 @@ from lgprjax.bench.hard_set import SAMPLE_INTERVAL_NS, SAMPLES
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import ArrayGeometry, default_chain, profile_operator, profile_samples, uniform_array
 from lgprjax.registration import LiveBlock, Track
-from lgprjax.subsurface import MapDescription, Stations, TilePlacer
+from lgprjax.subsurface import MapDescription, Places, StationPlaces, Stations, TilePlacer
 
 CHANNELS, PITCH_M, HEIGHT_M = 11, 0.127, 0.3
 SCAN_STEP_M = 0.035
@@ -43,14 +43,16 @@ class RepeatedRoad:
         self._pose[:, 0] = np.tile(along, lanes)
         self._pose[:, 1] = np.repeat(middle, len(along))
         self._pose[:, 2] = HEIGHT_M
-        self._lane = np.repeat(np.arange(lanes, dtype=np.int32), len(along))
+        lane = np.repeat(np.arange(lanes, dtype=np.int32), len(along))
+        # The road is level.
+        self._places = StationPlaces.held(Places(self._pose, np.zeros(len(lane)), lane))
         self._along = len(along)
         placer = TilePlacer(TILE_SPACING_M)
-        for lane in range(lanes):
-            placer.place(self._pose[lane * self._along : lane * self._along + self._once])
+        for baseline in range(lanes):
+            first = baseline * self._along
+            placer.place(self._pose[first : first + self._once])
         turns = np.repeat(np.arange(repeats) * self._once * settings.step_m, len(placer.frames))
         self._frames = np.tile(placer.frames, (repeats, 1)) + turns[:, None] * np.array([1.0, 0.0, 0.0])
-        self._ground_up_m = np.zeros(len(self._pose))
         self._reference_m = np.full(len(self._frames), HEIGHT_M)
         self._description = MapDescription(
             "repeated road",
@@ -74,14 +76,9 @@ class RepeatedRoad:
         return self._pose
 
     @property
-    def drive(self) -> Int[np.ndarray, " scan"]:
-        """The lane of every station."""
-        return self._lane
-
-    @property
-    def ground_up_m(self) -> Float[np.ndarray, " scan"]:
-        """The road is level."""
-        return self._ground_up_m
+    def places(self) -> StationPlaces:
+        """Where the stations stand."""
+        return self._places
 
     @property
     def tile_frame(self) -> Float[np.ndarray, "tile 3"]:

@@ -17,7 +17,7 @@ from lgprjax.errors import InputError
 if TYPE_CHECKING:
     from lgprjax.bench.records import Record
 
-Name = Literal["registration", "rollouts", "closed-loop", "runtime", "coverage"]
+Name = Literal["registration", "rollouts", "closed-loop", "runtime", "coverage", "archive"]
 Say = Callable[[str], None]
 
 
@@ -49,6 +49,7 @@ class Bench:
     hour and a half; and a thousand kilometres with an error model of fixes.
     runtime: the onboard runtime in real time against simulated devices, a mile with 126 scans a second.
     coverage: the worked area of a hectare kept up live, beside the source's cached shapes and brute force.
+    archive: a thousand drives registered by one worker process and by several, one of them killed; about half an hour.
 
     Each peer runs in a process of its own with the number of threads that suits it best. Goals that are not met are
     printed as plainly as those that are; the exit status does not depend on them. Peers come with pip install
@@ -56,7 +57,7 @@ class Bench:
     """
 
     name: Annotated[
-        Positional[Name], arg(metavar="NAME", help="registration, rollouts, closed-loop, runtime or coverage")
+        Positional[Name], arg(metavar="NAME", help="registration, rollouts, closed-loop, runtime, coverage or archive")
     ]
     quick: bool = False
     """few problems, about two minutes: rough figures"""
@@ -64,23 +65,23 @@ class Bench:
     """also write machine, peers and records to this file"""
     figure: Path | None = None
     """registration: also measure success against coarse step and correlation length of the ground and draw it (PNG);
-    minutes more. closed-loop: also draw the first drive (PNG)"""
+    minutes more. closed-loop: also draw the first drive. runtime: also draw the times from scan to command"""
     force: bool = False
     """replace outputs that exist"""
 
     def run(self) -> None:
         """Run, print, write."""
-        if self.figure is not None and self.name in ("rollouts", "runtime", "coverage"):
-            raise InputError("--figure", "option", "the benchmark registration or closed-loop", self.name)
+        if self.figure is not None and self.name not in ("registration", *_DRAWN):
+            raise InputError("--figure", "option", "the benchmark registration, closed-loop or runtime", self.name)
         for path in (self.json, self.figure):
             if path is not None and path.exists() and not self.force:
                 raise InputError(path, "output", "a new file, or --force", "the file exists")
             if path is not None and not path.absolute().parent.is_dir():
                 raise InputError(path, "output", "a file in a folder that exists", "no such folder")
         with tempfile.TemporaryDirectory() as folder, _sign("starting") as status:
-            # That picture is of a drive that is measured anyhow, the other one of measurements of its own.
-            if self.figure is not None and self.name == "closed-loop":
-                measured = _closed_loop(self.quick, Path(folder), status.update, self.figure)
+            # These pictures are of drives that are measured anyhow, the other one of measurements of its own.
+            if self.figure is not None and self.name in _DRAWN:
+                measured = _DRAWN[self.name](self.quick, Path(folder), status.update, self.figure)
             else:
                 measured = _BENCHMARKS[self.name](self.quick, Path(folder), status.update)
         self._print(measured)
@@ -156,10 +157,10 @@ def _closed_loop(quick: bool, _: Path, say: Say, figure: Path | None = None) -> 
     return Measured(outcome.machine, lead, outcome.records, outcome.not_measured, {"drives": outcome.drives})
 
 
-def _runtime(quick: bool, folder: Path, say: Say) -> Measured:
+def _runtime(quick: bool, folder: Path, say: Say, figure: Path | None = None) -> Measured:
     from lgprjax.bench.runtime import FULL_RUNTIME, QUICK_RUNTIME, run_runtime
 
-    outcome = run_runtime(QUICK_RUNTIME if quick else FULL_RUNTIME, folder, say)
+    outcome = run_runtime(replace(QUICK_RUNTIME if quick else FULL_RUNTIME, picture=figure), folder, say)
     lead = ["Radar at 126 scans a second, full registration, real time; the devices are simulated on the same machine."]
     return Measured(outcome.machine, lead, outcome.records, outcome.not_measured, {"run": outcome.figures})
 
@@ -172,12 +173,28 @@ def _coverage(quick: bool, _: Path, say: Say) -> Measured:
     return Measured(outcome.machine, lead, outcome.records, outcome.not_measured, {"worked_area": outcome.figures})
 
 
+def _archive(quick: bool, folder: Path, say: Say) -> Measured:
+    from lgprjax.bench.archive import FULL_ARCHIVE, QUICK_ARCHIVE, run_archive
+
+    outcome = run_archive(QUICK_ARCHIVE if quick else FULL_ARCHIVE, folder, say)
+    lead = [
+        "Drives of 2 s cut from one simulated drive; every run is a command of its own, its processes started afresh."
+    ]
+    return Measured(outcome.machine, lead, outcome.records, outcome.not_measured, {})
+
+
 _BENCHMARKS: dict[Name, Callable[[bool, Path, Say], Measured]] = {
     "registration": _registration,
     "rollouts": _rollouts,
     "closed-loop": _closed_loop,
     "runtime": _runtime,
     "coverage": _coverage,
+    "archive": _archive,
+}
+
+_DRAWN: dict[Name, Callable[[bool, Path, Say, Path | None], Measured]] = {
+    "closed-loop": _closed_loop,
+    "runtime": _runtime,
 }
 
 

@@ -8,6 +8,7 @@ import tyro
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.errors import require_files
+from lgprjax.cli.import_mcap import ImportMcap
 from lgprjax.cli.import_parts import Force, Origin, Output, finished
 from lgprjax.cli.import_sets import ImportCmu, ImportGprMax, ImportGrounded
 from lgprjax.cli.progress import working
@@ -192,4 +193,5 @@ ImportVerb = (
     | Annotated[ImportGrounded, tyro.conf.subcommand("grounded")]
     | Annotated[ImportCmu, tyro.conf.subcommand("cmu")]
     | Annotated[ImportGprMax, tyro.conf.subcommand("gprmax")]
+    | Annotated[ImportMcap, tyro.conf.subcommand("mcap")]
 )

@@ -10,7 +10,9 @@ from lgprjax.cli.bench import Bench
 from lgprjax.cli.check import Check
 from lgprjax.cli.cover import CoverVerb
 from lgprjax.cli.demo import Demo
+from lgprjax.cli.doctor import Doctor
 from lgprjax.cli.errors import run_verb
+from lgprjax.cli.export import Export
 from lgprjax.cli.imports import ImportVerb
 from lgprjax.cli.maps import MapVerb
 from lgprjax.cli.recover import Recover
@@ -33,6 +35,7 @@ Verb = (
     | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[MapVerb, tyro.conf.subcommand("map", description="Subsurface databases.")]
     | Annotated[Register, tyro.conf.subcommand("register")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[RouteVerb, tyro.conf.subcommand("route", description="Routes of a subsurface database.")]
     | Annotated[
         CoverVerb, tyro.conf.subcommand("cover", description="Fields: plan, record and hand over what was worked.")
@@ -43,6 +46,7 @@ Verb = (
     | Annotated[ThresholdsVerb, tyro.conf.subcommand("thresholds")]
     | Annotated[Tune, tyro.conf.subcommand("tune")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
+    | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import tyro
@@ -10,6 +10,10 @@ from rich.table import Table
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.errors import UsageError, require_files
+from lgprjax.cli.map_info import MapInfo, print_info
+from lgprjax.cli.map_pictures import draw_map_passes
+from lgprjax.cli.map_refine import MapRefine
+from lgprjax.cli.map_update import MapUpdate
 from lgprjax.cli.progress import console, progress_bar
 from lgprjax.errors import InputError
 
@@ -19,7 +23,7 @@ if TYPE_CHECKING:
 
 _VERDICT_STYLE = {"good": "green", "look": "yellow", "bad": "bold red"}
 _INTERVALS = 4  # named in the table; all of them are in the JSON
-_OUTPUTS = ("places.csv", "agreement.csv", "strips.png", "findings.json")
+_OUTPUTS = ("places.csv", "agreement.csv", "strips.png", "passes.png", "findings.json")
 
 
 @dataclass(frozen=True)
@@ -35,13 +39,15 @@ class MapBuild:
     """centre frequency of the antennas, where the log does not say"""
     travel_time_ns: float | None = None
     """how deep the profiles go at most; without it to the recording's end, of sweeps fifteen periods"""
+    precision: Literal["full", "standard", "small"] = "standard"
+    """how closely traces are stored: full as 16-bit samples, standard in some two bits a number, small in fewer"""
     force: bool = False
     """replace an output that exists"""
 
     def run(self) -> None:
         """Build."""
         from lgprjax.archive import build_map
-        from lgprjax.formats import DriveLog
+        from lgprjax.formats import MAP_PRECISIONS, DriveLog, locked_map
 
         require_files(self.drives, "drives")
         if self.centre_frequency_mhz is not None and not 1.0 <= self.centre_frequency_mhz <= 1e4:
@@ -53,70 +59,18 @@ class MapBuild:
             with DriveLog.open(path) as log:
                 scans += log.scans
         frequency = None if self.centre_frequency_mhz is None else 1e6 * self.centre_frequency_mhz
-        with progress_bar("building map", scans) as progress:
+        with locked_map(self.output), progress_bar("building map", scans) as progress:
             build_map(
                 self.drives,
                 self.output,
                 centre_frequency_hz=frequency,
                 travel_time_ns=self.travel_time_ns,
+                precision=MAP_PRECISIONS[self.precision],
                 force=self.force,
                 progress=progress,
             )
         console.print(f"wrote {self.output}", highlight=False, markup=False, soft_wrap=True)
-        _print_info(self.output)
-
-
-@dataclass(frozen=True)
-class MapInfo:
-    """What a subsurface database covers and how it was made."""
-
-    file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
-    json: Path | None = None
-    """also write the figures to this file"""
-    force: bool = False
-    """replace that file if it exists"""
-
-    def run(self) -> None:
-        """Print."""
-        from lgprjax.cli.figures import write_figures
-
-        figures = _print_info(self.file)
-        if self.json is not None:
-            write_figures(self.json, figures, force=self.force)
-
-
-def _print_info(path: Path) -> dict[str, object]:
-    from lgprjax.formats import MapFile
-
-    with MapFile.open(path) as source:
-        description, pose = source.description, source.pose
-        step = np.hypot(*np.diff(pose[:, :2], axis=0).T)
-        along = float(step[np.diff(source.drive) == 0].sum())
-        low, high = pose[:, :2].min(axis=0), pose[:, :2].max(axis=0)
-        figures: dict[str, object] = {
-            "name": description.name,
-            "anchor_latitude_deg": description.frame.latitude_deg,
-            "anchor_longitude_deg": description.frame.longitude_deg,
-            "baselines": int(source.drive.max()) + 1,
-            "stations": len(pose),
-            "length_m": round(along, 2),
-            "east_m": [round(float(low[0]), 2), round(float(high[0]), 2)],
-            "north_m": [round(float(low[1]), 2), round(float(high[1]), 2)],
-            "channels": description.channels,
-            "channel_pitch_m": round(description.channel_pitch_m, 4),
-            "station_step_m": round(description.settings.step_m, 4),
-            "band_mhz": [description.settings.band_low_hz / 1e6, description.settings.band_high_hz / 1e6],
-            "travel_time_ns": round(len(description.gain) * description.settings.sample_interval_ns, 2),
-            "track_filter_m": round(description.settings.track_filter_m, 2),
-            "tiles": len(source.tile_frame),
-            "bytes_per_m": round(path.stat().st_size / max(along, 1e-9)),
-            "steps": source.provenance.get("steps"),
-        }
-    table = Table("quantity", "value", title=f"{path.name}")
-    for name, value in figures.items():
-        table.add_row(name, ", ".join(map(str, value)) if isinstance(value, list) else str(value))
-    console.print(table)
-    return figures
+        print_info(self.output)
 
 
 @dataclass(frozen=True)
@@ -125,7 +79,7 @@ class MapVerify:
 
     file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
     output: Annotated[
-        Path | None, arg(aliases=["-o"], help="folder for strips.png, places.csv, agreement.csv, findings.json")
+        Path | None, arg(aliases=["-o"], help="folder for strips.png, passes.png, two tables and findings.json")
     ] = None
     json: Path | None = None
     """also write the findings to this file"""
@@ -196,6 +150,7 @@ def _write_health(folder: Path, source: "MapFile", health: "MapHealth", force: b
         with atomic_output(folder / name, force) as temporary:
             values.to_csv(temporary, index=False, float_format="%.12g")
     write_figures(folder / "findings.json", health.as_json(), force=force)
+    draw_map_passes(source, health, folder / "passes.png", force=force)
     survey, agreement, thresholds = health.survey, health.agreement, default_thresholds()
     strips = []
     for drive in sorted(set(agreement["baseline"])):
@@ -237,4 +192,6 @@ MapVerb = (
     Annotated[MapBuild, tyro.conf.subcommand("build")]
     | Annotated[MapInfo, tyro.conf.subcommand("info")]
     | Annotated[MapVerify, tyro.conf.subcommand("verify")]
+    | Annotated[MapRefine, tyro.conf.subcommand("refine")]
+    | Annotated[MapUpdate, tyro.conf.subcommand("update")]
 )

@@ -8,21 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from tyro.conf import Positional, arg
 
+from lgprjax.cli.drive_pictures import ENDS, draw_drive
 from lgprjax.cli.errors import require_files
 from lgprjax.cli.progress import console, progress_bar, working
 from lgprjax.cli.search_options import check_region, check_search
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
-    from lgprjax.archive import FixExample, RegisteredDrive
-    from lgprjax.formats import DriveLog, MapFile
+    from lgprjax.archive import RegisteredDrive
+    from lgprjax.formats import MapFile
     from lgprjax.registration import RegisterOptions
     from lgprjax.report import (
-        CorrelationSurface,
         DriveResult,
         DriveSummary,
-        MatchExample,
-        ReportFigure,
         Section,
     )
 
@@ -45,13 +43,20 @@ class Register:
     """what a fix must reach, from lgprjax thresholds with the same --window-m; without it the defaults"""
     track: bool = False
     """each search starts from the last fix carried on by odometry; its region follows the correlation"""
+    workers: int | None = None
+    """register by so many processes, all results in one folder with one table and page (no pictures of each drive);
+    what is there already is not done again"""
+    threads: int | None = None
+    """that each worker is held to; with equal threads the fixes are the same to the bit"""
+    scheduler: str | None = None
+    """the same on a cluster: address of a dask scheduler, tcp://HOST:8786"""
     json: Path | None = None
     """also write the figures to this file"""
     force: bool = False
     """replace outputs that exist"""
 
-    def run(self) -> None:
-        """Register."""
+    def run(self) -> int:
+        """Register; the exit status."""
         from lgprjax.cli.figures import write_figures
         from lgprjax.formats import read_thresholds
         from lgprjax.registration import RegisterOptions, Thresholds
@@ -69,6 +74,13 @@ class Register:
             own_thresholds=None if held is None else Thresholds(**held),
             track=self.track,
         )
+        if (self.workers, self.threads, self.scheduler) != (None, None, None):
+            from lgprjax.cli.register_many import Workforce, register_many
+
+            workforce = Workforce(self.workers, self.threads, self.scheduler)
+            return register_many(
+                self.map, self.drives, self.output, options, workforce, json=self.json, force=self.force
+            )
         results = register_all(self.map, self.drives, self.output, options, force=self.force)
         summaries = [summary for _, summary, _ in results]
         console.print(summary_table(summaries))
@@ -79,6 +91,7 @@ class Register:
         console.print(
             f"report: {(self.output / 'report.html').resolve()}", highlight=False, markup=False, soft_wrap=True
         )
+        return 0
 
 
 Registered = tuple["DriveResult", "DriveSummary", "Section"]
@@ -101,6 +114,7 @@ def register_all(
         impostors: names of drives that are known to lie on other ground.
     """
     from lgprjax.archive import passes_over, recording_of, register_log, track_of_drive, write_registered
+    from lgprjax.archive.tracks import gnss_gaps
     from lgprjax.cli.figures import write_figures
     from lgprjax.formats import DriveLog, MapFile
     from lgprjax.report import drive_section, summarise
@@ -127,9 +141,10 @@ def register_all(
                 if drive.rung is not None:
                     _print_rungs(drive.name, drive.rung)
                 write_registered(drive, source, log, options, folder, force)
-                result = drive_result(drive, source, impostor=drive.name in impostors)
+                impostor = drive.name in impostors
+                result = drive_result(drive, source, impostor=impostor, gnss_gap=gnss_gaps(log))
                 with working(f"drawing {path.name}"):
-                    figures = _draw(result, drive, source, log, options, folder, force)
+                    figures = draw_drive(result, drive, source, log, options, folder, force)
                 summary = summarise(result)
                 results.append((result, summary, drive_section(result, summary, figures)))
     write_figures(folder / "summary.json", [summary.as_json() for _, summary, _ in results], force=force)
@@ -174,8 +189,10 @@ def write_page(
     return page
 
 
-def drive_result(drive: "RegisteredDrive", source: "MapFile", *, impostor: bool) -> "DriveResult":
-    """The registered drive as the record that pictures are made from."""
+def drive_result(
+    drive: "RegisteredDrive", source: "MapFile", *, impostor: bool, gnss_gap: np.ndarray | None = None
+) -> "DriveResult":
+    """The registered drive as the record that pictures are made from; ``gnss_gap`` tells scans without GNSS."""
     from lgprjax.report import DriveResult
 
     pose, prior, truth = np.asarray(drive.fix.pose), drive.track.pose, drive.truth
@@ -199,6 +216,8 @@ def drive_result(drive: "RegisteredDrive", source: "MapFile", *, impostor: bool)
         margin=table["margin"].to_numpy(),
         code=table["code"].to_numpy().astype(str),
         yaw_rad=pose[:, 3],
+        sigma_yaw_rad=np.sqrt(np.asarray(drive.fix.covariance)[:, 3, 3]),
+        gnss_gap=gnss_gap,
         truth_east_m=None if truth is None else truth[:, 0],
         truth_north_m=None if truth is None else truth[:, 1],
         truth_yaw_rad=None if truth is None else truth[:, 3],
@@ -208,90 +227,11 @@ def drive_result(drive: "RegisteredDrive", source: "MapFile", *, impostor: bool)
     )
 
 
-def _draw(
-    result: "DriveResult",
-    drive: "RegisteredDrive",
-    source: "MapFile",
-    log: "DriveLog",
-    options: "RegisterOptions",
-    folder: Path,
-    force: bool,
-) -> list["ReportFigure"]:
-    from lgprjax.archive import example_scan, fix_example
-    from lgprjax.report import ReportFigure, draw_match, draw_surface, draw_trajectory
-
-    figures = []
-    trajectory = folder / f"{drive.name}-trajectory.png"
-    draw_trajectory(result, trajectory, force=force)
-    figures.append(ReportFigure(trajectory, "Trajectory and errors along the drive.", "plan view above error curves"))
-    scan = example_scan(drive)
-    example = None if scan is None else fix_example(source, log, drive, options, scan)
-    if example is None:
-        return figures
-    match, surface = folder / f"{drive.name}-match.png", folder / f"{drive.name}-map.png"
-    draw_match(_match(example, drive, options), match, force=force)
-    draw_surface(_surface(example, options), surface, force=force)
-    code = drive.table["code"].iloc[example.scan]
-    figures.append(
-        ReportFigure(match, f"Scan {example.scan}, {code}: the ground live and in the map.", "radargram strips")
-    )
-    figures.append(
-        ReportFigure(surface, f"Scan {example.scan}, {code}: match over the search region.", "correlation map")
-    )
-    return figures
-
-
-def _match(example: "FixExample", drive: "RegisteredDrive", options: "RegisterOptions") -> "MatchExample":
-    from lgprjax.report import MatchExample
-
-    strips, row = example.strips, drive.table.iloc[example.scan]
-    distance = strips.distance_m - drive.track.travel_m[0]
-    window = (distance[-1] - options.window_m, distance[-1]) if options.window_m else None
-    return MatchExample(
-        baseline=strips.baseline,
-        live=strips.live,
-        beside=strips.beside,
-        beside_m=strips.beside_m,
-        distance_m=distance,
-        time_ns=strips.time_ns,
-        channel=strips.channel,
-        correlation=float(row["correlation"]),
-        margin=float(row["margin"]),
-        gain="depth gain of the map, limited to 2.5 RMS of the scan",
-        lag_m=strips.lag_m,
-        window_m=window,
-    )
-
-
-def _surface(example: "FixExample", options: "RegisterOptions") -> "CorrelationSurface":
-    from lgprjax.report import CorrelationSurface
-
-    def pair(place: "np.ndarray | None") -> tuple[float, float] | None:
-        return None if place is None else (float(place[0]), float(place[1]))
-
-    prior, best = pair(example.prior_m), pair(example.best_m)
-    assert prior is not None
-    assert best is not None
-    return CorrelationSurface(
-        x_m=example.surface.along_m,
-        y_m=example.surface.cross_m,
-        correlation=example.surface.strength,
-        half_width_m=(options.search_m, options.search_m),
-        prior=prior,
-        prior_sigma_m=example.prior_sigma_m,
-        best=best,
-        second=None,
-        truth=pair(example.truth_m),
-        origin="the tile's frame on the route",
-        axes=("along", "cross"),
-    )
-
-
 def _claim(folder: Path, names: Sequence[str], force: bool) -> None:
     """Refuse before any work what would be refused after it."""
     if folder.exists() and not folder.is_dir():
         raise InputError(folder, "output", "a folder", "a file")
-    ends = (".fixes.csv", ".fixes.h5", "-trajectory.png", "-match.png", "-map.png")
+    ends = (".fixes.csv", ".fixes.h5", *ENDS)
     outputs = [f"{name}{end}" for name in names for end in ends]
     for output in [*outputs, "codes.png", "summary.json", "report.html"]:
         if (folder / output).exists() and not force:

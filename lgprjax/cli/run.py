@@ -81,9 +81,11 @@ class Run:
 
     def _simulate(self, config: "RuntimeConfig") -> int:
         from lgprjax.cli.figures import write_figures
+        from lgprjax.cli.run_records import read_records, timing_of
         from lgprjax.cli.simulated_course import course_spec, devices, prepare_course
         from lgprjax.cli.simulated_field import field_figures, field_spec, prepare_field
         from lgprjax.cli.simulated_run import figures_of, print_figures
+        from lgprjax.report import draw_timing
         from lgprjax.runtime.config import PortsTable, PortTable
         from lgprjax.runtime.config_text import write_config
 
@@ -105,7 +107,12 @@ class Run:
             driven = read_config(file)
             status = _drive(driven, folder, self.for_s)
         with working("figures"):
-            figures = field_figures(folder, driven) if field else figures_of(folder)
+            if field:
+                figures = field_figures(folder, driven)
+            else:
+                records = read_records(folder)
+                figures = figures_of(records, folder)
+                draw_timing(timing_of(records, f"Run {folder.name}: from scan to command"), folder / "timing.png")
         print_figures(figures, folder)
         if self.json is not None:
             write_figures(self.json, figures, force=self.force)

@@ -18,13 +18,23 @@ from lgprjax.formats.dzt import read_dzt
 from lgprjax.formats.field_file import FieldPlaces, read_field
 from lgprjax.formats.findings import Finding
 from lgprjax.formats.fixes import read_fix_poses, read_fixes, write_fixes
+from lgprjax.formats.frames_of_drives import DriveFrames, read_drive_frames, read_fixes_frame
 from lgprjax.formats.geo_layers import GeoLayer, write_geojson, write_geopackage, write_kml
 from lgprjax.formats.gprmax import import_gprmax, read_gprmax
 from lgprjax.formats.grounded import import_grounded
 from lgprjax.formats.hdf5_output import create_store
 from lgprjax.formats.iprb import read_iprb, read_iprb_array
 from lgprjax.formats.mala import read_mala
-from lgprjax.formats.map_file import MapFile, MapWriter
+from lgprjax.formats.map_code import MAP_PRECISIONS, MapPrecision
+from lgprjax.formats.map_copy import copy_stations
+from lgprjax.formats.map_file import MapFile
+from lgprjax.formats.map_lock import locked_map, scratch_folder
+from lgprjax.formats.map_writer import MapWriter
+from lgprjax.formats.mcap_export import ExportedDrive, export_mcap
+from lgprjax.formats.mcap_heard import McapTopics
+from lgprjax.formats.mcap_import import ImportedRecording, import_mcap
+from lgprjax.formats.mcap_scans import UniformArray
+from lgprjax.formats.mcap_tracks import McapAssumed
 from lgprjax.formats.profile import Profile, TraceCoordinates
 from lgprjax.formats.route_file import RouteFile, read_route, route_findings, write_route
 from lgprjax.formats.run_log import RunReading, RunSummary, read_run
@@ -44,16 +54,23 @@ from lgprjax.formats.worked_file import read_worked, write_worked
 from lgprjax.formats.worked_record import WorkedRecord, stop_words
 
 __all__ = [
+    "MAP_PRECISIONS",
     "CoverPlan",
     "DriveDescription",
+    "DriveFrames",
     "DriveLog",
     "DriveWriter",
+    "ExportedDrive",
     "FieldPlaces",
     "Finding",
     "Found",
     "GeoLayer",
+    "ImportedRecording",
     "MapFile",
+    "MapPrecision",
     "MapWriter",
+    "McapAssumed",
+    "McapTopics",
     "NavigationTrack",
     "OdometryTrack",
     "Place",
@@ -67,6 +84,7 @@ __all__ = [
     "SweepRecording",
     "TraceCoordinates",
     "TraceRecording",
+    "UniformArray",
     "VehicleFile",
     "VehicleLog",
     "Waypoints",
@@ -74,21 +92,27 @@ __all__ = [
     "WorkedRecord",
     "atomic_output",
     "check_file",
+    "copy_stations",
     "cover_plan_findings",
     "create_store",
+    "export_mcap",
     "import_cmu",
     "import_gprmax",
     "import_grounded",
     "import_iprb",
     "import_lines",
+    "import_mcap",
     "import_segy",
     "load_schema",
+    "locked_map",
     "read_cover_plan",
+    "read_drive_frames",
     "read_dt1",
     "read_dzt",
     "read_field",
     "read_fix_poses",
     "read_fixes",
+    "read_fixes_frame",
     "read_gprmax",
     "read_iprb",
     "read_iprb_array",
@@ -103,6 +127,7 @@ __all__ = [
     "read_worked",
     "require_serial_number",
     "route_findings",
+    "scratch_folder",
     "stop_words",
     "with_values",
     "write_cover_plan",

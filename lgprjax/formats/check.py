@@ -7,6 +7,7 @@ from lgprjax.errors import InputError
 from lgprjax.formats.cover_plan import cover_plan_findings
 from lgprjax.formats.findings import Finding
 from lgprjax.formats.fixes import parse_cells, read_cells, table_findings
+from lgprjax.formats.map_check import map_findings
 from lgprjax.formats.route_file import route_findings
 from lgprjax.formats.schema import Schema, load_schema
 from lgprjax.formats.store import open_store, validate_store
@@ -49,7 +50,7 @@ def _check_fixes_csv(path: Path) -> Iterator[Finding]:
 
 _CHECKS: dict[str, Callable[[Path], Iterator[Finding]]] = {
     ".drive.h5": _check_store(load_schema("drive")),
-    ".map.h5": _check_store(load_schema("map")),
+    ".map.h5": map_findings,
     ".fixes.h5": _check_store(load_schema("fixes")),
     ".fixes.csv": _check_fixes_csv,
     ".route.toml": route_findings,

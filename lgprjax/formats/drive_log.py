@@ -8,7 +8,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex, Float, Num
 
 from lgprjax.errors import InputError
 from lgprjax.formats.drive_description import (
@@ -147,6 +147,28 @@ class DriveLog:
         calibration[~known] = 0.0
         self._non_finite[start:stop] |= ~(finite.all(axis=1) & known)
         return sweeps, calibration, valid & finite & known[:, None]
+
+    def read_stored(
+        self, start: int, stop: int
+    ) -> tuple[
+        Num[np.ndarray, "scan channel sample"],
+        Bool[np.ndarray, "scan channel"],
+        Complex[np.ndarray, "scan sample"] | None,
+    ]:
+        """Traces or sweeps of the scans from ``start`` to before ``stop`` as stored, and which of them are valid.
+
+        Type and zero level are those of the file, what is not finite stays. Of sweeps, those of the calibration
+        channel come third.
+
+        Raises:
+            InputError: the range lies outside the drive, or the data are damaged.
+        """
+        self._check_range(start, stop)
+        name = "/radar/traces" if isinstance(self.description.recording, TraceRecording) else "/radar/sweeps"
+        with reading(self.path, f"{name}, scans {start} to {stop}"):
+            stored = self._store[name][start:stop]
+            calibration = None if name == "/radar/traces" else self._store["/radar/calibration_sweeps"][start:stop]
+            return stored, self._read_valid(start, stop), calibration
 
     def chunks(
         self, scans_per_chunk: int

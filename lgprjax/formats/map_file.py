@@ -1,144 +1,66 @@
-"""The subsurface database on disk: written station by station, read where registration asks."""
+"""The subsurface database on disk, read where registration asks."""
 
 import json
-from contextlib import ExitStack
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 
 import h5py
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Integer
 
 from lgprjax.errors import InputError
-from lgprjax.formats.hdf5_output import GuardedFile, create_store
+from lgprjax.formats.map_code import FULL, MapPrecision, TraceCode
+from lgprjax.formats.map_rows import SummedRows, antenna_codes, antennas_of_codes, read_rows
+from lgprjax.formats.map_stored import StoredStations, place_rows, places_of_rows
+from lgprjax.formats.map_traces import CodedTraceBlocks, SampledTraces
 from lgprjax.formats.schema import load_schema
-from lgprjax.formats.store import (
-    attribute_of,
-    create_array,
-    open_store,
-    reading,
-    validate_store,
-    write_array,
-    write_attribute,
-)
+from lgprjax.formats.store import attribute_of, open_store, reading, validate_store
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import ChainSettings
-from lgprjax.subsurface import MapDescription, StationBlock, Stations
+from lgprjax.subsurface import MapDescription, Places, StationPlaces, Stations, Stretches
 
 _SCHEMA = load_schema("map")
-
-
-class MapWriter:
-    """A subsurface database being written; a context manager. It appears under its name when it is whole."""
-
-    def __init__(self, path: Path, store: h5py.File, output: GuardedFile, cleanup: ExitStack) -> None:
-        self.path = path
-        self.stations = 0
-        self._store = store
-        self._output = output
-        self._cleanup = cleanup
-
-    @classmethod
-    def create(cls, path: str | Path, *, force: bool = False) -> "MapWriter":
-        """Begin a database. Raises ``InputError`` where the output cannot be written or exists."""
-        with ExitStack() as cleanup:
-            store, output = cleanup.enter_context(create_store(path, _SCHEMA, force))
-            return cls(Path(path), store, output, cleanup.pop_all())
-        raise AssertionError("unreachable: the stack passes exceptions on")
-
-    def __enter__(self) -> "MapWriter":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if error is not None:
-            self._cleanup.__exit__(kind, error, trace)
-            return
-        with self._cleanup:
-            for finding in validate_store(self._store, self.path, _SCHEMA):
-                if finding.severity == "error":
-                    raise finding.error()
-
-    def append(self, block: StationBlock, drive: int) -> None:
-        """Append the next stations of a drive. All drives must have the same channels."""
-        fields = {
-            "traces": block.profile.astype(np.float16),
-            "valid": block.valid,
-            "pose": block.pose,
-            "ground_up_m": block.ground_up_m,
-            "antenna_m": block.antenna_m,
-            "drive": np.full(len(block.pose), drive),
-            "time_s": block.time_s,
-        }
-        for name, values in fields.items():
-            path = f"/baselines/{name}"
-            if path not in self._store:
-                create_array(self._store, _SCHEMA, path, values.shape[1:])
-            dataset = self._store[path]
-            dataset.resize(self.stations + len(block.pose), axis=0)
-            dataset[self.stations :] = values
-        self.stations += len(block.pose)
-        self._output.check()
-
-    def finish(
-        self,
-        description: MapDescription,
-        tile_frame: Float[np.ndarray, "tile 3"],
-        height_reference_m: Float[np.ndarray, " tile"],
-        provenance: dict[str, object],
-    ) -> None:
-        """Write what is known only at the end: gain, tiles, and what holds for the whole map."""
-        store, frame = self._store, description.frame
-        attributes: dict[str, str | float] = {
-            "name": description.name,
-            "provenance": json.dumps(provenance),
-            "chain": json.dumps(description.settings.as_provenance()),
-            "anchor_latitude_deg": frame.latitude_deg,
-            "anchor_longitude_deg": frame.longitude_deg,
-            "anchor_height_m": frame.height_m,
-            "sample_interval_ns": description.settings.sample_interval_ns,
-            "channel_pitch_m": description.channel_pitch_m,
-            "tile_spacing_m": description.tile_spacing_m,
-        }
-        for name, value in attributes.items():
-            write_attribute(store, name, value)
-        write_array(store, _SCHEMA, "/gain", description.gain)
-        write_array(store, _SCHEMA, "/tiles/frame", tile_frame)
-        write_array(store, _SCHEMA, "/tiles/height_reference_m", height_reference_m)
+_PLACE_UNITS_HELD = 64
+_ANTENNA_UNITS_HELD = 8
 
 
 class MapFile:
     """A subsurface database, open for reading; a context manager and a ``StationSource``.
 
-    Poses are in memory (about 50 bytes a station); profiles are read where a tile needs them.
+    In memory are the stretches of the tracks and the tiles' frames, about 100 bytes a metre of lane; everything else is
+    read where a tile needs it. What is damaged raises ``InputError`` when it is read, naming dataset and stations.
+    Files of version 1.0 have their poses in memory, 60 bytes a station.
+
+    Attributes:
+        path: of the file.
+        description: what holds for the whole map.
+        provenance: which steps and inputs made it.
+        precision: of the traces.
+        places: where the stations stand.
+        tile_frame: east_m, north_m, yaw_rad of every tile.
+        height_reference_m: antenna height above the ground that each tile is brought to.
     """
 
     def __init__(self, path: Path, store: h5py.File) -> None:
         self.path = path
         self._store = store
-        traces = store["baselines/traces"]
-        settings = json.loads(str(attribute_of(store, "chain")))
-        try:
-            chain = ChainSettings(**settings)
-        except TypeError:
-            expected = ", ".join(ChainSettings.__dataclass_fields__)
-            raise InputError(path, "/@chain", expected, ", ".join(settings) or "nothing") from None
-        provenance: dict[str, object] = json.loads(str(attribute_of(store, "provenance")))
-        self.description = MapDescription(
-            name=str(attribute_of(store, "name")),
-            frame=LocalFrame(*(self._number(f"anchor_{n}") for n in ("latitude_deg", "longitude_deg", "height_m"))),
-            settings=chain,
-            channel_pitch_m=self._number("channel_pitch_m"),
-            channels=int(traces.shape[1]),
-            tile_spacing_m=self._number("tile_spacing_m"),
-            gain=store["gain"][()],
-            label_sigma_m=_label_sigmas(provenance, 1 + int(store["baselines/drive"][()].max())),
+        self.provenance: dict[str, object] = json.loads(str(attribute_of(store, "provenance")))
+        self.precision = self._precision()
+        coded = "codes" in store["baselines"]
+        self._traces: CodedTraceBlocks | SampledTraces = (
+            CodedTraceBlocks(store, path) if coded else SampledTraces(store, path)
         )
-        self.provenance = provenance
-        self.pose: Float[np.ndarray, "scan 5"] = store["baselines/pose"][()]
-        self.ground_up_m: Float[np.ndarray, " scan"] = store["baselines/ground_up_m"][()]
-        self.drive: Int[np.ndarray, " scan"] = store["baselines/drive"][()]
+        self._place: SummedRows | None = None
+        self._antenna: SummedRows | None = None
+        if "place" in store["baselines"]:
+            self._place = SummedRows(store["baselines/place"], path, _PLACE_UNITS_HELD)
+            self._antenna = SummedRows(store["baselines/antenna"], path, _ANTENNA_UNITS_HELD)
+            self.places = StationPlaces(self._stretches(), len(store["baselines/place"]), self._read_places)
+        else:
+            held = (store[f"baselines/{name}"][()] for name in ("pose", "ground_up_m", "drive"))
+            self.places = StationPlaces.held(Places(*held))
+        self.description = self._description()
         self.tile_frame: Float[np.ndarray, "tile 3"] = store["tiles/frame"][()]
         self.height_reference_m: Float[np.ndarray, " tile"] = store["tiles/height_reference_m"][()]
 
@@ -169,25 +91,136 @@ class MapFile:
         """Close the file."""
         self._store.close()
 
+    @property
+    def code(self) -> TraceCode | None:
+        """What the traces' codes mean; None where traces are samples."""
+        return self._traces.code
+
+    @property
+    def level(self) -> Float[np.ndarray, " sample"] | None:
+        """RMS of the traces at each depth before they were coded; None where they are samples."""
+        return None if self.code is None else self.code.level
+
+    @cached_property
+    def _all(self) -> Places:
+        return self.places.read(np.arange(len(self.places)))
+
+    @property
+    def pose(self) -> Float[np.ndarray, "scan 5"]:
+        """Of every station, read whole and held."""
+        return self._all.pose
+
+    @property
+    def ground_up_m(self) -> Float[np.ndarray, " scan"]:
+        """Of the ground under every station, read whole and held."""
+        return self._all.ground_up_m
+
+    @property
+    def drive(self) -> Int[np.ndarray, " scan"]:
+        """Baseline of every station, read whole and held."""
+        return self._all.drive
+
+    @property
+    def retired(self) -> Integer[np.ndarray, " scan"]:
+        """Of every station, number of the update that took it out of use; 0 while it is in use."""
+        return self._retired(np.arange(len(self.places)))
+
     def read_stations(self, stations: Int[np.ndarray, " scan"]) -> Stations:
-        """Profiles of the stations with these rising numbers, read run by run."""
-        runs = np.split(stations, np.flatnonzero(np.diff(stations) > 1) + 1) if len(stations) else []
+        """Profiles of the stations with these rising numbers; those out of use are not valid.
 
-        def gather(name: str) -> np.ndarray:
-            dataset = self._store[f"baselines/{name}"]
-            if not runs:
-                return np.zeros((0, *dataset.shape[1:]), dataset.dtype)
-            return np.concatenate([dataset[int(run[0]) : int(run[-1]) + 1] for run in runs])
+        Raises:
+            InputError: a part of them is damaged.
+        """
+        in_use = self._retired(stations) == 0
+        return Stations(
+            profile=self._traces.profile(stations),
+            valid=self._valid(stations) & in_use[:, None],
+            antenna_m=self._antennas(stations),
+        )
 
-        with reading(self.path, "/baselines"):
-            return Stations(
-                profile=gather("traces").astype(np.float32),
-                valid=gather("valid").astype(bool),
-                antenna_m=gather("antenna_m"),
-            )
+    def read_stored(self, stations: Int[np.ndarray, " scan"]) -> StoredStations:
+        """Stations with these rising numbers in the numbers of the file. Raises ``InputError`` as ``read_stations``."""
+        if self._place is not None and self._antenna is not None:
+            place, antenna = self._place.read(stations), self._antenna.read(stations)
+        else:
+            where = self.places.read(stations)
+            time_s = read_rows(self._store["baselines/time_s"], self.path, stations)
+            place = place_rows(where.pose, where.ground_up_m, where.drive, time_s)
+            antenna = antenna_codes(self._antennas(stations), where.pose)
+        return StoredStations(place, antenna, self._valid(stations), self._traces.stored(stations))
 
-    def _number(self, name: str) -> float:
-        value = attribute_of(self._store, name)
+    def stored_bytes(self) -> dict[str, int]:
+        """What the parts of the file take: traces, places, antennas, and all the rest."""
+        parts = {
+            "traces": ("traces", "codes", "scale"),
+            "places": ("place", "pose", "ground_up_m", "drive", "time_s"),
+            "antennas": ("antenna", "antenna_m", "valid"),
+        }
+        held = self._store["baselines"]
+        sizes = {
+            part: sum(int(held[name].id.get_storage_size()) for name in names if name in held)
+            for part, names in parts.items()
+        }
+        return {**sizes, "rest": self.path.stat().st_size - sum(sizes.values())}
+
+    def _stretches(self) -> Stretches:
+        held = self._store["stretches"]
+        stretches = Stretches(held["first"][()], held["chord"][()], held["reach_m"][()])
+        scans = len(self._store["baselines/place"])
+        if stretches.first[0] != 0 or stretches.first[-1] >= scans:
+            found = f"{stretches.first[0]} to {stretches.first[-1]}"
+            raise InputError(self.path, "/stretches/first", f"numbers from 0 to below {scans}", found)
+        return stretches
+
+    def _read_places(self, stations: Int[np.ndarray, " scan"]) -> Places:
+        assert self._place is not None
+        return places_of_rows(self._place.read(stations))
+
+    def _antennas(self, stations: Int[np.ndarray, " scan"]) -> Float[np.ndarray, "scan channel 3"]:
+        if self._antenna is None:
+            return read_rows(self._store["baselines/antenna_m"], self.path, stations)
+        return antennas_of_codes(self._antenna.read(stations), self.places.read(stations).pose)
+
+    def _valid(self, stations: Int[np.ndarray, " scan"]) -> np.ndarray:
+        return read_rows(self._store["baselines/valid"], self.path, stations).astype(bool)
+
+    def _retired(self, stations: Int[np.ndarray, " scan"]) -> np.ndarray:
+        if "retired" not in self._store["baselines"]:
+            return np.zeros(len(stations), np.uint8)
+        return read_rows(self._store["baselines/retired"], self.path, stations)
+
+    def _precision(self) -> MapPrecision:
+        if "code" not in self._store:
+            return FULL
+        return MapPrecision(str(attribute_of(self._store, "precision")), self._number("step_rms", "code"))
+
+    def _description(self) -> MapDescription:
+        store = self._store
+        settings = json.loads(str(attribute_of(store, "chain")))
+        try:
+            chain = ChainSettings(**settings)
+        except TypeError:
+            expected = ", ".join(ChainSettings.__dataclass_fields__)
+            raise InputError(self.path, "/@chain", expected, ", ".join(settings) or "nothing") from None
+        # Drives stand one after the other.
+        drives = 1 + int(self.places.read(np.array([len(self.places) - 1])).drive[0])
+        weight = tuple(map(float, store["drives/weight"][()])) if "drives/weight" in store else ()
+        if len(weight) not in (0, drives):
+            raise InputError(self.path, "/drives/weight", f"a weight for each of {drives} drives", str(len(weight)))
+        return MapDescription(
+            name=str(attribute_of(store, "name")),
+            frame=LocalFrame(*(self._number(f"anchor_{n}") for n in ("latitude_deg", "longitude_deg", "height_m"))),
+            settings=chain,
+            channel_pitch_m=self._number("channel_pitch_m"),
+            channels=int(store["baselines/valid"].shape[1]),
+            tile_spacing_m=self._number("tile_spacing_m"),
+            gain=store["gain"][()],
+            label_sigma_m=_label_sigmas(self.provenance, drives),
+            weight=weight,
+        )
+
+    def _number(self, name: str, group: str = "/") -> float:
+        value = attribute_of(self._store[group], name)
         if not isinstance(value, int | float):
             raise InputError(self.path, f"/@{name}", "a number", repr(value))
         return float(value)

@@ -83,23 +83,41 @@ def write_array(store: h5py.File, schema: Schema, path: str, values: np.ndarray)
 
 
 def create_array(
-    store: h5py.File, schema: Schema, path: str, row_shape: tuple[int, ...], dtype: str | np.dtype[Any] | None = None
+    store: h5py.File,
+    schema: Schema,
+    path: str,
+    row_shape: tuple[int, ...],
+    dtype: str | np.dtype[Any] | None = None,
+    *,
+    rows: int | None = None,
+    checksum: bool = False,
 ) -> h5py.Dataset:
-    """Create an empty array that grows along its first axis, in chunks of whole rows of about 1 MiB."""
+    """Create an empty array that grows along its first axis, in chunks of whole rows.
+
+    Args:
+        store: the open file.
+        schema: that the array stands in.
+        path: of the array.
+        row_shape: shape of a row.
+        dtype: stored type, where it is not the schema's first.
+        rows: of a chunk; without it as many as make about 1 MiB.
+        checksum: of every chunk (Fletcher's), so that a damaged one cannot be read as data.
+    """
     entry = schema.dataset(path)
     kind = np.dtype(entry.dtype[0] if dtype is None else dtype)
     row_bytes = max(1, kind.itemsize * int(np.prod(row_shape)))
     # A short row (a time, a flag) would make chunks of 100,000 rows: too much to rewrite for each append.
-    rows = min(max(1, CHUNK_BYTES // row_bytes), 16384)
+    usual = min(max(1, CHUNK_BYTES // row_bytes), 16384)
     dataset = store.create_dataset(
         path,
         shape=(0, *row_shape),
         maxshape=(None, *row_shape),
-        chunks=(rows, *row_shape),
+        chunks=(rows or usual, *row_shape),
         dtype=kind,
         compression="gzip",
         compression_opts=1,
         shuffle=True,
+        fletcher32=checksum,
     )
     return _describe(dataset, entry)
 
@@ -215,6 +233,19 @@ def _check_values(dataset: h5py.Dataset, file: str, entry: Entry) -> Iterator[Fi
         for start in range(0, dataset.shape[0], rows):
             tally.add(dataset[start : start + rows])
     except DAMAGE:
-        yield Finding(file, entry.path, "readable data", "damaged data (a part of the file is lost)")
+        lost = f"damaged data (a part of the file is lost), first in {_first_lost(dataset, start, rows)}"
+        yield Finding(file, entry.path, "readable data", lost)
         return
     yield from tally.findings(file, entry.path)
+
+
+def _first_lost(dataset: h5py.Dataset, start: int, rows: int) -> str:
+    """The first rows that cannot be read of those from ``start`` on: a chunk, where there are chunks."""
+    stop = min(start + rows, dataset.shape[0])
+    step = dataset.chunks[0] if dataset.chunks else rows
+    for low in range(start - start % step, stop, step):
+        try:
+            dataset[low : low + step]
+        except DAMAGE:
+            return f"rows {low} to {min(low + step, dataset.shape[0]) - 1}"
+    return f"rows {start} to {stop - 1}"

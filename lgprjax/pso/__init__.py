@@ -5,9 +5,11 @@ from lgprjax.pso.swarm import (
     SwarmConfig,
     SwarmResult,
     SwarmState,
+    SwarmTrail,
     init_swarm,
     run_swarm,
     step_swarm,
+    watch_swarm,
 )
 
 __all__ = [
@@ -15,7 +17,9 @@ __all__ = [
     "SwarmConfig",
     "SwarmResult",
     "SwarmState",
+    "SwarmTrail",
     "init_swarm",
     "run_swarm",
     "step_swarm",
+    "watch_swarm",
 ]

@@ -9,7 +9,7 @@ walls. A score that is not finite never becomes a best.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,8 @@ from jaxtyping import Array, Bool, Float, Key
 
 Objective = Callable[[Float[Array, "particle dim"]], Float[Array, " particle"]]
 """Scores of a batch of positions in the box; higher is better; -inf or NaN where there is nothing."""
+
+Kept = TypeVar("Kept")
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,14 @@ class SwarmResult(NamedTuple):
     position: Float[Array, " dim"]
     score: Float[Array, ""]
     history: Float[Array, " iteration"]
+
+
+class SwarmTrail(NamedTuple):
+    """Every particle at the start and after each iteration."""
+
+    position: Float[Array, "iteration particle dim"]
+    best_position: Float[Array, "iteration particle dim"]
+    best_score: Float[Array, "iteration particle"]
 
 
 def init_swarm(key: Key[Array, ""], start: Float[Array, "particle dim"], objective: Objective) -> SwarmState:
@@ -115,20 +125,50 @@ def run_swarm(
     config: SwarmConfig,
 ) -> SwarmResult:
     """Run the swarm from given start positions for ``config.iterations`` updates. The key is consumed."""
+    end, history = _run(key, start, objective, free, lambda state: jnp.max(state.best_score), config=config)
+    winner = jnp.argmax(end.best_score)
+    return SwarmResult(end.best_position[winner], end.best_score[winner], history)
+
+
+def watch_swarm(
+    key: Key[Array, ""],
+    start: Float[Array, "particle dim"],
+    objective: Objective,
+    free: Bool[Array, " dim"],
+    *,
+    config: SwarmConfig,
+) -> SwarmTrail:
+    """The swarm that ``run_swarm`` runs with the same arguments, all of it kept. The key is consumed."""
+    return _run(
+        key,
+        start,
+        objective,
+        free,
+        lambda state: SwarmTrail(state.position, state.best_position, state.best_score),
+        config=config,
+    )[1]
+
+
+def _run(
+    key: Key[Array, ""],
+    start: Float[Array, "particle dim"],
+    objective: Objective,
+    free: Bool[Array, " dim"],
+    keep: Callable[[SwarmState], Kept],
+    *,
+    config: SwarmConfig,
+) -> tuple[SwarmState, Kept]:
+    """Where the swarm ends, and what ``keep`` takes of it at the start and after each iteration, stacked."""
     keys = jax.random.split(key, config.iterations + 1)
     state = init_swarm(keys[0], start, objective)
 
-    def body(carry: SwarmState, step_key: Key[Array, ""]) -> tuple[SwarmState, Float[Array, ""]]:
+    def body(carry: SwarmState, step_key: Key[Array, ""]) -> tuple[SwarmState, Kept]:
         after = step_swarm(step_key, carry, objective, free, config=config)
-        return after, jnp.max(after.best_score)
+        return after, keep(after)
 
-    end, history = jax.lax.scan(body, state, keys[1:])
-    winner = jnp.argmax(end.best_score)
-    return SwarmResult(
-        end.best_position[winner],
-        end.best_score[winner],
-        jnp.concatenate([jnp.max(state.best_score)[None], history]),
-    )
+    end, later = jax.lax.scan(body, state, keys[1:])
+    kept: Kept = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), keep(state), later)
+    return end, kept
 
 
 def _ring_best(state: SwarmState, neighbours: int) -> Float[Array, "particle dim"]:

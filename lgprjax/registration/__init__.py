@@ -22,7 +22,8 @@ from lgprjax.registration.options import RegisterOptions
 from lgprjax.registration.policy import LADDER
 from lgprjax.registration.prepared import Aspect, PreparedGround, PreparedTile
 from lgprjax.registration.search import Problem, SearchSpec, register_batch, search_spec_for
-from lgprjax.registration.survey import SurfacePicture, ground_under, survey_surface
+from lgprjax.registration.survey import SurfacePicture, ground_under, rival_of, survey_surface
+from lgprjax.registration.swarm_finish import SwarmView, watch_finish
 from lgprjax.registration.tracking import TrackedFixes, Tracker, track_drive, warm_up
 from lgprjax.registration.tracking_ground import tracking_ground
 
@@ -52,6 +53,7 @@ __all__ = [
     "Score",
     "SearchSpec",
     "SurfacePicture",
+    "SwarmView",
     "Template",
     "Thresholds",
     "Track",
@@ -69,6 +71,7 @@ __all__ = [
     "probe_strengths",
     "register_batch",
     "register_drive",
+    "rival_of",
     "rules_of",
     "score_poses",
     "search_spec_for",
@@ -80,4 +83,5 @@ __all__ = [
     "track_drive",
     "tracking_ground",
     "warm_up",
+    "watch_finish",
 ]

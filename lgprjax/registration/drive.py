@@ -58,8 +58,8 @@ class DriveFixes(NamedTuple):
     beside_match: Float[np.ndarray, "scan 2 2"]
 
 
-def ground_map_for(source: StationSource, options: RegisterOptions) -> GroundMap:
-    """Tiles large enough for the search, the window and the way to the nearest tile frame."""
+def ground_map_for(source: StationSource, options: RegisterOptions, *, keep: int = 4) -> GroundMap:
+    """Tiles large enough for the search, the window and the way to the nearest tile frame; ``keep`` are held."""
     description = source.description
     way_m = 0.5 * description.tile_spacing_m
     array_m = 0.5 * description.channels * description.channel_pitch_m
@@ -67,6 +67,7 @@ def ground_map_for(source: StationSource, options: RegisterOptions) -> GroundMap
         source,
         half_along_m=options.search_m + options.window_m + way_m + array_m,
         half_cross_m=options.search_m + options.window_m + way_m + array_m,
+        keep=keep,
     )
 
 
@@ -95,6 +96,7 @@ def register_drive(
     array: ArrayGeometry,
     blocks: Iterable[LiveBlock],
     options: RegisterOptions,
+    prepared: PreparedGround | None = None,
 ) -> Iterator[DriveFixes]:
     """Fixes of every scan, block by block; memory does not grow with the drive.
 
@@ -108,9 +110,10 @@ def register_drive(
         array: geometry of the drive.
         blocks: its scans in order, at most ``BLOCK_SCANS`` each.
         options: the search.
+        prepared: of ground and array, held from drive to drive; without it one of its own.
     """
     chain = live_chain(ground, operators, len(array.x_m), options.window_m)
-    prepared = PreparedGround(ground, array)
+    prepared = PreparedGround(ground, array) if prepared is None else prepared
     start_m: float | None = None
     for block in blocks:
         scans, first = chain.feed(block.traces, block.valid, block.track, BLOCK_SCANS, block.time_scale)
@@ -186,12 +189,10 @@ def blank_fixes(scans: int) -> Fix:
 def _by_aspect(
     prepared: PreparedGround, scans: LiveScans, ends: Int[np.ndarray, " end"], options: RegisterOptions
 ) -> list[tuple[Aspect, Int[np.ndarray, " _"]]]:
-    near = [prepared.ground.tile_near(scans.track.pose[end, :2], options.search_m) for end in ends]
-    reached = np.array([tile is not None for tile in near], bool)
-    at = ends[reached]
+    tiles = prepared.ground.tiles_near(scans.track.pose[ends, :2], options.search_m)
+    at, tiles = ends[tiles >= 0], tiles[tiles >= 0]
     if not len(at):
         return []
-    tiles = np.array([tile for tile in near if tile is not None])
     return [(aspect, at[which]) for aspect, which in prepared.aspects(tiles, scans.track, at)]
 
 

@@ -72,3 +72,15 @@ def ground_under(
     """Map coefficients under places (along, cross in the tile's frame), and which of them are on the map."""
     value, covered = sample_tile(tile, jnp.asarray(position_m, dtype=jnp.float32))
     return np.asarray(value), np.asarray(covered)
+
+
+def rival_of(surface: SurfacePicture, best_m: Float[np.ndarray, "2"], apart_m: float) -> Float[np.ndarray, "2"] | None:
+    """Highest summit of a surface at least ``apart_m`` from a place (along, cross); None where there is none."""
+    strength = np.where(np.isfinite(surface.strength), surface.strength, -np.inf)
+    rows, columns = strength.shape
+    framed = np.pad(strength, 1, constant_values=-np.inf)
+    around = np.max([framed[i : i + rows, j : j + columns] for i in range(3) for j in range(3)], axis=0)
+    away = np.hypot(surface.along_m[:, None] - best_m[0], surface.cross_m[None, :] - best_m[1]) >= apart_m
+    left = np.where(away & (strength >= around), strength, -np.inf)
+    i, j = np.unravel_index(int(np.argmax(left)), left.shape)
+    return np.array([surface.along_m[i], surface.cross_m[j]]) if np.isfinite(left[i, j]) else None

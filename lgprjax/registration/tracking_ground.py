@@ -8,20 +8,20 @@ from jaxtyping import Float
 from lgprjax.registration.drive import ground_map_for
 from lgprjax.registration.options import RegisterOptions
 from lgprjax.registration.policy import Policy
-from lgprjax.subsurface import GroundMap, StationSource, padded_stations
+from lgprjax.subsurface import GroundMap, StationSource
 
 
-def tracking_ground(source: StationSource, options: RegisterOptions) -> GroundMap:
-    """Tiles large enough for the widest rung."""
+def tracking_ground(source: StationSource, options: RegisterOptions, *, keep: int = 4) -> GroundMap:
+    """Tiles large enough for the widest rung; ``keep`` are held."""
     policy = Policy.of(options, source.description.settings.wavelength_m)
-    return ground_map_for(source, replace(options, search_m=policy.ladder[-1].half_m))
+    return ground_map_for(source, replace(options, search_m=policy.ladder[-1].half_m), keep=keep)
 
 
 def one_of_each_size(ground: GroundMap) -> list[int]:
     """A tile for every padded number of stations that a tile of the map is gridded from."""
     found: dict[int, int] = {}
     for tile in range(len(ground.source.tile_frame)):
-        found.setdefault(padded_stations(len(ground.stations_under(tile))), tile)
+        found.setdefault(ground.padded_under(tile), tile)
     return list(found.values())
 
 

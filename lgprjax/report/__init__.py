@@ -1,6 +1,10 @@
 """Pictures, tables and the HTML page that show what a registration did. NumPy in, files out."""
 
+from lgprjax.report.archive_drives import ArchiveDrives, draw_archive_drives
+from lgprjax.report.archive_page import ArchivePage, write_archive_page
+from lgprjax.report.archive_places import ArchivePlaces, draw_archive_places
 from lgprjax.report.codes import draw_codes
+from lgprjax.report.confidence import StatedErrors, draw_confidence, stated_errors
 from lgprjax.report.coverage_channels import CoverChannelsPicture, draw_cover_channels
 from lgprjax.report.coverage_map import CoverPicture, draw_coverage
 from lgprjax.report.coverage_page import CoveragePage, write_coverage_page
@@ -9,6 +13,7 @@ from lgprjax.report.encoder_fit import EncoderPicture, draw_encoder_fit
 from lgprjax.report.fitted_curve import Curve, Points, draw_fitted_curve
 from lgprjax.report.html import ReportFigure, ReportTable, Section, drive_section, overview_table, write_report
 from lgprjax.report.look_ahead_surface import LookAheadSweep, draw_look_ahead
+from lgprjax.report.map_passes import MapPasses, draw_passes
 from lgprjax.report.map_strips import BaselineStrip, MapStrips, draw_map_strips
 from lgprjax.report.match import draw_match
 from lgprjax.report.palm_tree import Branch, draw_palm_tree
@@ -16,12 +21,17 @@ from lgprjax.report.results import CODES, CorrelationSurface, DriveResult, Match
 from lgprjax.report.servo_steps import ServoResponse, draw_servo_steps
 from lgprjax.report.summary import WRONG_M, DriveSummary, summarise
 from lgprjax.report.surface import draw_surface
+from lgprjax.report.swarm import SwarmPicture, draw_swarm
 from lgprjax.report.table import summary_table
+from lgprjax.report.timing import StageTimes, TimingPicture, draw_timing
 from lgprjax.report.trajectory import draw_trajectory
 
 __all__ = [
     "CODES",
     "WRONG_M",
+    "ArchiveDrives",
+    "ArchivePage",
+    "ArchivePlaces",
     "BaselineStrip",
     "Branch",
     "CorrelationSurface",
@@ -34,6 +44,7 @@ __all__ = [
     "DrivenResult",
     "EncoderPicture",
     "LookAheadSweep",
+    "MapPasses",
     "MapStrips",
     "MatchExample",
     "Points",
@@ -41,8 +52,15 @@ __all__ = [
     "ReportTable",
     "Section",
     "ServoResponse",
+    "StageTimes",
+    "StatedErrors",
+    "SwarmPicture",
+    "TimingPicture",
     "TrackErrors",
+    "draw_archive_drives",
+    "draw_archive_places",
     "draw_codes",
+    "draw_confidence",
     "draw_cover_channels",
     "draw_coverage",
     "draw_driven_course",
@@ -52,14 +70,19 @@ __all__ = [
     "draw_map_strips",
     "draw_match",
     "draw_palm_tree",
+    "draw_passes",
     "draw_servo_steps",
     "draw_surface",
+    "draw_swarm",
+    "draw_timing",
     "draw_trajectory",
     "drive_section",
     "overview_table",
+    "stated_errors",
     "summarise",
     "summary_table",
     "track_errors",
+    "write_archive_page",
     "write_coverage_page",
     "write_report",
 ]

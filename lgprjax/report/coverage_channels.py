@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 
-from lgprjax.report.style import BLUE, FAINT, GREEN, INK, MUTED, ORANGE, picture, write_caption
+from lgprjax.report.style import BLUE, FAINT, GREEN, INK, MUTED, ORANGE, picture, runs_of, write_caption
 
 # Between two recordings hours may pass: on the picture a second does.
 _LONGEST_STEP_S = 1.0
@@ -76,6 +76,5 @@ def draw_cover_channels(channels: CoverChannelsPicture, path: str | Path, *, for
 def _shade(
     axes: Axes, minutes: Float[np.ndarray, " moment"], held: Bool[np.ndarray, " moment"], colour: str, alpha: float
 ) -> None:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(np.int8)))
-    for first, last in edges.reshape(-1, 2):
+    for first, last in runs_of(held):
         axes.axvspan(minutes[first], minutes[min(last, len(minutes) - 1)], color=colour, alpha=alpha, linewidth=0)

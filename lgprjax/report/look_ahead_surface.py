@@ -23,6 +23,7 @@ class LookAheadSweep:
         oscillation: what is left to and fro, in ``oscillation_label``'s unit; not-a-number as above.
         oscillation_label: what it is, with its unit.
         chosen_mps, chosen_m: the look-ahead over speed that was chosen.
+        stable_m: shortest look-ahead that is stable at each speed; not-a-number where all of the sweep is.
     """
 
     look_ahead_m: Float[np.ndarray, " look"]
@@ -32,6 +33,7 @@ class LookAheadSweep:
     oscillation_label: str
     chosen_mps: Float[np.ndarray, " step"]
     chosen_m: Float[np.ndarray, " step"]
+    stable_m: Float[np.ndarray, " speed"]
 
 
 def draw_look_ahead(sweep: LookAheadSweep, path: str | Path, *, title: str, caption: str, force: bool = False) -> None:
@@ -80,5 +82,7 @@ def _draw_surface(
     )
     figure.colorbar(mesh, ax=axes, label=label, extend="both")
     axes.plot(sweep.chosen_mps, sweep.chosen_m, color=VERMILLION, linewidth=2.0, label="chosen")
+    if np.isfinite(sweep.stable_m).any():
+        axes.plot(sweep.speed_mps, sweep.stable_m, color=INK, linewidth=1.6, linestyle="--", label="stability limit")
     axes.set_xlabel("speed (m/s)")
     axes.set_title(label.partition(" (")[0])

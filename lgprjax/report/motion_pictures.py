@@ -179,6 +179,7 @@ def draw_look_ahead_sweep(
         "oscillation left, amplitude (cm)",
         chosen,
         np.interp(chosen, [slow, fast], [short, long]),
+        stability_limit(look_m, np.asarray(swept.margin_rad, np.float64)),
     )
     draw_look_ahead(
         shown,
@@ -190,3 +191,17 @@ def draw_look_ahead_sweep(
         ),
         force=force,
     )
+
+
+def stability_limit(
+    look_m: Float[np.ndarray, " look"], margin_rad: Float[np.ndarray, "look speed"]
+) -> Float[np.ndarray, " speed"]:
+    """Look-ahead of each speed at which the phase margin is used up; not-a-number where the sweep does not cross it."""
+    unstable = margin_rad <= 0.0
+    last = len(look_m) - 1 - np.argmax(unstable[::-1], axis=0)
+    crossed = unstable.any(axis=0) & ~unstable[-1]
+    low = np.where(crossed, last, 0)
+    speed = np.arange(margin_rad.shape[1])
+    below, above = margin_rad[low, speed], margin_rad[low + 1, speed]
+    share = np.where(crossed, below / np.where(crossed, below - above, 1.0), 0.0)
+    return np.asarray(np.where(crossed, look_m[low] + share * (look_m[low + 1] - look_m[low]), np.nan))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Bool, Float, Shaped
 
 from lgprjax.frames import along_cross
 
@@ -27,6 +27,8 @@ class DriveResult:
         correlation, margin: of the fixes, at whatever code.
         code: labels out of ``CODES``.
         yaw_rad: of the fixes, if the picture is to show the heading error.
+        sigma_yaw_rad: of the fixes, for the bands about it.
+        gnss_gap: scans at which GNSS/INS was silent for a second, or its sigma three times its best.
         truth_east_m, truth_north_m, truth_yaw_rad: all three, or none.
         correlation_at_truth: what a perfect search would have found.
         baseline_tracks: east_m, north_m of each drive the map was built from.
@@ -51,6 +53,8 @@ class DriveResult:
     margin: Float[np.ndarray, " scan"]
     code: Shaped[np.ndarray, " scan"]
     yaw_rad: Float[np.ndarray, " scan"] | None = None
+    sigma_yaw_rad: Float[np.ndarray, " scan"] | None = None
+    gnss_gap: Bool[np.ndarray, " scan"] | None = None
     truth_east_m: Float[np.ndarray, " scan"] | None = None
     truth_north_m: Float[np.ndarray, " scan"] | None = None
     truth_yaw_rad: Float[np.ndarray, " scan"] | None = None
@@ -120,14 +124,14 @@ class MatchExample:
 class CorrelationSurface:
     """Correlation over a grid of positions, everything else of the pose held at its best.
 
-    Box and prior lie along the axes: a search region turned against north wants along and cross axes.
+    The box lies along the axes: a search region turned against north wants along and cross axes.
 
     Attributes:
         x_m, y_m: evenly spaced positions, relative to ``origin``.
         correlation: NaN off the map.
         half_width_m: of the search box about the prior, in x and y.
         prior, best, second, truth: positions; ``second`` is the runner-up.
-        prior_sigma_m: in x and y.
+        prior_sigma_m: along the axes of its ellipse; ``prior_tilt_rad`` is how far these are turned from x and y.
         origin: what the zero of the axes is.
         axes: names of x and y: east and north, or along and cross.
     """
@@ -143,6 +147,7 @@ class CorrelationSurface:
     second: tuple[float, float] | None = None
     truth: tuple[float, float] | None = None
     axes: tuple[str, str] = ("east", "north")
+    prior_tilt_rad: float = 0.0
 
 
 class TrackErrors(NamedTuple):

@@ -8,16 +8,21 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from lgprjax.formats.atomic import atomic_output
 
 AMPLITUDE_MAP = "gray"
 CORRELATION_MAP = "viridis"
 ERROR_MAP = "RdBu_r"
+
+UNSCORED = "#a6a6a6"
+"""Under a map of colours, where there is no value: on neither of its ends."""
 
 # Okabe and Ito's palette: apart for every common colour blindness, and of different lightness in print.
 BLUE, SKY, GREEN, ORANGE, VERMILLION, PURPLE = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#CC79A7"
@@ -94,3 +99,16 @@ def outer_edges(centres: Float[np.ndarray, " cell"]) -> tuple[float, float]:
     """Where the first of evenly spaced cells begins and the last one ends; a single cell is one unit wide."""
     half = (centres[-1] - centres[0]) / (2 * (len(centres) - 1)) if len(centres) > 1 else 0.5
     return float(centres[0] - half), float(centres[-1] + half)
+
+
+def runs_of(held: Bool[np.ndarray, " place"]) -> Int[np.ndarray, "run 2"]:
+    """First of each run of held places, and the first place after it."""
+    edges = np.diff(np.concatenate([[False], held, [False]]).astype(np.int8))
+    return np.asarray(np.flatnonzero(edges)).reshape(-1, 2)
+
+
+def label_decades(axis: Axis) -> None:
+    """Numbers at 1, 2 and 5 of each decade of a logarithmic axis: a short one may hold no power of ten."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())

@@ -10,9 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse, Rectangle
 
 from lgprjax.report.results import CorrelationSurface
-from lgprjax.report.style import CORRELATION_MAP, VERMILLION, outer_edges, picture, write_caption
+from lgprjax.report.style import CORRELATION_MAP, UNSCORED, VERMILLION, outer_edges, picture, write_caption
 
-_UNSCORED = "#a6a6a6"
 # White over a dark edge stays visible on every shade of the map; the shapes tell the marks apart in print.
 _MARK: dict[str, Any] = {"color": "white", "markeredgecolor": "black", "linestyle": "none"}
 
@@ -31,10 +30,10 @@ def draw_surface(surface: CorrelationSurface, path: str | Path, *, force: bool =
     width, height = (high - low for low, high in limits)
     with picture(path, 7.6, 2.2 + float(np.clip(5.6 * height / width, 2.5, 8.0)), force) as figure:
         axes = figure.subplots()
-        axes.set_facecolor(_UNSCORED)
+        axes.set_facecolor(UNSCORED)
         image = axes.imshow(
             surface.correlation.T,
-            cmap=colormaps[CORRELATION_MAP].with_extremes(bad=_UNSCORED),
+            cmap=colormaps[CORRELATION_MAP].with_extremes(bad=UNSCORED),
             vmin=0.0,
             vmax=1.0,
             origin="lower",
@@ -66,7 +65,8 @@ def _draw_prior(axes: Axes, surface: CorrelationSurface) -> None:
     box.set_label("search box")
     axes.add_patch(box)
     for number in (1.0, 3.0):
-        ellipse = Ellipse((x, y), 2 * number * sigma_x, 2 * number * sigma_y, fill=False, edgecolor="white")
+        size = (2 * number * sigma_x, 2 * number * sigma_y)
+        ellipse = Ellipse((x, y), *size, angle=np.degrees(surface.prior_tilt_rad), fill=False, edgecolor="white")
         ellipse.set_linestyle((0, (4, 2)))
         ellipse.set_label("prior" if number == 1.0 else "_")
         axes.add_patch(ellipse)

@@ -3,15 +3,16 @@
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Bool, Float, Shaped
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lgprjax.report.plan import draw_plan, name_axes, plan_frame, reference_track
 from lgprjax.report.results import DriveResult, track_errors
-from lgprjax.report.style import BLUE, GAP, INK, MUTED, SKY, VERMILLION, picture, write_caption
+from lgprjax.report.style import BLUE, GAP, INK, MUTED, ORANGE, SKY, VERMILLION, picture, runs_of, write_caption
 
 _LEAST_LIMIT_M = 0.02
+_LEAST_LIMIT_DEG = 0.5
 
 
 def draw_trajectory(result: DriveResult, path: str | Path, *, force: bool = False) -> None:
@@ -49,7 +50,8 @@ def draw_trajectory(result: DriveResult, path: str | Path, *, force: bool = Fals
             _draw_heading_error(panels[2], result)
         _draw_correlation(panels[-1], result)
         for panel in panels:
-            _shade_gaps(panel, result)
+            _hatch_gnss_gaps(panel, result)
+            _shade_declined(panel, result)
         for panel in (panels[0], panels[-1]):
             if panel.get_legend_handles_labels()[0]:
                 panel.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=4, frameon=False)
@@ -58,6 +60,8 @@ def draw_trajectory(result: DriveResult, path: str | Path, *, force: bool = Fals
         _set_title(figure, result)
         notes = [] if result.has_truth else ["No truth: what is drawn are differences from the prior, not errors."]
         notes.append("Shaded: tried, but no ok fix.")
+        if result.gnss_gap is not None and result.gnss_gap.any():
+            notes.append("Hatched at the foot: GNSS/INS silent for a second, or its sigma three times its best.")
         # Twice, because the caption states a stretch that its own height changes.
         for _ in range(2):
             write_caption(figure, " ".join([name_axes(plan, result, frame), *notes]))
@@ -80,17 +84,21 @@ def _draw_error(
         return
     distance, ok = result.distance_m[result.tried], result.ok[result.tried]
     sigma = np.where(ok, sigma_m[result.tried], np.nan)
-    for number, shade in ((3.0, 0.22), (1.0, 0.45)):
-        label = f"± {number:.0f} σ of the fix"
-        axes.fill_between(distance, -number * sigma, number * sigma, color=SKY, alpha=shade, linewidth=0, label=label)
+    _draw_bands(axes, distance, sigma)
     reach = 0.0
     if result.prior_sigma_m is not None and not result.has_truth:
         reach = result.prior_sigma_m
         for sign, label in ((1.0, "± σ of the prior"), (-1.0, "_")):
             axes.axhline(sign * reach, color=MUTED, linewidth=1.0, linestyle=":", label=label)
     axes.plot(result.distance_m[result.ok], shown, ".", color=INK, markersize=_dot_size(shown), label="ok fixes")
-    limit = _error_limit(shown, sigma, reach)
+    limit = _error_limit(shown, sigma, reach, _LEAST_LIMIT_M)
     axes.set_ylim(-limit, limit)
+
+
+def _draw_bands(axes: Axes, distance_m: Float[np.ndarray, " tried"], sigma: Float[np.ndarray, " tried"]) -> None:
+    for number, shade in ((3.0, 0.22), (1.0, 0.45)):
+        label = f"± {number:.0f} σ of the fix"
+        axes.fill_between(distance_m, -number * sigma, number * sigma, color=SKY, alpha=shade, linewidth=0, label=label)
 
 
 def _draw_heading_error(axes: Axes, result: DriveResult) -> None:
@@ -99,9 +107,12 @@ def _draw_heading_error(axes: Axes, result: DriveResult) -> None:
     off = result.yaw_rad - result.truth_yaw_rad
     error_deg = np.degrees(np.arctan2(np.sin(off), np.cos(off)))
     axes.axhline(0.0, color=MUTED, linewidth=0.8)
+    sigma_deg = np.full(len(error_deg), np.nan)
+    if result.sigma_yaw_rad is not None:
+        sigma_deg = np.where(result.ok, np.degrees(result.sigma_yaw_rad), np.nan)
+        _draw_bands(axes, result.distance_m[result.tried], sigma_deg[result.tried])
     axes.plot(result.distance_m[result.ok], error_deg[result.ok], ".", color=INK, markersize=_dot_size(error_deg))
-    finite = np.abs(error_deg[result.ok & np.isfinite(error_deg)])
-    limit = max(1.15 * float(finite.max()), 0.5) if finite.size else 1.0
+    limit = _error_limit(error_deg[result.ok], sigma_deg, 0.0, _LEAST_LIMIT_DEG)
     axes.set_ylim(-limit, limit)
     axes.set_ylabel("heading\nerror (°)\nleft positive")
 
@@ -119,17 +130,27 @@ def _draw_correlation(axes: Axes, result: DriveResult) -> None:
     axes.set_ylabel("correlation")
 
 
-def _shade_gaps(axes: Axes, result: DriveResult) -> None:
+def _shade_declined(axes: Axes, result: DriveResult) -> None:
     """Shade each run of tried scans without an ok fix, out to half-way to its neighbours."""
-    distance, declined = result.distance_m[result.tried], ~result.ok[result.tried]
-    if not declined.any():
-        return
-    middle = 0.5 * (distance[1:] + distance[:-1])
-    edge = np.concatenate([distance[:1], middle, distance[-1:]])
-    change = np.flatnonzero(np.diff(np.concatenate([[False], declined, [False]]).astype(int)))
-    runs = [(float(edge[first]), float(edge[last] - edge[first])) for first, last in change.reshape(-1, 2)]
-    # Height in shares of the panel, so that the limits of the errors stay theirs.
-    axes.broken_barh(runs, (0.0, 1.0), transform=axes.get_xaxis_transform(), facecolor=GAP, zorder=0)
+    spans = _spans(result.distance_m[result.tried], ~result.ok[result.tried])
+    if spans:
+        # Height in shares of the panel, so that the limits of the errors stay theirs.
+        axes.broken_barh(spans, (0.0, 1.0), transform=axes.get_xaxis_transform(), facecolor=GAP, zorder=0)
+
+
+def _hatch_gnss_gaps(axes: Axes, result: DriveResult) -> None:
+    """Hatch the foot of a panel where there was no GNSS: what the fixes are like there is what they are for."""
+    spans = [] if result.gnss_gap is None else _spans(result.distance_m, result.gnss_gap)
+    if spans:
+        at = axes.get_xaxis_transform()
+        axes.broken_barh(spans, (0.0, 0.1), transform=at, facecolor="none", hatch="////", edgecolor=ORANGE, lw=0.0)
+
+
+def _spans(distance_m: Float[np.ndarray, " scan"], held: Bool[np.ndarray, " scan"]) -> list[tuple[float, float]]:
+    """Start and length of each run of held scans, out to half-way to its neighbours."""
+    middle = 0.5 * (distance_m[1:] + distance_m[:-1])
+    edge = np.concatenate([distance_m[:1], middle, distance_m[-1:]])
+    return [(float(edge[first]), float(edge[last] - edge[first])) for first, last in runs_of(held)]
 
 
 def _limit_distance(axes: Axes, distance_m: Float[np.ndarray, " scan"]) -> None:
@@ -144,12 +165,14 @@ def _colour_limit(error_m: Float[np.ndarray, " fix"]) -> float:
     return max(float(np.percentile(finite, 98.0)), _LEAST_LIMIT_M) if finite.size else _LEAST_LIMIT_M
 
 
-def _error_limit(error_m: Float[np.ndarray, " fix"], sigma_m: Float[np.ndarray, " tried"], reach_m: float) -> float:
+def _error_limit(
+    error: Float[np.ndarray, " fix"], sigma: Float[np.ndarray, " tried"], reach: float, least: float
+) -> float:
     """Every ok fix stays in sight, however wrong; the bands as far as they do not flatten the errors."""
-    errors, sigmas = (np.abs(values[np.isfinite(values)]) for values in (error_m, sigma_m))
+    errors, sigmas = (np.abs(values[np.isfinite(values)]) for values in (error, sigma))
     largest = float(errors.max()) if errors.size else 0.0
-    band = max(3.0 * float(np.percentile(sigmas, 95.0)) if sigmas.size else 0.0, reach_m)
-    return 1.15 * max(largest, min(band, 5.0 * largest), _LEAST_LIMIT_M)
+    band = max(3.0 * float(np.percentile(sigmas, 95.0)) if sigmas.size else 0.0, reach)
+    return 1.15 * max(largest, min(band, 5.0 * largest), least)
 
 
 def _dot_size(values: Shaped[np.ndarray, " fix"]) -> float:

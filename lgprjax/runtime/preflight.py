@@ -47,7 +47,7 @@ def _files(config: RuntimeConfig) -> Iterator[Item]:
 
     def database() -> str:
         with MapFile.open(config.path(config.map)) as source:
-            return f"{len(source.pose)} stations, {source.description.channels} channels"
+            return f"{len(source.places)} stations, {source.description.channels} channels"
 
     yield _tried("vehicle file", vehicle)
     yield _tried("map", database)

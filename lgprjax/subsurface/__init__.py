@@ -2,8 +2,10 @@
 
 from lgprjax.subsurface.components import leading_components
 from lgprjax.subsurface.grid import GridSpec, TraceSet, grid_spec, grid_traces
-from lgprjax.subsurface.ground_map import GroundMap, MapDescription, Stations, StationSource, padded_stations
+from lgprjax.subsurface.ground_map import GroundMap
 from lgprjax.subsurface.index import SpatialIndex, TilePlacer
+from lgprjax.subsurface.station_places import Places, StationPlaces, Stretches, stretches_of
+from lgprjax.subsurface.station_source import MapDescription, Stations, StationSource
 from lgprjax.subsurface.stations import (
     Coherence,
     ScanBlock,
@@ -18,11 +20,14 @@ __all__ = [
     "GridSpec",
     "GroundMap",
     "MapDescription",
+    "Places",
     "ScanBlock",
     "SpatialIndex",
     "StationBlock",
+    "StationPlaces",
     "StationSource",
     "Stations",
+    "Stretches",
     "Tile",
     "TilePlacer",
     "TraceSet",
@@ -30,7 +35,7 @@ __all__ = [
     "grid_spec",
     "grid_traces",
     "leading_components",
-    "padded_stations",
     "sample_tile",
     "stations_of_drive",
+    "stretches_of",
 ]

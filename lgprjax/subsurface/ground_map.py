@@ -2,95 +2,23 @@
 
 from collections import OrderedDict
 from functools import cached_property
-from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
-from lgprjax.frames import LocalFrame
-from lgprjax.radar import ChainSettings, CoefficientBasis, coefficient_basis, to_coefficients
+from lgprjax.radar import CoefficientBasis, coefficient_basis, to_coefficients
 from lgprjax.subsurface.components import leading_components
 from lgprjax.subsurface.direction import filter_along
+from lgprjax.subsurface.extents import track_extents
 from lgprjax.subsurface.grid import GridSpec, TraceSet, grid_spec, grid_traces
 from lgprjax.subsurface.index import SpatialIndex
+from lgprjax.subsurface.station_source import Stations, StationSource
 from lgprjax.subsurface.tile import Tile
 
 _SAMPLED = 300
 _HELD = 0.99
 """Share of the map's power that its leading components hold: the coarse stage asks for no more."""
-
-
-class MapDescription(NamedTuple):
-    """What holds for a whole map.
-
-    Attributes:
-        name: of the map.
-        frame: its local frame.
-        settings: the chain that its baselines went through, and live scans must.
-        channel_pitch_m: spacing of the array's channels.
-        channels: largest number of channels of a baseline.
-        tile_spacing_m: no station is farther than half of this from a tile frame.
-        gain: depth gain of each profile sample.
-        label_sigma_m: of each baseline, what its navigation said of its positions, root mean square over the drive
-            and over east and north; 0 where it said nothing.
-    """
-
-    name: str
-    frame: LocalFrame
-    settings: ChainSettings
-    channel_pitch_m: float
-    channels: int
-    tile_spacing_m: float
-    gain: Float[np.ndarray, " sample"]
-    label_sigma_m: tuple[float, ...] = ()
-
-
-class Stations(NamedTuple):
-    """Stations read from a database; antennas as east and north offset from the pose, height above ground."""
-
-    profile: Float[np.ndarray, "scan channel sample"]
-    valid: Bool[np.ndarray, "scan channel"]
-    antenna_m: Float[np.ndarray, "scan channel 3"]
-
-
-@runtime_checkable
-class StationSource(Protocol):
-    """A subsurface database, open for reading. Poses are in memory, profiles are read when needed."""
-
-    @property
-    def description(self) -> MapDescription:
-        """What holds for the whole map."""
-        ...
-
-    @property
-    def pose(self) -> Float[np.ndarray, "scan 5"]:
-        """Of every station."""
-        ...
-
-    @property
-    def drive(self) -> Int[np.ndarray, " scan"]:
-        """Number of the baseline that each station comes from."""
-        ...
-
-    @property
-    def ground_up_m(self) -> Float[np.ndarray, " scan"]:
-        """Local height of the ground at every station."""
-        ...
-
-    @property
-    def tile_frame(self) -> Float[np.ndarray, "tile 3"]:
-        """East, north and yaw of every tile."""
-        ...
-
-    @property
-    def height_reference_m(self) -> Float[np.ndarray, " tile"]:
-        """Antenna height that each tile is brought to."""
-        ...
-
-    def read_stations(self, stations: Int[np.ndarray, " scan"]) -> Stations:
-        """Profiles of the stations with these (rising) numbers."""
-        ...
 
 
 class GroundMap:
@@ -116,7 +44,6 @@ class GroundMap:
         self._spacing_m = self.description.tile_spacing_m
         self._keep = keep
         self._tiles: OrderedDict[tuple[int, int], Tile] = OrderedDict()
-        self._stations = SpatialIndex(source.pose[:, :2], 8.0)
         self._frames = SpatialIndex(source.tile_frame[:, :2], 2.0 * self._spacing_m)
         self._low_m, self._high_m = self._extents()
         # One size for all tiles, so that one program serves the whole map.
@@ -132,7 +59,7 @@ class GroundMap:
     @cached_property
     def components(self) -> Float[Array, "coefficient component"]:
         """Leading components of the map's coefficients, from some hundred of its stations."""
-        chosen = np.unique(np.linspace(0, len(self.source.pose) - 1, _SAMPLED).astype(int))
+        chosen = np.unique(np.linspace(0, len(self.source.places) - 1, _SAMPLED).astype(int))
         stations = self.source.read_stations(chosen)
         valid = jnp.asarray(stations.valid)
         coefficients = np.asarray(to_coefficients(jnp.asarray(stations.profile), valid, self.basis))
@@ -142,10 +69,17 @@ class GroundMap:
         """Number of the tile whose frame is nearest to a point, if the map comes within ``within_m`` of it."""
         return self._frames.nearest(point_m, within_m + self._spacing_m)
 
-    def ground_up_at(self, point_m: Float[np.ndarray, "2"]) -> float:
-        """Local height of the ground at the station nearest to a point; NaN far from the map."""
-        station = self._stations.nearest(point_m, 16.0)
-        return float("nan") if station is None else float(self.source.ground_up_m[station])
+    def tiles_near(self, points_m: Float[np.ndarray, "point 2"], within_m: float) -> Int[np.ndarray, " point"]:
+        """What ``tile_near`` finds of many points at once; -1 for none."""
+        return self._frames.nearest_each(points_m, within_m + self._spacing_m)
+
+    def ground_up_at(self, points_m: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"]:
+        """Local height of the ground at the station nearest to each point; NaN far from the map."""
+        station = self.source.places.nearest(points_m, 16.0)
+        number, where = np.unique(station[station >= 0], return_inverse=True)
+        up = np.full(len(points_m), np.nan)
+        up[station >= 0] = self.source.places.read(number).ground_up_m[where]
+        return up
 
     def lanes(self, tile: int) -> Float[np.ndarray, "drive 2"]:
         """Lowest and highest place across the tile's axis that each baseline's array covers near its frame.
@@ -153,13 +87,14 @@ class GroundMap:
         NaN for a baseline that does not come by.
         """
         east, north, yaw = self.frame(tile)
-        near = self._stations.near(np.array([east, north]), 0.75 * self._spacing_m)
-        apart = self.source.pose[near, :2] - np.array([east, north])
+        places = self.source.places
+        near = places.read(places.near(np.array([east, north]), 0.75 * self._spacing_m))
+        apart = near.pose[:, :2] - np.array([east, north])
         cross = apart @ np.array([-np.sin(yaw), np.cos(yaw)])
         half_m = 0.5 * self.description.channel_pitch_m * self.description.channels
         out = np.full((len(self.description.label_sigma_m), 2), np.nan)
-        for drive in np.unique(self.source.drive[near]):
-            own = cross[self.source.drive[near] == drive]
+        for drive in np.unique(near.drive):
+            own = cross[near.drive == drive]
             out[drive] = np.median(own) - half_m, np.median(own) + half_m
         return out
 
@@ -208,6 +143,15 @@ class GroundMap:
 
     def stations_under(self, number: int) -> Int[np.ndarray, " scan"]:
         """Numbers of the stations whose outermost antennas still reach into a tile."""
+        return self.source.places.near(*self._about(number))
+
+    def padded_under(self, number: int) -> int:
+        """Stations that a tile's set is padded to: few sizes, each a compile; told without reading a station."""
+        most = self.source.places.most_near(*self._about(number))
+        return max(64, 1 << max(0, (most - 1).bit_length()))
+
+    def _about(self, number: int) -> tuple[Float[np.ndarray, "2"], float]:
+        """Middle of a tile, and how far from it a station's outermost antennas still reach into the tile."""
         spec, origin_m = self.grid_of(number)
         east, north, yaw = self.frame(number)
         corner = np.array([spec.along_cell_m * spec.along_cells, spec.cross_cell_m * spec.cross_cells])
@@ -215,20 +159,21 @@ class GroundMap:
         cos, sin = np.cos(yaw), np.sin(yaw)
         centre = np.array([east + cos * middle[0] - sin * middle[1], north + sin * middle[0] + cos * middle[1]])
         array_m = 0.5 * self.description.channels * self.description.channel_pitch_m
-        reach_m = 0.5 * float(np.hypot(*corner)) + array_m + 4.0 * spec.cross_spread_m
-        return self._stations.near(centre, reach_m)
+        return centre, 0.5 * float(np.hypot(*corner)) + array_m + 4.0 * spec.cross_spread_m
 
     def _grid(self, number: int) -> Tile:
         spec, origin_m = self.grid_of(number)
         east, north, yaw = self.frame(number)
         chosen = self.stations_under(number)
-        stations = self.source.read_stations(chosen)
+        stations, places = self.source.read_stations(chosen), self.source.places.read(chosen)
         traces = _trace_set(
             stations,
-            self.source.pose[chosen],
+            places.pose,
             (east, north, yaw),
             float(self.source.height_reference_m[number]),
             self.basis,
+            self.padded_under(number),
+            self._weight(places.drive),
         )
         tile: Tile = grid_traces(
             traces,
@@ -238,29 +183,19 @@ class GroundMap:
         )
         return tile
 
+    def _weight(self, drive: Int[np.ndarray, " scan"]) -> Float[np.ndarray, " scan"]:
+        """Of stations of these baselines."""
+        known = self.description.weight
+        return np.asarray(known, np.float64)[drive] if known else np.ones(len(drive))
+
     def _extents(self) -> tuple[Float[np.ndarray, "tile 2"], Float[np.ndarray, "tile 2"]]:
         """Extent of the ground about every tile in its frame, with room for the array to both sides.
 
         A map is a narrow band along its routes: a tile as wide as it is long would be empty for the most part.
         """
-        frame = self.source.tile_frame
-        reach_m = float(np.hypot(*self._half_m))
-        low, high = np.zeros((len(frame), 2)), np.zeros((len(frame), 2))
-        for tile, (east, north, yaw) in enumerate(frame):
-            near = self._stations.near(np.array([east, north]), reach_m)
-            apart = self.source.pose[near, :2] - np.array([east, north])
-            cos, sin = np.cos(yaw), np.sin(yaw)
-            place = np.stack([apart @ [cos, sin], apart @ [-sin, cos]], axis=1)
-            place = place[np.all(np.abs(place) <= self._half_m, axis=1)]
-            if len(place):
-                low[tile], high[tile] = place.min(axis=0), place.max(axis=0)
+        low, high = track_extents(self.source.tile_frame, self.source.places, self._half_m)
         room = self.description.channel_pitch_m * (0.5 * self.description.channels + 1.0)
         return np.maximum(low - room, -self._half_m), np.minimum(high + room, self._half_m)
-
-
-def padded_stations(stations: int) -> int:
-    """Stations that a tile's set is padded to: few sizes, each a compile."""
-    return max(64, 1 << max(0, int(stations - 1).bit_length()))
 
 
 def _trace_set(
@@ -269,8 +204,10 @@ def _trace_set(
     frame: tuple[float, float, float],
     height_reference_m: float,
     basis: CoefficientBasis,
+    rung: int,
+    weight: Float[np.ndarray, " scan"],
 ) -> TraceSet:
-    """Station traces in a tile's frame, padded."""
+    """Station traces in a tile's frame, padded to ``rung`` stations, each with the weight of its station."""
     east, north, yaw = frame
     scans, channels = stations.valid.shape
     position = pose[:, None, :2] + stations.antenna_m[..., :2] - np.array([east, north])
@@ -278,7 +215,6 @@ def _trace_set(
     along = position[..., 0] * cos + position[..., 1] * sin
     cross = position[..., 1] * cos - position[..., 0] * sin
     turn = np.broadcast_to((pose[:, 3] - yaw)[:, None], along.shape)
-    rung = padded_stations(scans)
 
     def padded(values: np.ndarray) -> Array:
         full = np.zeros((rung, *values.shape[1:]), np.float32)
@@ -295,5 +231,5 @@ def _trace_set(
         position_m=by_trace(np.stack([along, cross], axis=-1)),
         direction=by_trace(np.stack([np.cos(turn), np.sin(turn)], axis=-1)),
         above_reference_m=by_trace(stations.antenna_m[..., 2] - height_reference_m),
-        weight=valid.reshape(-1).astype(jnp.float32),
+        weight=jnp.where(valid, padded(weight)[:, None], jnp.float32(0.0)).reshape(-1),
     )

@@ -15,7 +15,7 @@ class SpatialIndex:
     def __init__(self, points_m: Float[np.ndarray, "point 2"], cell_m: float) -> None:
         self._points_m = points_m
         self._cell_m = cell_m
-        key = _key(np.floor(points_m / cell_m).astype(np.int64))
+        key = _key(*np.floor(points_m / cell_m).astype(np.int64).T)
         self._order = np.argsort(key, kind="stable")
         self._key = key[self._order]
 
@@ -25,11 +25,28 @@ class SpatialIndex:
         high = np.floor((point_m + radius_m) / self._cell_m).astype(np.int64)
         rows = np.arange(low[0], high[0] + 1)
         # Cells of one column are neighbours in the order of keys: one range a column.
-        first = np.searchsorted(self._key, _key(np.stack([rows, np.full_like(rows, low[1])], axis=1)), "left")
-        last = np.searchsorted(self._key, _key(np.stack([rows, np.full_like(rows, high[1])], axis=1)), "right")
+        first = np.searchsorted(self._key, _key(rows, low[1:]), "left")
+        last = np.searchsorted(self._key, _key(rows, high[1:]), "right")
         found = np.concatenate([self._order[a:b] for a, b in zip(first, last, strict=True)])
         apart = self._points_m[found] - point_m
         return np.asarray(np.sort(found[np.sum(apart**2, axis=1) <= radius_m**2]))
+
+    def near_each(
+        self, points_m: Float[np.ndarray, "query 2"], radius_m: float
+    ) -> tuple[Int[np.ndarray, " found"], Int[np.ndarray, " found"]]:
+        """What ``near`` finds of many places at once: number of the place, rising, and index, in no order."""
+        low = np.floor((points_m - radius_m) / self._cell_m).astype(np.int64)
+        high = np.floor((points_m + radius_m) / self._cell_m).astype(np.int64)
+        rows = low[:, :1] + np.arange(1 + int(np.max(high[:, 0] - low[:, 0], initial=0)))
+        first = np.searchsorted(self._key, _key(rows, low[:, 1:]), "left")
+        last = np.searchsorted(self._key, _key(rows, high[:, 1:]), "right")
+        count = np.where(rows <= high[:, :1], last - first, 0)
+        before = np.cumsum(count.ravel()) - count.ravel()
+        taken = np.repeat(first.ravel() - before, count.ravel()) + np.arange(int(count.sum()))
+        query, found = np.repeat(np.arange(len(points_m)), count.sum(axis=1)), self._order[taken]
+        east, north = (self._points_m[found] - points_m[query]).T
+        within = east**2 + north**2 <= radius_m**2
+        return query[within], found[within]
 
     def nearest(self, point_m: Float[np.ndarray, "2"], radius_m: float) -> int | None:
         """Index of the nearest point within ``radius_m`` (the lowest of equals), or None."""
@@ -38,9 +55,19 @@ class SpatialIndex:
             return None
         return int(found[np.argmin(np.sum((self._points_m[found] - point_m) ** 2, axis=1))])
 
+    def nearest_each(self, points_m: Float[np.ndarray, "query 2"], radius_m: float) -> Int[np.ndarray, " query"]:
+        """What ``nearest`` finds of many places at once; -1 for none."""
+        query, found = self.near_each(points_m, radius_m)
+        apart = np.sum((self._points_m[found] - points_m[query]) ** 2, axis=1)
+        order = np.lexsort((found, apart, query))
+        place, first = np.unique(query[order], return_index=True)
+        nearest = np.full(len(points_m), -1)
+        nearest[place] = found[order][first]
+        return nearest
 
-def _key(cell: Int[np.ndarray, "point 2"]) -> Int[np.ndarray, " point"]:
-    return np.asarray(cell[:, 0] * (1 << 32) + cell[:, 1] + (1 << 31))
+
+def _key(column: Int[np.ndarray, "..."], row: Int[np.ndarray, "..."]) -> Int[np.ndarray, "..."]:
+    return np.asarray(column * (1 << 32) + row + (1 << 31))
 
 
 class TilePlacer:

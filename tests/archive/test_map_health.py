@@ -1,17 +1,15 @@
 """A map's faults are found where they were put, and a sound map is called good."""
 
-import shutil
-from collections.abc import Callable
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
 from generated import Site
 from lgprjax.archive import MapHealth, build_map, verify_map
 from lgprjax.archive.map_route import TileMask, ground_at
-from lgprjax.formats import MapFile, import_lines
+from lgprjax.formats import MAP_PRECISIONS, MapFile, MapWriter, import_lines
+from lgprjax.subsurface import StationBlock
 
 HOLE_M = (9.0, 12.0)  # of the route
 ALIKE_M = (22.0, 31.0)
@@ -24,36 +22,34 @@ def verified(path: Path) -> MapHealth:
         return verify_map(source)
 
 
-def edited(source: Path, target: Path, change: Callable[[h5py.Group], None]) -> Path:
-    shutil.copyfile(source, target)
-    with h5py.File(target, "r+") as store:
-        change(store["baselines"])
-    return target
-
-
-def drop(stations: h5py.Group, keep: np.ndarray) -> None:
-    """Leave only some stations."""
-    for name in list(stations):
-        values = stations[name][()][keep]
-        stations[name].resize(len(values), axis=0)
-        stations[name][...] = values
-
-
-def damage(stations: h5py.Group) -> None:
+def damage(source: Path, target: Path) -> Path:
     """A hole in both baselines, the second 0.1 m to the north, and ground that repeats itself."""
-    pose, drive, traces = (stations[name][()] for name in ("pose", "drive", "traces"))
-    start_m = pose[drive == 0, 0].min()
-    step_m = float(np.median(np.diff(pose[drive == 0, 0])))
-    period = round(PERIOD_M / step_m)
-    for number in (0, 1):
-        mine = np.flatnonzero(drive == number)
-        alike = mine[(pose[mine, 0] - start_m >= ALIKE_M[0]) & (pose[mine, 0] - start_m <= ALIKE_M[1])]
-        traces[alike] = traces[alike[np.arange(len(alike)) % period]]
-    stations["traces"][...] = traces
-    pose[drive == 1, 1] += SHIFT_M
-    stations["pose"][...] = pose
-    along = pose[:, 0] - start_m
-    drop(stations, (along < HOLE_M[0]) | (along > HOLE_M[1]))
+    with MapFile.open(source) as held, MapWriter.create(target, precision=MAP_PRECISIONS["full"]) as writer:
+        every = np.arange(len(held.places))
+        places, stations = held.places.read(every), held.read_stations(every)
+        pose, drive, profile = places.pose.copy(), places.drive, stations.profile.copy()
+        start_m = pose[drive == 0, 0].min()
+        step_m = float(np.median(np.diff(pose[drive == 0, 0])))
+        period = round(PERIOD_M / step_m)
+        for number in (0, 1):
+            mine = np.flatnonzero(drive == number)
+            alike = mine[(pose[mine, 0] - start_m >= ALIKE_M[0]) & (pose[mine, 0] - start_m <= ALIKE_M[1])]
+            profile[alike] = profile[alike[np.arange(len(alike)) % period]]
+        pose[drive == 1, 1] += SHIFT_M
+        along = pose[:, 0] - start_m
+        for number in (0, 1):
+            kept = (drive == number) & ((along < HOLE_M[0]) | (along > HOLE_M[1]))
+            block = StationBlock(
+                profile[kept],
+                stations.valid[kept],
+                pose[kept],
+                places.ground_up_m[kept],
+                stations.antenna_m[kept],
+                step_m * every[kept],
+            )
+            writer.append(block, number)
+        writer.finish(held.description, held.tile_frame, held.height_reference_m, held.provenance)
+    return target
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +59,7 @@ def sound(site: Site) -> MapHealth:
 
 @pytest.fixture(scope="module")
 def damaged(site: Site, tmp_path_factory: pytest.TempPathFactory) -> MapHealth:
-    return verified(edited(site.map, tmp_path_factory.mktemp("damaged") / "damaged.map.h5", damage))
+    return verified(damage(site.map, tmp_path_factory.mktemp("damaged") / "damaged.map.h5"))
 
 
 def test_a_sound_map_is_called_good(sound: MapHealth) -> None:

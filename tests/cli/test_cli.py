@@ -209,6 +209,7 @@ def test_register_writes_what_it_promises(
         "short.fixes.csv",
         "short.fixes.h5",
         "short-trajectory.png",
+        "short-confidence.png",
         "short-match.png",
         "short-map.png",
         "codes.png",

@@ -69,13 +69,16 @@ def test_map_verify_writes_tables_and_a_picture(site: Site, tmp_path: Path, caps
     for kind in ("coverage", "holes", "weak", "ambiguous", "offset", "disagreement"):
         assert kind in shown
     assert "a kilometre of route" in shown
-    assert {path.name for path in folder.iterdir()} == {"places.csv", "agreement.csv", "strips.png", "findings.json"}
+    assert {path.name for path in folder.iterdir()} == {
+        *("places.csv", "agreement.csv", "strips.png", "passes.png", "findings.json")
+    }
     written = json.loads((tmp_path / "map.json").read_text())
     assert written == json.loads((folder / "findings.json").read_text())
     places = pd.read_csv(folder / "places.csv")
     assert len(places) == written["length_m"]
     assert np.all(np.diff(places["route_m"]) == pytest.approx(written["step_m"]))
-    assert (folder / "strips.png").read_bytes().startswith(b"\x89PNG")
+    for picture in ("strips.png", "passes.png"):
+        assert (folder / picture).read_bytes().startswith(b"\x89PNG")
     # What is there is not replaced, and is refused before any work.
     assert run("map", "verify", site.map, "--output", folder) == 1
     assert "--force" in one_line(capsys.readouterr().err)

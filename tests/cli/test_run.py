@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from lgprjax.formats import VehicleLog, read_run
-from lgprjax.runtime.compiles import count_compiles
+from lgprjax.process_cost import count_compiles
 from lgprjax.runtime.records import Kind, unpack
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -68,6 +68,7 @@ def test_a_simulated_run_becomes_a_drive_log(driven: tuple[Path, subprocess.Comp
     figures = json.loads((folder.parents[1] / "figures.json").read_text(encoding="utf-8"))
     assert figures["ticks"] > 300
     assert figures["scans"] > 200
+    assert (folder / "timing.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_nothing_is_compiled_once_a_process_is_ready(

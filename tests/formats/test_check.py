@@ -8,8 +8,8 @@ import pytest
 
 from formats.samples import write_drive
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, check_file, create_store, load_schema
-from lgprjax.formats.schema import Entry
+from lgprjax.formats import MAP_PRECISIONS, DriveLog, check_file
+from made_map import write_made_map
 
 _VEHICLE = """
 schema = "lgprjax.vehicle"
@@ -105,30 +105,15 @@ def test_unknown_suffix(tmp_path: Path) -> None:
         check_file(tmp_path / "a.sgy")
 
 
-def _plain_value(entry: Entry) -> object:
-    return {"number": 1.0, "string": "text", "json": "{}", "utc": "2024-01-01T00:00:00Z"}[entry.dtype[0]]
-
-
-def _write_map(path: Path) -> Path:
-    """A map made from nothing but its schema: every dataset with sizes 2, every attribute."""
-    schema = load_schema("map")
-    with create_store(path, schema) as (store, _):
-        for entry in schema.datasets:
-            shape = [axis if isinstance(axis, int) else 2 for axis in entry.dims]
-            dataset = store.create_dataset(entry.path, data=np.ones(shape, entry.dtype[0]))
-            dataset.attrs["unit"] = entry.unit
-        for entry in schema.attributes:
-            holder, _, name = entry.path.partition("@")
-            store[holder].attrs[name] = _plain_value(entry)
-    return path
-
-
-def test_map_made_from_its_schema_is_good(tmp_path: Path) -> None:
-    assert check_file(_write_map(tmp_path / "a.map.h5")) == []
+@pytest.mark.parametrize("precision", ["full", "standard"])
+def test_good_map_has_no_findings(tmp_path: Path, precision: str) -> None:
+    write_made_map(tmp_path / "a.map.h5", MAP_PRECISIONS[precision], stations=300)
+    assert check_file(tmp_path / "a.map.h5") == []
 
 
 def test_map_with_problems(tmp_path: Path) -> None:
-    path = _write_map(tmp_path / "a.map.h5")
+    path = tmp_path / "a.map.h5"
+    write_made_map(path, MAP_PRECISIONS["full"], stations=300)
     with h5py.File(path, "r+") as store:
         store["/baselines/traces"][0, 1, 1] = np.nan
         store["/gain"][0] = np.nan
@@ -138,6 +123,18 @@ def test_map_with_problems(tmp_path: Path) -> None:
     assert set(findings) == {"/baselines/traces", "/gain", "/@anchor_latitude_deg", "/tiles"}
     # In a map, unlike in a drive, a value that is not finite is an error: nothing may enter it unseen.
     assert findings["/baselines/traces"].severity == "error"
+
+
+def test_map_of_half_a_form_is_no_map(tmp_path: Path) -> None:
+    """Codes need what explains them, places the stretches; traces in two forms are one too many."""
+    path = tmp_path / "a.map.h5"
+    write_made_map(path, MAP_PRECISIONS["standard"], stations=300)
+    with h5py.File(path, "r+") as store:
+        del store["/code/basis"], store["/stretches"]
+        traces = store["/baselines"].create_dataset("traces", data=np.zeros((600, 5, 40), np.float16))
+        traces.attrs["unit"] = ""
+    places = {finding.place for finding in check_file(path)}
+    assert places == {"/code/basis", "/stretches", "/baselines/traces or /baselines/codes"}
 
 
 def test_vehicle(tmp_path: Path) -> None:

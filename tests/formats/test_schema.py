@@ -17,8 +17,8 @@ _CHECKS = {"finite", "increasing", "decreasing", "positive", "non_negative"}
 def test_schema_is_complete(name: str) -> None:
     schema = load_schema(name)
     assert schema.name == f"lgprjax.{name}"
-    # 1.4: what the autopilot decided. Vehicle 1.3: skid-steer, tool, carrot.
-    assert schema.version == {"drive": "1.4", "vehicle": "1.3"}.get(name, "1.0")
+    # 1.4: what the autopilot decided. Vehicle 1.3: skid-steer, tool, carrot. Map 1.1: codes, places, weights.
+    assert schema.version == {"drive": "1.4", "vehicle": "1.3", "map": "1.1"}.get(name, "1.0")
     entries = [*schema.datasets, *schema.attributes, *schema.columns, *schema.keys]
     paths = [entry.path for entry in entries]
     assert len(set(paths)) == len(paths)

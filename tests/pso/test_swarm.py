@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Bool, Float, Key
 
-from lgprjax.pso import SwarmConfig, SwarmResult, SwarmState, init_swarm, run_swarm, step_swarm
+from lgprjax.pso import SwarmConfig, SwarmResult, SwarmState, init_swarm, run_swarm, step_swarm, watch_swarm
 
 CONFIG = SwarmConfig(particles=24, iterations=20)
 DIM = 3
@@ -254,3 +254,27 @@ def test_many_searches_at_once_are_the_single_ones(
         _, alone = hard_search(hard_keys[n])
         np.testing.assert_allclose(together.score[n], alone.score, atol=1e-4)
         np.testing.assert_allclose(together.position[n], alone.position, atol=1e-2)
+
+
+def test_a_watched_swarm_is_the_one_that_runs() -> None:
+    first, second = jax.random.split(jax.random.key(4))
+    start = start_of(second)
+
+    def objective(u: Float[Array, "particle dim"]) -> Float[Array, " particle"]:
+        return jnp.where(u[:, 0] < -0.5, jnp.nan, -jnp.sum((u - SUMMIT[None, :]) ** 2, axis=-1))
+
+    ended = jax.jit(lambda: run_swarm(first, start, objective, FREE, config=CONFIG))()
+    trail = jax.jit(lambda: watch_swarm(first, start, objective, FREE, config=CONFIG))()
+    rows = CONFIG.iterations + 1
+    assert trail.position.shape == trail.best_position.shape == (rows, CONFIG.particles, DIM)
+    np.testing.assert_array_equal(trail.position[0], start)
+    # Two programs: the last digit may differ.
+    np.testing.assert_allclose(np.max(np.asarray(trail.best_score), axis=1), ended.history, atol=1e-5)
+    winner = int(np.argmax(trail.best_score[-1]))
+    np.testing.assert_allclose(trail.best_position[-1, winner], ended.position, atol=1e-4)
+    # What a particle has met never gets worse, and what it has met is where it has been.
+    assert np.all(np.diff(np.asarray(trail.best_score), axis=0) >= 0.0)
+    met = np.asarray(trail.best_position[1:] == trail.position[1:]).all(axis=-1)
+    better = np.asarray(trail.best_score[1:] > trail.best_score[:-1])
+    np.testing.assert_array_equal(met, better | met)
+    assert better.any()

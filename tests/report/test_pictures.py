@@ -10,6 +10,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import imread
+from matplotlib.patches import Ellipse
 
 from lgprjax.errors import InputError
 from lgprjax.report import DriveResult, draw_codes, draw_match, draw_surface, draw_trajectory
@@ -68,20 +69,6 @@ def test_codes_of_all_kinds_of_drives_draw(tmp_path: Path) -> None:
     draw_codes(drives, tmp_path / "c.png", least_correlation=0.5, least_margin=0.045, by_chance=(0.0, 1.4))
     draw_codes_of(DRIVES["nothing tried"](), tmp_path / "d.png")
     assert all(imread(tmp_path / name).std() > 0.01 for name in ("c.png", "d.png"))
-
-
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    """Figures as they were saved."""
-    figures: list[Figure] = []
-    save = Figure.savefig
-
-    def keep(figure: Figure, *args: object, **kwargs: object) -> None:
-        save(figure, *args, **kwargs)  # type: ignore[arg-type]
-        figures.append(figure)
-
-    monkeypatch.setattr(Figure, "savefig", keep)
-    return figures
 
 
 def test_match_shows_the_strips_and_their_difference_at_one_scale(tmp_path: Path, drawn: list[Figure]) -> None:
@@ -217,3 +204,39 @@ def test_drawing_leaves_the_settings_as_they_were(tmp_path: Path) -> None:
     before = dict(mpl.rcParams)
     draw_surface(correlation_surface(), tmp_path / "s.png")
     assert dict(mpl.rcParams) == before
+
+
+def test_trajectory_hatches_where_there_was_no_gnss(tmp_path: Path, drawn: list[Figure]) -> None:
+    gap = np.zeros(11, bool)
+    gap[2:5] = gap[9] = True
+    drive = straight_drive(11, distance_m=np.arange(11.0), gnss_gap=gap)
+    draw_trajectory(drive, tmp_path / "a.png")
+    draw_trajectory(replace(drive, gnss_gap=np.zeros(11, bool)), tmp_path / "b.png")
+    for word in ("cross-track", "along-track", "correlation"):
+        (hatched,) = [c for c in panel_of(drawn[0], word).collections if c.get_hatch()]
+        spans = [tuple(path.get_extents().intervalx) for path in hatched.get_paths()]
+        assert spans == [(1.5, 4.5), (8.5, 9.5)]
+        assert not any(c.get_hatch() for c in panel_of(drawn[1], word).collections)
+    said = [figure.get_supxlabel().replace("\n", " ") for figure in drawn]
+    assert "GNSS/INS silent for a second" in said[0]
+    assert "GNSS" not in said[1]
+
+
+def test_heading_error_stands_in_the_bands_that_the_fixes_state(tmp_path: Path, drawn: list[Figure]) -> None:
+    drive = straight_drive(yaw_rad=straight_drive().heading_rad)
+    sigma = np.full(len(drive.code), np.radians(0.3))
+    draw_trajectory(replace(drive, sigma_yaw_rad=sigma), tmp_path / "t.png")
+    axes = panel_of(drawn[0], "heading")
+    wide, narrow = axes.collections[:2]
+    for band, limit_deg in ((wide, 0.9), (narrow, 0.3)):
+        box = band.get_paths()[0].get_extents()
+        assert (box.ymin, box.ymax) == pytest.approx((-limit_deg, limit_deg))
+    low, high = axes.get_ylim()
+    assert high == -low > 0.9
+
+
+def test_prior_lies_as_its_sigmas_do(tmp_path: Path, drawn: list[Figure]) -> None:
+    draw_surface(replace(correlation_surface(), prior_tilt_rad=float(np.radians(30.0))), tmp_path / "s.png")
+    ellipses = [patch for patch in drawn[0].axes[0].patches if isinstance(patch, Ellipse)]
+    assert [(patch.width, patch.height) for patch in ellipses] == [(1.0, 0.6), pytest.approx((3.0, 1.8))]
+    assert [patch.angle for patch in ellipses] == pytest.approx([30.0, 30.0])

@@ -23,6 +23,7 @@ from lgprjax.report import (
     draw_palm_tree,
     draw_servo_steps,
 )
+from lgprjax.report.motion_pictures import stability_limit
 from lgprjax.report.palm_tree import lay_arc
 
 _RANDOM = np.random.default_rng(3)
@@ -56,7 +57,7 @@ def sweep() -> LookAheadSweep:
     error = 0.05 + (look[:, None] - 1.5 * speed[None, :]) ** 2 / 100.0
     error[look[:, None] < speed[None, :]] = np.nan
     chosen = np.array([0.0, 1.0, 4.0, 5.0]), np.array([3.0, 3.0, 7.0, 7.0])
-    return LookAheadSweep(look, speed, error, 10.0 * error, "oscillation (degrees rms)", *chosen)
+    return LookAheadSweep(look, speed, error, 10.0 * error, "oscillation (degrees rms)", *chosen, stable_m=speed - 0.5)
 
 
 def servo_response() -> ServoResponse:
@@ -85,7 +86,11 @@ PICTURES: dict[str, Callable[..., None]] = {
     ),
     "look-ahead": lambda path, force=False: draw_look_ahead(sweep(), path, title="t", caption="said.", force=force),
     "look-ahead, nothing stable": lambda path, force=False: draw_look_ahead(
-        replace(sweep(), error_m=np.full((9, 5), np.nan)), path, title="t", caption="said.", force=force
+        replace(sweep(), error_m=np.full((9, 5), np.nan), stable_m=np.full(5, np.nan)),
+        path,
+        title="t",
+        caption="said.",
+        force=force,
     ),
     "servo": lambda path, force=False: draw_servo_steps(
         servo_response(), path, title="t", caption="said.", force=force
@@ -107,20 +112,6 @@ def test_pictures_are_written_whole_and_not_replaced_unasked(
     PICTURES[name](path, force=True)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
-
-
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    """Figures as they were saved."""
-    figures: list[Figure] = []
-    save = Figure.savefig
-
-    def keep(figure: Figure, *args: object, **kwargs: object) -> None:
-        save(figure, *args, **kwargs)  # type: ignore[arg-type]
-        figures.append(figure)
-
-    monkeypatch.setattr(Figure, "savefig", keep)
-    return figures
 
 
 @pytest.mark.parametrize("curvature", [0.3, 0.0, -1e-9, -0.15, -0.5])
@@ -180,11 +171,12 @@ def test_look_ahead_marks_the_least_error_and_what_was_chosen(tmp_path: Path, dr
     shown = sweep()
     draw_look_ahead(shown, tmp_path / "l.png", title="t", caption="said.")
     left, right = drawn[0].axes[:2]
-    chosen, best = left.lines
+    chosen, stable, best = left.lines
     expected = [shown.look_ahead_m[np.nanargmin(column)] for column in shown.error_m.T]
     np.testing.assert_array_equal(best.get_ydata(), expected)
     np.testing.assert_array_equal(chosen.get_ydata(), shown.chosen_m)
-    assert len(right.lines) == 1
+    np.testing.assert_array_equal(stable.get_ydata(), shown.stable_m)
+    assert len(right.lines) == 2
     values: np.ndarray = np.ma.filled(np.ma.asarray(left.collections[0].get_array()), np.nan)
     np.testing.assert_allclose(values.reshape(shown.error_m.shape), 100.0 * shown.error_m)
 
@@ -196,3 +188,10 @@ def test_servo_shows_the_largest_step_close_by(tmp_path: Path, drawn: list[Figur
     assert low < 4.0 < high
     assert high - low < 3.0
     assert f"{np.degrees(0.01):.2f}° rms" in drawn[0].get_suptitle()
+
+
+def test_stability_ends_where_the_margin_is_used_up() -> None:
+    look = np.array([1.0, 2.0, 4.0])
+    # Crossing half-way between 2 and 4 m; stable throughout; nowhere stable; an unstable island below a stable one.
+    margin = np.array([[-2.0, 0.5, -3.0, 0.2], [-1.0, 0.6, -2.0, -1.0], [1.0, 0.7, -1.0, 3.0]])
+    np.testing.assert_allclose(stability_limit(look, margin), [3.0, np.nan, np.nan, 2.5])

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import default_chain
-from lgprjax.subsurface import GroundMap, MapDescription, Stations, TilePlacer, sample_tile
+from lgprjax.subsurface import GroundMap, MapDescription, Places, StationPlaces, Stations, TilePlacer, sample_tile
 
 CHANNELS, SAMPLES, PITCH_M = 5, 40, 0.127
 
@@ -20,8 +20,7 @@ class Road:
         yaw = 0.6 * np.sin(travel / 30.0)
         east, north = np.cumsum(0.04 * np.cos(yaw)), np.cumsum(0.04 * np.sin(yaw))
         self.pose: Float[np.ndarray, "scan 5"] = np.stack([east, north, 0 * yaw + 0.3, yaw, 0 * yaw], axis=1)
-        self.drive: Int[np.ndarray, " scan"] = np.zeros(len(travel), int)
-        self.ground_up_m: Float[np.ndarray, " scan"] = 0.01 * travel
+        self.places = StationPlaces.held(Places(self.pose, 0.01 * travel, np.zeros(len(travel), int)))
         placer = TilePlacer(4.0)
         placer.place(self.pose)
         self.tile_frame: Float[np.ndarray, "tile 3"] = placer.frames
@@ -91,4 +90,5 @@ def test_few_tiles_are_held_and_far_places_have_none(road: Road) -> None:
     assert tiles.tile(10) is not first
     assert tiles.tile_near(np.array([1e4, 0.0]), 1.5) is None
     assert tiles.tile_near(road.pose[0, :2], 1.5) == 0
-    assert np.isnan(tiles.ground_up_at(np.array([1e4, 0.0])))
+    up = tiles.ground_up_at(np.array([[1e4, 0.0], [*road.pose[40, :2]]]))
+    np.testing.assert_allclose(up, [np.nan, 0.01 * 40 * 0.04])

@@ -9,7 +9,7 @@ import time
 from typing import Any
 
 from lgprjax import __version__
-from lgprjax.runtime.compiles import count_compiles
+from lgprjax.process_cost import count_compiles
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.kinds import AnyLoaded, load_vehicle
 from lgprjax.runtime.control.setup import TICK_S

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from lgprjax.formats import MapFile, read_vehicle
+from lgprjax.process_cost import count_compiles
 from lgprjax.registration import TrackedFixes
-from lgprjax.runtime.compiles import count_compiles
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import Stage, Started
 from lgprjax.runtime.records import FIX, Kind, Record, Source, pack, unpack

@@ -1,0 +1,42 @@
+"""``lgprjax doctor``: what is installed, what it runs on, and what to do about each problem."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.table import Table
+
+from lgprjax.cli.progress import console, working
+
+_STYLE = {"good": "green", "absent": "dim", "look": "yellow", "bad": "bold red"}
+
+
+@dataclass(frozen=True)
+class Doctor:
+    """What is installed, on what machine, and what to do about each problem."""
+
+    json: Path | None = None
+    """also write the findings to this file"""
+    force: bool = False
+    """replace that file if it exists"""
+
+    def run(self) -> int:
+        """Look; status 1 where something that every verb needs is missing or wrong."""
+        from lgprjax.cli.figures import write_figures
+        from lgprjax.cli.health_of_machine import look_at_machine
+        from lgprjax.cli.health_of_packages import look_at_packages
+
+        with working("looking"):
+            findings = [*look_at_packages(), *look_at_machine()]
+        table = Table("what", "found", "verdict")
+        for finding in findings:
+            table.add_row(finding.name, finding.found, f"[{_STYLE[finding.verdict]}]{finding.verdict}[/]")
+        console.print(table)
+        for finding in findings:
+            if finding.advice:
+                line = f"{finding.verdict}: {finding.name}: {finding.advice}"
+                console.print(line, highlight=False, markup=False, soft_wrap=True)
+        if self.json is not None:
+            write_figures(self.json, [asdict(finding) for finding in findings], force=self.force)
+        worst = any(finding.verdict == "bad" for finding in findings)
+        console.print("lgprjax cannot be relied on here" if worst else "lgprjax can be used here", highlight=False)
+        return int(worst)

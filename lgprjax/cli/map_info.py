@@ -1,0 +1,69 @@
+"""``lgprjax map info``: what a subsurface database covers, how it was made, and what it takes on disk."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from rich.table import Table
+from tyro.conf import Positional, arg
+
+from lgprjax.cli.progress import console
+
+
+@dataclass(frozen=True)
+class MapInfo:
+    """What a subsurface database covers and how it was made."""
+
+    file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
+    json: Path | None = None
+    """also write the figures to this file"""
+    force: bool = False
+    """replace that file if it exists"""
+
+    def run(self) -> None:
+        """Print."""
+        from lgprjax.cli.figures import write_figures
+
+        figures = print_info(self.file)
+        if self.json is not None:
+            write_figures(self.json, figures, force=self.force)
+
+
+def print_info(path: Path) -> dict[str, object]:
+    """Print the table of a database; the same figures by name."""
+    from lgprjax.formats import MapFile
+
+    with MapFile.open(path) as source:
+        description, pose = source.description, source.pose
+        step = np.hypot(*np.diff(pose[:, :2], axis=0).T)
+        along = float(step[np.diff(source.drive) == 0].sum())
+        low, high = pose[:, :2].min(axis=0), pose[:, :2].max(axis=0)
+        figures: dict[str, object] = {
+            "name": description.name,
+            "anchor_latitude_deg": description.frame.latitude_deg,
+            "anchor_longitude_deg": description.frame.longitude_deg,
+            "baselines": int(source.drive.max()) + 1,
+            "stations": len(pose),
+            "length_m": round(along, 2),
+            "east_m": [round(float(low[0]), 2), round(float(high[0]), 2)],
+            "north_m": [round(float(low[1]), 2), round(float(high[1]), 2)],
+            "channels": description.channels,
+            "channel_pitch_m": round(description.channel_pitch_m, 4),
+            "station_step_m": round(description.settings.step_m, 4),
+            "band_mhz": [description.settings.band_low_hz / 1e6, description.settings.band_high_hz / 1e6],
+            "travel_time_ns": round(len(description.gain) * description.settings.sample_interval_ns, 2),
+            "track_filter_m": round(description.settings.track_filter_m, 2),
+            "tiles": len(source.tile_frame),
+            "weight": [round(weight, 3) for weight in description.weight],
+            "retired": int(np.count_nonzero(source.retired)),
+            "precision": source.precision.name,
+            "bytes_per_m": round(path.stat().st_size / max(along, 1e-9)),
+            **{f"bytes_per_m_{part}": round(size / max(along, 1e-9)) for part, size in source.stored_bytes().items()},
+            "steps": source.provenance.get("steps"),
+        }
+    table = Table("quantity", "value", title=f"{path.name}")
+    for name, value in figures.items():
+        table.add_row(name, ", ".join(map(str, value)) if isinstance(value, list) else str(value))
+    console.print(table)
+    return figures

@@ -1,0 +1,224 @@
+"""The subsurface database being written: station by station, whole or not at all."""
+
+import json
+import tempfile
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import IO
+
+import h5py
+import numpy as np
+from jaxtyping import Float, Integer
+
+from lgprjax.errors import InputError
+from lgprjax.formats.hdf5_output import GuardedFile, create_store
+from lgprjax.formats.map_code import STANDARD, CodedTraces, MapPrecision, TraceCode, encode, trace_code
+from lgprjax.formats.map_rows import UNIT, differences
+from lgprjax.formats.map_stored import BLOCK, StoredStations, places_of_rows, stored_block
+from lgprjax.formats.schema import load_schema
+from lgprjax.formats.store import create_array, validate_store, write_array, write_attribute
+from lgprjax.subsurface import MapDescription, StationBlock, Stretches, stretches_of
+
+_SCHEMA = load_schema("map")
+
+
+class MapWriter:
+    """A subsurface database being written; a context manager. It appears under its name when it is whole.
+
+    Codes need the depth gain, which is known when all baselines are: until then traces wait in a file without a name
+    beside the output.
+
+    Attributes:
+        stations: appended so far.
+        precision: of the traces.
+    """
+
+    def __init__(
+        self, path: Path, store: h5py.File, output: GuardedFile, cleanup: ExitStack, precision: MapPrecision
+    ) -> None:
+        self.path = path
+        self.stations = 0
+        self.precision = precision
+        self._store = store
+        self._output = output
+        self._cleanup = cleanup
+        self._code: TraceCode | None = None
+        self._waiting: IO[bytes] | None = None
+        self._products: np.ndarray | None = None
+        self._traces = 0
+        self._last: dict[str, np.ndarray] = {}
+        self._stretches: list[Stretches] = []
+
+    @classmethod
+    def create(cls, path: str | Path, *, precision: MapPrecision = STANDARD, force: bool = False) -> "MapWriter":
+        """Begin a database. Raises ``InputError`` where the output cannot be written or exists."""
+        with ExitStack() as cleanup:
+            store, output = cleanup.enter_context(create_store(path, _SCHEMA, force))
+            return cls(Path(path), store, output, cleanup.pop_all(), precision)
+        raise AssertionError("unreachable: the stack passes exceptions on")
+
+    def __enter__(self) -> "MapWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._waiting is not None:
+            # A full disk was told when the traces were written: closing must not tell it again in place of the error.
+            with suppress(OSError):
+                self._waiting.close()
+        if error is not None:
+            self._cleanup.__exit__(kind, error, trace)
+            return
+        with self._cleanup:
+            for finding in validate_store(self._store, self.path, _SCHEMA):
+                if finding.severity == "error":
+                    raise finding.error()
+
+    @property
+    def code(self) -> TraceCode | None:
+        """What the codes mean; None while that is not known, and where traces are samples."""
+        return self._code
+
+    def use(self, precision: MapPrecision, code: TraceCode | None) -> None:
+        """Store all traces as another map does; before the first station."""
+        assert self.stations == 0
+        self.precision, self._code = precision, code
+
+    def append(self, block: StationBlock, drive: int) -> None:
+        """Append the next stations of a drive. All drives must have the same channels."""
+        stored = stored_block(block, drive)
+        if self._code is not None:
+            stored = stored._replace(traces=encode(self._code, block.profile, block.valid))
+        self.append_stored(stored)
+
+    def append_stored(self, stored: StoredStations) -> None:
+        """Append stations in the numbers of the file."""
+        if not len(stored.place):
+            return
+        for name, rows in (("place", stored.place), ("antenna", stored.antenna)):
+            self._extend(name, differences(rows, self._last.get(name), self.stations))
+            self._last[name] = rows[-1]
+        self._extend("valid", stored.valid)
+        if isinstance(stored.traces, CodedTraces):
+            self._extend("scale", stored.traces.scale)
+            self._extend_codes(stored.traces.codes)
+        elif self.precision.step_rms is None:
+            self._extend("traces", stored.traces, BLOCK)
+        else:
+            self._wait(stored)
+        places = places_of_rows(stored.place)
+        self._stretches.append(stretches_of(places.pose[:, :2], places.drive, self.stations))
+        self.stations += len(stored.place)
+        self._output.check()
+
+    def finish(
+        self,
+        description: MapDescription,
+        tile_frame: Float[np.ndarray, "tile 3"],
+        height_reference_m: Float[np.ndarray, " tile"],
+        provenance: dict[str, object],
+        retired: Integer[np.ndarray, " scan"] | None = None,
+    ) -> None:
+        """Write what is known only at the end: gain, tiles, what holds for the whole map, and with the gain the codes.
+
+        Args:
+            description: of the map.
+            tile_frame: east_m, north_m, yaw_rad of every tile.
+            height_reference_m: antenna height above the ground that each tile is brought to.
+            provenance: which steps and inputs made the map.
+            retired: of every station, number of the update that took it out of use, 0 while it is in use; without it
+                all are.
+        """
+        if self._waiting is not None:
+            self._encode_waiting(description)
+        store, frame = self._store, description.frame
+        attributes: dict[str, str | float] = {
+            "name": description.name,
+            "provenance": json.dumps(provenance),
+            "chain": json.dumps(description.settings.as_provenance()),
+            "anchor_latitude_deg": frame.latitude_deg,
+            "anchor_longitude_deg": frame.longitude_deg,
+            "anchor_height_m": frame.height_m,
+            "sample_interval_ns": description.settings.sample_interval_ns,
+            "channel_pitch_m": description.channel_pitch_m,
+            "tile_spacing_m": description.tile_spacing_m,
+            "precision": self.precision.name,
+        }
+        for name, value in attributes.items():
+            write_attribute(store, name, value)
+        write_array(store, _SCHEMA, "/gain", description.gain)
+        write_array(store, _SCHEMA, "/tiles/frame", tile_frame)
+        write_array(store, _SCHEMA, "/tiles/height_reference_m", height_reference_m)
+        first, chord_m, reach_m = (np.concatenate(part) for part in zip(*self._stretches, strict=True))
+        write_array(store, _SCHEMA, "/stretches/first", first)
+        write_array(store, _SCHEMA, "/stretches/chord", chord_m)
+        write_array(store, _SCHEMA, "/stretches/reach_m", reach_m)
+        if description.weight:
+            write_array(store, _SCHEMA, "/drives/weight", np.asarray(description.weight))
+        if retired is not None:
+            create_array(store, _SCHEMA, "/baselines/retired", (), rows=UNIT, checksum=True)
+            assert int(retired.max(initial=0)) <= np.iinfo(np.uint16).max
+            self._fill("retired", retired, 0)
+        if self._code is not None:
+            if not np.array_equal(self._code.gain, description.gain.astype(np.float32)):
+                raise InputError(self.path, "/gain", "the gain that the stations are coded for", "another")
+            write_array(store, _SCHEMA, "/code/basis", self._code.basis)
+            write_array(store, _SCHEMA, "/code/level", self._code.level)
+            write_attribute(store["code"], "step_rms", self._code.step_rms)
+        self._output.check()
+
+    def _extend(self, name: str, rows: np.ndarray, chunk: int = UNIT) -> None:
+        path = f"/baselines/{name}"
+        if path not in self._store:
+            create_array(self._store, _SCHEMA, path, rows.shape[1:], rows=chunk, checksum=True)
+        self._fill(name, rows, self.stations)
+
+    def _fill(self, name: str, rows: np.ndarray, start: int) -> None:
+        dataset = self._store[f"/baselines/{name}"]
+        dataset.resize(start + len(rows), axis=0)
+        dataset[start:] = rows
+
+    def _extend_codes(self, codes: np.ndarray) -> None:
+        path, start = "/baselines/codes", self.stations
+        if path not in self._store:
+            create_array(self._store, _SCHEMA, path, (*codes.shape[1:], BLOCK), rows=1, checksum=True)
+        dataset = self._store[path]
+        stop = start + len(codes)
+        dataset.resize(-(-stop // BLOCK), axis=0)
+        for block in range(start // BLOCK, -(-stop // BLOCK)):
+            low, high = max(start, block * BLOCK), min(stop, (block + 1) * BLOCK)
+            inside = slice(low - block * BLOCK, high - block * BLOCK)
+            dataset[block, :, :, inside] = np.moveaxis(codes[low - start : high - start], 0, -1)
+
+    def _wait(self, stored: StoredStations) -> None:
+        """Keep traces until the gain is known, and what the code is made from."""
+        assert not isinstance(stored.traces, CodedTraces)
+        if self._waiting is None:
+            self._waiting = tempfile.TemporaryFile(dir=self.path.parent)  # noqa: SIM115 (closed with the writer)
+            self._products = np.zeros((stored.traces.shape[2],) * 2)
+        assert self._products is not None
+        self._waiting.write(stored.traces.tobytes())
+        sample = stored.traces[stored.valid].astype(np.float64)
+        self._products += sample.T @ sample
+        self._traces += len(sample)
+
+    def _encode_waiting(self, description: MapDescription) -> None:
+        assert self._waiting is not None
+        assert self._products is not None
+        assert self.precision.step_rms is not None
+        total, samples = self.stations, len(description.gain)
+        self._code = trace_code(self._products, self._traces, description.gain, self.precision.step_rms)
+        self._waiting.seek(0)
+        valid = self._store["/baselines/valid"]
+        self.stations = 0
+        while self.stations < total:
+            rows = valid[self.stations : self.stations + UNIT].astype(bool)
+            read = self._waiting.read(2 * rows.size * samples)
+            profile = np.frombuffer(read, np.float16).reshape(*rows.shape, samples).astype(np.float32)
+            coded = encode(self._code, profile, rows)
+            self._extend("scale", coded.scale)
+            self._extend_codes(coded.codes)
+            self.stations += len(rows)
+            self._output.check()

@@ -1,0 +1,237 @@
+"""A drive log, and its fixes, as a recording of ROS 2 messages (MCAP), streaming.
+
+Needs the optional package mcap (``pip install lgprjax[log]``).
+"""
+
+import json
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from lgprjax import __version__
+from lgprjax.errors import InputError
+from lgprjax.formats.atomic import atomic_output
+from lgprjax.formats.drive_description import NavigationTrack, OdometryTrack, TraceRecording
+from lgprjax.formats.drive_log import DriveLog
+from lgprjax.formats.mcap_fixes import DriveFixes, fix_messages, fixes_of
+from lgprjax.formats.mcap_recording import require_mcap
+from lgprjax.formats.mcap_scans import SWEEPS, ScanForm, array_values, scan_values
+from lgprjax.formats.ros_layout import Layout
+from lgprjax.formats.ros_messages import (
+    COVARIANCE_KNOWN,
+    DRIVE_METADATA,
+    PITCH_VARIANCE,
+    TOPICS,
+    definition_of,
+    layout_to_write,
+    quaternion_of,
+)
+from lgprjax.formats.utc import utc_ns, utc_text
+from lgprjax.frames import wrap_angle
+
+MAP_METADATA = "lgprjax.map"
+"""Name of the metadata that says where on the earth the map's frame is."""
+_BLOCK_SCANS = 256
+_BODY = "base_link"
+# Seconds of a stamp are an int32.
+_LATEST_NS = (1 << 31) * 1_000_000_000
+_NOT_MEASURED = np.array([-1.0, *[0.0] * 8])
+"""As a covariance in an ``Imu``: there is no such measurement."""
+
+
+class ExportedDrive(NamedTuple):
+    """What was written: scans, poses of fixes, and what the drive holds beside, for which there is no message."""
+
+    scans: int
+    poses: int
+    left_out: tuple[str, ...]
+
+
+class _Messages:
+    """Messages of one file; each topic is made known before the first of them."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        from mcap.writer import Writer
+
+        self._writer = Writer(stream)
+        self._writer.start(profile="ros2", library=f"lgprjax {__version__}")
+        self._topics: dict[str, tuple[int, Layout]] = {}
+
+    def metadata(self, name: str, texts: dict[str, str]) -> None:
+        self._writer.add_metadata(name, texts)
+
+    def put(self, part: str, ns: int, frame: str, values: dict[str, Any]) -> None:
+        if part not in self._topics:
+            topic, kind = TOPICS[part]
+            schema = self._writer.register_schema(kind, "ros2msg", definition_of(kind).encode())
+            channel = self._writer.register_channel(topic, "cdr", schema)
+            self._topics[part] = channel, layout_to_write(kind)
+        channel, layout = self._topics[part]
+        sec, nanosec = divmod(ns, 1_000_000_000)
+        header = {"header.stamp.sec": sec, "header.stamp.nanosec": nanosec, "header.frame_id": frame}
+        self._writer.add_message(channel, ns, layout.encode({**header, **values}), ns)
+
+    def finish(self) -> None:
+        self._writer.finish()
+
+
+def export_mcap(
+    drive: str | Path, output: str | Path, *, fixes: str | Path | None = None, force: bool = False
+) -> ExportedDrive:
+    """Write a drive log as a recording that ROS 2 tools and Foxglove read; docs/transfer.md has its topics.
+
+    Scans are copied bit by bit, sweeps as well as traces; stamps are whole nanoseconds. Of the fixes, those that are
+    ok become poses in the map's frame and positions; the quality of every one is told.
+
+    Args:
+        drive: the drive log.
+        output: the recording.
+        fixes: ``X.fixes.h5`` of the drive.
+        force: replace an output that exists.
+
+    Raises:
+        InputError: an input is missing or damaged, the fixes are not of this drive, the package mcap is missing, or
+            the output exists (without ``force``) or cannot be written.
+    """
+    require_mcap(Path(output))
+    with ExitStack() as stack:
+        log = stack.enter_context(DriveLog.open(drive))
+        found = None if fixes is None else fixes_of(fixes, log)
+        times_ns = _times_ns(log, found)
+        temporary = stack.enter_context(atomic_output(output, force))
+        messages = _Messages(stack.enter_context(temporary.open("wb")))
+        _write_head(messages, log, found, int(min(each[0] for each in times_ns.values())))
+        description = log.description
+        navigation = _NavigationValues(description.navigation)
+        odometry = _OdometryValues(description.odometry, description.navigation)
+        scans = _scan_values(log)
+        # In the order of time, as a recorder would have heard them: readers then need little memory.
+        moments = np.concatenate(list(times_ns.values()))
+        source = np.repeat(np.arange(len(times_ns)), [len(each) for each in times_ns.values()])
+        number = np.concatenate([np.arange(len(each)) for each in times_ns.values()])
+        names = tuple(times_ns)
+        for each in np.lexsort((source, moments)):
+            ns, at, name = int(moments[each]), int(number[each]), names[source[each]]
+            if name == "scan":
+                messages.put("scan", ns, "radar_array", next(scans))
+            elif name == "navigation":
+                for part, values in navigation(at):
+                    messages.put(part, ns, _BODY, values)
+            elif name == "odometry":
+                messages.put("odometry", ns, "odom", odometry(at))
+            elif found is not None:
+                for part, frame, values in fix_messages(found, at):
+                    messages.put(part, ns, frame, values)
+        messages.finish()
+        beside = {"truth": description.truth, "vehicle": description.vehicle, "plan": description.plan}
+        return ExportedDrive(
+            log.scans,
+            0 if found is None else int(np.count_nonzero(found.told)),
+            tuple(name for name, values in beside.items() if values is not None),
+        )
+
+
+def _times_ns(log: DriveLog, fixes: DriveFixes | None) -> dict[str, np.ndarray]:
+    """Moments of all that is to be told, Unix time."""
+    description = log.description
+    times_s = {
+        "navigation": description.navigation.time_s,
+        "odometry": description.odometry.time_s,
+        "scan": log.scan_time_s,
+    }
+    if fixes is not None:
+        times_s["fix"] = log.scan_time_s[fixes.scan()]
+    t0_ns = utc_ns(description.t0_utc)
+    first_s, last_s = (f(float(f(each)) for each in times_s.values()) for f in (min, max))
+    if t0_ns + 1e9 * first_s < 0 or t0_ns + 1e9 * last_s >= _LATEST_NS:
+        found = f"{description.t0_utc} and {first_s:g} to {last_s:g} s"
+        raise InputError(log.path, "times", f"moments from {utc_text(0)} to {utc_text(_LATEST_NS)}", found)
+    return {name: t0_ns + np.rint(1e9 * each).astype(np.int64) for name, each in times_s.items()}
+
+
+def _write_head(messages: _Messages, log: DriveLog, fixes: DriveFixes | None, begin_ns: int) -> None:
+    """What holds for the whole file, before all else: a file that is cut short keeps it."""
+    description = log.description
+    texts = {"name": description.name, "t0_utc": description.t0_utc, "provenance": json.dumps(description.provenance)}
+    messages.metadata(DRIVE_METADATA, texts)
+    if fixes is not None:
+        messages.metadata(MAP_METADATA, fixes.map)
+    messages.put("array", begin_ns, _BODY, array_values(description.array, description.recording))
+
+
+def _scan_values(log: DriveLog) -> Iterator[dict[str, Any]]:
+    """Members of the scans one after the other, read in blocks."""
+    recording = log.description.recording
+    for start in range(0, log.scans, _BLOCK_SCANS):
+        stored, valid, calibration = log.read_stored(start, min(start + _BLOCK_SCANS, log.scans))
+        if isinstance(recording, TraceRecording):
+            numbers = (recording.sample_interval_ns, recording.time_zero_ns, recording.zero_level)
+            form = ScanForm(log.channels, log.samples, stored.dtype.name, *numbers)
+        else:
+            form = ScanForm(log.channels, log.samples, SWEEPS, 0.0, 0.0, 0.0)
+        for row, signal in enumerate(stored):
+            yield scan_values(form, signal, valid[row], None if calibration is None else calibration[row])
+
+
+class _NavigationValues:
+    """Members of the position and the attitude of each record."""
+
+    def __init__(self, track: NavigationTrack) -> None:
+        self._track = track
+        self._yaw_rad, self._roll_rad = np.radians(90.0 - track.heading_deg), np.radians(track.roll_deg)
+        sigmas = (track.sigma_east_m, track.sigma_north_m, track.sigma_height_m)
+        angles = (track.sigma_roll_deg, track.sigma_heading_deg)
+        # The schema of drive logs asks for all of them.
+        self._place = np.stack([each for each in sigmas if each is not None], axis=1) ** 2
+        self._angle = np.radians(np.stack([each for each in angles if each is not None], axis=1)) ** 2
+
+    def __call__(self, at: int) -> Iterator[tuple[str, dict[str, Any]]]:
+        track = self._track
+        yield (
+            "position",
+            {
+                "latitude": float(track.latitude_deg[at]),
+                "longitude": float(track.longitude_deg[at]),
+                "altitude": float(track.height_m[at]),
+                "position_covariance": np.diag(self._place[at]),
+                "position_covariance_type": COVARIANCE_KNOWN,
+            },
+        )
+        roll, yaw = self._angle[at]
+        turn = quaternion_of(float(self._yaw_rad[at]), float(self._roll_rad[at]))
+        yield (
+            "attitude",
+            {
+                **{f"orientation.{axis}": value for axis, value in turn.items()},
+                "orientation_covariance": np.diag([roll, PITCH_VARIANCE, yaw]),
+                "angular_velocity_covariance": _NOT_MEASURED,
+                "linear_acceleration_covariance": _NOT_MEASURED,
+            },
+        )
+
+
+class _OdometryValues:
+    """Members of each record: dead reckoning by the travel along the headings of the navigation, and the speed."""
+
+    def __init__(self, track: OdometryTrack, navigation: NavigationTrack) -> None:
+        own = np.unwrap(np.radians(90.0 - navigation.heading_deg))
+        self._yaw_rad = np.interp(track.time_s, navigation.time_s, own)
+        halfway = self._yaw_rad[:-1] + 0.5 * wrap_angle(np.diff(self._yaw_rad))
+        steps_m = np.diff(track.distance_m)
+        self._x_m = np.concatenate([[0.0], np.cumsum(steps_m * np.cos(halfway))])
+        self._y_m = np.concatenate([[0.0], np.cumsum(steps_m * np.sin(halfway))])
+        self._speed_mps: Float[np.ndarray, " odometry"] = np.gradient(track.distance_m, track.time_s)
+
+    def __call__(self, at: int) -> dict[str, Any]:
+        turn = quaternion_of(float(self._yaw_rad[at]), 0.0)
+        return {
+            "child_frame_id": _BODY,
+            "pose.pose.position.x": float(self._x_m[at]),
+            "pose.pose.position.y": float(self._y_m[at]),
+            **{f"pose.pose.orientation.{axis}": value for axis, value in turn.items()},
+            "twist.twist.linear.x": float(self._speed_mps[at]),
+        }

@@ -1,0 +1,200 @@
+"""Navigation and odometry of a drive from the rows of a recording's topics."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from lgprjax.errors import InputError
+from lgprjax.formats.drive_description import NavigationTrack, OdometryTrack
+from lgprjax.formats.mcap_topics import TopicRows
+from lgprjax.formats.survey_track import SIGMA_DEG, distances_m, path_headings_deg
+from lgprjax.frames import LocalFrame, wrap_angle
+
+# Headings are not interpolated over longer gaps than this, nor over more than three usual steps of a slow source.
+_LONGEST_GAP_S = 1.0
+
+
+class McapAssumed(NamedTuple):
+    """What a recording's messages do not say, as the user tells it.
+
+    Attributes:
+        gnss_m: place of the GNSS antenna: forward and left of the rear axle, above the ground.
+        gnss_sigma_m: of positions whose message does not tell its covariance.
+        heading_sigma_deg: likewise of headings and rolls.
+    """
+
+    gnss_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gnss_sigma_m: float | None = None
+    heading_sigma_deg: float | None = None
+
+
+class Attitude(NamedTuple):
+    """Yaw counter-clockwise from true east, roll, radians, and their variances, at the times asked for."""
+
+    yaw_rad: Float[np.ndarray, " position"]
+    roll_rad: Float[np.ndarray, " position"]
+    yaw_variance: Float[np.ndarray, " position"]
+    roll_variance: Float[np.ndarray, " position"]
+
+
+def odometry_track(path: Path, odometry: TopicRows, t0_ns: int) -> OdometryTrack:
+    """Signed travel by an odometer: its steps as they lie along its own heading, or its speeds where it has no places.
+
+    Raises:
+        InputError: fewer than two messages, or neither orientations nor speeds.
+    """
+    ns, rows = odometry.sorted()
+    if len(ns) < 2:
+        raise InputError(path, odometry.topic, "at least 2 messages", str(len(ns)))
+    time_s = (ns - t0_ns) / 1e9
+    yaw, x_m, y_m, speed_mps = rows[:, 0], rows[:, 4], rows[:, 5], rows[:, 6]
+    steps_m = _steps_m(x_m, y_m, yaw)
+    if not (np.all(np.isfinite(steps_m)) and np.any(steps_m)):
+        if np.any(np.diff(x_m) ** 2 + np.diff(y_m) ** 2) and not np.any(speed_mps):
+            raise InputError(path, odometry.topic, "orientations or speeds", "places only")
+        steps_m = 0.5 * (speed_mps[1:] + speed_mps[:-1]) * np.diff(time_s)
+    return OdometryTrack(time_s, np.concatenate([[0.0], np.cumsum(steps_m)]))
+
+
+def navigation_track(
+    path: Path,
+    position: TopicRows,
+    attitude: TopicRows | None,
+    odometry: OdometryTrack | None,
+    t0_ns: int,
+    assumed: McapAssumed,
+) -> NavigationTrack:
+    """Poses of the body origin at the times of the positions.
+
+    Positions between which and the next heading lies a gap are left out. Without a source of headings they follow the
+    path, and the roll is zero.
+
+    Raises:
+        InputError: fewer than two positions, no heading can be told, or a covariance is not known and not assumed.
+    """
+    ns, rows = position.sorted()
+    if not np.all(np.isnan(rows[:, 2])):
+        ns, rows = (part[np.isfinite(rows[:, 2])] for part in (ns, rows))
+    if attitude is not None:
+        found, covered = _attitude_at(attitude, ns)
+        ns, rows = ns[covered], rows[covered]
+        found = Attitude(*(part[covered] for part in found))
+    if len(ns) < 2:
+        beside = "" if attitude is None else f" within the headings of {attitude.topic}"
+        raise InputError(path, position.topic, f"at least 2 positions{beside}", str(len(ns)))
+    time_s = (ns - t0_ns) / 1e9
+    if attitude is None:
+        found = _attitude_of_path(path, position.topic, time_s, rows, odometry)
+    place = position.topic
+    sigmas_m = [_sigma(path, place, v, assumed.gnss_sigma_m, "--gnss-sigma-m") for v in rows[:, 3:6].T]
+    degrees = None if assumed.heading_sigma_deg is None else np.radians(assumed.heading_sigma_deg)
+    place = place if attitude is None else attitude.topic
+    sigmas_rad = [_sigma(path, place, v, degrees, "--heading-sigma-deg") for v in found[2:]]
+    latitude, longitude, height = _body_origin(rows, found, assumed.gnss_m)
+    return NavigationTrack(
+        time_s=time_s,
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        height_m=height,
+        heading_deg=np.mod(90.0 - np.degrees(found.yaw_rad), 360.0),
+        roll_deg=np.degrees(found.roll_rad),
+        sigma_east_m=sigmas_m[0],
+        sigma_north_m=sigmas_m[1],
+        sigma_height_m=sigmas_m[2],
+        sigma_heading_deg=np.degrees(sigmas_rad[0]),
+        sigma_roll_deg=np.degrees(sigmas_rad[1]),
+    )
+
+
+def travel_along(navigation: NavigationTrack) -> OdometryTrack:
+    """Signed travel by the positions themselves, as they lie along the heading: jitter while standing cancels."""
+    frame = LocalFrame(
+        float(navigation.latitude_deg[0]), float(navigation.longitude_deg[0]), float(navigation.height_m[0])
+    )
+    east, north, _ = frame.to_local(navigation.latitude_deg, navigation.longitude_deg, navigation.height_m)
+    yaw = frame.yaw_of_heading(navigation.heading_deg, navigation.longitude_deg)
+    return OdometryTrack(navigation.time_s, np.concatenate([[0.0], np.cumsum(_steps_m(east, north, yaw))]))
+
+
+def _steps_m(
+    x_m: Float[np.ndarray, " row"], y_m: Float[np.ndarray, " row"], yaw_rad: Float[np.ndarray, " row"]
+) -> Float[np.ndarray, " step"]:
+    """Steps as they lie along the heading halfway: negative in reverse."""
+    halfway = yaw_rad[:-1] + 0.5 * wrap_angle(np.diff(yaw_rad))
+    return np.asarray(np.diff(x_m) * np.cos(halfway) + np.diff(y_m) * np.sin(halfway))
+
+
+def _attitude_at(
+    attitude: TopicRows, ns: Int[np.ndarray, " position"]
+) -> tuple[Attitude, Bool[np.ndarray, " position"]]:
+    """Yaw and roll at given times, and whether they are known there."""
+    own, rows = attitude.sorted()
+    known = np.isfinite(rows[:, :2]).all(axis=1)
+    own, rows = own[known], rows[known]
+    if not len(own):
+        return Attitude(*np.zeros((4, len(ns)))), np.zeros(len(ns), dtype=bool)
+    own_s, at_s = (own - own[0]) / 1e9, (ns - own[0]) / 1e9
+    gaps_s = np.diff(own_s)
+    longest_s = max(_LONGEST_GAP_S, 3.0 * float(np.median(gaps_s)) if len(gaps_s) else 0.0)
+    after = np.searchsorted(own, ns, side="left")
+    inside = (after > 0) & (after < len(own))
+    bridged = np.zeros(len(ns), dtype=bool)
+    bridged[inside] = gaps_s[after[inside] - 1] <= longest_s
+    covered = bridged | (own[np.minimum(after, len(own) - 1)] == ns)
+    columns = (np.unwrap(rows[:, 0]), np.unwrap(rows[:, 1]), rows[:, 2], rows[:, 3])
+    yaw, roll, *variances = (np.interp(at_s, own_s, column) for column in columns)
+    return Attitude(yaw, np.asarray(wrap_angle(roll)), *variances), covered
+
+
+def _attitude_of_path(
+    path: Path,
+    topic: str,
+    time_s: Float[np.ndarray, " position"],
+    rows: Float[np.ndarray, "position 6"],
+    odometry: OdometryTrack | None,
+) -> Attitude:
+    latitude, longitude = rows[:, 0], rows[:, 1]
+    travel_m = (
+        distances_m(latitude, longitude)
+        if odometry is None
+        else np.interp(time_s, odometry.time_s, odometry.distance_m)
+    )
+    try:
+        heading_deg = path_headings_deg(latitude, longitude, travel_m)
+    except ValueError:
+        expected = "a vehicle that moves, or a source of headings"
+        raise InputError(path, topic, expected, "one that stands still") from None
+    variance = np.full(len(time_s), np.radians(SIGMA_DEG) ** 2)
+    return Attitude(np.radians(90.0 - heading_deg), np.zeros(len(time_s)), variance, variance)
+
+
+def _sigma(
+    path: Path, topic: str, variance: Float[np.ndarray, " position"], assumed: float | None, option: str
+) -> Float[np.ndarray, " position"]:
+    known = np.isfinite(variance) & (variance >= 0.0)
+    if assumed is None and not np.all(known):
+        found = f"none in {np.count_nonzero(~known)} of {len(known)} messages"
+        raise InputError(path, topic, f"a covariance, or {option}", found)
+    return np.where(known, np.sqrt(np.where(known, variance, 0.0)), assumed or 0.0)
+
+
+def _body_origin(
+    rows: Float[np.ndarray, "position 6"], attitude: Attitude, gnss_m: tuple[float, float, float]
+) -> tuple[Float[np.ndarray, " position"], Float[np.ndarray, " position"], Float[np.ndarray, " position"]]:
+    """Latitude, longitude and height of the body origin from those of the antenna; heights not known are 0."""
+    latitude, longitude, height = rows[:, 0], rows[:, 1], np.nan_to_num(rows[:, 2], nan=0.0)
+    if not any(gnss_m):
+        return latitude, longitude, height
+    frame = LocalFrame(float(latitude[0]), float(longitude[0]), float(height[0]))
+    east, north, up = frame.to_local(latitude, longitude, height)
+    yaw = frame.yaw_of_heading(90.0 - np.degrees(attitude.yaw_rad), longitude)
+    x_m, y_m, z_m = gnss_m
+    cos, sin = np.cos(attitude.roll_rad), np.sin(attitude.roll_rad)
+    left_m, above_m = cos * y_m - sin * z_m, sin * y_m + cos * z_m
+    return frame.to_geodetic(
+        east - np.cos(yaw) * x_m + np.sin(yaw) * left_m,
+        north - np.sin(yaw) * x_m - np.cos(yaw) * left_m,
+        up - above_m,
+    )

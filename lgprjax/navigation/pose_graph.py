@@ -1,0 +1,209 @@
+"""Label errors of many drives from fixes between them: a pose graph, solved by robust sparse least squares.
+
+Each stretch of a drive is a chain of nodes, whose corrections to the labels (east, north, yaw) follow the label
+process (``label_process``); that is what stands for odometry between neighbours, and for the weak, long correlated
+prior that fixes the gauge: nothing is held by decree. A fix is the pose of one chain's place in the labels of another
+(or of the same, where a drive comes by twice). With corrections c at the place and at the ground it was found on,
+
+    r = place + c_place - [ground + c_ground + R(yaw of c_ground) (found - ground)],   yaw alike, wrapped.
+
+Wrong fixes are found by graduated non-convexity (Yang, Antonante, Tzoumas & Carlone 2020; of switched edges as
+Sünderhauf & Protzel 2012 asked for): the Geman-McClure loss c² r² / (mu c² + r²) with mu halved from a convex start
+to 1. Here it is divided by mu against theirs, so that a fix never costs more than c²: at first the chains are stiff
+against all fixes, and a run of wrong ones that agree with each other is outvoted by the ground to both sides before it
+could bend a chain. At the end a fix takes part in full or not at all, and the covariances are those of least squares.
+
+Host, float64. Imported by its own name: what runs on a vehicle does not load SciPy.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import sparse
+from scipy.sparse.linalg import SuperLU, splu
+
+from lgprjax.navigation.label_process import LabelChain, LabelModel, Nodes, lay_nodes, place_rows, prior_rows
+
+_BOUND2 = 16.27  # of chi-square with three degrees of freedom, 999 in 1000 lie below
+_LOSS2 = 3.0  # what a fix can cost at most while wrong ones are looked for: the less, the longer a run is outvoted
+_MEDIAN2 = 2.366  # and half lie below this
+_SETTLED_ROUNDS = 8  # of taking fixes in and out at the end
+_STEPS = 2  # of Gauss-Newton in each of them: but for a degree of yaw the problem is linear
+
+
+class FixEdges(NamedTuple):
+    """Fixes of places on the ground of other places.
+
+    Attributes:
+        chain: of the place that was found, and of the ground it was found on.
+        at_m: of both, along their chains' paths.
+        label: east_m, north_m, yaw_rad of both by their labels.
+        found: pose of the place by the ground's labels.
+        covariance: of ``found``.
+    """
+
+    chain: Int[np.ndarray, "edge 2"]
+    at_m: Float[np.ndarray, "edge 2"]
+    label: Float[np.ndarray, "edge 2 3"]
+    found: Float[np.ndarray, "edge 3"]
+    covariance: Float[np.ndarray, "edge 3 3"]
+
+
+@dataclass(frozen=True)
+class GraphSolution:
+    """Corrections that make labels agree.
+
+    Attributes:
+        nodes, model: of the chains.
+        state: of all nodes.
+        kept: fixes that took part.
+        noise_scale: what the fixes' sigmas had to be multiplied by to be those of what they are off by; 1 at least.
+        information: of the states, sparse.
+    """
+
+    nodes: Nodes
+    model: LabelModel
+    state: Float[np.ndarray, " state"]
+    kept: Bool[np.ndarray, " edge"]
+    noise_scale: float
+    information: sparse.csc_array
+
+    def correction(
+        self, chain: Int[np.ndarray, " place"], at_m: Float[np.ndarray, " place"]
+    ) -> Float[np.ndarray, "place 3"]:
+        """What to add to the labels' east_m, north_m and yaw_rad at places."""
+        rows = place_rows(self.nodes, chain, at_m, self.model)
+        return np.asarray(rows @ self.state).reshape(-1, 3)
+
+    def covariance(
+        self, chain: Int[np.ndarray, " place"], at_m: Float[np.ndarray, " place"]
+    ) -> Float[np.ndarray, "row row"]:
+        """Of the corrections at a few places: rows east, north, yaw of the first, then of the second, and so on."""
+        rows = place_rows(self.nodes, chain, at_m, self.model)
+        return np.asarray(rows @ self._factor.solve(rows.T.toarray()))
+
+    @cached_property
+    def _factor(self) -> SuperLU:
+        return _factor(self.information)
+
+
+def misfit(
+    edges: FixEdges, place: Float[np.ndarray, "edge 3"], ground: Float[np.ndarray, "edge 3"]
+) -> Float[np.ndarray, "edge 3"]:
+    """Places less where fixes put them, in east_m, north_m and yaw_rad, under corrections to both their labels."""
+    lever_m = edges.found[:, :2] - edges.label[:, 1, :2]
+    off = edges.label[:, 0] + place - ground
+    off[:, :2] -= edges.label[:, 1, :2] + _turned(lever_m, ground[:, 2])
+    off[:, 2] = np.mod(off[:, 2] - edges.found[:, 2] + np.pi, 2.0 * np.pi) - np.pi
+    return np.asarray(off)
+
+
+def solve_graph(chains: tuple[LabelChain, ...], edges: FixEdges, model: LabelModel) -> GraphSolution:
+    """Corrections of all chains from the fixes between them.
+
+    A chain that no fix reaches keeps its labels: its correction is zero.
+
+    Args:
+        chains: stretches of drives.
+        edges: fixes; none may be.
+        model: of the labels' errors.
+    """
+    nodes = lay_nodes(chains, model)
+    graph = Graph(nodes, edges, model)
+    state = np.zeros(graph.prior.shape[1])
+    mu = max(1.0, 2.0 * float(np.max(graph.squared(state), initial=0.0)) / _LOSS2)
+    while True:
+        weight = (mu * _LOSS2 / (graph.squared(state) + mu * _LOSS2)) ** 2 / mu
+        state = graph.step(state, weight)
+        if mu == 1.0:
+            break
+        mu = max(1.0, 0.5 * mu)
+    kept, scale2 = np.zeros(len(edges.found), bool), 1.0
+    for round_number in range(_SETTLED_ROUNDS):
+        squared = graph.squared(state)
+        scale2 = max(1.0, float(np.median(squared)) / _MEDIAN2) if len(squared) else 1.0
+        inside = squared <= scale2 * _BOUND2
+        if round_number > 0 and np.array_equal(inside, kept):
+            break
+        kept = inside
+        for _ in range(_STEPS):
+            state = graph.step(state, kept / scale2)
+    information = graph.information(state, kept / scale2)
+    return GraphSolution(nodes, model, state, np.asarray(kept), float(np.sqrt(scale2)), information)
+
+
+class Graph:
+    """Residuals of fixes, their derivatives, and Gauss-Newton's step."""
+
+    def __init__(self, nodes: Nodes, edges: FixEdges, model: LabelModel) -> None:
+        self.prior = prior_rows(nodes, model)
+        self._edges = edges
+        ends = np.concatenate([edges.chain[:, 0], edges.chain[:, 1]])
+        self._ends = place_rows(nodes, ends, np.concatenate([edges.at_m[:, 0], edges.at_m[:, 1]]), model)
+        self._prior_information = self.prior.T @ self.prior
+        self._whiten = np.linalg.inv(np.linalg.cholesky(edges.covariance))
+        # Columns of an edge's block: the three corrections of its place, then those of its ground.
+        count = len(edges.found)
+        row = np.arange(3 * count).reshape(count, 3, 1)
+        column = np.concatenate([row[:, :, 0], row[:, :, 0] + 3 * count], axis=1)[:, None, :]
+        self._where = np.broadcast_arrays(row, column)
+
+    def squared(self, state: Float[np.ndarray, " state"]) -> Float[np.ndarray, " edge"]:
+        """Squared residuals in units of the fixes' covariances."""
+        return np.asarray(np.sum(self.residual(state) ** 2, axis=1))
+
+    def residual(self, state: Float[np.ndarray, " state"]) -> Float[np.ndarray, "edge 3"]:
+        """Whitened residuals."""
+        return np.asarray(np.einsum("eij,ej->ei", self._whiten, misfit(self._edges, *self._corrections(state))))
+
+    def jacobian(self, state: Float[np.ndarray, " state"]) -> sparse.csr_array:
+        """Derivative of the whitened residuals, edge by edge, after the states."""
+        edges = self._edges
+        _, ground = self._corrections(state)
+        lever = _turned(edges.found[:, :2] - edges.label[:, 1, :2], ground[:, 2])
+        block = np.tile(np.concatenate([np.eye(3), -np.eye(3)], axis=1), (len(lever), 1, 1))
+        block[:, 0, 5], block[:, 1, 5] = lever[:, 1], -lever[:, 0]
+        values = self._whiten @ block
+        row, column = self._where
+        shape = (3 * len(lever), self._ends.shape[0])
+        return sparse.csr_array((values.reshape(-1), (row.reshape(-1), column.reshape(-1))), shape=shape) @ self._ends
+
+    def information(self, state: Float[np.ndarray, " state"], weight: Float[np.ndarray, " edge"]) -> sparse.csc_array:
+        """Of the states: that of the labels and of the weighted fixes."""
+        return self._weighed(self.jacobian(state), weight)
+
+    def step(
+        self, state: Float[np.ndarray, " state"], weight: Float[np.ndarray, " edge"]
+    ) -> Float[np.ndarray, " state"]:
+        """The states after one step of weighted Gauss-Newton."""
+        jacobian = self.jacobian(state)
+        slope = self._prior_information @ state
+        slope = slope + jacobian.T @ (self.residual(state) * weight[:, None]).reshape(-1)
+        return np.asarray(state - _factor(self._weighed(jacobian, weight)).solve(slope))
+
+    def _weighed(self, jacobian: sparse.csr_array, weight: Float[np.ndarray, " edge"]) -> sparse.csc_array:
+        root = sparse.dia_array((np.sqrt(np.repeat(weight, 3))[None], [0]), shape=(jacobian.shape[0],) * 2)
+        heard = root @ jacobian
+        return sparse.csc_array(self._prior_information + heard.T @ heard)
+
+    def _corrections(
+        self, state: Float[np.ndarray, " state"]
+    ) -> tuple[Float[np.ndarray, "edge 3"], Float[np.ndarray, "edge 3"]]:
+        both = np.asarray(self._ends @ state).reshape(2, -1, 3)
+        return both[0], both[1]
+
+
+def _turned(
+    vector_m: Float[np.ndarray, "edge 2"], angle_rad: Float[np.ndarray, " edge"]
+) -> Float[np.ndarray, "edge 2"]:
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    x, y = vector_m.T
+    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=1)
+
+
+def _factor(information: sparse.csc_array) -> SuperLU:
+    # Symmetric and positive definite: the diagonal is a sound pivot, and the order may be chosen for sparsity alone.
+    return splu(information, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})

@@ -1,0 +1,161 @@
+"""Whose results a folder holds, and what of a run is already there: keys, claims, plans."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from archive_records import done, figures
+from lgprjax.archive import ArchiveRun, JobPlan, claimed, file_hash, key_of_job, note_failure, plan_jobs, settings_of
+from lgprjax.archive.archive_folder import outputs_of
+from lgprjax.archive.job_key import FileStamp, Job
+from lgprjax.archive.job_record import jobs_folder, read_record, write_record
+from lgprjax.errors import InputError
+from lgprjax.registration import RegisterOptions, Thresholds
+
+OPTIONS = RegisterOptions(search_m=1.5)
+
+
+def run_in(folder: Path, map_sha256: str = "one map", options: RegisterOptions = OPTIONS) -> ArchiveRun:
+    return ArchiveRun(folder / "m.map.h5", map_sha256, FileStamp(0, 0), options, folder / "out", 1)
+
+
+def drives_in(folder: Path, *names: str) -> list[Path]:
+    paths = [folder / f"{name}.drive.h5" for name in names]
+    for path in paths:
+        path.write_bytes(b"scans of " + path.name.encode())
+    return paths
+
+
+def planned(run: ArchiveRun, drives: list[Path], *, force: bool = False) -> JobPlan:
+    with claimed(run, [path.name.removesuffix(".drive.h5") for path in drives], force=force):
+        return plan_jobs(run, drives, force=force)
+
+
+def do(run: ArchiveRun, job: Job) -> None:
+    """What a worker leaves."""
+    for name in outputs_of(job.name):
+        (run.folder / name).write_text(f"fixes of {job.key}")
+    outputs = {name: file_hash(run.folder / name) for name in outputs_of(job.name)}
+    told = {"key": job.key, "map_sha256": run.map_sha256, "outputs": outputs}
+    write_record(run.folder, done(job.name, figures({"ok": 1})).model_copy(update=told))
+
+
+def names_of(plan: JobPlan) -> tuple[list[str], list[str]]:
+    return [job.name for job in plan.todo], plan.done
+
+
+def test_the_key_changes_with_everything_that_a_result_depends_on() -> None:
+    settings = settings_of(OPTIONS)
+    keys = {
+        key_of_job("d", "m", settings),
+        key_of_job("e", "m", settings),
+        key_of_job("d", "n", settings),
+        *(
+            key_of_job("d", "m", settings_of(changed))
+            for changed in (
+                replace(OPTIONS, search_m=2.0),
+                replace(OPTIONS, window_m=4.0),
+                replace(OPTIONS, track=True),
+                replace(OPTIONS, time_scale=None),
+                replace(OPTIONS, own_thresholds=Thresholds(0.6, 0.05, 1.0, 0.6)),
+            )
+        ),
+    }
+    assert len(keys) == 8
+    assert key_of_job("d", "m", dict(reversed(settings.items()))) == key_of_job("d", "m", settings)
+    assert json.loads(json.dumps(settings_of(replace(OPTIONS, own_thresholds=Thresholds(0.6, 0.05, 1.0, 0.6)))))[
+        "own_thresholds"
+    ] == {
+        **{"strength": 0.6, "margin": 0.05, "margin_by_chance": 1.0, "overlap": 0.6},
+        **{"sigma_scale": 1.0, "strength_by_chance": 0.0},
+    }
+
+
+def test_only_what_is_missing_or_changed_is_to_be_done(tmp_path: Path) -> None:
+    run, drives = run_in(tmp_path), drives_in(tmp_path, "a", "b", "c", "d", "e")
+    first = planned(run, drives)
+    assert names_of(first) == (["a", "b", "c", "d", "e"], [])
+    for job in first.todo[:4]:
+        do(run, job)
+    note_failure(run, first.todo[4], InputError("e", "file", "x", "y"), 3)
+    drives[1].write_bytes(b"recorded anew")
+    (run.folder / "c.fixes.h5").unlink()
+    (run.folder / "d.fixes.csv").write_text("changed by hand")
+    assert names_of(planned(run, drives)) == (["b", "c", "d", "e"], ["a"])
+    assert names_of(planned(run, drives, force=True)) == (["a", "b", "c", "d", "e"], [])
+    wider = run_in(tmp_path, options=replace(OPTIONS, search_m=2.0))
+    assert names_of(planned(wider, drives)) == (["a", "b", "c", "d", "e"], [])
+
+
+def test_a_failure_is_kept_with_its_line(tmp_path: Path) -> None:
+    run, drives = run_in(tmp_path), drives_in(tmp_path, "a")
+    (job,) = planned(run, drives).todo
+    note_failure(run, job, InputError("a.drive.h5", "file", "an HDF5 file", "another format"), 3)
+    record = read_record(jobs_folder(run.folder) / "a.json")
+    assert record is not None
+    assert (record.state, record.attempts) == ("failed", 3)
+    assert record.error == "a.drive.h5: file: expected an HDF5 file, found another format"
+
+
+def test_a_drive_that_is_not_there_does_not_stop_the_others(tmp_path: Path) -> None:
+    drives = [*drives_in(tmp_path, "a"), tmp_path / "gone.drive.h5"]
+    plan = planned(run_in(tmp_path), drives)
+    assert names_of(plan) == (["a"], [])
+    assert [str(error) for error in plan.unreadable] == [
+        f"{drives[1]}: file: expected a readable file, found No such file or directory"
+    ]
+
+
+def test_results_of_another_map_are_refused_and_nothing_is_touched(tmp_path: Path) -> None:
+    drives = drives_in(tmp_path, "a")
+    do(run_in(tmp_path), planned(run_in(tmp_path), drives).todo[0])
+    before = {path: path.read_bytes() for path in sorted((tmp_path / "out").rglob("*")) if path.is_file()}
+    with pytest.raises(InputError, match=r"or --force, found results of another map, m\.map\.h5"):
+        planned(run_in(tmp_path, "another map"), drives)
+    assert {path: path.read_bytes() for path in sorted((tmp_path / "out").rglob("*")) if path.is_file()} == before
+    assert names_of(planned(run_in(tmp_path, "another map"), drives, force=True)) == (["a"], [])
+
+
+@pytest.mark.parametrize("name", ["a.fixes.csv", "a.fixes.h5", "archive.csv", "archive.html"])
+def test_files_of_other_origin_are_refused(name: str, tmp_path: Path) -> None:
+    run, drives = run_in(tmp_path), drives_in(tmp_path, "a")
+    run.folder.mkdir()
+    (run.folder / name).write_text("precious")
+    with pytest.raises(InputError, match="the file exists"):
+        planned(run, drives)
+    assert [path.name for path in run.folder.iterdir()] == [name]
+    assert len(planned(run, drives, force=True).todo) == 1
+
+
+def test_outputs_without_a_record_are_our_own_once_the_drive_is_claimed(tmp_path: Path) -> None:
+    """A run that ended between a drive's outputs and its record."""
+    run, drives = run_in(tmp_path), drives_in(tmp_path, "a")
+    planned(run, drives)
+    (run.folder / "a.fixes.csv").write_text("half of what was to come")
+    assert names_of(planned(run, drives)) == (["a"], [])
+
+
+def test_what_killed_workers_left_goes_and_what_others_left_stays(tmp_path: Path) -> None:
+    run, drives = run_in(tmp_path), drives_in(tmp_path, "a")
+    planned(run, drives)
+    ours = [run.folder / ".a.fixes.h5.partial-77", jobs_folder(run.folder) / ".a.json.partial-77"]
+    other = run.folder / ".b.fixes.h5.partial-77"
+    for path in (*ours, other):
+        path.touch()
+    planned(run, drives)
+    assert [path.exists() for path in (*ours, other)] == [False, False, True]
+
+
+def test_one_run_at_a_time(tmp_path: Path) -> None:
+    run = run_in(tmp_path)
+    with (
+        claimed(run, ["a"], force=False),
+        pytest.raises(InputError, match="no other run works in, found another run"),
+        claimed(run, ["b"], force=False),
+    ):
+        pass
+    with claimed(run, ["b"], force=False):
+        pass
+    assert json.loads((run.folder / "archive.json").read_text())["drives"] == ["a", "b"]

@@ -1,0 +1,311 @@
+"""A road is dug up after it was mapped: two later drives mend the map, one alone does not, and no other road can."""
+
+import errno
+import hashlib
+import os
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+import pytest
+
+from lgprjax.archive import RegisteredDrive, UpdatedMap, register_log, update_map
+from lgprjax.archive.located_drive import LocatedDrive, locate_drive
+from lgprjax.archive.map_route import passes_at, places_of_drives, route_of
+from lgprjax.archive.registering import true_poses
+from lgprjax.errors import InputError
+from lgprjax.formats import DriveLog, DriveWriter, MapFile, check_file, locked_map
+from lgprjax.radar import ArrayGeometry
+from lgprjax.registration import WRONG_M, Code, RegisterOptions
+from trench_site import TrenchSite, first_scans, parts
+
+
+class Updated(NamedTuple):
+    """An updated map."""
+
+    path: Path
+    update: UpdatedMap
+
+
+@pytest.fixture(scope="module")
+def once(trench: TrenchSite, tmp_path_factory: pytest.TempPathFactory) -> Updated:
+    """By the first of the newer drives, in place."""
+    path = tmp_path_factory.mktemp("once") / "road.map.h5"
+    shutil.copyfile(trench.map, path)
+    return Updated(path, update_map(path, [trench.newer[0]]))
+
+
+@pytest.fixture(scope="module")
+def twice(trench: TrenchSite, tmp_path_factory: pytest.TempPathFactory) -> Updated:
+    """By both of them at once, as a new map."""
+    path = tmp_path_factory.mktemp("twice") / "new.map.h5"
+    return Updated(path, update_map(trench.map, [trench.newer[1], trench.newer[0]], path))
+
+
+@pytest.fixture(scope="module")
+def second(trench: TrenchSite, once: Updated) -> LocatedDrive:
+    """The second of the newer drives on the map after the first."""
+    with MapFile.open(once.path) as source, DriveLog.open(trench.newer[1]) as log:
+        return locate_drive(source, log)
+
+
+@pytest.fixture
+def known(second: LocatedDrive, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Updates by that drive need not register it again: what is tested comes after."""
+    monkeypatch.setattr("lgprjax.archive.map_update.locate_drive", lambda *_: second)
+
+
+def located(map_path: Path, drive: Path) -> RegisteredDrive:
+    with MapFile.open(map_path) as source, DriveLog.open(drive) as log:
+        return register_log(source, log, RegisterOptions())
+
+
+def figures(trench: TrenchSite, drive: RegisteredDrive) -> tuple[float, float, int]:
+    """Share of ok scans in the trench and outside, and wrong ones among all."""
+    assert drive.truth is not None
+    ok = np.asarray(drive.fix.code) == Code.OK
+    inside, outside = parts(trench, drive.truth[:, 0])
+    off = np.hypot(*(np.asarray(drive.fix.pose)[:, :2] - drive.truth[:, :2]).T)
+    return float(ok[inside].mean()), float(ok[outside].mean()), int(np.sum(off[ok] > WRONG_M))
+
+
+def digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_one_newer_drive_is_added_and_tells_of_the_trench(trench: TrenchSite, once: Updated) -> None:
+    (update,) = once.update.drives
+    assert (update.number, update.baseline, update.retired, update.released) == (1, 2, 0, 0)
+    assert update.located_m > 9.0
+    assert {stretch.baseline for stretch in update.changed} == {0, 1}
+    for stretch in update.changed:
+        assert stretch.agreeing == ()
+        # The array's centre stands 3 m ahead of where a drive begins.
+        assert stretch.start_m + 3.0 == pytest.approx(trench.trench_m[0], abs=1.0)
+        assert stretch.stop_m + 3.0 == pytest.approx(trench.trench_m[1], abs=1.0)
+        assert stretch.strength < 0.6 * stretch.usual
+    with MapFile.open(once.path) as source:
+        new, held = source.drive == 2, source.retired == 1
+        inside, outside = parts(trench, source.pose[:, 0])
+        assert not held[~new].any()
+        assert held[new & inside].all()
+        assert not held[new & outside].any()
+    assert check_file(once.path) == []
+
+
+def test_labels_follow_the_map(trench: TrenchSite, once: Updated) -> None:
+    """GNSS was wrong by 0.64 m; across the trench, where nothing matches, labels are carried by their own shape."""
+    with MapFile.open(once.path) as source, DriveLog.open(trench.newer[0]) as log:
+        true = true_poses(log, source.description.frame)
+        assert true is not None
+        stations = np.flatnonzero(source.drive == 2)
+        time_s = source.read_stored(stations).place[:, 7] * 1e-4
+        truth = np.stack([np.interp(time_s, log.scan_time_s, true[:, axis]) for axis in (0, 1)], axis=1)
+        left = np.hypot(*(source.pose[stations, :2] - truth).T)
+    print(f"labels {np.sqrt(np.mean(left**2)):.3f} m RMS off, {left.max():.3f} m at most")
+    assert np.sqrt(np.mean(left**2)) < 0.04
+    assert left.max() < 0.12
+    (update,) = once.update.drives
+    assert update.moved_rms_m == pytest.approx(0.64, abs=0.15)
+    # The old baselines say 1 cm and a tenth of a degree; the new one shares their errors and cannot say less.
+    assert 0.01 < update.label_sigma_m < 0.1
+
+
+def test_a_second_newer_drive_outvotes_the_old_ground(trench: TrenchSite, twice: Updated) -> None:
+    update = twice.update.drives[1]
+    assert {(stretch.baseline, stretch.agreeing) for stretch in update.changed} == {(0, (2,)), (1, (2,))}
+    assert update.held_back == 0
+    assert update.released > 50
+    with MapFile.open(twice.path) as source, MapFile.open(trench.map) as old:
+        inside, outside = parts(trench, source.pose[:, 0])
+        assert np.all(source.retired[inside & (source.drive < 2)] == 2)
+        assert not source.retired[source.drive >= 2].any()
+        assert not source.retired[outside].any()
+        # Nothing is deleted: what was stored is stored.
+        stations = np.arange(len(old.places))
+        was, stored = old.read_stored(stations), source.read_stored(stations)
+        np.testing.assert_array_equal(stored.place, was.place)
+        np.testing.assert_array_equal(stored.valid, was.valid)
+        for mine, theirs in zip(stored.traces, was.traces, strict=True):
+            np.testing.assert_array_equal(mine, theirs)
+    assert check_file(twice.path) == []
+    assert list(twice.path.parent.iterdir()) == [twice.path]
+
+
+def test_the_trench_can_be_driven_again_and_nothing_else_is_lost(
+    trench: TrenchSite, once: Updated, twice: Updated
+) -> None:
+    before, between, after = (
+        figures(trench, located(path, trench.live)) for path in (trench.map, once.path, twice.path)
+    )
+    for name, (inside, outside, wrong) in (("before", before), ("once", between), ("twice", after)):
+        print(f"{name}: {inside:.3f} ok in the trench, {outside:.3f} outside, {wrong} wrong")
+    assert before[0] < 0.2
+    assert after[0] > 0.85
+    assert between[1] >= before[1] - 0.02
+    assert after[1] >= before[1] - 0.02
+    assert before[2] == between[2] == after[2] == 0
+
+
+def test_weights_have_reasons(twice: Updated) -> None:
+    weights = twice.update.weights
+    with MapFile.open(twice.path) as source:
+        assert source.description.weight == tuple(each.weight for each in weights)
+        rows = source.provenance["weights"]
+    assert [row["reasons"] for row in rows] == [each.reasons for each in weights]  # type: ignore[attr-defined]
+    assert len(weights) == 4
+    assert max(each.weight for each in weights) == 1.0
+    # A year older, and as good: about half of the weight.
+    assert 0.3 < weights[0].weight < 0.8
+    assert "304 days older" in weights[0].reasons
+    assert "by 3 other(s)" in weights[0].reasons
+
+
+def test_provenance_goes_on_and_drives_at_once_are_as_drives_one_by_one(
+    trench: TrenchSite, once: Updated, twice: Updated
+) -> None:
+    """They were given the younger first."""
+    assert [drive.name for drive in twice.update.drives] == ["newer1", "newer2"]
+    with MapFile.open(twice.path) as source:
+        inputs, updates = source.provenance["inputs"], source.provenance["updates"]
+        assert source.provenance["steps"]
+    assert isinstance(inputs, list)
+    assert isinstance(updates, list)
+    assert [row.get("update") for row in inputs] == [None, None, 1, 2]
+    assert [row["number"] for row in updates] == [1, 2]
+    assert updates[0]["map_sha256"] == digest(trench.map)
+    assert updates[1]["map_sha256"] == digest(once.path)
+
+
+def test_the_route_of_the_map_goes_over_what_is_in_force(trench: TrenchSite, twice: Updated) -> None:
+    """So that ``map verify`` looks at the new ground in the trench, not at what was retired there."""
+    with MapFile.open(twice.path) as source:
+        drives = places_of_drives(source, 1.0)
+        route = route_of(drives, 1.0)
+        passes = passes_at(source, route)
+        station = np.array([drives[n].station[place] for n, place in zip(route.drive, route.place, strict=True)])
+        assert not source.retired[station[station >= 0]].any()
+        length_m = float(np.ptp(source.pose[:, 0]))
+    inside, outside = parts(trench, route.pose[:, 0], room_m=2.0)
+    assert len(route.at_m) == pytest.approx(length_m, abs=2.0)
+    assert inside.sum() >= 2
+    assert np.all(route.drive[inside] == 2)
+    assert np.all(passes[inside] == 2)
+    assert np.all(passes[outside] >= 3)
+
+
+@pytest.mark.parametrize("wrong", ["elsewhere", "off", "short", "twice", "channels"])
+def test_a_drive_that_does_not_belong_there_changes_nothing(
+    wrong: str, trench: TrenchSite, once: Updated, tmp_path: Path
+) -> None:
+    path, drive = tmp_path / "road.map.h5", tmp_path / "wrong.drive.h5"
+    shutil.copyfile(once.path, path)
+    if wrong == "elsewhere":
+        shutil.copyfile(trench.elsewhere, drive)
+        expected = "expected fixes that agree over 5 m and 20 % of the way on the map, found 0 m of"
+    elif wrong == "off":
+        shutil.copyfile(trench.newer[1], drive)
+        with h5py.File(drive, "r+") as store:
+            store["gnss_ins/latitude_deg"][...] += 1e-3
+        expected = "/gnss_ins: expected a drive over the map's ground, known to 1.5 m, found no scan over it"
+    elif wrong == "short":
+        first_scans(trench.newer[1], drive, 100)
+        expected = "expected fixes that agree over 5 m"
+    elif wrong == "twice":
+        shutil.copyfile(trench.newer[0], drive)
+        expected = "expected a drive that is not part of the map, found newer1.drive.h5, whose ground road.map.h5 holds"
+    else:
+        _with_fewer_channels(trench.newer[1], drive)
+        expected = "/array/y_m: expected 11 channels as in"
+    before = digest(path)
+    with pytest.raises(InputError) as refused:
+        update_map(path, [drive])
+    assert expected in str(refused.value)
+    assert digest(path) == before
+    assert sorted(tmp_path.iterdir()) == [path, drive]
+
+
+def _with_fewer_channels(source: Path, target: Path) -> None:
+    with DriveLog.open(source) as log:
+        array = log.description.array
+        fewer = ArrayGeometry(array.x_m[:9], array.y_m[:9], array.time_offset_s[:9], array.height_m)
+        traces, _ = log.read_traces(0, 64)
+        description = replace(log.description, array=fewer)
+        with DriveWriter.create(target, description, channels=9, dtype=np.uint8) as writer:
+            writer.append(log.scan_time_s[:64], (traces[:, :9] + 128).astype(np.uint8))
+
+
+@pytest.mark.usefixtures("known")
+def test_readers_keep_the_map_that_they_opened(trench: TrenchSite, once: Updated, tmp_path: Path) -> None:
+    path = tmp_path / "road.map.h5"
+    shutil.copyfile(once.path, path)
+    with MapFile.open(path) as reader, MapFile.open(once.path) as old:
+        update_map(path, [trench.newer[1]])
+        stations = np.arange(len(old.places))
+        assert len(reader.places) == len(old.places)
+        for mine, theirs in zip(reader.read_stations(stations), old.read_stations(stations), strict=True):
+            np.testing.assert_array_equal(mine, theirs)
+    with MapFile.open(path) as source:
+        assert len(source.description.label_sigma_m) == 4
+    assert list(tmp_path.iterdir()) == [path]
+
+
+# In the scratch map's header, in its stations, and when the new map is written.
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.5])
+@pytest.mark.usefixtures("known")
+def test_a_full_disk_is_one_line_and_the_old_map_stays(
+    share: float, trench: TrenchSite, once: Updated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "road.map.h5"
+    shutil.copyfile(once.path, path)
+    before, room = digest(path), share * path.stat().st_size
+    real, written = os.pwrite, [0.0]
+
+    def filling(file: int, data: bytes, offset: int) -> int:
+        written[0] += len(data)
+        if written[0] > room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return real(file, data, offset)
+
+    monkeypatch.setattr(os, "pwrite", filling)
+    with pytest.raises(InputError) as refused:
+        update_map(path, [trench.newer[1]])
+    assert str(refused.value) == f"{path}: output: expected a file that can be written, found No space left on device"
+    assert digest(path) == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.usefixtures("known")
+def test_a_damaged_map_is_refused(trench: TrenchSite, once: Updated, tmp_path: Path) -> None:
+    path = tmp_path / "road.map.h5"
+    shutil.copyfile(once.path, path)
+    with h5py.File(path, "r") as store:
+        chunk = store["baselines/codes"].id.get_chunk_info(0)
+    data = bytearray(path.read_bytes())
+    data[chunk.byte_offset + chunk.size // 2] ^= 0x55
+    path.write_bytes(bytes(data))
+    before = digest(path)
+    with pytest.raises(InputError) as refused:
+        update_map(path, [trench.newer[1]])
+    assert str(refused.value).startswith(f"{path}: /baselines/codes, stations 0 to 255: expected readable data")
+    assert digest(path) == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_behind_a_link_it_is_the_map_that_is_locked(trench: TrenchSite, once: Updated, tmp_path: Path) -> None:
+    path, link = tmp_path / "road.map.h5", tmp_path / "link.map.h5"
+    shutil.copyfile(once.path, path)
+    link.symlink_to(path)
+    with locked_map(path), pytest.raises(InputError, match="at work on it"):
+        update_map(link, [trench.newer[1]])
+
+
+def test_an_output_that_exists_needs_force(trench: TrenchSite, once: Updated, tmp_path: Path) -> None:
+    path = tmp_path / "new.map.h5"
+    path.write_bytes(b"something")
+    with pytest.raises(InputError, match="expected a new file, or --force, found the file exists"):
+        update_map(once.path, [trench.newer[1]], path)
+    assert path.read_bytes() == b"something"

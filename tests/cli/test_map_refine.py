@@ -1,0 +1,63 @@
+"""``lgprjax map refine``: what it prints, writes and refuses."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from generated import Site
+from lgprjax.cli import main
+from lgprjax.formats import MapFile
+from plane_ground import STEP_M, write_plane_map
+
+
+def run(*arguments: object) -> int:
+    """Exit status of a command."""
+    with pytest.raises(SystemExit) as stopped:
+        main([str(a) for a in arguments])
+    code = stopped.value.code
+    assert isinstance(code, int)
+    return code
+
+
+def test_two_baselines_of_a_road(site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Their labels are right to a centimetre: hardly anything moves."""
+    output, figures = tmp_path / "agreed.map.h5", tmp_path / "agreed.json"
+    assert run("map", "refine", site.map, "-o", output, "--json", figures) == 0
+    shown = capsys.readouterr().out
+    print(shown)
+    assert f"wrote {output}" in shown
+    written = json.loads(figures.read_text())
+    assert written["believed"] > 0.9 * written["used"] > 20
+    assert all(row["moved_max_m"] < 0.05 for row in written["baselines"])
+    assert written["after"]["rms_m"] <= written["before"]["rms_m"] < 0.06
+    with MapFile.open(output) as refined, MapFile.open(site.map) as source:
+        assert refined.provenance["inputs"] == source.provenance["inputs"]
+        assert np.abs(refined.pose - source.pose).max() < 0.05
+    # What is there is not replaced, and is refused before any work.
+    assert run("map", "refine", site.map, "-o", output) == 1
+    assert "the file exists" in capsys.readouterr().err
+
+
+def test_one_baseline_has_nothing_to_agree_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    at_m = np.arange(0.0, 15.0, STEP_M)
+    pose = np.stack([at_m, np.zeros_like(at_m), np.zeros_like(at_m)], axis=1)
+    write_plane_map(tmp_path / "lone.map.h5", [pose], [pose])
+    output = tmp_path / "agreed.map.h5"
+    assert run("map", "refine", tmp_path / "lone.map.h5", "-o", output, "--json", tmp_path / "lone.json") == 0
+    assert "all labels stay as they are" in capsys.readouterr().out
+    written = json.loads((tmp_path / "lone.json").read_text())
+    assert written["tried"] == 0
+    assert written["baselines"][0]["sigma_after_m"] is None
+    with MapFile.open(output) as refined, MapFile.open(tmp_path / "lone.map.h5") as source:
+        np.testing.assert_allclose(refined.pose, source.pose, atol=1e-4)
+
+
+def test_a_map_that_is_none_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    broken = tmp_path / "broken.map.h5"
+    broken.write_bytes(b"not a map")
+    assert run("map", "refine", broken, "-o", tmp_path / "agreed.map.h5") == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["broken.map.h5"]

@@ -1,0 +1,431 @@
+"""Recordings of a ROS 2 user's robot as drives: topics, clocks, covariances, damage."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+import pytest
+
+from formats.mcap_sample import (
+    LATITUDE_DEG,
+    LONGITUDE_DEG,
+    METRE_DEG,
+    Message,
+    attitude_of,
+    changed,
+    odometry_of,
+    position_of,
+    rover_messages,
+    scan_of,
+    write_recording,
+)
+from formats.samples import make_description, make_track
+from lgprjax.errors import InputError
+from lgprjax.formats import (
+    DriveLog,
+    DriveWriter,
+    McapAssumed,
+    McapTopics,
+    OdometryTrack,
+    TraceRecording,
+    UniformArray,
+    check_file,
+    export_mcap,
+    import_mcap,
+)
+
+_PITCH = UniformArray(0.2, 0.5, 0.15)
+_Edit = Callable[[list[Message]], list[Message]]
+
+
+def _imported(folder: Path, messages: list[Message], **options: Any) -> tuple[DriveLog, tuple[str, ...]]:
+    """The drive of a recording of these messages, and what was said of it."""
+    path = write_recording(folder / "rover.mcap", messages)
+    told: dict[str, Any] = {"array": _PITCH, "force": True} | options
+    imported = import_mcap(path, output=folder / "rover.drive.h5", **told)
+    assert check_file(folder / "rover.drive.h5") == []
+    return DriveLog.open(folder / "rover.drive.h5"), imported.notes
+
+
+def _refused(folder: Path, messages: list[Message], **options: Any) -> str:
+    path, told = write_recording(folder / "rover.mcap", messages), {"array": _PITCH, **options}
+    with pytest.raises(InputError) as error:
+        import_mcap(path, output=folder / "x.drive.h5", **told)
+    assert not list(folder.glob("*x.drive*"))
+    return str(error.value)
+
+
+def _column(values: np.ndarray | None) -> np.ndarray:
+    assert values is not None
+    return values
+
+
+def test_a_rover_of_any_make(tmp_path: Path) -> None:
+    """Topics under the user's own names, the scans' type in the user's own package."""
+    messages = rover_messages()
+    log, notes = _imported(tmp_path, messages)
+    assert notes == ()
+    with log:
+        signals = [values["data"] for topic, _, _, values in messages if topic == "/rover/gpr"]
+        stored, valid, _ = log.read_stored(0, log.scans)
+        assert [scan.tobytes() for scan in stored] == signals
+        assert valid.all()
+        np.testing.assert_allclose(log.scan_time_s, np.arange(50) / 20.0, atol=1e-9)
+        found = log.description
+    assert (found.name, found.t0_utc) == ("rover", "2023-11-14T22:13:20Z")
+    assert found.recording == TraceRecording(0.25, 1.5, 0.0, None, 16)
+    np.testing.assert_allclose(found.array.y_m, [0.1, -0.1])
+    np.testing.assert_allclose(found.array.x_m, 0.5)
+    assert found.array.height_m == 0.15
+    track = found.navigation
+    np.testing.assert_allclose(track.latitude_deg, LATITUDE_DEG + METRE_DEG * track.time_s, atol=1e-12)
+    np.testing.assert_allclose((track.heading_deg + 180.0) % 360.0, 180.0, atol=1e-9)
+    np.testing.assert_allclose(track.height_m, 430.0)
+    for name, sigma in {"east_m": 0.2, "north_m": 0.3, "height_m": 0.5}.items():
+        np.testing.assert_allclose(getattr(track, f"sigma_{name}"), sigma)
+    np.testing.assert_allclose(_column(track.sigma_heading_deg), np.degrees(0.02))
+    np.testing.assert_allclose(_column(track.sigma_roll_deg), np.degrees(0.01))
+    np.testing.assert_allclose(found.odometry.distance_m, found.odometry.time_s, atol=1e-9)
+    assert found.provenance["topics"] == {
+        "/rover/gpr": "my_msgs/msg/RadarScan",
+        "/rover/gps": "sensor_msgs/msg/NavSatFix",
+        "/rover/imu": "sensor_msgs/msg/Imu",
+        "/rover/odom": "nav_msgs/msg/Odometry",
+    }
+
+
+def test_reversing_is_negative_travel(tmp_path: Path) -> None:
+    def back(number: int, _: dict[str, Any]) -> dict[str, Any]:
+        along = 0.1 * min(number, 24 - number)
+        return odometry_of(number / 10.0, along)
+
+    log, _ = _imported(tmp_path, changed(rover_messages(), "/rover/odom", back))
+    with log:
+        odometry = log.description.odometry
+        np.testing.assert_allclose(odometry.distance_m[12], 1.2, atol=1e-9)
+        np.testing.assert_allclose(odometry.distance_m[24], 0.0, atol=1e-9)
+
+
+def test_an_odometer_that_tells_only_speeds(tmp_path: Path) -> None:
+    def speed(number: int, _: dict[str, Any]) -> dict[str, Any]:
+        return odometry_of(number / 10.0, 0.0, speed_mps=2.0 - number / 10.0)
+
+    log, _ = _imported(tmp_path, changed(rover_messages(), "/rover/odom", speed))
+    with log:
+        odometry = log.description.odometry
+        np.testing.assert_allclose(odometry.distance_m, 2.0 * odometry.time_s - odometry.time_s**2 / 2.0, atol=1e-9)
+
+
+def test_stamps_count_not_the_order_nor_the_time_of_recording(tmp_path: Path) -> None:
+    """Scans recorded pairwise in the wrong order, one twice, and one without a stamp."""
+    messages = rover_messages()
+    at = [number for number, each in enumerate(messages) if each[0] == "/rover/gpr"]
+    for one, other in zip(at[:20:2], at[1:20:2], strict=True):
+        messages[one], messages[other] = messages[other], messages[one]
+    messages.insert(at[30], messages[at[30]])
+    none = scan_of(0.0, np.zeros((2, 16), np.int16)) | {"header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}}
+    messages.insert(at[40], ("/rover/gpr", "my_msgs/msg/RadarScan", 2.0, none))
+    log, notes = _imported(tmp_path, messages)
+    with log:
+        assert log.scans == 50
+        due = {
+            values["header"]["stamp"]["nanosec"] + 10**9 * values["header"]["stamp"]["sec"]: values["data"]
+            for topic, _, _, values in rover_messages()
+            if topic == "/rover/gpr"
+        }
+        stored, _, _ = log.read_stored(0, 50)
+        assert [scan.tobytes() for scan in stored] == [due[ns] for ns in sorted(due)]
+    assert notes == (
+        "/rover/gpr: left out 1 messages without a stamp, 1 messages of a stamp that another had",
+        "/rover/gpr: 10 stamps are earlier than those before them; sorted",
+    )
+
+
+def test_without_stamps_the_times_of_recording_count(tmp_path: Path) -> None:
+    empty = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+    messages = [(*each[:3], each[3] | {"header": empty}) for each in rover_messages()]
+    log, notes = _imported(tmp_path, messages)
+    with log:
+        np.testing.assert_allclose(log.scan_time_s, 0.02 + np.arange(50) / 20.0, atol=1e-9)
+    assert "/rover/gps: headers have no stamps, times of recording were taken" in notes
+
+
+def test_clocks_that_do_not_agree_are_told(tmp_path: Path) -> None:
+    """Positions stamped by GPS time run leap seconds ahead: nothing would lie where it is said to."""
+
+    def ahead(_: int, values: dict[str, Any]) -> dict[str, Any]:
+        stamp = values["header"]["stamp"]
+        return values | {"header": {"stamp": {**stamp, "sec": stamp["sec"] - 2}, "frame_id": ""}}
+
+    _, notes = _imported(tmp_path, changed(rover_messages(), "/rover/gps", ahead))
+    assert any("/rover/gps: stamps lie 2 s before those of /rover/gpr" in note for note in notes)
+
+
+def test_the_antenna_is_not_the_axle(tmp_path: Path) -> None:
+    """1.5 m ahead, 0.4 m to the left and 2 m up on a vehicle that leans 5 degrees to the right and looks east."""
+    roll, x_m, y_m, z_m = np.radians(5.0), 1.5, 0.4, 2.0
+    leaning = {"x": float(np.sin(roll / 2)), "y": 0.0, "z": 0.0, "w": float(np.cos(roll / 2))}
+
+    def lean(_: int, values: dict[str, Any]) -> dict[str, Any]:
+        return values | {"orientation": leaning}
+
+    messages = changed(rover_messages(), "/rover/imu", lean)
+    log, _ = _imported(tmp_path, messages, assumed=McapAssumed((x_m, y_m, z_m)))
+    with log:
+        track = log.description.navigation
+    np.testing.assert_allclose(track.heading_deg, 90.0, atol=1e-9)
+    np.testing.assert_allclose(track.roll_deg, 5.0, atol=1e-9)
+    geod = pyproj.Geod(ellps="WGS84")
+    azimuth, _, distance = geod.inv(track.longitude_deg[0], track.latitude_deg[0], LONGITUDE_DEG, LATITUDE_DEG)
+    east, north = distance * np.sin(np.radians(azimuth)), distance * np.cos(np.radians(azimuth))
+    # Leaning right moves what is high to the right, here south, and lifts what is on the left.
+    # The geodesic runs on the ellipsoid, 430 m lower: a tenth of a millimetre less.
+    np.testing.assert_allclose(east, x_m, atol=2e-4)
+    np.testing.assert_allclose(north, y_m * np.cos(roll) - z_m * np.sin(roll), atol=2e-4)
+    np.testing.assert_allclose(430.0 - track.height_m[0], z_m * np.cos(roll) + y_m * np.sin(roll), atol=1e-6)
+
+
+def test_heading_along_the_path_where_nothing_tells_it(tmp_path: Path) -> None:
+    messages = [each for each in rover_messages() if each[0] not in ("/rover/imu", "/rover/odom")]
+    log, notes = _imported(tmp_path, messages)
+    with log:
+        found = log.description
+    np.testing.assert_allclose((found.navigation.heading_deg + 180.0) % 360.0, 180.0, atol=1e-6)
+    np.testing.assert_allclose(found.navigation.roll_deg, 0.0)
+    np.testing.assert_allclose(np.diff(found.odometry.distance_m), 0.2, rtol=5e-3)
+    assert notes == (
+        "heading from the path, roll taken as 0: no topic tells them",
+        "travel from the positions: no topic of odometry",
+    )
+
+
+def test_an_odometers_heading_only_counts_where_it_is_asked_for(tmp_path: Path) -> None:
+    """It says east, the vehicle drives north."""
+    messages = [each for each in rover_messages() if each[0] != "/rover/imu"]
+    log, notes = _imported(tmp_path, messages)
+    with log:
+        assert abs((log.description.navigation.heading_deg[0] + 180.0) % 360.0 - 180.0) < 1e-3
+    assert notes == ("heading from the path, roll taken as 0: no topic tells them",)
+    asked = {"topics": McapTopics(heading="/rover/odom"), "assumed": McapAssumed(heading_sigma_deg=2.0)}
+    log, notes = _imported(tmp_path, messages, **asked)
+    with log:
+        np.testing.assert_allclose(log.description.navigation.heading_deg, 90.0, atol=1e-9)
+        np.testing.assert_allclose(_column(log.description.navigation.sigma_heading_deg), 2.0)
+    assert notes == ()
+
+
+def test_positions_without_a_fix_and_gaps_of_headings_are_left_out(tmp_path: Path) -> None:
+    def lost(number: int, values: dict[str, Any]) -> dict[str, Any]:
+        return values | ({"status": {"status": -1, "service": 0}} if number == 4 else {})
+
+    messages = changed(rover_messages(120), "/rover/gps", lost)
+    messages = [each for each in messages if each[0] != "/rover/imu" or not 1.5 < each[2] < 3.0]
+    log, notes = _imported(tmp_path, messages)
+    with log:
+        time_s = log.description.navigation.time_s
+    assert 0.8 not in np.round(time_s, 3)
+    assert not np.any((time_s > 1.51) & (time_s < 2.99))
+    assert notes == ("/rover/gps: left out 1 messages without usable values",)
+
+
+def _two_receivers(messages: list[Message]) -> list[Message]:
+    return messages + [("/other/gps", *each[1:]) for each in messages if each[0] == "/rover/gps"]
+
+
+def _same(messages: list[Message]) -> list[Message]:
+    return messages
+
+
+def _without(topic: str) -> _Edit:
+    return lambda messages: [each for each in messages if each[0] != topic]
+
+
+def _each(topic: str, **members: object) -> _Edit:
+    return lambda messages: changed(messages, topic, lambda _, values: values | members)
+
+
+_FEWER = {"channels": 1, "data": bytes(32)}
+
+
+@pytest.mark.parametrize(
+    ("edit", "options", "words"),
+    [
+        (_without("/rover/gpr"), {}, "expected one of type lgprjax_msgs/msg/RadarScan, found /rover/gps"),
+        (_without("/rover/gps"), {}, "expected one of type sensor_msgs/msg/NavSatFix"),
+        (_two_receivers, {}, "one of the topics of type sensor_msgs/msg/NavSatFix, found /other/gps, /r"),
+        (_same, {"topics": McapTopics(gnss="/rover/imu")}, "found /rover/imu: sensor_msgs/msg/Imu, nothing"),
+        (_same, {"topics": McapTopics(heading="/no")}, "--heading-topic: expected a topic of type"),
+        (_same, {"topics": McapTopics(array="/no")}, "--array-topic: expected a topic of type"),
+        (_same, {"array": None}, "array: expected a message of type lgprjax_msgs/msg/RadarArray, or"),
+        (_each("/rover/gps", position_covariance_type=0), {}, "a covariance, or --gnss-sigma-m, found none in 14"),
+        (_each("/rover/imu", orientation_covariance=[0.0] * 9), {}, "/rover/imu: expected a covariance, or --head"),
+        (_each("/rover/gps", latitude=float("nan")), {}, "one of type sensor_msgs/msg/NavSatFix with pos"),
+        (_each("/rover/gpr", sample_interval_ns=0.0), {}, "sample_interval_ns: expected a number above zero, found 0"),
+        (_each("/rover/gpr", encoding="uint12"), {}, "expected one of type lgprjax_msgs/msg/RadarScan"),
+        (_each("/rover/gpr", encoding="complex64", samples=4, calibration=bytes(32)), {}, "RadarArray beside sweeps"),
+        (
+            lambda m: changed(m, "/rover/gpr", lambda n, v: v | (_FEWER if n == 20 else {})),
+            {},
+            "/rover/gpr, scan 21: expected scans like the first, 2 channels of 16 int16 every 0.25 ns",
+        ),
+        (lambda m: [e for e in m if e[0] != "/rover/gps" or e[2] > 2.5], {}, "at least 2 positions within"),
+        (lambda m: [e for e in m if e[0] != "/rover/gpr" or e[2] < 0.04], {}, "/rover/gpr: expected at least 2 scans"),
+    ],
+)
+def test_what_is_missing_is_one_clear_line(edit: _Edit, options: dict[str, Any], words: str, tmp_path: Path) -> None:
+    told = _refused(tmp_path, edit(rover_messages()), **options)
+    assert words in told
+    assert "\n" not in told
+
+
+def test_what_the_messages_do_not_tell_can_be_told(tmp_path: Path) -> None:
+    messages = _each("/rover/gps", position_covariance_type=0)(rover_messages())
+    messages = _each("/rover/imu", orientation_covariance=[0.0] * 9)(messages)
+    log, _ = _imported(tmp_path, messages, assumed=McapAssumed(gnss_sigma_m=1.5, heading_sigma_deg=3.0))
+    with log:
+        track = log.description.navigation
+    np.testing.assert_allclose([_column(track.sigma_east_m), _column(track.sigma_height_m)], 1.5)
+    np.testing.assert_allclose([_column(track.sigma_heading_deg), _column(track.sigma_roll_deg)], 3.0)
+
+
+def test_an_imu_without_orientation_has_no_heading(tmp_path: Path) -> None:
+    messages = _each("/rover/imu", orientation_covariance=[-1.0] + [0.0] * 8)(rover_messages())
+    log, notes = _imported(tmp_path, messages)
+    with log:
+        assert abs((log.description.navigation.heading_deg[3] + 180.0) % 360.0 - 180.0) < 1e-3
+    assert "heading from the path, roll taken as 0: no topic tells them" in notes
+
+
+@pytest.fixture(scope="module")
+def curved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
+    """A recording in small chunks, and its scans."""
+    folder = tmp_path_factory.mktemp("curved")
+    messages = rover_messages(80)
+    path = write_recording(folder / "a.mcap", messages, chunk_size=2048)
+    signal = [np.frombuffer(each[3]["data"], np.int16).reshape(2, 16) for each in messages if each[0] == "/rover/gpr"]
+    return path, np.array(signal)
+
+
+def _rows_of(path: Path) -> np.ndarray:
+    with DriveLog.open(path) as log:
+        return log.read_stored(0, log.scans)[0]
+
+
+@pytest.mark.parametrize("share", [0.3, 0.55, 0.9, 0.999])
+def test_a_killed_recorder_loses_only_what_is_not_whole(
+    curved: tuple[Path, np.ndarray], share: float, tmp_path: Path
+) -> None:
+    path, signal = curved
+    data = path.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: int(share * len(data))])
+    imported = import_mcap(tmp_path / "cut.mcap", array=_PITCH, output=tmp_path / "cut.drive.h5")
+    assert any("ends too early or is damaged" in note for note in imported.notes)
+    stored = _rows_of(tmp_path / "cut.drive.h5")
+    np.testing.assert_array_equal(stored, signal[: len(stored)])
+    assert len(stored) >= (share - 0.25) * len(signal)
+
+
+def test_a_damaged_chunk_costs_its_own_messages(curved: tuple[Path, np.ndarray], tmp_path: Path) -> None:
+    """In one file the content of a chunk is damaged, in the other the length of its record."""
+    path, signal = curved
+    data = path.read_bytes()
+    chunk = data.index(b"zstd", len(data) // 2)
+    begin = data.rindex(b"\x06", 0, chunk - 40)
+    for name, at in {"content": chunk + 60, "length": begin + 3}.items():
+        damaged = bytearray(data)
+        damaged[at] ^= 0xFF
+        (tmp_path / f"{name}.mcap").write_bytes(damaged)
+        imported = import_mcap(tmp_path / f"{name}.mcap", array=_PITCH, output=tmp_path / f"{name}.drive.h5")
+        assert any("damaged" in note for note in imported.notes)
+        stored = _rows_of(tmp_path / f"{name}.drive.h5")
+        assert len(signal) * 0.7 < len(stored) < len(signal)
+        # What is left are scans of before and of after the damage, in their order.
+        place = [int(np.flatnonzero((signal == scan).all(axis=(1, 2)))[0]) for scan in stored]
+        assert place == sorted(place)
+        assert place[0] == 0
+        assert place[-1] == len(signal) - 1
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.campaign) for seed in range(1, 40))])
+def test_changed_bytes_are_one_line_or_a_drive(seed: int, tmp_path: Path) -> None:
+    """Whatever bytes come, the drive is sound or there is none; nothing is left half-written."""
+    path = write_recording(tmp_path / "x.mcap", rover_messages(20), chunk_size=2048)
+    data, rng = path.read_bytes(), np.random.default_rng(seed)
+    told: list[str] = []
+    for _ in range(40):
+        changed_data = bytearray(data)
+        for at in rng.integers(0, len(data), int(rng.integers(1, 6))):
+            changed_data[at] = int(rng.integers(0, 256))
+        if rng.random() < 0.3:
+            first, last = sorted(rng.integers(0, len(data), 2))
+            del changed_data[first : min(last, first + 300)]
+        (tmp_path / "x.mcap").write_bytes(changed_data)
+        try:
+            import_mcap(tmp_path / "x.mcap", array=_PITCH, output=tmp_path / "x.drive.h5", force=True)
+        except InputError as error:
+            told.append(str(error))
+        else:
+            assert [each for each in check_file(tmp_path / "x.drive.h5") if each.severity == "error"] == []
+        assert {each.name for each in tmp_path.iterdir()} <= {"x.mcap", "x.drive.h5"}
+    assert len(told) < 40
+    assert not [line for line in told if "\n" in line]
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"GIF89a" * 40, b"\x89MCAP0\r\n" * 9])
+def test_files_that_hold_no_recording(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "x.mcap").write_bytes(content)
+    with pytest.raises(InputError, match=r"x\.mcap: (file|topics): expected"):
+        import_mcap(tmp_path / "x.mcap", output=tmp_path / "x.drive.h5")
+    with pytest.raises(InputError, match="readable file"):
+        import_mcap(tmp_path / "none.mcap", output=tmp_path / "x.drive.h5")
+
+
+def test_scans_that_wait_are_few_or_it_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lgprjax.formats.mcap_import._MOST_WAITING", 20)
+    messages = rover_messages(60)
+    late = [each for each in messages if each[0] == "/rover/gpr"][:1]
+    rest = [each for each in messages if each is not late[0]]
+    assert "expected scans whose stamps are in order but for 20" in _refused(tmp_path, rest + late)
+
+
+@pytest.mark.campaign
+def test_memory_does_not_grow_with_the_drive(tmp_path: Path) -> None:
+    """Fifty MB more of scans, and a process that imports them needs no more."""
+    peaks_kib, block = [], np.random.default_rng(1).integers(0, 256, (1000, 11, 369), dtype=np.uint8)
+    for scans in (3000, 15000):
+        time_s = np.arange(0.0, scans / 126.0 + 0.5, 0.5)
+        description = replace(
+            make_description(channels=11, samples=369),
+            navigation=make_track(len(time_s)),
+            odometry=OdometryTrack(time_s, time_s),
+        )
+        with DriveWriter.create(tmp_path / "a.drive.h5", description, channels=11, dtype=np.uint8) as writer:
+            for first in range(0, scans, len(block)):
+                writer.append(np.arange(first, first + len(block)) / 126.0, block)
+        export_mcap(tmp_path / "a.drive.h5", tmp_path / "a.mcap", force=True)
+        paths = f"{str(tmp_path / 'a.mcap')!r}, output={str(tmp_path / 'b.drive.h5')!r}"
+        code = (
+            f"import resource; from lgprjax.formats import import_mcap; import_mcap({paths}, force=True); "
+            "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+        )
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        peaks_kib.append(int(done.stdout))
+        (tmp_path / "a.drive.h5").unlink()
+    assert peaks_kib[1] < peaks_kib[0] + 12000
+
+
+def test_positions_far_from_the_first_scan_do_not_matter(tmp_path: Path) -> None:
+    """A receiver that was switched on a minute before the radar."""
+    early = [("/rover/gps", "sensor_msgs/msg/NavSatFix", t, position_of(t, 0.0)) for t in np.arange(-60.0, -0.1, 1.0)]
+    early += [("/rover/imu", "sensor_msgs/msg/Imu", t, attitude_of(t, np.pi / 2)) for t in np.arange(-60.0, -0.1, 0.5)]
+    log, notes = _imported(tmp_path, sorted(early + rover_messages(), key=lambda each: each[2]))
+    with log:
+        assert log.scans == 50
+        assert log.description.navigation.time_s[0] == -60.0
+        assert log.scan_time_s[0] == 0.0
+    assert notes == ()

@@ -1,0 +1,98 @@
+"""The pages: the tutorial's commands run in its order in an empty folder, and links lead somewhere."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lgprjax
+from formats.samples import write_dt1
+from lgprjax.formats import DriveLog, TraceRecording, read_fixes
+
+_ROOT = Path(__file__).parents[1]
+_PAGES = sorted([*(_ROOT / "docs").glob("*.md"), *_ROOT.glob("*.md"), *_ROOT.glob("[a-z]*/README.md")])
+_BLOCK = re.compile(r"^<!-- run -->\n```(sh|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+_LINK = re.compile(r"\]\(([^)\s]+)\)")
+_HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
+
+
+def _anchor(heading: str) -> str:
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+@pytest.mark.parametrize("page", _PAGES, ids=lambda page: str(page.relative_to(_ROOT)))
+def test_links_lead_to_files_and_headings(page: Path) -> None:
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for link in _LINK.findall(text):
+        if link.startswith(("http:", "https:")):
+            continue
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), f"{page.name}: {link}"
+        if anchor:
+            assert anchor in {_anchor(each) for each in _HEADING.findall(target.read_text(encoding="utf-8"))}, link
+
+
+def _lines_of_a_drive(drive: Path, folder: Path) -> None:
+    """The reader's own files: each channel of a drive as a line of its own, as a single antenna would record it."""
+    with DriveLog.open(drive) as log:
+        recording = log.description.recording
+        assert isinstance(recording, TraceRecording)
+        traces, _ = log.read_traces(0, log.scans)
+        odometry = log.description.odometry
+        travel_m = np.interp(log.scan_time_s, odometry.time_s, odometry.distance_m)
+    for channel in range(traces.shape[1]):
+        write_dt1(
+            folder / f"LINE{channel + 1:02d}.DT1",
+            (100.0 * traces[:, channel]).astype(np.int16),
+            step=float(np.ptp(travel_m)) / (len(traces) - 1),
+            TOTAL_TIME_WINDOW=traces.shape[2] * recording.sample_interval_ns,
+            TIMEZERO_AT_POINT=recording.time_zero_ns / recording.sample_interval_ns,
+            NOMINAL_FREQUENCY=(recording.centre_frequency_hz or 250e6) / 1e6,
+        )
+
+
+@pytest.fixture(scope="module")
+def tutorial(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder in which all of the tutorial's commands were run."""
+    folder, programs = tmp_path_factory.mktemp("tutorial"), tmp_path_factory.mktemp("bin")
+    command = programs / "lgprjax"
+    command.write_text(f"#!{sys.executable}\nfrom lgprjax.cli import main\n\nmain()\n")
+    command.chmod(0o755)
+    path = f"{programs}{os.pathsep}{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "PYTHONPATH": str(Path(lgprjax.__file__).parents[1])}
+    blocks = _BLOCK.findall((_ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8"))
+    assert len(blocks) >= 5
+    for number, (language, text) in enumerate(blocks):
+        run = ["bash", "-euo", "pipefail", "-c", text] if language == "sh" else [sys.executable, "-c", text]
+        done = subprocess.run(
+            run, cwd=folder, env=environment, capture_output=True, text=True, timeout=400, check=False
+        )
+        assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
+        if number == 0:
+            _lines_of_a_drive(folder / "drives" / "baseline.drive.h5", folder)
+    return folder
+
+
+def test_the_tutorials_drive_is_found_and_the_one_elsewhere_is_not(tutorial: Path) -> None:
+    live, elsewhere = (read_fixes(tutorial / "result" / f"{name}.fixes.h5") for name in ("live", "elsewhere"))
+    tried = live["code"] != "no_window"
+    assert (live["code"] == "ok").sum() > 0.5 * tried.sum()
+    assert not (elsewhere["code"] == "ok").any()
+    assert (tutorial / "result" / "report.html").is_file()
+
+
+def test_the_tutorials_lines_are_found_between_each_other(tutorial: Path) -> None:
+    fixes = read_fixes(tutorial / "lines-result" / "even.fixes.h5")
+    tried = fixes["code"] != "no_window"
+    assert (fixes["code"] == "ok").sum() > 0.5 * tried.sum()
+
+
+def test_the_tutorials_recording_is_the_drive(tutorial: Path) -> None:
+    with DriveLog.open(tutorial / "drives" / "live.drive.h5") as old, DriveLog.open(tutorial / "again.drive.h5") as new:
+        assert new.scans == old.scans
+        np.testing.assert_array_equal(new.read_stored(0, 5)[0], old.read_stored(0, 5)[0])
