@@ -1,0 +1,122 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: ipynb,py:percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # The record of a worked field
+#
+# From three corners to a plan, from a recorded run to a map of what was worked, and from there to what is handed over. A record says *processed*, *uncertain* or *not processed*, at a confidence; a machine pass is not clearance, and nothing here says that ground is free of hazards.
+
+# %%
+from pathlib import Path
+
+CORNERS = Path("../out/notebooks/coverage_record/corners.csv")  # your own corners, or the folder of a run with marks
+VEHICLE = Path("../onboard/made_up_flail.vehicle.toml")  # your own vehicle file
+RUN = Path("../out/notebooks/coverage_record/run")  # your own recorded run
+OUTPUT = Path("../out/notebooks/coverage_record")
+
+# %% [markdown]
+# Without corners of your own: three of a field of 12 by 9 m on a salt flat, as somebody drove to them. The plan joins the first line to the middle one by wide turns to one hand (Zamboni); `lgprjax cover plan` does the same.
+
+# %%
+from lgprjax.archive import PlanOptions, make_cover_plan, open_cover_plan, save_cover_plan
+
+OUTPUT.mkdir(parents=True, exist_ok=True)
+if not CORNERS.exists():
+    CORNERS.write_text(
+        "latitude_deg,longitude_deg\n"
+        "40.7625000000,-113.8956000000\n40.7625369587,-113.8954664520\n40.7626131161,-113.8955029075\n"
+    )
+plan = make_cover_plan(CORNERS, VEHICLE, PlanOptions(overlap=0.25))
+save_cover_plan(OUTPUT / "field.cover.geojson", plan, force=True)
+opened = open_cover_plan(OUTPUT / "field.cover.geojson")
+pattern = opened.plan.pattern
+print(f"{len(pattern.lines)} lines {pattern.spacing_m:.2f} m apart, {pattern.length_m:.0f} m in all")
+room_m = pattern.settings.turning_room_m
+print(f"tightest turn {pattern.tightest_radius_m:.2f} m, up to {room_m:g} m beyond the perimeter")
+
+# %% [markdown]
+# Without a run of your own: a drive along the plan at 0.35 m/s, with GNSS for 60 s of every 90 s. While it is off, the position's sigma grows from 1.2 to 13 cm. In between the tool stops turning for five seconds.
+
+# %%
+import json
+import uuid
+
+import numpy as np
+
+from lgprjax.coverage import lay_pattern
+from lgprjax.run_segment import SegmentHead, pack_head, pack_record
+from lgprjax.runtime.records import COVER, Kind, Record, Source, pack
+
+if not RUN.exists():
+    route = lay_pattern(pattern)
+    way = np.asarray(route.rows[: int(route.count)], float)
+    time_s = np.arange(0.0, float(route.length_m) / 0.35, 0.1)
+    at = np.minimum((0.35 * time_s / float(route.spacing_m)).astype(int), len(way) - 1)
+    rows = np.zeros(len(time_s), COVER)
+    rows["x_m"], rows["y_m"], rows["yaw_rad"] = way[at, :3].T
+    off_s = np.maximum(time_s % 90.0 - 60.0, 0.0)
+    rows["covariance"] = np.diag([1.0, 1.0, 0.0])[None] * ((0.012 + 0.004 * off_s) ** 2)[:, None, None]
+    rows["covariance"][:, 2, 2] = 0.006**2
+    rows["line"], rows["speed_mps"], rows["depth_m"] = np.asarray(route.line)[at], 0.35, 0.15
+    rows["tool"], rows["gnss_quality"] = np.where(rows["line"] >= 0, 15, 0), np.where(off_s > 0.0, 0, 3)
+    stopped = (time_s > 200.0) & (time_s < 205.0)
+    rows["tool"][stopped], rows["stop"][stopped] = 1, 4
+    run, begin_ns = uuid.UUID(int=1).bytes, 10**12
+    parts = [pack_head(SegmentHead(run, 0, 1_800_000_000 * 10**9, begin_ns, 0))]
+    header = json.dumps({"plan_sha256": opened.sha256}).encode()
+    records = [Record(Kind.HEADER, Source.CONTROL, 0, begin_ns, header)]
+    records += [
+        Record(Kind.COVER, Source.CONTROL, 0, begin_ns + int(1e9 * time_s[row]), rows[row].tobytes())
+        for row in range(len(rows))
+    ]
+    parts += [pack_record(run, number, 1, 0, pack(each)) for number, each in enumerate(records)]
+    RUN.mkdir()
+    (RUN / "0000.lgprun").write_bytes(b"".join(parts))
+print("the run's segments:", *(path.name for path in sorted(RUN.glob("*.lgprun"))))
+
+# %% [markdown]
+# Each cell gets the probability of its best pass, from the pose, its covariance and the tool's rectangle. The sentences are all that may be said; the second half of each is Markov's bound, which holds however the errors of neighbouring cells hang together. This is `lgprjax cover record`.
+
+# %%
+from lgprjax.archive import cover_figures, read_cover_run, record_cover
+from lgprjax.formats import write_worked
+
+record = record_cover([opened], [read_cover_run(RUN)], cell_m=0.1)
+write_worked(OUTPUT / "field.worked.h5", record, force=True)
+figures = cover_figures(record)
+for layer in figures.layers:
+    print(layer.sentence)
+print("stops:", figures.stops)
+
+# %% [markdown]
+# What is handed over: GeoPackage, GeoJSON, KML, turning points and a report to be signed, as `lgprjax cover export` writes them. The report's map:
+
+# %%
+import base64
+import re
+import subprocess
+import sys
+
+from IPython.display import Image
+
+export = ["cover", "export", str(OUTPUT / "field.worked.h5"), "-o", str(OUTPUT / "export"), "--force"]
+program = "from lgprjax.cli import main; main()"
+subprocess.run([sys.executable, "-c", program, *export], check=True, capture_output=True)
+print(*sorted(path.name for path in (OUTPUT / "export").iterdir()), sep="\n")
+page = (OUTPUT / "export" / "field.html").read_text(encoding="utf-8")
+Image(base64.b64decode(re.findall(r"image/png;base64,([^\"]+)", page)[0]), width=640)
+
+# %% [markdown]
+# What the record leaves is planned again, and the next run adds up with this one by the larger probability (`lgprjax cover plan ... --gaps field.worked.h5`).
+
+# %%
+rest = make_cover_plan(CORNERS, VEHICLE, PlanOptions(overlap=0.25), worked=record, level=0.95)
+lines = "no lines" if rest is None else f"{len(rest.pattern.lines)} lines, {rest.pattern.line_length_m:.0f} m"
+print("left below 95 %:", lines)
