@@ -46,6 +46,3 @@ def _contents(source: MapFile) -> Iterator[Finding]:
         before = int(where.drive[-1])
     if astray:
         yield Finding(file, "/stretches/reach_m", "stretches that reach their stations", f"{astray} stations beyond")
-    weights = len(source.description.weight)
-    if weights not in (0, before + 1):
-        yield Finding(file, "/drives/weight", f"a weight for each of {before + 1} drives", str(weights))

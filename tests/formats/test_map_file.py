@@ -284,10 +284,15 @@ def test_parts_that_do_not_agree_are_told(tmp_path: Path) -> None:
     write_made_map(path, MAP_PRECISIONS["standard"], weight=(1.0, 1.0))
     with h5py.File(path, "r+") as store:
         store["stretches/reach_m"][10] *= 0.5
+    assert {finding.place for finding in check_file(path)} == {"/stretches/reach_m"}
+    with h5py.File(path, "r+") as store:
         del store["drives/weight"]
         store["drives"].create_dataset("weight", data=np.ones(3)).attrs["unit"] = ""
-    assert {finding.place for finding in check_file(path)} == {"/stretches/reach_m", "/drives/weight"}
+    with pytest.raises(InputError, match="a weight for each of 2 drives"):
+        MapFile.open(path)
+    assert {finding.place for finding in check_file(path)} == {"/drives/weight"}
     with h5py.File(path, "r+") as store:
+        del store["drives/weight"]
         store["code/basis"][3] *= 1.1
     with pytest.raises(InputError, match="orthonormal"):
         MapFile.open(path)
