@@ -141,7 +141,7 @@ def test_what_is_missing_or_fails_is_said(
     with pytest.raises(SystemExit) as stopped:
         main(["bench", "rollouts", "--figure", str(tmp_path / "f.png")])
     assert stopped.value.code == 1
-    assert "expected the benchmark registration or closed-loop, found rollouts" in capsys.readouterr().err
+    assert "expected the benchmark registration, closed-loop or runtime, found rollouts" in capsys.readouterr().err
 
 
 def test_program_that_cannot_read_its_problem_says_so(tmp_path: Path) -> None:
