@@ -68,9 +68,7 @@ class Drive(NamedTuple):
     stop_s: float = 0.0
 
 
-def cover_rows(
-    drive: Drive, length_m: float = 8.0, ahead_m: float = 0.8
-) -> tuple[np.ndarray, Float[np.ndarray, " row"]]:
+def cover_rows(drive: Drive) -> tuple[np.ndarray, Float[np.ndarray, " row"]]:
     """Moments of a drive and their times, s: the tool's centre goes from one side of the field to the other."""
     length_m, ahead_m, parts = 8.0, 0.8, []
     for number, (line, north_m) in enumerate(drive.lines):

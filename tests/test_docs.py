@@ -2,9 +2,11 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +14,12 @@ import pytest
 import lgprjax
 from formats.samples import write_dt1
 from lgprjax.formats import DriveLog, TraceRecording, read_fixes
+from lgprjax.simulation import read_site
 
 _ROOT = Path(__file__).parents[1]
 _PAGES = sorted([*(_ROOT / "docs").glob("*.md"), *_ROOT.glob("*.md"), *_ROOT.glob("[a-z]*/README.md")])
 _BLOCK = re.compile(r"^<!-- run -->\n```(sh|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+_PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 
@@ -96,3 +100,43 @@ def test_the_tutorials_recording_is_the_drive(tutorial: Path) -> None:
     with DriveLog.open(tutorial / "drives" / "live.drive.h5") as old, DriveLog.open(tutorial / "again.drive.h5") as new:
         assert new.scans == old.scans
         np.testing.assert_array_equal(new.read_stored(0, 5)[0], old.read_stored(0, 5)[0])
+
+
+def _python_of(page: str) -> list[str]:
+    return _PYTHON.findall((_ROOT / "docs" / page).read_text(encoding="utf-8"))
+
+
+def test_the_filter_of_the_page_moves_as_it_says(capsys: pytest.CaptureFixture[str]) -> None:
+    (text,) = _python_of("navigation.md")
+    exec(text, {})
+    first, last = (re.findall(r"-?[\d.]+(?= m)", line) for line in capsys.readouterr().out.splitlines())
+    assert float(first[0]) == pytest.approx(0.30 - 0.29, abs=0.006)
+    assert (first[1], last[1]) == ("0.27", "0.00")
+
+
+def test_the_skid_steer_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    step, field = _python_of("skid_steer.md")
+    exec(step, {})
+    assert capsys.readouterr().out.endswith("False\n")
+    # A quarter of a minute of the field instead of nine.
+    assert "moments=26_000" in field
+    scope: dict[str, Any] = {}
+    exec(field.replace("moments=26_000", "moments=750"), scope)
+    assert np.isfinite(np.asarray(scope["kept"].x_m)).all()
+
+
+def test_the_site_of_the_page_is_one(tmp_path: Path) -> None:
+    (text,) = re.findall(r"^```toml\n(.*?)^```", (_ROOT / "docs" / "scene.md").read_text(encoding="utf-8"), re.M | re.S)
+    (tmp_path / "road.toml").write_text(text, encoding="utf-8")
+    assert [drive.name for drive in read_site(tmp_path / "road.toml").drives] == ["first", "again"]
+
+
+def test_the_tables_of_the_page(tutorial: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copyfile(tutorial / "drives" / "live.drive.h5", tutorial / "X.drive.h5")
+    shutil.copyfile(tutorial / "result" / "live.fixes.h5", tutorial / "result" / "X.fixes.h5")
+    monkeypatch.chdir(tutorial)
+    scope: dict[str, Any] = {}
+    (text,) = _python_of("transfer.md")
+    exec(text, scope)
+    assert len(scope["beside"]) == len(scope["ok"]) > 0
+    assert scope["beside"]["valid_channels"].notna().all()

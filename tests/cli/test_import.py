@@ -3,16 +3,13 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 import segyio
 
 from lgprjax.cli import main
 from lgprjax.formats import DriveLog
-
-_COUNTS = np.random.default_rng(8).integers(-30000, 30000, (12, 40))
-_POSITIONS_CM = 1000 + 5 * np.arange(12)
+from vendor_sets import COUNTS, write_cmu, write_gprmax, write_iprb, write_mala_pair, write_segy
 
 
 def run(*arguments: object) -> int:
@@ -24,71 +21,17 @@ def run(*arguments: object) -> int:
     return code
 
 
-def _mala(folder: Path, suffix: str) -> list[Path]:
-    path = folder / f"line{suffix}"
-    path.write_bytes(_COUNTS.astype("<i4" if suffix == ".rd7" else "<i2").tobytes())
-    header = "SAMPLES:40\r\nFREQUENCY:5000\r\nDISTANCE INTERVAL: 0.05\r\nTIMEWINDOW:8\r\nLAST TRACE:12\r\n"
-    path.with_suffix(".rad").write_text(header)
-    return [path]
-
-
-def _iprb(folder: Path) -> list[Path]:
-    paths = [folder / f"SITE_001_A{number:02}.iprb" for number in (1, 2)]
-    for number, path in enumerate(paths):
-        path.write_bytes(_COUNTS.astype("<i2").tobytes())
-        path.with_suffix(".iprh").write_text(
-            "DATA VERSION: 16\nANTENNA: 600 MHz\nSAMPLES: 40\nFREQUENCY: 5000\nTIMEWINDOW: 8\nLAST TRACE: 12\n"
-            f"DISTANCE INTERVAL: 0.05\nCHANNELS: 2\nCH_X_OFFSET: {0.08 * number}\nCH_Y_OFFSET: 0\n"
-        )
-    return paths
-
-
-def _segy(folder: Path, interval: int = 200) -> list[Path]:
-    path = folder / "line.sgy"
-    spec = segyio.spec()
-    spec.format, spec.samples, spec.tracecount = 3, np.arange(40), 12
-    with segyio.create(str(path), spec) as store:
-        store.bin[3217] = interval
-        for index in range(12):
-            store.trace[index] = _COUNTS[index].astype("i2")
-            store.header[index] = {71: -100, 73: int(_POSITIONS_CM[index]), 77: 100, 117: interval}
-    return [path]
-
-
-def _gprmax(folder: Path) -> list[Path]:
-    paths = [folder / f"scan{i + 1}.out" for i in range(12)]
-    pulse = np.exp(-(((np.arange(400) * 0.02 - 3) / 0.6) ** 2))
-    for i, path in enumerate(paths):
-        with h5py.File(path, "w") as store:
-            store.attrs["dt"] = 2e-11
-            store["rxs/rx1/Ez"] = (pulse * (1 + i)).astype("f4")
-            store["rxs/rx1"].attrs["Position"] = [0.4 + 0.05 * i, 0.5, 0.0]
-            store.create_group("srcs/src1").attrs["Position"] = [0.2 + 0.05 * i, 0.5, 0.0]
-    return paths
-
-
-def _cmu(folder: Path) -> list[Path]:
-    run_dir = folder / "1613065150-0-gates_g-cmu-gpr"
-    run_dir.mkdir()
-    times = 1613065150 + 0.1 * np.arange(12)
-    rows = "\n".join(f"{t:.3f},{','.join(map(str, row))}" for t, row in zip(times, _COUNTS, strict=True))
-    (run_dir / "gpr_meas.csv").write_text(f"t_stamp,{','.join(f'amp_{i}' for i in range(40))}\n{rows}\n")
-    odometry = "\n".join(f"{t:.3f},{0.05 * i:.3f}" for i, t in enumerate(times))
-    (run_dir / "we_odom.csv").write_text(f"t_stamp,dist_x\n{odometry}\n")
-    return [run_dir]
-
-
 _VERBS: dict[str, tuple[Callable[[Path], list[Path]], str, tuple[object, ...], int]] = {
-    "mala": (lambda folder: _mala(folder, ".rd3"), "mala", (), 1),
-    "mala 32 bit": (lambda folder: _mala(folder, ".rd7"), "mala", (), 1),
-    "iprb": (_iprb, "iprb", (), 2),
-    "segy": (_segy, "segy", (), 1),
-    "segy told": (lambda folder: _segy(folder, 4000), "segy", ("--sample-interval-ns", 0.2), 1),
-    "gprmax": (_gprmax, "gprmax", ("--sample-interval-ns", 0.2), 1),
-    "cmu": (_cmu, "cmu", ("--time-window-ns", 8), 1),
-    "lines of rd7": (lambda folder: _mala(folder, ".rd7"), "lines", ("--line-spacing-m", 0.5), 1),
-    "lines of iprb": (_iprb, "lines", ("--line-spacing-m", 0.5), 2),
-    "lines of segy": (_segy, "lines", ("--line-spacing-m", 0.5), 1),
+    "mala": (lambda folder: write_mala_pair(folder, ".rd3"), "mala", (), 1),
+    "mala 32 bit": (lambda folder: write_mala_pair(folder, ".rd7"), "mala", (), 1),
+    "iprb": (write_iprb, "iprb", (), 2),
+    "segy": (write_segy, "segy", (), 1),
+    "segy told": (lambda folder: write_segy(folder, 4000), "segy", ("--sample-interval-ns", 0.2), 1),
+    "gprmax": (write_gprmax, "gprmax", ("--sample-interval-ns", 0.2), 1),
+    "cmu": (write_cmu, "cmu", ("--time-window-ns", 8), 1),
+    "lines of rd7": (lambda folder: write_mala_pair(folder, ".rd7"), "lines", ("--line-spacing-m", 0.5), 1),
+    "lines of iprb": (write_iprb, "lines", ("--line-spacing-m", 0.5), 2),
+    "lines of segy": (write_segy, "lines", ("--line-spacing-m", 0.5), 1),
 }
 
 
@@ -107,7 +50,7 @@ def test_import_check_and_what_is_in_it(case: str, tmp_path: Path, capsys: pytes
         traces, valid = log.read_traces(0, log.scans)
     assert valid.all()
     if verb != "gprmax":
-        np.testing.assert_array_equal(traces, np.repeat(_COUNTS[:, None], channels, axis=1))
+        np.testing.assert_array_equal(traces, np.repeat(COUNTS[:, None], channels, axis=1))
     assert description.recording.sample_interval_ns == pytest.approx(0.2)  # type: ignore[union-attr]
     np.testing.assert_allclose(description.odometry.distance_m, 0.05 * np.arange(12), atol=1e-6)
     np.testing.assert_allclose(description.navigation.heading_deg, 30.0, atol=1e-3)
@@ -122,7 +65,7 @@ def test_import_check_and_what_is_in_it(case: str, tmp_path: Path, capsys: pytes
 
 
 def test_segy_with_a_utm_zone_needs_no_origin(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (path,) = _segy(tmp_path)
+    (path,) = write_segy(tmp_path)
     with segyio.open(str(path), "r+", ignore_geometry=True) as store:
         for index in range(12):
             store.header[index] = {73: 50_000_000 + 5 * index, 77: 531_600_000}
@@ -152,22 +95,22 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 ) -> None:
     output = tmp_path / "X.drive.h5"
     if case == "mala wrong suffix":
-        command: tuple[object, ...] = ("mala", *_segy(tmp_path))
+        command: tuple[object, ...] = ("mala", *write_segy(tmp_path))
     elif case == "segy no interval":
-        command = ("segy", *_segy(tmp_path, 4000))
+        command = ("segy", *write_segy(tmp_path, 4000))
     elif case.startswith("gprmax"):
-        paths = _gprmax(tmp_path)
+        paths = write_gprmax(tmp_path)
         command = ("gprmax", *paths, "--step-m", 0.1) if case.endswith("step") else ("gprmax", *paths)
         if case.endswith("cut"):
             paths[4].write_bytes(paths[4].read_bytes()[:900])
     elif case == "iprb cut":
-        paths = _iprb(tmp_path)
+        paths = write_iprb(tmp_path)
         paths[1].write_bytes(paths[1].read_bytes()[:-5])
         command = ("iprb", *paths)
     elif case == "iprb nothing":
         command = ("iprb",)
     else:
-        (sequence,) = _cmu(tmp_path)
+        (sequence,) = write_cmu(tmp_path)
         command = ("cmu", sequence) if case.endswith("window") else ("cmu", sequence, "--time-window-ns", 8)
         if case.endswith("odometry"):
             (sequence / "we_odom.csv").unlink()

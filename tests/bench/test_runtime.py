@@ -1,0 +1,62 @@
+"""The runtime's benchmark: starts and drive become records; what does not run is said, and is no figure."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from lgprjax.bench import runtime
+from lgprjax.bench.runtime import RuntimePlan, run_runtime
+
+_FIGURES = {
+    "scan_to_command_p99_ms": 90.0,
+    "scan_to_command_p50_ms": 30.0,
+    "period_p99_9_ms": 21.5,
+    "largest_gap_scans": 2,
+    "tracking_rms_m": 0.05,
+    "memory_mb": 1500.0,
+}
+
+
+def test_records_say_what_is_met_and_what_is_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ready = iter((31.0, 7.5, 7.0))
+    runs = tmp_path / "runs" / "1"
+    runs.mkdir(parents=True)
+
+    def drive(config: Path, _for_s: float, out: Path | None) -> str:
+        text = config.read_text(encoding="utf-8")
+        assert "length_m = 77.0" in text
+        assert "../" not in text
+        if out is not None:
+            out.write_text(json.dumps(_FIGURES), encoding="utf-8")
+            (runs / "timing.png").write_bytes(b"picture")
+        return f"ready after {next(ready)} s\n"
+
+    monkeypatch.setattr(runtime, "_run", drive)
+    picture = tmp_path / "t.png"
+    found = run_runtime(RuntimePlan(length_m=77.0, for_s=0.3, picture=picture), tmp_path, print)
+    assert found.not_measured == []
+    assert found.figures == _FIGURES
+    records = {record.key.removeprefix("runtime/"): record for record in found.records}
+    # The bare loop truly ran beside it: how late this machine lets it be is not known here.
+    assert records["period_above_bare_ms"].value < 21.5
+    met = {key: record.met for key, record in records.items() if record.goal is not None}
+    assert met == {
+        "start_cold_s": False,
+        "start_warm_s": True,
+        "sensor_to_servo_p99_ms": True,
+        "period_above_bare_ms": records["period_above_bare_ms"].value <= 4.0,
+        "largest_gap_scans": False,
+        "tracking_rms_m": True,
+    }
+    # What the run did not tell is no number.
+    assert records["ok_share"].value != records["ok_share"].value
+    assert picture.read_bytes() == b"picture"
+
+
+def test_what_does_not_run_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runtime, "_run", lambda *_: "first\nlgprjax: radar: no such port\n")
+    found = run_runtime(RuntimePlan(for_s=0.1), tmp_path, print)
+    no_port = "lgprjax: radar: no such port"
+    assert found.not_measured == [f"{what}: {no_port}" for what in ("cold start", "warm start", "drive")]
+    assert (found.records, found.figures) == ([], {})

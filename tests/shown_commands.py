@@ -1,0 +1,51 @@
+"""The commands that the pages show: in blocks, and in the running text."""
+
+import re
+import shlex
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+# The tutorial is run as a whole, by tests/test_docs.py.
+PAGES = sorted(
+    path
+    for path in [*(ROOT / "docs").glob("*.md"), *ROOT.glob("*.md"), *ROOT.glob("[a-z]*/README.md")]
+    if path.name not in ("tutorial.md", "CHANGELOG.md")
+)
+# What stands for a number, a name or several names in a command, and what the parser may read there.
+_STANDS_FOR = {"T": "60", "N": "2", "$study": "look_ahead"}
+# `lgprjax register --track` in running text is about an option; what it is given to goes without saying.
+_WITHOUT_SAYING = {"register": ["M.map.h5", "D.drive.h5", "-o", "R"]}
+_BLOCK = re.compile(r"(?:^```sh\n(?:.*?)^```)|(?:^(?: {4}.*\n)+)", re.MULTILINE | re.DOTALL)
+_SHOWN = re.compile(r"^\s*(lgprjax .*)$", re.MULTILINE)
+_INLINE = re.compile(r"`(lgprjax [a-z][^`|]*)`")
+
+
+def _plain(line: str) -> str:
+    return re.split(r"\s{2,}#", line)[0].strip()
+
+
+def shown_in_blocks(page: Path) -> list[str]:
+    """Commands of a page's blocks, a line each."""
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    lines = [line for block in _BLOCK.findall(text) for line in _SHOWN.findall(block)]
+    return [re.sub(r"\s+", " ", _plain(line)) for line in lines]
+
+
+def shown_in_text(page: Path) -> list[str]:
+    """Commands, and verbs that are only named, of a page's running text."""
+    return [re.sub(r"\s+", " ", found) for found in _INLINE.findall(page.read_text(encoding="utf-8"))]
+
+
+def words_of(command: str) -> list[str]:
+    """Arguments of a command, without the program's name; what stands for something else is filled in."""
+    words = [word.removesuffix("...") or "V.vehicle.toml" for word in shlex.split(command)[1:]]
+    if words[1:2] and words[1].startswith("--"):
+        words += _WITHOUT_SAYING.get(words[0], [])
+    for short, full in _STANDS_FOR.items():
+        words = [full if word == short else word.replace(short, full) if "$" in short else word for word in words]
+    return words
+
+
+def names_a_verb_only(command: str) -> bool:
+    """Whether a command is no more than the name of a verb, as `lgprjax map build`."""
+    return all(re.fullmatch(r"[a-z-]+", word) and not word.startswith("-") for word in shlex.split(command)[1:])
