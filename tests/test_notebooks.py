@@ -10,6 +10,7 @@ from typing import Any
 import jupytext
 import nbformat
 import numpy as np
+import pandas as pd
 import pytest
 from nbclient import NotebookClient
 
@@ -20,7 +21,7 @@ from lgprjax.simulation import read_vehicle_plan
 _ROOT = Path(__file__).parents[1]
 _NOTEBOOKS = sorted(path.stem for path in (_ROOT / "notebooks").glob("*.ipynb"))
 _COVERAGE = "coverage_record"
-_LOCATED = ("drive_health", "first_registration", "own_radar")
+_LOCATED = ("archive", "drive_health", "first_registration", "own_radar")
 
 _TRUE: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "palm_tree": ("steering.potentiometer_v_per_rad", lambda plan: plan.vehicle.potentiometer_per_rad_v[0]),
@@ -95,6 +96,15 @@ def test_the_first_registration_is_right_and_refuses_the_impostor(
     assert "'impostor': 0}" in printed
     (fixes_cm,) = re.findall(r"fixes ([\d.]+) cm", printed)
     assert float(fixes_cm) < 5.0
+
+
+def test_an_archive_gains_by_baselines_that_agree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, _ = _run("archive", tmp_path, monkeypatch)
+    before, after = (pd.read_csv(folder / name / "archive.csv", index_col="drive") for name in ("before", "after"))
+    assert before["ok"]["elsewhere"] == after["ok"]["elsewhere"] == 0
+    for drive in ("clear", "snow", "years"):
+        assert after["ok"][drive] > 1.5 * before["ok"][drive] > 0
+        assert after["ok"][drive] > 0.7 * after["tried"][drive]
 
 
 def test_lines_of_ones_own_radar_are_located(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

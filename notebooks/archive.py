@@ -1,0 +1,96 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: ipynb,py:percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Re-registering an archive
+#
+# An archive of drives is registered on its map by worker processes. Then the map gets better, here because its baselines are made to agree with each other, and everything is registered anew: which drives gain, and by how much?
+
+# %%
+from pathlib import Path
+
+BASELINES = ()  # your own drive logs, X.drive.h5, for the map
+DRIVES = ()  # your own drive logs to be located on it
+SEARCH_M = 2.0  # how far their positions may be wrong
+OUTPUT = Path("../out/notebooks/archive")
+
+# %% [markdown]
+# Without logs of your own: three baselines of a made-up road of 25 m whose GNSS was wrong by some decimetres, each another way; three drives of other days, and one over other ground, which must stay without a fix.
+
+# %%
+import subprocess
+import sys
+
+SITE = """
+name = "archive"
+seed = 5
+[ground]
+length_m = 25
+[navigation.gnss]
+position_sigma_m = 0.35
+heading_sigma_deg = 0.3
+"""
+KINDS = {"first": "", "second": "lane_m = 0.2", "third": "lane_m = -0.2", "clear": "", "snow": 'day = "snow"'}
+KINDS |= {"years": 'day = "years"', "elsewhere": "other_ground = 99"}
+
+
+def lgprjax(*words):
+    done = subprocess.run([sys.executable, "-m", "lgprjax", *map(str, words)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+OUTPUT.mkdir(parents=True, exist_ok=True)
+if not BASELINES:
+    drives = [f'[[drive]]\nname = "{name}"\nnavigation = "gnss"\n{more}\n' for name, more in KINDS.items()]
+    (OUTPUT / "archive.toml").write_text(SITE + "".join(drives))
+    lgprjax("simulate", OUTPUT / "archive.toml", "-o", OUTPUT, "--force")
+    logs = [OUTPUT / f"{name}.drive.h5" for name in KINDS]
+    BASELINES, DRIVES = logs[:3], logs[3:]
+
+# %% [markdown]
+# The map as its labels have it, and all drives on it. A second call would find everything done and do nothing.
+
+# %%
+import pandas as pd
+
+
+def register(ground, folder):
+    lgprjax("register", ground, *DRIVES, "-o", folder, "--workers", 2, "--search-m", SEARCH_M)
+    return pd.read_csv(folder / "archive.csv", index_col="drive")
+
+
+as_labelled = OUTPUT / "as_labelled.map.h5"
+lgprjax("map", "build", *BASELINES, "-o", as_labelled, "--force")
+before = register(as_labelled, OUTPUT / "before")
+before[["scans", "tried", "ok", "low_correlation", "ambiguous", "edge"]]
+
+# %% [markdown]
+# Now the baselines are registered on each other, and their labels are moved until they agree.
+
+# %%
+agreed = OUTPUT / "agreed.map.h5"
+print(lgprjax("map", "refine", as_labelled, "-o", agreed, "--force"))
+after = register(agreed, OUTPUT / "after")
+
+# %% [markdown]
+# What it was worth. Fixes are positions on the map: by how much all of its labels are wrong together no radar can tell, and `after m` above says how large that may still be.
+
+# %%
+import matplotlib.pyplot as plt
+
+shares = pd.DataFrame({"before": before["ok"] / before["tried"], "after": after["ok"] / after["tried"]})
+axes = (100 * shares).plot.barh(figsize=(9, 3), color=["0.7", "C0"])
+axes.set(xlabel="scans with an ok fix (%)", ylabel="", xlim=(0, 100))
+axes.invert_yaxis()
+print(shares.round(3))
+
+# %% [markdown]
+# `after/archive.html` has the map of the worst places, drive by drive. On a cluster the same: `--scheduler ADDRESS` instead of `--workers`.
