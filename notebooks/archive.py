@@ -87,7 +87,8 @@ after = register(agreed, OUTPUT / "after")
 import matplotlib.pyplot as plt
 
 shares = pd.DataFrame({"before": before["ok"] / before["tried"], "after": after["ok"] / after["tried"]})
-axes = (100 * shares).plot.barh(figsize=(9, 3), color=["0.7", "C0"])
+figure, axes = plt.subplots(figsize=(9, 3), layout="constrained")
+(100 * shares).plot.barh(ax=axes, color=["0.7", "C0"])
 axes.set(xlabel="scans with an ok fix (%)", ylabel="", xlim=(0, 100))
 axes.invert_yaxis()
 print(shares.round(3))

@@ -2,16 +2,10 @@
 
 import os
 import re
-import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
 import lgprjax
-
-
-def cores() -> int:
-    """CPU cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
 def gpus() -> list[str]:

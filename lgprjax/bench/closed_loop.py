@@ -1,7 +1,5 @@
 """``lgprjax bench closed-loop``: a mile driven with full registration, and very many with an error model; records."""
 
-import os
-import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -13,15 +11,12 @@ import numpy as np
 from lgprjax.bench.machine import machine_line
 from lgprjax.bench.programs import ProgramError, run_program
 from lgprjax.bench.records import Record
+from lgprjax.machine import usable_cores
 
 MILE_M = 1609.344
 _PUBLISHED_CROSS_M = {"clear": 0.26, "snow": 0.29, "rain": 0.40}
 _RAIN_SCALE = 1.05
 """What ``register --time-scale`` finds on the generated rain day: the crew enters it before the drive."""
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
 class Drives(NamedTuple):
@@ -61,7 +56,7 @@ class LoopPlan:
     lanes: int = 640
     lane_m: float = MILE_M
     limit_s: float = 7200.0
-    processes: int = field(default_factory=_cores)
+    processes: int = field(default_factory=usable_cores)
     picture: Path | None = None
 
     @property

@@ -2,16 +2,17 @@
 
 import os
 import platform
-import sys
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+
+from lgprjax.machine import usable_cores
 
 _PACKAGES = ("numpy", "jax", "numba", "evosax", "pyswarms")
 
 
 def machine_line() -> str:
     """CPU, cores that may be used, load, versions of everything that computes."""
-    cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count()
+    cores = usable_cores()
     load = f", load {os.getloadavg()[0]:.2f} at the start" if hasattr(os, "getloadavg") else ""
     found = [f"Python {platform.python_version()}", *(f"{name} {_version(name)}" for name in _PACKAGES)]
     return f"{_cpu()}, {cores} cores{load}; {', '.join(found)}"

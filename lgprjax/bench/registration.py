@@ -1,7 +1,5 @@
 """``lgprjax bench registration``: the hard set, every peer on it, the measuring programs, their records."""
 
-import os
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +12,7 @@ from lgprjax.bench.programs import AS_THE_PEER, ProgramError, run_program
 from lgprjax.bench.ratios import Ran, Role, TileCost, ratio_records
 from lgprjax.bench.records import Record
 from lgprjax.bench.tracking import latency_records, length_records, tile_cost, tile_records
+from lgprjax.machine import usable_cores
 
 _SEED = 0
 _RATIO = "×"
@@ -21,7 +20,7 @@ _RATIO = "×"
 
 def _thread_counts() -> tuple[int, ...]:
     """One, two and all cores that this process may use."""
-    cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    cores = usable_cores()
     return tuple(sorted({1, min(2, cores), cores}))
 
 

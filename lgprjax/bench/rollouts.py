@@ -1,9 +1,7 @@
 """``lgprjax bench rollouts``: the same lanes by this project, by Numba in two forms and by plain Python; records."""
 
 import importlib.util
-import os
 import statistics
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,13 +15,10 @@ from lgprjax.bench.programs import ProgramError, run_program
 from lgprjax.bench.records import Record
 from lgprjax.bench.rollout_peers import ROLLOUT_PEERS
 from lgprjax.bench.rollout_problem import make_problem, save_problem
+from lgprjax.machine import usable_cores
 
 _SEED = 0
 _NUMBA = ("numba_blocks", "numba_lanes")
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
 @dataclass(frozen=True)
@@ -45,7 +40,7 @@ class RolloutPlan:
     repeats: int = 5
     many_lanes: int = 1_000_000
     many_steps: int = 2000
-    threads: int = field(default_factory=_cores)
+    threads: int = field(default_factory=usable_cores)
     limit_s: float = 1800.0
 
 

@@ -11,6 +11,7 @@ from shutil import disk_usage
 import numpy as np
 
 from lgprjax.cli.health_of_packages import Finding
+from lgprjax.machine import usable_cores
 
 _START_S = 120.0
 _LEAST_MEMORY_GB, _LEAST_DISK_GB = 4.0, 2.0
@@ -51,7 +52,7 @@ def _device() -> Finding:
 
 
 def _cores() -> Finding:
-    cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    cores = usable_cores()
     if cores < 2:
         return Finding("cores", str(cores), "look", "lgprjax run wants two at least")
     return Finding("cores", str(cores), "good")

@@ -55,8 +55,9 @@ def register_many(
 ) -> int:
     """Register what is missing or changed in a folder; table and page of all that it holds. Returns the exit status."""
     from lgprjax.archive import ArchiveRun, claimed, drive_name, file_hash, note_failure, plan_jobs, stamp_of
-    from lgprjax.archive.worker_environment import cores, gpus
+    from lgprjax.archive.worker_environment import gpus
     from lgprjax.formats import MapFile
+    from lgprjax.machine import usable_cores
 
     workforce.check()
     names = [drive_name(path) for path in drives]
@@ -71,7 +72,7 @@ def register_many(
     stamp = stamp_of(map_path)
     with working(f"reading {map_path.name}"):
         map_sha256 = file_hash(map_path)
-    threads = workforce.threads or (1 if workforce.workers is None else max(1, cores() // workforce.workers))
+    threads = workforce.threads or (1 if workforce.workers is None else max(1, usable_cores() // workforce.workers))
     run = ArchiveRun(map_path.absolute(), map_sha256, stamp, options, folder.absolute(), threads)
     with claimed(run, names, force=force):
         with progress_bar("looking at drives", len(drives)) as progress:

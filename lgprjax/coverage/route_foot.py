@@ -37,18 +37,18 @@ def route_foot(route: CoverRoute, near_m: Float[Array, ""], pose: VehiclePose) -
     arc_m = near_m
     for _ in range(_STEPS):
         point = route_point(route, arc_m)
-        along, left = _beside(point, pose)
+        along, left = beside(point, pose)
         # Near the centre of curvature there is no foot; it is kept from getting there.
         share = jnp.maximum(1.0 - point.curvature_radpm * left, 0.2)
         step_m = jnp.clip(along / share, -_FARTHEST_M, _FARTHEST_M)
         arc_m = arc_m + jnp.where(jnp.isfinite(step_m), step_m, 0.0)
     point = route_point(route, arc_m)
-    _, left = _beside(point, pose)
+    _, left = beside(point, pose)
     turned = pose.yaw_rad - point.yaw_rad
     return RouteFoot(arc_m, point, left, jnp.arctan2(jnp.sin(turned), jnp.cos(turned)))
 
 
-def _beside(point: RoutePoint, pose: VehiclePose) -> tuple[Float[Array, ""], Float[Array, ""]]:
+def beside(point: RoutePoint, pose: VehiclePose) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """How far along and to the left of a point of the route a pose is."""
     east, north = pose.x_m - point.x_m, pose.y_m - point.y_m
     cos, sin = jnp.cos(point.yaw_rad), jnp.sin(point.yaw_rad)

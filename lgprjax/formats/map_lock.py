@@ -64,7 +64,7 @@ def _hold(lock: Path, target: Path) -> int:
             os.close(descriptor)
             raise InputError(target, "output", "a file system with locks", os.strerror(error.errno or 0)) from None
         # Its last holder may have taken the file away between the opening and the locking.
-        if _is_there(lock, descriptor):
+        if is_at(lock, descriptor):
             break
         os.close(descriptor)
     with suppress(OSError):  # a full disk: who holds it will not be told, but it is held
@@ -73,9 +73,10 @@ def _hold(lock: Path, target: Path) -> int:
     return descriptor
 
 
-def _is_there(lock: Path, descriptor: int) -> bool:
+def is_at(path: Path, descriptor: int) -> bool:
+    """Whether the file that was opened is still the one of that name."""
     with suppress(FileNotFoundError):
-        return lock.stat().st_ino == os.fstat(descriptor).st_ino
+        return path.stat().st_ino == os.fstat(descriptor).st_ino
     return False
 
 

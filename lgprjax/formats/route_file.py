@@ -2,15 +2,14 @@
 
 import json
 import os
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from lgprjax.errors import InputError
 from lgprjax.formats.atomic import atomic_output
 from lgprjax.formats.findings import Finding, check_version, key_findings
 from lgprjax.formats.schema import load_schema
+from lgprjax.formats.toml_file import load_toml
 
 _SCHEMA = load_schema("route")
 _DIGITS = 64
@@ -49,7 +48,7 @@ def read_route(path: str | Path) -> RouteFile:
             type or out of its range.
     """
     file = Path(path)
-    table = _load(file)
+    table = load_toml(file)
     for finding in _problems(file, table):
         raise finding.error()
     vehicle = table.get("vehicle")
@@ -97,16 +96,7 @@ def route_findings(path: Path) -> Iterator[Finding]:
     Raises:
         InputError: it cannot be read, or is no TOML.
     """
-    return _problems(path, _load(path))
-
-
-def _load(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, "file", "a readable file", error.strerror or str(error)) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(path, "file", "TOML", str(error)) from None
+    return _problems(path, load_toml(path))
 
 
 def _problems(path: str | Path, table: dict[str, Any]) -> Iterator[Finding]:

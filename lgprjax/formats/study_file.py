@@ -1,12 +1,12 @@
 """The study file: which numbers of which vehicle are to be found on which logs."""
 
-import tomllib
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lgprjax.errors import InputError
+from lgprjax.formats.toml_file import load_toml
 
 Kind = Literal[
     "straight", "encoder", "wheel_angle", "rear_ratio", "yaw_gain", "servo", "pedals", "look_ahead", "fusion"
@@ -57,12 +57,7 @@ def read_study(path: str | Path) -> Study:
             judges.
     """
     file = Path(path)
-    try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(file, "file", "a readable file", error.strerror or str(error)) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(file, "file", "TOML", str(error)) from None
+    table = load_toml(file)
     try:
         study = _StudyTable.model_validate(table)
     except ValidationError as error:

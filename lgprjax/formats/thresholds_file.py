@@ -1,11 +1,11 @@
 """Thresholds as a small TOML file, with what they were found on."""
 
 import json
-import tomllib
 from pathlib import Path
 
 from lgprjax.errors import InputError
 from lgprjax.formats.atomic import atomic_output
+from lgprjax.formats.toml_file import load_toml
 
 _SCHEMA = "lgprjax.thresholds"
 _NAMES = ("strength", "strength_by_chance", "margin", "margin_by_chance", "overlap", "sigma_scale")
@@ -51,12 +51,7 @@ def read_thresholds(path: str | Path, window_m: float) -> dict[str, float]:
     Raises:
         InputError: not a file of thresholds, one is missing or no number, or they are for other windows.
     """
-    try:
-        held = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(path, "input", "a file", "no such file") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(path, "input", "a TOML file of thresholds", str(error)) from None
+    held = load_toml(path)
     if held.get("schema") != _SCHEMA:
         raise InputError(path, "schema", _SCHEMA, repr(held.get("schema")))
     if not str(held.get("version", "")).startswith("1."):

@@ -2,7 +2,6 @@
 
 import json
 import math
-import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from lgprjax.errors import InputError
 from lgprjax.formats.atomic import atomic_output
 from lgprjax.formats.findings import Finding, check_scalar, check_version, expected_scalar
 from lgprjax.formats.schema import Entry, load_schema
+from lgprjax.formats.toml_file import load_toml
 from lgprjax.formats.vehicle_model import VehicleFile
 from lgprjax.formats.vehicle_rules import BrokenRuleError, flat_keys
 
@@ -27,7 +27,7 @@ def read_vehicle(path: str | Path) -> VehicleFile:
         InputError: the file is missing, no TOML or of a newer major version; a key is unknown, missing, of a wrong
             type or out of its range; numbers contradict each other.
     """
-    table = _load(Path(path))
+    table = load_toml(Path(path))
     for finding in table_problems(path, table):
         raise finding.error()
     return VehicleFile.model_validate(_tables(table))
@@ -79,7 +79,7 @@ def vehicle_findings(path: Path) -> Iterator[Finding]:
     Raises:
         InputError: it cannot be read, or is no TOML.
     """
-    return table_problems(path, _load(path))
+    return table_problems(path, load_toml(path))
 
 
 def table_problems(path: str | Path, table: dict[str, Any]) -> Iterator[Finding]:
@@ -99,15 +99,6 @@ def table_problems(path: str | Path, table: dict[str, Any]) -> Iterator[Finding]
         except ValidationError as error:
             for problem in error.errors():
                 yield Finding(str(path), *_rule_broken(problem))
-
-
-def _load(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, "file", "a readable file", error.strerror or str(error)) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(path, "file", "TOML", str(error)) from None
 
 
 def _tables(table: dict[str, Any]) -> dict[str, Any]:

@@ -1,12 +1,12 @@
 """The configuration of the onboard runtime, ``CONFIG.toml``: paths are relative to the file's folder."""
 
-import tomllib
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from lgprjax.errors import InputError
+from lgprjax.formats.toml_file import load_toml
 
 
 class _Table(BaseModel):
@@ -205,12 +205,7 @@ def read_config(path: str | Path) -> RuntimeConfig:
         InputError: it is missing, no TOML, or a key is unknown, missing or not as expected.
     """
     file = Path(path)
-    try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(file, "file", "a readable file", error.strerror or str(error)) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(file, "file", "TOML", str(error)) from None
+    table = load_toml(file)
     try:
         return RuntimeConfig.model_validate({**table, "file": file.resolve()})
     except ValidationError as error:

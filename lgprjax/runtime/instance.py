@@ -9,6 +9,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from lgprjax.errors import InputError
+from lgprjax.formats.map_lock import is_at
 from lgprjax.runtime.config import RuntimeConfig
 
 SHARED_MEMORY = Path("/dev/shm")
@@ -57,7 +58,7 @@ def _lock(key: str) -> Iterator[str | None]:
             yield holder
             return
         # Its last holder may have taken the file away between the opening and the locking.
-        if _is_there(path, descriptor):
+        if is_at(path, descriptor):
             break
         os.close(descriptor)
     try:
@@ -79,9 +80,3 @@ def _open(path: Path) -> int:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
             os.fchmod(descriptor, 0o666)
             return descriptor
-
-
-def _is_there(path: Path, descriptor: int) -> bool:
-    with suppress(FileNotFoundError):
-        return path.stat().st_ino == os.fstat(descriptor).st_ino
-    return False

@@ -2,15 +2,15 @@
 
 import hashlib
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from lgprjax.errors import InputError
+from lgprjax.formats.toml_file import load_toml
 from lgprjax.scene import (
     NO_FAULTS,
     WEATHER,
@@ -52,7 +52,7 @@ def read_site(path: str | Path) -> Site:
             a name is used twice or stands for nothing; a drive leaves the road or hears beyond the ground.
     """
     root = Place(Path(path))
-    table = _load(root)
+    table = load_toml(root.file)
     refuse_unknown(root, table, [*_HEADER, *_SECTIONS])
     given = {key: table[key] for key in _HEADER if key in table}
     header = fill_config(SiteHeader, root, {"name": root.file.name.removesuffix(".toml"), **given})
@@ -98,15 +98,6 @@ class _Choices:
     days: Mapping[str, Day]
     navigation: Mapping[str, NavigationErrors]
     faults: Mapping[str, Faults]
-
-
-def _load(root: Place) -> dict[str, Any]:
-    try:
-        return tomllib.loads(root.file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise root.refuse("a readable file", error.strerror or str(error)) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise root.refuse("TOML", str(error)) from None
 
 
 def _read_road(place: Place, table: object, ground: GroundConfig) -> RoadConfig:

@@ -1,10 +1,10 @@
 """The drives file: a made-up vehicle, its sensors and the calibration drives that it does, as TOML."""
 
 import math
-import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+from lgprjax.formats.toml_file import load_toml
 from lgprjax.frames import LocalFrame
 from lgprjax.scene.calibrated_fixes import calibrated_fixes
 from lgprjax.scene.fix_errors import FixErrors
@@ -95,7 +95,7 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
             name is used twice or stands for nothing.
     """
     root = Place(Path(path))
-    table = _load(root)
+    table = load_toml(root.file)
     header = ("kind", "seed", "serial_number", "latitude_deg", "longitude_deg", "height_m")
     refuse_unknown(root, table, [*header, "vehicle", "sensors", "drive"])
     if table.get("kind") != KIND:
@@ -134,16 +134,7 @@ def is_vehicle_plan(path: str | Path) -> bool:
     Raises:
         InputError: the file is missing or no TOML.
     """
-    return _load(Place(Path(path))).get("kind") == KIND
-
-
-def _load(root: Place) -> dict[str, Any]:
-    try:
-        return tomllib.loads(root.file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise root.refuse("a readable file", error.strerror or str(error)) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise root.refuse("TOML", str(error)) from None
+    return load_toml(path).get("kind") == KIND
 
 
 def _drive(

@@ -1,7 +1,5 @@
 """Many lanes on the host: chunks of one shape, as many at once as there are cores."""
 
-import os
-import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
@@ -9,6 +7,7 @@ import numpy as np
 from jax.tree_util import tree_map
 from jaxtyping import Float
 
+from lgprjax.machine import usable_cores
 from lgprjax.vehicle.chassis import MeasuredRear
 from lgprjax.vehicle.lanes import RolloutLane, RolloutSpec, RolloutState
 from lgprjax.vehicle.metrics import RolloutMetrics
@@ -47,7 +46,7 @@ def roll_out_many(
         found: tuple[RolloutState, RolloutMetrics] = tree_map(lambda leaf: np.asarray(leaf)[..., : high - low], done)
         return found
 
-    with ThreadPoolExecutor(_cores()) as pool:
+    with ThreadPoolExecutor(usable_cores()) as pool:
         chunks = list(pool.map(lambda bound: run(*bound), bounds))
     joined: tuple[RolloutState, RolloutMetrics] = tree_map(lambda *parts: np.concatenate(parts, axis=-1), *chunks)
     return joined
@@ -72,7 +71,3 @@ def _cut(values: Leaf, low: int, high: int, size: int) -> Leaf:
         return values
     part = values[..., low:high]
     return np.concatenate([part, np.repeat(part[..., -1:], size - (high - low), axis=-1)], axis=-1)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1

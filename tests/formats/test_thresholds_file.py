@@ -39,7 +39,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
         (("overlap = 0.6", "overlap = -1.0"), "thresholds.overlap", "-1.0"),
         (("sigma_scale = 0.6", "sigma_scale = true"), "thresholds.sigma_scale", "True"),
         (("margin = 0.02", "rand = 0.02"), "thresholds.margin", "None"),
-        (("[thresholds]", "[thresholds"), "input", "line"),
+        (("[thresholds]", "[thresholds"), "file", "line"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, change: tuple[str, str], place: str, found: str) -> None:
@@ -58,5 +58,5 @@ def test_thresholds_of_another_window_are_refused(tmp_path: Path) -> None:
     write(path)
     with pytest.raises(InputError, match="window_m"):
         read_thresholds(path, 0.0)
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="No such file"):
         read_thresholds(tmp_path / "none.toml", 4.0)

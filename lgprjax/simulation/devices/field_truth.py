@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from lgprjax.formats.atomic import atomic_output
 from lgprjax.simulation.devices.flail import FlailMoved
 from lgprjax.simulation.devices.flail_tool import ToolState
 from lgprjax.simulation.devices.skid_box import SkidCommand
+from lgprjax.simulation.devices.truth import write_truth
 
 _COLUMNS = (
     "x_m",
@@ -62,6 +62,4 @@ class FieldTruth:
         Raises:
             InputError: it cannot be written.
         """
-        numbers = {name: np.asarray(value) for name, value in figures.items()}
-        with atomic_output(path, force=True) as temporary, temporary.open("wb") as file:
-            np.savez(file, allow_pickle=False, **self.arrays(), **numbers)
+        write_truth(path, self.arrays(), figures)

@@ -86,6 +86,11 @@ class Truth:
         Raises:
             InputError: it cannot be written.
         """
-        numbers = {name: np.asarray(value) for name, value in figures.items()}
-        with atomic_output(path, force=True) as temporary, temporary.open("wb") as file:
-            np.savez(file, allow_pickle=False, **self.arrays(), **numbers)
+        write_truth(path, self.arrays(), figures)
+
+
+def write_truth(path: Path, arrays: dict[str, np.ndarray], figures: dict[str, float]) -> None:
+    """Arrays by name, and figures as arrays of one number, as ``.npz``."""
+    numbers = {name: np.asarray(value) for name, value in figures.items()}
+    with atomic_output(path, force=True) as temporary, temporary.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays, **numbers)

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 from lgprjax.autopilot.skid_limiter import SkidCommand
 from lgprjax.autopilot.skid_step import SkidInfo, SkidOrders, SkidState, init_skid, step_skid
 from lgprjax.coverage.cover_route import CoverRoute, RoutePoint, route_point
-from lgprjax.coverage.route_foot import route_foot
+from lgprjax.coverage.route_foot import beside, route_foot
 from lgprjax.navigation.observations import GNSS, GnssObservation
 from lgprjax.navigation.reaction import Reaction
 from lgprjax.navigation.skid_model import skid_pose, skid_pose_covariance
@@ -188,7 +188,7 @@ def _tick(
     skid, command, info = step_skid(
         world.setup, route, fence, state.skid, *_observed(readings), orders, guidance=spec.guidance
     )
-    apart_m = _seen_from(begin, plant.pose)[0]
+    apart_m = beside(begin, plant.pose)[0]
     sound = info.filter.heading_known & (info.reaction != Reaction.STOP) & (apart_m >= -_ENGAGE_M)
     stopping = state.stopping | (state.engaged & (info.reaction == Reaction.STOP)) | info.edge_predicted
     return FieldState(state.track_m, plant, sensors, skid, command, state.engaged | sound, stopping, tick), info
@@ -197,16 +197,9 @@ def _tick(
 def _by_hand(world: FieldWorld, begin: RoutePoint, pose: VehiclePose) -> WheelSpeeds:
     """The driver's levers on the way to the route's start."""
     aside, turned, largest = _DRIVER
-    _, left_m = _seen_from(begin, pose)
+    _, left_m = beside(begin, pose)
     yaw_rate = -aside * left_m - turned * jnp.sin(pose.yaw_rad - begin.yaw_rad)
     return wheel_speeds(world.plant.track_m, world.set_speed_mps, jnp.clip(yaw_rate, -largest, largest))
-
-
-def _seen_from(begin: RoutePoint, pose: VehiclePose) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Metres beyond the route's start along its direction, and to the left of it."""
-    east_m, north_m = pose.x_m - begin.x_m, pose.y_m - begin.y_m
-    cos, sin = jnp.cos(begin.yaw_rad), jnp.sin(begin.yaw_rad)
-    return east_m * cos + north_m * sin, north_m * cos - east_m * sin
 
 
 def _observed(readings: SkidReadings) -> tuple[SkidMotion, SkidObservations]:

@@ -1,0 +1,9 @@
+"""What this machine grants a process."""
+
+import os
+import sys
+
+
+def usable_cores() -> int:
+    """CPU cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
