@@ -1,5 +1,6 @@
 """What the site shows beside docs/: the reference, the file formats as tables, and the files that pages link to."""
 
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -12,7 +13,7 @@ from mkdocs.structure.pages import Page
 _ROOT = Path(__file__).parent
 _ROOMS = (
     *("formats", "archive", "registration", "subsurface", "radar", "pso", "navigation", "coverage", "autopilot"),
-    *("vehicle", "tuning", "scene", "simulation", "report", "frames", "errors"),
+    *("vehicle", "tuning", "scene", "simulation", "runtime.config", "report", "frames", "errors"),
 )
 # A link that leaves docs/, with the heading that it may name.
 _OUTSIDE = re.compile(r"\]\(\.\./([^)#\s]+)(?:#[^)]*)?\)")
@@ -32,6 +33,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     assert config.nav is not None
     before = next(place for place, each in enumerate(config.nav) if "Performance" in each)
     config.nav.insert(before, {"Reference": [{"Python": python}, {"Files": formats}]})
+    config.nav.insert(before + 2, {"Performance, all records": "all_records.md"})
     return config
 
 
@@ -45,6 +47,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, f"reference/{room}.md", content=page))
     for schema in _schemas():
         files.append(File.generated(config, f"files/{schema.stem}.md", content=_format_page(schema)))
+    files.append(File.generated(config, "all_records.md", content=_records_page()))
     files.append(File.generated(config, "repository/CHANGELOG.md", content=(_ROOT / "CHANGELOG.md").read_text("utf-8")))
     for path in sorted(linked):
         if _place(path).startswith("repository/"):
@@ -67,6 +70,28 @@ def _place(path: str) -> str:
     if path.startswith("data_schema/") and path.endswith(".toml"):
         return f"files/{Path(path).stem}.md"
     return f"repository/{path.removesuffix('.md')}{'.txt' if path.endswith('.md') else ''}"
+
+
+def _records_page() -> str:
+    """Figures and goals as the benchmarks wrote them, a table a benchmark; nobody has typed them."""
+    lines = ["# All records", "", "What `lgprjax bench NAME --json FILE` wrote, as it is. [What was measured]"]
+    lines[-1] += "(performance.md) says what was measured and what of it may be concluded."
+    for path in sorted((_ROOT / "docs" / "records").glob("*.json")):
+        told = json.loads(path.read_text("utf-8"))
+        quick = " --quick" if told["quick"] else ""
+        lines += ["", f"## lgprjax bench {path.stem}{quick}", "", told["machine"], ""]
+        lines += ["| figure | value | unit | goal | met | |", "| --- " * 6 + "|"]
+        lines += [_record_row(record) for record in told["records"]]
+    return "\n".join([*lines, ""])
+
+
+def _record_row(record: dict[str, Any]) -> str:
+    value = "not measured" if record["value"] is None else f"{record['value']:.4g}"
+    sign = "≤" if record["direction"] == "lower" else "≥"
+    goal = "" if record["goal"] is None else f"{sign} {record['goal']:g}"
+    met = {None: "", True: "yes", False: "**no**"}[record["met"]]
+    cells = (record["key"], value, record["unit"], goal, met, record["note"])
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
 def _format_page(path: Path) -> str:

@@ -1,18 +1,21 @@
 """The pages: the tutorial's commands run in its order in an empty folder, and links lead somewhere."""
 
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
 import lgprjax
 from formats.samples import write_dt1
+from lgprjax.bench.records import Record
+from lgprjax.cli.bench import Name
 from lgprjax.formats import DriveLog, TraceRecording, read_fixes
 from lgprjax.simulation import read_site
 
@@ -100,6 +103,16 @@ def test_the_tutorials_recording_is_the_drive(tutorial: Path) -> None:
     with DriveLog.open(tutorial / "drives" / "live.drive.h5") as old, DriveLog.open(tutorial / "again.drive.h5") as new:
         assert new.scans == old.scans
         np.testing.assert_array_equal(new.read_stored(0, 5)[0], old.read_stored(0, 5)[0])
+
+
+@pytest.mark.parametrize("path", sorted((_ROOT / "docs" / "records").glob("*.json")), ids=lambda path: path.stem)
+def test_records_are_those_of_a_benchmark_and_say_whether_goals_are_met(path: Path) -> None:
+    told = json.loads(path.read_text(encoding="utf-8"))
+    assert path.stem in get_args(Name)
+    assert "cores" in told["machine"]
+    for kept in told["records"]:
+        record = Record(**{key: value for key, value in kept.items() if key != "met"})
+        assert record.met == kept["met"]
 
 
 def _python_of(page: str) -> list[str]:
