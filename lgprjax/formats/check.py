@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import h5py
+
 from lgprjax.errors import InputError
 from lgprjax.formats.cover_plan import cover_plan_findings
 from lgprjax.formats.findings import Finding
@@ -10,26 +12,41 @@ from lgprjax.formats.fixes import parse_cells, read_cells, table_findings
 from lgprjax.formats.map_check import map_findings
 from lgprjax.formats.route_file import route_findings
 from lgprjax.formats.schema import Schema, load_schema
-from lgprjax.formats.store import open_store, validate_store
+from lgprjax.formats.store import DAMAGE, attribute_of, open_store, validate_store
 from lgprjax.formats.vehicle_file import vehicle_findings
 
 
 def check_file(path: str | Path) -> list[Finding]:
     """Findings of a file, by its suffix: ``.drive.h5``, ``.map.h5``, ``.vehicle.toml`` and whatever has a schema.
 
-    Radar data are read block by block, so memory stays small. An empty list means that the file is as it should be.
+    An HDF5 file of another name is held against the schema that it names itself. Radar data are read block by block, so
+    memory stays small. An empty list means that the file is as it should be.
 
     Raises:
-        InputError: the file's name ends in none of these suffixes.
+        InputError: the file's name ends in none of these suffixes, and it names no schema.
     """
     file = Path(path)
-    for suffix, check in _CHECKS.items():
-        if file.name.lower().endswith(suffix):
-            try:
-                return list(check(file))
-            except InputError as error:
-                return [Finding(error.file, error.place, error.expected, error.found)]
-    raise InputError(path, "file name", "a suffix among " + ", ".join(_CHECKS), repr(file.name))
+    named = file.name.lower()
+    suffix = next((each for each in _CHECKS if named.endswith(each)), None) or _suffix_by_schema(file)
+    if suffix is None:
+        raise InputError(path, "file name", "a suffix among " + ", ".join(_CHECKS), repr(file.name))
+    try:
+        return list(_CHECKS[suffix](file))
+    except InputError as error:
+        return [Finding(error.file, error.place, error.expected, error.found)]
+
+
+def _suffix_by_schema(file: Path) -> str | None:
+    """The suffix that an HDF5 file should have, by the schema that it names; None where it is none of ours."""
+    if not (file.is_file() and h5py.is_hdf5(file)):
+        return None
+    try:
+        with open_store(file) as store:
+            named = str(attribute_of(store, "schema"))
+    except (InputError, *DAMAGE):
+        return None
+    suffix = f".{named.removeprefix('lgprjax.')}.h5"
+    return suffix if suffix in _CHECKS else None
 
 
 def _check_store(schema: Schema) -> Callable[[Path], Iterator[Finding]]:

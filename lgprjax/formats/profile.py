@@ -73,6 +73,8 @@ def read_bytes(path: Path) -> bytes:
 
 def companion(path: Path, suffix: str) -> Path:
     """The file of the same name with another suffix, written in whatever case. Raises ``InputError`` without one."""
+    if not path.is_file():
+        raise InputError(path, "file", "a readable file", "a folder" if path.is_dir() else "no such file")
     try:
         for candidate in sorted(path.parent.iterdir()):
             if candidate.stem == path.stem and candidate.suffix.lower() == suffix:

@@ -211,6 +211,9 @@ def read_config(path: str | Path) -> RuntimeConfig:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"]) or "map, routes, coverage"
-        expected = first["msg"].removeprefix("Value error, ")
-        found = ", ".join(table) if not first["loc"] else repr(first["input"])[:60]
+        expected, found = {
+            "missing": ("a value", "none"),
+            "extra_forbidden": ("a key that there is", "an unknown key"),
+        }.get(first["type"], (first["msg"].removeprefix("Value error, "), repr(first["input"])[:60]))
+        found = found if first["loc"] else ", ".join(table)
         raise InputError(file, place, expected, found) from None

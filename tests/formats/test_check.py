@@ -105,6 +105,18 @@ def test_unknown_suffix(tmp_path: Path) -> None:
         check_file(tmp_path / "a.sgy")
 
 
+def test_a_file_of_another_name_is_what_it_says_that_it_is(tmp_path: Path) -> None:
+    path = write_drive(tmp_path / "a.drive.h5").rename(tmp_path / "mine.h5")
+    assert check_file(path) == []
+    with h5py.File(path, "r+") as store:
+        del store["odometry"]
+    assert check_file(path)[0].file == str(path)
+    with h5py.File(path, "r+") as store:
+        store.attrs["schema"] = "somebody.else"
+    with pytest.raises(InputError, match="file name: expected a suffix among"):
+        check_file(path)
+
+
 @pytest.mark.parametrize("precision", ["full", "standard"])
 def test_good_map_has_no_findings(tmp_path: Path, precision: str) -> None:
     write_made_map(tmp_path / "a.map.h5", MAP_PRECISIONS[precision], stations=300)

@@ -171,7 +171,6 @@ def _lonely(name: str) -> Callable[[Path], Path]:
 _DATA = _TRACES.astype("<i4").tobytes()
 _NAN = np.float32(np.nan).tobytes()
 _BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
-    "dt1 missing": (lambda folder: write_dt1(folder / "a.DT1", _TRACES).with_name("b.DT1"), "b.hd beside it"),
     "dt1 without header": (_lonely("a.DT1"), "header file: expected a.hd beside it, found none"),
     "dt1 count": (
         _dt1(NUMBER_OF_TRACES=5),
@@ -209,6 +208,7 @@ _BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
         _dzt(dzt_header(word=2, channels=2) + dzt_header(word=2, channels=2, range_ns=9.0) + _DATA),
         "header of channel 1, range_ns: expected 4.0 as in channel 0, found 9.0",
     ),
+    "no such file": (lambda folder: folder / "a.dt1", "file: expected a readable file, found no such file"),
     "mala without header": (_lonely("a.rd3"), "header file: expected a.rad beside it, found none"),
     "mala count": (_mala(LAST_TRACE=9), "expected 9 traces of 8 samples as a.rad says, found 64 bytes (4 traces)"),
     "mala samples": (_mala(SAMPLES=7, TIMEWINDOW=1.4), "(4.57143 traces)"),

@@ -69,7 +69,7 @@ def test_a_missing_map_and_a_vehicle_without_its_numbers_are_refused(folder: Pat
 @pytest.mark.parametrize(
     ("old", "new", "place"),
     [
-        ("name =", "nome =", "name"),
+        ("name =", "nome =", "name: expected a value, found none"),
         ("gnss_delay_s = 0.03", "gnss_delay_s = -1.0", "gnss_delay_s"),
         ("gnss_delay_s = 0.03", 'gnss_delay_s = "soon"', "gnss_delay_s"),
         ("[recording]", "[recordings]", "recordings"),
