@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from lgprjax.errors import InputError
+from lgprjax.files import is_at
 
 
 @contextmanager
@@ -71,13 +72,6 @@ def _hold(lock: Path, target: Path) -> int:
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, str(os.getpid()).encode(), 0)
     return descriptor
-
-
-def is_at(path: Path, descriptor: int) -> bool:
-    """Whether the file that was opened is still the one of that name."""
-    with suppress(FileNotFoundError):
-        return path.stat().st_ino == os.fstat(descriptor).st_ino
-    return False
 
 
 def _clear_remains(target: Path) -> None:

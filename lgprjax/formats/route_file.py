@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+from lgprjax.files import load_toml
 from lgprjax.formats.atomic import atomic_output
 from lgprjax.formats.findings import Finding, check_version, key_findings
 from lgprjax.formats.schema import load_schema
-from lgprjax.formats.toml_file import load_toml
 
 _SCHEMA = load_schema("route")
 _DIGITS = 64

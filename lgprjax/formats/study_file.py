@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lgprjax.errors import InputError
-from lgprjax.formats.toml_file import load_toml
+from lgprjax.files import load_toml
 
 Kind = Literal[
     "straight", "encoder", "wheel_angle", "rear_ratio", "yaw_gain", "servo", "pedals", "look_ahead", "fusion"

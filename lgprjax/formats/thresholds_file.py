@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 
 from lgprjax.errors import InputError
+from lgprjax.files import load_toml
 from lgprjax.formats.atomic import atomic_output
-from lgprjax.formats.toml_file import load_toml
 
 _SCHEMA = "lgprjax.thresholds"
 _NAMES = ("strength", "strength_by_chance", "margin", "margin_by_chance", "overlap", "sigma_scale")

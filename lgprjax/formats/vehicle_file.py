@@ -10,10 +10,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from lgprjax.errors import InputError
+from lgprjax.files import load_toml
 from lgprjax.formats.atomic import atomic_output
 from lgprjax.formats.findings import Finding, check_scalar, check_version, expected_scalar
 from lgprjax.formats.schema import Entry, load_schema
-from lgprjax.formats.toml_file import load_toml
 from lgprjax.formats.vehicle_model import VehicleFile
 from lgprjax.formats.vehicle_rules import BrokenRuleError, flat_keys
 

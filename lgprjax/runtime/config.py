@@ -6,7 +6,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from lgprjax.errors import InputError
-from lgprjax.formats.toml_file import load_toml
+from lgprjax.files import load_toml
 
 
 class _Table(BaseModel):

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from lgprjax.errors import InputError
-from lgprjax.formats.map_lock import is_at
+from lgprjax.files import is_at
 from lgprjax.runtime.config import RuntimeConfig
 
 SHARED_MEMORY = Path("/dev/shm")

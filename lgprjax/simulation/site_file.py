@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from lgprjax.errors import InputError
-from lgprjax.formats.toml_file import load_toml
+from lgprjax.files import load_toml
 from lgprjax.scene import (
     NO_FAULTS,
     WEATHER,

@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from lgprjax.formats.toml_file import load_toml
+from lgprjax.files import load_toml
 from lgprjax.frames import LocalFrame
 from lgprjax.scene.calibrated_fixes import calibrated_fixes
 from lgprjax.scene.fix_errors import FixErrors

@@ -1,6 +1,8 @@
-"""TOML files as tables; what is none is one line."""
+"""Files as every room meets them. Nothing heavy is imported: the supervisor of the runtime does not compute."""
 
+import os
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,3 +21,10 @@ def load_toml(path: str | Path) -> dict[str, Any]:
         raise InputError(path, "file", "a readable file", error.strerror or str(error)) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(path, "file", "TOML", str(error)) from None
+
+
+def is_at(path: Path, descriptor: int) -> bool:
+    """Whether the file that was opened is still the one of that name."""
+    with suppress(FileNotFoundError):
+        return path.stat().st_ino == os.fstat(descriptor).st_ino
+    return False
