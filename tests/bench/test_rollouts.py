@@ -106,6 +106,7 @@ def test_problem_comes_back_and_is_the_same_from_the_same_seed(tmp_path: Path) -
     assert float(path.length_m) > 10 * 0.05 * 5.0
 
 
+@pytest.mark.campaign
 def test_every_program_ends_where_the_others_do(tmp_path: Path) -> None:
     heard: list[str] = []
     outcome = run_rollouts(TINY, tmp_path, heard.append)

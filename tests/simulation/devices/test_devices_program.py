@@ -49,6 +49,7 @@ def _statuses(data: bytes) -> list[Status]:
     return [read_status(data[at : at + size]) for at in range(first, len(data) - size + 1, size)]
 
 
+@pytest.mark.campaign
 def test_a_host_finds_its_devices(tmp_path: Path) -> None:
     course = make_course(_COURSE, tmp_path)
     database = tmp_path / "course.map.h5"
