@@ -161,6 +161,10 @@ def test_connections_that_say_nothing(tmp_path: Path) -> None:
         # Who was there before goes on being told, ten times a second. What is too much goes within the next moments.
         for _ in range(5):
             viewer.recv(2.0)
+        # On a busy machine the server itself comes late to it, but not as late as their lives end.
+        while open_files(served) > before + MOST_CONNECTIONS + 2:
+            assert time.monotonic() - begun_s < 0.5 * HTTP_LIFE_S
+            viewer.recv(2.0)
         while open_files(served) > before + 1:
             assert open_files(served) <= before + MOST_CONNECTIONS + 2
             assert time.monotonic() - begun_s < HTTP_LIFE_S + 5.0
