@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from rich.table import Table
+from rich.text import Text
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.errors import UsageError, require_files
@@ -73,7 +74,7 @@ def _measure(path: Path) -> "DriveHealth":
     for entry in health.figures:
         value = f"{0.0 if abs(entry.value) < 1e-6 else entry.value:.3g} {entry.unit}".strip()
         limits = f"{entry.look:g} / {entry.bad:g}"
-        verdict = f"[{_VERDICT_STYLE[entry.verdict]}]{entry.verdict}[/]"
+        verdict = Text(entry.verdict, _VERDICT_STYLE[entry.verdict])
         table.add_row(entry.name, value, limits, verdict, _where(entry.where))
     console.print(table)
     for entry in health.figures:

@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rich.table import Table
+from rich.text import Text
 
 from lgprjax.cli.progress import console, working
 
@@ -29,7 +30,7 @@ class Doctor:
             findings = [*look_at_packages(), *look_at_machine()]
         table = Table("what", "found", "verdict")
         for finding in findings:
-            table.add_row(finding.name, finding.found, f"[{_STYLE[finding.verdict]}]{finding.verdict}[/]")
+            table.add_row(finding.name, finding.found, Text(finding.verdict, _STYLE[finding.verdict]))
         console.print(table)
         for finding in findings:
             if finding.advice:

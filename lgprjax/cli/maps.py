@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 import tyro
 from rich.table import Table
+from rich.text import Text
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.errors import UsageError, require_files
@@ -114,7 +115,7 @@ def _print_health(path: Path, health: "MapHealth") -> None:
     title = f"{path.name}: {health.length_m:.0f} m of route, {health.baselines} baselines"
     table = Table("finding", "value", "look / bad at", "verdict", "where along the route", title=title)
     for finding in health.findings:
-        verdict = f"[{_VERDICT_STYLE[finding.verdict]}]{finding.verdict}[/]"
+        verdict = Text(finding.verdict, _VERDICT_STYLE[finding.verdict])
         limits = f"{finding.look:g} / {finding.bad:g}"
         value = f"{finding.value:.3g} {finding.unit}".strip()
         table.add_row(finding.kind, value, limits, verdict, _where(finding.where))

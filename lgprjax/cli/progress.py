@@ -6,7 +6,8 @@ from contextlib import AbstractContextManager, contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-console = Console()
+# Names of files and extras may hold brackets: none of what is printed is markup.
+console = Console(markup=False)
 
 
 @contextmanager

@@ -44,6 +44,15 @@ def test_an_extra_is_there_absent_or_of_the_wrong_version() -> None:
     assert health_of_packages._extra("onboard", [Requirement("numpy<1")]).verdict == "look"
 
 
+def test_names_in_brackets_are_shown(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    found = [Finding("[onboard]", "[/lost] of [these]", "absent")]
+    monkeypatch.setattr(health_of_packages, "look_at_packages", lambda: found)
+    assert Doctor().run() == 0
+    told = capsys.readouterr().out
+    assert "[onboard]" in told
+    assert "[/lost] of [these]" in told
+
+
 def test_every_extra_says_what_it_is_for() -> None:
     try:
         extras = metadata.metadata("lgprjax").get_all("Provides-Extra") or []

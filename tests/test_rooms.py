@@ -1,0 +1,59 @@
+"""The rooms of the package: arrows between them go one way, and numeric rooms know no files, ports or pictures."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+_PACKAGE = Path(__file__).parents[1] / "lgprjax"
+_NUMERIC = ("autopilot", "coverage", "navigation", "pso", "radar", "registration", "scene", "subsurface", "vehicle")
+# What only the host may do, by the module that does it.
+_OF_THE_HOST = {"h5py", "matplotlib", "pandas", "serial", "socket", "subprocess", "tomllib", "time", "datetime"}
+
+
+def _imports() -> dict[str, set[str]]:
+    """Modules that the files of each room import, at whatever depth; not those for types only."""
+    found: dict[str, set[str]] = {}
+    for path in _PACKAGE.rglob("*.py"):
+        parts = path.relative_to(_PACKAGE).parts
+        room = parts[0] if len(parts) > 1 else path.stem
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for_types = {
+            inner
+            for node in ast.walk(tree)
+            if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+            for inner in ast.walk(node)
+        }
+        for node in ast.walk(tree):
+            if node in for_types:
+                continue
+            if isinstance(node, ast.ImportFrom) and node.module:
+                found.setdefault(room, set()).add(node.module)
+            elif isinstance(node, ast.Import):
+                found.setdefault(room, set()).update(name.name for name in node.names)
+    return found
+
+
+def _arrows() -> dict[str, set[str]]:
+    return {
+        room: {name.split(".")[1] for name in names if name.startswith("lgprjax.")} - {room}
+        for room, names in _imports().items()
+    }
+
+
+def test_no_way_leads_from_a_room_back_to_it() -> None:
+    arrows = _arrows()
+    assert arrows["registration"] >= {"pso", "radar"}
+    for room in arrows:
+        reached, ahead = set[str](), set(arrows[room])
+        while ahead:
+            reached |= ahead
+            ahead = {far for near in ahead for far in arrows.get(near, set())} - reached
+        assert room not in reached
+
+
+@pytest.mark.parametrize("room", _NUMERIC)
+def test_a_numeric_room_knows_nothing_of_the_host(room: str) -> None:
+    outside = {name.split(".")[0] for name in _imports()[room]}
+    assert not outside & _OF_THE_HOST
+    assert _arrows()[room] <= {*_NUMERIC, "errors", "frames", "machine"}
