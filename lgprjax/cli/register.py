@@ -24,6 +24,8 @@ if TYPE_CHECKING:
         Section,
     )
 
+_FEW = 0.1
+
 
 @dataclass(frozen=True)
 class Register:
@@ -84,6 +86,7 @@ class Register:
         results = register_all(self.map, self.drives, self.output, options, force=self.force)
         summaries = [summary for _, summary, _ in results]
         console.print(summary_table(summaries))
+        _advise(summaries)
         write_page(results, self.output, "Registration", force=self.force, options=options)
         if self.json is not None:
             write_figures(self.json, [summary.as_json() for summary in summaries], force=self.force)
@@ -149,6 +152,17 @@ def register_all(
                 results.append((result, summary, drive_section(result, summary, figures)))
     write_figures(folder / "summary.json", [summary.as_json() for _, summary, _ in results], force=force)
     return results
+
+
+def _advise(summaries: "Sequence[DriveSummary]") -> None:
+    """What to look at where hardly a scan was located."""
+    few = [summary.name for summary in summaries if (summary.ok_fraction or 0.0) < _FEW]
+    if few:
+        told = (
+            f"few scans of {', '.join(few)} are ok: is it the map's ground, and --search-m no smaller than GNSS may be "
+            "wrong? Windows find more (--window-m 2); lgprjax check --health looks at the drive"
+        )
+        console.print(told, highlight=False, soft_wrap=True)
 
 
 def _print_rungs(name: str, rung: np.ndarray) -> None:

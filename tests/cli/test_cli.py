@@ -205,6 +205,7 @@ def test_register_writes_what_it_promises(
     assert run("register", site.map, short, "-o", folder, "--json", tmp_path / "figures.json") == 0
     told = capsys.readouterr().out
     assert "report.html" in told
+    assert "few scans" not in told
     assert listing(folder) == {
         "short.fixes.csv",
         "short.fixes.h5",

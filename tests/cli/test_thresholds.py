@@ -46,10 +46,11 @@ def test_the_file_says_what_it_was_found_on(site: Site, calibrated: Path) -> Non
     assert 0.2 < held["thresholds"]["sigma_scale"] < 3.0
 
 
-def test_register_uses_it(site: Site, calibrated: Path, tmp_path: Path) -> None:
+def test_register_uses_it(site: Site, calibrated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     drives = (site.logs["live"], site.logs["impostor"])
     status = run("register", site.map, *drives, "-o", tmp_path, "--window-m", 1, "--thresholds", calibrated)
     assert status == 0
+    assert "few scans of impostor are ok: is it the map's ground" in capsys.readouterr().out
     live, impostor = (pd.read_csv(tmp_path / f"{name}.fixes.csv") for name in ("live", "impostor"))
     tried = live["code"] != "no_window"
     assert (live["code"][tried] == "ok").mean() > 0.9
