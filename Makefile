@@ -8,7 +8,7 @@ SOURCES := pyproject.toml constraints.txt README.md LICENSE $(shell find lgprjax
 # gprMax (GPL) is an outside program in an environment of its own. Its wheels are for Python 3.11 to 3.13.
 GPRMAX := .venv-gprmax
 
-.PHONY: demo test lint types docs campaign gprmax mutants clean
+.PHONY: demo test lint types docs campaign coverage gprmax mutants clean
 
 demo: $(VENV)/.wheel
 	$(BIN)/lgprjax demo --output out/demo
@@ -32,6 +32,16 @@ mutants: $(VENV)/.test
 	&& cosmic-ray init $(CURDIR)/tests/autopilot/mutants.toml limiter.sqlite \
 	&& cosmic-ray exec $(CURDIR)/tests/autopilot/mutants.toml limiter.sqlite \
 	&& cr-report limiter.sqlite | tail -3 && cr-rate --fail-over 0 limiter.sqlite
+
+# Branches of the numeric rooms, by their own tests and by those that drive them as a whole. A quarter of an hour.
+ROOMS := autopilot coverage navigation pso radar registration subsurface vehicle
+coverage: $(VENV)/.test
+	$(PIP) install --constraint constraints.txt coverage
+	mkdir -p build
+	LGPRJAX_TEST_CACHE="$(CURDIR)/build/test-cache" $(BIN)/coverage run --branch --data-file=build/coverage \
+	  --include="$$(printf '*/lgprjax/%s/*,' $(ROOMS))" -m pytest -q $(addprefix tests/,$(ROOMS)) tests/archive \
+	  tests/simulation tests/runtime/test_on_board.py tests/runtime/test_field.py
+	$(BIN)/coverage report --data-file=build/coverage --skip-covered --sort=cover --fail-under=95
 
 lint: $(VENV)/.lint
 	$(BIN)/ruff check .
