@@ -114,8 +114,10 @@ def _cell(text: str) -> str:
 
 def _figure(figure: ReportFigure) -> str:
     data = base64.b64encode(figure.path.read_bytes()).decode("ascii")
+    # A click, or the space bar, shows the picture twice as wide, to be scrolled; without a script.
     return (
-        f'<figure><div class="wide"><img src="data:image/png;base64,{data}" alt="{escape(figure.alt)}"></div>'
+        '<figure><label class="wide"><input type="checkbox" aria-label="larger">'
+        f'<img src="data:image/png;base64,{data}" alt="{escape(figure.alt)}"></label>'
         f"<figcaption>{escape(figure.caption)}</figcaption></figure>\n"
     )
 
@@ -140,13 +142,18 @@ th[scope="row"] { font-weight: 500; }
 thead th { color: var(--soft); font-weight: 600; vertical-align: bottom; }
 caption { caption-side: bottom; text-align: left; color: var(--soft); padding-top: 0.4rem; }
 figure { margin: 1.5rem 0; }
+label { display: block; position: relative; }
+label input { position: absolute; opacity: 0; }
+label input + img { cursor: zoom-in; }
+label input:checked + img { width: 200%; min-width: 80rem; cursor: zoom-out; }
+label input:focus-visible + img { outline: 3px solid var(--link); }
 img { width: 100%; min-width: 40rem; height: auto; display: block; background: #fff; border-radius: 4px; }
 figcaption { color: var(--soft); font-size: 0.92rem; max-width: 48rem; padding-top: 0.4rem; }
 @media print {
   :root { --ink: #000; --soft: #333; --ground: #fff; --line: #999; --link: #000; }
   body { font-size: 10pt; }
   main { max-width: none; padding: 0; }
-  img { min-width: 0; }
+  img, label input:checked + img { width: 100%; min-width: 0; }
   nav { display: none; }
   figure, tr { break-inside: avoid; }
   h2 { break-after: avoid; }

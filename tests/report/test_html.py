@@ -19,7 +19,7 @@ from lgprjax.report import (
 )
 from report.synthetic import correlation_surface, declined_drive, straight_drive, without_truth
 
-VOID = {"meta", "img", "br", "link"}
+VOID = {"meta", "img", "br", "link", "input"}
 
 
 class Page(HTMLParser):
@@ -77,6 +77,8 @@ def test_page_holds_every_figure_and_table(tmp_path: Path, picture: Path) -> Non
         scheme, data = (image["src"] or "").split(",")
         assert scheme == "data:image/png;base64"
         assert base64.b64decode(data) == picture.read_bytes()
+    # Each can be looked at more closely, also by the keyboard.
+    assert page.tags.count("input") == page.tags.count("label") == 6
     assert page.tags.count("table") == 4
     assert page.tags.count("figcaption") == 6
     assert {link.removeprefix("#") for link in page.links} <= page.ids
