@@ -5,6 +5,7 @@ import signal
 import threading
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +18,8 @@ from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
     from lgprjax.runtime.config import RuntimeConfig
+
+_PACKAGES = ("pynmeagps", "pyubx2", "starlette", "uvicorn", "websockets")
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,7 @@ class Run:
         if self.json is not None and self.json.exists() and not self.force:
             raise InputError(self.json, "output", "a new file, or --force", "the file exists")
         config = read_config(self.config)
+        _require_packages()
         if self.preflight:
             return _preflight(config)
         if self.replay is not None:
@@ -86,7 +90,7 @@ class Run:
         from lgprjax.cli.simulated_field import field_figures, field_spec, prepare_field
         from lgprjax.cli.simulated_run import figures_of, print_figures
         from lgprjax.report import draw_timing
-        from lgprjax.runtime.config import PortsTable, PortTable
+        from lgprjax.runtime.config import PortsTable, PortTable, read_config
         from lgprjax.runtime.config_text import write_config
 
         table = config.simulation
@@ -102,8 +106,6 @@ class Run:
             ports = PortsTable(**{name: PortTable(url=url) for name, url in addresses.items()})
             file = folder / "simulated.run.toml"
             write_config(file, config.model_copy(update={"ports": ports}))
-            from lgprjax.runtime.config import read_config
-
             driven = read_config(file)
             status = _drive(driven, folder, self.for_s)
         with working("figures"):
@@ -117,6 +119,14 @@ class Run:
         if self.json is not None:
             write_figures(self.json, figures, force=self.force)
         return status
+
+
+def _require_packages() -> None:
+    """Raise ``InputError`` before anything is started where a package of the runtime is missing."""
+    missing = [name for name in _PACKAGES if find_spec(name) is None]
+    if missing:
+        extra = 'the packages of the extra onboard (pip install "lgprjax[onboard]")'
+        raise InputError("lgprjax run", "packages", extra, f"no {', '.join(missing)}")
 
 
 def run_folder(config: "RuntimeConfig") -> Path:

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from lgprjax.cli import main
 from lgprjax.formats import VehicleLog, read_run
 from lgprjax.process_cost import count_compiles
 from lgprjax.runtime.records import Kind, unpack
@@ -122,3 +123,15 @@ def test_a_configuration_that_is_not_there_is_one_line() -> None:
         done.stderr.strip()
         == "lgprjax: nowhere.run.toml: file: expected a readable file, found No such file or directory"
     )
+
+
+def test_packages_that_are_missing_are_one_line_before_anything_starts(
+    course: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = sorted(course.parent.iterdir())
+    monkeypatch.setitem(sys.modules, "pyubx2", None)
+    with pytest.raises(SystemExit) as stopped:
+        main(["run", str(course), "--simulate"])
+    assert stopped.value.code == 1
+    assert 'pip install "lgprjax[onboard]"), found no pyubx2' in capsys.readouterr().err
+    assert sorted(course.parent.iterdir()) == before
