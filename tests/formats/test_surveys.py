@@ -155,7 +155,7 @@ def test_bad_surveys_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
         ([first, first], {"line_spacing_m": 0.0}, "line spacing: expected a length above zero, found 0 m"),
         ([first, first], {"length_m": -3.0}, "line length: expected a length above zero, found -3 m"),
         ([first, first], {"reversed_lines": [2]}, "reversed lines: expected numbers from 0 to 1, found 2"),
-        ([tmp_path / "none.DT1"], {}, "none.DT1: header file: expected none.hd beside it, found none"),
+        ([tmp_path / "none.DT1"], {}, "none.DT1: file: expected a readable file, found no such file"),
     ]
     before = sorted(tmp_path.iterdir())
     for paths, options, words in cases:
