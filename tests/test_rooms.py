@@ -1,6 +1,7 @@
 """The rooms of the package: arrows between them go one way, and numeric rooms know no files, ports or pictures."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ _NUMERIC = ("autopilot", "coverage", "navigation", "pso", "radar", "registration
 _OF_THE_HOST = {"h5py", "matplotlib", "pandas", "serial", "socket", "subprocess", "tomllib", "time", "datetime"}
 
 
+@cache
 def _imports() -> dict[str, set[str]]:
     """Modules that the files of each room import, at whatever depth; not those for types only."""
     found: dict[str, set[str]] = {}

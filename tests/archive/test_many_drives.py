@@ -153,7 +153,7 @@ def test_ctrl_c_keeps_what_is_done(short: Short, tmp_path: Path) -> None:
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=30.0)
-    assert process.returncode == 130
+    assert process.returncode == 130, said.decode()
     assert said.decode().strip().splitlines()[-1] == "lgprjax: interrupted; unfinished outputs were removed"
     done = read_records(out)
     assert 2 <= len(done) < DRIVES

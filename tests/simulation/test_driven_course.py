@@ -43,7 +43,7 @@ def _drive(folder: Path, spec: OffRoad, seed: int) -> tuple[DrivenCourse, dict[s
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[DrivenCourse, dict[str, float], float]:
-    return _drive(tmp_path_factory.mktemp("course"), OffRoad(7, 45.0, scan_share=3), 11)
+    return _drive(tmp_path_factory.mktemp("course"), OffRoad(7, 32.0, scan_share=3), 11)
 
 
 def test_it_arrives_within_decimetres(short: tuple[DrivenCourse, dict[str, float], float]) -> None:
