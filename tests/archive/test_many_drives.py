@@ -149,14 +149,15 @@ def test_ctrl_c_keeps_what_is_done(short: Short, tmp_path: Path) -> None:
     root = {"PYTHONPATH": str(Path(lgprjax.__file__).parents[1])}
     process = subprocess.Popen([str(word) for word in command], env={**os.environ, **root}, stderr=subprocess.PIPE)
     until = time.monotonic() + 120.0
-    while len(list(out.glob("jobs/*.json"))) < 2 and time.monotonic() < until:
+    # As soon as there is a record: the others take a second or two, and a busy machine may come late to this line.
+    while not list(out.glob("jobs/*.json")) and time.monotonic() < until:
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=30.0)
     assert process.returncode == 130, said.decode()
     assert said.decode().strip().splitlines()[-1] == "lgprjax: interrupted; unfinished outputs were removed"
     done = read_records(out)
-    assert 2 <= len(done) < DRIVES
+    assert 1 <= len(done) < DRIVES
     assert not list(out.rglob("*.partial*"))
     names = [path.name.removesuffix(".drive.h5") for path in short.drives]
     run = run_in(short, out)
