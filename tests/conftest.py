@@ -1,6 +1,7 @@
 """Settings of every test: the shipped float32, no silent broadcasting, no silent promotion."""
 
 import os
+import signal
 from pathlib import Path
 
 import jax
@@ -9,6 +10,8 @@ import pytest
 from generated import Site, make_site
 from trench_site import TrenchSite, make_trench_site
 
+# A shell that starts the tests in the background has them, and what they start, ignore Ctrl-C; some of them press it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 # An optimisation only; the suite passes without it. The workers of a run, and the programs that tests start, need not
