@@ -34,7 +34,7 @@ mutants: $(VENV)/.test
 	&& cr-report limiter.sqlite | tail -3 && cr-rate --fail-over 0 limiter.sqlite
 
 # Branches of the numeric rooms, by their own tests and by those that drive them as a whole. A quarter of an hour.
-ROOMS := autopilot coverage navigation pso radar registration subsurface vehicle
+ROOMS := autopilot coverage navigation pso radar registration scene subsurface vehicle
 coverage: $(VENV)/.test
 	$(PIP) install --constraint constraints.txt coverage
 	mkdir -p build

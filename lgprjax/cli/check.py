@@ -26,7 +26,8 @@ class Check:
         Positional[tuple[Path, ...]],
         arg(
             metavar="FILE...",
-            help=".drive.h5, .map.h5, .fixes.h5, .fixes.csv, .vehicle.toml, .cover.geojson, .worked.h5",
+            help=".drive.h5, .map.h5, .fixes.h5, .fixes.csv, .route.toml, .vehicle.toml, .cover.geojson, .worked.h5; "
+            "HDF5 of any other name by the schema that it names",
         ),
     ]
     health: bool = False

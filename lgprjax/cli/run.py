@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.util import find_spec
@@ -19,7 +20,7 @@ from lgprjax.errors import InputError
 if TYPE_CHECKING:
     from lgprjax.runtime.config import RuntimeConfig
 
-_PACKAGES = ("pynmeagps", "pyubx2", "starlette", "uvicorn", "websockets")
+_RECEIVERS, _PAGE = ("pynmeagps", "pyubx2"), ("starlette", "uvicorn", "websockets")
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,8 @@ class Run:
         if self.json is not None and self.json.exists() and not self.force:
             raise InputError(self.json, "output", "a new file, or --force", "the file exists")
         config = read_config(self.config)
-        _require_packages()
+        # A replay shows no page.
+        _require_packages(_RECEIVERS if self.replay is not None else _RECEIVERS + _PAGE)
         if self.preflight:
             return _preflight(config)
         if self.replay is not None:
@@ -121,9 +123,9 @@ class Run:
         return status
 
 
-def _require_packages() -> None:
+def _require_packages(needed: Sequence[str]) -> None:
     """Raise ``InputError`` before anything is started where a package of the runtime is missing."""
-    missing = [name for name in _PACKAGES if find_spec(name) is None]
+    missing = [name for name in needed if find_spec(name) is None]
     if missing:
         extra = 'the packages of the extra onboard (pip install "lgprjax[onboard]")'
         raise InputError("lgprjax run", "packages", extra, f"no {', '.join(missing)}")

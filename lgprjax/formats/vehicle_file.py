@@ -27,7 +27,7 @@ def read_vehicle(path: str | Path) -> VehicleFile:
         InputError: the file is missing, no TOML or of a newer major version; a key is unknown, missing, of a wrong
             type or out of its range; numbers contradict each other.
     """
-    table = load_toml(Path(path))
+    table = load_toml(path)
     for finding in table_problems(path, table):
         raise finding.error()
     return VehicleFile.model_validate(_tables(table))
