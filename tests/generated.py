@@ -1,11 +1,19 @@
 """The generated site of the tests: drives, map and registrations, made once a session in float32 as shipped."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from lgprjax.archive import RegisteredDrive, build_map, register_log
+from lgprjax.archive.depth_levels import live_operators
+from lgprjax.archive.held_ground import HeldGround
+from lgprjax.archive.recordings import recording_of
+from lgprjax.archive.registering import true_poses
+from lgprjax.archive.tracks import track_of_drive
 from lgprjax.formats import DriveLog, MapFile
-from lgprjax.registration import RegisterOptions
+from lgprjax.registration import Fix, LiveBlock, RegisterOptions, Registration, Track
 from lgprjax.simulation import demo_site, write_drives
 
 
@@ -17,6 +25,25 @@ class Site(NamedTuple):
     map: Path
 
 
+class Replay(NamedTuple):
+    """A drive as it was fed, and what came of it."""
+
+    block: LiveBlock
+    fix: Fix
+    time_scale: np.ndarray
+
+    @property
+    def ok(self) -> np.ndarray:
+        """Scans with a fix."""
+        return np.asarray(self.fix.code == 0)
+
+    @property
+    def off_m(self) -> np.ndarray:
+        """Distance of each fix from the truth."""
+        assert self.block.truth is not None
+        return np.asarray(np.hypot(*(self.fix.pose[:, :2] - self.block.truth[:, :2]).T))
+
+
 def make_site(folder: Path, seed: int, length_m: float) -> Site:
     """Render the drives of a site and build its map."""
     logs = write_drives(demo_site(seed, length_m), folder)
@@ -26,6 +53,62 @@ def make_site(folder: Path, seed: int, length_m: float) -> Site:
 
 
 def register_site(site: Site, name: str) -> RegisteredDrive:
-    """Register one of the site's drives with the default thresholds, prior wrong by a metre."""
+    """Register one of the site's drives by default, prior wrong by a metre."""
     with MapFile.open(site.map) as source, DriveLog.open(site.logs[name]) as log:
         return register_log(source, log, RegisterOptions(search_m=1.5))
+
+
+def scans_of(site: Site, name: str, scans: int | None = None) -> LiveBlock:
+    """A drive's scans, or its first ones, as one block with their truth."""
+    with MapFile.open(site.map) as source, DriveLog.open(site.logs[name]) as log:
+        frame = source.description.frame
+        track, truth = track_of_drive(log, frame).track, true_poses(log, frame)
+        parts = list(recording_of(log).blocks(512, 0))
+    assert truth is not None
+    whole = slice(0, scans)
+    traces, valid = (np.concatenate([part[n] for part in parts])[whole] for n in (1, 2))
+    return LiveBlock(traces, valid, Track(*(field[whole] for field in track)), truth[whole])
+
+
+def part_of(block: LiveBlock, chosen: slice | np.ndarray) -> LiveBlock:
+    """Some scans of a block."""
+    truth = None if block.truth is None else block.truth[chosen]
+    return LiveBlock(block.traces[chosen], block.valid[chosen], Track(*(f[chosen] for f in block.track)), truth)
+
+
+def replay(
+    site: Site,
+    block: LiveBlock,
+    options: RegisterOptions,
+    *,
+    block_scans: int = 512,
+    watch: Callable[[Registration], None] = lambda _: None,
+) -> Replay:
+    """Feed scans that were made from the site's live drive, some at a time.
+
+    Args:
+        site: whose map is searched, and whose live drive says how the scans were recorded.
+        block: the scans.
+        options: of the search.
+        block_scans: fed at a time.
+        watch: told after each feed.
+    """
+    with MapFile.open(site.map) as source, DriveLog.open(site.logs["live"]) as log:
+        held, array = HeldGround(source, options), log.description.array
+        operators = live_operators(source, log, track_of_drive(log, source.description.frame).track)
+        drive = Registration(
+            held.ground,
+            operators,
+            array,
+            options,
+            chance=held.chance,
+            recorded=block.traces.shape[2],
+            prepared=held.prepared_for(array),
+            block_scans=block_scans,
+        )
+        parts = []
+        for low in range(0, len(block.traces), block_scans):
+            parts.append(drive.feed(part_of(block, slice(low, low + block_scans))._replace(truth=None)))
+            watch(drive)
+    fix = Fix(*(np.concatenate(field) for field in zip(*(part.fix for part in parts), strict=True)))
+    return Replay(block, fix, np.concatenate([part.time_scale for part in parts]))

@@ -47,6 +47,8 @@ class OnboardLoop:
         config, loaded: of the run.
         script, faults: see ``simulation.devices``.
         fixes: none where there is no registration.
+        fix_wrong, fix_lost: by the time, how far east and north a fix is wrong, and whether there is none.
+        fix_match: correlation of every match, and its probability of being false; beyond the risk it is no fix.
 
     Attributes:
         rows: PLAN of every tick; times_ns: of them.
@@ -66,6 +68,7 @@ class OnboardLoop:
         fixes: bool = True,
         fix_wrong: Callable[[float], tuple[float, float]] = lambda _: (0.0, 0.0),
         fix_lost: Callable[[float], bool] = lambda _: False,
+        fix_match: tuple[float, float] = (0.8, 1e-9),
         seed: int = 1,
     ) -> None:
         spec = StageSpec(
@@ -74,7 +77,8 @@ class OnboardLoop:
         )  # fmt: skip
         self.stage = Stage(spec, world, Path("spec.json"), BEGIN_NS)
         self.core = ControlCore(config, loaded, session=77, after_death=False)
-        self._fixes, self._wrong, self._lost = fixes, fix_wrong, fix_lost
+        self._fixes, self._wrong, self._lost, self._match = fixes, fix_wrong, fix_lost, fix_match
+        self._risk = config.registration.risk
         self._rng = np.random.default_rng([seed, 5])
         self._slow = np.zeros(2)
         self._parsers = {line: FrameParser() for line in ("drive_by_wire", "controller")}
@@ -171,8 +175,11 @@ class OnboardLoop:
         off = self._slow + 0.01 * self._rng.normal(size=2) + np.array(self._wrong(self.time_s))
         lead = self.stage.world.laid.spec.array_x_m
         self._scan += 1
-        row["scan_ns"], row["scan"], row["code"] = self._now_ns, self._scan, int(Code.OK)
-        row["correlation"] = row["strength"] = 0.8
+        correlation, p_false = self._match
+        code = Code.OK if p_false <= self._risk else Code.LOW_CORRELATION
+        row["scan_ns"], row["scan"], row["code"] = self._now_ns, self._scan, int(code)
+        row["correlation"] = row["strength"] = correlation
+        row["p_false"] = p_false
         yaw = sample.yaw_rad + 0.004 * self._rng.normal()
         row["pose"] = (sample.x_m + cos * lead + off[0], sample.y_m + sin * lead + off[1], 0.3, yaw, 0.0)
         row["covariance"] = np.diag([0.01**2, 0.01**2, 0.01**2, 0.004**2, 0.01**2])

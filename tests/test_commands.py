@@ -40,7 +40,6 @@ ELSEWHERE = {
     r"map verify .*": "cli/test_health.py::test_map_verify_writes_tables_and_a_picture",
     r"register .*--(workers|scheduler) .*": "archive/test_many_drives.py::test_a_cluster_gives_the_same_bits",
     r"register --window-m 4": "test_commands.py::test_lines",
-    r"register --track": "test_commands.py::test_transfer",
     r"register --thresholds .*": "cli/test_thresholds.py::test_register_uses_it",
     r"thresholds .*": "cli/test_thresholds.py::test_the_file_says_what_it_was_found_on",
     r"route list MAP": "cli/test_route.py::test_routes_are_listed",
@@ -187,7 +186,7 @@ def test_field(here: Path) -> None:
 
 def test_transfer(here: Path, site: Site, short: Path) -> None:
     shutil.copyfile(short, here / "X.drive.h5")
-    assert run(f"lgprjax register {site.map} X.drive.h5 --track -o result") == 0
+    assert run(f"lgprjax register {site.map} X.drive.h5 -o result") == 0
     imported, exported = (each for each in shown_in_blocks(ROOT / HERE["transfer"][0]))
     assert run(exported) == 0
     (here / "X.mcap").rename("RECORDING.mcap")

@@ -3,6 +3,7 @@
 from lgprjax.archive.accuracy import DriveAccuracy, Labels, RelativeError, accuracy_of, labels_of, relative_error
 from lgprjax.archive.archive_folder import JobPlan, claimed, drive_name, note_failure, outputs_of, plan_jobs
 from lgprjax.archive.calibrating import Trials, thresholds_from, try_drives
+from lgprjax.archive.chance_cache import chance_of
 from lgprjax.archive.cover_figures import CoverFigures, LayerFigures, cover_figures
 from lgprjax.archive.cover_layers import cover_layers
 from lgprjax.archive.cover_plans import PlanFile, PlanOptions, make_cover_plan, open_cover_plan, save_cover_plan
@@ -10,6 +11,7 @@ from lgprjax.archive.cover_record import record_cover
 from lgprjax.archive.cover_runs import CoverRun, read_cover_run
 from lgprjax.archive.drive_health import DriveHealth, drive_health
 from lgprjax.archive.examples import FixExample, Strips, example_scan, fix_example
+from lgprjax.archive.held_ground import HeldGround, lattice_points
 from lgprjax.archive.job_key import ArchiveRun, FileStamp, Job, key_of_job, settings_of, stamp_of
 from lgprjax.archive.job_record import (
     CELL_M,
@@ -22,13 +24,13 @@ from lgprjax.archive.job_record import (
     read_records,
     write_record,
 )
-from lgprjax.archive.map_building import build_map, file_hash
+from lgprjax.archive.map_building import MEASURING, build_map, file_hash
 from lgprjax.archive.map_findings import MapFinding, RouteInterval
 from lgprjax.archive.map_health import MapHealth, verify_map
 from lgprjax.archive.map_survey import places_of
 from lgprjax.archive.map_update import UPDATE_PASSES, update_map
 from lgprjax.archive.recordings import SweepDrive, TraceDrive, recording_of
-from lgprjax.archive.registering import RegisteredDrive, passes_over, register_log, write_registered
+from lgprjax.archive.registering import RegisteredDrive, register_log, write_registered
 from lgprjax.archive.results_index import (
     ArchiveSums,
     BadPlace,
@@ -63,6 +65,7 @@ from lgprjax.archive.worker_pool import JobOutcome, WorkerPool
 
 __all__ = [
     "CELL_M",
+    "MEASURING",
     "UPDATE_PASSES",
     "ArchiveRun",
     "ArchiveSums",
@@ -78,6 +81,7 @@ __all__ = [
     "FileStamp",
     "FixExample",
     "HealthFigure",
+    "HeldGround",
     "Job",
     "JobCost",
     "JobOutcome",
@@ -108,6 +112,7 @@ __all__ = [
     "build_map",
     "carrot_of",
     "cell_sums",
+    "chance_of",
     "chassis_of",
     "claimed",
     "cover_figures",
@@ -121,13 +126,13 @@ __all__ = [
     "jobs_folder",
     "key_of_job",
     "labels_of",
+    "lattice_points",
     "lay_route",
     "make_cover_plan",
     "note_failure",
     "open_cover_plan",
     "open_route",
     "outputs_of",
-    "passes_over",
     "pattern_settings_of",
     "pedals_of",
     "places_of",

@@ -114,7 +114,7 @@ def _with_signal(
     low = differing(strength, usual_strength(strength, between)) & between
     if not low.any():
         return strength, between
-    ground = ground_map_for(source, RegisterOptions())
+    ground = ground_map_for(source, RegisterOptions(search_m=1.5))
     at = np.flatnonzero(low.any(axis=0))
     sure, out = between.copy(), strength.copy()
     sure[at] &= repeats_at(source, ground, places.station[at]) >= WEAK_REPEATS

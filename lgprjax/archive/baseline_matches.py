@@ -71,8 +71,8 @@ def plan_matches(source: MapFile) -> MatchPlan:
     """What to match: every place with passes that came by before, within three sigmas of two labels' difference."""
     apart_m = _SEARCH_SIGMAS * np.sqrt(2.0) * float(label_sigmas(source).max())
     options = RegisterOptions(search_m=float(np.clip(apart_m, *_SEARCH_M)))
-    passes = passes_of(source, array_width_m(source) + options.search_m)
-    return MatchPlan(options, passes, pairs_of(source, passes, options.search_m))
+    passes = passes_of(source, array_width_m(source) + options.search_half_m())
+    return MatchPlan(options, passes, pairs_of(source, passes, options.search_half_m()))
 
 
 def match_passes(source: MapFile, plan: MatchPlan, progress: Callable[[int], None] = lambda _: None) -> PassMatches:
@@ -173,7 +173,7 @@ class _PassGround:
         self._correction = correction
         self._labelled = SpatialIndex(source.pose[self._own, :2], 8.0)
         self._corrected = SpatialIndex(source.pose[self._own, :2] + correction[self._own, :2], 8.0)
-        self._reach_m = 4.0 * options.search_m + array_width_m(source)
+        self._reach_m = 4.0 * options.search_half_m() + array_width_m(source)
 
     def expected(self, station: Int[np.ndarray, " row"]) -> Float[np.ndarray, "row 5"]:
         """Where stations of other passes lie on this ground, by its labels, if both are corrected."""
@@ -190,7 +190,7 @@ class _PassGround:
 
     def tiles(self, pose: Float[np.ndarray, "row 5"]) -> Int[np.ndarray, " row"]:
         """Tile of each pose; -1 where the map does not reach."""
-        near = [self._ground.tile_near(point, self._options.search_m) for point in pose[:, :2]]
+        near = [self._ground.tile_near(point, self._options.search_half_m()) for point in pose[:, :2]]
         return np.array([-1 if number is None else number for number in near], np.int64)
 
     def match(

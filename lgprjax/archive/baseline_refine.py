@@ -9,7 +9,8 @@ from jaxtyping import Float, Int
 from lgprjax import __version__
 from lgprjax.archive.baseline_graph import AgreedBaselines, agree_baselines
 from lgprjax.archive.baseline_matches import MatchPlan, match_again, match_passes
-from lgprjax.archive.map_building import file_hash
+from lgprjax.archive.map_building import MEASURING, file_hash
+from lgprjax.archive.map_chance import measure_chance
 from lgprjax.formats import MapFile, MapWriter, copy_stations
 from lgprjax.subsurface import TilePlacer
 
@@ -23,6 +24,7 @@ def refine_map(
     *,
     force: bool = False,
     progress: Callable[[int], None] = lambda _: None,
+    stage: Callable[[str], None] = lambda _: None,
 ) -> AgreedBaselines:
     """Register a map's baselines on each other, make their labels consistent, and write the map they then make.
 
@@ -36,6 +38,7 @@ def refine_map(
         output: the new one.
         force: replace an output that exists.
         progress: told the number of matches done since the last call; each is done twice.
+        stage: told what is done after the last match.
 
     Raises:
         InputError: the output exists or cannot be written, or the map holds damage.
@@ -54,6 +57,8 @@ def refine_map(
             _provenance(source, digest, agreed),
             retired=source.retired,
         )
+        stage(MEASURING)
+        writer.add_chance(measure_chance)
     return agreed
 
 

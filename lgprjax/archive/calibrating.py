@@ -12,7 +12,7 @@ from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.registration import Outcomes, RegisterOptions, Thresholds, Track, calibrate, joined, outcomes_of
 
-_OPEN = Thresholds(strength=0.0, margin=0.0, margin_by_chance=0.0, overlap=0.8)
+_OPEN = Thresholds(strength_by_chance=0.0, margin_by_chance=0.0, overlap=0.8)
 _LEAST_RIGHT = 0.5
 _APART = 2.0
 """A false place lies at least this many search squares from the true one."""
@@ -40,7 +40,7 @@ def try_drives(
         source: the map.
         logs: drives over it.
         options: the search; its thresholds do not matter.
-        progress: told the number of scans done since the last call: of each drive ``passes_over`` it, and once more.
+        progress: told the number of scans done since the last call; every drive is gone through twice.
 
     Raises:
         InputError: a drive is too short to be led elsewhere, or does not lie on the map's ground.
@@ -59,7 +59,7 @@ def try_drives(
         true.append(outcomes)
         # Elsewhere the same time scale holds: finding one for ground that does not match would only be chance.
         known = RegisterOptions(**{**vars(search), "time_scale": _common_scale(own)})
-        apart_m = _APART * 2.0 * options.search_m + options.window_m
+        apart_m = _APART * 2.0 * options.search_half_m() + (options.window_m or 0.0)
         other = register_log(source, log, known, progress, partial(_elsewhere, log=log, apart_m=apart_m))
         false.append(_outcomes(other, log, led_astray=True))
     return Trials(joined(true), joined(false))
@@ -83,7 +83,7 @@ def _outcomes(drive: RegisteredDrive, log: DriveLog, *, led_astray: bool) -> Out
 
 
 def _common_scale(drive: RegisteredDrive) -> float:
-    return 1.0 if drive.time_scale is None else float(np.median(drive.time_scale))
+    return float(np.median(drive.time_scale))
 
 
 def _elsewhere(track: Track, *, log: DriveLog, apart_m: float) -> Track:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lgprjax.archive.motion_health import clock_figures, motion_figures
+from lgprjax.archive.motion_health import clock_figures, jump_figures, motion_figures
 from lgprjax.archive.radar_health import radar_figures
 from lgprjax.archive.signal_blocks import Recorded, SignalBlocks, SignalReducer, block_edges, regular_scans
 from lgprjax.archive.sweep_health import sweep_blocks, sweep_figures
@@ -85,6 +85,7 @@ def drive_health(log: DriveLog, progress: Callable[[int], None] = lambda _: None
         blocks, calibration = sweep_blocks(log, progress)
         figures += sweep_figures(blocks, calibration, time_s, path_m)
     signal, lacking = radar_figures(blocks, time_s, path_m)
+    figures += jump_figures(odometry, time_s, path_m)
     motion, unknown = motion_figures(log.description.navigation, odometry, time_s, path_m)
     return DriveHealth(
         name=log.description.name,

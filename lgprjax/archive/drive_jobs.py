@@ -40,7 +40,6 @@ class DriveJobs:
             if stamp_of(run.map_path) != run.map_stamp:
                 raise InputError(run.map_path, "file", "the file that the run began with", "one written since")
             self._held = HeldGround(self._source, run.options, tiles=HELD_TILES)
-            self._held.warm_up()
         except BaseException:
             self._source.close()
             raise

@@ -5,8 +5,8 @@ import numpy as np
 from jaxtyping import Float
 
 from lgprjax.archive.registering import RegisteredDrive
-from lgprjax.registration import RegisterOptions, Rules, SurfacePicture, SwarmView, Template, watch_finish
-from lgprjax.registration.integrity import independent_numbers
+from lgprjax.registration import RegisterOptions, SurfacePicture, SwarmView, Template, watch_finish
+from lgprjax.registration.integrity import MIN_OVERLAP, independent_numbers
 from lgprjax.subsurface import GroundMap, Tile
 
 
@@ -17,7 +17,6 @@ def swarm_about(
     prior: Float[np.ndarray, "5"],
     surface: SurfacePicture,
     drive: RegisteredDrive,
-    rules: Rules,
     options: RegisterOptions,
     scan: int,
 ) -> SwarmView | None:
@@ -32,7 +31,6 @@ def swarm_about(
         prior: along_m, cross_m, height_m above ground, yaw_rad, roll_rad in the tile's frame.
         surface: of the scan over the search region.
         drive: that the scan is of.
-        rules: of the drive's search.
         options: the search.
         scan: number in the drive.
     """
@@ -42,7 +40,7 @@ def swarm_about(
     i, j = np.unravel_index(int(np.nanargmax(surface.strength)), surface.strength.shape)
     whole = np.append(prior, 0.0)
     start = np.array([surface.along_m[i], surface.cross_m[j], *whole[2:]])
-    half_width = options.half_width(drive.track.sigma_yaw_rad[[scan]])[0]
+    half_width = options.half_width(drive.track.sigma_yaw_rad[[scan]], options.search_half_m(drive.track.sigma_m))[0]
 
     def single(values: Float[np.ndarray, "6"]) -> jnp.ndarray:
         return jnp.asarray(values, dtype=jnp.float32)
@@ -52,16 +50,15 @@ def swarm_about(
         tile,
         jnp.float32(ground.source.height_reference_m[tile_number]),
         ground.basis.angular_frequency_rad_per_ns,
-        rules.thresholds.overlap,
+        jnp.float32(MIN_OVERLAP),
         Template(*(field[0] for field in template)),
         single(start),
         single(whole),
         single(half_width),
         independent_numbers(jnp.float32(scatter)),
-        rules.free,
-        rules.seed,
-        # Of the first of the two summits that a scan has.
-        jnp.uint32(2 * scan),
+        jnp.asarray([True, True, True, template.valid.shape[1] > 1, drive.fix.overlap_channels.max() > 1, False]),
+        jnp.uint32(options.seed),
+        jnp.uint32(scan),
         config=options.swarm,
     )
     return SwarmView(*(np.asarray(field, np.float64) for field in view))

@@ -10,23 +10,25 @@ from lgprjax.archive.depth_levels import live_operators
 from lgprjax.archive.example_swarm import swarm_about
 from lgprjax.archive.registering import RegisteredDrive, live_blocks
 from lgprjax.formats import DriveLog, MapFile
-from lgprjax.radar import CoefficientBasis
+from lgprjax.radar import ArrayGeometry, CoefficientBasis
 from lgprjax.registration import (
     BLOCK_SCANS,
-    PreparedGround,
+    MIN_OVERLAP,
     RegisterOptions,
+    Stops,
     SurfacePicture,
     SwarmView,
+    Template,
     ground_map_for,
     ground_under,
     live_chain,
     rival_of,
     search_spec_for,
+    stops_of,
     survey_surface,
     templates_of,
     to_tile,
 )
-from lgprjax.registration.drive import rules_for
 from lgprjax.subsurface import Tile
 
 _STRIP_M = 4.0
@@ -98,45 +100,46 @@ def fix_example(
 
     The drive is read again from far enough before the scan for the track filter to have settled.
     """
-    ground = ground_map_for(source, options)
-    tile_number = ground.tile_near(drive.track.pose[scan, :2], options.search_m)
+    ground, search_m = ground_map_for(source, options), options.search_half_m(drive.track.sigma_m)
+    tile_number = ground.tile_near(drive.track.pose[scan, :2], search_m)
     if tile_number is None:
         return None
     tile, frame = ground.tile(tile_number), ground.frame(tile_number)
     description = source.description
     array = log.description.array
-    reach_m = max(_STRIP_M, options.window_m)
+    window_m = float(np.nan_to_num(drive.fix.window_m[scan]))
+    reach_m = max(_STRIP_M, window_m)
     travel = drive.track.travel_m
     settled = np.flatnonzero(np.abs(travel - travel[scan]) < 2.0 * description.settings.track_filter_m + reach_m)
-    chain = live_chain(ground, live_operators(source, log, drive.track), log.channels, reach_m)
-    start = int(settled[0])
-    scans = None
-    for number, block in enumerate(live_blocks(log, drive.track, None, start, drive.time_scale)):
-        scans, _ = chain.feed(block.traces, block.valid, block.track, BLOCK_SCANS, block.time_scale)
-        if start + (number + 1) * BLOCK_SCANS > scan:
+    operators = live_operators(source, log, drive.track)
+    chain = live_chain(ground, operators, log.channels, int(operators(1.0).shape[0]))
+    start, read = int(settled[0]), []
+    for block in live_blocks(log, drive.track, None, start):
+        scans = chain.feed(block.traces, block.valid, block.track, BLOCK_SCANS)
+        read.append(stops_of(scans, np.arange(len(scans.number)), array, ground.basis))
+        if start + int(scans.number[-1]) >= scan:
             break
-    assert scans is not None
-    at = int(np.flatnonzero(scans.number == scan - start)[0])
-    template = templates_of(
-        scans,
-        np.array([at]),
-        array,
-        window_m=options.window_m,
-        step_m=description.settings.step_m,
-    )
-    spec = search_spec_for(ground, tile_number, array, options)
+    stops = Stops(*(np.concatenate(field) for field in zip(*read, strict=True)))
+    near = np.flatnonzero(stops.path_m >= stops.path_m[scan - start] - reach_m - 1.0)
+    stops = Stops(*(field[near] for field in stops))
+    at = int(np.flatnonzero(stops.number == scan - start)[0])
+    made = chain.coefficients(stops.filtered, stops.valid, float(drive.time_scale[scan]))
+    stops = stops._replace(coefficients=made)
+    step_m = description.settings.step_m
+    template = _template_of(stops, array, at, window_m, step_m)
+    spec = search_spec_for(ground, tile_number, array, search_m=search_m, window_m=window_m)
     prior = to_tile(drive.track.pose[[scan]], frame)[0]
     surface = survey_surface(
         tile,
         template,
         jnp.asarray(prior, dtype=jnp.float32),
-        jnp.full(2, options.search_m, dtype=jnp.float32),
-        jnp.float32(options.thresholds.overlap),
+        jnp.full(2, search_m, dtype=jnp.float32),
+        jnp.float32(MIN_OVERLAP),
         lattice=spec.lattice,
         margin=spec.margin,
     )
-    strip = _strip(log, options)
-    lane = templates_of(scans, np.array([at]), array, window_m=strip, step_m=description.settings.step_m)
+    strip = max(_STRIP_M if log.channels > 1 else 0.0, window_m, 1.0)
+    lane = _template_of(stops, array, at, strip, step_m)
     channel = log.channels // 2
     offset = np.asarray(lane.offset_m)[0].reshape(-1, log.channels, 2)[:, channel]
     live = np.asarray(lane.coefficients)[0].reshape(len(offset), log.channels, -1)[:, channel]
@@ -155,7 +158,6 @@ def fix_example(
         lag_m=_lag(live, tile, offset, pose),
     )
     truth = None if drive.truth is None else to_tile(drive.truth[[scan]], frame)[0][:2]
-    rules = rules_for(PreparedGround(ground, array), options)
     return FixExample(
         scan,
         strips,
@@ -163,10 +165,10 @@ def fix_example(
         prior[:2],
         _prior_sigma(log, scan),
         pose[:2],
-        rival_of(surface, pose[:2], float(rules.apart_m)),
+        rival_of(surface, pose[:2], 0.6 * description.settings.wavelength_m),
         truth,
         frame,
-        swarm_about(ground, tile_number, template, prior, surface, drive, rules, options, scan),
+        swarm_about(ground, tile_number, template, prior, surface, drive, options, scan),
     )
 
 
@@ -194,8 +196,12 @@ def _prior_sigma(log: DriveLog, scan: int) -> tuple[float, float]:
     return (known[0], known[1]) if len(known) == 2 else (0.0, 0.0)
 
 
-def _strip(log: DriveLog, options: RegisterOptions) -> float:
-    return max(_STRIP_M if log.channels > 1 else 0.0, options.window_m, 1.0)
+def _template_of(stops: Stops, array: ArrayGeometry, at: int, window_m: float, step_m: float) -> Template:
+    """The window of stops that ends at one, a step apart, as a batch of one."""
+    wanted_m = stops.path_m[at] - np.arange(1 + int(window_m / step_m)) * step_m
+    member = np.clip(np.searchsorted(stops.path_m, wanted_m - 1e-6), 0, at)[None]
+    member[0, 0] = at
+    return templates_of(stops, array, np.array([at]), member, np.ones(member.shape, bool))
 
 
 def _placed(offset_m: Float[np.ndarray, "trace 2"], pose: Float[np.ndarray, "5"]) -> Float[np.ndarray, "trace 2"]:

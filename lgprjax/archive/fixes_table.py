@@ -10,7 +10,7 @@ from lgprjax.subsurface import GroundMap
 
 
 def fixes_table(fix: Fix, time_s: Float[np.ndarray, " scan"], frame: LocalFrame, ground: GroundMap) -> pd.DataFrame:
-    """The columns of the fixes CSV: WGS-84 positions, sigmas along and across the heading."""
+    """The columns of the fixes CSV but the time scale: WGS-84 positions, sigmas along and across the heading."""
     pose = np.asarray(fix.pose)
     found = np.isfinite(pose[:, 0])
     # Fixes lie metres from a station; the ground between them is as high as at the nearest one.
@@ -36,5 +36,7 @@ def fixes_table(fix: Fix, time_s: Float[np.ndarray, " scan"], frame: LocalFrame,
             "margin": fix.margin,
             "overlap_channels": fix.overlap_channels,
             "code": [Code(int(code)).label for code in fix.code],
+            "p_false": fix.p_false,
+            "window_m": fix.window_m,
         }
     )

@@ -2,38 +2,42 @@
 
 import numpy as np
 
+from lgprjax.archive.chance_cache import chance_of
 from lgprjax.formats import MapFile
-from lgprjax.radar import ArrayGeometry
-from lgprjax.registration import PreparedGround, RegisterOptions, ground_map_for, tracking_ground
-from lgprjax.registration.tracking_ground import one_of_each_size
+from lgprjax.radar import ArrayGeometry, uniform_array
+from lgprjax.registration import PreparedGround, RegisterOptions, ground_map_for
+from lgprjax.registration.evidence import Plan
+
+_ROOM_M = 0.5  # by which a lattice reaches beyond the region on each side, so that priors may wander
 
 
 class HeldGround:
-    """Tiles of a map for one search, and their columns for the array seen last.
+    """Tiles of a map for one search, its chance, and the template banks for the array seen last.
 
     Args:
         source: the map; stays open as long.
         options: the search.
-        tiles: held in memory, and as many columns.
+        tiles: held in memory, and as many template banks.
     """
 
     def __init__(self, source: MapFile, options: RegisterOptions, *, tiles: int = 4) -> None:
-        make = tracking_ground if options.track else ground_map_for
-        self.ground = make(source, options, keep=tiles)
+        self.ground = ground_map_for(source, options, keep=tiles)
+        self.chance = chance_of(source)
         self._tiles = tiles
         self._prepared: PreparedGround | None = None
 
     def prepared_for(self, array: ArrayGeometry) -> PreparedGround:
-        """Columns for an array: those held, or none yet where it is not the one before."""
+        """Template banks for an array: those held, or none yet where it is not the one before."""
         if self._prepared is None or not _alike(self._prepared.array, array):
             self._prepared = PreparedGround(self.ground, array, keep=self._tiles)
         return self._prepared
 
-    def warm_up(self) -> None:
-        """Compile the gridding of every size of station set that the map has: no later drive meets a new one."""
-        for tile in one_of_each_size(self.ground):
-            for direction in (0, 1, -1):
-                self.ground.tile(tile, direction)
+
+def lattice_points(source: MapFile, search_m: float) -> int:
+    """Points to the longer side of the search lattice on a map, for a search square of this half side."""
+    description, options = source.description, RegisterOptions()
+    array = uniform_array(description.channels, description.channel_pitch_m)
+    return max(Plan.of(PreparedGround(ground_map_for(source, options), array), options).points(search_m + _ROOM_M))
 
 
 def _alike(one: ArrayGeometry, other: ArrayGeometry) -> bool:

@@ -9,7 +9,6 @@ from jaxtyping import Bool, Float
 from lgprjax.archive.label_correction import LabelCorrection, correct_labels, path_of
 from lgprjax.archive.map_building import file_hash
 from lgprjax.archive.registering import register_log
-from lgprjax.archive.station_matching import window_stations
 from lgprjax.archive.tracks import DriveTrack, track_of_drive
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, MapFile
@@ -47,9 +46,8 @@ class LocatedDrive(NamedTuple):
 
 
 def update_search(description: MapDescription) -> RegisterOptions:
-    """Search of a drive that shall become a baseline: single scans of an array, windows of few channels."""
-    window_m = (window_stations(description) - 1) * description.settings.step_m
-    return RegisterOptions(search_m=max(_SEARCH_M, description.settings.wavelength_m), window_m=window_m)
+    """Search of a drive that shall become a baseline."""
+    return RegisterOptions(search_m=max(_SEARCH_M, description.settings.wavelength_m), time_scale=1.0)
 
 
 def locate_drive(source: MapFile, log: DriveLog, progress: Callable[[int], None] = lambda _: None) -> LocatedDrive:
@@ -73,9 +71,9 @@ def locate_drive(source: MapFile, log: DriveLog, progress: Callable[[int], None]
     _refuse_elsewhere(log, options, correction, path_m, tried)
     ok, known = code == Code.OK, correction.corrected
     beside = 0.5 * np.trace(drive.beside_match[ok], axis1=1, axis2=2)
-    ground_up = track_of_drive(log, source.description.frame).ground_up_m
+    moved = track_of_drive(log, source.description.frame)
     return LocatedDrive(
-        track=DriveTrack(correction.applied(drive.track), ground_up),
+        track=moved._replace(track=correction.applied(drive.track)),
         correction=correction,
         path_m=path_m,
         tried=tried,
@@ -107,7 +105,7 @@ def _refuse_elsewhere(
     tried: Bool[np.ndarray, " scan"],
 ) -> None:
     if not tried.any():
-        expected = f"a drive over the map's ground, known to {options.search_m:.1f} m"
+        expected = f"a drive over the map's ground, known to {options.search_half_m():.1f} m"
         raise InputError(log.path, "/gnss_ins", expected, "no scan over it")
     metres = np.diff(path_m, prepend=0.0)
     over_m = float(metres[tried].sum())

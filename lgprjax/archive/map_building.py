@@ -10,10 +10,11 @@ from jaxtyping import Array, Float
 
 from lgprjax import __version__
 from lgprjax.archive.depth_levels import at_levels, depth_level
+from lgprjax.archive.map_chance import measure_chance
 from lgprjax.archive.recordings import recording_of
 from lgprjax.archive.tracks import DriveTrack, antennas_of, scan_spacing_m, track_of_drive
 from lgprjax.errors import InputError
-from lgprjax.formats import MAP_PRECISIONS, DriveLog, MapPrecision, MapWriter
+from lgprjax.formats import MAP_PRECISIONS, DriveLog, MapFile, MapPrecision, MapWriter
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import (
     ChainSettings,
@@ -21,6 +22,7 @@ from lgprjax.radar import (
     centre_of,
     coherence_gain,
 )
+from lgprjax.registration import Chance
 from lgprjax.subsurface import (
     Coherence,
     MapDescription,
@@ -37,6 +39,9 @@ _LONE_CHANNEL_PITCH_M = 0.2  # how far a single channel speaks for the ground be
 Progress = Callable[[int], None]
 """Called with the number of scans done since the last call."""
 
+MEASURING = "measuring the map's noise floor"
+"""What a map's writer does last."""
+
 
 def build_map(
     drives: Sequence[str | Path],
@@ -46,7 +51,9 @@ def build_map(
     travel_time_ns: float | None = None,
     precision: MapPrecision = MAP_PRECISIONS["standard"],
     force: bool = False,
+    measure: Callable[[MapFile], Chance] | None = measure_chance,
     progress: Progress = lambda _: None,
+    stage: Callable[[str], None] = lambda _: None,
 ) -> MapDescription:
     """Build a subsurface database from one or more drives over the same ground.
 
@@ -58,7 +65,9 @@ def build_map(
             fifteen periods of their centre frequency, and none farther than its recording is unambiguous.
         precision: how closely traces are stored.
         force: replace an output that exists.
+        measure: tells the map's chance, which is stored in it; None to leave that to the first registration.
         progress: told as scans are done.
+        stage: told what is done after the last scan.
 
     Returns:
         what holds for the map.
@@ -122,6 +131,9 @@ def build_map(
             "inputs": inputs,
         }
         writer.finish(description, tiles.frames, np.asarray(references), provenance)
+        if measure is not None:
+            stage(MEASURING)
+            writer.add_chance(measure)
     return description
 
 
@@ -166,7 +178,7 @@ def scan_blocks(
     log: DriveLog, moved: DriveTrack, operator: Float[Array, "recorded sample"], progress: Progress
 ) -> Iterator[ScanBlock]:
     """Profiled scans of a drive with their places, block by block."""
-    track, ground_up = moved
+    track, ground_up = moved.track, moved.ground_up_m
     antennas = antennas_of(track, log.description.array)
     for start, recorded, valid in recording_of(log).blocks(_BLOCK_SCANS):
         span = slice(start, start + len(recorded))

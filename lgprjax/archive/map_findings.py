@@ -9,7 +9,7 @@ from lgprjax.archive.map_route import array_width_m
 from lgprjax.archive.map_survey import STEP_M, MapSurvey
 from lgprjax.archive.verdicts import Verdict, runs, verdict_of
 from lgprjax.formats import MapFile
-from lgprjax.registration import Code, default_thresholds
+from lgprjax.registration import MIN_OVERLAP, Code
 
 WEAK_REPEATS = 0.3
 """Where less of the stations' signal repeats an eighth of a wavelength farther, there is hardly ground in it."""
@@ -80,7 +80,7 @@ class MapJudge:
 
     def holes(self) -> MapFinding:
         """Places where a scan on the route would be declined for want of ground."""
-        least = float(default_thresholds().overlap)
+        least = MIN_OVERLAP
         overlap = self._survey.ground.overlap
         text = f"route with less than {least:g} of the array on the map: a scan there has code low_overlap"
         found = self._counted("holes", overlap < least, overlap, text, smallest=True)
@@ -101,17 +101,12 @@ class MapJudge:
 
     def ambiguous(self) -> MapFinding:
         """Places that resemble others so much that a scan could not be told from its rival."""
-        thresholds = default_thresholds()
-        # The lead over the rival shrinks with the correlation: at the least one that is accepted it must still do.
-        most = 1.0 - float(thresholds.margin) / float(thresholds.strength)
         likeness = self._survey.signal.likeness
         text = (
-            f"route where another place within the search region reaches {most:.2f} of a scan's own strength: at a "
-            f"strength of {float(thresholds.strength):g} its margin would be below {float(thresholds.margin):g}; or "
-            f"where the map's own scan leads by less than {float(thresholds.margin_by_chance):g} of what its region "
-            f"scatters by; median {np.nanmedian(likeness):.2f}"
+            "route where the map's own scan does not lead the best other place within the search region by as much as "
+            f"a fix must; median of the rival's score over the scan's own {np.nanmedian(likeness):.2f}"
         )
-        short = (likeness >= most) | self._survey.signal.ambiguous
+        short = self._survey.signal.ambiguous
         return self._counted("ambiguous", short, likeness, text, smallest=False)
 
     def offset(self) -> MapFinding:
@@ -149,8 +144,8 @@ class MapJudge:
             where += self._intervals(self._on_route(poor & mine), -value, smallest=True, drive=int(drive))
         middle = float(np.nanmedian(match.correlation[tried])) if tried.any() else np.nan
         text = (
-            f"places where a baseline and the others' ground overlap, but the match is not ok (strength below "
-            f"{float(default_thresholds().strength):g}, ambiguous or at the edge); median correlation {middle:.2f}"
+            f"places where a baseline and the others' ground overlap, but the match is not ok (no better than chance, "
+            f"ambiguous or at the edge); median correlation {middle:.2f}"
         )
         limits = _DISAGREEMENT_PERCENT
         verdict = verdict_of(share, *limits) if tried.any() else "good"

@@ -80,7 +80,7 @@ def survey_map(source: MapFile, progress: Callable[[int], None] = lambda _: None
         source: the database.
         progress: told the number of places done since the last call, of ``places_of``.
     """
-    options = RegisterOptions()
+    options = RegisterOptions(search_m=1.5)
     drives = places_of_drives(source, STEP_M)
     route = route_of(drives, STEP_M)
     ground = ground_map_for(source, options)
@@ -167,7 +167,9 @@ def _by_tile(
     ground: GroundMap, pose: Float[np.ndarray, "place 3"], options: RegisterOptions
 ) -> Iterator[tuple[int, Int[np.ndarray, " at"]]]:
     """Runs of neighbouring places on one tile, in order."""
-    number = np.array([-1 if (n := ground.tile_near(p, options.search_m)) is None else n for p in pose[:, :2]], int)
+    number = np.array(
+        [-1 if (n := ground.tile_near(p, options.search_half_m())) is None else n for p in pose[:, :2]], int
+    )
     if not len(number):
         return
     for run in np.split(np.arange(len(number)), np.flatnonzero(np.diff(number)) + 1):

@@ -21,7 +21,8 @@ from lgprjax.archive.baseline_changes import BaselineChanges, StationMarks, find
 from lgprjax.archive.baseline_strengths import BaselinePlaces, lay_places
 from lgprjax.archive.baseline_weights import BaselineWeight, moment_of, newer_than, weigh_baselines
 from lgprjax.archive.located_drive import LocatedDrive, locate_drive, refuse_unfit
-from lgprjax.archive.map_building import file_hash, position_sigma_m
+from lgprjax.archive.map_building import MEASURING, file_hash, position_sigma_m
+from lgprjax.archive.map_chance import measure_chance
 from lgprjax.archive.staged_map import stage_map
 from lgprjax.archive.update_record import DriveUpdate, MapHistory, UpdatedMap, UpdateStretch, file_of, plain
 from lgprjax.archive.update_weights import agreement_with, repeats_of
@@ -39,6 +40,7 @@ def update_map(
     *,
     force: bool = False,
     progress: Callable[[int], None] = lambda _: None,
+    stage: Callable[[str], None] = lambda _: None,
 ) -> UpdatedMap:
     """Bring a map up to date by drives, the oldest first.
 
@@ -48,6 +50,7 @@ def update_map(
         output: a new map; without it the map itself is replaced.
         force: replace an output that exists.
         progress: told the number of scans done since the last call, ``UPDATE_PASSES`` times every scan.
+        stage: told what is being done.
 
     Raises:
         InputError: a drive that does not fit or lies elsewhere, another process that writes the map, an output that
@@ -65,7 +68,8 @@ def update_map(
             current, done = Path(path), []
             for number, drive in enumerate(ordered):
                 following = target if number + 1 == len(ordered) else scratch / f"{number}.map.h5"
-                done.append(_add_drive(current, drive, following, scratch / f"{number}-whole.map.h5", progress))
+                whole = scratch / f"{number}-whole.map.h5"
+                done.append(_add_drive(current, drive, following, whole, progress, stage))
                 current = following
         except InputError as error:
             if Path(error.file).parent != scratch:
@@ -97,9 +101,15 @@ def _oldest_first(path: str | Path, drives: Sequence[str | Path]) -> list[Path]:
 
 
 def _add_drive(
-    path: Path, drive: Path, output: Path, whole: Path, progress: Callable[[int], None]
+    path: Path,
+    drive: Path,
+    output: Path,
+    whole: Path,
+    progress: Callable[[int], None],
+    stage: Callable[[str], None],
 ) -> tuple[DriveUpdate, tuple[BaselineWeight, ...]]:
     """One update: the map with one more drive."""
+    stage(f"adding {drive.name}")
     with MapFile.open(path) as source, DriveLog.open(drive) as log:
         history = MapHistory.of(source)
         number = len(history.updates) + 1
@@ -108,22 +118,22 @@ def _add_drive(
         row: dict[str, object] = {"file": drive.name, "sha256": file_hash(drive), "t0_utc": log.description.t0_utc}
         row |= {"scans": log.scans, "update": number}
         recorded = [moment_of(each.get("t0_utc")) for each in (*history.inputs, row)]
-        with MapFile.open(staged.path) as stage:
-            places = lay_places(stage, len(history.inputs))
-            first = len(stage.places) - len(staged.time_s)
+        with MapFile.open(staged.path) as built:
+            places = lay_places(built, len(history.inputs))
+            first = len(built.places) - len(staged.time_s)
             at = np.searchsorted(log.scan_time_s, staged.time_s[places.station - first]).clip(0, log.scans - 1)
             retired = np.append(source.retired.astype(np.int64), np.zeros(len(staged.time_s), np.int64))
             changes = find_changes(
-                stage,
+                built,
                 places,
                 located.correction.corrected[at],
                 located.correction.between[at],
                 StationMarks(retired, (*history.added_by, number)),
                 newer_than(recorded),
             )
-            agreement, repeats, weights = _weigh(stage, history, changes, recorded)
+            agreement, repeats, weights = _weigh(built, history, changes, recorded)
             progress(log.scans)
-            update = _update_of(path, stage, log, located, places, changes, number)
+            update = _update_of(path, built, log, located, places, changes, number)
             row["position_sigma_m"] = update.label_sigma_m
             inputs = [{**old, "repeats": share} for old, share in zip((*history.inputs, row), repeats, strict=True)]
             provenance: dict[str, object] = {
@@ -135,7 +145,7 @@ def _add_drive(
                 "weights": plain(weights),
             }
             with MapWriter.create(output, force=True) as writer:
-                copy_stations(stage, writer)
+                copy_stations(built, writer)
                 writer.finish(
                     source.description._replace(weight=tuple(each.weight for each in weights)),
                     staged.tile_frame,
@@ -143,6 +153,8 @@ def _add_drive(
                     provenance,
                     changes.marks.retired,
                 )
+                stage(MEASURING)
+                writer.add_chance(measure_chance)
     return update, weights
 
 

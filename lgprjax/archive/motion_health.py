@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
+from lgprjax.archive.travel import mend_travel
 from lgprjax.archive.verdicts import HealthFigure, Stretch, figure, runs
 from lgprjax.formats import NavigationTrack, OdometryTrack
 from lgprjax.frames import LocalFrame
@@ -13,6 +14,7 @@ _LOST_SIGMA_M = 0.5  # three of these are the default search: beyond, the prior 
 _JUMP_LAG_S = 0.1
 _JUMP_M = (0.2, 0.5)
 _SLIP_PERCENT = (2.0, 4.0)
+_TRAVEL_JUMP_M = (0.1, 5.0)  # bridged, it costs a second of windows at most; beyond, the log has lost the road
 
 
 def clock_figures(time_s: Float[np.ndarray, " scan"], path_m: Float[np.ndarray, " scan"]) -> list[HealthFigure]:
@@ -61,6 +63,36 @@ def _local_median(values: Float[np.ndarray, " interval"]) -> Float[np.ndarray, "
         part = padded[start : start + 4096 + 20]
         out[start : start + 4096] = np.median(np.lib.stride_tricks.sliding_window_view(part, 21), axis=1)
     return out
+
+
+def jump_figures(
+    odometry: OdometryTrack, time_s: Float[np.ndarray, " scan"], path_m: Float[np.ndarray, " scan"]
+) -> list[HealthFigure]:
+    """Steps of the odometry that no vehicle drives; nothing where there are none.
+
+    Args:
+        odometry: of the drive.
+        time_s, path_m: times of the scans and metres travelled there.
+    """
+    mended = mend_travel(odometry.time_s, odometry.distance_m)
+    jumps = [*mended.bridged, *mended.broken]
+    if not jumps:
+        return []
+    where = []
+    for jump in sorted(jumps):
+        metres = np.interp([jump.start_s, jump.stop_s], time_s, path_m)
+        where.append(Stretch(jump.start_s, jump.stop_s, float(metres[0]), float(metres[1])))
+    return [
+        figure(
+            "travel_jump",
+            max(abs(jump.metres) for jump in jumps),
+            "m",
+            _TRAVEL_JUMP_M,
+            f"largest step of the odometry that no vehicle drives, as where its positions jump: {len(mended.bridged)} "
+            f"bridged at local speed, {len(mended.broken)} left open",
+            tuple(where),
+        )
+    ]
 
 
 def motion_figures(

@@ -1,5 +1,6 @@
 """Stations of a map registered on a tile, as live scans would be: their templates, and what the search answers."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -15,6 +16,7 @@ from lgprjax.registration import (
     Problem,
     RegisterOptions,
     Template,
+    Thresholds,
     register_batch,
     rules_of,
     search_spec_for,
@@ -22,6 +24,9 @@ from lgprjax.registration import (
 )
 from lgprjax.subsurface import GroundMap, MapDescription
 
+_LEAST_SCORE, _LEAST_LEAD = 3.0, 1.4
+"""Of a match between baselines of one map, in noise floors: their labels say that it is the same ground, so that its
+neighbourhood is what it must stand out from. The lead is that of a scan; that of a window falls with its length."""
 _LANES = 4  # a tile of usual spacing holds three or four places
 _FEW_CHANNELS = 3  # an array of no more channels is matched in windows
 _WINDOW_WAVELENGTHS = 4.0
@@ -77,11 +82,12 @@ def register_stations(
     frame, mask = ground.frame(tile), mask_of(ground.tile(tile))
     count = window_stations(description)
     channels, step_m = description.channels, description.settings.step_m
-    spec = search_spec_for(
-        ground, tile, uniform_array(channels, description.channel_pitch_m), _searched(options, count, step_m)
-    )
-    rules = rules_of(description.settings.wavelength_m, channels, count * channels, options)
-    half_width = np.array([options.search_m, options.search_m, options.height_m, np.radians(1.0), np.radians(1.5)])
+    search_m, window_m = options.search_half_m(), (count - 1) * step_m
+    array = uniform_array(channels, description.channel_pitch_m)
+    spec = search_spec_for(ground, tile, array, search_m=search_m, window_m=window_m)
+    asked = Thresholds(_LEAST_SCORE, _LEAST_LEAD / (1.0 + 0.5 * window_m))
+    rules = rules_of(description.settings.wavelength_m, replace(options, own_thresholds=asked), window_m)
+    half_width = np.array([search_m, search_m, options.height_m, np.radians(1.0), np.radians(1.5)])
     parts = []
     for low in range(0, len(stations), _LANES):
         chosen = stations[low : low + _LANES]
@@ -104,7 +110,6 @@ def register_stations(
                 prior=jnp.asarray(prior, dtype=jnp.float32),
                 half_width=jnp.asarray(np.tile(half_width, (_LANES, 1)), dtype=jnp.float32),
                 finite=jnp.asarray(share >= _LEAST_TRACES),
-                number=jnp.asarray(lanes, dtype=jnp.uint32),
             ),
             rules,
             jnp.float32(ground.source.height_reference_m[tile]),
@@ -120,11 +125,6 @@ def register_stations(
         Fix(*(np.concatenate(field) for field in zip(*(part.fix for part in parts), strict=True))),
         np.concatenate([part.share for part in parts]),
     )
-
-
-def _searched(options: RegisterOptions, count: int, step_m: float) -> RegisterOptions:
-    """The options with the window that the templates have: the search spec leaves room for it."""
-    return RegisterOptions(search_m=options.search_m, window_m=(count - 1) * step_m)
 
 
 def _templates(source: MapFile, last: Int[np.ndarray, " template"], count: int, basis_of: GroundMap) -> Template:

@@ -1,17 +1,21 @@
 """The track of a recorded drive: navigation and odometry brought to the scans and to the array's centre."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from lgprjax.archive.travel import Jump, legs_of, mend_travel
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, NavigationTrack
+from lgprjax.formats import DriveLog, NavigationTrack, OdometryTrack
+from lgprjax.formats.survey_track import CHORD_M, path_headings_deg
 from lgprjax.frames import LocalFrame, body_to_local
 from lgprjax.radar import ArrayGeometry, centre_of
 from lgprjax.registration import Track
 
 _SILENT_S = 1.0
+_SAME_DEG, _MOST = 0.01, 0.99  # headings that are the path's own agree with its chords, but where they were held
 _LESS_SURE = 3.0
 
 
@@ -21,10 +25,14 @@ class DriveTrack(NamedTuple):
     Attributes:
         track: prior pose of the array's centre, travel and speed, at every scan.
         ground_up_m: up coordinate of the ground under the vehicle.
+        jumps_bridged: jumps of the recorded travel that are taken out of the track's.
+        breaks: jumps across which nobody knows the travel: legs of the track begin there.
     """
 
     track: Track
     ground_up_m: Float[np.ndarray, " scan"]
+    jumps_bridged: int = 0
+    breaks: int = 0
 
 
 def poses_of(
@@ -42,7 +50,7 @@ def poses_of(
 
 
 def track_of_drive(log: DriveLog, frame: LocalFrame) -> DriveTrack:
-    """Track of a drive log in a map's frame.
+    """Track of a drive log in a map's frame; travel that is none, as where positions jump, is taken out.
 
     Raises:
         InputError: navigation or odometry does not span the scans (more than a second is missing).
@@ -60,13 +68,61 @@ def track_of_drive(log: DriveLog, frame: LocalFrame) -> DriveTrack:
                 f"times that span the scans, {time_s[0]:.2f} to {time_s[-1]:.2f} s",
                 f"{covered[0]:.2f} to {covered[-1]:.2f} s",
             )
-    pose, up = poses_of(description.navigation, time_s, frame, description.array)
-    travel = np.interp(time_s, description.odometry.time_s, description.odometry.distance_m)
-    sigma_deg = description.navigation.sigma_heading_deg
-    sigma = (
-        np.full_like(time_s, 1.0) if sigma_deg is None else np.interp(time_s, description.navigation.time_s, sigma_deg)
+    navigation, odometry = description.navigation, description.odometry
+    mended = mend_travel(odometry.time_s, odometry.distance_m)
+    jumps = (*mended.bridged, *mended.broken)
+    pose, up = poses_of(_turned_across(navigation, odometry, jumps), time_s, frame, description.array)
+    travel = np.interp(time_s, odometry.time_s, mended.distance_m)
+    sigma_deg = navigation.sigma_heading_deg
+    sigma = np.full_like(time_s, 1.0) if sigma_deg is None else np.interp(time_s, navigation.time_s, sigma_deg)
+    track = Track(
+        pose=pose,
+        travel_m=travel,
+        speed_mps=_speed(travel, time_s),
+        sigma_yaw_rad=np.radians(sigma),
+        sigma_m=_position_sigma(navigation, time_s),
+        leg=legs_of(time_s, mended.broken),
     )
-    return DriveTrack(Track(pose, travel, _speed(travel, time_s), np.radians(sigma)), up)
+    return DriveTrack(track, up, len(mended.bridged), len(mended.broken))
+
+
+def jump_line(drive: DriveTrack) -> str | None:
+    """What was done about jumps of the recorded travel, in a line; None where there are none."""
+    if not drive.jumps_bridged + drive.breaks:
+        return None
+    told = f"travel jumps that no vehicle drives: {drive.jumps_bridged} bridged at local speed"
+    return told if not drive.breaks else f"{told}, {drive.breaks} left open (no window reaches across)"
+
+
+def _position_sigma(navigation: NavigationTrack, time_s: Float[np.ndarray, " scan"]) -> Float[np.ndarray, " scan"]:
+    """Of one axis, root mean of the variances of east and north; NaN where the log does not state them."""
+    if navigation.sigma_east_m is None or navigation.sigma_north_m is None:
+        return np.full(len(time_s), np.nan)
+    variance = 0.5 * (navigation.sigma_east_m**2 + navigation.sigma_north_m**2)
+    return np.asarray(np.sqrt(np.interp(time_s, navigation.time_s, variance)))
+
+
+def _turned_across(navigation: NavigationTrack, odometry: OdometryTrack, jumps: tuple[Jump, ...]) -> NavigationTrack:
+    """Headings interpolated about jumps, where they are the directions of the very path that jumps."""
+    if not jumps:
+        return navigation
+    travel = np.interp(navigation.time_s, odometry.time_s, odometry.distance_m)
+    try:
+        chords = path_headings_deg(navigation.latitude_deg, navigation.longitude_deg, travel)
+    except ValueError:
+        return navigation
+    off_deg = np.abs((chords - navigation.heading_deg + 180.0) % 360.0 - 180.0)
+    if np.mean(off_deg < _SAME_DEG) < _MOST:
+        return navigation
+    path_m = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(travel)))])
+    bad = np.zeros(len(travel), bool)
+    for jump in jumps:
+        start_m, stop_m = np.interp([jump.start_s, jump.stop_s], navigation.time_s, path_m)
+        bad |= (path_m > start_m - 0.5 * CHORD_M) & (path_m < stop_m + 0.5 * CHORD_M)
+    if bad.all():
+        return navigation
+    heading = np.unwrap(navigation.heading_deg[~bad], period=360.0)
+    return replace(navigation, heading_deg=np.interp(navigation.time_s, navigation.time_s[~bad], heading))
 
 
 def scan_spacing_m(track: Track) -> float:

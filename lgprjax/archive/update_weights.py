@@ -54,7 +54,7 @@ def repeats_of(
     out = known.copy()
     missing = np.flatnonzero(~np.isfinite(out))
     if len(missing):
-        ground = ground_map_for(source, RegisterOptions())
+        ground = ground_map_for(source, RegisterOptions(search_m=1.5))
         for drive in missing:
             stations = lay_places(source, int(drive)).station
             chosen = stations[_spread(np.flatnonzero(in_force[stations]))]

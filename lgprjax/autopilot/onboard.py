@@ -68,7 +68,7 @@ def step_onboard(
     state: OnboardState,
     motion: Motion,
     observations: Observations,
-    strength: Float[Array, ""],
+    p_false: Float[Array, ""],
     orders: Orders,
     *,
     fusion: Fusion = "filter",
@@ -79,12 +79,12 @@ def step_onboard(
         setup: of the vehicle.
         route: that is driven, or would be.
         state: of the last tick.
-        motion, observations, strength: see ``step_navigator``.
+        motion, observations, p_false: see ``step_navigator``.
         orders: see there.
         fusion: whose pose is driven by.
     """
     navigator, navigated = step_navigator(
-        setup.navigator, state.navigator, motion, observations, strength, fusion=fusion
+        setup.navigator, state.navigator, motion, observations, p_false, fusion=fusion
     )
     health = navigated.health
     reaction = jnp.where(orders.stop, Reaction.STOP.value, health.reaction).astype(jnp.int32)

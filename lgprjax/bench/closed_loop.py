@@ -15,20 +15,16 @@ from lgprjax.machine import usable_cores
 
 MILE_M = 1609.344
 _PUBLISHED_CROSS_M = {"clear": 0.26, "snow": 0.29, "rain": 0.40}
-_RAIN_SCALE = 1.05
-"""What ``register --time-scale`` finds on the generated rain day: the crew enters it before the drive."""
 
 
 class Drives(NamedTuple):
-    """Drives of one kind: ``share`` records every so many-th scan, ``window_m`` matches windows."""
+    """Drives of one kind: ``share`` records every so many-th scan."""
 
     name: str
     seeds: tuple[int, ...]
     share: int
     weather: str = "clear"
     fusion: str = "filter"
-    window_m: float = 0.0
-    time_scale: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -69,8 +65,8 @@ class LoopPlan:
                 *third,
                 Drives("126 Hz", self.full_rate, 1),
                 Drives("switch", self.switched, 3, fusion="switch"),
-                Drives("snow", self.days, 3, weather="snow", window_m=2.0),
-                Drives("rain", self.days, 3, "rain", window_m=2.0, time_scale=_RAIN_SCALE),
+                Drives("snow", self.days, 3, weather="snow"),
+                Drives("rain", self.days, 3, weather="rain"),
             )
             if group.seeds
         ]
@@ -187,8 +183,6 @@ def _drive(plan: LoopPlan, group: Drives) -> list[dict[str, Any]] | str:
         "--fusion": group.fusion,
         "--share": group.share,
         "--length-m": plan.length_m,
-        "--window-m": group.window_m,
-        "--time-scale": group.time_scale,
         "--threads": 1,
     }
     arguments = ["--picture", str(plan.picture.absolute())] if plan.picture and group == plan.drives[0] else []

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from lgprjax.archive import Labels, build_map, labels_of, relative_error
+from lgprjax.archive.chance_cache import chance_of
 from lgprjax.bench.programs import hold_to
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.navigation import RouteSpeeds
@@ -41,8 +42,6 @@ def main() -> None:
     parser.add_argument("--fusion", default="filter")
     parser.add_argument("--share", type=int, default=3)
     parser.add_argument("--length-m", type=float, required=True)
-    parser.add_argument("--window-m", type=float, default=0.0)
-    parser.add_argument("--time-scale", type=float, default=1.0)
     parser.add_argument("--picture", type=Path, help="of the first drive, a PNG")
     parser.add_argument("--threads", type=int, required=True)
     chosen = parser.parse_args()
@@ -56,7 +55,7 @@ def main() -> None:
 def drive_one(chosen: argparse.Namespace, seed: int) -> dict[str, Any]:
     """Make a course, map it, drive it; its figures."""
     spec = LoopSpec(fusion=chosen.fusion)
-    options = RegisterOptions(search_m=1.5, window_m=chosen.window_m, time_scale=chosen.time_scale)
+    options = RegisterOptions(search_m=1.5)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         course = make_course(OffRoad(seed, chosen.length_m, chosen.share), folder)
@@ -67,7 +66,17 @@ def drive_one(chosen: argparse.Namespace, seed: int) -> dict[str, Any]:
             route = route_of_map(source, setup, RouteSpeeds(float(setup.set_speed_mps)))
             labels = labels_of([log], source.description.frame)
             began = time.perf_counter()
-            drive = drive_course(course, source, spec, setup, route, options, weather=chosen.weather, seed=100 + seed)
+            drive = drive_course(
+                course,
+                source,
+                spec,
+                setup,
+                route,
+                options,
+                weather=chosen.weather,
+                seed=100 + seed,
+                chance=chance_of(source),
+            )
             seconds = time.perf_counter() - began
     if chosen.picture is not None and seed == chosen.seeds[0]:
         title = f"{chosen.length_m:.0f} m off road, {chosen.weather} day, seed {seed}"
@@ -145,7 +154,9 @@ def figures_of(drive: DrivenCourse, lead_m: float, labels: Labels) -> dict[str, 
         scan_travel = np.interp(np.arange(len(ok)), np.flatnonzero(ok), drive.fix_travel_m)
         errors = np.full((len(ok), 3), np.nan)
         errors[ok] = drive.fix_error
-        model = fit_fix_errors(scan_travel, ok, errors, np.where(ok, np.nanmedian(drive.strength), np.nan))
+        strength, p_false = np.full((2, len(ok)), np.nan)
+        strength[ok], p_false[ok] = drive.fix_match.T
+        model = fit_fix_errors(scan_travel, ok, errors, strength, p_false)
         reported = np.median(drive.fix_sigma, axis=0).tolist()
         figures["fixes"] = {"reported_sigma": reported} | {
             key: np.asarray(value).tolist() for key, value in model._asdict().items()

@@ -127,7 +127,14 @@ class RepeatedRoad:
         pose[:, 2] = HEIGHT_M
         truth = pose.copy()
         truth[:, 0], truth[:, 1] = travel, self._pose[0, 1]
-        track = Track(pose, travel - begin_m, np.full(scans, _SPEED_MPS), np.full(scans, np.radians(1.0)))
+        track = Track(
+            pose,
+            travel - begin_m,
+            np.full(scans, _SPEED_MPS),
+            np.full(scans, np.radians(1.0)),
+            np.full(scans, np.nan),
+            np.zeros(scans, np.int64),
+        )
         return LiveBlock(traces, np.ones(heard.shape[:2], bool), track, truth)
 
 

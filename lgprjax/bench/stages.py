@@ -1,7 +1,7 @@
 """Where the time of a scan goes, and the least that it could take; a program (``python -m lgprjax.bench.stages``).
 
 One scan, or one chunk of scans: a batch's chunks run side by side, each on a thread of its own. The stages are timed
-each by itself; what the whole takes beyond them is the finish, the judgement and the call. The floor is that of the two
+each by itself; what the whole takes beyond them is the finish and the call. The floor is that of the two
 large products: their operations at the speed of a large matrix product on this machine, and the bytes of the columns
 at the speed of reading memory.
 """
@@ -18,10 +18,9 @@ import numpy as np
 from jaxtyping import Array
 
 from lgprjax.bench.hard_set import CHANNELS, SAMPLES, load_hard_set
-from lgprjax.bench.peers.this_project import CHUNK, STARTS, Search
+from lgprjax.bench.peers.this_project import CHUNK, Search, peaks_in, surfaces_at
 from lgprjax.bench.programs import hold_to
-from lgprjax.registration import MatchSpec
-from lgprjax.registration.places import PlaceScores, find_summits, products_at_places, single_scores
+from lgprjax.registration.surfaces import Peaks
 
 _STRIDE = (3, 2)
 _REPEATS = 40
@@ -33,47 +32,38 @@ def profile(search: Search, count: int) -> dict[str, float]:
     """Milliseconds a scan of the stages of ``count`` scans on the first map, of the whole, and of the floor."""
     own = np.resize(np.flatnonzero(search.hard_set.map_index == 0), count)
     search.prepare(0)
-    columns, ends, spec = search.columns[0], search.ends[count], search.spec
+    columns, space = search.columns[0], search.spaces[count]
     scans = search.hard_set.scans[own]
-    still = jnp.zeros((count, CHANNELS), jnp.float32)
-    steps = jnp.arange(spec.heights, dtype=jnp.float32) * (2.0 / spec.heights) + (1.0 / spec.heights - 1.0)
-    heights_m = ends.half_width[0, 2] * steps
 
     @jax.jit
     def convert(samples: Array) -> Array:
         return jnp.asarray(samples @ search.basis)
 
     @jax.jit
-    def products(heard: Array) -> Array:
-        return products_at_places(columns, search.components, heard, still, heights_m, search.omega)
+    def surfaces(heard: Array) -> tuple[Array, Array, Array]:
+        return surfaces_at(columns, search.components, heard, space, search.omega, points=search.points)
 
     @jax.jit
-    def places(product: Array, heard: Array) -> PlaceScores:
-        return single_scores(columns, product, jnp.sum(heard**2, axis=(1, 2)), search.rules.thresholds.overlap)
-
-    @jax.jit
-    def summits(scores: PlaceScores) -> Array:
-        region = (ends.prior[:, :2], ends.half_width[:, :2], search.rules.apart_m)
-        return find_summits(columns, scores, *region, summits=spec.summits).place_m
+    def peaks(found: tuple[Array, Array, Array]) -> Peaks:
+        return peaks_in(found, space)
 
     heard = convert(scans)
-    product = products(heard)
-    scores = places(product, heard)
+    found = surfaces(heard)
 
     def whole() -> object:
         return search.locate(0, scans[0]) if count == 1 else search.locate_all(own)
 
     taken = {
         "samples to coefficients": _best_s(lambda: convert(scans)),
-        "products with all places": _best_s(lambda: products(heard)),
-        "scores": _best_s(lambda: places(product, heard)),
-        "summits": _best_s(lambda: summits(scores)),
+        "products and surfaces": _best_s(lambda: surfaces(heard)),
+        "peaks": _best_s(lambda: peaks(found)),
     }
     all_s = _best_s(whole)
-    taken["finish, judgement, call"] = all_s - sum(taken.values())
+    taken["finish, call"] = all_s - sum(taken.values())
     taken["whole"] = all_s
     size, along, cross = columns.value.shape
-    operations = 2.0 * CHANNELS * SAMPLES * search.basis.shape[1] + 2.0 * spec.heights * size * along * cross
+    heights = len(space.heights_m)
+    operations = 2.0 * CHANNELS * SAMPLES * search.basis.shape[1] + 2.0 * heights * size * along * cross
     taken["floor from operations"] = count * operations / _operations_per_s()
     taken["floor from bytes"] = 4.0 * columns.value.size / _bytes_per_s()
     return {stage: 1e3 * seconds / count for stage, seconds in taken.items()}
@@ -112,7 +102,7 @@ def main() -> None:
     parser.add_argument("--batch", action="store_true", help="a chunk of scans instead of one")
     chosen = parser.parse_args()
     hold_to(chosen.threads)
-    search = Search(load_hard_set(chosen.hard_set), MatchSpec(summits=STARTS), _STRIDE, chosen.threads)
+    search = Search(load_hard_set(chosen.hard_set), _STRIDE, chosen.threads)
     figures = profile(search, CHUNK if chosen.batch else 1)
     chosen.out.write_text(json.dumps(figures) + "\n", encoding="utf-8")
 

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from rich.table import Table
 
 from lgprjax.cli.progress import console
+from lgprjax.cli.search_options import search_in_words
 
 if TYPE_CHECKING:
     from lgprjax.archive import ArchiveRun, ArchiveSums, BadPlace, CellTally, JobRecord, WorkerShare
@@ -76,25 +77,11 @@ def facts_of(sums: "ArchiveSums") -> list[tuple[str, str]]:
 
 
 def _intro(records: Sequence["JobRecord"]) -> str:
-    told = {_search(record.settings) for record in records}
+    told = {search_in_words(record.settings) for record in records}
     if not told:
         return "No drive could be registered."
     how = told.pop() if len(told) == 1 else f"Registered with {len(told)} different searches: see archive.csv."
     return f"Every fix is a line of NAME.fixes.csv; every drive is a line of archive.csv.\n\n{how}"
-
-
-def _search(settings: dict[str, object]) -> str:
-    """The search in words."""
-    scale = settings["time_scale"]
-    parts = [
-        f"Search: {settings['search_m']:g} m to each side of the prior",
-        f"windows of {settings['window_m']:g} m" if settings["window_m"] else "single scans",
-        *(["tracked from fix to fix"] if settings["track"] else []),
-        *(["time scale found along the drive"] if scale is None else []),
-        *([f"time scale {scale:g}"] if scale not in (None, 1.0) else []),
-        "own thresholds" if settings["own_thresholds"] else "default thresholds",
-    ]
-    return "; ".join(parts) + "."
 
 
 def _draw(

@@ -38,8 +38,8 @@ class Demo:
         database = self.output / "site.map.h5"
         scans = sum(len(site[name].scan_time_s) for name in ("baseline_left", "baseline_right"))
         with progress_bar("building map", scans) as progress:
-            build_map(baselines, database, force=True, progress=progress)
-        options = RegisterOptions(search_m=1.5)
+            build_map(baselines, database, force=True, progress=progress, stage=progress.stage)
+        options = RegisterOptions()
         drives = [logs["live"], logs["impostor"]]
         results = register_all(database, drives, self.output, options, force=True, impostors=("impostor",))
         page = write_page(

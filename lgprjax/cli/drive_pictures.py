@@ -52,16 +52,17 @@ def draw_drive(
         figures.append(
             ReportFigure(
                 confidence,
-                "Whether the fixes are as good as they say, and what a larger margin would cost.",
-                "true error over stated sigma, error distributions by margin, share declined over margin",
+                "Whether the fixes are as good as they say, and what a smaller risk would cost.",
+                "true error over stated sigma, error distributions by evidence, share declined over evidence",
             )
         )
     scan = example_scan(drive)
     example = None if scan is None else fix_example(source, log, drive, options, scan)
     if example is None:
         return figures
-    draw_match(_match(example, drive, options), match, force=force)
-    draw_surface(_surface(example, source.description.frame, options), surface, force=force)
+    draw_match(_match(example, drive), match, force=force)
+    search_m = options.search_half_m(drive.track.sigma_m)
+    draw_surface(_surface(example, source.description.frame, search_m), surface, force=force)
     code = drive.table["code"].iloc[example.scan]
     figures.append(
         ReportFigure(match, f"Scan {example.scan}, {code}: the ground live and in the map.", "radargram strips")
@@ -82,13 +83,14 @@ def draw_drive(
     return figures
 
 
-def _match(example: "FixExample", drive: "RegisteredDrive", options: "RegisterOptions") -> "MatchExample":
+def _match(example: "FixExample", drive: "RegisteredDrive") -> "MatchExample":
     from lgprjax.report import MatchExample
 
     strips, row = example.strips, drive.table.iloc[example.scan]
     distance = strips.distance_m - drive.track.travel_m[0]
     # Of a single scan the box is as wide as a trace.
-    first = distance[-1] - (options.window_m or distance[-1] - distance[-2])
+    window_m = float(np.nan_to_num(np.asarray(drive.fix.window_m)[example.scan]))
+    first = distance[-1] - (window_m or distance[-1] - distance[-2])
     return MatchExample(
         baseline=strips.baseline,
         live=strips.live,
@@ -105,7 +107,7 @@ def _match(example: "FixExample", drive: "RegisteredDrive", options: "RegisterOp
     )
 
 
-def _surface(example: "FixExample", frame: "LocalFrame", options: "RegisterOptions") -> "CorrelationSurface":
+def _surface(example: "FixExample", frame: "LocalFrame", search_m: float) -> "CorrelationSurface":
     from lgprjax.report import CorrelationSurface
 
     prior, best = _pair(example.prior_m), _pair(example.best_m)
@@ -115,7 +117,7 @@ def _surface(example: "FixExample", frame: "LocalFrame", options: "RegisterOptio
         x_m=example.surface.along_m,
         y_m=example.surface.cross_m,
         correlation=example.surface.strength,
-        half_width_m=(options.search_m, options.search_m),
+        half_width_m=(search_m, search_m),
         prior=prior,
         prior_sigma_m=example.prior_sigma_m,
         # The prior's sigmas lie east and north.
@@ -143,7 +145,6 @@ def _swarm(example: "FixExample", drive: "RegisteredDrive", frame: "LocalFrame")
         particle_m=place,
         best_m=best,
         best_score=np.where(met > 0.75 * OFF_MAP_SCORE, met, -np.inf),
-        evaluations=int(np.asarray(drive.fix.evaluations)[example.scan]),
         milliseconds=drive.milliseconds_per_scan,
         origin=_origin(example, frame),
         truth=_pair(example.truth_m),

@@ -1,7 +1,9 @@
 """``lgprjax VERB``."""
 
+import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -50,8 +52,19 @@ Verb = (
 )
 
 
+def keep_compiled() -> None:
+    """Keep compiled programs from command to command, in ``$XDG_CACHE_HOME/lgprjax`` or ``~/.cache/lgprjax``.
+
+    An optimisation only, and only before JAX is imported: what the environment says of it already is left as it is.
+    """
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(root / "lgprjax" / "compiled"))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point of the ``lgprjax`` command."""
+    keep_compiled()
     verb = tyro.cli(
         Verb,
         prog="lgprjax",

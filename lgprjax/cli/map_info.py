@@ -2,13 +2,19 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from rich.table import Table
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.progress import console
+
+if TYPE_CHECKING:
+    from lgprjax.registration import Chance
+
+_RISK = 1e-4
+UNSTATED = "sigma not stated (fixes are relative to the map's labels)"
 
 
 @dataclass(frozen=True)
@@ -28,6 +34,30 @@ class MapInfo:
         figures = print_info(self.file)
         if self.json is not None:
             write_figures(self.json, figures, force=self.force)
+
+
+def _labels(sigma_m: tuple[float, ...]) -> str:
+    """What the navigation of each baseline said of its positions."""
+    if not any(sigma_m):
+        return UNSTATED
+    told = ", ".join("not stated" if sigma == 0.0 else f"{100.0 * sigma:.1f} cm" for sigma in sigma_m)
+    return f"sigma {told}"
+
+
+def _chance(chance: "Chance | None", wavelength_m: float) -> dict[str, object]:
+    """What other ground reaches on this map, and what a match must."""
+    from lgprjax.registration import ladder_of, least_z
+
+    if chance is None:
+        return {"noise_floor": "not in this file: measured at the first registration", "least_score": None}
+    pooled = "pooled over many grounds: this map is too small to tell its own"
+    least = [round(float(score), 2) for score in least_z(_RISK, chance)]
+    return {
+        "noise_floor": f"{'own' if chance.own else pooled}; {chance.pieces} independent pieces",
+        "least_score": {
+            f"{window_m:g} m": score for window_m, score in zip(ladder_of(wavelength_m), least, strict=True)
+        },
+    }
 
 
 def print_info(path: Path) -> dict[str, object]:
@@ -55,6 +85,8 @@ def print_info(path: Path) -> dict[str, object]:
             "travel_time_ns": round(len(description.gain) * description.settings.sample_interval_ns, 2),
             "track_filter_m": round(description.settings.track_filter_m, 2),
             "tiles": len(source.tile_frame),
+            "labels": _labels(description.label_sigma_m),
+            **_chance(source.chance, description.settings.wavelength_m),
             "weight": [round(weight, 3) for weight in description.weight],
             "retired": int(np.count_nonzero(source.retired)),
             "precision": source.precision.name,
@@ -64,6 +96,13 @@ def print_info(path: Path) -> dict[str, object]:
         }
     table = Table("quantity", "value", title=f"{path.name}")
     for name, value in figures.items():
-        table.add_row(name, ", ".join(map(str, value)) if isinstance(value, list) else str(value))
+        table.add_row(name, _told(value))
     console.print(table)
     return figures
+
+
+def _told(value: object) -> str:
+    if isinstance(value, dict):
+        scores = ", ".join(f"{window} {score:.2f}" for window, score in value.items())
+        return f"{scores} noise floors by window (risk {_RISK:g}, one search)"
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

@@ -39,7 +39,9 @@ class MapRefine:
         with locked_map(self.output), MapFile.open(self.file) as source:
             plan = plan_matches(source)
             with progress_bar("matching baselines", 2 * len(plan.pairs.station)) as progress:
-                agreed = refine_map(source, plan, self.output, force=self.force, progress=progress)
+                agreed = refine_map(
+                    source, plan, self.output, force=self.force, progress=progress, stage=progress.stage
+                )
             names = _names(source)
         _print(self.output, agreed, names)
         if self.json is not None:

@@ -41,7 +41,9 @@ class MapUpdate:
             with DriveLog.open(path) as log:
                 scans += log.scans
         with progress_bar("updating map", UPDATE_PASSES * scans) as progress:
-            update = update_map(self.file, self.drives, self.output, force=self.force, progress=progress)
+            update = update_map(
+                self.file, self.drives, self.output, force=self.force, progress=progress, stage=progress.stage
+            )
         _print(update)
         _say(f"wrote {self.output or self.file}")
         if self.json is not None:

@@ -69,6 +69,7 @@ class MapBuild:
                 precision=MAP_PRECISIONS[self.precision],
                 force=self.force,
                 progress=progress,
+                stage=progress.stage,
             )
         console.print(f"wrote {self.output}", highlight=False, markup=False, soft_wrap=True)
         print_info(self.output)
@@ -144,7 +145,7 @@ def _write_health(folder: Path, source: "MapFile", health: "MapHealth", force: b
     from lgprjax.archive.map_route import array_width_m
     from lgprjax.cli.figures import write_figures
     from lgprjax.formats import atomic_output
-    from lgprjax.registration import default_thresholds
+    from lgprjax.registration import MIN_OVERLAP
     from lgprjax.report import BaselineStrip, MapStrips, draw_map_strips
 
     for name, values in (("places.csv", health.places), ("agreement.csv", health.agreement)):
@@ -152,7 +153,7 @@ def _write_health(folder: Path, source: "MapFile", health: "MapHealth", force: b
             values.to_csv(temporary, index=False, float_format="%.12g")
     write_figures(folder / "findings.json", health.as_json(), force=force)
     draw_map_passes(source, health, folder / "passes.png", force=force)
-    survey, agreement, thresholds = health.survey, health.agreement, default_thresholds()
+    survey, agreement = health.survey, health.agreement
     strips = []
     for drive in sorted(set(agreement["baseline"])):
         mine = agreement[agreement["baseline"] == drive].sort_values("route_m")
@@ -176,11 +177,10 @@ def _write_health(folder: Path, source: "MapFile", health: "MapHealth", force: b
             passes=survey.ground.passes.astype(np.float64),
             repeats=survey.signal.repeats,
             likeness=survey.signal.likeness,
+            ambiguous=survey.signal.ambiguous,
             baselines=tuple(strips),
-            least_overlap=float(thresholds.overlap),
-            least_strength=float(thresholds.strength),
+            least_overlap=MIN_OVERLAP,
             least_repeats=WEAK_REPEATS,
-            most_likeness=1.0 - float(thresholds.margin) / float(thresholds.strength),
             widest_offset_m=WIDE_OFFSET_M,
             marked=tuple((f.kind, each.start_m, each.stop_m) for f in health.findings for each in f.where),
         ),

@@ -9,9 +9,10 @@ import numpy as np
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.drive_pictures import ENDS, draw_drive
-from lgprjax.cli.errors import require_files
+from lgprjax.cli.errors import UsageError, require_files
+from lgprjax.cli.map_info import UNSTATED
 from lgprjax.cli.progress import console, progress_bar, working
-from lgprjax.cli.search_options import check_region, check_search
+from lgprjax.cli.search_options import check_region, check_search, hold_ground, search_in_words
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     )
 
 _FEW = 0.1
+_USUAL_SCALE = 0.01
+"""A time scale farther from 1 is worth a remark."""
 
 
 @dataclass(frozen=True)
@@ -34,22 +37,25 @@ class Register:
     map: Annotated[Positional[Path], arg(metavar="MAP", help="subsurface database, M.map.h5")]
     drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs, X.drive.h5")]
     output: Annotated[Path, arg(aliases=["-o"], help="folder for DRIVE.fixes.csv, summary, pictures, report.html")]
-    search_m: float = 1.5
-    """half side of the search square about the position that GNSS/INS gives"""
-    window_m: float = 0.0
-    """match windows of this length instead of single scans"""
-    time_scale: float | Literal["auto"] = 1.0
-    """how much longer the wave's way in the ground takes today than on the map's day (after rain about 1.05);
+    search_m: float | None = None
+    """search this far to each side of the position in the log, in metres; by default as far as the log says that its
+    position may be wrong (4 sigma and 0.5 m), or 2.5 m where it says nothing, and farther where no place is found"""
+    window_m: float | None = None
+    """match this length of travel as one, 0 for single scans; by default as little of 0, 1, 2, 4 and 8 m as reaches the
+    risk, scan by scan"""
+    time_scale: float | Literal["auto"] = "auto"
+    """two-way travel time in the ground today, relative to the map's day (wet ground: above 1, after rain about 1.05);
     auto finds it along the drive"""
+    risk: float = 1e-4
+    """accept a fix if other ground would have matched as well with no higher probability, in each 4 m of travel"""
     thresholds: Path | None = None
-    """what a fix must reach, from lgprjax thresholds with the same --window-m; without it the defaults"""
-    track: bool = False
-    """each search starts from the last fix carried on by odometry; its region follows the correlation"""
+    """judge by thresholds from lgprjax thresholds, found with the same --window-m, instead of the map's noise floor
+    and the risk"""
     workers: int | None = None
-    """register by so many processes, all results in one folder with one table and page (no pictures of each drive);
+    """register with this many processes, all results in one folder with one table and page (no pictures of each drive);
     what is there already is not done again"""
     threads: int | None = None
-    """that each worker is held to; with equal threads the fixes are the same to the bit"""
+    """limit of each process; with equal threads the fixes are the same to the bit"""
     scheduler: str | None = None
     """the same on a cluster: address of a dask scheduler, tcp://HOST:8786"""
     json: Path | None = None
@@ -65,16 +71,18 @@ class Register:
         from lgprjax.report import summary_table
 
         require_files(self.drives, "drives")
-        check_search(self.search_m, self.window_m, self.time_scale)
+        check_search(self.search_m, self.window_m, self.time_scale, self.risk)
+        if self.thresholds is not None and self.window_m is None:
+            raise UsageError("--thresholds: expected --window-m beside it, the length that they were found for")
         if self.json is not None and self.json.exists() and not self.force:
             raise InputError(self.json, "output", "a new file, or --force", "the file exists")
-        held = None if self.thresholds is None else read_thresholds(self.thresholds, self.window_m)
+        own = None if self.thresholds is None else read_thresholds(self.thresholds, self.window_m or 0.0)
         options = RegisterOptions(
             search_m=self.search_m,
             window_m=self.window_m,
             time_scale=None if self.time_scale == "auto" else self.time_scale,
-            own_thresholds=None if held is None else Thresholds(**held),
-            track=self.track,
+            risk=self.risk,
+            own_thresholds=None if own is None else Thresholds(**own),
         )
         if (self.workers, self.threads, self.scheduler) != (None, None, None):
             from lgprjax.cli.register_many import Workforce, register_many
@@ -86,6 +94,9 @@ class Register:
         results = register_all(self.map, self.drives, self.output, options, force=self.force)
         summaries = [summary for _, summary, _ in results]
         console.print(summary_table(summaries))
+        for summary in summaries:
+            for remark in summary.remarks:
+                console.print(f"{summary.name}: {remark}", highlight=False, markup=False, soft_wrap=True)
         _advise(summaries)
         write_page(results, self.output, "Registration", force=self.force, options=options)
         if self.json is not None:
@@ -116,7 +127,7 @@ def register_all(
     Args:
         impostors: names of drives that are known to lie on other ground.
     """
-    from lgprjax.archive import passes_over, recording_of, register_log, track_of_drive, write_registered
+    from lgprjax.archive import recording_of, register_log, track_of_drive, write_registered
     from lgprjax.archive.tracks import gnss_gaps
     from lgprjax.cli.figures import write_figures
     from lgprjax.formats import DriveLog, MapFile
@@ -137,12 +148,11 @@ def register_all(
     folder.mkdir(parents=True, exist_ok=True)
     results: list[Registered] = []
     with MapFile.open(map_path) as source:
+        held = hold_ground(source, options)
         for path in drives:
             with DriveLog.open(path) as log:
-                with progress_bar(f"registering {path.name}", log.scans * passes_over(options)) as progress:
-                    drive = register_log(source, log, options, progress)
-                if drive.rung is not None:
-                    _print_rungs(drive.name, drive.rung)
+                with progress_bar(f"registering {path.name}", log.scans) as progress:
+                    drive = register_log(source, log, options, progress, held=held)
                 write_registered(drive, source, log, options, folder, force)
                 impostor = drive.name in impostors
                 result = drive_result(drive, source, impostor=impostor, gnss_gap=gnss_gaps(log))
@@ -155,51 +165,43 @@ def register_all(
 
 
 def _advise(summaries: "Sequence[DriveSummary]") -> None:
-    """What to look at where hardly a scan was located."""
-    few = [summary.name for summary in summaries if (summary.ok_fraction or 0.0) < _FEW]
-    if few:
-        told = (
-            f"few scans of {', '.join(few)} are ok: is it the map's ground, and --search-m no smaller than GNSS may be "
-            "wrong? Windows find more (--window-m 2); lgprjax check --health looks at the drive"
-        )
-        console.print(told, highlight=False, soft_wrap=True)
+    """What to do where hardly a scan was located, by what most of them were declined for."""
+    from lgprjax.report import main_decline
 
-
-def _print_rungs(name: str, rung: np.ndarray) -> None:
-    """How many scans of a tracked drive were searched on which rung."""
-    from lgprjax.registration import LADDER
-
-    counts = ", ".join(f"{step.name} {np.sum(rung == number)}" for number, step in enumerate(LADDER))
-    console.print(f"{name}, scans on each rung: {counts}", highlight=False, markup=False, soft_wrap=True)
+    for summary in summaries:
+        why = main_decline(summary)
+        if why is not None and (summary.ok_fraction or 0.0) < _FEW:
+            code, (meaning, action) = why
+            told = f"few scans of {summary.name} are ok, most are {code}: {meaning}. To do: {action}"
+            console.print(told, highlight=False, soft_wrap=True)
 
 
 def write_page(
     results: Sequence[Registered], folder: Path, title: str, *, force: bool, options: "RegisterOptions", intro: str = ""
 ) -> Path:
     """Write ``report.html``: overview, codes of all drives, a section each."""
-    from lgprjax.report import ReportFigure, Section, draw_codes, overview_table, write_report
+    from lgprjax.archive import settings_of
+    from lgprjax.report import ReportFigure, Section, declines_table, draw_codes, overview_table, write_report
 
     codes = folder / "codes.png"
     draw_codes(
         [result for result, _, _ in results],
         codes,
-        least_correlation=float(options.thresholds.strength),
-        least_margin=float(options.thresholds.margin),
-        by_chance=(float(options.thresholds.strength_by_chance), float(options.thresholds.margin_by_chance)),
+        risk=options.risk,
         force=force,
     )
     figure = ReportFigure(
         codes,
-        "Correlation and margin of all tried scans with the thresholds a fix must reach, and the codes given. The "
-        "threshold stands where all traces lie on the map; with fewer on it the correlation must be higher.",
-        "histograms of correlation and margin, bar of codes, one row a drive",
+        "Evidence of all tried scans with the risk that a fix must keep to, margin over the runner-up, and the codes "
+        "given. A decade of evidence is a tenth of the probability that other ground matches as well.",
+        "histograms of evidence and margin, bar of codes, one row a drive",
     )
-    tables = (overview_table([summary for _, summary, _ in results]),)
-    overview = Section("All drives", "", tables, (figure,))
+    summaries = [summary for _, summary, _ in results]
+    tables = [table for table in (overview_table(summaries), declines_table(summaries)) if table is not None]
+    overview = Section("All drives", "", tuple(tables), (figure,))
     page = folder / "report.html"
-    search = f"Search: {options.search_m:g} m to each side of the prior; "
-    how = f"windows of {options.window_m:g} m." if options.window_m else "single scans."
-    write_report(page, title, f"{intro}\n\n{search}{how}", [overview, *(s for _, _, s in results)], force)
+    search = search_in_words(settings_of(options))
+    write_report(page, title, f"{intro}\n\n{search}", [overview, *(s for _, _, s in results)], force)
     return page
 
 
@@ -227,7 +229,9 @@ def drive_result(
         sigma_along_m=table["sigma_along_m"].to_numpy(),
         sigma_cross_m=table["sigma_cross_m"].to_numpy(),
         correlation=table["correlation"].to_numpy(),
-        margin=table["margin"].to_numpy(),
+        # Without a runner-up the lead is over the least possible score, and tells nothing.
+        margin=np.where(np.asarray(drive.fix.runner_up) > -1.0, table["margin"].to_numpy(), np.nan),
+        p_false=np.asarray(drive.fix.p_false),
         code=table["code"].to_numpy().astype(str),
         yaw_rad=pose[:, 3],
         sigma_yaw_rad=np.sqrt(np.asarray(drive.fix.covariance)[:, 3, 3]),
@@ -238,7 +242,33 @@ def drive_result(
         correlation_at_truth=None if truth is None else drive.correlation_at_truth,
         baseline_tracks=tuple(source.pose[source.drive == number, :2] for number in numbers),
         impostor=impostor,
+        remarks=_remarks(drive, source),
     )
+
+
+def _remarks(drive: "RegisteredDrive", source: "MapFile") -> tuple[str, ...]:
+    """What a reader of the fixes must know beside them."""
+    labels = None if any(source.description.label_sigma_m) else f"labels: {UNSTATED}"
+    return tuple(line for line in (labels, drive.jumps, _windows(drive), _time_scales(drive)) if line is not None)
+
+
+def _windows(drive: "RegisteredDrive") -> str | None:
+    """How much travel the ok fixes needed."""
+    window_m = np.asarray(drive.fix.window_m)[drive.table["code"].to_numpy() == "ok"]
+    if not len(window_m):
+        return None
+    lengths, counts = np.unique(window_m, return_counts=True)
+    named = ["single scans" if length == 0.0 else f"{length:g} m" for length in lengths]
+    shares = [f"{name} {100.0 * count / len(window_m):.0f} %" for name, count in zip(named, counts, strict=True)]
+    return f"windows of the ok fixes: {', '.join(shares)}"
+
+
+def _time_scales(drive: "RegisteredDrive") -> str | None:
+    """The time scales of the drive, where they are not those of the map's day."""
+    scale = drive.time_scale[drive.table["code"].to_numpy() == "ok"]
+    if not len(scale) or np.max(np.abs(scale - 1.0)) < _USUAL_SCALE:
+        return None
+    return f"time scale of the ok fixes: {scale.min():.3f} to {scale.max():.3f}, median {np.median(scale):.3f}"
 
 
 def _claim(folder: Path, names: Sequence[str], force: bool) -> None:

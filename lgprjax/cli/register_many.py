@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from lgprjax.cli.archive_views import print_sums, write_views
 from lgprjax.cli.errors import BAD_INPUT, UsageError
 from lgprjax.cli.progress import console, progress_bar, working
-from lgprjax.cli.search_options import check_region
+from lgprjax.cli.search_options import check_region, hold_ground
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -69,6 +69,8 @@ def register_many(
         raise UsageError(f"--workers: expected at most {len(own_gpus)}, one a GPU, found {workforce.workers}")
     with MapFile.open(map_path) as source:
         check_region(options.search_m, source)
+        # Measured and remembered here, or each worker would measure for itself.
+        hold_ground(source, options)
     stamp = stamp_of(map_path)
     with working(f"reading {map_path.name}"):
         map_sha256 = file_hash(map_path)

@@ -70,7 +70,7 @@ def read_records(folder: Path) -> RunRecords:
         InputError: there is no recording in it.
     """
     from lgprjax.formats import read_run
-    from lgprjax.runtime.records import FIX, PLAN, Kind, Source, unpack
+    from lgprjax.runtime.records import FIX, PLAN, Kind, Source, fix_row, unpack
 
     begun: dict[int, int] = {}
     ticks, plan_ns, fix_ns = [], [], []
@@ -87,10 +87,10 @@ def read_records(folder: Path) -> RunRecords:
             plans.append(np.frombuffer(record.payload, PLAN)[0])
             plan_ns.append(record.mono_ns)
         elif record.kind is Kind.FIX and record.tick == 0:
-            fixes.append(np.frombuffer(record.payload, FIX)[0])
+            fixes.append(fix_row(record.payload))
             fix_ns.append(record.mono_ns)
         elif record.kind is Kind.FIX:
-            used.append((int(np.frombuffer(record.payload, FIX)[0]["scan_ns"]), record.tick))
+            used.append((int(fix_row(record.payload)["scan_ns"]), record.tick))
         elif record.kind is Kind.PORT_IN and record.source is Source.RADAR:
             scans += record.payload[3] == 0x12
         elif record.kind is Kind.MONITOR and record.tick > 0:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from tyro.conf import Positional, arg
 
-from lgprjax.cli.errors import UsageError, require_files
+from lgprjax.cli.errors import require_files
 from lgprjax.cli.progress import console, progress_bar
 from lgprjax.cli.search_options import check_region, check_search
 from lgprjax.errors import InputError
@@ -26,11 +26,11 @@ class ThresholdsVerb:
     map: Annotated[Positional[Path], arg(metavar="MAP", help="subsurface database, M.map.h5")]
     drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs over its ground")]
     output: Annotated[Path, arg(aliases=["-o"], help="X.thresholds.toml")]
-    search_m: float = 1.5
-    """half side of the search square, as for register"""
-    window_m: float = 0.0
-    """length of the windows, as for register; thresholds hold for one length"""
-    time_scale: float | Literal["auto"] = 1.0
+    window_m: float
+    """length of the windows in metres, 0 for single scans; thresholds hold for one length, which register then needs"""
+    search_m: float = 2.5
+    """search this far to each side of the position in the log, in metres"""
+    time_scale: float | Literal["auto"] = "auto"
     """as for register"""
     risk: float = 1e-4
     """probability that a match with ground that is not there passes"""
@@ -41,15 +41,13 @@ class ThresholdsVerb:
 
     def run(self) -> None:
         """Calibrate."""
-        from lgprjax.archive import passes_over, thresholds_from, try_drives
+        from lgprjax.archive import thresholds_from, try_drives
         from lgprjax.cli.figures import write_figures
         from lgprjax.formats import DriveLog, MapFile, write_thresholds
         from lgprjax.registration import RegisterOptions, squared_errors
 
         require_files(self.drives, "drives")
-        check_search(self.search_m, self.window_m, self.time_scale)
-        if not 1e-9 <= self.risk <= 0.01:
-            raise UsageError(f"--risk: expected a probability of 1e-9 to 0.01, found {self.risk:g}")
+        check_search(self.search_m, self.window_m, self.time_scale, self.risk)
         for output in (self.output, self.json):
             if output is not None and output.exists() and not self.force:
                 raise InputError(output, "output", "a new file, or --force", "the file exists")
@@ -63,9 +61,7 @@ class ThresholdsVerb:
             check_region(self.search_m, source)
             logs = [opened.enter_context(DriveLog.open(path)) for path in self.drives]
             scans = sum(log.scans for log in logs)
-            # The places where nothing can match are searched at a time scale that is known by then.
-            total = scans * (1 + passes_over(options))
-            with progress_bar("matching, at true places and at false ones", total) as told:
+            with progress_bar("matching, at true places and at false ones", 2 * scans) as told:
                 trials = try_drives(source, logs, options, told)
         try:
             found = thresholds_from(trials, self.risk)
@@ -97,10 +93,10 @@ class ThresholdsVerb:
         if self.json is not None:
             write_figures(self.json, {"thresholds": thresholds, **figures}, force=self.force)
         console.print(
-            f"strength >= {found.strength_by_chance:.2f} and lead >= {found.margin_by_chance:.2f} of what the strength "
-            f"scatters by; sigmas times {found.sigma_scale:.2f}\n"
+            f"score >= {found.strength_by_chance:.2f} and lead >= {found.margin_by_chance:.2f} noise floors; sigmas "
+            f"times {found.sigma_scale:.2f}\n"
             f"right matches that pass: {figures['pass']:.1%} of {figures['right']}; highest of {figures['false']} "
-            f"false ones: strength {figures['highest_false_strength']:.2f}, lead {figures['highest_false_lead']:.2f}\n"
+            f"false ones: score {figures['highest_false_strength']:.2f}, lead {figures['highest_false_lead']:.2f}\n"
             f"thresholds: {self.output}",
             highlight=False,
             markup=False,

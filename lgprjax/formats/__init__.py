@@ -41,6 +41,7 @@ from lgprjax.formats.run_log import RunReading, RunSummary, read_run
 from lgprjax.formats.schema import Schema, load_schema
 from lgprjax.formats.segy import read_segy
 from lgprjax.formats.segy_drive import import_segy
+from lgprjax.formats.stored_chance import CHANCE_METHOD, chance_as_text, chance_of_text
 from lgprjax.formats.study_file import Study, read_study
 from lgprjax.formats.survey_track import Place
 from lgprjax.formats.surveys import import_iprb, import_lines, read_profile
@@ -54,6 +55,7 @@ from lgprjax.formats.worked_file import read_worked, write_worked
 from lgprjax.formats.worked_record import WorkedRecord, stop_words
 
 __all__ = [
+    "CHANCE_METHOD",
     "MAP_PRECISIONS",
     "CoverPlan",
     "DriveDescription",
@@ -91,6 +93,8 @@ __all__ = [
     "WheelMap",
     "WorkedRecord",
     "atomic_output",
+    "chance_as_text",
+    "chance_of_text",
     "check_file",
     "copy_stations",
     "cover_plan_findings",

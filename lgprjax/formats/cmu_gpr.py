@@ -166,7 +166,7 @@ def _tracks(
     except ValueError:
         raise InputError(truth_file, "positions", "a vehicle that moves", "one that stands still") from None
     poses = (time_s, latitude_deg, longitude_deg, heading_deg, truth[:, 3])
-    return track(*poses), track(*poses, sigmas=False)
+    return track(*poses), track(*poses)
 
 
 def _utc(file: Path, time_s: float) -> str:

@@ -11,7 +11,7 @@ from lgprjax.radar.channels import ChannelResponse
 
 @dataclass(frozen=True)
 class NavigationTrack:
-    """Poses of the body origin (rear axle), WGS-84. All sigmas are ``None`` for a true track.
+    """Poses of the body origin (rear axle), WGS-84. A sigma that nobody stated is ``None``, as those of a true track.
 
     Attributes:
         time_s: seconds since the drive's ``t0_utc``, strictly increasing.
@@ -99,7 +99,7 @@ class DriveDescription:
         t0_utc: moment that every ``time_s`` counts from, ISO 8601.
         array: antenna positions in the body frame.
         recording: traces over travel time, or stepped-frequency sweeps.
-        navigation: GNSS/INS poses, with sigmas.
+        navigation: GNSS/INS poses, with the sigmas that the recording states.
         odometry: signed travel.
         truth: true poses (synthetic, or RTK), without sigmas.
         vehicle: signals by name, ``time_s`` among them.

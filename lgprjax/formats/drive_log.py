@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -32,6 +33,15 @@ __all__ = [
     "SweepRecording",
     "TraceRecording",
 ]
+
+
+# What these importers wrote for every survey up to format 1.4; that of recordings, for headings that follow the path.
+_INVENTORS = tuple(f"lgprjax import {name}" for name in ("cmu", "gprmax", "grounded", "iprb", "lines", "segy"))
+_INVENTED = {
+    **dict.fromkeys(("sigma_east_m", "sigma_north_m", "sigma_height_m"), 0.05),
+    **dict.fromkeys(("sigma_heading_deg", "sigma_roll_deg"), 0.5),
+}
+_HEADING_OF_PATH = "heading from the path, roll taken as 0: no topic tells them"
 
 
 class DriveLog:
@@ -202,11 +212,11 @@ def _read_description(store: h5py.File) -> DriveDescription:
             height_m=_number(array, "height_m"),
         ),
         recording=_read_recording(store["/radar"]),
-        navigation=read_track(store["/gnss_ins"]),
+        navigation=without_invented(read_track(store["/gnss_ins"]), provenance_of(store)),
         odometry=OdometryTrack(store["/odometry/time_s"][:], store["/odometry/distance_m"][:]),
         truth=None if truth is None else read_track(truth),
         vehicle=read_arrays(vehicle),
-        provenance=json.loads(str(attribute_of(store, "provenance"))),
+        provenance=provenance_of(store),
         serial_number=serial_number_of(vehicle),
         plan=read_arrays(store.get("/plan")),
     )
@@ -227,6 +237,27 @@ def read_track(group: Any) -> NavigationTrack:
     """A track from its group."""
     names = NavigationTrack.__dataclass_fields__
     return NavigationTrack(**{name: group[name][:] for name in names if name in group})
+
+
+def provenance_of(store: h5py.File) -> dict[str, object]:
+    """Which steps, parameters and inputs made the file."""
+    held: dict[str, object] = json.loads(str(attribute_of(store, "provenance")))
+    return held
+
+
+def without_invented(track: NavigationTrack, provenance: dict[str, object]) -> NavigationTrack:
+    """The track without the sigmas that importers wrote up to format 1.4 although no survey stated them."""
+    maker, notes = provenance.get("made_by"), provenance.get("notes")
+    if maker in _INVENTORS:
+        suspect = _INVENTED
+    elif maker == "lgprjax import mcap" and isinstance(notes, list) and _HEADING_OF_PATH in notes:
+        suspect = {name: value for name, value in _INVENTED.items() if name.endswith("_deg")}
+    else:
+        return track
+    held = {name: getattr(track, name) for name in suspect}
+    invented = [name for name, each in held.items() if each is not None and np.allclose(each, suspect[name], 1e-9, 0.0)]
+    unstated: dict[str, Any] = dict.fromkeys(invented)
+    return replace(track, **unstated)
 
 
 def _read_recording(radar: Any) -> TraceRecording | SweepRecording:

@@ -174,6 +174,7 @@ def _read_h5(path: str | Path) -> pd.DataFrame:
 
 
 def _cells(column: pd.Series, entry: Entry) -> list[str]:
-    if entry.decimals is None:
+    if entry.decimals is None and entry.digits is None:
         return [str(value) for value in column.tolist()]
-    return ["" if value != value else f"{value:.{entry.decimals}f}" for value in column.tolist()]
+    form = f".{entry.digits}g" if entry.decimals is None else f".{entry.decimals}f"
+    return ["" if value != value else format(value, form) for value in column.tolist()]

@@ -22,8 +22,6 @@ _STORED: dict[str, tuple[type[np.generic], float]] = {
     "float32": (np.float32, 0.0),
     "float64": (np.float32, 0.0),
 }
-_SIGMA_M = 0.05
-_SIGMA_DEG = 0.5
 
 
 def import_grounded(
@@ -197,7 +195,7 @@ def _track(
     # Grid north leans off true north by the meridian convergence, which counts clockwise.
     convergence_deg = projection.get_factors(longitude_deg, latitude_deg).meridian_convergence
     grid_deg = np.rad2deg(np.arctan2(forward[:, 0], forward[:, 1]))
-    zeros, sigma_m, sigma_deg = np.zeros(len(time_s)), np.full(len(time_s), _SIGMA_M), np.full(len(time_s), _SIGMA_DEG)
+    zeros = np.zeros(len(time_s))
     return NavigationTrack(
         time_s=time_s,
         latitude_deg=latitude_deg,
@@ -205,9 +203,4 @@ def _track(
         height_m=zeros,
         heading_deg=(grid_deg + convergence_deg) % 360.0,
         roll_deg=zeros,
-        sigma_east_m=sigma_m,
-        sigma_north_m=sigma_m,
-        sigma_height_m=sigma_m,
-        sigma_heading_deg=sigma_deg,
-        sigma_roll_deg=sigma_deg,
     )

@@ -16,8 +16,10 @@ from lgprjax.formats.map_stored import StoredStations, place_rows, places_of_row
 from lgprjax.formats.map_traces import CodedTraceBlocks, SampledTraces
 from lgprjax.formats.schema import load_schema
 from lgprjax.formats.store import attribute_of, open_store, reading, validate_store
+from lgprjax.formats.stored_chance import read_chance
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import ChainSettings
+from lgprjax.registration import Chance, ladder_of
 from lgprjax.subsurface import MapDescription, Places, StationPlaces, Stations, Stretches
 
 _SCHEMA = load_schema("map")
@@ -40,6 +42,7 @@ class MapFile:
         places: where the stations stand.
         tile_frame: east_m, north_m, yaw_rad of every tile.
         height_reference_m: antenna height above the ground that each tile is brought to.
+        chance: how well ground that is not the map's matches it; None where the file does not say.
     """
 
     def __init__(self, path: Path, store: h5py.File) -> None:
@@ -63,6 +66,7 @@ class MapFile:
         self.description = self._description()
         self.tile_frame: Float[np.ndarray, "tile 3"] = store["tiles/frame"][()]
         self.height_reference_m: Float[np.ndarray, " tile"] = store["tiles/height_reference_m"][()]
+        self.chance: Chance | None = read_chance(store, path, ladder_of(self.description.settings.wavelength_m))
 
     @classmethod
     def open(cls, path: str | Path) -> "MapFile":

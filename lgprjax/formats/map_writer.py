@@ -2,6 +2,7 @@
 
 import json
 import tempfile
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
@@ -14,10 +15,13 @@ from jaxtyping import Float, Integer
 from lgprjax.errors import InputError
 from lgprjax.formats.hdf5_output import GuardedFile, create_store
 from lgprjax.formats.map_code import STANDARD, CodedTraces, MapPrecision, TraceCode, encode, trace_code
+from lgprjax.formats.map_file import MapFile
 from lgprjax.formats.map_rows import UNIT, differences
 from lgprjax.formats.map_stored import BLOCK, StoredStations, places_of_rows, stored_block
 from lgprjax.formats.schema import load_schema
 from lgprjax.formats.store import create_array, validate_store, write_array, write_attribute
+from lgprjax.formats.stored_chance import write_chance
+from lgprjax.registration import Chance, ladder_of
 from lgprjax.subsurface import MapDescription, StationBlock, Stretches, stretches_of
 
 _SCHEMA = load_schema("map")
@@ -167,6 +171,19 @@ class MapWriter:
             write_array(store, _SCHEMA, "/code/basis", self._code.basis)
             write_array(store, _SCHEMA, "/code/level", self._code.level)
             write_attribute(store["code"], "step_rms", self._code.step_rms)
+        self._output.check()
+
+    def add_chance(self, measure: Callable[[MapFile], Chance]) -> None:
+        """Store what is measured on the finished map, which has no name yet: after ``finish``.
+
+        Args:
+            measure: given the map as it is to be read; must not close it.
+        """
+        self._store.flush()
+        self._output.check()
+        written = MapFile(self.path, self._store)
+        windows_m = ladder_of(written.description.settings.wavelength_m)
+        write_chance(self._store, measure(written), windows_m)
         self._output.check()
 
     def _extend(self, name: str, rows: np.ndarray, chunk: int = UNIT) -> None:

@@ -23,6 +23,7 @@ from lgprjax.formats.mcap_scans import SWEEPS, ScanForm, array_values, scan_valu
 from lgprjax.formats.ros_layout import Layout
 from lgprjax.formats.ros_messages import (
     COVARIANCE_KNOWN,
+    COVARIANCE_UNKNOWN,
     DRIVE_METADATA,
     PITCH_VARIANCE,
     TOPICS,
@@ -183,11 +184,8 @@ class _NavigationValues:
     def __init__(self, track: NavigationTrack) -> None:
         self._track = track
         self._yaw_rad, self._roll_rad = np.radians(90.0 - track.heading_deg), np.radians(track.roll_deg)
-        sigmas = (track.sigma_east_m, track.sigma_north_m, track.sigma_height_m)
-        angles = (track.sigma_roll_deg, track.sigma_heading_deg)
-        # The schema of drive logs asks for all of them.
-        self._place = np.stack([each for each in sigmas if each is not None], axis=1) ** 2
-        self._angle = np.radians(np.stack([each for each in angles if each is not None], axis=1)) ** 2
+        self._place = _variances(track.sigma_east_m, track.sigma_north_m, track.sigma_height_m)
+        self._angle = _variances(track.sigma_roll_deg, track.sigma_heading_deg)
 
     def __call__(self, at: int) -> Iterator[tuple[str, dict[str, Any]]]:
         track = self._track
@@ -197,21 +195,30 @@ class _NavigationValues:
                 "latitude": float(track.latitude_deg[at]),
                 "longitude": float(track.longitude_deg[at]),
                 "altitude": float(track.height_m[at]),
-                "position_covariance": np.diag(self._place[at]),
-                "position_covariance_type": COVARIANCE_KNOWN,
+                "position_covariance": np.zeros((3, 3)) if self._place is None else np.diag(self._place[at]),
+                "position_covariance_type": COVARIANCE_UNKNOWN if self._place is None else COVARIANCE_KNOWN,
             },
         )
-        roll, yaw = self._angle[at]
+        attitude = np.zeros((3, 3))
+        if self._angle is not None:
+            roll, yaw = self._angle[at] * np.radians(1.0) ** 2
+            attitude = np.diag([roll, PITCH_VARIANCE, yaw])
         turn = quaternion_of(float(self._yaw_rad[at]), float(self._roll_rad[at]))
         yield (
             "attitude",
             {
                 **{f"orientation.{axis}": value for axis, value in turn.items()},
-                "orientation_covariance": np.diag([roll, PITCH_VARIANCE, yaw]),
+                "orientation_covariance": attitude,
                 "angular_velocity_covariance": _NOT_MEASURED,
                 "linear_acceleration_covariance": _NOT_MEASURED,
             },
         )
+
+
+def _variances(*sigmas: Float[np.ndarray, " record"] | None) -> Float[np.ndarray, "record axis"] | None:
+    """Squares side by side; None where the drive does not state them all, as a covariance must."""
+    stated = [each for each in sigmas if each is not None]
+    return np.stack(stated, axis=1) ** 2 if len(stated) == len(sigmas) else None
 
 
 class _OdometryValues:

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from lgprjax.errors import InputError
 from lgprjax.formats.drive_description import NavigationTrack, OdometryTrack
 from lgprjax.formats.mcap_topics import TopicRows
-from lgprjax.formats.survey_track import SIGMA_DEG, distances_m, path_headings_deg
+from lgprjax.formats.survey_track import distances_m, path_headings_deg
 from lgprjax.frames import LocalFrame, wrap_angle
 
 # Headings are not interpolated over longer gaps than this, nor over more than three usual steps of a slow source.
@@ -21,7 +21,7 @@ class McapAssumed(NamedTuple):
 
     Attributes:
         gnss_m: place of the GNSS antenna: forward and left of the rear axle, above the ground.
-        gnss_sigma_m: of positions whose message does not tell its covariance.
+        gnss_sigma_m: of positions whose message does not tell its covariance; None where nobody knows.
         heading_sigma_deg: likewise of headings and rolls.
     """
 
@@ -69,10 +69,11 @@ def navigation_track(
     """Poses of the body origin at the times of the positions.
 
     Positions between which and the next heading lies a gap are left out. Without a source of headings they follow the
-    path, and the roll is zero.
+    path, and the roll is zero. Sigmas that neither any message nor the user tells stay absent.
 
     Raises:
-        InputError: fewer than two positions, no heading can be told, or a covariance is not known and not assumed.
+        InputError: fewer than two positions, no heading can be told, or only some messages tell a
+            covariance that is not assumed.
     """
     ns, rows = position.sorted()
     if not np.all(np.isnan(rows[:, 2])):
@@ -103,8 +104,8 @@ def navigation_track(
         sigma_east_m=sigmas_m[0],
         sigma_north_m=sigmas_m[1],
         sigma_height_m=sigmas_m[2],
-        sigma_heading_deg=np.degrees(sigmas_rad[0]),
-        sigma_roll_deg=np.degrees(sigmas_rad[1]),
+        sigma_heading_deg=None if sigmas_rad[0] is None else np.degrees(sigmas_rad[0]),
+        sigma_roll_deg=None if sigmas_rad[1] is None else np.degrees(sigmas_rad[1]),
     )
 
 
@@ -166,14 +167,16 @@ def _attitude_of_path(
     except ValueError:
         expected = "a vehicle that moves, or a source of headings"
         raise InputError(path, topic, expected, "one that stands still") from None
-    variance = np.full(len(time_s), np.radians(SIGMA_DEG) ** 2)
-    return Attitude(np.radians(90.0 - heading_deg), np.zeros(len(time_s)), variance, variance)
+    unknown = np.full(len(time_s), np.nan)
+    return Attitude(np.radians(90.0 - heading_deg), np.zeros(len(time_s)), unknown, unknown)
 
 
 def _sigma(
     path: Path, topic: str, variance: Float[np.ndarray, " position"], assumed: float | None, option: str
-) -> Float[np.ndarray, " position"]:
+) -> Float[np.ndarray, " position"] | None:
     known = np.isfinite(variance) & (variance >= 0.0)
+    if assumed is None and not np.any(known):
+        return None
     if assumed is None and not np.all(known):
         found = f"none in {np.count_nonzero(~known)} of {len(known)} messages"
         raise InputError(path, topic, f"a covariance, or {option}", found)

@@ -36,7 +36,7 @@ DRIVE_METADATA = "lgprjax.drive"
 """Name of the metadata that an exported drive leaves in the file: name, t0_utc, provenance."""
 # A drive log has no pitch: a right angle either way.
 PITCH_VARIANCE = (np.pi / 2) ** 2
-COVARIANCE_KNOWN = 3
+COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
 
 _OWN = {
     RADAR_SCAN: """\

@@ -22,7 +22,7 @@ class Entry:
         needs: path whose presence makes this entry required.
         bulk: too large to be loaded whole.
         severity: how bad a value that fails a check is.
-        decimals: how a table column is printed.
+        decimals: how a table column is printed; digits: the same for one that spans decades.
     """
 
     path: str
@@ -38,6 +38,7 @@ class Entry:
     bulk: bool = False
     severity: str = "error"
     decimals: int | None = None
+    digits: int | None = None
 
 
 @dataclass(frozen=True)

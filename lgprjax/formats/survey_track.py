@@ -13,10 +13,8 @@ from lgprjax.formats.drive_description import NavigationTrack
 
 # A survey has no clock that matters: scans are timed as if walked at this speed.
 SURVEY_SPEED_MPS = 1.0
-SIGMA_M = 0.05
-SIGMA_DEG = 0.5
 # Headings are taken over this length of path: centimetres of noise then turn them by a degree or two at most.
-_CHORD_M = 1.0
+CHORD_M = 1.0
 _GEOD = pyproj.Geod(ellps="WGS84")
 
 
@@ -66,12 +64,9 @@ def track(
     longitude_deg: Float[np.ndarray, " scan"],
     heading_deg: Float[np.ndarray, " scan"],
     height_m: Float[np.ndarray, " scan"] | None = None,
-    *,
-    sigmas: bool = True,
 ) -> NavigationTrack:
-    """Poses without roll, at height 0 where none is given, with a survey's usual sigmas or with none (truth)."""
+    """Poses without roll, at height 0 where none is given. A survey states no sigmas."""
     zeros = np.zeros(len(time_s))
-    metres, degrees = (np.full(len(time_s), s) if sigmas else None for s in (SIGMA_M, SIGMA_DEG))
     return NavigationTrack(
         time_s=time_s,
         latitude_deg=latitude_deg,
@@ -79,11 +74,6 @@ def track(
         height_m=zeros if height_m is None else height_m,
         heading_deg=heading_deg,
         roll_deg=zeros,
-        sigma_east_m=metres,
-        sigma_north_m=metres,
-        sigma_height_m=metres,
-        sigma_heading_deg=degrees,
-        sigma_roll_deg=degrees,
     )
 
 
@@ -120,7 +110,7 @@ def path_headings_deg(
     at = np.concatenate([[0.0], length_m])
     ahead, behind = (
         np.stack([np.interp(at + half, knots, points[:, axis]) for axis in (0, 1)], axis=1)
-        for half in (_CHORD_M / 2, -_CHORD_M / 2)
+        for half in (CHORD_M / 2, -CHORD_M / 2)
     )
     chord = ahead - behind
     known = np.flatnonzero(np.hypot(chord[:, 0], chord[:, 1]) > 0)

@@ -8,7 +8,9 @@ from lgprjax.files import load_toml
 from lgprjax.formats.atomic import atomic_output
 
 _SCHEMA = "lgprjax.thresholds"
-_NAMES = ("strength", "strength_by_chance", "margin", "margin_by_chance", "overlap", "sigma_scale")
+_NAMES = ("strength_by_chance", "margin_by_chance", "overlap", "sigma_scale")
+_ABSOLUTE = ("strength", "margin")
+"""Of version 1.0: least score and lead as such. Nothing is asked of them any more."""
 
 
 def write_thresholds(
@@ -32,7 +34,7 @@ def write_thresholds(
     Raises:
         InputError: the output cannot be written, or exists.
     """
-    lines = [f'schema = "{_SCHEMA}"', 'version = "1.0"', f"window_m = {window_m!r}", f"search_m = {search_m!r}", ""]
+    lines = [f'schema = "{_SCHEMA}"', 'version = "1.1"', f"window_m = {window_m!r}", f"search_m = {search_m!r}", ""]
     lines += ["[thresholds]", *(f"{name} = {float(thresholds[name])!r}" for name in _NAMES), "", "[found_on]"]
     for name, value in found_on.items():
         # A JSON string is a TOML string: names of files may hold quotes.
@@ -49,7 +51,8 @@ def read_thresholds(path: str | Path, window_m: float) -> dict[str, float]:
         window_m: of the registration that they are for; thresholds of another window do not hold.
 
     Raises:
-        InputError: not a file of thresholds, one is missing or no number, or they are for other windows.
+        InputError: not a file of thresholds, one is missing or no number, they are for other windows, or an older file
+            asks for an absolute score or lead.
     """
     held = load_toml(path)
     if held.get("schema") != _SCHEMA:
@@ -64,4 +67,8 @@ def read_thresholds(path: str | Path, window_m: float) -> dict[str, float]:
         value = values.get(name)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < 1e6:
             raise InputError(path, f"thresholds.{name}", "a number of at least 0", repr(value))
+    for name in _ABSOLUTE:
+        if values.get(name, 0.0) != 0.0:
+            expected = "0: fixes are judged in units of the noise floor alone; calibrate again with lgprjax thresholds"
+            raise InputError(path, f"thresholds.{name}", expected, repr(values[name]))
     return {name: float(values[name]) for name in _NAMES}

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lgprjax.formats.drive_description import NavigationTrack, OdometryTrack
-from lgprjax.formats.drive_log import read_arrays, read_track, serial_number_of
+from lgprjax.formats.drive_log import provenance_of, read_arrays, read_track, serial_number_of, without_invented
 from lgprjax.formats.drive_writer import write_plan, write_signals, write_tracks
 from lgprjax.formats.hdf5_output import create_store
 from lgprjax.formats.schema import load_schema
@@ -59,12 +59,12 @@ class VehicleLog:
                 return cls(
                     name=str(attribute_of(store, "name")),
                     t0_utc=str(attribute_of(store, "t0_utc")),
-                    navigation=read_track(store["/gnss_ins"]),
+                    navigation=without_invented(read_track(store["/gnss_ins"]), provenance_of(store)),
                     odometry=OdometryTrack(store["/odometry/time_s"][:], store["/odometry/distance_m"][:]),
                     truth=None if truth is None else read_track(truth),
                     vehicle=read_arrays(vehicle),
                     serial_number=serial_number_of(vehicle),
-                    provenance=json.loads(str(attribute_of(store, "provenance"))),
+                    provenance=provenance_of(store),
                     plan=read_arrays(store.get("/plan")),
                 )
 

@@ -150,6 +150,7 @@ from lgprjax.navigation.threshold_switch import (
     SwitchState,
     init_switch,
     step_switch,
+    switch_settings,
 )
 
 __all__ = [
@@ -254,6 +255,7 @@ __all__ = [
     "step_planner",
     "step_skid_filter",
     "step_switch",
+    "switch_settings",
     "to_global",
     "to_local",
     "transition_matrix",

@@ -27,7 +27,7 @@ __all__ = [
     "step_health",
 ]
 
-_BINS = 10  # of the sliding mean
+_BINS = 10  # of the sliding share
 
 
 class HealthState(NamedTuple):
@@ -36,7 +36,8 @@ class HealthState(NamedTuple):
     Attributes:
         gnss_x_m, gnss_y_m: last GNSS position.
         stuck_m: way driven since it changed.
-        strength, scans: sums over each tenth of the sliding mean, the newest first.
+        unproven, scans: scans without evidence of the map's ground, and all, in each tenth of the sliding share, the
+            newest first.
         bin_s: since the newest tenth began.
         held_s: how long each reason, in the order of its bits, is still to be reported.
     """
@@ -44,7 +45,7 @@ class HealthState(NamedTuple):
     gnss_x_m: Float[Array, ""]
     gnss_y_m: Float[Array, ""]
     stuck_m: Float[Array, ""]
-    strength: Float[Array, "10"]
+    unproven: Float[Array, "10"]
     scans: Float[Array, "10"]
     bin_s: Float[Array, ""]
     held_s: Float[Array, "23"]
@@ -77,7 +78,7 @@ def step_health(
     filter_state: FilterState,
     filter_info: FilterInfo,
     observations: Observations,
-    lgpr_strength: Float[Array, ""],
+    lgpr_p_false: Float[Array, ""],
     frame_left_m: Float[Array, ""],
     step_s: Float[Array, ""],
 ) -> tuple[HealthState, Health]:
@@ -88,13 +89,14 @@ def step_health(
         state: before the tick.
         filter_state, filter_info: of ``step_filter``, after the same tick.
         observations: of the tick.
-        lgpr_strength: of the best match of a scan, 0 to 1, whether it became a fix or not; NaN where none was scored.
+        lgpr_p_false: probability that ground which is not the map's would have matched the tick's scan as well, whether
+            the match became a fix or not; NaN where none was matched.
         frame_left_m: what ``slew_frame`` left.
         step_s: length of the tick.
     """
     sound_step = (step_s > 0.0) & (step_s <= rules.longest_step_s)
     passed_s = jnp.where(sound_step, step_s, 0.0)
-    state = _listened(rules, state, filter_state, filter_info, observations, lgpr_strength, passed_s)
+    state = _listened(rules, state, filter_state, filter_info, observations, lgpr_p_false, passed_s)
     seen = _seen(rules, state, filter_state, filter_info, observations, frame_left_m, sound_step)
     held_s = jnp.where(seen, rules.hold_s, jnp.maximum(state.held_s - passed_s, 0.0))
     told = seen | (held_s > 0.0)
@@ -112,23 +114,23 @@ def _listened(
     filter_state: FilterState,
     filter_info: FilterInfo,
     observations: Observations,
-    lgpr_strength: Float[Array, ""],
+    lgpr_p_false: Float[Array, ""],
     passed_s: Float[Array, ""],
 ) -> HealthState:
-    """The unchanged position and the sliding mean, brought to this tick."""
+    """The unchanged position and the sliding share, brought to this tick."""
     gnss = observations.gnss
     changed = filter_info.offered[GNSS] & ((gnss.x_m != state.gnss_x_m) | (gnss.y_m != state.gnss_y_m))
     # A receiver that is silent is not stuck: its own rule tells that.
     heard = filter_state.gates.since_offered_s[GNSS] <= rules.silent_s[GNSS]
     moved_m = jnp.where(heard, jnp.abs(filter_state.estimate.mean[SPEED]) * passed_s, 0.0)
     full = state.bin_s + passed_s >= rules.fading_s / _BINS
-    scored = jnp.isfinite(lgpr_strength)
+    matched = ~jnp.isnan(lgpr_p_false)
     return state._replace(
         gnss_x_m=jnp.where(changed, gnss.x_m, state.gnss_x_m),
         gnss_y_m=jnp.where(changed, gnss.y_m, state.gnss_y_m),
         stuck_m=jnp.where(changed, 0.0, state.stuck_m + moved_m),
-        strength=_pushed(state.strength, jnp.where(scored, lgpr_strength, 0.0), full),
-        scans=_pushed(state.scans, jnp.where(scored, 1.0, 0.0), full),
+        unproven=_pushed(state.unproven, jnp.where(lgpr_p_false > rules.risk, 1.0, 0.0), full),
+        scans=_pushed(state.scans, jnp.where(matched, 1.0, 0.0), full),
         bin_s=jnp.where(full, 0.0, state.bin_s + passed_s),
     )
 
@@ -153,8 +155,7 @@ def _seen(
     coarse = observations.gnss.valid & (
         jnp.maximum(covariance[0, 0], covariance[1, 1]) > rules.coarse_m * rules.coarse_m
     )
-    mean_strength = state.strength.sum() / jnp.maximum(state.scans.sum(), 1.0)
-    faded = (state.scans.sum() > 0.0) & (mean_strength < rules.faded_strength)
+    faded = state.unproven.sum() > rules.faded_share * state.scans.sum()
     no_heading = (silent[HEADING] | rejected[HEADING]) & lost[HEADING]
     speed_variance = estimate.covariance[SPEED, SPEED]
     seen = {

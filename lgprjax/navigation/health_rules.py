@@ -15,8 +15,9 @@ class HealthRules(NamedTuple):
         rejects: rejected so many times in a row, a source is reported as such.
         coarse_m: standard deviation, larger axis, above which GNSS is coarse.
         stuck_m: way driven under one unchanged GNSS position.
-        faded_strength: mean strength of the scans' matches over ``fading_s`` below which the ground has faded.
-        fading_s: length of that sliding mean.
+        risk: probability of a false match up to which a scan is evidence of the map's ground; that of a fix.
+        faded_share: share of the scans of ``fading_s`` without such evidence above which the ground has faded.
+        fading_s: length of that sliding share.
         conflict_stop_s: a conflict between GNSS and LGPR that lasts longer asks for a stop.
         degrade_cross_m, stop_cross_m: cross-track standard deviation that degrades, and that stops.
         stop_speed_mps: standard deviation of the speed above which it is not known.
@@ -31,7 +32,8 @@ class HealthRules(NamedTuple):
     rejects: Int32[Array, "4"]
     coarse_m: Float[Array, ""]
     stuck_m: Float[Array, ""]
-    faded_strength: Float[Array, ""]
+    risk: Float[Array, ""]
+    faded_share: Float[Array, ""]
     fading_s: Float[Array, ""]
     conflict_stop_s: Float[Array, ""]
     degrade_cross_m: Float[Array, ""]
@@ -45,13 +47,18 @@ class HealthRules(NamedTuple):
 
 
 def health_rules(
-    *, gnss_period_s: float, heading_period_s: float, odometer_period_s: float, lgpr_period_s: float
+    *, gnss_period_s: float, heading_period_s: float, odometer_period_s: float, lgpr_period_s: float, risk: float
 ) -> HealthRules:
-    """Rules for sources of given periods, in s; infinite for a source that the vehicle lacks.
+    """Rules for sources of given periods, in s, infinite for one that the vehicle lacks, and the risk of a fix.
 
     A source is silent after 1.5 periods of GNSS, 3 scans of LGPR, and after 0.2 s without heading or 0.5 s without
     odometry, though no sooner than after 1.5 of their periods. The budget of 0.3 m, cross-track, is the 1 ft of the
     Husky's requirements, less what the halt itself takes.
+
+    The ground has faded when more scans than not give no evidence: when the typical scan no longer tells the map's
+    ground from other ground. How high a correlation is says nothing of that; rain lowers it far without coming near
+    the noise floor. A share near one would tell nothing before LGPR is silent, and stretches without a fix that good
+    ground has too, a scan in ten, stay well below a half.
     """
     gnss, lgpr = 1.5 * gnss_period_s, 3.0 * lgpr_period_s
     heading, odometer = max(0.2, 1.5 * heading_period_s), max(0.5, 1.5 * odometer_period_s)
@@ -62,7 +69,8 @@ def health_rules(
         rejects=jnp.asarray([1, 2, 3, 2], jnp.int32),
         coarse_m=one(0.1),
         stuck_m=one(0.5),
-        faded_strength=one(0.5),
+        risk=one(risk),
+        faded_share=one(0.5),
         fading_s=one(2.0),
         conflict_stop_s=one(10.0),
         degrade_cross_m=one(0.15),

@@ -104,7 +104,7 @@ def step_navigator(
     state: NavigatorState,
     motion: Motion,
     observations: Observations,
-    strength: Float[Array, ""],
+    p_false: Float[Array, ""],
     *,
     fusion: Fusion = "filter",
 ) -> tuple[NavigatorState, Navigated]:
@@ -115,7 +115,7 @@ def step_navigator(
         state: of the last tick.
         motion: what the gyro saw, and the tick's length.
         observations: of the tick, with their ages at its end.
-        strength: of the tick's match; NaN where no scan was matched.
+        p_false: of the tick's match, see ``step_health``; NaN where no scan was matched.
         fusion: whose pose is driven by.
     """
     # One program for both filters: only whether the fix is there differs.
@@ -132,10 +132,10 @@ def step_navigator(
     speed = fused.estimate.mean[SPEED]
     rate = motion.yaw_rate_radps - fused.estimate.mean[RATE_BIAS]
     gnss_ins = pose_of(state.reckoned.estimate)
-    switch = step_switch(setup.switch, state.switch, motion, speed, gnss_ins, observations.lgpr, strength)
+    switch = step_switch(setup.switch, state.switch, motion, speed, gnss_ins, observations.lgpr, p_false)
     pose_map = pose_of(fused.estimate) if fusion == "filter" else switch.pose
     local = step_local(state.local, speed, rate, setup.model.zero_slip_m, motion.step_s)
     frame, left_m = slew_frame(state.frame, anchor_frame(pose_map, local), local, setup.slew, motion.step_s)
-    health, judged = step_health(setup.health, state.health, fused, info, observations, strength, left_m, motion.step_s)
+    health, judged = step_health(setup.health, state.health, fused, info, observations, p_false, left_m, motion.step_s)
     state = state._replace(switch=switch, local=local, frame=frame, health=health)
     return state, Navigated(to_global(frame, local), speed, info, judged, left_m)

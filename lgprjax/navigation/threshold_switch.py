@@ -1,8 +1,10 @@
 """The Husky's own fusion (LL): the LGPR-corrected pose while the correlation is good enough, else that of GNSS/INS.
 
-A good fix replaces the pose; between fixes it is carried by dead reckoning. What LL leaves open is set here: a fix must
-match better to take over than to stay, and after the last good fix it is carried for a while before GNSS/INS has the
-word again. The pose jumps where the sources differ: the drifting frame takes care of that, as with any other estimate.
+A good fix replaces the pose; between fixes it is carried by dead reckoning. What LL leaves open is set here. Whether a
+fix is good enough is judged by the probability that ground which is not the map's would have matched as well: what a
+correlation is worth differs from ground to ground. A fix must be better to take over than to stay, and after the last
+good fix it is carried for a while before GNSS/INS has the word again. The pose jumps where the sources differ: the
+drifting frame takes care of that, as with any other estimate.
 """
 
 from typing import NamedTuple
@@ -14,20 +16,25 @@ from lgprjax.navigation.drifting_frame import step_local
 from lgprjax.navigation.observations import LgprObservation, Motion
 from lgprjax.vehicle import VehiclePose
 
+_HYSTERESIS = 0.01
+"""To take over, a match must be false with a hundredth of the probability that lets it stay. At a risk of 1e-4 two
+decades are about one standard deviation of a normal noise floor: its tail falls there by 1.9 decades each, by 2.3 where
+the match is the best of some hundred places."""
+
 
 class SwitchSettings(NamedTuple):
     """When to believe which source, and where the array stands. Scalars.
 
     Attributes:
-        enter_strength: of a fix's match, 0 to 1, from which LGPR takes over.
-        stay_strength: from which a fix is good enough once LGPR has the word; at most ``enter_strength``.
+        enter_p_false: probability of a false match up to which a fix lets LGPR take over.
+        stay_p_false: up to which it is good enough once LGPR has the word; at least ``enter_p_false``.
         hold_s: after the last good fix, the pose is carried for so long.
         zero_slip_m: from the rear axle forward to the point that moves along the body axis.
         array_x_m, array_y_m: the array's centre in the body, forward and left of the rear axle.
     """
 
-    enter_strength: Float[Array, "..."]
-    stay_strength: Float[Array, "..."]
+    enter_p_false: Float[Array, "..."]
+    stay_p_false: Float[Array, "..."]
     hold_s: Float[Array, "..."]
     zero_slip_m: Float[Array, "..."]
     array_x_m: Float[Array, "..."]
@@ -50,6 +57,14 @@ class SwitchState(NamedTuple):
     since_good_s: Float[Array, "..."]
 
 
+def switch_settings(
+    risk: float, *, zero_slip_m: Float[Array, "..."], array_x_m: Float[Array, "..."], array_y_m: Float[Array, "..."]
+) -> SwitchSettings:
+    """The switch at the risk of a fix; the last good one is carried for a second. Geometry: see ``SwitchSettings``."""
+    enter, stay, hold = (jnp.float32(value) for value in (_HYSTERESIS * risk, risk, 1.0))
+    return SwitchSettings(enter, stay, hold, zero_slip_m, array_x_m, array_y_m)
+
+
 def init_switch(gnss_ins_pose: VehiclePose) -> SwitchState:
     """On GNSS/INS, no fix seen yet."""
     off = jnp.zeros(jnp.shape(gnss_ins_pose.x_m), bool)
@@ -63,7 +78,7 @@ def step_switch(
     speed_mps: Float[Array, "..."],
     gnss_ins_pose: VehiclePose,
     lgpr: LgprObservation,
-    strength: Float[Array, "..."],
+    p_false: Float[Array, "..."],
 ) -> SwitchState:
     """The state after a tick.
 
@@ -74,7 +89,8 @@ def step_switch(
         speed_mps: forward, by the odometer.
         gnss_ins_pose: of the rear axle at the tick's end, as GNSS/INS have it.
         lgpr: the tick's fix of the array's centre, if there is one; brought forward by its age.
-        strength: of the fix's match.
+        p_false: probability that ground which is not the map's would have matched as well as the fix; where it is NaN,
+            no fix is good enough.
     """
     rate, slip = motion.yaw_rate_radps, settings.zero_slip_m
     carried = step_local(state.carried, speed_mps, rate, slip, motion.step_s)
@@ -85,8 +101,8 @@ def step_switch(
         lgpr.yaw_rad,
     )
     now = step_local(seen, speed_mps, rate, slip, lgpr.age_s)
-    asked = jnp.where(state.on_lgpr, settings.stay_strength, settings.enter_strength)
-    good = lgpr.valid & (strength >= asked)
+    asked = jnp.where(state.on_lgpr, settings.stay_p_false, settings.enter_p_false)
+    good = lgpr.valid & (p_false <= asked)
     carried = VehiclePose(*(jnp.where(good, new, old) for new, old in zip(now, carried, strict=True)))
     since_s = jnp.where(good, lgpr.age_s, state.since_good_s + motion.step_s)
     # Off LGPR only a fix that is good enough to take over leads back to it.

@@ -1,46 +1,60 @@
 """Correlation, search and judgement: one scan, a window of scans, a whole drive."""
 
-from lgprjax.registration.batches import to_tile
 from lgprjax.registration.calibration import Outcomes, calibrate, joined, outcomes_of, squared_errors
+from lgprjax.registration.chance import (
+    LADDER_M,
+    PIECE_M,
+    POOLED,
+    Chance,
+    fit_chance,
+    ladder_of,
+    least_z,
+    p_foreign,
+    p_rival,
+    pooled_chance,
+)
 from lgprjax.registration.columns import ArrayColumns, make_columns
 from lgprjax.registration.correlation import OFF_MAP_SCORE, Score, Template, score_poses
 from lgprjax.registration.drive import (
     BLOCK_SCANS,
     DriveFixes,
     LiveBlock,
+    Registration,
     ground_map_for,
     live_chain,
-    probe_strengths,
     register_drive,
 )
-from lgprjax.registration.finish import Region, Rules, rules_of
+from lgprjax.registration.evidence import EvidenceSearch, Stops, stops_of, templates_of
+from lgprjax.registration.finish import Finished, Region, finish_best
 from lgprjax.registration.fix import WRONG_M, Code, Fix, sigmas_along_cross
-from lgprjax.registration.integrity import Thresholds, default_thresholds
-from lgprjax.registration.live import LiveChain, Operators, Track, templates_of
-from lgprjax.registration.match import Ends, MatchSpec, ScanSet, match_scans
+from lgprjax.registration.integrity import MIN_OVERLAP, Thresholds, thresholds_at
+from lgprjax.registration.live import LiveChain, LiveScans, Operators, Track
 from lgprjax.registration.options import RegisterOptions
-from lgprjax.registration.policy import LADDER
 from lgprjax.registration.prepared import Aspect, PreparedGround, PreparedTile
-from lgprjax.registration.search import Problem, SearchSpec, register_batch, search_spec_for
+from lgprjax.registration.search import Problem, Rules, SearchSpec, register_batch, rules_of, search_spec_for
 from lgprjax.registration.survey import SurfacePicture, ground_under, rival_of, survey_surface
 from lgprjax.registration.swarm_finish import SwarmView, watch_finish
-from lgprjax.registration.tracking import TrackedFixes, Tracker, track_drive, warm_up
-from lgprjax.registration.tracking_ground import tracking_ground
+from lgprjax.registration.tiles import to_tile
 
 __all__ = [
     "BLOCK_SCANS",
-    "LADDER",
+    "LADDER_M",
+    "MIN_OVERLAP",
     "OFF_MAP_SCORE",
+    "PIECE_M",
+    "POOLED",
     "WRONG_M",
     "ArrayColumns",
     "Aspect",
+    "Chance",
     "Code",
     "DriveFixes",
-    "Ends",
+    "EvidenceSearch",
+    "Finished",
     "Fix",
     "LiveBlock",
     "LiveChain",
-    "MatchSpec",
+    "LiveScans",
     "Operators",
     "Outcomes",
     "PreparedGround",
@@ -48,27 +62,30 @@ __all__ = [
     "Problem",
     "Region",
     "RegisterOptions",
+    "Registration",
     "Rules",
-    "ScanSet",
     "Score",
     "SearchSpec",
+    "Stops",
     "SurfacePicture",
     "SwarmView",
     "Template",
     "Thresholds",
     "Track",
-    "TrackedFixes",
-    "Tracker",
     "calibrate",
-    "default_thresholds",
+    "finish_best",
+    "fit_chance",
     "ground_map_for",
     "ground_under",
     "joined",
+    "ladder_of",
+    "least_z",
     "live_chain",
     "make_columns",
-    "match_scans",
     "outcomes_of",
-    "probe_strengths",
+    "p_foreign",
+    "p_rival",
+    "pooled_chance",
     "register_batch",
     "register_drive",
     "rival_of",
@@ -77,11 +94,10 @@ __all__ = [
     "search_spec_for",
     "sigmas_along_cross",
     "squared_errors",
+    "stops_of",
     "survey_surface",
     "templates_of",
+    "thresholds_at",
     "to_tile",
-    "track_drive",
-    "tracking_ground",
-    "warm_up",
     "watch_finish",
 ]

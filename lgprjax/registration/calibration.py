@@ -105,12 +105,7 @@ def calibrate(matches: Outcomes, false: Outcomes, risk: float) -> Thresholds:
     if wrong.any():
         lead = max(lead, 1.2 * float(np.max((matches.margin / matches.scatter)[wrong])))
     return Thresholds(
-        strength=0.0,
-        margin=0.02,
-        margin_by_chance=lead,
-        overlap=_OVERLAP,
-        sigma_scale=sigma_scale(matches),
-        strength_by_chance=strength,
+        strength_by_chance=strength, margin_by_chance=lead, overlap=_OVERLAP, sigma_scale=sigma_scale(matches)
     )
 
 

@@ -9,6 +9,7 @@ scan, or a window of scans joined by odometry: to the score both are a set of tr
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -102,6 +103,27 @@ def score_poses(
         min_overlap,
     )
     return Score(correlation, strength_of(correlation, overlap), covered)
+
+
+@jax.jit
+def score_each(
+    tile: Tile,
+    template: Template,
+    pose: Float[Array, "batch 5"],
+    height_reference_m: Float[Array, ""],
+    angular_frequency_rad_per_ns: Float[Array, " half"],
+) -> Float[Array, " batch"]:
+    """Correlation of each template at a pose of its own; NaN where less than half of it lies on the map."""
+
+    def one(each: tuple[Template, Float[Array, "5"]]) -> Float[Array, ""]:
+        score = score_poses(
+            tile, each[0], each[1][None], height_reference_m, angular_frequency_rad_per_ns, jnp.float32(0.5)
+        )
+        r = score.correlation[0]
+        return jnp.where(r > -1.5, r, jnp.nan)
+
+    scores: Float[Array, " batch"] = jax.lax.map(one, (template, pose))
+    return scores
 
 
 def strength_of(correlation: Float[Array, "*batch"], overlap: Float[Array, "*batch"]) -> Float[Array, "*batch"]:

@@ -1,25 +1,22 @@
-"""A whole drive against a map: scans or windows, grouped by tile, in batches of one shape."""
+"""A whole drive against a map: fixes of every scan, block by block."""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
-from lgprjax.radar import ArrayGeometry
-from lgprjax.registration.batches import WindowLayout, to_tile
-from lgprjax.registration.finish import Rules, rules_of
-from lgprjax.registration.fix import Code, Fix
-from lgprjax.registration.labels import covariance_beside_match, with_covariance
+from lgprjax.frames import body_to_local
+from lgprjax.radar import ArrayGeometry, centre_of
+from lgprjax.registration.chance import POOLED, Chance
+from lgprjax.registration.evidence import EvidenceSearch, blank_fixes, decoy_reach_m
+from lgprjax.registration.fix import Fix
 from lgprjax.registration.live import LiveChain, LiveScans, Operators, Track
-from lgprjax.registration.match import match_scans, score_truth
 from lgprjax.registration.options import RegisterOptions
-from lgprjax.registration.prepared import Aspect, PreparedGround
+from lgprjax.registration.prepared import PreparedGround
 from lgprjax.subsurface import GroundMap, StationSource
 
 BLOCK_SCANS = 512
-_PROBES = 4
 
 
 class LiveBlock(NamedTuple):
@@ -30,14 +27,12 @@ class LiveBlock(NamedTuple):
         valid: channels that hold data.
         track: of the scans.
         truth: true poses of the array's centre where they are known, to score them beside the fixes.
-        time_scale: of each scan, few different ones; None for 1.
     """
 
     traces: Float[np.ndarray, "scan channel recorded"]
     valid: Bool[np.ndarray, "scan channel"]
     track: Track
     truth: Float[np.ndarray, "scan 5"] | None = None
-    time_scale: Float[np.ndarray, " scan"] | None = None
 
 
 class DriveFixes(NamedTuple):
@@ -46,48 +41,142 @@ class DriveFixes(NamedTuple):
     Attributes:
         scan: numbers in the drive.
         fix: of each.
-        correlation_at_truth: what the score says at the true pose: how hard the ground is. NaN where no truth
-            is known or the scan was not tried.
         beside_match: part of the covariances of east and north that is not the match's: the map's own positions and
             the odometer's scale.
+        time_scale: that each scan was matched at.
+        searched: scans that were; the others carry the fix before them on.
+        correlation_at_truth: what the scan alone scores at its true pose: how hard the ground is. NaN where no truth is
+            known or the scan was not searched.
     """
 
     scan: Int[np.ndarray, " scan"]
     fix: Fix
-    correlation_at_truth: Float[np.ndarray, " scan"]
     beside_match: Float[np.ndarray, "scan 2 2"]
+    time_scale: Float[np.ndarray, " scan"]
+    searched: Bool[np.ndarray, " scan"]
+    correlation_at_truth: Float[np.ndarray, " scan"]
 
 
 def ground_map_for(source: StationSource, options: RegisterOptions, *, keep: int = 4) -> GroundMap:
-    """Tiles large enough for the search, the window and the way to the nearest tile frame; ``keep`` are held."""
+    """Tiles long enough to be driven over for a while; ``keep`` are held."""
     description = source.description
-    way_m = 0.5 * description.tile_spacing_m
     array_m = 0.5 * description.channels * description.channel_pitch_m
-    return GroundMap(
-        source,
-        half_along_m=options.search_m + options.window_m + way_m + array_m,
-        half_cross_m=options.search_m + options.window_m + way_m + array_m,
-        keep=keep,
-    )
+    reach_m = 1.5 * (options.search_half_m() + 0.5) + array_m
+    along_m = reach_m + max(6.0, decoy_reach_m(description.settings.wavelength_m))
+    return GroundMap(source, half_along_m=along_m, half_cross_m=reach_m + 2.0, keep=keep)
 
 
-def live_chain(ground: GroundMap, operators: Operators, channels: int, window_m: float) -> LiveChain:
+def live_chain(ground: GroundMap, operators: Operators, channels: int, recorded: int) -> LiveChain:
     """The chain that brings recorded scans to this map's coefficients.
 
     Args:
         ground: the map.
         operators: recorded numbers of a trace to profile samples, for the map's settings and as many samples.
         channels: of the drive.
-        window_m: longest window that will be asked for.
+        recorded: numbers of a trace.
     """
     return LiveChain(
         operators,
         ground.basis,
         track_filter_m=ground.description.settings.track_filter_m,
         channels=channels,
-        # The farthest scan of a window may stand half a step beyond it.
-        history_m=window_m + 1.0 + ground.description.settings.step_m,
+        recorded=recorded,
     )
+
+
+class Registration:
+    """The search of one drive, fed with its scans in order: a whole drive, or a vehicle's last few.
+
+    Between the scans that are searched, every few centimetres of travel, a fix is carried on by odometry and heading.
+
+    Args:
+        ground: from ``ground_map_for`` with the same options.
+        operators: of the drive's recording at a time scale, with the map's settings.
+        array: geometry of the drive.
+        options: what the user decided.
+        chance: of the map.
+        recorded: numbers of a trace.
+        prepared: of ground and array, held from drive to drive; without it one of its own.
+        block_scans: most scans that ``feed`` is given at once: a shape that is compiled.
+    """
+
+    def __init__(
+        self,
+        ground: GroundMap,
+        operators: Operators,
+        array: ArrayGeometry,
+        options: RegisterOptions,
+        *,
+        chance: Chance = POOLED,
+        recorded: int,
+        prepared: PreparedGround | None = None,
+        block_scans: int = BLOCK_SCANS,
+    ) -> None:
+        self._block_scans = block_scans
+        self._centre = centre_of(array)
+        self._chain = live_chain(ground, operators, len(array.x_m), recorded)
+        self.prepared = PreparedGround(ground, array) if prepared is None else prepared
+        self.search = EvidenceSearch(self.prepared, self._chain, options, chance)
+        self._last: tuple[Fix, np.ndarray, np.ndarray, float] | None = None
+
+    def feed(self, block: LiveBlock) -> DriveFixes:
+        """Fixes of the scans of a block."""
+        scans = self._chain.feed(block.traces, block.valid, block.track, self._block_scans)
+        stops, fix, beside, scale = self.search.feed(scans)
+        at_truth = np.full(len(scans.number), np.nan)
+        if block.truth is not None:
+            at_truth[stops] = self.search.score_at(scans, stops, block.truth[stops])
+        spread = self._spread(scans, stops, fix, beside, scale)
+        return spread._replace(correlation_at_truth=at_truth)
+
+    def _spread(
+        self,
+        scans: LiveScans,
+        stops: Int[np.ndarray, " stop"],
+        fix: Fix,
+        beside: Float[np.ndarray, "stop 2 2"],
+        scale: Float[np.ndarray, " stop"],
+    ) -> DriveFixes:
+        """Fixes of all scans: those searched, and from each on what odometry and heading make of it."""
+        yaw, nothing = scans.track.pose[:, 3], np.full(len(scans.number), np.nan)
+        still = np.zeros(len(yaw))
+        place = scans.dead_reckoned_m + np.stack(body_to_local(still, still, yaw, *self._centre), axis=1)
+        leg, searched = scans.track.leg, np.zeros(len(yaw), bool)
+        searched[stops] = True
+        here = np.concatenate([place[stops], yaw[stops, None], leg[stops, None]], axis=1)
+        if self._last is not None:
+            fix = Fix(*(np.concatenate([a, b]) for a, b in zip(self._last[0], fix, strict=True)))
+            here, beside = np.concatenate([self._last[1], here]), np.concatenate([self._last[2], beside])
+            scale = np.concatenate([[self._last[3]], scale])
+        before = 0 if self._last is None else 1
+        owner = np.searchsorted(stops, np.arange(len(yaw)), side="right") - 1 + before
+        if not len(fix.code):
+            return DriveFixes(
+                scans.number,
+                blank_fixes(len(yaw)),
+                np.full((len(yaw), 2, 2), np.nan),
+                np.ones(len(yaw)),
+                searched,
+                nothing,
+            )
+        known = np.maximum(owner, 0)
+        spread = Fix(*(np.array(field[known]) for field in fix))
+        # Nobody knows how far the vehicle came from one leg to the next.
+        apart = (owner < 0) | (here[known, 3] != leg)
+        blank = blank_fixes(len(yaw))
+        for whole, none in zip(spread, blank, strict=True):
+            whole[apart] = none[apart]
+        pose = np.array(spread.pose)
+        pose[:, :2] += place - here[known, :2]
+        pose[:, 3] += yaw - here[known, 2]
+        spread = spread._replace(pose=pose)
+        self._last = (
+            Fix(*(field[-1:] for field in fix)),
+            here[-1:],
+            beside[-1:],
+            float(scale[-1]),
+        )
+        return DriveFixes(scans.number, spread, beside[known], scale[known], searched, nothing)
 
 
 def register_drive(
@@ -96,171 +185,12 @@ def register_drive(
     array: ArrayGeometry,
     blocks: Iterable[LiveBlock],
     options: RegisterOptions,
+    *,
+    chance: Chance = POOLED,
+    recorded: int,
     prepared: PreparedGround | None = None,
 ) -> Iterator[DriveFixes]:
-    """Fixes of every scan, block by block; memory does not grow with the drive.
-
-    With a window every scan has a fix that ends with it; the first scans, before a window is full, have code
-    ``no_window``. A fix depends on its scan or window, what the track filter saw before, its prior and the map:
-    neither block nor batch changes it.
-
-    Args:
-        ground: from ``ground_map_for`` with the same options.
-        operators: recorded numbers of a trace to profile samples, for the map's settings and as many samples.
-        array: geometry of the drive.
-        blocks: its scans in order, at most ``BLOCK_SCANS`` each.
-        options: the search.
-        prepared: of ground and array, held from drive to drive; without it one of its own.
-    """
-    chain = live_chain(ground, operators, len(array.x_m), options.window_m)
-    prepared = PreparedGround(ground, array) if prepared is None else prepared
-    start_m: float | None = None
+    """Fixes of every scan, block by block; memory does not grow with the drive. Arguments as for ``Registration``."""
+    search = Registration(ground, operators, array, options, chance=chance, recorded=recorded, prepared=prepared)
     for block in blocks:
-        scans, first = chain.feed(block.traces, block.valid, block.track, BLOCK_SCANS, block.time_scale)
-        start_m = float(scans.path_m[first]) if start_m is None else start_m
-        ends = first + np.flatnonzero(scans.path_m[first:] - start_m + 1e-6 >= options.window_m)
-        fixes = blank_fixes(len(scans.number) - first)
-        fixes.code[ends - first] = Code.OFF_MAP
-        at_truth, beside = np.full(len(fixes.code), np.nan), np.full((len(fixes.code), 2, 2), np.nan)
-        for aspect, at in _by_aspect(prepared, scans, ends, options):
-            truth = None if block.truth is None else block.truth[at - first]
-            found, scored = register_at(prepared, aspect, scans, at, truth, options)
-            beside[at - first] = covariance_beside_match(prepared, aspect, found, options)
-            found = with_covariance(found, beside[at - first])
-            for whole, part in zip(fixes, found, strict=True):
-                whole[at - first] = part
-            at_truth[at - first] = scored
-        yield DriveFixes(scans.number[first:], fixes, at_truth, beside)
-
-
-def probe_strengths(
-    ground: GroundMap,
-    operator: Float[Array, "recorded sample"],
-    array: ArrayGeometry,
-    blocks: Iterable[tuple[np.ndarray, np.ndarray, Track]],
-    probes: Int[np.ndarray, " probe"],
-    options: RegisterOptions,
-) -> Float[np.ndarray, " probe"]:
-    """Strength of the best match of the windows that end with some scans of a drive; 0 where there is none.
-
-    Args:
-        ground: from ``ground_map_for`` with the same options.
-        operator: one matrix for the whole drive.
-        array: geometry of the drive.
-        blocks: recorded traces, valid channels and track, at most ``BLOCK_SCANS`` scans each.
-        probes: rising numbers of the scans.
-        options: the search.
-    """
-    chain = live_chain(ground, lambda _: operator, len(array.x_m), options.window_m)
-    prepared = PreparedGround(ground, array)
-    out = np.zeros(len(probes))
-    for traces, valid, track in blocks:
-        scans, first = chain.feed(traces, valid, track, BLOCK_SCANS)
-        number = scans.number[first:]
-        own = np.flatnonzero((probes >= number[0]) & (probes <= number[-1]))
-        ends = first + probes[own] - int(number[0])
-        for aspect, at in _by_aspect(prepared, scans, ends, options):
-            fix, _ = register_at(prepared, aspect, scans, at, None, options, ends=_PROBES)
-            strength = np.asarray(fix.correlation) * np.sqrt(np.asarray(fix.overlap))
-            out[own[np.searchsorted(ends, at)]] = np.nan_to_num(strength)
-    return out
-
-
-def blank_fixes(scans: int) -> Fix:
-    """Fixes of scans that have none of their own."""
-
-    def empty(*shape: int) -> Float[np.ndarray, "..."]:
-        return np.full((scans, *shape), np.nan, np.float64)
-
-    return Fix(
-        pose=empty(5),
-        covariance=empty(5, 5),
-        correlation=empty(),
-        runner_up=empty(),
-        margin=empty(),
-        scatter=empty(),
-        overlap_channels=np.zeros(scans, np.int32),
-        overlap=np.zeros(scans, np.float32),
-        evaluations=np.zeros(scans, np.int32),
-        code=np.full(scans, Code.NO_WINDOW, np.int32),
-    )
-
-
-def _by_aspect(
-    prepared: PreparedGround, scans: LiveScans, ends: Int[np.ndarray, " end"], options: RegisterOptions
-) -> list[tuple[Aspect, Int[np.ndarray, " _"]]]:
-    tiles = prepared.ground.tiles_near(scans.track.pose[ends, :2], options.search_m)
-    at, tiles = ends[tiles >= 0], tiles[tiles >= 0]
-    if not len(at):
-        return []
-    return [(aspect, at[which]) for aspect, which in prepared.aspects(tiles, scans.track, at)]
-
-
-def register_at(
-    prepared: PreparedGround,
-    aspect: Aspect,
-    scans: LiveScans,
-    at: Int[np.ndarray, " end"],
-    truth: Float[np.ndarray, "end 5"] | None,
-    options: RegisterOptions,
-    ends: int | None = None,
-) -> tuple[Fix, Float[np.ndarray, " end"]]:
-    """Fixes of the templates that end at ``at``, all of one aspect, and the correlations at the truth.
-
-    ``ends`` is the number of templates a batch where that of the layout is too many.
-    """
-    ground = prepared.ground
-    ready = prepared.at(aspect)
-    frame = ground.frame(aspect.tile)
-    height_reference_m = jnp.float32(ground.source.height_reference_m[aspect.tile])
-    omega = ground.basis.angular_frequency_rad_per_ns
-    layout = WindowLayout.of(prepared, options, ends)
-    rules = rules_for(prepared, options)
-    parts: list[Fix] = []
-    scored: list[Float[np.ndarray, " end"]] = []
-    for low, high in layout.chunks(scans, at):
-        chosen = at[low:high]
-        batch = layout.batch_of(prepared, scans, chosen, frame, float(height_reference_m), options)
-        fixes = match_scans(
-            ready.columns,
-            ground.components,
-            ready.tile,
-            batch.scans,
-            batch.ends,
-            rules,
-            height_reference_m,
-            omega,
-            spec=layout.spec,
-        )
-        if truth is not None:
-            true_pose = truth[np.minimum(np.arange(low, low + layout.ends), len(at) - 1)]
-            at_truth = score_truth(
-                ready.tile,
-                batch.scans,
-                batch.ends,
-                jnp.asarray(to_tile(true_pose, frame), dtype=jnp.float32),
-                height_reference_m,
-                omega,
-            )
-            scored.append(np.asarray(at_truth)[: high - low])
-        parts.append(Fix(*(np.asarray(field)[: high - low] for field in fixes)))
-    fix = fixes_to_map(Fix(*(np.concatenate(field) for field in zip(*parts, strict=True))), frame)
-    return fix, np.concatenate(scored) if scored else np.full(len(at), np.nan)
-
-
-def rules_for(prepared: PreparedGround, options: RegisterOptions) -> Rules:
-    """What holds for every scan of a drive."""
-    channels = len(prepared.array.x_m)
-    traces = channels if options.window_m <= 0.0 else 2 * channels
-    return rules_of(prepared.ground.description.settings.wavelength_m, channels, traces, options)
-
-
-def fixes_to_map(fix: Fix, frame: Float[np.ndarray, "3"]) -> Fix:
-    """Fixes of a tile's frame in that of the map."""
-    east, north, yaw = frame
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    turn = np.eye(5)
-    turn[:2, :2] = [[cos, -sin], [sin, cos]]
-    pose = np.asarray(fix.pose, dtype=np.float64) @ turn.T
-    pose += np.array([east, north, 0.0, yaw, 0.0])
-    return fix._replace(pose=pose, covariance=turn @ np.asarray(fix.covariance, dtype=np.float64) @ turn.T)
+        yield search.feed(block)

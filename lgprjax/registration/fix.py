@@ -45,8 +45,10 @@ class Fix(NamedTuple):
             gives by chance.
         overlap_channels: channels of the last scan that lie on the map.
         overlap: share of all valid traces of the template that lie on the map.
-        evaluations: poses scored.
         code: a ``Code``.
+        p_false: probability that ground that is not the map's would have passed the whole search as well; 1 where
+            nothing was tried.
+        window_m: length of the window that was matched; 0 for the scan alone.
     """
 
     pose: Float[Array | np.ndarray, "*batch 5"]
@@ -57,8 +59,9 @@ class Fix(NamedTuple):
     scatter: Float[Array | np.ndarray, "*batch"]
     overlap_channels: Int[Array | np.ndarray, "*batch"]
     overlap: Float[Array | np.ndarray, "*batch"]
-    evaluations: Int[Array | np.ndarray, "*batch"]
     code: Int[Array | np.ndarray, "*batch"]
+    p_false: Float[Array | np.ndarray, "*batch"]
+    window_m: Float[Array | np.ndarray, "*batch"]
 
 
 def sigmas_along_cross(

@@ -1,37 +1,38 @@
 """What no match sees: what the map's own positions are wrong by, and the odometer that lays out a window."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from lgprjax.radar import centre_of
 from lgprjax.registration.fix import Fix
-from lgprjax.registration.options import RegisterOptions
-from lgprjax.registration.prepared import Aspect, PreparedGround
+from lgprjax.registration.prepared import PreparedGround
 
 
 def covariance_beside_match(
-    prepared: PreparedGround, aspect: Aspect, fix: Fix, options: RegisterOptions
+    prepared: PreparedGround, tiles: Int[np.ndarray, " end"], fix: Fix, odometer_sigma: float
 ) -> Float[np.ndarray, "end 2 2"]:
-    """Part of the covariances of east and north that is not the match's.
+    """Part of the covariances of east and north that is not the match's; NaN where there is no fix.
 
     A window lies half its length behind the scan that its fix stands on; an odometer that counts too much by some share
     puts it off by that share of the way, along the heading.
+
+    Args:
+        prepared: the map and the array.
+        tiles: that each fix was made on; -1 for none.
+        fix: their poses in the map's frame.
+        odometer_sigma: of the odometer's scale, as a share.
     """
-    yaw = np.asarray(fix.pose)[:, 3]
+    yaw, window_m = np.asarray(fix.pose)[:, 3], np.asarray(fix.window_m)
     heading = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
-    along_m2 = (0.5 * options.window_m * options.odometer_sigma) ** 2
-    labels = label_variance(prepared, aspect, fix)[:, None, None] * np.eye(2)
-    return np.asarray(labels + along_m2 * heading[:, :, None] * heading[:, None, :])
+    along_m2 = (0.5 * window_m * odometer_sigma) ** 2
+    out = along_m2[:, None, None] * heading[:, :, None] * heading[:, None, :]
+    for tile in np.unique(tiles[tiles >= 0]):
+        rows = np.flatnonzero(tiles == tile)
+        out[rows] += label_variance(prepared, int(tile), np.asarray(fix.pose)[rows])[:, None, None] * np.eye(2)
+    return np.asarray(out)
 
 
-def with_covariance(fix: Fix, beside: Float[np.ndarray, "end 2 2"]) -> Fix:
-    """The fix as sure as its match and the rest together."""
-    covariance = np.array(fix.covariance, dtype=np.float64)
-    covariance[:, :2, :2] += beside
-    return fix._replace(covariance=covariance)
-
-
-def label_variance(prepared: PreparedGround, aspect: Aspect, fix: Fix) -> Float[np.ndarray, " end"]:
+def label_variance(prepared: PreparedGround, tile: int, pose: Float[np.ndarray, "end 5"]) -> Float[np.ndarray, " end"]:
     """Variance, square metres, of the map's positions under each fix, of east and of north alike.
 
     Where baselines overlap, the ground is their mean, and their errors, which are independent, average out: with w_d
@@ -39,15 +40,14 @@ def label_variance(prepared: PreparedGround, aspect: Aspect, fix: Fix) -> Float[
 
     Args:
         prepared: the map and the array.
-        aspect: of the fixes.
-        fix: their poses in the map's frame.
+        tile: of the fixes.
+        pose: theirs, in the map's frame.
     """
     ground = prepared.ground
-    lanes = ground.lanes(aspect.tile)
-    pose = np.asarray(fix.pose)
+    lanes = ground.lanes(tile)
     if not len(lanes):
         return np.zeros(len(pose))
-    east, north, yaw = ground.frame(aspect.tile)
+    east, north, yaw = ground.frame(tile)
     cross_m = (pose[:, 1] - north) * np.cos(yaw) - (pose[:, 0] - east) * np.sin(yaw)
     left_m = (prepared.array.y_m - centre_of(prepared.array)[1])[None] * np.cos(pose[:, 3] - yaw)[:, None]
     place = (cross_m[:, None] + left_m)[:, None]

@@ -10,7 +10,6 @@ from jaxtyping import Float, Int
 from lgprjax.radar import ArrayGeometry, centre_of
 from lgprjax.registration.columns import ArrayColumns, make_columns
 from lgprjax.registration.finish import FEW_CHANNELS
-from lgprjax.registration.live import Track
 from lgprjax.subsurface import GroundMap, Tile
 
 _BIN_RAD = np.radians(6.0)
@@ -74,7 +73,7 @@ class PreparedGround:
         along, cross = (int(max(1, round(s / cell_m))) for s, cell_m in zip(steps_m, self._cell_m, strict=True))
         # Lines of few channels have few places across; their summits, of few traces, are narrow and many.
         self.few_channels = len(array.x_m) <= FEW_CHANNELS
-        self.stride = (1 if self.few_channels else along, cross)
+        self.stride = (max(1, round(0.2 * wavelength_m / self._cell_m[0])) if self.few_channels else along, cross)
         self.step_m = self._cell_m * np.array(self.stride)
         array_m = float(np.max(np.hypot(*self._body_m.T))) + 0.5
         self._margin = tuple(int(np.ceil(array_m / cell_m)) + 1 for cell_m in self._cell_m)
@@ -82,15 +81,18 @@ class PreparedGround:
         self.places = int(np.prod([-(-(cells + 2 * margin) // stride) for cells, margin, stride in sides]))
 
     def aspects(
-        self, tile: Int[np.ndarray, " scan"], track: Track, at: Int[np.ndarray, " scan"]
+        self,
+        tile: Int[np.ndarray, " scan"],
+        yaw_rad: Float[np.ndarray, " scan"],
+        speed_mps: Float[np.ndarray, " scan"],
     ) -> list[tuple[Aspect, Int[np.ndarray, " _"]]]:
-        """Scans grouped by how they look at which tile: positions in ``at``, in their order."""
-        yaw = track.pose[at, 3] - self.ground.source.tile_frame[tile, 2]
+        """Scans grouped by how they look at which tile: their positions, in order."""
+        yaw = yaw_rad - self.ground.source.tile_frame[tile, 2]
         turned = np.mod(yaw + np.pi, 2.0 * np.pi) - np.pi
-        moving = np.where(track.speed_mps[at] < 0.0, -1.0, 1.0) * np.cos(turned)
+        moving = np.where(speed_mps < 0.0, -1.0, 1.0) * np.cos(turned)
         direction = np.where(np.abs(moving) > 0.5, np.sign(moving), 0.0).astype(int)
         heading = np.round(turned / _BIN_RAD).astype(int)
-        carried = np.round(track.speed_mps[at] * self._late_s / _CARRIED_M).astype(int)
+        carried = np.round(speed_mps * self._late_s / _CARRIED_M).astype(int)
         key = np.stack([tile, direction, heading, carried], axis=1)
         rows, group = np.unique(key, axis=0, return_inverse=True)
         group = group.reshape(-1)

@@ -8,6 +8,7 @@ from lgprjax.report.confidence import StatedErrors, draw_confidence, stated_erro
 from lgprjax.report.coverage_channels import CoverChannelsPicture, draw_cover_channels
 from lgprjax.report.coverage_map import CoverPicture, draw_coverage
 from lgprjax.report.coverage_page import CoveragePage, write_coverage_page
+from lgprjax.report.declines import DECLINES, Decline, declines_table, main_decline
 from lgprjax.report.driven_course import DrivenResult, draw_driven_course
 from lgprjax.report.encoder_fit import EncoderPicture, draw_encoder_fit
 from lgprjax.report.fitted_curve import Curve, Points, draw_fitted_curve
@@ -28,6 +29,7 @@ from lgprjax.report.trajectory import draw_trajectory
 
 __all__ = [
     "CODES",
+    "DECLINES",
     "WRONG_M",
     "ArchiveDrives",
     "ArchivePage",
@@ -39,6 +41,7 @@ __all__ = [
     "CoverPicture",
     "CoveragePage",
     "Curve",
+    "Decline",
     "DriveResult",
     "DriveSummary",
     "DrivenResult",
@@ -57,6 +60,7 @@ __all__ = [
     "SwarmPicture",
     "TimingPicture",
     "TrackErrors",
+    "declines_table",
     "draw_archive_drives",
     "draw_archive_places",
     "draw_codes",
@@ -77,6 +81,7 @@ __all__ = [
     "draw_timing",
     "draw_trajectory",
     "drive_section",
+    "main_decline",
     "overview_table",
     "stated_errors",
     "summarise",

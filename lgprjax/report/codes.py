@@ -1,4 +1,4 @@
-"""Why fixes were accepted or refused: correlation, margin and codes of several drives side by side."""
+"""Why fixes were accepted or refused: evidence, margin and codes of several drives side by side."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +9,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
-from lgprjax.report.results import CODES, DriveResult
+from lgprjax.report.results import CODES, LEAST_P, DriveResult
 from lgprjax.report.style import BLUE, CODE_COLOURS, GAP, INK, MUTED, picture, write_caption
 from lgprjax.report.summary import labelled
 
@@ -17,24 +17,25 @@ _BINS = 50
 _COMPACT: dict[str, Any] = {"frameon": False, "handlelength": 1.2, "columnspacing": 1.0}
 # Narrower parts of a bar hold no number.
 _LABELLED_SHARE = 0.07
+_LEAST_SPAN = 0.1
+"""Of the margins, so that a drive with next to none does not look as if it had some."""
+_MOST_RISKS = 5.0
+"""Evidence beyond so many times what is asked is drawn in the last bin."""
 
 
 def draw_codes(
     results: Sequence[DriveResult],
     path: str | Path,
     *,
-    least_correlation: float,
-    least_margin: float,
-    by_chance: tuple[float, float],
+    risk: float,
     force: bool = False,
 ) -> None:
-    """Draw a row a drive: histograms of correlation and margin with their thresholds, and the shares of the codes.
+    """Draw a row a drive: histograms of evidence, with the risk, and of margin, and the shares of the codes.
 
     Args:
         results: at least one drive.
         path: the PNG.
-        least_correlation, least_margin: what an ok fix must reach; 0 where nothing fixed is asked.
-        by_chance: and how many times what the strength scatters by in its own region, strength and lead.
+        risk: probability of a false match up to which a fix is believed.
         force: replace a file that exists.
 
     Raises:
@@ -42,17 +43,22 @@ def draw_codes(
     """
     margins = np.concatenate([_shown(result.margin, result) for result in results])
     low, high = (float(margins.min()), float(margins.max())) if margins.size else (0.0, 0.0)
-    span = (min(low, 0.0), max(high, 2.0 * least_margin))
+    span = (min(low, 0.0), max(high, _LEAST_SPAN))
+    asked = -np.log10(risk)
+    evidence = [-np.log10(np.maximum(_shown(result.p_false, result), LEAST_P)) for result in results]
+    most = float(min(_MOST_RISKS * asked, max(2.0 * asked, *(each.max(initial=0.0) for each in evidence))))
     with picture(path, 11.0, 2.1 + 1.15 * len(results), force) as figure:
         grid = figure.subplots(len(results), 3, squeeze=False, sharex="col", width_ratios=(1.0, 1.0, 1.1))
-        for row, result in zip(grid, results, strict=True):
+        for row, result, decades in zip(grid, results, evidence, strict=True):
             colour = INK if result.impostor else BLUE
-            _draw_histogram(row[0], _shown(result.correlation, result), (0.0, 1.0), least_correlation, colour)
-            _draw_histogram(row[1], _shown(result.margin, result), span, least_margin, colour)
+            _draw_histogram(row[0], decades, (0.0, most), colour)
+            row[0].axvspan(0.0, asked, color=GAP, zorder=0)
+            row[0].axvline(asked, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
+            _draw_histogram(row[1], _shown(result.margin, result), span, colour)
             _draw_codes_bar(row[2], result)
             name = labelled(result.name, impostor=result.impostor)
             row[0].set_title(f"{name}: {int(result.ok.sum())} ok of {int(result.tried.sum())} tried", fontweight="bold")
-        grid[-1, 0].set_xlabel("correlation")
+        grid[-1, 0].set_xlabel("evidence, decades: −log₁₀ p_false")
         grid[-1, 1].set_xlabel("margin over the runner-up")
         grid[-1, 2].set_xlabel("share of the tried scans (%)")
         figure.supylabel("scans")
@@ -64,29 +70,20 @@ def draw_codes(
             grid[0, 2].legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 0.9), ncols=3, **_COMPACT)
         write_caption(
             figure,
-            f"Dashed: thresholds, correlation {least_correlation:.2f} and margin {least_margin:.3f}; to be ok a fix "
-            f"must stand in the white part of both{_also(*by_chance)}. Black: an impostor. Scans without a fix of "
-            "their own (no_window) are left out.",
+            f"Dashed: the risk, {risk:g}. To be ok a fix must stand in the white part, where ground that is not the "
+            "map's would match as well less often than that, and lead over its runner-up by enough noise floors. "
+            "Without a runner-up there is no margin. Black: an impostor. Scans without a fix of their own (no_window) "
+            "are left out.",
         )
-
-
-def _also(strength: float, lead: float) -> str:
-    """What else is asked, in numbers that differ from fix to fix and so have no line in the picture."""
-    asked = [f"{name} of {least:.1f}" for name, least in (("a strength", strength), ("a lead", lead)) if least > 0.0]
-    return f", and have {' and '.join(asked)} times its own region's scatter" if asked else ""
 
 
 def _shown(values: Float[np.ndarray, " scan"], result: DriveResult) -> Float[np.ndarray, " shown"]:
     return np.asarray(values[result.tried & np.isfinite(values)])
 
 
-def _draw_histogram(
-    axes: Axes, values: Float[np.ndarray, " shown"], span: tuple[float, float], threshold: float, colour: str
-) -> None:
-    # A correlation below 0 belongs to the first bin, not out of sight.
+def _draw_histogram(axes: Axes, values: Float[np.ndarray, " shown"], span: tuple[float, float], colour: str) -> None:
+    # What lies beyond belongs to the last bin, not out of sight.
     axes.hist(np.clip(values, *span), bins=_BINS, range=span, color=colour, histtype="stepfilled")
-    axes.axvspan(span[0], threshold, color=GAP, zorder=0)
-    axes.axvline(threshold, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
     axes.set_xlim(*span)
     axes.locator_params(axis="y", nbins=3, integer=True)
 

@@ -1,4 +1,4 @@
-"""Whether fixes are as good as they say: stated sigmas against true errors, errors by margin, and what is declined."""
+"""Whether fixes are as good as they say: stated and true errors, errors by evidence, and what is declined."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 
-from lgprjax.report.results import DriveResult, track_errors
+from lgprjax.report.results import LEAST_P, DriveResult, track_errors
 from lgprjax.report.style import (
     BLUE,
     FAINT,
@@ -27,7 +27,7 @@ from lgprjax.report.summary import WRONG_M
 _BINS = 8
 _LEAST_IN_BIN = 20
 _LEAST_CM = 0.1
-_MARGIN_COLOURS = (SKY, BLUE, INK)
+_EVIDENCE_COLOURS = (SKY, BLUE, INK)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,7 @@ class StatedErrors:
         name: of the drives.
         along_m, cross_m: fix less truth; NaN where there is no pose.
         sigma_along_m, sigma_cross_m: that the fix states.
-        margin: over the runner-up; NaN where there is none.
+        evidence: decades, −log₁₀ of the probability that ground that is not the map's matches as well.
         ok: the fix is called a position; the others are declined.
     """
 
@@ -47,7 +47,7 @@ class StatedErrors:
     cross_m: Float[np.ndarray, " fix"]
     sigma_along_m: Float[np.ndarray, " fix"]
     sigma_cross_m: Float[np.ndarray, " fix"]
-    margin: Float[np.ndarray, " fix"]
+    evidence: Float[np.ndarray, " fix"]
     ok: Bool[np.ndarray, " fix"]
 
     @property
@@ -68,22 +68,22 @@ def stated_errors(results: Sequence[DriveResult]) -> StatedErrors:
         assert result.truth_north_m is not None
         errors = track_errors(result)
         known = result.tried & np.isfinite(result.truth_east_m + result.truth_north_m)
-        columns = (*errors, result.sigma_along_m, result.sigma_cross_m, result.margin)
+        columns = (*errors, result.sigma_along_m, result.sigma_cross_m, -np.log10(np.maximum(result.p_false, LEAST_P)))
         parts.append((*(np.asarray(column, np.float64)[known] for column in columns), result.ok[known]))
-    along, cross, sigma_along, sigma_cross, margin, ok = (np.concatenate(c) for c in zip(*parts, strict=True))
+    along, cross, sigma_along, sigma_cross, evidence, ok = (np.concatenate(c) for c in zip(*parts, strict=True))
     return StatedErrors(
         name=", ".join(result.name for result in judged),
         along_m=along,
         cross_m=cross,
         sigma_along_m=sigma_along,
         sigma_cross_m=sigma_cross,
-        margin=margin,
+        evidence=evidence,
         ok=ok,
     )
 
 
 def draw_confidence(stated: StatedErrors, path: str | Path, *, force: bool = False) -> None:
-    """Draw the reliability of the sigmas, errors by margin, and what a larger margin would decline.
+    """Draw the reliability of the sigmas, errors by evidence, and what a smaller risk would decline.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -91,9 +91,9 @@ def draw_confidence(stated: StatedErrors, path: str | Path, *, force: bool = Fal
     declined, tried = int((~stated.ok).sum()), len(stated.ok)
     share = f"{100.0 * declined / tried:.1f} % of {tried} tried fixes declined" if tried else "no truth known"
     with picture(path, 12.5, 5.0, force) as figure:
-        reliability, by_margin, asked = figure.subplots(1, 3)
+        reliability, by_evidence, asked = figure.subplots(1, 3)
         _draw_reliability(reliability, stated)
-        _draw_by_margin(by_margin, stated)
+        _draw_by_evidence(by_evidence, stated)
         _draw_asked(asked, stated)
         figure.suptitle(f"{stated.name or 'No drive'}: {share}")
         write_caption(
@@ -145,16 +145,16 @@ def _draw_reliability(axes: Axes, stated: StatedErrors) -> None:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), frameon=False, handletextpad=0.2)
 
 
-def _draw_by_margin(axes: Axes, stated: StatedErrors) -> None:
-    axes.set_title("error by margin")
+def _draw_by_evidence(axes: Axes, stated: StatedErrors) -> None:
+    axes.set_title("error by evidence")
     total_cm = np.maximum(100.0 * stated.total_m, _LEAST_CM)
     posed = np.isfinite(total_cm)
-    good = np.flatnonzero(stated.ok & posed & np.isfinite(stated.margin))
-    thirds = np.array_split(good[np.argsort(stated.margin[good])], min(len(_MARGIN_COLOURS), max(len(good), 1)))
-    for members, colour in zip(thirds, _MARGIN_COLOURS, strict=False):
+    good = np.flatnonzero(stated.ok & posed & np.isfinite(stated.evidence))
+    thirds = np.array_split(good[np.argsort(stated.evidence[good])], min(len(_EVIDENCE_COLOURS), max(len(good), 1)))
+    for members, colour in zip(thirds, _EVIDENCE_COLOURS, strict=False):
         if len(members):
-            low, high = stated.margin[members[[0, -1]]]
-            _draw_distribution(axes, total_cm[members], colour, "-", f"ok, margin {low:.2f} to {high:.2f}")
+            low, high = stated.evidence[members[[0, -1]]]
+            _draw_distribution(axes, total_cm[members], colour, "-", f"ok, evidence {low:.1f} to {high:.1f}")
     declined = ~stated.ok & posed
     if declined.any():
         _draw_distribution(
@@ -182,16 +182,16 @@ def _draw_distribution(
 
 
 def _draw_asked(axes: Axes, stated: StatedErrors) -> None:
-    axes.set_title("what a larger margin would cost")
+    axes.set_title("what a smaller risk would cost")
     total_m, tried = stated.total_m, len(stated.ok)
-    held = stated.ok & np.isfinite(total_m) & np.isfinite(stated.margin)
+    held = stated.ok & np.isfinite(total_m) & np.isfinite(stated.evidence)
     if not held.any():
         _say_nothing(axes)
         return
-    margin = np.sort(stated.margin[held])
-    least = np.concatenate([[min(0.0, margin[0])], margin])
-    kept = held.sum() - np.searchsorted(margin, least, "left")
-    wrong = np.sort(stated.margin[held & (total_m > WRONG_M)])
+    evidence = np.sort(stated.evidence[held])
+    least = np.concatenate([[min(0.0, evidence[0])], evidence])
+    kept = held.sum() - np.searchsorted(evidence, least, "left")
+    wrong = np.sort(stated.evidence[held & (total_m > WRONG_M)])
     left_wrong = len(wrong) - np.searchsorted(wrong, least, "left")
     axes.plot(
         least, 100.0 * (1.0 - kept / tried), color=BLUE, lw=2.0, drawstyle="steps-pre", label="declined, of all tried"
@@ -199,9 +199,9 @@ def _draw_asked(axes: Axes, stated: StatedErrors) -> None:
     shares = 100.0 * left_wrong / np.maximum(kept, 1)
     label = f"wrong, of those left: {len(wrong)} as it is"
     axes.plot(least, shares, color=VERMILLION, lw=2.0, linestyle="--", drawstyle="steps-pre", label=label)
-    axes.axvline(margin[0], color=FAINT, linewidth=1.0, zorder=0)
+    axes.axvline(evidence[0], color=FAINT, linewidth=1.0, zorder=0)
     axes.set_ylim(-1.0, 101.0)
-    axes.set_xlabel("margin asked for; grey line: least of the ok fixes")
+    axes.set_xlabel("evidence asked for (decades); grey: least ok")
     axes.set_ylabel("share (%)")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), frameon=False)
 

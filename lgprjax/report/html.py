@@ -84,6 +84,7 @@ def drive_section(result: DriveResult, summary: DriveSummary, figures: Sequence[
             f"truth, and {summary.wrong_ok} lie more than 0.3 m from it."
         )
     table = ReportTable(("quantity", "value"), tuple(summary.as_rows()))
+    text = "\n\n".join([text, *summary.remarks])
     return Section(f"{result.name} on {result.map_name}", text, (table,), tuple(figures))
 
 

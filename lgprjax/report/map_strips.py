@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 
 from lgprjax.report.style import BLUE, FAINT, GAP, GREEN, INK, MUTED, ORANGE, PURPLE, VERMILLION, picture, write_caption
@@ -37,8 +37,9 @@ class MapStrips:
         track_m: east and north.
         width_m: ground across; ``array_m`` is the array's width.
         overlap, passes, repeats, likeness: see the tables of a verified map.
+        ambiguous: a rival is as good as the place itself.
         baselines: against the others; empty for a map of one.
-        least_overlap, least_strength, least_repeats, most_likeness, widest_offset_m: limits.
+        least_overlap, least_repeats, widest_offset_m: limits.
         marked: stretches of every finding that is not good: kind, start and stop metres.
     """
 
@@ -51,11 +52,10 @@ class MapStrips:
     passes: Float[np.ndarray, " place"]
     repeats: Float[np.ndarray, " place"]
     likeness: Float[np.ndarray, " place"]
+    ambiguous: Bool[np.ndarray, " place"]
     baselines: tuple[BaselineStrip, ...]
     least_overlap: float
-    least_strength: float
     least_repeats: float
-    most_likeness: float
     widest_offset_m: float
     marked: tuple[tuple[str, float, float], ...]
 
@@ -68,10 +68,10 @@ def draw_map_strips(strips: MapStrips, path: str | Path, *, force: bool = False)
         plan, *axes = figure.subplots(rows, 1, height_ratios=heights)
         _plan(plan, strips)
         _width(axes[0], strips)
-        _line(axes[1], strips, strips.repeats, strips.least_repeats, "repeats", "signal that\nrepeats", below=True)
-        _line(
-            axes[2], strips, strips.likeness, strips.most_likeness, "likeness", "best rival /\nown match", below=False
-        )
+        short = strips.repeats < strips.least_repeats
+        _line(axes[1], strips, strips.repeats, short, "weak", "signal that\nrepeats")
+        axes[1].axhline(strips.least_repeats, color=VERMILLION, linewidth=0.9, linestyle="--")
+        _line(axes[2], strips, strips.likeness, strips.ambiguous, "ambiguous", "best rival /\nown match")
         if strips.baselines:
             _offsets(axes[3], strips)
             _correlations(axes[4], strips)
@@ -148,17 +148,13 @@ def _line(
     axes: Axes,
     strips: MapStrips,
     value: Float[np.ndarray, " place"],
-    limit: float,
+    short: Bool[np.ndarray, " place"],
     kind: str,
     label: str,
-    *,
-    below: bool,
 ) -> None:
     axes.plot(strips.at_m, value, color=INK, linewidth=1.2)
-    short = value < limit if below else value >= limit
     axes.plot(strips.at_m[short], value[short], ".", color=VERMILLION, markersize=6)
-    axes.axhline(limit, color=VERMILLION, linewidth=0.9, linestyle="--")
-    _shade(axes, strips, ("weak",) if kind == "repeats" else ("ambiguous",))
+    _shade(axes, strips, (kind,))
     axes.set_ylim(0.0, 1.05)
     axes.set_ylabel(label)
 
@@ -190,7 +186,6 @@ def _correlations(axes: Axes, strips: MapStrips) -> None:
     for number, strip in enumerate(strips.baselines):
         colour = _BASELINES[number % len(_BASELINES)]
         axes.plot(strip.at_m, strip.correlation, ".-", color=colour, linewidth=0.8, markersize=4)
-    axes.axhline(strips.least_strength, color=VERMILLION, linewidth=0.9, linestyle="--")
     _shade(axes, strips, ("disagreement",))
     axes.set_ylim(0.0, 1.05)
     axes.set_ylabel("correlation of\nbaselines")

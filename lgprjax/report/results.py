@@ -11,6 +11,9 @@ from lgprjax.frames import along_cross
 CODES = ("ok", "low_correlation", "ambiguous", "edge", "off_map", "low_overlap", "non_finite", "no_window")
 """Labels of ``registration.Code`` in its order; repeated here so that pictures need no accelerator library."""
 
+LEAST_P = 1e-38
+"""Smaller probabilities are drawn as this one."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DriveResult:
@@ -24,7 +27,9 @@ class DriveResult:
         east_m, north_m: of the fixes.
         prior_east_m, prior_north_m, heading_rad: where the search began; yaw counter-clockwise from east.
         sigma_along_m, sigma_cross_m: of the fixes, about the heading.
-        correlation, margin: of the fixes, at whatever code.
+        correlation, margin: of the fixes, at whatever code; no margin where the region holds no runner-up.
+        p_false: probability that ground which is not the map's would have passed the same search; 1 where nothing was
+            found.
         code: labels out of ``CODES``.
         yaw_rad: of the fixes, if the picture is to show the heading error.
         sigma_yaw_rad: of the fixes, for the bands about it.
@@ -33,6 +38,7 @@ class DriveResult:
         correlation_at_truth: what a perfect search would have found.
         baseline_tracks: east_m, north_m of each drive the map was built from.
         prior_sigma_m: standard deviation of the prior's position, per axis.
+        remarks: what else a reader of the report must know, a line each.
         impostor: recorded over ground that is not the map's, so that every ``ok`` is wrong.
     """
 
@@ -51,6 +57,7 @@ class DriveResult:
     sigma_cross_m: Float[np.ndarray, " scan"]
     correlation: Float[np.ndarray, " scan"]
     margin: Float[np.ndarray, " scan"]
+    p_false: Float[np.ndarray, " scan"]
     code: Shaped[np.ndarray, " scan"]
     yaw_rad: Float[np.ndarray, " scan"] | None = None
     sigma_yaw_rad: Float[np.ndarray, " scan"] | None = None
@@ -61,6 +68,7 @@ class DriveResult:
     correlation_at_truth: Float[np.ndarray, " scan"] | None = None
     baseline_tracks: tuple[Float[np.ndarray, "_ 2"], ...] = ()
     prior_sigma_m: float | None = None
+    remarks: tuple[str, ...] = ()
     impostor: bool = False
 
     def __post_init__(self) -> None:

@@ -25,6 +25,7 @@ class DriveSummary:
         ok_fraction: of the tried.
         median_correlation_ok, median_correlation_at_truth: of the ok fixes; of all scans at the true pose.
         max_error_m: the largest distance from the truth.
+        remarks: what else a reader must know, a line each.
         wrong_ok: ok fixes more than ``WRONG_M`` off; of an impostor all of them.
     """
 
@@ -46,6 +47,7 @@ class DriveSummary:
     max_error_m: float | None
     wrong_ok: int | None
     milliseconds_per_scan: float
+    remarks: tuple[str, ...] = ()
 
     def as_rows(self) -> list[tuple[str, str]]:
         """Label and value with its unit, for a table of one drive."""
@@ -67,7 +69,7 @@ class DriveSummary:
 
     def as_json(self) -> dict[str, object]:
         """Everything, ready for ``json.dump``."""
-        return asdict(self)
+        return {**asdict(self), "remarks": list(self.remarks)}
 
 
 def summarise(result: DriveResult) -> DriveSummary:
@@ -100,6 +102,7 @@ def summarise(result: DriveResult) -> DriveSummary:
         max_error_m=float(total.max()) if total.size else None,
         wrong_ok=ok if result.impostor else wrong,
         milliseconds_per_scan=float(result.milliseconds_per_scan),
+        remarks=result.remarks,
     )
 
 

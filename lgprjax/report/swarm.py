@@ -36,8 +36,7 @@ class SwarmPicture:
         particle_m: where the particles stood at the start and after each iteration.
         best_m: the best place that any of them had met by then.
         best_score: the best score that each of them had met by then; not finite before it met any.
-        evaluations: of the score, spent on the fix in all.
-        milliseconds: that a fix took.
+        milliseconds: that a scan of the drive took.
         origin: what the zero of the axes is.
         axes: names of x and y.
         truth: position, where it is known.
@@ -49,7 +48,6 @@ class SwarmPicture:
     particle_m: Float[np.ndarray, "iteration particle 2"]
     best_m: Float[np.ndarray, "iteration 2"]
     best_score: Float[np.ndarray, "iteration particle"]
-    evaluations: int
     milliseconds: float
     origin: str
     axes: tuple[str, str] = ("along", "cross")
@@ -75,14 +73,14 @@ def draw_swarm(swarm: SwarmPicture, path: str | Path, *, force: bool = False) ->
         above.legend(*clouds[-1].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
         _draw_scores(below.subplots(), swarm, moments)
         figure.suptitle(
-            f"Swarm of {particles} particles, {iterations} iterations: {swarm.evaluations} evaluations, "
-            f"{swarm.milliseconds:.3g} ms a fix"
+            f"Swarm of {particles} particles, {iterations} iterations: {particles * (iterations + 1)} evaluations; "
+            f"{swarm.milliseconds:.3g} ms a scan"
         )
         miss = "" if swarm.truth is None else f" Best to truth: {np.hypot(*(swarm.best_m[-1] - swarm.truth)):.3f} m."
         write_caption(
             figure,
             f"Metres relative to {swarm.origin}. Colours: the score over position, the rest of the pose as the swarm "
-            "left it; the particles differ in that too. Evaluations and time are the whole fix's, coarse stage "
+            "left it; the particles differ in that too. The time is that of the whole registration, coarse stage "
             f"included.{miss}",
         )
 

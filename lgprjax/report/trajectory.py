@@ -119,7 +119,10 @@ def _draw_heading_error(axes: Axes, result: DriveResult) -> None:
 
 def _draw_correlation(axes: Axes, result: DriveResult) -> None:
     if result.correlation_at_truth is not None:
-        axes.plot(result.distance_m, result.correlation_at_truth, color=MUTED, linewidth=1.0, label="at the truth")
+        # Known at the scans that were searched, between which a line without a gap is drawn.
+        known = np.isfinite(result.correlation_at_truth)
+        at_truth = result.correlation_at_truth[known]
+        axes.plot(result.distance_m[known], at_truth, color=MUTED, linewidth=1.0, label="at the truth")
     declined = result.tried & ~result.ok
     for scans, marker, colour, size, label in (
         (declined, "x", VERMILLION, 4.0, "declined"),

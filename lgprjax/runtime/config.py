@@ -53,11 +53,19 @@ class RadarTable(_Table):
 
 
 class RegistrationTable(_Table):
-    """The search, as ``lgprjax register`` has it."""
+    """The search, as ``lgprjax register`` has it.
+
+    Attributes:
+        search_m: half side of the square about the control loop's prior.
+        window_m: of scans matched as one; unset, the shortest window of the ladder that reaches the risk.
+        time_scale: of the day against the map's; unset, it is found along the drive.
+        risk: probability of a false match up to which a fix is believed, and a scan is evidence of the map's ground.
+    """
 
     search_m: float = Field(default=1.5, gt=0.0, le=5.0)
-    window_m: float = Field(default=0.0, ge=0.0, le=10.0)
-    time_scale: float = Field(default=1.0, gt=0.5, lt=2.0)
+    window_m: float | None = Field(default=None, ge=0.0, le=10.0)
+    time_scale: float | None = Field(default=None, gt=0.5, lt=2.0)
+    risk: float = Field(default=1e-4, ge=1e-12, le=0.01)
     thresholds: str | None = None
 
 

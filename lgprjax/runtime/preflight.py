@@ -49,11 +49,14 @@ def _files(config: RuntimeConfig) -> Iterator[Item]:
         with MapFile.open(config.path(config.map)) as source:
             return f"{len(source.places)} stations, {source.description.channels} channels"
 
+    def registration() -> str:
+        options, own = options_of(config), config.registration.thresholds
+        told = f"{options.search_m:g} m about the prior; a fix is believed up to a risk of {config.registration.risk:g}"
+        return told + (f", and by {own}" if own is not None else "")
+
     yield _tried("vehicle file", vehicle)
     yield _tried("map", database)
-    yield _tried(
-        "registration", lambda: f"thresholds {tuple(round(float(v), 3) for v in options_of(config).thresholds)}"
-    )
+    yield _tried("registration", registration)
     try:
         routes = load(config).routes
     except InputError as error:

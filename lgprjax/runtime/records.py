@@ -85,7 +85,7 @@ FIX = np.dtype(
         ("scan_ns", "<i8"),  # monotonic time of the scan
         ("scan", "<u4"),
         ("code", "<u1"),
-        ("rung", "<i1"),
+        ("window_dm", "<i1"),  # decimetres of scans that were matched as one; -1 where nothing was matched
         ("waiting", "<u2"),  # scans that were waiting when this one was taken
         ("correlation", "<f4"),
         ("margin", "<f4"),
@@ -93,8 +93,10 @@ FIX = np.dtype(
         ("overlap_channels", "<f4"),
         ("pose", "<f8", 5),  # east_m, north_m, height_m, yaw_rad, roll_rad of the array's centre, map frame
         ("covariance", "<f8", (5, 5)),
+        ("p_false", "<f4"),  # probability that ground which is not the map's would have passed the same search
     ]
 )
+_P_FALSE_BYTES = FIX["p_false"].itemsize
 PRIOR = np.dtype(
     [
         ("time_ns", "<i8"),  # monotonic time that it holds for
@@ -191,6 +193,18 @@ class StopBits(IntFlag):
     COMPUTER = 128
     RECORDING = 256
     OFF_LINE = 512
+
+
+def fix_row(payload: bytes) -> np.void:
+    """A row of ``FIX``; ``p_false`` is NaN, not known, where a run of layout 1.1 or older ends before it.
+
+    Raises:
+        ValueError: no fix of either layout.
+    """
+    if len(payload) == FIX.itemsize - _P_FALSE_BYTES:
+        payload += np.float32(np.nan).tobytes()
+    row: np.void = np.frombuffer(payload, FIX)[0]
+    return row
 
 
 def pack(record: Record) -> bytes:

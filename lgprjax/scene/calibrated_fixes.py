@@ -17,6 +17,7 @@ _DAYS: dict[str, dict[str, tuple[float, ...]]] = {
         "found_m": (2.33,),
         "lost_m": (0.26,),
         "strength": (0.784,),
+        "p_false": (5e-7,),
     },
 }
 

@@ -22,6 +22,7 @@ class FixErrors(NamedTuple):
         reported_sigma: what a fix says of itself.
         found_m, lost_m: mean lengths of stretches with fixes, and without.
         strength: correlation times the root of the overlap where there are fixes.
+        p_false: probability that ground which is not the map's would have matched as well, where there are fixes.
     """
 
     slow_sigma: Float[Array, "... 3"]
@@ -32,6 +33,7 @@ class FixErrors(NamedTuple):
     found_m: Float[Array, "..."]
     lost_m: Float[Array, "..."]
     strength: Float[Array, "..."]
+    p_false: Float[Array, "..."]
 
 
 class FixErrorState(NamedTuple):

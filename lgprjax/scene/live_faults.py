@@ -19,7 +19,8 @@ class SensorFaults(NamedTuple):
         slip_s, slip: the wheels turn by this share more than the ground passes.
         lgpr_lost_s: no scans.
         lgpr_wrong_s, lgpr_wrong_m: fixes lie on a wrong place, confidently, east and north.
-        lgpr_faded_s, lgpr_faded: the strength of every match falls to this share, and fixes fail.
+        lgpr_faded_s, lgpr_faded: the strength of every match falls to this share; how far above the noise floor
+            that is decides whether fixes fail.
     """
 
     gnss_lost_s: Float[Array, "... 2"]

@@ -5,24 +5,29 @@ heading: along the track stations are dense, across it they stand a channel pitc
 against its data's spacing, so that the noise of a cell hardly depends on where it lies between the traces;
 raw linear interpolation halves the noise at mid-step and draws matches there. Only where stations stand more than
 a third of a wavelength apart does the kernel stay narrower: there it would smooth the ground itself away.
+
+A kernel reaches some twenty cells, a tile has tens of thousands: the weights are a sparse matrix of cells by traces,
+made on the host for as many traces as there are, and the tile is its product with the traces.
 """
 
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float, Float32, Int
+from scipy.sparse import csc_array
 
-from lgprjax.radar import air_delay_ns, shift_travel_time
 from lgprjax.subsurface.tile import Tile
 
 # In standard deviations of the kernel: where it is cut off, and how near a trace must be to cover a cell.
 _REACH = 2.0
 _COVERS_ALONG = 1.5
 _COVERS_CROSS = 1.0
+_TOGETHER = 2048
+"""Traces whose weights are made at once: what they need stays in the processor's cache."""
+_SLACK = 1e-3
+"""In cells: the box about a kernel may be this much too large, so that rounding loses no cell at its rim."""
 
 
 @dataclass(frozen=True)
@@ -44,21 +49,34 @@ class GridSpec:
 
 
 class TraceSet(NamedTuple):
-    """Antenna traces near a tile, padded to a fixed number.
+    """Antenna traces near a tile, any number of them.
 
     Attributes:
-        coefficients: of each trace, as recorded.
+        coefficients: of each trace, at the tile's height reference.
         position_m: along and cross in the tile's frame.
         direction: cosine and sine of the station's yaw in the tile's frame.
-        above_reference_m: antenna height less the tile's height reference.
-        weight: of the trace; 0 where it is padding or invalid.
+        weight: of the trace; 0 where it is invalid.
     """
 
-    coefficients: Float[Array, "trace coefficient"]
-    position_m: Float[Array, "trace 2"]
-    direction: Float[Array, "trace 2"]
-    above_reference_m: Float[Array, " trace"]
-    weight: Float[Array, " trace"]
+    coefficients: Float32[np.ndarray, "trace coefficient"]
+    position_m: Float32[np.ndarray, "2 trace"]
+    direction: Float32[np.ndarray, "2 trace"]
+    weight: Float32[np.ndarray, " trace"]
+
+
+class _Spread(NamedTuple):
+    """Kernels of consecutive traces, cell after cell.
+
+    Attributes:
+        cells: that each trace reaches.
+        cell, weight: of each trace in turn, so many.
+        close: the trace covers the cell.
+    """
+
+    cells: Int[np.ndarray, " trace"]
+    cell: Int[np.ndarray, " reached"]
+    weight: Float32[np.ndarray, " reached"]
+    close: Bool[np.ndarray, " reached"]
 
 
 def grid_spec(along_m: float, cross_m: float, *, step_m: float, pitch_m: float, wavelength_m: float) -> GridSpec:
@@ -88,70 +106,87 @@ def _rung(cells: float) -> int:
     return max(16, step * -(-int(np.ceil(cells)) // step))
 
 
-@partial(jax.jit, static_argnames="spec")
-def grid_traces(
-    traces: TraceSet,
-    angular_frequency_rad_per_ns: Float[Array, " half"],
-    origin_m: Float[Array, "2"],
-    *,
-    spec: GridSpec,
-) -> Tile:
+def grid_traces(traces: TraceSet, origin_m: Float[np.ndarray, "2"], *, spec: GridSpec) -> Tile:
     """Spread traces onto the grid.
 
-    Every trace is first brought to the tile's height reference: one recorded higher above the ground comes
-    later by 6.67 ns a metre. A cell is valid where some trace lies within one standard deviation across its
-    track (0.6 of the channel pitch) and one and a half along it.
+    A cell is valid where some trace lies within one standard deviation across its track (0.6 of the channel pitch)
+    and one and a half along it.
 
     Args:
         traces: see ``TraceSet``.
-        angular_frequency_rad_per_ns: of the coefficients.
         origin_m: along and cross of cell (0, 0).
         spec: the grid.
     """
-    levelled = shift_travel_time(
-        traces.coefficients, -air_delay_ns(traces.above_reference_m), angular_frequency_rad_per_ns
-    )
-    cell_m = jnp.asarray([spec.along_cell_m, spec.cross_cell_m], dtype=jnp.float32)
-    size = jnp.asarray([spec.along_cells, spec.cross_cells], dtype=jnp.int32)
-    reach_m = _REACH * max(spec.along_spread_m, spec.cross_spread_m)
-    half = [int(np.ceil(reach_m / c)) for c in (spec.along_cell_m, spec.cross_cell_m)]
-    centre = jnp.round((traces.position_m - origin_m[None]) / cell_m[None]).astype(jnp.int32)
     cells = spec.along_cells * spec.cross_cells
-    coefficients = levelled.shape[-1]
-
-    def spread(
-        carry: tuple[Array, Array], offset: Array
-    ) -> tuple[tuple[Float[Array, "cell coefficient_and_weight"], Bool[Array, " cell"]], None]:
-        total, covered = carry
-        cell = centre + offset[None]
-        apart = cell.astype(jnp.float32) * cell_m[None] + origin_m[None] - traces.position_m
-        cos, sin = traces.direction[:, 0], traces.direction[:, 1]
-        along = (apart[:, 0] * cos + apart[:, 1] * sin) / spec.along_spread_m
-        cross = (apart[:, 1] * cos - apart[:, 0] * sin) / spec.cross_spread_m
-        near = (jnp.abs(along) <= _REACH) & (jnp.abs(cross) <= _REACH) & (traces.weight > 0.0)
-        reached = near & jnp.all((cell >= 0) & (cell < size[None]), axis=-1)
-        weight = jnp.where(reached, jnp.exp(-0.5 * (along**2 + cross**2)) * traces.weight, 0.0)
-        flat = jnp.where(reached, cell[:, 0] * spec.cross_cells + cell[:, 1], cells)
-        rows = jnp.concatenate([levelled, jnp.ones_like(levelled[:, :1])], axis=1) * weight[:, None]
-        close = reached & (jnp.abs(along) <= _COVERS_ALONG) & (jnp.abs(cross) <= _COVERS_CROSS)
-        return (total.at[flat].add(rows, mode="drop"), covered.at[flat].max(close, mode="drop")), None
-
-    steps = np.stack(
-        np.meshgrid(np.arange(-half[0], half[0] + 1), np.arange(-half[1], half[1] + 1), indexing="ij"),
-        axis=-1,
-    )
-    (total, valid), _ = jax.lax.scan(
-        spread,
-        (jnp.zeros((cells, coefficients + 1), jnp.float32), jnp.zeros(cells, bool)),
-        jnp.asarray(steps.reshape(-1, 2), dtype=jnp.int32),
-    )
-    weight = total[:, -1]
-    value = jnp.where(valid[:, None], total[:, :-1] / jnp.maximum(weight, 1e-6)[:, None], 0.0)
+    parts = [_spread(traces, slice(low, low + _TOGETHER), origin_m, spec) for low in _starts(len(traces.weight))]
+    count, cell, weight, close = (np.concatenate(field) for field in zip(*parts, strict=True))
+    valid = np.zeros(cells, bool)
+    valid[cell[close]] = True
+    total = np.bincount(cell, weights=weight, minlength=cells)
+    # Divided by the cell's total here, which is less to do than in the grid itself.
+    share = np.where(valid, 1.0 / np.maximum(total, 1e-6), 0.0).astype(np.float32)[cell] * weight
+    ends = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
+    value = csc_array((share, cell, ends), shape=(cells, len(count))) @ traces.coefficients
     shape = (spec.along_cells, spec.cross_cells)
     return Tile(
-        coefficients=value.reshape(*shape, coefficients),
-        power=jnp.sum(value**2, axis=-1).reshape(shape),
-        valid=valid.reshape(shape),
-        origin_m=origin_m.astype(jnp.float32),
-        cell_m=cell_m,
+        coefficients=jnp.asarray(value.reshape(*shape, value.shape[1])),
+        power=jnp.asarray(np.einsum("ij,ij->i", value, value).reshape(shape)),
+        valid=jnp.asarray(valid.reshape(shape)),
+        origin_m=jnp.asarray(origin_m, dtype=jnp.float32),
+        cell_m=jnp.asarray([spec.along_cell_m, spec.cross_cell_m], dtype=jnp.float32),
     )
+
+
+def _starts(traces: int) -> range:
+    """First traces of the parts that weights are made for; one part where there are no traces."""
+    return range(0, max(traces, 1), _TOGETHER)
+
+
+def _spread(traces: TraceSet, part: slice, origin_m: Float[np.ndarray, "2"], spec: GridSpec) -> _Spread:
+    """Kernels of a part of the traces."""
+    cell_m = (np.float32(spec.along_cell_m), np.float32(spec.cross_cell_m))
+    cells = (spec.along_cells, spec.cross_cells)
+    spread_m = (np.float32(spec.along_spread_m), np.float32(spec.cross_spread_m))
+    low, high = [], []
+    for n in range(2):
+        cos, sin = np.abs(traces.direction[n, part]), np.abs(traces.direction[1 - n, part])
+        place = (traces.position_m[n, part] - np.float32(origin_m[n])) / cell_m[n]
+        reach = (_REACH * spread_m[0] / cell_m[n]) * cos + (_REACH * spread_m[1] / cell_m[n]) * sin + _SLACK
+        low.append(np.maximum(np.ceil(place - reach), 0.0))
+        high.append(np.minimum(np.floor(place + reach), cells[n] - 1.0))
+    used = np.flatnonzero((traces.weight[part] > 0.0) & (low[0] <= high[0]) & (low[1] <= high[1]))
+    counts = np.zeros(len(cos), np.int64)
+    if not len(used):
+        return _Spread(counts, np.zeros(0, np.int32), np.zeros(0, np.float32), np.zeros(0, bool))
+    # Traces last, so that every operation runs over many numbers at once.
+    first = [low[n][used].astype(np.int32) for n in range(2)]
+    last = [high[n][used].astype(np.int32) for n in range(2)]
+    size = [int(np.max(last[n] - first[n])) + 1 for n in range(2)]
+    index = [first[n] + np.arange(size[n], dtype=np.int32)[:, None] for n in range(2)]
+    inside = [index[n] <= last[n] for n in range(2)]
+    apart_m = [
+        index[n].astype(np.float32) * cell_m[n] - (traces.position_m[n, part] - np.float32(origin_m[n]))[used]
+        for n in range(2)
+    ]
+    cos, sin = (traces.direction[n, part][used] for n in range(2))
+    # Along and cross of a turned kernel are sums of what either index gives: two short tables, added.
+    along = (apart_m[0] * (cos / spread_m[0]))[:, None] + (apart_m[1] * (sin / spread_m[0]))[None]
+    cross = (apart_m[1] * (cos / spread_m[1]))[None] - (apart_m[0] * (sin / spread_m[1]))[:, None]
+    np.square(along, out=along)
+    np.square(cross, out=cross)
+    reached = (along <= _REACH**2) & (cross <= _REACH**2) & inside[0][:, None] & inside[1][None]
+    close = (along <= _COVERS_ALONG**2) & (cross <= _COVERS_CROSS**2)
+    along += cross
+    along *= -0.5
+    weight = np.exp(along, out=along)
+    weight *= traces.weight[part][used]
+    counts[used] = np.count_nonzero(reached, axis=(0, 1))
+    offset = np.arange(size[0], dtype=np.int32)[:, None] * cells[1] + np.arange(size[1], dtype=np.int32)
+    cell = (first[0] * cells[1] + first[1])[:, None] + offset.reshape(1, -1)
+    chosen = np.flatnonzero(_by_trace(reached))
+    return _Spread(counts, *(np.take(field, chosen) for field in (cell, _by_trace(weight), _by_trace(close))))
+
+
+def _by_trace(values: np.ndarray) -> np.ndarray:
+    """Numbers by cell of the kernel and trace, rearranged trace after trace."""
+    return np.ascontiguousarray(values.reshape(-1, values.shape[-1]).T)

@@ -7,13 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from lgprjax.radar import CoefficientBasis, coefficient_basis, to_coefficients
+from lgprjax.radar import CoefficientBasis, air_delay_ns, coefficient_basis, shift_travel_time, to_coefficients
 from lgprjax.subsurface.components import leading_components
 from lgprjax.subsurface.direction import filter_along
 from lgprjax.subsurface.extents import track_extents
 from lgprjax.subsurface.grid import GridSpec, TraceSet, grid_spec, grid_traces
 from lgprjax.subsurface.index import SpatialIndex
-from lgprjax.subsurface.station_source import Stations, StationSource
+from lgprjax.subsurface.levelled import Levelling
+from lgprjax.subsurface.station_source import StationSource
 from lgprjax.subsurface.tile import Tile
 
 _SAMPLED = 300
@@ -46,6 +47,8 @@ class GroundMap:
         self._tiles: OrderedDict[tuple[int, int], Tile] = OrderedDict()
         self._frames = SpatialIndex(source.tile_frame[:, :2], 2.0 * self._spacing_m)
         self._low_m, self._high_m = self._extents()
+        # Common to what tiles share; each tile's own reference is near it.
+        self._height_m = float(np.median(source.height_reference_m))
         # One size for all tiles, so that one program serves the whole map.
         self._span_m = np.minimum(2.0 * self._half_m, np.max(self._high_m - self._low_m, axis=0))
 
@@ -65,6 +68,10 @@ class GroundMap:
         coefficients = np.asarray(to_coefficients(jnp.asarray(stations.profile), valid, self.basis))
         return jnp.asarray(leading_components(coefficients[stations.valid], _HELD))
 
+    @cached_property
+    def _levelling(self) -> Levelling:
+        return Levelling(self.source, self.basis, self._height_m)
+
     def tile_near(self, point_m: Float[np.ndarray, "2"], within_m: float) -> int | None:
         """Number of the tile whose frame is nearest to a point, if the map comes within ``within_m`` of it."""
         return self._frames.nearest(point_m, within_m + self._spacing_m)
@@ -72,6 +79,34 @@ class GroundMap:
     def tiles_near(self, points_m: Float[np.ndarray, "point 2"], within_m: float) -> Int[np.ndarray, " point"]:
         """What ``tile_near`` finds of many points at once; -1 for none."""
         return self._frames.nearest_each(points_m, within_m + self._spacing_m)
+
+    def tile_holding(self, current: int | None, point_m: Float[np.ndarray, "2"], reach_m: float) -> int | None:
+        """The tile in use as long as it serves, else the one whose frame is nearest: few changes along a drive.
+
+        It serves while all within ``reach_m`` of the point lies in its extent, or beyond an end that the map itself
+        has there. Ground that comes back into reach beyond such an end is not the tile's: the nearest frame must lie
+        in its extent, too.
+
+        Args:
+            current: number of the tile in use; None for none.
+            point_m: east and north.
+            reach_m: how far about the point ground is asked for.
+
+        Returns:
+            number of a tile; None where the map does not come within ``reach_m`` of the point.
+        """
+        nearest = self.tile_near(point_m, reach_m)
+        if current is None or nearest is None or nearest == current:
+            return nearest
+        low_m, high_m = self._low_m[current], self._high_m[current]
+        east, north, yaw = self.frame(current)
+        turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+        point, frame = (np.stack([point_m, self.frame(nearest)[:2]]) - np.array([east, north])) @ turn
+        # What is not cut by the asked extent is an end of the map's own. A grid may be larger than asked, but only
+        # what was asked is sure to hold all of the map's ground across it.
+        serves = ((point - reach_m >= low_m) | (low_m > -self._half_m)) & (frame >= low_m)
+        serves &= ((point + reach_m <= high_m) | (high_m < self._half_m)) & (frame <= high_m)
+        return current if np.all(serves) else nearest
 
     def ground_up_at(self, points_m: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"]:
         """Local height of the ground at the station nearest to each point; NaN far from the map."""
@@ -143,50 +178,45 @@ class GroundMap:
 
     def stations_under(self, number: int) -> Int[np.ndarray, " scan"]:
         """Numbers of the stations whose outermost antennas still reach into a tile."""
-        return self.source.places.near(*self._about(number))
-
-    def padded_under(self, number: int) -> int:
-        """Stations that a tile's set is padded to: few sizes, each a compile; told without reading a station."""
-        most = self.source.places.most_near(*self._about(number))
-        return max(64, 1 << max(0, (most - 1).bit_length()))
-
-    def _about(self, number: int) -> tuple[Float[np.ndarray, "2"], float]:
-        """Middle of a tile, and how far from it a station's outermost antennas still reach into the tile."""
         spec, origin_m = self.grid_of(number)
         east, north, yaw = self.frame(number)
-        corner = np.array([spec.along_cell_m * spec.along_cells, spec.cross_cell_m * spec.cross_cells])
-        middle = origin_m + 0.5 * corner
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        centre = np.array([east + cos * middle[0] - sin * middle[1], north + sin * middle[0] + cos * middle[1]])
-        array_m = 0.5 * self.description.channels * self.description.channel_pitch_m
-        return centre, 0.5 * float(np.hypot(*corner)) + array_m + 4.0 * spec.cross_spread_m
+        half = 0.5 * np.array([spec.along_cell_m * spec.along_cells, spec.cross_cell_m * spec.cross_cells])
+        middle = origin_m + half
+        turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+        centre = np.array([east, north]) + middle @ turn
+        room = 0.5 * self.description.channels * self.description.channel_pitch_m + 4.0 * spec.cross_spread_m
+        places = self.source.places
+        near = places.near(centre, float(np.hypot(*half)) + room)
+        apart = (places.read(near).pose[:, :2] - centre) @ turn.T
+        return near[np.all(np.abs(apart) <= half + room, axis=1)]
 
     def _grid(self, number: int) -> Tile:
         spec, origin_m = self.grid_of(number)
         east, north, yaw = self.frame(number)
-        chosen = self.stations_under(number)
-        stations, places = self.source.read_stations(chosen), self.source.places.read(chosen)
-        traces = _trace_set(
-            stations,
-            places.pose,
-            (east, north, yaw),
-            float(self.source.height_reference_m[number]),
-            self.basis,
-            self.padded_under(number),
-            self._weight(places.drive),
+        stations = self.stations_under(number)
+        levelled = self._levelling.read(stations)
+        coefficients = levelled.coefficients.reshape(levelled.weight.size, -1)
+        # Tiles' references differ by centimetres: one rotation for all traces of the tile.
+        above_m = float(self.source.height_reference_m[number]) - self._height_m
+        if above_m != 0.0:
+            coefficients = coefficients @ self._raising(above_m)
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        from_east, from_north = levelled.place_m[..., 0] - east, levelled.place_m[..., 1] - north
+        turn = np.broadcast_to((levelled.yaw_rad - yaw)[:, None], levelled.weight.shape)
+        position = (from_east * cos + from_north * sin, from_north * cos - from_east * sin)
+        traces = TraceSet(
+            coefficients=coefficients,
+            position_m=np.stack(position).astype(np.float32).reshape(2, -1),
+            direction=np.stack([np.cos(turn), np.sin(turn)]).astype(np.float32).reshape(2, -1),
+            weight=levelled.weight.reshape(-1),
         )
-        tile: Tile = grid_traces(
-            traces,
-            self.basis.angular_frequency_rad_per_ns,
-            jnp.asarray(origin_m, dtype=jnp.float32),
-            spec=spec,
-        )
-        return tile
+        return grid_traces(traces, origin_m, spec=spec)
 
-    def _weight(self, drive: Int[np.ndarray, " scan"]) -> Float[np.ndarray, " scan"]:
-        """Of stations of these baselines."""
-        known = self.description.weight
-        return np.asarray(known, np.float64)[drive] if known else np.ones(len(drive))
+    def _raising(self, above_m: float) -> Float[np.ndarray, "coefficient coefficient"]:
+        """Matrix that brings coefficients from the common antenna height to one ``above_m`` higher."""
+        one = jnp.eye(self.basis.matrix.shape[1], dtype=jnp.float32)
+        delay_ns = jnp.full(len(one), air_delay_ns(jnp.float32(above_m)))
+        return np.asarray(shift_travel_time(one, delay_ns, self.basis.angular_frequency_rad_per_ns))
 
     def _extents(self) -> tuple[Float[np.ndarray, "tile 2"], Float[np.ndarray, "tile 2"]]:
         """Extent of the ground about every tile in its frame, with room for the array to both sides.
@@ -196,40 +226,3 @@ class GroundMap:
         low, high = track_extents(self.source.tile_frame, self.source.places, self._half_m)
         room = self.description.channel_pitch_m * (0.5 * self.description.channels + 1.0)
         return np.maximum(low - room, -self._half_m), np.minimum(high + room, self._half_m)
-
-
-def _trace_set(
-    stations: Stations,
-    pose: Float[np.ndarray, "scan 5"],
-    frame: tuple[float, float, float],
-    height_reference_m: float,
-    basis: CoefficientBasis,
-    rung: int,
-    weight: Float[np.ndarray, " scan"],
-) -> TraceSet:
-    """Station traces in a tile's frame, padded to ``rung`` stations, each with the weight of its station."""
-    east, north, yaw = frame
-    scans, channels = stations.valid.shape
-    position = pose[:, None, :2] + stations.antenna_m[..., :2] - np.array([east, north])
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    along = position[..., 0] * cos + position[..., 1] * sin
-    cross = position[..., 1] * cos - position[..., 0] * sin
-    turn = np.broadcast_to((pose[:, 3] - yaw)[:, None], along.shape)
-
-    def padded(values: np.ndarray) -> Array:
-        full = np.zeros((rung, *values.shape[1:]), np.float32)
-        full[:scans] = values
-        return jnp.asarray(full)
-
-    def by_trace(values: np.ndarray) -> Array:
-        return padded(values).reshape(rung * channels, *values.shape[2:])
-
-    valid = padded(stations.valid) > 0.0
-    coefficients = to_coefficients(padded(stations.profile), valid, basis)
-    return TraceSet(
-        coefficients=coefficients.reshape(rung * channels, -1),
-        position_m=by_trace(np.stack([along, cross], axis=-1)),
-        direction=by_trace(np.stack([np.cos(turn), np.sin(turn)], axis=-1)),
-        above_reference_m=by_trace(stations.antenna_m[..., 2] - height_reference_m),
-        weight=jnp.where(valid, padded(weight)[:, None], jnp.float32(0.0)).reshape(-1),
-    )

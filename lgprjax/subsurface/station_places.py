@@ -120,11 +120,6 @@ class StationPlaces:
                 out[some] = self._nearest(points_m[some], share * radius_m)
         return out
 
-    def most_near(self, point_m: Float[np.ndarray, "2"], radius_m: float) -> int:
-        """No more stations than these are within ``radius_m`` of a point; nothing is read."""
-        stretch = self.stretches_near(point_m[None], radius_m)[1]
-        return int(np.sum(self._bounds[stretch + 1] - self._bounds[stretch]))
-
     def stretches_near(
         self, points_m: Float[np.ndarray, "point 2"], radius_m: float
     ) -> tuple[Int[np.ndarray, " found"], Int[np.ndarray, " found"]]:

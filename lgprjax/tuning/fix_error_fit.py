@@ -18,7 +18,7 @@ class FixErrorFit(NamedTuple):
         slow_sigma, white_sigma: of the part that neighbouring fixes share, and of the rest.
         slow_m: way over which the slow part is lost, of the cross-track errors.
         found_m, lost_m: mean lengths of stretches with fixes and without.
-        strength: median of the ok fixes' matches.
+        strength, p_false: medians of the ok fixes' matches.
     """
 
     bias: Float[np.ndarray, "3"]
@@ -28,6 +28,7 @@ class FixErrorFit(NamedTuple):
     found_m: float
     lost_m: float
     strength: float
+    p_false: float
 
 
 def fit_fix_errors(
@@ -35,6 +36,7 @@ def fit_fix_errors(
     ok: Bool[np.ndarray, " scan"],
     error: Float[np.ndarray, "scan 3"],
     strength: Float[np.ndarray, " scan"],
+    p_false: Float[np.ndarray, " scan"],
 ) -> FixErrorFit:
     """Moments of a drive's errors.
 
@@ -46,7 +48,7 @@ def fit_fix_errors(
         travel_m: way driven at each scan.
         ok: there was a fix.
         error: of it; what stands where there was none is not used.
-        strength: of its match.
+        strength, p_false: of its match.
 
     Raises:
         ValueError: fewer than 50 fixes.
@@ -62,9 +64,8 @@ def fit_fix_errors(
     slow_m = _length(middle, shared[:, 1], variance[1])
     slow = np.clip(shared[0] * np.exp(middle[0] / slow_m), 0.0, variance)
     found_m, lost_m = _stretches(travel_m, ok)
-    return FixErrorFit(
-        bias, np.sqrt(slow), np.sqrt(variance - slow), slow_m, found_m, lost_m, float(np.median(strength[ok]))
-    )
+    matched = float(np.median(strength[ok])), float(np.median(p_false[ok]))
+    return FixErrorFit(bias, np.sqrt(slow), np.sqrt(variance - slow), slow_m, found_m, lost_m, *matched)
 
 
 def _shared(

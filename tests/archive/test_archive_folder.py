@@ -57,19 +57,18 @@ def test_the_key_changes_with_everything_that_a_result_depends_on() -> None:
             for changed in (
                 replace(OPTIONS, search_m=2.0),
                 replace(OPTIONS, window_m=4.0),
-                replace(OPTIONS, track=True),
-                replace(OPTIONS, time_scale=None),
-                replace(OPTIONS, own_thresholds=Thresholds(0.6, 0.05, 1.0, 0.6)),
+                replace(OPTIONS, risk=1e-5),
+                replace(OPTIONS, time_scale=1.05),
+                replace(OPTIONS, own_thresholds=Thresholds(6.0, 3.0)),
             )
         ),
     }
     assert len(keys) == 8
     assert key_of_job("d", "m", dict(reversed(settings.items()))) == key_of_job("d", "m", settings)
-    assert json.loads(json.dumps(settings_of(replace(OPTIONS, own_thresholds=Thresholds(0.6, 0.05, 1.0, 0.6)))))[
-        "own_thresholds"
-    ] == {
-        **{"strength": 0.6, "margin": 0.05, "margin_by_chance": 1.0, "overlap": 0.6},
-        **{"sigma_scale": 1.0, "strength_by_chance": 0.0},
+    told = json.loads(json.dumps(settings_of(replace(OPTIONS, own_thresholds=Thresholds(6.0, 3.0)))))
+    assert told["own_thresholds"] == {
+        **{"strength_by_chance": 6.0, "margin_by_chance": 3.0, "overlap": 0.6},
+        **{"sigma_scale": 1.0},
     }
 
 

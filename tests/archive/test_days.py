@@ -12,22 +12,13 @@ import pytest
 
 from day_site import MPH, DaySite, strength_of
 from lgprjax.archive import DriveAccuracy, RegisteredDrive
-from lgprjax.registration import Code, RegisterOptions, Thresholds
+from lgprjax.registration import Code, RegisterOptions
 
-SINGLE = RegisterOptions(search_m=1.5)
-RIGHT_SCALE = RegisterOptions(search_m=1.5, time_scale=1.05)
-# What thresholds_from gave, at a risk of 1e-4, on five drives (clear, snow, rain) over the sites of seeds 101 and 103.
+SINGLE = RegisterOptions(search_m=1.5, window_m=0.0, time_scale=1.0)
+RIGHT_SCALE = RegisterOptions(search_m=1.5, window_m=0.0, time_scale=1.05)
+DEFAULT = RegisterOptions(search_m=1.5)
 WINDOW_M = 4.0
-CALIBRATED = Thresholds(
-    strength=0.0,
-    margin=0.02,
-    margin_by_chance=3.28,
-    overlap=0.8,
-    sigma_scale=0.67,
-    strength_by_chance=6.3,
-)
-WINDOWS = RegisterOptions(search_m=1.5, window_m=WINDOW_M, own_thresholds=CALIBRATED)
-FOUND_SCALE = RegisterOptions(search_m=1.5, window_m=WINDOW_M, own_thresholds=CALIBRATED, time_scale=None)
+"""The first metres, after which a fix is asked for on every day."""
 AVAILABLE = {"clear": 0.99, "snow": 0.99, "rain": 0.95}
 CROSS_M = {"clear": 0.02, "snow": 0.03, "rain": 0.05}
 # Median single-scan correlation at the truth by the plain score: fixed beforehand, not chosen to please.
@@ -73,7 +64,8 @@ def test_each_day_is_as_hard_as_it_should_be_and_never_lied_about(road: DaySite,
     assert low - ONE_ROAD <= figures.correlation_at_truth <= high + ONE_ROAD
     assert figures.wrong == 0
     if day == "clear":
-        assert figures.availability > 0.85
+        # A scan by itself seldom reaches the risk; those that do are right.
+        assert figures.availability > 0.1
         assert figures.cross_rms_m < 0.05
     if day == "rain":
         _, scaled = road.register(path, RIGHT_SCALE)
@@ -92,14 +84,14 @@ def squared_errors(drive: RegisteredDrive) -> np.ndarray:
 
 
 @pytest.mark.parametrize("day", list(DIFFICULTY))
-def test_windows_with_calibrated_thresholds_are_there_on_every_day(road: DaySite, day: str) -> None:
-    """Rain without being told its time scale."""
-    drive, figures = road.register(road.drive(day), FOUND_SCALE if day == "rain" else WINDOWS)
-    tried = np.asarray(drive.fix.code) != Code.NO_WINDOW
+def test_by_default_a_fix_is_there_on_every_day(road: DaySite, day: str) -> None:
+    """From the first metres on; rain without being told its time scale."""
+    drive, figures = road.register(road.drive(day), DEFAULT)
+    tried = np.abs(drive.track.travel_m - drive.track.travel_m[0]) >= WINDOW_M
     ok = np.asarray(drive.fix.code) == Code.OK
     nees = squared_errors(drive)
     print(
-        f"\n{day}, windows of 4 m: {ok[tried].mean():.3f} ok, wrong {figures.wrong}, cross-track RMS "
+        f"\n{day}, by default: {ok[tried].mean():.3f} ok, wrong {figures.wrong}, cross-track RMS "
         f"{figures.cross_rms_m:.3f} m, squared errors {np.mean(nees) / 2:.2f}, within 95 %: {np.mean(nees < 5.991):.3f}"
     )
     assert ok[tried].mean() >= AVAILABLE[day]
@@ -109,11 +101,11 @@ def test_windows_with_calibrated_thresholds_are_there_on_every_day(road: DaySite
     assert np.mean(nees) / 2 < 4.0
     if day == "rain":
         assert drive.time_scale is not None
-        assert np.median(drive.time_scale) == pytest.approx(1.05, abs=0.01)
+        assert np.median(drive.time_scale) == pytest.approx(1.05, abs=0.015)
 
 
-def test_windows_refuse_other_ground(road: DaySite) -> None:
-    drive, _ = road.register(road.drive("clear", impostor=True), WINDOWS)
+def test_other_ground_is_refused(road: DaySite) -> None:
+    drive, _ = road.register(road.drive("clear", impostor=True), DEFAULT)
     assert not np.any(np.asarray(drive.fix.code) == Code.OK)
 
 
@@ -122,24 +114,39 @@ def test_the_way_back_and_thirty_miles_an_hour(road: DaySite) -> None:
         ("clear, opposite direction", road.drive("clear", direction=-1)),
         ("clear, 30 mph", road.drive("clear", speed_mps=30 * MPH)),
     ):
-        _, figures = road.register(path, SINGLE)
+        _, figures = road.register(path, DEFAULT)
         print(f"\n{row(what, [figures])}")
         assert figures.wrong == 0
-        assert figures.availability > 0.7
-        assert figures.cross_rms_m < 0.06
+        assert figures.availability > 0.8
+        assert figures.cross_rms_m < 0.04
 
 
 def test_a_window_that_leaves_the_map_is_not_drawn_back_onto_it(road: DaySite) -> None:
     """The way back ends before the map begins: a window half off it leans against the least overlap, and is no fix."""
-    drive, _ = road.register(road.drive("clear", direction=-1), WINDOWS)
+    drive, _ = road.register(road.drive("clear", direction=-1), DEFAULT)
     assert drive.truth is not None
     code, ok = np.asarray(drive.fix.code), np.asarray(drive.fix.code) == Code.OK
     off_m = np.hypot(*(np.asarray(drive.fix.pose)[:, :2] - drive.truth[:, :2]).T)
-    on_map = road.on_map(drive.truth) & (code != Code.NO_WINDOW)
+    on_map = road.on_map(drive.truth) & (np.abs(drive.track.travel_m - drive.track.travel_m[0]) >= WINDOW_M)
     print(f"way back: {ok[on_map].mean():.3f} ok on the map, largest error of an ok fix {off_m[ok].max():.3f} m")
     assert ok[on_map].mean() >= 0.99
-    assert off_m[ok].max() < 0.15
+    assert off_m[ok].max() < 0.2
     assert Code.EDGE in code[~on_map]
+
+
+@pytest.mark.parametrize("repeat_m", [1.1, 2.4])
+def test_slabs_that_repeat_themselves_are_declined(repeat_m: float, tmp_path: Path) -> None:
+    """Places that look alike, three or two of them in the region: none is believed where another lies on the map."""
+    site = DaySite(tmp_path, 4, 30.0, repeat_m=repeat_m)
+    drive, _ = site.register(site.drive("clear"), DEFAULT)
+    code = np.asarray(drive.fix.code)
+    print(f"look-alikes {repeat_m} m apart: {np.bincount(code, minlength=8)}")
+    assert np.mean(np.isin(code, (Code.LOW_CORRELATION, Code.AMBIGUOUS))) > 0.9
+    ok = code == Code.OK
+    assert drive.truth is not None
+    off_m = np.hypot(*(np.asarray(drive.fix.pose)[:, :2] - drive.truth[:, :2]).T)
+    print(f"believed {ok.sum()}, wrong by {off_m[ok].max(initial=0.0):.3f} m at most")
+    assert np.all(off_m[ok] < 0.3)
 
 
 @pytest.mark.campaign
@@ -155,16 +162,17 @@ def test_all_days_on_two_roads(tmp_path: Path) -> None:
         site = DaySite(tmp_path / str(seed), seed, 60.0)
         for what, kind in drives.items():
             path = site.drive(**kind)
-            rows.setdefault(what, []).append(site.register(path, SINGLE)[1])
+            rows.setdefault(what, []).append(site.register(path, DEFAULT)[1])
+            rows.setdefault(f"{what}, single scans", []).append(site.register(path, SINGLE)[1])
             if what == "rain":
-                rows.setdefault("rain, time scale 1.05", []).append(site.register(path, RIGHT_SCALE)[1])
+                rows.setdefault("rain, single scans at 1.05", []).append(site.register(path, RIGHT_SCALE)[1])
             path.unlink()
     print(f"\n{HEADING}")
     for what, figures in rows.items():
         print(row(what, figures))
     for day, (low, high) in DIFFICULTY.items():
-        assert low <= np.median([f.correlation_at_truth for f in rows[day]]) <= high
-    assert np.median([f.correlation_at_truth for f in rows["rain, time scale 1.05"]]) <= 0.50
+        assert low <= np.median([f.correlation_at_truth for f in rows[f"{day}, single scans"]]) <= high
+    assert np.median([f.correlation_at_truth for f in rows["rain, single scans at 1.05"]]) <= 0.50
     assert sum(f.wrong for figures in rows.values() for f in figures) == 0
 
 
@@ -184,19 +192,19 @@ def test_ten_thousand_scans_of_false_ground(kind: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.campaign
-def test_windows_on_twenty_sites(tmp_path: Path) -> None:
-    """Sites that the thresholds were not found on; forward on every day, and the clear day's way back."""
+def test_twenty_sites(tmp_path: Path) -> None:
+    """By default; forward on every day, and the clear day's way back."""
     rows: dict[str, list[tuple[np.ndarray, ...]]] = {}
     for seed in range(201, 221):
         site = DaySite(tmp_path / str(seed), seed, 45.0)
         for what, kind in (*((day, {"day": day}) for day in DIFFICULTY), ("back", {"day": "clear", "direction": -1})):
             path = site.drive(**kind)  # type: ignore[arg-type]
-            drive, _ = site.register(path, FOUND_SCALE if what == "rain" else WINDOWS)
+            drive, _ = site.register(path, DEFAULT)
             path.unlink()
             assert drive.truth is not None
             fix, code = drive.fix, np.asarray(drive.fix.code)
             # Where the array leaves the map (the way back ends there) no fix can be asked for.
-            tried = (code != Code.NO_WINDOW) & site.on_map(drive.truth)
+            tried = (np.abs(drive.track.travel_m - drive.track.travel_m[0]) >= WINDOW_M) & site.on_map(drive.truth)
             ok = code == Code.OK
             off = (np.asarray(fix.pose)[:, :2] - drive.truth[:, :2])[ok]
             yaw = drive.truth[ok, 3]
@@ -218,15 +226,15 @@ def test_windows_on_twenty_sites(tmp_path: Path) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("kind", ["impostor", "look-alike"])
-def test_windows_on_a_hundred_thousand_scans_of_false_ground(kind: str, tmp_path: Path) -> None:
+def test_a_hundred_thousand_scans_of_false_ground(kind: str, tmp_path: Path) -> None:
     scans = 0
     for seed in range(301, 341):
         folder = tmp_path / str(seed)
         site = DaySite(folder, seed, 100.0, repeat_m=1.1 if kind == "look-alike" else None)
-        drive, figures = site.register(site.drive("clear", impostor=kind == "impostor"), WINDOWS)
+        drive, figures = site.register(site.drive("clear", impostor=kind == "impostor"), DEFAULT)
         assert not np.any(np.asarray(drive.fix.code) == Code.OK), f"seed {seed}"
         scans += figures.scans
         for path in folder.iterdir():
             path.unlink()
-    print(f"{kind}, windows of 4 m: {scans} scans, none ok")
+    print(f"{kind}, by default: {scans} scans, none ok")
     assert scans >= 100_000

@@ -13,6 +13,11 @@ SCANS = round(LENGTH_M / SPACING_M)
 AT_M = np.arange(SCANS) * SPACING_M
 
 
+def track_of(labels: np.ndarray) -> Track:
+    sigma_yaw, unstated = np.full(SCANS, 0.005), np.full(SCANS, np.nan)
+    return Track(labels, AT_M, np.full(SCANS, 5.0), sigma_yaw, unstated, np.zeros(SCANS, np.int64))
+
+
 class Drive:
     """A straight drive to the north-east; its labels drift, its fixes are right to 2 cm."""
 
@@ -45,10 +50,11 @@ class Drive:
             scatter=nothing,
             overlap_channels=np.zeros(SCANS, np.int32),
             overlap=nothing,
-            evaluations=np.zeros(SCANS, np.int32),
             code=self.code,
+            p_false=nothing,
+            window_m=nothing,
         )
-        track = Track(self.labels(), AT_M, np.full(SCANS, 5.0), np.full(SCANS, 0.005))
+        track = track_of(self.labels())
         return correct_labels(track, fix, np.zeros((SCANS, 2, 2)), LEVER_M)
 
     def left_m(self, correction: LabelCorrection) -> np.ndarray:
@@ -142,7 +148,7 @@ def test_a_lone_group_of_fixes_is_not_heard() -> None:
 def test_applied_moves_poses_and_nothing_else() -> None:
     drive = Drive()
     correction = drive.corrected()
-    track = Track(drive.labels(), AT_M, np.full(SCANS, 5.0), np.full(SCANS, 0.005))
+    track = track_of(drive.labels())
     moved = correction.applied(track)
     np.testing.assert_allclose(moved.pose[:, [0, 1, 3]] - track.pose[:, [0, 1, 3]], correction.offset, atol=1e-12)
     np.testing.assert_array_equal(moved.pose[:, [2, 4]], track.pose[:, [2, 4]])

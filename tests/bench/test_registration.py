@@ -189,9 +189,10 @@ def test_a_drive_is_found_on_a_repeated_road() -> None:
     road = RepeatedRoad(80.0, 40.0)
     block = road.live_block(52.0, 200, seed=3)
     assert block.traces.shape == (200, CHANNELS, 369)
-    options = RegisterOptions(search_m=1.5)
+    options = RegisterOptions(search_m=1.5, time_scale=1.0)
     ground = ground_map_for(road, options)
-    (found,) = register_drive(ground, road.operators, road.array, [block._replace(truth=None)], options)
+    blocks = [block._replace(truth=None)]
+    (found,) = register_drive(ground, road.operators, road.array, blocks, options, recorded=369)
     assert block.truth is not None
     apart = np.hypot(*(found.fix.pose[:, :2] - block.truth[:, :2]).T)
     # The first metres are without what the track filter needs to have seen.
@@ -208,7 +209,7 @@ def test_stages_and_the_rest_are_the_whole(tmp_path: Path) -> None:
     taken = run_program("lgprjax.bench.stages", [str(file)], threads=1)
     whole = taken.pop("whole")
     assert sum(value for stage, value in taken.items() if "floor" not in stage) == pytest.approx(whole)
-    assert min(taken[stage] for stage in ("products with all places", "floor from operations", "floor from bytes")) > 0
+    assert min(taken[stage] for stage in ("products and surfaces", "floor from operations", "floor from bytes")) > 0
 
 
 def test_a_run_gathers_every_program_and_tells_what_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from generated import Site
 from lgprjax.cli import main
-from lgprjax.formats import DriveLog, DriveWriter
+from lgprjax.formats import DriveLog, DriveWriter, MapFile
 
 
 def run(*arguments: object) -> int:
@@ -221,13 +221,21 @@ def test_register_writes_what_it_promises(
     assert list(table.columns) == [
         *("scan", "time_s", "latitude_deg", "longitude_deg", "height_m", "heading_deg", "roll_deg"),
         *("sigma_along_m", "sigma_cross_m", "correlation", "margin", "overlap_channels", "code"),
+        *("time_scale", "p_false", "window_m"),
     ]
     assert len(table) == 120
     ok = table[table["code"] == "ok"]
-    assert len(ok) > 100
+    # The first metre or so may be too little ground to be sure.
+    assert (table["code"][40:] == "ok").mean() > 0.95
     assert ok["latitude_deg"].between(41.9, 42.1).all()
     assert ok["heading_deg"].between(85, 95).all()
     assert ok["height_m"].between(30.1, 30.5).all()
+    assert (ok["p_false"] <= 1e-4).all()
+    assert set(table["window_m"].dropna()) <= {0.0, 1.0, 2.0, 4.0, 8.0}
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "risk 0.0001 in each 4 m of travel" in page
+    declined = set(table["code"]) - {"ok"}
+    assert all(f"<td>{code}</td>" in page for code in declined)
     first = (folder / "short.fixes.csv").read_text().splitlines()[60].split(",")
     assert all(len(first[column].split(".")[1]) >= 9 for column in (2, 3))
     (figures,) = json.loads((tmp_path / "figures.json").read_text())
@@ -261,10 +269,48 @@ def test_map_info(site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert figures["baselines"] == 2
     assert figures["channels"] == 11
     assert 60 < figures["length_m"] < 80
-    assert "baselines" in capsys.readouterr().out
+    assert figures["labels"].startswith("sigma ")
+    assert "cm" in figures["labels"]
+    told = capsys.readouterr().out
+    assert "baselines" in told
+    with MapFile.open(site.map) as source:
+        chance = source.chance
+    assert chance is not None
+    assert chance.own
+    assert figures["noise_floor"] == f"own; {chance.pieces} independent pieces"
+    # The tail share · exp(-(z² - start)/scale) reaches the risk just there.
+    assert list(figures["least_score"]) == ["0 m", "1 m", "2 m", "4 m", "8 m"]
+    z = np.array(list(figures["least_score"].values()))
+    reached = chance.share * np.exp(-(z**2 - chance.start) / chance.scale)
+    # Any of the five windows may pass.
+    np.testing.assert_allclose(np.log10(5.0 * reached), -4.0, atol=0.1)
 
 
-@pytest.mark.parametrize("option", ["--search-m=-1", "--search-m=nan", "--search-m=0.2", "--window-m=-2"])
+def test_map_info_tells_of_maps_that_borrow_a_noise_floor_or_have_none_yet(
+    site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small, old = tmp_path / "small.map.h5", tmp_path / "old.map.h5"
+    for path in (small, old):
+        path.write_bytes(site.map.read_bytes())
+    with h5py.File(small, "r+") as store:
+        store["chance"].attrs["own"], store["chance"].attrs["pieces"] = 0.0, 17.0
+    with h5py.File(old, "r+") as store:
+        del store["chance"]
+    assert run("map", "info", small, "--json", tmp_path / "small.json") == 0
+    told = json.loads((tmp_path / "small.json").read_text())["noise_floor"]
+    assert told == "pooled over many grounds: this map is too small to tell its own; 17 independent pieces"
+    assert run("map", "info", old, "--json", tmp_path / "old.json") == 0
+    assert json.loads((tmp_path / "old.json").read_text())["least_score"] is None
+    assert "measured at the first registration" in " ".join(capsys.readouterr().out.replace("│", " ").split())
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        *("--search-m=-1", "--search-m=nan", "--search-m=0.2", "--search-m=100", "--window-m=-2", "--time-scale=3"),
+        *("--risk=0", "--risk=0.5", "--thresholds=none.toml"),
+    ],
+)
 def test_lengths_that_make_no_sense(
     option: str, site: Site, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

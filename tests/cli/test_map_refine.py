@@ -35,6 +35,9 @@ def test_two_baselines_of_a_road(site: Site, tmp_path: Path, capsys: pytest.Capt
     with MapFile.open(output) as refined, MapFile.open(site.map) as source:
         assert refined.provenance["inputs"] == source.provenance["inputs"]
         assert np.abs(refined.pose - source.pose).max() < 0.05
+        # The ground has moved: its chance is measured anew.
+        assert refined.chance is not None
+        assert refined.chance.own
     # What is there is not replaced, and is refused before any work.
     assert run("map", "refine", site.map, "-o", output) == 1
     assert "the file exists" in capsys.readouterr().err
@@ -52,6 +55,9 @@ def test_one_baseline_has_nothing_to_agree_with(tmp_path: Path, capsys: pytest.C
     assert written["baselines"][0]["sigma_after_m"] is None
     with MapFile.open(output) as refined, MapFile.open(tmp_path / "lone.map.h5") as source:
         np.testing.assert_allclose(refined.pose, source.pose, atol=1e-4)
+        # 15 m of one line are too little to tell.
+        assert refined.chance is not None
+        assert not refined.chance.own
 
 
 def test_a_map_that_is_none_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from lgprjax.cli import main
@@ -50,6 +51,10 @@ def test_what_it_says(trench: TrenchSite, tmp_path: Path, capsys: pytest.Capture
     assert [each["baseline"] for each in drive["changed"]] == [0, 1]
     assert [row["file"] for row in told["weights"]] == ["left", "right", "newer1"]
     assert check_file(new) == []
+    with MapFile.open(new) as source, MapFile.open(trench.map) as old:
+        assert source.chance is not None
+        assert old.chance is not None
+        assert source.chance.pieces != old.chance.pieces or not np.array_equal(source.chance.start, old.chance.start)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["figures.json", "new.map.h5"]
 
 

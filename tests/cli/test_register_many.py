@@ -26,6 +26,7 @@ def status_of(*arguments: object) -> int:
         (["--workers", "2", "--scheduler", "tcp://localhost:1"], "expected one of them, found both"),
         (["--threads", "2"], "--threads: expected --workers or --scheduler beside it"),
         (["--workers", "1", "--search-m", "0.2"], "--search-m"),
+        (["--workers", "1", "--search-m", "100"], "--search-m: expected at most about "),
     ],
 )
 def test_options_that_make_no_sense(

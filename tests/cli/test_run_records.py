@@ -72,6 +72,16 @@ def test_times_count_from_the_scan_and_only_while_tracking() -> None:
     np.testing.assert_array_equal(period.milliseconds, records.period_ms)
 
 
+def test_an_older_run_tells_the_same_times(run: list[tuple[Kind, Source, int, float, bytes]]) -> None:
+    new = read_records(Path("run"))
+    # Its fixes end before the probability of a false match.
+    run[:] = [(*row[:4], row[4][:-4]) if row[0] is Kind.FIX else row for row in run]
+    old = read_records(Path("run"))
+    np.testing.assert_array_equal(old.fix_ms, new.fix_ms)
+    np.testing.assert_array_equal(old.command_ms, new.command_ms)
+    assert np.isnan(old.fixes["p_false"]).all()
+
+
 def test_a_run_without_a_plan_has_no_time_of_tracking(run: list[tuple[Kind, Source, int, float, bytes]]) -> None:
     run[:] = [row for row in run if row[0] is not Kind.PLAN]
     records = read_records(Path("run"))

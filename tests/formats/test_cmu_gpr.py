@@ -86,7 +86,8 @@ def test_sequence_with_a_total_station(tmp_path: Path) -> None:
     np.testing.assert_allclose(truth.heading_deg, 60.0, atol=0.05)
     np.testing.assert_array_equal(description.navigation.heading_deg, truth.heading_deg)
     assert truth.sigma_east_m is None
-    np.testing.assert_array_equal(description.navigation.sigma_east_m, 0.05)
+    assert description.navigation.sigma_east_m is None
+    assert description.navigation.sigma_heading_deg is None
 
 
 @pytest.mark.parametrize("absent", [True, False])

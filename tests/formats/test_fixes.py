@@ -57,6 +57,20 @@ def test_csv_is_as_the_contract_says(tmp_path: Path) -> None:
     assert lines[2] == "1,0.007937" + "," * 10 + "0,no_window"
 
 
+def test_probabilities_keep_their_digits_over_decades(tmp_path: Path) -> None:
+    table = _table().assign(p_false=[1.0, 3.25e-31, 0.0, 4.56e-5], window_m=[0.0, 1.0, 8.0, np.nan])
+    path, _ = _write(tmp_path, table)
+    assert [line.split(",")[-2:] for line in path.read_text().splitlines()[:3]] == [
+        ["p_false", "window_m"],
+        ["1", "0.000"],
+        ["3.25e-31", "1.000"],
+    ]
+    np.testing.assert_allclose(read_fixes(path)["p_false"], table["p_false"], rtol=1e-9)
+    np.testing.assert_array_equal(read_fixes(path)["window_m"], table["window_m"])
+    with pytest.raises(InputError, match="p_false"):
+        _write(tmp_path, table.assign(p_false=1.5), force=True)
+
+
 def test_both_files_hold_the_table(tmp_path: Path) -> None:
     table = _table(20000)
     pose = np.arange(100000.0).reshape(-1, 5)

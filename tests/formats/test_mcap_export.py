@@ -1,5 +1,6 @@
 """Drives and fixes as recordings: what other programs decode, and what comes back."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from formats.mcap_sample import SCANS, curved_description, decoded, write_curved
+from formats.samples import make_description, make_track
 from lgprjax.errors import InputError
 from lgprjax.formats import (
     DriveLog,
@@ -82,6 +84,17 @@ def test_navigation_has_the_axes_of_ros(exported: tuple[Path, np.ndarray, np.nda
     variances = np.array([imu.orientation_covariance for imu in imus])
     np.testing.assert_allclose(variances[:, 8], np.radians(track.sigma_heading_deg) ** 2, rtol=1e-12)
     assert {imu.angular_velocity_covariance[0] for imu in imus} == {-1.0}
+
+
+def test_sigmas_that_are_not_stated_are_unknown_covariances(tmp_path: Path) -> None:
+    path = tmp_path / "a.drive.h5"
+    description = replace(make_description(), navigation=make_track(sigmas=False))
+    with DriveWriter.create(path, description, channels=3, dtype=np.uint8) as writer:
+        writer.append(np.arange(6) * 0.1, np.zeros((6, 3, 8), np.uint8))
+    export_mcap(path, tmp_path / "a.mcap")
+    found = decoded(tmp_path / "a.mcap")
+    assert {message.position_covariance_type for _, message in found["/gnss/fix"]} == {0}
+    assert not np.any([message.orientation_covariance for _, message in found["/gnss/imu"]])
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "int32", "float32", "complex64"])

@@ -242,6 +242,10 @@ def _each(topic: str, **members: object) -> _Edit:
     return lambda messages: changed(messages, topic, lambda _, values: values | members)
 
 
+def _some(topic: str, **members: object) -> _Edit:
+    return lambda messages: changed(messages, topic, lambda n, values: values | (members if 2 < n < 50 else {}))
+
+
 _FEWER = {"channels": 1, "data": bytes(32)}
 
 
@@ -255,8 +259,8 @@ _FEWER = {"channels": 1, "data": bytes(32)}
         (_same, {"topics": McapTopics(heading="/no")}, "--heading-topic: expected a topic of type"),
         (_same, {"topics": McapTopics(array="/no")}, "--array-topic: expected a topic of type"),
         (_same, {"array": None}, "array: expected a message of type lgprjax_msgs/msg/RadarArray, or"),
-        (_each("/rover/gps", position_covariance_type=0), {}, "a covariance, or --gnss-sigma-m, found none in 14"),
-        (_each("/rover/imu", orientation_covariance=[0.0] * 9), {}, "/rover/imu: expected a covariance, or --head"),
+        (_some("/rover/gps", position_covariance_type=0), {}, "a covariance, or --gnss-sigma-m, found none in"),
+        (_some("/rover/imu", orientation_covariance=[0.0] * 9), {}, "/rover/imu: expected a covariance, or --head"),
         (_each("/rover/gps", latitude=float("nan")), {}, "one of type sensor_msgs/msg/NavSatFix with pos"),
         (_each("/rover/gpr", sample_interval_ns=0.0), {}, "sample_interval_ns: expected a number above zero, found 0"),
         (_each("/rover/gpr", encoding="uint12"), {}, "expected one of type lgprjax_msgs/msg/RadarScan"),
@@ -284,6 +288,22 @@ def test_what_the_messages_do_not_tell_can_be_told(tmp_path: Path) -> None:
         track = log.description.navigation
     np.testing.assert_allclose([_column(track.sigma_east_m), _column(track.sigma_height_m)], 1.5)
     np.testing.assert_allclose([_column(track.sigma_heading_deg), _column(track.sigma_roll_deg)], 3.0)
+
+
+def test_what_no_message_tells_is_not_stated(tmp_path: Path) -> None:
+    messages = _each("/rover/gps", position_covariance_type=0)(rover_messages())
+    messages = _each("/rover/imu", orientation_covariance=[0.0] * 9)(messages)
+    log, _ = _imported(tmp_path, messages)
+    with log:
+        track = log.description.navigation
+    sigmas = (track.sigma_east_m, track.sigma_north_m, track.sigma_height_m, track.sigma_heading_deg)
+    assert (*sigmas, track.sigma_roll_deg) == (None,) * 5
+    messages = [each for each in rover_messages() if each[0] != "/rover/imu"]
+    (tmp_path / "path").mkdir()
+    log, _ = _imported(tmp_path / "path", messages)
+    with log:
+        assert log.description.navigation.sigma_heading_deg is None
+        assert log.description.navigation.sigma_east_m is not None
 
 
 def test_an_imu_without_orientation_has_no_heading(tmp_path: Path) -> None:

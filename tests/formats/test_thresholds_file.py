@@ -8,9 +8,7 @@ from lgprjax.errors import InputError
 from lgprjax.formats import read_thresholds, write_thresholds
 
 VALUES = {
-    "strength": 0.0,
     "strength_by_chance": 5.5,
-    "margin": 0.02,
     "margin_by_chance": 2.5,
     "overlap": 0.6,
     "sigma_scale": 0.6,
@@ -35,10 +33,10 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     ("change", "place", "found"),
     [
         (("lgprjax.thresholds", "lgprjax.map"), "schema", "lgprjax.map"),
-        (('version = "1.0"', 'version = "2.0"'), "version", "2.0"),
+        (('version = "1.1"', 'version = "2.0"'), "version", "2.0"),
         (("overlap = 0.6", "overlap = -1.0"), "thresholds.overlap", "-1.0"),
         (("sigma_scale = 0.6", "sigma_scale = true"), "thresholds.sigma_scale", "True"),
-        (("margin = 0.02", "rand = 0.02"), "thresholds.margin", "None"),
+        (("margin_by_chance = 2.5", "rand = 2.5"), "thresholds.margin_by_chance", "None"),
         (("[thresholds]", "[thresholds"), "file", "line"),
     ],
 )
@@ -51,6 +49,24 @@ def test_what_is_wrong_is_named(tmp_path: Path, change: tuple[str, str], place: 
     assert place in str(refused.value)
     assert found in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("strength", "margin", "refused"), [(0.0, 0.0, None), (0.55, 0.0, "strength"), (0.0, 1.0, "margin")]
+)
+def test_older_files_are_read_where_they_ask_for_nothing_absolute(
+    tmp_path: Path, strength: float, margin: float, refused: str | None
+) -> None:
+    path = tmp_path / "x.thresholds.toml"
+    write(path)
+    older = f"[thresholds]\nstrength = {strength}\nmargin = {margin}"
+    path.write_text(path.read_text().replace('version = "1.1"', 'version = "1.0"').replace("[thresholds]", older))
+    if refused is None:
+        assert read_thresholds(path, 4.0) == VALUES
+        return
+    with pytest.raises(InputError, match=rf"thresholds\.{refused}: expected 0: .*calibrate again") as said:
+        read_thresholds(path, 4.0)
+    assert "\n" not in str(said.value)
 
 
 def test_thresholds_of_another_window_are_refused(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Faults of the navigation, each put into a drawn drive: told in time, with the reaction it asks for."""
 
 from collections.abc import Callable
+from math import erfc
 from typing import NamedTuple
 
 import jax
@@ -21,7 +22,8 @@ from model_drives import SPEED_MPS, TICK_S, Drawn, draw_drive, stacked, usual_mo
 
 _SECONDS, _ONSET_S = 34.0, 18.0
 _MODEL = usual_model(gnss_error_sigma_m=0.03, gnss_error_s=60.0)
-_RULES = health_rules(gnss_period_s=0.1, heading_period_s=0.05, odometer_period_s=0.05, lgpr_period_s=0.2)
+_RISK = 1e-4
+_RULES = health_rules(gnss_period_s=0.1, heading_period_s=0.05, odometer_period_s=0.05, lgpr_period_s=0.2, risk=_RISK)
 _GATES = default_rules()
 
 
@@ -41,7 +43,7 @@ class _Inputs(NamedTuple):
 
     motions: Motion
     observations: Observations
-    strength: Float[np.ndarray, " tick"]
+    p_false: Float[np.ndarray, " tick"]
     turned_rad: float = 0.0
 
 
@@ -125,7 +127,7 @@ def _backwards(inputs: _Inputs) -> _Inputs:
 
 
 def _fading(inputs: _Inputs) -> _Inputs:
-    return inputs._replace(strength=np.where(_AFTER, 0.3, inputs.strength))
+    return inputs._replace(p_false=np.where(_AFTER, 0.5, inputs.p_false))
 
 
 def _both(*faults: Callable[[_Inputs], _Inputs]) -> Callable[[_Inputs], _Inputs]:
@@ -171,10 +173,10 @@ _CASES = [
 
 @jax.jit
 def _run(
-    motions: Motion, observations: Observations, strength: jax.Array, turned_rad: jax.Array
+    motions: Motion, observations: Observations, p_false: jax.Array, turned_rad: jax.Array
 ) -> tuple[FilterState, FilterInfo, Health]:
     def one(
-        motion: Motion, observed: Observations, strengths: jax.Array, turned: jax.Array
+        motion: Motion, observed: Observations, chances: jax.Array, turned: jax.Array
     ) -> tuple[FilterState, FilterInfo, Health]:
         def step(
             carry: tuple[FilterState, HealthState], tick: tuple[Motion, Observations, jax.Array]
@@ -188,11 +190,11 @@ def _run(
         zero = jnp.zeros((), jnp.float32)
         start = init_filter(_MODEL, VehiclePose(zero, zero, turned), jnp.float32(SPEED_MPS))
         whole: tuple[FilterState, FilterInfo, Health] = jax.lax.scan(
-            step, (start, init_health()), (motion, observed, strengths)
+            step, (start, init_health()), (motion, observed, chances)
         )[1]
         return whole
 
-    return jax.vmap(one)(motions, observations, strength, turned_rad)
+    return jax.vmap(one)(motions, observations, p_false, turned_rad)
 
 
 class _Told(NamedTuple):
@@ -208,17 +210,17 @@ class _Told(NamedTuple):
 @pytest.fixture(scope="module")
 def told() -> dict[str, _Told]:
     drawn: Drawn = draw_drive(_MODEL, 5, seconds=_SECONDS)
-    usual = _Inputs(drawn.motions, drawn.observations, np.full(_TIME_S.size, 0.8))
+    usual = _Inputs(drawn.motions, drawn.observations, np.full(_TIME_S.size, 1e-9))
     inputs = [case.fault(usual) for case in _CASES]
     motions, observations = stacked([drawn._replace(motions=i.motions, observations=i.observations) for i in inputs])
-    # A strength belongs to a scan: between scans there is none.
+    # A match belongs to a scan: between scans there is none.
     scanned = np.asarray(observations.lgpr.valid)
-    strength = np.where(scanned, np.stack([i.strength for i in inputs]), np.nan)
+    p_false = np.where(scanned, np.stack([i.p_false for i in inputs]), np.nan)
     state, _, health = jax.device_get(
         _run(
             motions,
             observations,
-            jnp.asarray(strength, jnp.float32),
+            jnp.asarray(p_false, jnp.float32),
             jnp.asarray([i.turned_rad for i in inputs], jnp.float32),
         )
     )
@@ -330,6 +332,63 @@ def test_path_behind_its_place_degrades_then_stops(left_m: float, reasons: Reaso
     assert _told_once(*_sound(), left_m=left_m) == (reasons, reaction)
 
 
+def _by_chance(strength: Float[np.ndarray, " scan"], floor: float) -> Float[np.ndarray, " scan"]:
+    """Probability that the best of 200 places of other ground, each from a normal noise floor, matches as well."""
+    return np.array([-np.expm1(200.0 * np.log1p(-0.5 * erfc(each / floor / np.sqrt(2.0)))) for each in strength])
+
+
+def _matched(p_false: Float[np.ndarray, " scan"], rules: HealthRules = _RULES) -> list[Reason]:
+    """What is told of sound sensors tick after tick, a match each."""
+    state, info = _sound()
+    health, told = init_health(), []
+    for each in p_false:
+        health, out = _one(
+            rules, health, state, info, no_observations(), jnp.float32(each), jnp.float32(0.0), jnp.float32(TICK_S)
+        )
+        told.append(Reason(int(out.reasons)))
+    return told
+
+
+_SCANS = 100
+"""Five seconds of ticks, more than twice the sliding share."""
+
+
+def test_low_correlations_far_above_the_noise_floor_are_no_fading() -> None:
+    rain = _by_chance(np.random.default_rng(1).uniform(0.2, 0.35, _SCANS), 0.03)
+    assert rain.max() < 1e-8
+    assert set(_matched(rain)) == {Reason(0)}
+
+
+def test_high_correlations_within_the_noise_floor_are_fading() -> None:
+    alike = _by_chance(np.random.default_rng(2).uniform(0.6, 0.9, _SCANS), 0.35)
+    assert alike.min() > 0.5
+    assert set(_matched(alike)) == {Reason.LGPR_FADED}
+
+
+@pytest.mark.parametrize(("without", "faded"), [(2, False), (3, True)])
+def test_ground_has_faded_when_more_scans_than_not_give_no_evidence(without: int, faded: bool) -> None:
+    """Of every five scans so many; how probable the others are makes no difference, only on which side of the risk."""
+    for good, bad in ((1e-30, 1.5e-4), (0.9e-4, 1.0)):
+        told = _matched(np.where(np.arange(_SCANS) % 5 < 5 - without, good, bad))
+        # Of a whole sliding share: nothing is known of the first scans but themselves.
+        assert {bool(reasons & Reason.LGPR_FADED) for reasons in told[60:]} == {faded}
+
+
+def test_fading_is_judged_by_the_risk_that_is_asked_for() -> None:
+    chances = np.full(_SCANS, 1e-6)
+    strict = _RULES._replace(risk=jnp.float32(1e-7))
+    assert set(_matched(chances)) == {Reason(0)}
+    assert set(_matched(chances, strict)) == {Reason.LGPR_FADED}
+
+
+def test_ticks_without_a_match_neither_fade_nor_recover() -> None:
+    nothing = np.full(_SCANS, np.nan)
+    assert set(_matched(nothing)) == {Reason(0)}
+    # One in ten has a scan: their share alone counts.
+    sparse = np.where(np.arange(_SCANS) % 10 == 0, 1.0, np.nan)
+    assert all(reasons & Reason.LGPR_FADED for reasons in _matched(sparse))
+
+
 def test_reacquired_source_degrades() -> None:
     state, info = _sound()
     assert _told_once(state, info._replace(reacquired=info.reacquired.at[0].set(True))) == (Reason.REACQUIRED, _D)
@@ -337,7 +396,9 @@ def test_reacquired_source_degrades() -> None:
 
 def test_source_that_the_vehicle_lacks_is_not_missed() -> None:
     never = float("inf")
-    rules = health_rules(gnss_period_s=never, heading_period_s=0.05, odometer_period_s=0.05, lgpr_period_s=0.2)
+    rules = health_rules(
+        gnss_period_s=never, heading_period_s=0.05, odometer_period_s=0.05, lgpr_period_s=0.2, risk=_RISK
+    )
     state, info = _sound()
     silent = state.gates._replace(
         since_offered_s=jnp.asarray([1e6, 0.0, 0.0, 0.0]), since_accepted_s=jnp.asarray([1e6, 0.0, 0.0, 0.0])

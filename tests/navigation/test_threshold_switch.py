@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from lgprjax.navigation.observations import LgprObservation, Motion, no_observations
-from lgprjax.navigation.threshold_switch import SwitchSettings, SwitchState, init_switch, step_switch
+from lgprjax.navigation.threshold_switch import SwitchSettings, SwitchState, init_switch, step_switch, switch_settings
 from lgprjax.vehicle import VehiclePose
 
 _TICK_S, _ARRAY_M, _SLIP_M = 0.125, 6.0, 1.5
-_SETTINGS = SwitchSettings(*(jnp.float32(v) for v in (0.8, 0.6, 1.0, _SLIP_M, _ARRAY_M, 0.2)))
+_ENTER, _STAY = 1e-6, 1e-4
+_SETTINGS = SwitchSettings(*(jnp.float32(v) for v in (_ENTER, _STAY, 1.0, _SLIP_M, _ARRAY_M, 0.2)))
 _step = jax.jit(step_switch)
 
 
@@ -32,34 +33,54 @@ def _fix(rear: tuple[float, float, float], *, age_s: float = 0.0, valid: bool = 
     )
 
 
-def _run(strengths: Sequence[float | None], *, elsewhere_m: float = 50.0) -> list[SwitchState]:
-    """Standing at (3, 4): a fix of each strength, or none; GNSS/INS says another place."""
+def _run(
+    chances: Sequence[float | None], *, elsewhere_m: float = 50.0, settings: SwitchSettings = _SETTINGS
+) -> list[SwitchState]:
+    """Standing at (3, 4): a fix that is false with each probability, or none; GNSS/INS says another place."""
     other = _pose(3.0 + elsewhere_m, 4.0, 0.3)
     motion = Motion(jnp.float32(0.0), jnp.float32(_TICK_S))
     state, states = init_switch(other), []
-    for strength in strengths:
-        lgpr = _fix((3.0, 4.0, 0.3), valid=strength is not None)
-        told = jnp.float32(math.nan if strength is None else strength)
-        state = _step(_SETTINGS, state, motion, jnp.float32(0.0), other, lgpr, told)
+    for chance in chances:
+        lgpr = _fix((3.0, 4.0, 0.3), valid=chance is not None)
+        told = jnp.float32(math.nan if chance is None else chance)
+        state = _step(settings, state, motion, jnp.float32(0.0), other, lgpr, told)
         states.append(state)
     return states
 
 
 def test_gnss_ins_has_the_word_until_a_fix_is_good_enough() -> None:
-    states = _run([None, 0.79, 0.81])
+    states = _run([None, 1.1e-6, 0.9e-6])
     assert [bool(state.on_lgpr) for state in states] == [False, False, True]
     assert float(states[1].pose.x_m) == pytest.approx(53.0)
     np.testing.assert_allclose([float(v) for v in states[2].pose], [3.0, 4.0, 0.3], atol=1e-5)
 
 
 def test_what_stays_may_be_worse_than_what_enters() -> None:
-    states = _run([0.9] + [0.65] * 30)
+    states = _run([1e-9] + [5e-5] * 30)
     assert all(bool(state.on_lgpr) for state in states)
-    assert not any(bool(state.on_lgpr) for state in _run([0.65] * 30))
+    assert not any(bool(state.on_lgpr) for state in _run([5e-5] * 30))
+
+
+def test_the_limits_follow_the_risk_that_is_asked_for() -> None:
+    place = {"zero_slip_m": _SETTINGS.zero_slip_m, "array_x_m": _SETTINGS.array_x_m, "array_y_m": _SETTINGS.array_y_m}
+    chances = [2e-5, 5e-8, 2e-5]
+    loose, strict = (_run(chances, settings=switch_settings(risk, **place)) for risk in (1e-2, 1e-5))
+    assert [bool(state.on_lgpr) for state in loose] == [True] * 3
+    # At the stricter risk the second fix takes over; the third is too doubtful even to stay, and is not taken up.
+    assert [bool(state.on_lgpr) for state in strict] == [False, True, True]
+    assert float(strict[2].since_good_s) == pytest.approx(_TICK_S)
+
+
+def test_a_fix_of_unknown_chance_never_takes_over() -> None:
+    other = _pose(53.0, 4.0, 0.3)
+    motion = Motion(jnp.float32(0.0), jnp.float32(_TICK_S))
+    fix = _fix((3.0, 4.0, 0.3))
+    state = _step(_SETTINGS, init_switch(other), motion, jnp.float32(0.0), other, fix, jnp.float32(math.nan))
+    assert not bool(state.on_lgpr)
 
 
 def test_the_last_good_fix_is_carried_for_the_hold_and_no_longer() -> None:
-    states = _run([0.9] + [0.5] * 12 + [0.7, 0.9])
+    states = _run([1e-9] + [1e-3] * 12 + [1e-5, 1e-9])
     held = [bool(state.on_lgpr) for state in states]
     # A second is eight ticks; a fix that would do to stay does not lead back.
     assert held == [True] * 9 + [False] * 5 + [True]
@@ -77,11 +98,11 @@ def test_carried_pose_is_dead_reckoned_on_the_arc() -> None:
         jnp.float32(speed),
         other,
         _fix((1.0, 2.0, 0.4), age_s=age_s),
-        jnp.float32(0.9),
+        jnp.float32(1e-9),
     )
     for _ in range(5):
         state = _step(
-            _SETTINGS, state, motion, jnp.float32(speed), other, _fix((0.0, 0.0, 0.0), valid=False), jnp.float32(0.0)
+            _SETTINGS, state, motion, jnp.float32(speed), other, _fix((0.0, 0.0, 0.0), valid=False), jnp.float32(1.0)
         )
     # By many small straight steps of the point that moves along the body axis.
     x, y, yaw = 1.0 + _SLIP_M * math.cos(0.4), 2.0 + _SLIP_M * math.sin(0.4), 0.4
@@ -108,12 +129,12 @@ def test_fix_that_is_no_number_while_invalid_leaves_no_trace() -> None:
 
 
 def test_lanes_are_what_they_are_alone() -> None:
-    strengths = np.array([0.9, 0.7, 0.1], np.float32)
+    chances = np.array([1e-9, 1e-5, 1.0], np.float32)
     fix, other = _fix((3.0, 4.0, 0.3)), _pose(0.0, 0.0, 0.0)
     motion = Motion(jnp.float32(0.0), jnp.float32(_TICK_S))
     speed, start = jnp.float32(1.0), init_switch(other)
-    many = jax.vmap(lambda s: step_switch(_SETTINGS, start, motion, speed, other, fix, s))(jnp.asarray(strengths))
-    for lane, strength in enumerate(strengths):
-        alone = _step(_SETTINGS, start, motion, speed, other, fix, jnp.float32(strength))
+    many = jax.vmap(lambda p: step_switch(_SETTINGS, start, motion, speed, other, fix, p))(jnp.asarray(chances))
+    for lane, chance in enumerate(chances):
+        alone = _step(_SETTINGS, start, motion, speed, other, fix, jnp.float32(chance))
         for one, of_many in zip(jax.tree.leaves(alone), jax.tree.leaves(many), strict=True):
             np.testing.assert_allclose(np.asarray(of_many)[lane], np.asarray(one), atol=1e-6)

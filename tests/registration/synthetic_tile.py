@@ -33,7 +33,7 @@ TRACES = CHANNELS * SCANS
 
 SEARCH = SearchSpec(lattice=(23, 19), margin=(22, 18))
 HALF_WIDTH = np.array([0.5, 0.5, 0.08, np.radians(3.0), np.radians(1.5)])
-THRESHOLDS = Thresholds(jnp.float32(0.5), jnp.float32(0.045), jnp.float32(0.3), jnp.float32(0.6))
+THRESHOLDS = Thresholds(*(jnp.float32(value) for value in (6.0, 1.5, 0.6, 1.0)))
 
 Ground = Callable[[np.ndarray], np.ndarray]
 """Places [..., 2] to complex waves [..., half] of unit power."""
@@ -126,5 +126,4 @@ def make_problem(
         prior=jnp.asarray(prior, dtype=jnp.float32),
         half_width=jnp.asarray(np.tile(half_width, (batch, 1)), dtype=jnp.float32),
         finite=jnp.ones(batch, bool),
-        number=jnp.arange(batch, dtype=jnp.uint32),
     )

@@ -75,7 +75,17 @@ def test_outcomes_know_right_from_wrong_and_leave_out_what_reached_no_place() ->
     blank = np.zeros(4)
     covariance = np.tile(np.diag([0.03**2, 0.03**2, 1, 1, 1]), (4, 1, 1))
     fix = Fix(
-        pose, covariance, blank, blank + 0.1, blank + 0.4, blank + 0.1, blank.astype(int), blank + 1, blank, blank
+        pose,
+        covariance,
+        blank,
+        blank + 0.1,
+        blank + 0.4,
+        blank + 0.1,
+        blank.astype(int),
+        blank + 1,
+        blank,
+        blank,
+        blank,
     )
     truth = np.tile([1.0, 2.0], (4, 1))
     found = outcomes_of(fix, truth, np.tile(0.01**2 * np.eye(2), (4, 1, 1)), np.full(4, 0.02**2))

@@ -1,10 +1,10 @@
-"""Covariance of a peak and the order of the codes, by hand."""
+"""Covariance of a peak and the order of the codes, by hand; what the options make of a prior."""
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.registration import Code, RegisterOptions, Thresholds, default_thresholds
+from lgprjax.registration import Code, RegisterOptions, Thresholds
 from lgprjax.registration.integrity import judge
 from lgprjax.registration.newton import Summit, covariance_of
 
@@ -63,34 +63,34 @@ def test_a_line_that_a_step_aside_leaves_is_as_wide_as_the_step() -> None:
     assert sigma[1] == pytest.approx(CELL_M[1] / np.sqrt(3.0), rel=0.02)
 
 
-T = default_thresholds()
-GOOD = {"strength": 0.7, "margin": 0.2, "floor": 0.12, "best_overlap": 1.0, "on_edge": False, "finite": True}
+T = Thresholds(strength_by_chance=5.0, margin_by_chance=1.0, overlap=0.6)
+GOOD = {"score": 0.7, "rival": 0.4, "floor": 0.12, "best_overlap": 1.0, "on_edge": False, "finite": True}
 
 
 @pytest.mark.parametrize(
     ("change", "code"),
     [
         ({}, Code.OK),
-        ({"finite": False, "best_overlap": 0.0, "strength": -1.0}, Code.NON_FINITE),
-        ({"best_overlap": 0.0, "strength": -1.0}, Code.OFF_MAP),
-        ({"best_overlap": 0.59, "strength": -1.0}, Code.LOW_OVERLAP),
-        ({"strength": 0.49, "on_edge": True, "margin": 0.0}, Code.LOW_CORRELATION),
-        ({"strength": float("nan"), "margin": float("nan")}, Code.LOW_CORRELATION),
-        ({"strength": float("-inf")}, Code.LOW_CORRELATION),
-        ({"on_edge": True, "margin": 0.0}, Code.EDGE),
-        ({"margin": 0.04, "floor": 0.0}, Code.AMBIGUOUS),
-        ({"margin": 0.046, "floor": 0.0}, Code.OK),
-        ({"margin": 0.16}, Code.AMBIGUOUS),
-        ({"margin": 0.5, "floor": 0.4}, Code.AMBIGUOUS),
-        ({"margin": float("nan")}, Code.AMBIGUOUS),
+        ({"finite": False, "best_overlap": 0.0, "score": -1.0}, Code.NON_FINITE),
+        ({"best_overlap": 0.0, "score": -1.0}, Code.OFF_MAP),
+        ({"best_overlap": 0.59, "score": -1.0}, Code.LOW_OVERLAP),
+        ({"score": 0.59, "on_edge": True, "rival": 0.58}, Code.LOW_CORRELATION),
+        ({"score": 0.61}, Code.OK),
+        ({"score": 0.61, "floor": 0.13}, Code.LOW_CORRELATION),
+        ({"score": float("nan"), "rival": float("nan")}, Code.LOW_CORRELATION),
+        ({"score": float("-inf")}, Code.LOW_CORRELATION),
+        ({"on_edge": True, "rival": 0.7}, Code.EDGE),
+        ({"rival": 0.59}, Code.AMBIGUOUS),
+        ({"rival": 0.57}, Code.OK),
+        ({"rival": float("nan")}, Code.AMBIGUOUS),
     ],
 )
 def test_the_first_reason_that_applies_is_the_code(change: dict[str, float | bool], code: Code) -> None:
     given = {**GOOD, **change}
     thresholds = Thresholds(*(jnp.float32(value) for value in T))
     result = judge(
-        jnp.float32(given["strength"]),
-        jnp.float32(given["margin"]),
+        jnp.float32(given["score"]),
+        jnp.float32(given["rival"]),
         jnp.float32(given["floor"]),
         jnp.float32(given["best_overlap"]),
         jnp.asarray(bool(given["on_edge"])),
@@ -100,15 +100,22 @@ def test_the_first_reason_that_applies_is_the_code(change: dict[str, float | boo
     assert int(result) == code
 
 
-def test_a_window_may_be_fainter_than_a_single_scan() -> None:
-    scan, window = default_thresholds(), default_thresholds(1.0)
-    assert window.strength < scan.strength
-    assert window.margin_by_chance < scan.margin_by_chance
-    assert RegisterOptions().thresholds == scan
-    assert RegisterOptions(search_m=3.0).thresholds.strength == pytest.approx(scan.strength + 0.05)
-    assert RegisterOptions(search_m=12.0, window_m=1.0).thresholds == window
-    assert RegisterOptions(window_m=1.0).thresholds == window
-    assert RegisterOptions(window_m=1.0, own_thresholds=scan).thresholds == scan
+def test_the_region_is_what_the_log_says_of_its_position() -> None:
+    options = RegisterOptions()
+    assert options.search_half_m() == 2.5
+    assert options.search_half_m(np.array([0.2, np.nan])) == 2.5
+    # Four sigma and half a metre, in halves of a metre, within bounds.
+    assert options.search_half_m(np.array([0.2, 0.6])) == 3.0
+    assert options.search_half_m(np.array([0.01])) == 2.0
+    assert options.search_half_m(np.array([9.0])) == 6.0
+    assert RegisterOptions(search_m=1.7).search_half_m(np.array([9.0])) == 1.7
+
+
+def test_the_heading_is_searched_as_far_as_it_is_unsure() -> None:
+    sigma = np.radians([0.1, 1.0, 4.0])
+    widths = RegisterOptions().half_width(sigma, 2.5)
+    np.testing.assert_allclose(np.degrees(widths[:, 3]), [1.0, 3.0, 5.0])
+    assert np.all(widths[:, :2] == 2.5)
 
 
 def test_codes_have_the_names_of_the_contract() -> None:

@@ -1,24 +1,24 @@
-"""Live scans joined to templates: where the antennas of a window stand, which scans close one, what is held."""
+"""Live scans: what the filter holds from block to block, templates at their places, and which windows a stop has."""
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from lgprjax.radar import ArrayGeometry, CoefficientBasis, uniform_array
-from lgprjax.registration.live import LiveChain, LiveScans, Track, templates_of, window_members
+from lgprjax.registration import LiveChain, LiveScans, Stops, Template, Track, stops_of, templates_of
 
 SAMPLES = 6
+BASIS = CoefficientBasis(jnp.ones(SAMPLES), jnp.eye(SAMPLES), jnp.ones(SAMPLES // 2))
 
 
-def identity_chain(channels: int, history_m: float) -> LiveChain:
-    basis = CoefficientBasis(jnp.ones(SAMPLES), jnp.eye(SAMPLES), jnp.ones(SAMPLES // 2))
-    return LiveChain(lambda _: jnp.eye(SAMPLES), basis, track_filter_m=4.0, channels=channels, history_m=history_m)
+def identity_chain(channels: int) -> LiveChain:
+    return LiveChain(lambda _: jnp.eye(SAMPLES), BASIS, track_filter_m=4.0, channels=channels, recorded=SAMPLES)
 
 
 def track(east: np.ndarray, north: np.ndarray, yaw: np.ndarray, travel: np.ndarray, speed: float = 0.0) -> Track:
     zeros = np.zeros_like(travel)
     pose = np.stack([east, north, zeros, yaw, zeros], axis=1)
-    return Track(pose, travel, np.full_like(travel, speed), zeros + 0.01)
+    return Track(pose, travel, np.full_like(travel, speed), zeros + 0.01, zeros + 0.05, np.zeros(len(travel), np.int64))
 
 
 def straight(scans: int, step_m: float, speed: float = 0.0) -> Track:
@@ -30,37 +30,55 @@ def feed(chain: LiveChain, where: Track, channels: int, block: int = 256) -> Liv
     rng = np.random.default_rng(0)
     scans = len(where.travel_m)
     traces = rng.normal(size=(scans, channels, SAMPLES)).astype(np.float32)
-    held, _ = chain.feed(traces, np.ones((scans, channels), bool), where, block)
-    return held
+    return chain.feed(traces, np.ones((scans, channels), bool), where, block)
 
 
-def test_a_window_looks_back_in_equal_steps() -> None:
+def stops_at(scans: LiveScans, chosen: np.ndarray, array: ArrayGeometry, chain: LiveChain) -> Stops:
+    stops = stops_of(scans, chosen, array, BASIS)
+    return stops._replace(coefficients=chain.coefficients(stops.filtered, stops.valid, 1.0))
+
+
+def template_of(where: Track, array: ArrayGeometry, chosen: np.ndarray) -> tuple[Template, Stops]:
+    """All chosen scans as one template that ends with the last one, newest first."""
+    chain = identity_chain(len(array.x_m))
+    stops = stops_at(feed(chain, where, len(array.x_m)), chosen, array, chain)
+    member = np.arange(len(chosen))[::-1][None]
+    return templates_of(stops, array, np.array([len(chosen) - 1]), member, np.ones(member.shape, bool)), stops
+
+
+def test_a_template_looks_back_along_the_way() -> None:
     array = uniform_array(3, 0.4, x_m=2.0)
-    scans = feed(identity_chain(3, 2.0), straight(60, 0.05), 3)
-    template = templates_of(scans, np.array([50, 58]), array, window_m=1.0, step_m=0.1)
-    offset = np.asarray(template.offset_m).reshape(2, 11, 3, 2)
-    np.testing.assert_allclose(
-        offset[:, :, :, 0], np.broadcast_to(-0.1 * np.arange(11)[:, None], (2, 11, 3)), atol=1e-6
-    )
-    np.testing.assert_allclose(offset[:, :, :, 1], np.broadcast_to([0.4, 0.0, -0.4], (2, 11, 3)), atol=1e-6)
-    assert np.asarray(template.last_scan).reshape(2, 11, 3)[:, 0].all()
-    assert np.asarray(template.last_scan).sum() == 2 * 3
-    wanted = scans.coefficients[50 - 2 * np.arange(11)].reshape(33, -1)
+    template, stops = template_of(straight(60, 0.05), array, np.arange(8, 60, 5))
+    offset = np.asarray(template.offset_m).reshape(11, 3, 2)
+    np.testing.assert_allclose(offset[:, :, 0], np.broadcast_to(-0.25 * np.arange(11)[:, None], (11, 3)), atol=1e-6)
+    np.testing.assert_allclose(offset[:, :, 1], np.broadcast_to([0.4, 0.0, -0.4], (11, 3)), atol=1e-6)
+    assert np.asarray(template.last_scan).reshape(11, 3)[0].all()
+    assert np.asarray(template.last_scan).sum() == 3
+    wanted = stops.coefficients[::-1].reshape(33, -1)
     np.testing.assert_array_equal(np.asarray(template.coefficients)[0], wanted)
 
 
-def test_channels_stand_where_the_vehicle_had_come() -> None:
+def test_members_that_are_none_weigh_nothing() -> None:
+    array = uniform_array(2, 0.4)
+    chain = identity_chain(2)
+    stops = stops_at(feed(chain, straight(30, 0.05), 2), np.arange(0, 30, 3), array, chain)
+    member = np.array([[9, 8, 8, 7]])
+    fresh = np.array([[True, True, False, True]])
+    template = templates_of(stops, array, np.array([9]), member, fresh)
+    valid = np.asarray(template.valid).reshape(4, 2)
+    assert valid.tolist() == [[True] * 2, [True] * 2, [False] * 2, [True] * 2]
+    assert not np.asarray(template.coefficients).reshape(4, 2, -1)[2].any()
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_channels_stand_where_the_vehicle_had_come(sign: float) -> None:
     """The last of four channels is switched on 0.75 of a period late: 3.75 cm farther on at 5 m/s."""
     array = uniform_array(4, 0.1, scan_period_s=0.01)
-    scans = feed(identity_chain(4, 0.0), straight(5, 0.05, speed=5.0), 4)
-    offset = np.asarray(templates_of(scans, np.array([4]), array, window_m=0.0, step_m=0.1).offset_m)[0]
-    np.testing.assert_allclose(offset[:, 0], [0.0, 0.0125, 0.025, 0.0375], atol=1e-6)
-    backwards = feed(identity_chain(4, 0.0), straight(5, -0.05, speed=-5.0), 4)
-    offset = np.asarray(templates_of(backwards, np.array([4]), array, window_m=0.0, step_m=0.1).offset_m)[0]
-    np.testing.assert_allclose(offset[:, 0], [0.0, -0.0125, -0.025, -0.0375], atol=1e-6)
+    template, _ = template_of(straight(5, 0.05 * sign, speed=5.0 * sign), array, np.array([4]))
+    np.testing.assert_allclose(template.offset_m[0, :, 0], sign * np.array([0.0, 0.0125, 0.025, 0.0375]), atol=1e-6)
 
 
-def test_a_window_bends_with_the_road() -> None:
+def test_a_template_bends_with_the_road() -> None:
     """Rear axle on a circle of 20 m, array 3 m ahead and 0.2 m to the left: every antenna by hand."""
     radius, ahead, aside = 20.0, 3.0, 0.2
     travel = np.arange(120) * 0.05
@@ -73,81 +91,55 @@ def test_a_window_bends_with_the_road() -> None:
         return np.asarray(axle[scan] + [c * ahead - s * y, s * ahead + c * y])
 
     centre = np.array([antenna(scan, aside) for scan in range(120)])
-    scans = feed(identity_chain(2, 5.0), track(centre[:, 0], centre[:, 1], yaw, travel), 2)
-    offset = np.asarray(templates_of(scans, np.array([110]), array, window_m=4.0, step_m=0.1).offset_m)[0]
+    chosen = np.arange(30, 111, 2)
+    template, _ = template_of(track(centre[:, 0], centre[:, 1], yaw, travel), array, chosen)
+    offset = np.asarray(template.offset_m)[0]
     c, s = np.cos(yaw[110]), np.sin(yaw[110])
-    for station in (0, 10, 25, 39):
+    for back in (0, 10, 25, 39):
         for channel, y in enumerate((aside + 0.5, aside - 0.5)):
-            apart = antenna(110 - 2 * station, y) - centre[110]
+            apart = antenna(110 - 2 * back, y) - centre[110]
             by_hand = [c * apart[0] + s * apart[1], c * apart[1] - s * apart[0]]
-            np.testing.assert_allclose(offset[2 * station + channel], by_hand, atol=6e-3)
+            np.testing.assert_allclose(offset[2 * back + channel], by_hand, atol=6e-3)
 
 
-def test_gnss_jumps_do_not_bend_a_window() -> None:
-    where = straight(60, 0.05)
+def test_gnss_jumps_do_not_bend_a_template() -> None:
+    where, array, chosen = straight(60, 0.05), uniform_array(3, 0.4), np.arange(10, 51, 5)
     jumped = where.pose.copy()
     jumped[30:, :2] += [3.0, -2.0]
-    array = uniform_array(3, 0.4)
-    smooth = templates_of(feed(identity_chain(3, 2.0), where, 3), np.array([50]), array, window_m=2.0, step_m=0.1)
-    scans = feed(identity_chain(3, 2.0), where._replace(pose=jumped), 3)
-    after = templates_of(scans, np.array([50]), array, window_m=2.0, step_m=0.1)
+    smooth, _ = template_of(where, array, chosen)
+    after, _ = template_of(where._replace(pose=jumped), array, chosen)
     np.testing.assert_array_equal(np.asarray(after.offset_m), np.asarray(smooth.offset_m))
 
 
-def test_windows_share_the_steps_of_the_path() -> None:
-    """The last scan, then the scans at whole steps of the path behind it, none farther back than the window is long."""
-    scans = feed(identity_chain(1, 5.0), straight(200, 0.03), 1)
-    at = np.array([150, 151, 152])
-    member = window_members(scans, at, window_m=2.0, step_m=0.12)
-    np.testing.assert_array_equal(member[:, 0], at)
-    back_m = scans.path_m[at][:, None] - scans.path_m[member[:, 1:]]
-    assert back_m.min() >= 0.06 - 1e-6
-    assert 1.9 <= back_m.max() <= 2.06 + 1e-6
-    steps = scans.path_m[member[:, 1:]] / 0.12
-    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
-    np.testing.assert_allclose(-np.diff(scans.path_m[member[:, 1:]], axis=1), 0.12, atol=1e-6)
-    # One more scan moves the window by a whole step or not at all.
-    assert set(np.unique(member[1:, 1:] - member[:-1, 1:])) <= {0, 4}
+def test_blocks_give_the_scans_of_the_whole() -> None:
+    """Filtered traces, travel and dead reckoning; the vehicle stands for 60 scans on the way, and backs up."""
+    travel = np.concatenate([np.arange(100) * 0.05, np.full(60, 4.95), 4.95 - np.arange(1, 101) * 0.03])
+    where = track(travel, 0.0 * travel, 0.2 * np.sin(travel), travel)
+    traces = np.random.default_rng(1).normal(size=(260, 2, SAMPLES)).astype(np.float32)
 
-
-def test_blocks_give_the_windows_of_the_whole() -> None:
-    travel = np.concatenate([np.arange(100) * 0.05, np.full(60, 4.95), 4.95 + np.arange(1, 101) * 0.05])
-    zero = np.zeros_like(travel)
-    where = track(travel, zero, zero, travel)  # it stands for 60 scans on the way
-    rng = np.random.default_rng(1)
-    traces = rng.normal(size=(260, 2, SAMPLES)).astype(np.float32)
-    array = uniform_array(2, 0.3)
-
-    def windows(size: int) -> dict[int, np.ndarray]:
-        chain, found = identity_chain(2, 5.0), {}
+    def whole(size: int) -> list[np.ndarray]:
+        chain, parts = identity_chain(2), []
         for low in range(0, 260, size):
             part = Track(*(field[low : low + size] for field in where))
             valid = np.ones((len(part.travel_m), 2), bool)
-            scans, first = chain.feed(traces[low : low + size], valid, part, 64)
-            for end in first + np.flatnonzero(scans.path_m[first:] >= 4.0):
-                template = templates_of(scans, np.array([end]), array, window_m=4.0, step_m=0.1)
-                found[int(scans.number[end])] = np.asarray(template.coefficients)[0]
-        return found
+            scans = chain.feed(traces[low : low + size], valid, part, 64)
+            parts.append((scans.number, scans.filtered, scans.path_m, scans.dead_reckoned_m))
+        return [np.concatenate(field) for field in zip(*parts, strict=True)]
 
-    whole, pieces = windows(64), windows(23)
-    assert whole.keys() == pieces.keys()
-    for number, coefficients in whole.items():
-        np.testing.assert_allclose(pieces[number], coefficients, atol=1e-5)
-
-
-def test_standing_does_not_fill_the_memory() -> None:
-    chain = identity_chain(1, 2.0)
-    feed(chain, straight(60, 0.05), 1)
-    here, zero = np.full(256, 2.95), np.zeros(256)
-    for _ in range(5):
-        held = feed(chain, track(here, zero, zero, here), 1)
-    assert len(held.number) < 60 + 256 + 5
+    for one, other in zip(whole(64), whole(23), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-5)
+    number, _, path_m, reckoned_m = whole(64)
+    assert number.tolist() == list(range(260))
+    assert path_m[-1] == pytest.approx(4.95 + 3.0)
+    assert np.all(np.diff(path_m) >= 0.0)
+    assert reckoned_m[-1, 0] < reckoned_m[100, 0]
 
 
-@pytest.mark.parametrize("reverse", [False, True])
-def test_a_window_in_reverse_reads_the_path_back(reverse: bool) -> None:
-    """Backing up, the path behind the template lies ahead of the vehicle."""
-    step = -0.05 if reverse else 0.05
-    scans = feed(identity_chain(1, 3.0), straight(60, step), 1)
-    offset = np.asarray(templates_of(scans, np.array([58]), uniform_array(1, 0.1), window_m=1.0, step_m=0.1).offset_m)
-    np.testing.assert_allclose(offset[0, :, 0], (0.1 if reverse else -0.1) * np.arange(11), atol=1e-6)
+def test_coefficients_do_not_depend_on_their_neighbours() -> None:
+    chain = identity_chain(2)
+    filtered = np.random.default_rng(2).normal(size=(40, 2, SAMPLES)).astype(np.float32)
+    valid = np.random.default_rng(3).uniform(size=(40, 2)) > 0.2
+    whole = chain.coefficients(filtered, valid, 1.0)
+    assert whole.shape == (40, 2, SAMPLES)
+    for some in (slice(0, 1), slice(3, 20), slice(17, 40)):
+        np.testing.assert_allclose(chain.coefficients(filtered[some], valid[some], 1.0), whole[some], atol=1e-6)

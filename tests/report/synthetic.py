@@ -29,6 +29,7 @@ def straight_drive(scans: int = 400, *, seed: int = 3, **changes: Any) -> DriveR
     east = truth_east + np.cos(yaw) * off_along - np.sin(yaw) * off_cross
     north = truth_north + np.sin(yaw) * off_along + np.cos(yaw) * off_cross
     off_map = code == "off_map"
+    p_false = np.where(off_map, 1.0, 10.0 ** -np.clip(40.0 * correlation - 27.0, 0.0, None))
     for field in (east, north, correlation, margin):
         field[off_map] = np.nan
     along = np.linspace(-20.0, 90.0, 200)
@@ -48,6 +49,7 @@ def straight_drive(scans: int = 400, *, seed: int = 3, **changes: Any) -> DriveR
         "sigma_cross_m": sigma_cross,
         "correlation": correlation,
         "margin": margin,
+        "p_false": p_false,
         "code": code,
         "truth_east_m": truth_east,
         "truth_north_m": truth_north,
@@ -77,6 +79,7 @@ def declined_drive(scans: int = 200, **changes: Any) -> DriveResult:
         "code": np.where(rng.random(scans) < 0.85, "low_correlation", "ambiguous"),
         "correlation": np.clip(0.22 + 0.08 * rng.standard_normal(scans), 0.0, 1.0),
         "margin": np.abs(0.02 * rng.standard_normal(scans)),
+        "p_false": 10.0 ** -rng.uniform(0.0, 3.0, scans),
         "east_m": nothing,
         "north_m": nothing,
     }

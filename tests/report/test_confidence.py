@@ -17,7 +17,7 @@ FIXES = 4000
 
 
 def honest(scale: float = 1.0) -> StatedErrors:
-    """Errors drawn from their stated sigmas, times ``scale``; the smaller the margin the larger the error."""
+    """Errors drawn from their stated sigmas, times ``scale``; the smaller the evidence the larger the error."""
     rng = np.random.default_rng(5)
     sigma = np.geomspace(0.01, 0.08, FIXES)
     ok = np.arange(FIXES) % 10 != 0
@@ -27,7 +27,7 @@ def honest(scale: float = 1.0) -> StatedErrors:
         cross_m=scale * sigma * rng.standard_normal(FIXES),
         sigma_along_m=sigma,
         sigma_cross_m=sigma,
-        margin=np.linspace(0.4, 0.05, FIXES),
+        evidence=np.linspace(12.0, 4.0, FIXES),
         ok=ok,
     )
 
@@ -41,7 +41,7 @@ def test_rows_are_the_tried_fixes_whose_truth_is_known() -> None:
     assert len(stated.ok) == len(drive.code) - 50
     assert stated.name == drive.name
     np.testing.assert_array_equal(stated.ok, drive.ok[50:])
-    np.testing.assert_array_equal(stated.margin, drive.margin[50:])
+    np.testing.assert_allclose(10.0**-stated.evidence, drive.p_false[50:], rtol=1e-9)
     off = np.hypot(drive.east_m - drive.truth_east_m, drive.north_m - drive.truth_north_m)[50:]
     np.testing.assert_allclose(stated.total_m, off, rtol=1e-9)
     assert len(stated_errors([drive, drive]).ok) == 2 * len(drive.code)
@@ -70,14 +70,14 @@ def test_reliability_shows_how_far_sigmas_are_from_errors(scale: float, tmp_path
     assert within == pytest.approx(68.3 if scale == 1.0 else 31.1, abs=3.0)
 
 
-def test_errors_stand_by_margin_and_declined_fixes_apart(tmp_path: Path, drawn: list[Figure]) -> None:
+def test_errors_stand_by_evidence_and_declined_fixes_apart(tmp_path: Path, drawn: list[Figure]) -> None:
     stated = honest()
     draw_confidence(stated, tmp_path / "c.png")
     lines = drawn[0].axes[1].lines[:4]
     low, middle, high, declined = (np.asarray(line.get_xdata()) for line in lines)
     total_cm = 100.0 * stated.total_m
-    third = np.sort(stated.margin[stated.ok])[stated.ok.sum() // 3]
-    lowest = np.sort(total_cm[stated.ok & (stated.margin < third)])
+    third = np.sort(stated.evidence[stated.ok])[stated.ok.sum() // 3]
+    lowest = np.sort(total_cm[stated.ok & (stated.evidence < third)])
     np.testing.assert_allclose(low[1 : len(lowest) + 1], np.maximum(lowest, 0.1))
     assert np.median(low) > np.median(middle) > np.median(high)
     np.testing.assert_allclose(declined[1:], np.maximum(np.sort(total_cm[~stated.ok]), 0.1))
@@ -86,13 +86,13 @@ def test_errors_stand_by_margin_and_declined_fixes_apart(tmp_path: Path, drawn: 
     assert "10.0 % of 4000 tried fixes declined" in drawn[0].get_suptitle()
 
 
-def test_what_a_margin_costs_is_what_counting_says(tmp_path: Path, drawn: list[Figure]) -> None:
+def test_what_a_smaller_risk_costs_is_what_counting_says(tmp_path: Path, drawn: list[Figure]) -> None:
     stated = honest(4.0)
     draw_confidence(stated, tmp_path / "c.png")
     declined, wrong = drawn[0].axes[2].lines[:2]
     asked = np.asarray(declined.get_xdata())
     for number in (0, 700, 2500, len(asked) - 1):
-        kept = stated.ok & (stated.margin >= asked[number])
+        kept = stated.ok & (stated.evidence >= asked[number])
         share = 100.0 * (1.0 - kept.sum() / FIXES)
         assert np.asarray(declined.get_ydata())[number] == pytest.approx(share)
         off = 100.0 * np.mean(stated.total_m[kept] > 0.3)
@@ -108,7 +108,7 @@ ODD = {
         cross_m=NOTHING,
         sigma_along_m=NOTHING,
         sigma_cross_m=NOTHING,
-        margin=NOTHING,
+        evidence=NOTHING,
         ok=np.zeros(0, bool),
     ),
     "all declined": replace(honest(), ok=np.zeros(FIXES, bool)),
@@ -121,7 +121,7 @@ ODD = {
         cross_m=np.array([0.02]),
         sigma_along_m=np.array([0.01]),
         sigma_cross_m=np.array([0.01]),
-        margin=np.array([0.1]),
+        evidence=np.array([5.0]),
         ok=np.array([True]),
     ),
 }

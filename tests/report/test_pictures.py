@@ -19,7 +19,7 @@ from report.synthetic import correlation_surface, declined_drive, match_example,
 
 
 def draw_codes_of(result: DriveResult, path: Path, *, force: bool = False) -> None:
-    draw_codes([result], path, least_correlation=0.5, least_margin=0.045, by_chance=(0.0, 1.4), force=force)
+    draw_codes([result], path, risk=1e-4, force=force)
 
 
 def closed_loop() -> DriveResult:
@@ -66,7 +66,7 @@ def test_any_drive_draws(drive: Callable[[], DriveResult], tmp_path: Path, caplo
 
 def test_codes_of_all_kinds_of_drives_draw(tmp_path: Path) -> None:
     drives = [drive() for drive in DRIVES.values()]
-    draw_codes(drives, tmp_path / "c.png", least_correlation=0.5, least_margin=0.045, by_chance=(0.0, 1.4))
+    draw_codes(drives, tmp_path / "c.png", risk=1e-3)
     draw_codes_of(DRIVES["nothing tried"](), tmp_path / "d.png")
     assert all(imread(tmp_path / name).std() > 0.01 for name in ("c.png", "d.png"))
 
@@ -170,16 +170,17 @@ def test_plan_of_a_straight_road_runs_ahead_and_left() -> None:
     assert not plan_frame(reference_track(closed_loop())).along_road
 
 
-def test_codes_draws_thresholds_and_shares(tmp_path: Path, drawn: list[Figure]) -> None:
+def test_codes_draws_the_risk_and_shares(tmp_path: Path, drawn: list[Figure]) -> None:
     drives = [straight_drive(), declined_drive()]
-    draw_codes(drives, tmp_path / "c.png", least_correlation=0.5, least_margin=0.045, by_chance=(0.0, 1.4))
-    correlation, margin, bar = drawn[0].axes[:3]
-    assert correlation.lines[0].get_xdata()[0] == 0.5  # type: ignore[index]
-    assert margin.lines[0].get_xdata()[0] == 0.045  # type: ignore[index]
+    draw_codes(drives, tmp_path / "c.png", risk=1e-3)
+    evidence, margin, bar = drawn[0].axes[:3]
+    assert evidence.lines[0].get_xdata()[0] == pytest.approx(3.0)  # type: ignore[index]
+    # What a lead must be differs from fix to fix: there is no line for all.
+    assert not margin.lines
     widths = [patch.get_width() for patch in bar.patches]  # type: ignore[attr-defined]
     assert sum(widths) == pytest.approx(100.0)
     assert widths[0] == pytest.approx(100.0 * drives[0].ok.mean())
-    assert any("have a lead of 1.4 times" in text.get_text() for text in drawn[0].texts)
+    assert any("the risk, 0.001." in text.get_text() for text in drawn[0].texts)
     assert "(impostor): 0 ok of 200 tried" in drawn[0].axes[3].get_title(loc="left")
 
 

@@ -31,6 +31,7 @@ def hand_drive(**changes: object) -> DriveResult:
         "sigma_cross_m": np.full(6, 0.1),
         "correlation": np.array([0.9, 0.7, 0.8, 0.3, np.nan, np.nan]),
         "margin": np.full(6, 0.2),
+        "p_false": np.array([1e-9, 1e-6, 1e-7, 0.5, 1.0, 1.0]),
         "code": np.array(["ok", "ok", "ok", "low_correlation", "off_map", "no_window"]),
         "truth_east_m": np.zeros(6),
         "truth_north_m": north,

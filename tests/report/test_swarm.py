@@ -33,7 +33,6 @@ def swarm(iterations: int = ITERATIONS) -> SwarmPicture:
         particle_m=place,
         best_m=best,
         best_score=met,
-        evaluations=1234,
         milliseconds=5.67,
         origin="a place",
         truth=(0.03, -0.02),
@@ -54,7 +53,7 @@ def test_clouds_stand_where_the_particles_stood(tmp_path: Path, drawn: list[Figu
         np.testing.assert_array_equal(np.ma.filled(np.ma.asarray(image.get_array()), np.nan), shown.score.T)
         assert image.get_clim() == (0.0, 1.0)
         assert axes.get_aspect() == 1.0
-    assert "9 particles, 24 iterations: 1234 evaluations, 5.67 ms a fix" in drawn[0].get_suptitle()
+    assert "9 particles, 24 iterations: 225 evaluations; 5.67 ms a scan" in drawn[0].get_suptitle()
     assert "relative to a place" in drawn[0].get_supxlabel().replace("\n", " ")
 
 

@@ -15,6 +15,7 @@ from lgprjax.navigation import Reason
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.setup import Loaded
+from lgprjax.runtime.records import FIX, Kind, Record
 from lgprjax.simulation.devices.course_world import CourseWorld
 from onboard_loop import DRIVE, OnboardLoop
 from onboard_moments import ENGAGED, Moment, follow, goes_on, stops
@@ -130,6 +131,36 @@ def test_without_scans_the_vehicle_goes_on_slowly(moments: dict[str, Moment], mo
     assert after.reason(Reason.LGPR_SILENT) <= 1.7
     assert goes_on(after), after.told
     assert float(after.last["wanted_mps"]) <= 2.0
+
+
+def match_as(correlation: float, p_false: float) -> Callable[[OnboardLoop], None]:
+    def change(loop: OnboardLoop) -> None:
+        loop._match = (correlation, p_false)
+
+    return change
+
+
+def test_low_correlations_that_are_no_chance_are_driven_by(moments: dict[str, Moment]) -> None:
+    """Rain takes most of the correlation and leaves it far above what other ground gives."""
+    dry, rain = (follow(moments["fast"], 4.0, change=match_as(each, 1e-9)) for each in (0.8, 0.25))
+    assert rain.reason(Reason.LGPR_FADED) == math.inf
+    assert goes_on(rain), rain.told
+    # How high a correlation is decides nothing at all.
+    assert [row.tobytes() for row in rain.loop.rows] == [row.tobytes() for row in dry.loop.rows]
+
+
+def test_high_correlations_that_any_ground_gives_slow_the_vehicle_down(moments: dict[str, Moment]) -> None:
+    after = follow(moments["fast"], 4.0, change=match_as(0.8, 1.0))
+    # More scans than not of the last two seconds, which the beginning tenth of them may cut short.
+    assert 0.8 <= after.reason(Reason.LGPR_FADED) <= 1.2
+    assert goes_on(after), after.told
+    assert float(after.last["wanted_mps"]) <= 2.0
+
+
+def test_in_rain_the_autopilot_is_engaged(world: CourseWorld, config: RuntimeConfig, loaded: Loaded) -> None:
+    loop = OnboardLoop(world, config, loaded, [{"at_s": 0.1, **STEER}], [], fix_match=(0.25, 1e-9))
+    assert loop.run(16.0, until=lambda at: at.mode is Mode.STEERING)
+    assert not any(int(row["reasons"]) & Reason.LGPR_FADED for row in loop.rows)
 
 
 @pytest.mark.parametrize("moment", ["straight", "bend", "fast"])
@@ -261,7 +292,7 @@ def test_where_recording_is_mandatory_the_vehicle_stops_without_it(moments: dict
 def test_a_route_is_chosen_only_while_the_operator_drives(moments: dict[str, Moment]) -> None:
     import json
 
-    from lgprjax.runtime.records import Kind, Record, Source
+    from lgprjax.runtime.records import Source
 
     def ask(loop: OnboardLoop) -> None:
         name = loop.kind._panel._routes[0].name
@@ -275,6 +306,24 @@ def test_a_route_is_chosen_only_while_the_operator_drives(moments: dict[str, Mom
     ask(manual.loop)
     manual.loop.run(1.0)
     assert any('"route"' in event for _, event in manual.loop.events)
+
+
+def test_records_of_an_older_run_are_replayed_to_the_same_commands(moments: dict[str, Moment]) -> None:
+    """Fixes of runs before layout 1.2 end before the probability of a false match."""
+    one, other = moments["fast"].copy(), moments["fast"].copy()
+    step, stripped = other.core.step, 0
+
+    def without(tick: int, now_ns: int, came: list[Record]) -> list[Record]:
+        nonlocal stripped
+        old = [each._replace(payload=each.payload[:-4]) if each.kind is Kind.FIX else each for each in came]
+        stripped += sum(len(each.payload) < FIX.itemsize for each in old if each.kind is Kind.FIX)
+        return list(step(tick, now_ns, old))
+
+    other.core.step = without  # type: ignore[method-assign]
+    one.run(3.0)
+    other.run(3.0)
+    assert stripped > 100
+    assert [row.tobytes() for row in one.rows] == [row.tobytes() for row in other.rows]
 
 
 def test_the_same_records_give_the_same_commands_to_the_bit(moments: dict[str, Moment]) -> None:

@@ -31,6 +31,7 @@ def _errors(sigma: float, lost_m: float) -> FixErrors:
         found_m=jnp.float32(6.0),
         lost_m=jnp.float32(lost_m),
         strength=jnp.float32(0.8),
+        p_false=jnp.float32(1e-9),
     )
 
 

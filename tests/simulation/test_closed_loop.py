@@ -51,7 +51,7 @@ class Driven(NamedTuple):
         return float(np.abs(self.tick.offset_m[_AT:]).max())
 
 
-Drive = Callable[[SensorFaults], Driven]
+Drive = Callable[..., Driven]
 
 
 @pytest.fixture(scope="module")
@@ -66,12 +66,13 @@ def drive(course) -> Drive:  # type: ignore[no-untyped-def]
     setup_of, bare = course
     errors = calibrated_fixes("clear")
 
-    def go(faults: SensorFaults, gnss_m: float = 0.03) -> Driven:
+    def go(faults: SensorFaults, gnss_m: float = 0.03, p_false: float | None = None) -> Driven:
+        fixes_of = errors if p_false is None else errors._replace(p_false=jnp.float32(p_false))
         setup = setup_of(gnss_m)._replace(faults=faults)
         route = route_of_road(bare, setup.autopilot.chassis, float(setup.set_speed_mps))
         keys = jax.random.split(jax.random.key(5), 1)
-        state, fixes = jax.tree.map(lambda leaf: leaf[0], start_lanes(_SPEC, setup, bare, route, errors, keys))
-        *_, trace = run_lane(_SPEC, setup, route, errors, state, fixes, blank_sums(), keys[0], _TICKS, traced=True)
+        state, fixes = jax.tree.map(lambda leaf: leaf[0], start_lanes(_SPEC, setup, bare, route, fixes_of, keys))
+        *_, trace = run_lane(_SPEC, setup, route, fixes_of, state, fixes, blank_sums(), keys[0], _TICKS, traced=True)
         tick: LoopTick = jax.tree.map(np.asarray, trace)
         assert tick.engaged[_AT - 100], "the autopilot drives well before the fault"
         return Driven(tick, float(setup.autopilot.limiter.front_rate_radps) * _SPEC.tick_s)
@@ -158,6 +159,25 @@ def test_fading_ground_degrades(drive: Drive) -> None:
     assert driven.first(Reason.LGPR_FADED) < 2.5
     assert driven.offset_after() < 0.3048
     _held_to_its_rate(driven)
+
+
+def test_rain_that_leaves_the_evidence_is_engaged_and_driven_at_full_speed(drive: Drive) -> None:
+    """Four tenths of the strength, 0.31, where the ground holds so much that this is still no chance."""
+    rain = no_faults()._replace(lgpr_faded_s=_from(0.0), lgpr_faded=jnp.float32(0.4))
+    driven = drive(rain, p_false=1e-30)
+    on = driven.tick.engaged.astype(bool)
+    assert on.argmax() * _SPEC.tick_s < 15.0
+    assert not (driven.tick.reasons.astype(int) & int(Reason.LGPR_FADED)).any()
+    assert driven.tick.speed_mps[_AT:].mean() > 4.0
+
+
+def test_strong_matches_that_any_ground_would_give_are_no_fixes(drive: Drive) -> None:
+    """Nine tenths of the strength of a clear day, 0.71, on ground that holds so little that this may well be chance."""
+    alike = no_faults()._replace(lgpr_faded_s=_from(_FAULT_S), lgpr_faded=jnp.float32(0.9))
+    driven = drive(alike, p_false=9e-5)
+    assert driven.first(Reason.LGPR_FADED) < 2.5
+    assert not driven.tick.fix[_AT:].any()
+    assert driven.tick.speed_mps[_AT + 63 :].mean() < 2.6
 
 
 def test_fixes_on_a_wrong_place_are_left_out(drive: Drive) -> None:

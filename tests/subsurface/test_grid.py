@@ -11,31 +11,26 @@ SPEC = GridSpec(
 )
 ORIGIN_M = np.array([-0.31, -0.42])
 HALF = 3
-OMEGA = 2 * np.pi * np.array([0.12, 0.2, 0.31])  # rad/ns
 TRACES = 48
 
 
-def trace_set(turn_rad: np.ndarray, height_m: np.ndarray, weight: np.ndarray) -> tuple[TraceSet, np.ndarray]:
+def trace_set(turn_rad: np.ndarray, weight: np.ndarray) -> TraceSet:
     rng = np.random.default_rng(0)
     # A lower left part with traces, some beyond the rim; elsewhere none.
     position = rng.uniform([-0.5, -0.6], [0.3, 0.25], (TRACES, 2))
     coefficients = rng.normal(size=(TRACES, 2 * HALF))
-    direction = np.stack([np.cos(turn_rad), np.sin(turn_rad)], axis=-1)
-    fields = (coefficients, position, direction, height_m, weight)
-    return TraceSet(*(jnp.asarray(field, dtype=jnp.float32) for field in fields)), position
+    direction = np.stack([np.cos(turn_rad), np.sin(turn_rad)])
+    return TraceSet(*(field.astype(np.float32) for field in (coefficients, position.T, direction, weight)))
 
 
 def oracle(traces: TraceSet) -> tuple[np.ndarray, np.ndarray]:
     """Every trace with every cell: a Gaussian along and across the trace's own track, cut off at two deviations."""
-    coefficients, position, direction, height, weight = (np.asarray(field, dtype=np.float64) for field in traces)
+    coefficients, position, direction, weight = (np.asarray(field, dtype=np.float64) for field in traces)
+    position, direction = position.T, direction.T
     total = np.zeros((16, 16, 2 * HALF))
     weights = np.zeros((16, 16))
     valid = np.zeros((16, 16), bool)
     for n in range(TRACES):
-        # Recorded higher means later; earlier is a factor exp(+i w t) on re + i im.
-        wave = coefficients[n, :HALF] + 1j * coefficients[n, HALF:]
-        wave = wave * np.exp(1j * OMEGA * 2 * height[n] / 0.299792458)
-        levelled = np.concatenate([wave.real, wave.imag])
         for i in range(16):
             for j in range(16):
                 d = ORIGIN_M + [i * 0.05, j * 0.06] - position[n]
@@ -43,7 +38,7 @@ def oracle(traces: TraceSet) -> tuple[np.ndarray, np.ndarray]:
                 cross = (d @ [-direction[n, 1], direction[n, 0]]) / 0.076
                 if weight[n] > 0 and abs(along) <= 2 and abs(cross) <= 2:
                     w = weight[n] * np.exp(-(along**2 + cross**2) / 2)
-                    total[i, j] += w * levelled
+                    total[i, j] += w * coefficients[n]
                     weights[i, j] += w
                     valid[i, j] |= abs(along) <= 1.5 and abs(cross) <= 1.0
     value = np.where(valid[..., None], total / np.maximum(weights, 1e-12)[..., None], 0.0)
@@ -51,28 +46,24 @@ def oracle(traces: TraceSet) -> tuple[np.ndarray, np.ndarray]:
 
 
 def gridded(traces: TraceSet) -> Tile:
-    tile: Tile = grid_traces(
-        traces, jnp.asarray(OMEGA, dtype=jnp.float32), jnp.asarray(ORIGIN_M, dtype=jnp.float32), spec=SPEC
-    )
-    return tile
+    return grid_traces(traces, ORIGIN_M, spec=SPEC)
 
 
 RNG = np.random.default_rng(1)
-LEVEL = np.zeros(TRACES)
+AHEAD = np.zeros(TRACES)
 EQUAL = np.ones(TRACES)
 CASES = {
-    "straight": (LEVEL, LEVEL, EQUAL),
-    "backwards": (np.full(TRACES, np.pi), LEVEL, EQUAL),
-    "turned": (RNG.uniform(-np.pi, np.pi, TRACES), LEVEL, EQUAL),
-    "across": (np.full(TRACES, np.pi / 2), LEVEL, EQUAL),
-    "heights": (LEVEL, RNG.uniform(-0.2, 0.2, TRACES), EQUAL),
-    "weights": (LEVEL, LEVEL, np.where(RNG.random(TRACES) < 0.4, 0.0, RNG.uniform(0.2, 3.0, TRACES))),
+    "straight": (AHEAD, EQUAL),
+    "backwards": (np.full(TRACES, np.pi), EQUAL),
+    "turned": (RNG.uniform(-np.pi, np.pi, TRACES), EQUAL),
+    "across": (np.full(TRACES, np.pi / 2), EQUAL),
+    "weights": (AHEAD, np.where(RNG.random(TRACES) < 0.4, 0.0, RNG.uniform(0.2, 3.0, TRACES))),
 }
 
 
 @pytest.mark.parametrize("case", list(CASES))
 def test_a_tile_is_the_weighted_mean_written_out(case: str) -> None:
-    traces, _ = trace_set(*CASES[case])
+    traces = trace_set(*CASES[case])
     tile = gridded(traces)
     value, valid = oracle(traces)
     np.testing.assert_array_equal(tile.valid, valid)
@@ -82,19 +73,38 @@ def test_a_tile_is_the_weighted_mean_written_out(case: str) -> None:
     assert not np.asarray(tile.coefficients)[~valid].any()
 
 
-def test_padding_adds_nothing() -> None:
+def test_invalid_traces_add_nothing() -> None:
+    """Whatever stands in them."""
     weight = np.concatenate([np.ones(30), np.zeros(TRACES - 30)])
-    traces, _ = trace_set(LEVEL, LEVEL, weight)
-    other = traces._replace(
-        coefficients=traces.coefficients.at[30:].set(1e6), position_m=traces.position_m.at[30:].set(0.0)
-    )
-    for a, b in zip(gridded(traces), gridded(other), strict=True):
+    traces = trace_set(AHEAD, weight)
+    other = TraceSet(*(field.copy() for field in traces))
+    other.coefficients[30:], other.position_m[:, 30:] = np.nan, 0.0
+    alone = TraceSet(traces.coefficients[:30], traces.position_m[:, :30], traces.direction[:, :30], traces.weight[:30])
+    for a, b, c in zip(gridded(traces), gridded(other), gridded(alone), strict=True):
         np.testing.assert_array_equal(a, b)
+        np.testing.assert_array_equal(a, c)
+
+
+@pytest.mark.parametrize("kept", [0, TRACES])
+def test_a_tile_without_traces_is_empty(kept: int) -> None:
+    traces = trace_set(AHEAD, np.zeros(TRACES))
+    tile = gridded(TraceSet(*(field[..., :kept] for field in traces))._replace(coefficients=traces.coefficients[:kept]))
+    assert tile.coefficients.shape == (16, 16, 2 * HALF)
+    assert not np.asarray(tile.valid).any()
+    assert not np.asarray(tile.coefficients).any()
+
+
+def test_traces_in_parts_are_one_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    traces = trace_set(*CASES["turned"])
+    whole = gridded(traces)
+    monkeypatch.setattr("lgprjax.subsurface.grid._TOGETHER", 7)
+    for a, b in zip(gridded(traces), whole, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-6)
 
 
 def test_a_constant_ground_stays_constant() -> None:
-    traces, _ = trace_set(np.linspace(0, 6, TRACES), LEVEL, EQUAL)
-    traces = traces._replace(coefficients=jnp.broadcast_to(jnp.arange(6, dtype=jnp.float32)[None], (TRACES, 6)))
+    traces = trace_set(np.linspace(0, 6, TRACES), EQUAL)
+    traces = traces._replace(coefficients=np.tile(np.arange(6, dtype=np.float32), (TRACES, 1)))
     tile = gridded(traces)
     inside = np.asarray(tile.coefficients)[np.asarray(tile.valid)]
     np.testing.assert_allclose(inside, np.tile(np.arange(6), (len(inside), 1)), atol=1e-5)

@@ -1,5 +1,7 @@
 """Tiles on demand: one grid for a whole map, the same tile however long the map is, a bounded number held."""
 
+from itertools import pairwise
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -92,3 +94,51 @@ def test_few_tiles_are_held_and_far_places_have_none(road: Road) -> None:
     assert tiles.tile_near(road.pose[0, :2], 1.5) == 0
     up = tiles.ground_up_at(np.array([[1e4, 0.0], [*road.pose[40, :2]]]))
     np.testing.assert_allclose(up, [np.nan, 0.01 * 40 * 0.04])
+
+
+def drive_over(tiles: GroundMap, points_m: np.ndarray, reach_m: float) -> list[int | None]:
+    """Tiles in use, point after point."""
+    used: list[int | None] = []
+    for point in points_m:
+        used.append(tiles.tile_holding(used[-1] if used else None, point, reach_m))
+    return used
+
+
+def test_a_tile_is_kept_while_its_grid_serves(road: Road) -> None:
+    tiles, reach_m = GroundMap(road, half_along_m=10.0, half_cross_m=6.0), 2.0
+    there = road.pose[::10, :2]
+    for points in (there, there[::-1]):
+        used = drive_over(tiles, points, reach_m)
+        changes = sum(a != b for a, b in pairwise(used))
+        # Of 300 m; a tile serves from its frame on over its half length less the reach.
+        assert 25 <= changes <= 40
+        for point, tile in zip(points, used, strict=True):
+            assert tile is not None
+            east, north, yaw = tiles.frame(tile)
+            spec, origin = tiles.grid_of(tile)
+            # Every station about the point lies on the grid.
+            turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+            near = road.pose[np.hypot(*(road.pose[:, :2] - point).T) <= reach_m, :2]
+            cells = ((near - [east, north]) @ turn - origin) / [spec.along_cell_m, spec.cross_cell_m]
+            assert np.all((cells >= 0.0) & (cells <= [spec.along_cells - 1, spec.cross_cells - 1]))
+
+
+def test_beyond_the_end_of_the_map_a_tile_serves_until_the_map_is_out_of_reach(road: Road) -> None:
+    tiles = GroundMap(road, half_along_m=10.0, half_cross_m=6.0)
+    yaw = road.pose[-1, 3]
+    beyond = road.pose[-1, :2] + np.arange(0.0, 20.0, 0.5)[:, None] * [np.cos(yaw), np.sin(yaw)]
+    last = len(road.tile_frame) - 2
+    used = drive_over(tiles, np.concatenate([road.pose[-60:-1, :2], beyond]), 2.0)
+    assert used[-1] is None
+    assert tiles.tile_holding(last, road.pose[-1, :2] + 1e-3, 2.0) == last
+    assert tiles.tile_holding(last, np.array([1e4, 0.0]), 2.0) is None
+    assert tiles.tile_holding(None, road.pose[0, :2], 2.0) == 0
+
+
+def test_a_tile_far_from_the_point_is_left(road: Road) -> None:
+    """Its ends are the map's own there, but the ground about the point is none of its grid."""
+    tiles = GroundMap(road, half_along_m=10.0, half_cross_m=6.0)
+    point = road.pose[len(road.pose) // 2, :2]
+    near = tiles.tile_near(point, 2.0)
+    assert tiles.tile_holding(0, point, 2.0) == near
+    assert tiles.tile_holding(len(road.tile_frame) - 1, point, 2.0) == near

@@ -9,7 +9,6 @@ towards the middle, zero where the map treats all places alike.
 from collections.abc import Callable
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -74,21 +73,10 @@ def our_map(site: Site, spacing_m: float) -> Sampler:
     parts = list(stations_of_drive([drive], settings, spacing_m))
     stations = StationBlock(*(np.concatenate(f) for f in zip(*parts, strict=True)))
     spec = grid_spec(LENGTH_M, 0.2, step_m=settings.step_m, pitch_m=0.127, wavelength_m=settings.wavelength_m)
-    # A rung of stations, so that every site is one shape.
-    pad = 1024 - len(stations.pose)
-    fields = (
-        np.pad(stations.profile[:, 0], [(0, pad), (0, 0)]),
-        np.pad(stations.pose[:, :2], [(0, pad), (0, 0)]),
-        np.tile([1.0, 0.0], (1024, 1)),
-        np.zeros(1024),
-        np.pad(np.ones(len(stations.pose)), [(0, pad)]),
-    )
-    tile = grid_traces(
-        TraceSet(*(jnp.asarray(f, dtype=jnp.float32) for f in fields)),
-        jnp.zeros(COEFFICIENTS // 2, jnp.float32),
-        jnp.asarray([0.0, -spec.cross_cell_m], dtype=jnp.float32),
-        spec=spec,
-    )
+    ahead, found = np.array([[1.0], [0.0]]), len(stations.pose)
+    fields = (stations.profile[:, 0], stations.pose[:, :2].T, np.tile(ahead, found), np.ones(found))
+    laid = TraceSet(*(field.astype(np.float32) for field in fields))
+    tile = grid_traces(laid, np.array([0.0, -spec.cross_cell_m]), spec=spec)
     return linear(np.asarray(tile.coefficients[:, 1], dtype=np.float64), spec.along_cell_m)
 
 

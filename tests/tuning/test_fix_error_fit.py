@@ -24,6 +24,7 @@ def _model() -> FixErrors:
         found_m=jnp.float32(6.0),
         lost_m=jnp.float32(1.5),
         strength=jnp.float32(0.8),
+        p_false=jnp.float32(1e-9),
     )
 
 
@@ -40,7 +41,7 @@ def test_the_fit_finds_what_was_drawn() -> None:
     )
     travel = _WAY_M * np.arange(scans)
     ok = np.asarray(found)
-    fit = fit_fix_errors(travel, ok, np.asarray(error, np.float64), np.where(ok, 0.8, 0.4))
+    fit = fit_fix_errors(travel, ok, np.asarray(error, np.float64), np.where(ok, 0.8, 0.4), np.where(ok, 1e-9, 1.0))
     assert ok.mean() == pytest.approx(6.0 / 7.5, abs=0.03)
     assert fit.bias == pytest.approx([0.01, -0.02, 0.001], abs=0.003)
     assert fit.slow_sigma == pytest.approx([0.02, 0.03, 0.004], rel=0.12)
@@ -49,9 +50,10 @@ def test_the_fit_finds_what_was_drawn() -> None:
     assert fit.found_m == pytest.approx(6.0, rel=0.12)
     assert fit.lost_m == pytest.approx(1.5, rel=0.12)
     assert fit.strength == 0.8
+    assert fit.p_false == 1e-9
 
 
 def test_too_few_fixes_are_refused() -> None:
     travel = np.arange(60.0)
     with pytest.raises(ValueError, match="20 fixes are too few"):
-        fit_fix_errors(travel, travel < 20, np.zeros((60, 3)), np.ones(60))
+        fit_fix_errors(travel, travel < 20, np.zeros((60, 3)), np.ones(60), np.zeros(60))

@@ -59,7 +59,7 @@ class TickNumbers(NamedTuple):
     fix_yyaw: float
     fix_yawyaw: float
     fix_age_s: float
-    strength: float
+    p_false: float
     steering_engaged: float
     speed_engaged: float
     stop: float
@@ -153,7 +153,7 @@ def step_compiled(
         told.front_rad,
         told.age_s,
     )
-    state, command, info = step_onboard(setup, route, state, motion, observations, told.strength, orders, fusion=fusion)
+    state, command, info = step_onboard(setup, route, state, motion, observations, told.p_false, orders, fusion=fusion)
     navigated, plan = info.navigated, info.autopilot.plan
     fused, reckoned = state.navigator.fused.estimate, state.navigator.reckoned.estimate
     bits = jnp.asarray([1.0, 2.0, 4.0, 8.0], jnp.float32)

@@ -3,8 +3,6 @@
 import math
 from typing import Any
 
-import numpy as np
-
 from lgprjax.autopilot import Check, Event, Limited
 from lgprjax.autopilot.watch_findings import REFUSING, Severity, Watch, describe
 from lgprjax.autopilot.watch_line import BoxState
@@ -20,7 +18,7 @@ from lgprjax.runtime.control.senses import Sensed, Senses
 from lgprjax.runtime.control.setup import Loaded
 from lgprjax.runtime.control.vehicle_kind import Frame, Look, Operator, Wish
 from lgprjax.runtime.control.watches import Sent, Watched, Watches
-from lgprjax.runtime.records import FIX, Kind, Record
+from lgprjax.runtime.records import Kind, Record, fix_row
 
 _OLD_NS = 300_000_000
 _DEGRADED_MPS = 2.0
@@ -79,7 +77,7 @@ class CounterSteer:
         """A message of the box or the GNSS/INS, or a fix."""
         self.senses.take(record)
         if record.kind is Kind.FIX:
-            fix = np.frombuffer(record.payload, FIX)[0]
+            fix = fix_row(record.payload)
             self._fix_ns = record.mono_ns
             self._panel.take_fix(tick, int(fix["code"]), float(fix["correlation"]))
 

@@ -163,7 +163,7 @@ class Pilot:
             odometer_mps=sensed.odometer_mps if math.isfinite(sensed.odometer_mps) else 0.0,
             odometer_m2ps2=known.odometer_sigma_mps**2,
             fix_valid=float(fix is not None),
-            strength=sensed.strength,
+            p_false=sensed.p_false,
             steering_engaged=float(ordered.steering_engaged),
             speed_engaged=float(ordered.speed_engaged),
             stop=float(ordered.stop),

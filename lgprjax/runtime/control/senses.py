@@ -12,7 +12,7 @@ import numpy as np
 from lgprjax.frames import LocalFrame
 from lgprjax.runtime.config import SensorsTable
 from lgprjax.runtime.control.gnss_senses import Attitude, GnssSenses, Place, TurnRate
-from lgprjax.runtime.records import FIX, Kind, Record, Source
+from lgprjax.runtime.records import Kind, Record, Source, fix_row
 from lgprjax.runtime.stamps import StampClock
 from lgprjax.runtime.wire import Frame, decode
 
@@ -44,7 +44,7 @@ class Sensed(NamedTuple):
         yaw_rate_radps: mean of the gyro over the tick, its last value, or NaN where that is old.
         rate_age_s: of the newest value.
         place, attitude, fix: new in this tick; ``None`` where there is none. The fix is a row of ``FIX``.
-        strength: of the newest match; NaN where nothing was matched.
+        p_false: of the newest match, see ``FIX``; NaN where nothing was matched, or where it is not known.
         odometer_mps: mean speed since the last drive_status of the tick before; NaN where none came.
         wheels: the last drive_status; ``None`` before the first.
         foot_on_brake: in any drive_status since the last tick.
@@ -57,7 +57,7 @@ class Sensed(NamedTuple):
     place: Place | None
     attitude: Attitude | None
     fix: np.void | None
-    strength: float
+    p_false: float
     odometer_mps: float
     wheels: Wheels | None
     foot_on_brake: bool
@@ -82,7 +82,7 @@ class Senses:
         self._wheels_arrived_ns = 0
         self._rate = TurnRate(0, math.nan)
         self._new_fix = self._foot = False
-        self._strength = math.nan
+        self._p_false = math.nan
         self._tick_ns = 0
 
     @property
@@ -98,7 +98,7 @@ class Senses:
     def take(self, record: Record) -> None:
         """A message: of the GNSS/INS, of the drive-by-wire box, or a fix. Others are not for the senses."""
         if record.kind is Kind.FIX:
-            self._take_fix(np.frombuffer(record.payload, FIX)[0])
+            self._take_fix(fix_row(record.payload))
         elif record.kind is Kind.PORT_IN and record.source is Source.GNSS:
             self._gnss.take(record)
         elif record.kind is Kind.PORT_IN and record.source is Source.DRIVE_BY_WIRE:
@@ -125,19 +125,20 @@ class Senses:
             gnss.place,
             gnss.attitude,
             self._fresh_fix(now_ns),
-            self._strength,
+            self._p_false,
             self._mean_speed(),
             self.wheels,
             self._foot,
             (now_ns - self._wheels_arrived_ns) / 1e9,
         )
         self._new_fix = self._foot = False
-        self._strength = math.nan
+        self._p_false = math.nan
         return sensed
 
     def _take_fix(self, fix: np.void) -> None:
-        if math.isfinite(float(fix["strength"])):
-            self._strength = float(fix["strength"])
+        # A scan that was compared with no ground, before the first window or off the map, says nothing of any.
+        if math.isfinite(float(fix["correlation"])):
+            self._p_false = float(fix["p_false"])
         if int(fix["code"]) == _OK:
             self.fix = fix
             self._new_fix = True

@@ -14,12 +14,11 @@ from lgprjax.navigation import (
     NavigatorSetup,
     RoutePath,
     SlewLimits,
-    SwitchSettings,
     default_rules,
     health_rules,
     planner_settings,
+    switch_settings,
 )
-from lgprjax.registration import default_thresholds
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.vehicle import LookAhead
 
@@ -97,14 +96,12 @@ def onboard_setup(config: RuntimeConfig, vehicle: VehicleFile) -> OnboardSetup:
         raise InputError(path, "pursuit", "the look-ahead over speed (lgprjax tune finds it)", "none")
     # Lever and clock of the array are measured on the vehicle; at one speed the two cannot be told from a place.
     model = filter_model_of(vehicle, path)._replace(initial_lever_m=jnp.float32(0.02))
-    strength = float(default_thresholds(config.registration.window_m, config.registration.search_m).strength)
+    risk = config.registration.risk
     one = jnp.float32
     navigator = NavigatorSetup(
         model,
         default_rules(),
-        SwitchSettings(
-            one(strength + 0.02), one(strength), one(1.0), model.zero_slip_m, model.array_x_m, model.array_y_m
-        ),
+        switch_settings(risk, zero_slip_m=model.zero_slip_m, array_x_m=model.array_x_m, array_y_m=model.array_y_m),
         SlewLimits(one(0.5), one(0.05)),
         health_rules(
             gnss_period_s=config.sensors.gnss_period_s,
@@ -112,6 +109,7 @@ def onboard_setup(config: RuntimeConfig, vehicle: VehicleFile) -> OnboardSetup:
             odometer_period_s=TICK_S,
             # Fixes come in stretches: a metre or two of poor ground is no fault.
             lgpr_period_s=0.5,
+            risk=risk,
         ),
     )
     limits = LimiterRules(

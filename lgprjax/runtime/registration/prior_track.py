@@ -60,7 +60,9 @@ class PriorTrack:
         travel = np.interp(at, time, held["travel_m"]) + way
         speed = np.interp(at, time, held["speed_mps"])
         sigma = np.maximum(np.interp(at, time, held["sigma_yaw_rad"]), _LEAST_YAW_SIGMA_RAD)
-        return Track(pose, travel, speed, sigma)
+        # A prior's record states no covariance of its position.
+        unstated = np.full(len(at), np.nan)
+        return Track(pose, travel, speed, sigma, unstated, np.zeros(len(at), np.int64))
 
     def ahead(self, way_m: float) -> Float[np.ndarray, "5"] | None:
         """Where the array will be so much farther on, the way that the vehicle moves now; ``None`` where it stands."""

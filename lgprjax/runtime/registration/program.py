@@ -11,7 +11,7 @@ import numpy as np
 
 from lgprjax.formats import MapFile, read_vehicle
 from lgprjax.process_cost import count_compiles
-from lgprjax.registration import TrackedFixes
+from lgprjax.registration import Code, DriveFixes
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import Stage, Started
 from lgprjax.runtime.records import FIX, Kind, Record, Source, pack, unpack
@@ -146,19 +146,24 @@ class Registration:
             return
         self._wished_s = now_s
         places = [place for place in (priors.ahead(way) for way in AHEAD_M) if place is not None]
-        search.ahead.wish(places, priors.speed_mps, search.tracker.prepared)
+        search.ahead.wish(places, priors.speed_mps, search.drive.prepared)
 
-    def _tell(self, scans: list[_Scan], found: TrackedFixes) -> None:
+    def _tell(self, scans: list[_Scan], found: DriveFixes) -> None:
         fix = found.fix
         rows = np.zeros(len(scans), FIX)
         rows["scan_ns"] = [scan.time_ns for scan in scans]
         rows["scan"] = [int(scan.frame.number("scan")) for scan in scans]
-        rows["code"], rows["rung"], rows["waiting"] = fix.code, found.rung, len(self._waiting)
-        rows["correlation"], rows["margin"] = fix.correlation, fix.margin
+        # What is only carried on from the fix before is no observation; a vehicle that stands has no other.
+        own = found.searched if found.searched.any() else np.arange(len(scans)) == len(scans) - 1
+        rows["code"] = np.where(own, fix.code, Code.NO_WINDOW)
+        rows["waiting"] = len(self._waiting)
+        rows["window_dm"] = np.where(np.isfinite(fix.window_m), np.round(10.0 * fix.window_m), -1)
+        rows["correlation"], rows["margin"] = np.where(own, fix.correlation, np.nan), fix.margin
         overlap = np.maximum(np.asarray(fix.overlap, np.float64), 0.0)
         rows["strength"] = np.asarray(fix.correlation, np.float64) * np.sqrt(overlap)
         rows["overlap_channels"] = fix.overlap_channels
         rows["pose"], rows["covariance"] = fix.pose, fix.covariance
+        rows["p_false"] = fix.p_false
         now_ns = time.monotonic_ns()
         for row in rows:
             record = pack(Record(Kind.FIX, Source.REGISTRATION, 0, now_ns, row.tobytes()))

@@ -9,10 +9,11 @@ from jaxtyping import Float
 
 from lgprjax.formats import MapFile
 from lgprjax.radar import ArrayGeometry
-from lgprjax.registration import Aspect, PreparedGround, PreparedTile, RegisterOptions, Track, tracking_ground
+from lgprjax.registration import Aspect, PreparedGround, PreparedTile, RegisterOptions, ground_map_for
 
-AHEAD_M = (1.0, 2.0, 3.0)
-"""How far ahead of the array tiles are made ready."""
+AHEAD_M = (0.0, 1.0, 2.0, 3.0)
+"""How far ahead of the array tiles are made ready; the first is where it is."""
+_SLACK_M = 0.5  # what the search's lattice reaches beyond its region, up to a step
 
 
 class TilesAhead:
@@ -23,8 +24,10 @@ class TilesAhead:
     """
 
     def __init__(self, source: MapFile, array: ArrayGeometry, options: RegisterOptions) -> None:
-        self._ground = tracking_ground(source, options)
+        self._ground = ground_map_for(source, options)
         self._prepared = PreparedGround(self._ground, array, keep=1)
+        self._reach_m = options.search_half_m() + _SLACK_M
+        self._tile: int | None = None
         self._wish: list[Aspect] = []
         self._ready: list[tuple[Aspect, PreparedTile]] = []
         self._news = threading.Condition()
@@ -40,14 +43,18 @@ class TilesAhead:
         self._thread.join(timeout=5.0)
 
     def wish(self, poses: Iterable[Float[np.ndarray, "5"]], speed_mps: float, into: PreparedGround) -> None:
-        """Prepare for these places; those that the search holds already are left out. What is ready is handed over."""
+        """Prepare for these places, the first being the vehicle's own; those that the search holds already are left
+        out. What is ready is handed over."""
         aspects: list[Aspect] = []
-        for pose in poses:
-            tile = self._ground.tile_near(pose[:2], 0.5)
+        tile = self._tile
+        for number, pose in enumerate(poses):
+            # As the search chooses: a tile stays in use as long as it serves.
+            tile = self._ground.tile_holding(tile, pose[:2], self._reach_m)
+            if number == 0:
+                self._tile = tile
             if tile is None:
                 continue
-            one = Track(pose[None], np.zeros(1), np.array([speed_mps]), np.zeros(1))
-            aspect = self._prepared.aspects(np.array([tile]), one, np.array([0]))[0][0]
+            aspect = self._prepared.aspects(np.array([tile]), pose[None, 3], np.array([speed_mps]))[0][0]
             if not into.holds(aspect) and aspect not in aspects:
                 aspects.append(aspect)
         with self._news:

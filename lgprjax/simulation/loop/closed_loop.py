@@ -67,7 +67,7 @@ def decide(
     state: LoopState,
     readings: Readings,
     lgpr: LgprObservation,
-    strength: Float[Array, ""],
+    p_false: Float[Array, ""],
 ) -> tuple[LoopState, Decision]:
     """The half that runs on board.
 
@@ -76,13 +76,13 @@ def decide(
         state: after ``move``.
         readings: of this tick.
         lgpr: this tick's fix, if there is one.
-        strength: of its match; NaN where no scan was matched.
+        p_false: of its match, see ``step_health``; NaN where no scan was matched.
     """
     step_s = jnp.float32(spec.tick_s)
     motion = Motion(readings.yaw_rate_radps, step_s)
     observations = observe(setup, readings, lgpr)
     navigator, navigated = step_navigator(
-        setup.navigator, state.navigator, motion, observations, strength, fusion=spec.fusion
+        setup.navigator, state.navigator, motion, observations, p_false, fusion=spec.fusion
     )
     judged = navigated.health
     sound_s = jnp.where(judged.reaction == Reaction.CONTINUE, state.sound_s + step_s, 0.0)

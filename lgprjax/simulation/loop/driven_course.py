@@ -21,7 +21,7 @@ from lgprjax.navigation import (
     legs_of_track,
     make_route_path,
 )
-from lgprjax.registration import RegisterOptions
+from lgprjax.registration import POOLED, Chance, RegisterOptions
 from lgprjax.scene import Readings
 from lgprjax.simulation.loop.closed_loop import decide, move
 from lgprjax.simulation.loop.loop_state import LoopSetup, LoopSpec, LoopState, start_loop
@@ -45,9 +45,9 @@ class DrivenCourse(NamedTuple):
         anchor_m: true places of the anchor in the map's frame.
         baseline_m: true places of the baseline's anchor there.
         codes: of every scan that was searched.
-        strength: of each tick's last match.
         fix_error: of every ok fix: along and across the true heading (m), and of the heading (rad).
         fix_sigma: what each of them says of itself.
+        fix_match: strength and probability of a false match of each of them.
         fix_travel_m: way driven at each ok fix.
         finished: the route was driven to its end.
     """
@@ -56,9 +56,9 @@ class DrivenCourse(NamedTuple):
     anchor_m: Float[np.ndarray, "tick 2"]
     baseline_m: Float[np.ndarray, "point 2"]
     codes: Int[np.ndarray, " scan"]
-    strength: Float[np.ndarray, " tick"]
     fix_error: Float[np.ndarray, "fix 3"]
     fix_sigma: Float[np.ndarray, "fix 3"]
+    fix_match: Float[np.ndarray, "fix 2"]
     fix_travel_m: Float[np.ndarray, " fix"]
     finished: bool
 
@@ -90,6 +90,7 @@ def drive_course(
     *,
     weather: str,
     seed: int,
+    chance: Chance = POOLED,
     progress: Callable[[int], None] = lambda _: None,
 ) -> DrivenCourse:
     """Drive a course's route from its start to its end.
@@ -102,6 +103,7 @@ def drive_course(
         options: of the search.
         weather: of the day, see ``WEATHER``.
         seed: of the day, the faults of the radar, and all noise.
+        chance: of the map.
         progress: told of every tick.
     """
     length_m = float(route.legs.length_m[0])
@@ -115,6 +117,7 @@ def drive_course(
         seed=seed,
         ticks=ticks,
         tick_s=spec.tick_s,
+        chance=chance,
     )
     true, along_m = _start_of(source, course)
     planner, code = acquire(find_starts(route, setup.autopilot.planner, setup.autopilot.chassis, true))
@@ -126,7 +129,7 @@ def drive_course(
     state = start_loop(spec, setup, planner, true, believed, jnp.float32(_START_MPS), jnp.float32(along_m), begin)
     told: list[Float[np.ndarray, " number"]] = []
     codes: list[int] = []
-    errors, sigmas, travelled, strengths = [], [], [], []
+    errors, sigmas, matches, travelled = [], [], [], []
     silent_s = np.asarray(setup.faults.lgpr_lost_s)
     finished = False
     for number in range(ticks):
@@ -134,13 +137,12 @@ def drive_course(
         state, readings = _move(spec, setup, state, noise, np.int32(number))
         heard = not silent_s[0] <= (number + 1) * spec.tick_s < silent_s[1]
         found = radar.fix(before, state, setup, readings, heard=heard)
-        strength = np.float32(found.strength)
-        state, row = _decide(spec, setup, route, state, readings, found.observation, strength)
+        state, row = _decide(spec, setup, route, state, readings, found.observation, np.float32(found.p_false))
         told.append(np.asarray(row))
         codes += found.codes
-        strengths.append(found.strength)
         errors.append(found.error)
         sigmas.append(found.reported)
+        matches.append(found.match)
         travelled += [float(told[-1][_TRAVEL])] * len(found.error)
         progress(1)
         tick = _row_as_tick(told[-1][:_TRAVEL])
@@ -156,9 +158,9 @@ def drive_course(
         np.stack([x_m + lead * np.cos(yaw), y_m + lead * np.sin(yaw)], axis=1),
         radar.frame.to_map(course.anchor_m),
         np.asarray(codes),
-        np.asarray(strengths),
         np.concatenate(errors),
         np.concatenate(sigmas),
+        np.concatenate(matches),
         np.asarray(travelled),
         finished,
     )
@@ -190,10 +192,10 @@ def _decide(
     state: LoopState,
     readings: Readings,
     lgpr: LgprObservation,
-    strength: Float[Array, ""],
+    p_false: Float[Array, ""],
 ) -> tuple[LoopState, Float[Array, " number"]]:
     """``decide``, and the tick's figures with the travel in one row: fetched at once."""
-    state, decision = decide(spec, setup, route, state, readings, lgpr, strength)
+    state, decision = decide(spec, setup, route, state, readings, lgpr, p_false)
     tick = told_tick(setup, route, state, decision, lgpr)
     numbers = [jnp.ravel(leaf).astype(jnp.float32) for leaf in (*tick, state.plant.travel_m)]
     return state, jnp.concatenate(numbers)

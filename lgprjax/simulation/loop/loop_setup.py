@@ -9,11 +9,11 @@ from lgprjax.navigation import (
     HealthRules,
     NavigatorSetup,
     SlewLimits,
-    SwitchSettings,
     default_model,
     default_rules,
     health_rules,
     planner_settings,
+    switch_settings,
 )
 from lgprjax.scene import Plant, Terrain, TrueVehicle, live_sensors, no_faults
 from lgprjax.scene.vehicle_drive import chassis_of, pedals_of, servo_of
@@ -39,15 +39,14 @@ class LoopVehicle:
         anchor_m: centre of the array, which is to follow the route, ahead of the rear axle.
         set_speed_mps: that the operator locked.
         gnss_slow_m: how far GNSS wanders from the map's frame, sigma an axis: 3 cm for RTK on one base station.
-        fix_strength, fix_stay: from which the threshold switch believes a fix, and goes on to.
+        risk: probability of a false match up to which a fix is believed.
     """
 
     vehicle: TrueVehicle = field(default_factory=TrueVehicle)
     anchor_m: float = 6.2
     set_speed_mps: float = 4.4704
     gnss_slow_m: float = 0.3
-    fix_strength: float = 0.66
-    fix_stay: float = 0.64
+    risk: float = 1e-4
 
 
 def loop_setup(spec: LoopSpec, made_of: LoopVehicle, terrain: Terrain) -> LoopSetup:
@@ -112,16 +111,14 @@ def loop_setup(spec: LoopSpec, made_of: LoopVehicle, terrain: Terrain) -> LoopSe
         navigator=NavigatorSetup(
             model,
             default_rules(),
-            SwitchSettings(
-                jnp.float32(made_of.fix_strength),
-                jnp.float32(made_of.fix_stay),
-                jnp.float32(1.0),
-                jnp.float32(zero_slip_m),
-                jnp.float32(made_of.anchor_m),
-                jnp.float32(0.0),
+            switch_settings(
+                made_of.risk,
+                zero_slip_m=jnp.float32(zero_slip_m),
+                array_x_m=jnp.float32(made_of.anchor_m),
+                array_y_m=jnp.float32(0.0),
             ),
             SlewLimits(jnp.float32(0.5), jnp.float32(0.05)),
-            _rules(spec, sensors.gnss_ticks.item() * spec.tick_s),
+            _rules(spec, sensors.gnss_ticks.item() * spec.tick_s, made_of.risk),
         ),
         noise=noise,
         autopilot=autopilot,
@@ -130,11 +127,12 @@ def loop_setup(spec: LoopSpec, made_of: LoopVehicle, terrain: Terrain) -> LoopSe
     )
 
 
-def _rules(spec: LoopSpec, gnss_period_s: float) -> HealthRules:
+def _rules(spec: LoopSpec, gnss_period_s: float, risk: float) -> HealthRules:
     return health_rules(
         gnss_period_s=gnss_period_s,
         heading_period_s=spec.tick_s,
         odometer_period_s=spec.tick_s,
         # The radar's fixes come in stretches: a metre or two of poor ground is no fault.
         lgpr_period_s=0.5,
+        risk=risk,
     )

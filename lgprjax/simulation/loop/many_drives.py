@@ -8,14 +8,10 @@ from jax import lax
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from lgprjax.navigation import LgprObservation, RoutePath
-from lgprjax.registration import default_thresholds
 from lgprjax.scene import FixErrors, FixErrorState, SensorFaults, during, step_fix_errors
 from lgprjax.simulation.loop.closed_loop import decide, move
 from lgprjax.simulation.loop.loop_state import LoopSetup, LoopSpec, LoopState
 from lgprjax.simulation.loop.loop_tick import LoopSums, LoopTick, add_tick, told_tick
-
-_FAILED = 0.6  # of the strength where the ground gives no fix
-_LEAST_STRENGTH = float(default_thresholds(0.0, 1.5).strength)  # below it a match is no fix
 
 
 @partial(jax.jit, static_argnums=(0, 8), static_argnames="traced")
@@ -87,8 +83,8 @@ def _tick(
     way_m = state.plant.travel_m - before.plant.travel_m
     fix_state, error = step_fix_errors(errors, fix_state, fix_key, way_m)
     time_s = state.tick.astype(jnp.float32) * spec.tick_s
-    lgpr, strength = draw_fix(setup, errors, fix_state, error, state, time_s)
-    state, decision = decide(spec, setup, route, state, readings, lgpr, strength)
+    lgpr, p_false = draw_fix(setup, errors, fix_state, error, state, time_s)
+    state, decision = decide(spec, setup, route, state, readings, lgpr, p_false)
     tick = told_tick(setup, route, state, decision, lgpr)
     sums = add_tick(sums, tick, state, before, way_m)
     return (state, fix_state, sums), (tick if traced else None)
@@ -102,7 +98,7 @@ def draw_fix(
     state: LoopState,
     time_s: Float[Array, ""],
 ) -> tuple[LgprObservation, Float[Array, ""]]:
-    """A fix of this tick with its error, faults included, and the strength of its match."""
+    """A fix of this tick with its error, faults included, and the probability that its match is false."""
     pose, faults = state.plant.pose, setup.faults
     cos, sin = jnp.cos(pose.yaw_rad), jnp.sin(pose.yaw_rad)
     wrong = _wrong_place(faults, time_s)
@@ -118,10 +114,12 @@ def draw_fix(
     )
     lost = during(faults.lgpr_lost_s, time_s)
     fade = jnp.where(during(faults.lgpr_faded_s, time_s), faults.lgpr_faded, 1.0)
-    strength = errors.strength * jnp.where(fix_state.found, 1.0, _FAILED) * fade
-    valid = fix_state.found & ~lost & (strength >= _LEAST_STRENGTH)
+    # The tail of a noise floor falls with the square of the strength; where the ground gives no fix, the best match is
+    # no better than chance.
+    p_false = jnp.where(fix_state.found, errors.p_false ** (fade * fade), 1.0)
+    valid = fix_state.found & ~lost & (p_false <= setup.navigator.health.risk)
     zero = jnp.float32(0.0)
-    return LgprObservation(x, y, pose.yaw_rad + error[2], covariance, zero, valid), jnp.where(lost, jnp.nan, strength)
+    return LgprObservation(x, y, pose.yaw_rad + error[2], covariance, zero, valid), jnp.where(lost, jnp.nan, p_false)
 
 
 def _wrong_place(faults: SensorFaults, time_s: Float[Array, ""]) -> Float[Array, "2"]:

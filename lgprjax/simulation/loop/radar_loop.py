@@ -13,13 +13,15 @@ from lgprjax.navigation import LgprObservation, pose_of, step_local
 from lgprjax.navigation.filter_model import RATE_BIAS, SPEED, YAW
 from lgprjax.radar import trace_operators
 from lgprjax.registration import (
+    POOLED,
+    Chance,
     Code,
     LiveBlock,
     RegisterOptions,
+    Registration,
     Track,
-    Tracker,
+    ground_map_for,
     sigmas_along_cross,
-    tracking_ground,
 )
 from lgprjax.scene import WEATHER, Faults, LiveRadar, Readings, draw_springs
 from lgprjax.simulation.loop.loop_state import LoopSetup, LoopState
@@ -34,18 +36,20 @@ class TickFix(NamedTuple):
 
     Attributes:
         observation: the last ok fix, if there is one.
-        strength: of the last match, ok or not; NaN where nothing was matched.
+        p_false: of the last match, ok or not, see ``Fix``; NaN where nothing was matched.
         codes: of each scan that was searched.
         error: of the ok fixes, along and across the true heading and of the heading, against the truth in the map's
             frame.
         reported: what those fixes say of themselves, the same three, standard deviations.
+        match: their strength, and their probability of a false match.
     """
 
     observation: LgprObservation
-    strength: float
+    p_false: float
     codes: list[int]
     error: Float[np.ndarray, "fix 3"]
     reported: Float[np.ndarray, "fix 3"]
+    match: Float[np.ndarray, "fix 2"]
 
 
 class RadarLoop:
@@ -55,10 +59,11 @@ class RadarLoop:
         course: that is driven.
         source: its map.
         weather, day_seed: of the live day, see ``WEATHER``.
-        options: of the search; its ``time_scale`` is what the crew has found for the day.
+        options: of the search.
         seed: of the drive's faults and springs.
         ticks: that it may last.
         tick_s: of the loop.
+        chance: of the map.
     """
 
     def __init__(
@@ -72,8 +77,9 @@ class RadarLoop:
         seed: int,
         ticks: int,
         tick_s: float,
+        chance: Chance = POOLED,
     ) -> None:
-        self._course, self._options, self._tick_s = course, options, tick_s
+        self._course, self._tick_s = course, tick_s
         self.frame: SceneFrame = scene_frame_of(source.description.frame)
         self._scans = round(tick_s * course.spec.scan_hz)
         self._radar = LiveRadar(
@@ -86,7 +92,7 @@ class RadarLoop:
             seed=seed,
             faults=Faults(),
         )
-        ground = tracking_ground(source, options)
+        ground = ground_map_for(source, options)
         known, kept = self._radar.radar, len(source.description.gain)
         operators = trace_operators(
             known.samples,
@@ -96,8 +102,9 @@ class RadarLoop:
             kept,
             height_m=course.array.height_m,
         )
-        self._tracker = Tracker(ground, operators, course.array, options, block_scans=self._scans)
-        self._tracker.warm_up()
+        self._search = Registration(
+            ground, operators, course.array, options, chance=chance, recorded=known.samples, block_scans=self._scans
+        )
         self._rng = np.random.default_rng([seed, 31])
         self._roll_error = _ROLL_SIGMA_RAD * self._rng.normal()
         self._travel_m = 0.0
@@ -125,7 +132,7 @@ class RadarLoop:
         travel = self._travel_m + odometer * self._tick_s * share
         self._travel_m += odometer * self._tick_s
         if not heard:
-            return TickFix(_no_fix(), float("nan"), [], np.zeros((0, 3)), np.zeros((0, 3)))
+            return _unmatched()
         number = int(seen.odometer[3]) * self._scans
         truth = _between(seen.before, seen.after, self._instants(share))
         scene = np.concatenate([self.frame.to_scene(truth[..., :2]), truth[..., 2:] + self.frame.turn_rad], axis=-1)
@@ -136,17 +143,23 @@ class RadarLoop:
         block = LiveBlock(
             recorded.traces[kept].astype(np.float32) - 128.0,
             np.ones((int(kept.sum()), len(self._course.array.x_m)), bool),
-            Track(prior[kept], travel[kept], np.full(kept.sum(), odometer), np.full(kept.sum(), sigma_yaw)),
-            None,
-            None if self._options.time_scale in (None, 1.0) else np.full(kept.sum(), self._options.time_scale),
+            Track(
+                prior[kept],
+                travel[kept],
+                np.full(kept.sum(), odometer),
+                np.full(kept.sum(), sigma_yaw),
+                np.full(kept.sum(), np.nan),  # as on board: a prior states no covariance of its position
+                np.zeros(kept.sum(), np.int64),
+            ),
         )
         if not kept.any():
-            return TickFix(_no_fix(), float("nan"), [], np.zeros((0, 3)), np.zeros((0, 3)))
-        found = self._tracker.feed(block).fix
+            return _unmatched()
+        found = self._search.feed(block).fix
         codes = np.asarray(found.code)
         ok = np.flatnonzero(codes == Code.OK)
-        strengths = np.asarray(found.correlation) * np.sqrt(np.maximum(np.asarray(found.overlap), 0.0))
-        matched = strengths[np.isfinite(strengths)]
+        p_false, correlation = np.asarray(found.p_false), np.asarray(found.correlation)
+        strength = correlation * np.sqrt(np.maximum(np.asarray(found.overlap), 0.0))
+        matched = p_false[np.isfinite(correlation)]
         centre = _array_pose(_between(seen.before, seen.after, share)[kept], self._course.spec.array_x_m)
         error = _error(np.asarray(found.pose)[ok], centre[ok])
         observation = _no_fix()
@@ -162,8 +175,9 @@ class RadarLoop:
             )
         covariance = np.asarray(found.covariance)[ok]
         reported = np.stack([*sigmas_along_cross(covariance, centre[ok, 2]), np.sqrt(covariance[:, 3, 3])], axis=1)
-        strength = float(matched[-1]) if len(matched) else float("nan")
-        return TickFix(observation, strength, codes.tolist(), error, reported)
+        last_match = float(matched[-1]) if len(matched) else float("nan")
+        match = np.stack([strength, p_false], axis=1)[ok]
+        return TickFix(observation, last_match, codes.tolist(), error, reported, match)
 
     def _instants(self, share: Float[np.ndarray, " scan"]) -> Float[np.ndarray, "scan channel"]:
         return np.asarray(share[:, None] + self._course.array.time_offset_s[None] / self._tick_s)
@@ -227,6 +241,10 @@ def _error(found: Float[np.ndarray, "fix 5"], truth: Float[np.ndarray, "fix 3"])
     east, north = (found[:, :2] - truth[:, :2]).T
     along, cross = along_cross(east, north, truth[:, 2])
     return np.stack([along, cross, wrap_angle(found[:, 3] - truth[:, 2])], axis=1)
+
+
+def _unmatched() -> TickFix:
+    return TickFix(_no_fix(), float("nan"), [], np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2)))
 
 
 def _no_fix() -> LgprObservation:

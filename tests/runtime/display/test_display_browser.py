@@ -142,7 +142,7 @@ def test_an_error_in_words(served: ServedPage, tab: Tab) -> None:
     words = tab.text("#words").split("\n")
     assert words[:2] == ["■ Fault: drive by wire", "■ Stopping: steering sensors disagree"]
     assert "▲ steering potentiometer and encoder disagree by 4.1 degrees" in words
-    assert tab.text("#correlation-more") == "too low"
+    assert tab.text("#correlation-more") == "could be chance"
     assert tab.text("#cross") == "0.62 m right"
     picture(tab, "error")
 

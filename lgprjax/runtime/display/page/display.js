@@ -21,7 +21,7 @@ const MODES = {
   UNKNOWN: ["MODE UNKNOWN", "The vehicle tells no mode. Be ready to drive.", "M15 15 85 85M85 15 15 85"],
 };
 const CODES = {
-  ok: "good", low_correlation: "too low", ambiguous: "two places fit", edge: "edge of the search",
+  ok: "good", low_correlation: "could be chance", ambiguous: "two places fit", edge: "edge of the search",
   off_map: "off the map", low_overlap: "little map beneath", non_finite: "no numbers", no_window: "gathering scans",
 };
 

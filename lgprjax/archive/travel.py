@@ -1,0 +1,369 @@
+"""Travel that is travel: jumps of positions found in an odometer's record, bridged or left open.
+
+Some logs have for odometry the way between positions. Where the positions jump, such a record jumps with them, and no
+vehicle came that far. A jump is told from the record alone: beside a gap of it, the travel before and after is one
+smooth curve (a cubic) but for a step. How large a step a vehicle's own motion can feign follows exactly from the
+weights of that fit: they annul every cubic, so that their sum over any travel is the integral of its acceleration times
+their Peano kernel. Nothing smaller counts, nor what noise of the record makes.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+_ACCELERATION_MPS2 = 6.0
+"""Of starting and of braking. The kernel is odd, so that an acceleration of 6 that sets in or ends anywhere feigns no
+more than one of 3 that changes its sign where it hurts most."""
+_ONE_WAY_S = 1.0  # nobody starts and brakes that hard within a second; within two anybody may
+_NOISE_SIGMAS = 6.0
+_LEAST_JUMP_M = 0.1
+_CELL_S = 0.05
+"""Records that come faster are averaged over this time."""
+_SHAPES = ((1, 3), (1, 6), (2, 6), (2, 8), (4, 8), (6, 8), (12, 12))
+"""Cells from the last one before a gap to the first one after it, and cells to each side."""
+_LONGEST_GAP_S = 0.7  # but for a single interval of records: a jump smoothed by a receiver takes half a second
+# Where a jump is: gaps near the one found, no longer than receivers smooth, and how many cells beside them are fitted.
+_LONGEST_S, _LONGEST_STEPS, _MOST_CELLS, _LEAST_SIDE, _MOST_SIDE = 0.75, 2.5, 16, 6, 14
+_REGION_CELLS = 44
+_SHORTER = 0.04  # of what a bridge leaves, a cell: a longer one also smooths noise away
+_SUDDEN = 0.75
+_NOISE_CELLS = 256
+_AT_ONCE = 4096
+_MOST_ROUNDS = 12
+_APART_CELLS = 2  # jumps with fewer cells between have no speed of their own between them
+_BRIDGED_S, _BRIDGED_M = 1.05, 1.0
+_MOST_PIECES = 3
+
+
+class Jump(NamedTuple):
+    """A step of the record that is no travel: between which moments, and by how much."""
+
+    start_s: float
+    stop_s: float
+    metres: float
+
+
+class MendedTravel(NamedTuple):
+    """Travel without its jumps.
+
+    Attributes:
+        distance_m: signed cumulative travel at the records, steps taken out, the way across them at local speed.
+        bridged: jumps whose gaps are short (a second, or a metre of way).
+        broken: those whose gaps are not, or that jump again and again: the way across them is not known.
+    """
+
+    distance_m: Float[np.ndarray, " odometry"]
+    bridged: tuple[Jump, ...]
+    broken: tuple[Jump, ...]
+
+
+class _Cells(NamedTuple):
+    """Means of consecutive records, and the first and last record of each."""
+
+    time_s: Float[np.ndarray, " cell"]
+    distance_m: Float[np.ndarray, " cell"]
+    first: Int[np.ndarray, " cell"]
+    last: Int[np.ndarray, " cell"]
+
+
+class _Steps(NamedTuple):
+    """Steps that the fits about some gaps find: metres, what acceleration can feign, gain of noise."""
+
+    metres: Float[np.ndarray, " gap"]
+    feigned_m: Float[np.ndarray, " gap"]
+    noise_gain: Float[np.ndarray, " gap"]
+
+
+def mend_travel(time_s: Float[np.ndarray, " odometry"], distance_m: Float[np.ndarray, " odometry"]) -> MendedTravel:
+    """Find the jumps of an odometer's record and take them out.
+
+    Args:
+        time_s: strictly increasing.
+        distance_m: signed cumulative travel.
+    """
+    own = _informative(distance_m)
+    mended, jumps = _without_jumps(time_s[own], distance_m[own])
+    # A held value has the correction of the record that it repeats.
+    source = np.searchsorted(own, np.arange(len(time_s)), side="right") - 1
+    whole = distance_m + (mended - distance_m[own])[source] if jumps else distance_m
+    bridged: list[Jump] = []
+    broken: list[Jump] = []
+    for jump, pieces in jumps:
+        way_m = abs(float(np.diff(np.interp([jump.start_s, jump.stop_s], time_s[own], mended))[0]))
+        short = jump.stop_s - jump.start_s <= _BRIDGED_S or way_m <= _BRIDGED_M
+        (bridged if short and pieces <= _MOST_PIECES else broken).append(jump)
+    return MendedTravel(whole, tuple(bridged), tuple(broken))
+
+
+def legs_of(time_s: Float[np.ndarray, " scan"], broken: tuple[Jump, ...]) -> Int[np.ndarray, " scan"]:
+    """Leg of each scan: a new one at every scan that an open gap parts from the one before it."""
+    leg = np.zeros(len(time_s), np.int64)
+    for jump in broken:
+        # A scan within the gap is a leg of its own: how far it is from either side is not known.
+        leg[1:] += (time_s[1:] > jump.start_s) & (time_s[:-1] < jump.stop_s)
+    return np.cumsum(leg > 0)
+
+
+def _informative(distance_m: Float[np.ndarray, " odometry"]) -> Int[np.ndarray, " own"]:
+    """Records that say something new, where a slow source's values are held in between; else all."""
+    changed = np.flatnonzero(np.diff(distance_m)) + 1
+    if len(changed) < 2 or np.median(np.diff(changed)) < 2:
+        return np.arange(len(distance_m))
+    return np.unique(np.concatenate([[0], changed]))
+
+
+def _without_jumps(
+    time_s: Float[np.ndarray, " record"], distance_m: Float[np.ndarray, " record"]
+) -> tuple[Float[np.ndarray, " record"], list[tuple[Jump, int]]]:
+    first, last = _cell_edges(time_s)
+    cells = _Cells(_means(time_s, first, last), _means(distance_m, first, last), first, last)
+    distance = distance_m.copy()
+    noise_m = [_noise(cells, shape) for shape in _SHAPES]
+    gaps = np.arange(len(first))
+    found: list[tuple[int, int, float]] = []
+    for _ in range(_MOST_ROUNDS):
+        chosen = _largest(cells, gaps, noise_m)
+        if not chosen:
+            break
+        for gap in chosen:
+            found.append(_bridge(time_s, distance, cells, gap, noise_m))
+            cells = cells._replace(distance_m=_means(distance, first, last))
+        reach = max(m + n for m, n in _SHAPES)
+        near = np.concatenate([np.arange(gap - reach, gap + reach + 1) for gap in chosen])
+        gaps = np.unique(near[(near >= 0) & (near < len(first))])
+    return distance, _merged(found, time_s, first)
+
+
+def _cell_edges(time_s: Float[np.ndarray, " record"]) -> tuple[Int[np.ndarray, " cell"], Int[np.ndarray, " cell"]]:
+    """First and last record of every cell; records as slow as cells are cells of their own."""
+    if float(np.median(np.diff(time_s))) >= _CELL_S:
+        each = np.arange(len(time_s))
+        return each, each
+    number = np.floor((time_s - time_s[0]) / _CELL_S)
+    first = np.flatnonzero(np.diff(number, prepend=-1.0) > 0)
+    return first, np.append(first[1:], len(time_s)) - 1
+
+
+def _means(
+    values: Float[np.ndarray, " record"], first: Int[np.ndarray, " cell"], last: Int[np.ndarray, " cell"]
+) -> Float[np.ndarray, " cell"]:
+    return np.asarray(np.add.reduceat(values, first) / (last - first + 1))
+
+
+def _steps_at(cells: _Cells, gaps: Int[np.ndarray, " gap"], shape: tuple[int, int]) -> _Steps:
+    """Steps across the gaps that begin after the given cells; zeros where the record does not reach."""
+    across, side = shape
+    metres, feigned, gain = np.zeros((3, len(gaps)))
+    inside = (gaps - side + 1 >= 0) & (gaps + across + side - 1 < len(cells.time_s))
+    where = np.flatnonzero(inside)
+    offset = np.concatenate([np.arange(1 - side, 1), np.arange(across, across + side)])
+    for low in range(0, len(where), _AT_ONCE):
+        at = where[low : low + _AT_ONCE]
+        index = gaps[at][:, None] + offset
+        time_s, distance_m = cells.time_s[index], cells.distance_m[index]
+        weight = _step_weights(time_s - 0.5 * (time_s[:, side - 1] + time_s[:, side])[:, None], side)
+        metres[at] = np.sum(weight * (distance_m - distance_m[:, :1]), axis=1)
+        feigned[at] = _feigned(time_s, weight)
+        gain[at] = np.linalg.norm(weight, axis=1)
+        long = (time_s[:, side] - time_s[:, side - 1] > _LONGEST_GAP_S) & (across > 1)
+        metres[at[long]] = 0.0
+    return _Steps(metres, feigned, gain)
+
+
+def _step_weights(time_s: Float[np.ndarray, "gap point"], side: int) -> Float[np.ndarray, "gap point"]:
+    """Weights of the points in the step of a least-squares fit of a cubic and a step after the first ``side``."""
+    columns = _columns(time_s, side)
+    gram = np.swapaxes(columns, 1, 2) @ columns
+    return np.asarray((columns @ np.linalg.solve(gram, np.eye(5)[:, -1:]))[..., 0])
+
+
+def _columns(time_s: Float[np.ndarray, "gap point"], side: int) -> Float[np.ndarray, "gap point 5"]:
+    """A cubic, and a step after the first ``side`` points."""
+    x = time_s / np.max(np.abs(time_s), axis=1, keepdims=True)
+    step = np.broadcast_to(np.arange(2 * side) >= side, x.shape).astype(np.float64)
+    return np.stack([np.ones_like(x), x, x**2, x**3, step], axis=-1)
+
+
+def _feigned(
+    time_s: Float[np.ndarray, "gap point"], weight: Float[np.ndarray, "gap point"]
+) -> Float[np.ndarray, " gap"]:
+    """Metres of a step that a vehicle's own acceleration can make of nothing, at most."""
+    span_s = time_s[:, -1] - time_s[:, 0]
+    share = np.clip((span_s - _ONE_WAY_S) / _ONE_WAY_S, 0.0, 1.0)
+    return np.asarray(_ACCELERATION_MPS2 * (0.5 + 0.5 * share) * _kernel_integral(time_s, weight))
+
+
+def _kernel_integral(
+    time_s: Float[np.ndarray, "gap point"], weight: Float[np.ndarray, "gap point"]
+) -> Float[np.ndarray, " gap"]:
+    """Integral of the magnitude of the weights' Peano kernel: metres that 1 m/s² can feign at most."""
+    # Between points the kernel, the sum of weight times (t - s) over the points after s, is linear.
+    later = np.cumsum(weight[:, ::-1], axis=1)[:, ::-1]
+    moment = np.cumsum((weight * time_s)[:, ::-1], axis=1)[:, ::-1]
+    kernel = moment - later * time_s
+    a, b, width = np.abs(kernel[:, :-1]), np.abs(kernel[:, 1:]), np.diff(time_s, axis=1)
+    crossing = kernel[:, :-1] * kernel[:, 1:] < 0.0
+    area = np.where(crossing, (a**2 + b**2) / np.maximum(a + b, 1e-300), a + b)
+    return np.asarray(np.sum(0.5 * area * width, axis=1))
+
+
+def _noise(cells: _Cells, shape: tuple[int, int]) -> Float[np.ndarray, " cell"]:
+    """What the record scatters by about every cell, metres, as the steps that a shape finds there tell."""
+    steps = _steps_at(cells, np.arange(len(cells.time_s)), shape)
+    known = np.flatnonzero(steps.noise_gain)
+    if not len(known):
+        return np.zeros(len(cells.time_s))
+    blocks = np.array_split(known, max(1, len(known) // _NOISE_CELLS))
+    level = np.array([1.4826 * np.median(np.abs(steps.metres[b]) / steps.noise_gain[b]) for b in blocks])
+    # Where a quiet stretch meets a noisy one, the noisy one counts.
+    about = np.max(np.stack([level, np.append(level[1:], 0.0), np.append(0.0, level[:-1])]), axis=0)
+    starts = np.array([b[0] for b in blocks])
+    return np.asarray(about[np.clip(np.searchsorted(starts, np.arange(len(cells.time_s)), side="right") - 1, 0, None)])
+
+
+def _largest(cells: _Cells, gaps: Int[np.ndarray, " gap"], noise_m: list[Float[np.ndarray, " cell"]]) -> list[int]:
+    """Gaps with steps beyond what motion and noise can make; the clearest of every place."""
+    ratio = np.zeros((len(_SHAPES), len(gaps)))
+    for row, shape in enumerate(_SHAPES):
+        steps = _steps_at(cells, gaps, shape)
+        limit = steps.feigned_m + _NOISE_SIGMAS * noise_m[row][gaps] * steps.noise_gain
+        ratio[row] = np.abs(steps.metres) / np.maximum(limit, _LEAST_JUMP_M)
+    best = ratio.max(axis=0)
+    reach = 2 * max(m + n for m, n in _SHAPES)
+    out: list[int] = []
+    taken: Bool[np.ndarray, " cell"] = np.zeros(len(cells.time_s), bool)
+    for at in np.argsort(-best):
+        if best[at] <= 1.0:
+            break
+        gap = int(gaps[at])
+        if not taken[gap]:
+            out.append(gap)
+            taken[max(gap - reach, 0) : gap + reach + 1] = True
+    return out
+
+
+def _extent(cells: _Cells, gap: int, noise_m: list[Float[np.ndarray, " cell"]]) -> tuple[int, int, int]:
+    """Last cell before a jump, first one after it, and cells to each side for the fit.
+
+    A step that is found may be the shoulder of a jump that a receiver has smoothed. Of all gaps nearby, the one counts
+    whose bridge leaves least of all the steps about it.
+    """
+    low, high = max(gap - _REGION_CELLS, 0), min(gap + _REGION_CELLS + 1, len(cells.time_s))
+    near = _Cells(*(field[low:high] for field in cells))
+    detector = _detector(near, [noise[low:high] for noise in noise_m])
+    usual_s = float(np.median(np.diff(cells.time_s)))
+    best = (np.inf, gap, gap + 1, _SHAPES[0][1])
+    for across in range(1, _MOST_CELLS + 1):
+        side = int(np.clip(2 * across, _LEAST_SIDE, _MOST_SIDE))
+        before = np.arange(gap - low - _MOST_CELLS, gap - low + _MOST_CELLS + 1)
+        if gap - low < side - 1 or gap - low + across + side > len(near.time_s):
+            side = _SHAPES[0][1]  # near an end of the record
+        before = before[(before >= side - 1) & (before + across + side <= len(near.time_s))]
+        span_s = near.time_s[before + across] - near.time_s[before]
+        before = before[(span_s <= max(_LONGEST_S, _LONGEST_STEPS * usual_s)) | (across == 1)]
+        if len(before):
+            bridged = _bridged_cells(near, before, across, side)
+            left = np.sum((bridged @ detector.T) ** 2, axis=1) * (1.0 + _SHORTER * across)
+            least = int(np.argmin(left))
+            start = int(before[least]) + low
+            best = min(best, (float(left[least]), start, start + across, side))
+    return best[1:]
+
+
+def _detector(near: _Cells, noise_m: list[Float[np.ndarray, " cell"]]) -> Float[np.ndarray, "step cell"]:
+    """Every step that is looked for among some cells, in parts of what counts, as weights of their distances."""
+    rows = []
+    count = len(near.time_s)
+    for shape, noise in zip(_SHAPES, noise_m, strict=True):
+        across, side = shape
+        gaps = np.arange(side - 1, count - across - side + 1)
+        if not len(gaps):
+            continue
+        offset = np.concatenate([np.arange(1 - side, 1), np.arange(across, across + side)])
+        index = gaps[:, None] + offset
+        time_s = near.time_s[index]
+        weight = _step_weights(time_s - 0.5 * (time_s[:, side - 1] + time_s[:, side])[:, None], side)
+        limit = _feigned(time_s, weight)
+        limit += _NOISE_SIGMAS * noise[gaps] * np.linalg.norm(weight, axis=1)
+        row = np.zeros((len(gaps), count))
+        np.put_along_axis(row, index, weight / np.maximum(limit, _LEAST_JUMP_M)[:, None], axis=1)
+        rows.append(row)
+    return np.concatenate(rows)
+
+
+def _bridged_cells(
+    near: _Cells, before: Int[np.ndarray, " gap"], across: int, side: int
+) -> Float[np.ndarray, "gap cell"]:
+    """Distances of some cells with one gap after the other bridged, from 0."""
+    index = before[:, None] + np.concatenate([np.arange(1 - side, 1), np.arange(across, across + side)])
+    middle_s = 0.5 * (near.time_s[before] + near.time_s[before + across])[:, None]
+    time_s, distance_m = near.time_s[index] - middle_s, near.distance_m[index] - near.distance_m[0]
+    scale_s = np.max(np.abs(time_s), axis=1, keepdims=True)
+    columns = _columns(time_s, side)
+    turned = np.swapaxes(columns, 1, 2)
+    fitted = np.linalg.solve(turned @ columns, turned @ distance_m[..., None])[..., 0]
+    number = np.arange(len(near.time_s))
+    out = np.repeat((near.distance_m - near.distance_m[0])[None], len(before), axis=0)
+    out -= np.where(number >= before[:, None] + across, fitted[:, 4:], 0.0)
+    x = (near.time_s - middle_s) / scale_s
+    smooth = fitted[:, :1] + x * (fitted[:, 1:2] + x * (fitted[:, 2:3] + x * fitted[:, 3:4]))
+    inside = (number > before[:, None]) & (number < before[:, None] + across)
+    return np.where(inside, smooth, out)
+
+
+def _bridge(
+    time_s: Float[np.ndarray, " record"],
+    distance_m: Float[np.ndarray, " record"],
+    cells: _Cells,
+    gap: int,
+    noise_m: list[Float[np.ndarray, " cell"]],
+) -> tuple[int, int, float]:
+    """Take one step out of the record, in place; the records before and after it, and its metres."""
+    start, stop, side = _extent(cells, gap, noise_m)
+    low, high = int(cells.first[start - side + 1]), int(cells.last[stop + side - 1]) + 1
+    before, after = int(cells.last[start]), int(cells.first[stop])
+    step_m, smooth = _fit(time_s, distance_m, low, before, after, high)
+    # One step between two records holds most of a jump that no receiver has smoothed.
+    inner = np.arange(cells.first[start], cells.last[stop] + 1)
+    sudden = np.diff(distance_m[inner]) - np.diff(smooth(time_s[inner]))
+    largest = int(np.argmax(np.abs(sudden)))
+    if sudden[largest] / step_m > _SUDDEN:
+        before, after = int(inner[largest]), int(inner[largest + 1])
+        step_m, smooth = _fit(time_s, distance_m, low, before, after, high)
+    distance_m[after:] -= step_m
+    between = slice(before + 1, after)
+    ends = distance_m[[before, after]] - smooth(time_s[[before, after]])
+    distance_m[between] = smooth(time_s[between]) + np.interp(time_s[between], time_s[[before, after]], ends)
+    return before, after, step_m
+
+
+def _fit(
+    time_s: Float[np.ndarray, " record"], distance_m: Float[np.ndarray, " record"], *edges: int
+) -> tuple[float, np.polynomial.Polynomial]:
+    """Step across a gap and the cubic beside it, of records from ``low`` to ``before`` and ``after`` to ``high``."""
+    low, before, after, high = edges
+    index = np.concatenate([np.arange(low, before + 1), np.arange(after, high)])
+    origin_s, origin_m = 0.5 * (time_s[before] + time_s[after]), distance_m[before]
+    span_s = float(np.max(np.abs(time_s[index] - origin_s)))
+    x = (time_s[index] - origin_s) / span_s
+    columns = np.stack([np.ones_like(x), x, x**2, x**3, (index >= after).astype(np.float64)], axis=1)
+    fitted = np.linalg.lstsq(columns, distance_m[index] - origin_m, rcond=None)[0]
+    fitted[0] += origin_m
+    domain = [origin_s - span_s, origin_s + span_s]
+    return float(fitted[4]), np.polynomial.Polynomial(fitted[:4], domain=domain, window=[-1.0, 1.0])
+
+
+def _merged(
+    found: list[tuple[int, int, float]], time_s: Float[np.ndarray, " record"], first: Int[np.ndarray, " cell"]
+) -> list[tuple[Jump, int]]:
+    """Jumps in order, and of how many pieces each is; those with no speed of their own between them are one."""
+    cell = np.searchsorted(first, np.arange(len(time_s)), side="right") - 1
+    out: list[tuple[int, int, float, int]] = []
+    for before, after, metres in sorted(found):
+        if out and cell[before] - cell[out[-1][1]] < _APART_CELLS:
+            start, stop, so_far, pieces = out[-1]
+            out[-1] = (start, max(after, stop), so_far + metres, pieces + 1)
+        else:
+            out.append((before, after, metres, 1))
+    return [(Jump(float(time_s[a]), float(time_s[b]), metres), pieces) for a, b, metres, pieces in out]

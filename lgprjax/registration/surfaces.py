@@ -1,0 +1,317 @@
+"""Evidence in the space of prior errors: each scan one surface, a window their running sum.
+
+A prior that is wrong is wrong alike for all scans of a short stretch: odometry and heading carry the error along. Over
+a lattice of prior errors (forward and left) every scan gives one surface of products with the map; the surface of a
+window, of whatever length, is the sum of those of its scans, and costs one subtraction of running sums.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from lgprjax.radar import air_delay_ns, shift_travel_time
+from lgprjax.registration.columns import ArrayColumns
+from lgprjax.registration.correlation import OFF_MAP_SCORE
+
+
+class ScanBatch(NamedTuple):
+    """Scans that look at one tile alike.
+
+    Attributes:
+        coefficients: of each trace.
+        valid: channels that hold data.
+        above_m: height of each antenna above the tile's reference by the prior.
+        at_m: along and cross, in the tile's frame, of the array's centre at the lattice's first point.
+    """
+
+    coefficients: Float[Array | np.ndarray, "scan channel coefficient"]
+    valid: Bool[Array | np.ndarray, "scan channel"]
+    above_m: Float[Array | np.ndarray, "scan channel"]
+    at_m: Float[Array | np.ndarray, "scan 2"]
+
+
+@partial(jax.jit, static_argnames="points")
+def scan_surfaces(
+    columns: ArrayColumns,
+    components: Float[Array, "coefficient component"],
+    scans: ScanBatch,
+    axes_m: Float[Array, "2 2"],
+    decoys_m: Float[Array, "decoy 2"],
+    heights_m: Float[Array, " height"],
+    angular_frequency_rad_per_ns: Float[Array, " half"],
+    *,
+    points: tuple[int, int],
+) -> tuple[Float[Array, "scan plane forward left"], Float[Array, "scan plane decoy"], Float[Array, " scan"]]:
+    """Surface of each scan over the lattice of prior errors, the same at decoys, and its power.
+
+    Planes of a surface: a product for each height, the power of the ground, and the share of the channels over it.
+
+    Args:
+        columns, components: template bank of the tile, and the directions that it is expressed in.
+        scans: the scans.
+        axes_m: along and cross of one step of the lattice forward, and of one to the left.
+        decoys_m: along and cross of places beyond the lattice, from its first point: what the scan scores there is
+            chance.
+        heights_m: added to the prior's height.
+        angular_frequency_rad_per_ns: of the coefficients.
+        points: of the lattice, forward and left.
+    """
+    scan_count = len(scans.at_m)
+    live = jnp.where(scans.valid[..., None], scans.coefficients, 0.0)
+    raised = jnp.asarray(scans.above_m)[:, None, :] + heights_m[None, :, None]
+    level = shift_travel_time(
+        jnp.broadcast_to(live[:, None], (*raised.shape, live.shape[-1])),
+        -air_delay_ns(raised),
+        angular_frequency_rad_per_ns,
+    )
+    rows = (level @ components).reshape(scan_count * len(heights_m), -1)
+    size, along, cross = columns.value.shape
+    product = (rows @ columns.value.reshape(size, along * cross)).reshape(scan_count, len(heights_m), along * cross)
+    ground = jnp.stack([columns.power.reshape(-1), columns.overlap.reshape(-1)])
+    forward, left = (jnp.arange(count, dtype=jnp.float32) for count in points)
+    lattice_m = forward[:, None, None] * axes_m[0][None, None] + left[None, :, None] * axes_m[1][None, None]
+    limit = jnp.asarray([along, cross], jnp.int32)
+
+    def one(scan: tuple[Array, Array]) -> tuple[Array, Array]:
+        own, at_m = scan
+        planes = jnp.concatenate([own, ground])
+        cells = (at_m[None, None] + lattice_m - columns.origin_m[None, None]) / columns.step_m[None, None]
+        low = jnp.floor(cells)
+        part = cells - low
+        base = low.astype(jnp.int32)
+        inside = jnp.all((base >= 0) & (base + 1 < limit[None, None]), axis=-1)
+        base = jnp.clip(base, 0, limit[None, None] - 2)
+        flat = base[..., 0] * cross + base[..., 1]
+        u, v = part[..., 0], part[..., 1]
+        corners = ((0, (1 - u) * (1 - v)), (1, (1 - u) * v), (cross, u * (1 - v)), (cross + 1, u * v))
+        # Plane by plane: a gather of single numbers is what the compiler makes fastest here.
+        value = jnp.stack(
+            [sum((plane[flat + step] * weight for step, weight in corners), start=jnp.float32(0.0)) for plane in planes]
+        )
+        place = (at_m[None] + decoys_m - columns.origin_m[None]) / columns.step_m[None]
+        near = jnp.round(place).astype(jnp.int32)
+        there = jnp.all((near >= 0) & (near < limit[None]), axis=-1)
+        near = jnp.clip(near, 0, limit[None] - 1)
+        decoy = jnp.stack([plane[near[:, 0] * cross + near[:, 1]] for plane in planes])
+        return _scan_alike(jnp.where(inside[None], value, 0.0)), _scan_alike(jnp.where(there[None], decoy, 0.0))
+
+    power = jnp.sum(live**2, axis=(1, 2))
+    loud = jnp.sqrt(power)
+    product = product * jax.lax.rsqrt(jnp.where(loud > 0.0, loud, 1.0))[:, None, None]
+    surfaces, decoys = jax.lax.map(one, (product, scans.at_m))
+    return surfaces, decoys, loud
+
+
+def _scan_alike(planes: Float[Array, "plane ..."]) -> Float[Array, "plane ..."]:
+    """Products over the fourth root of the ground's power, whose plane is its root then.
+
+    Scans of a window speak with the root of their loudness. With powers summed a single strong stone speaks for metres
+    of ground, and two stones are soon alike; with all scans equal those that hold nothing but noise speak as well.
+    """
+    ground = planes[-2]
+    there = ground > 1e-9
+    level = jnp.where(there, jax.lax.rsqrt(jnp.sqrt(jnp.where(there, ground, 1.0))), 0.0)
+    return jnp.concatenate([planes[:-2] * level[None], jnp.sqrt(jnp.where(there, ground, 0.0))[None], planes[-1:]])
+
+
+class Peaks(NamedTuple):
+    """Best and second best place of each window, in lattice points.
+
+    Attributes:
+        point: forward and left of the best place.
+        height: number of its height.
+        score: there (correlation times the root of the overlap); ``OFF_MAP_SCORE`` where nothing was on the map.
+        rival: score of the best place apart from it.
+        floor: root mean square of the score at decoys: what ground that does not match gives by chance; 0 where too few
+            of them lie on the map to tell.
+        scatter: the same over the region far from the best place.
+        overlap: largest overlap within the region.
+        area: lattice points of the region that lie on the map.
+        at_rim: the best place is no peak: the score rises out of the region.
+    """
+
+    point: Float[Array | np.ndarray, "*batch 2"]
+    height: Int[Array | np.ndarray, "*batch"]
+    score: Float[Array | np.ndarray, "*batch"]
+    rival: Float[Array | np.ndarray, "*batch"]
+    floor: Float[Array | np.ndarray, "*batch"]
+    scatter: Float[Array | np.ndarray, "*batch"]
+    overlap: Float[Array | np.ndarray, "*batch"]
+    area: Float[Array | np.ndarray, "*batch"]
+    at_rim: Bool[Array | np.ndarray, "*batch"]
+
+
+class WindowBatch(NamedTuple):
+    """Windows over consecutive surfaces.
+
+    Attributes:
+        first: number of each window's first surface, a row of lengths for every end; no smaller than -1 for none.
+        last: number of the surface that they end with.
+        centre: lattice point, forward and left, of the prior at that end.
+        half_m: half side of the region.
+        carried: lattice point of the last believed place, carried on by odometry.
+        carried_m: half side of the region about it.
+    """
+
+    first: Int[Array | np.ndarray, "end window"]
+    last: Int[Array | np.ndarray, " end"]
+    centre: Float[Array | np.ndarray, "end 2"]
+    half_m: Float[Array | np.ndarray, " end"]
+    carried: Float[Array | np.ndarray, "end 2"]
+    carried_m: Float[Array | np.ndarray, " end"]
+
+
+@partial(jax.jit, static_argnames="near")
+def window_peaks(
+    surfaces: Float[Array, "scan plane forward left"],
+    decoys: Float[Array, "scan plane decoy"],
+    power: Float[Array, " scan"],
+    windows: WindowBatch,
+    lattice_m: Float[Array, "2"],
+    apart_m: Float[Array, ""],
+    min_overlap: Float[Array, ""],
+    *,
+    near: tuple[int, int],
+) -> tuple[Peaks, Peaks]:
+    """Peaks of all windows: differences of running sums; those of the whole region, and those near the carried place.
+
+    Args:
+        surfaces, decoys, power: of consecutive scans, from ``scan_surfaces`` over one lattice.
+        windows: over them.
+        lattice_m: step of the lattice, forward and left.
+        apart_m: two places nearer than this are one.
+        min_overlap: least share of a window's channels on the map.
+        near: points of the lattice, forward and left, that the region about the carried place takes at most.
+    """
+    size = surfaces.shape[2:]
+    near = (min(near[0], size[0]), min(near[1], size[1]))
+    total = jnp.concatenate([jnp.zeros_like(surfaces[:1]), jnp.cumsum(surfaces, axis=0)])
+    apart_total = jnp.concatenate([jnp.zeros_like(decoys[:1]), jnp.cumsum(decoys, axis=0)])
+    loud = jnp.concatenate([jnp.zeros_like(power[:1]), jnp.cumsum(power)])
+
+    def one(end: tuple[Array, ...]) -> tuple[Peaks, Peaks]:
+        first, last, centre, half_m, carried, carried_m = end
+        known = first >= 0
+        begin = jnp.maximum(first, 0)
+        scans = (last + 1 - begin).astype(jnp.float32)
+        planes = total[last + 1][None] - total[begin]
+        live = loud[last + 1] - loud[begin]
+        floor = _floor_of(apart_total[last + 1][None] - apart_total[begin], live, scans, min_overlap)
+        peaks = _peaks_of(planes, live, floor, scans, centre, half_m, lattice_m, apart_m, min_overlap)
+        corner = jnp.round(carried).astype(jnp.int32) - jnp.asarray(near, jnp.int32) // 2
+        corner = jnp.clip(corner, 0, jnp.asarray(size, jnp.int32) - jnp.asarray(near, jnp.int32))
+        cut = jax.lax.dynamic_slice(planes, (0, 0, corner[0], corner[1]), (*planes.shape[:2], *near))
+        first_m = corner.astype(jnp.float32)
+        close = _peaks_of(
+            cut, live, jnp.asarray(peaks.floor), scans, carried - first_m, carried_m, lattice_m, apart_m, min_overlap
+        )
+        close = close._replace(point=close.point + first_m[None])
+        return (
+            peaks._replace(score=jnp.where(known, peaks.score, OFF_MAP_SCORE)),
+            close._replace(score=jnp.where(known, close.score, OFF_MAP_SCORE)),
+        )
+
+    both: tuple[Peaks, Peaks] = jax.lax.map(one, windows)
+    return both
+
+
+def _peaks_of(
+    planes: Float[Array, "window plane forward left"],
+    live_power: Float[Array, " window"],
+    floor: Float[Array, " window"],
+    scans: Float[Array, " window"],
+    centre: Float[Array, "2"],
+    half_m: Float[Array, ""],
+    lattice_m: Float[Array, "2"],
+    apart_m: Float[Array, ""],
+    min_overlap: Float[Array, ""],
+) -> Peaks:
+    count, _, forward_size, left_size = planes.shape
+    product, ground, overlap = planes[:, :-2], planes[:, -2], planes[:, -1] / scans[:, None, None]
+    usable = (overlap >= min_overlap) & (ground > 1e-9) & (live_power > 0.0)[:, None, None]
+    level = (
+        jax.lax.rsqrt(jnp.where(usable, ground, 1.0))
+        * jax.lax.rsqrt(jnp.where(live_power > 0.0, live_power, 1.0))[:, None, None]
+    )
+    # Live power off the map counts in full, so that this is the correlation times the root of the overlap.
+    score = jnp.where(usable, jnp.max(product, axis=1) * level, OFF_MAP_SCORE)
+    forward = jnp.arange(forward_size, dtype=jnp.float32)
+    left = jnp.arange(left_size, dtype=jnp.float32)
+    room = half_m / lattice_m + 0.5
+    inside = (jnp.abs(forward - centre[0]) <= room[0])[:, None] & (jnp.abs(left - centre[1]) <= room[1])[None, :]
+    within = jnp.where(inside[None], score, OFF_MAP_SCORE)
+    around = _highest_neighbour(score)
+    window = jnp.arange(count)
+    best = jnp.argmax(within.reshape(count, -1), axis=1)
+    i, j = best // left_size, best % left_size
+    top = within[window, i, j]
+    row, column = i.astype(jnp.float32), j.astype(jnp.float32)
+    beside = _beside(score, i, j)
+    from_best = ((forward[None] - row[:, None]) * lattice_m[0])[:, :, None] ** 2
+    from_best = from_best + ((left[None] - column[:, None]) * lattice_m[1])[:, None, :] ** 2
+    far = from_best >= 4.0 * apart_m**2
+    own = far & usable
+    number = jnp.sum(own, axis=(1, 2), dtype=jnp.float32)
+    scatter = jnp.sqrt(jnp.sum(jnp.where(own, score**2, 0.0), axis=(1, 2)) / jnp.maximum(number, 1.0))
+    away = from_best >= apart_m**2
+    rivals = jnp.where(away & (within >= around), within, OFF_MAP_SCORE)
+    return Peaks(
+        point=jnp.stack([row, column], axis=-1) + beside,
+        height=jnp.argmax(product[window, :, i, j], axis=1).astype(jnp.int32),
+        score=top,
+        rival=jnp.max(rivals, axis=(1, 2)),
+        floor=floor,
+        scatter=jnp.where(number >= 16.0, scatter, 0.0),
+        overlap=jnp.max(jnp.where(inside[None], overlap, 0.0), axis=(1, 2)),
+        area=jnp.sum(usable & inside[None], axis=(1, 2), dtype=jnp.float32),
+        at_rim=around[window, i, j] > top,
+    )
+
+
+def _floor_of(
+    planes: Float[Array, "window plane decoy"],
+    live_power: Float[Array, " window"],
+    scans: Float[Array, " window"],
+    min_overlap: Float[Array, ""],
+) -> Float[Array, " window"]:
+    """Root mean square score at the decoys; 0 where too few of them lie on the map to tell."""
+    usable = (planes[:, -1] / scans[:, None] >= min_overlap) & (planes[:, -2] > 1e-9) & (live_power > 0.0)[:, None]
+    level = jax.lax.rsqrt(jnp.where(usable, planes[:, -2], 1.0))
+    level = level * jax.lax.rsqrt(jnp.where(live_power > 0.0, live_power, 1.0))[:, None]
+    square = jnp.where(usable, jnp.max(planes[:, :-2], axis=1) * level, 0.0) ** 2
+    number = jnp.sum(usable, axis=1, dtype=jnp.float32)
+    mean = jnp.sum(square, axis=1) / jnp.maximum(number, 1.0)
+    return jnp.where(number >= 24.0, jnp.sqrt(jnp.maximum(mean, 1e-8)), 0.0)
+
+
+def _beside(
+    score: Float[Array, "window forward left"], i: Int[Array, " window"], j: Int[Array, " window"]
+) -> Float[Array, "window 2"]:
+    """How far, in points, the top of a parabola through each place and its neighbours lies beside it."""
+    _, forward, left = score.shape
+    window = jnp.arange(len(i))
+    here = score[window, i, j]
+    inner = (i > 0) & (i < forward - 1) & (j > 0) & (j < left - 1)
+
+    def top(before: Float[Array, " window"], after: Float[Array, " window"]) -> Float[Array, " window"]:
+        bend = before + after - 2.0 * here
+        good = inner & (bend < -1e-6) & (jnp.minimum(before, after) > OFF_MAP_SCORE)
+        return jnp.where(good, jnp.clip(0.5 * (before - after) / jnp.where(good, bend, 1.0), -0.5, 0.5), 0.0)
+
+    i0, i1 = jnp.maximum(i - 1, 0), jnp.minimum(i + 1, forward - 1)
+    j0, j1 = jnp.maximum(j - 1, 0), jnp.minimum(j + 1, left - 1)
+    ahead = top(score[window, i0, j], score[window, i1, j])
+    return jnp.stack([ahead, top(score[window, i, j0], score[window, i, j1])], axis=-1)
+
+
+def _highest_neighbour(score: Float[Array, "window forward left"]) -> Float[Array, "window forward left"]:
+    """Highest of the eight places around each."""
+    forward = score.shape[1]
+    padded = jnp.pad(score, [(0, 0), (1, 1), (1, 1)], constant_values=OFF_MAP_SCORE)
+    rows = jnp.maximum(padded[:, :, :-2], padded[:, :, 2:])
+    corner = jnp.maximum(rows[:, :forward], rows[:, 2:])
+    return jnp.maximum(jnp.maximum(corner, rows[:, 1:-1]), jnp.maximum(padded[:, :forward, 1:-1], padded[:, 2:, 1:-1]))

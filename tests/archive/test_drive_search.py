@@ -1,0 +1,184 @@
+"""The search of a drive where the drive is not a plain one: standing, reverse, lost, off the map, travel unknown."""
+
+import numpy as np
+import pytest
+
+from generated import Replay, Site, part_of, replay, scans_of
+from lgprjax.registration import Code, LiveBlock, RegisterOptions, Registration, Track
+
+OPTIONS = RegisterOptions(search_m=1.5)
+STEP_M = 4.5 / 126
+GAP = 350
+GARBAGE = slice(200, 400)
+"""Scans of other ground in the middle of the drive: 7 m."""
+DRIFT_M = 1.5
+"""What the log's prior is led astray by over them, beside the metre that it is wrong from the start."""
+
+
+def shifted(block: LiveBlock, east_m: np.ndarray | float, north_m: np.ndarray | float = 0.0) -> LiveBlock:
+    """With a prior that is elsewhere; travel and heading are as they were."""
+    pose = block.track.pose.copy()
+    pose[:, 0] += east_m
+    pose[:, 1] += north_m
+    return block._replace(track=block.track._replace(pose=pose))
+
+
+@pytest.fixture(scope="module")
+def scans(site: Site) -> LiveBlock:
+    return scans_of(site, "live")
+
+
+@pytest.fixture(scope="module")
+def plain(site: Site, scans: LiveBlock) -> Replay:
+    return replay(site, scans, OPTIONS)
+
+
+def over_other_ground(site: Site, scans: LiveBlock, options: RegisterOptions, drift_m: float) -> Replay:
+    """The live drive with other ground in its middle, over which its prior drifts away for good."""
+    other = scans_of(site, "impostor")
+    traces = scans.traces.copy()
+    traces[GARBAGE] = other.traces[GARBAGE]
+    number = np.arange(len(traces))
+    away = drift_m * np.clip((number - GARBAGE.start) / (GARBAGE.stop - GARBAGE.start), 0.0, 1.0)
+    return replay(site, shifted(scans._replace(traces=traces), away), options)
+
+
+def test_a_plain_drive_is_located(plain: Replay) -> None:
+    assert plain.ok.mean() > 0.9
+    assert plain.off_m[plain.ok].max() < 0.3
+    assert np.all(plain.fix.p_false[plain.ok] <= OPTIONS.risk)
+
+
+def test_a_vehicle_feeds_few_scans_at_a_time(site: Site, scans: LiveBlock, plain: Replay) -> None:
+    """Blocks of four: nearly the same scans have a fix, and each is right."""
+    few = replay(site, part_of(scans, slice(0, 300)), OPTIONS, block_scans=4)
+    assert np.mean(few.ok == plain.ok[:300]) >= 0.95
+    assert few.off_m[few.ok].max() < 0.3
+
+
+def test_a_vehicle_that_stands_keeps_its_fix(site: Site, scans: LiveBlock, plain: Replay) -> None:
+    """Six hundred scans of one place in the middle of the drive."""
+    at, stand = 300, 600
+    held = np.concatenate([np.arange(at), np.full(stand, at), np.arange(at, len(scans.traces))])
+    found = replay(site, part_of(scans, held), OPTIONS)
+    there = slice(at, at + stand)
+    assert plain.ok[at]
+    assert found.ok[there].all()
+    assert np.ptp(found.fix.pose[there, :2], axis=0).max() < 1e-6
+    assert found.off_m[found.ok].max() < 0.3
+    assert found.ok[at + stand :].mean() > plain.ok[at:].mean() - 0.05
+
+
+def test_backing_up_is_located(site: Site, scans: LiveBlock) -> None:
+    back = part_of(scans, np.arange(len(scans.traces))[::-1])
+    moved = back.track._replace(travel_m=back.track.travel_m, speed_mps=-back.track.speed_mps)
+    found = replay(site, back._replace(track=moved), OPTIONS)
+    assert np.all(np.diff(moved.travel_m) <= 0.0)
+    assert found.ok.mean() > 0.85
+    assert found.off_m[found.ok].max() < 0.3
+
+
+NEVER_FOUND = pytest.mark.xfail(
+    strict=True, reason="a drive that strays out of a region that was forced is not found again over these few metres"
+)
+
+
+@pytest.mark.parametrize(
+    ("drift_m", "time_scale"),
+    [(0.0, None), pytest.param(DRIFT_M, 1.0, marks=NEVER_FOUND), pytest.param(DRIFT_M, None, marks=NEVER_FOUND)],
+)
+def test_a_lost_drive_is_found_again(site: Site, scans: LiveBlock, drift_m: float, time_scale: float | None) -> None:
+    """Over other ground nothing wrong is believed; where the map's own comes back, the drive is found.
+
+    With the drift it is 2.3 m beside its prior, outside the region that was asked for.
+    """
+    found = over_other_ground(site, scans, RegisterOptions(search_m=1.5, time_scale=time_scale), drift_m)
+    ok = found.ok
+    assert found.off_m[ok].max() < 0.3
+    # A window that reaches back before the other ground may still know its place; none that lies on it does.
+    assert not ok[GARBAGE.start + int(6.0 / STEP_M) : GARBAGE.stop].any()
+    assert ok[GARBAGE.stop :].any()
+    back = int(np.argmax(ok[GARBAGE.stop :]))
+    print(f"found again {back * STEP_M:.1f} m after the other ground; {ok.mean():.2f} ok")
+    assert back * STEP_M < 6.0
+    assert ok[GARBAGE.stop + back :].mean() > 0.7
+
+
+def test_a_prior_beyond_all_that_is_searched_gives_no_fix(site: Site, scans: LiveBlock) -> None:
+    """3 m off where one metre, then two, are searched."""
+    found = replay(site, shifted(scans, 2.2), RegisterOptions(search_m=1.0))
+    assert not found.ok.any()
+
+
+def test_off_the_map_has_a_code_of_its_own(site: Site, scans: LiveBlock) -> None:
+    found = replay(site, shifted(part_of(scans, slice(0, 200)), 0.0, 80.0), OPTIONS)
+    assert set(np.unique(found.fix.code)) == {Code.OFF_MAP}
+    assert np.isnan(found.fix.pose).all()
+    assert np.all(found.fix.p_false == 1.0)
+
+
+def test_half_an_array_on_the_map_is_too_little(site: Site, scans: LiveBlock) -> None:
+    """The lane's rim, and a region too narrow to reach back onto the lane."""
+    block = part_of(scans, slice(0, 200))
+    assert block.truth is not None
+    yaw = block.truth[:, 3]
+    pose = block.track.pose.copy()
+    # The two baselines lie 0.3 m to either side, the array is 1.4 m wide.
+    pose[:, :2] = block.truth[:, :2] + 1.45 * np.stack([-np.sin(yaw), np.cos(yaw)], axis=1)
+    found = replay(site, block._replace(track=block.track._replace(pose=pose)), RegisterOptions(search_m=0.1))
+    assert not found.ok.any()
+    assert np.mean(np.isin(found.fix.code, (Code.LOW_OVERLAP, Code.OFF_MAP))) > 0.95
+    assert np.any(found.fix.code == Code.LOW_OVERLAP)
+
+
+def over_a_gap(site: Site, scans: LiveBlock) -> Replay:
+    """What the vehicle did between two legs nobody knows: here it is 5 m that odometry has not counted."""
+    kept = np.concatenate([np.arange(GAP), np.arange(GAP + 140, len(scans.traces))])
+    block = part_of(scans, kept)
+    track: Track = block.track
+    travel = track.travel_m.copy()
+    travel[GAP:] -= travel[GAP] - travel[GAP - 1]
+    leg = (np.arange(len(kept)) >= GAP).astype(np.int64)
+    return replay(site, block._replace(track=track._replace(travel_m=travel, leg=leg)), OPTIONS)
+
+
+def test_no_window_reaches_over_a_gap_in_travel(site: Site, scans: LiveBlock, plain: Replay) -> None:
+    found, gap = over_a_gap(site, scans), GAP
+    travel = found.block.track.travel_m
+    since_m = travel[gap:] - travel[gap]
+    window_m = found.fix.window_m[gap:]
+    known = np.isfinite(window_m)
+    # The first scans of the new leg still have what was carried on from the one before; see the next test.
+    known[: int(0.15 / STEP_M)] = False
+    assert np.all(window_m[known] <= since_m[known] + 0.15)
+    assert found.off_m[gap + 5 :][found.ok[gap + 5 :]].max() < 0.3
+    assert found.ok[gap + 60 :].mean() > 0.85
+    assert np.max(plain.fix.window_m[gap : gap + 28]) >= 1.0
+
+
+def test_no_fix_is_carried_over_a_gap_in_travel(site: Site, scans: LiveBlock) -> None:
+    found = over_a_gap(site, scans)
+    assert found.off_m[found.ok].max() < 0.3
+
+
+def test_noise_of_the_prior_is_none_of_the_fix(site: Site, scans: LiveBlock, plain: Replay) -> None:
+    """A GNSS that scatters by 0.2 m from scan to scan, where odometry does not."""
+    noise = 0.2 * np.random.default_rng(4).normal(size=(2, len(scans.traces)))
+    found = replay(site, shifted(scans, noise[0], noise[1]), OPTIONS)
+    both = found.ok & plain.ok
+    assert found.ok.mean() > plain.ok.mean() - 0.05
+    assert found.off_m[found.ok].max() < 0.3
+    off = np.hypot(*(found.fix.pose[both, :2] - plain.fix.pose[both, :2]).T)
+    assert np.median(off) < 0.01
+
+
+def test_memory_does_not_grow_with_the_drive(site: Site, scans: LiveBlock) -> None:
+    held: list[int] = []
+
+    def count(drive: Registration) -> None:
+        stops = drive.search._stops
+        held.append(0 if stops is None else len(stops.number))
+
+    found = replay(site, part_of(scans, np.tile(np.arange(0, 200), 3)), OPTIONS, block_scans=100, watch=count)
+    assert len(found.fix.code) == 600
+    assert max(held) <= 2 * (8.0 / 0.1)

@@ -1,0 +1,158 @@
+"""Jumps in recorded travel: found, bridged or left open, and never where a vehicle only drives."""
+
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import pytest
+
+from drawn_travel import Drawn, draw
+from formats.samples import make_description
+from lgprjax.archive.tracks import jump_line, track_of_drive
+from lgprjax.archive.travel import MendedTravel, legs_of, mend_travel
+from lgprjax.formats import DriveLog, DriveWriter, NavigationTrack, OdometryTrack
+from lgprjax.formats.survey_track import distances_m, path_headings_deg
+from lgprjax.frames import LocalFrame
+
+FIRST, DRIVES, JUMPING = 30000, 260, 120  # drawn after the limits had been set
+
+
+def _found(drive: Drawn, mended: MendedTravel) -> bool:
+    jumps = (*mended.bridged, *mended.broken)
+    return any(jump.start_s - 0.6 <= drive.jump_s <= jump.stop_s + 0.6 for jump in jumps)
+
+
+def _left_m(drive: Drawn, mended: MendedTravel) -> float:
+    """By how much the travel across the jump is still wrong."""
+    wrong = mended.distance_m - drive.true_m
+    before, after = drive.time_s < drive.jump_s - 1.2, drive.time_s > drive.jump_s + 1.2
+    return abs(float(np.median(wrong[after][:20]) - np.median(wrong[before][-20:])))
+
+
+def test_driving_is_no_jump() -> None:
+    """Stops and starts at 6 m/s², reversals, stands, uneven and sparse records, chords of noisy positions."""
+    for number in range(FIRST, FIRST + DRIVES):
+        drive = draw(number, jumps=False)
+        mended = mend_travel(drive.time_s, drive.distance_m)
+        assert (mended.bridged, mended.broken) == ((), ()), number
+        np.testing.assert_array_equal(mended.distance_m, drive.distance_m)
+
+
+def test_jumps_are_found_and_bridged() -> None:
+    drives = [draw(number, jumps=True) for number in range(FIRST, FIRST + JUMPING)]
+    mended = [mend_travel(drive.time_s, drive.distance_m) for drive in drives]
+    added = np.abs([drive.added_m for drive in drives])
+    smoothed, rate_hz = (np.array([getattr(drive, name) for drive in drives]) for name in ("smoothed", "rate_hz"))
+    found = np.array([_found(*each) for each in zip(drives, mended, strict=True)])
+    whole = np.array([not each.broken for each in mended])
+    left = np.array([_left_m(*each) for each in zip(drives, mended, strict=True)])
+    sudden = ~smoothed & (rate_hz >= 5.0)
+    assert np.sum(sudden & (added >= 0.5)) > 25
+    assert found[sudden & (added >= 0.5)].all()
+    assert np.mean(found[sudden & (added >= 0.3)]) > 0.95
+    slow = smoothed & (rate_hz >= 5.0)
+    assert np.sum(slow & (added >= 2.0)) > 12
+    assert found[slow & (added >= 2.0)].all()
+    sparse = ~smoothed & (rate_hz < 5.0) & (added >= 8.0)
+    assert np.sum(sparse) > 2
+    assert found[sparse].all()
+    assert np.percentile(left[sudden & found & whole], 95.0) < 0.15
+    assert np.percentile(left[slow & found & whole], 95.0) < 0.5
+
+
+def test_there_and_back_are_two_jumps() -> None:
+    """The positions stand aside for three seconds: the way there and the way back are both added to chords."""
+    time_s = np.arange(0.0, 20.0, 0.02)
+    distance = 3.0 * time_s + 2.0 * (time_s >= 8.0) + 2.0 * (time_s >= 11.0)
+    mended = mend_travel(time_s, distance)
+    np.testing.assert_allclose([jump.metres for jump in mended.bridged], [2.0, 2.0], atol=1e-6)
+    np.testing.assert_allclose(mended.distance_m, 3.0 * time_s, atol=1e-6)
+
+
+def test_positions_that_a_slow_receiver_holds_are_no_jumps() -> None:
+    time_s = np.arange(0.0, 30.0, 0.02)
+    held = np.floor(time_s) * 1.3
+    mended = mend_travel(time_s, held)
+    assert (mended.bridged, mended.broken) == ((), ())
+    jumped = held + 12.0 * (time_s >= 15.0)
+    mended = mend_travel(time_s, jumped)
+    assert len(mended.bridged) == 1
+    np.testing.assert_allclose(np.interp(29.5, time_s, mended.distance_m) - mended.distance_m[0], held[-1], atol=0.1)
+
+
+def test_a_gap_too_long_to_bridge_parts_the_track() -> None:
+    time_s = np.arange(0.0, 60.0, 3.0)
+    mended = mend_travel(time_s, 2.0 * time_s + 200.0 * (time_s >= 30.0))
+    assert mended.bridged == ()
+    (jump,) = mended.broken
+    assert (jump.start_s, jump.stop_s) == (27.0, 30.0)
+    scans_s = np.arange(0.0, 57.0, 0.5)
+    leg = legs_of(scans_s, mended.broken)
+    assert np.all(leg[scans_s <= 27.0] == 0)
+    assert len(set(leg[scans_s >= 30.0])) == 1
+    # A scan within the gap is on a leg of its own.
+    assert np.all(np.diff(leg[(scans_s >= 27.0) & (scans_s <= 30.0)]) == 1)
+
+
+@pytest.fixture(scope="module")
+def aside(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive on a circle whose positions step two metres aside: travel and headings follow its positions."""
+    time_s = np.arange(0.0, 20.0, 0.05)
+    yaw = 0.05 * time_s
+    east, north = 40.0 * np.sin(yaw), 40.0 * (1.0 - np.cos(yaw))
+    stepped = time_s >= 10.0
+    east, north = east - 2.0 * stepped * np.sin(0.5), north + 2.0 * stepped * np.cos(0.5)
+    plane = pyproj.Proj(proj="aeqd", ellps="WGS84", lat_0=42.0, lon_0=11.0)
+    longitude, latitude = (np.asarray(each) for each in plane(east, north, inverse=True))
+    travel = distances_m(latitude, longitude)
+    zeros = np.zeros(len(time_s))
+    heading = path_headings_deg(latitude, longitude, travel)
+    navigation = NavigationTrack(time_s, latitude, longitude, zeros, heading, zeros)
+    description = make_description(channels=1)
+    description = type(description)(
+        **{**vars(description), "navigation": navigation, "odometry": OdometryTrack(time_s, travel), "truth": None}
+    )
+    path = tmp_path_factory.mktemp("aside") / "a.drive.h5"
+    with DriveWriter.create(path, description, channels=1, dtype=np.uint8) as writer:
+        signal = np.random.default_rng(1).integers(0, 255, (len(time_s), 1, 8), dtype=np.uint8)
+        writer.append(time_s, signal)
+    return path
+
+
+def test_a_track_of_positions_that_jump(aside: Path) -> None:
+    with DriveLog.open(aside) as log:
+        drive = track_of_drive(log, LocalFrame(42.0, 11.0, 0.0))
+        time_s = log.scan_time_s
+    assert (drive.jumps_bridged, drive.breaks) == (1, 0)
+    assert jump_line(drive) == "travel jumps that no vehicle drives: 1 bridged at local speed"
+    # 2 m/s on the circle, and its tangent: a chord of the raw positions would look 60 degrees aside at the step.
+    np.testing.assert_allclose(drive.track.travel_m - drive.track.travel_m[0], 2.0 * time_s, atol=0.03)
+    np.testing.assert_allclose(drive.track.speed_mps, 2.0, atol=0.05)
+    np.testing.assert_allclose(drive.track.pose[:, 3], 0.05 * time_s, atol=np.radians(1.5))
+    assert np.isnan(drive.track.sigma_m).all()
+    assert not drive.track.leg.any()
+
+
+def test_the_health_of_a_drive_names_the_jump(aside: Path) -> None:
+    from lgprjax.archive import drive_health
+
+    with DriveLog.open(aside) as log:
+        figure = drive_health(log).figure("travel_jump")
+    assert figure.value == pytest.approx(2.0, abs=0.15)
+    assert figure.verdict == "look"
+    (where,) = figure.where
+    assert (where.start_s, where.stop_s) == pytest.approx((9.95, 10.0), abs=0.011)
+
+
+def test_stated_sigmas_are_those_of_one_axis(tmp_path: Path) -> None:
+    description = make_description()
+    records = len(description.navigation.time_s)
+    stated = {"sigma_east_m": np.full(records, 0.3), "sigma_north_m": np.full(records, 0.1)}
+    navigation = type(description.navigation)(**{**vars(description.navigation), **stated})
+    description = type(description)(**{**vars(description), "navigation": navigation})
+    path = tmp_path / "a.drive.h5"
+    with DriveWriter.create(path, description, channels=3, dtype=np.uint8) as writer:
+        writer.append(np.arange(6) * 0.1, np.zeros((6, 3, 8), np.uint8))
+    with DriveLog.open(path) as log:
+        track = track_of_drive(log, LocalFrame(42.5, -71.0, 3.0)).track
+    np.testing.assert_allclose(track.sigma_m, np.sqrt(0.05))

@@ -1,0 +1,121 @@
+"""A map's chance in its file: written before the map has its name, read back, none where it is of another kind."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from lgprjax.errors import InputError
+from lgprjax.formats import (
+    MAP_PRECISIONS,
+    MapFile,
+    MapWriter,
+    chance_as_text,
+    chance_of_text,
+    check_file,
+    copy_stations,
+)
+from lgprjax.registration import Chance
+from made_map import write_made_map
+
+CHANCE = Chance(
+    start=np.array([20.5, 19.25, 17.0, 15.0, 13.0]),
+    share=np.array([0.1, 0.1, 0.11, 0.12, 0.1]),
+    scale=np.array([2.0, 2.5, 3.0, 3.5, 4.0]),
+    area_m2=np.array([8.0, 8.5, 8.25, 8.0, 7.75]),
+    pieces=171,
+    own=True,
+)
+
+
+def same(a: Chance, b: Chance) -> bool:
+    return all(np.array_equal(np.asarray(one), np.asarray(other)) for one, other in zip(a, b, strict=True))
+
+
+@pytest.fixture
+def old(tmp_path: Path) -> Path:
+    """A map as older versions wrote it: without a chance."""
+    path = tmp_path / "old.map.h5"
+    write_made_map(path, MAP_PRECISIONS["standard"])
+    return path
+
+
+def with_chance(old: Path, path: Path) -> None:
+    """A copy of a map, with a chance that was measured on what had been written."""
+    seen = []
+
+    def measure(unnamed: MapFile) -> Chance:
+        assert not path.exists()
+        some = np.arange(250, 1300, 7)
+        seen.append((unnamed.description, unnamed.pose, unnamed.read_stations(some).profile))
+        return CHANCE
+
+    with MapFile.open(old) as source, MapWriter.create(path) as writer:
+        copy_stations(source, writer)
+        writer.finish(source.description, source.tile_frame, source.height_reference_m, {})
+        writer.add_chance(measure)
+        ((description, pose, profile),) = seen
+        assert description.channels == source.description.channels
+        np.testing.assert_array_equal(pose, source.pose)
+        np.testing.assert_array_equal(profile, source.read_stations(np.arange(250, 1300, 7)).profile)
+
+
+def test_what_is_measured_on_the_unnamed_map_is_read_from_the_named_one(old: Path, tmp_path: Path) -> None:
+    path = tmp_path / "new.map.h5"
+    with_chance(old, path)
+    assert check_file(path) == []
+    with MapFile.open(path) as source:
+        assert source.chance is not None
+        assert same(source.chance, CHANCE)
+    with MapFile.open(old) as source:
+        assert source.chance is None
+
+
+def test_a_measurement_that_fails_leaves_no_map(old: Path, tmp_path: Path) -> None:
+    path = tmp_path / "new.map.h5"
+
+    def measure(_: MapFile) -> Chance:
+        raise RuntimeError("no")
+
+    def write() -> None:
+        with MapFile.open(old) as source, MapWriter.create(path) as writer:
+            copy_stations(source, writer)
+            writer.finish(source.description, source.tile_frame, source.height_reference_m, {})
+            writer.add_chance(measure)
+
+    with pytest.raises(RuntimeError, match="no"):
+        write()
+    assert sorted(tmp_path.iterdir()) == [old]
+
+
+@pytest.mark.parametrize("change", ["method", "windows"])
+def test_a_chance_of_another_kind_is_none(old: Path, tmp_path: Path, change: str) -> None:
+    path = tmp_path / "new.map.h5"
+    with_chance(old, path)
+    with h5py.File(path, "r+") as store:
+        if change == "method":
+            store["chance"].attrs["method"] += 1
+        else:
+            store["chance/window_m"][-1] = 9.0
+    with MapFile.open(path) as source:
+        assert source.chance is None
+
+
+def test_damage_is_named(old: Path, tmp_path: Path) -> None:
+    path = tmp_path / "new.map.h5"
+    with_chance(old, path)
+    with h5py.File(path, "r+") as store:
+        store["chance/scale"][2] = -1.0
+    with pytest.raises(InputError, match="/chance/scale"):
+        MapFile.open(path)
+
+
+def test_text_comes_back_and_damaged_text_does_not() -> None:
+    text = chance_as_text(CHANCE)
+    back = chance_of_text(text)
+    assert back is not None
+    assert same(back, CHANCE)
+    for damaged in ("", "[]", text[:-20], text.replace('"method": ', '"method": 9'), text.replace("20.5", "-20.5")):
+        assert damaged != text
+        assert chance_of_text(damaged) is None

@@ -1,0 +1,39 @@
+"""Declined scans in words: every code has its own, and the table counts what the codes say."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from lgprjax.report import CODES, DECLINES, declines_table, main_decline, summarise
+from report.synthetic import declined_drive, straight_drive
+
+
+def test_every_code_that_is_no_position_is_in_words() -> None:
+    assert set(DECLINES) == set(CODES) - {"ok"}
+    assert len({decline.meaning for decline in DECLINES.values()}) == len(DECLINES)
+
+
+def test_the_table_counts_by_code_the_most_frequent_first() -> None:
+    drive = straight_drive()
+    table = declines_table([summarise(drive), summarise(declined_drive())])
+    assert table is not None
+    counts = {code: int((drive.code == code).sum()) for code in DECLINES}
+    expected = sorted((code for code in counts if counts[code]), key=lambda code: -counts[code])
+    assert len(expected) == 3
+    # The impostor's scans must be declined: there is nothing to do about them.
+    assert [(row[0], row[1]) for row in table.rows] == [(drive.name, code) for code in expected]
+    first = f"{counts[expected[0]]}, {100.0 * counts[expected[0]] / len(drive.code):.1f} %"
+    assert table.rows[0][2:] == (first, *DECLINES[expected[0]])
+
+
+def test_nothing_declined_is_no_table() -> None:
+    drive = straight_drive()
+    found = summarise(replace(drive, code=np.full(len(drive.code), "ok")))
+    assert declines_table([found]) is None
+    assert main_decline(found) is None
+
+
+def test_the_most_frequent_code_is_the_one_to_look_at() -> None:
+    code, words = main_decline(summarise(declined_drive())) or ("", None)
+    assert code == "low_correlation"
+    assert words == DECLINES["low_correlation"]
