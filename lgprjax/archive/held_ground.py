@@ -6,7 +6,7 @@ from lgprjax.archive.chance_cache import chance_of
 from lgprjax.formats import MapFile
 from lgprjax.radar import ArrayGeometry, uniform_array
 from lgprjax.registration import PreparedGround, RegisterOptions, ground_map_for
-from lgprjax.registration.evidence import Plan
+from lgprjax.registration.stops import Plan
 
 _ROOM_M = 0.5  # by which a lattice reaches beyond the region on each side, so that priors may wander
 

@@ -24,7 +24,7 @@ from lgprjax.registration.drive import (
     live_chain,
     register_drive,
 )
-from lgprjax.registration.evidence import EvidenceSearch, Stops, stops_of, templates_of
+from lgprjax.registration.evidence import EvidenceSearch
 from lgprjax.registration.finish import Finished, Region, finish_best
 from lgprjax.registration.fix import WRONG_M, Code, Fix, sigmas_along_cross
 from lgprjax.registration.integrity import MIN_OVERLAP, Thresholds, thresholds_at
@@ -32,6 +32,7 @@ from lgprjax.registration.live import LiveChain, LiveScans, Operators, Track
 from lgprjax.registration.options import RegisterOptions
 from lgprjax.registration.prepared import Aspect, PreparedGround, PreparedTile
 from lgprjax.registration.search import Problem, Rules, SearchSpec, register_batch, rules_of, search_spec_for
+from lgprjax.registration.stops import Stops, stops_of, templates_of
 from lgprjax.registration.survey import SurfacePicture, ground_under, rival_of, survey_surface
 from lgprjax.registration.swarm_finish import SwarmView, watch_finish
 from lgprjax.registration.tiles import to_tile

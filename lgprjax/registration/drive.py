@@ -9,8 +9,9 @@ from jaxtyping import Bool, Float, Int
 from lgprjax.frames import body_to_local
 from lgprjax.radar import ArrayGeometry, centre_of
 from lgprjax.registration.chance import POOLED, Chance
-from lgprjax.registration.evidence import EvidenceSearch, blank_fixes, decoy_reach_m
-from lgprjax.registration.fix import Fix
+from lgprjax.registration.evidence import EvidenceSearch
+from lgprjax.registration.fix import Fix, blank_fixes
+from lgprjax.registration.lattice import decoy_reach_m
 from lgprjax.registration.live import LiveChain, LiveScans, Operators, Track
 from lgprjax.registration.options import RegisterOptions
 from lgprjax.registration.prepared import PreparedGround
@@ -116,7 +117,7 @@ class Registration:
         self._centre = centre_of(array)
         self._chain = live_chain(ground, operators, len(array.x_m), recorded)
         self.prepared = PreparedGround(ground, array) if prepared is None else prepared
-        self.search = EvidenceSearch(self.prepared, self._chain, options, chance)
+        self.search = EvidenceSearch(self.prepared, self._chain, options, chance, block_scans)
         self._last: tuple[Fix, np.ndarray, np.ndarray, float] | None = None
 
     def feed(self, block: LiveBlock) -> DriveFixes:

@@ -73,3 +73,24 @@ def sigmas_along_cross(
     along = cos**2 * east + sin**2 * north + 2 * cos * sin * both
     cross = sin**2 * east + cos**2 * north - 2 * cos * sin * both
     return np.sqrt(along), np.sqrt(cross)
+
+
+def blank_fixes(scans: int) -> Fix:
+    """Fixes of scans that have none of their own."""
+
+    def empty(*shape: int) -> Float[np.ndarray, "..."]:
+        return np.full((scans, *shape), np.nan, np.float64)
+
+    return Fix(
+        pose=empty(5),
+        covariance=empty(5, 5),
+        correlation=empty(),
+        runner_up=empty(),
+        margin=empty(),
+        scatter=empty(),
+        overlap_channels=np.zeros(scans, np.int32),
+        overlap=np.zeros(scans, np.float32),
+        code=np.full(scans, Code.NO_WINDOW, np.int32),
+        p_false=np.ones(scans),
+        window_m=empty(),
+    )

@@ -59,8 +59,7 @@ def hashes(folder: Path, drives: list[Path]) -> dict[str, str]:
 
 
 def run_in(short: Short, folder: Path) -> ArchiveRun:
-    options = RegisterOptions(search_m=1.5)
-    return ArchiveRun(short.map, file_hash(short.map), stamp_of(short.map), options, folder, 1)
+    return ArchiveRun(short.map, file_hash(short.map), stamp_of(short.map), RegisterOptions(), folder, 1)
 
 
 @pytest.fixture(scope="module")
