@@ -20,7 +20,7 @@ class HeldGround:
         tiles: held in memory, and as many template banks.
     """
 
-    def __init__(self, source: MapFile, options: RegisterOptions, *, tiles: int = 4) -> None:
+    def __init__(self, source: MapFile, options: RegisterOptions, *, tiles: int = 8) -> None:
         self.ground = ground_map_for(source, options, keep=tiles)
         self.chance = chance_of(source)
         self._tiles = tiles

@@ -30,6 +30,7 @@ _WIDEST_M = 1.6
 _STRETCH_M = max(LADDER_M) + 5.0 * PIECE_M  # of wavelengths up to a metre
 _SEED = 1
 _TRIES = 400
+_REGION = 6.25  # wavelengths to each side, no more than 2.5 m: chances go with the area, so that a small one tells
 
 
 class _Swapped(NamedTuple):
@@ -76,9 +77,10 @@ def measure_chance(source: MapFile) -> Chance:
     Every piece is searched as a drive is that says nothing of its own position, in all windows of the ladder. A map
     too small for some dozens of pieces gets the tail pooled over many grounds.
     """
-    options = RegisterOptions(time_scale=1.0)
-    ground = ground_map_for(source, options)
     description = source.description
+    half_m = min(RegisterOptions().search_half_m(), _REGION * description.settings.wavelength_m)
+    options = RegisterOptions(search_m=half_m, time_scale=1.0)
+    ground = ground_map_for(source, options)
     # Lines of a survey are no array: as many of them as an array is wide are matched together.
     channels = int(np.clip(round(_WIDEST_M / description.channel_pitch_m), 1, description.channels))
     prepared = PreparedGround(ground, uniform_array(channels, description.channel_pitch_m), keep=8)

@@ -64,7 +64,8 @@ def stretched_operator(
     samples = stretched_samples(kept, scale)
     about_ns = 2.0 * height_m / LIGHT_SPEED_M_PER_NS
     stretch = time_scale_matrix(samples, kept, sample_interval_ns, scale=scale, about_ns=about_ns)
-    return recorded(samples) @ jnp.asarray(stretch, dtype=jnp.float32)
+    # On the host: every scale has a length of its own, and each would be a shape to compile.
+    return jnp.asarray(np.asarray(recorded(samples), np.float64) @ stretch, dtype=jnp.float32)
 
 
 def trace_operators(

@@ -8,10 +8,9 @@ places of it, where they can never be right, by the very search that registers a
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jax.scipy.special import ndtr
 from jaxtyping import Float
+from scipy.special import ndtr
 
 LADDER_M = (0.0, 1.0, 2.0, 4.0, 8.0)
 """Lengths of the windows that a search tries at every scan; 0 is the scan alone. See ``ladder_of``."""
@@ -162,4 +161,4 @@ def p_rival(z: Float[np.ndarray, "*end"], rival: Float[np.ndarray, "*end"]) -> F
         z, rival: scores of the best place and of the best one apart from it, in units of the noise floor.
     """
     lead = np.sqrt(np.maximum(np.square(np.maximum(z, 0.0)) - np.square(np.maximum(rival, 0.0)), 0.0))
-    return np.asarray(ndtr(-jnp.asarray(lead, dtype=jnp.float32)), dtype=np.float64)
+    return np.asarray(ndtr(-lead))

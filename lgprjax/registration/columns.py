@@ -20,14 +20,14 @@ class ArrayColumns(NamedTuple):
     """Columns of one tile for one attitude of the array.
 
     Attributes:
-        value: components of every channel, one channel after the other; 0 off the map.
+        value: components of every channel at each place, one channel after the other; 0 off the map.
         power: of each place's ground, over the channels on the map.
         overlap: share of the channels on the map.
         origin_m: along and cross of place (0, 0).
         step_m: from place to place.
     """
 
-    value: Float[Array, "channel_component along cross"]
+    value: Float[Array, "along cross channel_component"]
     power: Float[Array, "along cross"]
     overlap: Float[Array, "along cross"]
     origin_m: Float[Array, "2"]
@@ -82,10 +82,11 @@ def make_columns(
         return moved(ground) * on_map, on_map[0]
 
     values, masks = jax.lax.map(channel, (low, part))
-    value = values.reshape(-1, *values.shape[2:])
+    # A place's numbers stand together, so that some places are read without the others.
+    value = jnp.moveaxis(values.reshape(-1, *values.shape[2:]), 0, -1)
     return ArrayColumns(
         value=value,
-        power=jnp.sum(value**2, axis=0),
+        power=jnp.sum(value**2, axis=-1),
         overlap=jnp.mean(masks, axis=0),
         origin_m=tile.origin_m + jnp.asarray(first, dtype=jnp.float32) * tile.cell_m,
         step_m=tile.cell_m * jnp.asarray(stride, dtype=jnp.float32),

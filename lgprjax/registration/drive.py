@@ -58,12 +58,12 @@ class DriveFixes(NamedTuple):
     correlation_at_truth: Float[np.ndarray, " scan"]
 
 
-def ground_map_for(source: StationSource, options: RegisterOptions, *, keep: int = 4) -> GroundMap:
+def ground_map_for(source: StationSource, options: RegisterOptions, *, keep: int = 8) -> GroundMap:
     """Tiles long enough to be driven over for a while; ``keep`` are held."""
     description = source.description
     array_m = 0.5 * description.channels * description.channel_pitch_m
     reach_m = 1.5 * (options.search_half_m() + 0.5) + array_m
-    along_m = reach_m + max(6.0, decoy_reach_m(description.settings.wavelength_m))
+    along_m = reach_m + decoy_reach_m(description.settings.wavelength_m)
     return GroundMap(source, half_along_m=along_m, half_cross_m=reach_m + 2.0, keep=keep)
 
 

@@ -4,17 +4,20 @@ Every few centimetres of travel a scan becomes a surface over the lattice of pri
 them all windows of the ladder are judged, and the shortest whose match foreign ground would not have given, but for the
 risk that is accepted, makes the fix. A drive needs no window length of its own: good ground is known after a scan or a
 metre, ground under snow after four.
+
+Where a place is known, the next is looked for about it alone; every few metres the whole region is asked whether it
+holds one that is as good.
 """
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from lgprjax.registration.chance import Chance, p_foreign, p_rival
 from lgprjax.registration.correlation import OFF_MAP_SCORE
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.integrity import MIN_OVERLAP
-from lgprjax.registration.lattice import SLACK_M, ErrorLattice, Surfaces
+from lgprjax.registration.lattice import HELD_M, SLACK_M, ErrorLattice, Surfaces
 from lgprjax.registration.live import LiveChain, LiveScans
 from lgprjax.registration.options import RegisterOptions
 from lgprjax.registration.prepared import PreparedGround
@@ -27,12 +30,12 @@ _SMOOTH_M = 2.0  # of travel over which the prior's distance from dead reckoning
 _BATCH, _ENDS = 16, 32  # scans that look at the ground, and ends of windows that are judged, at once
 _CHUNK_M = 4.0  # of travel that is judged before scale and region are reconsidered
 _LOST_M = 8.0  # without a place after which a region of twice the side is tried
-_NEAR_M = 0.5
 _FLOOR_M = 6.0  # of travel over which the noise floor is told; in wavelengths where these are longer than a metre
-_PROBED = 32
+_COMPARED = 16  # stops of the last metres that time scales, and other places, are compared over
 _CARRIED_M = 0.3  # what a carried place may be wrong by at once
 _CONTESTED = 0.05  # probability of being only a likeness of a place elsewhere, above which no place is carried on
 _DRIFT = 0.05  # share of the travel that odometry and heading may lead astray
+_ASIDE_M = 0.25  # from the middle of its lattice, at which the lattice follows a place that is held
 _APART = 0.6  # of the wavelength: two places nearer than this are one
 
 
@@ -71,6 +74,7 @@ class EvidenceSearch:
         self._ready = 0
         self._seen_m = 0.0
         self._tried_m = -np.inf
+        self._checked_m = -np.inf
         self._error_m: Float[np.ndarray, 2] | None = None
 
     def choose(self, scans: LiveScans) -> Int[np.ndarray, " stop"]:
@@ -163,9 +167,9 @@ class EvidenceSearch:
             off |= stops.path_m[low:count] > stops.path_m[low] + _CHUNK_M
             high = min(low + self._ends, low + int(np.argmax(off)) if off.any() else count)
             judged = self._judge(stops, low, high, astray)
-            if self._reconsider(stops, high, judged, astray):
+            # At most: no longer held, then another time scale, then a wider region.
+            while self._reconsider(stops, high, judged, astray):
                 judged = self._judge(stops, low, high, astray)
-                self._note(stops, high, judged)
             parts.append(judged)
             scales.append(np.full(high - low, self._scale.value))
             low = high
@@ -192,11 +196,15 @@ class EvidenceSearch:
         """Region and time scale after some metres; whether these are to be judged once more with others."""
         found = self._note(stops, high, judged)
         here_m = float(stops.path_m[high - 1])
+        held = self._lattice.place_m is not None
+        if held and (here_m - self._seen_m > 0.5 * _CHUNK_M or self._contested(stops, high, astray, _CHUNK_M)):
+            self._hold(None)
+            return True
         if self._lattice.wide and found:
             off = np.abs(judged.error_m[judged.code == Code.OK] - astray[high - 1]).max()
             if off < self._lattice.half_m - SLACK_M:
                 self._widen(False)
-        lost = not found or here_m - self._seen_m > _CHUNK_M
+        lost = not held and (not found or here_m - self._seen_m > _CHUNK_M)
         # A prior that is wrong enough has no map below it: that is no reason not to look farther.
         on_map = bool(np.any(judged.peak.overlap >= MIN_OVERLAP))
         again = on_map and self._options.time_scale is None and self._probe(stops, high, lost, here_m)
@@ -207,33 +215,60 @@ class EvidenceSearch:
             return True
         if self._lattice.wide and not found and not again:
             self._widen(False)
+        if found and not again and self._may_hold and not self._contested(stops, high, astray, 0.25 * _CHUNK_M):
+            self._hold(self._error_m)
         return again
 
-    def _overdue(self, here_m: float) -> bool:
-        """Whether a wider region is to be tried: no place for a while, and not tried just now."""
-        return here_m - self._seen_m > _LOST_M and here_m - self._tried_m > 0.9 * _CHUNK_M
-
-    def _probe(self, stops: Stops, high: int, lost: bool, here_m: float) -> bool:
-        """Try other time scales on the last metres: a few about the present one, all where no place is known.
-
-        Returns:
-            whether what was judged is to be judged again.
-        """
-        last, scale = high - 1, self._scale
-        if here_m - scale.probed_m < (_CHUNK_M / 2 if lost else _CHUNK_M) - self.plan.spacing_m:
+    @property
+    def _may_hold(self) -> bool:
+        """Whether there is a place to be held that is not: none yet, or it has come away from its lattice's middle."""
+        if self._error_m is None or self._lattice.wide or self.plan.history == 0:
             return False
-        leg = int(np.searchsorted(stops.leg, stops.leg[last]))
-        first = max(leg, int(np.searchsorted(stops.path_m, here_m - _CHUNK_M)))
-        if here_m - stops.path_m[first] < 0.4 * _CHUNK_M:
-            return False
-        scale.probed_m = here_m
-        near = not lost and self._error_m is not None
-        middle = self._error_m if near and self._error_m is not None else self._lattice.origin_m
-        half_m = _NEAR_M if near else self._lattice.half_m
-        points = self.plan.points(half_m + (0.0 if near else SLACK_M))
-        # Every second stop is enough to compare scales.
-        at = np.arange(first, high)[::-2][::-1][-_PROBED:]
-        windows = WindowBatch(
+        held = self._lattice.place_m
+        return held is None or bool(np.max(np.abs(self._error_m - held)) > _ASIDE_M)
+
+    def _hold(self, place_m: Float[np.ndarray, "2"] | None) -> None:
+        """Look about this place alone, or in the whole region again."""
+        self._lattice.place_m, self._surfaces = place_m, None
+
+    def _last_metres(self, stops: Stops, high: int) -> int:
+        """First stop of the last metres of one leg."""
+        leg = int(np.searchsorted(stops.leg, stops.leg[high - 1]))
+        return max(leg, int(np.searchsorted(stops.path_m, stops.path_m[high - 1] - _CHUNK_M)))
+
+    def _contested(self, stops: Stops, high: int, astray: Float[np.ndarray, "stop 2"], every_m: float) -> bool:
+        """Whether the region about the prior holds another place about as good as the one believed, or nothing that
+        tells; asked after some travel, not before."""
+        here_m = float(stops.path_m[high - 1])
+        if here_m - self._checked_m < every_m - self.plan.spacing_m:
+            return self._lattice.place_m is None
+        self._checked_m = here_m
+        assert self._error_m is not None
+        at = _some(self._last_metres(stops, high), high)
+        middle = astray[high - 1]
+        whole_points = self.plan.points(self._lattice.half_m + SLACK_M)
+        near = self._one_window(stops, at, stops.coefficients[at], self._error_m, HELD_M)
+        whole = self._one_window(stops, at, stops.coefficients[at], middle, self._lattice.half_m + SLACK_M)
+        if whole.floor == 0.0:
+            return True
+        there_m = self._lattice.error_of(np.asarray(whole.point), middle, whole_points)
+        here_at_m = self._lattice.error_of(np.asarray(near.point), self._error_m, self.plan.points(HELD_M))
+        apart = float(np.linalg.norm(there_m - here_at_m)) > _APART * self._wavelength_m
+        here, there = (np.float64(score / whole.floor) for score in (near.score, whole.score if apart else whole.rival))
+        return bool(p_rival(here, there) > _CONTESTED)
+
+    def _one_window(
+        self,
+        stops: Stops,
+        at: Int[np.ndarray, " stop"],
+        coefficients: Float[np.ndarray, "stop channel coefficient"],
+        middle_m: Float[np.ndarray, "2"],
+        half_m: float,
+    ) -> Peaks:
+        """Peaks of one window of some stops over another lattice."""
+        points = self.plan.points(half_m)
+        surfaces = self._lattice.surfaces_of(stops, at, coefficients, middle_m, points)
+        window = WindowBatch(
             np.zeros((1, 1), np.int32),
             np.full(1, len(at) - 1, np.int32),
             np.asarray([points], np.float32) // 2,
@@ -241,13 +276,35 @@ class EvidenceSearch:
             np.zeros((1, 2), np.float32),
             np.zeros(1, np.float32),
         )
+        peaks, _ = self._peaks_of(_padded(surfaces, _COMPARED), window, near=(1, 1))
+        return Peaks(*(field[0, 0] for field in peaks))
+
+    def _overdue(self, here_m: float) -> bool:
+        """Whether a wider region is to be tried: no place for a while, and not tried just now."""
+        return here_m - self._seen_m > _LOST_M and here_m - self._tried_m > 1.9 * _CHUNK_M
+
+    def _probe(self, stops: Stops, high: int, lost: bool, here_m: float) -> bool:
+        """Try other time scales on the last metres: a few about the present one, all where no place is known.
+
+        Returns:
+            whether what was judged is to be judged again.
+        """
+        scale = self._scale
+        if here_m - scale.probed_m < (_CHUNK_M / 2 if lost else _CHUNK_M) - self.plan.spacing_m:
+            return False
+        first = self._last_metres(stops, high)
+        if here_m - stops.path_m[first] < 0.4 * _CHUNK_M:
+            return False
+        scale.probed_m = here_m
+        near = not lost and self._error_m is not None
+        middle = self._error_m if near and self._error_m is not None else self._lattice.origin_m
+        at = _some(first, high)
         score, floor = [], []
         for each in scale.scales(near=near):
             own = self._chain.coefficients(stops.filtered[at], stops.valid[at], float(each))
-            surfaces = self._lattice.surfaces_of(stops, at, own, middle, points)
-            peaks, _ = self._peaks_of(_padded(surfaces, _PROBED), windows, near=(1, 1))
-            score.append(float(peaks.score[0, 0]))
-            floor.append(float(peaks.floor[0, 0]) or float(peaks.scatter[0, 0]) or 0.5)
+            peaks = self._one_window(stops, at, own, middle, HELD_M if near else self._lattice.half_m + SLACK_M)
+            score.append(float(peaks.score))
+            floor.append(float(peaks.floor) or float(peaks.scatter) or 0.5)
         if min(score) <= OFF_MAP_SCORE or not scale.take(np.array(score), np.array(floor), near=near):
             return False
         stops.coefficients[:high] = self._chain.coefficients(stops.filtered[:high], stops.valid[:high], scale.value)
@@ -274,7 +331,12 @@ class EvidenceSearch:
 
     def _judge(self, stops: Stops, low: int, high: int, astray: Float[np.ndarray, "stop 2"]) -> Judged:
         whole, near, first, centre = self._peaks(stops, low, high, astray)
-        return self._decide(stops, whole, near, first, np.arange(low, high), centre)
+        at, risk = np.arange(low, high), self._options.risk
+        if self._lattice.place_m is not None:
+            foreign, rivals = self._weigh(whole, first, 1.0)
+            good = (first >= 0) & (foreign <= risk) & (rivals <= risk) & ~whole.at_rim
+            return self._chosen(stops, at, first, whole, foreign, rivals, np.asarray(whole.at_rim), good)
+        return self._decide(stops, whole, near, first, at, centre)
 
     def _peaks(
         self, stops: Stops, low: int, high: int, astray: Float[np.ndarray, "stop 2"]
@@ -293,18 +355,21 @@ class EvidenceSearch:
         starts = np.concatenate([first, np.tile(first[-1:], (fill, 1))])
         centre = lattice.point_of(astray[ends])
         carried_m = _CARRIED_M + _DRIFT * np.abs(stops.path_m[ends] - self._seen_m)
-        carried = centre if self._error_m is None else lattice.point_of(self._error_m)[None]
+        carried = np.broadcast_to(
+            centre[0] if self._error_m is None else lattice.point_of(self._error_m), (len(ends), 2)
+        )
+        alone = lattice.place_m is not None
         whole, near = self._peaks_of(
             _padded(surfaces, held),
             WindowBatch(
                 np.where(starts >= 0, starts - begin, -1).astype(np.int32),
                 (ends - begin).astype(np.int32),
-                centre.astype(np.float32),
-                np.full(self._ends, lattice.region_m, np.float32),
-                np.broadcast_to(carried, (self._ends, 2)).astype(np.float32),
+                (carried if alone else centre).astype(np.float32),
+                (carried_m if alone else np.full(len(ends), lattice.region_m)).astype(np.float32),
+                carried.astype(np.float32),
                 carried_m.astype(np.float32),
             ),
-            near=plan.points(_CARRIED_M + _DRIFT * _LOST_M),
+            near=(1, 1) if alone else plan.points(_CARRIED_M + _DRIFT * _LOST_M),
         )
         whole, near = (jax.tree.map(lambda field: field[: len(at)], peaks) for peaks in (whole, near))
         floor = self._settled_floor(stops, at, whole)
@@ -398,11 +463,25 @@ class EvidenceSearch:
         pick = taken[..., None]
         whole = Peaks(*(np.where(pick if a.ndim == 3 else taken, b, a) for a, b in zip(whole, near, strict=True)))
         foreign, rivals = np.where(taken, near_foreign, foreign), np.where(taken, near_rivals, rivals)
-        at_edge, good = at_edge & ~taken, good | taken
+        return self._chosen(stops, at, first, whole, foreign, rivals, at_edge & ~taken, good | taken)
+
+    def _chosen(
+        self,
+        stops: Stops,
+        at: Int[np.ndarray, " end"],
+        first: Int[np.ndarray, "end window"],
+        peaks: Peaks,
+        foreign: Float[np.ndarray, "end window"],
+        rivals: Float[np.ndarray, "end window"],
+        at_edge: Bool[np.ndarray, "end window"],
+        good: Bool[np.ndarray, "end window"],
+    ) -> Judged:
+        """The shortest window that is good at each end, or the best of those that are not, and why."""
+        risk, known = self._options.risk, (first >= 0) & (peaks.score > OFF_MAP_SCORE)
         worst = np.where(known, np.maximum(foreign, rivals) + at_edge, 3.0)
         chosen = np.where(good.any(axis=1), np.argmax(good, axis=1), np.argmin(worst, axis=1))
         row = np.arange(len(at))
-        peak: Peaks = jax.tree.map(lambda field: field[row, chosen], whole)
+        peak: Peaks = jax.tree.map(lambda field: field[row, chosen], peaks)
         foreign, rivals, begin = foreign[row, chosen], rivals[row, chosen], first[row, chosen]
         finite = np.array([np.mean(stops.valid[max(b, 0) : e + 1]) for b, e in zip(begin, at, strict=True)])
         code = np.full(len(at), int(Code.OK))
@@ -418,6 +497,11 @@ class EvidenceSearch:
             code = np.where(applies, int(reason), code)
         error_m = self._lattice.error_of(np.asarray(peak.point))
         return Judged(chosen, peak, foreign, rivals, code, begin, error_m)
+
+
+def _some(first: int, stop: int) -> Int[np.ndarray, " stop"]:
+    """Some stops, evenly."""
+    return np.unique(np.linspace(first, stop - 1, _COMPARED).round().astype(int))
 
 
 def _padded(surfaces: Surfaces, count: int) -> Surfaces:

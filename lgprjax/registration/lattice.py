@@ -14,14 +14,18 @@ from lgprjax.registration.tiles import to_tile
 
 SLACK_M = 0.5
 """What a prior may wander from the lattice's middle before the lattice follows."""
-_DECOYS = 384
+HELD_M = 0.75
+"""Half side of the lattice about a place that is held."""
+_DECOYS = 192
+_FEW = 4  # times fewer places than a tile has: products scan by scan cost less then than with all together
 _TILE_ROOM_M = 0.5
+_LATELY = 4
 _TURN_RAD = np.radians(15.0)
 
 
 def decoy_reach_m(wavelength_m: float) -> float:
-    """How far beyond the region decoys lie: some dozen independent places ahead and behind."""
-    return max(7.0, 8.0 * wavelength_m)
+    """How far beyond the region decoys lie: hundreds of independent places ahead and behind."""
+    return max(3.0, min(7.0, 17.5 * wavelength_m), 8.0 * wavelength_m)
 
 
 class Surfaces(NamedTuple):
@@ -43,7 +47,8 @@ class ErrorLattice:
     Attributes:
         half_m: half side of the region searched about the prior; the lattice reaches ``SLACK_M`` farther.
         wide: a region of twice the side is searched.
-        origin_m: the lattice's middle, east and north from dead reckoning.
+        place_m: error about which alone the lattice lies while a place is held; None where there is none.
+        origin_m: where the lattice lies while no place is held, east and north from dead reckoning: about the prior.
         heights_m: added to the prior's height.
     """
 
@@ -57,42 +62,53 @@ class ErrorLattice:
         steps = np.arange(count) * (2.0 / count) + (1.0 / count - 1.0)
         self.heights_m = (options.height_m * steps).astype(np.float32)
         self.half_m, self.wide = options.search_half_m(), False
+        self.place_m: Float[np.ndarray, 2] | None = None
         self.origin_m: Float[np.ndarray, 2] = np.full(2, np.nan)
         self._facing_rad = 0.0
-        self._tile: int | None = None
+        self._lately: list[int] = []
 
     def follow(self, stops: Stops, astray: Float[np.ndarray, "stop 2"], low: int, high: int) -> bool:
         """Move the lattice where the prior has left its middle, and turn it with the vehicle; whether it did."""
-        moved = False
+        turned = False
         yaw = float(stops.pose[low, 3])
         if abs(np.mod(yaw - self._facing_rad + np.pi, 2.0 * np.pi) - np.pi) > _TURN_RAD:
-            self._facing_rad, moved = yaw, True
+            self._facing_rad, turned = yaw, True
         if np.all(np.abs(astray[low] - self.origin_m) <= SLACK_M):
-            return moved
+            return turned
         ahead = astray[low:high]
         near = np.median(ahead[np.all(np.abs(ahead - astray[low]) <= SLACK_M, axis=1)], axis=0)
         self.origin_m = near if np.all(np.abs(astray[low] - near) <= SLACK_M) else astray[low].copy()
-        return True
+        return turned or self.place_m is None
 
     @property
     def region_m(self) -> float:
-        """Half side of the region as it is now."""
+        """Half side of the region about the prior as it is now."""
         return self.half_m * (2.0 if self.wide else 1.0)
+
+    @property
+    def middle_m(self) -> Float[np.ndarray, "2"]:
+        """The lattice's middle, east and north from dead reckoning."""
+        return self.origin_m if self.place_m is None else self.place_m
 
     @property
     def points(self) -> tuple[int, int]:
         """Of the lattice, forward and left."""
-        return self._plan.points(self.region_m + SLACK_M)
+        return self._plan.points(self.region_m + SLACK_M if self.place_m is None else HELD_M)
 
     def point_of(self, error_m: Float[np.ndarray, "*stop 2"]) -> Float[np.ndarray, "*stop 2"]:
         """Lattice point of an error of the prior, east and north from dead reckoning."""
-        about_m = (error_m - self.origin_m) @ _turn(self._facing_rad).T
-        return np.asarray((about_m + self._middle(self.points)) / self._plan.lattice_m)
+        about_m = (error_m - self.middle_m) @ _turn(self._facing_rad).T
+        return np.asarray((about_m + self._corner_m(self.points)) / self._plan.lattice_m)
 
-    def error_of(self, point: Float[np.ndarray, "stop 2"]) -> Float[np.ndarray, "stop 2"]:
-        """The reverse of ``point_of``."""
-        about_m = point * self._plan.lattice_m - self._middle(self.points)
-        return np.asarray(about_m @ _turn(self._facing_rad) + self.origin_m)
+    def error_of(
+        self,
+        point: Float[np.ndarray, "*stop 2"],
+        middle_m: Float[np.ndarray, "2"] | None = None,
+        points: tuple[int, int] | None = None,
+    ) -> Float[np.ndarray, "*stop 2"]:
+        """The reverse of ``point_of``, for this lattice or another."""
+        about_m = point * self._plan.lattice_m - self._corner_m(points or self.points)
+        return np.asarray(about_m @ _turn(self._facing_rad) + (self.middle_m if middle_m is None else middle_m))
 
     def blank(self, stops: int, points: tuple[int, int] | None = None) -> Surfaces:
         """Surfaces of stops that hear nothing."""
@@ -108,14 +124,14 @@ class ErrorLattice:
         stops: Stops,
         at: Int[np.ndarray, " stop"],
         coefficients: Float[np.ndarray, "stop channel coefficient"],
-        origin_m: Float[np.ndarray, "2"] | None = None,
+        middle_m: Float[np.ndarray, "2"] | None = None,
         points: tuple[int, int] | None = None,
     ) -> Surfaces:
         """Surfaces of some stops, about another middle and of other points where these are given."""
-        origin_m, points = self.origin_m if origin_m is None else origin_m, points or self.points
+        middle_m, points = self.middle_m if middle_m is None else middle_m, points or self.points
         out = self.blank(len(at), points)
-        centre = stops.reckoned_m[at] + origin_m
-        tiles = self.tiles_at(centre, float(np.max(self._middle(points))))
+        centre = stops.reckoned_m[at] + middle_m
+        tiles = self.tiles_at(centre, float(np.max(self._corner_m(points))))
         known = np.flatnonzero(tiles >= 0)
         for aspect, rows in self._prepared.aspects(tiles[known], stops.pose[at[known], 3], stops.speed_mps[at[known]]):
             rows = known[rows]
@@ -138,7 +154,7 @@ class ErrorLattice:
         ground, ready = self._ground, self._prepared.at(aspect)
         frame, fill = ground.frame(aspect.tile), self._batch - len(at)
         aside = _turn(self._facing_rad - frame[2])
-        half = self._middle(points) @ aside
+        half = self._corner_m(points) @ aside
         rows = np.concatenate([at, np.full(fill, at[0])])
         middle = np.concatenate([centre, np.tile(centre[:1], (fill, 1))])
         pose = stops.pose[rows]
@@ -158,10 +174,20 @@ class ErrorLattice:
             self.heights_m,
             ground.basis.angular_frequency_rad_per_ns,
             points=points,
+            box=self._box(points, ready.columns.power.shape),
         )
         return Surfaces(*(np.asarray(part) for part in made))
 
-    def _middle(self, points: tuple[int, int]) -> Float[np.ndarray, "2"]:
+    def _box(self, points: tuple[int, int], places: tuple[int, ...]) -> tuple[int, int] | None:
+        """Places of a tile that hold the lattice however it is turned; None where these are not few."""
+        across_m = float(np.linalg.norm((np.asarray(points) - 1) * self._plan.lattice_m))
+        along, cross = (
+            min(int(np.ceil(across_m / step_m)) + 3, count)
+            for step_m, count in zip(self._prepared.step_m, places, strict=True)
+        )
+        return (along, cross) if _FEW * along * cross < places[0] * places[1] else None
+
+    def _corner_m(self, points: tuple[int, int]) -> Float[np.ndarray, "2"]:
         """Forward and left, in metres, from a lattice's first point to its middle."""
         return np.asarray((np.asarray(points) // 2) * self._plan.lattice_m)
 
@@ -181,12 +207,23 @@ class ErrorLattice:
         """Tile of each place; -1 for none. Asked for anew every half metre: a tile holds more than it must."""
         out = np.full(len(places_m), -1)
         asked: Float[np.ndarray, 2] | None = None
+        tile: int | None = None
         for row, place in enumerate(places_m):
             if asked is None or np.max(np.abs(place - asked)) > _TILE_ROOM_M:
-                self._tile = self._ground.tile_holding(self._tile, place, reach_m + _TILE_ROOM_M)
-                asked = place
-            out[row] = -1 if self._tile is None else self._tile
+                tile, asked = self._tile_at(place, reach_m + _TILE_ROOM_M), place
+            out[row] = -1 if tile is None else tile
         return out
+
+    def _tile_at(self, place_m: Float[np.ndarray, "2"], reach_m: float) -> int | None:
+        """One of those used lately, the newest first, or the nearest: what is made of a tile is made once."""
+        nearest = self._ground.tile_near(place_m, reach_m)
+        if nearest is None:
+            return None
+        for tile in self._lately:
+            if self._ground.serves(tile, nearest, place_m, reach_m):
+                return tile
+        self._lately = [nearest, *self._lately[: _LATELY - 1]]
+        return nearest
 
 
 def _turn(angle_rad: float) -> Float[np.ndarray, "2 2"]:

@@ -55,7 +55,7 @@ class PreparedGround:
         few_channels: the array has so few that its search takes every cell along.
     """
 
-    def __init__(self, ground: GroundMap, array: ArrayGeometry, *, keep: int = 4) -> None:
+    def __init__(self, ground: GroundMap, array: ArrayGeometry, *, keep: int = 8) -> None:
         self.ground = ground
         self.array = array
         self._keep = keep

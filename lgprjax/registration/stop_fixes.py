@@ -177,11 +177,8 @@ class StopFixes:
         """
         out = np.full(len(at), np.nan)
         known = np.flatnonzero(np.isfinite(truth[:, 0]))
-        tile: int | None = None
         tiles = np.full(len(at), -1)
-        for row in known:
-            tile = self._ground.tile_holding(tile, truth[row, :2], 1.0)
-            tiles[row] = -1 if tile is None else tile
+        tiles[known] = self._lattice.tiles_at(truth[known, :2], 1.0)
         known = known[tiles[known] >= 0]
         yaw, speed = truth[:, 3], scans.track.speed_mps[at]
         array, centre_m = self._prepared.array, centre_of(self._prepared.array)

@@ -34,7 +34,7 @@ class ScanBatch(NamedTuple):
     at_m: Float[Array | np.ndarray, "scan 2"]
 
 
-@partial(jax.jit, static_argnames="points")
+@partial(jax.jit, static_argnames=("points", "box"))
 def scan_surfaces(
     columns: ArrayColumns,
     components: Float[Array, "coefficient component"],
@@ -45,6 +45,7 @@ def scan_surfaces(
     angular_frequency_rad_per_ns: Float[Array, " half"],
     *,
     points: tuple[int, int],
+    box: tuple[int, int] | None = None,
 ) -> tuple[Float[Array, "scan plane forward left"], Float[Array, "scan plane decoy"], Float[Array, " scan"]]:
     """Surface of each scan over the lattice of prior errors, the same at decoys, and its power.
 
@@ -59,6 +60,8 @@ def scan_surfaces(
         heights_m: added to the prior's height.
         angular_frequency_rad_per_ns: of the coefficients.
         points: of the lattice, forward and left.
+        box: places along and across that hold the lattice however it is turned, where these are few: each scan is
+            multiplied with those of its own then. Without it all scans are with all places at once.
     """
     scan_count = len(scans.at_m)
     live = jnp.where(scans.valid[..., None], scans.coefficients, 0.0)
@@ -68,41 +71,54 @@ def scan_surfaces(
         -air_delay_ns(raised),
         angular_frequency_rad_per_ns,
     )
-    rows = (level @ components).reshape(scan_count * len(heights_m), -1)
-    size, along, cross = columns.value.shape
-    product = (rows @ columns.value.reshape(size, along * cross)).reshape(scan_count, len(heights_m), along * cross)
+    along, cross, size = columns.value.shape
+    power = jnp.sum(live**2, axis=(1, 2))
+    loud = jnp.sqrt(power)
+    quiet = jax.lax.rsqrt(jnp.where(loud > 0.0, loud, 1.0))
+    rows = (level @ components).reshape(scan_count, len(heights_m), size) * quiet[:, None, None]
+    value = columns.value.reshape(along * cross, size)
     ground = jnp.stack([columns.power.reshape(-1), columns.overlap.reshape(-1)])
+    limit = jnp.asarray([along, cross], jnp.int32)
+    held = (along, cross) if box is None else box
+    own = rows if box is not None else (rows.reshape(-1, size) @ value.T).reshape(scan_count, len(heights_m), -1)
     forward, left = (jnp.arange(count, dtype=jnp.float32) for count in points)
     lattice_m = forward[:, None, None] * axes_m[0][None, None] + left[None, :, None] * axes_m[1][None, None]
-    limit = jnp.asarray([along, cross], jnp.int32)
+    lowest_m = jnp.min(lattice_m, axis=(0, 1))
 
     def one(scan: tuple[Array, Array]) -> tuple[Array, Array]:
-        own, at_m = scan
-        planes = jnp.concatenate([own, ground])
+        heard, at_m = scan
+        place = (at_m[None] + decoys_m - columns.origin_m[None]) / columns.step_m[None]
+        near = jnp.round(place).astype(jnp.int32)
+        there = jnp.all((near >= 0) & (near < limit[None]), axis=-1)
+        near = jnp.clip(near, 0, limit[None] - 1)
+        apart = near[:, 0] * cross + near[:, 1]
+        if box is None:
+            first = jnp.zeros(2, jnp.int32)
+            planes = jnp.concatenate([heard, ground])
+            decoy = jnp.stack([plane[apart] for plane in planes])
+        else:
+            first = jnp.floor((at_m + lowest_m - columns.origin_m) / columns.step_m).astype(jnp.int32)
+            first = jnp.clip(first, 0, limit - jnp.asarray(box, jnp.int32))
+            around = jax.lax.dynamic_slice(columns.value, (first[0], first[1], 0), (*box, size)).reshape(-1, size)
+            below = jax.lax.dynamic_slice(ground.reshape(2, along, cross), (0, first[0], first[1]), (2, *box))
+            planes = jnp.concatenate([heard @ around.T, below.reshape(2, -1)])
+            decoy = jnp.concatenate([heard @ value[apart].T, ground[:, apart]])
         cells = (at_m[None, None] + lattice_m - columns.origin_m[None, None]) / columns.step_m[None, None]
         low = jnp.floor(cells)
         part = cells - low
         base = low.astype(jnp.int32)
         inside = jnp.all((base >= 0) & (base + 1 < limit[None, None]), axis=-1)
-        base = jnp.clip(base, 0, limit[None, None] - 2)
-        flat = base[..., 0] * cross + base[..., 1]
+        base = jnp.clip(base - first[None, None], 0, jnp.asarray(held, jnp.int32)[None, None] - 2)
+        flat = base[..., 0] * held[1] + base[..., 1]
         u, v = part[..., 0], part[..., 1]
-        corners = ((0, (1 - u) * (1 - v)), (1, (1 - u) * v), (cross, u * (1 - v)), (cross + 1, u * v))
+        corners = ((0, (1 - u) * (1 - v)), (1, (1 - u) * v), (held[1], u * (1 - v)), (held[1] + 1, u * v))
         # Plane by plane: a gather of single numbers is what the compiler makes fastest here.
-        value = jnp.stack(
+        lattice = jnp.stack(
             [sum((plane[flat + step] * weight for step, weight in corners), start=jnp.float32(0.0)) for plane in planes]
         )
-        place = (at_m[None] + decoys_m - columns.origin_m[None]) / columns.step_m[None]
-        near = jnp.round(place).astype(jnp.int32)
-        there = jnp.all((near >= 0) & (near < limit[None]), axis=-1)
-        near = jnp.clip(near, 0, limit[None] - 1)
-        decoy = jnp.stack([plane[near[:, 0] * cross + near[:, 1]] for plane in planes])
-        return _scan_alike(jnp.where(inside[None], value, 0.0)), _scan_alike(jnp.where(there[None], decoy, 0.0))
+        return _scan_alike(jnp.where(inside[None], lattice, 0.0)), _scan_alike(jnp.where(there[None], decoy, 0.0))
 
-    power = jnp.sum(live**2, axis=(1, 2))
-    loud = jnp.sqrt(power)
-    product = product * jax.lax.rsqrt(jnp.where(loud > 0.0, loud, 1.0))[:, None, None]
-    surfaces, decoys = jax.lax.map(one, (product, scans.at_m))
+    surfaces, decoys = jax.lax.map(one, (own, scans.at_m))
     return surfaces, decoys, loud
 
 
@@ -285,7 +301,7 @@ def _floor_of(
     square = jnp.where(usable, jnp.max(planes[:, :-2], axis=1) * level, 0.0) ** 2
     number = jnp.sum(usable, axis=1, dtype=jnp.float32)
     mean = jnp.sum(square, axis=1) / jnp.maximum(number, 1.0)
-    return jnp.where(number >= 24.0, jnp.sqrt(jnp.maximum(mean, 1e-8)), 0.0)
+    return jnp.where(number >= 12.0, jnp.sqrt(jnp.maximum(mean, 1e-8)), 0.0)
 
 
 def _beside(

@@ -96,8 +96,14 @@ class GroundMap:
             number of a tile; None where the map does not come within ``reach_m`` of the point.
         """
         nearest = self.tile_near(point_m, reach_m)
-        if current is None or nearest is None or nearest == current:
+        if current is None or nearest is None:
             return nearest
+        return current if self.serves(current, nearest, point_m, reach_m) else nearest
+
+    def serves(self, current: int, nearest: int, point_m: Float[np.ndarray, "2"], reach_m: float) -> bool:
+        """Whether a tile is as good as the nearest one, see ``tile_holding``."""
+        if nearest == current:
+            return True
         low_m, high_m = self._low_m[current], self._high_m[current]
         east, north, yaw = self.frame(current)
         turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
@@ -106,7 +112,7 @@ class GroundMap:
         # what was asked is sure to hold all of the map's ground across it.
         serves = ((point - reach_m >= low_m) | (low_m > -self._half_m)) & (frame >= low_m)
         serves &= ((point + reach_m <= high_m) | (high_m < self._half_m)) & (frame <= high_m)
-        return current if np.all(serves) else nearest
+        return bool(np.all(serves))
 
     def ground_up_at(self, points_m: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"]:
         """Local height of the ground at the station nearest to each point; NaN far from the map."""

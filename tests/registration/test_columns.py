@@ -26,7 +26,7 @@ def test_columns_hold_what_the_turned_array_hears() -> None:
     position = (place[:, :, None] + offset).astype(np.float32)
     ground, on_map = sample_tile(tile, jnp.asarray(position))
     heard = np.where(np.asarray(on_map)[..., None], np.asarray(ground, np.float64) @ components, 0.0)
-    value = np.asarray(columns.value).reshape(6, 5, len(along), len(cross))
+    value = np.moveaxis(np.asarray(columns.value), -1, 0).reshape(6, 5, len(along), len(cross))
     np.testing.assert_allclose(value, np.moveaxis(heard, (2, 3), (0, 1)), atol=2e-5)
     np.testing.assert_allclose(columns.power, np.sum(heard**2, axis=(2, 3)), rtol=1e-4, atol=1e-4)
     share = np.mean(on_map, axis=2)

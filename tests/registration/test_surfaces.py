@@ -19,7 +19,7 @@ VALUE = RNG.normal(size=(CHANNELS * NUMBERS, *PLACES))
 GROUND = np.sum(VALUE**2, axis=0)
 OVERLAP = np.where(RNG.uniform(size=PLACES) < 0.2, 1.0 / 3.0, 1.0)
 COLUMNS = ArrayColumns(
-    jnp.asarray(VALUE, dtype=jnp.float32),
+    jnp.asarray(np.moveaxis(VALUE, 0, -1), dtype=jnp.float32),
     jnp.asarray(GROUND, dtype=jnp.float32),
     jnp.asarray(OVERLAP, dtype=jnp.float32),
     jnp.asarray(ORIGIN_M, dtype=jnp.float32),
@@ -188,7 +188,7 @@ def window_of(stack: Stack, first: int, last: int, centre: np.ndarray, half_m: f
     rival = max((value for value, apart in peaks if apart >= APART_M), default=OFF_MAP_SCORE)
     decoy = scores(stack.decoys[..., None])[0].ravel()
     known = decoy[decoy > OFF_MAP_SCORE]
-    floor = float(np.sqrt(np.mean(known**2))) if len(known) >= 24 else 0.0
+    floor = float(np.sqrt(np.mean(known**2))) if len(known) >= 12 else 0.0
     p, q = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
     far = (np.hypot(LATTICE_M[0] * (p - a), LATTICE_M[1] * (q - b)) >= 2.0 * APART_M) & (score > OFF_MAP_SCORE)
     scatter = float(np.sqrt(np.mean(score[far] ** 2))) if far.sum() >= 16 else 0.0

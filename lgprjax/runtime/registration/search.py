@@ -141,6 +141,11 @@ class Search:
             drive = self._begin(options)
             for block in self._over_stations(known=known):
                 drive.feed(block)
+        # Ground for either way along a tile.
+        tile = self._held.ground.tile_near(self._source.pose[0, :2].astype(np.float64), 1.0)
+        if tile is not None:
+            for direction in (-1, 1):
+                self._held.ground.tile(tile, direction)
         # All that is remembered is brought to another scale at once.
         channels, recorded = self._radar.channels, self._radar.samples
         chain = live_chain(self._held.ground, self._operators, channels, recorded)
