@@ -254,8 +254,8 @@ class EvidenceSearch:
         there_m = self._lattice.error_of(np.asarray(whole.point), middle, whole_points)
         here_at_m = self._lattice.error_of(np.asarray(near.point), self._error_m, self.plan.points(HELD_M))
         apart = float(np.linalg.norm(there_m - here_at_m)) > _APART * self._wavelength_m
-        here, there = (np.float64(score / whole.floor) for score in (near.score, whole.score if apart else whole.rival))
-        return bool(p_rival(here, there) > _CONTESTED)
+        z = np.array([near.score, whole.score if apart else whole.rival], np.float64) / whole.floor
+        return bool(p_rival(z[:1], z[1:])[0] > _CONTESTED)
 
     def _one_window(
         self,

@@ -78,15 +78,7 @@ def test_backing_up_is_located(site: Site, scans: LiveBlock) -> None:
     assert found.off_m[found.ok].max() < 0.3
 
 
-NEVER_FOUND = pytest.mark.xfail(
-    strict=True, reason="a drive that strays out of a region that was forced is not found again over these few metres"
-)
-
-
-@pytest.mark.parametrize(
-    ("drift_m", "time_scale"),
-    [(0.0, None), pytest.param(DRIFT_M, 1.0, marks=NEVER_FOUND), pytest.param(DRIFT_M, None, marks=NEVER_FOUND)],
-)
+@pytest.mark.parametrize(("drift_m", "time_scale"), [(0.0, None), (DRIFT_M, 1.0), (DRIFT_M, None)])
 def test_a_lost_drive_is_found_again(site: Site, scans: LiveBlock, drift_m: float, time_scale: float | None) -> None:
     """Over other ground nothing wrong is believed; where the map's own comes back, the drive is found.
 
