@@ -101,6 +101,12 @@ def judge_ground(evidence: Evidence) -> GroundVerdict:
     low = (strength < _DIFFERS * usual) & evidence.sure
     high = (strength >= _AGREES * usual) & (evidence.apart_m <= _PLACED_M)
     confirmed = high.copy()
+    # Ground that is as a baseline of that time or older has it has not changed since: the weak match has another reason.
+    count = len(strength)
+    dated = evidence.newer[count, :count]
+    for old in np.flatnonzero(dated):
+        as_old = dated & ~evidence.newer[:count, old]
+        low[old] &= ~np.any((high & evidence.in_force)[as_old], axis=0)
     in_force, contradicted = evidence.in_force.copy(), np.zeros(len(evidence.at_m), bool)
     changed = []
     for drive in range(len(strength)):

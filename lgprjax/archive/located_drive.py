@@ -16,7 +16,7 @@ from lgprjax.radar import centre_of
 from lgprjax.registration import Code, RegisterOptions
 from lgprjax.subsurface import MapDescription
 
-_SEARCH_M = 1.5
+_SEARCH_M, _WINDOW_M = 1.5, 1.0
 _LEAST_LOCATED_M = 5.0
 _LEAST_SHARE = 0.2
 """Of the way over the map's ground that fixes must locate: other ground gives no fixes that agree with each other."""
@@ -46,8 +46,10 @@ class LocatedDrive(NamedTuple):
 
 
 def update_search(description: MapDescription) -> RegisterOptions:
-    """Search of a drive that shall become a baseline."""
-    return RegisterOptions(search_m=max(_SEARCH_M, description.settings.wavelength_m), time_scale=1.0)
+    """Search of a drive that shall become a baseline: in windows that no ground which has changed is bridged with."""
+    wavelength_m = description.settings.wavelength_m
+    window_m = _WINDOW_M * max(1.0, wavelength_m)
+    return RegisterOptions(search_m=max(_SEARCH_M, wavelength_m), window_m=window_m, time_scale=1.0)
 
 
 def locate_drive(source: MapFile, log: DriveLog, progress: Callable[[int], None] = lambda _: None) -> LocatedDrive:

@@ -116,6 +116,12 @@ def test_an_old_baseline_that_still_matches_keeps_the_new_one_in_force() -> None
     assert not verdict.held.any()
 
 
+@pytest.mark.parametrize(("dates", "changed"), [([1, 1, 2], 0), ([2, 1, 3], 0), ([0, 0, 2], 1), ([1, 1, 0], 1)])
+def test_ground_that_a_baseline_of_the_same_day_knows_has_not_changed(dates: list[int], changed: int) -> None:
+    """A weak match has another reason then; where dates are not known, nobody can say."""
+    assert len(judged([matches(OTHER), matches()], dates=dates).changed) == changed
+
+
 @pytest.mark.parametrize(("places", "found"), [(1, 0), (2, 0), (3, 1), (4, 1)])
 def test_a_stretch_is_a_metre_and_a_half_at_least(places: int, found: int) -> None:
     row = matches()

@@ -65,10 +65,11 @@ def located(map_path: Path, drive: Path) -> RegisteredDrive:
 
 
 def figures(trench: TrenchSite, drive: RegisteredDrive) -> tuple[float, float, int]:
-    """Share of ok scans in the trench and outside, and wrong ones among all."""
+    """Share of ok scans in the trench and outside, the first metres of the drive left out; wrong ones among all."""
     assert drive.truth is not None
     ok = np.asarray(drive.fix.code) == Code.OK
     inside, outside = parts(trench, drive.truth[:, 0])
+    outside &= drive.truth[:, 0] > drive.truth[0, 0] + 2.5
     off = np.hypot(*(np.asarray(drive.fix.pose)[:, :2] - drive.truth[:, :2]).T)
     return float(ok[inside].mean()), float(ok[outside].mean()), int(np.sum(off[ok] > WRONG_M))
 
