@@ -101,7 +101,7 @@ def judge_ground(evidence: Evidence) -> GroundVerdict:
     low = (strength < _DIFFERS * usual) & evidence.sure
     high = (strength >= _AGREES * usual) & (evidence.apart_m <= _PLACED_M)
     confirmed = high.copy()
-    # Ground that is as a baseline of that time or older has it has not changed since: the weak match has another reason.
+    # Ground that is as a baseline of that time or older has it did not change since: a weak match has another reason.
     count = len(strength)
     dated = evidence.newer[count, :count]
     for old in np.flatnonzero(dated):

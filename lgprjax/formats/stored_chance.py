@@ -11,7 +11,7 @@ from lgprjax.formats.schema import load_schema
 from lgprjax.formats.store import attribute_of, write_array, write_attribute
 from lgprjax.registration import Chance
 
-CHANCE_METHOD = 4
+CHANCE_METHOD = 5
 """Version of the measurement. Raise it with every change of search, noise floor or measurement that changes the scores
 which foreign ground reaches: a chance of another version is measured again."""
 

@@ -35,10 +35,26 @@ _SURE = 1.3
 """The fitted tail is taken at so many of its standard errors to the safe side."""
 
 
+_LARGEST = 0.999  # score beyond which no more is told
+
+
+def evidence_of(
+    score: Float[np.ndarray, "*end window"], floor: Float[np.ndarray, "*end window"]
+) -> Float[np.ndarray, "*end window"]:
+    """Score r in units of its noise floor s: z = sqrt(-ln(1 - r²)) / s, which is r / s for small scores.
+
+    A correlation of N independent numbers by chance exceeds r with the probability (1 - r²)^((N - 2) / 2), and its root
+    mean square, the noise floor, tells N = 1/s². So z is normal for all scores, where r / s saturates at 1 / s: of few
+    numbers, a correlation of 0.9 is far rarer than that of a normal tail.
+    """
+    square = np.square(np.clip(np.asarray(score, np.float64), 0.0, _LARGEST))
+    return np.asarray(np.sqrt(-np.log1p(-square)) / floor)
+
+
 class Chance(NamedTuple):
     """Tail of the best score that foreign ground reaches within a piece, for each length of the ladder.
 
-    With z the score in units of the noise floor, the largest z² of a piece exceeds t > ``start`` with the probability
+    With z the score in units of the noise floor (``evidence_of``), the largest z² of a piece exceeds t > ``start`` with the probability
     share · exp(-(t - start) / scale): the tail of a Gaussian field has a scale of 2, ground with few strong reflectors
     a longer one.
 
@@ -130,7 +146,7 @@ def p_foreign(
     """Probability that ground that is not the map's gives a z as high somewhere within a piece, in any window tried.
 
     Args:
-        z: score in units of the noise floor.
+        z: of the best place, see ``evidence_of``.
         area_m2: of the region that lies on the map.
         chance: of the map.
         trials: window lengths, time scales and polarities that were tried.
