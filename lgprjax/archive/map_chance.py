@@ -11,6 +11,7 @@ from lgprjax.formats import MapFile
 from lgprjax.radar import to_coefficients, uniform_array
 from lgprjax.registration import (
     LADDER_M,
+    LEAST_INDEPENDENT,
     PIECE_M,
     Chance,
     EvidenceSearch,
@@ -88,6 +89,8 @@ def measure_chance(source: MapFile) -> Chance:
     steps = np.hypot(*np.diff(source.pose[:, :2], axis=0).T)[np.diff(source.drive) == 0]
     independent = float(steps.sum()) * max(1, description.channels // channels) / piece_m
     pooled = pooled_chance(description.settings.wavelength_m)
+    if independent < LEAST_INDEPENDENT:
+        return pooled._replace(pieces=int(independent))
     highest: list[Float[np.ndarray, " window"]] = []
     area_m2: list[Float[np.ndarray, " window"]] = []
     for swapped in _swapped(source, channels, options.search_half_m()):

@@ -3,6 +3,7 @@
 from lgprjax.registration.calibration import Outcomes, calibrate, joined, outcomes_of, squared_errors
 from lgprjax.registration.chance import (
     LADDER_M,
+    LEAST_INDEPENDENT,
     PIECE_M,
     POOLED,
     Chance,
@@ -40,6 +41,7 @@ from lgprjax.registration.tiles import to_tile
 __all__ = [
     "BLOCK_SCANS",
     "LADDER_M",
+    "LEAST_INDEPENDENT",
     "MIN_OVERLAP",
     "OFF_MAP_SCORE",
     "PIECE_M",

@@ -35,28 +35,12 @@ _SURE = 1.3
 """The fitted tail is taken at so many of its standard errors to the safe side."""
 
 
-_LARGEST = 0.999  # score beyond which no more is told
-
-
-def evidence_of(
-    score: Float[np.ndarray, "*end window"], floor: Float[np.ndarray, "*end window"]
-) -> Float[np.ndarray, "*end window"]:
-    """Score r in units of its noise floor s: z = sqrt(-ln(1 - r²)) / s, which is r / s for small scores.
-
-    A correlation of N independent numbers by chance exceeds r with the probability (1 - r²)^((N - 2) / 2), and its root
-    mean square, the noise floor, tells N = 1/s². So z is normal for all scores, where r / s saturates at 1 / s: of few
-    numbers, a correlation of 0.9 is far rarer than that of a normal tail.
-    """
-    square = np.square(np.clip(np.asarray(score, np.float64), 0.0, _LARGEST))
-    return np.asarray(np.sqrt(-np.log1p(-square)) / floor)
-
-
 class Chance(NamedTuple):
     """Tail of the best score that foreign ground reaches within a piece, for each length of the ladder.
 
-    With z the score in units of the noise floor (``evidence_of``), the largest z² of a piece exceeds t > ``start`` with the probability
-    share · exp(-(t - start) / scale): the tail of a Gaussian field has a scale of 2, ground with few strong reflectors
-    a longer one.
+    With z the score in units of the noise floor, the largest z² of a piece exceeds t > ``start`` with
+    the probability share · exp(-(t - start) / scale): the tail of a Gaussian field has a scale of 2, ground with few
+    strong reflectors a longer one.
 
     Attributes:
         start: of the tail, in z².
@@ -108,8 +92,8 @@ def fit_chance(
 ) -> Chance:
     """Chance of a map from its false pieces.
 
-    The same pieces serve with many places. Of a map with few independent ones the bulk is believed and the tail is that
-    of many grounds, unless its own is the longer.
+    The same pieces serve with many places: a map with few independent ones cannot tell how rare its highest scores are,
+    and borrows what many grounds have.
 
     Args:
         highest: largest z within each piece and window length; NaN where a window did not fit.
@@ -118,7 +102,7 @@ def fit_chance(
         pooled: what many grounds have.
     """
     known = np.isfinite(highest)
-    if len(highest) < _LEAST_PIECES:
+    if len(highest) < _LEAST_PIECES or independent < LEAST_INDEPENDENT:
         return pooled._replace(pieces=int(independent))
     start, share, area = (np.array(field) for field in (pooled.start, pooled.share, pooled.area_m2))
     beyond: list[Float[np.ndarray, " piece"]] = []
@@ -135,9 +119,7 @@ def fit_chance(
         return pooled._replace(pieces=int(independent))
     # In units of the noise floor all windows have one tail; their pieces are the same, so that they count once.
     scale = float(excess.mean()) * (1.0 + _SURE / np.sqrt(len(excess) / len(beyond)))
-    own = independent >= LEAST_INDEPENDENT
-    scale = max(scale, _LEAST_SCALE if own else float(pooled.scale[0]))
-    return Chance(start, share, np.full(len(start), scale), area, pieces=int(independent), own=own)
+    return Chance(start, share, np.full(len(start), max(scale, _LEAST_SCALE)), area, pieces=int(independent), own=True)
 
 
 def p_foreign(
@@ -146,7 +128,7 @@ def p_foreign(
     """Probability that ground that is not the map's gives a z as high somewhere within a piece, in any window tried.
 
     Args:
-        z: of the best place, see ``evidence_of``.
+        z: score in units of the noise floor.
         area_m2: of the region that lies on the map.
         chance: of the map.
         trials: window lengths, time scales and polarities that were tried.

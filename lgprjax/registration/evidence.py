@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from lgprjax.registration.chance import Chance, evidence_of, p_foreign, p_rival
+from lgprjax.registration.chance import Chance, p_foreign, p_rival
 from lgprjax.registration.correlation import OFF_MAP_SCORE
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.integrity import MIN_OVERLAP
@@ -144,7 +144,7 @@ class EvidenceSearch:
             high = min(low + self._ends, low + int(np.argmax(off)) if off.any() else count)
             peaks, _, first, _ = self._peaks(stops, low, high, astray)
             told = (first >= 0) & (peaks.score > OFF_MAP_SCORE) & (peaks.floor < 0.5)
-            z.append(np.where(told, evidence_of(peaks.score, peaks.floor), np.nan))
+            z.append(np.where(told, peaks.score / peaks.floor, np.nan))
             area_m2.append(peaks.area * np.prod(self.plan.lattice_m))
             low = high
         return stops.path_m, np.concatenate(z), np.concatenate(area_m2)
@@ -254,8 +254,7 @@ class EvidenceSearch:
         there_m = self._lattice.error_of(np.asarray(whole.point), middle, whole_points)
         here_at_m = self._lattice.error_of(np.asarray(near.point), self._error_m, self.plan.points(HELD_M))
         apart = float(np.linalg.norm(there_m - here_at_m)) > _APART * self._wavelength_m
-        scores = np.array([near.score, whole.score if apart else whole.rival])
-        z = evidence_of(scores, np.full(2, whole.floor))
+        z = np.array([near.score, whole.score if apart else whole.rival], np.float64) / whole.floor
         return bool(p_rival(z[:1], z[1:])[0] > _CONTESTED)
 
     def _one_window(
@@ -411,16 +410,15 @@ class EvidenceSearch:
     ) -> tuple[Float[np.ndarray, "end window"], Float[np.ndarray, "end window"]]:
         """Probabilities that foreign ground, and that a rival, would have given these peaks; 1 where there is none."""
         known = (first >= 0) & (peaks.score > OFF_MAP_SCORE)
-        z, rival = (np.where(known, evidence_of(s, peaks.floor), 0.0) for s in (peaks.score, peaks.rival))
+        z = np.where(known, peaks.score / peaks.floor, 0.0)
+        rival = np.where(peaks.rival > OFF_MAP_SCORE, peaks.rival / peaks.floor, 0.0)
         area_m2 = peaks.area * np.prod(self.plan.lattice_m)
         foreign = np.where(known, p_foreign(z, area_m2, self._chance, scales * len(self.plan.windows_m)), 1.0)
         rivals = np.where(known, p_rival(z, rival), 1.0)
         own, risk = self._options.own_thresholds, self._options.risk
         if own is not None:
-            enough = known & (peaks.score >= own.strength_by_chance * peaks.floor)
-            foreign = np.where(enough, np.minimum(foreign, risk), np.maximum(foreign, 2.0 * risk))
-            apart = peaks.score - np.maximum(peaks.rival, 0.0) >= own.margin_by_chance * peaks.floor
-            rivals = np.where(known & apart, 0.0, 1.0)
+            foreign = np.where(z >= own.strength_by_chance, np.minimum(foreign, risk), np.maximum(foreign, 2.0 * risk))
+            rivals = np.where(z - rival >= own.margin_by_chance, 0.0, 1.0)
         return foreign, rivals
 
     def _first_of(self, stops: Stops, at: Int[np.ndarray, " end"]) -> Int[np.ndarray, "end window"]:
@@ -458,7 +456,7 @@ class EvidenceSearch:
         near_foreign, near_rivals = self._weigh(near, first, 1.0)
         astray = np.linalg.norm((whole.point - near.point) * self.plan.lattice_m, axis=-1)
         elsewhere = np.where(astray > _APART * self._wavelength_m, whole.score, whole.rival)
-        here, there = (evidence_of(score, near.floor) for score in (near.score, elsewhere))
+        here, there = (np.asarray(score / near.floor, dtype=np.float64) for score in (near.score, elsewhere))
         against = p_rival(here, there) > _CONTESTED
         carried = known & held[:, None] & (near_foreign <= risk) & (near_rivals <= risk) & ~near.at_rim & ~against
         taken = carried & ~good

@@ -57,9 +57,9 @@ def test_parallel_lines_are_found_between_the_lines_of_the_map(real_data: Path, 
         tally = tally.plus(register(database, live))
     print(f"parallel lines: {tally}")
     assert tally.tried >= 330
-    # The site is as small as the search: its own ground beside is much like it, and says so (docs/performance.md).
-    assert tally.ok >= 0.1 * tally.tried
-    assert tally.right >= 0.97 * tally.ok
+    # Lines of 11.6 m with a wavelength of a metre: a third of each is driven before four metres are (performance.md).
+    assert tally.ok >= 0.3 * tally.tried
+    assert tally.right >= 0.99 * tally.ok
 
 
 def test_a_line_beside_the_map_is_not_lied_about(real_data: Path, tmp_path: Path) -> None:

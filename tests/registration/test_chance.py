@@ -90,11 +90,11 @@ def test_few_pieces_borrow_the_pooled_tail() -> None:
     assert some.start[-1] == POOLED.start[-1]
     assert some.area_m2.tolist() == [5.0] * (WINDOWS - 1) + [POOLED.area_m2[-1]]
     assert some.start[0] == pytest.approx(chi2.isf(2 * 0.001, 1), rel=0.15)
-    # Pieces that share their ground tell the bulk, not the tail.
+    # Pieces that share their ground tell nothing of a tail.
     shared = fit_chance(highest, np.full((200, WINDOWS), 5.0), 5.0)
-    assert not shared.own
-    np.testing.assert_array_equal(shared.start, some.start)
-    np.testing.assert_array_equal(shared.scale, POOLED.scale)
+    assert (shared.pieces, shared.own) == (5, False)
+    for name in ("start", "share", "scale", "area_m2"):
+        np.testing.assert_array_equal(getattr(shared, name), getattr(POOLED, name))
 
 
 def test_more_places_and_more_trials_have_more_chances() -> None:
