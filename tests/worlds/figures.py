@@ -38,7 +38,8 @@ class DayFigures:
         right: found within 0.3 m along and across, whatever the code.
         largest_along_m, largest_cross_m, rms_along_m, rms_cross_m: of ok fixes; NaN without any.
         pieces: of four metres of travel, begun with an ok fix or not.
-        nees: mean normalised squared error of position a degree of freedom, one ok fix a piece, against labels.
+        nees: mean normalised squared error of position a degree of freedom, one ok fix a piece, against labels; what
+            the map says of its labels is taken off the covariance.
         nees_place: the same against the true place, the labels' own error included.
         nees_pieces: pieces that gave a fix.
         declined: scans by code.
@@ -158,6 +159,9 @@ def judge(world: World, registered: RegisteredDrive, passes: Sequence[Drive], li
     yaw = registered.truth[:, 3]
     pose = np.asarray(registered.fix.pose, dtype=float)
     covariance = np.asarray(registered.fix.covariance, dtype=float)[:, :2, :2]
+    # What the map says of its labels is no part of an error against them; beside it is the odometer's, along alone.
+    beside = np.nan_to_num(np.asarray(registered.beside_match, dtype=float))
+    said_m2 = np.linalg.eigvalsh(beside)[:, 0]
     place = pose[:, :2] - registered.truth[:, :2]
     against = place - label
     cos, sin = np.cos(yaw), np.sin(yaw)
@@ -170,7 +174,7 @@ def judge(world: World, registered: RegisteredDrive, passes: Sequence[Drive], li
         along_m=cos * against[:, 0] + sin * against[:, 1],
         cross_m=cos * against[:, 1] - sin * against[:, 0],
         sigma_cross_m=np.sqrt(np.einsum("si,sij,sj->s", across, covariance, across)),
-        normalised=_normalised(against, covariance),
+        normalised=_normalised(against, covariance - said_m2[:, None, None] * np.eye(2)),
         normalised_place=_normalised(place, covariance),
         piece=np.floor(travel / PIECE_M).astype(int),
     )
