@@ -32,7 +32,7 @@ def calibrated(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Path:
     told = json.loads(figures.read_text())
     assert told["right"] > 0.95 * told["matches"]
     assert told["false"] > 300
-    assert told["pass"] > 0.95
+    assert told["pass"] > 0.9
     return path
 
 
