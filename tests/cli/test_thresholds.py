@@ -55,7 +55,7 @@ def test_register_uses_it(site: Site, calibrated: Path, tmp_path: Path, capsys: 
     assert "few scans of impostor are ok, most are low_correlation: " in capsys.readouterr().out
     live, impostor = (pd.read_csv(tmp_path / f"{name}.fixes.csv") for name in ("live", "impostor"))
     tried = live["code"] != "no_window"
-    assert (live["code"][tried] == "ok").mean() > 0.9
+    assert (live["code"][tried] == "ok").mean() > 0.8
     assert not (impostor["code"] == "ok").any()
 
 
