@@ -146,7 +146,7 @@ class StopFixes:
         fixes.pose[some], fixes.covariance[some] = pose, covariance
         fixes.correlation[some] = found.correlation
         score = np.asarray(judged.peak.score)[some]
-        fixes.runner_up[some] = np.maximum(np.asarray(judged.peak.rival)[some], 0.0)
+        fixes.runner_up[some] = np.maximum(np.asarray(judged.peak.rival)[some], -1.0)
         fixes.margin[some] = score - fixes.runner_up[some]
         fixes.scatter[some] = np.asarray(judged.peak.floor)[some]
         fixes.overlap[some], fixes.overlap_channels[some] = found.overlap, found.overlap_channels
