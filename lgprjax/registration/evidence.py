@@ -75,6 +75,7 @@ class EvidenceSearch:
         self._seen_m = 0.0
         self._tried_m = -np.inf
         self._checked_m = -np.inf
+        self._elsewhere = 0.0
         self._error_m: Float[np.ndarray, 2] | None = None
 
     def choose(self, scans: LiveScans) -> Int[np.ndarray, " stop"]:
@@ -222,7 +223,9 @@ class EvidenceSearch:
     @property
     def _may_hold(self) -> bool:
         """Whether there is a place to be held that is not: none yet, or it has come away from its lattice's middle."""
-        if self._error_m is None or self._lattice.wide or self.plan.history == 0:
+        # One's own thresholds were found in the whole region, and ask for a lead over all of it.
+        by_region = self._lattice.wide or self.plan.history == 0 or self._options.own_thresholds is not None
+        if self._error_m is None or by_region:
             return False
         held = self._lattice.place_m
         return held is None or bool(np.max(np.abs(self._error_m - held)) > _ASIDE_M)
@@ -255,6 +258,7 @@ class EvidenceSearch:
         here_at_m = self._lattice.error_of(np.asarray(near.point), self._error_m, self.plan.points(HELD_M))
         apart = float(np.linalg.norm(there_m - here_at_m)) > _APART * self._wavelength_m
         z = np.array([near.score, whole.score if apart else whole.rival], np.float64) / whole.floor
+        self._elsewhere = float(z[1])
         return bool(p_rival(z[:1], z[1:])[0] > _CONTESTED)
 
     def _one_window(
@@ -335,6 +339,8 @@ class EvidenceSearch:
         if self._lattice.place_m is not None:
             foreign, rivals = self._weigh(whole, first, 1.0)
             good = (first >= 0) & (foreign <= risk) & (rivals <= risk) & ~whole.at_rim
+            # What is told as the runner-up is that of the whole region, as it was when last asked.
+            whole = whole._replace(rival=np.maximum(whole.rival, self._elsewhere * whole.floor))
             return self._chosen(stops, at, first, whole, foreign, rivals, np.asarray(whole.at_rim), good)
         return self._decide(stops, whole, near, first, at, centre)
 
