@@ -11,14 +11,13 @@
 # %% [markdown]
 # # Re-registering an archive
 #
-# An archive of drives is registered on its map by worker processes. Then the map gets better, here because its baselines are made to agree with each other, and everything is registered anew: which drives gain, and by how much?
+# An archive of drives is registered on its map by worker processes. Then the map gets better, here because its baselines are made to agree with each other, and everything is registered anew: what do the drives gain?
 
 # %%
 from pathlib import Path
 
 BASELINES = ()  # your own drive logs, X.drive.h5, for the map
 DRIVES = ()  # your own drive logs to be located on it
-SEARCH_M = 2.0  # how far their positions may be wrong
 OUTPUT = Path("../out/notebooks/archive")
 
 # %% [markdown]
@@ -56,21 +55,22 @@ if not BASELINES:
     BASELINES, DRIVES = logs[:3], logs[3:]
 
 # %% [markdown]
-# The map as its labels have it, and all drives on it. A second call would find everything done and do nothing.
+# The map as its labels have it, and all drives on it. A second call would find everything done and do nothing. `largest_m` is against the truth, so that it holds what the labels of the map are wrong by.
 
 # %%
 import pandas as pd
 
 
 def register(ground, folder):
-    lgprjax("register", ground, *DRIVES, "-o", folder, "--workers", 2, "--search-m", SEARCH_M)
+    lgprjax("register", ground, *DRIVES, "-o", folder, "--workers", 2)
     return pd.read_csv(folder / "archive.csv", index_col="drive")
 
 
 as_labelled = OUTPUT / "as_labelled.map.h5"
 lgprjax("map", "build", *BASELINES, "-o", as_labelled, "--force")
 before = register(as_labelled, OUTPUT / "before")
-before[["scans", "tried", "ok", "low_correlation", "ambiguous", "edge"]]
+FIGURES = ["scans", "ok", "correlation_ok", "largest_m"]
+before[FIGURES]
 
 # %% [markdown]
 # Now the baselines are registered on each other, and their labels are moved until they agree.
@@ -79,19 +79,20 @@ before[["scans", "tried", "ok", "low_correlation", "ambiguous", "edge"]]
 agreed = OUTPUT / "agreed.map.h5"
 print(lgprjax("map", "refine", as_labelled, "-o", agreed, "--force"))
 after = register(agreed, OUTPUT / "after")
+after[FIGURES]
 
 # %% [markdown]
-# What it was worth. Fixes are positions on the map: by how much all of its labels are wrong together no radar can tell, and `after m` above says how large that may still be.
+# What it was worth: ground that its baselines agree on is sharp, and drives match it better. Fixes are positions on the map: by how much all of its labels are wrong together no radar can tell, and `after m` above says how large that may still be.
 
 # %%
 import matplotlib.pyplot as plt
 
-shares = pd.DataFrame({"before": before["ok"] / before["tried"], "after": after["ok"] / after["tried"]})
+correlation = pd.DataFrame({"before": before["correlation_ok"], "after": after["correlation_ok"]}).dropna()
 figure, axes = plt.subplots(figsize=(9, 3), layout="constrained")
-(100 * shares).plot.barh(ax=axes, color=["0.7", "C0"])
-axes.set(xlabel="scans with an ok fix (%)", ylabel="", xlim=(0, 100))
+correlation.plot.barh(ax=axes, color=["0.7", "C0"])
+axes.set(xlabel="median correlation of ok fixes", ylabel="", xlim=(0, 1))
 axes.invert_yaxis()
-print(shares.round(3))
+print(pd.DataFrame({"ok before": before["ok"] / before["scans"], "ok after": after["ok"] / after["scans"]}).round(3))
 
 # %% [markdown]
 # `after/archive.html` has the map of the worst places, drive by drive. On a cluster the same: `--scheduler ADDRESS` instead of `--workers`.

@@ -104,6 +104,7 @@ def test_an_archive_gains_by_baselines_that_agree(tmp_path: Path, monkeypatch: p
     assert before["ok"]["elsewhere"] == after["ok"]["elsewhere"] == 0
     for drive in ("clear", "snow", "years"):
         assert after["ok"][drive] >= before["ok"][drive] > 0
+        assert after["correlation_ok"][drive] > before["correlation_ok"][drive] + 0.05
         assert after["ok"][drive] > 0.7 * after["tried"][drive]
 
 
