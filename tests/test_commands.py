@@ -30,9 +30,13 @@ HERE = {
 _A_FIELD = "cli/test_run_field.py::test_a_field_is_driven_recorded_and_replayed_to_the_same_frames"
 # Commands that take minutes, a cluster, a run or a drive of their own: the test that runs them, on less of it.
 ELSEWHERE = {
+    r"(import X?LINE\*.DT1|map build day1|register day1).*": (
+        "surveys/test_newcomer.py::test_four_commands_and_no_option"
+    ),
     r"import mcap .*": "cli/test_export.py::test_there_and_back",
     r"import grounded .*": "cli/test_cli.py::test_grounded_run_imports_by_the_documented_call",
     r"check X.drive.h5 --health": "cli/test_health.py::test_check_health_of_a_damaged_drive",
+    r"view .*": "cli/test_view.py::test_every_vendors_file_becomes_a_picture",
     r"check FILE": "cli/test_cli.py::test_nan_and_inf_are_reported_by_check",
     r"import --help": "cli/test_cli.py::test_help",
     r"map update .*": "cli/test_map_update.py::test_what_it_says",

@@ -94,6 +94,8 @@ def test_the_tutorials_drive_is_found_and_the_one_elsewhere_is_not(tutorial: Pat
 
 
 def test_the_tutorials_lines_are_found_between_each_other(tutorial: Path) -> None:
+    pictures = {path.name for path in (tutorial / "pictures").iterdir()}
+    assert pictures == {"LINE01.png", "odd.drive.png", "lines.map.png"}
     fixes = read_fixes(tutorial / "lines-result" / "even.fixes.h5")
     tried = fixes["code"] != "no_window"
     assert (fixes["code"] == "ok").sum() > 0.5 * tried.sum()

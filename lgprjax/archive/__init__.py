@@ -24,6 +24,7 @@ from lgprjax.archive.job_record import (
     read_records,
     write_record,
 )
+from lgprjax.archive.map_assumptions import away_in_words, distance_to_map_m, is_place_assumed, map_assumed_in_words
 from lgprjax.archive.map_building import MEASURING, build_map, file_hash
 from lgprjax.archive.map_findings import MapFinding, RouteInterval
 from lgprjax.archive.map_health import MapHealth, verify_map
@@ -109,6 +110,7 @@ __all__ = [
     "WorkerPool",
     "WorkerShare",
     "accuracy_of",
+    "away_in_words",
     "build_map",
     "carrot_of",
     "cell_sums",
@@ -117,18 +119,21 @@ __all__ = [
     "claimed",
     "cover_figures",
     "cover_layers",
+    "distance_to_map_m",
     "drive_health",
     "drive_name",
     "example_scan",
     "file_hash",
     "filter_model_of",
     "fix_example",
+    "is_place_assumed",
     "jobs_folder",
     "key_of_job",
     "labels_of",
     "lattice_points",
     "lay_route",
     "make_cover_plan",
+    "map_assumed_in_words",
     "note_failure",
     "open_cover_plan",
     "open_route",

@@ -6,6 +6,7 @@ that the map's traces have; a drive of the same kind is left as it is.
 """
 
 from functools import cache
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,6 +22,29 @@ _SCANS = 128  # of a stretch
 _REACH = 4 * _SCANS  # scans after its first
 _STATIONS = 1024
 _SMOOTH = 5
+
+
+class Alignment(NamedTuple):
+    """How a drive's traces are to be changed to be the map's.
+
+    Attributes:
+        sign: +1 or -1.
+        later_ns: by how much its time zero lies later than stated.
+        levelled: its depths are brought to the map's levels.
+        reversed: the line ran the other way.
+        chance: that foreign ground brings this about, of all that was tried; 0 where the drive is taken as stated.
+        told: what was found, in a line; ``None`` where nothing had to be.
+    """
+
+    sign: int = 1
+    later_ns: float = 0.0
+    levelled: bool = False
+    reversed: bool = False
+    chance: float = 0.0
+    told: str | None = None
+
+
+AS_STATED = Alignment()
 
 
 def depth_level(
@@ -76,13 +100,14 @@ def level_ratio(
     return np.asarray(np.where(heard, want / np.where(heard, have, 1.0), 0.0))
 
 
-def live_operators(source: MapFile, log: DriveLog, track: Track) -> Operators:
+def live_operators(source: MapFile, log: DriveLog, track: Track, alignment: Alignment = AS_STATED) -> Operators:
     """The matrices of a live drive for a map: its recording's own, at the map's levels where the kinds differ.
 
     Args:
         source: the map.
         log: the live drive.
         track: of the drive.
+        alignment: sign, time zero and levels that are to be the map's.
 
     Returns:
         time scale (see ``RegisterOptions``) to matrix. It raises ``InputError`` where the recording cannot be used, or
@@ -91,24 +116,30 @@ def live_operators(source: MapFile, log: DriveLog, track: Track) -> Operators:
     recording, settings = recording_of(log), source.description.settings
     kept = len(source.description.gain)
 
+    def profiles(samples: int) -> Float[Array, "recorded sample"]:
+        if isinstance(recording, TraceDrive):
+            return recording.operator(settings, samples, alignment.later_ns)
+        return recording.operator(settings, samples)
+
     @cache
     def ratio() -> Float[np.ndarray, " sample"] | None:
         # Maps made before sweeps could be used do not say: they hold traces.
-        if recording.kind == source.provenance.get("recording", TraceDrive.kind):
+        if not alignment.levelled and recording.kind == source.provenance.get("recording", TraceDrive.kind):
             return None
-        plain = recording.operator(settings, kept)
+        plain = profiles(kept)
         return level_ratio(map_level(source), depth_level(recording, plain, track, settings.track_filter_m))
 
     @cache
     def operator(time_scale: float) -> Float[Array, "recorded sample"]:
         matrix = stretched_operator(
-            lambda samples: recording.operator(settings, samples),
+            profiles,
             kept,
             settings.sample_interval_ns,
             scale=time_scale,
             height_m=log.description.array.height_m,
         )
         levels = ratio()
+        matrix = matrix if alignment.sign > 0 else -matrix
         return matrix if levels is None else scaled(matrix, levels)
 
     return operator

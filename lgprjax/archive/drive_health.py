@@ -10,9 +10,22 @@ from lgprjax.archive.motion_health import clock_figures, jump_figures, motion_fi
 from lgprjax.archive.radar_health import radar_figures
 from lgprjax.archive.signal_blocks import Recorded, SignalBlocks, SignalReducer, block_edges, regular_scans
 from lgprjax.archive.sweep_health import sweep_blocks, sweep_figures
-from lgprjax.archive.verdicts import HealthFigure, Verdict, worst
-from lgprjax.formats import DriveLog, TraceRecording
+from lgprjax.archive.verdicts import Findings, HealthFigure, Verdict, not_recorded, worst
+from lgprjax.formats import DriveLog, TraceRecording, assumed_in_words, assumed_of
 from lgprjax.formats.store import open_store, reading
+
+_MEASURED_ON = {
+    "dropped_scans": ("time",),
+    "time_jitter": ("time",),
+    "travel_jump": ("speed",),
+    "gnss_sigma": ("position sigma",),
+    "gnss_outage": ("time", "position"),
+    "gnss_jump": ("position", "odometry"),
+    "odometer_scale": ("position", "odometry"),
+    "odometer_slip": ("position", "odometry"),
+}
+"""Quantities that an importer may have made up, by the figures that say nothing then: a made-up clock never drops a
+scan, and travel that was made from positions agrees with them."""
 
 
 class DriveHealth(NamedTuple):
@@ -23,8 +36,9 @@ class DriveHealth(NamedTuple):
         kind: ``traces`` or ``sweeps``.
         scans, channels: of the recording.
         duration_s, travel_m: from the first scan to the last; travel counts reverse as travel.
-        figures: measured.
+        figures: measured, or of the verdict ``not recorded``.
         not_measured: names of figures that this drive does not allow, and why.
+        assumed: what no instrument recorded, and what stands in for it.
     """
 
     name: str
@@ -35,10 +49,11 @@ class DriveHealth(NamedTuple):
     travel_m: float
     figures: tuple[HealthFigure, ...]
     not_measured: tuple[tuple[str, str], ...]
+    assumed: dict[str, str]
 
     @property
     def verdict(self) -> Verdict:
-        """The worst verdict of all figures."""
+        """The worst verdict of all figures, what was not recorded left out."""
         return worst([entry.verdict for entry in self.figures])
 
     def figure(self, name: str) -> HealthFigure:
@@ -53,7 +68,8 @@ class DriveHealth(NamedTuple):
         figures = []
         for entry in self.figures:
             row: dict[str, object] = dict(entry._asdict())
-            row["value"] = entry.value if np.isfinite(entry.value) else None
+            for name in ("value", "look", "bad"):
+                row[name] = row[name] if np.isfinite(getattr(entry, name)) else None
             row["where"] = [stretch._asdict() for stretch in entry.where]
             figures.append(row)
         return {
@@ -87,6 +103,8 @@ def drive_health(log: DriveLog, progress: Callable[[int], None] = lambda _: None
     signal, lacking = radar_figures(blocks, time_s, path_m)
     figures += jump_figures(odometry, time_s, path_m)
     motion, unknown = motion_figures(log.description.navigation, odometry, time_s, path_m)
+    assumed = assumed_of(log.description.provenance)
+    measured, lacking = _as_recorded([*figures, *signal, *motion], [*lacking, *unknown], assumed)
     return DriveHealth(
         name=log.description.name,
         kind="traces" if is_traces else "sweeps",
@@ -94,9 +112,22 @@ def drive_health(log: DriveLog, progress: Callable[[int], None] = lambda _: None
         channels=log.channels,
         duration_s=float(time_s[-1] - time_s[0]),
         travel_m=float(path_m[-1]),
-        figures=(*figures, *signal, *motion),
-        not_measured=(*lacking, *unknown),
+        figures=tuple(measured),
+        not_measured=tuple(lacking),
+        assumed=assumed,
     )
+
+
+def _as_recorded(figures: list[HealthFigure], lacking: list[tuple[str, str]], assumed: dict[str, str]) -> Findings:
+    """Figures, and names of those that are lacking, but those of what was made up judged as ``not recorded``."""
+
+    def unrecorded(name: str) -> HealthFigure | None:
+        made_up = {each: assumed[each] for each in _MEASURED_ON.get(name, ()) if each in assumed}
+        return not_recorded(name, f"no instrument recorded {assumed_in_words(made_up)}") if made_up else None
+
+    judged = [unrecorded(entry.name) or entry for entry in figures]
+    judged += [entry for name, _ in lacking if (entry := unrecorded(name))]
+    return judged, [(name, why) for name, why in lacking if not unrecorded(name)]
 
 
 def trace_blocks(log: DriveLog, progress: Callable[[int], None]) -> SignalBlocks:

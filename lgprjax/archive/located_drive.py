@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from lgprjax.archive.depth_levels import Alignment
 from lgprjax.archive.label_correction import LabelCorrection, correct_labels, path_of
 from lgprjax.archive.map_building import file_hash
 from lgprjax.archive.registering import register_log
@@ -29,6 +30,7 @@ class LocatedDrive(NamedTuple):
     Attributes:
         track: of the scans, poses corrected.
         correction: of the labels.
+        alignment: how its traces are to be changed to be the map's.
         path_m: of the scans, along the drive.
         tried: scans over the map's ground.
         ok: scans whose fix is ok.
@@ -38,6 +40,7 @@ class LocatedDrive(NamedTuple):
 
     track: DriveTrack
     correction: LabelCorrection
+    alignment: Alignment
     path_m: Float[np.ndarray, " scan"]
     tried: Bool[np.ndarray, " scan"]
     ok: Bool[np.ndarray, " scan"]
@@ -70,13 +73,17 @@ def locate_drive(source: MapFile, log: DriveLog, progress: Callable[[int], None]
     correction = correct_labels(drive.track, drive.fix, drive.beside_match, centre_of(log.description.array))
     path_m, code = path_of(drive.track), np.asarray(drive.fix.code)
     tried = ~np.isin(code, _NOT_TRIED)
-    _refuse_elsewhere(log, options, correction, path_m, tried)
+    _refuse_elsewhere(log, drive.away, options, correction, path_m, tried)
     ok, known = code == Code.OK, correction.corrected
     beside = 0.5 * np.trace(drive.beside_match[ok], axis1=1, axis2=2)
     moved = track_of_drive(log, source.description.frame)
     return LocatedDrive(
-        track=moved._replace(track=correction.applied(drive.track)),
+        track=moved._replace(
+            track=correction.applied(drive.track),
+            ground_up_m=moved.ground_up_m[::-1] if drive.alignment.reversed else moved.ground_up_m,
+        ),
         correction=correction,
+        alignment=drive.alignment,
         path_m=path_m,
         tried=tried,
         ok=ok,
@@ -101,6 +108,7 @@ def refuse_unfit(source: MapFile, log: DriveLog) -> str:
 
 def _refuse_elsewhere(
     log: DriveLog,
+    away: str | None,
     options: RegisterOptions,
     correction: LabelCorrection,
     path_m: Float[np.ndarray, " scan"],
@@ -108,7 +116,7 @@ def _refuse_elsewhere(
 ) -> None:
     if not tried.any():
         expected = f"a drive over the map's ground, known to {options.search_half_m():.1f} m"
-        raise InputError(log.path, "/gnss_ins", expected, "no scan over it")
+        raise InputError(log.path, "/gnss_ins", expected, away or "no scan over it")
     metres = np.diff(path_m, prepend=0.0)
     over_m = float(metres[tried].sum())
     least_m = max(_LEAST_LOCATED_M, _LEAST_SHARE * over_m)

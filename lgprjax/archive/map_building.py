@@ -14,7 +14,7 @@ from lgprjax.archive.map_chance import measure_chance
 from lgprjax.archive.recordings import recording_of
 from lgprjax.archive.tracks import DriveTrack, antennas_of, scan_spacing_m, track_of_drive
 from lgprjax.errors import InputError
-from lgprjax.formats import MAP_PRECISIONS, DriveLog, MapFile, MapPrecision, MapWriter
+from lgprjax.formats import MAP_PRECISIONS, DriveLog, MapFile, MapPrecision, MapWriter, assumed_of
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import (
     ChainSettings,
@@ -111,6 +111,7 @@ def build_map(
                         "t0_utc": log.description.t0_utc,
                         "scans": log.scans,
                         "position_sigma_m": position_sigma_m(log),
+                        "assumed": assumed_of(log.description.provenance),
                     }
                 )
         assert coherence is not None

@@ -27,7 +27,7 @@ from lgprjax.archive.staged_map import stage_map
 from lgprjax.archive.update_record import DriveUpdate, MapHistory, UpdatedMap, UpdateStretch, file_of, plain
 from lgprjax.archive.update_weights import agreement_with, repeats_of
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, MapFile, MapWriter, copy_stations, locked_map, scratch_folder
+from lgprjax.formats import DriveLog, MapFile, MapWriter, assumed_of, copy_stations, locked_map, scratch_folder
 
 UPDATE_PASSES = 3
 """How often an update tells of a drive's scans: registered, added, compared."""
@@ -116,7 +116,7 @@ def _add_drive(
         located = locate_drive(source, log, progress)
         staged = stage_map(source, log, located, whole, progress)
         row: dict[str, object] = {"file": drive.name, "sha256": file_hash(drive), "t0_utc": log.description.t0_utc}
-        row |= {"scans": log.scans, "update": number}
+        row |= {"scans": log.scans, "update": number, "assumed": assumed_of(log.description.provenance)}
         recorded = [moment_of(each.get("t0_utc")) for each in (*history.inputs, row)]
         with MapFile.open(staged.path) as built:
             places = lay_places(built, len(history.inputs))

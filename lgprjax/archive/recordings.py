@@ -64,8 +64,11 @@ class TraceDrive:
         samples = profile_samples(known.samples, known.sample_interval_ns, known.time_zero_ns, settings)
         return samples if travel_time_ns is None else min(samples, _samples_within(travel_time_ns, settings))
 
-    def operator(self, settings: ChainSettings, kept: int) -> Float[Array, "recorded sample"]:
-        """Traces to ``kept`` profile samples. Raises ``InputError`` where the sampling cannot hold the band."""
+    def operator(self, settings: ChainSettings, kept: int, later_ns: float = 0.0) -> Float[Array, "recorded sample"]:
+        """Traces to ``kept`` profile samples, time zero so much later than stated.
+
+        Raises ``InputError`` where the sampling cannot hold the band.
+        """
         known = self._recording
         highest_hz = 0.5e9 / known.sample_interval_ns
         if highest_hz < _least_top_hz(settings):
@@ -76,7 +79,7 @@ class TraceDrive:
                 f"at most {0.5e9 / _least_top_hz(settings):.3g} ns for half of the map's band, {_band(settings)}",
                 f"{known.sample_interval_ns:.3g} ns",
             )
-        return _trace_operator(known.samples, known.sample_interval_ns, known.time_zero_ns, settings, kept)
+        return _trace_operator(known.samples, known.sample_interval_ns, known.time_zero_ns + later_ns, settings, kept)
 
     def blocks(self, scans: int, start: int = 0) -> Iterator[RecordedBlock]:
         """The drive from ``start`` on in blocks of ``scans``, the last one shorter."""

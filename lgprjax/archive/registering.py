@@ -10,13 +10,15 @@ import pandas as pd
 from jaxtyping import Float
 
 from lgprjax import __version__
-from lgprjax.archive.depth_levels import live_operators
+from lgprjax.archive.depth_levels import AS_STATED, Alignment, live_operators
+from lgprjax.archive.drive_alignment import find_alignment, may_be_misaligned, reversed_track
 from lgprjax.archive.fixes_table import fixes_table
 from lgprjax.archive.held_ground import HeldGround
+from lgprjax.archive.map_assumptions import away_in_words, is_place_assumed
 from lgprjax.archive.map_building import file_hash
 from lgprjax.archive.recordings import recording_of
 from lgprjax.archive.tracks import DriveTrack, jump_line, poses_of, track_of_drive
-from lgprjax.formats import DriveLog, MapFile, write_fixes
+from lgprjax.formats import DriveLog, MapFile, assumed_of, write_fixes
 from lgprjax.frames import LocalFrame
 from lgprjax.registration import (
     BLOCK_SCANS,
@@ -38,11 +40,16 @@ class RegisteredDrive:
         fix: poses, covariances and quality.
         track: prior poses and travel.
         jumps: what was done about jumps of the recorded travel, in a line; None where there are none.
+        alignment: how its traces were changed to be the map's.
         truth: true poses of the array's centre, where the log holds them.
         correlation_at_truth: NaN where not known.
         time_scale: that each scan was matched at.
         beside_match: see ``DriveFixes``.
         milliseconds_per_scan: wall time a scan of the drive, reading and all processing included.
+        assumed: what no instrument recorded of the drive, and what stands in for it.
+        away: how far it lies from the map, in words; None where it comes near it.
+        place_assumed: whether nobody said where on the earth the drive, or the map, lies.
+        channels: of the drive.
     """
 
     name: str
@@ -50,11 +57,16 @@ class RegisteredDrive:
     fix: Fix
     track: Track
     jumps: str | None
+    alignment: Alignment
     truth: Float[np.ndarray, "scan 5"] | None
     correlation_at_truth: Float[np.ndarray, " scan"]
     time_scale: Float[np.ndarray, " scan"]
     beside_match: Float[np.ndarray, "scan 2 2"]
     milliseconds_per_scan: float
+    assumed: dict[str, str]
+    away: str | None
+    place_assumed: bool
+    channels: int
 
 
 def live_blocks(
@@ -97,7 +109,10 @@ def register_log(
     moved = moved._replace(track=led_to(moved.track))
     truth = true_poses(log, frame)
     began = time.perf_counter()
-    operators = live_operators(source, log, moved.track)
+    alignment = find_alignment(source, log, moved.track, options, held) if may_be_misaligned(log) else AS_STATED
+    if alignment.reversed:
+        moved = moved._replace(track=reversed_track(moved.track))
+    operators = live_operators(source, log, moved.track, alignment)
     found = register_drive(
         held.ground,
         operators,
@@ -113,6 +128,7 @@ def register_log(
         parts.append(fixes)
         progress(len(fixes.scan))
     fix = Fix(*(np.concatenate(field) for field in zip(*(part.fix for part in parts), strict=True)))
+    fix = fix._replace(p_false=np.minimum(np.asarray(fix.p_false) + alignment.chance, 1.0))
     took_s = time.perf_counter() - began
     time_scale = np.concatenate([part.time_scale for part in parts])
     return RegisteredDrive(
@@ -121,11 +137,16 @@ def register_log(
         fix=fix,
         track=moved.track,
         jumps=jump_line(moved),
+        alignment=alignment,
         truth=truth,
         correlation_at_truth=np.concatenate([part.correlation_at_truth for part in parts]),
         time_scale=time_scale,
         beside_match=np.concatenate([part.beside_match for part in parts]),
         milliseconds_per_scan=1e3 * took_s / log.scans,
+        assumed=assumed_of(log.description.provenance),
+        away=away_in_words(source, log),
+        place_assumed=is_place_assumed(source, log),
+        channels=log.channels,
     )
 
 
@@ -167,6 +188,7 @@ def write_registered(
         "time_scale": "found along the drive" if options.time_scale is None else options.time_scale,
         "seed": options.seed,
         "thresholds": thresholds,
+        "against_the_map": drive.alignment._asdict(),
         "chain": source.description.settings.as_provenance(),
     }
     frame = source.description.frame

@@ -52,7 +52,7 @@ def stage_map(
     for frame, height_m in zip(source.tile_frame, source.height_reference_m, strict=True):
         pose = np.array([[frame[0], frame[1], height_m, frame[2], 0.0]])
         references += [float(height_m)] * tiles.place(pose)
-    operator = live_operators(source, log, track)(1.0)
+    operator = live_operators(source, log, track, located.alignment)(1.0)
     blocks = baseline_stations(log, located.track, operator, description.settings, scan_spacing_m(track), progress)
     times = []
     with MapWriter.create(path) as writer:

@@ -5,7 +5,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-Verdict = Literal["good", "look", "bad"]
+Verdict = Literal["good", "look", "bad", "not recorded"]
+"""The last is none on quality: what the figure is measured on was made up by an importer."""
 
 
 class Stretch(NamedTuple):
@@ -29,7 +30,7 @@ class HealthFigure(NamedTuple):
 
     Attributes:
         name: of the figure, stable for programs.
-        value: measured, in ``unit``.
+        value: measured, in ``unit``; NaN, as the limits, where nothing was recorded that it could be measured on.
         look, bad: limits from which the verdict is ``look`` or ``bad``; a falling pair (look above bad) means that
             small values are the bad ones.
         verdict: the value against its limits.
@@ -60,9 +61,9 @@ def verdict_of(value: float, look: float, bad: float) -> Verdict:
 
 
 def worst(verdicts: list[Verdict]) -> Verdict:
-    """The worst of some verdicts; ``good`` for none."""
+    """The worst of some verdicts, of those on what was recorded; ``good`` for none."""
     order: tuple[Verdict, ...] = ("good", "look", "bad")
-    return max(verdicts, key=order.index, default="good")
+    return max((each for each in verdicts if each in order), key=order.index, default="good")
 
 
 def figure(
@@ -76,6 +77,12 @@ def figure(
     """A figure with its verdict; ``limits`` are those of look and bad."""
     verdict = verdict_of(value, *limits)
     return HealthFigure(name, float(value), unit, *limits, verdict, meaning, where if verdict != "good" else ())
+
+
+def not_recorded(name: str, why: str) -> HealthFigure:
+    """A figure that has nothing to be measured on."""
+    nan = float("nan")
+    return HealthFigure(name, nan, "", nan, nan, "not recorded", why, ())
 
 
 def runs(mask: Bool[np.ndarray, " place"]) -> list[tuple[int, int]]:

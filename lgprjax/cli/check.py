@@ -14,7 +14,8 @@ from lgprjax.cli.progress import console, progress_bar, working
 if TYPE_CHECKING:
     from lgprjax.archive import DriveHealth, Stretch
 
-_VERDICT_STYLE = {"good": "green", "look": "yellow", "bad": "bold red"}
+_VERDICT_STYLE = {"good": "green", "look": "yellow", "bad": "bold red", "not recorded": "dim"}
+_NOTHING = "–"
 _STRETCHES = 3  # named in the table; all of them are in the JSON
 
 
@@ -54,13 +55,27 @@ class Check:
                 console.print(str(finding), highlight=False, soft_wrap=True, markup=False)
             if not found:
                 console.print(f"{path}: ok", highlight=False, soft_wrap=True, markup=False)
-            if self.health and not any(finding.severity == "error" for finding in found):
+            whole = not any(finding.severity == "error" for finding in found)
+            if whole and path.name.lower().endswith(".drive.h5"):
+                _tell_assumed(path)
+            if self.health and whole:
                 reports.append({"file": str(path), **_measure(path).as_json()})
         if self.json is not None:
             plain = [asdict(finding) for finding in findings]
             figures: object = {"findings": plain, "health": reports} if self.health else plain
             write_figures(self.json, figures, force=self.force)
         return int(any(finding.severity == "error" for finding in findings))
+
+
+def _tell_assumed(path: Path) -> None:
+    """What of a drive no instrument recorded."""
+    from lgprjax.formats import DriveLog, assumed_in_words, assumed_of
+
+    with DriveLog.open(path) as log:
+        assumed = assumed_of(log.description.provenance)
+    if assumed:
+        told = f"{path}: assumed, as no instrument recorded it: {assumed_in_words(assumed)}"
+        console.print(told, highlight=False, markup=False, soft_wrap=True)
 
 
 def _measure(path: Path) -> "DriveHealth":
@@ -73,8 +88,10 @@ def _measure(path: Path) -> "DriveHealth":
     table = Table("figure", "value", "look / bad at", "verdict", "where", title=title)
     table.columns[0].no_wrap = True
     for entry in health.figures:
-        value = f"{0.0 if abs(entry.value) < 1e-6 else entry.value:.3g} {entry.unit}".strip()
-        limits = f"{entry.look:g} / {entry.bad:g}"
+        value, limits = _NOTHING, _NOTHING
+        if entry.verdict != "not recorded":
+            value = f"{0.0 if abs(entry.value) < 1e-6 else entry.value:.3g} {entry.unit}".strip()
+            limits = f"{entry.look:g} / {entry.bad:g}"
         verdict = Text(entry.verdict, _VERDICT_STYLE[entry.verdict])
         table.add_row(entry.name, value, limits, verdict, _where(entry.where))
     console.print(table)
@@ -83,7 +100,8 @@ def _measure(path: Path) -> "DriveHealth":
             console.print(f"{entry.verdict}: {entry.name}: {entry.meaning}", highlight=False, markup=False)
     for name, why in health.not_measured:
         console.print(f"not measured: {name}: {why}", highlight=False, markup=False, style="dim")
-    console.print(f"{path}: recording {health.verdict}", highlight=False, markup=False, soft_wrap=True)
+    beside = f"; not recorded, and not judged: {', '.join(health.assumed)}" if health.assumed else ""
+    console.print(f"{path}: recording {health.verdict}{beside}", highlight=False, markup=False, soft_wrap=True)
     return health
 
 

@@ -67,6 +67,6 @@ class ImportMcap:
                 output=self.output,
                 force=self.force,
             )
-        finished(self.output, None)
+        finished(self.output)
         for note in imported.notes:
             console.print(note, highlight=False, markup=False, soft_wrap=True)

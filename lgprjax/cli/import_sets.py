@@ -44,7 +44,7 @@ class ImportGrounded:
                 output=self.output,
                 force=self.force,
             )
-        finished(self.output, None)
+        finished(self.output)
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class ImportCmu:
                 output=self.output,
                 force=self.force,
             )
-        finished(self.output, self.origin)
+        finished(self.output)
 
 
 @dataclass(frozen=True)
@@ -123,4 +123,4 @@ class ImportGprMax:
                 output=self.output,
                 force=self.force,
             )
-        finished(self.output, self.origin)
+        finished(self.output)

@@ -15,7 +15,7 @@ from lgprjax.cli.demo import Demo
 from lgprjax.cli.doctor import Doctor
 from lgprjax.cli.errors import run_verb
 from lgprjax.cli.export import Export
-from lgprjax.cli.imports import ImportVerb
+from lgprjax.cli.imports import ImportVerb, recognised
 from lgprjax.cli.maps import MapVerb
 from lgprjax.cli.recover import Recover
 from lgprjax.cli.register import Register
@@ -24,6 +24,7 @@ from lgprjax.cli.run import Run
 from lgprjax.cli.simulate import Simulate
 from lgprjax.cli.thresholds import ThresholdsVerb
 from lgprjax.cli.tune import Tune
+from lgprjax.cli.view import View
 
 _DESCRIPTION = """Localizing ground-penetrating radar: locate a vehicle by the ground beneath it.
 
@@ -33,7 +34,11 @@ register. Exit status: 0 done, 1 bad input (one line says which file, where, wha
 
 Verb = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
-    | Annotated[ImportVerb, tyro.conf.subcommand("import", description="Vendor files to drive logs.")]
+    | Annotated[
+        ImportVerb,
+        tyro.conf.subcommand("import", description="Vendor files to drive logs: import FILE..., or by format."),
+    ]
+    | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[MapVerb, tyro.conf.subcommand("map", description="Subsurface databases.")]
     | Annotated[Register, tyro.conf.subcommand("register")]
@@ -65,11 +70,14 @@ def keep_compiled() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point of the ``lgprjax`` command."""
     keep_compiled()
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words[:1] == ["import"]:
+        words[1:] = recognised(words[1:])
     verb = tyro.cli(
         Verb,
         prog="lgprjax",
         description=_DESCRIPTION,
-        args=arguments,
+        args=words,
         config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
     )
     sys.exit(run_verb(verb.run))

@@ -62,6 +62,7 @@ def _chance(chance: "Chance | None", wavelength_m: float) -> dict[str, object]:
 
 def print_info(path: Path) -> dict[str, object]:
     """Print the table of a database; the same figures by name."""
+    from lgprjax.archive import map_assumed_in_words
     from lgprjax.formats import MapFile
 
     with MapFile.open(path) as source:
@@ -94,11 +95,14 @@ def print_info(path: Path) -> dict[str, object]:
             **{f"bytes_per_m_{part}": round(size / max(along, 1e-9)) for part, size in source.stored_bytes().items()},
             "steps": source.provenance.get("steps"),
         }
+        assumed = map_assumed_in_words(source)
     table = Table("quantity", "value", title=f"{path.name}")
     for name, value in figures.items():
         table.add_row(name, _told(value))
     console.print(table)
-    return figures
+    if assumed is not None:
+        console.print(f"assumed: {assumed}", highlight=False, markup=False, soft_wrap=True)
+    return {**figures, "assumed": assumed}
 
 
 def _told(value: object) -> str:

@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     )
 
 _FEW = 0.1
+_LONE = (
+    "one channel on a map of one channel: fixes tell where along the line the drive is. The ground beside the line "
+    "resembles that on it, so that across it they only say that the drive is near, and the cross-track sigma is a bound"
+)
 _USUAL_SCALE = 0.01
 """A time scale farther from 1 is worth a remark."""
 
@@ -243,13 +247,24 @@ def drive_result(
         baseline_tracks=tuple(source.pose[source.drive == number, :2] for number in numbers),
         impostor=impostor,
         remarks=_remarks(drive, source),
+        place_assumed=drive.place_assumed,
     )
 
 
 def _remarks(drive: "RegisteredDrive", source: "MapFile") -> tuple[str, ...]:
     """What a reader of the fixes must know beside them."""
     labels = None if any(source.description.label_sigma_m) else f"labels: {UNSTATED}"
-    return tuple(line for line in (labels, drive.jumps, _windows(drive), _time_scales(drive)) if line is not None)
+    lines = (labels, drive.alignment.told, drive.jumps, _windows(drive), _time_scales(drive), *_unknowns(drive, source))
+    return tuple(line for line in lines if line is not None)
+
+
+def _unknowns(drive: "RegisteredDrive", source: "MapFile") -> tuple[str | None, ...]:
+    """What is not there to be known: what was made up at import, a map that is elsewhere, ground beside a line."""
+    from lgprjax.formats import assumed_in_words
+
+    assumed = f"assumed in this drive: {assumed_in_words(drive.assumed)}" if drive.assumed else None
+    lone = drive.channels == 1 and source.description.channels == 1 and drive.away is None
+    return assumed, drive.away, _LONE if lone else None
 
 
 def _windows(drive: "RegisteredDrive") -> str | None:

@@ -1,5 +1,6 @@
 """Files: drive log, subsurface database, fixes, vehicle file; readers of vendor formats."""
 
+from lgprjax.formats.assumed import assumed_in_words, assumed_of
 from lgprjax.formats.atomic import atomic_output
 from lgprjax.formats.check import check_file
 from lgprjax.formats.cmu_gpr import import_cmu
@@ -24,6 +25,7 @@ from lgprjax.formats.gprmax import import_gprmax, read_gprmax
 from lgprjax.formats.grounded import import_grounded
 from lgprjax.formats.hdf5_output import create_store
 from lgprjax.formats.iprb import read_iprb, read_iprb_array
+from lgprjax.formats.line_findings import found_time_zero
 from lgprjax.formats.mala import read_mala
 from lgprjax.formats.map_code import MAP_PRECISIONS, MapPrecision
 from lgprjax.formats.map_copy import copy_stations
@@ -41,10 +43,12 @@ from lgprjax.formats.run_log import RunReading, RunSummary, read_run
 from lgprjax.formats.schema import Schema, load_schema
 from lgprjax.formats.segy import read_segy
 from lgprjax.formats.segy_drive import import_segy
+from lgprjax.formats.side_files import find_side_files, read_side_file
+from lgprjax.formats.side_positions import SidePositions, TracePlaces, places_of_traces
 from lgprjax.formats.stored_chance import CHANCE_METHOD, chance_as_text, chance_of_text
 from lgprjax.formats.study_file import Study, read_study
 from lgprjax.formats.survey_track import Place
-from lgprjax.formats.surveys import import_iprb, import_lines, read_profile
+from lgprjax.formats.surveys import Survey, import_iprb, import_lines, read_profile
 from lgprjax.formats.thresholds_file import read_thresholds, write_thresholds
 from lgprjax.formats.turning_points import write_turning_points
 from lgprjax.formats.vehicle_file import read_vehicle, require_serial_number, write_vehicle
@@ -82,9 +86,12 @@ __all__ = [
     "RunReading",
     "RunSummary",
     "Schema",
+    "SidePositions",
     "Study",
+    "Survey",
     "SweepRecording",
     "TraceCoordinates",
+    "TracePlaces",
     "TraceRecording",
     "UniformArray",
     "VehicleFile",
@@ -92,6 +99,8 @@ __all__ = [
     "Waypoints",
     "WheelMap",
     "WorkedRecord",
+    "assumed_in_words",
+    "assumed_of",
     "atomic_output",
     "chance_as_text",
     "chance_of_text",
@@ -100,6 +109,8 @@ __all__ = [
     "cover_plan_findings",
     "create_store",
     "export_mcap",
+    "find_side_files",
+    "found_time_zero",
     "import_cmu",
     "import_gprmax",
     "import_grounded",
@@ -109,6 +120,7 @@ __all__ = [
     "import_segy",
     "load_schema",
     "locked_map",
+    "places_of_traces",
     "read_cover_plan",
     "read_drive_frames",
     "read_dt1",
@@ -125,6 +137,7 @@ __all__ = [
     "read_route",
     "read_run",
     "read_segy",
+    "read_side_file",
     "read_study",
     "read_thresholds",
     "read_vehicle",

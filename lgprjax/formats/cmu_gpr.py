@@ -10,10 +10,11 @@ import pyproj
 from jaxtyping import Float
 
 from lgprjax.errors import InputError
+from lgprjax.formats.assumed import Assumed
 from lgprjax.formats.drive_description import DriveDescription, NavigationTrack, OdometryTrack, TraceRecording
 from lgprjax.formats.drive_writer import DriveWriter
 from lgprjax.formats.parallel_lines import inputs_of
-from lgprjax.formats.survey_track import Place, path_headings_deg, straight_track, track
+from lgprjax.formats.survey_track import TRACK_ASSUMED, Place, path_headings_deg, straight_track, track
 from lgprjax.radar.array import ArrayGeometry
 
 # The data set's README names the first, its programs the second.
@@ -96,6 +97,7 @@ def import_cmu(
             "inputs": inputs_of([radar_file, odometry_file, *([truth_file] if len(truth) >= 2 else [])]),
             "time_window_ns": time_window_ns,
             "origin": place._asdict(),
+            "assumed": _assumed(place, surveyed=true_track is not None),
             "positions": "total station" if true_track is not None else "odometry along a straight line",
             "scans_left_out": int(np.count_nonzero(~kept)),
             "rows_of_repeated_time": repeated + odometry_repeated + truth_repeated,
@@ -104,6 +106,13 @@ def import_cmu(
     traces = _stored(radar[kept, 1:])[:, None, :]
     with DriveWriter.create(output, description, channels=1, dtype=traces.dtype, force=force) as writer:
         writer.append(radar[kept, 0] - t0_s, traces)
+
+
+def _assumed(place: Place, *, surveyed: bool) -> Assumed:
+    if surveyed:
+        return {"heading": "along the path", **TRACK_ASSUMED, **place.assumed()}
+    straight: Assumed = {"position": "straight from the origin", "heading": f"{place.heading_deg:g} degrees all along"}
+    return {**straight, "height": "taken as 0", **TRACK_ASSUMED, **place.assumed()}
 
 
 def _table(file: Path, what: str, columns: int | None) -> tuple[Float[np.ndarray, "row column"], int]:

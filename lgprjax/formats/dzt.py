@@ -9,10 +9,12 @@ import numpy as np
 from jaxtyping import Num
 
 from lgprjax.errors import InputError
-from lgprjax.formats.profile import Profile, read_bytes
+from lgprjax.formats.profile import Profile, count_traces, read_bytes
 
 _HEADER_BYTES = 1024
 _MARK_SAMPLES = 2
+# No quantity of a header is as large or, above zero, as small: such a value is damaged.
+_LARGEST, _SMALLEST = 1e12, 1e-12
 # Stored type, and the value in it that stands for no signal.
 _STORED: dict[int, tuple[np.dtype[Any], int]] = {
     8: (np.dtype("u1"), 128),
@@ -36,12 +38,17 @@ class _Header(NamedTuple):
     antenna: str
 
 
-def read_dzt(path: str | Path) -> Profile:
+def read_dzt(path: str | Path, *, partial: bool = False) -> Profile:
     """Read one ``.DZT`` file of one or several channels.
 
     8- and 16-bit samples are offset binary, 32-bit ones signed; all are returned signed. The first two samples of
     a trace are marks: they read as zero. Channels are interleaved trace by trace. No scans a metre means recorded
     by time, and the antenna's name may be empty.
+
+    Args:
+        path: the file.
+        partial: read the whole traces (of all channels) of a file that ends too early; ``Profile.cut``
+            then says how many there are.
 
     Raises:
         InputError: the file is missing, cut short or another format, or its header makes no sense.
@@ -60,11 +67,9 @@ def read_dzt(path: str | Path) -> Profile:
             raise InputError(file, place, f"{getattr(header, wrong[0])} as in channel 0", f"{getattr(other, wrong[0])}")
     dtype, _ = _STORED[header.bits]
     scan_bytes = header.channels * header.samples * dtype.itemsize
-    held = (len(data) - offset) / scan_bytes
-    if held < 1 or held != int(held):
-        expected = f"whole scans of {scan_bytes} bytes after a header of {offset} bytes"
-        raise InputError(file, "size", expected, f"{len(data)} bytes ({held:.6g} scans)")
-    stored = np.frombuffer(data, dtype=dtype, offset=offset).reshape(-1, header.channels, header.samples)
+    whole, cut = count_traces(file, len(data) - offset, scan_bytes, said=None, partial=partial)
+    values = np.frombuffer(data, dtype=dtype, offset=offset, count=whole * header.channels * header.samples)
+    stored = values.reshape(whole, header.channels, header.samples)
     spacing_m = 1.0 / header.scans_per_m if header.scans_per_m else None
     return Profile(
         path=file,
@@ -75,6 +80,7 @@ def read_dzt(path: str | Path) -> Profile:
         centre_frequency_hz=_centre_frequency_hz(header.antenna),
         positions_m=None if spacing_m is None else np.arange(len(stored)) * spacing_m,
         metadata=header._asdict(),
+        cut=cut,
     )
 
 
@@ -102,11 +108,11 @@ def _check_header(file: Path, header: _Header) -> None:
         raise InputError(file, "header, samples", f"more than {_MARK_SAMPLES}", f"{header.samples}")
     if not 1 <= header.channels <= 16:
         raise InputError(file, "header, channels", "1 to 16", f"{header.channels}")
-    if not (np.isfinite(header.range_ns) and header.range_ns > 0):
+    if not (_SMALLEST <= header.range_ns <= _LARGEST):
         raise InputError(file, "header, range_ns", "a number above zero", f"{header.range_ns:g}")
-    if not np.isfinite(header.position_ns):
+    if not abs(header.position_ns) <= _LARGEST:
         raise InputError(file, "header, position_ns", "a finite number", f"{header.position_ns:g}")
-    if not (np.isfinite(header.scans_per_m) and header.scans_per_m >= 0):
+    if not (header.scans_per_m == 0 or _SMALLEST <= header.scans_per_m <= _LARGEST):
         raise InputError(file, "header, scans_per_m", "zero or more", f"{header.scans_per_m:g}")
 
 

@@ -140,6 +140,7 @@ def import_gprmax(
         place=place.ahead(float(profile.positions_m[0])),
         output=output,
         provenance=provenance,
+        assumed={"odometry": "places of the traces in the model", **place.assumed()},
         force=force,
     )
 

@@ -7,9 +7,10 @@ import pyproj
 from jaxtyping import Float
 
 from lgprjax.errors import InputError
+from lgprjax.formats.assumed import Assumed
 from lgprjax.formats.drive_description import DriveDescription, NavigationTrack, OdometryTrack, TraceRecording
 from lgprjax.formats.drive_writer import DriveWriter
-from lgprjax.formats.survey_track import utm_projection
+from lgprjax.formats.survey_track import TRACK_ASSUMED, utm_projection
 from lgprjax.radar.array import ArrayGeometry
 
 _BLOCK_SCANS = 4096
@@ -77,6 +78,14 @@ def import_grounded(
         positions_m = positions_m[:, ::-1]
     forward = _forward(positions_m, motion_m)
     time_s = np.arange(scans) / scan_rate_hz
+    assumed: Assumed = {
+        "time": f"{scan_rate_hz:g} scans a second, as told; the moment is unknown",
+        "odometry": "from the positions",
+        "height": "taken as 0",
+        **TRACK_ASSUMED,
+    }
+    if channels == 1:
+        assumed["heading"] = "along the path"
     description = DriveDescription(
         name=folder.resolve().name,
         # The run has no clock: the epoch says that the moment is not known.
@@ -93,7 +102,7 @@ def import_grounded(
             "utm_zone": utm_zone,
             "scan_rate_hz": scan_rate_hz,
             "channels_flipped": flipped,
-            "heights": "not in the run: taken as 0",
+            "assumed": assumed,
         },
     )
     with DriveWriter.create(output, description, channels=channels, dtype=dtype, force=force) as writer:

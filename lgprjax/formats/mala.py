@@ -1,22 +1,25 @@
 """MALA lines: ``.rd3`` (int16) or ``.rd7`` (int32) samples with a ``.rad`` text header."""
 
-import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lgprjax.errors import InputError
-from lgprjax.formats.profile import Profile, TextHeader, companion, read_bytes
+from lgprjax.formats.profile import Profile, TextHeader, companion, count_traces, named_frequency_hz, read_bytes
 
 _DTYPE: dict[str, np.dtype[Any]] = {".rd3": np.dtype("<i2"), ".rd7": np.dtype("<i4")}
 
 
-def read_mala(path: str | Path) -> Profile:
+def read_mala(path: str | Path, *, partial: bool = False) -> Profile:
     """Read one ``.rd3`` or ``.rd7`` file with the ``.rad`` beside it.
 
     ``FREQUENCY`` is the sampling rate in MHz and ``TIMEWINDOW`` is in ns. The header has no time zero in samples:
     it is taken as sample 0. A ``DISTANCE INTERVAL`` of zero means recorded by time.
+
+    Args:
+        path: the file.
+        partial: read the whole traces of a file that ends too early; ``Profile.cut`` then says how many there are.
 
     Raises:
         InputError: a file is missing, cut short or another format, or header and file size disagree.
@@ -37,15 +40,10 @@ def read_mala(path: str | Path) -> Profile:
         raise InputError(header.path, "DISTANCE INTERVAL", "zero or more", f"{spacing_m:g}")
 
     data = read_bytes(file)
-    record_bytes = samples * dtype.itemsize
-    held = len(data) / record_bytes
-    traces = header.number("LAST TRACE", default=float(np.ceil(held)))
-    if held != traces:
-        expected = f"{traces:g} traces of {samples} samples as {header.path.name} says"
-        raise InputError(file, "size", expected, f"{len(data)} bytes ({held:.6g} traces)")
-    channels = np.frombuffer(data, dtype=dtype).reshape(-1, 1, samples).astype(dtype.newbyteorder("="))
-    antenna = header.values.get("ANTENNAS", "")
-    frequency_mhz = re.search(r"(\d+(?:\.\d+)?)\s*MHz", antenna, re.IGNORECASE)
+    said = (header.count("LAST TRACE"), header.path) if "LAST TRACE" in header.values else None
+    whole, cut = count_traces(file, len(data), samples * dtype.itemsize, said=said, partial=partial)
+    stored = np.frombuffer(data, dtype=dtype, count=whole * samples)
+    channels = stored.reshape(whole, 1, samples).astype(dtype.newbyteorder("="))
     start_m = header.number("START POSITION", default=0.0)
     return Profile(
         path=file,
@@ -53,7 +51,8 @@ def read_mala(path: str | Path) -> Profile:
         sample_interval_ns=interval_ns,
         time_zero_ns=0.0,
         spacing_m=spacing_m or None,
-        centre_frequency_hz=float(frequency_mhz[1]) * 1e6 if frequency_mhz else None,
+        centre_frequency_hz=named_frequency_hz(header.values.get("ANTENNAS", "")),
         positions_m=start_m + np.arange(len(channels)) * spacing_m if spacing_m else None,
         metadata=dict(header.values),
+        cut=cut,
     )

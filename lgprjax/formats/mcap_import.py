@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lgprjax.errors import InputError
+from lgprjax.formats.assumed import assumed_of
 from lgprjax.formats.drive_description import DriveDescription, NavigationTrack, OdometryTrack
 from lgprjax.formats.drive_writer import DriveWriter
 from lgprjax.formats.mcap_heard import (
@@ -25,7 +26,13 @@ from lgprjax.formats.mcap_heard import (
 from lgprjax.formats.mcap_recording import McapRecording
 from lgprjax.formats.mcap_scans import Scan, UniformArray, geometry_of, recording_of_form
 from lgprjax.formats.mcap_topics import TopicRows
-from lgprjax.formats.mcap_tracks import McapAssumed, navigation_track, odometry_track, travel_along
+from lgprjax.formats.mcap_tracks import (
+    McapAssumed,
+    navigation_track,
+    odometry_track,
+    tracks_assumed,
+    travel_along,
+)
 from lgprjax.formats.ros_messages import DRIVE_METADATA
 from lgprjax.formats.utc import utc_ns, utc_text
 
@@ -94,6 +101,10 @@ def import_mcap(
     kept = _spanned(recording.path, radar, scan_time_s, navigation, odometry)
     used = list(dict.fromkeys(each for each in (radar, position, attitude, odometer) if each is not None))
     notes = _notes(recording, used, attitude, odometer, outside=len(kept) - int(np.count_nonzero(kept)))
+    # An exported drive's messages hold what was assumed when it was imported.
+    exported = _provenance_told(told)
+    made_up = assumed_of(exported)
+    made_up.update((str(name), words) for name, words in tracks_assumed(position, attitude, odometer, assumed).items())
     description = DriveDescription(
         name=told.get("name") or Path(output).name.split(".")[0],
         t0_utc=utc_text(t0_ns),
@@ -108,9 +119,10 @@ def import_mcap(
             "inputs": [{"file": recording.path.name, "sha256": _digest(recording.path)}],
             "topics": {each.topic: each.kind for each in used},
             "clocks": {each.topic: "header stamps" if each.header_clock else "times of recording" for each in used},
-            "assumed": assumed._asdict(),
+            "told": assumed._asdict(),
+            "assumed": made_up,
             "notes": list(notes),
-            "exported": _provenance_told(told),
+            "exported": exported,
         },
     )
     with DriveWriter.create(
@@ -233,9 +245,10 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def _provenance_told(told: Mapping[str, str]) -> object:
-    """What the drive said of its making when it was exported; ``None`` where nothing can be read."""
+def _provenance_told(told: Mapping[str, str]) -> dict[str, object]:
+    """What the drive said of its making when it was exported; empty where nothing can be read."""
     try:
-        return json.loads(told["provenance"])
+        said = json.loads(told["provenance"])
     except (KeyError, ValueError):
-        return None
+        return {}
+    return said if isinstance(said, dict) else {}

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lgprjax.errors import InputError
+from lgprjax.formats.assumed import Assumed
 from lgprjax.formats.drive_description import NavigationTrack, OdometryTrack
 from lgprjax.formats.mcap_topics import TopicRows
 from lgprjax.formats.survey_track import distances_m, path_headings_deg
@@ -107,6 +108,30 @@ def navigation_track(
         sigma_heading_deg=None if sigmas_rad[0] is None else np.degrees(sigmas_rad[0]),
         sigma_roll_deg=None if sigmas_rad[1] is None else np.degrees(sigmas_rad[1]),
     )
+
+
+def tracks_assumed(
+    position: TopicRows, attitude: TopicRows | None, odometer: TopicRows | None, told: McapAssumed
+) -> Assumed:
+    """What no message tells of the tracks, and what stands in for it."""
+    _, rows = position.sorted()
+    assumed: Assumed = {}
+    if odometer is None:
+        assumed["odometry"] = "from the positions"
+    if attitude is None:
+        assumed |= {"heading": "along the path", "roll": "taken as 0"}
+    if np.all(np.isnan(rows[:, 2])):
+        assumed["height"] = "taken as 0"
+    if not np.all(rows[:, 3:5] >= 0.0):
+        assumed["position sigma"] = _stands_in(told.gnss_sigma_m, "m")
+    turns = None if attitude is None else attitude.sorted()[1]
+    if turns is None or not np.all(turns[np.isfinite(turns[:, 0]), 2] >= 0.0):
+        assumed["heading sigma"] = _stands_in(told.heading_sigma_deg, "degrees")
+    return assumed
+
+
+def _stands_in(sigma: float | None, unit: str) -> str:
+    return "not recorded" if sigma is None else f"{sigma:g} {unit} where no message tells it, as told"
 
 
 def travel_along(navigation: NavigationTrack) -> OdometryTrack:

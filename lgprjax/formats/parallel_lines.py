@@ -8,10 +8,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Num
 
 from lgprjax.errors import InputError
+from lgprjax.formats.assumed import Assumed
 from lgprjax.formats.drive_description import DriveDescription, OdometryTrack, TraceRecording
 from lgprjax.formats.drive_writer import DriveWriter
 from lgprjax.formats.profile import Profile
-from lgprjax.formats.survey_track import SURVEY_SPEED_MPS, Place, straight_track
+from lgprjax.formats.survey_track import CLOCK_ASSUMED, SURVEY_SPEED_MPS, TRACK_ASSUMED, Place, straight_track
 from lgprjax.radar.array import ArrayGeometry
 
 # Time zeros closer than this are the same (8 ps at 0.4 ns a sample); farther than this share, another recording.
@@ -30,10 +31,11 @@ def write_lines(
     place: Place,
     output: str | Path,
     provenance: dict[str, object],
+    assumed: Assumed,
     length_m: float | None = None,
-    reversed_lines: Sequence[int] = (),
+    along_m: Sequence[Float[np.ndarray, " _"]] | None = None,
     force: bool = False,
-) -> None:
+) -> Assumed:
     """Write lines of one channel each as one drive log that leaves ``place`` straight along its heading.
 
     Args:
@@ -42,36 +44,48 @@ def write_lines(
         place: origin and direction.
         output: the drive log.
         provenance: what the drive log says about its making; how the lines were resampled is added.
+        assumed: what the caller assumed; goes before what is assumed here of any straight line.
         length_m: spread every line evenly over this length (both ends on the tape) and resample it to the common
             step. Without it lines keep the spacing and start of their headers and may end early.
-        reversed_lines: numbers of the lines that were recorded backwards; a reversed line ends at the start.
+        along_m: place of each line's traces ahead of ``place``, rising, where that is known otherwise.
         force: replace an output that exists.
+
+    Returns:
+        All that was assumed, as the provenance holds it.
 
     Raises:
         InputError: the lines do not belong together, or an option makes no sense.
     """
     place.check(output)
-    if length_m is not None and not (np.isfinite(length_m) and length_m > 0):
-        raise InputError(output, "line length", "a length above zero", f"{length_m:g} m")
-    for index in reversed_lines:
-        if not 0 <= index < len(lines):
-            raise InputError(output, "reversed lines", f"numbers from 0 to {len(lines) - 1}", str(index))
+    check_length(output, length_m)
+    check_alike(lines)
     time_zero_ns = float(np.median([line.time_zero_ns for line in lines]))
-    _check_lines(lines, time_zero_ns)
+    _check_time_zeros(lines, time_zero_ns)
 
-    along = [_along_m(lines, i, length_m, i in reversed_lines) for i in range(len(lines))]
+    along = [_along_m(lines, i, length_m) for i in range(len(lines))] if along_m is None else along_m
     step_m = _common_step_m(lines, along, length_m)
-    scan_m = np.arange(int(np.floor(max(a.max() for a in along) / step_m + 1e-6)) + 1) * step_m
-    columns = [
-        _resampled(line, a, scan_m, time_zero_ns, i in reversed_lines)
-        for i, (line, a) in enumerate(zip(lines, along, strict=True))
-    ]
+    start_m = min(float(a[0]) for a in along)
+    # Scans keep to one grid from the origin, so that lines that were surveyed on it stay as they were recorded.
+    first = int(np.floor(start_m / step_m + 1e-6))
+    scan_m = np.arange(first, int(np.floor(max(a[-1] for a in along) / step_m + 1e-6)) + 1) * step_m
+    columns = [_resampled(line, a, scan_m, time_zero_ns) for line, a in zip(lines, along, strict=True)]
     traces = np.stack([column for column, _ in columns], axis=1)
     if traces.dtype.kind == "f":
         traces = traces.astype(np.float32)
     valid = np.stack([covered for _, covered in columns], axis=1)
 
-    time_s = scan_m / SURVEY_SPEED_MPS
+    travel_m = scan_m - scan_m[0]
+    time_s = travel_m / SURVEY_SPEED_MPS
+    by_tape, by_header = f"evenly over {length_m or 0.0:g} m", "trace spacing or positions of the header"
+    whole: Assumed = {
+        **CLOCK_ASSUMED,
+        "odometry": by_header if length_m is None else by_tape,
+        "position": "straight from the origin",
+        "heading": f"{place.heading_deg:g} degrees all along",
+        "height": "taken as 0",
+        **TRACK_ASSUMED,
+        **assumed,
+    }
     frequencies = [line.centre_frequency_hz for line in lines if line.centre_frequency_hz is not None]
     description = DriveDescription(
         name=Path(output).name.split(".")[0],
@@ -82,20 +96,20 @@ def write_lines(
             lines[0].sample_interval_ns, time_zero_ns, 0.0, frequencies[0] if frequencies else None, traces.shape[2]
         ),
         navigation=straight_track(scan_m, place, time_s),
-        odometry=OdometryTrack(time_s, scan_m),
+        odometry=OdometryTrack(time_s, travel_m),
         truth=None,
         vehicle=None,
         provenance=provenance
         | {
             "length_m": length_m,
-            "reversed_lines": list(reversed_lines),
             "scan_step_m": step_m,
-            "assumed_survey_speed_mps": SURVEY_SPEED_MPS,
+            "assumed": whole,
             "line_time_zero_ns": [line.time_zero_ns for line in lines],
         },
     )
     with DriveWriter.create(output, description, channels=len(lines), dtype=traces.dtype, force=force) as writer:
         writer.append(time_s, traces, valid)
+    return whole
 
 
 def inputs_of(paths: Sequence[str | Path]) -> list[dict[str, str]]:
@@ -103,7 +117,14 @@ def inputs_of(paths: Sequence[str | Path]) -> list[dict[str, str]]:
     return [{"file": Path(p).name, "sha256": hashlib.sha256(Path(p).read_bytes()).hexdigest()} for p in paths]
 
 
-def _check_lines(lines: Sequence[Profile], time_zero_ns: float) -> None:
+def check_length(output: str | Path, length_m: float | None) -> None:
+    """Raise ``InputError`` for what is no length of a line."""
+    if length_m is not None and not (np.isfinite(length_m) and length_m > 0):
+        raise InputError(output, "line length", "a length above zero", f"{length_m:g} m")
+
+
+def check_alike(lines: Sequence[Profile]) -> None:
+    """Raise ``InputError`` unless lines have one channel each, and the samples of the first."""
     first = lines[0]
     for line in lines:
         if line.channels.shape[1] != 1:
@@ -117,38 +138,44 @@ def _check_lines(lines: Sequence[Profile], time_zero_ns: float) -> None:
         if abs(line.sample_interval_ns / first.sample_interval_ns - 1) > 1e-3:
             expected = f"{first.sample_interval_ns:g} ns as in {first.path.name}"
             raise InputError(line.path, "sample interval", expected, f"{line.sample_interval_ns:g} ns")
+
+
+def _check_time_zeros(lines: Sequence[Profile], time_zero_ns: float) -> None:
+    for line in lines:
         shift = abs(line.time_zero_ns - time_zero_ns) / line.sample_interval_ns
         if shift > _LARGEST_SHIFT * line.channels.shape[2]:
             raise InputError(line.path, "time zero", f"about {time_zero_ns:g} ns", f"{line.time_zero_ns:g} ns")
 
 
-def _along_m(
-    lines: Sequence[Profile], index: int, length_m: float | None, backwards: bool
-) -> Float[np.ndarray, " trace"]:
-    """Position of each trace along the drive, rising; a line recorded backwards is flipped before."""
-    line = lines[index]
+def _along_m(lines: Sequence[Profile], index: int, length_m: float | None) -> Float[np.ndarray, " trace"]:
+    """Position of each trace along the drive, rising."""
+    starts = [0.0 if other.positions_m is None else float(other.positions_m[0]) for other in lines]
+    start_m = 0.0 if length_m is not None else starts[index] - min(starts)
+    return np.asarray(start_m + own_distances_m(lines[index], length_m))
+
+
+def own_distances_m(line: Profile, length_m: float | None) -> Float[np.ndarray, " trace"]:
+    """Distance of each trace from its line's first, rising. Raises ``InputError`` for a line that does not say it."""
     traces = len(line.channels)
     if length_m is not None:
         return np.linspace(0.0, length_m, traces)
     if line.spacing_m is not None:
-        own = np.arange(traces) * line.spacing_m
-    elif line.positions_m is not None:
-        own = line.positions_m - line.positions_m[0]
-        _check_positions(line, own)
-    else:
+        return np.arange(traces) * line.spacing_m
+    if line.positions_m is None:
         raise InputError(line.path, "trace spacing", "a spacing in the header, or the length of the line", "none")
-    starts = [0.0 if other.positions_m is None else float(other.positions_m[0]) for other in lines]
-    along: np.ndarray = own[-1] - own[::-1] if backwards else starts[index] - min(starts) + own
-    return along
+    own = np.asarray(line.positions_m - line.positions_m[0])
+    check_rising(line, own)
+    return own
 
 
-def _check_positions(line: Profile, own_m: Float[np.ndarray, " trace"]) -> None:
-    steps_m = np.diff(own_m)
+def check_rising(line: Profile, place_m: Float[np.ndarray, " trace"]) -> None:
+    """Raise ``InputError`` unless places rise from trace to trace, in steps that are like each other."""
+    steps_m = np.diff(place_m)
     usual_m = float(np.median(steps_m))
     if np.any(steps_m <= 0):
         bad = int(np.argmax(steps_m <= 0))
         expected = "positions that rise from trace to trace, or the length of the line"
-    elif own_m[-1] > _STEPS_A_TRACE * len(own_m) * usual_m:
+    elif place_m[-1] - place_m[0] > _STEPS_A_TRACE * len(place_m) * usual_m:
         bad = int(np.argmax(steps_m))
         expected = f"steps like most of them, {usual_m:g} m"
     else:
@@ -156,7 +183,7 @@ def _check_positions(line: Profile, own_m: Float[np.ndarray, " trace"]) -> None:
     raise InputError(line.path, f"position of trace {bad + 1}", expected, f"a step of {steps_m[bad]:g} m")
 
 
-def _common_step_m(lines: Sequence[Profile], along: list[Float[np.ndarray, " _"]], length_m: float | None) -> float:
+def _common_step_m(lines: Sequence[Profile], along: Sequence[Float[np.ndarray, " _"]], length_m: float | None) -> float:
     if length_m is not None:
         return length_m / (max(len(line.channels) for line in lines) - 1)
     return min(
@@ -170,16 +197,12 @@ def _resampled(
     along_m: Float[np.ndarray, " trace"],
     scan_m: Float[np.ndarray, " scan"],
     time_zero_ns: float,
-    backwards: bool,
 ) -> tuple[Num[np.ndarray, "scan sample"], Bool[np.ndarray, " scan"]]:
     """One line at the common scans and the common time zero; as recorded where nothing has to be moved.
 
     Scans beyond the line's ends and within its gaps are not covered.
     """
-    traces = line.traces[::-1] if backwards else line.traces
-    shift = (line.time_zero_ns - time_zero_ns) / line.sample_interval_ns
-    if abs(shift) > _SAME_TIME_ZERO_SAMPLES:
-        traces = _interpolated(traces.T, np.clip(np.arange(traces.shape[1]) + shift, 0, traces.shape[1] - 1)).T
+    traces = at_time_zero(line, time_zero_ns)
     margin_m = 1e-3 * (along_m[1] - along_m[0])
     covered = (scan_m > along_m[0] - margin_m) & (scan_m < along_m[-1] + margin_m)
     steps_m = np.diff(along_m)
@@ -192,6 +215,15 @@ def _resampled(
     column = np.zeros((len(scan_m), traces.shape[1]), dtype=moved.dtype)
     column[covered] = moved
     return column, covered
+
+
+def at_time_zero(line: Profile, time_zero_ns: float) -> Num[np.ndarray, "trace sample"]:
+    """Traces of a line's first channel at another time zero; as recorded where it is the same."""
+    shift = (line.time_zero_ns - time_zero_ns) / line.sample_interval_ns
+    if abs(shift) <= _SAME_TIME_ZERO_SAMPLES:
+        return line.traces
+    samples = line.channels.shape[2]
+    return _interpolated(line.traces.T, np.clip(np.arange(samples) + shift, 0, samples - 1)).T
 
 
 def _interpolated(

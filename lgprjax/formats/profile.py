@@ -1,5 +1,6 @@
 """One recorded line as the vendor readers return it, and what they share."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -40,6 +41,7 @@ class Profile:
         metadata: further header values under the vendor's own names.
         coordinates: where each trace was recorded, when the file says.
         left_m, forward_m: place of each channel in the array, when the files say; falling from left to right.
+        cut: what was read of a file that ends too early, such as ``120 of 199 traces``; ``None`` for a whole file.
     """
 
     path: Path
@@ -53,6 +55,7 @@ class Profile:
     coordinates: TraceCoordinates | None = None
     left_m: Float[np.ndarray, " channel"] | None = None
     forward_m: Float[np.ndarray, " channel"] | None = None
+    cut: str | None = None
 
     @property
     def traces(self) -> Num[np.ndarray, "trace sample"]:
@@ -84,6 +87,45 @@ def companion(path: Path, suffix: str) -> Path:
     raise InputError(path, "header file", f"{path.stem}{suffix} beside it", "none")
 
 
+def named_frequency_hz(antenna: str) -> float | None:
+    """Centre frequency in an antenna's name, such as ``500 MHz shielded``; ``None`` where it has none."""
+    # Bounded in every part: a damaged name may be thousands of digits.
+    named = re.search(r"(?<![\d.])(\d{1,6}(?:\.\d{1,6})?)\s{0,3}MHz", antenna[:200], re.IGNORECASE | re.ASCII)
+    return float(named[1]) * 1e6 or None if named else None
+
+
+def count_traces(
+    file: Path, data_bytes: int, trace_bytes: int, *, said: tuple[int, Path] | None, partial: bool
+) -> tuple[int, str | None]:
+    """Whole traces in so many bytes, and ``Profile.cut`` where the file ends too early.
+
+    Args:
+        file: the file of the traces.
+        data_bytes: what it holds after its headers, where the traces lie; not above zero for none.
+        trace_bytes: size of a trace, or of one trace of every channel where they are interleaved.
+        said: the number of traces that a header states, and the file of that header.
+        partial: take the whole traces of a file that ends too early.
+
+    Raises:
+        InputError: no trace is whole, the file holds more traces than the header says, or it ends too early and
+            ``partial`` was not asked for.
+    """
+    whole, rest = divmod(max(data_bytes, 0), trace_bytes)
+    if rest == 0 and whole and (said is None or said[0] == whole):
+        return whole, None
+    expected = "a whole number" if said is None else f"{said[0]} as {said[1].name} says"
+    found = f"{whole} and a part of one" if whole and rest else "a part of one" if rest else f"{whole or 'none'}"
+    # More traces than the header states are no cut: the header is another file's, or the samples are of another type.
+    cut = whole > 0 and (said is None or whole < said[0])
+    if not (cut and partial):
+        raise InputError(file, "traces", expected, found + ("; read the whole ones with --partial" if cut else ""))
+    return whole, f"{whole} of {f'at least {whole + 1}' if said is None else said[0]} traces"
+
+
+# No quantity of a header is as large or, above zero, as small: such a value is damaged, and would overflow further on.
+_LARGEST, _SMALLEST = 1e12, 1e-12
+
+
 class TextHeader:
     """Header of lines ``NAME separator VALUE``; asks for values and refuses what is missing or no number."""
 
@@ -96,7 +138,7 @@ class TextHeader:
                 self.values.setdefault(name.strip().upper(), value.strip())
 
     def number(self, name: str, *, default: float | None = None) -> float:
-        """Finite value of a line; ``default`` stands in only for a line that is missing."""
+        """Value of a line, finite and of possible size; ``default`` stands in only for a line that is missing."""
         text = self.values.get(name)
         if text is None and default is not None:
             return default
@@ -104,14 +146,15 @@ class TextHeader:
             value = float(text or "")
         except ValueError:
             value = np.nan
-        if not np.isfinite(value):
-            raise InputError(self.path, name, "a number", "none" if text is None else repr(text))
+        if not abs(value) <= _LARGEST:
+            # What is damaged may be long; the message stays a line that one can read.
+            raise InputError(self.path, name, "a number", "none" if text is None else repr(text[:40]))
         return value
 
     def positive(self, name: str) -> float:
         """Value above zero."""
         value = self.number(name)
-        if value <= 0:
+        if value < _SMALLEST:
             raise InputError(self.path, name, "a number above zero", f"{value:g}")
         return value
 

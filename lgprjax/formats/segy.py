@@ -1,15 +1,16 @@
 """SEG-Y lines as radars write them. Needs the optional package segyio (``pip install lgprjax[segy]``)."""
 
 import struct
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyproj
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Num
 
 from lgprjax.errors import InputError
-from lgprjax.formats.profile import Profile, TraceCoordinates, read_bytes
+from lgprjax.formats.profile import Profile, TraceCoordinates, count_traces, read_bytes
 
 _TEXT_BYTES, _BINARY_BYTES, _TRACE_HEADER_BYTES = 3200, 400, 240
 # Bytes a sample and the type returned, by the format code: IBM float, int32, int16, IEEE float, int8.
@@ -28,7 +29,9 @@ _FOOT_M = 0.3048
 _EVEN = 0.02
 
 
-def read_segy(path: str | Path, *, sample_interval_ns: float | None = None, time_zero_ns: float = 0.0) -> Profile:
+def read_segy(
+    path: str | Path, *, sample_interval_ns: float | None = None, time_zero_ns: float = 0.0, partial: bool = False
+) -> Profile:
     """Read one SEG-Y file of revision 0, 1 or 2, big- or little-endian; IBM or IEEE float, int32, int16 or int8.
 
     The sample interval is, in this order: ``sample_interval_ns`` if given; the extended interval of revision 2; the
@@ -40,6 +43,7 @@ def read_segy(path: str | Path, *, sample_interval_ns: float | None = None, time
         path: the file.
         sample_interval_ns: two-way travel time between samples, where the header does not say it.
         time_zero_ns: how long after sample 0 time zero lies (no header of SEG-Y says it in ns).
+        partial: read the whole traces of a file that ends too early; ``Profile.cut`` then says how many there are.
 
     Raises:
         InputError: segyio is missing, the file is missing, cut short or another format, or no header says the
@@ -47,18 +51,20 @@ def read_segy(path: str | Path, *, sample_interval_ns: float | None = None, time
     """
     file = Path(path)
     data = read_bytes(file)
-    order, binary = _binary_header(file, data)
+    order, binary, whole_bytes, cut = _binary_header(file, data, partial=partial)
     if sample_interval_ns is not None and not (np.isfinite(sample_interval_ns) and sample_interval_ns > 0):
         raise InputError(file, "sample interval", "a number above zero", f"{sample_interval_ns:g}")
     if not np.isfinite(time_zero_ns):
         raise InputError(file, "time zero", "a number", f"{time_zero_ns:g}")
     segyio = _segyio(file)
-    try:
-        with segyio.open(str(file), ignore_geometry=True, endian="big" if order == ">" else "little") as store:
-            stored = store.trace.raw[:]
-            words = {place: np.asarray(store.attributes(place)[:], dtype=np.int64) for place in _TRACE_WORDS}
-    except (OSError, RuntimeError, ValueError, IndexError) as error:
-        raise InputError(file, "file", "a whole SEG-Y file", str(error) or type(error).__name__) from None
+    if cut is None:
+        stored, words = _traces(segyio, file, file, order)
+    else:
+        # The library opens nothing but files of whole traces.
+        with tempfile.TemporaryDirectory() as folder:
+            whole = Path(folder) / file.name
+            whole.write_bytes(memoryview(data)[:whole_bytes])
+            stored, words = _traces(segyio, file, whole, order)
     interval_ns, interval_from = _interval(file, binary, words[117], sample_interval_ns)
     coordinates, coordinates_from = _coordinates(words, feet=binary["units"] == 2)
     positions_m = None if coordinates is None else _along_m(coordinates)
@@ -68,7 +74,7 @@ def read_segy(path: str | Path, *, sample_interval_ns: float | None = None, time
         mean_m = float(steps.mean())
         if mean_m > 0 and np.all(np.abs(steps - mean_m) < _EVEN * mean_m):
             spacing_m = mean_m
-    traces = np.atleast_2d(stored).astype(_FORMATS[binary["format"]][1])
+    traces = stored.astype(_FORMATS[binary["format"]][1])
     return Profile(
         path=file,
         channels=traces[:, None, :],
@@ -83,6 +89,7 @@ def read_segy(path: str | Path, *, sample_interval_ns: float | None = None, time
             "reading": f"sample interval {interval_ns:g} ns from {interval_from}; coordinates from {coordinates_from}",
         },
         coordinates=coordinates,
+        cut=cut,
     )
 
 
@@ -99,8 +106,21 @@ def _segyio(file: Path) -> Any:
     return segyio
 
 
-def _binary_header(file: Path, data: bytes) -> tuple[str, dict[str, Any]]:
-    """Byte order and the words of the binary header that count; the size of the file is held against them."""
+def _traces(
+    segyio: Any, file: Path, whole: Path, order: str
+) -> tuple[Num[np.ndarray, "trace sample"], dict[int, Int[np.ndarray, " trace"]]]:
+    """Samples, and header words by their place, of a file of whole traces; errors are told of ``file``."""
+    try:
+        with segyio.open(str(whole), ignore_geometry=True, endian="big" if order == ">" else "little") as store:
+            stored = np.atleast_2d(store.trace.raw[:])
+            words = {place: np.asarray(store.attributes(place)[:], dtype=np.int64) for place in _TRACE_WORDS}
+    except (OSError, RuntimeError, ValueError, IndexError) as error:
+        raise InputError(file, "file", "a whole SEG-Y file", str(error) or type(error).__name__) from None
+    return stored, words
+
+
+def _binary_header(file: Path, data: bytes, *, partial: bool) -> tuple[str, dict[str, Any], int, str | None]:
+    """Byte order, the words of the binary header that count, the bytes up to the last whole trace, and what is cut."""
     header = data[_TEXT_BYTES : _TEXT_BYTES + _BINARY_BYTES]
     if len(header) < _BINARY_BYTES:
         raise InputError(file, "file", "SEG-Y headers of 3600 bytes", f"{len(data)} bytes")
@@ -121,17 +141,15 @@ def _binary_header(file: Path, data: bytes) -> tuple[str, dict[str, Any]]:
         raise InputError(file, "binary header, extended text headers", "a number of them", str(extended_headers))
     before = _TEXT_BYTES + _BINARY_BYTES + _TEXT_BYTES * (extended_headers if major >= 1 else 0)
     trace_bytes = _TRACE_HEADER_BYTES + samples * _FORMATS[codes[order]][0]
-    held = (len(data) - before) / trace_bytes
-    if held < 1 or held != int(held):
-        expected = f"whole traces of {trace_bytes} bytes ({samples} samples) after {before} bytes of headers"
-        raise InputError(file, "size", expected, f"{len(data)} bytes ({held:.6g} traces)")
-    return order, {
+    whole, cut = count_traces(file, len(data) - before, trace_bytes, said=None, partial=partial)
+    words = {
         "format": codes[order],
         "interval": interval,
         "exact_us": exact_us,
         "units": units,
         "revision": f"{major}.{minor}",
     }
+    return order, words, before + whole * trace_bytes, cut
 
 
 def _interval(

@@ -6,20 +6,11 @@ import numpy as np
 from jaxtyping import Float
 
 from lgprjax.errors import InputError
-from lgprjax.formats.drive_description import DriveDescription, OdometryTrack, TraceRecording
-from lgprjax.formats.drive_writer import DriveWriter
 from lgprjax.formats.parallel_lines import inputs_of, write_lines
+from lgprjax.formats.positioned_lines import write_positioned_lines
 from lgprjax.formats.profile import Profile
 from lgprjax.formats.segy import read_segy
-from lgprjax.formats.survey_track import (
-    SURVEY_SPEED_MPS,
-    Place,
-    distances_m,
-    path_headings_deg,
-    track,
-    utm_projection,
-)
-from lgprjax.radar.array import ArrayGeometry
+from lgprjax.formats.survey_track import Place, distances_m, utm_projection
 
 
 def import_segy(
@@ -64,7 +55,18 @@ def import_segy(
     }
     where = None if length_m is not None else _on_the_earth(profile, utm_zone)
     if where is not None:
-        _write_path(profile, *where, output, provenance, force)
+        latitude_deg, longitude_deg = where
+        write_positioned_lines(
+            [profile],
+            latitude_deg=[latitude_deg],
+            longitude_deg=[longitude_deg],
+            height_m=None,
+            travel_m=[distances_m(latitude_deg, longitude_deg)],
+            output=output,
+            provenance=provenance,
+            assumed={"odometry": "from the positions"},
+            force=force,
+        )
         return True
     write_lines(
         [profile],
@@ -73,6 +75,7 @@ def import_segy(
         place=place,
         output=output,
         provenance=provenance,
+        assumed=place.assumed(),
         length_m=length_m,
         force=force,
     )
@@ -98,34 +101,3 @@ def _on_the_earth(
         raise InputError(profile.path, "coordinates", "UTM metres (easting 100000 to 900000)", found)
     longitude_deg, latitude_deg = utm_projection(profile.path, utm_zone)(coordinates.x, coordinates.y, inverse=True)
     return np.asarray(latitude_deg), np.asarray(longitude_deg)
-
-
-def _write_path(
-    profile: Profile,
-    latitude_deg: Float[np.ndarray, " trace"],
-    longitude_deg: Float[np.ndarray, " trace"],
-    output: str | Path,
-    provenance: dict[str, object],
-    force: bool,
-) -> None:
-    traces = len(profile.channels)
-    if traces < 2:
-        raise InputError(profile.path, "traces", "at least 2", str(traces))
-    travel_m = distances_m(latitude_deg, longitude_deg)
-    # Traces may repeat a place (the antenna stood, or coordinates are coarse): a clock must rise all the same.
-    time_s = np.arange(traces) * travel_m[-1] / (traces - 1) / SURVEY_SPEED_MPS
-    description = DriveDescription(
-        name=Path(output).name.split(".")[0],
-        t0_utc="1970-01-01T00:00:00Z",  # the moment is not known
-        array=ArrayGeometry(np.zeros(1), np.zeros(1), np.zeros(1), 0.0),
-        recording=TraceRecording(
-            profile.sample_interval_ns, profile.time_zero_ns, 0.0, None, profile.channels.shape[2]
-        ),
-        navigation=track(time_s, latitude_deg, longitude_deg, path_headings_deg(latitude_deg, longitude_deg, travel_m)),
-        odometry=OdometryTrack(time_s, travel_m),
-        truth=None,
-        vehicle=None,
-        provenance=provenance | {"assumed_mean_speed_mps": SURVEY_SPEED_MPS, "heights": "taken as 0"},
-    )
-    with DriveWriter.create(output, description, channels=1, dtype=profile.channels.dtype, force=force) as writer:
-        writer.append(time_s, profile.channels)

@@ -9,10 +9,13 @@ import pyproj
 from jaxtyping import Float
 
 from lgprjax.errors import InputError
+from lgprjax.formats.assumed import Assumed
 from lgprjax.formats.drive_description import NavigationTrack
 
 # A survey has no clock that matters: scans are timed as if walked at this speed.
 SURVEY_SPEED_MPS = 1.0
+CLOCK_ASSUMED: Assumed = {"time": "unknown", "speed": f"{SURVEY_SPEED_MPS:g} m/s"}
+TRACK_ASSUMED: Assumed = {"roll": "taken as 0", "position sigma": "not recorded", "heading sigma": "not recorded"}
 # Headings are taken over this length of path: centimetres of noise then turn them by a degree or two at most.
 CHORD_M = 1.0
 _GEOD = pyproj.Geod(ellps="WGS84")
@@ -32,6 +35,11 @@ class Place(NamedTuple):
                 raise InputError(file, name, f"degrees from {-limit:g} to {limit:g}", f"{value:g}")
         if not np.isfinite(self.heading_deg):
             raise InputError(file, "heading", "degrees", f"{self.heading_deg:g}")
+
+    def assumed(self) -> Assumed:
+        """Whether this is where no survey lies, as it stands where nobody said a place."""
+        stands_in = (self.latitude_deg, self.longitude_deg) == (0.0, 0.0)
+        return {"place on the earth": "latitude 0, longitude 0"} if stands_in else {}
 
     def ahead(self, distance_m: float) -> "Place":
         """The place that lies so far ahead."""
@@ -65,7 +73,7 @@ def track(
     heading_deg: Float[np.ndarray, " scan"],
     height_m: Float[np.ndarray, " scan"] | None = None,
 ) -> NavigationTrack:
-    """Poses without roll, at height 0 where none is given. A survey states no sigmas."""
+    """Poses without roll, at height 0 where none is given. A survey states no sigmas (``TRACK_ASSUMED``)."""
     zeros = np.zeros(len(time_s))
     return NavigationTrack(
         time_s=time_s,

@@ -3,18 +3,28 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from lgprjax.errors import InputError
+from lgprjax.formats.assumed import Assumed
 from lgprjax.formats.dt1 import read_dt1
 from lgprjax.formats.dzt import read_dzt
 from lgprjax.formats.iprb import read_iprb, read_iprb_array
+from lgprjax.formats.line_findings import LineFinding, Reversed, TimeZero, find_lines
 from lgprjax.formats.mala import read_mala
-from lgprjax.formats.parallel_lines import inputs_of, write_lines
+from lgprjax.formats.parallel_lines import check_alike, check_length, inputs_of, write_lines
+from lgprjax.formats.positioned_lines import write_positioned_lines
 from lgprjax.formats.profile import Profile
 from lgprjax.formats.segy import read_segy
+from lgprjax.formats.side_files import RECEIVERS, find_side_files, read_side_file
+from lgprjax.formats.side_positions import SidePositions
+from lgprjax.formats.survey_layout import lay_out
 from lgprjax.formats.survey_track import Place
+
+_SAME_LINE_M = 0.005
 
 READERS = {
     ".dt1": read_dt1,
@@ -27,73 +37,149 @@ READERS = {
 }
 
 
-def read_profile(path: str | Path) -> Profile:
-    """Read a vendor's file by its suffix, one of ``READERS``. Raises ``InputError``."""
+def read_profile(path: str | Path, *, partial: bool = False) -> Profile:
+    """Read a vendor's file by its suffix, one of ``READERS``, or the ``partial`` of it that is whole.
+
+    Raises ``InputError``.
+    """
     reader = READERS.get(Path(path).suffix.lower())
     if reader is None:
         raise InputError(path, "file name", "a suffix among " + ", ".join(READERS), repr(Path(path).suffix))
-    return reader(path)
+    return reader(path, partial=partial)
+
+
+class Survey(NamedTuple):
+    """What ``import_lines`` found.
+
+    Attributes:
+        lines: what was found in each, in the order in which they lie from left to right, or were driven.
+        placed_by: ``tape``, ``topography``, ``receiver`` or ``header``.
+        assumed: what no instrument recorded, and what stands in for it in the drive log.
+    """
+
+    lines: tuple[LineFinding, ...]
+    placed_by: str
+    assumed: Assumed
 
 
 def import_lines(
     paths: Sequence[str | Path],
     *,
-    line_spacing_m: float,
+    output: str | Path,
+    line_spacing_m: float | None = None,
+    lines_at_m: Sequence[float] | None = None,
     first_line_m: float = 0.0,
     length_m: float | None = None,
-    reversed_lines: Sequence[int] = (),
+    time_zero: TimeZero = "auto",
+    polarity: Literal["auto", "keep"] = "auto",
+    reversed_lines: Reversed = "auto",
     sample_interval_ns: float | None = None,
+    utm_zone: str | None = None,
+    partial: bool = False,
     latitude_deg: float = 0.0,
     longitude_deg: float = 0.0,
     heading_deg: float = 90.0,
-    output: str | Path,
     force: bool = False,
-) -> None:
-    """Write parallel lines as one drive log, one channel a line, the first line leftmost.
+) -> Survey:
+    """Write the lines of a survey as one drive log.
 
-    The vehicle drives along ``heading_deg`` from the origin; line i lies ``first_line_m + i * line_spacing_m`` to
-    its right. A single file of several channels counts as that many lines.
+    With tape geometry (``line_spacing_m`` or ``lines_at_m``) every line is a channel of one array that drives along
+    ``heading_deg`` from the origin. Without it positions come from the files beside the lines: a topography in metres
+    of the site, whose x axis then points along ``heading_deg``, or the receiver's latitudes and longitudes, by which
+    lines follow each other as passes of one channel. A single line without any runs straight from the origin.
+
+    Time zeros, signs, directions and starts are looked for in the traces (``line_findings``).
 
     Args:
-        paths: vendor files, from left to right.
+        paths: vendor files, from left to right. A single file of several channels counts as that many lines.
+        output: the drive log.
         line_spacing_m: distance between lines.
-        first_line_m: distance of the first line to the right of the origin.
+        lines_at_m: place of each line, to the right of the origin.
+        first_line_m: with ``line_spacing_m``, distance of the first line to the right of the origin.
         length_m: spread every line evenly over this length (both ends on the tape) and resample it to the common
             step. Without it lines keep the spacing and start of their headers and may end early.
-        reversed_lines: numbers of the lines that were recorded backwards; a reversed line ends at the start.
+        time_zero, polarity, reversed_lines: see ``find_lines``.
         sample_interval_ns: two-way travel time between samples of SEG-Y files, whose headers may not say it.
+        utm_zone: of a topography in metres of a UTM grid, such as ``33N``.
+        partial: read the whole traces of files that are cut.
         latitude_deg, longitude_deg: origin, WGS-84.
         heading_deg: direction of the lines, clockwise from true north.
-        output: the drive log.
         force: replace an output that exists.
 
     Raises:
         InputError: a file cannot be read, or the lines do not belong together.
     """
-    lines = [_read(path, sample_interval_ns) for path in paths]
+    lines = [_read(path, sample_interval_ns, partial) for path in paths]
     if not lines:
         raise InputError(output, "lines", "at least one file", "none")
     if len(lines) == 1:
         lines = _channels(lines[0])
-    if len(lines) > 1 and not (np.isfinite(line_spacing_m) and line_spacing_m > 0):
-        raise InputError(output, "line spacing", "a length above zero", f"{line_spacing_m:g} m")
-    write_lines(
+    place = Place(latitude_deg, longitude_deg, heading_deg)
+    place.check(output)
+    check_length(output, length_m)
+    check_alike(lines)
+    if not isinstance(reversed_lines, str) and any(not 0 <= i < len(lines) for i in reversed_lines):
+        bad = next(i for i in reversed_lines if not 0 <= i < len(lines))
+        raise InputError(output, "reversed lines", f"numbers from 0 to {len(lines) - 1}", str(bad))
+    right_m = _tape(output, len(lines), line_spacing_m, lines_at_m, first_line_m)
+    taped = right_m is not None
+    beside = [None if length_m is not None else _positions_beside(line, surveyed=taped) for line in lines]
+    layout = lay_out(lines, beside, right_m, place, utm_zone)
+    # From left to right, so that neighbours are compared; lines that were driven one by one stay as they are.
+    order = np.argsort(-layout.left_m, kind="stable")
+    lines = [lines[i] for i in order]
+    if not isinstance(reversed_lines, str):
+        reversed_lines = [int(np.flatnonzero(order == i)[0]) for i in reversed_lines]
+    found = find_lines(
         lines,
-        left_m=-(first_line_m + np.arange(len(lines)) * line_spacing_m),
-        forward_m=np.zeros(len(lines)),
-        place=Place(latitude_deg, longitude_deg, heading_deg),
-        output=output,
-        provenance={
-            "made_by": "lgprjax import lines",
-            "inputs": inputs_of(paths),
-            "line_spacing_m": line_spacing_m,
-            "first_line_m": first_line_m,
-            "readings": {line.path.name: line.metadata["reading"] for line in lines if "reading" in line.metadata},
-        },
-        length_m=length_m,
+        time_zero=time_zero,
+        polarity=polarity,
         reversed_lines=reversed_lines,
-        force=force,
+        length_m=length_m,
+        topography_m=None if layout.along_m is None else [layout.along_m[i] for i in order],
+        on_earth_by=None if layout.on_earth is None else layout.source,
     )
+    assumed: Assumed = place.assumed() if layout.place_assumed else {}
+    if layout.on_earth is None and all(line.finding.direction_from in ("assumed", "neighbours") for line in found):
+        assumed["direction"] = "as stored"
+    provenance: dict[str, object] = {
+        "made_by": "lgprjax import lines",
+        "inputs": inputs_of(paths),
+        "positions_from": layout.source,
+        "lines": [line.finding.as_record() for line in found],
+        "readings": {line.path.name: line.metadata["reading"] for line in lines if "reading" in line.metadata},
+        "beside": [{"file": side.path.name, "kind": side.kind, **side.counts} for side in beside if side is not None],
+    }
+    if layout.on_earth is not None:
+        assumed = write_positioned_lines(
+            [line.profile for line in found],
+            latitude_deg=[latitude for latitude, _ in layout.on_earth],
+            longitude_deg=[longitude for _, longitude in layout.on_earth],
+            height_m=None,
+            travel_m=[line.along_m - line.along_m[0] for line in found],
+            output=output,
+            provenance=provenance,
+            assumed={"odometry": "trace spacing or positions of the header", **assumed},
+            force=force,
+        )
+    else:
+        if layout.along_m is not None:
+            assumed["odometry"] = "along the topography"
+        if layout.source == "topography":
+            assumed["position"] = "as the topography says, in the site's own metres"
+        assumed = write_lines(
+            [line.profile for line in found],
+            left_m=layout.left_m[order],
+            forward_m=np.zeros(len(lines)),
+            place=layout.place,
+            output=output,
+            provenance=provenance,
+            assumed=assumed,
+            length_m=length_m,
+            along_m=[line.along_m for line in found],
+            force=force,
+        )
+    return Survey(tuple(line.finding for line in found), layout.source, assumed)
 
 
 def import_iprb(
@@ -128,17 +214,51 @@ def import_iprb(
         place=place,
         output=output,
         provenance={"made_by": "lgprjax import iprb", "inputs": inputs_of(paths), "header": array.metadata},
+        assumed=place.assumed(),
         length_m=length_m,
         force=force,
     )
 
 
-def _read(path: str | Path, sample_interval_ns: float | None) -> Profile:
+def _read(path: str | Path, sample_interval_ns: float | None, partial: bool) -> Profile:
     if sample_interval_ns is None:
-        return read_profile(path)
+        return read_profile(path, partial=partial)
     if READERS.get(Path(path).suffix.lower()) is not read_segy:
         raise InputError(path, "file name", "SEG-Y, as a sample interval is given", repr(Path(path).suffix))
-    return read_segy(path, sample_interval_ns=sample_interval_ns)
+    return read_segy(path, sample_interval_ns=sample_interval_ns, partial=partial)
+
+
+def _tape(
+    output: str | Path,
+    lines: int,
+    line_spacing_m: float | None,
+    lines_at_m: Sequence[float] | None,
+    first_line_m: float,
+) -> Float[np.ndarray, " line"] | None:
+    """Places of lines to the right of the origin, where a tape says them."""
+    if lines_at_m is not None:
+        if line_spacing_m is not None or first_line_m != 0.0:
+            raise InputError(output, "lines at", "no line spacing beside them", "both")
+        right_m = np.asarray(lines_at_m, dtype=np.float64)
+        if len(right_m) != lines or not np.all(np.isfinite(right_m)):
+            raise InputError(output, "lines at", f"a distance for each of {lines} lines", f"{len(right_m)}")
+        same = np.diff(np.sort(right_m))
+        if np.any(same < _SAME_LINE_M):
+            raise InputError(output, "lines at", "lines apart from each other", f"two within {same.min():g} m")
+        return right_m
+    if line_spacing_m is None:
+        if first_line_m != 0.0:
+            raise InputError(output, "first line", "a line spacing beside it", "none")
+        return None
+    if lines > 1 and not (np.isfinite(line_spacing_m) and line_spacing_m > 0):
+        raise InputError(output, "line spacing", "a length above zero", f"{line_spacing_m:g} m")
+    return first_line_m + np.arange(lines) * line_spacing_m
+
+
+def _positions_beside(line: Profile, *, surveyed: bool) -> SidePositions | None:
+    """What lies beside a line: its topography, else a receiver's positions unless only what was surveyed counts."""
+    files = [file for file in find_side_files(line.path) if not (surveyed and file.suffix.lower() in RECEIVERS)]
+    return read_side_file(files[0]) if files else None
 
 
 def _channels(profile: Profile) -> list[Profile]:

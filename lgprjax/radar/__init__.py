@@ -12,6 +12,7 @@ from lgprjax.radar.coefficients import (
     shift_travel_time,
     to_coefficients,
 )
+from lgprjax.radar.radargram import Radargram, clear_view
 from lgprjax.radar.stepped_frequency import (
     LookUp,
     calibrate_sweeps,
@@ -49,10 +50,12 @@ __all__ = [
     "CoefficientBasis",
     "LiveFilterState",
     "LookUp",
+    "Radargram",
     "air_delay_ns",
     "apply_operator",
     "calibrate_sweeps",
     "centre_of",
+    "clear_view",
     "coefficient_basis",
     "coherence_gain",
     "cos_sin",

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from lgprjax.registration.chance import Chance, p_foreign, p_rival
+from lgprjax.registration.chance import PIECE_M, Chance, p_foreign, p_rival
 from lgprjax.registration.correlation import OFF_MAP_SCORE
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.integrity import MIN_OVERLAP
@@ -36,6 +36,8 @@ _CARRIED_M = 0.3  # what a carried place may be wrong by at once
 _CONTESTED = 0.05  # probability of being only a likeness of a place elsewhere, above which no place is carried on
 _DRIFT = 0.05  # share of the travel that odometry and heading may lead astray
 _ASIDE_M = 0.25  # from the middle of its lattice, at which the lattice follows a place that is held
+_NARROW = 0.5  # of the wavelength: width of an array that may lie beside a map without being missed
+_RIM_POWER = 1.5  # of the risk, that a match at the map's rim must keep to within one piece
 _APART = 0.6  # of the wavelength: two places nearer than this are one
 
 
@@ -338,10 +340,11 @@ class EvidenceSearch:
         at, risk = np.arange(low, high), self._options.risk
         if self._lattice.place_m is not None:
             foreign, rivals = self._weigh(whole, first, 1.0)
-            good = (first >= 0) & (foreign <= risk) & (rivals <= risk) & ~whole.at_rim
+            at_edge = np.asarray(whole.at_rim) | self._beyond(whole, foreign)
+            good = (first >= 0) & (foreign <= risk) & (rivals <= risk) & ~at_edge
             # What is told as the runner-up is that of the whole region, as it was when last asked.
             whole = whole._replace(rival=np.maximum(whole.rival, self._elsewhere * whole.floor))
-            return self._chosen(stops, at, first, whole, foreign, rivals, np.asarray(whole.at_rim), good)
+            return self._chosen(stops, at, first, whole, foreign, rivals, at_edge, good)
         return self._decide(stops, whole, near, first, at, centre)
 
     def _peaks(
@@ -379,7 +382,12 @@ class EvidenceSearch:
         )
         whole, near = (jax.tree.map(lambda field: field[: len(at)], peaks) for peaks in (whole, near))
         floor = self._settled_floor(stops, at, whole)
-        return whole._replace(floor=floor), near._replace(floor=floor), first, centre[: len(at)]
+        whole, near = whole._replace(floor=floor), near._replace(floor=floor)
+        if np.ptp(self._prepared.array.y_m) > _NARROW * self._wavelength_m:
+            # An array that is wide against what the ground resembles itself by says how much of it lies beyond a rim.
+            nowhere = np.zeros_like(whole.open_sides)
+            whole, near = whole._replace(open_sides=nowhere), near._replace(open_sides=nowhere)
+        return whole, near, first, centre[: len(at)]
 
     def _peaks_of(self, surfaces: Surfaces, windows: WindowBatch, *, near: tuple[int, int]) -> tuple[Peaks, Peaks]:
         """Of windows over surfaces, on the host."""
@@ -427,6 +435,17 @@ class EvidenceSearch:
             rivals = np.where(z - rival >= own.margin_by_chance, 0.0, 1.0)
         return foreign, rivals
 
+    def _beyond(self, peaks: Peaks, foreign: Float[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
+        """Windows whose place may as well lie beyond the map's rim.
+
+        Ground beside a map resembles its outermost line, less the farther away it is, and a window that is long enough
+        finds the resemblance beyond chance. A place at the rim itself shows within one piece, and by far.
+        """
+        piece_m = PIECE_M * max(1.0, self._wavelength_m)
+        long = np.asarray(self.plan.windows_m) > piece_m
+        one_side = (peaks.open_sides == 1) | (peaks.open_sides == 2)
+        return np.asarray(one_side & (long | (foreign > self._options.risk**_RIM_POWER)))
+
     def _first_of(self, stops: Stops, at: Int[np.ndarray, " end"]) -> Int[np.ndarray, "end window"]:
         """First stop of each window that ends at each stop; -1 where its leg is not that long yet."""
         begin = np.searchsorted(stops.leg, stops.leg[at])
@@ -452,7 +471,7 @@ class EvidenceSearch:
         since_m = stops.path_m[at] - self._seen_m
         foreign, rivals = self._weigh(whole, first, self._scale.tried)
         off_m = np.max(np.abs(whole.point - centre[:, None]) * self.plan.lattice_m, axis=-1)
-        at_edge = whole.at_rim | (off_m > self._lattice.region_m)
+        at_edge = whole.at_rim | (off_m > self._lattice.region_m) | self._beyond(whole, foreign)
         risk = self._options.risk
         known = (first >= 0) & (whole.score > OFF_MAP_SCORE)
         good = known & (foreign <= risk) & (rivals <= risk) & ~at_edge
@@ -464,7 +483,8 @@ class EvidenceSearch:
         elsewhere = np.where(astray > _APART * self._wavelength_m, whole.score, whole.rival)
         here, there = (np.asarray(score / near.floor, dtype=np.float64) for score in (near.score, elsewhere))
         against = p_rival(here, there) > _CONTESTED
-        carried = known & held[:, None] & (near_foreign <= risk) & (near_rivals <= risk) & ~near.at_rim & ~against
+        near_edge = near.at_rim | self._beyond(near, near_foreign)
+        carried = known & held[:, None] & (near_foreign <= risk) & (near_rivals <= risk) & ~near_edge & ~against
         taken = carried & ~good
         pick = taken[..., None]
         whole = Peaks(*(np.where(pick if a.ndim == 3 else taken, b, a) for a, b in zip(whole, near, strict=True)))

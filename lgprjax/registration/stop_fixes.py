@@ -21,6 +21,7 @@ from lgprjax.registration.stops import Plan, Stops, templates_of
 from lgprjax.registration.surfaces import Peaks
 from lgprjax.registration.tiles import fixes_to_map, to_tile
 
+_RIM = 0.25  # of the wavelength: sigma across at the map's rim
 _AWAY = 0.6  # of the wavelength: a climb that ends farther off left its peak
 
 
@@ -79,6 +80,10 @@ class StopFixes:
         fixes.code[:] = judged.code
         at = before + np.arange(count)
         place = stops.reckoned_m[at] + judged.error_m
+        # A climb that begins at the map's very rim falls off it: half a step inwards.
+        yaw, ends = stops.pose[at, 3], np.asarray(judged.peak.open_sides)
+        inwards_m = 0.5 * self._plan.lattice_m[1] * ((ends == 2).astype(float) - (ends == 1))
+        place = place + inwards_m[:, None] * np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
         candidate = np.flatnonzero((judged.peak.score > OFF_MAP_SCORE) & (judged.first >= 0))
         tiles = np.full(count, -1)
         tiles[candidate] = self._lattice.tiles_at(place[candidate], 1.0)
@@ -93,6 +98,10 @@ class StopFixes:
                 some = rows[low : low + self._batch]
                 self._finish_some(stops, at, place, judged, aspect, some, fixes)
         beside = covariance_beside_match(self._prepared, tiles, fixes, self._options.odometer_sigma)
+        # Where the map ends beside the best place, the match does not tell how far beyond the true one lies.
+        left = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
+        at_end = ((ends > 0) * (_RIM * self._wavelength_m) ** 2)[:, None, None]
+        beside = beside + at_end * left[:, :, None] * left[:, None, :]
         if self._options.own_thresholds is not None:
             fixes.covariance[:] *= self._options.own_thresholds.sigma_scale**2
         fixes.covariance[:, :2, :2] += np.nan_to_num(beside)

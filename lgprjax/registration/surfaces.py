@@ -134,6 +134,9 @@ def _scan_alike(planes: Float[Array, "plane ..."]) -> Float[Array, "plane ..."]:
     return jnp.concatenate([planes[:-2] * level[None], jnp.sqrt(jnp.where(there, ground, 0.0))[None], planes[-1:]])
 
 
+_NEAR_RIM = 0.8  # of the distance at which places are apart, half a wavelength: how close to a rim is at it
+
+
 class Peaks(NamedTuple):
     """Best and second best place of each window, in lattice points.
 
@@ -148,6 +151,8 @@ class Peaks(NamedTuple):
         overlap: largest overlap within the region.
         area: lattice points of the region that lie on the map.
         at_rim: the best place is no peak: the score rises out of the region.
+        open_sides: where the map ends close beside the best place: 0 nowhere, 1 to its left, 2 to its right, 3 on both
+            sides.
     """
 
     point: Float[Array | np.ndarray, "*batch 2"]
@@ -159,6 +164,7 @@ class Peaks(NamedTuple):
     overlap: Float[Array | np.ndarray, "*batch"]
     area: Float[Array | np.ndarray, "*batch"]
     at_rim: Bool[Array | np.ndarray, "*batch"]
+    open_sides: Int[Array | np.ndarray, "*batch"]
 
 
 class WindowBatch(NamedTuple):
@@ -226,6 +232,10 @@ def window_peaks(
             cut, live, jnp.asarray(peaks.floor), scans, carried - first_m, carried_m, lattice_m, apart_m, min_overlap
         )
         close = close._replace(point=close.point + first_m[None])
+        # Where the map ends is not where the cut does.
+        at = jnp.round(close.point).astype(jnp.int32)
+        usable = _usable(planes, live, scans, min_overlap)
+        close = close._replace(open_sides=_ends_beside(usable, at[:, 0], at[:, 1], lattice_m, apart_m))
         return (
             peaks._replace(score=jnp.where(known, peaks.score, OFF_MAP_SCORE)),
             close._replace(score=jnp.where(known, close.score, OFF_MAP_SCORE)),
@@ -248,7 +258,7 @@ def _peaks_of(
 ) -> Peaks:
     count, _, forward_size, left_size = planes.shape
     product, ground, overlap = planes[:, :-2], planes[:, -2], planes[:, -1] / scans[:, None, None]
-    usable = (overlap >= min_overlap) & (ground > 1e-9) & (live_power > 0.0)[:, None, None]
+    usable = _usable(planes, live_power, scans, min_overlap)
     level = (
         jax.lax.rsqrt(jnp.where(usable, ground, 1.0))
         * jax.lax.rsqrt(jnp.where(live_power > 0.0, live_power, 1.0))[:, None, None]
@@ -285,7 +295,34 @@ def _peaks_of(
         overlap=jnp.max(jnp.where(inside[None], overlap, 0.0), axis=(1, 2)),
         area=jnp.sum(usable & inside[None], axis=(1, 2), dtype=jnp.float32),
         at_rim=around[window, i, j] > top,
+        open_sides=_ends_beside(usable, i, j, lattice_m, apart_m),
     )
+
+
+def _usable(
+    planes: Float[Array, "window plane forward left"],
+    live_power: Float[Array, " window"],
+    scans: Float[Array, " window"],
+    min_overlap: Float[Array, ""],
+) -> Bool[Array, "window forward left"]:
+    """Places at which enough of a window lies on the map."""
+    overlap, ground = planes[:, -1] / scans[:, None, None], planes[:, -2]
+    return (overlap >= min_overlap) & (ground > 1e-9) & (live_power > 0.0)[:, None, None]
+
+
+def _ends_beside(
+    usable: Bool[Array, "window forward left"],
+    i: Int[Array, " window"],
+    j: Int[Array, " window"],
+    lattice_m: Float[Array, "2"],
+    apart_m: Float[Array, ""],
+) -> Int[Array, " window"]:
+    """``Peaks.open_sides`` of places; what the lattice does not reach is taken to be on the map."""
+    reach = jnp.ceil(_NEAR_RIM * apart_m / lattice_m[1]).astype(jnp.int32)
+    window, last = jnp.arange(len(i)), usable.shape[2] - 1
+    left = (j + reach <= last) & ~usable[window, i, jnp.minimum(j + reach, last)]
+    right = (j >= reach) & ~usable[window, i, jnp.maximum(j - reach, 0)]
+    return left.astype(jnp.int32) + 2 * right.astype(jnp.int32)
 
 
 def _floor_of(

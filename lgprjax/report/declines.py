@@ -14,6 +14,10 @@ class Decline(NamedTuple):
     action: str
 
 
+_PLACE_ASSUMED = (
+    "Nobody said where on the earth the drive, or the map, lies: import it again with --latitude-deg, --longitude-deg "
+    "and --heading-deg"
+)
 DECLINES = {
     "low_correlation": Decline(
         "no place in the search region matches better than other ground would",
@@ -28,7 +32,8 @@ DECLINES = {
     ),
     "edge": Decline(
         "the best place lies at the rim of the search region, or where the map ends",
-        "a larger --search-m: the position in the log is wrong by more than its sigma says",
+        "a larger --search-m if the position in the log is wrong by more than its sigma says; where the map ends, more "
+        "lines beside it: ground beyond a map resembles its outermost line",
     ),
     "off_map": Decline(
         "no map below the array anywhere in the region",
@@ -61,7 +66,7 @@ def declines_table(summaries: Sequence[DriveSummary]) -> ReportTable | None:
         for code, count in sorted(counts.items(), key=lambda each: -each[1]):
             if count and not summary.impostor:
                 share = f"{count}, {100.0 * count / summary.scans:.1f} %"
-                rows.append((summary.name, code, share, *DECLINES[code]))
+                rows.append((summary.name, code, share, *_decline(code, summary)))
     header = ("drive", "code", "scans", "meaning", "what to do")
     return ReportTable(header, tuple(rows), "Scans without an ok fix, by code.") if rows else None
 
@@ -69,4 +74,12 @@ def declines_table(summaries: Sequence[DriveSummary]) -> ReportTable | None:
 def main_decline(summary: DriveSummary) -> tuple[str, Decline] | None:
     """The most frequent code of a drive's declined scans, in words; None where none was declined."""
     code = max(DECLINES, key=lambda each: summary.counts.get(each, 0))
-    return (code, DECLINES[code]) if summary.counts.get(code, 0) else None
+    return (code, _decline(code, summary)) if summary.counts.get(code, 0) else None
+
+
+def _decline(code: str, summary: DriveSummary) -> Decline:
+    """A code in words for one drive."""
+    words = DECLINES[code]
+    if code != "off_map" or not summary.place_assumed:
+        return words
+    return words._replace(action=f"{words.action}. {_PLACE_ASSUMED}")

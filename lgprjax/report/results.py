@@ -39,6 +39,7 @@ class DriveResult:
         baseline_tracks: east_m, north_m of each drive the map was built from.
         prior_sigma_m: standard deviation of the prior's position, per axis.
         remarks: what else a reader of the report must know, a line each.
+        place_assumed: whether nobody said where on the earth the drive, or the map, lies.
         impostor: recorded over ground that is not the map's, so that every ``ok`` is wrong.
     """
 
@@ -69,6 +70,7 @@ class DriveResult:
     baseline_tracks: tuple[Float[np.ndarray, "_ 2"], ...] = ()
     prior_sigma_m: float | None = None
     remarks: tuple[str, ...] = ()
+    place_assumed: bool = False
     impostor: bool = False
 
     def __post_init__(self) -> None:

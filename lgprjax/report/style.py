@@ -101,6 +101,12 @@ def outer_edges(centres: Float[np.ndarray, " cell"]) -> tuple[float, float]:
     return float(centres[0] - half), float(centres[-1] + half)
 
 
+def speed_text(speed_m_per_ns: float) -> str:
+    """A wave's speed with two decimals at least, and no digit of what was given lost."""
+    short = f"{speed_m_per_ns:.2f}"
+    return short if float(short) == speed_m_per_ns else f"{speed_m_per_ns:.4g}"
+
+
 def runs_of(held: Bool[np.ndarray, " place"]) -> Int[np.ndarray, "run 2"]:
     """First of each run of held places, and the first place after it."""
     edges = np.diff(np.concatenate([[False], held, [False]]).astype(np.int8))

@@ -26,6 +26,7 @@ class DriveSummary:
         median_correlation_ok, median_correlation_at_truth: of the ok fixes; of all scans at the true pose.
         max_error_m: the largest distance from the truth.
         remarks: what else a reader must know, a line each.
+        place_assumed: whether nobody said where on the earth the drive, or the map, lies.
         wrong_ok: ok fixes more than ``WRONG_M`` off; of an impostor all of them.
     """
 
@@ -48,6 +49,7 @@ class DriveSummary:
     wrong_ok: int | None
     milliseconds_per_scan: float
     remarks: tuple[str, ...] = ()
+    place_assumed: bool = False
 
     def as_rows(self) -> list[tuple[str, str]]:
         """Label and value with its unit, for a table of one drive."""
@@ -103,6 +105,7 @@ def summarise(result: DriveResult) -> DriveSummary:
         wrong_ok=ok if result.impostor else wrong,
         milliseconds_per_scan=float(result.milliseconds_per_scan),
         remarks=result.remarks,
+        place_assumed=result.place_assumed,
     )
 
 

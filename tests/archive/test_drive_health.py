@@ -49,8 +49,8 @@ def measured(path: Path, drive: Recording) -> DriveHealth:
 
 
 def fallen(health: DriveHealth) -> set[str]:
-    """Names of the figures that are not good."""
-    return {figure.name for figure in health.figures if figure.verdict != "good"}
+    """Names of the figures that are judged, and not as good."""
+    return {figure.name for figure in health.figures if figure.verdict in ("look", "bad")}
 
 
 def reaches(figure: HealthFigure, start_m: float, stop_m: float, within_m: float) -> None:
@@ -336,10 +336,77 @@ def test_as_json_is_plain(recorded: Recording, tmp_path: Path) -> None:
     assert dead["where"][0]["channel"] == 3
 
 
+_CLOCK = {"dropped_scans", "time_jitter"}
+_WAY = {"gnss_jump", "odometer_scale", "odometer_slip"}
+
+
+@pytest.mark.parametrize(
+    ("assumed", "due"),
+    [
+        ({"time": "unknown"}, {*_CLOCK, "gnss_outage"}),
+        ({"odometry": "from the positions"}, _WAY),
+        ({"position": "straight from the origin"}, {*_WAY, "gnss_outage"}),
+        ({"position sigma": "not recorded"}, {"gnss_sigma"}),
+        ({"roll": "taken as 0", "heading": "along the path", "height": "taken as 0"}, set[str]()),
+    ],
+)
+def test_what_was_made_up_is_neither_good_nor_bad(
+    recorded: Recording, tmp_path: Path, assumed: dict[str, str], due: set[str]
+) -> None:
+    """Scans that are lacking, wheels that slip and a position that jumps: said of what was recorded, and only of it."""
+    keep = np.ones(len(recorded.traces), bool)
+    keep[200:260] = False
+    track, odometry = recorded.description.navigation, recorded.description.odometry
+    away = (track.time_s >= 4.0) & (track.time_s < 5.0)
+    spoiled = replace(
+        recorded.description,
+        navigation=replace(track, latitude_deg=track.latitude_deg + away / 111_000.0),
+        odometry=OdometryTrack(odometry.time_s, 1.1 * odometry.distance_m),
+        provenance={"assumed": assumed},
+    )
+    damaged = Recording(spoiled, recorded.time_s[keep], recorded.traces[keep], recorded.valid[keep])
+    health = measured(tmp_path / "made_up.drive.h5", damaged)
+    unjudged = {figure.name for figure in health.figures if figure.verdict == "not recorded"}
+    assert unjudged == due
+    assert fallen(health) == {"dropped_scans", "gnss_jump", "odometer_scale"} - due
+    assert health.assumed == assumed
+    for name in due:
+        entry = health.figure(name)
+        assert np.isnan(entry.value)
+        assert entry.where == ()
+        assert next(iter(assumed)) in entry.meaning
+    # No JSON reader is given a number that was not measured.
+    rows = health.as_json()["figures"]
+    assert isinstance(rows, list)
+    assert {row["name"] for row in rows if row["value"] is None} == due
+
+
+def test_a_lines_own_radar_is_all_that_is_judged(recorded: Recording, tmp_path: Path) -> None:
+    """An overall verdict counts what was recorded alone: a dead channel makes it bad, a made-up clock nothing."""
+    assumed = dict.fromkeys(("time", "speed", "odometry", "position", "position sigma"), "unknown")
+    description = replace(recorded.description, provenance={"assumed": assumed})
+    sound = recorded._replace(description=description)
+    health = measured(tmp_path / "sound.drive.h5", sound)
+    assert health.verdict == "good"
+    assert {f.name for f in health.figures if f.verdict == "not recorded"} == {
+        *_CLOCK,
+        *_WAY,
+        "gnss_sigma",
+        "gnss_outage",
+    }
+    traces = recorded.traces.copy()
+    traces[:, 3] = 128
+    assert measured(tmp_path / "dead.drive.h5", sound._replace(traces=traces)).verdict == "bad"
+    no_sigma = replace(description, navigation=replace(description.navigation, sigma_east_m=None, sigma_north_m=None))
+    bare = measured(tmp_path / "bare.drive.h5", recorded._replace(description=no_sigma))
+    assert bare.figure("gnss_sigma").verdict == "not recorded"
+    assert bare.not_measured == ()
+
+
 @pytest.mark.real
 def test_the_line_of_opposite_polarity_is_named(real_data: Path, tmp_path: Path) -> None:
     lines = [real_data / "gpr_o_parallel_lines" / f"XLINE{number:02d}.DT1" for number in range(25)]
-    import_lines(lines, line_spacing_m=0.2, output=tmp_path / "lines.drive.h5")
+    import_lines(lines, line_spacing_m=0.2, polarity="keep", output=tmp_path / "lines.drive.h5")
     with DriveLog.open(tmp_path / "lines.drive.h5") as log:
         health = drive_health(log)
     polarity = health.figure("polarity")

@@ -11,6 +11,7 @@ import pytest
 
 from generated import Site
 from lgprjax.cli import main
+from vendor_sets import write_segy
 
 
 def run(*arguments: object) -> int:
@@ -43,6 +44,26 @@ def test_check_health_of_a_damaged_drive(site: Site, tmp_path: Path, capsys: pyt
     assert health["verdict"] == "bad"
     dead = next(row for row in health["figures"] if row["name"] == "dead_channels")
     assert dead["where"][0]["channel"] == 3
+
+
+def test_check_says_what_was_assumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With --health as a verdict of its own that turns the whole neither good nor bad; without it in a line."""
+    drive = tmp_path / "line.drive.h5"
+    assert run("import", "segy", *write_segy(tmp_path), "-o", drive) == 0
+    told = capsys.readouterr().out
+    assert "assumed, as no instrument recorded it: time (unknown), speed (1 m/s), odometry (" in told
+    assert run("check", drive) == 0
+    shown = capsys.readouterr().out
+    assert "place on the earth (latitude 0, longitude 0)" in shown
+    assert "not recorded" in shown
+    assert run("check", drive, "--health", "--json", tmp_path / "health.json") == 0
+    shown = capsys.readouterr().out
+    (health,) = json.loads((tmp_path / "health.json").read_text())["health"]
+    assert shown.splitlines()[-1].endswith(f"; not recorded, and not judged: {', '.join(health['assumed'])}")
+    assert f"recording {health['verdict']};" in shown
+    jitter = next(row for row in health["figures"] if row["name"] == "time_jitter")
+    assert (jitter["verdict"], jitter["value"], jitter["look"]) == ("not recorded", None, None)
+    assert "not recorded: time_jitter: no instrument recorded time (unknown)" in shown
 
 
 def test_check_without_health_writes_findings_as_before(site: Site, tmp_path: Path) -> None:

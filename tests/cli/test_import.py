@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 import segyio
 
+from formats.samples import dzt_header, write_dt1
+from formats.side_samples import cor_row
+from formats.survey_sample import write_survey
 from lgprjax.cli import main
+from lgprjax.cli.imports import recognised
 from lgprjax.formats import DriveLog
 from vendor_sets import COUNTS, write_cmu, write_gprmax, write_iprb, write_mala_pair, write_segy
 
@@ -42,7 +46,7 @@ def test_import_check_and_what_is_in_it(case: str, tmp_path: Path, capsys: pytes
     output = tmp_path / "X.drive.h5"
     place = ("--latitude-deg", 48, "--longitude-deg", 11, "--heading-deg", 30)
     assert run("import", verb, *paths, *options, *place, "-o", output) == 0
-    assert capsys.readouterr().out == f"wrote {output}\n"
+    assert capsys.readouterr().out.endswith(f"wrote {output}\n")
     assert run("check", output) == 0
     with DriveLog.open(output) as log:
         assert (log.scans, log.channels, log.samples) == (12, channels, 40)
@@ -84,7 +88,7 @@ def test_segy_with_a_utm_zone_needs_no_origin(tmp_path: Path, capsys: pytest.Cap
         ("segy no interval", 1, "sample interval: expected one interval word that reads as picoseconds"),
         ("gprmax cut", 1, "scan5.out: file: expected a whole gprMax file (HDF5)"),
         ("gprmax needless step", 1, "--step-m: expected a merged B-scan"),
-        ("iprb cut", 1, "SITE_001_A02.iprb: size: expected 12 traces of 40 samples"),
+        ("iprb cut", 1, "SITE_001_A02.iprb: traces: expected 12 as SITE_001_A02.iprh says, found 11 and a part"),
         ("cmu no window", 2, "--time-window-ns"),
         ("cmu no odometry", 1, "we_odom.csv: file: expected a readable file"),
         ("iprb nothing", 2, "channels: expected at least one file, found none"),
@@ -136,3 +140,116 @@ def test_help_tells_the_layout_and_the_units(verb: str, capsys: pytest.CaptureFi
     }
     assert told[verb] in text
     assert "--latitude-deg" in text
+
+
+def _dt1(folder: Path) -> list[Path]:
+    return [write_dt1(folder / f"LINE{number}.DT1", COUNTS) for number in range(2)]
+
+
+def _dzt(folder: Path) -> list[Path]:
+    path = folder / "line.DZT"
+    path.write_bytes(dzt_header(samples=40, bits=32) + COUNTS.astype("<i4").tobytes())
+    return [path]
+
+
+# What makes the files, and the program that made the drive log of them when only the files are named.
+_NAMED_ALONE: dict[str, tuple[Callable[[Path], list[Path]], tuple[object, ...], str]] = {
+    "dt1": (_dt1, ("--line-spacing-m", 0.5), "lgprjax import lines"),
+    "dzt": (_dzt, (), "lgprjax import lines"),
+    "rd3": (lambda folder: write_mala_pair(folder, ".rd3"), (), "lgprjax import lines"),
+    "rd7": (lambda folder: write_mala_pair(folder, ".rd7"), (), "lgprjax import lines"),
+    "iprb": (write_iprb, (), "lgprjax import iprb"),
+    "iprb by tape": (write_iprb, ("--line-spacing-m", 0.5), "lgprjax import lines"),
+    "segy": (write_segy, (), "lgprjax import segy"),
+    "gprmax": (write_gprmax, (), "lgprjax import gprmax"),
+    "cmu": (write_cmu, ("--time-window-ns", 8), "lgprjax import cmu"),
+}
+
+
+@pytest.mark.parametrize("case", _NAMED_ALONE)
+def test_files_tell_their_format(case: str, tmp_path: Path) -> None:
+    make, options, made_by = _NAMED_ALONE[case]
+    output = tmp_path / "X.drive.h5"
+    assert run("import", *make(tmp_path), *options, "-o", output) == 0
+    with DriveLog.open(output) as log:
+        assert log.description.provenance["made_by"] == made_by
+        assert log.scans == 12
+
+
+@pytest.mark.parametrize(
+    ("words", "known"),
+    [
+        ("a.MCAP -o x.drive.h5", "mcap"),
+        ("scan.h5 -o x.drive.h5", "gprmax"),
+        ("-o x.h5 a.DT1", "lines"),
+        ("a.drive.h5", None),
+        ("a.map.h5", None),
+        ("notes.pdf", None),
+        ("--help", None),
+        ("dt1 a.DZT", None),
+        ("a.sgy b.SGY --line-spacing-m 1", "lines"),
+        ("a.segy --lines-at-m=0", "lines"),
+        ("S_001_A01.iprb S_002_A01.iprb", "lines"),
+        ("--latitude-deg 48 S_001_A01.iprb S_001_a02.IPRB", "iprb"),
+    ],
+)
+def test_what_is_recognised(words: str, known: str | None) -> None:
+    given = words.split()
+    assert recognised(given) == (given if known is None else [known, *given])
+    assert recognised([]) == []
+
+
+@pytest.mark.parametrize(("name", "known"), [("run.npy", "grounded"), ("gpr_meas.csv", "cmu")])
+def test_folders_are_recognised_by_what_is_in_them(name: str, known: str, tmp_path: Path) -> None:
+    assert recognised([str(tmp_path)]) == [str(tmp_path)]
+    (tmp_path / name).touch()
+    assert recognised([str(tmp_path)]) == [known, str(tmp_path)]
+
+
+def test_table_has_a_row_a_line_and_says_what_is_assumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    paths, _ = write_survey(tmp_path, firsts=[10, 12, 9], reversed_lines=[1], inverted=[2], time_zeros={0: 0.0})
+    output = tmp_path / "X.drive.h5"
+    assert run("import", *paths, "--line-spacing-m", 0.5, "-o", output) == 0
+    head, *rows, legend, assumed, wrote, origin = capsys.readouterr().out.splitlines()
+    assert head.split()[:6] == ["line", "traces", "header", "break", "wave", "zero"]
+    assert [row.split()[0] for row in rows] == [path.name for path in paths]
+    assert [row.split()[1] for row in rows] == ["100"] * 3
+    assert ["reversed" in row for row in rows] == [False, True, False]
+    assert ["inverted" in row for row in rows] == [False, False, True]
+    assert ["first break" in row for row in rows] == [True, False, False]
+    assert legend.endswith("positions from: tape")
+    assert assumed.startswith("assumed, as no instrument recorded it: time (unknown), speed (1 m/s)")
+    assert "place on the earth (latitude 0, longitude 0)" in assumed
+    assert "direction (as stored)" in assumed
+    assert wrote == f"wrote {output}"
+    assert origin.startswith("the site's origin was put at latitude 0, longitude 0")
+    # A single line cannot tell its direction; where it lies was said.
+    assert run("import", paths[0], "--latitude-deg", 48, "-o", output, "--force") == 0
+    head, row, _, assumed, wrote = capsys.readouterr().out.splitlines()
+    assert "assumed" in row
+    assert head.startswith("line")
+    assert wrote == f"wrote {output}"
+    assert "direction (as stored)" in assumed
+    assert "place on the earth" not in assumed
+
+
+def test_receiver_beside_the_line_leaves_no_origin_to_be_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_dt1(tmp_path / "a.DT1", COUNTS)
+    rows = [cor_row(1 + n, latitude=f"{46.2 + 1e-6 * n:.7f}\tN") for n in range(12)]
+    path.with_suffix(".cor").write_text("".join(rows), newline="")
+    assert run("import", path, "-o", tmp_path / "X.drive.h5") == 0
+    out = capsys.readouterr().out
+    assert "positions from: receiver" in out
+    assert "latitude 0" not in out
+    assert "--latitude-deg" not in out
+
+
+def test_cut_line_is_told_in_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_dt1(tmp_path / "a.DT1", COUNTS)
+    path.write_bytes(path.read_bytes()[:-9])
+    assert run("import", path, "-o", tmp_path / "X.drive.h5") == 1
+    assert "read the whole ones with --partial" in capsys.readouterr().err
+    assert run("import", path, "--partial", "-o", tmp_path / "X.drive.h5") == 0
+    assert "11 of 12 traces" in capsys.readouterr().out

@@ -121,3 +121,34 @@ def write_mala(path: Path, traces: np.ndarray, **lines: object) -> Path:
     path.with_suffix(".rad").write_text("".join(f"{n}:{v}\r\n" for n, v in header.items()))
     path.write_bytes(traces.tobytes())
     return path
+
+
+IPRB_TRACES = np.random.default_rng(4).integers(-30000, 30000, (5, 8))
+
+
+def write_iprb(path: Path, traces: np.ndarray = IPRB_TRACES, *, bits: int = 16, **lines: object) -> Path:
+    """An ImpulseRadar line; ``lines`` replace lines of the header, ``__`` a blank (``None`` leaves one out)."""
+    header: dict[str, object] = {
+        "HEADER VERSION": 20,
+        "DATA VERSION": bits,
+        "DATE": "2017-06-12",
+        "START TIME": "14:48:13",
+        "ANTENNA": "800 MHz",
+        "SAMPLES": traces.shape[1],
+        "FREQUENCY": 10240,
+        "TIMEWINDOW": f"{traces.shape[1] / 10.24:.3f}",
+        "LAST TRACE": len(traces),
+        "TRIG SOURCE": "wheel",
+        "TIME INTERVAL": "0.010",
+        "DISTANCE INTERVAL": "0.009778",
+        "USER DISTANCE INTERVAL": "0.010000",
+        "ZERO LEVEL": 0,
+        "CHANNELS": 1,
+        "CH_X_OFFSET": 0.0,
+        "CH_Y_OFFSET": 0.0,
+    }
+    header |= {name.replace("__", " "): value for name, value in lines.items()}
+    text = "".join(f"{name}: {value}\r\n" for name, value in header.items() if value is not None)
+    path.with_suffix(".iprh").write_text(text)
+    path.write_bytes(traces.astype(f"<i{bits // 8}").tobytes())
+    return path

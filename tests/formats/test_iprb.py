@@ -5,45 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from formats.samples import IPRB_TRACES as _TRACES
+from formats.samples import write_iprb
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, Place, TraceRecording, check_file, import_iprb, read_iprb, read_iprb_array
 
-_TRACES = np.random.default_rng(4).integers(-30000, 30000, (5, 8))
 _PLACE = Place(48.0, 11.0, 0.0)
-
-
-def _write(path: Path, traces: np.ndarray = _TRACES, *, bits: int = 16, **lines: object) -> Path:
-    """A line as the recorder writes it; ``lines`` replace lines of the header (``None`` leaves one out)."""
-    header: dict[str, object] = {
-        "HEADER VERSION": 20,
-        "DATA VERSION": bits,
-        "DATE": "2017-06-12",
-        "START TIME": "14:48:13",
-        "ANTENNA": "800 MHz",
-        "SAMPLES": traces.shape[1],
-        "FREQUENCY": 10240,
-        "TIMEWINDOW": f"{traces.shape[1] / 10.24:.3f}",
-        "LAST TRACE": len(traces),
-        "TRIG SOURCE": "wheel",
-        "TIME INTERVAL": "0.010",
-        "DISTANCE INTERVAL": "0.009778",
-        "USER DISTANCE INTERVAL": "0.010000",
-        "ZERO LEVEL": 0,
-        "CHANNELS": 1,
-        "CH_X_OFFSET": 0.0,
-        "CH_Y_OFFSET": 0.0,
-    }
-    header |= {name.replace("__", " "): value for name, value in lines.items()}
-    text = "".join(f"{name}: {value}\r\n" for name, value in header.items() if value is not None)
-    path.with_suffix(".iprh").write_text(text)
-    path.write_bytes(traces.astype(f"<i{bits // 8}").tobytes())
-    return path
 
 
 @pytest.mark.parametrize("bits", [16, 32])
 def test_line(tmp_path: Path, bits: int) -> None:
     stored = _TRACES * (1 if bits == 16 else 70000)
-    profile = read_iprb(_write(tmp_path / "a_001_A01.iprb", stored, bits=bits, ZERO__LEVEL=2))
+    profile = read_iprb(write_iprb(tmp_path / "a_001_A01.iprb", stored, bits=bits, ZERO__LEVEL=2))
     np.testing.assert_array_equal(profile.traces, stored)
     assert profile.channels.dtype == (np.int16 if bits == 16 else np.int32)
     # The manual's example: 500 samples at 10240 MHz are 48.828 ns, and 1741 traces of 0.009778 m end at 17.024 m.
@@ -56,13 +29,13 @@ def test_line(tmp_path: Path, bits: int) -> None:
 
 
 def test_line_without_its_data_version_is_of_16_bits(tmp_path: Path) -> None:
-    path = _write(tmp_path / "a.iprb", DATA__VERSION=None, FREQUENCY=None, ANTENNA=None)
+    path = write_iprb(tmp_path / "a.iprb", DATA__VERSION=None, FREQUENCY=None, ANTENNA=None)
     np.testing.assert_array_equal(read_iprb(path).traces, _TRACES)
     assert read_iprb(path).centre_frequency_hz is None
 
 
 def test_line_triggered_by_time_has_no_spacing(tmp_path: Path) -> None:
-    profile = read_iprb(_write(tmp_path / "a.iprb", TRIG__SOURCE="time"))
+    profile = read_iprb(write_iprb(tmp_path / "a.iprb", TRIG__SOURCE="time"))
     assert profile.spacing_m is None
     assert profile.positions_m is None
 
@@ -71,7 +44,7 @@ def test_array_is_placed_by_its_headers(tmp_path: Path) -> None:
     # Named out of order; the third channel is leftmost (x counts to the right) and lies 0.1 m further back.
     right = {1: 0.08, 2: 0.16, 3: 0.0}
     paths = [
-        _write(
+        write_iprb(
             tmp_path / f"SITE_001_A{number:02}.iprb",
             _TRACES + number,
             CHANNELS=3,
@@ -101,7 +74,7 @@ def test_array_is_placed_by_its_headers(tmp_path: Path) -> None:
 
 
 def test_single_file_is_a_single_channel_wherever_it_sat_in_the_array(tmp_path: Path) -> None:
-    path = _write(tmp_path / "a_001_A04.iprb", CHANNELS=8, CH_X_OFFSET=0.3)
+    path = write_iprb(tmp_path / "a_001_A04.iprb", CHANNELS=8, CH_X_OFFSET=0.3)
     import_iprb([path], place=_PLACE, length_m=2.0, output=tmp_path / "a.drive.h5")
     with DriveLog.open(tmp_path / "a.drive.h5") as log:
         np.testing.assert_array_equal(log.description.array.y_m, [0.0])
@@ -110,9 +83,9 @@ def test_single_file_is_a_single_channel_wherever_it_sat_in_the_array(tmp_path: 
 
 _BAD: list[tuple[dict[str, object], str]] = [
     ({"DATA__VERSION": 24}, "a.iprh: DATA VERSION: expected 16 or 32 (bits a sample), found 24"),
-    ({"SAMPLES": 7, "TIMEWINDOW": 0.684}, "expected 5 traces of 7 samples of 16 bits as a.iprh says, found 80 bytes"),
-    ({"LAST__TRACE": 9}, "expected 9 traces of 8 samples"),
-    ({"DATA__VERSION": 32}, "found 80 bytes (2.5 traces)"),
+    ({"SAMPLES": 7, "TIMEWINDOW": 0.684}, "a.iprb: traces: expected 5 as a.iprh says, found 5 and a part of one"),
+    ({"LAST__TRACE": 9}, "traces: expected 9 as a.iprh says, found 5; read the whole ones with --partial"),
+    ({"DATA__VERSION": 32}, "found 2 and a part of one; read the whole ones with --partial"),
     ({"TIMEWINDOW": -1}, "TIMEWINDOW: expected a number above zero, found -1"),
     ({"FREQUENCY": 800}, "FREQUENCY: expected 10243.3 MHz, 8 samples in the TIMEWINDOW, found 800"),
     ({"DISTANCE__INTERVAL": -0.01}, "DISTANCE INTERVAL: expected zero or more, found -0.01"),
@@ -123,7 +96,7 @@ _BAD: list[tuple[dict[str, object], str]] = [
 
 @pytest.mark.parametrize(("lines", "words"), _BAD)
 def test_bad_line_is_one_clear_line(tmp_path: Path, lines: dict[str, object], words: str) -> None:
-    path = _write(tmp_path / "a.iprb", **lines)  # type: ignore[arg-type]
+    path = write_iprb(tmp_path / "a.iprb", **lines)  # type: ignore[arg-type]
     with pytest.raises(InputError) as caught:
         read_iprb(path)
     assert words in str(caught.value)
@@ -131,13 +104,13 @@ def test_bad_line_is_one_clear_line(tmp_path: Path, lines: dict[str, object], wo
 
 
 def test_bad_arrays_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
-    first = _write(tmp_path / "a_A01.iprb")
-    again = _write(tmp_path / "a_A02.iprb")
-    short = _write(tmp_path / "a_A03.iprb", _TRACES[:4], CH_X_OFFSET=0.1)
-    wide = _write(tmp_path / "a_A04.iprb", bits=32, CH_X_OFFSET=0.1)
-    other = _write(tmp_path / "a_A05.iprb", ANTENNA="400 MHz", CH_X_OFFSET=0.1)
-    nowhere = _write(tmp_path / "a_A06.iprb", CH_X_OFFSET=None)
-    cut = _write(tmp_path / "a_A07.iprb", CH_X_OFFSET=0.2)
+    first = write_iprb(tmp_path / "a_A01.iprb")
+    again = write_iprb(tmp_path / "a_A02.iprb")
+    short = write_iprb(tmp_path / "a_A03.iprb", _TRACES[:4], CH_X_OFFSET=0.1)
+    wide = write_iprb(tmp_path / "a_A04.iprb", bits=32, CH_X_OFFSET=0.1)
+    other = write_iprb(tmp_path / "a_A05.iprb", ANTENNA="400 MHz", CH_X_OFFSET=0.1)
+    nowhere = write_iprb(tmp_path / "a_A06.iprb", CH_X_OFFSET=None)
+    cut = write_iprb(tmp_path / "a_A07.iprb", CH_X_OFFSET=0.2)
     cut.write_bytes(cut.read_bytes()[:-3])
     lonely = tmp_path / "a_A08.iprb"
     lonely.write_bytes(b"data")
@@ -152,7 +125,7 @@ def test_bad_arrays_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
         ([first, wide], "found 5 traces of 8 samples of 32 bits"),
         ([first, other], "a_A05.iprh: ANTENNA: expected 800 MHz as in a_A01.iprh, found 400 MHz"),
         ([first, nowhere], "a_A06.iprh: CH_X_OFFSET: expected a number, found none"),
-        ([first, cut], "a_A07.iprb: size: expected 5 traces"),
+        ([first, cut], "a_A07.iprb: traces: expected 5 as a_A07.iprh says, found 4 and a part of one; read"),
         ([lonely], "header file: expected a_A08.iprh beside it, found none"),
         ([tmp_path / "a.rd3"], "file name: expected the suffix .iprb, found '.rd3'"),
     ):

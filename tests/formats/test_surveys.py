@@ -58,7 +58,18 @@ def test_geometry_of_the_drive(tmp_path: Path) -> None:
     np.testing.assert_allclose(navigation.heading_deg, 30.0, atol=1e-6)
     assert navigation.sigma_east_m is None
     assert navigation.sigma_heading_deg is None
-    assert description.provenance["assumed_survey_speed_mps"] == 1.0
+    assert description.provenance["assumed"] == {
+        "time": "unknown",
+        "speed": "1 m/s",
+        "odometry": "trace spacing or positions of the header",
+        "position": "straight from the origin",
+        "heading": "30 degrees all along",
+        "height": "taken as 0",
+        "roll": "taken as 0",
+        "position sigma": "not recorded",
+        "heading sigma": "not recorded",
+        "direction": "as stored",
+    }
     assert isinstance(description.recording, TraceRecording)
     assert description.recording.time_zero_ns == pytest.approx(1.0)
 
@@ -148,13 +159,15 @@ def test_bad_surveys_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
         (
             [first, first, _line(tmp_path, 3, _ramp(4), TIMEZERO_AT_POINT=4)],
             {},
-            "LINE03.DT1: time zero: expected about 1 ns, found 3.2 ns",
+            "LINE03.DT1: time zero: expected about 1 ns, or --time-zero (the record begins after",
         ),
         ([first, _line(tmp_path, 4, _ramp(1))], {}, "LINE04.DT1: traces: expected at least 2, found 1"),
         ([timed], {}, "timed.DZT: trace spacing: expected a spacing in the header, or the length"),
         ([wide, wide], {}, "wide.DZT: channels: expected one a file when several files are given, found 2"),
         ([first, first], {"line_spacing_m": 0.0}, "line spacing: expected a length above zero, found 0 m"),
         ([first, first], {"length_m": -3.0}, "line length: expected a length above zero, found -3 m"),
+        ([first], {"time_zero": float("nan")}, "LINE00.DT1: time zero: expected less than its 6.4 ns, found nan ns"),
+        ([first], {"time_zero": -7.0}, "LINE00.DT1: time zero: expected less than its 6.4 ns, found -7 ns"),
         ([first, first], {"reversed_lines": [2]}, "reversed lines: expected numbers from 0 to 1, found 2"),
         ([tmp_path / "none.DT1"], {}, "none.DT1: file: expected a readable file, found no such file"),
     ]
@@ -169,7 +182,7 @@ def test_bad_surveys_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
 @pytest.mark.real
 def test_real_parallel_lines(tmp_path: Path) -> None:
     paths = sorted((real_data() / "gpr_o_parallel_lines").glob("*.DT1"))
-    import_lines(paths, line_spacing_m=0.2, output=tmp_path / "a.drive.h5")
+    import_lines(paths, line_spacing_m=0.2, polarity="keep", output=tmp_path / "a.drive.h5")
     traces, valid = _read(tmp_path / "a.drive.h5")
     assert traces.shape == (240, 25, 250)
     assert valid.sum(axis=0).tolist()[::8] == [232, 233, 236, 218]
@@ -178,6 +191,10 @@ def test_real_parallel_lines(tmp_path: Path) -> None:
     neighbours = [np.corrcoef(mean[i], mean[i + 1])[0, 1] for i in range(24)]
     assert min(neighbours[:23]) > 0.9
     assert neighbours[23] < -0.9
+    survey = import_lines(paths, line_spacing_m=0.2, output=tmp_path / "b.drive.h5")
+    assert [line.inverted for line in survey.lines] == [False] * 24 + [True]
+    assert not any(line.reversed for line in survey.lines)
+    assert {line.start_m for line in survey.lines} == {0.0}
 
 
 @pytest.mark.real

@@ -121,9 +121,18 @@ def test_mala_sample_rate_is_in_megahertz(tmp_path: Path, suffix: str, dtype: st
     assert profile.centre_frequency_hz == 500e6
 
 
+@pytest.mark.parametrize(
+    ("antenna", "frequency_hz"),
+    [("500 MHz shielded", 500e6), ("1.2 mhz", 1.2e6), ("GX80", None), ("0 MHz", None), (f"{'9' * 5000} MHz", None)],
+)
+def test_mala_frequency_from_antenna_name(tmp_path: Path, antenna: str, frequency_hz: float | None) -> None:
+    path = write_mala(tmp_path / "a.rd3", _TRACES.astype("<i2"), ANTENNAS=antenna)
+    assert read_mala(path).centre_frequency_hz == frequency_hz
+
+
 def test_mala_rd7_is_not_read_as_rd3(tmp_path: Path) -> None:
     path = write_mala(tmp_path / "a.rd3", _TRACES.astype("<i4"))
-    with pytest.raises(InputError, match=r"expected 4 traces of 8 samples as a.rad says, found 128 bytes \(8 traces\)"):
+    with pytest.raises(InputError, match=r"traces: expected 4 as a.rad says, found 8$"):
         read_mala(path)
     np.testing.assert_array_equal(read_mala(path.rename(tmp_path / "a.rd7")).traces, _TRACES)
 
@@ -174,12 +183,17 @@ _BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
     "dt1 without header": (_lonely("a.DT1"), "header file: expected a.hd beside it, found none"),
     "dt1 count": (
         _dt1(NUMBER_OF_TRACES=5),
-        "expected 5 traces of 8 samples as a.HD says (720 bytes), found 576 bytes (4",
+        "a.DT1: traces: expected 5 as a.HD says, found 4; read the whole ones with --partial",
     ),
-    "dt1 cut short": (_dt1_bytes(lambda data: data[:-7]), "found 569 bytes (3.95"),
+    "dt1 more than its header says": (_dt1(NUMBER_OF_TRACES=3), "a.DT1: traces: expected 3 as a.HD says, found 4"),
+    "dt1 cut short": (_dt1_bytes(lambda data: data[:-7]), "expected 4 as a.HD says, found 3 and a part of one; read"),
+    "dt1 no whole trace": (_dt1_bytes(lambda data: data[:99]), "traces: expected 4 as a.HD says, found a part of one"),
     "dt1 empty": (_dt1_bytes(lambda _: b""), "an empty file"),
     "dt1 other samples": (_dt1_bytes(lambda d: d[:8] + bytes(4) + d[12:]), "header of trace 0: expected 8 samples"),
     "dt1 position": (_dt1_bytes(lambda d: d[:4] + _NAN + d[8:]), "header of trace 0: expected a finite position"),
+    "dt1 position of no value": (_dt1_bytes(lambda d: d[:4] + b"\1\0\x80\x7f" + d[8:]), "trace 0: expected a finite"),
+    "dt1 endless window": (_dt1(TOTAL_TIME_WINDOW=1e300), "TOTAL TIME WINDOW: expected a number, found '1e+300'"),
+    "dt1 window of nothing": (_dt1(TOTAL_TIME_WINDOW=1e-300), "expected a number above zero, found 1e-300"),
     "dt1 unit": (_dt1(unit="furlong"), "POSITION UNITS: expected m or ft, found 'furlong'"),
     "dt1 window": (_dt1(TOTAL_TIME_WINDOW=-200), "TOTAL TIME WINDOW: expected a number above zero, found -200"),
     "dt1 no window": (_dt1(TOTAL_TIME_WINDOW=0), "TOTAL TIME WINDOW: expected a number above zero, found 0"),
@@ -193,9 +207,12 @@ _BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
     "dzt other format": (_dzt(b"II*\0" * 400), "expected a DZT header"),
     "dzt zeros": (_dzt(bytes(4096)), "found tag 0x0000 with 0 bits a sample"),
     "dzt bits": (_dzt(dzt_header(bits=24) + _DATA), "with 24 bits a sample"),
-    "dzt no data": (_dzt(dzt_header()), "found 1024 bytes (0 scans)"),
-    "dzt cut short": (_dzt((dzt_header(bits=32) + _DATA)[:-3]), "expected whole scans of 32 bytes"),
-    "dzt offset beyond": (_dzt(dzt_header(word=128) + _DATA), "after a header of 131072 bytes"),
+    "dzt no data": (_dzt(dzt_header()), "traces: expected a whole number, found none"),
+    "dzt cut short": (
+        _dzt((dzt_header(bits=32) + _DATA)[:-3]),
+        "traces: expected a whole number, found 3 and a part of one; read",
+    ),
+    "dzt offset beyond": (_dzt(dzt_header(word=128) + _DATA), "traces: expected a whole number, found none"),
     "dzt no offset": (_dzt(dzt_header(word=0) + _DATA), "found 0 bytes for 1 channels"),
     "dzt range": (_dzt(dzt_header(range_ns=-5) + _DATA), "range_ns: expected a number above zero, found -5"),
     "dzt no range": (_dzt(dzt_header(range_ns=0) + _DATA), "range_ns: expected a number above zero, found 0"),
@@ -210,8 +227,11 @@ _BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
     ),
     "no such file": (lambda folder: folder / "a.dt1", "file: expected a readable file, found no such file"),
     "mala without header": (_lonely("a.rd3"), "header file: expected a.rad beside it, found none"),
-    "mala count": (_mala(LAST_TRACE=9), "expected 9 traces of 8 samples as a.rad says, found 64 bytes (4 traces)"),
-    "mala samples": (_mala(SAMPLES=7, TIMEWINDOW=1.4), "(4.57143 traces)"),
+    "mala count": (
+        _mala(LAST_TRACE=9),
+        "traces: expected 9 as a.rad says, found 4; read the whole",
+    ),
+    "mala samples": (_mala(SAMPLES=7, TIMEWINDOW=1.4), "traces: expected 4 as a.rad says, found 4 and a part of one"),
     "mala rate": (_mala(FREQUENCY=-1), "FREQUENCY: expected a number above zero, found -1"),
     "mala window": (_mala(TIMEWINDOW=80.0), "TIMEWINDOW: expected 8 samples at FREQUENCY, 1.6 ns, found 80"),
     "mala spacing": (_mala(DISTANCE_INTERVAL=-0.1), "DISTANCE INTERVAL: expected zero or more, found -0.1"),

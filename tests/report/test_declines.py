@@ -37,3 +37,19 @@ def test_the_most_frequent_code_is_the_one_to_look_at() -> None:
     code, words = main_decline(summarise(declined_drive())) or ("", None)
     assert code == "low_correlation"
     assert words == DECLINES["low_correlation"]
+
+
+def test_a_place_that_nobody_said_is_what_to_mend() -> None:
+    """Off the map, and the place made up: say the place. Where it was recorded, or the ground declines, do not."""
+    drive = straight_drive()
+    lost = replace(drive, code=np.full(len(drive.code), "off_map"))
+    advice = {}
+    for assumed in (False, True):
+        found = main_decline(summarise(replace(lost, place_assumed=assumed)))
+        assert found is not None
+        advice[assumed] = found[1].action
+    assert "--latitude-deg" in advice[True]
+    assert advice[False] == DECLINES["off_map"].action
+    assert "--latitude-deg" not in advice[False]
+    declined = main_decline(summarise(replace(declined_drive(), place_assumed=True)))
+    assert declined == ("low_correlation", DECLINES["low_correlation"])

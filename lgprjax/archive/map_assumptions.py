@@ -1,0 +1,74 @@
+"""What a map's labels rest on that no instrument recorded, and how far a drive lies from the map's ground."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pyproj
+from scipy.spatial import KDTree
+
+from lgprjax.archive.map_route import array_width_m
+from lgprjax.archive.update_record import MapHistory
+from lgprjax.formats import DriveLog, MapFile, assumed_of
+
+_NEAR_M = 50.0
+"""A drive that comes nowhere as near as this is not beside the map, but elsewhere."""
+_NO_LABELS = ("time", "speed")
+_GEOD = pyproj.Geod(ellps="WGS84")
+
+
+def map_assumed(source: MapFile) -> tuple[dict[str, str], ...]:
+    """What was assumed of each baseline; a map's labels do not rest on clocks and speeds."""
+    rows = (assumed_of(row) for row in MapHistory.of(source).inputs)
+    return tuple({name: words for name, words in row.items() if name not in _NO_LABELS} for row in rows)
+
+
+def map_assumed_in_words(source: MapFile) -> str | None:
+    """The same in a line; None for nothing."""
+    return told_by_baseline(map_assumed(source))
+
+
+def told_by_baseline(rows: Sequence[Mapping[str, str]]) -> str | None:
+    """What was assumed of each baseline, in a line, with the numbers of the baselines where it is not all of them."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for number, row in enumerate(rows):
+        for each in row.items():
+            found.setdefault(each, []).append(str(number))
+    told = [
+        f"{name} ({words})" + (f" in baseline {', '.join(numbers)}" if len(numbers) < len(rows) else "")
+        for (name, words), numbers in found.items()
+    ]
+    return ", ".join(told) or None
+
+
+def distance_to_map_m(source: MapFile, log: DriveLog) -> float:
+    """From the drive's nearest recorded place to the nearest station, along the ground."""
+    navigation, pose = log.description.navigation, source.pose
+    east_north = (pose[:, 0].astype(np.float64), pose[:, 1].astype(np.float64))
+    latitude, longitude, _ = source.description.frame.to_geodetic(*east_north, np.zeros(len(pose)))
+    away, station = KDTree(_on_sphere(latitude, longitude)).query(
+        _on_sphere(navigation.latitude_deg, navigation.longitude_deg)
+    )
+    nearest = int(np.argmin(away))
+    there = station[nearest]
+    here = (float(navigation.longitude_deg[nearest]), float(navigation.latitude_deg[nearest]))
+    return float(_GEOD.inv(*here, float(longitude[there]), float(latitude[there]))[2])
+
+
+def away_in_words(source: MapFile, log: DriveLog) -> str | None:
+    """How far a drive lies from the map; None where it comes near it."""
+    away_m = distance_to_map_m(source, log)
+    if away_m <= _NEAR_M + 0.5 * array_width_m(source):
+        return None
+    told = f"{away_m:.0f} m" if away_m < 1e3 else f"{away_m / 1e3:.1f} km"
+    return f"the drive lies {told} from the map {source.description.name} (nearest point)"
+
+
+def is_place_assumed(source: MapFile, log: DriveLog) -> bool:
+    """Whether nobody said where on the earth the drive lies, or a baseline of the map."""
+    return any("place on the earth" in each for each in (assumed_of(log.description.provenance), *map_assumed(source)))
+
+
+def _on_sphere(latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
+    latitude, longitude = np.radians(latitude_deg), np.radians(longitude_deg)
+    cos = np.cos(latitude)
+    return np.stack([cos * np.cos(longitude), cos * np.sin(longitude), np.sin(latitude)], axis=1)

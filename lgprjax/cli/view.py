@@ -1,0 +1,118 @@
+"""``lgprjax view``: look at one's own data before anything else is done with them."""
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from lgprjax.cli.errors import UsageError, require_files
+from lgprjax.cli.progress import console, working
+from lgprjax.cli.view_sources import (
+    DRIVE,
+    MAP,
+    check_speed,
+    stations_of_map,
+    view_of_drive,
+    view_of_profile,
+)
+from lgprjax.errors import InputError
+
+
+@dataclass(frozen=True)
+class View:
+    """Draw a vendor's file, a drive log or a map: a picture, or a page that can be zoomed.
+
+    Vendor files and drive logs become radargrams: travel time down, depth beside it, distance along the bottom;
+    dewowed, without the line's mean trace, with a gain that the caption states. Drive logs show where they lie too, and
+    maps show how loud the ground is at five travel times, seen from above.
+    """
+
+    files: Annotated[
+        Positional[tuple[Path, ...]],
+        arg(
+            metavar="FILE...",
+            help=".dt1, .dzt, .rd3, .rd7, .iprb, .sgy or .segy (header files beside them), X.drive.h5, M.map.h5",
+        ),
+    ]
+    output: Annotated[
+        Path | None,
+        arg(
+            aliases=["-o"],
+            metavar="PNG|DIR",
+            help="picture (with --html: page) to write; of several files, the folder. Without it: FILE.png here",
+        ),
+    ] = None
+    channel: int | None = None
+    """number, from 0, of the channel to draw; by default all of up to four, else the middle one"""
+    raw: bool = False
+    """amplitudes as recorded: no processing, no gain"""
+    velocity_m_per_ns: float | None = None
+    """speed of the wave that depths are counted with; by default 0.1 is assumed"""
+    sample_interval_ns: float | None = None
+    """two-way travel time between samples of a SEG-Y file whose header does not say it"""
+    html: bool = False
+    """write a page that can be zoomed, FILE.html, in place of the picture"""
+    force: bool = False
+    """replace outputs that exist"""
+
+    def run(self) -> None:
+        """Draw."""
+        require_files(self.files, "files")
+        check_speed(self.velocity_m_per_ns)
+        outputs = self._outputs()
+        for file, output in zip(self.files, outputs, strict=True):
+            # Before anything is read: of many files the last one may exist.
+            if output.exists() and not self.force:
+                raise InputError(output, "output", "a new file, or --force", "the file exists")
+            if file.name.lower().endswith(MAP) and (self.raw or self.channel is not None):
+                raise UsageError(f"--raw, --channel: expected files that become radargrams, found the map {file.name}")
+        for file, output in zip(self.files, outputs, strict=True):
+            with working(f"drawing {file}"):
+                output.parent.mkdir(parents=True, exist_ok=True)
+                self._draw(file, output)
+            console.print(f"wrote {output}", highlight=False, markup=False, soft_wrap=True)
+
+    def _outputs(self) -> list[Path]:
+        suffix = ".html" if self.html else ".png"
+        if self.output is not None and len(self.files) == 1 and not self.output.is_dir():
+            if self.output.suffix.lower() != suffix:
+                with_html = "with" if self.html else "without"
+                expected = f"a file name that ends in {suffix} {with_html} --html"
+                raise UsageError(f"--output: expected {expected}, found {self.output.name!r}")
+            return [self.output]
+        folder = Path() if self.output is None else self.output
+        if folder.exists() and not folder.is_dir():
+            raise InputError(folder, "output", "a folder, as there are several files", "a file")
+        outputs = [folder / (file.stem + suffix) for file in self.files]
+        name, count = Counter(outputs).most_common(1)[0]
+        if count > 1:
+            raise UsageError(f"files: expected names that differ, found {count} that become {name.name}")
+        return outputs
+
+    def _draw(self, file: Path, output: Path) -> None:
+        from lgprjax.radar import WAVE_SPEED_M_PER_NS
+        from lgprjax.report import draw_line, draw_map_slices, write_line_page, write_map_page
+
+        name, speed = file.name.lower(), self.velocity_m_per_ns
+        if name.endswith(MAP):
+            (write_map_page if self.html else draw_map_slices)(
+                stations_of_map(file),
+                output,
+                wave_speed_m_per_ns=WAVE_SPEED_M_PER_NS if speed is None else speed,
+                speed_is="assumed" if speed is None else "given",
+                force=self.force,
+            )
+            return
+        if name.endswith(DRIVE):
+            view = view_of_drive(file, channel=self.channel, raw=self.raw, speed_m_per_ns=speed)
+        else:
+            view = view_of_profile(
+                file,
+                channel=self.channel,
+                raw=self.raw,
+                speed_m_per_ns=speed,
+                sample_interval_ns=self.sample_interval_ns,
+            )
+        (write_line_page if self.html else draw_line)(view, output, force=self.force)

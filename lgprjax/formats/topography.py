@@ -1,0 +1,156 @@
+"""Tables of places that were surveyed along a line: topography as text."""
+
+import math
+import re
+from array import array
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from lgprjax.errors import InputError
+from lgprjax.formats.profile import read_bytes
+from lgprjax.formats.side_positions import PositionKind, SidePositions
+
+# A grid of the site's own does not reach as far from its origin; the coordinates of a country's grid do.
+_SITE_M = 10_000.0
+# No place on the earth has a coordinate beyond; what has is damaged.
+_LARGEST_M = 1e8
+_NAMES = {
+    **dict.fromkeys(("e", "x", "east", "easting"), "x"),
+    **dict.fromkeys(("n", "y", "north", "northing"), "y"),
+    **dict.fromkeys(("z", "h", "elev", "elevation", "height", "altitude"), "z"),
+    **dict.fromkeys(("lon", "long", "longitude"), "longitude"),
+    **dict.fromkeys(("lat", "latitude"), "latitude"),
+    **dict.fromkeys(("position", "distance", "along"), "along"),
+}
+_PLANES: tuple[tuple[str, ...], ...] = (("x", "y"), ("longitude", "latitude"), ("along",))
+_WORD = re.compile(r"[a-z]+")
+
+
+def read_topography(path: str | Path) -> SidePositions:
+    """Read a table of places: one row a trace, or points along the line.
+
+    Columns are parted by semicolons, tabs, commas or blanks; beside the first two a comma is the decimal sign. A
+    first row of names says the order (``N,E,Z``, ``x y z``, ``lat,lon,height``, ``position;elevation``; columns of
+    other names are left out). Without it three columns are easting, northing and elevation, and two are the distance
+    along the line and the elevation.
+
+    Raises:
+        InputError: the file is missing, a row is no row of numbers, or there is none.
+    """
+    file = Path(path)
+    columns: dict[str, int] = {}
+    width = 0
+    # A flat array, and a line at a time: lists of lines and floats would need many times the size of the file.
+    values = array("d")
+    for line, cells in _rows(read_bytes(file).decode("utf-8-sig", errors="replace")):
+        if not width:
+            columns, width = _columns(file, line, cells), len(cells)
+            if not _is_number(cells[0]):
+                continue
+        if len(cells) != width:
+            raise InputError(file, f"line {line}", f"{width} columns", f"{len(cells)}")
+        for at in columns.values():
+            value = _number(cells[at])
+            if not abs(value) <= _LARGEST_M:
+                raise InputError(file, f"line {line}", "numbers", repr(cells[at][:40]))
+            values.append(value)
+    if not values:
+        raise InputError(file, "rows", "at least one place", "none")
+    table = np.frombuffer(values).reshape(-1, len(columns))
+    return _positions(file, {name: table[:, at].copy() for at, name in enumerate(columns)})
+
+
+def begins_as_topography(path: Path) -> bool:
+    """The first row of a text file is one of names or numbers that ``read_topography`` takes."""
+    try:
+        with path.open("rb") as stream:
+            line, cells = next(_rows(stream.read(1000).decode("utf-8-sig", errors="replace")))
+        return bool(_columns(path, line, cells))
+    except (OSError, StopIteration, InputError):
+        return False
+
+
+def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Numbered lines as cells, without blank ones and comments (#)."""
+    separator: str | None = None
+    first = True
+    for line, match in enumerate(re.finditer(r"([^\r\n]*)(?:\r{0,2}\n|\r|$)", text), start=1):
+        row = match[1].strip()
+        if not row or row.startswith("#"):
+            continue
+        if first:
+            separator = next((each for each in (";", "\t", ",") if each in row), None)
+            first = False
+        if separator in (";", "\t"):
+            row = row.replace(",", ".")
+        # Spreadsheets end rows with empty cells.
+        yield line, [cell.strip().strip('"') for cell in row.rstrip(separator).split(separator)]
+
+
+def _columns(file: Path, line: int, cells: list[str]) -> dict[str, int]:
+    """Where the columns stand by the first row, of names or of numbers. Raises ``InputError``."""
+    place = f"line {line}"
+    if _is_number(cells[0]):
+        unnamed: dict[int, tuple[str, ...]] = {2: ("along", "z"), 3: ("x", "y", "z")}
+        if len(cells) not in unnamed:
+            raise InputError(file, place, "two or three columns, or names such as N,E,Z", f"{len(cells)} columns")
+        return {name: at for at, name in enumerate(unnamed[len(cells)])}
+    columns: dict[str, int] = {}
+    for at, cell in enumerate(cells):
+        # A unit may follow, as in Z_m or easting (m).
+        word = _WORD.match(cell.lower())
+        name = _NAMES.get(word[0]) if word else None
+        if name in columns:
+            raise InputError(file, place, f"one column of {name}", f"two, {cell[:40]!r} the second")
+        if name is not None:
+            columns[name] = at
+    if not any(set(plane) <= set(columns) for plane in _PLANES):
+        raise InputError(file, place, "numbers, or names such as N,E,Z", repr(" ".join(cells)[:40]))
+    return columns
+
+
+def _positions(file: Path, table: dict[str, Float[np.ndarray, " row"]]) -> SidePositions:
+    plane = next(names for names in _PLANES if set(names) <= set(table))
+    x = table[plane[0]]
+    y = table[plane[1]] if len(plane) == 2 else np.zeros_like(x)
+    kind: PositionKind = "along metres"
+    if plane == ("longitude", "latitude"):
+        kind = "degrees"
+        wrong = np.flatnonzero((np.abs(x) > 180.0) | (np.abs(y) > 90.0))
+        if wrong.size:
+            found = f"{x[wrong[0]]:g}, {y[wrong[0]]:g}"
+            raise InputError(file, f"row {wrong[0] + 1}", "longitude and latitude in degrees", found)
+    elif plane == ("x", "y"):
+        far = any(np.median(np.abs(values)) > _SITE_M for values in (x, y))
+        kind = "grid metres" if far else "local metres"
+    return SidePositions(
+        path=file,
+        kind=kind,
+        trace=np.arange(len(x), dtype=np.float64),
+        numbered=False,
+        x=x,
+        y=y,
+        z=table.get("z", np.full_like(x, np.nan)),
+        height="unstated",
+        time_s=None,
+        quality=None,
+        satellites=None,
+        hdop=None,
+        counts={"rows": len(x)},
+    )
+
+
+def _number(cell: str) -> float:
+    """The number of a cell; NaN for what is none."""
+    try:
+        # Cells of any length are damage, and Python's own digit groups (1_000) too.
+        return float(cell) if len(cell) <= 40 and "_" not in cell else math.nan
+    except ValueError:
+        return math.nan
+
+
+def _is_number(cell: str) -> bool:
+    return math.isfinite(_number(cell))

@@ -1,0 +1,287 @@
+"""Radargrams as people who read them know them: time down, distance to the right, grey about zero."""
+
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from lgprjax.formats.profile import Profile
+from lgprjax.radar import WAVE_SPEED_M_PER_NS, Radargram
+from lgprjax.report.style import (
+    AMPLITUDE_MAP,
+    BLUE,
+    FAINT,
+    GREEN,
+    MUTED,
+    VERMILLION,
+    exaggeration,
+    outer_edges,
+    picture,
+    speed_text,
+    write_caption,
+)
+
+LIMIT_PERCENTILE = 98.5
+NO_TRACE = "#cfe3f4"
+"""Where there is no trace: none of the greys."""
+_WIDTH_IN, _HIGH_IN, _LOW_IN, _WORDS_IN = 11.0, 4.9, 3.1, 0.9
+_PLAN_LOW_IN, _PLAN_HIGH_IN = 1.7, 4.5
+_MOST_COLUMNS = 6000
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinePlan:
+    """Where a line was recorded.
+
+    Attributes:
+        east_m, north_m: of each channel's antenna, from the origin.
+        distance_m: along the line, as on the axis of its radargrams.
+        shown: channels that the radargrams show.
+        origin: what the metres count from, in words.
+    """
+
+    east_m: Float[np.ndarray, "place channel"]
+    north_m: Float[np.ndarray, "place channel"]
+    distance_m: Float[np.ndarray, " place"]
+    shown: tuple[int, ...]
+    origin: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineView:
+    """The picture of a line.
+
+    Attributes:
+        title: over the whole.
+        radargrams: one a channel, from left to right.
+        plan: None where nothing says where the line lies.
+        wave_speed_m_per_ns: that depths are counted with.
+        speed_is: where that speed comes from.
+        notes: sentences for the caption.
+    """
+
+    title: str
+    radargrams: tuple[Radargram, ...]
+    plan: LinePlan | None = None
+    wave_speed_m_per_ns: float = WAVE_SPEED_M_PER_NS
+    speed_is: Literal["assumed", "given"] = "assumed"
+    notes: tuple[str, ...] = ()
+
+
+def radargram_of(profile: Profile, channel: int = 0) -> Radargram:
+    """One channel of a vendor's file as it was recorded; of very many traces every second, third and so on.
+
+    Traces at places that are not evenly spaced are laid on an even grid, each cell with the trace next to it.
+    """
+    traces = profile.channels[:, channel]
+    count, samples = traces.shape
+    start_m = 0.0 if profile.positions_m is None else float(profile.positions_m[0])
+    if profile.spacing_m is not None:
+        falls = profile.positions_m is not None and profile.positions_m[-1] < profile.positions_m[0]
+        chosen = counted_columns(count)
+        along = start_m + (-profile.spacing_m if falls else profile.spacing_m) * chosen
+    elif profile.positions_m is not None:
+        along, chosen = even_columns(profile.positions_m)
+    else:
+        chosen = counted_columns(count)
+        along = chosen.astype(np.float64)
+    held = traces[chosen].astype(np.float32)
+    amplitude = np.where((chosen[:, None] >= 0) & np.isfinite(held), held, np.float32(np.nan))
+    return Radargram(
+        name=profile.path.name if profile.channels.shape[1] == 1 else f"channel {channel}",
+        amplitude=amplitude,
+        along=along,
+        in_metres=profile.spacing_m is not None or profile.positions_m is not None,
+        time_ns=np.arange(samples) * profile.sample_interval_ns - profile.time_zero_ns,
+        centre_frequency_hz=profile.centre_frequency_hz,
+    )
+
+
+def even_columns(
+    place_m: Float[np.ndarray, " trace"],
+) -> tuple[Float[np.ndarray, " column"], Int[np.ndarray, " column"]]:
+    """An even grid along a line and the trace next to each of its places; -1 where none is near.
+
+    Only what leads on counts: traces taken standing or in reverse are passed over. The grid is as fine as the usual
+    step of the rest, but of 6000 places at most.
+    """
+    reach = np.maximum.accumulate(np.where(np.isfinite(place_m), place_m, -np.inf))
+    onward = np.flatnonzero(np.diff(reach, prepend=-np.inf) > 0)
+    if len(onward) < 2:
+        return np.zeros(1), np.zeros(1, np.int64)
+    held_m = place_m[onward]
+    usual_m = float(np.median(np.diff(held_m)))
+    span_m = float(held_m[-1] - held_m[0])
+    columns = int(np.clip(round(span_m / usual_m) + 1, 2, _MOST_COLUMNS))
+    grid_m = np.linspace(held_m[0], held_m[-1], columns)
+    after = np.clip(np.searchsorted(held_m, grid_m), 1, len(held_m) - 1)
+    nearest = np.where(grid_m - held_m[after - 1] <= held_m[after] - grid_m, after - 1, after)
+    near = np.abs(held_m[nearest] - grid_m) <= 5.0 * max(usual_m, span_m / (columns - 1))
+    return grid_m, np.where(near, onward[nearest], -1)
+
+
+def counted_columns(traces: int) -> Int[np.ndarray, " column"]:
+    """All traces, or of more than 6000 every second, third and so on."""
+    return np.arange(0, traces, -(-traces // _MOST_COLUMNS))
+
+
+def amplitude_limit(radargram: Radargram) -> float:
+    """The 98.5th percentile of the amplitudes' sizes: grey runs from minus that to that."""
+    finite = np.abs(radargram.amplitude[np.isfinite(radargram.amplitude)])
+    # A silent radargram still needs limits that differ.
+    return float(np.percentile(finite, LIMIT_PERCENTILE)) or 1.0 if finite.size else 1.0
+
+
+def draw_radargram(
+    radargram: Radargram, axes: Axes, *, wave_speed_m_per_ns: float = WAVE_SPEED_M_PER_NS, limit: float | None = None
+) -> Axes:
+    """Draw a radargram: travel time down at the left, depth at the right, distance or trace number along the bottom.
+
+    Args:
+        radargram: as recorded, or what ``clear_view`` makes of it.
+        axes: that are drawn on, in a script, a notebook or a figure of one's own.
+        wave_speed_m_per_ns: that the depths are counted with; the axis states it.
+        limit: amplitude of white, and minus that of black; by default the 98.5th percentile.
+
+    Returns:
+        the axes.
+    """
+    top = limit if limit is not None else amplitude_limit(radargram)
+    along, time = outer_edges(radargram.along), outer_edges(radargram.time_ns)
+    axes.imshow(
+        radargram.amplitude.T,
+        cmap=colormaps[AMPLITUDE_MAP].with_extremes(bad=NO_TRACE),
+        vmin=-top,
+        vmax=top,
+        aspect="auto",
+        interpolation="antialiased",
+        extent=(along[0], along[1], time[1], time[0]),
+    )
+    axes.set_xlabel("distance along the line (m)" if radargram.in_metres else "trace number")
+    axes.set_ylabel("two-way travel time (ns)")
+    if radargram.time_ns[0] < 0.0 < radargram.time_ns[-1]:
+        axes.axhline(0.0, color=VERMILLION, linewidth=0.8)
+    axis = axes.secondary_yaxis(
+        "right",
+        functions=(
+            lambda time_ns: np.multiply(time_ns, wave_speed_m_per_ns / 2.0),
+            lambda depth_m: np.divide(depth_m, wave_speed_m_per_ns / 2.0),
+        ),
+    )
+    axis.yaxis.set_major_locator(_Depths(nbins=8, steps=[1, 2, 2.5, 5, 10]))
+    axis.set_ylabel(depth_label(wave_speed_m_per_ns))
+    return axes
+
+
+def depth_label(wave_speed_m_per_ns: float) -> str:
+    """Label of a depth axis, with the speed that depths are counted with."""
+    return f"depth (m), v = {speed_text(wave_speed_m_per_ns)} m/ns"
+
+
+def draw_line(view: LineView, path: str | Path, *, force: bool = False) -> None:
+    """Draw the radargrams of a line one below the other, and where they lie.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    several = len(view.radargrams) > 1
+    each_in = _LOW_IN if several else _HIGH_IN
+    heights = [each_in] * len(view.radargrams) + ([_plan_height_in(view.plan)] if view.plan else [])
+    with picture(path, _WIDTH_IN, sum(heights) + _WORDS_IN, force) as figure:
+        grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+        panels = [figure.add_subplot(grid[row]) for row in range(len(heights))]
+        for radargram, axes in zip(view.radargrams, panels, strict=False):
+            draw_radargram(radargram, axes, wave_speed_m_per_ns=view.wave_speed_m_per_ns)
+            if several:
+                axes.set_title(radargram.name)
+        if view.plan is not None:
+            _draw_plan(panels[-1], view.plan)
+        figure.suptitle(view.title)
+        _caption(figure, panels[0], view)
+
+
+def caption_of(view: LineView) -> str:
+    """What was done, between which limits it is drawn, and what the depths rest on."""
+    first = view.radargrams[0]
+    # Each channel has a gain of its own; what all have in common is said once.
+    of_all = zip_longest(*(each.steps for each in view.radargrams), fillvalue="nothing")
+    steps = "; ".join(" / ".join(dict.fromkeys(each)) for each in of_all)
+    done = f"Processing: {steps}." if steps else "As recorded: no processing, no gain."
+    limits = f"Grey: 0 ± the {LIMIT_PERCENTILE:g}th percentile of the amplitudes, white positive."
+    speed_m_per_ns = speed_text(view.wave_speed_m_per_ns)
+    speed = f"Depth: v = {speed_m_per_ns} m/ns is {view.speed_is}; antenna separation is not allowed for."
+    zero = ["Red line: time zero."] if first.time_ns[0] < 0.0 < first.time_ns[-1] else []
+    gaps = any(np.isnan(each.amplitude).any() for each in view.radargrams)
+    missing = ["Pale blue: no trace."] if gaps else []
+    return " ".join([done, limits, *zero, *missing, speed, *view.notes])
+
+
+def _caption(figure: Figure, axes: Axes, view: LineView) -> None:
+    text = caption_of(view)
+    if view.plan is not None:
+        text += f" Plan: metres from {view.plan.origin}."
+    # Twice, because the caption states a stretch that its own height changes.
+    for _ in range(2 if view.radargrams[0].in_metres else 1):
+        write_caption(figure, text)
+        if view.radargrams[0].in_metres:
+            factor = exaggeration(axes) * 2.0 / view.wave_speed_m_per_ns
+            write_caption(figure, f"{text} Depth drawn ×{factor:.2g}.")
+
+
+def _draw_plan(axes: Axes, plan: LinePlan) -> None:
+    for channel in range(plan.east_m.shape[1]):
+        if channel not in plan.shown:
+            axes.plot(plan.east_m[:, channel], plan.north_m[:, channel], color=FAINT, linewidth=0.8)
+    for channel in plan.shown:
+        axes.plot(plan.east_m[:, channel], plan.north_m[:, channel], color=BLUE, linewidth=1.4)
+    middle = plan.shown[len(plan.shown) // 2]
+    east, north = plan.east_m[:, middle], plan.north_m[:, middle]
+    for place, mark, colour, word in ((0, "o", GREEN, "start"), (-1, "s", VERMILLION, "end")):
+        axes.plot(east[place], north[place], mark, color=colour, markersize=7, label=word)
+    marks_m = MaxNLocator(8, steps=[1, 2, 5, 10]).tick_values(plan.distance_m[0], plan.distance_m[-1])
+    for mark_m in marks_m[(marks_m > plan.distance_m[0]) & (marks_m < plan.distance_m[-1])]:
+        at = int(np.argmin(np.abs(plan.distance_m - mark_m)))
+        axes.plot(east[at], north[at], ".", color=BLUE, markersize=5)
+        axes.annotate(
+            f"{mark_m:g} m",
+            (east[at], north[at]),
+            xytext=(0, 6),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8.0,
+            color=MUTED,
+        )
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.05)
+    axes.set_xlabel("east (m)")
+    axes.set_ylabel("north (m)")
+    axes.set_title(f"plan of {_channels(plan)}")
+    axes.legend(loc="best")
+
+
+def _channels(plan: LinePlan) -> str:
+    count = plan.east_m.shape[1]
+    if count == 1:
+        return "the line"
+    return f"{count} channels" + (
+        f", channel {', '.join(map(str, plan.shown))} blue" if len(plan.shown) < count else ""
+    )
+
+
+def _plan_height_in(plan: LinePlan) -> float:
+    east_m, north_m = (float(np.ptp(each)) for each in (plan.east_m, plan.north_m))
+    return float(np.clip(0.8 * _WIDTH_IN * north_m / max(east_m, 1e-9) + 0.9, _PLAN_LOW_IN, _PLAN_HIGH_IN))
+
+
+class _Depths(MaxNLocator):
+    """Above the ground there is no depth."""
+
+    def tick_values(self, vmin: float, vmax: float) -> list[float]:
+        return [float(tick) for tick in super().tick_values(vmin, vmax) if tick >= -1e-9]

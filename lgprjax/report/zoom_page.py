@@ -1,0 +1,332 @@
+"""One page to look closely: pictures with axes that are zoomed and moved by mouse, finger or keys, nothing outside."""
+
+import base64
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from matplotlib import colormaps
+from matplotlib.colors import to_rgb
+from matplotlib.image import imsave
+
+from lgprjax.formats.atomic import atomic_output
+from lgprjax.radar import WAVE_SPEED_M_PER_NS, Radargram
+from lgprjax.report.map_slices import MapStations, caption_of_slices, level_limits, slice_map, slice_title
+from lgprjax.report.radargram import NO_TRACE, LinePlan, LineView, amplitude_limit, caption_of, depth_label
+from lgprjax.report.style import AMPLITUDE_MAP, BLUE, CORRELATION_MAP, FAINT, outer_edges
+
+_MOST_COLUMNS, _MOST_ROWS = 2400, 1200
+_MOST_POINTS = 4000
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Panel:
+    """A picture and its axes; ``lines`` are x and y of curves with their colours."""
+
+    title: str
+    labels: tuple[str, str]
+    x: tuple[float, float]
+    y: tuple[float, float]
+    pixels: UInt8[np.ndarray, "row column 4"] | None = None
+    lines: tuple[tuple[str, np.ndarray, np.ndarray], ...] = ()
+    depth_m_per_ns: float | None = None
+    equal: bool = False
+    contrast: bool = False
+
+
+def write_line_page(view: LineView, path: str | Path, *, force: bool = False) -> None:
+    """Write the radargrams of a line, and where they lie, as a page that can be zoomed.
+
+    Very long lines are averaged down to 2400 columns, and 1200 rows, a picture.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    panels = [_radargram_panel(each, view) for each in view.radargrams]
+    caption = caption_of(view)
+    if view.plan is not None:
+        panels.append(_plan_panel(view.plan))
+        caption += f" Plan: metres from {view.plan.origin}."
+    _write(path, view.title, caption, panels, force)
+
+
+def write_map_page(
+    stations: MapStations,
+    path: str | Path,
+    *,
+    wave_speed_m_per_ns: float = WAVE_SPEED_M_PER_NS,
+    speed_is: str = "assumed",
+    force: bool = False,
+) -> None:
+    """Write the slices of a map as a page that can be zoomed.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    slices = slice_map(stations)
+    x, y = outer_edges(slices.x_m), outer_edges(slices.y_m)
+    low, high = level_limits(slices.level)
+    panels = []
+    for number, level in enumerate(slices.level):
+        shade = np.clip((level - low) / (high - low), 0.0, 1.0)
+        pixels = colormaps[CORRELATION_MAP](np.nan_to_num(shade), bytes=True)
+        pixels[~np.isfinite(level)] = 255
+        title = slice_title(stations, number, wave_speed_m_per_ns)
+        panels.append(
+            _Panel(title=title, labels=slices.labels, x=x, y=(y[1], y[0]), pixels=pixels[::-1], equal=slices.equal)
+        )
+    caption = caption_of_slices(stations, slices, wave_speed_m_per_ns, speed_is)
+    _write(path, f"Map {stations.name}", caption, panels, force)
+
+
+def _radargram_panel(radargram: Radargram, view: LineView) -> _Panel:
+    limit = amplitude_limit(radargram)
+    amplitude = _thinned(radargram.amplitude)
+    pixels = colormaps[AMPLITUDE_MAP](np.nan_to_num(0.5 + 0.5 * amplitude.T / limit, nan=0.5), bytes=True)
+    gap = np.asarray([*to_rgb(NO_TRACE), 1.0]) * 255.0
+    pixels[np.isnan(amplitude.T)] = gap.astype(np.uint8)
+    return _Panel(
+        title=radargram.name,
+        labels=("distance along the line (m)" if radargram.in_metres else "trace number", "two-way travel time (ns)"),
+        x=outer_edges(radargram.along),
+        y=outer_edges(radargram.time_ns),
+        pixels=pixels,
+        depth_m_per_ns=view.wave_speed_m_per_ns / 2.0,
+        contrast=True,
+    )
+
+
+def _thinned(amplitude: Float[np.ndarray, "trace sample"]) -> Float[np.ndarray, "column row"]:
+    """Means of so many neighbours that the picture is small enough; NaN where one of them is."""
+    for axis, most in ((0, _MOST_COLUMNS), (1, _MOST_ROWS)):
+        together = -(-amplitude.shape[axis] // most)
+        starts = np.arange(0, amplitude.shape[axis], together)
+        counts = np.diff(np.append(starts, amplitude.shape[axis]))
+        shape = (-1, 1) if axis == 0 else (1, -1)
+        amplitude = np.add.reduceat(amplitude, starts, axis=axis) / counts.reshape(shape)
+    return amplitude
+
+
+def _plan_panel(plan: LinePlan) -> _Panel:
+    every = -(-len(plan.east_m) // _MOST_POINTS)
+    order = sorted(range(plan.east_m.shape[1]), key=lambda channel: channel in plan.shown)
+    lines = tuple(
+        (BLUE if channel in plan.shown else FAINT, plan.east_m[::every, channel], plan.north_m[::every, channel])
+        for channel in order
+    )
+    margin_m = 0.05 * max(float(np.ptp(plan.east_m)), float(np.ptp(plan.north_m)), 1.0)
+    x = (float(plan.east_m.min()) - margin_m, float(plan.east_m.max()) + margin_m)
+    y = (float(plan.north_m.max()) + margin_m, float(plan.north_m.min()) - margin_m)
+    return _Panel(title="plan", labels=("east (m)", "north (m)"), x=x, y=y, lines=lines, equal=True)
+
+
+def _write(path: str | Path, title: str, caption: str, panels: Sequence[_Panel], force: bool) -> None:
+    data = json.dumps([_as_json(panel) for panel in panels]).replace("</", "<\\/")
+    with atomic_output(path, force) as temporary:
+        temporary.write_text(
+            '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+            f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<main>\n"
+            f"<h1>{escape(title)}</h1>\n<p>{_HELP}</p>\n<noscript><p>This page needs JavaScript.</p></noscript>\n"
+            f'<div id="panels"></div>\n<p class="soft">{escape(caption)}</p>\n</main>\n'
+            f'<script type="application/json" id="data">{data}</script>\n<script>{_SCRIPT}</script>\n'
+            "</body>\n</html>\n",
+            encoding="utf-8",
+            newline="\n",
+        )
+
+
+def _as_json(panel: _Panel) -> dict[str, object]:
+    source = None
+    if panel.pixels is not None:
+        png = io.BytesIO()
+        imsave(png, panel.pixels, format="png")
+        source = "data:image/png;base64," + base64.b64encode(png.getvalue()).decode("ascii")
+    return {
+        "title": panel.title,
+        "labels": panel.labels,
+        "x": panel.x,
+        "y": panel.y,
+        "src": source,
+        "lines": [[colour, np.round(x, 3).tolist(), np.round(y, 3).tolist()] for colour, x, y in panel.lines],
+        "depth": panel.depth_m_per_ns,
+        "depthLabel": "" if panel.depth_m_per_ns is None else depth_label(2.0 * panel.depth_m_per_ns),
+        "equal": panel.equal,
+        "contrast": panel.contrast,
+    }
+
+
+_HELP = (
+    "Wheel, or + and −: zoom; with Shift along the line only. Drag, or the arrow keys: move. Double click, or 0: "
+    "everything. Two fingers zoom on a touch screen."
+)
+_STYLE = """
+body { margin: 0; background: #fff; color: #222;
+  font: 1rem/1.5 system-ui, -apple-system, "Segoe UI", "DejaVu Sans", sans-serif; }
+main { max-width: 80rem; margin: 0 auto; padding: 1rem 1rem 3rem; }
+h1 { font-size: 1.4rem; margin: 0 0 0.4rem; }
+h2 { font-size: 1.05rem; margin: 0; }
+p { max-width: 60rem; margin: 0.4rem 0; }
+.soft { color: #595959; font-size: 0.92rem; }
+.bar { display: flex; flex-wrap: wrap; gap: 0.3rem 1.2rem; align-items: center; margin-top: 1.2rem; }
+output { font-variant-numeric: tabular-nums; color: #595959; min-width: 18rem; }
+canvas { width: 100%; display: block; touch-action: none; cursor: crosshair; }
+canvas:focus-visible { outline: 2px solid #0057a3; }
+"""
+_SCRIPT = """
+"use strict";
+const LEFT = 66, RIGHT = 66, TOP = 8, BOTTOM = 46;
+function ticks(a, b, room) {
+  const low = Math.min(a, b), high = Math.max(a, b), rough = (high - low) / Math.max(2, room);
+  const ten = Math.pow(10, Math.floor(Math.log10(rough)));
+  const step = [1, 2, 2.5, 5, 10].map(k => k * ten).find(k => k >= rough);
+  const digits = Math.max(0, Math.min(6, -Math.floor(Math.log10(step) - 1e-9) + (step / ten === 2.5 ? 1 : 0)));
+  const found = [];
+  for (let n = Math.ceil(low / step - 1e-9); n * step <= high + 1e-9 * step; n++)
+    found.push([n * step, (n === 0 ? 0 : n * step).toFixed(digits)]);
+  return found;
+}
+function show(panel) {
+  const box = document.createElement("section"), bar = document.createElement("div");
+  const head = document.createElement("h2"), said = document.createElement("output");
+  const canvas = document.createElement("canvas");
+  bar.className = "bar"; head.textContent = panel.title; bar.append(head);
+  canvas.tabIndex = 0; canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", panel.title + ": " + panel.labels[1] + " over " + panel.labels[0]);
+  let contrast = 1;
+  if (panel.contrast) {
+    const label = document.createElement("label"), slide = document.createElement("input");
+    slide.type = "range"; slide.min = "-1"; slide.max = "2"; slide.step = "0.1"; slide.value = "0";
+    slide.addEventListener("input", () => { contrast = Math.pow(2, Number(slide.value)); draw(); });
+    label.append("contrast ", slide); bar.append(label);
+  }
+  bar.append(said); box.append(bar, canvas);
+  document.getElementById("panels").append(box);
+  const context = canvas.getContext("2d");
+  let view, wide = 0, high = 0;
+  const image = new Image();
+  function whole() {
+    view = { x0: panel.x[0], x1: panel.x[1], y0: panel.y[0], y1: panel.y[1] };
+    if (!panel.equal) return;
+    const sx = Math.abs(view.x1 - view.x0) / wide, sy = Math.abs(view.y1 - view.y0) / high, s = Math.max(sx, sy);
+    const mx = (view.x0 + view.x1) / 2, my = (view.y0 + view.y1) / 2;
+    const dx = Math.sign(view.x1 - view.x0) * s * wide / 2, dy = Math.sign(view.y1 - view.y0) * s * high / 2;
+    view = { x0: mx - dx, x1: mx + dx, y0: my - dy, y1: my + dy };
+  }
+  const px = x => LEFT + (x - view.x0) / (view.x1 - view.x0) * wide;
+  const py = y => TOP + (y - view.y0) / (view.y1 - view.y0) * high;
+  const xp = p => view.x0 + (p - LEFT) / wide * (view.x1 - view.x0);
+  const yp = p => view.y0 + (p - TOP) / high * (view.y1 - view.y0);
+  function size() {
+    const dots = window.devicePixelRatio || 1, outer = canvas.clientWidth;
+    const tall = Math.round(Math.max(240, Math.min(window.innerHeight * 0.72, outer * 0.5)));
+    canvas.style.height = tall + "px";
+    canvas.width = Math.round(outer * dots); canvas.height = Math.round(tall * dots);
+    context.setTransform(dots, 0, 0, dots, 0, 0);
+    wide = Math.max(40, outer - LEFT - RIGHT); high = tall - TOP - BOTTOM;
+  }
+  function draw() {
+    const c = context, right = LEFT + wide, bottom = TOP + high;
+    c.clearRect(0, 0, wide + LEFT + RIGHT, high + TOP + BOTTOM);
+    c.save(); c.beginPath(); c.rect(LEFT, TOP, wide, high); c.clip();
+    if (panel.src && image.complete) {
+      const x0 = px(panel.x[0]), x1 = px(panel.x[1]), y0 = py(panel.y[0]), y1 = py(panel.y[1]);
+      c.filter = contrast === 1 ? "none" : "contrast(" + contrast + ")";
+      c.imageSmoothingEnabled = Math.abs(x1 - x0) < 6 * image.width;
+      c.drawImage(image, x0, y0, x1 - x0, y1 - y0);
+      c.filter = "none";
+    }
+    if (panel.depth && (view.y0 < 0) && (view.y1 > 0)) {
+      c.strokeStyle = "#D55E00"; c.lineWidth = 1; stroke(LEFT, py(0), right, py(0));
+    }
+    for (const [colour, xs, ys] of panel.lines) {
+      c.strokeStyle = colour; c.lineWidth = 1.5; c.beginPath();
+      xs.forEach((x, n) => n ? c.lineTo(px(x), py(ys[n])) : c.moveTo(px(x), py(ys[n])));
+      c.stroke();
+    }
+    c.restore();
+    c.strokeStyle = "#6b6b6b"; c.fillStyle = "#222"; c.lineWidth = 1; c.strokeRect(LEFT, TOP, wide, high);
+    c.font = "12px system-ui, sans-serif"; c.textAlign = "center"; c.textBaseline = "top";
+    for (const [x, text] of ticks(view.x0, view.x1, wide / 90)) {
+      stroke(px(x), bottom, px(x), bottom + 5); c.fillText(text, px(x), bottom + 8);
+    }
+    c.fillText(panel.labels[0], LEFT + wide / 2, bottom + 28);
+    c.textAlign = "right"; c.textBaseline = "middle";
+    for (const [y, text] of ticks(view.y0, view.y1, high / 50)) {
+      stroke(LEFT, py(y), LEFT - 5, py(y)); c.fillText(text, LEFT - 8, py(y));
+    }
+    sideways(panel.labels[1], 12);
+    if (!panel.depth) return;
+    c.textAlign = "left";
+    for (const [depth, text] of ticks(Math.max(0, view.y0 * panel.depth), view.y1 * panel.depth, high / 50)) {
+      const y = py(depth / panel.depth);
+      stroke(right, y, right + 5, y); c.fillText(text, right + 8, y);
+    }
+    sideways(panel.depthLabel, right + RIGHT - 12);
+  }
+  function stroke(x0, y0, x1, y1) {
+    context.beginPath(); context.moveTo(x0, y0); context.lineTo(x1, y1); context.stroke();
+  }
+  function sideways(text, x) {
+    context.save(); context.translate(x, TOP + high / 2); context.rotate(-Math.PI / 2);
+    context.textAlign = "center"; context.textBaseline = "middle"; context.fillText(text, 0, 0); context.restore();
+  }
+  function zoom(factor, x, y, alongOnly) {
+    const cx = xp(x), cy = yp(y);
+    view.x0 = cx + (view.x0 - cx) * factor; view.x1 = cx + (view.x1 - cx) * factor;
+    if (!alongOnly || panel.equal) { view.y0 = cy + (view.y0 - cy) * factor; view.y1 = cy + (view.y1 - cy) * factor; }
+    draw();
+  }
+  function move(dx, dy) {
+    const x = dx / wide * (view.x1 - view.x0), y = dy / high * (view.y1 - view.y0);
+    view.x0 -= x; view.x1 -= x; view.y0 -= y; view.y1 -= y;
+    draw();
+  }
+  canvas.addEventListener("wheel", event => {
+    event.preventDefault();
+    const turned = event.deltaY || event.deltaX;
+    zoom(turned > 0 ? 1.25 : 0.8, event.offsetX, event.offsetY, event.shiftKey);
+  }, { passive: false });
+  const held = new Map();
+  canvas.addEventListener("pointerdown", event => {
+    canvas.setPointerCapture(event.pointerId); held.set(event.pointerId, [event.offsetX, event.offsetY]);
+  });
+  const apart = () => { const [a, b] = [...held.values()]; return Math.hypot(a[0] - b[0], a[1] - b[1]); };
+  canvas.addEventListener("pointermove", event => {
+    const place = [event.offsetX, event.offsetY], before = held.get(event.pointerId);
+    if (before && held.size === 2) {
+      const was = apart(); held.set(event.pointerId, place);
+      const [a, b] = [...held.values()];
+      if (apart() > 0) zoom(was / apart(), (a[0] + b[0]) / 2, (a[1] + b[1]) / 2, false);
+    } else if (before) {
+      held.set(event.pointerId, place); move(place[0] - before[0], place[1] - before[1]);
+    }
+    const x = xp(place[0]), y = yp(place[1]);
+    const unit = panel.labels[0].includes("(m)") ? " m" : "";
+    said.textContent = panel.depth ? x.toFixed(unit ? 2 : 0) + unit + ", " + y.toFixed(2) + " ns, depth " +
+      (y * panel.depth).toFixed(2) + " m" : x.toFixed(2) + " m, " + y.toFixed(2) + " m";
+  });
+  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, e => held.delete(e.pointerId));
+  canvas.addEventListener("dblclick", () => { whole(); draw(); });
+  canvas.addEventListener("keydown", event => {
+    const mx = LEFT + wide / 2, my = TOP + high / 2, step = 60;
+    const act = {
+      "+": () => zoom(0.8, mx, my, false), "=": () => zoom(0.8, mx, my, false), "-": () => zoom(1.25, mx, my, false),
+      "0": () => { whole(); draw(); }, ArrowLeft: () => move(step, 0), ArrowRight: () => move(-step, 0),
+      ArrowUp: () => move(0, step), ArrowDown: () => move(0, -step),
+    }[event.key];
+    if (act && !event.ctrlKey && !event.metaKey) { event.preventDefault(); act(); }
+  });
+  window.addEventListener("resize", () => { size(); if (panel.equal) whole(); draw(); });
+  size(); whole();
+  image.addEventListener("load", draw);
+  if (panel.src) image.src = panel.src;
+  draw();
+}
+JSON.parse(document.getElementById("data").textContent).forEach(show);
+"""

@@ -1,0 +1,49 @@
+"""How far a drive lies from a map, against every pair of places; and what a map says its labels rest on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pyproj
+import pytest
+
+from generated import Site
+from lgprjax.archive import map_assumptions
+from lgprjax.archive.map_assumptions import away_in_words, distance_to_map_m, map_assumed_in_words
+from lgprjax.formats import DriveLog, MapFile
+
+
+@pytest.mark.parametrize("north_deg", [0.0, 0.001, 0.1, -60.0])
+def test_distance_is_that_of_the_nearest_pair(site: Site, north_deg: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    with MapFile.open(site.map) as source, DriveLog.open(site.logs["live"]) as log:
+        track = log.description.navigation
+        moved = replace(track, latitude_deg=track.latitude_deg + north_deg)
+        monkeypatch.setattr(log, "description", replace(log.description, navigation=moved))
+        frame, pose = source.description.frame, source.pose
+        latitude, longitude, _ = frame.to_geodetic(pose[:, 0], pose[:, 1], np.zeros(len(pose)))
+        geod = pyproj.Geod(ellps="WGS84")
+        step = slice(None, None, 10)
+        here, there = np.meshgrid(np.arange(len(moved.time_s))[step], np.arange(len(pose)))
+        pairs_m = geod.inv(
+            moved.longitude_deg[here], moved.latitude_deg[here], longitude[there].astype(float), latitude[there]
+        )[2]
+        found_m = distance_to_map_m(source, log)
+        # Every tenth place of the drive, which are less than half a metre apart.
+        assert found_m == pytest.approx(pairs_m.min(), abs=0.5)
+        words = away_in_words(source, log)
+        if north_deg == 0.0:
+            assert words is None
+        else:
+            told = f"{found_m:.0f} m" if found_m < 1e3 else f"{found_m / 1e3:.1f} km"
+            assert words == f"the drive lies {told} from the map {source.description.name} (nearest point)"
+
+
+def test_what_labels_rest_on_is_told_by_baseline() -> None:
+    told, roll = map_assumptions.told_by_baseline, {"roll": "taken as 0"}
+    assert told([{}, {}]) is None
+    assert told([roll, roll]) == "roll (taken as 0)"
+    assert told([{}, roll, {**roll, "height": "0"}]) == "roll (taken as 0) in baseline 1, 2, height (0) in baseline 2"
+
+
+def test_a_map_of_recorded_drives_assumes_nothing(site: Site) -> None:
+    with MapFile.open(site.map) as source:
+        assert map_assumed_in_words(source) is None
