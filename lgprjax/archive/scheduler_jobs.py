@@ -1,22 +1,22 @@
 """The same jobs on a cluster that dask.distributed schedules (``pip install "lgprjax[batch]"``).
 
-Its workers see map, drives and results under the same paths. One job at a time runs in a process, whatever number of
-threads a worker has: a process has one map open and one set of compiled programs.
+Its workers see map, drives and results under the same paths. Each has a worker process as the pool has them: JAX and
+BLAS take their number of threads when they start, and dask has started some of them by then. One job at a time runs in
+it, whatever number of threads dask's worker has.
 """
 
-import os
 import threading
 from collections.abc import Generator, Sequence
 
-from lgprjax.archive.drive_jobs import DriveJobs
 from lgprjax.archive.job_key import ArchiveRun, Job
-from lgprjax.archive.worker_environment import thread_variables
-from lgprjax.archive.worker_pool import ATTEMPTS, JobOutcome
+from lgprjax.archive.worker_environment import worker_environment
+from lgprjax.archive.worker_pool import ATTEMPTS, PROGRAM, JobOutcome
+from lgprjax.archive.worker_process import WorkerDiedError, WorkerProcess
 from lgprjax.errors import InputError
 
 _CONNECT = "10s"
 _one_at_a_time = threading.Lock()
-_open: dict[ArchiveRun, DriveJobs] = {}
+_open: dict[ArchiveRun, WorkerProcess] = {}
 
 
 def run_on_scheduler(address: str, run: ArchiveRun, jobs: Sequence[Job]) -> Generator[JobOutcome, None, None]:
@@ -55,20 +55,26 @@ def run_on_scheduler(address: str, run: ArchiveRun, jobs: Sequence[Job]) -> Gene
 
 
 def do_job(run: ArchiveRun, job: Job) -> InputError | None:
-    """What a worker of the cluster does: why the job failed, or None."""
+    """What a worker of the cluster does: why the job failed, or None. Raises ``WorkerDiedError``: dask tries again."""
     with _one_at_a_time:
-        if run not in _open:
-            for variable, value in thread_variables(run.threads).items():
-                # XLA reads its own when the first function runs here.
-                os.environ[variable] = value
-            for jobs in _open.values():
-                jobs.close()
-            _open.clear()
-            try:
-                _open[run] = DriveJobs(run)
-            except InputError as error:
-                return error
-        return _open[run].do(job)
+        try:
+            if run not in _open:
+                _end_all()
+                _open[run] = WorkerProcess(PROGRAM, worker_environment(run.threads, None))
+                _open[run].begin(run)
+            return _open[run].do(job, 1)
+        except WorkerDiedError:
+            _end_all()
+            raise
+        except InputError as error:
+            _end_all()
+            return error
+
+
+def _end_all() -> None:
+    for worker in _open.values():
+        worker.end()
+    _open.clear()
 
 
 def _lost(job: Job, error: BaseException) -> InputError:

@@ -14,7 +14,8 @@ from lgprjax.errors import InputError
 
 ATTEMPTS = 3
 """Workers that a drive may cost, and starts that a worker may take."""
-_PROGRAM = (sys.executable, "-m", "lgprjax.archive.worker")
+PROGRAM = (sys.executable, "-m", "lgprjax.archive.worker")
+"""Command line of a worker."""
 
 
 class JobOutcome(NamedTuple):
@@ -39,7 +40,7 @@ class WorkerPool:
     """
 
     def __init__(
-        self, run: ArchiveRun, workers: int, *, gpus: Sequence[str] = (), program: Sequence[str] = _PROGRAM
+        self, run: ArchiveRun, workers: int, *, gpus: Sequence[str] = (), program: Sequence[str] = PROGRAM
     ) -> None:
         self._run = run
         self._workers = workers

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
+import h5py
 import pytest
 from distributed import Client, LocalCluster
 
@@ -58,6 +59,20 @@ def hashes(folder: Path, drives: list[Path]) -> dict[str, str]:
     return {output: file_hash(folder / output) for name in names for output in outputs_of(name)}
 
 
+def assert_same(folder: Path, short: Short) -> None:
+    """The same bytes in every output; a file that differs is told by its columns."""
+    ours, theirs = hashes(folder, short.drives), hashes(short.one, short.drives)
+    for name in sorted(ours):
+        if ours[name] != theirs[name] and name.endswith(".h5"):
+            with h5py.File(folder / name) as a, h5py.File(short.one / name) as b:
+                print(name, {column: (a[column][()], b[column][()]) for column in a if unlike(a[column], b[column])})
+    assert ours == theirs
+
+
+def unlike(a: h5py.Dataset, b: h5py.Dataset) -> bool:
+    return bool(a[()].tobytes() != b[()].tobytes())
+
+
 def run_in(short: Short, folder: Path) -> ArchiveRun:
     return ArchiveRun(short.map, file_hash(short.map), stamp_of(short.map), RegisterOptions(), folder, 1)
 
@@ -101,7 +116,7 @@ def test_two_workers_one_of_them_killed_give_the_same_bits(short: Short, tmp_pat
             outcomes = list(pool.run(plan.todo))
             killed.join()
     assert {outcome.error for outcome in outcomes} == {None}
-    assert hashes(run.folder, short.drives) == hashes(short.one, short.drives)
+    assert_same(run.folder, short)
     records = read_records(run.folder)
     assert {name for name, record in records.items() if record.attempts > 1} == {names[4]}
     assert len(shares_of(list(records.values()))) == 3
@@ -174,7 +189,7 @@ def test_a_cluster_gives_the_same_bits(short: Short, tmp_path: Path) -> None:
     out = tmp_path / "cluster"
     with cluster_of(2) as cluster:
         assert register(short.map, short.drives, out, "--scheduler", cluster.scheduler_address) == 0
-    assert hashes(out, short.drives) == hashes(short.one, short.drives)
+    assert_same(out, short)
 
 
 @pytest.mark.campaign
@@ -192,7 +207,7 @@ def test_a_cluster_gives_the_same_bits_though_a_worker_dies(short: Short, tmp_pa
         killer.start()
         assert register(short.map, short.drives, out, "--scheduler", cluster.scheduler_address) == 0
         killer.join()
-    assert hashes(out, short.drives) == hashes(short.one, short.drives)
+    assert_same(out, short)
 
 
 @pytest.mark.campaign
