@@ -1,5 +1,6 @@
 """Files as every room meets them. Nothing heavy is imported: the supervisor of the runtime does not compute."""
 
+import hashlib
 import os
 import tomllib
 from contextlib import suppress
@@ -28,3 +29,9 @@ def is_at(path: Path, descriptor: int) -> bool:
     with suppress(FileNotFoundError):
         return path.stat().st_ino == os.fstat(descriptor).st_ino
     return False
+
+
+def file_hash(path: str | Path) -> str:
+    """SHA-256 of a file, read in blocks."""
+    with Path(path).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

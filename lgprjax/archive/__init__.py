@@ -25,7 +25,7 @@ from lgprjax.archive.job_record import (
     write_record,
 )
 from lgprjax.archive.map_assumptions import away_in_words, distance_to_map_m, is_place_assumed, map_assumed_in_words
-from lgprjax.archive.map_building import MEASURING, build_map, file_hash
+from lgprjax.archive.map_building import MEASURING, build_map
 from lgprjax.archive.map_findings import MapFinding, RouteInterval
 from lgprjax.archive.map_health import MapHealth, verify_map
 from lgprjax.archive.map_survey import places_of
@@ -123,7 +123,6 @@ __all__ = [
     "drive_health",
     "drive_name",
     "example_scan",
-    "file_hash",
     "filter_model_of",
     "fix_example",
     "is_place_assumed",

@@ -11,8 +11,8 @@ from typing import NamedTuple
 from lgprjax import __version__
 from lgprjax.archive.job_key import ArchiveRun, Job, key_of_job, settings_of
 from lgprjax.archive.job_record import JobRecord, jobs_folder, read_record, write_record
-from lgprjax.archive.map_building import file_hash
 from lgprjax.errors import InputError
+from lgprjax.files import file_hash
 from lgprjax.formats import atomic_output
 
 _MARK = "archive.json"

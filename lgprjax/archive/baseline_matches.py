@@ -12,7 +12,6 @@ from jaxtyping import Bool, Float, Int
 
 from lgprjax.archive.baseline_passes import Passes, PassPairs, pairs_of, passes_of
 from lgprjax.archive.map_matching import KeptStations
-from lgprjax.archive.map_route import array_width_m
 from lgprjax.archive.station_matching import register_stations
 from lgprjax.formats import MapFile
 from lgprjax.registration import Code, RegisterOptions, ground_map_for
@@ -71,7 +70,7 @@ def plan_matches(source: MapFile) -> MatchPlan:
     """What to match: every place with passes that came by before, within three sigmas of two labels' difference."""
     apart_m = _SEARCH_SIGMAS * np.sqrt(2.0) * float(label_sigmas(source).max())
     options = RegisterOptions(search_m=float(np.clip(apart_m, *_SEARCH_M)))
-    passes = passes_of(source, array_width_m(source) + options.search_half_m())
+    passes = passes_of(source, source.description.array_width_m + options.search_half_m())
     return MatchPlan(options, passes, pairs_of(source, passes, options.search_half_m()))
 
 
@@ -173,7 +172,7 @@ class _PassGround:
         self._correction = correction
         self._labelled = SpatialIndex(source.pose[self._own, :2], 8.0)
         self._corrected = SpatialIndex(source.pose[self._own, :2] + correction[self._own, :2], 8.0)
-        self._reach_m = 4.0 * options.search_half_m() + array_width_m(source)
+        self._reach_m = 4.0 * options.search_half_m() + source.description.array_width_m
 
     def expected(self, station: Int[np.ndarray, " row"]) -> Float[np.ndarray, "row 5"]:
         """Where stations of other passes lie on this ground, by its labels, if both are corrected."""

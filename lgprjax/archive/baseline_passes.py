@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from lgprjax.archive.map_route import array_width_m, places_of_drives
+from lgprjax.archive.map_route import places_of_drives
 from lgprjax.formats import MapFile
 from lgprjax.subsurface import SpatialIndex
 
@@ -89,7 +89,7 @@ def pairs_of(source: MapFile, passes: Passes, search_m: float) -> PassPairs:
         search_m: half side of the search about a label.
     """
     point_m = source.pose[passes.station, :2]
-    index, reach_m = SpatialIndex(point_m, 8.0), search_m + 0.5 * array_width_m(source)
+    index, reach_m = SpatialIndex(point_m, 8.0), search_m + 0.5 * source.description.array_width_m
     rows = []
     for n, number in enumerate(passes.number):
         by = np.unique(passes.number[index.near(point_m[n], reach_m)])

@@ -9,8 +9,9 @@ from jaxtyping import Float, Int
 from lgprjax import __version__
 from lgprjax.archive.baseline_graph import AgreedBaselines, agree_baselines
 from lgprjax.archive.baseline_matches import MatchPlan, match_again, match_passes
-from lgprjax.archive.map_building import MEASURING, file_hash
+from lgprjax.archive.map_building import MEASURING
 from lgprjax.archive.map_chance import measure_chance
+from lgprjax.files import file_hash
 from lgprjax.formats import MapFile, MapWriter, copy_stations
 from lgprjax.subsurface import TilePlacer
 

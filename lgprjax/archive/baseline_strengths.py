@@ -7,7 +7,6 @@ from jaxtyping import Bool, Float, Int
 
 from lgprjax.archive.ground_changes import PLACE_M
 from lgprjax.archive.map_matching import KeptStations, match_stations, signal_about
-from lgprjax.archive.map_route import array_width_m
 from lgprjax.formats import MapFile
 from lgprjax.registration import Code, RegisterOptions, ground_map_for
 from lgprjax.subsurface import GroundMap, SpatialIndex, coherence_lags
@@ -61,7 +60,7 @@ class NearPlaces:
 
     def __init__(self, source: MapFile, places: BaselinePlaces) -> None:
         self._source, self._places = source, places
-        self.width_m = array_width_m(source)
+        self.width_m = source.description.array_width_m
         self._index = SpatialIndex(places.pose[:, :2], 8.0)
 
     def nearest_stations(self, kept: Bool[np.ndarray, " scan"], within_m: float) -> Int[np.ndarray, " place"]:

@@ -4,9 +4,9 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from lgprjax.archive.map_building import file_hash
 from lgprjax.archive.map_chance import measure_chance
 from lgprjax.errors import InputError
+from lgprjax.files import file_hash
 from lgprjax.formats import MapFile, atomic_output, chance_as_text, chance_of_text
 from lgprjax.registration import Chance
 

@@ -7,7 +7,6 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from lgprjax.archive.map_building import file_hash
 from lgprjax.archive.skid_vehicles import pattern_settings_of, tool_of
 from lgprjax.coverage import (
     CellGrid,
@@ -23,6 +22,7 @@ from lgprjax.coverage import (
 )
 from lgprjax.coverage.polygon import outside_m
 from lgprjax.errors import InputError
+from lgprjax.files import file_hash
 from lgprjax.formats import CoverPlan, read_cover_plan, read_vehicle, write_cover_plan
 from lgprjax.formats.field_file import FieldPlaces, read_field
 from lgprjax.formats.worked_record import FULL, WorkedRecord

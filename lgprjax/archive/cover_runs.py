@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from lgprjax.archive.map_building import file_hash
 from lgprjax.archive.run_signals import RowGatherer, rising
 from lgprjax.errors import InputError
+from lgprjax.files import file_hash
 from lgprjax.formats.run_frames import payload_type, read_run_record
 from lgprjax.formats.run_log import read_run
 from lgprjax.run_segment import segments_of

@@ -12,9 +12,9 @@ from lgprjax.archive.drive_figures import cells_of, figures_of
 from lgprjax.archive.held_ground import HeldGround
 from lgprjax.archive.job_key import ArchiveRun, Job, settings_of, stamp_of
 from lgprjax.archive.job_record import JobCost, JobRecord, write_record
-from lgprjax.archive.map_building import file_hash
 from lgprjax.archive.registering import RegisteredDrive, register_log, write_registered
 from lgprjax.errors import InputError
+from lgprjax.files import file_hash
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.process_cost import count_compiles, peak_rss_mb
 

@@ -8,10 +8,10 @@ from jaxtyping import Bool, Float
 
 from lgprjax.archive.depth_levels import Alignment
 from lgprjax.archive.label_correction import LabelCorrection, correct_labels, path_of
-from lgprjax.archive.map_building import file_hash
 from lgprjax.archive.registering import register_log
 from lgprjax.archive.tracks import DriveTrack, track_of_drive
 from lgprjax.errors import InputError
+from lgprjax.files import file_hash
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.radar import centre_of
 from lgprjax.registration import Code, RegisterOptions

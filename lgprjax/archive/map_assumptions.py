@@ -6,9 +6,7 @@ import numpy as np
 import pyproj
 from scipy.spatial import KDTree
 
-from lgprjax.archive.map_route import array_width_m
-from lgprjax.archive.update_record import MapHistory
-from lgprjax.formats import DriveLog, MapFile, assumed_of
+from lgprjax.formats import DriveLog, MapFile, MapHistory, assumed_of
 
 _NEAR_M = 50.0
 """A drive that comes nowhere as near as this is not beside the map, but elsewhere."""
@@ -57,7 +55,7 @@ def distance_to_map_m(source: MapFile, log: DriveLog) -> float:
 def away_in_words(source: MapFile, log: DriveLog) -> str | None:
     """How far a drive lies from the map; None where it comes near it."""
     away_m = distance_to_map_m(source, log)
-    if away_m <= _NEAR_M + 0.5 * array_width_m(source):
+    if away_m <= _NEAR_M + 0.5 * source.description.array_width_m:
         return None
     told = f"{away_m:.0f} m" if away_m < 1e3 else f"{away_m / 1e3:.1f} km"
     return f"the drive lies {told} from the map {source.description.name} (nearest point)"

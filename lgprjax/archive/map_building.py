@@ -1,6 +1,5 @@
 """Drive logs -> subsurface database, streaming."""
 
-import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from lgprjax.archive.map_chance import measure_chance
 from lgprjax.archive.recordings import recording_of
 from lgprjax.archive.tracks import DriveTrack, antennas_of, scan_spacing_m, track_of_drive
 from lgprjax.errors import InputError
+from lgprjax.files import file_hash
 from lgprjax.formats import MAP_PRECISIONS, DriveLog, MapFile, MapPrecision, MapWriter, assumed_of
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import (
@@ -194,12 +194,6 @@ def scan_blocks(
             time_s=log.scan_time_s[span],
         )
         progress(len(recorded))
-
-
-def file_hash(path: str | Path) -> str:
-    """SHA-256 of a file, read in blocks."""
-    with Path(path).open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _plan(log: DriveLog) -> tuple[LocalFrame, float]:

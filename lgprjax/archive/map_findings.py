@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lgprjax.archive.map_route import array_width_m
 from lgprjax.archive.map_survey import STEP_M, MapSurvey
 from lgprjax.archive.verdicts import Verdict, runs, verdict_of
 from lgprjax.formats import MapFile
@@ -70,7 +69,7 @@ class MapJudge:
 
     def coverage(self) -> MapFinding:
         """Share of the route whose ground is as wide as the array."""
-        wanted_m = 0.9 * array_width_m(self._source)
+        wanted_m = 0.9 * self._source.description.array_width_m
         width, passes = self._survey.ground.width_m, self._survey.ground.passes
         text = (
             f"route with less than {wanted_m:.2f} m of ground across (0.9 of the array); median width "

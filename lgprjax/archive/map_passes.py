@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lgprjax.archive.baseline_weights import moment_of
-from lgprjax.archive.map_route import Route, array_width_m
+from lgprjax.archive.map_route import Route
 from lgprjax.archive.map_survey import STEP_M, MapSurvey
 from lgprjax.formats import MapFile
 from lgprjax.subsurface import SpatialIndex
@@ -47,7 +47,7 @@ def ground_passes(source: MapFile, route: Route) -> GroundPasses:
     Raises:
         InputError: a part of the map is damaged.
     """
-    description, width_m = source.description, array_width_m(source)
+    description, width_m = source.description, source.description.array_width_m
     cell_m = 2.0 * max(description.channel_pitch_m, description.settings.step_m)
     beside = int(np.ceil(_REACH * width_m / cell_m))
     across_m = cell_m * np.arange(-beside, beside + 1)

@@ -52,14 +52,9 @@ class Ground(NamedTuple):
     overlap: Float[np.ndarray, " route"]
 
 
-def array_width_m(source: MapFile) -> float:
-    """Width of the array, from half a pitch beside the first channel to half a pitch beside the last."""
-    return source.description.channels * source.description.channel_pitch_m
-
-
 def places_of_drives(source: MapFile, step_m: float) -> list[DrivePlaces]:
     """Places of every baseline, ``step_m`` apart along its own track."""
-    radius_m = max(array_width_m(source), step_m)
+    radius_m = max(source.description.array_width_m, step_m)
     out: list[DrivePlaces] = []
     earlier, retired = np.zeros((0, 2)), source.retired > 0
     for number in range(int(source.drive.max()) + 1):
@@ -97,7 +92,7 @@ def route_of(drives: list[DrivePlaces], step_m: float) -> Route:
 def passes_at(source: MapFile, route: Route) -> Int[np.ndarray, " route"]:
     """Baselines in force that came by each place within an array's width."""
     in_force = source.retired == 0
-    index, radius_m = SpatialIndex(source.pose[in_force, :2], 8.0), array_width_m(source)
+    index, radius_m = SpatialIndex(source.pose[in_force, :2], 8.0), source.description.array_width_m
     drive = source.drive[in_force]
     return np.array([len(np.unique(drive[index.near(point, radius_m)])) for point in route.pose[:, :2]])
 

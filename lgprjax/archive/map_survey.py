@@ -11,7 +11,6 @@ from lgprjax.archive.map_route import (
     DrivePlaces,
     Ground,
     Route,
-    array_width_m,
     ground_at,
     mask_of,
     passes_at,
@@ -140,7 +139,7 @@ def _agreement(
     others = OtherBaselines(source, drive)
     rows: list[Agreement] = []
     if others.kept.any():
-        index, radius_m = SpatialIndex(source.pose[others.kept, :2], 8.0), array_width_m(source)
+        index, radius_m = SpatialIndex(source.pose[others.kept, :2], 8.0), source.description.array_width_m
         near = np.array([index.nearest(point, radius_m) is not None for point in places.pose[:, :2]], dtype=bool)
         both = np.flatnonzero(near & (places.station >= 0))
         ground = ground_map_for(others, options)

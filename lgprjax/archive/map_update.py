@@ -21,13 +21,23 @@ from lgprjax.archive.baseline_changes import BaselineChanges, StationMarks, find
 from lgprjax.archive.baseline_strengths import BaselinePlaces, lay_places
 from lgprjax.archive.baseline_weights import BaselineWeight, moment_of, newer_than, weigh_baselines
 from lgprjax.archive.located_drive import LocatedDrive, locate_drive, refuse_unfit
-from lgprjax.archive.map_building import MEASURING, file_hash, position_sigma_m
+from lgprjax.archive.map_building import MEASURING, position_sigma_m
 from lgprjax.archive.map_chance import measure_chance
 from lgprjax.archive.staged_map import stage_map
-from lgprjax.archive.update_record import DriveUpdate, MapHistory, UpdatedMap, UpdateStretch, file_of, plain
+from lgprjax.archive.update_record import DriveUpdate, UpdatedMap, UpdateStretch, file_of, plain
 from lgprjax.archive.update_weights import agreement_with, repeats_of
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, MapFile, MapWriter, assumed_of, copy_stations, locked_map, scratch_folder
+from lgprjax.files import file_hash
+from lgprjax.formats import (
+    DriveLog,
+    MapFile,
+    MapHistory,
+    MapWriter,
+    assumed_of,
+    copy_stations,
+    locked_map,
+    scratch_folder,
+)
 
 UPDATE_PASSES = 3
 """How often an update tells of a drive's scans: registered, added, compared."""

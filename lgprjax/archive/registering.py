@@ -15,9 +15,9 @@ from lgprjax.archive.drive_alignment import find_alignment, may_be_misaligned, r
 from lgprjax.archive.fixes_table import fixes_table
 from lgprjax.archive.held_ground import HeldGround
 from lgprjax.archive.map_assumptions import away_in_words, is_place_assumed
-from lgprjax.archive.map_building import file_hash
 from lgprjax.archive.recordings import recording_of
 from lgprjax.archive.tracks import DriveTrack, jump_line, poses_of, track_of_drive
+from lgprjax.files import file_hash
 from lgprjax.formats import DriveLog, MapFile, assumed_of, write_fixes
 from lgprjax.frames import LocalFrame
 from lgprjax.registration import (

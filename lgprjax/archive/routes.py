@@ -6,9 +6,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.archive.map_building import file_hash
 from lgprjax.archive.vehicles import chassis_of
 from lgprjax.errors import InputError
+from lgprjax.files import file_hash
 from lgprjax.formats import MapFile, RouteFile, Waypoints, read_route, read_vehicle
 from lgprjax.frames import LocalFrame
 from lgprjax.navigation import RoutePath, RouteSpeeds, RouteTrack, is_closed, legs_of_track, make_route_path

@@ -12,10 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lgprjax.archive import JobRecord, file_hash, outputs_of, read_records, shares_of
+from lgprjax.archive import JobRecord, outputs_of, read_records, shares_of
 from lgprjax.bench.archive_drives import ShortDrives, make_short_drives
 from lgprjax.bench.machine import machine_line
 from lgprjax.bench.records import Record
+from lgprjax.files import file_hash
 
 _CODE = "import sys; from lgprjax.cli import main; main(sys.argv[1:])"
 _ROOT = Path(__file__).resolve().parents[2]

@@ -76,8 +76,8 @@ class CoverExport:
 
 
 def _metadata(path: Path, record: "WorkedRecord", organisation: str) -> dict[str, str]:
-    from lgprjax.archive import file_hash
     from lgprjax.archive.cover_layers import METHOD, STATUS
+    from lgprjax.files import file_hash
 
     return {
         "field": record.name,
@@ -194,7 +194,7 @@ def _centimetres(depth_m: float | None) -> str:
 
 
 def _hashes(source: Path, record: "WorkedRecord") -> tuple[tuple[str, str], ...]:
-    from lgprjax.archive import file_hash
+    from lgprjax.files import file_hash
 
     plans: list[dict[str, Any]] = [record.provenance["plan"], *record.provenance["other_plans"]]
     return (

@@ -142,7 +142,6 @@ def _where(intervals: "tuple[RouteInterval, ...]") -> str:
 
 def _write_health(folder: Path, source: "MapFile", health: "MapHealth", force: bool) -> None:
     from lgprjax.archive.map_findings import WEAK_REPEATS, WIDE_OFFSET_M
-    from lgprjax.archive.map_route import array_width_m
     from lgprjax.cli.figures import write_figures
     from lgprjax.formats import atomic_output
     from lgprjax.registration import MIN_OVERLAP
@@ -172,7 +171,7 @@ def _write_health(folder: Path, source: "MapFile", health: "MapHealth", force: b
             at_m=survey.route.at_m,
             track_m=survey.route.pose[:, :2],
             width_m=survey.ground.width_m,
-            array_m=array_width_m(source),
+            array_m=source.description.array_width_m,
             overlap=survey.ground.overlap,
             passes=survey.ground.passes.astype(np.float64),
             repeats=survey.signal.repeats,

@@ -54,8 +54,9 @@ def register_many(
     force: bool,
 ) -> int:
     """Register what is missing or changed in a folder; table and page of all that it holds. Returns the exit status."""
-    from lgprjax.archive import ArchiveRun, claimed, drive_name, file_hash, note_failure, plan_jobs, stamp_of
+    from lgprjax.archive import ArchiveRun, claimed, drive_name, note_failure, plan_jobs, stamp_of
     from lgprjax.archive.worker_environment import gpus
+    from lgprjax.files import file_hash
     from lgprjax.formats import MapFile
     from lgprjax.machine import usable_cores
 

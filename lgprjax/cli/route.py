@@ -88,7 +88,8 @@ class RouteSelect:
 
     def run(self) -> None:
         """Choose."""
-        from lgprjax.archive import file_hash, lay_route, route_named
+        from lgprjax.archive import lay_route, route_named
+        from lgprjax.files import file_hash
         from lgprjax.formats import MapFile, RouteFile, write_route
 
         if not self.output.name.endswith(_SUFFIX):

@@ -50,7 +50,8 @@ def _make_map(table: "SimulationTable", database: Path) -> None:
 
 
 def _make_route(config: "RuntimeConfig", database: Path, route: Path) -> None:
-    from lgprjax.archive import file_hash, routes_of
+    from lgprjax.archive import routes_of
+    from lgprjax.files import file_hash
     from lgprjax.formats import MapFile, RouteFile, write_route
 
     with MapFile.open(database) as source:

@@ -30,6 +30,7 @@ from lgprjax.formats.mala import read_mala
 from lgprjax.formats.map_code import MAP_PRECISIONS, MapPrecision
 from lgprjax.formats.map_copy import copy_stations
 from lgprjax.formats.map_file import MapFile
+from lgprjax.formats.map_history import MapHistory
 from lgprjax.formats.map_lock import locked_map, scratch_folder
 from lgprjax.formats.map_writer import MapWriter
 from lgprjax.formats.mcap_export import ExportedDrive, export_mcap
@@ -73,6 +74,7 @@ __all__ = [
     "GeoLayer",
     "ImportedRecording",
     "MapFile",
+    "MapHistory",
     "MapPrecision",
     "MapWriter",
     "McapAssumed",

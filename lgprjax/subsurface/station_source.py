@@ -36,6 +36,11 @@ class MapDescription(NamedTuple):
     label_sigma_m: tuple[float, ...] = ()
     weight: tuple[float, ...] = ()
 
+    @property
+    def array_width_m(self) -> float:
+        """Width of the array, from half a pitch beside the first channel to half a pitch beside the last."""
+        return self.channels * self.channel_pitch_m
+
 
 class Stations(NamedTuple):
     """Stations read from a database; antennas as east and north offset from the pose, height above ground."""

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.archive import build_map, file_hash, routes_of
+from lgprjax.archive import build_map, routes_of
 from lgprjax.autopilot import Mode
+from lgprjax.files import file_hash
 from lgprjax.formats import MapFile, RouteFile, write_route
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.control.setup import Loaded, load

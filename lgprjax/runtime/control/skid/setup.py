@@ -6,12 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from lgprjax.archive import file_hash
 from lgprjax.archive.skid_vehicles import carrot_of, skid_setup_of
 from lgprjax.autopilot.fence import fence_of_route, pad_fence
 from lgprjax.autopilot.skid_setup import SkidSetup, skid_setup
 from lgprjax.coverage.cover_route import LEAST_ROWS, CoverRoute, lay_pattern
 from lgprjax.errors import InputError
+from lgprjax.files import file_hash
 from lgprjax.formats import VehicleFile, read_vehicle
 from lgprjax.formats.cover_plan import read_cover_plan
 from lgprjax.frames import LocalFrame
