@@ -25,7 +25,7 @@ OUTPUT = Path("../out/notebooks/coverage_record")
 # Without corners of your own: three of a field of 12 by 9 m on a salt flat, as somebody drove to them. The plan joins the first line to the middle one by wide turns to one hand (Zamboni); `lgprjax cover plan` does the same.
 
 # %%
-from lgprjax.archive import PlanOptions, make_cover_plan, open_cover_plan, save_cover_plan
+from lgprjax.worked import PlanOptions, make_cover_plan, open_cover_plan, save_cover_plan
 
 OUTPUT.mkdir(parents=True, exist_ok=True)
 if not CORNERS.exists():
@@ -52,7 +52,7 @@ import numpy as np
 
 from lgprjax.coverage import lay_pattern
 from lgprjax.run_segment import SegmentHead, pack_head, pack_record
-from lgprjax.runtime.records import COVER, Kind, Record, Source, pack
+from lgprjax.runtime.messages import COVER, Kind, Record, Source, pack
 
 if not RUN.exists():
     route = lay_pattern(pattern)
@@ -85,8 +85,8 @@ print("the run's segments:", *(path.name for path in sorted(RUN.glob("*.lgprun")
 # Each cell gets the probability of its best pass, from the pose, its covariance and the tool's rectangle. The sentences are all that may be said; the second half of each is Markov's bound, which holds however the errors of neighbouring cells hang together. This is `lgprjax cover record`.
 
 # %%
-from lgprjax.archive import cover_figures, read_cover_run, record_cover
 from lgprjax.formats import write_worked
+from lgprjax.worked import cover_figures, read_cover_run, record_cover
 
 record = record_cover([opened], [read_cover_run(RUN)], cell_m=0.1)
 write_worked(OUTPUT / "field.worked.h5", record, force=True)

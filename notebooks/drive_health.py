@@ -48,7 +48,7 @@ if not DRIVES:
 print(*(path.name for path in DRIVES))
 
 # %%
-from lgprjax.archive import drive_health
+from lgprjax.batch import drive_health
 from lgprjax.formats import DriveLog
 
 health = {}

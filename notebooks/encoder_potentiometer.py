@@ -34,8 +34,8 @@ if not LOG.exists():
 # Each pause is one point. A straight line is fitted unless the residuals demand more, and the result says which.
 
 # %%
-from lgprjax.archive.studies import run_study
 from lgprjax.formats import Study
+from lgprjax.studies.steering import run_study
 
 study = Study(Path("encoder_potentiometer.ipynb"), "encoder_potentiometer", "encoder", VEHICLE, None, (LOG,), (), {})
 finished = run_study(study)

@@ -37,7 +37,7 @@ print(*(path.name for path in (*BASELINES, *LIVE)), sep="\n")
 # The map keeps the drives as stations at equal steps along the track, with the radar's signal of every channel in the band of its antennas. `lgprjax map build` does the same, `lgprjax map verify` says whether it can be trusted.
 
 # %%
-from lgprjax.archive import build_map
+from lgprjax.mapping import build_map
 
 ground = build_map(BASELINES, OUTPUT / "site.map.h5", force=True)
 low, high = ground.settings.band_low_hz / 1e6, ground.settings.band_high_hz / 1e6
@@ -48,7 +48,7 @@ print(f"{ground.channels} channels, stations every {step_cm:.1f} cm, {low:.0f} t
 # Every scan is searched for within 1.5 m of where GNSS believes the vehicle to be. A fix has a covariance and a code; **only `ok` is a position.**
 
 # %%
-from lgprjax.archive import register_log
+from lgprjax.batch import register_log
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.registration import RegisterOptions
 

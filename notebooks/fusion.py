@@ -36,8 +36,8 @@ if missing:
 # Half a minute, most of it compilation. The noises to begin with stand in the vehicle file and are rather too large: by them the filter's gates choose what is an outlier.
 
 # %%
-from lgprjax.archive.studies import run_study
 from lgprjax.formats import Study
+from lgprjax.studies.steering import run_study
 
 study = Study(Path("fusion.ipynb"), "fusion", "fusion", VEHICLE, None, tuple(LOGS), tuple(HELD_OUT), {})
 finished = run_study(study)

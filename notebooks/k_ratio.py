@@ -31,8 +31,8 @@ if not LOG.exists():
     write_vehicle_logs(drives, LOG.parent, only=[LOG.name.removesuffix(".drive.h5")])
 
 # %%
-from lgprjax.archive.studies import run_study
 from lgprjax.formats import Study
+from lgprjax.studies.steering import run_study
 
 study = Study(Path("k_ratio.ipynb"), "k_ratio", "rear_ratio", VEHICLE, None, (LOG,), (), {"method": "heading"})
 finished = run_study(study)

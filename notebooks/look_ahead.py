@@ -24,8 +24,8 @@ OUTPUT = Path("../out/notebooks/look_ahead")
 # Half a minute: every step of every drive is differentiated.
 
 # %%
-from lgprjax.archive.studies import run_study
 from lgprjax.formats import Study
+from lgprjax.studies.steering import run_study
 
 study = Study(Path("look_ahead.ipynb"), "look_ahead", "look_ahead", VEHICLE, None, (), (), OPTIONS)
 finished = run_study(study)

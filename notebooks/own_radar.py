@@ -105,8 +105,9 @@ for name, paths in (("map", MAP_LINES), ("day", LIVE_LINES)):
 # The map, and the second survey on it. Both surveys claim to begin at the origin; how much the second is off is what the ground says.
 
 # %%
-from lgprjax.archive import build_map, register_log
+from lgprjax.batch import register_log
 from lgprjax.formats import MapFile
+from lgprjax.mapping import build_map
 from lgprjax.registration import RegisterOptions
 
 build_map([OUTPUT / "map.drive.h5"], OUTPUT / "site.map.h5", force=True)

@@ -34,8 +34,8 @@ if not LOG.exists():
 # Stretches of constant steering are found, a circle is fitted to each, and a cubic through the angles.
 
 # %%
-from lgprjax.archive.studies import run_study
 from lgprjax.formats import Study
+from lgprjax.studies.steering import run_study
 
 study = Study(Path("palm_tree.ipynb"), "palm_tree", "wheel_angle", VEHICLE, None, (LOG,), (), {})
 finished = run_study(study)

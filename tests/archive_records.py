@@ -1,6 +1,6 @@
 """Records of made-up jobs whose sums a reader can do by hand."""
 
-from lgprjax.archive.job_record import CellTally, DriveFigures, JobCost, JobRecord
+from lgprjax.batch.jobs import CellTally, DriveFigures, JobCost, JobRecord
 
 MAP_SHA256 = "m" * 64
 

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lgprjax.archive import DriveAccuracy, Labels, RegisteredDrive, accuracy_of, build_map, labels_of, register_log
+from lgprjax.batch import DriveAccuracy, Labels, RegisteredDrive, accuracy_of, labels_of, register_log
 from lgprjax.formats import DriveLog, MapFile
+from lgprjax.mapping import build_map
 from lgprjax.registration import RegisterOptions
 from lgprjax.scene import (
     WEATHER,

@@ -4,14 +4,7 @@ import numpy as np
 
 from lgprjax.coverage import Tool
 from lgprjax.formats import WorkedRecord
-from lgprjax.formats.worked_record import (
-    CoverChannels,
-    CoverEvents,
-    CoverPasses,
-    CoverStops,
-    CoverSwaths,
-    WorkedCells,
-)
+from lgprjax.formats.worked import CoverChannels, CoverEvents, CoverPasses, CoverStops, CoverSwaths, WorkedCells
 from lgprjax.frames import LocalFrame
 
 CELL_M = 0.25

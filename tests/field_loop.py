@@ -13,21 +13,15 @@ from typing import Any
 import numpy as np
 
 from lgprjax.autopilot import Mode
-from lgprjax.runtime.config import RuntimeConfig
+from lgprjax.runtime.config import Refused, RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.skid.setup import SkidLoaded
 from lgprjax.runtime.control.skid.vehicle import SkidSteerVehicle
 from lgprjax.runtime.gnss import GnssParser
-from lgprjax.runtime.link import Receiver, Verdict
-from lgprjax.runtime.records import COVER, SKID_PLAN, Kind, Record, Source
-from lgprjax.runtime.refused import Refused
-from lgprjax.runtime.wire import FrameParser
-from lgprjax.simulation.devices.faults import FAULT_LASTS_S
-from lgprjax.simulation.devices.field_faults import FIELD_FAULTS
-from lgprjax.simulation.devices.field_spec import FieldSpec
-from lgprjax.simulation.devices.field_stage import FieldStage
-from lgprjax.simulation.devices.schedule import Schedule, read_items
-from lgprjax.simulation.devices.teleoperator import FIELD_SCRIPT
+from lgprjax.runtime.link import FrameParser, Receiver, Verdict
+from lgprjax.runtime.messages import COVER, SKID_PLAN, Kind, Record, Source
+from lgprjax.simulation.devices.faults import FAULT_LASTS_S, Schedule, read_items
+from lgprjax.simulation.devices.field_stage import FIELD_FAULTS, FIELD_SCRIPT, FieldSpec, FieldStage
 
 BEGIN_NS = 7_000_000_000_000
 TICK_NS = 20_000_000

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from field_loop import FieldLoop
-from lgprjax.archive.cover_plans import PlanOptions, make_cover_plan, save_cover_plan
 from lgprjax.autopilot import Mode
 from lgprjax.frames import LocalFrame
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.control.skid.setup import SkidLoaded
+from lgprjax.worked.plans import PlanOptions, make_cover_plan, save_cover_plan
 
 VEHICLE = Path(__file__).resolve().parents[1] / "onboard" / "made_up_flail.vehicle.toml"
 FRAME = LocalFrame(48.0, 11.0, 0.0)

@@ -6,13 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lgprjax.archive import RegisteredDrive, build_map, register_log
-from lgprjax.archive.depth_levels import live_operators
-from lgprjax.archive.held_ground import HeldGround
-from lgprjax.archive.recordings import recording_of
-from lgprjax.archive.registering import true_poses
-from lgprjax.archive.tracks import track_of_drive
+from lgprjax.batch import RegisteredDrive, register_log
+from lgprjax.batch.recording import live_operators, recording_of, track_of_drive
+from lgprjax.batch.register import HeldGround, true_poses
 from lgprjax.formats import DriveLog, MapFile
+from lgprjax.mapping import build_map
 from lgprjax.registration import Fix, LiveBlock, RegisterOptions, Registration, Track
 from lgprjax.simulation import demo_site, write_drives
 

@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lgprjax.navigation.label_process import LabelChain
-from lgprjax.navigation.pose_graph import FixEdges
+from lgprjax.navigation.pose_graph import FixEdges, LabelChain
 
 LENGTH_M = 2000.0
 STEP_M = 1.0

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.navigation.filter_model import FilterModel, default_model
+from lgprjax.navigation.counter_steer_model import FilterModel, default_model
 from lgprjax.navigation.observations import (
     GnssObservation,
     HeadingObservation,

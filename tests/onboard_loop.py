@@ -12,18 +12,15 @@ import numpy as np
 
 from lgprjax.autopilot import Mode
 from lgprjax.registration import Code
-from lgprjax.runtime.config import RuntimeConfig
+from lgprjax.runtime.config import Refused, RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.counter_steer import CounterSteer
 from lgprjax.runtime.control.setup import Loaded
 from lgprjax.runtime.gnss import GnssParser
-from lgprjax.runtime.link import Receiver, Verdict
-from lgprjax.runtime.records import FIX, PLAN, Kind, Record, Source
-from lgprjax.runtime.refused import Refused
-from lgprjax.runtime.wire import FrameParser
-from lgprjax.simulation.devices.course_world import CourseWorld
-from lgprjax.simulation.devices.stage import Stage
-from lgprjax.simulation.devices.stage_spec import StageSpec
+from lgprjax.runtime.link import FrameParser, Receiver, Verdict
+from lgprjax.runtime.messages import FIX, PLAN, Kind, Record, Source
+from lgprjax.simulation.devices.stage import Stage, StageSpec
+from lgprjax.simulation.devices.world import CourseWorld
 
 BEGIN_NS = 7_000_000_000_000
 TICK_NS = 20_000_000

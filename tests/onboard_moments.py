@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lgprjax.autopilot import Mode
-from lgprjax.autopilot.watch_findings import Watch
+from lgprjax.autopilot.monitors import Watch
 from lgprjax.navigation import Reason
-from lgprjax.simulation.devices.driver import SCRIPT, SCRIPT_LASTS_S
-from lgprjax.simulation.devices.faults import FAULT_LASTS_S, FAULTS
-from lgprjax.simulation.devices.schedule import Schedule, read_items
+from lgprjax.simulation.devices.faults import FAULT_LASTS_S, FAULTS, Schedule, read_items
+from lgprjax.simulation.devices.vehicle import SCRIPT, SCRIPT_LASTS_S
 from onboard_loop import OnboardLoop
 
 ENGAGED = (Mode.STEERING, Mode.SPEED)

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.path import Path as Outline
 
 from lgprjax.coverage import Field, Pattern, PatternSettings, field_of_polygon
-from lgprjax.coverage.end_arcs import poses_along
-from lgprjax.coverage.polygon import outside_m, side_distance_m
+from lgprjax.coverage.field import outside_m, side_distance_m
+from lgprjax.coverage.turns import poses_along
 
 FLAIL = PatternSettings(
     tool_width_m=1.2, overlap=0.1, order="zamboni", smallest_radius_m=1.5, turning_room_m=8.0, tool_ahead_m=1.0

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 
-from lgprjax.archive import build_map
 from lgprjax.formats import DriveLog, DriveWriter
 from lgprjax.formats.store import write_attribute
+from lgprjax.mapping import build_map
 from lgprjax.scene import (
     Day,
     DrivePlan,

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.vehicle.signals import DriveSignals
+from lgprjax.vehicle.sensors import DriveSignals
 
 WHEELBASE_M, RATIO = 3.8, 0.63
 LARGEST_RAD = np.radians(30.0)

@@ -2,34 +2,104 @@
 the watches on what the vehicle does with it.
 """
 
-from lgprjax.autopilot.edge_ahead import StopRules, edge_ahead
-from lgprjax.autopilot.fence import FENCE_SLOTS, fence_around, fence_of_route, pad_fence, room_of_route
-from lgprjax.autopilot.limiter import Command, Limited, LimiterRules, LimiterState, init_limiter, limit_command
-from lgprjax.autopilot.mode_diagram import describe_modes
-from lgprjax.autopilot.mode_events import Action, Check, Event, Fault, Happening, Mode, Motion, Place, Refusal
-from lgprjax.autopilot.mode_state import ModeState, operator_drives, refusal_of
-from lgprjax.autopilot.modes import step_modes
-from lgprjax.autopilot.onboard import OnboardInfo, OnboardSetup, OnboardState, Orders, step_onboard
-from lgprjax.autopilot.skid_health import SkidHealth, SkidHealthRules, default_skid_health
-from lgprjax.autopilot.skid_limiter import (
+from lgprjax.autopilot.chassis_monitors import (
+    ChassisWatchState,
+    PedalReading,
+    PedalWatchState,
+    ServoWatchState,
+    WheelAngles,
+    WheelSensorState,
+    init_wheel_sensors,
+    step_chassis_watch,
+    step_pedal_watch,
+    step_servo_watch,
+    step_wheel_sensors,
+)
+from lgprjax.autopilot.fence import (
+    FENCE_SLOTS,
+    StopRules,
+    edge_ahead,
+    fence_around,
+    fence_of_route,
+    pad_fence,
+    room_of_route,
+)
+from lgprjax.autopilot.limiter import (
+    Command,
+    Limited,
+    LimiterRules,
+    LimiterState,
     SkidCommand,
     SkidLimited,
     SkidLimiterRules,
     SkidLimiterState,
+    init_limiter,
     init_skid_limiter,
+    limit_command,
     limit_skid_command,
 )
-from lgprjax.autopilot.skid_setup import SkidSetup, skid_setup
-from lgprjax.autopilot.skid_step import Guidance, SkidInfo, SkidOrders, SkidState, init_skid, step_skid
-from lgprjax.autopilot.step import (
-    AutopilotConfig,
-    AutopilotInfo,
-    AutopilotInputs,
-    AutopilotState,
-    init_autopilot,
-    step_autopilot,
+from lgprjax.autopilot.mode_diagram import describe_modes
+from lgprjax.autopilot.modes import (
+    Action,
+    Check,
+    Event,
+    Fault,
+    Happening,
+    Mode,
+    ModeState,
+    Motion,
+    Place,
+    Refusal,
+    operator_drives,
+    refusal_of,
+    step_modes,
 )
-from lgprjax.autopilot.velocity import (
+from lgprjax.autopilot.monitors import (
+    REFUSING,
+    SEVERITY,
+    ChassisBelief,
+    Knots,
+    LineWatchState,
+    MotionState,
+    PathWatchState,
+    PedalBelief,
+    PedalsBelief,
+    Severity,
+    Watch,
+    WheelBelief,
+    as_watch,
+    describe,
+    front_angle,
+    linear_wheel_map,
+    proportional_rear,
+    severity_of,
+    step_line_watch,
+    step_motion,
+    step_path_watch,
+)
+from lgprjax.autopilot.operator_monitors import ButtonState, Hands, step_buttons
+from lgprjax.autopilot.position_monitors import (
+    HeadingCheck,
+    HeadingWatchState,
+    OdometerWatchState,
+    Position,
+    step_heading_watch,
+    step_odometer_watch,
+)
+from lgprjax.autopilot.skid_step import (
+    Guidance,
+    SkidHealth,
+    SkidHealthRules,
+    SkidInfo,
+    SkidOrders,
+    SkidSetup,
+    SkidState,
+    default_skid_health,
+    init_skid,
+    skid_setup,
+    step_skid,
+)
+from lgprjax.autopilot.speed import (
     Pressed,
     VelocitySettings,
     VelocityState,
@@ -38,28 +108,19 @@ from lgprjax.autopilot.velocity import (
     step_stop,
     step_velocity,
 )
-from lgprjax.autopilot.watch_belief import (
-    ChassisBelief,
-    Knots,
-    PedalBelief,
-    PedalsBelief,
-    WheelBelief,
-    front_angle,
-    linear_wheel_map,
-    proportional_rear,
+from lgprjax.autopilot.step import (
+    AutopilotConfig,
+    AutopilotInfo,
+    AutopilotInputs,
+    AutopilotState,
+    OnboardInfo,
+    OnboardSetup,
+    OnboardState,
+    Orders,
+    init_autopilot,
+    step_autopilot,
+    step_onboard,
 )
-from lgprjax.autopilot.watch_buttons import ButtonState, Hands, step_buttons
-from lgprjax.autopilot.watch_chassis import ChassisWatchState, step_chassis_watch
-from lgprjax.autopilot.watch_findings import REFUSING, SEVERITY, Severity, Watch, as_watch, describe, severity_of
-from lgprjax.autopilot.watch_ground import Position
-from lgprjax.autopilot.watch_heading import HeadingCheck, HeadingWatchState, step_heading_watch
-from lgprjax.autopilot.watch_line import LineWatchState, step_line_watch
-from lgprjax.autopilot.watch_motion import MotionState, step_motion
-from lgprjax.autopilot.watch_odometer import OdometerWatchState, step_odometer_watch
-from lgprjax.autopilot.watch_path import PathWatchState, step_path_watch
-from lgprjax.autopilot.watch_pedals import PedalReading, PedalWatchState, step_pedal_watch
-from lgprjax.autopilot.watch_servo import ServoWatchState, step_servo_watch
-from lgprjax.autopilot.watch_wheel_sensors import WheelAngles, WheelSensorState, init_wheel_sensors, step_wheel_sensors
 
 __all__ = [
     "FENCE_SLOTS",

@@ -155,3 +155,156 @@ def _bits(flags: tuple[tuple[Limited, Bool[Array, "..."]], ...]) -> Int32[Array,
 def _pick(choice: Bool[Array, "..."], chosen: Command, other: Command) -> Command:
     picked: Command = jax.tree.map(lambda one, two: jnp.where(choice, one, two), chosen, other)
     return picked
+
+
+# The last filter on a skid-steer vehicle's commands: range, rate, finite numbers, age. See ``limiter``.
+#
+# A command that is no number or too old is replaced by the last good one for one step. Is the next one bad too, the
+# limiter fails to its default and asks for manual, and stays there until it is started anew: the tool off at once,
+# both wheels to a stop along the arc that they are on.
+
+
+class SkidLimited(IntFlag):
+    """What was done to a command."""
+
+    LEFT_RANGE = 1
+    LEFT_RATE = 2
+    RIGHT_RANGE = 4
+    RIGHT_RATE = 8
+    TOOL_RANGE = 16
+    DEPTH_RANGE = 32
+    NOT_FINITE = 64
+    STALE = 128
+    MANUAL_REQUESTED = 256
+
+
+class SkidCommand(NamedTuple):
+    """What the drive box is told.
+
+    Attributes:
+        left_mps, right_mps: wheel speeds, negative backwards.
+        tool: 1 turns it on, 0 off.
+        depth_m: of the tool below the ground.
+    """
+
+    left_mps: Float[Array, "..."]
+    right_mps: Float[Array, "..."]
+    tool: Float[Array, "..."]
+    depth_m: Float[Array, "..."]
+
+
+class SkidLimiterRules(NamedTuple):
+    """Rules of the limiter, float32 scalars or one value a lane.
+
+    Attributes:
+        largest_wheel_mps: of either side, both ways.
+        wheel_rate_mps2: fastest change of a side.
+        deepest_m: of the tool; it is never asked to be above the ground.
+        oldest_s: age of the pose behind a command at which it is still good.
+        release_rate_mps2: how fast the faster wheel is brought to a stop when commands fail.
+    """
+
+    largest_wheel_mps: Float[Array, "..."]
+    wheel_rate_mps2: Float[Array, "..."]
+    deepest_m: Float[Array, "..."]
+    oldest_s: Float[Array, "..."]
+    release_rate_mps2: Float[Array, "..."]
+
+
+class SkidLimiterState(NamedTuple):
+    """What the limiter carries from step to step.
+
+    Attributes:
+        last: what it let through.
+        missed: the last command was bad.
+        failed: two in a row were; it stays with the default.
+    """
+
+    last: SkidCommand
+    missed: Bool[Array, "..."]
+    failed: Bool[Array, "..."]
+
+
+def init_skid_limiter(
+    left_mps: Float[Array, "..."], right_mps: Float[Array, "..."], depth_m: Float[Array, "..."]
+) -> SkidLimiterState:
+    """With the wheels turning as they do, the tool off."""
+    off, no = jnp.zeros_like(left_mps), jnp.zeros_like(left_mps, jnp.bool_)
+    return SkidLimiterState(SkidCommand(left_mps, right_mps, off, depth_m), no, no)
+
+
+def limit_skid_command(
+    rules: SkidLimiterRules,
+    state: SkidLimiterState,
+    command: SkidCommand,
+    age_s: Float[Array, "..."],
+    step_s: Float[Array, "..."],
+) -> tuple[SkidLimiterState, SkidCommand, Int32[Array, "..."]]:
+    """State, the command to send, and what was done to it as bits of ``SkidLimited``.
+
+    Args:
+        rules: the limits.
+        state: of the last step.
+        command: as wanted.
+        age_s: of the pose that it was made of; a negative age is one of a broken clock, and too old.
+        step_s: since the last command sent; one that is not positive, or no number, allows no change of the wheels.
+    """
+    last = state.last
+    finite = jnp.isfinite(jnp.stack(command)).all(0)
+    fresh = jnp.logical_and(age_s >= 0.0, age_s <= rules.oldest_s)
+    bad = jnp.logical_not(jnp.logical_and(finite, fresh))
+    failed = jnp.logical_or(state.failed, jnp.logical_and(state.missed, bad))
+    good = jnp.logical_not(jnp.logical_or(bad, failed))
+    # Of zero and no number this takes zero.
+    step = jnp.fmax(step_s, 0.0)
+
+    change, largest = rules.wheel_rate_mps2 * step, rules.largest_wheel_mps
+    left_ranged, right_ranged = (jnp.clip(wheel, -largest, largest) for wheel in command[:2])
+    left = jnp.clip(left_ranged, last.left_mps - change, last.left_mps + change)
+    right = jnp.clip(right_ranged, last.right_mps - change, last.right_mps + change)
+    # Anything but a clear yes is no.
+    tool = jnp.where(command.tool >= 1.0, 1.0, 0.0)
+    depth = jnp.clip(command.depth_m, 0.0, rules.deepest_m)
+    limited = SkidCommand(left, right, tool, depth)
+
+    sent = _skid_pick(good, limited, _skid_pick(failed, _skid_default(rules, last, step), last))
+    limits = (
+        (SkidLimited.LEFT_RANGE, jnp.not_equal(left_ranged, command.left_mps)),
+        (SkidLimited.LEFT_RATE, jnp.not_equal(left, left_ranged)),
+        (SkidLimited.RIGHT_RANGE, jnp.not_equal(right_ranged, command.right_mps)),
+        (SkidLimited.RIGHT_RATE, jnp.not_equal(right, right_ranged)),
+        (SkidLimited.TOOL_RANGE, jnp.not_equal(tool, command.tool)),
+        (SkidLimited.DEPTH_RANGE, jnp.not_equal(depth, command.depth_m)),
+    )
+    faults = (
+        (SkidLimited.NOT_FINITE, jnp.logical_not(finite)),
+        (SkidLimited.STALE, jnp.logical_not(fresh)),
+        (SkidLimited.MANUAL_REQUESTED, failed),
+    )
+    # What was replaced met no limits.
+    bits = jnp.bitwise_or(jnp.where(good, _skid_bits(limits), 0), _skid_bits(faults))
+    return SkidLimiterState(sent, bad, failed), sent, bits
+
+
+def slowed(
+    left_mps: Float[Array, "..."], right_mps: Float[Array, "..."], change_mps: Float[Array, "..."]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Both wheels with the faster one slowed by so much and the other in proportion: the arc stays the same."""
+    fastest = jnp.maximum(jnp.abs(left_mps), jnp.abs(right_mps))
+    share = jnp.where(fastest > change_mps, 1.0 - change_mps / jnp.where(fastest > 0.0, fastest, 1.0), 0.0)
+    return share * left_mps, share * right_mps
+
+
+def _skid_default(rules: SkidLimiterRules, last: SkidCommand, step_s: Float[Array, "..."]) -> SkidCommand:
+    """One step further towards a stop."""
+    left, right = slowed(last.left_mps, last.right_mps, rules.release_rate_mps2 * step_s)
+    return SkidCommand(left, right, jnp.zeros_like(left), last.depth_m)
+
+
+def _skid_bits(flags: tuple[tuple[SkidLimited, Bool[Array, "..."]], ...]) -> Int32[Array, "..."]:
+    return reduce(jnp.bitwise_or, (jnp.where(is_set, jnp.int32(flag), jnp.int32(0)) for flag, is_set in flags))
+
+
+def _skid_pick(choice: Bool[Array, "..."], chosen: SkidCommand, other: SkidCommand) -> SkidCommand:
+    picked: SkidCommand = jax.tree.map(lambda one, two: jnp.where(choice, one, two), chosen, other)
+    return picked

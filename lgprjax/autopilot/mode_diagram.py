@@ -10,8 +10,9 @@ from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
 
-from lgprjax.autopilot.mode_events import (
+from lgprjax.autopilot.modes import (
     CLEARS,
+    FAILURES_WITHIN_S,
     FATAL,
     MOTIONS,
     PLACES,
@@ -20,10 +21,10 @@ from lgprjax.autopilot.mode_events import (
     Event,
     Happening,
     Mode,
+    ModeState,
     Refusal,
+    step_modes,
 )
-from lgprjax.autopilot.mode_state import ModeState
-from lgprjax.autopilot.modes import FAILURES_WITHIN_S, step_modes
 
 _LONG_S = 2.0 * FAILURES_WITHIN_S
 _START = (Event.ROUTE_NEAR, Event.MOVING, Event.SOURCES_PRESENT, Event.HEALTH_GOOD)

@@ -10,24 +10,290 @@ Time is the host's monotonic clock; it never runs backwards here, whatever it sa
 """
 
 import math
+from enum import Enum, IntEnum, IntFlag, auto
+from typing import NamedTuple
 
-from lgprjax.autopilot.mode_events import (
-    CLEARS,
-    FATAL,
-    MOTIONS,
-    PLACES,
-    WATCHED,
-    Action,
-    Check,
-    Event,
-    Fault,
-    Happening,
-    Mode,
-    Motion,
-    Place,
-    Refusal,
-)
-from lgprjax.autopilot.mode_state import ModeState, operator_drives, refusal_of
+# What happens to the mode machine, what it answers, and which events of a kind belong together.
+
+
+class Mode(IntEnum):
+    """What is driven by whom. Only in STEERING and SPEED is an actuator engaged."""
+
+    BOOT = 0
+    CHECKS = 1
+    READY = 2
+    STEERING = 3
+    SPEED = 4
+    MANUAL = 5
+    ERROR = 6
+    EMERGENCY_STOP = 7
+
+
+ENGAGED = (Mode.STEERING, Mode.SPEED)
+
+
+class Event(Enum):
+    """What happens. Buttons and pedals tell both edges; everything else tells a change.
+
+    ``BRAKE_TAPPED`` is the brake going down, ``BRAKE_HELD`` its staying there, ``ERROR_CLEARED`` the going of the last
+    error raised. ``ROUTE_NEAR`` is within 10 m of the chosen path, on one place and along it.
+    """
+
+    BOOT_DONE = auto()
+    CHECKS_PASSED = auto()
+    CHECKS_FAILED = auto()
+    STEERING_BUTTON = auto()
+    CRUISE_PLUS = auto()
+    CRUISE_MINUS = auto()
+    OVERRIDE_PRESSED = auto()
+    OVERRIDE_RELEASED = auto()
+    STEERING_TORQUE = auto()
+    BRAKE_TAPPED = auto()
+    BRAKE_HELD = auto()
+    BRAKE_RELEASED = auto()
+    ESTOP_PRESSED = auto()
+    ESTOP_RELEASED = auto()
+    ROUTE_NEAR = auto()
+    ROUTE_OFF = auto()
+    ROUTE_WRONG_HEADING = auto()
+    ROUTE_AMBIGUOUS = auto()
+    ROUTE_GONE = auto()
+    STANDING = auto()
+    MOVING = auto()
+    TOO_FAST = auto()
+    SOURCE_MISSING = auto()
+    SOURCES_PRESENT = auto()
+    HEALTH_STOP = auto()
+    HEALTH_GOOD = auto()
+    ERROR_RAISED = auto()
+    ERROR_CLEARED = auto()
+    CONTROL_DIED = auto()
+    CONTROL_RELAUNCHED = auto()
+    DRIVE_BY_WIRE_DIED = auto()
+    DRIVE_BY_WIRE_RELAUNCHED = auto()
+    REGISTRATION_DIED = auto()
+    REGISTRATION_RELAUNCHED = auto()
+    RECORDER_DIED = auto()
+    RECORDER_RELAUNCHED = auto()
+    DISPLAY_DIED = auto()
+    DISPLAY_RELAUNCHED = auto()
+    MONITOR_DIED = auto()
+    MONITOR_RELAUNCHED = auto()
+    TICK = auto()
+
+
+class Check(Enum):
+    """A system check that failed."""
+
+    NONE = auto()
+    DRIVE_BY_WIRE = auto()
+    STEERING_SENSORS = auto()
+    BRAKE = auto()
+    GNSS_INS = auto()
+    LGPR = auto()
+    ROUTE = auto()
+    PARAMETERS = auto()
+    STORAGE = auto()
+    SECOND_MASTER = auto()
+
+
+class Happening(NamedTuple):
+    """An event with its monotonic time, and the check that failed where one did."""
+
+    event: Event
+    time_s: float
+    check: Check = Check.NONE
+
+
+class Action(Enum):
+    """What the host does.
+
+    ``WARN`` shows the state's faults or its refusal. ``STOP_CONTROLLED`` hands the brake to the autopilot in STEERING
+    too, until ``RELEASE_ACTUATORS``.
+    """
+
+    RUN_CHECKS = auto()
+    RELEASE_ACTUATORS = auto()
+    RELEASE_PEDALS = auto()
+    ENGAGE_STEERING = auto()
+    ENGAGE_SPEED = auto()
+    LOCK_SPEED = auto()
+    RAISE_SPEED = auto()
+    LOWER_SPEED = auto()
+    STOP_CONTROLLED = auto()
+    CUT_POWER = auto()
+    RESTORE_POWER = auto()
+    LIGHT_BUTTON = auto()
+    DARKEN_BUTTON = auto()
+    WARN = auto()
+    RELAUNCH_CONTROL = auto()
+    RELAUNCH_DRIVE_BY_WIRE = auto()
+    RELAUNCH_REGISTRATION = auto()
+    RELAUNCH_RECORDER = auto()
+    RELAUNCH_DISPLAY = auto()
+    RELAUNCH_MONITOR = auto()
+
+
+class Fault(IntFlag):
+    """What keeps ERROR standing, each until its own event clears it."""
+
+    RAISED = 1
+    CHECKS = 2
+    CONTROL = 4
+    DRIVE_BY_WIRE = 8
+    RECORDER = 16
+    DISPLAY = 32
+    MONITOR = 64
+
+
+class Place(Enum):
+    """Where the vehicle is beside the chosen path."""
+
+    NO_PATH = auto()
+    NEAR = auto()
+    OFF_ROUTE = auto()
+    WRONG_HEADING = auto()
+    AMBIGUOUS = auto()
+
+
+class Motion(Enum):
+    """How fast the vehicle is; too fast to engage is for the host to say."""
+
+    UNKNOWN = auto()
+    STANDING = auto()
+    MOVING = auto()
+    TOO_FAST = auto()
+
+
+class Refusal(Enum):
+    """Why a button engaged nothing."""
+
+    NONE = auto()
+    ESTOP = auto()
+    CHECKS = auto()
+    OVERRIDE_STUCK = auto()
+    OVERRIDE_PRESSED = auto()
+    NOT_READY = auto()
+    NOT_STEERING = auto()
+    STOPPING = auto()
+    BRAKE_PRESSED = auto()
+    SOURCE_MISSING = auto()
+    TOO_FAST = auto()
+    HEALTH = auto()
+    NO_PATH = auto()
+    OFF_ROUTE = auto()
+    WRONG_HEADING = auto()
+    AMBIGUOUS = auto()
+
+
+class Process(NamedTuple):
+    """A process that may die: the fault it then is, what says that it is back, and how it is brought back."""
+
+    fault: Fault
+    relaunched: Event
+    relaunch: Action
+
+
+FATAL = {
+    Event.CONTROL_DIED: Process(Fault.CONTROL, Event.CONTROL_RELAUNCHED, Action.RELAUNCH_CONTROL),
+    Event.DRIVE_BY_WIRE_DIED: Process(
+        Fault.DRIVE_BY_WIRE, Event.DRIVE_BY_WIRE_RELAUNCHED, Action.RELAUNCH_DRIVE_BY_WIRE
+    ),
+}
+"""An error at once."""
+WATCHED = {
+    Event.RECORDER_DIED: Process(Fault.RECORDER, Event.RECORDER_RELAUNCHED, Action.RELAUNCH_RECORDER),
+    Event.DISPLAY_DIED: Process(Fault.DISPLAY, Event.DISPLAY_RELAUNCHED, Action.RELAUNCH_DISPLAY),
+    Event.MONITOR_DIED: Process(Fault.MONITOR, Event.MONITOR_RELAUNCHED, Action.RELAUNCH_MONITOR),
+}
+"""Relaunched while driving on, until they fail too often."""
+CLEARS = {process.relaunched: process.fault for process in (*FATAL.values(), *WATCHED.values())} | {
+    Event.ERROR_CLEARED: Fault.RAISED,
+    Event.CHECKS_PASSED: Fault.CHECKS,
+}
+"""The fault that an event ends."""
+PLACES = {
+    Event.ROUTE_NEAR: Place.NEAR,
+    Event.ROUTE_OFF: Place.OFF_ROUTE,
+    Event.ROUTE_WRONG_HEADING: Place.WRONG_HEADING,
+    Event.ROUTE_AMBIGUOUS: Place.AMBIGUOUS,
+    Event.ROUTE_GONE: Place.NO_PATH,
+}
+MOTIONS = {Event.STANDING: Motion.STANDING, Event.MOVING: Motion.MOVING, Event.TOO_FAST: Motion.TOO_FAST}
+
+
+# What the mode machine knows, and what of it stands against engaging.
+
+
+class ModeState(NamedTuple):
+    """All that the mode machine knows.
+
+    Attributes:
+        mode: as driven.
+        time_s: latest time heard of.
+        booted: the computer has come up.
+        checks_passed: the last run of the system checks passed.
+        failed_check: which one did not; NONE otherwise.
+        faults: what stands in the way of leaving ERROR.
+        place: beside the route, as the planner says.
+        motion: of the vehicle.
+        sources_present: what navigation needs to engage is there.
+        health_good: navigation does not ask for a stop.
+        brake_pressed, override_pressed, estop_pressed: the operator's hands and feet.
+        override_since_s: when the override button went down.
+        override_stuck: held for too long, or since before the end of the boot; until let go.
+        registration_dead: driven on without it, on GNSS and INS.
+        failures: watched processes' deaths of the last minute, each by its event and its time.
+        stopping: a controlled stop runs; it ends standing, in MANUAL.
+        refusal: why the last press of a button engaged nothing; NONE when it did.
+    """
+
+    mode: Mode = Mode.BOOT
+    time_s: float = 0.0
+    booted: bool = False
+    checks_passed: bool = False
+    failed_check: Check = Check.NONE
+    faults: Fault = Fault(0)
+    place: Place = Place.NO_PATH
+    motion: Motion = Motion.UNKNOWN
+    sources_present: bool = False
+    health_good: bool = False
+    brake_pressed: bool = False
+    override_pressed: bool = False
+    estop_pressed: bool = False
+    override_since_s: float = 0.0
+    override_stuck: bool = False
+    registration_dead: bool = False
+    failures: tuple[tuple[Event, float], ...] = ()
+    stopping: bool = False
+    refusal: Refusal = Refusal.NONE
+
+
+def operator_drives(state: ModeState) -> bool:
+    """Whether no actuator is engaged."""
+    return state.mode not in ENGAGED
+
+
+def refusal_of(state: ModeState) -> Refusal:
+    """Why nothing may be engaged now, the weightiest reason first; NONE where it may."""
+    reasons = (
+        (state.estop_pressed or state.mode is Mode.EMERGENCY_STOP, Refusal.ESTOP),
+        (not state.checks_passed, Refusal.CHECKS),
+        (state.override_stuck, Refusal.OVERRIDE_STUCK),
+        (state.override_pressed, Refusal.OVERRIDE_PRESSED),
+        (state.mode not in (Mode.READY, *ENGAGED), Refusal.NOT_READY),
+        (state.stopping, Refusal.STOPPING),
+        (state.brake_pressed, Refusal.BRAKE_PRESSED),
+        (state.motion is Motion.UNKNOWN or not state.sources_present, Refusal.SOURCE_MISSING),
+        (state.motion is Motion.TOO_FAST, Refusal.TOO_FAST),
+        (not state.health_good, Refusal.HEALTH),
+        (state.place is Place.NO_PATH, Refusal.NO_PATH),
+        (state.place is Place.OFF_ROUTE, Refusal.OFF_ROUTE),
+        (state.place is Place.WRONG_HEADING, Refusal.WRONG_HEADING),
+        (state.place is Place.AMBIGUOUS, Refusal.AMBIGUOUS),
+    )
+    return next((reason for applies, reason in reasons if applies), Refusal.NONE)
+
 
 STUCK_AFTER_S = 10.0
 """An override button held for longer counts as stuck."""

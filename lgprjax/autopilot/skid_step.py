@@ -6,26 +6,219 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
-from lgprjax.autopilot.edge_ahead import edge_ahead
-from lgprjax.autopilot.skid_health import judge_skid_health
-from lgprjax.autopilot.skid_limiter import (
+from lgprjax.autopilot.fence import StopRules, edge_ahead
+from lgprjax.autopilot.limiter import (
     SkidCommand,
+    SkidLimiterRules,
     SkidLimiterState,
     init_skid_limiter,
     limit_skid_command,
     slowed,
 )
-from lgprjax.autopilot.skid_setup import SkidSetup
-from lgprjax.coverage.carrot import CarrotPlan, CarrotState, init_carrot, step_carrot
-from lgprjax.coverage.cover_route import CoverRoute
-from lgprjax.coverage.route_pursuit import pursuit_along
-from lgprjax.navigation.reaction import Reaction
-from lgprjax.navigation.skid_filter import SkidFilterInfo, SkidFilterState, init_skid_filter, step_skid_filter
-from lgprjax.navigation.skid_model import SCALE, SLIP_LEFT, SLIP_RIGHT, TURN_SCALE, SkidEstimate, skid_pose
-from lgprjax.navigation.skid_observations import SkidMotion, SkidObservations
-from lgprjax.vehicle.arc import VehiclePose
-from lgprjax.vehicle.control_threshold import PulseState, init_pulses, settle_pulses, step_pulses
-from lgprjax.vehicle.skid_steer import WheelSpeeds, wheel_speeds
+from lgprjax.coverage.field import Tool
+from lgprjax.coverage.guidance import (
+    CarrotPlan,
+    CarrotSettings,
+    CarrotState,
+    CoverRoute,
+    default_carrot,
+    init_carrot,
+    pursuit_along,
+    step_carrot,
+)
+from lgprjax.navigation.health import STOPPING, Reaction, Reason
+from lgprjax.navigation.observations import GNSS, HEADING, GateRules, GateState
+from lgprjax.navigation.skid_filter import (
+    SkidFilterInfo,
+    SkidFilterState,
+    init_skid_filter,
+    skid_rules,
+    step_skid_filter,
+)
+from lgprjax.navigation.skid_model import (
+    SCALE,
+    SLIP_LEFT,
+    SLIP_RIGHT,
+    TURN_SCALE,
+    SkidEstimate,
+    SkidModel,
+    SkidMotion,
+    SkidObservations,
+    X,
+    Y,
+    skid_pose,
+)
+from lgprjax.vehicle.kinematics import SkidSteer, VehiclePose, WheelSpeeds, wheel_speeds
+from lgprjax.vehicle.pursuit import PulseState, init_pulses, settle_pulses, step_pulses
+
+# Health of a skid-steer vehicle's navigation: one of three reactions, and why. See ``navigation/health``.
+#
+# GNSS that is gone is no reason to stop: wheels and INS carry the pose on, and its own uncertainty says when that has
+# to end.
+
+
+class SkidHealthRules(NamedTuple):
+    """Limits, float32 scalars.
+
+    Attributes:
+        gnss_silent_s, heading_silent_s: without an observation for longer, the source is silent.
+        degrade_sigma_m, stop_sigma_m: standard deviation of the position, larger axis, that degrades, and that stops.
+        longest_step_s: longest tick that the clock may report.
+        degraded_mps: speed cap while degraded.
+    """
+
+    gnss_silent_s: Float[Array, "..."]
+    heading_silent_s: Float[Array, "..."]
+    degrade_sigma_m: Float[Array, "..."]
+    stop_sigma_m: Float[Array, "..."]
+    longest_step_s: Float[Array, "..."]
+    degraded_mps: Float[Array, "..."]
+
+
+class SkidHealth(NamedTuple):
+    """What is asked of the vehicle.
+
+    Attributes:
+        reaction: a ``Reaction``.
+        reasons: bits of ``Reason``.
+        speed_cap_mps: infinite, the degraded speed, or 0 for a stop.
+        sigma_m: standard deviation of the position, larger axis.
+    """
+
+    reaction: Int32[Array, ""]
+    reasons: Int32[Array, ""]
+    speed_cap_mps: Float[Array, ""]
+    sigma_m: Float[Array, ""]
+
+
+def default_skid_health() -> SkidHealthRules:
+    """For GNSS at 1 Hz and an INS at 10 Hz; the stop is the 0.3 m of dead reckoning that the fault list allows."""
+    return SkidHealthRules(*(jnp.float32(value) for value in (1.5, 0.5, 0.15, 0.3, 0.2, 0.3)))
+
+
+def judge_skid_health(
+    rules: SkidHealthRules,
+    estimate: SkidEstimate,
+    gates: GateState,
+    info: SkidFilterInfo,
+    step_s: Float[Array, ""],
+) -> SkidHealth:
+    """Health after a tick; one lane, more by ``vmap``.
+
+    Args:
+        rules: limits.
+        estimate, gates, info: of the filter, after the same tick.
+        step_s: length of the tick.
+    """
+    finite = jnp.isfinite(estimate.mean).all() & jnp.isfinite(estimate.covariance).all()
+    sigma_m = position_sigma(estimate)
+    seen = {
+        Reason.NON_FINITE: ~finite,
+        Reason.BAD_STEP: ~((step_s > 0.0) & (step_s <= rules.longest_step_s)),
+        Reason.GNSS_SILENT: gates.since_offered_s[GNSS] > rules.gnss_silent_s,
+        Reason.GNSS_REJECTED: gates.rejects[GNSS] > 0,
+        Reason.HEADING_SILENT: gates.since_offered_s[HEADING] > rules.heading_silent_s,
+        Reason.HEADING_REJECTED: gates.rejects[HEADING] > 1,
+        Reason.UNCERTAIN: sigma_m > rules.degrade_sigma_m,
+        Reason.HEADING_LOST: ~info.heading_known,
+        # Written so that a sigma that is no number stops.
+        Reason.TOO_UNCERTAIN: ~(sigma_m <= rules.stop_sigma_m),
+    }
+    reasons = jnp.int32(0)
+    for reason, holds in seen.items():
+        reasons = reasons | jnp.where(holds, jnp.int32(reason.value), jnp.int32(0))
+    stops = (reasons & jnp.int32(STOPPING.value)) != 0
+    some = reasons != 0
+    reaction = jnp.where(stops, Reaction.STOP.value, jnp.where(some, Reaction.DEGRADE.value, Reaction.CONTINUE.value))
+    cap = jnp.where(stops, 0.0, jnp.where(some, rules.degraded_mps, jnp.inf)).astype(jnp.float32)
+    return SkidHealth(reaction.astype(jnp.int32), reasons, cap, sigma_m)
+
+
+def position_sigma(estimate: SkidEstimate) -> Float[Array, ""]:
+    """Standard deviation of the position along its larger axis, m."""
+    covariance = estimate.covariance
+    xx, xy, yy = covariance[X, X], covariance[X, Y], covariance[Y, Y]
+    return jnp.sqrt(0.5 * (xx + yy) + jnp.hypot(0.5 * (xx - yy), xy))
+
+
+# What the step of a skid-steer vehicle is set up with, and settings to begin with.
+
+_STOP_SHARE = 0.75
+"""Of the wheels' fastest change, what a stop is reckoned with: it must be kept on the road as well."""
+_RISE_SHARE = 0.5
+
+
+class SkidSetup(NamedTuple):
+    """The vehicle as it is believed to be, and the settings of the parts.
+
+    Attributes:
+        vehicle: its limits.
+        tool: its rectangle.
+        model, rules: of the filter and its gates.
+        health: when navigation stops the vehicle.
+        carrot: of the guidance.
+        limiter: of the commands.
+        stop: how it stops, for the fence.
+        rise_mps2: how fast the speed is raised, and lowered where nothing hurries.
+        threshold_mps: difference of the wheels below which the vehicle ignores a turn, to be made up for; 0: none.
+        depth_m: asked of the tool.
+    """
+
+    vehicle: SkidSteer
+    tool: Tool
+    model: SkidModel
+    rules: GateRules
+    health: SkidHealthRules
+    carrot: CarrotSettings
+    limiter: SkidLimiterRules
+    stop: StopRules
+    rise_mps2: Float[Array, "..."]
+    threshold_mps: Float[Array, "..."]
+    depth_m: Float[Array, "..."]
+
+
+def skid_setup(
+    vehicle: SkidSteer,
+    tool: Tool,
+    model: SkidModel,
+    *,
+    depth_m: float,
+    deepest_m: float,
+    threshold_mps: float = 0.0,
+    reaction_s: float = 0.5,
+    carrot: CarrotSettings | None = None,
+) -> SkidSetup:
+    """Settings for a small machine at walking speed; those of the parts follow from the vehicle's limits.
+
+    Args:
+        vehicle, tool, model: as measured.
+        depth_m: that the tool is asked for; deepest_m: that it may ever be asked for.
+        threshold_mps: of the wheels' difference, or a little more.
+        reaction_s: from a fix to the wheels: age of the pose, tick, delay and lag.
+        carrot: of the guidance; None for the usual one.
+    """
+    return SkidSetup(
+        vehicle=vehicle,
+        tool=tool,
+        model=model,
+        rules=skid_rules(),
+        health=default_skid_health(),
+        carrot=default_carrot(smallest_radius_m=float(vehicle.smallest_radius_m)) if carrot is None else carrot,
+        limiter=SkidLimiterRules(
+            vehicle.largest_wheel_mps,
+            vehicle.wheel_rate_mps2,
+            jnp.float32(deepest_m),
+            jnp.float32(0.2),
+            vehicle.wheel_rate_mps2,
+        ),
+        stop=StopRules(
+            jnp.float32(reaction_s), _STOP_SHARE * vehicle.wheel_rate_mps2, jnp.float32(0.05), jnp.float32(3.0)
+        ),
+        rise_mps2=_RISE_SHARE * vehicle.wheel_rate_mps2,
+        threshold_mps=jnp.float32(threshold_mps),
+        depth_m=jnp.float32(depth_m),
+    )
+
 
 _Tree = TypeVar("_Tree")
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lgprjax.archive import JobRecord, outputs_of, read_records, shares_of
+from lgprjax.batch import JobRecord, outputs_of, read_records, shares_of
 from lgprjax.bench.archive_drives import ShortDrives, make_short_drives
 from lgprjax.bench.machine import machine_line
 from lgprjax.bench.records import Record

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.archive import build_map
 from lgprjax.formats import DriveLog, DriveWriter, NavigationTrack, OdometryTrack, TraceRecording
+from lgprjax.mapping import build_map
 from lgprjax.simulation import demo_site, write_drives
 
 

@@ -9,7 +9,7 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
-from lgprjax.runtime.placement import run_in_real_time
+from lgprjax.runtime.process import run_in_real_time
 
 _PERIOD_NS = 20_000_000
 

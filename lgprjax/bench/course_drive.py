@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from lgprjax.archive import Labels, build_map, labels_of, relative_error
-from lgprjax.archive.chance_cache import chance_of
+from lgprjax.batch import Labels, labels_of, relative_error
+from lgprjax.batch.chance import chance_of
 from lgprjax.bench.programs import hold_to
 from lgprjax.formats import DriveLog, MapFile
+from lgprjax.mapping import build_map
 from lgprjax.navigation import RouteSpeeds
 from lgprjax.registration import WRONG_M, Code, RegisterOptions
 from lgprjax.report import DrivenResult, draw_driven_course
@@ -30,7 +31,7 @@ from lgprjax.simulation.loop import (
     make_course,
     route_of_map,
 )
-from lgprjax.tuning.fix_error_fit import fit_fix_errors
+from lgprjax.tuning.navigation import fit_fix_errors
 
 
 def main() -> None:

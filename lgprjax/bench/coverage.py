@@ -7,7 +7,7 @@ from typing import NamedTuple
 from lgprjax.bench.machine import machine_line
 from lgprjax.bench.programs import AS_THE_PEER, ProgramError, run_program
 from lgprjax.bench.records import Record
-from lgprjax.coverage.layers import LEVELS
+from lgprjax.coverage.worked import LEVELS
 
 _PERIOD_MS = 100.0
 _SPARE = 10.0

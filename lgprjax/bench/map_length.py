@@ -23,7 +23,7 @@ from lgprjax.bench.long_map import RepeatedRoad
 from lgprjax.bench.programs import hold_to
 from lgprjax.formats import MapFile
 from lgprjax.registration import BLOCK_SCANS, LiveBlock, RegisterOptions, Track, ground_map_for, register_drive
-from lgprjax.registration.prepared import PreparedGround
+from lgprjax.registration.template_bank import PreparedGround
 from lgprjax.subsurface import GroundMap, StationSource
 
 SEARCH_M = 3.5

@@ -15,10 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lgprjax.archive import RegisteredDrive, build_map, register_log
+from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.bench.intervals import Interval, wilson
 from lgprjax.formats import MAP_PRECISIONS, DriveLog, MapFile, MapPrecision, MapWriter
-from lgprjax.formats.map_rows import PLACE_UNITS
+from lgprjax.formats.map_layout import PLACE_UNITS
+from lgprjax.mapping import build_map
 from lgprjax.registration import WRONG_M, Code, RegisterOptions
 from lgprjax.scene import WEATHER, DrivePlan, GroundConfig, NavigationErrors, make_ground, simulate_drive
 from lgprjax.simulation import write_drive

@@ -20,7 +20,7 @@ from jaxtyping import Array
 from lgprjax.bench.hard_set import CHANNELS, SAMPLES, load_hard_set
 from lgprjax.bench.peers.this_project import CHUNK, Search, peaks_in, surfaces_at
 from lgprjax.bench.programs import hold_to
-from lgprjax.registration.surfaces import Peaks
+from lgprjax.registration.coarse import Peaks
 
 _STRIDE = (3, 2)
 _REPEATS = 40

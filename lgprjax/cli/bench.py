@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.status import Status
 from tyro.conf import Positional, arg
 
-from lgprjax.cli.progress import console
+from lgprjax.cli.terminal import console
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:

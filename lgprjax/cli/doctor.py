@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from lgprjax.cli.progress import console, working
+from lgprjax.cli.terminal import console, working
 
 _STYLE = {"good": "green", "absent": "dim", "look": "yellow", "bad": "bold red"}
 
@@ -23,8 +23,7 @@ class Doctor:
     def run(self) -> int:
         """Look; status 1 where something that every verb needs is missing or wrong."""
         from lgprjax.cli.figures import write_figures
-        from lgprjax.cli.health_of_machine import look_at_machine
-        from lgprjax.cli.health_of_packages import look_at_packages
+        from lgprjax.cli.installation import look_at_machine, look_at_packages
 
         with working("looking"):
             findings = [*look_at_packages(), *look_at_machine()]

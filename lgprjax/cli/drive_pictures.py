@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from lgprjax.archive import FixExample, RegisteredDrive
+    from lgprjax.batch import FixExample, RegisteredDrive
     from lgprjax.formats import DriveLog, MapFile
     from lgprjax.frames import LocalFrame
     from lgprjax.registration import RegisterOptions
     from lgprjax.report import CorrelationSurface, DriveResult, MatchExample, ReportFigure, SwarmPicture
+
 
 ENDS = ("-trajectory.png", "-confidence.png", "-match.png", "-map.png", "-swarm.png")
 """What a drive's name is followed by; not every drive has them all."""
@@ -32,7 +33,7 @@ def draw_drive(
     Raises:
         InputError: one of them exists (without ``force``) or cannot be written.
     """
-    from lgprjax.archive import example_scan, fix_example
+    from lgprjax.batch import example_scan, fix_example
     from lgprjax.report import (
         ReportFigure,
         draw_confidence,

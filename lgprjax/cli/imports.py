@@ -4,17 +4,292 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 from tyro.conf import Positional, arg
 
-from lgprjax.cli.errors import require_files
-from lgprjax.cli.import_mcap import ImportMcap
-from lgprjax.cli.import_parts import Force, Origin, Output, finished, print_survey
-from lgprjax.cli.import_sets import ImportCmu, ImportGprMax, ImportGrounded
-from lgprjax.cli.progress import working
+from lgprjax.cli.terminal import UsageError, console, require_files, working
 from lgprjax.errors import InputError
+
+if TYPE_CHECKING:
+    from lgprjax.formats import Place, Survey
+
+
+# What the import verbs share: the output, the site's origin, and the closing line.
+
+Output = Annotated[Path, arg(aliases=["-o"], help="drive log to write, X.drive.h5")]
+Force = Annotated[bool, arg(help="replace an output that exists")]
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where on the earth the recording is put."""
+
+    latitude_deg: float = 0.0
+    """latitude of the site's origin, WGS-84"""
+    longitude_deg: float = 0.0
+    """longitude of the site's origin, WGS-84"""
+    heading_deg: float = 90.0
+    """direction of the lines, clockwise from true north"""
+
+    def place(self) -> "Place":
+        """The origin as the importers take it."""
+        from lgprjax.formats import Place
+
+        return Place(self.latitude_deg, self.longitude_deg, self.heading_deg)
+
+
+def print_survey(survey: "Survey") -> None:
+    """One table of what was found in each line, in samples and metres."""
+    head = (
+        "line",
+        "traces",
+        "header",
+        "break",
+        "wave",
+        "zero",
+        "from",
+        "sign",
+        "direction",
+        "from",
+        "start",
+        "from",
+        "r",
+    )
+    rows = [
+        (
+            line.file,
+            str(line.traces) if line.cut is None else line.cut,
+            f"{line.time_zero_header:.2f}",
+            _sample(line.first_break),
+            _sample(line.direct_wave),
+            f"{line.time_zero:.2f}",
+            line.time_zero_from,
+            {1: "+", -1: "-", 0: "?"}[line.sign] + (" inverted" if line.inverted else ""),
+            "reversed" if line.reversed else "as stored",
+            line.direction_from,
+            f"{line.start_m:.2f} m",
+            line.start_from,
+            f"{line.correlation:.2f}",
+        )
+        for line in survey.lines
+    ]
+    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
+    right = {1, 2, 3, 4, 5, 10, 12}
+    for row in (head, *rows):
+        cells = [
+            text.rjust(width) if column in right else text.ljust(width)
+            for column, (text, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        _tell("  ".join(cells).rstrip())
+    _tell(
+        "header, break (the direct wave's first), wave (its strongest lobe) and zero (time zero) in samples; "
+        f"r: correlation with the line before; positions from: {survey.placed_by}"
+    )
+
+
+def _tell(text: str) -> None:
+    console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def _sample(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
+
+
+def finished(output: Path) -> None:
+    """Say what was written, and what of it no instrument recorded."""
+    from lgprjax.formats import DriveLog, assumed_in_words, assumed_of
+
+    with DriveLog.open(output) as log:
+        assumed = assumed_of(log.description.provenance)
+    if assumed:
+        _tell(f"assumed, as no instrument recorded it: {assumed_in_words(assumed)}")
+    _tell(f"wrote {output}")
+    if "place on the earth" in assumed:
+        _tell("the site's origin was put at latitude 0, longitude 0 (see --latitude-deg)")
+
+
+# ``lgprjax import grounded|cmu|gprmax``: published data sets and simulations to drive logs.
+
+
+@dataclass(frozen=True)
+class ImportGrounded:
+    """A run in the layout in which users of the GROUNDED data set work: run.npy and run_UTM_point.npy."""
+
+    run_dir: Annotated[
+        Positional[Path],
+        arg(
+            metavar="RUN_DIR",
+            help="folder that holds run.npy [scan, sample, channel] and run_UTM_point.npy [scan, channel, 2]",
+        ),
+    ]
+    output: Output
+    utm_zone: str
+    """UTM zone of the points, such as 19N"""
+    sample_interval_ns: float
+    """two-way travel time between samples"""
+    scan_rate_hz: float
+    """scans a second"""
+    force: Force = False
+
+    def run(self) -> None:
+        """Import."""
+        from lgprjax.formats import import_grounded
+
+        with working(f"importing {self.run_dir}"):
+            import_grounded(
+                self.run_dir,
+                utm_zone=self.utm_zone,
+                sample_interval_ns=self.sample_interval_ns,
+                scan_rate_hz=self.scan_rate_hz,
+                output=self.output,
+                force=self.force,
+            )
+        finished(self.output)
+
+
+@dataclass(frozen=True)
+class ImportCmu:
+    """A sequence of the CMU-GPR data set: gpr_meas.csv, we_odom.csv and, where there is one, ts_meas.csv.
+
+    The sequences have no latitude and longitude: the total station's origin is put at the site's origin, its x axis
+    along the heading. A sequence without total station drives straight along the heading by its odometry.
+    """
+
+    sequence_dir: Annotated[Positional[Path], arg(metavar="SEQUENCE_DIR", help="folder that holds the CSV files")]
+    output: Output
+    time_window_ns: float
+    """two-way travel time that a trace spans (the data set does not publish it)"""
+    time_zero_ns: float = 0.0
+    """how long after the first sample time zero lies"""
+    origin: Origin = field(default_factory=Origin)
+    force: Force = False
+
+    def run(self) -> None:
+        """Import."""
+        from lgprjax.formats import import_cmu
+
+        with working(f"importing {self.sequence_dir}"):
+            import_cmu(
+                self.sequence_dir,
+                time_window_ns=self.time_window_ns,
+                time_zero_ns=self.time_zero_ns,
+                place=self.origin.place(),
+                output=self.output,
+                force=self.force,
+            )
+        finished(self.output)
+
+
+@dataclass(frozen=True)
+class ImportGprMax:
+    """gprMax results: the .out (version 3) or .h5 (version 4) files of one B-scan, or one merged file.
+
+    Single-trace files are taken in the order of their numbers, each midway between its source and receiver. A merged
+    file has lost its positions: say --step-m. The simulation's picoseconds are resampled without aliases.
+    """
+
+    files: Annotated[Positional[tuple[Path, ...]], arg(metavar="FILE...", help="the traces, or one merged B-scan")]
+    output: Output
+    component: str | None = None
+    """field component, such as Ez; without it Ez, or the only one in the files"""
+    receiver: int = 1
+    """number of the receiver"""
+    sample_interval_ns: float | None = None
+    """interval to resample to; without it the coarsest that keeps 99.99 % of the energy"""
+    time_zero_ns: float = 0.0
+    """time of the simulation that counts as zero, such as the delay of the source's pulse"""
+    start_m: float = 0.0
+    """position of the first trace of a merged file, from the site's origin"""
+    step_m: float | None = None
+    """distance between the traces of a merged file"""
+    origin: Origin = field(default_factory=Origin)
+    force: Force = False
+
+    def run(self) -> None:
+        """Import."""
+        require_files(self.files, "traces")
+        from lgprjax.formats import import_gprmax
+
+        with working(f"importing {len(self.files)} file(s)"):
+            import_gprmax(
+                self.files,
+                component=self.component,
+                receiver=self.receiver,
+                sample_interval_ns=self.sample_interval_ns,
+                time_zero_ns=self.time_zero_ns,
+                start_m=self.start_m,
+                step_m=self.step_m,
+                place=self.origin.place(),
+                output=self.output,
+                force=self.force,
+            )
+        finished(self.output)
+
+
+# ``lgprjax import mcap``: a recording of ROS 2 messages to a drive log.
+
+
+@dataclass(frozen=True)
+class ImportMcap:
+    """A recording of ROS 2 messages, .mcap (needs: pip install lgprjax[log]).
+
+    Scans come from messages RadarScan, positions from NavSatFix, headings from an Imu with orientation or a
+    PoseWithCovarianceStamped, travel from Odometry; docs/transfer.md has their definitions. Topics are found by their
+    types. A file that a killed recorder left is read as far as it is whole.
+    """
+
+    file: Annotated[Positional[Path], arg(metavar="FILE", help="the recording")]
+    output: Output
+    radar_topic: str | None = None
+    """topic of the scans, where there are several"""
+    array_topic: str | None = None
+    """topic of the message RadarArray, where there are several"""
+    gnss_topic: str | None = None
+    """topic of the positions, where there are several"""
+    heading_topic: str | None = None
+    """topic of the headings; one of Odometry only counts where it is named, and must count from east"""
+    odometry_topic: str | None = None
+    """topic of the odometer, where there are several"""
+    channel_pitch_m: float | None = None
+    """distance between neighbouring channels of an array that no message describes"""
+    array_x_m: float | None = None
+    """how far ahead of the rear axle that array is"""
+    array_height_m: float | None = None
+    """how high above the ground that array is"""
+    gnss_m: Annotated[tuple[float, float, float], arg(metavar="X Y Z")] = (0.0, 0.0, 0.0)
+    """place of the GNSS antenna: ahead and to the left of the rear axle, above the ground"""
+    gnss_sigma_m: float | None = None
+    """sigma of positions whose messages do not tell their covariance"""
+    heading_sigma_deg: float | None = None
+    """sigma of headings whose messages do not tell their covariance"""
+    force: Force = False
+
+    def run(self) -> None:
+        """Import."""
+        for name in ("channel_pitch_m", "gnss_sigma_m", "heading_sigma_deg"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < 1e3:
+                raise UsageError(f"--{name.replace('_', '-')}: expected a number above zero, found {value:g}")
+        from lgprjax.formats import McapAssumed, McapTopics, UniformArray, import_mcap
+
+        told = (self.channel_pitch_m, self.array_x_m, self.array_height_m)
+        array = UniformArray(self.channel_pitch_m, self.array_x_m or 0.0, self.array_height_m or 0.0)
+        with working(f"importing {self.file}"):
+            imported = import_mcap(
+                self.file,
+                topics=McapTopics(
+                    self.radar_topic, self.array_topic, self.gnss_topic, self.heading_topic, self.odometry_topic
+                ),
+                array=None if told == (None, None, None) else array,
+                assumed=McapAssumed(self.gnss_m, self.gnss_sigma_m, self.heading_sigma_deg),
+                output=self.output,
+                force=self.force,
+            )
+        finished(self.output)
+        for note in imported.notes:
+            console.print(note, highlight=False, markup=False, soft_wrap=True)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,21 +9,17 @@ from typing import Annotated
 import tyro
 
 from lgprjax.cli.bench import Bench
-from lgprjax.cli.check import Check
 from lgprjax.cli.cover import CoverVerb
-from lgprjax.cli.demo import Demo
+from lgprjax.cli.data import Check, Export, Recover
 from lgprjax.cli.doctor import Doctor
-from lgprjax.cli.errors import run_verb
-from lgprjax.cli.export import Export
 from lgprjax.cli.imports import ImportVerb, recognised
 from lgprjax.cli.maps import MapVerb
-from lgprjax.cli.recover import Recover
 from lgprjax.cli.register import Register
 from lgprjax.cli.route import RouteVerb
 from lgprjax.cli.run import Run
-from lgprjax.cli.simulate import Simulate
-from lgprjax.cli.thresholds import ThresholdsVerb
-from lgprjax.cli.tune import Tune
+from lgprjax.cli.simulate import Demo, Simulate
+from lgprjax.cli.terminal import run_verb
+from lgprjax.cli.tune import ThresholdsVerb, Tune
 from lgprjax.cli.view import View
 
 _DESCRIPTION = """Localizing ground-penetrating radar: locate a vehicle by the ground beneath it.

@@ -1,6 +1,7 @@
 """``lgprjax map``: build a subsurface database, tell what one covers and whether it can be trusted."""
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -10,17 +11,315 @@ from rich.table import Table
 from rich.text import Text
 from tyro.conf import Positional, arg
 
-from lgprjax.cli.errors import UsageError, require_files
-from lgprjax.cli.map_info import MapInfo, print_info
-from lgprjax.cli.map_pictures import draw_map_passes
-from lgprjax.cli.map_refine import MapRefine
-from lgprjax.cli.map_update import MapUpdate
-from lgprjax.cli.progress import console, progress_bar
+from lgprjax.cli.terminal import UsageError, console, progress_bar, require_files
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
-    from lgprjax.archive import MapHealth, RouteInterval
     from lgprjax.formats import MapFile
+    from lgprjax.mapping import DriveUpdate, MapHealth, RouteInterval, UpdatedMap
+    from lgprjax.mapping.align import AgreedBaselines
+    from lgprjax.registration import Chance
+
+
+# ``lgprjax map info``: what a subsurface database covers, how it was made, and what it takes on disk.
+
+_RISK = 1e-4
+UNSTATED = "sigma not stated (fixes are relative to the map's labels)"
+
+
+@dataclass(frozen=True)
+class MapInfo:
+    """What a subsurface database covers and how it was made."""
+
+    file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
+    json: Path | None = None
+    """also write the figures to this file"""
+    force: bool = False
+    """replace that file if it exists"""
+
+    def run(self) -> None:
+        """Print."""
+        from lgprjax.cli.figures import write_figures
+
+        figures = print_info(self.file)
+        if self.json is not None:
+            write_figures(self.json, figures, force=self.force)
+
+
+def _labels(sigma_m: tuple[float, ...]) -> str:
+    """What the navigation of each baseline said of its positions."""
+    if not any(sigma_m):
+        return UNSTATED
+    told = ", ".join("not stated" if sigma == 0.0 else f"{100.0 * sigma:.1f} cm" for sigma in sigma_m)
+    return f"sigma {told}"
+
+
+def _chance(chance: "Chance | None", wavelength_m: float) -> dict[str, object]:
+    """What other ground reaches on this map, and what a match must."""
+    from lgprjax.registration import ladder_of, least_z
+
+    if chance is None:
+        return {"noise_floor": "not in this file: measured at the first registration", "least_score": None}
+    pooled = "pooled over many grounds: this map is too small to tell its own"
+    least = [round(float(score), 2) for score in least_z(_RISK, chance)]
+    return {
+        "noise_floor": f"{'own' if chance.own else pooled}; {chance.pieces} independent pieces",
+        "least_score": {
+            f"{window_m:g} m": score for window_m, score in zip(ladder_of(wavelength_m), least, strict=True)
+        },
+    }
+
+
+def print_info(path: Path) -> dict[str, object]:
+    """Print the table of a database; the same figures by name."""
+    from lgprjax.batch import map_assumed_in_words
+    from lgprjax.formats import MapFile
+
+    with MapFile.open(path) as source:
+        description, pose = source.description, source.pose
+        step = np.hypot(*np.diff(pose[:, :2], axis=0).T)
+        along = float(step[np.diff(source.drive) == 0].sum())
+        low, high = pose[:, :2].min(axis=0), pose[:, :2].max(axis=0)
+        figures: dict[str, object] = {
+            "name": description.name,
+            "anchor_latitude_deg": description.frame.latitude_deg,
+            "anchor_longitude_deg": description.frame.longitude_deg,
+            "baselines": int(source.drive.max()) + 1,
+            "stations": len(pose),
+            "length_m": round(along, 2),
+            "east_m": [round(float(low[0]), 2), round(float(high[0]), 2)],
+            "north_m": [round(float(low[1]), 2), round(float(high[1]), 2)],
+            "channels": description.channels,
+            "channel_pitch_m": round(description.channel_pitch_m, 4),
+            "station_step_m": round(description.settings.step_m, 4),
+            "band_mhz": [description.settings.band_low_hz / 1e6, description.settings.band_high_hz / 1e6],
+            "travel_time_ns": round(len(description.gain) * description.settings.sample_interval_ns, 2),
+            "track_filter_m": round(description.settings.track_filter_m, 2),
+            "tiles": len(source.tile_frame),
+            "labels": _labels(description.label_sigma_m),
+            **_chance(source.chance, description.settings.wavelength_m),
+            "weight": [round(weight, 3) for weight in description.weight],
+            "retired": int(np.count_nonzero(source.retired)),
+            "precision": source.precision.name,
+            "bytes_per_m": round(path.stat().st_size / max(along, 1e-9)),
+            **{f"bytes_per_m_{part}": round(size / max(along, 1e-9)) for part, size in source.stored_bytes().items()},
+            "steps": source.provenance.get("steps"),
+        }
+        assumed = map_assumed_in_words(source)
+    table = Table("quantity", "value", title=f"{path.name}")
+    for name, value in figures.items():
+        table.add_row(name, _told(value))
+    console.print(table)
+    if assumed is not None:
+        console.print(f"assumed: {assumed}", highlight=False, markup=False, soft_wrap=True)
+    return {**figures, "assumed": assumed}
+
+
+def _told(value: object) -> str:
+    if isinstance(value, dict):
+        scores = ", ".join(f"{window} {score:.2f}" for window, score in value.items())
+        return f"{scores} noise floors by window (risk {_RISK:g}, one search)"
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+# ``lgprjax map refine``: make the baselines of a map agree with each other.
+
+
+@dataclass(frozen=True)
+class MapRefine:
+    """Make the baselines of a map agree: each is registered on the others, its labels follow, a new map is written."""
+
+    file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
+    output: Annotated[Path, arg(aliases=["-o"], help="database to write, NEW.map.h5")]
+    json: Path | None = None
+    """also write the figures to this file"""
+    force: bool = False
+    """replace outputs that exist"""
+
+    def run(self) -> None:
+        """Refine."""
+        from lgprjax.cli.figures import write_figures
+        from lgprjax.formats import MapFile, locked_map
+        from lgprjax.mapping.align import plan_matches, refine_map
+
+        for path in [self.output, *([] if self.json is None else [self.json])]:
+            if path.exists() and not self.force:
+                raise InputError(path, "output", "a new file, or --force", "the file exists")
+        with locked_map(self.output), MapFile.open(self.file) as source:
+            plan = plan_matches(source)
+            with progress_bar("matching baselines", 2 * len(plan.pairs.station)) as progress:
+                agreed = refine_map(
+                    source, plan, self.output, force=self.force, progress=progress, stage=progress.stage
+                )
+            names = _names(source)
+        _print(self.output, agreed, names)
+        if self.json is not None:
+            write_figures(self.json, _figures(agreed), force=self.force)
+
+
+def _print(path: Path, agreed: "AgreedBaselines", names: list[str]) -> None:
+    table = Table("baseline", "matches", "believed", "moved RMS m", "largest m", "label sigma m", "after m")
+    for change in agreed.baselines:
+        row = [str(change.drive), str(change.matches), str(change.kept)]
+        row += [f"{change.moved_rms_m:.3f}", f"{change.moved_max_m:.3f}", f"{change.sigma_before_m:.3f}"]
+        table.add_row(*row, f"{change.sigma_after_m:.3f}" if change.kept else "as it was")
+    console.print(table)
+    share = 100.0 * (1.0 - agreed.kept / agreed.used) if agreed.used else 0.0
+    before, after = agreed.before, agreed.after
+    lines = [
+        f"{agreed.tried} places tried on earlier passes, {agreed.matched} matched, {agreed.used} of them not alone, "
+        f"{share:.1f} % of those not believed; their sigmas times {agreed.noise_scale:.2f}",
+        f"matches lay {before.rms_m:.3f} m RMS (median of all {before.median_m:.3f}) from their labels, and lie "
+        f"{after.rms_m:.3f} m ({after.median_m:.3f}) from the corrected ones",
+    ]
+    if not agreed.kept:
+        lines = [lines[0], "nothing ties the baselines of this map to each other: all labels stay as they are"]
+    for change in agreed.baselines if agreed.kept else ():
+        if not change.kept:
+            lines.append(
+                f"baseline {change.drive} ({names[change.drive]}) is tied to nothing: its labels stay as they are"
+            )
+    for line in [*lines, f"wrote {path}"]:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def _figures(agreed: "AgreedBaselines") -> dict[str, object]:
+    """Plain values, for JSON; what is not a number is null."""
+    changes = [
+        {**change._asdict(), "sigma_after_m": change.sigma_after_m if change.kept else None}
+        for change in agreed.baselines
+    ]
+    return {
+        "tried": agreed.tried,
+        "matched": agreed.matched,
+        "used": agreed.used,
+        "believed": agreed.kept,
+        "noise_scale": agreed.noise_scale,
+        "before": agreed.before._asdict() if agreed.kept else None,
+        "after": agreed.after._asdict() if agreed.kept else None,
+        "baselines": changes,
+    }
+
+
+def _names(source: "MapFile") -> list[str]:
+    """File names of the drives that a map was built from, as far as it says."""
+    inputs = source.provenance.get("inputs")
+    rows = inputs if isinstance(inputs, list) else []
+    said = [str(row["file"]) for row in rows if isinstance(row, dict) and "file" in row]
+    drives = len(source.description.label_sigma_m)
+    return said if len(said) == drives else ["not named by the map"] * drives
+
+
+# ``lgprjax map update``: bring a map up to date by new drives.
+
+
+@dataclass(frozen=True)
+class MapUpdate:
+    """Add drives to a map as baselines, weigh all of them, and retire ground that two newer drives find changed."""
+
+    file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5; without -o it is replaced")]
+    drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs over its ground")]
+    output: Annotated[Path | None, arg(aliases=["-o"], help="write a new database, NEW.map.h5")] = None
+    json: Path | None = None
+    """also write the figures to this file"""
+    force: bool = False
+    """replace outputs that exist"""
+
+    def run(self) -> None:
+        """Update."""
+        from lgprjax.cli.figures import write_figures
+        from lgprjax.formats import DriveLog
+        from lgprjax.mapping import UPDATE_PASSES, update_map
+
+        require_files(self.drives, "drives")
+        if self.json is not None and self.json.exists() and not self.force:
+            raise InputError(self.json, "output", "a new file, or --force", "the file exists")
+        scans = 0
+        for path in self.drives:
+            with DriveLog.open(path) as log:
+                scans += log.scans
+        with progress_bar("updating map", UPDATE_PASSES * scans) as progress:
+            update = update_map(
+                self.file, self.drives, self.output, force=self.force, progress=progress, stage=progress.stage
+            )
+        _print_update(update)
+        _say(f"wrote {self.output or self.file}")
+        if self.json is not None:
+            write_figures(self.json, update.as_json(), force=self.force)
+
+
+def _print_update(update: "UpdatedMap") -> None:
+    for drive in update.drives:
+        _say(
+            f"{drive.name}: baseline {drive.baseline}, {drive.length_m:.0f} m, {drive.over_map_m:.0f} m of them over "
+            f"the map's ground, {100 * drive.ok_share:.0f} % of the scans there ok"
+        )
+        _say(
+            f"  labels moved by {drive.moved_rms_m:.3f} m RMS, {drive.moved_max_m:.3f} m at most, over "
+            f"{drive.corrected_m:.0f} m; {drive.length_m - drive.corrected_m:.0f} m stay as given"
+        )
+        if drive.held_back:
+            _say(
+                f"  {drive.held_back} of {drive.stations} stations are held back: not located, or against the map "
+                "until a second drive agrees with them"
+            )
+        for line in _changes(drive, update.files):
+            _say(f"  {line}")
+        if drive.retired or drive.released:
+            _say(f"  {drive.retired} stations retired, {drive.released} that were held back are in force")
+    table = Table("baseline", "weight", "reasons", title="weights of the baselines")
+    for number, (file, weight) in enumerate(zip(update.files, update.weights, strict=True)):
+        table.add_row(f"{number} {file}", f"{weight.weight:.2f}", weight.reasons)
+    console.print(table)
+
+
+def _changes(drive: "DriveUpdate", files: tuple[str, ...]) -> list[str]:
+    lines = []
+    for each in drive.changed:
+        where = f"{each.start_m:.1f} to {each.stop_m:.1f} m ({each.start[0]:.7f}, {each.start[1]:.7f})"
+        against = f"against {files[each.baseline]} (matches {each.strength:.2f}, usual {each.usual:.2f})"
+        if each.agreeing:
+            with_it = ", ".join(files[number] for number in each.agreeing)
+            lines.append(f"{where}: changed, {against}; {with_it} agrees: the old ground is retired there")
+        else:
+            lines.append(f"{where}: changed or disturbed, {against}; nothing is retired")
+    return lines
+
+
+def _say(text: str) -> None:
+    console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+# The picture of a verified map's ground: passes and age, cell by cell.
+
+
+def draw_map_passes(source: "MapFile", health: "MapHealth", path: Path, *, force: bool) -> None:
+    """Draw how often and how long before today a verified map's ground was passed.
+
+    Raises:
+        InputError: a part of the map is damaged; the file exists (without ``force``) or cannot be written.
+    """
+    from lgprjax.mapping.survey import ground_passes, half_like_m
+    from lgprjax.report import MapPasses, draw_passes
+
+    ground = ground_passes(source, health.survey.route)
+    now = datetime.now(UTC)
+    today = (now - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds() / 86400.0
+    draw_passes(
+        MapPasses(
+            name=health.name,
+            at_m=ground.at_m,
+            across_m=ground.across_m,
+            passes=ground.passes,
+            age_days=today - ground.newest_day,
+            hole=ground.hole,
+            half_like_m=half_like_m(health.survey, source.description.channel_pitch_m),
+            today=f"{now:%Y-%m-%d}",
+        ),
+        path,
+        force=force,
+    )
+
 
 _VERDICT_STYLE = {"good": "green", "look": "yellow", "bad": "bold red"}
 _INTERVALS = 4  # named in the table; all of them are in the JSON
@@ -47,8 +346,8 @@ class MapBuild:
 
     def run(self) -> None:
         """Build."""
-        from lgprjax.archive import build_map
         from lgprjax.formats import MAP_PRECISIONS, DriveLog, locked_map
+        from lgprjax.mapping import build_map
 
         require_files(self.drives, "drives")
         if self.centre_frequency_mhz is not None and not 1.0 <= self.centre_frequency_mhz <= 1e4:
@@ -90,9 +389,9 @@ class MapVerify:
 
     def run(self) -> None:
         """Measure and judge; findings are findings, not failures."""
-        from lgprjax.archive import places_of, verify_map
         from lgprjax.cli.figures import write_figures
         from lgprjax.formats import MapFile
+        from lgprjax.mapping import places_of, verify_map
 
         outputs = [] if self.output is None else [self.output / name for name in _OUTPUTS]
         for path in [*outputs, *([] if self.json is None else [self.json])]:
@@ -141,9 +440,9 @@ def _where(intervals: "tuple[RouteInterval, ...]") -> str:
 
 
 def _write_health(folder: Path, source: "MapFile", health: "MapHealth", force: bool) -> None:
-    from lgprjax.archive.map_findings import WEAK_REPEATS, WIDE_OFFSET_M
     from lgprjax.cli.figures import write_figures
     from lgprjax.formats import atomic_output
+    from lgprjax.mapping.verify import WEAK_REPEATS, WIDE_OFFSET_M
     from lgprjax.registration import MIN_OVERLAP
     from lgprjax.report import BaselineStrip, MapStrips, draw_map_strips
 

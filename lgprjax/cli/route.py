@@ -8,8 +8,7 @@ import tyro
 from rich.table import Table
 from tyro.conf import Positional, arg
 
-from lgprjax.cli.errors import UsageError
-from lgprjax.cli.progress import console
+from lgprjax.cli.terminal import UsageError, console
 from lgprjax.errors import InputError
 
 _TEN_MPH = 4.47
@@ -28,9 +27,9 @@ class RouteList:
 
     def run(self) -> None:
         """Print."""
-        from lgprjax.archive import routes_of
         from lgprjax.cli.figures import write_figures
         from lgprjax.formats import MapFile
+        from lgprjax.mapping import routes_of
 
         with MapFile.open(self.file) as source:
             routes = routes_of(source)
@@ -88,9 +87,9 @@ class RouteSelect:
 
     def run(self) -> None:
         """Choose."""
-        from lgprjax.archive import lay_route, route_named
         from lgprjax.files import file_hash
         from lgprjax.formats import MapFile, RouteFile, write_route
+        from lgprjax.mapping import lay_route, route_named
 
         if not self.output.name.endswith(_SUFFIX):
             raise UsageError(f"--output: expected a file name that ends in {_SUFFIX}, found {self.output.name!r}")
@@ -130,8 +129,8 @@ class RouteExport:
 
     def run(self) -> None:
         """Export."""
-        from lgprjax.archive import lay_route, require_map, route_named, waypoints_of
         from lgprjax.formats import MapFile, RouteFile, read_route, write_waypoints
+        from lgprjax.mapping import lay_route, require_map, route_named, waypoints_of
 
         chosen = None
         if self.file.name.endswith(_SUFFIX):

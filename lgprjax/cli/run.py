@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 from rich.table import Table
 from tyro.conf import Positional, arg
 
-from lgprjax.cli.errors import BAD_INPUT, UsageError
-from lgprjax.cli.progress import console, working
+from lgprjax.cli.terminal import BAD_INPUT, UsageError, console, working
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -87,13 +86,10 @@ class Run:
 
     def _simulate(self, config: "RuntimeConfig") -> int:
         from lgprjax.cli.figures import write_figures
-        from lgprjax.cli.run_records import read_records, timing_of
-        from lgprjax.cli.simulated_course import course_spec, devices, prepare_course
-        from lgprjax.cli.simulated_field import field_figures, field_spec, prepare_field
-        from lgprjax.cli.simulated_run import figures_of, print_figures
+        from lgprjax.cli.simulated import course_spec, devices, field_figures, field_spec, prepare_course, prepare_field
+        from lgprjax.cli.simulated_run import figures_of, print_figures, read_records, timing_of
         from lgprjax.report import draw_timing
-        from lgprjax.runtime.config import PortsTable, PortTable, read_config
-        from lgprjax.runtime.config_text import write_config
+        from lgprjax.runtime.config import PortsTable, PortTable, read_config, write_config
 
         table = config.simulation
         if table is None:
@@ -158,7 +154,7 @@ def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None) -> int:
 
 def _write_drive(config: "RuntimeConfig", folder: Path) -> None:
     """The run as a drive log beside its recording; what cannot be made is said, the recording stays."""
-    from lgprjax.archive import write_run_drive
+    from lgprjax.batch import write_run_drive
     from lgprjax.formats import MapFile, read_vehicle
 
     output = folder / f"{config.name}.drive.h5"

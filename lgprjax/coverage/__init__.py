@@ -1,20 +1,45 @@
 """Coverage of a field: its lines and turns, the route along them, guidance on it, and the area truly worked."""
 
-from lgprjax.coverage.carrot import CarrotPlan, CarrotSettings, CarrotState, default_carrot, init_carrot, step_carrot
-from lgprjax.coverage.cells import CellGrid, cell_centres, grid_of_field, inside_cells
-from lgprjax.coverage.cover_route import CoverRoute, RoutePoint, lay_pattern, route_point
-from lgprjax.coverage.end_arcs import Pose, Turn, turn_points
-from lgprjax.coverage.field import Field, field_of_corners, field_of_polygon
-from lgprjax.coverage.gaps import plan_gaps
-from lgprjax.coverage.layers import LEVELS, CellState, cell_states, processed_area_m2
-from lgprjax.coverage.line_order import line_order, middle_line
-from lgprjax.coverage.lines import Line, line_count, lines_heading_rad
-from lgprjax.coverage.pattern import Pattern, plan_pattern
-from lgprjax.coverage.pattern_settings import PatternSettings
-from lgprjax.coverage.route_foot import RouteFoot, route_foot
-from lgprjax.coverage.route_pursuit import pursuit_along
-from lgprjax.coverage.tool import Tool, ToolMoment, tool_centre
-from lgprjax.coverage.worked import WorkedState, init_worked, run_worked, step_worked
+from lgprjax.coverage.field import (
+    CellGrid,
+    Field,
+    Tool,
+    ToolMoment,
+    cell_centres,
+    field_of_corners,
+    field_of_polygon,
+    grid_of_field,
+    inside_cells,
+    tool_centre,
+)
+from lgprjax.coverage.guidance import (
+    CarrotPlan,
+    CarrotSettings,
+    CarrotState,
+    CoverRoute,
+    RouteFoot,
+    RoutePoint,
+    default_carrot,
+    init_carrot,
+    lay_pattern,
+    pursuit_along,
+    route_foot,
+    route_point,
+    step_carrot,
+)
+from lgprjax.coverage.pattern import Pattern, plan_gaps, plan_pattern
+from lgprjax.coverage.swaths import Line, PatternSettings, line_count, line_order, lines_heading_rad, middle_line
+from lgprjax.coverage.turns import Pose, Turn, turn_points
+from lgprjax.coverage.worked import (
+    LEVELS,
+    CellState,
+    WorkedState,
+    cell_states,
+    init_worked,
+    processed_area_m2,
+    run_worked,
+    step_worked,
+)
 
 __all__ = [
     "LEVELS",

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lgprjax.coverage.cells import CellGrid
-from lgprjax.coverage.tool import Tool
+from lgprjax.coverage.field import CellGrid, Tool
 
 _NOISE_SIGMAS = 3.0
 """By which the share of a place's draws must exceed the level."""

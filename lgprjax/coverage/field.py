@@ -1,12 +1,83 @@
 """A field to be covered: a simple polygon in local metres, from three driven corners or from all of them."""
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Bool, Float
 
-from lgprjax.coverage.polygon import first_crossing, signed_area_m2
 from lgprjax.errors import InputError
+
+# A simple polygon on the host: its area, what lies inside, how far a place is from its sides, where sides meet.
+
+Corners = Float[np.ndarray, "corner 2"]
+
+
+def signed_area_m2(corners_m: Corners) -> float:
+    """Area, positive where the corners run counter-clockwise."""
+    shifted = corners_m - corners_m[0]
+    return float(0.5 * np.sum(_cross(shifted, np.roll(shifted, -1, axis=0))))
+
+
+def contains(corners_m: Corners, places_m: Float[np.ndarray, "place 2"]) -> Bool[np.ndarray, " place"]:
+    """Whether places lie inside: an odd number of sides to their right. On a side itself it may be either."""
+    inside = np.zeros(len(places_m), bool)
+    x, y = places_m.T
+    for low, high in zip(corners_m, np.roll(corners_m, -1, axis=0), strict=True):
+        spans = (low[1] > y) != (high[1] > y)
+        if spans.any():
+            inside[spans] ^= x[spans] < low[0] + (y[spans] - low[1]) * (high[0] - low[0]) / (high[1] - low[1])
+    return inside
+
+
+def side_distance_m(corners_m: Corners, places_m: Float[np.ndarray, "place 2"]) -> Float[np.ndarray, " place"]:
+    """Distance of places from the nearest side, inside or outside."""
+    nearest = np.full(len(places_m), np.inf)
+    for start, end in zip(corners_m, np.roll(corners_m, -1, axis=0), strict=True):
+        side, away = end - start, places_m - start
+        share = np.clip(away @ side / (side @ side), 0.0, 1.0)
+        nearest = np.minimum(nearest, np.hypot(*(away - share[:, None] * side).T))
+    return nearest
+
+
+def outside_m(corners_m: Corners, places_m: Float[np.ndarray, "place 2"]) -> Float[np.ndarray, " place"]:
+    """How far beyond the sides places lie; 0 inside."""
+    return np.where(contains(corners_m, places_m), 0.0, side_distance_m(corners_m, places_m))
+
+
+def first_crossing(corners_m: Corners) -> tuple[int, int] | None:
+    """Numbers of two sides, from 0, that cross, touch or fold back on each other; ``None`` where the polygon is simple.
+
+    Side k leads from corner k to the next one.
+    """
+    starts = corners_m - corners_m[0]
+    ends = np.roll(starts, -1, axis=0)
+    sides = ends - starts
+    following = np.roll(sides, -1, axis=0)
+    folded = (_cross(sides, following) == 0.0) & (np.sum(sides * following, axis=1) < 0.0)
+    count = len(starts)
+    if folded.any():
+        side = int(np.argmax(folded))
+        return side, (side + 1) % count
+    low, high = np.minimum(starts, ends), np.maximum(starts, ends)
+    for side in range(count - 2):
+        others = slice(side + 2, count - 1 if side == 0 else count)
+        near = np.all((low[others] <= high[side]) & (high[others] >= low[side]), axis=1)
+        apart = _cross(sides[side], starts[others] - starts[side]) * _cross(sides[side], ends[others] - starts[side])
+        across = _cross(sides[others], starts[side] - starts[others]) * _cross(
+            sides[others], ends[side] - starts[others]
+        )
+        meets = near & (apart <= 0.0) & (across <= 0.0)
+        if meets.any():
+            return side, side + 2 + int(np.argmax(meets))
+    return None
+
+
+def _cross(a: Float[np.ndarray, "..."], b: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
 
 SQUARED_M = 0.3
 """How far the third driven corner may be moved to make a rectangle of three corners: what driving to them leaves."""
@@ -135,3 +206,123 @@ def _thickness_m(corners: Float[np.ndarray, "corner 2"]) -> float:
     shifted = corners - corners.mean(axis=0)
     across = np.linalg.svd(shifted, full_matrices=False)[2][1]
     return float(np.ptp(shifted @ across))
+
+
+# The tool that works the ground: its rectangle, and what is told of it ten times a second.
+
+
+class Tool(NamedTuple):
+    """The rectangle in which the tool works, in body axes. Plain numbers: they decide sizes of programs.
+
+    Attributes:
+        width_m: across the vehicle.
+        length_m: along it. Where the tool moves farther than this between two moments, nothing is claimed between.
+        ahead_m, left_m: of its centre from the vehicle's reference point.
+    """
+
+    width_m: float
+    length_m: float
+    ahead_m: float
+    left_m: float
+
+
+class ToolMoment(NamedTuple):
+    """The vehicle's estimated pose and its tool at one moment; ten of them a second, or a leading axis of time.
+
+    Attributes:
+        x_m, y_m: reference point, east and north.
+        yaw_rad: of the body, counter-clockwise from east.
+        covariance: of x, y (m) and yaw (rad).
+        on: told to work, measured to work, at the right depth. A moment that is missing is one that is not on.
+    """
+
+    x_m: Float[Array, "..."]
+    y_m: Float[Array, "..."]
+    yaw_rad: Float[Array, "..."]
+    covariance: Float[Array, "... 3 3"]
+    on: Bool[Array, "..."]
+
+
+def tool_centre(
+    tool: Tool, x_m: Float[Array, "..."], y_m: Float[Array, "..."], yaw_rad: Float[Array, "..."]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """East and north of the tool's centre at poses of the reference point."""
+    cos, sin = jnp.cos(yaw_rad), jnp.sin(yaw_rad)
+    return x_m + cos * tool.ahead_m - sin * tool.left_m, y_m + sin * tool.ahead_m + cos * tool.left_m
+
+
+# The cells that a field's record is made of: squares in rows from south to north.
+
+MOST_CELLS = 100_000_000
+"""Of one grid: 400 MB of probabilities, 25 hectares at 5 cm."""
+
+
+@dataclass(frozen=True)
+class CellGrid:
+    """Square cells over a rectangle; arrays over them are [north, east], row 0 southmost.
+
+    Attributes:
+        east_m, north_m: south-west corner, from the plan's anchor.
+        cell_m: side of a cell.
+        north_cells, east_cells: rows and columns.
+    """
+
+    east_m: float
+    north_m: float
+    cell_m: float
+    north_cells: int
+    east_cells: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Of arrays over the cells: rows, columns."""
+        return self.north_cells, self.east_cells
+
+    @property
+    def cell_m2(self) -> float:
+        """Area of a cell."""
+        return self.cell_m**2
+
+
+def grid_of_field(field: Field, cell_m: float, margin_m: float) -> CellGrid:
+    """The grid that holds a field with a margin around it.
+
+    Its corner lies on whole multiples of the cell, so that the cells of two fields with one anchor coincide.
+
+    Args:
+        field: to be held.
+        cell_m: side of a cell.
+        margin_m: at least so much beyond the perimeter; not negative.
+
+    Raises:
+        InputError: a cell or margin that is no such length, or more than ``MOST_CELLS`` cells.
+    """
+    if not (math.isfinite(cell_m) and cell_m > 0.0):
+        raise InputError("grid", "cell", "a length above zero", f"{cell_m} m")
+    if not (math.isfinite(margin_m) and margin_m >= 0.0):
+        raise InputError("grid", "margin", "a length, zero or more", f"{margin_m} m")
+    low = np.floor((field.perimeter_m.min(axis=0) - margin_m) / cell_m)
+    high = np.ceil((field.perimeter_m.max(axis=0) + margin_m) / cell_m)
+    east_cells, north_cells = (int(cells) for cells in high - low)
+    if east_cells * north_cells > MOST_CELLS:
+        expected = f"at most {MOST_CELLS / 1e6:g} million cells of {cell_m:g} m: take larger ones"
+        raise InputError("grid", "cells", expected, f"{east_cells * north_cells / 1e6:.0f} million")
+    return CellGrid(float(low[0] * cell_m), float(low[1] * cell_m), cell_m, north_cells, east_cells)
+
+
+def cell_centres(grid: CellGrid) -> tuple[Float[np.ndarray, " east"], Float[np.ndarray, " north"]]:
+    """East of the columns' and north of the rows' centres, metres."""
+    east = grid.east_m + grid.cell_m * (np.arange(grid.east_cells) + 0.5)
+    north = grid.north_m + grid.cell_m * (np.arange(grid.north_cells) + 0.5)
+    return east, north
+
+
+def inside_cells(field: Field, grid: CellGrid) -> Bool[np.ndarray, "north east"]:
+    """Cells whose centre lies inside a field."""
+    east, north = cell_centres(grid)
+    inside = np.zeros(grid.shape, bool)
+    columns = np.full(grid.east_cells, 0.0)
+    # Row by row: all places of a hectare at once would be hundreds of megabytes.
+    for row, y in enumerate(north):
+        inside[row] = contains(field.perimeter_m, np.stack([east, columns + y], axis=1))
+    return inside

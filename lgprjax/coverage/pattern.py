@@ -1,25 +1,175 @@
 """A coverage pattern: parallel lines over a field in driving order, and the turns that join them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from lgprjax.coverage.end_arcs import Pieces, Turn
-from lgprjax.coverage.field import Field
-from lgprjax.coverage.line_order import Piece, chains, line_order, lines_for_zamboni
-from lgprjax.coverage.lines import Line, Strips, lay_strips, lines_heading_rad, to_lines
-from lgprjax.coverage.passes import Pass, reference_pose, string_passes
-from lgprjax.coverage.pattern_settings import PatternSettings
-from lgprjax.coverage.polygon import outside_m
-from lgprjax.coverage.turn_search import TurnFound, find_turn
+from lgprjax.coverage.field import CellGrid, Field, cell_centres, contains, inside_cells, outside_m, side_distance_m
+from lgprjax.coverage.swaths import (
+    MOST_LINES,
+    Line,
+    Pass,
+    PatternSettings,
+    Piece,
+    Strips,
+    chains,
+    join_spans,
+    lay_strips,
+    line_order,
+    lines_for_zamboni,
+    lines_heading_rad,
+    lines_of_pass,
+    reference_pose,
+    string_passes,
+    strip_pieces,
+    to_lines,
+    trimmed,
+)
+from lgprjax.coverage.turns import Pieces, Pose, Turn, dubins_ways, one_handed_turn, poses_along
 from lgprjax.errors import InputError
+
+# The turn from one drive to the next that keeps within the turning room and off ground not yet worked.
+#
+# The tool is past the field's edge before a turn begins, and the vehicle straight on the next line before its tool
+# reaches the edge again: straight pieces lead out and in, by the tool's distance at least. Where the field's side
+# slants they are longer, so that the arc passes outside of the ground between the two lines and beside them.
+
+_SAMPLE_M = 0.1
+_EDGE_M = 0.05
+"""So far inside the perimeter a turn may come: what drawing and driving to corners leaves."""
+_ROUNDING_M = 1e-6
+_RADII = 6
+
+
+class TurnFound(NamedTuple):
+    """What the search gave.
+
+    Attributes:
+        pieces: of the turn; ``None`` where none fits.
+        room_m: how far beyond the perimeter it goes; where none fits, what the turn that needs least would need,
+            infinite where every turn crosses ground not yet worked.
+    """
+
+    pieces: Pieces | None
+    room_m: float
+
+
+def find_turn(
+    corners_m: Float[np.ndarray, "corner 2"],
+    before: Pass,
+    after: Pass,
+    driven: Sequence[Pass],
+    beside: Sequence[Pass],
+    settings: PatternSettings,
+    *,
+    one_handed: bool,
+) -> TurnFound:
+    """The first turn that fits: gentle before tight, near the field before far from it.
+
+    Args:
+        corners_m: of the perimeter, in the lines' axes like all else.
+        before, after: from the end of the one to the start of the other.
+        driven: drives done, over whose worked ground a turn may lead.
+        beside: drives whose ends the turn passes: of the same part of the field.
+        settings: of the pattern.
+        one_handed: half turns to one hand only.
+    """
+    start = reference_pose(before, before.end_m, settings)
+    out_m = max(settings.tool_ahead_m, 0.0)
+    in_m = max(-settings.tool_ahead_m, 0.0)
+    least_m = math.inf
+    for pieces in _candidates(before, after, beside, settings, one_handed):
+        room_m = _room_m(corners_m, start, pieces, (out_m, in_m), driven, settings.tool_width_m)
+        if room_m <= settings.turning_room_m + _ROUNDING_M:
+            return TurnFound(trimmed(pieces), room_m)
+        least_m = min(least_m, room_m)
+    return TurnFound(None, least_m)
+
+
+def _candidates(
+    before: Pass, after: Pass, beside: Sequence[Pass], settings: PatternSettings, one_handed: bool
+) -> Iterator[Pieces]:
+    """Turns in the order in which they are wanted, each with its straight pieces out and in."""
+    radius_m, sign = settings.smallest_radius_m, before.sign
+    start = reference_pose(before, before.end_m, settings)
+    end = reference_pose(after, after.start_m, settings)
+    out_m, in_m = max(settings.tool_ahead_m, 0.0), max(-settings.tool_ahead_m, 0.0)
+    if before.forward == after.forward:
+        for more_m in () if one_handed else (0.0, radius_m, 2.0 * radius_m):
+            yield from _dubins(start, out_m + more_m, end, in_m + more_m, radius_m)
+        return
+    apart_m = sign * (end.y_m - start.y_m)
+    for level_m in _levels(before, after, beside, settings):
+        lead_out_m, lead_in_m = max(out_m, level_m - sign * start.x_m), max(in_m, level_m - sign * end.x_m)
+        if abs(apart_m) >= 2.0 * radius_m - _ROUNDING_M:
+            common_m = max(sign * start.x_m + lead_out_m, sign * end.x_m + lead_in_m)
+            leads_m = common_m - sign * start.x_m, common_m - sign * end.x_m
+            for each_m in np.linspace(0.5 * abs(apart_m), min(radius_m, 0.5 * abs(apart_m)), _RADII):
+                yield _led(leads_m[0], one_handed_turn(apart_m, float(each_m)), leads_m[1])
+        if not one_handed:
+            yield from _dubins(start, lead_out_m, end, lead_in_m, radius_m)
+
+
+def _levels(before: Pass, after: Pass, beside: Sequence[Pass], settings: PatternSettings) -> list[float]:
+    """How far out, towards the end of the drive before, arcs may begin: at the lines' own ends, beyond those of all
+    strips between them, and beyond those that a bulb touches."""
+    levels = [-math.inf]
+    low_m, high_m = sorted((before.across_m, after.across_m))
+    for reach_m in (0.0, 2.0 * settings.smallest_radius_m + abs(settings.tool_left_m)):
+        wide_m = reach_m + 0.5 * settings.tool_width_m
+        near = [each for each in (*beside, before, after) if low_m - wide_m <= each.across_m <= high_m + wide_m]
+        levels.append(max(before.sign * each.span_m[1 if before.forward else 0] for each in near))
+    return list(dict.fromkeys(levels))
+
+
+def _dubins(start: Pose, out_m: float, end: Pose, in_m: float, radius_m: float) -> Iterator[Pieces]:
+    for way in dubins_ways(_moved(start, out_m), _moved(end, -in_m), radius_m):
+        yield _led(out_m, way, in_m)
+
+
+def _led(out_m: float, arcs: Pieces, in_m: float) -> Pieces:
+    return np.concatenate([[[out_m, 0.0]], arcs, [[in_m, 0.0]]])
+
+
+def _moved(pose: Pose, ahead_m: float) -> Pose:
+    return Pose(pose.x_m + ahead_m * math.cos(pose.yaw_rad), pose.y_m + ahead_m * math.sin(pose.yaw_rad), pose.yaw_rad)
+
+
+def _room_m(
+    corners_m: Float[np.ndarray, "corner 2"],
+    start: Pose,
+    pieces: Pieces,
+    leads_m: tuple[float, float],
+    driven: Sequence[Pass],
+    tool_width_m: float,
+) -> float:
+    """How far beyond the perimeter a turn goes; infinite where it crosses ground not yet worked.
+
+    The leads that the tool's place asks for lie in the lines' own strips and are allowed to.
+    """
+    length_m = float(pieces[:, 0].sum())
+    arc_m = np.linspace(0.0, length_m, math.ceil(length_m / _SAMPLE_M) + 2)
+    places = poses_along(start, pieces, arc_m)[:, :2]
+    inside, away_m = contains(corners_m, places), side_distance_m(corners_m, places)
+    within = inside & (away_m > _EDGE_M) & (arc_m > leads_m[0]) & (arc_m < length_m - leads_m[1])
+    for drive in driven:
+        if not within.any():
+            break
+        x, y = places.T
+        beside = np.abs(y - drive.across_m) <= 0.5 * tool_width_m + _EDGE_M
+        for low_m, high_m in drive.worked_m:
+            within &= ~(beside & (x >= low_m) & (x <= high_m))
+    if within.any():
+        return math.inf
+    return float(np.max(away_m[~inside], initial=0.0))
+
 
 LONGEST_M = 30_000.0
 """Longest way: float32 arc lengths still resolve 2 mm at its end."""
-_ROUNDING_M = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,3 +368,130 @@ def _refusal(found: TurnFound, before: Pass, after: Pass, settings: PatternSetti
 def _no_room(name: str, place: str, needed_m: float, settings: PatternSettings) -> InputError:
     expected = f"at least {math.ceil(100.0 * needed_m - 1e-4) / 100.0:.2f} m of turning room"
     return InputError(name, place, expected, f"{settings.turning_room_m:.2f} m")
+
+
+# Lines over what was left out: a plan from the recorded map of the same field.
+#
+# Cells left out are taken together in tool-wide strips of the lines' direction, each laid in the middle of what it is
+# to work. The vehicle enters and leaves a strip at the perimeter and crosses it straight, with the tool off on ground
+# worked before: no turn inside the field, and a straight way on to the next gap of a strip is shorter than any turn.
+# Strips follow each other by the nearest that a turn leads to.
+
+
+def plan_gaps(
+    field: Field,
+    worked: Bool[np.ndarray, "north east"],
+    grid: CellGrid,
+    settings: PatternSettings,
+    *,
+    name: str,
+) -> Pattern | None:
+    """Lines over the cells of a field that were not worked; ``None`` where none was left out.
+
+    Gaps of one strip nearer to each other than the tool is wide are one line, and a line goes on by half that width
+    beyond its cells, within the field.
+
+    Args:
+        field: of the first plan.
+        worked: cells that count as worked.
+        grid: of the cells.
+        settings: of the pattern; its order is not used.
+        name: of the record, or its file, for errors.
+
+    Returns:
+        A pattern whose ``unreached`` holds the lines that no turn within the room leads to.
+
+    Raises:
+        InputError: a map that is not of the grid's size, too many strips or too long a way, or too little room to
+            begin.
+    """
+    if worked.shape != grid.shape:
+        raise InputError(name, "map", f"{grid.shape} cells", f"{worked.shape}")
+    heading_rad = lines_heading_rad(field, settings.heading_rad)
+    corners_m = to_lines(field.perimeter_m, heading_rad)
+    rows, columns = np.nonzero(inside_cells(field, grid) & ~worked)
+    if len(rows) == 0:
+        return None
+    east_m, north_m = cell_centres(grid)
+    places_m = to_lines(np.stack([east_m[columns], north_m[rows]], axis=1), heading_rad)
+    half_m = 0.5 * grid.cell_m * (abs(math.cos(heading_rad)) + abs(math.sin(heading_rad)))
+    spacing_m = (1.0 - settings.overlap) * settings.tool_width_m
+    strips = _strips(places_m, half_m, spacing_m, name)
+    drives = [
+        each
+        for number, (across_m, along_m) in enumerate(strips)
+        for each in _gap_drives(corners_m, number + 1, across_m, along_m, half_m, settings.tool_width_m)
+    ]
+    reached, joints, unreached = _string(corners_m, drives, settings)
+    check_ends(corners_m, reached, settings, name)
+    lines, turns = string_passes(reached, joints, settings, heading_rad)
+    missed = tuple(line for drive in unreached for line in lines_of_pass(drive, heading_rad))
+    return pattern_of(field, settings, lines, turns, spacing_m, unreached=missed, name=name)
+
+
+def _strips(
+    places_m: Float[np.ndarray, "cell 2"], half_m: float, width_m: float, name: str
+) -> list[tuple[float, Float[np.ndarray, " part"]]]:
+    """Fewest strips of a width over cells: the middle of each, and where along it its cells are."""
+    ordered = places_m[np.argsort(places_m[:, 1])]
+    across = ordered[:, 1]
+    strips = []
+    begin = 0
+    while begin < len(across):
+        # A strip narrower than a cell still takes the cells of one row.
+        end = int(np.searchsorted(across, max(across[begin] + width_m - 2.0 * half_m, across[begin]), side="right"))
+        strips.append((0.5 * float(across[begin] + across[end - 1]), ordered[begin:end, 0]))
+        begin = end
+    if len(strips) > MOST_LINES:
+        raise InputError(name, "gaps", f"at most {MOST_LINES} strips", f"{len(strips)}")
+    return strips
+
+
+def _gap_drives(
+    corners_m: Float[np.ndarray, "corner 2"],
+    number: int,
+    across_m: float,
+    along_m: Float[np.ndarray, " part"],
+    half_m: float,
+    tool_width_m: float,
+) -> list[Pass]:
+    """Drives along one strip, one for each piece of the field that has gaps in it."""
+    drives = []
+    spans = strip_pieces(corners_m, across_m, tool_width_m)
+    piece = np.clip(np.searchsorted([low for low, _ in spans], along_m, side="right") - 1, 0, len(spans) - 1)
+    for place, (low_m, high_m) in enumerate(spans):
+        cells = np.unique(along_m[piece == place])
+        if len(cells) == 0:
+            continue
+        gaps = join_spans([(float(each) - half_m, float(each) + half_m) for each in cells], tool_width_m)
+        longer = [(max(low - 0.5 * tool_width_m, low_m), min(high + 0.5 * tool_width_m, high_m)) for low, high in gaps]
+        drives.append(Pass(number, across_m, (low_m, high_m), True, join_spans(longer, 0.0)))
+    return drives
+
+
+def _string(
+    corners_m: Float[np.ndarray, "corner 2"], drives: list[Pass], settings: PatternSettings
+) -> tuple[list[Pass], list[Pieces], list[Pass]]:
+    """Drives in driving order, what joins them, and those that nothing joins to the rest."""
+    reached, joints, remaining = [drives[0]], [], drives[1:]
+    while remaining:
+        entries = [drive._replace(forward=forward) for drive in remaining for forward in (True, False)]
+        entries.sort(key=lambda entry: _estimate_m(reached[-1], entry, settings))
+        for entry in entries:
+            found = find_turn(corners_m, reached[-1], entry, reached, drives, settings, one_handed=False)
+            if found.pieces is not None:
+                break
+        else:
+            break
+        reached.append(entry)
+        joints.append(found.pieces)
+        remaining = [drive for drive in remaining if drive != entry._replace(forward=True)]
+    return reached, joints, remaining
+
+
+def _estimate_m(before: Pass, after: Pass, settings: PatternSettings) -> float:
+    """About how long a turn is, for the order in which turns are tried: lines nearer than the circle cost a bulb."""
+    start = reference_pose(before, before.end_m, settings)
+    end = reference_pose(after, after.start_m, settings)
+    apart_m = abs(end.y_m - start.y_m)
+    return math.hypot(end.x_m - start.x_m, apart_m) + 2.0 * max(2.0 * settings.smallest_radius_m - apart_m, 0.0)

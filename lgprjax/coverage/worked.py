@@ -7,17 +7,378 @@ two passes are related, so their chances of missing a cell must not be multiplie
 """
 
 import math
+from enum import IntEnum
 from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int32, UInt8
 
-from lgprjax.coverage.cells import CellGrid
-from lgprjax.coverage.pass_probability import Passing, pass_probability
-from lgprjax.coverage.strips import STRIPS, RunningPass, init_pass, step_pass, way_curvatures
-from lgprjax.coverage.tool import Tool, ToolMoment, tool_centre
+from lgprjax.coverage.field import CellGrid, Tool, ToolMoment, tool_centre
+
+# The pass that is being driven: its last strips, each with the pose and the error that places were crossed with.
+
+STRIPS = 32
+"""Kept of a pass."""
+_LARGEST_HEADING_RAD = 0.06
+"""Sigma of the heading beyond which nothing is claimed: the errors are no longer small angles."""
+_TIGHTEST_RADPM = 0.2
+"""Curvature of a sweep; the moments of a tighter turn are taken one by one."""
+_JITTER_RAD = 0.03
+"""Corrections of the heading on the spot that are no turn."""
+
+
+class Strip(NamedTuple):
+    """Pose at a moment of a pass; a leading axis where there are several.
+
+    Attributes:
+        x_m, y_m, yaw_rad: of the reference point.
+        along_m, turned_rad: way of the reference point and turn since the pass began.
+        covariance: of forward, left and yaw, in the body's axes.
+    """
+
+    x_m: Float[Array, "..."]
+    y_m: Float[Array, "..."]
+    yaw_rad: Float[Array, "..."]
+    along_m: Float[Array, "..."]
+    turned_rad: Float[Array, "..."]
+    covariance: Float[Array, "... 3 3"]
+
+
+class RunningPass(NamedTuple):
+    """A pass so far.
+
+    Attributes:
+        going: the last moment belongs to a pass.
+        now: the last moment of one.
+        low, high: the moments farthest back and farthest on, along the way.
+        strips: of even distance, newest first.
+        strip_count: of those that belong to this pass.
+        begun_here: the oldest of them is the pass's first moment.
+    """
+
+    going: Bool[Array, "..."]
+    now: Strip
+    low: Strip
+    high: Strip
+    strips: Strip
+    strip_count: Int32[Array, "..."]
+    begun_here: Bool[Array, "..."]
+
+
+def init_pass() -> RunningPass:
+    """No pass yet; one lane."""
+    zero = jnp.float32(0.0)
+    nowhere = Strip(zero, zero, zero, zero, zero, jnp.eye(3, dtype=jnp.float32))
+    strips = jax.tree.map(lambda part: jnp.broadcast_to(part, (STRIPS, *part.shape)), nowhere)
+    no = jnp.asarray(False)
+    begun = RunningPass(no, nowhere, nowhere, nowhere, strips, jnp.int32(0), no)
+    # A step that is given its state up wants memory of its own for each part.
+    separate: RunningPass = jax.tree.map(jnp.array, begun)
+    return separate
+
+
+def step_pass(tool: Tool, spacing_m: float, past: RunningPass, moment: ToolMoment) -> RunningPass:
+    """The pass with one more moment; it is not ``going`` where that moment counts for nothing.
+
+    A moment counts if the tool is on and its pose and covariance can be used. A new pass begins with it where the last
+    one did not count, or where the tool cannot have swept on from there: it moved by more than its length, the body
+    turned more than in a gentle curve, or it came back over its own way.
+
+    Args:
+        tool: its rectangle.
+        spacing_m: of the strips.
+        past: the pass before.
+        moment: one lane.
+    """
+    counts = moment.on & _usable(moment)
+    last = past.now
+    x, y, yaw = (
+        jnp.where(counts, new, old)
+        for new, old in zip((moment.x_m, moment.y_m, moment.yaw_rad), (last.x_m, last.y_m, last.yaw_rad), strict=True)
+    )
+    turn = jnp.arctan2(jnp.sin(yaw - last.yaw_rad), jnp.cos(yaw - last.yaw_rad))
+    middle = last.yaw_rad + 0.5 * turn
+    along = last.along_m + jnp.cos(middle) * (x - last.x_m) + jnp.sin(middle) * (y - last.y_m)
+    turned = last.turned_rad + turn
+    # Singular values of an unusable covariance are kept out of everything: the last good one stands in.
+    covariance = jnp.where(counts, _in_body_axes(moment.covariance, yaw), last.covariance)
+    here = Strip(x, y, yaw, along, turned, covariance)
+
+    newest = jax.tree.map(lambda part: part[0], past.strips)
+    before, after = (tool_centre(tool, at.x_m, at.y_m, at.yaw_rad) for at in (last, here))
+    way_m = jnp.hypot(after[0] - before[0], after[1] - before[1])
+    turns = jnp.abs(turned - newest.turned_rad) > tightest_radpm(tool) * jnp.abs(along - newest.along_m) + _JITTER_RAD
+    back = jnp.minimum(past.high.along_m - along, along - past.low.along_m) > 0.25 * tool.length_m
+    begins = ~past.going | (way_m > tool.length_m) | turns | back
+    zero = jnp.float32(0.0)
+    here = here._replace(along_m=jnp.where(begins, zero, along), turned_rad=jnp.where(begins, zero, turned))
+
+    pushes = counts & (begins | (jnp.abs(here.along_m - newest.along_m) >= spacing_m))
+    longer = jax.tree.map(lambda one, all_: jnp.concatenate([one[None], all_[:-1]]), here, past.strips)
+    count = jnp.where(begins, 0, past.strip_count)
+    lost = pushes & (count == STRIPS)
+    return RunningPass(
+        going=counts,
+        now=here,
+        low=_choose(begins | (here.along_m < past.low.along_m), here, past.low),
+        high=_choose(begins | (here.along_m > past.high.along_m), here, past.high),
+        strips=_choose(pushes, longer, past.strips),
+        strip_count=jnp.where(pushes, jnp.minimum(count + 1, STRIPS), count).astype(jnp.int32),
+        begun_here=begins | (past.begun_here & ~lost),
+    )
+
+
+def way_curvatures(tool: Tool, spacing_m: float, running: RunningPass) -> Float[Array, " entry"]:
+    """Curvature of the way about the last moment, then about each strip.
+
+    It is the smallest of those of the stretches of half a tool around, two before and two after as far as they were
+    driven; 0 where they differ in sign or are fewer than two. A correction of the heading is a jump within one stretch
+    only, and so makes no curve. About a strip some of the way after it must be known, for a curve may have ended there;
+    the last moment claims nothing of what comes.
+    """
+    place, reach = np.arange(STRIPS + 1), max(1, math.ceil(0.5 * tool.length_m / spacing_m))
+    along, turned = (
+        jnp.concatenate([now[None], strips])
+        for now, strips in (
+            (running.now.along_m, running.strips.along_m),
+            (running.now.turned_rad, running.strips.turned_rad),
+        )
+    )
+
+    def stretch(newer: np.ndarray, older: np.ndarray) -> tuple[Float[Array, " entry"], Bool[Array, " entry"]]:
+        new, old = np.clip(newer, 0, STRIPS), np.clip(older, 0, STRIPS)
+        way = along[new] - along[old]
+        known = jnp.asarray((newer < older) & (older <= STRIPS)) & (old <= running.strip_count)
+        known = known & (jnp.abs(way) > 0.5 * spacing_m)
+        return jnp.where(known, (turned[new] - turned[old]) / jnp.where(known, way, 1.0), 0.0), known
+
+    after, after_known = stretch(np.maximum(place - reach, 0), place)
+    further = stretch(np.maximum(place - 2 * reach, 0), np.maximum(place - reach, 0))
+    parts = [(after, after_known), further, stretch(place, place + reach), stretch(place + reach, place + 2 * reach)]
+    curvatures, known = (jnp.stack(part) for part in zip(*parts, strict=True))
+    same = jnp.all((curvatures > 0.0) | ~known, axis=0) | jnp.all((curvatures < 0.0) | ~known, axis=0)
+    enough = (jnp.sum(known, axis=0) >= 2) & (after_known | jnp.asarray(place == 0))
+    least = jnp.min(jnp.where(known, jnp.abs(curvatures), jnp.inf), axis=0)
+    sign = jnp.where(jnp.any(curvatures > 0.0, axis=0), 1.0, -1.0)
+    return jnp.where(same & enough, sign * jnp.minimum(least, tightest_radpm(tool)), 0.0)
+
+
+def tightest_radpm(tool: Tool) -> float:
+    """Tightest curvature of a sweep: the turn's centre stays well outside the tool."""
+    return min(_TIGHTEST_RADPM, 0.5 / (0.5 * tool.width_m + abs(tool.left_m)))
+
+
+def _usable(moment: ToolMoment) -> Bool[Array, ""]:
+    """Numbers all of them, a covariance that is positive definite, and a heading that is known."""
+    covariance = 0.5 * (moment.covariance + moment.covariance.T)
+    variances = jnp.diagonal(covariance)
+    finite = jnp.all(jnp.isfinite(covariance)) & jnp.isfinite(moment.x_m + moment.y_m + moment.yaw_rad)
+    scale = jax.lax.rsqrt(jnp.where(variances > 0.0, variances, 1.0))
+    xy, xa = covariance[0, 1] * scale[0] * scale[1], covariance[0, 2] * scale[0] * scale[2]
+    ya = covariance[1, 2] * scale[1] * scale[2]
+    volume = 1.0 + 2.0 * xy * xa * ya - xy * xy - xa * xa - ya * ya
+    definite = jnp.all(variances > 0.0) & (jnp.abs(xy) < 1.0) & (volume > 0.0)
+    usable: Array = finite & definite & (variances[2] <= _LARGEST_HEADING_RAD**2)
+    return usable
+
+
+def _in_body_axes(covariance: Float[Array, "3 3"], yaw_rad: Float[Array, ""]) -> Float[Array, "3 3"]:
+    cos, sin, zero, one = jnp.cos(yaw_rad), jnp.sin(yaw_rad), jnp.float32(0.0), jnp.float32(1.0)
+    axes = jnp.stack([jnp.stack([cos, sin, zero]), jnp.stack([-sin, cos, zero]), jnp.stack([zero, zero, one])])
+    symmetric = 0.5 * (covariance + covariance.T)
+    turned: Array = jnp.matmul(jnp.matmul(axes, symmetric, precision="highest"), axes.T, precision="highest")
+    return turned
+
+
+def _choose(which: Bool[Array, ""], one: Strip, other: Strip) -> Strip:
+    chosen: Strip = jax.tree.map(lambda a, b: jnp.where(which, a, b), one, other)
+    return chosen
+
+
+# The probability that one pass of the tool reached a place, its pose known with errors (MF section 3).
+#
+# The error of the pose is one draw from its covariance, the same while the tool crosses the place. In the tool's axes
+# the place then comes from ahead and leaves behind. Where it is r ahead of the tool's centre it is seen
+#
+#     Z(r) = e_left + (A + r) e_yaw − v − κ (A (r + ε) + (r² − ε²)/2)
+#
+# to the right of it: v its offset to the left as it crosses the centre, A how far the tool is ahead of the reference
+# point, κ the curvature of its way (the arc is taken exactly), ε = e_forward − y e_yaw the error along the way, y the
+# place's offset from the reference point. The pass reached it if |Z(r)| ≤ half the width at an r that the tool's
+# length, the beginning and the end of the pass allow: first − ε ≥ r ≥ last − ε, |r| ≤ half the length.
+#
+# Over that range Z is least and largest at its ends, so a bound holds if it holds at one of them. With Z in the middle
+# of the range and the part of e_yaw that is not related to it, each end leaves Z in the middle a bound that moves a
+# little; the larger one is taken with its mean and variance (Clark 1961). So all but ε is in closed form, and ε is
+# summed over nodes of Gauss and Legendre.
+
+_TAIL = 4.0
+"""Sigmas of the error along the way that are counted: the rest, 6 in 100,000, is never claimed."""
+_STEEPEST = 0.95
+"""Correlation of the errors along and aside beyond which the nodes no longer see it."""
+_LEAST_M2 = 1e-10
+_NODES = np.stack(np.polynomial.legendre.leggauss(12), axis=1)
+
+
+class Passing(NamedTuple):
+    """How places go through the tool's axes, the pose taken as it was estimated; any leading axes.
+
+    Attributes:
+        covariance: of forward (m), left (m) and yaw (rad) while the tool crosses the place.
+        left_m: offset of the place from the tool's centre as it crosses its axis.
+        curvature_radpm: of the place's way; 0 on a straight pass.
+        first_m, last_m: how far ahead of the tool's centre it was at the beginning of the pass, and is at its end.
+    """
+
+    covariance: Float[Array, "... 3 3"]
+    left_m: Float[Array, "..."]
+    curvature_radpm: Float[Array, "..."]
+    first_m: Float[Array, "..."]
+    last_m: Float[Array, "..."]
+
+
+def pass_probability(tool: Tool, passing: Passing) -> Float[Array, "..."]:
+    """Probability that the tool was over each place between the beginning and the end of a pass.
+
+    Args:
+        tool: its rectangle.
+        passing: of the places; covariances must be positive definite.
+    """
+    half_length = 0.5 * tool.length_m
+    side = passing.left_m + tool.left_m
+    along, error = _errors(tool, passing.covariance, side)
+    # Of second order, on average: a turned lever is shorter, and a turned body moves aside while it moves aside.
+    yaw = passing.covariance[..., 2, 2]
+    drop = 0.5 * tool.ahead_m * yaw + passing.covariance[..., 1, 2]
+    first, last = passing.first_m - drop, passing.last_m - drop
+    left = passing.left_m + 0.5 * side * yaw
+
+    sigma = jnp.sqrt(along)
+    low = jnp.clip((last - half_length) / sigma, -_TAIL, _TAIL)
+    high = jnp.clip((first + half_length) / sigma, -_TAIL, _TAIL)
+    half_span = 0.5 * jnp.maximum(high - low, 0.0)
+
+    def part(node: Float[Array, "2"]) -> Float[Array, "..."]:
+        standard = low + half_span * (1.0 + node[0])
+        shift_m = sigma * standard
+        behind, before = jnp.maximum(last - shift_m, -half_length), jnp.minimum(first - shift_m, half_length)
+        reached = _aside(tool, left, passing.curvature_radpm, error, shift_m, behind, before)
+        return node[1] * half_span * _density(standard) * reached
+
+    total = jnp.sum(jax.vmap(part)(jnp.asarray(_NODES, jnp.float32)), axis=0)
+    return jnp.clip(total, 0.0, 1.0)
+
+
+class _Aside(NamedTuple):
+    """Errors to the left and of yaw given that along the way: slopes upon it, and what is left of their covariance."""
+
+    left_slope: Float[Array, "..."]
+    yaw_slope_radpm: Float[Array, "..."]
+    left_m2: Float[Array, "..."]
+    left_yaw_m: Float[Array, "..."]
+    yaw_rad2: Float[Array, "..."]
+
+
+def _errors(
+    tool: Tool, covariance: Float[Array, "... 3 3"], side: Float[Array, "..."]
+) -> tuple[Float[Array, "..."], _Aside]:
+    """Variance of the error along the way at an offset from the reference point, and the others given it."""
+    ahead, yaw = tool.ahead_m, covariance[..., 2, 2]
+    forward_yaw, left_yaw = covariance[..., 0, 2], covariance[..., 1, 2]
+    along = jnp.maximum(covariance[..., 0, 0] - 2.0 * side * forward_yaw + side * side * yaw, _LEAST_M2)
+    left = covariance[..., 1, 1] + 2.0 * ahead * left_yaw + ahead * ahead * yaw
+    along_yaw = forward_yaw - side * yaw
+    both = covariance[..., 0, 1] - side * left_yaw + ahead * along_yaw
+    most = _STEEPEST * jnp.sqrt(along * jnp.maximum(left, _LEAST_M2))
+    both = jnp.clip(both, -most, most)
+    left_turned = left_yaw + ahead * yaw
+    given = _Aside(
+        left_slope=both / along,
+        yaw_slope_radpm=along_yaw / along,
+        left_m2=left - both * both / along,
+        left_yaw_m=left_turned - both * along_yaw / along,
+        yaw_rad2=jnp.maximum(yaw - along_yaw * along_yaw / along, 0.0),
+    )
+    return along, given
+
+
+def _aside(
+    tool: Tool,
+    left_m: Float[Array, "..."],
+    curvature_radpm: Float[Array, "..."],
+    error: _Aside,
+    shift_m: Float[Array, "..."],
+    behind: Float[Array, "..."],
+    before: Float[Array, "..."],
+) -> Float[Array, "..."]:
+    """Probability of the width, given the error along the way; r goes from ``behind`` to ``before``."""
+
+    def expected(r: Float[Array, "..."]) -> Float[Array, "..."]:
+        turned = tool.ahead_m * (r + shift_m) + 0.5 * (r * r - shift_m * shift_m)
+        root = jnp.sqrt(jnp.maximum(1.0 - 2.0 * turned * curvature_radpm * curvature_radpm, 0.0))
+        drawn = (error.left_slope + r * error.yaw_slope_radpm) * shift_m
+        return drawn - left_m - 2.0 * curvature_radpm * turned / (1.0 + root)
+
+    middle, half_span = 0.5 * (behind + before), 0.5 * (before - behind)
+    # Z in the middle of the range, and the yaw as far as it is told by that and as far as it is not.
+    shared = error.left_yaw_m + middle * error.yaw_rad2
+    middle_m2 = jnp.maximum(error.left_m2 + middle * (error.left_yaw_m + shared), _LEAST_M2)
+    slope = jnp.clip(half_span * shared / middle_m2, -0.5, 0.5)
+    rest_rad2 = jnp.maximum(error.yaw_rad2 - shared * shared / middle_m2, 0.0)
+    ends = _Ends(
+        expected(behind), expected(before), 1.0 / (1.0 - slope), 1.0 / (1.0 + slope), half_span * jnp.sqrt(rest_rad2)
+    )
+    half_width = 0.5 * tool.width_m
+    within = _cumulative_of_larger(ends, half_width, middle_m2)
+    mirrored = ends._replace(behind=-ends.behind, before=-ends.before)
+    beyond = 1.0 - _cumulative_of_larger(mirrored, half_width, middle_m2)
+    return jnp.maximum(within - beyond, 0.0)
+
+
+class _Ends(NamedTuple):
+    """Z at both ends of the range.
+
+    Attributes:
+        behind, before: expected there.
+        behind_gain, before_gain: how far Z in the middle moves for a metre there.
+        spread_m: standard deviation of what the rest of the yaw adds, with opposite signs.
+    """
+
+    behind: Float[Array, "..."]
+    before: Float[Array, "..."]
+    behind_gain: Float[Array, "..."]
+    before_gain: Float[Array, "..."]
+    spread_m: Float[Array, "..."]
+
+
+def _cumulative_of_larger(
+    ends: _Ends, bound_m: float | Float[Array, ""], middle_m2: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """Probability that Z is below a bound at one end at least.
+
+    Each end leaves Z in the middle a bound of its own, which moves with the rest of the yaw; the larger one counts, and
+    its mean and variance are those of the larger of two normal values (Clark 1961).
+    """
+    one, other = ends.behind_gain * (bound_m - ends.behind), ends.before_gain * (bound_m - ends.before)
+    apart, spread = one - other, ends.spread_m * (ends.behind_gain + ends.before_gain)
+    ratio = apart / jnp.maximum(spread, 1e-9)
+    share = _cumulative(ratio)
+    width = apart * (2.0 * share - 1.0) + 2.0 * spread * _density(ratio)
+    moved = share * ends.behind_gain * ends.behind_gain + (1.0 - share) * ends.before_gain * ends.before_gain
+    variance = 0.25 * (apart * apart - width * width) + moved * ends.spread_m * ends.spread_m
+    return _cumulative(0.5 * (one + other + width) * jax.lax.rsqrt(middle_m2 + jnp.maximum(variance, 0.0)))
+
+
+def _density(standard: Float[Array, "..."]) -> Float[Array, "..."]:
+    return float(1.0 / np.sqrt(2.0 * np.pi)) * jnp.exp(-0.5 * standard * standard)
+
+
+def _cumulative(standard: Float[Array, "..."]) -> Float[Array, "..."]:
+    return 0.5 + 0.5 * jax.lax.erf(float(np.sqrt(0.5)) * standard)
+
 
 _REACH_WIDTHS = 0.5
 """How far the patch reaches beyond the tool, in tool widths: errors that need more leave nothing worth claiming."""
@@ -150,3 +511,55 @@ def _crossed(
     # Behind the oldest strip only the pass's beginning is known for what it was.
     lost = (nearest == running.strip_count) & ~running.begun_here & (ahead_m < -spacing_m)
     return passing, ~lost
+
+
+# What a probability map claims at a level: processed, uncertain or not processed, and the area of it.
+
+LEVELS = (0.95, 0.996)
+"""Levels of a record: the usual one, and that of the old United Nations contract figure."""
+
+
+class CellState(IntEnum):
+    """Of a cell at a level. A cell that is processed is not thereby cleared: the ground has to be searched after it."""
+
+    NOT_PROCESSED = 0
+    UNCERTAIN = 1
+    PROCESSED = 2
+
+
+def cell_states(probability: Float[Array | np.ndarray, "north east"], level: float) -> UInt8[np.ndarray, "north east"]:
+    """The state of every cell, as values of ``CellState``.
+
+    Processed is what the tool passed with at least the level's probability, not processed what it passed with less
+    than one minus the level; all else is uncertain. What is no number is not processed.
+
+    Args:
+        probability: that the tool passed the cell.
+        level: 0.5 < level < 1.
+
+    Raises:
+        ValueError: another level.
+    """
+    if not 0.5 < level < 1.0:
+        raise ValueError(f"a level between 0.5 and 1, not {level}")
+    # In float64: the level rounded to float32 may be the smaller one.
+    values = np.nan_to_num(np.asarray(probability, np.float64), nan=0.0)
+    states = np.full(values.shape, CellState.UNCERTAIN, np.uint8)
+    states[values >= level] = CellState.PROCESSED
+    states[values < 1.0 - level] = CellState.NOT_PROCESSED
+    return states
+
+
+def processed_area_m2(
+    probability: Float[Array | np.ndarray, "north east"],
+    grid: CellGrid,
+    level: float,
+    inside: Bool[np.ndarray, "north east"],
+) -> float:
+    """Area of the cells inside a perimeter that are processed at a level, square metres.
+
+    Raises:
+        ValueError: a level that is none, as in ``cell_states``.
+    """
+    processed = cell_states(probability, level) == CellState.PROCESSED
+    return float(np.count_nonzero(processed & inside)) * grid.cell_m2

@@ -1,63 +1,67 @@
 """Files: drive log, subsurface database, fixes, vehicle file; readers of vendor formats."""
 
-from lgprjax.formats.assumed import assumed_in_words, assumed_of
-from lgprjax.formats.atomic import atomic_output
 from lgprjax.formats.check import check_file
-from lgprjax.formats.cmu_gpr import import_cmu
-from lgprjax.formats.cover_plan import CoverPlan, cover_plan_findings, read_cover_plan, write_cover_plan
-from lgprjax.formats.drive_description import (
+from lgprjax.formats.coverage_files import (
+    CoverPlan,
+    FieldPlaces,
+    cover_plan_findings,
+    read_cover_plan,
+    read_field,
+    write_cover_plan,
+)
+from lgprjax.formats.drive import (
     DriveDescription,
+    DriveLog,
+    DriveWriter,
     NavigationTrack,
     OdometryTrack,
     SweepRecording,
     TraceRecording,
 )
-from lgprjax.formats.drive_log import DriveLog
-from lgprjax.formats.drive_writer import DriveWriter
-from lgprjax.formats.dt1 import read_dt1
-from lgprjax.formats.dzt import read_dzt
-from lgprjax.formats.field_file import FieldPlaces, read_field
-from lgprjax.formats.findings import Finding
 from lgprjax.formats.fixes import read_fix_poses, read_fixes, write_fixes
-from lgprjax.formats.frames_of_drives import DriveFrames, read_drive_frames, read_fixes_frame
-from lgprjax.formats.geo_layers import GeoLayer, write_geojson, write_geopackage, write_kml
-from lgprjax.formats.gprmax import import_gprmax, read_gprmax
-from lgprjax.formats.grounded import import_grounded
-from lgprjax.formats.hdf5_output import create_store
-from lgprjax.formats.iprb import read_iprb, read_iprb_array
-from lgprjax.formats.line_findings import found_time_zero
-from lgprjax.formats.mala import read_mala
-from lgprjax.formats.map_code import MAP_PRECISIONS, MapPrecision
-from lgprjax.formats.map_copy import copy_stations
-from lgprjax.formats.map_file import MapFile
-from lgprjax.formats.map_history import MapHistory
-from lgprjax.formats.map_lock import locked_map, scratch_folder
-from lgprjax.formats.map_writer import MapWriter
+from lgprjax.formats.map_file import MapFile, MapHistory
+from lgprjax.formats.map_layout import CHANCE_METHOD, MAP_PRECISIONS, MapPrecision, chance_as_text, chance_of_text
+from lgprjax.formats.map_writer import MapWriter, copy_stations, locked_map, scratch_folder
 from lgprjax.formats.mcap_export import ExportedDrive, export_mcap
-from lgprjax.formats.mcap_heard import McapTopics
-from lgprjax.formats.mcap_import import ImportedRecording, import_mcap
-from lgprjax.formats.mcap_scans import UniformArray
+from lgprjax.formats.mcap_import import ImportedRecording, McapTopics, import_mcap
+from lgprjax.formats.mcap_recording import UniformArray
 from lgprjax.formats.mcap_tracks import McapAssumed
-from lgprjax.formats.profile import Profile, TraceCoordinates
-from lgprjax.formats.route_file import RouteFile, read_route, route_findings, write_route
+from lgprjax.formats.profile import Profile, TraceCoordinates, assumed_in_words, assumed_of
+from lgprjax.formats.route_files import RouteFile, Waypoints, read_route, route_findings, write_route, write_waypoints
 from lgprjax.formats.run_log import RunReading, RunSummary, read_run
-from lgprjax.formats.schema import Schema, load_schema
-from lgprjax.formats.segy import read_segy
-from lgprjax.formats.segy_drive import import_segy
-from lgprjax.formats.side_files import find_side_files, read_side_file
-from lgprjax.formats.side_positions import SidePositions, TracePlaces, places_of_traces
-from lgprjax.formats.stored_chance import CHANCE_METHOD, chance_as_text, chance_of_text
-from lgprjax.formats.study_file import Study, read_study
-from lgprjax.formats.survey_track import Place
+from lgprjax.formats.schema import Finding, Schema, load_schema
+from lgprjax.formats.settings_files import Study, read_study, read_thresholds, write_thresholds
+from lgprjax.formats.side_files import SidePositions, TracePlaces, find_side_files, places_of_traces, read_side_file
+from lgprjax.formats.store import atomic_output, create_store
+from lgprjax.formats.survey_layout import found_time_zero
+from lgprjax.formats.survey_track import Place, write_turning_points
 from lgprjax.formats.surveys import Survey, import_iprb, import_lines, read_profile
-from lgprjax.formats.thresholds_file import read_thresholds, write_thresholds
-from lgprjax.formats.turning_points import write_turning_points
-from lgprjax.formats.vehicle_file import read_vehicle, require_serial_number, write_vehicle
-from lgprjax.formats.vehicle_log import VehicleLog, write_vehicle_log
-from lgprjax.formats.vehicle_model import Found, RearMap, VehicleFile, WheelMap, with_values
-from lgprjax.formats.waypoints import Waypoints, write_waypoints
-from lgprjax.formats.worked_file import read_worked, write_worked
-from lgprjax.formats.worked_record import WorkedRecord, stop_words
+from lgprjax.formats.vehicle import (
+    Found,
+    RearMap,
+    VehicleFile,
+    WheelMap,
+    read_vehicle,
+    require_serial_number,
+    with_values,
+    write_vehicle,
+)
+from lgprjax.formats.vehicle_log import DriveFrames, VehicleLog, read_drive_frames, read_fixes_frame, write_vehicle_log
+from lgprjax.formats.vendors.cmu_gpr import import_cmu
+from lgprjax.formats.vendors.gprmax import import_gprmax, read_gprmax
+from lgprjax.formats.vendors.grounded import import_grounded
+from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala
+from lgprjax.formats.vendors.segy import import_segy, read_segy
+from lgprjax.formats.worked import (
+    GeoLayer,
+    WorkedRecord,
+    read_worked,
+    stop_words,
+    write_geojson,
+    write_geopackage,
+    write_kml,
+    write_worked,
+)
 
 __all__ = [
     "CHANCE_METHOD",

@@ -11,11 +11,17 @@ import pandas as pd
 from jaxtyping import Float
 
 from lgprjax.errors import InputError
-from lgprjax.formats.atomic import atomic_output
-from lgprjax.formats.findings import Finding, Tally
-from lgprjax.formats.hdf5_output import create_store
-from lgprjax.formats.schema import Entry, load_schema
-from lgprjax.formats.store import attribute_of, open_store, reading, validate_store, write_array, write_attribute
+from lgprjax.formats.schema import Entry, Finding, Tally, load_schema
+from lgprjax.formats.store import (
+    atomic_output,
+    attribute_of,
+    create_store,
+    open_store,
+    reading,
+    validate_store,
+    write_array,
+    write_attribute,
+)
 
 _SCHEMA = load_schema("fixes")
 _BLOCK_ROWS = 8192

@@ -4,23 +4,96 @@ import json
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
-from jaxtyping import Float, Int, Integer
+from jaxtyping import Float, Float16, Int, Integer
 
 from lgprjax.errors import InputError
-from lgprjax.formats.map_code import FULL, MapPrecision, TraceCode
-from lgprjax.formats.map_rows import SummedRows, antenna_codes, antennas_of_codes, read_rows
-from lgprjax.formats.map_stored import StoredStations, place_rows, places_of_rows
-from lgprjax.formats.map_traces import CodedTraceBlocks, SampledTraces
+from lgprjax.formats.map_layout import (
+    BLOCK,
+    FULL,
+    CodedTraces,
+    MapPrecision,
+    StoredStations,
+    SummedRows,
+    TraceCode,
+    antenna_codes,
+    antennas_of_codes,
+    decode,
+    place_rows,
+    places_of_rows,
+    read_chance,
+    read_rows,
+)
 from lgprjax.formats.schema import load_schema
 from lgprjax.formats.store import attribute_of, open_store, reading, validate_store
-from lgprjax.formats.stored_chance import read_chance
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import ChainSettings
 from lgprjax.registration import Chance, ladder_of
 from lgprjax.subsurface import MapDescription, Places, StationPlaces, Stations, Stretches
+
+# Traces of a subsurface database, read for the stations that are needed: as samples, or as codes.
+
+
+class SampledTraces:
+    """Traces as 16-bit samples.
+
+    Attributes:
+        code: none.
+    """
+
+    code: TraceCode | None = None
+
+    def __init__(self, store: h5py.File, path: Path) -> None:
+        self._traces, self._path = store["baselines/traces"], path
+
+    def stored(self, stations: Int[np.ndarray, " scan"]) -> Float16[np.ndarray, "scan channel sample"]:
+        """As they are in the file."""
+        return read_rows(self._traces, self._path, stations)
+
+    def profile(self, stations: Int[np.ndarray, " scan"]) -> Float[np.ndarray, "scan channel sample"]:
+        """Before the depth gain."""
+        return self.stored(stations).astype(np.float32)
+
+
+class CodedTraceBlocks:
+    """Traces as codes, in blocks of 256 stations.
+
+    Attributes:
+        code: what they mean.
+    """
+
+    def __init__(self, store: h5py.File, path: Path) -> None:
+        self._codes, self._scale, self._path = store["baselines/codes"], store["baselines/scale"], path
+        step_rms = attribute_of(store["code"], "step_rms")
+        assert isinstance(step_rms, int | float)
+        self.code = TraceCode(float(step_rms), store["gain"][()], store["code/basis"][()], store["code/level"][()])
+        blocks, due = len(self._codes), -(-len(self._scale) // BLOCK)
+        if blocks != due:
+            raise InputError(path, "/baselines/codes", f"{due} blocks of {BLOCK} stations", str(blocks))
+        if not _orthonormal(self.code.basis):
+            raise InputError(path, "/code/basis", "as many orthonormal components as samples", "others")
+
+    def stored(self, stations: Int[np.ndarray, " scan"]) -> CodedTraces:
+        """As they are in the file."""
+        codes = np.zeros((len(stations), *self._codes.shape[1:3]), np.int8)
+        for block in np.unique(stations // BLOCK):
+            own = stations // BLOCK == block
+            with reading(self._path, f"/baselines/codes, stations {block * BLOCK} to {(block + 1) * BLOCK - 1}"):
+                codes[own] = np.moveaxis(self._codes[int(block)], -1, 0)[stations[own] - block * BLOCK]
+        return CodedTraces(codes, read_rows(self._scale, self._path, stations))
+
+    def profile(self, stations: Int[np.ndarray, " scan"]) -> Float[np.ndarray, "scan channel sample"]:
+        """Before the depth gain."""
+        return decode(self.code, self.stored(stations))
+
+
+def _orthonormal(basis: Float[np.ndarray, "component sample"]) -> bool:
+    components, samples = basis.shape
+    return components == samples and np.allclose(basis @ basis.T, np.eye(samples), atol=1e-3)
+
 
 _SCHEMA = load_schema("map")
 _PLACE_UNITS_HELD = 64
@@ -237,3 +310,54 @@ def _label_sigmas(provenance: dict[str, object], drives: int) -> tuple[float, ..
     said = [row.get("position_sigma_m") if isinstance(row, dict) else None for row in rows]
     known = [float(v) if isinstance(v, int | float) and 0.0 <= v < float("inf") else 0.0 for v in said[:drives]]
     return tuple(known + [0.0] * (drives - len(known)))
+
+
+# What a map's provenance says of its baselines and updates.
+
+
+class MapHistory(NamedTuple):
+    """What a map's provenance says of its baselines.
+
+    Attributes:
+        inputs: one row a baseline, empty where nothing is said.
+        updates: rows of the updates so far.
+        agreement: median strength of the matches of its first baselines, as far as that has been measured.
+        repeats: share of each baseline's signal that is ground; NaN where not measured.
+    """
+
+    inputs: tuple[dict[str, Any], ...]
+    updates: tuple[object, ...]
+    agreement: Float[np.ndarray, "known known"]
+    repeats: Float[np.ndarray, " drive"]
+
+    @staticmethod
+    def of(source: MapFile) -> "MapHistory":
+        """History of a map."""
+        drives = len(source.description.label_sigma_m)
+        said, done = source.provenance.get("inputs"), source.provenance.get("updates")
+        rows = [row if isinstance(row, dict) else {} for row in (said if isinstance(said, list) else [])][:drives]
+        rows += [{}] * (drives - len(rows))
+        agreement = _numbers(source.provenance.get("agreement"))
+        square = agreement.ndim == 2 and agreement.shape[0] == agreement.shape[1]
+        return MapHistory(
+            inputs=tuple(rows),
+            updates=tuple(done) if isinstance(done, list) else (),
+            agreement=agreement if square else np.zeros((0, 0)),
+            repeats=np.array([_number(row.get("repeats")) for row in rows]),
+        )
+
+    @property
+    def added_by(self) -> tuple[int, ...]:
+        """Number of the update that each baseline came with, 0 for those that the map was built from."""
+        return tuple(int(row.get("update") or 0) for row in self.inputs)
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else float("nan")
+
+
+def _numbers(rows: object) -> Float[np.ndarray, "..."]:
+    """A table of numbers and nulls; an empty one where it is none."""
+    if not isinstance(rows, list) or not all(isinstance(row, list) and len(row) == len(rows) for row in rows):
+        return np.zeros((0, 0))
+    return np.array([[_number(value) for value in row] for row in rows]).reshape(len(rows), len(rows))

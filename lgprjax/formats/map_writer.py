@@ -1,9 +1,13 @@
 """The subsurface database being written: station by station, whole or not at all."""
 
+import fcntl
 import json
+import os
+import re
+import shutil
 import tempfile
-from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO
@@ -13,14 +17,26 @@ import numpy as np
 from jaxtyping import Float, Integer
 
 from lgprjax.errors import InputError
-from lgprjax.formats.hdf5_output import GuardedFile, create_store
-from lgprjax.formats.map_code import STANDARD, CodedTraces, MapPrecision, TraceCode, encode, trace_code
+from lgprjax.files import is_at
 from lgprjax.formats.map_file import MapFile
-from lgprjax.formats.map_rows import UNIT, differences
-from lgprjax.formats.map_stored import BLOCK, StoredStations, places_of_rows, stored_block
+from lgprjax.formats.map_layout import (
+    BLOCK,
+    STANDARD,
+    UNIT,
+    CodedTraces,
+    MapPrecision,
+    StoredStations,
+    TraceCode,
+    differences,
+    encode,
+    moved,
+    places_of_rows,
+    stored_block,
+    trace_code,
+    write_chance,
+)
 from lgprjax.formats.schema import load_schema
-from lgprjax.formats.store import create_array, validate_store, write_array, write_attribute
-from lgprjax.formats.stored_chance import write_chance
+from lgprjax.formats.store import GuardedFile, create_array, create_store, validate_store, write_array, write_attribute
 from lgprjax.registration import Chance, ladder_of
 from lgprjax.subsurface import MapDescription, StationBlock, Stretches, stretches_of
 
@@ -239,3 +255,128 @@ class MapWriter:
             self._extend_codes(coded.codes)
             self.stations += len(rows)
             self._output.check()
+
+
+# Stations copied from map to map as they are stored: no trace is rounded a second time.
+
+
+def copy_stations(source: MapFile, writer: MapWriter, pose: Float[np.ndarray, "scan 5"] | None = None) -> None:
+    """Append all stations of a map to one that is being written, without loss.
+
+    The writer takes on the source's precision: as its first stations, or after stations that are stored alike. What is
+    appended later is stored in the same way. Of a map of version 1.0 poses are rounded to 0.1 mm and 10 microradians,
+    antennas to 0.5 mm, times to 0.1 ms. Weights and retired stations are ``finish``'s to tell.
+
+    Args:
+        source: the map.
+        writer: of the other.
+        pose: of every station, in place of the source's; antennas turn and tilt with it.
+
+    Raises:
+        InputError: a part of the source is damaged, or the writer's stations are stored otherwise.
+    """
+    if writer.stations == 0:
+        writer.use(source.precision, source.code)
+    elif not _alike(source, writer):
+        raise InputError(source.path, "/code/basis", "traces stored as those before them", "another precision or basis")
+    for start in range(0, len(source.places), UNIT):
+        stations = np.arange(start, min(start + UNIT, len(source.places)))
+        stored = source.read_stored(stations)
+        if pose is not None:
+            stored = stored._replace(place=moved(stored.place, pose[stations]))
+        writer.append_stored(stored)
+
+
+def _alike(source: MapFile, writer: MapWriter) -> bool:
+    if source.code is None or writer.code is None:
+        return source.code is None and writer.code is None and writer.precision.step_rms is None
+    return np.array_equal(source.code.basis, writer.code.basis) and np.array_equal(source.code.gain, writer.code.gain)
+
+
+# One writer of a map at a time, and nothing left beside it by writers that were killed.
+
+
+@contextmanager
+def locked_map(path: str | Path) -> Iterator[None]:
+    """Hold a map against other writers for as long as the body runs; readers are held up by nobody.
+
+    The lock is a file beside the map, ``.NAME.lock``, which the kernel lets go of when its process ends, however it
+    ends. What writers that were killed have left beside the map is removed.
+
+    Args:
+        path: the map, which need not exist yet.
+
+    Raises:
+        InputError: another process writes the map (it says which one), or no file can be made in the map's folder.
+    """
+    target = Path(path)
+    if not target.parent.is_dir():
+        raise InputError(target, "output", "a folder that exists", f"no folder {target.parent}")
+    lock = target.with_name(f".{target.name}.lock")
+    descriptor = _hold(lock, target)
+    try:
+        _clear_remains(target)
+        yield
+    finally:
+        with suppress(OSError):
+            lock.unlink()
+        os.close(descriptor)
+
+
+def scratch_folder(path: str | Path) -> Path:
+    """Where this process keeps a map's unfinished parts: beside it, so that a rename is all that is left to do.
+
+    What is in it when the process is killed is removed with the next lock on the map.
+    """
+    target = Path(path)
+    return target.with_name(f".{target.name}.partial-{os.getpid()}-parts")
+
+
+def _hold(lock: Path, target: Path) -> int:
+    while True:
+        try:
+            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        except OSError as error:
+            raise InputError(target, "output", "a file that can be written", os.strerror(error.errno or 0)) from None
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.pread(descriptor, 20, 0).decode("ascii", "replace").strip()
+            os.close(descriptor)
+            found = f"process {holder} at work on it" if holder else "another process at work on it"
+            raise InputError(target, "output", "a map that no other process is writing", found) from None
+        except OSError as error:
+            os.close(descriptor)
+            raise InputError(target, "output", "a file system with locks", os.strerror(error.errno or 0)) from None
+        # Its last holder may have taken the file away between the opening and the locking.
+        if is_at(lock, descriptor):
+            break
+        os.close(descriptor)
+    with suppress(OSError):  # a full disk: who holds it will not be told, but it is held
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, str(os.getpid()).encode(), 0)
+    return descriptor
+
+
+def _clear_remains(target: Path) -> None:
+    """Remove unfinished outputs of processes that are no more."""
+    remains = re.compile(rf"\.{re.escape(target.name)}\.partial-(\d{{1,9}})(?:-parts)?")
+    for entry in target.parent.iterdir():
+        left = remains.fullmatch(entry.name)
+        if left is None or _alive(int(left.group(1))):
+            continue
+        if entry.is_dir():
+            shutil.rmtree(entry, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                entry.unlink()
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True

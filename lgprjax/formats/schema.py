@@ -1,11 +1,18 @@
 """The file formats as data: loads ``data_schema/*.toml`` into typed entries that readers, writers and checks share."""
 
+import json
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+import numpy as np
+
+from lgprjax.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -112,3 +119,149 @@ def load_schema(name: str) -> Schema:
         one_of=tuple(tuple(paths) for paths in table.get("one_of", ())),
         minimum=table.get("minimum", {}),
     )
+
+
+# Hold values against the entries of a schema; every problem becomes one finding.
+
+_ORDER = {"increasing": "strictly increasing values", "decreasing": "strictly decreasing values"}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One place of a file that is not as its schema says. Only a finding of severity error makes it unusable."""
+
+    file: str
+    place: str
+    expected: str
+    found: str
+    severity: Literal["error", "warning"] = "error"
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.error()}"
+
+    def error(self) -> InputError:
+        """The finding as the exception a reader raises."""
+        return InputError(self.file, self.place, self.expected, self.found)
+
+
+@dataclass
+class Tally:
+    """What has been seen of an array's values so far, block by block: keeps memory bounded on large files."""
+
+    entry: Entry
+    size: int = 0
+    bad: dict[str, tuple[int, int]] | None = None
+    last: float | None = None
+
+    def add(self, values: np.ndarray) -> None:
+        """Count the values of the next block that fail a check. Arrays of several axes are counted flat."""
+        flat = values.reshape(-1)
+        bad = self.bad if self.bad is not None else {}
+        finite = np.ones(flat.shape, dtype=bool) if flat.dtype.kind in "SU" else np.isfinite(flat)
+        # NaN stands for "no value" unless the schema asks for finite ones: ranges say nothing about it.
+        for check, failed in self._failures(flat, finite):
+            if np.any(failed):
+                count, first = bad.get(check, (0, self.size + int(np.argmax(failed))))
+                bad[check] = (count + int(np.count_nonzero(failed)), first)
+        self.bad = bad
+        self.size += flat.size
+        if flat.size and flat.dtype.kind not in "cSU":
+            self.last = float(flat[-1])
+
+    def _failures(self, flat: np.ndarray, finite: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+        checks = self.entry.checks
+        if self.entry.choices:
+            texts = np.char.decode(flat, "latin-1") if flat.dtype.kind == "S" else flat
+            yield "one of " + ", ".join(self.entry.choices), ~np.isin(texts, self.entry.choices)
+        if "finite" in checks:
+            yield "finite values", ~finite
+        if "positive" in checks:
+            yield "values above zero", finite & ~(flat > 0)
+        if "non_negative" in checks:
+            yield "values of zero or more", finite & (flat < 0)
+        if self.entry.bounds is not None:
+            low, high = self.entry.bounds
+            yield f"values from {low:g} to {high:g}", finite & ((flat < low) | (flat > high))
+        for name, sign in (("increasing", 1.0), ("decreasing", -1.0)):
+            if name in checks:
+                before = np.concatenate([[-sign * np.inf if self.last is None else self.last], flat[:-1]])
+                both = finite & ~np.isnan(before)
+                yield _ORDER[name], both & ~(sign * flat > sign * before)
+
+    def findings(self, file: str, place: str) -> Iterator[Finding]:
+        """One finding a failed check: how many values, and where the first of them stands."""
+        for expected, (count, first) in (self.bad or {}).items():
+            found = f"{count} of {self.size} values otherwise, the first at index {first}"
+            yield Finding(file, place, expected, found, "warning" if self.entry.severity == "warning" else "error")
+
+
+def check_scalar(entry: Entry, value: object) -> str | None:
+    """What is wrong with one attribute or key of a file, or ``None``."""
+    kind = entry.dtype[0]
+    problem: str | None = None
+    if kind == "number":
+        if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.number):
+            return f"{value!r}"
+        tally = Tally(entry)
+        tally.add(np.asarray([value], dtype=np.float64))
+        return f"{float(value):g}" if tally.bad else None
+    if not isinstance(value, str):
+        return f"{value!r}"
+    if entry.choices and value not in entry.choices:
+        problem = f"{value!r}"
+    elif kind == "utc":
+        try:
+            offset = datetime.fromisoformat(value).utcoffset()
+        except ValueError:
+            return f"{value!r}"
+        problem = None if offset in (None, timedelta(0)) else f"{value!r}"
+    elif kind == "json":
+        try:
+            problem = None if isinstance(json.loads(value), dict) else "JSON that is no object"
+        except json.JSONDecodeError as error:
+            problem = f"text that is no JSON ({error.msg})"
+    return problem
+
+
+def expected_scalar(entry: Entry) -> str:
+    """What an attribute or key must be, in words."""
+    words = {"number": "a number", "string": "a text", "utc": "a UTC time in ISO 8601", "json": "a JSON object"}
+    parts = [words[entry.dtype[0]]]
+    parts += [{"finite": "finite", "positive": "above zero", "non_negative": "zero or more"}[c] for c in entry.checks]
+    if entry.bounds is not None:
+        parts.append(f"from {entry.bounds[0]:g} to {entry.bounds[1]:g}")
+    if entry.choices:
+        parts.append("one of " + ", ".join(entry.choices))
+    return ", ".join(parts)
+
+
+def check_version(schema: Schema, name: object, version: object) -> tuple[str, str, str] | None:
+    """Place, expected and found when a file is of another format, or newer than this software reads."""
+    if name != schema.name:
+        return "@schema", schema.name, "none" if name is None else f"{name!r}"
+    major, _, minor = str(version).partition(".")
+    if not (major.isdecimal() and minor.isdecimal()):
+        return "@schema_version", f"a version such as {schema.version}", "none" if version is None else f"{version!r}"
+    if int(major) > schema.major:
+        return "@schema_version", f"version {schema.major}.x or older (update lgprjax)", str(version)
+    return None
+
+
+def key_findings(schema: Schema, file: str, values: dict[str, object]) -> Iterator[Finding]:
+    """Every key of a text file that is missing, wrong or unknown, in the schema's order; lists are not for this.
+
+    Args:
+        schema: whose keys are meant.
+        file: its name in the findings.
+        values: by dotted path, without schema and version.
+    """
+    left = dict(values)
+    for entry in schema.keys:
+        if entry.path in left:
+            problem = check_scalar(entry, left.pop(entry.path))
+        else:
+            problem = "none" if entry.required else None
+        if problem is not None:
+            yield Finding(file, entry.path, expected_scalar(entry), problem)
+    for key in left:
+        yield Finding(file, key, f"a key of data_schema/{schema.name.rpartition('.')[2]}.toml", "an unknown key")

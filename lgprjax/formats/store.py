@@ -1,7 +1,11 @@
 """HDF5 files that describe themselves: opened with one clear error, held against their schema, written with units."""
 
+import errno
+import os
+import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +13,7 @@ import h5py
 import numpy as np
 
 from lgprjax.errors import InputError
-from lgprjax.formats.findings import Finding, Tally, check_scalar, check_version, expected_scalar
-from lgprjax.formats.schema import Entry, Schema
+from lgprjax.formats.schema import Entry, Finding, Schema, Tally, check_scalar, check_version, expected_scalar
 
 CHUNK_BYTES = 1 << 20
 # Room for a few chunks, so that ranges of scans that end inside a chunk do not decompress it twice.
@@ -249,3 +252,210 @@ def _first_lost(dataset: h5py.Dataset, start: int, rows: int) -> str:
         except DAMAGE:
             return f"rows {low} to {min(low + step, dataset.shape[0]) - 1}"
     return f"rows {start} to {stop - 1}"
+
+
+# Output files that are there whole or not at all: a temporary name beside the target, then a rename.
+
+# What a file system answers to a writer. Other errors inside the block are someone else's and pass through.
+_WRITE_ERRORS = frozenset(
+    getattr(errno, name)
+    for name in (
+        *("ENOSPC", "EFBIG", "EDQUOT", "EIO", "EACCES", "EPERM"),
+        *("EROFS", "ENOENT", "ENOTDIR", "EISDIR", "ENAMETOOLONG", "EMFILE"),
+    )
+    if hasattr(errno, name)
+)
+
+
+@contextmanager
+def atomic_output(path: str | Path, force: bool = False) -> Iterator[Path]:
+    """Yield a temporary path in the target's folder; rename it onto ``path`` when the block ends well.
+
+    Args:
+        path: the target.
+        force: replace a target that exists.
+
+    Raises:
+        InputError: the target exists (without ``force``) or is a folder, its folder is missing, or the file
+            system refuses (no space left, file too large, no permission). Nothing is left behind.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise InputError(target, "output", "a file name", "a folder")
+    if target.exists() and not force:
+        raise InputError(target, "output", "a new file, or --force", "the file exists")
+    if not target.parent.is_dir():
+        raise InputError(target, "output", "a folder that exists", f"no folder {target.parent}")
+    temporary = target.parent / f".{target.name}.partial-{os.getpid()}"
+    try:
+        yield temporary
+        # A full disk may show only now, and a rename must not outrun the data in a power cut.
+        with temporary.open("rb") as written:
+            os.fsync(written.fileno())
+        temporary.replace(target)
+    except (OSError, RuntimeError) as error:
+        reason = _write_refusal(error, (temporary, target))
+        if reason is None:
+            raise
+        raise InputError(target, "output", "a file that can be written", reason) from None
+    finally:
+        _discard(temporary)
+
+
+def _discard(temporary: Path) -> None:
+    with suppress(OSError):
+        # HDF5 may still hold a file that it failed to close: emptied first, it gives its space back at once.
+        os.truncate(temporary, 0)
+    with suppress(OSError):
+        temporary.unlink()
+
+
+def _write_refusal(error: OSError | RuntimeError, ours: tuple[Path, Path]) -> str | None:
+    """Why the file system refused our file, in its own words; ``None`` when the error is not about that."""
+    number = error.errno if isinstance(error, OSError) else None
+    if number is None:
+        # h5py tells the number only inside its text, and raises RuntimeError when closing fails.
+        inside = re.search(r"errno = (\d+)", str(error))
+        number = int(inside.group(1)) if inside else None
+    named = getattr(error, "filename", None)
+    if number is None or number not in _WRITE_ERRORS or (named is not None and Path(os.fsdecode(named)) not in ours):
+        return None
+    return os.strerror(number)
+
+
+# HDF5 files written under a temporary name, safe against a disk that fills up while they are written.
+#
+# HDF5 cannot close a file whose writes fail: handles stay open, the library prints pages of errors and crashes the
+# process when it ends. So it never sees a failure: it writes through :class:`GuardedFile`, which remembers the first
+# failure, pretends success from then on, and tells at the next check.
+
+# After a failure HDF5 may read back what it believes to be written: this much of it is kept.
+_OVERLAY_BYTES = 64 << 20
+# The format of HDF5 1.10 has checksums on all of a file's structure; older ones read damage as if it were data.
+_FORMAT = ("v110", "v110")
+
+
+class GuardedFile:
+    """Binary file for h5py's ``fileobj`` driver whose writes never fail; ``error`` holds the first failure.
+
+    h5py passes buffers of a type of its own, which only ``memoryview`` understands: hence ``Any``.
+    """
+
+    def __init__(self, path: Path) -> None:
+        # Unbuffered: a buffer would report a full disk later and elsewhere.
+        self._file = path.open("w+b", buffering=0)
+        self._position = 0
+        self._overlay: list[tuple[int, bytes]] = []
+        self._overlay_bytes = 0
+        self.error: BaseException | None = None
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Move; as in ``io``."""
+        base = {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self._size()}[whence]
+        self._position = base + offset
+        return self._position
+
+    def tell(self) -> int:
+        """Position; as in ``io``."""
+        return self._position
+
+    def read(self, size: int) -> bytes:
+        """As in ``io``; HDF5 itself calls ``readinto``."""
+        buffer = bytearray(size)
+        self.readinto(memoryview(buffer))
+        return bytes(buffer)
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill the buffer; bytes beyond the end read as zeros."""
+        target = memoryview(buffer).cast("B")
+        start, stop = self._position, self._position + len(target)
+        data = os.pread(self._file.fileno(), len(target), start)
+        target[: len(data)] = data
+        target[len(data) :] = bytes(len(target) - len(data))
+        for offset, kept in self._overlay:
+            low, high = max(start, offset), min(stop, offset + len(kept))
+            if low < high:
+                target[low - start : high - start] = kept[low - offset : high - offset]
+        self._position = stop
+        return len(target)
+
+    def write(self, buffer: Any) -> int:
+        """Write all of the buffer, or remember why that failed."""
+        data = memoryview(buffer).cast("B")
+        if self.error is None:
+            try:
+                written = 0
+                while written < len(data):
+                    written += os.pwrite(self._file.fileno(), data[written:], self._position + written)
+            except BaseException as error:  # also Ctrl-C: HDF5 must finish its bookkeeping first
+                self.error = error
+        if self.error is not None and self._overlay_bytes + len(data) <= _OVERLAY_BYTES:
+            self._overlay.append((self._position, bytes(data)))
+            self._overlay_bytes += len(data)
+        self._position += len(data)
+        return len(data)
+
+    def truncate(self, size: int) -> int:
+        """Set the size, unless the file is already lost."""
+        if self.error is None:
+            try:
+                self._file.truncate(size)
+            except BaseException as error:
+                self.error = error
+        return size
+
+    def flush(self) -> None:
+        """Nothing is held back: the file is unbuffered."""
+
+    def close(self) -> None:
+        """Close the file underneath; HDF5 must have closed its own before."""
+        self._file.close()
+
+    def check(self) -> None:
+        """Raise the failure that a write met, if any."""
+        if self.error is not None:
+            raise self.error
+
+    def _size(self) -> int:
+        size = os.fstat(self._file.fileno()).st_size
+        return max([size, *(offset + len(kept) for offset, kept in self._overlay)])
+
+
+@contextmanager
+def create_store(path: str | Path, schema: Schema, force: bool = False) -> Iterator[tuple[h5py.File, GuardedFile]]:
+    """Create a file of a schema; it appears under its name when the block ends well, else nothing is left behind.
+
+    Yields:
+        The HDF5 file, schema and version written, and the guarded file: call its ``check`` now and then when much
+        is written, so that a full disk ends the work early. It is checked at the end in any case.
+
+    Raises:
+        InputError: the output exists or cannot be written (see :func:`lgprjax.formats.store.atomic_output`).
+    """
+    with atomic_output(path, force) as temporary:
+        guarded = GuardedFile(temporary)
+        try:
+            with h5py.File(guarded, "w", libver=_FORMAT, rdcc_nbytes=CACHE_BYTES, rdcc_w0=1.0) as store:
+                write_root(store, schema)
+                yield store, guarded
+        finally:
+            guarded.close()
+            # A failed write is the cause of whatever error HDF5 ran into afterwards.
+            guarded.check()
+
+
+# Moments: ISO 8601 texts of files, and whole nanoseconds of Unix time.
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+def utc_ns(text: str) -> int:
+    """Nanoseconds of Unix time of a moment; one without a zone is UTC. Raises ``ValueError`` for what is none."""
+    moment = datetime.fromisoformat(text)
+    moment = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
+    return (moment - _EPOCH) // timedelta(microseconds=1) * 1000
+
+
+def utc_text(ns: int) -> str:
+    """The moment as files have it, to the microsecond. Raises ``OverflowError`` beyond the calendar."""
+    return (_EPOCH + timedelta(microseconds=ns // 1000)).isoformat().replace("+00:00", "Z")

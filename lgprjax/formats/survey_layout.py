@@ -1,17 +1,21 @@
 """Where a survey's lines lie: by tape, by the topography beside them, or by a receiver's positions."""
 
+import re
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import asdict, dataclass, replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pyproj
 from jaxtyping import Float
 
 from lgprjax.errors import InputError
+from lgprjax.formats.line_layout import check_rising, own_distances_m
 from lgprjax.formats.profile import Profile
-from lgprjax.formats.side_positions import SidePositions, TracePlaces, about_as_many, places_of_traces
+from lgprjax.formats.side_files import SidePositions, TracePlaces, about_as_many, places_of_traces
 from lgprjax.formats.survey_track import Place, utm_projection
+from lgprjax.radar.survey_lines import DirectWave, Neighbours, compare_neighbours, echo_image, pick_direct_wave
+from lgprjax.radar.time_domain import WAVE_SPEED_M_PER_NS
 
 _STRAIGHT_M = 0.25
 """Lines that keep to their direction within this are an array's channels; others are driven one by one."""
@@ -226,3 +230,342 @@ def _averaged(values: Float[np.ndarray, " trace"], half: int) -> Float[np.ndarra
         _, middle = np.polyfit(at, values[low:high] - values[i], 1)
         out[i] = values[i] + middle
     return out
+
+
+# What a survey's lines say of themselves, set against their headers: time zero, sign, direction and start.
+
+_LEAST_TOLERANCE = 2.0
+_PERIOD_SHARE = 0.25
+"""Headers agree when they lie as far from the first break as those of the other lines, to a quarter of a period."""
+_SAME_TIME_ZERO = 0.05
+"""Share of the trace: headers that lie farther apart, where no direct wave is seen, belong to other recordings."""
+_CERTAIN, _SIGN_CERTAIN = 2.5, 2.0
+"""Scatters by which a neighbour's direction and sign must lead to be believed over what was stored."""
+
+_START_SIGMA_M, _PARITY = 0.2, 5.0
+"""What neighbours' starts differ by from their topography, and logarithm of the odds at which one of its two directions
+is believed."""
+
+TimeZero = float | Literal["auto", "header"]
+Reversed = Literal["auto", "odd", "even"] | Sequence[int]
+
+
+@dataclass(frozen=True)
+class LineFinding:
+    """One line as it was found. Samples count from 0; metres as in the drive log.
+
+    Attributes:
+        file: its name.
+        traces: read.
+        cut: how many of how many, where the file was cut; ``None`` where it was not.
+        time_zero_header, first_break, direct_wave, time_zero: samples: of the header, of the direct wave's first break
+            and of its strongest lobe, and the one that is used.
+        time_zero_from: ``header``, ``first break`` or ``option``.
+        sign: of the direct wave's first lobe; 0 where it is not seen.
+        inverted: whether the traces were turned about.
+        reversed: whether the traces were put in the opposite order.
+        direction_from: ``neighbours``, ``topography``, ``receiver``, ``option``, or ``assumed``: as stored.
+        start_m: along the lines' direction; 0 where each trace has its own place on the earth.
+        start_from: ``header``, ``topography``, ``receiver``, ``neighbours`` or ``tape``.
+        correlation: with the line before, at their best; 0 for the first.
+    """
+
+    file: str
+    traces: int
+    cut: str | None
+    time_zero_header: float
+    first_break: float | None
+    direct_wave: float | None
+    time_zero: float
+    time_zero_from: str
+    sign: int
+    inverted: bool
+    reversed: bool
+    direction_from: str
+    start_m: float
+    start_from: str
+    correlation: float
+
+    def as_record(self) -> dict[str, object]:
+        """For the provenance of a drive log."""
+        return asdict(self)
+
+
+class FoundLine(NamedTuple):
+    """A line in the survey's direction, with the survey's sign and its own time zero.
+
+    Attributes:
+        profile: its traces so.
+        along_m: place of each trace, rising.
+        finding: what was found and changed.
+    """
+
+    profile: Profile
+    along_m: Float[np.ndarray, " trace"]
+    finding: LineFinding
+
+
+def find_lines(
+    lines: Sequence[Profile],
+    *,
+    time_zero: TimeZero = "auto",
+    polarity: Literal["auto", "keep"] = "auto",
+    reversed_lines: Reversed = "auto",
+    length_m: float | None = None,
+    topography_m: Sequence[Float[np.ndarray, " _"]] | None = None,
+    on_earth_by: str | None = None,
+) -> list[FoundLine]:
+    """Look at the lines of a survey and put right what their headers have wrong.
+
+    Args:
+        lines: of one channel each, in the order in which they lie.
+        time_zero: ``auto``: the header's where it agrees with the direct wave, else the first break, as far from it as
+            the other headers are; ``header``; or nanoseconds after the first sample, for all lines.
+        polarity: ``auto``: lines of the other sign than most are turned about; ``keep``.
+        reversed_lines: ``auto``: found; ``odd`` or ``even``: by the numbers in their names; or their numbers from 0.
+        length_m: every line is spread evenly over it.
+        topography_m: place of each trace along the lines' direction, in the order in which it was surveyed.
+        on_earth_by: what gave each trace as stored its own place on the earth, such as ``receiver``: nobody then looks
+            for directions and starts, and ``reversed_lines`` and ``topography_m`` do not count.
+
+    Raises:
+        InputError: lines without a spacing, time zeros that disagree and no direct wave to tell, a topography of
+            another line, or numbers that are none.
+    """
+    waves = [pick_direct_wave(line.traces, line.sample_interval_ns, line.centre_frequency_hz) for line in lines]
+    zeros, zeros_from = _time_zeros(lines, waves, time_zero)
+    own = [own_distances_m(line, length_m) for line in lines]
+    step_m = float(np.median([np.median(np.diff(distances)) for distances in own]))
+    images = [
+        echo_image(_even(line, distances, step_m), zero, line.sample_interval_ns, line.centre_frequency_hz, step_m)
+        for line, distances, zero in zip(lines, own, zeros, strict=True)
+    ]
+    if on_earth_by is not None:
+        backwards, direction_from, topography_m = [False] * len(lines), [on_earth_by] * len(lines), None
+    else:
+        backwards, direction_from = _directions(lines, images, step_m, reversed_lines)
+    if topography_m is not None:
+        rows_m = [_rows_of(line, rows) for line, rows in zip(lines, topography_m, strict=True)]
+        if reversed_lines == "auto":
+            backwards, direction_from = _directions_by_topography(rows_m, images, step_m, backwards, direction_from)
+        # Of a line that was walked against its rows and cut, the rows' beginning is missing.
+        topography_m = [
+            _rows_of(line, rows, last=line.cut is not None and back == bool(rows[-1] > rows[0]))
+            for line, rows, back in zip(lines, topography_m, backwards, strict=True)
+        ]
+    turned = [image[::-1] if back else image for image, back in zip(images, backwards, strict=True)]
+    beside = [compare_neighbours(turned[i], turned[i - 1], step_m, directions=(False,)) for i in range(1, len(lines))]
+    inverted = _signs(waves, beside) if polarity == "auto" else [False] * len(lines)
+    if on_earth_by is not None:
+        along, start_from = own, on_earth_by
+    else:
+        along, start_from = _along(lines, own, backwards, beside, length_m, topography_m)
+    found = []
+    for i, line in enumerate(lines):
+        channels = line.channels[::-1] if backwards[i] else line.channels
+        interval_ns = line.sample_interval_ns
+        finding = LineFinding(
+            file=line.path.name,
+            traces=len(line.channels),
+            cut=line.cut,
+            time_zero_header=line.time_zero_ns / interval_ns,
+            first_break=_finite(waves[i].first_break),
+            direct_wave=_finite(waves[i].strongest),
+            time_zero=zeros[i],
+            time_zero_from=zeros_from[i],
+            sign=waves[i].sign,
+            inverted=inverted[i],
+            reversed=backwards[i],
+            direction_from=direction_from[i],
+            start_m=float(along[i][0]),
+            start_from=start_from,
+            correlation=beside[i - 1].correlation if i else 0.0,
+        )
+        profile = replace(
+            line, channels=_turned(channels) if inverted[i] else channels, time_zero_ns=zeros[i] * interval_ns
+        )
+        found.append(FoundLine(profile, along[i], finding))
+    return found
+
+
+def found_time_zero(line: Profile) -> tuple[float, str]:
+    """Time zero of a line by itself, nanoseconds after its first sample, and where it is from (see ``find_lines``)."""
+    first = replace(line, channels=line.channels[:, :1])
+    wave = pick_direct_wave(first.traces, line.sample_interval_ns, line.centre_frequency_hz)
+    (sample,), (source,) = _time_zeros([first], [wave], "auto")
+    return sample * line.sample_interval_ns, source
+
+
+def _time_zeros(
+    lines: Sequence[Profile], waves: Sequence[DirectWave], wanted: TimeZero
+) -> tuple[list[float], list[str]]:
+    """Time zero of each line in samples, and where it is from."""
+    headers = [line.time_zero_ns / line.sample_interval_ns for line in lines]
+    if wanted == "header":
+        return headers, ["header"] * len(lines)
+    if wanted != "auto":
+        for line in lines:
+            window_ns = line.channels.shape[2] * line.sample_interval_ns
+            if not abs(wanted) < window_ns:
+                raise InputError(line.path, "time zero", f"less than its {window_ns:g} ns", f"{wanted:g} ns")
+        return [float(wanted) / line.sample_interval_ns for line in lines], ["option"] * len(lines)
+    period = np.array([1e9 / (line.centre_frequency_hz or np.inf) / line.sample_interval_ns for line in lines])
+    period = np.where(period > 0.0, period, [0.1 * line.channels.shape[2] for line in lines])
+    after = np.array(headers) - [wave.first_break for wave in waves]
+    plausible = np.abs(after) <= period  # not where no first break is seen
+    usual = float(np.median(after[plausible])) if plausible.any() else 0.0
+    zeros, sources = [], []
+    for line, header, wave, off, tolerance in zip(
+        lines, headers, waves, after, np.maximum(_LEAST_TOLERANCE, _PERIOD_SHARE * period), strict=True
+    ):
+        if not np.isfinite(off):
+            expected = float(np.median(headers))
+            if abs(header - expected) > _SAME_TIME_ZERO * line.channels.shape[2]:
+                interval_ns = line.sample_interval_ns
+                raise InputError(
+                    line.path,
+                    "time zero",
+                    f"about {expected * interval_ns:g} ns, or --time-zero (the record begins after the direct wave)",
+                    f"{line.time_zero_ns:g} ns",
+                )
+        agrees = not np.isfinite(off) or (abs(off - usual) <= tolerance and plausible.any())
+        zeros.append(header if agrees else wave.first_break + usual)
+        sources.append("header" if agrees else "first break")
+    return zeros, sources
+
+
+def _even(line: Profile, own_m: Float[np.ndarray, " trace"], step_m: float) -> np.ndarray:
+    at = np.arange(int(own_m[-1] / step_m + 1e-6) + 1) * step_m
+    nearest = np.rint(np.interp(at, own_m, np.arange(len(own_m)))).astype(np.intp)
+    return np.asarray(line.traces[nearest])
+
+
+def _directions(
+    lines: Sequence[Profile], images: Sequence[np.ndarray], step_m: float, wanted: Reversed
+) -> tuple[list[bool], list[str]]:
+    """Which lines ran against the first one, or are named."""
+    if isinstance(wanted, str) and wanted != "auto":
+        rest = 1 if wanted == "odd" else 0
+        return [number_of(line, i) % 2 == rest for i, line in enumerate(lines)], ["option"] * len(lines)
+    if not isinstance(wanted, str):
+        return [i in wanted for i in range(len(lines))], ["option"] * len(lines)
+    pairs = [compare_neighbours(images[i], images[i - 1], step_m) for i in range(1, len(lines))]
+    certain = [pair.certainty >= _CERTAIN for pair in pairs]
+    # Where two neighbours do not say, they did as most of the others did.
+    turns = [pair.reversed for pair, sure in zip(pairs, certain, strict=True) if sure]
+    usually = 2 * sum(turns) > len(turns)
+    backwards, source = [False], ["assumed"]
+    for pair, sure in zip(pairs, certain, strict=True):
+        backwards.append(backwards[-1] ^ (pair.reversed if sure else usually))
+        source.append("neighbours" if sure else "assumed")
+    return backwards, source
+
+
+def number_of(line: Profile, index: int) -> int:
+    """Number at the end of a line's name, as on a survey's sheet; its place in the list where there is none."""
+    digits = re.search(r"\d+$", line.path.stem)
+    return int(digits[0]) if digits else index
+
+
+def _rows_of(line: Profile, rows_m: Float[np.ndarray, " row"], *, last: bool = False) -> Float[np.ndarray, " trace"]:
+    """A place for each trace of a line, by the first or the ``last`` of the rows."""
+    traces = len(line.channels)
+    missing = traces - len(rows_m)
+    if not about_as_many(len(rows_m), traces, cut=line.cut is not None):
+        raise InputError(line.path, "topography", f"a row for each of {traces} traces", f"{len(rows_m)} rows")
+    if missing > 0:
+        step_m = float(np.median(np.diff(rows_m)))
+        rows_m = np.concatenate([rows_m, rows_m[-1] + step_m * np.arange(1, missing + 1)])
+    return rows_m[-traces:] if last else rows_m[:traces]
+
+
+def _directions_by_topography(
+    rows_m: Sequence[Float[np.ndarray, " _"]],
+    images: Sequence[np.ndarray],
+    step_m: float,
+    backwards: list[bool],
+    source: list[str],
+) -> tuple[list[bool], list[str]]:
+    """The same by a topography, whose rows either follow the traces or always run one way.
+
+    Where rows run both ways they follow the traces. Where they always run one way, lines that were walked back are in
+    the other order than their rows, and which of two directions is the rows' shows in the starts: the ground must lie
+    beside itself.
+    """
+    falls = [bool(rows[-1] < rows[0]) for rows in rows_m]
+    if any(falls) and not all(falls):
+        return falls, ["topography"] * len(falls)
+    if len(images) < 2:
+        return backwards, source
+    turned = [image[::-1] if back else image for image, back in zip(images, backwards, strict=True)]
+    # Evidence for the opposite of what is assumed: how much better it suits the starts, in variances of a start.
+    evidence = 0.0
+    for i in range(1, len(turned)):
+        pair = compare_neighbours(turned[i], turned[i - 1], step_m, directions=(False,))
+        if pair.sign_certainty < _SIGN_CERTAIN:
+            continue
+        apart_m = min(rows_m[i]) - min(rows_m[i - 1])
+        longer_m = (len(turned[i - 1]) - len(turned[i])) * step_m
+        off_m = apart_m - pair.lag_m, apart_m - (longer_m - pair.lag_m)
+        evidence += (off_m[0] ** 2 - off_m[1] ** 2) / (2.0 * max(_START_SIGMA_M, step_m) ** 2)
+    if evidence > _PARITY:
+        return [not back for back in backwards], ["topography"] * len(images)
+    return backwards, ["topography"] * len(images) if evidence < -_PARITY else source
+
+
+def _signs(waves: Sequence[DirectWave], beside: Sequence[Neighbours]) -> list[bool]:
+    """Lines of another sign than most of them."""
+    signs = [1]
+    for i, pair in enumerate(beside, 1):
+        if pair.sign_certainty >= _SIGN_CERTAIN:
+            relative = 1 if pair.correlation > 0 else -1
+        else:
+            relative = waves[i].sign * waves[i - 1].sign or 1
+        signs.append(signs[-1] * relative)
+    most = 1 if 2 * signs.count(1) >= len(signs) else -1
+    return [sign != most for sign in signs]
+
+
+def _along(
+    lines: Sequence[Profile],
+    own_m: Sequence[Float[np.ndarray, " _"]],
+    backwards: Sequence[bool],
+    beside: Sequence[Neighbours],
+    length_m: float | None,
+    topography_m: Sequence[Float[np.ndarray, " _"]] | None,
+) -> tuple[list[Float[np.ndarray, " _"]], str]:
+    """Place of each trace of each turned line, and where the starts are from."""
+    if topography_m is not None:
+        placed = [np.asarray(rows if rows[-1] > rows[0] else rows[::-1]) for rows in topography_m]
+        for line, rows in zip(lines, placed, strict=True):
+            check_rising(line, rows)
+        return placed, "topography"
+    turned = [own[-1] - own[::-1] if back else own for own, back in zip(own_m, backwards, strict=True)]
+    if length_m is not None:
+        return turned, "tape"
+    wavelength_m = max(WAVE_SPEED_M_PER_NS * 1e9 / (line.centre_frequency_hz or np.inf) for line in lines)
+    lags_m = np.array([pair.lag_m for pair in beside])
+    sure = np.array([pair.sign_certainty >= _CERTAIN for pair in beside])
+    if len(lags_m) and sure.mean() > 0.5 and np.sqrt(np.mean(lags_m[sure] ** 2)) > 0.25 * wavelength_m > 0.0:
+        starts_m = np.concatenate([[0.0], np.cumsum(np.where(sure, lags_m, 0.0))])
+        # What lies askew under all lines looks like starts that walk away: a rope is straighter than that.
+        order = np.arange(len(lines))
+        if len(lines) > 2:
+            starts_m -= np.polyval(np.polyfit(order, starts_m, 1), order)
+        starts_m -= starts_m.min()
+        return [own + start for own, start in zip(turned, starts_m, strict=True)], "neighbours"
+    starts = [0.0 if line.positions_m is None else float(line.positions_m[0]) for line in lines]
+    return [
+        own if back else start - min(starts) + own for own, start, back in zip(turned, starts, backwards, strict=True)
+    ], "header"
+
+
+def _turned(channels: np.ndarray) -> np.ndarray:
+    """Traces of the other sign; the most negative integer has no opposite and becomes the largest."""
+    if channels.dtype.kind != "i":
+        return np.asarray(-channels)
+    return np.asarray(-np.maximum(channels, np.iinfo(channels.dtype).min + 1))
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -9,20 +9,13 @@ import numpy as np
 from jaxtyping import Float
 
 from lgprjax.errors import InputError
-from lgprjax.formats.assumed import Assumed
-from lgprjax.formats.dt1 import read_dt1
-from lgprjax.formats.dzt import read_dzt
-from lgprjax.formats.iprb import read_iprb, read_iprb_array
-from lgprjax.formats.line_findings import LineFinding, Reversed, TimeZero, find_lines
-from lgprjax.formats.mala import read_mala
-from lgprjax.formats.parallel_lines import check_alike, check_length, inputs_of, write_lines
-from lgprjax.formats.positioned_lines import write_positioned_lines
-from lgprjax.formats.profile import Profile
-from lgprjax.formats.segy import read_segy
-from lgprjax.formats.side_files import RECEIVERS, find_side_files, read_side_file
-from lgprjax.formats.side_positions import SidePositions
-from lgprjax.formats.survey_layout import lay_out
+from lgprjax.formats.line_layout import check_alike, check_length, inputs_of, write_lines, write_positioned_lines
+from lgprjax.formats.profile import Assumed, Profile
+from lgprjax.formats.side_files import RECEIVERS, SidePositions, find_side_files, read_side_file
+from lgprjax.formats.survey_layout import LineFinding, Reversed, TimeZero, find_lines, lay_out
 from lgprjax.formats.survey_track import Place
+from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala
+from lgprjax.formats.vendors.segy import read_segy
 
 _SAME_LINE_M = 0.005
 

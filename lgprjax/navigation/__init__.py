@@ -1,59 +1,56 @@
 """Navigation: frames, fusion of fixes with GNSS, heading and odometry, routes and the planner."""
 
-from lgprjax.navigation.drifting_frame import (
-    FrameOffset,
-    SlewLimits,
-    anchor_frame,
-    slew_frame,
-    step_local,
-    to_global,
-    to_local,
-)
-from lgprjax.navigation.error_state import (
+from lgprjax.navigation.counter_steer_filter import (
+    FilterInfo,
+    FilterState,
     Transition,
     course_observation,
+    filter_drive,
+    gnss_innovation,
+    heading_innovation,
+    init_filter,
+    lgpr_innovation,
+    odometer_innovation,
     predict,
+    smooth_drive,
+    smooth_estimates,
+    step_filter,
     transition_matrix,
     transition_of,
     update,
 )
-from lgprjax.navigation.filter import (
-    FilterInfo,
-    FilterState,
-    init_filter,
-    step_filter,
-)
-from lgprjax.navigation.filter_model import (
+from lgprjax.navigation.counter_steer_model import (
     STATES,
     FilterModel,
+    FrameOffset,
     NavEstimate,
+    SlewLimits,
+    anchor_frame,
     default_model,
     init_estimate,
     initial_sigmas,
     pose_of,
     position_sigma_m,
-)
-from lgprjax.navigation.gates import (
-    GateRules,
-    GateState,
-    default_rules,
-    init_gates,
+    slew_frame,
+    step_local,
+    to_global,
+    to_local,
 )
 from lgprjax.navigation.health import (
+    STOPPING,
     Health,
-    HealthState,
-    init_health,
-    step_health,
-)
-from lgprjax.navigation.health_rules import (
     HealthRules,
+    HealthState,
+    Reaction,
+    Reason,
+    SwitchSettings,
+    SwitchState,
     health_rules,
-)
-from lgprjax.navigation.innovations import (
-    gnss_innovation,
-    heading_innovation,
-    lgpr_innovation,
-    odometer_innovation,
+    init_health,
+    init_switch,
+    step_health,
+    step_switch,
+    switch_settings,
 )
 from lgprjax.navigation.kalman import Innovation
 from lgprjax.navigation.navigator import (
@@ -66,57 +63,44 @@ from lgprjax.navigation.navigator import (
 )
 from lgprjax.navigation.observations import (
     SOURCES,
+    GateRules,
+    GateState,
     GnssObservation,
     HeadingObservation,
     LgprObservation,
     Motion,
     Observations,
     OdometerObservation,
+    default_rules,
+    init_gates,
     no_observations,
     valid_sources,
 )
-from lgprjax.navigation.plan import (
+from lgprjax.navigation.planner import (
     Plan,
     PlanCode,
     PlannerSettings,
     PlannerState,
-    lost_planner,
-    planner_settings,
-)
-from lgprjax.navigation.planner import (
-    step_planner,
-)
-from lgprjax.navigation.planner_search import (
     Starts,
     acquire,
     choose,
     find_starts,
+    lost_planner,
+    planner_settings,
     replace_route,
+    step_planner,
 )
-from lgprjax.navigation.reaction import (
-    STOPPING,
-    Reaction,
-    Reason,
-)
-from lgprjax.navigation.rewind import (
-    History,
-    InsertCode,
-    init_history,
-    insert,
-    step_history,
-)
-from lgprjax.navigation.route_path import (
+from lgprjax.navigation.rewind import History, InsertCode, init_history, insert, step_history
+from lgprjax.navigation.route import (
     RoutePath,
     RouteSpeeds,
+    RouteTrack,
+    is_closed,
     largest_curvature_radpm,
     leg_point,
     leg_project,
-    make_route_path,
-)
-from lgprjax.navigation.route_smoothing import (
-    RouteTrack,
-    is_closed,
     legs_of_track,
+    make_route_path,
 )
 from lgprjax.navigation.skid_filter import (
     SkidFilterInfo,
@@ -126,31 +110,17 @@ from lgprjax.navigation.skid_filter import (
     step_skid_filter,
 )
 from lgprjax.navigation.skid_model import (
+    SKID_SOURCES,
     SKID_STATES,
+    DeltaHeading,
     SkidEstimate,
     SkidModel,
-    default_skid_model,
-    skid_pose,
-    skid_pose_covariance,
-)
-from lgprjax.navigation.skid_observations import (
-    SKID_SOURCES,
-    DeltaHeading,
     SkidMotion,
     SkidObservations,
+    default_skid_model,
     no_skid_observations,
-)
-from lgprjax.navigation.smoother import (
-    filter_drive,
-    smooth_drive,
-    smooth_estimates,
-)
-from lgprjax.navigation.threshold_switch import (
-    SwitchSettings,
-    SwitchState,
-    init_switch,
-    step_switch,
-    switch_settings,
+    skid_pose,
+    skid_pose_covariance,
 )
 
 __all__ = [

@@ -5,16 +5,165 @@ drive on. A stop is asked for as long as its reason lasts: that a vehicle which 
 is for the mode machine to see to.
 """
 
+from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
-from lgprjax.navigation.filter import FilterInfo, FilterState
-from lgprjax.navigation.filter_model import SPEED, position_sigma_m
-from lgprjax.navigation.health_rules import HealthRules, health_rules
-from lgprjax.navigation.observations import GNSS, HEADING, LGPR, ODOMETER, Observations
-from lgprjax.navigation.reaction import STOPPING, Reaction, Reason
+from lgprjax.navigation.counter_steer_filter import FilterInfo, FilterState
+from lgprjax.navigation.counter_steer_model import SPEED, position_sigma_m, step_local
+from lgprjax.navigation.observations import GNSS, HEADING, LGPR, ODOMETER, LgprObservation, Motion, Observations
+from lgprjax.vehicle import VehiclePose
+
+# Limits of the navigation's health.
+
+
+class HealthRules(NamedTuple):
+    """Limits; scalars, or one value a source in the order of ``SOURCES``.
+
+    Attributes:
+        silent_s: without an observation for longer, a source is silent; infinite for one that the vehicle lacks.
+        lost_s: without an accepted observation for longer, a source does not count as one that bounds the error.
+        rejects: rejected so many times in a row, a source is reported as such.
+        coarse_m: standard deviation, larger axis, above which GNSS is coarse.
+        stuck_m: way driven under one unchanged GNSS position.
+        risk: probability of a false match up to which a scan is evidence of the map's ground; that of a fix.
+        faded_share: share of the scans of ``fading_s`` without such evidence above which the ground has faded.
+        fading_s: length of that sliding share.
+        conflict_stop_s: a conflict between GNSS and LGPR that lasts longer asks for a stop.
+        degrade_cross_m, stop_cross_m: cross-track standard deviation that degrades, and that stops.
+        stop_speed_mps: standard deviation of the speed above which it is not known.
+        degrade_frame_m, stop_frame_m: what the slewed path may still have to move.
+        longest_step_s: longest tick that the clock may report.
+        hold_s: a reason is reported for so long after it was last seen, so that the speed cap does not flicker.
+        degraded_mps: speed cap while degraded.
+    """
+
+    silent_s: Float[Array, "4"]
+    lost_s: Float[Array, "4"]
+    rejects: Int32[Array, "4"]
+    coarse_m: Float[Array, ""]
+    stuck_m: Float[Array, ""]
+    risk: Float[Array, ""]
+    faded_share: Float[Array, ""]
+    fading_s: Float[Array, ""]
+    conflict_stop_s: Float[Array, ""]
+    degrade_cross_m: Float[Array, ""]
+    stop_cross_m: Float[Array, ""]
+    stop_speed_mps: Float[Array, ""]
+    degrade_frame_m: Float[Array, ""]
+    stop_frame_m: Float[Array, ""]
+    longest_step_s: Float[Array, ""]
+    hold_s: Float[Array, ""]
+    degraded_mps: Float[Array, ""]
+
+
+def health_rules(
+    *, gnss_period_s: float, heading_period_s: float, odometer_period_s: float, lgpr_period_s: float, risk: float
+) -> HealthRules:
+    """Rules for sources of given periods, in s, infinite for one that the vehicle lacks, and the risk of a fix.
+
+    A source is silent after 1.5 periods of GNSS, 3 scans of LGPR, and after 0.2 s without heading or 0.5 s without
+    odometry, though no sooner than after 1.5 of their periods. The budget of 0.3 m, cross-track, is the 1 ft of the
+    Husky's requirements, less what the halt itself takes.
+
+    The ground has faded when more scans than not give no evidence: when the typical scan no longer tells the map's
+    ground from other ground. How high a correlation is says nothing of that; rain lowers it far without coming near
+    the noise floor. A share near one would tell nothing before LGPR is silent, and stretches without a fix that good
+    ground has too, a scan in ten, stay well below a half.
+    """
+    gnss, lgpr = 1.5 * gnss_period_s, 3.0 * lgpr_period_s
+    heading, odometer = max(0.2, 1.5 * heading_period_s), max(0.5, 1.5 * odometer_period_s)
+    one = jnp.float32
+    return HealthRules(
+        silent_s=jnp.asarray([gnss, heading, odometer, lgpr], jnp.float32),
+        lost_s=jnp.asarray([max(0.5, 2.5 * gnss_period_s), heading, odometer, max(0.5, lgpr)], jnp.float32),
+        rejects=jnp.asarray([1, 2, 3, 2], jnp.int32),
+        coarse_m=one(0.1),
+        stuck_m=one(0.5),
+        risk=one(risk),
+        faded_share=one(0.5),
+        fading_s=one(2.0),
+        conflict_stop_s=one(10.0),
+        degrade_cross_m=one(0.15),
+        stop_cross_m=one(0.25),
+        stop_speed_mps=one(0.5),
+        degrade_frame_m=one(0.3),
+        stop_frame_m=one(1.0),
+        longest_step_s=one(0.2),
+        hold_s=one(1.0),
+        degraded_mps=one(2.0),
+    )
+
+
+# What a fault of the navigation asks of the vehicle, and the faults that are told apart.
+
+
+class Reaction(IntEnum):
+    """What the vehicle is to do; the larger one wins."""
+
+    CONTINUE = 0
+    DEGRADE = 1
+    """Drive on below the speed cap."""
+    STOP = 2
+    """Controlled stop: throttle idle, ramped brake, steer on along the last valid local path."""
+
+
+class Reason(IntFlag):
+    """Why. Several may hold at once; the order of the bits is that of the rules in ``health``."""
+
+    NON_FINITE = 1
+    """The estimate holds a number that is none."""
+    BAD_STEP = 2
+    """The clock stood, went back or leapt."""
+    GNSS_SILENT = 4
+    GNSS_STUCK = 8
+    """The receiver repeats one position while the vehicle moves."""
+    GNSS_COARSE = 16
+    """The receiver itself reports a large error: float or single instead of fixed."""
+    GNSS_REJECTED = 32
+    HEADING_SILENT = 64
+    HEADING_REJECTED = 128
+    ODOMETER_SILENT = 256
+    ODOMETER_REJECTED = 512
+    LGPR_SILENT = 1024
+    LGPR_REJECTED = 2048
+    LGPR_FADED = 4096
+    """The scans match the map ever less: wet soil, frost, or a stretch that has changed."""
+    CONFLICT = 8192
+    """GNSS and LGPR say different places, both with confidence."""
+    REACQUIRED = 16384
+    """A source that had been rejected was taken back, because the filter itself must have been wrong."""
+    FRAME_BEHIND = 32768
+    """The path in the local frame has yet to be moved to where it belongs."""
+    UNCERTAIN = 65536
+    """The cross-track error that the filter owns to is large."""
+    POSITION_LOST = 131072
+    """Neither GNSS nor LGPR: dead reckoning. Asks for a stop."""
+    HEADING_LOST = 262144
+    """No heading and no fix that would give one. Asks for a stop."""
+    SPEED_LOST = 524288
+    """The speed is not known. Asks for a stop."""
+    CONFLICT_LASTS = 1048576
+    """The conflict has lasted. Asks for a stop."""
+    FRAME_FAR = 2097152
+    """The path is too far from where it belongs. Asks for a stop."""
+    TOO_UNCERTAIN = 4194304
+    """The cross-track error exceeds the budget. Asks for a stop."""
+
+
+STOPPING = (
+    Reason.NON_FINITE
+    | Reason.POSITION_LOST
+    | Reason.HEADING_LOST
+    | Reason.SPEED_LOST
+    | Reason.CONFLICT_LASTS
+    | Reason.FRAME_FAR
+    | Reason.TOO_UNCERTAIN
+)
+"""Reasons that ask for a stop; the others degrade."""
+
 
 __all__ = [
     "Health",
@@ -191,3 +340,106 @@ def _pushed(bins: Float[Array, "10"], value: Float[Array, ""], full: Bool[Array,
     begun = jnp.concatenate([jnp.zeros(1, jnp.float32), bins[:-1]])
     bins = jnp.where(full, begun, bins)
     return bins.at[0].add(value)
+
+
+# The Husky's own fusion (LL): the LGPR-corrected pose while the correlation is good enough, else that of GNSS/INS.
+#
+# A good fix replaces the pose; between fixes it is carried by dead reckoning. What LL leaves open is set here. Whether
+# a fix is good enough is judged by the probability that ground which is not the map's would have matched as well: what
+# a correlation is worth differs from ground to ground. A fix must be better to take over than to stay, and after the
+# last good fix it is carried for a while before GNSS/INS has the word again. The pose jumps where the sources differ:
+# the drifting frame takes care of that, as with any other estimate.
+
+_HYSTERESIS = 0.01
+"""To take over, a match must be false with a hundredth of the probability that lets it stay. At a risk of 1e-4 two
+decades are about one standard deviation of a normal noise floor: its tail falls there by 1.9 decades each, by 2.3 where
+the match is the best of some hundred places."""
+
+
+class SwitchSettings(NamedTuple):
+    """When to believe which source, and where the array stands. Scalars.
+
+    Attributes:
+        enter_p_false: probability of a false match up to which a fix lets LGPR take over.
+        stay_p_false: up to which it is good enough once LGPR has the word; at least ``enter_p_false``.
+        hold_s: after the last good fix, the pose is carried for so long.
+        zero_slip_m: from the rear axle forward to the point that moves along the body axis.
+        array_x_m, array_y_m: the array's centre in the body, forward and left of the rear axle.
+    """
+
+    enter_p_false: Float[Array, "..."]
+    stay_p_false: Float[Array, "..."]
+    hold_s: Float[Array, "..."]
+    zero_slip_m: Float[Array, "..."]
+    array_x_m: Float[Array, "..."]
+    array_y_m: Float[Array, "..."]
+
+
+class SwitchState(NamedTuple):
+    """What is carried from tick to tick; ``pose`` is the answer.
+
+    Attributes:
+        pose: of the rear axle in the map's frame: the carried one on LGPR, else that of GNSS/INS.
+        on_lgpr: which.
+        carried: the last good fix, dead reckoned to now; without meaning while off LGPR.
+        since_good_s: since that fix arrived; infinite before the first.
+    """
+
+    pose: VehiclePose
+    on_lgpr: Bool[Array, "..."]
+    carried: VehiclePose
+    since_good_s: Float[Array, "..."]
+
+
+def switch_settings(
+    risk: float, *, zero_slip_m: Float[Array, "..."], array_x_m: Float[Array, "..."], array_y_m: Float[Array, "..."]
+) -> SwitchSettings:
+    """The switch at the risk of a fix; the last good one is carried for a second. Geometry: see ``SwitchSettings``."""
+    enter, stay, hold = (jnp.float32(value) for value in (_HYSTERESIS * risk, risk, 1.0))
+    return SwitchSettings(enter, stay, hold, zero_slip_m, array_x_m, array_y_m)
+
+
+def init_switch(gnss_ins_pose: VehiclePose) -> SwitchState:
+    """On GNSS/INS, no fix seen yet."""
+    off = jnp.zeros(jnp.shape(gnss_ins_pose.x_m), bool)
+    return SwitchState(gnss_ins_pose, off, gnss_ins_pose, jnp.where(off, 0.0, jnp.inf).astype(jnp.float32))
+
+
+def step_switch(
+    settings: SwitchSettings,
+    state: SwitchState,
+    motion: Motion,
+    speed_mps: Float[Array, "..."],
+    gnss_ins_pose: VehiclePose,
+    lgpr: LgprObservation,
+    p_false: Float[Array, "..."],
+) -> SwitchState:
+    """The state after a tick.
+
+    Args:
+        settings: thresholds and geometry.
+        state: before the tick.
+        motion: yaw rate and length of the tick.
+        speed_mps: forward, by the odometer.
+        gnss_ins_pose: of the rear axle at the tick's end, as GNSS/INS have it.
+        lgpr: the tick's fix of the array's centre, if there is one; brought forward by its age.
+        p_false: probability that ground which is not the map's would have matched as well as the fix; where it is NaN,
+            no fix is good enough.
+    """
+    rate, slip = motion.yaw_rate_radps, settings.zero_slip_m
+    carried = step_local(state.carried, speed_mps, rate, slip, motion.step_s)
+    cos, sin = jnp.cos(lgpr.yaw_rad), jnp.sin(lgpr.yaw_rad)
+    seen = VehiclePose(
+        lgpr.x_m - cos * settings.array_x_m + sin * settings.array_y_m,
+        lgpr.y_m - sin * settings.array_x_m - cos * settings.array_y_m,
+        lgpr.yaw_rad,
+    )
+    now = step_local(seen, speed_mps, rate, slip, lgpr.age_s)
+    asked = jnp.where(state.on_lgpr, settings.stay_p_false, settings.enter_p_false)
+    good = lgpr.valid & (p_false <= asked)
+    carried = VehiclePose(*(jnp.where(good, new, old) for new, old in zip(now, carried, strict=True)))
+    since_s = jnp.where(good, lgpr.age_s, state.since_good_s + motion.step_s)
+    # Off LGPR only a fix that is good enough to take over leads back to it.
+    on_lgpr = good | (state.on_lgpr & (since_s <= settings.hold_s))
+    pose = VehiclePose(*(jnp.where(on_lgpr, ours, other) for ours, other in zip(carried, gnss_ins_pose, strict=True)))
+    return SwitchState(pose, on_lgpr, carried, since_s)

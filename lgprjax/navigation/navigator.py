@@ -10,21 +10,31 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from lgprjax.navigation.drifting_frame import (
+from lgprjax.navigation.counter_steer_filter import FilterInfo, FilterState, init_filter, step_filter
+from lgprjax.navigation.counter_steer_model import (
+    RATE_BIAS,
+    SPEED,
+    FilterModel,
     FrameOffset,
     SlewLimits,
     anchor_frame,
+    pose_of,
     slew_frame,
     step_local,
     to_global,
 )
-from lgprjax.navigation.filter import FilterInfo, FilterState, init_filter, step_filter
-from lgprjax.navigation.filter_model import RATE_BIAS, SPEED, FilterModel, pose_of
-from lgprjax.navigation.gates import GateRules
-from lgprjax.navigation.health import Health, HealthState, init_health, step_health
-from lgprjax.navigation.health_rules import HealthRules
-from lgprjax.navigation.observations import Motion, Observations
-from lgprjax.navigation.threshold_switch import SwitchSettings, SwitchState, init_switch, step_switch
+from lgprjax.navigation.health import (
+    Health,
+    HealthRules,
+    HealthState,
+    SwitchSettings,
+    SwitchState,
+    init_health,
+    init_switch,
+    step_health,
+    step_switch,
+)
+from lgprjax.navigation.observations import GateRules, Motion, Observations
 from lgprjax.vehicle import VehiclePose
 
 Fusion = Literal["filter", "switch"]

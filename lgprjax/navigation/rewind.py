@@ -12,10 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from lgprjax.errors import InputError
-from lgprjax.navigation.filter import FilterInfo, FilterState, step_filter
-from lgprjax.navigation.filter_model import FilterModel
-from lgprjax.navigation.gates import GateRules
-from lgprjax.navigation.observations import SOURCES, Motion, Observations, no_observations, valid_sources
+from lgprjax.navigation.counter_steer_filter import FilterInfo, FilterState, step_filter
+from lgprjax.navigation.counter_steer_model import FilterModel
+from lgprjax.navigation.observations import SOURCES, GateRules, Motion, Observations, no_observations, valid_sources
 
 T = TypeVar("T")
 

@@ -7,43 +7,422 @@ counter-steered vehicle.
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
-from lgprjax.navigation.arc_reach import wrap_yaw
-from lgprjax.navigation.gates import NEVER_S, GateRules, GateState, advance_gates, default_rules, init_gates, judge
-from lgprjax.navigation.heading_start import (
-    HeadingStart,
-    KeptFix,
-    StartedHeading,
-    Way,
-    init_heading_start,
-    step_heading_start,
-)
-from lgprjax.navigation.kalman import correct, reopen, weigh
-from lgprjax.navigation.observations import GNSS, HEADING, GnssObservation
-from lgprjax.navigation.skid_innovations import (
-    InsEpoch,
-    antenna_reach,
-    fix_innovation,
-    fix_usable,
-    fix_variance,
+from lgprjax.navigation.counter_steer_filter import LARGEST_COURSE_RADPM
+from lgprjax.navigation.kalman import Innovation, correct, innovation_of, reach, reopen, turned, usable, weigh, wrap_yaw
+from lgprjax.navigation.observations import (
+    GNSS,
+    HEADING,
+    NEVER_S,
+    GateRules,
+    GateState,
+    GnssObservation,
+    advance_gates,
+    default_rules,
+    init_gates,
+    judge,
 )
 from lgprjax.navigation.skid_model import (
+    DRIFT,
+    SKID_STATES,
     SLIP_AHEAD,
     SLOW_X,
     SLOW_Y,
+    TURNED,
     UNKNOWN_YAW_VARIANCE,
     YAW,
+    DeltaHeading,
     SkidEstimate,
     SkidModel,
+    SkidMotion,
+    SkidObservations,
     X,
     Y,
     init_skid_estimate,
+    predict_skid,
+    skid_rates,
 )
-from lgprjax.navigation.skid_motion import predict_skid, skid_rates
-from lgprjax.navigation.skid_observations import SkidMotion, SkidObservations
-from lgprjax.navigation.turn_update import IS_YAW, Fate, update_turn
-from lgprjax.vehicle import WheelSpeeds
+from lgprjax.vehicle import VehiclePose, WheelSpeeds
+
+# What GNSS and INS would observe if the estimate of a skid-steer vehicle were right, and what of it is usable.
+
+LEAST_FIX_VARIANCE = 1e-6
+"""No fix is better than a millimetre, whatever it reports."""
+
+
+class InsEpoch(NamedTuple):
+    """The end of the last delta heading, from which the next one counts.
+
+    Attributes:
+        since_s: how long ago it was.
+        yaw_rate_radps: of the body then.
+    """
+
+    since_s: Float[Array, "..."]
+    yaw_rate_radps: Float[Array, "..."]
+
+
+class Heard(NamedTuple):
+    """What a tick's delta heading is good for.
+
+    Attributes:
+        usable: it counts from the last one that was heard, and is a turn that the vehicle can make.
+        ends: a span ends here, used or not, and the next one counts from it.
+        late_s: the tick's end after the span's.
+    """
+
+    usable: Bool[Array, "..."]
+    ends: Bool[Array, "..."]
+    late_s: Float[Array, "..."]
+
+
+def antenna_reach(
+    model: SkidModel, estimate: SkidEstimate, motion: SkidMotion, age_s: Float[Array, ""]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """The antenna a while before the tick's end, forward and left of where the midpoint stands at the end."""
+    speed_mps, yaw_rate_radps = skid_rates(model, estimate, motion)
+    ahead = estimate.mean[SLIP_AHEAD]
+    return reach(-age_s * speed_mps, -age_s * yaw_rate_radps, ahead, model.gnss_x_m, model.gnss_y_m).at_m
+
+
+def fix_innovation(
+    model: SkidModel, estimate: SkidEstimate, motion: SkidMotion, fix: GnssObservation, offered: Bool[Array, ""]
+) -> Innovation:
+    """Of the antenna's position: of the variance that a fix reports a share is slow, the rest is white.
+
+    Args:
+        model, estimate, motion: at the tick's end.
+        fix: may hold anything where it is not offered.
+        offered: whether it is usable.
+    """
+    slow_x, slow_y = (jnp.sqrt(model.gnss_slow_share * _variance(fix, axis, offered)) for axis in (0, 1))
+    at = antenna_reach(model, estimate, motion, jnp.where(offered, fix.age_s, 0.0))
+    mean = estimate.mean
+    x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), at)
+    one = jnp.float32(1.0)
+    rows = ({X: one, YAW: -y, SLOW_X: slow_x}, {Y: one, YAW: x, SLOW_Y: slow_y})
+    expected = jnp.stack([mean[X] + x + slow_x * mean[SLOW_X], mean[Y] + y + slow_y * mean[SLOW_Y]])
+    least = LEAST_FIX_VARIANCE * jnp.eye(2, dtype=mean.dtype)
+    white = (1.0 - model.gnss_slow_share) * fix.covariance + least
+    return innovation_of(jnp.stack([fix.x_m, fix.y_m]) - expected, rows, white, offered)
+
+
+def turn_innovation(
+    model: SkidModel, estimate: SkidEstimate, motion: SkidMotion, epoch: InsEpoch, delta: DeltaHeading, heard: Heard
+) -> Innovation:
+    """Of the turn since the last delta heading, exact at any tick: the state ``turned`` has counted it all the way.
+
+    Args:
+        model, estimate, motion: at the tick's end.
+        epoch: end of the last one.
+        delta: may hold anything where it is not usable.
+        heard: from ``hear``.
+    """
+    span = jnp.where(heard.usable, delta.span_s, 0.0)
+    _, yaw_rate_radps = skid_rates(model, estimate, motion)
+    expected = estimate.mean[TURNED] - heard.late_s * yaw_rate_radps + estimate.mean[DRIFT] * span
+    # Where in its tick a span ends is not told: its turn is in doubt if the rate changed between two ends.
+    doubt = model.ins_clock_s * (yaw_rate_radps - epoch.yaw_rate_radps)
+    noise = model.ins_noise**2 * span + doubt * doubt
+    row = {TURNED: jnp.float32(1.0), DRIFT: span}
+    return innovation_of((delta.turn_rad - expected)[None], (row,), noise[None, None], heard.usable)
+
+
+def hear(model: SkidModel, epoch: InsEpoch, motion: SkidMotion, delta: DeltaHeading) -> Heard:
+    """Whether a delta heading counts from the end of the last one.
+
+    One that is due is used. One that comes long after its span has lost another before it: the count starts anew. One
+    that comes long before its span has passed is a repeat.
+
+    Args:
+        model: for the fastest turn.
+        epoch: end of the last one, at the tick's end.
+        motion: the tick's.
+        delta: of the tick.
+    """
+    sound = usable(delta) & (delta.span_s > 0.0)
+    span = jnp.where(sound, delta.span_s, 1.0)
+    late = epoch.since_s - span
+    possible = jnp.abs(delta.turn_rad) <= model.fastest_turn_radps * span
+    # One that comes half a span early is a repeat; half a span late, where a tick is as long, it is still due.
+    early = late < -jnp.minimum(1.5 * motion.step_s, 0.4 * span)
+    due = ~early & (late <= jnp.minimum(1.5 * motion.step_s, 0.6 * span))
+    ends = sound & ~early
+    return Heard(sound & due & possible, ends, jnp.where(due, jnp.clip(late, 0.0, motion.step_s), 0.0))
+
+
+def fix_usable(model: SkidModel, fix: GnssObservation, newest_s: Float[Array, ""]) -> Bool[Array, ""]:
+    """Finite, with an error that can be, neither too old nor from the future, and newer than the newest so far.
+
+    Args:
+        model: for the oldest fix.
+        fix: of the tick.
+        newest_s: how long before the tick's end the newest fix so far was taken.
+    """
+    # Two numbers that differ by rounding are the same moment.
+    timely = (fix.age_s >= 0.0) & (fix.age_s <= model.oldest_fix_s) & (fix.age_s < newest_s - 0.001)
+    xx, xy, yy = fix.covariance[0, 0], fix.covariance[0, 1], fix.covariance[1, 1]
+    return usable(fix) & timely & (xx >= 0.0) & (yy >= 0.0) & (xx * yy >= xy * xy)
+
+
+def fix_variance(fix: GnssObservation, offered: Bool[Array, ""]) -> Float[Array, ""]:
+    """Variance of an axis that a fix reports, the mean of both; zero where it is not offered."""
+    return 0.5 * (_variance(fix, 0, offered) + _variance(fix, 1, offered))
+
+
+def _variance(fix: GnssObservation, axis: int, offered: Bool[Array, ""]) -> Float[Array, ""]:
+    return jnp.where(offered, fix.covariance[axis, axis], 0.0)
+
+
+# A delta heading against the estimate of a skid-steer vehicle: believed, whatever the wheels say, but not blindly.
+#
+# Wheels slip, so a turn beyond the gate is the INS's; what the two disagree by stays in doubt, so that an INS that
+# lies costs the heading and not the truth.
+
+IS_YAW = np.arange(len(SKID_STATES)) == YAW
+"""Picks the yaw among the states."""
+
+
+class Fate(NamedTuple):
+    """What became of one observation.
+
+    Attributes:
+        nis: normalised innovation squared; zero where nothing was offered.
+        offered: valid, finite, new and in time.
+        accepted: used.
+        reacquired: used although beyond the gate.
+    """
+
+    nis: Float[Array, ""]
+    offered: Bool[Array, ""]
+    accepted: Bool[Array, ""]
+    reacquired: Bool[Array, ""]
+
+
+class Turned(NamedTuple):
+    """Estimate, gates and the end of the last delta heading after a tick's, and what became of it."""
+
+    estimate: SkidEstimate
+    gates: GateState
+    epoch: InsEpoch
+    fate: Fate
+
+
+def update_turn(
+    model: SkidModel,
+    rules: GateRules,
+    estimate: SkidEstimate,
+    gates: GateState,
+    epoch: InsEpoch,
+    motion: SkidMotion,
+    delta: DeltaHeading,
+) -> Turned:
+    """The estimate after the tick's delta heading, if there is one, and the count of the next one's turn.
+
+    Args:
+        model, rules: of the filter.
+        estimate, gates, epoch: at the tick's end, before it.
+        motion: the tick's; its numbers are finite.
+        delta: may hold anything where it is not valid.
+    """
+    heard = hear(model, epoch, motion, delta)
+    innovation = turn_innovation(model, estimate, motion, epoch, delta, heard)
+    weighed = weigh(estimate.covariance, innovation)
+    nowhere = jnp.zeros(2, jnp.float32)
+    verdict, gates = judge(rules, gates, HEADING, heard.usable, weighed.nis, nowhere, nowhere)
+    mean, covariance = correct(*estimate, innovation, weighed, verdict.accepted & ~verdict.reacquired)
+    # Beyond the gate the wheels learn nothing from it, and half of what the two disagree by is added to the sigma
+    # itself, not to its square: disagreements of one cause have one sign.
+    apart = jnp.where(verdict.reacquired, innovation.residual[0], 0.0)
+    half, sigma = 0.5 * jnp.abs(apart), jnp.sqrt(jnp.maximum(covariance[YAW, YAW], 0.0))
+    mean = jnp.where(IS_YAW, wrap_yaw(mean + apart), mean)
+    covariance = covariance + jnp.diag(jnp.where(IS_YAW, half * (half + 2.0 * sigma), 0.0))
+    _, yaw_rate_radps = skid_rates(model, SkidEstimate(mean, covariance), motion)
+    begun = heard.late_s * yaw_rate_radps - mean[TURNED]
+    mean, covariance = reopen(mean, covariance, {TURNED: begun}, {TURNED: jnp.zeros_like(begun)}, heard.ends)
+    ended = InsEpoch(
+        jnp.where(heard.ends, heard.late_s, epoch.since_s),
+        jnp.where(heard.ends, yaw_rate_radps, epoch.yaw_rate_radps),
+    )
+    fate = Fate(weighed.nis, heard.usable, verdict.accepted, verdict.reacquired)
+    return Turned(SkidEstimate(mean, covariance), gates, ended, fate)
+
+
+# The first heading of a vehicle without a compass: driven straight, and told by pairs of fixes (MF section 2).
+#
+# The vehicle's own way is reckoned in a frame of its own from wheels and INS. Fixes and the antenna's places in that
+# frame make pairs; the turn from the one to the other is the heading, whatever the lever of the antenna and whether
+# the vehicle went forward or back. The pairs share no fix and lie apart, so that the RMS about their mean tells an
+# error.
+
+PAIRS = 4
+"""Headings in the history; twice as many fixes are kept."""
+_ODD_LENGTH = 0.25
+"""Fixes whose distance differs so much from the way driven tell of a receiver or of wheels, not of a heading."""
+
+
+class HeadingStart(NamedTuple):
+    """A straight way and its fixes, the newest last.
+
+    Attributes:
+        known: whether the filter's heading counts as known.
+        own: pose of the midpoint in the frame of the way, which begins where the way does.
+        time_s: since the way began.
+        fix_m: the fixes kept.
+        antenna_m: the antenna's places in the frame of the way then.
+        own_yaw_rad: yaw in that frame then.
+        fix_variance: what they reported, m², the mean of both axes.
+        fix_s: when they were taken.
+        taken: how many have been kept.
+    """
+
+    known: Bool[Array, "..."]
+    own: VehiclePose
+    time_s: Float[Array, "..."]
+    fix_m: Float[Array, "... 8 2"]
+    antenna_m: Float[Array, "... 8 2"]
+    own_yaw_rad: Float[Array, "... 8"]
+    fix_variance: Float[Array, "... 8"]
+    fix_s: Float[Array, "... 8"]
+    taken: Int[Array, "..."]
+
+
+class Way(NamedTuple):
+    """A tick's way by wheels and INS.
+
+    Attributes:
+        travel_m, turn_rad: of the body.
+        slip_ahead_m: of the point that does not move aside.
+        step_s: length of the tick.
+    """
+
+    travel_m: Float[Array, "..."]
+    turn_rad: Float[Array, "..."]
+    slip_ahead_m: Float[Array, "..."]
+    step_s: Float[Array, "..."]
+
+
+class KeptFix(NamedTuple):
+    """A fix as the start sees it.
+
+    Attributes:
+        fix_m: position of the antenna.
+        reach_m: forward and left of the midpoint at the tick's end, where the antenna was when it was taken.
+        turned_rad: the body's turn from then to the tick's end.
+        variance: that it reports, m².
+        age_s: at the tick's end.
+        offered: whether there is one.
+    """
+
+    fix_m: Float[Array, " 2"]
+    reach_m: tuple[Float[Array, ""], Float[Array, ""]]
+    turned_rad: Float[Array, ""]
+    variance: Float[Array, ""]
+    age_s: Float[Array, ""]
+    offered: Bool[Array, ""]
+
+
+class StartedHeading(NamedTuple):
+    """What the pairs say.
+
+    Attributes:
+        yaw_rad: of the body at the tick's end.
+        variance: rad².
+        rms_rad: of the history about its mean.
+        ready: a new fix completed a history that is to be believed.
+    """
+
+    yaw_rad: Float[Array, ""]
+    variance: Float[Array, ""]
+    rms_rad: Float[Array, ""]
+    ready: Bool[Array, ""]
+
+
+def init_heading_start() -> HeadingStart:
+    """Nothing driven, nothing known."""
+    zero, rows = jnp.float32(0.0), 2 * PAIRS
+    many, places = jnp.zeros(rows, jnp.float32), jnp.zeros((rows, 2), jnp.float32)
+    own = VehiclePose(zero, zero, zero)
+    return HeadingStart(jnp.asarray(False), own, zero, places, places, many, many, many, jnp.int32(0))
+
+
+def step_heading_start(
+    model: SkidModel, start: HeadingStart, way: Way, fix: KeptFix, blind: Bool[Array, ""]
+) -> tuple[HeadingStart, StartedHeading]:
+    """One tick: the way goes on, begins anew where it bends, and takes a fix that lies far enough from the last.
+
+    Args:
+        model: of vehicle and sensors.
+        start: so far.
+        way: the tick's.
+        fix: the tick's.
+        blind: without INS: the way bends unseen as the sides slip.
+    """
+    moved = _drive(start, way)
+    x, y = turned(jnp.cos(moved.own.yaw_rad), jnp.sin(moved.own.yaw_rad), fix.reach_m)
+    antenna = jnp.stack([moved.own.x_m + x, moved.own.y_m + y])
+    apart_m = jnp.hypot(*(antenna - moved.antenna_m[-1]))
+    bend = jnp.abs(moved.own.yaw_rad - moved.own_yaw_rad[-1])
+    straight = (moved.taken == 0) | (bend <= LARGEST_COURSE_RADPM * jnp.maximum(apart_m, model.start_pair_m))
+    moved = moved._replace(taken=jnp.where(straight, moved.taken, 0))
+    takes = fix.offered & ((moved.taken == 0) | (apart_m >= model.start_pair_m))
+    kept = moved._replace(
+        fix_m=_push(moved.fix_m, jnp.where(fix.offered, fix.fix_m, 0.0), takes),
+        antenna_m=_push(moved.antenna_m, antenna, takes),
+        own_yaw_rad=_push(moved.own_yaw_rad, moved.own.yaw_rad - fix.turned_rad, takes),
+        fix_variance=_push(moved.fix_variance, fix.variance, takes),
+        fix_s=_push(moved.fix_s, moved.time_s - fix.age_s, takes),
+        taken=jnp.where(takes, jnp.minimum(moved.taken + 1, 2 * PAIRS), moved.taken),
+    )
+    found = _heading_of(model, kept, blind)
+    return kept, found._replace(ready=found.ready & takes)
+
+
+def _drive(start: HeadingStart, way: Way) -> HeadingStart:
+    """The own pose a tick on; before the first fix the frame stays at the vehicle."""
+    nowhere = jnp.zeros_like(way.travel_m)
+    at = reach(way.travel_m, way.turn_rad, way.slip_ahead_m, nowhere, nowhere).at_m
+    x, y = turned(jnp.cos(start.own.yaw_rad), jnp.sin(start.own.yaw_rad), at)
+    begun = start.taken > 0
+    ahead = VehiclePose(start.own.x_m + x, start.own.y_m + y, start.own.yaw_rad + way.turn_rad)
+    own = VehiclePose(*(jnp.where(begun, value, 0.0) for value in ahead))
+    return start._replace(own=own, time_s=jnp.where(begun, start.time_s + way.step_s, 0.0))
+
+
+def _heading_of(model: SkidModel, start: HeadingStart, blind: Bool[Array, ""]) -> StartedHeading:
+    """The mean turn from the pairs of the own frame to those of the fixes, and how far it can be trusted."""
+    own = start.antenna_m[PAIRS:] - start.antenna_m[:PAIRS]
+    seen = start.fix_m[PAIRS:] - start.fix_m[:PAIRS]
+    crossed = own[:, 0] * seen[:, 1] - own[:, 1] * seen[:, 0]
+    along = own[:, 0] * seen[:, 0] + own[:, 1] * seen[:, 1]
+    offset = _direction(along.sum(), crossed.sum())
+    rms = jnp.sqrt(jnp.mean(wrap_yaw(_direction(along, crossed) - offset) ** 2))
+    own_m, seen_m = jnp.hypot(own[:, 0], own[:, 1]), jnp.hypot(seen[:, 0], seen[:, 1])
+    as_long = jnp.all(jnp.abs(seen_m - own_m) <= _ODD_LENGTH * own_m)
+    full = start.taken >= 2 * PAIRS
+    base_m = jnp.where(full, jnp.maximum(own_m.mean(), model.start_pair_m), model.start_pair_m)
+    apart_s = jnp.mean(start.fix_s[PAIRS:] - start.fix_s[:PAIRS])
+    reported = start.fix_variance.mean()
+    white = 2.0 * (1.0 - model.gnss_slow_share) * reported / PAIRS
+    slow = -2.0 * model.gnss_slow_share * reported * jnp.expm1(-jnp.maximum(apart_s, 0.0) / model.gnss_slow_s)
+    aside = model.side_noise**2 * base_m
+    bent = jnp.where(blind, 2.0 * (model.slip_sigma * base_m / model.track_m) ** 2 + model.yaw_noise**2 * base_m, 0.0)
+    variance = jnp.maximum((white + slow + aside) / (base_m * base_m) + bent, rms * rms / PAIRS)
+    ready = full & as_long & (rms <= model.start_rms_rad)
+    return StartedHeading(wrap_yaw(offset + start.own.yaw_rad), variance, rms, ready)
+
+
+def _direction(along: Float[Array, "..."], crossed: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The angle between two directions, zero where there is none."""
+    return jnp.arctan2(crossed, jnp.where((along == 0.0) & (crossed == 0.0), 1.0, along))
+
+
+def _push(rows: Float[Array, "8 ..."], row: Float[Array, "..."], takes: Bool[Array, ""]) -> Float[Array, "8 ..."]:
+    """The rows with a new one last where it is taken."""
+    return jnp.where(takes, jnp.concatenate([rows[1:], row[None]]), rows)
+
 
 _BLIND_S = 1.0
 """An INS that has been silent for longer does not steady the way of a heading start."""

@@ -1,16 +1,28 @@
 """One recorded scan -> one calibrated profile -> a few coefficients a trace."""
 
-from lgprjax.radar.array import ArrayGeometry, centre_of, uniform_array
-from lgprjax.radar.channels import ChannelResponse, estimate_channel_response, find_dead_channels
-from lgprjax.radar.coefficients import (
+from lgprjax.radar.array import (
+    ArrayGeometry,
+    ChannelResponse,
+    centre_of,
+    estimate_channel_response,
+    find_dead_channels,
+    uniform_array,
+)
+from lgprjax.radar.features import (
     LIGHT_SPEED_M_PER_NS,
     CoefficientBasis,
+    LiveFilterState,
     air_delay_ns,
     coefficient_basis,
     coherence_gain,
     cos_sin,
+    init_live_filter,
+    run_live_filter,
     shift_travel_time,
+    stretched_operator,
     to_coefficients,
+    trace_operators,
+    zero_phase_filter,
 )
 from lgprjax.radar.radargram import Radargram, clear_view
 from lgprjax.radar.stepped_frequency import (
@@ -32,13 +44,6 @@ from lgprjax.radar.time_domain import (
     default_chain,
     profile_operator,
     profile_samples,
-)
-from lgprjax.radar.time_scale import stretched_operator, trace_operators
-from lgprjax.radar.track_filter import (
-    LiveFilterState,
-    init_live_filter,
-    run_live_filter,
-    zero_phase_filter,
 )
 
 __all__ = [

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
-from lgprjax.radar.channels import ChannelResponse
+from lgprjax.radar.array import ChannelResponse
 from lgprjax.radar.time_domain import WAVE_SPEED_M_PER_NS, ChainSettings, band_response
 
 _LEAST_CALIBRATION = 1e-3

@@ -1,22 +1,41 @@
 """Correlation, search and judgement: one scan, a window of scans, a whole drive."""
 
-from lgprjax.registration.calibration import Outcomes, calibrate, joined, outcomes_of, squared_errors
-from lgprjax.registration.chance import (
+from lgprjax.registration.calibrate import Outcomes, calibrate, joined, outcomes_of, squared_errors
+from lgprjax.registration.evidence import EvidenceSearch
+from lgprjax.registration.fix import WRONG_M, Code, Fix, sigmas_along_cross
+from lgprjax.registration.judge import (
     LADDER_M,
     LEAST_INDEPENDENT,
+    MIN_OVERLAP,
     PIECE_M,
     POOLED,
     Chance,
+    RegisterOptions,
+    Thresholds,
     fit_chance,
     ladder_of,
     least_z,
     p_foreign,
     p_rival,
     pooled_chance,
+    thresholds_at,
 )
-from lgprjax.registration.columns import ArrayColumns, make_columns
-from lgprjax.registration.correlation import OFF_MAP_SCORE, Score, Template, score_poses
-from lgprjax.registration.drive import (
+from lgprjax.registration.queries import LiveChain, LiveScans, Operators, Stops, Track, stops_of, templates_of
+from lgprjax.registration.refine import Finished, Region, SwarmView, finish_best, watch_finish
+from lgprjax.registration.scan_search import (
+    Problem,
+    Rules,
+    SearchSpec,
+    SurfacePicture,
+    ground_under,
+    register_batch,
+    rival_of,
+    rules_of,
+    search_spec_for,
+    survey_surface,
+)
+from lgprjax.registration.score import OFF_MAP_SCORE, Score, Template, score_poses
+from lgprjax.registration.search import (
     BLOCK_SCANS,
     DriveFixes,
     LiveBlock,
@@ -25,18 +44,7 @@ from lgprjax.registration.drive import (
     live_chain,
     register_drive,
 )
-from lgprjax.registration.evidence import EvidenceSearch
-from lgprjax.registration.finish import Finished, Region, finish_best
-from lgprjax.registration.fix import WRONG_M, Code, Fix, sigmas_along_cross
-from lgprjax.registration.integrity import MIN_OVERLAP, Thresholds, thresholds_at
-from lgprjax.registration.live import LiveChain, LiveScans, Operators, Track
-from lgprjax.registration.options import RegisterOptions
-from lgprjax.registration.prepared import Aspect, PreparedGround, PreparedTile
-from lgprjax.registration.search import Problem, Rules, SearchSpec, register_batch, rules_of, search_spec_for
-from lgprjax.registration.stops import Stops, stops_of, templates_of
-from lgprjax.registration.survey import SurfacePicture, ground_under, rival_of, survey_surface
-from lgprjax.registration.swarm_finish import SwarmView, watch_finish
-from lgprjax.registration.tiles import to_tile
+from lgprjax.registration.template_bank import ArrayColumns, Aspect, PreparedGround, PreparedTile, make_columns, to_tile
 
 __all__ = [
     "BLOCK_SCANS",

@@ -1,151 +1,594 @@
-"""The coarse stage: every place of the search region on the grid's own cells, at the prior's attitude.
+"""Evidence in the space of prior errors: each scan one surface, a window their running sum.
 
-Correlation is linear in the map, so one matrix product of traces with cells holds every product that any
-place needs; with the antennas rounded to whole cells a place's score is a sum of slices, one a trace, and no
-gather. Exhaustive, it leaves no doubt where the best place and its rivals are: the swarm refines
-them, and their difference is the margin on which integrity rests.
+A prior that is wrong is wrong alike for all scans of a short stretch: odometry and heading carry the error along. Over
+a lattice of prior errors (forward and left) every scan gives one surface of products with the map; the surface of a
+window, of whatever length, is the sum of those of its scans, and costs one subtraction of running sums.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
-from lgprjax.registration.correlation import OFF_MAP_SCORE, Template, normalise, strength_of
-from lgprjax.subsurface import Tile
+from lgprjax.radar import LIGHT_SPEED_M_PER_NS, WAVE_SPEED_M_PER_NS, air_delay_ns, centre_of, shift_travel_time
+from lgprjax.registration.judge import RegisterOptions
+from lgprjax.registration.queries import Plan, Stops
+from lgprjax.registration.score import OFF_MAP_SCORE
+from lgprjax.registration.template_bank import ArrayColumns, Aspect, PreparedGround, to_tile
 
 
-class CoarseSurface(NamedTuple):
-    """Correlation over the region's lattice, whose points are cells of the tile.
+class ScanBatch(NamedTuple):
+    """Scans that look at one tile alike.
 
     Attributes:
-        strength: at each point, see ``Score``; ``OFF_MAP_SCORE`` where overlap is missing.
-        overlap: share of the template on the map.
-        first_cell: the tile's cell of lattice point (0, 0).
+        coefficients: of each trace.
+        valid: channels that hold data.
+        above_m: height of each antenna above the tile's reference by the prior.
+        at_m: along and cross, in the tile's frame, of the array's centre at the lattice's first point.
     """
 
-    strength: Float[Array, "along cross"]
-    overlap: Float[Array, "along cross"]
-    first_cell: Int[Array, "2"]
+    coefficients: Float[Array | np.ndarray, "scan channel coefficient"]
+    valid: Bool[Array | np.ndarray, "scan channel"]
+    above_m: Float[Array | np.ndarray, "scan channel"]
+    at_m: Float[Array | np.ndarray, "scan 2"]
 
 
-def trace_products(tile: Tile, templates: Template) -> Float[Array, "batch trace along cross"]:
-    """Products of every trace of a batch of templates with every cell: one matrix product."""
-    batch, traces, coefficients = templates.coefficients.shape
-    product = templates.coefficients.reshape(-1, coefficients) @ tile.coefficients.reshape(-1, coefficients).T
-    return product.reshape(batch, traces, *tile.valid.shape)
-
-
-def coarse_surface(
-    tile: Tile,
-    template: Template,
-    products: Float[Array, "trace along cross"],
-    prior: Float[Array, "5"],
-    half_width_m: Float[Array, "2"],
-    min_overlap: float | Float[Array, ""],
+@partial(jax.jit, static_argnames=("points", "box"))
+def scan_surfaces(
+    columns: ArrayColumns,
+    components: Float[Array, "coefficient component"],
+    scans: ScanBatch,
+    axes_m: Float[Array, "2 2"],
+    decoys_m: Float[Array, "decoy 2"],
+    heights_m: Float[Array, " height"],
+    angular_frequency_rad_per_ns: Float[Array, " half"],
     *,
-    lattice: tuple[int, int],
-    margin: tuple[int, int],
-) -> CoarseSurface:
-    """Correlation at every lattice point, heading and height as the prior has them.
+    points: tuple[int, int],
+    box: tuple[int, int] | None = None,
+) -> tuple[Float[Array, "scan plane forward left"], Float[Array, "scan plane decoy"], Float[Array, " scan"]]:
+    """Surface of each scan over the lattice of prior errors, the same at decoys, and its power.
+
+    Planes of a surface: a product for each height, the power of the ground, and the share of the channels over it.
 
     Args:
-        tile, template: as for ``score_poses``.
-        products: of this template, from ``trace_products``.
-        prior: along_m, cross_m, height_m, yaw_rad, roll_rad; the lattice is centred there as far as the
-            tile reaches.
-        half_width_m: of the region along and cross; lattice points beyond it do not count.
-        min_overlap: see ``score_poses``.
-        lattice: points along and cross; at most the tile's cells.
-        margin: cells that an antenna may stand outside the tile; farther ones count as off the map.
+        columns, components: template bank of the tile, and the directions that it is expressed in.
+        scans: the scans.
+        axes_m: along and cross of one step of the lattice forward, and of one to the left.
+        decoys_m: along and cross of places beyond the lattice, from its first point: what the scan scores there is
+            chance.
+        heights_m: added to the prior's height.
+        angular_frequency_rad_per_ns: of the coefficients.
+        points: of the lattice, forward and left.
+        box: places along and across that hold the lattice however it is turned, where these are few: each scan is
+            multiplied with those of its own then. Without it all scans are with all places at once.
     """
-    cells = jnp.asarray(tile.valid.shape, dtype=jnp.int32)
-    size = jnp.asarray(lattice, dtype=jnp.int32)
-    reach = jnp.asarray(margin, dtype=jnp.int32)
-    centre = jnp.round((prior[:2] - tile.origin_m) / tile.cell_m).astype(jnp.int32)
-    first = jnp.clip(centre - size // 2, 0, cells - size)
-    cos, sin = jnp.cos(prior[3]), jnp.sin(prior[3])
-    forward, left = template.offset_m[:, 0], template.offset_m[:, 1]
-    offset_m = jnp.stack([cos * forward - sin * left, sin * forward + cos * left], axis=-1)
-    offset = jnp.round(offset_m / tile.cell_m[None]).astype(jnp.int32)
-    reached = template.valid & jnp.all(jnp.abs(offset) <= reach[None], axis=-1)
-    start = (first + reach)[None] + jnp.clip(offset, -reach[None], reach[None])
-    live_power = jnp.sum(template.coefficients**2, axis=-1)
-    border = [(m, m) for m in margin]
-    power = jnp.pad(tile.power, border)
-    mask = jnp.pad(tile.valid.astype(jnp.float32), border)
-    padded = jnp.pad(products, [(0, 0), *border])
+    scan_count = len(scans.at_m)
+    live = jnp.where(scans.valid[..., None], scans.coefficients, 0.0)
+    raised = jnp.asarray(scans.above_m)[:, None, :] + heights_m[None, :, None]
+    level = shift_travel_time(
+        jnp.broadcast_to(live[:, None], (*raised.shape, live.shape[-1])),
+        -air_delay_ns(raised),
+        angular_frequency_rad_per_ns,
+    )
+    along, cross, size = columns.value.shape
+    power = jnp.sum(live**2, axis=(1, 2))
+    loud = jnp.sqrt(power)
+    quiet = jax.lax.rsqrt(jnp.where(loud > 0.0, loud, 1.0))
+    rows = (level @ components).reshape(scan_count, len(heights_m), size) * quiet[:, None, None]
+    value = columns.value.reshape(along * cross, size)
+    ground = jnp.stack([columns.power.reshape(-1), columns.overlap.reshape(-1)])
+    limit = jnp.asarray([along, cross], jnp.int32)
+    held = (along, cross) if box is None else box
+    own = rows if box is not None else (rows.reshape(-1, size) @ value.T).reshape(scan_count, len(heights_m), -1)
+    forward, left = (jnp.arange(count, dtype=jnp.float32) for count in points)
+    lattice_m = forward[:, None, None] * axes_m[0][None, None] + left[None, :, None] * axes_m[1][None, None]
+    lowest_m = jnp.min(lattice_m, axis=(0, 1))
 
-    def add(trace: Int[Array, ""], total: Float[Array, "sum along cross"]) -> Float[Array, "sum along cross"]:
-        use = reached[trace].astype(jnp.float32)
-
-        def cut(plane: Array) -> Array:
-            return jax.lax.dynamic_slice(plane, (start[trace, 0], start[trace, 1]), lattice)
-
-        there = cut(mask)
-        return total + use * jnp.stack(
-            [
-                jax.lax.dynamic_slice(padded, (trace, start[trace, 0], start[trace, 1]), (1, *lattice))[0],
-                live_power[trace] * there,
-                cut(power),
-                there,
-            ]
+    def one(scan: tuple[Array, Array]) -> tuple[Array, Array]:
+        heard, at_m = scan
+        place = (at_m[None] + decoys_m - columns.origin_m[None]) / columns.step_m[None]
+        near = jnp.round(place).astype(jnp.int32)
+        there = jnp.all((near >= 0) & (near < limit[None]), axis=-1)
+        near = jnp.clip(near, 0, limit[None] - 1)
+        apart = near[:, 0] * cross + near[:, 1]
+        if box is None:
+            first = jnp.zeros(2, jnp.int32)
+            planes = jnp.concatenate([heard, ground])
+            decoy = jnp.stack([plane[apart] for plane in planes])
+        else:
+            first = jnp.floor((at_m + lowest_m - columns.origin_m) / columns.step_m).astype(jnp.int32)
+            first = jnp.clip(first, 0, limit - jnp.asarray(box, jnp.int32))
+            around = jax.lax.dynamic_slice(columns.value, (first[0], first[1], 0), (*box, size)).reshape(-1, size)
+            below = jax.lax.dynamic_slice(ground.reshape(2, along, cross), (0, first[0], first[1]), (2, *box))
+            planes = jnp.concatenate([heard @ around.T, below.reshape(2, -1)])
+            decoy = jnp.concatenate([heard @ value[apart].T, ground[:, apart]])
+        cells = (at_m[None, None] + lattice_m - columns.origin_m[None, None]) / columns.step_m[None, None]
+        low = jnp.floor(cells)
+        part = cells - low
+        base = low.astype(jnp.int32)
+        inside = jnp.all((base >= 0) & (base + 1 < limit[None, None]), axis=-1)
+        base = jnp.clip(base - first[None, None], 0, jnp.asarray(held, jnp.int32)[None, None] - 2)
+        flat = base[..., 0] * held[1] + base[..., 1]
+        u, v = part[..., 0], part[..., 1]
+        corners = ((0, (1 - u) * (1 - v)), (1, (1 - u) * v), (held[1], u * (1 - v)), (held[1] + 1, u * v))
+        # Plane by plane: a gather of single numbers is what the compiler makes fastest here.
+        lattice = jnp.stack(
+            [sum((plane[flat + step] * weight for step, weight in corners), start=jnp.float32(0.0)) for plane in planes]
         )
+        return _scan_alike(jnp.where(inside[None], lattice, 0.0)), _scan_alike(jnp.where(there[None], decoy, 0.0))
 
-    traces = template.valid.shape[0]
-    total = jax.lax.fori_loop(0, traces, add, jnp.zeros((4, *lattice), jnp.float32))
-    at_m = [
-        (first[axis] + jnp.arange(lattice[axis])).astype(jnp.float32) * tile.cell_m[axis]
-        + tile.origin_m[axis]
-        - prior[axis]
-        for axis in range(2)
-    ]
-    inside = (jnp.abs(at_m[0]) <= half_width_m[0])[:, None] & (jnp.abs(at_m[1]) <= half_width_m[1])[None, :]
-    overlap = jnp.where(inside, total[3] / jnp.maximum(jnp.sum(template.valid, dtype=jnp.float32), 1.0), 0.0)
-    correlation = normalise(total[0], total[1], total[2], overlap, min_overlap)
-    return CoarseSurface(strength_of(correlation, overlap), overlap, first)
+    surfaces, decoys = jax.lax.map(one, (own, scans.at_m))
+    return surfaces, decoys, loud
 
 
-class Modes(NamedTuple):
-    """The best lattice points that lie apart from each other.
+def _scan_alike(planes: Float[Array, "plane ..."]) -> Float[Array, "plane ..."]:
+    """Products over the fourth root of the ground's power, whose plane is its root then.
+
+    Scans of a window speak with the root of their loudness. With powers summed a single strong stone speaks for metres
+    of ground, and two stones are soon alike; with all scans equal those that hold nothing but noise speak as well.
+    """
+    ground = planes[-2]
+    there = ground > 1e-9
+    level = jnp.where(there, jax.lax.rsqrt(jnp.sqrt(jnp.where(there, ground, 1.0))), 0.0)
+    return jnp.concatenate([planes[:-2] * level[None], jnp.sqrt(jnp.where(there, ground, 0.0))[None], planes[-1:]])
+
+
+_NEAR_RIM = 0.8  # of the distance at which places are apart, half a wavelength: how close to a rim is at it
+
+
+class Peaks(NamedTuple):
+    """Best and second best place of each window, in lattice points.
 
     Attributes:
-        place_m: along and cross.
-        strength: there; ``OFF_MAP_SCORE`` where there was none left.
-        floor: standard deviation of the strength away from the best: what ground that does not match
-            gives by chance.
+        point: forward and left of the best place.
+        height: number of its height.
+        score: there (correlation times the root of the overlap); ``OFF_MAP_SCORE`` where nothing was on the map.
+        rival: score of the best place apart from it.
+        floor: root mean square of the score at decoys: what ground that does not match gives by chance; 0 where too few
+            of them lie on the map to tell.
+        scatter: the same over the region far from the best place.
+        overlap: largest overlap within the region.
+        area: lattice points of the region that lie on the map.
+        at_rim: the best place is no peak: the score rises out of the region.
+        open_sides: where the map ends close beside the best place: 0 nowhere, 1 to its left, 2 to its right, 3 on both
+            sides.
     """
 
-    place_m: Float[Array, "mode 2"]
-    strength: Float[Array, " mode"]
-    floor: Float[Array, ""]
+    point: Float[Array | np.ndarray, "*batch 2"]
+    height: Int[Array | np.ndarray, "*batch"]
+    score: Float[Array | np.ndarray, "*batch"]
+    rival: Float[Array | np.ndarray, "*batch"]
+    floor: Float[Array | np.ndarray, "*batch"]
+    scatter: Float[Array | np.ndarray, "*batch"]
+    overlap: Float[Array | np.ndarray, "*batch"]
+    area: Float[Array | np.ndarray, "*batch"]
+    at_rim: Bool[Array | np.ndarray, "*batch"]
+    open_sides: Int[Array | np.ndarray, "*batch"]
 
 
-def find_modes(tile: Tile, surface: CoarseSurface, apart_m: Float[Array, ""], *, modes: int) -> Modes:
-    """Best summits by repeated maximum, each at least ``apart_m`` from those before it.
+class WindowBatch(NamedTuple):
+    """Windows over consecutive surfaces.
 
-    Summits only: the flank of the best one, just beyond ``apart_m``, is no rival.
+    Attributes:
+        first: number of each window's first surface, a row of lengths for every end; no smaller than -1 for none.
+        last: number of the surface that they end with.
+        centre: lattice point, forward and left, of the prior at that end.
+        half_m: half side of the region.
+        carried: lattice point of the last believed place, carried on by odometry.
+        carried_m: half side of the region about it.
     """
-    shape = surface.strength.shape
-    along = (surface.first_cell[0] + jnp.arange(shape[0])).astype(jnp.float32) * tile.cell_m[0] + tile.origin_m[0]
-    cross = (surface.first_cell[1] + jnp.arange(shape[1])).astype(jnp.float32) * tile.cell_m[1] + tile.origin_m[1]
-    around = jax.lax.reduce_window(surface.strength, -jnp.inf, jax.lax.max, (3, 3), (1, 1), "SAME")
-    left = jnp.where(surface.strength >= around, surface.strength, OFF_MAP_SCORE)
-    places, scores = [], []
-    away = jnp.ones(shape, bool)
-    for mode in range(modes):
-        best = jnp.argmax(left)
-        i, j = best // shape[1], best % shape[1]
-        places.append(jnp.stack([along[i], cross[j]]))
-        scores.append(left[i, j])
-        near = ((along - along[i]) ** 2)[:, None] + ((cross - cross[j]) ** 2)[None, :] < apart_m**2
-        left = jnp.where(near, OFF_MAP_SCORE, left)
-        if mode == 0:
-            away = ~near & (surface.strength > OFF_MAP_SCORE)
-    count = jnp.maximum(jnp.sum(away, dtype=jnp.float32), 1.0)
-    mean = jnp.sum(jnp.where(away, surface.strength, 0.0)) / count
-    spread = jnp.sum(jnp.where(away, (surface.strength - mean) ** 2, 0.0)) / count
-    # A handful of places away from the best tells nothing of chance: then as little is believed as can be.
-    enough = jnp.sum(away) >= 16
-    return Modes(jnp.stack(places), jnp.stack(scores), jnp.where(enough, jnp.sqrt(spread), 0.5))
+
+    first: Int[Array | np.ndarray, "end window"]
+    last: Int[Array | np.ndarray, " end"]
+    centre: Float[Array | np.ndarray, "end 2"]
+    half_m: Float[Array | np.ndarray, " end"]
+    carried: Float[Array | np.ndarray, "end 2"]
+    carried_m: Float[Array | np.ndarray, " end"]
+
+
+@partial(jax.jit, static_argnames="near")
+def window_peaks(
+    surfaces: Float[Array, "scan plane forward left"],
+    decoys: Float[Array, "scan plane decoy"],
+    power: Float[Array, " scan"],
+    windows: WindowBatch,
+    lattice_m: Float[Array, "2"],
+    apart_m: Float[Array, ""],
+    min_overlap: Float[Array, ""],
+    *,
+    near: tuple[int, int],
+) -> tuple[Peaks, Peaks]:
+    """Peaks of all windows: differences of running sums; those of the whole region, and those near the carried place.
+
+    Args:
+        surfaces, decoys, power: of consecutive scans, from ``scan_surfaces`` over one lattice.
+        windows: over them.
+        lattice_m: step of the lattice, forward and left.
+        apart_m: two places nearer than this are one.
+        min_overlap: least share of a window's channels on the map.
+        near: points of the lattice, forward and left, that the region about the carried place takes at most.
+    """
+    size = surfaces.shape[2:]
+    near = (min(near[0], size[0]), min(near[1], size[1]))
+    total = jnp.concatenate([jnp.zeros_like(surfaces[:1]), jnp.cumsum(surfaces, axis=0)])
+    apart_total = jnp.concatenate([jnp.zeros_like(decoys[:1]), jnp.cumsum(decoys, axis=0)])
+    loud = jnp.concatenate([jnp.zeros_like(power[:1]), jnp.cumsum(power)])
+
+    def one(end: tuple[Array, ...]) -> tuple[Peaks, Peaks]:
+        first, last, centre, half_m, carried, carried_m = end
+        known = first >= 0
+        begin = jnp.maximum(first, 0)
+        scans = (last + 1 - begin).astype(jnp.float32)
+        planes = total[last + 1][None] - total[begin]
+        live = loud[last + 1] - loud[begin]
+        floor = _floor_of(apart_total[last + 1][None] - apart_total[begin], live, scans, min_overlap)
+        peaks = _peaks_of(planes, live, floor, scans, centre, half_m, lattice_m, apart_m, min_overlap)
+        corner = jnp.round(carried).astype(jnp.int32) - jnp.asarray(near, jnp.int32) // 2
+        corner = jnp.clip(corner, 0, jnp.asarray(size, jnp.int32) - jnp.asarray(near, jnp.int32))
+        cut = jax.lax.dynamic_slice(planes, (0, 0, corner[0], corner[1]), (*planes.shape[:2], *near))
+        first_m = corner.astype(jnp.float32)
+        close = _peaks_of(
+            cut, live, jnp.asarray(peaks.floor), scans, carried - first_m, carried_m, lattice_m, apart_m, min_overlap
+        )
+        close = close._replace(point=close.point + first_m[None])
+        # Where the map ends is not where the cut does.
+        at = jnp.round(close.point).astype(jnp.int32)
+        usable = _usable(planes, live, scans, min_overlap)
+        close = close._replace(open_sides=_ends_beside(usable, at[:, 0], at[:, 1], lattice_m, apart_m))
+        return (
+            peaks._replace(score=jnp.where(known, peaks.score, OFF_MAP_SCORE)),
+            close._replace(score=jnp.where(known, close.score, OFF_MAP_SCORE)),
+        )
+
+    both: tuple[Peaks, Peaks] = jax.lax.map(one, windows)
+    return both
+
+
+def _peaks_of(
+    planes: Float[Array, "window plane forward left"],
+    live_power: Float[Array, " window"],
+    floor: Float[Array, " window"],
+    scans: Float[Array, " window"],
+    centre: Float[Array, "2"],
+    half_m: Float[Array, ""],
+    lattice_m: Float[Array, "2"],
+    apart_m: Float[Array, ""],
+    min_overlap: Float[Array, ""],
+) -> Peaks:
+    count, _, forward_size, left_size = planes.shape
+    product, ground, overlap = planes[:, :-2], planes[:, -2], planes[:, -1] / scans[:, None, None]
+    usable = _usable(planes, live_power, scans, min_overlap)
+    level = (
+        jax.lax.rsqrt(jnp.where(usable, ground, 1.0))
+        * jax.lax.rsqrt(jnp.where(live_power > 0.0, live_power, 1.0))[:, None, None]
+    )
+    # Live power off the map counts in full, so that this is the correlation times the root of the overlap.
+    score = jnp.where(usable, jnp.max(product, axis=1) * level, OFF_MAP_SCORE)
+    forward = jnp.arange(forward_size, dtype=jnp.float32)
+    left = jnp.arange(left_size, dtype=jnp.float32)
+    room = half_m / lattice_m + 0.5
+    inside = (jnp.abs(forward - centre[0]) <= room[0])[:, None] & (jnp.abs(left - centre[1]) <= room[1])[None, :]
+    within = jnp.where(inside[None], score, OFF_MAP_SCORE)
+    around = _highest_neighbour(score)
+    window = jnp.arange(count)
+    best = jnp.argmax(within.reshape(count, -1), axis=1)
+    i, j = best // left_size, best % left_size
+    top = within[window, i, j]
+    row, column = i.astype(jnp.float32), j.astype(jnp.float32)
+    beside = _beside(score, i, j)
+    from_best = ((forward[None] - row[:, None]) * lattice_m[0])[:, :, None] ** 2
+    from_best = from_best + ((left[None] - column[:, None]) * lattice_m[1])[:, None, :] ** 2
+    far = from_best >= 4.0 * apart_m**2
+    own = far & usable
+    number = jnp.sum(own, axis=(1, 2), dtype=jnp.float32)
+    scatter = jnp.sqrt(jnp.sum(jnp.where(own, score**2, 0.0), axis=(1, 2)) / jnp.maximum(number, 1.0))
+    away = from_best >= apart_m**2
+    rivals = jnp.where(away & (within >= around), within, OFF_MAP_SCORE)
+    return Peaks(
+        point=jnp.stack([row, column], axis=-1) + beside,
+        height=jnp.argmax(product[window, :, i, j], axis=1).astype(jnp.int32),
+        score=top,
+        rival=jnp.max(rivals, axis=(1, 2)),
+        floor=floor,
+        scatter=jnp.where(number >= 16.0, scatter, 0.0),
+        overlap=jnp.max(jnp.where(inside[None], overlap, 0.0), axis=(1, 2)),
+        area=jnp.sum(usable & inside[None], axis=(1, 2), dtype=jnp.float32),
+        at_rim=around[window, i, j] > top,
+        open_sides=_ends_beside(usable, i, j, lattice_m, apart_m),
+    )
+
+
+def _usable(
+    planes: Float[Array, "window plane forward left"],
+    live_power: Float[Array, " window"],
+    scans: Float[Array, " window"],
+    min_overlap: Float[Array, ""],
+) -> Bool[Array, "window forward left"]:
+    """Places at which enough of a window lies on the map."""
+    overlap, ground = planes[:, -1] / scans[:, None, None], planes[:, -2]
+    return (overlap >= min_overlap) & (ground > 1e-9) & (live_power > 0.0)[:, None, None]
+
+
+def _ends_beside(
+    usable: Bool[Array, "window forward left"],
+    i: Int[Array, " window"],
+    j: Int[Array, " window"],
+    lattice_m: Float[Array, "2"],
+    apart_m: Float[Array, ""],
+) -> Int[Array, " window"]:
+    """``Peaks.open_sides`` of places; what the lattice does not reach is taken to be on the map."""
+    reach = jnp.ceil(_NEAR_RIM * apart_m / lattice_m[1]).astype(jnp.int32)
+    window, last = jnp.arange(len(i)), usable.shape[2] - 1
+    left = (j + reach <= last) & ~usable[window, i, jnp.minimum(j + reach, last)]
+    right = (j >= reach) & ~usable[window, i, jnp.maximum(j - reach, 0)]
+    return left.astype(jnp.int32) + 2 * right.astype(jnp.int32)
+
+
+def _floor_of(
+    planes: Float[Array, "window plane decoy"],
+    live_power: Float[Array, " window"],
+    scans: Float[Array, " window"],
+    min_overlap: Float[Array, ""],
+) -> Float[Array, " window"]:
+    """Root mean square score at the decoys; 0 where too few of them lie on the map to tell."""
+    usable = (planes[:, -1] / scans[:, None] >= min_overlap) & (planes[:, -2] > 1e-9) & (live_power > 0.0)[:, None]
+    level = jax.lax.rsqrt(jnp.where(usable, planes[:, -2], 1.0))
+    level = level * jax.lax.rsqrt(jnp.where(live_power > 0.0, live_power, 1.0))[:, None]
+    square = jnp.where(usable, jnp.max(planes[:, :-2], axis=1) * level, 0.0) ** 2
+    number = jnp.sum(usable, axis=1, dtype=jnp.float32)
+    mean = jnp.sum(square, axis=1) / jnp.maximum(number, 1.0)
+    return jnp.where(number >= 12.0, jnp.sqrt(jnp.maximum(mean, 1e-8)), 0.0)
+
+
+def _beside(
+    score: Float[Array, "window forward left"], i: Int[Array, " window"], j: Int[Array, " window"]
+) -> Float[Array, "window 2"]:
+    """How far, in points, the top of a parabola through each place and its neighbours lies beside it."""
+    _, forward, left = score.shape
+    window = jnp.arange(len(i))
+    here = score[window, i, j]
+    inner = (i > 0) & (i < forward - 1) & (j > 0) & (j < left - 1)
+
+    def top(before: Float[Array, " window"], after: Float[Array, " window"]) -> Float[Array, " window"]:
+        bend = before + after - 2.0 * here
+        good = inner & (bend < -1e-6) & (jnp.minimum(before, after) > OFF_MAP_SCORE)
+        return jnp.where(good, jnp.clip(0.5 * (before - after) / jnp.where(good, bend, 1.0), -0.5, 0.5), 0.0)
+
+    i0, i1 = jnp.maximum(i - 1, 0), jnp.minimum(i + 1, forward - 1)
+    j0, j1 = jnp.maximum(j - 1, 0), jnp.minimum(j + 1, left - 1)
+    ahead = top(score[window, i0, j], score[window, i1, j])
+    return jnp.stack([ahead, top(score[window, i, j0], score[window, i, j1])], axis=-1)
+
+
+def _highest_neighbour(score: Float[Array, "window forward left"]) -> Float[Array, "window forward left"]:
+    """Highest of the eight places around each."""
+    forward = score.shape[1]
+    padded = jnp.pad(score, [(0, 0), (1, 1), (1, 1)], constant_values=OFF_MAP_SCORE)
+    rows = jnp.maximum(padded[:, :, :-2], padded[:, :, 2:])
+    corner = jnp.maximum(rows[:, :forward], rows[:, 2:])
+    return jnp.maximum(jnp.maximum(corner, rows[:, 1:-1]), jnp.maximum(padded[:, :forward, 1:-1], padded[:, 2:, 1:-1]))
+
+
+# A lattice of prior errors about a middle that follows the prior, and the surfaces of stops over it.
+
+SLACK_M = 0.5
+"""What a prior may wander from the lattice's middle before the lattice follows."""
+HELD_M = 0.75
+"""Half side of the lattice about a place that is held."""
+_DECOYS = 192
+_FEW = 4  # times fewer places than a tile has: products scan by scan cost less then than with all together
+_TILE_ROOM_M = 0.5
+_LATELY = 4
+_TURN_RAD = np.radians(15.0)
+
+
+def decoy_reach_m(wavelength_m: float) -> float:
+    """How far beyond the region decoys lie: hundreds of independent places ahead and behind."""
+    return max(3.0, min(7.0, 17.5 * wavelength_m), 8.0 * wavelength_m)
+
+
+class Surfaces(NamedTuple):
+    """Of consecutive stops, see ``scan_surfaces``."""
+
+    lattice: Float[np.ndarray, "stop plane forward left"]
+    decoys: Float[np.ndarray, "stop plane decoy"]
+    power: Float[np.ndarray, " stop"]
+
+
+class ErrorLattice:
+    """Prior errors of one drive: forward and left of the way it faces, about the prior's distance from dead reckoning.
+
+    Args:
+        prepared: ground of the map for the drive's array.
+        plan, options: of the search.
+        batch: scans that look at the ground at once, a shape that is compiled.
+
+    Attributes:
+        half_m: half side of the region searched about the prior; the lattice reaches ``SLACK_M`` farther.
+        wide: a region of twice the side is searched.
+        place_m: error about which alone the lattice lies while a place is held; None where there is none.
+        origin_m: where the lattice lies while no place is held, east and north from dead reckoning: about the prior.
+        heights_m: added to the prior's height.
+    """
+
+    def __init__(self, prepared: PreparedGround, plan: Plan, options: RegisterOptions, batch: int) -> None:
+        self._prepared, self._ground, self._plan, self._batch = prepared, prepared.ground, plan, batch
+        self._left_m = prepared.array.y_m - centre_of(prepared.array)[1]
+        self._wavelength_m = self._ground.description.settings.wavelength_m
+        # Half a step of height is a twentieth of a period: the finish finds the rest.
+        period_ns = self._wavelength_m / WAVE_SPEED_M_PER_NS
+        count = int(np.ceil(options.height_m / (LIGHT_SPEED_M_PER_NS * period_ns / 40.0)))
+        steps = np.arange(count) * (2.0 / count) + (1.0 / count - 1.0)
+        self.heights_m = (options.height_m * steps).astype(np.float32)
+        self.half_m, self.wide = options.search_half_m(), False
+        self.place_m: Float[np.ndarray, 2] | None = None
+        self.origin_m: Float[np.ndarray, 2] = np.full(2, np.nan)
+        self._facing_rad = 0.0
+        self._lately: list[int] = []
+
+    def follow(self, stops: Stops, astray: Float[np.ndarray, "stop 2"], low: int, high: int) -> bool:
+        """Move the lattice where the prior has left its middle, and turn it with the vehicle; whether it did."""
+        turned = False
+        yaw = float(stops.pose[low, 3])
+        if abs(np.mod(yaw - self._facing_rad + np.pi, 2.0 * np.pi) - np.pi) > _TURN_RAD:
+            self._facing_rad, turned = yaw, True
+        if np.all(np.abs(astray[low] - self.origin_m) <= SLACK_M):
+            return turned
+        ahead = astray[low:high]
+        near = np.median(ahead[np.all(np.abs(ahead - astray[low]) <= SLACK_M, axis=1)], axis=0)
+        self.origin_m = near if np.all(np.abs(astray[low] - near) <= SLACK_M) else astray[low].copy()
+        return turned or self.place_m is None
+
+    @property
+    def region_m(self) -> float:
+        """Half side of the region about the prior as it is now."""
+        return self.half_m * (2.0 if self.wide else 1.0)
+
+    @property
+    def middle_m(self) -> Float[np.ndarray, "2"]:
+        """The lattice's middle, east and north from dead reckoning."""
+        return self.origin_m if self.place_m is None else self.place_m
+
+    @property
+    def points(self) -> tuple[int, int]:
+        """Of the lattice, forward and left."""
+        return self._plan.points(self.region_m + SLACK_M if self.place_m is None else HELD_M)
+
+    def point_of(self, error_m: Float[np.ndarray, "*stop 2"]) -> Float[np.ndarray, "*stop 2"]:
+        """Lattice point of an error of the prior, east and north from dead reckoning."""
+        about_m = (error_m - self.middle_m) @ _turn(self._facing_rad).T
+        return np.asarray((about_m + self._corner_m(self.points)) / self._plan.lattice_m)
+
+    def error_of(
+        self,
+        point: Float[np.ndarray, "*stop 2"],
+        middle_m: Float[np.ndarray, "2"] | None = None,
+        points: tuple[int, int] | None = None,
+    ) -> Float[np.ndarray, "*stop 2"]:
+        """The reverse of ``point_of``, for this lattice or another."""
+        about_m = point * self._plan.lattice_m - self._corner_m(points or self.points)
+        return np.asarray(about_m @ _turn(self._facing_rad) + (self.middle_m if middle_m is None else middle_m))
+
+    def blank(self, stops: int, points: tuple[int, int] | None = None) -> Surfaces:
+        """Surfaces of stops that hear nothing."""
+        planes, points = len(self.heights_m) + 2, self.points if points is None else points
+        return Surfaces(
+            np.zeros((stops, planes, *points), np.float32),
+            np.zeros((stops, planes, _DECOYS), np.float32),
+            np.zeros(stops, np.float32),
+        )
+
+    def surfaces_of(
+        self,
+        stops: Stops,
+        at: Int[np.ndarray, " stop"],
+        coefficients: Float[np.ndarray, "stop channel coefficient"],
+        middle_m: Float[np.ndarray, "2"] | None = None,
+        points: tuple[int, int] | None = None,
+    ) -> Surfaces:
+        """Surfaces of some stops, about another middle and of other points where these are given."""
+        middle_m, points = self.middle_m if middle_m is None else middle_m, points or self.points
+        out = self.blank(len(at), points)
+        centre = stops.reckoned_m[at] + middle_m
+        tiles = self.tiles_at(centre, float(np.max(self._corner_m(points))))
+        known = np.flatnonzero(tiles >= 0)
+        for aspect, rows in self._prepared.aspects(tiles[known], stops.pose[at[known], 3], stops.speed_mps[at[known]]):
+            rows = known[rows]
+            for low in range(0, len(rows), self._batch):
+                some = rows[low : low + self._batch]
+                made = self._on_tile(stops, at[some], coefficients[some], centre[some], aspect, points)
+                for whole, part in zip(out, made, strict=True):
+                    whole[some] = part[: len(some)]
+        return out
+
+    def _on_tile(
+        self,
+        stops: Stops,
+        at: Int[np.ndarray, " stop"],
+        coefficients: Float[np.ndarray, "stop channel coefficient"],
+        centre: Float[np.ndarray, "stop 2"],
+        aspect: Aspect,
+        points: tuple[int, int],
+    ) -> Surfaces:
+        ground, ready = self._ground, self._prepared.at(aspect)
+        frame, fill = ground.frame(aspect.tile), self._batch - len(at)
+        aside = _turn(self._facing_rad - frame[2])
+        half = self._corner_m(points) @ aside
+        rows = np.concatenate([at, np.full(fill, at[0])])
+        middle = np.concatenate([centre, np.tile(centre[:1], (fill, 1))])
+        pose = stops.pose[rows]
+        corner = to_tile(np.concatenate([middle, pose[:, 2:]], axis=1), frame)[:, :2] - half
+        above = pose[:, 2, None] + self._left_m * np.sin(pose[:, 4, None])
+        made = scan_surfaces(
+            ready.columns,
+            ground.components,
+            ScanBatch(
+                np.concatenate([coefficients, np.tile(coefficients[:1], (fill, 1, 1))]),
+                stops.valid[rows],
+                (above - ground.source.height_reference_m[aspect.tile]).astype(np.float32),
+                corner.astype(np.float32),
+            ),
+            (self._plan.lattice_m[:, None] * aside).astype(np.float32),
+            (self._decoys_about @ aside + half).astype(np.float32),
+            self.heights_m,
+            ground.basis.angular_frequency_rad_per_ns,
+            points=points,
+            box=self._box(points, ready.columns.power.shape),
+        )
+        return Surfaces(*(np.asarray(part) for part in made))
+
+    def _box(self, points: tuple[int, int], places: tuple[int, ...]) -> tuple[int, int] | None:
+        """Places of a tile that hold the lattice however it is turned; None where these are not few."""
+        across_m = float(np.linalg.norm((np.asarray(points) - 1) * self._plan.lattice_m))
+        along, cross = (
+            min(int(np.ceil(across_m / step_m)) + 3, count)
+            for step_m, count in zip(self._prepared.step_m, places, strict=True)
+        )
+        return (along, cross) if _FEW * along * cross < places[0] * places[1] else None
+
+    def _corner_m(self, points: tuple[int, int]) -> Float[np.ndarray, "2"]:
+        """Forward and left, in metres, from a lattice's first point to its middle."""
+        return np.asarray((np.asarray(points) // 2) * self._plan.lattice_m)
+
+    @property
+    def _decoys_about(self) -> Float[np.ndarray, "decoy 2"]:
+        """Forward and left of places beyond the region: evenly ahead and behind, as far to the sides as it is."""
+        number, half_m = np.arange(_DECOYS), self.half_m
+        forward, left = np.mod(0.5 + number * 0.7548776662, 1.0), np.mod(0.5 + number * 0.5698402910, 1.0)
+        least_m = half_m + self._wavelength_m
+        ahead = np.where(number % 2 == 0, 1.0, -1.0) * (least_m + forward * decoy_reach_m(self._wavelength_m))
+        # Half of them on the vehicle's own line: a map may be no wider than that.
+        pitch_m = self._ground.description.channel_pitch_m
+        aside = np.where(number % 4 < 2, half_m + 0.5, 0.5 * pitch_m)
+        return np.stack([ahead, (2.0 * left - 1.0) * aside], axis=1)
+
+    def tiles_at(self, places_m: Float[np.ndarray, "stop 2"], reach_m: float) -> Int[np.ndarray, " stop"]:
+        """Tile of each place; -1 for none. Asked for anew every half metre: a tile holds more than it must."""
+        out = np.full(len(places_m), -1)
+        asked: Float[np.ndarray, 2] | None = None
+        tile: int | None = None
+        for row, place in enumerate(places_m):
+            if asked is None or np.max(np.abs(place - asked)) > _TILE_ROOM_M:
+                tile, asked = self._tile_at(place, reach_m + _TILE_ROOM_M), place
+            out[row] = -1 if tile is None else tile
+        return out
+
+    def _tile_at(self, place_m: Float[np.ndarray, "2"], reach_m: float) -> int | None:
+        """One of those used lately, the newest first, or the nearest: what is made of a tile is made once."""
+        nearest = self._ground.tile_near(place_m, reach_m)
+        if nearest is None:
+            return None
+        for tile in self._lately:
+            if self._ground.serves(tile, nearest, place_m, reach_m):
+                return tile
+        self._lately = [nearest, *self._lately[: _LATELY - 1]]
+        return nearest
+
+
+def _turn(angle_rad: float) -> Float[np.ndarray, "2 2"]:
+    """What a row of forward and left is multiplied by to be one of east and north."""
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[cos, sin], [-sin, cos]])

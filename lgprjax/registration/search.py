@@ -1,170 +1,196 @@
-"""Registration of any templates against one tile: every cell of the region scored, the best place finished.
+"""A whole drive against a map: fixes of every scan, block by block."""
 
-The plain form of the search: it asks nothing of the templates (any traces anywhere) and needs no template bank. Drives
-are registered by ``Registration``, whose coarse stage is the same product at a twentieth of the cost.
-"""
-
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from lgprjax.radar import ArrayGeometry, air_delay_ns, shift_travel_time
-from lgprjax.registration.chance import POOLED, Chance
-from lgprjax.registration.coarse import Modes, coarse_surface, find_modes, trace_products
-from lgprjax.registration.correlation import OFF_MAP_SCORE, Template
-from lgprjax.registration.finish import Region, finish_best
-from lgprjax.registration.fix import Fix
-from lgprjax.registration.integrity import MIN_OVERLAP, Thresholds, judge, thresholds_at
-from lgprjax.registration.options import RegisterOptions
-from lgprjax.subsurface import GroundMap, Tile
+from lgprjax.frames import body_to_local
+from lgprjax.radar import ArrayGeometry, centre_of
+from lgprjax.registration.coarse import decoy_reach_m
+from lgprjax.registration.evidence import EvidenceSearch
+from lgprjax.registration.fix import Fix, blank_fixes
+from lgprjax.registration.judge import POOLED, Chance, RegisterOptions
+from lgprjax.registration.queries import LiveChain, LiveScans, Operators, Track
+from lgprjax.registration.template_bank import PreparedGround
+from lgprjax.subsurface import GroundMap, StationSource
 
-
-@dataclass(frozen=True)
-class SearchSpec:
-    """Static shape of a search: one compile each.
-
-    Attributes:
-        lattice: points of the coarse stage along and cross.
-        margin: cells that an antenna may stand outside the tile.
-    """
-
-    lattice: tuple[int, int]
-    margin: tuple[int, int]
+BLOCK_SCANS = 512
 
 
-def search_spec_for(
-    ground: GroundMap, tile: int, array: ArrayGeometry, *, search_m: float, window_m: float
-) -> SearchSpec:
-    """Shape of the search on a tile: the whole region as far as the grid goes."""
-    spec, _ = ground.grid_of(tile)
-    array_reach_m = float(np.hypot(np.ptp(array.x_m), np.ptp(array.y_m))) + 0.5
-    cells_m = (spec.along_cell_m, spec.cross_cell_m)
-    sizes = (spec.along_cells, spec.cross_cells)
-    lattice = [min(2 * int(search_m / c) + 3, n) for c, n in zip(cells_m, sizes, strict=True)]
-    margin = [int(np.ceil((window_m + array_reach_m) / c)) + 1 for c in cells_m]
-    return SearchSpec(lattice=(lattice[0], lattice[1]), margin=(margin[0], margin[1]))
-
-
-class Problem(NamedTuple):
-    """A batch of templates with their priors.
+class LiveBlock(NamedTuple):
+    """Consecutive scans of a drive.
 
     Attributes:
-        template: batched.
-        prior: along_m, cross_m, height_m above ground, yaw_rad, roll_rad in the tile's frame.
-        half_width: of the search region about the prior, in the same order.
-        finite: enough finite traces to try.
+        traces: as recorded, in whatever numbers the drive's operator takes.
+        valid: channels that hold data.
+        track: of the scans.
+        truth: true poses of the array's centre where they are known, to score them beside the fixes.
     """
 
-    template: Template
-    prior: Float[Array, "batch 5"]
-    half_width: Float[Array, "batch 5"]
-    finite: Bool[Array, " batch"]
+    traces: Float[np.ndarray, "scan channel recorded"]
+    valid: Bool[np.ndarray, "scan channel"]
+    track: Track
+    truth: Float[np.ndarray, "scan 5"] | None = None
 
 
-class Rules(NamedTuple):
-    """What holds for a whole batch.
+class DriveFixes(NamedTuple):
+    """Fixes of consecutive scans, poses and covariances in the map's frame (see ``Fix``).
 
     Attributes:
-        apart_m: two places nearer than this are one.
-        thresholds: to reach.
+        scan: numbers in the drive.
+        fix: of each.
+        beside_match: part of the covariances of east and north that is not the match's: the map's own positions and
+            the odometer's scale.
+        time_scale: that each scan was matched at.
+        searched: scans that were; the others carry the fix before them on.
+        correlation_at_truth: what the scan alone scores at its true pose: how hard the ground is. NaN where no truth is
+            known or the scan was not searched.
     """
 
-    apart_m: Float[Array, ""]
-    thresholds: Thresholds
+    scan: Int[np.ndarray, " scan"]
+    fix: Fix
+    beside_match: Float[np.ndarray, "scan 2 2"]
+    time_scale: Float[np.ndarray, " scan"]
+    searched: Bool[np.ndarray, " scan"]
+    correlation_at_truth: Float[np.ndarray, " scan"]
 
 
-def rules_of(wavelength_m: float, options: RegisterOptions, window_m: float, chance: Chance = POOLED) -> Rules:
-    """Rules for templates of a length, each matched once in a region as large as the options have it."""
-    own = options.own_thresholds
-    if own is None:
-        own = thresholds_at(options.risk, window_m, (2.0 * options.search_half_m()) ** 2, wavelength_m, chance)
-    return Rules(jnp.float32(0.6 * wavelength_m), Thresholds(*(jnp.float32(value) for value in own)))
+def ground_map_for(source: StationSource, options: RegisterOptions, *, keep: int = 8) -> GroundMap:
+    """Tiles long enough to be driven over for a while; ``keep`` are held."""
+    description = source.description
+    array_m = 0.5 * description.channels * description.channel_pitch_m
+    reach_m = 1.5 * (options.search_half_m() + 0.5) + array_m
+    along_m = reach_m + decoy_reach_m(description.settings.wavelength_m)
+    return GroundMap(source, half_along_m=along_m, half_cross_m=reach_m + 2.0, keep=keep)
 
 
-@partial(jax.jit, static_argnames="spec")
-def register_batch(
-    tile: Tile,
-    problem: Problem,
-    rules: Rules,
-    height_reference_m: Float[Array, ""],
-    angular_frequency_rad_per_ns: Float[Array, " half"],
-    *,
-    spec: SearchSpec,
-) -> Fix:
-    """Fixes of a batch, poses in the tile's frame.
+def live_chain(ground: GroundMap, operators: Operators, channels: int, recorded: int) -> LiveChain:
+    """The chain that brings recorded scans to this map's coefficients.
 
-    The templates share one matrix product and their surfaces are then made one by one: a vmap over them would turn
-    every slice into a gather (measured twenty times slower than this loop), and none can touch another.
+    Args:
+        ground: the map.
+        operators: recorded numbers of a trace to profile samples, for the map's settings and as many samples.
+        channels: of the drive.
+        recorded: numbers of a trace.
     """
-    sane = problem.finite[:, None] & problem.template.valid
-    template = problem.template._replace(
-        coefficients=jnp.where(sane[..., None], problem.template.coefficients, 0.0), valid=sane
+    return LiveChain(
+        operators,
+        ground.basis,
+        track_filter_m=ground.description.settings.track_filter_m,
+        channels=channels,
+        recorded=recorded,
     )
-    # The coarse stage has the prior's height and roll: antennas to the tile's reference, as in score_poses.
-    height_m = problem.prior[:, 2, None] + template.offset_m[..., 1] * jnp.sin(problem.prior[:, 4, None])
-    levelled = shift_travel_time(
-        template.coefficients, -air_delay_ns(height_m - height_reference_m), angular_frequency_rad_per_ns
-    )
-    products = trace_products(tile, template._replace(coefficients=levelled))
 
-    def one(each: tuple[Template, Array, Array, Array]) -> tuple[Modes, Array]:
-        single, own, prior, half_width = each
-        surface = coarse_surface(
-            tile,
-            single,
-            own,
-            prior,
-            half_width[:2],
-            jnp.float32(MIN_OVERLAP),
-            lattice=spec.lattice,
-            margin=spec.margin,
+
+class Registration:
+    """The search of one drive, fed with its scans in order: a whole drive, or a vehicle's last few.
+
+    Between the scans that are searched, every few centimetres of travel, a fix is carried on by odometry and heading.
+
+    Args:
+        ground: from ``ground_map_for`` with the same options.
+        operators: of the drive's recording at a time scale, with the map's settings.
+        array: geometry of the drive.
+        options: what the user decided.
+        chance: of the map.
+        recorded: numbers of a trace.
+        prepared: of ground and array, held from drive to drive; without it one of its own.
+        block_scans: most scans that ``feed`` is given at once: a shape that is compiled.
+    """
+
+    def __init__(
+        self,
+        ground: GroundMap,
+        operators: Operators,
+        array: ArrayGeometry,
+        options: RegisterOptions,
+        *,
+        chance: Chance = POOLED,
+        recorded: int,
+        prepared: PreparedGround | None = None,
+        block_scans: int = BLOCK_SCANS,
+    ) -> None:
+        self._block_scans = block_scans
+        self._centre = centre_of(array)
+        self._chain = live_chain(ground, operators, len(array.x_m), recorded)
+        self.prepared = PreparedGround(ground, array) if prepared is None else prepared
+        self.search = EvidenceSearch(self.prepared, self._chain, options, chance, block_scans)
+        self._last: tuple[Fix, np.ndarray, np.ndarray, float] | None = None
+
+    def feed(self, block: LiveBlock) -> DriveFixes:
+        """Fixes of the scans of a block."""
+        scans = self._chain.feed(block.traces, block.valid, block.track, self._block_scans)
+        stops, fix, beside, scale = self.search.feed(scans)
+        at_truth = np.full(len(scans.number), np.nan)
+        if block.truth is not None:
+            at_truth[stops] = self.search.score_at(scans, stops, block.truth[stops])
+        spread = self._spread(scans, stops, fix, beside, scale)
+        return spread._replace(correlation_at_truth=at_truth)
+
+    def _spread(
+        self,
+        scans: LiveScans,
+        stops: Int[np.ndarray, " stop"],
+        fix: Fix,
+        beside: Float[np.ndarray, "stop 2 2"],
+        scale: Float[np.ndarray, " stop"],
+    ) -> DriveFixes:
+        """Fixes of all scans: those searched, and from each on what odometry and heading make of it."""
+        yaw, nothing = scans.track.pose[:, 3], np.full(len(scans.number), np.nan)
+        still = np.zeros(len(yaw))
+        place = scans.dead_reckoned_m + np.stack(body_to_local(still, still, yaw, *self._centre), axis=1)
+        leg, searched = scans.track.leg, np.zeros(len(yaw), bool)
+        searched[stops] = True
+        here = np.concatenate([place[stops], yaw[stops, None], leg[stops, None]], axis=1)
+        if self._last is not None:
+            fix = Fix(*(np.concatenate([a, b]) for a, b in zip(self._last[0], fix, strict=True)))
+            here, beside = np.concatenate([self._last[1], here]), np.concatenate([self._last[2], beside])
+            scale = np.concatenate([[self._last[3]], scale])
+        before = 0 if self._last is None else 1
+        owner = np.searchsorted(stops, np.arange(len(yaw)), side="right") - 1 + before
+        if not len(fix.code):
+            return DriveFixes(
+                scans.number,
+                blank_fixes(len(yaw)),
+                np.full((len(yaw), 2, 2), np.nan),
+                np.ones(len(yaw)),
+                searched,
+                nothing,
+            )
+        known = np.maximum(owner, 0)
+        spread = Fix(*(np.array(field[known]) for field in fix))
+        # Nobody knows how far the vehicle came from one leg to the next.
+        apart = (owner < 0) | (here[known, 3] != leg)
+        blank = blank_fixes(len(yaw))
+        for whole, none in zip(spread, blank, strict=True):
+            whole[apart] = none[apart]
+        pose = np.array(spread.pose)
+        pose[:, :2] += place - here[known, :2]
+        pose[:, 3] += yaw - here[known, 2]
+        spread = spread._replace(pose=pose)
+        self._last = (
+            Fix(*(field[-1:] for field in fix)),
+            here[-1:],
+            beside[-1:],
+            float(scale[-1]),
         )
-        return find_modes(tile, surface, rules.apart_m, modes=2), jnp.max(surface.overlap)
+        return DriveFixes(scans.number, spread, beside[known], scale[known], searched, nothing)
 
-    modes, overlap = jax.lax.map(one, (template, products, problem.prior, problem.half_width))
-    # Pitch is not searched; its width divides.
-    level = [(0, 0), (0, 1)]
-    start = jnp.concatenate([modes.place_m[:, 0], problem.prior[:, 2:], jnp.zeros_like(problem.prior[:, :1])], axis=1)
-    region = Region(
-        jnp.pad(problem.prior, level),
-        jnp.pad(problem.half_width, level, constant_values=1.0),
-        jnp.zeros(len(start), jnp.uint32),
-    )
-    found = finish_best(
-        tile,
-        height_reference_m,
-        angular_frequency_rad_per_ns,
-        template,
-        start,
-        region,
-        modes.floor,
-        jnp.float32(MIN_OVERLAP),
-        heading=template.valid.shape[1] > 1,
-        pitch=False,
-    )
-    any_found = problem.finite & (modes.strength[:, 0] > OFF_MAP_SCORE) & jnp.isfinite(found.correlation)
-    away = jnp.abs(found.pose[:, :2] - problem.prior[:, :2])
-    on_edge = jnp.any(away > problem.half_width[:, :2] - tile.cell_m[None], axis=1) | found.unfinished
-    # Both where the lattice has them: a best place that was climbed and a rival that was not are no fair pair.
-    score = jnp.where(any_found, modes.strength[:, 0], -1.0)
-    rival = jnp.maximum(modes.strength[:, 1], -1.0)
-    code = judge(score, rival, modes.floor, overlap, on_edge, problem.finite, rules.thresholds)
-    nothing = jnp.where(any_found, 0.0, jnp.nan)
-    return Fix(
-        pose=found.pose + nothing[:, None],
-        covariance=found.covariance * rules.thresholds.sigma_scale**2 + nothing[:, None, None],
-        correlation=found.correlation + nothing,
-        runner_up=rival + nothing,
-        margin=score - rival + nothing,
-        scatter=modes.floor + nothing,
-        overlap_channels=found.overlap_channels,
-        overlap=found.overlap,
-        code=code,
-        p_false=jnp.where(code == 0, 0.0, 1.0),
-        window_m=nothing,
-    )
+
+def register_drive(
+    ground: GroundMap,
+    operators: Operators,
+    array: ArrayGeometry,
+    blocks: Iterable[LiveBlock],
+    options: RegisterOptions,
+    *,
+    chance: Chance = POOLED,
+    recorded: int,
+    prepared: PreparedGround | None = None,
+) -> Iterator[DriveFixes]:
+    """Fixes of every scan, block by block; memory does not grow with the drive. Arguments as for ``Registration``."""
+    search = Registration(ground, operators, array, options, chance=chance, recorded=recorded, prepared=prepared)
+    for block in blocks:
+        yield search.feed(block)

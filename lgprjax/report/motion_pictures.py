@@ -1,23 +1,167 @@
 """Pictures of how the vehicle turns, gains speed and follows: from a fit to a PNG."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
 
-from lgprjax.report.fitted_curve import Curve, Points, draw_fitted_curve
-from lgprjax.report.look_ahead_surface import LookAheadSweep, draw_look_ahead
-from lgprjax.report.pedal_runs import PedalPicture, draw_pedal_runs
+from lgprjax.report.steering_pictures import Curve, Points, draw_fitted_curve
+from lgprjax.report.style import BLUE, CORRELATION_MAP, FAINT, GREEN, INK, MUTED, VERMILLION, picture, write_caption
 from lgprjax.tuning import DriveSignals
 from lgprjax.tuning.arcs import Arcs
-from lgprjax.tuning.axle_track import rear_axle_slip
-from lgprjax.tuning.look_ahead_trials import Judged
-from lgprjax.tuning.look_ahead_tuner import TunedLookAhead
-from lgprjax.tuning.pedal_fit import PedalsFit
-from lgprjax.tuning.pedal_runs import PedalRuns, levelled
-from lgprjax.tuning.rear_ratio import RearRatioFit
-from lgprjax.tuning.yaw_gain_fit import YawGainFit
+from lgprjax.tuning.look_ahead import Judged, TunedLookAhead
+from lgprjax.tuning.pedals import PedalRuns, PedalsFit, levelled
+from lgprjax.tuning.steering import RearRatioFit, YawGainFit, rear_axle_slip
 from lgprjax.vehicle import Chassis
+
+# Runs of throttle and brake: commands, speed measured and by the model, and what is left of the way.
+
+# Speed is drawn over this time: that of single records is the odometer's noise.
+_AROUND_S = 0.25
+
+
+@dataclass(frozen=True)
+class PedalPicture:
+    """Records of runs from standstill to standstill.
+
+    Attributes:
+        time_s: of each.
+        run: number of its run.
+        throttle, brake: commands, 0 to 1.
+        measured_m, model_m: way, each about its mean over the run.
+    """
+
+    time_s: Float[np.ndarray, " record"]
+    run: Int[np.ndarray, " record"]
+    throttle: Float[np.ndarray, " record"]
+    brake: Float[np.ndarray, " record"]
+    measured_m: Float[np.ndarray, " record"]
+    model_m: Float[np.ndarray, " record"]
+
+
+def draw_pedal_runs(shown: PedalPicture, path: str | Path, *, caption: str, force: bool = False) -> None:
+    """Draw commands, speeds and residuals of the way over time.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    left_m = shown.measured_m - shown.model_m
+    with picture(path, 9.6, 7.0, force) as figure:
+        commands, speeds, rest = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.6, 1.0))
+        for number in range(int(shown.run.max()) + 1):
+            here = shown.run == number
+            label = {name: name if number == 0 else "_" for name in ("throttle", "brake", "measured", "model")}
+            time_s = shown.time_s[here]
+            for name, values, colour in (("throttle", shown.throttle, GREEN), ("brake", shown.brake, VERMILLION)):
+                commands.step(time_s, values[here], where="post", color=colour, linewidth=1.2, label=label[name])
+            speeds.plot(
+                time_s, _speed(time_s, shown.measured_m[here]), ".", color=BLUE, markersize=2.5, label=label["measured"]
+            )
+            speeds.plot(
+                time_s, _speed(time_s, shown.model_m[here]), color=VERMILLION, linewidth=1.2, label=label["model"]
+            )
+            rest.plot(time_s, 100.0 * left_m[here], ".", color=BLUE, markersize=2.5)
+        rest.axhline(0.0, color=MUTED, linewidth=0.8)
+        commands.set_ylabel("command (0 to 1)")
+        speeds.set_ylabel("speed (m/s)")
+        rest.set_ylabel("way, measured − model (cm)")
+        rest.set_xlabel("time (s)")
+        for axes in (commands, speeds):
+            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        for axes in (commands, speeds, rest):
+            axes.grid(color=MUTED, alpha=0.2, linewidth=0.6)
+        figure.suptitle(f"Throttle and brake: way within {100.0 * np.sqrt(np.mean(left_m**2)):.2f} cm rms of the model")
+        write_caption(figure, caption)
+
+
+def _speed(time_s: Float[np.ndarray, " record"], way_m: Float[np.ndarray, " record"]) -> Float[np.ndarray, " record"]:
+    before, after = np.maximum(time_s - _AROUND_S, time_s[0]), np.minimum(time_s + _AROUND_S, time_s[-1])
+    gone_m = np.interp(after, time_s, way_m) - np.interp(before, time_s, way_m)
+    return np.asarray(gone_m / (after - before))
+
+
+# The sweep of the look-ahead: error and oscillation over look-ahead and speed, and what was chosen.
+
+
+@dataclass(frozen=True)
+class LookAheadSweep:
+    """What the picture shows.
+
+    Attributes:
+        look_ahead_m, speed_mps: axes of the sweep, rising.
+        error_m: RMS distance of the anchor from the path; not-a-number where no run ended well.
+        oscillation: what is left to and fro, in ``oscillation_label``'s unit; not-a-number as above.
+        oscillation_label: what it is, with its unit.
+        chosen_mps, chosen_m: the look-ahead over speed that was chosen.
+        stable_m: shortest look-ahead that is stable at each speed; not-a-number where all of the sweep is.
+    """
+
+    look_ahead_m: Float[np.ndarray, " look"]
+    speed_mps: Float[np.ndarray, " speed"]
+    error_m: Float[np.ndarray, "look speed"]
+    oscillation: Float[np.ndarray, "look speed"]
+    oscillation_label: str
+    chosen_mps: Float[np.ndarray, " step"]
+    chosen_m: Float[np.ndarray, " step"]
+    stable_m: Float[np.ndarray, " speed"]
+
+
+def draw_look_ahead(sweep: LookAheadSweep, path: str | Path, *, title: str, caption: str, force: bool = False) -> None:
+    """Draw both surfaces side by side, logarithmic colours, with the look-ahead chosen over speed.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    with picture(path, 10.4, 5.2, force) as figure:
+        left, right = figure.subplots(1, 2, sharey=True)
+        _draw_surface(figure, left, sweep, 100.0 * sweep.error_m, "RMS error of the anchor (cm)")
+        _draw_surface(figure, right, sweep, sweep.oscillation, sweep.oscillation_label)
+        # A sweep may hold speeds at which nothing was stable.
+        error = np.where(np.isfinite(sweep.error_m), sweep.error_m, np.inf)
+        stable = np.isfinite(error).any(axis=0)
+        left.plot(
+            sweep.speed_mps[stable],
+            sweep.look_ahead_m[np.argmin(error, axis=0)[stable]],
+            "o",
+            color="white",
+            markeredgecolor=INK,
+            markersize=5,
+            label="least error of each speed",
+        )
+        left.set_ylabel("look-ahead (m)")
+        left.legend(loc="upper left")
+        figure.suptitle(title)
+        write_caption(figure, caption)
+
+
+def _draw_surface(
+    figure: Figure, axes: Axes, sweep: LookAheadSweep, value: Float[np.ndarray, "look speed"], label: str
+) -> None:
+    axes.set_facecolor(FAINT)
+    known = value[np.isfinite(value) & (value > 0.0)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.1, 1.0)
+    # One corner, diverging or dead calm, must not take all of the colours.
+    low = max(low, high / 300.0)
+    mesh = axes.pcolormesh(
+        sweep.speed_mps,
+        sweep.look_ahead_m,
+        np.ma.masked_invalid(value),
+        norm=LogNorm(low, max(high, 1.01 * low)),
+        cmap=colormaps[CORRELATION_MAP],
+        shading="nearest",
+    )
+    figure.colorbar(mesh, ax=axes, label=label, extend="both")
+    axes.plot(sweep.chosen_mps, sweep.chosen_m, color=VERMILLION, linewidth=2.0, label="chosen")
+    if np.isfinite(sweep.stable_m).any():
+        axes.plot(sweep.speed_mps, sweep.stable_m, color=INK, linewidth=1.6, linestyle="--", label="stability limit")
+    axes.set_xlabel("speed (m/s)")
+    axes.set_title(label.partition(" (")[0])
+
 
 _STEPS = 201
 

@@ -1,20 +1,390 @@
 """Pictures of the steering's sensors, its servo and the palm tree: from a drive and its fit to a PNG."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap, Normalize
 
-from lgprjax.report.encoder_fit import EncoderPicture, draw_encoder_fit
-from lgprjax.report.fitted_curve import Curve, Points, draw_fitted_curve
-from lgprjax.report.palm_tree import Branch, draw_palm_tree
-from lgprjax.report.servo_steps import ServoResponse, draw_servo_steps
+from lgprjax.report.style import BLUE, FAINT, INK, MUTED, ORANGE, SKY, VERMILLION, picture, write_caption
 from lgprjax.tuning import DriveSignals
 from lgprjax.tuning.arcs import Arcs
-from lgprjax.tuning.encoder import EncoderFit, fitted_volts
-from lgprjax.tuning.servo_fit import ServoFit
-from lgprjax.tuning.straight import StraightFit
-from lgprjax.tuning.wheel_angle import WheelAngleFit, front_angle, front_band
+from lgprjax.tuning.sensors import EncoderFit, StraightFit, fitted_volts
+from lgprjax.tuning.servo import ServoFit
+from lgprjax.tuning.steering import WheelAngleFit, front_angle, front_band
+
+# Measured points, the curve fitted to them with its band, and what is left: one picture for several calibrations.
+
+_SERIES = ((BLUE, "o"), (VERMILLION, "s"), (ORANGE, "^"))
+
+
+@dataclass(frozen=True)
+class Points:
+    """Measured values, drawn as one series.
+
+    Attributes:
+        label: in the legend.
+        x, y: of each point.
+        sigma: standard error of y; zeros where it is not known.
+        fitted: the curve at x.
+    """
+
+    label: str
+    x: Float[np.ndarray, " point"]
+    y: Float[np.ndarray, " point"]
+    sigma: Float[np.ndarray, " point"]
+    fitted: Float[np.ndarray, " point"]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A fitted curve.
+
+    Attributes:
+        label: in the legend.
+        x, y: along the curve, x rising.
+        low, high: 95 % band at each x.
+    """
+
+    label: str
+    x: Float[np.ndarray, " step"]
+    y: Float[np.ndarray, " step"]
+    low: Float[np.ndarray, " step"]
+    high: Float[np.ndarray, " step"]
+
+
+def draw_fitted_curve(
+    points: list[Points],
+    curve: Curve,
+    path: str | Path,
+    *,
+    title: str,
+    x_label: str,
+    y_label: str,
+    residual_label: str,
+    caption: str,
+    residual_scale: float = 1.0,
+    force: bool = False,
+) -> None:
+    """Draw points and curve above, residuals with the same x below.
+
+    Args:
+        points: up to three series.
+        curve: what was fitted.
+        path: the PNG.
+        title, x_label, y_label, residual_label, caption: words.
+        residual_scale: from the unit of y to that of the residual axis.
+        force: replace a file that exists.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    with picture(path, 7.6, 6.4, force) as figure:
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
+        above.fill_between(curve.x, curve.low, curve.high, color=SKY, alpha=0.45, linewidth=0, label="95 % band")
+        above.plot(curve.x, curve.y, color=INK, linewidth=1.2, label=curve.label)
+        # The band is read off in the residuals: above, it is often thinner than the line.
+        half = residual_scale * (curve.high - curve.y), residual_scale * (curve.low - curve.y)
+        below.fill_between(curve.x, half[1], half[0], color=SKY, alpha=0.45, linewidth=0)
+        below.axhline(0.0, color=INK, linewidth=0.8)
+        for series, (colour, marker) in zip(points, _SERIES, strict=False):
+            _draw_series(above, series.x, series.y, series.sigma, colour, marker, series.label)
+            left = residual_scale * (series.y - series.fitted)
+            _draw_series(below, series.x, left, residual_scale * series.sigma, colour, marker, "_")
+        above.set_ylabel(y_label)
+        below.set_ylabel(residual_label)
+        below.set_xlabel(x_label)
+        for axes in (above, below):
+            axes.grid(color=MUTED, alpha=0.2, linewidth=0.6)
+        above.legend(loc="best")
+        figure.suptitle(title)
+        write_caption(figure, caption)
+
+
+def _draw_series(
+    axes: Axes,
+    x: Float[np.ndarray, " point"],
+    y: Float[np.ndarray, " point"],
+    sigma: Float[np.ndarray, " point"],
+    colour: str,
+    marker: str,
+    label: str,
+) -> None:
+    bars = 1.96 * sigma if np.any(sigma > 0.0) else None
+    axes.errorbar(x, y, bars, fmt=marker, color=colour, markersize=4, elinewidth=1.0, capsize=2, alpha=0.9, label=label)
+
+
+# Encoder against potentiometer, standing still: the fit, the play between both, and what is left.
+
+
+@dataclass(frozen=True)
+class EncoderPicture:
+    """What the picture shows.
+
+    Attributes:
+        counts, potentiometer_v: of every record, finite.
+        pause_counts, pause_v: mean of each pause.
+        rising: pauses that were reached with rising counts.
+        fitted_v: potentiometer by the fit at each pause, its turning direction included.
+        line_counts, line_rising_v, line_falling_v: the fit for either direction.
+        v_per_rad: change of the potentiometer with the wheel angle, for residuals in degrees; ``None`` if not known.
+    """
+
+    counts: Float[np.ndarray, " record"]
+    potentiometer_v: Float[np.ndarray, " record"]
+    pause_counts: Float[np.ndarray, " pause"]
+    pause_v: Float[np.ndarray, " pause"]
+    rising: Bool[np.ndarray, " pause"]
+    fitted_v: Float[np.ndarray, " pause"]
+    line_counts: Float[np.ndarray, " step"]
+    line_rising_v: Float[np.ndarray, " step"]
+    line_falling_v: Float[np.ndarray, " step"]
+    v_per_rad: float | None
+
+
+def draw_encoder_fit(shown: EncoderPicture, path: str | Path, *, caption: str, force: bool = False) -> None:
+    """Draw encoder over potentiometer above; below, distance from the middle of both directions: play and residuals.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    scale, unit = _residual_scale(shown.v_per_rad)
+    middle = 0.5 * (shown.line_rising_v + shown.line_falling_v)
+    with picture(path, 7.6, 6.8, force) as figure:
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.8, 1.2))
+        above.plot(shown.counts / 1e3, shown.potentiometer_v, ".", color=FAINT, markersize=1.5, label="records")
+        above.plot(shown.line_counts / 1e3, middle, color=INK, linewidth=1.0, label="fit, middle of both directions")
+        for rising, colour, marker, words in ((True, BLUE, "^", "rising"), (False, VERMILLION, "v", "falling")):
+            chosen = shown.rising == rising
+            at = shown.pause_counts[chosen]
+            label = f"pauses after {words} counts"
+            above.plot(at / 1e3, shown.pause_v[chosen], marker, color=colour, markersize=6, label=label)
+            line = shown.line_rising_v if rising else shown.line_falling_v
+            below.plot(shown.line_counts / 1e3, scale * (line - middle), color=colour, linewidth=1.0)
+            away = shown.pause_v[chosen] - np.interp(at, shown.line_counts, middle)
+            below.plot(at / 1e3, scale * away, marker, color=colour, markersize=6)
+        below.axhline(0.0, color=MUTED, linewidth=0.8)
+        above.set_ylabel("potentiometer (V)")
+        below.set_ylabel(f"from the middle ({unit})")
+        below.set_xlabel("encoder (1000 counts)")
+        for axes in (above, below):
+            axes.grid(color=MUTED, alpha=0.2, linewidth=0.6)
+        above.legend(loc="best")
+        left = scale * (shown.pause_v - shown.fitted_v)
+        figure.suptitle(f"Encoder and potentiometer: residuals {np.sqrt(np.mean(left**2)):.3g} {unit} rms")
+        write_caption(
+            figure,
+            f"{caption} Below: distance of the {len(left)} pauses (markers) and of the fit (lines) from the middle of "
+            "both turning directions, as an angle of the wheels where volts can be told as one; what lies between the "
+            "lines is the play.",
+        )
+
+
+def _residual_scale(v_per_rad: float | None) -> tuple[float, str]:
+    """From volts to what residuals are drawn in."""
+    return (1e3, "mV") if v_per_rad is None else (float(np.degrees(1.0 / abs(v_per_rad))), "degrees")
+
+
+# Responses of the steering servo: command, what the wheels did, what the model says, and what is left.
+
+
+@dataclass(frozen=True)
+class ServoResponse:
+    """Front wheel angles over time.
+
+    Attributes:
+        time_s: of the records.
+        command_rad: what the servo was told.
+        measured_rad: what the wheels did.
+        model_rad: the identified servo under the same commands.
+    """
+
+    time_s: Float[np.ndarray, " record"]
+    command_rad: Float[np.ndarray, " record"]
+    measured_rad: Float[np.ndarray, " record"]
+    model_rad: Float[np.ndarray, " record"]
+
+
+def draw_servo_steps(
+    response: ServoResponse, path: str | Path, *, title: str, caption: str, force: bool = False
+) -> None:
+    """Draw the whole drive, the largest step close by, and the residuals.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    time_s = response.time_s
+    left_deg = np.degrees(response.measured_rad - response.model_rad)
+    at = _largest_step(response)
+    with picture(path, 9.6, 6.6, force) as figure:
+        grid = figure.add_gridspec(2, 2, height_ratios=(2.0, 1.0), width_ratios=(2.0, 1.0))
+        whole, close = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
+        rest = figure.add_subplot(grid[1, 0], sharex=whole)
+        near = figure.add_subplot(grid[1, 1], sharex=close)
+        for axes in (whole, close):
+            axes.step(
+                time_s, np.degrees(response.command_rad), where="post", color=ORANGE, linewidth=1.2, label="command"
+            )
+            axes.plot(time_s, np.degrees(response.measured_rad), ".", color=BLUE, markersize=2.5, label="measured")
+            axes.plot(time_s, np.degrees(response.model_rad), color=VERMILLION, linewidth=1.2, label="model")
+        for axes in (rest, near):
+            axes.axhline(0.0, color=MUTED, linewidth=0.8)
+            axes.plot(time_s, left_deg, ".", color=BLUE, markersize=2.5)
+            axes.set_xlabel("time (s)")
+        close.set_xlim(at - 0.3, at + 1.7)
+        close.set_title("the largest step")
+        whole.set_ylabel("front wheel angle (degrees)")
+        rest.set_ylabel("measured − model (degrees)")
+        whole.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
+        for axes in (whole, close, rest, near):
+            axes.grid(color=MUTED, alpha=0.2, linewidth=0.6)
+        figure.suptitle(f"{title}: residuals {np.sqrt(np.nanmean(left_deg**2)):.2f}° rms")
+        write_caption(figure, caption)
+
+
+def _largest_step(response: ServoResponse) -> float:
+    """Time of the largest change of the command from one record to the next."""
+    return float(response.time_s[np.argmax(np.abs(np.diff(response.command_rad))) + 1])
+
+
+# The palm tree: one branch a setting of the steering, its positions and the arc fitted to them.
+
+# The lightest tenth of the map cannot be told from the paper.
+_ANGLE_MAP = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.9, 256)), name="steering")
+_LABELS_PER_SIDE = 5
+_OUTLIER_SCALES = 4.0
+
+
+@dataclass(frozen=True)
+class Branch:
+    """One stretch of constant steering.
+
+    Attributes:
+        east_m, north_m: fixes of the rear axle, in the order of driving, finite.
+        way_m: along the path at each fix, forward positive.
+        curvature_radpm: fitted, of the rear axle's path; a left turn is positive, in reverse too.
+        front_rad: front wheel angle that the fit gives.
+    """
+
+    east_m: Float[np.ndarray, " fix"]
+    north_m: Float[np.ndarray, " fix"]
+    way_m: Float[np.ndarray, " fix"]
+    curvature_radpm: float
+    front_rad: float
+
+
+def draw_palm_tree(
+    branches: list[Branch], path: str | Path, *, dropped: dict[str, int] | None = None, force: bool = False
+) -> None:
+    """Draw branches coloured by front wheel angle, with the fitted arcs, on a map of equal aspect.
+
+    Args:
+        branches: one or more.
+        path: the PNG.
+        dropped: stretches that were left out of the fit, by reason, for the caption.
+        force: replace a file that exists.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    front_deg = np.degrees([branch.front_rad for branch in branches])
+    scale = Normalize(*_span(float(front_deg.min()), float(front_deg.max())))
+    fitted = [lay_arc(branch) for branch in branches]
+    scatter_m = np.concatenate(
+        [_misses(branch, arc) for branch, arc in zip(branches, fitted, strict=True)], dtype=np.float64
+    )
+    common = np.median([arc[0] for arc in fitted], axis=0)
+    with picture(path, 7.6, 7.4, force) as figure:
+        axes = figure.subplots()
+        for branch, angle in zip(branches, front_deg, strict=True):
+            axes.plot(branch.east_m, branch.north_m, ".", color=_ANGLE_MAP(scale(angle)), markersize=4.5, zorder=1)
+        axes.add_collection(LineCollection([arc.tolist() for arc in fitted], colors=INK, linewidths=0.8, zorder=2))
+        for index in _labelled(front_deg):
+            end, onward = _tip(fitted[index], common)
+            axes.annotate(
+                f"{front_deg[index]:+.0f}°".replace("+0°", "0°").replace("-0°", "0°"),
+                (float(end[0]), float(end[1])),
+                textcoords="offset points",
+                xytext=(float(12.0 * onward[0]), float(12.0 * onward[1])),
+                fontsize=9.0,
+                color=INK,
+                ha="center",
+                va="center",
+            )
+        axes.plot([], [], ".", color=_ANGLE_MAP(0.5), markersize=7, label="rear axle, positions")
+        axes.plot([], [], color=INK, linewidth=0.8, label="fitted arcs")
+        axes.legend(loc="best")
+        figure.colorbar(
+            ScalarMappable(scale, _ANGLE_MAP), ax=axes, label="front wheel angle by the fit (degrees)", shrink=0.8
+        )
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("east (m)")
+        axes.set_ylabel("north (m)")
+        figure.suptitle(f"Palm tree: {len(branches)} stretches, {front_deg.min():+.1f}° to {front_deg.max():+.1f}°")
+        left_out = ", ".join(f"{count} {why}" for why, count in (dropped or {}).items()) or "none"
+        write_caption(
+            figure,
+            f"Each stretch of constant steering and the arc of its fitted curvature; median distance of a position "
+            f"from its arc {100.0 * np.median(scatter_m):.1f} cm. Stretches left out: {left_out}.",
+        )
+
+
+def lay_arc(branch: Branch) -> Float[np.ndarray, "fix 2"]:
+    """East and north of the arc of a branch's curvature, laid onto its positions by the best turn and shift."""
+    way = branch.way_m - np.mean(branch.way_m)
+    turned = branch.curvature_radpm * way
+    # Chord of an arc from its middle, without dividing by the curvature.
+    half = 0.5 * turned
+    chord = way * np.sinc(half / np.pi)
+    shape = np.stack([chord * np.cos(half), chord * np.sin(half)], axis=1)
+    place = np.stack([branch.east_m, branch.north_m], axis=1)
+    kept = np.ones(len(way), dtype=bool)
+    arc = shape
+    for _ in range(4):
+        middle, centre = shape[kept].mean(axis=0), place[kept].mean(axis=0)
+        cross = (shape[kept] - middle).T @ (place[kept] - centre)
+        angle = np.arctan2(cross[0, 1] - cross[1, 0], cross[0, 0] + cross[1, 1])
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        arc = (shape - middle) @ turn + centre
+        away = np.hypot(*(place - arc).T)
+        # A position that is metres off must not pull the picture along.
+        kept = away <= _OUTLIER_SCALES * max(1.4826 * float(np.median(away)), 1e-9)
+    return np.asarray(arc)
+
+
+def _tip(
+    arc: Float[np.ndarray, "fix 2"], common: Float[np.ndarray, "2"]
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """End of an arc that lies farther from where branches begin, and the direction in which it would go on."""
+    outward = arc if np.hypot(*(arc[-1] - common)) >= np.hypot(*(arc[0] - common)) else arc[::-1]
+    onward = outward[-1] - outward[-1 - max(len(arc) // 5, 1)]
+    return outward[-1], onward / max(float(np.hypot(*onward)), 1e-12)
+
+
+def _misses(branch: Branch, arc: Float[np.ndarray, "fix 2"]) -> Float[np.ndarray, " fix"]:
+    """Distance of each position from the arc, across it: the odometer's scale is not the arc's fault."""
+    direction = np.gradient(arc, axis=0)
+    direction /= np.maximum(np.hypot(*direction.T), 1e-12)[:, None]
+    east, north = branch.east_m - arc[:, 0], branch.north_m - arc[:, 1]
+    return np.asarray(np.abs(direction[:, 0] * north - direction[:, 1] * east))
+
+
+def _labelled(front_deg: Float[np.ndarray, " branch"]) -> list[int]:
+    """Branches to write the angle beside: the outermost, the straightest and some between, once an angle."""
+    distinct = np.unique(np.round(front_deg, 0), return_index=True)[1]
+    distinct = distinct[np.argsort(front_deg[distinct])]
+    picked = np.unique(np.linspace(0, len(distinct) - 1, 2 * _LABELS_PER_SIDE + 1).round().astype(int))
+    return [int(distinct[number]) for number in picked]
+
+
+def _span(low: float, high: float) -> tuple[float, float]:
+    return (low, high) if high > low else (low - 1.0, high + 1.0)
+
 
 _STEPS = 201
 

@@ -1,12 +1,13 @@
 """Pictures of studies: which a kind of study has, and all that draw them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 
-from lgprjax.report.fusion_fit import FusionPicture, draw_fusion_fit
 from lgprjax.report.motion_pictures import (
     draw_look_ahead_sweep,
     draw_pedals,
@@ -15,6 +16,97 @@ from lgprjax.report.motion_pictures import (
     draw_yaw_gain,
 )
 from lgprjax.report.steering_pictures import draw_arcs, draw_encoder, draw_servo, draw_straight, draw_wheel_angle
+from lgprjax.report.style import BLUE, FAINT, GREEN, MUTED, VERMILLION, picture, write_caption
+
+# How well the navigation filter fits a drive: innovations by source against their band, and errors of the track.
+
+# 95 % of a chi-square of one, two and three degrees of freedom.
+_BAND = {1: 3.841, 2: 5.991, 3: 7.815}
+# From here on errors are drawn on a scale that shows small ones too.
+_FAR_M = 0.5
+_SOURCES = (("gnss", 2), ("heading", 1), ("odometer", 1), ("lgpr", 3))
+_COLOURS = {"filter": BLUE, "smoother": GREEN, "threshold switch": VERMILLION}
+
+
+@dataclass(frozen=True)
+class FusionPicture:
+    """A drive by the filter.
+
+    Attributes:
+        time_s: of the ticks.
+        nis: normalised innovation squared, of GNSS, heading, odometer and LGPR.
+        offered: where there was one.
+        accepted: by its gate.
+        error_m: distance from the truth by the name of what estimates; empty where there is no truth.
+    """
+
+    time_s: Float[np.ndarray, " tick"]
+    nis: Float[np.ndarray, "tick 4"]
+    offered: Bool[np.ndarray, "tick 4"]
+    accepted: Bool[np.ndarray, "tick 4"]
+    error_m: Mapping[str, Float[np.ndarray, " tick"]]
+
+
+def draw_fusion_fit(shown: FusionPicture, path: str | Path, *, caption: str, force: bool = False) -> None:
+    """Draw innovations over time and their distribution, and below them the errors of the track.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    rows = len(_SOURCES) + bool(shown.error_m)
+    with picture(path, 9.6, 1.7 * rows + 1.4, force) as figure:
+        grid = figure.subplots(rows, 2, width_ratios=(3.0, 1.0), squeeze=False)
+        for row, (source, parts) in enumerate(_SOURCES):
+            over_time, spread = grid[row]
+            here = shown.offered[:, row]
+            nis, band = shown.nis[here, row], _BAND[parts]
+            top = 2.5 * band
+            over_time.plot(shown.time_s[here], np.minimum(nis, top), ".", color=BLUE, markersize=2.5)
+            over_time.axhline(band, color=VERMILLION, linewidth=1.0)
+            over_time.set_ylim(0.0, top)
+            over_time.set_ylabel(f"{source}\nNIS")
+            over_time.set_title(_summary(nis, shown.accepted[here, row], parts))
+            spread.hist(np.minimum(nis, top), bins=30, range=(0.0, top), density=True, color=FAINT)
+            level = np.linspace(0.02 * top, top, 200)
+            spread.plot(level, _chi_square(level, parts), color=VERMILLION, linewidth=1.2)
+            spread.set_ylim(0.0, 1.0 if parts == 1 else 0.5)
+        if shown.error_m:
+            errors, shares = grid[-1]
+            for name, error in shown.error_m.items():
+                label = f"{name}, {100.0 * np.sqrt(np.mean(error**2)):.1f} cm rms"
+                errors.plot(shown.time_s, 100.0 * error, color=_COLOURS[name], linewidth=1.0, label=label)
+                ordered = np.sort(100.0 * error)
+                shares.plot(ordered, np.arange(1, error.size + 1) / error.size, color=_COLOURS[name], linewidth=1.2)
+            errors.set_ylabel("error (cm)")
+            if max(float(error.max()) for error in shown.error_m.values()) > _FAR_M:
+                errors.set_yscale("symlog", linthresh=10.0)
+                shares.set_xscale("symlog", linthresh=10.0)
+            errors.set_ylim(bottom=0.0)
+            errors.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, columnspacing=1.0, handlelength=1.2)
+            shares.set_xlabel("error (cm)")
+            shares.set_ylabel("share")
+            shares.axhline(0.95, color=MUTED, linewidth=0.8)
+        grid[-1, 0].set_xlabel("time (s)")
+        grid[len(_SOURCES) - 1, 1].set_xlabel("NIS")
+        figure.suptitle("Innovations of the navigation filter")
+        write_caption(figure, caption)
+
+
+def _summary(nis: Float[np.ndarray, " seen"], accepted: Bool[np.ndarray, " seen"], parts: int) -> str:
+    """Share within the band of all, mean of those that were accepted."""
+    if not nis.size:
+        return "none"
+    shut_out = int((~accepted).sum())
+    mean = nis[accepted].mean() / parts if accepted.any() else np.nan
+    inside = 100.0 * np.mean(nis <= _BAND[parts])
+    return f"{inside:.1f} % within 95 %, {shut_out} rejected, mean of the others {mean:.2f} a component"
+
+
+def _chi_square(level: Float[np.ndarray, " level"], parts: int) -> Float[np.ndarray, " level"]:
+    """Density of chi-square of one to three degrees of freedom."""
+    scale = {1: np.sqrt(2.0 * np.pi), 2: 2.0, 3: np.sqrt(2.0 * np.pi)}[parts]
+    return np.asarray(level ** (0.5 * parts - 1.0) * np.exp(-0.5 * level) / scale)
+
 
 __all__ = [
     "draw_arcs",

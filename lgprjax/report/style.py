@@ -15,7 +15,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from lgprjax.formats.atomic import atomic_output
+from lgprjax.formats.store import atomic_output
 
 AMPLITUDE_MAP = "gray"
 CORRELATION_MAP = "viridis"

@@ -14,10 +14,21 @@ from matplotlib import colormaps
 from matplotlib.colors import to_rgb
 from matplotlib.image import imsave
 
-from lgprjax.formats.atomic import atomic_output
+from lgprjax.formats.store import atomic_output
 from lgprjax.radar import WAVE_SPEED_M_PER_NS, Radargram
-from lgprjax.report.map_slices import MapStations, caption_of_slices, level_limits, slice_map, slice_title
-from lgprjax.report.radargram import NO_TRACE, LinePlan, LineView, amplitude_limit, caption_of, depth_label
+from lgprjax.report.radargram import (
+    NO_TRACE,
+    LinePlan,
+    LineView,
+    MapStations,
+    amplitude_limit,
+    caption_of,
+    caption_of_slices,
+    depth_label,
+    level_limits,
+    slice_map,
+    slice_title,
+)
 from lgprjax.report.style import AMPLITUDE_MAP, BLUE, CORRELATION_MAP, FAINT, outer_edges
 
 _MOST_COLUMNS, _MOST_ROWS = 2400, 1200

@@ -1,12 +1,15 @@
 """The configuration of the onboard runtime, ``CONFIG.toml``: paths are relative to the file's folder."""
 
+import json
+from enum import IntEnum
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from lgprjax.errors import InputError
 from lgprjax.files import load_toml
+from lgprjax.formats.store import atomic_output
 
 
 class _Table(BaseModel):
@@ -225,3 +228,81 @@ def read_config(path: str | Path) -> RuntimeConfig:
         }.get(first["type"], (first["msg"].removeprefix("Value error, "), repr(first["input"])[:60]))
         found = found if first["loc"] else ", ".join(table)
         raise InputError(file, place, expected, found) from None
+
+
+# A configuration as text: the file that a run is started from, its lines and paths filled in.
+
+
+def write_config(path: Path, config: RuntimeConfig) -> None:
+    """Write a configuration with absolute paths, replacing the file.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    table = config.model_dump(exclude={"file"}, exclude_none=True)
+    for name in ("vehicle", "map", "cache"):
+        if table.get(name):
+            table[name] = str(config.path(table[name]))
+    table["routes"] = [str(config.path(name)) for name in table["routes"]]
+    for name, key in (("coverage", "plan"), ("simulation", "field")):
+        if key in table.get(name, {}):
+            table[name][key] = str(config.path(table[name][key]))
+    table["recording"]["folder"] = str(config.path(config.recording.folder))
+    with atomic_output(path, force=True) as temporary:
+        temporary.write_text("\n".join(_lines(table, "")) + "\n", encoding="utf-8")
+
+
+def _lines(table: dict[str, Any], prefix: str) -> list[str]:
+    plain = {name: value for name, value in table.items() if not isinstance(value, dict)}
+    lines = [f"{name} = {_value(value)}" for name, value in plain.items()]
+    for name, inner in table.items():
+        if isinstance(inner, dict):
+            path = f"{prefix}{name}"
+            lines += ["", f"[{path}]", *_lines(inner, f"{path}.")]
+    return lines
+
+
+def _value(value: Any) -> str:
+    """A JSON text or number is TOML's, too; a table in a list stands on its line."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{json.dumps(name)} = {_value(inner)}" for name, inner in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(_value(inner) for inner in value) + "]"
+    return json.dumps(value)
+
+
+# Bytes that came over a line and are not to be acted upon, and why.
+
+KEPT = 64
+"""Bytes that are kept of what was refused."""
+
+
+class Reason(IntEnum):
+    """Why bytes are no message. ``link.Verdict`` goes on from 32: why a whole frame is refused."""
+
+    NO_SYNC = 1
+    """No message begins here."""
+    VERSION = 2
+    """Of a protocol that is not known."""
+    LENGTH = 3
+    """Longer than allowed, or not as long as such a message is."""
+    CRC = 4
+    """The CRC or checksum is not that of the bytes."""
+    TYPE = 5
+    """A whole frame whose message is not known."""
+    PAYLOAD = 6
+    """A whole frame whose payload contradicts itself."""
+    CUT = 7
+    """A sentence that breaks off, or has no checksum."""
+
+
+class Refused(NamedTuple):
+    """What was refused.
+
+    Attributes:
+        reason: a ``Reason``, or a ``link.Verdict``.
+        data: the first ``KEPT`` bytes.
+    """
+
+    reason: int
+    data: bytes

@@ -1,17 +1,238 @@
 """GNSS/INS receivers: NMEA sentences and UBX messages cut out of a stream of bytes."""
 
+import math
 import re
 from collections import Counter
+from collections.abc import Callable
+from enum import IntEnum
 from functools import reduce
 from itertools import accumulate
 from operator import xor
+from typing import Any, NamedTuple
 
-from lgprjax.runtime.gnss_samples import Accuracy, Attitude, GnssSample, Position, Quality, Rate, read_gnss
-from lgprjax.runtime.refused import KEPT, Reason, Refused
+from pynmeagps import NMEAReader
+from pyubx2 import UBXReader
+
+from lgprjax.runtime.config import KEPT, Reason, Refused
+from lgprjax.runtime.messages import TimeScale
+
+# What the messages of GNSS/INS receivers say, in the units of this project.
+
+
+class Quality(IntEnum):
+    """Of a position."""
+
+    NONE = 0
+    SINGLE = 1
+    FLOAT = 2
+    FIXED = 3
+
+
+class Position(NamedTuple):
+    """A position of the antenna or of what the receiver was told to speak of.
+
+    Attributes:
+        tow_s: time of week or day, by the sample's scale.
+        latitude_deg, longitude_deg, height_m: WGS-84, ellipsoidal; no numbers where the quality is ``NONE``.
+        sigma_m: horizontal, of one axis; no number where it is not told.
+        quality: of the position.
+    """
+
+    tow_s: float
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+    sigma_m: float
+    quality: Quality
+
+
+class Accuracy(NamedTuple):
+    """Sigma of the position of the same time, of one axis, where it comes in a message of its own (NMEA GST)."""
+
+    tow_s: float
+    sigma_m: float
+
+
+class Attitude(NamedTuple):
+    """How the vehicle stands.
+
+    Attributes:
+        tow_s: time of week or day; no number where the message carries none.
+        heading_deg: clockwise from true north, in [0, 360).
+        roll_deg: positive right side down; no number where it is not told.
+        sigma_heading_deg: no number where it is not told.
+    """
+
+    tow_s: float
+    heading_deg: float
+    roll_deg: float
+    sigma_heading_deg: float
+
+
+class Rate(NamedTuple):
+    """How fast the vehicle turns.
+
+    Attributes:
+        tow_s: time of week or day; no number where the message carries none.
+        yaw_rate_radps: counter-clockwise positive, seen from above.
+    """
+
+    tow_s: float
+    yaw_rate_radps: float
+
+
+class GnssSample(NamedTuple):
+    """What one message says; one of its parts is there.
+
+    Attributes:
+        scale: of the part's ``tow_s``.
+    """
+
+    scale: TimeScale
+    position: Position | None = None
+    accuracy: Accuracy | None = None
+    attitude: Attitude | None = None
+    rate: Rate | None = None
+
+
+def read_gnss(raw: bytes) -> GnssSample | None:
+    """What a message says; ``None`` where it says nothing of use, or what it says is not valid. Never raises."""
+    try:
+        if raw[:1] == b"$":
+            read = _NMEA.get(raw[1:6] if raw[1:2] == b"P" else raw[3:6])
+            return read(NMEAReader.parse(raw)) if read else None
+        length, read = _UBX.get(raw[2:4], (0, None))
+        # The library takes what is missing at the end for zeros.
+        return read(UBXReader.parse(raw)) if read and len(raw) == length + 8 else None
+    # The libraries raise whatever their conversions raise; a message that they cannot read says nothing.
+    except Exception:
+        return None
+
+
+class _InvalidError(ValueError):
+    """A field that is missing, no number or out of its range."""
+
+
+def _within(value: Any, low: float, high: float) -> float:
+    if isinstance(value, int | float) and low <= value <= high:
+        return float(value)
+    raise _InvalidError
+
+
+def _or_nan(value: Any, low: float, high: float) -> float:
+    try:
+        return _within(value, low, high)
+    except _InvalidError:
+        return math.nan
+
+
+def _week_s(message: Any) -> float:
+    return _within(message.iTOW, 0.0, TimeScale.GPS_WEEK * 1e3 - 1.0) / 1e3
+
+
+def _day_s(message: Any) -> float:
+    # By hand: the library has no time for a leap second.
+    text = message.payload[0]
+    minutes = int(text[:2]) * 60 + int(text[2:4])
+    if not text[:6].isdecimal() or int(text[:2]) > 23 or int(text[2:4]) > 59:
+        raise _InvalidError
+    return 60 * minutes + _within(float(text[4:]), 0.0, 60.999999)
+
+
+def _heading(value: Any) -> float:
+    return _within(value, 0.0, 360.0) % 360.0
+
+
+def _position(scale: TimeScale, tow_s: float, message: Any, height_m: Any, sigma_m: float, q: Quality) -> GnssSample:
+    if q is Quality.NONE:
+        return GnssSample(scale, position=Position(tow_s, math.nan, math.nan, math.nan, math.nan, q))
+    latitude, longitude = _within(message.lat, -90.0, 90.0), _within(message.lon, -180.0, 180.0)
+    height = _within(height_m, -1e3, 2e4)
+    return GnssSample(scale, position=Position(tow_s, latitude, longitude, height, sigma_m, q))
+
+
+def _gga(message: Any) -> GnssSample:
+    quality = {1: Quality.SINGLE, 2: Quality.SINGLE, 3: Quality.SINGLE, 4: Quality.FIXED, 5: Quality.FLOAT}
+    q = quality.get(message.quality, Quality.NONE)
+    height = _within(message.alt, -1e4, 1e5) + _within(message.sep, -200.0, 200.0) if q else math.nan
+    return _position(TimeScale.UTC_DAY, _day_s(message), message, height, math.nan, q)
+
+
+def _gst(message: Any) -> GnssSample:
+    sigma = math.hypot(_within(message.stdLat, 0.0, 1e5), _within(message.stdLong, 0.0, 1e5)) / math.sqrt(2.0)
+    return GnssSample(TimeScale.UTC_DAY, accuracy=Accuracy(_day_s(message), _within(sigma, 1e-4, 1e5)))
+
+
+def _untimed_heading(value: Any, valid: bool) -> GnssSample | None:
+    attitude = Attitude(math.nan, _heading(value), math.nan, math.nan)
+    return GnssSample(TimeScale.NONE, attitude=attitude) if valid else None
+
+
+def _rot(message: Any) -> GnssSample | None:
+    # Degrees a minute, to starboard positive.
+    rate = -math.radians(_within(message.rot, -6e4, 6e4)) / 60.0
+    return GnssSample(TimeScale.NONE, rate=Rate(math.nan, rate)) if message.valid == "A" else None
+
+
+def _pashr(message: Any) -> GnssSample | None:
+    if message.trueHdgInd != "T":
+        return None
+    roll, sigma = _or_nan(message.roll, -180.0, 180.0), _or_nan(message.hdgAcc, 1e-4, 180.0)
+    attitude = Attitude(_day_s(message), _heading(message.trueHdg), roll, sigma)
+    return GnssSample(TimeScale.UTC_DAY, attitude=attitude)
+
+
+def _nav_pvt(message: Any) -> GnssSample:
+    whole = message.gnssFixOk and message.fixType in (3, 4) and not message.invalidLlh
+    q = {0: Quality.SINGLE, 1: Quality.FLOAT, 2: Quality.FIXED}.get(message.carrSoln, Quality.NONE)
+    # hAcc is of both axes together: as the sigma of one it is on the safe side.
+    sigma = _or_nan(message.hAcc / 1000.0, 1e-4, 1e5)
+    height = message.height / 1000.0
+    return _position(TimeScale.GPS_WEEK, _week_s(message), message, height, sigma, q if whole else Quality.NONE)
+
+
+def _nav_att(message: Any) -> GnssSample:
+    # An accuracy of 0 says that the angle is not known.
+    sigma = _within(message.accHeading, 1e-5, 180.0)
+    roll = _or_nan(message.roll, -180.0, 180.0) if message.accRoll else math.nan
+    return GnssSample(TimeScale.GPS_WEEK, attitude=Attitude(_week_s(message), _heading(message.heading), roll, sigma))
+
+
+def _nav_relposned(message: Any) -> GnssSample | None:
+    # Between two antennas of the vehicle, the base moving too; the direction to a base that stands is no heading.
+    if not (message.relPosValid and message.relPosHeadingValid and message.isMoving and message.carrSoln == 2):
+        return None
+    sigma = _within(message.accHeading, 1e-5, 180.0)
+    attitude = Attitude(_week_s(message), _heading(message.relPosHeading), math.nan, sigma)
+    return GnssSample(TimeScale.GPS_WEEK, attitude=attitude)
+
+
+def _esf_ins(message: Any) -> GnssSample | None:
+    # Degrees a second about the axis that points down.
+    rate = -math.radians(_within(message.zAngRate, -1000.0, 1000.0))
+    return GnssSample(TimeScale.GPS_WEEK, rate=Rate(_week_s(message), rate)) if message.zAngRateValid else None
+
+
+_Reader = Callable[[Any], GnssSample | None]
+_NMEA: dict[bytes, _Reader] = {
+    b"GGA": _gga,
+    b"GST": _gst,
+    b"HDT": lambda message: _untimed_heading(message.headingT, message.headingTu == "T"),
+    b"THS": lambda message: _untimed_heading(message.headt, message.mi == "A"),
+    b"ROT": _rot,
+    b"PASHR": _pashr,
+}
+_UBX: dict[bytes, tuple[int, _Reader]] = {  # with the length of the payload
+    b"\x01\x07": (92, _nav_pvt),
+    b"\x01\x05": (32, _nav_att),
+    b"\x01\x3c": (64, _nav_relposned),
+    b"\x10\x15": (36, _esf_ins),
+}
+
 
 __all__ = ["Accuracy", "Attitude", "GnssParser", "GnssSample", "Position", "Quality", "Rate", "read_gnss"]
 
-_UBX = b"\xb5\x62"
+_GNSS_UBX = b"\xb5\x62"
 _UBX_AROUND = 8  # sync, class, number, length, then two of checksum
 _LARGEST_UBX = 4096
 _LONGEST_NMEA = 256
@@ -60,7 +281,7 @@ def _message_at(buffer: bytearray, at: int) -> int | tuple[Reason] | None:
     """Where the message ends that begins at ``at``, why there is none, or ``None`` where it is not whole yet."""
     if buffer[at] == ord("$"):
         return _sentence_at(buffer, at)
-    if buffer.startswith(_UBX[: len(buffer) - at], at):
+    if buffer.startswith(_GNSS_UBX[: len(buffer) - at], at):
         return _ubx_at(buffer, at)
     return (Reason.NO_SYNC,)
 

@@ -8,9 +8,14 @@ from pathlib import Path
 
 from lgprjax.errors import InputError
 from lgprjax.runtime.config import RuntimeConfig, read_config
-from lgprjax.runtime.parent import die_with_parent
-from lgprjax.runtime.placement import hold_to_cores, run_in_real_time, set_environment
-from lgprjax.runtime.process import PROCESSES, Started
+from lgprjax.runtime.process import (
+    PROCESSES,
+    Started,
+    die_with_parent,
+    hold_to_cores,
+    run_in_real_time,
+    set_environment,
+)
 
 PROGRAMS = {
     "control": "lgprjax.runtime.control.program",

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lgprjax.runtime.config import RuntimeConfig
+from lgprjax.runtime.messages import Kind, Record, Source, pack
 from lgprjax.runtime.process import PROCESSES, Heartbeats, Stage, Started
-from lgprjax.runtime.records import Kind, Record, Source, pack
 
 _PERIOD_S = 1.0
 _BEAT_S = 0.1

@@ -14,9 +14,8 @@ from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import serial
 
-from lgprjax.runtime.link import Receiver, Verdict
-from lgprjax.runtime.refused import KEPT, Refused
-from lgprjax.runtime.wire import Frame, FrameParser
+from lgprjax.runtime.config import KEPT, Refused
+from lgprjax.runtime.link import Frame, FrameParser, Receiver, Verdict
 
 _WAIT_S = 0.02
 _REOPEN_S = 0.5

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 from lgprjax.errors import InputError
 from lgprjax.runtime.config import PortTable, RuntimeConfig
 from lgprjax.runtime.gnss import GnssParser
+from lgprjax.runtime.messages import Source
 from lgprjax.runtime.port import Port
-from lgprjax.runtime.records import Source
 
 _LISTEN_S = 2.5
 

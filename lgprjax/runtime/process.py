@@ -1,13 +1,24 @@
 """A process of the runtime: what it is started with, and its heartbeat."""
 
+import ctypes
+import fcntl
+import hashlib
 import mmap
 import os
+import signal
+import socket
 import struct
+import sys
+import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 
+from lgprjax.errors import InputError
+from lgprjax.files import is_at
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.ring import Ring
 
@@ -114,3 +125,242 @@ class Started:
         """From the process's own loop, not from a thread beside it: a loop that hangs must be seen."""
         self._count += 1
         self._beats.beat(self.name, stage, os.getpid(), self._count)
+
+
+# What the service manager is told: systemd's notify protocol, datagrams of ``NAME=VALUE`` lines to a socket.
+
+
+class Notifier:
+    """Speaks to the service manager; without one it says nothing. It never waits and never raises.
+
+    A datagram that the manager's full socket does not take is let go: the next one says the same.
+
+    Args:
+        address: of the socket, ``@`` first for one in the abstract name space; by default ``NOTIFY_SOCKET`` of the
+            environment.
+    """
+
+    def __init__(self, address: str | None = None) -> None:
+        found = os.environ.get("NOTIFY_SOCKET", "") if address is None else address
+        self._address = "\0" + found[1:] if found.startswith("@") else found
+        self._socket: socket.socket | None = None
+        if self._address:
+            with suppress(OSError):
+                self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+                self._socket.setblocking(False)
+
+    def ready(self, text: str) -> None:
+        """The service is up; ``text`` is its status."""
+        self._send(f"READY=1\nSTATUS={_one_line(text)}")
+
+    def watchdog(self) -> None:
+        """The control loop went round: called by that loop and by nothing else."""
+        self._send("WATCHDOG=1")
+
+    def watchdog_within(self, limit_s: float) -> None:
+        """How long the watchdog may now go without being fed, counted from here, seconds."""
+        self._send(f"WATCHDOG_USEC={max(1, round(limit_s * 1e6))}")
+
+    def status(self, text: str) -> None:
+        """What a person reads in ``systemctl status``."""
+        self._send(f"STATUS={_one_line(text)}")
+
+    def stopping(self) -> None:
+        """The service goes down in good order."""
+        self._send("STOPPING=1")
+
+    def close(self) -> None:
+        """Nothing is said after this."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _send(self, message: str) -> None:
+        if self._socket is not None:
+            with suppress(OSError, ValueError):
+                self._socket.sendto(message.encode("utf-8", "replace"), self._address)
+
+
+def watchdog_s() -> float | None:
+    """The time that the service manager's watchdog allows, seconds; ``None`` where it watches nothing."""
+    with suppress(KeyError, ValueError):
+        limit_s = int(os.environ["WATCHDOG_USEC"]) / 1e6
+        return limit_s if limit_s > 0.0 else None
+    return None
+
+
+def _one_line(text: str) -> str:
+    # A line of its own would be read as another assignment.
+    return " ".join(text.split())
+
+
+# A process of the runtime and its supervisor: none outlives it.
+
+_PR_SET_PDEATHSIG = 1
+
+SUPERVISOR = "LGPRJAX_SUPERVISOR"
+"""Variable of the environment: process number of the supervisor that started this process."""
+
+
+def die_with_parent(name: str) -> None:
+    """Let the kernel end this process when its supervisor's main thread ends.
+
+    The recorder is asked, so that it writes what waits; the others go at once: a silent line sets the actuators to
+    their defaults.
+    """
+    after = signal.SIGTERM if name == "recorder" else signal.SIGKILL
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, int(after), 0, 0, 0)
+    supervisor = os.environ.get(SUPERVISOR)
+    # It may have died before the kernel was told.
+    if supervisor is not None and int(supervisor) != os.getppid():
+        sys.exit(1)
+
+
+# Where and how a process of the runtime runs: cores, priority, threads.
+
+
+def check_cores(config: RuntimeConfig) -> None:
+    """Whether this machine has the cores that the configuration names.
+
+    Raises:
+        InputError: it has not.
+    """
+    for place, core in (
+        ("control.core", config.control.core),
+        ("supervision.registration_core", config.supervision.registration_core),
+    ):
+        if core is not None and core not in _cores():
+            expected = "one of " + ", ".join(str(known) for known in sorted(_cores()))
+            raise InputError(config.file, place, expected, str(core))
+
+
+def hold_to_cores(name: str, config: RuntimeConfig) -> None:
+    """Pin control and registration, or coverage, to their cores; the others keep off a core that is control's own."""
+    check_cores(config)
+    beside = config.supervision.registration_core
+    own = {"control": config.control.core, "registration": beside, "coverage": beside}.get(name)
+    allowed = {own} if own is not None else _cores() - {config.control.core}
+    if sys.platform == "linux" and allowed:
+        os.sched_setaffinity(0, allowed)
+
+
+def run_in_real_time(name: str, priority: int, *, threads_too: bool) -> None:
+    """First in, first out above everything ordinary; says so in a line where the machine does not permit it.
+
+    Args:
+        name: of the process.
+        priority: 1 to 99.
+        threads_too: threads and processes that are started later inherit it.
+    """
+    if sys.platform != "linux":
+        return
+    policy = os.SCHED_FIFO if threads_too else os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    try:
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
+    except OSError as error:
+        print(f"{name}: real-time priority {priority} is not permitted: {error.strerror}", file=sys.stderr, flush=True)
+
+
+def run_in_ordinary_time() -> None:
+    """Back from real-time priority."""
+    if sys.platform == "linux":
+        # Taking the flag back needs a right that the priority itself does not.
+        flag = os.sched_getscheduler(0) & os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, os.SCHED_OTHER | flag, os.sched_param(0))
+
+
+def set_environment(config: RuntimeConfig) -> None:
+    """One thread a process for the compiled functions, and their cache; before JAX or NumPy is imported.
+
+    What the environment already says stays.
+    """
+    settings = {
+        "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
+        "JAX_CPU_ENABLE_ASYNC_DISPATCH": "false",
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+    }
+    if config.cache is not None:
+        settings["JAX_COMPILATION_CACHE_DIR"] = str(config.path(config.cache))
+        # The default leaves out what compiles within a second; many of those make a slow start.
+        settings["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+        settings["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
+    for name, value in settings.items():
+        os.environ.setdefault(name, value)
+
+
+def _cores() -> set[int]:
+    return os.sched_getaffinity(0) if sys.platform == "linux" else set(range(os.cpu_count() or 1))
+
+
+# One run at a time: a vehicle has one master, and a run's folder one writer.
+
+SHARED_MEMORY = Path("/dev/shm")
+"""Every process of the machine finds the same folder here, those of a service with its own ``/tmp`` too."""
+
+
+def memory_folder() -> Path:
+    """A folder in memory where the machine has one, else the one for temporary files."""
+    return SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK | os.X_OK) else Path(tempfile.gettempdir())
+
+
+@contextmanager
+def only_instance(config: RuntimeConfig, run_folder: Path) -> Iterator[None]:
+    """Hold the drive-by-wire device and the run's folder for as long as the body runs.
+
+    The kernel lets go of them when the process ends, however it ends.
+
+    Raises:
+        InputError: another process holds one of them; it says which process.
+    """
+    device = config.ports.drive_by_wire.url
+    # Several names lead to one device; an address of the network has one only.
+    device_key = device if "://" in device else os.path.realpath(device)
+    with ExitStack() as held:
+        for key, place, free in (
+            (device_key, "ports.drive_by_wire.url", f"{device}, not driven by another run"),
+            (os.path.realpath(run_folder), "run folder", f"{run_folder}, not written by another run"),
+        ):
+            holder = held.enter_context(_lock(key))
+            if holder is not None:
+                raise InputError(config.file, place, free, f"process {holder} holds it")
+        yield
+
+
+@contextmanager
+def _lock(key: str) -> Iterator[str | None]:
+    """Hold the lock of a name, or yield who holds it."""
+    path = memory_folder() / f"lgprjax-{hashlib.sha256(key.encode()).hexdigest()[:24]}.lock"
+    while True:
+        descriptor = _open(path)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.pread(descriptor, 20, 0).decode("ascii", "replace").strip() or "unknown"
+            os.close(descriptor)
+            yield holder
+            return
+        # Its last holder may have taken the file away between the opening and the locking.
+        if is_at(path, descriptor):
+            break
+        os.close(descriptor)
+    try:
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, str(os.getpid()).encode(), 0)
+        yield None
+    finally:
+        with suppress(OSError):
+            path.unlink()
+        os.close(descriptor)
+
+
+def _open(path: Path) -> int:
+    # Creation apart: in a folder for all, the kernel refuses O_CREAT on a file of another user that is there.
+    while True:
+        with suppress(FileNotFoundError):
+            return os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
+        with suppress(FileExistsError):
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+            os.fchmod(descriptor, 0o666)
+            return descriptor

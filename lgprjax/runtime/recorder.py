@@ -3,17 +3,293 @@
 It only reads rings: whatever becomes of it or of the disk, the processes that drive go on.
 """
 
+import json
 import os
+import platform
+import queue
+import shutil
 import signal
 import sys
+import threading
 import time
+import uuid
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NamedTuple, NoReturn
 
-from lgprjax.run_segment import ORIGINS
+from lgprjax import __version__
+from lgprjax.run_segment import (
+    ORIGINS,
+    OWN,
+    SegmentHead,
+    pack_head,
+    pack_record,
+    read_head,
+    scan_records,
+    segment_path,
+    segments_of,
+)
 from lgprjax.runtime.process import Stage, Started
-from lgprjax.runtime.recorder_resume import resume, tell_run
-from lgprjax.runtime.recorder_segments import SegmentWriter
+
+# What is written is brought to the disk beside the recorder's loop, which a slow disk must not hold up.
+
+
+class DiskSync:
+    """A thread that brings files to the disk, in the order in which it is asked.
+
+    Args:
+        longest_s: that one of its calls may take.
+    """
+
+    def __init__(self, longest_s: float = 10.0) -> None:
+        self._longest_s = longest_s
+        self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._error: OSError | None = None
+        self._since_s: float | None = None
+        # Each is counted up by one thread only.
+        self._asked = self._done = 0
+        self._thread = threading.Thread(target=self._run, name="disk-sync", daemon=True)
+        self._thread.start()
+
+    @property
+    def busy(self) -> bool:
+        """Whether something asked for is not on the disk yet."""
+        return self._asked > self._done
+
+    def data(self, file: int) -> None:
+        """Ask for a file's data."""
+        self._ask(lambda: os.fdatasync(file))
+
+    def finish(self, file: int) -> None:
+        """Ask for a file whole, and that it be closed."""
+        self._ask(lambda: _finish(file))
+
+    def folder(self, path: Path) -> None:
+        """Ask for a folder's entries."""
+        self._ask(lambda: sync_folder(path))
+
+    def check(self) -> None:
+        """Hear of what failed.
+
+        Raises:
+            OSError: a call failed, or takes longer than ``longest_s``.
+        """
+        since_s = self._since_s
+        if self._error is not None:
+            raise self._error
+        if since_s is not None and time.monotonic() - since_s > self._longest_s:
+            raise TimeoutError(f"the disk took nothing for {self._longest_s:g} s")
+
+    def drain(self) -> None:
+        """Wait until everything asked for is on the disk, at most ``longest_s``.
+
+        Raises:
+            OSError: as ``check``.
+        """
+        self._jobs.put(None)
+        self._thread.join(self._longest_s)
+        if self._error is None and self._thread.is_alive():
+            raise TimeoutError(f"the disk took nothing for {self._longest_s:g} s")
+        self.check()
+
+    def _ask(self, job: Callable[[], None]) -> None:
+        self._asked += 1
+        self._jobs.put(job)
+
+    def _run(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            self._since_s = time.monotonic()
+            try:
+                job()
+            except OSError as error:
+                self._error = error
+                return
+            self._since_s = None
+            self._done += 1
+
+
+def sync_folder(path: Path) -> None:
+    """Bring a folder's entries to the disk."""
+    _finish(os.open(path, os.O_RDONLY | os.O_DIRECTORY))
+
+
+def _finish(file: int) -> None:
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
+# Where a recording goes on: what the run's folder holds when the recorder comes up.
+
+
+class Resume(NamedTuple):
+    """Where to go on.
+
+    Attributes:
+        run: UUID of the run, 16 bytes.
+        segment, number: the next ones.
+        positions: of the rings by origin, where the last record on the disk ended in each.
+        dropped: messages by ring that the recording knows to be lost.
+    """
+
+    run: bytes
+    segment: int
+    number: int
+    positions: dict[int, int]
+    dropped: dict[str, int]
+
+
+def resume(folder: Path) -> Resume:
+    """What the disk says of the run in a folder; a new run where there is none.
+
+    Only the last segment with records is read: what an earlier one holds was let go of by its ring long ago.
+
+    Raises:
+        OSError: the folder cannot be read.
+    """
+    files = segments_of(folder)
+    heads = {segment: read_head(path)[0] for segment, path in files.items()}
+    known = [head.run for head in heads.values() if head is not None]
+    run = known[-1] if known else _run_told(folder) or uuid.uuid4().bytes
+    found = Resume(run, max(files, default=-1) + 1, 0, {}, {})
+    for segment in reversed(files):
+        head = heads[segment]
+        positions: dict[int, int] = {}
+        dropped: dict[str, int] = {}
+        number = -1 if head is None or head.run != run else head.number - 1
+        seen = False
+        for record in scan_records(files[segment], run):
+            seen, number = True, max(number, record.number)
+            if record.origin == OWN:
+                dropped |= json.loads(record.data).get("dropped", {})
+            else:
+                positions[record.origin] = record.position
+        found = found._replace(number=max(found.number, number + 1))
+        if seen:
+            return found._replace(positions=positions, dropped=dropped)
+    return found
+
+
+def tell_run(folder: Path, run: bytes, config: Path) -> None:
+    """Put beside the segments what a reader needs: the configuration as it was read, and ``run.json``.
+
+    ``run.json`` gains the two clocks of the computer each time that the recorder comes up.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    copy, told = folder / "config.toml", folder / "run.json"
+    if not copy.exists():
+        fresh = copy.with_suffix(".new")
+        shutil.copyfile(config, fresh)
+        _settle(fresh, copy)
+    table: dict[str, Any] = {"uuid": str(uuid.UUID(bytes=run)), "lgprjax": __version__, "clocks": []}
+    table |= {"python": platform.python_version(), "machine": platform.platform(), "config": str(config)}
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        table["clocks"] = list(json.loads(told.read_text(encoding="utf-8"))["clocks"])
+    table["clocks"].append({"utc_ns": time.time_ns(), "mono_ns": time.monotonic_ns()})
+    fresh = told.with_suffix(".new")
+    fresh.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+    _settle(fresh, told)
+
+
+def _run_told(folder: Path) -> bytes | None:
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        return uuid.UUID(json.loads((folder / "run.json").read_text(encoding="utf-8"))["uuid"]).bytes
+    return None
+
+
+def _settle(fresh: Path, target: Path) -> None:
+    with fresh.open("rb") as file:
+        os.fsync(file.fileno())
+    fresh.rename(target)
+    sync_folder(target.parent)
+
+
+# The segments of a run as they are written: appended to only, in whole chunks.
+
+_SYNC_EVERY_S = 0.2
+
+
+class SegmentWriter:
+    """Writes a run from a segment and a number on.
+
+    Args:
+        folder: of the run.
+        run: its UUID.
+        segment: the first to write; its file must not exist.
+        number: of the next record.
+        segment_s: how long a segment is written to.
+
+    Raises:
+        OSError: the disk refuses, here and in every method.
+    """
+
+    def __init__(self, folder: Path, run: bytes, segment: int, number: int, segment_s: float) -> None:
+        self.number = number
+        self._folder, self._run, self._segment, self._segment_s = folder, run, segment, segment_s
+        self._chunk: list[bytes] = []
+        self._sync = DiskSync()
+        self._synced_s = self._begun_s = time.monotonic()
+        self._file = self._open()
+
+    def append(self, origin: int, position: int, data: bytes) -> None:
+        """Number a record and put it to the next chunk."""
+        self._chunk.append(pack_record(self._run, self.number, origin, position, data))
+        self.number += 1
+
+    def note(self, what: dict[str, object]) -> None:
+        """A record of the recorder's own."""
+        self.append(OWN, 0, json.dumps(what).encode())
+
+    def write(self) -> None:
+        """Write the chunk, and ask for it on the disk when it is time to."""
+        self._sync.check()
+        if self._chunk:
+            _write_whole(self._file, b"".join(self._chunk))
+            self._chunk.clear()
+        now_s = time.monotonic()
+        if now_s - self._synced_s >= _SYNC_EVERY_S and not self._sync.busy:
+            self._sync.data(self._file)
+            self._synced_s = now_s
+
+    @property
+    def due(self) -> bool:
+        """Whether the next segment should be begun."""
+        return time.monotonic() - self._begun_s >= self._segment_s
+
+    def rotate(self) -> None:
+        """Begin the next segment."""
+        self.write()
+        self._sync.finish(self._file)
+        self._segment += 1
+        self._file = self._open()
+        self._begun_s = time.monotonic()
+
+    def close(self, reason: str) -> None:
+        """End the run in order; everything is on the disk after it."""
+        self.note({"end": reason})
+        self.write()
+        self._sync.finish(self._file)
+        self._sync.drain()
+
+    def _open(self) -> int:
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC
+        file = os.open(segment_path(self._folder, self._segment), flags, 0o644)
+        head = SegmentHead(self._run, self._segment, time.time_ns(), time.monotonic_ns(), self.number)
+        _write_whole(file, pack_head(head))
+        self._sync.folder(self._folder)
+        return file
+
+
+def _write_whole(file: int, data: bytes) -> None:
+    view = memoryview(data)
+    while view:
+        view = view[os.write(file, view) :]
+
 
 DISK_REFUSED, DISK_FULL = 1, 3
 """Exit statuses: the disk failed; ``recording.least_free_mb`` is reached and the recording was ended in order."""

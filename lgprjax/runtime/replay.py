@@ -11,7 +11,7 @@ from lgprjax.formats import read_run
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.kinds import load_vehicle
-from lgprjax.runtime.records import Kind, Record, Source, unpack
+from lgprjax.runtime.messages import Kind, Record, Source, unpack
 
 _TAKEN = (Kind.PORT_IN, Kind.FIX, Kind.EVENT, Kind.MONITOR, Kind.REQUEST)
 

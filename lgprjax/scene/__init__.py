@@ -1,29 +1,22 @@
 """Synthetic ground with a known truth: a road, a radar over it, drives on different days."""
 
-from lgprjax.scene.calibrated_fixes import calibrated_fixes
-from lgprjax.scene.day import Conditions, Cover, Day, Skin, Trench, ground_on, usual_conditions
+from lgprjax.scene.day import WEATHER, Conditions, Cover, Day, Skin, Trench, ground_on, usual_conditions
 from lgprjax.scene.drive import (
     SimulatedDrive,
+    StartOfDay,
+    SweepPlan,
     default_array,
     iterate_sweeps,
     iterate_traces,
+    record_sweeps,
     render_drive,
     simulate_drive,
+    start_of_day,
 )
-from lgprjax.scene.fix_errors import FixErrors, FixErrorState, init_fix_errors, step_fix_errors
-from lgprjax.scene.ground import Ground, GroundConfig, Layers, make_ground
-from lgprjax.scene.hardware import NO_FAULTS, Faults, Response, ScanErrors
-from lgprjax.scene.live_faults import SensorFaults, during, no_faults
+from lgprjax.scene.ground import Ground, GroundConfig, Layers, Scatterers, Utilities, make_ground
 from lgprjax.scene.live_radar import LiveRadar, LiveScan, Springs, draw_springs
-from lgprjax.scene.live_sensors import (
-    LiveSensors,
-    LiveSensorState,
-    Readings,
-    init_live_sensors,
-    live_sensors,
-    read_live_sensors,
-)
-from lgprjax.scene.manoeuvres import (
+from lgprjax.scene.motion import (
+    DrivePlan,
     Manoeuvre,
     drive_palm_tree,
     drive_straight,
@@ -33,28 +26,64 @@ from lgprjax.scene.manoeuvres import (
     step_steering,
     turn_standing,
 )
-from lgprjax.scene.motion import DrivePlan
-from lgprjax.scene.objects import Scatterers, Utilities
-from lgprjax.scene.plant import Plant, PlantState, Terrain, init_plant, step_plant
-from lgprjax.scene.propagation import RadarConfig, make_wavelet
-from lgprjax.scene.receiver import ReceiverConfig, record_scans, time_gain
-from lgprjax.scene.render import render_traces
-from lgprjax.scene.road import Road, RoadConfig, make_road, straight_road
-from lgprjax.scene.sensors import NavigationErrors, OdometerTrack, PoseTrack
-from lgprjax.scene.skid_plant import SkidPlant, SkidPlantState, default_skid_plant, init_skid_plant, step_skid_plant
-from lgprjax.scene.skid_sensors import (
+from lgprjax.scene.plant import (
+    Plant,
+    PlantState,
+    SkidPlant,
+    SkidPlantState,
     SkidReadings,
     SkidSensors,
     SkidSensorState,
+    Terrain,
+    default_skid_plant,
     default_skid_sensors,
+    init_plant,
+    init_skid_plant,
     init_skid_sensors,
     read_skid_sensors,
+    step_plant,
+    step_skid_plant,
 )
-from lgprjax.scene.slices import GroundSlice, slice_ground
-from lgprjax.scene.sweeps import StartOfDay, SweepPlan, record_sweeps, start_of_day
-from lgprjax.scene.vehicle_drive import TrueVehicle, VehicleDrive, drive_manoeuvre, read_vehicle, simulate_vehicle_drive
-from lgprjax.scene.vehicle_sensors import DriveTruth, VehicleSensors
-from lgprjax.scene.weather import WEATHER
+from lgprjax.scene.propagation import GroundSlice, RadarConfig, make_wavelet, slice_ground
+from lgprjax.scene.render import (
+    NO_FAULTS,
+    Faults,
+    ReceiverConfig,
+    Response,
+    ScanErrors,
+    record_scans,
+    render_traces,
+    time_gain,
+)
+from lgprjax.scene.road import Road, RoadConfig, make_road, straight_road
+from lgprjax.scene.sensors import (
+    FixErrors,
+    FixErrorState,
+    LiveSensors,
+    LiveSensorState,
+    NavigationErrors,
+    OdometerTrack,
+    PoseTrack,
+    Readings,
+    SensorFaults,
+    calibrated_fixes,
+    during,
+    init_fix_errors,
+    init_live_sensors,
+    live_sensors,
+    no_faults,
+    read_live_sensors,
+    step_fix_errors,
+)
+from lgprjax.scene.vehicle_drive import (
+    DriveTruth,
+    TrueVehicle,
+    VehicleDrive,
+    VehicleSensors,
+    drive_manoeuvre,
+    read_vehicle,
+    simulate_vehicle_drive,
+)
 
 __all__ = [
     "NO_FAULTS",

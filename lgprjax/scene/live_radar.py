@@ -11,13 +11,18 @@ from lgprjax.radar.array import ArrayGeometry
 from lgprjax.scene.day import Day, ground_on
 from lgprjax.scene.drive import STONE_STEP, UTILITY_STEP, check_inside, soil_of
 from lgprjax.scene.ground import Ground
-from lgprjax.scene.hardware import Faults, ScanErrors, draw_response, draw_scan_errors, kept_scans
 from lgprjax.scene.motion import DrivePlan, place_antennas
-from lgprjax.scene.propagation import RadarConfig, trace_matrix
-from lgprjax.scene.receiver import ReceiverConfig, record_scans
-from lgprjax.scene.road import Road, local_to_road
-from lgprjax.scene.road_waves import Waves, draw_waves, roughness_value, wave_value
-from lgprjax.scene.slices import count_stones, count_utilities, slice_ground
+from lgprjax.scene.propagation import RadarConfig, count_stones, count_utilities, slice_ground, trace_matrix
+from lgprjax.scene.render import (
+    Faults,
+    ReceiverConfig,
+    ScanErrors,
+    draw_response,
+    draw_scan_errors,
+    kept_scans,
+    record_scans,
+)
+from lgprjax.scene.road import Road, Waves, draw_waves, local_to_road, roughness_value, wave_value
 
 _ALONG_M = 3.0  # most that a block of scans and its array cover along the road, beside the aperture
 

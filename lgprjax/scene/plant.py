@@ -2,14 +2,33 @@
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from lgprjax.scene.road_waves import Waves
-from lgprjax.vehicle.arc import VehiclePose, drive_arc
-from lgprjax.vehicle.chassis import Chassis, turn_of, yaw_gain
-from lgprjax.vehicle.pedals import DriveState, Pedals, init_drive, step_drive
-from lgprjax.vehicle.servo import Servo, ServoState, init_servo, step_servo, torque_share
+from lgprjax.scene.road import Waves
+from lgprjax.vehicle.actuators import (
+    DriveState,
+    Pedals,
+    Servo,
+    ServoState,
+    init_drive,
+    init_servo,
+    step_drive,
+    step_servo,
+    torque_share,
+)
+from lgprjax.vehicle.kinematics import (
+    Chassis,
+    VehiclePose,
+    WheelSpeeds,
+    body_rates,
+    drive_arc,
+    drive_skid_arc,
+    turn_of,
+    yaw_gain,
+)
+from lgprjax.vehicle.pursuit import obeyed_wheels
 
 GRAVITY_MPS2 = 9.81
 SUBSTEPS = 3
@@ -125,3 +144,282 @@ def wave_at(waves: Waves, along_m: Float[Array, "..."]) -> Float[Array, "..."]:
         turns = along_m * waves.wave_rad_per_m[number] + waves.phase_rad[number]
         total += waves.amplitude[number] * jnp.sin(turns)
     return total
+
+
+# The skid-steer vehicle as it is: hydraulics that are late, a control threshold, sides that slip, turns that slide.
+
+
+class SkidPlant(NamedTuple):
+    """A vehicle. Fields are float32 scalars or one value a lane.
+
+    Attributes:
+        track_m: effective, of this ground.
+        delay_s: from a command to its first effect; lag_s: time constant of a side's speed after that.
+        threshold_mps: difference of the commanded wheels below which it does not turn; 0 obeys everything.
+        slip_sigma, slip_m: of either side: the ground passes by less than the wheel turns, by a share that is a
+            Gauss-Markov process over the side's way.
+        slide_m: the point that does not move aside in a turn stands so far before the track's midpoint.
+        wander: random walk of the heading, rad/√m; along, aside: of the position, m/√m: stones and ruts.
+    """
+
+    track_m: Float[Array, "..."]
+    delay_s: Float[Array, "..."]
+    lag_s: Float[Array, "..."]
+    threshold_mps: Float[Array, "..."]
+    slip_sigma: Float[Array, "..."]
+    slip_m: Float[Array, "..."]
+    slide_m: Float[Array, "..."]
+    wander: Float[Array, "..."]
+    along: Float[Array, "..."]
+    aside: Float[Array, "..."]
+
+
+class SkidPlantState(NamedTuple):
+    """Where the vehicle is and what it waits for.
+
+    Attributes:
+        pose: of the track's midpoint, true.
+        wheels: as they turn.
+        waiting: commands without effect yet, the newest first; the longest delay and one more.
+        slip: of the left and the right side.
+        left_m, right_m: ways that the wheels have turned.
+        speed_mps, yaw_rate_radps: over the last step.
+    """
+
+    pose: VehiclePose
+    wheels: WheelSpeeds
+    waiting: Float[Array, "slot 2"]
+    slip: Float[Array, "2"]
+    left_m: Float[Array, ""]
+    right_m: Float[Array, ""]
+    speed_mps: Float[Array, ""]
+    yaw_rate_radps: Float[Array, ""]
+
+
+def default_skid_plant(*, track_m: float) -> SkidPlant:
+    """A small tracked machine with a hydraulic drive; usual sizes, no maker's figures, no control threshold."""
+    values = (track_m, 0.1, 0.2, 0.0, 0.015, 10.0, 0.05, 0.003, 0.0, 0.0)
+    return SkidPlant(*(jnp.float32(value) for value in values))
+
+
+def init_skid_plant(plant: SkidPlant, pose: VehiclePose, key: PRNGKeyArray, *, delay_slots: int) -> SkidPlantState:
+    """Standing at a pose, slips drawn; one lane. ``delay_slots``: steps of the longest delay."""
+    zero = jnp.zeros_like(pose.x_m)
+    slip = plant.slip_sigma * jax.random.normal(key, (2,))
+    waiting = jnp.zeros((delay_slots + 1, 2), jnp.float32)
+    return SkidPlantState(pose, WheelSpeeds(zero, zero), waiting, slip, zero, zero, zero, zero)
+
+
+def step_skid_plant(
+    plant: SkidPlant, state: SkidPlantState, command: WheelSpeeds, key: PRNGKeyArray, step_s: float
+) -> SkidPlantState:
+    """The vehicle after ``step_s`` of a constant command; one lane, more by ``vmap``.
+
+    Args:
+        plant: the vehicle.
+        state: before.
+        command: wheel speeds.
+        key: of this step's noise.
+        step_s: of the control loop.
+    """
+    noise = jax.random.normal(key, (5,))
+    waiting = jnp.concatenate([jnp.stack(command)[None], state.waiting[:-1]])
+    late = jnp.clip(jnp.round(plant.delay_s / step_s).astype(jnp.int32), 0, waiting.shape[0] - 1)
+    told = obeyed_wheels(plant.threshold_mps, WheelSpeeds(waiting[late, 0], waiting[late, 1]))
+    slow = plant.lag_s > 0.0
+    share = jnp.where(slow, 1.0 - jnp.exp(-step_s / jnp.where(slow, plant.lag_s, 1.0)), 1.0)
+    left, right = (was + share * (now - was) for was, now in zip(state.wheels, told, strict=True))
+    ways = jnp.abs(jnp.stack([left, right])) * step_s
+    keep = jnp.exp(-ways / plant.slip_m)
+    slip = keep * state.slip + plant.slip_sigma * jnp.sqrt(1.0 - keep * keep) * noise[:2]
+    ground = WheelSpeeds(left * (1.0 - slip[0]), right * (1.0 - slip[1]))
+    speed, yaw_rate = body_rates(plant.track_m, ground)
+    pose = drive_skid_arc(state.pose, plant.track_m, ground, jnp.float32(step_s))
+    # About a point ahead of the midpoint the midpoint itself swings out.
+    root_m = jnp.sqrt(jnp.abs(speed) * step_s)
+    pushed = plant.along * root_m * noise[3]
+    slid = plant.aside * root_m * noise[4] - plant.slide_m * yaw_rate * step_s
+    yaw, turned = pose.yaw_rad, plant.wander * root_m * noise[2]
+    cos, sin = jnp.cos(yaw), jnp.sin(yaw)
+    pose = VehiclePose(pose.x_m + cos * pushed - sin * slid, pose.y_m + sin * pushed + cos * slid, yaw + turned)
+    return SkidPlantState(
+        pose,
+        WheelSpeeds(left, right),
+        waiting,
+        slip,
+        state.left_m + left * step_s,
+        state.right_m + right * step_s,
+        speed,
+        (pose.yaw_rad - state.pose.yaw_rad) / step_s,
+    )
+
+
+# Sensors of a skid-steer vehicle (MF section 2): wheels, an INS that tells how far it has turned, RTK GNSS at 1 Hz.
+
+
+class SkidSensors(NamedTuple):
+    """What the sensors are like; float32 scalars, ticks int32.
+
+    Attributes:
+        gnss_ticks: from one fix to the next; late_ticks: from its moment to its arrival.
+        gnss_x_m, gnss_y_m: antenna in the body.
+        gnss_sigma_m: white error an axis; slow_sigma_m, slow_s: slow error an axis, a Gauss-Markov process.
+        reported_sigma_m: what a fix says of itself, an axis.
+        bias_m: error that stays, east and north; drift_mps: error that grows from the start on.
+        off_s, every_s: the receiver is silent for the last ``off_s`` of every ``every_s``.
+        ins_ticks: from one delta heading to the next.
+        ins_noise_rad: of one; ins_drift_radps: of the INS, with a sign that is drawn.
+        wheel_scale: standard deviation of what the wheels read too much by, as a share; the same on both sides.
+        wheel_noise_mps: white, of a tick's reading.
+    """
+
+    gnss_ticks: Int[Array, "..."]
+    late_ticks: Int[Array, "..."]
+    gnss_x_m: Float[Array, "..."]
+    gnss_y_m: Float[Array, "..."]
+    gnss_sigma_m: Float[Array, "..."]
+    slow_sigma_m: Float[Array, "..."]
+    slow_s: Float[Array, "..."]
+    reported_sigma_m: Float[Array, "..."]
+    bias_m: Float[Array, "... 2"]
+    drift_mps: Float[Array, "... 2"]
+    off_s: Float[Array, "..."]
+    every_s: Float[Array, "..."]
+    ins_ticks: Int[Array, "..."]
+    ins_noise_rad: Float[Array, "..."]
+    ins_drift_radps: Float[Array, "..."]
+    wheel_scale: Float[Array, "..."]
+    wheel_noise_mps: Float[Array, "..."]
+
+
+class SkidSensorState(NamedTuple):
+    """Errors as they stand.
+
+    Attributes:
+        slow_m: slow error of GNSS.
+        measured_m: the fix that is on its way.
+        drift_radps: of the INS.
+        told_rad: true heading when the INS last spoke.
+        scale: of the wheels.
+    """
+
+    slow_m: Float[Array, "2"]
+    measured_m: Float[Array, "2"]
+    drift_radps: Float[Array, ""]
+    told_rad: Float[Array, ""]
+    scale: Float[Array, ""]
+
+
+class SkidReadings(NamedTuple):
+    """What the sensors say at the end of a tick.
+
+    Attributes:
+        left_mps, right_mps: means over the tick.
+        gnss_m: antenna, east and north; gnss_sigma_m: as reported; gnss_age_s: since it was measured.
+        gnss_valid: there is a new fix.
+        turn_rad, span_s: by the INS since it last spoke; turn_valid: it speaks.
+    """
+
+    left_mps: Float[Array, "..."]
+    right_mps: Float[Array, "..."]
+    gnss_m: Float[Array, "... 2"]
+    gnss_sigma_m: Float[Array, "..."]
+    gnss_age_s: Float[Array, "..."]
+    gnss_valid: Bool[Array, "..."]
+    turn_rad: Float[Array, "..."]
+    span_s: Float[Array, "..."]
+    turn_valid: Bool[Array, "..."]
+
+
+def default_skid_sensors(*, tick_s: float, gnss_x_m: float, gnss_y_m: float) -> SkidSensors:
+    """RTK at 1 Hz and 2 cm, an INS at 10 Hz that drifts 1.8 µrad in 0.1 s (MF), wheels off by 2 %; no outages.
+
+    Three fifths of the fix's variance are white, the rest stays for a minute; a fix is 0.1 s old when it comes.
+    """
+    one, nothing = jnp.float32, jnp.zeros(2, jnp.float32)
+    return SkidSensors(
+        gnss_ticks=jnp.int32(round(1.0 / tick_s)),
+        late_ticks=jnp.int32(round(0.1 / tick_s)),
+        gnss_x_m=one(gnss_x_m),
+        gnss_y_m=one(gnss_y_m),
+        gnss_sigma_m=one(0.02 * 0.6**0.5),
+        slow_sigma_m=one(0.02 * 0.4**0.5),
+        slow_s=one(60.0),
+        reported_sigma_m=one(0.02),
+        bias_m=nothing,
+        drift_mps=nothing,
+        off_s=one(0.0),
+        every_s=one(90.0),
+        ins_ticks=jnp.int32(round(0.1 / tick_s)),
+        ins_noise_rad=one(3e-5),
+        ins_drift_radps=one(1.8e-5),
+        wheel_scale=one(0.02),
+        wheel_noise_mps=one(0.005),
+    )
+
+
+def init_skid_sensors(model: SkidSensors, yaw_rad: Float[Array, ""], key: PRNGKeyArray) -> SkidSensorState:
+    """Errors at the start; one lane."""
+    slow, drift, scale = jax.random.split(key, 3)
+    return SkidSensorState(
+        model.slow_sigma_m * jax.random.normal(slow, (2,)),
+        jnp.zeros(2, jnp.float32),
+        model.ins_drift_radps * jax.random.rademacher(drift, (), jnp.float32),
+        yaw_rad,
+        model.wheel_scale * jax.random.normal(scale),
+    )
+
+
+def read_skid_sensors(
+    model: SkidSensors,
+    state: SkidSensorState,
+    plant: SkidPlantState,
+    tick: Int[Array, ""],
+    key: PRNGKeyArray,
+    tick_s: float,
+) -> tuple[SkidSensorState, SkidReadings]:
+    """Readings at the end of a tick; one lane, more by ``vmap``.
+
+    Args:
+        model, state: of the sensors.
+        plant: true, at the tick's end.
+        tick: number of this tick, from 1.
+        key: of this tick's noise.
+        tick_s: length of a tick.
+    """
+    noise = jax.random.normal(key, (7,))
+    time_s = tick.astype(jnp.float32) * tick_s
+    keep = jnp.exp(-tick_s / model.slow_s)
+    slow = keep * state.slow_m + jnp.sqrt(1.0 - keep * keep) * model.slow_sigma_m * noise[:2]
+    pose = plant.pose
+    cos, sin = jnp.cos(pose.yaw_rad), jnp.sin(pose.yaw_rad)
+    antenna = jnp.stack(
+        [
+            pose.x_m + cos * model.gnss_x_m - sin * model.gnss_y_m,
+            pose.y_m + sin * model.gnss_x_m + cos * model.gnss_y_m,
+        ]
+    )
+    wrong = slow + model.gnss_sigma_m * noise[2:4] + model.bias_m + model.drift_mps * time_s
+    measured = jnp.where(tick % model.gnss_ticks == 0, antenna + wrong, state.measured_m)
+    arrives = (tick % model.gnss_ticks == model.late_ticks % model.gnss_ticks) & (tick > model.late_ticks)
+    hears = time_s % model.every_s < model.every_s - model.off_s
+    speaks = tick % model.ins_ticks == 0
+    span_s = model.ins_ticks.astype(jnp.float32) * tick_s
+    turn = pose.yaw_rad - state.told_rad + state.drift_radps * span_s + model.ins_noise_rad * noise[4]
+    left, right = (
+        wheel * (1.0 + state.scale) + model.wheel_noise_mps * error
+        for wheel, error in zip(plant.wheels, noise[5:], strict=True)
+    )
+    readings = SkidReadings(
+        left,
+        right,
+        measured,
+        model.reported_sigma_m,
+        model.late_ticks.astype(jnp.float32) * tick_s,
+        arrives & hears,
+        turn,
+        span_s,
+        speaks,
+    )
+    told = jnp.where(speaks, pose.yaw_rad, state.told_rad)
+    return SkidSensorState(slow, measured, state.drift_radps, told, state.scale), readings

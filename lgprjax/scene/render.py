@@ -14,16 +14,27 @@ at 0.5 m), waves that run along the surface, and the antenna's near field (0.3 m
 One velocity holds for the whole column: a layer's depth is its optical depth.
 """
 
+from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt8
 
-from lgprjax.scene.fields import device_value_at
-from lgprjax.scene.propagation import RadarConfig, trace_matrix
-from lgprjax.scene.rays import LIGHT_M_PER_NS, Ray, passage, refract
-from lgprjax.scene.slices import GroundSlice
+from lgprjax.scene.day import Day
+from lgprjax.scene.ground import device_value_at
+from lgprjax.scene.propagation import (
+    LIGHT_M_PER_NS,
+    GroundSlice,
+    RadarConfig,
+    Ray,
+    band_spectrum,
+    passage,
+    refract,
+    trace_matrix,
+)
 
 Echoes = tuple[Float[Array, "trace echo"], Float[Array, "trace echo"]]
 """Times after transmission (ns) and fields."""
@@ -201,3 +212,223 @@ def _time_ns(ground: GroundSlice, ray: Ray, slowness: Float[Array, "#trace #echo
 
 
 _ground_echoes = partial(jax.jit, static_argnames=("radar",))(place_ground_echoes)
+
+
+# The radar's own errors: antennas and cables of the array, the day's spread, and what goes wrong during a drive.
+
+# Direct coupling between neighbours, then two reflections of the vehicle: time after transmission and field.
+COUPLING_NS = (0.42, 1.6, 3.1)
+COUPLING_FIELD = (0.5, -0.2, 0.1)
+HARDWARE_SEED = 20  # the same array on every day
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What goes wrong in the receiver during a drive.
+
+    Attributes:
+        gain_drift: relative change of the receiver's gain from the drive's start to its end (it warms up).
+        phase_drift_rad: change of its phase (heard in sweeps only).
+        dropped_share: of the scans, lost between radar and recorder.
+        clipped_share: of the scans, received four times too loud.
+        interference_share, interference_field: of the scans hit by a transmitter in the band, and how loudly.
+        dead_channels: channels whose antenna is not connected.
+    """
+
+    gain_drift: float = 0.05
+    phase_drift_rad: float = 0.1
+    dropped_share: float = 0.001
+    clipped_share: float = 0.001
+    interference_share: float = 0.002
+    interference_field: float = 0.01
+    dead_channels: tuple[int, ...] = ()
+
+
+NO_FAULTS = Faults(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Response(NamedTuple):
+    """Errors of each channel on one day."""
+
+    gain: Float[np.ndarray, " channel"]
+    delay_ns: Float[np.ndarray, " channel"]
+    surface: Float[np.ndarray, " channel"]
+    coupling: Float[np.ndarray, "channel path"]
+
+
+class ScanErrors(NamedTuple):
+    """Errors of each scan.
+
+    Attributes:
+        gain, phase_rad: of the receiver.
+        interference: its field, 0 for most scans; its frequency.
+    """
+
+    gain: Float[np.ndarray, " scan"]
+    phase_rad: Float[np.ndarray, " scan"]
+    interference: Float[np.ndarray, " scan"]
+    interference_mhz: Float[np.ndarray, " scan"]
+
+
+def draw_response(day: Day, channels: int, faults: Faults) -> Response:
+    """The array's errors on a day: a part that belongs to the hardware (coupling) and a part of the day."""
+    hardware = np.random.default_rng(HARDWARE_SEED)
+    rng = np.random.default_rng([day.seed, 1])
+    coupling = np.asarray(COUPLING_FIELD) * (1 + 0.1 * hardware.normal(size=(channels, len(COUPLING_FIELD))))
+    gain = 1 + day.gain_spread * rng.normal(size=channels)
+    response = Response(
+        gain=np.where(np.isin(np.arange(channels), faults.dead_channels), 0.0, gain),
+        delay_ns=day.delay_spread_ns * rng.normal(size=channels),
+        surface=1 + day.coupling_spread * rng.normal(size=channels),
+        coupling=coupling * (1 + day.coupling_spread * rng.normal(size=coupling.shape)),
+    )
+    return Response(*(a.astype(np.float32) for a in response))
+
+
+def draw_scan_errors(faults: Faults, scans: int, band_mhz: tuple[float, float], seed: int) -> ScanErrors:
+    """Drift over the drive, loud scans, interference."""
+    rng = np.random.default_rng([seed, 8])
+    course = np.linspace(0.0, 1.0, scans)
+    # Warming up is quick at first.
+    warm = (1 - np.exp(-3 * course)) / (1 - np.exp(-3))
+    loud = np.where(rng.uniform(size=scans) < faults.clipped_share, 4.0, 1.0)
+    hit = rng.uniform(size=scans) < faults.interference_share
+    errors = ScanErrors(
+        gain=(1 + faults.gain_drift * warm) * loud,
+        phase_rad=faults.phase_drift_rad * warm,
+        interference=np.where(hit, faults.interference_field * rng.exponential(size=scans), 0.0),
+        interference_mhz=rng.uniform(*band_mhz, scans),
+    )
+    return ScanErrors(*(a.astype(np.float32) for a in errors))
+
+
+def kept_scans(faults: Faults, scans: int, seed: int) -> np.ndarray:
+    """Numbers of the scans that reach the recorder; the first and the last always do."""
+    lost = np.random.default_rng([seed, 9]).uniform(size=scans) < faults.dropped_share
+    lost[[0, -1]] = False
+    return np.flatnonzero(~lost)
+
+
+def heard_echoes(
+    ground: GroundSlice,
+    place_m: Float[Array, "trace 3"],
+    response: Response,
+    *,
+    radar: RadarConfig,
+) -> Float[Array, "trace bin"]:
+    """All that a channel hears, in time bins: ground, surface, snow, coupling; its gain and delay included.
+
+    Args:
+        place_m: (along, cross, height above the ground) of every trace, scan after scan.
+    """
+    scans = place_m.shape[0] // response.gain.shape[0]
+    delay_ns = jnp.tile(jnp.asarray(response.delay_ns), scans)
+    echoes = place_ground_echoes(ground, place_m, delay_ns, radar=radar)
+
+    index, _, _, snow_reflectivity = jnp.asarray(ground.cover)
+    snow_ns, snow_loss, lift_m = snow_over(ground, place_m)
+    height_m = place_m[:, 2] + lift_m
+    thickness_m = snow_ns * LIGHT_M_PER_NS / (2.0 * jnp.maximum(index - 1.0, 1e-6))
+    moisture = sum(device_value_at(m, place_m[:, :2]) for m in ground.moisture)
+    soil = LIGHT_M_PER_NS / ground.velocity_m_per_ns * (1.0 + jnp.asarray(moisture))
+    strength = jnp.tile(jnp.asarray(response.surface), scans)
+    surface = strength * (index - soil) / (index + soil) * snow_loss / (2.0 * height_m)
+    top_m = jnp.maximum(height_m - thickness_m, 0.02)
+    snow = strength * snow_reflectivity / (2.0 * top_m)
+
+    coupling = jnp.tile(jnp.asarray(response.coupling), (scans, 1))
+    coupling_ns = jnp.broadcast_to(jnp.asarray(COUPLING_NS, jnp.float32)[None], coupling.shape)
+    above_ns = jnp.stack([2.0 * height_m / LIGHT_M_PER_NS + snow_ns, 2.0 * top_m / LIGHT_M_PER_NS], axis=1)
+    time_ns = jnp.concatenate([above_ns, coupling_ns], axis=1)
+    field = jnp.concatenate([jnp.stack([surface, snow], axis=1), coupling], axis=1)
+    echoes += place_echoes(time_ns + delay_ns[:, None], field, radar=radar)
+    return echoes * jnp.tile(jnp.asarray(response.gain), scans)[:, None]
+
+
+# A receiver that records traces: noise, gain with time, eight bits.
+
+ZERO_LEVEL = 128
+
+
+@dataclass(frozen=True)
+class ReceiverConfig:
+    """Time gain and quantisation.
+
+    The surface is heard a hundred to a thousand times louder than what is buried at 2 m; in eight bits the
+    ground would be lost. So the receiver amplifies with time before it quantises (time-varying gain): the
+    gain follows p**2 exp(2 a R), the loss of an echo that spread over p = height + R / n after a way R in the ground,
+    up to ``gain_limit`` times its value at the surface. It is the same for every trace of every drive.
+    """
+
+    counts_per_field: float = 900.0
+    velocity_m_per_ns: float = 0.1
+    attenuation_per_m: float = 0.7
+    gain_limit: float = 300.0
+
+
+def time_gain(radar: RadarConfig, receiver: ReceiverConfig) -> Float[np.ndarray, " sample"]:
+    """Counts per field at each sample."""
+    height_m = radar.height_m
+    in_ground_ns = np.maximum(radar.bin_ns[: radar.samples] - 2 * height_m / LIGHT_M_PER_NS, 0.0)
+    range_m = 0.5 * receiver.velocity_m_per_ns * in_ground_ns
+    index = LIGHT_M_PER_NS / receiver.velocity_m_per_ns
+    rise = (1 + range_m / (index * height_m)) ** 2 * np.exp(2 * receiver.attenuation_per_m * range_m)
+    return np.asarray(receiver.counts_per_field * height_m**2 * np.minimum(rise, receiver.gain_limit))
+
+
+@partial(jax.jit, static_argnames=("radar", "receiver"))
+def record_scans(
+    key: PRNGKeyArray,
+    first_scan: Int[Array, ""],
+    ground: GroundSlice,
+    antenna_m: Float[Array, "scan channel 3"],
+    response: Response,
+    errors: ScanErrors,
+    noise_field: Float[Array, ""],
+    matrix: Float[Array, "bin sample"],
+    *,
+    radar: RadarConfig,
+    receiver: ReceiverConfig,
+) -> UInt8[Array, "scan channel sample"]:
+    """Records a block of scans.
+
+    Args:
+        key: of the drive's noise, the same for every block; scan ``first_scan + i`` draws from its own fold.
+        antenna_m: (along, cross, height above the ground) of every antenna at its own instant, about the
+            slice's origin.
+        errors: of these scans.
+        noise_field: rms of the noise before the time gain.
+        matrix: from ``trace_matrix``.
+
+    Returns:
+        Bytes, 128 for silence.
+    """
+    scans, channels, _ = antenna_m.shape
+    echoes = heard_echoes(ground, antenna_m.reshape(-1, 3), response, radar=radar)
+    traces = convolve_echoes(echoes, matrix).reshape(scans, channels, radar.samples)
+
+    # Noise of the band: a stepped-frequency receiver hears nothing outside it.
+    keys = jax.vmap(jax.random.fold_in, (None, 0))(key, first_scan + jnp.arange(scans, dtype=jnp.int32))
+    colours = _noise_matrix(radar)
+    white = jax.vmap(lambda k: jax.random.normal(k, (channels, colours.shape[0]), jnp.float32))(keys)
+    traces += noise_field * jnp.matmul(white, colours, precision=jax.lax.Precision.HIGHEST)
+
+    phase = jax.vmap(lambda k: jax.random.uniform(jax.random.fold_in(k, 1), (channels,)))(keys)
+    time_ns = jnp.asarray(radar.bin_ns[: radar.samples], jnp.float32)
+    cycles = errors.interference_mhz[:, None, None] * 1e-3 * time_ns[None, None, :] + phase[..., None]
+    connected = (jnp.asarray(response.gain) != 0).astype(traces.dtype)[None, :, None]
+    traces += errors.interference[:, None, None] * connected * jnp.cos(2 * jnp.pi * cycles)
+
+    traces *= errors.gain[:, None, None]
+    counts = ZERO_LEVEL + traces * jnp.asarray(time_gain(radar, receiver), jnp.float32)[None, None, :]
+    return jnp.clip(jnp.round(counts), 0.0, 255.0).astype(jnp.uint8)
+
+
+def _noise_matrix(radar: RadarConfig) -> Float[np.ndarray, "number sample"]:
+    """Unit white numbers to noise of unit rms with the band's spectrum (5 MHz apart: it repeats after 200 ns)."""
+    low, high = radar.band_mhz
+    frequency_mhz = np.arange(low, high, 5.0) + 2.5
+    spectrum = band_spectrum(radar, frequency_mhz)
+    angle = 2e-3 * np.pi * np.outer(frequency_mhz, radar.bin_ns[: radar.samples])
+    waves = np.concatenate([np.cos(angle) * spectrum[:, None], np.sin(angle) * spectrum[:, None]])
+    return np.asarray(waves / np.linalg.norm(spectrum), np.float32)

@@ -1,13 +1,16 @@
 """Synthetic sites as drive logs: the scene driven, recorded and written like any other drive."""
 
-from lgprjax.simulation.drives import SITE_FRAME, describe_drive, write_drive, write_drives
-from lgprjax.simulation.site import demo_site
-from lgprjax.simulation.site_file import read_site
-from lgprjax.simulation.site_plan import ArrayConfig, Site, SiteDrive, SiteHeader, plan_drive, prepare_site
-from lgprjax.simulation.site_writing import PlannedDrive, PlannedSite, output_paths, plan_site, write_site
-from lgprjax.simulation.sweep_recording import describe_sweeps
-from lgprjax.simulation.vehicle_logs import vehicle_log_of, write_vehicle_logs
-from lgprjax.simulation.vehicle_plan import PlannedVehicleDrive, VehiclePlan, is_vehicle_plan, read_vehicle_plan
+from lgprjax.simulation.drives import SITE_FRAME, describe_drive, describe_sweeps, write_drive, write_drives
+from lgprjax.simulation.site_tables import ArrayConfig, Site, SiteDrive, SiteHeader, demo_site, plan_drive, prepare_site
+from lgprjax.simulation.sites import PlannedDrive, PlannedSite, output_paths, plan_site, read_site, write_site
+from lgprjax.simulation.vehicle_logs import (
+    PlannedVehicleDrive,
+    VehiclePlan,
+    is_vehicle_plan,
+    read_vehicle_plan,
+    vehicle_log_of,
+    write_vehicle_logs,
+)
 
 __all__ = [
     "SITE_FRAME",

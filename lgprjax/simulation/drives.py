@@ -4,14 +4,55 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from lgprjax import __version__
-from lgprjax.formats import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack, TraceRecording
+from lgprjax.formats import (
+    DriveDescription,
+    DriveWriter,
+    NavigationTrack,
+    OdometryTrack,
+    SweepRecording,
+    TraceRecording,
+)
 from lgprjax.frames import LocalFrame
-from lgprjax.scene import PoseTrack, SimulatedDrive, SweepPlan, iterate_sweeps, iterate_traces
-from lgprjax.simulation.sweep_recording import describe_sweeps
+from lgprjax.radar import ChannelResponse, LookUp, calibrate_sweeps, estimate_channel_response, find_dead_channels
+from lgprjax.scene import PoseTrack, SimulatedDrive, SweepPlan, iterate_sweeps, iterate_traces, start_of_day
+
+# What a stepped-frequency drive log says of its receiver: frequencies, look-up, and each channel's gain and delay.
+
+
+def describe_sweeps(drive: SimulatedDrive, plan: SweepPlan) -> SweepRecording:
+    """The recording of a drive's sweeps, from what is recorded at the start of its day.
+
+    As in the field: the array in empty space is the look-up, and gains and delays are measured over a metal plate,
+    noise included; the truth about the channels stays in the scene.
+    """
+    start = start_of_day(plan, drive.radar, drive.response, drive.day.noise_field, drive.day.seed)
+    frequencies_hz = plan.frequency_mhz * 1e6
+    channels = len(start.empty)
+    plate, _ = calibrate_sweeps(
+        jnp.asarray(start.plate[None]),
+        jnp.asarray(start.plate_calibration[None]),
+        LookUp(jnp.asarray(start.empty), jnp.asarray(start.empty_calibration)),
+        ChannelResponse(jnp.ones(channels), jnp.zeros(channels)),
+        jnp.asarray(frequencies_hz, jnp.float32),
+    )
+    dead = find_dead_channels(
+        np.stack([start.empty, start.plate]), np.stack([start.empty_calibration, start.plate_calibration])
+    )
+    response = estimate_channel_response(np.asarray(plate[0]), frequencies_hz, dead)
+    return SweepRecording(
+        frequencies_hz=frequencies_hz,
+        lookup_sweeps=start.empty,
+        lookup_calibration_sweep=start.empty_calibration,
+        group_delay_ns=plan.calibration_delay_ns,
+        channel_gain=np.asarray(response.gain, np.float64),
+        channel_delay_ns=np.asarray(response.delay_ns, np.float64),
+    )
+
 
 SITE_FRAME = LocalFrame(latitude_deg=42.0, longitude_deg=-71.0, height_m=30.0)
 """Where generated sites are put on the globe unless told otherwise."""

@@ -1,21 +1,379 @@
 """Simulated drives of one vehicle as drive logs without radar, from a drives file; fixes beside those that ask."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float
 
 from lgprjax import __version__
 from lgprjax.errors import InputError
-from lgprjax.formats import NavigationTrack, OdometryTrack, VehicleLog, write_vehicle_log
+from lgprjax.files import load_toml
+from lgprjax.formats import NavigationTrack, OdometryTrack, VehicleLog, write_fixes, write_vehicle_log
 from lgprjax.frames import LocalFrame
-from lgprjax.scene.vehicle_drive import VehicleDrive, simulate_vehicle_drive
-from lgprjax.scene.vehicle_fixes import draw_vehicle_fixes
-from lgprjax.scene.vehicle_sensors import read_yaw_rate
-from lgprjax.simulation.vehicle_fixes import fixes_paths, write_vehicle_fixes
-from lgprjax.simulation.vehicle_plan import PlannedVehicleDrive, VehiclePlan
+from lgprjax.scene.drive import default_array
+from lgprjax.scene.motion import (
+    Manoeuvre,
+    drive_palm_tree,
+    drive_straight,
+    drive_turns,
+    step_pedals,
+    step_steering,
+    turn_standing,
+)
+from lgprjax.scene.sensors import FixErrors, calibrated_fixes
+from lgprjax.scene.vehicle_drive import (
+    TrueVehicle,
+    VehicleDrive,
+    VehicleFixes,
+    VehicleSensors,
+    draw_vehicle_fixes,
+    read_yaw_rate,
+    simulate_vehicle_drive,
+)
+from lgprjax.simulation.drives import SITE_FRAME
+from lgprjax.simulation.site_tables import Place, as_table, fill_config, nearest, refuse_unknown
+from lgprjax.simulation.sites import derive_seed
+
+# The manoeuvres that a drives file may name: how each is made of its numbers, and what these may be.
+
+Range = tuple[float, float]
+
+_SPEED_MPS, _ANGLE_RAD, _HOLD_S, _SHARE = (0.2, 15.0), (-1.2, 1.2), (0.5, 120.0), (0.0, 1.0)
+
+
+class Kind(NamedTuple):
+    """A manoeuvre: how it is made of the vehicle and its numbers, and the range of each; lists have plural names."""
+
+    make: Callable[[TrueVehicle, Mapping[str, Any]], Manoeuvre]
+    ranges: dict[str, Range]
+    needed: tuple[str, ...] = ()
+
+
+def _palm_tree(vehicle: TrueVehicle, numbers: Mapping[str, Any]) -> Manoeuvre:
+    # The ratio only says how long an arc is to be.
+    ratio = vehicle.rear if isinstance(vehicle.rear, float) else 0.5
+    limits = (vehicle.largest_angle_rad, vehicle.lock_to_lock_turns)
+    return drive_palm_tree(vehicle.wheelbase_m, ratio, *limits, **numbers)
+
+
+MANOEUVRES = {
+    "straight": Kind(
+        lambda _, numbers: drive_straight(**numbers),
+        {"length_m": (5.0, 5e3), "speed_mps": _SPEED_MPS, "weave_rad": (0.0, 0.2), "weave_m": (2.0, 500.0)},
+        ("length_m", "speed_mps"),
+    ),
+    "standing": Kind(
+        lambda vehicle, numbers: turn_standing(vehicle.largest_angle_rad, vehicle.lock_to_lock_turns, **numbers),
+        {"pause_s": _HOLD_S},
+    ),
+    "palm_tree": Kind(
+        _palm_tree,
+        {"speed_mps": _SPEED_MPS, "arc_turns": (0.05, 1.0), "longest_m": (2.0, 200.0), "pause_s": _HOLD_S},
+    ),
+    "turns": Kind(
+        lambda _, numbers: drive_turns(**numbers),
+        {"speeds_mps": _SPEED_MPS, "angles_rad": _ANGLE_RAD, "hold_s": _HOLD_S},
+        ("speeds_mps", "angles_rad"),
+    ),
+    "steering_steps": Kind(
+        lambda _, numbers: step_steering(**numbers),
+        {
+            "sizes_rad": _ANGLE_RAD,
+            "speed_mps": (0.0, 15.0),
+            "hold_s": _HOLD_S,
+            "sweep_rad": (0.0, 1.2),
+            "sweep_s": (5.0, 600.0),
+        },
+        ("sizes_rad",),
+    ),
+    "pedal_steps": Kind(
+        lambda _, numbers: step_pedals(**numbers),
+        {"throttles": _SHARE, "brakes": _SHARE, "back": _SHARE, "hold_s": _HOLD_S},
+        ("throttles", "brakes"),
+    ),
+}
+"""By the word that a drives file has for them."""
+LISTS = frozenset({"speeds_mps", "angles_rad", "angles_deg", "sizes_rad", "sizes_deg", "throttles", "brakes"})
+"""Keys that hold a list of numbers."""
+
+
+# The drives file: a made-up vehicle, its sensors and the calibration drives that it does, as TOML.
+
+KIND = "vehicle_drives"
+"""What a drives file calls itself, so that it is not taken for a site file."""
+
+Config = TypeVar("Config")
+
+
+class PlannedVehicleDrive(NamedTuple):
+    """One drive.
+
+    Attributes:
+        name: of its log.
+        manoeuvre: what it does.
+        sensors: that record it.
+        seed: of their noise.
+        fixes: the day on which its fixes are to be as good as; ``None`` for none.
+        fix_errors: of that day.
+    """
+
+    name: str
+    manoeuvre: Manoeuvre
+    sensors: VehicleSensors
+    seed: int
+    fixes: str | None = None
+    fix_errors: FixErrors | None = None
+
+
+class VehiclePlan(NamedTuple):
+    """A drives file read: whose drives, where, which."""
+
+    file: Path
+    vehicle: TrueVehicle
+    serial_number: str | None
+    frame: LocalFrame
+    drives: tuple[PlannedVehicleDrive, ...]
+
+
+_VEHICLE: dict[str, Range] = {
+    "wheelbase_m": (0.3, 20.0),
+    "largest_angle_rad": (0.01, 1.2),
+    "characteristic_speed_mps": (1.0, 1e6),
+    "rear": (0.0, 1.0),
+    "lag_s": (0.0, 5.0),
+    "rate_radps": (1e-3, 10.0),
+    "delay_s": (0.0, 1.0),
+    "dead_band_rad": (0.0, 0.2),
+    "backlash_rad": (0.0, 0.2),
+    "asymmetry": (-0.9, 0.9),
+    "nominal_v": (0.1, 1e3),
+    "stall_v": (0.0, 1e3),
+    "potentiometer_per_rad_v": (-1e3, 1e3),
+    "encoder_counts_per_rad": (-1e7, 1e7),
+    "lock_to_lock_turns": (0.5, 20.0),
+    "array_x_m": (-5.0, 20.0),
+}
+_SENSORS: dict[str, Range] = {
+    "record_hz": (1.0, 100.0),
+    "gnss_hz": (0.1, 100.0),
+    "outlier_share": (0.0, 1.0),
+    "spike_share": (0.0, 1.0),
+    "position_wander_s": (0.1, 1e5),
+    "heading_wander_s": (0.1, 1e5),
+    "odometer_scale_error": (-0.5, 0.5),
+    "heading_bias_rad": (-0.2, 0.2),
+    "yaw_rate_noise": (0.0, 1.0),
+    "yaw_rate_bias_radps": (-1.0, 1.0),
+    "yaw_rate_bias_walk": (0.0, 1.0),
+    "fix_hz": (0.1, 100.0),
+}
+_NON_NEGATIVE: Range = (0.0, 1e3)
+
+
+def read_vehicle_plan(path: str | Path) -> VehiclePlan:
+    """A drives file; nothing is driven yet.
+
+    Raises:
+        InputError: the file is missing or no TOML; a key is unknown, missing, of a wrong type or out of its range; a
+            name is used twice or stands for nothing.
+    """
+    root = Place(Path(path))
+    table = load_toml(root.file)
+    header = ("kind", "seed", "serial_number", "latitude_deg", "longitude_deg", "height_m")
+    refuse_unknown(root, table, [*header, "vehicle", "sensors", "drive"])
+    if table.get("kind") != KIND:
+        raise root.at("kind").refuse(repr(KIND), repr(table.get("kind")))
+    seed = table.get("seed", 0)
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**31:
+        raise root.at("seed").refuse("a whole number from 0", repr(seed))
+    serial_number = table.get("serial_number")
+    if serial_number is not None and not isinstance(serial_number, str):
+        raise root.at("serial_number").refuse("a text", repr(serial_number))
+    frame = LocalFrame(
+        _number(root, table, "latitude_deg", (-85.0, 85.0), SITE_FRAME.latitude_deg),
+        _number(root, table, "longitude_deg", (-180.0, 180.0), SITE_FRAME.longitude_deg),
+        _number(root, table, "height_m", (-500.0, 9000.0), SITE_FRAME.height_m),
+    )
+    place, withheld = root.at("vehicle"), {"linkage": "rear (a drives file knows no linkages)"}
+    vehicle = fill_config(TrueVehicle, place, table.get("vehicle", {}), base=TrueVehicle(), withheld=withheld)
+    _hold(place, vehicle, _VEHICLE)
+    sensors = _sensors(root.at("sensors"), table.get("sensors", {}), VehicleSensors())
+    entries = table.get("drive")
+    if not isinstance(entries, list) or not entries:
+        raise root.at("drive").refuse("one [[drive]] or more", "none" if entries is None else "no such list")
+    drives: dict[str, PlannedVehicleDrive] = {}
+    for number, entry in enumerate(entries, 1):
+        where = Place(root.file, f"drive[{number}]")
+        drive = _drive(where, as_table(where, entry), vehicle, sensors, seed)
+        if drive.name in drives:
+            raise where.at("name").refuse("a name that no other drive has", repr(drive.name))
+        drives[drive.name] = drive
+    return VehiclePlan(root.file, vehicle, serial_number, frame, tuple(drives.values()))
+
+
+def is_vehicle_plan(path: str | Path) -> bool:
+    """Whether a TOML file calls itself a drives file.
+
+    Raises:
+        InputError: the file is missing or no TOML.
+    """
+    return load_toml(path).get("kind") == KIND
+
+
+def _drive(
+    place: Place, table: dict[str, Any], vehicle: TrueVehicle, sensors: VehicleSensors, seed: int
+) -> PlannedVehicleDrive:
+    name, word = table.get("name"), table.get("manoeuvre")
+    if not isinstance(name, str) or not name or not all(c.isalnum() or c in "._-" for c in name):
+        raise place.at("name").refuse("a name fit for a file", repr(name))
+    if not isinstance(word, str) or word not in MANOEUVRES:
+        raise place.at("manoeuvre").refuse(nearest(str(word), MANOEUVRES, "a manoeuvre"), repr(word))
+    kind = MANOEUVRES[word]
+    degrees = [f"{key.removesuffix('_rad')}_deg" for key in kind.ranges if key.endswith("_rad")]
+    refuse_unknown(place, table, ["name", "manoeuvre", "sensors", "fixes", *kind.ranges, *degrees])
+    numbers = {key: _numbers(place, table, key, limits) for key, limits in kind.ranges.items()}
+    for key in kind.needed:
+        if numbers[key] is None:
+            raise place.at(key).refuse("a value", "none")
+    given = {key: value for key, value in numbers.items() if value is not None}
+    if word == "pedal_steps" and len(given["throttles"]) != len(given["brakes"]):
+        raise place.at("brakes").refuse(f"{len(given['throttles'])}, as many as throttles", str(len(given["brakes"])))
+    own = _sensors(place.at("sensors"), table.get("sensors", {}), sensors)
+    fixes, errors = _fixes(place.at("fixes"), table.get("fixes"))
+    return PlannedVehicleDrive(name, kind.make(vehicle, given), own, derive_seed(seed, name), fixes, errors)
+
+
+def _fixes(place: Place, day: object) -> tuple[str | None, FixErrors | None]:
+    """A day and the error model of its fixes; neither where a drive asks for none."""
+    if day is None:
+        return None, None
+    try:
+        return str(day), calibrated_fixes(str(day))
+    except KeyError:
+        raise place.refuse("a day whose fixes were measured", repr(day)) from None
+
+
+def _numbers(place: Place, table: dict[str, Any], key: str, limits: Range) -> Any:
+    """A number or list of numbers, ``None`` where there is none; angles also in degrees."""
+    in_degrees = f"{key.removesuffix('_rad')}_deg"
+    if key.endswith("_rad") and in_degrees in table:
+        low, high = limits
+        asked = _numbers(place, table, in_degrees, (math.degrees(low), math.degrees(high)))
+        return [math.radians(v) for v in asked] if isinstance(asked, list) else math.radians(asked)
+    if key not in table:
+        return None
+    if key not in LISTS:
+        return _number(place, table, key, limits, 0.0)
+    items = table[key]
+    if not isinstance(items, list) or not items:
+        raise place.at(key).refuse("a list of numbers", repr(items)[:60])
+    return [_number(place, {f"{key}[{n}]": item}, f"{key}[{n}]", limits, 0.0) for n, item in enumerate(items, 1)]
+
+
+def _number(place: Place, table: dict[str, Any], key: str, limits: Range, absent: float) -> float:
+    value, (low, high) = table.get(key, absent), limits
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise place.at(key).refuse(f"a number from {low:g} to {high:g}", repr(value)[:60])
+    return float(value)
+
+
+def _sensors(place: Place, table: object, base: VehicleSensors) -> VehicleSensors:
+    sensors = fill_config(VehicleSensors, place, table, base=base)
+    _hold(place, sensors, _SENSORS)
+    if sensors.gnss_hz > sensors.record_hz or abs(100.0 / sensors.record_hz % 1.0) > 1e-9:
+        expected = "a record_hz of 100 or a whole part of it, no less than gnss_hz"
+        raise place.at("record_hz").refuse(expected, f"{sensors.record_hz:g}")
+    return sensors
+
+
+def _hold(place: Place, config: object, ranges: dict[str, Range]) -> None:
+    """Hold every number of a dataclass to its range, those without one to be no less than 0."""
+    for name, value in vars(config).items():
+        low, high = ranges.get(name, _NON_NEGATIVE)
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, float) and not low <= number <= high:
+                raise place.at(name).refuse(f"a number from {low:g} to {high:g}", f"{number:g}")
+
+
+# Fixes beside a simulated vehicle's log: files like those of registration, drawn from an error model of fixes.
+
+# What the error model calls a stretch without fixes: the ground is poor there.
+_NO_FIX = "low_correlation"
+
+
+def fixes_paths(folder: Path, name: str) -> tuple[Path, Path]:
+    """The CSV and the HDF5 file of a drive's fixes."""
+    return folder / f"{name}.fixes.csv", folder / f"{name}.fixes.h5"
+
+
+def write_vehicle_fixes(
+    folder: Path,
+    name: str,
+    fixes: VehicleFixes,
+    frame: LocalFrame,
+    *,
+    t0_utc: str,
+    provenance: dict[str, object],
+    force: bool = False,
+) -> None:
+    """Write the fixes of a drive; all channels of the array are over the map.
+
+    Args:
+        folder, name: of the drive's log.
+        fixes: from ``draw_vehicle_fixes``.
+        frame: of the drive; it stands for the map's.
+        t0_utc: of the log.
+        provenance: beside the program's.
+        force: replace files that exist.
+
+    Raises:
+        InputError: an output exists (without ``force``) or cannot be written.
+    """
+    east, north, height, yaw, roll = fixes.pose.T
+    latitude, longitude, height = frame.to_geodetic(east, north, height)
+    scans = fixes.time_s.size
+
+    def where_found(value: float) -> np.ndarray:
+        return np.where(fixes.found, value, np.nan)
+
+    columns = {
+        "scan": np.arange(scans),
+        "time_s": fixes.time_s,
+        "latitude_deg": latitude,
+        "longitude_deg": longitude,
+        "height_m": height,
+        "heading_deg": frame.heading_of_yaw(yaw, longitude),
+        "roll_deg": np.degrees(roll),
+        "sigma_along_m": where_found(fixes.sigma_m[0]),
+        "sigma_cross_m": where_found(fixes.sigma_m[1]),
+        "correlation": where_found(fixes.strength),
+        "margin": np.full(scans, np.nan),
+        "overlap_channels": np.where(fixes.found, default_array().x_m.size, 0),
+        "code": np.where(fixes.found, "ok", _NO_FIX),
+    }
+    attributes = {
+        "name": name,
+        "map": "none: fixes from an error model",
+        "t0_utc": t0_utc,
+        "anchor_latitude_deg": frame.latitude_deg,
+        "anchor_longitude_deg": frame.longitude_deg,
+        "anchor_height_m": frame.height_m,
+        "provenance": {"program": f"lgprjax {__version__}", "synthetic": True, **provenance},
+    }
+    write_fixes(
+        *fixes_paths(folder, name),
+        pd.DataFrame(columns),
+        attributes=attributes,
+        pose_m=fixes.pose,
+        covariance=fixes.covariance.astype(np.float32),
+        force=force,
+    )
+
 
 _T0_UTC = "2026-01-01T00:00:00+00:00"
 # A level site and no roll: calibrations use neither.

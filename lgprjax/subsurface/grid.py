@@ -11,14 +11,89 @@ made on the host for as many traces as there are, and the tile is its product wi
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Array, Bool, Float, Float32, Int
 from scipy.sparse import csc_array
 
-from lgprjax.subsurface.tile import Tile
+# The few directions in which a map's coefficients hold their power.
+
+
+def leading_components(
+    coefficients: Float[np.ndarray, "trace coefficient"], share: float
+) -> Float[np.ndarray, "coefficient component"]:
+    """Fewest leading eigenvectors that hold a share of the power of a map's traces; their number a multiple of 8."""
+    value, vector = np.linalg.eigh(coefficients.T.astype(np.float64) @ coefficients)
+    held = np.cumsum(value[::-1]) / max(float(np.sum(value)), 1e-30)
+    enough = 1 + int(np.searchsorted(held, share))
+    count = min(8 * -(-enough // 8), coefficients.shape[1])
+    return np.ascontiguousarray(vector[:, ::-1][:, :count]).astype(np.float32)
+
+
+# A tile: the ground of a map stretch on a regular grid, and its sampling at any place.
+
+
+class Tile(NamedTuple):
+    """Map coefficients on a regular grid in the frame of the tile.
+
+    The frame's x axis (along) follows the route, its y axis (cross) points left. Cell (0, 0) lies at
+    ``origin_m``. What no baseline came near is masked; masked cells hold zeros.
+
+    Attributes:
+        coefficients: of the ground at each cell, at the tile's height reference.
+        power: sum of squares of the coefficients of each cell.
+        valid: cells that a baseline covers.
+        origin_m: along and cross of cell (0, 0).
+        cell_m: spacing along and cross.
+    """
+
+    coefficients: Float[Array, "along cross coefficient"]
+    power: Float[Array, "along cross"]
+    valid: Bool[Array, "along cross"]
+    origin_m: Float[Array, "2"]
+    cell_m: Float[Array, "2"]
+
+
+def sample_tile(
+    tile: Tile, position_m: Float[Array, "*batch 2"]
+) -> tuple[Float[Array, "*batch coefficient"], Bool[Array, "*batch"]]:
+    """Bilinear sample of the tile; valid only where all four cells are.
+
+    A gather out of range would clamp silently and score on the tile's rim again and again: the mask is what
+    says that there is no ground.
+
+    Args:
+        position_m: along and cross in the tile's frame.
+    """
+    plane = (1,) * (position_m.ndim - 1) + (2,)
+    cells = (position_m - tile.origin_m.reshape(plane)) / tile.cell_m.reshape(plane)
+    low = jnp.floor(cells)
+    part = cells - low
+    size = jnp.asarray(tile.valid.shape, dtype=jnp.int32).reshape(plane)
+    base = low.astype(jnp.int32)
+    inside = jnp.all((base >= 0) & (base + 1 < size), axis=-1)
+    base = jnp.clip(base, 0, size - 2)
+    width = tile.valid.shape[1]
+    flat = base[..., 0] * width + base[..., 1]
+    rows = tile.coefficients.reshape(-1, tile.coefficients.shape[-1])
+    mask = tile.valid.reshape(-1)
+    along, cross = part[..., 0], part[..., 1]
+    corners = (
+        (flat, (1 - along) * (1 - cross)),
+        (flat + 1, (1 - along) * cross),
+        (flat + width, along * (1 - cross)),
+        (flat + width + 1, along * cross),
+    )
+    value = sum((rows[index] * weight[..., None] for index, weight in corners), start=jnp.float32(0.0))
+    covered = inside
+    for index, _ in corners:
+        covered = covered & mask[index]
+    return jnp.where(covered[..., None], value, 0.0), covered
+
 
 # In standard deviations of the kernel: where it is cut off, and how near a trace must be to cover a cell.
 _REACH = 2.0
@@ -190,3 +265,33 @@ def _spread(traces: TraceSet, part: slice, origin_m: Float[np.ndarray, "2"], spe
 def _by_trace(values: np.ndarray) -> np.ndarray:
     """Numbers by cell of the kernel and trace, rearranged trace after trace."""
     return np.ascontiguousarray(values.reshape(-1, values.shape[-1]).T)
+
+
+# A tile as a live scan's track filter would leave it.
+#
+# Live scans lose a running mean over what lies behind them, maps one over both sides. The first moves ground of
+# wavelength w forward by about w²/(2 pi² length), so that matches of one with the other lie centimetres ahead. With
+# the live filter over the tile too, in the direction of travel, both are moved alike.
+
+
+@partial(jax.jit, static_argnames="direction")
+def filter_along(tile: Tile, length_m: Float[Array, ""], *, direction: int) -> Tile:
+    """The tile less the causal running mean along its axis.
+
+    Args:
+        tile: of a map, filtered to both sides.
+        length_m: of the live filter.
+        direction: 1 for travel along the tile's axis, -1 against it.
+    """
+    # The live filter's mean forgets over half its length (radar.run_live_filter).
+    forget = 1.0 - jnp.exp(-tile.cell_m[0] / (0.5 * length_m))
+
+    def step(mean: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+        value, valid = row
+        mean = mean + jnp.where(valid[:, None], forget * (value - mean), 0.0)
+        return mean, jnp.where(valid[:, None], value - mean, 0.0)
+
+    # What lies before the tile is not known; the map's own filter has left its mean near zero.
+    start = jnp.zeros(tile.coefficients.shape[1:], jnp.float32)
+    _, value = jax.lax.scan(step, start, (tile.coefficients, tile.valid), reverse=direction < 0)
+    return tile._replace(coefficients=value, power=jnp.sum(value**2, axis=-1))

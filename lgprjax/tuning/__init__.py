@@ -1,19 +1,33 @@
 """Calibrations and tunings of a vehicle on its logged drives: pure functions, each with the interval of its find."""
 
-from lgprjax.tuning.arcs import Arcs, choose_arcs, fit_arcs
-from lgprjax.tuning.encoder import EncoderFit, fit_encoder, potentiometer_of_counts
-from lgprjax.tuning.estimate import Estimate, NotExcitedError
-from lgprjax.tuning.fix_error_fit import FixErrorFit, fit_fix_errors
-from lgprjax.tuning.fusion_fit import NOISES, FusionFit, fit_fusion
-from lgprjax.tuning.innovations_likelihood import NavigationDrives
-from lgprjax.tuning.limit_cycle import LimitCycle, find_limit_cycle
-from lgprjax.tuning.look_ahead_trials import Judged, Trials, TunedVehicle, judge, sweep_look_ahead
-from lgprjax.tuning.look_ahead_tuner import GradientConfig, TunedLookAhead, cost_of, tune_look_ahead
-from lgprjax.tuning.pauses import Pauses, find_pauses
-from lgprjax.tuning.pedal_fit import PedalFit, PedalsFit, fit_pedals
-from lgprjax.tuning.rear_map import RearComparison, RearMapFit, compare_rears, fit_rear_map
-from lgprjax.tuning.rear_ratio import RearRatioFit, rear_ratio_by_angles, rear_ratio_by_heading
+from lgprjax.tuning.arcs import Arcs, Stretches, StretchRules, choose_arcs, find_stretches, fit_arcs
+from lgprjax.tuning.look_ahead import (
+    GradientConfig,
+    Judged,
+    LimitCycle,
+    Trials,
+    TunedLookAhead,
+    TunedVehicle,
+    cost_of,
+    find_limit_cycle,
+    judge,
+    sweep_look_ahead,
+    tune_look_ahead,
+)
+from lgprjax.tuning.navigation import (
+    NOISES,
+    FixErrorFit,
+    FusionFit,
+    NavigationDrives,
+    ThresholdFit,
+    fit_fix_errors,
+    fit_fusion,
+    fit_threshold,
+)
+from lgprjax.tuning.pedals import PedalFit, PedalsFit, fit_pedals
 from lgprjax.tuning.robust import (
+    Estimate,
+    NotExcitedError,
     RobustFit,
     combine,
     robust_fit,
@@ -21,20 +35,34 @@ from lgprjax.tuning.robust import (
     robust_polynomial,
     student_95,
 )
-from lgprjax.tuning.servo_fit import ServoFit, fit_servo
-from lgprjax.tuning.straight import StraightFit, fit_straight
-from lgprjax.tuning.stretches import Stretches, StretchRules, find_stretches
-from lgprjax.tuning.threshold_fit import ThresholdFit, fit_threshold
-from lgprjax.tuning.wheel_angle import (
+from lgprjax.tuning.sensors import (
+    EncoderFit,
+    Pauses,
+    StraightFit,
+    find_pauses,
+    fit_encoder,
+    fit_straight,
+    potentiometer_of_counts,
+)
+from lgprjax.tuning.servo import ServoFit, fit_servo
+from lgprjax.tuning.steering import (
+    RearComparison,
+    RearMapFit,
+    RearRatioFit,
     SteeringMap,
     WheelAngleFit,
+    YawGainFit,
+    compare_rears,
+    fit_rear_map,
     fit_wheel_angle,
+    fit_yaw_gain,
     front_angle,
     front_band,
     front_of_stretches,
+    rear_ratio_by_angles,
+    rear_ratio_by_heading,
 )
-from lgprjax.tuning.yaw_gain_fit import YawGainFit, fit_yaw_gain
-from lgprjax.vehicle.signals import DriveSignals
+from lgprjax.vehicle.sensors import DriveSignals
 
 __all__ = [
     "NOISES",

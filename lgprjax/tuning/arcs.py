@@ -1,14 +1,355 @@
 """Arcs of a drive: the curvature of each stretch of constant steering, and how the body stood on it."""
 
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from lgprjax.tuning.circle import Circles, fit_circles, huber_spread, row_median
-from lgprjax.tuning.estimate import NotExcitedError
-from lgprjax.tuning.stretches import Stretches, choose_stretches
-from lgprjax.vehicle.signals import DriveSignals
+from lgprjax.tuning.robust import NotExcitedError
+from lgprjax.vehicle.sensors import DriveSignals
+
+# Circles through noisy points, many at once, with the straight line as one of them.
+#
+# A circle is told by where it passes the origin and how it bends there: offset e along the left normal, direction θ
+# and curvature κ. With (ξ, η) the point in that frame its distance to the circle is
+#
+#     d = (2η − κ(ξ² + η²)) / (1 + s),    s² = (1 − κη)² + (κξ)²,
+#
+# positive towards the centre, and neither it nor its derivatives divide by κ.
+
+HUBER = 1.345
+_STEPS = 10
+_NEAR_M = 0.3
+"""Of the median of five neighbours: far beyond the noise of positions worth a fit, below what misleads one."""
+_PRATT = np.array([[0.0, 0.0, 0.0, -0.5], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [-0.5, 0.0, 0.0, 0.0]])
+
+
+class Circles(NamedTuple):
+    """Fitted circles; the origin of each is a point near the middle of its records.
+
+    Attributes:
+        offset_m, direction_rad, curvature_radpm: e, θ, κ; θ is the direction of motion, κ > 0 turns left.
+        variance_m2: of a position across the circle, as it bears on the fit.
+        covariance: of (e, θ, κ) for white noise of this variance.
+        used: records that were points and no outliers beyond doubt.
+        residual_m: d of every record; 0 where it is not used.
+        tangent_rad: direction of motion on the circle at every record.
+        arc_m: way along the circle at every record, from the origin.
+        scatter_m: robust scale of the residuals.
+    """
+
+    offset_m: Float[np.ndarray, " arc"]
+    direction_rad: Float[np.ndarray, " arc"]
+    curvature_radpm: Float[np.ndarray, " arc"]
+    variance_m2: Float[np.ndarray, " arc"]
+    covariance: Float[np.ndarray, "arc 3 3"]
+    used: Bool[np.ndarray, "arc record"]
+    residual_m: Float[np.ndarray, "arc record"]
+    tangent_rad: Float[np.ndarray, "arc record"]
+    arc_m: Float[np.ndarray, "arc record"]
+    scatter_m: Float[np.ndarray, " arc"]
+
+
+def fit_circles(
+    x_m: Float[np.ndarray, "arc record"], y_m: Float[np.ndarray, "arc record"], valid: Bool[np.ndarray, "arc record"]
+) -> Circles:
+    """Fit each row: algebraically (Pratt), then Gauss-Newton on the distances with Huber weights.
+
+    Args:
+        x_m, y_m: points in the order of motion, padded at the end.
+        valid: those that are points; at least six a row.
+    """
+    rows, last = np.arange(len(x_m)), valid.sum(axis=1)[:, None] - 1
+    middle = np.clip(last // 2 + np.arange(-2, 3)[None, :], 0, last)
+    valid = _near_neighbours(x_m, y_m, valid)
+    count = valid.sum(axis=1)
+    x = np.where(valid, x_m - np.median(x_m[rows[:, None], middle], axis=1)[:, None], 0.0)
+    y = np.where(valid, y_m - np.median(y_m[rows[:, None], middle], axis=1)[:, None], 0.0)
+    offset, direction, curvature = _algebraic(x, y, valid)
+    backward = _moves_backward(x, y, valid, offset, direction, curvature)
+    turned = np.where(backward, -1.0, 1.0)
+    offset, curvature, direction = offset * turned, curvature * turned, direction + np.where(backward, np.pi, 0.0)
+    for _ in range(_STEPS):
+        distance, slopes, _, _ = _distance(x, y, offset, direction, curvature)
+        scale = _scale(distance, valid, count)
+        weight = np.where(valid, np.minimum(1.0, HUBER * scale[:, None] / np.maximum(np.abs(distance), 1e-12)), 0.0)
+        weighted = slopes * weight[..., None]
+        step = np.linalg.solve(
+            np.einsum("arp,arq->apq", weighted, slopes), np.einsum("arp,ar->ap", weighted, distance)[..., None]
+        )[..., 0]
+        offset, direction, curvature = offset - step[:, 0], direction - step[:, 1], curvature - step[:, 2]
+    distance, slopes, tangent, arc = _distance(x, y, offset, direction, curvature)
+    distance = np.where(valid, distance, 0.0)
+    scale = _scale(distance, valid, count)
+    variance, masked = _variance(distance, valid, count, scale), np.where(valid[..., None], slopes, 0.0)
+    return Circles(
+        offset,
+        direction,
+        curvature,
+        variance,
+        variance[:, None, None] * np.linalg.inv(np.einsum("arp,arq->apq", masked, masked)),
+        valid,
+        distance,
+        tangent,
+        arc,
+        scale,
+    )
+
+
+def huber_spread(
+    residual: Float[np.ndarray, "arc record"], valid: Bool[np.ndarray, "arc record"], scale: Float[np.ndarray, " arc"]
+) -> tuple[Float[np.ndarray, "arc record"], Float[np.ndarray, " arc"]]:
+    """Residuals clipped as Huber's weights clip them, and the share of them that is not clipped."""
+    limit = HUBER * scale[:, None]
+    inside = np.sum(valid & (np.abs(residual) <= limit), axis=1) / valid.sum(axis=1)
+    return np.where(valid, np.clip(residual, -limit, limit), 0.0), inside
+
+
+def _variance(
+    distance: Float[np.ndarray, "arc record"],
+    valid: Bool[np.ndarray, "arc record"],
+    count: Int[np.ndarray, " arc"],
+    scale: Float[np.ndarray, " arc"],
+) -> Float[np.ndarray, " arc"]:
+    """Huber's variance of an M-estimate for white noise, with his correction for few records."""
+    clipped, inside = huber_spread(distance, valid, scale)
+    correction = 1.0 + 3.0 / count * (1.0 - inside) / inside
+    variance: Float[np.ndarray, " arc"] = np.sum(clipped**2, axis=1) / (count - 3) * (correction / inside) ** 2
+    return variance
+
+
+def _distance(
+    x: Float[np.ndarray, "arc record"],
+    y: Float[np.ndarray, "arc record"],
+    offset: Float[np.ndarray, " arc"],
+    direction: Float[np.ndarray, " arc"],
+    curvature: Float[np.ndarray, " arc"],
+) -> tuple[
+    Float[np.ndarray, "arc record"],
+    Float[np.ndarray, "arc record 3"],
+    Float[np.ndarray, "arc record"],
+    Float[np.ndarray, "arc record"],
+]:
+    """Distances, their derivatives by (e, θ, κ), tangents and ways."""
+    cos, sin, bend = np.cos(direction)[:, None], np.sin(direction)[:, None], curvature[:, None]
+    along, left = cos * x + sin * y, cos * y - sin * x - offset[:, None]
+    aside, ahead = 1.0 - bend * left, bend * along
+    reach = np.maximum(np.hypot(aside, ahead), 1e-9)
+    distance = (2.0 * left - bend * (along**2 + left**2)) / (1.0 + reach)
+    # On the far half of the circle the first form of the derivative by κ is 0/0, on the near half the second.
+    near = aside > 0.0
+    far_bend = np.where(near, 1.0, bend)
+    by_curvature = np.where(
+        near, -(along**2) / np.where(near, reach + aside, 1.0), -(reach - aside) / np.where(near, 1.0, far_bend**2)
+    )
+    slopes = np.stack([-aside, -(along + ahead * offset[:, None]), by_curvature], axis=-1) / reach[..., None]
+    turned = np.arctan2(ahead, aside)
+    straight = np.abs(turned) < 1e-9
+    arc = np.where(straight, along, turned / np.where(np.abs(bend) < 1e-12, 1.0, bend))
+    return distance, slopes, direction[:, None] + turned, arc
+
+
+def _near_neighbours(
+    x: Float[np.ndarray, "arc record"], y: Float[np.ndarray, "arc record"], valid: Bool[np.ndarray, "arc record"]
+) -> Bool[np.ndarray, "arc record"]:
+    """Points near the median of their neighbours. Clipping alone bears a point beyond an arc's ends badly: it pulls at
+    a longer lever than any other, and squares, which the algebraic fit takes, bear no outlier at all."""
+    at, last = np.arange(x.shape[1])[None, :], valid.sum(axis=1)[:, None] - 1
+    # Mirrored at the ends of a row: the first and the last point bear on the curvature more than any other.
+    mirrored = [np.maximum(last - np.abs(last - np.abs(at + step)), 0) for step in (-2, -1, 0, 1, 2)]
+    away = np.zeros(x.shape)
+    for axis in (x, y):
+        around = np.sort(np.stack([np.take_along_axis(axis, index, axis=1) for index in mirrored]), axis=0)
+        away = np.maximum(away, np.abs(axis - around[2]))
+    spacing = row_median(np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)), valid[:, 1:])
+    kept = valid & (away < _NEAR_M + 2.0 * spacing[:, None])
+    enough: Bool[np.ndarray, "arc record"] = np.where(kept.sum(axis=1)[:, None] >= 6, kept, valid)
+    return enough
+
+
+def _algebraic(
+    x: Float[np.ndarray, "arc record"], y: Float[np.ndarray, "arc record"], valid: Bool[np.ndarray, "arc record"]
+) -> tuple[Float[np.ndarray, " arc"], Float[np.ndarray, " arc"], Float[np.ndarray, " arc"]]:
+    """Pratt's circle A(x² + y²) + Bx + Cy + D = 0 with B² + C² − 4AD = 1, as (e, θ, κ)."""
+    size = np.sqrt(np.sum(x**2 + y**2, axis=1) / valid.sum(axis=1))[:, None]
+    u, v = x / size, y / size
+    columns = np.stack([u**2 + v**2, u, v, np.ones_like(u)], axis=-1) * valid[..., None]
+    value, vector = np.linalg.eig(_PRATT @ np.einsum("arp,arq->apq", columns, columns))
+    chosen = np.argmin(np.where(value.real > -1e-9, value.real, np.inf), axis=1)
+    a, b, c, d = np.take_along_axis(vector.real, chosen[:, None, None], axis=2)[..., 0].T
+    norm = np.sqrt(np.maximum(b**2 + c**2 - 4.0 * a * d, 1e-12))
+    a, b, c, d = a / norm, b / norm, c / norm, d / norm
+    slope = np.hypot(b, c)
+    # The left normal points where the form falls: towards the centre for A > 0.
+    direction = np.arctan2(b, -c)
+    return 2.0 * d / (1.0 + slope) * size[:, 0], direction, 2.0 * a / size[:, 0]
+
+
+def _moves_backward(
+    x: Float[np.ndarray, "arc record"],
+    y: Float[np.ndarray, "arc record"],
+    valid: Bool[np.ndarray, "arc record"],
+    offset: Float[np.ndarray, " arc"],
+    direction: Float[np.ndarray, " arc"],
+    curvature: Float[np.ndarray, " arc"],
+) -> Bool[np.ndarray, " arc"]:
+    """Whether most points go against the direction; compared over a third of the records, where noise matters least."""
+    _, _, tangent, _ = _distance(x, y, offset, direction, curvature)
+    lag = max(int(valid.sum(axis=1).min()) // 6, 1)
+    ahead = np.cos(tangent[:, :-lag]) * (x[:, lag:] - x[:, :-lag]) + np.sin(tangent[:, :-lag]) * (
+        y[:, lag:] - y[:, :-lag]
+    )
+    return np.asarray(np.sum(np.where(valid[:, lag:], np.sign(ahead), 0.0), axis=1) < 0.0)
+
+
+def _scale(
+    distance: Float[np.ndarray, "arc record"], valid: Bool[np.ndarray, "arc record"], count: Int[np.ndarray, " arc"]
+) -> Float[np.ndarray, " arc"]:
+    """Median absolute residual as a standard deviation, corrected for the three numbers fitted."""
+    scale: Float[np.ndarray, " arc"] = np.maximum(
+        1.4826 * row_median(np.abs(distance), valid) * np.sqrt(count / (count - 3.0)), 1e-9
+    )
+    return scale
+
+
+def row_median(
+    value: Float[np.ndarray, "arc record"], valid: Bool[np.ndarray, "arc record"]
+) -> Float[np.ndarray, " arc"]:
+    """Median of the valid entries of each row, of which there is at least one."""
+    ordered = np.sort(np.where(valid, value, np.inf), axis=1)
+    rows, count = np.arange(len(ordered)), valid.sum(axis=1)
+    median: Float[np.ndarray, " arc"] = 0.5 * (ordered[rows, (count - 1) // 2] + ordered[rows, count // 2])
+    return median
+
+
+# Stretches of constant steering in a drive: what a palm tree or a turning test is made of.
+
+_AROUND_S = 0.25
+"""Speed and change of steering are taken over twice this time."""
+_STANDING_MPS = 0.1
+_MEDIAN_RECORDS = 5
+_STEADY_SHARE = 0.002
+_SAME_SHARE = 0.01
+"""Of the span of the steering signal: the change that is none, and how far values of one setting may lie apart."""
+
+
+@dataclass(frozen=True)
+class StretchRules:
+    """What a stretch must have.
+
+    Attributes:
+        least_length_m: way of the rear axle.
+        least_records: with a position.
+        longest_gap_s: without a fix; a longer one ends a stretch.
+    """
+
+    least_length_m: float = 3.0
+    least_records: int = 12
+    longest_gap_s: float = 2.5
+
+
+class Stretches(NamedTuple):
+    """Stretches of a drive, in its order.
+
+    Attributes:
+        start, stop: first record of each, and the one after its last.
+        sense: 1 forward, -1 in reverse.
+        steering, sigma_steering: mean of the steering signal, in its unit, and the standard error of that.
+        setting: number of the setting of the steering wheel; stretches that follow each other on one setting share it.
+        dropped: how many were left out, by reason.
+    """
+
+    start: Int[np.ndarray, " stretch"]
+    stop: Int[np.ndarray, " stretch"]
+    sense: Float[np.ndarray, " stretch"]
+    steering: Float[np.ndarray, " stretch"]
+    sigma_steering: Float[np.ndarray, " stretch"]
+    setting: Int[np.ndarray, " stretch"]
+    dropped: dict[str, int]
+
+
+def find_stretches(
+    signals: DriveSignals, steering: Float[np.ndarray, " record"], rules: StretchRules | None = None
+) -> Stretches:
+    """Stretches in one driving direction at one setting of the steering.
+
+    A record of the steering signal that is far off does not end a stretch, and neither does a short gap. A record
+    without position or steering (NaN) is no record.
+
+    Args:
+        signals: of the drive.
+        steering: any signal that follows the front wheels: volts, counts or radians.
+        rules: what a stretch must have.
+
+    Raises:
+        NotExcitedError: there is no stretch at all.
+    """
+    rules = rules or StretchRules()
+    known = np.flatnonzero(np.isfinite(signals.east_m + signals.north_m + signals.travel_m + steering))
+    if len(known) < rules.least_records:
+        raise NotExcitedError("drive", f"{rules.least_records} records with position and steering", f"{len(known)}")
+    time_s, travel_m, value = signals.time_s[known], signals.travel_m[known], steering[known]
+    level = _running_median(value)
+    noise = 1.4826 * float(np.median(np.abs(np.diff(value, 2)))) / 6**0.5
+    span = float(np.ptp(level))
+    before, after = time_s - _AROUND_S, time_s + _AROUND_S
+    elapsed = np.minimum(after, time_s[-1]) - np.maximum(before, time_s[0])
+    speed = (np.interp(after, time_s, travel_m) - np.interp(before, time_s, travel_m)) / elapsed
+    change = np.abs(np.interp(after, time_s, level) - np.interp(before, time_s, level))
+    sense = np.where(np.abs(speed) > _STANDING_MPS, np.sign(speed), 0.0)
+    still = change <= _STEADY_SHARE * span + 5.0 * noise
+    label = np.where(still, sense, 0.0)
+    ends = (label[1:] != label[:-1]) | (np.diff(time_s) > rules.longest_gap_s)
+    edge = np.concatenate([[0], np.flatnonzero(ends) + 1, [len(known)]])
+    dropped = {"short": 0, "steering not held": 0}
+    kept: list[tuple[int, int, float, float, float]] = []
+    for first, last in pairwise(edge):
+        if label[first] == 0.0 or last - first < 3:
+            continue
+        held = level[first:last]
+        if abs(travel_m[last - 1] - travel_m[first]) < rules.least_length_m or last - first < rules.least_records:
+            dropped["short"] += 1
+        elif np.ptp(held) > 2.0 * _SAME_SHARE * span + 8.0 * noise:
+            dropped["steering not held"] += 1
+        else:
+            start, stop = int(known[first]), int(known[last - 1]) + 1
+            kept.append((start, stop, float(label[first]), *_mean(steering[start:stop])))
+    if not kept:
+        found = ", ".join(f"{count} {reason}" for reason, count in dropped.items() if count) or "none"
+        expected = f"stretches of {rules.least_length_m:g} m and {rules.least_records} records at one setting"
+        raise NotExcitedError("steering", expected, found)
+    starts, stops, senses, settings, sigmas = (np.asarray(column) for column in zip(*kept, strict=True))
+    number = np.concatenate([[0], np.cumsum(np.abs(np.diff(settings)) > _SAME_SHARE * span + 3.0 * noise)])
+    return Stretches(starts, stops, senses, settings, sigmas, number, {why: n for why, n in dropped.items() if n})
+
+
+def choose_stretches(stretches: Stretches, keep: Bool[np.ndarray, " all"], reason: str) -> Stretches:
+    """Those that are to be kept; the others are counted under a reason."""
+    dropped = dict(stretches.dropped)
+    if not keep.all():
+        dropped[reason] = dropped.get(reason, 0) + int(np.sum(~keep))
+    columns = {name: getattr(stretches, name)[keep] for name in Stretches._fields[:-1]}
+    return stretches._replace(**columns, dropped=dropped)
+
+
+def _mean(value: Float[np.ndarray, " record"]) -> tuple[float, float]:
+    """Mean without spikes, and its standard error, of a signal that is held: every record counts, with a fix or not."""
+    known = value[np.isfinite(value)]
+    away = np.abs(known - np.median(known))
+    held = known[away <= 4.0 * 1.4826 * np.median(away)]
+    return float(np.mean(held)), float(np.std(held)) / len(held) ** 0.5
+
+
+def _running_median(value: Float[np.ndarray, " record"]) -> Float[np.ndarray, " record"]:
+    half = _MEDIAN_RECORDS // 2
+    padded = np.concatenate([np.full(half, value[0]), value, np.full(half, value[-1])])
+    median: Float[np.ndarray, " record"] = np.median(
+        np.lib.stride_tricks.sliding_window_view(padded, _MEDIAN_RECORDS), axis=1
+    )
+    return median
+
 
 _BROKEN = 3.0
 """Scatter about an arc, over that of the drive's arcs, above which it is none: a jump of the positions."""

@@ -1,50 +1,50 @@
 """Vehicles: steering geometry, motion, pursuit laws, actuators and sensors, rollouts along courses."""
 
-from lgprjax.vehicle.arc import VehiclePose, body_point, drive_arc
-from lgprjax.vehicle.chassis import (
-    Chassis,
-    MeasuredRear,
-    ProportionalRear,
-    Rear,
-    Turn,
-    rear_angle,
-    turn_of,
-    yaw_gain,
-    zero_slip_point,
-)
-from lgprjax.vehicle.control_threshold import PulseState, init_pulses, obeyed_wheels, settle_pulses, step_pulses
-from lgprjax.vehicle.courses import arc_course, clothoid_course, eight_course, line_course
-from lgprjax.vehicle.lanes import RolloutLane, RolloutSpec, RolloutState, RolloutTrace, start_rollout
-from lgprjax.vehicle.linkage import (
-    Linkage,
-    largest_shaft_angle,
-    largest_wheel_angle,
-    rear_of_linkages,
-    shaft_angle,
-    straight_slope,
-    wheel_angle,
-)
-from lgprjax.vehicle.look_ahead import LookAhead, constant_look_ahead, look_ahead_m
-from lgprjax.vehicle.metrics import RolloutMetrics
-from lgprjax.vehicle.path import Path, PathPoint, Projection, path_from_curvature, path_from_points, path_point, project
-from lgprjax.vehicle.pedals import DriveState, Pedal, Pedals, PedalState, init_drive, step_drive
-from lgprjax.vehicle.pursuit import Steering, reverse_look_ahead_m, steer_closed, steer_exact
-from lgprjax.vehicle.rollout import roll_out, roll_out_traced
-from lgprjax.vehicle.rollout_batches import roll_out_many
-from lgprjax.vehicle.servo import (
+from lgprjax.vehicle.actuators import (
+    DriveState,
+    Pedal,
+    Pedals,
+    PedalState,
     Servo,
     ServoPace,
     ServoState,
     ideal_servo,
+    init_drive,
     init_servo,
     servo_pace,
+    step_drive,
     step_servo,
     torque_share,
     turn_servo,
 )
-from lgprjax.vehicle.signals import DriveSignals
-from lgprjax.vehicle.skid_steer import SkidSteer, WheelSpeeds, body_rates, drive_skid_arc, wheel_speeds
-from lgprjax.vehicle.stability import (
+from lgprjax.vehicle.kinematics import (
+    Chassis,
+    Linkage,
+    MeasuredRear,
+    ProportionalRear,
+    Rear,
+    SkidSteer,
+    Turn,
+    VehiclePose,
+    WheelSpeeds,
+    body_point,
+    body_rates,
+    drive_arc,
+    drive_skid_arc,
+    largest_shaft_angle,
+    largest_wheel_angle,
+    rear_angle,
+    rear_of_linkages,
+    shaft_angle,
+    straight_slope,
+    turn_of,
+    wheel_angle,
+    wheel_speeds,
+    yaw_gain,
+    zero_slip_point,
+)
+from lgprjax.vehicle.metrics import (
+    RolloutMetrics,
     anchor_lead_m,
     damping,
     dead_band_offset_m,
@@ -53,8 +53,46 @@ from lgprjax.vehicle.stability import (
     lag_limit_s,
     phase_margin_rad,
 )
-from lgprjax.vehicle.stanley import steer_stanley
-from lgprjax.vehicle.steering_sensors import (
+from lgprjax.vehicle.path import (
+    Path,
+    PathPoint,
+    Projection,
+    arc_course,
+    clothoid_course,
+    eight_course,
+    line_course,
+    path_from_curvature,
+    path_from_points,
+    path_point,
+    project,
+)
+from lgprjax.vehicle.pursuit import (
+    LookAhead,
+    PulseState,
+    Steering,
+    constant_look_ahead,
+    init_pulses,
+    look_ahead_m,
+    obeyed_wheels,
+    reverse_look_ahead_m,
+    settle_pulses,
+    steer_closed,
+    steer_exact,
+    steer_stanley,
+    step_pulses,
+)
+from lgprjax.vehicle.rollout import (
+    RolloutLane,
+    RolloutSpec,
+    RolloutState,
+    RolloutTrace,
+    roll_out,
+    roll_out_many,
+    roll_out_traced,
+    start_rollout,
+)
+from lgprjax.vehicle.sensors import (
+    DriveSignals,
     Encoder,
     Potentiometer,
     encoder_angle,

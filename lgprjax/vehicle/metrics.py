@@ -5,6 +5,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from lgprjax.vehicle.kinematics import Chassis, rear_angle
+
 
 class MetricSums(NamedTuple):
     """What is carried from step to step.
@@ -99,3 +101,99 @@ def finish_metrics(sums: MetricSums, steps: int, travel_m: Float[Array, "..."]) 
         sums.steered_rad / jnp.where(moved, travel_m, 1.0),
         sums.unreachable / steps,
     )
+
+
+# What a pursuit law can stand: lag, delay, reversing, dead band, a wrong gain. Linear, about a straight path.
+#
+# With e the anchor's offset, ψ the heading, a = l − x_c from the zero-slip point to the anchor and D the look-ahead,
+# the law asks for κ = −(e/D + ψ) / (D/2 + a) while e' = v ψ + a v κ and ψ' = v κ. A forward anchor steadies the
+# vehicle; reversing turns a negative. All functions take scalars or one value a lane.
+
+_CUBIC_STEPS = 8
+
+
+def anchor_lead_m(chassis: Chassis) -> Float[Array, "..."]:
+    """a = l − x_c for small angles: how far the anchor stands ahead of the point without slip."""
+    slope = rear_angle(chassis.rear, jnp.zeros_like(chassis.anchor_m))[1]
+    return chassis.anchor_m - chassis.wheelbase_m * slope / (1.0 + slope)
+
+
+def damping(look_ahead_m: Float[Array, "..."], lead_m: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Damping ratio without lag, ζ² = (1 + a²/(D (D + 2a))) / 2: 0.707 with the anchor at the zero-slip point."""
+    ahead = look_ahead_m * (look_ahead_m + 2.0 * lead_m)
+    return jnp.sqrt(0.5 * (1.0 + lead_m * lead_m / ahead))
+
+
+def lag_limit_s(
+    look_ahead_m: Float[Array, "..."], lead_m: Float[Array, "..."], speed_mps: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """Largest first-order lag of the steering, (D + a)/v, by Routh's criterion."""
+    return (look_ahead_m + lead_m) / speed_mps
+
+
+def delay_limit_s(
+    look_ahead_m: Float[Array, "..."],
+    lead_m: Float[Array, "..."],
+    speed_mps: Float[Array, "..."],
+    lag_s: Float[Array, "..."],
+) -> Float[Array, "..."]:
+    """Largest pure delay beside a first-order lag: 0.52 D/v with a = 0 and no lag. Negative: too much lag."""
+    crossover, margin = _crossover(look_ahead_m, lead_m, speed_mps, lag_s)
+    return margin / crossover
+
+
+def phase_margin_rad(
+    look_ahead_m: Float[Array, "..."],
+    lead_m: Float[Array, "..."],
+    speed_mps: Float[Array, "..."],
+    lag_s: Float[Array, "..."],
+    delay_s: Float[Array, "..."],
+) -> Float[Array, "..."]:
+    """Phase margin of the loop with lag and delay; stable where it is positive.
+
+    Lag and delay are worse together than the sum of their shares in each one's own limit.
+    """
+    crossover, margin = _crossover(look_ahead_m, lead_m, speed_mps, lag_s)
+    return margin - delay_s * crossover
+
+
+def _crossover(
+    look_ahead_m: Float[Array, "..."],
+    lead_m: Float[Array, "..."],
+    speed_mps: Float[Array, "..."],
+    lag_s: Float[Array, "..."],
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Angular frequency where the open loop's gain is one, and the phase that is left there without a delay.
+
+    The open loop is v ((1 + a/D) s + v/D) / ((D/2 + a) s² (τ s + 1)). Its gain is one at the only positive root
+    w = ω² of a cubic; from the root without a lag, which lies above, Newton's steps come down to it.
+    """
+    m = 0.5 * look_ahead_m + lead_m
+    slope, offset = speed_mps * (1.0 + lead_m / look_ahead_m), speed_mps * speed_mps / look_ahead_m
+    a, b, c = m * m, slope * slope, offset * offset
+    w = (b + jnp.sqrt(b * b + 4.0 * a * c)) / (2.0 * a)
+    lagged = lag_s * lag_s
+    for _ in range(_CUBIC_STEPS):
+        value = a * w * w * (1.0 + lagged * w) - b * w - c
+        w = w - value / (a * w * (2.0 + 3.0 * lagged * w) - b)
+    crossover = jnp.sqrt(w)
+    return crossover, jnp.arctan(slope * crossover / offset) - jnp.arctan(lag_s * crossover)
+
+
+def dead_band_offset_m(
+    chassis: Chassis, look_ahead_m: Float[Array, "..."], dead_band_rad: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """Parallel offset that a dead band of the steering leaves standing: D (D/2 + a) (1 + k) d / L."""
+    slope = rear_angle(chassis.rear, jnp.zeros_like(chassis.anchor_m))[1]
+    arm_m = 0.5 * look_ahead_m + anchor_lead_m(chassis)
+    return look_ahead_m * arm_m * (1.0 + slope) * dead_band_rad / chassis.wheelbase_m
+
+
+def gain_error_m(
+    look_ahead_m: Float[Array, "..."],
+    lead_m: Float[Array, "..."],
+    radius_m: Float[Array, "..."],
+    deficit: Float[Array, "..."],
+) -> Float[Array, "..."]:
+    """Steady error on a circle, outwards, where curvature falls short by a share: (ε/R) D (D/2 + a)."""
+    return deficit / radius_m * look_ahead_m * (0.5 * look_ahead_m + lead_m)

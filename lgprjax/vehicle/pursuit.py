@@ -14,7 +14,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from lgprjax.vehicle.chassis import Chassis, ProportionalRear, rear_angle
+from lgprjax.vehicle.kinematics import Chassis, ProportionalRear, WheelSpeeds, rear_angle
 
 NEWTON_STEPS = 4
 
@@ -118,3 +118,152 @@ def reverse_look_ahead_m(chassis: Chassis) -> Float[Array, "..."]:
     """Least look-ahead when reversing, 2 |l − x_c|: with less the vehicle steers the wrong way."""
     slope = rear_angle(chassis.rear, jnp.zeros_like(chassis.anchor_m))[1]
     return 2.0 * jnp.abs(chassis.anchor_m - chassis.wheelbase_m * slope / (1.0 + slope))
+
+
+# How far along the path the goal lies: a short constant when slow, a long one when fast (Leonard et al.).
+
+
+class LookAhead(NamedTuple):
+    """A look-ahead over speed. Fields are scalars or one value a lane; equal speeds make a step.
+
+    Attributes:
+        short_m: at and below the slow speed; along the path.
+        long_m: at and above the fast one.
+        slow_mps, fast_mps: between them it grows in proportion.
+    """
+
+    short_m: Float[Array, "..."]
+    long_m: Float[Array, "..."]
+    slow_mps: Float[Array, "..."]
+    fast_mps: Float[Array, "..."]
+
+
+def look_ahead_m(schedule: LookAhead, speed_mps: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Look-ahead at a speed, the same forward and in reverse."""
+    span = schedule.fast_mps - schedule.slow_mps
+    above = jnp.abs(speed_mps) - schedule.slow_mps
+    ramp = jnp.clip(above / jnp.where(span > 0.0, span, 1.0), 0.0, 1.0)
+    step = jnp.where(above > 0.0, 1.0, 0.0)
+    return schedule.short_m + (schedule.long_m - schedule.short_m) * jnp.where(span > 0.0, ramp, step)
+
+
+def constant_look_ahead(length_m: Float[Array, "..."]) -> LookAhead:
+    """The same at every speed."""
+    zero = jnp.zeros_like(length_m)
+    return LookAhead(length_m, length_m, zero, zero)
+
+
+# Stanley's law, for comparison: the front axle is steered onto the path by its own offset and heading error.
+#
+# It holds for counter-steered vehicles as it stands, since the front axle moves where the front wheels point (Hoffmann
+# et al., American Control Conference 2007).
+
+_STANDING_MPS = 0.5
+
+
+def steer_stanley(
+    chassis: Chassis,
+    heading_error_rad: Float[Array, "..."],
+    offset_m: Float[Array, "..."],
+    speed_mps: Float[Array, "..."],
+    gain_ps: float | Float[Array, "..."],
+) -> Float[Array, "..."]:
+    """Front angle, clipped to the largest.
+
+    Args:
+        chassis: its limits.
+        heading_error_rad: direction of the path less that of the body, at the front axle's projection.
+        offset_m: of the path from the front axle, positive where the path lies to the left.
+        speed_mps: forward.
+        gain_ps: rate, per second, at which a small offset dies out.
+    """
+    front = heading_error_rad + jnp.arctan(gain_ps * offset_m / (jnp.abs(speed_mps) + _STANDING_MPS))
+    return jnp.clip(front, -chassis.largest_angle_rad, chassis.largest_angle_rad)
+
+
+# A vehicle that ignores small commands to turn (MF section 4), and pulses that make up for it.
+#
+# The command to turn is the difference of the wheel speeds, right less left. Below the threshold the vehicle drives
+# straight on at the wheels' mean speed; from the threshold on it obeys in full. A controller with feedback cannot see
+# that: it waits until its error is large enough, then turns too far.
+#
+# The compensation keeps account of the turn that was asked for and not obeyed. When half a pulse is owed, one pulse
+# just above the threshold is sent; on the average the vehicle turns as asked. It needs no more than a bound of the
+# threshold: pulses that are higher than necessary are shorter in their sum.
+
+PULSE_S = 0.06
+"""Length of a pulse, a few ticks: what it is longer is a delay to the guidance."""
+_ABOVE = 1.05
+"""Height of a pulse over the threshold, so that rounding does not lose it."""
+
+
+class PulseState(NamedTuple):
+    """What the compensation carries from step to step.
+
+    Attributes:
+        owed_m: way that the right side is still to gain on the left one, by what was asked and not obeyed.
+        side: 1 in a pulse to the left, −1 to the right, 0 in none.
+        left_s: how long the pulse goes on.
+    """
+
+    owed_m: Float[Array, "..."]
+    side: Float[Array, "..."]
+    left_s: Float[Array, "..."]
+
+
+def obeyed_wheels(threshold_mps: Float[Array, "..."], wheels: WheelSpeeds) -> WheelSpeeds:
+    """What a vehicle with a threshold of the wheels' difference makes of a command; 0 obeys everything."""
+    mean = 0.5 * (wheels.left_mps + wheels.right_mps)
+    obeys = jnp.abs(wheels.right_mps - wheels.left_mps) >= threshold_mps
+    return WheelSpeeds(jnp.where(obeys, wheels.left_mps, mean), jnp.where(obeys, wheels.right_mps, mean))
+
+
+def init_pulses(like: Float[Array, "..."]) -> PulseState:
+    """Nothing owed; one value for each of ``like``."""
+    zero = jnp.zeros_like(like)
+    return PulseState(zero, zero, zero)
+
+
+def step_pulses(
+    threshold_mps: Float[Array, "..."], state: PulseState, asked: WheelSpeeds, step_s: Float[Array, "..."]
+) -> tuple[PulseState, WheelSpeeds]:
+    """State and the wheels to tell a vehicle with a threshold; ``settle_pulses`` follows when they were sent.
+
+    A turn that the vehicle obeys passes as it is. Standing, nothing is pulsed and nothing stays owed.
+
+    Args:
+        threshold_mps: of the wheels' difference, or a little more; 0 changes nothing.
+        state: of the last step.
+        asked: wheels that are wanted.
+        step_s: time step.
+    """
+    mean, turn = 0.5 * (asked.left_mps + asked.right_mps), asked.right_mps - asked.left_mps
+    small = (jnp.abs(turn) < threshold_mps) & (mean != 0.0)
+    height = _ABOVE * threshold_mps
+    goes_on = small & (state.left_s > 0.0)
+    owed = state.owed_m + turn * step_s
+    starts = small & ~goes_on & (jnp.abs(owed) >= 0.5 * height * PULSE_S)
+    side = jnp.where(goes_on, state.side, jnp.where(starts, jnp.sign(owed), 0.0))
+    left_s = jnp.where(goes_on, state.left_s, jnp.where(starts, PULSE_S, 0.0)) - step_s
+    told = jnp.where(small, side * height, turn)
+    kept = PulseState(jnp.where(mean != 0.0, state.owed_m, 0.0), side, jnp.maximum(left_s, 0.0))
+    return kept, WheelSpeeds(mean - 0.5 * told, mean + 0.5 * told)
+
+
+def settle_pulses(
+    threshold_mps: Float[Array, "..."],
+    state: PulseState,
+    asked: WheelSpeeds,
+    sent: WheelSpeeds,
+    step_s: Float[Array, "..."],
+) -> PulseState:
+    """The account after a step: what was asked less what the vehicle makes of what was sent.
+
+    A limiter's ramp may keep a pulse below the threshold for some steps; the account knows. More than a pulse is never
+    owed: what the limits of the wheels do not allow is not made up for later.
+    """
+    obeyed = obeyed_wheels(threshold_mps, sent)
+    missing = (asked.right_mps - asked.left_mps) - (obeyed.right_mps - obeyed.left_mps)
+    most = _ABOVE * threshold_mps * PULSE_S
+    moves = asked.left_mps + asked.right_mps != 0.0
+    return state._replace(owed_m=jnp.where(moves, jnp.clip(state.owed_m + missing * step_s, -most, most), 0.0))

@@ -3,24 +3,258 @@
 All functions work on lanes of any shape, so a batch is a leading axis of every field and ``vmap`` gives the same.
 """
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
+from jax.tree_util import tree_map
 from jaxtyping import Array, Bool, Float
 
-from lgprjax.vehicle.chassis import Chassis, rear_angle, yaw_gain
-from lgprjax.vehicle.lane_law import LaneLaw, prepare_law, steer_lane
-from lgprjax.vehicle.lanes import RolloutLane, RolloutSpec, RolloutState, RolloutTrace
-from lgprjax.vehicle.look_ahead import look_ahead_m
+from lgprjax.machine import usable_cores
+from lgprjax.vehicle.actuators import Servo, ServoPace, ServoState, init_servo, servo_pace, torque_share, turn_servo
+from lgprjax.vehicle.kinematics import Chassis, MeasuredRear, Rear, rear_angle, yaw_gain
 from lgprjax.vehicle.metrics import MetricSums, RolloutMetrics, finish_metrics, init_metrics, step_metrics
-from lgprjax.vehicle.path import Path, Projection, path_point, project
-from lgprjax.vehicle.pursuit import Steering, steer_closed
-from lgprjax.vehicle.servo import ServoPace, servo_pace, torque_share, turn_servo
-from lgprjax.vehicle.stanley import steer_stanley
-from lgprjax.vehicle.tangent import tangent
+from lgprjax.vehicle.path import Path, Projection, path_point, project, tangent
+from lgprjax.vehicle.pursuit import NEWTON_STEPS, LookAhead, Steering, look_ahead_m, steer_closed, steer_stanley
+
+# What a rollout takes and gives: its spec, its lanes, their state, their trace.
+#
+# A lane is one vehicle with its own numbers; a batch is a leading axis of every field. What drives (``chassis``) and
+# what the law takes it for (``believed``) are two fields: errors of k, of the yaw gain or of the anchor are studied by
+# making them differ.
+
+
+@dataclass(frozen=True)
+class RolloutSpec:
+    """What is the same for all lanes of a rollout, and compiled in.
+
+    Attributes:
+        steps: how many.
+        step_s: of each; the vehicle may turn by up to half a radian in one.
+        law: pursuit, exact (LL eq. 2) or closed form (LL eq. 3); or, for comparison, Stanley's, which wants the anchor
+            at the front axle. Plain pure pursuit is the exact law of a chassis with the anchor at the rear axle, k = 0.
+        stanley_gain_ps: of Stanley's law alone.
+        delay_slots: steps of the longest delay that a servo has.
+        tolerance_m: of the settling distance.
+        tail_m: last stretch of travel, in which a limit cycle is looked for.
+    """
+
+    steps: int
+    step_s: float = 0.05
+    law: Literal["exact", "closed", "stanley"] = "exact"
+    stanley_gain_ps: float = 1.0
+    delay_slots: int = 0
+    tolerance_m: float = 0.10
+    tail_m: float = 30.0
+
+    def __post_init__(self) -> None:
+        if self.steps < 1 or not self.step_s > 0.0:
+            raise ValueError(f"a rollout takes at least one step of positive time, not {self.steps} of {self.step_s} s")
+
+
+class RolloutLane(NamedTuple):
+    """A vehicle, what it is taken for, and how it is to drive. Fields are scalars or one value a lane.
+
+    Attributes:
+        chassis: that drives; its largest angle limits nothing here, the believed one does.
+        believed: that the law reckons with. Infinite characteristic speed: nothing is fed forward.
+        servo: turns the wheels.
+        supply_v: at the servo.
+        speed_mps: along the body axis, constant; negative in reverse.
+        look_ahead: over speed.
+    """
+
+    chassis: Chassis
+    believed: Chassis
+    servo: Servo
+    supply_v: Float[Array, "..."]
+    speed_mps: Float[Array, "..."]
+    look_ahead: LookAhead
+
+
+class RolloutState(NamedTuple):
+    """Where a lane is.
+
+    Attributes:
+        x_m, y_m: rear axle.
+        cos_yaw, sin_yaw: heading; carried as these, turned by each arc.
+        arc_m: of the foot of the true anchor on the path.
+        advance_m: of the foot in the last step: where to look for it in the next.
+        servo: wheels and what they wait for.
+    """
+
+    x_m: Float[Array, "..."]
+    y_m: Float[Array, "..."]
+    cos_yaw: Float[Array, "..."]
+    sin_yaw: Float[Array, "..."]
+    arc_m: Float[Array, "..."]
+    advance_m: Float[Array, "..."]
+    servo: ServoState
+
+
+class RolloutTrace(NamedTuple):
+    """What a lane did, step by step, as it stood when each step began; the wheels as they stood at its end.
+
+    Attributes:
+        x_m, y_m, yaw_rad: pose of the rear axle.
+        arc_m, offset_m: of the anchor along and from the path, left positive.
+        command_rad, front_rad: of the front wheels, asked for and reached.
+        reachable: the goal was.
+    """
+
+    x_m: Float[Array, "step ..."]
+    y_m: Float[Array, "step ..."]
+    yaw_rad: Float[Array, "step ..."]
+    arc_m: Float[Array, "step ..."]
+    offset_m: Float[Array, "step ..."]
+    command_rad: Float[Array, "step ..."]
+    front_rad: Float[Array, "step ..."]
+    reachable: Bool[Array, "step ..."]
+
+
+def start_rollout(
+    path: Path,
+    lane: RolloutLane,
+    arc_m: Float[Array, "..."],
+    offset_m: Float[Array, "..."],
+    heading_rad: Float[Array, "..."],
+    *,
+    delay_slots: int = 0,
+) -> RolloutState:
+    """A lane at rest beside its path, wheels straight.
+
+    Args:
+        path: to be followed.
+        lane: whose true anchor is placed.
+        arc_m: along the path.
+        offset_m: from it, positive to the left.
+        heading_rad: error of heading, from the path's direction to the left.
+        delay_slots: as in the spec.
+    """
+    foot = path_point(path, arc_m)
+    turned_cos, turned_sin = jnp.cos(heading_rad), jnp.sin(heading_rad)
+    cos, sin = foot.cos * turned_cos - foot.sin * turned_sin, foot.sin * turned_cos + foot.cos * turned_sin
+    lead = lane.chassis.anchor_m
+    x, y = foot.x_m - foot.sin * offset_m - lead * cos, foot.y_m + foot.cos * offset_m - lead * sin
+    zero = jnp.zeros_like(x)
+    return RolloutState(x, y, cos, sin, arc_m + zero, zero, init_servo(zero, delay_slots=delay_slots))
+
+
+# The exact pursuit law as a rollout solves it: what a lane's geometry gives is worked out once, before its steps.
+#
+# The equation, the limits and the sense of ``reachable`` are those of ``steer_exact``. Lengths are in wheelbases,
+# tangents are quotients of polynomials, and only the last Newton step carries a gradient: at a root its gradient is
+# the root's.
+
+
+class LaneLaw(NamedTuple):
+    """A lane's pursuit law.
+
+    Attributes:
+        rear: how the rear wheels follow.
+        lead: anchor ahead of the rear axle, in wheelbases.
+        loss: one over the yaw gain that is fed forward.
+        largest_rad: of the front wheels.
+        slope_straight: dψ/dφ with straight wheels.
+        left, right: what the wheels do at the largest angle to either side.
+    """
+
+    rear: Rear
+    lead: Float[Array, "..."]
+    loss: Float[Array, "..."]
+    largest_rad: Float[Array, "..."]
+    slope_straight: Float[Array, "..."]
+    left: "_Lock"
+    right: "_Lock"
+
+
+class _Lock(NamedTuple):
+    """tan φ and tan ψ at a largest angle, and how fast both rise with φ."""
+
+    front: Float[Array, "..."]
+    rear: Float[Array, "..."]
+    front_slope: Float[Array, "..."]
+    rear_slope: Float[Array, "..."]
+
+
+def prepare_law(chassis: Chassis, gain: Float[Array, "..."]) -> LaneLaw:
+    """The law of a chassis as it is believed, at a believed yaw gain."""
+    largest = chassis.largest_angle_rad
+    return LaneLaw(
+        chassis.rear,
+        chassis.anchor_m / chassis.wheelbase_m,
+        1.0 / gain,
+        largest,
+        rear_angle(chassis.rear, jnp.zeros_like(largest))[1],
+        _lock(chassis.rear, largest),
+        _lock(chassis.rear, -largest),
+    )
+
+
+def steer_lane(law: LaneLaw, ahead: Float[Array, "..."], left: Float[Array, "..."]) -> Steering:
+    """Front angle that takes the anchor through a goal.
+
+    Args:
+        law: from ``prepare_law``.
+        ahead, left: goal from the anchor in the body frame, in wheelbases.
+    """
+    half_square = 0.5 * (ahead * ahead + left * left)
+    front_arm = half_square + law.lead * ahead
+    rear_arm = half_square + (law.lead - 1.0) * ahead
+    wanted = left * law.loss
+    largest = law.largest_rad
+    lock = jnp.sign(left) * largest
+    rise = front_arm + law.slope_straight * rear_arm
+    # The closed form with the arc tangent's continued fraction, cut early: it need only be near.
+    ratio = wanted / jnp.where(rise > 0.0, rise, 1.0)
+    square = ratio * ratio
+    start = jnp.where(rise > 0.0, ratio * (15.0 + 4.0 * square) / (15.0 + 9.0 * square), lock)
+    front = lax.stop_gradient(jnp.clip(start, -largest, largest))
+    for last in (False,) * (NEWTON_STEPS - 1) + (True,):
+        step = _newton_step(law.rear, front_arm, rear_arm, wanted, front)
+        front = jnp.clip(front - (step if last else lax.stop_gradient(step)), -largest, largest)
+    side = jnp.where(left < 0.0, -1.0, 1.0)
+    most, slope = _at_lock(law, front_arm, rear_arm, left < 0.0)
+    reachable = (rise > 0.0) & (slope > 0.0) & (side * wanted <= side * most)
+    return Steering(jnp.where(reachable, front, lock), reachable)
+
+
+def _newton_step(
+    rear: Rear,
+    front_arm: Float[Array, "..."],
+    rear_arm: Float[Array, "..."],
+    wanted: Float[Array, "..."],
+    front_rad: Float[Array, "..."],
+) -> Float[Array, "..."]:
+    behind, slope = rear_angle(rear, front_rad)
+    front_tangent, rear_tangent = tangent(front_rad), tangent(behind)
+    value = front_arm * front_tangent + rear_arm * rear_tangent - wanted
+    rise = front_arm * (1.0 + front_tangent * front_tangent) + rear_arm * (1.0 + rear_tangent * rear_tangent) * slope
+    # The slope's own gradient would only move the iterate, not the root.
+    rise = lax.stop_gradient(rise)
+    return jnp.where(rise > 0.0, value / jnp.where(rise > 0.0, rise, 1.0), 0.0)
+
+
+def _lock(rear: Rear, front_rad: Float[Array, "..."]) -> _Lock:
+    behind, slope = rear_angle(rear, front_rad)
+    front, follow = tangent(front_rad), tangent(behind)
+    return _Lock(front, follow, 1.0 + front * front, (1.0 + follow * follow) * slope)
+
+
+def _at_lock(
+    law: LaneLaw, front_arm: Float[Array, "..."], rear_arm: Float[Array, "..."], right: Bool[Array, "..."]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Left side of the equation and its slope at the largest angle on the goal's side."""
+    front, rear, front_slope, rear_slope = (
+        jnp.where(right, at_right, at_left) for at_right, at_left in zip(law.right, law.left, strict=True)
+    )
+    return front_arm * front + rear_arm * rear, front_arm * front_slope + rear_arm * rear_slope
 
 
 class _Prepared(NamedTuple):
@@ -190,3 +424,64 @@ def _trace(state: RolloutState, after: RolloutState, seen: _Seen) -> RolloutTrac
         after.servo.wheel_rad,
         seen.reachable,
     )
+
+
+# Many lanes on the host: chunks of one shape, as many at once as there are cores.
+
+CHUNK = 8192
+"""Lanes at once: a step's numbers stay in a core's caches, and calls between the steps are few."""
+
+
+def roll_out_many(
+    spec: RolloutSpec, path: Path, lane: RolloutLane, start: RolloutState, *, chunk: int = CHUNK
+) -> tuple[RolloutState, RolloutMetrics]:
+    """``roll_out`` of any number of lanes in bounded memory: beside what goes in and comes out, a few chunks.
+
+    Args:
+        spec: the same for all.
+        path: for all.
+        lane: fields with one value a lane, or scalars for all; a measured ψ(φ) is for all.
+        start: one value a lane.
+        chunk: lanes at once. It changes the time, not the result.
+
+    Returns:
+        Final states and metrics, NumPy arrays with one value a lane.
+    """
+    count = len(start.x_m)
+    size = min(chunk, count)
+    bounds = [(low, min(low + size, count)) for low in range(0, count, size)]
+    # On the host once: a cut of an array on the device would be compiled for every place.
+    host_lane, host_start = _map_lanes(np.asarray, lane), tree_map(np.asarray, start)
+
+    def run(low: int, high: int) -> tuple[RolloutState, RolloutMetrics]:
+        cut_lane = _map_lanes(lambda leaf: _cut(leaf, low, high, size), host_lane)
+        cut_start = tree_map(lambda leaf: _cut(leaf, low, high, size), host_start)
+        done = roll_out(spec, path, cut_lane, cut_start)
+        found: tuple[RolloutState, RolloutMetrics] = tree_map(lambda leaf: np.asarray(leaf)[..., : high - low], done)
+        return found
+
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        chunks = list(pool.map(lambda bound: run(*bound), bounds))
+    joined: tuple[RolloutState, RolloutMetrics] = tree_map(lambda *parts: np.concatenate(parts, axis=-1), *chunks)
+    return joined
+
+
+Leaf = Float[np.ndarray, "..."]
+
+
+def _map_lanes(change: Callable[[Leaf], Leaf], lane: RolloutLane) -> RolloutLane:
+    """Every field that may have one value a lane; a measured ψ(φ) has none."""
+
+    def measured(node: object) -> bool:
+        return isinstance(node, MeasuredRear)
+
+    changed: RolloutLane = tree_map(lambda leaf: leaf if measured(leaf) else change(leaf), lane, is_leaf=measured)
+    return changed
+
+
+def _cut(values: Leaf, low: int, high: int, size: int) -> Leaf:
+    """Lanes from low to high, the last repeated up to the size; a scalar as it is. Lanes are the last axis."""
+    if values.ndim == 0:
+        return values
+    part = values[..., low:high]
+    return np.concatenate([part, np.repeat(part[..., -1:], size - (high - low), axis=-1)], axis=-1)

@@ -7,10 +7,8 @@ from pathlib import Path
 import pytest
 
 from archive_records import done, figures
-from lgprjax.archive import ArchiveRun, JobPlan, claimed, key_of_job, note_failure, plan_jobs, settings_of
-from lgprjax.archive.archive_folder import outputs_of
-from lgprjax.archive.job_key import FileStamp, Job
-from lgprjax.archive.job_record import jobs_folder, read_record, write_record
+from lgprjax.batch import ArchiveRun, JobPlan, claimed, key_of_job, note_failure, plan_jobs, settings_of
+from lgprjax.batch.jobs import FileStamp, Job, jobs_folder, outputs_of, read_record, write_record
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.registration import RegisterOptions, Thresholds

@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from lgprjax.archive.baseline_weights import HALF_LIFE_DAYS, moment_of, newer_than, weigh_baselines
+from lgprjax.mapping.weights import HALF_LIFE_DAYS, moment_of, newer_than, weigh_baselines
 
 TODAY = datetime(2026, 11, 22, tzinfo=UTC)
 NONE = np.full((3, 3), np.nan)

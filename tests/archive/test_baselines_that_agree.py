@@ -7,12 +7,22 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from lgprjax.archive.baseline_graph import AgreedBaselines, agree_baselines, chains_of
-from lgprjax.archive.baseline_matches import MatchPlan, PassMatches, match_again, match_passes, plan_matches, supported
-from lgprjax.archive.baseline_passes import pairs_of, passes_of
-from lgprjax.archive.baseline_refine import refine_map
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile
+from lgprjax.mapping.align import (
+    AgreedBaselines,
+    MatchPlan,
+    PassMatches,
+    agree_baselines,
+    chains_of,
+    match_again,
+    match_passes,
+    pairs_of,
+    passes_of,
+    plan_matches,
+    refine_map,
+    supported,
+)
 from lgprjax.registration import Code
 from plane_ground import STEP_M, write_plane_map
 

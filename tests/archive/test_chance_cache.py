@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lgprjax.archive import chance_cache, chance_of
+from lgprjax.batch import chance as chance_cache
+from lgprjax.batch import chance_of
 from lgprjax.formats import MAP_PRECISIONS, MapFile
 from lgprjax.registration import POOLED, Chance
 from made_map import write_made_map

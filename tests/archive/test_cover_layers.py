@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from drawn_record import CELL_M, LEVELS, made_record
-from lgprjax.archive.cover_layers import cells_union, cover_layers, layer_name
 from lgprjax.errors import InputError
 from lgprjax.formats import GeoLayer, WorkedRecord, write_geojson, write_geopackage, write_kml, write_turning_points
+from lgprjax.worked.layers import cells_union, cover_layers, layer_name
 
 shapely = pytest.importorskip("shapely")
 pyogrio = pytest.importorskip("pyogrio")

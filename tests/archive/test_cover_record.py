@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from drawn_field import FIELD_M, UTC_NS, VEHICLE, Drive, cover_rows, write_cover_run
-from lgprjax.archive.cover_figures import cover_figures
-from lgprjax.archive.cover_plans import PlanFile, PlanOptions, make_cover_plan
-from lgprjax.archive.cover_record import moments_of_run, record_cover, whole_down
-from lgprjax.archive.cover_runs import CoverRun, read_cover_run
 from lgprjax.errors import InputError
 from lgprjax.formats import CoverPlan, WorkedRecord, stop_words
 from lgprjax.frames import LocalFrame
+from lgprjax.worked.layers import cover_figures
+from lgprjax.worked.plans import PlanFile, PlanOptions, make_cover_plan
+from lgprjax.worked.record import CoverRun, moments_of_run, read_cover_run, record_cover, whole_down
 
 _CELL_M = 0.1
 _PLAN = "ab" * 32

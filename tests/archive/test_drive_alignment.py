@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from generated import Site
-from lgprjax.archive import RegisteredDrive, register_log
+from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording
 from lgprjax.registration import RegisterOptions
 

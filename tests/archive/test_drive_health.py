@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from generated import Site
-from lgprjax.archive import DriveHealth, HealthFigure, drive_health
+from lgprjax.batch import DriveHealth, HealthFigure, drive_health
 from lgprjax.formats import (
     DriveDescription,
     DriveLog,

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.archive import filter_model_of
+from lgprjax.batch import filter_model_of
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile, read_vehicle, with_values, write_vehicle
-from lgprjax.formats.vehicle_model import NavigationTable
+from lgprjax.formats.vehicle import NavigationTable
 from lgprjax.navigation import FilterModel, default_model
 
 _VEHICLE = VehicleFile.model_validate(

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from generated import Site, make_site, register_site, replay, scans_of
-from lgprjax.archive import RegisteredDrive, build_map, register_log
+from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording
+from lgprjax.mapping import build_map
 from lgprjax.pso import SwarmConfig
 from lgprjax.registration import Code, RegisterOptions, Thresholds, finish_best
-from lgprjax.registration.surfaces import scan_surfaces, window_peaks
+from lgprjax.registration.coarse import scan_surfaces, window_peaks
 
 
 def programs() -> int:
@@ -72,7 +73,7 @@ def test_one_program_serves_the_whole_drive(site: Site, live: RegisteredDrive) -
 @pytest.fixture(scope="module", params=[97, 300])
 def in_other_blocks(site: Site, request: pytest.FixtureRequest) -> RegisteredDrive:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("lgprjax.archive.registering.BLOCK_SCANS", request.param)
+        patch.setattr("lgprjax.batch.register.BLOCK_SCANS", request.param)
         return register_site(site, "live")
 
 

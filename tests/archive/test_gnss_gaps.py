@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from generated import Site
-from lgprjax.archive.tracks import gnss_gaps
+from lgprjax.batch.recording import gnss_gaps
 from lgprjax.formats import DriveLog
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lgprjax.archive.ground_changes import PLACE_M, Evidence, GroundVerdict, judge_ground
+from lgprjax.mapping.changes import PLACE_M, Evidence, GroundVerdict, judge_ground
 
 PLACES = 60
 CHANGED = slice(20, 36)  # 8 m

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lgprjax.archive.label_correction import LabelCorrection, correct_labels
+from lgprjax.mapping.update import LabelCorrection, correct_labels
 from lgprjax.registration import Code, Fix, Track
 
 SPACING_M = 0.1

@@ -15,7 +15,7 @@ from distributed import Client, LocalCluster
 
 import lgprjax
 from generated import Site
-from lgprjax.archive import ArchiveRun, WorkerPool, claimed, outputs_of, plan_jobs, read_records, shares_of, stamp_of
+from lgprjax.batch import ArchiveRun, WorkerPool, claimed, outputs_of, plan_jobs, read_records, shares_of, stamp_of
 from lgprjax.bench.archive import FULL_ARCHIVE, run_archive
 from lgprjax.bench.archive_drives import cut_drive
 from lgprjax.cli import main

@@ -7,8 +7,8 @@ import pyproj
 import pytest
 
 from generated import Site
-from lgprjax.archive import map_assumptions
-from lgprjax.archive.map_assumptions import away_in_words, distance_to_map_m, map_assumed_in_words
+from lgprjax.batch import assumptions as map_assumptions
+from lgprjax.batch.assumptions import away_in_words, distance_to_map_m, map_assumed_in_words
 from lgprjax.formats import DriveLog, MapFile
 
 

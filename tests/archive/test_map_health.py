@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from generated import Site
-from lgprjax.archive import MapHealth, build_map, verify_map
-from lgprjax.archive.map_route import TileMask, ground_at
 from lgprjax.formats import MAP_PRECISIONS, MapFile, MapWriter, import_lines
+from lgprjax.mapping import MapHealth, build_map, verify_map
+from lgprjax.mapping.matching import TileMask, ground_at
 from lgprjax.subsurface import StationBlock
 
 HOLE_M = (9.0, 12.0)  # of the route

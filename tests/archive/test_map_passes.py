@@ -8,10 +8,9 @@ import pytest
 from jaxtyping import Int
 
 from generated import Site
-from lgprjax.archive.map_passes import GroundPasses, ground_passes, half_like_m
-from lgprjax.archive.map_route import places_of_drives, route_of
-from lgprjax.archive.map_survey import STEP_M, MapSurvey
 from lgprjax.formats import DriveLog, MapFile
+from lgprjax.mapping.matching import places_of_drives, route_of
+from lgprjax.mapping.survey import STEP_M, GroundPasses, MapSurvey, ground_passes, half_like_m
 from lgprjax.subsurface import Stations
 
 BARE_M = (12.3, 13.9)  # along the route

@@ -12,12 +12,13 @@ import h5py
 import numpy as np
 import pytest
 
-from lgprjax.archive import RegisteredDrive, UpdatedMap, register_log, update_map
-from lgprjax.archive.located_drive import LocatedDrive, locate_drive
-from lgprjax.archive.map_route import passes_at, places_of_drives, route_of
-from lgprjax.archive.registering import true_poses
+from lgprjax.batch import RegisteredDrive, register_log
+from lgprjax.batch.register import true_poses
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, check_file, locked_map
+from lgprjax.mapping import UpdatedMap, update_map
+from lgprjax.mapping.matching import passes_at, places_of_drives, route_of
+from lgprjax.mapping.update import LocatedDrive, locate_drive
 from lgprjax.radar import ArrayGeometry
 from lgprjax.registration import WRONG_M, Code, RegisterOptions
 from trench_site import TrenchSite, first_scans, parts
@@ -55,7 +56,7 @@ def second(trench: TrenchSite, once: Updated) -> LocatedDrive:
 @pytest.fixture
 def known(second: LocatedDrive, monkeypatch: pytest.MonkeyPatch) -> None:
     """Updates by that drive need not register it again: what is tested comes after."""
-    monkeypatch.setattr("lgprjax.archive.map_update.locate_drive", lambda *_: second)
+    monkeypatch.setattr("lgprjax.mapping.update.locate_drive", lambda *_: second)
 
 
 def located(map_path: Path, drive: Path) -> RegisteredDrive:

@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from lgprjax.archive import Labels, accuracy_of, build_map, register_log, verify_map
-from lgprjax.archive.baseline_graph import AgreedBaselines
-from lgprjax.archive.baseline_matches import plan_matches
-from lgprjax.archive.baseline_refine import refine_map
-from lgprjax.archive.registering import true_poses
+from lgprjax.batch import Labels, accuracy_of, register_log
+from lgprjax.batch.register import true_poses
 from lgprjax.formats import DriveLog, MapFile
-from lgprjax.formats.map_rows import PLACE_UNITS
+from lgprjax.formats.map_layout import PLACE_UNITS
+from lgprjax.mapping import build_map, verify_map
+from lgprjax.mapping.align import AgreedBaselines, plan_matches, refine_map
 from lgprjax.registration import RegisterOptions
 from lgprjax.scene import (
     Day,

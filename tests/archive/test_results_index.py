@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from archive_records import MAP_SHA256, cell, done, failed, figures
-from lgprjax.archive import cell_sums, records_of, shares_of, sums_of, worst_places, write_table
-from lgprjax.archive.job_record import CELL_M, jobs_folder, read_record, write_record
+from lgprjax.batch import cell_sums, records_of, shares_of, sums_of, worst_places, write_table
+from lgprjax.batch.jobs import CELL_M, jobs_folder, read_record, write_record
 
 RECORDS = [
     done("a", figures({"ok": 30, "edge": 10}, rms_m=0.10), compiled=40),

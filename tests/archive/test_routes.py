@@ -8,10 +8,10 @@ import pytest
 from pyproj import Geod
 
 from generated import Site
-from lgprjax.archive import lay_route, open_route, route_named, routes_of, stretch_of, waypoints_of
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import MapFile, RouteFile, write_route
+from lgprjax.mapping import lay_route, open_route, route_named, routes_of, stretch_of, waypoints_of
 
 
 def chosen(site: Site, **changed: object) -> RouteFile:

@@ -9,8 +9,8 @@ import pytest
 from archive.run_sample import LEAST_DELAY_S, MONO_NS, run_of_drive
 from formats.run_log_sample import head_bytes, record_bytes
 from generated import Site
-from lgprjax.archive import build_map, register_log, write_run_drive
-from lgprjax.archive.run_signals import device_times, rising
+from lgprjax.batch import register_log, write_run_drive
+from lgprjax.batch.recover import device_times, rising
 from lgprjax.errors import InputError
 from lgprjax.formats import (
     DriveLog,
@@ -22,6 +22,7 @@ from lgprjax.formats import (
     read_run,
     read_vehicle,
 )
+from lgprjax.mapping import build_map
 from lgprjax.registration import RegisterOptions
 
 _DRIVE = "live"

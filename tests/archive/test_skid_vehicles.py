@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drawn_field import VEHICLE
-from lgprjax.archive import carrot_of, pattern_settings_of, skid_setup_of, tool_of
+from lgprjax.batch import carrot_of, pattern_settings_of, skid_setup_of, tool_of
 from lgprjax.coverage import Tool, default_carrot
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile, read_vehicle, with_values, write_vehicle

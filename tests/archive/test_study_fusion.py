@@ -6,8 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lgprjax.archive.navigation_drives import tick_drive
-from lgprjax.archive.studies import FinishedStudy, run_study
 from lgprjax.errors import InputError
 from lgprjax.formats import (
     NavigationTrack,
@@ -22,6 +20,8 @@ from lgprjax.formats import (
 )
 from lgprjax.frames import LocalFrame
 from lgprjax.report.study_pictures import study_pictures
+from lgprjax.studies.navigation import tick_drive
+from lgprjax.studies.steering import FinishedStudy, run_study
 from model_drives import TICK_S, draw_drive, usual_model
 
 _FRAME = LocalFrame(46.0, 11.0, 300.0)

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from generated import Site
-from lgprjax.archive import RegisteredDrive, build_map, fix_example, recording_of, register_log
-from lgprjax.archive.depth_levels import at_levels, depth_level, level_ratio
+from lgprjax.batch import RegisteredDrive, fix_example, recording_of, register_log
+from lgprjax.batch.recording import at_levels, depth_level, level_ratio
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, SweepRecording, TraceRecording
+from lgprjax.mapping import build_map
 from lgprjax.radar import default_chain, sweep_chain
 from lgprjax.registration import Code, RegisterOptions, Track
 from lgprjax.scene import RadarConfig
-from lgprjax.scene.receiver import ReceiverConfig, time_gain
+from lgprjax.scene.render import ReceiverConfig, time_gain
 
 FREQUENCIES_HZ = np.linspace(100e6, 400e6, 61)  # 5 MHz: 200 ns
 CABLE_NS = 3.7

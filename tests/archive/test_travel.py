@@ -8,8 +8,8 @@ import pytest
 
 from drawn_travel import Drawn, draw
 from formats.samples import make_description
-from lgprjax.archive.tracks import jump_line, track_of_drive
-from lgprjax.archive.travel import MendedTravel, legs_of, mend_travel
+from lgprjax.batch.recording import jump_line, track_of_drive
+from lgprjax.batch.travel import MendedTravel, legs_of, mend_travel
 from lgprjax.formats import DriveLog, DriveWriter, NavigationTrack, OdometryTrack
 from lgprjax.formats.survey_track import distances_m, path_headings_deg
 from lgprjax.frames import LocalFrame
@@ -134,7 +134,7 @@ def test_a_track_of_positions_that_jump(aside: Path) -> None:
 
 
 def test_the_health_of_a_drive_names_the_jump(aside: Path) -> None:
-    from lgprjax.archive import drive_health
+    from lgprjax.batch import drive_health
 
     with DriveLog.open(aside) as log:
         figure = drive_health(log).figure("travel_jump")

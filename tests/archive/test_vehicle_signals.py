@@ -7,11 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.archive import chassis_of, servo_of, signals_of
+from lgprjax.batch import chassis_of, servo_of
 from lgprjax.errors import InputError
 from lgprjax.formats import NavigationTrack, OdometryTrack, RearMap, VehicleFile, VehicleLog
-from lgprjax.formats.vehicle_model import ChassisTable, PursuitTable, SteeringTable
+from lgprjax.formats.vehicle import ChassisTable, PursuitTable, SteeringTable
 from lgprjax.frames import LocalFrame
+from lgprjax.studies import signals_of
 from lgprjax.vehicle import MeasuredRear, ProportionalRear, rear_angle, torque_share
 
 _FRAME = LocalFrame(48.1, 11.5, 520.0)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.archive import ArchiveRun, Job, JobOutcome, WorkerPool
-from lgprjax.archive.job_key import FileStamp
+from lgprjax.batch import ArchiveRun, Job, JobOutcome, WorkerPool
+from lgprjax.batch.jobs import FileStamp
 from lgprjax.errors import InputError
 from lgprjax.registration import RegisterOptions
 

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 from matplotlib.path import Path as Polygon
 
 from lgprjax.autopilot import StopRules, edge_ahead, fence_around, pad_fence
-from lgprjax.autopilot.skid_limiter import slowed
+from lgprjax.autopilot.limiter import slowed
 from lgprjax.coverage import Tool
 from lgprjax.errors import InputError
 from lgprjax.vehicle import VehiclePose, WheelSpeeds, drive_skid_arc

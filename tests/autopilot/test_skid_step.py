@@ -5,20 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.autopilot import (
-    SkidCommand,
-    SkidInfo,
-    SkidLimited,
-    SkidOrders,
-    SkidState,
-    init_skid,
-    pad_fence,
-    step_skid,
-)
+from lgprjax.autopilot import SkidCommand, SkidInfo, SkidLimited, SkidOrders, SkidState, init_skid, pad_fence, step_skid
 from lgprjax.coverage import PatternSettings
 from lgprjax.navigation import DeltaHeading, GnssObservation, Reaction, Reason, SkidMotion, SkidObservations
 from lgprjax.navigation.skid_model import YAW
-from lgprjax.simulation.field import made_up_field_world, made_up_tool, rectangle_course
+from lgprjax.simulation.field_loop import made_up_field_world, made_up_tool, rectangle_course
 
 SETUP = made_up_field_world().setup
 COURSE = rectangle_course(12.0, 6.0, PatternSettings(1.2, 0.15, "boustrophedon", 1.5, 6.0, 1.2), made_up_tool())

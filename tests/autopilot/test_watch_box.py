@@ -6,12 +6,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lgprjax.autopilot.mode_events import Event
-from lgprjax.autopilot.watch_dwell import Dwell, counted_step_s, step_dwell
-from lgprjax.autopilot.watch_findings import Watch
-from lgprjax.autopilot.watch_line import LineWatchState, step_line_watch
-from lgprjax.autopilot.watch_motion import MotionState, step_motion
-from lgprjax.autopilot.watch_path import PathWatchState, step_path_watch
+from lgprjax.autopilot.modes import Event
+from lgprjax.autopilot.monitors import (
+    Dwell,
+    LineWatchState,
+    MotionState,
+    PathWatchState,
+    Watch,
+    counted_step_s,
+    step_dwell,
+    step_line_watch,
+    step_motion,
+    step_path_watch,
+)
 
 TESTED = 128
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lgprjax.autopilot.mode_events import Event
-from lgprjax.autopilot.watch_buttons import ButtonState, Hands, step_buttons
-from lgprjax.autopilot.watch_findings import Watch
+from lgprjax.autopilot.modes import Event
+from lgprjax.autopilot.monitors import Watch
+from lgprjax.autopilot.operator_monitors import ButtonState, Hands, step_buttons
 
 REST = 2
 """controller_status.buttons with nothing pressed: the override's second contact is closed."""

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from autopilot.watch_faults import CASES, MOMENTS
-from lgprjax.autopilot.watch_findings import Watch
+from lgprjax.autopilot.monitors import Watch
 
 TESTS = Path(__file__).parents[1]
 

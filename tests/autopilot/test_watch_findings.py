@@ -3,16 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lgprjax.autopilot.watch_findings import (
-    REFUSING,
-    SEVERITY,
-    TEXT,
-    Severity,
-    Watch,
-    as_watch,
-    describe,
-    severity_of,
-)
+from lgprjax.autopilot.monitors import REFUSING, SEVERITY, TEXT, Severity, Watch, as_watch, describe, severity_of
 
 MANUAL = {
     "POTENTIOMETER_RANGE",

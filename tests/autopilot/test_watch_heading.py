@@ -4,9 +4,8 @@ import math
 
 import pytest
 
-from lgprjax.autopilot.watch_findings import Watch
-from lgprjax.autopilot.watch_ground import Position
-from lgprjax.autopilot.watch_heading import HeadingCheck, HeadingWatchState, step_heading_watch
+from lgprjax.autopilot.monitors import Watch
+from lgprjax.autopilot.position_monitors import HeadingCheck, HeadingWatchState, Position, step_heading_watch
 
 COURSE = 2.9
 """Near π, where angles wrap."""

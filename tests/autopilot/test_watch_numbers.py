@@ -4,10 +4,21 @@ import math
 
 import pytest
 
-from lgprjax.autopilot.watch_belief import (
+from lgprjax.autopilot.chassis_monitors import (
+    PedalReading,
+    PedalWatchState,
+    ServoWatchState,
+    WheelAngles,
+    init_wheel_sensors,
+    step_pedal_watch,
+    step_servo_watch,
+    step_wheel_sensors,
+)
+from lgprjax.autopilot.monitors import (
     ChassisBelief,
     PedalBelief,
     PedalsBelief,
+    Watch,
     WheelBelief,
     curvature,
     front_angle,
@@ -15,12 +26,7 @@ from lgprjax.autopilot.watch_belief import (
     proportional_rear,
     yaw_gain,
 )
-from lgprjax.autopilot.watch_findings import Watch
-from lgprjax.autopilot.watch_ground import Position
-from lgprjax.autopilot.watch_odometer import OdometerWatchState, step_odometer_watch
-from lgprjax.autopilot.watch_pedals import PedalReading, PedalWatchState, step_pedal_watch
-from lgprjax.autopilot.watch_servo import ServoWatchState, step_servo_watch
-from lgprjax.autopilot.watch_wheel_sensors import WheelAngles, init_wheel_sensors, step_wheel_sensors
+from lgprjax.autopilot.position_monitors import OdometerWatchState, Position, step_odometer_watch
 
 WHEEL = WheelBelief(linear_wheel_map(2.5, -2.0, 0.5), 10_000.0, 0.5, 0.15, 0.5, 0.06, 0.003, 0.005, 24.0, 10.0)
 PEDALS = PedalsBelief(PedalBelief(0.1, 0.05, 3.0, 0.6), PedalBelief(0.2, 0.06, 6.0, 0.25), 0.15, 0.03)

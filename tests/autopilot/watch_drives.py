@@ -12,15 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from lgprjax.autopilot import default_velocity, init_velocity, step_velocity
-from lgprjax.autopilot.velocity import VelocityState
-from lgprjax.autopilot.watch_belief import (
-    ChassisBelief,
-    Knots,
-    PedalBelief,
-    PedalsBelief,
-    WheelBelief,
-    proportional_rear,
-)
+from lgprjax.autopilot.monitors import ChassisBelief, Knots, PedalBelief, PedalsBelief, WheelBelief, proportional_rear
+from lgprjax.autopilot.speed import VelocityState
 from lgprjax.scene import (
     LiveSensorState,
     Plant,
@@ -34,10 +27,10 @@ from lgprjax.scene import (
     read_live_sensors,
     step_plant,
 )
-from lgprjax.scene.road_waves import Waves, draw_waves
+from lgprjax.scene.road import Waves, draw_waves
 from lgprjax.scene.vehicle_drive import chassis_of, pedals_of, servo_of
 from lgprjax.vehicle import VehiclePose
-from lgprjax.vehicle.chassis import MeasuredRear
+from lgprjax.vehicle.kinematics import MeasuredRear
 
 TICK_S = 0.02
 DRIVES, TICKS = 5, 6000

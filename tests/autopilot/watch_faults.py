@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float
 
 from autopilot.watch_drives import DRIVES, TICK_S, TICKS, Row, Wrong, drives_with, healthy_drives, nothing_wrong
 from autopilot.watch_loop import Watches, watch_row
-from lgprjax.autopilot.watch_findings import Watch
+from lgprjax.autopilot.monitors import Watch
 
 MOMENTS = 20
 LONGEST_TICKS = 100

@@ -3,14 +3,26 @@
 from typing import NamedTuple
 
 from autopilot.watch_drives import TICK_S, Row, believed
-from lgprjax.autopilot.watch_chassis import ChassisWatchState, step_chassis_watch
-from lgprjax.autopilot.watch_findings import Watch, as_watch
-from lgprjax.autopilot.watch_ground import Position
-from lgprjax.autopilot.watch_heading import HeadingCheck, HeadingWatchState, step_heading_watch
-from lgprjax.autopilot.watch_odometer import OdometerWatchState, step_odometer_watch
-from lgprjax.autopilot.watch_pedals import PedalReading, PedalWatchState, step_pedal_watch
-from lgprjax.autopilot.watch_servo import ServoWatchState, step_servo_watch
-from lgprjax.autopilot.watch_wheel_sensors import WheelSensorState, step_wheel_sensors
+from lgprjax.autopilot.chassis_monitors import (
+    ChassisWatchState,
+    PedalReading,
+    PedalWatchState,
+    ServoWatchState,
+    WheelSensorState,
+    step_chassis_watch,
+    step_pedal_watch,
+    step_servo_watch,
+    step_wheel_sensors,
+)
+from lgprjax.autopilot.monitors import Watch, as_watch
+from lgprjax.autopilot.position_monitors import (
+    HeadingCheck,
+    HeadingWatchState,
+    OdometerWatchState,
+    Position,
+    step_heading_watch,
+    step_odometer_watch,
+)
 
 ODOMETER = Watch.ODOMETER_DEAD | Watch.ODOMETER_REVERSED | Watch.ODOMETER_SLIPS
 GNSS_LATE_TICKS = 2

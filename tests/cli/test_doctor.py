@@ -8,9 +8,10 @@ import pyproj
 import pytest
 from packaging.requirements import Requirement
 
-from lgprjax.cli import health_of_machine, health_of_packages
+from lgprjax.cli import installation as health_of_machine
+from lgprjax.cli import installation as health_of_packages
 from lgprjax.cli.doctor import Doctor
-from lgprjax.cli.health_of_packages import Finding
+from lgprjax.cli.installation import Finding
 
 
 def of(findings: list[Finding], name: str) -> Finding:

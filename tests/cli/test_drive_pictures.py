@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from generated import Site, register_site
-from lgprjax.archive import RegisteredDrive, example_scan, fix_example
+from lgprjax.batch import RegisteredDrive, example_scan, fix_example
 from lgprjax.cli.drive_pictures import draw_drive
 from lgprjax.cli.register import drive_result
 from lgprjax.formats import DriveLog, MapFile

@@ -7,8 +7,8 @@ import pytest
 
 from archive.run_sample import run_of_drive
 from generated import Site
-from lgprjax.cli.errors import run_verb
-from lgprjax.cli.recover import Recover
+from lgprjax.cli.data import Recover
+from lgprjax.cli.terminal import run_verb
 from lgprjax.formats import DriveLog, check_file
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from generated import Site
-from lgprjax.archive import worker_environment
+from lgprjax.batch import workers as worker_environment
 from lgprjax.cli import main
 
 

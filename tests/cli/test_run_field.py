@@ -7,7 +7,7 @@ import pytest
 
 from cli.test_run import ROOT, lgprjax
 from lgprjax.formats import read_cover_plan, read_run
-from lgprjax.runtime.records import Kind, unpack
+from lgprjax.runtime.messages import Kind, unpack
 
 
 @pytest.fixture(scope="module")

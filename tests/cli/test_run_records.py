@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lgprjax.cli.run_records import read_records, timing_of
-from lgprjax.runtime.records import FIX, PLAN, Kind, Record, Source, pack
+from lgprjax.cli.simulated_run import read_records, timing_of
+from lgprjax.runtime.messages import FIX, PLAN, Kind, Record, Source, pack
 
 MS = 1_000_000
 RADAR_SCAN = bytes([0, 0, 0, 0x12])

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from lgprjax.archive import settings_of
-from lgprjax.cli.search_options import search_in_words
+from lgprjax.batch import settings_of
+from lgprjax.cli.register import search_in_words
 from lgprjax.registration import RegisterOptions, Thresholds
 
 OWN = RegisterOptions(window_m=2.0, own_thresholds=Thresholds(5.5, 2.5))

@@ -11,7 +11,7 @@ import segyio
 from formats.samples import dzt_header, make_description, write_drive, write_dt1
 from generated import Site
 from lgprjax.cli import main
-from lgprjax.cli.view_sources import stations_of_map, view_of_drive, view_of_profile
+from lgprjax.cli.view import stations_of_map, view_of_drive, view_of_profile
 from lgprjax.formats import DriveWriter
 from lgprjax.report import LineView
 from vendor_sets import COUNTS, write_iprb, write_mala_pair, write_segy

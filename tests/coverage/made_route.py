@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from lgprjax.coverage.cover_route import CoverRoute
+from lgprjax.coverage.guidance import CoverRoute
 
 LINE_M, RADIUS_M, SPACING_M = 20.0, 4.0, 0.05
 ROWS = 2048

@@ -9,8 +9,7 @@ import pytest
 from jaxtyping import Array, Float
 
 from lgprjax.coverage import CarrotPlan, CarrotSettings, CarrotState, default_carrot, init_carrot
-from lgprjax.coverage.carrot import step_carrot
-from lgprjax.coverage.route_pursuit import pursuit_along
+from lgprjax.coverage.guidance import pursuit_along, step_carrot
 from lgprjax.vehicle import VehiclePose, drive_skid_arc, wheel_speeds
 
 from .made_route import LINE_M, RADIUS_M, made_route

@@ -23,9 +23,16 @@ from lgprjax.coverage import (
     inside_cells,
     run_worked,
 )
-from lgprjax.coverage.pattern_settings import PatternSettings
-from lgprjax.simulation.field import FieldMoment, FieldSpec, FieldWorld, made_up_field_world, made_up_tool, run_fields
-from lgprjax.simulation.field import rectangle_course as course_of
+from lgprjax.coverage.swaths import PatternSettings
+from lgprjax.simulation.field_loop import (
+    FieldMoment,
+    FieldSpec,
+    FieldWorld,
+    made_up_field_world,
+    made_up_tool,
+    run_fields,
+)
+from lgprjax.simulation.field_loop import rectangle_course as course_of
 
 LENGTH_M, WIDTH_M, CELL_M = 10.0, 6.0, 0.1
 LANES, AT_ONCE = 50, 512

@@ -17,8 +17,8 @@ from lgprjax.coverage import (
     plan_pattern,
     route_point,
 )
-from lgprjax.coverage.end_arcs import poses_along
-from lgprjax.coverage.line_order import Order
+from lgprjax.coverage.swaths import Order
+from lgprjax.coverage.turns import poses_along
 from lgprjax.errors import InputError
 
 FLAIL = PatternSettings(

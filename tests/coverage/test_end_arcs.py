@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from lgprjax.coverage.end_arcs import Pose, Turn, dubins_ways, one_handed_turn, poses_along, turn_points
+from lgprjax.coverage.turns import Pose, Turn, dubins_ways, one_handed_turn, poses_along, turn_points
 
 ANGLE = st.floats(-math.pi, math.pi)
 PLACE = st.floats(-20.0, 20.0)

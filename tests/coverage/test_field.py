@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from matplotlib.path import Path as Outline
 
 from lgprjax.coverage import Field, field_of_corners, field_of_polygon
-from lgprjax.coverage.field import SQUARED_M
-from lgprjax.coverage.polygon import contains, first_crossing, outside_m, side_distance_m
+from lgprjax.coverage.field import SQUARED_M, contains, first_crossing, outside_m, side_distance_m
 from lgprjax.errors import InputError
 
 NOTCHED = np.array(

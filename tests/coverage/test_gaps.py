@@ -15,8 +15,8 @@ from lgprjax.coverage import (
     inside_cells,
     plan_gaps,
 )
-from lgprjax.coverage.end_arcs import poses_along
-from lgprjax.coverage.polygon import outside_m
+from lgprjax.coverage.field import outside_m
+from lgprjax.coverage.turns import poses_along
 from lgprjax.errors import InputError
 
 FLAIL = PatternSettings(

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lgprjax.coverage.line_order import chains, line_order, lines_for_zamboni, middle_line, smallest_step
+from lgprjax.coverage.swaths import chains, line_order, lines_for_zamboni, middle_line, smallest_step
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from matplotlib.path import Path as Outline
 
 from lgprjax.coverage import field_of_polygon
-from lgprjax.coverage.lines import (
+from lgprjax.coverage.swaths import (
     MOST_LINES,
     from_lines,
     join_spans,

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 from scipy.stats import multivariate_normal, norm
 
 from lgprjax.coverage import Tool
-from lgprjax.coverage.pass_probability import Passing, pass_probability
+from lgprjax.coverage.worked import Passing, pass_probability
 
 NARROW = Tool(width_m=1.2, length_m=1e-3, ahead_m=2.0, left_m=0.0)
 FAR_M = 50.0

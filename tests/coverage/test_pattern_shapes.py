@@ -9,7 +9,7 @@ from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
 from lgprjax.coverage import field_of_polygon, plan_pattern
-from lgprjax.coverage.line_order import Order
+from lgprjax.coverage.swaths import Order
 from lgprjax.errors import InputError
 from pattern_checks import BOX, FLAIL, check_ground, check_turns, missing_share
 

@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from lgprjax.coverage import (
-    CellGrid,
-    Tool,
-    ToolMoment,
-    cell_centres,
-    init_worked,
-    run_worked,
-    step_worked,
-)
+from lgprjax.coverage import CellGrid, Tool, ToolMoment, cell_centres, init_worked, run_worked, step_worked
 from swept_draws import arc_share, drawn_errors, straight_share
 
 TOOL = Tool(width_m=1.2, length_m=0.4, ahead_m=1.1, left_m=0.1)

@@ -13,7 +13,7 @@ from mcap_ros2.writer import Writer
 
 from formats.samples import make_description
 from lgprjax.formats import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack, SweepRecording
-from lgprjax.formats.ros_messages import RADAR_ARRAY, RADAR_SCAN, definition_of
+from lgprjax.formats.ros import RADAR_ARRAY, RADAR_SCAN, definition_of
 
 CHANNELS, SAMPLES, SCANS = 3, 8, 300
 

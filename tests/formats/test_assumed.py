@@ -25,7 +25,7 @@ from lgprjax.formats import (
     import_mcap,
     import_segy,
 )
-from lgprjax.formats.assumed import Quantity
+from lgprjax.formats.profile import Quantity
 from vendor_sets import write_cmu, write_gprmax, write_iprb, write_mala_pair, write_segy
 
 HERE, NOWHERE = Place(48.0, 11.0, 30.0), Place(0.0, 0.0, 90.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from lgprjax.formats.band_limited import PASSBAND, resample, share_above
+from lgprjax.formats.vendors.gprmax import PASSBAND, resample, share_above
 
 
 def _tone(frequency: float, count: int = 6000) -> np.ndarray:

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lgprjax.archive.cover_plans import save_cover_plan
 from lgprjax.coverage import Field, Pattern, PatternSettings, Tool, plan_pattern
 from lgprjax.errors import InputError
 from lgprjax.formats import CoverPlan, check_file, read_cover_plan
 from lgprjax.frames import LocalFrame
+from lgprjax.worked.plans import save_cover_plan
 
 _TURNED = np.array([[math.cos(0.3), math.sin(0.3)], [-math.sin(0.3), math.cos(0.3)]])
 

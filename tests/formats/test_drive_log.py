@@ -15,14 +15,7 @@ from hypothesis.extra import numpy as hnp
 
 from formats.samples import make_description, make_track, write_drive
 from lgprjax.errors import InputError
-from lgprjax.formats import (
-    DriveDescription,
-    DriveLog,
-    DriveWriter,
-    NavigationTrack,
-    TraceRecording,
-    VehicleLog,
-)
+from lgprjax.formats import DriveDescription, DriveLog, DriveWriter, NavigationTrack, TraceRecording, VehicleLog
 
 
 def _same_track(found: NavigationTrack, due: NavigationTrack) -> None:

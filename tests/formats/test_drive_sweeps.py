@@ -9,12 +9,7 @@ import pytest
 
 from formats.samples import make_description, write_drive
 from lgprjax.errors import InputError
-from lgprjax.formats import (
-    DriveLog,
-    DriveWriter,
-    SweepRecording,
-    check_file,
-)
+from lgprjax.formats import DriveLog, DriveWriter, SweepRecording, check_file
 
 
 def _sweeps(scans: int = 5) -> np.ndarray:

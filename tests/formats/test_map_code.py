@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lgprjax.formats.map_code import CodedTraces, TraceCode, decode, encode, trace_code
+from lgprjax.formats.map_layout import CodedTraces, TraceCode, decode, encode, trace_code
 
 CHANNELS, SAMPLES = 6, 48
 

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from lgprjax.errors import InputError
 from lgprjax.formats import MAP_PRECISIONS, MapFile, MapWriter, check_file, copy_stations
-from lgprjax.formats.map_stored import BLOCK
+from lgprjax.formats.map_layout import BLOCK
 from lgprjax.subsurface import GroundMap, MapDescription, Places, StationBlock, StationPlaces, Stations
 from made_map import GAIN, made_stations, write_made_map
 

@@ -11,15 +11,7 @@ import pytest
 from formats.mcap_sample import rover_messages, write_recording
 from formats.samples import make_description, make_track
 from lgprjax.errors import InputError
-from lgprjax.formats import (
-    DriveLog,
-    DriveWriter,
-    OdometryTrack,
-    UniformArray,
-    check_file,
-    export_mcap,
-    import_mcap,
-)
+from lgprjax.formats import DriveLog, DriveWriter, OdometryTrack, UniformArray, check_file, export_mcap, import_mcap
 
 _PITCH = UniformArray(0.2, 0.5, 0.15)
 

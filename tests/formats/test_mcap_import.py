@@ -22,15 +22,7 @@ from formats.mcap_sample import (
     write_recording,
 )
 from lgprjax.errors import InputError
-from lgprjax.formats import (
-    DriveLog,
-    McapAssumed,
-    McapTopics,
-    TraceRecording,
-    UniformArray,
-    check_file,
-    import_mcap,
-)
+from lgprjax.formats import DriveLog, McapAssumed, McapTopics, TraceRecording, UniformArray, check_file, import_mcap
 
 _PITCH = UniformArray(0.2, 0.5, 0.15)
 _Edit = Callable[[list[Message]], list[Message]]

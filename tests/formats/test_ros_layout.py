@@ -12,8 +12,7 @@ import pytest
 from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
 
 from formats.mcap_sample import DEFINITIONS
-from lgprjax.formats.ros_layout import Field, Layout, layout_of
-from lgprjax.formats.ros_messages import (
+from lgprjax.formats.ros import (
     FIX_QUALITY,
     IMU,
     NAV_SAT_FIX,
@@ -21,7 +20,10 @@ from lgprjax.formats.ros_messages import (
     POSE,
     RADAR_ARRAY,
     RADAR_SCAN,
+    Field,
+    Layout,
     definition_of,
+    layout_of,
     layout_to_write,
     pose_covariance,
     quaternion_of,

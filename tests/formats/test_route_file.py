@@ -10,15 +10,7 @@ import numpy as np
 import pytest
 
 from lgprjax.errors import InputError
-from lgprjax.formats import (
-    RouteFile,
-    Waypoints,
-    load_schema,
-    read_route,
-    route_findings,
-    write_route,
-    write_waypoints,
-)
+from lgprjax.formats import RouteFile, Waypoints, load_schema, read_route, route_findings, write_route, write_waypoints
 
 
 def chosen(folder: Path) -> RouteFile:

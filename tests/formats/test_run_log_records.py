@@ -6,8 +6,8 @@ import zlib
 import numpy as np
 
 from archive.run_sample import frame
-from lgprjax.formats.run_frames import frame_data, frame_name, frame_type, payload_type, read_run_record
-from lgprjax.runtime import records
+from lgprjax.formats.run_log import frame_data, frame_name, frame_type, payload_type, read_run_record
+from lgprjax.runtime import messages as records
 
 
 def test_records_are_those_of_the_runtime() -> None:

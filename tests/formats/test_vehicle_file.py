@@ -19,7 +19,7 @@ from lgprjax.formats import (
     require_serial_number,
     write_vehicle,
 )
-from lgprjax.formats.vehicle_model import ChassisTable, PursuitTable, SteeringTable
+from lgprjax.formats.vehicle import ChassisTable, PursuitTable, SteeringTable
 
 _TEXT = """
 schema = "lgprjax.vehicle"

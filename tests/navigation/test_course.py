@@ -4,11 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.navigation import (
-    FilterModel,
-    course_observation,
-    default_model,
-)
+from lgprjax.navigation import FilterModel, course_observation, default_model
 from lgprjax.vehicle import Chassis, ProportionalRear, VehiclePose, body_point, drive_arc, turn_of, zero_slip_point
 
 STEP_S = 1.0 / 21.0

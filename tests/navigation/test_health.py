@@ -10,13 +10,20 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from lgprjax.navigation.filter import FilterInfo, FilterState, init_filter, step_filter
-from lgprjax.navigation.filter_model import RATE_BIAS, SPEED, YAW, NavEstimate, position_sigma_m
-from lgprjax.navigation.gates import default_rules
-from lgprjax.navigation.health import Health, HealthState, init_health, step_health
-from lgprjax.navigation.health_rules import HealthRules, health_rules
-from lgprjax.navigation.observations import Motion, Observations, no_observations
-from lgprjax.navigation.reaction import STOPPING, Reaction, Reason
+from lgprjax.navigation.counter_steer_filter import FilterInfo, FilterState, init_filter, step_filter
+from lgprjax.navigation.counter_steer_model import RATE_BIAS, SPEED, YAW, NavEstimate, position_sigma_m
+from lgprjax.navigation.health import (
+    STOPPING,
+    Health,
+    HealthRules,
+    HealthState,
+    Reaction,
+    Reason,
+    health_rules,
+    init_health,
+    step_health,
+)
+from lgprjax.navigation.observations import Motion, Observations, default_rules, no_observations
 from lgprjax.vehicle import VehiclePose
 from model_drives import SPEED_MPS, TICK_S, Drawn, draw_drive, stacked, usual_model
 

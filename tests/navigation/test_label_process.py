@@ -3,15 +3,7 @@
 import numpy as np
 import pytest
 
-from lgprjax.navigation.label_process import (
-    LabelChain,
-    LabelModel,
-    lay_nodes,
-    noise,
-    place_rows,
-    prior_rows,
-    transition,
-)
+from lgprjax.navigation.pose_graph import LabelChain, LabelModel, lay_nodes, noise, place_rows, prior_rows, transition
 
 _SMOOTH = LabelModel(walk_m=0.0, walk_yaw_rad=0.0)
 _CHAINS = (LabelChain(10.0, 47.0, 0.5), LabelChain(5.0, 5.3, 0.2), LabelChain(0.0, 30.0, 1.0))

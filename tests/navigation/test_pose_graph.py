@@ -8,8 +8,16 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from lgprjax.navigation.label_process import LabelChain, LabelModel, lay_nodes
-from lgprjax.navigation.pose_graph import FixEdges, Graph, GraphSolution, misfit, solve_graph
+from lgprjax.navigation.pose_graph import (
+    FixEdges,
+    Graph,
+    GraphSolution,
+    LabelChain,
+    LabelModel,
+    lay_nodes,
+    misfit,
+    solve_graph,
+)
 from looped_drives import LoopedDrives, composed, fixes_between, looped_drives, relative_to, slow_error, with_wrong
 
 _MODEL = LabelModel()

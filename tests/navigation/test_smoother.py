@@ -8,11 +8,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lgprjax.navigation.filter import FilterInfo, FilterState, init_filter
-from lgprjax.navigation.filter_model import FilterModel, NavEstimate
-from lgprjax.navigation.gates import default_rules
-from lgprjax.navigation.observations import Motion, Observations
-from lgprjax.navigation.smoother import filter_drive, smooth_drive, smooth_estimates
+from lgprjax.navigation.counter_steer_filter import (
+    FilterInfo,
+    FilterState,
+    filter_drive,
+    init_filter,
+    smooth_drive,
+    smooth_estimates,
+)
+from lgprjax.navigation.counter_steer_model import FilterModel, NavEstimate
+from lgprjax.navigation.observations import Motion, Observations, default_rules
 from lgprjax.vehicle import VehiclePose
 from linear_drives import LINEAR, STATES, draw_straight, gaussian_of, padded
 from model_drives import SPEED_MPS, draw_drive, silenced, stacked, usual_model

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from lgprjax.navigation.health import SwitchSettings, SwitchState, init_switch, step_switch, switch_settings
 from lgprjax.navigation.observations import LgprObservation, Motion, no_observations
-from lgprjax.navigation.threshold_switch import SwitchSettings, SwitchState, init_switch, step_switch, switch_settings
 from lgprjax.vehicle import VehiclePose
 
 _TICK_S, _ARRAY_M, _SLIP_M = 0.125, 6.0, 1.5

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lgprjax.registration import Fix, Outcomes, calibrate, joined, outcomes_of, squared_errors
-from lgprjax.registration.calibration import sigma_scale, tail_limit
+from lgprjax.registration.calibrate import sigma_scale, tail_limit
 
 RNG = np.random.default_rng(7)
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from lgprjax.registration import Code, RegisterOptions, Thresholds
-from lgprjax.registration.integrity import judge
-from lgprjax.registration.newton import Summit, covariance_of
+from lgprjax.registration.judge import judge
+from lgprjax.registration.refine import Summit, covariance_of
 
 HALF_WIDTH = np.array([0.5, 0.5, 0.08, 0.05, 0.03, 1.0])
 # Position is uniform in its region; of height, heading and roll the region is three sigma.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lgprjax.registration import OFF_MAP_SCORE, Template, score_poses
-from lgprjax.registration.newton import PRIOR, Summit, climb, covariance_of
+from lgprjax.registration.refine import PRIOR, Summit, climb, covariance_of
 from lgprjax.subsurface import Tile
 from registration.synthetic_tile import (
     CELL_M,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lgprjax.registration import OFF_MAP_SCORE, Score, Template, score_poses
-from lgprjax.registration.coarse import CoarseSurface, coarse_surface, find_modes, trace_products
+from lgprjax.registration.scan_search import CoarseSurface, coarse_surface, find_modes, trace_products
 from lgprjax.subsurface import Tile
 from registration.synthetic_tile import (
     BASIS,

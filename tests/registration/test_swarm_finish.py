@@ -7,7 +7,7 @@ import pytest
 
 from lgprjax.pso import SwarmConfig
 from lgprjax.registration import SurfacePicture, Template, rival_of, watch_finish
-from lgprjax.registration.swarm_finish import swarm_poses
+from lgprjax.registration.refine import swarm_poses
 from registration.synthetic_tile import HALF_WIDTH, OMEGA, REFERENCE_M, make_problem, make_tile, random_ground
 
 CONFIG = SwarmConfig(particles=24, iterations=12)

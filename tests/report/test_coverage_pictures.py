@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgb
 
 from lgprjax.errors import InputError
 from lgprjax.report import CoverChannelsPicture, CoverPicture, draw_cover_channels, draw_coverage
-from lgprjax.report.coverage_map import COLOURS
+from lgprjax.report.coverage import COLOURS
 
 
 def picture_of(states: np.ndarray, stops: int = 1) -> CoverPicture:

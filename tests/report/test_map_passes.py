@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from lgprjax.errors import InputError
 from lgprjax.report import MapPasses, draw_passes
-from lgprjax.report.map_passes import PASSES
+from lgprjax.report.map import PASSES
 
 PLACES, CELLS = 40, 7
 

@@ -14,7 +14,7 @@ from matplotlib.patches import Ellipse
 
 from lgprjax.errors import InputError
 from lgprjax.report import DriveResult, draw_codes, draw_match, draw_surface, draw_trajectory
-from lgprjax.report.plan import plan_frame, reference_track
+from lgprjax.report.drive import plan_frame, reference_track
 from report.synthetic import correlation_surface, declined_drive, match_example, straight_drive, without_truth
 
 

@@ -24,7 +24,7 @@ from lgprjax.report import (
     draw_servo_steps,
 )
 from lgprjax.report.motion_pictures import stability_limit
-from lgprjax.report.palm_tree import lay_arc
+from lgprjax.report.steering_pictures import lay_arc
 
 _RANDOM = np.random.default_rng(3)
 

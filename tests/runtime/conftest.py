@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.archive import build_map, routes_of
 from lgprjax.autopilot import Mode
 from lgprjax.files import file_hash
 from lgprjax.formats import MapFile, RouteFile, write_route
+from lgprjax.mapping import build_map, routes_of
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.control.setup import Loaded, load
-from lgprjax.simulation.devices.course_world import CourseWorld
+from lgprjax.simulation.devices.world import CourseWorld
 from lgprjax.simulation.loop import OffRoad, make_course
 from onboard_loop import DRIVE, OnboardLoop
 from onboard_moments import Moment

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lgprjax.formats.run_log import read_run
+from lgprjax.runtime.messages import Kind, Record, Source, pack
 from lgprjax.runtime.process import RINGS, Heartbeats
-from lgprjax.runtime.records import Kind, Record, Source, pack
 from lgprjax.runtime.ring import Ring
 
 LOGS = ("control_log", "registration_log", "supervisor_log")

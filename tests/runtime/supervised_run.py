@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from lgprjax.errors import InputError
 from lgprjax.runtime.config import RuntimeConfig, read_config
-from lgprjax.runtime.records import Kind, Source, unpack
+from lgprjax.runtime.messages import Kind, Source, unpack
 from lgprjax.runtime.ring import Ring
 from lgprjax.runtime.supervisor import supervise
 

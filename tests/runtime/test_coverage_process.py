@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from field_site import make_field
-from lgprjax.formats.field_file import read_field
+from lgprjax.formats.coverage_files import read_field
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.coverage.program import CoverageProcess
 from lgprjax.runtime.coverage.worked_map import worked_runs
+from lgprjax.runtime.messages import COVER, Kind, Record, Source, pack, unpack
 from lgprjax.runtime.process import RINGS, Started
-from lgprjax.runtime.records import COVER, Kind, Record, Source, pack, unpack
 from lgprjax.runtime.ring import Ring
 
 SPEED_MPS = 0.5

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from lgprjax.autopilot import Mode
-from lgprjax.autopilot.watch_findings import Watch
+from lgprjax.autopilot.monitors import Watch
 from lgprjax.navigation import Reason
 from onboard_moments import After, Moment, follow, goes_on, hands_over, stops
 

@@ -18,9 +18,9 @@ from lgprjax.autopilot import Mode
 from lgprjax.autopilot.fence import pad_fence
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.control.core import ControlCore
-from lgprjax.runtime.control.skid.findings import Found
 from lgprjax.runtime.control.skid.setup import load_skid
-from lgprjax.runtime.records import Kind, StopBits, ToolBits
+from lgprjax.runtime.control.skid.watches import Found
+from lgprjax.runtime.messages import Kind, StopBits, ToolBits
 
 BOTH = pytest.mark.parametrize("where", ["line", "turn"])
 

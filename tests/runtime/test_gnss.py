@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from pynmeagps import NMEAMessage
 from pyubx2 import GET, UBXMessage
 
+from lgprjax.runtime.config import KEPT, Reason, Refused
 from lgprjax.runtime.gnss import GnssParser, GnssSample, Quality, read_gnss
-from lgprjax.runtime.refused import KEPT, Reason, Refused
-from lgprjax.runtime.stamps import TimeScale
+from lgprjax.runtime.messages import TimeScale
 
 
 def _sentence(body: str) -> bytes:

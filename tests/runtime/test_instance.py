@@ -9,14 +9,14 @@ import pytest
 
 from lgprjax.errors import InputError
 from lgprjax.runtime.config import RuntimeConfig, read_config
-from lgprjax.runtime.instance import memory_folder, only_instance
+from lgprjax.runtime.process import memory_folder, only_instance
 from runtime.supervised_run import write_config
 
 HOLD = """
 import sys
 from pathlib import Path
 from lgprjax.runtime.config import read_config
-from lgprjax.runtime.instance import only_instance
+from lgprjax.runtime.process import only_instance
 with only_instance(read_config(sys.argv[1]), Path(sys.argv[2])):
     print("held", flush=True)
     sys.stdin.read()

@@ -8,11 +8,10 @@ from operator import xor
 
 import pytest
 
+from lgprjax.runtime.config import KEPT, Refused
 from lgprjax.runtime.gnss import GnssParser, read_gnss
-from lgprjax.runtime.link import Receiver, Verdict
-from lgprjax.runtime.refused import KEPT, Refused
-from lgprjax.runtime.stamps import StampClock
-from lgprjax.runtime.wire import Frame, FrameParser
+from lgprjax.runtime.link import Frame, FrameParser, Receiver, Verdict
+from lgprjax.runtime.messages import StampClock
 from runtime.line_oracle import Oracle, head_of_right_bytes
 from runtime.line_vectors import MESSAGES, frame_of, good_frames, head_of, payload_of
 

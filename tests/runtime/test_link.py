@@ -6,8 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from lgprjax.runtime.link import Receiver, Sender, Verdict, draw_session
-from lgprjax.runtime.wire import Frame, decode
+from lgprjax.runtime.link import Frame, Receiver, Sender, Verdict, decode, draw_session
 from runtime.line_vectors import PATH
 
 _MS = 1_000_000

@@ -15,9 +15,9 @@ import pytest
 from lgprjax.runtime import monitor
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.main import process_command
+from lgprjax.runtime.messages import Kind, Record, Source, unpack
 from lgprjax.runtime.monitor import Condition, look_at_computer, warnings_of
 from lgprjax.runtime.process import RINGS, Heartbeats, Stage
-from lgprjax.runtime.records import Kind, Record, Source, unpack
 from lgprjax.runtime.ring import Ring
 from runtime.supervised_run import LIMIT_S, write_config
 

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from lgprjax.runtime.config import Reason
 from lgprjax.runtime.gnss import GnssParser
-from lgprjax.runtime.link import Sender, Verdict
+from lgprjax.runtime.link import Frame, FrameParser, Sender, Verdict
+from lgprjax.runtime.messages import Source
 from lgprjax.runtime.port import Port
-from lgprjax.runtime.records import Source
-from lgprjax.runtime.refused import Reason
-from lgprjax.runtime.wire import Frame, FrameParser
 from runtime.line_ends import Pty, closing, pty_line, read_now, server, taken, until
 from runtime.line_vectors import frame_of, head_of, payload_of
 

@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 
 from lgprjax.runtime.config import RadarTable, SweepTable
+from lgprjax.runtime.link import Frame, decode
+from lgprjax.runtime.messages import Kind, unpack
 from lgprjax.runtime.port import Port
-from lgprjax.runtime.records import Kind, unpack
-from lgprjax.runtime.registration import radar_line
-from lgprjax.runtime.registration.radar_line import RadarLine
+from lgprjax.runtime.registration import search as radar_line
+from lgprjax.runtime.registration.search import RadarLine
 from lgprjax.runtime.ring import Ring
-from lgprjax.runtime.wire import Frame, decode
-from lgprjax.simulation.devices.radar_box import RadarBox, RadarState
+from lgprjax.simulation.devices.sensors import RadarBox, RadarState
 from lgprjax.simulation.devices.wire_ends import Sender
 
 

@@ -12,8 +12,7 @@ import pytest
 from lgprjax.formats.run_log import read_run
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.process import Started
-from lgprjax.runtime.recorder import DISK_FULL, DISK_REFUSED, Recorder
-from lgprjax.runtime.recorder_sync import DiskSync
+from lgprjax.runtime.recorder import DISK_FULL, DISK_REFUSED, DiskSync, Recorder
 from runtime.recorder_process import end, make_place, make_record, recorded, ring, start_recorder
 
 

@@ -10,7 +10,7 @@ from lgprjax.frames import LocalFrame
 from lgprjax.registration import Code
 from lgprjax.runtime.config import SensorsTable
 from lgprjax.runtime.control.senses import Senses
-from lgprjax.runtime.records import FIX, Kind, Record, Source, fix_row
+from lgprjax.runtime.messages import FIX, Kind, Record, Source, fix_row
 
 _NOW_NS = 5_000_000_000
 

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from lgprjax.errors import InputError
-from lgprjax.runtime.config import RuntimeConfig, read_config
-from lgprjax.runtime.config_text import write_config
+from lgprjax.runtime.config import RuntimeConfig, read_config, write_config
 from lgprjax.runtime.control.setup import load
 
 

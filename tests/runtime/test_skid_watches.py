@@ -4,13 +4,23 @@ import math
 
 import pytest
 
-from lgprjax.autopilot.watch_findings import Severity, Watch
-from lgprjax.runtime.control.gnss_senses import Attitude, TurnRate
-from lgprjax.runtime.control.skid.findings import SEVERITY, TEXT, Found, describe_found, stops_of
-from lgprjax.runtime.control.skid.ins_turn import InsTurns
-from lgprjax.runtime.control.skid.watch_tool import ToolBelief, ToolReading, ToolWatchState, step_tool_watch
-from lgprjax.runtime.control.skid.watch_tracks import TrackWatchState, step_track_watch
-from lgprjax.runtime.records import StopBits
+from lgprjax.autopilot.monitors import Severity, Watch
+from lgprjax.runtime.control.senses import Attitude, TurnRate
+from lgprjax.runtime.control.skid.senses import InsTurns
+from lgprjax.runtime.control.skid.watches import (
+    SEVERITY,
+    TEXT,
+    Found,
+    ToolBelief,
+    ToolReading,
+    ToolWatchState,
+    TrackWatchState,
+    describe_found,
+    step_tool_watch,
+    step_track_watch,
+    stops_of,
+)
+from lgprjax.runtime.messages import StopBits
 
 BELIEF = ToolBelief(0.15, 0.03)
 RIGHT, OFF, SHALLOW = ToolReading(True, 0.16), ToolReading(False, 0.15), ToolReading(True, 0.11)

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.runtime.children import Child, Limits, Told, What, end_children
 from lgprjax.runtime.process import PROCESSES, Heartbeats
+from lgprjax.runtime.supervisor import Child, Limits, Told, What, end_children
 
 STARTING, WARMING, READY, ENDING = range(4)
 LIMITS = Limits(silent_s=0.2, start_s=30.0, patient=False)

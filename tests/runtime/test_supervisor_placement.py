@@ -11,8 +11,7 @@ import pytest
 from lgprjax.errors import InputError
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.main import PROGRAMS, process_command
-from lgprjax.runtime.placement import check_cores
-from lgprjax.runtime.process import PROCESSES
+from lgprjax.runtime.process import PROCESSES, check_cores
 from lgprjax.runtime.supervisor import make_rings_folder, supervise
 from runtime.supervised_run import toy_command, write_config
 
@@ -20,7 +19,7 @@ CORES = sorted(os.sched_getaffinity(0))
 PLACED = """
 import os, sys
 from lgprjax.runtime.config import read_config
-from lgprjax.runtime.placement import hold_to_cores, set_environment
+from lgprjax.runtime.process import hold_to_cores, set_environment
 config = read_config(sys.argv[1])
 hold_to_cores(sys.argv[2], config)
 set_environment(config)
@@ -29,7 +28,7 @@ print(os.environ["XLA_FLAGS"], os.environ["JAX_COMPILATION_CACHE_DIR"])
 """
 REAL_TIME = """
 import os, resource
-from lgprjax.runtime.placement import run_in_ordinary_time, run_in_real_time
+from lgprjax.runtime.process import run_in_ordinary_time, run_in_real_time
 if {permitted} == 0:
     resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
     if os.getuid() == 0:

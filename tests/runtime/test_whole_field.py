@@ -11,13 +11,13 @@ import pytest
 
 from field_loop import FieldLoop
 from field_site import VEHICLE, before_the_start
-from lgprjax.archive.cover_plans import PlanOptions, make_cover_plan, save_cover_plan
 from lgprjax.autopilot import Mode
 from lgprjax.coverage import CellState, cell_states, grid_of_field, inside_cells
 from lgprjax.coverage.field import Field
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.control.skid.setup import load_skid
 from lgprjax.runtime.coverage.worked_map import WorkedMap
+from lgprjax.worked.plans import PlanOptions, make_cover_plan, save_cover_plan
 
 ONBOARD = VEHICLE.parent
 INCH_M = 0.0254

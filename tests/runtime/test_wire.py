@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lgprjax.runtime.refused import KEPT, Reason, Refused
-from lgprjax.runtime.wire import Frame, FrameParser, decode, encode
-from lgprjax.runtime.wire_messages import LARGEST_PAYLOAD, MESSAGES
+from lgprjax.runtime.config import KEPT, Reason, Refused
+from lgprjax.runtime.link import LARGEST_PAYLOAD, MESSAGES, Frame, FrameParser, decode, encode
 from runtime.line_vectors import MESSAGES as BY_HAND
 from runtime.line_vectors import PATH, document, frame_of, head_of, payload_of
 
@@ -191,7 +190,7 @@ def test_round_trip(message: tuple[str, dict[str, Any], dict[str, int]], garbage
 
 def test_neither_jax_nor_numpy_is_imported() -> None:
     program = (
-        "import sys; import lgprjax.runtime.port, lgprjax.runtime.gnss, lgprjax.runtime.stamps; "
+        "import sys; import lgprjax.runtime.port, lgprjax.runtime.gnss, lgprjax.runtime.messages; "
         "print([name for name in ('jax', 'numpy', 'h5py') if name in sys.modules])"
     )
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -20,7 +20,7 @@ from lgprjax.scene import (
     render_traces,
     slice_ground,
 )
-from lgprjax.scene.fields import constant_field
+from lgprjax.scene.ground import constant_field
 
 RADAR = RadarConfig()
 LIGHT_M_PER_NS = 0.299792458

@@ -17,7 +17,7 @@ from lgprjax.scene import (
     make_ground,
     usual_conditions,
 )
-from lgprjax.scene.fields import value_at
+from lgprjax.scene.ground import value_at
 from scene.bare_ground import INDEX, LIGHT_M_PER_NS, SPOTLESS, ground_of, one_layer, peak_of, pipes, render
 
 ANTENNA = [(0.0, 0.0, 0.3)]

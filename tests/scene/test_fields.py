@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.scene.fields import constant_field, device_value_at, draw_field, draw_wave_vectors, field_about, value_at
+from lgprjax.scene.ground import constant_field, device_value_at, draw_field, draw_wave_vectors, field_about, value_at
 
 FIELD = draw_field(np.random.default_rng(3), rms=0.2, wavelength_m=(0.3, 10.0), waves=24, mean=1.5)
 PLACES = np.random.default_rng(4).uniform(-500.0, 500.0, (20_000, 2))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from lgprjax.scene import GroundConfig, make_ground
-from lgprjax.scene.fields import value_at
+from lgprjax.scene.ground import value_at
 
 CONFIG = GroundConfig(length_m=30.0)
 

@@ -10,7 +10,8 @@ import pytest
 from jaxtyping import Float
 
 from lgprjax.scene import NO_FAULTS, Conditions, Cover, Day, Faults, ground_on, slice_ground
-from lgprjax.scene.hardware import (
+from lgprjax.scene.propagation import trace_matrix
+from lgprjax.scene.render import (
     COUPLING_FIELD,
     COUPLING_NS,
     Response,
@@ -19,7 +20,6 @@ from lgprjax.scene.hardware import (
     heard_echoes,
     kept_scans,
 )
-from lgprjax.scene.propagation import trace_matrix
 from scene.bare_ground import INDEX, LIGHT_M_PER_NS, RADAR, SPOTLESS, ground_of, wavelets_at
 
 BAND_MHZ = (100.0, 400.0)

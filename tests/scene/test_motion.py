@@ -16,8 +16,7 @@ from lgprjax.scene.motion import (
     poses_at,
     scan_times,
 )
-from lgprjax.scene.road import RoadConfig, make_road
-from lgprjax.scene.road_waves import roughness_value, wave_value
+from lgprjax.scene.road import RoadConfig, make_road, roughness_value, wave_value
 
 PLAN = DrivePlan(0.0, 60.0, lane_m=0.2)
 STILL = replace(PLAN, wander_m=0.0, height_sigma_m=0.0, roll_sigma_rad=0.0)

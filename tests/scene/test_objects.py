@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lgprjax.scene import GroundConfig, Scatterers, make_ground
-from lgprjax.scene.objects import chosen, draw_roots, draw_stones, draw_utilities, joined, repeated
+from lgprjax.scene.ground import chosen, draw_roots, draw_stones, draw_utilities, joined, repeated
 
 CONFIG = GroundConfig(length_m=30.0, trees_per_100m=0.0)
 

@@ -7,7 +7,7 @@ import pytest
 
 from lgprjax.scene import Plant, Terrain, TrueVehicle, init_plant, step_plant
 from lgprjax.scene.plant import CORNERING_MPS2_PER_RAD, GRAVITY_MPS2
-from lgprjax.scene.road_waves import Waves
+from lgprjax.scene.road import Waves
 from lgprjax.scene.vehicle_drive import chassis_of, pedals_of, servo_of
 from lgprjax.vehicle import VehiclePose
 

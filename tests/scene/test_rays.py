@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from lgprjax.scene.rays import Ray, passage, refract
+from lgprjax.scene.propagation import Ray, passage, refract
 from scene.bare_ground import LIGHT_M_PER_NS, fermat
 
 RNG = np.random.default_rng(2)

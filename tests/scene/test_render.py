@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from lgprjax.scene import GroundConfig, Layers, Scatterers, make_ground
-from lgprjax.scene.fields import Field, constant_field
+from lgprjax.scene.ground import Field, constant_field
 from scene.bare_ground import (
     INDEX,
     LIGHT_M_PER_NS,

@@ -7,8 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lgprjax.scene.road import Road, RoadConfig, follow_centre, local_to_road, make_road, road_to_local, surface_up
-from lgprjax.scene.road_waves import roughness_value
+from lgprjax.scene.road import (
+    Road,
+    RoadConfig,
+    follow_centre,
+    local_to_road,
+    make_road,
+    road_to_local,
+    roughness_value,
+    surface_up,
+)
 
 CURVY = RoadConfig(length_m=400.0, curvature_rms_per_m=1 / 100, heading_deg=-40.0)
 ROADS = [make_road(seed, CURVY) for seed in range(6)]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from lgprjax.scene import Cover, Day, Ground, GroundConfig, Skin, Trench, ground_on, make_ground, slice_ground
-from lgprjax.scene.fields import value_at
-from lgprjax.scene.slices import TRENCHES, count_stones, count_utilities
+from lgprjax.scene.ground import value_at
+from lgprjax.scene.propagation import TRENCHES, count_stones, count_utilities
 
 GROUND = make_ground(1, GroundConfig(length_m=30.0, utilities_per_100m=20.0, trees_per_100m=0.0))
 

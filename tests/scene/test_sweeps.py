@@ -32,9 +32,9 @@ from lgprjax.scene import (
     start_of_day,
     time_gain,
 )
-from lgprjax.scene.hardware import Response, heard_echoes
+from lgprjax.scene.drive import calibration_path, common_path
 from lgprjax.scene.propagation import band_spectrum, sweep_matrix
-from lgprjax.scene.sweeps import calibration_path, common_path
+from lgprjax.scene.render import Response, heard_echoes
 from scene.bare_ground import SPOTLESS
 from scene.short_drives import GROUND, drive_over, recorded
 

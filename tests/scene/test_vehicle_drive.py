@@ -7,7 +7,7 @@ import pytest
 from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
-from lgprjax.scene.manoeuvres import (
+from lgprjax.scene.motion import (
     Manoeuvre,
     drive_palm_tree,
     drive_straight,
@@ -17,8 +17,14 @@ from lgprjax.scene.manoeuvres import (
     step_steering,
     turn_standing,
 )
-from lgprjax.scene.vehicle_drive import TrueVehicle, drive_manoeuvre, read_vehicle, simulate_vehicle_drive
-from lgprjax.scene.vehicle_sensors import VehicleSensors, read_yaw_rate
+from lgprjax.scene.vehicle_drive import (
+    TrueVehicle,
+    VehicleSensors,
+    drive_manoeuvre,
+    read_vehicle,
+    read_yaw_rate,
+    simulate_vehicle_drive,
+)
 from lgprjax.vehicle import Linkage
 
 DEGREE = np.pi / 180.0

@@ -4,11 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.scene.fix_errors import FixErrors
-from lgprjax.scene.manoeuvres import drive_turns
-from lgprjax.scene.vehicle_drive import TrueVehicle, drive_manoeuvre
-from lgprjax.scene.vehicle_fixes import VehicleFixes, draw_vehicle_fixes
-from lgprjax.scene.vehicle_sensors import DriveTruth
+from lgprjax.scene.motion import drive_turns
+from lgprjax.scene.sensors import FixErrors
+from lgprjax.scene.vehicle_drive import DriveTruth, TrueVehicle, VehicleFixes, draw_vehicle_fixes, drive_manoeuvre
 
 ARRAY_X_M, EVERY = 6.2, 10
 

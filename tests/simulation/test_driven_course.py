@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lgprjax.archive import build_map, labels_of
+from lgprjax.batch import labels_of
 from lgprjax.bench.course_drive import as_result, figures_of
 from lgprjax.formats import DriveLog, MapFile
+from lgprjax.mapping import build_map
 from lgprjax.navigation import RouteSpeeds
 from lgprjax.registration import Code, RegisterOptions
 from lgprjax.report import draw_driven_course

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from lgprjax.autopilot import pad_fence
 from lgprjax.coverage import PatternSettings
-from lgprjax.simulation.field import (
+from lgprjax.simulation.field_loop import (
     PIDS,
     THRESHOLD_MPS,
     FieldCourse,

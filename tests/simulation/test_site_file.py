@@ -10,7 +10,7 @@ import pytest
 from lgprjax.errors import InputError
 from lgprjax.scene import NO_FAULTS, WEATHER, SweepPlan
 from lgprjax.simulation import Site, plan_site, read_site
-from lgprjax.simulation.site_limits import LIMITS
+from lgprjax.simulation.site_tables import LIMITS
 
 SITES = Path(__file__).parents[2] / "sites"
 SHORT = """

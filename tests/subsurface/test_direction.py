@@ -6,7 +6,7 @@ import pytest
 
 from lgprjax.radar import init_live_filter, run_live_filter
 from lgprjax.subsurface import Tile
-from lgprjax.subsurface.direction import filter_along
+from lgprjax.subsurface.grid import filter_along
 
 CELL_M, LENGTH_M, CELLS = 0.05, 2.0, 400
 

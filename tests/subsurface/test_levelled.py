@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import default_chain
 from lgprjax.subsurface import GroundMap, MapDescription, Places, StationPlaces, Stations
-from lgprjax.subsurface.levelled import Levelling
+from lgprjax.subsurface.ground_map import Levelling
 
 CHANNELS, SAMPLES, STATIONS, PITCH_M, STEP_M = 3, 48, 700, 0.127, 0.05
 LIGHT_M_PER_NS = 0.299792458
@@ -116,7 +116,7 @@ def test_what_is_held_is_bounded_and_changes_nothing(lanes: Lanes, monkeypatch: 
     some = [np.arange(200, 300), np.arange(2 * STATIONS - 30, 2 * STATIONS), np.array([3, 400, 1399])]
     ample = Levelling(lanes, basis, 0.3)
     expected = [ample.read(stations) for stations in some]
-    monkeypatch.setattr("lgprjax.subsurface.levelled._HELD_BYTES", 1.0)
+    monkeypatch.setattr("lgprjax.subsurface.ground_map._HELD_BYTES", 1.0)
     scarce = Levelling(lanes, basis, 0.3)
     for stations, right in zip(some, expected, strict=True):
         for a, b in zip(scarce.read(stations), right, strict=True):

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lgprjax.subsurface import Places, StationPlaces, stretches_of
-from lgprjax.subsurface.extents import track_extents
+from lgprjax.subsurface.stations import track_extents
 
 RNG = np.random.default_rng(3)
 

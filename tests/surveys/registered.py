@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lgprjax.archive import RegisteredDrive, build_map, register_log
+from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.bench.archive_drives import cut_drive
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording, import_lines
+from lgprjax.mapping import build_map
 from lgprjax.registration import RegisterOptions
 
 WINDOWS = RegisterOptions(window_m=4.0)

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.archive import build_map
 from lgprjax.formats import import_lines
+from lgprjax.mapping import build_map
 from surveys.registered import WINDOWS, Row, hautefeuille, judge, parallel_lines, register, single_lines
 
 pytestmark = pytest.mark.real

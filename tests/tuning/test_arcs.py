@@ -6,11 +6,9 @@ from jaxtyping import Float
 from scipy.optimize import least_squares
 
 from lgprjax.tuning import NotExcitedError
-from lgprjax.tuning.arcs import fit_arcs, serial_memory
-from lgprjax.tuning.circle import HUBER, fit_circles
+from lgprjax.tuning.arcs import HUBER, Stretches, StretchRules, find_stretches, fit_arcs, fit_circles, serial_memory
 from lgprjax.tuning.robust import student_95
-from lgprjax.tuning.stretches import Stretches, StretchRules, find_stretches
-from lgprjax.vehicle.signals import DriveSignals
+from lgprjax.vehicle.sensors import DriveSignals
 from turning_drives import RATIO, WHEELBASE_M, Leg, Noise, covered_band, drive, gauss_markov, measured, palm_legs
 
 SHAPES = {

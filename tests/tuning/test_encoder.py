@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from lgprjax.scene.manoeuvres import drive_straight, half_turn_angles, turn_standing
-from lgprjax.scene.vehicle_drive import TrueVehicle, drive_manoeuvre, read_vehicle
-from lgprjax.scene.vehicle_sensors import VehicleSensors
+from lgprjax.scene.motion import drive_straight, half_turn_angles, turn_standing
+from lgprjax.scene.vehicle_drive import TrueVehicle, VehicleSensors, drive_manoeuvre, read_vehicle
 from lgprjax.tuning import DriveSignals, NotExcitedError, find_pauses, fit_encoder, potentiometer_of_counts
 
 DEGREE = np.pi / 180.0

@@ -6,12 +6,10 @@ import pytest
 from scipy import stats
 
 import linear_drives
-from lgprjax.navigation.filter_model import FilterModel
-from lgprjax.navigation.gates import default_rules
-from lgprjax.navigation.observations import Motion, Observations
+from lgprjax.navigation.counter_steer_model import FilterModel
+from lgprjax.navigation.observations import Motion, Observations, default_rules
 from lgprjax.tuning import NOISES, FusionFit, NavigationDrives, NotExcitedError, fit_fusion
-from lgprjax.tuning.fusion_fit import filter_drives, mean_nis, without_outliers
-from lgprjax.tuning.innovations_likelihood import innovation_slopes
+from lgprjax.tuning.navigation import filter_drives, innovation_slopes, mean_nis, without_outliers
 from lgprjax.vehicle import VehiclePose
 from linear_drives import LINEAR, draw_straight, gaussian_of, padded
 from model_drives import SPEED_MPS, Drawn, draw_drive, stacked, usual_model

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from lgprjax.scene.manoeuvres import drive_straight, step_pedals
-from lgprjax.scene.vehicle_drive import TrueVehicle, drive_manoeuvre, read_vehicle
-from lgprjax.scene.vehicle_sensors import VehicleSensors
+from lgprjax.scene.motion import drive_straight, step_pedals
+from lgprjax.scene.vehicle_drive import TrueVehicle, VehicleSensors, drive_manoeuvre, read_vehicle
 from lgprjax.tuning import DriveSignals, NotExcitedError, fit_pedals
-from lgprjax.tuning.pedal_fit import fit_way
-from lgprjax.tuning.pedal_runs import PEDAL_NAMES, cut_runs
+from lgprjax.tuning.pedals import PEDAL_NAMES, cut_runs, fit_way
 from lgprjax.tuning.robust import student_95
 
 VEHICLE = TrueVehicle()

@@ -4,18 +4,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.scene.manoeuvres import drive_palm_tree
-from lgprjax.scene.vehicle_drive import TrueVehicle, simulate_vehicle_drive
-from lgprjax.scene.vehicle_sensors import VehicleSensors
+from lgprjax.scene.motion import drive_palm_tree
+from lgprjax.scene.vehicle_drive import TrueVehicle, VehicleSensors, simulate_vehicle_drive
 from lgprjax.tuning import NotExcitedError
-from lgprjax.tuning.arcs import Arcs, fit_arcs
-from lgprjax.tuning.drifting import drifting_fit
-from lgprjax.tuning.rear_map import compare_rears, fit_rear_map
-from lgprjax.tuning.rear_ratio import rear_ratio_by_angles, rear_ratio_by_heading
+from lgprjax.tuning.arcs import Arcs, find_stretches, fit_arcs
 from lgprjax.tuning.robust import student_95
-from lgprjax.tuning.stretches import find_stretches
-from lgprjax.vehicle.chassis import Chassis, MeasuredRear, ProportionalRear
-from lgprjax.vehicle.signals import DriveSignals
+from lgprjax.tuning.steering import (
+    compare_rears,
+    drifting_fit,
+    fit_rear_map,
+    rear_ratio_by_angles,
+    rear_ratio_by_heading,
+)
+from lgprjax.vehicle.kinematics import Chassis, MeasuredRear, ProportionalRear
+from lgprjax.vehicle.sensors import DriveSignals
 from turning_drives import (
     LARGEST_RAD,
     RATIO,

@@ -5,8 +5,8 @@ import pytest
 from jaxtyping import Float
 from scipy import optimize, stats
 
-from lgprjax.tuning.estimate import NotExcitedError
 from lgprjax.tuning.robust import (
+    NotExcitedError,
     clipped_mean,
     combine,
     estimate,

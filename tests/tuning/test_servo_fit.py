@@ -9,10 +9,21 @@ import pytest
 from jaxtyping import Float
 
 from lgprjax.tuning import NotExcitedError
-from lgprjax.tuning.servo_fit import ServoFit, ServoSolution, fit_servo, servo_estimates, solve_servo
-from lgprjax.tuning.servo_model import NAMES, from_box, per_box, servo_log, to_box, wheel_angles
-from lgprjax.vehicle.servo import Servo, ideal_servo, init_servo, step_servo
-from lgprjax.vehicle.signals import DriveSignals
+from lgprjax.tuning.servo import (
+    NAMES,
+    ServoFit,
+    ServoSolution,
+    fit_servo,
+    from_box,
+    per_box,
+    servo_estimates,
+    servo_log,
+    solve_servo,
+    to_box,
+    wheel_angles,
+)
+from lgprjax.vehicle.actuators import Servo, ideal_servo, init_servo, step_servo
+from lgprjax.vehicle.sensors import DriveSignals
 from turning_drives import covered_band
 
 STEP_S, RECORD_S, FINE_S = 0.01, 0.02, 0.001

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from lgprjax.scene.manoeuvres import drive_straight, drive_turns, turn_standing
-from lgprjax.scene.vehicle_drive import TrueVehicle, drive_manoeuvre, read_vehicle
-from lgprjax.scene.vehicle_sensors import VehicleSensors
+from lgprjax.scene.motion import drive_straight, drive_turns, turn_standing
+from lgprjax.scene.vehicle_drive import TrueVehicle, VehicleSensors, drive_manoeuvre, read_vehicle
 from lgprjax.tuning import DriveSignals, NotExcitedError, fit_straight
 
 DEGREE = np.pi / 180.0

@@ -5,17 +5,14 @@ import numpy as np
 import pytest
 from jaxtyping import Bool, Float
 
-from lgprjax.scene.manoeuvres import drive_palm_tree
-from lgprjax.scene.vehicle_drive import TrueVehicle, chassis_of, simulate_vehicle_drive
-from lgprjax.scene.vehicle_sensors import VehicleSensors
+from lgprjax.scene.motion import drive_palm_tree
+from lgprjax.scene.vehicle_drive import TrueVehicle, VehicleSensors, chassis_of, simulate_vehicle_drive
 from lgprjax.tuning import NotExcitedError
-from lgprjax.tuning.arcs import Arcs, fit_arcs
-from lgprjax.tuning.robust import student_95
-from lgprjax.tuning.stretches import find_stretches
-from lgprjax.tuning.weighted import weighted_fit
-from lgprjax.tuning.wheel_angle import WheelAngleFit, fit_wheel_angle, front_angle, front_band
-from lgprjax.vehicle.chassis import Chassis, ProportionalRear
-from lgprjax.vehicle.signals import DriveSignals
+from lgprjax.tuning.arcs import Arcs, find_stretches, fit_arcs
+from lgprjax.tuning.robust import student_95, weighted_fit
+from lgprjax.tuning.steering import WheelAngleFit, fit_wheel_angle, front_angle, front_band
+from lgprjax.vehicle.kinematics import Chassis, ProportionalRear
+from lgprjax.vehicle.sensors import DriveSignals
 from turning_drives import (
     LARGEST_RAD,
     PER_RAD_V,

@@ -4,15 +4,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.scene.manoeuvres import drive_turns
-from lgprjax.scene.vehicle_drive import TrueVehicle, simulate_vehicle_drive
-from lgprjax.scene.vehicle_sensors import VehicleSensors
+from lgprjax.scene.motion import drive_turns
+from lgprjax.scene.vehicle_drive import TrueVehicle, VehicleSensors, simulate_vehicle_drive
 from lgprjax.tuning import NotExcitedError
-from lgprjax.tuning.arcs import fit_arcs
-from lgprjax.tuning.stretches import find_stretches
-from lgprjax.tuning.yaw_gain_fit import YawGainFit, fit_yaw_gain
-from lgprjax.vehicle.chassis import Chassis, ProportionalRear
-from lgprjax.vehicle.signals import DriveSignals
+from lgprjax.tuning.arcs import find_stretches, fit_arcs
+from lgprjax.tuning.steering import YawGainFit, fit_yaw_gain
+from lgprjax.vehicle.kinematics import Chassis, ProportionalRear
+from lgprjax.vehicle.sensors import DriveSignals
 from turning_drives import LARGEST_RAD, RATIO, WHEELBASE_M, Leg, Noise, covered_band, drive, measured
 
 SPEEDS_MPS = (1.0, 2.0, 4.0, 6.0, 8.0)

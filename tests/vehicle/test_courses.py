@@ -7,7 +7,7 @@ from scipy.special import fresnel
 
 from lgprjax.errors import InputError
 from lgprjax.vehicle import arc_course, clothoid_course, eight_course, line_course, path_point
-from lgprjax.vehicle.courses import Hand
+from lgprjax.vehicle.path import Hand
 
 
 def test_line_is_straight() -> None:

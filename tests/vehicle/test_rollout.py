@@ -31,7 +31,7 @@ from lgprjax.vehicle import (
     start_rollout,
     steer_exact,
 )
-from lgprjax.vehicle.lane_law import prepare_law, steer_lane
+from lgprjax.vehicle.rollout import prepare_law, steer_lane
 from rollout_lanes import ANCHOR_M, Plain, begin, chassis, one_lane
 
 SPEC = RolloutSpec(400)

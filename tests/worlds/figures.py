@@ -12,8 +12,9 @@ from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
-from lgprjax.archive import RegisteredDrive, build_map, register_log
+from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.formats import DriveLog, MapFile
+from lgprjax.mapping import build_map
 from lgprjax.registration import RegisterOptions
 from worlds.course import centreline_of
 from worlds.drives import Drive, days_of, ground_of, write_live, write_passes

@@ -16,7 +16,7 @@ from lgprjax.bench.peers.worker import Peer, arguments, work
 from lgprjax.pso import SwarmConfig
 from lgprjax.radar import LIGHT_SPEED_M_PER_NS
 from lgprjax.registration import MIN_OVERLAP, ArrayColumns, Region, Template, finish_best, make_columns
-from lgprjax.registration.surfaces import Peaks, ScanBatch, WindowBatch, scan_surfaces, window_peaks
+from lgprjax.registration.coarse import Peaks, ScanBatch, WindowBatch, scan_surfaces, window_peaks
 from lgprjax.subsurface import Tile, leading_components
 
 CHUNK = 57  # half of a tile's scans at 3.5 cm

@@ -11,16 +11,7 @@ scalar, as the machine's own gather is no faster.
 import numpy as np
 from numba import njit, prange
 
-from lgprjax.bench.rollout_peers.numba_math import (
-    ZERO,
-    drive,
-    f4,
-    path_position,
-    place,
-    project,
-    steer,
-    turn_wheels,
-)
+from lgprjax.bench.rollout_peers.numba_math import ZERO, drive, f4, path_position, place, project, steer, turn_wheels
 from lgprjax.bench.rollout_peers.work import arguments, finish, seconds
 from lgprjax.bench.rollout_problem import TAIL_M, TOLERANCE_M, as_flat, load_problem
 

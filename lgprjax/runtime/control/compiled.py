@@ -27,7 +27,7 @@ from lgprjax.navigation import (
     pose_of,
     position_sigma_m,
 )
-from lgprjax.navigation.filter_model import YAW
+from lgprjax.navigation.counter_steer_model import YAW
 from lgprjax.vehicle import VehiclePose
 
 

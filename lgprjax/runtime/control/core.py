@@ -9,20 +9,102 @@ import json
 import math
 from typing import Any
 
-from lgprjax.autopilot import Check, Event, refusal_of
+from lgprjax.autopilot import Check, Event, Refusal, refusal_of
 from lgprjax.runtime.config import RuntimeConfig
-from lgprjax.runtime.control.checks import CheckItem, SystemChecks
-from lgprjax.runtime.control.finite import finite_json
-from lgprjax.runtime.control.happenings import Seen, Told, events_of
 from lgprjax.runtime.control.kinds import AnyLoaded, make_kind
-from lgprjax.runtime.control.late_ticks import LateTicks
-from lgprjax.runtime.control.mode_keeper import CUT, PEDALS, STEERING, Happened, ModeKeeper
-from lgprjax.runtime.control.processes import Processes
-from lgprjax.runtime.control.refusals import OF_NAVIGATION, REFUSALS
-from lgprjax.runtime.control.vehicle_kind import Frame, Look, Operator, VehicleKind, Wish
-from lgprjax.runtime.link import Sender
-from lgprjax.runtime.records import Kind, Record, Source
-from lgprjax.runtime.wire import decode
+from lgprjax.runtime.control.modes import CUT, PEDALS, STEERING, CheckItem, Happened, ModeKeeper, SystemChecks
+from lgprjax.runtime.control.vehicle_kind import (
+    Frame,
+    Look,
+    Operator,
+    Processes,
+    Seen,
+    Told,
+    VehicleKind,
+    Wish,
+    events_of,
+)
+from lgprjax.runtime.link import Sender, decode
+from lgprjax.runtime.messages import Kind, Record, Source
+
+# Why nothing is engaged, in plain words.
+
+REFUSALS = {
+    Refusal.NONE: "",
+    Refusal.ESTOP: "emergency stop is pressed: release it, then press override",
+    Refusal.CHECKS: "system checks have not passed",
+    Refusal.OVERRIDE_STUCK: "override button is stuck",
+    Refusal.OVERRIDE_PRESSED: "override button is pressed",
+    Refusal.NOT_READY: "not ready: press and release override",
+    Refusal.NOT_STEERING: "engage steering first",
+    Refusal.STOPPING: "a controlled stop is under way",
+    Refusal.BRAKE_PRESSED: "brake is pressed",
+    Refusal.SOURCE_MISSING: "a sensor or the heading is missing",
+    Refusal.TOO_FAST: "too fast to engage",
+    Refusal.HEALTH: "navigation is not good enough",
+    Refusal.NO_PATH: "no route, or no position yet",
+    Refusal.OFF_ROUTE: "more than 10 m from the route",
+    Refusal.WRONG_HEADING: "heading does not fit the route, or is not confirmed yet",
+    Refusal.AMBIGUOUS: "the route passes here more than once",
+}
+
+OF_NAVIGATION = (
+    Refusal.SOURCE_MISSING,
+    Refusal.HEALTH,
+    Refusal.NO_PATH,
+    Refusal.OFF_ROUTE,
+    Refusal.WRONG_HEADING,
+)
+"""Refusals that a vehicle may know better words for."""
+
+
+# Ticks that began more than a period late. Fault 26.
+
+_TICK_NS = 20_000_000
+_MOST, _WINDOW = 3, 50
+
+
+class LateTicks:
+    """Late ticks of the last second.
+
+    Attributes:
+        last_ns: begin of the last tick; 0 before the first.
+    """
+
+    def __init__(self) -> None:
+        self.last_ns = 0
+        self._late: list[int] = []
+
+    def count(self, tick: int, now_ns: int) -> None:
+        """A tick begins."""
+        if self.last_ns and now_ns - self.last_ns > 2 * _TICK_NS:
+            self._late.append(tick)
+        self.last_ns = now_ns
+        self._late = [late for late in self._late if late > tick - _WINDOW]
+
+    @property
+    def too_many(self) -> bool:
+        """The loop misses its period too often."""
+        return len(self._late) >= _MOST
+
+
+# JSON for pages: it knows no NaN.
+
+
+def finite_json(value: dict[str, Any]) -> bytes:
+    """As JSON: what is no number is null, the others have four digits after the point."""
+    return json.dumps(_finite(value)).encode()
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return round(value, 4) if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {name: _finite(inner) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [_finite(inner) for inner in value]
+    return value
+
 
 _COMMAND_TTL_MS = 200
 _LIGHT_TTL_MS = 500

@@ -1,5 +1,7 @@
 """Kinds of vehicles: which one a configuration is about, its files, and what it is in the control loop."""
 
+from typing import TypeAlias
+
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.counter_steer import CounterSteer
 from lgprjax.runtime.control.setup import Loaded, load
@@ -7,7 +9,7 @@ from lgprjax.runtime.control.skid.setup import SkidLoaded, load_skid
 from lgprjax.runtime.control.skid.vehicle import SkidSteerVehicle
 from lgprjax.runtime.control.vehicle_kind import VehicleKind
 
-AnyLoaded = Loaded | SkidLoaded
+AnyLoaded: TypeAlias = Loaded | SkidLoaded
 
 
 def load_vehicle(config: RuntimeConfig) -> AnyLoaded:

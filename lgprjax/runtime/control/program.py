@@ -14,12 +14,10 @@ from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.kinds import AnyLoaded, load_vehicle
 from lgprjax.runtime.control.setup import TICK_S
 from lgprjax.runtime.gnss import GnssParser
-from lgprjax.runtime.link import draw_session
-from lgprjax.runtime.notify import Notifier
+from lgprjax.runtime.link import Frame, draw_session
+from lgprjax.runtime.messages import Kind, Record, Source, pack, unpack
 from lgprjax.runtime.port import Arrival, Port
-from lgprjax.runtime.process import Stage, Started
-from lgprjax.runtime.records import Kind, Record, Source, pack, unpack
-from lgprjax.runtime.wire import Frame
+from lgprjax.runtime.process import Notifier, Stage, Started
 
 _TICK_NS = int(TICK_S * 1e9)
 

@@ -5,16 +5,162 @@ gives the same numbers again.
 """
 
 import math
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from lgprjax.autopilot.monitors import (
+    ChassisBelief,
+    Knots,
+    PedalBelief,
+    PedalsBelief,
+    WheelBelief,
+    linear_wheel_map,
+    proportional_rear,
+)
+from lgprjax.errors import InputError
+from lgprjax.formats import VehicleFile
 from lgprjax.frames import LocalFrame
 from lgprjax.runtime.config import SensorsTable
-from lgprjax.runtime.control.gnss_senses import Attitude, GnssSenses, Place, TurnRate
-from lgprjax.runtime.records import Kind, Record, Source, fix_row
-from lgprjax.runtime.stamps import StampClock
-from lgprjax.runtime.wire import Frame, decode
+from lgprjax.runtime.gnss import GnssSample, Position, Quality, read_gnss
+from lgprjax.runtime.link import Frame, decode
+from lgprjax.runtime.messages import Kind, Record, Source, StampClock, TimeScale, WeekClock, fix_row
+
+# What the GNSS/INS says: positions in a local frame, attitudes and turning rates, with the times they are of.
+
+_LOOSE_M = 2.0
+
+
+class Place(NamedTuple):
+    """A position of the antenna in the local frame.
+
+    Attributes:
+        time_ns: of its measuring.
+        x_m, y_m, up_m: east, north and up of the frame's anchor.
+        sigma_m: white, an axis; of a fixed position that of the configuration, else as reported, at least that.
+        reported_m: sigma as reported, at least that of the configuration, whatever the quality.
+        quality: of the position.
+    """
+
+    time_ns: int
+    x_m: float
+    y_m: float
+    up_m: float
+    sigma_m: float
+    reported_m: float
+    quality: Quality
+
+
+class Attitude(NamedTuple):
+    """A heading as yaw in the local frame, and roll, positive right side down."""
+
+    time_ns: int
+    yaw_rad: float
+    roll_rad: float
+
+
+class TurnRate(NamedTuple):
+    """A yaw rate, counter-clockwise positive, and when it arrived."""
+
+    arrival_ns: int
+    radps: float
+
+
+class GnssTick(NamedTuple):
+    """What came in a tick; ``None`` and empty where nothing did."""
+
+    place: Place | None
+    attitude: Attitude | None
+    rates: list[TurnRate]
+
+
+class GnssSenses:
+    """The line's messages, taken one by one.
+
+    Args:
+        frame: of map or plan; without one the first position becomes its anchor.
+        sensors: of the configuration.
+
+    Attributes:
+        place, attitude: the newest of all; ``None`` before the first.
+        frame: that they are in; ``None`` before the first position where none was given.
+    """
+
+    def __init__(self, frame: LocalFrame | None, sensors: SensorsTable) -> None:
+        self.frame, self._sensors = frame, sensors
+        # Positions are older than attitudes when they come: each kind has a clock of its own.
+        self._clocks: dict[tuple[str, TimeScale], WeekClock] = {}
+        self._longitude_deg = 0.0 if frame is None else frame.longitude_deg
+        self.place: Place | None = None
+        self.attitude: Attitude | None = None
+        self._rates: list[TurnRate] = []
+        self._new_place = self._new_attitude = False
+        self._accuracy_m = math.nan
+
+    def take(self, record: Record) -> None:
+        """A message of the line."""
+        sample = read_gnss(record.payload)
+        if sample is None:
+            return
+        if sample.position is not None:
+            self._take_position(sample, sample.position, record.mono_ns)
+        if sample.accuracy is not None:
+            self._accuracy_m = sample.accuracy.sigma_m
+        if sample.attitude is not None and self.frame is not None:
+            turned = sample.attitude
+            time_ns = self._time_of("attitude", sample.scale, turned.tow_s, record.mono_ns)
+            if time_ns is not None:
+                heading = np.array([turned.heading_deg])
+                yaw = float(self.frame.yaw_of_heading(heading, np.array([self._longitude_deg]))[0])
+                roll = math.radians(turned.roll_deg) if math.isfinite(turned.roll_deg) else 0.0
+                self.attitude = Attitude(time_ns, yaw, roll)
+                self._new_attitude = True
+        if sample.rate is not None:
+            self._rates.append(TurnRate(record.mono_ns, sample.rate.yaw_rate_radps))
+
+    def end_tick(self) -> GnssTick:
+        """What is new; it is no longer."""
+        rates, self._rates = self._rates, []
+        tick = GnssTick(self.place if self._new_place else None, self.attitude if self._new_attitude else None, rates)
+        self._new_place = self._new_attitude = False
+        return tick
+
+    def _take_position(self, sample: GnssSample, told: Position, arrival_ns: int) -> None:
+        time_ns = self._time_of("position", sample.scale, told.tow_s, arrival_ns)
+        if time_ns is None or told.quality is Quality.NONE:
+            return
+        if self.frame is None:
+            self.frame = LocalFrame(told.latitude_deg, told.longitude_deg, told.height_m)
+        east, north, up = self.frame.to_local(
+            np.array([told.latitude_deg]), np.array([told.longitude_deg]), np.array([told.height_m])
+        )
+        least = self._sensors.gnss_sigma_m
+        reported = told.sigma_m if math.isfinite(told.sigma_m) else self._accuracy_m
+        # Without a word of how good it is, a position that is not fixed is one of metres.
+        loose = max(least, reported) if math.isfinite(reported) else _LOOSE_M
+        fixed = told.quality is Quality.FIXED
+        honest = least if fixed and not math.isfinite(reported) else loose
+        self._longitude_deg = told.longitude_deg
+        self.place = Place(
+            time_ns,
+            float(east[0]),
+            float(north[0]),
+            float(up[0]),
+            least if fixed else loose,
+            honest,
+            told.quality,
+        )
+        self._new_place = True
+
+    def _time_of(self, what: str, scale: TimeScale, tow_s: float, arrival_ns: int) -> int | None:
+        """By the sample's stamp; a message without one is as old as its way is long."""
+        if scale is TimeScale.NONE or not math.isfinite(tow_s):
+            return arrival_ns
+        delay_s = self._sensors.gnss_delay_s if what == "position" else 0.0
+        clock = self._clocks.setdefault((what, scale), WeekClock(scale, delay_s))
+        return clock.feed(tow_s, arrival_ns)
+
 
 _RATE_OLD_S = 0.1
 _FIX_OLD_S = 0.25
@@ -161,3 +307,85 @@ class Senses:
             return math.nan
         self.travel_m += way
         return way / ((here[0] - before[0]) / 1e9)
+
+
+# A vehicle file as the watches believe it.
+
+
+def wheel_belief(vehicle: VehicleFile, path: Path) -> WheelBelief:
+    """Steering.
+
+    Raises:
+        InputError: a number that the watches need is not in the file.
+    """
+    told = vehicle.steering
+    largest = _needed(path, "steering.largest_wheel_angle_rad", told.largest_wheel_angle_rad)
+    if vehicle.wheel_map is not None:
+        held = vehicle.wheel_map
+        angles = Knots(held.first_v, held.step_v, tuple(held.front_rad))
+    else:
+        angles = linear_wheel_map(
+            _needed(path, "steering.straight_potentiometer_v", told.straight_potentiometer_v),
+            _needed(path, "steering.potentiometer_v_per_rad", told.potentiometer_v_per_rad),
+            largest,
+        )
+    return WheelBelief(
+        angles,
+        _needed(path, "steering.encoder_counts_per_rad", told.encoder_counts_per_rad),
+        largest,
+        _needed(path, "steering.lag_s", told.lag_s),
+        _needed(path, "steering.largest_wheel_rate_radps", told.largest_wheel_rate_radps),
+        told.delay_s or 0.0,
+        told.dead_band_rad or 0.0,
+        told.backlash_rad or 0.0,
+        _needed(path, "steering.nominal_v", told.nominal_v),
+        _needed(path, "steering.stall_v", told.stall_v),
+    )
+
+
+def chassis_belief(vehicle: VehicleFile, path: Path) -> ChassisBelief:
+    """Steering geometry.
+
+    Raises:
+        InputError: a number that the watches need is not in the file.
+    """
+    if vehicle.rear_map is not None:
+        held = vehicle.rear_map
+        # The file has rear angles, counter-clockwise positive; what counts here is how far they counter-steer.
+        rear = Knots(held.first_rad, held.step_rad, tuple(-angle for angle in held.rear_rad))
+    else:
+        rear = proportional_rear(_needed(path, "steering.rear_ratio", vehicle.steering.rear_ratio))
+    speed = vehicle.steering.characteristic_speed_mps
+    return ChassisBelief(
+        _needed(path, "chassis.wheelbase_m", vehicle.chassis.wheelbase_m), rear, math.inf if speed is None else speed
+    )
+
+
+def pedals_belief(vehicle: VehicleFile, path: Path) -> PedalsBelief:
+    """Both pedals.
+
+    Raises:
+        InputError: a number that the watches need is not in the file.
+    """
+    throttle, brake = (
+        PedalBelief(
+            *(
+                _needed(path, f"{name}.{key}", getattr(table, key))
+                for key in ("pre_tension", "dead_zone", "gain_mps2", "lag_s")
+            )
+        )
+        for name, table in (("throttle", vehicle.throttle), ("brake", vehicle.brake))
+    )
+    slows = vehicle.resistance
+    return PedalsBelief(
+        throttle,
+        brake,
+        _needed(path, "resistance.rolling_mps2", slows.rolling_mps2),
+        _needed(path, "resistance.drag_per_s", slows.drag_per_s),
+    )
+
+
+def _needed(path: Path, place: str, value: float | None) -> float:
+    if value is None:
+        raise InputError(path, place, "a number (the study that finds it comes first)", "none")
+    return value

@@ -5,12 +5,13 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from lgprjax.archive import chassis_of, filter_model_of, lay_route, open_route, pedals_of, servo_of
 from lgprjax.autopilot import AutopilotConfig, LimiterRules, OnboardSetup, default_velocity
+from lgprjax.batch import chassis_of, filter_model_of, pedals_of, servo_of
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import MapFile, VehicleFile, read_route, read_vehicle
 from lgprjax.frames import LocalFrame
+from lgprjax.mapping import lay_route, open_route
 from lgprjax.navigation import (
     NavigatorSetup,
     RoutePath,

@@ -2,11 +2,177 @@
 
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-from lgprjax.autopilot import Event
-from lgprjax.autopilot.watch_findings import Severity
-from lgprjax.runtime.control.checks import CheckItem
-from lgprjax.runtime.control.processes import Processes
-from lgprjax.runtime.records import Kind, Record
+from lgprjax.autopilot import Event, Mode, Place
+from lgprjax.autopilot.monitors import Severity
+from lgprjax.navigation import Reaction
+from lgprjax.runtime.config import RuntimeConfig
+from lgprjax.runtime.control.modes import CheckItem
+from lgprjax.runtime.messages import Kind, Record
+
+# Events of a tick for the mode machine: what watches, navigation, processes and the limiter say.
+
+_PLACE_OF = {
+    Event.ROUTE_NEAR: Place.NEAR,
+    Event.ROUTE_OFF: Place.OFF_ROUTE,
+    Event.ROUTE_AMBIGUOUS: Place.AMBIGUOUS,
+    Event.ROUTE_WRONG_HEADING: Place.WRONG_HEADING,
+    Event.ROUTE_GONE: Place.NO_PATH,
+}
+DIED = {
+    "control": Event.CONTROL_DIED,
+    "registration": Event.REGISTRATION_DIED,
+    "recorder": Event.RECORDER_DIED,
+    "display": Event.DISPLAY_DIED,
+    "monitor": Event.MONITOR_DIED,
+}
+RELAUNCHED = {
+    "control": Event.CONTROL_RELAUNCHED,
+    "registration": Event.REGISTRATION_RELAUNCHED,
+    "recorder": Event.RECORDER_RELAUNCHED,
+    "display": Event.DISPLAY_RELAUNCHED,
+    "monitor": Event.MONITOR_RELAUNCHED,
+}
+
+
+class Told(NamedTuple):
+    """What the mode machine was told last of what it is told by changes.
+
+    Attributes:
+        sources, health, error, line: as told; ``None`` before the first time.
+    """
+
+    sources: bool | None = None
+    health: bool | None = None
+    error: bool = False
+    line: bool = True
+
+
+class Seen(NamedTuple):
+    """What there is to tell of a tick.
+
+    Attributes:
+        mode: as driven; place: as the mode machine has it.
+        started: there is a pose.
+        route: one of the events ``ROUTE_*``: where the vehicle is beside what it is to follow.
+        doubtful: the heading is not confirmed yet, which matters until something is engaged.
+        reaction: a ``Reaction`` of navigation's health.
+        sources: everything that engaging needs is there.
+        line: the box and its line are sound.
+        severity: the largest of the findings.
+        manual: findings beside the line's ask for manual or more.
+        failed: the limiter, or a control loop that is late, asks for manual.
+        recorder_lost: the recording is mandatory and cannot be kept.
+    """
+
+    mode: Mode
+    place: Place
+    started: bool
+    route: Event
+    doubtful: bool
+    reaction: int
+    sources: bool
+    line: bool
+    severity: Severity
+    manual: bool
+    failed: bool
+    recorder_lost: bool
+
+
+def events_of(told: Told, seen: Seen) -> tuple[Told, list[Event]]:
+    """What has changed since the last tick, as events in the order in which they weigh."""
+    engaged = seen.mode in (Mode.STEERING, Mode.SPEED)
+    events: list[Event] = []
+    if seen.line is not told.line:
+        events.append(Event.DRIVE_BY_WIRE_RELAUNCHED if seen.line else Event.DRIVE_BY_WIRE_DIED)
+    # Watches that ask for manual are an error while the autopilot drives. While a person drives they only refuse.
+    error = (engaged and (seen.manual or seen.failed)) or (told.error and seen.manual)
+    if error is not told.error:
+        events.append(Event.ERROR_RAISED if error else Event.ERROR_CLEARED)
+    route = seen.route if seen.started else Event.ROUTE_GONE
+    if seen.doubtful and not engaged:
+        route = Event.ROUTE_WRONG_HEADING
+    if _PLACE_OF[route] is not seen.place:
+        events.append(route)
+    if seen.sources is not told.sources:
+        events.append(Event.SOURCES_PRESENT if seen.sources else Event.SOURCE_MISSING)
+    stops = seen.reaction == Reaction.STOP or seen.severity is Severity.STOP or seen.recorder_lost
+    health = seen.started and not stops
+    if health is not told.health:
+        events.append(Event.HEALTH_GOOD if health else Event.HEALTH_STOP)
+    return Told(seen.sources, health, error, seen.line), events
+
+
+# What the supervisor says of the other processes, and what that means to the modes.
+
+_SAYS = {
+    "recorder": "nothing is being recorded",
+    "coverage": "the map of what is worked is not being kept",
+}
+
+
+class Processes:
+    """Which processes live.
+
+    Args:
+        config: of the run.
+
+    Attributes:
+        alive: by name, of those that were heard of.
+        mandatory: without a recording the vehicle stops.
+        radar: what the radar reports of itself, in words.
+    """
+
+    def __init__(self, config: RuntimeConfig) -> None:
+        self.alive: dict[str, bool] = {}
+        self.mandatory = config.recording.mandatory
+        self.radar: list[str] = []
+        self._beside = "registration" if config.coverage is None else "coverage"
+
+    def take(self, note: dict[str, Any]) -> list[Event]:
+        """A note of the supervisor, or of the radar; what it is to the modes."""
+        if "radar" in note:
+            self.radar = [str(text) for text in note["radar"]]
+        died, left, ready = (str(note.get(key)) for key in ("died", "left", "ready"))
+        if died in DIED or died == "coverage":
+            known, self.alive[died] = self.alive.get(died), False
+            return self._events(DIED, died) if known is not None else []
+        if left in DIED or left == "coverage":
+            # It is not started again. What that means was said with its deaths, or it ended in order.
+            self.alive[left] = False
+        elif ready in RELAUNCHED or ready == "coverage":
+            known, self.alive[ready] = self.alive.get(ready), True
+            return self._events(RELAUNCHED, ready) if known is False else []
+        return []
+
+    def silent(self, name: str) -> bool:
+        """Whether a process is not there."""
+        return not self.alive.get(name, False)
+
+    @property
+    def starting(self) -> bool:
+        """The slowest one has not come up for the first time."""
+        return self._beside not in self.alive
+
+    @property
+    def lost(self) -> bool:
+        """The recording is mandatory and cannot be kept."""
+        return self.mandatory and any(self.alive.get(name) is False for name in _SAYS)
+
+    @property
+    def slowly(self) -> bool:
+        """What is worked cannot be followed live."""
+        return self.alive.get("coverage") is False
+
+    @property
+    def warnings(self) -> list[str]:
+        """What does not stop the vehicle and should be known."""
+        return [*(text for name, text in _SAYS.items() if self.alive.get(name) is False), *self.radar]
+
+    def _events(self, of: dict[str, Event], name: str) -> list[Event]:
+        # A recording that need not be there does not take the vehicle from the autopilot by its deaths.
+        if name not in of or (of is DIED and name == "recorder" and not self.mandatory):
+            return []
+        return [of[name]]
 
 
 class Operator(NamedTuple):

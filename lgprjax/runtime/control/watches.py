@@ -4,24 +4,44 @@ import math
 from typing import NamedTuple
 
 from lgprjax.autopilot import Event
-from lgprjax.autopilot.watch_belief import curvature, yaw_gain
-from lgprjax.autopilot.watch_buttons import ButtonState, Hands, step_buttons
-from lgprjax.autopilot.watch_chassis import ChassisWatchState, step_chassis_watch
-from lgprjax.autopilot.watch_findings import Severity, Watch, severity_of
-from lgprjax.autopilot.watch_ground import Position
-from lgprjax.autopilot.watch_heading import HeadingCheck, HeadingWatchState, step_heading_watch
-from lgprjax.autopilot.watch_line import LineWatchState, step_line_watch
-from lgprjax.autopilot.watch_motion import MotionState, step_motion
-from lgprjax.autopilot.watch_odometer import OdometerWatchState, step_odometer_watch
-from lgprjax.autopilot.watch_path import PathWatchState, step_path_watch
-from lgprjax.autopilot.watch_pedals import PedalReading, PedalWatchState, step_pedal_watch
-from lgprjax.autopilot.watch_servo import ServoWatchState, step_servo_watch
-from lgprjax.autopilot.watch_wheel_sensors import WheelSensorState, init_wheel_sensors, step_wheel_sensors
+from lgprjax.autopilot.chassis_monitors import (
+    ChassisWatchState,
+    PedalReading,
+    PedalWatchState,
+    ServoWatchState,
+    WheelSensorState,
+    init_wheel_sensors,
+    step_chassis_watch,
+    step_pedal_watch,
+    step_servo_watch,
+    step_wheel_sensors,
+)
+from lgprjax.autopilot.monitors import (
+    LineWatchState,
+    MotionState,
+    PathWatchState,
+    Severity,
+    Watch,
+    curvature,
+    severity_of,
+    step_line_watch,
+    step_motion,
+    step_path_watch,
+    yaw_gain,
+)
+from lgprjax.autopilot.operator_monitors import ButtonState, Hands, step_buttons
+from lgprjax.autopilot.position_monitors import (
+    HeadingCheck,
+    HeadingWatchState,
+    OdometerWatchState,
+    Position,
+    step_heading_watch,
+    step_odometer_watch,
+)
 from lgprjax.formats import VehicleFile
 from lgprjax.runtime.config import RuntimeConfig
-from lgprjax.runtime.control.beliefs import chassis_belief, pedals_belief, wheel_belief
-from lgprjax.runtime.control.mode_keeper import PEDALS, STEERING
-from lgprjax.runtime.control.senses import Sensed, Wheels
+from lgprjax.runtime.control.modes import PEDALS, STEERING
+from lgprjax.runtime.control.senses import Sensed, Wheels, chassis_belief, pedals_belief, wheel_belief
 
 ODOMETER = Watch.ODOMETER_DEAD | Watch.ODOMETER_REVERSED | Watch.ODOMETER_SLIPS | Watch.SPEED_UNKNOWN
 _TOLD = STEERING | PEDALS

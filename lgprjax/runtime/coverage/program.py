@@ -17,8 +17,8 @@ from lgprjax.coverage import CellState, cell_states, grid_of_field, inside_cells
 from lgprjax.coverage.field import Field
 from lgprjax.runtime.control.skid.setup import SkidLoaded, load_skid
 from lgprjax.runtime.coverage.worked_map import WorkedMap, worked_runs
+from lgprjax.runtime.messages import COVER, Kind, Record, Source, pack, unpack
 from lgprjax.runtime.process import Stage, Started
-from lgprjax.runtime.records import COVER, Kind, Record, Source, pack, unpack
 
 CORNERS_FILE = "corners.csv"
 """In the run's folder: the corners that were marked, in their order."""

@@ -3,7 +3,7 @@
 import json
 from typing import Any
 
-from lgprjax.runtime.records import Kind, unpack
+from lgprjax.runtime.messages import Kind, unpack
 
 STALE_NS = 500_000_000
 ENGAGED = ("STEERING", "SPEED")

@@ -2,25 +2,130 @@
 
 import asyncio
 import json
+import logging
 import secrets
 import time
 from collections import Counter
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any, cast
+from urllib.parse import parse_qs
 
+from h11 import LocalProtocolError
 from starlette.applications import Starlette
+from starlette.datastructures import MutableHeaders
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.utils import ClientDisconnected
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.frames import Frame
 
-from lgprjax.runtime.display.access import Access
+from lgprjax.runtime.display.access import COOKIE, Access, Refused, RequestGate
 from lgprjax.runtime.display.board import Board
-from lgprjax.runtime.display.guard import Guard
-from lgprjax.runtime.display.route_request import Refused, RequestGate
-from lgprjax.runtime.records import Kind, Record, Source, pack
+from lgprjax.runtime.messages import Kind, Record, Source, pack
 from lgprjax.runtime.ring import Ring
+
+# What stands before the page: every request is held against ``Access``, every answer gets its headers.
+
+_log = logging.getLogger(__name__)
+
+_HEADERS = {
+    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'{socket}; "
+    "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "cache-control": "no-store",
+    "x-frame-options": "DENY",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+}
+
+
+class Guard:
+    """An ASGI application that lets through to another one what may come in.
+
+    Args:
+        app: behind it.
+        access: the rules.
+        counts: of what was refused, by reason.
+    """
+
+    def __init__(self, app: ASGIApp, access: Access, counts: Counter[str]) -> None:
+        self._app = app
+        self._access = access
+        self._counts = counts
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """ASGI."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        answer = self._answer(scope)
+        try:
+            if answer is None:
+                await self._app(scope, receive, _dressed(scope, send))
+            elif scope["type"] == "http":
+                await answer(scope, receive, _dressed(scope, send))
+            else:
+                await send({"type": "websocket.close", "code": 1008, "reason": ""})
+        except (OSError, WebSocketDisconnect, LocalProtocolError):
+            # The last one: the server itself answered that the rest of the request is malformed.
+            self._counts["connection gone"] += 1
+        except Exception:
+            _log.exception("the display failed at a request")
+            raise
+
+    def _answer(self, scope: Scope) -> Response | None:
+        headers, server = scope["headers"], scope["server"]
+        asks_http = scope["type"] == "http"
+        looks = asks_http and scope["method"] in ("GET", "HEAD")
+        if not self._access.host_is_ours(headers, server):
+            return self._refuse("host", 421, "This page is not known by that name.")
+        if not looks and not self._access.origin_is_ours(headers, server):
+            return self._refuse("origin", 403, "Another page may not ask this one for anything.")
+        if asks_http and not looks:
+            return self._refuse("method", 405, "There is nothing here but to look at.", allow="GET, HEAD")
+        tokens = _query(scope["query_string"]).get("token", [])
+        if asks_http and scope["path"] == "/" and len(tokens) == 1 and self._access.token_is_right(tokens[0]):
+            # The token leaves the address bar, and with it the browser's history.
+            redirect = RedirectResponse("/", 303)
+            redirect.set_cookie(COOKIE, self._access.cookie(), httponly=True, samesite="strict")
+            return redirect
+        if not self._access.is_let_in(headers):
+            return self._refuse("token", 401, "Open this page once as /?token=TOKEN, with the token of display.token.")
+        return None
+
+    def _refuse(self, reason: str, status: int, text: str, **headers: str) -> Response:
+        self._counts[reason] += 1
+        return PlainTextResponse(text + "\n", status, headers={"connection": "close", **headers})
+
+
+def _query(query: bytes) -> dict[str, list[str]]:
+    try:
+        return parse_qs(query.decode("latin-1"), max_num_fields=4)
+    except ValueError:
+        return {}
+
+
+def _dressed(scope: Scope, send: Send) -> Send:
+    # Not every browser counts a websocket of the same address as 'self'. The host was checked, thus safe to repeat.
+    host = next((value.decode("latin-1") for key, value in scope["headers"] if key == b"host"), "")
+    socket = f" ws://{host}" if host.replace(":", "").replace(".", "").replace("-", "").isalnum() else ""
+
+    async def with_headers(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            for name, value in _HEADERS.items():
+                headers[name] = value.replace("{socket}", socket)
+        await send(message)
+
+    return with_headers
+
 
 MOST_VIEWERS = 8
 REFUSALS_BEFORE_CLOSED = 10
@@ -137,3 +242,75 @@ def _file(name: str, media_type: str) -> Callable[[Request], Awaitable[Response]
         return Response(content, media_type=media_type)
 
     return answer
+
+
+# Connections that cannot hold on to the server: how many, how long, and how much each may make it keep.
+
+MOST_CONNECTIONS = 64
+HTTP_LIFE_S = 5.0
+MOST_WAITING = 16
+_WRITE_HIGH, _WRITE_MOST = 16 << 10, 128 << 10
+
+
+class HttpConnection(H11Protocol):
+    """A connection that fetches the page's few files and then ends or becomes a websocket."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """asyncio: one too many is closed at once, every other after ``HTTP_LIFE_S``, however slowly it speaks."""
+        super().connection_made(cast(asyncio.Transport, transport))
+        if len(self.connections) > MOST_CONNECTIONS:
+            self.transport.abort()
+            return
+        self.transport.set_write_buffer_limits(high=_WRITE_HIGH)
+        self.loop.call_later(HTTP_LIFE_S, self._end)
+
+    def data_received(self, data: bytes) -> None:
+        """asyncio: what the parser did not foresee ends this connection and nothing else."""
+        try:
+            super().data_received(data)
+        except Exception:
+            self.transport.abort()
+
+    def _end(self) -> None:
+        if self.transport.get_protocol() is self:
+            self.transport.abort()
+
+
+class PageSocket(WebSocketsSansIOProtocol):
+    """A websocket of which only a few messages, fragments and unread answers wait."""
+
+    def data_received(self, data: bytes) -> None:
+        """asyncio: what the parser did not foresee ends this connection and nothing else."""
+        try:
+            super().data_received(data)
+        except Exception:
+            self.transport.abort()
+        # Pings are answered outside the flow control: who does not read the answers is let go.
+        if self.transport.get_write_buffer_size() > _WRITE_MOST:
+            self.transport.abort()
+
+    async def send(self, message: Any) -> None:
+        """ASGI: what is sent after this line was ended for a fault finds nobody there."""
+        await self.writable.wait()
+        if self.close_sent or self.transport.is_closing():
+            raise ClientDisconnected
+        await super().send(message)
+
+    def send_receive_event_to_app(self) -> None:
+        """A whole message came; many may have come at once."""
+        if self.queue.qsize() >= MOST_WAITING:
+            self.transport.abort()
+        if not self.transport.is_closing():
+            super().send_receive_event_to_app()
+
+    def handle_ping(self) -> None:
+        """A ping came; many may have come at once, and the first answer may have found nobody there."""
+        if not self.transport.is_closing():
+            super().handle_ping()
+
+    def handle_cont(self, event: Frame) -> None:
+        """A fragment came; empty ones are not bounded by the size of a message."""
+        if len(self.frames) >= MOST_WAITING:
+            self.transport.abort()
+        if not self.transport.is_closing():
+            super().handle_cont(event)

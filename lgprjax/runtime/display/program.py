@@ -10,11 +10,9 @@ import uvicorn
 
 from lgprjax.errors import InputError
 from lgprjax.runtime.config import RuntimeConfig
-from lgprjax.runtime.display.access import Access
+from lgprjax.runtime.display.access import LARGEST_BYTES, Access
 from lgprjax.runtime.display.board import Board
-from lgprjax.runtime.display.connections import MOST_CONNECTIONS, HttpConnection, PageSocket
-from lgprjax.runtime.display.pages import Pages
-from lgprjax.runtime.display.route_request import LARGEST_BYTES
+from lgprjax.runtime.display.pages import MOST_CONNECTIONS, HttpConnection, Pages, PageSocket
 from lgprjax.runtime.process import Stage, Started
 
 ADDRESS_FILE = "display.url"

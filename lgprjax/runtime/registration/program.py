@@ -12,15 +12,19 @@ import numpy as np
 from lgprjax.formats import MapFile, read_vehicle
 from lgprjax.process_cost import count_compiles
 from lgprjax.registration import Code, DriveFixes
+from lgprjax.runtime.link import Frame
+from lgprjax.runtime.messages import FIX, Kind, Record, Source, StampClock, pack, unpack
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import Stage, Started
-from lgprjax.runtime.records import FIX, Kind, Record, Source, pack, unpack
-from lgprjax.runtime.registration.prior_track import PriorTrack
-from lgprjax.runtime.registration.radar_line import RadarLine
-from lgprjax.runtime.registration.search import BLOCK_SCANS, RadarDescription, Search, description_of
-from lgprjax.runtime.registration.tiles_ahead import AHEAD_M
-from lgprjax.runtime.stamps import StampClock
-from lgprjax.runtime.wire import Frame
+from lgprjax.runtime.registration.search import (
+    AHEAD_M,
+    BLOCK_SCANS,
+    PriorTrack,
+    RadarDescription,
+    RadarLine,
+    Search,
+    description_of,
+)
 
 _IDLE_S = 0.002
 _WISH_S = 0.2

@@ -1,30 +1,115 @@
 """The search as the vehicle runs it: a map, an array and a radar's own description made ready and warmed."""
 
-from collections.abc import Iterator
+import json
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from lgprjax.archive.held_ground import HeldGround
+from lgprjax.batch.register import HeldGround
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile, VehicleFile, read_thresholds
 from lgprjax.radar import ArrayGeometry, trace_operators, uniform_array
 from lgprjax.registration import (
+    Aspect,
     DriveFixes,
     LiveBlock,
     Operators,
+    PreparedGround,
+    PreparedTile,
     RegisterOptions,
     Registration,
     Thresholds,
     Track,
+    ground_map_for,
     live_chain,
 )
-from lgprjax.runtime.config import RuntimeConfig
-from lgprjax.runtime.registration.tiles_ahead import TilesAhead
-from lgprjax.runtime.wire import Frame
+from lgprjax.runtime.config import RadarTable, RuntimeConfig
+from lgprjax.runtime.link import Frame, Sender, draw_session
+from lgprjax.runtime.messages import PRIOR, Kind, Record, Source, pack
+from lgprjax.runtime.port import Arrival, Port
+from lgprjax.runtime.ring import Ring
+
+# Tiles made ready before the vehicle comes to them: in a thread, on a ground of its own.
+
+AHEAD_M = (0.0, 1.0, 2.0, 3.0)
+"""How far ahead of the array tiles are made ready; the first is where it is."""
+_SLACK_M = 0.5  # what the search's lattice reaches beyond its region, up to a step
+
+
+class TilesAhead:
+    """A thread that prepares what it is asked for, the newest wish first done.
+
+    What it computes releases the interpreter, so that the search goes on beside it; its tiles are handed over when the
+    search asks (``PreparedGround.hold``), never changed in its back.
+    """
+
+    def __init__(self, source: MapFile, array: ArrayGeometry, options: RegisterOptions) -> None:
+        self._ground = ground_map_for(source, options)
+        self._prepared = PreparedGround(self._ground, array, keep=1)
+        self._reach_m = options.search_half_m() + _SLACK_M
+        self._tile: int | None = None
+        self._wish: list[Aspect] = []
+        self._ready: list[tuple[Aspect, PreparedTile]] = []
+        self._news = threading.Condition()
+        self._ending = False
+        self._thread = threading.Thread(target=self._run, name="tiles ahead", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread."""
+        with self._news:
+            self._ending = True
+            self._news.notify()
+        self._thread.join(timeout=5.0)
+
+    def wish(self, poses: Iterable[Float[np.ndarray, "5"]], speed_mps: float, into: PreparedGround) -> None:
+        """Prepare for these places, the first being the vehicle's own; those that the search holds already are left
+        out. What is ready is handed over."""
+        aspects: list[Aspect] = []
+        tile = self._tile
+        for number, pose in enumerate(poses):
+            # As the search chooses: a tile stays in use as long as it serves.
+            tile = self._ground.tile_holding(tile, pose[:2], self._reach_m)
+            if number == 0:
+                self._tile = tile
+            if tile is None:
+                continue
+            aspect = self._prepared.aspects(np.array([tile]), pose[None, 3], np.array([speed_mps]))[0][0]
+            if not into.holds(aspect) and aspect not in aspects:
+                aspects.append(aspect)
+        with self._news:
+            done, self._ready = self._ready, []
+            ready = {aspect for aspect, _ in done}
+            self._wish = [aspect for aspect in aspects if aspect not in ready]
+            if self._wish:
+                self._news.notify()
+        for aspect, tile_ready in done:
+            if not into.holds(aspect):
+                into.hold(aspect, tile_ready)
+
+    def _run(self) -> None:
+        while True:
+            with self._news:
+                while not self._wish and not self._ending:
+                    self._news.wait()
+                if self._ending:
+                    return
+                aspect = self._wish.pop(0)
+                if any(aspect == known for known, _ in self._ready):
+                    continue
+            made = self._prepared.make(aspect)
+            jax.block_until_ready(made)
+            with self._news:
+                self._ready.append((aspect, made))
+
 
 BLOCK_SCANS = 4
 """Most scans that are searched at once: a compiled shape."""
@@ -204,3 +289,177 @@ class Search:
             traces.append(np.frombuffer(data, np.uint8).reshape(shape).astype(np.float32) - self._radar.zero_level)
             valid.append((int(frame.number("valid")) >> bits & 1).astype(bool))
         return self.drive.feed(LiveBlock(np.stack(traces), np.stack(valid), track))
+
+
+# Where GNSS/INS have the vehicle at each scan: between the control loop's priors, or a little beyond the last.
+
+_KEPT = 256
+_BEYOND_S = 0.1
+_LEAST_YAW_SIGMA_RAD = math.radians(0.1)
+
+
+class PriorTrack:
+    """The last seconds of priors.
+
+    Args:
+        array_x_m: centre of the array ahead of the rear axle.
+        height_m: of the array.
+    """
+
+    def __init__(self, array_x_m: float, height_m: float) -> None:
+        self._array_x_m, self._height_m = array_x_m, height_m
+        self._held: deque[np.void] = deque(maxlen=_KEPT)
+
+    def take(self, payload: bytes) -> None:
+        """A prior; one that is not valid ends what is known."""
+        prior = np.frombuffer(payload, PRIOR)[0]
+        if not prior["valid"]:
+            self._held.clear()
+        elif not self._held or prior["time_ns"] > self._held[-1]["time_ns"]:
+            self._held.append(prior)
+
+    def covers(self, scan_ns: int) -> bool | None:
+        """Whether there is a prior for a moment; ``None`` where one may still come."""
+        if not self._held:
+            return None
+        if scan_ns < self._held[0]["time_ns"]:
+            return False
+        return True if scan_ns <= self._held[-1]["time_ns"] + int(_BEYOND_S * 1e9) else None
+
+    def track(self, scan_ns: Int[np.ndarray, " scan"]) -> Track:
+        """Priors of scans that are covered."""
+        held = np.array(list(self._held), PRIOR)
+        at, time = (scan_ns - held["time_ns"][0]) / 1e9, (held["time_ns"] - held["time_ns"][0]) / 1e9
+        last = held[-1]
+        beyond = np.maximum(at - time[-1], 0.0)
+        yaw_held = np.unwrap(held["pose"][:, 2])
+        yaw = np.interp(at, time, yaw_held) + beyond * last["yaw_rate_radps"]
+        # What the last prior is carried on by stays small: a tick of the control loop.
+        way = beyond * last["speed_mps"]
+        turned = yaw_held[-1] + 0.5 * beyond * last["yaw_rate_radps"]
+        x = np.interp(at, time, held["pose"][:, 0]) + way * np.cos(turned) + self._array_x_m * np.cos(yaw)
+        y = np.interp(at, time, held["pose"][:, 1]) + way * np.sin(turned) + self._array_x_m * np.sin(yaw)
+        roll = np.interp(at, time, held["roll_rad"])
+        pose = np.stack([x, y, np.full(len(at), self._height_m), yaw, roll], axis=1)
+        travel = np.interp(at, time, held["travel_m"]) + way
+        speed = np.interp(at, time, held["speed_mps"])
+        sigma = np.maximum(np.interp(at, time, held["sigma_yaw_rad"]), _LEAST_YAW_SIGMA_RAD)
+        # A prior's record states no covariance of its position.
+        unstated = np.full(len(at), np.nan)
+        return Track(pose, travel, speed, sigma, unstated, np.zeros(len(at), np.int64))
+
+    def ahead(self, way_m: float) -> Float[np.ndarray, "5"] | None:
+        """Where the array will be so much farther on, the way that the vehicle moves now; ``None`` where it stands."""
+        if not self._held or abs(self._held[-1]["speed_mps"]) < 0.1:
+            return None
+        last = self._held[-1]
+        way = math.copysign(way_m, last["speed_mps"])
+        turn = float(last["yaw_rate_radps"] / last["speed_mps"]) * way
+        x, y, yaw = last["pose"]
+        x += way * math.cos(yaw + 0.5 * turn) + self._array_x_m * math.cos(yaw + turn)
+        y += way * math.sin(yaw + 0.5 * turn) + self._array_x_m * math.sin(yaw + turn)
+        return np.array([x, y, self._height_m, yaw + turn, last["roll_rad"]])
+
+    @property
+    def speed_mps(self) -> float:
+        """Of the last prior."""
+        return float(self._held[-1]["speed_mps"]) if self._held else 0.0
+
+
+# The radar's line: what the radar is told before it scans, that it scans, and what it reports of itself.
+
+_ASK_S, _TELL_S = 1.0, 1.0
+_STOP, _START, _CALIBRATE, _LOOK_UP = range(4)
+_IDLE, _SCANNING, _CALIBRATING, _LOOKING_UP, _FAILED = range(5)
+ERRORS = {
+    1: "radar: a channel is lost",
+    2: "radar: too hot",
+    4: "radar: its clock",
+    8: "radar: switch matrix",
+    16: "radar: calibration out of range",
+}
+"""Bits of ``radar_health.errors`` in words."""
+
+
+class RadarLine:
+    """The port and the radar's orders.
+
+    A radar that scans already, as after a relaunch of this process, has been told what it is to be told.
+
+    Args:
+        port: of the line.
+        table: of the configuration.
+        log: ring to the recorder; control: ring to the control process.
+    """
+
+    def __init__(self, port: Port[Frame], table: RadarTable, log: Ring, control: Ring) -> None:
+        self._port, self._table, self._log, self._control = port, table, log, control
+        self._sender = Sender(draw_session())
+        self._orders = [_CALIBRATE] * table.calibrate + [_LOOK_UP] * table.look_up
+        self._sweeps = table.sweep is not None
+        self._state: int | None = None
+        self._began = False
+        self._asked_s = self._told_s = 0.0
+        self._errors = 0
+
+    @property
+    def preparing(self) -> bool:
+        """It is still to calibrate or to look up before it scans."""
+        return bool(self._orders) and self._state != _SCANNING
+
+    def take(self, frame: Frame) -> None:
+        """A frame that came."""
+        if frame.name == "radar_scan":
+            self._state = _SCANNING
+        elif frame.name == "radar_health":
+            self._take_health(int(frame.number("state")), int(frame.number("errors")))
+
+    def arrivals(self) -> list[Arrival[Frame]]:
+        """What came; what was refused is recorded."""
+        came = self._port.take()
+        for refused in self._port.take_refused():
+            payload = bytes([refused.item.reason]) + refused.item.data
+            self._log.put(pack(Record(Kind.REFUSED, Source.RADAR, 0, refused.mono_ns, payload)))
+        return came
+
+    def order(self) -> None:
+        """Tell it what is next: sweep plan, calibration, look-up, then to scan; once a second until it does."""
+        now_s = time.monotonic()
+        if self._state == _SCANNING or now_s - self._asked_s <= _ASK_S:
+            return
+        # A radar that scans already must not be told to do anything else: it is heard first.
+        unheard = self._state is None and (self._orders or self._sweeps)
+        if unheard or self._state in (_CALIBRATING, _LOOKING_UP):
+            return
+        self._asked_s = now_s
+        sweep = self._table.sweep
+        if self._sweeps and sweep is not None:
+            self._send("radar_sweep_plan", sweep.model_dump())
+        action = self._orders[0] if self._orders else _START
+        self._send("radar_command", {"action": action, "scan_period_us": self._table.scan_period_us})
+
+    def close(self) -> None:
+        """Have it stop, and close the line."""
+        self._send("radar_command", {"action": _STOP, "scan_period_us": 0})
+        self._port.close()
+
+    def _take_health(self, state: int, errors: int) -> None:
+        doing = {_CALIBRATING: _CALIBRATE, _LOOKING_UP: _LOOK_UP}.get(state)
+        if self._orders and doing == self._orders[0]:
+            self._began = True
+        elif self._orders and self._began and state == _IDLE:
+            # What it was doing it has done.
+            self._orders, self._began, self._asked_s = self._orders[1:], False, 0.0
+        self._state = state
+        now_s = time.monotonic()
+        if errors != self._errors or (errors and now_s - self._told_s > _TELL_S):
+            self._errors, self._told_s = errors, now_s
+            words = [text for bit, text in ERRORS.items() if errors & bit]
+            told = json.dumps({"radar": words + ["radar has failed"] * (state == _FAILED)}).encode()
+            self._control.put(pack(Record(Kind.EVENT, Source.REGISTRATION, 0, time.monotonic_ns(), told)))
+
+    def _send(self, name: str, fields: dict[str, Any]) -> None:
+        now_ns = time.monotonic_ns()
+        frame = self._sender.frame(name, fields, mode=0, mono_ns=now_ns)
+        self._port.write(frame)
+        self._log.put(pack(Record(Kind.PORT_OUT, Source.RADAR, 0, now_ns, frame)))

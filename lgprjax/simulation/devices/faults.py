@@ -1,9 +1,155 @@
 """What goes wrong with the simulated devices: names, and what runs at a moment."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
-from lgprjax.simulation.devices.schedule import Item
+from lgprjax.errors import InputError
+
+# When the items of a script, or faults, begin and end.
+
+READY_MODE = 2
+"""Moments count from the first command that said so."""
+
+
+class Moment(NamedTuple):
+    """What beginnings hang on.
+
+    Attributes:
+        now_s: of the world's clock.
+        since_ready_s: since the host first was ready; ``None`` before.
+        way_m: driven.
+        mode: of the host's last command; it has been that for ``mode_for_s``.
+        arrivals: places that the operator of a field has driven to.
+    """
+
+    now_s: float
+    since_ready_s: float | None
+    way_m: float
+    mode: int
+    mode_for_s: float
+    arrivals: int = 0
+
+
+@dataclass(frozen=True)
+class Item:
+    """A line of a script or a fault.
+
+    Attributes:
+        name: what happens.
+        numbers: its own keys.
+        for_s: how long.
+        at_s, at_way_m, at_arrival, after: when it begins, one of them; ``after`` is (mode, for so long).
+        every_s: with at_s, it begins again so much later, and again.
+    """
+
+    name: str
+    numbers: Mapping[str, Any]
+    for_s: float
+    at_s: float | None = None
+    at_way_m: float | None = None
+    after: tuple[int, float] | None = None
+    at_arrival: int | None = None
+    every_s: float | None = None
+
+    def begins(self, moment: Moment) -> bool:
+        """Whether its time has come."""
+        if self.at_s is not None:
+            return moment.since_ready_s is not None and moment.since_ready_s >= self.at_s
+        if self.at_way_m is not None:
+            return moment.way_m >= self.at_way_m
+        if self.at_arrival is not None:
+            return moment.arrivals >= self.at_arrival
+        assert self.after is not None
+        mode, for_s = self.after
+        return moment.since_ready_s is not None and moment.mode == mode and moment.mode_for_s >= for_s
+
+    def again(self) -> "Item":
+        """The same, to begin once more."""
+        assert self.at_s is not None
+        assert self.every_s is not None
+        return replace(self, at_s=self.at_s + self.every_s)
+
+
+class Schedule:
+    """Items, each of which begins once, or every so many seconds."""
+
+    def __init__(self, items: Iterable[Item]) -> None:
+        self._waiting = list(items)
+        self._running: list[tuple[float, Item]] = []
+
+    def step(self, moment: Moment) -> list[Item]:
+        """Items that run now, the oldest first."""
+        begun = [item for item in self._waiting if item.begins(moment)]
+        self._waiting = [item for item in self._waiting if item not in begun]
+        self._waiting += [item.again() for item in begun if item.every_s is not None]
+        self._running += [(moment.now_s + item.for_s, item) for item in begun]
+        self._running = [(ends_s, item) for ends_s, item in self._running if moment.now_s < ends_s]
+        return [item for _, item in self._running]
+
+
+def read_items(
+    file: Path,
+    place: str,
+    rows: list[dict[str, Any]],
+    *,
+    key: str,
+    known: Mapping[str, tuple[str, ...]],
+    lasts_s: Mapping[str, float],
+) -> list[Item]:
+    """Items of a list of tables.
+
+    Args:
+        file, place: for messages.
+        rows: the tables.
+        key: that names what happens.
+        known: names, and the keys that each demands.
+        lasts_s: how long each lasts where it does not say; for ever where it is not here.
+
+    Raises:
+        InputError: a name or key is not known, is missing, or there is not one beginning.
+    """
+    items = []
+    for number, row in enumerate(rows):
+        where = f"{place}[{number}]"
+        name = str(row.get(key))
+        if name not in known:
+            raise InputError(file, f"{where}.{key}", f"one of {', '.join(known)}", name)
+        begin = [begins for begins in ("at_s", "at_way_m", "at_arrival", "after") if begins in row]
+        if len(begin) != 1:
+            raise InputError(file, where, "one of at_s, at_way_m, at_arrival, after", ", ".join(begin) or "none")
+        allowed = {key, "for_s", begin[0], *known[name], *(("every_s",) if begin[0] == "at_s" else ())}
+        if unknown := sorted(set(row) - allowed):
+            raise InputError(file, f"{where}.{unknown[0]}", f"one of {', '.join(sorted(allowed))}", unknown[0])
+        if missing := [needed for needed in known[name] if needed not in row]:
+            raise InputError(file, f"{where}.{missing[0]}", f"a value: {name} needs it", "none")
+        after = row.get("after")
+        items.append(
+            Item(
+                name,
+                {needed: row[needed] for needed in known[name]},
+                float(row.get("for_s", lasts_s.get(name, float("inf")))),
+                None if "at_s" not in row else float(row["at_s"]),
+                None if "at_way_m" not in row else float(row["at_way_m"]),
+                None if after is None else (int(after["mode"]), float(after["for_s"])),
+                None if "at_arrival" not in row else int(row["at_arrival"]),
+                None if "every_s" not in row else float(row["every_s"]),
+            )
+        )
+    return items
+
+
+def check_choice(file: Path, place: str, items: list[Item], key: str, known: tuple[str, ...]) -> None:
+    """Hold the items' texts under a key against those that there are.
+
+    Raises:
+        InputError: one is not among them.
+    """
+    for item in items:
+        if item.numbers.get(key, known[0]) not in known:
+            raise InputError(file, f"{place}: {item.name}.{key}", f"one of {', '.join(known)}", repr(item.numbers[key]))
+
 
 FAULTS: dict[str, tuple[str, ...]] = {
     "gnss_off": (),

@@ -1,41 +1,415 @@
 """The devices of a skid-steer vehicle in a field: bytes and time go in, frames come out; the vehicle moves between."""
 
+import json
 import math
 import threading
 from collections import deque
+from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from lgprjax.errors import InputError
 from lgprjax.frames import LocalFrame
-from lgprjax.simulation.devices.beat import Beat
-from lgprjax.simulation.devices.controller_box import OVERRIDE_FIRST, OVERRIDE_SECOND, ControllerBox, buttons_of
-from lgprjax.simulation.devices.faults import FAULT_LASTS_S, Faults
-from lgprjax.simulation.devices.field_faults import FIELD_FAULTS, FIELD_LINES
-from lgprjax.simulation.devices.field_spec import FieldSpec
-from lgprjax.simulation.devices.field_truth import FieldTruth
-from lgprjax.simulation.devices.flail import TICK_S, Flail, FlailMoved
-from lgprjax.simulation.devices.flail_tool import ToolState, step_tool
-from lgprjax.simulation.devices.gnss_box import (
+from lgprjax.scene.plant import (
+    SkidPlant,
+    SkidPlantState,
+    SkidSensors,
+    SkidSensorState,
+    default_skid_plant,
+    default_skid_sensors,
+    init_skid_plant,
+    init_skid_sensors,
+    read_skid_sensors,
+    step_skid_plant,
+)
+from lgprjax.simulation.devices.boxes import (
+    OVERRIDE_FIRST,
+    OVERRIDE_SECOND,
+    ControllerBox,
+    SkidActing,
+    SkidBox,
+    SkidCommand,
+    SkidMeasured,
+    buttons_of,
+)
+from lgprjax.simulation.devices.faults import (
+    FAULT_LASTS_S,
+    READY_MODE,
+    Faults,
+    Item,
+    Moment,
+    Schedule,
+    check_choice,
+    read_items,
+)
+from lgprjax.simulation.devices.sensors import (
     WEEK_S,
     Attitude,
     GnssClock,
+    Lines,
     Position,
     attitude_messages,
     position_message,
 )
-from lgprjax.simulation.devices.lines import Lines
-from lgprjax.simulation.devices.schedule import READY_MODE, Moment, Schedule, check_choice, read_items
-from lgprjax.simulation.devices.skid_box import SkidActing, SkidBox, SkidMeasured
-from lgprjax.simulation.devices.teleoperator import (
-    FIELD_BUTTONS,
-    FIELD_SCRIPT,
-    SCRIPT_LASTS_S,
-    RemoteHands,
-    Teleoperator,
-)
+from lgprjax.simulation.devices.stage import Beat
+from lgprjax.simulation.devices.vehicle import write_truth
 from lgprjax.simulation.devices.wire_ends import Sender
+from lgprjax.vehicle.kinematics import VehiclePose, WheelSpeeds
+
+# What a run of the devices in a field is asked for: SPEC.json.
+
+
+class FieldSpec(BaseModel):
+    """A run of the devices in a field. Paths are as the program's working folder has them.
+
+    Attributes:
+        anchor: latitude and longitude (degrees) and height of the plan's frame, which poses are in.
+        start: pose of the reference point at which the vehicle stands.
+        track_m, gnss_x_m, gnss_y_m, threshold_mps: of the true vehicle.
+        wheel_scale: what the tracks' sensors read too much by, as a share.
+        seed: of slips and errors.
+        ports: where the devices' addresses are written to.
+        truth: where the truth is written to at the end.
+        script: what the operator does.
+        faults: what goes wrong.
+        rate: world's seconds in one of the computer's.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    anchor: tuple[float, float, float]
+    start: tuple[float, float, float]
+    track_m: float = Field(gt=0.0)
+    gnss_x_m: float = 0.0
+    gnss_y_m: float = 0.0
+    threshold_mps: float = Field(default=0.0, ge=0.0)
+    wheel_scale: float = Field(default=0.02, gt=-0.5, lt=0.5)
+    seed: int = 2
+    ports: str
+    truth: str
+    script: list[dict[str, Any]] = []
+    faults: list[dict[str, Any]] = []
+    rate: float = Field(default=1.0, gt=0.0, le=10.0)
+
+
+def is_field_spec(path: Path) -> bool:
+    """Whether a file asks for devices in a field; what cannot be read does not."""
+    try:
+        return "anchor" in json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+
+
+def read_field_spec(path: Path) -> FieldSpec:
+    """A spec from its file.
+
+    Raises:
+        InputError: a key is unknown, missing or not as expected.
+    """
+    try:
+        return FieldSpec.model_validate(json.loads(path.read_text(encoding="utf-8")))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise InputError(path, place, first["msg"], repr(first["input"])[:60]) from None
+
+
+# What goes wrong with the simulated devices of a field: names, and what each must say of itself.
+
+FIELD_LINES = ("drive_by_wire", "controller", "gnss")
+FIELD_FAULTS: dict[str, tuple[str, ...]] = {
+    "gnss_off": (),
+    "gnss_jump": ("m",),
+    "gnss_float": (),
+    "ins_off": (),
+    "ins_nan": (),
+    "left_dead": (),
+    "right_dead": (),
+    "tool_stops": (),
+    "tool_depth": ("m",),
+    "line_corrupt": ("line",),
+    "line_repeat": ("line",),
+    "line_silent": ("line",),
+    "bus_off": (),
+    "override_stuck": (),
+    "override_wire_cut": (),
+    "estop_held": (),
+    "supply_sag": ("v",),
+}
+"""Faults by name, and what each must say of itself. ``left_dead``: of the sensor; ``tool_depth``: m deeper."""
+
+
+# The skid-steer vehicle behind the devices: plant and navigation sensors stepped in one compiled call.
+
+TICK_S = 0.01
+_DELAY_SLOTS = 12
+
+
+class FlailMoved(NamedTuple):
+    """The vehicle at a tick's end, in the plan's frame, and what its sensors say.
+
+    Attributes:
+        x_m, y_m, yaw_rad, speed_mps: true, of the reference point.
+        left_mps, right_mps: of the tracks, as measured.
+        gnss_east_m, gnss_north_m, gnss_sigma_m, gnss_age_s, gnss_valid: of the antenna.
+        turn_rad, span_s, turn_valid: by the INS since it last spoke.
+    """
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    speed_mps: float
+    left_mps: float
+    right_mps: float
+    gnss_east_m: float
+    gnss_north_m: float
+    gnss_sigma_m: float
+    gnss_age_s: float
+    gnss_valid: float
+    turn_rad: float
+    span_s: float
+    turn_valid: float
+
+
+class Flail:
+    """A vehicle that stands at a pose.
+
+    Args:
+        track_m: effective.
+        gnss_x_m, gnss_y_m: antenna in the body.
+        threshold_mps: its control threshold; 0 obeys everything.
+        start: pose of the reference point in the plan's frame.
+        wheel_scale: what the tracks' sensors read too much by, as a share.
+        seed: of slips and errors.
+    """
+
+    def __init__(
+        self,
+        *,
+        track_m: float,
+        gnss_x_m: float,
+        gnss_y_m: float,
+        threshold_mps: float,
+        start: tuple[float, float, float],
+        wheel_scale: float,
+        seed: int,
+    ) -> None:
+        plant = default_skid_plant(track_m=track_m)._replace(threshold_mps=jnp.float32(threshold_mps))
+        sensors = default_skid_sensors(tick_s=TICK_S, gnss_x_m=gnss_x_m, gnss_y_m=gnss_y_m)
+        # NumPy's, as a compiled function takes them: a transfer of each would cost as much as the call.
+        self._fixed: tuple[SkidPlant, SkidSensors] = jax.tree.map(np.asarray, (plant, sensors))
+        slips, errors, self._noise = jax.random.split(jax.random.key(seed), 3)
+        pose = VehiclePose(*(jnp.float32(number) for number in start))
+        self._plant = init_skid_plant(plant, pose, slips, delay_slots=_DELAY_SLOTS)
+        drawn = init_skid_sensors(sensors, pose.yaw_rad, errors)
+        self._sensors = drawn._replace(scale=jnp.float32(wheel_scale))
+        self._tick = 0
+
+    def step(self, left_mps: float, right_mps: float) -> FlailMoved:
+        """The vehicle a tick later."""
+        self._tick += 1
+        told = np.array([left_mps, right_mps], np.float32)
+        self._plant, self._sensors, row = _step(
+            self._fixed, self._plant, self._sensors, told, self._noise, np.int32(self._tick)
+        )
+        return FlailMoved._make(np.asarray(row, np.float64).tolist())
+
+
+@jax.jit
+def _step(
+    fixed: tuple[SkidPlant, SkidSensors],
+    plant: SkidPlantState,
+    sensors: SkidSensorState,
+    told: Float[Array, "2"],
+    noise: PRNGKeyArray,
+    tick: Int[Array, ""],
+) -> tuple[SkidPlantState, SkidSensorState, Float[Array, " number"]]:
+    moves, reads = jax.random.split(jax.random.fold_in(noise, tick))
+    plant = step_skid_plant(fixed[0], plant, WheelSpeeds(told[0], told[1]), moves, TICK_S)
+    sensors, readings = read_skid_sensors(fixed[1], sensors, plant, tick, reads, TICK_S)
+    row = [
+        *plant.pose,
+        plant.speed_mps,
+        readings.left_mps,
+        readings.right_mps,
+        readings.gnss_m[0],
+        readings.gnss_m[1],
+        readings.gnss_sigma_m,
+        readings.gnss_age_s,
+        readings.gnss_valid,
+        readings.turn_rad,
+        readings.span_s,
+        readings.turn_valid,
+    ]
+    return plant, sensors, jnp.stack([jnp.asarray(number).astype(jnp.float32) for number in row])
+
+
+# The tool of the simulated flail: it takes a moment to come up to speed and to go down.
+
+_RPM, _TURNS_RPM = 400.0, 360.0
+_SPINS_UP_S = 0.15
+_SINKS_MPS = 0.6
+_RAISED_M = -0.1
+
+
+class ToolState(NamedTuple):
+    """Speed and depth of the tool; it is raised where the depth is negative."""
+
+    rpm: float = 0.0
+    depth_m: float = _RAISED_M
+
+    @property
+    def turns(self) -> bool:
+        """At its working speed."""
+        return self.rpm >= _TURNS_RPM
+
+
+def step_tool(state: ToolState, asked_m: float | None, faults: Faults, step_s: float) -> ToolState:
+    """The tool a step later; ``asked_m``: depth to turn at, ``None`` for off and raised."""
+    rpm = 0.0 if asked_m is None or faults.has("tool_stops") else _RPM
+    depth = _RAISED_M if asked_m is None else asked_m + faults.number("tool_depth", "m", 0.0)
+    keep = math.exp(-step_s / _SPINS_UP_S)
+    sunk = min(max(depth - state.depth_m, -_SINKS_MPS * step_s), _SINKS_MPS * step_s)
+    return ToolState(rpm + keep * (state.rpm - rpm), state.depth_m + sunk)
+
+
+# The truth of a run in a field: how the vehicle and its tool really went, tick by tick.
+
+_COLUMNS = (
+    "x_m",
+    "y_m",
+    "yaw_rad",
+    "speed_mps",
+    "turns",
+    "depth_m",
+    "engaged",
+    "command_left_mps",
+    "command_right_mps",
+    "gnss_on",
+)
+
+
+class FieldTruth:
+    """Rows of a run, each of a tick's end."""
+
+    def __init__(self) -> None:
+        self._times: list[int] = []
+        self._rows: list[tuple[float, ...]] = []
+
+    def add(
+        self, time_ns: int, moved: FlailMoved, tool: ToolState, command: SkidCommand, held: int, *, gnss_on: bool
+    ) -> None:
+        """A tick's row."""
+        self._times.append(time_ns)
+        self._rows.append(
+            (
+                moved.x_m,
+                moved.y_m,
+                moved.yaw_rad,
+                moved.speed_mps,
+                float(tool.turns),
+                tool.depth_m,
+                float(held),
+                command.left_mps,
+                command.right_mps,
+                float(gnss_on),
+            )
+        )
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Everything by name: the columns and ``mono_ns``."""
+        table = np.array(self._rows, np.float64).reshape(-1, len(_COLUMNS))
+        columns: dict[str, np.ndarray] = dict(zip(_COLUMNS, table.T, strict=True))
+        return {"mono_ns": np.array(self._times, np.int64), **columns}
+
+    def write(self, path: Path, figures: dict[str, float]) -> None:
+        """Write a ``.npz`` of the arrays and of figures of the run.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        write_truth(path, self.arrays(), figures)
+
+
+# The operator of a skid-steer vehicle: drives it by remote control from place to place, and plays a script.
+
+FIELD_SCRIPT: dict[str, tuple[str, ...]] = {
+    "drive_to": ("x_m", "y_m", "speed_mps"),
+    "stand": (),
+    "press": ("button",),
+    "brake_tap": (),
+}
+"""What a script may say, and what each must say with it."""
+SCRIPT_LASTS_S = {"press": 0.3, "brake_tap": 0.3}
+FIELD_BUTTONS = ("steering", "plus", "minus", "override", "estop", "corner")
+
+_THERE_M = 0.05
+_WAITS_S = 2.0
+_TURN_RADPS = 0.5
+_AIMED_RAD = 0.1
+_PER_RAD = 1.0
+_TRACK_M = 1.1
+
+
+class RemoteHands(NamedTuple):
+    """What the operator does: the remote control, and the buttons that are pressed."""
+
+    remote: SkidActing
+    buttons: frozenset[str]
+
+
+class Teleoperator:
+    """Drives by true pose: turns on the spot towards a place, then straight to it.
+
+    Attributes:
+        arrivals: places that were reached; the operator waits two seconds at each.
+    """
+
+    def __init__(self) -> None:
+        self.arrivals = 0
+        self._told: list[Item] = []
+        self._waiting: list[Item] = []
+        self._rest_s = 0.0
+
+    def step(self, running: Iterable[Item], x_m: float, y_m: float, yaw_rad: float, step_s: float) -> RemoteHands:
+        """What the operator does at a true pose of the reference point."""
+        items = list(running)
+        for item in items:
+            if item.name == "stand" and item not in self._told:
+                self._waiting = []
+            if item.name in ("drive_to", "stand") and item not in self._told:
+                self._told.append(item)
+                self._waiting += [item] if item.name == "drive_to" else []
+        self._rest_s = max(self._rest_s - step_s, 0.0)
+        pressed = frozenset(str(item.numbers["button"]) for item in items if item.name == "press")
+        pressed |= {"brake_tap"} if any(item.name == "brake_tap" for item in items) else set()
+        return RemoteHands(self._drive(x_m, y_m, yaw_rad), pressed)
+
+    def _drive(self, x_m: float, y_m: float, yaw_rad: float) -> SkidActing:
+        stands = SkidActing(0.0, 0.0, None)
+        if not self._waiting or self._rest_s > 0.0:
+            return stands
+        goal = self._waiting[0].numbers
+        east, north = float(goal["x_m"]) - x_m, float(goal["y_m"]) - y_m
+        distance = math.hypot(east, north)
+        off = math.remainder(math.atan2(north, east) - yaw_rad, math.tau)
+        # At its end a place that is abreast is passed.
+        if distance < _THERE_M or (distance < 0.5 and abs(off) > 1.0):
+            self._waiting.pop(0)
+            self.arrivals += 1
+            self._rest_s = _WAITS_S
+            return stands
+        aimed = abs(off) <= _AIMED_RAD or distance < 0.5
+        speed = min(float(goal["speed_mps"]), 0.1 + distance) if aimed else 0.0
+        turn = min(max(_PER_RAD * off, -_TURN_RADPS), _TURN_RADPS)
+        return SkidActing(speed - 0.5 * _TRACK_M * turn, speed + 0.5 * _TRACK_M * turn, None)
+
 
 _TICK_NS = round(1e9 * TICK_S)
 _SUPPLY_V, _FLOAT_M = 24.0, 0.4

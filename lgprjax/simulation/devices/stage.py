@@ -1,39 +1,144 @@
 """All devices on one stage: bytes and time go in, frames come out; the vehicle moves between."""
 
+import json
+import struct
 import threading
 from collections import deque
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lgprjax.errors import InputError
 from lgprjax.scene.vehicle_drive import TrueVehicle
-from lgprjax.simulation.devices.beat import Beat
-from lgprjax.simulation.devices.body import Body
-from lgprjax.simulation.devices.controller_box import OVERRIDE_FIRST, OVERRIDE_SECOND, ControllerBox, buttons_of
-from lgprjax.simulation.devices.course_world import CourseWorld
-from lgprjax.simulation.devices.drive_box import DriveBox
-from lgprjax.simulation.devices.driver import BUTTONS, SCRIPT, SCRIPT_LASTS_S, Driver, Hands
-from lgprjax.simulation.devices.faults import FAULT_LASTS_S, FAULTS, Faults
-from lgprjax.simulation.devices.gnss_box import (
+from lgprjax.simulation.devices.boxes import OVERRIDE_FIRST, OVERRIDE_SECOND, ControllerBox, DriveBox, buttons_of
+from lgprjax.simulation.devices.faults import (
+    FAULT_LASTS_S,
+    FAULTS,
+    READY_MODE,
+    Faults,
+    Item,
+    Moment,
+    Schedule,
+    check_choice,
+    read_items,
+)
+from lgprjax.simulation.devices.sensors import (
     ATTITUDE_LATENCY_NS,
+    INS_PERIOD_S,
+    LINES,
     POSITION_LATENCY_NS,
     WEEK_S,
     GnssClock,
+    Lines,
+    RadarBox,
+    RadarState,
+    Recorded,
+    Sensing,
     attitude_messages,
     position_message,
 )
-from lgprjax.simulation.devices.lines import LINES, Lines
-from lgprjax.simulation.devices.radar_box import RadarBox, RadarState, Recorded
-from lgprjax.simulation.devices.schedule import READY_MODE, Item, Moment, Schedule, check_choice, read_items
-from lgprjax.simulation.devices.second_master import SecondMaster
-from lgprjax.simulation.devices.sensing import INS_PERIOD_S, Sensing
-from lgprjax.simulation.devices.stage_spec import StageSpec
-from lgprjax.simulation.devices.trajectory import Sample, Trajectory
-from lgprjax.simulation.devices.truth import Truth
-from lgprjax.simulation.devices.vehicle import Moved
-from lgprjax.simulation.devices.wire_ends import Sender
+from lgprjax.simulation.devices.vehicle import BUTTONS, SCRIPT, SCRIPT_LASTS_S, Body, Driver, Hands, Moved, Truth
+from lgprjax.simulation.devices.wire_ends import Frame, Kind, Sender
+from lgprjax.simulation.devices.world import CourseWorld, Sample, Trajectory
+
+# What a run of the devices is asked for: SPEC.json.
+
+
+class StageSpec(BaseModel):
+    """A run of the devices. Paths are as the program's working folder has them.
+
+    Attributes:
+        seed, length_m, scan_share: of the course, see ``OffRoad``.
+        weather: of the day.
+        drive_seed: of the day and of all errors.
+        map: the course's map, whose frame poses are in.
+        ports: where the devices' addresses are written to.
+        truth: where the truth is written to at the end.
+        script: what the driver does.
+        faults: what goes wrong.
+        start_m: way along the baseline at which the vehicle stands.
+        rate: world's seconds in one of the computer's.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    seed: int
+    length_m: float = Field(gt=0.0)
+    scan_share: Literal[1, 2, 3, 4, 5, 6] = 1
+    weather: Literal["clear", "snow", "rain", "frost", "years", "repaired"] = "clear"
+    drive_seed: int
+    map: str
+    ports: str
+    truth: str
+    script: list[dict[str, Any]] = []
+    faults: list[dict[str, Any]] = []
+    start_m: float = Field(default=2.0, ge=0.0)
+    rate: float = Field(default=1.0, gt=0.0, le=10.0)
+
+
+def read_spec(path: Path) -> StageSpec:
+    """A spec from its file.
+
+    Raises:
+        InputError: it is missing, no JSON, or a key is unknown, missing or not as expected.
+    """
+    try:
+        return StageSpec.model_validate(json.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise InputError(path, "file", "a readable file", error.strerror or str(error)) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise InputError(path, place, first["msg"], repr(first["input"])[:60]) from None
+    except ValueError as error:
+        raise InputError(path, "file", "JSON", str(error)) from None
+
+
+# Something that falls due again and again.
+
+_LATEST_NS = 100_000_000
+"""What fell due longer ago is left out, as a device has no queue."""
+
+
+class Beat:
+    """Moments at an even distance.
+
+    Args:
+        first_ns, period_ns: of them.
+    """
+
+    def __init__(self, first_ns: int, period_ns: int) -> None:
+        self._next_ns, self._period_ns = first_ns, period_ns
+
+    def due(self, now_ns: int) -> list[int]:
+        """Those that have come since the last call."""
+        times = []
+        while self._next_ns <= now_ns:
+            if now_ns - self._next_ns <= _LATEST_NS:
+                times.append(self._next_ns)
+            self._next_ns += self._period_ns
+        return times
+
+
+# A fault: somebody else commands the drive-by-wire box too.
+
+_WANTS = struct.pack("<fffB", 0.35, 0.5, 0.0, 3)
+_SPEED_ENGAGED = 4
+
+
+class SecondMaster:
+    """Sends sound commands of a session of its own."""
+
+    def __init__(self, session: int) -> None:
+        self._session, self._sequence = session, 0
+
+    def command(self, now_ns: int) -> Frame:
+        """Its next command: full engagement, wheels to the left, throttle."""
+        self._sequence += 1
+        return Frame(Kind.DRIVE_COMMAND, _SPEED_ENGAGED, self._session, self._sequence, now_ns // 1000, 200, _WANTS)
+
 
 _INS_NS = round(1e9 * INS_PERIOD_S)
 

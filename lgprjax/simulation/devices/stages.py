@@ -5,11 +5,9 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from lgprjax.formats import MapFile
-from lgprjax.simulation.devices.course_world import CourseWorld
-from lgprjax.simulation.devices.field_spec import is_field_spec, read_field_spec
-from lgprjax.simulation.devices.field_stage import FieldStage
-from lgprjax.simulation.devices.stage import Stage
-from lgprjax.simulation.devices.stage_spec import read_spec
+from lgprjax.simulation.devices.field_stage import FieldStage, is_field_spec, read_field_spec
+from lgprjax.simulation.devices.stage import Stage, read_spec
+from lgprjax.simulation.devices.world import CourseWorld
 from lgprjax.simulation.loop.off_road import OffRoad
 
 

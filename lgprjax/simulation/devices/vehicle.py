@@ -1,6 +1,9 @@
 """The vehicle behind the devices: plant and navigation sensors stepped in one compiled call, faults in its parts."""
 
+import math
+from collections.abc import Iterable
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -8,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from lgprjax.formats.store import atomic_output
 from lgprjax.scene import (
     LiveSensors,
     LiveSensorState,
@@ -23,8 +27,11 @@ from lgprjax.scene import (
 )
 from lgprjax.scene.plant import SUBSTEPS
 from lgprjax.scene.vehicle_drive import TrueVehicle, chassis_of, pedals_of, servo_of
-from lgprjax.vehicle.arc import VehiclePose
-from lgprjax.vehicle.chassis import MeasuredRear
+from lgprjax.simulation.devices.boxes import Command, Orders
+from lgprjax.simulation.devices.faults import Faults, Item
+from lgprjax.simulation.devices.world import CourseWorld, Sample, Start
+from lgprjax.simulation.loop.loop_setup import cross_track_m
+from lgprjax.vehicle.kinematics import MeasuredRear, VehiclePose
 
 GNSS_X_M = 1.0
 """Antenna ahead of the rear axle."""
@@ -199,3 +206,306 @@ def _step(
         readings.gnss_valid.astype(jnp.float32),
     ]
     return state, errors, jnp.stack(row)
+
+
+# The driver: sees the road, holds the vehicle on the baseline when nobody else does, and plays a script.
+
+SCRIPT: dict[str, tuple[str, ...]] = {
+    "drive": ("speed_mps",),
+    "stand": (),
+    "press": ("button",),
+    "brake_tap": (),
+    "torque": ("nm",),
+}
+"""What a script may say, and what each must say with it."""
+
+SCRIPT_LASTS_S = {"press": 0.3, "brake_tap": 0.3, "torque": 0.5}
+BUTTONS = ("steering", "plus", "minus", "override", "estop")
+
+_CROSS_PER_M = 0.4
+_PREVIEW_S = 0.25
+_STANDS_MPS = 0.05
+_TAP_BRAKE, _HALT_BRAKE, _PARKED_BRAKE = 0.22, 0.45, 0.5
+_END_M = 2.0
+_BACK, _ON = 10, 200
+
+
+class Hands(NamedTuple):
+    """What the driver does.
+
+    Attributes:
+        front_rad: where the front wheels are turned, by hand.
+        throttle, brake: pedals, 0 to 1.
+        foot_on_brake: the brake is pressed by foot, not by the parking lever.
+        torque_nm: on the steering wheel.
+        buttons: pressed on the controller.
+    """
+
+    front_rad: float
+    throttle: float
+    brake: float
+    foot_on_brake: bool
+    torque_nm: float
+    buttons: frozenset[str]
+
+
+class Driver:
+    """Drives the array's centre along the baseline by true pose: points the array's own way along it.
+
+    Args:
+        vehicle: as it is.
+        array_x_m: array ahead of the rear axle.
+        line_m: true places of the baseline's anchor, in driving order.
+    """
+
+    def __init__(self, vehicle: TrueVehicle, array_x_m: float, line_m: Float[np.ndarray, "point 2"]) -> None:
+        assert isinstance(vehicle.rear, float)
+        self._vehicle, self._share = vehicle, vehicle.rear
+        # From the point that runs along the body's axis to the array.
+        self._ahead_m = array_x_m - vehicle.wheelbase_m * self._share / (1.0 + self._share)
+        self._array_x_m = array_x_m
+        step = np.diff(line_m, axis=0)
+        self._line_m, self._yaw = line_m, np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
+        self._way_m = np.concatenate([[0.0], np.cumsum(np.hypot(*step.T))])
+        self._at = 0
+        self._speed_mps: float | None = None
+        self._told: Item | None = None
+
+    def step(
+        self, running: Iterable[Item], x_m: float, y_m: float, yaw_rad: float, speed_mps: float, *, has_pedals: bool
+    ) -> Hands:
+        """What the driver does at a true pose of the rear axle.
+
+        Args:
+            running: items of the script that run.
+            x_m, y_m, yaw_rad, speed_mps: of the rear axle.
+            has_pedals: nobody else holds them.
+        """
+        items = list(running)
+        # What was said last holds until something else is said.
+        orders = [item for item in items if item.name in ("drive", "stand")]
+        if orders and orders[-1] is not self._told:
+            self._told = orders[-1]
+            self._speed_mps = None if self._told.name == "stand" else float(self._told.numbers["speed_mps"])
+        front, to_go_m = self._steer(x_m, y_m, yaw_rad, speed_mps)
+        wanted = self._speed_mps if to_go_m > _END_M else None
+        throttle, brake, foot = self._pedals(wanted, speed_mps) if has_pedals else (0.0, 0.0, False)
+        tapped = any(item.name == "brake_tap" for item in items)
+        if tapped:
+            brake, foot = max(brake, _TAP_BRAKE), True
+        torque = sum(float(item.numbers["nm"]) for item in items if item.name == "torque")
+        pressed = frozenset(str(item.numbers["button"]) for item in items if item.name == "press")
+        # The pedal's switch is wired to the controller too.
+        pressed |= {"brake_tap"} if tapped else set()
+        return Hands(front, throttle, brake, foot, torque, pressed)
+
+    def _steer(self, x_m: float, y_m: float, yaw_rad: float, speed_mps: float) -> tuple[float, float]:
+        place = np.array([x_m + self._array_x_m * np.cos(yaw_rad), y_m + self._array_x_m * np.sin(yaw_rad)])
+        low = max(self._at - _BACK, 0)
+        near = self._line_m[low : self._at + _ON]
+        self._at = at = min(low + int(np.argmin(np.sum((near - place) ** 2, axis=1))), len(self._yaw) - 1)
+        gap, yaw = place - self._line_m[at], self._yaw[at]
+        cross_m = float(np.cos(yaw) * gap[1] - np.sin(yaw) * gap[0])
+        ahead_m = self._way_m[at] + speed_mps * _PREVIEW_S
+        way = float(np.interp(ahead_m, self._way_m[:-1], self._yaw))
+        turn = math.remainder(way - yaw_rad, math.tau) - np.clip(_CROSS_PER_M * cross_m, -0.5, 0.5)
+        curvature = np.tan(np.clip(turn, -1.2, 1.2)) / self._ahead_m
+        front = curvature * self._vehicle.wheelbase_m / (1.0 + self._share)
+        largest = 0.95 * self._vehicle.largest_angle_rad
+        return float(np.clip(front, -largest, largest)), float(self._way_m[-1] - self._way_m[at])
+
+    def _pedals(self, wanted_mps: float | None, speed_mps: float) -> tuple[float, float, bool]:
+        vehicle = self._vehicle
+        if wanted_mps is None:
+            parked = speed_mps < _STANDS_MPS
+            return 0.0, _PARKED_BRAKE if parked else _HALT_BRAKE, not parked
+        slow_mps = wanted_mps - speed_mps
+        if slow_mps < -0.5:
+            pre_tension, _, gain, _ = vehicle.brake
+            return 0.0, float(np.clip(pre_tension - (slow_mps + 0.3) / gain, 0.0, 0.6)), True
+        pre_tension, _, gain, _ = vehicle.throttle
+        asked = 1.5 * slow_mps + vehicle.rolling_mps2 + vehicle.drag_per_s * speed_mps
+        return float(np.clip(pre_tension + asked / gain, 0.0, 0.7)), 0.0, False
+
+
+# The vehicle's body under the box's orders and the driver's hands: what acts, and what is measured of it.
+
+_THROTTLE_LAG_S = 0.05
+
+
+class Turned(NamedTuple):
+    """A tick of the body: what acted, how the vehicle moved, and the sample at the end."""
+
+    acting: Acting
+    moved: Moved
+    sample: Sample
+
+
+class Body:
+    """The vehicle with its actuators, ticking.
+
+    Args:
+        true: the vehicle.
+        world: that it is in.
+        start: where it stands.
+        faults: that run.
+        seed: of its sensors' errors.
+    """
+
+    def __init__(self, true: TrueVehicle, world: CourseWorld, start: Start, faults: Faults, seed: int) -> None:
+        self._true, self._world, self._faults = true, world, faults
+        self.vehicle = Vehicle(
+            true, world.laid.terrain, tick_s=world.tick_s, start=start.pose, along_m=start.along_m, seed=seed
+        )
+        roll = world.roll(start.pose, start.along_m)
+        still = dict.fromkeys(Sample._fields, 0.0)
+        still |= dict(zip(("x_m", "y_m", "yaw_rad"), start.pose, strict=True))
+        still |= {"roll_rad": roll, "along_m": start.along_m, "supply_v": true.nominal_v, "odometer_gain": 1.0}
+        self.sample = Sample(**still)
+
+    def step(self, orders: Orders, hands: Hands) -> Turned:
+        """The body a tick later."""
+        acting, pressure = self._acting(orders, hands)
+        moved = self.vehicle.step(acting)
+        before, true = self.sample, self._true
+        gain = self._odometer_gain(moved)
+        self.sample = Sample(
+            x_m=moved.x_m,
+            y_m=moved.y_m,
+            yaw_rad=moved.yaw_rad,
+            roll_rad=self._world.roll((moved.x_m, moved.y_m, moved.yaw_rad), moved.along_m),
+            travel_m=moved.travel_m,
+            along_m=moved.along_m,
+            speed_mps=moved.speed_mps,
+            front_rad=moved.front_rad,
+            motor_rad=moved.motor_rad,
+            throttle=self._lagged(before.throttle, acting.throttle, _THROTTLE_LAG_S),
+            brake=self._lagged(before.brake, pressure, true.brake[3]),
+            supply_v=self._supply(),
+            odometer_m=before.odometer_m + gain * (moved.travel_m - before.travel_m),
+            odometer_gain=gain,
+            rate_bias_radps=moved.rate_bias_radps,
+            heading_slow_rad=moved.heading_slow_rad,
+        )
+        return Turned(acting, moved, self.sample)
+
+    def _acting(self, orders: Orders, hands: Hands) -> tuple[Acting, float]:
+        """What acts, and the pressure asked of the brake's hydraulics: the parking lever has none."""
+        faults = self._faults
+        throttle = orders.throttle if orders.pedals else hands.throttle
+        throttle = faults.number("throttle_stuck", "at", throttle)
+        foot = hands.brake if hands.foot_on_brake else 0.0
+        box = 0.0 if faults.has("brake_dead") else orders.brake
+        # Who lets the box have the pedals has let go of the parking lever.
+        lever = 0.0 if hands.foot_on_brake or orders.pedals else hands.brake
+        acting = Acting(
+            by_hand=not orders.steering,
+            front_rad=orders.front_rad if orders.steering else hands.front_rad,
+            throttle=0.0 if orders.cut else float(np.clip(throttle, 0.0, 1.0)),
+            brake=float(np.clip(max(box, foot, lever), 0.0, 1.0)),
+            supply_v=self._true.stall_v if faults.has("servo_stalled") else self._supply(),
+            runaway_radps=faults.number("servo_runaway", "radps", 0.0),
+            rear_rad=faults.number("rear_stuck", "rad", float("nan")),
+        )
+        return acting, max(box, foot)
+
+    def _supply(self) -> float:
+        weak = self._faults.number("servo_weak", "supply_v", self._true.nominal_v)
+        return self._faults.number("supply_sag", "v", weak)
+
+    def _odometer_gain(self, moved: Moved) -> float:
+        faults = self._faults
+        if faults.has("odometer_dead"):
+            return 0.0
+        sign = -1.0 if faults.has("odometer_reversed") else 1.0
+        return sign * (1.0 + moved.odometer_scale) * (1.0 + faults.number("odometer_slip", "share", 0.0))
+
+    def _lagged(self, before: float, wanted: float, lag_s: float) -> float:
+        return wanted + float(np.exp(-self._world.tick_s / lag_s)) * (before - wanted)
+
+
+# The truth of a run: how the vehicle really went, tick by tick.
+
+_COLUMNS = (
+    "x_m",
+    "y_m",
+    "yaw_rad",
+    "speed_mps",
+    "front_rad",
+    "rear_rad",
+    "command_front_rad",
+    "command_throttle",
+    "command_brake",
+    "engaged",
+    "brake",
+    "throttle",
+)
+
+
+class Truth:
+    """Rows of a run, each of a tick's end.
+
+    Args:
+        rear_ratio: of the sound rear wheels.
+        array_x_m: array ahead of the rear axle.
+        baseline_m: true places of the baseline's anchor.
+    """
+
+    def __init__(self, rear_ratio: float, array_x_m: float, baseline_m: Float[np.ndarray, "point 2"]) -> None:
+        self._ratio, self._array_x_m, self._baseline_m = rear_ratio, array_x_m, baseline_m
+        self._times: list[int] = []
+        self._rows: list[tuple[float, ...]] = []
+
+    def add(self, time_ns: int, sample: Sample, acting: Acting, command: Command, held: int) -> None:
+        """A tick's row."""
+        sound = -self._ratio * sample.front_rad
+        rear = sound if np.isnan(acting.rear_rad) else acting.rear_rad
+        self._times.append(time_ns)
+        self._rows.append(
+            (
+                sample.x_m,
+                sample.y_m,
+                sample.yaw_rad,
+                sample.speed_mps,
+                sample.front_rad,
+                rear,
+                command.front_rad,
+                command.throttle,
+                command.brake,
+                float(held),
+                acting.brake,
+                acting.throttle,
+            )
+        )
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Everything by name: the columns, ``mono_ns``, ``cross_m`` of the array's centre, and ``baseline_m``."""
+        table = np.array(self._rows, np.float64).reshape(-1, len(_COLUMNS))
+        columns: dict[str, np.ndarray] = dict(zip(_COLUMNS, table.T, strict=True))
+        columns["engaged"] = columns["engaged"].astype(np.uint8)
+        yaw = columns["yaw_rad"]
+        anchor = np.stack(
+            [columns["x_m"] + self._array_x_m * np.cos(yaw), columns["y_m"] + self._array_x_m * np.sin(yaw)], axis=1
+        )
+        cross = cross_track_m(anchor, self._baseline_m)
+        return {
+            "mono_ns": np.array(self._times, np.int64),
+            **columns,
+            "cross_m": cross,
+            "baseline_m": self._baseline_m,
+        }
+
+    def write(self, path: Path, figures: dict[str, float]) -> None:
+        """Write a ``.npz`` of the arrays and of figures of the run.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        write_truth(path, self.arrays(), figures)
+
+
+def write_truth(path: Path, arrays: dict[str, np.ndarray], figures: dict[str, float]) -> None:
+    """Arrays by name, and figures as arrays of one number, as ``.npz``."""
+    numbers = {name: np.asarray(value) for name, value in figures.items()}
+    with atomic_output(path, force=True) as temporary, temporary.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays, **numbers)

@@ -1,19 +1,24 @@
 """Closed loops: scene, registration, fusion, planner, law, limiter, actuators, vehicle, and round again."""
 
-from lgprjax.simulation.loop.closed_loop import decide, move
-from lgprjax.simulation.loop.driven_course import DrivenCourse, drive_course, route_of_map
-from lgprjax.simulation.loop.lane_starts import route_of_road, start_lanes
-from lgprjax.simulation.loop.loop_setup import LoopVehicle, loop_setup
-from lgprjax.simulation.loop.loop_state import (
+from lgprjax.simulation.loop.closed_loop import LoopSums, LoopTick, blank_sums, decide, move
+from lgprjax.simulation.loop.driven_course import DrivenCourse, RadarLoop, TickFix, drive_course, route_of_map
+from lgprjax.simulation.loop.loop_setup import (
+    FOOT_M,
     TICK_S,
     Decision,
     LoopSetup,
     LoopSpec,
     LoopState,
+    LoopVehicle,
     ReportedNoise,
+    TrackingError,
+    cross_track_m,
+    loop_setup,
+    route_of_road,
+    start_lanes,
     start_loop,
+    tracking_error,
 )
-from lgprjax.simulation.loop.loop_tick import LoopSums, LoopTick, blank_sums
 from lgprjax.simulation.loop.many_drives import draw_fix, run_lane, run_lanes
 from lgprjax.simulation.loop.off_road import (
     MILE_M,
@@ -23,13 +28,6 @@ from lgprjax.simulation.loop.off_road import (
     draw_course,
     make_course,
     scene_frame_of,
-)
-from lgprjax.simulation.loop.radar_loop import RadarLoop, TickFix
-from lgprjax.simulation.loop.tracking_error import (
-    FOOT_M,
-    TrackingError,
-    cross_track_m,
-    tracking_error,
 )
 
 __all__ = [

@@ -1,24 +1,209 @@
 """A closed loop made ready: a made-up vehicle, its sensors, and the settings that run on board."""
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-from lgprjax.autopilot import AutopilotConfig, LimiterRules, default_velocity
+from lgprjax.autopilot import (
+    AutopilotConfig,
+    AutopilotInfo,
+    AutopilotState,
+    Command,
+    LimiterRules,
+    default_velocity,
+    init_autopilot,
+)
 from lgprjax.navigation import (
+    Fusion,
     HealthRules,
+    Navigated,
     NavigatorSetup,
+    NavigatorState,
+    PlanCode,
+    PlannerState,
+    RoutePath,
+    RouteSpeeds,
+    RouteTrack,
     SlewLimits,
+    acquire,
     default_model,
     default_rules,
+    find_starts,
     health_rules,
+    init_navigator,
+    legs_of_track,
+    make_route_path,
     planner_settings,
     switch_settings,
 )
-from lgprjax.scene import Plant, Terrain, TrueVehicle, live_sensors, no_faults
+from lgprjax.scene import (
+    FixErrors,
+    FixErrorState,
+    LiveSensors,
+    LiveSensorState,
+    Plant,
+    PlantState,
+    SensorFaults,
+    Terrain,
+    TrueVehicle,
+    init_fix_errors,
+    init_live_sensors,
+    init_plant,
+    live_sensors,
+    no_faults,
+)
+from lgprjax.scene.road import follow_centre
 from lgprjax.scene.vehicle_drive import chassis_of, pedals_of, servo_of
-from lgprjax.simulation.loop.loop_state import LoopSetup, LoopSpec, ReportedNoise
-from lgprjax.vehicle import LookAhead
+from lgprjax.simulation.loop.off_road import Bare
+from lgprjax.vehicle import Chassis, LookAhead, VehiclePose
+
+# What a closed loop is made of and what it carries: spec, setup, state, decision.
+
+TICK_S = 1.0 / 21.0
+"""Of the loop: six scans of a 126 Hz radar, two when it records every third."""
+
+
+@dataclass(frozen=True)
+class LoopSpec:
+    """What is the same for all lanes, and compiled in.
+
+    Attributes:
+        tick_s: of the loop.
+        fusion: whose pose is driven by: the error-state filter, or LL's threshold switch.
+        delay_slots: substeps of the servo's longest delay.
+        reckons: a second filter runs beside the first, without LGPR: the GNSS/INS that a search starts from and that
+            the switch falls back on.
+    """
+
+    tick_s: float = TICK_S
+    fusion: Fusion = "filter"
+    delay_slots: int = 5
+    reckons: bool = True
+
+    def __post_init__(self) -> None:
+        if self.fusion == "switch" and not self.reckons:
+            raise ValueError("the threshold switch falls back on GNSS/INS: a loop that drives by it must reckon")
+
+
+class ReportedNoise(NamedTuple):
+    """Variances that the fusion reckons with, a tick.
+
+    The filter has no state for slow errors of headings: such an error counts as so much more white noise.
+
+    Attributes:
+        gnss_m2: of a position, an axis.
+        heading_rad2: of an INS heading.
+        odometer_m2ps2: of the odometer.
+        lgpr_yaw_rad2: beside what a fix says of its own heading.
+    """
+
+    gnss_m2: Float[Array, "..."]
+    heading_rad2: Float[Array, "..."]
+    odometer_m2ps2: Float[Array, "..."]
+    lgpr_yaw_rad2: Float[Array, "..."]
+
+
+class LoopSetup(NamedTuple):
+    """World and vehicle of a lane, and what runs on board.
+
+    Attributes:
+        plant, terrain, sensors, faults: the world's.
+        navigator, autopilot: settings of the parts; noise: of the observations.
+        set_speed_mps: that the operator locked.
+        settled_s: how long health must have been without a complaint before the driver engages the autopilot.
+    """
+
+    plant: Plant
+    terrain: Terrain
+    sensors: LiveSensors
+    faults: SensorFaults
+    navigator: NavigatorSetup
+    noise: ReportedNoise
+    autopilot: AutopilotConfig
+    set_speed_mps: Float[Array, "..."]
+    settled_s: Float[Array, "..."]
+
+
+class LoopState(NamedTuple):
+    """Everything that a lane carries from tick to tick.
+
+    Attributes:
+        plant, sensors: the world's.
+        navigator, autopilot: as they stand.
+        command: drives the next tick.
+        gear: +1 or -1.
+        engaged: the autopilot drives. Before, a driver does, who sees the road; he engages it when health has been
+            without a complaint for ``LoopSetup.settled_s``.
+        sound_s: for so long it has been.
+        stopping: a stop was asked for: it goes on when its reason is gone, as in the mode machine.
+        tick: how many have passed.
+    """
+
+    plant: PlantState
+    sensors: LiveSensorState
+    navigator: NavigatorState
+    autopilot: AutopilotState
+    command: Command
+    gear: Float[Array, "..."]
+    engaged: Bool[Array, "..."]
+    sound_s: Float[Array, "..."]
+    stopping: Bool[Array, "..."]
+    tick: Int[Array, "..."]
+
+
+class Decision(NamedTuple):
+    """What a tick decided, and why.
+
+    Attributes:
+        pose_route: that was driven by: navigation's, or before engaging the driver's own eyes.
+        navigated: what navigation gave.
+        autopilot: what the autopilot found out.
+    """
+
+    pose_route: VehiclePose
+    navigated: Navigated
+    autopilot: AutopilotInfo
+
+
+def start_loop(
+    spec: LoopSpec,
+    setup: LoopSetup,
+    planner: PlannerState,
+    pose: VehiclePose,
+    believed: VehiclePose,
+    speed_mps: Float[Array, ""],
+    along_m: Float[Array, ""],
+    key: PRNGKeyArray,
+) -> LoopState:
+    """A vehicle that its driver drives along the route until navigation is sound, one lane.
+
+    Args:
+        spec, setup: of the lane.
+        planner: from ``acquire``.
+        pose: true, of the rear axle.
+        believed: what the fusion starts from.
+        speed_mps: true and believed.
+        along_m: place on the terrain.
+        key: of the sensors' errors.
+    """
+    zero = jnp.zeros_like(pose.x_m)
+    return LoopState(
+        init_plant(pose, speed_mps, along_m, delay_slots=spec.delay_slots),
+        init_live_sensors(setup.sensors, key),
+        init_navigator(setup.navigator, believed, speed_mps, reckons=spec.reckons),
+        init_autopilot(planner, speed_mps, zero),
+        Command(zero, zero, zero),
+        jnp.ones_like(zero),
+        jnp.asarray(False),
+        zero,
+        jnp.asarray(False),
+        jnp.int32(0),
+    )
+
 
 _K_ERROR = -0.0008
 _SPEED_ERROR_MPS = -0.07
@@ -135,4 +320,110 @@ def _rules(spec: LoopSpec, gnss_period_s: float, risk: float) -> HealthRules:
         # The radar's fixes come in stretches: a metre or two of poor ground is no fault.
         lgpr_period_s=0.5,
         risk=risk,
+    )
+
+
+# Many drives of one course made ready: its centreline as the route, each lane with its own errors from the start.
+
+_POINTS_M = 0.2
+_STARTS_AT_M = 8.0
+_START_MPS = 3.0
+_BELIEVED_OFF = (0.3, 0.3, 0.01)
+
+
+def route_of_road(course: Bare, chassis: Chassis, cruise_mps: float) -> RoutePath:
+    """The centreline of a course's road as a route."""
+    centre = follow_centre(course.road, np.arange(0.0, course.spec.length_m + 30.0, _POINTS_M))
+    points = np.stack([centre.east_m, centre.north_m], axis=1)
+    legs, gear = legs_of_track(RouteTrack("road", points, centre.yaw_rad))
+    return make_route_path(legs, gear, chassis, RouteSpeeds(cruise_mps))
+
+
+def start_lanes(
+    spec: LoopSpec, setup: LoopSetup, course: Bare, route: RoutePath, errors: FixErrors, keys: Key[Array, " lane"]
+) -> tuple[LoopState, FixErrorState]:
+    """As many drives as keys, the anchor on the route's start, each fusion wrong by decimetres of its own."""
+    at = follow_centre(course.road, np.array([_STARTS_AT_M]))
+    east, north, yaw = (float(part[0]) for part in (at.east_m, at.north_m, at.yaw_rad))
+    lead = float(setup.plant.chassis.anchor_m)
+    pose = VehiclePose(*(jnp.float32(v) for v in (east - lead * np.cos(yaw), north - lead * np.sin(yaw), yaw)))
+    planner, code = acquire(find_starts(route, setup.autopilot.planner, setup.autopilot.chassis, pose))
+    if int(code) != PlanCode.FOLLOWING:
+        raise ValueError(f"the vehicles do not find their start: {PlanCode(int(code)).name}")
+    along_m = jnp.float32(_STARTS_AT_M - lead)
+
+    def one(key: PRNGKeyArray) -> tuple[LoopState, FixErrorState]:
+        off_key, sensor_key, fix_key = jax.random.split(key, 3)
+        off: Float[Array, 3] = jnp.asarray(_BELIEVED_OFF, jnp.float32) * jax.random.normal(off_key, (3,))
+        believed = VehiclePose(pose.x_m + off[0], pose.y_m + off[1], pose.yaw_rad + off[2])
+        state = start_loop(spec, setup, planner, pose, believed, jnp.float32(_START_MPS), along_m, sensor_key)
+        return state, init_fix_errors(errors, fix_key)
+
+    begun: tuple[LoopState, FixErrorState] = jax.jit(jax.vmap(one))(keys)
+    return begun
+
+
+# How well a course was driven: the anchor's true track against the baseline anchor's true track, interpolated.
+#
+# Both tracks are the truth of the scene: what the map's labels or the fusion are wrong by is in the figure, as it is
+# in the vehicle's track. The distance is to the baseline's line, not to its nearest point, which would overstate it.
+
+FOOT_M = 0.3048
+_BACK, _ON = 60, 240
+"""Points of the baseline searched behind and ahead of the last nearest one."""
+
+
+class TrackingError(NamedTuple):
+    """Figures of one drive.
+
+    Attributes:
+        rms_m: root mean square over the way driven.
+        largest_m: anywhere.
+        within_foot: share of the way with less than a foot.
+        way_m: driven.
+    """
+
+    rms_m: float
+    largest_m: float
+    within_foot: float
+    way_m: float
+
+
+def cross_track_m(
+    track_m: Float[np.ndarray, "tick 2"], baseline_m: Float[np.ndarray, "point 2"]
+) -> Float[np.ndarray, " tick"]:
+    """Distance of every place of a track from the line through a baseline, left positive; float64.
+
+    The search goes on from the last nearest piece, so that a baseline that crosses itself is followed.
+
+    Args:
+        track_m: in driving order, beginning near the baseline's start.
+        baseline_m: in driving order, at most a few decimetres apart.
+    """
+    pieces = np.diff(baseline_m, axis=0)
+    square = np.maximum(np.sum(pieces**2, axis=1), 1e-12)
+    out = np.empty(len(track_m))
+    at = 0
+    for number, place in enumerate(track_m):
+        low, high = max(at - _BACK, 0), min(at + _ON, len(pieces))
+        from_start = place - baseline_m[low:high]
+        share = np.clip(np.sum(from_start * pieces[low:high], axis=1) / square[low:high], 0.0, 1.0)
+        gap = from_start - share[:, None] * pieces[low:high]
+        nearest = int(np.argmin(np.sum(gap**2, axis=1)))
+        at = low + nearest
+        side = pieces[at, 0] * gap[nearest, 1] - pieces[at, 1] * gap[nearest, 0]
+        out[number] = np.copysign(np.hypot(*gap[nearest]), side)
+    return out
+
+
+def tracking_error(track_m: Float[np.ndarray, "tick 2"], baseline_m: Float[np.ndarray, "point 2"]) -> TrackingError:
+    """Figures of a track against a baseline, each place weighed by the way to the next."""
+    cross = cross_track_m(track_m, baseline_m)
+    way = np.append(np.hypot(*np.diff(track_m, axis=0).T), 0.0)
+    total = max(float(way.sum()), 1e-9)
+    return TrackingError(
+        float(np.sqrt(np.sum(cross**2 * way) / total)),
+        float(np.abs(cross).max()),
+        float(np.sum(way[np.abs(cross) < FOOT_M]) / total),
+        total,
     )

@@ -9,9 +9,8 @@ from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from lgprjax.navigation import LgprObservation, RoutePath
 from lgprjax.scene import FixErrors, FixErrorState, SensorFaults, during, step_fix_errors
-from lgprjax.simulation.loop.closed_loop import decide, move
-from lgprjax.simulation.loop.loop_state import LoopSetup, LoopSpec, LoopState
-from lgprjax.simulation.loop.loop_tick import LoopSums, LoopTick, add_tick, told_tick
+from lgprjax.simulation.loop.closed_loop import LoopSums, LoopTick, add_tick, decide, move, told_tick
+from lgprjax.simulation.loop.loop_setup import LoopSetup, LoopSpec, LoopState
 
 
 @partial(jax.jit, static_argnums=(0, 8), static_argnames="traced")

@@ -24,8 +24,7 @@ from lgprjax.scene import (
     simulate_drive,
 )
 from lgprjax.scene.motion import plan_motion, poses_at, scan_times
-from lgprjax.scene.road import follow_centre
-from lgprjax.scene.road_waves import Waves, draw_waves
+from lgprjax.scene.road import Waves, draw_waves, follow_centre
 from lgprjax.simulation.drives import SITE_FRAME, write_drive
 
 MILE_M = 1609.344

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from lgprjax.runtime.messages import Kind, Record, Source, pack, unpack
 from lgprjax.runtime.process import RINGS, Heartbeats, Stage
-from lgprjax.runtime.records import Kind, Record, Source, pack, unpack
 from lgprjax.runtime.ring import Ring
 
 CONFIG = """

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from lgprjax.autopilot.mode_events import ENGAGED as ENGAGED_MODES
-from lgprjax.autopilot.mode_events import Mode
+from lgprjax.autopilot.modes import ENGAGED as ENGAGED_MODES
+from lgprjax.autopilot.modes import Mode
 from lgprjax.runtime.display.board import ENGAGED, Board
-from lgprjax.runtime.records import Kind, Record, Source, pack
+from lgprjax.runtime.messages import Kind, Record, Source, pack
 from runtime.display.served_page import DRIVING, READY, state_record
 
 NOW_NS = 5_000_000_000

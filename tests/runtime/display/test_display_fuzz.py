@@ -14,7 +14,7 @@ import httpx
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
-from lgprjax.runtime.display.connections import HTTP_LIFE_S, MOST_CONNECTIONS
+from lgprjax.runtime.display.pages import HTTP_LIFE_S, MOST_CONNECTIONS
 from runtime.display.malformed import BAD_ROUTE, GOOD_ROUTE, frame, malformed_frame, malformed_http, upgrade, wish
 from runtime.display.served_page import READY, ServedPage, serve
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lgprjax.runtime.display.route_request import Refused, RequestGate
+from lgprjax.runtime.display.access import Refused, RequestGate
 
 SESSION = "0123456789abcdef"
 SECOND_NS = 1_000_000_000

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from lgprjax.frames import LocalFrame
-from lgprjax.simulation.devices.course_world import CourseWorld
-from lgprjax.simulation.devices.stage import Stage
-from lgprjax.simulation.devices.stage_spec import StageSpec
+from lgprjax.simulation.devices.stage import Stage, StageSpec
+from lgprjax.simulation.devices.world import CourseWorld
 from lgprjax.simulation.loop.off_road import OffRoad
 from simulation.devices.host_frames import Status, Told, drive_command, host_frame, read_frame, read_status
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pyubx2 import UBXReader
 
-from lgprjax.simulation.devices.course_world import CourseWorld
+from lgprjax.simulation.devices.world import CourseWorld
 from simulation.devices.host_frames import read_frame
 from simulation.devices.stage_host import StageHost, make_world
 

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 import serial
 
-from lgprjax.archive import build_map
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile
-from lgprjax.simulation.devices.stage_spec import read_spec
+from lgprjax.mapping import build_map
+from lgprjax.simulation.devices.stage import read_spec
+from lgprjax.simulation.loop.loop_setup import cross_track_m
 from lgprjax.simulation.loop.off_road import OffRoad, make_course, scene_frame_of
-from lgprjax.simulation.loop.tracking_error import cross_track_m
 from simulation.devices.host_frames import Status, drive_command, host_frame, read_frame, read_status
 
 _COURSE = OffRoad(2, 30.0, scan_share=6)

@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from lgprjax.simulation.devices.drive_box import DriveBox, Measured
+from lgprjax.simulation.devices.boxes import DriveBox, Measured
 from lgprjax.simulation.devices.wire_ends import Sender
 from simulation.devices.host_frames import MS, Status, drive_command, host_frame, read_frame, read_status
 

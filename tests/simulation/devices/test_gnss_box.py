@@ -8,7 +8,7 @@ import struct
 import pytest
 from pyubx2 import UBXReader
 
-from lgprjax.simulation.devices.gnss_box import Attitude, GnssClock, Position, attitude_messages, position_message
+from lgprjax.simulation.devices.sensors import Attitude, GnssClock, Position, attitude_messages, position_message
 
 _WEEK_S = 604_800.0
 

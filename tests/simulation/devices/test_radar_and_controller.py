@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lgprjax.scene.propagation import RadarConfig
-from lgprjax.simulation.devices.controller_box import ControllerBox, buttons_of
-from lgprjax.simulation.devices.radar_box import PROCESSING_NS, RadarBox, RadarState, Recorded
+from lgprjax.simulation.devices.boxes import ControllerBox, buttons_of
+from lgprjax.simulation.devices.sensors import PROCESSING_NS, RadarBox, RadarState, Recorded
 from lgprjax.simulation.devices.wire_ends import Sender
 from simulation.devices.host_frames import MS, host_frame, read_frame
 

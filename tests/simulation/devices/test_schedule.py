@@ -6,9 +6,8 @@ from typing import Any
 import pytest
 
 from lgprjax.errors import InputError
-from lgprjax.simulation.devices.driver import SCRIPT, SCRIPT_LASTS_S
-from lgprjax.simulation.devices.faults import FAULT_LASTS_S, FAULTS, Faults
-from lgprjax.simulation.devices.schedule import Item, Moment, Schedule, read_items
+from lgprjax.simulation.devices.faults import FAULT_LASTS_S, FAULTS, Faults, Item, Moment, Schedule, read_items
+from lgprjax.simulation.devices.vehicle import SCRIPT, SCRIPT_LASTS_S
 
 
 def _script(*rows: dict[str, Any]) -> list[Item]:

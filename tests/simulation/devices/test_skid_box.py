@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.simulation.devices.faults import Faults
-from lgprjax.simulation.devices.flail_tool import ToolState, step_tool
-from lgprjax.simulation.devices.schedule import Moment, Schedule, read_items
-from lgprjax.simulation.devices.skid_box import SkidActing, SkidBox, SkidMeasured
+from lgprjax.simulation.devices.boxes import SkidActing, SkidBox, SkidMeasured
+from lgprjax.simulation.devices.faults import Faults, Moment, Schedule, read_items
+from lgprjax.simulation.devices.field_stage import ToolState, step_tool
 from lgprjax.simulation.devices.wire_ends import Sender
 from simulation.devices.host_frames import MS, host_frame, read_frame
 

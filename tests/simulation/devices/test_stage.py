@@ -11,7 +11,7 @@ from pyubx2 import UBXReader
 
 from lgprjax.errors import InputError
 from lgprjax.scene import WEATHER, LiveRadar, draw_springs
-from lgprjax.simulation.devices.course_world import CourseWorld
+from lgprjax.simulation.devices.world import CourseWorld
 from simulation.devices.stage_host import BEGIN_NS, COURSE, DRIVE_SEED, FRAME, StageHost, make_world
 
 _UNSEEN_S = 4.0

@@ -8,13 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from lgprjax.autopilot.skid_setup import SkidSetup
-from lgprjax.autopilot.skid_step import Guidance, SkidOrders, SkidState, init_skid, step_skid
-from lgprjax.coverage.cover_route import CoverRoute, route_point
+from lgprjax.autopilot.skid_step import Guidance, SkidOrders, SkidSetup, SkidState, init_skid, step_skid
+from lgprjax.coverage.guidance import CoverRoute, route_point
 from lgprjax.navigation.observations import GnssObservation
-from lgprjax.navigation.skid_model import skid_pose, skid_pose_covariance
-from lgprjax.navigation.skid_observations import DeltaHeading, SkidMotion, SkidObservations
-from lgprjax.vehicle.skid_steer import WheelSpeeds, body_rates
+from lgprjax.navigation.skid_model import DeltaHeading, SkidMotion, SkidObservations, skid_pose, skid_pose_covariance
+from lgprjax.vehicle.kinematics import WheelSpeeds, body_rates
 
 
 class SkidNumbers(NamedTuple):

@@ -1,22 +1,26 @@
 """What the control loop of a skid-steer vehicle runs with, read from files before anything moves."""
 
+import json
+import math
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from lgprjax.archive.skid_vehicles import carrot_of, skid_setup_of
 from lgprjax.autopilot.fence import fence_of_route, pad_fence
-from lgprjax.autopilot.skid_setup import SkidSetup, skid_setup
-from lgprjax.coverage.cover_route import LEAST_ROWS, CoverRoute, lay_pattern
+from lgprjax.autopilot.skid_step import SkidSetup, skid_setup
+from lgprjax.batch.vehicles import carrot_of, skid_setup_of
+from lgprjax.coverage.guidance import LEAST_ROWS, CoverRoute, lay_pattern
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import VehicleFile, read_vehicle
-from lgprjax.formats.cover_plan import read_cover_plan
+from lgprjax.formats.coverage_files import read_cover_plan
 from lgprjax.frames import LocalFrame
 from lgprjax.runtime.config import RuntimeConfig
-from lgprjax.runtime.control.skid.watch_tool import ToolBelief
+from lgprjax.runtime.control.skid.compiled import SkidResult
+from lgprjax.runtime.control.skid.watches import ToolBelief
+from lgprjax.runtime.gnss import Quality
 
 _DEEPER = 2.0
 """The limiter lets no depth pass that is more than so many times the asked one."""
@@ -107,3 +111,39 @@ def _needed(config: RuntimeConfig, place: str, value: float | None) -> float:
     if value is None:
         raise InputError(config.path(config.vehicle), place, "a number", "none")
     return value
+
+
+# Corners of a field, marked by the operator: where the reference point stands, and how well that is known.
+
+
+def corner_obstacle(result: SkidResult, quality: Quality, *, engaged: bool) -> str:
+    """Why no corner can be marked now; empty where it can."""
+    if engaged:
+        return "a corner is marked while the operator drives"
+    if not result.heading_known > 0.5:
+        # Between antenna and reference point lies a lever that the heading turns.
+        return "heading not known: drive straight by remote control"
+    return "" if quality is Quality.FIXED else "no fixed position now"
+
+
+def corner_row(number: int, result: SkidResult, frame: LocalFrame, up_m: float) -> bytes:
+    """The ``CORNER`` record, JSON.
+
+    Args:
+        number: of the corner in this run, from 1.
+        result: of the tick.
+        frame: that the pose is in.
+        up_m: height of the last position in it.
+    """
+    latitude, longitude, height = frame.to_geodetic(np.array([result.x_m]), np.array([result.y_m]), np.array([up_m]))
+    corner = {
+        "corner": number,
+        "latitude_deg": float(latitude[0]),
+        "longitude_deg": float(longitude[0]),
+        "height_m": float(height[0]),
+        "sigma_m": result.sigma_m,
+        "yaw_rad": result.yaw_rad,
+        "sigma_yaw_rad": math.sqrt(max(result.yawyaw, 0.0)),
+        "covariance_m2": [[result.xx, result.xy], [result.xy, result.yy]],
+    }
+    return json.dumps(corner).encode()

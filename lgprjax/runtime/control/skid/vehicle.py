@@ -3,34 +3,262 @@
 import math
 from typing import Any
 
-from lgprjax.autopilot import Check, Event
-from lgprjax.autopilot.skid_limiter import SkidLimited
-from lgprjax.autopilot.watch_findings import REFUSING, Severity, Watch, describe
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from lgprjax.autopilot import Check, Event, Mode
+from lgprjax.autopilot.limiter import SkidLimited
+from lgprjax.autopilot.monitors import REFUSING, Severity, Watch, describe
+from lgprjax.autopilot.skid_step import SkidState
 from lgprjax.navigation import Reaction, Reason
-from lgprjax.runtime.config import RuntimeConfig
-from lgprjax.runtime.control.checks import CheckItem
-from lgprjax.runtime.control.mode_keeper import CUT, PEDALS, STEERING
-from lgprjax.runtime.control.processes import Processes
-from lgprjax.runtime.control.rows import whole
-from lgprjax.runtime.control.skid import findings
-from lgprjax.runtime.control.skid.corners import corner_obstacle, corner_row
-from lgprjax.runtime.control.skid.findings import Found, describe_found, severity_of_found
-from lgprjax.runtime.control.skid.panel import FieldPanel
-from lgprjax.runtime.control.skid.pilot import SkidPilot
-from lgprjax.runtime.control.skid.rows import cover_row, skid_plan_row, tool_bits
+from lgprjax.runtime.config import CoverageTable, RuntimeConfig
+from lgprjax.runtime.control.counter_steer import whole
+from lgprjax.runtime.control.modes import CUT, PEDALS, STEERING, CheckItem
+from lgprjax.runtime.control.setup import TICK_S
+from lgprjax.runtime.control.skid import watches as findings
+from lgprjax.runtime.control.skid.compiled import (
+    SkidNumbers,
+    SkidResult,
+    as_skid_vector,
+    start_skid_compiled,
+    step_skid_compiled,
+)
 from lgprjax.runtime.control.skid.senses import SkidSensed, SkidSenses
-from lgprjax.runtime.control.skid.setup import SkidLoaded
-from lgprjax.runtime.control.skid.watches import DRIVE, SkidSent, SkidWatched, SkidWatches
-from lgprjax.runtime.control.vehicle_kind import Frame, Look, Operator, Wish
-from lgprjax.runtime.gnss_samples import Quality
-from lgprjax.runtime.records import Kind, Record
+from lgprjax.runtime.control.skid.setup import SkidLoaded, corner_obstacle, corner_row
+from lgprjax.runtime.control.skid.watches import (
+    DRIVE,
+    Found,
+    SkidSent,
+    SkidWatched,
+    SkidWatches,
+    ToolBelief,
+    ToolReading,
+    depth_right,
+    describe_found,
+    severity_of_found,
+    stops_of,
+)
+from lgprjax.runtime.control.vehicle_kind import Frame, Look, Operator, Processes, Wish
+from lgprjax.runtime.gnss import Quality
+from lgprjax.runtime.messages import COVER, SKID_PLAN, Kind, Record, StopBits, ToolBits
+
+# What the operator of a skid-steer vehicle sees: field, lines, tool and GNSS as the display takes them.
+
+_MOST_POINTS = 1500
+_PATH_TICKS = 100
+
+
+class FieldPanel:
+    """Keeps what the display needs beside the tick's numbers.
+
+    Args:
+        loaded: from ``load_skid``.
+    """
+
+    def __init__(self, loaded: SkidLoaded) -> None:
+        self._loaded = loaded
+        rows = np.asarray(loaded.route.rows, np.float64)[: int(loaded.route.count), :2]
+        few = rows[np.unique(np.linspace(0, len(rows) - 1, _MOST_POINTS).astype(int))]
+        self._points = [] if loaded.name is None else [[round(float(x), 2), round(float(y), 2)] for x, y in few]
+        self._perimeter = [[round(float(x), 2), round(float(y), 2)] for x, y in loaded.perimeter_m]
+        self._path_tick: int | None = None
+
+    def state(
+        self, tick: int, result: SkidResult, sensed: SkidSensed, sent: SkidSent, reading: ToolReading | None
+    ) -> dict[str, Any]:
+        """What stands in the state of a tick beside the modes."""
+        belief, line = self._loaded.belief, whole(result.line, -1)
+        state: dict[str, Any] = {
+            "route": self._loaded.name,
+            "routes": [],
+            "speed_mps": result.speed_mps,
+            "cross_track_m": result.cross_m,
+            "to_go_m": result.to_go_m,
+            "heading_error_deg": math.degrees(result.heading_error_rad),
+            "sigma_along_m": result.sigma_m,
+            "sigma_cross_m": result.sigma_m,
+            "pose": [result.x_m, result.y_m, result.yaw_rad if result.heading_known > 0.5 else math.nan],
+            "gnss_pose": [result.x_m, result.y_m, 0.0],
+            "reaction": Reaction(int(result.reaction)).name if math.isfinite(result.reaction) else None,
+            "field": {
+                "perimeter": self._perimeter,
+                "line": line + 1 if line >= 0 else None,
+                "lines": self._loaded.lines,
+                "tool_width_m": self._loaded.setup.tool.width_m,
+                "tool_ahead_m": self._loaded.setup.tool.ahead_m,
+                "told_on": bool(sent.tool),
+                "turns": None if reading is None else reading.turns,
+                "depth_m": None if reading is None else reading.depth_m,
+                "depth_right": None if reading is None else depth_right(belief, reading.depth_m),
+                "depth_asked_m": belief.depth_m,
+                "gnss": sensed.quality.name.lower(),
+                "gnss_age_s": sensed.gnss_age_s,
+                "heading_known": result.heading_known > 0.5,
+                "sigma_heading_deg": math.degrees(math.sqrt(max(result.yawyaw, 0.0))),
+            },
+        }
+        if self._path_tick is None or tick - self._path_tick >= _PATH_TICKS:
+            self._path_tick = tick
+            state["path"] = self._points
+        return state
+
+
+# The compiled step at work: the state that it carries, and the field that it is driven on.
+
+_NOTHING = SkidResult(*[math.nan] * len(SkidResult._fields))
+
+
+class SkidPilot:
+    """Navigation and autopilot of one vehicle.
+
+    Args:
+        loaded: from ``load_skid``.
+        coverage: of the configuration.
+
+    Attributes:
+        result: of the last tick; all NaN before there is a position.
+    """
+
+    def __init__(self, loaded: SkidLoaded, coverage: CoverageTable) -> None:
+        self._loaded, self._guidance = loaded, coverage.guidance
+        self._state: SkidState | None = None
+        self.result = _NOTHING
+
+    @property
+    def started(self) -> bool:
+        """There is a pose, if not a heading."""
+        return self._state is not None
+
+    def warm_up(self) -> None:
+        """Compile."""
+        numbers = as_skid_vector(SkidNumbers(*[0.0] * len(SkidNumbers._fields))._replace(step_s=TICK_S))
+        state = start_skid_compiled(self._loaded.setup, np.float32(0.0), np.float32(0.0))
+        # Each after each: what one of them gives is not in every detail what another gives.
+        for _ in range(3):
+            state, row = self._step(state, numbers)
+        jax.block_until_ready(row)
+
+    def step(self, sensed: SkidSensed, wish: Wish, cap_mps: float, now_ns: int) -> SkidResult:
+        """A tick; before there is a position nothing is known.
+
+        An estimate that is no number is begun anew once the operator has the vehicle.
+        """
+        if not wish.engaged and not math.isfinite(self.result.x_m):
+            self._state = None
+        if self._state is None:
+            if sensed.place is None:
+                return self.result
+            x, y = np.float32(sensed.place.x_m), np.float32(sensed.place.y_m)
+            self._state = start_skid_compiled(self._loaded.setup, x, y)
+        self._state, row = self._step(self._state, as_skid_vector(_numbers(sensed, wish, cap_mps, now_ns)))
+        self.result = SkidResult(*np.asarray(row).tolist())
+        return self.result
+
+    def _step(self, state: SkidState, numbers: np.ndarray) -> tuple[SkidState, jax.Array]:
+        held = self._loaded
+        stepped: tuple[SkidState, jax.Array] = step_skid_compiled(
+            held.setup, held.route, held.fence, state, jnp.asarray(numbers), guidance=self._guidance
+        )
+        return stepped
+
+
+def _numbers(sensed: SkidSensed, wish: Wish, cap_mps: float, now_ns: int) -> SkidNumbers:
+    place, turn = sensed.place, sensed.turn
+    return SkidNumbers(
+        step_s=sensed.step_s,
+        left_mps=sensed.left_mps,
+        right_mps=sensed.right_mps,
+        gnss_valid=float(place is not None),
+        gnss_x_m=0.0 if place is None else place.x_m,
+        gnss_y_m=0.0 if place is None else place.y_m,
+        gnss_m2=1.0 if place is None else place.reported_m**2,
+        gnss_age_s=0.0 if place is None else (now_ns - place.time_ns) / 1e9,
+        turn_valid=float(turn is not None),
+        turn_rad=0.0 if turn is None else turn.turn_rad,
+        span_s=0.0 if turn is None else turn.span_s,
+        engaged=float(wish.engaged),
+        drives=float(wish.drives),
+        stop=float(wish.stop),
+        speed_cap_mps=cap_mps,
+        set_speed_mps=wish.set_speed_mps,
+        age_s=sensed.box_age_s,
+    )
+
+
+# Rows that a tick of a skid-steer vehicle leaves: what it decided, and ten times a second what its tool does.
+
+
+def skid_plan_row(
+    result: SkidResult, sent: SkidSent, *, mode: int, bits: Watch, found: Found, severity: Severity
+) -> bytes:
+    """``SKID_PLAN``; before there is a position navigation asks for a stop."""
+    row = np.zeros((), SKID_PLAN)
+    row["mode"], row["reaction"] = mode, whole(result.reaction, int(Reaction.STOP))
+    row["known"] = int(math.isfinite(result.x_m)) + 2 * int(result.heading_known > 0.5)
+    row["reasons"], row["limited"] = whole(result.reasons), whole(result.limited)
+    row["pose"] = (result.x_m, result.y_m, result.yaw_rad)
+    row["sigma"] = [math.sqrt(max(number, 0.0)) for number in (result.xx, result.yy, result.yawyaw)]
+    row["speed_mps"], row["cross_m"] = result.speed_mps, result.cross_m
+    row["heading_error_rad"], row["to_go_m"] = result.heading_error_rad, result.to_go_m
+    row["line"] = whole(result.line, -1)
+    row["command"], row["tool"], row["depth_m"] = (sent.left_mps, sent.right_mps), sent.tool, sent.depth_m
+    row["engage"], row["watch"], row["found"], row["severity"] = sent.engage, int(bits), int(found), int(severity)
+    return row.tobytes()
+
+
+def tool_bits(belief: ToolBelief, sent: SkidSent, reading: ToolReading | None, *, heading_known: bool) -> ToolBits:
+    """What of the tool holds; that the computer drives belongs to its being told on."""
+    bits = ToolBits(0)
+    if sent.tool and sent.engage & DRIVE:
+        bits |= ToolBits.TOLD_ON
+    if reading is not None and reading.turns:
+        bits |= ToolBits.TURNS
+    if reading is not None and depth_right(belief, reading.depth_m):
+        bits |= ToolBits.DEPTH_RIGHT
+    right = ToolBits.TOLD_ON | ToolBits.TURNS | ToolBits.DEPTH_RIGHT
+    return bits | ToolBits.COUNTS if bits == right and heading_known else bits
+
+
+def cover_row(
+    result: SkidResult,
+    sensed: SkidSensed,
+    reading: ToolReading | None,
+    tool: ToolBits,
+    *,
+    mode: int,
+    bits: Watch,
+    found: Found,
+) -> bytes:
+    """``COVER``."""
+    row = np.zeros((), COVER)
+    row["x_m"], row["y_m"], row["yaw_rad"] = result.x_m, result.y_m, result.yaw_rad
+    row["covariance"] = [
+        [result.xx, result.xy, result.xyaw],
+        [result.xy, result.yy, result.yyaw],
+        [result.xyaw, result.yyaw, result.yawyaw],
+    ]
+    row["speed_mps"], row["left_mps"], row["right_mps"] = result.speed_mps, sensed.left_mps, sensed.right_mps
+    row["tool"], row["depth_m"] = int(tool), math.nan if reading is None else reading.depth_m
+    row["mode"], row["line"] = mode, whole(result.line, -1)
+    row["stop"] = int(_stops(Mode(mode), bits, found))
+    row["gnss_quality"] = int(sensed.quality)
+    return row.tobytes()
+
+
+def _stops(mode: Mode, bits: Watch, found: Found) -> StopBits:
+    stops = stops_of(found, bits)
+    if mode in (Mode.MANUAL, Mode.EMERGENCY_STOP):
+        return stops | StopBits.OPERATOR
+    return stops | StopBits.COMPUTER if mode is Mode.ERROR else stops
+
 
 COVER_TICKS = 5
 _DEGRADED_MPS = 0.2
 _NEAR_M = 10.0
 _TURNED_RAD = 1.6
 _LINE = Watch.LINE_SILENT | Watch.BAD_FRAMES | Watch.BUS_OFF | Watch.DEFAULTS_ACT | Watch.SECOND_SENDER
-_NOTHING = SkidSensed(0.0, math.nan, math.nan, None, None, None, math.inf, math.inf, math.inf, Quality.NONE)
+_VEHICLE_NOTHING = SkidSensed(0.0, math.nan, math.nan, None, None, None, math.inf, math.inf, math.inf, Quality.NONE)
 
 
 class SkidSteerVehicle:
@@ -52,7 +280,7 @@ class SkidSteerVehicle:
         self._watches = SkidWatches(config.control, loaded.belief)
         self._panel = FieldPanel(loaded)
         self._sent = SkidSent(0.0, 0.0, 0, 0.0, 0)
-        self._sensed = _NOTHING
+        self._sensed = _VEHICLE_NOTHING
         self._watched = SkidWatched(Watch(0), Found(0), Severity.CONTINUE, [], False, None)
         self._ticks, self._corners = 0, 0
         self._notes: list[dict[str, Any]] = []

@@ -1,19 +1,226 @@
 """Every watch of a skid-steer vehicle at work: line, tool, tracks, remote control and buttons, each tick."""
 
 import math
+from enum import IntFlag
 from typing import NamedTuple
 
 from lgprjax.autopilot import Event
-from lgprjax.autopilot.watch_buttons import ButtonState, Hands, step_buttons
-from lgprjax.autopilot.watch_findings import Severity, Watch, severity_of
-from lgprjax.autopilot.watch_line import LineWatchState, step_line_watch
-from lgprjax.autopilot.watch_motion import MotionState, step_motion
+from lgprjax.autopilot.monitors import (
+    Dwell,
+    LineWatchState,
+    MotionState,
+    Severity,
+    Watch,
+    counted_step_s,
+    severity_of,
+    step_dwell,
+    step_line_watch,
+    step_motion,
+)
+from lgprjax.autopilot.operator_monitors import ButtonState, Hands, step_buttons
 from lgprjax.runtime.config import ControlTable
-from lgprjax.runtime.control.skid.findings import Found, severity_of_found
 from lgprjax.runtime.control.skid.senses import SkidSensed
-from lgprjax.runtime.control.skid.watch_tool import ToolBelief, ToolReading, ToolWatchState, step_tool_watch
-from lgprjax.runtime.control.skid.watch_tracks import TrackWatchState, step_track_watch
 from lgprjax.runtime.control.vehicle_kind import Operator
+from lgprjax.runtime.messages import StopBits
+
+# What the watches of a skid-steer vehicle find beside what all vehicles share: bits, severities, words, stops.
+
+
+class Found(IntFlag):
+    """One bit a finding, as in ``skid_plan.found`` of ``data_schema/run_log.toml``."""
+
+    REMOTE_SILENT = 1
+    EDGE = 2
+    TOOL_OFF = 4
+    TOOL_DEPTH = 8
+    LEFT_DEAD = 16
+    RIGHT_DEAD = 32
+    HEADING_UNKNOWN = 64
+    UNCERTAIN = 128
+    OFF_LINE = 256
+
+
+SEVERITY = {
+    Found.REMOTE_SILENT: Severity.STOP,
+    Found.EDGE: Severity.STOP,
+    Found.TOOL_OFF: Severity.STOP,
+    Found.TOOL_DEPTH: Severity.STOP,
+    Found.LEFT_DEAD: Severity.STOP,
+    Found.RIGHT_DEAD: Severity.STOP,
+    Found.HEADING_UNKNOWN: Severity.STOP,
+    # What the estimate asks for comes as navigation's reaction.
+    Found.UNCERTAIN: Severity.CONTINUE,
+    Found.OFF_LINE: Severity.STOP,
+}
+"""What each finding asks for while the computer drives."""
+
+TEXT = {
+    Found.REMOTE_SILENT: "remote control is silent: stopping",
+    Found.EDGE: "the edge would be crossed: stopping before it",
+    Found.TOOL_OFF: "tool does not turn: stopping, cells are not counted",
+    Found.TOOL_DEPTH: "tool at a wrong depth: stopping, cells are not counted",
+    Found.LEFT_DEAD: "left track or its sensor is dead",
+    Found.RIGHT_DEAD: "right track or its sensor is dead",
+    Found.HEADING_UNKNOWN: "heading not known: drive straight by remote control",
+    Found.UNCERTAIN: "position too uncertain: no GNSS for too long?",
+    Found.OFF_LINE: "off the line with the tool on: stopping",
+}
+"""Each finding in plain words."""
+
+REFUSING = Found.REMOTE_SILENT | Found.LEFT_DEAD | Found.RIGHT_DEAD | Found.HEADING_UNKNOWN
+"""Findings with which nothing may be engaged; the others arise while it drives."""
+
+_STOPS = {
+    Found.REMOTE_SILENT: StopBits.OPERATOR,
+    Found.EDGE: StopBits.EDGE,
+    Found.TOOL_OFF: StopBits.TOOL,
+    Found.TOOL_DEPTH: StopBits.TOOL,
+    Found.LEFT_DEAD: StopBits.WHEELS,
+    Found.RIGHT_DEAD: StopBits.WHEELS,
+    Found.HEADING_UNKNOWN: StopBits.HEADING,
+    Found.UNCERTAIN: StopBits.POSITION,
+    Found.OFF_LINE: StopBits.OFF_LINE,
+}
+_BOX = (
+    Watch.LINE_SILENT
+    | Watch.BAD_FRAMES
+    | Watch.DEFAULTS_ACT
+    | Watch.BUS_OFF
+    | Watch.SECOND_SENDER
+    | Watch.ACTUATOR_FAULT
+)
+_OPERATOR = Watch.OVERRIDE_CONTACTS | Watch.CONTROLLER_SILENT
+
+
+def severity_of_found(found: Found) -> Severity:
+    """The largest that findings ask for; CONTINUE for none."""
+    return max((SEVERITY[bit] for bit in found), default=Severity.CONTINUE)
+
+
+def describe_found(found: Found) -> list[str]:
+    """Findings in plain words, the weightiest first."""
+    return [TEXT[bit] for bit in sorted(found, key=lambda bit: (-SEVERITY[bit], bit))]
+
+
+def stops_of(found: Found, watch: Watch) -> StopBits:
+    """Findings as ``COVER`` tells them."""
+    stops = StopBits(0)
+    for bit in found:
+        stops |= _STOPS.get(bit, StopBits(0))
+    if watch & _BOX:
+        stops |= StopBits.BOX
+    return stops | StopBits.OPERATOR if watch & _OPERATOR else stops
+
+
+# The tool against what it was told: off, or at a wrong depth, while the vehicle moves. Fault 37.
+
+RISES_S = 1.5
+"""That a tool may take from being told on until it turns at its depth; nothing counts as worked meanwhile."""
+WRONG_S = 0.1
+_MOVES_MPS = 0.02
+
+
+class ToolReading(NamedTuple):
+    """Of the newest status of the box: whether the tool turns, and how deep it is."""
+
+    turns: bool
+    depth_m: float
+
+
+class ToolBelief(NamedTuple):
+    """Depth that is asked of the tool, and how far from it still counts."""
+
+    depth_m: float
+    tolerance_m: float
+
+
+class ToolWatchState(NamedTuple):
+    """What is carried from tick to tick: how long the tool has been told on, and the findings in the making."""
+
+    told_s: float = 0.0
+    off: Dwell = Dwell()
+    depth: Dwell = Dwell()
+
+
+def depth_right(belief: ToolBelief, depth_m: float) -> bool:
+    """Whether a depth is the one that is asked for; no number is not."""
+    return abs(depth_m - belief.depth_m) <= belief.tolerance_m
+
+
+def step_tool_watch(
+    belief: ToolBelief,
+    state: ToolWatchState,
+    reading: ToolReading | None,
+    *,
+    told_on: bool,
+    speed_mps: float,
+    step_s: float,
+) -> tuple[ToolWatchState, Found]:
+    """State and findings of a tick.
+
+    Args:
+        belief: what is asked of the tool.
+        state: of the last tick.
+        reading: ``None`` where the box has said nothing.
+        told_on: by the last command.
+        speed_mps: of the vehicle; no number counts as moving.
+        step_s: since the last tick.
+    """
+    step_s = counted_step_s(step_s)
+    told_s = state.told_s + step_s if told_on else 0.0
+    # Once it has been right it has no more time to become so.
+    risen = reading is not None and reading.turns and depth_right(belief, reading.depth_m)
+    told_s = max(told_s, RISES_S) if told_on and risen else told_s
+    matters = told_on and told_s >= RISES_S and not abs(speed_mps) <= _MOVES_MPS
+    off = step_dwell(
+        state.off, matters and not (reading is not None and reading.turns), step_s, on_s=WRONG_S, off_s=0.0
+    )
+    deep = reading is not None and math.isfinite(reading.depth_m) and depth_right(belief, reading.depth_m)
+    depth = step_dwell(state.depth, matters and not deep, step_s, on_s=WRONG_S, off_s=0.0)
+    found = (Found.TOOL_OFF if off.on else Found(0)) | (Found.TOOL_DEPTH if depth.on else Found(0))
+    return ToolWatchState(told_s, off, depth), found
+
+
+# Tracks against their command: one that does not move, or whose sensor does not. Fault 14.
+
+DEAD_S = 0.5
+_ASKED_MPS = 0.08
+_SHARE = 0.25
+
+
+class TrackWatchState(NamedTuple):
+    """What is carried from tick to tick: findings in the making, left and right."""
+
+    left: Dwell = Dwell()
+    right: Dwell = Dwell()
+
+
+def step_track_watch(
+    state: TrackWatchState,
+    *,
+    told_mps: tuple[float, float],
+    measured_mps: tuple[float, float],
+    drives: bool,
+    step_s: float,
+) -> tuple[TrackWatchState, Found]:
+    """State and findings of a tick.
+
+    Args:
+        state: of the last tick.
+        told_mps: left and right by the last command.
+        measured_mps: left and right; no number counts as standing.
+        drives: the box was told to drive, and holds it.
+        step_s: since the last tick.
+    """
+    step_s = counted_step_s(step_s)
+    dwells: list[Dwell] = []
+    for dwell, told, measured in zip(state, told_mps, measured_mps, strict=True):
+        moves = math.isfinite(measured) and measured * math.copysign(1.0, told) >= _SHARE * abs(told)
+        dead = drives and abs(told) >= _ASKED_MPS and not moves
+        dwells.append(step_dwell(dwell, dead, step_s, on_s=DEAD_S, off_s=0.0))
+    found = (Found.LEFT_DEAD if dwells[0].on else Found(0)) | (Found.RIGHT_DEAD if dwells[1].on else Found(0))
+    return TrackWatchState(*dwells), found
+
 
 DRIVE = 1
 """Bit of ``engage`` in a skid_command; 4 cuts the power as in a drive_command."""

@@ -1,0 +1,557 @@
+"""The turn that the wheels should make against the gyro: rear wheels that are stuck. Fault 19.
+
+Wheels that follow no longer show where the turn asks for another angle than the one they are stuck at: on a straight
+line a rear axle stuck straight is none the worse, and is found in the next bend.
+"""
+
+import math
+from typing import NamedTuple
+
+from lgprjax.autopilot.monitors import (
+    ChassisBelief,
+    Dwell,
+    PedalBelief,
+    PedalsBelief,
+    Watch,
+    WheelBelief,
+    as_watch,
+    beyond,
+    counted_step_s,
+    curvature,
+    front_angle,
+    step_dwell,
+    yaw_gain,
+)
+
+SLOWEST_MPS = 1.0
+"""Below it the gyro's bias is as large as what a bend makes."""
+SMOOTHED_S = 0.25
+STUCK_S = 0.6
+"""With the smoothing: found within 1 s."""
+LOST_S = 0.1
+RATE_RADPS = 0.012
+CURVATURE_PER_M = 0.006
+TURN_SHARE = 0.12
+"""Gyro and model may differ by: bias and noise, what ruts add to a curvature, and a share of the turn itself for
+calibration. A rear axle stuck straight takes almost four tenths of the turn."""
+
+
+class ChassisWatchState(NamedTuple):
+    """What is carried from tick to tick: smoothed yaw rates, rad/s, that the gyro exceeds the model by, and that the
+    model expects; findings."""
+
+    excess_radps: float = 0.0
+    expected_radps: float = 0.0
+    stuck: Dwell = Dwell()
+    lost: Dwell = Dwell()
+
+
+def step_chassis_watch(
+    belief: ChassisBelief,
+    state: ChassisWatchState,
+    *,
+    front_rad: float,
+    yaw_rate_radps: float,
+    speed_mps: float,
+    speed_trusted: bool,
+    step_s: float,
+) -> tuple[ChassisWatchState, Watch]:
+    """State and findings of a tick.
+
+    Args:
+        belief: steering geometry.
+        state: of the last tick.
+        front_rad: of the wheels as measured; not judged without one, which is a finding of its own.
+        yaw_rate_radps: by the gyro, counter-clockwise.
+        speed_mps: signed.
+        speed_trusted: nothing is wrong with the odometer.
+        step_s: since the last tick.
+    """
+    step_s = counted_step_s(step_s)
+    lost = step_dwell(state.lost, not math.isfinite(yaw_rate_radps), step_s, on_s=LOST_S)
+    judged = speed_trusted and abs(speed_mps) > SLOWEST_MPS and math.isfinite(front_rad)
+    if not judged:
+        stuck = step_dwell(state.stuck, False, step_s, on_s=STUCK_S)
+        return ChassisWatchState(0.0, 0.0, stuck, lost), _bits(stuck, lost)
+    if math.isfinite(yaw_rate_radps):
+        expected = speed_mps * curvature(belief, front_rad) * yaw_gain(belief, speed_mps)
+        share = min(step_s / SMOOTHED_S, 1.0)
+        excess = state.excess_radps + share * (yaw_rate_radps - expected - state.excess_radps)
+        expected = state.expected_radps + share * (expected - state.expected_radps)
+    else:
+        excess, expected = state.excess_radps, state.expected_radps
+    bound = RATE_RADPS + CURVATURE_PER_M * abs(speed_mps) + TURN_SHARE * abs(expected)
+    stuck = step_dwell(state.stuck, beyond(excess, bound), step_s, on_s=STUCK_S)
+    return ChassisWatchState(excess, expected, stuck, lost), _bits(stuck, lost)
+
+
+def _bits(stuck: Dwell, lost: Dwell) -> Watch:
+    return as_watch(stuck.on * Watch.REAR_STUCK | lost.on * Watch.YAW_RATE_LOST)
+
+
+# Throttle and brake against their commands, and the speed against both. Faults 21 and 22.
+#
+# Positions are held against the commands of the last quarter of a second or so, which is what an actuator may take.
+# The speed is held against a model of the pedals through an observer that learns what slopes and calibration add: a
+# push that is not the pedals' shows as a speed ahead of it.
+
+ANSWER_TICKS = 13
+"""Commands of the last quarter of a second: a position is between them, or on its way."""
+OPEN = 0.1
+"""A throttle more open than any of these commands, for ``OPEN_S``, is stuck: found within 0.5 s."""
+OPEN_S = 0.14
+PRESSED = 0.1
+HELD_SHARE = 0.4
+DEAD_S = 0.04
+"""A brake told ``PRESSED`` or more throughout, whose pressure is a smaller share of it, is dead: found within 0.3 s."""
+UNREAD_S = 0.1
+RISE_MPS = 0.3
+RISE_S = 0.06
+"""With a stuck throttle the speed may not rise by more."""
+AHEAD_MPS = 0.35
+AHEAD_S = 0.06
+"""Speed ahead of the model by more: a push of 1.2 m/s², a slope of 12 %, that came at once, after half a second."""
+BRAKING_MPS2 = 0.5
+"""While the brake should make more, a push that is not the pedals' is a brake without effect."""
+ROLLING_MPS = 0.3
+LEARN_S = 1.5
+"""After moving off or engaging: what the observer needs to learn the slope."""
+LEAP_MPS = 0.25
+"""Change of the speed within a tick that no throttle makes: wheels that slip, or an odometer at fault."""
+SPEED_PER_S, PUSH_PER_S2 = 2.0, 2.0
+"""Gains of the observer: damped by 0.7, at 1.4 rad/s."""
+
+
+class PedalModel(NamedTuple):
+    """A pedal as in ``vehicle.PedalState``: how far it acts, and the acceleration or deceleration that it makes."""
+
+    pressed: float = 0.0
+    effect_mps2: float = 0.0
+
+
+class Observer(NamedTuple):
+    """Speed that the model expects and speed as heard in the last tick, what pushes beside the pedals, and for how
+    long the vehicle has rolled, engaged."""
+
+    expected_mps: float = 0.0
+    heard_mps: float = 0.0
+    push_mps2: float = 0.0
+    rolled_s: float = 0.0
+
+
+class PedalWatchState(NamedTuple):
+    """What is carried from tick to tick.
+
+    Attributes:
+        throttles, brakes: commands of the last ticks.
+        throttle, brake: of the model.
+        observer: of the speed.
+        lowest_mps: since the throttle was found stuck.
+        open, dead, ahead, unbraked, unread, rises: findings.
+    """
+
+    throttles: tuple[float, ...] = ()
+    brakes: tuple[float, ...] = ()
+    throttle: PedalModel = PedalModel()
+    brake: PedalModel = PedalModel()
+    observer: Observer = Observer()
+    lowest_mps: float = math.inf
+    open: Dwell = Dwell()
+    dead: Dwell = Dwell()
+    ahead: Dwell = Dwell()
+    unbraked: Dwell = Dwell()
+    unread: Dwell = Dwell()
+    rises: Dwell = Dwell()
+
+
+class PedalReading(NamedTuple):
+    """Throttle and brake, 0 to 1: as sent, or as measured."""
+
+    throttle: float
+    brake: float
+
+
+def step_pedal_watch(
+    belief: PedalsBelief,
+    state: PedalWatchState,
+    *,
+    engaged: bool,
+    command: PedalReading,
+    measured: PedalReading,
+    speed_mps: float,
+    speed_trusted: bool,
+    step_s: float,
+) -> tuple[PedalWatchState, Watch]:
+    """State and findings of a tick; ``throttle.effect_mps2`` of the state is what the odometer's watch asks for.
+
+    Args:
+        belief: both pedals.
+        state: of the last tick.
+        engaged: the box holds the pedals engaged.
+        command: as sent in the last tick.
+        measured: positions; while a person drives they stand for the command.
+        speed_mps: signed.
+        speed_trusted: nothing is wrong with the odometer.
+        step_s: since the last tick.
+    """
+    step_s = counted_step_s(step_s)
+    unread = step_dwell(
+        state.unread, not (math.isfinite(measured.throttle) and math.isfinite(measured.brake)), step_s, on_s=UNREAD_S
+    )
+    acting = command if engaged else measured
+    throttle = _press(belief.throttle, state.throttle, acting.throttle, step_s)
+    brake = _press(belief.brake, state.brake, acting.brake, step_s)
+    pushed_mps2 = throttle.effect_mps2 - brake.effect_mps2 - belief.rolling_mps2
+    observer, ahead_mps = _observe(
+        state.observer, pushed_mps2, belief.drag_per_s, speed_mps, engaged=engaged, trusted=speed_trusted, step_s=step_s
+    )
+    throttles = (*state.throttles[-ANSWER_TICKS:], command.throttle) if engaged else ()
+    brakes = (*state.brakes[-ANSWER_TICKS:], command.brake) if engaged else ()
+    answered = len(brakes) > ANSWER_TICKS
+    opens = answered and not measured.throttle <= max(throttles) + OPEN
+    pressed = min(brakes) if answered else 0.0
+    fails = pressed >= PRESSED and not measured.brake >= HELD_SHARE * pressed
+    brakes_now = brake.effect_mps2 > BRAKING_MPS2
+    too_fast = ahead_mps > AHEAD_MPS
+    opened = step_dwell(state.open, opens, step_s, on_s=OPEN_S)
+    dead = step_dwell(state.dead, fails, step_s, on_s=DEAD_S)
+    ahead = step_dwell(state.ahead, too_fast and not brakes_now, step_s, on_s=AHEAD_S)
+    stuck = opened.on or ahead.on
+    # A throttle that is known to push against the brake says nothing of the brake.
+    unbraked = step_dwell(state.unbraked, too_fast and brakes_now and not stuck, step_s, on_s=AHEAD_S)
+    lowest = _lower(state.lowest_mps, abs(speed_mps)) if stuck else math.inf
+    rises = step_dwell(state.rises, stuck and abs(speed_mps) > lowest + RISE_MPS, step_s, on_s=RISE_S)
+    state = PedalWatchState(
+        throttles, brakes, throttle, brake, observer, lowest, opened, dead, ahead, unbraked, unread, rises
+    )
+    bits = (
+        stuck * Watch.THROTTLE_STUCK
+        | (dead.on or unbraked.on) * Watch.BRAKE_DEAD
+        | unread.on * Watch.PEDAL_UNREAD
+        | rises.on * Watch.SPEED_RISES
+    )
+    return state, as_watch(bits)
+
+
+def _lower(lowest_mps: float, speed_mps: float) -> float:
+    """The lower speed; no number changes nothing."""
+    return speed_mps if speed_mps < lowest_mps else lowest_mps
+
+
+def _observe(
+    observer: Observer,
+    pushed_mps2: float,
+    drag_per_s: float,
+    speed_mps: float,
+    *,
+    engaged: bool,
+    trusted: bool,
+    step_s: float,
+) -> tuple[Observer, float]:
+    """The observer after a tick, and by how much the speed is ahead of it: 0 where it cannot tell."""
+    speed = abs(speed_mps)
+    if not (trusted and speed > ROLLING_MPS):
+        known = speed if math.isfinite(speed) else 0.0
+        return Observer(known, known), 0.0
+    if abs(speed - observer.heard_mps) > LEAP_MPS:
+        return observer._replace(expected_mps=speed, heard_mps=speed), 0.0
+    expected = observer.expected_mps + (pushed_mps2 - drag_per_s * speed + observer.push_mps2) * step_s
+    ahead = speed - expected
+    rolled_s = observer.rolled_s + step_s if engaged else 0.0
+    observer = Observer(
+        expected + SPEED_PER_S * step_s * ahead, speed, observer.push_mps2 + PUSH_PER_S2 * step_s * ahead, rolled_s
+    )
+    return observer, ahead if rolled_s > LEARN_S else 0.0
+
+
+def _press(belief: PedalBelief, pedal: PedalModel, position: float, step_s: float) -> PedalModel:
+    """A pedal after a tick at a position; it stays where that is no number."""
+    if not math.isfinite(position):
+        return pedal
+    taut = position - belief.pre_tension
+    pressed = max(min(max(pedal.pressed, taut), taut + belief.dead_zone), 0.0)
+    wanted = belief.gain_mps2 * pressed
+    left = math.exp(-step_s / belief.lag_s) if belief.lag_s > 0.0 else 0.0
+    return PedalModel(pressed, wanted + left * (pedal.effect_mps2 - wanted))
+
+
+# Potentiometer and encoder of the steering, each held against the other and against what it can say at all.
+#
+# Faults 15 and 16. The encoder's zero is another one at every start: it is learnt against the potentiometer from the
+# first good readings, or given, where the box keeps it. A wheel refitted off by a tooth shows at once with a zero that
+# was kept, and else in the yaw rate (``watch_chassis``).
+
+RANGE_S = 0.06
+"""Out of range for so long is open or shorted: found within 0.1 s; single spikes pass."""
+MOVED_RAD = 0.025
+"""Encoder way with which the potentiometer must have moved by more than ``STILL_RAD``; play and noise are less."""
+STILL_RAD = 0.01
+ENCODER_STUCK_S = 0.04
+APART_RAD = 0.03
+"""Largest disagreement: noise, play and errors of the map together are half of it."""
+APART_S = 0.16
+LEARN_TICKS = 10
+LEAP_RAD = 0.03
+"""Encoder way within a tick that no servo makes: a leap of the count, which says nothing of the potentiometer."""
+
+
+class WheelSensorState(NamedTuple):
+    """What is carried from tick to tick.
+
+    Attributes:
+        zero_counts: encoder reading at straight wheels; not a number until learnt.
+        learnt: readings that went into ``learnt_counts``, the sum of their zeros.
+        still_rad, since_rad: potentiometer where it last moved, and the encoder then.
+        encoder_rad: last tick's.
+        range, stuck, apart: findings.
+    """
+
+    zero_counts: float = math.nan
+    learnt: int = 0
+    learnt_counts: float = 0.0
+    still_rad: float = math.nan
+    since_rad: float = math.nan
+    encoder_rad: float = math.nan
+    range: Dwell = Dwell()
+    stuck: Dwell = Dwell()
+    apart: Dwell = Dwell()
+
+
+class WheelAngles(NamedTuple):
+    """Front wheel angle, rad, by potentiometer and by encoder; not a number where it says none."""
+
+    front_rad: float
+    encoder_rad: float
+
+
+def init_wheel_sensors(zero_counts: float = math.nan) -> WheelSensorState:
+    """At a start of the box: with the encoder's zero as it was kept, or, as a rule, unknown."""
+    return WheelSensorState(zero_counts=zero_counts)
+
+
+def step_wheel_sensors(
+    belief: WheelBelief, state: WheelSensorState, potentiometer_v: float, encoder_counts: float, step_s: float
+) -> tuple[WheelSensorState, WheelAngles, Watch]:
+    """State, angles and findings of a tick.
+
+    Args:
+        belief: the steering.
+        state: of the last tick.
+        potentiometer_v, encoder_counts: of the box's newest status.
+        step_s: since the last tick.
+    """
+    step_s = counted_step_s(step_s)
+    front = front_angle(belief, potentiometer_v)
+    zero, learnt, learnt_counts = state.zero_counts, state.learnt, state.learnt_counts
+    counts_are = math.isfinite(encoder_counts)
+    if learnt < LEARN_TICKS and not math.isfinite(zero) and counts_are and math.isfinite(front):
+        learnt, learnt_counts = learnt + 1, learnt_counts + encoder_counts - belief.encoder_counts_per_rad * front
+        zero = learnt_counts / learnt if learnt == LEARN_TICKS else zero
+    encoder = (encoder_counts - zero) / belief.encoder_counts_per_rad if counts_are else math.nan
+    judged = math.isfinite(zero) or not counts_are
+
+    leapt = beyond(encoder - state.encoder_rad, LEAP_RAD)
+    moved = beyond(front - state.still_rad, STILL_RAD)
+    still, since = (front, encoder) if leapt or moved else (state.still_rad, state.since_rad)
+    out = step_dwell(state.range, math.isnan(front), step_s, on_s=RANGE_S)
+    stuck = step_dwell(state.stuck, abs(encoder - since) > MOVED_RAD, step_s, on_s=ENCODER_STUCK_S)
+    apart = step_dwell(state.apart, judged and beyond(front - encoder, APART_RAD), step_s, on_s=APART_S)
+    state = WheelSensorState(zero, learnt, learnt_counts, still, since, encoder, out, stuck, apart)
+    bits = (
+        out.on * Watch.POTENTIOMETER_RANGE | stuck.on * Watch.POTENTIOMETER_STUCK | apart.on * Watch.WHEEL_SENSORS_APART
+    )
+    return state, WheelAngles(front, encoder), as_watch(bits)
+
+
+# The steering servo against its command: weak, stalled, running away, or short of supply. Faults 17 and 18.
+#
+# A model of the servo as it is believed (delay, dead band, lag, rate, play) follows the commands; wheels that lag
+# behind it by more than timing and calibration explain are slow. A runaway needs no model: wheels that move away from
+# every command that could act on them now. Neither is judged before the servo has had time to answer to its first
+# command after engaging; until then the model follows the wheels.
+
+LAG_RAD = 0.045
+"""Wheels behind the model by more: 30 ms of wrong timing at full rate and a sag of the supply of 50 ms are less."""
+WEAK_S = 0.2
+WEAK_OFF_S = 5.0
+STALL_RAD = 0.01
+"""Wheels that have moved by less, for ``STALL_S`` behind the model, stand."""
+STALL_S = 0.3
+LOST_RAD = 0.2
+SERVO_LOST_S = 0.1
+"""So far behind for so long: no look-ahead mends it."""
+SUPPLY_SHARE = 0.6
+"""Of the way from the stall voltage to the nominal one: below it the supply is low."""
+SUPPLY_S = 0.2
+AWAY_RAD = 0.02
+AWAY_TICKS = 4
+"""Wheels that moved away from their commands by more within so many ticks (0.25 rad/s) run away."""
+AWAY_S = 0.04
+LIMIT_RAD = 0.03
+"""Wheels beyond their largest angle by more run away too."""
+LATE_S = 0.06
+"""Commands that may act now are those since the servo's delay, and so much more, ago."""
+ANSWER_S = 0.1
+"""Beside its delay: what a servo has to answer to the first command after engaging."""
+
+
+class Sent(NamedTuple):
+    """A command with the time at which it was sent."""
+
+    time_s: float
+    front_rad: float
+
+
+class ServoWatchState(NamedTuple):
+    """What is carried from tick to tick.
+
+    Attributes:
+        time_s: sum of the ticks.
+        engaged_s: for so long the servo has been engaged.
+        sent: commands that act or will, oldest first.
+        motor_rad, wheel_rad: of the model.
+        wheels: last ticks' angles, oldest first.
+        stalled_rad: wheels where they last moved behind the model; not a number while they follow.
+        weak, stalled, lost, supply, away: findings.
+    """
+
+    time_s: float = 0.0
+    engaged_s: float = 0.0
+    sent: tuple[Sent, ...] = ()
+    motor_rad: float = math.nan
+    wheel_rad: float = math.nan
+    wheels: tuple[WheelAngles, ...] = ()
+    stalled_rad: float = math.nan
+    weak: Dwell = Dwell()
+    stalled: Dwell = Dwell()
+    lost: Dwell = Dwell()
+    supply: Dwell = Dwell()
+    away: Dwell = Dwell()
+
+
+def step_servo_watch(
+    belief: WheelBelief,
+    state: ServoWatchState,
+    wheels: WheelAngles,
+    supply_v: float,
+    *,
+    engaged: bool,
+    command_rad: float,
+    step_s: float,
+) -> tuple[ServoWatchState, Watch]:
+    """State and findings of a tick.
+
+    Args:
+        belief: the servo.
+        state: of the last tick.
+        wheels: as measured now.
+        supply_v: of the servo.
+        engaged: the box holds the steering engaged.
+        command_rad: as sent in the last tick.
+        step_s: since the last tick.
+    """
+    step_s = counted_step_s(step_s)
+    time_s = state.time_s + step_s
+    engaged_s = state.engaged_s + step_s if engaged else 0.0
+    # Without the potentiometer, which is a finding of its own, the encoder still tells whether the wheels turn.
+    measured = wheels.front_rad if math.isfinite(wheels.front_rad) else wheels.encoder_rad
+    low = belief.stall_v + SUPPLY_SHARE * (belief.nominal_v - belief.stall_v)
+    supply = step_dwell(state.supply, not supply_v >= low, step_s, on_s=SUPPLY_S)
+    recent = (*state.wheels[-AWAY_TICKS:], wheels)
+    if engaged_s <= belief.delay_s + ANSWER_S:
+        # What was sent while the servo was free acts no more; what was sent since is awaited.
+        sent = (*state.sent, Sent(state.time_s, command_rad)) if engaged and math.isfinite(measured) else ()
+        state = state._replace(time_s=time_s, engaged_s=engaged_s, sent=sent, motor_rad=measured, wheel_rad=measured)
+        state = state._replace(wheels=recent, stalled_rad=math.nan, supply=supply)
+        return _settle(state, behind=False, stands=False, lost=False, away=False, step_s=step_s)
+
+    sent = (*state.sent, Sent(state.time_s, command_rad))
+    while len(sent) > 1 and sent[1].time_s <= time_s - belief.delay_s - LATE_S:
+        sent = sent[1:]
+    motor, wheel = _follow(belief, state, _acting(sent, time_s - belief.delay_s), step_s)
+    error = measured - wheel
+    behind = beyond(error, LAG_RAD) or not math.isfinite(command_rad)
+    stalled = state.stalled_rad
+    moves = beyond(measured - stalled, STALL_RAD)
+    if moves or not behind:
+        stalled = measured if behind else math.nan
+    state = ServoWatchState(
+        time_s,
+        engaged_s,
+        sent,
+        motor,
+        wheel,
+        recent,
+        stalled,
+        state.weak,
+        state.stalled,
+        state.lost,
+        supply,
+        state.away,
+    )
+    return _settle(
+        state,
+        behind=behind,
+        stands=behind and not moves,
+        lost=beyond(error, LOST_RAD),
+        away=_runs_away(sent, recent) or abs(measured) > belief.largest_rad + LIMIT_RAD,
+        step_s=step_s,
+    )
+
+
+def _settle(
+    state: ServoWatchState, *, behind: bool, stands: bool, lost: bool, away: bool, step_s: float
+) -> tuple[ServoWatchState, Watch]:
+    """Findings of what holds in this tick."""
+    state = state._replace(
+        weak=step_dwell(state.weak, behind, step_s, on_s=WEAK_S, off_s=WEAK_OFF_S),
+        stalled=step_dwell(state.stalled, stands, step_s, on_s=STALL_S),
+        lost=step_dwell(state.lost, lost, step_s, on_s=SERVO_LOST_S),
+        away=step_dwell(state.away, away, step_s, on_s=AWAY_S),
+    )
+    bits = (
+        state.weak.on * Watch.SERVO_WEAK
+        | (state.stalled.on or state.lost.on) * Watch.SERVO_DEAD
+        | state.supply.on * Watch.SUPPLY_LOW
+        | state.away.on * Watch.STEERING_RUNAWAY
+    )
+    return state, as_watch(bits)
+
+
+def _acting(sent: tuple[Sent, ...], until_s: float) -> float:
+    """The newest command sent until a time; the oldest known where none was."""
+    return next((command.front_rad for command in reversed(sent) if command.time_s <= until_s), sent[0].front_rad)
+
+
+def _follow(belief: WheelBelief, state: ServoWatchState, target_rad: float, step_s: float) -> tuple[float, float]:
+    """Motor and wheels of the model after a tick; they stay where the target is no number."""
+    largest = belief.largest_rad
+    wrong = min(max(target_rad, -largest), largest) - state.motor_rad
+    wrong -= min(max(wrong, -belief.dead_band_rad), belief.dead_band_rad)
+    turn = wrong * (1.0 - math.exp(-step_s / belief.lag_s)) if belief.lag_s > 0.0 else wrong
+    most = belief.rate_radps * step_s
+    motor = state.motor_rad + min(max(turn, -most), most) if math.isfinite(target_rad) else state.motor_rad
+    play = 0.5 * belief.backlash_rad
+    return motor, min(max(state.wheel_rad, motor - play), motor + play)
+
+
+def _runs_away(sent: tuple[Sent, ...], recent: tuple[WheelAngles, ...]) -> bool:
+    """Whether the wheels have left all commands that may act, by potentiometer and encoder alike where both tell."""
+    before, now = recent[0], recent[-1]
+    turned = beyond(now.front_rad - before.front_rad, AWAY_RAD)
+    if not (turned and beyond(now.encoder_rad - before.encoder_rad, AWAY_RAD)):
+        return False
+    commands = [command.front_rad for command in sent if math.isfinite(command.front_rad)]
+    if not commands:
+        return False
+    ways = [
+        _away(then_rad, now_rad, min(commands), max(commands))
+        for then_rad, now_rad in zip(before, now, strict=True)
+        if math.isfinite(then_rad) and math.isfinite(now_rad)
+    ]
+    return bool(ways) and (min(ways) > AWAY_RAD or max(ways) < -AWAY_RAD)
+
+
+def _away(then_rad: float, now_rad: float, low_rad: float, high_rad: float) -> float:
+    """How far a wheel moved out of a range, signed; 0 within it or towards it."""
+    return max(now_rad - max(then_rad, high_rad), 0.0) + min(now_rad - min(then_rad, low_rad), 0.0)

@@ -1,0 +1,459 @@
+"""What the watches find: one bit a finding, what each asks for, and what the operator reads of it."""
+
+import math
+from enum import IntEnum, IntFlag
+from typing import NamedTuple
+
+from lgprjax.autopilot.modes import MOTIONS, Event, Motion
+
+
+class Severity(IntEnum):
+    """What a finding asks for; the largest one wins."""
+
+    CONTINUE = 0
+    """Shown and recorded."""
+    DEGRADE = 1
+    """Drive on slowly."""
+    STOP = 2
+    """Controlled stop: throttle idle, ramped brake, steer on along the path."""
+    MANUAL = 3
+    """Actuators to their defaults, warn, the operator drives."""
+    EMERGENCY = 4
+    """The box cuts the actuators' power and brakes."""
+
+
+class Watch(IntFlag):
+    """One bit a finding; times from onset to bit stand with the watches."""
+
+    POTENTIOMETER_RANGE = 1 << 0
+    POTENTIOMETER_STUCK = 1 << 1
+    WHEEL_SENSORS_APART = 1 << 2
+    SERVO_WEAK = 1 << 3
+    SERVO_DEAD = 1 << 4
+    SUPPLY_LOW = 1 << 5
+    STEERING_RUNAWAY = 1 << 6
+    REAR_STUCK = 1 << 7
+    YAW_RATE_LOST = 1 << 8
+    ODOMETER_DEAD = 1 << 9
+    ODOMETER_REVERSED = 1 << 10
+    ODOMETER_SLIPS = 1 << 11
+    SPEED_UNKNOWN = 1 << 12
+    THROTTLE_STUCK = 1 << 13
+    SPEED_RISES = 1 << 14
+    BRAKE_DEAD = 1 << 15
+    BRAKE_UNTESTED = 1 << 16
+    PEDAL_UNREAD = 1 << 17
+    LINE_SILENT = 1 << 18
+    BAD_FRAMES = 1 << 19
+    DEFAULTS_ACT = 1 << 20
+    BUS_OFF = 1 << 21
+    SECOND_SENDER = 1 << 22
+    ACTUATOR_FAULT = 1 << 23
+    OFF_PATH = 1 << 24
+    FAR_OFF_PATH = 1 << 25
+    OVERRIDE_CONTACTS = 1 << 26
+    CONTROLLER_SILENT = 1 << 27
+    TORQUE_UNREAD = 1 << 28
+    HEADING_UNCONFIRMED = 1 << 29
+    HEADING_CONTRADICTED = 1 << 30
+
+
+SEVERITY = {
+    Watch.POTENTIOMETER_RANGE: Severity.MANUAL,
+    Watch.POTENTIOMETER_STUCK: Severity.MANUAL,
+    Watch.WHEEL_SENSORS_APART: Severity.MANUAL,
+    Watch.SERVO_WEAK: Severity.DEGRADE,
+    Watch.SERVO_DEAD: Severity.MANUAL,
+    Watch.SUPPLY_LOW: Severity.DEGRADE,
+    Watch.STEERING_RUNAWAY: Severity.MANUAL,
+    Watch.REAR_STUCK: Severity.STOP,
+    Watch.YAW_RATE_LOST: Severity.DEGRADE,
+    Watch.ODOMETER_DEAD: Severity.DEGRADE,
+    Watch.ODOMETER_REVERSED: Severity.DEGRADE,
+    Watch.ODOMETER_SLIPS: Severity.DEGRADE,
+    Watch.SPEED_UNKNOWN: Severity.STOP,
+    # Throttle idle and brake is what a controlled stop does; the box's cut is for a speed that rises all the same.
+    Watch.THROTTLE_STUCK: Severity.STOP,
+    Watch.SPEED_RISES: Severity.EMERGENCY,
+    Watch.BRAKE_DEAD: Severity.EMERGENCY,
+    Watch.BRAKE_UNTESTED: Severity.CONTINUE,
+    Watch.PEDAL_UNREAD: Severity.STOP,
+    Watch.LINE_SILENT: Severity.MANUAL,
+    Watch.BAD_FRAMES: Severity.MANUAL,
+    Watch.DEFAULTS_ACT: Severity.MANUAL,
+    Watch.BUS_OFF: Severity.MANUAL,
+    Watch.SECOND_SENDER: Severity.MANUAL,
+    Watch.ACTUATOR_FAULT: Severity.MANUAL,
+    Watch.OFF_PATH: Severity.DEGRADE,
+    Watch.FAR_OFF_PATH: Severity.STOP,
+    Watch.OVERRIDE_CONTACTS: Severity.MANUAL,
+    Watch.CONTROLLER_SILENT: Severity.MANUAL,
+    Watch.TORQUE_UNREAD: Severity.MANUAL,
+    Watch.HEADING_UNCONFIRMED: Severity.CONTINUE,
+    Watch.HEADING_CONTRADICTED: Severity.MANUAL,
+}
+"""What each finding asks for while the autopilot drives."""
+
+TEXT = {
+    Watch.POTENTIOMETER_RANGE: "wheel potentiometer: open, shorted or out of range",
+    Watch.POTENTIOMETER_STUCK: "wheel potentiometer: stuck, the encoder turns without it",
+    Watch.WHEEL_SENSORS_APART: "wheel potentiometer and encoder disagree: wheel refitted or a sensor slipped",
+    Watch.SERVO_WEAK: "steering servo is slow: the wheels lag behind their command",
+    Watch.SERVO_DEAD: "steering servo does not follow its command",
+    Watch.SUPPLY_LOW: "supply of the steering servo is low",
+    Watch.STEERING_RUNAWAY: "steering runs away from its command: servo cut",
+    Watch.REAR_STUCK: "the vehicle turns otherwise than its wheels say: rear steering stuck?",
+    Watch.YAW_RATE_LOST: "no yaw rate: the rear steering cannot be watched",
+    Watch.ODOMETER_DEAD: "odometer stands while the vehicle moves",
+    Watch.ODOMETER_REVERSED: "odometer counts the wrong way",
+    Watch.ODOMETER_SLIPS: "odometer and GNSS disagree: wheels slip?",
+    Watch.SPEED_UNKNOWN: "speed unknown: odometer bad and no GNSS",
+    Watch.THROTTLE_STUCK: "throttle stuck open: braking",
+    Watch.SPEED_RISES: "throttle stuck open and the speed rises: power cut",
+    Watch.BRAKE_DEAD: "brake has no effect: power cut",
+    Watch.BRAKE_UNTESTED: "braking test not passed",
+    Watch.PEDAL_UNREAD: "throttle or brake position is no number",
+    Watch.LINE_SILENT: "drive-by-wire box is silent",
+    Watch.BAD_FRAMES: "drive-by-wire box: three bad frames in a row",
+    Watch.DEFAULTS_ACT: "drive-by-wire box acts by its defaults",
+    Watch.BUS_OFF: "drive-by-wire box: bus off",
+    Watch.SECOND_SENDER: "somebody else commands the drive-by-wire box",
+    Watch.ACTUATOR_FAULT: "drive-by-wire box reports a servo, throttle, brake or power fault",
+    Watch.OFF_PATH: "more than 1 ft off the path",
+    Watch.FAR_OFF_PATH: "more than 3 ft off the path: stopping",
+    Watch.OVERRIDE_CONTACTS: "override button: wire cut or contact stuck",
+    Watch.CONTROLLER_SILENT: "operator controller is silent",
+    Watch.TORQUE_UNREAD: "torque of the operator's hands is no number",
+    Watch.HEADING_UNCONFIRMED: "heading not confirmed yet: drive two metres",
+    Watch.HEADING_CONTRADICTED: "heading contradicts the way driven: reversed?",
+}
+"""Each finding in plain words."""
+
+_NOTHING = Watch(0)
+
+REFUSING = Watch.BRAKE_UNTESTED | Watch.HEADING_UNCONFIRMED
+for _bit, _severity in SEVERITY.items():
+    if _severity >= Severity.STOP and _bit is not Watch.FAR_OFF_PATH:
+        REFUSING |= _bit
+"""Findings with which nothing may be engaged."""
+
+
+def as_watch(bits: int) -> Watch:
+    """Bits as findings. Most ticks have none, and making a flag takes longer than the rest of a watch."""
+    return Watch(bits) if bits else _NOTHING
+
+
+def severity_of(bits: Watch) -> Severity:
+    """The largest that findings ask for; CONTINUE for none."""
+    return max((SEVERITY[bit] for bit in bits), default=Severity.CONTINUE)
+
+
+def describe(bits: Watch) -> list[str]:
+    """Findings in plain words, the weightiest first."""
+    return [TEXT[bit] for bit in sorted(bits, key=lambda bit: (-SEVERITY[bit], bit))]
+
+
+# How long something has held: what turns readings of one tick into a finding, and keeps a finding from flickering.
+
+NOMINAL_STEP_S = 0.02
+LONGEST_STEP_S = 0.04
+"""What one tick counts for at most: one reading after a pause proves no more than any other."""
+
+
+class Dwell(NamedTuple):
+    """A finding in the making.
+
+    Attributes:
+        seconds: for so long its condition has held, or, once it is on, has not.
+        on: it is found.
+    """
+
+    seconds: float = 0.0
+    on: bool = False
+
+
+def counted_step_s(step_s: float) -> float:
+    """What a tick counts for: its length up to the longest; the nominal one where it is negative or no number."""
+    return min(step_s, LONGEST_STEP_S) if step_s >= 0.0 else NOMINAL_STEP_S
+
+
+def step_dwell(dwell: Dwell, holds: bool, step_s: float, *, on_s: float, off_s: float = 1.0) -> Dwell:
+    """On after its condition held for ``on_s``, off after it has not for ``off_s``; a tick counts with ``step_s``."""
+    if holds == dwell.on:
+        return dwell if dwell.seconds == 0.0 else Dwell(0.0, dwell.on)
+    seconds = dwell.seconds + step_s
+    # Sums of steps fall short of their limit by rounding.
+    if seconds >= (off_s if dwell.on else on_s) - 1e-9:
+        return Dwell(0.0, holds)
+    return Dwell(seconds, dwell.on)
+
+
+def beyond(value: float, bound: float) -> bool:
+    """Whether a magnitude exceeds its bound; no number does."""
+    return not abs(value) <= bound
+
+
+def wrap_rad(angle_rad: float) -> float:
+    """An angle between −π and π; no number stays none."""
+    return math.remainder(angle_rad, math.tau) if math.isfinite(angle_rad) else math.nan
+
+
+# Standing, moving, or too fast to engage, for the mode machine. Fault 30.
+
+STANDING_MPS, MOVING_MPS = 0.05, 0.12
+SMOOTHED_S = 0.2
+TOO_FAST_MARGIN_MPS = 0.2
+UNKNOWN_S = 0.1
+
+_EVENTS = {motion: event for event, motion in MOTIONS.items()}
+
+
+class MotionState(NamedTuple):
+    """What is carried from tick to tick: what was told last, the smoothed speed, and for how long none was known."""
+
+    motion: Motion = Motion.UNKNOWN
+    speed_mps: float = 0.0
+    unknown_s: float = 0.0
+
+
+def step_motion(
+    state: MotionState, *, speed_mps: float, fastest_engage_mps: float, step_s: float
+) -> tuple[MotionState, list[Event]]:
+    """State, and an event where the motion changed.
+
+    A speed that is no number for ``UNKNOWN_S`` counts as too fast: nothing is engaged with it.
+
+    Args:
+        state: of the last tick.
+        speed_mps: signed.
+        fastest_engage_mps: above which nothing is to be engaged.
+        step_s: since the last tick.
+    """
+    step_s = counted_step_s(step_s)
+    if math.isfinite(speed_mps):
+        share = min(step_s / SMOOTHED_S, 1.0)
+        speed, unknown_s = state.speed_mps + share * (speed_mps - state.speed_mps), 0.0
+    else:
+        speed, unknown_s = state.speed_mps, state.unknown_s + step_s
+    fast = fastest_engage_mps - (TOO_FAST_MARGIN_MPS if state.motion is Motion.TOO_FAST else 0.0)
+    still = STANDING_MPS if state.motion is Motion.MOVING else MOVING_MPS
+    if unknown_s >= UNKNOWN_S or abs(speed) > fast:
+        motion = Motion.TOO_FAST
+    else:
+        motion = Motion.STANDING if abs(speed) <= still else Motion.MOVING
+    events = [_EVENTS[motion]] if motion is not state.motion else []
+    return MotionState(motion, speed, unknown_s), events
+
+
+# How far the vehicle is off its path while it is driven by the autopilot. Fault 31.
+
+FOOT_M = 0.3048
+FAR_M = 3 * FOOT_M
+OFF_S = 0.06
+"""Found within 0.1 s."""
+BACK_S = 1.0
+
+
+class PathWatchState(NamedTuple):
+    """What is carried from tick to tick: the vehicle has been on the path since it was engaged; findings."""
+
+    arrived: bool = False
+    off: Dwell = Dwell()
+    far: Dwell = Dwell()
+
+
+def step_path_watch(
+    state: PathWatchState, *, engaged: bool, cross_track_m: float, step_s: float
+) -> tuple[PathWatchState, Watch]:
+    """State and findings of a tick.
+
+    From engaging up to where the vehicle first is within a foot of the path it is on its way there, and nothing is
+    found but an offset that is no number.
+
+    Args:
+        state: of the last tick.
+        engaged: the autopilot steers.
+        cross_track_m: offset from the path.
+        step_s: since the last tick.
+    """
+    if not engaged:
+        return PathWatchState(), Watch(0)
+    step_s = counted_step_s(step_s)
+    offset = abs(cross_track_m)
+    arrived = state.arrived or offset <= FOOT_M
+    known = offset >= 0.0
+    off = step_dwell(state.off, arrived and beyond(offset, FOOT_M), step_s, on_s=OFF_S, off_s=BACK_S)
+    far = step_dwell(state.far, not known or (arrived and offset > FAR_M), step_s, on_s=OFF_S, off_s=BACK_S)
+    return PathWatchState(arrived, off, far), as_watch(off.on * Watch.OFF_PATH | far.on * Watch.FAR_OFF_PATH)
+
+
+# The vehicle as the watches believe it to be: plain numbers of its calibration.
+
+RANGE_MARGIN_RAD = 0.06
+"""How far a potentiometer may read beyond the ends of its map: wheels at their stop, noise, and no more."""
+
+
+class Knots(NamedTuple):
+    """A function by its values at even places, linear between and on with the end's slope beyond."""
+
+    first: float
+    step: float
+    values: tuple[float, ...]
+
+
+class WheelBelief(NamedTuple):
+    """Steering as calibrated; angles are those of the front wheels.
+
+    Attributes:
+        angle_of_volts: front angle, rad, over potentiometer volts.
+        encoder_counts_per_rad: of the servo's encoder.
+        largest_rad: to either side.
+        lag_s, rate_radps, delay_s, dead_band_rad, backlash_rad, nominal_v, stall_v: as in ``vehicle.Servo``.
+    """
+
+    angle_of_volts: Knots
+    encoder_counts_per_rad: float
+    largest_rad: float
+    lag_s: float
+    rate_radps: float
+    delay_s: float
+    dead_band_rad: float
+    backlash_rad: float
+    nominal_v: float
+    stall_v: float
+
+
+class ChassisBelief(NamedTuple):
+    """Steering geometry: the magnitude of counter-steer over the front angle, both rad, and what slip costs."""
+
+    wheelbase_m: float
+    rear_of_front: Knots
+    characteristic_speed_mps: float
+
+
+class PedalBelief(NamedTuple):
+    """A pedal, as in ``vehicle.Pedal``."""
+
+    pre_tension: float
+    dead_zone: float
+    gain_mps2: float
+    lag_s: float
+
+
+class PedalsBelief(NamedTuple):
+    """Both pedals, and what slows the vehicle without them."""
+
+    throttle: PedalBelief
+    brake: PedalBelief
+    rolling_mps2: float
+    drag_per_s: float
+
+
+def linear_wheel_map(straight_v: float, v_per_rad: float, largest_rad: float) -> Knots:
+    """Front angle over volts of a potentiometer without a measured map."""
+    ends_v = sorted(straight_v + side * v_per_rad * largest_rad for side in (-1.0, 1.0))
+    step_v = ends_v[1] - ends_v[0]
+    return Knots(ends_v[0], step_v, tuple((end_v - straight_v) / v_per_rad for end_v in ends_v))
+
+
+def proportional_rear(ratio: float) -> Knots:
+    """Counter-steer at a constant share of the front angle."""
+    return Knots(0.0, 1.0, (0.0, ratio))
+
+
+def knot_value(knots: Knots, place: float) -> float:
+    """The function at a place; not a number where the place is none."""
+    at = (place - knots.first) / knots.step
+    if not math.isfinite(at):
+        return math.nan
+    knot = min(max(math.floor(at), 0), len(knots.values) - 2)
+    low, high = knots.values[knot], knots.values[knot + 1]
+    return low + (at - knot) * (high - low)
+
+
+def front_angle(belief: WheelBelief, volts: float) -> float:
+    """Angle of the front wheels by the potentiometer, rad; not a number beyond its map by more than the margin."""
+    angle = knot_value(belief.angle_of_volts, volts)
+    ends = belief.angle_of_volts.values[0], belief.angle_of_volts.values[-1]
+    inside = min(ends) - RANGE_MARGIN_RAD <= angle <= max(ends) + RANGE_MARGIN_RAD
+    return angle if inside else math.nan
+
+
+def curvature(belief: ChassisBelief, front_rad: float) -> float:
+    """Turn of the vehicle over its way, 1/m, without slip: κ = (tan φ + tan ψ) / L."""
+    return (math.tan(front_rad) + math.tan(knot_value(belief.rear_of_front, front_rad))) / belief.wheelbase_m
+
+
+def yaw_gain(belief: ChassisBelief, speed_mps: float) -> float:
+    """Share of the geometric yaw rate that is left at a speed."""
+    return 1.0 / (1.0 + (speed_mps / belief.characteristic_speed_mps) ** 2)
+
+
+# The drive-by-wire box and its line, by what its status says. Faults 23, 24 and 41.
+#
+# Its bits are those of ``drive_status`` in data_schema/wire.toml.
+
+SILENT_S = 0.1
+"""Ten statuses of the box, and half of the time after which the box lets go by itself."""
+HELD_S = 0.1
+"""After it was told to engage, the box must say that it holds."""
+FAULT_S = 0.2
+"""An actuator's fault must last longer than a sag of the supply, which a vehicle rides through."""
+
+
+class BoxState(IntFlag):
+    """Bits of ``drive_status.state``."""
+
+    DEFAULTS = 1
+    BAD_FRAMES = 2
+    SECOND_SENDER = 4
+    SERVO_FAULT = 8
+    THROTTLE_FAULT = 16
+    BRAKE_FAULT = 32
+    BUS_OFF = 64
+    BRAKE_TESTED = 128
+    NO_POWER = 256
+
+
+_BITS = (
+    (int(BoxState.BAD_FRAMES), int(Watch.BAD_FRAMES)),
+    (int(BoxState.SECOND_SENDER), int(Watch.SECOND_SENDER)),
+    (int(BoxState.BUS_OFF), int(Watch.BUS_OFF)),
+)
+_FAULTS = int(BoxState.SERVO_FAULT | BoxState.THROTTLE_FAULT | BoxState.BRAKE_FAULT | BoxState.NO_POWER)
+
+
+class LineWatchState(NamedTuple):
+    """What is carried from tick to tick: for how long the box has not held what it was told to, and told of a fault."""
+
+    let_go: Dwell = Dwell()
+    fault: Dwell = Dwell()
+
+
+def step_line_watch(
+    state: LineWatchState, *, status_age_s: float, box_state: int, box_engaged: int, told_engaged: int, step_s: float
+) -> tuple[LineWatchState, Watch]:
+    """State and findings of a tick.
+
+    Args:
+        state: of the last tick.
+        status_age_s: since the newest status that was accepted came; none yet: infinite.
+        box_state, box_engaged: ``state`` and ``engaged`` of that status.
+        told_engaged: steering and pedals bits of ``engage`` as sent in the last tick.
+        step_s: since the last tick.
+    """
+    step_s = counted_step_s(step_s)
+    lets_go = told_engaged != 0 and (box_state & BoxState.DEFAULTS != 0 or told_engaged & ~box_engaged != 0)
+    let_go = step_dwell(state.let_go, lets_go, step_s, on_s=HELD_S)
+    fault = step_dwell(state.fault, box_state & _FAULTS != 0, step_s, on_s=FAULT_S, off_s=0.0)
+    bits = (
+        fault.on * Watch.ACTUATOR_FAULT
+        | let_go.on * Watch.DEFAULTS_ACT
+        | (not 0.0 <= status_age_s <= SILENT_S) * Watch.LINE_SILENT
+    )
+    for box_bits, bit in _BITS:
+        if box_state & box_bits:
+            bits |= bit
+    if not box_state & BoxState.BRAKE_TESTED:
+        bits |= Watch.BRAKE_UNTESTED
+    return LineWatchState(let_go, fault), as_watch(bits)

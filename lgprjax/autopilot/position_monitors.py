@@ -1,0 +1,353 @@
+"""Positions by GNSS beside the way by odometer: what both watches of the way over ground compare.
+
+A position is held against the odometer at the time for which it holds, which is up to half a second ago.
+"""
+
+import math
+from enum import Enum, auto
+from typing import NamedTuple
+
+from lgprjax.autopilot.monitors import Dwell, Watch, as_watch, counted_step_s, step_dwell, wrap_rad
+
+REMEMBERED_S = 0.6
+FASTEST_MPS = 12.0
+LEAP_M = 0.5
+"""Positions further apart than the fastest vehicle goes, and this, are a leap of GNSS."""
+STUCK_M = 1e-4
+"""A receiver that repeats its position exactly says nothing; health tells of it."""
+APART_S = 0.6
+"""Positions further apart in time are not compared."""
+
+
+class Position(NamedTuple):
+    """A new position by GNSS.
+
+    Attributes:
+        time_s: for which it holds, on the clock of the ticks.
+        x_m, y_m: in any level frame that stays.
+        sigma_m: an axis, as the receiver says.
+    """
+
+    time_s: float
+    x_m: float
+    y_m: float
+    sigma_m: float
+
+
+class Wheeled(NamedTuple):
+    """Odometer, m, and heading, rad counter-clockwise from x, at a time."""
+
+    time_s: float
+    odometer_m: float
+    heading_rad: float
+
+
+class Leg(NamedTuple):
+    """From one position to the next.
+
+    Attributes:
+        time_s: at its end.
+        forward_m: way along the heading by GNSS.
+        travel_m: way by odometer.
+        sigma_m: of either position, the larger.
+    """
+
+    time_s: float
+    forward_m: float
+    travel_m: float
+    sigma_m: float
+
+
+class Placed(NamedTuple):
+    """A position, and what the wheels said then."""
+
+    position: Position
+    wheeled: Wheeled
+
+
+def remember(history: tuple[Wheeled, ...], now: Wheeled) -> tuple[Wheeled, ...]:
+    """The readings of the last while with one more; none where the odometer is no number."""
+    if not math.isfinite(now.odometer_m):
+        return ()
+    history = (*history, now)
+    return history[1:] if history[0].time_s < now.time_s - REMEMBERED_S else history
+
+
+def place(history: tuple[Wheeled, ...], position: Position) -> Placed | None:
+    """A position with the wheels' reading at its time; none where they do not reach so far back or it is no number."""
+    if not all(map(math.isfinite, position)):
+        return None
+    at_s = position.time_s
+    for before, after in zip(reversed(history[:-1]), reversed(history[1:]), strict=True):
+        if before.time_s <= at_s <= after.time_s:
+            span_s = after.time_s - before.time_s
+            share = (at_s - before.time_s) / span_s if span_s > 0.0 else 0.0
+            turned = wrap_rad(after.heading_rad - before.heading_rad)
+            odometer_m = before.odometer_m + share * (after.odometer_m - before.odometer_m)
+            return Placed(position, Wheeled(at_s, odometer_m, before.heading_rad + share * turned))
+    return None
+
+
+def leg_between(start: Placed, end: Placed) -> Leg | None:
+    """The way from one to the other; none where GNSS leapt, stuck or paused, or there is no heading."""
+    first, last = start.position, end.position
+    duration_s = last.time_s - first.time_s
+    east_m, north_m = last.x_m - first.x_m, last.y_m - first.y_m
+    way_m = math.hypot(east_m, north_m)
+    turned = wrap_rad(end.wheeled.heading_rad - start.wheeled.heading_rad)
+    heading = start.wheeled.heading_rad + 0.5 * turned
+    leaps = way_m > FASTEST_MPS * duration_s + LEAP_M
+    if not 0.0 < duration_s <= APART_S or leaps or way_m < STUCK_M or not math.isfinite(heading):
+        return None
+    forward_m = math.cos(heading) * east_m + math.sin(heading) * north_m
+    travel_m = end.wheeled.odometer_m - start.wheeled.odometer_m
+    return Leg(last.time_s, forward_m, travel_m, max(first.sigma_m, last.sigma_m))
+
+
+# Whether the heading is the way that the vehicle drives, or its opposite. Fault 9.
+
+TRAVEL_M = 1.5
+TRAVEL_SIGMAS = 10.0
+"""Way that a course needs, and at least so many sigmas of its positions."""
+TRAVEL_SHARE = 0.3
+"""By which the ways of GNSS and of the odometer may differ: a leap is no course."""
+AGREES_RAD = math.radians(30.0)
+CONTRADICTS_RAD = math.radians(90.0)
+LONGEST_S = 20.0
+"""A start older than this is given up: GNSS wanders."""
+
+
+class HeadingCheck(Enum):
+    """What is known of the heading."""
+
+    UNCONFIRMED = auto()
+    CONFIRMED = auto()
+    CONTRADICTED = auto()
+
+
+class HeadingWatchState(NamedTuple):
+    """What is carried from tick to tick.
+
+    Attributes:
+        check: as it stands.
+        history: odometer and heading of the last while.
+        start: where the course is measured from.
+        farthest_m: largest way from there by odometer; turning back starts anew.
+        time_s: of the newest tick.
+    """
+
+    check: HeadingCheck = HeadingCheck.UNCONFIRMED
+    history: tuple[Wheeled, ...] = ()
+    start: Placed | None = None
+    farthest_m: float = 0.0
+    time_s: float = -math.inf
+
+
+def step_heading_watch(
+    state: HeadingWatchState,
+    *,
+    time_s: float,
+    odometer_m: float,
+    heading_rad: float,
+    position: Position | None,
+    fix_heading_rad: float | None,
+) -> tuple[HeadingWatchState, Watch]:
+    """State and findings of a tick.
+
+    A heading that was confirmed stays so until the watch is begun anew, as it must be when the INS starts again: from
+    then on a sign that changes is the odometer's.
+
+    Args:
+        state: of the last tick.
+        time_s: of this tick; positions hold for times on the same clock.
+        odometer_m: signed.
+        heading_rad: counter-clockwise from x.
+        position: a new one by GNSS; None where none came.
+        fix_heading_rad: of a new LGPR fix with code ``ok``; None where none came.
+    """
+    if state.check is HeadingCheck.CONFIRMED:
+        return state, Watch(0)
+    if time_s > state.time_s:
+        state = state._replace(time_s=time_s)
+    state = state._replace(history=remember(state.history, Wheeled(state.time_s, odometer_m, heading_rad)))
+    check = state.check
+    if fix_heading_rad is not None:
+        check = _compare(check, fix_heading_rad, heading_rad)
+    placed = place(state.history, position) if position is not None else None
+    if placed is not None:
+        state, check = _take_position(state, placed, check)
+    state = state._replace(check=check)
+    if check is HeadingCheck.CONFIRMED:
+        return state._replace(history=(), start=None), Watch(0)
+    contradicted = check is HeadingCheck.CONTRADICTED
+    return state, Watch.HEADING_CONTRADICTED if contradicted else Watch.HEADING_UNCONFIRMED
+
+
+def _take_position(
+    state: HeadingWatchState, placed: Placed, check: HeadingCheck
+) -> tuple[HeadingWatchState, HeadingCheck]:
+    """What a position at the end of a course says; after each the next course begins."""
+    start, anew = state.start, state._replace(start=placed, farthest_m=0.0)
+    if start is None or not 0.0 <= placed.position.time_s - start.position.time_s <= LONGEST_S:
+        return anew, check
+    travel_m = placed.wheeled.odometer_m - start.wheeled.odometer_m
+    if abs(travel_m) < state.farthest_m - 0.1:
+        return anew, check
+    sigma_m = max(start.position.sigma_m, placed.position.sigma_m)
+    if abs(travel_m) < max(TRAVEL_M, TRAVEL_SIGMAS * sigma_m):
+        return state._replace(farthest_m=max(state.farthest_m, abs(travel_m))), check
+    east_m, north_m = placed.position.x_m - start.position.x_m, placed.position.y_m - start.position.y_m
+    if abs(math.hypot(east_m, north_m) - abs(travel_m)) > TRAVEL_SHARE * abs(travel_m):
+        return anew, check
+    sign = math.copysign(1.0, travel_m)
+    course = math.atan2(sign * north_m, sign * east_m)
+    turned = wrap_rad(placed.wheeled.heading_rad - start.wheeled.heading_rad)
+    return anew, _compare(check, course, start.wheeled.heading_rad + 0.5 * turned)
+
+
+def _compare(check: HeadingCheck, course_rad: float, heading_rad: float) -> HeadingCheck:
+    """What is known after a course; one between, or no number, tells nothing new."""
+    apart = abs(wrap_rad(course_rad - heading_rad))
+    if apart <= AGREES_RAD:
+        return HeadingCheck.CONFIRMED
+    return HeadingCheck.CONTRADICTED if apart > CONTRADICTS_RAD else check
+
+
+# The odometer against GNSS and against what a vehicle can do: dead, reversed, slipping. Fault 14.
+#
+# Above 1 m/s an odometer that dies, or turns its sign, makes a leap of speed that no brake makes: found within 0.1 s.
+# Slower, or where wheels slip, it is held against the way by GNSS over up to a second, less the one leg that differs
+# most: a leap of GNSS is no fault of the odometer.
+
+WINDOW_S = 1.05
+FEWEST_LEGS = 3
+OFF_M, OFF_SIGMAS, OFF_SHARE = 0.25, 3.0, 0.1
+"""GNSS and odometer may differ over a window by: what GNSS wanders, its own sigmas, a share of the way."""
+LEAP_MPS = 1.0
+LEAP_TICKS = 5
+"""A change of speed within so many ticks that no brake makes."""
+FOUND_S = 0.04
+THRUST_MPS2 = 1.5
+"""A throttle that pushes harder than the steepest slope holds, for ``PUSHED_S``, moves the vehicle."""
+PUSHED_S = 1.0
+STANDING_MPS = 0.1
+BLIND_S = 0.6
+"""Without a leg of GNSS for so long a bad odometer leaves no speed at all."""
+
+
+_NOTHING = Watch(0)
+
+
+class OdometerWatchState(NamedTuple):
+    """What is carried from tick to tick.
+
+    Attributes:
+        history: odometer and heading of the last while.
+        speeds_mps: of the last ticks, oldest first.
+        last: the newest position.
+        legs: of the window.
+        verdict: of the newest window.
+        time_s: of the newest tick, which never goes back.
+        dead, reversed, slips, pushed, blind: findings.
+    """
+
+    history: tuple[Wheeled, ...] = ()
+    speeds_mps: tuple[float, ...] = ()
+    last: Placed | None = None
+    legs: tuple[Leg, ...] = ()
+    verdict: Watch = _NOTHING
+    time_s: float = -math.inf
+    dead: Dwell = Dwell()
+    reversed: Dwell = Dwell()
+    slips: Dwell = Dwell()
+    pushed: Dwell = Dwell()
+    blind: Dwell = Dwell()
+
+
+def step_odometer_watch(
+    state: OdometerWatchState,
+    *,
+    time_s: float,
+    odometer_m: float,
+    speed_mps: float,
+    heading_rad: float,
+    heading_confirmed: bool,
+    position: Position | None,
+    thrust_mps2: float,
+    step_s: float,
+) -> tuple[OdometerWatchState, Watch]:
+    """State and findings of a tick.
+
+    Args:
+        state: of the last tick.
+        time_s: of this tick; positions hold for times on the same clock.
+        odometer_m, speed_mps: signed, by the wheels.
+        heading_rad: counter-clockwise from x.
+        heading_confirmed: by ``watch_heading``; before, a sign that differs may be the heading's fault.
+        position: a new one by GNSS; None where none came.
+        thrust_mps2: what the throttle makes of its command, from ``watch_pedals``; 0 where a person drives.
+        step_s: since the last tick.
+    """
+    step_s = counted_step_s(step_s)
+    known = math.isfinite(odometer_m) and math.isfinite(speed_mps)
+    time_s = time_s if time_s > state.time_s else state.time_s
+    history = remember(state.history, Wheeled(time_s, odometer_m, heading_rad))
+    last, legs, verdict = state.last, state.legs, state.verdict
+    placed = place(history, position) if position is not None else None
+    if placed is not None:
+        leg = leg_between(last, placed) if last is not None else None
+        last, legs = placed, _window(legs, leg)
+        verdict = _judge(legs, heading_confirmed) if leg is not None else verdict
+    speeds = (*state.speeds_mps[-LEAP_TICKS:], speed_mps)
+    leap = _leap(speeds[0], speed_mps)
+    thrusts = thrust_mps2 > THRUST_MPS2 and not abs(speed_mps) > STANDING_MPS
+    pushed = step_dwell(state.pushed, thrusts, step_s, on_s=PUSHED_S)
+    kinds = (verdict, leap)
+    dead = step_dwell(state.dead, not known or pushed.on or Watch.ODOMETER_DEAD in kinds, step_s, on_s=FOUND_S)
+    turned = step_dwell(state.reversed, Watch.ODOMETER_REVERSED in kinds, step_s, on_s=FOUND_S)
+    slips = step_dwell(state.slips, Watch.ODOMETER_SLIPS in kinds, step_s, on_s=FOUND_S)
+    bad = dead.on or turned.on or slips.on
+    blind = not legs or time_s - legs[-1].time_s > BLIND_S
+    unknown = step_dwell(state.blind, bad and blind, step_s, on_s=FOUND_S)
+    state = OdometerWatchState(history, speeds, last, legs, verdict, time_s, dead, turned, slips, pushed, unknown)
+    bits = (
+        dead.on * Watch.ODOMETER_DEAD
+        | turned.on * Watch.ODOMETER_REVERSED
+        | slips.on * Watch.ODOMETER_SLIPS
+        | unknown.on * Watch.SPEED_UNKNOWN
+    )
+    return state, as_watch(bits)
+
+
+def _window(legs: tuple[Leg, ...], leg: Leg | None) -> tuple[Leg, ...]:
+    """Legs with one more; none where the way was broken."""
+    return (*(one for one in legs if one.time_s > leg.time_s - WINDOW_S), leg) if leg is not None else ()
+
+
+def _judge(legs: tuple[Leg, ...], heading_confirmed: bool) -> Watch:
+    """What the legs say of the odometer."""
+    if len(legs) < FEWEST_LEGS:
+        return _NOTHING
+    forward_m, travel_m = sum(leg.forward_m for leg in legs), sum(leg.travel_m for leg in legs)
+    sign = -1.0 if not heading_confirmed and forward_m * travel_m < 0.0 else 1.0
+    errors = [sign * leg.forward_m - leg.travel_m for leg in legs]
+    off_m = abs(sum(errors) - max(errors, key=abs))
+    bound_m = OFF_M + OFF_SIGMAS * max(leg.sigma_m for leg in legs)
+    if off_m <= bound_m + OFF_SHARE * max(abs(forward_m), abs(travel_m)):
+        return _NOTHING
+    # What it is shows in the newest legs: the oldest may have been sound.
+    forward_m = sign * sum(leg.forward_m for leg in legs[-FEWEST_LEGS + 1 :])
+    travel_m = sum(leg.travel_m for leg in legs[-FEWEST_LEGS + 1 :])
+    return _kind(forward_m, travel_m)
+
+
+def _leap(then_mps: float, now_mps: float) -> Watch:
+    """What a leap of the speed says; nothing where there was none or either is no number."""
+    return _kind(then_mps, now_mps) if abs(now_mps - then_mps) > LEAP_MPS else _NOTHING
+
+
+def _kind(true: float, told: float) -> Watch:
+    """What an odometer is that tells a way or a speed instead of the true one."""
+    if abs(told) < 0.25 * abs(true):
+        return Watch.ODOMETER_DEAD
+    return Watch.ODOMETER_REVERSED if true * told < 0.0 else Watch.ODOMETER_SLIPS

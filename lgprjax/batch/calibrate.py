@@ -1,0 +1,100 @@
+"""Thresholds found on one's own drives: matches at their true places, and matches led to other places of the map."""
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from lgprjax.batch.register import RegisteredDrive, register_log
+from lgprjax.errors import InputError
+from lgprjax.formats import DriveLog, MapFile
+from lgprjax.registration import Outcomes, RegisterOptions, Thresholds, Track, calibrate, joined, outcomes_of
+
+_OPEN = Thresholds(strength_by_chance=0.0, margin_by_chance=0.0, overlap=0.8)
+_LEAST_RIGHT = 0.5
+_APART = 2.0
+"""A false place lies at least this many search squares from the true one."""
+
+
+class Trials(NamedTuple):
+    """What matches came to on the ground of a map, and where they were led to other ground of it."""
+
+    true: Outcomes
+    false: Outcomes
+
+
+def try_drives(
+    source: MapFile,
+    logs: Iterable[DriveLog],
+    options: RegisterOptions,
+    progress: Callable[[int], None] = lambda _: None,
+) -> Trials:
+    """Register drives at their own places and at others of the same map.
+
+    The truth is the log's true track where it holds one, else its navigation, whose own sigma then counts as the
+    truth's error.
+
+    Args:
+        source: the map.
+        logs: drives over it.
+        options: the search; its thresholds do not matter.
+        progress: told the number of scans done since the last call; every drive is gone through twice.
+
+    Raises:
+        InputError: a drive is too short to be led elsewhere, or does not lie on the map's ground.
+    """
+    search = RegisterOptions(
+        search_m=options.search_m, window_m=options.window_m, time_scale=options.time_scale, own_thresholds=_OPEN
+    )
+    true, false = [], []
+    for log in logs:
+        own = register_log(source, log, search, progress)
+        outcomes = _outcomes(own, log, led_astray=False)
+        share = float(np.mean(outcomes.right)) if len(outcomes.right) else 0.0
+        if share < _LEAST_RIGHT:
+            expected = f"a drive over the ground of {source.path.name}, half of its matches or more at their places"
+            raise InputError(log.path, "drive", expected, f"{share:.0%} of {len(outcomes.right)} matches")
+        true.append(outcomes)
+        # Elsewhere the same time scale holds: finding one for ground that does not match would only be chance.
+        known = RegisterOptions(**{**vars(search), "time_scale": _common_scale(own)})
+        apart_m = _APART * 2.0 * options.search_half_m() + (options.window_m or 0.0)
+        other = register_log(source, log, known, progress, partial(_elsewhere, log=log, apart_m=apart_m))
+        false.append(_outcomes(other, log, led_astray=True))
+    return Trials(joined(true), joined(false))
+
+
+def thresholds_from(trials: Trials, risk: float) -> Thresholds:
+    """Thresholds at which a false match passes with probability ``risk``. Raises ``ValueError`` on too few trials."""
+    return calibrate(trials.true, trials.false, risk)
+
+
+def _outcomes(drive: RegisteredDrive, log: DriveLog, *, led_astray: bool) -> Outcomes:
+    if led_astray:
+        return outcomes_of(drive.fix, None, drive.beside_match)
+    if drive.truth is not None:
+        return outcomes_of(drive.fix, drive.truth[:, :2], drive.beside_match)
+    navigation = log.description.navigation
+    said = [s for s in (navigation.sigma_east_m, navigation.sigma_north_m) if s is not None]
+    own = np.zeros(log.scans) if len(said) < 2 else np.interp(log.scan_time_s, navigation.time_s, np.mean(said, axis=0))
+    truth_m = drive.track.pose[:, :2]
+    return outcomes_of(drive.fix, truth_m, drive.beside_match, own**2)
+
+
+def _common_scale(drive: RegisteredDrive) -> float:
+    return float(np.median(drive.time_scale))
+
+
+def _elsewhere(track: Track, *, log: DriveLog, apart_m: float) -> Track:
+    """The track with every prior moved along the drive to a place that cannot match."""
+    path_m = np.cumsum(np.abs(np.diff(track.travel_m, prepend=track.travel_m[0])))
+    scans = len(path_m)
+    for share in (0.5, 0.4, 0.6, 0.3, 0.7):
+        pose: Float[np.ndarray, "scan 5"] = np.roll(track.pose, int(share * scans), axis=0)
+        away_m = np.hypot(*(pose[:, :2] - track.pose[:, :2]).T)
+        if np.mean(away_m >= apart_m) > 0.95:
+            pose[away_m < apart_m, :2] += 1e6  # what cannot be moved is led off the map
+            return track._replace(pose=pose)
+    expected = f"a drive that comes at least {apart_m:.3g} m from where it was"
+    raise InputError(log.path, "/odometry/distance_m", expected, f"{path_m[-1]:.3g} m of travel")

@@ -1,0 +1,218 @@
+"""A map's own chance: traces of its baselines on the poses of other places of it, where no match can be right."""
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from lgprjax.errors import InputError
+from lgprjax.files import file_hash
+from lgprjax.formats import MapFile, atomic_output, chance_as_text, chance_of_text
+from lgprjax.radar import to_coefficients, uniform_array
+from lgprjax.registration import (
+    LADDER_M,
+    LEAST_INDEPENDENT,
+    PIECE_M,
+    Chance,
+    EvidenceSearch,
+    LiveChain,
+    LiveScans,
+    PreparedGround,
+    RegisterOptions,
+    Track,
+    fit_chance,
+    ground_map_for,
+    pooled_chance,
+)
+from lgprjax.subsurface import GroundMap
+
+_PIECES = 240
+_WIDEST_M = 1.6
+_STRETCH_M = max(LADDER_M) + 5.0 * PIECE_M  # of wavelengths up to a metre
+_SEED = 1
+_TRIES = 400
+_REGION = 6.25  # wavelengths to each side, no more than 2.5 m: chances go with the area, so that a small one tells
+
+
+class _Swapped(NamedTuple):
+    """A stretch of a baseline's poses with the traces of another stretch.
+
+    Attributes:
+        poses, traces: numbers of their stations.
+        under, channel: first channel of those that the poses are under, and of those that the traces are of.
+    """
+
+    poses: Int[np.ndarray, " scan"]
+    traces: Int[np.ndarray, " scan"]
+    under: int
+    channel: int
+
+
+class _StationChain(LiveChain):
+    """Stations are profiles already: nothing of a recording's chain is left to do."""
+
+    def __init__(self, ground: GroundMap) -> None:
+        self._ground = ground
+
+    def coefficients(
+        self,
+        filtered: Float[np.ndarray, "scan channel sample"],
+        valid: Bool[np.ndarray, "scan channel"],
+        time_scale: float,
+    ) -> Float[np.ndarray, "scan channel coefficient"]:
+        """Coefficients of profiles; a map has no other time scale than its own."""
+        assert time_scale == 1.0
+        rows = max(16, 1 << max(0, len(filtered) - 1).bit_length())
+        pad = [(0, rows - len(filtered)), (0, 0)]
+        gained = to_coefficients(
+            jnp.asarray(np.pad(filtered, [*pad, (0, 0)]), dtype=jnp.float32),
+            jnp.asarray(np.pad(valid, pad)),
+            self._ground.basis,
+        )
+        return np.asarray(gained)[: len(filtered)]
+
+
+def measure_chance(source: MapFile) -> Chance:
+    """Match pieces of a map's baselines at other places of it, and fit the tail of their best scores.
+
+    Every piece is searched as a drive is that says nothing of its own position, in all windows of the ladder. A map
+    too small for some dozens of pieces gets the tail pooled over many grounds.
+    """
+    description = source.description
+    half_m = min(RegisterOptions().search_half_m(), _REGION * description.settings.wavelength_m)
+    options = RegisterOptions(search_m=half_m, time_scale=1.0)
+    ground = ground_map_for(source, options)
+    # Lines of a survey are no array: as many of them as an array is wide are matched together.
+    channels = int(np.clip(round(_WIDEST_M / description.channel_pitch_m), 1, description.channels))
+    prepared = PreparedGround(ground, uniform_array(channels, description.channel_pitch_m), keep=8)
+    piece_m = PIECE_M * max(1.0, description.settings.wavelength_m)
+    steps = np.hypot(*np.diff(source.pose[:, :2], axis=0).T)[np.diff(source.drive) == 0]
+    independent = float(steps.sum()) * max(1, description.channels // channels) / piece_m
+    pooled = pooled_chance(description.settings.wavelength_m)
+    if independent < LEAST_INDEPENDENT:
+        return pooled._replace(pieces=int(independent))
+    highest: list[Float[np.ndarray, " window"]] = []
+    area_m2: list[Float[np.ndarray, " window"]] = []
+    for swapped in _swapped(source, channels, options.search_half_m()):
+        search = EvidenceSearch(prepared, _StationChain(ground), options, pooled)
+        path_m, z, area = search.highest(_scans_of(source, swapped, channels))
+        number = np.floor((path_m - path_m[0]) / piece_m)
+        for piece in np.unique(number):
+            own = number == piece
+            if np.isfinite(z[own]).any():
+                highest.append(np.nanmax(np.where(np.isfinite(z[own]), z[own], -np.inf), axis=0))
+                area_m2.append(np.mean(area[own], axis=0))
+        if len(highest) >= _PIECES:
+            break
+    if not highest:
+        return pooled._replace(pieces=int(independent))
+    z = np.stack(highest)
+    return fit_chance(np.where(np.isfinite(z), z, np.nan), np.stack(area_m2), independent, pooled)
+
+
+def _swapped(source: MapFile, channels: int, half_m: float) -> Iterator[_Swapped]:
+    """Stretches on other stretches, drawn in a fixed order; each pair at least a region apart all along."""
+    draw = np.random.default_rng(_SEED)
+    settings = source.description.settings
+    # The true place lies outside the region then, and its neighbourhood as well.
+    step_m, apart_m = settings.step_m, half_m + max(0.5, 0.6 * settings.wavelength_m)
+    drive = source.drive
+    starts = np.flatnonzero(np.diff(drive, prepend=-1))
+    ends = np.append(starts[1:], len(drive))
+    piece_m = PIECE_M * max(1.0, settings.wavelength_m)
+    most = int(_STRETCH_M * max(1.0, settings.wavelength_m) / step_m)
+    for _ in range(_TRIES):
+        a, b = draw.integers(len(starts), size=2)
+        count = min(most, ends[a] - starts[a], ends[b] - starts[b])
+        if count * step_m < 0.5 * piece_m:
+            continue
+        at = starts[a] + draw.integers(ends[a] - starts[a] - count + 1)
+        of = starts[b] + draw.integers(ends[b] - starts[b] - count + 1)
+        poses, traces = np.arange(at, at + count), np.arange(of, of + count)
+        if draw.integers(2):
+            traces = traces[::-1]
+        under, channel = draw.integers(source.description.channels - channels + 1, size=2)
+        place, origin = _places(source, poses, int(under), channels), _places(source, traces, int(channel), channels)
+        away = np.max(np.abs(place - origin), axis=1) >= apart_m
+        # The longest run of places far enough apart.
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], away.astype(int), [0]])))
+        runs = edges.reshape(-1, 2)
+        if len(runs):
+            low, high = runs[np.argmax(runs[:, 1] - runs[:, 0])]
+            if (high - low) * step_m >= 0.5 * piece_m:
+                yield _Swapped(poses[low:high], traces[low:high], int(under), int(channel))
+
+
+def _places(
+    source: MapFile, stations: Int[np.ndarray, " scan"], first: int, channels: int
+) -> Float[np.ndarray, "scan 2"]:
+    """Centres of some neighbouring channels at some stations, channel 0 leftmost."""
+    description = source.description
+    left_m = (0.5 * (description.channels - 1) - first - 0.5 * (channels - 1)) * description.channel_pitch_m
+    pose = source.pose[stations].astype(np.float64)
+    return np.asarray(pose[:, :2] + left_m * np.stack([-np.sin(pose[:, 3]), np.cos(pose[:, 3])], axis=1))
+
+
+def _scans_of(source: MapFile, swapped: _Swapped, channels: int) -> LiveScans:
+    """The stretch as scans of a drive."""
+    order = np.argsort(swapped.traces)
+    stations = source.read_stations(swapped.traces[order])
+    back = np.argsort(order)
+    of = slice(swapped.channel, swapped.channel + channels)
+    pose = source.pose[swapped.poses].astype(np.float64).copy()
+    pose[:, :2] = _places(source, swapped.poses, swapped.under, channels)
+    pose[:, 3] = np.unwrap(pose[:, 3])
+    count, step_m = len(pose), source.description.settings.step_m
+    path_m = np.cumsum(np.hypot(*np.diff(pose[:, :2], axis=0, prepend=pose[:1, :2]).T))
+    track = Track(
+        pose,
+        path_m,
+        np.full(count, step_m),
+        np.full(count, np.radians(1.0)),
+        np.full(count, np.nan),
+        np.zeros(count, np.int64),
+    )
+    # The labels themselves carry the stretch: the array's centre is the body's origin here.
+    return LiveScans(
+        np.arange(count),
+        stations.profile[back, of].astype(np.float32),
+        stations.valid[back, of],
+        track,
+        path_m,
+        pose[:, :2],
+    )
+
+
+# The chance of a map that is to be registered against: out of its file, else measured once and remembered.
+
+
+def chance_of(source: MapFile) -> Chance:
+    """The chance of a map.
+
+    Maps of older versions hold none: theirs is measured, which takes seconds to minutes, and kept in the user's cache
+    folder under the hash of the map's file. A cache that cannot be read or written costs the time and nothing else.
+    """
+    if source.chance is not None:
+        return source.chance
+    cache = cache_path(source)
+    with suppress(OSError, UnicodeDecodeError):
+        kept = chance_of_text(cache.read_text(encoding="utf-8"))
+        if kept is not None:
+            return kept
+    chance = measure_chance(source)
+    with suppress(OSError, InputError):
+        cache.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_output(cache, force=True) as temporary:
+            temporary.write_text(chance_as_text(chance), encoding="utf-8")
+    return chance
+
+
+def cache_path(source: MapFile) -> Path:
+    """Where the chance of a map without its own is kept: ``$XDG_CACHE_HOME/lgprjax``, or ``~/.cache/lgprjax``."""
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return root / "lgprjax" / f"chance-{file_hash(source.path)}.json"

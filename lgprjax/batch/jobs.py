@@ -1,0 +1,574 @@
+"""What a job of an archive run is, and what it is named by: everything that its result depends on."""
+
+import fcntl
+import hashlib
+import json
+import os
+import socket
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from lgprjax import __version__
+from lgprjax.batch.accuracy import true_errors
+from lgprjax.batch.register import HeldGround, RegisteredDrive, register_log, write_registered
+from lgprjax.errors import InputError
+from lgprjax.files import file_hash
+from lgprjax.formats import DriveLog, MapFile, atomic_output
+from lgprjax.process_cost import count_compiles, peak_rss_mb
+from lgprjax.registration import WRONG_M, Code, RegisterOptions
+
+
+class FileStamp(NamedTuple):
+    """What changes when a file is written anew: size, and time of the last change in nanoseconds."""
+
+    size: int
+    changed_ns: int
+
+
+class ArchiveRun(NamedTuple):
+    """What all jobs of a run have in common.
+
+    Attributes:
+        map_path: the database; absolute.
+        map_sha256: of its file, and ``map_stamp`` when that was taken.
+        options: the search.
+        folder: of the results; absolute.
+        threads: each worker is held to.
+    """
+
+    map_path: Path
+    map_sha256: str
+    map_stamp: FileStamp
+    options: RegisterOptions
+    folder: Path
+    threads: int
+
+
+class Job(NamedTuple):
+    """One drive to be registered.
+
+    Attributes:
+        name: of the drive, and of its outputs.
+        drive: its log; absolute.
+        drive_sha256: of the log.
+        key: of the job, see ``key_of_job``.
+    """
+
+    name: str
+    drive: Path
+    drive_sha256: str
+    key: str
+
+
+def stamp_of(path: Path) -> FileStamp:
+    """Stamp of a file as it is now."""
+    found = path.stat()
+    return FileStamp(found.st_size, found.st_mtime_ns)
+
+
+def settings_of(options: RegisterOptions) -> dict[str, object]:
+    """The search as plain numbers, ready for JSON."""
+    settings: dict[str, object] = asdict(options)
+    own = options.own_thresholds
+    settings["own_thresholds"] = None if own is None else {name: float(value) for name, value in own._asdict().items()}
+    return settings
+
+
+def key_of_job(drive_sha256: str, map_sha256: str, settings: dict[str, object]) -> str:
+    """SHA-256 of what a job's result depends on; the order of the settings does not matter."""
+    told = {"drive": drive_sha256, "map": map_sha256, "settings": settings, "version": __version__}
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+
+
+# What is kept of a job: one small JSON file a drive, from which every table of an archive is made.
+
+CELL_M = 5.0
+"""Side of the square cells of the map's plane in which a drive's scans are counted."""
+
+
+class CellTally(NamedTuple):
+    """What one drive found in one cell.
+
+    Attributes:
+        east, north: number of the cell, its south-west corner in cells from the map's anchor.
+        tried, ok, judged: scans searched, of these with an ok fix, of these with a known truth.
+        square_m2: sum of their squared errors.
+        largest_m: of the errors; 0 where nothing was judged.
+        largest_s: time of that scan in the drive.
+        declined_s: time of the first scan without an ok fix; None where all have one.
+    """
+
+    east: int
+    north: int
+    tried: int
+    ok: int
+    judged: int
+    square_m2: float
+    largest_m: float
+    largest_s: float
+    declined_s: float | None
+
+
+class _Kept(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class DriveFigures(_Kept):
+    """A registered drive in numbers; ``None`` stands for what cannot be told.
+
+    Attributes:
+        scans, tried: of the drive; those that were searched.
+        counts: scans by code.
+        way_m: driven.
+        correlation_ok, correlation_at_truth: medians, of the ok fixes and of all scans at their true pose.
+        judged, wrong: ok fixes whose truth is known, and those of them more than 0.3 m off.
+        rms_along_m, rms_cross_m, largest_m: errors of the judged, in the map's frame.
+        milliseconds_per_scan: wall time of the search.
+    """
+
+    scans: int
+    tried: int
+    counts: dict[str, int]
+    way_m: float
+    correlation_ok: float | None
+    correlation_at_truth: float | None
+    judged: int
+    wrong: int | None
+    rms_along_m: float | None
+    rms_cross_m: float | None
+    largest_m: float | None
+    milliseconds_per_scan: float
+
+    @property
+    def ok(self) -> int:
+        """Scans with a position."""
+        return self.counts.get("ok", 0)
+
+    @property
+    def ok_share(self) -> float:
+        """Availability: of the scans searched, those with a position; 0 where none was."""
+        return self.ok / self.tried if self.tried else 0.0
+
+
+class JobCost(_Kept):
+    """What a job took.
+
+    Attributes:
+        seconds: from opening the log to its outputs.
+        search_s: of these, registration itself, reading and preparing tiles included.
+        compiled: programs that the worker compiled, or fetched from a cache of compiled programs, since the job before.
+        peak_rss_mb: largest memory of the worker's process up to then.
+        worker: host and process.
+    """
+
+    seconds: float
+    search_s: float
+    compiled: int
+    peak_rss_mb: float
+    worker: str
+
+
+class JobRecord(_Kept):
+    """A job that is over.
+
+    Attributes:
+        name: of the drive.
+        state: done, or failed for good.
+        key: of the job.
+        drive, drive_sha256, map, map_sha256: what it was made from.
+        settings: of the search.
+        version: of the program.
+        attempts: workers that tried.
+        error: why it failed, one line.
+        outputs: SHA-256 of each, by file name.
+        figures, cells, cost: of a job that is done.
+    """
+
+    name: str
+    state: Literal["done", "failed"]
+    key: str
+    drive: str
+    drive_sha256: str
+    map: str
+    map_sha256: str
+    settings: dict[str, object]
+    version: str
+    attempts: int = 1
+    error: str = ""
+    outputs: dict[str, str] = {}
+    figures: DriveFigures | None = None
+    cells: tuple[CellTally, ...] = ()
+    cost: JobCost | None = None
+
+
+def jobs_folder(folder: Path) -> Path:
+    """Where the records of an archive are."""
+    return folder / "jobs"
+
+
+def write_record(folder: Path, record: JobRecord) -> None:
+    """Keep a record, in place of an older one. Raises ``InputError`` where it cannot be written."""
+    with atomic_output(jobs_folder(folder) / f"{record.name}.json", force=True) as temporary:
+        temporary.write_text(record.model_dump_json() + "\n", encoding="utf-8")
+
+
+def read_record(path: Path) -> JobRecord | None:
+    """A record; None where there is none, or none of this format: its job is to be done again."""
+    try:
+        return JobRecord.model_validate_json(path.read_bytes())
+    except (FileNotFoundError, ValidationError):
+        return None
+
+
+def read_records(folder: Path) -> dict[str, JobRecord]:
+    """All records of an archive by the drives' names, in the order of these."""
+    found = [read_record(path) for path in sorted(jobs_folder(folder).glob("*.json"))]
+    return {record.name: record for record in found if record is not None}
+
+
+# The folder of an archive: whose results it holds, what of a run is already there, one run at a time.
+
+_MARK = "archive.json"
+_DERIVED = ("archive.csv", "archive.html")
+_READERS = 4
+
+
+class JobPlan(NamedTuple):
+    """What a run has to do.
+
+    Attributes:
+        todo: jobs that are missing, or whose drive, settings, program or outputs changed.
+        done: names of the drives that are as they would become.
+        unreadable: drives that could not even be opened.
+    """
+
+    todo: list[Job]
+    done: list[str]
+    unreadable: list[InputError]
+
+
+class _Mark(NamedTuple):
+    """Whose results a folder holds: map, and the drives whose outputs are the archive's own."""
+
+    map: str
+    map_sha256: str
+    drives: list[str]
+
+
+def outputs_of(name: str) -> tuple[str, str]:
+    """File names of a drive's outputs."""
+    return f"{name}.fixes.csv", f"{name}.fixes.h5"
+
+
+def drive_name(path: Path) -> str:
+    """Name of a drive by its file."""
+    return path.name.removesuffix(".drive.h5")
+
+
+@contextmanager
+def claimed(run: ArchiveRun, names: Sequence[str], *, force: bool) -> Iterator[None]:
+    """Hold a folder for a run; what killed workers left half-written in it is removed.
+
+    The folder is marked with its map and with the drives whose outputs are the archive's own and may be replaced.
+
+    Args:
+        run: the run.
+        names: of its drives.
+        force: replace results of another map, and outputs of other origin.
+
+    Raises:
+        InputError: it holds results of another map or files of other origin (without ``force``), it is no folder,
+            or another run holds it.
+    """
+    folder = run.folder
+    _ours(run, names, force)
+    jobs_folder(folder).mkdir(parents=True, exist_ok=True)
+    with (jobs_folder(folder) / ".lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(folder, "output", "a folder that no other run works in", "another run") from None
+        mark = _Mark(run.map_path.name, run.map_sha256, sorted(_ours(run, names, force).union(names)))
+        with atomic_output(folder / _MARK, force=True) as temporary:
+            temporary.write_text(json.dumps(mark._asdict(), indent=0) + "\n", encoding="utf-8")
+        _clean(folder, mark.drives)
+        try:
+            yield
+        finally:
+            _clean(folder, mark.drives)
+
+
+def plan_jobs(
+    run: ArchiveRun, drives: Sequence[Path], *, force: bool, progress: Callable[[int], None] = lambda _: None
+) -> JobPlan:
+    """Read every drive's hash and find what is to be done; in a claimed folder.
+
+    Args:
+        run: the run.
+        drives: logs of different names.
+        force: do all of them anew.
+        progress: told of drives looked at.
+    """
+    settings = settings_of(run.options)
+
+    def look(drive: Path) -> Job | InputError:
+        try:
+            sha256 = file_hash(drive)
+        except OSError as error:
+            return InputError(drive, "file", "a readable file", error.strerror or str(error))
+        return Job(drive_name(drive), drive.absolute(), sha256, key_of_job(sha256, run.map_sha256, settings))
+
+    plan = JobPlan([], [], [])
+    with ThreadPoolExecutor(max_workers=_READERS) as readers:
+        for found in readers.map(look, drives):
+            if isinstance(found, InputError):
+                plan.unreadable.append(found)
+            elif force or not _is_done(run.folder, found):
+                plan.todo.append(found)
+            else:
+                plan.done.append(found.name)
+            progress(1)
+    return plan
+
+
+def note_failure(run: ArchiveRun, job: Job, error: InputError, attempts: int) -> None:
+    """Keep a record of a job that failed for good; a later run tries it again."""
+    write_record(
+        run.folder,
+        JobRecord(
+            name=job.name,
+            state="failed",
+            key=job.key,
+            drive=job.drive.name,
+            drive_sha256=job.drive_sha256,
+            map=run.map_path.name,
+            map_sha256=run.map_sha256,
+            settings=settings_of(run.options),
+            version=__version__,
+            attempts=attempts,
+            error=str(error),
+        ),
+    )
+
+
+def _ours(run: ArchiveRun, names: Sequence[str], force: bool) -> set[str]:
+    """Drives whose outputs in the folder are the archive's own. Raises ``InputError`` for what is not."""
+    folder = run.folder
+    if folder.exists() and not folder.is_dir():
+        raise InputError(folder, "output", "a folder", "a file")
+    mark = _read_mark(folder / _MARK)
+    ours = set() if mark is None else set(mark.drives)
+    if force:
+        return ours
+    if mark is not None and mark.map_sha256 != run.map_sha256:
+        expected = f"results of {run.map_path.name} as it is now, another folder, or --force"
+        raise InputError(folder, "output", expected, f"results of another map, {mark.map}")
+    foreign = [output for name in names if name not in ours for output in outputs_of(name)]
+    for output in [*foreign, *(_DERIVED if mark is None else ())]:
+        if (folder / output).exists():
+            raise InputError(folder / output, "output", "a new file, or --force", "the file exists")
+    return ours
+
+
+def _is_done(folder: Path, job: Job) -> bool:
+    """Whether a record tells of this very job, and its outputs are as it tells."""
+    record = read_record(jobs_folder(folder) / f"{job.name}.json")
+    if record is None or record.state != "done" or record.key != job.key:
+        return False
+    try:
+        return all(file_hash(folder / name) == sha256 for name, sha256 in record.outputs.items())
+    except OSError:
+        return False
+
+
+def _read_mark(path: Path) -> _Mark | None:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        return _Mark(str(found["map"]), str(found["map_sha256"]), [str(name) for name in found["drives"]])
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(path, "file", "the mark of an archive", str(error)) from None
+
+
+def _clean(folder: Path, names: Sequence[str]) -> None:
+    """Remove what a worker that was killed had not yet renamed."""
+    own = {f".{output}" for name in names for output in (*outputs_of(name), f"{name}.json")}
+    for place in (folder, jobs_folder(folder)):
+        for left in place.glob(".*.partial-*"):
+            if left.name.rpartition(".partial-")[0] in own:
+                left.unlink(missing_ok=True)
+
+
+# A registered drive in numbers, whole and cell by cell of the map's plane.
+
+
+def figures_of(drive: RegisteredDrive) -> DriveFigures:
+    """Counts, accuracy where the truth is known, time a scan."""
+    code, correlation = np.asarray(drive.fix.code), np.asarray(drive.fix.correlation)
+    errors = true_errors(drive)
+    along, cross = errors[np.isfinite(errors[:, 0])].T
+    apart = np.hypot(along, cross)
+    return DriveFigures(
+        scans=len(code),
+        tried=int(np.sum(code != Code.NO_WINDOW)),
+        counts={each.label: int(np.sum(code == each)) for each in Code if np.any(code == each)},
+        way_m=float(np.abs(np.diff(drive.track.travel_m)).sum()),
+        correlation_ok=_median(correlation[code == Code.OK]),
+        correlation_at_truth=_median(drive.correlation_at_truth),
+        judged=len(apart),
+        wrong=None if drive.truth is None else int(np.sum(apart > WRONG_M)),
+        rms_along_m=_rms(along),
+        rms_cross_m=_rms(cross),
+        largest_m=float(apart.max()) if len(apart) else None,
+        milliseconds_per_scan=drive.milliseconds_per_scan,
+    )
+
+
+def cells_of(drive: RegisteredDrive) -> tuple[CellTally, ...]:
+    """What was found in each cell that the drive's searched scans lie in.
+
+    A scan lies where its truth is, where that is not known where its ok fix is, else where its prior was.
+    """
+    code = np.asarray(drive.fix.code)
+    tried = np.flatnonzero(code != Code.NO_WINDOW)
+    place = _places(drive)[tried]
+    ok, error_m = code[tried] == Code.OK, np.hypot(*true_errors(drive)[tried].T)
+    time_s = drive.table["time_s"].to_numpy()[tried]
+    cell, member = np.unique(np.floor(place / CELL_M).astype(np.int64), axis=0, return_inverse=True)
+    tallies = []
+    for number, (east, north) in enumerate(cell):
+        own = np.flatnonzero(member.reshape(-1) == number)
+        judged = own[np.isfinite(error_m[own])]
+        worst = judged[np.argmax(error_m[judged])] if len(judged) else None
+        declined = own[~ok[own]]
+        tallies.append(
+            CellTally(
+                east=int(east),
+                north=int(north),
+                tried=len(own),
+                ok=int(ok[own].sum()),
+                judged=len(judged),
+                square_m2=float(np.sum(error_m[judged] ** 2)),
+                largest_m=0.0 if worst is None else float(error_m[worst]),
+                largest_s=0.0 if worst is None else float(time_s[worst]),
+                declined_s=float(time_s[declined[0]]) if len(declined) else None,
+            )
+        )
+    return tuple(tallies)
+
+
+def _places(drive: RegisteredDrive) -> Float[np.ndarray, "scan 2"]:
+    found = np.where((np.asarray(drive.fix.code) == Code.OK)[:, None], np.asarray(drive.fix.pose)[:, :2], np.nan)
+    place = np.where(np.isfinite(found), found, drive.track.pose[:, :2])
+    return place if drive.truth is None else np.where(np.isfinite(drive.truth[:, :2]), drive.truth[:, :2], place)
+
+
+def _median(values: Float[np.ndarray, " any"]) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else None
+
+
+def _rms(values: Float[np.ndarray, " any"]) -> float | None:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else None
+
+
+# One process's share of an archive run: the map opened once, the programs compiled once, drive after drive.
+
+HELD_TILES = 16
+"""Tiles, and as many columns, that a worker holds from drive to drive."""
+
+
+class DriveJobs:
+    """What a worker does; close it when done.
+
+    Args:
+        run: the run.
+
+    Raises:
+        InputError: the map cannot be opened, or is no longer the file that the run began with.
+    """
+
+    def __init__(self, run: ArchiveRun) -> None:
+        self._run = run
+        self._compiled, self._counted = count_compiles(), 0
+        self._source = MapFile.open(run.map_path)
+        try:
+            if stamp_of(run.map_path) != run.map_stamp:
+                raise InputError(run.map_path, "file", "the file that the run began with", "one written since")
+            self._held = HeldGround(self._source, run.options, tiles=HELD_TILES)
+        except BaseException:
+            self._source.close()
+            raise
+
+    def close(self) -> None:
+        """Close the map."""
+        self._source.close()
+
+    def do(self, job: Job, attempt: int = 1) -> InputError | None:
+        """Register a drive; outputs and record are written, the record last.
+
+        Returns:
+            why it failed; None where it is done. A defect is told on standard error besides.
+
+        Raises:
+            MemoryError: there is too little; of no use to the next drive either.
+        """
+        try:
+            self._register(job, attempt)
+        except InputError as error:
+            return error
+        except Exception as error:
+            if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
+                raise MemoryError(str(error)) from None
+            traceback.print_exc(file=sys.stderr)
+            return InputError(job.drive, "registration", "a result", f"a defect: {type(error).__name__}: {error}")
+        return None
+
+    def _register(self, job: Job, attempt: int) -> None:
+        began, run = time.perf_counter(), self._run
+        with DriveLog.open(job.drive) as log:
+            # What was read must be what the job is named by; the open file stays the same if another takes its place.
+            if file_hash(job.drive) != job.drive_sha256:
+                raise InputError(job.drive, "file", "the file that the run began with", "one written since")
+            drive = register_log(self._source, log, run.options, held=self._held)
+            sha256 = (run.map_sha256, job.drive_sha256)
+            write_registered(drive, self._source, log, run.options, run.folder, force=True, sha256=sha256)
+        write_record(run.folder, self._record(job, drive, time.perf_counter() - began, attempt))
+
+    def _record(self, job: Job, drive: RegisteredDrive, seconds: float, attempt: int) -> JobRecord:
+        run, before = self._run, self._counted
+        self._counted = self._compiled()
+        return JobRecord(
+            name=job.name,
+            state="done",
+            key=job.key,
+            drive=job.drive.name,
+            drive_sha256=job.drive_sha256,
+            map=run.map_path.name,
+            map_sha256=run.map_sha256,
+            settings=settings_of(run.options),
+            version=__version__,
+            attempts=attempt,
+            outputs={name: file_hash(run.folder / name) for name in outputs_of(job.name)},
+            figures=figures_of(drive),
+            cells=cells_of(drive),
+            cost=JobCost(
+                seconds=seconds,
+                search_s=1e-3 * drive.milliseconds_per_scan * len(drive.table),
+                compiled=self._counted - before,
+                peak_rss_mb=peak_rss_mb(),
+                worker=f"{socket.gethostname()}:{os.getpid()}",
+            ),
+        )

@@ -1,0 +1,473 @@
+"""A recorded run as a drive log: what the vehicle recorded driving by itself maps and registers like any other."""
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Integer
+
+from lgprjax import __version__
+from lgprjax.errors import InputError
+from lgprjax.formats import (
+    DriveDescription,
+    DriveWriter,
+    MapFile,
+    NavigationTrack,
+    OdometryTrack,
+    TraceRecording,
+    VehicleFile,
+    VehicleLog,
+    write_vehicle_log,
+)
+from lgprjax.formats.run_log import (
+    RunReading,
+    frame_data,
+    frame_name,
+    frame_type,
+    header_type,
+    payload_type,
+    read_run,
+    read_run_record,
+)
+from lgprjax.radar import ArrayGeometry, uniform_array
+from lgprjax.subsurface import SpatialIndex
+
+# What a recorded run holds beside its scans, on the computer's clock.
+
+# A line's delay is least once in so long; clocks drift far less than it varies meanwhile.
+_WINDOW_NS = 10_000_000_000
+
+
+class RunSignals(NamedTuple):
+    """A run but for its samples. Times are monotonic, ns, and strictly rising.
+
+    Attributes:
+        scan_ns: of each scan in the order of the recording, whether kept or not.
+        scan_kept: whether its time rises and it is as ``radar`` says.
+        radar: ``radar_description``, ``None`` where the radar never told.
+        box_ns, box: ``drive_status`` frames.
+        travel_m: by the box, one distance over all its starts.
+        prior_ns, prior: valid ``prior`` payloads.
+        plan_ns, plan: ``plan`` payloads.
+    """
+
+    scan_ns: Int[np.ndarray, " scan"]
+    scan_kept: Bool[np.ndarray, " scan"]
+    radar: np.void | None
+    box_ns: Int[np.ndarray, " box"]
+    box: np.ndarray
+    travel_m: Float[np.ndarray, " box"]
+    prior_ns: Int[np.ndarray, " prior"]
+    prior: np.ndarray
+    plan_ns: Int[np.ndarray, " plan"]
+    plan: np.ndarray
+
+
+class RowGatherer:
+    """Rows of one type and their times, gathered as bytes."""
+
+    def __init__(self, kind: np.dtype[Any]) -> None:
+        self._kind = kind
+        self._rows, self._times = bytearray(), bytearray()
+
+    def add(self, mono_ns: int, row: bytes) -> None:
+        if len(row) >= self._kind.itemsize:
+            self._rows += row[: self._kind.itemsize]
+            self._times += mono_ns.to_bytes(8, "little")
+
+    @property
+    def rows(self) -> np.ndarray:
+        return np.frombuffer(bytes(self._rows), self._kind)
+
+    @property
+    def times_ns(self) -> Int[np.ndarray, " row"]:
+        return np.frombuffer(bytes(self._times), "<i8").astype(np.int64)
+
+
+def signals_of_run(run: RunReading) -> RunSignals:
+    """Gather everything but the samples: some hundred bytes a hundredth of a second."""
+    scans, box = RowGatherer(frame_type("radar_scan")), RowGatherer(frame_type("drive_status"))
+    prior, plan, radar = (
+        RowGatherer(payload_type("prior")),
+        RowGatherer(payload_type("plan")),
+        RowGatherer(frame_type("radar_description")),
+    )
+    by_message = {"radar_scan": scans, "drive_status": box, "radar_description": radar}
+    for _, data in run:
+        record = read_run_record(data)
+        if record is None:
+            continue
+        if record.kind == "port_in" and record.source in ("radar", "drive_by_wire"):
+            rows = by_message.get(frame_name(record.payload) or "")
+        else:
+            rows = {"prior": prior, "plan": plan}.get(record.kind)
+        if rows is not None:
+            rows.add(record.mono_ns, record.payload)
+    told = radar.rows[0] if len(radar.rows) else None
+    scan_ns = device_times(scans.rows["session"], scans.rows["stamp_us"], scans.times_ns)
+    box_ns = device_times(box.rows["session"], box.rows["stamp_us"], box.times_ns)
+    travel_m = _joined(box.rows["session"], box.rows["odometer_m"])
+    box_good = rising(box_ns, np.isfinite(travel_m))
+    fixed = (prior.rows["valid"] != 0) & np.isfinite(prior.rows["pose"]).all(axis=1)
+    for name in ("roll_rad", "sigma_yaw_rad", "yaw_rate_radps"):
+        fixed &= np.isfinite(prior.rows[name])
+    prior_good = rising(prior.rows["time_ns"], fixed)
+    plan_good = rising(plan.times_ns, np.ones(len(plan.rows), bool))
+    return RunSignals(
+        scan_ns=scan_ns,
+        scan_kept=rising(scan_ns, _as_told(scans.rows, told)),
+        radar=told,
+        box_ns=box_ns[box_good],
+        box=box.rows[box_good],
+        travel_m=travel_m[box_good],
+        prior_ns=prior.rows["time_ns"][prior_good].astype(np.int64),
+        prior=prior.rows[prior_good],
+        plan_ns=plan.times_ns[plan_good],
+        plan=plan.rows[plan_good],
+    )
+
+
+def scan_frames(run: RunReading) -> Iterator[bytes]:
+    """Frames of the scans, in the order of ``RunSignals.scan_ns``."""
+    for _, data in run:
+        record = read_run_record(data)
+        if record is None or (record.kind, record.source) != ("port_in", "radar"):
+            continue
+        if frame_name(record.payload) == "radar_scan":
+            yield record.payload
+
+
+def device_times(
+    session: Integer[np.ndarray, " frame"],
+    stamp_us: Integer[np.ndarray, " frame"],
+    arrival_ns: Int[np.ndarray, " frame"],
+) -> Int[np.ndarray, " frame"]:
+    """Monotonic times of a device's stamps: behind their arrival by what a line held them up.
+
+    The least difference between arrival and stamp within ten seconds is taken for the clocks' own; between such
+    stretches it goes straight. What a line's fastest message takes cannot be told and remains.
+    """
+    times = np.array(arrival_ns, np.int64)
+    for each in np.unique(session):
+        own = np.flatnonzero(session == each)
+        stamp_ns = stamp_us[own].astype(np.int64) * 1000
+        apart = arrival_ns[own] - stamp_ns
+        window = (arrival_ns[own] - arrival_ns[own[0]]) // _WINDOW_NS
+        order = np.lexsort((apart, window))
+        least = order[np.unique(window[order], return_index=True)[1]]
+        least = least[np.argsort(stamp_ns[least])]
+        # About the first difference: a clock's own is too large for float64 to the nanosecond.
+        base = apart[least[0]]
+        clocks = base + np.interp(stamp_ns - stamp_ns[0], stamp_ns[least] - stamp_ns[0], apart[least] - base).astype(
+            np.int64
+        )
+        times[own] = stamp_ns + np.minimum(clocks, apart)
+    return times
+
+
+def rising(times_ns: Int[np.ndarray, " row"], good: Bool[np.ndarray, " row"]) -> Bool[np.ndarray, " row"]:
+    """The good rows whose time is after that of every good one before."""
+    kept = np.zeros(len(times_ns), bool)
+    chosen = np.flatnonzero(good)
+    times = times_ns[chosen]
+    kept[chosen[np.diff(np.maximum.accumulate(times), prepend=np.int64(-(2**62))) > 0]] = True
+    return kept
+
+
+def _as_told(scans: np.ndarray, radar: np.void | None) -> Bool[np.ndarray, " scan"]:
+    if radar is None:
+        return np.zeros(len(scans), bool)
+    samples = scans["channels"].astype(np.int64) * scans["samples"]
+    whole = scans["length"] == samples + frame_type("radar_scan").itemsize - header_type().itemsize
+    return np.asarray((scans["channels"] == radar["channels"]) & (scans["samples"] == radar["samples"]) & whole)
+
+
+def _joined(session: Integer[np.ndarray, " box"], odometer_m: Float[np.ndarray, " box"]) -> Float[np.ndarray, " box"]:
+    """One distance over all starts of the box, which begins each at zero; NaN where it is none."""
+    known = np.flatnonzero(np.isfinite(odometer_m))
+    steps = np.diff(odometer_m[known], prepend=0.0)
+    begins = np.flatnonzero(np.diff(session[known].astype(np.int64))) + 1
+    # Between two starts nobody counted.
+    steps[begins] = odometer_m[known[begins]]
+    travel_m = np.full(len(odometer_m), np.nan)
+    travel_m[known] = np.cumsum(steps)
+    return travel_m
+
+
+# Where a recorded run went and what its vehicle did, as a drive log has it.
+
+# What a run does not tell of its poses: the height is the map's, and nothing measures the roll's error.
+_SIGMA_HEIGHT_M, _SIGMA_ROLL_DEG = 0.1, 0.2
+_CELL_M, _NEAR_M = 1.0, 16.0
+_PLANNED = ("sigma_cross_m", "speed_mps", "wanted_mps", "cross_track_m", "to_go_m", "code", "reaction")
+
+
+class RunTracks:
+    """Tracks of a drive log, in seconds since a moment.
+
+    Args:
+        signals: of the run.
+        mono_ns: the moment, by the computer's monotonic clock.
+        source: the map that was driven on.
+        position_sigma_m: of the positions.
+
+    Attributes:
+        navigation: where GNSS/INS and odometry had the vehicle.
+        odometry: of the drive-by-wire box.
+        vehicle: its signals, ``None`` where no tick decided anything.
+        plan: what the ticks decided, likewise.
+        seconds: from the first to the last record of navigation.
+    """
+
+    def __init__(self, signals: RunSignals, mono_ns: int, source: MapFile, position_sigma_m: float) -> None:
+        self._signals, self._mono_ns = signals, mono_ns
+        self.navigation = self._navigation(source, position_sigma_m)
+        self.odometry = OdometryTrack(self.seconds_of(signals.box_ns), signals.travel_m)
+        self.vehicle = self._vehicle()
+        self.plan = self._plan(source)
+        self.seconds = float(self.navigation.time_s[-1] - self.navigation.time_s[0])
+
+    def seconds_of(self, times_ns: np.ndarray) -> Float[np.ndarray, " row"]:
+        """Times of the log."""
+        return np.asarray(1e-9 * (times_ns - self._mono_ns).astype(np.float64))
+
+    def scans_kept(self) -> Bool[np.ndarray, " scan"]:
+        """Scans at whose time both navigation and odometry were there."""
+        time_s = self.seconds_of(self._signals.scan_ns)
+        first = max(self.navigation.time_s[0], self.odometry.time_s[0])
+        last = min(self.navigation.time_s[-1], self.odometry.time_s[-1])
+        return np.asarray(self._signals.scan_kept & (time_s >= first) & (time_s <= last))
+
+    def _navigation(self, source: MapFile, position_sigma_m: float) -> NavigationTrack:
+        prior, frame = self._signals.prior, source.description.frame
+        east, north, yaw = prior["pose"].T.astype(np.float64)
+        latitude, longitude, height = frame.to_geodetic(east, north, _ground_up_m(source, east, north))
+        sigma_m = np.full(len(prior), position_sigma_m)
+        return NavigationTrack(
+            time_s=self.seconds_of(self._signals.prior_ns),
+            latitude_deg=latitude,
+            longitude_deg=longitude,
+            height_m=height,
+            heading_deg=frame.heading_of_yaw(yaw, longitude),
+            roll_deg=np.degrees(prior["roll_rad"]),
+            sigma_east_m=sigma_m,
+            sigma_north_m=sigma_m,
+            sigma_height_m=np.full(len(prior), _SIGMA_HEIGHT_M),
+            sigma_heading_deg=np.degrees(np.abs(prior["sigma_yaw_rad"])),
+            sigma_roll_deg=np.full(len(prior), _SIGMA_ROLL_DEG),
+        )
+
+    def _plan(self, source: MapFile) -> dict[str, np.ndarray] | None:
+        plan, frame = self._signals.plan, source.description.frame
+        if not len(plan):
+            return None
+        east, north, yaw = plan["pose"].T.astype(np.float64)
+        latitude, longitude, _ = frame.to_geodetic(east, north, np.zeros_like(east))
+        return {
+            "time_s": self.seconds_of(self._signals.plan_ns),
+            "latitude_deg": latitude,
+            "longitude_deg": longitude,
+            "heading_deg": frame.heading_of_yaw(yaw, longitude),
+            **{name: plan[name] for name in _PLANNED},
+        }
+
+    def _vehicle(self) -> dict[str, np.ndarray] | None:
+        """What the box measured, with what was commanded at that time; from the first tick that decided on."""
+        known, plan = self._signals, self._signals.plan
+        if not len(plan):
+            return None
+        told = known.box_ns >= known.plan_ns[0]
+        at, box = known.box_ns[told], known.box[told]
+        if not len(box):
+            return None
+        held = plan[np.searchsorted(known.plan_ns, at, side="right") - 1]
+        return {
+            "time_s": self.seconds_of(at),
+            "steering_potentiometer_v": box["potentiometer_v"].astype(np.float64),
+            "encoder_counts": box["encoder_counts"],
+            "supply_v": box["supply_v"].astype(np.float64),
+            "wheel_angle_rad": held["front_rad"].astype(np.float64),
+            "steering_command_rad": held["command"][:, 0].astype(np.float64),
+            "throttle": held["command"][:, 1].astype(np.float64),
+            "brake": held["command"][:, 2].astype(np.float64),
+            "yaw_rate_radps": np.interp(at, known.prior_ns, known.prior["yaw_rate_radps"]),
+            "mode": held["mode"].astype(np.int8),
+        }
+
+
+def _ground_up_m(source: MapFile, east_m: np.ndarray, north_m: np.ndarray) -> Float[np.ndarray, " prior"]:
+    """Up coordinate of the map's ground where the vehicle was; beyond the map that of where it was last on it."""
+    cells, member = np.unique(
+        np.floor(np.stack([east_m, north_m], axis=1) / _CELL_M).astype(np.int64), axis=0, return_inverse=True
+    )
+    stations = SpatialIndex(source.pose[:, :2], 8.0)
+    nearest = [stations.nearest((cell + 0.5) * _CELL_M, _NEAR_M) for cell in cells]
+    up = np.array([np.nan if station is None else source.ground_up_m[station] for station in nearest])[member.ravel()]
+    index, known = np.arange(len(up)), np.isfinite(up)
+    if not known.any():
+        return np.full(len(up), float(np.median(source.ground_up_m)))
+    return np.asarray(np.interp(index, index[known], up[known]))
+
+
+_BLOCK_SCANS = 256
+
+
+class RunDrive(NamedTuple):
+    """What a drive log made of a run holds.
+
+    Attributes:
+        scans: in it.
+        left_out: scans of the run that are not: their stamps do not rise, they are not as the radar described itself,
+            or nothing tells where the vehicle was.
+        seconds: from its first to its last record of navigation.
+    """
+
+    scans: int
+    left_out: int
+    seconds: float
+
+
+def write_run_drive(
+    run: str | Path | RunReading,
+    output: str | Path,
+    *,
+    source: MapFile,
+    vehicle: VehicleFile,
+    position_sigma_m: float,
+    force: bool = False,
+) -> RunDrive:
+    """Write what a run holds as a drive log; scans are streamed. Without two scans it is a log without radar.
+
+    ``/gnss_ins`` is where GNSS/INS and odometry had the vehicle in the map's frame, the height the map's own.
+
+    Args:
+        run: its folder, or its reading.
+        output: ``X.drive.h5``.
+        source: the map that was driven on: its frame, its channels, its ground.
+        vehicle: that drove: where its array is.
+        position_sigma_m: of the positions, as the run was configured.
+        force: replace an output that exists.
+
+    Raises:
+        InputError: there is no run, or neither navigation nor odometry in it; the vehicle file does not tell where
+            the array is; the output exists (without ``force``) or cannot be written.
+    """
+    reading = run if isinstance(run, RunReading) else read_run(run)
+    clock = reading.clock
+    if clock is None:
+        raise InputError(reading.folder, "segments", "a whole head, or run.json", "neither")
+    signals = signals_of_run(reading)
+    for place, rows in (("prior", signals.prior), ("drive_status", signals.box)):
+        if len(rows) < 2:
+            raise InputError(reading.folder, "segments", f"two whole records of {place} or more", str(len(rows)))
+    name = Path(output).name.removesuffix(".drive.h5")
+    t0_utc = datetime.fromtimestamp(clock[0] // 10**9, UTC).replace(microsecond=clock[0] % 10**9 // 1000).isoformat()
+    tracks = RunTracks(signals, clock[1], source, position_sigma_m)
+    provenance = _provenance(reading, source)
+    kept = tracks.scans_kept()
+    if np.count_nonzero(kept) < 2:
+        log = VehicleLog(
+            name=name,
+            t0_utc=t0_utc,
+            navigation=tracks.navigation,
+            odometry=tracks.odometry,
+            truth=None,
+            vehicle=tracks.vehicle,
+            serial_number=vehicle.serial_number,
+            provenance=provenance,
+            plan=tracks.plan,
+        )
+        write_vehicle_log(output, log, force=force)
+        return RunDrive(0, len(kept), tracks.seconds)
+    assert signals.radar is not None
+    recording = TraceRecording(
+        sample_interval_ns=1e-3 * float(signals.radar["sample_interval_ps"]),
+        time_zero_ns=1e-3 * float(signals.radar["time_zero_ps"]),
+        zero_level=float(signals.radar["zero_level"]),
+        # The chain's filter spans a period and a half of it.
+        centre_frequency_hz=1.5e9 / source.description.settings.dewow_ns,
+        samples=int(signals.radar["samples"]),
+    )
+    array = _array(vehicle, source, signals.radar)
+    description = DriveDescription(
+        name=name,
+        t0_utc=t0_utc,
+        array=array,
+        recording=recording,
+        navigation=tracks.navigation,
+        odometry=tracks.odometry,
+        truth=None,
+        vehicle=tracks.vehicle,
+        provenance=provenance,
+        serial_number=vehicle.serial_number,
+        plan=tracks.plan,
+    )
+    with DriveWriter.create(output, description, channels=len(array.y_m), dtype=np.uint8, force=force) as writer:
+        _write_scans(writer, reading, tracks.seconds_of(signals.scan_ns), kept, recording.samples)
+        return RunDrive(writer.scans, len(kept) - writer.scans, tracks.seconds)
+
+
+def _write_scans(
+    writer: DriveWriter,
+    reading: RunReading,
+    time_s: Float[np.ndarray, " scan"],
+    kept: np.ndarray,
+    samples: int,
+) -> None:
+    block: list[bytes] = []
+    times: list[float] = []
+
+    def append() -> None:
+        if not block:
+            return
+        heads = np.array([np.frombuffer(frame, frame_type("radar_scan"), 1)[0]["valid"] for frame in block], np.int64)
+        data = np.frombuffer(b"".join(frame_data(frame, "radar_scan") for frame in block), np.uint8)
+        traces = data.reshape(len(block), -1, samples)
+        valid = (heads[:, None] >> np.arange(traces.shape[1])) & 1
+        writer.append(np.array(times), traces, valid.astype(bool))
+        block.clear()
+        times.clear()
+
+    for frame, at, keep in zip(scan_frames(reading), time_s, kept, strict=False):
+        if keep:
+            block.append(frame)
+            times.append(float(at))
+        if len(block) == _BLOCK_SCANS:
+            append()
+    append()
+
+
+def _array(vehicle: VehicleFile, source: MapFile, radar: np.void) -> ArrayGeometry:
+    place = vehicle.array
+    if place.x_m is None or place.height_m is None:
+        raise InputError(vehicle.name, "array", "x_m and height_m", "none")
+    return uniform_array(
+        int(radar["channels"]),
+        source.description.channel_pitch_m,
+        x_m=place.x_m,
+        height_m=place.height_m,
+        scan_period_s=1e-6 * float(radar["scan_period_us"]),
+    )
+
+
+def _provenance(reading: RunReading, source: MapFile) -> dict[str, object]:
+    found = reading.summary
+    return {
+        "program": f"lgprjax {__version__}",
+        "step": "recover",
+        "run": str(found.run),
+        "recording": {
+            "ended": found.end,
+            "records": found.records,
+            "numbers_missing": sum(lost.last - lost.first + 1 for lost in found.missing),
+            "bytes_damaged": sum(lost.stop - lost.start for lost in (*found.damaged, *found.cut)),
+            "messages_dropped": found.dropped,
+        },
+        "map": source.description.name,
+        "gnss_ins": "pose by GNSS/INS and odometry as the run fused them, in the map's frame; height of the map's "
+        "ground; sigma of positions as configured, of height and roll assumed",
+        "radar_time": "stamps of the radar's clock, behind their arrival by what the line held them up",
+        "centre_frequency": "of the map",
+    }

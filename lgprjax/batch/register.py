@@ -1,0 +1,473 @@
+"""A drive log against a subsurface database: fixes in files, streaming."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+from scipy.stats import chi2
+
+from lgprjax import __version__
+from lgprjax.batch.assumptions import away_in_words, is_place_assumed
+from lgprjax.batch.chance import chance_of
+from lgprjax.batch.recording import (
+    AS_STATED,
+    Alignment,
+    DriveTrack,
+    jump_line,
+    live_operators,
+    poses_of,
+    recording_of,
+    track_of_drive,
+)
+from lgprjax.files import file_hash
+from lgprjax.formats import DriveLog, MapFile, TraceRecording, assumed_of, write_fixes
+from lgprjax.frames import LocalFrame
+from lgprjax.radar import ArrayGeometry, uniform_array
+from lgprjax.registration import (
+    BLOCK_SCANS,
+    PIECE_M,
+    Code,
+    DriveFixes,
+    EvidenceSearch,
+    Fix,
+    LiveBlock,
+    LiveScans,
+    PreparedGround,
+    RegisterOptions,
+    Track,
+    ground_map_for,
+    live_chain,
+    p_foreign,
+    register_drive,
+    sigmas_along_cross,
+)
+from lgprjax.registration.queries import Plan
+from lgprjax.subsurface import GroundMap
+
+# A map's ground held from drive to drive: drives of one road come by the same tiles.
+
+_ROOM_M = 0.5  # by which a lattice reaches beyond the region on each side, so that priors may wander
+
+
+class HeldGround:
+    """Tiles of a map for one search, its chance, and the template banks for the array seen last.
+
+    Args:
+        source: the map; stays open as long.
+        options: the search.
+        tiles: held in memory, and as many template banks.
+    """
+
+    def __init__(self, source: MapFile, options: RegisterOptions, *, tiles: int = 8) -> None:
+        self.ground = ground_map_for(source, options, keep=tiles)
+        self.chance = chance_of(source)
+        self._tiles = tiles
+        self._prepared: PreparedGround | None = None
+
+    def prepared_for(self, array: ArrayGeometry) -> PreparedGround:
+        """Template banks for an array: those held, or none yet where it is not the one before."""
+        if self._prepared is None or not _alike(self._prepared.array, array):
+            self._prepared = PreparedGround(self.ground, array, keep=self._tiles)
+        return self._prepared
+
+
+def lattice_points(source: MapFile, search_m: float) -> int:
+    """Points to the longer side of the search lattice on a map, for a search square of this half side."""
+    description, options = source.description, RegisterOptions()
+    array = uniform_array(description.channels, description.channel_pitch_m)
+    return max(Plan.of(PreparedGround(ground_map_for(source, options), array), options).points(search_m + _ROOM_M))
+
+
+def _alike(one: ArrayGeometry, other: ArrayGeometry) -> bool:
+    return all(np.array_equal(np.asarray(a), np.asarray(b)) for a, b in zip(one, other, strict=True))
+
+
+# Fixes of a drive as the table that people read: WGS-84 positions, sigmas along and across the heading.
+
+
+def fixes_table(fix: Fix, time_s: Float[np.ndarray, " scan"], frame: LocalFrame, ground: GroundMap) -> pd.DataFrame:
+    """The columns of the fixes CSV but the time scale: WGS-84 positions, sigmas along and across the heading."""
+    pose = np.asarray(fix.pose)
+    found = np.isfinite(pose[:, 0])
+    # Fixes lie metres from a station; the ground between them is as high as at the nearest one.
+    up = np.zeros(len(pose))
+    up[found] = np.nan_to_num(ground.ground_up_at(pose[found, :2]))
+    latitude, longitude, height = frame.to_geodetic(
+        np.where(found, pose[:, 0], 0.0), np.where(found, pose[:, 1], 0.0), np.where(found, up + pose[:, 2], 0.0)
+    )
+    blank = np.where(found, 1.0, np.nan)
+    along, cross = sigmas_along_cross(np.asarray(fix.covariance), pose[:, 3])
+    return pd.DataFrame(
+        {
+            "scan": np.arange(len(time_s)),
+            "time_s": time_s,
+            "latitude_deg": latitude * blank,
+            "longitude_deg": longitude * blank,
+            "height_m": height * blank,
+            "heading_deg": frame.heading_of_yaw(pose[:, 3], longitude),
+            "roll_deg": np.degrees(pose[:, 4]),
+            "sigma_along_m": along,
+            "sigma_cross_m": cross,
+            "correlation": fix.correlation,
+            "margin": fix.margin,
+            "overlap_channels": fix.overlap_channels,
+            "code": [Code(int(code)).label for code in fix.code],
+            "p_false": fix.p_false,
+            "window_m": fix.window_m,
+        }
+    )
+
+
+# Polarity, time zero, gain and direction of a surveyed line against a map, found from the match itself.
+#
+# Antennas of hand-drawn radars are turned about, recorders are set up anew every morning, and a line's start is where
+# its sheet says. Against a map of another day or another instrument a drive then scores nothing, or less than nothing.
+# A few stretches of it are matched with each of a few hypotheses; those that are no match score as foreign ground
+# does, so that the chances of all pieces together (Fisher's method) say which one is right, or that none is.
+
+_STRETCHES, _STRETCH_M = 3, 16.0
+_SHIFT_PERIODS = 0.2
+"""Between hypotheses of the time zero: a match's own width is more."""
+_FARTHEST = 8
+_SHARE = 0.01
+"""Of the risk, that foreign ground brings a hypothesis about."""
+_MAIN_LOBE = 3.0
+"""Evidence of the best sign and direction over the others, at which no other time zeros are looked at."""
+_ALIKE = 0.8
+_CLEAR = 1.5
+"""Evidence of the best hypothesis over that of any that is not its neighbour."""
+
+
+class _Evidence(NamedTuple):
+    """Chances of a drive's pieces together, as Fisher's chi-square and its chance; ``pieces`` that told anything."""
+
+    total: float
+    chance: float
+    pieces: int
+
+
+def may_be_misaligned(log: DriveLog) -> bool:
+    """Whether a drive was imported from lines, whose headers are filled in by hand."""
+    return "lines" in log.description.provenance and isinstance(log.description.recording, TraceRecording)
+
+
+def reversed_track(track: Track) -> Track:
+    """The same places in the opposite order, as a vehicle drives them that reverses: antennas keep their sides."""
+    return track._replace(
+        pose=track.pose[::-1],
+        travel_m=-track.travel_m,
+        speed_mps=-track.speed_mps,
+        sigma_m=track.sigma_m[::-1],
+        sigma_yaw_rad=track.sigma_yaw_rad[::-1],
+    )
+
+
+def find_alignment(
+    source: MapFile, log: DriveLog, track: Track, options: RegisterOptions, held: HeldGround
+) -> Alignment:
+    """The hypothesis that the drive's ground agrees with, if one does; else ``AS_STATED``.
+
+    What is taken as stated would have been taken so without a look. Another hypothesis is taken only where foreign
+    ground would hardly ever have brought it about, and that chance, of all that were tried, is added to its fixes'.
+
+    Args:
+        source: the map.
+        log: a drive of traces.
+        track: of the drive in the map's frame.
+        options: the search.
+        held: ground of the map.
+    """
+    settings = source.description.settings
+    period_ns = 2e9 / (settings.band_low_hz + settings.band_high_hz)
+    search = replace(options, time_scale=1.0, window_m=None, own_thresholds=None)
+
+    def evidence(alignment: Alignment) -> _Evidence:
+        return _evidence(source, log, track, search, held, alignment)
+
+    assumed = log.description.provenance.get("assumed")
+    either = (False, True) if isinstance(assumed, dict) and "direction" in assumed else (False,)
+    found: dict[Alignment, _Evidence] = {}
+
+    def look(levels: Sequence[bool], steps: Sequence[int]) -> Alignment:
+        """Look at more hypotheses; the best of all so far."""
+        for sign, levelled, step, back in product((1, -1), levels, steps, either):
+            alignment = Alignment(sign, step * _SHIFT_PERIODS * period_ns, levelled, back)
+            if alignment not in found:
+                found[alignment] = evidence(alignment)
+        return max(found, key=lambda key: found[key].total)
+
+    best = look((False,), (0,))
+    if found[best].pieces == 0:
+        return AS_STATED
+    # A wave resembles itself a period later, with the other sign half a period later. At its own place it has one sign,
+    # and is more than there; where it does not look so, every time zero is looked at.
+    plain = found[best].total >= _MAIN_LOBE * max(each.total for key, each in found.items() if key != best)
+    for sign, periods in product((1, -1), (-1.0, -0.5, 0.5, 1.0)) if plain else ():
+        beside = best._replace(sign=sign * best.sign, later_ns=periods * period_ns)
+        found[beside] = evidence(beside)
+        plain &= found[beside].total < found[best].total
+    if not plain:
+        best = look((False,), range(-_FARTHEST, _FARTHEST + 1))
+    if found[best].chance * len(found) > _SHARE * options.risk:
+        best = look((True,), (0,))
+    if best != AS_STATED:
+        for part in (-0.5, 0.5):
+            near = best._replace(later_ns=best.later_ns + part * _SHIFT_PERIODS * period_ns)
+            found[near] = evidence(near)
+        best = max(found, key=lambda key: found[key].total)
+    # Height moves a wave as well: among neighbours that are about as good, the one nearest to what is stated.
+    alike = [
+        key
+        for key, each in found.items()
+        if key._replace(later_ns=best.later_ns) == best
+        and abs(key.later_ns - best.later_ns) < 1.1 * _SHIFT_PERIODS * period_ns
+        and each.total >= _ALIKE * found[best].total
+    ]
+    best = min(alike, key=lambda key: abs(key.later_ns))
+    others = [
+        each.total
+        for key, each in found.items()
+        if (key.sign, key.reversed) != (best.sign, best.reversed)
+        or abs(key.later_ns - best.later_ns) > 2.1 * _SHIFT_PERIODS * period_ns
+    ]
+    tried = len(found)
+    chance = found[best].chance * tried
+    if chance > _SHARE * options.risk:
+        told = f"polarity and time zero as stated: none of {tried} others matches the map better than chance"
+        return AS_STATED._replace(told=told)
+    if found[best].total < _CLEAR * max(others, default=0.0):
+        return AS_STATED._replace(told=f"polarity and time zero as stated: {tried} others are ambiguous")
+    if best == AS_STATED:
+        return AS_STATED
+    parts = [
+        "inverted" if best.sign < 0 else "",
+        f"time zero {best.later_ns:+.2f} ns" if best.later_ns else "",
+        "depths levelled as the map's" if best.levelled else "",
+        "walked the other way" if best.reversed else "",
+    ]
+    told = ", ".join(part for part in parts if part)
+    return best._replace(chance=chance, told=f"against the map: {told} (found among {tried})")
+
+
+def _evidence(
+    source: MapFile, log: DriveLog, track: Track, options: RegisterOptions, held: HeldGround, alignment: Alignment
+) -> _Evidence:
+    moved = reversed_track(track) if alignment.reversed else track
+    operators = live_operators(source, log, moved, alignment)
+    array = log.description.array
+    prepared = held.prepared_for(array)
+    wavelength_m = source.description.settings.wavelength_m
+    piece_m = PIECE_M * max(1.0, wavelength_m)
+    chances: list[float] = []
+    for traces, valid, part in _stretches(log, moved, max(_STRETCH_M, 3.0 * piece_m)):
+        chain = live_chain(held.ground, operators, log.channels, int(operators(1.0).shape[0]))
+        search = EvidenceSearch(prepared, chain, options, held.chance)
+        scans: LiveScans = chain.feed(traces, valid, part, BLOCK_SCANS)
+        path_m, z, area_m2 = search.highest(scans)
+        chance = held.chance.for_windows(search.plan.windows_m, wavelength_m)
+        p = p_foreign(np.nan_to_num(z, nan=0.0), area_m2, chance, float(len(search.plan.windows_m)))
+        piece = np.floor((path_m - path_m[0]) / piece_m)
+        for number in np.unique(piece):
+            own = piece == number
+            if np.isfinite(z[own]).any():
+                chances.append(float(np.clip(np.min(p[own][np.isfinite(z[own])]), 1e-300, 1.0)))
+    total = -2.0 * float(np.sum(np.log(chances))) if chances else 0.0
+    return _Evidence(total, float(chi2.sf(total, 2 * len(chances))) if chances else 1.0, len(chances))
+
+
+def _stretches(log: DriveLog, track: Track, length_m: float) -> Iterator[tuple[np.ndarray, np.ndarray, Track]]:
+    """Some stretches spread over a drive, no longer than a block."""
+    path_m = np.cumsum(np.abs(np.diff(track.travel_m, prepend=track.travel_m[0])))
+    wanted = min(_STRETCHES, max(1, int(path_m[-1] / length_m)))
+    for begin_m in np.linspace(0.0, max(path_m[-1] - length_m, 0.0), wanted):
+        first = int(np.searchsorted(path_m, begin_m))
+        last = min(int(np.searchsorted(path_m, begin_m + length_m)) + 1, first + BLOCK_SCANS, len(path_m))
+        block = next(recording_of(log).blocks(last - first, first))
+        yield block.recorded, block.valid, Track(*(field[first:last] for field in track))
+
+
+@dataclass(frozen=True)
+class RegisteredDrive:
+    """What registering a drive gave, one row a scan, in the map's frame.
+
+    Attributes:
+        table: the columns of the fixes CSV.
+        fix: poses, covariances and quality.
+        track: prior poses and travel.
+        jumps: what was done about jumps of the recorded travel, in a line; None where there are none.
+        alignment: how its traces were changed to be the map's.
+        truth: true poses of the array's centre, where the log holds them.
+        correlation_at_truth: NaN where not known.
+        time_scale: that each scan was matched at.
+        beside_match: see ``DriveFixes``.
+        milliseconds_per_scan: wall time a scan of the drive, reading and all processing included.
+        assumed: what no instrument recorded of the drive, and what stands in for it.
+        away: how far it lies from the map, in words; None where it comes near it.
+        place_assumed: whether nobody said where on the earth the drive, or the map, lies.
+        channels: of the drive.
+    """
+
+    name: str
+    table: pd.DataFrame
+    fix: Fix
+    track: Track
+    jumps: str | None
+    alignment: Alignment
+    truth: Float[np.ndarray, "scan 5"] | None
+    correlation_at_truth: Float[np.ndarray, " scan"]
+    time_scale: Float[np.ndarray, " scan"]
+    beside_match: Float[np.ndarray, "scan 2 2"]
+    milliseconds_per_scan: float
+    assumed: dict[str, str]
+    away: str | None
+    place_assumed: bool
+    channels: int
+
+
+def live_blocks(
+    log: DriveLog, track: Track, truth: Float[np.ndarray, "scan 5"] | None, start: int = 0
+) -> Iterator[LiveBlock]:
+    """Scans of a log from ``start`` on, in blocks of ``BLOCK_SCANS``."""
+    for low, recorded, valid in recording_of(log).blocks(BLOCK_SCANS, start):
+        span = slice(low, low + len(recorded))
+        yield LiveBlock(
+            recorded, valid, Track(*(field[span] for field in track)), None if truth is None else truth[span]
+        )
+
+
+def register_log(
+    source: MapFile,
+    log: DriveLog,
+    options: RegisterOptions,
+    progress: Callable[[int], None] = lambda _: None,
+    led_to: Callable[[Track], Track] = lambda track: track,
+    held: HeldGround | None = None,
+) -> RegisteredDrive:
+    """Register every scan of a drive log.
+
+    Traces stream through in blocks; what is kept is a few hundred bytes a scan.
+
+    Args:
+        source: the database.
+        log: the drive.
+        options: the search.
+        progress: told the number of scans done since the last call.
+        led_to: changes where the vehicle believes to be, to see what is said of ground that cannot match.
+        held: ground of the same map and search, held from drive to drive.
+
+    Raises:
+        InputError: navigation does not span the drive, or the recording misses most of the map's band.
+    """
+    frame = source.description.frame
+    held, array = held or HeldGround(source, options), log.description.array
+    moved: DriveTrack = track_of_drive(log, frame)
+    moved = moved._replace(track=led_to(moved.track))
+    truth = true_poses(log, frame)
+    began = time.perf_counter()
+    alignment = find_alignment(source, log, moved.track, options, held) if may_be_misaligned(log) else AS_STATED
+    if alignment.reversed:
+        moved = moved._replace(track=reversed_track(moved.track))
+    operators = live_operators(source, log, moved.track, alignment)
+    found = register_drive(
+        held.ground,
+        operators,
+        array,
+        live_blocks(log, moved.track, truth),
+        options,
+        chance=held.chance,
+        recorded=int(operators(1.0).shape[0]),
+        prepared=held.prepared_for(array),
+    )
+    parts: list[DriveFixes] = []
+    for fixes in found:
+        parts.append(fixes)
+        progress(len(fixes.scan))
+    fix = Fix(*(np.concatenate(field) for field in zip(*(part.fix for part in parts), strict=True)))
+    fix = fix._replace(p_false=np.minimum(np.asarray(fix.p_false) + alignment.chance, 1.0))
+    took_s = time.perf_counter() - began
+    time_scale = np.concatenate([part.time_scale for part in parts])
+    return RegisteredDrive(
+        name=log.path.name.removesuffix(".drive.h5"),
+        table=fixes_table(fix, log.scan_time_s, frame, held.ground).assign(time_scale=time_scale),
+        fix=fix,
+        track=moved.track,
+        jumps=jump_line(moved),
+        alignment=alignment,
+        truth=truth,
+        correlation_at_truth=np.concatenate([part.correlation_at_truth for part in parts]),
+        time_scale=time_scale,
+        beside_match=np.concatenate([part.beside_match for part in parts]),
+        milliseconds_per_scan=1e3 * took_s / log.scans,
+        assumed=assumed_of(log.description.provenance),
+        away=away_in_words(source, log),
+        place_assumed=is_place_assumed(source, log),
+        channels=log.channels,
+    )
+
+
+def true_poses(log: DriveLog, frame: LocalFrame) -> Float[np.ndarray, "scan 5"] | None:
+    """True poses of the array's centre; NaN where the truth does not reach."""
+    known, time_s = log.description.truth, log.scan_time_s
+    if known is None:
+        return None
+    pose = poses_of(known, time_s, frame, log.description.array)[0]
+    # Half a scan period of slack: the truth's clock may end a rounding error before the last scan.
+    slack_s = 0.5 * float(np.median(np.diff(time_s)))
+    reached = (time_s >= known.time_s[0] - slack_s) & (time_s <= known.time_s[-1] + slack_s)
+    return np.where(reached[:, None], pose, np.nan)
+
+
+def write_registered(
+    drive: RegisteredDrive,
+    source: MapFile,
+    log: DriveLog,
+    options: RegisterOptions,
+    folder: Path,
+    force: bool,
+    sha256: tuple[str, str] | None = None,
+) -> None:
+    """Write ``DRIVE.fixes.csv`` and ``DRIVE.fixes.h5``; both appear, or neither.
+
+    ``sha256`` is that of the map's file and of the log's where both are known; else they are read.
+    """
+    map_sha256, drive_sha256 = sha256 or (file_hash(source.path), file_hash(log.path))
+    own = options.own_thresholds
+    thresholds = None if own is None else {name: float(value) for name, value in own._asdict().items()}
+    provenance = {
+        "program": f"lgprjax {__version__}",
+        "map": {"file": source.path.name, "sha256": map_sha256},
+        "drive": {"file": log.path.name, "sha256": drive_sha256},
+        "search_m": "from the log's own sigma" if options.search_m is None else options.search_m,
+        "window_m": "shortest that reaches the risk" if options.window_m is None else options.window_m,
+        "risk": options.risk,
+        "time_scale": "found along the drive" if options.time_scale is None else options.time_scale,
+        "seed": options.seed,
+        "thresholds": thresholds,
+        "against_the_map": drive.alignment._asdict(),
+        "chain": source.description.settings.as_provenance(),
+    }
+    frame = source.description.frame
+    attributes = {
+        "name": drive.name,
+        "map": source.description.name,
+        "t0_utc": log.description.t0_utc,
+        "anchor_latitude_deg": frame.latitude_deg,
+        "anchor_longitude_deg": frame.longitude_deg,
+        "anchor_height_m": frame.height_m,
+        "provenance": provenance,
+    }
+    write_fixes(
+        folder / f"{drive.name}.fixes.csv",
+        folder / f"{drive.name}.fixes.h5",
+        drive.table,
+        attributes=attributes,
+        pose_m=np.asarray(drive.fix.pose),
+        covariance=np.asarray(drive.fix.covariance, dtype=np.float32),
+        force=force,
+    )

@@ -1,0 +1,256 @@
+"""A vehicle file as the parts that kinematics, simulation, navigation and the runtime take."""
+
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import jax.numpy as jnp
+
+from lgprjax.coverage import CarrotSettings, PatternSettings, Tool, default_carrot
+from lgprjax.errors import InputError
+from lgprjax.formats import VehicleFile, with_values
+from lgprjax.navigation import FilterModel, SkidModel, default_model, default_skid_model
+from lgprjax.vehicle import (
+    Chassis,
+    MeasuredRear,
+    Pedal,
+    Pedals,
+    ProportionalRear,
+    Rear,
+    Servo,
+    SkidSteer,
+    zero_slip_point,
+)
+
+
+def chassis_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Chassis:
+    """The chassis that a file describes, scalars in float32.
+
+    Measured rear wheel angles, where the file has them, come before ``steering.rear_ratio``. Without a characteristic
+    speed nothing is lost to slip.
+
+    Args:
+        vehicle: a counter-steered one.
+        path: its file, for errors.
+
+    Raises:
+        InputError: a skid-steered vehicle, or a number that is needed is not in the file.
+    """
+    if vehicle.steering_kind != "counter_steer":
+        raise InputError(path, "steering_kind", "counter_steer", repr(vehicle.steering_kind))
+    steering = vehicle.steering
+    if vehicle.rear_map is not None:
+        held = vehicle.rear_map
+        knots = jnp.asarray(held.rear_rad, jnp.float32)
+        rear: Rear = MeasuredRear(jnp.float32(held.first_rad), jnp.float32(held.step_rad), knots)
+    else:
+        rear = ProportionalRear(jnp.float32(_needed(path, "steering.rear_ratio", steering.rear_ratio)))
+    speed = steering.characteristic_speed_mps
+    return Chassis(
+        wheelbase_m=jnp.float32(_needed(path, "chassis.wheelbase_m", vehicle.chassis.wheelbase_m)),
+        anchor_m=jnp.float32(_needed(path, "pursuit.anchor_m", vehicle.pursuit.anchor_m)),
+        rear=rear,
+        largest_angle_rad=jnp.float32(
+            _needed(path, "steering.largest_wheel_angle_rad", steering.largest_wheel_angle_rad)
+        ),
+        characteristic_speed_mps=jnp.float32(float("inf") if speed is None else speed),
+    )
+
+
+def servo_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Servo:
+    """The servo that a file describes, scalars in float32: each part that the file does not tell is off.
+
+    Lag and rate must be told. Without voltages the torque is full at any supply from 1 V.
+
+    Args:
+        vehicle: the vehicle.
+        path: its file, for errors.
+
+    Raises:
+        InputError: a number that is needed is not in the file, or one voltage without the other.
+    """
+    steering = vehicle.steering
+    if (steering.nominal_v is None) != (steering.stall_v is None):
+        absent = "nominal_v" if steering.nominal_v is None else "stall_v"
+        raise InputError(path, f"steering.{absent}", "nominal_v and stall_v, or neither", "none")
+    return Servo(
+        lag_s=jnp.float32(_needed(path, "steering.lag_s", steering.lag_s)),
+        rate_radps=jnp.float32(_needed(path, "steering.largest_wheel_rate_radps", steering.largest_wheel_rate_radps)),
+        delay_s=jnp.float32(steering.delay_s or 0.0),
+        dead_band_rad=jnp.float32(steering.dead_band_rad or 0.0),
+        backlash_rad=jnp.float32(steering.backlash_rad or 0.0),
+        asymmetry=jnp.float32(steering.asymmetry or 0.0),
+        nominal_v=jnp.float32(1.0 if steering.nominal_v is None else steering.nominal_v),
+        stall_v=jnp.float32(0.0 if steering.stall_v is None else steering.stall_v),
+    )
+
+
+def pedals_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Pedals:
+    """Both pedals that a file describes, scalars in float32.
+
+    Args:
+        vehicle: the vehicle.
+        path: its file, for errors.
+
+    Raises:
+        InputError: a number that is needed is not in the file.
+    """
+    throttle, brake = (
+        Pedal(
+            *(
+                jnp.float32(_needed(path, f"{name}.{key}", getattr(table, key)))
+                for key in ("pre_tension", "dead_zone", "gain_mps2", "lag_s")
+            )
+        )
+        for name, table in (("throttle", vehicle.throttle), ("brake", vehicle.brake))
+    )
+    slows = vehicle.resistance
+    return Pedals(
+        throttle,
+        brake,
+        jnp.float32(_needed(path, "resistance.rolling_mps2", slows.rolling_mps2)),
+        jnp.float32(_needed(path, "resistance.drag_per_s", slows.drag_per_s)),
+    )
+
+
+def filter_model_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> FilterModel:
+    """The navigation filter's model that a file describes: noises that it does not tell are the defaults.
+
+    Without an antenna in the file GNSS positions are taken for those of the rear axle, as drive logs hold them. The
+    point without slip is that of small wheel angles.
+
+    Args:
+        vehicle: a counter-steered one.
+        path: its file, for errors.
+
+    Raises:
+        InputError: a skid-steered vehicle, or a number that is needed is not in the file.
+    """
+    anchor_m = 0.0 if vehicle.pursuit.anchor_m is None else vehicle.pursuit.anchor_m
+    chassis = chassis_of(with_values(vehicle, {"pursuit.anchor_m": anchor_m}, {}), path)
+    told = vehicle.navigation.model_dump(exclude_none=True)
+    model = default_model(
+        zero_slip_m=float(zero_slip_point(chassis, jnp.float32(0.0))),
+        gnss_x_m=told.pop("gnss_x_m", 0.0),
+        gnss_y_m=told.pop("gnss_y_m", 0.0),
+        array_x_m=_needed(path, "array.x_m", vehicle.array.x_m),
+        array_y_m=0.0,
+    )
+    return model._replace(**{name: jnp.float32(value) for name, value in told.items()})
+
+
+def _needed(path: str | Path, place: str, value: float | None) -> float:
+    if value is None:
+        raise InputError(path, place, "a number (the study that finds it comes first)", "none")
+    return value
+
+
+# A skid-steer vehicle's file as the parts that navigation, guidance, coverage and its plans take.
+
+
+class SkidVehicle(NamedTuple):
+    """What a skid-steer vehicle is: how it moves, how it is navigated by, what it works with."""
+
+    vehicle: SkidSteer
+    model: SkidModel
+    tool: Tool
+
+
+def skid_setup_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> SkidVehicle:
+    """Kinematics, navigation model and tool that a file describes.
+
+    Without an antenna in the file GNSS positions are taken for those of the reference point.
+
+    Args:
+        vehicle: a skid-steer one.
+        path: its file, for errors.
+
+    Raises:
+        InputError: another kind of vehicle, or a number that is needed is not in the file.
+    """
+    tool = tool_of(vehicle, path)
+    table = vehicle.skid_steer
+    track_m = _skid_needed(path, "skid_steer.track_m", table.track_m)
+    steer = SkidSteer(
+        track_m=jnp.float32(track_m),
+        largest_wheel_mps=jnp.float32(_skid_needed(path, "skid_steer.largest_wheel_mps", table.largest_wheel_mps)),
+        wheel_rate_mps2=jnp.float32(_skid_needed(path, "skid_steer.wheel_rate_mps2", table.wheel_rate_mps2)),
+        smallest_radius_m=jnp.float32(_skid_needed(path, "skid_steer.smallest_radius_m", table.smallest_radius_m)),
+    )
+    model = default_skid_model(
+        track_m=track_m,
+        gnss_x_m=vehicle.navigation.gnss_x_m or 0.0,
+        gnss_y_m=vehicle.navigation.gnss_y_m or 0.0,
+    )
+    return SkidVehicle(steer, model, tool)
+
+
+def tool_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Tool:
+    """The tool that a file describes; in the vehicle's middle unless the file says otherwise.
+
+    Raises:
+        InputError: another kind of vehicle, or a number that is needed is not in the file.
+    """
+    _require_skid_steer(vehicle, path)
+    table = vehicle.tool
+    return Tool(
+        width_m=_skid_needed(path, "tool.width_m", table.width_m),
+        length_m=_skid_needed(path, "tool.length_m", table.length_m),
+        ahead_m=_skid_needed(path, "tool.ahead_m", table.ahead_m),
+        left_m=table.left_m or 0.0,
+    )
+
+
+def carrot_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> CarrotSettings:
+    """Settings of the carrot: the defaults for the vehicle's smallest radius, and whatever the file tells.
+
+    Raises:
+        InputError: another kind of vehicle, or the smallest radius is not in the file.
+    """
+    _require_skid_steer(vehicle, path)
+    radius_m = _skid_needed(path, "skid_steer.smallest_radius_m", vehicle.skid_steer.smallest_radius_m)
+    told = vehicle.carrot.model_dump(exclude_none=True)
+    settings = default_carrot(smallest_radius_m=radius_m)
+    return settings._replace(**{name: jnp.float32(value) for name, value in told.items()})
+
+
+def pattern_settings_of(
+    vehicle: VehicleFile,
+    path: str | Path = "vehicle file",
+    *,
+    overlap: float,
+    order: Literal["zamboni", "boustrophedon"],
+    turning_room_m: float,
+    heading_rad: float | None,
+) -> PatternSettings:
+    """Settings of a pattern for a vehicle.
+
+    Args:
+        vehicle: a skid-steer one.
+        path: its file, for errors.
+        overlap, order, turning_room_m, heading_rad: as in ``PatternSettings``.
+
+    Raises:
+        InputError: another kind of vehicle, a number that is needed is not in the file, or a setting out of its range.
+    """
+    tool = tool_of(vehicle, path)
+    return PatternSettings(
+        tool_width_m=tool.width_m,
+        overlap=overlap,
+        order=order,
+        smallest_radius_m=_skid_needed(path, "skid_steer.smallest_radius_m", vehicle.skid_steer.smallest_radius_m),
+        turning_room_m=turning_room_m,
+        tool_ahead_m=tool.ahead_m,
+        tool_left_m=tool.left_m,
+        heading_rad=heading_rad,
+    )
+
+
+def _require_skid_steer(vehicle: VehicleFile, path: str | Path) -> None:
+    if vehicle.steering_kind != "skid_steer":
+        raise InputError(path, "steering_kind", "skid_steer", repr(vehicle.steering_kind))
+
+
+def _skid_needed(path: str | Path, place: str, value: float | None) -> float:
+    if value is None:
+        raise InputError(path, place, "a number, measured for the vehicle", "none")
+    return value

@@ -1,0 +1,40 @@
+"""A worker of an archive run: registers the drives it is handed (``python -m lgprjax.batch.worker DESCRIPTOR``).
+
+The pool speaks to it over a connection: an ``ArchiveRun`` first, which it answers with True or with why it cannot
+begin, then pairs of a ``Job`` and the number of the attempt, which it answers with None or with why the job failed. It
+ends when the other end closes, so that none outlives its pool by more than a drive.
+"""
+
+import sys
+from multiprocessing.connection import Connection
+
+from lgprjax.batch.jobs import DriveJobs
+from lgprjax.errors import InputError
+
+
+def main() -> None:
+    """The program."""
+    connection = Connection(int(sys.argv[1]))
+    try:
+        _serve(connection)
+    except (EOFError, BrokenPipeError, ConnectionResetError, KeyboardInterrupt):
+        return
+
+
+def _serve(connection: Connection) -> None:
+    try:
+        jobs = DriveJobs(connection.recv())
+    except InputError as error:
+        connection.send(error)
+        return
+    try:
+        connection.send(True)
+        while True:
+            job, attempt = connection.recv()
+            connection.send(jobs.do(job, attempt))
+    finally:
+        jobs.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,390 @@
+"""Worker processes of this machine: started, handed drive after drive, replaced when they die, ended in order."""
+
+import os
+import queue
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from importlib.metadata import entry_points
+from multiprocessing import Pipe
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple
+
+import lgprjax
+from lgprjax.batch.jobs import ArchiveRun, Job
+from lgprjax.errors import InputError
+
+# What a worker process is started with: its share of the cores, its GPU, the package it came from.
+
+
+def gpus() -> list[str]:
+    """Numbers of the GPUs that JAX would use here, as ``CUDA_VISIBLE_DEVICES`` counts them; JAX is not started."""
+    wanted = os.environ.get("JAX_PLATFORMS") or "cuda"
+    plugins = [plugin.name for plugin in entry_points(group="jax_plugins")]
+    if not re.search("cuda|gpu", wanted) or not any("cuda" in name for name in plugins):
+        return []
+    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
+    if visible is not None:
+        return [number.strip() for number in visible.split(",") if number.strip()]
+    found = [re.fullmatch(r"nvidia(\d+)", path.name) for path in Path("/dev").glob("nvidia*")]
+    return sorted((number.group(1) for number in found if number is not None), key=int)
+
+
+def thread_variables(threads: int) -> dict[str, str]:
+    """Variables that hold BLAS and XLA to so many threads; each reads them when it starts.
+
+    Equal threads, equal bits: how many share a sum decides in which order it is added.
+    """
+    eigen = f"--xla_cpu_multi_thread_eigen={'true' if threads > 1 else 'false'}"
+    return {
+        **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NPROC"), str(threads)),
+        "XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {eigen}".strip(),
+    }
+
+
+def worker_environment(threads: int, gpu: str | None) -> dict[str, str]:
+    """The environment of a worker.
+
+    Args:
+        threads: it is held to.
+        gpu: it is given, and no other; None for the CPU.
+    """
+    root = str(Path(lgprjax.__file__).resolve().parents[1])
+    path = os.pathsep.join(part for part in (root, os.environ.get("PYTHONPATH", "")) if part)
+    environment = {**os.environ, **thread_variables(threads), "PYTHONPATH": path}
+    if gpu is not None:
+        environment["CUDA_VISIBLE_DEVICES"] = gpu
+        # Sums by atomic additions come out differently from run to run.
+        environment["XLA_FLAGS"] += " --xla_gpu_deterministic_ops=true"
+    return environment
+
+
+# One worker process and the connection to it: asked, answered, found dead, ended.
+
+_ENDING_S = 10.0  # a compile cannot be interrupted
+
+
+class WorkerDiedError(Exception):
+    """A worker ended before it answered; one line says how."""
+
+
+class WorkerProcess:
+    """A process that registers drives.
+
+    Args:
+        program: its command line, to which the number of its connection's descriptor is added.
+        environment: it is started with.
+
+    Attributes:
+        number: of the process.
+        drive: that it has now; empty for none.
+    """
+
+    def __init__(self, program: Sequence[str], environment: Mapping[str, str]) -> None:
+        self.drive = ""
+        self._connection, theirs = Pipe()
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115  # closed with the process
+        with theirs:
+            self._process = subprocess.Popen(
+                [*program, str(theirs.fileno())],
+                env=environment,
+                pass_fds=(theirs.fileno(),),
+                stdin=subprocess.DEVNULL,
+                stdout=self._said,
+                stderr=self._said,
+                # What a terminal sends reaches the pool alone, which ends its workers in order.
+                start_new_session=True,
+            )
+        self.number = self._process.pid
+
+    def begin(self, run: ArchiveRun) -> None:
+        """Hand it the run. Raises ``InputError`` where it may not begin, ``WorkerDiedError`` where it ended."""
+        answer = self._asked(run)
+        if isinstance(answer, InputError):
+            raise answer
+
+    def do(self, job: Job, attempt: int) -> InputError | None:
+        """Have a drive registered: why it failed, or None. Raises ``WorkerDiedError`` where it ended over it."""
+        self.drive = job.name
+        answer = self._asked((job, attempt))
+        self.drive = ""
+        assert answer is None or isinstance(answer, InputError)
+        return answer
+
+    def interrupt(self) -> None:
+        """As by Ctrl-C: what it is writing is given up in order."""
+        self._process.send_signal(signal.SIGINT)
+
+    def await_end(self) -> None:
+        """Wait until it ends; kill it where it does not."""
+        try:
+            self._process.wait(_ENDING_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def end(self) -> None:
+        """Close the connection, on which it ends."""
+        self._connection.close()
+        self.await_end()
+        self._said.close()
+
+    def _asked(self, what: object) -> object:
+        try:
+            self._connection.send(what)
+            return self._connection.recv()
+        except (EOFError, OSError):
+            raise WorkerDiedError(self._death()) from None
+
+    def _death(self) -> str:
+        """How it ended, in a line."""
+        try:
+            status = self._process.wait(_ENDING_S)
+        except subprocess.TimeoutExpired:
+            return "a closed connection"
+        if status < 0:
+            return f"signal {-status} ({signal.strsignal(-status)})"
+        self._said.seek(0)
+        last = (self._said.read().decode(errors="replace").strip().splitlines() or [""])[-1]
+        return f"exit {status}" + (f": {last}" if last else "")
+
+
+ATTEMPTS = 3
+"""Workers that a drive may cost, and starts that a worker may take."""
+PROGRAM = (sys.executable, "-m", "lgprjax.batch.worker")
+"""Command line of a worker."""
+
+
+class JobOutcome(NamedTuple):
+    """A job that is over: why it failed, or None; and workers that tried."""
+
+    job: Job
+    error: InputError | None
+    attempts: int
+
+
+class WorkerPool:
+    """Processes that register drives; a context manager. Leaving it ends them, whatever they are at.
+
+    Each is a fresh process, never a fork: JAX does not survive one. A drive whose worker dies is tried again by a
+    new one, ``ATTEMPTS`` times in all.
+
+    Args:
+        run: the run.
+        workers: processes.
+        gpus: numbers of the machine's GPUs, one a worker; empty where there are none.
+        program: command line of a worker, to which the number of its connection's descriptor is added.
+    """
+
+    def __init__(
+        self, run: ArchiveRun, workers: int, *, gpus: Sequence[str] = (), program: Sequence[str] = PROGRAM
+    ) -> None:
+        self._run = run
+        self._workers = workers
+        self._gpus = gpus
+        self._program = program
+        self._todo: queue.SimpleQueue[Job] = queue.SimpleQueue()
+        self._told: queue.SimpleQueue[JobOutcome | BaseException] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        self._live: dict[int, WorkerProcess] = {}
+        self._threads: list[threading.Thread] = []
+        self._serving = 0
+        self._stopping = False
+
+    def __enter__(self) -> "WorkerPool":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._lock:
+            self._stopping = True
+            live = list(self._live.values())
+        for worker in live:
+            worker.interrupt()
+        for worker in live:
+            worker.await_end()
+        for thread in self._threads:
+            thread.join()
+
+    @property
+    def at_work(self) -> dict[int, str]:
+        """The drive that each worker has now, by the number of its process."""
+        with self._lock:
+            return {number: worker.drive for number, worker in self._live.items() if worker.drive}
+
+    def run(self, jobs: Sequence[Job]) -> Iterator[JobOutcome]:
+        """Do all jobs; outcomes as they come.
+
+        Raises:
+            InputError: no worker can begin, so that no job could ever be done.
+        """
+        for job in jobs:
+            self._todo.put(job)
+        self._serving = min(self._workers, len(jobs))
+        for number in range(self._serving):
+            self._threads.append(threading.Thread(target=self._serve, args=(number,), daemon=True))
+        for thread in self._threads:
+            thread.start()
+        for _ in jobs:
+            told = self._told.get()
+            if isinstance(told, BaseException):
+                raise told
+            yield told
+
+    def _serve(self, number: int) -> None:
+        """One worker after another in one place of the pool."""
+        environment = worker_environment(self._run.threads, self._gpus[number] if self._gpus else None)
+        worker: WorkerProcess | None = None
+        try:
+            while (job := self._next()) is not None:
+                outcome: JobOutcome | None = None
+                why = ""
+                for attempt in range(1, ATTEMPTS + 1):
+                    try:
+                        worker = worker or self._start(environment)
+                    except WorkerDiedError as died:
+                        self._give_back(job, died)
+                        return
+                    try:
+                        outcome = JobOutcome(job, worker.do(job, attempt), attempt)
+                        break
+                    except WorkerDiedError as died:
+                        why = str(died)
+                        self._bury(worker)
+                        worker = None
+                        if self._stopping:
+                            return
+                self._told.put(outcome or _lost(job, why))
+        except BaseException as error:  # told where the outcomes are awaited
+            self._told.put(error)
+        finally:
+            if worker is not None:
+                self._bury(worker)
+
+    def _next(self) -> Job | None:
+        with self._lock:
+            if not self._stopping:
+                try:
+                    return self._todo.get_nowait()
+                except queue.Empty:
+                    pass
+            self._serving -= 1
+            return None
+
+    def _give_back(self, job: Job, died: WorkerDiedError) -> None:
+        """Leave a job to the other workers: with fewer of them there may be memory enough."""
+        with self._lock:
+            self._serving -= 1
+            self._todo.put(job)
+            if self._serving or self._stopping:
+                return
+        raise InputError(self._run.map_path, "workers", "a process that opens the map", str(died))
+
+    def _start(self, environment: dict[str, str]) -> WorkerProcess:
+        """A worker that is ready. Raises ``WorkerDiedError`` where none will live, ``InputError`` where none may."""
+        for attempt in range(1, ATTEMPTS + 1):
+            worker = WorkerProcess(self._program, environment)
+            with self._lock:
+                self._live[worker.number] = worker
+                if self._stopping:
+                    worker.interrupt()
+            try:
+                worker.begin(self._run)
+                return worker
+            except WorkerDiedError:
+                self._bury(worker)
+                if attempt == ATTEMPTS or self._stopping:
+                    raise
+            except InputError:
+                self._bury(worker)
+                raise
+        raise AssertionError("unreachable: the last attempt returns or raises")
+
+    def _bury(self, worker: WorkerProcess) -> None:
+        worker.end()
+        with self._lock:
+            self._live.pop(worker.number, None)
+
+
+def _lost(job: Job, why: str) -> JobOutcome:
+    found = f"{ATTEMPTS} that died, the last by {why}"
+    return JobOutcome(job, InputError(job.drive, "registration", "a worker that lives", found), ATTEMPTS)
+
+
+# The same jobs on a cluster that dask.distributed schedules (``pip install "lgprjax[batch]"``).
+#
+# Its workers see map, drives and results under the same paths. Each has a worker process as the pool has them: JAX and
+# BLAS take their number of threads when they start, and dask has started some of them by then. One job at a time runs
+# in it, whatever number of threads dask's worker has.
+
+_CONNECT = "10s"
+_one_at_a_time = threading.Lock()
+_open: dict[ArchiveRun, WorkerProcess] = {}
+
+
+def run_on_scheduler(address: str, run: ArchiveRun, jobs: Sequence[Job]) -> Generator[JobOutcome, None, None]:
+    """Do all jobs on a cluster; outcomes as they come. Leaving it early cancels what has not begun.
+
+    A job whose worker dies is given to another one by the scheduler, as often as its ``allowed-failures`` says.
+
+    Args:
+        address: of the scheduler, as ``tcp://HOST:8786``.
+        run: the run.
+        jobs: of it.
+
+    Raises:
+        InputError: dask.distributed is not installed, or no scheduler answers.
+    """
+    try:
+        from distributed import Client, as_completed
+    except ImportError:
+        expected = 'the optional package distributed (pip install "lgprjax[batch]")'
+        raise InputError("--scheduler", "option", expected, "none") from None
+    try:
+        client = Client(address, timeout=_CONNECT, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError("--scheduler", address, "a scheduler that answers", str(error)) from None
+    with client:
+        futures = {client.submit(do_job, run, job, pure=False, retries=ATTEMPTS - 1): job for job in jobs}
+        try:
+            for future in as_completed(list(futures), loop=client.loop):
+                job, lost = futures[future], future.exception()
+                # Done with: the cluster need not keep it.
+                why = future.result() if lost is None else _lost_on_cluster(job, lost)
+                future.release()
+                yield JobOutcome(job, why, 1)
+        finally:
+            client.cancel(list(futures))
+
+
+def do_job(run: ArchiveRun, job: Job) -> InputError | None:
+    """What a worker of the cluster does: why the job failed, or None. Raises ``WorkerDiedError``: dask tries again."""
+    with _one_at_a_time:
+        try:
+            if run not in _open:
+                _end_all()
+                _open[run] = WorkerProcess(PROGRAM, worker_environment(run.threads, None))
+                _open[run].begin(run)
+            return _open[run].do(job, 1)
+        except WorkerDiedError:
+            _end_all()
+            raise
+        except InputError as error:
+            _end_all()
+            return error
+
+
+def _end_all() -> None:
+    for worker in _open.values():
+        worker.end()
+    _open.clear()
+
+
+def _lost_on_cluster(job: Job, error: BaseException) -> InputError:
+    return InputError(job.drive, "registration", "a worker that lives", f"{type(error).__name__}: {error}")

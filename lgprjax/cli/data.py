@@ -1,0 +1,241 @@
+"""``lgprjax check``: hold files against their schema; measure whether a drive was recorded well."""
+
+import json
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from rich.table import Table
+from rich.text import Text
+from tyro.conf import Positional, arg
+
+from lgprjax.cli.terminal import UsageError, console, progress_bar, require_files, working
+from lgprjax.errors import InputError
+
+if TYPE_CHECKING:
+    from lgprjax.batch import DriveHealth, Stretch
+    from lgprjax.formats import RunSummary
+    from lgprjax.runtime.config import RuntimeConfig
+
+
+_VERDICT_STYLE = {"good": "green", "look": "yellow", "bad": "bold red", "not recorded": "dim"}
+_NOTHING = "–"
+_STRETCHES = 3  # named in the table; all of them are in the JSON
+
+
+@dataclass(frozen=True)
+class Check:
+    """Hold files against the data schema: every place that is not as it should be."""
+
+    files: Annotated[
+        Positional[tuple[Path, ...]],
+        arg(
+            metavar="FILE...",
+            help=".drive.h5, .map.h5, .fixes.h5, .fixes.csv, .route.toml, .vehicle.toml, .cover.geojson, .worked.h5; "
+            "HDF5 of any other name by the schema that it names",
+        ),
+    ]
+    health: bool = False
+    """also measure how well the drive logs were recorded: radar, clock, odometry, GNSS"""
+    json: Path | None = None
+    """also write the findings to this file (with --health: findings and figures)"""
+    force: bool = False
+    """replace that file if it exists"""
+
+    def run(self) -> int:
+        """Check; status 1 if any file cannot be used."""
+        from lgprjax.cli.figures import write_figures
+        from lgprjax.formats import check_file
+
+        require_files(self.files, "files")
+        if self.health and not all(path.name.lower().endswith(".drive.h5") for path in self.files):
+            raise UsageError("--health: expected drive logs only, X.drive.h5")
+        findings, reports = [], []
+        for path in self.files:
+            with working(f"checking {path}"):
+                found = check_file(path)
+            findings += found
+            for finding in found:
+                console.print(str(finding), highlight=False, soft_wrap=True, markup=False)
+            if not found:
+                console.print(f"{path}: ok", highlight=False, soft_wrap=True, markup=False)
+            whole = not any(finding.severity == "error" for finding in found)
+            if whole and path.name.lower().endswith(".drive.h5"):
+                _tell_assumed(path)
+            if self.health and whole:
+                reports.append({"file": str(path), **_measure(path).as_json()})
+        if self.json is not None:
+            plain = [asdict(finding) for finding in findings]
+            figures: object = {"findings": plain, "health": reports} if self.health else plain
+            write_figures(self.json, figures, force=self.force)
+        return int(any(finding.severity == "error" for finding in findings))
+
+
+def _tell_assumed(path: Path) -> None:
+    """What of a drive no instrument recorded."""
+    from lgprjax.formats import DriveLog, assumed_in_words, assumed_of
+
+    with DriveLog.open(path) as log:
+        assumed = assumed_of(log.description.provenance)
+    if assumed:
+        told = f"{path}: assumed, as no instrument recorded it: {assumed_in_words(assumed)}"
+        console.print(told, highlight=False, markup=False, soft_wrap=True)
+
+
+def _measure(path: Path) -> "DriveHealth":
+    from lgprjax.batch import drive_health
+    from lgprjax.formats import DriveLog
+
+    with DriveLog.open(path) as log, progress_bar(f"measuring {path.name}", log.scans) as progress:
+        health = drive_health(log, progress)
+    title = f"{path.name}: {health.scans} scans of {health.channels} channels, {health.travel_m:.1f} m"
+    table = Table("figure", "value", "look / bad at", "verdict", "where", title=title)
+    table.columns[0].no_wrap = True
+    for entry in health.figures:
+        value, limits = _NOTHING, _NOTHING
+        if entry.verdict != "not recorded":
+            value = f"{0.0 if abs(entry.value) < 1e-6 else entry.value:.3g} {entry.unit}".strip()
+            limits = f"{entry.look:g} / {entry.bad:g}"
+        verdict = Text(entry.verdict, _VERDICT_STYLE[entry.verdict])
+        table.add_row(entry.name, value, limits, verdict, _where(entry.where))
+    console.print(table)
+    for entry in health.figures:
+        if entry.verdict != "good":
+            console.print(f"{entry.verdict}: {entry.name}: {entry.meaning}", highlight=False, markup=False)
+    for name, why in health.not_measured:
+        console.print(f"not measured: {name}: {why}", highlight=False, markup=False, style="dim")
+    beside = f"; not recorded, and not judged: {', '.join(health.assumed)}" if health.assumed else ""
+    console.print(f"{path}: recording {health.verdict}{beside}", highlight=False, markup=False, soft_wrap=True)
+    return health
+
+
+def _where(stretches: "tuple[Stretch, ...]") -> str:
+    """The first stretches in metres of travel, channels named."""
+    parts = []
+    for stretch in stretches[:_STRETCHES]:
+        channel = "" if stretch.channel is None else f"channel {stretch.channel}: "
+        parts.append(f"{channel}{stretch.start_m:.1f}-{stretch.stop_m:.1f} m")
+    more = len(stretches) - _STRETCHES
+    return ", ".join(parts) + (f", {more} more" if more > 0 else "")
+
+
+# ``lgprjax export``: drives and their fixes for other programs.
+
+_SUFFIX = ".mcap"
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a drive, and its fixes, as ROS 2 messages in an MCAP file (needs: pip install lgprjax[log]).
+
+    ROS 2 tools and Foxglove read it: scans as recorded, GNSS/INS as NavSatFix and Imu, travel as Odometry, fixes that
+    are ok as PoseWithCovarianceStamped in the map's frame and NavSatFix. lgprjax import mcap makes a drive log of it.
+    """
+
+    drive: Annotated[Positional[Path], arg(metavar="DRIVE", help="drive log, X.drive.h5")]
+    output: Annotated[Path, arg(aliases=["-o"], metavar="X.mcap", help="recording to write")]
+    fixes: Annotated[Path | None, arg(metavar="X.fixes.h5")] = None
+    """fixes of the drive, as lgprjax register wrote them"""
+    force: bool = False
+    """replace an output that exists"""
+
+    def run(self) -> None:
+        """Export."""
+        if not self.output.name.endswith(_SUFFIX):
+            raise UsageError(f"--output: expected a file name that ends in {_SUFFIX}, found {self.output.name!r}")
+        from lgprjax.formats import export_mcap
+
+        with working(f"writing {self.output}"):
+            exported = export_mcap(self.drive, self.output, fixes=self.fixes, force=self.force)
+        poses = "" if self.fixes is None else f", {exported.poses} fixes that are ok"
+        self._say(f"wrote {self.output}: {exported.scans} scans{poses}")
+        if exported.left_out:
+            self._say(f"not in it, there are no messages for them: {', '.join(exported.left_out)}")
+
+    def _say(self, line: str) -> None:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+# ``lgprjax recover``: what a recorded run still holds, and a drive log out of it.
+
+_RECOVER_SUFFIX = ".drive.h5"
+
+
+@dataclass(frozen=True)
+class Recover:
+    """Save a recorded run, whole or cut short by a power cut: every whole record, as a drive log.
+
+    Map and vehicle file are those of the run's configuration unless told otherwise.
+    """
+
+    folder: Annotated[Positional[Path], arg(metavar="RUN_FOLDER", help="folder of the run, with its .lgprun segments")]
+    output: Annotated[Path, arg(aliases=["-o"], metavar="X.drive.h5", help="drive log to write")]
+    map: Path | None = None
+    """database that was driven on, where it lies elsewhere now"""
+    vehicle: Path | None = None
+    """vehicle file, where it lies elsewhere now"""
+    force: bool = False
+    """replace an output that exists"""
+
+    def run(self) -> None:
+        """Recover."""
+        if not self.output.name.endswith(_RECOVER_SUFFIX):
+            raise UsageError(
+                f"--output: expected a file name that ends in {_RECOVER_SUFFIX}, found {self.output.name!r}"
+            )
+        if self.output.exists() and not self.force:
+            raise InputError(self.output, "output", "a new file, or --force", "the file exists")
+        from lgprjax.batch import write_run_drive
+        from lgprjax.formats import MapFile, read_run, read_vehicle
+
+        reading = read_run(self.folder)
+        with working(f"reading {self.folder}"):
+            found = reading.summary
+        _tell(found, self.folder)
+        if not found.records:
+            raise InputError(self.folder, "segments", "a whole record", "none: nothing can be saved")
+        config = _config_of(self.folder)
+        vehicle = read_vehicle(self.vehicle or config.path(config.vehicle))
+        with MapFile.open(self.map or config.path(config.map)) as source, working(f"writing {self.output}"):
+            drive = write_run_drive(
+                reading,
+                self.output,
+                source=source,
+                vehicle=vehicle,
+                position_sigma_m=config.sensors.gnss_sigma_m,
+                force=self.force,
+            )
+        left_out = f", {drive.left_out} left out" if drive.left_out else ""
+        told = f"wrote {self.output}: {drive.seconds:.1f} s, {drive.scans} scans{left_out}"
+        console.print(told, highlight=False, markup=False, soft_wrap=True)
+
+
+def _config_of(folder: Path) -> "RuntimeConfig":
+    """The run's configuration, its paths relative to the folder that it was read in."""
+    from lgprjax.runtime.config import read_config
+
+    config = read_config(folder / "config.toml")
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        file = Path(json.loads((folder / "run.json").read_text(encoding="utf-8"))["config"])
+        return config.model_copy(update={"file": file})
+    return config
+
+
+def _tell(found: "RunSummary", folder: Path) -> None:
+    """One table: what is whole, what is not."""
+    table = Table("recording", "found", title=str(folder))
+    table.add_row("segments", str(found.segments))
+    table.add_row("whole records", str(found.records))
+    table.add_row("ended", "interrupted" if found.end is None else found.end)
+    for each in found.cut:
+        table.add_row("cut", f"{each.file} at byte {each.start}: {each.stop - each.start} bytes are no whole record")
+    for each in found.damaged:
+        table.add_row("damaged", f"{each.file}, bytes {each.start} to {each.stop - 1}")
+    for lost in found.missing:
+        table.add_row("lost", f"{lost.last - lost.first + 1} records, numbers {lost.first} to {lost.last}")
+    for ring, count in found.dropped.items():
+        if count:
+            table.add_row("never recorded", f"{count} messages of {ring} found no room")
+    table.add_row("complete", "yes" if found.complete else "no")
+    console.print(table, highlight=False, markup=False)

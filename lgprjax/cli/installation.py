@@ -1,0 +1,240 @@
+"""Does this machine do what lgprjax needs of it: device, arithmetic, memory, disk, projections, pictures?"""
+
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from importlib import metadata, resources
+from pathlib import Path
+from shutil import disk_usage
+from typing import Literal
+
+import numpy as np
+from packaging.requirements import Requirement
+
+import lgprjax
+from lgprjax.machine import usable_cores
+
+# Is what lgprjax needs installed, in the versions it asks for, and whole?
+
+_EXTRA_FOR = {
+    "batch": "register --scheduler",
+    "bench": "the peers of lgprjax bench",
+    "docs": "make docs",
+    "gis": "cover export to GeoPackage",
+    "lint": "make lint, make types",
+    "log": "import mcap, export",
+    "notebook": "notebooks/",
+    "onboard": "lgprjax run",
+    "segy": "import segy",
+    "test": "make test",
+}
+_FOR_DEVELOPERS = {"docs", "lint", "test"}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that was looked at.
+
+    Attributes:
+        name: of it.
+        found: in words.
+        verdict: absent: not installed, and nothing is wrong with that; bad: lgprjax cannot be relied on.
+        advice: what to do; empty where nothing needs to be done.
+    """
+
+    name: str
+    found: str
+    verdict: Literal["good", "absent", "look", "bad"]
+    advice: str = ""
+
+
+def look_at_packages() -> list[Finding]:
+    """lgprjax itself, the packages it needs, and those of its extras."""
+    try:
+        required = [Requirement(line) for line in metadata.requires("lgprjax") or ()]
+        own = Finding("lgprjax", metadata.version("lgprjax"), "good")
+    except metadata.PackageNotFoundError:
+        advice = "it runs from a source tree; install it: make demo, or pip install ."
+        return [Finding("lgprjax", f"{lgprjax.__version__}, not installed", "look", advice), *_data()]
+    core = [requirement for requirement in required if requirement.marker is None]
+    findings = [own, *(_core(requirement) for requirement in core)]
+    extras = sorted(metadata.metadata("lgprjax").get_all("Provides-Extra") or ())
+    for extra in extras:
+        of_it = [r for r in required if r.marker is not None and r.marker.evaluate({"extra": extra})]
+        if extra not in _FOR_DEVELOPERS:
+            findings.append(_extra(extra, of_it))
+    return [*findings, *_data()]
+
+
+def _core(requirement: Requirement) -> Finding:
+    found = _version(requirement.name)
+    advice = f'pip install "{requirement.name}{requirement.specifier}"'
+    if found is None:
+        return Finding(requirement.name, "missing", "bad", advice)
+    if not requirement.specifier.contains(found, prereleases=True):
+        return Finding(requirement.name, f"{found}, asked for {requirement.specifier}", "bad", advice)
+    return Finding(requirement.name, found, "good")
+
+
+def _extra(extra: str, requirements: list[Requirement]) -> Finding:
+    """An extra is there, absent, or half there."""
+    name, serves = f"[{extra}]", _EXTRA_FOR.get(extra, "")
+    advice = f'pip install "lgprjax[{extra}]" ({serves})' if serves else f'pip install "lgprjax[{extra}]"'
+    versions = {requirement.name: _version(requirement.name) for requirement in requirements}
+    there = {package: found for package, found in versions.items() if found is not None}
+    wrong = [
+        f"{requirement.name} {there[requirement.name]}, asked for {requirement.specifier}"
+        for requirement in requirements
+        if requirement.name in there and not requirement.specifier.contains(there[requirement.name], prereleases=True)
+    ]
+    if wrong:
+        return Finding(name, "; ".join(wrong), "look", advice)
+    if len(there) == len(versions):
+        return Finding(name, ", ".join(f"{package} {found}" for package, found in there.items()), "good")
+    missing = ", ".join(package for package in versions if package not in there)
+    # Others bring some of these packages too: what is half there is as good as absent.
+    return Finding(name, f"missing: {missing}", "absent", advice)
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _data() -> list[Finding]:
+    """The formats as data, without which no file can be read."""
+    from lgprjax.formats.schema import load_schema
+
+    names = ("drive", "map", "fixes", "route", "vehicle")
+    try:
+        versions = ", ".join(f"{name} {load_schema(name).version}" for name in names)
+    except (OSError, ValueError, KeyError) as error:
+        return [Finding("data_schema", str(error), "bad", "pip install --force-reinstall lgprjax")]
+    packaged = Path(str(resources.files("lgprjax"))) / "data_schema"
+    where = "of the package" if packaged.is_dir() else "of the source tree"
+    return [Finding("data_schema", f"{versions} ({where})", "good")]
+
+
+_START_S = 120.0
+_LEAST_MEMORY_GB, _LEAST_DISK_GB = 4.0, 2.0
+# In a process of its own: a driver that hangs or crashes must not take the doctor with it.
+_PROBE = """
+import jax, jax.numpy as jnp, numpy as np
+device = jax.devices()[0]
+left = np.random.default_rng(0).normal(size=(256, 256)).astype(np.float32)
+wrong = np.abs(np.asarray(jnp.asarray(left) @ jnp.asarray(left)) - left.astype(np.float64) @ left).max()
+print(len(jax.devices()), device.platform, device.device_kind, wrong, sep="|")
+"""
+_LARGEST_ERROR = 0.05
+"""Of a sum of 256 products about 1: float32 leaves 1e-4, TF32 and bfloat16 more."""
+
+
+def look_at_machine() -> list[Finding]:
+    """Everything that can be looked at without a file of the user's."""
+    findings = [_device(), _cores(), _memory(), _disk(), _projection(), _picture(), _real_time()]
+    return [*findings, *_environment()]
+
+
+def _device() -> Finding:
+    advice = "reinstall jax for this machine, or set JAX_PLATFORMS=cpu"
+    try:
+        done = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, text=True, timeout=_START_S)
+    except subprocess.TimeoutExpired:
+        return Finding("device", f"no answer in {_START_S:g} s", "bad", advice)
+    lines = done.stdout.strip().splitlines()
+    if done.returncode != 0 or not lines:
+        said = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]
+        return Finding("device", said, "bad", advice)
+    count, platform, kind, wrong = lines[-1].split("|")
+    found = f"{count} {platform} ({kind})" if platform != kind else f"{count} {platform}"
+    if float(wrong) > _LARGEST_ERROR:
+        precision = "set JAX_DEFAULT_MATMUL_PRECISION=float32: products of this device are too coarse"
+        return Finding("device", f"{found}, matrix product wrong by {float(wrong):.2g}", "look", precision)
+    return Finding("device", found, "good")
+
+
+def _cores() -> Finding:
+    cores = usable_cores()
+    if cores < 2:
+        return Finding("cores", str(cores), "look", "lgprjax run wants two at least")
+    return Finding("cores", str(cores), "good")
+
+
+def _memory() -> Finding:
+    if not hasattr(os, "sysconf") or "SC_PHYS_PAGES" not in os.sysconf_names:
+        return Finding("memory", "not known", "absent")
+    total_gb = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e9
+    if total_gb < _LEAST_MEMORY_GB:
+        return Finding("memory", f"{total_gb:.1f} GB", "look", f"{_LEAST_MEMORY_GB:g} GB are little for maps of arrays")
+    return Finding("memory", f"{total_gb:.1f} GB", "good")
+
+
+def _disk() -> Finding:
+    here = Path.cwd()
+    free_gb = disk_usage(here).free / 1e9
+    try:
+        with tempfile.TemporaryFile(dir=here) as file:
+            file.write(b"lgprjax")
+    except OSError as error:
+        return Finding("disk", f"{here}: {error.strerror}", "look", "outputs must be written elsewhere")
+    if free_gb < _LEAST_DISK_GB:
+        return Finding("disk", f"{free_gb:.1f} GB free", "look", "a drive of an array is 0.5 MB a second")
+    return Finding("disk", f"{free_gb:.1f} GB free in this folder", "good")
+
+
+def _projection() -> Finding:
+    """Of the point where the equator meets the middle of UTM zone 31."""
+    import pyproj
+
+    advice = "unset PROJ_DATA and PROJ_LIB, or reinstall pyproj: its database belongs to another version"
+    try:
+        east, north = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:32631", always_xy=True).transform(3.0, 0.0)
+    except Exception as error:
+        return Finding("projections", str(error), "bad", advice)
+    if not np.allclose([east, north], [500000.0, 0.0], atol=1e-3):
+        return Finding("projections", f"{east:.3f}, {north:.3f} for 500000, 0", "bad", advice)
+    return Finding("projections", f"PROJ {pyproj.proj_version_str}", "good")
+
+
+def _picture() -> Finding:
+    import matplotlib as mpl
+
+    mpl.use("agg")
+    from matplotlib.figure import Figure
+
+    try:
+        with tempfile.TemporaryFile() as file:
+            Figure().savefig(file)
+    except Exception as error:
+        return Finding("pictures", str(error), "bad", "reinstall matplotlib")
+    return Finding("pictures", f"matplotlib {mpl.__version__}", "good")
+
+
+def _real_time() -> Finding:
+    """Only the onboard runtime asks for it."""
+    if sys.platform != "linux":
+        return Finding("real-time priority", "not on this system", "absent", "lgprjax run goes on without it")
+    allowed = resource.getrlimit(resource.RLIMIT_RTPRIO)[1]
+    if allowed == 0 and os.geteuid() != 0:
+        advice = "for lgprjax run: LimitRTPRIO in the systemd unit, or rtprio in limits.conf"
+        return Finding("real-time priority", "not permitted", "absent", advice)
+    return Finding("real-time priority", "permitted", "good")
+
+
+def _environment() -> list[Finding]:
+    """Variables that change what JAX computes, or where it keeps what it has compiled."""
+    findings = []
+    if os.environ.get("JAX_ENABLE_X64", "0").lower() in {"1", "true"}:
+        advice = "unset it: lgprjax is tested in float32"
+        findings.append(Finding("JAX_ENABLE_X64", os.environ["JAX_ENABLE_X64"], "look", advice))
+    cache = os.environ.get("JAX_COMPILATION_CACHE_DIR")
+    if cache is not None:
+        usable = os.access(cache, os.W_OK) if Path(cache).exists() else os.access(Path(cache).parent, os.W_OK)
+        advice = "" if usable else "it cannot be written: everything is compiled anew each time"
+        findings.append(Finding("JAX_COMPILATION_CACHE_DIR", cache, "good" if usable else "look", advice))
+    return findings

@@ -1,0 +1,334 @@
+"""``run --simulate``: its map and route made where they are missing, and its devices started."""
+
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lgprjax.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+    from lgprjax.runtime.config import RuntimeConfig, SimulationTable
+
+
+_UP_S = 180.0
+_DOWN_S = 60.0
+_PRIORITY = 10
+"""Below what onboard/ gives the control loop."""
+_CRUISE_MPS = 4.4704
+
+
+def prepare_course(config: "RuntimeConfig", table: "SimulationTable") -> None:
+    """Make the files of the configuration that are not there: the map, and its first route.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    database = config.path(config.map)
+    if not database.exists():
+        _make_map(table, database)
+    route = config.path(config.routes[0])
+    if not route.exists():
+        _make_route(config, database, route)
+
+
+def _make_map(table: "SimulationTable", database: Path) -> None:
+    import tempfile
+
+    from lgprjax.mapping import build_map
+    from lgprjax.simulation.loop import OffRoad, make_course
+
+    database.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=database.parent) as name:
+        course = make_course(OffRoad(table.seed, table.length_m, table.scan_share), Path(name))
+        build_map([course.baseline], database)
+
+
+def _make_route(config: "RuntimeConfig", database: Path, route: Path) -> None:
+    from lgprjax.files import file_hash
+    from lgprjax.formats import MapFile, RouteFile, write_route
+    from lgprjax.mapping import routes_of
+
+    with MapFile.open(database) as source:
+        first = routes_of(source)[0]
+    chosen = RouteFile(
+        database,
+        file_hash(database),
+        first.name,
+        0.0,
+        first.length_m,
+        "along",
+        _CRUISE_MPS,
+        1.5,
+        config.path(config.vehicle),
+    )
+    write_route(route, chosen)
+
+
+def course_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, Any]:
+    """What the devices of a course are asked for."""
+    return {
+        "seed": table.seed,
+        "length_m": table.length_m,
+        "scan_share": table.scan_share,
+        "weather": table.weather,
+        "drive_seed": table.drive_seed,
+        "map": str(config.path(config.map)),
+        "script": table.script,
+        "faults": table.faults,
+    }
+
+
+@contextmanager
+def devices(config: "RuntimeConfig", spec: dict[str, Any], folder: Path) -> Iterator[dict[str, str]]:
+    """The simulated devices, for as long as the block lasts: addresses of their lines.
+
+    Args:
+        config: of the run.
+        spec: what they are asked for.
+        folder: where their truth and their messages go.
+
+    Raises:
+        InputError: they did not come up.
+    """
+    spec = {**spec, "ports": str(folder / "ports.json"), "truth": str(folder / "truth.npz")}
+    file = folder / "devices.json"
+    file.write_text(json.dumps(spec, indent=1), encoding="utf-8")
+    told = folder / "devices.log"
+    environment = {**os.environ, "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false", "OMP_NUM_THREADS": "1"}
+    if config.cache is not None:
+        environment["JAX_COMPILATION_CACHE_DIR"] = str(config.path(config.cache))
+        environment["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+    # The world waits for nobody: where it is permitted its devices run before the runtime.
+    first = ["chrt", "--fifo", str(_PRIORITY)] if _may_run_in_real_time() else []
+    with told.open("w", encoding="utf-8") as log:
+        process = subprocess.Popen(
+            [*first, sys.executable, "-P", "-m", "lgprjax.simulation.devices", str(file)],
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env=environment,
+        )
+    try:
+        yield _addresses(process, folder / "ports.json", told)
+    finally:
+        process.terminate()
+        try:
+            process.wait(_DOWN_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+
+
+def _may_run_in_real_time() -> bool:
+    """Whether this process may give another a real-time priority."""
+    if shutil.which("chrt") is None:
+        return False
+    return subprocess.run(["chrt", "--fifo", str(_PRIORITY), "true"], capture_output=True, check=False).returncode == 0
+
+
+def _addresses(process: "subprocess.Popen[bytes]", ports: Path, told: Path) -> dict[str, str]:
+    began_s = time.monotonic()
+    while time.monotonic() - began_s < _UP_S:
+        if ports.exists():
+            addresses: dict[str, str] = json.loads(ports.read_text(encoding="utf-8"))
+            return addresses
+        if process.poll() is not None:
+            break
+        time.sleep(0.1)
+    lines = told.read_text(encoding="utf-8").strip().splitlines() or ["no message"]
+    raise InputError(told, "devices", "the simulated devices to come up", lines[-1])
+
+
+# ``run --simulate`` in a field: its plan made where it is missing, its devices, and what the run was worth.
+
+_BEHIND_M = 8.0
+"""The vehicle stands so far before the plan's start: driving there straight finds its heading."""
+_SPEED = 4
+
+
+def prepare_field(config: "RuntimeConfig", table: "SimulationTable") -> None:
+    """Make the plan of the configuration where it is not there.
+
+    Raises:
+        InputError: nothing says of which field, or it makes no plan, or that cannot be written.
+    """
+    from lgprjax.worked.plans import PlanOptions, make_cover_plan, save_cover_plan
+
+    assert config.coverage is not None
+    if config.coverage.plan is None or config.path(config.coverage.plan).exists():
+        return
+    if table.field is None:
+        raise InputError(config.file, "simulation.field", "the field to plan, as there is no plan yet", "none")
+    output = config.path(config.coverage.plan)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    options = PlanOptions(table.overlap, table.order, table.turning_room_m)
+    plan = make_cover_plan(config.path(table.field), config.path(config.vehicle), options)
+    assert plan is not None
+    save_cover_plan(output, plan)
+
+
+def field_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, Any]:
+    """What the devices of a field are asked for: the vehicle stands before the plan's start.
+
+    Without a plan it stands before the first corner of ``simulation.field``, looking to the second; the frame of
+    ``drive_to`` is about that corner then.
+
+    Raises:
+        InputError: vehicle, plan or field cannot be used.
+    """
+    from lgprjax.formats.coverage_files import read_field
+    from lgprjax.frames import LocalFrame
+    from lgprjax.runtime.control.skid.setup import load_skid
+
+    loaded = load_skid(config)
+    if loaded.frame is None:
+        if table.field is None:
+            raise InputError(config.file, "simulation.field", "the field, as there is no plan", "none")
+        places = read_field(config.path(table.field))
+        frame = LocalFrame(*(float(each[0]) for each in (places.latitude_deg, places.longitude_deg, places.height_m)))
+        east, north, _ = frame.to_local(places.latitude_deg, places.longitude_deg, places.height_m)
+        x, y, yaw = 0.0, 0.0, math.atan2(float(north[1] - north[0]), float(east[1] - east[0]))
+    else:
+        frame = loaded.frame
+        x, y, yaw = (float(number) for number in np.asarray(loaded.route.rows[0, :3], np.float64))
+    start = (x - _BEHIND_M * math.cos(yaw), y - _BEHIND_M * math.sin(yaw), yaw)
+    return {
+        "anchor": (frame.latitude_deg, frame.longitude_deg, frame.height_m),
+        "start": start,
+        "track_m": float(loaded.setup.vehicle.track_m),
+        "gnss_x_m": float(loaded.setup.model.gnss_x_m),
+        "gnss_y_m": float(loaded.setup.model.gnss_y_m),
+        "threshold_mps": float(loaded.setup.threshold_mps),
+        "seed": table.seed,
+        "script": _script(table, (x, y)),
+        "faults": table.faults,
+    }
+
+
+def _script(table: "SimulationTable", start: tuple[float, float]) -> list[dict[str, Any]]:
+    """``drive_to`` without a place leads to the start of the plan."""
+    place = {"x_m": start[0], "y_m": start[1]}
+    return [{**place, **line} if line.get("do") == "drive_to" else line for line in table.script]
+
+
+def field_figures(folder: Path, config: "RuntimeConfig") -> dict[str, Any]:
+    """Figures of a run's folder: the devices' truth against the recording of the runtime.
+
+    What is told of tracking and of the estimate is told of the time in which the plan was driven.
+
+    Raises:
+        InputError: a file that the run was driven with cannot be used.
+    """
+    from lgprjax.formats import read_run
+    from lgprjax.runtime.control.skid.setup import load_skid
+    from lgprjax.runtime.messages import COVER, SKID_PLAN, Kind, unpack
+
+    ticks: list[int] = []
+    plans: list[tuple[int, np.void]] = []
+    covers: list[tuple[int, np.void]] = []
+    for _, data in read_run(folder):
+        record = unpack(data)
+        if record.kind is Kind.TICK:
+            ticks.append(record.mono_ns)
+        elif record.kind is Kind.SKID_PLAN:
+            plans.append((record.mono_ns, np.frombuffer(record.payload, SKID_PLAN)[0]))
+        elif record.kind is Kind.COVER:
+            covers.append((record.mono_ns, np.frombuffer(record.payload, COVER)[0]))
+    figures: dict[str, Any] = {"ticks": len(ticks)}
+    period = np.diff(np.array(ticks, np.float64)) / 1e6
+    if len(period):
+        shares = (("p50", 50.0), ("p99", 99.0), ("p99_9", 99.9), ("largest", 100.0))
+        figures |= {f"period_{name}_ms": float(np.percentile(period, share)) for name, share in shares}
+    if not plans:
+        return figures
+    rows = np.array([row for _, row in plans], SKID_PLAN)
+    figures["modes"] = {str(mode): int(np.sum(rows["mode"] == mode)) for mode in np.unique(rows["mode"])}
+    drives = rows["mode"] == _SPEED
+    loaded = load_skid(config)
+    figures["passes"], figures["passes_driven"] = loaded.lines, _passes(rows, drives)
+    figures["times_taken_over"] = int(np.sum(np.diff(drives.astype(int)) == -1))
+    figures["to_go_m"] = float(rows["to_go_m"][drives][-1]) if drives.any() else math.nan
+    truth = folder / "truth.npz"
+    if truth.exists() and drives.any():
+        times_ns = np.array([time_ns for time_ns, _ in plans])
+        figures |= _against_truth(truth, times_ns[drives], rows[drives])
+    if covers and loaded.name is not None:
+        figures |= _worked(config, covers)
+    return figures
+
+
+def _passes(rows: np.ndarray, drives: np.ndarray) -> int:
+    """Lines that were driven to their end: another one, or the plan's end, came after them."""
+    lines = rows["line"][drives & (rows["line"] >= 0)]
+    if not len(lines):
+        return 0
+    ended = bool(rows["to_go_m"][drives][-1] < 1.0)
+    return len(np.unique(lines)) - (0 if ended else 1)
+
+
+def _against_truth(path: Path, times_ns: np.ndarray, rows: np.ndarray) -> dict[str, float]:
+    with np.load(path) as truth:
+        at = {name: np.interp(times_ns, truth["mono_ns"], truth[name]) for name in ("x_m", "y_m", "yaw_rad")}
+        fixed = np.interp(times_ns, truth["mono_ns"], truth["gnss_on"]) > 0.5
+        told = {f"devices_{name}": float(truth[name]) for name in ("cpu_share", "late_ticks") if name in truth}
+    pose = rows["pose"]
+    off = pose[:, :2] - np.stack([at["x_m"], at["y_m"]], axis=1)
+    turned = np.degrees((pose[:, 2] - at["yaw_rad"] + np.pi) % (2.0 * np.pi) - np.pi)
+    # To the left of the way: the route's own direction is the estimate's less its error.
+    way = pose[:, 2] - rows["heading_error_rad"]
+    cross = rows["cross_m"] - (np.cos(way) * off[:, 1] - np.sin(way) * off[:, 0])
+    line = rows["line"] >= 0
+    nees = (
+        np.concatenate([off, np.radians(turned)[:, None]], axis=1) ** 2 / np.maximum(rows["sigma"], 1e-9) ** 2
+    ).mean(axis=0)
+    figures = {
+        "position_rms_fixed_m": _rms(np.hypot(*off[fixed].T)),
+        "position_rms_m": _rms(np.hypot(*off.T)),
+        "position_largest_m": float(np.hypot(*off.T).max()),
+        "cross_track_rms_fixed_m": _rms(cross[line & fixed]),
+        "cross_track_rms_m": _rms(cross[line]),
+        "cross_track_largest_m": float(np.abs(cross[line]).max()) if line.any() else math.nan,
+        "heading_rms_deg": _rms(turned),
+        "heading_largest_deg": float(np.abs(turned).max()),
+        "share_fixed": float(np.mean(fixed)),
+    }
+    squares = {
+        f"squared_error_over_variance_{name}": float(value) for name, value in zip(("x", "y", "yaw"), nees, strict=True)
+    }
+    return {**figures, **squares, **told}
+
+
+def _worked(config: "RuntimeConfig", covers: "list[tuple[int, np.void]]") -> dict[str, float]:
+    """Share of the field worked at 95 %, by the map's own rule."""
+    from lgprjax.coverage import CellState, cell_states, grid_of_field, inside_cells
+    from lgprjax.coverage.field import Field
+    from lgprjax.runtime.control.skid.setup import load_skid
+    from lgprjax.runtime.coverage.worked_map import WorkedMap
+
+    assert config.coverage is not None
+    loaded = load_skid(config)
+    field = Field(loaded.perimeter_m)
+    grid = grid_of_field(field, config.coverage.cell_m, loaded.setup.tool.width_m)
+    held = WorkedMap(grid, loaded.setup.tool)
+    for time_ns, cover in covers:
+        held.take(cover, time_ns)
+    inside = inside_cells(field, grid)
+    states = cell_states(held.probability(), 0.95)[inside]
+    return {
+        "worked_share_95": float(np.mean(states == CellState.PROCESSED)),
+        "not_worked_share_95": float(np.mean(states == CellState.NOT_PROCESSED)),
+    }
+
+
+def _rms(values: "Float[np.ndarray, '...']") -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan

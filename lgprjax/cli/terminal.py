@@ -1,0 +1,87 @@
+"""Progress bars on standard error, so that results on standard output stay clean."""
+
+import errno
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+from lgprjax.errors import InputError
+
+# Names of files and extras may hold brackets: none of what is printed is markup.
+console = Console(markup=False)
+
+
+class Bar:
+    """A bar on the screen: call it with how much has been done since the last call."""
+
+    def __init__(self, progress: Progress, task: TaskID) -> None:
+        self._progress, self._task = progress, task
+
+    def __call__(self, done: int) -> None:
+        """Advance."""
+        self._progress.advance(self._task, done)
+
+    def stage(self, what: str) -> None:
+        """Say what is being done now."""
+        self._progress.update(self._task, description=what)
+
+
+@contextmanager
+def progress_bar(what: str, total: int) -> Iterator[Bar]:
+    """A bar that the block advances by calling what it yields."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        yield Bar(progress, progress.add_task(what, total=total))
+
+
+def working(what: str) -> AbstractContextManager[object]:
+    """A sign of life for work whose length is not known."""
+    return Console(stderr=True).status(what)
+
+
+# Exit statuses: 0 done, 1 bad input with one clear line, 2 usage.
+
+BAD_INPUT = 1
+USAGE = 2
+INTERRUPTED = 130
+
+
+# What a path or a disk can be wrong by; other operating system errors are defects and keep their traceback.
+_ABOUT_FILES = {
+    *(errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EACCES, errno.EROFS, errno.EPERM),
+    *(errno.ENOENT, errno.ENOTDIR, errno.EEXIST, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP),
+}
+
+
+class UsageError(Exception):
+    """Options that make no sense; one line says which."""
+
+
+def require_files(files: Sequence[object], what: str) -> None:
+    """Raise ``UsageError`` where a verb was given no file to work on."""
+    if not files:
+        raise UsageError(f"{what}: expected at least one file, found none")
+
+
+def run_verb(verb: Callable[[], int | None]) -> int:
+    """Run a verb; bad input becomes one line on standard error and status 1."""
+    try:
+        return verb() or 0
+    except InputError as error:
+        print(f"lgprjax: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except UsageError as error:
+        print(f"lgprjax: {error} (see --help)", file=sys.stderr)
+        return USAGE
+    except OSError as error:
+        if error.errno not in _ABOUT_FILES:
+            raise
+        print(f"lgprjax: {error.filename}: {os.strerror(error.errno)}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("lgprjax: interrupted; unfinished outputs were removed", file=sys.stderr)
+        return INTERRUPTED

@@ -1,0 +1,431 @@
+"""The carrot of MF section 2: a goal that waits on the route, then moves on as fast as the vehicle, and a PID.
+
+The error is the angle between the goal line and the way from the vehicle to the carrot. The goal line leads from the
+vehicle's foot on the route to the carrot: on a line of the pattern it is that line itself, as in MF; on an end arc it
+is the chord, so that a vehicle on the arc has no error. With the offset y, the carrot d ahead and the heading ψ the
+error is −y/d, and its change a metre of way −ψ/d; the derivative is taken from this geometry and not from differences,
+so that a fix which moves the estimate is no kick. Gains count by way, not by time: they serve every speed. The law is
+
+    κ = κ_route + P e + I ∫ e ds + D de/ds,
+
+hence s² + (D/d) s + P/d about a line: pure pursuit is P = 2/d, I = 0, D = 2.
+"""
+
+import math
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Int32
+
+from lgprjax.coverage.pattern import Pattern
+from lgprjax.coverage.turns import Pose, poses_along
+from lgprjax.errors import InputError
+from lgprjax.vehicle.kinematics import VehiclePose
+
+# The route of a coverage pattern as a table at even spacing, for guidance: the way of the vehicle's reference point.
+#
+# Each row's curvature is the mean to the next row, so headings join exactly; where an arc begins within a row the
+# place is off by at most a quarter of the spacing's square over the arc's radius: 0.4 mm at 5 cm and 1.5 m. Rows are
+# padded to sizes from a ladder: another pattern of like length is the same to the compiler.
+
+SPACING_M = 0.05
+LEAST_ROWS = 1024
+
+
+class CoverRoute(NamedTuple):
+    """A route in the plan's local frame.
+
+    Attributes:
+        rows: x_m, y_m, yaw_rad (not wrapped), curvature_radpm and tool_on (0 or 1) of the reference point, each good to
+            the next row. The tool is on wherever a line has part of the row's way. Padding goes straight on, tool off.
+        line: number, in driving order from 0, of the line that the row is on; -1 in turns and padding.
+        spacing_m: from row to row.
+        length_m: of the route.
+        count: rows in use; the last is the route's end.
+    """
+
+    rows: Float[Array, "row 5"]
+    line: Int32[Array, " row"]
+    spacing_m: Float[Array, ""]
+    length_m: Float[Array, ""]
+    count: Int32[Array, ""]  # type: ignore[assignment]  # of rows, not the method of tuples
+
+
+class RoutePoint(NamedTuple):
+    """A point of the route.
+
+    Attributes:
+        x_m, y_m: of the reference point.
+        yaw_rad: of the way, not wrapped.
+        curvature_radpm: of the way, positive to the left.
+        tool_on: 1 where the tool works, else 0.
+        line: as in ``CoverRoute``.
+    """
+
+    x_m: Float[Array, "..."]
+    y_m: Float[Array, "..."]
+    yaw_rad: Float[Array, "..."]
+    curvature_radpm: Float[Array, "..."]
+    tool_on: Float[Array, "..."]
+    line: Int[Array, "..."]
+
+
+def lay_pattern(pattern: Pattern, *, spacing_m: float = SPACING_M) -> CoverRoute:
+    """The route along a pattern: its lines and turns in driving order.
+
+    Args:
+        pattern: from ``plan_pattern`` or ``plan_gaps``.
+        spacing_m: the spacing used is at most this, so that it divides the route.
+
+    Raises:
+        InputError: a spacing that is not above zero, or is longer than half the tightest radius.
+    """
+    longest_m = min(1.0, 0.5 * pattern.tightest_radius_m)
+    if not 0.0 < spacing_m <= longest_m:
+        raise InputError("route", "spacing_m", f"above 0 and at most {longest_m:.3f} m", f"{spacing_m:g}")
+    ways = [np.array([[pattern.lines[0].length_m, 0.0]])]
+    for turn, after in zip(pattern.turns, pattern.lines[1:], strict=True):
+        ways += [turn.pieces, np.array([[after.length_m, 0.0]])]
+    lengths_m = np.array([way[:, 0].sum() for way in ways])
+    ends_m = np.cumsum(lengths_m)
+    count = max(math.ceil(ends_m[-1] / spacing_m), 1) + 1
+    step_m = float(ends_m[-1]) / (count - 1)
+    size = LEAST_ROWS
+    while size < count:
+        size *= 2
+    poses = poses_along(_route_start(pattern), np.concatenate(ways), step_m * np.arange(size))
+    curvature = np.zeros(size)
+    curvature[: count - 1] = np.diff(poses[:count, 2]) / step_m
+    line = np.full(size, -1, np.int32)
+    rounding = 1e-6
+    for number in range(len(pattern.lines)):
+        begin, end = ends_m[2 * number] - lengths_m[2 * number], ends_m[2 * number]
+        line[math.floor(begin / step_m + rounding) : math.ceil(end / step_m - rounding)] = number
+    rows = np.concatenate([poses, np.stack([curvature, line >= 0], axis=1)], axis=1)
+    return CoverRoute(
+        jnp.asarray(rows.astype(np.float32)),
+        jnp.asarray(line),
+        jnp.float32(step_m),
+        jnp.float32(ends_m[-1]),
+        jnp.int32(count),
+    )
+
+
+def route_point(route: CoverRoute, arc_m: Float[Array, "..."]) -> RoutePoint:
+    """The route's point at an arc length; before 0 and after the end straight on, with the tool off.
+
+    Args:
+        route: from ``lay_pattern``.
+        arc_m: along it, metres.
+    """
+    number = jnp.clip(jnp.floor(arc_m / route.spacing_m).astype(jnp.int32), 0, route.count - 1)
+    beyond_m = arc_m - number.astype(arc_m.dtype) * route.spacing_m
+    row = route.rows.at[number].get(mode="promise_in_bounds")
+    # The last row is straight with the tool off, as is what lies before the first.
+    on_route = arc_m >= 0.0
+    curvature = jnp.where(on_route, row[..., 3], 0.0)
+    half = 0.5 * beyond_m * curvature
+    chord_m = beyond_m * jnp.sinc(half / jnp.pi)
+    yaw = row[..., 2]
+    return RoutePoint(
+        row[..., 0] + chord_m * jnp.cos(yaw + half),
+        row[..., 1] + chord_m * jnp.sin(yaw + half),
+        yaw + 2.0 * half,
+        curvature,
+        jnp.where(on_route, row[..., 4], 0.0),
+        jnp.where(on_route, route.line.at[number].get(mode="promise_in_bounds"), -1),
+    )
+
+
+def _route_start(pattern: Pattern) -> Pose:
+    """Pose of the reference point where the first line begins."""
+    first, settings = pattern.lines[0], pattern.settings
+    ahead = (first.end_m - first.start_m) / first.length_m
+    left = np.array([-ahead[1], ahead[0]])
+    x, y = first.start_m - settings.tool_ahead_m * ahead - settings.tool_left_m * left
+    return Pose(float(x), float(y), math.atan2(ahead[1], ahead[0]))
+
+
+# A vehicle's place beside a coverage route: the foot is carried on from the last one, never searched globally.
+#
+# Lines of a pattern lie side by side and its turns cross them: the nearest point may belong to another line.
+
+_STEPS = 2
+_FARTHEST_M = 0.5
+"""A step of the search moves the foot by so much at the most: estimates jump, places on a route do not."""
+
+
+class RouteFoot(NamedTuple):
+    """Where a vehicle is beside its route.
+
+    Attributes:
+        arc_m: of the foot; negative before the start.
+        point: of the route there.
+        cross_m: from the route to the vehicle, positive to the left of the driving direction.
+        heading_error_rad: heading less that of the route.
+    """
+
+    arc_m: Float[Array, "..."]
+    point: RoutePoint
+    cross_m: Float[Array, "..."]
+    heading_error_rad: Float[Array, "..."]
+
+
+def route_foot(route: CoverRoute, near_m: Float[Array, ""], pose: VehiclePose) -> RouteFoot:
+    """Foot of a pose near an arc length; one lane, more by ``vmap``. A pose that is no number leaves the arc."""
+    arc_m = near_m
+    for _ in range(_STEPS):
+        point = route_point(route, arc_m)
+        along, left = beside(point, pose)
+        # Near the centre of curvature there is no foot; it is kept from getting there.
+        share = jnp.maximum(1.0 - point.curvature_radpm * left, 0.2)
+        step_m = jnp.clip(along / share, -_FARTHEST_M, _FARTHEST_M)
+        arc_m = arc_m + jnp.where(jnp.isfinite(step_m), step_m, 0.0)
+    point = route_point(route, arc_m)
+    _, left = beside(point, pose)
+    turned = pose.yaw_rad - point.yaw_rad
+    return RouteFoot(arc_m, point, left, jnp.arctan2(jnp.sin(turned), jnp.cos(turned)))
+
+
+def beside(point: RoutePoint, pose: VehiclePose) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """How far along and to the left of a point of the route a pose is."""
+    east, north = pose.x_m - point.x_m, pose.y_m - point.y_m
+    cos, sin = jnp.cos(point.yaw_rad), jnp.sin(point.yaw_rad)
+    return cos * east + sin * north, cos * north - sin * east
+
+
+DONE_M = 0.05
+"""The route is done so far before its end."""
+_CREEP_MPS = 0.05
+_CATCH_UP = 1.5
+"""A carrot that is too near moves on by so much faster than the vehicle."""
+_INTEGRAL_SHARE = 0.25
+"""Of the largest curvature, the most that the integral asks for."""
+
+
+class CarrotSettings(NamedTuple):
+    """Settings of the carrot and its PID, float32 scalars or one value a lane.
+
+    Attributes:
+        distance_m: the carrot waits until the vehicle is so near, and then stays so far ahead; look-ahead of pursuit.
+        proportional_per_m: P, curvature per radian of error.
+        integral_per_m2: I, curvature per radian of error and metre of way.
+        derivative: D, curvature per radian a metre of change.
+        largest_curvature_radpm: ever asked for, to either side.
+        lead_s: the route's curvature is taken so much ahead: delay and lag of the wheels.
+        largest_yaw_rate_radps: where the route bends, the vehicle is slowed down to it.
+        slow_mps2: deceleration towards the route's end.
+    """
+
+    distance_m: Float[Array, "..."]
+    proportional_per_m: Float[Array, "..."]
+    integral_per_m2: Float[Array, "..."]
+    derivative: Float[Array, "..."]
+    largest_curvature_radpm: Float[Array, "..."]
+    lead_s: Float[Array, "..."]
+    largest_yaw_rate_radps: Float[Array, "..."]
+    slow_mps2: Float[Array, "..."]
+
+
+class CarrotState(NamedTuple):
+    """What the guidance carries from step to step.
+
+    Attributes:
+        arc_m: of the vehicle's foot on the route.
+        carrot_m: of the carrot.
+        begun: the vehicle has come near enough for the carrot to move, or has passed it.
+        integral_rad_m: of the error over the way.
+        done: the route's end was reached.
+    """
+
+    arc_m: Float[Array, "..."]
+    carrot_m: Float[Array, "..."]
+    begun: Bool[Array, "..."]
+    integral_rad_m: Float[Array, "..."]
+    done: Bool[Array, "..."]
+
+
+class CarrotPlan(NamedTuple):
+    """What the guidance asks for, and where the vehicle is on its route.
+
+    Attributes:
+        yaw_rate_radps: wanted, at the speed given.
+        cross_m: of the reference point from the route, positive to the left of the driving direction.
+        heading_error_rad: heading less that of the route.
+        speed_limit_mps: for bends and for the route's end, where it is 0.
+        tool_on: the route wants the tool here.
+        line: of the pattern; −1 in a turn.
+        to_go_m: to the route's end.
+        done: it was reached.
+    """
+
+    yaw_rate_radps: Float[Array, "..."]
+    cross_m: Float[Array, "..."]
+    heading_error_rad: Float[Array, "..."]
+    speed_limit_mps: Float[Array, "..."]
+    tool_on: Bool[Array, "..."]
+    line: Int32[Array, "..."]
+    to_go_m: Float[Array, "..."]
+    done: Bool[Array, "..."]
+
+
+class Goal(NamedTuple):
+    """Carrot, foot and what leads from one to the other, in level metres.
+
+    Attributes:
+        foot: of the vehicle on the route.
+        chord_m: from the foot to the carrot, east and north.
+        way_m: from the vehicle to the carrot.
+        yaw_rad: of the route at the carrot.
+        moves: 1 where the carrot moves, 0 where it waits.
+    """
+
+    foot: RouteFoot
+    chord_m: tuple[Float[Array, ""], Float[Array, ""]]
+    way_m: tuple[Float[Array, ""], Float[Array, ""]]
+    yaw_rad: Float[Array, ""]
+    moves: Float[Array, ""]
+
+
+def default_carrot(*, smallest_radius_m: float) -> CarrotSettings:
+    """Settings for a small machine at walking speed: damping 0.9, a natural wavelength of 5.6 m.
+
+    The curvature may exceed that of the smallest radius by a third: on the tightest arc there must be something left to
+    correct with.
+    """
+    values = (1.2, 1.5, 0.0, 2.4, 4.0 / (3.0 * smallest_radius_m), 0.3, 0.2, 0.2)
+    return CarrotSettings(*(jnp.float32(value) for value in values))
+
+
+def init_carrot(arc_m: float = 0.0) -> CarrotState:
+    """A carrot that waits at an arc length of the route, usually its start; one lane."""
+    zero, no = jnp.float32(0.0), jnp.asarray(False)
+    return CarrotState(jnp.float32(arc_m), jnp.float32(arc_m), no, zero, no)
+
+
+def step_carrot(
+    settings: CarrotSettings,
+    route: CoverRoute,
+    state: CarrotState,
+    pose: VehiclePose,
+    speed_mps: Float[Array, ""],
+    step_s: Float[Array, ""],
+) -> tuple[CarrotState, CarrotPlan]:
+    """One step of the PID; one lane, more by ``vmap``.
+
+    Args:
+        settings: of carrot and PID.
+        route: to be driven.
+        state: of the last step.
+        pose: of the reference point.
+        speed_mps: forward, at which the yaw rate is wanted.
+        step_s: since the last step.
+    """
+    state, goal = lead(settings, route, state, pose, speed_mps, step_s)
+    (chord_x, chord_y), (way_x, way_y) = goal.chord_m, goal.way_m
+    error = jnp.arctan2(chord_x * way_y - chord_y * way_x, chord_x * way_x + chord_y * way_y)
+    change = _turning(goal.way_m, pose.yaw_rad, goal) - _turning(goal.chord_m, goal.foot.point.yaw_rad, goal)
+    way_m = jnp.maximum(speed_mps, 0.0) * step_s
+    gain, learns = settings.integral_per_m2, settings.integral_per_m2 > 0.0
+    most = jnp.where(learns, _INTEGRAL_SHARE * settings.largest_curvature_radpm / jnp.where(learns, gain, 1.0), 0.0)
+    grown = jnp.clip(state.integral_rad_m + jnp.where(state.begun, error * way_m, 0.0), -most, most)
+    bend = route_point(route, goal.foot.arc_m + jnp.maximum(speed_mps, 0.0) * settings.lead_s).curvature_radpm
+    wanted = bend + settings.proportional_per_m * error + gain * grown + settings.derivative * change
+    within = jnp.abs(wanted) <= settings.largest_curvature_radpm
+    # What the vehicle cannot turn is not to be learnt from.
+    integral = jnp.where(within, grown, state.integral_rad_m)
+    return state._replace(integral_rad_m=integral), plan_of(settings, route, state, goal.foot, wanted, speed_mps)
+
+
+def lead(
+    settings: CarrotSettings,
+    route: CoverRoute,
+    state: CarrotState,
+    pose: VehiclePose,
+    speed_mps: Float[Array, ""],
+    step_s: Float[Array, ""],
+) -> tuple[CarrotState, Goal]:
+    """The foot and the carrot, carried on by a step."""
+    foot = route_foot(route, state.arc_m, pose)
+    waits = route_point(route, state.carrot_m)
+    distance = jnp.hypot(waits.x_m - pose.x_m, waits.y_m - pose.y_m)
+    # A vehicle that has passed beside it would circle about a carrot that waits on: that one is laid ahead at once.
+    passed = ~state.begun & (foot.arc_m > state.carrot_m)
+    begun = state.begun | passed | (distance <= settings.distance_m)
+    furthest = state.carrot_m + _CATCH_UP * jnp.maximum(speed_mps, 0.0) * step_s
+    furthest = jnp.where(passed, foot.arc_m + settings.distance_m, furthest)
+    moved = jnp.clip(foot.arc_m + settings.distance_m, state.carrot_m, jnp.maximum(furthest, state.carrot_m))
+    carrot_m = jnp.where(begun, moved, state.carrot_m)
+    carrot = route_point(route, carrot_m)
+    goal = Goal(
+        foot,
+        (carrot.x_m - foot.point.x_m, carrot.y_m - foot.point.y_m),
+        (carrot.x_m - pose.x_m, carrot.y_m - pose.y_m),
+        carrot.yaw_rad,
+        jnp.where(begun, 1.0, 0.0),
+    )
+    done = state.done | (begun & (route.length_m - foot.arc_m <= DONE_M))
+    return CarrotState(foot.arc_m, carrot_m, begun, state.integral_rad_m, done), goal
+
+
+def plan_of(
+    settings: CarrotSettings,
+    route: CoverRoute,
+    state: CarrotState,
+    foot: RouteFoot,
+    curvature_radpm: Float[Array, ""],
+    speed_mps: Float[Array, ""],
+) -> CarrotPlan:
+    """The plan that follows from a wanted curvature."""
+    largest = settings.largest_curvature_radpm
+    to_go = route.length_m - foot.arc_m
+    slow = jnp.sqrt(2.0 * settings.slow_mps2 * jnp.maximum(to_go, 0.0))
+    # Half-way to the carrot: a bend is slowed down for before it begins.
+    bend = jnp.maximum(
+        jnp.abs(foot.point.curvature_radpm),
+        jnp.abs(route_point(route, foot.arc_m + 0.5 * settings.distance_m).curvature_radpm),
+    )
+    slow = jnp.minimum(slow, settings.largest_yaw_rate_radps / jnp.maximum(bend, 1e-6))
+    return CarrotPlan(
+        speed_mps * jnp.clip(curvature_radpm, -largest, largest),
+        foot.cross_m,
+        foot.heading_error_rad,
+        jnp.where(state.done, 0.0, jnp.maximum(slow, _CREEP_MPS)),
+        (foot.point.tool_on > 0.5) & state.begun & ~state.done,
+        foot.point.line,
+        to_go,
+        state.done,
+    )
+
+
+def _turning(
+    vector_m: tuple[Float[Array, ""], Float[Array, ""]], yaw_rad: Float[Array, ""], goal: Goal
+) -> Float[Array, ""]:
+    """How much a vector to the carrot turns a metre of way, when its foot moves along a yaw and the carrot as fast."""
+    east = goal.moves * jnp.cos(goal.yaw_rad) - jnp.cos(yaw_rad)
+    north = goal.moves * jnp.sin(goal.yaw_rad) - jnp.sin(yaw_rad)
+    square = vector_m[0] * vector_m[0] + vector_m[1] * vector_m[1]
+    return (vector_m[0] * north - vector_m[1] * east) / jnp.maximum(square, 0.01)
+
+
+# The pursuit law on a coverage route: one arc that leads the reference point through the carrot.
+
+
+def pursuit_along(
+    settings: CarrotSettings,
+    route: CoverRoute,
+    state: CarrotState,
+    pose: VehiclePose,
+    speed_mps: Float[Array, ""],
+    step_s: Float[Array, ""],
+) -> tuple[CarrotState, CarrotPlan]:
+    """One step of the law, in place of ``step_carrot``: same carrot, same arguments, no gains; one lane.
+
+    With the carrot at distance D and bearing η in the body frame the arc's curvature is 2 sin η / D.
+    """
+    state, goal = lead(settings, route, state, pose, speed_mps, step_s)
+    way_x, way_y = goal.way_m
+    aside = jnp.cos(pose.yaw_rad) * way_y - jnp.sin(pose.yaw_rad) * way_x
+    curvature = 2.0 * aside / jnp.maximum(way_x * way_x + way_y * way_y, 0.01)
+    return state, plan_of(settings, route, state, goal.foot, curvature, speed_mps)

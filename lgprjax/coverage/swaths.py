@@ -1,0 +1,395 @@
+"""Drives along strips, one after the other with the turns between: what patterns and plans for gaps have in common."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from lgprjax.coverage.field import Field
+from lgprjax.coverage.turns import Pieces, Pose, Turn
+from lgprjax.errors import InputError
+
+# Parallel lines over a field: tool-wide strips, evenly spaced, each cut to the pieces that the field has in it.
+#
+# The outermost strips lie along the field's outermost places, so the tool's edge runs on the perimeter; the rest share
+# the width evenly, never further apart than the overlap allows. A piece is as long as the field is anywhere within its
+# strip, not along the line alone: at slanting sides the tool works all of the field and some ground beside it.
+
+MOST_LINES = 2000
+_ROUNDING_M = 1e-6
+
+
+class Line(NamedTuple):
+    """A line to be worked: the way of the tool's centre, in driving direction.
+
+    Attributes:
+        number: of its strip, counted from 1 at the field's first side. Pieces of one strip share it.
+        start_m, end_m: east and north.
+    """
+
+    number: int
+    start_m: Float[np.ndarray, "2"]
+    end_m: Float[np.ndarray, "2"]
+
+    @property
+    def length_m(self) -> float:
+        """From start to end."""
+        return float(np.hypot(*(self.end_m - self.start_m)))
+
+
+class Strip(NamedTuple):
+    """A tool-wide strip in axes along and across the lines.
+
+    Attributes:
+        across_m: of its middle.
+        pieces_m: from where to where the field has ground in it, ascending.
+    """
+
+    across_m: float
+    pieces_m: tuple[tuple[float, float], ...]
+
+
+class Strips(NamedTuple):
+    """The strips of a field.
+
+    Attributes:
+        strips: from the right of the first line's heading to the left.
+        spacing_m: from one line to the next; 0 where there is one only.
+    """
+
+    strips: tuple[Strip, ...]
+    spacing_m: float
+
+
+def lines_heading_rad(field: Field, heading_rad: float | None) -> float:
+    """The heading asked for, or that of the field's first side."""
+    if heading_rad is not None:
+        return heading_rad
+    east_m, north_m = field.perimeter_m[1] - field.perimeter_m[0]
+    return math.atan2(north_m, east_m)
+
+
+def to_lines(places_m: Float[np.ndarray, "place 2"], heading_rad: float) -> Float[np.ndarray, "place 2"]:
+    """Along and across the lines, of places given east and north."""
+    cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+    return np.asarray(places_m @ np.array([[cos, -sin], [sin, cos]]))
+
+
+def from_lines(places_m: Float[np.ndarray, "place 2"], heading_rad: float) -> Float[np.ndarray, "place 2"]:
+    """East and north, of places given along and across the lines."""
+    return to_lines(places_m, -heading_rad)
+
+
+def line_count(across_m: float, tool_width_m: float, overlap: float) -> int:
+    """Fewest lines that work a field of a width with at least an overlap: ⌈(W − t) / ((1 − f) t)⌉ + 1.
+
+    Args:
+        across_m: W, at least the tool's width t.
+    """
+    return math.ceil((across_m - tool_width_m - _ROUNDING_M) / ((1.0 - overlap) * tool_width_m)) + 1
+
+
+def lay_strips(corners_m: Float[np.ndarray, "corner 2"], tool_width_m: float, overlap: float, *, name: str) -> Strips:
+    """Strips over a polygon.
+
+    Args:
+        corners_m: along and across the lines.
+        tool_width_m, overlap: see ``PatternSettings``.
+        name: of the field, or its file, for errors.
+
+    Raises:
+        InputError: a field narrower than the tool, or more than ``MOST_LINES`` lines.
+    """
+    low_m, high_m = float(corners_m[:, 1].min()), float(corners_m[:, 1].max())
+    across_m = high_m - low_m
+    if across_m < tool_width_m - _ROUNDING_M:
+        expected = f"at least the tool's {tool_width_m:.2f} m across the lines"
+        raise InputError(name, "field", expected, f"{across_m:.2f} m")
+    count = line_count(across_m, tool_width_m, overlap)
+    if count > MOST_LINES:
+        raise InputError(name, "lines", f"at most {MOST_LINES}", f"{count}")
+    half_m = tool_width_m / 2.0
+    places = np.linspace(low_m + half_m, high_m - half_m, count) if count > 1 else [(low_m + high_m) / 2.0]
+    strips = tuple(Strip(float(place), strip_pieces(corners_m, float(place), tool_width_m)) for place in places)
+    return Strips(strips, (across_m - tool_width_m) / (count - 1) if count > 1 else 0.0)
+
+
+def strip_pieces(
+    corners_m: Float[np.ndarray, "corner 2"], across_m: float, width_m: float
+) -> tuple[tuple[float, float], ...]:
+    """Where along a strip a polygon has ground, ascending; pieces less than the strip's width apart are one.
+
+    Args:
+        corners_m: along and across the strip.
+        across_m: of its middle.
+        width_m: of the strip.
+    """
+    low_m, high_m = across_m - width_m / 2.0, across_m + width_m / 2.0
+    across = corners_m[:, 1]
+    levels = [low_m]
+    for level in np.unique(np.append(across[(across > low_m) & (across < high_m)], high_m)):
+        # Corners that rounding alone sets apart are on one level.
+        if level - levels[-1] > _ROUNDING_M:
+            levels.append(float(level))
+    starts, ends = corners_m, np.roll(corners_m, -1, axis=0)
+    spans: list[tuple[float, float]] = []
+    for bottom, top in pairwise(levels):
+        # No corner lies between two levels: the ground there is trapezia, whose sides do not cross.
+        middle = 0.5 * (bottom + top)
+        crossed = (starts[:, 1] > middle) != (ends[:, 1] > middle)
+        foot, head = starts[crossed], ends[crossed]
+        at = np.clip([[bottom], [middle], [top]], np.minimum(foot, head)[:, 1], np.maximum(foot, head)[:, 1])
+        along = foot[:, 0] + (at - foot[:, 1]) / (head[:, 1] - foot[:, 1]) * (head[:, 0] - foot[:, 0])
+        along = along[:, np.argsort(along[1])]
+        spans += zip(along[:, ::2].min(axis=0).tolist(), along[:, 1::2].max(axis=0).tolist(), strict=True)
+    return join_spans(spans, width_m)
+
+
+def join_spans(spans: list[tuple[float, float]], gap_m: float) -> tuple[tuple[float, float], ...]:
+    """Intervals in ascending order, those less than a gap apart made one."""
+    joined: list[tuple[float, float]] = []
+    for low, high in sorted(spans):
+        if joined and low - joined[-1][1] < gap_m:
+            joined[-1] = (joined[-1][0], max(joined[-1][1], high))
+        else:
+            joined.append((low, high))
+    return tuple(joined)
+
+
+# In which order lines are driven, and which lines of a concave field belong together.
+
+Order = Literal["zamboni", "boustrophedon"]
+Span = tuple[float, float]
+
+
+class Piece(NamedTuple):
+    """One piece of one strip.
+
+    Attributes:
+        strip: number of the strip, from 0.
+        span_m: from where to where along it.
+    """
+
+    strip: int
+    span_m: Span
+
+
+def middle_line(count: int) -> int:
+    """Number, from 1, of the line that the first is joined to in Zamboni order: the first of the second half.
+
+    Of an odd number of lines the first half has one more, so that the order ends in it and no two neighbours follow
+    each other.
+    """
+    return (count + 1) // 2 + 1
+
+
+def line_order(count: int, order: Order) -> tuple[int, ...]:
+    """Numbers of lines, from 0, in driving order.
+
+    Zamboni is 1, m, 2, m + 1, ... with m the middle line (MF section 2), boustrophedon 1, 2, 3, ...
+    """
+    if order == "boustrophedon":
+        return tuple(range(count))
+    half = middle_line(count) - 1
+    return tuple(number // 2 + (number % 2) * half for number in range(count))
+
+
+def smallest_step(count: int, order: Order) -> int:
+    """Fewest line spacings between two lines driven one after the other; n/2 − 1 for n > 2 even and Zamboni order."""
+    return min((abs(after - before) for before, after in pairwise(line_order(count, order))), default=0)
+
+
+def lines_for_zamboni(radius_m: float, spacing_m: float) -> int:
+    """Fewest lines that one-handed turns of a radius can join: (n/2 − 1) w ≥ 2R for n even (MF section 2)."""
+    steps = math.ceil(2.0 * radius_m / spacing_m - 1e-9)
+    return 2 if steps <= 1 else 2 * steps + 1
+
+
+def chains(strips: Sequence[Sequence[Span]]) -> tuple[tuple[Piece, ...], ...]:
+    """Pieces of neighbouring strips that follow each other one by one: a concave field falls into several chains.
+
+    A chain ends where the field parts or comes together. A convex field is one chain.
+
+    Args:
+        strips: of each strip the pieces, ascending.
+    """
+    done: list[list[Piece]] = []
+    open_chains: dict[Span, list[Piece]] = {}
+    for number, pieces in enumerate(strips):
+        following: dict[Span, list[Piece]] = {}
+        for span in pieces:
+            below = [each for each in open_chains if _overlap(each, span)]
+            if len(below) == 1 and sum(_overlap(below[0], each) for each in pieces) == 1:
+                chain = open_chains[below[0]]
+            else:
+                chain = []
+                done.append(chain)
+            chain.append(Piece(number, span))
+            following[span] = chain
+        open_chains = following
+    return tuple(tuple(chain) for chain in done)
+
+
+def _overlap(one: Span, other: Span) -> bool:
+    return one[0] < other[1] and other[0] < one[1]
+
+
+# What a coverage pattern is made of: tool, overlap, order of the lines, the vehicle's circle and the room to turn.
+
+
+@dataclass(frozen=True)
+class PatternSettings:
+    """Settings of a coverage pattern.
+
+    Attributes:
+        tool_width_m: across the line.
+        overlap: least share of the tool's width that neighbouring lines both work, from 0 to below 1.
+        order: of the lines: ``zamboni`` joins the first to the middle one and drifts on (MF section 2), all turns to
+            one hand; ``boustrophedon`` takes each next to the last.
+        smallest_radius_m: of the circles that the vehicle's reference point drives.
+        turning_room_m: how far beyond the perimeter the reference point may go.
+        tool_ahead_m: from the reference point to the tool's centre, forward; negative for a tool behind.
+        tool_left_m: the same to the left.
+        heading_rad: of the first line, counter-clockwise from east; ``None``: that of the field's first side.
+
+    Raises:
+        InputError: a value that is no number or out of its range.
+    """
+
+    tool_width_m: float
+    overlap: float
+    order: Literal["zamboni", "boustrophedon"]
+    smallest_radius_m: float
+    turning_room_m: float
+    tool_ahead_m: float
+    tool_left_m: float = 0.0
+    heading_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.order not in ("zamboni", "boustrophedon"):
+            raise InputError("pattern", "order", "zamboni or boustrophedon", str(self.order))
+        ranges = (
+            ("tool_width_m", "a width above zero", self.tool_width_m > 0.0),
+            ("overlap", "a fraction from 0 to below 1", 0.0 <= self.overlap < 1.0),
+            ("smallest_radius_m", "a radius above zero", self.smallest_radius_m > 0.0),
+            ("turning_room_m", "a distance of 0 or more", self.turning_room_m >= 0.0),
+            ("tool_ahead_m", "a number", True),
+            ("tool_left_m", "a number", True),
+            ("heading_rad", "an angle", True),
+        )
+        for name, expected, fits in ranges:
+            value = getattr(self, name)
+            if value is not None and not (fits and math.isfinite(value)):
+                raise InputError("pattern", name, expected, f"{value:g}")
+
+
+class Pass(NamedTuple):
+    """One drive along a strip, in axes along and across the lines.
+
+    Attributes:
+        number: of the strip, from 1.
+        across_m: of the tool's centre.
+        span_m: of the tool's centre, from where to where the field has ground in the strip.
+        forward: along the lines' heading, or against it.
+        worked_m: where the tool is on, ascending, within the span.
+    """
+
+    number: int
+    across_m: float
+    span_m: Span
+    forward: bool
+    worked_m: tuple[Span, ...]
+
+    @property
+    def sign(self) -> float:
+        """1 forward, -1 against the lines' heading."""
+        return 1.0 if self.forward else -1.0
+
+    @property
+    def start_m(self) -> float:
+        """Along the lines, where the drive begins."""
+        return self.span_m[0] if self.forward else self.span_m[1]
+
+    @property
+    def end_m(self) -> float:
+        """Along the lines, where the drive ends."""
+        return self.span_m[1] if self.forward else self.span_m[0]
+
+
+def reference_pose(drive: Pass, along_m: float, settings: PatternSettings) -> Pose:
+    """Pose of the vehicle's reference point, in the lines' axes, when the tool's centre is at a place of a drive."""
+    return Pose(
+        along_m - drive.sign * settings.tool_ahead_m,
+        drive.across_m - drive.sign * settings.tool_left_m,
+        0.0 if drive.forward else math.pi,
+    )
+
+
+def lines_of_pass(drive: Pass, heading_rad: float) -> list[Line]:
+    """Lines of a drive, in driving direction, east and north."""
+    lines = []
+    for low, high in drive.worked_m[:: 1 if drive.forward else -1]:
+        ends = (low, high) if drive.forward else (high, low)
+        start, end = from_lines(np.array([[each, drive.across_m] for each in ends]), heading_rad)
+        lines.append(Line(drive.number, start, end))
+    return lines
+
+
+def string_passes(
+    drives: Sequence[Pass], joints: Sequence[Pieces], settings: PatternSettings, heading_rad: float
+) -> tuple[tuple[Line, ...], tuple[Turn, ...]]:
+    """Lines of all drives in driving order, and the turns between them.
+
+    Args:
+        drives: in order.
+        joints: from the end of each drive to the start of the next one.
+        settings: of the pattern.
+        heading_rad: of the lines.
+    """
+    lines: list[Line] = []
+    turns: list[Turn] = []
+    for number, drive in enumerate(drives):
+        spans = drive.worked_m[:: 1 if drive.forward else -1]
+        stops = [low if drive.forward else high for low, high in spans]
+        ends = [high if drive.forward else low for low, high in spans]
+        if number > 0:
+            before = drives[number - 1]
+            last_m = lines_end_m(before)
+            pieces = [_straight(before.end_m - last_m), joints[number - 1], _straight(stops[0] - drive.start_m)]
+            turns.append(_turn(before, last_m, np.concatenate(pieces), settings, heading_rad))
+        for end, stop in zip(ends[:-1], stops[1:], strict=True):
+            turns.append(_turn(drive, end, _straight(stop - end), settings, heading_rad))
+        lines += lines_of_pass(drive, heading_rad)
+    return tuple(lines), tuple(turns)
+
+
+def lines_end_m(drive: Pass) -> float:
+    """Along the lines, where the tool last goes off."""
+    return drive.worked_m[-1][1] if drive.forward else drive.worked_m[0][0]
+
+
+def trimmed(pieces: Pieces) -> Pieces:
+    """Pieces without those of no length, straight ones that follow each other joined."""
+    kept: list[list[float]] = []
+    for length, curvature in pieces.tolist():
+        if length < 1e-9:
+            continue
+        if kept and curvature == 0.0 and kept[-1][1] == 0.0:
+            kept[-1][0] += length
+        else:
+            kept.append([length, curvature])
+    return np.array(kept).reshape(-1, 2)
+
+
+def _straight(length_m: float) -> Pieces:
+    return np.array([[abs(length_m), 0.0]])
+
+
+def _turn(drive: Pass, along_m: float, pieces: Pieces, settings: PatternSettings, heading_rad: float) -> Turn:
+    pose = reference_pose(drive, along_m, settings)
+    place = from_lines(np.array([[pose.x_m, pose.y_m]]), heading_rad)[0]
+    return Turn(Pose(float(place[0]), float(place[1]), pose.yaw_rad + heading_rad), trimmed(pieces))

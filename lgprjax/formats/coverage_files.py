@@ -1,0 +1,387 @@
+"""The plan of a field ``X.cover.geojson``: GeoJSON for map programs, and all that is needed to drive it, exactly."""
+
+import csv
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from lgprjax import __version__
+from lgprjax.coverage.field import Field, Tool
+from lgprjax.coverage.pattern import Pattern
+from lgprjax.coverage.swaths import Line, PatternSettings
+from lgprjax.coverage.turns import Pose, Turn
+from lgprjax.errors import InputError
+from lgprjax.formats.schema import Finding, check_version, key_findings, load_schema
+from lgprjax.formats.store import atomic_output
+from lgprjax.formats.vehicle import flat_keys
+from lgprjax.frames import LocalFrame
+
+_SCHEMA = load_schema("cover_plan")
+_MEMBER = "lgprjax"
+_LISTS = ("perimeter_m", "lines", "turns", "unreached")
+_DIGEST = "sha256"
+# 1e-10 degrees are a hundredth of a millimetre.
+_DECIMALS = 10
+
+
+class CoverPlan(NamedTuple):
+    """A field and how it is covered.
+
+    Attributes:
+        name: of the field.
+        frame: local metres about the plan's anchor.
+        pattern: with the field and the settings in it.
+        tool: of the vehicle that it is for.
+        vehicle_name, vehicle_sha256: of that vehicle's file.
+        made_by: program and version.
+    """
+
+    name: str
+    frame: LocalFrame
+    pattern: Pattern
+    tool: Tool
+    vehicle_name: str
+    vehicle_sha256: str
+    made_by: str = f"lgprjax {__version__}"
+
+
+def write_cover_plan(
+    path: str | Path, plan: CoverPlan, turns_m: Sequence[Float[np.ndarray, "_ 2"]], *, force: bool = False
+) -> None:
+    """Write a plan.
+
+    Args:
+        path: ``X.cover.geojson``.
+        plan: to be written.
+        turns_m: points along each of its turns, for those who look at it on a map.
+        force: replace an output that exists.
+
+    Raises:
+        InputError: a value is not as the schema says, or the output exists (without ``force``) or cannot be written.
+    """
+    member = _member(plan)
+    for finding in _member_findings(str(path), member):
+        raise finding.error()
+    collection = {"type": "FeatureCollection", _MEMBER: member, "features": _features(plan, turns_m)}
+    member[_DIGEST] = _digest(collection)
+    with atomic_output(path, force) as temporary:
+        temporary.write_text(json.dumps(collection, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_cover_plan(path: str | Path) -> CoverPlan:
+    """A plan from its file, exactly as it was written.
+
+    Raises:
+        InputError: the file is missing, no JSON, no plan or of a newer major version; it was changed since.
+    """
+    file = Path(path)
+    collection = _load(file)
+    for finding in _problems(file, collection):
+        raise finding.error()
+    try:
+        return _plan(collection[_MEMBER])
+    except (TypeError, ValueError, KeyError, IndexError) as error:
+        raise InputError(file, _MEMBER, "lines and turns as they were written", str(error)) from None
+
+
+def cover_plan_findings(path: Path) -> Iterator[Finding]:
+    """Every problem of a plan's file.
+
+    Raises:
+        InputError: it cannot be read, or is no JSON.
+    """
+    return _problems(path, _load(path))
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(path, "file", "a readable file", error.strerror or str(error)) from None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(path, "file", "GeoJSON", str(error)) from None
+    return table if isinstance(table, dict) else {}
+
+
+def _problems(path: Path, collection: dict[str, Any]) -> Iterator[Finding]:
+    member = collection.get(_MEMBER)
+    if not isinstance(member, dict):
+        expected = f"a coverage plan (lgprjax cover plan), with its member {_MEMBER!r}"
+        yield Finding(str(path), _MEMBER, expected, "none")
+        return
+    problems = list(_member_findings(str(path), {name: value for name, value in member.items() if name != _DIGEST}))
+    yield from problems
+    if not problems and member.get(_DIGEST) != _digest(collection):
+        expected = "the plan as it was written; draw the perimeter anew and plan again"
+        yield Finding(str(path), _DIGEST, expected, "one that was changed since")
+
+
+def _member_findings(file: str, member: dict[str, Any]) -> Iterator[Finding]:
+    refusal = check_version(_SCHEMA, member.get("schema"), member.get("schema_version"))
+    if refusal is not None:
+        yield Finding(file, *refusal)
+        return
+    for name in _LISTS:
+        if not isinstance(member.get(name), list):
+            yield Finding(file, name, "a list", "none" if name not in member else repr(member[name])[:40])
+    left = {name: value for name, value in member.items() if name not in ("schema", "schema_version", *_LISTS)}
+    yield from key_findings(_SCHEMA, file, flat_keys(left))
+
+
+def _digest(collection: dict[str, Any]) -> str:
+    """SHA-256 of a collection without this number, whatever its spaces and the order of its names."""
+    member = {name: value for name, value in collection[_MEMBER].items() if name != _DIGEST}
+    text = json.dumps({**collection, _MEMBER: member}, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _member(plan: CoverPlan) -> dict[str, Any]:
+    pattern, frame = plan.pattern, plan.frame
+    tightest_m = pattern.tightest_radius_m
+    figures = {name: float(getattr(pattern, name)) for name in ("spacing_m", "length_m", "line_length_m")}
+    return {
+        "schema": _SCHEMA.name,
+        "schema_version": _SCHEMA.version,
+        "name": plan.name,
+        "made_by": plan.made_by,
+        "anchor": {
+            "latitude_deg": frame.latitude_deg,
+            "longitude_deg": frame.longitude_deg,
+            "height_m": frame.height_m,
+        },
+        "vehicle": {"name": plan.vehicle_name, "sha256": plan.vehicle_sha256},
+        "tool": plan.tool._asdict(),
+        "settings": {name: value for name, value in asdict(pattern.settings).items() if value is not None},
+        "pattern": figures | ({"tightest_radius_m": float(tightest_m)} if math.isfinite(tightest_m) else {}),
+        "perimeter_m": pattern.field.perimeter_m.tolist(),
+        "lines": [_numbers(line) for line in pattern.lines],
+        "turns": [{"start": list(turn.start), "pieces": turn.pieces.tolist()} for turn in pattern.turns],
+        "unreached": [_numbers(line) for line in pattern.unreached],
+    }
+
+
+def _numbers(line: Line) -> list[int | float]:
+    return [line.number, *line.start_m.tolist(), *line.end_m.tolist()]
+
+
+def _line(numbers: list[int | float]) -> Line:
+    number, *places = numbers
+    start_east, start_north, end_east, end_north = (float(value) for value in places)
+    return Line(int(number), np.array([start_east, start_north]), np.array([end_east, end_north]))
+
+
+def _plan(member: dict[str, Any]) -> CoverPlan:
+    anchor, told = member["anchor"], member["pattern"]
+    pattern = Pattern(
+        field=Field(np.array(member["perimeter_m"], np.float64)),
+        settings=PatternSettings(**member["settings"]),
+        lines=tuple(_line(numbers) for numbers in member["lines"]),
+        turns=tuple(
+            Turn(Pose(*(float(value) for value in turn["start"])), np.array(turn["pieces"], np.float64).reshape(-1, 2))
+            for turn in member["turns"]
+        ),
+        spacing_m=float(told["spacing_m"]),
+        length_m=float(told["length_m"]),
+        line_length_m=float(told["line_length_m"]),
+        tightest_radius_m=float(told.get("tightest_radius_m", math.inf)),
+        unreached=tuple(_line(numbers) for numbers in member["unreached"]),
+    )
+    return CoverPlan(
+        name=member["name"],
+        frame=LocalFrame(*(float(anchor[name]) for name in ("latitude_deg", "longitude_deg", "height_m"))),
+        pattern=pattern,
+        tool=Tool(**{name: float(value) for name, value in member["tool"].items()}),
+        vehicle_name=member["vehicle"]["name"],
+        vehicle_sha256=member["vehicle"]["sha256"],
+        made_by=member["made_by"],
+    )
+
+
+def _features(plan: CoverPlan, turns_m: Sequence[Float[np.ndarray, "_ 2"]]) -> list[dict[str, Any]]:
+    """Perimeter, then lines and turns by turns in driving order."""
+    pattern, frame = plan.pattern, plan.frame
+    ring = np.concatenate([pattern.field.perimeter_m, pattern.field.perimeter_m[:1]])
+    properties = {"kind": "perimeter", "name": plan.name, "area_m2": round(pattern.field.area_m2, 2)}
+    features = [_feature("Polygon", [_positions(frame, ring)], properties)]
+    for order, line in enumerate(pattern.lines):
+        ends = _positions(frame, np.stack([line.start_m, line.end_m]))
+        along = line.end_m - line.start_m
+        yaw = np.arctan2(along[1:], along[:1])
+        heading = float(frame.heading_of_yaw(yaw, np.array([ends[0][0]]))[0])
+        properties = {"kind": "line", "order": order, "number": line.number, "length_m": round(line.length_m, 3)}
+        features.append(_feature("LineString", ends, {**properties, "heading_deg": round(heading, 3)}))
+        if order < len(pattern.turns):
+            turn = pattern.turns[order]
+            properties = {"kind": "turn", "order": order, "length_m": round(turn.length_m, 3)}
+            features.append(_feature("LineString", _positions(frame, turns_m[order]), properties))
+    return features
+
+
+def _feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
+
+
+def _positions(frame: LocalFrame, points_m: Float[np.ndarray, "point 2"]) -> list[list[float]]:
+    """Longitude and latitude of places on the plan's level."""
+    latitude, longitude, _ = frame.to_geodetic(points_m[:, 0], points_m[:, 1], np.zeros(len(points_m)))
+    places = np.round(np.stack([longitude, latitude], axis=1), _DECIMALS)
+    return [[float(each) for each in place] for place in places]
+
+
+# Where a field is: a GeoJSON polygon, a CSV of three corners, or the corners that were marked on a run.
+
+CORNERS_FILE = "corners.csv"
+"""Beside the segments of a run in which corners were marked."""
+_CORNERS = 3
+_COLUMNS = ("latitude_deg", "longitude_deg")
+# Every name under which files of the time before RFC 7946 say longitude and latitude on WGS-84.
+_WGS84 = ("urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:OGC::CRS84", "EPSG:4326", "urn:ogc:def:crs:EPSG::4326")
+
+
+class FieldPlaces(NamedTuple):
+    """Corners of a field on WGS-84.
+
+    Attributes:
+        latitude_deg, longitude_deg, height_m: of each; the height is ellipsoidal, 0 where the file tells none.
+        driven: three corners that were driven to; the fourth is to be found. Else all of them.
+    """
+
+    latitude_deg: Float[np.ndarray, " corner"]
+    longitude_deg: Float[np.ndarray, " corner"]
+    height_m: Float[np.ndarray, " corner"]
+    driven: bool
+
+
+def read_field(path: str | Path) -> FieldPlaces:
+    """Corners from a file, or from the folder of a run.
+
+    Args:
+        path: ``.geojson`` or ``.json`` with one polygon; ``.csv`` with three rows of ``latitude_deg``,
+            ``longitude_deg`` and, if known, ``height_m``; a folder with ``corners.csv``.
+
+    Raises:
+        InputError: the file cannot be read, is of another kind, holds no or several polygons, holes, coordinates that
+            are not degrees, or not three corners.
+    """
+    file = Path(path)
+    if file.is_dir():
+        marked = file / CORNERS_FILE
+        if not marked.is_file():
+            raise InputError(file, "corners", f"three corners marked while driving ({CORNERS_FILE})", "none")
+        return _from_csv(marked)
+    readers = {".csv": _from_csv, ".geojson": _from_geojson, ".json": _from_geojson}
+    reader = readers.get(file.suffix.lower())
+    if reader is None:
+        expected = "a .geojson polygon, a .csv of three corners, or the folder of a run"
+        raise InputError(file, "file name", expected, repr(file.name))
+    return reader(file)
+
+
+def _text(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise InputError(file, "file", "a readable file", error.strerror or str(error)) from None
+    except UnicodeDecodeError as error:
+        raise InputError(file, "file", "text in UTF-8", str(error)) from None
+
+
+def _from_csv(file: Path) -> FieldPlaces:
+    reader = csv.DictReader(_text(file).splitlines(), skipinitialspace=True)
+    names = reader.fieldnames or []
+    for name in _COLUMNS:
+        if name not in names:
+            raise InputError(file, name, f"a column {name}", ", ".join(names) or "an empty file")
+    rows = list(reader)
+    if len(rows) != _CORNERS:
+        raise InputError(file, "corners", "three rows, one a corner", str(len(rows)))
+    values = np.zeros((_CORNERS, 3))
+    for number, row in enumerate(rows):
+        for column, name in enumerate((*_COLUMNS, "height_m")):
+            if name in names:
+                values[number, column] = _number(file, f"row {number + 1}, {name}", row[name])
+    return _checked(file, values, driven=True)
+
+
+def _number(file: Path, place: str, text: str | None) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = float("nan")
+    if not np.isfinite(value):
+        raise InputError(file, place, "a number", repr(text))
+    return value
+
+
+def _from_geojson(file: Path) -> FieldPlaces:
+    try:
+        table = json.loads(_text(file))
+    except json.JSONDecodeError as error:
+        raise InputError(file, "file", "GeoJSON", f"no JSON ({error.msg}, line {error.lineno})") from None
+    if not isinstance(table, dict):
+        raise InputError(file, "file", "a GeoJSON object", type(table).__name__)
+    told = table.get("crs")
+    name = told.get("properties", {}).get("name") if isinstance(told, dict) else told
+    if told is not None and name not in _WGS84:
+        raise InputError(file, "crs", "WGS-84 longitude and latitude (save the layer as EPSG:4326)", repr(name)[:60])
+    polygons = [each for each in _geometries(table) if each.get("type") in ("Polygon", "MultiPolygon")]
+    if len(polygons) != 1:
+        raise InputError(file, "geometry", "one Polygon", f"{len(polygons) or 'none'}")
+    (polygon,) = polygons
+    rings = polygon.get("coordinates")
+    if polygon["type"] == "MultiPolygon":
+        if not isinstance(rings, list) or len(rings) != 1:
+            raise InputError(file, "geometry", "one Polygon", "a MultiPolygon of several, or of none")
+        rings = rings[0]
+    if not isinstance(rings, list) or not rings or not rings[0]:
+        raise InputError(file, "geometry", "a Polygon with corners", "an empty one")
+    if len(rings) > 1:
+        raise InputError(file, "geometry", "a Polygon without holes", f"{len(rings) - 1} of them")
+    values = np.array([_position(file, number, each) for number, each in enumerate(rings[0])])
+    if len(values) > 1 and np.array_equal(values[0], values[-1]):
+        values = values[:-1]
+    return _checked(file, values, driven=False)
+
+
+def _geometries(table: dict[str, Any]) -> list[dict[str, Any]]:
+    """Geometries of a GeoJSON object, whatever kind it is."""
+    kind = table.get("type")
+    members = {"FeatureCollection": "features", "GeometryCollection": "geometries"}.get(str(kind))
+    if members is not None:
+        inner = table.get(members)
+        each = [item for item in inner if isinstance(item, dict)] if isinstance(inner, list) else []
+        return [geometry for item in each for geometry in _geometries(item)]
+    if kind == "Feature":
+        geometry = table.get("geometry")
+        return _geometries(geometry) if isinstance(geometry, dict) else []
+    return [table]
+
+
+def _position(file: Path, number: int, position: object) -> tuple[float, float, float]:
+    """Latitude, longitude and height of a GeoJSON position."""
+    place = f"corner {number + 1}"
+    if not isinstance(position, list) or len(position) < 2:
+        raise InputError(file, place, "longitude and latitude", repr(position)[:40])
+    longitude, latitude, height = (_number(file, place, str(each)) for each in (*position, 0.0)[:3])
+    return latitude, longitude, height
+
+
+def _checked(file: Path, values: Float[np.ndarray, "corner 3"], *, driven: bool) -> FieldPlaces:
+    latitude, longitude, height = values.T
+    beyond = (np.abs(latitude) > 90.0) | (np.abs(longitude) > 180.0)
+    if beyond.any():
+        corner = int(np.argmax(beyond))
+        found = f"{latitude[corner]:.10g} and {longitude[corner]:.10g}"
+        if np.all(np.abs(longitude) <= 90.0) and np.all(np.abs(latitude) <= 180.0):
+            found += ", which look swapped"
+        elif abs(latitude[corner]) > 360.0 or abs(longitude[corner]) > 360.0:
+            found += ", which look like metres of a projection"
+        raise InputError(file, f"corner {corner + 1}", "latitude (-90 to 90) and longitude (-180 to 180)", found)
+    return FieldPlaces(latitude, longitude, height, driven)

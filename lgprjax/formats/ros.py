@@ -1,0 +1,385 @@
+"""The messages of a recording that this project writes and reads: their definitions, topics, and angles in them.
+
+Axes are those of ROS (REP 103): x forward, y left, z up; maps and orientations count from east, counter-clockwise.
+"""
+
+import math
+import re
+import struct
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+# ROS 2 message definitions as recordings carry them (``ros2msg``), and messages of them in CDR.
+#
+# A definition is laid out flat once; a message then decodes by the fields that its own recording defines, in whatever
+# order they stand. Source: OMG DDS-XTypes 1.3, section 7.4.3 (plain CDR, version 1), and the ROS 2 interface
+# definition.
+
+_CODES = {
+    **{"bool": "?", "byte": "B", "char": "B", "float32": "f", "float64": "d", "string": "s"},
+    **{"int8": "b", "uint8": "B", "int16": "h", "uint16": "H"},
+    **{"int32": "i", "uint32": "I", "int64": "q", "uint64": "Q"},
+}
+# Recorders leave these out of the definitions, or not.
+_KNOWN = {
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
+    "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec",
+}
+_NUMBERS = {order + code: struct.Struct(order + code) for order in "<>" for code in _CODES.values() if code != "s"}
+_TYPE = re.compile(r"([A-Za-z][\w/]*)(?:<=\d+)?(?:\[((?:<=)?)(\d*)\])?")
+# Of a definition that nests itself, or each part twice: no message is that deep or that wide.
+_MOST_NESTED = 16
+_MOST_FIELDS = 4096
+
+
+class Field(NamedTuple):
+    """One primitive member of a message whose nested messages are laid out flat.
+
+    Attributes:
+        path: names from the message down to the member, joined by dots.
+        code: type of an element as ``struct`` has it; ``s`` is a text.
+        size: elements of a fixed array; 0 of a sequence, which tells its own length; ``None`` of a single value.
+    """
+
+    path: str
+    code: str
+    size: int | None
+
+
+class Layout(NamedTuple):
+    """The members of a message in the order in which they are serialised."""
+
+    fields: tuple[Field, ...]
+
+    def decode(self, data: bytes) -> dict[str, Any]:
+        """Values of a message by the paths of its members; arrays are views of ``data``.
+
+        Raises:
+            ValueError: the bytes are no such message.
+        """
+        cursor = _Cursor(data)
+        try:
+            return {path: cursor.member(code, size) for path, code, size in self.fields}
+        except (struct.error, OverflowError) as error:
+            raise ValueError(f"a message that ends too early ({error})") from None
+
+    def encode(self, values: Mapping[str, Any]) -> bytes:
+        """A little-endian message of these values; members that are not named are zero or empty.
+
+        Raises:
+            KeyError: a name is no member's.
+            ValueError: a fixed array has another size.
+        """
+        unknown = set(values) - {field.path for field in self.fields}
+        if unknown:
+            raise KeyError(", ".join(sorted(unknown)))
+        out = bytearray(b"\0\1\0\0")
+        for path, code, size in self.fields:
+            if code == "s":
+                texts = [values.get(path, "")] if size is None else values.get(path, [])
+                if size is not None:
+                    _put(out, "I", len(texts))
+                for text in texts:
+                    _put(out, "I", len(text.encode()) + 1)
+                    out += text.encode() + b"\0"
+            elif size is None:
+                _put(out, code, values.get(path, 0))
+            else:
+                array = np.asarray(values.get(path, np.zeros(size)), dtype=f"<{code}").reshape(-1)
+                if size == 0:
+                    _put(out, "I", array.size)
+                elif array.size != size:
+                    raise ValueError(f"{path}: expected {size} elements, found {array.size}")
+                if array.size:
+                    _align(out, array.itemsize)
+                    out += array.tobytes()
+        return bytes(out)
+
+
+def layout_of(name: str, definition: str) -> Layout:
+    """Layout of a message from its definition with those of its nested messages, as recordings carry them.
+
+    Args:
+        name: package and name, such as ``sensor_msgs/msg/Imu``.
+        definition: its own members, then each nested message after a line of equals signs and ``MSG: package/Name``.
+
+    Raises:
+        ValueError: the definition cannot be read, or holds what is not supported (arrays of messages, wide texts).
+    """
+    own, *nested = re.split(r"^={8,}[ \t\r]*$", definition, flags=re.MULTILINE)
+    bodies = _KNOWN | {short_name(name): own}
+    for part in nested:
+        head, _, body = part.strip().partition("\n")
+        if not head.startswith("MSG:"):
+            raise ValueError(f"no name of a nested message in {head[:40]!r}")
+        bodies[short_name(head[4:])] = body
+    fields = tuple(islice(_fields(short_name(name), "", bodies, 0), _MOST_FIELDS + 1))
+    if len(fields) > _MOST_FIELDS:
+        raise ValueError("a definition without end")
+    return Layout(fields)
+
+
+def short_name(name: str) -> str:
+    """``package/Name`` of ``package/msg/Name``, which say the same."""
+    parts = name.strip().split("/")
+    return f"{parts[0]}/{parts[-1]}"
+
+
+def _fields(name: str, prefix: str, bodies: Mapping[str, str], depth: int) -> Iterator[Field]:
+    if name not in bodies or depth > _MOST_NESTED:
+        raise ValueError(f"no definition of {name}")
+    empty = True
+    for line in bodies[name].splitlines():
+        code = line.partition("#")[0]
+        words = code.split(None, 2)
+        if not words:
+            continue
+        member = words[1].partition("=")[0] if len(words) > 1 else ""
+        if "=" in code and member.isupper():
+            continue  # a constant, which no message carries
+        found = _TYPE.fullmatch(words[0])
+        if found is None or not member.isidentifier():
+            raise ValueError(f"no member in {line.strip()[:60]!r}")
+        base, bound, digits = found.groups()
+        size = None if digits is None else 0 if bound or not digits else int(digits)
+        empty = False
+        if base in _CODES:
+            yield Field(prefix + member, _CODES[base], size)
+        elif size is not None:
+            raise ValueError(f"{member}: an array of messages")
+        else:
+            package = name.partition("/")[0] if base != "Header" else "std_msgs"
+            nested = base if "/" in base else f"{package}/{base}"
+            yield from _fields(short_name(nested), f"{prefix}{member}.", bodies, depth + 1)
+    if empty:
+        # IDL knows no empty structures: ROS 2 gives them this member.
+        yield Field(f"{prefix}structure_needs_at_least_one_member", "B", None)
+
+
+class _Cursor:
+    """A place in a serialised message; alignment counts from the end of the four bytes that stand before it."""
+
+    def __init__(self, data: bytes) -> None:
+        if len(data) < 4 or data[0] != 0 or data[1] > 1:
+            raise ValueError("no message in plain CDR")
+        self._data = data
+        self._order = "<" if data[1] else ">"
+        self._at = 4
+
+    def member(self, code: str, size: int | None) -> Any:
+        if size is None:
+            return self._text() if code == "s" else self._number(code)
+        count = size or self._number("I")
+        if code == "s":
+            return [self._text() for _ in range(count)]
+        dtype = np.dtype(self._order + code)
+        if count == 0:
+            return np.zeros(0, dtype)
+        self._at += -(self._at - 4) % dtype.itemsize
+        array = np.frombuffer(self._data, dtype, count, self._at)
+        self._at += array.nbytes
+        return array
+
+    def _number(self, code: str) -> Any:
+        number = _NUMBERS[self._order + code]
+        self._at += -(self._at - 4) % number.size
+        (value,) = number.unpack_from(self._data, self._at)
+        self._at += number.size
+        return value
+
+    def _text(self) -> str:
+        length = self._number("I")
+        text = self._data[self._at : self._at + length]
+        if len(text) < length:
+            raise ValueError("a text that ends too early")
+        self._at += length
+        return text.rstrip(b"\0").decode()
+
+
+def _align(out: bytearray, size: int) -> None:
+    out += bytes(-(len(out) - 4) % size)
+
+
+def _put(out: bytearray, code: str, value: Any) -> None:
+    number = _NUMBERS[f"<{code}"]
+    _align(out, number.size)
+    out += number.pack(value)
+
+
+RADAR_SCAN = "lgprjax_msgs/msg/RadarScan"
+RADAR_ARRAY = "lgprjax_msgs/msg/RadarArray"
+FIX_QUALITY = "lgprjax_msgs/msg/FixQuality"
+NAV_SAT_FIX = "sensor_msgs/msg/NavSatFix"
+IMU = "sensor_msgs/msg/Imu"
+POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+ODOMETRY = "nav_msgs/msg/Odometry"
+
+TOPICS = {
+    "scan": ("/gpr/scan", RADAR_SCAN),
+    "array": ("/gpr/array", RADAR_ARRAY),
+    "position": ("/gnss/fix", NAV_SAT_FIX),
+    "attitude": ("/gnss/imu", IMU),
+    "odometry": ("/odometry", ODOMETRY),
+    "fix pose": ("/lgpr/pose", POSE),
+    "fix position": ("/lgpr/fix", NAV_SAT_FIX),
+    "fix quality": ("/lgpr/quality", FIX_QUALITY),
+}
+"""Topic and type of each part of a drive, as written; on reading, the topic that is preferred among several."""
+
+DRIVE_METADATA = "lgprjax.drive"
+"""Name of the metadata that an exported drive leaves in the file: name, t0_utc, provenance."""
+# A drive log has no pitch: a right angle either way.
+PITCH_VARIANCE = (np.pi / 2) ** 2
+COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
+
+_OWN = {
+    RADAR_SCAN: """\
+# One scan of a radar array.
+std_msgs/Header header       # stamp: moment at which the first channel was heard
+uint32 channels              # from left to right
+uint32 samples               # of a trace, or frequencies of a sweep
+string encoding              # of data, little-endian: uint8, int16, int32, float32 (traces), complex64 (sweeps)
+float64 sample_interval_ns   # two-way travel time between samples; 0 of sweeps
+float64 time_zero_ns         # time zero lies this long after the first sample
+float64 zero_level           # value that stands for no signal
+uint8[] valid                # one a channel, 0 where it was not heard; empty: all were
+uint8[] data                 # channel after channel, sample after sample
+uint8[] calibration          # sweep of the calibration channel, encoded like data; empty of traces
+""",
+    RADAR_ARRAY: """\
+# Where the antennas of a radar array are, and what reading its scans needs beside them.
+std_msgs/Header header               # frame_id: the vehicle; its origin is at the rear axle, on the ground
+float64[] x_m                        # forward, one a channel
+float64[] y_m                        # to the left, one a channel, falling
+float64[] time_offset_s              # delay of each channel after the stamp of its scan
+float64 height_m                     # of the array above the ground
+float64 centre_frequency_hz          # 0: not known
+float64[] frequencies_hz             # of sweeps; empty of traces, and so is all that follows
+float64 group_delay_ns               # delay of the calibration channel's path
+float32[] lookup_sweeps              # real, imaginary, of each channel and frequency: the array in empty space
+float32[] lookup_calibration_sweep   # real, imaginary, of each frequency
+float64[] channel_gain               # relative to the array's mean; empty: 1
+float64[] channel_delay_ns           # relative to the array's mean; empty: 0
+""",
+    FIX_QUALITY: """\
+# What is known of the match of one scan with the map. Only scans of code ok have a pose on the other topics.
+std_msgs/Header header     # stamp: that of the scan
+uint32 scan                # number in the drive
+string code                # ok, low_correlation, ambiguous, edge, off_map, low_overlap, non_finite, no_window
+float64 correlation
+float64 margin             # correlation less that of the runner-up
+uint32 overlap_channels    # channels that the map covers there
+""",
+}
+_STANDARD = {
+    NAV_SAT_FIX: """\
+uint8 COVARIANCE_TYPE_UNKNOWN=0
+uint8 COVARIANCE_TYPE_APPROXIMATED=1
+uint8 COVARIANCE_TYPE_DIAGONAL_KNOWN=2
+uint8 COVARIANCE_TYPE_KNOWN=3
+std_msgs/Header header
+sensor_msgs/NavSatStatus status
+float64 latitude
+float64 longitude
+float64 altitude
+float64[9] position_covariance
+uint8 position_covariance_type
+""",
+    IMU: """\
+std_msgs/Header header
+geometry_msgs/Quaternion orientation
+float64[9] orientation_covariance
+geometry_msgs/Vector3 angular_velocity
+float64[9] angular_velocity_covariance
+geometry_msgs/Vector3 linear_acceleration
+float64[9] linear_acceleration_covariance
+""",
+    POSE: "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose\n",
+    ODOMETRY: """\
+std_msgs/Header header
+string child_frame_id
+geometry_msgs/PoseWithCovariance pose
+geometry_msgs/TwistWithCovariance twist
+""",
+}
+_NESTED = {
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
+    "sensor_msgs/NavSatStatus": """\
+int8 STATUS_NO_FIX=-1
+int8 STATUS_FIX=0
+int8 STATUS_SBAS_FIX=1
+int8 STATUS_GBAS_FIX=2
+int8 status
+uint16 SERVICE_GPS=1
+uint16 SERVICE_GLONASS=2
+uint16 SERVICE_COMPASS=4
+uint16 SERVICE_GALILEO=8
+uint16 service
+""",
+    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
+    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
+    "geometry_msgs/Quaternion": "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n",
+    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
+    "geometry_msgs/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n",
+    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
+    "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
+}
+
+
+def definition_of(name: str) -> str:
+    """Definition of a message and, below it, those of the messages in it, as recordings carry them."""
+    text = (_OWN | _STANDARD)[name]
+    parts, names = [text], _nested_in(text)
+    for nested in names:
+        parts.append(f"{'=' * 80}\nMSG: {nested}\n{_NESTED[nested]}")
+        names += [each for each in _nested_in(_NESTED[nested]) if each not in names]
+    return "".join(parts)
+
+
+def layout_to_write(name: str) -> Layout:
+    """Layout by which a message is written."""
+    return layout_of(name, definition_of(name))
+
+
+@lru_cache(maxsize=1024)
+def is_kind(name: str, kind: str) -> bool:
+    """Whether a type is the one meant; messages of the radar may stand in a package of any name."""
+    if kind in _OWN:
+        return name.rpartition("/")[2] == kind.rpartition("/")[2]
+    return short_name(name) == short_name(kind)
+
+
+def quaternion_of(yaw_rad: float, roll_rad: float) -> dict[str, float]:
+    """Orientation without pitch: first the roll about x, then the yaw about z."""
+    cos_yaw, sin_yaw = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
+    cos_roll, sin_roll = math.cos(0.5 * roll_rad), math.sin(0.5 * roll_rad)
+    return {"x": cos_yaw * sin_roll, "y": sin_yaw * sin_roll, "z": sin_yaw * cos_roll, "w": cos_yaw * cos_roll}
+
+
+def yaw_and_roll(x: float, y: float, z: float, w: float) -> tuple[float, float]:
+    """Yaw and roll, radians, of an orientation; its pitch is put aside. NaN where it is none (length not about 1)."""
+    length = x * x + y * y + z * z + w * w
+    if not 0.9 < length < 1.1:
+        return math.nan, math.nan
+    yaw = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    roll = math.atan2(2.0 * (w * x + y * z), w * w - x * x - y * y + z * z)
+    return yaw, roll
+
+
+def pose_covariance(covariance: Float[np.ndarray, "5 5"]) -> Float[np.ndarray, "6 6"]:
+    """Covariance of x, y, z, roll, pitch, yaw from that of east, north, height, yaw, roll."""
+    places = np.array([0, 1, 2, 5, 3])
+    reordered = np.zeros((6, 6))
+    reordered[np.ix_(places, places)] = covariance
+    reordered[4, 4] = PITCH_VARIANCE
+    return reordered
+
+
+def _nested_in(text: str) -> list[str]:
+    return list(dict.fromkeys(re.findall(r"^(\w+/\w+) ", text, re.MULTILINE)))

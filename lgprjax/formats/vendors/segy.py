@@ -1,0 +1,308 @@
+"""SEG-Y lines as radars write them. Needs the optional package segyio (``pip install lgprjax[segy]``)."""
+
+import struct
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+from jaxtyping import Float, Int, Num
+
+from lgprjax.errors import InputError
+from lgprjax.formats.line_layout import inputs_of, write_lines, write_positioned_lines
+from lgprjax.formats.profile import Profile, TraceCoordinates, count_traces, read_bytes
+from lgprjax.formats.survey_track import Place, distances_m, utm_projection
+
+_TEXT_BYTES, _BINARY_BYTES, _TRACE_HEADER_BYTES = 3200, 400, 240
+# Bytes a sample and the type returned, by the format code: IBM float, int32, int16, IEEE float, int8.
+_FORMATS: dict[int, tuple[int, type[np.generic]]] = {
+    1: (4, np.float32),
+    2: (4, np.int32),
+    3: (2, np.int16),
+    5: (4, np.float32),
+    8: (1, np.int16),
+}
+# A header word of microseconds cannot hold a radar's interval; radars' programs write picoseconds in it. Only words
+# in this range are taken for them: 0.01 ns (100 GHz) to 2 ns (Nyquist 250 MHz). Seismic defaults (4000) lie outside.
+_PLAUSIBLE_PS = (10, 2000)
+_FOOT_M = 0.3048
+# Steps that vary by less than this share are even.
+_EVEN = 0.02
+
+
+def read_segy(
+    path: str | Path, *, sample_interval_ns: float | None = None, time_zero_ns: float = 0.0, partial: bool = False
+) -> Profile:
+    """Read one SEG-Y file of revision 0, 1 or 2, big- or little-endian; IBM or IEEE float, int32, int16 or int8.
+
+    The sample interval is, in this order: ``sample_interval_ns`` if given; the extended interval of revision 2; the
+    interval word of the binary and trace headers, taken for picoseconds, if they agree and it is from 10 to 2000.
+    ``metadata["reading"]`` says in words what was taken. Coordinates are the midpoints of source and receiver, or
+    what there is of them, or else those of the ensemble; the coordinate scalar and feet are applied.
+
+    Args:
+        path: the file.
+        sample_interval_ns: two-way travel time between samples, where the header does not say it.
+        time_zero_ns: how long after sample 0 time zero lies (no header of SEG-Y says it in ns).
+        partial: read the whole traces of a file that ends too early; ``Profile.cut`` then says how many there are.
+
+    Raises:
+        InputError: segyio is missing, the file is missing, cut short or another format, or no header says the
+            sample interval.
+    """
+    file = Path(path)
+    data = read_bytes(file)
+    order, binary, whole_bytes, cut = _binary_header(file, data, partial=partial)
+    if sample_interval_ns is not None and not (np.isfinite(sample_interval_ns) and sample_interval_ns > 0):
+        raise InputError(file, "sample interval", "a number above zero", f"{sample_interval_ns:g}")
+    if not np.isfinite(time_zero_ns):
+        raise InputError(file, "time zero", "a number", f"{time_zero_ns:g}")
+    segyio = _segyio(file)
+    if cut is None:
+        stored, words = _traces(segyio, file, file, order)
+    else:
+        # The library opens nothing but files of whole traces.
+        with tempfile.TemporaryDirectory() as folder:
+            whole = Path(folder) / file.name
+            whole.write_bytes(memoryview(data)[:whole_bytes])
+            stored, words = _traces(segyio, file, whole, order)
+    interval_ns, interval_from = _interval(file, binary, words[117], sample_interval_ns)
+    coordinates, coordinates_from = _coordinates(words, feet=binary["units"] == 2)
+    positions_m = None if coordinates is None else _along_m(coordinates)
+    spacing_m = None
+    if positions_m is not None and len(positions_m) > 1:
+        steps = np.diff(positions_m)
+        mean_m = float(steps.mean())
+        if mean_m > 0 and np.all(np.abs(steps - mean_m) < _EVEN * mean_m):
+            spacing_m = mean_m
+    traces = stored.astype(_FORMATS[binary["format"]][1])
+    return Profile(
+        path=file,
+        channels=traces[:, None, :],
+        sample_interval_ns=interval_ns,
+        time_zero_ns=time_zero_ns,
+        spacing_m=spacing_m,
+        centre_frequency_hz=None,
+        positions_m=positions_m,
+        metadata={
+            "revision": binary["revision"],
+            "format": binary["format"],
+            "reading": f"sample interval {interval_ns:g} ns from {interval_from}; coordinates from {coordinates_from}",
+        },
+        coordinates=coordinates,
+        cut=cut,
+    )
+
+
+# First bytes, counted from 1 as the standard does, of the words that are read from every trace header.
+_TRACE_WORDS = (71, 73, 77, 81, 85, 89, 117, 181, 185)
+
+
+def _segyio(file: Path) -> Any:
+    try:
+        import segyio
+    except ImportError:
+        expected = "the optional package segyio (pip install lgprjax[segy])"
+        raise InputError(file, "SEG-Y", expected, "none") from None
+    return segyio
+
+
+def _traces(
+    segyio: Any, file: Path, whole: Path, order: str
+) -> tuple[Num[np.ndarray, "trace sample"], dict[int, Int[np.ndarray, " trace"]]]:
+    """Samples, and header words by their place, of a file of whole traces; errors are told of ``file``."""
+    try:
+        with segyio.open(str(whole), ignore_geometry=True, endian="big" if order == ">" else "little") as store:
+            stored = np.atleast_2d(store.trace.raw[:])
+            words = {place: np.asarray(store.attributes(place)[:], dtype=np.int64) for place in _TRACE_WORDS}
+    except (OSError, RuntimeError, ValueError, IndexError) as error:
+        raise InputError(file, "file", "a whole SEG-Y file", str(error) or type(error).__name__) from None
+    return stored, words
+
+
+def _binary_header(file: Path, data: bytes, *, partial: bool) -> tuple[str, dict[str, Any], int, str | None]:
+    """Byte order, the words of the binary header that count, the bytes up to the last whole trace, and what is cut."""
+    header = data[_TEXT_BYTES : _TEXT_BYTES + _BINARY_BYTES]
+    if len(header) < _BINARY_BYTES:
+        raise InputError(file, "file", "SEG-Y headers of 3600 bytes", f"{len(data)} bytes")
+    codes = {order: struct.unpack_from(f"{order}h", header, 24)[0] for order in (">", "<")}
+    order = next((o for o, code in codes.items() if code in _FORMATS), None)
+    if order is None:
+        expected = "1 (IBM float), 2 (int32), 3 (int16), 5 (IEEE float) or 8 (int8)"
+        raise InputError(file, "binary header, sample format", expected, str(codes[">"]))
+    interval, samples = (struct.unpack_from(f"{order}H", header, at)[0] for at in (16, 20))
+    units, extended_headers = (struct.unpack_from(f"{order}h", header, at)[0] for at in (54, 304))
+    major, minor = header[300], header[301]
+    exact_us = struct.unpack_from(f"{order}d", header, 72)[0] if major >= 2 else 0.0
+    if major >= 2 and samples == 0:
+        samples = struct.unpack_from(f"{order}I", header, 68)[0]
+    if samples < 2:
+        raise InputError(file, "binary header, samples a trace", "at least 2", str(samples))
+    if extended_headers < 0:
+        raise InputError(file, "binary header, extended text headers", "a number of them", str(extended_headers))
+    before = _TEXT_BYTES + _BINARY_BYTES + _TEXT_BYTES * (extended_headers if major >= 1 else 0)
+    trace_bytes = _TRACE_HEADER_BYTES + samples * _FORMATS[codes[order]][0]
+    whole, cut = count_traces(file, len(data) - before, trace_bytes, said=None, partial=partial)
+    words = {
+        "format": codes[order],
+        "interval": interval,
+        "exact_us": exact_us,
+        "units": units,
+        "revision": f"{major}.{minor}",
+    }
+    return order, words, before + whole * trace_bytes, cut
+
+
+def _interval(
+    file: Path, binary: dict[str, Any], trace_words: Int[np.ndarray, " trace"], given_ns: float | None
+) -> tuple[float, str]:
+    found = sorted({binary["interval"], *np.unique(trace_words & 0xFFFF).tolist()} - {0})
+    says = f"(the header says {', '.join(map(str, found)) or 'nothing'})"
+    if given_ns is not None:
+        return given_ns, f"the option {says}"
+    if np.isfinite(binary["exact_us"]) and 1e-6 <= binary["exact_us"] <= 0.1:
+        return binary["exact_us"] * 1e3, "the extended interval of revision 2"
+    low, high = _PLAUSIBLE_PS
+    if len(found) == 1 and low <= found[0] <= high:
+        return found[0] / 1e3, f"the interval word {found[0]} read as picoseconds"
+    expected = f"one interval word that reads as picoseconds ({low} to {high}), or --sample-interval-ns"
+    raise InputError(file, "sample interval", expected, ", ".join(map(str, found)) or "none")
+
+
+def _coordinates(words: dict[int, Int[np.ndarray, " trace"]], *, feet: bool) -> tuple[TraceCoordinates | None, str]:
+    """Coordinates of the traces, and where they come from, in words."""
+    scalar = words[71].astype(np.float64)
+    factor = np.where(scalar < 0, 1.0 / np.where(scalar < 0, -scalar, 1.0), np.where(scalar > 0, scalar, 1.0))
+    pairs = {name: np.stack([words[x], words[y]]) for name, (x, y) in _PAIRS.items()}
+    there = {name: pair for name, pair in pairs.items() if np.any(pair)}
+    if "source" in there and "receiver" in there:
+        chosen, name = (there["source"] + there["receiver"]) / 2, "the midpoints of source and receiver"
+        present = np.any(there["source"] != 0, axis=0) & np.any(there["receiver"] != 0, axis=0)
+    elif there:
+        name, chosen = next(iter(there.items()))
+        present = np.any(chosen != 0, axis=0)
+        name = f"the {name} fields"
+    else:
+        return None, "no header"
+    if not present.all():
+        return None, f"no header ({name}: {np.count_nonzero(~present)} of {present.size} traces without)"
+    x, y = chosen * factor
+    if np.ptp(x) == 0 and np.ptp(y) == 0:
+        return None, f"no header ({name}: all traces in one place)"
+    unit = int(words[89][0])
+    if unit in (2, 3):
+        to_degrees = 3600.0 if unit == 2 else 1.0
+        x, y = x / to_degrees, y / to_degrees
+        if np.max(np.abs(x)) > 360 or np.max(np.abs(y)) > 90:
+            return None, f"no header ({name}: degrees that are none)"
+        return TraceCoordinates("degrees", x, y), f"{name}, degrees"
+    if unit == 4:
+        return None, f"no header ({name}: degrees, minutes and seconds are not read)"
+    return TraceCoordinates("metres", x * (_FOOT_M if feet else 1.0), y * (_FOOT_M if feet else 1.0)), f"{name}, length"
+
+
+_PAIRS = {"source": (73, 77), "receiver": (81, 85), "ensemble": (181, 185)}
+
+
+def _along_m(coordinates: TraceCoordinates) -> Float[np.ndarray, " trace"]:
+    """Cumulative distance along the traces."""
+    if coordinates.kind == "degrees":
+        x, y = coordinates.x, coordinates.y
+        steps = pyproj.Geod(ellps="WGS84").inv(x[:-1], y[:-1], x[1:], y[1:])[2]
+    else:
+        steps = np.hypot(np.diff(coordinates.x), np.diff(coordinates.y))
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+# A SEG-Y line as a drive log: on its own coordinates where they can be placed on the earth, else straight.
+
+
+def import_segy(
+    path: str | Path,
+    *,
+    sample_interval_ns: float | None = None,
+    time_zero_ns: float = 0.0,
+    utm_zone: str | None = None,
+    place: Place,
+    length_m: float | None = None,
+    output: str | Path,
+    force: bool = False,
+) -> bool:
+    """Write one SEG-Y line as a drive log of one channel.
+
+    Coordinates in degrees, or in metres of a UTM zone that is named, place every trace: traces stay as recorded and
+    the heading follows their path. Otherwise the line leaves ``place`` straight along its heading, at the distances
+    of its coordinates or evenly over ``length_m``.
+
+    Args:
+        path: the file.
+        sample_interval_ns, time_zero_ns: see ``read_segy``.
+        utm_zone: zone of coordinates in metres, such as ``19N``.
+        place: origin and direction of a line that has no place on the earth.
+        length_m: length of the line as measured by tape; coordinates then do not count.
+        output: the drive log.
+        force: replace an output that exists.
+
+    Returns:
+        Whether the line lies on its own coordinates, and ``place`` did not count.
+
+    Raises:
+        InputError: the file cannot be read or has no sample interval, or the line no length.
+    """
+    profile = read_segy(path, sample_interval_ns=sample_interval_ns, time_zero_ns=time_zero_ns)
+    provenance: dict[str, object] = {
+        "made_by": "lgprjax import segy",
+        "inputs": inputs_of([path]),
+        "revision": profile.metadata["revision"],
+        "reading": profile.metadata["reading"],
+        "utm_zone": utm_zone,
+    }
+    where = None if length_m is not None else _on_the_earth(profile, utm_zone)
+    if where is not None:
+        latitude_deg, longitude_deg = where
+        write_positioned_lines(
+            [profile],
+            latitude_deg=[latitude_deg],
+            longitude_deg=[longitude_deg],
+            height_m=None,
+            travel_m=[distances_m(latitude_deg, longitude_deg)],
+            output=output,
+            provenance=provenance,
+            assumed={"odometry": "from the positions"},
+            force=force,
+        )
+        return True
+    write_lines(
+        [profile],
+        left_m=np.zeros(1),
+        forward_m=np.zeros(1),
+        place=place,
+        output=output,
+        provenance=provenance,
+        assumed=place.assumed(),
+        length_m=length_m,
+        force=force,
+    )
+    return False
+
+
+def _on_the_earth(
+    profile: Profile, utm_zone: str | None
+) -> tuple[Float[np.ndarray, " trace"], Float[np.ndarray, " trace"]] | None:
+    """Latitude and longitude of the traces, where their coordinates and the options say them."""
+    coordinates = profile.coordinates
+    if coordinates is None:
+        if utm_zone is not None:
+            raise InputError(profile.path, "coordinates", "eastings and northings", str(profile.metadata["reading"]))
+        return None
+    if coordinates.kind == "degrees":
+        return coordinates.y, coordinates.x
+    if utm_zone is None:
+        return None
+    low, high = (f(np.stack([coordinates.x, coordinates.y]), axis=1) for f in (np.min, np.max))
+    if low[0] < 1e5 or high[0] > 9e5 or low[1] < 0 or high[1] > 1e7:
+        found = f"eastings {low[0]:.6g} to {high[0]:.6g}, northings {low[1]:.6g} to {high[1]:.6g}"
+        raise InputError(profile.path, "coordinates", "UTM metres (easting 100000 to 900000)", found)
+    longitude_deg, latitude_deg = utm_projection(profile.path, utm_zone)(coordinates.x, coordinates.y, inverse=True)
+    return np.asarray(latitude_deg), np.asarray(longitude_deg)

@@ -1,0 +1,456 @@
+"""The record of a worked field ``X.worked.h5``: written whole, read and held against ``data_schema/worked.toml``."""
+
+import json
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+from xml.etree import ElementTree
+
+import h5py
+import numpy as np
+from jaxtyping import Float, Float32, Int32, UInt8, UInt16, UInt32
+
+from lgprjax.coverage import Tool
+from lgprjax.errors import InputError
+from lgprjax.formats.schema import load_schema
+from lgprjax.formats.store import (
+    atomic_output,
+    attribute_of,
+    create_store,
+    open_store,
+    reading,
+    validate_store,
+    write_array,
+    write_attribute,
+)
+from lgprjax.frames import LocalFrame
+
+# What was worked of a field, as its record holds it: cells, what was measured over time, passes, stops, events.
+
+FULL = 65535
+"""The number that stands for probability 1."""
+
+
+class WorkedCells(NamedTuple):
+    """Ground cells, row 0 southmost.
+
+    Attributes:
+        east_m, north_m: of the grid's south-west corner.
+        cell_m: side of a cell.
+        probability: that a cell was worked in its best pass, rounded down to 1/``FULL``.
+        level: confidences, rising.
+        state: at each level, a ``coverage.CellState``.
+    """
+
+    east_m: float
+    north_m: float
+    cell_m: float
+    probability: UInt16[np.ndarray, "north east"]
+    level: Float[np.ndarray, " level"]
+    state: UInt8[np.ndarray, "level north east"]
+
+
+class CoverChannels(NamedTuple):
+    """Moments, ten a second, run after run; names and units as in ``cover`` of ``data_schema/run_log.toml``.
+
+    Attributes:
+        time_s: since the record's ``t0_utc``; rises within a run.
+        run: which of the runs.
+    """
+
+    time_s: Float[np.ndarray, " moment"]
+    run: UInt16[np.ndarray, " moment"]
+    x_m: Float[np.ndarray, " moment"]
+    y_m: Float[np.ndarray, " moment"]
+    yaw_rad: Float[np.ndarray, " moment"]
+    covariance: Float32[np.ndarray, "moment 3 3"]
+    speed_mps: Float32[np.ndarray, " moment"]
+    left_mps: Float32[np.ndarray, " moment"]
+    right_mps: Float32[np.ndarray, " moment"]
+    tool: UInt8[np.ndarray, " moment"]
+    depth_m: Float32[np.ndarray, " moment"]
+    mode: UInt8[np.ndarray, " moment"]
+    line: Int32[np.ndarray, " moment"]
+    stop: UInt16[np.ndarray, " moment"]
+    gnss_quality: UInt8[np.ndarray, " moment"]
+
+
+class CoverPasses(NamedTuple):
+    """Stretches of one line over which cells counted. Times since ``t0_utc``; depth and speed as measured."""
+
+    run: UInt16[np.ndarray, " pass"]
+    line: Int32[np.ndarray, " pass"]
+    begin_s: Float[np.ndarray, " pass"]
+    end_s: Float[np.ndarray, " pass"]
+    length_m: Float[np.ndarray, " pass"]
+    width_m: Float[np.ndarray, " pass"]
+    depth_mean_m: Float[np.ndarray, " pass"]
+    depth_least_m: Float[np.ndarray, " pass"]
+    speed_mean_mps: Float[np.ndarray, " pass"]
+    speed_largest_mps: Float[np.ndarray, " pass"]
+
+
+class CoverSwaths(NamedTuple):
+    """Ways of the tool's centre, pass after pass: ``number`` is that of the pass."""
+
+    number: UInt32[np.ndarray, " point"]
+    east_m: Float[np.ndarray, " point"]
+    north_m: Float[np.ndarray, " point"]
+
+
+class CoverStops(NamedTuple):
+    """Stretches of time with a reason to stop; the place is where it began, NaN where that was not known."""
+
+    run: UInt16[np.ndarray, " stop"]
+    begin_s: Float[np.ndarray, " stop"]
+    end_s: Float[np.ndarray, " stop"]
+    east_m: Float[np.ndarray, " stop"]
+    north_m: Float[np.ndarray, " stop"]
+    reasons: UInt16[np.ndarray, " stop"]
+
+
+class CoverEvents(NamedTuple):
+    """What the programs on board told, each as one line of JSON."""
+
+    run: UInt16[np.ndarray, " event"]
+    time_s: Float[np.ndarray, " event"]
+    east_m: Float[np.ndarray, " event"]
+    north_m: Float[np.ndarray, " event"]
+    text: tuple[str, ...]
+
+
+class WorkedRecord(NamedTuple):
+    """The record of a worked field.
+
+    Attributes:
+        name: of the field.
+        frame: local metres about the plan's anchor.
+        perimeter_m: corners, counter-clockwise.
+        tool: that worked.
+        t0_utc: ISO 8601; times count from it.
+        cells, channels, passes, swaths, stops, events: what was found.
+        provenance: program and inputs with their SHA-256.
+    """
+
+    name: str
+    frame: LocalFrame
+    perimeter_m: Float[np.ndarray, "corner 2"]
+    tool: Tool
+    t0_utc: str
+    cells: WorkedCells
+    channels: CoverChannels
+    passes: CoverPasses
+    swaths: CoverSwaths
+    stops: CoverStops
+    events: CoverEvents
+    provenance: dict[str, Any]
+
+
+_STOPS = {
+    1: "operator or remote link",
+    2: "edge of the field predicted crossed",
+    4: "tool off or at a wrong depth",
+    8: "position too uncertain",
+    16: "heading not known",
+    32: "wheels or their sensors",
+    64: "box or its line",
+    128: "computer",
+    256: "recording",
+    512: "off the line",
+}
+
+
+def stop_words(reasons: int) -> str:
+    """Why a vehicle stopped, in words, from the bits of ``data_schema/run_log.toml``."""
+    known = [words for bit, words in _STOPS.items() if reasons & bit]
+    rest = reasons & ~sum(_STOPS)
+    return ", ".join([*known, *([f"reason {rest:#x}"] if rest else [])]) or "none"
+
+
+_SCHEMA = load_schema("worked")
+_PLACED = ("run", "time_s", "east_m", "north_m")
+_Table = TypeVar("_Table", CoverChannels, CoverPasses, CoverStops)
+
+
+def write_worked(path: str | Path, record: WorkedRecord, *, force: bool = False) -> None:
+    """Write a record.
+
+    Raises:
+        InputError: something in it is not as the schema says, or the output exists (without ``force``) or cannot be
+            written. Nothing is left behind then.
+    """
+    cells, frame = record.cells, record.frame
+    attributes: dict[str, str | float] = {
+        "name": record.name,
+        "provenance": json.dumps(record.provenance),
+        "t0_utc": record.t0_utc,
+        "anchor_latitude_deg": frame.latitude_deg,
+        "anchor_longitude_deg": frame.longitude_deg,
+        "anchor_height_m": frame.height_m,
+        "cell_m": cells.cell_m,
+        "east_m": cells.east_m,
+        "north_m": cells.north_m,
+        **{f"tool_{name}": value for name, value in record.tool._asdict().items()},
+    }
+    events = record.events
+    arrays: dict[str, np.ndarray] = {
+        "/field/perimeter_m": record.perimeter_m,
+        "/cells/probability": cells.probability,
+        "/cells/level": cells.level,
+        "/cells/state": cells.state,
+        "/swaths/pass": record.swaths.number,
+        "/swaths/east_m": record.swaths.east_m,
+        "/swaths/north_m": record.swaths.north_m,
+        **{f"/events/{name}": getattr(events, name) for name in _PLACED},
+        "/events/text": np.frombuffer("".join(f"{line}\n" for line in events.text).encode(), np.uint8),
+    }
+    for group, table in (("time", record.channels), ("passes", record.passes), ("stops", record.stops)):
+        arrays |= {f"/{group}/{name}": values for name, values in table._asdict().items()}
+    with create_store(path, _SCHEMA, force) as (store, _):
+        for name, value in attributes.items():
+            write_attribute(store, name, value)
+        for each in _SCHEMA.groups:
+            store.create_group(each.path)
+        for place, values in arrays.items():
+            write_array(store, _SCHEMA, place, values)
+        for finding in validate_store(store, path, _SCHEMA, bulk=True):
+            if finding.severity == "error":
+                raise finding.error()
+
+
+def read_worked(path: str | Path) -> WorkedRecord:
+    """A record from its file.
+
+    Raises:
+        InputError: the file is missing, damaged, of another format or of a newer major version; something in it is not
+            as the schema says.
+    """
+    file = Path(path)
+    with open_store(file) as store:
+        for finding in validate_store(store, file, _SCHEMA):
+            if finding.severity == "error":
+                raise finding.error()
+        with reading(file, "contents"):
+            return _record(store, file)
+
+
+def _record(store: h5py.File, file: Path) -> WorkedRecord:
+    text = store["events/text"][()].tobytes().decode("utf-8", "replace").split("\n")[:-1]
+    events = len(store["events/run"])
+    if len(text) != events:
+        raise InputError(file, "/events/text", f"{events} lines, one an event", str(len(text)))
+    runs = np.concatenate([store[f"{group}/run"][()] for group in ("time", "passes", "stops", "events")])
+    provenance: dict[str, Any] = json.loads(str(attribute_of(store, "provenance")))
+    told = provenance.get("runs")
+    if not isinstance(told, list) or (len(runs) and runs.max() >= len(told)):
+        found = len(told) if isinstance(told, list) else "none"
+        raise InputError(file, "/@provenance", "every run that the record names", f"{found}")
+    return WorkedRecord(
+        name=str(attribute_of(store, "name")),
+        frame=LocalFrame(*(_number(store, f"anchor_{name}") for name in ("latitude_deg", "longitude_deg", "height_m"))),
+        perimeter_m=store["field/perimeter_m"][()],
+        tool=Tool(*(_number(store, f"tool_{name}") for name in Tool._fields)),
+        t0_utc=str(attribute_of(store, "t0_utc")),
+        cells=WorkedCells(
+            east_m=_number(store, "east_m"),
+            north_m=_number(store, "north_m"),
+            cell_m=_number(store, "cell_m"),
+            probability=store["cells/probability"][()],
+            level=store["cells/level"][()],
+            state=store["cells/state"][()],
+        ),
+        channels=_table(CoverChannels, store["time"]),
+        passes=_table(CoverPasses, store["passes"]),
+        swaths=CoverSwaths(*(store[f"swaths/{name}"][()] for name in ("pass", "east_m", "north_m"))),
+        stops=_table(CoverStops, store["stops"]),
+        events=CoverEvents(**{name: store[f"events/{name}"][()] for name in _PLACED}, text=tuple(text)),
+        provenance=provenance,
+    )
+
+
+def _table(kind: type[_Table], group: h5py.Group) -> _Table:
+    return kind(**{name: group[name][()] for name in kind._fields})
+
+
+def _number(store: h5py.File, name: str) -> float:
+    # The schema has seen to it that it is one.
+    return float(str(attribute_of(store, name)))
+
+
+# Layers of shapes on WGS-84, written for map programs: GeoPackage, GeoJSON, KML.
+#
+# The GeoPackage needs the optional packages shapely and pyogrio (``pip install lgprjax[gis]``).
+
+_CRS = "EPSG:4326"
+_KML = "http://www.opengis.net/kml/2.2"
+_DECIMALS = 10
+
+
+class GeoLayer(NamedTuple):
+    """Shapes of one kind with the same properties each.
+
+    Attributes:
+        name: of the layer.
+        kind: ``Polygon``, ``LineString`` or ``Point``.
+        shapes: of shapely, in degrees, longitude first; polygons with their outer ring counter-clockwise.
+        properties: of each shape.
+    """
+
+    name: str
+    kind: str
+    shapes: tuple[Any, ...]
+    properties: tuple[dict[str, Any], ...]
+
+
+def write_geopackage(
+    path: str | Path, layers: Sequence[GeoLayer], metadata: dict[str, str], *, force: bool = False
+) -> None:
+    """Write layers to a GeoPackage, empty ones too.
+
+    Args:
+        path: the output.
+        layers: in the order of the file.
+        metadata: of the file as a whole.
+        force: replace an output that exists.
+
+    Raises:
+        InputError: pyogrio is missing, or the output exists (without ``force``) or cannot be written.
+    """
+    pyogrio = _pyogrio(path)
+    with (
+        atomic_output(path, force) as temporary,
+        # The library judges a format by the file's name, which the temporary one has not.
+        tempfile.TemporaryDirectory(dir=Path(path).parent, prefix=".export-") as folder,
+    ):
+        whole = Path(folder) / "layers.gpkg"
+        for layer in layers:
+            names = list(layer.properties[0]) if layer.properties else []
+            pyogrio.raw.write(
+                whole,
+                geometry=np.array([shape.wkb for shape in layer.shapes], object),
+                field_data=[_column([row[name] for row in layer.properties]) for name in names],
+                fields=names,
+                layer=layer.name,
+                driver="GPKG",
+                geometry_type=layer.kind,
+                crs=_CRS,
+                dataset_metadata=metadata,
+            )
+        whole.replace(temporary)
+
+
+def write_geojson(
+    path: str | Path, layers: Sequence[GeoLayer], metadata: dict[str, str], *, force: bool = False
+) -> None:
+    """Write layers as one FeatureCollection (RFC 7946); each feature names its layer, the metadata are a member.
+
+    Raises:
+        InputError: the output exists (without ``force``) or cannot be written.
+    """
+    features = [
+        {
+            "type": "Feature",
+            "geometry": {"type": layer.kind, "coordinates": coordinates(shape)},
+            "properties": {"layer": layer.name, **properties},
+        }
+        for layer in layers
+        for shape, properties in zip(layer.shapes, layer.properties, strict=True)
+    ]
+    collection = {"type": "FeatureCollection", "lgprjax": metadata, "features": features}
+    with atomic_output(path, force) as temporary:
+        temporary.write_text(json.dumps(collection, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def write_kml(
+    path: str | Path,
+    layers: Sequence[GeoLayer],
+    metadata: dict[str, str],
+    *,
+    colours: dict[str, str],
+    force: bool = False,
+) -> None:
+    """Write layers as KML 2.2, a folder each.
+
+    Args:
+        path: the output.
+        layers: in the order of the file.
+        metadata: told in the document's description.
+        colours: ``#rrggbb`` by layer; polygons are filled with it, half see-through.
+        force: replace an output that exists.
+
+    Raises:
+        InputError: the output exists (without ``force``) or cannot be written.
+    """
+    root = ElementTree.Element("kml", {"xmlns": _KML})
+    document = ElementTree.SubElement(root, "Document")
+    ElementTree.SubElement(document, "description").text = "\n".join(f"{n}: {text}" for n, text in metadata.items())
+    for layer in layers:
+        style = ElementTree.SubElement(document, "Style", {"id": layer.name})
+        colour = colours.get(layer.name, "#222222")
+        for element, opacity in (("IconStyle", "ff"), ("LineStyle", "ff"), ("PolyStyle", "80")):
+            # KML counts opacity, blue, green, red.
+            told = opacity + colour[5:7] + colour[3:5] + colour[1:3]
+            ElementTree.SubElement(ElementTree.SubElement(style, element), "color").text = told
+    for layer in layers:
+        folder = ElementTree.SubElement(document, "Folder")
+        ElementTree.SubElement(folder, "name").text = layer.name
+        for shape, properties in zip(layer.shapes, layer.properties, strict=True):
+            folder.append(_placemark(layer, shape, properties))
+    with atomic_output(path, force) as temporary:
+        ElementTree.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
+
+
+def coordinates(shape: Any) -> list[Any]:
+    """Coordinates of a point, a line or a polygon as GeoJSON nests them, rounded to a hundredth of a millimetre."""
+    if shape.geom_type == "Point":
+        return list(_places(shape)[0])
+    if shape.geom_type == "LineString":
+        return _places(shape)
+    return [_places(ring) for ring in (shape.exterior, *shape.interiors)]
+
+
+def _places(line: Any) -> list[list[float]]:
+    return [[round(x, _DECIMALS), round(y, _DECIMALS)] for x, y in line.coords]
+
+
+def _column(values: list[Any]) -> np.ndarray:
+    """A column of a table: numbers as they are, anything else as text."""
+    kinds = {type(value) for value in values}
+    return np.array(values) if kinds <= {int} or kinds <= {float} else np.array([str(each) for each in values], object)
+
+
+def _placemark(layer: GeoLayer, shape: Any, properties: dict[str, Any]) -> ElementTree.Element:
+    placemark = ElementTree.Element("Placemark")
+    ElementTree.SubElement(placemark, "name").text = layer.name
+    ElementTree.SubElement(placemark, "styleUrl").text = f"#{layer.name}"
+    extended = ElementTree.SubElement(placemark, "ExtendedData")
+    for name, value in properties.items():
+        ElementTree.SubElement(ElementTree.SubElement(extended, "Data", {"name": name}), "value").text = str(value)
+    drawn = ElementTree.SubElement(placemark, layer.kind)
+    if layer.kind != "Polygon":
+        ElementTree.SubElement(drawn, "coordinates").text = _tuples(shape)
+        return placemark
+    for boundary, ring in _rings(shape):
+        linear = ElementTree.SubElement(ElementTree.SubElement(drawn, boundary), "LinearRing")
+        ElementTree.SubElement(linear, "coordinates").text = _tuples(ring)
+    return placemark
+
+
+def _rings(polygon: Any) -> Iterator[tuple[str, Any]]:
+    yield "outerBoundaryIs", polygon.exterior
+    for ring in polygon.interiors:
+        yield "innerBoundaryIs", ring
+
+
+def _tuples(line: Any) -> str:
+    return " ".join(f"{x:.{_DECIMALS}f},{y:.{_DECIMALS}f}" for x, y in line.coords)
+
+
+def _pyogrio(path: str | Path) -> Any:
+    try:
+        import pyogrio
+        import pyogrio.raw
+    except ImportError:
+        raise InputError(path, "export", "the optional package pyogrio (pip install lgprjax[gis])", "none") from None
+    return pyogrio

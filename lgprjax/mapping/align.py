@@ -1,0 +1,600 @@
+"""A map whose baselines disagree -> a map whose baselines agree: labels corrected, no signal touched."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from lgprjax import __version__
+from lgprjax.batch.chance import measure_chance
+from lgprjax.files import file_hash
+from lgprjax.formats import MapFile, MapWriter, copy_stations
+from lgprjax.mapping.build import MEASURING
+from lgprjax.mapping.matching import KeptStations, places_of_drives, register_stations
+from lgprjax.navigation.pose_graph import FixEdges, GraphSolution, LabelChain, LabelModel, misfit, solve_graph
+from lgprjax.registration import Code, RegisterOptions, ground_map_for
+from lgprjax.subsurface import SpatialIndex, TilePlacer
+
+# Baselines cut where they come back to their own ground, and which earlier pass each place is compared with.
+#
+# A pass never meets itself: a lap of a closed course, or the way back after a turn, is a pass of its own and is
+# matched with the one before like any other baseline.
+
+STEP_M = 1.0
+"""From match to match along a pass: farther than neighbouring matches share noise."""
+
+_SAME_PASS_M = 20.0  # of path; what lies nearer behind is the same passage, round however tight a bend
+
+
+class Passes(NamedTuple):
+    """A map's baselines as passes, numbered in the order of driving.
+
+    Attributes:
+        of_station: pass of every station.
+        station, number: places along all baselines, in order: station and its pass.
+    """
+
+    of_station: Int[np.ndarray, " scan"]
+    station: Int[np.ndarray, " place"]
+    number: Int[np.ndarray, " place"]
+
+
+class PassPairs(NamedTuple):
+    """Places to match on the ground of an earlier pass, in order of ground, pass and place.
+
+    Attributes:
+        station, number: the place's station and pass.
+        ground: the earlier pass.
+    """
+
+    station: Int[np.ndarray, " pair"]
+    number: Int[np.ndarray, " pair"]
+    ground: Int[np.ndarray, " pair"]
+
+
+def passes_of(source: MapFile, reach_m: float) -> Passes:
+    """Cut a map's baselines into passes.
+
+    Args:
+        source: the map.
+        reach_m: places whose labels are nearer than this may be the same ground.
+    """
+    lag = round(_SAME_PASS_M / STEP_M)
+    of_station = np.zeros(len(source.drive), np.int64)
+    stations, numbers, count = [], [], 0
+    pose, drive = source.pose, source.drive
+    for baseline, places in enumerate(places_of_drives(source, STEP_M)):
+        index = SpatialIndex(places.pose[:, :2], 8.0)
+        number, start = np.zeros(len(places.pose), np.int64), 0
+        starts = [0]
+        for n, place in enumerate(places.pose[:, :2]):
+            near = index.near(place, reach_m)
+            if np.any((near >= start) & (near < n - lag)):
+                start = n
+                starts.append(n)
+            number[n] = count + len(starts) - 1
+        held = places.station >= 0
+        stations.append(places.station[held])
+        numbers.append(number[held])
+        # A pass begins at its first place's own ground, half a step ahead of the place.
+        own = np.flatnonzero(drive == baseline)
+        path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(pose[own, :2], axis=0).T))]) if len(own) else own
+        of_station[own] = count + np.searchsorted(np.array(starts[1:]) * STEP_M, path, side="right")
+        count += len(starts)
+    return Passes(of_station, np.concatenate(stations), np.concatenate(numbers))
+
+
+def pairs_of(source: MapFile, passes: Passes, search_m: float) -> PassPairs:
+    """Which earlier passes each place is matched with: of those that come by the last, and the 2nd, 4th, 8th last.
+
+    So the work grows with the logarithm of the number of passes, and any two passes over the same ground are joined by
+    few steps.
+
+    Args:
+        source: the map.
+        passes: of it.
+        search_m: half side of the search about a label.
+    """
+    point_m = source.pose[passes.station, :2]
+    index, reach_m = SpatialIndex(point_m, 8.0), search_m + 0.5 * source.description.array_width_m
+    rows = []
+    for n, number in enumerate(passes.number):
+        by = np.unique(passes.number[index.near(point_m[n], reach_m)])
+        by = by[by < number][::-1]
+        for rank in (1 << k for k in range(len(by).bit_length())):
+            rows.append((passes.station[n], number, by[rank - 1]))
+    table = np.array(rows, np.int64).reshape(-1, 3)
+    table = table[np.lexsort((table[:, 0], table[:, 1], table[:, 2]))]
+    return PassPairs(table[:, 0], table[:, 1], table[:, 2])
+
+
+# Baselines registered on each other: every place of a pass on the ground of earlier passes, one at a time.
+#
+# One ground a match, so that each fix ties two passes and two only: the ground of all others together is nobody's
+# where their labels disagree.
+
+UNKNOWN_SIGMA_M = 0.5
+"""Of labels that say nothing of themselves."""
+LEAST_SIGMA_M = 0.05
+"""No label is trusted better than this: what receivers say of themselves leaves out what they do not see."""
+
+_SEARCH_SIGMAS = 3.0
+_SEARCH_M = (1.0, 4.0)  # half side, at least and at most
+_BESIDE = 5  # places to each side, of the same two passes, that speak for a match
+_LEAST_SHARE = 1.0 / 3.0  # of the places tried there that are matched too; on other ground hardly one in a hundred is
+_LEAST_MATCHES = 3
+_AGAIN_M = 0.5  # half side of the search the second time
+_NO_GROUND = (Code.OFF_MAP, Code.LOW_OVERLAP, Code.NON_FINITE, Code.NO_WINDOW)
+
+
+class MatchPlan(NamedTuple):
+    """What is matched with what: the search, the passes, and the pairs of place and earlier pass."""
+
+    options: RegisterOptions
+    passes: Passes
+    pairs: PassPairs
+
+
+class PassMatches(NamedTuple):
+    """Places matched on the ground of earlier passes, one row each.
+
+    Attributes:
+        station, number: the place's station and its pass.
+        ground: nearest station of the pass it was matched with.
+        on: that pass.
+        found: east_m, north_m, yaw_rad by the ground's labels.
+        covariance: of ``found``.
+        code: of registration.
+    """
+
+    station: Int[np.ndarray, " row"]
+    number: Int[np.ndarray, " row"]
+    ground: Int[np.ndarray, " row"]
+    on: Int[np.ndarray, " row"]
+    found: Float[np.ndarray, "row 3"]
+    covariance: Float[np.ndarray, "row 3 3"]
+    code: Int[np.ndarray, " row"]
+
+
+def label_sigmas(source: MapFile) -> Float[np.ndarray, " drive"]:
+    """What each baseline's labels are taken to be off by, metres, in east and in north."""
+    said = np.asarray(source.description.label_sigma_m, np.float64)
+    return np.asarray(np.where(said > 0.0, np.maximum(said, LEAST_SIGMA_M), UNKNOWN_SIGMA_M))
+
+
+def plan_matches(source: MapFile) -> MatchPlan:
+    """What to match: every place with passes that came by before, within three sigmas of two labels' difference."""
+    apart_m = _SEARCH_SIGMAS * np.sqrt(2.0) * float(label_sigmas(source).max())
+    options = RegisterOptions(search_m=float(np.clip(apart_m, *_SEARCH_M)))
+    passes = passes_of(source, source.description.array_width_m + options.search_half_m())
+    return MatchPlan(options, passes, pairs_of(source, passes, options.search_half_m()))
+
+
+def match_passes(source: MapFile, plan: MatchPlan, progress: Callable[[int], None] = lambda _: None) -> PassMatches:
+    """Match places of a map's baselines with the passes that came by before, whole arrays, far about their labels.
+
+    One tile is gridded at a time.
+
+    Args:
+        source: the map.
+        plan: what to match.
+        progress: told the number of matches done since the last call.
+    """
+    return _matched(source, plan, np.zeros((len(source.pose), 3)), progress, near=False)
+
+
+def match_again(
+    source: MapFile,
+    plan: MatchPlan,
+    correction: Float[np.ndarray, "scan 3"],
+    progress: Callable[[int], None] = lambda _: None,
+) -> PassMatches:
+    """The same where labels are known to some decimetres, and nearby.
+
+    Only the part of an array that lies over the other pass's ground takes part: passes side by side are matched as
+    well, and none is drawn sideways to where more of the array would be.
+
+    Args:
+        source, plan, progress: as for ``match_passes``.
+        correction: what to add to the labels' east_m, north_m and yaw_rad of every station.
+    """
+    near = plan._replace(options=RegisterOptions(search_m=_AGAIN_M))
+    return _matched(source, near, correction, progress, near=True)
+
+
+def supported(matches: PassMatches) -> Bool[np.ndarray, " row"]:
+    """Which matches are ok and not alone.
+
+    Ground that two passes share is found at most of its places. Where only few of the places about a match are matched,
+    on the same pass, the match is chance: it ties nothing.
+    """
+    order = np.lexsort((matches.station, matches.on, matches.number))
+    ok = (matches.code == Code.OK)[order]
+    tried = ~np.isin(matches.code, _NO_GROUND)[order]
+    pair = np.stack([matches.number[order], matches.on[order]], axis=1)
+    starts = np.flatnonzero(np.any(np.diff(pair, axis=0, prepend=-1), axis=1))
+    held = np.zeros(len(order), bool)
+    for low, high in zip(starts, np.append(starts, len(order))[1:], strict=True):
+        at = np.arange(low, high)
+        first, last = np.maximum(at - _BESIDE, low), np.minimum(at + _BESIDE + 1, high)
+        found, asked = (np.concatenate([[0], np.cumsum(field[low:high])]) for field in (ok, tried))
+        found, asked = found[last - low] - found[first - low], asked[last - low] - asked[first - low]
+        held[low:high] = ok[low:high] & (found >= _LEAST_MATCHES) & (found >= _LEAST_SHARE * asked)
+    out = np.zeros(len(order), bool)
+    out[order] = held
+    return out
+
+
+def _matched(
+    source: MapFile,
+    plan: MatchPlan,
+    correction: Float[np.ndarray, "scan 3"],
+    progress: Callable[[int], None],
+    *,
+    near: bool,
+) -> PassMatches:
+    options, passes, pairs = plan
+    rows: list[PassMatches] = []
+    for on in np.unique(pairs.ground):
+        ground = _PassGround(source, passes.of_station == on, correction, options)
+        mine = np.flatnonzero(pairs.ground == on)
+        expected = ground.expected(pairs.station[mine])
+        tile = ground.tiles(expected)
+        progress(int(np.sum(tile < 0)))
+        for number in np.unique(tile[tile >= 0]):
+            chosen = tile == number
+            found = ground.match(int(number), pairs.station[mine[chosen]], expected[chosen], near=near)
+            rows.append(found._replace(number=pairs.number[mine[chosen]], on=pairs.ground[mine[chosen]]))
+            progress(int(chosen.sum()))
+    if not rows:
+        none = np.zeros(0, np.int64)
+        return PassMatches(none, none, none, none, np.zeros((0, 3)), np.zeros((0, 3, 3)), none)
+    return PassMatches(*(np.concatenate(field) for field in zip(*rows, strict=True)))
+
+
+class _PassGround:
+    """The ground of one pass, where its labels put it."""
+
+    def __init__(
+        self,
+        source: MapFile,
+        kept: Bool[np.ndarray, " scan"],
+        correction: Float[np.ndarray, "scan 3"],
+        options: RegisterOptions,
+    ) -> None:
+        self._source, self._options = source, options
+        self._own = np.flatnonzero(kept)
+        self._ground = ground_map_for(KeptStations(source, kept), options)
+        self._correction = correction
+        self._labelled = SpatialIndex(source.pose[self._own, :2], 8.0)
+        self._corrected = SpatialIndex(source.pose[self._own, :2] + correction[self._own, :2], 8.0)
+        self._reach_m = 4.0 * options.search_half_m() + source.description.array_width_m
+
+    def expected(self, station: Int[np.ndarray, " row"]) -> Float[np.ndarray, "row 5"]:
+        """Where stations of other passes lie on this ground, by its labels, if both are corrected."""
+        pose = self._source.pose[station].copy()
+        pose[:, [0, 1, 3]] += self._correction[station]
+        under = self._own[self._nearest(self._corrected, pose[:, :2])]
+        east, north, yaw = self._correction[under].T
+        label = self._source.pose[under, :2]
+        x, y = pose[:, 0] - label[:, 0] - east, pose[:, 1] - label[:, 1] - north
+        pose[:, 0] = label[:, 0] + np.cos(yaw) * x + np.sin(yaw) * y
+        pose[:, 1] = label[:, 1] + np.cos(yaw) * y - np.sin(yaw) * x
+        pose[:, 3] -= yaw
+        return np.asarray(pose)
+
+    def tiles(self, pose: Float[np.ndarray, "row 5"]) -> Int[np.ndarray, " row"]:
+        """Tile of each pose; -1 where the map does not reach."""
+        near = [self._ground.tile_near(point, self._options.search_half_m()) for point in pose[:, :2]]
+        return np.array([-1 if number is None else number for number in near], np.int64)
+
+    def match(
+        self, tile: int, station: Int[np.ndarray, " row"], pose: Float[np.ndarray, "row 5"], *, near: bool
+    ) -> PassMatches:
+        """Stations of other passes on one tile; the passes are for the caller to fill in."""
+        fix = register_stations(self._source, self._ground, tile, station, pose, self._options, over_ground=near).fix
+        east, north, yaw = self._ground.frame(tile)
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        found = np.asarray(fix.pose, np.float64)[:, [0, 1, 3]] @ turn.T + np.array([east, north, yaw])
+        covariance = np.asarray(fix.covariance, np.float64)[:, [0, 1, 3]][:, :, [0, 1, 3]]
+        return PassMatches(
+            station=station,
+            number=station,
+            ground=self._own[self._nearest(self._labelled, found[:, :2])],
+            on=station,
+            found=found,
+            covariance=turn @ covariance @ turn.T,
+            code=np.asarray(fix.code, np.int64),
+        )
+
+    def _nearest(self, index: SpatialIndex, point_m: Float[np.ndarray, "row 2"]) -> Int[np.ndarray, " row"]:
+        """Nearest of the pass's stations; the first where none is near, or where the point is nowhere."""
+        near = [index.nearest(point, self._reach_m) if np.all(np.isfinite(point)) else None for point in point_m]
+        return np.array([number or 0 for number in near], np.int64)
+
+
+# A map's baselines and the matches between them as a pose graph, and what its solution says of each baseline.
+
+_BREAK_M = 1.0
+"""Neighbouring stations farther apart are a gap or a jump of the labels: nothing ties what lies to both sides."""
+
+_MATCH_SIGMA_M = 0.01
+"""Of a match, beside its own covariance: what gridding and the shape of the labels within a tile leave."""
+_MATCH_SIGMA_RAD = np.radians(0.1)
+
+_SIGMA_PLACES = 20  # of a baseline, at which its sigmas are asked for
+
+
+class StationChains(NamedTuple):
+    """A map's stations along chains of labels that hang together.
+
+    Attributes:
+        chains: stretches of baselines without a break.
+        chain, at_m: chain of each station, and its place along the baseline's path.
+    """
+
+    chains: tuple[LabelChain, ...]
+    chain: Int[np.ndarray, " scan"]
+    at_m: Float[np.ndarray, " scan"]
+
+
+class BaselineChange(NamedTuple):
+    """What making labels agree did to one baseline.
+
+    Attributes:
+        drive: number of the baseline.
+        matches, kept: of its places and on its ground, and those of them that took part; without any it stays as it is.
+        moved_rms_m, moved_max_m: of its labels.
+        sigma_before_m, sigma_after_m: of its labels' east and north, root mean square; NaN after, where it is tied to
+            nothing.
+    """
+
+    drive: int
+    matches: int
+    kept: int
+    moved_rms_m: float
+    moved_max_m: float
+    sigma_before_m: float
+    sigma_after_m: float
+
+
+class Consistency(NamedTuple):
+    """Distance of each match from where labels put it, over the matches that are ok and not alone.
+
+    Attributes:
+        rms_m: root mean square over those that took part.
+        median_m: over all of them.
+    """
+
+    rms_m: float
+    median_m: float
+
+
+class AgreedBaselines(NamedTuple):
+    """A map's stations where its baselines agree.
+
+    Attributes:
+        pose: of all stations.
+        tried, matched, used, kept: places of passes tried on earlier passes; matches with code ok; those not alone;
+            those that the graph believed.
+        noise_scale: see ``GraphSolution``.
+        before, after: distance of the matches from the labels.
+        baselines: one each.
+        solution: of the graph; ``stations`` are its chains.
+    """
+
+    pose: Float[np.ndarray, "scan 5"]
+    tried: int
+    matched: int
+    used: int
+    kept: int
+    noise_scale: float
+    before: Consistency
+    after: Consistency
+    baselines: tuple[BaselineChange, ...]
+    solution: GraphSolution
+    stations: StationChains
+
+
+def chains_of(source: MapFile) -> StationChains:
+    """Chains of a map's baselines: cut where a baseline ends and where neighbouring stations lie far apart."""
+    pose, drive = source.pose, source.drive
+    sigma_m = label_sigmas(source)
+    step_m = np.hypot(*np.diff(pose[:, :2], axis=0).T)
+    path_m = np.concatenate([[0.0], np.cumsum(step_m)])
+    break_m = max(_BREAK_M, 5.0 * source.description.settings.step_m)
+    cut = np.flatnonzero((step_m > break_m) | (np.diff(drive) != 0)) + 1
+    starts, stops = np.concatenate([[0], cut]), np.concatenate([cut, [len(pose)]]) - 1
+    chains = tuple(
+        LabelChain(float(path_m[a]), float(path_m[b]), float(sigma_m[drive[a]]))
+        for a, b in zip(starts, stops, strict=True)
+    )
+    return StationChains(chains, np.repeat(np.arange(len(chains)), stops - starts + 1), path_m)
+
+
+def edges_of(
+    source: MapFile, stations: StationChains, matches: PassMatches, used: Bool[np.ndarray, " row"]
+) -> FixEdges:
+    """The used matches as edges between chains."""
+    ends = np.stack([matches.station[used], matches.ground[used]], axis=1)
+    own = np.diag([_MATCH_SIGMA_M**2, _MATCH_SIGMA_M**2, _MATCH_SIGMA_RAD**2])
+    return FixEdges(
+        chain=stations.chain[ends],
+        at_m=stations.at_m[ends],
+        label=source.pose[ends][..., [0, 1, 3]],
+        found=matches.found[used],
+        covariance=matches.covariance[used] + own,
+    )
+
+
+def agree_baselines(source: MapFile, matches: PassMatches, model: LabelModel | None = None) -> AgreedBaselines:
+    """Correct a map's labels so that its baselines agree with each other.
+
+    Args:
+        source: the map.
+        matches: of its passes with each other.
+        model: of the labels' errors.
+    """
+    model, used = model or LabelModel(), supported(matches)
+    stations = chains_of(source)
+    edges = edges_of(source, stations, matches, used)
+    solution = solve_graph(stations.chains, edges, model)
+    correction = solution.correction(stations.chain, stations.at_m)
+    pose = source.pose.copy()
+    pose[:, [0, 1, 3]] += correction
+    drives = source.drive[np.stack([matches.station[used], matches.ground[used]], axis=1)]
+    return AgreedBaselines(
+        pose=pose,
+        tried=len(matches.code),
+        matched=int(np.sum(matches.code == 0)),
+        used=len(edges.found),
+        kept=int(solution.kept.sum()),
+        noise_scale=solution.noise_scale,
+        before=_consistency(edges, np.zeros((2, len(edges.found), 3)), solution.kept),
+        after=_consistency(edges, _corrections(edges, solution), solution.kept),
+        baselines=tuple(
+            _change(source, stations, drives, solution, correction, drive)
+            for drive in range(1 + int(source.drive.max()))
+        ),
+        solution=solution,
+        stations=stations,
+    )
+
+
+def _corrections(edges: FixEdges, solution: GraphSolution) -> Float[np.ndarray, "2 edge 3"]:
+    return np.stack([solution.correction(edges.chain[:, end], edges.at_m[:, end]) for end in (0, 1)])
+
+
+def _consistency(
+    edges: FixEdges, correction: Float[np.ndarray, "2 edge 3"], kept: Bool[np.ndarray, " edge"]
+) -> Consistency:
+    """Distances between places and where their fixes put them, both by corrected labels."""
+    if not kept.any():
+        return Consistency(float("nan"), float("nan"))
+    apart = np.hypot(*misfit(edges, *correction)[:, :2].T)
+    return Consistency(float(np.sqrt(np.mean(apart[kept] ** 2))), float(np.median(apart)))
+
+
+def _change(
+    source: MapFile,
+    stations: StationChains,
+    drives: Int[np.ndarray, "edge 2"],
+    solution: GraphSolution,
+    correction: Float[np.ndarray, "scan 3"],
+    drive: int,
+) -> BaselineChange:
+    own = np.flatnonzero(source.drive == drive)
+    mine = np.any(drives == drive, axis=1)
+    kept = int(np.sum(mine & solution.kept))
+    moved_m = np.hypot(correction[own, 0], correction[own, 1])
+    after_m = float("nan")
+    if kept:
+        asked = own[np.linspace(0, len(own) - 1, _SIGMA_PLACES).astype(int)]
+        variance = np.diagonal(solution.covariance(stations.chain[asked], stations.at_m[asked])).reshape(-1, 3)
+        after_m = float(np.sqrt(np.mean(variance[:, :2])))
+    return BaselineChange(
+        drive=drive,
+        matches=int(mine.sum()),
+        kept=kept,
+        moved_rms_m=float(np.sqrt(np.mean(moved_m**2))) if len(own) else 0.0,
+        moved_max_m=float(moved_m.max(initial=0.0)),
+        sigma_before_m=float(label_sigmas(source)[drive]),
+        sigma_after_m=after_m,
+    )
+
+
+_BLOCK = 256  # stations that share a height when tiles are placed
+
+
+def refine_map(
+    source: MapFile,
+    plan: MatchPlan,
+    output: str | Path,
+    *,
+    force: bool = False,
+    progress: Callable[[int], None] = lambda _: None,
+    stage: Callable[[str], None] = lambda _: None,
+) -> AgreedBaselines:
+    """Register a map's baselines on each other, make their labels consistent, and write the map they then make.
+
+    Stations are copied as they are stored; their poses change, and with them the tiles. Baselines that are tied to
+    nothing stay where they are. The new map says as much of its labels as the old one: where baselines agree on a mean
+    of their labels, the mean of their sigmas, taken as independent, is what that mean is off by.
+
+    Args:
+        source: the map.
+        plan: what to match (``plan_matches``).
+        output: the new one.
+        force: replace an output that exists.
+        progress: told the number of matches done since the last call; each is done twice.
+        stage: told what is done after the last match.
+
+    Raises:
+        InputError: the output exists or cannot be written, or the map holds damage.
+    """
+    # Now: the file may be replaced by an update while this one reads on in what it opened.
+    digest = file_hash(source.path)
+    with MapWriter.create(output, force=force) as writer:
+        agreed = agree_twice(source, plan, progress)
+        copy_stations(source, writer, agreed.pose)
+        frames, references_m = _tiles(agreed.pose, source.drive, source.description.tile_spacing_m)
+        name = Path(output).name.removesuffix(".map.h5")
+        writer.finish(
+            source.description._replace(name=name),
+            frames,
+            references_m,
+            _provenance(source, digest, agreed),
+            retired=source.retired,
+        )
+        stage(MEASURING)
+        writer.add_chance(measure_chance)
+    return agreed
+
+
+def agree_twice(source: MapFile, plan: MatchPlan, progress: Callable[[int], None] = lambda _: None) -> AgreedBaselines:
+    """Baselines made to agree from matches far about their labels, then from matches about where these put them.
+
+    Args:
+        source: the map.
+        plan: what to match.
+        progress: told the number of matches done since the last call; each is done twice.
+    """
+    first = agree_baselines(source, match_passes(source, plan, progress))
+    correction = (first.pose - source.pose)[:, [0, 1, 3]]
+    return agree_baselines(source, match_again(source, plan, correction, progress))
+
+
+def _tiles(
+    pose: Float[np.ndarray, "scan 5"], drive: Int[np.ndarray, " scan"], spacing_m: float
+) -> tuple[Float[np.ndarray, "tile 3"], Float[np.ndarray, " tile"]]:
+    """Tile frames along the corrected baselines, as a map is built, and the height of each."""
+    placer = TilePlacer(spacing_m)
+    references: list[float] = []
+    for number in range(int(drive.max()) + 1):
+        own = pose[drive == number]
+        for low in range(0, len(own), _BLOCK):
+            block = own[low : low + _BLOCK]
+            references += [float(np.median(block[:, 2]))] * placer.place(block)
+    return placer.frames, np.asarray(references)
+
+
+def _provenance(source: MapFile, digest: str, agreed: AgreedBaselines) -> dict[str, object]:
+    steps = source.provenance.get("steps")
+    refined = {
+        "map": source.path.name,
+        "sha256": digest,
+        "matches_used": agreed.used,
+        "matches_kept": agreed.kept,
+        "noise_scale": round(agreed.noise_scale, 3),
+        "moved_rms_m": [round(change.moved_rms_m, 4) for change in agreed.baselines],
+        "tied": [change.kept > 0 for change in agreed.baselines],
+    }
+    return {
+        **source.provenance,
+        "program": f"lgprjax {__version__}",
+        "steps": [*(steps if isinstance(steps, list) else []), "labels made consistent by a pose graph"],
+        "refined": refined,
+    }

@@ -1,0 +1,135 @@
+"""Thresholds from data: how matches stand out where the ground is the map's, and where it is known not to be."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from lgprjax.registration.fix import WRONG_M, Fix
+from lgprjax.registration.judge import Thresholds
+
+_TAIL = 0.05  # share of the false matches that the tail is fitted to
+_LEAST_FALSE = 200
+_OVERLAP = 0.8
+"""Where a fifth of the traces lies off the map, its rim already holds a match back by decimetres."""
+
+
+class Outcomes(NamedTuple):
+    """Matches whose places are known to be right or wrong, one row each.
+
+    Attributes:
+        strength, margin, scatter: of the fix (see ``Fix``).
+        right: within ``WRONG_M`` of the truth.
+        error_m: of the place, east and north; NaN for matches that cannot be right.
+        spread_m: the same less the mean error of its drive's right matches.
+        match_covariance: of the place, from the match alone with a ``sigma_scale`` of 1.
+        other_covariance: of the place: of the map's own positions, the odometer and the truth.
+    """
+
+    strength: Float[np.ndarray, " match"]
+    margin: Float[np.ndarray, " match"]
+    scatter: Float[np.ndarray, " match"]
+    right: Bool[np.ndarray, " match"]
+    error_m: Float[np.ndarray, "match 2"]
+    spread_m: Float[np.ndarray, "match 2"]
+    match_covariance: Float[np.ndarray, "match 2 2"]
+    other_covariance: Float[np.ndarray, "match 2 2"]
+
+
+def outcomes_of(
+    fix: Fix,
+    truth_m: Float[np.ndarray, "scan 2"] | None,
+    beside_match: Float[np.ndarray, "scan 2 2"],
+    truth_variance: Float[np.ndarray, " scan"] | None = None,
+) -> Outcomes:
+    """Outcomes of a drive's fixes, those that reached a place at all.
+
+    Args:
+        fix: of a drive, registered with a ``sigma_scale`` of 1; poses in the map's frame.
+        truth_m: true places; None where the search was led to ground that cannot match.
+        beside_match: part of the fixes' covariance that is not the match's.
+        truth_variance: what the truth itself is wrong by, of east and of north alike; None for nothing.
+    """
+    pose, covariance = np.asarray(fix.pose)[:, :2], np.asarray(fix.covariance)[:, :2, :2]
+    error_m = np.full_like(pose, np.nan) if truth_m is None else pose - truth_m
+    known = np.isfinite(pose[:, 0]) & (np.asarray(fix.overlap) >= _OVERLAP)
+    if truth_m is not None:
+        known &= np.isfinite(truth_m[:, 0])
+    right = np.hypot(error_m[:, 0], error_m[:, 1]) <= WRONG_M
+    used = right & known
+    mean_m = np.mean(error_m[used], axis=0) if used.any() else np.zeros(2)
+    strength = np.asarray(fix.margin) + np.asarray(fix.runner_up)
+    own = 0.0 if truth_variance is None else truth_variance[:, None, None] * np.eye(2)
+    rows = (
+        strength,
+        np.asarray(fix.margin),
+        np.asarray(fix.scatter),
+        right,
+        error_m,
+        error_m - mean_m,
+        covariance - beside_match,
+        beside_match + own,
+    )
+    return Outcomes(*(field[known] for field in rows))
+
+
+def joined(parts: list[Outcomes]) -> Outcomes:
+    """All rows of several."""
+    return Outcomes(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
+
+
+def calibrate(matches: Outcomes, false: Outcomes, risk: float) -> Thresholds:
+    """Thresholds at which a match with ground that is not there passes with probability ``risk``.
+
+    Both the strength and its lead over the runner-up are asked for in units of what the strength scatters by over the
+    search region, which brings clear days, rain and false ground to one scale. The tails of the false matches are
+    exponential; both limits are read off the fits. A place that looks like another leads by little: the lead must
+    also be more than any wrong match on the true ground has shown. The sigma scale makes the errors scatter as their
+    covariances say.
+
+    Args:
+        matches: on the ground of the map.
+        false: on ground known to be another.
+        risk: of each match.
+
+    Raises:
+        ValueError: fewer false matches than their tail can be fitted to, or no right match at all.
+    """
+    if len(false.strength) < _LEAST_FALSE:
+        raise ValueError(f"{len(false.strength)} false matches; at least {_LEAST_FALSE} are needed")
+    if not matches.right.any():
+        raise ValueError("no match within the truth's reach: labels, map and drive do not belong together")
+    wrong = ~matches.right
+    strength = tail_limit(false.strength / false.scatter, risk)
+    lead = tail_limit(false.margin / false.scatter, risk**0.5)
+    if wrong.any():
+        lead = max(lead, 1.2 * float(np.max((matches.margin / matches.scatter)[wrong])))
+    return Thresholds(
+        strength_by_chance=strength, margin_by_chance=lead, overlap=_OVERLAP, sigma_scale=sigma_scale(matches)
+    )
+
+
+def tail_limit(values: Float[np.ndarray, " match"], risk: float) -> float:
+    """The value that is exceeded with probability ``risk``, by an exponential fit to the upper twentieth."""
+    start = float(np.quantile(values, 1.0 - _TAIL))
+    beyond = float(np.mean(values[values > start] - start)) if np.any(values > start) else 0.0
+    return start + beyond * float(np.log(_TAIL / risk)) if risk < _TAIL else start
+
+
+def sigma_scale(matches: Outcomes) -> float:
+    """Scale of the match's sigmas at which the errors scatter about their drive's mean as their covariances say.
+
+    The map's own errors hardly change along a drive, the match's do: what is left of an error without the drive's mean
+    is the match's. (On a drive of many kilometres some of the map's is left too; the scale then errs to the safe side.)
+    """
+    right = matches.right
+    spread, covariance = matches.spread_m[right], matches.match_covariance[right]
+    solved = np.linalg.solve(covariance, spread[..., None])[..., 0]
+    return float(np.sqrt(np.mean(np.sum(spread * solved, axis=1)) / 2.0))
+
+
+def squared_errors(matches: Outcomes, scale: float) -> Float[np.ndarray, " match"]:
+    """Squared error of each place in units of its covariance; 2 on the average where the covariance is right."""
+    covariance = scale**2 * matches.match_covariance + matches.other_covariance
+    solved = np.linalg.solve(covariance, matches.error_m[..., None])[..., 0]
+    return np.asarray(np.sum(matches.error_m * solved, axis=1))

@@ -1,0 +1,262 @@
+"""From the window chosen at each stop to a fix: the climb to its peak, in the map's frame."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from lgprjax.radar import centre_of
+from lgprjax.registration.coarse import ErrorLattice, Peaks
+from lgprjax.registration.fix import Code, Fix, blank_fixes
+from lgprjax.registration.judge import MIN_OVERLAP, RegisterOptions
+from lgprjax.registration.queries import LiveScans, Plan, Stops, templates_of
+from lgprjax.registration.refine import Finished, Region, finish_best
+from lgprjax.registration.score import OFF_MAP_SCORE, Template, score_each
+from lgprjax.registration.template_bank import Aspect, PreparedGround, fixes_to_map, to_tile
+
+# What no match sees: what the map's own positions are wrong by, and the odometer that lays out a window.
+
+
+def covariance_beside_match(
+    prepared: PreparedGround, tiles: Int[np.ndarray, " end"], fix: Fix, odometer_sigma: float
+) -> Float[np.ndarray, "end 2 2"]:
+    """Part of the covariances of east and north that is not the match's; NaN where there is no fix.
+
+    A window lies half its length behind the scan that its fix stands on; an odometer that counts too much by some share
+    puts it off by that share of the way, along the heading.
+
+    Args:
+        prepared: the map and the array.
+        tiles: that each fix was made on; -1 for none.
+        fix: their poses in the map's frame.
+        odometer_sigma: of the odometer's scale, as a share.
+    """
+    yaw, window_m = np.asarray(fix.pose)[:, 3], np.asarray(fix.window_m)
+    heading = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
+    along_m2 = (0.5 * window_m * odometer_sigma) ** 2
+    out = along_m2[:, None, None] * heading[:, :, None] * heading[:, None, :]
+    for tile in np.unique(tiles[tiles >= 0]):
+        rows = np.flatnonzero(tiles == tile)
+        out[rows] += label_variance(prepared, int(tile), np.asarray(fix.pose)[rows])[:, None, None] * np.eye(2)
+    return np.asarray(out)
+
+
+def label_variance(prepared: PreparedGround, tile: int, pose: Float[np.ndarray, "end 5"]) -> Float[np.ndarray, " end"]:
+    """Variance, square metres, of the map's positions under each fix, of east and of north alike.
+
+    Where baselines overlap, the ground is their mean, and their errors, which are independent, average out: with w_d
+    the share of the channels that hear baseline d, the variance is the sum of (w_d sigma_d)².
+
+    Args:
+        prepared: the map and the array.
+        tile: of the fixes.
+        pose: theirs, in the map's frame.
+    """
+    ground = prepared.ground
+    lanes = ground.lanes(tile)
+    if not len(lanes):
+        return np.zeros(len(pose))
+    east, north, yaw = ground.frame(tile)
+    cross_m = (pose[:, 1] - north) * np.cos(yaw) - (pose[:, 0] - east) * np.sin(yaw)
+    left_m = (prepared.array.y_m - centre_of(prepared.array)[1])[None] * np.cos(pose[:, 3] - yaw)[:, None]
+    place = (cross_m[:, None] + left_m)[:, None]
+    heard = (place >= lanes[None, :, :1]) & (place <= lanes[None, :, 1:])
+    share = np.mean(heard / np.maximum(heard.sum(axis=1, keepdims=True), 1), axis=2)
+    sigma_m = np.asarray(ground.description.label_sigma_m)
+    # Channels off all lanes (a crossing road, a curve) hear some baseline: whichever, it is no better than the rest.
+    missing = 1.0 - share.sum(axis=1)
+    return np.asarray(np.sum((share * sigma_m) ** 2, axis=1) + missing**2 * np.max(sigma_m**2))
+
+
+_RIM = 0.25  # of the wavelength: sigma across at the map's rim
+_AWAY = 0.6  # of the wavelength: a climb that ends farther off left its peak
+
+
+class Judged(NamedTuple):
+    """The window chosen at each stop.
+
+    Attributes:
+        window: number in the ladder.
+        peak: fields of ``Peaks`` of that window.
+        p_false, p_rival: see ``chance``.
+        code: a ``Code``.
+        first: first stop of the window.
+        origin_m: lattice's middle, east and north from dead reckoning.
+        step: lattice points to a side.
+    """
+
+    window: Int[np.ndarray, " stop"]
+    peak: Peaks
+    p_false: Float[np.ndarray, " stop"]
+    p_rival: Float[np.ndarray, " stop"]
+    code: Int[np.ndarray, " stop"]
+    first: Int[np.ndarray, " stop"]
+    error_m: Float[np.ndarray, "stop 2"]
+
+
+class StopFixes:
+    """Finishes the candidates of one drive.
+
+    Args:
+        prepared: ground of the map for the drive's array.
+        lattice: of the drive.
+        plan, options: of the search.
+        batch: climbs at once, a shape that is compiled.
+    """
+
+    def __init__(
+        self, prepared: PreparedGround, lattice: ErrorLattice, plan: Plan, options: RegisterOptions, batch: int
+    ) -> None:
+        self._prepared, self._ground, self._lattice = prepared, prepared.ground, lattice
+        self._plan, self._options, self._batch = plan, options, batch
+        self._wavelength_m = self._ground.description.settings.wavelength_m
+
+    def finish(self, stops: Stops, before: int, judged: Judged) -> tuple[Fix, Float[np.ndarray, "stop 2 2"]]:
+        """Refine every candidate.
+
+        Args:
+            stops: history first.
+            before: stops of the history.
+            judged: of the others.
+
+        Returns:
+            fixes in the map's frame, and the part of each covariance that is not the match's.
+        """
+        count = len(judged.code)
+        fixes = blank_fixes(count)
+        fixes.code[:] = judged.code
+        at = before + np.arange(count)
+        place = stops.reckoned_m[at] + judged.error_m
+        # A climb that begins at the map's very rim falls off it: half a step inwards.
+        yaw, ends = stops.pose[at, 3], np.asarray(judged.peak.open_sides)
+        inwards_m = 0.5 * self._plan.lattice_m[1] * ((ends == 2).astype(float) - (ends == 1))
+        place = place + inwards_m[:, None] * np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
+        candidate = np.flatnonzero((judged.peak.score > OFF_MAP_SCORE) & (judged.first >= 0))
+        tiles = np.full(count, -1)
+        tiles[candidate] = self._lattice.tiles_at(place[candidate], 1.0)
+        candidate = candidate[tiles[candidate] >= 0]
+        fixes.p_false[candidate] = judged.p_false[candidate]
+        fixes.window_m[candidate] = np.asarray(self._plan.windows_m)[judged.window[candidate]]
+        for aspect, rows in self._prepared.aspects(
+            tiles[candidate], stops.pose[at[candidate], 3], stops.speed_mps[at[candidate]]
+        ):
+            rows = candidate[rows]
+            for low in range(0, len(rows), self._batch):
+                some = rows[low : low + self._batch]
+                self._finish_some(stops, at, place, judged, aspect, some, fixes)
+        beside = covariance_beside_match(self._prepared, tiles, fixes, self._options.odometer_sigma)
+        # Where the map ends beside the best place, the match does not tell how far beyond the true one lies.
+        left = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
+        at_end = ((ends > 0) * (_RIM * self._wavelength_m) ** 2)[:, None, None]
+        beside = beside + at_end * left[:, :, None] * left[:, None, :]
+        if self._options.own_thresholds is not None:
+            fixes.covariance[:] *= self._options.own_thresholds.sigma_scale**2
+        fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
+        return fixes, beside
+
+    def _finish_some(
+        self,
+        stops: Stops,
+        at: Int[np.ndarray, " stop"],
+        place: Float[np.ndarray, "stop 2"],
+        judged: Judged,
+        aspect: Aspect,
+        some: Int[np.ndarray, " candidate"],
+        fixes: Fix,
+    ) -> None:
+        ground = self._ground
+        frame = ground.frame(aspect.tile)
+        rows = np.concatenate([some, np.full(self._batch - len(some), some[0])])
+        last, first = at[rows], judged.first[rows]
+        member = np.round(np.linspace(last, first, self._plan.members, axis=1)).astype(int)
+        fresh = np.diff(member, axis=1, prepend=last[:, None] + 1) != 0
+        template = templates_of(stops, self._prepared.array, last, member, fresh)
+        prior = stops.pose[last]
+        start = np.concatenate([place[rows], stops.pose[last, 2:]], axis=1)
+        start[:, 2] += self._lattice.heights_m[judged.peak.height[rows]]
+        half = self._options.half_width(stops.sigma_yaw_rad[last], self._lattice.half_m)
+        half[:, :2] = np.maximum(half[:, :2], np.abs(place[rows] - prior[:, :2]) + self._wavelength_m)
+        level = [(0, 0), (0, 1)]
+        found: Finished = jax.device_get(
+            finish_best(
+                self._prepared.at(aspect).tile,
+                np.float32(ground.source.height_reference_m[aspect.tile]),
+                ground.basis.angular_frequency_rad_per_ns,
+                template,
+                np.pad(to_tile(start, frame), level).astype(np.float32),
+                Region(
+                    jnp.asarray(np.pad(to_tile(prior, frame), level), dtype=jnp.float32),
+                    jnp.asarray(half, dtype=jnp.float32),
+                    jnp.asarray(stops.number[last], dtype=jnp.uint32),
+                ),
+                judged.peak.floor[rows].astype(np.float32),
+                np.float32(MIN_OVERLAP),
+                heading=self._plan.members * len(self._prepared.array.x_m) > 1,
+                pitch=self._options.pitch_deg > 0.0,
+                swarm=self._options.swarm,
+                seed=np.uint32(self._options.seed),
+            )
+        )
+        found = jax.tree.map(lambda field: np.asarray(field)[: len(some)], found)
+        pose, covariance = fixes_to_map(np.asarray(found.pose), np.asarray(found.covariance), frame)
+        fixes.pose[some], fixes.covariance[some] = pose, covariance
+        fixes.correlation[some] = found.correlation
+        score = np.asarray(judged.peak.score)[some]
+        fixes.runner_up[some] = np.maximum(np.asarray(judged.peak.rival)[some], -1.0)
+        fixes.margin[some] = score - fixes.runner_up[some]
+        fixes.scatter[some] = np.asarray(judged.peak.floor)[some]
+        fixes.overlap[some], fixes.overlap_channels[some] = found.overlap, found.overlap_channels
+        # The climb must end where it began: a peak of its own, not a slope that leads off the map.
+        away = np.hypot(*(pose[:, :2] - place[some]).T)
+        left = np.asarray(found.unfinished) | (away > _AWAY * self._wavelength_m)
+        lost = ~np.isfinite(pose[:, 0])
+        fixes.code[some] = np.where(
+            lost,
+            int(Code.LOW_OVERLAP),
+            np.where(left & (judged.code[some] == Code.OK), int(Code.EDGE), judged.code[some]),
+        )
+
+    def score_at(
+        self,
+        scans: LiveScans,
+        at: Int[np.ndarray, " stop"],
+        coefficients: Float[np.ndarray, "stop channel coefficient"],
+        truth: Float[np.ndarray, "stop 5"],
+    ) -> Float[np.ndarray, " stop"]:
+        """Correlation of scans by themselves at poses of the map's frame; NaN off the map.
+
+        Args:
+            scans: of a block.
+            at: positions of the stops among them.
+            coefficients: of the stops.
+            truth: of the stops.
+        """
+        out = np.full(len(at), np.nan)
+        known = np.flatnonzero(np.isfinite(truth[:, 0]))
+        tiles = np.full(len(at), -1)
+        tiles[known] = self._lattice.tiles_at(truth[known, :2], 1.0)
+        known = known[tiles[known] >= 0]
+        yaw, speed = truth[:, 3], scans.track.speed_mps[at]
+        array, centre_m = self._prepared.array, centre_of(self._prepared.array)
+        for aspect, rows in self._prepared.aspects(tiles[known], yaw[known], speed[known]):
+            for low in range(0, len(rows), self._batch):
+                some = known[rows[low : low + self._batch]]
+                full = np.concatenate([some, np.full(self._batch - len(some), some[0])])
+                x_m = array.x_m - centre_m[0] + speed[full, None] * array.time_offset_s
+                offset = np.stack([x_m, np.broadcast_to(array.y_m - centre_m[1], x_m.shape)], axis=-1)
+                frame = self._ground.frame(aspect.tile)
+                valid = scans.valid[at][full]
+                template = Template(
+                    *(jnp.asarray(part) for part in (coefficients[full], offset.astype(np.float32), valid, valid))
+                )
+                scores = score_each(
+                    self._prepared.at(aspect).tile,
+                    template,
+                    to_tile(truth[full], frame).astype(np.float32),
+                    np.float32(self._ground.source.height_reference_m[aspect.tile]),
+                    self._ground.basis.angular_frequency_rad_per_ns,
+                )
+                out[some] = np.asarray(scores)[: len(some)]
+        return out

@@ -1,0 +1,304 @@
+"""A map's own chance: how well ground that is not the map's matches it, and what a fix is worth against that.
+
+A score says little by itself: what is a match on one ground on a clear day is chance on another. In units of the noise
+floor (what the same scans score at decoys, beyond the region) wet days, dry days and foreign ground come to one scale.
+What is left of the difference between maps each map measures on itself: pieces of its baselines are matched at other
+places of it, where they can never be right, by the very search that registers a drive.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+from scipy.special import ndtr
+
+from lgprjax.pso import SwarmConfig
+from lgprjax.registration.fix import Code
+
+LADDER_M = (0.0, 1.0, 2.0, 4.0, 8.0)
+"""Lengths of the windows that a search tries at every scan; 0 is the scan alone. See ``ladder_of``."""
+
+PIECE_M = 4.0
+"""Travel after which a match counts as independent of the one before; see ``ladder_of``."""
+
+
+def ladder_of(wavelength_m: float) -> tuple[float, ...]:
+    """Windows for a wavelength in the soil: those of ``LADDER_M`` up to a metre, in proportion to it beyond."""
+    return tuple(length_m * max(1.0, wavelength_m) for length_m in LADDER_M)
+
+
+_TAIL = 0.1
+"""Share of the false pieces that the tail is fitted to."""
+_LEAST_PIECES = 60
+_LEAST_SCALE = 2.0  # that of a Gaussian field
+LEAST_INDEPENDENT = 10.0
+"""Pieces of a map that share no ground, from which its own tail is believed."""
+_LEAST_SHARE = 0.02  # of the area: no region is smaller than the peak itself
+_SURE = 1.3
+"""The fitted tail is taken at so many of its standard errors to the safe side."""
+
+
+class Chance(NamedTuple):
+    """Tail of the best score that foreign ground reaches within a piece, for each length of the ladder.
+
+    With z the score in units of the noise floor, the largest z² of a piece exceeds t > ``start`` with
+    the probability share · exp(-(t - start) / scale): the tail of a Gaussian field has a scale of 2, ground with few
+    strong reflectors a longer one.
+
+    Attributes:
+        start: of the tail, in z².
+        share: of the pieces beyond it.
+        scale: of the tail, in z².
+        area_m2: mean area of the region that lay on the map in those searches; more places have more chances.
+        pieces: independent pieces that it was fitted to.
+        own: fitted to this map; else pooled over many grounds.
+    """
+
+    start: Float[np.ndarray, " window"]
+    share: Float[np.ndarray, " window"]
+    scale: Float[np.ndarray, " window"]
+    area_m2: Float[np.ndarray, " window"]
+    pieces: int
+    own: bool
+
+    def for_windows(self, windows_m: tuple[float, ...], wavelength_m: float) -> "Chance":
+        """The chance for other lengths: each as the next shorter one of the ladder, whose tail is the longer."""
+        at = np.searchsorted(np.asarray(ladder_of(wavelength_m)), np.asarray(windows_m) + 1e-9, side="right") - 1
+        start, share, scale, area_m2 = (np.asarray(field)[at] for field in self[:4])
+        return self._replace(start=start, share=share, scale=scale, area_m2=area_m2)
+
+
+POOLED = Chance(
+    start=np.full(5, 16.0),
+    share=np.full(5, 0.1),
+    scale=np.full(5, 2.7),
+    area_m2=np.full(5, 9.0),
+    pieces=0,
+    own=False,
+)
+"""Of grounds looked at with a wavelength of 0.4 m; see ``pooled_chance``."""
+_POOLED_WAVELENGTH_M = 0.4
+
+
+def pooled_chance(wavelength_m: float) -> Chance:
+    """What many grounds have, for a map that cannot tell its own: chances go with the area and the travel of a piece in
+    wavelengths."""
+    longer = wavelength_m / _POOLED_WAVELENGTH_M
+    return POOLED._replace(area_m2=POOLED.area_m2 * longer**2 * longer / max(1.0, wavelength_m))
+
+
+def fit_chance(
+    highest: Float[np.ndarray, "piece window"],
+    area_m2: Float[np.ndarray, "piece window"],
+    independent: float,
+    pooled: Chance = POOLED,
+) -> Chance:
+    """Chance of a map from its false pieces.
+
+    The same pieces serve with many places: a map with few independent ones cannot tell how rare its highest scores are,
+    and borrows what many grounds have.
+
+    Args:
+        highest: largest z within each piece and window length; NaN where a window did not fit.
+        area_m2: mean area of its region on the map.
+        independent: pieces of the map that share no ground.
+        pooled: what many grounds have.
+    """
+    known = np.isfinite(highest)
+    if len(highest) < _LEAST_PIECES or independent < LEAST_INDEPENDENT:
+        return pooled._replace(pieces=int(independent))
+    start, share, area = (np.array(field) for field in (pooled.start, pooled.share, pooled.area_m2))
+    beyond: list[Float[np.ndarray, " piece"]] = []
+    for window in range(highest.shape[1]):
+        square = highest[known[:, window], window] ** 2
+        if len(square) < _LEAST_PIECES:
+            continue
+        start[window] = float(np.quantile(square, 1.0 - _TAIL))
+        share[window] = _TAIL
+        area[window] = float(np.mean(area_m2[known[:, window], window]))
+        beyond.append(square[square > start[window]] - start[window])
+    excess = np.concatenate(beyond) if beyond else np.zeros(0)
+    if len(excess) < _LEAST_PIECES * _TAIL:
+        return pooled._replace(pieces=int(independent))
+    # In units of the noise floor all windows have one tail; their pieces are the same, so that they count once.
+    scale = float(excess.mean()) * (1.0 + _SURE / np.sqrt(len(excess) / len(beyond)))
+    return Chance(start, share, np.full(len(start), max(scale, _LEAST_SCALE)), area, pieces=int(independent), own=True)
+
+
+def p_foreign(
+    z: Float[np.ndarray, "*end window"], area_m2: Float[np.ndarray, "*end window"], chance: Chance, trials: float
+) -> Float[np.ndarray, "*end window"]:
+    """Probability that ground that is not the map's gives a z as high somewhere within a piece, in any window tried.
+
+    Args:
+        z: score in units of the noise floor.
+        area_m2: of the region that lies on the map.
+        chance: of the map.
+        trials: window lengths, time scales and polarities that were tried.
+    """
+    square = np.square(np.maximum(z, 0.0))
+    beyond = chance.share * np.exp(-(square - chance.start) / chance.scale)
+    below = chance.share ** (square / chance.start)
+    more = np.maximum(area_m2 / chance.area_m2, _LEAST_SHARE)
+    return np.asarray(np.clip(trials * more * np.where(square > chance.start, beyond, below), 0.0, 1.0))
+
+
+def least_z(risk: float, chance: Chance) -> Float[np.ndarray, " window"]:
+    """Score in units of the noise floor that each window of the ladder must reach in the whole region, where no time
+    scale but one was tried."""
+    more = len(chance.start) * chance.share / risk
+    return np.asarray(np.sqrt(chance.start + chance.scale * np.log(np.maximum(more, 1.0))))
+
+
+def p_rival(z: Float[np.ndarray, "*end"], rival: Float[np.ndarray, "*end"]) -> Float[np.ndarray, "*end"]:
+    """Bound on the probability that the rival is the true place, and the best one only looks like it.
+
+    Let the ground at the best place resemble that of the rival by a share rho, and the rival be the true place. Then
+    the best place's score is rho times the rival's and noise of sqrt(1 - rho²) noise floors; it comes out at z or above
+    with the probability Q((z - rho z_rival) / sqrt(1 - rho²)), which is largest for rho = z_rival / z, where it is
+    Q(sqrt(z² - z_rival²)): no resemblance, known or not, makes a mistake more probable.
+
+    Args:
+        z, rival: scores of the best place and of the best one apart from it, in units of the noise floor.
+    """
+    lead = np.sqrt(np.maximum(np.square(np.maximum(z, 0.0)) - np.square(np.maximum(rival, 0.0)), 0.0))
+    return np.asarray(ndtr(-lead))
+
+
+# How sure a match must be to be called ok.
+
+MIN_OVERLAP = 0.6
+"""Least share of a template's traces on the map."""
+
+_ONE_LOOK = 0.1  # of the independent looks of a piece
+
+
+class Thresholds(NamedTuple):
+    """What a match must reach to be called ``ok``, in units of the noise floor: what its score comes to by chance.
+
+    Attributes:
+        strength_by_chance: least score.
+        margin_by_chance: least lead over the runner-up.
+        overlap: least share of the template's traces on the map.
+        sigma_scale: what a match's sigmas are multiplied by to be those of its errors.
+    """
+
+    strength_by_chance: float
+    margin_by_chance: float
+    overlap: float = MIN_OVERLAP
+    sigma_scale: float = 1.0
+
+
+def thresholds_at(
+    risk: float, window_m: float, area_m2: float, wavelength_m: float, chance: Chance = POOLED
+) -> Thresholds:
+    """Thresholds of a single match that foreign ground passes with probability ``risk``.
+
+    A drive has many looks within a piece, which its search counts (``p_foreign``); a template that is matched once has
+    one.
+    """
+    own = chance.for_windows((window_m,), wavelength_m)
+    more = max(area_m2 / float(own.area_m2[0]), 0.1)
+    square = float(own.start[0] + own.scale[0] * np.log(max(_ONE_LOOK * float(own.share[0]) * more / risk, 1e-3)))
+    return Thresholds(strength_by_chance=max(square, 4.0) ** 0.5, margin_by_chance=1.0)
+
+
+def independent_numbers(floor: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+    """How many independent numbers a template holds, from what ground that does not match scatters by."""
+    return jnp.clip(1.0 / jnp.maximum(floor, 1e-3) ** 2, 4.0, 4000.0)
+
+
+def judge(
+    score: Float[Array, "*batch"],
+    rival: Float[Array, "*batch"],
+    floor: Float[Array, "*batch"],
+    best_overlap: Float[Array, "*batch"],
+    on_edge: Bool[Array, "*batch"],
+    finite: Bool[Array, "*batch"],
+    thresholds: Thresholds,
+) -> Int[Array, "*batch"]:
+    """The code of a fix; the first reason that applies, from the input outward.
+
+    Args:
+        score, rival: of the best place and of the best one apart from it.
+        floor: standard deviation of the score over the rest of the region.
+        best_overlap: largest share of the template on the map anywhere in the region.
+        on_edge: the best pose stands at the region's rim.
+        finite: enough of the template's traces hold finite data.
+        thresholds: to reach.
+    """
+    reasons = (
+        (~finite, Code.NON_FINITE),
+        (best_overlap <= 0.0, Code.OFF_MAP),
+        (best_overlap < thresholds.overlap, Code.LOW_OVERLAP),
+        (~(score >= thresholds.strength_by_chance * floor), Code.LOW_CORRELATION),
+        (on_edge, Code.EDGE),
+        (~(score - rival >= thresholds.margin_by_chance * floor), Code.AMBIGUOUS),
+    )
+    code = jnp.full(score.shape, Code.OK, dtype=jnp.int32)
+    for applies, reason in reversed(reasons):
+        code = jnp.where(applies, jnp.int32(reason), code)
+    return code
+
+
+# What a user decides about a registration.
+
+_UNSTATED_M = 2.5
+_LEAST_M, _MOST_M = 2.0, 6.0
+_SIGMAS = 4.0
+
+
+@dataclass(frozen=True)
+class RegisterOptions:
+    """What a user decides about a registration; nothing needs to be.
+
+    Attributes:
+        search_m: half side of the search square about the prior; None to take it from what the log says of its own
+            position: four sigma and half a metre, no less than 2 m, since what a receiver states is not where the
+            map's labels lie, and 2.5 m where it says nothing. Where no place is found, or the best one lies at the
+            rim, a square of twice the side is searched as well.
+        window_m: length of the window of scans that is matched as one; 0 for single scans, None for the shortest of
+            the ladder that reaches the risk.
+        risk: a fix is believed where ground that is not the map's would have passed the search with no higher
+            probability, within a piece of 4 m.
+        time_scale: how much longer the wave's way in the ground takes today than on the map's day (rain: above 1);
+            None to find it along the drive.
+        height_m, roll_deg, pitch_deg: half widths of the search in height, roll and pitch (0: no pitch). That in
+            heading follows the prior: three sigma, no less than one degree and no more than five.
+        odometer_sigma: of the odometer's scale, as a share: what tyres change by with load, wear and pressure.
+        own_thresholds: calibrated on one's own drives, in place of the map's chance and the risk.
+        swarm: finish by a swarm of this size about each candidate; without it by Gauss-Newton.
+        seed: of the swarm.
+    """
+
+    search_m: float | None = None
+    window_m: float | None = None
+    risk: float = 1e-4
+    time_scale: float | None = None
+    height_m: float = 0.08
+    roll_deg: float = 1.5
+    pitch_deg: float = 0.0
+    odometer_sigma: float = 0.005
+    own_thresholds: Thresholds | None = None
+    swarm: SwarmConfig | None = None
+    seed: int = 0
+
+    def search_half_m(self, sigma_m: Float[np.ndarray, " scan"] | None = None) -> float:
+        """Half side of the search square about priors of which these sigmas are known (NaN: unstated)."""
+        if self.search_m is not None:
+            return self.search_m
+        if sigma_m is None or not np.isfinite(sigma_m).all():
+            return _UNSTATED_M
+        # Steps of half a metre: each is a shape that is compiled.
+        wanted_m = _SIGMAS * float(np.max(sigma_m)) + 0.5
+        return float(np.clip(np.ceil(2.0 * wanted_m) / 2.0, _LEAST_M, _MOST_M))
+
+    def half_width(self, sigma_yaw_rad: Float[np.ndarray, " scan"], half_m: float) -> Float[np.ndarray, "scan 6"]:
+        """Half widths of the search about priors: along, cross, height, yaw, roll, pitch."""
+        yaw = np.clip(3.0 * sigma_yaw_rad, np.radians(1.0), np.radians(5.0))
+        # A pitch that is not searched keeps a width: it divides.
+        pitch_deg = self.pitch_deg or 1.0
+        widths = (half_m, half_m, self.height_m, yaw, np.radians(self.roll_deg), np.radians(pitch_deg))
+        return np.stack(np.broadcast_arrays(*widths), axis=-1)

@@ -1,0 +1,272 @@
+"""Live scans on their way to templates: chain, causal track filter, coefficients, windows.
+
+One object a drive, fed with blocks of scans in order; it holds the filter's state and as much of the past as a
+window needs. The same functions serve batch registration and the vehicle.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from lgprjax.frames import body_to_local
+from lgprjax.radar import (
+    ArrayGeometry,
+    CoefficientBasis,
+    apply_operator,
+    centre_of,
+    init_live_filter,
+    run_live_filter,
+    to_coefficients,
+)
+from lgprjax.registration.judge import RegisterOptions, ladder_of
+from lgprjax.registration.score import Template
+from lgprjax.registration.template_bank import PreparedGround
+
+Operators = Callable[[float], Float[Array, "recorded sample"]]
+"""Time scale to the matrix from recorded numbers of a trace to profile samples; one shape for all scales."""
+
+
+class Track(NamedTuple):
+    """Where the vehicle believes to be at each scan, and how it moved.
+
+    Attributes:
+        pose: prior pose of the array's centre: east_m, north_m, height_m above ground, yaw_rad (unwrapped),
+            roll_rad.
+        travel_m: signed distance travelled since the start of the drive, from odometry.
+        speed_mps: signed.
+        sigma_yaw_rad: of the prior.
+        sigma_m: of the prior position, each axis; NaN where the log does not state it.
+        leg: rising number of the stretch over which travel is known.
+    """
+
+    pose: Float[np.ndarray, "scan 5"]
+    travel_m: Float[np.ndarray, " scan"]
+    speed_mps: Float[np.ndarray, " scan"]
+    sigma_yaw_rad: Float[np.ndarray, " scan"]
+    sigma_m: Float[np.ndarray, " scan"]
+    leg: Int[np.ndarray, " scan"]
+
+
+class LiveScans(NamedTuple):
+    """Scans of a block ready to be searched, in order.
+
+    Attributes:
+        number: in the drive.
+        filtered: traces as recorded, track filter applied; ``LiveChain.coefficients`` makes templates of them.
+        valid: channels that hold data.
+        track: of the scans.
+        path_m: travel, never falling.
+        dead_reckoned_m: of the rear axle, by odometry and heading alone.
+    """
+
+    number: Int[np.ndarray, " scan"]
+    filtered: Float[np.ndarray, "scan channel recorded"]
+    valid: Bool[np.ndarray, "scan channel"]
+    track: Track
+    path_m: Float[np.ndarray, " scan"]
+    dead_reckoned_m: Float[np.ndarray, "scan 2"]
+
+
+class LiveChain:
+    """Recorded traces of one drive to coefficients, block by block.
+
+    The track filter is linear and works along the track, what makes profiles of traces is linear and works along the
+    trace: the filter comes first, so that a scan can be asked for at any time scale later.
+
+    Args:
+        operators: of the drive's recording at a time scale, with the map's settings.
+        basis: of the map.
+        track_filter_m: length of the track filter.
+        channels: of the drive.
+        recorded: numbers of a trace.
+    """
+
+    def __init__(
+        self, operators: Operators, basis: CoefficientBasis, *, track_filter_m: float, channels: int, recorded: int
+    ) -> None:
+        self._operators = operators
+        self._basis = basis
+        self._length_m = jnp.float32(track_filter_m)
+        self._state = init_live_filter(channels, recorded)
+        self._fed = 0
+        self._path_m = 0.0
+        self._reckoned_m = np.zeros(2)
+        self._travel_m: float | None = None
+
+    def feed(
+        self,
+        traces: Float[np.ndarray, "scan channel recorded"],
+        valid: Bool[np.ndarray, "scan channel"],
+        track: Track,
+        block: int,
+    ) -> LiveScans:
+        """Filter a block of scans.
+
+        Args:
+            traces: as recorded, zero level removed; finite where valid.
+            valid: channels that hold data.
+            track: of these scans.
+            block: scans that a full block has; a shorter one is padded, so that one shape is compiled.
+        """
+        scans = len(traces)
+        pad = [(0, block - scans), (0, 0)]
+        before_m = track.travel_m[0] if self._travel_m is None else self._travel_m
+        moved = np.diff(track.travel_m, prepend=before_m)
+        self._state, filtered = run_live_filter(
+            self._state,
+            jnp.asarray(np.pad(traces, [*pad, (0, 0)]), dtype=jnp.float32),
+            jnp.asarray(np.pad(valid, pad)),
+            jnp.asarray(np.pad(moved, pad[0]), dtype=jnp.float32),
+            self._length_m,
+        )
+        step = moved[:, None] * np.stack([np.cos(track.pose[:, 3]), np.sin(track.pose[:, 3])], axis=1)
+        path_m = self._path_m + np.cumsum(np.abs(moved))
+        reckoned_m = self._reckoned_m + np.cumsum(step, axis=0)
+        number = np.arange(self._fed, self._fed + scans)
+        self._fed += scans
+        self._travel_m, self._path_m, self._reckoned_m = float(track.travel_m[-1]), float(path_m[-1]), reckoned_m[-1]
+        return LiveScans(number, np.asarray(filtered)[:scans], valid, track, path_m, reckoned_m)
+
+    def coefficients(
+        self,
+        filtered: Float[np.ndarray, "scan channel recorded"],
+        valid: Bool[np.ndarray, "scan channel"],
+        time_scale: float,
+    ) -> Float[np.ndarray, "scan channel coefficient"]:
+        """Coefficients of filtered scans at a time scale (how much longer the wave's way in the ground takes today)."""
+        rows = max(16, 1 << max(0, len(filtered) - 1).bit_length())
+        pad = [(0, rows - len(filtered)), (0, 0)]
+        profile = apply_operator(jnp.asarray(np.pad(filtered, [*pad, (0, 0)])), self._operators(time_scale))
+        return np.asarray(to_coefficients(profile, jnp.asarray(np.pad(valid, pad)), self._basis))[: len(filtered)]
+
+
+# Scans that stand for their stretch of travel, and templates made of them.
+
+_SPACING = 0.3  # of the wavelength, from stop to stop
+_FINE_TRACES = 192  # of a window that the finish takes
+
+
+class Stops(NamedTuple):
+    """Scans that stand for their stretch of travel, in order: history first.
+
+    Attributes:
+        number: of the scan in its drive.
+        filtered: traces as recorded, track filter applied.
+        coefficients, valid: of each trace, at the time scale of that moment.
+        pose, speed_mps, sigma_yaw_rad: of the prior.
+        reckoned_m: the array's centre by odometry and heading alone.
+        path_m: travel.
+        leg: number of the stretch over which travel is known.
+    """
+
+    number: Int[np.ndarray, " stop"]
+    filtered: Float[np.ndarray, "stop channel recorded"]
+    coefficients: Float[np.ndarray, "stop channel coefficient"]
+    valid: Bool[np.ndarray, "stop channel"]
+    pose: Float[np.ndarray, "stop 5"]
+    speed_mps: Float[np.ndarray, " stop"]
+    sigma_yaw_rad: Float[np.ndarray, " stop"]
+    reckoned_m: Float[np.ndarray, "stop 2"]
+    path_m: Float[np.ndarray, " stop"]
+    leg: Int[np.ndarray, " stop"]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Sizes of a search on a map.
+
+    Attributes:
+        spacing_m: of travel from stop to stop.
+        lattice_m: step of the lattice of prior errors, forward and left.
+        windows_m: lengths tried.
+        history: stops that the longest window reaches back.
+        members: scans of a window that the finish takes.
+    """
+
+    spacing_m: float
+    lattice_m: Float[np.ndarray, "2"]
+    windows_m: tuple[float, ...]
+    history: int
+    members: int
+
+    @staticmethod
+    def of(prepared: PreparedGround, options: RegisterOptions) -> "Plan":
+        """Plan of a search."""
+        wavelength_m = prepared.ground.description.settings.wavelength_m
+        windows_m = ladder_of(wavelength_m) if options.window_m is None else (options.window_m,)
+        longest_m = max(windows_m)
+        spacing_m = _SPACING * wavelength_m if longest_m > 0.0 else 0.0
+        history = int(np.ceil(longest_m / spacing_m)) + 2 if longest_m > 0.0 else 0
+        channels = len(prepared.array.x_m)
+        members = 1 if longest_m <= 0.0 else int(np.clip(_FINE_TRACES // channels, 8, 64))
+        return Plan(spacing_m, prepared.step_m, windows_m, history, members)
+
+    def points(self, half_m: float) -> tuple[int, int]:
+        """Of a lattice, forward and left, that reaches so far to all sides."""
+        forward, left = (2 * int(np.ceil(half_m / step_m)) + 1 for step_m in self.lattice_m)
+        return forward, left
+
+
+def stops_of(
+    scans: LiveScans, chosen: Int[np.ndarray, " stop"], array: ArrayGeometry, basis: CoefficientBasis
+) -> Stops:
+    """Stops of these scans, their coefficients yet to be made."""
+    track, valid = scans.track, scans.valid[chosen]
+    yaw = track.pose[chosen, 3]
+    lever = np.stack(body_to_local(np.zeros(len(yaw)), np.zeros(len(yaw)), yaw, *centre_of(array)), axis=1)
+    return Stops(
+        scans.number[chosen],
+        scans.filtered[chosen],
+        np.zeros((*valid.shape, 2 * len(basis.angular_frequency_rad_per_ns)), np.float32),
+        valid,
+        track.pose[chosen],
+        track.speed_mps[chosen],
+        track.sigma_yaw_rad[chosen],
+        scans.dead_reckoned_m[chosen] + lever,
+        scans.path_m[chosen],
+        track.leg[chosen],
+    )
+
+
+def templates_of(
+    stops: Stops,
+    array: ArrayGeometry,
+    last: Int[np.ndarray, " end"],
+    member: Int[np.ndarray, "end member"],
+    fresh: Bool[np.ndarray, "end member"],
+) -> Template:
+    """Traces of the members about the last scan's centre, in its body frame: odometry and heading place the scans, and
+    within a scan each channel stands where the vehicle had come when the switch matrix reached it.
+
+    Args:
+        stops: the scans.
+        array: of the drive.
+        last: scan that each template ends with.
+        member: scans of each template, the last one first.
+        fresh: members to use.
+    """
+    centre = centre_of(array)
+    yaw = stops.pose[:, 3]
+    apart = stops.reckoned_m[member] - stops.reckoned_m[last][:, None]
+    body_x = array.x_m - centre[0] + stops.speed_mps[member][..., None] * array.time_offset_s
+    body_y = np.broadcast_to(array.y_m - centre[1], body_x.shape)
+    own = yaw[member][..., None]
+    east = apart[..., 0, None] + np.cos(own) * body_x - np.sin(own) * body_y
+    north = apart[..., 1, None] + np.sin(own) * body_x + np.cos(own) * body_y
+    cos, sin = np.cos(yaw[last])[:, None, None], np.sin(yaw[last])[:, None, None]
+    offset = np.stack([cos * east + sin * north, cos * north - sin * east], axis=-1)
+    count, members, channels = east.shape
+    valid = stops.valid[member] & fresh[..., None]
+    coefficients = np.where(valid[..., None], stops.coefficients[member], 0.0)
+    first = np.zeros((count, members, channels), bool)
+    first[:, 0] = True
+    return Template(
+        jnp.asarray(coefficients.reshape(count, members * channels, -1), dtype=jnp.float32),
+        jnp.asarray(offset.reshape(count, -1, 2), dtype=jnp.float32),
+        jnp.asarray(valid.reshape(count, -1)),
+        jnp.asarray(first.reshape(count, -1)),
+    )

@@ -1,0 +1,430 @@
+"""From a candidate to a pose: the climb to its peak, and what is known of the pose there."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Key, UInt32
+
+from lgprjax.pso import Objective, SwarmConfig, run_swarm, watch_swarm
+from lgprjax.radar import LIGHT_SPEED_M_PER_NS
+from lgprjax.registration.judge import independent_numbers
+from lgprjax.registration.score import (
+    OFF_MAP_SCORE,
+    Heard,
+    Template,
+    hear_traces,
+    leads_off_map,
+    normal_equations,
+    normalise,
+    score_poses,
+    strength_of,
+    trace_sums,
+)
+from lgprjax.subsurface import Tile
+
+# The finish: Gauss-Newton from a coarse place to the summit of the correlation, in all degrees of freedom.
+#
+# With the scale alpha projected out, the correlation of live traces S with the ground G is highest where |S - alpha
+# G|² is least, so that its gradient is exact and its curvature needs first derivatives only: those of the bilinear map
+# in the plane, and the phase ramp of a height. All that a step asks of a trace are thirteen sums over depth
+# (``trace_sums``); the rest is the chain rule.
+
+PRIOR = (3.0, 3.0, 9.0, 9.0, 9.0, 9.0)
+"""Information of the prior, per squared half width of the region: position uniform within it, attitude and height
+normal with the half width as three sigma."""
+
+CLIMB_STEPS = 3
+"""Poses measured on a climb: two steps from a coarse place reach the centimetre."""
+
+_LARGEST_STEP = (1.5, 1.5, 0.04, 0.035, 0.03, 0.03)
+"""Of place in cells along the tile, which are a tenth of a wavelength; of the rest in metres and radians."""
+_RIDGE = 1e-5  # share of its diagonal that a step's matrix gets on top
+
+
+class Summit(NamedTuple):
+    """Where a climb ended.
+
+    Attributes:
+        pose: with pitch as its sixth number.
+        correlation, strength: there, see ``Score``; ``OFF_MAP_SCORE`` where overlap is missing.
+        information: of the match alone, per unit of 1/(1 - r²) and of independent numbers (see ``covariance_of``).
+        covered: traces on the map.
+        narrow: along and cross: a cell to either side of the pose leads off the map.
+        left_m: along and cross: the step that the slope there still asks for.
+    """
+
+    pose: Float[Array, "batch 6"]
+    correlation: Float[Array, " batch"]
+    strength: Float[Array, " batch"]
+    information: Float[Array, "batch 6 6"]
+    covered: Bool[Array, "batch trace"]
+    narrow: Bool[Array, "batch 2"]
+    left_m: Float[Array, "batch 2"]
+
+
+def climb(
+    tile: Tile,
+    height_reference_m: Float[Array, ""],
+    angular_frequency_rad_per_ns: Float[Array, " half"],
+    min_overlap: float | Float[Array, ""],
+    template: Template,
+    start: Float[Array, "batch 6"],
+    prior: Float[Array, "batch 6"],
+    half_width: Float[Array, "batch 6"],
+    numbers: Float[Array, " batch"],
+    free: Bool[Array, "6"],
+    *,
+    steps: int = CLIMB_STEPS,
+) -> Summit:
+    """Climb from each start; the best pose on the way is the answer.
+
+    Args:
+        tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap: as for ``score_poses``.
+        template: batched, one for each start.
+        start: along_m, cross_m, height_m, yaw_rad, roll_rad, pitch_rad in the tile's frame.
+        prior: the same, with ``half_width`` the search region about it; attitude and height are held to it.
+        numbers: independent numbers that a template holds: what the match weighs against the prior.
+        free: degrees of freedom that may move.
+        steps: poses measured; with one, only the start is.
+    """
+    live_power = jnp.sum(template.coefficients**2, axis=-1)
+    held = jnp.asarray(PRIOR, dtype=jnp.float32)[None] / half_width**2
+    pull = held.at[:, :2].set(0.0)
+    cap = jnp.asarray(_LARGEST_STEP, dtype=jnp.float32).at[:2].multiply(tile.cell_m[0])[None]
+    traces = jnp.maximum(jnp.sum(template.valid, axis=-1, dtype=jnp.float32), 1.0)
+    rate = angular_frequency_rad_per_ns * (2.0 / LIGHT_SPEED_M_PER_NS)
+    both = free[:, None] & free[None, :]
+    unit = jnp.eye(6, dtype=jnp.float32)
+
+    def hear(pose: Float[Array, "batch 6"]) -> Heard:
+        return hear_traces(tile, template, pose, height_reference_m, rate)
+
+    def measure(pose: Float[Array, "batch 6"], heard: Heard, best: _Best) -> tuple[Array, _Best]:
+        sums = trace_sums(heard, rate, tile.cell_m)
+        overlap = jnp.sum(heard.covered, axis=-1, dtype=jnp.float32) / traces
+        power = jnp.sum(jnp.where(heard.covered, live_power, 0.0), axis=-1)
+        product, ground = jnp.sum(sums.live_ground, axis=-1), jnp.sum(sums.ground_ground, axis=-1)
+        correlation = normalise(product, power, ground, overlap, min_overlap)
+        strength = strength_of(correlation, overlap)
+        information, gradient = normal_equations(sums, heard, template, pose, power)
+        weight = numbers / jnp.maximum(1.0 - correlation**2, 1e-3)
+        away = pose - prior
+        posterior = strength - 0.5 * jnp.sum(pull * away**2, axis=-1) / jnp.maximum(weight * correlation, 1e-3)
+        matrix = jnp.where(both[None], weight[:, None, None] * information, 0.0) + unit[None] * held[:, None, :]
+        # Directions that only rounding tells apart (a single channel's along and yaw) must not end the factorisation.
+        matrix = matrix * (1.0 + _RIDGE * unit[None])
+        side = jnp.where(free[None], weight[:, None] * gradient - pull * away, 0.0)
+        lower = jax.lax.linalg.cholesky(matrix, symmetrize_input=False)
+        move = jnp.clip(jax.scipy.linalg.cho_solve((lower, True), side[..., None])[..., 0], -cap, cap)
+        move = jnp.where((strength > OFF_MAP_SCORE)[:, None], move, 0.0)
+        here = _Best(pose, posterior, correlation, strength, information, heard.covered, move[:, :2])
+        better = posterior > best.posterior
+        best = jax.tree.map(
+            lambda new, old: jnp.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old), here, best
+        )
+        return jnp.clip(pose + move, prior - half_width, prior + half_width), best
+
+    # What a pose hears is carried into the next round: gathered once, not anew for each of the sums, as the compiler
+    # would have it within one.
+    def step(_: Int[Array, ""], carry: tuple[Array, Heard, _Best]) -> tuple[Array, Heard, _Best]:
+        after, best = measure(*carry)
+        return after, hear(after), best
+
+    off = jnp.full(len(start), OFF_MAP_SCORE, jnp.float32)
+    none = _Best(
+        start,
+        jnp.full(len(start), -jnp.inf, jnp.float32),
+        off,
+        off,
+        jnp.zeros((len(start), 6, 6), jnp.float32),
+        jnp.zeros(template.valid.shape, bool),
+        jnp.zeros((len(start), 2), jnp.float32),
+    )
+    pose, heard, best = jax.lax.fori_loop(0, steps - 1, step, (start, hear(start), none))
+    _, best = measure(pose, heard, best)
+    narrow = leads_off_map(tile, template, best.pose, min_overlap)
+    return Summit(best.pose, best.correlation, best.strength, best.information, best.covered, narrow, best.left_m)
+
+
+class _Best(NamedTuple):
+    """The best pose of a climb so far."""
+
+    pose: Float[Array, "batch 6"]
+    posterior: Float[Array, " batch"]
+    correlation: Float[Array, " batch"]
+    strength: Float[Array, " batch"]
+    information: Float[Array, "batch 6 6"]
+    covered: Bool[Array, "batch trace"]
+    left_m: Float[Array, "batch 2"]
+
+
+def covariance_of(
+    summit: Summit,
+    numbers: Float[Array, " batch"],
+    half_width: Float[Array, "batch 6"],
+    free: Bool[Array, "6"],
+    cell_m: Float[Array, "2"],
+) -> Float[Array, "batch 5 5"]:
+    """Covariance of each pose, its pitch marginalised.
+
+    With the gain projected out, the log-likelihood of a template of N independent numbers is -N/2 log(1 - r²). N is
+    not the number of samples: neighbours in depth, channel and track repeat each other. Ground that does not match
+    scatters with variance 1/N, so the surface away from the peak tells N. To this comes the prior (see ``PRIOR``):
+    what the radar does not see (roll, often) keeps the prior's width.
+    """
+    weight = numbers / jnp.maximum(1.0 - summit.correlation**2, 1e-3)
+    # Where a step to either side leaves the map (the line of a single channel), the map itself says how far.
+    bound = jnp.pad(jnp.where(summit.narrow, 3.0 / cell_m[None] ** 2, 0.0), [(0, 0), (0, 4)])
+    diagonal = jnp.asarray(PRIOR, dtype=jnp.float32)[None] / half_width**2 + bound
+    matrix = weight[:, None, None] * summit.information
+    matrix = jnp.where((free[:, None] & free[None, :])[None], matrix, 0.0) + jax.vmap(jnp.diag)(diagonal)
+    scale = 1.0 / jnp.sqrt(jax.vmap(jnp.diag)(matrix))
+    inverse = jnp.linalg.inv(matrix * scale[:, :, None] * scale[:, None, :])[:, :5, :5]
+    covariance: Float[Array, "batch 5 5"] = inverse * scale[:, :5, None] * scale[:, None, :5]
+    return covariance
+
+
+# The finish by particle swarm: about each coarse summit, in all five degrees of freedom, on the direct score.
+#
+# The search of the first system of this kind (LL), kept beside Gauss-Newton: it asks for no derivative, so that it
+# serves whatever score there is.
+
+_REACH_M = 0.12
+"""About a summit the swarm explores what the coarse stage left open, no more: summits stay apart."""
+_SEEN = 41
+"""Positions to a side at which a watched swarm's score is shown."""
+
+Lane = tuple[Template, Float[Array, "6"], Float[Array, "6"], Float[Array, "6"], Float[Array, ""], UInt32[Array, ""]]
+"""One start: template, start, prior and half widths, independent numbers, seed."""
+
+
+def swarm_poses(
+    tile: Tile,
+    height_reference_m: Float[Array, ""],
+    angular_frequency_rad_per_ns: Float[Array, " half"],
+    min_overlap: float | Float[Array, ""],
+    template: Template,
+    start: Float[Array, "batch 6"],
+    prior: Float[Array, "batch 6"],
+    half_width: Float[Array, "batch 6"],
+    numbers: Float[Array, " batch"],
+    free: Bool[Array, "6"],
+    seed: UInt32[Array, ""],
+    lane_seed: UInt32[Array, " batch"],
+    *,
+    config: SwarmConfig,
+) -> Float[Array, "batch 6"]:
+    """Best pose of a swarm about each start; arguments as for ``climb``, with a seed of each lane."""
+    ground = (tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap)
+
+    def one(lane: Lane) -> Float[Array, "6"]:
+        hunt = _hunt(ground, lane, free, seed, config)
+        ended = run_swarm(hunt.key, hunt.cloud, hunt.posterior, free[:5], config=config)
+        return jnp.concatenate([hunt.centre + ended.position * hunt.reach, lane[1][5:]])
+
+    poses: Float[Array, "batch 6"] = jax.lax.map(one, (template, start, prior, half_width, numbers, lane_seed))
+    return poses
+
+
+class SwarmView(NamedTuple):
+    """A swarm about one start, as it went; places along and across in the tile's frame.
+
+    Attributes:
+        place_m: where the particles stood at the start and after each iteration.
+        best_m: the best place that any of them had met by then.
+        best_score: the best score that each of them had met by then; -inf before it met any.
+        along_m, cross_m, score: what the swarm climbs over positions, the rest of the pose as the swarm left it.
+    """
+
+    place_m: Float[Array | np.ndarray, "iteration particle 2"]
+    best_m: Float[Array | np.ndarray, "iteration 2"]
+    best_score: Float[Array | np.ndarray, "iteration particle"]
+    along_m: Float[Array | np.ndarray, " along"]
+    cross_m: Float[Array | np.ndarray, " cross"]
+    score: Float[Array | np.ndarray, "along cross"]
+
+
+@partial(jax.jit, static_argnames="config")
+def watch_finish(
+    tile: Tile,
+    height_reference_m: Float[Array, ""],
+    angular_frequency_rad_per_ns: Float[Array, " half"],
+    min_overlap: float | Float[Array, ""],
+    template: Template,
+    start: Float[Array, "6"],
+    prior: Float[Array, "6"],
+    half_width: Float[Array, "6"],
+    numbers: Float[Array, ""],
+    free: Bool[Array, "6"],
+    seed: UInt32[Array, ""],
+    lane_seed: UInt32[Array, ""],
+    *,
+    config: SwarmConfig,
+) -> SwarmView:
+    """One lane of ``swarm_poses``, kept whole for looking at; ``template`` is a single one."""
+    ground = (tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap)
+    hunt = _hunt(ground, (template, start, prior, half_width, numbers, lane_seed), free, seed, config)
+    trail = watch_swarm(hunt.key, hunt.cloud, hunt.posterior, free[:5], config=config)
+    rows = jnp.arange(len(trail.best_score))
+    best = trail.best_position[rows, jnp.argmax(trail.best_score, axis=1)]
+    side = jnp.linspace(-1.0, 1.0, _SEEN)
+    along, cross = jnp.meshgrid(side, side, indexing="ij")
+    seen = jnp.broadcast_to(best[-1][None], (_SEEN**2, 5))
+    seen = seen.at[:, 0].set(along.reshape(-1)).at[:, 1].set(cross.reshape(-1))
+    middle, reach = hunt.centre[:2], hunt.reach[:2]
+    place = middle[None, None] + trail.position[..., :2] * reach[None, None]
+    return SwarmView(
+        place,
+        middle[None] + best[:, :2] * reach[None],
+        trail.best_score,
+        middle[0] + side * reach[0],
+        middle[1] + side * reach[1],
+        hunt.posterior(seen).reshape(_SEEN, _SEEN),
+    )
+
+
+class _Hunt(NamedTuple):
+    """What a swarm about one start is run with: its cloud stands in units of ``reach`` about ``centre``."""
+
+    key: Key[Array, ""]
+    cloud: Float[Array, "particle 5"]
+    posterior: Objective
+    centre: Float[Array, "5"]
+    reach: Float[Array, "5"]
+
+
+def _hunt(
+    ground: tuple[Tile, Float[Array, ""], Float[Array, " half"], float | Float[Array, ""]],
+    lane: Lane,
+    free: Bool[Array, "6"],
+    seed: UInt32[Array, ""],
+    config: SwarmConfig,
+) -> _Hunt:
+    tile, height_reference_m, omega, min_overlap = ground
+    template, start, prior, half_width, numbers, lane_seed = lane
+    pull = jnp.asarray([0.0, 0.0, *PRIOR[2:5]], dtype=jnp.float32)
+    centre, width = start[:5], half_width[:5]
+    reach = width.at[:2].set(jnp.minimum(width[:2], _REACH_M))
+    first, second = jax.random.split(jax.random.fold_in(jax.random.key(seed), lane_seed))
+    cloud = jax.random.uniform(first, (config.particles, 5), minval=-1.0, maxval=1.0)
+    cloud = jnp.where(free[None, :5], cloud, 0.0).at[0].set(0.0)
+
+    def posterior(u: Float[Array, "particle 5"]) -> Float[Array, " particle"]:
+        pose = centre[None] + u * reach[None]
+        score = score_poses(tile, template, pose, height_reference_m, omega, min_overlap)
+        r = jnp.clip(score.correlation, 0.05, 0.999)
+        away = (pose - prior[None, :5]) / width[None]
+        return score.strength - 0.5 * (1.0 - r**2) / (numbers * r) * jnp.sum(pull[None] * away**2, axis=-1)
+
+    return _Hunt(second, cloud, posterior, centre, reach)
+
+
+FEW_CHANNELS = 3
+"""An array of no more channels than this sees little to its sides."""
+
+_UNFINISHED = 1.0
+"""Cells: at a summit the step that is left is a small part of one."""
+
+
+class Region(NamedTuple):
+    """Where each template is searched for.
+
+    Attributes:
+        prior: along_m, cross_m, height_m above ground, yaw_rad, roll_rad, pitch_rad in the tile's frame.
+        half_width: of the search region about it, in the same order.
+        number: of the scan in its drive; seeds the swarm, so that a fix depends on nothing around it.
+    """
+
+    prior: Float[Array, "end 6"]
+    half_width: Float[Array, "end 6"]
+    number: UInt32[Array, " end"]
+
+
+class Finished(NamedTuple):
+    """Where the climbs of a batch ended, in the tile's frame.
+
+    Attributes:
+        pose, covariance: NaN where nothing of the map was left below a template.
+        correlation: there.
+        overlap: share of the template's traces on the map.
+        overlap_channels: channels of its last scan on the map.
+        unfinished: the climb would go on: its peak lies elsewhere, or where the map ends.
+    """
+
+    pose: Float[Array, "end 5"]
+    covariance: Float[Array, "end 5 5"]
+    correlation: Float[Array, " end"]
+    overlap: Float[Array, " end"]
+    overlap_channels: Int[Array, " end"]
+    unfinished: Bool[Array, " end"]
+
+
+@partial(jax.jit, static_argnames=("heading", "pitch", "swarm"))
+def finish_best(
+    tile: Tile,
+    height_reference_m: Float[Array, ""],
+    angular_frequency_rad_per_ns: Float[Array, " half"],
+    template: Template,
+    start: Float[Array, "end 6"],
+    region: Region,
+    floor: Float[Array, " end"],
+    min_overlap: Float[Array, ""],
+    *,
+    heading: bool,
+    pitch: bool,
+    swarm: SwarmConfig | None = None,
+    seed: UInt32[Array, ""] | None = None,
+) -> Finished:
+    """Climb from one candidate of each template to its peak.
+
+    Args:
+        tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap: as for ``score_poses``.
+        template: batched.
+        start: along_m, cross_m, height_m above ground, yaw_rad, roll_rad, pitch_rad in the tile's frame.
+        region: of the search.
+        floor: noise floor of each template: says how many independent numbers it holds.
+        heading, pitch: are searched: one trace sees no heading.
+        swarm: finish by this swarm about each candidate before the last step of Gauss-Newton.
+        seed: of the swarm.
+    """
+    wide = jnp.sum(template.last_scan, axis=1)
+    several = jnp.max(wide) > 1
+    free = jnp.stack([*[jnp.asarray(True)] * 3, jnp.asarray(heading), several, jnp.asarray(pitch)])
+    numbers = independent_numbers(floor)
+    ground = (tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap)
+    steps = CLIMB_STEPS
+    if swarm is not None:
+        assert seed is not None
+        start = swarm_poses(
+            *ground,
+            template,
+            start,
+            region.prior,
+            region.half_width,
+            numbers,
+            free,
+            seed,
+            region.number,
+            config=swarm,
+        )
+        steps = 1
+    top = climb(*ground, template, start, region.prior, region.half_width, numbers, free, steps=steps)
+    found = top.strength > OFF_MAP_SCORE
+    covariance = covariance_of(top, numbers, region.half_width, free, tile.cell_m)
+    unfinished = jnp.abs(top.left_m) > _UNFINISHED * tile.cell_m[None]
+
+    def known(field: Float[Array, "end ..."]) -> Float[Array, "end ..."]:
+        return jnp.where(found.reshape(-1, *(1,) * (field.ndim - 1)), field, jnp.float32(jnp.nan))
+
+    valid = jnp.maximum(jnp.sum(template.valid, axis=1, dtype=jnp.float32), 1.0)
+    return Finished(
+        known(top.pose[:, :5]),
+        known(covariance),
+        known(top.correlation),
+        jnp.sum(top.covered, axis=1, dtype=jnp.float32) / valid,
+        jnp.sum(top.covered & template.last_scan, axis=1, dtype=jnp.int32),
+        unfinished[:, 0] | (unfinished[:, 1] & (wide > FEW_CHANNELS)),
+    )

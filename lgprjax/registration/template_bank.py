@@ -1,0 +1,250 @@
+"""The ground made ready for one drive: tiles filtered as its scans are, and their array columns."""
+
+from collections import OrderedDict
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from lgprjax.radar import ArrayGeometry, centre_of
+from lgprjax.registration.refine import FEW_CHANNELS
+from lgprjax.subsurface import GroundMap, Tile
+
+# Array columns: what the whole array would hear at every coarse place of a tile, ready for one matrix product.
+#
+# Correlation is linear in the map. With the numbers that every antenna would see at a place stacked into one column,
+# the correlation of any scan with all places is one product of scans and columns: exhaustive, and without a gather.
+# Columns are made once a tile and heading. In depth they hold the map's leading components only, which is nearly all
+# of its power; the finish asks the whole coefficients.
+
+
+class ArrayColumns(NamedTuple):
+    """Columns of one tile for one attitude of the array.
+
+    Attributes:
+        value: components of every channel at each place, one channel after the other; 0 off the map.
+        power: of each place's ground, over the channels on the map.
+        overlap: share of the channels on the map.
+        origin_m: along and cross of place (0, 0).
+        step_m: from place to place.
+    """
+
+    value: Float[Array, "along cross channel_component"]
+    power: Float[Array, "along cross"]
+    overlap: Float[Array, "along cross"]
+    origin_m: Float[Array, "2"]
+    step_m: Float[Array, "2"]
+
+
+@partial(jax.jit, static_argnames=("stride", "margin"))
+def make_columns(
+    tile: Tile,
+    components: Float[Array, "coefficient component"],
+    offset_m: Float[Array, "channel 2"],
+    *,
+    stride: tuple[int, int],
+    margin: tuple[int, int],
+) -> ArrayColumns:
+    """Columns of a tile.
+
+    Each channel stands at the same offset from every place, so that its ground is the tile moved as a whole: four
+    slices with the weights of a bilinear sample.
+
+    Args:
+        tile: the ground.
+        components: orthonormal directions of the coefficients that hold the map's power.
+        offset_m: along and cross of each channel from the array's centre, in the tile's frame.
+        stride: cells from place to place, along and across.
+        margin: cells that an antenna may stand outside the tile.
+    """
+    size = tile.valid.shape
+    border = [(m, m + 1) for m in margin]
+    ground = jnp.pad(jnp.moveaxis(tile.coefficients @ components, -1, 0), [(0, 0), *border])
+    valid = jnp.pad(tile.valid.astype(jnp.float32), border)
+    reach = jnp.asarray(margin, dtype=jnp.int32)
+    cells = offset_m / tile.cell_m[None]
+    low = jnp.clip(jnp.floor(cells).astype(jnp.int32), -reach[None], reach[None] - 1)
+    part = cells - low.astype(jnp.float32)
+    first = [s // 2 for s in stride]
+
+    def channel(lane: tuple[Array, Array]) -> tuple[Array, Array]:
+        base, (u, v) = lane[0] + reach, lane[1]
+
+        def moved(planes: Float[Array, "plane _ _"]) -> Float[Array, "plane _ _"]:
+            start = (0, base[0], base[1])
+            window = jax.lax.dynamic_slice(planes, start, (len(planes), size[0] + 1, size[1] + 1))
+            near, far = window[:, first[0] : -1 : stride[0]], window[:, first[0] + 1 :: stride[0]]
+            along = (1.0 - u) * near + u * far
+            left, right = along[:, :, first[1] : -1 : stride[1]], along[:, :, first[1] + 1 :: stride[1]]
+            between: Float[Array, "plane _ _"] = (1.0 - v) * left + v * right
+            return between
+
+        # A place between cells is on the map where all of them are.
+        on_map = (moved(valid[None]) > 1.0 - 1e-4).astype(jnp.float32)
+        return moved(ground) * on_map, on_map[0]
+
+    values, masks = jax.lax.map(channel, (low, part))
+    # A place's numbers stand together, so that some places are read without the others.
+    value = jnp.moveaxis(values.reshape(-1, *values.shape[2:]), 0, -1)
+    return ArrayColumns(
+        value=value,
+        power=jnp.sum(value**2, axis=-1),
+        overlap=jnp.mean(masks, axis=0),
+        origin_m=tile.origin_m + jnp.asarray(first, dtype=jnp.float32) * tile.cell_m,
+        step_m=tile.cell_m * jnp.asarray(stride, dtype=jnp.float32),
+    )
+
+
+_BIN_RAD = np.radians(6.0)
+"""Headings this far apart have columns of their own: half of it moves the end channel of a wide array by 3 cm."""
+_CARRIED_M = 0.04
+_STRIDE = 0.3  # of the wavelength, from coarse place to coarse place
+
+
+class Aspect(NamedTuple):
+    """How scans look at a tile: what their columns depend on.
+
+    Attributes:
+        tile: its number.
+        direction: 1 along the tile's axis, -1 against it, 0 across.
+        heading: in bins, relative to the tile's axis.
+        carried: in bins, how far the vehicle comes while the switch matrix steps through the channels.
+    """
+
+    tile: int
+    direction: int
+    heading: int
+    carried: int
+
+
+class PreparedTile(NamedTuple):
+    """A tile and its columns for one aspect."""
+
+    tile: Tile
+    columns: ArrayColumns
+
+
+class PreparedGround:
+    """Columns of a map for one array, made when first asked for and kept for a while.
+
+    Args:
+        ground: the map's tiles.
+        array: geometry of the drive.
+        keep: columns held in memory.
+
+    Attributes:
+        stride: cells of a tile from place to place, along and across; ``step_m`` is the same in metres.
+        places: of a tile.
+        few_channels: the array has so few that its search takes every cell along.
+    """
+
+    def __init__(self, ground: GroundMap, array: ArrayGeometry, *, keep: int = 8) -> None:
+        self.ground = ground
+        self.array = array
+        self._keep = keep
+        self._held: OrderedDict[Aspect, PreparedTile] = OrderedDict()
+        centre_x, centre_y = centre_of(array)
+        self._body_m = np.stack([array.x_m - centre_x, array.y_m - centre_y], axis=1)
+        self._late_s = float(np.max(np.abs(array.time_offset_s)))
+        description = ground.description
+        spec, _ = ground.grid_of(0)
+        self._cell_m = np.array([spec.along_cell_m, spec.cross_cell_m])
+        wavelength_m = description.settings.wavelength_m
+        # A lane is at least a channel's pitch wide: places farther apart across could miss that of a lone channel.
+        step_m = _STRIDE * wavelength_m
+        steps_m = (step_m, min(step_m, description.channel_pitch_m))
+        along, cross = (int(max(1, round(s / cell_m))) for s, cell_m in zip(steps_m, self._cell_m, strict=True))
+        # Lines of few channels have few places across; their summits, of few traces, are narrow and many.
+        self.few_channels = len(array.x_m) <= FEW_CHANNELS
+        self.stride = (max(1, round(0.2 * wavelength_m / self._cell_m[0])) if self.few_channels else along, cross)
+        self.step_m = self._cell_m * np.array(self.stride)
+        array_m = float(np.max(np.hypot(*self._body_m.T))) + 0.5
+        self._margin = tuple(int(np.ceil(array_m / cell_m)) + 1 for cell_m in self._cell_m)
+        sides = zip((spec.along_cells, spec.cross_cells), self._margin, self.stride, strict=True)
+        self.places = int(np.prod([-(-(cells + 2 * margin) // stride) for cells, margin, stride in sides]))
+
+    def aspects(
+        self,
+        tile: Int[np.ndarray, " scan"],
+        yaw_rad: Float[np.ndarray, " scan"],
+        speed_mps: Float[np.ndarray, " scan"],
+    ) -> list[tuple[Aspect, Int[np.ndarray, " _"]]]:
+        """Scans grouped by how they look at which tile: their positions, in order."""
+        yaw = yaw_rad - self.ground.source.tile_frame[tile, 2]
+        turned = np.mod(yaw + np.pi, 2.0 * np.pi) - np.pi
+        moving = np.where(speed_mps < 0.0, -1.0, 1.0) * np.cos(turned)
+        direction = np.where(np.abs(moving) > 0.5, np.sign(moving), 0.0).astype(int)
+        heading = np.round(turned / _BIN_RAD).astype(int)
+        carried = np.round(speed_mps * self._late_s / _CARRIED_M).astype(int)
+        key = np.stack([tile, direction, heading, carried], axis=1)
+        rows, group = np.unique(key, axis=0, return_inverse=True)
+        group = group.reshape(-1)
+        return [(Aspect(*(int(v) for v in row)), np.flatnonzero(group == n)) for n, row in enumerate(rows)]
+
+    def at(self, aspect: Aspect) -> PreparedTile:
+        """Tile and columns, made now or held from before."""
+        if aspect in self._held:
+            self._held.move_to_end(aspect)
+            return self._held[aspect]
+        ready = self.make(aspect)
+        self.hold(aspect, ready)
+        return ready
+
+    def holds(self, aspect: Aspect) -> bool:
+        """Whether a tile is ready for an aspect."""
+        return aspect in self._held
+
+    def hold(self, aspect: Aspect, ready: PreparedTile) -> None:
+        """Keep what ``make`` gave, here or elsewhere for the same map and array; the least used goes."""
+        self._held[aspect] = ready
+        if len(self._held) > self._keep:
+            self._held.popitem(last=False)
+
+    def make(self, aspect: Aspect) -> PreparedTile:
+        """Tile and columns, made now."""
+        tile = self.ground.tile(aspect.tile, aspect.direction)
+        columns = make_columns(
+            tile,
+            self.ground.components,
+            jnp.asarray(self._offsets(aspect), dtype=jnp.float32),
+            stride=self.stride,
+            margin=self._margin,
+        )
+        return PreparedTile(tile, columns)
+
+    def _offsets(self, aspect: Aspect) -> Float[np.ndarray, "channel 2"]:
+        body_m = self._body_m.copy()
+        if self._late_s > 0.0:
+            body_m[:, 0] += aspect.carried * _CARRIED_M * self.array.time_offset_s / self._late_s
+        yaw = aspect.heading * _BIN_RAD
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        return np.asarray(body_m @ np.array([[cos, sin], [-sin, cos]]))
+
+
+# Poses in the frame of a tile, and back.
+
+
+def to_tile(pose: Float[np.ndarray, "batch 5"], frame: Float[np.ndarray, "3"]) -> Float[np.ndarray, "batch 5"]:
+    """Poses of the map's frame in that of a tile."""
+    east, north, yaw = frame
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    out = pose.copy()
+    out[:, 0] = cos * (pose[:, 0] - east) + sin * (pose[:, 1] - north)
+    out[:, 1] = cos * (pose[:, 1] - north) - sin * (pose[:, 0] - east)
+    out[:, 3] = np.mod(pose[:, 3] - yaw + np.pi, 2 * np.pi) - np.pi
+    return out
+
+
+def fixes_to_map(
+    pose: Float[np.ndarray, "end 5"], covariance: Float[np.ndarray, "end 5 5"], frame: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "end 5"], Float[np.ndarray, "end 5 5"]]:
+    """Poses of a tile's frame in that of the map."""
+    east, north, yaw = frame
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    turn = np.eye(5)
+    turn[:2, :2] = [[cos, -sin], [sin, cos]]
+    moved = np.asarray(pose, dtype=np.float64) @ turn.T + np.array([east, north, 0.0, yaw, 0.0])
+    return moved, turn @ np.asarray(covariance, dtype=np.float64) @ turn.T

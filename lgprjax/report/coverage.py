@@ -1,0 +1,279 @@
+"""The report that goes with a worked field: what may be said of the ground, what may not, and who signs for it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.patches import Patch, Polygon
+from matplotlib.ticker import NullFormatter
+
+from lgprjax.report.html import ReportFigure, ReportTable, Section, write_report
+from lgprjax.report.style import (
+    BLUE,
+    FAINT,
+    GAP,
+    GREEN,
+    INK,
+    MUTED,
+    ORANGE,
+    SKY,
+    VERMILLION,
+    picture,
+    runs_of,
+    write_caption,
+)
+
+_LINE = "_" * 24
+_LIMITS = """This is the record of a machine, not a clearance certificate. It says where the tool was, told on,
+turning and at its depth. It does not say that the ground holds no hazard: that takes a search after the machine and the
+decision of the authority in charge.
+
+Probabilities follow from the position's uncertainty as the filter on board had it. They hold if its receiver, its
+reference station and the measures in the vehicle file were right: an error that all positions share, such as a
+reference station that was set up wrongly, is not in them. A cell has the probability of its best pass; passes are
+never multiplied, since their errors are related.
+
+Depth is that of the tool against the ground as the machine measured it. Ground with stones, roots, slopes or soil that
+the tool was not proven on is to be judged by whoever knows the ground."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoveragePage:
+    """The texts and tables of a report; rows are texts as they are to be read.
+
+    Attributes:
+        name, organisation, period: of the field and the work.
+        sentences: one a level, what may be said.
+        facts: quantity and value.
+        layers: level, processed, uncertain, not processed, share.
+        passes: the passes with their figures; passes_header names the columns.
+        stops: run, begin, duration, reasons.
+        turning_points: point, latitude, longitude.
+        hashes: file and SHA-256.
+        figures: map first.
+    """
+
+    name: str
+    organisation: str
+    period: str
+    sentences: tuple[str, ...]
+    facts: tuple[tuple[str, str], ...]
+    layers: tuple[tuple[str, ...], ...]
+    passes_header: tuple[str, ...]
+    passes: tuple[tuple[str, ...], ...]
+    stops: tuple[tuple[str, ...], ...]
+    turning_points: tuple[tuple[str, ...], ...]
+    hashes: tuple[tuple[str, str], ...]
+    figures: tuple[ReportFigure, ...]
+
+
+def write_coverage_page(path: str | Path, page: CoveragePage, *, force: bool = False) -> None:
+    """Write the report as one page that needs nothing from outside.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    layers = ReportTable(
+        ("confidence", "processed", "uncertain", "not processed", "processed, of the field"),
+        page.layers,
+        "Areas of the cells whose centre lies inside the perimeter.",
+    )
+    facts = ReportTable(("quantity", "value"), page.facts)
+    stops = ReportTable(("run", "begin (UTC)", "lasted", "why"), page.stops)
+    passes = ReportTable(page.passes_header, page.passes, "Depth and speed as measured while cells counted.")
+    points = ReportTable(("point", "latitude deg", "longitude deg"), page.turning_points, "WGS 84.")
+    hashes = ReportTable(("file", "SHA-256"), page.hashes, "Whoever has the files can compute these again.")
+    signatures = ReportTable(
+        ("for", "name", "date", "signature"),
+        tuple((role, _LINE, _LINE, _LINE) for role in ("operator", "team leader", "quality control")),
+        "By signing, the record is accepted as that of the machine's work, no more.",
+    )
+    sections = (
+        Section("What was processed", "\n\n".join(page.sentences), (layers,), page.figures[:1]),
+        Section("What this record does not say", _LIMITS),
+        Section("The work", "", (facts,), page.figures[1:]),
+        Section("Stops", "" if page.stops else "None.", (stops,) if page.stops else ()),
+        Section("Perimeter", "", (points,)),
+        Section("Passes", "" if page.passes else "None.", (passes,) if page.passes else ()),
+        Section("Files behind it", "", (hashes,)),
+        Section("Signatures", "", (signatures,)),
+    )
+    intro = (
+        f"Worked by {page.organisation}, {page.period}.\n\nStatus: processed by machine; not searched, not released."
+    )
+    write_report(path, f"{page.name}: record of machine processing", intro, sections, force)
+
+
+# A worked field from above: what is processed at which confidence, what is uncertain, what is not, and every stop.
+
+# Apart for every common colour blindness, and of four different lightnesses in print.
+_YELLOW = "#F0E442"
+COLOURS = (VERMILLION, _YELLOW, SKY, BLUE)
+"""Not processed, uncertain, processed at the lower level only, processed at the higher level."""
+_WIDTH_IN = 9.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoverPicture:
+    """What the map of a field shows, metres east and north of its anchor.
+
+    Attributes:
+        name: of the field.
+        perimeter_m: its corners.
+        east_m, north_m, cell_m: south-west corner and side of the cells.
+        inside: cells whose centre lies inside the perimeter.
+        levels: the lower and the higher confidence.
+        states: of the cells at each level: 0 not processed, 1 uncertain, 2 processed.
+        swaths_m: the tool's ways.
+        stops_m: where the vehicle had a reason to stop.
+    """
+
+    name: str
+    perimeter_m: Float[np.ndarray, "corner 2"]
+    east_m: float
+    north_m: float
+    cell_m: float
+    inside: Bool[np.ndarray, "north east"]
+    levels: tuple[float, float]
+    states: UInt8[np.ndarray, "2 north east"]
+    swaths_m: tuple[Float[np.ndarray, "_ 2"], ...]
+    stops_m: Float[np.ndarray, "stop 2"]
+
+
+def draw_coverage(cover: CoverPicture, path: str | Path, *, force: bool = False) -> None:
+    """Draw the map at equal scale, north up.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    kinds = np.where(cover.states[1] == 2, 3, cover.states[0])
+    north, east = kinds.shape
+    extent = (
+        cover.east_m,
+        cover.east_m + east * cover.cell_m,
+        cover.north_m,
+        cover.north_m + north * cover.cell_m,
+    )
+    height_in = 1.9 + float(np.clip(_WIDTH_IN * north / east, 2.5, 11.0))
+    with picture(path, _WIDTH_IN, height_in, force) as figure:
+        axes = figure.subplots()
+        axes.imshow(
+            np.ma.masked_array(kinds, ~cover.inside),
+            cmap=ListedColormap(COLOURS).with_extremes(bad=GAP),
+            vmin=-0.5,
+            vmax=3.5,
+            origin="lower",
+            extent=extent,
+            interpolation="nearest",
+            aspect="equal",
+        )
+        for way in cover.swaths_m:
+            axes.plot(*way.T, color="white", linewidth=0.5, alpha=0.7)
+        axes.add_patch(Polygon(cover.perimeter_m, fill=False, edgecolor=INK, linewidth=1.4))
+        if len(cover.stops_m):
+            axes.plot(*cover.stops_m.T, "X", color=INK, markeredgecolor="white", markersize=9, label="stop")
+        axes.set_xlim(*extent[:2])
+        axes.set_ylim(*extent[2:])
+        axes.set_xlabel("east of the anchor (m)")
+        axes.set_ylabel("north of the anchor (m)")
+        figure.suptitle(f"{cover.name}: what the machine processed")
+        _legend(axes, cover, kinds)
+        write_caption(
+            figure,
+            "North is up. Each cell has the probability of its best pass. White lines: ways of the tool's centre; "
+            f"grey: beyond the perimeter. Cells of {100.0 * cover.cell_m:g} cm. A machine pass is not clearance.",
+        )
+
+
+def _legend(axes: Axes, cover: CoverPicture, kinds: UInt8[np.ndarray, "north east"]) -> None:
+    low, high = (f"{100.0 * level:g} %" for level in cover.levels)
+    words = ("not processed", f"uncertain at {low}", f"processed at {low} only", f"processed at {high}")
+    inside = kinds[cover.inside]
+    patches = [
+        Patch(facecolor=colour, edgecolor=MUTED, label=f"{word}: {_share(inside == kind)}")
+        for kind, (colour, word) in enumerate(zip(COLOURS, words, strict=True))
+    ]
+    handles, _ = axes.get_legend_handles_labels()
+    axes.legend(
+        handles=[*patches[::-1], *handles], loc="lower center", bbox_to_anchor=(0.5, 1.01), ncols=3, frameon=False
+    )
+
+
+def _share(held: Bool[np.ndarray, " cell"]) -> str:
+    """Rounded down: what is nearly all is not all."""
+    return f"{np.floor(1000.0 * np.mean(held)) / 10.0:.1f} %"
+
+
+# What was measured while a field was worked: depth, speed and the position's uncertainty over time, with the stops.
+
+# Between two recordings hours may pass: on the picture a second does.
+_LONGEST_STEP_S = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoverChannelsPicture:
+    """Channels over the moments of a record.
+
+    Attributes:
+        time_s: of each moment.
+        depth_m, speed_mps: measured.
+        sigma_m: of the position, along the worse axis.
+        counts: cells counted.
+        fixed: the GNSS position was a fixed one.
+        stopped: there was a reason to stop.
+    """
+
+    time_s: Float[np.ndarray, " moment"]
+    depth_m: Float[np.ndarray, " moment"]
+    speed_mps: Float[np.ndarray, " moment"]
+    sigma_m: Float[np.ndarray, " moment"]
+    counts: Bool[np.ndarray, " moment"]
+    fixed: Bool[np.ndarray, " moment"]
+    stopped: Bool[np.ndarray, " moment"]
+
+
+def draw_cover_channels(channels: CoverChannelsPicture, path: str | Path, *, force: bool = False) -> None:
+    """Draw the channels over minutes of recording.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    step_s = np.clip(np.diff(channels.time_s, prepend=channels.time_s[:1]), 0.0, _LONGEST_STEP_S)
+    minutes = np.cumsum(step_s) / 60.0
+    with picture(path, 9.0, 6.6, force) as figure:
+        depth, speed, sigma = figure.subplots(3, 1, sharex=True)
+        rows = (
+            (depth, 100.0 * channels.depth_m, "depth (cm)", BLUE),
+            (speed, channels.speed_mps, "speed (m/s)", GREEN),
+            (sigma, 100.0 * channels.sigma_m, "position sigma (cm)", INK),
+        )
+        for axes, values, label, colour in rows:
+            _shade(axes, minutes, channels.stopped, ORANGE, 0.45)
+            axes.plot(minutes, np.where(channels.counts, values, np.nan), color=colour, linewidth=1.2)
+            axes.plot(minutes, np.where(channels.counts, np.nan, values), color=FAINT, linewidth=0.9)
+            axes.set_ylabel(label)
+            axes.spines[["top", "right"]].set_visible(False)
+        depth.invert_yaxis()
+        if np.nanmax(channels.sigma_m, initial=0.0) > 0.0:
+            sigma.set_yscale("log")
+            sigma.yaxis.set_major_formatter("{x:g}")
+            sigma.yaxis.set_minor_formatter(NullFormatter())
+        _shade(sigma, minutes, ~channels.fixed, MUTED, 0.25)
+        sigma.set_xlabel("minutes of recording")
+        figure.suptitle("Measured while working")
+        write_caption(
+            figure,
+            "Coloured: cells counted (tool told on, turning, at its depth, heading known); light grey: they did not. "
+            "Orange: a reason to stop. Grey, below: no fixed GNSS position. Sigma: as the filter on board had it, "
+            "along the worse axis.",
+        )
+
+
+def _shade(
+    axes: Axes, minutes: Float[np.ndarray, " moment"], held: Bool[np.ndarray, " moment"], colour: str, alpha: float
+) -> None:
+    for first, last in runs_of(held):
+        axes.axvspan(minutes[first], minutes[min(last, len(minutes) - 1)], color=colour, alpha=alpha, linewidth=0)

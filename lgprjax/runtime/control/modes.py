@@ -1,0 +1,171 @@
+"""The mode machine at work: events in, and what its actions leave switched on."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from lgprjax.autopilot import Action, Check, Event, Happening, Mode, ModeState, step_modes
+
+STEERING, PEDALS, CUT = 1, 2, 4
+"""Bits of ``engage`` in a drive_command."""
+
+
+class Happened(NamedTuple):
+    """An event that changed something, for the recording: what it was, the mode after it, and the actions."""
+
+    event: str
+    mode: str
+    actions: tuple[str, ...]
+
+
+class ModeKeeper:
+    """The state of the modes and the switches that its actions move.
+
+    Args:
+        after_death: this control process replaces one that died: an error stands until it is up, and only the override
+            button leaves it.
+
+    Attributes:
+        state: of the mode machine.
+        engage: bits of the drive_command.
+        stopping: a controlled stop runs.
+        set_speed_mps: that the operator locked.
+        lit: the controller's light.
+        checks_asked: the system checks are to be run.
+        since_s: when the mode was entered.
+    """
+
+    def __init__(self, *, after_death: bool, speed_step_mps: float) -> None:
+        self.state = ModeState()
+        self.engage = 0
+        self.stopping = False
+        self.set_speed_mps = 0.0
+        self.lit = False
+        self.checks_asked = False
+        self.since_s = 0.0
+        self._step_mps = speed_step_mps
+        if after_death:
+            self.state = step_modes(self.state, Happening(Event.CONTROL_DIED, 0.0))[0]
+            self.lit = True
+
+    @property
+    def mode(self) -> Mode:
+        """As driven."""
+        return self.state.mode
+
+    def cut(self) -> None:
+        """An emergency that a watch found: the box cuts the power and brakes, until the operator leaves the error."""
+        self.engage = CUT
+
+    def tell(self, event: Event, time_s: float, speed_mps: float, *, check: Check = Check.NONE) -> Happened | None:
+        """An event; what it changed, ``None`` where nothing.
+
+        Args:
+            event: what happens.
+            time_s: monotonic.
+            speed_mps: of the vehicle, which a cruise button locks.
+            check: that failed.
+        """
+        before = self.state
+        self.state, actions = step_modes(before, Happening(event, time_s, check))
+        for action in actions:
+            self._act(action, speed_mps)
+        if self.state.mode is not before.mode:
+            self.since_s = time_s
+            if before.mode is Mode.ERROR and self.state.mode is not Mode.EMERGENCY_STOP:
+                self.engage &= ~CUT
+        if not actions and self.state._replace(time_s=0.0) == before._replace(time_s=0.0):
+            return None
+        return Happened(event.name, self.state.mode.name, tuple(action.name for action in actions))
+
+    def _act(self, action: Action, speed_mps: float) -> None:
+        match action:
+            case Action.RUN_CHECKS:
+                self.checks_asked = True
+            case Action.RELEASE_ACTUATORS:
+                self.engage &= CUT
+                self.stopping = False
+            case Action.RELEASE_PEDALS:
+                self.engage &= ~PEDALS
+            case Action.ENGAGE_STEERING:
+                self.engage |= STEERING
+            case Action.ENGAGE_SPEED:
+                self.engage |= PEDALS
+            case Action.LOCK_SPEED:
+                self.set_speed_mps = max(speed_mps, self._step_mps)
+            case Action.RAISE_SPEED:
+                self.set_speed_mps += self._step_mps
+            case Action.LOWER_SPEED:
+                self.set_speed_mps = max(self.set_speed_mps - self._step_mps, 0.0)
+            case Action.STOP_CONTROLLED:
+                self.stopping = True
+                # The autopilot has the brake in STEERING, too, until it hands over.
+                self.engage |= PEDALS
+            case Action.CUT_POWER:
+                self.engage = CUT
+            case Action.RESTORE_POWER:
+                self.engage &= ~CUT
+            case Action.LIGHT_BUTTON:
+                self.lit = True
+            case Action.DARKEN_BUTTON:
+                self.lit = False
+
+
+# System checks: what must be in order before anything can be engaged, tried for a while and then said.
+
+_PATIENCE_S = 12.0
+_BRAKE_TEST_EVERY_S = 2.0
+
+
+class CheckItem(NamedTuple):
+    """One check: which, whether it holds now, and why not."""
+
+    check: Check
+    good: bool
+    reason: str
+
+
+class SystemChecks:
+    """A run of the checks: passed as soon as all hold, failed by the first that still does not after a while.
+
+    Attributes:
+        items: of the last look, in the order of the checks.
+        running: a run is under way.
+    """
+
+    def __init__(self) -> None:
+        self.items: list[CheckItem] = []
+        self.running = False
+        self._began_s = 0.0
+        self._braked_s = 0.0
+
+    def begin(self, time_s: float) -> None:
+        """Begin, or begin again."""
+        self.running, self._began_s, self._braked_s = True, time_s, 0.0
+
+    def step(self, time_s: float, look: Callable[[], list[CheckItem]], *, starting: bool) -> CheckItem | bool | None:
+        """``True`` where the run has passed, the failed item where it failed, ``None`` while it goes on.
+
+        While processes are still ``starting`` for the first time nothing has failed yet: how long they may take is the
+        supervisor's to say.
+        """
+        if not self.running:
+            return None
+        if starting:
+            self._began_s = time_s
+        self.items = look()
+        failed = next((item for item in self.items if not item.good), None)
+        if failed is None:
+            self.running = False
+            return True
+        if time_s - self._began_s < _PATIENCE_S:
+            return None
+        self.running = False
+        return failed
+
+    def brake_test_due(self, time_s: float) -> bool:
+        """Whether the box is to be asked for its braking test now."""
+        waiting = self.running and any(item.check is Check.BRAKE and not item.good for item in self.items)
+        if not waiting or time_s - self._braked_s < _BRAKE_TEST_EVERY_S:
+            return False
+        self._braked_s = time_s
+        return True

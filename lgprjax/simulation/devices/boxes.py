@@ -1,0 +1,394 @@
+"""The drive-by-wire box: takes commands, holds its defaults by itself, says how the vehicle stands."""
+
+import struct
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from lgprjax.simulation.devices.wire_ends import Acceptance, Frame, FrameReader, Kind, Sender, Verdict
+
+# What every drive-by-wire box does with its line: frames judged, commands that end, defaults taken by itself.
+
+POWER_CUT = 4
+DEFAULTS, BAD_FRAMES, SECOND_SENDER, BUS_OFF, NO_POWER = 1, 2, 4, 64, 256
+_BAD_IN_A_ROW = 3
+_SECOND_SHOWN_NS = 1_000_000_000
+_LEAST_SUPPLY_V = 10.0
+
+
+class HostedBox(ABC):
+    """The logic that boxes share; times are nanoseconds of the world's clock, passed in.
+
+    Attributes:
+        mode: that the host was in when it last was heard; ``mode_since_ns`` since when.
+        held: what is held engaged, bits.
+        refused: frames refused since start.
+        bus_off: a fault: nothing is heard.
+    """
+
+    def __init__(self, sender: Sender) -> None:
+        self.mode, self.mode_since_ns = 0, 0
+        self.held, self.refused = 0, 0
+        self.bus_off = False
+        self._sender = sender
+        self._reader, self._rules = FrameReader(), Acceptance()
+        self._sequence = 0
+        self._ends_ns: int | None = None
+        self._default, self._armed = True, False
+        self._bad_in_a_row, self._three_bad = 0, False
+        self._second_ns: int | None = None
+        self._supply_v = 24.0
+
+    def receive(self, data: bytes, now_ns: int) -> None:
+        """Bytes that came over the line."""
+        self.take(self._reader.feed(data), now_ns)
+
+    def take(self, frames: Iterable[Frame | None], now_ns: int) -> None:
+        """Frames that came, ``None`` for damaged ones."""
+        self._let_time_pass(now_ns)
+        for frame in frames:
+            if frame is None or self.bus_off:
+                self._refuse()
+                continue
+            verdict = self._rules.judge(frame, now_ns)
+            if verdict is Verdict.SECOND_SENDER:
+                self._second_ns = now_ns
+            if verdict is not Verdict.TAKEN:
+                self._refuse()
+                continue
+            self._bad_in_a_row = 0
+            if frame.mode != self.mode:
+                self.mode, self.mode_since_ns = frame.mode, now_ns
+            self._hear(frame, now_ns)
+
+    @abstractmethod
+    def _hear(self, frame: Frame, now_ns: int) -> None:
+        """A frame that was taken."""
+
+    def _engage(self, frame: Frame, engage: int, known: int, now_ns: int) -> None:
+        """What a command holds engaged; ``known`` are the bits that the box has."""
+        self._sequence = frame.sequence
+        self._ends_ns = now_ns + 1_000_000 * frame.ttl_ms if frame.ttl_ms else None
+        if engage & POWER_CUT:
+            self._fall(cut=True)
+            self.held = POWER_CUT
+        elif engage == 0:
+            # Leaving takes two commands: this one lets go of everything, a later one may engage.
+            self._default, self._three_bad, self._armed = False, False, True
+            self.held = 0
+            self._let_go()
+        elif self._armed:
+            self.held = engage & known
+
+    @abstractmethod
+    def _let_go(self) -> None:
+        """The host has let go of everything."""
+
+    def _fall(self, *, cut: bool = False) -> None:
+        """To the defaults; ``cut``: with the power cut."""
+        del cut  # what a cut does beside is a box's own
+        self._default, self._armed, self.held = True, False, self.held & POWER_CUT
+
+    def _refuse(self) -> None:
+        self.refused += 1
+        self._bad_in_a_row += 1
+        if self._bad_in_a_row >= _BAD_IN_A_ROW:
+            self._three_bad = True
+            self._fall()
+
+    def _let_time_pass(self, now_ns: int) -> None:
+        if self.bus_off or (self._ends_ns is not None and now_ns > self._ends_ns):
+            self._fall()
+
+    def _line_state(self, now_ns: int) -> int:
+        """Bits of ``state`` that all boxes have."""
+        second = self._second_ns is not None and now_ns - self._second_ns < _SECOND_SHOWN_NS
+        bits = {
+            DEFAULTS: self._default,
+            BAD_FRAMES: self._three_bad,
+            SECOND_SENDER: second,
+            BUS_OFF: self.bus_off,
+            NO_POWER: self._supply_v < _LEAST_SUPPLY_V,
+        }
+        return sum(bit for bit, on in bits.items() if on)
+
+
+STEERING_ENGAGED, PEDALS = 1, 2
+SERVO_FAULT, THROTTLE_FAULT, BRAKE_FAULT, BRAKE_TESTED = 8, 16, 32, 128
+DEFAULT_BRAKE = 0.5
+_COMMAND = struct.Struct("<fffB")
+_STATUS = struct.Struct("<IBHHfiffBffdf")
+_ROLLS_MPS = 0.05
+_TEST_NS, _TEST_BRAKE, _TEST_LEAST = 1_000_000_000, 0.5, 0.35
+
+
+class Command(NamedTuple):
+    """A ``drive_command``: angle of the front wheels (rad), pedals 0 to 1, and what to engage (bits)."""
+
+    front_rad: float = 0.0
+    throttle: float = 0.0
+    brake: float = 0.0
+    engage: int = 0
+
+
+class Orders(NamedTuple):
+    """What the box makes its actuators do.
+
+    Attributes:
+        steering: its servo has torque and turns the wheels to ``front_rad``.
+        pedals: it holds the pedals at ``throttle``; without it the throttle is the operator's.
+        brake: at least this much is braked.
+        cut: the engine has no power.
+    """
+
+    steering: bool
+    pedals: bool
+    front_rad: float
+    throttle: float
+    brake: float
+    cut: bool = False
+
+
+class Measured(NamedTuple):
+    """What the box's sensors show; units as in ``drive_status``."""
+
+    potentiometer_v: float
+    encoder_counts: int
+    supply_v: float
+    torque_nm: float
+    foot_on_brake: bool
+    throttle: float
+    brake: float
+    odometer_m: float
+    speed_mps: float
+
+
+class DriveBox(HostedBox):
+    """The box's logic; see ``HostedBox``.
+
+    Attributes:
+        command: the last one taken.
+    """
+
+    def __init__(self, sender: Sender) -> None:
+        super().__init__(sender)
+        self.command = Command()
+        self._brakes, self._had_pedals = False, False
+        self._test_since_ns: int | None = None
+        self._tested = 0
+        self._speed_mps, self._pressure = 0.0, 0.0
+
+    def sense(self, now_ns: int, speed_mps: float, pressure: float, supply_v: float) -> None:
+        """What the box watches for itself: speed by the wheels, brake pressure as a command, supply."""
+        self._speed_mps, self._pressure, self._supply_v = speed_mps, pressure, supply_v
+        self._let_time_pass(now_ns)
+
+    def orders(self, now_ns: int) -> Orders:
+        """What it makes its actuators do now."""
+        self._let_time_pass(now_ns)
+        told = self.command
+        if self._default:
+            brake = DEFAULT_BRAKE if self._brakes else 0.0
+            return Orders(False, self._brakes, 0.0, 0.0, brake, cut=bool(self.held & POWER_CUT))
+        if self._test_since_ns is not None:
+            return Orders(False, True, 0.0, 0.0, _TEST_BRAKE)
+        pedals = bool(self.held & PEDALS)
+        throttle, brake = (told.throttle, told.brake) if pedals else (0.0, 0.0)
+        return Orders(bool(self.held & STEERING_ENGAGED), pedals, told.front_rad, throttle, brake)
+
+    def status(self, due_ns: int, measured: Measured) -> bytes:
+        """The status frame of a moment."""
+        payload = _STATUS.pack(
+            self._sequence,
+            self.held,
+            self._line_state(due_ns) | self._tested,
+            self.refused & 0xFFFF,
+            measured.potentiometer_v,
+            measured.encoder_counts,
+            measured.supply_v,
+            measured.torque_nm,
+            int(measured.foot_on_brake),
+            measured.throttle,
+            measured.brake,
+            measured.odometer_m,
+            measured.speed_mps,
+        )
+        return self._sender.frame(Kind.DRIVE_STATUS, payload, due_ns, self.mode)
+
+    def _hear(self, frame: Frame, now_ns: int) -> None:
+        if frame.kind == Kind.DRIVE_COMMAND:
+            self.command = Command(*_COMMAND.unpack(frame.payload))
+            self._engage(frame, self.command.engage, STEERING_ENGAGED | PEDALS, now_ns)
+            if self.held & (STEERING_ENGAGED | PEDALS):
+                self._test_since_ns = None
+        elif frame.kind == Kind.DRIVE_TEST and frame.payload == b"\x01":
+            self._begin_test(now_ns)
+
+    def _let_go(self) -> None:
+        self._brakes, self._had_pedals = False, False
+
+    def _fall(self, *, cut: bool = False) -> None:
+        # That pedals were engaged is kept: a silent line then brakes.
+        if not self._default:
+            self._had_pedals = bool(self.held & PEDALS)
+        super()._fall(cut=cut)
+        self._brakes = self._brakes or cut
+        self._test_since_ns = None
+
+    def _let_time_pass(self, now_ns: int) -> None:
+        super()._let_time_pass(now_ns)
+        silent = self.bus_off or self._rules.silent(now_ns)
+        if self._default and silent and self._had_pedals and abs(self._speed_mps) > _ROLLS_MPS:
+            self._brakes, self._had_pedals = True, False
+        if self._test_since_ns is not None:
+            if abs(self._speed_mps) > _ROLLS_MPS:
+                self._test_since_ns = None
+            elif now_ns - self._test_since_ns >= _TEST_NS:
+                self._tested = BRAKE_TESTED if self._pressure >= _TEST_LEAST else BRAKE_FAULT
+                self._test_since_ns = None
+
+    def _begin_test(self, now_ns: int) -> None:
+        if self.held == 0 and not self._default and abs(self._speed_mps) <= _ROLLS_MPS:
+            self._test_since_ns, self._tested = now_ns, 0
+
+
+# The drive-by-wire box of a skid-steer vehicle: by command, or by remote control while nothing is engaged.
+
+DRIVE = 1
+_SKID_BOX_COMMAND = struct.Struct("<ffBfB")
+_SKID_BOX_STATUS = struct.Struct("<IBHHffddBfff")
+
+
+class SkidCommand(NamedTuple):
+    """A ``skid_command``: speeds of the tracks, the tool and its depth, and what to engage (bits)."""
+
+    left_mps: float = 0.0
+    right_mps: float = 0.0
+    tool: int = 0
+    depth_m: float = 0.0
+    engage: int = 0
+
+
+class SkidActing(NamedTuple):
+    """What acts on the vehicle.
+
+    Attributes:
+        left_mps, right_mps: of the tracks.
+        tool_m: depth that the tool is to turn at; ``None``: off and raised.
+    """
+
+    left_mps: float
+    right_mps: float
+    tool_m: float | None
+
+
+class SkidMeasured(NamedTuple):
+    """What the box's sensors show; units as in ``skid_status``."""
+
+    left_mps: float
+    right_mps: float
+    left_m: float
+    right_m: float
+    turns: bool
+    tool_rpm: float
+    depth_m: float
+    supply_v: float
+
+
+class SkidBox(HostedBox):
+    """The box's logic; see ``HostedBox``.
+
+    Attributes:
+        command: the last one taken.
+    """
+
+    def __init__(self, sender: Sender) -> None:
+        super().__init__(sender)
+        self.command = SkidCommand()
+
+    def acting(self, now_ns: int, remote: SkidActing, supply_v: float) -> SkidActing:
+        """What it makes its actuators do now.
+
+        Args:
+            now_ns: of the world's clock.
+            remote: what the remote control asks for.
+            supply_v: of the box.
+        """
+        self._supply_v = supply_v
+        self._let_time_pass(now_ns)
+        if self.held & POWER_CUT:
+            return SkidActing(0.0, 0.0, None)
+        if not self.held & DRIVE:
+            return remote
+        told = self.command
+        return SkidActing(told.left_mps, told.right_mps, told.depth_m if told.tool else None)
+
+    def status(self, due_ns: int, measured: SkidMeasured) -> bytes:
+        """The status frame of a moment."""
+        payload = _SKID_BOX_STATUS.pack(
+            self._sequence,
+            self.held,
+            self._line_state(due_ns),
+            self.refused & 0xFFFF,
+            measured.left_mps,
+            measured.right_mps,
+            measured.left_m,
+            measured.right_m,
+            int(measured.turns),
+            measured.tool_rpm,
+            measured.depth_m,
+            measured.supply_v,
+        )
+        return self._sender.frame(Kind.SKID_STATUS, payload, due_ns, self.mode)
+
+    def _hear(self, frame: Frame, now_ns: int) -> None:
+        if frame.kind == Kind.SKID_COMMAND:
+            self.command = SkidCommand(*_SKID_BOX_COMMAND.unpack(frame.payload))
+            self._engage(frame, self.command.engage, DRIVE, now_ns)
+
+    def _let_go(self) -> None:
+        """Nothing more: the remote control has the vehicle."""
+
+
+# The operator's controller: buttons to the host, a light back.
+
+OVERRIDE_FIRST, OVERRIDE_SECOND, ESTOP, STEERING, PLUS, MINUS, BRAKE_TAP, CORNER = (1 << bit for bit in range(8))
+AT_REST = OVERRIDE_SECOND
+_LIGHT_LASTS_NS = 500_000_000
+
+
+def buttons_of(pressed: set[str]) -> int:
+    """The status bits while some buttons are pressed: steering, plus, minus, override, estop, brake_tap, corner."""
+    bits = AT_REST
+    for name, bit in (("steering", STEERING), ("plus", PLUS), ("minus", MINUS), ("estop", ESTOP)):
+        bits |= bit if name in pressed else 0
+    bits |= BRAKE_TAP if "brake_tap" in pressed else 0
+    bits |= CORNER if "corner" in pressed else 0
+    return bits ^ (OVERRIDE_FIRST | OVERRIDE_SECOND) if "override" in pressed else bits
+
+
+class ControllerBox:
+    """The controller's logic; times are nanoseconds of the world's clock, passed in."""
+
+    def __init__(self, sender: Sender) -> None:
+        self._sender = sender
+        self._reader, self._rules = FrameReader(), Acceptance()
+        self._mode = 0
+        self._lit, self._told_ns = False, -_LIGHT_LASTS_NS
+
+    def receive(self, data: bytes, now_ns: int) -> None:
+        """Bytes that came over the line."""
+        for frame in self._reader.feed(data):
+            if frame is None or self._rules.judge(frame, now_ns) is not Verdict.TAKEN:
+                continue
+            self._mode = frame.mode
+            if frame.kind == Kind.CONTROLLER_LIGHT:
+                self._lit, self._told_ns = frame.payload == b"\x01", now_ns
+
+    def lit(self, now_ns: int) -> bool:
+        """Whether the light is on; it goes out when nobody feeds it."""
+        return self._lit and now_ns - self._told_ns <= _LIGHT_LASTS_NS
+
+    def status(self, due_ns: int, buttons: int) -> bytes:
+        """The status frame of a moment."""
+        return self._sender.frame(Kind.CONTROLLER_STATUS, struct.pack("<H", buttons), due_ns, self._mode)

@@ -1,0 +1,408 @@
+"""A field worked in closed loop: vehicle, sensors, the step that runs on board, and round again; whole fields compiled.
+
+A driver drives the vehicle straight on towards the route, and engages near its start once the heading is known and the
+health is sound; the computer does the rest. A stop that was asked for goes on, as in the mode machine: such a lane
+stands to the end.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
+
+from lgprjax.autopilot.fence import fence_of_route
+from lgprjax.autopilot.limiter import SkidCommand
+from lgprjax.autopilot.skid_step import (
+    Guidance,
+    SkidInfo,
+    SkidOrders,
+    SkidSetup,
+    SkidState,
+    init_skid,
+    skid_setup,
+    step_skid,
+)
+from lgprjax.coverage.field import Field, Tool, field_of_polygon
+from lgprjax.coverage.guidance import (
+    CarrotSettings,
+    CoverRoute,
+    RoutePoint,
+    beside,
+    lay_pattern,
+    route_foot,
+    route_point,
+)
+from lgprjax.coverage.pattern import plan_pattern
+from lgprjax.coverage.swaths import PatternSettings
+from lgprjax.navigation.health import Reaction
+from lgprjax.navigation.observations import GNSS, GnssObservation
+from lgprjax.navigation.skid_model import (
+    DeltaHeading,
+    SkidMotion,
+    SkidObservations,
+    default_skid_model,
+    skid_pose,
+    skid_pose_covariance,
+)
+from lgprjax.scene.plant import (
+    SkidPlant,
+    SkidPlantState,
+    SkidReadings,
+    SkidSensors,
+    SkidSensorState,
+    default_skid_plant,
+    default_skid_sensors,
+    init_skid_plant,
+    init_skid_sensors,
+    read_skid_sensors,
+    step_skid_plant,
+)
+from lgprjax.vehicle.kinematics import SkidSteer, VehiclePose, WheelSpeeds, wheel_speeds
+
+# A field to be worked in simulation: the world, what runs on board, the route and its fence.
+
+TICK_S = 0.02
+MOMENT_TICKS = 5
+"""What is kept of a drive is kept ten times a second."""
+SPARE_M = 0.8
+"""Between what the route needs beyond the perimeter and the fence."""
+_TRACK_M = 1.1
+_GNSS_X_M = 0.2
+
+
+@dataclass(frozen=True)
+class FieldSpec:
+    """What is the same for all lanes, and compiled in.
+
+    Attributes:
+        moments: of 0.1 s, how many.
+        guidance: law.
+        delay_slots: ticks of the plant's longest delay.
+        run_up_m: the driver starts so far before the route and drives straight until the heading is known.
+    """
+
+    moments: int
+    guidance: Guidance = "carrot"
+    delay_slots: int = 30
+    run_up_m: float = 16.0
+
+
+class FieldWorld(NamedTuple):
+    """World and vehicle, and what runs on board; every lane draws its own track, slips and errors of sensors.
+
+    Attributes:
+        plant, sensors: the world's; track_sigma: share by which a lane's track differs from the plant's.
+        setup: of the step.
+        set_speed_mps: that the operator locked.
+    """
+
+    plant: SkidPlant
+    sensors: SkidSensors
+    track_sigma: Float[Array, ""]
+    setup: SkidSetup
+    set_speed_mps: Float[Array, ""]
+
+
+class FieldCourse(NamedTuple):
+    """A field, the route over it and its fence."""
+
+    field: Field
+    route: CoverRoute
+    fence: Float[Array, "corner 2"]
+
+
+def made_up_tool() -> Tool:
+    """A flail of 1.2 m before the tracks."""
+    return Tool(1.2, 0.3, 1.2, 0.0)
+
+
+def made_up_field_world(*, set_speed_mps: float = 0.45, off_s: float = 0.0, every_s: float = 90.0) -> FieldWorld:
+    """A made-up mini-flail: no number is a real machine's.
+
+    Args:
+        set_speed_mps: MF: 0.11 to 0.45 m/s.
+        off_s, every_s: GNSS is silent for the last ``off_s`` of every ``every_s``.
+    """
+    one = jnp.float32
+    sensors = default_skid_sensors(tick_s=TICK_S, gnss_x_m=_GNSS_X_M, gnss_y_m=0.0)
+    vehicle = SkidSteer(one(_TRACK_M), one(0.9), one(0.8), one(1.5))
+    model = default_skid_model(track_m=_TRACK_M, gnss_x_m=_GNSS_X_M, gnss_y_m=0.0)
+    return FieldWorld(
+        default_skid_plant(track_m=_TRACK_M)._replace(
+            slide_m=one(0.08), wander=one(0.004), along=one(0.003), aside=one(0.005)
+        ),
+        sensors._replace(off_s=one(off_s), every_s=one(every_s)),
+        one(0.12),
+        skid_setup(vehicle, made_up_tool(), model, depth_m=0.15, deepest_m=0.3),
+        one(set_speed_mps),
+    )
+
+
+def rectangle_course(
+    length_m: float,
+    width_m: float,
+    settings: PatternSettings,
+    tool: Tool,
+) -> FieldCourse:
+    """A rectangle with its south-west corner at the origin, lines along its length.
+
+    Raises:
+        InputError: the pattern does not fit.
+    """
+    corners = np.array([[0.0, 0.0], [length_m, 0.0], [length_m, width_m], [0.0, width_m]])
+    field = field_of_polygon(corners, name="field")
+    route = lay_pattern(plan_pattern(field, settings, name="field"))
+    return FieldCourse(field, route, fence_of_route(field.perimeter_m, route, tool, spare_m=SPARE_M))
+
+
+_BELIEVED_OFF_M = 0.3
+_ENGAGE_M = 3.0
+"""So far before the route's start the driver engages at the earliest: farther out lies beyond the fence."""
+_DRIVER = 0.3, 0.8, 0.1
+"""Of the driver, who sees where he drives: yaw rate a metre aside and a radian turned, and its largest, rad/s."""
+
+
+class FieldState(NamedTuple):
+    """What a lane carries from tick to tick.
+
+    Attributes:
+        track_m: of its plant.
+        plant, sensors: the world's.
+        skid: what runs on board.
+        command: drives the next tick.
+        engaged: the computer drives; stopping: it was told to stop.
+        tick: how many have passed.
+    """
+
+    track_m: Float[Array, ""]
+    plant: SkidPlantState
+    sensors: SkidSensorState
+    skid: SkidState
+    command: SkidCommand
+    engaged: Bool[Array, ""]
+    stopping: Bool[Array, ""]
+    tick: Int[Array, ""]
+
+
+class FieldMoment(NamedTuple):
+    """What is kept of a moment, ten times a second.
+
+    Attributes:
+        x_m, y_m, yaw_rad: true pose of the reference point.
+        believed: the estimate of it; covariance: of x, y and yaw.
+        cross_m: true, from the route, left positive.
+        speed_mps: true.
+        turn_mps: difference of the wheels that was commanded.
+        tool: 1 where it was told on; line: of the pattern, −1 in turns.
+        to_go_m: to the route's end.
+        heard: GNSS spoke within the last 1.5 s.
+        engaged, stopping, done: the computer drives; was told to stop; has reached the route's end.
+        edge: the fence was foretold to be crossed.
+        reasons: bits of ``Reason``; limited: of ``SkidLimited``.
+        sigma_m: of the position, by the estimate.
+    """
+
+    x_m: Float[Array, "..."]
+    y_m: Float[Array, "..."]
+    yaw_rad: Float[Array, "..."]
+    believed: VehiclePose
+    covariance: Float[Array, "... 3 3"]
+    cross_m: Float[Array, "..."]
+    speed_mps: Float[Array, "..."]
+    turn_mps: Float[Array, "..."]
+    tool: Float[Array, "..."]
+    line: Int[Array, "..."]
+    to_go_m: Float[Array, "..."]
+    heard: Bool[Array, "..."]
+    engaged: Bool[Array, "..."]
+    stopping: Bool[Array, "..."]
+    done: Bool[Array, "..."]
+    edge: Bool[Array, "..."]
+    reasons: Int[Array, "..."]
+    limited: Int[Array, "..."]
+    sigma_m: Float[Array, "..."]
+
+
+@partial(jax.jit, static_argnums=0)
+def run_fields(
+    spec: FieldSpec,
+    world: FieldWorld,
+    route: CoverRoute,
+    fence: Float[Array, "corner 2"],
+    keys: Key[Array, " lane"],
+) -> FieldMoment:
+    """Drives of one field, one a key; what is kept has the axes moment and lane.
+
+    Args:
+        spec: compiled in.
+        world, route, fence: all lanes'.
+        keys: of the lanes' draws.
+    """
+    states = jax.vmap(partial(_start, spec, world, route))(keys)
+
+    def moment(states: FieldState, number: Int[Array, ""]) -> tuple[FieldState, FieldMoment]:
+        return jax.vmap(lambda state, key: _moment(spec, world, route, fence, state, key))(
+            states, jax.vmap(lambda key: jax.random.fold_in(key, number))(keys)
+        )
+
+    kept: FieldMoment = lax.scan(moment, states, jnp.arange(spec.moments))[1]
+    return kept
+
+
+def _start(spec: FieldSpec, world: FieldWorld, route: CoverRoute, key: PRNGKeyArray) -> FieldState:
+    """A lane before its first tick: its vehicle stands before the route's start, in the route's direction."""
+    track_key, plant_key, sensor_key, place_key = jax.random.split(key, 4)
+    begin = route_point(route, jnp.float32(-spec.run_up_m))
+    track_m = world.plant.track_m * (1.0 + world.track_sigma * jnp.clip(jax.random.normal(track_key), -2.0, 2.0))
+    pose = VehiclePose(begin.x_m, begin.y_m, begin.yaw_rad)
+    off_m = _BELIEVED_OFF_M * jax.random.normal(place_key, (2,))
+    skid = init_skid(world.setup, pose.x_m + off_m[0], pose.y_m + off_m[1])
+    return FieldState(
+        track_m,
+        init_skid_plant(world.plant, pose, plant_key, delay_slots=spec.delay_slots),
+        init_skid_sensors(world.sensors, pose.yaw_rad, sensor_key),
+        skid,
+        skid.limiter.last,
+        jnp.asarray(False),
+        jnp.asarray(False),
+        jnp.int32(0),
+    )
+
+
+def _moment(
+    spec: FieldSpec,
+    world: FieldWorld,
+    route: CoverRoute,
+    fence: Float[Array, "corner 2"],
+    state: FieldState,
+    key: PRNGKeyArray,
+) -> tuple[FieldState, FieldMoment]:
+    def tick(state: FieldState, key: PRNGKeyArray) -> tuple[FieldState, SkidInfo]:
+        return _tick(spec, world, route, fence, state, key)
+
+    state, infos = lax.scan(tick, state, jax.random.split(key, MOMENT_TICKS))
+    info: SkidInfo = jax.tree.map(lambda leaf: leaf[-1], infos)
+    return state, _kept(route, state, info)
+
+
+def _tick(
+    spec: FieldSpec,
+    world: FieldWorld,
+    route: CoverRoute,
+    fence: Float[Array, "corner 2"],
+    state: FieldState,
+    key: PRNGKeyArray,
+) -> tuple[FieldState, SkidInfo]:
+    plant_key, sensor_key = jax.random.split(key)
+    command, begin = state.command, route_point(route, jnp.float32(0.0))
+    by_hand = _by_hand(world, begin, state.plant.pose)
+    told = WheelSpeeds(
+        jnp.where(state.engaged, command.left_mps, by_hand.left_mps),
+        jnp.where(state.engaged, command.right_mps, by_hand.right_mps),
+    )
+    plant = step_skid_plant(world.plant._replace(track_m=state.track_m), state.plant, told, plant_key, TICK_S)
+    tick = state.tick + 1
+    sensors, readings = read_skid_sensors(world.sensors, state.sensors, plant, tick, sensor_key, TICK_S)
+    orders = SkidOrders(
+        engaged=state.engaged,
+        drives=state.engaged,
+        stop=state.stopping,
+        speed_cap_mps=jnp.float32(jnp.inf),
+        set_speed_mps=world.set_speed_mps,
+        age_s=jnp.float32(0.0),
+        left_mps=readings.left_mps,
+        right_mps=readings.right_mps,
+    )
+    skid, command, info = step_skid(
+        world.setup, route, fence, state.skid, *_observed(readings), orders, guidance=spec.guidance
+    )
+    apart_m = beside(begin, plant.pose)[0]
+    sound = info.filter.heading_known & (info.reaction != Reaction.STOP) & (apart_m >= -_ENGAGE_M)
+    stopping = state.stopping | (state.engaged & (info.reaction == Reaction.STOP)) | info.edge_predicted
+    return FieldState(state.track_m, plant, sensors, skid, command, state.engaged | sound, stopping, tick), info
+
+
+def _by_hand(world: FieldWorld, begin: RoutePoint, pose: VehiclePose) -> WheelSpeeds:
+    """The driver's levers on the way to the route's start."""
+    aside, turned, largest = _DRIVER
+    _, left_m = beside(begin, pose)
+    yaw_rate = -aside * left_m - turned * jnp.sin(pose.yaw_rad - begin.yaw_rad)
+    return wheel_speeds(world.plant.track_m, world.set_speed_mps, jnp.clip(yaw_rate, -largest, largest))
+
+
+def _observed(readings: SkidReadings) -> tuple[SkidMotion, SkidObservations]:
+    """Readings as the filter takes them."""
+    variance = readings.gnss_sigma_m * readings.gnss_sigma_m
+    gnss = GnssObservation(
+        readings.gnss_m[0],
+        readings.gnss_m[1],
+        variance * jnp.eye(2, dtype=jnp.float32),
+        readings.gnss_age_s,
+        readings.gnss_valid,
+    )
+    turn = DeltaHeading(readings.turn_rad, readings.span_s, readings.turn_valid)
+    return SkidMotion(readings.left_mps, readings.right_mps, jnp.float32(TICK_S)), SkidObservations(gnss, turn)
+
+
+def _kept(route: CoverRoute, state: FieldState, info: SkidInfo) -> FieldMoment:
+    estimate, true = state.skid.filter.estimate, state.plant.pose
+    return FieldMoment(
+        true.x_m,
+        true.y_m,
+        true.yaw_rad,
+        skid_pose(estimate),
+        skid_pose_covariance(estimate),
+        route_foot(route, state.skid.carrot.arc_m, true).cross_m,
+        state.plant.speed_mps,
+        state.command.right_mps - state.command.left_mps,
+        state.command.tool,
+        info.plan.line,
+        info.plan.to_go_m,
+        state.skid.filter.gates.since_offered_s[GNSS] < 1.5,
+        state.engaged,
+        state.stopping,
+        info.plan.done,
+        info.edge_predicted,
+        info.reasons,
+        info.limited,
+        info.sigma_m,
+    )
+
+
+# The vehicle of MF section 4: one that ignores small commands to turn, along one straight line, with three PIDs.
+
+THRESHOLD_MPS = 0.3
+"""Of the wheels' difference: the vehicle turns by 0.27 rad/s or not at all."""
+_LATE_S = 0.4
+_WHEEL_RATE_MPS2 = 2.0
+
+PIDS = {
+    "P 3, D 2": (1.2, 3.0, 0.0, 2.0),
+    "P 4, D 2.5": (1.5, 4.0, 0.0, 2.5),
+    "P 3, I 0.3, D 2": (1.2, 3.0, 0.3, 2.0),
+}
+"""Carrot's distance (m), P (1/m), I (1/m²) and D of three settings that track well where every command is obeyed."""
+
+
+def threshold_world(pid: tuple[float, float, float, float], *, threshold_mps: float, believed_mps: float) -> FieldWorld:
+    """A flail at 1 mph whose hydraulics are 0.4 s late and as slow again.
+
+    Args:
+        pid: one of ``PIDS``.
+        threshold_mps: of the vehicle; 0 obeys everything.
+        believed_mps: that is made up for; 0 makes up for nothing.
+    """
+    world, one = made_up_field_world(), jnp.float32
+    carrot = CarrotSettings(*(one(value) for value in pid), *world.setup.carrot[len(pid) :])
+    setup = world.setup._replace(
+        carrot=carrot,
+        limiter=world.setup.limiter._replace(wheel_rate_mps2=one(_WHEEL_RATE_MPS2)),
+        threshold_mps=one(believed_mps),
+    )
+    plant = world.plant._replace(delay_s=one(_LATE_S), lag_s=one(_LATE_S), threshold_mps=one(threshold_mps))
+    return world._replace(plant=plant, setup=setup)

@@ -1,0 +1,393 @@
+"""The site file: a road, its ground, a radar, days and drives as TOML (docs/scene.md lists the keys)."""
+
+import hashlib
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from lgprjax.errors import InputError
+from lgprjax.files import load_toml
+from lgprjax.scene import (
+    NO_FAULTS,
+    WEATHER,
+    Day,
+    DrivePlan,
+    Faults,
+    GroundConfig,
+    NavigationErrors,
+    RadarConfig,
+    RoadConfig,
+    SimulatedDrive,
+    SweepPlan,
+)
+from lgprjax.simulation.drives import write_drive
+from lgprjax.simulation.site_tables import (
+    LIMITS,
+    ArrayConfig,
+    Place,
+    Site,
+    SiteDrive,
+    SiteHeader,
+    SiteScene,
+    as_table,
+    fill_config,
+    nearest,
+    plan_drive,
+    prepare_site,
+    refuse_unknown,
+)
+
+# What the parts of a site file must be to each other: refused with its place before anything is rendered.
+
+_WANDERS = 3.0  # rms of the wander that a lane leaves room for
+
+
+def refuse_impossible(site: Site, root: Place) -> None:
+    """Hold sections and drives against each other.
+
+    Raises:
+        InputError: a band that the time axis cannot hold, an arc that is too tight, a drive that leaves the road or
+            hears beyond the ground, a dead channel that there is none of.
+    """
+    _check_radar(site, root.at("radar"))
+    tightest = 1.0 / site.road.min_radius_m
+    for number, (length_m, curvature) in enumerate(site.road.arcs, 1):
+        place = root.at("road").at(f"arcs[{number}]")
+        if not length_m > 0.0:
+            raise place.refuse("[length in metres above 0, curvature per metre]", f"a length of {length_m:g}")
+        if abs(curvature) > tightest * (1 + 1e-12):
+            limit = f"a curvature of -{tightest:.4g} to {tightest:.4g} per metre (min_radius_m)"
+            raise place.refuse(limit, f"{curvature:g}")
+    reach = max(abs(site.array.geometry.y_m)) + site.radar.aperture_m
+    if reach > site.ground.half_width_m:
+        expected = f"{reach:.2f} or more, what array and antennas hear to the side"
+        raise root.at("ground").at("half_width_m").refuse(expected, f"{site.ground.half_width_m:g}")
+    for number, drive in enumerate(site.drives, 1):
+        _check_drive(site, drive, Place(root.file, f"drive[{number}]"))
+
+
+def _check_radar(site: Site, place: Place) -> None:
+    radar, sweeps = site.radar, site.sweeps
+    highest = 500.0 / radar.sample_step_ns
+    if radar.band_mhz[1] > highest:
+        raise place.at("band_mhz").refuse(f"at most {highest:.0f} MHz at this sample_step_ns", f"{radar.band_mhz[1]:g}")
+    if 2 * radar.band_edge_mhz > radar.band_mhz[1] - radar.band_mhz[0]:
+        expected = f"at most half the band, {0.5 * (radar.band_mhz[1] - radar.band_mhz[0]):g}"
+        raise place.at("band_edge_mhz").refuse(expected, f"{radar.band_edge_mhz:g}")
+    if sweeps is not None and sweeps.frequency_mhz[-1] > highest:
+        last = f"a last frequency of {sweeps.frequency_mhz[-1]:g} MHz"
+        raise place.at("sweeps").at("steps").refuse(f"at most {highest:.0f} MHz at this sample_step_ns", last)
+
+
+def _check_drive(site: Site, drive: SiteDrive, place: Place) -> None:
+    plan, ground, array, aperture = drive.plan, site.ground, site.array, site.radar.aperture_m
+    if plan.direction == 0:
+        raise place.at("direction").refuse("1 or -1", "0")
+    if not plan.start_m < plan.stop_m:
+        raise place.at("stop_m").refuse(f"more than start_m, {plan.start_m:g}", f"{plan.stop_m:g}")
+    # The body must be on the road, and the array, ahead of it one way or the other, must hear ground.
+    ahead_m = plan.direction * array.x_m
+    least_m = -ground.margin_m + max(0.0, aperture - ahead_m)
+    most_m = ground.length_m + ground.margin_m - max(0.0, aperture + ahead_m)
+    for key, value in (("start_m", plan.start_m), ("stop_m", plan.stop_m)):
+        if not least_m <= value <= most_m:
+            why = f"{least_m:g} to {most_m:g}, where road and ground reach as far as the array hears"
+            raise place.at(key).refuse(why, f"{value:g}")
+    half_array_m = float(max(abs(array.geometry.y_m)))
+    room_m = ground.half_width_m - half_array_m - aperture - _WANDERS * plan.wander_m
+    if room_m < 0:
+        expected = f"less, so that array and antennas ({half_array_m + aperture:.2f} m) hear ground on both sides"
+        raise place.at("wander_m").refuse(expected, f"{plan.wander_m:g}")
+    if abs(plan.lane_m) > room_m:
+        why = f"-{room_m:.2f} to {room_m:.2f}, where array and antennas hear ground on both sides"
+        raise place.at("lane_m").refuse(why, f"{plan.lane_m:g}")
+    duration_s = (plan.stop_m - plan.start_m) / plan.speed_mps
+    if duration_s * array.scan_rate_hz < 2.0:
+        raise place.at("stop_m").refuse("two scans or more", f"{duration_s:.3g} s at {array.scan_rate_hz:g} scans a s")
+    low, high = LIMITS[GroundConfig]["velocity_m_per_ns"]
+    velocity = ground.velocity_m_per_ns * drive.day.velocity_factor
+    if not low <= velocity <= high:
+        why = f"a velocity in the ground of {low:g} to {high:g} m/ns on that day"
+        raise place.at("day").refuse(why, f"{velocity:.3g} m/ns")
+    for channel in drive.faults.dead_channels:
+        if channel >= array.channels:
+            expected = f"dead_channels from 0 to {array.channels - 1}"
+            raise place.at("faults").refuse(expected, str(channel))
+
+
+NAVIGATION = {
+    "standard": NavigationErrors(),
+    "survey": NavigationErrors(position_sigma_m=0.01, heading_sigma_rad=float(np.radians(0.1))),
+}
+"""Navigation that needs no section: 5 cm and 0.3 deg; 1 cm and 0.1 deg, as for making maps."""
+FAULTS = {"usual": Faults(), "none": NO_FAULTS}
+"""Receiver faults that need no section."""
+
+_HEADER = ("name", "seed", "latitude_deg", "longitude_deg", "height_m")
+_SECTIONS = ("ground", "road", "radar", "array", "day", "navigation", "faults", "drive")
+_DRIVE_KEYS = ("name", "day", "day_seed", "seed", "navigation", "faults", "other_ground")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
+
+Config = TypeVar("Config")
+
+
+def read_site(path: str | Path) -> Site:
+    """A site from its file; nothing is drawn or rendered.
+
+    Raises:
+        InputError: the file is missing or no TOML; a key is unknown, missing, of a wrong type or out of its range;
+            a name is used twice or stands for nothing; a drive leaves the road or hears beyond the ground.
+    """
+    root = Place(Path(path))
+    table = load_toml(root.file)
+    refuse_unknown(root, table, [*_HEADER, *_SECTIONS])
+    given = {key: table[key] for key in _HEADER if key in table}
+    header = fill_config(SiteHeader, root, {"name": root.file.name.removesuffix(".toml"), **given})
+    array = fill_config(ArrayConfig, root.at("array"), table.get("array", {}))
+    ground = fill_config(GroundConfig, root.at("ground"), table.get("ground", {}))
+    radar, sweeps = _read_radar(root.at("radar"), table.get("radar", {}), array)
+    site = Site(
+        header=header,
+        ground=ground,
+        road=_read_road(root.at("road"), table.get("road", {}), ground),
+        radar=radar,
+        sweeps=sweeps,
+        array=array,
+        drives=(),
+    )
+    days = _read_days(root.at("day"), table.get("day", {}), header.seed)
+    navigation = _read_named(NavigationErrors, root.at("navigation"), table.get("navigation", {}), NAVIGATION)
+    faults = _read_named(Faults, root.at("faults"), table.get("faults", {}), FAULTS)
+    choices = _Choices(days, navigation, faults)
+    entries = table.get("drive", [])
+    if not isinstance(entries, list) or not entries:
+        raise root.at("drive").refuse("one [[drive]] or more", "none" if "drive" not in table else "no such list")
+    drives: list[SiteDrive] = []
+    for number, entry in enumerate(entries, 1):
+        place = Place(root.file, f"drive[{number}]")
+        drive = _read_drive(place, entry, site, choices)
+        if drive.name in [known.name for known in drives]:
+            raise place.at("name").refuse("a name that no other drive has", repr(drive.name))
+        drives.append(drive)
+    site = replace(site, drives=tuple(drives))
+    refuse_impossible(site, root)
+    return site
+
+
+def derive_seed(seed: int, *words: str) -> int:
+    """A seed of the site's seed and a name: other drives may come and go, it stays."""
+    digest = hashlib.sha256("/".join([str(seed), *words]).encode()).digest()
+    return int.from_bytes(digest[:4], "big") >> 1
+
+
+@dataclass(frozen=True)
+class _Choices:
+    days: Mapping[str, Day]
+    navigation: Mapping[str, NavigationErrors]
+    faults: Mapping[str, Faults]
+
+
+def _read_road(place: Place, table: object, ground: GroundConfig) -> RoadConfig:
+    withheld = {name: f"{name} in [ground], which the road goes by" for name in ("length_m", "margin_m")}
+    road = fill_config(RoadConfig, place, table, withheld=withheld)
+    return replace(road, length_m=ground.length_m, margin_m=ground.margin_m)
+
+
+def _read_radar(place: Place, table: object, array: ArrayConfig) -> tuple[RadarConfig, SweepPlan | None]:
+    entries = as_table(place, table)
+    withheld = {"height_m": "height_m in [array]"}
+    radar = fill_config(RadarConfig, place, entries, elsewhere=("recording", "sweeps"), withheld=withheld)
+    recording = entries.get("recording", "sweeps" if "sweeps" in entries else "traces")
+    if recording not in ("traces", "sweeps"):
+        raise place.at("recording").refuse('"traces" or "sweeps"', repr(recording))
+    if recording == "traces" and "sweeps" in entries:
+        raise place.at("recording").refuse('"sweeps", since there is [radar.sweeps]', '"traces"')
+    sweeps = fill_config(SweepPlan, place.at("sweeps"), entries.get("sweeps", {}))
+    return replace(radar, height_m=array.height_m), sweeps if recording == "sweeps" else None
+
+
+def _read_days(place: Place, table: object, seed: int) -> dict[str, Day]:
+    days: dict[str, Day] = {}
+    for name, entry in as_table(place, table).items():
+        where = place.at(name)
+        if name in WEATHER:
+            raise where.refuse("a name of its own (like = that name)", "a name of the built-in weather")
+        entries = as_table(where, entry)
+        like = entries.get("like", "clear")
+        if not isinstance(like, str) or like not in WEATHER:
+            raise where.at("like").refuse(nearest(str(like), WEATHER, "a kind of weather"), repr(like))
+        base = WEATHER[like](derive_seed(seed, "day", name))
+        plain = {key: value for key, value in entries.items() if key != "like"}
+        days[name] = fill_config(Day, where, plain, base=base)
+    return days
+
+
+def _read_named(kind: type[Config], place: Place, table: object, known: Mapping[str, Config]) -> dict[str, Config]:
+    named = dict(known)
+    for name, entry in as_table(place, table).items():
+        if name in known:
+            raise place.at(name).refuse("a name of its own", "a built-in name")
+        named[name] = fill_config(kind, place.at(name), entry)
+    return named
+
+
+def _read_drive(place: Place, entry: object, site: Site, choices: _Choices) -> SiteDrive:
+    table, header = as_table(place, entry), site.header
+    base = DrivePlan(0.0, site.ground.length_m, scan_rate_hz=site.array.scan_rate_hz)
+    withheld = {"scan_rate_hz": "scan_rate_hz in [array]"}
+    plan = fill_config(DrivePlan, place, table, base=base, elsewhere=_DRIVE_KEYS, withheld=withheld)
+    name = table.get("name")
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
+        found = "none" if name is None else repr(name)
+        raise place.at("name").refuse("a name of letters, digits, '.', '_' and '-', fit for a file", found)
+    day_name = _word(place.at("day"), table.get("day", "clear"), [*WEATHER, *choices.days], "a day")
+    day_seed = _seed(place.at("day_seed"), table.get("day_seed"))
+    if day_name in WEATHER:
+        day = WEATHER[day_name](derive_seed(header.seed, "drive", name, "day") if day_seed is None else day_seed)
+    else:
+        day = choices.days[day_name]
+        day = day if day_seed is None else replace(day, seed=day_seed)
+    seed = _seed(place.at("seed"), table.get("seed"))
+    track = _word(place.at("navigation"), table.get("navigation", "standard"), choices.navigation, "navigation")
+    fault = _word(place.at("faults"), table.get("faults", "usual"), choices.faults, "faults")
+    return SiteDrive(
+        name=name,
+        day_name=day_name,
+        day=day,
+        seed=derive_seed(header.seed, "drive", name) if seed is None else seed,
+        plan=plan,
+        navigation=choices.navigation[track],
+        faults=choices.faults[fault],
+        other_ground=_seed(place.at("other_ground"), table.get("other_ground")),
+    )
+
+
+def _word(place: Place, value: object, known: Mapping[str, object] | list[str], what: str) -> str:
+    if not isinstance(value, str) or value not in known:
+        raise place.refuse(nearest(str(value), known, what), repr(value))
+    return value
+
+
+def _seed(place: Place, value: object) -> int | None:
+    if value is None:
+        return None
+    low, high = LIMITS[SiteHeader]["seed"]
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise InputError(place.file, place.path, f"a whole number from {low:.0f} to {high:.0f}", repr(value))
+    return value
+
+
+# The drives of a site, planned all before the first is rendered, written one after another.
+
+
+class PlannedDrive(NamedTuple):
+    """What a drive will be.
+
+    Attributes:
+        drive: as the site says. scans: as many will be recorded. duration_s: from the first to the last.
+    """
+
+    drive: SiteDrive
+    scans: int
+    duration_s: float
+
+    @property
+    def length_m(self) -> float:
+        """Length of the path."""
+        return self.duration_s * self.drive.plan.speed_mps
+
+
+class PlannedSite(NamedTuple):
+    """Road and ground of a site, and its drives in order; ``file`` is where errors point."""
+
+    file: Path
+    scene: SiteScene
+    drives: tuple[PlannedDrive, ...]
+
+
+def plan_site(site: Site, file: Path, only: Sequence[str] = ()) -> PlannedSite:
+    """Drive every drive without recording it, so that what cannot be driven is refused now.
+
+    Drives are made again when they are written (2 s a kilometre): memory holds one at a time.
+
+    Args:
+        only: names of the drives wanted; none for all.
+
+    Raises:
+        InputError: a road that cannot be, a drive that it cannot carry, a name that is none of the site's.
+    """
+    known = [drive.name for drive in site.drives]
+    for name in only:
+        if name not in known:
+            raise InputError(file, "--only", f"drives among {', '.join(known)}", name)
+    try:
+        scene = prepare_site(site)
+    except ValueError as error:
+        raise InputError(file, "road", "a road and ground that can be drawn", str(error)) from None
+    planned = []
+    for number, drive in enumerate(site.drives, 1):
+        if only and drive.name not in only:
+            continue
+        simulated = _plan(scene, drive, file, number)
+        planned.append(PlannedDrive(drive, len(simulated.scan_time_s), float(simulated.scan_time_s[-1])))
+    return PlannedSite(file, scene, tuple(planned))
+
+
+def write_site(
+    planned: PlannedSite, folder: Path, *, force: bool = False, progress: Callable[[int], None] = lambda _: None
+) -> dict[str, Path]:
+    """Render the drives to ``NAME.drive.h5`` in a folder, which is made; returns the paths by name.
+
+    A drive that fails leaves nothing half-written; those before it stay.
+
+    Raises:
+        InputError: an output exists (without ``force``; found before any work) or cannot be written.
+    """
+    site = planned.scene.site
+    paths = output_paths(planned, folder, force=force)
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, drive in enumerate(site.drives, 1):
+        if drive.name not in paths:
+            continue
+        origin = {
+            "name": site.header.name,
+            "seed": site.header.seed,
+            "day": drive.day_name,
+            "ground_seed": site.header.seed if drive.other_ground is None else drive.other_ground,
+        }
+        write_drive(
+            paths[drive.name],
+            _plan(planned.scene, drive, planned.file, number),
+            frame=site.frame,
+            sweeps=site.sweeps,
+            provenance={"site": origin},
+            force=force,
+            progress=progress,
+        )
+    return paths
+
+
+def output_paths(planned: PlannedSite, folder: Path, *, force: bool) -> dict[str, Path]:
+    """Where each drive goes.
+
+    Raises:
+        InputError: one of them exists (without ``force``), or the folder is a file.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(folder, "output", "a folder", "a file")
+    paths = {entry.drive.name: folder / f"{entry.drive.name}.drive.h5" for entry in planned.drives}
+    for path in paths.values():
+        if path.exists() and not force:
+            raise InputError(path, "output", "a new file, or --force", "the file exists")
+    return paths
+
+
+def _plan(scene: SiteScene, drive: SiteDrive, file: Path, number: int) -> SimulatedDrive:
+    try:
+        return plan_drive(scene, drive)
+    except ValueError as error:
+        raise InputError(file, f"drive[{number}]", "a drive that road and ground can carry", str(error)) from None

@@ -1,0 +1,7 @@
+"""Logged drives in, a tuned vehicle file out: the studies of ``lgprjax tune``."""
+
+from lgprjax.studies.logs import signals_of
+
+__all__ = [
+    "signals_of",
+]

@@ -1,0 +1,249 @@
+"""What all studies share: a task, an outcome, and how a log that does not tell enough becomes one line."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from lgprjax.batch.vehicles import chassis_of
+from lgprjax.errors import InputError
+from lgprjax.formats import NavigationTrack, Study, VehicleFile, VehicleLog, with_values
+from lgprjax.frames import LocalFrame
+from lgprjax.tuning import DriveSignals, Estimate, NotExcitedError
+from lgprjax.vehicle import Chassis
+
+# Signals of a drive log on the vehicle's clock, in local metres: what calibrations work on.
+
+# A sensor that is silent for longer than this many of its usual steps has a gap: nothing is drawn across it.
+_GAP_STEPS = 3.0
+
+SIGNAL_NAMES = {
+    "command_rad": "steering_command_rad",
+    "front_rad": "wheel_angle_rad",
+    "rear_rad": "rear_wheel_angle_rad",
+    "potentiometer_v": "steering_potentiometer_v",
+    "encoder_counts": "encoder_counts",
+    "supply_v": "supply_v",
+    "throttle": "throttle",
+    "brake": "brake",
+}
+"""Name in a drive log's /vehicle of each optional signal."""
+
+
+def signals_of(log: VehicleLog, path: str = "drive log") -> DriveSignals:
+    """Signals at the records of the vehicle, those outside the odometry's time or in a gap of it left out.
+
+    Each position of the navigation is given to one record, the nearest, moved to its time between neighbours: a value
+    drawn at every record would show the noise of one fix many times. Records without a position of their own, and
+    those beside a gap, hold not-a-number. Metres are about the first position.
+
+    Args:
+        log: the drive.
+        path: what errors call it.
+
+    Raises:
+        InputError: the log holds no signals of the vehicle, or none while navigation and odometry were there.
+    """
+    if log.vehicle is None:
+        raise InputError(path, "/vehicle", "signals of the vehicle", "none")
+    time_s = np.asarray(log.vehicle["time_s"], np.float64)
+    told = ~_in_gap(log.odometry.time_s, time_s)
+    if np.count_nonzero(told) < 2:
+        raise InputError(path, "/vehicle/time_s", "two records or more within the odometry's time", "fewer")
+    time_s = time_s[told]
+    track = log.navigation
+    frame = LocalFrame(*(float(values[0]) for values in (track.latitude_deg, track.longitude_deg, track.height_m)))
+    east_m, north_m, _ = frame.to_local(track.latitude_deg, track.longitude_deg, track.height_m)
+    yaw_rad = np.unwrap(frame.yaw_of_heading(track.heading_deg, track.longitude_deg))
+    owned = _own_fix(track.time_s, time_s)
+    optional = {
+        signal: None if name not in log.vehicle else np.asarray(log.vehicle[name], np.float64)[told]
+        for signal, name in SIGNAL_NAMES.items()
+    }
+    return DriveSignals(
+        time_s=time_s,
+        east_m=np.where(owned, np.interp(time_s, track.time_s, east_m), np.nan),
+        north_m=np.where(owned, np.interp(time_s, track.time_s, north_m), np.nan),
+        sigma_position_m=np.interp(time_s, track.time_s, _position_sigma_m(track)),
+        yaw_rad=np.where(owned, np.interp(time_s, track.time_s, yaw_rad), np.nan),
+        sigma_yaw_rad=np.interp(time_s, track.time_s, np.radians(_sigma(track.sigma_heading_deg, track))),
+        travel_m=np.interp(time_s, log.odometry.time_s, log.odometry.distance_m),
+        **optional,
+    )
+
+
+def _position_sigma_m(track: NavigationTrack) -> Float[np.ndarray, " navigation"]:
+    """Of each of east and north, as one number."""
+    east_m, north_m = _sigma(track.sigma_east_m, track), _sigma(track.sigma_north_m, track)
+    return np.asarray(np.sqrt(0.5 * (east_m**2 + north_m**2)))
+
+
+def _sigma(values: np.ndarray | None, track: NavigationTrack) -> Float[np.ndarray, " navigation"]:
+    return np.zeros(len(track.time_s)) if values is None else np.asarray(values, np.float64)
+
+
+def _in_gap(known_s: Float[np.ndarray, " known"], time_s: Float[np.ndarray, " record"]) -> Bool[np.ndarray, " record"]:
+    """Times before or after everything known, or between two known times that are too far apart."""
+    steps = np.diff(known_s)
+    after = np.clip(np.searchsorted(known_s, time_s, side="left"), 1, len(known_s) - 1)
+    wide = steps[after - 1] > _GAP_STEPS * np.median(steps)
+    # At either end of a gap there is a known value.
+    at_end = (time_s == known_s[after]) | (time_s == known_s[after - 1])
+    return np.asarray((time_s < known_s[0]) | (time_s > known_s[-1]) | (wide & ~at_end))
+
+
+def _own_fix(fix_s: Float[np.ndarray, " fix"], time_s: Float[np.ndarray, " record"]) -> Bool[np.ndarray, " record"]:
+    """Records that are the nearest of all to some fix and have fixes close by on both sides."""
+    after = np.clip(np.searchsorted(time_s, fix_s), 1, len(time_s) - 1)
+    nearest = np.where(fix_s - time_s[after - 1] <= time_s[after] - fix_s, after - 1, after)
+    owned = np.zeros(len(time_s), dtype=bool)
+    owned[nearest] = True
+    return np.asarray(owned & ~_in_gap(fix_s, time_s))
+
+
+class LoggedDrive(NamedTuple):
+    """A drive and its file."""
+
+    path: Path
+    signals: DriveSignals
+
+
+class Task(NamedTuple):
+    """What a study is to do: with which vehicle, on which drives, judged by which."""
+
+    study: Study
+    vehicle: VehicleFile
+    drives: tuple[LoggedDrive, ...]
+    judges: tuple[LoggedDrive, ...]
+
+
+class Figure(NamedTuple):
+    """A figure that says how well a fit holds."""
+
+    name: str
+    value: float
+    unit: str
+
+
+class Outcome(NamedTuple):
+    """What a study found.
+
+    Attributes:
+        found: by path in the vehicle file, with intervals; a list for a key that is one.
+        fixed: numbers of the vehicle file that were set and not measured, such as the knots of a map.
+        figures: how well the fit holds, on its logs and on those held out.
+        notes: what a reader must know, a line each.
+        detail: fits and signals, for pictures; its type goes with the kind of study.
+    """
+
+    found: dict[str, Estimate | list[Estimate]]
+    fixed: dict[str, Any]
+    figures: tuple[Figure, ...]
+    notes: tuple[str, ...]
+    detail: Any
+
+
+@contextmanager
+def fitting(path: Path) -> Iterator[None]:
+    """Turn a fit's refusal of a log into the one line that names the log.
+
+    Raises:
+        InputError: the log does not hold what the fit needs.
+    """
+    try:
+        yield
+    except NotExcitedError as error:
+        raise InputError(path, error.what, error.expected, error.found) from None
+
+
+def one_drive(task: Task) -> LoggedDrive:
+    """The one log of a study that works on one.
+
+    Raises:
+        InputError: there are several.
+    """
+    if len(task.drives) != 1:
+        raise InputError(
+            task.study.file, "logs", f"one drive log for a study of {task.study.kind}", str(len(task.drives))
+        )
+    return task.drives[0]
+
+
+def refuse_options(task: Task, known: tuple[str, ...] = ()) -> None:
+    """Refuse options that the study does not have.
+
+    Raises:
+        InputError: there is one.
+    """
+    for name in task.study.options:
+        if name not in known:
+            expected = f"an option among {', '.join(known)}" if known else f"no options for {task.study.kind}"
+            raise InputError(task.study.file, f"options.{name}", expected, "an unknown key")
+
+
+def potentiometer_of(drive: LoggedDrive) -> Float[np.ndarray, " record"]:
+    """The potentiometer's signal.
+
+    Raises:
+        InputError: the log has none.
+    """
+    return signal_of(drive, "potentiometer_v")
+
+
+def signal_of(drive: LoggedDrive, name: str) -> Float[np.ndarray, " record"]:
+    """A signal that a study cannot do without.
+
+    Raises:
+        InputError: the log has none.
+    """
+    values = getattr(drive.signals, name)
+    if values is None:
+        raise InputError(drive.path, f"/vehicle/{SIGNAL_NAMES[name]}", "a signal of the vehicle", "none")
+    return np.asarray(values)
+
+
+def front_angles(task: Task, drive: LoggedDrive) -> tuple[Float[np.ndarray, " record"], str]:
+    """Front wheel angle at every record, and where it is from: the vehicle file's map, or the angle's own sensor.
+
+    Beyond the map's ends there is no angle.
+
+    Raises:
+        InputError: the log lacks the signal.
+    """
+    held = task.vehicle.wheel_map
+    if held is None:
+        return signal_of(drive, "front_rad"), "the wheel angle's sensor"
+    knots_v = held.first_v + held.step_v * np.arange(len(held.front_rad))
+    front = np.interp(potentiometer_of(drive), knots_v, held.front_rad, left=np.nan, right=np.nan)
+    return np.asarray(front), "wheel_map"
+
+
+def fixed_records(signals: DriveSignals) -> DriveSignals:
+    """The records with a position and a heading of their own: GNSS/INS is slower than the vehicle's signals."""
+    fixed = np.isfinite(signals.east_m + signals.north_m + signals.yaw_rad)
+    held = {name: values[fixed] for name, values in signals._asdict().items() if values is not None}
+    return DriveSignals(**held)
+
+
+def rms(values: Float[np.ndarray, " value"]) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def chassis_without_anchor(task: Task) -> Chassis:
+    """The chassis for fits, which use no anchor: a vehicle that is still being calibrated has none yet.
+
+    Where the file says nothing of the rear wheels they stand straight: a study of k starts there.
+
+    Raises:
+        InputError: another number that is needed is not in the vehicle file.
+    """
+    vehicle = task.vehicle
+    if vehicle.pursuit.anchor_m is None:
+        vehicle = with_values(vehicle, {"pursuit.anchor_m": 0.0}, {})
+    if task.study.kind == "rear_ratio" and vehicle.steering.rear_ratio is None:
+        vehicle = with_values(vehicle, {"steering.rear_ratio": 0.0}, {})
+    return chassis_of(vehicle, task.study.vehicle)

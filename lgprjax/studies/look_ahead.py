@@ -1,0 +1,164 @@
+"""Study of the look-ahead: what the vehicle of a file should take at which speed, by driving courses in simulation."""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from lgprjax.batch.vehicles import chassis_of, servo_of
+from lgprjax.errors import InputError
+from lgprjax.studies.logs import Figure, Outcome, Task, refuse_options
+from lgprjax.tuning.look_ahead import (
+    GradientConfig,
+    Judged,
+    Trials,
+    TunedLookAhead,
+    TunedVehicle,
+    sweep_look_ahead,
+    tune_look_ahead,
+)
+from lgprjax.vehicle import arc_course, clothoid_course, line_course
+
+# 5 and 10 mph.
+_DEFAULTS: dict[str, Any] = {
+    "speeds_mps": [2.235, 4.47],
+    "offsets_m": [0.0, 3.0, -3.0],
+    "arc_radius_m": 25.0,
+    "duration_s": 30.0,
+    "effort_m2": 2.0,
+    "least_margin_deg": 30.0,
+    "sweep_m": [1.0, 14.0],
+    "supply_v": None,
+    "steps": 150,
+}
+_RANGES = {
+    "speeds_mps": (0.2, 20.0),
+    "offsets_m": (-10.0, 10.0),
+    "arc_radius_m": (3.0, 1e3),
+    "duration_s": (5.0, 120.0),
+    "effort_m2": (0.0, 100.0),
+    "least_margin_deg": (0.0, 80.0),
+    "sweep_m": (0.3, 100.0),
+    "supply_v": (0.0, 1e3),
+    "steps": (1, 5000),
+}
+# As many look-aheads as the tuner begins with, and as many speeds at a time: nothing is compiled anew.
+_SWEEP_STEPS, _SWEEPS = 24, 6
+
+
+class LookAheadStudy(NamedTuple):
+    """For pictures: what was chosen, the surfaces of the sweep, and its axes.
+
+    Attributes:
+        trials: speeds of the tuning.
+        tuned: what was found.
+        look_ahead_m, speed_mps: axes of the sweep.
+        swept: error, oscillation and margin on them.
+    """
+
+    trials: Trials
+    tuned: TunedLookAhead
+    look_ahead_m: np.ndarray
+    speed_mps: np.ndarray
+    swept: Judged
+
+
+def study_look_ahead(task: Task) -> Outcome:
+    """Choose ``pursuit.short_m``, ``long_m``, ``slow_mps`` and ``fast_mps``.
+
+    Raises:
+        InputError: an option is wrong, the vehicle file lacks a number, or no look-ahead leaves the margin asked for.
+    """
+    refuse_options(task, (*_DEFAULTS, "courses"))
+    options = {name: _option(task, name) for name in _DEFAULTS} | {"courses": _courses(task)}
+    vehicle = _vehicle(task, options["supply_v"])
+    trials = _trials(options)
+    try:
+        tuned = tune_look_ahead(vehicle, trials, GradientConfig(steps=round(options["steps"])))
+    except ValueError as error:
+        raise InputError(task.study.file, "options", "a look-ahead that the steering can follow", str(error)) from None
+    look = np.linspace(options["sweep_m"][0], options["sweep_m"][1], _SWEEP_STEPS)
+    speeds = np.linspace(min(trials.speeds_mps), max(trials.speeds_mps), _SWEEPS * len(trials.speeds_mps))
+    swept = _sweep(vehicle, trials, look, speeds)
+    chosen = {f"pursuit.{name}": float(value) for name, value in tuned.schedule._asdict().items()}
+    judged = tuned.judged
+    figures = []
+    for number, speed in enumerate(trials.speeds_mps):
+        figures += [
+            Figure(f"error at {speed:g} m/s, rms over courses and offsets", float(judged.error_m[number]), "m"),
+            Figure(f"oscillation left at {speed:g} m/s, amplitude", float(judged.cycle_m[number]), "m"),
+            Figure(f"phase margin at {speed:g} m/s", float(np.degrees(judged.margin_rad[number])), "deg"),
+        ]
+    volts = float(vehicle.supply_v)
+    notes = (
+        f"cost {tuned.cost_m:.3f} m at a supply of {volts:g} V: a look-ahead is chosen, not measured: no interval",
+    )
+    return Outcome({}, chosen, tuple(figures), notes, LookAheadStudy(trials, tuned, look, speeds, swept))
+
+
+def _vehicle(task: Task, supply_v: float | None) -> TunedVehicle:
+    chassis, servo = chassis_of(task.vehicle, task.study.vehicle), servo_of(task.vehicle, task.study.vehicle)
+    volts = float(servo.nominal_v) if supply_v is None else supply_v
+    if volts <= float(servo.stall_v):
+        expected = f"more than the servo's stall_v, {float(servo.stall_v):g}"
+        raise InputError(task.study.file, "options.supply_v", expected, f"{volts:g}")
+    return TunedVehicle(chassis, servo, jnp.float32(volts))
+
+
+def _sweep(vehicle: TunedVehicle, trials: Trials, look_m: np.ndarray, speeds_mps: np.ndarray) -> Judged:
+    """The surface over look-aheads and speeds, a few speeds at a time."""
+    parts = [
+        sweep_look_ahead(vehicle, replace(trials, speeds_mps=tuple(some.tolist())), look_m.tolist())
+        for some in np.split(speeds_mps, _SWEEPS)
+    ]
+    return Judged(*(jnp.concatenate(fields, axis=-1) for fields in zip(*parts, strict=True)))
+
+
+def _trials(options: dict[str, Any]) -> Trials:
+    way_m = 1.2 * options["duration_s"] * max(options["speeds_mps"]) + 20.0
+    radius_m = options["arc_radius_m"]
+    # One arc will do: offsets to both sides of it are what arcs to both sides would show.
+    courses = {
+        "line": lambda: line_course(way_m),
+        "arc": lambda: arc_course(radius_m, 2.0 * np.pi),
+        "curve": lambda: clothoid_course(radius_m, 0.5 * np.pi, 0.5 * radius_m, straight_m=0.5 * way_m),
+    }
+    return Trials(
+        paths=tuple(courses[name]() for name in options["courses"]),
+        speeds_mps=tuple(options["speeds_mps"]),
+        offsets_m=tuple(options["offsets_m"]),
+        duration_s=options["duration_s"],
+        effort_m2=options["effort_m2"],
+        least_margin_rad=float(np.radians(options["least_margin_deg"])),
+    )
+
+
+def _courses(task: Task) -> list[str]:
+    """Names of the courses: a line and an arc unless told."""
+    names = task.study.options.get("courses", ["line", "arc"])
+    if not isinstance(names, list) or not names or any(name not in ("line", "arc", "curve") for name in names):
+        expected = "a list of some of line, arc and curve (straight on, a quarter turn, straight on)"
+        raise InputError(task.study.file, "options.courses", expected, repr(names)[:60])
+    return names
+
+
+def _option(task: Task, name: str) -> Any:
+    """An option of the study, or its default; numbers as floats."""
+    value, (low, high) = task.study.options.get(name, _DEFAULTS[name]), _RANGES[name]
+    if value is None:
+        return None
+    many = isinstance(_DEFAULTS[name], list)
+    items = value if many else [value]
+    good = isinstance(items, list) and bool(items)
+    for item in items if good else ():
+        good &= isinstance(item, int | float) and not isinstance(item, bool) and low <= item <= high
+    if good and name == "sweep_m":
+        good = len(items) == 2 and items[0] < items[1]
+    if good and name == "speeds_mps":
+        good = len(set(items)) >= 2
+    if not good:
+        words = {"sweep_m": "[from, to], each ", "speeds_mps": "two or more, each "}.get(name, "")
+        expected = f"{words}a number from {low:g} to {high:g}"
+        raise InputError(task.study.file, f"options.{name}", expected, repr(value)[:60])
+    return [float(item) for item in items] if many else float(value)

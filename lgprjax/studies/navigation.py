@@ -1,0 +1,350 @@
+"""Study of the navigation filter: its noises, found on logged drives with fixes and judged on others."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from lgprjax.batch.vehicles import filter_model_of
+from lgprjax.errors import InputError
+from lgprjax.formats import NavigationTrack, VehicleLog, read_fixes
+from lgprjax.formats.fixes import read_fix_poses
+from lgprjax.frames import LocalFrame
+from lgprjax.navigation import (
+    SOURCES,
+    FilterInfo,
+    FilterModel,
+    GnssObservation,
+    HeadingObservation,
+    LgprObservation,
+    Motion,
+    NavEstimate,
+    Observations,
+    OdometerObservation,
+    SwitchSettings,
+    SwitchState,
+    default_rules,
+    init_switch,
+    smooth_estimates,
+    step_switch,
+)
+from lgprjax.studies.logs import Figure, LoggedDrive, Outcome, Task, fitting, refuse_options, rms
+from lgprjax.tuning.navigation import FusionFit, NavigationDrives, filter_drives, fit_fusion, mean_nis
+from lgprjax.vehicle import VehiclePose
+
+# Drive logs and their fixes on the ticks of the navigation filter.
+
+_LEAST_TICKS = 20
+# Drives are made as long as a multiple of so many ticks: few lengths are compiled.
+_BLOCK_TICKS = 256
+# Times that differ by less are the same: a record at a tick's end belongs to it whatever its last bit says.
+_CLOCK_S = 1e-6
+
+
+class TickedDrive(NamedTuple):
+    """A drive on ticks, in level metres about its first position.
+
+    Attributes:
+        time_s: end of each tick, on the log's clock.
+        drive: one lane, without the axis drive.
+        strength: correlation of the tick's fix; NaN where there is none.
+        truth: x_m, y_m, yaw_rad at the ticks' ends, ``None`` where the log does not know.
+    """
+
+    time_s: Float[np.ndarray, " tick"]
+    drive: NavigationDrives
+    strength: Float[np.ndarray, " tick"]
+    truth: Float[np.ndarray, "tick 3"] | None
+
+
+def tick_drive(
+    log: VehicleLog, path: Path, fixes: Path | None, *, tick_s: float = 0.1, odometer_sigma_m: float = 0.002
+) -> TickedDrive:
+    """A logged drive on ticks. Of several observations of a source in one tick the last counts.
+
+    Positions of the log are those of the rear axle. Axes of the fixes' map differ from those here by the convergence
+    of meridians, which is left out of their covariance.
+
+    Args:
+        log: with a gyro, and sigmas of its navigation.
+        path: its file, for errors.
+        fixes: of its scans, a ``.fixes.h5``; ``None`` for none.
+        tick_s: length of a tick.
+        odometer_sigma_m: of a reading of the distance.
+
+    Raises:
+        InputError: the log has no gyro, its signals have no two seconds in common, or the fixes have no covariance.
+    """
+    track, vehicle = log.navigation, log.vehicle or {}
+    if "yaw_rate_radps" not in vehicle:
+        raise InputError(path, "/vehicle/yaw_rate_radps", "a yaw rate by gyro", "none")
+    clocks = (track.time_s, log.odometry.time_s, vehicle["time_s"])
+    first_s, last_s = max(float(clock[0]) for clock in clocks), min(float(clock[-1]) for clock in clocks)
+    begin = int(np.searchsorted(track.time_s, first_s))
+    count = int(np.floor((last_s - float(track.time_s[min(begin, len(track.time_s) - 1)])) / tick_s))
+    if count < _LEAST_TICKS:
+        raise InputError(
+            path, "time_s", f"{_LEAST_TICKS * tick_s:g} s that all sensors share", f"{last_s - first_s:g} s"
+        )
+    start_s = float(track.time_s[begin])
+    edges_s = start_s + tick_s * np.arange(count + 1)
+    frame = LocalFrame(*(float(v[begin]) for v in (track.latitude_deg, track.longitude_deg, track.height_m)))
+    place = _poses(frame, track)
+    rate = _mean_rate(vehicle["time_s"], vehicle["yaw_rate_radps"], edges_s)
+    speed = np.diff(np.interp(edges_s, log.odometry.time_s, log.odometry.distance_m)) / tick_s
+    gnss, heading = _navigation(path, track, place, edges_s)
+    lgpr, strength = _fixes(fixes, frame, edges_s)
+    variance = np.full(count, 2.0 * (odometer_sigma_m / tick_s) ** 2)
+    odometer = OdometerObservation(_single(speed), _single(variance), jnp.ones(count, bool))
+    start = VehiclePose(*(jnp.float32(value) for value in place[begin]))
+    motions = Motion(_single(rate), _single(np.full(count, tick_s)))
+    drive = NavigationDrives(start, jnp.float32(speed[0]), motions, Observations(gnss, heading, odometer, lgpr))
+    truth = None
+    if log.truth is not None:
+        true = _poses(frame, log.truth)
+        truth = np.stack([np.interp(edges_s[1:], log.truth.time_s, column) for column in true.T], axis=1)
+    return TickedDrive(edges_s[1:], drive, strength, truth)
+
+
+def stack_drives(drives: list[TickedDrive]) -> NavigationDrives:
+    """Drives side by side; all end in ticks of no length without observations, which change nothing."""
+    longest = max(len(one.time_s) for one in drives)
+    ticks = -(-longest // _BLOCK_TICKS) * _BLOCK_TICKS
+
+    def padded(one: TickedDrive) -> NavigationDrives:
+        missing = ticks - len(one.time_s)
+
+        def pad(leaf: Array) -> np.ndarray:
+            return np.pad(np.asarray(leaf), ((0, missing),) + ((0, 0),) * (leaf.ndim - 1))
+
+        motions, observations = jax.tree.map(pad, (one.drive.motions, one.drive.observations))
+        return one.drive._replace(motions=motions, observations=observations)
+
+    # By NumPy: nothing is compiled for it.
+    many: NavigationDrives = jax.tree.map(
+        lambda *leaves: jnp.asarray(np.stack(leaves)), *[padded(one) for one in drives]
+    )
+    return many
+
+
+def _poses(frame: LocalFrame, track: NavigationTrack) -> Float[np.ndarray, "navigation 3"]:
+    east, north, _ = frame.to_local(track.latitude_deg, track.longitude_deg, track.height_m)
+    return np.stack([east, north, np.unwrap(frame.yaw_of_heading(track.heading_deg, track.longitude_deg))], axis=1)
+
+
+def _mean_rate(
+    time_s: Float[np.ndarray, " record"], rate: Float[np.ndarray, " record"], edges_s: Float[np.ndarray, " edge"]
+) -> Float[np.ndarray, " tick"]:
+    """Mean over each tick, of the integral by trapezoids."""
+    turned = np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s)))
+    return np.asarray(np.diff(np.interp(edges_s, time_s, turned)) / np.diff(edges_s))
+
+
+def _last_in_tick(
+    time_s: Float[np.ndarray, " record"], edges_s: Float[np.ndarray, " edge"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ticks that hold a record, and the last record of each: a tick holds its end and not its start."""
+    tick = np.searchsorted(edges_s + _CLOCK_S, time_s, side="left") - 1
+    inside = np.flatnonzero((tick >= 0) & (tick < len(edges_s) - 1))
+    ticks, first_of_reversed = np.unique(tick[inside][::-1], return_index=True)
+    return ticks, inside[::-1][first_of_reversed]
+
+
+def _navigation(
+    path: Path, track: NavigationTrack, place: Float[np.ndarray, "navigation 3"], edges_s: Float[np.ndarray, " edge"]
+) -> tuple[GnssObservation, HeadingObservation]:
+    sigmas = (track.sigma_east_m, track.sigma_north_m, track.sigma_heading_deg)
+    if sigmas[0] is None or sigmas[1] is None or sigmas[2] is None:
+        raise InputError(path, "/gnss_ins/sigma_east_m", "sigmas of the navigation", "none")
+    ticks, record = _last_in_tick(track.time_s, edges_s)
+    size = len(edges_s) - 1
+    valid = np.zeros(size, bool)
+    valid[ticks] = True
+    values, variances, age = np.zeros((size, 3)), np.ones((size, 3)), np.zeros(size)
+    values[ticks] = place[record]
+    variances[ticks] = np.stack([sigmas[0][record], sigmas[1][record], np.radians(sigmas[2][record])], axis=1) ** 2
+    age[ticks] = np.maximum(edges_s[1:][ticks] - track.time_s[record], 0.0)
+    covariance = np.zeros((size, 2, 2))
+    covariance[:, 0, 0], covariance[:, 1, 1] = variances[:, 0], variances[:, 1]
+    x, y, yaw = (_single(column) for column in values.T)
+    known = jnp.asarray(valid)
+    return (
+        GnssObservation(x, y, _single(covariance), _single(age), known),
+        HeadingObservation(yaw, _single(variances[:, 2]), _single(age), known),
+    )
+
+
+def _fixes(
+    path: Path | None, frame: LocalFrame, edges_s: Float[np.ndarray, " edge"]
+) -> tuple[LgprObservation, Float[np.ndarray, " tick"]]:
+    size = len(edges_s) - 1
+    values, age, strength = np.zeros((size, 3)), np.zeros(size), np.full(size, np.nan)
+    covariance, valid = np.tile(np.eye(3), (size, 1, 1)), np.zeros(size, bool)
+    if path is not None:
+        table, (_, spread) = read_fixes(path), read_fix_poses(path)
+        if spread is None:
+            raise InputError(path, "/covariance", "covariances of the fixes", "none")
+        ticks, row = _last_in_tick(table["time_s"].to_numpy(), edges_s)
+        strength[ticks] = table["correlation"].to_numpy()[row]
+        good = (table["code"].to_numpy()[row] == "ok") & np.isfinite(spread[row]).all(axis=(1, 2))
+        ticks, row = ticks[good], row[good]
+        chosen = table.iloc[row]
+        longitude = chosen["longitude_deg"].to_numpy()
+        east, north, _ = frame.to_local(chosen["latitude_deg"].to_numpy(), longitude, chosen["height_m"].to_numpy())
+        yaw = frame.yaw_of_heading(chosen["heading_deg"].to_numpy(), longitude)
+        values[ticks] = np.stack([east, north, yaw], axis=1)
+        pose = np.array([0, 1, 3])
+        covariance[ticks] = spread[row][:, pose[:, None], pose]
+        age[ticks] = np.maximum(edges_s[1:][ticks] - chosen["time_s"].to_numpy(), 0.0)
+        valid[ticks] = True
+    x, y, heading = (_single(column) for column in values.T)
+    return LgprObservation(x, y, heading, _single(covariance), _single(age), jnp.asarray(valid)), strength
+
+
+def _single(values: Float[np.ndarray, "..."]) -> Float[Array, "..."]:
+    return jnp.asarray(values, jnp.float32)
+
+
+_OPTIONS = ("tick_s", "odometer_sigma_m", "enter_strength", "stay_strength", "hold_s")
+_DEFAULTS = (0.1, 0.002, 0.6, 0.5, 1.0)
+
+
+class Judged(NamedTuple):
+    """A drive by the model found; poses in metres and radians, one row a tick.
+
+    Attributes:
+        name: of its file.
+        time_s: of the ticks.
+        info: what became of the observations.
+        filtered, smoothed: estimates.
+        switched: x, y and yaw of the threshold switch.
+        truth: x, y and yaw, where the log knows them.
+    """
+
+    name: str
+    time_s: Float[np.ndarray, " tick"]
+    info: FilterInfo
+    filtered: NavEstimate
+    smoothed: NavEstimate
+    switched: Float[np.ndarray, "tick 3"]
+    truth: Float[np.ndarray, "tick 3"] | None
+
+
+class FusionStudy(NamedTuple):
+    """For pictures: the fit, and the drives by it; those held out, or those fitted where none are."""
+
+    fit: FusionFit
+    judged: tuple[Judged, ...]
+
+
+def study_fusion(task: Task) -> Outcome:
+    """Find the noises of ``navigation``. Beside ``X.drive.h5`` stand the fixes of its scans, ``X.fixes.h5``."""
+    refuse_options(task, _OPTIONS)
+    numbers = [_option(task, name, default) for name, default in zip(_OPTIONS, _DEFAULTS, strict=True)]
+    tick_s, odometer_m = numbers[:2]
+    # A log's positions are those of the rear axle.
+    zero = jnp.float32(0.0)
+    model = filter_model_of(task.vehicle, task.study.vehicle)._replace(gnss_x_m=zero, gnss_y_m=zero)
+    drives = [_ticked(drive, tick_s, odometer_m) for drive in task.drives]
+    rules = default_rules()
+    with fitting(task.drives[0].path):
+        fit = fit_fusion(model, rules, stack_drives(drives))
+    figures = [Figure("log-likelihood gained", fit.gained, "")]
+    notes = [f"left open by the drives: {', '.join(fit.left_open)}"] if fit.left_open else []
+    judges = [(judge, _ticked(judge, tick_s, odometer_m)) for judge in task.judges]
+    judged = []
+    enter, stay, hold = (jnp.float32(number) for number in numbers[2:])
+    settings = SwitchSettings(enter, stay, hold, model.zero_slip_m, model.array_x_m, model.array_y_m)
+    for drive, ticked in judges or list(zip(task.drives, drives, strict=True)):
+        role = "held out" if judges else "fitted"
+        one = _judge(fit.model, settings, drive, ticked)
+        judged.append(one)
+        figures += _figures(f"{role}, {one.name}", one)
+        before = mean_nis(filter_drives(model, rules, stack_drives([ticked]))[1])
+        figures += [Figure(f"{role}, {one.name}: NIS of {s}, before", value, "") for s, value in before.items()]
+    found = {f"navigation.{name}": estimate for name, estimate in fit.found.items()}
+    return Outcome({**found}, {}, tuple(figures), tuple(notes), FusionStudy(fit, tuple(judged)))
+
+
+def _option(task: Task, name: str, default: float) -> float:
+    value = task.study.options.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 100.0:
+        raise InputError(task.study.file, f"options.{name}", "a number above 0 and below 100", repr(value))
+    return float(value)
+
+
+def _ticked(drive: LoggedDrive, tick_s: float, odometer_m: float) -> TickedDrive:
+    fixes = drive.path.with_name(drive.path.name.removesuffix(".drive.h5") + ".fixes.h5")
+    if not fixes.is_file():
+        raise InputError(fixes, "file", f"the fixes of {drive.path.name} (lgprjax register writes them)", "none")
+    log = VehicleLog.open(drive.path)
+    return tick_drive(log, drive.path, fixes, tick_s=tick_s, odometer_sigma_m=odometer_m)
+
+
+def _judge(model: FilterModel, settings: SwitchSettings, drive: LoggedDrive, ticked: TickedDrive) -> Judged:
+    padded = stack_drives([ticked])
+    estimates, info = jax.tree.map(lambda leaf: leaf[0], filter_drives(model, default_rules(), padded))
+    lane = jax.tree.map(lambda leaf: leaf[0], padded)
+    smoothed = jax.jit(smooth_estimates)(model, estimates, lane.motions, info.reacquired.any(axis=-1))
+    missing = lane.motions.step_s.size - len(ticked.time_s)
+    strength = np.pad(ticked.strength, (0, missing), constant_values=np.nan)
+    switched = _switch(settings, lane, jnp.asarray(strength, jnp.float32))
+    driven = slice(len(ticked.time_s))
+    estimates, smoothed, info = jax.tree.map(lambda leaf: leaf[driven], (estimates, smoothed, info))
+    poses = np.stack([np.asarray(part, np.float64)[driven] for part in switched], axis=1)
+    return Judged(drive.path.name, ticked.time_s, info, estimates, smoothed, poses, ticked.truth)
+
+
+@jax.jit
+def _switch(settings: SwitchSettings, drive: NavigationDrives, strength: jax.Array) -> VehiclePose:
+    """Poses by the threshold switch; between positions GNSS/INS stays where the last one was."""
+
+    def step(
+        carry: tuple[SwitchState, VehiclePose], tick: tuple[NavigationDrives, jax.Array]
+    ) -> tuple[tuple[SwitchState, VehiclePose], VehiclePose]:
+        (state, last), (now, strong) = carry, tick
+        gnss, heading = now.observations.gnss, now.observations.heading
+        told = VehiclePose(gnss.x_m, gnss.y_m, heading.yaw_rad)
+        last = VehiclePose(*(jnp.where(gnss.valid, new, old) for new, old in zip(told, last, strict=True)))
+        speed = now.observations.odometer.speed_mps
+        state = step_switch(settings, state, now.motions, speed, last, now.observations.lgpr, strong)
+        return (state, last), state.pose
+
+    ticks = drive._replace(
+        start=VehiclePose(*(jnp.broadcast_to(v, strength.shape) for v in drive.start)),
+        speed_mps=jnp.broadcast_to(drive.speed_mps, strength.shape),
+    )
+    poses: VehiclePose = jax.lax.scan(step, (init_switch(drive.start), drive.start), (ticks, strength))[1]
+    return poses
+
+
+def _figures(name: str, judged: Judged) -> list[Figure]:
+    nis = mean_nis(jax.tree.map(lambda leaf: leaf[None], judged.info))
+    figures = [Figure(f"{name}: NIS of {source}", value, "") for source, value in nis.items()]
+    shut_out = np.asarray(judged.info.offered & ~judged.info.accepted).sum(axis=0)
+    figures += [
+        Figure(f"{name}: {source}, rejected", float(n), "") for source, n in zip(SOURCES, shut_out, strict=True)
+    ]
+    if judged.truth is None:
+        return figures
+    for what, poses in (
+        ("filter", np.asarray(judged.filtered.mean, np.float64)[:, :3]),
+        ("smoother", np.asarray(judged.smoothed.mean, np.float64)[:, :3]),
+        ("threshold switch", judged.switched),
+    ):
+        away = np.hypot(*(poses - judged.truth)[:, :2].T)
+        figures.append(Figure(f"{name}: {what}, position, rms", rms(away), "m"))
+    for what, estimate in (("filter", judged.filtered), ("smoother", judged.smoothed)):
+        figures.append(Figure(f"{name}: {what}, NEES of the pose over 3", _nees(estimate, judged.truth), ""))
+    return figures
+
+
+def _nees(estimate: NavEstimate, truth: Float[np.ndarray, "tick 3"]) -> float:
+    away = np.asarray(estimate.mean, np.float64)[:, :3] - truth
+    away[:, 2] = np.mod(away[:, 2] + np.pi, 2.0 * np.pi) - np.pi
+    covariance = np.asarray(estimate.covariance, np.float64)[:, :3, :3]
+    solved = np.linalg.solve(covariance, away[..., None])[..., 0]
+    return float(np.mean(np.sum(away * solved, axis=1))) / 3.0

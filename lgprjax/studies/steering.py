@@ -1,0 +1,498 @@
+"""Studies: calibrations and tunings of a vehicle on its logs, from a study file to a new vehicle file.
+
+Not among the names of ``lgprjax.studies``: whoever registers drives need not wait for the tuners to be imported.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from lgprjax.batch.vehicles import servo_of
+from lgprjax.errors import InputError
+from lgprjax.formats import Found, Study, VehicleFile, VehicleLog, read_vehicle, require_serial_number, with_values
+from lgprjax.studies.logs import (
+    Figure,
+    LoggedDrive,
+    Outcome,
+    Task,
+    chassis_without_anchor,
+    fitting,
+    fixed_records,
+    front_angles,
+    one_drive,
+    potentiometer_of,
+    refuse_options,
+    rms,
+    signal_of,
+    signals_of,
+)
+from lgprjax.studies.look_ahead import study_look_ahead
+from lgprjax.studies.navigation import study_fusion
+from lgprjax.tuning import DriveSignals, Estimate, NotExcitedError
+from lgprjax.tuning.arcs import Arcs, find_stretches, fit_arcs
+from lgprjax.tuning.pedals import WHAT, PedalFit, PedalRuns, PedalsFit, cut_runs, fit_pedals, levelled, predict_way
+from lgprjax.tuning.robust import student_95
+from lgprjax.tuning.sensors import EncoderFit, StraightFit, fit_encoder, fit_straight, fitted_volts
+from lgprjax.tuning.servo import ServoFit, fit_servo, servo_log, to_box, wheel_angles
+from lgprjax.tuning.steering import (
+    RearRatioFit,
+    SteeringMap,
+    WheelAngleFit,
+    YawGainFit,
+    fit_wheel_angle,
+    fit_yaw_gain,
+    front_angle,
+    front_band,
+    rear_ratio_by_angles,
+    rear_ratio_by_heading,
+    wheel_angle_blocks,
+)
+from lgprjax.vehicle import Chassis, Servo
+
+# Study of throttle and brake: pre-tension, dead zone, gain and lag of each, and what slows the vehicle beside.
+
+
+class PedalsStudy(NamedTuple):
+    """For pictures: the drive, its runs, and the way in each by the model, in the odometer's metres."""
+
+    signals: DriveSignals
+    runs: PedalRuns
+    model_m: Float[np.ndarray, " record"]
+    fit: PedalsFit
+
+
+def study_pedals(task: Task) -> Outcome:
+    """Find ``throttle``, ``brake`` and ``resistance``."""
+    refuse_options(task)
+    drive = one_drive(task)
+    with fitting(drive.path):
+        fit = fit_pedals(drive.signals)
+        runs = cut_runs(drive.signals, WHAT)
+    found = {
+        f"{pedal}.{name}": estimate
+        for pedal, one in (("throttle", fit.throttle), ("brake", fit.brake))
+        for name, estimate in zip(PedalFit._fields, one, strict=True)
+    }
+    found |= {"resistance.rolling_mps2": fit.rolling_mps2, "resistance.drag_per_s": fit.drag_per_s}
+    figures = [Figure("way in a run, measured less model, rms", fit.rms_m, "m")]
+    figures += [_judge(judge, fit) for judge in task.judges]
+    scale = fit.metres_per_odometer_metre
+    notes = [f"{fit.runs} runs from standstill to standstill"]
+    if scale is None:
+        notes.append("no fixes: accelerations are in the odometer's metres")
+    else:
+        notes.append(f"a metre of the odometer is {scale.value:.4f} m by the fixes")
+    model_m = levelled(runs, _way(runs, fit))
+    return Outcome({**found}, {}, tuple(figures), tuple(notes), PedalsStudy(drive.signals, runs, model_m, fit))
+
+
+def _way(runs: PedalRuns, fit: PedalsFit) -> Float[np.ndarray, " record"]:
+    scale = 1.0 if fit.metres_per_odometer_metre is None else fit.metres_per_odometer_metre.value
+    values = []
+    for pedal in (fit.throttle, fit.brake):
+        values += [pedal.pre_tension.value, pedal.dead_zone.value, pedal.gain_mps2.value / scale, pedal.lag_s.value]
+    values += [fit.rolling_mps2.value / scale, fit.drag_per_s.value]
+    return np.asarray(predict_way(runs, np.array([values]))[0][0])
+
+
+def _judge(judge: LoggedDrive, fit: PedalsFit) -> Figure:
+    """Ways of another drive about this fit's model."""
+    with fitting(judge.path):
+        runs = cut_runs(judge.signals, WHAT)
+    left = levelled(runs, judge.signals.travel_m[runs.record]) - levelled(runs, _way(runs, fit))
+    return Figure(f"held out, {judge.path.name}: way less model, rms", rms(left), "m")
+
+
+# Study of k, the rear wheels' share of the front angle: by INS heading on turns, or by two measured wheel angles.
+
+_METHODS = ("heading", "wheel_angles")
+
+
+class HeadingStudy(NamedTuple):
+    """For pictures: arcs, the chassis that they were fitted with, and k."""
+
+    arcs: Arcs
+    chassis: Chassis
+    fit: RearRatioFit
+
+
+class WheelAnglesStudy(NamedTuple):
+    """For pictures: measured angles, means over a second each, and k."""
+
+    front_rad: Float[np.ndarray, " block"]
+    rear_rad: Float[np.ndarray, " block"]
+    fit: RearRatioFit
+
+
+def study_rear_ratio(task: Task) -> Outcome:
+    """Find ``steering.rear_ratio``; ``options.method`` says by what, the heading unless told."""
+    refuse_options(task, ("method",))
+    method = task.study.options.get("method", "heading")
+    if method not in _METHODS:
+        raise InputError(task.study.file, "options.method", f"one of {', '.join(_METHODS)}", repr(method))
+    drive = one_drive(task)
+    chassis = chassis_without_anchor(task)
+    fit, detail = _fit(method, drive, chassis)
+    figures = []
+    for judge in task.judges:
+        away = _fit(method, judge, chassis)[0].ratio.value - fit.ratio.value
+        figures.append(Figure(f"held out, {judge.path.name}: its k less this one", away, ""))
+    offset = np.degrees([fit.offset_rad.value, fit.offset_rad.low, fit.offset_rad.high])
+    what = "INS heading against the body" if method == "heading" else "rear angle where the front one is 0"
+    notes = [f"{what}: {offset[0]:.3f}° ({offset[1]:.3f} to {offset[2]:.3f})", f"{fit.numbers} numbers in the fit"]
+    if method == "heading":
+        notes.append(f"drift of the headings beside their noise: {np.degrees(fit.drift_rad):.3f}°")
+    return Outcome({"steering.rear_ratio": fit.ratio}, {}, tuple(figures), tuple(notes), detail)
+
+
+def _fit(method: str, drive: LoggedDrive, chassis: Chassis) -> tuple[RearRatioFit, HeadingStudy | WheelAnglesStudy]:
+    with fitting(drive.path):
+        if method == "wheel_angles":
+            fit = rear_ratio_by_angles(drive.signals)
+            return fit, WheelAnglesStudy(*wheel_angle_blocks(drive.signals), fit)
+        arcs = fit_arcs(drive.signals, find_stretches(drive.signals, potentiometer_of(drive)))
+        fit = rear_ratio_by_heading(arcs, chassis)
+        return fit, HeadingStudy(arcs, chassis, fit)
+
+
+# Studies of the steering's sensors: the straight potentiometer value, and the encoder against the potentiometer.
+
+
+class EncoderStudy(NamedTuple):
+    """For pictures: the drive, the fit, and the change of the potentiometer with the wheels where it is known."""
+
+    signals: DriveSignals
+    fit: EncoderFit
+    v_per_rad: float | None
+
+
+def study_straight(task: Task) -> Outcome:
+    """Find ``steering.straight_potentiometer_v``."""
+    refuse_options(task)
+    drive = one_drive(task)
+    with fitting(drive.path):
+        fit = fit_straight(fixed_records(drive.signals))
+    figures = [Figure("windows about the fit, rms", _straight_rms_mv(fit), "mV")]
+    for judge in task.judges:
+        with fitting(judge.path):
+            held = fit_straight(fixed_records(judge.signals))
+        away_mv = 1e3 * (held.potentiometer_v.value - fit.potentiometer_v.value)
+        figures.append(Figure(f"held out, {judge.path.name}: its value less this one", away_mv, "mV"))
+    notes = (f"{fit.turning} windows left out because they turned",) if fit.turning else ()
+    return Outcome({"steering.straight_potentiometer_v": fit.potentiometer_v}, {}, tuple(figures), notes, fit)
+
+
+def study_encoder(task: Task) -> Outcome:
+    """Find counts a volt and, where the vehicle file says volts a radian, counts a radian and the play."""
+    refuse_options(task)
+    drive, steering = one_drive(task), task.vehicle.steering
+    with fitting(drive.path):
+        fit = fit_encoder(drive.signals, steering.straight_potentiometer_v)
+    v_per_rad = steering.potentiometer_v_per_rad
+    found: dict[str, Estimate | list[Estimate]] = {"steering.encoder_counts_per_v": fit.counts_per_v}
+    notes = [fit.why]
+    if v_per_rad is None:
+        play = f"play {fit.hysteresis_counts.value:.1f} counts"
+        notes.append(f"{play}; counts a radian want steering.potentiometer_v_per_rad, from a study of wheel_angle")
+    else:
+        half = _half_width(task.vehicle.found.get("steering.potentiometer_v_per_rad"))
+        found["steering.encoder_counts_per_rad"] = _times(fit.counts_per_v, v_per_rad, half)
+        found["steering.backlash_rad"] = _play_rad(fit, v_per_rad)
+    figures = [Figure("pauses about the fit, rms", fit.rms_counts, "count")]
+    if v_per_rad is not None:
+        per_count = float(np.degrees(abs(1.0 / (fit.counts_per_v.value * v_per_rad))))
+        figures.append(Figure("the same at the road wheel", fit.rms_counts * per_count, "deg"))
+    figures += [_judge_sensor(judge, fit, v_per_rad) for judge in task.judges]
+    return Outcome(found, {}, tuple(figures), tuple(notes), EncoderStudy(drive.signals, fit, v_per_rad))
+
+
+def _straight_rms_mv(fit: StraightFit) -> float:
+    line = fit.potentiometer_v.value + fit.slope_vm.value * fit.curvature_radpm
+    return 1e3 * rms((fit.window_v - line)[fit.weight > 0.0])
+
+
+def _judge_sensor(judge: LoggedDrive, fit: EncoderFit, v_per_rad: float | None) -> Figure:
+    """Pauses of another start about this fit, its own zero taken first: that is what a start does."""
+    with fitting(judge.path):
+        held = fit_encoder(judge.signals, fit.reference_v)
+    moved = fit._replace(reference_counts=held.reference_counts)
+    left_v = held.pauses.potentiometer_v - fitted_volts(moved, held.pauses.counts, held.pauses.direction)
+    name = f"held out, {judge.path.name}: pauses about this fit, rms"
+    if v_per_rad is None:
+        return Figure(name, 1e3 * rms(left_v), "mV")
+    return Figure(name, float(np.degrees(rms(left_v) / abs(v_per_rad))), "deg")
+
+
+def _half_width(found: Found | None) -> float:
+    """Half of the 95 % interval of a number of the vehicle file; none where it was not found by a study."""
+    if found is None or isinstance(found.low, list) or isinstance(found.high, list):
+        return 0.0
+    return 0.5 * (found.high - found.low)
+
+
+def _times(number: Estimate, factor: float, factor_half: float = 0.0) -> Estimate:
+    """An estimate times a factor whose own interval is so wide to either side; their errors are independent."""
+    value = number.value * factor
+    half = float(np.hypot(0.5 * (number.high - number.low) * factor, number.value * factor_half))
+    return Estimate(value, half / 1.96, value - half, value + half)
+
+
+def _play_rad(fit: EncoderFit, v_per_rad: float) -> Estimate:
+    """The play as an angle of the wheels; none is less than none."""
+    turned = _times(fit.hysteresis_counts, 1.0 / abs(fit.counts_per_v.value * v_per_rad))
+    return Estimate(max(turned.value, 0.0), turned.sigma, max(turned.low, 0.0), max(turned.high, 0.0))
+
+
+# Study of the steering servo: lag, delay, dead band and rate from its commands and what the wheels did.
+
+_KEYS = ("lag_s", "delay_s", "dead_band_rad", "largest_wheel_rate_radps", "asymmetry")
+
+
+class ServoStudy(NamedTuple):
+    """For pictures: the drive, the wheel angles that were fitted, and the fit."""
+
+    signals: DriveSignals
+    measured_rad: Float[np.ndarray, " record"]
+    fit: ServoFit
+
+
+def study_servo(task: Task) -> Outcome:
+    """Find the servo's numbers in ``steering``; its play and voltages are taken from the vehicle file.
+
+    Wheel angles are those of the vehicle file's ``wheel_map`` at the potentiometer's values; without one, those of the
+    wheel angle's own sensor.
+    """
+    refuse_options(task)
+    drive = one_drive(task)
+    signal_of(drive, "command_rad")
+    measured, origin = front_angles(task, drive)
+    with fitting(drive.path):
+        fit = fit_servo(drive.signals, measured, _given(task))
+    found = {f"steering.{key}": estimate for key, estimate in zip(_KEYS, fit[:5], strict=True)}
+    left_deg = np.degrees(measured - fit.model_rad)
+    figures = [
+        Figure("wheel angle, measured less model, rms", rms(left_deg[np.isfinite(left_deg)]), "deg"),
+        Figure("records that stand for one, residuals being correlated", fit.memory, ""),
+        Figure("swarm's numbers against the gradient's, largest difference", fit.apart, "standard errors"),
+    ]
+    figures += [_judge_servo(task, judge, fit) for judge in task.judges]
+    agree = "agree" if fit.agree else "do NOT agree: the fit may not be the best one"
+    notes = (
+        f"wheel angles by {origin}; straight ahead they read {np.degrees(fit.zero_rad.value):.3f}°",
+        f"play of {np.degrees(float(fit.servo.backlash_rad)):.2f}° taken as given",
+        f"search by gradient and by particle swarm {agree}",
+    )
+    return Outcome({**found}, {}, tuple(figures), notes, ServoStudy(drive.signals, measured, fit))
+
+
+def _given(task: Task) -> Servo:
+    """Play and voltages of the file; what is sought stands for nothing."""
+    sought = {f"steering.{key}": 0.0 for key in _KEYS} | {"steering.largest_wheel_rate_radps": 1.0}
+    return servo_of(with_values(task.vehicle, sought, {}), task.study.vehicle)
+
+
+def _judge_servo(task: Task, judge: LoggedDrive, fit: ServoFit) -> Figure:
+    """Wheel angles of another drive about this fit's model."""
+    measured, _ = front_angles(task, judge)
+    numbers = np.array([estimate.value for estimate in fit[:6]])
+    with fitting(judge.path):
+        log = servo_log(judge.signals, measured, fit.servo)
+    model = np.asarray(wheel_angles(log, jnp.asarray(to_box(numbers), jnp.float32)), np.float64)
+    left_deg = np.degrees((measured - model)[np.asarray(log.used)])
+    return Figure(f"held out, {judge.path.name}: wheel angle less model, rms", rms(left_deg), "deg")
+
+
+# Study of the palm tree: potentiometer to front wheel angle.
+
+# The map is a cubic: linear between so many knots it is met within a hundredth of a degree.
+_KNOTS = 17
+
+
+class WheelAngleStudy(NamedTuple):
+    """For pictures: the drive, its arcs and the map."""
+
+    signals: DriveSignals
+    arcs: Arcs
+    fit: WheelAngleFit
+
+
+def study_wheel_angle(task: Task) -> Outcome:
+    """Find ``wheel_map``; the value of straight driving and the slope there come out of it."""
+    refuse_options(task)
+    drive, chassis = one_drive(task), chassis_without_anchor(task)
+    with fitting(drive.path):
+        arcs = _arcs(drive)
+        fit = fit_wheel_angle(arcs, chassis)
+    steering_map = fit.map
+    knots = np.linspace(-1.0, 1.0, _KNOTS) * steering_map.half_span + steering_map.middle
+    front, (low, high) = front_angle(steering_map, knots), front_band(steering_map, knots)
+    sigma = 0.5 * (high - low) / student_95(steering_map.degrees)
+    figures = [Figure("residuals of the fit, rms", rms(np.degrees(fit.residual_rad)), "deg")]
+    figures += [_judge_wheel_angle(judge, chassis, fit) for judge in task.judges]
+    return Outcome(
+        found={
+            "wheel_map.front_rad": [
+                Estimate(*(float(number) for number in knot)) for knot in zip(front, sigma, low, high, strict=True)
+            ],
+            "steering.potentiometer_v_per_rad": _slope_at_straight(steering_map),
+        },
+        fixed={"wheel_map.first_v": float(knots[0]), "wheel_map.step_v": float(knots[1] - knots[0])},
+        figures=tuple(figures),
+        notes=tuple(f"{count} stretches left out: {why}" for why, count in fit.dropped.items()),
+        detail=WheelAngleStudy(drive.signals, arcs, fit),
+    )
+
+
+def _slope_at_straight(steering_map: SteeringMap) -> Estimate:
+    """Volts a radian where the map crosses straight ahead; the interval is that of radians a volt, turned over."""
+    u = np.linspace(-1.0, 1.0, 2001)
+    volts = steering_map.middle + u * steering_map.half_span
+    at = u[np.argmin(np.abs(front_angle(steering_map, volts)))]
+    powers = np.arange(len(steering_map.coefficients_rad))
+    row = powers * at ** np.maximum(powers - 1, 0) / steering_map.half_span
+    rad_per_v = float(row @ steering_map.coefficients_rad)
+    sigma = float(np.sqrt(row @ steering_map.covariance_rad2 @ row))
+    half = student_95(steering_map.degrees) * sigma
+    low, high = sorted([1.0 / (rad_per_v - half), 1.0 / (rad_per_v + half)])
+    return Estimate(1.0 / rad_per_v, sigma / rad_per_v**2, low, high)
+
+
+def _arcs(drive: LoggedDrive) -> Arcs:
+    return fit_arcs(drive.signals, find_stretches(drive.signals, potentiometer_of(drive)))
+
+
+def _judge_wheel_angle(judge: LoggedDrive, chassis: Chassis, fit: WheelAngleFit) -> Figure:
+    """Angles that the arcs of another drive give, against the map."""
+    with fitting(judge.path):
+        held = fit_wheel_angle(_arcs(judge), chassis)
+    inside = np.abs(held.steering - fit.map.middle) <= fit.map.half_span
+    left = held.front_rad[inside] - front_angle(fit.map, held.steering[inside])
+    return Figure(f"held out, {judge.path.name}: angle less map, rms", rms(np.degrees(left)), "deg")
+
+
+# Study of the characteristic speed: what is lost of the yaw rate in turns at rising speed.
+
+
+class YawGainStudy(NamedTuple):
+    """For pictures: the fit."""
+
+    fit: YawGainFit
+
+
+def study_yaw_gain(task: Task) -> Outcome:
+    """Find ``steering.characteristic_speed_mps``.
+
+    Front angles are those of the vehicle file's ``wheel_map`` at the potentiometer's values; without one, those of the
+    wheel angle's own sensor.
+    """
+    refuse_options(task)
+    drive = one_drive(task)
+    fit, origin = _fit_yaw_gain(task, drive)
+    figures = [Figure("scatter of 1/G beyond what the arcs explain", fit.extra, "")]
+    for judge in task.judges:
+        held = _fit_yaw_gain(task, judge)[0]
+        away = held.characteristic_speed_mps.value - fit.characteristic_speed_mps.value
+        figures.append(Figure(f"held out, {judge.path.name}: its speed less this one", away, "m/s"))
+    scale = fit.scale
+    notes = (
+        f"front angles by {origin}",
+        f"{len(fit.speed_mps)} turns, {fit.speed_mps.min():.1f} to {fit.speed_mps.max():.1f} m/s",
+        f"curvature by the wheel angles over the true one, at no speed: {scale.value:.4f} "
+        f"({scale.low:.4f} to {scale.high:.4f})",
+        f"front angles read {np.degrees(fit.offset_rad):.3f}° too far to the left",
+    )
+    found = {"steering.characteristic_speed_mps": fit.characteristic_speed_mps}
+    return Outcome({**found}, {}, tuple(figures), notes, YawGainStudy(fit))
+
+
+def _fit_yaw_gain(task: Task, drive: LoggedDrive) -> tuple[YawGainFit, str]:
+    chassis = chassis_without_anchor(task)
+    front, origin = front_angles(task, drive)
+    with fitting(drive.path):
+        arcs = fit_arcs(drive.signals, find_stretches(drive.signals, front))
+        fit = fit_yaw_gain(arcs, chassis, *_means(front, arcs))
+        if not np.isfinite(fit.characteristic_speed_mps.high):
+            low = fit.characteristic_speed_mps.low
+            found = f"a characteristic speed of {low:.0f} m/s or any above"
+            raise NotExcitedError("yaw gain", "turns fast enough to lose yaw beyond doubt", found)
+    return fit, origin
+
+
+def _means(
+    front_rad: Float[np.ndarray, " record"], arcs: Arcs
+) -> tuple[Float[np.ndarray, " stretch"], Float[np.ndarray, " stretch"]]:
+    """Mean over each stretch, and its standard error; what all angles are wrong by alike the fit takes out itself."""
+    spans = list(zip(arcs.stretches.start, arcs.stretches.stop, strict=True))
+    held = [front_rad[start:stop][np.isfinite(front_rad[start:stop])] for start, stop in spans]
+    mean = np.array([float(np.mean(values)) for values in held])
+    return mean, np.array([float(np.std(values)) / np.sqrt(len(values)) for values in held])
+
+
+class FinishedStudy(NamedTuple):
+    """What came of a study.
+
+    Attributes:
+        study: as its file says.
+        outcome: what was found, and how well it holds.
+        vehicle: the vehicle with the numbers found, ready to be written.
+    """
+
+    study: Study
+    outcome: Outcome
+    vehicle: VehicleFile
+
+
+def run_study(study: Study) -> FinishedStudy:
+    """Run a study; nothing is written.
+
+    Raises:
+        InputError: a file cannot be read, is about another vehicle, or does not hold what the fit needs.
+    """
+    vehicle = read_vehicle(study.vehicle)
+    require_serial_number(vehicle, study.vehicle, study.serial_number, study.file, "serial_number")
+    drives = _read_logs(study, vehicle, study.logs, "logs")
+    judges = _read_logs(study, vehicle, study.held_out, "held_out")
+    outcome = _RUN[study.kind](Task(study, vehicle, drives, judges))
+    logs = ", ".join(path.name for path in study.logs) or "simulated"
+    values: dict[str, Any] = dict(outcome.fixed)
+    found: dict[str, Found] = {}
+    for path, estimates in outcome.found.items():
+        values[path], found[path] = _as_found(estimates, study.name, logs)
+    return FinishedStudy(study, outcome, with_values(vehicle, values, found))
+
+
+def _read_logs(study: Study, vehicle: VehicleFile, paths: Sequence[Path], key: str) -> tuple[LoggedDrive, ...]:
+    if key == "logs" and not paths and study.kind != "look_ahead":
+        raise InputError(study.file, key, "one drive log or more", "none")
+    drives = []
+    for path in paths:
+        log = VehicleLog.open(path)
+        require_serial_number(vehicle, study.vehicle, log.serial_number, path, "/vehicle@serial_number")
+        drives.append(LoggedDrive(path, signals_of(log, str(path))))
+    return tuple(drives)
+
+
+def _as_found(estimates: Estimate | list[Estimate], study: str, logs: str) -> tuple[Any, Found]:
+    if isinstance(estimates, Estimate):
+        return estimates.value, Found(
+            low=estimates.low, high=estimates.high, sigma=estimates.sigma, study=study, log=logs
+        )
+    low, high, sigma = ([getattr(e, name) for e in estimates] for name in ("low", "high", "sigma"))
+    return [e.value for e in estimates], Found(low=low, high=high, sigma=sigma, study=study, log=logs)
+
+
+_RUN: dict[str, Callable[[Task], Outcome]] = {
+    "straight": study_straight,
+    "encoder": study_encoder,
+    "wheel_angle": study_wheel_angle,
+    "rear_ratio": study_rear_ratio,
+    "yaw_gain": study_yaw_gain,
+    "servo": study_servo,
+    "pedals": study_pedals,
+    "look_ahead": study_look_ahead,
+    "fusion": study_fusion,
+}

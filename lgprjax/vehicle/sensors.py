@@ -1,0 +1,118 @@
+"""Sensors of the steering: a potentiometer for the absolute angle and the servo's encoder, whose zero is unknown.
+
+The steering angle that both read is that of the linkage's shaft, scaled so that near straight it is the front wheels'
+angle; with a proportional linkage it is the wheels' angle throughout. The encoder sits at the motor, the potentiometer
+at the wheels: the play of the linkage lies between them.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+
+class Potentiometer(NamedTuple):
+    """Voltage over steering angle: a polynomial, straight line as a rule.
+
+    Attributes:
+        straight_v: voltage where the wheels stand straight.
+        per_rad_v: V/rad, V/rad², … of the steering angle: at least the first.
+        largest_rad: steering angle up to which the polynomial holds, to either side.
+    """
+
+    straight_v: float
+    per_rad_v: tuple[float, ...]
+    largest_rad: float
+
+
+class Encoder(NamedTuple):
+    """Counts of the servo's encoder.
+
+    Attributes:
+        counts_per_rad: of steering angle.
+        zero_counts: reading where the wheels stand straight; another one at every start.
+    """
+
+    counts_per_rad: float
+    zero_counts: float
+
+
+def read_potentiometer(sensor: Potentiometer, steering_rad: Float[np.ndarray, " *n"]) -> Float[np.ndarray, " *n"]:
+    """Voltage at steering angles."""
+    return np.asarray(np.polynomial.polynomial.polyval(steering_rad, (sensor.straight_v, *sensor.per_rad_v)))
+
+
+def potentiometer_angle(sensor: Potentiometer, volts: Float[np.ndarray, " *n"]) -> Float[np.ndarray, " *n"]:
+    """Steering angle of voltages; not a number for those outside the polynomial's reach.
+
+    Raises:
+        ValueError: the voltage does not rise or fall all the way: it would stand for more than one angle.
+    """
+    knots_rad = np.linspace(-sensor.largest_rad, sensor.largest_rad, 2049)
+    knots_v = read_potentiometer(sensor, knots_rad)
+    rising = np.sign(knots_v[-1] - knots_v[0])
+    if rising == 0 or not (np.diff(knots_v) * rising > 0).all():
+        raise ValueError(f"the voltage of {sensor} does not run one way over {sensor.largest_rad} rad to either side")
+    angle_rad = np.interp(rising * volts, rising * knots_v, knots_rad, left=np.nan, right=np.nan)
+    # The table places the root within a knot; one Newton step of a smooth curve does the rest.
+    slope = np.polynomial.polynomial.polyval(
+        angle_rad, np.polynomial.polynomial.polyder((sensor.straight_v, *sensor.per_rad_v))
+    )
+    return np.asarray(angle_rad - (read_potentiometer(sensor, angle_rad) - volts) / slope)
+
+
+def read_encoder(sensor: Encoder, steering_rad: Float[np.ndarray, " *n"]) -> Float[np.ndarray, " *n"]:
+    """Whole counts at steering angles."""
+    return np.asarray(np.round(sensor.zero_counts + sensor.counts_per_rad * steering_rad))
+
+
+def encoder_angle(sensor: Encoder, counts: Float[np.ndarray, " *n"]) -> Float[np.ndarray, " *n"]:
+    """Steering angle of counts."""
+    return np.asarray((counts - sensor.zero_counts) / sensor.counts_per_rad, np.float64)
+
+
+def encoder_zero(sensor: Encoder, counts: float, steering_rad: float) -> Encoder:
+    """The encoder with its zero set by one reading at a known angle: what a start does with the potentiometer's."""
+    return sensor._replace(zero_counts=counts - sensor.counts_per_rad * steering_rad)
+
+
+# What a vehicle's log holds of a drive: its signals on one clock.
+
+
+class DriveSignals(NamedTuple):
+    """Signals of a drive at common times. What a log does not hold is ``None``.
+
+    Position and heading are not a number at a record without one of their own: GNSS is slower than the servo, and
+    values drawn between fixes would share their noise.
+
+    Attributes:
+        time_s: increasing; steps may be uneven.
+        east_m, north_m: rear axle, level local metres.
+        sigma_position_m: of each of the two, as navigation says it.
+        yaw_rad: heading of the body by INS, counter-clockwise from east, without jumps of a turn.
+        sigma_yaw_rad: of it.
+        travel_m: signed cumulative way by odometry; falls in reverse.
+        command_rad: front angle that the servo was told.
+        front_rad, rear_rad: measured wheel angles, counter-clockwise positive: the rear wheels' is negative in a left
+            turn.
+        potentiometer_v: of the absolute wheel angle.
+        encoder_counts: of the servo, counted from wherever it was switched on.
+        supply_v: voltage at the servo.
+        throttle, brake: commands, 0 to 1.
+    """
+
+    time_s: Float[np.ndarray, " record"]
+    east_m: Float[np.ndarray, " record"]
+    north_m: Float[np.ndarray, " record"]
+    sigma_position_m: Float[np.ndarray, " record"]
+    yaw_rad: Float[np.ndarray, " record"]
+    sigma_yaw_rad: Float[np.ndarray, " record"]
+    travel_m: Float[np.ndarray, " record"]
+    command_rad: Float[np.ndarray, " record"] | None = None
+    front_rad: Float[np.ndarray, " record"] | None = None
+    rear_rad: Float[np.ndarray, " record"] | None = None
+    potentiometer_v: Float[np.ndarray, " record"] | None = None
+    encoder_counts: Float[np.ndarray, " record"] | None = None
+    supply_v: Float[np.ndarray, " record"] | None = None
+    throttle: Float[np.ndarray, " record"] | None = None
+    brake: Float[np.ndarray, " record"] | None = None

@@ -1,0 +1,363 @@
+"""A record of a worked field as layers of shapes: perimeter, swaths, processed ground, gaps, stops, events.
+
+Needs the optional package shapely (``pip install lgprjax[gis]``).
+"""
+
+import json
+import math
+from collections.abc import Iterable
+from datetime import datetime, timedelta
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from lgprjax.coverage import CellGrid, CellState, Field, inside_cells
+from lgprjax.errors import InputError
+from lgprjax.formats.worked import FULL, GeoLayer, WorkedRecord, stop_words
+
+METHOD = "mechanical: one pass of a machine, recorded by GNSS and INS"
+STATUS = "processed by machine; not searched, not released"
+_QUALITY = {0: "none", 1: "single", 2: "float", 3: "fixed"}
+_NO_AREA_M2 = 1e-9
+
+
+def layer_name(level: float) -> str:
+    """Name of the layer of processed ground: ``processed_p95``, ``processed_p996``."""
+    return f"processed_p{100.0 * level:g}".replace(".", "")
+
+
+def cover_layers(record: WorkedRecord, organisation: str) -> tuple[GeoLayer, ...]:
+    """Layers of a record, in degrees of longitude and latitude.
+
+    Processed ground is the union of the cells that are processed at a level, cut at the perimeter: it never holds
+    ground that no such cell covers. Gaps are the field without the processed ground of the lowest level, area by area.
+
+    Args:
+        record: to be shown.
+        organisation: that is responsible, as every shape carries it.
+
+    Raises:
+        InputError: shapely is missing.
+    """
+    shapely = require_shapely()
+    field = shapely.Polygon(record.perimeter_m)
+    shapely.prepare(field)
+    common = {"organisation": organisation, "method": METHOD, "status": STATUS, **_dates(record)}
+    layers = [_perimeter(shapely, record, field, common), _swaths(shapely, record, common)]
+    levels = list(zip(record.cells.level.tolist(), record.cells.state, strict=True))
+    for level, state in levels:
+        ground = _polygons(shapely, shapely.intersection(cells_union(record, state == CellState.PROCESSED), field))
+        properties = {**common, "state": "processed", "level": level}
+        layers.append(_areas(shapely, record, layer_name(level), [(each, properties) for each in ground]))
+    layers.append(_gaps(shapely, record, field, levels[0], common))
+    layers += [_stops(shapely, record, common), _events(shapely, record, common)]
+    return tuple(layers)
+
+
+def require_shapely() -> Any:
+    """The package.
+
+    Raises:
+        InputError: it is missing.
+    """
+    try:
+        import shapely
+    except ImportError:
+        raise InputError(
+            "shapely", "export", "the optional package shapely (pip install lgprjax[gis])", "none"
+        ) from None
+    return shapely
+
+
+def cells_union(record: WorkedRecord, chosen: Bool[np.ndarray, "north east"]) -> Any:
+    """The ground of chosen cells as one shape, exact: its corners are corners of cells.
+
+    Args:
+        record: whose cells they are.
+        chosen: which of them.
+    """
+    shapely = require_shapely()
+    cells = record.cells
+    faces = shapely.get_parts(shapely.polygonize(shapely.linestrings(_edges(chosen))))
+    # Holes come as faces too: what is ground is told by the cell that a face has somewhere in it.
+    inner = shapely.point_on_surface(faces)
+    column, row = (np.floor(get(inner)).astype(np.int64) for get in (shapely.get_x, shapely.get_y))
+    ground = shapely.multipolygons(faces[chosen[row, column]])
+    corner = np.array([cells.east_m, cells.north_m])
+    # In whole cells the ground is exact; metres come last.
+    return shapely.transform(ground, lambda places: corner + cells.cell_m * places)
+
+
+def _edges(chosen: Bool[np.ndarray, "north east"]) -> Float[np.ndarray, "edge 2 2"]:
+    """Straight edges between chosen cells and others, from crossing to crossing of the grid's lines, in whole cells."""
+    padded = np.pad(chosen, 1)
+    level = padded[1:, 1:-1] != padded[:-1, 1:-1]
+    upright = padded[1:-1, 1:] != padded[1:-1, :-1]
+    meet = np.pad(level, ((0, 0), (0, 1))) | np.pad(level, ((0, 0), (1, 0)))
+    meet &= np.pad(upright, ((0, 1), (0, 0))) | np.pad(upright, ((1, 0), (0, 0)))
+    parts = []
+    for edges, corners, order in ((level, meet, (1, 0)), (upright.T, meet.T, (0, 1))):
+        # Edges of one line follow each other: the n-th that begins at a corner is ended by the n-th that ends at one.
+        line, first = np.nonzero(edges & corners[:, :-1])
+        last = np.nonzero(edges & corners[:, 1:])[1] + 1
+        ends = np.stack([np.stack([line, first], axis=1), np.stack([line, last], axis=1)], axis=1)
+        parts.append(ends[..., list(order)])
+    return np.concatenate(parts).astype(np.float64)
+
+
+def _perimeter(shapely: Any, record: WorkedRecord, field: Any, common: dict[str, Any]) -> GeoLayer:
+    properties = {**common, "name": record.name, "corners": len(record.perimeter_m), "length_m": round(field.length, 2)}
+    return _areas(shapely, record, "perimeter", [(field, properties)])
+
+
+def _swaths(shapely: Any, record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
+    passes, swaths = record.passes, record.swaths
+    rows = []
+    for number in range(len(passes.run)):
+        of = swaths.number == number
+        way = np.stack([swaths.east_m[of], swaths.north_m[of]], axis=1)
+        figures = {
+            name: round(float(getattr(passes, name)[number]), 3)
+            for name in passes._fields
+            if name not in ("run", "line", "begin_s", "end_s")
+        }
+        times = {name: utc_of(record, float(getattr(passes, f"{name}_s")[number])) for name in ("begin", "end")}
+        own = {"pass": number + 1, "run": _run(record, passes.run[number]), "line": int(passes.line[number]) + 1}
+        rows.append(
+            (
+                shapely.LineString(way if len(way) > 1 else np.repeat(way, 2, axis=0)),
+                {**common, **own, **times, **figures},
+            )
+        )
+    return _layer(shapely, record, "swaths", "LineString", rows)
+
+
+def _gaps(
+    shapely: Any, record: WorkedRecord, field: Any, lowest: tuple[float, np.ndarray], common: dict[str, Any]
+) -> GeoLayer:
+    """The field without what is processed at the lowest level: what is uncertain, and all else."""
+    level, state = lowest
+    processed = cells_union(record, state == CellState.PROCESSED)
+    left = shapely.difference(field, processed)
+    doubtful = shapely.intersection(left, cells_union(record, state == CellState.UNCERTAIN))
+    parts = (("uncertain", doubtful), ("not processed", shapely.difference(left, doubtful)))
+    rows = [
+        (each, {**common, "state": word, "level": level}) for word, shape in parts for each in _polygons(shapely, shape)
+    ]
+    return _areas(shapely, record, "gaps", rows)
+
+
+def _stops(shapely: Any, record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
+    stops = record.stops
+    rows = []
+    for number in np.flatnonzero(np.isfinite(stops.east_m) & np.isfinite(stops.north_m)):
+        begin_s, end_s = float(stops.begin_s[number]), float(stops.end_s[number])
+        own = {
+            "run": _run(record, stops.run[number]),
+            "begin": utc_of(record, begin_s),
+            "end": utc_of(record, end_s),
+            "duration_s": round(end_s - begin_s, 1),
+            "reasons": stop_words(int(stops.reasons[number])),
+        }
+        rows.append((shapely.Point(stops.east_m[number], stops.north_m[number]), {**common, **own}))
+    return _layer(shapely, record, "stops", "Point", rows)
+
+
+def _events(shapely: Any, record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
+    events, channels = record.events, record.channels
+    rows = []
+    for number in np.flatnonzero(np.isfinite(events.east_m) & np.isfinite(events.north_m)):
+        time_s = float(events.time_s[number])
+        near = int(np.argmin(np.abs(channels.time_s - time_s)))
+        quality = _QUALITY.get(int(channels.gnss_quality[near]), "unknown")
+        own = {"run": _run(record, events.run[number]), "time": utc_of(record, time_s), "gnss": quality}
+        rows.append(
+            (
+                shapely.Point(events.east_m[number], events.north_m[number]),
+                {**common, **own, "text": _text(events.text[number])},
+            )
+        )
+    return _layer(shapely, record, "events", "Point", rows)
+
+
+def _areas(shapely: Any, record: WorkedRecord, name: str, rows: Iterable[tuple[Any, dict[str, Any]]]) -> GeoLayer:
+    measured = [(shape, {**properties, "area_m2": round(shape.area, 4)}) for shape, properties in rows]
+    return _layer(shapely, record, name, "Polygon", measured)
+
+
+def _layer(
+    shapely: Any, record: WorkedRecord, name: str, kind: str, rows: list[tuple[Any, dict[str, Any]]]
+) -> GeoLayer:
+    def to_degrees(places: Float[np.ndarray, "place 2"]) -> Float[np.ndarray, "place 2"]:
+        latitude, longitude, _ = record.frame.to_geodetic(places[:, 0], places[:, 1], np.zeros(len(places)))
+        return np.stack([longitude, latitude], axis=1)
+
+    shapes = [shapely.transform(shape, to_degrees) for shape, _ in rows]
+    if kind == "Polygon":
+        shapes = [shapely.geometry.polygon.orient(shape, 1.0) for shape in shapes]
+    return GeoLayer(name, kind, tuple(shapes), tuple(properties for _, properties in rows))
+
+
+def _polygons(shapely: Any, shape: Any) -> list[Any]:
+    """Polygons of a shape; lines and points that cutting leaves behind have no area."""
+    parts = shapely.get_parts(shape)
+    inner = [each for part in parts for each in shapely.get_parts(part)]
+    return [each for each in inner if each.geom_type == "Polygon" and each.area > _NO_AREA_M2]
+
+
+def _run(record: WorkedRecord, number: Any) -> str:
+    return str(record.provenance["runs"][int(number)]["folder"])
+
+
+def utc_of(record: WorkedRecord, time_s: float) -> str:
+    """A time of a record as UTC, ISO 8601."""
+    return (datetime.fromisoformat(record.t0_utc) + timedelta(seconds=time_s)).isoformat(timespec="milliseconds")
+
+
+def _dates(record: WorkedRecord) -> dict[str, str]:
+    time_s = record.channels.time_s
+    return {"date_start": utc_of(record, float(time_s.min())), "date_end": utc_of(record, float(time_s.max()))}
+
+
+def _text(line: str) -> str:
+    """An event in a few words: names and values of its JSON."""
+    told = json.loads(line)
+    return ", ".join(f"{name} {value}" for name, value in told.items()) if isinstance(told, dict) else str(told)
+
+
+# What a record of a worked field says in numbers, and what may be said of the ground by it.
+
+PAC = 0.95
+"""Probability that the sentence about a layer is asked to hold with."""
+
+
+class LayerFigures(NamedTuple):
+    """A layer at one level; areas are those of cells whose centre lies inside the perimeter.
+
+    Attributes:
+        level: probability that each processed cell has at least.
+        processed_m2, uncertain_m2, not_processed_m2: areas.
+        share: processed, of the field.
+        mean_miss: mean probability over the processed cells that the best pass missed the cell.
+        worked_share: with probability ``PAC`` or more, at least this share of the processed area was worked.
+    """
+
+    level: float
+    processed_m2: float
+    uncertain_m2: float
+    not_processed_m2: float
+    share: float
+    mean_miss: float
+    worked_share: float
+
+    @property
+    def sentence(self) -> str:
+        """What may be said of the layer, if the errors on board were as the filter had them."""
+        if self.processed_m2 == 0.0:
+            return f"No cell is processed at {100.0 * self.level:g} %."
+        return (
+            f"Each cell of {square_metres(self.processed_m2)} ({percent(self.share)} of the field) was passed by the "
+            f"working tool with probability {100.0 * self.level:g} % or more. With "
+            f"probability {100.0 * PAC:g} % or more, at least {percent(self.worked_share)} of that area was."
+        )
+
+
+class CoverFigures(NamedTuple):
+    """A record in numbers.
+
+    Attributes:
+        area_m2: of the field.
+        layers: one a level, rising.
+        passes, way_m: how many, and how long together.
+        depth_mean_m, depth_least_m: measured while cells counted; ``None`` where none did.
+        stops: how many, by reason.
+        hours: from the first to the last moment.
+        moments: ten a second; fixed: share of them with a fixed GNSS position.
+    """
+
+    area_m2: float
+    layers: tuple[LayerFigures, ...]
+    passes: int
+    way_m: float
+    depth_mean_m: float | None
+    depth_least_m: float | None
+    stops: dict[str, int]
+    hours: float
+    moments: int
+    fixed: float
+
+    def as_json(self) -> dict[str, object]:
+        """For who computes with them."""
+        layers = [{**layer._asdict(), "sentence": layer.sentence} for layer in self.layers]
+        return {**self._asdict(), "layers": layers, "pac": PAC}
+
+
+def cover_figures(record: WorkedRecord) -> CoverFigures:
+    """Numbers of a record."""
+    cells, channels, passes = record.cells, record.channels, record.passes
+    inside = inside_of(record)
+    reasons = [stop_words(int(each)) for each in record.stops.reasons]
+    known = len(passes.run) > 0
+    weight = passes.length_m if known and passes.length_m.sum() > 0.0 else np.ones(len(passes.run))
+    return CoverFigures(
+        area_m2=Field(record.perimeter_m).area_m2,
+        layers=tuple(
+            _figures_layer(record, float(level), state[inside], inside)
+            for level, state in zip(cells.level, cells.state, strict=True)
+        ),
+        passes=len(passes.run),
+        way_m=float(passes.length_m.sum()),
+        depth_mean_m=float(np.average(passes.depth_mean_m, weights=weight)) if known else None,
+        depth_least_m=float(passes.depth_least_m.min()) if known else None,
+        stops={reason: reasons.count(reason) for reason in sorted(set(reasons))},
+        hours=float(channels.time_s.max() - channels.time_s.min()) / 3600.0,
+        moments=len(channels.time_s),
+        fixed=float(np.mean(channels.gnss_quality == 3)),
+    )
+
+
+def grid_of(record: WorkedRecord) -> CellGrid:
+    """The grid that a record's cells are of."""
+    cells = record.cells
+    return CellGrid(cells.east_m, cells.north_m, cells.cell_m, *cells.probability.shape)
+
+
+def inside_of(record: WorkedRecord) -> Bool[np.ndarray, "north east"]:
+    """Cells whose centre lies inside the perimeter."""
+    return inside_cells(Field(record.perimeter_m), grid_of(record))
+
+
+def square_metres(area_m2: float) -> str:
+    """An area, rounded down to a tenth of a square metre."""
+    return f"{math.floor(10.0 * area_m2 + 1e-6) / 10.0:.1f} m²"
+
+
+def percent(share: float) -> str:
+    """A share in per cent, rounded down to two decimals: never more than it is."""
+    return f"{math.floor(1e4 * share + 1e-9) / 100.0:.2f} %"
+
+
+def _figures_layer(
+    record: WorkedRecord, level: float, state: np.ndarray, inside: Bool[np.ndarray, "north east"]
+) -> LayerFigures:
+    cell_m2 = record.cells.cell_m**2
+    counts = {each: int(np.count_nonzero(state == each)) for each in CellState}
+    processed = counts[CellState.PROCESSED]
+    miss = _misses(record.cells.probability[inside][state == CellState.PROCESSED])
+    mean_miss = float(miss.mean()) if processed else 1.0
+    # Markov: however the errors of cells hang together, P(missed share > d) <= E[missed share] / d.
+    worked = max(1.0 - mean_miss / (1.0 - PAC), 0.0)
+    return LayerFigures(
+        level=level,
+        processed_m2=processed * cell_m2,
+        uncertain_m2=counts[CellState.UNCERTAIN] * cell_m2,
+        not_processed_m2=counts[CellState.NOT_PROCESSED] * cell_m2,
+        share=processed / max(len(state), 1),
+        mean_miss=mean_miss,
+        worked_share=worked,
+    )
+
+
+def _misses(numbers: np.ndarray) -> Float[np.ndarray, " cell"]:
+    return np.asarray(1.0 - numbers.astype(np.float64) / FULL)

@@ -1,0 +1,397 @@
+"""Recorded runs over one field made one record of what was worked: of each cell the best pass, never a product."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt16
+
+from lgprjax import __version__
+from lgprjax.batch.recover import RowGatherer, rising
+from lgprjax.coverage import (
+    LEVELS,
+    CellGrid,
+    Tool,
+    ToolMoment,
+    WorkedState,
+    cell_states,
+    grid_of_field,
+    init_worked,
+    step_worked,
+)
+from lgprjax.errors import InputError
+from lgprjax.files import file_hash
+from lgprjax.formats.run_log import payload_type, read_run, read_run_record
+from lgprjax.formats.worked import (
+    FULL,
+    CoverChannels,
+    CoverEvents,
+    CoverPasses,
+    CoverStops,
+    CoverSwaths,
+    WorkedCells,
+    WorkedRecord,
+)
+from lgprjax.frames import body_to_local
+from lgprjax.run_segment import segments_of
+from lgprjax.worked.plans import PlanFile
+
+# What a recorded run of a skid-steer vehicle tells of the field that it worked.
+
+
+class RunEvent(NamedTuple):
+    """What a program on board told, and when."""
+
+    utc_ns: int
+    text: str
+
+
+class CoverRun(NamedTuple):
+    """A run as its record of coverage needs it.
+
+    Attributes:
+        name: of its folder.
+        utc_ns: of each moment, by the computer on board, strictly rising.
+        rows: ``cover`` payloads, one a moment.
+        events: what the programs told, in order.
+        provenance: UUID, whether it is complete, and each segment's SHA-256.
+        plan_sha256: of the plan that it was driven by; ``None`` where the run does not tell.
+    """
+
+    name: str
+    utc_ns: Int[np.ndarray, " moment"]
+    rows: np.ndarray
+    events: tuple[RunEvent, ...]
+    provenance: dict[str, Any]
+    plan_sha256: str | None
+
+
+def read_cover_run(folder: str | Path) -> CoverRun:
+    """Read a run; what is damaged or lost in it is left out, and its provenance says so.
+
+    Args:
+        folder: of the run.
+
+    Raises:
+        InputError: there is no run, no clock, or no moment of coverage in it.
+    """
+    reading = read_run(folder)
+    clock = reading.clock
+    if clock is None:
+        raise InputError(reading.folder, "segments", "a whole head, or run.json", "neither")
+    gathered = RowGatherer(payload_type("cover"))
+    events, plan = [], None
+    utc_of_mono_ns = clock[0] - clock[1]
+    for _, data in reading:
+        record = read_run_record(data)
+        if record is None:
+            continue
+        if record.kind == "cover":
+            gathered.add(record.mono_ns, record.payload)
+        elif record.kind == "event":
+            events.append(RunEvent(record.mono_ns + utc_of_mono_ns, _line(record.payload)))
+        elif record.kind == "header" and plan is None:
+            plan = _plan_of(record.payload)
+    kept = rising(gathered.times_ns, np.ones(len(gathered.rows), bool))
+    if not kept.any():
+        expected = "records of what a tool worked (a run of a skid-steer vehicle with a plan)"
+        raise InputError(reading.folder, "cover", expected, "none")
+    found = reading.summary
+    return CoverRun(
+        name=reading.folder.resolve().name,
+        utc_ns=gathered.times_ns[kept] + utc_of_mono_ns,
+        rows=gathered.rows[kept],
+        events=tuple(events),
+        provenance={
+            "run": str(found.run),
+            "folder": reading.folder.resolve().name,
+            "complete": found.complete,
+            "segments": [
+                {"file": path.name, "sha256": file_hash(path)} for path in segments_of(reading.folder).values()
+            ],
+        },
+        plan_sha256=plan,
+    )
+
+
+def _line(payload: bytes) -> str:
+    """JSON on one line; what is none is kept as text."""
+    text = payload.decode("utf-8", "replace")
+    try:
+        return json.dumps(json.loads(text))
+    except json.JSONDecodeError:
+        return json.dumps(text)
+
+
+def _plan_of(payload: bytes) -> str | None:
+    try:
+        header = json.loads(payload)
+    except ValueError:
+        return None
+    told = header.get("plan_sha256") if isinstance(header, dict) else None
+    return told if isinstance(told, str) else None
+
+
+# Passes, ways of the tool and stops of recorded runs: stretches of moments that belong together.
+
+_COUNTS = 8
+_POINT_M = 0.2
+# Reasons that come and go within this time are one stop.
+_SAME_STOP_S = 1.0
+
+
+def passes_of_runs(runs: Sequence[CoverRun], tool: Tool, t0_ns: int) -> tuple[CoverPasses, CoverSwaths]:
+    """Stretches of one line over which cells counted, and the way of the tool's centre on each.
+
+    Args:
+        runs: in order.
+        tool: that worked.
+        t0_ns: UTC that times count from.
+    """
+    found: list[tuple[float, ...]] = []
+    points: list[Float[np.ndarray, "point 3"]] = [np.zeros((0, 3))]
+    for number, run in enumerate(runs):
+        rows, time_s = run.rows, 1e-9 * (run.utc_ns - t0_ns).astype(np.float64)
+        east, north = body_to_local(rows["x_m"], rows["y_m"], rows["yaw_rad"], tool.ahead_m, tool.left_m)
+        counts = ((rows["tool"] & _COUNTS) != 0) & np.isfinite(east) & np.isfinite(north)
+        changes = np.flatnonzero(np.diff(rows["line"])) + 1
+        for first, last in _stretches(counts, changes):
+            of = slice(first, last + 1)
+            way = np.stack([east[of], north[of]], axis=1)
+            step_m = np.hypot(*np.diff(way, axis=0).T)
+            depth, speed = rows["depth_m"][of].astype(np.float64), rows["speed_mps"][of].astype(np.float64)
+            figures = (step_m.sum(), tool.width_m, depth.mean(), depth.min(), speed.mean(), speed.max())
+            kept = _thinned(step_m)
+            points.append(np.column_stack([np.full(np.count_nonzero(kept), len(found)), way[kept]]))
+            found.append((number, rows["line"][first], time_s[first], time_s[last], *figures))
+    table = np.array(found, np.float64).reshape(len(found), len(CoverPasses._fields))
+    run_of, line, *others = table.T
+    swath = np.concatenate(points)
+    return (
+        CoverPasses(run_of.astype(np.uint16), line.astype(np.int32), *others),
+        CoverSwaths(swath[:, 0].astype(np.uint32), swath[:, 1], swath[:, 2]),
+    )
+
+
+def stops_of_runs(runs: Sequence[CoverRun], t0_ns: int) -> CoverStops:
+    """Stretches of time with a reason to stop; those less than a second apart are one.
+
+    Args:
+        runs: in order.
+        t0_ns: UTC that times count from.
+    """
+    found: list[tuple[float, ...]] = []
+    for number, run in enumerate(runs):
+        time_s = 1e-9 * (run.utc_ns - t0_ns).astype(np.float64)
+        bits = run.rows["stop"]
+        last_end = -np.inf
+        for first, last in _stretches(bits != 0, np.zeros(0, np.int64)):
+            reasons = int(np.bitwise_or.reduce(bits[first : last + 1]))
+            if time_s[first] - last_end <= _SAME_STOP_S:
+                begin = found.pop()
+                found.append((*begin[:2], time_s[last], *begin[3:5], int(begin[5]) | reasons))
+            else:
+                place = run.rows["x_m"][first], run.rows["y_m"][first]
+                found.append((number, time_s[first], time_s[last], *place, reasons))
+            last_end = time_s[last]
+    run_of, begin_s, end_s, east_m, north_m, reason = np.array(found, np.float64).reshape(len(found), 6).T
+    return CoverStops(run_of.astype(np.uint16), begin_s, end_s, east_m, north_m, reason.astype(np.uint16))
+
+
+def _stretches(held: Bool[np.ndarray, " moment"], changes: np.ndarray) -> Iterator[tuple[int, int]]:
+    """First and last moment of each stretch that holds throughout, cut where something changes."""
+    begins = held & ~np.concatenate([[False], held[:-1]])
+    begins[changes] |= held[changes]
+    starts = np.flatnonzero(begins)
+    ends = np.concatenate([starts[1:], [len(held)]]) if len(starts) else starts
+    for start, end in zip(starts, ends, strict=True):
+        yield int(start), int(start + np.flatnonzero(held[start:end])[-1])
+
+
+def _thinned(step_m: Float[np.ndarray, " step"]) -> Bool[np.ndarray, " moment"]:
+    """Moments about ``_POINT_M`` of way apart, the first and the last among them."""
+    way_m = np.concatenate([[0.0], np.cumsum(step_m)])
+    kept = np.concatenate([[True], np.diff(np.floor(way_m / _POINT_M)) > 0.0])
+    kept[-1] = True
+    return kept
+
+
+COUNTS = 8
+"""The bit of ``cover``'s tool field that says that cells count."""
+_BLOCK = 256
+# Two moments are a tenth of a second apart. Where one is missing nobody knows what the tool did.
+_LONGEST_STEP_NS = 250_000_000
+
+
+def record_cover(
+    plans: Sequence[PlanFile],
+    runs: Sequence[CoverRun],
+    *,
+    cell_m: float = 0.05,
+    progress: Callable[[int], None] | None = None,
+) -> WorkedRecord:
+    """The record of a field.
+
+    Cells beyond the perimeter are kept as far as the tool is wide, so that what was worked there is seen.
+
+    Args:
+        plans: of the field; the first names it, others are for gaps of it. Their tool is the one that worked.
+        runs: over it, each by one of the plans.
+        cell_m: side of a cell.
+        progress: told the moments done, now and then; those where nothing counts are soon done.
+
+    Raises:
+        InputError: no run, the same run twice, one by another plan, plans of different fields or tools, or cells too
+            small for the field.
+    """
+    first, plan = plans[0], plans[0].plan
+    _check_plans(plans)
+    _check_runs(plans, runs)
+    ordered = sorted(runs, key=lambda run: int(run.utc_ns[0]))
+    t0_ns = int(ordered[0].utc_ns[0])
+    grid = grid_of_field(plan.pattern.field, cell_m, plan.tool.width_m)
+    best = np.zeros(grid.shape, np.float32)
+    for run in ordered:
+        best = np.maximum(best, _probability(grid, plan.tool, run, progress))
+    numbers = whole_down(best)
+    kept = numbers / FULL
+    t0 = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=t0_ns // 1000)
+    passes, swaths = passes_of_runs(ordered, plan.tool, t0_ns)
+    return WorkedRecord(
+        name=plan.name,
+        frame=plan.frame,
+        perimeter_m=plan.pattern.field.perimeter_m,
+        tool=plan.tool,
+        t0_utc=t0.isoformat(),
+        cells=WorkedCells(
+            east_m=grid.east_m,
+            north_m=grid.north_m,
+            cell_m=grid.cell_m,
+            probability=numbers,
+            level=np.array(LEVELS),
+            state=np.stack([cell_states(kept, level) for level in LEVELS]),
+        ),
+        channels=_channels(ordered, t0_ns),
+        passes=passes,
+        swaths=swaths,
+        stops=stops_of_runs(ordered, t0_ns),
+        events=_events(ordered, t0_ns),
+        provenance={
+            "program": f"lgprjax {__version__}",
+            "step": "cover record",
+            "plan": {"file": first.path.name, "sha256": first.sha256},
+            "other_plans": [{"file": each.path.name, "sha256": each.sha256} for each in plans[1:]],
+            "vehicle": {"name": plan.vehicle_name, "sha256": plan.vehicle_sha256},
+            "runs": [{**run.provenance, "plan_sha256": run.plan_sha256} for run in ordered],
+            "combined": "the largest probability of any pass of any run, a cell",
+        },
+    )
+
+
+def whole_down(probability: Float[np.ndarray, "north east"]) -> UInt16[np.ndarray, "north east"]:
+    """Probabilities as whole numbers of 1/65535, never more than they were; what is no number is none."""
+    known = np.clip(np.nan_to_num(np.asarray(probability, np.float64)), 0.0, 1.0)
+    return np.floor(known * FULL).astype(np.uint16)
+
+
+def moments_of_run(run: CoverRun) -> tuple[np.ndarray, ...]:
+    """Fields of ``ToolMoment`` over a run, on the host; in a hole of the recording one that does not count."""
+    rows = run.rows
+    holes = np.flatnonzero(np.diff(run.utc_ns) > _LONGEST_STEP_NS) + 1
+    on = np.insert((rows["tool"] & COUNTS) != 0, holes, False)
+    # One moment that does not count ends a pass as well as many.
+    kept = on | np.concatenate([[True], on[:-1]])
+
+    def filled(name: str) -> np.ndarray:
+        values = np.asarray(rows[name], np.float32)
+        return np.asarray(np.insert(values, holes, values[holes], axis=0)[kept])
+
+    return *(filled(name) for name in ToolMoment._fields[:-1]), on[kept]
+
+
+def _probability(
+    grid: CellGrid, tool: Tool, run: CoverRun, progress: Callable[[int], None] | None
+) -> Float[np.ndarray, "north east"]:
+    moments = moments_of_run(run)
+    count, state = len(moments[-1]), init_worked(grid)
+    if progress is not None:
+        progress(len(run.rows) - count)
+    for start in range(0, count, _BLOCK):
+        block = [each[start : start + _BLOCK] for each in moments]
+        short = _BLOCK - len(block[0])
+        # Filled up with moments that do not count: one compiled size serves every run.
+        full = [np.concatenate([each, np.repeat(each[-1:], short, axis=0)]) for each in block]
+        full[-1] &= np.arange(_BLOCK) < _BLOCK - short
+        state = _work(grid, tool, state, ToolMoment(*(jnp.asarray(each) for each in full)))
+        jax.block_until_ready(state.probability)
+        if progress is not None:
+            progress(min(_BLOCK, count - start))
+    return np.asarray(state.probability)
+
+
+@partial(jax.jit, static_argnames=("grid", "tool"))
+def _work(grid: CellGrid, tool: Tool, state: WorkedState, moments: ToolMoment) -> WorkedState:
+    def step(carried: WorkedState, moment: ToolMoment) -> tuple[WorkedState, None]:
+        return step_worked(grid, tool, carried, moment), None
+
+    worked: WorkedState = jax.lax.scan(step, state, moments)[0]
+    return worked
+
+
+def _check_plans(plans: Sequence[PlanFile]) -> None:
+    """Cells of two plans coincide only about one anchor."""
+    first = plans[0].plan
+    for path, _, plan in plans[1:]:
+        if plan.frame != first.frame or plan.tool != first.tool:
+            expected = f"anchor and tool of {plans[0].path.name} (made by --gaps from its record)"
+            raise InputError(path, "plan", expected, "others")
+
+
+def _check_runs(plans: Sequence[PlanFile], runs: Sequence[CoverRun]) -> None:
+    if not runs:
+        raise InputError(plans[0].path, "runs", "one recorded run or more", "none")
+    known = {plan.sha256 for plan in plans}
+    seen: dict[str, str] = {}
+    for run in runs:
+        if run.plan_sha256 not in known:
+            expected = "a run by this plan, or by another one that --plan names too"
+            found = "none that it tells" if run.plan_sha256 is None else f"the plan {run.plan_sha256[:12]}..."
+            raise InputError(run.name, "plan", expected, found)
+        identity = str(run.provenance["run"])
+        if identity in seen:
+            raise InputError(run.name, "run", "each run once", f"the same as {seen[identity]}")
+        seen[identity] = run.name
+
+
+def _seconds(utc_ns: Int[np.ndarray, " row"], t0_ns: int) -> Float[np.ndarray, " row"]:
+    return np.asarray(1e-9 * (utc_ns - t0_ns).astype(np.float64))
+
+
+def _channels(runs: Sequence[CoverRun], t0_ns: int) -> CoverChannels:
+    number = np.repeat(np.arange(len(runs), dtype=np.uint16), [len(run.rows) for run in runs])
+    rows = np.concatenate([run.rows for run in runs])
+    time_s = np.concatenate([_seconds(run.utc_ns, t0_ns) for run in runs])
+    return CoverChannels(time_s, number, *(np.array(rows[name]) for name in CoverChannels._fields[2:]))
+
+
+def _events(runs: Sequence[CoverRun], t0_ns: int) -> CoverEvents:
+    number = np.repeat(np.arange(len(runs), dtype=np.uint16), [len(run.events) for run in runs])
+    time_s, places, text = [np.zeros(0)], [np.zeros((0, 2))], []
+    for run in runs:
+        if not run.events:
+            continue
+        utc_ns = np.array([event.utc_ns for event in run.events], np.int64)
+        # The newest moment before; before the first one nothing was known.
+        before = np.searchsorted(run.utc_ns, utc_ns, side="right") - 1
+        place = np.stack([run.rows["x_m"][before], run.rows["y_m"][before]], axis=1)
+        time_s.append(_seconds(utc_ns, t0_ns))
+        places.append(np.where(before[:, None] >= 0, place, np.nan))
+        text += [event.text for event in run.events]
+    east_m, north_m = np.concatenate(places).T
+    return CoverEvents(number, np.concatenate(time_s), east_m, north_m, tuple(text))
