@@ -74,12 +74,12 @@ def _place(path: str) -> str:
 
 def _records_page() -> str:
     """Figures and goals as the benchmarks wrote them, a table a benchmark; nobody has typed them."""
-    lines = ["# All records", "", "What `lgprjax bench NAME --json FILE` wrote, as it is. [What was measured]"]
+    lines = ["# All records", "", "What `python -m benchmarks NAME --json FILE` wrote, as it is. [What was measured]"]
     lines[-1] += "(performance.md) says what was measured and what of it may be concluded."
     for path in sorted((_ROOT / "docs" / "records").glob("*.json")):
         told = json.loads(path.read_text("utf-8"))
         quick = " --quick" if told["quick"] else ""
-        lines += ["", f"## lgprjax bench {path.stem}{quick}", "", told["machine"], ""]
+        lines += ["", f"## python -m benchmarks {path.stem}{quick}", "", told["machine"], ""]
         lines += ["| figure | value | unit | goal | met | |", "| --- " * 6 + "|"]
         lines += [_record_row(record) for record in told["records"]]
     return "\n".join([*lines, ""])

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from pathlib import Path
 
 import jax
@@ -10,6 +11,8 @@ import pytest
 from generated import Site, make_site
 from trench_site import TrenchSite, make_trench_site
 
+# The benchmarks are not in the wheel. Behind everything else, so that the installed package stays what is tested.
+sys.path.append(str(Path(__file__).parents[1]))
 # A shell that starts the tests in the background has them, and what they start, ignore Ctrl-C; some of them press it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 jax.config.update("jax_numpy_rank_promotion", "raise")

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import lgprjax
+from benchmarks.__main__ import Name
+from benchmarks.records import Record
 from formats.samples import write_dt1
-from lgprjax.bench.records import Record
-from lgprjax.cli.bench import Name
 from lgprjax.formats import DriveLog, TraceRecording, read_fixes
 from lgprjax.simulation import read_site
 

@@ -21,7 +21,7 @@ from lgprjax.machine import usable_cores
 
 _EXTRA_FOR = {
     "batch": "register --scheduler",
-    "bench": "the peers of lgprjax bench",
+    "bench": "the peers of python -m benchmarks",
     "docs": "make docs",
     "gis": "cover export to GeoPackage",
     "lint": "make lint, make types",

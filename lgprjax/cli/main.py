@@ -8,7 +8,6 @@ from typing import Annotated
 
 import tyro
 
-from lgprjax.cli.bench import Bench
 from lgprjax.cli.cover import CoverVerb
 from lgprjax.cli.data import Check, Export, Recover
 from lgprjax.cli.doctor import Doctor
@@ -48,7 +47,6 @@ Verb = (
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[ThresholdsVerb, tyro.conf.subcommand("thresholds")]
     | Annotated[Tune, tyro.conf.subcommand("tune")]
-    | Annotated[Bench, tyro.conf.subcommand("bench")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )
 

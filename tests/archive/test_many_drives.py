@@ -14,10 +14,9 @@ import pytest
 from distributed import Client, LocalCluster
 
 import lgprjax
+from benchmarks.archive import FULL_ARCHIVE, cut_drive, run_archive
 from generated import Site
 from lgprjax.batch import ArchiveRun, WorkerPool, claimed, outputs_of, plan_jobs, read_records, shares_of, stamp_of
-from lgprjax.bench.archive import FULL_ARCHIVE, run_archive
-from lgprjax.bench.archive_drives import cut_drive
 from lgprjax.cli import main
 from lgprjax.files import file_hash
 from lgprjax.formats import DriveLog

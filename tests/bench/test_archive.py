@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from archive_records import done, figures
+from benchmarks.archive import ArchivePlan, Run, archive_records, cut_drive
 from generated import Site
-from lgprjax.bench.archive import ArchivePlan, Run, archive_records
-from lgprjax.bench.archive_drives import cut_drive
 from lgprjax.formats import DriveLog, NavigationTrack, OdometryTrack
 
 PLAN = ArchivePlan(drives=2, workers=(1, 2))

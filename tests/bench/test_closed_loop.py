@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from lgprjax.bench.closed_loop import FULL_LOOP, Drives, day_records, drive_records, many_records
+from benchmarks.closed_loop import FULL_LOOP, Drives, day_records, drive_records, many_records
 
 
 def _figures(**more: Any) -> dict[str, Any]:

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from lgprjax.bench import coverage
-from lgprjax.bench.coverage import CoveragePlan, coverage_records, run_coverage
-from lgprjax.bench.programs import ProgramError
-from lgprjax.bench.worked_area import TOOL, brute_force, drive
+from benchmarks import coverage
+from benchmarks.coverage import CoveragePlan, coverage_records, run_coverage
+from benchmarks.process import ProgramError
+from benchmarks.worked_area import TOOL, brute_force, drive
 from lgprjax.coverage import CellGrid
 
 FIGURES = {
@@ -56,9 +56,9 @@ def test_brute_force_of_hardly_any_error_is_the_swath() -> None:
 
 def test_what_does_not_run_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*_: object, **__: object) -> dict[str, float]:
-        raise ProgramError("lgprjax.bench.worked_area: not done within 1 s")
+        raise ProgramError("benchmarks.worked_area: not done within 1 s")
 
     monkeypatch.setattr(coverage, "run_program", fails)
     outcome = run_coverage(CoveragePlan(10, 10), lambda _: None)
     assert outcome.records == []
-    assert outcome.not_measured == ["lgprjax.bench.worked_area: not done within 1 s"]
+    assert outcome.not_measured == ["benchmarks.worked_area: not done within 1 s"]

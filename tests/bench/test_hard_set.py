@@ -7,9 +7,9 @@ import pytest
 from jaxtyping import Float
 from scipy.ndimage import map_coordinates
 
-from lgprjax.bench import HardSet, HardSetConfig, load_hard_set, make_hard_set, save_hard_set, success
-from lgprjax.bench.field import draw_ground, sample_ground
-from lgprjax.bench.hard_set import CELL_M, band_basis
+from benchmarks import HardSet, HardSetConfig, load_hard_set, make_hard_set, save_hard_set, success
+from benchmarks.coverage import draw_ground, sample_ground
+from benchmarks.registration import CELL_M, band_basis
 from lgprjax.errors import InputError
 
 CONFIG = HardSetConfig(maps=1, scans=6)

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lgprjax.bench.long_map import RepeatedRoad
-from lgprjax.bench.map_precision import Outcome, Size, ratio_of, recode, row_of, size_of
-from lgprjax.bench.stored_road import write_road
+from benchmarks.long_map import RepeatedRoad
+from benchmarks.map_precision import Outcome, Size, ratio_of, recode, row_of, size_of
+from benchmarks.stored_road import write_road
 from lgprjax.formats import MAP_PRECISIONS, MapFile
 from lgprjax.subsurface import GroundMap
 from made_map import write_made_map

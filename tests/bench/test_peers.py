@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.bench import HardSetConfig, PeerResult, make_hard_set, run_peer, save_hard_set
-from lgprjax.bench.peers import PEERS
-from lgprjax.bench.process import results_as_json
+from benchmarks import HardSetConfig, PeerResult, make_hard_set, run_peer, save_hard_set
+from benchmarks.peers import PEERS
+from benchmarks.process import results_as_json
 
 PROBLEMS = 4
 SMALL: dict[str, tuple[str, ...]] = {

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from lgprjax.bench import Record, markdown_table, records_as_json, text_table
+from benchmarks import Record, markdown_table, records_as_json, text_table
 
 HIGHER = Record("success", 99.2, "%", "higher", 99.0, "912 problems")
 LOWER = Record("single", 0.51, "ms", "lower", 0.5)

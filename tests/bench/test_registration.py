@@ -13,17 +13,26 @@ from jaxtyping import Float
 from matplotlib.image import imread
 from scipy.stats import binomtest
 
-from lgprjax.bench import HardSetConfig, PeerResult, make_hard_set, registration, save_hard_set, wilson
-from lgprjax.bench.figure import Point, draw_sweeps
-from lgprjax.bench.latency import measure
-from lgprjax.bench.long_map import CHANNELS, HEIGHT_M, RepeatedRoad
-from lgprjax.bench.machine import machine_line
-from lgprjax.bench.peer_table import peer_table, peers_as_data
-from lgprjax.bench.peers.worker import Peer
-from lgprjax.bench.programs import ProgramError, run_program
-from lgprjax.bench.ratios import Ran, Role, TileCost, equal_success, fastest, ratio_records, single
-from lgprjax.bench.records import Record
-from lgprjax.bench.tracking import latency_records, length_records, tile_cost, tile_records
+from benchmarks import HardSetConfig, PeerResult, make_hard_set, registration, save_hard_set, wilson
+from benchmarks.figure import Point, draw_sweeps
+from benchmarks.latency import measure
+from benchmarks.long_map import CHANNELS, HEIGHT_M, RepeatedRoad
+from benchmarks.peers.worker import Peer
+from benchmarks.process import ProgramError, run_program
+from benchmarks.records import (
+    Ran,
+    Record,
+    Role,
+    TileCost,
+    equal_success,
+    fastest,
+    machine_line,
+    peer_table,
+    peers_as_data,
+    ratio_records,
+    single,
+)
+from benchmarks.tracking import latency_records, length_records, tile_cost, tile_records
 from lgprjax.errors import InputError
 from lgprjax.registration import RegisterOptions, ground_map_for, register_drive
 from lgprjax.subsurface import StationSource
@@ -206,7 +215,7 @@ def test_a_drive_is_found_on_a_repeated_road() -> None:
 def test_stages_and_the_rest_are_the_whole(tmp_path: Path) -> None:
     file = tmp_path / "set.npz"
     save_hard_set(file, make_hard_set(4, HardSetConfig(maps=1, scans=2)))
-    taken = run_program("lgprjax.bench.stages", [str(file)], threads=1)
+    taken = run_program("benchmarks.stages", [str(file)], threads=1)
     whole = taken.pop("whole")
     assert sum(value for stage, value in taken.items() if "floor" not in stage) == pytest.approx(whole)
     assert min(taken[stage] for stage in ("products and surfaces", "floor from operations", "floor from bytes")) > 0
@@ -221,7 +230,7 @@ def test_a_run_gathers_every_program_and_tells_what_failed(tmp_path: Path, monke
     asked: list[tuple[str, ...]] = []
 
     def program(module: str, arguments: list[str], *, threads: int, **_: object) -> dict[str, Any]:
-        name = module.removeprefix("lgprjax.bench.")
+        name = module.removeprefix("benchmarks.")
         asked.append((name, *arguments))
         if "--kilometres" in arguments:
             raise ProgramError("map_length: broken")
@@ -250,7 +259,7 @@ def test_a_run_gathers_every_program_and_tells_what_failed(tmp_path: Path, monke
 
 def test_failed_program_is_one_line() -> None:
     with pytest.raises(ProgramError, match=r"lgprjax\.bench\.no_such: its process ended with 1: .*no_such"):
-        run_program("lgprjax.bench.no_such", [], threads=1)
+        run_program("benchmarks.no_such", [], threads=1)
 
 
 def test_machine_line_names_what_computes() -> None:

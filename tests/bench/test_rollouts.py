@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.bench import rollouts
-from lgprjax.bench.programs import ProgramError, run_program
-from lgprjax.bench.records import Record
-from lgprjax.bench.rollout_operations import operations_a_step
-from lgprjax.bench.rollout_peers import ROLLOUT_PEERS
-from lgprjax.bench.rollout_problem import as_rollout, load_problem, make_problem, save_problem
-from lgprjax.bench.rollouts import (
+from benchmarks import rollouts
+from benchmarks.process import ProgramError, run_program
+from benchmarks.records import Record
+from benchmarks.rollout_operations import operations_a_step
+from benchmarks.rollout_peers import ROLLOUT_PEERS
+from benchmarks.rollout_problem import as_rollout, load_problem, make_problem, save_problem
+from benchmarks.rollouts import (
     RolloutPlan,
     difference_records,
     gradient_records,
@@ -138,7 +138,7 @@ def test_what_is_missing_or_fails_is_said(
     assert stopped.value.code == 0
     shown = capsys.readouterr().out
     assert 'numba_lanes: package no_such_package is not installed: pip install "lgprjax[bench]"' in shown
-    assert "not measured: lgprjax.bench.rollout_peers.this_project: its process ended with 1: boom" in shown
+    assert "not measured: benchmarks.rollout_peers.this_project: its process ended with 1: boom" in shown
     with pytest.raises(SystemExit) as stopped:
         main(["bench", "rollouts", "--figure", str(tmp_path / "f.png")])
     assert stopped.value.code == 1
@@ -148,7 +148,7 @@ def test_what_is_missing_or_fails_is_said(
 def test_program_that_cannot_read_its_problem_says_so(tmp_path: Path) -> None:
     with pytest.raises(ProgramError, match=r"none\.npz"):
         run_program(
-            "lgprjax.bench.rollout_peers.plain_python",
+            "benchmarks.rollout_peers.plain_python",
             [str(tmp_path / "none.npz"), str(tmp_path / "out.npz"), "--steps", "1", "--threads", "1"],
             threads=1,
         )

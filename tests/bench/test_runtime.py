@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.bench import runtime
-from lgprjax.bench.runtime import RuntimePlan, run_runtime
+from benchmarks import runtime
+from benchmarks.runtime import RuntimePlan, run_runtime
 
 _FIGURES = {
     "scan_to_command_p99_ms": 90.0,

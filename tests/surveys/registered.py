@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.archive import cut_drive
 from lgprjax.batch import RegisteredDrive, register_log
-from lgprjax.bench.archive_drives import cut_drive
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording, import_lines
 from lgprjax.mapping import build_map
 from lgprjax.registration import RegisterOptions
