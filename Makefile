@@ -27,7 +27,7 @@ gprmax: $(VENV)/.test $(GPRMAX)/.gprmax
 mutants: $(VENV)/.test
 	$(PIP) install --constraint constraints.txt cosmic-ray
 	rm -rf build/mutants && mkdir -p build/mutants/tests/autopilot
-	cp -r lgprjax build/mutants/ && cp tests/autopilot/test_limiter.py build/mutants/tests/autopilot/
+	cp -r lgprjax build/mutants/ && cp tests/autopilot/test_limiter.py tests/autopilot/test_skid_limiter.py build/mutants/tests/autopilot/
 	cd build/mutants && PATH="$(CURDIR)/$(BIN):$$PATH" PYTHONPATH=. && export PATH PYTHONPATH \
 	&& cosmic-ray init $(CURDIR)/tests/autopilot/mutants.toml limiter.sqlite \
 	&& cosmic-ray exec $(CURDIR)/tests/autopilot/mutants.toml limiter.sqlite \
@@ -39,7 +39,7 @@ coverage: $(VENV)/.test
 	$(PIP) install --constraint constraints.txt coverage
 	mkdir -p build
 	LGPRJAX_TEST_CACHE="$(CURDIR)/build/test-cache" $(BIN)/coverage run --branch --data-file=build/coverage \
-	  --include="$$(printf '*/lgprjax/%s/*,' $(ROOMS))" -m pytest -q $(addprefix tests/,$(ROOMS)) tests/archive \
+	  --include="$$(printf '*/lgprjax/%s/*,' $(ROOMS))" -m pytest -q $(addprefix tests/,$(ROOMS)) tests/batch tests/mapping \
 	  tests/simulation tests/runtime/test_on_board.py tests/runtime/test_field.py
 	$(BIN)/coverage report --data-file=build/coverage --skip-covered --sort=cover --fail-under=95
 

@@ -1,14 +1,19 @@
 """The last filter on commands: range, rate, finite numbers, age. It knows nothing of what made them.
 
 A command that is no number or too old is replaced by the last good one for one step. Is the next one bad too, the
-limiter fails to its default and asks for manual, and stays there until it is started anew: throttle idle, brake
-rising to its default, steering led from the last good angle to straight at a slow rate of its own. What it lets through
-never has both pedals pressed; the brake wins. Letting a pedal go is never slowed.
+limiter fails to its default and asks for manual, and stays there until it is started anew. That is the same for every
+vehicle (``_judge`` and ``_send``); limits and default are a vehicle's own.
+
+Front-wheel steering and pedals: the default is throttle idle, brake rising to its default, steering led from the last
+good angle to straight at a slow rate of its own. What is let through never has both pedals pressed; the brake wins.
+Letting a pedal go is never slowed.
+
+Skid steering and tool: the default is the tool off at once, both wheels to a stop along the arc that they are on.
 """
 
 from enum import IntFlag
 from functools import reduce
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -64,106 +69,6 @@ class LimiterRules(NamedTuple):
     release_rate_radps: Float[Array, "..."]
 
 
-class LimiterState(NamedTuple):
-    """What the limiter carries from step to step.
-
-    Attributes:
-        last: what it let through.
-        missed: the last command was bad.
-        failed: two in a row were; it stays with the default.
-    """
-
-    last: Command
-    missed: Bool[Array, "..."]
-    failed: Bool[Array, "..."]
-
-
-def init_limiter(front_rad: Float[Array, "..."]) -> LimiterState:
-    """With both pedals free and the front wheels where they are."""
-    free, no = jnp.zeros_like(front_rad), jnp.zeros_like(front_rad, jnp.bool_)
-    return LimiterState(Command(front_rad, free, free), no, no)
-
-
-def limit_command(
-    rules: LimiterRules,
-    state: LimiterState,
-    command: Command,
-    age_s: Float[Array, "..."],
-    step_s: Float[Array, "..."],
-) -> tuple[LimiterState, Command, Int32[Array, "..."]]:
-    """State, the command to send, and what was done to it as bits of ``Limited``.
-
-    Args:
-        rules: the limits.
-        state: of the last step.
-        command: as wanted.
-        age_s: of the pose that it was made of; a negative age is one of a broken clock, and too old.
-        step_s: since the last command sent; one that is not positive, or no number, allows no change.
-    """
-    last = state.last
-    finite = jnp.isfinite(jnp.stack(command)).all(0)
-    fresh = jnp.logical_and(age_s >= 0.0, age_s <= rules.oldest_s)
-    bad = jnp.logical_not(jnp.logical_and(finite, fresh))
-    failed = jnp.logical_or(state.failed, jnp.logical_and(state.missed, bad))
-    good = jnp.logical_not(jnp.logical_or(bad, failed))
-    # Of zero and no number this takes zero.
-    step = jnp.fmax(step_s, 0.0)
-
-    turn, largest = rules.front_rate_radps * step, rules.largest_front_rad
-    front_ranged = jnp.clip(command.front_rad, -largest, largest)
-    front = jnp.clip(front_ranged, last.front_rad - turn, last.front_rad + turn)
-    throttle_ranged, brake_ranged = jnp.clip(command.throttle, 0.0, 1.0), jnp.clip(command.brake, 0.0, 1.0)
-    throttle = jnp.minimum(throttle_ranged, last.throttle + rules.throttle_rate_per_s * step)
-    brake = jnp.minimum(brake_ranged, last.brake + rules.brake_rate_per_s * step)
-    # Neither is negative: a pedal is pressed where it is not zero.
-    both = jnp.logical_and(throttle.astype(jnp.bool_), brake.astype(jnp.bool_))
-    limited = Command(front, jnp.where(both, 0.0, throttle), brake)
-
-    sent = _pick(good, limited, _pick(failed, _default(rules, last, step), last))
-    limits = (
-        (Limited.FRONT_RANGE, jnp.not_equal(front_ranged, command.front_rad)),
-        (Limited.FRONT_RATE, jnp.not_equal(front, front_ranged)),
-        (Limited.THROTTLE_RANGE, jnp.not_equal(throttle_ranged, command.throttle)),
-        (Limited.THROTTLE_RATE, jnp.not_equal(throttle, throttle_ranged)),
-        (Limited.BRAKE_RANGE, jnp.not_equal(brake_ranged, command.brake)),
-        (Limited.BRAKE_RATE, jnp.not_equal(brake, brake_ranged)),
-        (Limited.BOTH_PEDALS, both),
-    )
-    faults = (
-        (Limited.NOT_FINITE, jnp.logical_not(finite)),
-        (Limited.STALE, jnp.logical_not(fresh)),
-        (Limited.MANUAL_REQUESTED, failed),
-    )
-    # What was replaced met no limits.
-    bits = jnp.bitwise_or(jnp.where(good, _bits(limits), 0), _bits(faults))
-    return LimiterState(sent, bad, failed), sent, bits
-
-
-def _default(rules: LimiterRules, last: Command, step_s: Float[Array, "..."]) -> Command:
-    """One step further towards straight wheels and the brake's default, the throttle idle at once."""
-    turn = rules.release_rate_radps * step_s
-    rising = jnp.minimum(rules.default_brake, last.brake + rules.brake_rate_per_s * step_s)
-    # A brake that is pressed harder than its default is not let go of.
-    brake = jnp.maximum(rising, last.brake)
-    return Command(last.front_rad - jnp.clip(last.front_rad, -turn, turn), jnp.zeros_like(brake), brake)
-
-
-def _bits(flags: tuple[tuple[Limited, Bool[Array, "..."]], ...]) -> Int32[Array, "..."]:
-    return reduce(jnp.bitwise_or, (jnp.where(is_set, jnp.int32(flag), jnp.int32(0)) for flag, is_set in flags))
-
-
-def _pick(choice: Bool[Array, "..."], chosen: Command, other: Command) -> Command:
-    picked: Command = jax.tree.map(lambda one, two: jnp.where(choice, one, two), chosen, other)
-    return picked
-
-
-# The last filter on a skid-steer vehicle's commands: range, rate, finite numbers, age. See ``limiter``.
-#
-# A command that is no number or too old is replaced by the last good one for one step. Is the next one bad too, the
-# limiter fails to its default and asks for manual, and stays there until it is started anew: the tool off at once,
-# both wheels to a stop along the arc that they are on.
-
-
 class SkidLimited(IntFlag):
     """What was done to a command."""
 
@@ -211,8 +116,25 @@ class SkidLimiterRules(NamedTuple):
     release_rate_mps2: Float[Array, "..."]
 
 
-class SkidLimiterState(NamedTuple):
+AnyCommand = TypeVar("AnyCommand", Command, SkidCommand)
+
+
+class LimiterState(NamedTuple):
     """What the limiter carries from step to step.
+
+    Attributes:
+        last: what it let through.
+        missed: the last command was bad.
+        failed: two in a row were; it stays with the default.
+    """
+
+    last: Command
+    missed: Bool[Array, "..."]
+    failed: Bool[Array, "..."]
+
+
+class SkidLimiterState(NamedTuple):
+    """The same of a skid-steer vehicle.
 
     Attributes:
         last: what it let through.
@@ -223,6 +145,73 @@ class SkidLimiterState(NamedTuple):
     last: SkidCommand
     missed: Bool[Array, "..."]
     failed: Bool[Array, "..."]
+
+
+class _Judged(NamedTuple):
+    """What is to become of a command; ``step_s`` is never negative."""
+
+    finite: Bool[Array, "..."]
+    fresh: Bool[Array, "..."]
+    bad: Bool[Array, "..."]
+    failed: Bool[Array, "..."]
+    step_s: Float[Array, "..."]
+
+
+def init_limiter(front_rad: Float[Array, "..."]) -> LimiterState:
+    """With both pedals free and the front wheels where they are."""
+    free, no = jnp.zeros_like(front_rad), jnp.zeros_like(front_rad, jnp.bool_)
+    return LimiterState(Command(front_rad, free, free), no, no)
+
+
+def limit_command(
+    rules: LimiterRules,
+    state: LimiterState,
+    command: Command,
+    age_s: Float[Array, "..."],
+    step_s: Float[Array, "..."],
+) -> tuple[LimiterState, Command, Int32[Array, "..."]]:
+    """State, the command to send, and what was done to it as bits of ``Limited``.
+
+    Args:
+        rules: the limits.
+        state: of the last step.
+        command: as wanted.
+        age_s: of the pose that it was made of; a negative age is one of a broken clock, and too old.
+        step_s: since the last command sent; one that is not positive, or no number, allows no change.
+    """
+    last, judged = state.last, _judge(state, command, age_s, rules.oldest_s, step_s)
+    step = judged.step_s
+
+    turn, largest = rules.front_rate_radps * step, rules.largest_front_rad
+    front_ranged = jnp.clip(command.front_rad, -largest, largest)
+    front = jnp.clip(front_ranged, last.front_rad - turn, last.front_rad + turn)
+    throttle_ranged, brake_ranged = jnp.clip(command.throttle, 0.0, 1.0), jnp.clip(command.brake, 0.0, 1.0)
+    throttle = jnp.minimum(throttle_ranged, last.throttle + rules.throttle_rate_per_s * step)
+    brake = jnp.minimum(brake_ranged, last.brake + rules.brake_rate_per_s * step)
+    # Neither is negative: a pedal is pressed where it is not zero.
+    both = jnp.logical_and(throttle.astype(jnp.bool_), brake.astype(jnp.bool_))
+    limited = Command(front, jnp.where(both, 0.0, throttle), brake)
+
+    limits = (
+        (Limited.FRONT_RANGE, jnp.not_equal(front_ranged, command.front_rad)),
+        (Limited.FRONT_RATE, jnp.not_equal(front, front_ranged)),
+        (Limited.THROTTLE_RANGE, jnp.not_equal(throttle_ranged, command.throttle)),
+        (Limited.THROTTLE_RATE, jnp.not_equal(throttle, throttle_ranged)),
+        (Limited.BRAKE_RANGE, jnp.not_equal(brake_ranged, command.brake)),
+        (Limited.BRAKE_RATE, jnp.not_equal(brake, brake_ranged)),
+        (Limited.BOTH_PEDALS, both),
+    )
+    sent, bits = _send(judged, last, limited, _default(rules, last, step), Limited, limits)
+    return LimiterState(sent, judged.bad, judged.failed), sent, bits
+
+
+def _default(rules: LimiterRules, last: Command, step_s: Float[Array, "..."]) -> Command:
+    """One step further towards straight wheels and the brake's default, the throttle idle at once."""
+    turn = rules.release_rate_radps * step_s
+    rising = jnp.minimum(rules.default_brake, last.brake + rules.brake_rate_per_s * step_s)
+    # A brake that is pressed harder than its default is not let go of.
+    brake = jnp.maximum(rising, last.brake)
+    return Command(last.front_rad - jnp.clip(last.front_rad, -turn, turn), jnp.zeros_like(brake), brake)
 
 
 def init_skid_limiter(
@@ -249,14 +238,8 @@ def limit_skid_command(
         age_s: of the pose that it was made of; a negative age is one of a broken clock, and too old.
         step_s: since the last command sent; one that is not positive, or no number, allows no change of the wheels.
     """
-    last = state.last
-    finite = jnp.isfinite(jnp.stack(command)).all(0)
-    fresh = jnp.logical_and(age_s >= 0.0, age_s <= rules.oldest_s)
-    bad = jnp.logical_not(jnp.logical_and(finite, fresh))
-    failed = jnp.logical_or(state.failed, jnp.logical_and(state.missed, bad))
-    good = jnp.logical_not(jnp.logical_or(bad, failed))
-    # Of zero and no number this takes zero.
-    step = jnp.fmax(step_s, 0.0)
+    last, judged = state.last, _judge(state, command, age_s, rules.oldest_s, step_s)
+    step = judged.step_s
 
     change, largest = rules.wheel_rate_mps2 * step, rules.largest_wheel_mps
     left_ranged, right_ranged = (jnp.clip(wheel, -largest, largest) for wheel in command[:2])
@@ -267,7 +250,6 @@ def limit_skid_command(
     depth = jnp.clip(command.depth_m, 0.0, rules.deepest_m)
     limited = SkidCommand(left, right, tool, depth)
 
-    sent = _skid_pick(good, limited, _skid_pick(failed, _skid_default(rules, last, step), last))
     limits = (
         (SkidLimited.LEFT_RANGE, jnp.not_equal(left_ranged, command.left_mps)),
         (SkidLimited.LEFT_RATE, jnp.not_equal(left, left_ranged)),
@@ -276,14 +258,8 @@ def limit_skid_command(
         (SkidLimited.TOOL_RANGE, jnp.not_equal(tool, command.tool)),
         (SkidLimited.DEPTH_RANGE, jnp.not_equal(depth, command.depth_m)),
     )
-    faults = (
-        (SkidLimited.NOT_FINITE, jnp.logical_not(finite)),
-        (SkidLimited.STALE, jnp.logical_not(fresh)),
-        (SkidLimited.MANUAL_REQUESTED, failed),
-    )
-    # What was replaced met no limits.
-    bits = jnp.bitwise_or(jnp.where(good, _skid_bits(limits), 0), _skid_bits(faults))
-    return SkidLimiterState(sent, bad, failed), sent, bits
+    sent, bits = _send(judged, last, limited, _skid_default(rules, last, step), SkidLimited, limits)
+    return SkidLimiterState(sent, judged.bad, judged.failed), sent, bits
 
 
 def slowed(
@@ -301,10 +277,46 @@ def _skid_default(rules: SkidLimiterRules, last: SkidCommand, step_s: Float[Arra
     return SkidCommand(left, right, jnp.zeros_like(left), last.depth_m)
 
 
-def _skid_bits(flags: tuple[tuple[SkidLimited, Bool[Array, "..."]], ...]) -> Int32[Array, "..."]:
+def _judge(
+    state: LimiterState | SkidLimiterState,
+    command: Command | SkidCommand,
+    age_s: Float[Array, "..."],
+    oldest_s: Float[Array, "..."],
+    step_s: Float[Array, "..."],
+) -> _Judged:
+    finite = jnp.isfinite(jnp.stack(command)).all(0)
+    fresh = jnp.logical_and(age_s >= 0.0, age_s <= oldest_s)
+    bad = jnp.logical_not(jnp.logical_and(finite, fresh))
+    failed = jnp.logical_or(state.failed, jnp.logical_and(state.missed, bad))
+    # Of zero and no number this takes zero.
+    return _Judged(finite, fresh, bad, failed, jnp.fmax(step_s, 0.0))
+
+
+def _send(
+    judged: _Judged,
+    last: AnyCommand,
+    limited: AnyCommand,
+    default: AnyCommand,
+    told: type[Limited] | type[SkidLimited],
+    limits: tuple[tuple[Limited | SkidLimited, Bool[Array, "..."]], ...],
+) -> tuple[AnyCommand, Int32[Array, "..."]]:
+    """A good command within its limits, the last one in place of a bad one, the default from the second on."""
+    good = jnp.logical_not(jnp.logical_or(judged.bad, judged.failed))
+    sent = _pick(good, limited, _pick(judged.failed, default, last))
+    faults = (
+        (told.NOT_FINITE, jnp.logical_not(judged.finite)),
+        (told.STALE, jnp.logical_not(judged.fresh)),
+        (told.MANUAL_REQUESTED, judged.failed),
+    )
+    # What was replaced met no limits.
+    bits = jnp.bitwise_or(jnp.where(good, _bits(limits), 0), _bits(faults))
+    return sent, bits
+
+
+def _bits(flags: tuple[tuple[Limited | SkidLimited, Bool[Array, "..."]], ...]) -> Int32[Array, "..."]:
     return reduce(jnp.bitwise_or, (jnp.where(is_set, jnp.int32(flag), jnp.int32(0)) for flag, is_set in flags))
 
 
-def _skid_pick(choice: Bool[Array, "..."], chosen: SkidCommand, other: SkidCommand) -> SkidCommand:
-    picked: SkidCommand = jax.tree.map(lambda one, two: jnp.where(choice, one, two), chosen, other)
+def _pick(choice: Bool[Array, "..."], chosen: AnyCommand, other: AnyCommand) -> AnyCommand:
+    picked: AnyCommand = jax.tree.map(lambda one, two: jnp.where(choice, one, two), chosen, other)
     return picked

@@ -228,7 +228,7 @@ def _littered(scatterers: Scatterers, config: GroundConfig, day: Day) -> Scatter
     return joined(scatterers, litter)
 
 
-# Days by name. Their difficulty is fixed: tests/archive/test_days.py holds the correlation at the truth to it.
+# Days by name. Their difficulty is fixed: tests/batch/test_days.py holds the correlation at the truth to it.
 
 
 def clear_day(seed: int) -> Day:

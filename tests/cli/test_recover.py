@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from archive.run_sample import run_of_drive
+from batch.run_sample import run_of_drive
 from generated import Site
 from lgprjax.cli.data import Recover
 from lgprjax.cli.terminal import run_verb

@@ -5,7 +5,7 @@ import zlib
 
 import numpy as np
 
-from archive.run_sample import frame
+from batch.run_sample import frame
 from lgprjax.formats.run_log import frame_data, frame_name, frame_type, payload_type, read_run_record
 from lgprjax.runtime import messages as records
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from archive.run_sample import LEAST_DELAY_S, MONO_NS, run_of_drive
+from batch.run_sample import LEAST_DELAY_S, MONO_NS, run_of_drive
 from formats.run_log_sample import head_bytes, record_bytes
 from generated import Site
 from lgprjax.batch import register_log, write_run_drive
