@@ -1,4 +1,4 @@
-"""The turn that the wheels should make against the gyro: rear wheels that are stuck. Fault 19.
+"""Monitors of chassis, pedals, steering servo and wheel sensors: what was commanded against what is measured.
 
 Wheels that follow no longer show where the turn asks for another angle than the one they are stuck at: on a straight
 line a rear axle stuck straight is none the worse, and is found in the next bend.

@@ -1,4 +1,4 @@
-"""What the watches find: one bit a finding, what each asks for, and what the operator reads of it."""
+"""What all monitors share: a bit for each finding, its severity and message, and how long it must persist."""
 
 import math
 from enum import IntEnum, IntFlag

@@ -1,4 +1,4 @@
-"""Positions by GNSS beside the way by odometer: what both watches of the way over ground compare.
+"""Monitors of position and heading: GNSS, odometer and gyro compared with each other over ground.
 
 A position is held against the odometer at the time for which it holds, which is up to half a second ago.
 """

@@ -1,4 +1,4 @@
-"""A map's own chance: traces of its baselines on the poses of other places of it, where no match can be right."""
+"""The false-match statistics of a map: traces of its baselines matched where no match can be right."""
 
 import os
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What a job of an archive run is, and what it is named by: everything that its result depends on."""
+"""Registration jobs: what a result depends on, the record of each job, the folder of results, one worker's share."""
 
 import fcntl
 import hashlib

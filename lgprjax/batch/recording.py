@@ -1,4 +1,4 @@
-"""A drive log of either kind, traces or sweeps, as real numbers a trace and one matrix that makes profiles of them."""
+"""A drive as registration reads it: traces or sweeps in the map's units, positions, levels over depth."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A recorded run as a drive log: what the vehicle recorded driving by itself maps and registers like any other."""
+"""A recorded run as a drive log, which maps and registers like any other."""
 
 from collections.abc import Iterator
 from datetime import UTC, datetime

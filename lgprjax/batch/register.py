@@ -1,4 +1,4 @@
-"""A drive log against a subsurface database: fixes in files, streaming."""
+"""Register a drive log against a map, streaming, and write its fixes."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence

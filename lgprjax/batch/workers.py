@@ -1,4 +1,4 @@
-"""Worker processes of this machine: started, handed drive after drive, replaced when they die, ended in order."""
+"""Worker processes, here or on a cluster: started, given one drive after another, replaced when they die."""
 
 import os
 import queue

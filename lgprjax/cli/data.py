@@ -1,4 +1,4 @@
-"""``lgprjax check``: hold files against their schema; measure whether a drive was recorded well."""
+"""``lgprjax check``, ``export`` and ``recover``: validate files, convert them, make drives of recorded runs."""
 
 import json
 from contextlib import suppress

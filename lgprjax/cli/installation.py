@@ -1,4 +1,4 @@
-"""Does this machine do what lgprjax needs of it: device, arithmetic, memory, disk, projections, pictures?"""
+"""What ``lgprjax doctor`` finds: packages and what they lack; device, arithmetic, memory, disk of this machine."""
 
 import os
 import resource

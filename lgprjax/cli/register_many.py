@@ -1,4 +1,4 @@
-"""``lgprjax register --workers N`` and ``--scheduler ADDRESS``: very many drives, one folder of results."""
+"""``lgprjax register --workers N`` and ``--scheduler ADDRESS``: many drives, one folder of results."""
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence

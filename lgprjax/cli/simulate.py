@@ -1,4 +1,4 @@
-"""``lgprjax simulate``: drive logs of a generated site or of a made-up vehicle's calibration drives, from a file."""
+"""``lgprjax simulate`` and ``lgprjax demo``: drive logs of a generated site, and the demonstration made of them."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Progress bars on standard error, so that results on standard output stay clean."""
+"""The terminal: progress on standard error, exit statuses, one line for each bad input."""
 
 import errno
 import os

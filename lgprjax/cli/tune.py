@@ -1,4 +1,4 @@
-"""``lgprjax tune``: a study of a vehicle's logs, from its file to a new vehicle file."""
+"""``lgprjax tune`` and ``lgprjax thresholds``: studies of a vehicle's logs, thresholds of one's own drives."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Drives along strips, one after the other with the turns between: what patterns and plans for gaps have in common."""
+"""Swaths: parallel lines over a field, their order, and the passes along them."""
 
 import math
 from collections.abc import Sequence

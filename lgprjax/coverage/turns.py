@@ -1,4 +1,4 @@
-"""Turns from the end of a line to the start of another: straight pieces and arcs, of one hand or by Dubins' words.
+"""Headland turns from one swath to the next: straight pieces and arcs, or Dubins paths.
 
 Headings join; the curvature jumps where an arc begins, as a skid-steer vehicle can drive it. Dubins (1957): the
 shortest way between two poses with circles of one radius has at most three pieces, arc-straight-arc or three arcs.

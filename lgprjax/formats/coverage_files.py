@@ -1,4 +1,4 @@
-"""The plan of a field ``X.cover.geojson``: GeoJSON for map programs, and all that is needed to drive it, exactly."""
+"""The field file and the coverage plan ``X.cover.geojson``: GeoJSON, with all that driving the plan needs."""
 
 import csv
 import hashlib

@@ -1,4 +1,4 @@
-"""Read a drive log: its description at once, its radar data by ranges of scans."""
+"""The drive log: its description read at once, its radar data by ranges of scans, and its writer."""
 
 import json
 from collections.abc import Iterator

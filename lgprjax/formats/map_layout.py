@@ -1,4 +1,4 @@
-"""Rows of a map's datasets, one a station: written as differences, read where they are needed.
+"""How a map's rows are stored: differences between stations, quantised, with its false-match statistics.
 
 Neighbouring stations stand alike: as whole numbers of a small unit, each less the one before it, their places take few
 bytes. Every ``UNIT`` stations begin anew, so that a long map is read in parts.

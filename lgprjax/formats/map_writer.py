@@ -1,4 +1,4 @@
-"""The subsurface database being written: station by station, whole or not at all."""
+"""The map being written, copied and locked: station by station, whole or not at all."""
 
 import fcntl
 import json

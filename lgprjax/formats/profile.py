@@ -1,4 +1,4 @@
-"""One recorded line as the vendor readers return it, and what they share."""
+"""One recorded line as vendor readers return it, and the names of what an importer assumed."""
 
 import re
 from collections.abc import Mapping

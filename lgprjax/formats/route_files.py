@@ -1,4 +1,4 @@
-"""The route file ``X.route.toml``: a stretch of a baseline, which way and how fast; held against its schema."""
+"""The route file ``X.route.toml`` and waypoints of other programs."""
 
 import csv
 import json

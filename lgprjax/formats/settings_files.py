@@ -1,4 +1,4 @@
-"""The study file: which numbers of which vehicle are to be found on which logs."""
+"""The study file, which says what is to be found on which logs, and the thresholds file."""
 
 import json
 from pathlib import Path

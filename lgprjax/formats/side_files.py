@@ -1,4 +1,4 @@
-"""Positions recorded beside a line: which files lie there, and one door to their readers."""
+"""Positions recorded beside a line: tape marks, topography, receivers' files."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""What the filter is given in a tick: the motion that the gyro saw and at most one observation of each source.
+"""What the filter is given in a tick, and the gates that an observation must pass.
 
 A slot that is not valid may hold anything, NaN too. An age counts back from the tick's end to the moment of measuring.
 """

@@ -1,4 +1,4 @@
-"""The planner: where the vehicle stands on its route, and the goal that the pursuit law is to reach.
+"""The planner: where the vehicle is on its route, and the lookahead point that the pursuit law is to reach.
 
 The closest point is looked for in a window about where the vehicle's own way has taken it, never on the whole route: at
 a crossing it stays on its branch. Where nothing is known it does not guess; ``find_starts`` begins, explicitly.

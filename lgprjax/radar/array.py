@@ -1,4 +1,4 @@
-"""Where the antennas of an array are, and when within a scan each of them is switched on."""
+"""Geometry of an antenna array: where each channel is, when it is sampled, and its gain."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""A profile trace as the few independent numbers that it holds: its in-band Fourier coefficients.
+"""A trace as its few independent numbers: in-band Fourier coefficients, at any time scale, background removed.
 
 369 samples hold some 40 to 90 independent numbers. By Parseval a correlation over the coefficients equals the
 one over the (band-limited, gained) samples, and a change of height is a phase ramp, exactly.

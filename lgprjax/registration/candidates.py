@@ -1,4 +1,4 @@
-"""From the window chosen at each stop to a fix: the climb to its peak, in the map's frame."""
+"""From the chosen window at each stop to a fix in the map's frame."""
 
 from typing import NamedTuple
 

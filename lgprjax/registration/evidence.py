@@ -1,4 +1,4 @@
-"""One search for a drive, a window and a vehicle: evidence gathered scan by scan until it is enough.
+"""The search: evidence gathered scan by scan until a fix is certain enough; for drives, windows, vehicles alike.
 
 Every few centimetres of travel a scan becomes a surface over the lattice of prior errors (``surfaces``). At each of
 them all windows of the ladder are judged, and the shortest whose match foreign ground would not have given, but for the

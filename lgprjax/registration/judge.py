@@ -1,4 +1,4 @@
-"""A map's own chance: how well ground that is not the map's matches it, and what a fix is worth against that.
+"""Whether a match is believed: the map's false-match probability, thresholds, and the options of a search.
 
 A score says little by itself: what is a match on one ground on a clear day is chance on another. In units of the noise
 floor (what the same scans score at decoys, beyond the region) wet days, dry days and foreign ground come to one scale.

@@ -1,4 +1,4 @@
-"""Live scans on their way to templates: chain, causal track filter, coefficients, windows.
+"""Live scans made ready for matching: background removal, coefficients, windows.
 
 One object a drive, fed with blocks of scans in order; it holds the filter's state and as much of the past as a
 window needs. The same functions serve batch registration and the vehicle.

@@ -1,4 +1,4 @@
-"""Registration of any templates against one tile: every cell of the region scored, the best place finished.
+"""Exhaustive search of one tile: every cell of the region scored, the best candidate refined.
 
 The plain form of the search: it asks nothing of the templates (any traces anywhere) and needs no template bank. Drives
 are registered by ``Registration``, whose coarse stage is the same product at a twentieth of the cost.

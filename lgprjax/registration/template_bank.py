@@ -1,4 +1,4 @@
-"""The ground made ready for one drive: tiles filtered as its scans are, and their array columns."""
+"""The map prepared for one array: tiles filtered as its scans are, and templates for its heading and speed."""
 
 from collections import OrderedDict
 from functools import partial

@@ -1,4 +1,4 @@
-"""The picture of a verified map: its plan, and strips along the route of what was measured."""
+"""Pictures of a verified map: plan, strips along the route, agreement of its baselines."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Radargrams as people who read them know them: time down, distance to the right, grey about zero."""
+"""Radargrams and depth slices as people who read them know them."""
 
 from dataclasses import dataclass
 from itertools import zip_longest

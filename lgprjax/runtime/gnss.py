@@ -1,4 +1,4 @@
-"""GNSS/INS receivers: NMEA sentences and UBX messages cut out of a stream of bytes."""
+"""GNSS/INS receivers: NMEA sentences and UBX messages cut out of a byte stream, and the samples they give."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""One end of a line: which frames of the other end are acted upon, and this end's own numbering."""
+"""The wire: frames built, cut out of bytes, parsed and checked; one end of a link and its numbering."""
 
 import math
 import secrets

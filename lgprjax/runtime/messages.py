@@ -1,4 +1,4 @@
-"""What processes tell each other and the recorder: one record, a head of 16 bytes and a payload."""
+"""Records that processes exchange and the recorder keeps, with a head of 16 bytes; time stamps of two clocks."""
 
 import math
 import struct

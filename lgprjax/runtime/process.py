@@ -1,4 +1,4 @@
-"""A process of the runtime: what it is started with, and its heartbeat."""
+"""What every process of the runtime needs: how it is started, its heartbeat, its cores, word to systemd."""
 
 import ctypes
 import fcntl

@@ -1,4 +1,4 @@
-"""The supervisor: starts the runtime's processes, finds the dead and the hung, starts them again, ends them in order.
+"""The supervisor: starts the processes of the runtime, replaces the dead and the hung, ends them in order.
 
 It decides nothing about driving. It tells the control process what became of the others, and the mode machine there
 knows what that means; a control process that died comes up again with ``--after-death``, never engaged.

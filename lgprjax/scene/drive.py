@@ -1,4 +1,4 @@
-"""A synthetic drive: the truth, what the sensors say of it, and the recording, block by block."""
+"""A synthetic drive: the truth, what the sensors report of it, and the recording, traces or sweeps."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

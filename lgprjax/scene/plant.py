@@ -1,4 +1,4 @@
-"""The vehicle in a closed loop: servo, pedals and chassis under commands, on ground that slopes, leans and pushes."""
+"""The vehicles of closed loops: actuators and chassis under commands, on ground that slopes and pushes."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""What all studies share: a task, an outcome, and how a log that does not tell enough becomes one line."""
+"""What all studies share: a task, an outcome, the signals of a log, and refusal of logs that tell too little."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""Studies: calibrations and tunings of a vehicle on its logs, from a study file to a new vehicle file.
+"""Studies of sensors, steering, servo and pedals: from a study file and logs to a new vehicle file.
 
 Not among the names of ``lgprjax.studies``: whoever registers drives need not wait for the tuners to be imported.
 """

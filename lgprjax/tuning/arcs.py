@@ -1,4 +1,4 @@
-"""Arcs of a drive: the curvature of each stretch of constant steering, and how the body stood on it."""
+"""Arcs of a drive: stretches of constant steering, the circle fitted to each, how the body stood on it."""
 
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""A look-ahead over speed, found by gradient under the limit that the steering's lag and delay set."""
+"""The look-ahead distance: tuned on trial courses by gradient, and limit cycles that a short one brings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Noises of the navigation filter from logged drives: those under which the innovations are most likely.
+"""Noises of the navigation filter, errors of fixes and thresholds, fitted to logged drives.
 
 The ascent is that of Berndt, Hall, Hall and Hausman, damped. Intervals rest on slopes summed over stretches of time,
 so that what is left of serial correlation, because no model is quite right, makes them wider (White 1982).

@@ -1,4 +1,4 @@
-"""Calibration 6: pre-tension, dead zone, gain and lag of throttle and brake, from steps of their commands.
+"""Throttle and brake: runs cut from a log, a first estimate, and the fit.
 
 The log is cut at standstills into runs. A run's way by odometer is what the pedals' model makes of the commands: all
 parameters of both pedals are fitted to all runs at once, by damped Gauss-Newton steps with Huber weights on the

@@ -1,4 +1,4 @@
-"""Calibration 2: the encoder against the potentiometer, standing still, the wheel turned both ways with pauses.
+"""Calibration of steering sensors: encoder against potentiometer, and the straight-ahead voltage.
 
 Each pause is one point: the mean voltage over the counts at which the wheel was held. The voltage lies on one line
 where the wheel came from the right and on another where it came from the left: the play between encoder and

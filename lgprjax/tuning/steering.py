@@ -1,4 +1,4 @@
-"""Calibration 3, the palm tree: front wheel angle over the steering signal, from the arcs that it drove.
+"""How the vehicle turns: wheel angle, rear ratio (k), yaw gain, drift of the axle.
 
 Each setting of the steering wheel is driven as an arc forward and back. Its curvature is that of the rear axle's path;
 with wheelbase and k it gives the front angle. The intervals are those of the arcs: an error of k or of the wheelbase

@@ -1,4 +1,4 @@
-"""A record of a worked field as layers of shapes: perimeter, swaths, processed ground, gaps, stops, events.
+"""Layers and figures of a worked record for GIS programs and reports.
 
 Needs the optional package shapely (``pip install lgprjax[gis]``).
 """

@@ -1,4 +1,4 @@
-"""Recorded runs over one field made one record of what was worked: of each cell the best pass, never a product."""
+"""A recorded run of a field as a record of the ground worked."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence

@@ -1,4 +1,4 @@
-"""GSSI lines: ``.DZT`` files with a binary header a channel."""
+"""Readers of line files: GSSI (DZT), Sensors & Software (DT1), MALA (rd3, rd7), ImpulseRadar (iprb)."""
 
 import itertools
 import re

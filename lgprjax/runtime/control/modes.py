@@ -1,4 +1,4 @@
-"""The mode machine at work: events in, and what its actions leave switched on."""
+"""The mode machine in the control loop: events in, actions out; the checks that allow engaging."""
 
 from collections.abc import Callable
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""The drive-by-wire box: takes commands, holds its defaults by itself, says how the vehicle stands."""
+"""The simulated boxes: drive-by-wire, skid-steer drive and operator's controller, each with its own defaults."""
 
 import struct
 from abc import ABC, abstractmethod

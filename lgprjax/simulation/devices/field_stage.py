@@ -1,4 +1,4 @@
-"""The devices of a skid-steer vehicle in a field: bytes and time go in, frames come out; the vehicle moves between."""
+"""All simulated devices of a skid-steer vehicle in a field: bytes and time in, frames out, the tool among them."""
 
 import json
 import math

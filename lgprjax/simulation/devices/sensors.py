@@ -1,4 +1,4 @@
-"""What the devices' sensors show of the truth: their noise, and their faults."""
+"""What the simulated radar, receiver and chassis sensors report of the truth: noise and faults."""
 
 import datetime
 import struct

@@ -1,4 +1,4 @@
-"""All devices on one stage: bytes and time go in, frames come out; the vehicle moves between."""
+"""All simulated devices of a counter-steered vehicle: bytes and time in, frames out."""
 
 import json
 import struct
