@@ -1,0 +1,100 @@
+"""The command line as it is told by ``--help``, and what it answers to wrong input."""
+
+import contextlib
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+from lgprjax.cli import main
+
+MOVING = ("bench",)
+"""Verbs that are about to leave the command line for a place of their own."""
+WRONG: dict[str, list[str]] = {
+    "no verb": [],
+    "unknown verb": ["locate"],
+    "unknown option": ["check", "x.drive.h5", "--loud"],
+    "no output": ["register", "m.map.h5", "x.drive.h5"],
+    "no files": ["check"],
+    "no map": ["register", "nowhere.map.h5", "x.drive.h5", "-o", "r"],
+    "no drive": ["map", "build", "nowhere.drive.h5", "-o", "m.map.h5"],
+    "no drives to register": ["register", "m.map.h5", "-o", "r"],
+    "search too small": ["register", "m.map.h5", "x.drive.h5", "-o", "r", "--search-m", "0"],
+    "scale too large": ["register", "m.map.h5", "x.drive.h5", "-o", "r", "--time-scale", "3"],
+    "risk that is none": ["register", "m.map.h5", "x.drive.h5", "-o", "r", "--risk", "0.5"],
+    "thresholds without window": ["register", "m.map.h5", "x.drive.h5", "-o", "r", "--thresholds", "t.toml"],
+    "empty drive": ["check", "empty.drive.h5"],
+    "drive of text": ["map", "info", "text.map.h5"],
+    "frequency too low": ["map", "build", "x.drive.h5", "-o", "m.map.h5", "--centre-frequency-mhz", "0.1"],
+    "no site": ["simulate", "nowhere.toml", "-o", "d"],
+    "site with an unknown key": ["simulate", "wrong.toml", "-o", "d"],
+    "no configuration": ["run", "nowhere.run.toml"],
+    "two kinds of run": ["run", "nowhere.run.toml", "--simulate", "--preflight"],
+    "no run": ["recover", "nowhere", "-o", "x.drive.h5"],
+    "no study": ["tune", "nowhere.toml", "-o", "d"],
+    "no plan": ["cover", "record", "run", "--plan", "nowhere.cover.geojson", "-o", "w.worked.h5"],
+    "no field": ["cover", "plan", "nowhere.geojson", "-o", "p.cover.geojson", "--vehicle", "v.vehicle.toml"],
+    "no record": ["cover", "export", "nowhere.worked.h5", "-o", "d"],
+    "no route's map": ["route", "list", "nowhere.map.h5"],
+    "no vendor's file": ["import", "nowhere.DT1", "-o", "x.drive.h5"],
+    "unknown vendor": ["import", "text.map.h5", "-o", "x.drive.h5"],
+    "nothing to view": ["view", "nowhere.DZT"],
+    "nothing to export": ["export", "nowhere.drive.h5", "-o", "x.mcap"],
+    "output of another kind": ["thresholds", "m.map.h5", "x.drive.h5", "-o", "t.toml", "--window-m", "-1"],
+}
+"""Words of commands that must be refused, run in a folder of ``write_wrong_files``."""
+# An option begins its line of the table; what is said of it is set in.
+_OPTION = re.compile(r"^[│ ] (-{1,2}[a-z]\S*.*?)(?:  +.*)?[│ ]?$")
+_VERBS = re.compile(r"\{([a-z0-9,-]+)\}\s*$")
+
+
+def command(words: list[str]) -> tuple[int, str, str]:
+    """Exit status and what was printed, out and err."""
+    out, err = io.StringIO(), io.StringIO()
+    status: Any = None
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            main(words)
+        except SystemExit as stopped:
+            status = stopped.code
+    assert isinstance(status, int), status
+    return status, out.getvalue(), err.getvalue()
+
+
+def options_of_verbs() -> dict[str, list[str]]:
+    """Every verb that does something, with its positional arguments and its options, as ``--help`` shows them."""
+    found: dict[str, list[str]] = {}
+    waiting: list[list[str]] = [[]]
+    while waiting:
+        words = waiting.pop()
+        status, text, _ = command([*words, "--help"])
+        assert status == 0, words
+        usage = text.partition("\n\n")[0]
+        if deeper := _VERBS.search(usage):
+            waiting += [[*words, verb] for verb in deeper[1].split(",") if [*words, verb] != list(MOVING)]
+            continue
+        lines = text[len(usage) :].splitlines()
+        options = sorted(match[1].strip() for line in lines if (match := _OPTION.match(line)))
+        # What is left of the usage without what may be left out and without options that may not.
+        needed = re.sub(r"\[[^]]*\]|-\S+ \S+", "", usage).split()[2 + len(words) :]
+        found[" ".join(words)] = needed + options
+    return dict(sorted(found.items()))
+
+
+def write_wrong_files(folder: Path) -> None:
+    """Files that ``WRONG`` names and that are not what their names say."""
+    (folder / "empty.drive.h5").write_bytes(b"")
+    (folder / "text.map.h5").write_text("a text\n", encoding="utf-8")
+    (folder / "wrong.toml").write_text('name = "x"\ncolour = "red"\n[ground]\nlength_m = 60\n', encoding="utf-8")
+
+
+def refusals() -> dict[str, list[Any]]:
+    """Of every wrong command: exit status, and the first line of what it says."""
+    found: dict[str, list[Any]] = {}
+    for name, words in WRONG.items():
+        status, out, err = command(words)
+        lines = [line.strip("╭╮╰╯─│ ") for line in (err or out).splitlines()]
+        first = next((line for line in lines if line), "")
+        # Of wrong usage the parser's library has its own words.
+        found[name] = [status, first if status == 1 or first.startswith("lgprjax: ") else ""]
+    return found

@@ -1,0 +1,88 @@
+"""What is frozen, and how it is looked at from outside: commands, and files.
+
+``tests/frozen`` holds behaviour that a change of the package's inside must leave as it is. Its tests know the command
+line and what stands in files, with one exception: ``autopilot_sequences`` uses what ``lgprjax.autopilot`` exports.
+What is held stands in ``data/`` and is written again, after a change that is meant, by
+
+    PYTHONPATH=.:tests python -m frozen.write [commands] [sequences] [fixes] [formats]
+
+(recordings: see ``recordings``); the difference is read like any other.
+
+What is compared number by number is computed by ``ONE_ARITHMETIC``, in processes of its own: with what newer processors
+have beside, numbers are rounded otherwise, four in ten of the frames of a replay differ in their last bits, and sums
+depend on the number of threads. So computed, the fixes of two runs, and the frames of a replay with NumPy's own choice
+of instructions switched off, came out the same to the bit.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import lgprjax
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = Path(__file__).parent / "data"
+ONE_ARITHMETIC = {
+    "XLA_FLAGS": "--xla_cpu_max_isa=SSE4_2 --xla_cpu_multi_thread_eigen=false",
+    **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NPROC"), "1"),
+}
+"""Instructions that every x86-64 processor since 2008 has, and sums by one thread."""
+_COMMANDS = """
+import json, sys
+from lgprjax.cli import main
+for words in json.load(sys.stdin):
+    try:
+        main(words)
+    except SystemExit as stopped:
+        if stopped.code:
+            sys.exit(f"{' '.join(words)}: status {stopped.code}")
+"""
+
+
+class Done(NamedTuple):
+    """A command's exit status and what it printed."""
+
+    status: int
+    out: str
+    err: str
+
+
+def run_commands(commands: list[list[str]], folder: Path) -> None:
+    """Commands one after the other in a process and a folder of their own, by ``ONE_ARITHMETIC``; all must succeed."""
+    done = _start(["-c", _COMMANDS], folder, told=json.dumps(commands), **ONE_ARITHMETIC)
+    assert done.status == 0, f"{done.out[-2000:]}\n{done.err[-4000:]}"
+
+
+def run_command(words: list[str], folder: Path, **environment: str) -> Done:
+    """A command in a process and a folder of its own."""
+    return _start(["-m", "lgprjax", *words], folder, **environment)
+
+
+def _start(words: list[str], folder: Path, told: str = "", **environment: str) -> Done:
+    # The package under test, wherever the tests were started and whichever folder the command is run in.
+    package = str(Path(lgprjax.__file__).resolve().parents[1])
+    done = subprocess.run(
+        [sys.executable, *words],
+        input=told,
+        capture_output=True,
+        text=True,
+        timeout=600.0,
+        check=False,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": package, "COLUMNS": "120", **environment},
+    )
+    return Done(done.returncode, done.stdout, done.stderr)
+
+
+def read_json(name: str) -> Any:
+    """A file of ``data/``."""
+    return json.loads((DATA / name).read_text(encoding="utf-8"))
+
+
+def write_json(name: str, value: object) -> None:
+    """Write a file of ``data/``."""
+    text = json.dumps(value, indent=1, ensure_ascii=False, sort_keys=True)
+    (DATA / name).write_text(text + "\n", encoding="utf-8")

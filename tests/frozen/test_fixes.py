@@ -1,0 +1,63 @@
+"""Golden fixes: every scan of a small generated site gets the code and the place that it had.
+
+Site, map and fixes are made by the command line alone. On one machine two runs agree to the bit; between processors of
+one kind of instructions (``ONE_ARITHMETIC``) they should, and a tolerance is kept for what they do not promise: 1 mm of
+place, and codes that differ for 0.2 % of all scans at most, for a scan may lie so near to a threshold that a last bit
+decides. Such a scan's numbers are not compared.
+"""
+
+import platform
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from frozen.harness import DATA
+from frozen.made import LOCATED, fixes_of
+
+pytestmark = pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="fixes are frozen for x86-64")
+_DEGREE_M = 111_320.0
+_WITHIN = {
+    **{"height_m": 2e-3, "heading_deg": 0.01, "sigma_along_m": 1e-3, "sigma_cross_m": 1e-3, "correlation": 1e-3},
+    **{"time_scale": 1e-6, "window_m": 0.0},
+}
+
+
+@pytest.fixture(scope="module")
+def held() -> pd.DataFrame:
+    """Fixes as they were."""
+    return pd.read_csv(DATA / "fixes.csv")
+
+
+@pytest.fixture(scope="module")
+def found(made: Path) -> pd.DataFrame:
+    """Fixes of now."""
+    return fixes_of(made)
+
+
+def test_every_scan_has_its_code(found: pd.DataFrame, held: pd.DataFrame) -> None:
+    assert len(found) == len(held)
+    assert (found["of"] == held["of"]).all()
+    assert (found["scan"] == held["scan"]).all()
+    other = found["code"] != held["code"]
+    assert other.mean() <= 0.002, found[other].join(held["code"].rename("held"))
+
+
+@pytest.mark.parametrize("which", LOCATED)
+def test_places_are_where_they_were(which: str, found: pd.DataFrame, held: pd.DataFrame) -> None:
+    same = (held["of"] == which) & (found["code"] == held["code"])
+    now, then = found[same], held[same]
+    for name in ("latitude_deg", *_WITHIN):
+        assert (now[name].isna() == then[name].isna()).all(), name
+    north = (now["latitude_deg"] - then["latitude_deg"]) * _DEGREE_M
+    east = (now["longitude_deg"] - then["longitude_deg"]) * _DEGREE_M * np.cos(np.radians(then["latitude_deg"]))
+    placed, ok = now["latitude_deg"].notna(), then["code"] == "ok"
+    assert placed.any()
+    assert ok.any() == (which != "default/impostor")
+    off_m = np.hypot(east, north)
+    assert (off_m[ok] <= 1e-3).all(), off_m[ok].max()
+    for name, within in _WITHIN.items():
+        assert ((now[name] - then[name]).abs()[ok] <= within).all(), name
+    # A place that is not ok is one of several that match alike: a last bit may choose another.
+    assert (off_m[placed & ~ok] > 1e-3).mean() <= 0.02 or (ok | ~placed).all()
