@@ -2,8 +2,10 @@
 
 import hashlib
 import os
+import sys
 import tomllib
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -35,3 +37,62 @@ def file_hash(path: str | Path) -> str:
     """SHA-256 of a file, read in blocks."""
     with Path(path).open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def open_lock(path: Path) -> int:
+    """Descriptor of a lock file, made where there is none."""
+    return os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
+
+
+@contextmanager
+def lock_file(path: Path, opened: Callable[[Path], int] = open_lock) -> Iterator[str | None]:
+    """Hold a lock file for as long as the body runs, or yield who holds it: "process N", or "another process".
+
+    The system lets go of it when its process ends, however it ends. The file is removed afterwards.
+
+    Args:
+        path: of the lock file.
+        opened: its descriptor, for reading and writing.
+
+    Raises:
+        OSError: it cannot be made, or the file system knows no locks.
+    """
+    while True:
+        descriptor = opened(path)
+        try:
+            _lock(descriptor)
+        except (BlockingIOError, PermissionError):
+            holder = os.read(descriptor, 20).decode("ascii", "replace").strip("\0 ")
+            os.close(descriptor)
+            yield f"process {holder}" if holder else "another process"
+            return
+        except OSError:
+            os.close(descriptor)
+            raise
+        # Its last holder may have taken the file away between the opening and the locking.
+        if is_at(path, descriptor):
+            break
+        os.close(descriptor)
+    with suppress(OSError):  # a full disk: who holds it will not be told, but it is held
+        os.ftruncate(descriptor, 0)
+        os.write(descriptor, str(os.getpid()).encode())
+    try:
+        yield None
+    finally:
+        with suppress(OSError):
+            path.unlink()
+        os.close(descriptor)
+
+
+def _lock(descriptor: int) -> None:
+    if sys.platform == "win32":
+        import msvcrt
+
+        # Far behind what is written into it: Windows lets nobody read what is locked.
+        os.lseek(descriptor, 1 << 20, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        os.lseek(descriptor, 0, os.SEEK_SET)
+    else:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,7 +1,6 @@
 """What a process has cost so far: programs compiled, and memory."""
 
 import re
-import resource
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,6 +25,10 @@ def peak_rss_mb() -> float:
     """Largest memory of this process so far, 10⁶ bytes."""
     status = Path("/proc/self/status")
     if not status.exists():
+        try:
+            import resource
+        except ImportError:  # Windows
+            return float("nan")
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1e-6
     # What getrusage tells on Linux begins with the memory of the process that started this one.
     found = re.search(r"VmHWM:\s*(\d+) kB", status.read_text(encoding="ascii"))

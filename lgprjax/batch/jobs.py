@@ -1,6 +1,5 @@
 """Registration jobs: what a result depends on, the record of each job, the folder of results, one worker's share."""
 
-import fcntl
 import hashlib
 import json
 import os
@@ -23,7 +22,7 @@ from lgprjax import __version__
 from lgprjax.batch.accuracy import true_errors
 from lgprjax.batch.register import HeldGround, RegisteredDrive, register_log, write_registered
 from lgprjax.errors import InputError
-from lgprjax.files import file_hash
+from lgprjax.files import file_hash, lock_file
 from lgprjax.formats import DriveLog, MapFile, atomic_output
 from lgprjax.process_cost import count_compiles, peak_rss_mb
 from lgprjax.registration import WRONG_M, Code, RegisterOptions
@@ -294,11 +293,9 @@ def claimed(run: ArchiveRun, names: Sequence[str], *, force: bool) -> Iterator[N
     folder = run.folder
     _ours(run, names, force)
     jobs_folder(folder).mkdir(parents=True, exist_ok=True)
-    with (jobs_folder(folder) / ".lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(folder, "output", "a folder that no other run works in", "another run") from None
+    with lock_file(jobs_folder(folder) / ".lock") as holder:
+        if holder is not None:
+            raise InputError(folder, "output", "a folder that no other run works in", f"{holder} at work in it")
         mark = _Mark(run.map_path.name, run.map_sha256, sorted(_ours(run, names, force).union(names)))
         with atomic_output(folder / _MARK, force=True) as temporary:
             temporary.write_text(json.dumps(mark._asdict(), indent=0) + "\n", encoding="utf-8")

@@ -1,7 +1,6 @@
 """What ``lgprjax doctor`` finds: packages and what they lack; device, arithmetic, memory, disk of this machine."""
 
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -219,6 +218,8 @@ def _real_time() -> Finding:
     """Only the onboard runtime asks for it."""
     if sys.platform != "linux":
         return Finding("real-time priority", "not on this system", "absent", "lgprjax run goes on without it")
+    import resource
+
     allowed = resource.getrlimit(resource.RLIMIT_RTPRIO)[1]
     if allowed == 0 and os.geteuid() != 0:
         advice = "for lgprjax run: LimitRTPRIO in the systemd unit, or rtprio in limits.conf"

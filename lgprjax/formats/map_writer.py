@@ -1,10 +1,10 @@
 """The map being written, copied and locked: station by station, whole or not at all."""
 
-import fcntl
 import json
 import os
 import re
 import shutil
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, Integer
 
 from lgprjax.errors import InputError
-from lgprjax.files import is_at
+from lgprjax.files import lock_file
 from lgprjax.formats.map_file import MapFile
 from lgprjax.formats.map_layout import (
     BLOCK,
@@ -312,15 +312,15 @@ def locked_map(path: str | Path) -> Iterator[None]:
     target = Path(path)
     if not target.parent.is_dir():
         raise InputError(target, "output", "a folder that exists", f"no folder {target.parent}")
-    lock = target.with_name(f".{target.name}.lock")
-    descriptor = _hold(lock, target)
-    try:
+    with ExitStack() as held:
+        try:
+            holder = held.enter_context(lock_file(target.with_name(f".{target.name}.lock")))
+        except OSError as error:
+            raise InputError(target, "output", "a file that can be locked", os.strerror(error.errno or 0)) from None
+        if holder is not None:
+            raise InputError(target, "output", "a map that no other process is writing", f"{holder} at work on it")
         _clear_remains(target)
         yield
-    finally:
-        with suppress(OSError):
-            lock.unlink()
-        os.close(descriptor)
 
 
 def scratch_folder(path: str | Path) -> Path:
@@ -330,32 +330,6 @@ def scratch_folder(path: str | Path) -> Path:
     """
     target = Path(path)
     return target.with_name(f".{target.name}.partial-{os.getpid()}-parts")
-
-
-def _hold(lock: Path, target: Path) -> int:
-    while True:
-        try:
-            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-        except OSError as error:
-            raise InputError(target, "output", "a file that can be written", os.strerror(error.errno or 0)) from None
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            holder = os.pread(descriptor, 20, 0).decode("ascii", "replace").strip()
-            os.close(descriptor)
-            found = f"process {holder} at work on it" if holder else "another process at work on it"
-            raise InputError(target, "output", "a map that no other process is writing", found) from None
-        except OSError as error:
-            os.close(descriptor)
-            raise InputError(target, "output", "a file system with locks", os.strerror(error.errno or 0)) from None
-        # Its last holder may have taken the file away between the opening and the locking.
-        if is_at(lock, descriptor):
-            break
-        os.close(descriptor)
-    with suppress(OSError):  # a full disk: who holds it will not be told, but it is held
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, str(os.getpid()).encode(), 0)
-    return descriptor
 
 
 def _clear_remains(target: Path) -> None:
@@ -373,6 +347,8 @@ def _clear_remains(target: Path) -> None:
 
 
 def _alive(process: int) -> bool:
+    if sys.platform == "win32":  # there a signal ends the process that is asked after
+        return True
     try:
         os.kill(process, 0)
     except ProcessLookupError:

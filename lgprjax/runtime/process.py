@@ -1,7 +1,6 @@
 """What every process of the runtime needs: how it is started, its heartbeat, its cores, word to systemd."""
 
 import ctypes
-import fcntl
 import hashlib
 import mmap
 import os
@@ -18,7 +17,7 @@ from enum import IntEnum
 from pathlib import Path
 
 from lgprjax.errors import InputError
-from lgprjax.files import is_at
+from lgprjax.files import lock_file
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.ring import Ring
 
@@ -322,37 +321,11 @@ def only_instance(config: RuntimeConfig, run_folder: Path) -> Iterator[None]:
             (device_key, "ports.drive_by_wire.url", f"{device}, not driven by another run"),
             (os.path.realpath(run_folder), "run folder", f"{run_folder}, not written by another run"),
         ):
-            holder = held.enter_context(_lock(key))
+            name = f"lgprjax-{hashlib.sha256(key.encode()).hexdigest()[:24]}.lock"
+            holder = held.enter_context(lock_file(memory_folder() / name, _open))
             if holder is not None:
-                raise InputError(config.file, place, free, f"process {holder} holds it")
+                raise InputError(config.file, place, free, f"{holder} holds it")
         yield
-
-
-@contextmanager
-def _lock(key: str) -> Iterator[str | None]:
-    """Hold the lock of a name, or yield who holds it."""
-    path = memory_folder() / f"lgprjax-{hashlib.sha256(key.encode()).hexdigest()[:24]}.lock"
-    while True:
-        descriptor = _open(path)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            holder = os.pread(descriptor, 20, 0).decode("ascii", "replace").strip() or "unknown"
-            os.close(descriptor)
-            yield holder
-            return
-        # Its last holder may have taken the file away between the opening and the locking.
-        if is_at(path, descriptor):
-            break
-        os.close(descriptor)
-    try:
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, str(os.getpid()).encode(), 0)
-        yield None
-    finally:
-        with suppress(OSError):
-            path.unlink()
-        os.close(descriptor)
 
 
 def _open(path: Path) -> int:

@@ -150,7 +150,7 @@ def test_one_run_at_a_time(tmp_path: Path) -> None:
     run = run_in(tmp_path)
     with (
         claimed(run, ["a"], force=False),
-        pytest.raises(InputError, match="no other run works in, found another run"),
+        pytest.raises(InputError, match="no other run works in, found process"),
         claimed(run, ["b"], force=False),
     ):
         pass
