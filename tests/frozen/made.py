@@ -1,4 +1,4 @@
-"""A small site located in three ways, and files of every kind that comes cheaply."""
+"""A small site located in two ways, and files of every kind that comes cheaply."""
 
 import shutil
 from pathlib import Path
@@ -8,8 +8,8 @@ import pandas as pd
 from frozen.harness import DATA, ROOT, run_commands
 from frozen.recordings import lay_out
 
-LOCATED = ("default/live", "default/rain", "default/impostor", "forced/live", "window/rain")
-"""Folder and drive of each table: by default; single scans at a time scale of 1, searched 1 m about; windows of 2 m."""
+LOCATED = ("default/live", "default/rain", "default/impostor", "forced/live")
+"""Folder and drive of each table: by default, which takes windows of 0 to 4 m here and finds the time scale; forced."""
 COLUMNS = (
     *("scan", "code", "latitude_deg", "longitude_deg", "height_m", "heading_deg", "sigma_along_m", "sigma_cross_m"),
     *("correlation", "time_scale", "window_m"),
@@ -19,8 +19,7 @@ _COMMANDS = [
     "map build drives/left.drive.h5 drives/right.drive.h5 -o m.map.h5",
     "register m.map.h5 drives/live.drive.h5 drives/rain.drive.h5 drives/impostor.drive.h5 -o default"
     " --workers 1 --threads 1",
-    "register m.map.h5 drives/live.drive.h5 -o forced --window-m 0 --time-scale 1 --search-m 1",
-    "register m.map.h5 drives/rain.drive.h5 -o window --window-m 2 --workers 1 --threads 1",
+    "register m.map.h5 drives/live.drive.h5 -o forced --window-m 2 --time-scale 1 --search-m 1",
     "simulate vehicle.toml -o vehicle --only straight",
     "map info m.map.h5 --json info.json",
     "check m.map.h5 drives/live.drive.h5 default/live.fixes.h5 --json check.json",

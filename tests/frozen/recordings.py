@@ -10,7 +10,7 @@ recording is another run, and is made only where a meant change makes the contro
 
     PYTHONPATH=.:tests python -m frozen.recordings NAME RUN_FOLDER TICKS FILE...
 
-cuts it down and lays it, with the files that it was driven with, into ``data/NAME/``.
+cuts it down to its first ticks and lays it, with the files that it was driven with, into ``data/NAME/``.
 """
 
 import hashlib

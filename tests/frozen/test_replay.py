@@ -5,24 +5,40 @@ The recordings were driven by ``ONE_ARITHMETIC``, and are replayed by it. See ``
 
 import json
 import platform
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from frozen.harness import ONE_ARITHMETIC, run_command
+from frozen.harness import ONE_ARITHMETIC, Done, run_command
 from frozen.recordings import lay_out
 
 pytestmark = pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="recorded on x86-64")
 
 
-@pytest.mark.parametrize(("name", "ticks", "frames"), [("course", 2099, 2520), ("field", 1499, 1798)])
-def test_a_recording_replays_to_the_same_frames(name: str, ticks: int, frames: int, tmp_path: Path) -> None:
-    run = lay_out(name, tmp_path / name)
-    told = tmp_path / "told.json"
-    config = run / "config.toml"
-    words = ["run", str(config), "--replay", str(run), "--json", str(told)]
-    done = run_command(words, tmp_path, **ONE_ARITHMETIC)
+_FRAMES = {"course": (2099, 2520), "field": (1499, 1798)}
+"""Ticks that are replayed, and frames that were sent in them."""
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Done, Path]]:
+    """Of each recording, what the command said and the figures that it wrote; both at a time."""
+
+    def replay(name: str) -> tuple[Done, Path]:
+        folder = tmp_path_factory.mktemp(name)
+        run, told = lay_out(name, folder / "driven"), folder / "told.json"
+        words = ["run", str(run / "config.toml"), "--replay", str(run), "--json", str(told)]
+        return run_command(words, folder, **ONE_ARITHMETIC), told
+
+    with ThreadPoolExecutor() as pool:
+        return dict(zip(_FRAMES, pool.map(replay, _FRAMES), strict=True))
+
+
+@pytest.mark.parametrize("name", _FRAMES)
+def test_a_recording_replays_to_the_same_frames(name: str, replayed: dict[str, tuple[Done, Path]]) -> None:
+    done, told = replayed[name]
     assert told.is_file(), done.err
+    ticks, frames = _FRAMES[name]
     expected = {"ticks": ticks, "frames": frames, "differing": 0, "first": None, "starts": 1, "broken": None}
     assert json.loads(told.read_text(encoding="utf-8")) == expected
     assert done.status == 0
