@@ -87,7 +87,7 @@ def open_drive(path: PathLike) -> Drive:
 
     Example:
         drive = lx.open_drive("drives/live.drive.h5")
-        print(drive)                       # Drive 'live': 3094 scans of 11 channels, 55.0 m, ...
+        print(drive)                       # Drive 'live': 1540 scans of 11 channels, 55.4 m, ...
         first = drive.traces(slice(0, 10))  # [scan, channel, sample]
     """
     file = path_of(path, "drive")

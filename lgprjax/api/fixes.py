@@ -11,7 +11,7 @@ import pandas as pd
 from jaxtyping import Bool, Float
 
 from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, told_as_arguments
-from lgprjax.api.maps import Map, using_map
+from lgprjax.api.maps import Map, held_ground, using_map
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, read_fixes
 from lgprjax.registration import Fix, RegisterOptions
@@ -142,7 +142,7 @@ def register(site: PathLike, drive: PathLike, *, options: RegisterOptions | None
     with using_map(site) as opened:
         check_options(options, opened)
         with DriveLog.open(path) as log:
-            done = register_log(opened.source, log, options, held=opened.held_ground(options))
+            done = register_log(opened.source, log, options, held=held_ground(opened, options))
             result = drive_result(done, opened.source, impostor=False, gnss_gap=gnss_gaps(log))
         return Fixes(
             name=done.name,

@@ -47,7 +47,7 @@ class Map:
         self.settings: ChainSettings = known.settings
         self.frame: LocalFrame = known.frame
         self.length_m = max(self.stations - self.baselines, 0) * known.settings.step_m
-        self._held: tuple[RegisterOptions, HeldGround] | None = None
+        self.held: tuple[RegisterOptions, HeldGround] | None = None
 
     def __repr__(self) -> str:
         chain = self.settings
@@ -67,16 +67,8 @@ class Map:
 
     def close(self) -> None:
         """Close the file; the attributes stay."""
-        self._held = None
+        self.held = None
         self.source.close()
-
-    def held_ground(self, options: "RegisterOptions") -> "HeldGround":
-        """Tiles and noise floor for a search, kept until another search is asked for."""
-        from lgprjax.archive import HeldGround
-
-        if self._held is None or self._held[0] != options:
-            self._held = (options, HeldGround(self.source, options))
-        return self._held[1]
 
     def batch(
         self,
@@ -128,7 +120,7 @@ def open_map(path: PathLike) -> Map:
 
     Example:
         with lx.open_map("site.map.h5") as site:
-            print(site)                    # Map 'site': 1120 stations of 11 channels on 2 baselines, ...
+            print(site)                    # Map 'site': 3268 stations of 11 channels on 2 baselines, 131 m; ...
             site.plot()
     """
     return Map(MapFile.open(path_of(path, "map")))
@@ -188,6 +180,15 @@ def build_map(
             force=force,
         )
     return open_map(file)
+
+
+def held_ground(site: Map, options: "RegisterOptions") -> "HeldGround":
+    """Tiles and noise floor of a map for a search, kept in it until another search is asked for."""
+    from lgprjax.archive import HeldGround
+
+    if site.held is None or site.held[0] != options:
+        site.held = (options, HeldGround(site.source, options))
+    return site.held[1]
 
 
 @contextmanager

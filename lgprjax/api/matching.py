@@ -110,7 +110,7 @@ def match(batch: Batch) -> Fix:
         import jax.numpy as jnp
 
         site = lx.open_map("site.map.h5")
-        batch = site.batch("drives/live.drive.h5", scans=slice(1000, 1500, 100))
+        batch = site.batch("drives/live.drive.h5", scans=slice(200, 700, 100))
         fix = jax.jit(lx.match)(batch)
         print(fix.pose[:, :2], fix.code)   # east and north in metres; lx.Code.OK is 0
 
@@ -220,6 +220,7 @@ def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions 
     Raises:
         InputError: as ``Map.batch`` does, or the drive cannot be used on this map.
     """
+    from lgprjax.api.maps import held_ground
     from lgprjax.archive.depth_levels import AS_STATED, live_operators
     from lgprjax.archive.drive_alignment import find_alignment, may_be_misaligned, reversed_track
     from lgprjax.archive.tracks import track_of_drive
@@ -230,7 +231,7 @@ def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions 
     if not (np.isfinite(window_m) and 0.0 <= window_m <= _FARTHEST_M):
         raise InputError(path, "window_m", f"0 to {_FARTHEST_M:g}", f"{window_m:g}")
     with DriveLog.open(path) as log:
-        held = site.held_ground(options)
+        held = held_ground(site, options)
         track = track_of_drive(log, description.frame).track
         alignment = find_alignment(source, log, track, options, held) if may_be_misaligned(log) else AS_STATED
         if alignment.reversed:

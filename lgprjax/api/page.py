@@ -32,7 +32,7 @@ _EXAMPLES = {
     ),
     "Fix": (
         'with lx.open_map("site.map.h5") as site:\n'
-        '    fix = lx.match(site.batch("drives/live.drive.h5", slice(1000, 1500, 100)))\n'
+        '    fix = lx.match(site.batch("drives/live.drive.h5", slice(200, 700, 100)))\n'
         "located = fix.pose[fix.code == lx.Code.OK]  # east_m, north_m, height_m, yaw_rad, roll_rad"
     ),
     "Code": 'assert lx.Code.OK == 0\nassert lx.Code(3).label == "edge"',
@@ -43,15 +43,17 @@ _EXAMPLES = {
 def api_page() -> str:
     """The page as Markdown."""
     parts = [_HEAD]
+    described = set[type]()
     for name in lgprjax.__all__:
         public = getattr(lgprjax, name)
-        parts += [f"## {name}\n", _signature(name, public), _body(inspect.getdoc(public) or "")]
-        if isinstance(public, type):
-            parts += _members(public)
+        parts += [f"## {name}\n", _code(_signature(name, public)), _body(inspect.getdoc(public) or "")]
+        if isinstance(public, type) and issubclass(public, Enum):
+            parts.append("".join(f"- `{each.name}` = {each.value}\n" for each in public))
         if name in _EXAMPLES:
             parts.append(_code(_EXAMPLES[name]))
         given = None if isinstance(public, type) else _given(public)
-        if given is not None and given.__name__ not in lgprjax.__all__:
+        if given is not None and given not in described:
+            described.add(given)
             parts += [f"### {given.__name__}\n", _body(inspect.getdoc(given) or ""), *_members(given)]
     return "\n".join(part.rstrip("\n") + "\n" for part in parts)
 
@@ -73,30 +75,30 @@ def _given(public: object) -> type | None:
 
 def _signature(name: str, public: object) -> str:
     if isinstance(public, type) and issubclass(public, Enum):
-        return _code(f"class {name}")
+        return f"class {name}"
     parameters = inspect.signature(public).parameters.values()  # type: ignore[arg-type]
     told, starred = [], False
     for each in parameters:
+        if each.name == "self":
+            continue
         if each.kind is each.KEYWORD_ONLY and not starred:
             told, starred = [*told, "*"], True
         told.append(each.name if each.default is each.empty else f"{each.name}={each.default!r}")
     inside = ", ".join(told)
     if len(inside) + len(name) > 100:
         inside = "\n" + textwrap.indent(",\n".join(told), "    ") + ",\n"
-    return _code(f"{name}({inside})")
+    return f"{name}({inside})"
 
 
 def _members(public: type) -> list[str]:
-    """Public methods and properties that the class itself defines; the values of an enumeration."""
-    if issubclass(public, Enum):
-        return ["".join(f"- `{each.name}` = {each.value}\n" for each in public)]
+    """Public methods and properties that the class itself defines."""
     parts = []
     for name, member in vars(public).items():
         plain = getattr(member, "fget", None) or getattr(member, "func", None) or member
         if name.startswith("_") or not inspect.isfunction(plain) or not plain.__doc__:
             continue
-        called = inspect.isfunction(member)
-        parts.append(f"**`.{name}{'()' if called else ''}`** {_body(inspect.getdoc(plain) or '')}")
+        shown = _signature(name, member) if inspect.isfunction(member) else name
+        parts.append(f"#### `.{' '.join(shown.split())}`\n\n{_body(inspect.getdoc(plain) or '')}")
     return parts
 
 
