@@ -47,7 +47,7 @@ class CoveragePlan:
             raise InputError(target, "file name", "a name that ends in .cover.geojson", repr(target.name))
         with told_as_arguments():
             save_cover_plan(target, self.plan, force=force)
-        return CoveragePlan(self.plan, target)
+        return CoveragePlan(self.plan, target.absolute())
 
     def plot(self, *, ax: "Axes | None" = None) -> "Axes":
         """Draw the field's perimeter and the way over it, in metres east and north, and return the axes."""

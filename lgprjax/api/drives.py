@@ -95,7 +95,7 @@ def open_drive(path: PathLike) -> Drive:
         with DriveLog.open(file) as log:
             known = log.description
             return Drive(
-                path=file,
+                path=file.absolute(),
                 name=known.name,
                 scans=log.scans,
                 channels=log.channels,
@@ -109,7 +109,7 @@ def open_drive(path: PathLike) -> Drive:
     signals = VehicleLog.open(file)
     time_s = signals.odometry.time_s
     return Drive(
-        path=file,
+        path=file.absolute(),
         name=signals.name,
         scans=0,
         channels=0,

@@ -71,13 +71,13 @@ def check(file: PathLike, *, health: bool = False) -> Checked:
     path = path_of(file, "file")
     if health and not path.name.lower().endswith(".drive.h5"):
         raise InputError(path, "health", "a drive log, X.drive.h5", repr(path.name))
-    checked = Checked(path, tuple(check_file(path)))
+    checked = Checked(path.absolute(), tuple(check_file(path)))
     if not (health and checked.ok):
         return checked
     from lgprjax.archive import drive_health
 
     with DriveLog.open(path) as log:
-        return Checked(path, checked.findings, drive_health(log))
+        return Checked(checked.path, checked.findings, drive_health(log))
 
 
 def view(

@@ -151,7 +151,7 @@ def register(site: PathLike, drive: PathLike, *, options: RegisterOptions | None
             fix=done.fix,
             truth=done.truth,
             result=result,
-            _saved_with=(done, opened.path, path, options),
+            _saved_with=(done, opened.path, path.absolute(), options),
         )
 
 
@@ -244,7 +244,7 @@ def register_many(
     from lgprjax.cli.register_many import register_many as run
 
     options = RegisterOptions() if options is None else options
-    paths, target = paths_of(drives, "drive"), path_of(folder, "folder")
+    paths, target = paths_of(drives, "drive"), path_of(folder, "folder").absolute()
     with using_map(site) as opened:
         check_options(options, opened)
         map_path = opened.path

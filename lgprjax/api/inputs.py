@@ -50,10 +50,8 @@ def paths_of(given: PathLike | Iterable[PathLike], what: str) -> list[Path]:
     Raises:
         InputError: as ``path_of``, or there are none.
     """
-    if isinstance(given, str | os.PathLike) or hasattr(given, "path"):
+    if isinstance(given, str | os.PathLike) or not isinstance(given, Iterable):
         return [path_of(given, what)]
-    if not isinstance(given, Iterable):
-        raise InputError("call", what, f"paths or open {what}s", f"{type(given).__name__} {given!r}"[:80])
     several = [path_of(each, what) for each in given]
     if not several:
         raise InputError("call", what, "at least one", "none")

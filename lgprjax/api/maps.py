@@ -38,7 +38,7 @@ class Map:
 
     def __init__(self, source: MapFile) -> None:
         self.source = source
-        self.path: Path = source.path
+        self.path: Path = source.path.absolute()
         known = source.description
         self.name: str = known.name
         self.stations = len(source.places)

@@ -115,11 +115,11 @@ def match(batch: Batch) -> Fix:
         print(fix.pose[:, :2], fix.code)   # east and north in metres; lx.Code.OK is 0
 
 
-        def at_height(height_m):           # one batch for each assumed height of the array
+        def at_height(height_m):           # with the array's prior height taken to be this
             return lx.match(batch._replace(prior=batch.prior.at[:, 2].set(height_m))).correlation
 
 
-        heights = jax.vmap(at_height)(jnp.array([0.25, 0.30, 0.35]))
+        correlations = jax.vmap(at_height)(jnp.array([0.25, 0.30, 0.35]))
 
 
         def mean_correlation(coefficients):
@@ -129,6 +129,13 @@ def match(batch: Batch) -> Fix:
 
         slope = jax.grad(mean_correlation)(batch.scans.coefficients)
     """
+    fix: Fix = _match(batch)
+    return fix
+
+
+@jax.jit
+def _match(batch: Batch) -> Fix:
+    """Compiled once for a shape, also where the caller does not."""
     fix = _search(batch)
     east, north, yaw = batch.tile_frame
     cos, sin = jnp.cos(yaw), jnp.sin(yaw)
@@ -193,7 +200,7 @@ def _search_jvp(primals: tuple[Batch], tangents: tuple[Batch]) -> tuple[Fix, Fix
         return slope, correlation
 
     (slope, correlation), (bends, gains) = jax.jvp(peak, (batch,), (change,))
-    weight = independent_numbers(fix.scatter) / jnp.maximum(1.0 - correlation**2, 1e-3)
+    weight = independent_numbers(jnp.asarray(fix.scatter)) / jnp.maximum(1.0 - correlation**2, 1e-3)
     # Position is free within the region; attitude and height are held to the prior.
     pull = jnp.asarray(PRIOR[:5], jnp.float32).at[:2].set(0.0)[None] / batch.half_width**2
     side = weight[:, None] * bends + pull * change.prior
@@ -202,7 +209,7 @@ def _search_jvp(primals: tuple[Batch], tangents: tuple[Batch]) -> tuple[Fix, Fix
         found[:, None], jnp.einsum("nij,nj->ni", jnp.where(found[:, None, None], covariance, 0.0), side), 0.0
     )
     along_slope = jnp.sum(slope * moves, axis=1) / jnp.sqrt(jnp.maximum(fix.overlap, MIN_OVERLAP))
-    still = Fix(*(_still(field) for field in fix))
+    still = Fix(*(_still(jnp.asarray(field)) for field in fix))
     return fix, still._replace(pose=moves, correlation=jnp.where(found, gains + along_slope, 0.0))
 
 

@@ -33,6 +33,7 @@ _EXAMPLES = {
     "Fix": (
         'with lx.open_map("site.map.h5") as site:\n'
         '    fix = lx.match(site.batch("drives/live.drive.h5", slice(200, 700, 100)))\n'
+        "assert isinstance(fix, lx.Fix)\n"
         "located = fix.pose[fix.code == lx.Code.OK]  # east_m, north_m, height_m, yaw_rad, roll_rad"
     ),
     "Code": 'assert lx.Code.OK == 0\nassert lx.Code(3).label == "edge"',
@@ -77,7 +78,7 @@ def _signature(name: str, public: object) -> str:
     if isinstance(public, type) and issubclass(public, Enum):
         return f"class {name}"
     parameters = inspect.signature(public).parameters.values()  # type: ignore[arg-type]
-    told, starred = [], False
+    told, starred = list[str](), False
     for each in parameters:
         if each.name == "self":
             continue

@@ -65,7 +65,7 @@ class Vehicle:
         target = path_of(path, "vehicle")
         with told_as_arguments():
             write_vehicle(target, self.file, force=force)
-        return vehicle_of(self.file, target)
+        return vehicle_of(self.file, target.absolute())
 
 
 class _Label:
@@ -103,7 +103,7 @@ def open_vehicle(path: PathLike) -> Vehicle:
         print(vehicle.file.steering.lag_s)
     """
     file = path_of(path, "vehicle")
-    return vehicle_of(read_vehicle(file), file)
+    return vehicle_of(read_vehicle(file), file.absolute())
 
 
 def vehicle_of(file: VehicleFile, path: Path | None) -> Vehicle:
