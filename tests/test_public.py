@@ -140,19 +140,26 @@ def opened(site: Site) -> Iterator[Map]:
 
 @pytest.fixture(scope="module")
 def batch(site: Site, opened: Map) -> Batch:
-    """Some scans of the live drive, a metre of travel each."""
-    return opened.batch(site.logs["live"], scans=slice(200, 700, 100), window_m=1.0)
+    """Some scans of the live drive; of the same shape as those of the example, so that programs are shared."""
+    return opened.batch(site.logs["live"], scans=slice(200, 700, 100))
 
 
 def test_match_gives_the_same_under_jit_and_vmap(batch: Batch) -> None:
     plain = lx.match(batch)
-    assert np.count_nonzero(plain.code == lx.Code.OK) >= 4
-    np.testing.assert_allclose(plain.window_m, 1.0)
+    assert np.isfinite(plain.pose).all()
     jitted = jax.jit(lx.match)(batch)
     np.testing.assert_allclose(jitted.pose, plain.pose, atol=1e-4)
     twice: Batch = jax.tree.map(lambda field: jnp.stack([field, field]), batch)
     for row in jax.vmap(lx.match)(twice).pose:
         np.testing.assert_allclose(row, plain.pose, atol=1e-3)
+
+
+def test_a_window_locates_what_a_scan_does_not(site: Site, opened: Map, batch: Batch) -> None:
+    windows = opened.batch(site.logs["live"], scans=slice(200, 700, 100), window_m=1.0)
+    assert windows.scans.valid.shape == (5, 99)
+    fix = lx.match(windows)
+    np.testing.assert_allclose(fix.window_m, 1.0)
+    assert np.count_nonzero(fix.code == lx.Code.OK) > np.count_nonzero(lx.match(batch).code == lx.Code.OK)
 
 
 def test_one_scan_is_matched_as_among_others(batch: Batch) -> None:
@@ -176,10 +183,11 @@ def test_gradients_of_a_match_are_what_it_does(batch: Batch) -> None:
     _, (slope, moves) = jax.jvp(along, (jnp.float32(0.0),), (jnp.float32(1.0),))
     step = 0.02
     high, low = along(jnp.float32(step)), along(jnp.float32(-step))
-    np.testing.assert_allclose(slope, (high[0] - low[0]) / (2 * step), atol=2e-3)
-    # The curvature is Gauss-Newton's: right to a third, and to the noise of a climb that ends at a millimetre.
+    np.testing.assert_allclose(slope, (high[0] - low[0]) / (2 * step), atol=4e-3)
+    # The curvature is Gauss-Newton's: right to a third, across and in height, where a single scan is sharp.
     moved = np.asarray((high[1] - low[1]) / (2 * step))
-    assert np.corrcoef(np.asarray(moves)[:, 1], moved[:, 1])[0, 1] > 0.9
+    for axis in (1, 2):
+        assert np.corrcoef(np.asarray(moves)[:, axis], moved[:, axis])[0, 1] > 0.9
     np.testing.assert_allclose(np.asarray(moves)[:, 1], moved[:, 1], atol=0.006)
     mean = jax.grad(
         lambda c: jnp.mean(lx.match(batch._replace(scans=batch.scans._replace(coefficients=c))).correlation)
@@ -256,7 +264,7 @@ def test_reprs_say_what_things_are(session: tuple[Path, dict[str, Any]], batch: 
     told = names["fixes"].summary
     assert repr(names["fixes"]).startswith(f"Fixes of 'live' on 'site': {told.scans} scans, {told.ok} of {told.tried} ")
     assert repr(names["many"]).startswith("ManyFixes: 4 drives, ")
-    assert repr(batch) == "Batch: 5 scans of 99 traces with 46 coefficients on a tile of 928 x 56 cells"
+    assert repr(batch) == "Batch: 5 scans of 11 traces with 46 coefficients on a tile of 832 x 56 cells"
     assert repr(vehicle).startswith(
         "Vehicle 'made-up vehicle on board': counter-steer, serial number SIM-1, wheelbase 3.8 m"
     )
