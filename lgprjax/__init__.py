@@ -1,7 +1,78 @@
-"""lgprjax: localizing ground-penetrating radar on JAX.
+"""lgprjax: locate a vehicle by the ground beneath it, with ground-penetrating radar, on JAX.
 
-Rooms, in the natural way of the data: ``formats`` (drive log) -> ``radar`` (profiles) -> ``subsurface`` (tiles)
--> ``registration`` (fixes, searched by ``pso``) -> ``report``. ``scene`` makes ground with a known truth.
+``import lgprjax as lx`` gives the public names listed in ``__all__``; docs/api.md describes each with an example. A
+name is loaded when it is first used, so that the import itself costs nothing.
 """
 
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lgprjax.api.coverage import plan_coverage
+    from lgprjax.api.drives import open_drive, simulate
+    from lgprjax.api.files import check, view
+    from lgprjax.api.fixes import register, register_many
+    from lgprjax.api.maps import build_map, open_map
+    from lgprjax.api.matching import match
+    from lgprjax.api.rollouts import course, rollout, tracking_cost
+    from lgprjax.api.vehicles import open_vehicle, tune
+    from lgprjax.registration import Code, Fix, RegisterOptions
+
 __version__ = "0.1.0"
+
+_MODULE_OF = {
+    "simulate": "lgprjax.api.drives",
+    "open_drive": "lgprjax.api.drives",
+    "check": "lgprjax.api.files",
+    "view": "lgprjax.api.files",
+    "build_map": "lgprjax.api.maps",
+    "open_map": "lgprjax.api.maps",
+    "register": "lgprjax.api.fixes",
+    "register_many": "lgprjax.api.fixes",
+    "RegisterOptions": "lgprjax.registration",
+    "Fix": "lgprjax.registration",
+    "Code": "lgprjax.registration",
+    "match": "lgprjax.api.matching",
+    "open_vehicle": "lgprjax.api.vehicles",
+    "course": "lgprjax.api.rollouts",
+    "rollout": "lgprjax.api.rollouts",
+    "tracking_cost": "lgprjax.api.rollouts",
+    "tune": "lgprjax.api.vehicles",
+    "plan_coverage": "lgprjax.api.coverage",
+}
+
+__all__ = [  # noqa: RUF022  # in the order in which they are used, which is that of docs/api.md
+    "simulate",
+    "open_drive",
+    "check",
+    "view",
+    "build_map",
+    "open_map",
+    "register",
+    "register_many",
+    "RegisterOptions",
+    "Fix",
+    "Code",
+    "match",
+    "open_vehicle",
+    "course",
+    "rollout",
+    "tracking_cost",
+    "tune",
+    "plan_coverage",
+]
+
+
+if not TYPE_CHECKING:  # or a type checker would take any name for one of these
+
+    def __getattr__(name: str) -> object:
+        """Load a public name on first use (PEP 562)."""
+        if name not in _MODULE_OF:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(importlib.import_module(_MODULE_OF[name]), name)
+        globals()[name] = value
+        return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,202 @@
+"""Drives: opened from drive logs, or generated."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from lgprjax.api.inputs import PathLike, path_of, told_as_arguments
+from lgprjax.errors import InputError
+from lgprjax.formats import DriveLog, VehicleLog
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from lgprjax.scene import SimulatedDrive
+
+_BLOCK_SCANS = 512
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A recorded drive. The file is opened for each use and closed again.
+
+    Attributes:
+        path: the drive log, ``X.drive.h5``.
+        name: of the drive.
+        scans: recorded; 0 in a log without radar, as calibrations use.
+        channels: of the radar array.
+        length_m: of travel by odometry; reverse counts as travel.
+        duration_s: from the first record to the last.
+        t0_utc: ISO 8601 time that the log's ``time_s`` counts from.
+    """
+
+    path: Path
+    name: str
+    scans: int
+    channels: int
+    length_m: float
+    duration_s: float
+    t0_utc: str
+
+    def __repr__(self) -> str:
+        what = f"{self.scans} scans of {self.channels} channels" if self.scans else "no radar"
+        return f"Drive {self.name!r}: {what}, {self.length_m:.1f} m, {self.duration_s:.1f} s ({self.path.name})"
+
+    def traces(self, scans: slice = slice(None)) -> Float[np.ndarray, "scan channel recorded"]:
+        """Recorded amplitudes with the zero level removed; NaN where a channel holds no data.
+
+        Of a stepped-frequency radar these are the calibrated sweeps, real parts before imaginary parts.
+
+        Args:
+            scans: to be read.
+
+        Raises:
+            InputError: the log holds no radar recording, or is damaged.
+        """
+        from lgprjax.batch import recording_of
+
+        with DriveLog.open(self.path) as log:
+            wanted = np.arange(log.scans)[scans]
+            found = []
+            for block in recording_of(log).blocks(_BLOCK_SCANS, int(wanted.min(initial=0))):
+                rows = wanted[(wanted >= block.start) & (wanted < block.start + len(block.recorded))] - block.start
+                found.append(np.where(block.valid[rows][..., None], block.recorded[rows], np.float32(np.nan)))
+                if not len(wanted) or block.start + len(block.recorded) > wanted.max():
+                    break
+            return np.concatenate(found)
+
+    def plot(self, *, channel: int | None = None, ax: "Axes | None" = None) -> "Axes":
+        """Draw the radargram of one channel, the middle one unless told, and return the axes. See ``view``."""
+        from lgprjax.api.files import view
+
+        return view(self, channel=channel, ax=ax)
+
+
+def open_drive(path: PathLike) -> Drive:
+    """Open a drive log and check everything but the radar data.
+
+    Args:
+        path: of a drive log, ``X.drive.h5``. ``lgprjax import`` makes one of any supported recording.
+
+    Raises:
+        InputError: the file is missing, damaged, or not as data_schema/drive.toml says.
+
+    Example:
+        drive = lx.open_drive("drives/live.drive.h5")
+        print(drive)                       # Drive 'live': 1540 scans of 11 channels, 55.4 m, ...
+        first = drive.traces(slice(0, 10))  # [scan, channel, sample]
+    """
+    file = path_of(path, "drive")
+    try:
+        with DriveLog.open(file) as log:
+            known = log.description
+            return Drive(
+                path=file.absolute(),
+                name=known.name,
+                scans=log.scans,
+                channels=log.channels,
+                length_m=_travel_m(known.odometry.distance_m),
+                duration_s=float(log.scan_time_s[-1] - log.scan_time_s[0]),
+                t0_utc=known.t0_utc,
+            )
+    except InputError as error:
+        if error.place != "/radar" or "without radar" not in error.found:
+            raise
+    signals = VehicleLog.open(file)
+    time_s = signals.odometry.time_s
+    return Drive(
+        path=file.absolute(),
+        name=signals.name,
+        scans=0,
+        channels=0,
+        length_m=_travel_m(signals.odometry.distance_m),
+        duration_s=float(time_s[-1] - time_s[0]),
+        t0_utc=signals.t0_utc,
+    )
+
+
+def simulate(site: PathLike, folder: PathLike, *, only: Iterable[str] = (), force: bool = False) -> dict[str, Drive]:
+    """Generate the drives of a site: synthetic ground with stones and layers, recorded by a radar array.
+
+    The true pose of every scan is known and stands in the log, so that fixes can be judged. The same site gives the
+    same drives.
+
+    Args:
+        site: a site file (docs/scene.md lists its keys), a file of calibration drives such as tuning/drives.toml, or
+            the name of a built-in site. ``"village"`` is a road of 70 m with two survey-grade baselines
+            (``baseline_left``, ``baseline_right``), a drive on another day whose GNSS is wrong by a metre (``live``),
+            and the same drive over other ground, of which no scan may be located (``impostor``).
+        folder: for ``NAME.drive.h5``, one for each drive; it is made.
+        only: names of the drives to generate; by default all.
+        force: replace files that exist.
+
+    Returns:
+        The drives by name.
+
+    Raises:
+        InputError: the site cannot be read or driven, a name in ``only`` is none of its drives, or an output exists.
+
+    Example:
+        drives = lx.simulate("village", "generated/", only=["impostor"], force=True)
+        print(drives["impostor"].length_m)
+    """
+    folder = Path(path_of(folder, "folder"))
+    wanted = tuple(only)
+    with told_as_arguments():
+        if isinstance(site, str) and site in _built_in():
+            paths = _write_built_in(site, folder, wanted, force)
+        else:
+            paths = _write_site(path_of(site, "site"), folder, wanted, force)
+    return {name: open_drive(path) for name, path in paths.items()}
+
+
+def _built_in() -> "dict[str, Callable[[], dict[str, SimulatedDrive]]]":
+    from lgprjax.simulation import demo_site
+
+    return {"village": demo_site}
+
+
+def _write_built_in(site: str, folder: Path, wanted: tuple[str, ...], force: bool) -> dict[str, Path]:
+    from lgprjax.simulation import write_drives
+
+    drives = _built_in()[site]()
+    _check_names(site, wanted, drives)
+    chosen = {name: drive for name, drive in drives.items() if not wanted or name in wanted}
+    for name in chosen:
+        output = folder / f"{name}.drive.h5"
+        # Before the first is rendered: of many the last one may exist.
+        if output.exists() and not force:
+            raise InputError(output, "output", "a new file, or --force", "the file exists")
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_drives(chosen, folder, force=force)
+
+
+def _check_names(site: str, wanted: tuple[str, ...], known: Mapping[str, object]) -> None:
+    for name in wanted:
+        if name not in known:
+            raise InputError(site, "--only", f"drives among {', '.join(known)}", name)
+
+
+def _write_site(file: Path, folder: Path, wanted: tuple[str, ...], force: bool) -> dict[str, Path]:
+    from lgprjax.simulation import (
+        is_vehicle_plan,
+        plan_site,
+        read_site,
+        read_vehicle_plan,
+        write_site,
+        write_vehicle_logs,
+    )
+
+    if not file.exists():
+        raise InputError(file, "site", f"a site file, or a built-in site: {', '.join(_built_in())}", "no such file")
+    if is_vehicle_plan(file):
+        return write_vehicle_logs(read_vehicle_plan(file), folder, only=wanted, force=force)
+    return write_site(plan_site(read_site(file), file, wanted), folder, force=force)
+
+
+def _travel_m(distance_m: Float[np.ndarray, " time"]) -> float:
+    return float(np.sum(np.abs(np.diff(distance_m))))

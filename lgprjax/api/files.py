@@ -1,0 +1,168 @@
+"""Any file of the package, or of an instrument: checked against its schema, or drawn."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lgprjax.api.inputs import PathLike, axes_or_new, path_of, told_as_arguments
+from lgprjax.errors import InputError
+from lgprjax.formats import DriveLog, Finding, check_file
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+    from lgprjax.batch import DriveHealth
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """A file that was checked.
+
+    Attributes:
+        path: of the file.
+        findings: every place that is not as the schema says; each has file, place, expected, found and severity.
+        health: of a drive log, how well it was recorded; None where that was not asked for.
+    """
+
+    path: Path
+    findings: tuple[Finding, ...]
+    health: "DriveHealth | None" = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether the file can be used: nothing worse than a warning was found."""
+        return not any(finding.severity == "error" for finding in self.findings)
+
+    @cached_property
+    def table(self) -> "pd.DataFrame":
+        """DataFrame of the findings, or of the health's figures with their limits and verdicts."""
+        import pandas as pd
+
+        if self.health is None:
+            return pd.DataFrame([vars(finding) for finding in self.findings])
+        return pd.DataFrame([figure._asdict() for figure in self.health.figures]).drop(columns="where")
+
+    def __repr__(self) -> str:
+        verdict = "ok" if self.ok else "cannot be used"
+        health = "" if self.health is None else f", recording {self.health.verdict}"
+        return "\n".join([f"Checked {self.path.name}: {verdict}{health}", *(f"  {each}" for each in self.findings)])
+
+
+def check(file: PathLike, *, health: bool = False) -> Checked:
+    """Validate a file against its schema; every problem is a finding.
+
+    Args:
+        file: a drive log, map, fixes, route, vehicle, coverage plan or record of worked area, or what was opened from
+            one.
+        health: also measure how well a drive log was recorded: radar, clock, odometry, GNSS.
+
+    Raises:
+        InputError: the file's name tells no format, or ``health`` is asked for of another file than a drive log.
+
+    Example:
+        checked = lx.check("drives/live.drive.h5", health=True)
+        print(checked)                     # Checked live.drive.h5: ok, recording good
+        print(checked.table[["name", "value", "unit", "verdict"]])
+    """
+    path = path_of(file, "file")
+    if health and not path.name.lower().endswith(".drive.h5"):
+        raise InputError(path, "health", "a drive log, X.drive.h5", repr(path.name))
+    checked = Checked(path.absolute(), tuple(check_file(path)))
+    if not (health and checked.ok):
+        return checked
+    from lgprjax.batch import drive_health
+
+    with DriveLog.open(path) as log:
+        return Checked(checked.path, checked.findings, drive_health(log))
+
+
+def view(
+    file: PathLike,
+    *,
+    channel: int | None = None,
+    raw: bool = False,
+    velocity_m_per_ns: float | None = None,
+    travel_time_ns: float | None = None,
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Draw a recording as a radargram, or a map as a time slice, and return the axes.
+
+    A radargram has travel time down, depth beside it, and distance along the bottom. It is dewowed, without the line's
+    mean trace, and with a depth gain. A time slice is the RMS amplitude of the map seen from above.
+
+    Args:
+        file: a file of an instrument (.dt1, .dzt, .rd3, .rd7, .iprb, .sgy), a drive log, a map, or an open drive or
+            map.
+        channel: of a recording, from 0; by default the middle one.
+        raw: amplitudes as recorded, without processing or gain.
+        velocity_m_per_ns: of the wave, for depths; by default 0.1 is assumed.
+        travel_time_ns: of the time slice of a map; by default that of its second slice of five, from the top.
+        ax: axes to draw on; by default those of a new figure.
+
+    Raises:
+        InputError: the file cannot be read, has no such channel, or the velocity is none that a wave in the ground has.
+
+    Example:
+        ax = lx.view("drives/live.drive.h5", channel=5)
+        ax.figure.savefig("live.png")
+        lx.view("site.map.h5")
+    """
+    from lgprjax.cli.view import DRIVE, MAP, check_speed, view_of_drive, view_of_profile
+    from lgprjax.radar import WAVE_SPEED_M_PER_NS
+    from lgprjax.report import draw_radargram
+
+    path = path_of(file, "file")
+    name = path.name.lower()
+    with told_as_arguments():
+        check_speed(velocity_m_per_ns)
+        if name.endswith(MAP):
+            if raw or channel is not None:
+                raise InputError(path, "raw, channel", "a recording, of which these tell", "a map")
+            speed = WAVE_SPEED_M_PER_NS if velocity_m_per_ns is None else velocity_m_per_ns
+            return _draw_slice(path, travel_time_ns, speed, axes_or_new(ax))
+        if travel_time_ns is not None:
+            raise InputError(path, "travel_time_ns", "a map, of which it tells", repr(path.name))
+        if name.endswith(DRIVE):
+            if channel is None:
+                with DriveLog.open(path) as log:
+                    channel = log.channels // 2
+            line = view_of_drive(path, channel=channel, raw=raw, speed_m_per_ns=velocity_m_per_ns)
+        else:
+            line = view_of_profile(
+                path, channel=channel, raw=raw, speed_m_per_ns=velocity_m_per_ns, sample_interval_ns=None
+            )
+    radargram = line.radargrams[len(line.radargrams) // 2]
+    axes = draw_radargram(radargram, axes_or_new(ax), wave_speed_m_per_ns=line.wave_speed_m_per_ns)
+    axes.set_title(line.title)
+    return axes
+
+
+def _draw_slice(path: Path, travel_time_ns: float | None, speed_m_per_ns: float, axes: "Axes") -> "Axes":
+    from lgprjax.cli.view import stations_of_map
+    from lgprjax.report import slice_map
+    from lgprjax.report.radargram import level_limits, slice_title
+    from lgprjax.report.style import CORRELATION_MAP, outer_edges
+
+    stations = stations_of_map(path)
+    slices = slice_map(stations)
+    number = 1 if travel_time_ns is None else int(np.argmin(np.abs(stations.time_ns - travel_time_ns)))
+    low, high = level_limits(slices.level)
+    image = axes.imshow(
+        slices.level[number],
+        cmap=CORRELATION_MAP,
+        vmin=low,
+        vmax=high,
+        origin="lower",
+        aspect="equal" if slices.equal else "auto",
+        interpolation="nearest",
+        extent=(*outer_edges(slices.x_m), *outer_edges(slices.y_m)),
+    )
+    axes.set_xlabel(slices.labels[0])
+    axes.set_ylabel(slices.labels[1])
+    axes.set_title(f"Map {stations.name}: {slice_title(stations, number, speed_m_per_ns)}")
+    axes.figure.colorbar(image, ax=axes, label="RMS amplitude")
+    return axes

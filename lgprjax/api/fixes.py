@@ -1,0 +1,261 @@
+"""Registration of whole drives on a map: one in this process, very many by worker processes."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Bool, Float
+
+from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, told_as_arguments
+from lgprjax.api.maps import Map, held_ground, using_map
+from lgprjax.errors import InputError
+from lgprjax.formats import DriveLog, read_fixes
+from lgprjax.registration import Fix, RegisterOptions
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from lgprjax.batch import RegisteredDrive
+    from lgprjax.report import DriveResult, DriveSummary
+
+_LEAST_COLOUR_M = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Fixes:
+    """The fixes of a drive on a map, one for each scan.
+
+    Attributes:
+        name: of the drive.
+        map_name: of the map.
+        table: DataFrame with the columns of ``X.fixes.csv``, one row a scan (data_schema/fixes.toml).
+        fix: the same as arrays, one row a scan; poses in metres east and north of the map's origin.
+        truth: true poses [scan, 5] in the same frame, NaN where unknown; None where the log holds none.
+    """
+
+    name: str
+    map_name: str
+    table: pd.DataFrame
+    fix: Fix
+    truth: Float[np.ndarray, "scan 5"] | None
+    result: "DriveResult"
+    _saved_with: "tuple[RegisteredDrive, Path, Path, RegisterOptions]"
+
+    def __repr__(self) -> str:
+        told = self.summary
+        tried = f"{told.ok} of {told.tried} searched are ok"
+        wrong = "" if told.max_error_m is None else f", at most {told.max_error_m:.2f} m off"
+        return f"Fixes of {self.name!r} on {self.map_name!r}: {told.scans} scans, {tried}{wrong}"
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    @property
+    def ok(self) -> Bool[np.ndarray, " scan"]:
+        """Scans that have a position; no other fix is one."""
+        return np.asarray(self.table["code"].to_numpy() == "ok")
+
+    @cached_property
+    def summary(self) -> "DriveSummary":
+        """Counts by code, and errors where the truth is known."""
+        from lgprjax.report import summarise
+
+        return summarise(self.result)
+
+    def plot(self, *, ax: "Axes | None" = None) -> "Axes":
+        """Draw baselines, prior, truth and fixes from above, the fixes coloured by their cross-track error.
+
+        Without truth the colour is the difference from the prior. Returns the axes.
+        """
+        from lgprjax.report import track_errors
+        from lgprjax.report.drive import draw_plan, plan_frame, reference_track
+
+        axes = axes_or_new(ax)
+        frame = plan_frame(reference_track(self.result))
+        error_m = track_errors(self.result).cross_m
+        shown = np.abs(error_m[self.ok & np.isfinite(error_m)])
+        limit_m = max(float(np.percentile(shown, 98.0)), _LEAST_COLOUR_M) if shown.size else _LEAST_COLOUR_M
+        points = draw_plan(axes, self.result, frame, error_m, limit_m)
+        axes.set_xlabel("along the road (m)" if frame.along_road else "east (m)")
+        axes.set_ylabel("left (m)" if frame.along_road else "north (m)")
+        word = "error" if self.result.has_truth else "fix - prior"
+        axes.figure.colorbar(points, ax=axes, label=f"cross-track {word} (m)", extend="both", pad=0.01)
+        return axes
+
+    def save(self, folder: PathLike, *, force: bool = False) -> Path:
+        """Write ``NAME.fixes.csv`` and ``NAME.fixes.h5`` to a folder, which is made; both appear, or neither.
+
+        Args:
+            folder: of the files.
+            force: replace files that exist.
+
+        Returns:
+            The CSV file.
+
+        Raises:
+            InputError: a file exists (without ``force``) or cannot be written.
+        """
+        from lgprjax.batch import write_registered
+
+        drive, map_path, log_path, options = self._saved_with
+        target = path_of(folder, "folder")
+        target.mkdir(parents=True, exist_ok=True)
+        with told_as_arguments(), using_map(map_path) as site, DriveLog.open(log_path) as log:
+            write_registered(drive, site.source, log, options, target, force)
+        return target / f"{self.name}.fixes.csv"
+
+
+def register(site: PathLike, drive: PathLike, *, options: RegisterOptions | None = None) -> Fixes:
+    """Locate every scan of a drive on a map.
+
+    The defaults need no tuning to the ground: the scan alone is matched, or the last 1, 2, 4 or 8 m of travel,
+    whichever is the shortest that keeps the probability of a false match within the risk.
+
+    Args:
+        site: a map, open or its path. With an open one the ground is kept for the next drive.
+        drive: a drive log or an open drive.
+        options: of the search.
+
+    Returns:
+        Fixes: ``table`` is a DataFrame, ``plot()`` returns axes, ``save(folder)`` writes the files of the command line.
+
+    Raises:
+        InputError: a file or an option cannot be used, or the drive's navigation does not span its scans.
+
+    Example:
+        site = lx.open_map("site.map.h5")
+        fixes = lx.register(site, "drives/live.drive.h5", options=lx.RegisterOptions(window_m=2.0))
+        print(fixes)                       # Fixes of 'live' on 'site': 3094 scans, ... are ok
+        located = fixes.table[fixes.ok]    # only these are positions
+        fixes.plot().set_title("live")
+    """
+    from lgprjax.batch import register_log
+    from lgprjax.batch.recording import gnss_gaps
+    from lgprjax.cli.register import drive_result
+
+    options = RegisterOptions() if options is None else options
+    path = path_of(drive, "drive")
+    with using_map(site) as opened:
+        check_options(options, opened)
+        with DriveLog.open(path) as log:
+            done = register_log(opened.source, log, options, held=held_ground(opened, options))
+            result = drive_result(done, opened.source, impostor=False, gnss_gap=gnss_gaps(log))
+        return Fixes(
+            name=done.name,
+            map_name=opened.name,
+            table=done.table,
+            fix=done.fix,
+            truth=done.truth,
+            result=result,
+            _saved_with=(done, opened.path, path.absolute(), options),
+        )
+
+
+def check_options(options: RegisterOptions, site: Map) -> None:
+    """Refuse options that no search on a map can have.
+
+    Raises:
+        InputError: an option is out of its range, or the search region is too small or too large for this map.
+    """
+    from lgprjax.cli.register import check_region, check_search
+
+    if not isinstance(options, RegisterOptions):
+        raise InputError("call", "options", "RegisterOptions", repr(options)[:60])
+    scale = "auto" if options.time_scale is None else options.time_scale
+    with told_as_arguments():
+        check_search(options.search_m, options.window_m, scale, options.risk)
+        check_region(options.search_m, site.source)
+
+
+@dataclass(frozen=True, eq=False)
+class ManyFixes(Mapping[str, pd.DataFrame]):
+    """Drives registered on a map, with their results in a folder: a mapping from drive to its table of fixes.
+
+    Attributes:
+        folder: of ``NAME.fixes.csv``, ``NAME.fixes.h5``, ``archive.csv`` and the page ``archive.html``.
+        table: DataFrame with one row a drive: scans by code, errors where the truth is known, what it cost.
+        failed: why a drive could not be registered, by its name.
+    """
+
+    folder: Path
+    table: pd.DataFrame
+    failed: dict[str, str]
+
+    def __repr__(self) -> str:
+        done = self.table[self.table["state"] == "done"]
+        share = "" if not len(done) else f", {100.0 * done['ok'].sum() / max(done['tried'].sum(), 1):.0f} % ok"
+        lost = f", {len(self.failed)} failed" if self.failed else ""
+        return f"ManyFixes: {len(done)} drives{share}{lost} ({self.folder})"
+
+    def __getitem__(self, name: str) -> pd.DataFrame:
+        if name not in set(self):
+            raise KeyError(name)
+        return read_fixes(self.folder / f"{name}.fixes.h5")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.table.loc[self.table["state"] == "done", "drive"].tolist())
+
+    def __len__(self) -> int:
+        return int((self.table["state"] == "done").sum())
+
+
+def register_many(
+    site: PathLike,
+    drives: Iterable[PathLike],
+    folder: PathLike,
+    *,
+    options: RegisterOptions | None = None,
+    workers: int | None = None,
+    threads: int | None = None,
+    scheduler: str | None = None,
+    force: bool = False,
+) -> ManyFixes:
+    """Register very many drives by worker processes into one folder; what is there already is not done again.
+
+    Args:
+        site: a map, open or its path.
+        drives: drive logs or open drives, of different names.
+        folder: of the results; it is made.
+        options: of the search.
+        workers: processes of this machine; by default 1.
+        threads: of each process, by default an equal share of the cores. With equal threads the fixes are the same to
+            the bit.
+        scheduler: address of a dask scheduler, ``tcp://HOST:8786``, in place of workers of this machine.
+        force: register all drives anew, and replace results of another map.
+
+    Returns:
+        Tables of fixes by drive. A drive that cannot be registered is among ``failed``; the others are not disturbed.
+
+    Raises:
+        InputError: the map, the folder or an option cannot be used, or two drives have one name.
+
+    Example:
+        many = lx.register_many("site.map.h5", ["drives/live.drive.h5", "drives/impostor.drive.h5"], "out/", workers=2)
+        print(many.table[["drive", "ok", "tried"]])
+        print(many["live"].code.value_counts())
+    """
+    from lgprjax.batch import drive_name
+    from lgprjax.cli.register_many import Workforce
+    from lgprjax.cli.register_many import register_many as run
+    from lgprjax.cli.terminal import console
+
+    options = RegisterOptions() if options is None else options
+    paths, target = paths_of(drives, "drive"), path_of(folder, "folder").absolute()
+    with using_map(site) as opened:
+        check_options(options, opened)
+        map_path = opened.path
+    crew = Workforce(1 if workers is None and scheduler is None else workers, threads, scheduler)
+    # The command's table is for terminals; the progress bar stays, on standard error.
+    with told_as_arguments(), console.capture():
+        run(map_path, paths, target, options, crew, json=None, force=force)
+    whole = pd.read_csv(
+        target / "archive.csv", keep_default_na=False, na_values=[""], dtype={"error": str, "drive": str}
+    )
+    names = [drive_name(path) for path in paths]
+    table = whole[whole["drive"].isin(names)].reset_index(drop=True)
+    failed = table[table["state"] == "failed"]
+    return ManyFixes(target, table, dict(zip(failed["drive"], failed["error"], strict=True)))

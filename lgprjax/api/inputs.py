@@ -1,0 +1,94 @@
+"""What callers pass in: paths or open objects, and errors told in the words of a call."""
+
+import os
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from lgprjax.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_OPTION = re.compile(r"--([a-z][a-z-]*)")
+_USAGE = re.compile(r"(?P<place>[^:]+): expected (?P<expected>.*), found (?P<found>.*)")
+
+
+class HasPath(Protocol):
+    """An open file of this package: a drive, a map, a vehicle, or the log that one was opened from."""
+
+    @property
+    def path(self) -> Path | None:
+        """Where the file is; None while it has not been saved."""
+
+
+PathLike = str | os.PathLike[str] | HasPath
+"""A path, or an object that was opened from one."""
+
+
+def path_of(given: PathLike, what: str) -> Path:
+    """The path of what a caller passed.
+
+    Raises:
+        InputError: neither a path nor an open object, or an object that has not been saved.
+    """
+    if isinstance(given, str | os.PathLike):
+        return Path(given)
+    path = getattr(given, "path", given)
+    if path is None:
+        raise InputError(what, "path", "an object with a file; save it first", repr(given))
+    if not isinstance(path, Path):
+        raise InputError("call", what, f"a path or an open {what}", f"{type(given).__name__} {given!r}"[:80])
+    return path
+
+
+def paths_of(given: PathLike | Iterable[PathLike], what: str) -> list[Path]:
+    """Paths of several files; a single one is several of one.
+
+    Raises:
+        InputError: as ``path_of``, or there are none.
+    """
+    if isinstance(given, str | os.PathLike) or not isinstance(given, Iterable):
+        return [path_of(given, what)]
+    several = [path_of(each, what) for each in given]
+    if not several:
+        raise InputError("call", what, "at least one", "none")
+    return several
+
+
+@contextmanager
+def told_as_arguments() -> Iterator[None]:
+    """Errors that name options of the command line (``--search-m``) name the argument instead (``search_m``)."""
+    try:
+        yield
+    except InputError as error:
+        place, expected = _as_argument(error.place), _as_argument(error.expected)
+        if (place, expected) == (error.place, error.expected):
+            raise
+        raise InputError(error.file, place, expected, error.found) from None
+    except Exception as error:
+        from lgprjax.cli.terminal import UsageError
+
+        if not isinstance(error, UsageError):
+            raise
+        told = _USAGE.fullmatch(str(error))
+        if told is None:
+            raise InputError("call", "arguments", "arguments that go together", _as_argument(str(error))) from None
+        raise InputError("call", *(_as_argument(told[part]) for part in ("place", "expected", "found"))) from None
+
+
+def _as_argument(text: str) -> str:
+    text = text.replace("--force", "force=True")
+    return _OPTION.sub(lambda option: option[1].replace("-", "_"), text)
+
+
+def axes_or_new(ax: "Axes | None", *, width_in: float = 9.0, height_in: float = 4.5) -> "Axes":
+    """The axes that the caller passed, or those of a new figure."""
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot
+
+    _, made = pyplot.subplots(figsize=(width_in, height_in), layout="constrained")
+    return made

@@ -1,0 +1,201 @@
+"""Maps: subsurface databases built from drives, opened, and looked at."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Literal
+
+from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, told_as_arguments
+from lgprjax.errors import InputError
+from lgprjax.formats import MapFile
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from lgprjax.api.matching import Batch
+    from lgprjax.batch import HeldGround
+    from lgprjax.frames import LocalFrame
+    from lgprjax.radar import ChainSettings
+    from lgprjax.registration import RegisterOptions
+
+
+class Map:
+    """A subsurface database, open for reading; a context manager that closes it.
+
+    Gridded ground is kept from call to call, so that registering a second drive on an open map is quicker.
+
+    Attributes:
+        path: the file, ``M.map.h5``.
+        name: of the map.
+        stations: places along the baselines at which traces are stored.
+        baselines: drives that it was built from.
+        channels: of the radar array.
+        length_m: of all baselines together.
+        settings: of the processing that baselines went through, and live scans must.
+        frame: the local frame; poses are in metres east and north of its origin.
+    """
+
+    def __init__(self, source: MapFile) -> None:
+        self.source = source
+        self.path: Path = source.path.absolute()
+        known = source.description
+        self.name: str = known.name
+        self.stations = len(source.places)
+        self.baselines = len(known.label_sigma_m)
+        self.channels: int = known.channels
+        self.settings: ChainSettings = known.settings
+        self.frame: LocalFrame = known.frame
+        self.length_m = max(self.stations - self.baselines, 0) * known.settings.step_m
+        self.held: tuple[RegisterOptions, HeldGround] | None = None
+
+    def __repr__(self) -> str:
+        chain = self.settings
+        return (
+            f"Map {self.name!r}: {self.stations} stations of {self.channels} channels on {self.baselines} baselines, "
+            f"{self.length_m:.0f} m; a station every {100.0 * chain.step_m:.3g} cm, "
+            f"{1e-6 * chain.band_low_hz:.3g} to {1e-6 * chain.band_high_hz:.3g} MHz ({self.path.name})"
+        )
+
+    def __enter__(self) -> "Map":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; the attributes stay."""
+        self.held = None
+        self.source.close()
+
+    def batch(
+        self,
+        drive: PathLike,
+        scans: slice = slice(None),
+        *,
+        options: "RegisterOptions | None" = None,
+        window_m: float = 0.0,
+    ) -> "Batch":
+        """Scans of a drive, their priors and the ground beneath them, as arrays on the device, for ``match``.
+
+        All scans of a batch lie on one tile, so they must lie within 60 m of each other.
+
+        Args:
+            drive: a drive log or an open drive.
+            scans: of the drive.
+            options: of the search; ``window_m`` of the options is not looked at.
+            window_m: travel before each scan that is matched with it as one; 0 for the scan alone.
+
+        Raises:
+            InputError: no scans, scans too far apart, or a place that the map does not reach.
+        """
+        from lgprjax.api.matching import batch_of
+
+        return batch_of(self, path_of(drive, "drive"), scans, options=options, window_m=window_m)
+
+    def plot(self, *, ax: "Axes | None" = None) -> "Axes":
+        """Draw the baselines from above, in metres east and north of the map's origin, and return the axes."""
+        axes = axes_or_new(ax)
+        for number in range(self.baselines):
+            own = self.source.pose[self.source.drive == number]
+            axes.plot(own[:, 0], own[:, 1], linewidth=1.5, label=f"baseline {number}")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("east (m)")
+        axes.set_ylabel("north (m)")
+        axes.set_title(f"Map {self.name}")
+        axes.legend()
+        return axes
+
+
+def open_map(path: PathLike) -> Map:
+    """Open a subsurface database.
+
+    Args:
+        path: of the database, ``M.map.h5``.
+
+    Raises:
+        InputError: the file is missing, damaged, or not as data_schema/map.toml says.
+
+    Example:
+        with lx.open_map("site.map.h5") as site:
+            print(site)                    # Map 'site': 3268 stations of 11 channels on 2 baselines, 131 m; ...
+            site.plot()
+    """
+    return Map(MapFile.open(path_of(path, "map")))
+
+
+def build_map(
+    drives: PathLike | Iterable[PathLike],
+    output: PathLike,
+    *,
+    centre_frequency_mhz: float | None = None,
+    travel_time_ns: float | None = None,
+    precision: Literal["full", "standard", "small"] = "standard",
+    force: bool = False,
+) -> Map:
+    """Build a subsurface database from drives over the same ground.
+
+    Args:
+        drives: drive logs or open drives, the baselines. The first gives the map its origin and its processing.
+        output: the database to write, ``M.map.h5``.
+        centre_frequency_mhz: of the antennas, where the first log does not say.
+        travel_time_ns: two-way travel time that profiles reach at most; by default traces go to the end of the
+            recording and sweeps fifteen periods.
+        precision: how closely traces are stored: ``full`` as 16-bit samples, ``standard`` in some two bits a number,
+            ``small`` in fewer.
+        force: replace a file that exists.
+
+    Returns:
+        The map, open.
+
+    Raises:
+        InputError: a log that cannot be used, drives that do not fit together, or an output that cannot be written.
+
+    Example:
+        site = lx.build_map(["drives/baseline_left.drive.h5"], "left.map.h5", force=True)
+        print(site.stations, site.settings.step_m)
+    """
+    from lgprjax.formats import MAP_PRECISIONS, locked_map
+    from lgprjax.mapping import build_map as build
+
+    baselines = paths_of(drives, "drive")
+    file = path_of(output, "map")
+    if precision not in MAP_PRECISIONS:
+        raise InputError(file, "precision", ", ".join(MAP_PRECISIONS), repr(precision))
+    for name, value, most in (
+        ("centre_frequency_mhz", centre_frequency_mhz, 1e4),
+        ("travel_time_ns", travel_time_ns, 1e5),
+    ):
+        if value is not None and not 1.0 <= value <= most:
+            raise InputError(file, name, f"1 to {most:g}", f"{value:g}")
+    with told_as_arguments(), locked_map(file):
+        build(
+            baselines,
+            file,
+            centre_frequency_hz=None if centre_frequency_mhz is None else 1e6 * centre_frequency_mhz,
+            travel_time_ns=travel_time_ns,
+            precision=MAP_PRECISIONS[precision],
+            force=force,
+        )
+    return open_map(file)
+
+
+def held_ground(site: Map, options: "RegisterOptions") -> "HeldGround":
+    """Tiles and noise floor of a map for a search, kept in it until another search is asked for."""
+    from lgprjax.batch import HeldGround
+
+    if site.held is None or site.held[0] != options:
+        site.held = (options, HeldGround(site.source, options))
+    return site.held[1]
+
+
+@contextmanager
+def using_map(given: PathLike) -> Iterator[Map]:
+    """A map for a while: one that is open stays open, one that is opened here is closed again."""
+    if isinstance(given, Map):
+        yield given
+        return
+    with open_map(given) as opened:
+        yield opened

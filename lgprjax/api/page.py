@@ -1,0 +1,157 @@
+"""docs/api.md, made from the docstrings and signatures of the public names: ``python -m lgprjax.api.page``."""
+
+import inspect
+import re
+import sys
+import textwrap
+from collections.abc import Iterator
+from enum import Enum
+
+import lgprjax
+
+_SECTION = re.compile(r"(Args|Attributes|Returns|Raises|Example):")
+_ENTRY = re.compile(r"(?P<name>\w[\w, ]*): (?P<text>.*)", re.DOTALL)
+_HEAD = """# Python interface
+
+Made from the docstrings of the public names by `python -m lgprjax.api.page`; the examples are run by
+`tests/test_public.py`, in a folder with the drives of `lx.simulate("village", "drives/")`, their map `site.map.h5`, and
+the files that they name from `onboard/` and `tuning/`.
+
+```python
+import lgprjax as lx
+```
+
+Whatever takes a file takes its path, as a string or a `Path`, or the object that was opened from it. Bad input raises
+`lgprjax.errors.InputError`, a `ValueError` that names file, place, what was expected and what was found. Functions that
+draw return matplotlib axes, and draw on axes of your own when given as `ax`.
+"""
+_EXAMPLES = {
+    "RegisterOptions": (
+        'options = lx.RegisterOptions(search_m=3.0, risk=1e-5)\nwith lx.open_map("site.map.h5") as site:\n'
+        '    batch = site.batch("drives/live.drive.h5", slice(0, 100, 50), options=options)'
+    ),
+    "Fix": (
+        'with lx.open_map("site.map.h5") as site:\n'
+        '    fix = lx.match(site.batch("drives/live.drive.h5", slice(200, 700, 100)))\n'
+        "assert isinstance(fix, lx.Fix)\n"
+        "located = fix.pose[fix.code == lx.Code.OK]  # east_m, north_m, height_m, yaw_rad, roll_rad"
+    ),
+    "Code": 'assert lx.Code.OK == 0\nassert lx.Code(3).label == "edge"',
+}
+"""Examples of names whose own docstrings have none: they belong to a room that knows no files."""
+
+
+def api_page() -> str:
+    """The page as Markdown."""
+    parts = [_HEAD]
+    described = set[type]()
+    for name in lgprjax.__all__:
+        public = getattr(lgprjax, name)
+        parts += [f"## {name}\n", _code(_signature(name, public)), _body(inspect.getdoc(public) or "")]
+        if isinstance(public, type) and issubclass(public, Enum):
+            parts.append("".join(f"- `{each.name}` = {each.value}\n" for each in public))
+        if name in _EXAMPLES:
+            parts.append(_code(_EXAMPLES[name]))
+        given = None if isinstance(public, type) else _given(public)
+        if given is not None and given not in described:
+            described.add(given)
+            parts += [f"### {given.__name__}\n", _body(inspect.getdoc(given) or ""), *_members(given)]
+    return "\n".join(part.rstrip("\n") + "\n" for part in parts)
+
+
+def examples() -> Iterator[tuple[str, str]]:
+    """Each public name with its example."""
+    for name in lgprjax.__all__:
+        doc = inspect.getdoc(getattr(lgprjax, name)) or ""
+        told = dict(_sections(doc)).get("Example")
+        yield name, _EXAMPLES.get(name, "") if told is None else told
+
+
+def _given(public: object) -> type | None:
+    """The class of this package that a function returns."""
+    annotation = inspect.signature(public).return_annotation  # type: ignore[arg-type]
+    ours = isinstance(annotation, type) and annotation.__module__.startswith("lgprjax.api")
+    return annotation if ours else None
+
+
+def _signature(name: str, public: object) -> str:
+    if isinstance(public, type) and issubclass(public, Enum):
+        return f"class {name}"
+    parameters = inspect.signature(public).parameters.values()  # type: ignore[arg-type]
+    told, starred = list[str](), False
+    for each in parameters:
+        if each.name == "self":
+            continue
+        if each.kind is each.KEYWORD_ONLY and not starred:
+            told, starred = [*told, "*"], True
+        told.append(each.name if each.default is each.empty else f"{each.name}={each.default!r}")
+    inside = ", ".join(told)
+    if len(inside) + len(name) > 100:
+        inside = "\n" + textwrap.indent(",\n".join(told), "    ") + ",\n"
+    return f"{name}({inside})"
+
+
+def _members(public: type) -> list[str]:
+    """Public methods and properties that the class itself defines."""
+    parts = []
+    for name, member in vars(public).items():
+        plain = getattr(member, "fget", None) or getattr(member, "func", None) or member
+        if name.startswith("_") or not inspect.isfunction(plain) or not plain.__doc__:
+            continue
+        shown = _signature(name, member) if inspect.isfunction(member) else name
+        parts.append(f"#### `.{' '.join(shown.split())}`\n\n{_body(inspect.getdoc(plain) or '')}")
+    return parts
+
+
+def _sections(doc: str) -> Iterator[tuple[str, str]]:
+    """Title and text of each section of a docstring; the first has no title."""
+    title, held = "", list[str]()
+    for line in doc.splitlines():
+        begun = _SECTION.fullmatch(line)
+        if begun:
+            yield title, textwrap.dedent("\n".join(held)).strip("\n")
+            title, held = begun[1], []
+        else:
+            held.append(line)
+    yield title, textwrap.dedent("\n".join(held)).strip("\n")
+
+
+def _body(doc: str) -> str:
+    parts = []
+    for title, text in _sections(doc):
+        if not title:
+            parts.append(_plain(text) + "\n")
+        elif title == "Example":
+            parts.append(_code(text))
+        elif title == "Returns":
+            parts.append(f"Returns: {_plain(_joined(text))}\n")
+        else:
+            parts.append(f"{title}:\n\n" + "".join(f"- {entry}\n" for entry in _entries(text)))
+    return "\n".join(parts)
+
+
+def _entries(text: str) -> Iterator[str]:
+    """Entries ``name: what it is`` of a section, lines that go on joined."""
+    for block in re.split(r"\n(?=\S)", text):
+        told = _ENTRY.fullmatch(_joined(block))
+        if told is None:
+            yield _plain(_joined(block))
+        else:
+            names = ", ".join(f"`{name}`" for name in told["name"].split(", "))
+            yield f"{names}: {_plain(told['text'])}"
+
+
+def _joined(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _plain(text: str) -> str:
+    return text.replace("``", "`")
+
+
+def _code(text: str) -> str:
+    return f"```python\n{text}\n```\n"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(api_page())

@@ -1,0 +1,306 @@
+"""Vehicles driven along courses in closed loop: pure functions of arrays, for jit, vmap and grad."""
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from lgprjax.api.inputs import axes_or_new
+from lgprjax.api.vehicles import Vehicle, moving_parts
+from lgprjax.errors import InputError
+from lgprjax.vehicle import (
+    LookAhead,
+    Path,
+    RolloutLane,
+    RolloutMetrics,
+    RolloutSpec,
+    RolloutState,
+    RolloutTrace,
+    arc_course,
+    clothoid_course,
+    constant_look_ahead,
+    eight_course,
+    line_course,
+    path_from_points,
+    roll_out,
+    roll_out_traced,
+    start_rollout,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Kind = Literal["line", "offset", "arc", "curve", "eight"]
+_TAKES = {
+    "line": ("length_m",),
+    "offset": ("metres", "length_m"),
+    "arc": ("radius_m", "turn_deg", "hand"),
+    "curve": ("radius_m", "turn_deg", "hand"),
+    "eight": ("radius_m",),
+}
+_USUAL: dict[str, float | str] = {
+    "metres": 3.0,
+    "length_m": 100.0,
+    "radius_m": 25.0,
+    "turn_deg": 90.0,
+    "hand": "left",
+}
+_SPEED_MPS = 2.235  # 5 mph
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["path", "offset_m"], meta_fields=["kind"])
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A path to be followed, and how far beside it the vehicle begins; a pytree.
+
+    Attributes:
+        path: table over arc length.
+        offset_m: of the vehicle's anchor from the path at the start, positive to the left.
+        kind: as it was asked for.
+    """
+
+    path: Path
+    offset_m: Float[Array, "..."]
+    kind: str
+
+    def __repr__(self) -> str:
+        if isinstance(self.path.length_m, jax.core.Tracer):
+            return f"Course {self.kind!r}"
+        beside = f", begun {float(self.offset_m):g} m to the left" if np.any(np.asarray(self.offset_m)) else ""
+        return f"Course {self.kind!r}: {float(self.path.length_m):.1f} m{beside}"
+
+    def plot(self, *, ax: "Axes | None" = None) -> "Axes":
+        """Draw the path from above and return the axes."""
+        axes = axes_or_new(ax)
+        rows = np.asarray(self.path.rows)[1:]
+        axes.plot(rows[:, 0], rows[:, 1])
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("x (m)")
+        axes.set_ylabel("y (m)")
+        axes.set_title(repr(self))
+        return axes
+
+
+def course(
+    kind: Kind | Float[np.ndarray, "point 2"],
+    *,
+    metres: float | None = None,
+    length_m: float | None = None,
+    radius_m: float | None = None,
+    turn_deg: float | None = None,
+    hand: Literal["left", "right"] | None = None,
+) -> Course:
+    """A course for a vehicle to follow.
+
+    Args:
+        kind: ``line``, a straight line; ``offset``, the same with the vehicle beside it at the start; ``arc``, of one
+            radius, which a turn of 360° closes; ``curve``, straight, clothoid, arc, clothoid, straight; ``eight``, a
+            closed lemniscate. Or points [point, 2] in metres, which the path is laid through.
+        metres: ``offset``: where the vehicle begins, to the left of the line; by default 3.
+        length_m: ``line`` and ``offset``; by default 100.
+        radius_m: ``arc``, ``curve`` and, as the least radius, ``eight``; by default 25.
+        turn_deg: ``arc`` and ``curve``: of the whole turn; by default 90.
+        hand: ``arc`` and ``curve``: to which side; by default left.
+
+    Raises:
+        InputError: a kind that there is not, an argument that the kind does not take, or a length that cannot be.
+
+    Example:
+        print(lx.course("offset", metres=3.0))   # Course 'offset': 100.0 m, begun 3 m to the left
+        bend = lx.course("curve", radius_m=20.0, turn_deg=60.0, hand="right")
+        logged = lx.course([[0.0, 0.0], [10.0, 0.0], [20.0, 2.0], [30.0, 6.0]])
+    """
+    given = {"metres": metres, "length_m": length_m, "radius_m": radius_m, "turn_deg": turn_deg, "hand": hand}
+    named = kind if isinstance(kind, str) else "points"
+    takes = _TAKES.get(named, ())
+    if isinstance(kind, str) and kind not in _TAKES:
+        raise InputError("course", "kind", f"{', '.join(_TAKES)}, or points", repr(kind))
+    for name, value in given.items():
+        if value is not None and name not in takes:
+            raise InputError(
+                "course", name, f"no such argument of {named!r}, which takes {', '.join(takes) or 'none'}", repr(value)
+            )
+    told = {name: _USUAL[name] if given[name] is None else given[name] for name in takes}
+    for name in takes:
+        if name != "hand" and not (isinstance(told[name], int | float) and math.isfinite(told[name])):  # type: ignore[arg-type]
+            raise InputError("course", name, "a finite number", repr(told[name])[:60])
+    if told.get("hand", "left") not in ("left", "right"):
+        raise InputError("course", "hand", "left or right", repr(told["hand"])[:60])
+    return Course(_path(kind, told), jnp.float32(told.get("metres", 0.0)), named)  # type: ignore[arg-type]
+
+
+def _path(kind: Kind | Float[np.ndarray, "point 2"], told: dict[str, object]) -> Path:
+    number = {name: float(value) for name, value in told.items() if name != "hand"}  # type: ignore[arg-type]
+    if not isinstance(kind, str):
+        points = np.asarray(kind, np.float64)
+        if points.ndim != 2 or points.shape[1] != 2:
+            raise InputError("course", "points", "an array [point, 2]", f"one of shape {points.shape}")
+        return path_from_points(points)
+    if kind == "eight":
+        return eight_course(number["radius_m"])
+    if kind in ("line", "offset"):
+        return line_course(number["length_m"])
+    hand: Literal["left", "right"] = "right" if told["hand"] == "right" else "left"
+    turn_rad = math.radians(number["turn_deg"])
+    if kind == "arc":
+        return arc_course(number["radius_m"], turn_rad, hand)
+    # Clothoids over half of the turn: a quarter at each end.
+    return clothoid_course(number["radius_m"], turn_rad, 0.5 * number["radius_m"] * turn_rad, hand)
+
+
+class Rollout(NamedTuple):
+    """A simulated drive; a pytree.
+
+    Attributes:
+        trace: pose, wheel angles and distance from the path, step by step.
+        metrics: RMS and largest distance from the path, settling, effort.
+    """
+
+    trace: RolloutTrace
+    metrics: RolloutMetrics
+
+    def __repr__(self) -> str:
+        if isinstance(self.metrics.rms_m, jax.core.Tracer) or jnp.ndim(self.metrics.rms_m):
+            return (
+                f"Rollout: {jnp.shape(self.trace.x_m)[0]} steps of {math.prod(jnp.shape(self.metrics.rms_m))} vehicles"
+            )
+        rms_m, most_m = float(self.metrics.rms_m), float(self.metrics.largest_m)
+        return f"Rollout: {len(self.trace.x_m)} steps, off the path by {rms_m:.3f} m RMS, {most_m:.3f} m at most"
+
+    def plot(self, *, ax: "Axes | None" = None) -> "Axes":
+        """Draw the distance from the path over the arc length, and return the axes."""
+        axes = axes_or_new(ax)
+        axes.axhline(0.0, linewidth=0.8, color="0.6")
+        axes.plot(np.asarray(self.trace.arc_m), np.asarray(self.trace.offset_m))
+        axes.set_xlabel("distance along the path (m)")
+        axes.set_ylabel("offset (m), left positive")
+        return axes
+
+
+def rollout(
+    vehicle: Vehicle,
+    course: Course,
+    look_ahead_m: ArrayLike | None = None,
+    *,
+    speed_mps: ArrayLike = _SPEED_MPS,
+    duration_s: float = 25.0,
+    step_s: float = 0.05,
+    law: Literal["exact", "closed", "stanley"] = "exact",
+) -> Rollout:
+    """Drive a course in closed loop: pursuit law, steering servo, kinematics. A pure function, for jit, vmap and grad.
+
+    Args:
+        vehicle: a counter-steered one.
+        course: from ``course``.
+        look_ahead_m: along the path; by default that of the vehicle file, over speed.
+        speed_mps: constant; negative in reverse. This and the look-ahead are scalars, or arrays of one value a vehicle.
+        duration_s, step_s: of the drive and of its steps; Python numbers, compiled in.
+        law: pursuit, ``exact`` (LL eq. 2) or in its ``closed`` form (LL eq. 3), or for comparison Stanley's.
+
+    Returns:
+        Rollout: ``trace`` [step, ...] and ``metrics``.
+
+    Raises:
+        InputError: a skid-steer vehicle, a number that its file does not tell, or a duration that is not positive.
+
+    Example:
+        import jax
+        import jax.numpy as jnp
+
+        vehicle, bend = lx.open_vehicle("made_up.vehicle.toml"), lx.course("curve", turn_deg=45.0)
+        drive = jax.jit(lx.rollout)(vehicle, bend, 3.0)
+        print(drive)                       # Rollout: 500 steps, off the path by ... m RMS
+        drive.plot()
+        many = jax.vmap(lambda metres: lx.rollout(vehicle, bend, metres).metrics.rms_m)(jnp.linspace(2.0, 6.0, 5))
+        slope = jax.grad(lambda metres: lx.rollout(vehicle, bend, metres).metrics.rms_m)(3.0)
+    """
+    spec, lane, start = _prepared(vehicle, course, look_ahead_m, speed_mps, duration_s, step_s, law)
+    _, metrics, trace = roll_out_traced(spec, course.path, lane, start)
+    return Rollout(trace, metrics)
+
+
+def tracking_cost(
+    look_ahead_m: ArrayLike,
+    vehicle: Vehicle,
+    course: Course,
+    *,
+    speed_mps: ArrayLike = _SPEED_MPS,
+    duration_s: float = 25.0,
+    effort_m2: ArrayLike = 2.0,
+) -> Float[Array, "..."]:
+    """Cost of a look-ahead in metres: RMS distance from the path and weighted movement of the wheels.
+
+    The cost that the look-ahead study makes least (docs/vehicle.md), here of one course at one speed and without its
+    condition on the phase margin.
+
+    Args:
+        look_ahead_m: along the path.
+        vehicle: a counter-steered one.
+        course: from ``course``.
+        speed_mps: constant.
+        duration_s: of the drive; a Python number, compiled in.
+        effort_m2: metres of cost for a radian of wheel movement a metre.
+
+    Raises:
+        InputError: as ``rollout``.
+
+    Example:
+        import jax
+        import jax.numpy as jnp
+
+        vehicle, beside = lx.open_vehicle("made_up.vehicle.toml"), lx.course("offset", metres=3.0)
+        cost, slope = jax.value_and_grad(lx.tracking_cost)(3.0, vehicle, beside)
+        costs = jax.vmap(lx.tracking_cost, in_axes=(0, None, None))(jnp.linspace(2.0, 6.0, 5), vehicle, beside)
+    """
+    spec, lane, start = _prepared(vehicle, course, look_ahead_m, speed_mps, duration_s, 0.05, "exact")
+    _, metrics = roll_out(spec, course.path, lane, start)
+    cost: Array = metrics.rms_m + jnp.asarray(effort_m2, jnp.float32) * metrics.effort_radpm
+    return cost
+
+
+def _prepared(
+    vehicle: Vehicle,
+    course: Course,
+    look_ahead_m: ArrayLike | None,
+    speed_mps: ArrayLike,
+    duration_s: float,
+    step_s: float,
+    law: Literal["exact", "closed", "stanley"],
+) -> tuple[RolloutSpec, RolloutLane, RolloutState]:
+    for given, type_, maker in ((vehicle, Vehicle, "open_vehicle"), (course, Course, "course")):
+        if not isinstance(given, type_):
+            raise InputError("call", type_.__name__.lower(), f"what {maker}() gives", repr(given)[:60])
+    for name, value in (("duration_s", duration_s), ("step_s", step_s)):
+        if not (isinstance(value, int | float) and math.isfinite(value) and value > 0.0):
+            raise InputError("call", name, "a positive Python number (it is compiled in)", repr(value)[:60])
+    if law not in ("exact", "closed", "stanley"):
+        raise InputError("call", "law", "exact, closed or stanley", repr(law)[:60])
+    if vehicle.chassis is None or vehicle.servo is None:
+        moving_parts(vehicle.file, vehicle.path)  # says which number is missing
+    assert vehicle.chassis is not None
+    assert vehicle.servo is not None
+    ahead = vehicle.look_ahead if look_ahead_m is None else constant_look_ahead(jnp.asarray(look_ahead_m, jnp.float32))
+    if ahead is None:
+        where = "vehicle file" if vehicle.path is None else vehicle.path
+        raise InputError(where, "pursuit.short_m", "a look-ahead, or the argument look_ahead_m", "none")
+    speed = jnp.asarray(speed_mps, jnp.float32)
+    shape = jnp.broadcast_shapes(jnp.shape(ahead.short_m), jnp.shape(speed), jnp.shape(course.offset_m))
+    lane = RolloutLane(
+        vehicle.chassis,
+        vehicle.chassis,
+        vehicle.servo,
+        vehicle.servo.nominal_v,
+        jnp.broadcast_to(speed, shape),
+        LookAhead(*(jnp.broadcast_to(field, shape) for field in ahead)),
+    )
+    slots = math.ceil(vehicle.delay_s / step_s - 1e-9)
+    spec = RolloutSpec(steps=max(1, round(duration_s / step_s)), step_s=step_s, law=law, delay_slots=slots)
+    zero = jnp.zeros(shape, jnp.float32)
+    start = start_rollout(course.path, lane, zero, jnp.broadcast_to(course.offset_m, shape), zero, delay_slots=slots)
+    return spec, lane, start

@@ -1,0 +1,193 @@
+"""Vehicles: opened from vehicle files, and calibrated on their logs."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from lgprjax.api.inputs import PathLike, path_of, told_as_arguments
+from lgprjax.errors import InputError
+from lgprjax.formats import VehicleFile, load_schema, read_vehicle, write_vehicle
+from lgprjax.vehicle import Chassis, LookAhead, Servo
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from lgprjax.studies.steering import FinishedStudy
+
+
+@dataclass(frozen=True, eq=False)
+class Vehicle:
+    """A vehicle; as a pytree its leaves are the numbers that a rollout needs, so that it goes through jit and vmap.
+
+    Attributes:
+        file: every number of the vehicle file.
+        path: of the file; None for a vehicle that has not been saved.
+        chassis: geometry and limits; None of a skid-steer vehicle, or where the file lacks a number for it.
+        servo: lag, delay, rate, dead band and backlash of the steering; None likewise.
+        look_ahead: over speed; None where the file tells none.
+        delay_s: the longest delay that rollouts make room for.
+    """
+
+    file: VehicleFile
+    path: Path | None
+    chassis: Chassis | None
+    servo: Servo | None
+    look_ahead: LookAhead | None
+    delay_s: float
+
+    @property
+    def name(self) -> str:
+        """Name of the vehicle."""
+        return self.file.name
+
+    def __repr__(self) -> str:
+        kind = self.file.steering_kind.replace("_", "-")
+        number = f", serial number {self.file.serial_number}" if self.file.serial_number else ""
+        parts = [f"{len(self.file.found)} numbers calibrated"]
+        if self.file.chassis.wheelbase_m is not None:
+            parts.insert(0, f"wheelbase {self.file.chassis.wheelbase_m:g} m")
+        if self.file.tool.width_m is not None:
+            parts.insert(0, f"tool {self.file.tool.width_m:g} m wide")
+        return f"Vehicle {self.name!r}: {kind}{number}, {', '.join(parts)}"
+
+    def save(self, path: PathLike, *, force: bool = False) -> "Vehicle":
+        """Write a vehicle file, each key with its description; returns the vehicle of that file.
+
+        Raises:
+            InputError: the file exists (without ``force``) or cannot be written.
+        """
+        target = path_of(path, "vehicle")
+        with told_as_arguments():
+            write_vehicle(target, self.file, force=force)
+        return vehicle_of(self.file, target.absolute())
+
+
+class _Label:
+    """The part of a vehicle that is no array: equal files are one, so that nothing is compiled anew for them."""
+
+    def __init__(self, file: VehicleFile, path: Path | None, delay_s: float) -> None:
+        self.file, self.path, self.delay_s = file, path, delay_s
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Label) and self.file == other.file and self.delay_s == other.delay_s
+
+    def __hash__(self) -> int:
+        return hash((self.file.name, self.delay_s))
+
+
+jax.tree_util.register_pytree_node(
+    Vehicle,
+    lambda each: ((each.chassis, each.servo, each.look_ahead), _Label(each.file, each.path, each.delay_s)),
+    lambda label, leaves: Vehicle(label.file, label.path, *leaves, label.delay_s),
+)
+
+
+def open_vehicle(path: PathLike) -> Vehicle:
+    """Open a vehicle file.
+
+    Args:
+        path: of the file, ``X.vehicle.toml``.
+
+    Raises:
+        InputError: the file is missing, or not as data_schema/vehicle.toml says.
+
+    Example:
+        vehicle = lx.open_vehicle("made_up.vehicle.toml")
+        print(vehicle)                     # Vehicle 'made-up vehicle on board': counter-steer, ...
+        print(vehicle.file.steering.lag_s)
+    """
+    file = path_of(path, "vehicle")
+    return vehicle_of(read_vehicle(file), file.absolute())
+
+
+def vehicle_of(file: VehicleFile, path: Path | None) -> Vehicle:
+    """A vehicle with whatever its file tells; a rollout asks for the rest by ``moving_parts``."""
+    chassis = servo = look_ahead = None
+    with suppress(InputError):
+        chassis, servo = moving_parts(file, path)
+    told = [getattr(file.pursuit, name) for name in LookAhead._fields]
+    if all(value is not None for value in told):
+        look_ahead = LookAhead(*(jnp.float32(value) for value in told))
+    return Vehicle(file, path, chassis, servo, look_ahead, file.steering.delay_s or 0.0)
+
+
+def moving_parts(file: VehicleFile, path: Path | None) -> tuple[Chassis, Servo]:
+    """Chassis and steering servo of a vehicle file.
+
+    Raises:
+        InputError: a skid-steer vehicle, or a number that is needed is not in the file.
+    """
+    from lgprjax.batch import chassis_of, servo_of
+
+    where = "vehicle file" if path is None else path
+    return chassis_of(file, where), servo_of(file, where)
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned:
+    """What a study found.
+
+    Attributes:
+        name: of the study.
+        kind: of the study, as ``rear_ratio`` or ``servo``.
+        vehicle: with the numbers found; ``vehicle.save(path)`` writes its file.
+        notes: what else a reader must know, a line each.
+    """
+
+    name: str
+    kind: str
+    vehicle: Vehicle
+    notes: tuple[str, ...]
+    finished: "FinishedStudy"
+
+    def __repr__(self) -> str:
+        rows = [f"{row.number} = {row.value:.5g} {row.unit}".rstrip() for row in self.table.itertuples()]
+        more = f" and {len(rows) - 4} more" if len(rows) > 4 else ""
+        return f"Tuned {self.name!r} ({self.kind}): {', '.join(rows[:4])}{more}"
+
+    @cached_property
+    def table(self) -> "pd.DataFrame":
+        """DataFrame with one row a number: value and 95 % interval, which a number that is chosen does not have."""
+        import pandas as pd
+
+        units = {entry.path: entry.unit for entry in load_schema("vehicle").keys}
+        outcome, rows = self.finished.outcome, []
+        for path, found in outcome.found.items():
+            for number, one in enumerate(found if isinstance(found, list) else [found]):
+                place = f"{path}[{number}]" if isinstance(found, list) else path
+                rows.append((place, one.value, one.low, one.high, units[path]))
+        rows += [(path, value, np.nan, np.nan, units[path]) for path, value in outcome.fixed.items()]
+        return pd.DataFrame(rows, columns=["number", "value", "low", "high", "unit"])
+
+
+def tune(study: PathLike) -> Tuned:
+    """Run a study on a vehicle's logs: a calibration with its 95 % intervals, or the choice of the look-ahead.
+
+    Nothing is written. tuning/ has studies to start from, and docs/vehicle.md says what each of them needs.
+
+    Args:
+        study: a study file. Paths in it are relative to its folder.
+
+    Returns:
+        Tuned: ``vehicle`` with the numbers found, ``table`` with their intervals.
+
+    Raises:
+        InputError: a file cannot be read, is about another vehicle, or does not hold what the fit needs.
+
+    Example:
+        tuned = lx.tune("tuning/k_ratio.toml")
+        print(tuned)                       # Tuned 'k_ratio' (rear_ratio): steering.rear_ratio = 0.63
+        tuned.vehicle.save("tuned.vehicle.toml", force=True)
+    """
+    from lgprjax.formats import read_study
+    from lgprjax.studies.steering import run_study
+
+    asked = read_study(path_of(study, "study"))
+    finished = run_study(asked)
+    return Tuned(asked.name, asked.kind, vehicle_of(finished.vehicle, None), finished.outcome.notes, finished)

@@ -1,0 +1,361 @@
+"""The public interface: a session as people type it, every example of docs/api.md, kernels under jit, vmap and grad."""
+
+import contextlib
+import inspect
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+
+import lgprjax as lx
+from generated import Site
+from lgprjax.api.maps import Map
+from lgprjax.api.matching import Batch
+from lgprjax.api.page import api_page, examples
+from lgprjax.api.vehicles import Vehicle
+from lgprjax.errors import InputError
+from lgprjax.simulation import demo_site
+from lgprjax.tuning.look_ahead import Trials, TunedVehicle, sweep_look_ahead
+from lgprjax.vehicle import line_course
+
+_ROOT = Path(__file__).parents[1]
+_SESSION = """
+import jax
+import lgprjax as lx
+
+drives = lx.simulate("village", "drives/")                        # or lx.open_drive("X.drive.h5") of one's own
+site = lx.build_map([drives["baseline_left"], drives["baseline_right"]], "site.map.h5")
+fixes = lx.register(site, drives["live"])                         # fixes.table: DataFrame; fixes.plot(): Axes
+many = lx.register_many(site, drives.values(), "out/", workers=2)
+
+batch = site.batch(drives["live"], scans=slice(0, 512))           # arrays on the device: tile, scans, priors
+poses = jax.jit(lx.match)(batch)                                  # the kernel, vmappable
+vehicle = lx.open_vehicle("made_up.vehicle.toml")
+course = lx.course("offset", metres=3.0)
+cost, slope = jax.value_and_grad(lx.tracking_cost)(3.0, vehicle, course)
+tuned = lx.tune("tuning/k_ratio.toml").vehicle
+"""
+
+
+@pytest.fixture(autouse=True)
+def _pictures() -> Iterator[None]:
+    mpl.use("agg")
+    yield
+    pyplot.close("all")
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """The folder in which the session was typed, and its names. The road is 40 m long instead of 70."""
+    folder = tmp_path_factory.mktemp("session")
+    shutil.copytree(_ROOT / "tuning", folder / "tuning")
+    for name in ("made_up.vehicle.toml", "made_up_flail.vehicle.toml", "field.geojson"):
+        shutil.copyfile(_ROOT / "onboard" / name, folder / name)
+    scope: dict[str, Any] = {}
+    with pytest.MonkeyPatch.context() as patch, contextlib.chdir(folder):
+        patch.setattr("lgprjax.simulation.demo_site", partial(demo_site, 1, 40.0))
+        lx.simulate("tuning/drives.toml", "out/drives", only=["palm_tree", "palm_tree_again"])
+        exec(_SESSION, scope)
+    return folder, scope
+
+
+def test_a_session_runs_as_it_stands(session: tuple[Path, dict[str, Any]]) -> None:
+    _, names = session
+    fixes, many, poses = names["fixes"], names["many"], names["poses"]
+    assert isinstance(fixes.table, pd.DataFrame)
+    assert fixes.ok.mean() > 0.5
+    off = np.hypot(*(fixes.fix.pose - fixes.truth)[fixes.ok, :2].T)
+    assert off.max() < 0.2
+    assert fixes.summary.wrong_ok == 0
+    assert set(many) == {"baseline_left", "baseline_right", "impostor", "live"}
+    assert not many.failed
+    pd.testing.assert_series_equal(many["live"]["code"], fixes.table["code"], check_index=False, check_dtype=False)
+    assert not (many["impostor"]["code"] == "ok").any()
+    located = np.asarray(poses.code) == lx.Code.OK
+    assert located.mean() > 0.1
+    assert np.hypot(*(poses.pose - fixes.truth[:512])[located, :2].T).max() < 0.2
+    assert np.isfinite(names["cost"])
+    assert np.isfinite(names["slope"])
+    assert names["tuned"].file.steering.rear_ratio == pytest.approx(0.63, abs=0.01)
+
+
+@pytest.mark.parametrize(("name", "text"), list(examples()), ids=[name for name, _ in examples()])
+def test_every_name_has_an_example_that_runs(
+    session: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch, name: str, text: str
+) -> None:
+    monkeypatch.chdir(session[0])
+    monkeypatch.setattr("lgprjax.simulation.demo_site", partial(demo_site, 1, 40.0))
+    assert f"{name}(" in text or f"lx.{name}" in text
+    exec(text, {"lx": lx})
+
+
+def test_the_page_is_made_from_the_docstrings() -> None:
+    assert (_ROOT / "docs" / "api.md").read_text(encoding="utf-8") == api_page(), (
+        "python -m lgprjax.api.page > docs/api.md"
+    )
+
+
+def test_the_import_costs_nothing() -> None:
+    code = (
+        "import sys, time; began = time.perf_counter(); import lgprjax; took = time.perf_counter() - began; "
+        "heavy = {'jax', 'numpy', 'h5py', 'pandas', 'matplotlib'} & set(sys.modules); "
+        "assert set(lgprjax.__all__) <= set(dir(lgprjax)); print(took, *heavy)"
+    )
+    took, *heavy = subprocess.run(
+        [sys.executable, "-c", code], cwd=_ROOT, capture_output=True, text=True, check=True, timeout=60
+    ).stdout.split()
+    assert not heavy
+    assert float(took) <= 0.1
+    with pytest.raises(AttributeError, match="nothing_of_the_kind"):
+        _ = lx.nothing_of_the_kind  # type: ignore[attr-defined]
+
+
+def test_names_for_the_type_checker_are_those_that_are_loaded() -> None:
+    text = (_ROOT / "lgprjax" / "__init__.py").read_text(encoding="utf-8")
+    for name in lx.__all__:
+        loaded = getattr(lx, name)
+        assert f"from {lx._MODULE_OF[name]} import {name} as {name}" in text
+        assert inspect.getdoc(loaded)
+    assert set(lx._MODULE_OF) == set(lx.__all__)
+
+
+@pytest.fixture(scope="module")
+def opened(site: Site) -> Iterator[Map]:
+    """The map of the session's site."""
+    with lx.open_map(site.map) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def batch(site: Site, opened: Map) -> Batch:
+    """Some scans of the live drive; of the same shape as those of the example, so that programs are shared."""
+    return opened.batch(site.logs["live"], scans=slice(200, 700, 100))
+
+
+def test_match_gives_the_same_under_jit_and_vmap(batch: Batch) -> None:
+    plain = lx.match(batch)
+    assert np.isfinite(plain.pose).all()
+    jitted = jax.jit(lx.match)(batch)
+    np.testing.assert_allclose(jitted.pose, plain.pose, atol=1e-4)
+    twice: Batch = jax.tree.map(lambda field: jnp.stack([field, field]), batch)
+    for row in jax.vmap(lx.match)(twice).pose:
+        np.testing.assert_allclose(row, plain.pose, atol=1e-3)
+
+
+def test_a_window_locates_what_a_scan_does_not(site: Site, opened: Map, batch: Batch) -> None:
+    windows = opened.batch(site.logs["live"], scans=slice(200, 700, 100), window_m=1.0)
+    assert windows.scans.valid.shape == (5, 99)
+    fix = lx.match(windows)
+    np.testing.assert_allclose(fix.window_m, 1.0)
+    assert np.count_nonzero(fix.code == lx.Code.OK) > np.count_nonzero(lx.match(batch).code == lx.Code.OK)
+
+
+def test_one_scan_is_matched_as_among_others(batch: Batch) -> None:
+    rows = (batch.scans, batch.prior, batch.half_width, batch.finite)
+    alone = batch._replace(
+        **dict(zip(("scans", "prior", "half_width", "finite"), jax.tree.map(lambda f: f[2:3], rows), strict=True))
+    )
+    np.testing.assert_allclose(lx.match(alone).pose[0], lx.match(batch).pose[2], atol=1e-4)
+
+
+def test_gradients_of_a_match_are_what_it_does(batch: Batch) -> None:
+    coefficients = batch.scans.coefficients
+    rng = np.random.default_rng(0)
+    way = jnp.asarray(rng.normal(size=coefficients.shape), jnp.float32) * jnp.std(coefficients)
+
+    @jax.jit
+    def along(amount: jax.Array) -> tuple[jax.Array, jax.Array]:
+        fix = lx.match(batch._replace(scans=batch.scans._replace(coefficients=coefficients + amount * way)))
+        return jnp.asarray(fix.correlation), jnp.asarray(fix.pose)
+
+    _, (slope, moves) = jax.jvp(along, (jnp.float32(0.0),), (jnp.float32(1.0),))
+    step = 0.02
+    high, low = along(jnp.float32(step)), along(jnp.float32(-step))
+    np.testing.assert_allclose(slope, (high[0] - low[0]) / (2 * step), atol=4e-3)
+    # The curvature is Gauss-Newton's: right to a third, across and in height, where a single scan is sharp.
+    moved = np.asarray((high[1] - low[1]) / (2 * step))
+    for axis in (1, 2):
+        assert np.corrcoef(np.asarray(moves)[:, axis], moved[:, axis])[0, 1] > 0.9
+    np.testing.assert_allclose(np.asarray(moves)[:, 1], moved[:, 1], atol=0.006)
+    mean = jax.grad(
+        lambda c: jnp.mean(lx.match(batch._replace(scans=batch.scans._replace(coefficients=c))).correlation)
+    )
+    np.testing.assert_allclose(jnp.sum(mean(coefficients) * way), jnp.mean(slope), rtol=1e-3, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    """A vehicle whose file tells all that a rollout needs."""
+    return lx.open_vehicle(_ROOT / "onboard" / "made_up.vehicle.toml")
+
+
+def test_the_cost_is_that_of_the_look_ahead_study(vehicle: Vehicle) -> None:
+    assert vehicle.chassis is not None
+    assert vehicle.servo is not None
+    trials = Trials((line_course(100.0),), (2.235,), offsets_m=(3.0,), duration_s=10.0, longest_delay_s=0.1)
+    tuned = TunedVehicle(vehicle.chassis, vehicle.servo, vehicle.servo.nominal_v)
+    judged = sweep_look_ahead(tuned, trials, [2.0, 3.0, 5.0])
+    cost = partial(lx.tracking_cost, duration_s=10.0)
+    found = jax.vmap(cost, in_axes=(0, None, None))(
+        jnp.array([2.0, 3.0, 5.0]), vehicle, lx.course("offset", metres=3.0)
+    )
+    np.testing.assert_allclose(found, judged.cost_m[:, 0], rtol=1e-4)
+
+
+def test_the_cost_has_a_gradient_and_takes_plain_numbers(vehicle: Vehicle) -> None:
+    course, cost = lx.course("offset", metres=3.0), jax.jit(partial(lx.tracking_cost, duration_s=10.0))
+    value, slope = jax.value_and_grad(cost)(3.0, vehicle, course)
+    assert float(value) == pytest.approx(float(cost(jnp.float32(3.0), vehicle, course)))
+    about = (cost(3.05, vehicle, course) - cost(2.95, vehicle, course)) / 0.1
+    assert float(slope) == pytest.approx(float(about), rel=0.05)
+
+
+def test_a_rollout_under_jit_vmap_and_grad(vehicle: Vehicle) -> None:
+    bend = lx.course("arc", radius_m=15.0)
+    drive = jax.jit(partial(lx.rollout, duration_s=10.0))
+    single = drive(vehicle, bend, 3.0)
+    assert isinstance(single.plot(), Axes)
+    many = jax.vmap(lambda metres: drive(vehicle, bend, metres))(jnp.array([2.0, 3.0]))
+    np.testing.assert_allclose(many.metrics.rms_m[1], single.metrics.rms_m, rtol=1e-4)
+    together = drive(vehicle, bend, jnp.array([2.0, 3.0]))
+    np.testing.assert_allclose(together.metrics.rms_m, many.metrics.rms_m, rtol=1e-4)
+    slope = jax.grad(lambda metres: drive(vehicle, bend, metres).metrics.rms_m)(3.0)
+    assert np.isfinite(slope)
+    assert slope != 0.0
+    own = drive(vehicle, bend)
+    assert float(own.metrics.rms_m) != float(single.metrics.rms_m)
+
+
+def test_axes_of_ones_own_are_drawn_on(session: tuple[Path, dict[str, Any]], opened: Map, site: Site) -> None:
+    _, names = session
+    drive, fixes = lx.open_drive(site.logs["live"]), names["fixes"]
+    for draw in (
+        drive.plot,
+        opened.plot,
+        fixes.plot,
+        names["course"].plot,
+        partial(lx.view, opened),
+        partial(lx.view, site.logs["live"], raw=True),
+    ):
+        _, ax = pyplot.subplots()
+        drawn = draw(ax=ax)
+        assert drawn is ax
+        assert drawn.has_data()
+        assert drawn.get_xlabel()
+
+
+def test_reprs_say_what_things_are(session: tuple[Path, dict[str, Any]], batch: Batch, vehicle: Vehicle) -> None:
+    _, names = session
+    drive, site = names["drives"]["live"], names["site"]
+    assert repr(drive).startswith(f"Drive 'live': {drive.scans} scans of 11 channels, 25.")
+    assert repr(site).startswith(f"Map 'site': {site.stations} stations of 11 channels on 2 baselines, ")
+    told = names["fixes"].summary
+    assert repr(names["fixes"]).startswith(f"Fixes of 'live' on 'site': {told.scans} scans, {told.ok} of {told.tried} ")
+    assert repr(names["many"]).startswith("ManyFixes: 4 drives, ")
+    assert repr(batch) == "Batch: 5 scans of 11 traces with 46 coefficients on a tile of 832 x 56 cells"
+    assert repr(vehicle).startswith(
+        "Vehicle 'made-up vehicle on board': counter-steer, serial number SIM-1, wheelbase 3.8 m"
+    )
+    assert repr(names["course"]) == "Course 'offset': 100.0 m, begun 3 m to the left"
+
+
+def test_fixes_are_saved_as_the_command_line_does(session: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    saved = session[1]["fixes"].save(tmp_path / "saved")
+    assert lx.check(saved).ok
+    assert lx.check(saved.with_name("live.fixes.h5")).ok
+    with pytest.raises(InputError, match="force=True"):
+        session[1]["fixes"].save(tmp_path / "saved")
+
+
+def _calls(folder: Path, site: Site) -> dict[str, tuple[Any, str]]:
+    vehicle = _ROOT / "onboard" / "made_up.vehicle.toml"
+    flail = _ROOT / "onboard" / "made_up_flail.vehicle.toml"
+    live = site.logs["live"]
+    return {
+        "no file": (lambda: lx.open_drive(folder / "none.drive.h5"), "none.drive.h5: file: "),
+        "no path": (lambda: lx.open_drive(3), "call: drive: expected a path or an open drive, found int 3"),  # type: ignore[arg-type]
+        "another file": (lambda: lx.open_map(live), "live.drive.h5: "),
+        "no site": (
+            lambda: lx.simulate("vilage", folder),
+            "vilage: site: expected a site file, or a built-in site: village",
+        ),
+        "no drive of it": (lambda: lx.simulate("village", folder, only=["x"]), "village: only: expected drives among"),
+        "no drives": (lambda: lx.build_map([], folder / "m.map.h5"), "call: drive: expected at least one, found none"),
+        "a frequency": (
+            lambda: lx.build_map(live, folder / "m.map.h5", centre_frequency_mhz=0.1),
+            "centre_frequency_mhz",
+        ),
+        "a map that is there": (
+            lambda: lx.build_map(live, site.map),
+            "expected a new file, or force=True, found the file",
+        ),
+        "a search": (
+            lambda: lx.register(site.map, live, options=lx.RegisterOptions(search_m=-1.0)),
+            "call: search_m: expected a length in metres, found -1",
+        ),
+        "no options": (lambda: lx.register(site.map, live, options=2.5), "call: options: expected RegisterOptions"),  # type: ignore[arg-type]
+        "two crews": (
+            lambda: lx.register_many(site.map, [live], folder / "out", workers=1, scheduler="tcp://x:1"),
+            "workers, scheduler: expected one of them, found both",
+        ),
+        "no scans": (
+            lambda: lx.open_map(site.map).batch(live, slice(9, 9)),
+            "scans: expected a slice that holds some of",
+        ),
+        "a window": (lambda: lx.open_map(site.map).batch(live, slice(9), window_m=-1.0), "window_m: expected 0 to 30"),
+        "a channel": (
+            lambda: lx.view(live, channel=11),
+            "expected one with the number 11, as channel says, found 0 to 10",
+        ),
+        "a speed": (lambda: lx.view(live, velocity_m_per_ns=1.0), "call: velocity_m_per_ns: expected more than 0"),
+        "a kind": (lambda: lx.course("spiral"), "course: kind: expected line, offset, arc, curve, eight, or points"),  # type: ignore[arg-type]
+        "an argument": (
+            lambda: lx.course("line", radius_m=3.0),
+            "course: radius_m: expected no such argument of 'line'",
+        ),
+        "a radius": (lambda: lx.course("arc", radius_m=0.1), "course: radius: expected at least 0.5 m, found 0.1 m"),
+        "a skid-steer one": (
+            lambda: lx.rollout(lx.open_vehicle(flail), lx.course("line"), 3.0),
+            "made_up_flail.vehicle.toml: steering_kind: expected counter_steer",
+        ),
+        "a counter-steered one": (
+            lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", vehicle),
+            "steering_kind",
+        ),
+        "an overlap": (
+            lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, overlap=1.0),
+            "overlap: expected a fraction from 0 to below 1",
+        ),
+        "a duration": (
+            lambda: lx.tracking_cost(3.0, lx.open_vehicle(vehicle), lx.course("line"), duration_s=0.0),
+            "call: duration_s: expected a positive Python number",
+        ),
+        "no vehicle": (
+            lambda: lx.tracking_cost(3.0, vehicle, lx.course("line")),  # type: ignore[arg-type]
+            "call: vehicle: expected what open_vehicle() gives",
+        ),
+        "no study": (lambda: lx.tune(folder / "none.toml"), "none.toml: file: "),
+        "no format": (lambda: lx.check(_ROOT / "README.md"), "README.md: file name: expected a suffix among"),
+    }
+
+
+@pytest.mark.parametrize("what", _calls(Path(), Site(Path(), {"live": Path()}, Path())))
+def test_wrong_input_is_told_in_one_line(what: str, site: Site, tmp_path: Path) -> None:
+    call, told = _calls(tmp_path, site)[what]
+    with pytest.raises(InputError) as caught:
+        call()
+    assert told in str(caught.value)
+    assert "--" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
