@@ -7,7 +7,7 @@ from benchmarks.registration import SAMPLE_INTERVAL_NS, SAMPLES
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import ArrayGeometry, default_chain, profile_operator, profile_samples, uniform_array
 from lgprjax.registration import LiveBlock, Track
-from lgprjax.subsurface import MapDescription, Places, StationPlaces, Stations, TilePlacer
+from lgprjax.subsurface import MapDescription, StationPlaces, StationPositions, Stations, TilePlacer
 
 CHANNELS, PITCH_M, HEIGHT_M = 11, 0.127, 0.3
 SCAN_STEP_M = 0.035
@@ -45,7 +45,7 @@ class RepeatedRoad:
         self._pose[:, 2] = HEIGHT_M
         lane = np.repeat(np.arange(lanes, dtype=np.int32), len(along))
         # The road is level.
-        self._places = StationPlaces.held(Places(self._pose, np.zeros(len(lane)), lane))
+        self._places = StationPlaces.held(StationPositions(self._pose, np.zeros(len(lane)), lane))
         self._along = len(along)
         placer = TilePlacer(TILE_SPACING_M)
         for baseline in range(lanes):

@@ -8,15 +8,24 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from lgprjax.api.coverage import plan_coverage
-    from lgprjax.api.drives import open_drive, simulate
-    from lgprjax.api.files import check, view
-    from lgprjax.api.fixes import register, register_many
-    from lgprjax.api.maps import build_map, open_map
-    from lgprjax.api.matching import match
-    from lgprjax.api.rollouts import course, rollout, tracking_cost
-    from lgprjax.api.vehicles import open_vehicle, tune
-    from lgprjax.registration import Code, Fix, RegisterOptions
+    from lgprjax.api.coverage import plan_coverage as plan_coverage
+    from lgprjax.api.drives import open_drive as open_drive
+    from lgprjax.api.drives import simulate as simulate
+    from lgprjax.api.files import check as check
+    from lgprjax.api.files import view as view
+    from lgprjax.api.fixes import register as register
+    from lgprjax.api.fixes import register_many as register_many
+    from lgprjax.api.maps import build_map as build_map
+    from lgprjax.api.maps import open_map as open_map
+    from lgprjax.api.matching import match as match
+    from lgprjax.api.rollouts import course as course
+    from lgprjax.api.rollouts import rollout as rollout
+    from lgprjax.api.rollouts import tracking_cost as tracking_cost
+    from lgprjax.api.vehicles import open_vehicle as open_vehicle
+    from lgprjax.api.vehicles import tune as tune
+    from lgprjax.registration import Code as Code
+    from lgprjax.registration import Fix as Fix
+    from lgprjax.registration import RegisterOptions as RegisterOptions
 
 __version__ = "0.1.0"
 

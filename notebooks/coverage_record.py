@@ -52,7 +52,7 @@ import numpy as np
 
 from lgprjax.coverage import lay_pattern
 from lgprjax.run_segment import SegmentHead, pack_head, pack_record
-from lgprjax.runtime.messages import COVER, Kind, Record, Source, pack
+from lgprjax.runtime.messages import COVER, Record, RecordKind, Source, pack
 
 if not RUN.exists():
     route = lay_pattern(pattern)
@@ -71,9 +71,9 @@ if not RUN.exists():
     run, begin_ns = uuid.UUID(int=1).bytes, 10**12
     parts = [pack_head(SegmentHead(run, 0, 1_800_000_000 * 10**9, begin_ns, 0))]
     header = json.dumps({"plan_sha256": opened.sha256}).encode()
-    records = [Record(Kind.HEADER, Source.CONTROL, 0, begin_ns, header)]
+    records = [Record(RecordKind.HEADER, Source.CONTROL, 0, begin_ns, header)]
     records += [
-        Record(Kind.COVER, Source.CONTROL, 0, begin_ns + int(1e9 * time_s[row]), rows[row].tobytes())
+        Record(RecordKind.COVER, Source.CONTROL, 0, begin_ns + int(1e9 * time_s[row]), rows[row].tobytes())
         for row in range(len(rows))
     ]
     parts += [pack_record(run, number, 1, 0, pack(each)) for number, each in enumerate(records)]

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from lgprjax.autopilot import Mode
-from lgprjax.runtime.config import Refused, RuntimeConfig
+from lgprjax.runtime.config import RefusedBytes, RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.skid.setup import SkidLoaded
 from lgprjax.runtime.control.skid.vehicle import SkidSteerVehicle
 from lgprjax.runtime.gnss import GnssParser
-from lgprjax.runtime.link import FrameParser, Receiver, Verdict
-from lgprjax.runtime.messages import COVER, SKID_PLAN, Kind, Record, Source
+from lgprjax.runtime.link import FrameParser, FrameVerdict, Receiver
+from lgprjax.runtime.messages import COVER, SKID_PLAN, Record, RecordKind, Source
 from lgprjax.simulation.devices.faults import FAULT_LASTS_S, Schedule, read_items
 from lgprjax.simulation.devices.field_stage import FIELD_FAULTS, FIELD_SCRIPT, FieldSpec, FieldStage
 
@@ -99,7 +99,7 @@ class FieldLoop:
 
     def tell(self, note: dict[str, Any]) -> None:
         """What the supervisor says of a process, now."""
-        self._came.append(Record(Kind.EVENT, Source.SUPERVISOR, 0, self._now_ns, json.dumps(note).encode()))
+        self._came.append(Record(RecordKind.EVENT, Source.SUPERVISOR, 0, self._now_ns, json.dumps(note).encode()))
 
     @property
     def kind(self) -> SkidSteerVehicle:
@@ -136,10 +136,10 @@ class FieldLoop:
             if line == "gnss":
                 found: list[Any] = [each for each in self._gnss.feed(data) if isinstance(each, bytes)]
             else:
-                frames = [each for each in self._parsers[line].feed(data) if not isinstance(each, Refused)]
+                frames = [each for each in self._parsers[line].feed(data) if not isinstance(each, RefusedBytes)]
                 receiver = self._receivers[line]
-                found = [frame.raw for frame in frames if receiver.accept(frame, now_ns) is Verdict.ACCEPTED]
-            self._came += [Record(Kind.PORT_IN, _LINES[line], 0, now_ns, raw) for raw in found]
+                found = [frame.raw for frame in frames if receiver.accept(frame, now_ns) is FrameVerdict.ACCEPTED]
+            self._came += [Record(RecordKind.PORT_IN, _LINES[line], 0, now_ns, raw) for raw in found]
         if now_ns < self._due_ns or any(begin <= self.time_s < end for begin, end in self.held_up):
             return
         self._due_ns = max(self._due_ns + TICK_NS, now_ns + TICK_NS // 2)
@@ -147,20 +147,20 @@ class FieldLoop:
         came, self._came = self._came, []
         sent: list[bytes] = []
         for record in self.core.step(self.tick, now_ns, came):
-            if record.kind is Kind.PORT_OUT:
+            if record.kind is RecordKind.PORT_OUT:
                 line = "drive_by_wire" if record.source is Source.DRIVE_BY_WIRE else "controller"
                 stage.receive(line, record.payload, now_ns + 1_000_000)
                 sent.append(record.payload)
-            elif record.kind is Kind.SKID_PLAN:
+            elif record.kind is RecordKind.SKID_PLAN:
                 self.rows.append(np.frombuffer(record.payload, SKID_PLAN)[0])
                 self.times_ns.append(now_ns)
-            elif record.kind is Kind.COVER:
+            elif record.kind is RecordKind.COVER:
                 self.covers.append((now_ns, np.frombuffer(record.payload, COVER)[0]))
-            elif record.kind is Kind.CORNER:
+            elif record.kind is RecordKind.CORNER:
                 self.corners.append(json.loads(record.payload))
-            elif record.kind is Kind.EVENT:
+            elif record.kind is RecordKind.EVENT:
                 self.events.append((self.time_s, record.payload.decode()))
-            elif record.kind is Kind.STATE:
+            elif record.kind is RecordKind.STATE:
                 self.state = json.loads(record.payload)
         self.ticks.append((now_ns, came, sent))
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.navigation.observations import Motion, Observations
+from lgprjax.navigation.observations import MotionInput, Observations
 from model_drives import SPEED_MPS, TICK_S, Drawn, Sensors, draw_drive, silenced, stacked, usual_model
 
 LINEAR = usual_model(
@@ -43,7 +43,7 @@ def draw_straight(seed: int, ticks: int) -> Drawn:
     return silenced(drawn, "gnss", 1.0, 2.0)
 
 
-def padded(drives: list[Drawn], ticks: int) -> tuple[Motion, Observations]:
+def padded(drives: list[Drawn], ticks: int) -> tuple[MotionInput, Observations]:
     """Drives made longer by ticks of no length without observations, which change nothing."""
     motions, observations = stacked(drives)
     short = motions.step_s.shape[1]
@@ -51,7 +51,7 @@ def padded(drives: list[Drawn], ticks: int) -> tuple[Motion, Observations]:
     def pad(leaf: jax.Array) -> jax.Array:
         return jnp.pad(leaf, ((0, 0), (0, ticks - short)) + ((0, 0),) * (leaf.ndim - 2))
 
-    longer: tuple[Motion, Observations] = jax.tree.map(pad, (motions, observations))
+    longer: tuple[MotionInput, Observations] = jax.tree.map(pad, (motions, observations))
     return longer
 
 

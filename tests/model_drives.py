@@ -12,7 +12,7 @@ from lgprjax.navigation.observations import (
     GnssObservation,
     HeadingObservation,
     LgprObservation,
-    Motion,
+    MotionInput,
     Observations,
     OdometerObservation,
 )
@@ -38,7 +38,7 @@ class Sensors(NamedTuple):
 class Drawn(NamedTuple):
     """A drive: what it gave, and its true states at each tick's end."""
 
-    motions: Motion
+    motions: MotionInput
     observations: Observations
     states: Float[np.ndarray, "tick 13"]
 
@@ -95,7 +95,7 @@ def draw_drive(
             x[place] = keep * x[place] + sigma * np.sqrt(1.0 - keep**2) * rng.normal(size=2)
         rows.append(x.copy())
     states = np.array(rows)
-    motions = Motion(_single(gyro), _single(np.full(ticks, dt)))
+    motions = MotionInput(_single(gyro), _single(np.full(ticks, dt)))
     return Drawn(motions, _observe(m, states, gyro, sensors, rng), states)
 
 
@@ -158,9 +158,9 @@ def silenced(drawn: Drawn, source: str, from_s: float, to_s: float) -> Drawn:
     return drawn._replace(observations=drawn.observations._replace(**{source: kept}))
 
 
-def stacked(drives: list[Drawn]) -> tuple[Motion, Observations]:
+def stacked(drives: list[Drawn]) -> tuple[MotionInput, Observations]:
     """Motions and observations of drives of equal length, with a leading axis drive."""
-    many: tuple[Motion, Observations] = jax.tree.map(
+    many: tuple[MotionInput, Observations] = jax.tree.map(
         lambda *leaves: jnp.stack(leaves), *[(drive.motions, drive.observations) for drive in drives]
     )
     return many

@@ -12,13 +12,13 @@ import numpy as np
 
 from lgprjax.autopilot import Mode
 from lgprjax.registration import Code
-from lgprjax.runtime.config import Refused, RuntimeConfig
+from lgprjax.runtime.config import RefusedBytes, RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.counter_steer import CounterSteer
 from lgprjax.runtime.control.setup import Loaded
 from lgprjax.runtime.gnss import GnssParser
-from lgprjax.runtime.link import FrameParser, Receiver, Verdict
-from lgprjax.runtime.messages import FIX, PLAN, Kind, Record, Source
+from lgprjax.runtime.link import FrameParser, FrameVerdict, Receiver
+from lgprjax.runtime.messages import FIX, PLAN, Record, RecordKind, Source
 from lgprjax.simulation.devices.stage import Stage, StageSpec
 from lgprjax.simulation.devices.world import CourseWorld
 
@@ -97,7 +97,7 @@ class OnboardLoop:
         """What the supervisor says of a process, now."""
         import json
 
-        self._came.append(Record(Kind.EVENT, Source.SUPERVISOR, 0, self._now_ns, json.dumps(note).encode()))
+        self._came.append(Record(RecordKind.EVENT, Source.SUPERVISOR, 0, self._now_ns, json.dumps(note).encode()))
 
     @property
     def kind(self) -> CounterSteer:
@@ -134,12 +134,12 @@ class OnboardLoop:
             if line == "gnss":
                 found: list[Any] = [each for each in self._gnss.feed(data) if isinstance(each, bytes)]
             elif line in self._parsers:
-                frames = [each for each in self._parsers[line].feed(data) if not isinstance(each, Refused)]
+                frames = [each for each in self._parsers[line].feed(data) if not isinstance(each, RefusedBytes)]
                 receiver = self._receivers[line]
-                found = [frame.raw for frame in frames if receiver.accept(frame, now_ns) is Verdict.ACCEPTED]
+                found = [frame.raw for frame in frames if receiver.accept(frame, now_ns) is FrameVerdict.ACCEPTED]
             else:
                 continue
-            self._came += [Record(Kind.PORT_IN, _LINES[line], 0, now_ns, raw) for raw in found]
+            self._came += [Record(RecordKind.PORT_IN, _LINES[line], 0, now_ns, raw) for raw in found]
         if now_ns < self._due_ns or any(begin <= self.time_s < end for begin, end in self.held_up):
             return
         self._due_ns = max(self._due_ns + TICK_NS, now_ns + TICK_NS // 2)
@@ -150,13 +150,13 @@ class OnboardLoop:
         self._pending = [each for each in self._pending if each[0] > now_ns]
         came, self._came = [*self._came, *due], []
         for record in self.core.step(self.tick, now_ns, came):
-            if record.kind is Kind.PORT_OUT:
+            if record.kind is RecordKind.PORT_OUT:
                 line = "drive_by_wire" if record.source is Source.DRIVE_BY_WIRE else "controller"
                 stage.receive(line, record.payload, now_ns + 1_000_000)
-            elif record.kind is Kind.PLAN:
+            elif record.kind is RecordKind.PLAN:
                 self.rows.append(np.frombuffer(record.payload, PLAN)[0])
                 self.times_ns.append(now_ns)
-            elif record.kind is Kind.EVENT:
+            elif record.kind is RecordKind.EVENT:
                 self.events.append((self.time_s, record.payload.decode()))
 
     def _draw_fix(self) -> None:
@@ -180,5 +180,5 @@ class OnboardLoop:
         yaw = sample.yaw_rad + 0.004 * self._rng.normal()
         row["pose"] = (sample.x_m + cos * lead + off[0], sample.y_m + sin * lead + off[1], 0.3, yaw, 0.0)
         row["covariance"] = np.diag([0.01**2, 0.01**2, 0.01**2, 0.004**2, 0.01**2])
-        fix = Record(Kind.FIX, Source.REGISTRATION, 0, self._now_ns + _FIX_LATE_NS, row.tobytes())
+        fix = Record(RecordKind.FIX, Source.REGISTRATION, 0, self._now_ns + _FIX_LATE_NS, row.tobytes())
         self._pending.append((self._now_ns + _FIX_LATE_NS, fix))

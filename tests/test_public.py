@@ -27,7 +27,7 @@ from lgprjax.api.page import api_page, examples
 from lgprjax.api.vehicles import Vehicle
 from lgprjax.errors import InputError
 from lgprjax.simulation import demo_site
-from lgprjax.tuning.look_ahead import Trials, TunedVehicle, sweep_look_ahead
+from lgprjax.tuning.look_ahead import TrialCourses, TunedVehicle, sweep_look_ahead
 from lgprjax.vehicle import line_course
 
 _ROOT = Path(__file__).parents[1]
@@ -204,7 +204,7 @@ def vehicle() -> Vehicle:
 def test_the_cost_is_that_of_the_look_ahead_study(vehicle: Vehicle) -> None:
     assert vehicle.chassis is not None
     assert vehicle.servo is not None
-    trials = Trials((line_course(100.0),), (2.235,), offsets_m=(3.0,), duration_s=10.0, longest_delay_s=0.1)
+    trials = TrialCourses((line_course(100.0),), (2.235,), offsets_m=(3.0,), duration_s=10.0, longest_delay_s=0.1)
     tuned = TunedVehicle(vehicle.chassis, vehicle.servo, vehicle.servo.nominal_v)
     judged = sweep_look_ahead(tuned, trials, [2.0, 3.0, 5.0])
     cost = partial(lx.tracking_cost, duration_s=10.0)

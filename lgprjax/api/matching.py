@@ -16,9 +16,9 @@ from lgprjax.registration import (
     MIN_OVERLAP,
     Fix,
     LiveChain,
-    Problem,
     RegisterOptions,
     Rules,
+    SearchProblem,
     SearchSpec,
     Stops,
     Template,
@@ -162,7 +162,7 @@ def _search(batch: Batch) -> Fix:
     def one(part: tuple[Template, Array, Array, Array]) -> Fix:
         fix: Fix = register_batch(
             batch.tile,
-            Problem(*part),
+            SearchProblem(*part),
             batch.rules,
             batch.height_reference_m,
             batch.angular_frequency_rad_per_ns,

@@ -395,7 +395,7 @@ ANSWER_S = 0.1
 """Beside its delay: what a servo has to answer to the first command after engaging."""
 
 
-class Sent(NamedTuple):
+class TimedCommand(NamedTuple):
     """A command with the time at which it was sent."""
 
     time_s: float
@@ -417,7 +417,7 @@ class ServoWatchState(NamedTuple):
 
     time_s: float = 0.0
     engaged_s: float = 0.0
-    sent: tuple[Sent, ...] = ()
+    sent: tuple[TimedCommand, ...] = ()
     motor_rad: float = math.nan
     wheel_rad: float = math.nan
     wheels: tuple[WheelAngles, ...] = ()
@@ -460,12 +460,12 @@ def step_servo_watch(
     recent = (*state.wheels[-AWAY_TICKS:], wheels)
     if engaged_s <= belief.delay_s + ANSWER_S:
         # What was sent while the servo was free acts no more; what was sent since is awaited.
-        sent = (*state.sent, Sent(state.time_s, command_rad)) if engaged and math.isfinite(measured) else ()
+        sent = (*state.sent, TimedCommand(state.time_s, command_rad)) if engaged and math.isfinite(measured) else ()
         state = state._replace(time_s=time_s, engaged_s=engaged_s, sent=sent, motor_rad=measured, wheel_rad=measured)
         state = state._replace(wheels=recent, stalled_rad=math.nan, supply=supply)
         return _settle(state, behind=False, stands=False, lost=False, away=False, step_s=step_s)
 
-    sent = (*state.sent, Sent(state.time_s, command_rad))
+    sent = (*state.sent, TimedCommand(state.time_s, command_rad))
     while len(sent) > 1 and sent[1].time_s <= time_s - belief.delay_s - LATE_S:
         sent = sent[1:]
     motor, wheel = _follow(belief, state, _acting(sent, time_s - belief.delay_s), step_s)
@@ -518,7 +518,7 @@ def _settle(
     return state, as_watch(bits)
 
 
-def _acting(sent: tuple[Sent, ...], until_s: float) -> float:
+def _acting(sent: tuple[TimedCommand, ...], until_s: float) -> float:
     """The newest command sent until a time; the oldest known where none was."""
     return next((command.front_rad for command in reversed(sent) if command.time_s <= until_s), sent[0].front_rad)
 
@@ -535,7 +535,7 @@ def _follow(belief: WheelBelief, state: ServoWatchState, target_rad: float, step
     return motor, min(max(state.wheel_rad, motor - play), motor + play)
 
 
-def _runs_away(sent: tuple[Sent, ...], recent: tuple[WheelAngles, ...]) -> bool:
+def _runs_away(sent: tuple[TimedCommand, ...], recent: tuple[WheelAngles, ...]) -> bool:
     """Whether the wheels have left all commands that may act, by potentiometer and encoder alike where both tell."""
     before, now = recent[0], recent[-1]
     turned = beyond(now.front_rad - before.front_rad, AWAY_RAD)

@@ -18,11 +18,11 @@ from lgprjax.autopilot.modes import (
     PLACES,
     WATCHED,
     Action,
+    EngagementInhibit,
     Event,
-    Happening,
     Mode,
+    ModeEvent,
     ModeState,
-    Refusal,
     step_modes,
 )
 
@@ -82,13 +82,13 @@ def _transitions() -> Iterator[Transition]:
     for view in _VIEWS:
         start = ModeState()
         for event in _START:
-            start, _ = step_modes(start, Happening(event, 0.0))
+            start, _ = step_modes(start, ModeEvent(event, 0.0))
         known, waiting = {start}, [start]
         while waiting:
             state = waiting.pop()
             for event in view:
                 passed_s = _LONG_S if event is Event.TICK else 0.0
-                after, actions = step_modes(state, Happening(event, passed_s))
+                after, actions = step_modes(state, ModeEvent(event, passed_s))
                 after = _at_zero(after)
                 yield state, event, after, actions
                 if after not in known:
@@ -139,7 +139,7 @@ def _at_zero(state: ModeState) -> ModeState:
     now_s = state.time_s
     pressed_s = max(state.override_since_s - now_s, -_LONG_S) if state.override_pressed else 0.0
     recent = tuple((event, at_s - now_s) for event, at_s in state.failures if now_s - at_s < FAILURES_WITHIN_S)
-    return state._replace(time_s=0.0, override_since_s=pressed_s, failures=recent, refusal=Refusal.NONE)
+    return state._replace(time_s=0.0, override_since_s=pressed_s, failures=recent, refusal=EngagementInhibit.NONE)
 
 
 def _word(event: Event) -> str:

@@ -97,7 +97,7 @@ class Check(Enum):
     SECOND_MASTER = auto()
 
 
-class Happening(NamedTuple):
+class ModeEvent(NamedTuple):
     """An event with its monotonic time, and the check that failed where one did."""
 
     event: Event
@@ -146,7 +146,7 @@ class Fault(IntFlag):
     MONITOR = 64
 
 
-class Place(Enum):
+class PathOffset(Enum):
     """Where the vehicle is beside the chosen path."""
 
     NO_PATH = auto()
@@ -156,7 +156,7 @@ class Place(Enum):
     AMBIGUOUS = auto()
 
 
-class Motion(Enum):
+class MeasuredSpeed(Enum):
     """How fast the vehicle is; too fast to engage is for the host to say."""
 
     UNKNOWN = auto()
@@ -165,7 +165,7 @@ class Motion(Enum):
     TOO_FAST = auto()
 
 
-class Refusal(Enum):
+class EngagementInhibit(Enum):
     """Why a button engaged nothing."""
 
     NONE = auto()
@@ -213,13 +213,17 @@ CLEARS = {process.relaunched: process.fault for process in (*FATAL.values(), *WA
 }
 """The fault that an event ends."""
 PLACES = {
-    Event.ROUTE_NEAR: Place.NEAR,
-    Event.ROUTE_OFF: Place.OFF_ROUTE,
-    Event.ROUTE_WRONG_HEADING: Place.WRONG_HEADING,
-    Event.ROUTE_AMBIGUOUS: Place.AMBIGUOUS,
-    Event.ROUTE_GONE: Place.NO_PATH,
+    Event.ROUTE_NEAR: PathOffset.NEAR,
+    Event.ROUTE_OFF: PathOffset.OFF_ROUTE,
+    Event.ROUTE_WRONG_HEADING: PathOffset.WRONG_HEADING,
+    Event.ROUTE_AMBIGUOUS: PathOffset.AMBIGUOUS,
+    Event.ROUTE_GONE: PathOffset.NO_PATH,
 }
-MOTIONS = {Event.STANDING: Motion.STANDING, Event.MOVING: Motion.MOVING, Event.TOO_FAST: Motion.TOO_FAST}
+MOTIONS = {
+    Event.STANDING: MeasuredSpeed.STANDING,
+    Event.MOVING: MeasuredSpeed.MOVING,
+    Event.TOO_FAST: MeasuredSpeed.TOO_FAST,
+}
 
 
 # What the mode machine knows, and what of it stands against engaging.
@@ -254,8 +258,8 @@ class ModeState(NamedTuple):
     checks_passed: bool = False
     failed_check: Check = Check.NONE
     faults: Fault = Fault(0)
-    place: Place = Place.NO_PATH
-    motion: Motion = Motion.UNKNOWN
+    place: PathOffset = PathOffset.NO_PATH
+    motion: MeasuredSpeed = MeasuredSpeed.UNKNOWN
     sources_present: bool = False
     health_good: bool = False
     brake_pressed: bool = False
@@ -266,7 +270,7 @@ class ModeState(NamedTuple):
     registration_dead: bool = False
     failures: tuple[tuple[Event, float], ...] = ()
     stopping: bool = False
-    refusal: Refusal = Refusal.NONE
+    refusal: EngagementInhibit = EngagementInhibit.NONE
 
 
 def operator_drives(state: ModeState) -> bool:
@@ -274,25 +278,25 @@ def operator_drives(state: ModeState) -> bool:
     return state.mode not in ENGAGED
 
 
-def refusal_of(state: ModeState) -> Refusal:
+def refusal_of(state: ModeState) -> EngagementInhibit:
     """Why nothing may be engaged now, the weightiest reason first; NONE where it may."""
     reasons = (
-        (state.estop_pressed or state.mode is Mode.EMERGENCY_STOP, Refusal.ESTOP),
-        (not state.checks_passed, Refusal.CHECKS),
-        (state.override_stuck, Refusal.OVERRIDE_STUCK),
-        (state.override_pressed, Refusal.OVERRIDE_PRESSED),
-        (state.mode not in (Mode.READY, *ENGAGED), Refusal.NOT_READY),
-        (state.stopping, Refusal.STOPPING),
-        (state.brake_pressed, Refusal.BRAKE_PRESSED),
-        (state.motion is Motion.UNKNOWN or not state.sources_present, Refusal.SOURCE_MISSING),
-        (state.motion is Motion.TOO_FAST, Refusal.TOO_FAST),
-        (not state.health_good, Refusal.HEALTH),
-        (state.place is Place.NO_PATH, Refusal.NO_PATH),
-        (state.place is Place.OFF_ROUTE, Refusal.OFF_ROUTE),
-        (state.place is Place.WRONG_HEADING, Refusal.WRONG_HEADING),
-        (state.place is Place.AMBIGUOUS, Refusal.AMBIGUOUS),
+        (state.estop_pressed or state.mode is Mode.EMERGENCY_STOP, EngagementInhibit.ESTOP),
+        (not state.checks_passed, EngagementInhibit.CHECKS),
+        (state.override_stuck, EngagementInhibit.OVERRIDE_STUCK),
+        (state.override_pressed, EngagementInhibit.OVERRIDE_PRESSED),
+        (state.mode not in (Mode.READY, *ENGAGED), EngagementInhibit.NOT_READY),
+        (state.stopping, EngagementInhibit.STOPPING),
+        (state.brake_pressed, EngagementInhibit.BRAKE_PRESSED),
+        (state.motion is MeasuredSpeed.UNKNOWN or not state.sources_present, EngagementInhibit.SOURCE_MISSING),
+        (state.motion is MeasuredSpeed.TOO_FAST, EngagementInhibit.TOO_FAST),
+        (not state.health_good, EngagementInhibit.HEALTH),
+        (state.place is PathOffset.NO_PATH, EngagementInhibit.NO_PATH),
+        (state.place is PathOffset.OFF_ROUTE, EngagementInhibit.OFF_ROUTE),
+        (state.place is PathOffset.WRONG_HEADING, EngagementInhibit.WRONG_HEADING),
+        (state.place is PathOffset.AMBIGUOUS, EngagementInhibit.AMBIGUOUS),
     )
-    return next((reason for applies, reason in reasons if applies), Refusal.NONE)
+    return next((reason for applies, reason in reasons if applies), EngagementInhibit.NONE)
 
 
 STUCK_AFTER_S = 10.0
@@ -304,7 +308,7 @@ FAILURES_WITHIN_S = 60.0
 Step = tuple[ModeState, tuple[Action, ...]]
 
 
-def step_modes(state: ModeState, happening: Happening) -> Step:
+def step_modes(state: ModeState, happening: ModeEvent) -> Step:
     """State after something happened, and what the host is to do, in this order.
 
     Every event is allowed in every state. Nothing is engaged but by ``Action.ENGAGE_STEERING`` and
@@ -326,7 +330,7 @@ def step_modes(state: ModeState, happening: Happening) -> Step:
     return state, stuck + actions
 
 
-def _others(state: ModeState, happening: Happening) -> Step:
+def _others(state: ModeState, happening: ModeEvent) -> Step:
     """Events that have a rule of their own."""
     match happening.event:
         case Event.BOOT_DONE:
@@ -467,32 +471,32 @@ def _watched_died(state: ModeState, event: Event) -> Step:
 
 def _steering_button(state: ModeState) -> Step:
     refusal = refusal_of(state)
-    if refusal is not Refusal.NONE:
+    if refusal is not EngagementInhibit.NONE:
         return state._replace(refusal=refusal), (Action.WARN,)
     if not operator_drives(state):
         return state, ()
-    return state._replace(mode=Mode.STEERING, refusal=Refusal.NONE), (Action.ENGAGE_STEERING,)
+    return state._replace(mode=Mode.STEERING, refusal=EngagementInhibit.NONE), (Action.ENGAGE_STEERING,)
 
 
 def _cruise_button(state: ModeState, event: Event) -> Step:
     refusal = refusal_of(state)
-    if refusal is Refusal.NONE and operator_drives(state):
-        refusal = Refusal.NOT_STEERING
-    if refusal is not Refusal.NONE:
+    if refusal is EngagementInhibit.NONE and operator_drives(state):
+        refusal = EngagementInhibit.NOT_STEERING
+    if refusal is not EngagementInhibit.NONE:
         return state._replace(refusal=refusal), (Action.WARN,)
     if state.mode is Mode.SPEED:
         return state, (Action.RAISE_SPEED if event is Event.CRUISE_PLUS else Action.LOWER_SPEED,)
-    return state._replace(mode=Mode.SPEED, refusal=Refusal.NONE), (Action.LOCK_SPEED, Action.ENGAGE_SPEED)
+    return state._replace(mode=Mode.SPEED, refusal=EngagementInhibit.NONE), (Action.LOCK_SPEED, Action.ENGAGE_SPEED)
 
 
 def _stop_if_lost(state: ModeState) -> Step:
     """A controlled stop where the autopilot drives and the route or the estimate no longer carries it."""
-    if operator_drives(state) or state.stopping or (state.health_good and state.place is Place.NEAR):
+    if operator_drives(state) or state.stopping or (state.health_good and state.place is PathOffset.NEAR):
         return state, ()
-    if state.motion is Motion.STANDING:
+    if state.motion is MeasuredSpeed.STANDING:
         return _hand_over(state)
     return state._replace(stopping=True), (Action.STOP_CONTROLLED, Action.WARN)
 
 
 def _end_stop(state: ModeState) -> Step:
-    return _hand_over(state) if state.stopping and state.motion is Motion.STANDING else (state, ())
+    return _hand_over(state) if state.stopping and state.motion is MeasuredSpeed.STANDING else (state, ())

@@ -4,7 +4,7 @@ import math
 from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
-from lgprjax.autopilot.modes import MOTIONS, Event, Motion
+from lgprjax.autopilot.modes import MOTIONS, Event, MeasuredSpeed
 
 
 class Severity(IntEnum):
@@ -211,7 +211,7 @@ _EVENTS = {motion: event for event, motion in MOTIONS.items()}
 class MotionState(NamedTuple):
     """What is carried from tick to tick: what was told last, the smoothed speed, and for how long none was known."""
 
-    motion: Motion = Motion.UNKNOWN
+    motion: MeasuredSpeed = MeasuredSpeed.UNKNOWN
     speed_mps: float = 0.0
     unknown_s: float = 0.0
 
@@ -235,12 +235,12 @@ def step_motion(
         speed, unknown_s = state.speed_mps + share * (speed_mps - state.speed_mps), 0.0
     else:
         speed, unknown_s = state.speed_mps, state.unknown_s + step_s
-    fast = fastest_engage_mps - (TOO_FAST_MARGIN_MPS if state.motion is Motion.TOO_FAST else 0.0)
-    still = STANDING_MPS if state.motion is Motion.MOVING else MOVING_MPS
+    fast = fastest_engage_mps - (TOO_FAST_MARGIN_MPS if state.motion is MeasuredSpeed.TOO_FAST else 0.0)
+    still = STANDING_MPS if state.motion is MeasuredSpeed.MOVING else MOVING_MPS
     if unknown_s >= UNKNOWN_S or abs(speed) > fast:
-        motion = Motion.TOO_FAST
+        motion = MeasuredSpeed.TOO_FAST
     else:
-        motion = Motion.STANDING if abs(speed) <= still else Motion.MOVING
+        motion = MeasuredSpeed.STANDING if abs(speed) <= still else MeasuredSpeed.MOVING
     events = [_EVENTS[motion]] if motion is not state.motion else []
     return MotionState(motion, speed, unknown_s), events
 

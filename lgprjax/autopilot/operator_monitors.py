@@ -29,7 +29,7 @@ _PRESSES = (
 )
 
 
-class Hands(NamedTuple):
+class OperatorContact(NamedTuple):
     """Of the newest status of the box: torque on the steering wheel, N m, and a foot on the brake in any since the
     last tick."""
 
@@ -72,7 +72,7 @@ def step_buttons(
     *,
     statuses: tuple[int, ...],
     controller_age_s: float,
-    hands: Hands,
+    hands: OperatorContact,
     override_torque_nm: float,
     engaged: bool,
     step_s: float,
@@ -145,7 +145,7 @@ def _take_status(state: ButtonState, buttons: int, events: list[Event]) -> Butto
     return state._replace(last=buttons, down=down, heard=True, resting=resting, override=override, estop=estop)
 
 
-def _take_brake(state: ButtonState, hands: Hands, events: list[Event], step_s: float) -> ButtonState:
+def _take_brake(state: ButtonState, hands: OperatorContact, events: list[Event], step_s: float) -> ButtonState:
     """Brake pedal, or the controller's button for it."""
     pressed = hands.brake_pedal or bool(state.last & BRAKE_TAP)
     if not pressed:

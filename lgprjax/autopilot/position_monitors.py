@@ -19,7 +19,7 @@ APART_S = 0.6
 """Positions further apart in time are not compared."""
 
 
-class Position(NamedTuple):
+class MonitoredPosition(NamedTuple):
     """A new position by GNSS.
 
     Attributes:
@@ -61,7 +61,7 @@ class Leg(NamedTuple):
 class Placed(NamedTuple):
     """A position, and what the wheels said then."""
 
-    position: Position
+    position: MonitoredPosition
     wheeled: Wheeled
 
 
@@ -73,7 +73,7 @@ def remember(history: tuple[Wheeled, ...], now: Wheeled) -> tuple[Wheeled, ...]:
     return history[1:] if history[0].time_s < now.time_s - REMEMBERED_S else history
 
 
-def place(history: tuple[Wheeled, ...], position: Position) -> Placed | None:
+def place(history: tuple[Wheeled, ...], position: MonitoredPosition) -> Placed | None:
     """A position with the wheels' reading at its time; none where they do not reach so far back or it is no number."""
     if not all(map(math.isfinite, position)):
         return None
@@ -149,7 +149,7 @@ def step_heading_watch(
     time_s: float,
     odometer_m: float,
     heading_rad: float,
-    position: Position | None,
+    position: MonitoredPosition | None,
     fix_heading_rad: float | None,
 ) -> tuple[HeadingWatchState, Watch]:
     """State and findings of a tick.
@@ -272,7 +272,7 @@ def step_odometer_watch(
     speed_mps: float,
     heading_rad: float,
     heading_confirmed: bool,
-    position: Position | None,
+    position: MonitoredPosition | None,
     thrust_mps2: float,
     step_s: float,
 ) -> tuple[OdometerWatchState, Watch]:

@@ -14,7 +14,7 @@ from lgprjax.autopilot.limiter import Command, LimiterRules, LimiterState, init_
 from lgprjax.autopilot.speed import VelocitySettings, VelocityState, init_velocity, step_stop, step_velocity
 from lgprjax.navigation import (
     Fusion,
-    Motion,
+    MotionInput,
     Navigated,
     NavigatorSetup,
     NavigatorState,
@@ -230,7 +230,7 @@ def step_onboard(
     setup: OnboardSetup,
     route: RoutePath,
     state: OnboardState,
-    motion: Motion,
+    motion: MotionInput,
     observations: Observations,
     p_false: Float[Array, ""],
     orders: Orders,

@@ -2,9 +2,9 @@
 
 from lgprjax.batch.accuracy import DriveAccuracy, Labels, RelativeError, accuracy_of, labels_of, relative_error
 from lgprjax.batch.assumptions import away_in_words, distance_to_map_m, is_place_assumed, map_assumed_in_words
-from lgprjax.batch.calibrate import Trials, thresholds_from, try_drives
+from lgprjax.batch.calibrate import CalibrationMatches, thresholds_from, try_drives
 from lgprjax.batch.chance import chance_of
-from lgprjax.batch.examples import FixExample, Strips, example_scan, fix_example
+from lgprjax.batch.examples import FixExample, GroundStrips, example_scan, fix_example
 from lgprjax.batch.health import DriveHealth, drive_health
 from lgprjax.batch.jobs import (
     CELL_M,
@@ -63,6 +63,7 @@ __all__ = [
     "ArchiveRun",
     "ArchiveSums",
     "BadPlace",
+    "CalibrationMatches",
     "CellTally",
     "DriveAccuracy",
     "DriveFigures",
@@ -70,6 +71,7 @@ __all__ = [
     "DriveTrack",
     "FileStamp",
     "FixExample",
+    "GroundStrips",
     "HealthFigure",
     "HeldGround",
     "Job",
@@ -83,10 +85,8 @@ __all__ = [
     "RunDrive",
     "SkidVehicle",
     "Stretch",
-    "Strips",
     "SweepDrive",
     "TraceDrive",
-    "Trials",
     "Verdict",
     "WorkerPool",
     "WorkerShare",

@@ -18,7 +18,7 @@ _APART = 2.0
 """A false place lies at least this many search squares from the true one."""
 
 
-class Trials(NamedTuple):
+class CalibrationMatches(NamedTuple):
     """What matches came to on the ground of a map, and where they were led to other ground of it."""
 
     true: Outcomes
@@ -30,7 +30,7 @@ def try_drives(
     logs: Iterable[DriveLog],
     options: RegisterOptions,
     progress: Callable[[int], None] = lambda _: None,
-) -> Trials:
+) -> CalibrationMatches:
     """Register drives at their own places and at others of the same map.
 
     The truth is the log's true track where it holds one, else its navigation, whose own sigma then counts as the
@@ -62,24 +62,24 @@ def try_drives(
         apart_m = _APART * 2.0 * options.search_half_m() + (options.window_m or 0.0)
         other = register_log(source, log, known, progress, partial(_elsewhere, log=log, apart_m=apart_m))
         false.append(_outcomes(other, log, led_astray=True))
-    return Trials(joined(true), joined(false))
+    return CalibrationMatches(joined(true), joined(false))
 
 
-def thresholds_from(trials: Trials, risk: float) -> Thresholds:
+def thresholds_from(trials: CalibrationMatches, risk: float) -> Thresholds:
     """Thresholds at which a false match passes with probability ``risk``. Raises ``ValueError`` on too few trials."""
     return calibrate(trials.true, trials.false, risk)
 
 
 def _outcomes(drive: RegisteredDrive, log: DriveLog, *, led_astray: bool) -> Outcomes:
     if led_astray:
-        return outcomes_of(drive.fix, None, drive.beside_match)
+        return outcomes_of(drive.fix, None, drive.map_odometry_covariance)
     if drive.truth is not None:
-        return outcomes_of(drive.fix, drive.truth[:, :2], drive.beside_match)
+        return outcomes_of(drive.fix, drive.truth[:, :2], drive.map_odometry_covariance)
     navigation = log.description.navigation
     said = [s for s in (navigation.sigma_east_m, navigation.sigma_north_m) if s is not None]
     own = np.zeros(log.scans) if len(said) < 2 else np.interp(log.scan_time_s, navigation.time_s, np.mean(said, axis=0))
     truth_m = drive.track.pose[:, :2]
-    return outcomes_of(drive.fix, truth_m, drive.beside_match, own**2)
+    return outcomes_of(drive.fix, truth_m, drive.map_odometry_covariance, own**2)
 
 
 def _common_scale(drive: RegisteredDrive) -> float:

@@ -93,7 +93,7 @@ _STRIP_M = 4.0
 _BESIDE_M = 1.0
 
 
-class Strips(NamedTuple):
+class GroundStrips(NamedTuple):
     """Gained samples of one channel under a path, each strip in units of its own RMS.
 
     Attributes:
@@ -130,7 +130,7 @@ class FixExample(NamedTuple):
     """
 
     scan: int
-    strips: Strips
+    strips: GroundStrips
     surface: SurfacePicture
     prior_m: Float[np.ndarray, "2"]
     prior_sigma_m: tuple[float, float]
@@ -205,7 +205,7 @@ def fix_example(
     under, _ = ground_under(tile, _placed(offset, pose))
     ahead, _ = ground_under(tile, _placed(offset - np.array([_BESIDE_M, 0.0]), pose))
     # Templates count back from the scan; strips read forward.
-    strips = Strips(
+    strips = GroundStrips(
         live=_levelled(_samples(live, ground.basis))[::-1],
         baseline=_levelled(_samples(under, ground.basis))[::-1],
         beside=_levelled(_samples(ahead, ground.basis))[::-1],

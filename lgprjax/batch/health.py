@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from lgprjax.batch.radar_health import radar_figures, sweep_blocks, sweep_figures
-from lgprjax.batch.signals import Recorded, SignalBlocks, SignalReducer, block_edges, regular_scans
+from lgprjax.batch.signals import RecordingTraits, SignalBlocks, SignalReducer, block_edges, regular_scans
 from lgprjax.batch.travel import mend_travel
 from lgprjax.batch.verdicts import Findings, HealthFigure, Stretch, Verdict, figure, not_recorded, runs, worst
 from lgprjax.formats import DriveLog, NavigationTrack, OdometryTrack, TraceRecording, assumed_in_words, assumed_of
@@ -382,7 +382,7 @@ def trace_blocks(log: DriveLog, progress: Callable[[int], None]) -> SignalBlocks
         # A receiver's converter fills bytes and shorts; of a wider type nobody meets the rails.
         limits = np.iinfo(dtype)
         rails = (limits.min - recording.zero_level, limits.max - recording.zero_level)
-    recorded = Recorded(
+    recorded = RecordingTraits(
         samples=recording.samples,
         interval_ns=recording.sample_interval_ns,
         # Where the log does not say: a wavelet of a thirtieth of the record.

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 
 from lgprjax.batch.signals import (
-    Recorded,
+    RecordingTraits,
     SignalBlocks,
     SignalReducer,
     block_edges,
@@ -17,7 +17,7 @@ from lgprjax.batch.signals import (
     noise,
     regular_scans,
 )
-from lgprjax.batch.verdicts import Findings, HealthFigure, Places, figure, median_of
+from lgprjax.batch.verdicts import BlockStretches, Findings, HealthFigure, figure, median_of
 from lgprjax.formats import DriveLog, SweepRecording
 
 _DEAD = 0.1  # of the array's level: 20 dB below
@@ -33,7 +33,7 @@ def radar_figures(
         time_s: of the scans.
         path_m: metres travelled since the first scan.
     """
-    place = Places(blocks.first, time_s, path_m)
+    place = BlockStretches(blocks.first, time_s, path_m)
     figures: list[HealthFigure] = []
     missing: list[tuple[str, str]] = []
     for measure in (_channels, _validity, _saturation, _gain, noise, interference):
@@ -43,7 +43,7 @@ def radar_figures(
     return figures, missing
 
 
-def _channels(blocks: SignalBlocks, place: Places) -> Findings:
+def _channels(blocks: SignalBlocks, place: BlockStretches) -> Findings:
     seen = np.asarray(blocks.used > 0)
     typical = float(np.median(blocks.level[seen])) if seen.any() else 0.0
     silent = np.asarray(~seen.any(axis=0))
@@ -99,7 +99,7 @@ def _channels(blocks: SignalBlocks, place: Places) -> Findings:
     return figures, []
 
 
-def _validity(blocks: SignalBlocks, place: Places) -> Findings:
+def _validity(blocks: SignalBlocks, place: BlockStretches) -> Findings:
     scans = np.diff(blocks.first)
     return [
         figure(
@@ -121,7 +121,7 @@ def _validity(blocks: SignalBlocks, place: Places) -> Findings:
     ], []
 
 
-def _saturation(blocks: SignalBlocks, place: Places) -> Findings:
+def _saturation(blocks: SignalBlocks, place: BlockStretches) -> Findings:
     if blocks.recorded.rails is None:
         why = "the stored type has no rails that a receiver reaches"
         return [], [(name, why) for name in ("clipped_traces", "clipped_direct_wave")]
@@ -145,7 +145,7 @@ def _saturation(blocks: SignalBlocks, place: Places) -> Findings:
     ], []
 
 
-def _gain(blocks: SignalBlocks, place: Places) -> Findings:
+def _gain(blocks: SignalBlocks, place: BlockStretches) -> Findings:
     size = np.where(blocks.used > 0, np.abs(blocks.direct), np.nan)
     own = median_of(size)
     live = own > _DEAD * float(np.nanmedian(own)) if np.isfinite(own).any() else np.zeros(len(own), bool)
@@ -226,7 +226,7 @@ def sweep_blocks(log: DriveLog, progress: Callable[[int], None]) -> tuple[Signal
     known = recording.lookup_calibration_sweep.astype(np.complex128)
     band_hz = np.ptp(recording.frequencies_hz) * log.samples / (log.samples - 1)
     reducer = SignalReducer(
-        log.channels, Recorded(log.samples, 1e9 / band_hz, float(np.mean(recording.frequencies_hz)), None, 0.0)
+        log.channels, RecordingTraits(log.samples, 1e9 / band_hz, float(np.mean(recording.frequencies_hz)), None, 0.0)
     )
     taper = np.hanning(log.samples + 2)[1:-1]
     regular, edges = regular_scans(log.scan_time_s), block_edges(log.scans)
@@ -265,7 +265,7 @@ def sweep_figures(
         time_s: of the scans.
         path_m: metres travelled since the first scan.
     """
-    place = Places(blocks.first, time_s, path_m)
+    place = BlockStretches(blocks.first, time_s, path_m)
     seen = np.isfinite(levels.calibration) & (np.abs(levels.calibration) > 0.0)
     if not seen.any():
         return [figure("calibration_drift", np.nan, "dB", (1.0, 3.0), "no calibration sweep that is a number")]

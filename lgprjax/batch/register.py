@@ -47,7 +47,7 @@ from lgprjax.registration import (
     register_drive,
     sigmas_along_cross,
 )
-from lgprjax.registration.queries import Plan
+from lgprjax.registration.queries import SearchSizes
 from lgprjax.subsurface import GroundMap
 
 # A map's ground held from drive to drive: drives of one road come by the same tiles.
@@ -81,7 +81,9 @@ def lattice_points(source: MapFile, search_m: float) -> int:
     """Points to the longer side of the search lattice on a map, for a search square of this half side."""
     description, options = source.description, RegisterOptions()
     array = uniform_array(description.channels, description.channel_pitch_m)
-    return max(Plan.of(PreparedGround(ground_map_for(source, options), array), options).points(search_m + _ROOM_M))
+    return max(
+        SearchSizes.of(PreparedGround(ground_map_for(source, options), array), options).points(search_m + _ROOM_M)
+    )
 
 
 def _alike(one: ArrayGeometry, other: ArrayGeometry) -> bool:
@@ -305,7 +307,7 @@ class RegisteredDrive:
         truth: true poses of the array's centre, where the log holds them.
         correlation_at_truth: NaN where not known.
         time_scale: that each scan was matched at.
-        beside_match: see ``DriveFixes``.
+        map_odometry_covariance: see ``DriveFixes``.
         milliseconds_per_scan: wall time a scan of the drive, reading and all processing included.
         assumed: what no instrument recorded of the drive, and what stands in for it.
         away: how far it lies from the map, in words; None where it comes near it.
@@ -322,7 +324,7 @@ class RegisteredDrive:
     truth: Float[np.ndarray, "scan 5"] | None
     correlation_at_truth: Float[np.ndarray, " scan"]
     time_scale: Float[np.ndarray, " scan"]
-    beside_match: Float[np.ndarray, "scan 2 2"]
+    map_odometry_covariance: Float[np.ndarray, "scan 2 2"]
     milliseconds_per_scan: float
     assumed: dict[str, str]
     away: str | None
@@ -402,7 +404,7 @@ def register_log(
         truth=truth,
         correlation_at_truth=np.concatenate([part.correlation_at_truth for part in parts]),
         time_scale=time_scale,
-        beside_match=np.concatenate([part.beside_match for part in parts]),
+        map_odometry_covariance=np.concatenate([part.map_odometry_covariance for part in parts]),
         milliseconds_per_scan=1e3 * took_s / log.scans,
         assumed=assumed_of(log.description.provenance),
         away=away_in_words(source, log),

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Inexact, Int
 
-from lgprjax.batch.verdicts import Findings, HealthFigure, Places, figure, median_of
+from lgprjax.batch.verdicts import BlockStretches, Findings, HealthFigure, figure, median_of
 from lgprjax.radar.time_domain import WAVE_SPEED_M_PER_NS
 
 LATE = 0.1  # share of the record, at its end, that is taken for noise
@@ -17,7 +17,7 @@ _EARLY = 0.25  # the direct wave is the strongest steady signal in this first sh
 _BURST = 16.0  # power of a scan's noise over the block's median that no Gaussian noise of tens of samples reaches
 
 
-class Recorded(NamedTuple):
+class RecordingTraits(NamedTuple):
     """What the reduction must know of a recording.
 
     Attributes:
@@ -89,7 +89,7 @@ class SignalBlocks(NamedTuple):
     noise_variance: Float[np.ndarray, " sample"]
     noise_spectrum: Float[np.ndarray, " frequency"]
     polarity: Float[np.ndarray, " channel"]
-    recorded: Recorded
+    recorded: RecordingTraits
 
 
 def block_edges(scans: int) -> list[int]:
@@ -113,7 +113,7 @@ class SignalReducer:
         recorded: how it was recorded.
     """
 
-    def __init__(self, channels: int, recorded: Recorded) -> None:
+    def __init__(self, channels: int, recorded: RecordingTraits) -> None:
         self._recorded = recorded
         self._window: slice | None = None
         self._wave: Inexact[np.ndarray, " early"] = np.zeros(1)
@@ -258,7 +258,7 @@ def _typical(traces: Inexact[np.ndarray, "channel sample"]) -> Inexact[np.ndarra
 _GROUND_AT_END = "the end of the record holds more ground than noise"
 
 
-def noise(blocks: SignalBlocks, place: Places) -> Findings:
+def noise(blocks: SignalBlocks, place: BlockStretches) -> Findings:
     """How much the receiver adds, where it rises, which channel adds most, and how deep the ground is heard."""
     names = ("noise_rise", "noisy_channel", "heard_time")
     level = median_of(blocks.noise.T)
@@ -314,7 +314,7 @@ def _quiet_end(blocks: SignalBlocks) -> bool:
     return bool(np.mean(blocks.variance[late]) < 2.0 * np.mean(blocks.noise_variance[late]))
 
 
-def interference(blocks: SignalBlocks, place: Places) -> Findings:
+def interference(blocks: SignalBlocks, place: BlockStretches) -> Findings:
     """What others transmit: scans in which the noise jumps, and narrow lines of its spectrum."""
     scans = np.diff(blocks.first)
     power = blocks.noise_spectrum

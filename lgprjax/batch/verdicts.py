@@ -91,7 +91,7 @@ def runs(mask: Bool[np.ndarray, " place"]) -> list[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True)]
 
 
-class Places:
+class BlockStretches:
     """Blocks of scans as stretches of a drive.
 
     Args:

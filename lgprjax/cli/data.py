@@ -25,7 +25,7 @@ _STRETCHES = 3  # named in the table; all of them are in the JSON
 
 
 @dataclass(frozen=True)
-class Check:
+class CheckVerb:
     """Hold files against the data schema: every place that is not as it should be."""
 
     files: Annotated[

@@ -13,7 +13,7 @@ from lgprjax.cli.terminal import UsageError, console, require_files, working
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
-    from lgprjax.formats import Place, Survey
+    from lgprjax.formats import Survey, SurveyOrigin
 
 
 # What the import verbs share: the output, the site's origin, and the closing line.
@@ -33,11 +33,11 @@ class Origin:
     heading_deg: float = 90.0
     """direction of the lines, clockwise from true north"""
 
-    def place(self) -> "Place":
+    def place(self) -> "SurveyOrigin":
         """The origin as the importers take it."""
-        from lgprjax.formats import Place
+        from lgprjax.formats import SurveyOrigin
 
-        return Place(self.latitude_deg, self.longitude_deg, self.heading_deg)
+        return SurveyOrigin(self.latitude_deg, self.longitude_deg, self.heading_deg)
 
 
 def print_survey(survey: "Survey") -> None:

@@ -34,7 +34,7 @@ _FOR_DEVELOPERS = {"docs", "lint", "test"}
 
 
 @dataclass(frozen=True)
-class Finding:
+class InstallationFinding:
     """Something that was looked at.
 
     Attributes:
@@ -50,14 +50,14 @@ class Finding:
     advice: str = ""
 
 
-def look_at_packages() -> list[Finding]:
+def look_at_packages() -> list[InstallationFinding]:
     """lgprjax itself, the packages it needs, and those of its extras."""
     try:
         required = [Requirement(line) for line in metadata.requires("lgprjax") or ()]
-        own = Finding("lgprjax", metadata.version("lgprjax"), "good")
+        own = InstallationFinding("lgprjax", metadata.version("lgprjax"), "good")
     except metadata.PackageNotFoundError:
         advice = "it runs from a source tree; install it: make demo, or pip install ."
-        return [Finding("lgprjax", f"{lgprjax.__version__}, not installed", "look", advice), *_data()]
+        return [InstallationFinding("lgprjax", f"{lgprjax.__version__}, not installed", "look", advice), *_data()]
     core = [requirement for requirement in required if requirement.marker is None]
     findings = [own, *(_core(requirement) for requirement in core)]
     extras = sorted(metadata.metadata("lgprjax").get_all("Provides-Extra") or ())
@@ -68,17 +68,17 @@ def look_at_packages() -> list[Finding]:
     return [*findings, *_data()]
 
 
-def _core(requirement: Requirement) -> Finding:
+def _core(requirement: Requirement) -> InstallationFinding:
     found = _version(requirement.name)
     advice = f'pip install "{requirement.name}{requirement.specifier}"'
     if found is None:
-        return Finding(requirement.name, "missing", "bad", advice)
+        return InstallationFinding(requirement.name, "missing", "bad", advice)
     if not requirement.specifier.contains(found, prereleases=True):
-        return Finding(requirement.name, f"{found}, asked for {requirement.specifier}", "bad", advice)
-    return Finding(requirement.name, found, "good")
+        return InstallationFinding(requirement.name, f"{found}, asked for {requirement.specifier}", "bad", advice)
+    return InstallationFinding(requirement.name, found, "good")
 
 
-def _extra(extra: str, requirements: list[Requirement]) -> Finding:
+def _extra(extra: str, requirements: list[Requirement]) -> InstallationFinding:
     """An extra is there, absent, or half there."""
     name, serves = f"[{extra}]", _EXTRA_FOR.get(extra, "")
     advice = f'pip install "lgprjax[{extra}]" ({serves})' if serves else f'pip install "lgprjax[{extra}]"'
@@ -90,12 +90,12 @@ def _extra(extra: str, requirements: list[Requirement]) -> Finding:
         if requirement.name in there and not requirement.specifier.contains(there[requirement.name], prereleases=True)
     ]
     if wrong:
-        return Finding(name, "; ".join(wrong), "look", advice)
+        return InstallationFinding(name, "; ".join(wrong), "look", advice)
     if len(there) == len(versions):
-        return Finding(name, ", ".join(f"{package} {found}" for package, found in there.items()), "good")
+        return InstallationFinding(name, ", ".join(f"{package} {found}" for package, found in there.items()), "good")
     missing = ", ".join(package for package in versions if package not in there)
     # Others bring some of these packages too: what is half there is as good as absent.
-    return Finding(name, f"missing: {missing}", "absent", advice)
+    return InstallationFinding(name, f"missing: {missing}", "absent", advice)
 
 
 def _version(package: str) -> str | None:
@@ -105,7 +105,7 @@ def _version(package: str) -> str | None:
         return None
 
 
-def _data() -> list[Finding]:
+def _data() -> list[InstallationFinding]:
     """The formats as data, without which no file can be read."""
     from lgprjax.formats.schema import load_schema
 
@@ -113,10 +113,10 @@ def _data() -> list[Finding]:
     try:
         versions = ", ".join(f"{name} {load_schema(name).version}" for name in names)
     except (OSError, ValueError, KeyError) as error:
-        return [Finding("data_schema", str(error), "bad", "pip install --force-reinstall lgprjax")]
+        return [InstallationFinding("data_schema", str(error), "bad", "pip install --force-reinstall lgprjax")]
     packaged = Path(str(resources.files("lgprjax"))) / "data_schema"
     where = "of the package" if packaged.is_dir() else "of the source tree"
-    return [Finding("data_schema", f"{versions} ({where})", "good")]
+    return [InstallationFinding("data_schema", f"{versions} ({where})", "good")]
 
 
 _START_S = 120.0
@@ -133,60 +133,62 @@ _LARGEST_ERROR = 0.05
 """Of a sum of 256 products about 1: float32 leaves 1e-4, TF32 and bfloat16 more."""
 
 
-def look_at_machine() -> list[Finding]:
+def look_at_machine() -> list[InstallationFinding]:
     """Everything that can be looked at without a file of the user's."""
     findings = [_device(), _cores(), _memory(), _disk(), _projection(), _picture(), _real_time()]
     return [*findings, *_environment()]
 
 
-def _device() -> Finding:
+def _device() -> InstallationFinding:
     advice = "reinstall jax for this machine, or set JAX_PLATFORMS=cpu"
     try:
         done = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, text=True, timeout=_START_S)
     except subprocess.TimeoutExpired:
-        return Finding("device", f"no answer in {_START_S:g} s", "bad", advice)
+        return InstallationFinding("device", f"no answer in {_START_S:g} s", "bad", advice)
     lines = done.stdout.strip().splitlines()
     if done.returncode != 0 or not lines:
         said = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]
-        return Finding("device", said, "bad", advice)
+        return InstallationFinding("device", said, "bad", advice)
     count, platform, kind, wrong = lines[-1].split("|")
     found = f"{count} {platform} ({kind})" if platform != kind else f"{count} {platform}"
     if float(wrong) > _LARGEST_ERROR:
         precision = "set JAX_DEFAULT_MATMUL_PRECISION=float32: products of this device are too coarse"
-        return Finding("device", f"{found}, matrix product wrong by {float(wrong):.2g}", "look", precision)
-    return Finding("device", found, "good")
+        return InstallationFinding("device", f"{found}, matrix product wrong by {float(wrong):.2g}", "look", precision)
+    return InstallationFinding("device", found, "good")
 
 
-def _cores() -> Finding:
+def _cores() -> InstallationFinding:
     cores = usable_cores()
     if cores < 2:
-        return Finding("cores", str(cores), "look", "lgprjax run wants two at least")
-    return Finding("cores", str(cores), "good")
+        return InstallationFinding("cores", str(cores), "look", "lgprjax run wants two at least")
+    return InstallationFinding("cores", str(cores), "good")
 
 
-def _memory() -> Finding:
+def _memory() -> InstallationFinding:
     if not hasattr(os, "sysconf") or "SC_PHYS_PAGES" not in os.sysconf_names:
-        return Finding("memory", "not known", "absent")
+        return InstallationFinding("memory", "not known", "absent")
     total_gb = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e9
     if total_gb < _LEAST_MEMORY_GB:
-        return Finding("memory", f"{total_gb:.1f} GB", "look", f"{_LEAST_MEMORY_GB:g} GB are little for maps of arrays")
-    return Finding("memory", f"{total_gb:.1f} GB", "good")
+        return InstallationFinding(
+            "memory", f"{total_gb:.1f} GB", "look", f"{_LEAST_MEMORY_GB:g} GB are little for maps of arrays"
+        )
+    return InstallationFinding("memory", f"{total_gb:.1f} GB", "good")
 
 
-def _disk() -> Finding:
+def _disk() -> InstallationFinding:
     here = Path.cwd()
     free_gb = disk_usage(here).free / 1e9
     try:
         with tempfile.TemporaryFile(dir=here) as file:
             file.write(b"lgprjax")
     except OSError as error:
-        return Finding("disk", f"{here}: {error.strerror}", "look", "outputs must be written elsewhere")
+        return InstallationFinding("disk", f"{here}: {error.strerror}", "look", "outputs must be written elsewhere")
     if free_gb < _LEAST_DISK_GB:
-        return Finding("disk", f"{free_gb:.1f} GB free", "look", "a drive of an array is 0.5 MB a second")
-    return Finding("disk", f"{free_gb:.1f} GB free in this folder", "good")
+        return InstallationFinding("disk", f"{free_gb:.1f} GB free", "look", "a drive of an array is 0.5 MB a second")
+    return InstallationFinding("disk", f"{free_gb:.1f} GB free in this folder", "good")
 
 
-def _projection() -> Finding:
+def _projection() -> InstallationFinding:
     """Of the point where the equator meets the middle of UTM zone 31."""
     import pyproj
 
@@ -194,13 +196,13 @@ def _projection() -> Finding:
     try:
         east, north = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:32631", always_xy=True).transform(3.0, 0.0)
     except Exception as error:
-        return Finding("projections", str(error), "bad", advice)
+        return InstallationFinding("projections", str(error), "bad", advice)
     if not np.allclose([east, north], [500000.0, 0.0], atol=1e-3):
-        return Finding("projections", f"{east:.3f}, {north:.3f} for 500000, 0", "bad", advice)
-    return Finding("projections", f"PROJ {pyproj.proj_version_str}", "good")
+        return InstallationFinding("projections", f"{east:.3f}, {north:.3f} for 500000, 0", "bad", advice)
+    return InstallationFinding("projections", f"PROJ {pyproj.proj_version_str}", "good")
 
 
-def _picture() -> Finding:
+def _picture() -> InstallationFinding:
     import matplotlib as mpl
 
     mpl.use("agg")
@@ -210,32 +212,34 @@ def _picture() -> Finding:
         with tempfile.TemporaryFile() as file:
             Figure().savefig(file)
     except Exception as error:
-        return Finding("pictures", str(error), "bad", "reinstall matplotlib")
-    return Finding("pictures", f"matplotlib {mpl.__version__}", "good")
+        return InstallationFinding("pictures", str(error), "bad", "reinstall matplotlib")
+    return InstallationFinding("pictures", f"matplotlib {mpl.__version__}", "good")
 
 
-def _real_time() -> Finding:
+def _real_time() -> InstallationFinding:
     """Only the onboard runtime asks for it."""
     if sys.platform != "linux":
-        return Finding("real-time priority", "not on this system", "absent", "lgprjax run goes on without it")
+        return InstallationFinding(
+            "real-time priority", "not on this system", "absent", "lgprjax run goes on without it"
+        )
     import resource
 
     allowed = resource.getrlimit(resource.RLIMIT_RTPRIO)[1]
     if allowed == 0 and os.geteuid() != 0:
         advice = "for lgprjax run: LimitRTPRIO in the systemd unit, or rtprio in limits.conf"
-        return Finding("real-time priority", "not permitted", "absent", advice)
-    return Finding("real-time priority", "permitted", "good")
+        return InstallationFinding("real-time priority", "not permitted", "absent", advice)
+    return InstallationFinding("real-time priority", "permitted", "good")
 
 
-def _environment() -> list[Finding]:
+def _environment() -> list[InstallationFinding]:
     """Variables that change what JAX computes, or where it keeps what it has compiled."""
     findings = []
     if os.environ.get("JAX_ENABLE_X64", "0").lower() in {"1", "true"}:
         advice = "unset it: lgprjax is tested in float32"
-        findings.append(Finding("JAX_ENABLE_X64", os.environ["JAX_ENABLE_X64"], "look", advice))
+        findings.append(InstallationFinding("JAX_ENABLE_X64", os.environ["JAX_ENABLE_X64"], "look", advice))
     cache = os.environ.get("JAX_COMPILATION_CACHE_DIR")
     if cache is not None:
         usable = os.access(cache, os.W_OK) if Path(cache).exists() else os.access(Path(cache).parent, os.W_OK)
         advice = "" if usable else "it cannot be written: everything is compiled anew each time"
-        findings.append(Finding("JAX_COMPILATION_CACHE_DIR", cache, "good" if usable else "look", advice))
+        findings.append(InstallationFinding("JAX_COMPILATION_CACHE_DIR", cache, "good" if usable else "look", advice))
     return findings

@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from lgprjax.cli.cover import CoverVerb
-from lgprjax.cli.data import Check, Export, Recover
+from lgprjax.cli.data import CheckVerb, Export, Recover
 from lgprjax.cli.doctor import Doctor
 from lgprjax.cli.imports import ImportVerb, recognised
 from lgprjax.cli.maps import MapVerb
@@ -34,7 +34,7 @@ Verb = (
         tyro.conf.subcommand("import", description="Vendor files to drive logs: import FILE..., or by format."),
     ]
     | Annotated[View, tyro.conf.subcommand("view")]
-    | Annotated[Check, tyro.conf.subcommand("check")]
+    | Annotated[CheckVerb, tyro.conf.subcommand("check")]
     | Annotated[MapVerb, tyro.conf.subcommand("map", description="Subsurface databases.")]
     | Annotated[Register, tyro.conf.subcommand("register")]
     | Annotated[Export, tyro.conf.subcommand("export")]

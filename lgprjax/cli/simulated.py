@@ -231,18 +231,18 @@ def field_figures(folder: Path, config: "RuntimeConfig") -> dict[str, Any]:
     """
     from lgprjax.formats import read_run
     from lgprjax.runtime.control.skid.setup import load_skid
-    from lgprjax.runtime.messages import COVER, SKID_PLAN, Kind, unpack
+    from lgprjax.runtime.messages import COVER, SKID_PLAN, RecordKind, unpack
 
     ticks: list[int] = []
     plans: list[tuple[int, np.void]] = []
     covers: list[tuple[int, np.void]] = []
     for _, data in read_run(folder):
         record = unpack(data)
-        if record.kind is Kind.TICK:
+        if record.kind is RecordKind.TICK:
             ticks.append(record.mono_ns)
-        elif record.kind is Kind.SKID_PLAN:
+        elif record.kind is RecordKind.SKID_PLAN:
             plans.append((record.mono_ns, np.frombuffer(record.payload, SKID_PLAN)[0]))
-        elif record.kind is Kind.COVER:
+        elif record.kind is RecordKind.COVER:
             covers.append((record.mono_ns, np.frombuffer(record.payload, COVER)[0]))
     figures: dict[str, Any] = {"ticks": len(ticks)}
     period = np.diff(np.array(ticks, np.float64)) / 1e6

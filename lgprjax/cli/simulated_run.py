@@ -76,7 +76,7 @@ def read_records(folder: Path) -> RunRecords:
         InputError: there is no recording in it.
     """
     from lgprjax.formats import read_run
-    from lgprjax.runtime.messages import FIX, PLAN, Kind, Source, fix_row, unpack
+    from lgprjax.runtime.messages import FIX, PLAN, RecordKind, Source, fix_row, unpack
 
     begun: dict[int, int] = {}
     ticks, plan_ns, fix_ns = [], [], []
@@ -86,20 +86,20 @@ def read_records(folder: Path) -> RunRecords:
     scans = 0
     for _, data in read_run(folder):
         record = unpack(data)
-        if record.kind is Kind.TICK:
+        if record.kind is RecordKind.TICK:
             begun[record.tick] = record.mono_ns
             ticks.append(record.mono_ns)
-        elif record.kind is Kind.PLAN:
+        elif record.kind is RecordKind.PLAN:
             plans.append(np.frombuffer(record.payload, PLAN)[0])
             plan_ns.append(record.mono_ns)
-        elif record.kind is Kind.FIX and record.tick == 0:
+        elif record.kind is RecordKind.FIX and record.tick == 0:
             fixes.append(fix_row(record.payload))
             fix_ns.append(record.mono_ns)
-        elif record.kind is Kind.FIX:
+        elif record.kind is RecordKind.FIX:
             used.append((int(fix_row(record.payload)["scan_ns"]), record.tick))
-        elif record.kind is Kind.PORT_IN and record.source is Source.RADAR:
+        elif record.kind is RecordKind.PORT_IN and record.source is Source.RADAR:
             scans += record.payload[3] == 0x12
-        elif record.kind is Kind.MONITOR and record.tick > 0:
+        elif record.kind is RecordKind.MONITOR and record.tick > 0:
             held = [value for value in json.loads(record.payload).get("rss_mb", {}).values() if value is not None]
             memory.append((record.mono_ns / 1e9, float(sum(held))))
     return RunRecords(

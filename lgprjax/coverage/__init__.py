@@ -29,7 +29,7 @@ from lgprjax.coverage.guidance import (
 )
 from lgprjax.coverage.pattern import Pattern, plan_gaps, plan_pattern
 from lgprjax.coverage.swaths import Line, PatternSettings, line_count, line_order, lines_heading_rad, middle_line
-from lgprjax.coverage.turns import Pose, Turn, turn_points
+from lgprjax.coverage.turns import HeadlandTurn, Pose, turn_points
 from lgprjax.coverage.worked import (
     LEVELS,
     CellState,
@@ -50,6 +50,7 @@ __all__ = [
     "CellState",
     "CoverRoute",
     "Field",
+    "HeadlandTurn",
     "Line",
     "Pattern",
     "PatternSettings",
@@ -58,7 +59,6 @@ __all__ = [
     "RoutePoint",
     "Tool",
     "ToolMoment",
-    "Turn",
     "WorkedState",
     "cell_centres",
     "cell_states",

@@ -15,7 +15,7 @@ from lgprjax.coverage.swaths import (
     Pass,
     PatternSettings,
     Piece,
-    Strips,
+    ToolStrips,
     chains,
     join_spans,
     lay_strips,
@@ -29,7 +29,7 @@ from lgprjax.coverage.swaths import (
     to_lines,
     trimmed,
 )
-from lgprjax.coverage.turns import Pieces, Pose, Turn, dubins_ways, one_handed_turn, poses_along
+from lgprjax.coverage.turns import HeadlandTurn, Pieces, Pose, dubins_ways, one_handed_turn, poses_along
 from lgprjax.errors import InputError
 
 # The turn from one drive to the next that keeps within the turning room and off ground not yet worked.
@@ -190,7 +190,7 @@ class Pattern:
     field: Field
     settings: PatternSettings
     lines: tuple[Line, ...]
-    turns: tuple[Turn, ...]
+    turns: tuple[HeadlandTurn, ...]
     spacing_m: float
     length_m: float
     line_length_m: float
@@ -234,7 +234,7 @@ def pattern_of(
     field: Field,
     settings: PatternSettings,
     lines: tuple[Line, ...],
-    turns: tuple[Turn, ...],
+    turns: tuple[HeadlandTurn, ...],
     spacing_m: float,
     *,
     unreached: tuple[Line, ...] = (),
@@ -274,7 +274,7 @@ def check_ends(
 
 
 def _drives(
-    part: Sequence[Piece], strips: Strips, settings: PatternSettings, *, mirrored: bool, forward: bool
+    part: Sequence[Piece], strips: ToolStrips, settings: PatternSettings, *, mirrored: bool, forward: bool
 ) -> list[Pass]:
     """Drives over a part of the field, from its first strip on or from its last, to and fro."""
     pieces = part[::-1] if mirrored else part
@@ -294,7 +294,7 @@ def _join_part(
     corners_m: Float[np.ndarray, "corner 2"],
     drives: Sequence[Pass],
     driven: Sequence[Pass],
-    strips: Strips,
+    strips: ToolStrips,
     settings: PatternSettings,
     name: str,
 ) -> list[Pieces]:
@@ -316,7 +316,7 @@ def _next_part(
     corners_m: Float[np.ndarray, "corner 2"],
     drives: Sequence[Pass],
     remaining: Sequence[tuple[Piece, ...]],
-    strips: Strips,
+    strips: ToolStrips,
     settings: PatternSettings,
     name: str,
 ) -> tuple[Pieces, list[Pass], tuple[Piece, ...]]:
@@ -340,7 +340,7 @@ def _next_part(
     return best[1:]
 
 
-def _check_zamboni(drives: Sequence[Pass], strips: Strips, settings: PatternSettings, name: str) -> None:
+def _check_zamboni(drives: Sequence[Pass], strips: ToolStrips, settings: PatternSettings, name: str) -> None:
     if len(drives) < 2:
         return
     poses = [reference_pose(drive, drive.start_m, settings) for drive in drives]

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lgprjax.coverage.field import Field
-from lgprjax.coverage.turns import Pieces, Pose, Turn
+from lgprjax.coverage.turns import HeadlandTurn, Pieces, Pose
 from lgprjax.errors import InputError
 
 # Parallel lines over a field: tool-wide strips, evenly spaced, each cut to the pieces that the field has in it.
@@ -41,7 +41,7 @@ class Line(NamedTuple):
         return float(np.hypot(*(self.end_m - self.start_m)))
 
 
-class Strip(NamedTuple):
+class ToolStrip(NamedTuple):
     """A tool-wide strip in axes along and across the lines.
 
     Attributes:
@@ -53,7 +53,7 @@ class Strip(NamedTuple):
     pieces_m: tuple[tuple[float, float], ...]
 
 
-class Strips(NamedTuple):
+class ToolStrips(NamedTuple):
     """The strips of a field.
 
     Attributes:
@@ -61,7 +61,7 @@ class Strips(NamedTuple):
         spacing_m: from one line to the next; 0 where there is one only.
     """
 
-    strips: tuple[Strip, ...]
+    strips: tuple[ToolStrip, ...]
     spacing_m: float
 
 
@@ -93,7 +93,9 @@ def line_count(across_m: float, tool_width_m: float, overlap: float) -> int:
     return math.ceil((across_m - tool_width_m - _ROUNDING_M) / ((1.0 - overlap) * tool_width_m)) + 1
 
 
-def lay_strips(corners_m: Float[np.ndarray, "corner 2"], tool_width_m: float, overlap: float, *, name: str) -> Strips:
+def lay_strips(
+    corners_m: Float[np.ndarray, "corner 2"], tool_width_m: float, overlap: float, *, name: str
+) -> ToolStrips:
     """Strips over a polygon.
 
     Args:
@@ -114,8 +116,8 @@ def lay_strips(corners_m: Float[np.ndarray, "corner 2"], tool_width_m: float, ov
         raise InputError(name, "lines", f"at most {MOST_LINES}", f"{count}")
     half_m = tool_width_m / 2.0
     places = np.linspace(low_m + half_m, high_m - half_m, count) if count > 1 else [(low_m + high_m) / 2.0]
-    strips = tuple(Strip(float(place), strip_pieces(corners_m, float(place), tool_width_m)) for place in places)
-    return Strips(strips, (across_m - tool_width_m) / (count - 1) if count > 1 else 0.0)
+    strips = tuple(ToolStrip(float(place), strip_pieces(corners_m, float(place), tool_width_m)) for place in places)
+    return ToolStrips(strips, (across_m - tool_width_m) / (count - 1) if count > 1 else 0.0)
 
 
 def strip_pieces(
@@ -341,7 +343,7 @@ def lines_of_pass(drive: Pass, heading_rad: float) -> list[Line]:
 
 def string_passes(
     drives: Sequence[Pass], joints: Sequence[Pieces], settings: PatternSettings, heading_rad: float
-) -> tuple[tuple[Line, ...], tuple[Turn, ...]]:
+) -> tuple[tuple[Line, ...], tuple[HeadlandTurn, ...]]:
     """Lines of all drives in driving order, and the turns between them.
 
     Args:
@@ -351,7 +353,7 @@ def string_passes(
         heading_rad: of the lines.
     """
     lines: list[Line] = []
-    turns: list[Turn] = []
+    turns: list[HeadlandTurn] = []
     for number, drive in enumerate(drives):
         spans = drive.worked_m[:: 1 if drive.forward else -1]
         stops = [low if drive.forward else high for low, high in spans]
@@ -389,7 +391,7 @@ def _straight(length_m: float) -> Pieces:
     return np.array([[abs(length_m), 0.0]])
 
 
-def _turn(drive: Pass, along_m: float, pieces: Pieces, settings: PatternSettings, heading_rad: float) -> Turn:
+def _turn(drive: Pass, along_m: float, pieces: Pieces, settings: PatternSettings, heading_rad: float) -> HeadlandTurn:
     pose = reference_pose(drive, along_m, settings)
     place = from_lines(np.array([[pose.x_m, pose.y_m]]), heading_rad)[0]
-    return Turn(Pose(float(place[0]), float(place[1]), pose.yaw_rad + heading_rad), trimmed(pieces))
+    return HeadlandTurn(Pose(float(place[0]), float(place[1]), pose.yaw_rad + heading_rad), trimmed(pieces))

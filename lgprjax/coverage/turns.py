@@ -31,7 +31,7 @@ class Pose(NamedTuple):
     yaw_rad: float
 
 
-class Turn(NamedTuple):
+class HeadlandTurn(NamedTuple):
     """The way of the reference point from the end of a line to the start of the next one.
 
     Attributes:
@@ -76,7 +76,7 @@ def poses_along(start: Pose, pieces: Pieces, arc_m: Float[np.ndarray, " point"])
     return np.asarray(knots[number] + np.stack([x, y, within * bend], axis=1))
 
 
-def turn_points(turn: Turn, spacing_m: float = 0.25) -> Float[np.ndarray, "point 2"]:
+def turn_points(turn: HeadlandTurn, spacing_m: float = 0.25) -> Float[np.ndarray, "point 2"]:
     """Points along a turn at even spacing, start and end among them: for maps and files.
 
     Args:

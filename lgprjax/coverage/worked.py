@@ -30,7 +30,7 @@ _JITTER_RAD = 0.03
 """Corrections of the heading on the spot that are no turn."""
 
 
-class Strip(NamedTuple):
+class WorkedStrip(NamedTuple):
     """Pose at a moment of a pass; a leading axis where there are several.
 
     Attributes:
@@ -60,10 +60,10 @@ class RunningPass(NamedTuple):
     """
 
     going: Bool[Array, "..."]
-    now: Strip
-    low: Strip
-    high: Strip
-    strips: Strip
+    now: WorkedStrip
+    low: WorkedStrip
+    high: WorkedStrip
+    strips: WorkedStrip
     strip_count: Int32[Array, "..."]
     begun_here: Bool[Array, "..."]
 
@@ -71,7 +71,7 @@ class RunningPass(NamedTuple):
 def init_pass() -> RunningPass:
     """No pass yet; one lane."""
     zero = jnp.float32(0.0)
-    nowhere = Strip(zero, zero, zero, zero, zero, jnp.eye(3, dtype=jnp.float32))
+    nowhere = WorkedStrip(zero, zero, zero, zero, zero, jnp.eye(3, dtype=jnp.float32))
     strips = jax.tree.map(lambda part: jnp.broadcast_to(part, (STRIPS, *part.shape)), nowhere)
     no = jnp.asarray(False)
     begun = RunningPass(no, nowhere, nowhere, nowhere, strips, jnp.int32(0), no)
@@ -105,7 +105,7 @@ def step_pass(tool: Tool, spacing_m: float, past: RunningPass, moment: ToolMomen
     turned = last.turned_rad + turn
     # Singular values of an unusable covariance are kept out of everything: the last good one stands in.
     covariance = jnp.where(counts, _in_body_axes(moment.covariance, yaw), last.covariance)
-    here = Strip(x, y, yaw, along, turned, covariance)
+    here = WorkedStrip(x, y, yaw, along, turned, covariance)
 
     newest = jax.tree.map(lambda part: part[0], past.strips)
     before, after = (tool_centre(tool, at.x_m, at.y_m, at.yaw_rad) for at in (last, here))
@@ -193,8 +193,8 @@ def _in_body_axes(covariance: Float[Array, "3 3"], yaw_rad: Float[Array, ""]) ->
     return turned
 
 
-def _choose(which: Bool[Array, ""], one: Strip, other: Strip) -> Strip:
-    chosen: Strip = jax.tree.map(lambda a, b: jnp.where(which, a, b), one, other)
+def _choose(which: Bool[Array, ""], one: WorkedStrip, other: WorkedStrip) -> WorkedStrip:
+    chosen: WorkedStrip = jax.tree.map(lambda a, b: jnp.where(which, a, b), one, other)
     return chosen
 
 

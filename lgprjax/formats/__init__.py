@@ -34,7 +34,7 @@ from lgprjax.formats.settings_files import Study, read_study, read_thresholds, w
 from lgprjax.formats.side_files import SidePositions, TracePlaces, find_side_files, places_of_traces, read_side_file
 from lgprjax.formats.store import atomic_output, create_store
 from lgprjax.formats.survey_layout import found_time_zero
-from lgprjax.formats.survey_track import Place, write_turning_points
+from lgprjax.formats.survey_track import SurveyOrigin, write_turning_points
 from lgprjax.formats.surveys import Survey, import_iprb, import_lines, read_profile
 from lgprjax.formats.vehicle import (
     Found,
@@ -85,7 +85,6 @@ __all__ = [
     "McapTopics",
     "NavigationTrack",
     "OdometryTrack",
-    "Place",
     "Profile",
     "RearMap",
     "RouteFile",
@@ -95,6 +94,7 @@ __all__ = [
     "SidePositions",
     "Study",
     "Survey",
+    "SurveyOrigin",
     "SweepRecording",
     "TraceCoordinates",
     "TracePlaces",

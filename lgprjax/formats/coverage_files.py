@@ -16,7 +16,7 @@ from lgprjax import __version__
 from lgprjax.coverage.field import Field, Tool
 from lgprjax.coverage.pattern import Pattern
 from lgprjax.coverage.swaths import Line, PatternSettings
-from lgprjax.coverage.turns import Pose, Turn
+from lgprjax.coverage.turns import HeadlandTurn, Pose
 from lgprjax.errors import InputError
 from lgprjax.formats.schema import Finding, check_version, key_findings, load_schema
 from lgprjax.formats.store import atomic_output
@@ -184,7 +184,9 @@ def _plan(member: dict[str, Any]) -> CoverPlan:
         settings=PatternSettings(**member["settings"]),
         lines=tuple(_line(numbers) for numbers in member["lines"]),
         turns=tuple(
-            Turn(Pose(*(float(value) for value in turn["start"])), np.array(turn["pieces"], np.float64).reshape(-1, 2))
+            HeadlandTurn(
+                Pose(*(float(value) for value in turn["start"])), np.array(turn["pieces"], np.float64).reshape(-1, 2)
+            )
             for turn in member["turns"]
         ),
         spacing_m=float(told["spacing_m"]),

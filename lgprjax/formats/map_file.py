@@ -32,7 +32,7 @@ from lgprjax.formats.store import attribute_of, open_store, reading, validate_st
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import ChainSettings
 from lgprjax.registration import Chance, ladder_of
-from lgprjax.subsurface import MapDescription, Places, StationPlaces, Stations, Stretches
+from lgprjax.subsurface import MapDescription, StationPlaces, StationPositions, StationRuns, Stations
 
 # Traces of a subsurface database, read for the stations that are needed: as samples, or as codes.
 
@@ -135,7 +135,7 @@ class MapFile:
             self.places = StationPlaces(self._stretches(), len(store["baselines/place"]), self._read_places)
         else:
             held = (store[f"baselines/{name}"][()] for name in ("pose", "ground_up_m", "drive"))
-            self.places = StationPlaces.held(Places(*held))
+            self.places = StationPlaces.held(StationPositions(*held))
         self.description = self._description()
         self.tile_frame: Float[np.ndarray, "tile 3"] = store["tiles/frame"][()]
         self.height_reference_m: Float[np.ndarray, " tile"] = store["tiles/height_reference_m"][()]
@@ -179,7 +179,7 @@ class MapFile:
         return None if self.code is None else self.code.level
 
     @cached_property
-    def _all(self) -> Places:
+    def _all(self) -> StationPositions:
         return self.places.read(np.arange(len(self.places)))
 
     @property
@@ -240,16 +240,16 @@ class MapFile:
         }
         return {**sizes, "rest": self.path.stat().st_size - sum(sizes.values())}
 
-    def _stretches(self) -> Stretches:
+    def _stretches(self) -> StationRuns:
         held = self._store["stretches"]
-        stretches = Stretches(held["first"][()], held["chord"][()], held["reach_m"][()])
+        stretches = StationRuns(held["first"][()], held["chord"][()], held["reach_m"][()])
         scans = len(self._store["baselines/place"])
         if stretches.first[0] != 0 or stretches.first[-1] >= scans:
             found = f"{stretches.first[0]} to {stretches.first[-1]}"
             raise InputError(self.path, "/stretches/first", f"numbers from 0 to below {scans}", found)
         return stretches
 
-    def _read_places(self, stations: Int[np.ndarray, " scan"]) -> Places:
+    def _read_places(self, stations: Int[np.ndarray, " scan"]) -> StationPositions:
         assert self._place is not None
         return places_of_rows(self._place.read(stations))
 

@@ -18,7 +18,7 @@ from lgprjax.errors import InputError
 from lgprjax.formats.schema import load_schema
 from lgprjax.formats.store import attribute_of, reading, write_array, write_attribute
 from lgprjax.registration import Chance
-from lgprjax.subsurface import Places, StationBlock
+from lgprjax.subsurface import StationBlock, StationPositions
 
 UNIT = 1024
 """Stations that are read together; also those of a chunk."""
@@ -249,10 +249,10 @@ def place_rows(
     return np.asarray(np.rint(whole / PLACE_UNITS).astype(np.int64))
 
 
-def places_of_rows(rows: Int[np.ndarray, "scan 8"]) -> Places:
+def places_of_rows(rows: Int[np.ndarray, "scan 8"]) -> StationPositions:
     """Where stations stand."""
     values = rows * PLACE_UNITS
-    return Places(values[:, :5], values[:, 5], rows[:, 6])
+    return StationPositions(values[:, :5], values[:, 5], rows[:, 6])
 
 
 def moved(rows: Int[np.ndarray, "scan 8"], pose: Float[np.ndarray, "scan 5"]) -> Int[np.ndarray, "scan 8"]:

@@ -38,7 +38,7 @@ from lgprjax.formats.map_layout import (
 from lgprjax.formats.schema import load_schema
 from lgprjax.formats.store import GuardedFile, create_array, create_store, validate_store, write_array, write_attribute
 from lgprjax.registration import Chance, ladder_of
-from lgprjax.subsurface import MapDescription, StationBlock, Stretches, stretches_of
+from lgprjax.subsurface import MapDescription, StationBlock, StationRuns, stretches_of
 
 _SCHEMA = load_schema("map")
 
@@ -68,7 +68,7 @@ class MapWriter:
         self._products: np.ndarray | None = None
         self._traces = 0
         self._last: dict[str, np.ndarray] = {}
-        self._stretches: list[Stretches] = []
+        self._stretches: list[StationRuns] = []
 
     @classmethod
     def create(cls, path: str | Path, *, precision: MapPrecision = STANDARD, force: bool = False) -> "MapWriter":

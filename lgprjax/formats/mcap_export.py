@@ -24,7 +24,7 @@ from lgprjax.formats.ros import (
     DRIVE_METADATA,
     PITCH_VARIANCE,
     TOPICS,
-    Layout,
+    MessageLayout,
     definition_of,
     layout_to_write,
     pose_covariance,
@@ -40,7 +40,7 @@ _ANCHOR = ("anchor_latitude_deg", "anchor_longitude_deg", "anchor_height_m")
 _SAME_TIME_S = 1e-6
 
 
-class DriveFixes(NamedTuple):
+class ExportedFixes(NamedTuple):
     """Fixes that belong to a drive.
 
     Attributes:
@@ -66,7 +66,7 @@ class DriveFixes(NamedTuple):
         return self.table["scan"].to_numpy()
 
 
-def fixes_of(path: str | Path, log: DriveLog) -> DriveFixes:
+def fixes_of(path: str | Path, log: DriveLog) -> ExportedFixes:
     """Read the fixes of a drive from ``X.fixes.h5``.
 
     Raises:
@@ -89,7 +89,7 @@ def fixes_of(path: str | Path, log: DriveLog) -> DriveFixes:
     told = (table["code"].to_numpy() == "ok") & finite
     up = np.full(len(table), np.nan)
     up[told] = frame.to_local(latitude[told], longitude[told], height[told])[2]
-    return DriveFixes(
+    return ExportedFixes(
         table=table,
         place_m=np.stack([pose_m[:, 0], pose_m[:, 1], up], axis=1),
         angle_rad=pose_m[:, 3:],
@@ -100,7 +100,7 @@ def fixes_of(path: str | Path, log: DriveLog) -> DriveFixes:
     )
 
 
-def fix_messages(fixes: DriveFixes, number: int) -> Iterator[tuple[str, str, dict[str, Any]]]:
+def fix_messages(fixes: ExportedFixes, number: int) -> Iterator[tuple[str, str, dict[str, Any]]]:
     """Part of ``TOPICS``, frame and members but the header's of each message that tells a fix."""
     row = fixes.table.iloc[number]
     yield (
@@ -177,7 +177,7 @@ class _Messages:
 
         self._writer = Writer(stream)
         self._writer.start(profile="ros2", library=f"lgprjax {__version__}")
-        self._topics: dict[str, tuple[int, Layout]] = {}
+        self._topics: dict[str, tuple[int, MessageLayout]] = {}
 
     def metadata(self, name: str, texts: dict[str, str]) -> None:
         self._writer.add_metadata(name, texts)
@@ -253,7 +253,7 @@ def export_mcap(
         )
 
 
-def _times_ns(log: DriveLog, fixes: DriveFixes | None) -> dict[str, np.ndarray]:
+def _times_ns(log: DriveLog, fixes: ExportedFixes | None) -> dict[str, np.ndarray]:
     """Moments of all that is to be told, Unix time."""
     description = log.description
     times_s = {
@@ -271,7 +271,7 @@ def _times_ns(log: DriveLog, fixes: DriveFixes | None) -> dict[str, np.ndarray]:
     return {name: t0_ns + np.rint(1e9 * each).astype(np.int64) for name, each in times_s.items()}
 
 
-def _write_head(messages: _Messages, log: DriveLog, fixes: DriveFixes | None, begin_ns: int) -> None:
+def _write_head(messages: _Messages, log: DriveLog, fixes: ExportedFixes | None, begin_ns: int) -> None:
     """What holds for the whole file, before all else: a file that is cut short keeps it."""
     description = log.description
     texts = {"name": description.name, "t0_utc": description.t0_utc, "provenance": json.dumps(description.provenance)}

@@ -56,7 +56,7 @@ class McapTopics(NamedTuple):
     odometry: str | None = None
 
 
-class Heard(NamedTuple):
+class TopicsFound(NamedTuple):
     """What a pass through the file found, by topic.
 
     Attributes:
@@ -72,9 +72,9 @@ class Heard(NamedTuple):
     arrays: dict[str, Mapping[str, Any]]
 
 
-def gather(recording: McapRecording) -> Heard:
+def gather(recording: McapRecording) -> TopicsFound:
     """Go through the file once. Raises ``InputError`` where the file system fails."""
-    heard = Heard({}, {}, {}, {})
+    heard = TopicsFound({}, {}, {}, {})
     for topic, kind, log_ns, values in recording.messages():
         if is_kind(kind, RADAR_ARRAY):
             heard.arrays.setdefault(topic, values)
@@ -103,7 +103,7 @@ def scans_of(recording: McapRecording, radar: TopicRows) -> Iterator[Scan]:
             yield scan
 
 
-def radar_topic(recording: McapRecording, heard: Heard, asked: str | None) -> TopicRows:
+def radar_topic(recording: McapRecording, heard: TopicsFound, asked: str | None) -> TopicRows:
     """The topic of the scans.
 
     Raises:
@@ -122,7 +122,7 @@ def radar_topic(recording: McapRecording, heard: Heard, asked: str | None) -> To
     return radar
 
 
-def position_topic(recording: McapRecording, heard: Heard, asked: str | None) -> TopicRows:
+def position_topic(recording: McapRecording, heard: TopicsFound, asked: str | None) -> TopicRows:
     """The topic of the positions. Raises ``InputError`` as ``radar_topic`` does."""
     position = choose_topic(recording, heard, (NAV_SAT_FIX,), asked, "position", "--gnss-topic")
     if position is None:
@@ -130,7 +130,7 @@ def position_topic(recording: McapRecording, heard: Heard, asked: str | None) ->
     return position
 
 
-def attitude_topic(recording: McapRecording, heard: Heard, asked: str | None) -> TopicRows | None:
+def attitude_topic(recording: McapRecording, heard: TopicsFound, asked: str | None) -> TopicRows | None:
     """The topic of headings and rolls; ``None``: there is none. A wheel odometer's heading must be asked for.
 
     Its heading counts from where it was switched on, and nothing tells that from one that counts from east.
@@ -144,12 +144,12 @@ def attitude_topic(recording: McapRecording, heard: Heard, asked: str | None) ->
     return found or choose_topic(recording, heard, (POSE,), None, "attitude", "--heading-topic")
 
 
-def odometry_topic(recording: McapRecording, heard: Heard, asked: str | None) -> TopicRows | None:
+def odometry_topic(recording: McapRecording, heard: TopicsFound, asked: str | None) -> TopicRows | None:
     """The topic of the odometer; ``None``: there is none. Raises ``InputError`` as ``attitude_topic`` does."""
     return choose_topic(recording, heard, (ODOMETRY,), asked, "odometry", "--odometry-topic")
 
 
-def array_message(recording: McapRecording, heard: Heard, asked: str | None) -> Mapping[str, Any] | None:
+def array_message(recording: McapRecording, heard: TopicsFound, asked: str | None) -> Mapping[str, Any] | None:
     """The message that describes the array; ``None``: there is none. Raises ``InputError`` as ``attitude_topic``."""
     if asked is not None and asked not in heard.arrays:
         raise InputError(recording.path, "--array-topic", f"a topic of type {RADAR_ARRAY}", topics_there(recording))
@@ -163,7 +163,7 @@ def array_message(recording: McapRecording, heard: Heard, asked: str | None) -> 
 
 
 def choose_topic(
-    recording: McapRecording, heard: Heard, kinds: tuple[str, ...], asked: str | None, default: str, option: str
+    recording: McapRecording, heard: TopicsFound, kinds: tuple[str, ...], asked: str | None, default: str, option: str
 ) -> TopicRows | None:
     """The topic of some type that is asked for, or else the only one, or that of the name ``TOPICS[default]``.
 

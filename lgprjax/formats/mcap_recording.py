@@ -13,7 +13,7 @@ from jaxtyping import Bool, Complex, Float, Num
 
 from lgprjax.errors import InputError
 from lgprjax.formats.drive import SweepRecording, TraceRecording
-from lgprjax.formats.ros import RADAR_ARRAY, Layout, layout_of
+from lgprjax.formats.ros import RADAR_ARRAY, MessageLayout, layout_of
 from lgprjax.radar.array import ArrayGeometry, uniform_array
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -26,7 +26,7 @@ class LoggedMessage(NamedTuple):
     Attributes:
         topic, kind: its topic, and its type as the recording names it.
         log_ns: when it was recorded, Unix time.
-        values: by the paths of the members, see ``Layout.decode``.
+        values: by the paths of the members, see ``MessageLayout.decode``.
     """
 
     topic: str
@@ -71,7 +71,7 @@ class McapRecording:
         self.kinds: dict[str, str] = {}
         self.metadata: dict[str, dict[str, str]] = {}
         self.refused: dict[str, str] = {}
-        self._layouts: dict[int, Layout | None] = {}
+        self._layouts: dict[int, MessageLayout | None] = {}
         self._forget()
 
     def _forget(self) -> None:
@@ -187,7 +187,7 @@ class McapRecording:
         kind = self._schemas[channel.schema_id].name
         yield LoggedMessage(channel.topic, kind, min(message.log_time, _LATEST_NS), values)
 
-    def _layout(self, channel: Any) -> Layout | None:
+    def _layout(self, channel: Any) -> MessageLayout | None:
         schema = self._schemas.get(channel.schema_id)
         self.kinds[channel.topic] = "a type that is not defined" if schema is None else schema.name
         try:

@@ -170,7 +170,7 @@ class McapAssumed(NamedTuple):
     heading_sigma_deg: float | None = None
 
 
-class Attitude(NamedTuple):
+class TrackAttitude(NamedTuple):
     """Yaw counter-clockwise from true east, roll, radians, and their variances, at the times asked for."""
 
     yaw_rad: Float[np.ndarray, " position"]
@@ -221,7 +221,7 @@ def navigation_track(
     if attitude is not None:
         found, covered = _attitude_at(attitude, ns)
         ns, rows = ns[covered], rows[covered]
-        found = Attitude(*(part[covered] for part in found))
+        found = TrackAttitude(*(part[covered] for part in found))
     if len(ns) < 2:
         beside = "" if attitude is None else f" within the headings of {attitude.topic}"
         raise InputError(path, position.topic, f"at least 2 positions{beside}", str(len(ns)))
@@ -293,13 +293,13 @@ def _steps_m(
 
 def _attitude_at(
     attitude: TopicRows, ns: Int[np.ndarray, " position"]
-) -> tuple[Attitude, Bool[np.ndarray, " position"]]:
+) -> tuple[TrackAttitude, Bool[np.ndarray, " position"]]:
     """Yaw and roll at given times, and whether they are known there."""
     own, rows = attitude.sorted()
     known = np.isfinite(rows[:, :2]).all(axis=1)
     own, rows = own[known], rows[known]
     if not len(own):
-        return Attitude(*np.zeros((4, len(ns)))), np.zeros(len(ns), dtype=bool)
+        return TrackAttitude(*np.zeros((4, len(ns)))), np.zeros(len(ns), dtype=bool)
     own_s, at_s = (own - own[0]) / 1e9, (ns - own[0]) / 1e9
     gaps_s = np.diff(own_s)
     longest_s = max(_LONGEST_GAP_S, 3.0 * float(np.median(gaps_s)) if len(gaps_s) else 0.0)
@@ -310,7 +310,7 @@ def _attitude_at(
     covered = bridged | (own[np.minimum(after, len(own) - 1)] == ns)
     columns = (np.unwrap(rows[:, 0]), np.unwrap(rows[:, 1]), rows[:, 2], rows[:, 3])
     yaw, roll, *variances = (np.interp(at_s, own_s, column) for column in columns)
-    return Attitude(yaw, np.asarray(wrap_angle(roll)), *variances), covered
+    return TrackAttitude(yaw, np.asarray(wrap_angle(roll)), *variances), covered
 
 
 def _attitude_of_path(
@@ -319,7 +319,7 @@ def _attitude_of_path(
     time_s: Float[np.ndarray, " position"],
     rows: Float[np.ndarray, "position 6"],
     odometry: OdometryTrack | None,
-) -> Attitude:
+) -> TrackAttitude:
     latitude, longitude = rows[:, 0], rows[:, 1]
     travel_m = (
         distances_m(latitude, longitude)
@@ -332,7 +332,7 @@ def _attitude_of_path(
         expected = "a vehicle that moves, or a source of headings"
         raise InputError(path, topic, expected, "one that stands still") from None
     unknown = np.full(len(time_s), np.nan)
-    return Attitude(np.radians(90.0 - heading_deg), np.zeros(len(time_s)), unknown, unknown)
+    return TrackAttitude(np.radians(90.0 - heading_deg), np.zeros(len(time_s)), unknown, unknown)
 
 
 def _sigma(
@@ -348,7 +348,7 @@ def _sigma(
 
 
 def _body_origin(
-    rows: Float[np.ndarray, "position 6"], attitude: Attitude, gnss_m: tuple[float, float, float]
+    rows: Float[np.ndarray, "position 6"], attitude: TrackAttitude, gnss_m: tuple[float, float, float]
 ) -> tuple[Float[np.ndarray, " position"], Float[np.ndarray, " position"], Float[np.ndarray, " position"]]:
     """Latitude, longitude and height of the body origin from those of the antenna; heights not known are 0."""
     latitude, longitude, height = rows[:, 0], rows[:, 1], np.nan_to_num(rows[:, 2], nan=0.0)

@@ -37,7 +37,7 @@ _MOST_NESTED = 16
 _MOST_FIELDS = 4096
 
 
-class Field(NamedTuple):
+class RosField(NamedTuple):
     """One primitive member of a message whose nested messages are laid out flat.
 
     Attributes:
@@ -51,10 +51,10 @@ class Field(NamedTuple):
     size: int | None
 
 
-class Layout(NamedTuple):
+class MessageLayout(NamedTuple):
     """The members of a message in the order in which they are serialised."""
 
-    fields: tuple[Field, ...]
+    fields: tuple[RosField, ...]
 
     def decode(self, data: bytes) -> dict[str, Any]:
         """Values of a message by the paths of its members; arrays are views of ``data``.
@@ -101,7 +101,7 @@ class Layout(NamedTuple):
         return bytes(out)
 
 
-def layout_of(name: str, definition: str) -> Layout:
+def layout_of(name: str, definition: str) -> MessageLayout:
     """Layout of a message from its definition with those of its nested messages, as recordings carry them.
 
     Args:
@@ -121,7 +121,7 @@ def layout_of(name: str, definition: str) -> Layout:
     fields = tuple(islice(_fields(short_name(name), "", bodies, 0), _MOST_FIELDS + 1))
     if len(fields) > _MOST_FIELDS:
         raise ValueError("a definition without end")
-    return Layout(fields)
+    return MessageLayout(fields)
 
 
 def short_name(name: str) -> str:
@@ -130,7 +130,7 @@ def short_name(name: str) -> str:
     return f"{parts[0]}/{parts[-1]}"
 
 
-def _fields(name: str, prefix: str, bodies: Mapping[str, str], depth: int) -> Iterator[Field]:
+def _fields(name: str, prefix: str, bodies: Mapping[str, str], depth: int) -> Iterator[RosField]:
     if name not in bodies or depth > _MOST_NESTED:
         raise ValueError(f"no definition of {name}")
     empty = True
@@ -149,7 +149,7 @@ def _fields(name: str, prefix: str, bodies: Mapping[str, str], depth: int) -> It
         size = None if digits is None else 0 if bound or not digits else int(digits)
         empty = False
         if base in _CODES:
-            yield Field(prefix + member, _CODES[base], size)
+            yield RosField(prefix + member, _CODES[base], size)
         elif size is not None:
             raise ValueError(f"{member}: an array of messages")
         else:
@@ -158,7 +158,7 @@ def _fields(name: str, prefix: str, bodies: Mapping[str, str], depth: int) -> It
             yield from _fields(short_name(nested), f"{prefix}{member}.", bodies, depth + 1)
     if empty:
         # IDL knows no empty structures: ROS 2 gives them this member.
-        yield Field(f"{prefix}structure_needs_at_least_one_member", "B", None)
+        yield RosField(f"{prefix}structure_needs_at_least_one_member", "B", None)
 
 
 class _Cursor:
@@ -342,7 +342,7 @@ def definition_of(name: str) -> str:
     return "".join(parts)
 
 
-def layout_to_write(name: str) -> Layout:
+def layout_to_write(name: str) -> MessageLayout:
     """Layout by which a message is written."""
     return layout_of(name, definition_of(name))
 

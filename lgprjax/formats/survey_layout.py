@@ -13,7 +13,7 @@ from lgprjax.errors import InputError
 from lgprjax.formats.line_layout import check_rising, own_distances_m
 from lgprjax.formats.profile import Profile
 from lgprjax.formats.side_files import SidePositions, TracePlaces, about_as_many, places_of_traces
-from lgprjax.formats.survey_track import Place, utm_projection
+from lgprjax.formats.survey_track import SurveyOrigin, utm_projection
 from lgprjax.radar.survey_lines import DirectWave, Neighbours, compare_neighbours, echo_image, pick_direct_wave
 from lgprjax.radar.time_domain import WAVE_SPEED_M_PER_NS
 
@@ -28,7 +28,7 @@ _DEGREE_M = 111_200.0
 _GEOD = pyproj.Geod(ellps="WGS84")
 
 
-class Layout(NamedTuple):
+class SurveyLayout(NamedTuple):
     """Where lines lie.
 
     Attributes:
@@ -42,7 +42,7 @@ class Layout(NamedTuple):
     """
 
     source: str
-    place: Place
+    place: SurveyOrigin
     place_assumed: bool
     left_m: Float[np.ndarray, " line"]
     along_m: list[Float[np.ndarray, " _"]] | None
@@ -53,9 +53,9 @@ def lay_out(
     lines: Sequence[Profile],
     beside: Sequence[SidePositions | None],
     right_m: Float[np.ndarray, " line"] | None,
-    place: Place,
+    place: SurveyOrigin,
     utm_zone: str | None,
-) -> Layout:
+) -> SurveyLayout:
     """Lay out lines by the best that is known of all of them.
 
     Args:
@@ -76,18 +76,18 @@ def lay_out(
     whole = len(known) == len(lines)
     if right_m is not None:
         along = _along_rows(known) if whole and _all_of(known, _SURVEYED) else None
-        return Layout("tape", place, assumed, -right_m, along, None)
+        return SurveyLayout("tape", place, assumed, -right_m, along, None)
     if not whole:
         if len(lines) > 1:
             bare = next(line for line, side in zip(lines, beside, strict=True) if side is None)
             expected = "positions beside every line, or --line-spacing-m or --lines-at-m"
             raise InputError(bare.path, "positions", expected, "none")
-        return Layout("header", place, assumed, np.zeros(1), None, None)
+        return SurveyLayout("header", place, assumed, np.zeros(1), None, None)
     if _all_of(known, ("along metres",)) and len(lines) == 1:
-        return Layout("topography", place, assumed, np.zeros(1), [known[0].x], None)
+        return SurveyLayout("topography", place, assumed, np.zeros(1), [known[0].x], None)
     if _all_of(known, ("degrees",)):
         degrees = [_receiver_path(line, side) for line, side in zip(lines, known, strict=True)]
-        return Layout("receiver", place, False, np.zeros(len(lines)), None, degrees)
+        return SurveyLayout("receiver", place, False, np.zeros(len(lines)), None, degrees)
     if not _all_of(known, ("local metres", "grid metres")):
         kinds = ", ".join(sorted({side.kind for side in known}))
         raise InputError(known[0].path, "positions", "one kind beside all lines", kinds)
@@ -129,7 +129,7 @@ def _axis(known: Sequence[SidePositions]) -> Float[np.ndarray, "2"]:
     return np.asarray(way / length_m)
 
 
-def _on_grid(known: Sequence[SidePositions], utm_zone: str | None) -> tuple[Place, list[SidePositions]]:
+def _on_grid(known: Sequence[SidePositions], utm_zone: str | None) -> tuple[SurveyOrigin, list[SidePositions]]:
     """The grid's metres from its first row, whose place on the earth and whose x axis's direction the zone says."""
     file = known[0].path
     if utm_zone is None:
@@ -141,10 +141,12 @@ def _on_grid(known: Sequence[SidePositions], utm_zone: str | None) -> tuple[Plac
         raise InputError(file, "positions", f"metres of UTM zone {utm_zone}", f"{x:g}, {y:g}")
     convergence = projection.get_factors(longitude, latitude).meridian_convergence
     moved = [replace(side, x=side.x - x, y=side.y - y) for side in known]
-    return Place(latitude, longitude, 90.0 + convergence), moved
+    return SurveyOrigin(latitude, longitude, 90.0 + convergence), moved
 
 
-def _by_topography(lines: Sequence[Profile], known: Sequence[SidePositions], place: Place, assumed: bool) -> Layout:
+def _by_topography(
+    lines: Sequence[Profile], known: Sequence[SidePositions], place: SurveyOrigin, assumed: bool
+) -> SurveyLayout:
     """Lines in a site's metres: straight and parallel ones beside each other, others on their own paths."""
     axis = _axis(known)
     left = np.array([-axis[1], axis[0]])
@@ -157,7 +159,7 @@ def _by_topography(lines: Sequence[Profile], known: Sequence[SidePositions], pla
         turn_deg = float(np.degrees(np.arctan2(axis[0], axis[1]))) - 90.0
         along = [each @ axis for each in rows]
         heading = place._replace(heading_deg=(place.heading_deg + turn_deg) % 360.0)
-        return Layout("topography", heading, assumed, left_m, along, None)
+        return SurveyLayout("topography", heading, assumed, left_m, along, None)
     paths = []
     for line, side in zip(lines, known, strict=True):
         found = _of_traces(line, side)
@@ -166,7 +168,7 @@ def _by_topography(lines: Sequence[Profile], known: Sequence[SidePositions], pla
         there = np.full(len(east), place.longitude_deg), np.full(len(east), place.latitude_deg)
         longitude, latitude, _ = _GEOD.fwd(*there, bearing, np.hypot(east, north))
         paths.append((np.asarray(latitude), np.asarray(longitude)))
-    return Layout("topography", place, assumed, np.zeros(len(lines)), None, paths)
+    return SurveyLayout("topography", place, assumed, np.zeros(len(lines)), None, paths)
 
 
 def _of_traces(line: Profile, side: SidePositions) -> TracePlaces:

@@ -24,7 +24,7 @@ CHORD_M = 1.0
 _GEOD = pyproj.Geod(ellps="WGS84")
 
 
-class Place(NamedTuple):
+class SurveyOrigin(NamedTuple):
     """Origin of a survey, WGS-84, and the direction of its lines, clockwise from true north."""
 
     latitude_deg: float
@@ -44,10 +44,10 @@ class Place(NamedTuple):
         stands_in = (self.latitude_deg, self.longitude_deg) == (0.0, 0.0)
         return {"place on the earth": "latitude 0, longitude 0"} if stands_in else {}
 
-    def ahead(self, distance_m: float) -> "Place":
+    def ahead(self, distance_m: float) -> "SurveyOrigin":
         """The place that lies so far ahead."""
         longitude, latitude, back = _GEOD.fwd(self.longitude_deg, self.latitude_deg, self.heading_deg, distance_m)
-        return Place(latitude, longitude, (back + 180.0) % 360.0)
+        return SurveyOrigin(latitude, longitude, (back + 180.0) % 360.0)
 
 
 def utm_projection(file: str | Path, utm_zone: str) -> pyproj.Proj:
@@ -59,7 +59,7 @@ def utm_projection(file: str | Path, utm_zone: str) -> pyproj.Proj:
 
 
 def straight_track(
-    along_m: Float[np.ndarray, " scan"], place: Place, time_s: Float[np.ndarray, " scan"]
+    along_m: Float[np.ndarray, " scan"], place: SurveyOrigin, time_s: Float[np.ndarray, " scan"]
 ) -> NavigationTrack:
     """Poses on the geodesic that leaves a place along its heading; ``along_m`` may fall and be negative."""
     count = len(along_m)

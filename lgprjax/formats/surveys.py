@@ -13,7 +13,7 @@ from lgprjax.formats.line_layout import check_alike, check_length, inputs_of, wr
 from lgprjax.formats.profile import Assumed, Profile
 from lgprjax.formats.side_files import RECEIVERS, SidePositions, find_side_files, read_side_file
 from lgprjax.formats.survey_layout import LineFinding, Reversed, TimeZero, find_lines, lay_out
-from lgprjax.formats.survey_track import Place
+from lgprjax.formats.survey_track import SurveyOrigin
 from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala
 from lgprjax.formats.vendors.segy import read_segy
 
@@ -107,7 +107,7 @@ def import_lines(
         raise InputError(output, "lines", "at least one file", "none")
     if len(lines) == 1:
         lines = _channels(lines[0])
-    place = Place(latitude_deg, longitude_deg, heading_deg)
+    place = SurveyOrigin(latitude_deg, longitude_deg, heading_deg)
     place.check(output)
     check_length(output, length_m)
     check_alike(lines)
@@ -178,7 +178,7 @@ def import_lines(
 def import_iprb(
     paths: Sequence[str | Path],
     *,
-    place: Place,
+    place: SurveyOrigin,
     length_m: float | None = None,
     output: str | Path,
     force: bool = False,

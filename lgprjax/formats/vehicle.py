@@ -23,7 +23,7 @@ class FileTable(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
 
 
-class Problem(NamedTuple):
+class RuleViolation(NamedTuple):
     """A rule between numbers that a file breaks."""
 
     place: str
@@ -36,7 +36,7 @@ class BrokenRuleError(ValueError):
 
     def __init__(self, place: str, expected: str, found: str) -> None:
         super().__init__(f"{place}: expected {expected}, found {found}")
-        self.problem = Problem(place, expected, found)
+        self.problem = RuleViolation(place, expected, found)
 
 
 def flat_keys(table: dict[str, Any]) -> dict[str, Any]:

@@ -15,8 +15,8 @@ from lgprjax.radar import to_coefficients, uniform_array
 from lgprjax.registration import (
     Code,
     Fix,
-    Problem,
     RegisterOptions,
+    SearchProblem,
     Template,
     Thresholds,
     register_batch,
@@ -43,7 +43,7 @@ class DrivePlaces(NamedTuple):
     fresh: Bool[np.ndarray, " place"]
 
 
-class Route(NamedTuple):
+class MapRoute(NamedTuple):
     """The map's ground in order of driving, each stretch counted once: the first baseline, then what later ones add.
 
     Attributes:
@@ -58,7 +58,7 @@ class Route(NamedTuple):
     place: Int[np.ndarray, " route"]
 
 
-class Ground(NamedTuple):
+class RouteGround(NamedTuple):
     """What lies at each place of the route.
 
     Attributes:
@@ -101,15 +101,15 @@ def places_of_drives(source: MapFile, step_m: float) -> list[DrivePlaces]:
     return out
 
 
-def route_of(drives: list[DrivePlaces], step_m: float) -> Route:
+def route_of(drives: list[DrivePlaces], step_m: float) -> MapRoute:
     """The fresh places of all baselines, one after the other."""
     pose = np.concatenate([places.pose[places.fresh] for places in drives])
     drive = np.concatenate([np.full(int(places.fresh.sum()), number) for number, places in enumerate(drives)])
     place = np.concatenate([np.flatnonzero(places.fresh) for places in drives])
-    return Route((np.arange(len(pose)) + 0.5) * step_m, pose, drive, place)
+    return MapRoute((np.arange(len(pose)) + 0.5) * step_m, pose, drive, place)
 
 
-def passes_at(source: MapFile, route: Route) -> Int[np.ndarray, " route"]:
+def passes_at(source: MapFile, route: MapRoute) -> Int[np.ndarray, " route"]:
     """Baselines in force that came by each place within an array's width."""
     in_force = source.retired == 0
     index, radius_m = SpatialIndex(source.pose[in_force, :2], 8.0), source.description.array_width_m
@@ -246,7 +246,7 @@ def register_stations(
         share = there.sum(axis=1) / np.maximum(np.asarray(template.valid).sum(axis=1), 1)
         fix = register_batch(
             ground.tile(tile),
-            Problem(
+            SearchProblem(
                 template=template._replace(valid=jnp.asarray(there)),
                 prior=jnp.asarray(prior, dtype=jnp.float32),
                 half_width=jnp.asarray(np.tile(half_width, (_LANES, 1)), dtype=jnp.float32),

@@ -10,10 +10,10 @@ from jaxtyping import Bool, Float, Int
 from lgprjax.formats import MapFile
 from lgprjax.mapping.matching import (
     DrivePlaces,
-    Ground,
+    MapRoute,
     Matches,
     OtherBaselines,
-    Route,
+    RouteGround,
     ground_at,
     mask_of,
     match_stations,
@@ -68,8 +68,8 @@ class MapSurvey(NamedTuple):
         beside: correlation of each channel with its right neighbour, over a whole baseline.
     """
 
-    route: Route
-    ground: Ground
+    route: MapRoute
+    ground: RouteGround
     signal: Signal
     agreement: Agreement
     beside: Float[np.ndarray, "drive pair"]
@@ -119,7 +119,7 @@ def survey_map(source: MapFile, progress: Callable[[int], None] = lambda _: None
         rows += _agreement(source, drive, places, nearest, options, progress)
     return MapSurvey(
         route,
-        Ground(passes_at(source, route), width, overlap),
+        RouteGround(passes_at(source, route), width, overlap),
         Signal(power, repeats, likeness, ambiguous),
         _joined(rows),
         beside[..., 0] / np.maximum(beside[..., 1], 1e-30),
@@ -212,7 +212,7 @@ class GroundPasses(NamedTuple):
     hole: Bool[np.ndarray, "place cell"]
 
 
-def ground_passes(source: MapFile, route: Route) -> GroundPasses:
+def ground_passes(source: MapFile, route: MapRoute) -> GroundPasses:
     """Go along every baseline and mark the cells that its antennas touch.
 
     Memory: a few hundred bytes a metre of route. Stations out of use and dead channels touch nothing.
@@ -260,7 +260,7 @@ def _touch(
     touched: Bool[np.ndarray, "place part cell"],
     source: MapFile,
     stations: Int[np.ndarray, " scan"],
-    route: Route,
+    route: MapRoute,
     cell_m: float,
 ) -> None:
     """Mark what the antennas of some stations touch, each at its nearest place of the route."""

@@ -289,12 +289,12 @@ def locate_drive(source: MapFile, log: DriveLog, progress: Callable[[int], None]
     refuse_unfit(source, log)
     options = update_search(source.description)
     drive = register_log(source, log, options, progress)
-    correction = correct_labels(drive.track, drive.fix, drive.beside_match, centre_of(log.description.array))
+    correction = correct_labels(drive.track, drive.fix, drive.map_odometry_covariance, centre_of(log.description.array))
     path_m, code = path_of(drive.track), np.asarray(drive.fix.code)
     tried = ~np.isin(code, _NOT_TRIED)
     _refuse_elsewhere(log, drive.away, options, correction, path_m, tried)
     ok, known = code == Code.OK, correction.corrected
-    beside = 0.5 * np.trace(drive.beside_match[ok], axis1=1, axis2=2)
+    beside = 0.5 * np.trace(drive.map_odometry_covariance[ok], axis1=1, axis2=2)
     moved = track_of_drive(log, source.description.frame)
     return LocatedDrive(
         track=moved._replace(

@@ -52,7 +52,7 @@ from lgprjax.navigation.observations import (
     GnssObservation,
     HeadingObservation,
     LgprObservation,
-    Motion,
+    MotionInput,
     Observations,
     OdometerObservation,
     advance_gates,
@@ -87,7 +87,7 @@ class Transition(NamedTuple):
     yaw_noise: Float[Array, " 3"]
 
 
-def transition_of(model: FilterModel, estimate: NavEstimate, motion: Motion) -> Transition:
+def transition_of(model: FilterModel, estimate: NavEstimate, motion: MotionInput) -> Transition:
     """The derivatives of a tick at the estimate before it; ``transition_matrix`` has them as a matrix."""
     mean, step = estimate.mean, motion.step_s
     travel, turn = mean[SPEED] * step, (motion.yaw_rate_radps - mean[RATE_BIAS]) * step
@@ -111,7 +111,7 @@ def transition_matrix(transition: Transition) -> Float[Array, "13 13"]:
     return jnp.concatenate([transition.pose_rows, rest])
 
 
-def predict(model: FilterModel, estimate: NavEstimate, motion: Motion) -> NavEstimate:
+def predict(model: FilterModel, estimate: NavEstimate, motion: MotionInput) -> NavEstimate:
     """The estimate a tick later, before its observations.
 
     Speed, bias, scale, clock and lever wander before the motion, which happens at the speed of the tick's end: so an
@@ -219,7 +219,7 @@ def _apply(transition: Transition, matrix: Float[Array, "13 13"]) -> Float[Array
 
 
 def gnss_innovation(
-    model: FilterModel, estimate: NavEstimate, motion: Motion, observation: GnssObservation
+    model: FilterModel, estimate: NavEstimate, motion: MotionInput, observation: GnssObservation
 ) -> Innovation:
     """Of the antenna's position."""
     age, (back, along, rate) = _clean(observation, observation.age_s), _body_motion(estimate, motion)
@@ -231,7 +231,7 @@ def gnss_innovation(
     return innovation_of(observed - expected, (row_x, row_y), observation.covariance, usable(observation))
 
 
-def heading_innovation(estimate: NavEstimate, motion: Motion, observation: HeadingObservation) -> Innovation:
+def heading_innovation(estimate: NavEstimate, motion: MotionInput, observation: HeadingObservation) -> Innovation:
     """Of the yaw; it depends on no lever."""
     age, (_, _, rate) = _clean(observation, observation.age_s), _body_motion(estimate, motion)
     residual = wrap_yaw(observation.yaw_rad - (estimate.mean[YAW] - age * rate))
@@ -248,7 +248,7 @@ def odometer_innovation(estimate: NavEstimate, observation: OdometerObservation)
 
 
 def lgpr_innovation(
-    model: FilterModel, estimate: NavEstimate, motion: Motion, observation: LgprObservation
+    model: FilterModel, estimate: NavEstimate, motion: MotionInput, observation: LgprObservation
 ) -> Innovation:
     """Of the pose of the array's centre, by the clock later than its stamp."""
     mean = estimate.mean
@@ -282,7 +282,7 @@ def lgpr_innovation(
     return innovation_of(residual, (*rows, turn_row), observation.covariance, usable(observation))
 
 
-def _body_motion(estimate: NavEstimate, motion: Motion) -> tuple[Pair, Float[Array, ""], Float[Array, ""]]:
+def _body_motion(estimate: NavEstimate, motion: MotionInput) -> tuple[Pair, Float[Array, ""], Float[Array, ""]]:
     """Cosine and sine of the yaw, forward speed, and yaw rate without the gyro's bias."""
     yaw = estimate.mean[YAW]
     return (jnp.cos(yaw), jnp.sin(yaw)), estimate.mean[SPEED], motion.yaw_rate_radps - estimate.mean[RATE_BIAS]
@@ -335,7 +335,7 @@ def init_filter(model: FilterModel, pose: VehiclePose, speed_mps: Float[Array, "
 
 
 def step_filter(
-    model: FilterModel, rules: GateRules, state: FilterState, motion: Motion, observations: Observations
+    model: FilterModel, rules: GateRules, state: FilterState, motion: MotionInput, observations: Observations
 ) -> tuple[FilterState, FilterInfo]:
     """One tick: the motion, then each source in turn past its gate. One lane; hundreds under ``vmap``.
 
@@ -368,7 +368,7 @@ def step_filter(
 
 
 def _innovation_of(
-    source: int, model: FilterModel, estimate: NavEstimate, motion: Motion, observations: Observations
+    source: int, model: FilterModel, estimate: NavEstimate, motion: MotionInput, observations: Observations
 ) -> Innovation:
     if source == GNSS:
         return gnss_innovation(model, estimate, motion, observations.gnss)
@@ -417,7 +417,7 @@ _RIDGE = 1e-6
 
 
 def filter_drive(
-    model: FilterModel, rules: GateRules, start: FilterState, motions: Motion, observations: Observations
+    model: FilterModel, rules: GateRules, start: FilterState, motions: MotionInput, observations: Observations
 ) -> tuple[NavEstimate, FilterInfo]:
     """Estimates after each tick of a drive, and what became of the observations; leading axis tick.
 
@@ -428,7 +428,7 @@ def filter_drive(
     """
 
     def step(
-        state: FilterState, tick: tuple[Motion, Observations]
+        state: FilterState, tick: tuple[MotionInput, Observations]
     ) -> tuple[FilterState, tuple[NavEstimate, FilterInfo]]:
         state, info = step_filter(model, rules, state, *tick)
         return state, (state.estimate, info)
@@ -438,7 +438,7 @@ def filter_drive(
 
 
 def smooth_drive(
-    model: FilterModel, rules: GateRules, start: FilterState, motions: Motion, observations: Observations
+    model: FilterModel, rules: GateRules, start: FilterState, motions: MotionInput, observations: Observations
 ) -> NavEstimate:
     """Estimate at the end of each tick from all observations of the drive; leading axis tick.
 
@@ -455,7 +455,7 @@ def smooth_drive(
 
 
 def smooth_estimates(
-    model: FilterModel, filtered: NavEstimate, motions: Motion, restarted: Bool[Array, " tick"]
+    model: FilterModel, filtered: NavEstimate, motions: MotionInput, restarted: Bool[Array, " tick"]
 ) -> NavEstimate:
     """The way back over estimates of a forward pass.
 
@@ -466,7 +466,9 @@ def smooth_estimates(
         restarted: ticks across which nothing is carried back.
     """
 
-    def back(later: NavEstimate, tick: tuple[NavEstimate, Motion, Bool[Array, ""]]) -> tuple[NavEstimate, NavEstimate]:
+    def back(
+        later: NavEstimate, tick: tuple[NavEstimate, MotionInput, Bool[Array, ""]]
+    ) -> tuple[NavEstimate, NavEstimate]:
         smoothed = _step_back(model, later, *tick)
         return smoothed, smoothed
 
@@ -479,7 +481,7 @@ def smooth_estimates(
 
 
 def _step_back(
-    model: FilterModel, later: NavEstimate, filtered: NavEstimate, motion: Motion, restarted: Bool[Array, ""]
+    model: FilterModel, later: NavEstimate, filtered: NavEstimate, motion: MotionInput, restarted: Bool[Array, ""]
 ) -> NavEstimate:
     """The smoothed estimate a tick before ``later``; ``motion`` is that of the tick between."""
     predicted = predict(model, filtered, motion)

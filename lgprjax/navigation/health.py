@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from lgprjax.navigation.counter_steer_filter import FilterInfo, FilterState
 from lgprjax.navigation.counter_steer_model import SPEED, position_sigma_m, step_local
-from lgprjax.navigation.observations import GNSS, HEADING, LGPR, ODOMETER, LgprObservation, Motion, Observations
+from lgprjax.navigation.observations import GNSS, HEADING, LGPR, ODOMETER, LgprObservation, MotionInput, Observations
 from lgprjax.vehicle import VehiclePose
 
 # Limits of the navigation's health.
@@ -408,7 +408,7 @@ def init_switch(gnss_ins_pose: VehiclePose) -> SwitchState:
 def step_switch(
     settings: SwitchSettings,
     state: SwitchState,
-    motion: Motion,
+    motion: MotionInput,
     speed_mps: Float[Array, "..."],
     gnss_ins_pose: VehiclePose,
     lgpr: LgprObservation,

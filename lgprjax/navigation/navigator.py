@@ -34,7 +34,7 @@ from lgprjax.navigation.health import (
     step_health,
     step_switch,
 )
-from lgprjax.navigation.observations import GateRules, Motion, Observations
+from lgprjax.navigation.observations import GateRules, MotionInput, Observations
 from lgprjax.vehicle import VehiclePose
 
 Fusion = Literal["filter", "switch"]
@@ -112,7 +112,7 @@ def init_navigator(
 def step_navigator(
     setup: NavigatorSetup,
     state: NavigatorState,
-    motion: Motion,
+    motion: MotionInput,
     observations: Observations,
     p_false: Float[Array, ""],
     *,

@@ -13,7 +13,7 @@ SOURCES = ("gnss", "heading", "odometer", "lgpr")
 GNSS, HEADING, ODOMETER, LGPR = range(4)
 
 
-class Motion(NamedTuple):
+class MotionInput(NamedTuple):
     """What moves the filter on by a tick.
 
     Attributes:
@@ -163,7 +163,7 @@ class GateState(NamedTuple):
     conflict_s: Float[Array, "..."]
 
 
-class Verdict(NamedTuple):
+class GateVerdict(NamedTuple):
     """On one observation.
 
     Attributes:
@@ -215,7 +215,7 @@ def judge(
     nis: Float[Array, ""],
     fix_m: Float[Array, " 2"],
     seen_m: Float[Array, " 2"],
-) -> tuple[Verdict, GateState]:
+) -> tuple[GateVerdict, GateState]:
     """Whether an observation is used, and the gates that remember it.
 
     Args:
@@ -247,7 +247,7 @@ def judge(
     counted = gates.rejects[source] + 1
     # Any other source's run of rejects is no longer alone once a position was accepted.
     alone_all = jnp.where(accepted, 0, gates.alone) if positions else gates.alone
-    return Verdict(accepted, reacquired), GateState(
+    return GateVerdict(accepted, reacquired), GateState(
         gates.rejects.at[source].set(jnp.where(rejected, counted, jnp.where(accepted, 0, gates.rejects[source]))),
         alone_all.at[source].set(jnp.where(rejected, alone + 1, jnp.where(accepted, 0, gates.alone[source]))),
         gates.since_accepted_s.at[source].set(jnp.where(accepted, 0.0, gates.since_accepted_s[source])),

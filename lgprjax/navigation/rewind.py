@@ -14,7 +14,14 @@ from jaxtyping import Array, Bool, Int
 from lgprjax.errors import InputError
 from lgprjax.navigation.counter_steer_filter import FilterInfo, FilterState, step_filter
 from lgprjax.navigation.counter_steer_model import FilterModel
-from lgprjax.navigation.observations import SOURCES, GateRules, Motion, Observations, no_observations, valid_sources
+from lgprjax.navigation.observations import (
+    SOURCES,
+    GateRules,
+    MotionInput,
+    Observations,
+    no_observations,
+    valid_sources,
+)
 
 T = TypeVar("T")
 
@@ -43,7 +50,7 @@ class History(NamedTuple):
 
     state: FilterState
     before: FilterState
-    motions: Motion
+    motions: MotionInput
     observations: Observations
     newest: Int[Array, "..."]
     filled: Int[Array, "..."]
@@ -64,14 +71,14 @@ def init_history(state: FilterState, ticks: int) -> History:
     if ticks < 1:
         raise InputError("history", "ticks", "at least 1", f"{ticks}")
     none = jnp.zeros(len(SOURCES), jnp.int32)
-    first: tuple[FilterState, Motion, Observations]
-    first = (state, Motion(jnp.float32(0.0), jnp.float32(0.0)), no_observations())
+    first: tuple[FilterState, MotionInput, Observations]
+    first = (state, MotionInput(jnp.float32(0.0), jnp.float32(0.0)), no_observations())
     before, motions, observations = jax.tree.map(lambda leaf: jnp.repeat(leaf[None], ticks, axis=0), first)
     return History(state, before, motions, observations, jnp.int32(ticks - 1), jnp.int32(0), none, none)
 
 
 def step_history(
-    model: FilterModel, rules: GateRules, history: History, motion: Motion, observations: Observations
+    model: FilterModel, rules: GateRules, history: History, motion: MotionInput, observations: Observations
 ) -> tuple[History, FilterInfo]:
     """One tick of the filter, remembered."""
     ticks = history.motions.step_s.shape[0]

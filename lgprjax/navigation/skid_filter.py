@@ -64,7 +64,7 @@ class InsEpoch(NamedTuple):
     yaw_rate_radps: Float[Array, "..."]
 
 
-class Heard(NamedTuple):
+class HeadingChange(NamedTuple):
     """What a tick's delta heading is good for.
 
     Attributes:
@@ -110,7 +110,12 @@ def fix_innovation(
 
 
 def turn_innovation(
-    model: SkidModel, estimate: SkidEstimate, motion: SkidMotion, epoch: InsEpoch, delta: DeltaHeading, heard: Heard
+    model: SkidModel,
+    estimate: SkidEstimate,
+    motion: SkidMotion,
+    epoch: InsEpoch,
+    delta: DeltaHeading,
+    heard: HeadingChange,
 ) -> Innovation:
     """Of the turn since the last delta heading, exact at any tick: the state ``turned`` has counted it all the way.
 
@@ -130,7 +135,7 @@ def turn_innovation(
     return innovation_of((delta.turn_rad - expected)[None], (row,), noise[None, None], heard.usable)
 
 
-def hear(model: SkidModel, epoch: InsEpoch, motion: SkidMotion, delta: DeltaHeading) -> Heard:
+def hear(model: SkidModel, epoch: InsEpoch, motion: SkidMotion, delta: DeltaHeading) -> HeadingChange:
     """Whether a delta heading counts from the end of the last one.
 
     One that is due is used. One that comes long after its span has lost another before it: the count starts anew. One
@@ -150,7 +155,7 @@ def hear(model: SkidModel, epoch: InsEpoch, motion: SkidMotion, delta: DeltaHead
     early = late < -jnp.minimum(1.5 * motion.step_s, 0.4 * span)
     due = ~early & (late <= jnp.minimum(1.5 * motion.step_s, 0.6 * span))
     ends = sound & ~early
-    return Heard(sound & due & possible, ends, jnp.where(due, jnp.clip(late, 0.0, motion.step_s), 0.0))
+    return HeadingChange(sound & due & possible, ends, jnp.where(due, jnp.clip(late, 0.0, motion.step_s), 0.0))
 
 
 def fix_usable(model: SkidModel, fix: GnssObservation, newest_s: Float[Array, ""]) -> Bool[Array, ""]:
@@ -201,7 +206,7 @@ class Fate(NamedTuple):
     reacquired: Bool[Array, ""]
 
 
-class Turned(NamedTuple):
+class HeadingUpdate(NamedTuple):
     """Estimate, gates and the end of the last delta heading after a tick's, and what became of it."""
 
     estimate: SkidEstimate
@@ -218,7 +223,7 @@ def update_turn(
     epoch: InsEpoch,
     motion: SkidMotion,
     delta: DeltaHeading,
-) -> Turned:
+) -> HeadingUpdate:
     """The estimate after the tick's delta heading, if there is one, and the count of the next one's turn.
 
     Args:
@@ -247,7 +252,7 @@ def update_turn(
         jnp.where(heard.ends, yaw_rate_radps, epoch.yaw_rate_radps),
     )
     fate = Fate(weighed.nis, heard.usable, verdict.accepted, verdict.reacquired)
-    return Turned(SkidEstimate(mean, covariance), gates, ended, fate)
+    return HeadingUpdate(SkidEstimate(mean, covariance), gates, ended, fate)
 
 
 # The first heading of a vehicle without a compass: driven straight, and told by pairs of fixes (MF section 2).

@@ -23,8 +23,8 @@ from lgprjax.registration.judge import (
 from lgprjax.registration.queries import LiveChain, LiveScans, Operators, Stops, Track, stops_of, templates_of
 from lgprjax.registration.refine import Finished, Region, SwarmView, finish_best, watch_finish
 from lgprjax.registration.scan_search import (
-    Problem,
     Rules,
+    SearchProblem,
     SearchSpec,
     SurfacePicture,
     ground_under,
@@ -44,7 +44,14 @@ from lgprjax.registration.search import (
     live_chain,
     register_drive,
 )
-from lgprjax.registration.template_bank import ArrayColumns, Aspect, PreparedGround, PreparedTile, make_columns, to_tile
+from lgprjax.registration.template_bank import (
+    ArrayColumns,
+    PreparedGround,
+    PreparedTile,
+    TemplateKey,
+    make_columns,
+    to_tile,
+)
 
 __all__ = [
     "BLOCK_SCANS",
@@ -56,7 +63,6 @@ __all__ = [
     "POOLED",
     "WRONG_M",
     "ArrayColumns",
-    "Aspect",
     "Chance",
     "Code",
     "DriveFixes",
@@ -70,17 +76,18 @@ __all__ = [
     "Outcomes",
     "PreparedGround",
     "PreparedTile",
-    "Problem",
     "Region",
     "RegisterOptions",
     "Registration",
     "Rules",
     "Score",
+    "SearchProblem",
     "SearchSpec",
     "Stops",
     "SurfacePicture",
     "SwarmView",
     "Template",
+    "TemplateKey",
     "Thresholds",
     "Track",
     "calibrate",

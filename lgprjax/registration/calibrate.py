@@ -39,7 +39,7 @@ class Outcomes(NamedTuple):
 def outcomes_of(
     fix: Fix,
     truth_m: Float[np.ndarray, "scan 2"] | None,
-    beside_match: Float[np.ndarray, "scan 2 2"],
+    map_odometry_covariance: Float[np.ndarray, "scan 2 2"],
     truth_variance: Float[np.ndarray, " scan"] | None = None,
 ) -> Outcomes:
     """Outcomes of a drive's fixes, those that reached a place at all.
@@ -47,7 +47,7 @@ def outcomes_of(
     Args:
         fix: of a drive, registered with a ``sigma_scale`` of 1; poses in the map's frame.
         truth_m: true places; None where the search was led to ground that cannot match.
-        beside_match: part of the fixes' covariance that is not the match's.
+        map_odometry_covariance: part of the fixes' covariance that is not the match's.
         truth_variance: what the truth itself is wrong by, of east and of north alike; None for nothing.
     """
     pose, covariance = np.asarray(fix.pose)[:, :2], np.asarray(fix.covariance)[:, :2, :2]
@@ -67,8 +67,8 @@ def outcomes_of(
         right,
         error_m,
         error_m - mean_m,
-        covariance - beside_match,
-        beside_match + own,
+        covariance - map_odometry_covariance,
+        map_odometry_covariance + own,
     )
     return Outcomes(*(field[known] for field in rows))
 

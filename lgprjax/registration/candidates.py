@@ -11,15 +11,15 @@ from lgprjax.radar import centre_of
 from lgprjax.registration.coarse import ErrorLattice, Peaks
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.judge import MIN_OVERLAP, RegisterOptions
-from lgprjax.registration.queries import LiveScans, Plan, Stops, templates_of
+from lgprjax.registration.queries import LiveScans, SearchSizes, Stops, templates_of
 from lgprjax.registration.refine import Finished, Region, finish_best
 from lgprjax.registration.score import OFF_MAP_SCORE, Template, score_each
-from lgprjax.registration.template_bank import Aspect, PreparedGround, fixes_to_map, to_tile
+from lgprjax.registration.template_bank import PreparedGround, TemplateKey, fixes_to_map, to_tile
 
 # What no match sees: what the map's own positions are wrong by, and the odometer that lays out a window.
 
 
-def covariance_beside_match(
+def map_odometry_covariance(
     prepared: PreparedGround, tiles: Int[np.ndarray, " end"], fix: Fix, odometer_sigma: float
 ) -> Float[np.ndarray, "end 2 2"]:
     """Part of the covariances of east and north that is not the match's; NaN where there is no fix.
@@ -74,7 +74,7 @@ _RIM = 0.25  # of the wavelength: sigma across at the map's rim
 _AWAY = 0.6  # of the wavelength: a climb that ends farther off left its peak
 
 
-class Judged(NamedTuple):
+class ChosenWindows(NamedTuple):
     """The window chosen at each stop.
 
     Attributes:
@@ -107,13 +107,13 @@ class StopFixes:
     """
 
     def __init__(
-        self, prepared: PreparedGround, lattice: ErrorLattice, plan: Plan, options: RegisterOptions, batch: int
+        self, prepared: PreparedGround, lattice: ErrorLattice, plan: SearchSizes, options: RegisterOptions, batch: int
     ) -> None:
         self._prepared, self._ground, self._lattice = prepared, prepared.ground, lattice
         self._plan, self._options, self._batch = plan, options, batch
         self._wavelength_m = self._ground.description.settings.wavelength_m
 
-    def finish(self, stops: Stops, before: int, judged: Judged) -> tuple[Fix, Float[np.ndarray, "stop 2 2"]]:
+    def finish(self, stops: Stops, before: int, judged: ChosenWindows) -> tuple[Fix, Float[np.ndarray, "stop 2 2"]]:
         """Refine every candidate.
 
         Args:
@@ -146,7 +146,7 @@ class StopFixes:
             for low in range(0, len(rows), self._batch):
                 some = rows[low : low + self._batch]
                 self._finish_some(stops, at, place, judged, aspect, some, fixes)
-        beside = covariance_beside_match(self._prepared, tiles, fixes, self._options.odometer_sigma)
+        beside = map_odometry_covariance(self._prepared, tiles, fixes, self._options.odometer_sigma)
         # Where the map ends beside the best place, the match does not tell how far beyond the true one lies.
         left = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
         at_end = ((ends > 0) * (_RIM * self._wavelength_m) ** 2)[:, None, None]
@@ -161,8 +161,8 @@ class StopFixes:
         stops: Stops,
         at: Int[np.ndarray, " stop"],
         place: Float[np.ndarray, "stop 2"],
-        judged: Judged,
-        aspect: Aspect,
+        judged: ChosenWindows,
+        aspect: TemplateKey,
         some: Int[np.ndarray, " candidate"],
         fixes: Fix,
     ) -> None:

@@ -15,9 +15,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from lgprjax.radar import LIGHT_SPEED_M_PER_NS, WAVE_SPEED_M_PER_NS, air_delay_ns, centre_of, shift_travel_time
 from lgprjax.registration.judge import RegisterOptions
-from lgprjax.registration.queries import Plan, Stops
+from lgprjax.registration.queries import SearchSizes, Stops
 from lgprjax.registration.score import OFF_MAP_SCORE
-from lgprjax.registration.template_bank import ArrayColumns, Aspect, PreparedGround, to_tile
+from lgprjax.registration.template_bank import ArrayColumns, PreparedGround, TemplateKey, to_tile
 
 
 class ScanBatch(NamedTuple):
@@ -414,7 +414,7 @@ class ErrorLattice:
         heights_m: added to the prior's height.
     """
 
-    def __init__(self, prepared: PreparedGround, plan: Plan, options: RegisterOptions, batch: int) -> None:
+    def __init__(self, prepared: PreparedGround, plan: SearchSizes, options: RegisterOptions, batch: int) -> None:
         self._prepared, self._ground, self._plan, self._batch = prepared, prepared.ground, plan, batch
         self._left_m = prepared.array.y_m - centre_of(prepared.array)[1]
         self._wavelength_m = self._ground.description.settings.wavelength_m
@@ -510,7 +510,7 @@ class ErrorLattice:
         at: Int[np.ndarray, " stop"],
         coefficients: Float[np.ndarray, "stop channel coefficient"],
         centre: Float[np.ndarray, "stop 2"],
-        aspect: Aspect,
+        aspect: TemplateKey,
         points: tuple[int, int],
     ) -> Surfaces:
         ground, ready = self._ground, self._prepared.at(aspect)

@@ -13,11 +13,11 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from lgprjax.registration.candidates import Judged, StopFixes
+from lgprjax.registration.candidates import ChosenWindows, StopFixes
 from lgprjax.registration.coarse import HELD_M, SLACK_M, ErrorLattice, Peaks, Surfaces, WindowBatch, window_peaks
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.judge import MIN_OVERLAP, PIECE_M, Chance, RegisterOptions, p_foreign, p_rival
-from lgprjax.registration.queries import LiveChain, LiveScans, Plan, Stops, stops_of
+from lgprjax.registration.queries import LiveChain, LiveScans, SearchSizes, Stops, stops_of
 from lgprjax.registration.score import OFF_MAP_SCORE
 from lgprjax.registration.template_bank import PreparedGround
 
@@ -36,7 +36,7 @@ _AGAIN = 0.01
 _FORGET = 0.75  # of what the last probes said, from probe to probe
 
 
-class TimeScale:
+class TimeScaleEstimate:
     """The time scale now, and what the last probes said of it.
 
     Attributes:
@@ -125,13 +125,13 @@ class EvidenceSearch:
     ) -> None:
         self._prepared, self._ground, self._chain = prepared, prepared.ground, chain
         self._options = options
-        self.plan = Plan.of(prepared, options)
+        self.plan = SearchSizes.of(prepared, options)
         self._wavelength_m = self._ground.description.settings.wavelength_m
         self._chance = chance.for_windows(self.plan.windows_m, self._wavelength_m)
         batch, self._ends = min(_BATCH, block_scans), min(_ENDS, block_scans)
         self._lattice = ErrorLattice(prepared, self.plan, options, batch)
         self._fixes = StopFixes(prepared, self._lattice, self.plan, options, batch)
-        self._scale = TimeScale(1.0 if options.time_scale is None else options.time_scale)
+        self._scale = TimeScaleEstimate(1.0 if options.time_scale is None else options.time_scale)
         self._stops: Stops | None = None
         self._surfaces: Surfaces | None = None
         self._floor = np.zeros((2, 0, len(self.plan.windows_m)))
@@ -221,7 +221,7 @@ class EvidenceSearch:
         begin = np.searchsorted(stops.path_m, stops.path_m - _SMOOTH_M)
         return np.stack([np.median(apart[low : at + 1], axis=0) for at, low in enumerate(begin)])
 
-    def _judge_all(self, stops: Stops, before: int) -> tuple[Judged, Float[np.ndarray, " stop"]]:
+    def _judge_all(self, stops: Stops, before: int) -> tuple[ChosenWindows, Float[np.ndarray, " stop"]]:
         """Judge every stop from ``before`` on, a few metres at a time, and the time scale of each."""
         astray = self._astray(stops)
         count = len(stops.number)
@@ -239,7 +239,7 @@ class EvidenceSearch:
             parts.append(judged)
             scales.append(np.full(high - low, self._scale.value))
             low = high
-        whole: Judged = jax.tree.map(lambda *fields: np.concatenate(fields), *parts)
+        whole: ChosenWindows = jax.tree.map(lambda *fields: np.concatenate(fields), *parts)
         return whole, np.concatenate(scales)
 
     def _follow(self, stops: Stops, astray: Float[np.ndarray, "stop 2"], low: int) -> None:
@@ -249,7 +249,7 @@ class EvidenceSearch:
     def _widen(self, wide: bool) -> None:
         self._lattice.wide, self._surfaces = wide, None
 
-    def _note(self, stops: Stops, high: int, judged: Judged) -> bool:
+    def _note(self, stops: Stops, high: int, judged: ChosenWindows) -> bool:
         """Remember the last place that was believed; whether there was one."""
         ok = np.flatnonzero(judged.code == Code.OK)
         if not len(ok):
@@ -258,7 +258,7 @@ class EvidenceSearch:
         self._error_m = judged.error_m[ok[-1]]
         return True
 
-    def _reconsider(self, stops: Stops, high: int, judged: Judged, astray: Float[np.ndarray, "stop 2"]) -> bool:
+    def _reconsider(self, stops: Stops, high: int, judged: ChosenWindows, astray: Float[np.ndarray, "stop 2"]) -> bool:
         """Region and time scale after some metres; whether these are to be judged once more with others."""
         found = self._note(stops, high, judged)
         here_m = float(stops.path_m[high - 1])
@@ -398,7 +398,7 @@ class EvidenceSearch:
         self._surfaces = Surfaces(*(np.concatenate(both) for both in zip(self._surfaces, made, strict=True)))
         return self._surfaces
 
-    def _judge(self, stops: Stops, low: int, high: int, astray: Float[np.ndarray, "stop 2"]) -> Judged:
+    def _judge(self, stops: Stops, low: int, high: int, astray: Float[np.ndarray, "stop 2"]) -> ChosenWindows:
         whole, near, first, centre = self._peaks(stops, low, high, astray)
         at, risk = np.arange(low, high), self._options.risk
         if self._lattice.place_m is not None:
@@ -530,7 +530,7 @@ class EvidenceSearch:
         first: Int[np.ndarray, "end window"],
         at: Int[np.ndarray, " end"],
         centre: Float[np.ndarray, "end 2"],
-    ) -> Judged:
+    ) -> ChosenWindows:
         since_m = stops.path_m[at] - self._seen_m
         foreign, rivals = self._weigh(whole, first, self._scale.tried)
         off_m = np.max(np.abs(whole.point - centre[:, None]) * self.plan.lattice_m, axis=-1)
@@ -564,7 +564,7 @@ class EvidenceSearch:
         rivals: Float[np.ndarray, "end window"],
         at_edge: Bool[np.ndarray, "end window"],
         good: Bool[np.ndarray, "end window"],
-    ) -> Judged:
+    ) -> ChosenWindows:
         """The shortest window that is good at each end, or the best of those that are not, and why."""
         risk, known = self._options.risk, (first >= 0) & (peaks.score > OFF_MAP_SCORE)
         worst = np.where(known, np.maximum(foreign, rivals) + at_edge, 3.0)
@@ -585,7 +585,7 @@ class EvidenceSearch:
         ):
             code = np.where(applies, int(reason), code)
         error_m = self._lattice.error_of(np.asarray(peak.point))
-        return Judged(chosen, peak, foreign, rivals, code, begin, error_m)
+        return ChosenWindows(chosen, peak, foreign, rivals, code, begin, error_m)
 
 
 def _some(first: int, stop: int) -> Int[np.ndarray, " stop"]:

@@ -176,7 +176,7 @@ class Stops(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Plan:
+class SearchSizes:
     """Sizes of a search on a map.
 
     Attributes:
@@ -194,7 +194,7 @@ class Plan:
     members: int
 
     @staticmethod
-    def of(prepared: PreparedGround, options: RegisterOptions) -> "Plan":
+    def of(prepared: PreparedGround, options: RegisterOptions) -> "SearchSizes":
         """Plan of a search."""
         wavelength_m = prepared.ground.description.settings.wavelength_m
         windows_m = ladder_of(wavelength_m) if options.window_m is None else (options.window_m,)
@@ -203,7 +203,7 @@ class Plan:
         history = int(np.ceil(longest_m / spacing_m)) + 2 if longest_m > 0.0 else 0
         channels = len(prepared.array.x_m)
         members = 1 if longest_m <= 0.0 else int(np.clip(_FINE_TRACES // channels, 8, 64))
-        return Plan(spacing_m, prepared.step_m, windows_m, history, members)
+        return SearchSizes(spacing_m, prepared.step_m, windows_m, history, members)
 
     def points(self, half_m: float) -> tuple[int, int]:
         """Of a lattice, forward and left, that reaches so far to all sides."""

@@ -13,14 +13,14 @@ from lgprjax.radar import LIGHT_SPEED_M_PER_NS
 from lgprjax.registration.judge import independent_numbers
 from lgprjax.registration.score import (
     OFF_MAP_SCORE,
-    Heard,
+    SampledGround,
     Template,
     hear_traces,
     leads_off_map,
     normal_equations,
     normalise,
+    score_of,
     score_poses,
-    strength_of,
     trace_sums,
 )
 from lgprjax.subsurface import Tile
@@ -44,7 +44,7 @@ _LARGEST_STEP = (1.5, 1.5, 0.04, 0.035, 0.03, 0.03)
 _RIDGE = 1e-5  # share of its diagonal that a step's matrix gets on top
 
 
-class Summit(NamedTuple):
+class RefinedPeak(NamedTuple):
     """Where a climb ended.
 
     Attributes:
@@ -78,7 +78,7 @@ def climb(
     free: Bool[Array, "6"],
     *,
     steps: int = CLIMB_STEPS,
-) -> Summit:
+) -> RefinedPeak:
     """Climb from each start; the best pose on the way is the answer.
 
     Args:
@@ -99,16 +99,16 @@ def climb(
     both = free[:, None] & free[None, :]
     unit = jnp.eye(6, dtype=jnp.float32)
 
-    def hear(pose: Float[Array, "batch 6"]) -> Heard:
+    def hear(pose: Float[Array, "batch 6"]) -> SampledGround:
         return hear_traces(tile, template, pose, height_reference_m, rate)
 
-    def measure(pose: Float[Array, "batch 6"], heard: Heard, best: _Best) -> tuple[Array, _Best]:
+    def measure(pose: Float[Array, "batch 6"], heard: SampledGround, best: _Best) -> tuple[Array, _Best]:
         sums = trace_sums(heard, rate, tile.cell_m)
         overlap = jnp.sum(heard.covered, axis=-1, dtype=jnp.float32) / traces
         power = jnp.sum(jnp.where(heard.covered, live_power, 0.0), axis=-1)
         product, ground = jnp.sum(sums.live_ground, axis=-1), jnp.sum(sums.ground_ground, axis=-1)
         correlation = normalise(product, power, ground, overlap, min_overlap)
-        strength = strength_of(correlation, overlap)
+        strength = score_of(correlation, overlap)
         information, gradient = normal_equations(sums, heard, template, pose, power)
         weight = numbers / jnp.maximum(1.0 - correlation**2, 1e-3)
         away = pose - prior
@@ -129,7 +129,7 @@ def climb(
 
     # What a pose hears is carried into the next round: gathered once, not anew for each of the sums, as the compiler
     # would have it within one.
-    def step(_: Int[Array, ""], carry: tuple[Array, Heard, _Best]) -> tuple[Array, Heard, _Best]:
+    def step(_: Int[Array, ""], carry: tuple[Array, SampledGround, _Best]) -> tuple[Array, SampledGround, _Best]:
         after, best = measure(*carry)
         return after, hear(after), best
 
@@ -146,7 +146,7 @@ def climb(
     pose, heard, best = jax.lax.fori_loop(0, steps - 1, step, (start, hear(start), none))
     _, best = measure(pose, heard, best)
     narrow = leads_off_map(tile, template, best.pose, min_overlap)
-    return Summit(best.pose, best.correlation, best.strength, best.information, best.covered, narrow, best.left_m)
+    return RefinedPeak(best.pose, best.correlation, best.strength, best.information, best.covered, narrow, best.left_m)
 
 
 class _Best(NamedTuple):
@@ -162,7 +162,7 @@ class _Best(NamedTuple):
 
 
 def covariance_of(
-    summit: Summit,
+    summit: RefinedPeak,
     numbers: Float[Array, " batch"],
     half_width: Float[Array, "batch 6"],
     free: Bool[Array, "6"],

@@ -17,7 +17,7 @@ from lgprjax.radar import ArrayGeometry, air_delay_ns, shift_travel_time
 from lgprjax.registration.fix import Fix
 from lgprjax.registration.judge import MIN_OVERLAP, POOLED, Chance, RegisterOptions, Thresholds, judge, thresholds_at
 from lgprjax.registration.refine import Region, finish_best
-from lgprjax.registration.score import OFF_MAP_SCORE, Template, normalise, strength_of
+from lgprjax.registration.score import OFF_MAP_SCORE, Template, normalise, score_of
 from lgprjax.subsurface import GroundMap, Tile, sample_tile
 
 # The coarse stage: every place of the search region on the grid's own cells, at the prior's attitude.
@@ -116,7 +116,7 @@ def coarse_surface(
     inside = (jnp.abs(at_m[0]) <= half_width_m[0])[:, None] & (jnp.abs(at_m[1]) <= half_width_m[1])[None, :]
     overlap = jnp.where(inside, total[3] / jnp.maximum(jnp.sum(template.valid, dtype=jnp.float32), 1.0), 0.0)
     correlation = normalise(total[0], total[1], total[2], overlap, min_overlap)
-    return CoarseSurface(strength_of(correlation, overlap), overlap, first)
+    return CoarseSurface(score_of(correlation, overlap), overlap, first)
 
 
 class Modes(NamedTuple):
@@ -189,7 +189,7 @@ def search_spec_for(
     return SearchSpec(lattice=(lattice[0], lattice[1]), margin=(margin[0], margin[1]))
 
 
-class Problem(NamedTuple):
+class SearchProblem(NamedTuple):
     """A batch of templates with their priors.
 
     Attributes:
@@ -228,7 +228,7 @@ def rules_of(wavelength_m: float, options: RegisterOptions, window_m: float, cha
 @partial(jax.jit, static_argnames="spec")
 def register_batch(
     tile: Tile,
-    problem: Problem,
+    problem: SearchProblem,
     rules: Rules,
     height_reference_m: Float[Array, ""],
     angular_frequency_rad_per_ns: Float[Array, " half"],

@@ -103,7 +103,7 @@ def score_poses(
         overlap,
         min_overlap,
     )
-    return Score(correlation, strength_of(correlation, overlap), covered)
+    return Score(correlation, score_of(correlation, overlap), covered)
 
 
 @jax.jit
@@ -127,7 +127,7 @@ def score_each(
     return scores
 
 
-def strength_of(correlation: Float[Array, "*batch"], overlap: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+def score_of(correlation: Float[Array, "*batch"], overlap: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
     """Correlation weighed by what it is made of (see ``Score``)."""
     return jnp.where(correlation > -1.5, correlation * jnp.sqrt(overlap), OFF_MAP_SCORE)
 
@@ -149,7 +149,7 @@ def normalise(
 # What the finish asks of every trace: the live trace, the ground below it, and their products over depth.
 
 
-class Heard(NamedTuple):
+class SampledGround(NamedTuple):
     """What the traces of each pose hear, and the cells of ground below them.
 
     Attributes:
@@ -192,7 +192,7 @@ def hear_traces(
     pose: Float[Array, "batch 6"],
     height_reference_m: Float[Array, ""],
     rate_rad_per_m: Float[Array, " half"],
-) -> Heard:
+) -> SampledGround:
     """What the traces of each pose hear; ``rate_rad_per_m`` is the phase that a metre of height takes off."""
     forward, left = template.offset_m[..., 0], template.offset_m[..., 1]
     turned = _turned(template, pose)
@@ -200,7 +200,7 @@ def hear_traces(
     height_m = pose[:, 2, None] + left * jnp.sin(pose[:, 4, None]) + forward * jnp.sin(pose[:, 5, None])
     c, s = cos_sin((height_reference_m - height_m)[..., None] * rate_rad_per_m[None, None])
     real, imaginary = jnp.split(template.coefficients, 2, axis=-1)
-    return Heard(
+    return SampledGround(
         real * c + imaginary * s,
         imaginary * c - real * s,
         tile.coefficients.reshape(-1, tile.coefficients.shape[-1])[corners],
@@ -217,7 +217,7 @@ def _turned(template: Template, pose: Float[Array, "batch 6"]) -> Float[Array, "
     return jnp.stack([cos * forward - sin * left, sin * forward + cos * left], axis=-1)
 
 
-def trace_sums(heard: Heard, rate_rad_per_m: Float[Array, " half"], cell_m: Float[Array, "2"]) -> Sums:
+def trace_sums(heard: SampledGround, rate_rad_per_m: Float[Array, " half"], cell_m: Float[Array, "2"]) -> Sums:
     """All products in one pass over depth.
 
     Height moves the live trace in delay. Turned back, it moves the ground the other way, so that the curvature is
@@ -246,7 +246,7 @@ def trace_sums(heard: Heard, rate_rad_per_m: Float[Array, " half"], cell_m: Floa
 
 
 def normal_equations(
-    sums: Sums, heard: Heard, template: Template, pose: Float[Array, "batch 6"], power: Float[Array, " batch"]
+    sums: Sums, heard: SampledGround, template: Template, pose: Float[Array, "batch 6"], power: Float[Array, " batch"]
 ) -> tuple[Float[Array, "batch 6 6"], Float[Array, "batch 6"]]:
     """Matrix and right side of a step, per unit of live power: P'QP and P'Q(live), Q taking the ground out.
 

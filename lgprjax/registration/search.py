@@ -41,8 +41,8 @@ class DriveFixes(NamedTuple):
     Attributes:
         scan: numbers in the drive.
         fix: of each.
-        beside_match: part of the covariances of east and north that is not the match's: the map's own positions and
-            the odometer's scale.
+        map_odometry_covariance: the part of the covariances of east and north that comes from the map's own positions
+            and the odometer's scale.
         time_scale: that each scan was matched at.
         searched: scans that were; the others carry the fix before them on.
         correlation_at_truth: what the scan alone scores at its true pose: how hard the ground is. NaN where no truth is
@@ -51,7 +51,7 @@ class DriveFixes(NamedTuple):
 
     scan: Int[np.ndarray, " scan"]
     fix: Fix
-    beside_match: Float[np.ndarray, "scan 2 2"]
+    map_odometry_covariance: Float[np.ndarray, "scan 2 2"]
     time_scale: Float[np.ndarray, " scan"]
     searched: Bool[np.ndarray, " scan"]
     correlation_at_truth: Float[np.ndarray, " scan"]

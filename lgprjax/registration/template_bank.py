@@ -104,7 +104,7 @@ _CARRIED_M = 0.04
 _STRIDE = 0.3  # of the wavelength, from coarse place to coarse place
 
 
-class Aspect(NamedTuple):
+class TemplateKey(NamedTuple):
     """How scans look at a tile: what their columns depend on.
 
     Attributes:
@@ -145,7 +145,7 @@ class PreparedGround:
         self.ground = ground
         self.array = array
         self._keep = keep
-        self._held: OrderedDict[Aspect, PreparedTile] = OrderedDict()
+        self._held: OrderedDict[TemplateKey, PreparedTile] = OrderedDict()
         centre_x, centre_y = centre_of(array)
         self._body_m = np.stack([array.x_m - centre_x, array.y_m - centre_y], axis=1)
         self._late_s = float(np.max(np.abs(array.time_offset_s)))
@@ -171,7 +171,7 @@ class PreparedGround:
         tile: Int[np.ndarray, " scan"],
         yaw_rad: Float[np.ndarray, " scan"],
         speed_mps: Float[np.ndarray, " scan"],
-    ) -> list[tuple[Aspect, Int[np.ndarray, " _"]]]:
+    ) -> list[tuple[TemplateKey, Int[np.ndarray, " _"]]]:
         """Scans grouped by how they look at which tile: their positions, in order."""
         yaw = yaw_rad - self.ground.source.tile_frame[tile, 2]
         turned = np.mod(yaw + np.pi, 2.0 * np.pi) - np.pi
@@ -182,9 +182,9 @@ class PreparedGround:
         key = np.stack([tile, direction, heading, carried], axis=1)
         rows, group = np.unique(key, axis=0, return_inverse=True)
         group = group.reshape(-1)
-        return [(Aspect(*(int(v) for v in row)), np.flatnonzero(group == n)) for n, row in enumerate(rows)]
+        return [(TemplateKey(*(int(v) for v in row)), np.flatnonzero(group == n)) for n, row in enumerate(rows)]
 
-    def at(self, aspect: Aspect) -> PreparedTile:
+    def at(self, aspect: TemplateKey) -> PreparedTile:
         """Tile and columns, made now or held from before."""
         if aspect in self._held:
             self._held.move_to_end(aspect)
@@ -193,17 +193,17 @@ class PreparedGround:
         self.hold(aspect, ready)
         return ready
 
-    def holds(self, aspect: Aspect) -> bool:
+    def holds(self, aspect: TemplateKey) -> bool:
         """Whether a tile is ready for an aspect."""
         return aspect in self._held
 
-    def hold(self, aspect: Aspect, ready: PreparedTile) -> None:
+    def hold(self, aspect: TemplateKey, ready: PreparedTile) -> None:
         """Keep what ``make`` gave, here or elsewhere for the same map and array; the least used goes."""
         self._held[aspect] = ready
         if len(self._held) > self._keep:
             self._held.popitem(last=False)
 
-    def make(self, aspect: Aspect) -> PreparedTile:
+    def make(self, aspect: TemplateKey) -> PreparedTile:
         """Tile and columns, made now."""
         tile = self.ground.tile(aspect.tile, aspect.direction)
         columns = make_columns(
@@ -215,7 +215,7 @@ class PreparedGround:
         )
         return PreparedTile(tile, columns)
 
-    def _offsets(self, aspect: Aspect) -> Float[np.ndarray, "channel 2"]:
+    def _offsets(self, aspect: TemplateKey) -> Float[np.ndarray, "channel 2"]:
         body_m = self._body_m.copy()
         if self._late_s > 0.0:
             body_m[:, 0] += aspect.carried * _CARRIED_M * self.array.time_offset_s / self._late_s

@@ -14,7 +14,7 @@ from lgprjax.report.steering_pictures import Curve, Points, draw_fitted_curve
 from lgprjax.report.style import BLUE, CORRELATION_MAP, FAINT, GREEN, INK, MUTED, VERMILLION, picture, write_caption
 from lgprjax.tuning import DriveSignals
 from lgprjax.tuning.arcs import Arcs
-from lgprjax.tuning.look_ahead import Judged, TunedLookAhead
+from lgprjax.tuning.look_ahead import LookAheadCosts, TunedLookAhead
 from lgprjax.tuning.pedals import PedalRuns, PedalsFit, levelled
 from lgprjax.tuning.steering import RearRatioFit, YawGainFit, rear_axle_slip
 from lgprjax.vehicle import Chassis
@@ -296,7 +296,7 @@ def draw_pedals(
 
 def draw_look_ahead_sweep(
     tuned: TunedLookAhead,
-    swept: Judged,
+    swept: LookAheadCosts,
     look_m: Float[np.ndarray, " look"],
     speed_mps: Float[np.ndarray, " speed"],
     least_margin_rad: float,

@@ -277,7 +277,7 @@ KEPT = 64
 """Bytes that are kept of what was refused."""
 
 
-class Reason(IntEnum):
+class RefusalReason(IntEnum):
     """Why bytes are no message. ``link.Verdict`` goes on from 32: why a whole frame is refused."""
 
     NO_SYNC = 1
@@ -296,11 +296,11 @@ class Reason(IntEnum):
     """A sentence that breaks off, or has no checksum."""
 
 
-class Refused(NamedTuple):
+class RefusedBytes(NamedTuple):
     """What was refused.
 
     Attributes:
-        reason: a ``Reason``, or a ``link.Verdict``.
+        reason: a ``RefusalReason``, or a ``link.Verdict``.
         data: the first ``KEPT`` bytes.
     """
 

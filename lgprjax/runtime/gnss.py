@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from pynmeagps import NMEAReader
 from pyubx2 import UBXReader
 
-from lgprjax.runtime.config import KEPT, Reason, Refused
-from lgprjax.runtime.messages import TimeScale
+from lgprjax.runtime.config import KEPT, RefusalReason, RefusedBytes
+from lgprjax.runtime.messages import GnssTimeScale
 
 # What the messages of GNSS/INS receivers say, in the units of this project.
 
@@ -28,7 +28,7 @@ class Quality(IntEnum):
     FIXED = 3
 
 
-class Position(NamedTuple):
+class GnssPosition(NamedTuple):
     """A position of the antenna or of what the receiver was told to speak of.
 
     Attributes:
@@ -53,7 +53,7 @@ class Accuracy(NamedTuple):
     sigma_m: float
 
 
-class Attitude(NamedTuple):
+class GnssAttitude(NamedTuple):
     """How the vehicle stands.
 
     Attributes:
@@ -88,10 +88,10 @@ class GnssSample(NamedTuple):
         scale: of the part's ``tow_s``.
     """
 
-    scale: TimeScale
-    position: Position | None = None
+    scale: GnssTimeScale
+    position: GnssPosition | None = None
     accuracy: Accuracy | None = None
-    attitude: Attitude | None = None
+    attitude: GnssAttitude | None = None
     rate: Rate | None = None
 
 
@@ -127,7 +127,7 @@ def _or_nan(value: Any, low: float, high: float) -> float:
 
 
 def _week_s(message: Any) -> float:
-    return _within(message.iTOW, 0.0, TimeScale.GPS_WEEK * 1e3 - 1.0) / 1e3
+    return _within(message.iTOW, 0.0, GnssTimeScale.GPS_WEEK * 1e3 - 1.0) / 1e3
 
 
 def _day_s(message: Any) -> float:
@@ -143,43 +143,45 @@ def _heading(value: Any) -> float:
     return _within(value, 0.0, 360.0) % 360.0
 
 
-def _position(scale: TimeScale, tow_s: float, message: Any, height_m: Any, sigma_m: float, q: Quality) -> GnssSample:
+def _position(
+    scale: GnssTimeScale, tow_s: float, message: Any, height_m: Any, sigma_m: float, q: Quality
+) -> GnssSample:
     if q is Quality.NONE:
-        return GnssSample(scale, position=Position(tow_s, math.nan, math.nan, math.nan, math.nan, q))
+        return GnssSample(scale, position=GnssPosition(tow_s, math.nan, math.nan, math.nan, math.nan, q))
     latitude, longitude = _within(message.lat, -90.0, 90.0), _within(message.lon, -180.0, 180.0)
     height = _within(height_m, -1e3, 2e4)
-    return GnssSample(scale, position=Position(tow_s, latitude, longitude, height, sigma_m, q))
+    return GnssSample(scale, position=GnssPosition(tow_s, latitude, longitude, height, sigma_m, q))
 
 
 def _gga(message: Any) -> GnssSample:
     quality = {1: Quality.SINGLE, 2: Quality.SINGLE, 3: Quality.SINGLE, 4: Quality.FIXED, 5: Quality.FLOAT}
     q = quality.get(message.quality, Quality.NONE)
     height = _within(message.alt, -1e4, 1e5) + _within(message.sep, -200.0, 200.0) if q else math.nan
-    return _position(TimeScale.UTC_DAY, _day_s(message), message, height, math.nan, q)
+    return _position(GnssTimeScale.UTC_DAY, _day_s(message), message, height, math.nan, q)
 
 
 def _gst(message: Any) -> GnssSample:
     sigma = math.hypot(_within(message.stdLat, 0.0, 1e5), _within(message.stdLong, 0.0, 1e5)) / math.sqrt(2.0)
-    return GnssSample(TimeScale.UTC_DAY, accuracy=Accuracy(_day_s(message), _within(sigma, 1e-4, 1e5)))
+    return GnssSample(GnssTimeScale.UTC_DAY, accuracy=Accuracy(_day_s(message), _within(sigma, 1e-4, 1e5)))
 
 
 def _untimed_heading(value: Any, valid: bool) -> GnssSample | None:
-    attitude = Attitude(math.nan, _heading(value), math.nan, math.nan)
-    return GnssSample(TimeScale.NONE, attitude=attitude) if valid else None
+    attitude = GnssAttitude(math.nan, _heading(value), math.nan, math.nan)
+    return GnssSample(GnssTimeScale.NONE, attitude=attitude) if valid else None
 
 
 def _rot(message: Any) -> GnssSample | None:
     # Degrees a minute, to starboard positive.
     rate = -math.radians(_within(message.rot, -6e4, 6e4)) / 60.0
-    return GnssSample(TimeScale.NONE, rate=Rate(math.nan, rate)) if message.valid == "A" else None
+    return GnssSample(GnssTimeScale.NONE, rate=Rate(math.nan, rate)) if message.valid == "A" else None
 
 
 def _pashr(message: Any) -> GnssSample | None:
     if message.trueHdgInd != "T":
         return None
     roll, sigma = _or_nan(message.roll, -180.0, 180.0), _or_nan(message.hdgAcc, 1e-4, 180.0)
-    attitude = Attitude(_day_s(message), _heading(message.trueHdg), roll, sigma)
-    return GnssSample(TimeScale.UTC_DAY, attitude=attitude)
+    attitude = GnssAttitude(_day_s(message), _heading(message.trueHdg), roll, sigma)
+    return GnssSample(GnssTimeScale.UTC_DAY, attitude=attitude)
 
 
 def _nav_pvt(message: Any) -> GnssSample:
@@ -188,14 +190,16 @@ def _nav_pvt(message: Any) -> GnssSample:
     # hAcc is of both axes together: as the sigma of one it is on the safe side.
     sigma = _or_nan(message.hAcc / 1000.0, 1e-4, 1e5)
     height = message.height / 1000.0
-    return _position(TimeScale.GPS_WEEK, _week_s(message), message, height, sigma, q if whole else Quality.NONE)
+    return _position(GnssTimeScale.GPS_WEEK, _week_s(message), message, height, sigma, q if whole else Quality.NONE)
 
 
 def _nav_att(message: Any) -> GnssSample:
     # An accuracy of 0 says that the angle is not known.
     sigma = _within(message.accHeading, 1e-5, 180.0)
     roll = _or_nan(message.roll, -180.0, 180.0) if message.accRoll else math.nan
-    return GnssSample(TimeScale.GPS_WEEK, attitude=Attitude(_week_s(message), _heading(message.heading), roll, sigma))
+    return GnssSample(
+        GnssTimeScale.GPS_WEEK, attitude=GnssAttitude(_week_s(message), _heading(message.heading), roll, sigma)
+    )
 
 
 def _nav_relposned(message: Any) -> GnssSample | None:
@@ -203,14 +207,14 @@ def _nav_relposned(message: Any) -> GnssSample | None:
     if not (message.relPosValid and message.relPosHeadingValid and message.isMoving and message.carrSoln == 2):
         return None
     sigma = _within(message.accHeading, 1e-5, 180.0)
-    attitude = Attitude(_week_s(message), _heading(message.relPosHeading), math.nan, sigma)
-    return GnssSample(TimeScale.GPS_WEEK, attitude=attitude)
+    attitude = GnssAttitude(_week_s(message), _heading(message.relPosHeading), math.nan, sigma)
+    return GnssSample(GnssTimeScale.GPS_WEEK, attitude=attitude)
 
 
 def _esf_ins(message: Any) -> GnssSample | None:
     # Degrees a second about the axis that points down.
     rate = -math.radians(_within(message.zAngRate, -1000.0, 1000.0))
-    return GnssSample(TimeScale.GPS_WEEK, rate=Rate(_week_s(message), rate)) if message.zAngRateValid else None
+    return GnssSample(GnssTimeScale.GPS_WEEK, rate=Rate(_week_s(message), rate)) if message.zAngRateValid else None
 
 
 _Reader = Callable[[Any], GnssSample | None]
@@ -230,7 +234,7 @@ _UBX: dict[bytes, tuple[int, _Reader]] = {  # with the length of the payload
 }
 
 
-__all__ = ["Accuracy", "Attitude", "GnssParser", "GnssSample", "Position", "Quality", "Rate", "read_gnss"]
+__all__ = ["Accuracy", "GnssAttitude", "GnssParser", "GnssPosition", "GnssSample", "Quality", "Rate", "read_gnss"]
 
 _GNSS_UBX = b"\xb5\x62"
 _UBX_AROUND = 8  # sync, class, number, length, then two of checksum
@@ -249,13 +253,13 @@ class GnssParser:
 
     def __init__(self) -> None:
         self._buffer = bytearray()
-        self.counts: Counter[Reason] = Counter()
+        self.counts: Counter[RefusalReason] = Counter()
 
-    def feed(self, data: bytes) -> list[bytes | Refused]:
+    def feed(self, data: bytes) -> list[bytes | RefusedBytes]:
         """Messages that are whole now, sentences without their line's end, and what was refused, in their order."""
         buffer = self._buffer
         buffer += data
-        found: list[bytes | Refused] = []
+        found: list[bytes | RefusedBytes] = []
         at = 0
         while at < len(buffer):
             if buffer[at] in b"\r\n":
@@ -270,48 +274,48 @@ class GnssParser:
             else:
                 begin = _BEGIN.search(buffer, at + 1)
                 end = begin.start() if begin else len(buffer)
-                found.append(Refused(what[0], bytes(buffer[at : min(end, at + KEPT)])))
+                found.append(RefusedBytes(what[0], bytes(buffer[at : min(end, at + KEPT)])))
                 self.counts[what[0]] += 1
             at = end
         del buffer[:at]
         return found
 
 
-def _message_at(buffer: bytearray, at: int) -> int | tuple[Reason] | None:
+def _message_at(buffer: bytearray, at: int) -> int | tuple[RefusalReason] | None:
     """Where the message ends that begins at ``at``, why there is none, or ``None`` where it is not whole yet."""
     if buffer[at] == ord("$"):
         return _sentence_at(buffer, at)
     if buffer.startswith(_GNSS_UBX[: len(buffer) - at], at):
         return _ubx_at(buffer, at)
-    return (Reason.NO_SYNC,)
+    return (RefusalReason.NO_SYNC,)
 
 
-def _sentence_at(buffer: bytearray, at: int) -> int | tuple[Reason] | None:
+def _sentence_at(buffer: bytearray, at: int) -> int | tuple[RefusalReason] | None:
     body = _BODY.match(buffer, at + 1)
     star = body.end() if body else at + 1
     if star - at > _LONGEST_NMEA:
-        return (Reason.LENGTH,)
+        return (RefusalReason.LENGTH,)
     if star == len(buffer):
         return None
     if buffer[star] != ord("*"):
-        return (Reason.CUT,)
+        return (RefusalReason.CUT,)
     end = star + 3
     if len(buffer) < end:
         return None
     given = bytes(buffer[star + 1 : end])
-    return end if given.upper() == b"%02X" % reduce(xor, buffer[at + 1 : star], 0) else (Reason.CRC,)
+    return end if given.upper() == b"%02X" % reduce(xor, buffer[at + 1 : star], 0) else (RefusalReason.CRC,)
 
 
-def _ubx_at(buffer: bytearray, at: int) -> int | tuple[Reason] | None:
+def _ubx_at(buffer: bytearray, at: int) -> int | tuple[RefusalReason] | None:
     if len(buffer) - at < _UBX_AROUND - 2:
         return None
     length = int.from_bytes(buffer[at + 4 : at + 6], "little")
     if length > _LARGEST_UBX:
-        return (Reason.LENGTH,)
+        return (RefusalReason.LENGTH,)
     end = at + _UBX_AROUND + length
     if len(buffer) < end:
         return None
     body = buffer[at + 2 : end - 2]
     # The sum alone sorts out nearly all garbage, at a tenth of the cost of the sum of sums.
     holds = sum(body) & 0xFF == buffer[end - 2] and sum(accumulate(body)) & 0xFF == buffer[end - 1]
-    return end if holds else (Reason.CRC,)
+    return end if holds else (RefusalReason.CRC,)

@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lgprjax.runtime.config import KEPT, Reason, Refused
+from lgprjax.runtime.config import KEPT, RefusalReason, RefusedBytes
 from lgprjax.runtime.messages import LeastDelay
 
 # The messages of the lines, read from ``data_schema/wire.toml``.
@@ -21,7 +21,7 @@ CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i32": "i", "f32": "f", 
 """Types of the description as ``struct`` has them."""
 
 
-class Field(NamedTuple):
+class MessageField(NamedTuple):
     """A number of a message: its name and its type as the description has it."""
 
     name: str
@@ -45,7 +45,7 @@ class Message(NamedTuple):
     name: str
     sender: str
     line: str
-    numbers: tuple[Field, ...]
+    numbers: tuple[MessageField, ...]
     layout: struct.Struct
     bulk: str
     axes: tuple[str, ...]
@@ -65,7 +65,7 @@ def _message(table: dict[str, Any]) -> Message:
         if "[" in field["type"]:
             bulk, axes = field["name"], tuple(field["type"][len("u8[") : -1].split("*"))
         else:
-            numbers.append(Field(field["name"], field["type"]))
+            numbers.append(MessageField(field["name"], field["type"]))
     layout = struct.Struct("<" + "".join(CODES[field.kind] for field in numbers))
     return Message(table["type"], table["name"], table["from"], table["line"], tuple(numbers), layout, bulk, axes)
 
@@ -80,7 +80,7 @@ MESSAGE_OF_TYPE = {message.type: message for message in MESSAGES.values()}
 SYNC = bytes(_TABLE["frame"]["sync"])
 VERSION: int = _TABLE["frame"]["version"]
 LARGEST_PAYLOAD: int = _TABLE["frame"]["largest_payload"]
-HEAD_FIELDS = tuple(Field(field["name"], field["type"]) for field in _TABLE["frame"]["header"][1:])
+HEAD_FIELDS = tuple(MessageField(field["name"], field["type"]) for field in _TABLE["frame"]["header"][1:])
 """Of the header after the sync."""
 HEAD = struct.Struct(f"<{len(SYNC)}s" + "".join(CODES[field.kind] for field in HEAD_FIELDS))
 CRC = struct.Struct("<I")
@@ -170,13 +170,13 @@ class FrameParser:
 
     def __init__(self) -> None:
         self._buffer = bytearray()
-        self.counts: Counter[Reason] = Counter()
+        self.counts: Counter[RefusalReason] = Counter()
 
-    def feed(self, data: bytes) -> list[Frame | Refused]:
+    def feed(self, data: bytes) -> list[Frame | RefusedBytes]:
         """Frames that are whole now, and what was refused, in the order of the stream."""
         buffer = self._buffer
         buffer += data
-        found: list[Frame | Refused] = []
+        found: list[Frame | RefusedBytes] = []
         at = 0
         while at < len(buffer):
             wrong = _wrong_head(buffer, at)
@@ -188,23 +188,23 @@ class FrameParser:
                 if len(buffer) - at < size:
                     break
                 if not _crc_holds(memoryview(buffer)[at : at + size]):
-                    wrong = Reason.CRC
+                    wrong = RefusalReason.CRC
             if wrong is None:
                 item = _opened(bytes(buffer[at : at + size]))
                 end = at + size
             else:
                 # The rest of what went wrong is told with it, up to where the next frame may begin.
                 end = _next_sync(buffer, at + 1)
-                item = Refused(wrong, bytes(buffer[at : min(end, at + KEPT)]))
-            if isinstance(item, Refused):
-                self.counts[Reason(item.reason)] += 1
+                item = RefusedBytes(wrong, bytes(buffer[at : min(end, at + KEPT)]))
+            if isinstance(item, RefusedBytes):
+                self.counts[RefusalReason(item.reason)] += 1
             found.append(item)
             at = end
         del buffer[:at]
         return found
 
 
-def _packed(message: str, field: Field, value: Value) -> bytes:
+def _packed(message: str, field: MessageField, value: Value) -> bytes:
     try:
         if field.kind.startswith("f") and not math.isfinite(value):  # type: ignore[arg-type]
             raise ValueError(f"{message}.{field.name}: {value!r}")
@@ -226,19 +226,19 @@ def _size(buffer: bytearray, at: int) -> int:
     return HEAD.size + length + CRC.size
 
 
-def _wrong_head(buffer: bytearray, at: int) -> Reason | None:
+def _wrong_head(buffer: bytearray, at: int) -> RefusalReason | None:
     """What is wrong with the head that begins at ``at``, as far as it has come."""
     if not buffer.startswith(SYNC[: len(buffer) - at], at):
-        return Reason.NO_SYNC
+        return RefusalReason.NO_SYNC
     if len(buffer) - at < HEAD.size:
         return None
     _, version, kind, length, *_ = HEAD.unpack_from(buffer, at)
     if version != VERSION:
-        return Reason.VERSION
+        return RefusalReason.VERSION
     message = MESSAGE_OF_TYPE.get(kind)
     # A length that cannot be is told from the head: a flipped bit must not hold back what follows.
     fits = message is None or length == message.layout.size or (message.bulk and length >= message.layout.size)
-    return None if length <= LARGEST_PAYLOAD and fits else Reason.LENGTH
+    return None if length <= LARGEST_PAYLOAD and fits else RefusalReason.LENGTH
 
 
 def _crc_holds(frame: memoryview) -> bool:
@@ -248,17 +248,17 @@ def _crc_holds(frame: memoryview) -> bool:
     return holds
 
 
-def _opened(raw: bytes) -> Frame | Refused:
+def _opened(raw: bytes) -> Frame | RefusedBytes:
     _, _, kind, _, mode, flags, session, sequence, stamp_us, ttl_ms = HEAD.unpack_from(raw)
     message = MESSAGE_OF_TYPE.get(kind)
     if message is None:
-        return Refused(Reason.TYPE, raw[:KEPT])
+        return RefusedBytes(RefusalReason.TYPE, raw[:KEPT])
     numbers = message.layout.unpack_from(raw, HEAD.size)
     fields: dict[str, Value] = {field.name: value for field, value in zip(message.numbers, numbers, strict=True)}
     if message.bulk:
         bulk = raw[HEAD.size + message.layout.size : -CRC.size]
         if len(bulk) != math.prod(int(fields[axis]) for axis in message.axes):
-            return Refused(Reason.PAYLOAD, raw[:KEPT])
+            return RefusedBytes(RefusalReason.PAYLOAD, raw[:KEPT])
         fields[message.bulk] = bulk
     return Frame(message.name, mode, flags, session, sequence, stamp_us, ttl_ms, fields, raw)
 
@@ -268,7 +268,7 @@ _FUTURE_NS = RULES["future_ms"] * 1_000_000
 _U32 = 1 << 32
 
 
-class Verdict(IntEnum):
+class FrameVerdict(IntEnum):
     """What becomes of a frame; all but ``ACCEPTED`` say why it is not acted upon."""
 
     ACCEPTED = 0
@@ -316,56 +316,56 @@ class Receiver:
         self._least = LeastDelay(0, 0)  # of the session
         self._ahead: _Ahead | None = None
         self._sequence = 0
-        self.counts: Counter[Verdict] = Counter()
+        self.counts: Counter[FrameVerdict] = Counter()
         self.missed = 0
         self.session = 0
         self.last_accepted_ns = 0
 
-    def accept(self, frame: Frame, arrival_ns: int) -> Verdict:
+    def accept(self, frame: Frame, arrival_ns: int) -> FrameVerdict:
         """Whether the frame is acted upon. ``arrival_ns`` is the receiver's monotonic clock and must not fall."""
         verdict = self._judge(frame, arrival_ns)
         self.counts[verdict] += 1
-        if verdict is Verdict.ACCEPTED:
+        if verdict is FrameVerdict.ACCEPTED:
             self.last_accepted_ns = arrival_ns
             self._ahead = None
         return verdict
 
-    def _judge(self, frame: Frame, arrival_ns: int) -> Verdict:
+    def _judge(self, frame: Frame, arrival_ns: int) -> FrameVerdict:
         if frame.name not in self._names:
-            return Verdict.WRONG_LINE
+            return FrameVerdict.WRONG_LINE
         if frame.session == 0:
-            return Verdict.NO_SESSION
+            return FrameVerdict.NO_SESSION
         if frame.session != self.session:
             return self._other_session(frame, arrival_ns)
         step = (frame.sequence - self._sequence) % _U32
         if not 0 < step < _U32 // 2:
-            return Verdict.REPEATED
+            return FrameVerdict.REPEATED
         self._sequence = frame.sequence
         self.missed += step - 1
         return self._age(frame, arrival_ns)
 
-    def _other_session(self, frame: Frame, arrival_ns: int) -> Verdict:
+    def _other_session(self, frame: Frame, arrival_ns: int) -> FrameVerdict:
         if self.session and arrival_ns - self.last_accepted_ns < _SILENT_NS:
-            return Verdict.SECOND_SENDER
+            return FrameVerdict.SECOND_SENDER
         if frame.session in self._remembered:
-            return Verdict.REMEMBERED_SESSION
+            return FrameVerdict.REMEMBERED_SESSION
         self._remembered.append(frame.session)
         self.session = frame.session
         self._sequence = frame.sequence
         self._least = LeastDelay(arrival_ns - frame.stamp_us * 1000, arrival_ns)
-        return Verdict.ACCEPTED
+        return FrameVerdict.ACCEPTED
 
-    def _age(self, frame: Frame, arrival_ns: int) -> Verdict:
+    def _age(self, frame: Frame, arrival_ns: int) -> FrameVerdict:
         difference = arrival_ns - frame.stamp_us * 1000
         age = difference - self._least.at(arrival_ns)
         if frame.ttl_ms and age > frame.ttl_ms * 1_000_000:
-            return Verdict.STALE
+            return FrameVerdict.STALE
         if age < -_FUTURE_NS:
             if not self._set_ahead(difference, arrival_ns):
-                return Verdict.FROM_FUTURE
+                return FrameVerdict.FROM_FUTURE
         else:
             self._least.feed(difference, arrival_ns)
-        return Verdict.ACCEPTED
+        return FrameVerdict.ACCEPTED
 
     def _set_ahead(self, difference_ns: int, arrival_ns: int) -> bool:
         """Whether the sender's clock was set ahead: nothing else came for as long as makes a line silent."""

@@ -10,7 +10,7 @@ import numpy as np
 _HEAD = struct.Struct("<BBHIQ")
 
 
-class Kind(IntEnum):
+class RecordKind(IntEnum):
     """What a record's payload is."""
 
     HEADER = 1
@@ -74,7 +74,7 @@ class Record(NamedTuple):
         payload: by its kind.
     """
 
-    kind: Kind
+    kind: RecordKind
     source: Source
     tick: int
     mono_ns: int
@@ -222,7 +222,7 @@ def unpack(data: bytes) -> Record:
     if len(data) < _HEAD.size:
         raise ValueError(f"a record of {_HEAD.size} bytes or more was expected, found {len(data)}")
     kind, source, _, tick, mono_ns = _HEAD.unpack_from(data)
-    return Record(Kind(kind), Source(source), tick, mono_ns, data[_HEAD.size :])
+    return Record(RecordKind(kind), Source(source), tick, mono_ns, data[_HEAD.size :])
 
 
 # Stamps of a device's clock as monotonic times of this computer.
@@ -352,7 +352,7 @@ class StampClock:
         return False
 
 
-class TimeScale(IntEnum):
+class GnssTimeScale(IntEnum):
     """Seconds after which a GNSS time begins anew; ``NONE`` where a message carries no time."""
 
     NONE = 0
@@ -371,11 +371,11 @@ class WeekClock:
         clock: the ``StampClock``.
     """
 
-    def __init__(self, scale: TimeScale, delay_s: float = 0.0, late_s: float = 0.2) -> None:
+    def __init__(self, scale: GnssTimeScale, delay_s: float = 0.0, late_s: float = 0.2) -> None:
         self.clock = StampClock(delay_s, late_s)
         self._period_us = scale * 1_000_000
         # The last minute of a day may have 61 seconds.
-        self._end_s = scale + (scale is TimeScale.UTC_DAY)
+        self._end_s = scale + (scale is GnssTimeScale.UTC_DAY)
 
     def feed(self, time_s: float, arrival_ns: int) -> int | None:
         """Monotonic time, ns, of the sample of ``time_s`` seconds of the week or day; ``None`` where it is rejected."""

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lgprjax.runtime.config import RuntimeConfig
-from lgprjax.runtime.messages import Kind, Record, Source, pack
-from lgprjax.runtime.process import PROCESSES, Heartbeats, Stage, Started
+from lgprjax.runtime.messages import Record, RecordKind, Source, pack
+from lgprjax.runtime.process import PROCESSES, Heartbeats, ProcessStage, Started
 
 _PERIOD_S = 1.0
 _BEAT_S = 0.1
@@ -48,17 +48,17 @@ def run(started: Started) -> None:
     ring = started.ring("monitor")
     ahead_s, due_s = _clock_ahead_s(), time.monotonic()
     while not ended:
-        started.beat(Stage.READY)
+        started.beat(ProcessStage.READY)
         if time.monotonic() >= due_s:
             due_s += _PERIOD_S
             before_s, ahead_s = ahead_s, _clock_ahead_s()
             pids = {name: beats.read(name).pid for name in PROCESSES} | {"supervisor": os.getppid()}
             condition = look_at_computer(started.folder, pids, ahead_s - before_s)
             content = condition._asdict() | {"warnings": warnings_of(condition, started.config)}
-            record = Record(Kind.MONITOR, Source.MONITOR, 0, time.monotonic_ns(), json.dumps(content).encode())
+            record = Record(RecordKind.MONITOR, Source.MONITOR, 0, time.monotonic_ns(), json.dumps(content).encode())
             ring.put(pack(record))
         time.sleep(_BEAT_S)
-    started.beat(Stage.ENDING)
+    started.beat(ProcessStage.ENDING)
 
 
 def look_at_computer(folder: Path, pids: dict[str, int], clock_step_s: float, root: Path = Path("/")) -> Condition:

@@ -14,8 +14,8 @@ from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import serial
 
-from lgprjax.runtime.config import KEPT, Refused
-from lgprjax.runtime.link import Frame, FrameParser, Receiver, Verdict
+from lgprjax.runtime.config import KEPT, RefusedBytes
+from lgprjax.runtime.link import Frame, FrameParser, FrameVerdict, Receiver
 
 _WAIT_S = 0.02
 _REOPEN_S = 0.5
@@ -31,7 +31,7 @@ Item = TypeVar("Item", covariant=True)
 class Parser(Protocol[Item]):
     """What cuts messages out of a stream of bytes."""
 
-    def feed(self, data: bytes) -> Sequence[Item | Refused]:
+    def feed(self, data: bytes) -> Sequence[Item | RefusedBytes]:
         """Messages that are whole now, and what was refused."""
 
 
@@ -61,7 +61,7 @@ class Port(Generic[Item]):
         last_arrival_ns: when the last message came that was not refused; 0 before the first.
         lost: messages that nobody took in time.
         unsent: frames that were not sent: too old, or pushed out by newer ones.
-        refused: how often something was refused, by ``Reason`` or ``Verdict``.
+        refused: how often something was refused, by ``Reason`` or ``FrameVerdict``.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Port(Generic[Item]):
         self.refused: Counter[int] = Counter()
         self._baud, self._parser = baud, parser
         self._arrivals: deque[Arrival[Item]] = deque(maxlen=capacity)
-        self._refused: deque[Arrival[Refused]] = deque()
+        self._refused: deque[Arrival[RefusedBytes]] = deque()
         self._to_send: deque[tuple[int, bytes]] = deque(maxlen=_TO_SEND)
         self._rest, self._rest_ns, self._begun = b"", 0, False  # of the frame that is being sent
         self._ending = threading.Event()
@@ -101,7 +101,7 @@ class Port(Generic[Item]):
         """What came since the last call, oldest first."""
         return [self._arrivals.popleft() for _ in range(len(self._arrivals))]
 
-    def take_refused(self) -> list[Arrival[Refused]]:
+    def take_refused(self) -> list[Arrival[RefusedBytes]]:
         """What was refused since the last call: the first of it, for the recorder."""
         return [self._refused.popleft() for _ in range(len(self._refused))]
 
@@ -164,20 +164,20 @@ class Port(Generic[Item]):
 
     def _receive(self, data: bytes, arrival_ns: int) -> None:
         for item in self._parser.feed(data):
-            if isinstance(item, Refused):
+            if isinstance(item, RefusedBytes):
                 self._refuse(item, arrival_ns)
                 continue
             if self.receiver is not None and isinstance(item, Frame):
                 verdict = self.receiver.accept(item, arrival_ns)
-                if verdict is not Verdict.ACCEPTED:
-                    self._refuse(Refused(verdict, item.raw[:KEPT]), arrival_ns)
+                if verdict is not FrameVerdict.ACCEPTED:
+                    self._refuse(RefusedBytes(verdict, item.raw[:KEPT]), arrival_ns)
                     continue
             if len(self._arrivals) == self._arrivals.maxlen:
                 self.lost += 1
             self._arrivals.append(Arrival(arrival_ns, item))
             self.last_arrival_ns = arrival_ns
 
-    def _refuse(self, refused: Refused, arrival_ns: int) -> None:
+    def _refuse(self, refused: RefusedBytes, arrival_ns: int) -> None:
         self.refused[refused.reason] += 1
         if len(self._refused) < _REFUSED_KEPT:
             self._refused.append(Arrival(arrival_ns, refused))

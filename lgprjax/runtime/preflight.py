@@ -16,7 +16,7 @@ from lgprjax.runtime.port import Port
 _LISTEN_S = 2.5
 
 
-class Item(NamedTuple):
+class PreflightItem(NamedTuple):
     """One item: what, whether it is in order, and what was found or is to be done."""
 
     name: str
@@ -24,7 +24,7 @@ class Item(NamedTuple):
     told: str
 
 
-def preflight(config: RuntimeConfig) -> Iterator[Item]:
+def preflight(config: RuntimeConfig) -> Iterator[PreflightItem]:
     """Every item, one after the other."""
     yield from _files(config) if config.coverage is None else _field_files(config)
     yield _storage(config)
@@ -33,7 +33,7 @@ def preflight(config: RuntimeConfig) -> Iterator[Item]:
     yield from _lines(config)
 
 
-def _files(config: RuntimeConfig) -> Iterator[Item]:
+def _files(config: RuntimeConfig) -> Iterator[PreflightItem]:
     from lgprjax.formats import MapFile, read_vehicle
     from lgprjax.runtime.control.setup import load, onboard_setup
     from lgprjax.runtime.control.watches import Watches
@@ -60,13 +60,13 @@ def _files(config: RuntimeConfig) -> Iterator[Item]:
     try:
         routes = load(config).routes
     except InputError as error:
-        yield Item("routes", False, str(error))
+        yield PreflightItem("routes", False, str(error))
         return
     for route in routes:
-        yield Item(f"route {route.name}", route.path is not None, route.problem or f"{route.length_m:.1f} m")
+        yield PreflightItem(f"route {route.name}", route.path is not None, route.problem or f"{route.length_m:.1f} m")
 
 
-def _field_files(config: RuntimeConfig) -> Iterator[Item]:
+def _field_files(config: RuntimeConfig) -> Iterator[PreflightItem]:
     from lgprjax.formats import read_vehicle
     from lgprjax.runtime.control.skid.setup import load_skid
 
@@ -84,16 +84,16 @@ def _field_files(config: RuntimeConfig) -> Iterator[Item]:
     yield _tried("plan", plan)
 
 
-def _storage(config: RuntimeConfig) -> Item:
+def _storage(config: RuntimeConfig) -> PreflightItem:
     folder = config.path(config.recording.folder)
     there = next(each for each in (folder, *folder.parents) if each.exists())
     free_mb = shutil.disk_usage(there).free / 1e6
     good = os.access(there, os.W_OK) and free_mb > config.recording.least_free_mb
     hours = free_mb / (0.6 * 3600.0)
-    return Item("storage", good, f"{folder}: {free_mb:.0f} MB free, about {hours:.0f} h of 126 scans a second")
+    return PreflightItem("storage", good, f"{folder}: {free_mb:.0f} MB free, about {hours:.0f} h of 126 scans a second")
 
 
-def _display(config: RuntimeConfig) -> Item:
+def _display(config: RuntimeConfig) -> PreflightItem:
     from lgprjax.runtime.display.access import Access
 
     def address() -> str:
@@ -103,14 +103,16 @@ def _display(config: RuntimeConfig) -> Item:
     return _tried("display", address)
 
 
-def _cores(config: RuntimeConfig) -> Item:
+def _cores(config: RuntimeConfig) -> PreflightItem:
     wanted = {config.control.core, config.supervision.registration_core} - {None}
     missing = wanted - set(os.sched_getaffinity(0))
     found = f"{len(os.sched_getaffinity(0))} cores"
-    return Item("cores", not missing, found if not missing else f"{found}; not there: {sorted(missing, key=str)}")
+    return PreflightItem(
+        "cores", not missing, found if not missing else f"{found}; not there: {sorted(missing, key=str)}"
+    )
 
 
-def _lines(config: RuntimeConfig) -> Iterator[Item]:
+def _lines(config: RuntimeConfig) -> Iterator[PreflightItem]:
     ports: list[tuple[str, PortTable, Port[Any]]] = []
     for source, name in (
         (Source.DRIVE_BY_WIRE, "drive_by_wire"),
@@ -127,12 +129,12 @@ def _lines(config: RuntimeConfig) -> Iterator[Item]:
         heard, refused = len(port.take()), sum(port.refused.values())
         port.close()
         told = f"{table.url}: {heard} messages in {_LISTEN_S:g} s" + (f", {refused} refused" if refused else "")
-        yield Item(name, heard > 0, told if port.openings else f"{table.url}: {port.problem}")
+        yield PreflightItem(name, heard > 0, told if port.openings else f"{table.url}: {port.problem}")
 
 
-def _tried(name: str, look: Callable[[], str | Path | None]) -> Item:
+def _tried(name: str, look: Callable[[], str | Path | None]) -> PreflightItem:
     try:
         told = look()
     except InputError as error:
-        return Item(name, False, str(error))
-    return Item(name, True, "" if told is None else str(told))
+        return PreflightItem(name, False, str(error))
+    return PreflightItem(name, True, "" if told is None else str(told))

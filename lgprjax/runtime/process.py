@@ -46,7 +46,7 @@ def processes_of(config: RuntimeConfig) -> tuple[str, ...]:
     return tuple(name for name in PROCESSES if name != without)
 
 
-class Stage(IntEnum):
+class ProcessStage(IntEnum):
     """How far a process has come."""
 
     STARTING = 0
@@ -59,11 +59,11 @@ _ROW = struct.Struct("<QIIII")  # time of the beat in ns, stage, pid, beats, 0
 
 
 @dataclass(frozen=True)
-class Beat:
+class HeartbeatRow:
     """A row of the table of heartbeats; ``mono_ns`` is 0 where there was none."""
 
     mono_ns: int
-    stage: Stage
+    stage: ProcessStage
     pid: int
     count: int
 
@@ -78,15 +78,15 @@ class Heartbeats:
         with path.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), 0)
 
-    def beat(self, name: str, stage: Stage, pid: int, count: int) -> None:
+    def beat(self, name: str, stage: ProcessStage, pid: int, count: int) -> None:
         """Say that a process lives."""
         at = PROCESSES.index(name) * _ROW.size
         self._map[at : at + _ROW.size] = _ROW.pack(time.monotonic_ns(), stage, pid, count & 0xFFFFFFFF, 0)
 
-    def read(self, name: str) -> Beat:
+    def read(self, name: str) -> HeartbeatRow:
         """The last beat of a process."""
         mono_ns, stage, pid, count, _ = _ROW.unpack_from(self._map, PROCESSES.index(name) * _ROW.size)
-        return Beat(mono_ns, Stage(stage), pid, count)
+        return HeartbeatRow(mono_ns, ProcessStage(stage), pid, count)
 
     def clear(self, name: str) -> None:
         """Before a process is started anew."""
@@ -120,7 +120,7 @@ class Started:
         """This process's end of a ring."""
         return Ring.create(self.rings / name, RINGS[name])
 
-    def beat(self, stage: Stage) -> None:
+    def beat(self, stage: ProcessStage) -> None:
         """From the process's own loop, not from a thread beside it: a loop that hangs must be seen."""
         self._count += 1
         self._beats.beat(self.name, stage, os.getpid(), self._count)

@@ -31,7 +31,7 @@ from lgprjax.run_segment import (
     segment_path,
     segments_of,
 )
-from lgprjax.runtime.process import Stage, Started
+from lgprjax.runtime.process import ProcessStage, Started
 
 # What is written is brought to the disk beside the recorder's loop, which a slow disk must not hold up.
 
@@ -390,12 +390,12 @@ def run(started: Started) -> None:
 
 
 def _record(started: Started, ending: list[int]) -> None:
-    started.beat(Stage.STARTING)
+    started.beat(ProcessStage.STARTING)
     recorder = Recorder(started)
     least_mb = started.config.recording.least_free_mb
     looked_s = -_LOOK_AT_DISK_S
     while not ending:
-        started.beat(Stage.READY)
+        started.beat(ProcessStage.READY)
         begun_s = time.monotonic()
         if begun_s - looked_s >= _LOOK_AT_DISK_S:
             looked_s = begun_s
@@ -409,7 +409,7 @@ def _record(started: Started, ending: list[int]) -> None:
         time.sleep(max(0.0, _PERIOD_S - (time.monotonic() - begun_s)))
     until_s = time.monotonic() + _DRAIN_S
     while True:
-        started.beat(Stage.ENDING)
+        started.beat(ProcessStage.ENDING)
         recorder.write()
         if recorder.empty or time.monotonic() > until_s:
             break

@@ -11,9 +11,9 @@ from lgprjax.formats import read_run
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.kinds import load_vehicle
-from lgprjax.runtime.messages import Kind, Record, Source, unpack
+from lgprjax.runtime.messages import Record, RecordKind, Source, unpack
 
-_TAKEN = (Kind.PORT_IN, Kind.FIX, Kind.EVENT, Kind.MONITOR, Kind.REQUEST)
+_TAKEN = (RecordKind.PORT_IN, RecordKind.FIX, RecordKind.EVENT, RecordKind.MONITOR, RecordKind.REQUEST)
 
 
 class Replayed(NamedTuple):
@@ -65,7 +65,11 @@ def replay_run(folder: Path, progress: Callable[[int], None] = lambda _: None) -
                 broken = tick.number if broken is None else broken
                 break
             expected += 1
-            out = [record for record in core.step(tick.number, tick.mono_ns, tick.came) if record.kind is Kind.PORT_OUT]
+            out = [
+                record
+                for record in core.step(tick.number, tick.mono_ns, tick.came)
+                if record.kind is RecordKind.PORT_OUT
+            ]
             totals[0] += 1
             totals[1] += len(tick.sent)
             for number, sent in enumerate(tick.sent):
@@ -87,22 +91,22 @@ def _starts(folder: Path) -> Iterator[tuple[dict[str, Any], Iterator[_Tick]]]:
     def ticks() -> Iterator[_Tick]:
         now: _Tick | None = None
         for record in records:
-            if record.kind is Kind.HEADER:
+            if record.kind is RecordKind.HEADER:
                 held.append(record)
                 break
-            if record.kind is Kind.TICK:
+            if record.kind is RecordKind.TICK:
                 if now is not None:
                     yield now
                 now = _Tick(record.tick, record.mono_ns, [], [])
             elif now is not None and record.tick == now.number:
-                if record.kind is Kind.PORT_OUT:
+                if record.kind is RecordKind.PORT_OUT:
                     now.sent.append(record)
                 elif record.kind in _TAKEN and record.source is not Source.CONTROL:
                     now.came.append(record)
         # The last tick of all is left out: a cut recording may lack some of its records.
 
     for record in records:
-        if record.kind is Kind.HEADER:
+        if record.kind is RecordKind.HEADER:
             held.append(record)
             break
     while held:
@@ -114,7 +118,7 @@ def _records(folder: Path) -> Iterator[Record]:
     """Of the control loop, in order: the recording mixes them with the other processes'."""
     for _, data in read_run(folder):
         record = unpack(data)
-        of_control = record.tick > 0 or (record.kind is Kind.HEADER and record.source is Source.CONTROL)
+        of_control = record.tick > 0 or (record.kind is RecordKind.HEADER and record.source is Source.CONTROL)
         if of_control:
             yield record
 

@@ -24,14 +24,14 @@ from typing import NamedTuple, TextIO
 from lgprjax.errors import InputError
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.main import process_command
-from lgprjax.runtime.messages import Kind, Record, Source, pack
+from lgprjax.runtime.messages import Record, RecordKind, Source, pack
 from lgprjax.runtime.process import (
     RINGS,
     SUPERVISOR,
-    Beat,
+    HeartbeatRow,
     Heartbeats,
     Notifier,
-    Stage,
+    ProcessStage,
     check_cores,
     memory_folder,
     only_instance,
@@ -62,7 +62,7 @@ class What(Enum):
     LEFT = "left"
 
 
-class Told(NamedTuple):
+class ProcessReports(NamedTuple):
     """What became of a process, told once.
 
     Attributes:
@@ -125,7 +125,7 @@ class Child:
         """Whether there is a process, alive or not yet gone."""
         return self._process is not None and self._process.poll() is None
 
-    def look(self, now_s: float, passed_s: float) -> list[Told]:
+    def look(self, now_s: float, passed_s: float) -> list[ProcessReports]:
         """What is new; starts it where that is due, kills it where it hangs.
 
         Args:
@@ -142,7 +142,7 @@ class Child:
             return []
         if status == STORAGE_FULL and not self._limits.patient:
             self.left, self.ready = True, False
-            return [Told(What.LEFT, self.name, f"exit {status}")]
+            return [ProcessReports(What.LEFT, self.name, f"exit {status}")]
         return self._died(now_s, f"signal {-status}" if status < 0 else f"exit {status}")
 
     def end(self) -> None:
@@ -158,7 +158,7 @@ class Child:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(timeout=1.0)
 
-    def _launch(self, now_s: float) -> list[Told]:
+    def _launch(self, now_s: float) -> list[ProcessReports]:
         self._beats.clear(self.name)
         self._told_dead = self.ready = False
         self._silent_s, self._count, self._started_s = 0.0, 0, now_s
@@ -171,41 +171,43 @@ class Child:
             return self._died(now_s, f"not started: {error.strerror}")
         return []
 
-    def _listen(self, process: "subprocess.Popen[bytes]", now_s: float, passed_s: float) -> list[Told]:
-        told: list[Told] = []
+    def _listen(self, process: "subprocess.Popen[bytes]", now_s: float, passed_s: float) -> list[ProcessReports]:
+        told: list[ProcessReports] = []
         beat = self._read()
         if beat is None or beat.pid != process.pid or beat.count == self._count:
             self._silent_s += passed_s
         else:
             self._count = beat.count
             self._silent_s = min(max(now_s - beat.mono_ns / 1e9, 0.0), passed_s)
-            if beat.stage == Stage.READY and not self.ready:
+            if beat.stage == ProcessStage.READY and not self.ready:
                 self.ready = True
-                told.append(Told(What.READY, self.name))
+                told.append(ProcessReports(What.READY, self.name))
         if not self.ready:
             if now_s - self._started_s > self._limits.start_s:
                 told += self._hung(process, now_s, f"not ready after {now_s - self._started_s:.1f} s")
-        elif self._silent_s > (_ENDING_S if beat is not None and beat.stage == Stage.ENDING else self._limits.silent_s):
+        elif self._silent_s > (
+            _ENDING_S if beat is not None and beat.stage == ProcessStage.ENDING else self._limits.silent_s
+        ):
             told += self._hung(process, now_s, f"hung {self._silent_s:.2f} s")
         return told
 
-    def _hung(self, process: "subprocess.Popen[bytes]", now_s: float, why: str) -> list[Told]:
+    def _hung(self, process: "subprocess.Popen[bytes]", now_s: float, why: str) -> list[ProcessReports]:
         process.kill()
         return self._died(now_s, why)
 
-    def _died(self, now_s: float, why: str) -> list[Told]:
+    def _died(self, now_s: float, why: str) -> list[ProcessReports]:
         self.ready, self._told_dead, self.died_before = False, True, True
         quick = now_s - self._started_s < _QUICK_S
         self._wait_s = min(max(2.0 * self._wait_s, _FIRST_WAIT_S), _LONGEST_WAIT_S) if quick else 0.0
         self._due_s = now_s + self._wait_s
         self._deaths.append(now_s)
-        told = [Told(What.DIED, self.name, why)]
+        told = [ProcessReports(What.DIED, self.name, why)]
         if not self._limits.patient and len(self._deaths) == _DEATHS and now_s - self._deaths[0] < _DEATHS_WITHIN_S:
             self.left = True
-            told.append(Told(What.LEFT, self.name, f"{_DEATHS} deaths in {_DEATHS_WITHIN_S:.0f} s"))
+            told.append(ProcessReports(What.LEFT, self.name, f"{_DEATHS} deaths in {_DEATHS_WITHIN_S:.0f} s"))
         return told
 
-    def _read(self) -> Beat | None:
+    def _read(self) -> HeartbeatRow | None:
         # A process gone wild may have written anything.
         with suppress(ValueError):
             return self._beats.read(self.name)
@@ -349,10 +351,10 @@ class _Supervisor:
         finally:
             self._end()
 
-    def _tell(self, told: Told) -> None:
+    def _tell(self, told: ProcessReports) -> None:
         content = {told.what.value: told.name} | ({"why": told.why} if told.why else {})
         payload = json.dumps(content).encode()
-        record = pack(Record(Kind.EVENT, Source.SUPERVISOR, 0, time.monotonic_ns(), payload))
+        record = pack(Record(RecordKind.EVENT, Source.SUPERVISOR, 0, time.monotonic_ns(), payload))
         for ring in self._rings:
             ring.put(record)
         if told.name == "control" and self._watchdog_s is not None:

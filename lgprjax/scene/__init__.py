@@ -47,8 +47,8 @@ from lgprjax.scene.plant import (
 from lgprjax.scene.propagation import GroundSlice, RadarConfig, make_wavelet, slice_ground
 from lgprjax.scene.render import (
     NO_FAULTS,
-    Faults,
     ReceiverConfig,
+    ReceiverFaults,
     Response,
     ScanErrors,
     record_scans,
@@ -93,7 +93,6 @@ __all__ = [
     "Day",
     "DrivePlan",
     "DriveTruth",
-    "Faults",
     "FixErrorState",
     "FixErrors",
     "Ground",
@@ -113,6 +112,7 @@ __all__ = [
     "RadarConfig",
     "Readings",
     "ReceiverConfig",
+    "ReceiverFaults",
     "Response",
     "Road",
     "RoadConfig",

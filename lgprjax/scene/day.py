@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from lgprjax.scene.ground import (
-    Field,
     Ground,
     GroundConfig,
     Scatterers,
+    SineField,
     chosen,
     constant_field,
     draw_field,
@@ -128,10 +128,10 @@ class Conditions(NamedTuple):
 
     velocity_factor: float
     attenuation_factor: float
-    moisture: Field
-    skin_m: Field
+    moisture: SineField
+    skin_m: SineField
     skin_slowness: float
-    cover_m: Field
+    cover_m: SineField
     cover: Cover
     trenches: Float[np.ndarray, "trench 5"]
 
@@ -159,7 +159,7 @@ def ground_on(ground: Ground, day: Day) -> tuple[Ground, Conditions]:
         front = draw_layer(skin, config, depth_m=s.thickness_m, relief_m=s.relief_m, reflectivity=s.reflectivity)
         layers = stack_layers([layers, front])
         # The front that is heard is the one that the wave's speed changes at.
-        skin_m = Field(front.depth_m[0], front.relief_m[0], front.wave_rad_per_m[0], front.relief_phase_rad[0])
+        skin_m = SineField(front.depth_m[0], front.relief_m[0], front.wave_rad_per_m[0], front.relief_phase_rad[0])
     cover_m = constant_field(0.0, WAVES)
     if day.cover is not None:
         c = day.cover

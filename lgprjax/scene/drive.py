@@ -36,8 +36,8 @@ from lgprjax.scene.propagation import (
 from lgprjax.scene.render import (
     COUPLING_NS,
     HARDWARE_SEED,
-    Faults,
     ReceiverConfig,
+    ReceiverFaults,
     Response,
     ScanErrors,
     convolve_echoes,
@@ -241,7 +241,7 @@ def simulate_drive(
     road: Road | None = None,
     array: ArrayGeometry | None = None,
     errors: NavigationErrors | None = None,
-    faults: Faults | None = None,
+    faults: ReceiverFaults | None = None,
     radar: RadarConfig | None = None,
     receiver: ReceiverConfig | None = None,
 ) -> SimulatedDrive:
@@ -256,7 +256,7 @@ def simulate_drive(
     """
     array = default_array() if array is None else array
     radar = RadarConfig(height_m=array.height_m) if radar is None else radar
-    faults = Faults() if faults is None else faults
+    faults = ReceiverFaults() if faults is None else faults
     motion = plan_motion(plan, seed, road)
     time_s = scan_times(motion)
     drawn = draw_scan_errors(faults, len(time_s), radar.band_mhz, seed)

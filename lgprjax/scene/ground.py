@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 # Random fields over the ground as sums of sinusoids: smooth, reproducible, the same at any distance from the start.
 
 
-class Field(NamedTuple):
+class SineField(NamedTuple):
     """value(place) = mean + sum(amplitude * sin(k . place + phase)), place = (along, cross)."""
 
     mean: Float[np.ndarray | Array, ""]
@@ -24,9 +24,9 @@ class Field(NamedTuple):
     phase_rad: Float[np.ndarray | Array, " wave"]
 
 
-def constant_field(mean: float, waves: int) -> Field:
+def constant_field(mean: float, waves: int) -> SineField:
     """The same everywhere, in the shape of a field of ``waves`` waves."""
-    return Field(np.asarray(mean, np.float64), np.zeros(waves), np.zeros((waves, 2)), np.zeros(waves))
+    return SineField(np.asarray(mean, np.float64), np.zeros(waves), np.zeros((waves, 2)), np.zeros(waves))
 
 
 def draw_field(
@@ -37,7 +37,7 @@ def draw_field(
     waves: int,
     mean: float = 0.0,
     repeat_m: float | None = None,
-) -> Field:
+) -> SineField:
     """A fractal field: in every octave the amplitude grows with the root of the wavelength.
 
     The long undulations are the high ones, as in soil moisture.
@@ -45,7 +45,7 @@ def draw_field(
     wave_rad_per_m, wavelength = draw_wave_vectors(rng, waves, wavelength_m, repeat_m)
     amplitude = np.sqrt(wavelength)
     amplitude *= rms / np.sqrt(np.sum(amplitude**2) / 2)
-    return Field(np.asarray(mean, np.float64), amplitude, wave_rad_per_m, rng.uniform(0.0, 2 * np.pi, waves))
+    return SineField(np.asarray(mean, np.float64), amplitude, wave_rad_per_m, rng.uniform(0.0, 2 * np.pi, waves))
 
 
 def draw_wave_vectors(
@@ -64,23 +64,23 @@ def draw_wave_vectors(
     return wave, wavelength
 
 
-def value_at(field: Field, place_m: Float[np.ndarray, "*place 2"]) -> Float[np.ndarray, "*place"]:
+def value_at(field: SineField, place_m: Float[np.ndarray, "*place 2"]) -> Float[np.ndarray, "*place"]:
     """The field at places: host, float64."""
     angle = place_m @ np.asarray(field.wave_rad_per_m).T + field.phase_rad
     return np.asarray(field.mean + np.sin(angle) @ field.amplitude)
 
 
-def device_value_at(field: Field, place_m: Float[Array, "place 2"]) -> Float[Array, " place"]:
+def device_value_at(field: SineField, place_m: Float[Array, "place 2"]) -> Float[Array, " place"]:
     """The field at places inside a compiled function."""
     angle = place_m @ jnp.asarray(field.wave_rad_per_m).T + jnp.asarray(field.phase_rad)[None, :]
     return jnp.asarray(field.mean) + jnp.sin(angle) @ jnp.asarray(field.amplitude)
 
 
-def field_about(field: Field, origin_m: Float[np.ndarray, "2"]) -> Field:
+def field_about(field: SineField, origin_m: Float[np.ndarray, "2"]) -> SineField:
     """The same field for places counted from ``origin_m``, in float32: the turn is taken out in float64."""
     turn = np.asarray(field.wave_rad_per_m) @ origin_m
     moved = field._replace(phase_rad=np.mod(field.phase_rad + turn, 2 * np.pi))
-    return Field(*(np.asarray(a, np.float32) for a in moved))
+    return SineField(*(np.asarray(a, np.float32) for a in moved))
 
 
 # What is buried: stones, roots (chains of small scatterers), pipes and cables.
@@ -276,7 +276,7 @@ class Ground(NamedTuple):
     scatterers: Scatterers
     utilities: Utilities
     layers: Layers
-    moisture: Field
+    moisture: SineField
 
 
 def make_ground(seed: int, config: GroundConfig | None = None) -> Ground:

@@ -14,8 +14,8 @@ from lgprjax.scene.ground import Ground
 from lgprjax.scene.motion import DrivePlan, place_antennas
 from lgprjax.scene.propagation import RadarConfig, count_stones, count_utilities, slice_ground, trace_matrix
 from lgprjax.scene.render import (
-    Faults,
     ReceiverConfig,
+    ReceiverFaults,
     ScanErrors,
     draw_response,
     draw_scan_errors,
@@ -81,11 +81,11 @@ class LiveRadar:
         *,
         scans: int,
         seed: int,
-        faults: Faults | None = None,
+        faults: ReceiverFaults | None = None,
         radar: RadarConfig | None = None,
         receiver: ReceiverConfig | None = None,
     ) -> None:
-        faults = Faults() if faults is None else faults
+        faults = ReceiverFaults() if faults is None else faults
         self.radar = RadarConfig(height_m=array.height_m) if radar is None else radar
         self._receiver = ReceiverConfig() if receiver is None else receiver
         self._road, self._array, self._springs = road, array, springs

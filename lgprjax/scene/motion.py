@@ -51,7 +51,7 @@ class DrivePlan:
     bounce_wavelength_m: tuple[float, float] = (3.0, 20.0)
 
 
-class Motion(NamedTuple):
+class DriveMotion(NamedTuple):
     """A drive's course: everything ``poses_at`` needs."""
 
     plan: DrivePlan
@@ -68,7 +68,7 @@ class Motion(NamedTuple):
         return float(self.arc_length_m[-1]) / self.plan.speed_mps
 
 
-def plan_motion(plan: DrivePlan, seed: int, road: Road | None = None) -> Motion:
+def plan_motion(plan: DrivePlan, seed: int, road: Road | None = None) -> DriveMotion:
     """Draws wander and bounce from the seed and measures the path's length, slopes included.
 
     Args:
@@ -101,17 +101,17 @@ def plan_motion(plan: DrivePlan, seed: int, road: Road | None = None) -> Motion:
     rise = np.diff(surface_up(road, along, plan.lane_m + wave_value(wander, along))) / np.diff(along)
     stretch = np.hypot(np.hypot(forward, wave_slope(wander, middle)), rise)
     length = np.append(0.0, np.cumsum(stretch * np.diff(along)))
-    return Motion(plan, wander, height, roll, along, length, road)
+    return DriveMotion(plan, wander, height, roll, along, length, road)
 
 
-def scan_times(motion: Motion) -> Float[np.ndarray, " scan"]:
+def scan_times(motion: DriveMotion) -> Float[np.ndarray, " scan"]:
     """Each scan's own time: the first at 0, the last no later than the drive's end."""
     rate = motion.plan.scan_rate_hz
     return np.arange(int(np.floor(motion.duration_s * rate)) + 1) / rate
 
 
 def place_on_road(
-    motion: Motion, time_s: Float[np.ndarray, "*time"]
+    motion: DriveMotion, time_s: Float[np.ndarray, "*time"]
 ) -> tuple[Float[np.ndarray, "*time"], Float[np.ndarray, "*time"]]:
     """(along_m, cross_m) of the body origin."""
     plan = motion.plan
@@ -124,7 +124,7 @@ def place_on_road(
     return along, plan.lane_m + wave_value(motion.wander, along)
 
 
-def poses_at(motion: Motion, time_s: Float[np.ndarray, "*time"]) -> Float[np.ndarray, "*time 5"]:
+def poses_at(motion: DriveMotion, time_s: Float[np.ndarray, "*time"]) -> Float[np.ndarray, "*time 5"]:
     """The body origin's pose (east_m, north_m, height_m, yaw_rad, roll_rad).
 
     The body origin is the rear axle, which runs along its own heading: yaw is the path's tangent (of any branch).
@@ -142,7 +142,7 @@ def poses_at(motion: Motion, time_s: Float[np.ndarray, "*time"]) -> Float[np.nda
     return np.stack([east, north, wave_value(motion.height, along), yaw, roll], axis=-1)
 
 
-def ground_up_at(motion: Motion, time_s: Float[np.ndarray, "*time"]) -> Float[np.ndarray, "*time"]:
+def ground_up_at(motion: DriveMotion, time_s: Float[np.ndarray, "*time"]) -> Float[np.ndarray, "*time"]:
     """Height, above the road's start, of the ground below the body origin: what the ellipsoidal height adds up from."""
     return surface_up(motion.road, *place_on_road(motion, time_s))
 
@@ -168,7 +168,7 @@ def place_antennas(
 
 
 def antennas_on_road(
-    motion: Motion, time_s: Float[np.ndarray, " scan"], array: ArrayGeometry
+    motion: DriveMotion, time_s: Float[np.ndarray, " scan"], array: ArrayGeometry
 ) -> Float[np.ndarray, "scan channel 3"]:
     """(along_m, cross_m, height above the ground) of each channel at its own instant, for the renderer.
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from lgprjax.scene.day import Conditions, usual_conditions
-from lgprjax.scene.ground import Field, Ground, Layers, Utilities, field_about, value_at
+from lgprjax.scene.ground import Ground, Layers, SineField, Utilities, field_about, value_at
 
 # Refracted rays through the flat surface: travel time, angles and spreading, in closed form but for one root.
 #
@@ -229,10 +229,10 @@ class GroundSlice(NamedTuple):
     stone_slowness: Float[np.ndarray, " stone"]
     utilities: Utilities
     layers: Layers
-    moisture: tuple[Field, Field]
-    skin_m: Field
+    moisture: tuple[SineField, SineField]
+    skin_m: SineField
     skin_slowness: Float[np.ndarray, ""]
-    cover_m: Field
+    cover_m: SineField
     cover: Float[np.ndarray, "4"]
     trenches: Float[np.ndarray, "trench 5"]
     velocity_m_per_ns: Float[np.ndarray, ""]

@@ -223,7 +223,7 @@ HARDWARE_SEED = 20  # the same array on every day
 
 
 @dataclass(frozen=True)
-class Faults:
+class ReceiverFaults:
     """What goes wrong in the receiver during a drive.
 
     Attributes:
@@ -244,7 +244,7 @@ class Faults:
     dead_channels: tuple[int, ...] = ()
 
 
-NO_FAULTS = Faults(0.0, 0.0, 0.0, 0.0, 0.0)
+NO_FAULTS = ReceiverFaults(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Response(NamedTuple):
@@ -270,7 +270,7 @@ class ScanErrors(NamedTuple):
     interference_mhz: Float[np.ndarray, " scan"]
 
 
-def draw_response(day: Day, channels: int, faults: Faults) -> Response:
+def draw_response(day: Day, channels: int, faults: ReceiverFaults) -> Response:
     """The array's errors on a day: a part that belongs to the hardware (coupling) and a part of the day."""
     hardware = np.random.default_rng(HARDWARE_SEED)
     rng = np.random.default_rng([day.seed, 1])
@@ -285,7 +285,7 @@ def draw_response(day: Day, channels: int, faults: Faults) -> Response:
     return Response(*(a.astype(np.float32) for a in response))
 
 
-def draw_scan_errors(faults: Faults, scans: int, band_mhz: tuple[float, float], seed: int) -> ScanErrors:
+def draw_scan_errors(faults: ReceiverFaults, scans: int, band_mhz: tuple[float, float], seed: int) -> ScanErrors:
     """Drift over the drive, loud scans, interference."""
     rng = np.random.default_rng([seed, 8])
     course = np.linspace(0.0, 1.0, scans)
@@ -302,7 +302,7 @@ def draw_scan_errors(faults: Faults, scans: int, band_mhz: tuple[float, float], 
     return ScanErrors(*(a.astype(np.float32) for a in errors))
 
 
-def kept_scans(faults: Faults, scans: int, seed: int) -> np.ndarray:
+def kept_scans(faults: ReceiverFaults, scans: int, seed: int) -> np.ndarray:
     """Numbers of the scans that reach the recorder; the first and the last always do."""
     lost = np.random.default_rng([seed, 9]).uniform(size=scans) < faults.dropped_share
     lost[[0, -1]] = False

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from lgprjax.scene.motion import Motion, poses_at
+from lgprjax.scene.motion import DriveMotion, poses_at
 from lgprjax.vehicle.kinematics import VehiclePose
 
 Intervals = tuple[tuple[float, float], ...]
@@ -89,7 +89,7 @@ class PoseTrack(NamedTuple):
     sigma: Float[np.ndarray, "time 5"] | None = None
 
 
-def observe_drive(motion: Motion, errors: NavigationErrors, seed: int) -> tuple[OdometerTrack, PoseTrack]:
+def observe_drive(motion: DriveMotion, errors: NavigationErrors, seed: int) -> tuple[OdometerTrack, PoseTrack]:
     """Odometer and GNSS/INS over the drive and one sample past its end: every scan lies between samples.
 
     Every effect draws from a stream of its own: switching one on leaves the others as they were.
@@ -134,7 +134,7 @@ def _stream(seed: int, effect: int) -> np.random.Generator:
     return np.random.default_rng([seed, 3, effect])
 
 
-def _sample_times(motion: Motion, rate_hz: float) -> Float[np.ndarray, " time"]:
+def _sample_times(motion: DriveMotion, rate_hz: float) -> Float[np.ndarray, " time"]:
     return np.arange(int(np.ceil(motion.duration_s * rate_hz)) + 2) / rate_hz
 
 
@@ -221,7 +221,7 @@ def _sum_squares(lever: Float[np.ndarray, "time source"]) -> Float[np.ndarray, "
 
 
 def _read_odometer(
-    motion: Motion,
+    motion: DriveMotion,
     time_s: Float[np.ndarray, " time"],
     white: Float[np.ndarray, " time"],
     errors: NavigationErrors,

@@ -76,7 +76,7 @@ _GNSS_X_M = 0.2
 
 
 @dataclass(frozen=True)
-class FieldSpec:
+class FieldLoopSpec:
     """What is the same for all lanes, and compiled in.
 
     Attributes:
@@ -230,7 +230,7 @@ class FieldMoment(NamedTuple):
 
 @partial(jax.jit, static_argnums=0)
 def run_fields(
-    spec: FieldSpec,
+    spec: FieldLoopSpec,
     world: FieldWorld,
     route: CoverRoute,
     fence: Float[Array, "corner 2"],
@@ -254,7 +254,7 @@ def run_fields(
     return kept
 
 
-def _start(spec: FieldSpec, world: FieldWorld, route: CoverRoute, key: PRNGKeyArray) -> FieldState:
+def _start(spec: FieldLoopSpec, world: FieldWorld, route: CoverRoute, key: PRNGKeyArray) -> FieldState:
     """A lane before its first tick: its vehicle stands before the route's start, in the route's direction."""
     track_key, plant_key, sensor_key, place_key = jax.random.split(key, 4)
     begin = route_point(route, jnp.float32(-spec.run_up_m))
@@ -275,7 +275,7 @@ def _start(spec: FieldSpec, world: FieldWorld, route: CoverRoute, key: PRNGKeyAr
 
 
 def _moment(
-    spec: FieldSpec,
+    spec: FieldLoopSpec,
     world: FieldWorld,
     route: CoverRoute,
     fence: Float[Array, "corner 2"],
@@ -291,7 +291,7 @@ def _moment(
 
 
 def _tick(
-    spec: FieldSpec,
+    spec: FieldLoopSpec,
     world: FieldWorld,
     route: CoverRoute,
     fence: Float[Array, "corner 2"],

@@ -17,11 +17,11 @@ from lgprjax.scene import (
     Cover,
     Day,
     DrivePlan,
-    Faults,
     Ground,
     GroundConfig,
     NavigationErrors,
     RadarConfig,
+    ReceiverFaults,
     Road,
     RoadConfig,
     SimulatedDrive,
@@ -90,7 +90,7 @@ class SiteDrive:
     seed: int
     plan: DrivePlan
     navigation: NavigationErrors
-    faults: Faults
+    faults: ReceiverFaults
     other_ground: int | None = None
 
 
@@ -345,7 +345,7 @@ LIMITS: dict[type, Limits] = {
         "slip_fraction": (-1.0, 5.0),
         "odometer_step_m": (0.0, 1.0),
     },
-    Faults: {
+    ReceiverFaults: {
         "gain_drift": (-0.9, 10.0),
         "phase_drift_rad": (-2 * math.pi, 2 * math.pi),
         "dropped_share": (0.0, 0.5),
@@ -363,15 +363,15 @@ Config = TypeVar("Config")
 
 
 @dataclass(frozen=True)
-class Place:
+class TableKey:
     """Where in which file a value stands: ``drive[2].lane_m``."""
 
     file: Path
     path: str = ""
 
-    def at(self, key: str) -> "Place":
+    def at(self, key: str) -> "TableKey":
         """A key of the table here."""
-        return Place(self.file, f"{self.path}.{key}" if self.path else key)
+        return TableKey(self.file, f"{self.path}.{key}" if self.path else key)
 
     def refuse(self, expected: str, found: str) -> InputError:
         """The error to raise."""
@@ -380,7 +380,7 @@ class Place:
 
 def fill_config(
     kind: type[Config],
-    place: Place,
+    place: TableKey,
     table: object,
     *,
     base: Config | None = None,
@@ -419,7 +419,7 @@ def fill_config(
     return kind(**values)
 
 
-def as_table(place: Place, value: object) -> dict[str, Any]:
+def as_table(place: TableKey, value: object) -> dict[str, Any]:
     """The value, which must be a table.
 
     Raises:
@@ -431,7 +431,7 @@ def as_table(place: Place, value: object) -> dict[str, Any]:
 
 
 def refuse_unknown(
-    place: Place, table: Mapping[str, object], known: Iterable[str], withheld: Mapping[str, str] | None = None
+    place: TableKey, table: Mapping[str, object], known: Iterable[str], withheld: Mapping[str, str] | None = None
 ) -> None:
     """Raises ``InputError`` for the first key that is not known; names the nearest one that is."""
     names = list(dict.fromkeys(known))
@@ -454,7 +454,7 @@ def _degrees(name: str) -> str:
     return name.removesuffix("_rad") + "_deg" if name.endswith("_rad") else name
 
 
-def _convert(hint: Any, place: Place, value: object, kind: type, name: str, base: object, scale: float) -> Any:
+def _convert(hint: Any, place: TableKey, value: object, kind: type, name: str, base: object, scale: float) -> Any:
     """A value of the type that the hint says; a pair or list of numbers is held to its limits number by number."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (types.UnionType, Union):  # X | None: TOML has no None
@@ -478,14 +478,14 @@ def _convert(hint: Any, place: Place, value: object, kind: type, name: str, base
 
 
 def _convert_tuple(
-    inner: tuple[Any, ...], place: Place, value: object, kind: type, name: str, scale: float
+    inner: tuple[Any, ...], place: TableKey, value: object, kind: type, name: str, scale: float
 ) -> tuple[Any, ...]:
     many = inner[-1] is Ellipsis
     due = "a list" if many else f"a list of {len(inner)}"
     if not isinstance(value, list) or (not many and len(value) != len(inner)):
         raise place.refuse(due, _say(value))
     items = tuple(
-        _convert(inner[0], Place(place.file, f"{place.path}[{number}]"), item, kind, name, None, scale)
+        _convert(inner[0], TableKey(place.file, f"{place.path}[{number}]"), item, kind, name, None, scale)
         for number, item in enumerate(value, 1)
     )
     if name in ASCENDING and not many and not items[0] < items[1]:

@@ -16,10 +16,10 @@ from lgprjax.scene import (
     WEATHER,
     Day,
     DrivePlan,
-    Faults,
     GroundConfig,
     NavigationErrors,
     RadarConfig,
+    ReceiverFaults,
     RoadConfig,
     SimulatedDrive,
     SweepPlan,
@@ -28,11 +28,11 @@ from lgprjax.simulation.drives import write_drive
 from lgprjax.simulation.site_tables import (
     LIMITS,
     ArrayConfig,
-    Place,
     Site,
     SiteDrive,
     SiteHeader,
     SiteScene,
+    TableKey,
     as_table,
     fill_config,
     nearest,
@@ -46,7 +46,7 @@ from lgprjax.simulation.site_tables import (
 _WANDERS = 3.0  # rms of the wander that a lane leaves room for
 
 
-def refuse_impossible(site: Site, root: Place) -> None:
+def refuse_impossible(site: Site, root: TableKey) -> None:
     """Hold sections and drives against each other.
 
     Raises:
@@ -67,10 +67,10 @@ def refuse_impossible(site: Site, root: Place) -> None:
         expected = f"{reach:.2f} or more, what array and antennas hear to the side"
         raise root.at("ground").at("half_width_m").refuse(expected, f"{site.ground.half_width_m:g}")
     for number, drive in enumerate(site.drives, 1):
-        _check_drive(site, drive, Place(root.file, f"drive[{number}]"))
+        _check_drive(site, drive, TableKey(root.file, f"drive[{number}]"))
 
 
-def _check_radar(site: Site, place: Place) -> None:
+def _check_radar(site: Site, place: TableKey) -> None:
     radar, sweeps = site.radar, site.sweeps
     highest = 500.0 / radar.sample_step_ns
     if radar.band_mhz[1] > highest:
@@ -83,7 +83,7 @@ def _check_radar(site: Site, place: Place) -> None:
         raise place.at("sweeps").at("steps").refuse(f"at most {highest:.0f} MHz at this sample_step_ns", last)
 
 
-def _check_drive(site: Site, drive: SiteDrive, place: Place) -> None:
+def _check_drive(site: Site, drive: SiteDrive, place: TableKey) -> None:
     plan, ground, array, aperture = drive.plan, site.ground, site.array, site.radar.aperture_m
     if plan.direction == 0:
         raise place.at("direction").refuse("1 or -1", "0")
@@ -124,7 +124,7 @@ NAVIGATION = {
     "survey": NavigationErrors(position_sigma_m=0.01, heading_sigma_rad=float(np.radians(0.1))),
 }
 """Navigation that needs no section: 5 cm and 0.3 deg; 1 cm and 0.1 deg, as for making maps."""
-FAULTS = {"usual": Faults(), "none": NO_FAULTS}
+FAULTS = {"usual": ReceiverFaults(), "none": NO_FAULTS}
 """Receiver faults that need no section."""
 
 _HEADER = ("name", "seed", "latitude_deg", "longitude_deg", "height_m")
@@ -142,7 +142,7 @@ def read_site(path: str | Path) -> Site:
         InputError: the file is missing or no TOML; a key is unknown, missing, of a wrong type or out of its range;
             a name is used twice or stands for nothing; a drive leaves the road or hears beyond the ground.
     """
-    root = Place(Path(path))
+    root = TableKey(Path(path))
     table = load_toml(root.file)
     refuse_unknown(root, table, [*_HEADER, *_SECTIONS])
     given = {key: table[key] for key in _HEADER if key in table}
@@ -161,14 +161,14 @@ def read_site(path: str | Path) -> Site:
     )
     days = _read_days(root.at("day"), table.get("day", {}), header.seed)
     navigation = _read_named(NavigationErrors, root.at("navigation"), table.get("navigation", {}), NAVIGATION)
-    faults = _read_named(Faults, root.at("faults"), table.get("faults", {}), FAULTS)
+    faults = _read_named(ReceiverFaults, root.at("faults"), table.get("faults", {}), FAULTS)
     choices = _Choices(days, navigation, faults)
     entries = table.get("drive", [])
     if not isinstance(entries, list) or not entries:
         raise root.at("drive").refuse("one [[drive]] or more", "none" if "drive" not in table else "no such list")
     drives: list[SiteDrive] = []
     for number, entry in enumerate(entries, 1):
-        place = Place(root.file, f"drive[{number}]")
+        place = TableKey(root.file, f"drive[{number}]")
         drive = _read_drive(place, entry, site, choices)
         if drive.name in [known.name for known in drives]:
             raise place.at("name").refuse("a name that no other drive has", repr(drive.name))
@@ -188,16 +188,16 @@ def derive_seed(seed: int, *words: str) -> int:
 class _Choices:
     days: Mapping[str, Day]
     navigation: Mapping[str, NavigationErrors]
-    faults: Mapping[str, Faults]
+    faults: Mapping[str, ReceiverFaults]
 
 
-def _read_road(place: Place, table: object, ground: GroundConfig) -> RoadConfig:
+def _read_road(place: TableKey, table: object, ground: GroundConfig) -> RoadConfig:
     withheld = {name: f"{name} in [ground], which the road goes by" for name in ("length_m", "margin_m")}
     road = fill_config(RoadConfig, place, table, withheld=withheld)
     return replace(road, length_m=ground.length_m, margin_m=ground.margin_m)
 
 
-def _read_radar(place: Place, table: object, array: ArrayConfig) -> tuple[RadarConfig, SweepPlan | None]:
+def _read_radar(place: TableKey, table: object, array: ArrayConfig) -> tuple[RadarConfig, SweepPlan | None]:
     entries = as_table(place, table)
     withheld = {"height_m": "height_m in [array]"}
     radar = fill_config(RadarConfig, place, entries, elsewhere=("recording", "sweeps"), withheld=withheld)
@@ -210,7 +210,7 @@ def _read_radar(place: Place, table: object, array: ArrayConfig) -> tuple[RadarC
     return replace(radar, height_m=array.height_m), sweeps if recording == "sweeps" else None
 
 
-def _read_days(place: Place, table: object, seed: int) -> dict[str, Day]:
+def _read_days(place: TableKey, table: object, seed: int) -> dict[str, Day]:
     days: dict[str, Day] = {}
     for name, entry in as_table(place, table).items():
         where = place.at(name)
@@ -226,7 +226,7 @@ def _read_days(place: Place, table: object, seed: int) -> dict[str, Day]:
     return days
 
 
-def _read_named(kind: type[Config], place: Place, table: object, known: Mapping[str, Config]) -> dict[str, Config]:
+def _read_named(kind: type[Config], place: TableKey, table: object, known: Mapping[str, Config]) -> dict[str, Config]:
     named = dict(known)
     for name, entry in as_table(place, table).items():
         if name in known:
@@ -235,7 +235,7 @@ def _read_named(kind: type[Config], place: Place, table: object, known: Mapping[
     return named
 
 
-def _read_drive(place: Place, entry: object, site: Site, choices: _Choices) -> SiteDrive:
+def _read_drive(place: TableKey, entry: object, site: Site, choices: _Choices) -> SiteDrive:
     table, header = as_table(place, entry), site.header
     base = DrivePlan(0.0, site.ground.length_m, scan_rate_hz=site.array.scan_rate_hz)
     withheld = {"scan_rate_hz": "scan_rate_hz in [array]"}
@@ -266,13 +266,13 @@ def _read_drive(place: Place, entry: object, site: Site, choices: _Choices) -> S
     )
 
 
-def _word(place: Place, value: object, known: Mapping[str, object] | list[str], what: str) -> str:
+def _word(place: TableKey, value: object, known: Mapping[str, object] | list[str], what: str) -> str:
     if not isinstance(value, str) or value not in known:
         raise place.refuse(nearest(str(value), known, what), repr(value))
     return value
 
 
-def _seed(place: Place, value: object) -> int | None:
+def _seed(place: TableKey, value: object) -> int | None:
     if value is None:
         return None
     low, high = LIMITS[SiteHeader]["seed"]

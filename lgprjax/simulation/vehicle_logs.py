@@ -36,7 +36,7 @@ from lgprjax.scene.vehicle_drive import (
     simulate_vehicle_drive,
 )
 from lgprjax.simulation.drives import SITE_FRAME
-from lgprjax.simulation.site_tables import Place, as_table, fill_config, nearest, refuse_unknown
+from lgprjax.simulation.site_tables import TableKey, as_table, fill_config, nearest, refuse_unknown
 from lgprjax.simulation.sites import derive_seed
 
 # The manoeuvres that a drives file may name: how each is made of its numbers, and what these may be.
@@ -46,7 +46,7 @@ Range = tuple[float, float]
 _SPEED_MPS, _ANGLE_RAD, _HOLD_S, _SHARE = (0.2, 15.0), (-1.2, 1.2), (0.5, 120.0), (0.0, 1.0)
 
 
-class Kind(NamedTuple):
+class ManoeuvreKind(NamedTuple):
     """A manoeuvre: how it is made of the vehicle and its numbers, and the range of each; lists have plural names."""
 
     make: Callable[[TrueVehicle, Mapping[str, Any]], Manoeuvre]
@@ -62,25 +62,25 @@ def _palm_tree(vehicle: TrueVehicle, numbers: Mapping[str, Any]) -> Manoeuvre:
 
 
 MANOEUVRES = {
-    "straight": Kind(
+    "straight": ManoeuvreKind(
         lambda _, numbers: drive_straight(**numbers),
         {"length_m": (5.0, 5e3), "speed_mps": _SPEED_MPS, "weave_rad": (0.0, 0.2), "weave_m": (2.0, 500.0)},
         ("length_m", "speed_mps"),
     ),
-    "standing": Kind(
+    "standing": ManoeuvreKind(
         lambda vehicle, numbers: turn_standing(vehicle.largest_angle_rad, vehicle.lock_to_lock_turns, **numbers),
         {"pause_s": _HOLD_S},
     ),
-    "palm_tree": Kind(
+    "palm_tree": ManoeuvreKind(
         _palm_tree,
         {"speed_mps": _SPEED_MPS, "arc_turns": (0.05, 1.0), "longest_m": (2.0, 200.0), "pause_s": _HOLD_S},
     ),
-    "turns": Kind(
+    "turns": ManoeuvreKind(
         lambda _, numbers: drive_turns(**numbers),
         {"speeds_mps": _SPEED_MPS, "angles_rad": _ANGLE_RAD, "hold_s": _HOLD_S},
         ("speeds_mps", "angles_rad"),
     ),
-    "steering_steps": Kind(
+    "steering_steps": ManoeuvreKind(
         lambda _, numbers: step_steering(**numbers),
         {
             "sizes_rad": _ANGLE_RAD,
@@ -91,7 +91,7 @@ MANOEUVRES = {
         },
         ("sizes_rad",),
     ),
-    "pedal_steps": Kind(
+    "pedal_steps": ManoeuvreKind(
         lambda _, numbers: step_pedals(**numbers),
         {"throttles": _SHARE, "brakes": _SHARE, "back": _SHARE, "hold_s": _HOLD_S},
         ("throttles", "brakes"),
@@ -182,7 +182,7 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
         InputError: the file is missing or no TOML; a key is unknown, missing, of a wrong type or out of its range; a
             name is used twice or stands for nothing.
     """
-    root = Place(Path(path))
+    root = TableKey(Path(path))
     table = load_toml(root.file)
     header = ("kind", "seed", "serial_number", "latitude_deg", "longitude_deg", "height_m")
     refuse_unknown(root, table, [*header, "vehicle", "sensors", "drive"])
@@ -208,7 +208,7 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
         raise root.at("drive").refuse("one [[drive]] or more", "none" if entries is None else "no such list")
     drives: dict[str, PlannedVehicleDrive] = {}
     for number, entry in enumerate(entries, 1):
-        where = Place(root.file, f"drive[{number}]")
+        where = TableKey(root.file, f"drive[{number}]")
         drive = _drive(where, as_table(where, entry), vehicle, sensors, seed)
         if drive.name in drives:
             raise where.at("name").refuse("a name that no other drive has", repr(drive.name))
@@ -226,7 +226,7 @@ def is_vehicle_plan(path: str | Path) -> bool:
 
 
 def _drive(
-    place: Place, table: dict[str, Any], vehicle: TrueVehicle, sensors: VehicleSensors, seed: int
+    place: TableKey, table: dict[str, Any], vehicle: TrueVehicle, sensors: VehicleSensors, seed: int
 ) -> PlannedVehicleDrive:
     name, word = table.get("name"), table.get("manoeuvre")
     if not isinstance(name, str) or not name or not all(c.isalnum() or c in "._-" for c in name):
@@ -248,7 +248,7 @@ def _drive(
     return PlannedVehicleDrive(name, kind.make(vehicle, given), own, derive_seed(seed, name), fixes, errors)
 
 
-def _fixes(place: Place, day: object) -> tuple[str | None, FixErrors | None]:
+def _fixes(place: TableKey, day: object) -> tuple[str | None, FixErrors | None]:
     """A day and the error model of its fixes; neither where a drive asks for none."""
     if day is None:
         return None, None
@@ -258,7 +258,7 @@ def _fixes(place: Place, day: object) -> tuple[str | None, FixErrors | None]:
         raise place.refuse("a day whose fixes were measured", repr(day)) from None
 
 
-def _numbers(place: Place, table: dict[str, Any], key: str, limits: Range) -> Any:
+def _numbers(place: TableKey, table: dict[str, Any], key: str, limits: Range) -> Any:
     """A number or list of numbers, ``None`` where there is none; angles also in degrees."""
     in_degrees = f"{key.removesuffix('_rad')}_deg"
     if key.endswith("_rad") and in_degrees in table:
@@ -275,14 +275,14 @@ def _numbers(place: Place, table: dict[str, Any], key: str, limits: Range) -> An
     return [_number(place, {f"{key}[{n}]": item}, f"{key}[{n}]", limits, 0.0) for n, item in enumerate(items, 1)]
 
 
-def _number(place: Place, table: dict[str, Any], key: str, limits: Range, absent: float) -> float:
+def _number(place: TableKey, table: dict[str, Any], key: str, limits: Range, absent: float) -> float:
     value, (low, high) = table.get(key, absent), limits
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise place.at(key).refuse(f"a number from {low:g} to {high:g}", repr(value)[:60])
     return float(value)
 
 
-def _sensors(place: Place, table: object, base: VehicleSensors) -> VehicleSensors:
+def _sensors(place: TableKey, table: object, base: VehicleSensors) -> VehicleSensors:
     sensors = fill_config(VehicleSensors, place, table, base=base)
     _hold(place, sensors, _SENSORS)
     if sensors.gnss_hz > sensors.record_hz or abs(100.0 / sensors.record_hz % 1.0) > 1e-9:
@@ -291,7 +291,7 @@ def _sensors(place: Place, table: object, base: VehicleSensors) -> VehicleSensor
     return sensors
 
 
-def _hold(place: Place, config: object, ranges: dict[str, Range]) -> None:
+def _hold(place: TableKey, config: object, ranges: dict[str, Range]) -> None:
     """Hold every number of a dataclass to its range, those without one to be no less than 0."""
     for name, value in vars(config).items():
         low, high = ranges.get(name, _NON_NEGATIVE)

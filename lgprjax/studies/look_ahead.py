@@ -11,8 +11,8 @@ from lgprjax.errors import InputError
 from lgprjax.studies.logs import Figure, Outcome, Task, refuse_options
 from lgprjax.tuning.look_ahead import (
     GradientConfig,
-    Judged,
-    Trials,
+    LookAheadCosts,
+    TrialCourses,
     TunedLookAhead,
     TunedVehicle,
     sweep_look_ahead,
@@ -57,11 +57,11 @@ class LookAheadStudy(NamedTuple):
         swept: error, oscillation and margin on them.
     """
 
-    trials: Trials
+    trials: TrialCourses
     tuned: TunedLookAhead
     look_ahead_m: np.ndarray
     speed_mps: np.ndarray
-    swept: Judged
+    swept: LookAheadCosts
 
 
 def study_look_ahead(task: Task) -> Outcome:
@@ -106,16 +106,16 @@ def _vehicle(task: Task, supply_v: float | None) -> TunedVehicle:
     return TunedVehicle(chassis, servo, jnp.float32(volts))
 
 
-def _sweep(vehicle: TunedVehicle, trials: Trials, look_m: np.ndarray, speeds_mps: np.ndarray) -> Judged:
+def _sweep(vehicle: TunedVehicle, trials: TrialCourses, look_m: np.ndarray, speeds_mps: np.ndarray) -> LookAheadCosts:
     """The surface over look-aheads and speeds, a few speeds at a time."""
     parts = [
         sweep_look_ahead(vehicle, replace(trials, speeds_mps=tuple(some.tolist())), look_m.tolist())
         for some in np.split(speeds_mps, _SWEEPS)
     ]
-    return Judged(*(jnp.concatenate(fields, axis=-1) for fields in zip(*parts, strict=True)))
+    return LookAheadCosts(*(jnp.concatenate(fields, axis=-1) for fields in zip(*parts, strict=True)))
 
 
-def _trials(options: dict[str, Any]) -> Trials:
+def _trials(options: dict[str, Any]) -> TrialCourses:
     way_m = 1.2 * options["duration_s"] * max(options["speeds_mps"]) + 20.0
     radius_m = options["arc_radius_m"]
     # One arc will do: offsets to both sides of it are what arcs to both sides would show.
@@ -124,7 +124,7 @@ def _trials(options: dict[str, Any]) -> Trials:
         "arc": lambda: arc_course(radius_m, 2.0 * np.pi),
         "curve": lambda: clothoid_course(radius_m, 0.5 * np.pi, 0.5 * radius_m, straight_m=0.5 * way_m),
     }
-    return Trials(
+    return TrialCourses(
         paths=tuple(courses[name]() for name in options["courses"]),
         speeds_mps=tuple(options["speeds_mps"]),
         offsets_m=tuple(options["offsets_m"]),

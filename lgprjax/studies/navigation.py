@@ -20,7 +20,7 @@ from lgprjax.navigation import (
     GnssObservation,
     HeadingObservation,
     LgprObservation,
-    Motion,
+    MotionInput,
     NavEstimate,
     Observations,
     OdometerObservation,
@@ -100,7 +100,7 @@ def tick_drive(
     variance = np.full(count, 2.0 * (odometer_sigma_m / tick_s) ** 2)
     odometer = OdometerObservation(_single(speed), _single(variance), jnp.ones(count, bool))
     start = VehiclePose(*(jnp.float32(value) for value in place[begin]))
-    motions = Motion(_single(rate), _single(np.full(count, tick_s)))
+    motions = MotionInput(_single(rate), _single(np.full(count, tick_s)))
     drive = NavigationDrives(start, jnp.float32(speed[0]), motions, Observations(gnss, heading, odometer, lgpr))
     truth = None
     if log.truth is not None:
@@ -212,7 +212,7 @@ _OPTIONS = ("tick_s", "odometer_sigma_m", "enter_strength", "stay_strength", "ho
 _DEFAULTS = (0.1, 0.002, 0.6, 0.5, 1.0)
 
 
-class Judged(NamedTuple):
+class JudgedDrive(NamedTuple):
     """A drive by the model found; poses in metres and radians, one row a tick.
 
     Attributes:
@@ -237,7 +237,7 @@ class FusionStudy(NamedTuple):
     """For pictures: the fit, and the drives by it; those held out, or those fitted where none are."""
 
     fit: FusionFit
-    judged: tuple[Judged, ...]
+    judged: tuple[JudgedDrive, ...]
 
 
 def study_fusion(task: Task) -> Outcome:
@@ -284,7 +284,7 @@ def _ticked(drive: LoggedDrive, tick_s: float, odometer_m: float) -> TickedDrive
     return tick_drive(log, drive.path, fixes, tick_s=tick_s, odometer_sigma_m=odometer_m)
 
 
-def _judge(model: FilterModel, settings: SwitchSettings, drive: LoggedDrive, ticked: TickedDrive) -> Judged:
+def _judge(model: FilterModel, settings: SwitchSettings, drive: LoggedDrive, ticked: TickedDrive) -> JudgedDrive:
     padded = stack_drives([ticked])
     estimates, info = jax.tree.map(lambda leaf: leaf[0], filter_drives(model, default_rules(), padded))
     lane = jax.tree.map(lambda leaf: leaf[0], padded)
@@ -295,7 +295,7 @@ def _judge(model: FilterModel, settings: SwitchSettings, drive: LoggedDrive, tic
     driven = slice(len(ticked.time_s))
     estimates, smoothed, info = jax.tree.map(lambda leaf: leaf[driven], (estimates, smoothed, info))
     poses = np.stack([np.asarray(part, np.float64)[driven] for part in switched], axis=1)
-    return Judged(drive.path.name, ticked.time_s, info, estimates, smoothed, poses, ticked.truth)
+    return JudgedDrive(drive.path.name, ticked.time_s, info, estimates, smoothed, poses, ticked.truth)
 
 
 @jax.jit
@@ -321,7 +321,7 @@ def _switch(settings: SwitchSettings, drive: NavigationDrives, strength: jax.Arr
     return poses
 
 
-def _figures(name: str, judged: Judged) -> list[Figure]:
+def _figures(name: str, judged: JudgedDrive) -> list[Figure]:
     nis = mean_nis(jax.tree.map(lambda leaf: leaf[None], judged.info))
     figures = [Figure(f"{name}: NIS of {source}", value, "") for source, value in nis.items()]
     shut_out = np.asarray(judged.info.offered & ~judged.info.accepted).sum(axis=0)

@@ -337,7 +337,7 @@ _NEARER = (1.0 / 16.0, 0.25, 1.0)
 _POINTS = 256
 
 
-class Places(NamedTuple):
+class StationPositions(NamedTuple):
     """Where stations stand.
 
     Attributes:
@@ -351,7 +351,7 @@ class Places(NamedTuple):
     drive: Int[np.ndarray, " scan"]
 
 
-class Stretches(NamedTuple):
+class StationRuns(NamedTuple):
     """Consecutive stations of one baseline, up to sixteen, without a gap.
 
     Attributes:
@@ -365,7 +365,7 @@ class Stretches(NamedTuple):
     reach_m: Float[np.ndarray, " stretch"]
 
 
-def stretches_of(place_m: Float[np.ndarray, "scan 2"], drive: Int[np.ndarray, " scan"], first: int = 0) -> Stretches:
+def stretches_of(place_m: Float[np.ndarray, "scan 2"], drive: Int[np.ndarray, " scan"], first: int = 0) -> StationRuns:
     """Consecutive stations in stretches.
 
     Args:
@@ -384,7 +384,7 @@ def stretches_of(place_m: Float[np.ndarray, "scan 2"], drive: Int[np.ndarray, " 
     chord_m = np.stack([place_m[starts], place_m[ends - 1]], axis=1)
     middle_m = np.repeat(chord_m.mean(axis=1), ends - starts, axis=0)
     apart_m = np.hypot(*(place_m - middle_m).T)
-    return Stretches(first + starts, chord_m, np.maximum.reduceat(apart_m, starts))
+    return StationRuns(first + starts, chord_m, np.maximum.reduceat(apart_m, starts))
 
 
 class StationPlaces:
@@ -396,7 +396,9 @@ class StationPlaces:
         read: places of the stations with these rising numbers.
     """
 
-    def __init__(self, stretches: Stretches, stations: int, read: Callable[[Int[np.ndarray, " scan"]], Places]) -> None:
+    def __init__(
+        self, stretches: StationRuns, stations: int, read: Callable[[Int[np.ndarray, " scan"]], StationPositions]
+    ) -> None:
         self.stretches = stretches
         self._bounds = np.append(stretches.first, stations)
         self._middle_m = stretches.chord_m.mean(axis=1)
@@ -405,18 +407,18 @@ class StationPlaces:
         self._read = read
 
     @staticmethod
-    def held(places: Places) -> "StationPlaces":
+    def held(places: StationPositions) -> "StationPlaces":
         """Places that are in memory."""
         stretches = stretches_of(places.pose[:, :2], places.drive)
         return StationPlaces(
-            stretches, len(places.pose), lambda stations: Places(*(field[stations] for field in places))
+            stretches, len(places.pose), lambda stations: StationPositions(*(field[stations] for field in places))
         )
 
     def __len__(self) -> int:
         """Stations of the map."""
         return int(self._bounds[-1])
 
-    def read(self, stations: Int[np.ndarray, " scan"]) -> Places:
+    def read(self, stations: Int[np.ndarray, " scan"]) -> StationPositions:
         """Places of the stations with these rising numbers."""
         return self._read(stations)
 

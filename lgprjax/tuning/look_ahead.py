@@ -46,7 +46,7 @@ class TunedVehicle(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Trials:
+class TrialCourses:
     """Courses, and what is driven on each: every speed from every offset. Compiled in: one object, one compile.
 
     Attributes:
@@ -70,7 +70,7 @@ class Trials:
     longest_delay_s: float = 0.2
 
 
-class Judged(NamedTuple):
+class LookAheadCosts(NamedTuple):
     """A look-ahead at each speed, means over courses and offsets.
 
     Attributes:
@@ -88,7 +88,7 @@ class Judged(NamedTuple):
     margin_rad: Float[Array, "*look speed"]
 
 
-def judge(vehicle: TunedVehicle, trials: Trials, schedule: LookAhead) -> Judged:
+def judge(vehicle: TunedVehicle, trials: TrialCourses, schedule: LookAhead) -> LookAheadCosts:
     """Drive all trials with a look-ahead, or with many: fields of ``schedule`` are scalars or one value a look-ahead.
 
     Differentiable in the schedule but for ``cycle_m``.
@@ -120,7 +120,7 @@ def judge(vehicle: TunedVehicle, trials: Trials, schedule: LookAhead) -> Judged:
     mean: RolloutMetrics = jax.tree.map(
         lambda *fields: jnp.mean(jnp.stack(fields).reshape(len(fields), *shape), axis=(0, -1)), *found
     )
-    return Judged(
+    return LookAheadCosts(
         mean.rms_m + trials.effort_m2 * mean.effort_radpm,
         mean.rms_m,
         mean.cycle_m,
@@ -138,7 +138,7 @@ def margins(vehicle: TunedVehicle, schedule: LookAhead, speed_mps: Float[Array, 
     return phase_margin_rad(ahead, anchor_lead_m(vehicle.chassis), speed, lag_s, vehicle.servo.delay_s)
 
 
-def sweep_look_ahead(vehicle: TunedVehicle, trials: Trials, look_ahead_m: Sequence[float]) -> Judged:
+def sweep_look_ahead(vehicle: TunedVehicle, trials: TrialCourses, look_ahead_m: Sequence[float]) -> LookAheadCosts:
     """The sweep surface (LL figs. 20, 21): every look-ahead at every speed, each the same at all speeds."""
     length = jnp.asarray(look_ahead_m, jnp.float32)
     zero = jnp.zeros_like(length)
@@ -178,7 +178,7 @@ class TunedLookAhead(NamedTuple):
     """
 
     schedule: LookAhead
-    judged: Judged
+    judged: LookAheadCosts
     cost_m: float
     history_m: Float[np.ndarray, " step"]
 
@@ -193,7 +193,7 @@ class _Shape(NamedTuple):
     span: Float[Array, "..."]
 
 
-def tune_look_ahead(vehicle: TunedVehicle, trials: Trials, config: GradientConfig = _USUAL) -> TunedLookAhead:
+def tune_look_ahead(vehicle: TunedVehicle, trials: TrialCourses, config: GradientConfig = _USUAL) -> TunedLookAhead:
     """Least mean cost over the trials' speeds, with the phase margin asked for at each of them.
 
     The start is read off a coarse sweep; the gradient goes through every step of every drive. What margin is still
@@ -229,7 +229,7 @@ def tune_look_ahead(vehicle: TunedVehicle, trials: Trials, config: GradientConfi
     return TunedLookAhead(schedule, judged, float(jnp.mean(judged.cost_m)), np.array(history))
 
 
-def cost_of(vehicle: TunedVehicle, trials: Trials, schedule: LookAhead) -> Float[Array, "..."]:
+def cost_of(vehicle: TunedVehicle, trials: TrialCourses, schedule: LookAhead) -> Float[Array, "..."]:
     """Mean cost over the speeds; infinite where a margin is missing. What a brute-force search compares."""
     judged = judge(vehicle, trials, schedule)
     enough = jnp.all(judged.margin_rad >= trials.least_margin_rad, axis=-1)
@@ -243,18 +243,18 @@ def schedule_of(shape: _Shape) -> LookAhead:
 
 
 @partial(jax.jit, static_argnums=0)
-def _slope(trials: Trials, vehicle: TunedVehicle, shape: _Shape) -> tuple[Float[Array, ""], _Shape]:
+def _slope(trials: TrialCourses, vehicle: TunedVehicle, shape: _Shape) -> tuple[Float[Array, ""], _Shape]:
     """Cost with the penalty, and its gradient."""
     return jax.value_and_grad(lambda free: _penalised(vehicle, trials, free))(shape)
 
 
-def _penalised(vehicle: TunedVehicle, trials: Trials, shape: _Shape) -> Float[Array, ""]:
+def _penalised(vehicle: TunedVehicle, trials: TrialCourses, shape: _Shape) -> Float[Array, ""]:
     judged = judge(vehicle, trials, schedule_of(shape))
     missing = jnp.maximum(trials.least_margin_rad - judged.margin_rad, 0.0)
     return jnp.mean(judged.cost_m) + _PENALTY_M * jnp.mean(missing)
 
 
-def _first(vehicle: TunedVehicle, trials: Trials) -> _Shape:
+def _first(vehicle: TunedVehicle, trials: TrialCourses) -> _Shape:
     """Least cost at each speed of a coarse sweep, as a schedule from the slowest speed to the fastest."""
     swept = sweep_look_ahead(vehicle, trials, _FIRST_M.tolist())
     enough = np.asarray(swept.margin_rad) >= trials.least_margin_rad
@@ -269,7 +269,7 @@ def _first(vehicle: TunedVehicle, trials: Trials) -> _Shape:
     return _Shape(*(jnp.float32(np.log(number)) for number in numbers))
 
 
-def _long_enough(vehicle: TunedVehicle, trials: Trials, schedule: LookAhead) -> LookAhead:
+def _long_enough(vehicle: TunedVehicle, trials: TrialCourses, schedule: LookAhead) -> LookAhead:
     """The schedule lengthened by the least factor of a fine ladder that leaves every margin."""
     factors = jnp.asarray(np.geomspace(1.0, 4.0, 400), jnp.float32)
     longer = LookAhead(

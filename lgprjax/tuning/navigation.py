@@ -26,7 +26,7 @@ from lgprjax.navigation.counter_steer_filter import (
     weigh,
 )
 from lgprjax.navigation.counter_steer_model import FilterModel, NavEstimate
-from lgprjax.navigation.observations import GNSS, HEADING, LGPR, ODOMETER, SOURCES, GateRules, Motion, Observations
+from lgprjax.navigation.observations import GNSS, HEADING, LGPR, ODOMETER, SOURCES, GateRules, MotionInput, Observations
 from lgprjax.tuning.arcs import serial_memory
 from lgprjax.tuning.robust import Estimate, NotExcitedError, student_95
 from lgprjax.vehicle import VehiclePose
@@ -53,7 +53,7 @@ class NavigationDrives(NamedTuple):
 
     start: VehiclePose
     speed_mps: Float[Array, " drive"]
-    motions: Motion
+    motions: MotionInput
     observations: Observations
 
 
@@ -100,7 +100,7 @@ def _slopes(
 
 
 def _log_likelihood(model: FilterModel, drive: NavigationDrives) -> Float[Array, " tick"]:
-    def step(estimate: NavEstimate, tick: tuple[Motion, Observations]) -> tuple[NavEstimate, Float[Array, ""]]:
+    def step(estimate: NavEstimate, tick: tuple[MotionInput, Observations]) -> tuple[NavEstimate, Float[Array, ""]]:
         motion, seen = tick
         estimate = predict(model, estimate, motion)
         total = jnp.float32(0.0)

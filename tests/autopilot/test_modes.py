@@ -10,14 +10,14 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from lgprjax.autopilot import (
     Action,
     Check,
+    EngagementInhibit,
     Event,
     Fault,
-    Happening,
+    MeasuredSpeed,
     Mode,
+    ModeEvent,
     ModeState,
-    Motion,
-    Place,
-    Refusal,
+    PathOffset,
     operator_drives,
     step_modes,
 )
@@ -41,7 +41,7 @@ def after(*events: Event, start: ModeState | None = None, time_s: float = 0.0) -
     state = start or ModeState()
     actions: tuple[Action, ...] = ()
     for event in events:
-        state, actions = step_modes(state, Happening(event, time_s))
+        state, actions = step_modes(state, ModeEvent(event, time_s))
     return state, actions
 
 
@@ -67,7 +67,7 @@ def test_from_boot_to_a_driven_speed_and_back() -> None:
     ]
     state = ModeState()
     for time_s, (event, mode, actions) in enumerate(course):
-        state, found = step_modes(state, Happening(event, float(time_s)))
+        state, found = step_modes(state, ModeEvent(event, float(time_s)))
         assert (state.mode, found) == (mode, actions), event
 
 
@@ -161,11 +161,11 @@ WATCHED = [
 def test_a_watched_process_may_fail_twice_a_minute(died: Event, back: Event, relaunch: Action, fault: Fault) -> None:
     state, _ = after(*TO_SPEED)
     for time_s in (10.0, 40.0, 70.5, 100.7):  # never three within 60 s
-        state, actions = step_modes(state, Happening(died, time_s))
+        state, actions = step_modes(state, ModeEvent(died, time_s))
         assert (state.mode, actions) == (Mode.SPEED, (relaunch, Action.WARN))
         others = [other for other, *_ in WATCHED if other is not died]
         assert after(*others, start=state, time_s=time_s)[0].mode is Mode.SPEED
-    state, actions = step_modes(state, Happening(died, 130.4))
+    state, actions = step_modes(state, ModeEvent(died, 130.4))
     assert state.mode is Mode.ERROR
     assert state.faults == fault
     assert relaunch in actions
@@ -175,7 +175,7 @@ def test_a_watched_process_may_fail_twice_a_minute(died: Event, back: Event, rel
 
 def test_failed_checks_are_an_error_until_they_pass() -> None:
     state, _ = after(*TO_READY)
-    state, _ = step_modes(state, Happening(Event.CHECKS_FAILED, 0.0, Check.BRAKE))
+    state, _ = step_modes(state, ModeEvent(Event.CHECKS_FAILED, 0.0, Check.BRAKE))
     assert (state.mode, state.failed_check, state.faults) == (Mode.ERROR, Check.BRAKE, Fault.CHECKS)
     state, actions = after(*REARM[:1], start=state)
     assert (state.mode, actions) == (Mode.ERROR, (Action.RELEASE_ACTUATORS, Action.RUN_CHECKS))
@@ -197,61 +197,61 @@ def test_an_emergency_stop_needs_release_override_and_checks() -> None:
 
 def test_a_button_held_at_boot_engages_nothing() -> None:
     held = after(Event.OVERRIDE_PRESSED, *TO_READY, Event.STEERING_BUTTON)[0]
-    assert (held.mode, held.refusal) == (Mode.MANUAL, Refusal.OVERRIDE_STUCK)
+    assert (held.mode, held.refusal) == (Mode.MANUAL, EngagementInhibit.OVERRIDE_STUCK)
     # Coming free arms nothing; a press of its own does.
     free = after(Event.OVERRIDE_RELEASED, Event.STEERING_BUTTON, start=held)[0]
-    assert (free.mode, free.refusal) == (Mode.MANUAL, Refusal.NOT_READY)
+    assert (free.mode, free.refusal) == (Mode.MANUAL, EngagementInhibit.NOT_READY)
     assert after(*REARM, Event.STEERING_BUTTON, start=free)[0].mode is Mode.STEERING
     stopped = after(Event.ESTOP_PRESSED, *TO_READY, Event.STEERING_BUTTON)[0]
-    assert (stopped.mode, stopped.refusal) == (Mode.EMERGENCY_STOP, Refusal.ESTOP)
+    assert (stopped.mode, stopped.refusal) == (Mode.EMERGENCY_STOP, EngagementInhibit.ESTOP)
 
 
 def test_a_button_held_too_long_is_stuck() -> None:
     state, _ = after(*TO_READY, Event.OVERRIDE_PRESSED, time_s=5.0)
-    held, actions = step_modes(state, Happening(Event.TICK, 15.0))
+    held, actions = step_modes(state, ModeEvent(Event.TICK, 15.0))
     assert (held.override_stuck, actions) == (False, ())
-    held, actions = step_modes(state, Happening(Event.TICK, 15.01))
+    held, actions = step_modes(state, ModeEvent(Event.TICK, 15.01))
     assert (held.override_stuck, actions) == (True, (Action.WARN,))
-    assert step_modes(held, Happening(Event.TICK, 16.0))[1] == ()
+    assert step_modes(held, ModeEvent(Event.TICK, 16.0))[1] == ()
     # Told again while it is down, it was pressed when it was.
-    again, _ = step_modes(state, Happening(Event.OVERRIDE_PRESSED, 14.0))
-    assert step_modes(again, Happening(Event.TICK, 15.01))[0].override_stuck
+    again, _ = step_modes(state, ModeEvent(Event.OVERRIDE_PRESSED, 14.0))
+    assert step_modes(again, ModeEvent(Event.TICK, 15.01))[0].override_stuck
 
 
 @pytest.mark.parametrize(
     ("events", "refusal"),
     [
-        ((Event.ROUTE_OFF,), Refusal.OFF_ROUTE),
-        ((Event.ROUTE_WRONG_HEADING,), Refusal.WRONG_HEADING),
-        ((Event.ROUTE_AMBIGUOUS,), Refusal.AMBIGUOUS),
-        ((Event.ROUTE_GONE,), Refusal.NO_PATH),
-        ((Event.TOO_FAST,), Refusal.TOO_FAST),
-        ((Event.BRAKE_TAPPED,), Refusal.BRAKE_PRESSED),
-        ((Event.BRAKE_HELD,), Refusal.BRAKE_PRESSED),
-        ((Event.SOURCE_MISSING,), Refusal.SOURCE_MISSING),
-        ((Event.HEALTH_STOP,), Refusal.HEALTH),
-        ((Event.STEERING_BUTTON, Event.STEERING_TORQUE), Refusal.NOT_READY),
-        ((Event.ERROR_RAISED,), Refusal.NOT_READY),
-        ((Event.ERROR_RAISED, Event.ERROR_CLEARED, Event.OVERRIDE_PRESSED), Refusal.OVERRIDE_PRESSED),
-        ((Event.CHECKS_FAILED,), Refusal.CHECKS),
-        ((Event.ESTOP_PRESSED, Event.ESTOP_RELEASED), Refusal.ESTOP),
+        ((Event.ROUTE_OFF,), EngagementInhibit.OFF_ROUTE),
+        ((Event.ROUTE_WRONG_HEADING,), EngagementInhibit.WRONG_HEADING),
+        ((Event.ROUTE_AMBIGUOUS,), EngagementInhibit.AMBIGUOUS),
+        ((Event.ROUTE_GONE,), EngagementInhibit.NO_PATH),
+        ((Event.TOO_FAST,), EngagementInhibit.TOO_FAST),
+        ((Event.BRAKE_TAPPED,), EngagementInhibit.BRAKE_PRESSED),
+        ((Event.BRAKE_HELD,), EngagementInhibit.BRAKE_PRESSED),
+        ((Event.SOURCE_MISSING,), EngagementInhibit.SOURCE_MISSING),
+        ((Event.HEALTH_STOP,), EngagementInhibit.HEALTH),
+        ((Event.STEERING_BUTTON, Event.STEERING_TORQUE), EngagementInhibit.NOT_READY),
+        ((Event.ERROR_RAISED,), EngagementInhibit.NOT_READY),
+        ((Event.ERROR_RAISED, Event.ERROR_CLEARED, Event.OVERRIDE_PRESSED), EngagementInhibit.OVERRIDE_PRESSED),
+        ((Event.CHECKS_FAILED,), EngagementInhibit.CHECKS),
+        ((Event.ESTOP_PRESSED, Event.ESTOP_RELEASED), EngagementInhibit.ESTOP),
     ],
 )
-def test_engaging_is_refused_with_its_reason(events: tuple[Event, ...], refusal: Refusal) -> None:
+def test_engaging_is_refused_with_its_reason(events: tuple[Event, ...], refusal: EngagementInhibit) -> None:
     state, actions = after(*TO_READY, *events, Event.STEERING_BUTTON)
     assert operator_drives(state)
     assert (state.refusal, actions) == (refusal, (Action.WARN,))
 
 
 def test_before_the_checks_nothing_engages_and_speed_needs_steering() -> None:
-    assert after(*TO_READY[2:], Event.STEERING_BUTTON)[0].refusal is Refusal.CHECKS
-    assert after(*TO_READY, Event.CRUISE_PLUS)[0].refusal is Refusal.NOT_STEERING
-    assert after(*TO_READY[:3], Event.STEERING_BUTTON)[0].refusal is Refusal.SOURCE_MISSING
+    assert after(*TO_READY[2:], Event.STEERING_BUTTON)[0].refusal is EngagementInhibit.CHECKS
+    assert after(*TO_READY, Event.CRUISE_PLUS)[0].refusal is EngagementInhibit.NOT_STEERING
+    assert after(*TO_READY[:3], Event.STEERING_BUTTON)[0].refusal is EngagementInhibit.SOURCE_MISSING
     # The reason is gone once a button has engaged something.
     state, _ = after(*TO_READY, Event.CRUISE_PLUS, Event.STEERING_BUTTON)
-    assert (state.mode, state.refusal) == (Mode.STEERING, Refusal.NONE)
+    assert (state.mode, state.refusal) == (Mode.STEERING, EngagementInhibit.NONE)
     state, _ = after(Event.BRAKE_TAPPED, Event.CRUISE_PLUS, start=state)
-    assert (state.mode, state.refusal) == (Mode.STEERING, Refusal.BRAKE_PRESSED)
+    assert (state.mode, state.refusal) == (Mode.STEERING, EngagementInhibit.BRAKE_PRESSED)
 
 
 @pytest.mark.parametrize(
@@ -267,7 +267,7 @@ def test_a_controlled_stop_ends_standing_in_manual(engaged: tuple[Event, ...], l
     again, actions = after(lost, Event.HEALTH_GOOD, Event.ROUTE_NEAR, Event.MOVING, start=state)
     assert (again.stopping, actions) == (True, ())
     refused = after(Event.CRUISE_PLUS, start=again)[0]
-    assert (refused.refusal, refused.mode) == (Refusal.STOPPING, state.mode)
+    assert (refused.refusal, refused.mode) == (EngagementInhibit.STOPPING, state.mode)
     ended, actions = after(Event.STANDING, start=again)
     assert (ended.mode, ended.stopping) == (Mode.MANUAL, False)
     assert Action.RELEASE_ACTUATORS in actions
@@ -290,7 +290,7 @@ def test_standing_already_a_stop_is_over_at_once() -> None:
 @pytest.mark.parametrize("time_s", [-1e9, 0.0, math.nan, math.inf, -math.inf])
 def test_time_never_runs_back_nor_away(time_s: float) -> None:
     state, _ = after(*TO_SPEED, time_s=100.0)
-    state, _ = step_modes(state, Happening(Event.TICK, time_s))
+    state, _ = step_modes(state, ModeEvent(Event.TICK, time_s))
     assert state.time_s == 100.0
 
 
@@ -319,7 +319,7 @@ class AnyDrive(RuleBasedStateMachine):
     def tell(self, event: Event) -> None:
         before = self.state
         was_held = self.pressed_s is not None and self.time_s - self.pressed_s > 10.0
-        self.state, actions = step_modes(before, Happening(event, self.time_s))
+        self.state, actions = step_modes(before, ModeEvent(event, self.time_s))
         assert self.state.mode in mode_of_diagram(before.mode, event)
         engages = {Action.ENGAGE_STEERING, Action.ENGAGE_SPEED} & set(actions)
         if engages:
@@ -383,5 +383,5 @@ TestAnyDrive.settings = settings(max_examples=100, stateful_step_count=60, deadl
 
 def test_what_a_new_state_knows_engages_nothing() -> None:
     fresh = ModeState()
-    assert (fresh.place, fresh.motion, fresh.mode) == (Place.NO_PATH, Motion.UNKNOWN, Mode.BOOT)
+    assert (fresh.place, fresh.motion, fresh.mode) == (PathOffset.NO_PATH, MeasuredSpeed.UNKNOWN, Mode.BOOT)
     assert operator_drives(fresh)

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from lgprjax.autopilot.modes import Event
 from lgprjax.autopilot.monitors import Watch
-from lgprjax.autopilot.operator_monitors import ButtonState, Hands, step_buttons
+from lgprjax.autopilot.operator_monitors import ButtonState, OperatorContact, step_buttons
 
 REST = 2
 """controller_status.buttons with nothing pressed: the override's second contact is closed."""
 PRESSED = 1
-FREE = Hands(0.0, False)
+FREE = OperatorContact(0.0, False)
 
 
 def after(
@@ -22,7 +22,7 @@ def after(
     state: ButtonState | None = None,
     *,
     age_s: float = 0.01,
-    hands: Hands = FREE,
+    hands: OperatorContact = FREE,
     engaged: bool = False,
 ) -> tuple[ButtonState, list[list[Event]], Watch]:
     """State, events tick by tick, and the last findings."""
@@ -124,37 +124,37 @@ def test_the_emergency_stop_acts_at_once_and_held_at_the_start_too() -> None:
 @pytest.mark.parametrize("by_controller", [False, True])
 def test_the_brake_is_tapped_held_and_let_go(by_controller: bool) -> None:
     buttons = (REST | 64,) if by_controller else (REST,)
-    hands = FREE if by_controller else Hands(0.0, True)
+    hands = FREE if by_controller else OperatorContact(0.0, True)
     state, events, _ = after([buttons] * 40, at_rest(), hands=hands)
     assert events[0] == [Event.BRAKE_TAPPED]
     assert events[24] == [Event.BRAKE_HELD]
     assert sum(len(found) for found in events) == 2
     state, events, _ = after([(REST,), (REST,)], state)
     assert events == [[], [Event.BRAKE_RELEASED]]
-    assert after([(REST,)], state, hands=Hands(0.0, True))[1] == [[Event.BRAKE_TAPPED]]
+    assert after([(REST,)], state, hands=OperatorContact(0.0, True))[1] == [[Event.BRAKE_TAPPED]]
 
 
 @pytest.mark.parametrize("torque_nm", [4.5, -9.0, math.inf])
 def test_torque_takes_the_vehicle_within_three_ticks(torque_nm: float) -> None:
-    _, events, bits = after([(REST,)] * 6, at_rest(), hands=Hands(torque_nm, False))
+    _, events, bits = after([(REST,)] * 6, at_rest(), hands=OperatorContact(torque_nm, False))
     assert events == [[], [], [Event.STEERING_TORQUE], [], [], []]
     assert bits == Watch(0)
 
 
 def test_hands_that_stay_on_the_wheel_take_what_is_engaged_then() -> None:
-    state, _, _ = after([(REST,)] * 6, at_rest(), hands=Hands(5.0, False))
-    assert after([(REST,)], state, hands=Hands(3.0, False), engaged=True)[1] == [[Event.STEERING_TORQUE]]
-    assert after([(REST,)], state, hands=Hands(2.0, False), engaged=True)[1] == [[]]
+    state, _, _ = after([(REST,)] * 6, at_rest(), hands=OperatorContact(5.0, False))
+    assert after([(REST,)], state, hands=OperatorContact(3.0, False), engaged=True)[1] == [[Event.STEERING_TORQUE]]
+    assert after([(REST,)], state, hands=OperatorContact(2.0, False), engaged=True)[1] == [[]]
 
 
 def test_a_torque_that_is_no_number_takes_the_vehicle_and_is_found() -> None:
-    _, events, bits = after([(REST,)] * 3, at_rest(), hands=Hands(math.nan, False))
+    _, events, bits = after([(REST,)] * 3, at_rest(), hands=OperatorContact(math.nan, False))
     assert events == [[], [], [Event.STEERING_TORQUE]]
     assert bits == Watch.TORQUE_UNREAD
 
 
 def test_a_light_hand_takes_nothing() -> None:
-    assert after([(REST,)] * 20, at_rest(), hands=Hands(3.9, False))[1] == [[]] * 20
+    assert after([(REST,)] * 20, at_rest(), hands=OperatorContact(3.9, False))[1] == [[]] * 20
 
 
 @settings(max_examples=60, deadline=None)

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from lgprjax.autopilot.monitors import Watch
-from lgprjax.autopilot.position_monitors import HeadingCheck, HeadingWatchState, Position, step_heading_watch
+from lgprjax.autopilot.position_monitors import HeadingCheck, HeadingWatchState, MonitoredPosition, step_heading_watch
 
 COURSE = 2.9
 """Near π, where angles wrap."""
@@ -27,7 +27,9 @@ def drive(
         position = None
         if tick >= 2 and tick % 7 == 0:
             at_m = 0.02 * (tick - 2) + (leap_m if tick > ticks // 2 else 0.0)
-            position = Position(0.02 * (tick - 2), 500.0 + at_m * math.cos(COURSE), at_m * math.sin(COURSE), sigma_m)
+            position = MonitoredPosition(
+                0.02 * (tick - 2), 500.0 + at_m * math.cos(COURSE), at_m * math.sin(COURSE), sigma_m
+            )
         state, bits = step_heading_watch(
             state,
             time_s=0.02 * tick,

@@ -26,7 +26,7 @@ from lgprjax.autopilot.monitors import (
     proportional_rear,
     yaw_gain,
 )
-from lgprjax.autopilot.position_monitors import OdometerWatchState, Position, step_odometer_watch
+from lgprjax.autopilot.position_monitors import MonitoredPosition, OdometerWatchState, step_odometer_watch
 
 WHEEL = WheelBelief(linear_wheel_map(2.5, -2.0, 0.5), 10_000.0, 0.5, 0.15, 0.5, 0.06, 0.003, 0.005, 24.0, 10.0)
 PEDALS = PedalsBelief(PedalBelief(0.1, 0.05, 3.0, 0.6), PedalBelief(0.2, 0.06, 6.0, 0.25), 0.15, 0.03)
@@ -105,7 +105,7 @@ def odometer(ticks: int, *, gnss_mps: float, told_mps: float, thrust_mps2: float
     state, bits = OdometerWatchState(), Watch(0)
     for tick in range(ticks):
         at_s = 0.02 * tick
-        position = Position(at_s, gnss_mps * at_s + (jump_m if tick > 70 else 0.0), 0.0, 0.01)
+        position = MonitoredPosition(at_s, gnss_mps * at_s + (jump_m if tick > 70 else 0.0), 0.0, 0.01)
         state, bits = step_odometer_watch(
             state,
             time_s=at_s,

@@ -18,8 +18,8 @@ from lgprjax.autopilot.monitors import Watch, as_watch
 from lgprjax.autopilot.position_monitors import (
     HeadingCheck,
     HeadingWatchState,
+    MonitoredPosition,
     OdometerWatchState,
-    Position,
     step_heading_watch,
     step_odometer_watch,
 )
@@ -38,14 +38,14 @@ class Watches(NamedTuple):
     odometer: OdometerWatchState = OdometerWatchState()
     heading: HeadingWatchState = HeadingWatchState()
     odometer_bits: Watch = Watch(0)
-    late: tuple[Position | None, ...] = ()
+    late: tuple[MonitoredPosition | None, ...] = ()
 
 
 def watch_row(state: Watches, row: Row, tick: int) -> tuple[Watches, Watch]:
     """States and all findings after a tick."""
     wheel, chassis, pedals = believed()
     time_s = tick * TICK_S
-    heard = Position(time_s, row.gnss_x_m, row.gnss_y_m, 0.01) if row.gnss_valid else None
+    heard = MonitoredPosition(time_s, row.gnss_x_m, row.gnss_y_m, 0.01) if row.gnss_valid else None
     late = (*state.late[-GNSS_LATE_TICKS:], heard)
     position = late[0] if len(late) > GNSS_LATE_TICKS else None
     engaged = row.steering > 0.0

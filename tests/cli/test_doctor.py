@@ -11,10 +11,10 @@ from packaging.requirements import Requirement
 from lgprjax.cli import installation as health_of_machine
 from lgprjax.cli import installation as health_of_packages
 from lgprjax.cli.doctor import Doctor
-from lgprjax.cli.installation import Finding
+from lgprjax.cli.installation import InstallationFinding
 
 
-def of(findings: list[Finding], name: str) -> Finding:
+def of(findings: list[InstallationFinding], name: str) -> InstallationFinding:
     return next(finding for finding in findings if finding.name == name)
 
 
@@ -30,7 +30,7 @@ def test_everything_is_well_here(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 def test_a_core_package_of_the_wrong_version_or_missing_is_bad() -> None:
     numpy = metadata.version("numpy")
-    assert health_of_packages._core(Requirement("numpy>=1")) == Finding("numpy", numpy, "good")
+    assert health_of_packages._core(Requirement("numpy>=1")) == InstallationFinding("numpy", numpy, "good")
     old = health_of_packages._core(Requirement("numpy<1"))
     assert (old.verdict, old.advice) == ("bad", 'pip install "numpy<1"')
     assert health_of_packages._core(Requirement("no-such-package-of-anyone>=2")).verdict == "bad"
@@ -46,7 +46,7 @@ def test_an_extra_is_there_absent_or_of_the_wrong_version() -> None:
 
 
 def test_names_in_brackets_are_shown(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    found = [Finding("[onboard]", "[/lost] of [these]", "absent")]
+    found = [InstallationFinding("[onboard]", "[/lost] of [these]", "absent")]
     monkeypatch.setattr(health_of_packages, "look_at_packages", lambda: found)
     assert Doctor().run() == 0
     told = capsys.readouterr().out

@@ -15,7 +15,7 @@ import pytest
 from lgprjax.cli import main
 from lgprjax.formats import VehicleLog, read_run
 from lgprjax.process_cost import count_compiles
-from lgprjax.runtime.messages import Kind, unpack
+from lgprjax.runtime.messages import RecordKind, unpack
 
 ROOT = Path(__file__).resolve().parents[2]
 CODE = "import sys; from lgprjax.cli import main; main(sys.argv[1:])"
@@ -76,7 +76,7 @@ def test_nothing_is_compiled_once_a_process_is_ready(
     driven: tuple[Path, subprocess.CompletedProcess[str]],
 ) -> None:
     events = [unpack(data) for _, data in read_run(driven[0])]
-    told = [event.payload.decode() for event in events if event.kind is Kind.EVENT]
+    told = [event.payload.decode() for event in events if event.kind is RecordKind.EVENT]
     assert any('"ready": "registration"' in text for text in told)
     assert not [text for text in told if "compiled" in text]
 

@@ -7,7 +7,7 @@ import pytest
 
 from cli.test_run import ROOT, lgprjax
 from lgprjax.formats import read_cover_plan, read_run
-from lgprjax.runtime.messages import Kind, unpack
+from lgprjax.runtime.messages import RecordKind, unpack
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def test_a_field_is_driven_recorded_and_replayed_to_the_same_frames(field: Path)
     assert found["ticks"] > 300
     folder = next((field.parent / "runs").iterdir())
     kinds = {unpack(data).kind for _, data in read_run(folder)}
-    assert {Kind.COVER, Kind.SKID_PLAN, Kind.PORT_IN, Kind.PORT_OUT} <= kinds
+    assert {RecordKind.COVER, RecordKind.SKID_PLAN, RecordKind.PORT_IN, RecordKind.PORT_OUT} <= kinds
     out = folder / "replayed.json"
     again = lgprjax("run", str(folder / "simulated.run.toml"), "--replay", str(folder), "--json", str(out))
     assert again.returncode == 0, again.stdout + again.stderr

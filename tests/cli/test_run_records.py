@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lgprjax.cli.simulated_run import read_records, timing_of
-from lgprjax.runtime.messages import FIX, PLAN, Kind, Record, Source, pack
+from lgprjax.runtime.messages import FIX, PLAN, Record, RecordKind, Source, pack
 
 MS = 1_000_000
 RADAR_SCAN = bytes([0, 0, 0, 0x12])
@@ -25,29 +25,29 @@ def plan(mode: int, speed_mps: float) -> bytes:
     return row.tobytes()
 
 
-def told() -> list[tuple[Kind, Source, int, float, bytes]]:
+def told() -> list[tuple[RecordKind, Source, int, float, bytes]]:
     """Standing, then engaged, then moving (backwards) as well; kind, source, tick, time in ms, payload."""
     return [
-        (Kind.TICK, Source.CONTROL, 1, 900.0, b""),
-        (Kind.PLAN, Source.CONTROL, 1, 905.0, plan(2, 0.0)),
-        (Kind.PORT_IN, Source.RADAR, 0, 910.0, RADAR_SCAN),
-        (Kind.FIX, Source.REGISTRATION, 0, 930.0, fix(908.0)),
-        (Kind.TICK, Source.CONTROL, 2, 940.0, b""),
-        (Kind.FIX, Source.CONTROL, 2, 941.0, fix(908.0)),
-        (Kind.PLAN, Source.CONTROL, 2, 945.0, plan(4, 0.0)),
-        (Kind.PORT_IN, Source.RADAR, 0, 1010.0, RADAR_SCAN),
-        (Kind.FIX, Source.REGISTRATION, 0, 1026.0, fix(1008.0)),
-        (Kind.TICK, Source.CONTROL, 3, 1060.0, b""),
-        (Kind.FIX, Source.CONTROL, 3, 1061.0, fix(1008.0)),
+        (RecordKind.TICK, Source.CONTROL, 1, 900.0, b""),
+        (RecordKind.PLAN, Source.CONTROL, 1, 905.0, plan(2, 0.0)),
+        (RecordKind.PORT_IN, Source.RADAR, 0, 910.0, RADAR_SCAN),
+        (RecordKind.FIX, Source.REGISTRATION, 0, 930.0, fix(908.0)),
+        (RecordKind.TICK, Source.CONTROL, 2, 940.0, b""),
+        (RecordKind.FIX, Source.CONTROL, 2, 941.0, fix(908.0)),
+        (RecordKind.PLAN, Source.CONTROL, 2, 945.0, plan(4, 0.0)),
+        (RecordKind.PORT_IN, Source.RADAR, 0, 1010.0, RADAR_SCAN),
+        (RecordKind.FIX, Source.REGISTRATION, 0, 1026.0, fix(1008.0)),
+        (RecordKind.TICK, Source.CONTROL, 3, 1060.0, b""),
+        (RecordKind.FIX, Source.CONTROL, 3, 1061.0, fix(1008.0)),
         # Of a tick that was not recorded.
-        (Kind.FIX, Source.CONTROL, 9, 1061.0, fix(1008.0)),
-        (Kind.PLAN, Source.CONTROL, 3, 1062.0, plan(4, -2.0)),
-        (Kind.MONITOR, Source.MONITOR, 3, 1063.0, b'{"rss_mb": {"a": 200.0, "b": null, "c": 100.0}}'),
+        (RecordKind.FIX, Source.CONTROL, 9, 1061.0, fix(1008.0)),
+        (RecordKind.PLAN, Source.CONTROL, 3, 1062.0, plan(4, -2.0)),
+        (RecordKind.MONITOR, Source.MONITOR, 3, 1063.0, b'{"rss_mb": {"a": 200.0, "b": null, "c": 100.0}}'),
     ]
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Kind, Source, int, float, bytes]]:
+def run(monkeypatch: pytest.MonkeyPatch) -> list[tuple[RecordKind, Source, int, float, bytes]]:
     rows = told()
 
     def read(_: Path) -> Iterator[tuple[int, bytes]]:
@@ -72,18 +72,18 @@ def test_times_count_from_the_scan_and_only_while_tracking() -> None:
     np.testing.assert_array_equal(period.milliseconds, records.period_ms)
 
 
-def test_an_older_run_tells_the_same_times(run: list[tuple[Kind, Source, int, float, bytes]]) -> None:
+def test_an_older_run_tells_the_same_times(run: list[tuple[RecordKind, Source, int, float, bytes]]) -> None:
     new = read_records(Path("run"))
     # Its fixes end before the probability of a false match.
-    run[:] = [(*row[:4], row[4][:-4]) if row[0] is Kind.FIX else row for row in run]
+    run[:] = [(*row[:4], row[4][:-4]) if row[0] is RecordKind.FIX else row for row in run]
     old = read_records(Path("run"))
     np.testing.assert_array_equal(old.fix_ms, new.fix_ms)
     np.testing.assert_array_equal(old.command_ms, new.command_ms)
     assert np.isnan(old.fixes["p_false"]).all()
 
 
-def test_a_run_without_a_plan_has_no_time_of_tracking(run: list[tuple[Kind, Source, int, float, bytes]]) -> None:
-    run[:] = [row for row in run if row[0] is not Kind.PLAN]
+def test_a_run_without_a_plan_has_no_time_of_tracking(run: list[tuple[RecordKind, Source, int, float, bytes]]) -> None:
+    run[:] = [row for row in run if row[0] is not RecordKind.PLAN]
     records = read_records(Path("run"))
     assert len(records.fix_ms) == len(records.command_ms) == 0
     assert len(records.period_ms) == 2

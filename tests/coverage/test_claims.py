@@ -25,8 +25,8 @@ from lgprjax.coverage import (
 )
 from lgprjax.coverage.swaths import PatternSettings
 from lgprjax.simulation.field_loop import (
+    FieldLoopSpec,
     FieldMoment,
-    FieldSpec,
     FieldWorld,
     made_up_field_world,
     made_up_tool,
@@ -108,8 +108,8 @@ def work_fields(world: FieldWorld, fields: int, seed: int) -> dict[float, Claims
     course = course_of(LENGTH_M, WIDTH_M, SETTINGS, TOOL)
     grid = grid_of_field(course.field, CELL_M, 0.5)
     inside = inside_cells(course.field, grid)
-    way_m = float(course.route.length_m) + FieldSpec(moments=1).run_up_m
-    spec = FieldSpec(moments=int((way_m / float(world.set_speed_mps) + 40.0) / BY_PERIOD))
+    way_m = float(course.route.length_m) + FieldLoopSpec(moments=1).run_up_m
+    spec = FieldLoopSpec(moments=int((way_m / float(world.set_speed_mps) + 40.0) / BY_PERIOD))
     found: dict[float, list[tuple[float, float, float]]] = {level: [] for level in LEVELS}
     keys = jax.random.split(jax.random.key(seed), fields)
     for first in range(0, fields, LANES):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from lgprjax.coverage.turns import Pose, Turn, dubins_ways, one_handed_turn, poses_along, turn_points
+from lgprjax.coverage.turns import HeadlandTurn, Pose, dubins_ways, one_handed_turn, poses_along, turn_points
 
 ANGLE = st.floats(-math.pi, math.pi)
 PLACE = st.floats(-20.0, 20.0)
@@ -95,10 +95,10 @@ def test_poses_along_pieces_are_those_of_small_steps_and_go_straight_on_beyond(s
 
 
 def test_a_turn_tells_its_length_its_tightest_arc_and_its_points() -> None:
-    turn = Turn(Pose(0.0, 0.0, 0.0), np.array([[1.0, 0.0], [math.pi, 0.5], [2.0, -0.25]]))
+    turn = HeadlandTurn(Pose(0.0, 0.0, 0.0), np.array([[1.0, 0.0], [math.pi, 0.5], [2.0, -0.25]]))
     assert math.isclose(turn.length_m, 3.0 + math.pi)
     assert math.isclose(turn.tightest_radius_m, 2.0)
-    assert Turn(turn.start, turn.pieces[:1]).tightest_radius_m == math.inf
+    assert HeadlandTurn(turn.start, turn.pieces[:1]).tightest_radius_m == math.inf
     points = turn_points(turn, 0.5)
     steps = np.hypot(*np.diff(points, axis=0).T)
     assert steps.max() <= 0.5

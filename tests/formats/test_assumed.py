@@ -13,7 +13,7 @@ from formats.test_grounded import _write_run
 from lgprjax.formats import (
     DriveLog,
     McapAssumed,
-    Place,
+    SurveyOrigin,
     UniformArray,
     assumed_in_words,
     assumed_of,
@@ -28,7 +28,7 @@ from lgprjax.formats import (
 from lgprjax.formats.profile import Quantity
 from vendor_sets import write_cmu, write_gprmax, write_iprb, write_mala_pair, write_segy
 
-HERE, NOWHERE = Place(48.0, 11.0, 30.0), Place(0.0, 0.0, 90.0)
+HERE, NOWHERE = SurveyOrigin(48.0, 11.0, 30.0), SurveyOrigin(0.0, 0.0, 90.0)
 _ARRAY = UniformArray(0.2, 0.5, 0.15)
 _SIGMAS = {"position sigma", "heading sigma"}
 _STRAIGHT = {"time", "speed", "odometry", "position", "heading", "roll", "height"} | _SIGMAS
@@ -39,7 +39,7 @@ def _assumed(path: Path) -> dict[str, str]:
         return assumed_of(log.description.provenance)
 
 
-_IMPORTERS: dict[str, tuple[Callable[[Path, Place, Path], object], set[str]]] = {
+_IMPORTERS: dict[str, tuple[Callable[[Path, SurveyOrigin, Path], object], set[str]]] = {
     "iprb": (lambda folder, place, out: import_iprb(write_iprb(folder), place=place, output=out), _STRAIGHT),
     "segy": (lambda folder, place, out: import_segy(write_segy(folder)[0], place=place, output=out), _STRAIGHT),
     "gprmax": (lambda folder, place, out: import_gprmax(write_gprmax(folder), place=place, output=out), _STRAIGHT),

@@ -8,10 +8,10 @@ import pyproj
 import pytest
 
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, Place, TraceRecording, check_file, import_cmu
+from lgprjax.formats import DriveLog, SurveyOrigin, TraceRecording, check_file, import_cmu
 
 _T0_S = 1613065150.25
-_PLACE = Place(40.4433, -79.9436, 90.0)
+_PLACE = SurveyOrigin(40.4433, -79.9436, 90.0)
 _SAMPLES = 201
 
 
@@ -95,7 +95,7 @@ def test_sequence_by_odometry_alone(tmp_path: Path, absent: bool) -> None:
     amplitudes = _write(tmp_path / "run", truth=False, odometry_name="we_odom_meas.csv")
     if absent:
         (tmp_path / "run" / "ts_meas.csv").unlink()
-    _import(tmp_path / "run", tmp_path / "a.drive.h5", place=Place(40.0, -80.0, 30.0))
+    _import(tmp_path / "run", tmp_path / "a.drive.h5", place=SurveyOrigin(40.0, -80.0, 30.0))
     assert check_file(tmp_path / "a.drive.h5") == []
     with DriveLog.open(tmp_path / "a.drive.h5") as log:
         description = log.description
@@ -133,7 +133,7 @@ def test_bad_sequences_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
     cases: list[tuple[dict[str, bytes | None], dict[str, object], str]] = [
         ({}, {"time_window_ns": 0.0}, "time window: expected a number above zero, found 0"),
         ({}, {"time_zero_ns": float("inf")}, "time zero: expected a number, found inf"),
-        ({}, {"place": Place(0.0, 400.0, 0.0)}, "longitude: expected degrees from -360 to 360, found 400"),
+        ({}, {"place": SurveyOrigin(0.0, 400.0, 0.0)}, "longitude: expected degrees from -360 to 360, found 400"),
         ({"gpr_meas.csv": None}, {}, "gpr_meas.csv: file: expected a readable file, found No such file"),
         ({"we_odom.csv": None}, {}, "we_odom.csv: file: expected a readable file"),
         ({"gpr_meas.csv": b""}, {}, "gpr_meas.csv: rows: expected at least 2, found 0"),

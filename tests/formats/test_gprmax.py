@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, Place, check_file, import_gprmax, read_gprmax
+from lgprjax.formats import DriveLog, SurveyOrigin, check_file, import_gprmax, read_gprmax
 
 _DT_S = 2.3586543367496837e-11
 _SAMPLES = 510
-_PLACE = Place(48.0, 11.0, 0.0)
+_PLACE = SurveyOrigin(48.0, 11.0, 0.0)
 
 
 def _pulse(delay_ns: float, frequency_ghz: float = 0.4, time_ns: np.ndarray | None = None) -> np.ndarray:

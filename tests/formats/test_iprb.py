@@ -8,9 +8,9 @@ import pytest
 from formats.samples import IPRB_TRACES as _TRACES
 from formats.samples import write_iprb
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, Place, TraceRecording, check_file, import_iprb, read_iprb, read_iprb_array
+from lgprjax.formats import DriveLog, SurveyOrigin, TraceRecording, check_file, import_iprb, read_iprb, read_iprb_array
 
-_PLACE = Place(48.0, 11.0, 0.0)
+_PLACE = SurveyOrigin(48.0, 11.0, 0.0)
 
 
 @pytest.mark.parametrize("bits", [16, 32])

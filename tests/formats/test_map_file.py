@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from lgprjax.errors import InputError
 from lgprjax.formats import MAP_PRECISIONS, MapFile, MapWriter, check_file, copy_stations
 from lgprjax.formats.map_layout import BLOCK
-from lgprjax.subsurface import GroundMap, MapDescription, Places, StationBlock, StationPlaces, Stations
+from lgprjax.subsurface import GroundMap, MapDescription, StationBlock, StationPlaces, StationPositions, Stations
 from made_map import GAIN, made_stations, write_made_map
 
 STATIONS = 1500
@@ -80,9 +80,11 @@ class InMemory:
 
     def __init__(self, source: MapFile) -> None:
         self.description: MapDescription = source.description
-        whole = Places(source.pose, source.ground_up_m, source.drive)
+        whole = StationPositions(source.pose, source.ground_up_m, source.drive)
         self.places = StationPlaces(
-            source.places.stretches, len(whole.pose), lambda stations: Places(*(field[stations] for field in whole))
+            source.places.stretches,
+            len(whole.pose),
+            lambda stations: StationPositions(*(field[stations] for field in whole)),
         )
         self.tile_frame: Float[np.ndarray, "tile 3"] = source.tile_frame
         self.height_reference_m: Float[np.ndarray, " tile"] = source.height_reference_m

@@ -20,8 +20,8 @@ from lgprjax.formats.ros import (
     POSE,
     RADAR_ARRAY,
     RADAR_SCAN,
-    Field,
-    Layout,
+    MessageLayout,
+    RosField,
     definition_of,
     layout_of,
     layout_to_write,
@@ -37,7 +37,7 @@ _ALPHABET = "CDEFGHIJKLMNOP"
 _ENDLESS = "".join(f"{_RULE}MSG: a/{a}\n{b} x\n{b} y\n" for a, b in pairwise(_ALPHABET))
 
 
-def _drawn(layout: Layout, seed: int) -> dict[str, Any]:
+def _drawn(layout: MessageLayout, seed: int) -> dict[str, Any]:
     rng = np.random.default_rng(seed)
 
     def one(code: str, count: int) -> np.ndarray:
@@ -127,18 +127,18 @@ def test_members_of_all_forms() -> None:
     text += f"string[] texts\nbuiltin_interfaces/Duration span\nNothing empty\n{_RULE}MSG: a/Nothing\n# none\n"
     fields = layout_of("a/msg/B", text).fields
     assert fields == (
-        Field("name", "s", None),
-        Field("some", "i", 0),
-        Field("two", "f", 2),
-        Field("on", "?", None),
-        Field("ons", "?", 0),
-        Field("texts", "s", 0),
-        Field("span.sec", "i", None),
-        Field("span.nanosec", "I", None),
-        Field("empty.structure_needs_at_least_one_member", "B", None),
+        RosField("name", "s", None),
+        RosField("some", "i", 0),
+        RosField("two", "f", 2),
+        RosField("on", "?", None),
+        RosField("ons", "?", 0),
+        RosField("texts", "s", 0),
+        RosField("span.sec", "i", None),
+        RosField("span.nanosec", "I", None),
+        RosField("empty.structure_needs_at_least_one_member", "B", None),
     )
     values = {"name": "x", "two": [1.0, 2.0], "on": True, "ons": [True, False], "texts": ["a", "", "bcd"]}
-    again = Layout(fields).decode(Layout(fields).encode(values))
+    again = MessageLayout(fields).decode(MessageLayout(fields).encode(values))
     assert again["texts"] == ["a", "", "bcd"]
     assert again["on"] is True
     assert list(again["ons"]) == [True, False]

@@ -13,11 +13,11 @@ from lgprjax.runtime import messages as records
 def test_records_are_those_of_the_runtime() -> None:
     for name, due in (("fix", records.FIX), ("prior", records.PRIOR), ("plan", records.PLAN)):
         assert payload_type(name) == due
-    for kind in records.Kind:
+    for kind in records.RecordKind:
         packed = records.pack(records.Record(kind, records.Source.MONITOR, 3, 4, b"x"))
         assert read_run_record(packed) == (kind.name.lower(), "monitor", 3, 4, b"x")
     for source in records.Source:
-        packed = records.pack(records.Record(records.Kind.TICK, source, 0, 0, b""))
+        packed = records.pack(records.Record(records.RecordKind.TICK, source, 0, 0, b""))
         found = read_run_record(packed)
         assert found is not None
         assert found.source == source.name.lower()

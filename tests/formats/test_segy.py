@@ -10,9 +10,9 @@ import pytest
 
 from formats.segy_sample import COUNTS, write_segy
 from lgprjax.errors import InputError
-from lgprjax.formats import Place, import_segy, read_segy
+from lgprjax.formats import SurveyOrigin, import_segy, read_segy
 
-_PLACE = Place(48.0, 11.0, 30.0)
+_PLACE = SurveyOrigin(48.0, 11.0, 30.0)
 
 
 @pytest.mark.parametrize("endian", ["big", "little"])
@@ -132,7 +132,7 @@ def test_bad_files_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
         (whole, {"time_zero_ns": float("nan")}, "time zero: expected a number, found nan"),
         (whole, {"utm_zone": "32N"}, "coordinates: expected UTM metres (easting 100000 to 900000), found eastings 10"),
         (whole, {"length_m": -2.0}, "line length: expected a length above zero, found -2 m"),
-        (whole, {"place": Place(95.0, 0.0, 0.0)}, "latitude: expected degrees from -90 to 90, found 95"),
+        (whole, {"place": SurveyOrigin(95.0, 0.0, 0.0)}, "latitude: expected degrees from -90 to 90, found 95"),
     ]
     for data, options, words in cases:
         path.write_bytes(data)

@@ -8,9 +8,9 @@ import pytest
 
 from formats.segy_sample import COUNTS, write_segy
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, Place, TraceRecording, check_file, import_lines, import_segy, read_segy
+from lgprjax.formats import DriveLog, SurveyOrigin, TraceRecording, check_file, import_lines, import_segy, read_segy
 
-_PLACE = Place(48.0, 11.0, 30.0)
+_PLACE = SurveyOrigin(48.0, 11.0, 30.0)
 
 
 def test_uneven_positions_are_resampled_to_an_even_step(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pyproj
 import pytest
 
-from lgprjax.formats.survey_track import Place, distances_m, path_headings_deg, straight_track
+from lgprjax.formats.survey_track import SurveyOrigin, distances_m, path_headings_deg, straight_track
 
 _GEOD = pyproj.Geod(ellps="WGS84")
 
@@ -56,7 +56,7 @@ def test_path_that_never_moves() -> None:
 
 
 def test_straight_track_goes_both_ways() -> None:
-    place = Place(48.0, 11.0, 200.0)
+    place = SurveyOrigin(48.0, 11.0, 200.0)
     along = np.array([-50.0, 0.0, 80.0])
     track = straight_track(along, place, np.arange(3.0))
     for index, distance in enumerate(along):

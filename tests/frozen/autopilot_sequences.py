@@ -15,9 +15,9 @@ from lgprjax.autopilot import (
     Check,
     Command,
     Event,
-    Happening,
     LimiterRules,
     LimiterState,
+    ModeEvent,
     ModeState,
     SkidCommand,
     SkidLimiterRules,
@@ -137,7 +137,7 @@ def modes_digest() -> dict[str, object]:
         for event in course:
             time_s += float(rng.choice([0.02, 0.5, 4.0, 11.0, -1.0], p=[0.5, 0.3, 0.1, 0.08, 0.02]))
             check = list(Check)[int(rng.integers(1, len(Check)))] if event is Event.CHECKS_FAILED else Check.NONE
-            state, actions = step_modes(state, Happening(event, time_s, check))
+            state, actions = step_modes(state, ModeEvent(event, time_s, check))
             told = [event.name, state.mode.name, *(action.name for action in actions)]
             told += [state.refusal.name, refusal_of(state).name, state.failed_check.name, str(int(state.faults))]
             digest.update((" ".join(told) + "\n").encode())

@@ -11,7 +11,7 @@ from lgprjax.navigation import (
     GnssObservation,
     HeadingObservation,
     LgprObservation,
-    Motion,
+    MotionInput,
     Observations,
     OdometerObservation,
     initial_sigmas,
@@ -34,7 +34,7 @@ class Drawn(NamedTuple):
 
     truth: Float[np.ndarray, "tick run 13"]
     start: Float[np.ndarray, "run 13"]
-    motions: Motion
+    motions: MotionInput
     observations: Observations
 
 
@@ -83,7 +83,7 @@ def draw_drives(model: FilterModel, *, runs: int, ticks: int, seed: int, speed_m
         LgprObservation(*columns[3]),
     )
     shape = (ticks, runs)
-    motions = Motion(
+    motions = MotionInput(
         jnp.asarray(np.broadcast_to(gyro[:, None], shape), jnp.float32), jnp.full(shape, STEP_S, jnp.float32)
     )
     return Drawn(np.stack(truth), start, motions, observations)

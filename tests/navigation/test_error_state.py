@@ -13,7 +13,7 @@ from lgprjax.navigation import (
     GnssObservation,
     HeadingObservation,
     LgprObservation,
-    Motion,
+    MotionInput,
     NavEstimate,
     OdometerObservation,
     default_model,
@@ -126,8 +126,8 @@ def estimate_of(case: Case, model: FilterModel) -> NavEstimate:
     return NavEstimate(jnp.asarray(case.state, jnp.float32), jnp.asarray(covariance_of(model), jnp.float32))
 
 
-def motion_of(gyro: float) -> Motion:
-    return Motion(f32(gyro), f32(STEP_S))
+def motion_of(gyro: float) -> MotionInput:
+    return MotionInput(f32(gyro), f32(STEP_S))
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +135,7 @@ def rows(model: FilterModel) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Prediction of every case: transition, mean and covariance."""
 
     @jax.jit
-    def run(estimate: NavEstimate, motion: Motion) -> tuple[jax.Array, NavEstimate]:
+    def run(estimate: NavEstimate, motion: MotionInput) -> tuple[jax.Array, NavEstimate]:
         return transition_matrix(transition_of(model, estimate, motion)), predict(model, estimate, motion)
 
     found = []
@@ -199,7 +199,7 @@ def updated(request: pytest.FixtureRequest, model: FilterModel) -> tuple[str, li
 
     @jax.jit
     def run(
-        estimate: NavEstimate, motion: Motion, parts: jax.Array, age_s: jax.Array
+        estimate: NavEstimate, motion: MotionInput, parts: jax.Array, age_s: jax.Array
     ) -> tuple[jax.Array, NavEstimate, NavEstimate]:
         noise, yes, no = f32(NOISES[name]), jnp.asarray(True), jnp.asarray(False)
         results = []

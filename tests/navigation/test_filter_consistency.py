@@ -10,7 +10,7 @@ from lgprjax.navigation import (
     SOURCES,
     FilterInfo,
     FilterState,
-    Motion,
+    MotionInput,
     NavEstimate,
     Observations,
     default_model,
@@ -38,11 +38,11 @@ def filtered(drawn: Drawn) -> tuple[NavEstimate, FilterInfo]:
     rules = default_rules()
     step = jax.vmap(step_filter, in_axes=(None, None, 0, 0, 0))
 
-    def one(state: FilterState, given: tuple[Motion, Observations]) -> tuple[FilterState, FilterInfo]:
+    def one(state: FilterState, given: tuple[MotionInput, Observations]) -> tuple[FilterState, FilterInfo]:
         return step(MODEL, rules, state, *given)
 
     def some(
-        state: FilterState, given: tuple[Motion, Observations]
+        state: FilterState, given: tuple[MotionInput, Observations]
     ) -> tuple[FilterState, tuple[NavEstimate, FilterInfo]]:
         state, info = jax.lax.scan(one, state, given)
         return state, (state.estimate, info)

@@ -12,7 +12,7 @@ from lgprjax.navigation import (
     GnssObservation,
     HeadingObservation,
     LgprObservation,
-    Motion,
+    MotionInput,
     Observations,
     OdometerObservation,
     default_model,
@@ -144,7 +144,7 @@ def seen() -> dict[str, Seen]:
                 OdometerObservation(wheels, jnp.float32(1e-3), yes),
                 LgprObservation(lgpr[0] + ARRAY_M, lgpr[1], zero, 4e-4 * jnp.eye(3), zero, lgpr_on),
             )
-            state, info = step_filter(model, rules, state, Motion(zero, jnp.float32(STEP_S)), observations)
+            state, info = step_filter(model, rules, state, MotionInput(zero, jnp.float32(STEP_S)), observations)
             rejected = info.offered & ~info.accepted
             kept = (state.estimate.mean[:2], info.accepted, rejected, info.reacquired, state.gates.conflict_s)
             return state, kept

@@ -23,7 +23,7 @@ from lgprjax.navigation.health import (
     init_health,
     step_health,
 )
-from lgprjax.navigation.observations import Motion, Observations, default_rules, no_observations
+from lgprjax.navigation.observations import MotionInput, Observations, default_rules, no_observations
 from lgprjax.vehicle import VehiclePose
 from model_drives import SPEED_MPS, TICK_S, Drawn, draw_drive, stacked, usual_model
 
@@ -48,7 +48,7 @@ class _Case(NamedTuple):
 class _Inputs(NamedTuple):
     """What a drive gives the filter and the health."""
 
-    motions: Motion
+    motions: MotionInput
     observations: Observations
     p_false: Float[np.ndarray, " tick"]
     turned_rad: float = 0.0
@@ -180,13 +180,13 @@ _CASES = [
 
 @jax.jit
 def _run(
-    motions: Motion, observations: Observations, p_false: jax.Array, turned_rad: jax.Array
+    motions: MotionInput, observations: Observations, p_false: jax.Array, turned_rad: jax.Array
 ) -> tuple[FilterState, FilterInfo, Health]:
     def one(
-        motion: Motion, observed: Observations, chances: jax.Array, turned: jax.Array
+        motion: MotionInput, observed: Observations, chances: jax.Array, turned: jax.Array
     ) -> tuple[FilterState, FilterInfo, Health]:
         def step(
-            carry: tuple[FilterState, HealthState], tick: tuple[Motion, Observations, jax.Array]
+            carry: tuple[FilterState, HealthState], tick: tuple[MotionInput, Observations, jax.Array]
         ) -> tuple[tuple[FilterState, HealthState], tuple[FilterState, FilterInfo, Health]]:
             state, info = step_filter(_MODEL, _GATES, carry[0], tick[0], tick[1])
             health, told = step_health(

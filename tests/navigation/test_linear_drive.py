@@ -8,7 +8,7 @@ from filterpy.kalman import KalmanFilter
 from lgprjax.navigation import (
     FilterModel,
     GnssObservation,
-    Motion,
+    MotionInput,
     NavEstimate,
     OdometerObservation,
     default_model,
@@ -36,7 +36,7 @@ def test_a_linear_drive_is_that_of_filterpy() -> None:
         lgpr_error_sigma_m=f32(0.0),
     )
     m = FilterModel(*(np.float64(value) for value in model))  # type: ignore[arg-type]
-    straight = Motion(f32(0.0), f32(STEP_S))
+    straight = MotionInput(f32(0.0), f32(STEP_S))
     ticks, rng = 420, np.random.default_rng(2)
     speeds = 4.0 + np.cumsum(rng.normal(0.0, 0.05, ticks))
     fixes = np.stack([np.cumsum(speeds) * STEP_S + 3.8, 0.3 + 0.5 * np.ones(ticks)], axis=1)

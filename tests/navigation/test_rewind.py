@@ -14,7 +14,7 @@ from lgprjax.navigation import (
     FilterInfo,
     History,
     InsertCode,
-    Motion,
+    MotionInput,
     Observations,
     default_model,
     default_rules,
@@ -34,11 +34,11 @@ MODEL = default_model(zero_slip_m=1.4, gnss_x_m=0.8, gnss_y_m=0.3, array_x_m=6.0
 class Machine(NamedTuple):
     """Both functions compiled, how often each was traced, and a drive's motions and observations by tick."""
 
-    step: Callable[[History, Motion, Observations], tuple[History, FilterInfo]]
+    step: Callable[[History, MotionInput, Observations], tuple[History, FilterInfo]]
     insert: Callable[[History, Observations, jax.Array], tuple[History, jax.Array]]
     traced: list[str]
     start: History
-    motions: list[Motion]
+    motions: list[MotionInput]
     observations: list[Observations]
 
 
@@ -46,7 +46,7 @@ class Machine(NamedTuple):
 def machine() -> Machine:
     rules, traced = default_rules(), []
 
-    def stepped(history: History, motion: Motion, observations: Observations) -> tuple[History, FilterInfo]:
+    def stepped(history: History, motion: MotionInput, observations: Observations) -> tuple[History, FilterInfo]:
         traced.append("step")
         return step_history(MODEL, rules, history, motion, observations)
 

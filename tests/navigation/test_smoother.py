@@ -17,7 +17,7 @@ from lgprjax.navigation.counter_steer_filter import (
     smooth_estimates,
 )
 from lgprjax.navigation.counter_steer_model import FilterModel, NavEstimate
-from lgprjax.navigation.observations import Motion, Observations, default_rules
+from lgprjax.navigation.observations import MotionInput, Observations, default_rules
 from lgprjax.vehicle import VehiclePose
 from linear_drives import LINEAR, STATES, draw_straight, gaussian_of, padded
 from model_drives import SPEED_MPS, draw_drive, silenced, stacked, usual_model
@@ -33,9 +33,9 @@ def _start(model: FilterModel) -> FilterState:
 
 @jax.jit
 def _both(
-    model: FilterModel, motions: Motion, observations: Observations, restarted: jax.Array
+    model: FilterModel, motions: MotionInput, observations: Observations, restarted: jax.Array
 ) -> tuple[NavEstimate, FilterInfo, NavEstimate]:
-    def one(motion: Motion, observed: Observations) -> tuple[NavEstimate, FilterInfo, NavEstimate]:
+    def one(motion: MotionInput, observed: Observations) -> tuple[NavEstimate, FilterInfo, NavEstimate]:
         filtered, info = filter_drive(model, default_rules(), _start(model), motion, observed)
         return filtered, info, smooth_estimates(model, filtered, motion, restarted)
 

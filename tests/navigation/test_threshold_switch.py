@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lgprjax.navigation.health import SwitchSettings, SwitchState, init_switch, step_switch, switch_settings
-from lgprjax.navigation.observations import LgprObservation, Motion, no_observations
+from lgprjax.navigation.observations import LgprObservation, MotionInput, no_observations
 from lgprjax.vehicle import VehiclePose
 
 _TICK_S, _ARRAY_M, _SLIP_M = 0.125, 6.0, 1.5
@@ -38,7 +38,7 @@ def _run(
 ) -> list[SwitchState]:
     """Standing at (3, 4): a fix that is false with each probability, or none; GNSS/INS says another place."""
     other = _pose(3.0 + elsewhere_m, 4.0, 0.3)
-    motion = Motion(jnp.float32(0.0), jnp.float32(_TICK_S))
+    motion = MotionInput(jnp.float32(0.0), jnp.float32(_TICK_S))
     state, states = init_switch(other), []
     for chance in chances:
         lgpr = _fix((3.0, 4.0, 0.3), valid=chance is not None)
@@ -73,7 +73,7 @@ def test_the_limits_follow_the_risk_that_is_asked_for() -> None:
 
 def test_a_fix_of_unknown_chance_never_takes_over() -> None:
     other = _pose(53.0, 4.0, 0.3)
-    motion = Motion(jnp.float32(0.0), jnp.float32(_TICK_S))
+    motion = MotionInput(jnp.float32(0.0), jnp.float32(_TICK_S))
     fix = _fix((3.0, 4.0, 0.3))
     state = _step(_SETTINGS, init_switch(other), motion, jnp.float32(0.0), other, fix, jnp.float32(math.nan))
     assert not bool(state.on_lgpr)
@@ -90,7 +90,7 @@ def test_the_last_good_fix_is_carried_for_the_hold_and_no_longer() -> None:
 def test_carried_pose_is_dead_reckoned_on_the_arc() -> None:
     speed, rate, age_s = 4.0, 0.3, 0.07
     other = _pose(100.0, 0.0, 0.0)
-    motion = Motion(jnp.float32(rate), jnp.float32(_TICK_S))
+    motion = MotionInput(jnp.float32(rate), jnp.float32(_TICK_S))
     state = _step(
         _SETTINGS,
         init_switch(other),
@@ -122,7 +122,7 @@ def test_fix_that_is_no_number_while_invalid_leaves_no_trace() -> None:
     nothing: LgprObservation = jax.tree.map(
         lambda leaf: leaf if leaf.dtype == bool else leaf * jnp.nan, no_observations().lgpr
     )
-    motion = Motion(jnp.float32(0.1), jnp.float32(_TICK_S))
+    motion = MotionInput(jnp.float32(0.1), jnp.float32(_TICK_S))
     state = _step(_SETTINGS, init_switch(other), motion, jnp.float32(1.0), other, nothing, jnp.float32(jnp.nan))
     assert not bool(state.on_lgpr)
     assert all(np.isfinite(float(v)) for v in (*state.pose, *state.carried))
@@ -131,7 +131,7 @@ def test_fix_that_is_no_number_while_invalid_leaves_no_trace() -> None:
 def test_lanes_are_what_they_are_alone() -> None:
     chances = np.array([1e-9, 1e-5, 1.0], np.float32)
     fix, other = _fix((3.0, 4.0, 0.3)), _pose(0.0, 0.0, 0.0)
-    motion = Motion(jnp.float32(0.0), jnp.float32(_TICK_S))
+    motion = MotionInput(jnp.float32(0.0), jnp.float32(_TICK_S))
     speed, start = jnp.float32(1.0), init_switch(other)
     many = jax.vmap(lambda p: step_switch(_SETTINGS, start, motion, speed, other, fix, p))(jnp.asarray(chances))
     for lane, chance in enumerate(chances):

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from lgprjax.radar import coefficient_basis, default_chain
-from lgprjax.registration import Problem, SearchSpec, Template, Thresholds
+from lgprjax.registration import SearchProblem, SearchSpec, Template, Thresholds
 from lgprjax.subsurface import Tile
 
 SETTINGS = default_chain(200e6, 0.035)
@@ -111,12 +111,12 @@ def make_problem(
     noise: float = 0.4,
     seed: int = 0,
     half_width: np.ndarray = HALF_WIDTH,
-) -> Problem:
+) -> SearchProblem:
     """A batch: truth and prior [batch, 5]."""
     rng = np.random.default_rng(seed)
     batch = len(truth)
     coefficients = np.stack([live(ground, pose, noise, rng) for pose in truth])
-    return Problem(
+    return SearchProblem(
         template=Template(
             coefficients=jnp.asarray(coefficients, dtype=jnp.float32),
             offset_m=jnp.asarray(np.tile(OFFSET_M, (batch, 1, 1)), dtype=jnp.float32),

@@ -6,7 +6,7 @@ import pytest
 
 from lgprjax.registration import Code, RegisterOptions, Thresholds
 from lgprjax.registration.judge import judge
-from lgprjax.registration.refine import Summit, covariance_of
+from lgprjax.registration.refine import RefinedPeak, covariance_of
 
 HALF_WIDTH = np.array([0.5, 0.5, 0.08, 0.05, 0.03, 1.0])
 # Position is uniform in its region; of height, heading and roll the region is three sigma.
@@ -19,7 +19,7 @@ def covariance(
     information: np.ndarray, r: float, numbers: float, narrow: tuple[bool, bool] = (False, False)
 ) -> np.ndarray:
     """Of one summit."""
-    summit = Summit(
+    summit = RefinedPeak(
         pose=jnp.zeros((1, 6), jnp.float32),
         correlation=jnp.full(1, r, jnp.float32),
         strength=jnp.full(1, r, jnp.float32),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lgprjax.registration import OFF_MAP_SCORE, Template, score_poses
-from lgprjax.registration.refine import PRIOR, Summit, climb, covariance_of
+from lgprjax.registration.refine import PRIOR, RefinedPeak, climb, covariance_of
 from lgprjax.subsurface import Tile
 from registration.synthetic_tile import (
     CELL_M,
@@ -54,9 +54,9 @@ def run(
     prior: np.ndarray = CENTRE,
     *,
     steps: int = 3,
-) -> Summit:
+) -> RefinedPeak:
     rows = (start, prior, np.tile(WIDTH, (BATCH, 1)), np.full(BATCH, NUMBERS))
-    summit: Summit = CLIMB(
+    summit: RefinedPeak = CLIMB(
         tile,
         *SCENE,
         template,

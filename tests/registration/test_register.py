@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.registration import Code, Fix, Problem, Rules, Thresholds, register_batch
+from lgprjax.registration import Code, Fix, Rules, SearchProblem, Thresholds, register_batch
 from lgprjax.subsurface import Tile
 from registration.synthetic_tile import (
     BASIS,
@@ -36,7 +36,7 @@ def tile(ground: Ground) -> Tile:
     return make_tile(ground)
 
 
-def register(tile: Tile, problem: Problem, thresholds: Thresholds = THRESHOLDS) -> Fix:
+def register(tile: Tile, problem: SearchProblem, thresholds: Thresholds = THRESHOLDS) -> Fix:
     fix: Fix = register_batch(
         tile,
         problem,
@@ -130,7 +130,7 @@ def test_the_gain_of_the_live_scan_leaves_the_pose_alone(tile: Tile, ground: Gro
         np.testing.assert_allclose(again.correlation, once.correlation, atol=1e-4)
 
 
-def poisoned(problem: Problem, lane: int, *, finite: bool) -> Problem:
+def poisoned(problem: SearchProblem, lane: int, *, finite: bool) -> SearchProblem:
     coefficients = problem.template.coefficients.at[lane].set(jnp.nan)
     return problem._replace(
         template=problem.template._replace(coefficients=coefficients),

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lgprjax.formats.run_log import read_run
-from lgprjax.runtime.messages import Kind, Record, Source, pack
+from lgprjax.runtime.messages import Record, RecordKind, Source, pack
 from lgprjax.runtime.process import RINGS, Heartbeats
 from lgprjax.runtime.ring import Ring
 
@@ -74,7 +74,9 @@ def ring(place: Place, name: str) -> Ring:
     return Ring.create(place.rings / name, RINGS[name])
 
 
-def make_record(counter: int, data: bytes = b"", kind: Kind = Kind.PORT_IN, source: Source = Source.RADAR) -> bytes:
+def make_record(
+    counter: int, data: bytes = b"", kind: RecordKind = RecordKind.PORT_IN, source: Source = Source.RADAR
+) -> bytes:
     """A record as it is put into a ring; its payload begins with a counter."""
     return pack(Record(kind, source, counter, time.monotonic_ns(), counter.to_bytes(8, "little") + data))
 

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from lgprjax.errors import InputError
 from lgprjax.runtime.config import RuntimeConfig, read_config
-from lgprjax.runtime.messages import Kind, Source, unpack
+from lgprjax.runtime.messages import RecordKind, Source, unpack
 from lgprjax.runtime.ring import Ring
 from lgprjax.runtime.supervisor import supervise
 
@@ -148,7 +148,7 @@ class SupervisedRun:
             self._ring = Ring(self.rings / "notes")
         for message in self._ring.take() if self._ring is not None else []:
             record = unpack(message)
-            assert (record.kind, record.source, record.tick) == (Kind.EVENT, Source.SUPERVISOR, 0)
+            assert (record.kind, record.source, record.tick) == (RecordKind.EVENT, Source.SUPERVISOR, 0)
             self.notes.append(Note(json.loads(record.payload), record.mono_ns))
 
 

@@ -15,7 +15,7 @@ from lgprjax.formats.coverage_files import read_field
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.coverage.program import CoverageProcess
 from lgprjax.runtime.coverage.worked_map import worked_runs
-from lgprjax.runtime.messages import COVER, Kind, Record, Source, pack, unpack
+from lgprjax.runtime.messages import COVER, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.process import RINGS, Started
 from lgprjax.runtime.ring import Ring
 
@@ -36,7 +36,7 @@ def cover_record(number: int, *, counts: bool) -> bytes:
     row["x_m"], row["y_m"] = -1.5 + 0.1 * SPEED_MPS * number, 3.0
     row["covariance"] = np.diag([1e-4, 1e-4, 1e-6])
     row["speed_mps"], row["tool"] = SPEED_MPS, 15 if counts else 7
-    return pack(Record(Kind.COVER, Source.CONTROL, number, 1_000_000_000 + number * 100_000_000, row.tobytes()))
+    return pack(Record(RecordKind.COVER, Source.CONTROL, number, 1_000_000_000 + number * 100_000_000, row.tobytes()))
 
 
 def corner_record(number: int) -> bytes:
@@ -44,7 +44,7 @@ def corner_record(number: int) -> bytes:
         "corner": number, "latitude_deg": 48.0 + 1e-4 * (number // 2), "longitude_deg": 11.0 + 1e-4 * (number % 2),
         "height_m": 500.0, "sigma_m": 0.02, "yaw_rad": 0.1,
     }  # fmt: skip
-    return pack(Record(Kind.CORNER, Source.CONTROL, number, 5_000_000_000 + number, json.dumps(corner).encode()))
+    return pack(Record(RecordKind.CORNER, Source.CONTROL, number, 5_000_000_000 + number, json.dumps(corner).encode()))
 
 
 @contextmanager
@@ -82,7 +82,9 @@ def test_what_counts_is_worked_and_nothing_else(folder: Path, tmp_path: Path) ->
         assert told(worked)["worked_m2"] == 0.0
         for number in range(160, 320):
             moved = np.frombuffer(unpack(cover_record(number - 160, counts=True)).payload, COVER)[0]
-            record = Record(Kind.COVER, Source.CONTROL, number, 1_000_000_000 + number * 100_000_000, moved.tobytes())
+            record = Record(
+                RecordKind.COVER, Source.CONTROL, number, 1_000_000_000 + number * 100_000_000, moved.tobytes()
+            )
             cover.put(pack(record))
         found = told(worked)
     # Another one takes the map up.

@@ -19,8 +19,8 @@ from lgprjax.autopilot.fence import pad_fence
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.skid.setup import load_skid
-from lgprjax.runtime.control.skid.watches import Found
-from lgprjax.runtime.messages import Kind, StopBits, ToolBits
+from lgprjax.runtime.control.skid.watches import SkidFound
+from lgprjax.runtime.messages import RecordKind, StopBits, ToolBits
 
 BOTH = pytest.mark.parametrize("where", ["line", "turn"])
 
@@ -40,7 +40,7 @@ def moments(folder: Path) -> Moments:
     return drive_to_moments(file, load_skid(read_config(file)))
 
 
-def found_after(loop: FieldLoop, first: int, bit: Found) -> float:
+def found_after(loop: FieldLoop, first: int, bit: SkidFound) -> float:
     return loop.when(first, lambda row: bool(int(row["found"]) & bit))
 
 
@@ -92,7 +92,7 @@ def test_35_a_remote_control_that_is_silent_stops_it_within_a_second(moments: Mo
     first, begun_s = len(loop.rows), loop.time_s
     loop.inject({"kind": "line_silent", "line": "controller"})
     loop.run(4.0)
-    assert found_after(loop, first, Found.REMOTE_SILENT) <= 1.0
+    assert found_after(loop, first, SkidFound.REMOTE_SILENT) <= 1.0
     assert stops(loop, first), loop.events[-5:]
     assert not counted(loop, begun_s + 1.2)
     assert int(loop.covers[-1][1]["stop"]) & StopBits.OPERATOR
@@ -114,7 +114,7 @@ def test_36_it_stops_before_an_edge_that_it_would_cross(moments: Moments, where:
     pilot = loop.kind.pilot
     pilot._loaded = moments.loaded._replace(fence=pad_fence(corners))
     loop.run(12.0)
-    assert found_after(loop, first, Found.EDGE) < 12.0
+    assert found_after(loop, first, SkidFound.EDGE) < 12.0
     assert stops(loop, first), loop.events[-5:]
     truth = loop.stage.truth.arrays()
     tool = moments.loaded.setup.tool
@@ -128,10 +128,10 @@ def test_36_it_stops_before_an_edge_that_it_would_cross(moments: Moments, where:
 
 @pytest.mark.parametrize(
     ("fault", "bit"),
-    [({"kind": "tool_stops"}, Found.TOOL_OFF), ({"kind": "tool_depth", "m": 0.1}, Found.TOOL_DEPTH)],
+    [({"kind": "tool_stops"}, SkidFound.TOOL_OFF), ({"kind": "tool_depth", "m": 0.1}, SkidFound.TOOL_DEPTH)],
 )
 def test_37_a_tool_that_does_not_work_stops_it_and_counts_nothing(
-    moments: Moments, fault: dict[str, object], bit: Found
+    moments: Moments, fault: dict[str, object], bit: SkidFound
 ) -> None:
     loop = moments.at("line")
     first, begun_s = len(loop.rows), loop.time_s
@@ -153,13 +153,13 @@ def test_a_position_that_is_too_uncertain_stops_it(moments: Moments) -> None:
     pilot._loaded = moments.loaded._replace(setup=setup._replace(health=health))
     loop.inject({"kind": "gnss_off"})
     loop.run(12.0)
-    assert found_after(loop, first, Found.UNCERTAIN) < 12.0
+    assert found_after(loop, first, SkidFound.UNCERTAIN) < 12.0
     assert stops(loop, first), loop.events[-5:]
     loop.within_limits(first)
 
 
-@pytest.mark.parametrize(("fault", "bit"), [("left_dead", Found.LEFT_DEAD), ("right_dead", Found.RIGHT_DEAD)])
-def test_14_a_track_whose_sensor_is_dead_stops_it(moments: Moments, fault: str, bit: Found) -> None:
+@pytest.mark.parametrize(("fault", "bit"), [("left_dead", SkidFound.LEFT_DEAD), ("right_dead", SkidFound.RIGHT_DEAD)])
+def test_14_a_track_whose_sensor_is_dead_stops_it(moments: Moments, fault: str, bit: SkidFound) -> None:
     loop = moments.at("line")
     first = len(loop.rows)
     loop.inject({"kind": fault})
@@ -299,7 +299,7 @@ def test_the_same_records_give_the_same_frames_to_the_bit(moments: Moments) -> N
     loop = moments.line
     core = ControlCore(moments.config, moments.loaded, session=77, after_death=False)
     for number, (now_ns, came, sent) in enumerate(loop.ticks, 1):
-        out = [record.payload for record in core.step(number, now_ns, came) if record.kind is Kind.PORT_OUT]
+        out = [record.payload for record in core.step(number, now_ns, came) if record.kind is RecordKind.PORT_OUT]
         assert out == sent, number
     assert len(loop.ticks) > 500
     assert json.loads(json.dumps(loop.state))["field"]["line"] == 1

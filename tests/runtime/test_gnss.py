@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from pynmeagps import NMEAMessage
 from pyubx2 import GET, UBXMessage
 
-from lgprjax.runtime.config import KEPT, Reason, Refused
+from lgprjax.runtime.config import KEPT, RefusalReason, RefusedBytes
 from lgprjax.runtime.gnss import GnssParser, GnssSample, Quality, read_gnss
-from lgprjax.runtime.messages import TimeScale
+from lgprjax.runtime.messages import GnssTimeScale
 
 
 def _sentence(body: str) -> bytes:
@@ -81,7 +81,7 @@ def _read(raw: bytes) -> GnssSample:
 def test_nav_pvt() -> None:
     position = _read(_pvt()).position
     assert position is not None
-    assert _read(_pvt()).scale is TimeScale.GPS_WEEK
+    assert _read(_pvt()).scale is GnssTimeScale.GPS_WEEK
     assert position.tow_s == 345678.9
     assert position.latitude_deg == pytest.approx(42.3601234, abs=1e-9)
     assert position.longitude_deg == pytest.approx(-71.0589123, abs=1e-9)
@@ -201,7 +201,7 @@ def test_what_says_nothing_of_use(raw: bytes) -> None:
 
 def test_gga() -> None:
     sample = _read(_sentence("GNGGA,123519.20,4807.0380,S,01131.0600,W,4,08,0.9,545.4,M,46.9,M,,"))
-    assert sample.scale is TimeScale.UTC_DAY
+    assert sample.scale is GnssTimeScale.UTC_DAY
     position = sample.position
     assert position is not None
     assert position.tow_s == pytest.approx(12 * 3600 + 35 * 60 + 19.2)
@@ -229,7 +229,7 @@ def test_other_sentences() -> None:
     assert gst == pytest.approx((1.5, 0.05 / math.sqrt(2.0)))
     for body, heading in (("GNHDT,360.0,T", 0.0), ("GPTHS,12.5,A", 12.5)):
         sample = _read(_sentence(body))
-        assert sample.scale is TimeScale.NONE
+        assert sample.scale is GnssTimeScale.NONE
         assert sample.attitude is not None
         assert sample.attitude.heading_deg == heading
         assert math.isnan(sample.attitude.tow_s)
@@ -285,9 +285,9 @@ def test_garbage_between_messages_is_refused_and_costs_none() -> None:
     parser = GnssParser()
     found = parser.feed(stream + bytes(5000))
     assert [item for item in found if isinstance(item, bytes)] == expected
-    refused = [item for item in found if isinstance(item, Refused)]
+    refused = [item for item in found if isinstance(item, RefusedBytes)]
     assert len(refused) == parser.counts.total() >= 200
-    assert set(parser.counts) == {Reason.NO_SYNC, Reason.LENGTH, Reason.CRC, Reason.CUT}
+    assert set(parser.counts) == {RefusalReason.NO_SYNC, RefusalReason.LENGTH, RefusalReason.CRC, RefusalReason.CUT}
     assert all(0 < len(item.data) <= KEPT for item in refused)
 
 

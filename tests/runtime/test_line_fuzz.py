@@ -8,9 +8,9 @@ from operator import xor
 
 import pytest
 
-from lgprjax.runtime.config import KEPT, Refused
+from lgprjax.runtime.config import KEPT, RefusedBytes
 from lgprjax.runtime.gnss import GnssParser, read_gnss
-from lgprjax.runtime.link import Frame, FrameParser, Receiver, Verdict
+from lgprjax.runtime.link import Frame, FrameParser, FrameVerdict, Receiver
 from lgprjax.runtime.messages import StampClock
 from runtime.line_oracle import Oracle, head_of_right_bytes
 from runtime.line_vectors import MESSAGES, frame_of, good_frames, head_of, payload_of
@@ -107,9 +107,9 @@ def test_nothing_wrong_is_acted_upon(line: str) -> None:
     for at_ms, data, true in pieces:
         whole += true
         for item in parser.feed(data):
-            if isinstance(item, Refused):
+            if isinstance(item, RefusedBytes):
                 assert 0 < len(item.data) <= KEPT
-            elif receiver.accept(item, at_ms * _MS) is Verdict.ACCEPTED:
+            elif receiver.accept(item, at_ms * _MS) is FrameVerdict.ACCEPTED:
                 oracle.check(item.raw, at_ms * _MS)
                 accepted += 1
             else:
@@ -118,7 +118,7 @@ def test_nothing_wrong_is_acted_upon(line: str) -> None:
     print(f"{line}: {sum(len(data) for _, data, _ in pieces)} bytes, {whole} frames sent, {accepted} accepted")
     assert accepted > 0.4 * whole
     assert parser.counts.total() > 1000
-    assert set(receiver.counts) == set(Verdict)
+    assert set(receiver.counts) == set(FrameVerdict)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -188,7 +188,7 @@ def test_gnss_messages_with_a_wrong_checksum_are_never_read() -> None:
                     data += b"\xb5\x62\x01\x07" + chosen.randbytes(2)
         total += len(data)
         for item in parser.feed(bytes(data)):
-            if isinstance(item, Refused):
+            if isinstance(item, RefusedBytes):
                 assert 0 < len(item.data) <= KEPT
                 continue
             assert _right(item)

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from lgprjax.runtime.link import Frame, Receiver, Sender, Verdict, decode, draw_session
+from lgprjax.runtime.link import Frame, FrameVerdict, Receiver, Sender, decode, draw_session
 from runtime.line_vectors import PATH
 
 _MS = 1_000_000
@@ -22,7 +22,7 @@ class _Line:
     def __init__(self) -> None:
         self.receiver = Receiver("controller")
 
-    def came(self, at_ms: float, session: int, sequence: int, stamp_ms: float, ttl_ms: int = 100) -> Verdict:
+    def came(self, at_ms: float, session: int, sequence: int, stamp_ms: float, ttl_ms: int = 100) -> FrameVerdict:
         return self.receiver.accept(_status(session, sequence, stamp_ms, ttl_ms), round(at_ms * _MS))
 
 
@@ -34,33 +34,33 @@ def test_published_conversation() -> None:
         assert verdict.name.lower() == step["verdict"], number
     assert receiver.missed == conversation["missed"]
     assert receiver.counts.total() == len(conversation["steps"])
-    assert {step["verdict"] for step in conversation["steps"]} == {verdict.name.lower() for verdict in Verdict}
+    assert {step["verdict"] for step in conversation["steps"]} == {verdict.name.lower() for verdict in FrameVerdict}
 
 
 def test_sequence_wraps_and_half_of_it_is_the_past() -> None:
     line = _Line()
-    assert line.came(0, 5, 2**32 - 2, 0) is Verdict.ACCEPTED
-    assert line.came(10, 5, 1, 10) is Verdict.ACCEPTED
+    assert line.came(0, 5, 2**32 - 2, 0) is FrameVerdict.ACCEPTED
+    assert line.came(10, 5, 1, 10) is FrameVerdict.ACCEPTED
     assert line.receiver.missed == 2
-    assert line.came(20, 5, 2**32 - 1, 20) is Verdict.REPEATED
-    assert line.came(30, 5, 1 + 2**31, 30) is Verdict.REPEATED
-    assert line.came(40, 5, 2**31, 40) is Verdict.ACCEPTED
+    assert line.came(20, 5, 2**32 - 1, 20) is FrameVerdict.REPEATED
+    assert line.came(30, 5, 1 + 2**31, 30) is FrameVerdict.REPEATED
+    assert line.came(40, 5, 2**31, 40) is FrameVerdict.ACCEPTED
 
 
 def test_sessions_are_remembered_up_to_sixteen() -> None:
     line = _Line()
     for session in range(1, 18):
-        assert line.came(1000.0 * session, session, 0, 0) is Verdict.ACCEPTED
-    assert line.came(18_000, 2, 1, 1000) is Verdict.REMEMBERED_SESSION
-    assert line.came(18_010, 1, 1, 1000) is Verdict.ACCEPTED  # the seventeenth last: forgotten
+        assert line.came(1000.0 * session, session, 0, 0) is FrameVerdict.ACCEPTED
+    assert line.came(18_000, 2, 1, 1000) is FrameVerdict.REMEMBERED_SESSION
+    assert line.came(18_010, 1, 1, 1000) is FrameVerdict.ACCEPTED  # the seventeenth last: forgotten
 
 
 def test_a_second_sender_never_gets_in_while_the_line_is_alive() -> None:
     line = _Line()
     for tick in range(500):
-        assert line.came(20.0 * tick, 7, tick, 20.0 * tick) is Verdict.ACCEPTED
-        assert line.came(20.0 * tick + 5, 8, tick, 20.0 * tick) is Verdict.SECOND_SENDER
-    assert line.receiver.counts[Verdict.SECOND_SENDER] == 500
+        assert line.came(20.0 * tick, 7, tick, 20.0 * tick) is FrameVerdict.ACCEPTED
+        assert line.came(20.0 * tick + 5, 8, tick, 20.0 * tick) is FrameVerdict.SECOND_SENDER
+    assert line.receiver.counts[FrameVerdict.SECOND_SENDER] == 500
     assert line.receiver.session == 7
 
 
@@ -70,9 +70,9 @@ def test_frames_held_up_are_stale_however_long_the_line_was_silent() -> None:
         line.came(20.0 * tick + 3, 7, tick, 20.0 * tick)
     # The line hangs for ten seconds, then all of it comes at once.
     verdicts = [line.came(11_000, 7, tick, 20.0 * tick) for tick in range(50, 550)]
-    assert verdicts == [Verdict.STALE] * 495 + [Verdict.ACCEPTED] * 5
-    assert line.came(11_001, 7, 300, 6000.0) is Verdict.REPEATED
-    assert line.came(11_020, 7, 550, 11_000, 0) is Verdict.ACCEPTED
+    assert verdicts == [FrameVerdict.STALE] * 495 + [FrameVerdict.ACCEPTED] * 5
+    assert line.came(11_001, 7, 300, 6000.0) is FrameVerdict.REPEATED
+    assert line.came(11_020, 7, 550, 11_000, 0) is FrameVerdict.ACCEPTED
 
 
 @pytest.mark.parametrize("ahead_ms", [60.0, 300.0, 1e4, 1e9])
@@ -81,14 +81,14 @@ def test_one_stamp_from_the_future_spoils_nothing(ahead_ms: float) -> None:
     for tick in range(200):
         future = tick % 50 == 30
         verdict = line.came(20.0 * tick, 7, tick, 20.0 * tick + ahead_ms * future)
-        assert verdict is (Verdict.FROM_FUTURE if future else Verdict.ACCEPTED)
+        assert verdict is (FrameVerdict.FROM_FUTURE if future else FrameVerdict.ACCEPTED)
 
 
 def test_one_stamp_from_the_future_after_a_silence_spoils_nothing() -> None:
     line = _Line()
     line.came(0, 7, 0, 0)
-    assert line.came(5000, 7, 1, 9000) is Verdict.FROM_FUTURE
-    assert line.came(5020, 7, 2, 5020) is Verdict.ACCEPTED
+    assert line.came(5000, 7, 1, 9000) is FrameVerdict.FROM_FUTURE
+    assert line.came(5020, 7, 2, 5020) is FrameVerdict.ACCEPTED
 
 
 def test_a_clock_set_ahead_is_taken_after_a_silence() -> None:
@@ -96,19 +96,19 @@ def test_a_clock_set_ahead_is_taken_after_a_silence() -> None:
     for tick in range(50):
         line.came(20.0 * tick, 7, tick, 20.0 * tick)
     verdicts = [line.came(20.0 * tick, 7, tick, 20.0 * tick + 3.6e6) for tick in range(50, 100)]
-    taken = verdicts.index(Verdict.ACCEPTED)
+    taken = verdicts.index(FrameVerdict.ACCEPTED)
     assert taken == 10  # silent_ms over 20 ms
-    assert set(verdicts[taken:]) == {Verdict.ACCEPTED}
+    assert set(verdicts[taken:]) == {FrameVerdict.ACCEPTED}
     # Stamps that only claim to be ahead, each by another leap, are never taken.
     leaps = [line.came(20.0 * tick, 7, tick, 20.0 * tick + 4e6 + 100.0 * tick) for tick in range(100, 150)]
-    assert set(leaps) == {Verdict.FROM_FUTURE}
+    assert set(leaps) == {FrameVerdict.FROM_FUTURE}
 
 
 def test_a_clock_set_back_is_stale_until_the_sender_starts_anew() -> None:
     line = _Line()
     line.came(5000, 7, 0, 5000)
-    assert {line.came(5000 + 20.0 * tick, 7, tick, 20.0 * tick) for tick in range(1, 100)} == {Verdict.STALE}
-    assert line.came(7000, 9, 0, 2000) is Verdict.ACCEPTED
+    assert {line.came(5000 + 20.0 * tick, 7, tick, 20.0 * tick) for tick in range(1, 100)} == {FrameVerdict.STALE}
+    assert line.came(7000, 9, 0, 2000) is FrameVerdict.ACCEPTED
 
 
 @pytest.mark.parametrize("drift", [-1e-4, 1e-4])
@@ -118,27 +118,27 @@ def test_clocks_may_drift_for_hours(drift: float) -> None:
     stale = 0
     for tick in range(3 * 3600 * 2):
         sent = 500.0 * tick
-        stale += line.came(sent + random_ms.expovariate(0.2), 7, tick, sent * (1 + drift)) is not Verdict.ACCEPTED
+        stale += line.came(sent + random_ms.expovariate(0.2), 7, tick, sent * (1 + drift)) is not FrameVerdict.ACCEPTED
     assert stale == 0
     # The measure of age has not grown blunt: a frame 160 ms late on top of the usual few is found.
     late = 3 * 3600 * 1000.0
-    assert line.came(late + 165, 7, 60_000, late * (1 + drift)) is Verdict.STALE
+    assert line.came(late + 165, 7, 60_000, late * (1 + drift)) is FrameVerdict.STALE
 
 
 def test_a_line_that_slowly_fills_up_shows() -> None:
     line = _Line()
     # One per cent slower than what is sent: a second of backlog after a hundred.
     verdicts = [line.came(20.0 * tick * 1.01, 7, tick, 20.0 * tick) for tick in range(5000)]
-    first = verdicts.index(Verdict.STALE)
+    first = verdicts.index(FrameVerdict.STALE)
     assert 0.100 <= first * 0.020 * 0.01 <= 0.105
-    assert set(verdicts[first:]) == {Verdict.STALE}
+    assert set(verdicts[first:]) == {FrameVerdict.STALE}
 
 
 def test_wrong_line_or_wrong_end() -> None:
     receiver = Receiver("drive_by_wire", "host")
-    assert receiver.accept(_status(7, 0, 0, name="drive_command"), 0) is Verdict.ACCEPTED
+    assert receiver.accept(_status(7, 0, 0, name="drive_command"), 0) is FrameVerdict.ACCEPTED
     for name in ("drive_status", "controller_light", "radar_command"):
-        assert receiver.accept(_status(7, 1, 20, name=name), 20 * _MS) is Verdict.WRONG_LINE
+        assert receiver.accept(_status(7, 1, 20, name=name), 20 * _MS) is FrameVerdict.WRONG_LINE
     assert receiver.last_accepted_ns == 0
 
 

@@ -15,9 +15,9 @@ import pytest
 from lgprjax.runtime import monitor
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.main import process_command
-from lgprjax.runtime.messages import Kind, Record, Source, unpack
+from lgprjax.runtime.messages import Record, RecordKind, Source, unpack
 from lgprjax.runtime.monitor import Condition, look_at_computer, warnings_of
-from lgprjax.runtime.process import RINGS, Heartbeats, Stage
+from lgprjax.runtime.process import RINGS, Heartbeats, ProcessStage
 from lgprjax.runtime.ring import Ring
 from runtime.supervised_run import LIMIT_S, write_config
 
@@ -110,13 +110,13 @@ def test_the_process_beats_reports_every_second_and_ends(config: RuntimeConfig, 
         process.send_signal(signal.SIGTERM)
         _, errors = process.communicate(timeout=LIMIT_S)
         assert (process.returncode, errors) == (0, b"")
-    assert [(record.kind, record.source) for record in records] == [(Kind.MONITOR, Source.MONITOR)] * 2
+    assert [(record.kind, record.source) for record in records] == [(RecordKind.MONITOR, Source.MONITOR)] * 2
     assert 0.8 < (records[1].mono_ns - records[0].mono_ns) / 1e9 < 2.0
     content = json.loads(records[1].payload)
     assert set(content) == {"free_mb", "memory_mb", "rss_mb", "load", "hottest_c", "clock_step_s", "warnings"}
     assert set(content["rss_mb"]) == {"monitor", "supervisor"}
-    assert (beat.stage, beat.pid) == (Stage.READY, process.pid)
-    assert beats.read("monitor").stage == Stage.ENDING
+    assert (beat.stage, beat.pid) == (ProcessStage.READY, process.pid)
+    assert beats.read("monitor").stage == ProcessStage.ENDING
 
 
 def test_neither_it_nor_the_supervisor_imports_what_computes() -> None:

@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.autopilot import Mode, Refusal
+from lgprjax.autopilot import EngagementInhibit, Mode
 from lgprjax.autopilot.monitors import Watch
 from lgprjax.navigation import Reason
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.setup import Loaded
-from lgprjax.runtime.messages import FIX, Kind, Record
+from lgprjax.runtime.messages import FIX, Record, RecordKind
 from lgprjax.simulation.devices.world import CourseWorld
 from onboard_loop import DRIVE, OnboardLoop
 from onboard_moments import ENGAGED, Moment, follow, goes_on, stops
@@ -74,30 +74,30 @@ def test_with_the_emergency_stop_held_at_boot_nothing_is_engaged(
 @pytest.mark.parametrize(
     ("script", "refusal"),
     [
-        ([{"at_s": 0.1, "do": "drive", "speed_mps": 6.0}, {"at_way_m": 40.0, **STEER}], Refusal.TOO_FAST),
+        ([{"at_s": 0.1, "do": "drive", "speed_mps": 6.0}, {"at_way_m": 40.0, **STEER}], EngagementInhibit.TOO_FAST),
         (
             [
                 {"at_s": 0.1, "do": "drive", "speed_mps": 2.0},
                 {"at_way_m": 11.0, "do": "brake_tap", "for_s": 1.5},
                 {"at_way_m": 11.3, **STEER},
             ],
-            Refusal.BRAKE_PRESSED,
+            EngagementInhibit.BRAKE_PRESSED,
         ),
-        ([{"at_s": 0.1, **STEER}], Refusal.NONE),
+        ([{"at_s": 0.1, **STEER}], EngagementInhibit.NONE),
     ],
 )
 def test_what_may_not_be_engaged_is_refused_with_its_reason(
-    world: CourseWorld, config: RuntimeConfig, loaded: Loaded, script: list[dict[str, Any]], refusal: Refusal
+    world: CourseWorld, config: RuntimeConfig, loaded: Loaded, script: list[dict[str, Any]], refusal: EngagementInhibit
 ) -> None:
     loop = OnboardLoop(world, config, loaded, script, [])
-    refused: list[Refusal] = []
+    refused: list[EngagementInhibit] = []
 
     def watch(at: OnboardLoop) -> bool:
         refused.append(at.core.modes.state.refusal)
         return False
 
     loop.run(16.0, until=watch)
-    if refusal is Refusal.NONE:
+    if refusal is EngagementInhibit.NONE:
         # Standing, its heading confirmed by fixes: the first press engages the steering.
         assert Mode.STEERING in {Mode(int(row["mode"])) for row in loop.rows}
         return
@@ -297,7 +297,7 @@ def test_a_route_is_chosen_only_while_the_operator_drives(moments: dict[str, Mom
     def ask(loop: OnboardLoop) -> None:
         name = loop.kind._panel._routes[0].name
         payload = json.dumps({"select_route": name}).encode()
-        loop._came.append(Record(Kind.REQUEST, Source.DISPLAY, 0, loop._now_ns, payload))
+        loop._came.append(Record(RecordKind.REQUEST, Source.DISPLAY, 0, loop._now_ns, payload))
 
     after = follow(moments["straight"], 1.0, change=ask)
     assert after.loop.mode is Mode.SPEED
@@ -315,8 +315,8 @@ def test_records_of_an_older_run_are_replayed_to_the_same_commands(moments: dict
 
     def without(tick: int, now_ns: int, came: list[Record]) -> list[Record]:
         nonlocal stripped
-        old = [each._replace(payload=each.payload[:-4]) if each.kind is Kind.FIX else each for each in came]
-        stripped += sum(len(each.payload) < FIX.itemsize for each in old if each.kind is Kind.FIX)
+        old = [each._replace(payload=each.payload[:-4]) if each.kind is RecordKind.FIX else each for each in came]
+        stripped += sum(len(each.payload) < FIX.itemsize for each in old if each.kind is RecordKind.FIX)
         return list(step(tick, now_ns, old))
 
     other.core.step = without  # type: ignore[method-assign]

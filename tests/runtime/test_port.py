@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.runtime.config import Reason
+from lgprjax.runtime.config import RefusalReason
 from lgprjax.runtime.gnss import GnssParser
-from lgprjax.runtime.link import Frame, FrameParser, Sender, Verdict
+from lgprjax.runtime.link import Frame, FrameParser, FrameVerdict, Sender
 from lgprjax.runtime.messages import Source
 from lgprjax.runtime.port import Port
 from runtime.line_ends import Pty, closing, pty_line, read_now, server, taken, until
@@ -62,14 +62,18 @@ def test_what_is_refused_is_counted_and_kept() -> None:
         os.write(line.fd, b"".join(stream))
         assert [arrival.item.raw for arrival in taken(port, 2)] == [stream[0], stream[4]]
         refused = port.take_refused()
-        assert [arrival.item.reason for arrival in refused] == [Reason.CRC, Verdict.REPEATED, Verdict.SECOND_SENDER]
+        assert [arrival.item.reason for arrival in refused] == [
+            RefusalReason.CRC,
+            FrameVerdict.REPEATED,
+            FrameVerdict.SECOND_SENDER,
+        ]
         assert [arrival.item.data for arrival in refused] == stream[1:4]
         assert port.receiver is not None
         assert port.receiver.missed == 1
         # Of a flood the first is kept, and all is counted.
         for _ in range(20):
             os.write(line.fd, bad * 10)
-        assert until(lambda: port.refused[Reason.CRC] == 201)
+        assert until(lambda: port.refused[RefusalReason.CRC] == 201)
         assert [arrival.item.data for arrival in port.take_refused()] == [bad] * 64
 
 
@@ -110,7 +114,7 @@ def test_gnss_over_a_socket() -> None:
             assert until(lambda: port.opened)
             line.sendall(_HDT + b"\r\n" + b"$GPHDT,12.6,T*03\r\n" + _HDT + b"\r\n")
             assert [arrival.item for arrival in taken(port, 2)] == [_HDT, _HDT]
-            assert [arrival.item.reason for arrival in port.take_refused()] == [Reason.CRC]
+            assert [arrival.item.reason for arrival in port.take_refused()] == [RefusalReason.CRC]
 
 
 def test_a_device_that_is_pulled_out_and_put_back(tmp_path: Path) -> None:

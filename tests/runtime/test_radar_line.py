@@ -10,13 +10,13 @@ import pytest
 
 from lgprjax.runtime.config import RadarTable, SweepTable
 from lgprjax.runtime.link import Frame, decode
-from lgprjax.runtime.messages import Kind, unpack
+from lgprjax.runtime.messages import RecordKind, unpack
 from lgprjax.runtime.port import Port
 from lgprjax.runtime.registration import search as radar_line
 from lgprjax.runtime.registration.search import RadarLine
 from lgprjax.runtime.ring import Ring
 from lgprjax.simulation.devices.sensors import RadarBox, RadarState
-from lgprjax.simulation.devices.wire_ends import Sender
+from lgprjax.simulation.devices.wire_ends import DeviceSender
 
 
 class FakePort(Port[Frame]):
@@ -47,7 +47,7 @@ def rings(tmp_path: Path) -> tuple[Ring, Ring]:
 
 def health(state: int, errors: int = 0) -> Frame:
     box = RadarBox.__new__(RadarBox)
-    box.state, box.dropped, box.errors, box._mode, box._sender = RadarState(state), 0, errors, 0, Sender(3, 0)
+    box.state, box.dropped, box.errors, box._mode, box._sender = RadarState(state), 0, errors, 0, DeviceSender(3, 0)
     return decode(box.health(1_000_000))
 
 
@@ -112,6 +112,6 @@ def test_its_errors_are_told_to_control_in_words(rings: tuple[Ring, Ring], monke
     for errors in (0, 3, 0):
         line.take(health(1, errors))
     records = [unpack(message) for message in rings[1].take()]
-    assert [record.kind for record in records] == [Kind.EVENT] * 2
+    assert [record.kind for record in records] == [RecordKind.EVENT] * 2
     assert json.loads(records[0].payload) == {"radar": ["radar: a channel is lost", "radar: too hot"]}
     assert json.loads(records[1].payload) == {"radar": []}

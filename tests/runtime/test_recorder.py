@@ -11,7 +11,7 @@ import pytest
 
 from lgprjax.formats.run_log import read_run
 from lgprjax.runtime.config import read_config
-from lgprjax.runtime.process import Heartbeats, Stage, Started
+from lgprjax.runtime.process import Heartbeats, ProcessStage, Started
 from lgprjax.runtime.recorder import Recorder
 from lgprjax.runtime.ring import Ring
 from runtime.recorder_process import Feeder, end, make_place, make_record, recorded, ring, start_recorder
@@ -26,7 +26,7 @@ def test_everything_is_recorded_once_and_in_order(tmp_path: Path) -> None:
     feeder.end()
     assert end(process) == (0, "")
     assert recorded(place) == feeder.put
-    assert (beat.stage, beat.pid) == (Stage.READY, process.pid)
+    assert (beat.stage, beat.pid) == (ProcessStage.READY, process.pid)
     assert beat.count > 10
     reading = read_run(place.run)
     numbers = [number for number, _ in reading]
@@ -38,7 +38,7 @@ def test_everything_is_recorded_once_and_in_order(tmp_path: Path) -> None:
     assert numbers == sorted(numbers)
     assert summary.last is not None
     assert len(numbers) + summary.segments + 1 == summary.last + 1  # each segment's own first record, and the end
-    assert Heartbeats(place.rings).read("recorder").stage is Stage.ENDING
+    assert Heartbeats(place.rings).read("recorder").stage is ProcessStage.ENDING
 
 
 def test_beside_the_segments_stands_what_a_reader_needs(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from lgprjax.frames import LocalFrame
 from lgprjax.registration import Code
 from lgprjax.runtime.config import SensorsTable
 from lgprjax.runtime.control.senses import Senses
-from lgprjax.runtime.messages import FIX, Kind, Record, Source, fix_row
+from lgprjax.runtime.messages import FIX, Record, RecordKind, Source, fix_row
 
 _NOW_NS = 5_000_000_000
 
@@ -23,7 +23,7 @@ def _fields(code: Code, correlation: float) -> bytes:
 
 def _taken(payload: bytes) -> Senses:
     senses = Senses(LocalFrame(45.0, 7.0, 300.0), SensorsTable())
-    senses.take(Record(Kind.FIX, Source.REGISTRATION, 0, _NOW_NS, payload))
+    senses.take(Record(RecordKind.FIX, Source.REGISTRATION, 0, _NOW_NS, payload))
     return senses
 
 

@@ -5,12 +5,12 @@ import math
 import pytest
 
 from lgprjax.autopilot.monitors import Severity, Watch
-from lgprjax.runtime.control.senses import Attitude, TurnRate
+from lgprjax.runtime.control.senses import LocalAttitude, TurnRate
 from lgprjax.runtime.control.skid.senses import InsTurns
 from lgprjax.runtime.control.skid.watches import (
     SEVERITY,
     TEXT,
-    Found,
+    SkidFound,
     ToolBelief,
     ToolReading,
     ToolWatchState,
@@ -29,28 +29,28 @@ STEP_S = 0.02
 
 def seconds_until(
     readings: list[ToolReading | None], *, told_on: bool = True, speed_mps: float = 0.4
-) -> tuple[float, Found]:
+) -> tuple[float, SkidFound]:
     """Time to the first finding, and which; infinite where there is none."""
     state = ToolWatchState()
     for number, reading in enumerate(readings, 1):
         state, found = step_tool_watch(BELIEF, state, reading, told_on=told_on, speed_mps=speed_mps, step_s=STEP_S)
         if found:
             return number * STEP_S, found
-    return math.inf, Found(0)
+    return math.inf, SkidFound(0)
 
 
 @pytest.mark.parametrize(
     ("wrong", "found"),
     [
-        (OFF, Found.TOOL_OFF),
-        (SHALLOW, Found.TOOL_DEPTH),
-        (ToolReading(True, 0.19), Found.TOOL_DEPTH),
-        (ToolReading(True, math.nan), Found.TOOL_DEPTH),
-        (None, Found.TOOL_OFF | Found.TOOL_DEPTH),
+        (OFF, SkidFound.TOOL_OFF),
+        (SHALLOW, SkidFound.TOOL_DEPTH),
+        (ToolReading(True, 0.19), SkidFound.TOOL_DEPTH),
+        (ToolReading(True, math.nan), SkidFound.TOOL_DEPTH),
+        (None, SkidFound.TOOL_OFF | SkidFound.TOOL_DEPTH),
     ],
 )
 def test_a_tool_that_worked_and_does_not_is_found_within_a_fifth_of_a_second(
-    wrong: ToolReading | None, found: Found
+    wrong: ToolReading | None, found: SkidFound
 ) -> None:
     right: list[ToolReading | None] = [RIGHT] * 5
     seconds, seen = seconds_until([*right, *[wrong] * 50])
@@ -73,18 +73,18 @@ def test_a_tool_that_is_told_off_or_stands_is_no_fault() -> None:
 @pytest.mark.parametrize(
     ("told", "measured", "drives", "found"),
     [
-        ((0.4, 0.4), (0.0, 0.4), True, Found.LEFT_DEAD),
-        ((0.4, -0.4), (0.4, 0.4), True, Found.RIGHT_DEAD),
-        ((0.4, 0.4), (math.nan, 0.4), True, Found.LEFT_DEAD),
-        ((0.4, 0.4), (0.3, 0.35), True, Found(0)),
-        ((0.05, 0.05), (0.0, 0.0), True, Found(0)),
-        ((0.4, 0.4), (0.0, 0.0), False, Found(0)),
+        ((0.4, 0.4), (0.0, 0.4), True, SkidFound.LEFT_DEAD),
+        ((0.4, -0.4), (0.4, 0.4), True, SkidFound.RIGHT_DEAD),
+        ((0.4, 0.4), (math.nan, 0.4), True, SkidFound.LEFT_DEAD),
+        ((0.4, 0.4), (0.3, 0.35), True, SkidFound(0)),
+        ((0.05, 0.05), (0.0, 0.0), True, SkidFound(0)),
+        ((0.4, 0.4), (0.0, 0.0), False, SkidFound(0)),
     ],
 )
 def test_a_track_that_does_not_follow_is_found(
-    told: tuple[float, float], measured: tuple[float, float], drives: bool, found: Found
+    told: tuple[float, float], measured: tuple[float, float], drives: bool, found: SkidFound
 ) -> None:
-    state, seen, seconds = TrackWatchState(), Found(0), 0.0
+    state, seen, seconds = TrackWatchState(), SkidFound(0), 0.0
     while not seen and seconds < 2.0:
         state, seen = step_track_watch(state, told_mps=told, measured_mps=measured, drives=drives, step_s=STEP_S)
         seconds += STEP_S
@@ -96,7 +96,7 @@ def test_turns_by_attitudes_are_told_ten_times_a_second_and_across_half_a_turn()
     turns, told = InsTurns(), []
     for number in range(51):
         yaw = math.remainder(3.1 + 0.002 * number, math.tau)
-        turn = turns.take(Attitude(1_000_000_000 + number * 20_000_000, yaw, 0.0), [TurnRate(0, 5.0)])
+        turn = turns.take(LocalAttitude(1_000_000_000 + number * 20_000_000, yaw, 0.0), [TurnRate(0, 5.0)])
         if turn is not None:
             told.append(turn)
     assert len(told) == 10
@@ -117,10 +117,10 @@ def test_turns_by_rates_are_summed_and_not_across_a_gap() -> None:
 
 
 def test_every_finding_has_words_a_severity_and_its_stop() -> None:
-    assert set(SEVERITY) == set(TEXT) == set(Found)
-    for bit in Found:
+    assert set(SEVERITY) == set(TEXT) == set(SkidFound)
+    for bit in SkidFound:
         assert describe_found(bit) == [TEXT[bit]]
         if SEVERITY[bit] is Severity.STOP:
             assert stops_of(bit, Watch(0))
-    assert stops_of(Found(0), Watch.LINE_SILENT) == StopBits.BOX
-    assert stops_of(Found.EDGE | Found.TOOL_OFF, Watch(0)) == StopBits.EDGE | StopBits.TOOL
+    assert stops_of(SkidFound(0), Watch.LINE_SILENT) == StopBits.BOX
+    assert stops_of(SkidFound.EDGE | SkidFound.TOOL_OFF, Watch(0)) == StopBits.EDGE | StopBits.TOOL

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lgprjax.runtime.messages import StampClock, TimeScale, WeekClock
+from lgprjax.runtime.messages import GnssTimeScale, StampClock, WeekClock
 
 _S = 1_000_000_000
 
@@ -150,8 +150,8 @@ def test_a_first_sample_that_was_held_up_is_got_over() -> None:
     assert max(abs(error) for error in errors[60:] if error is not None) < 0.004
 
 
-@pytest.mark.parametrize(("scale", "length_s"), [(TimeScale.GPS_WEEK, 604800.0), (TimeScale.UTC_DAY, 86400.0)])
-def test_time_begins_anew(scale: TimeScale, length_s: float) -> None:
+@pytest.mark.parametrize(("scale", "length_s"), [(GnssTimeScale.GPS_WEEK, 604800.0), (GnssTimeScale.UTC_DAY, 86400.0)])
+def test_time_begins_anew(scale: GnssTimeScale, length_s: float) -> None:
     clock = WeekClock(scale)
     told = []
     for tick in range(400):
@@ -164,7 +164,7 @@ def test_time_begins_anew(scale: TimeScale, length_s: float) -> None:
 
 @pytest.mark.parametrize("period_s", [0.02, 0.1, 0.2])
 def test_a_leap_second_is_got_over(period_s: float) -> None:
-    clock = WeekClock(TimeScale.UTC_DAY)
+    clock = WeekClock(GnssTimeScale.UTC_DAY)
     lost = []
     for tick in range(round(20 / period_s)):
         true_s = 86390.0 + period_s * tick
@@ -183,7 +183,7 @@ def test_a_leap_second_is_got_over(period_s: float) -> None:
 
 @pytest.mark.parametrize("tow_s", [math.nan, math.inf, -0.001, 604800.0, 1e300])
 def test_no_times_of_week(tow_s: float) -> None:
-    clock = WeekClock(TimeScale.GPS_WEEK)
+    clock = WeekClock(GnssTimeScale.GPS_WEEK)
     assert clock.feed(1.0, _S) == _S
     assert clock.feed(tow_s, 2 * _S) is None
     assert clock.feed(2.0, 2 * _S) == 2 * _S

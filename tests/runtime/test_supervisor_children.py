@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from lgprjax.runtime.process import PROCESSES, Heartbeats
-from lgprjax.runtime.supervisor import Child, Limits, Told, What, end_children
+from lgprjax.runtime.supervisor import Child, Limits, ProcessReports, What, end_children
 
 STARTING, WARMING, READY, ENDING = range(4)
 LIMITS = Limits(silent_s=0.2, start_s=30.0, patient=False)
@@ -46,7 +46,7 @@ class Watched:
         assert process is not None
         return process.pid
 
-    def look(self, passed_s: float = 0.01) -> list[Told]:
+    def look(self, passed_s: float = 0.01) -> list[ProcessReports]:
         """A look after ``passed_s``."""
         self.now_s += passed_s
         return self.child.look(self.now_s, passed_s)
@@ -55,7 +55,7 @@ class Watched:
         """A heartbeat of the process itself."""
         say(self.folder, "monitor", self.now_s - ago_s, stage, self.pid, count)
 
-    def until_told(self, passed_s: float = 0.0) -> list[Told]:
+    def until_told(self, passed_s: float = 0.0) -> list[ProcessReports]:
         """Looks until something is told, with the clock of the test standing still."""
         until_s = time.monotonic() + 10.0
         while time.monotonic() < until_s:
@@ -78,7 +78,7 @@ def test_ready_is_told_once(sleeper: Watched) -> None:
     assert sleeper.look() == []
     assert not sleeper.child.ready
     sleeper.say(READY, 2)
-    assert sleeper.look() == [Told(What.READY, "monitor")]
+    assert sleeper.look() == [ProcessReports(What.READY, "monitor")]
     sleeper.say(READY, 3)
     assert sleeper.look() == []
     assert sleeper.child.ready
@@ -90,13 +90,13 @@ def test_silence_is_found_at_the_limit_and_not_before(sleeper: Watched) -> None:
     for _ in range(18):
         assert sleeper.look() == []
     told = [found for _ in range(4) for found in sleeper.look()]
-    assert told == [Told(What.DIED, "monitor", "hung 0.21 s")]
+    assert told == [ProcessReports(What.DIED, "monitor", "hung 0.21 s")]
 
 
 def test_silence_in_the_middle_of_the_life_counts_from_the_last_beat(sleeper: Watched) -> None:
     for count in range(1, 60):
         sleeper.say(READY, count)
-        assert sleeper.look() == ([Told(What.READY, "monitor")] if count == 1 else [])
+        assert sleeper.look() == ([ProcessReports(What.READY, "monitor")] if count == 1 else [])
     began_s = sleeper.now_s
     while not sleeper.look():
         assert sleeper.now_s - began_s < 0.3
@@ -141,7 +141,7 @@ def test_an_ending_may_take_longer_to_write(sleeper: Watched) -> None:
 def test_beats_that_are_none_count_for_nothing(sleeper: Watched, wild: str) -> None:
     sleeper.say(READY, 1)
     sleeper.look()
-    told: list[Told] = []
+    told: list[ProcessReports] = []
     for count in range(2, 40):
         pid = sleeper.pid + 1 if wild == "pid" else sleeper.pid
         say(sleeper.folder, "monitor", sleeper.now_s, 77 if wild == "stage" else READY, pid, count)
@@ -192,7 +192,7 @@ def test_waits_double_up_to_two_seconds_and_a_long_life_ends_them(tmp_path: Path
 )
 def test_ten_deaths_in_five_minutes_are_enough(tmp_path: Path, apart_s: float, patient: bool, left: bool) -> None:
     watched = Watched(tmp_path, ("false",), LIMITS._replace(patient=patient, start_s=1e9))
-    told: list[Told] = []
+    told: list[ProcessReports] = []
     for _ in range(12):
         watched.now_s += apart_s
         watched.look(0.0)
@@ -201,12 +201,12 @@ def test_ten_deaths_in_five_minutes_are_enough(tmp_path: Path, apart_s: float, p
         told += watched.until_told()
     assert watched.child.left is left
     assert len(watched.given) == (10 if left else 12)
-    assert (told[-1] == Told(What.LEFT, "monitor", "10 deaths in 300 s")) is left
+    assert (told[-1] == ProcessReports(What.LEFT, "monitor", "10 deaths in 300 s")) is left
 
 
 def test_a_command_that_cannot_be_started_is_a_death(tmp_path: Path) -> None:
     watched = Watched(tmp_path, (str(tmp_path / "no_such_program"),))
-    assert watched.look() == [Told(What.DIED, "monitor", "not started: No such file or directory")]
+    assert watched.look() == [ProcessReports(What.DIED, "monitor", "not started: No such file or directory")]
     assert watched.look(0.05) == []
     assert len(watched.look(0.06)) == 1
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lgprjax.runtime.config import KEPT, Reason, Refused
+from lgprjax.runtime.config import KEPT, RefusalReason, RefusedBytes
 from lgprjax.runtime.link import LARGEST_PAYLOAD, MESSAGES, Frame, FrameParser, decode, encode
 from runtime.line_vectors import MESSAGES as BY_HAND
 from runtime.line_vectors import PATH, document, frame_of, head_of, payload_of
@@ -61,8 +61,8 @@ def test_bad_examples(vector: dict[str, Any]) -> None:
         assert found == []
     else:
         first = found[0]
-        assert isinstance(first, Refused)
-        assert Reason(first.reason).name.lower() == vector["verdict"]
+        assert isinstance(first, RefusedBytes)
+        assert RefusalReason(first.reason).name.lower() == vector["verdict"]
         assert first.data == raw[: len(first.data)]
         assert parser.counts.total() == len(found)
     with pytest.raises(ValueError, match="not one whole frame"):
@@ -136,8 +136,8 @@ def test_a_length_with_a_flipped_bit_holds_nothing_back() -> None:
     # 4096 + 13 bytes of a command: seconds of a slow line, were they waited for.
     torn = _COMMAND[:5] + bytes([_COMMAND[5] ^ 0x10]) + _COMMAND[6:]
     found = FrameParser().feed(torn + _COMMAND)
-    assert [type(item) for item in found] == [Refused, Frame]
-    assert found[0] == Refused(Reason.LENGTH, torn)
+    assert [type(item) for item in found] == [RefusedBytes, Frame]
+    assert found[0] == RefusedBytes(RefusalReason.LENGTH, torn)
 
 
 def test_memory_is_bounded() -> None:
@@ -145,7 +145,7 @@ def test_memory_is_bounded() -> None:
     for _ in range(10):
         # Every eight bytes the head of the longest scan.
         found = parser.feed(b"\xa5\x5a\x01\x12\x00\x20\x03\x00" * 512)
-        assert all(isinstance(item, Refused) and len(item.data) <= KEPT for item in found)
+        assert all(isinstance(item, RefusedBytes) and len(item.data) <= KEPT for item in found)
         assert len(parser._buffer) <= 26 + LARGEST_PAYLOAD + 4
 
 

@@ -10,7 +10,7 @@ from lgprjax.scene import (
     NO_FAULTS,
     Day,
     DrivePlan,
-    Faults,
+    ReceiverFaults,
     Response,
     iterate_traces,
     record_scans,
@@ -21,7 +21,7 @@ from scene.bare_ground import SPOTLESS
 from scene.short_drives import EMPTY, GROUND, PLAN, STILL, drive_over, recorded
 
 CLEAR = Day(seed=2, clutter_per_m2=1.0)
-FAULTY = Faults(dropped_share=0.05, clipped_share=0.05, interference_share=0.05, dead_channels=(0,))
+FAULTY = ReceiverFaults(dropped_share=0.05, clipped_share=0.05, interference_share=0.05, dead_channels=(0,))
 
 
 def test_the_same_seeds_record_the_same_bytes() -> None:

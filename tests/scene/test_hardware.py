@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from lgprjax.scene import NO_FAULTS, Conditions, Cover, Day, Faults, ground_on, slice_ground
+from lgprjax.scene import NO_FAULTS, Conditions, Cover, Day, ReceiverFaults, ground_on, slice_ground
 from lgprjax.scene.propagation import trace_matrix
 from lgprjax.scene.render import (
     COUPLING_FIELD,
@@ -100,7 +100,9 @@ def test_loud_and_hit_scans_have_their_share() -> None:
     errors = draw_scan_errors(replace(NO_FAULTS, clipped_share=0.01, interference_share=0.02), scans, BAND_MHZ, 3)
     assert np.mean(errors.gain == 4.0) == pytest.approx(0.01, abs=4 * np.sqrt(0.01 / scans))
     assert np.all((errors.gain == 4.0) | (errors.gain == 1.0))
-    hit = draw_scan_errors(Faults(interference_share=0.02, interference_field=0.05), scans, BAND_MHZ, 4).interference
+    hit = draw_scan_errors(
+        ReceiverFaults(interference_share=0.02, interference_field=0.05), scans, BAND_MHZ, 4
+    ).interference
     assert np.mean(hit > 0) == pytest.approx(0.02, abs=4 * np.sqrt(0.02 / scans))
     assert hit[hit > 0].mean() == pytest.approx(0.05, rel=0.15)
     frequency_mhz = errors.interference_mhz

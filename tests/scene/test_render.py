@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from lgprjax.scene import GroundConfig, Layers, Scatterers, make_ground
-from lgprjax.scene.ground import Field, constant_field
+from lgprjax.scene.ground import SineField, constant_field
 from scene.bare_ground import (
     INDEX,
     LIGHT_M_PER_NS,
@@ -181,7 +181,7 @@ def test_far_down_the_road_is_as_sharp_as_at_the_start() -> None:
             layers.reflectivity,
             turned(layers.reflectivity_phase_rad, layers.wave_rad_per_m),
         ),
-        moisture=Field(
+        moisture=SineField(
             moisture.mean,
             moisture.amplitude,
             moisture.wave_rad_per_m,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from lgprjax.scene.motion import DrivePlan, Motion, plan_motion, poses_at
+from lgprjax.scene.motion import DriveMotion, DrivePlan, plan_motion, poses_at
 from lgprjax.scene.road import RoadConfig, make_road
 from lgprjax.scene.sensors import NavigationErrors, PoseTrack, gauss_markov, observe_drive
 
@@ -248,7 +248,7 @@ def test_errors_that_cannot_be_are_refused(change: dict[str, float], message: st
 
 
 def _errors_over_seeds(
-    motion: Motion, errors: NavigationErrors, seeds: int
+    motion: DriveMotion, errors: NavigationErrors, seeds: int
 ) -> tuple[Float[np.ndarray, "seed time 5"], Float[np.ndarray, "time 5"]]:
     tracks = [observe_drive(motion, errors, seed)[1] for seed in range(seeds)]
     truth = poses_at(motion, tracks[0].time_s)

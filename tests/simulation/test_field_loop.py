@@ -12,8 +12,8 @@ from lgprjax.simulation.field_loop import (
     PIDS,
     THRESHOLD_MPS,
     FieldCourse,
+    FieldLoopSpec,
     FieldMoment,
-    FieldSpec,
     FieldWorld,
     made_up_field_world,
     made_up_tool,
@@ -24,7 +24,7 @@ from lgprjax.simulation.field_loop import (
 from lgprjax.tuning import find_limit_cycle, fit_threshold
 
 INCH_M = 0.0254
-SPEC = FieldSpec(moments=4400)
+SPEC = FieldLoopSpec(moments=4400)
 FAR = pad_fence(np.array([[-60.0, -60.0], [180.0, -60.0], [180.0, 60.0], [-60.0, 60.0]]))
 
 
@@ -33,7 +33,7 @@ def settings(turning_room_m: float = 6.0) -> PatternSettings:
 
 
 def driven(
-    world: FieldWorld, course: FieldCourse, fence: Float[Array, "slot 2"], *, spec: FieldSpec = SPEC, seed: int = 5
+    world: FieldWorld, course: FieldCourse, fence: Float[Array, "slot 2"], *, spec: FieldLoopSpec = SPEC, seed: int = 5
 ) -> FieldMoment:
     """Two lanes, as NumPy arrays."""
     kept = run_fields(spec, world, course.route, fence, jax.random.split(jax.random.key(seed), 2))
@@ -129,7 +129,7 @@ def test_the_whole_field_of_the_source(guidance: str) -> None:
     """30 x 20 m in Zamboni order, eight seeds, GNSS off 30 s of every 90 s."""
     whole = PatternSettings(1.2, 0.15, "zamboni", 1.5, 8.0, 1.2)
     course = rectangle_course(30.0, 20.0, whole, made_up_tool())
-    spec = FieldSpec(moments=26_000, guidance="carrot" if guidance == "carrot" else "pursuit")
+    spec = FieldLoopSpec(moments=26_000, guidance="carrot" if guidance == "carrot" else "pursuit")
     keys = jax.random.split(jax.random.key(11), 8)
     kept: FieldMoment = jax.tree.map(
         np.asarray, run_fields(spec, made_up_field_world(off_s=30.0), course.route, course.fence, keys)

@@ -9,7 +9,15 @@ from jaxtyping import Float, Int
 
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import default_chain
-from lgprjax.subsurface import GroundMap, MapDescription, Places, StationPlaces, Stations, TilePlacer, sample_tile
+from lgprjax.subsurface import (
+    GroundMap,
+    MapDescription,
+    StationPlaces,
+    StationPositions,
+    Stations,
+    TilePlacer,
+    sample_tile,
+)
 
 CHANNELS, SAMPLES, PITCH_M = 5, 40, 0.127
 
@@ -22,7 +30,7 @@ class Road:
         yaw = 0.6 * np.sin(travel / 30.0)
         east, north = np.cumsum(0.04 * np.cos(yaw)), np.cumsum(0.04 * np.sin(yaw))
         self.pose: Float[np.ndarray, "scan 5"] = np.stack([east, north, 0 * yaw + 0.3, yaw, 0 * yaw], axis=1)
-        self.places = StationPlaces.held(Places(self.pose, 0.01 * travel, np.zeros(len(travel), int)))
+        self.places = StationPlaces.held(StationPositions(self.pose, 0.01 * travel, np.zeros(len(travel), int)))
         placer = TilePlacer(4.0)
         placer.place(self.pose)
         self.tile_frame: Float[np.ndarray, "tile 3"] = placer.frames

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import default_chain
-from lgprjax.subsurface import GroundMap, MapDescription, Places, StationPlaces, Stations
+from lgprjax.subsurface import GroundMap, MapDescription, StationPlaces, StationPositions, Stations
 from lgprjax.subsurface.ground_map import Levelling
 
 CHANNELS, SAMPLES, STATIONS, PITCH_M, STEP_M = 3, 48, 700, 0.127, 0.05
@@ -34,7 +34,7 @@ class Lanes:
             valid=rng.random((count, CHANNELS)) < 0.8,
             antenna_m=np.stack([-np.sin(yaw)[:, None] * left, np.cos(yaw)[:, None] * left, height], axis=-1),
         )
-        self.places = StationPlaces.held(Places(self.pose, 0 * east, back.astype(int)))
+        self.places = StationPlaces.held(StationPositions(self.pose, 0 * east, back.astype(int)))
         self.tile_frame: Float[np.ndarray, "tile 3"] = np.array([[x, 0.1, 0.02] for x in (4.0, 17.0, 30.0)])
         self.height_reference_m: Float[np.ndarray, " tile"] = np.array([0.3, 0.27, 0.34])
         gain = np.linspace(1.0, 3.0, SAMPLES).astype(np.float32)

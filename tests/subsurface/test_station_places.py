@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lgprjax.subsurface import Places, StationPlaces, stretches_of
+from lgprjax.subsurface import StationPlaces, StationPositions, stretches_of
 from lgprjax.subsurface.stations import track_extents
 
 RNG = np.random.default_rng(3)
@@ -16,12 +16,12 @@ def track(stations: int, step_m: float = 0.04, bend_m: float = 15.0, aside_m: fl
     return np.stack([(bend_m + aside_m) * np.sin(angle), (bend_m + aside_m) * (1.0 - np.cos(angle))], axis=1)
 
 
-def places_of(*tracks: np.ndarray) -> Places:
+def places_of(*tracks: np.ndarray) -> StationPositions:
     place = np.concatenate(tracks)
     pose = np.zeros((len(place), 5))
     pose[:, :2] = place
     drive = np.repeat(np.arange(len(tracks)), [len(each) for each in tracks])
-    return Places(pose, np.arange(len(place), dtype=np.float64), drive)
+    return StationPositions(pose, np.arange(len(place), dtype=np.float64), drive)
 
 
 # Two lanes, one with a gap of metres, and a lone station far away.
@@ -63,9 +63,9 @@ def test_near_and_nearest_are_what_a_look_at_every_station_finds(centre: tuple[f
 def test_only_stations_that_may_be_near_are_read() -> None:
     read: list[int] = []
 
-    def reading(stations: np.ndarray) -> Places:
+    def reading(stations: np.ndarray) -> StationPositions:
         read.append(len(stations))
-        return Places(*(field[stations] for field in PLACES))
+        return StationPositions(*(field[stations] for field in PLACES))
 
     places = StationPlaces(stretches_of(PLACES.pose[:, :2], PLACES.drive), len(PLACES.pose), reading)
     found = places.near(LANE[200], 0.5)

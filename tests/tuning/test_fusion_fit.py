@@ -7,7 +7,7 @@ from scipy import stats
 
 import linear_drives
 from lgprjax.navigation.counter_steer_model import FilterModel
-from lgprjax.navigation.observations import Motion, Observations, default_rules
+from lgprjax.navigation.observations import MotionInput, Observations, default_rules
 from lgprjax.tuning import NOISES, FusionFit, NavigationDrives, NotExcitedError, fit_fusion
 from lgprjax.tuning.navigation import filter_drives, innovation_slopes, mean_nis, without_outliers
 from lgprjax.vehicle import VehiclePose
@@ -34,7 +34,7 @@ _START = _TRUE._replace(
 _LINEAR_TOLD = ("acceleration_noise", "side_noise", "gnss_error_sigma_m", "gnss_error_s")
 
 
-def _drives(motions: Motion, observations: Observations) -> NavigationDrives:
+def _drives(motions: MotionInput, observations: Observations) -> NavigationDrives:
     zero = jnp.zeros(_LANES, jnp.float32)
     return NavigationDrives(VehiclePose(zero, zero, zero), zero + SPEED_MPS, motions, observations)
 

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.tuning import Trials, TunedLookAhead, TunedVehicle, cost_of, judge, sweep_look_ahead, tune_look_ahead
+from lgprjax.tuning import TrialCourses, TunedLookAhead, TunedVehicle, cost_of, judge, sweep_look_ahead, tune_look_ahead
 from lgprjax.vehicle import Chassis, LookAhead, ProportionalRear, Servo, arc_course, line_course, look_ahead_m
 
 SPEEDS = (1.5, 2.235, 4.47, 6.5, 8.0)
@@ -19,19 +19,21 @@ def vehicle(supply_v: float = 24.0, delay_s: float = 0.06) -> TunedVehicle:
 
 
 @pytest.fixture(scope="module")
-def trials() -> Trials:
+def trials() -> TrialCourses:
     """Line and arc, offsets 0 and ±3 m."""
-    return Trials((line_course(300.0), arc_course(25.0, 2 * np.pi)), SPEEDS)
+    return TrialCourses((line_course(300.0), arc_course(25.0, 2 * np.pi)), SPEEDS)
 
 
 @pytest.fixture(scope="module")
-def tuned(trials: Trials) -> dict[float, TunedLookAhead]:
+def tuned(trials: TrialCourses) -> dict[float, TunedLookAhead]:
     """At full torque, and with 16 V of 24, where 43 % of it are left."""
     return {volts: tune_look_ahead(vehicle(volts), trials) for volts in (24.0, 16.0)}
 
 
 @pytest.mark.parametrize("volts", [24.0, pytest.param(16.0, marks=pytest.mark.campaign)])
-def test_gradient_is_as_good_as_brute_force(trials: Trials, tuned: dict[float, TunedLookAhead], volts: float) -> None:
+def test_gradient_is_as_good_as_brute_force(
+    trials: TrialCourses, tuned: dict[float, TunedLookAhead], volts: float
+) -> None:
     """Within 2 % of the least cost of 3,600 schedules, each driven 30 times."""
     axes = (np.geomspace(0.8, 8, 12), np.geomspace(1.5, 18, 15), np.linspace(0.5, 3.5, 4), np.linspace(5.0, 10, 5))
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4)
@@ -57,14 +59,16 @@ def test_less_torque_asks_for_a_longer_look_ahead(tuned: dict[float, TunedLookAh
     assert (weak > 1.1 * full).all()
 
 
-def test_look_ahead_grows_with_speed_and_leaves_the_margin(trials: Trials, tuned: dict[float, TunedLookAhead]) -> None:
+def test_look_ahead_grows_with_speed_and_leaves_the_margin(
+    trials: TrialCourses, tuned: dict[float, TunedLookAhead]
+) -> None:
     for found in tuned.values():
         assert float(found.schedule.long_m) > 1.5 * float(found.schedule.short_m)
         assert (np.asarray(found.judged.margin_rad) >= trials.least_margin_rad).all()
         assert (np.asarray(found.judged.error_m) < 0.6).all()
 
 
-def test_sweep_is_what_single_drives_are(trials: Trials) -> None:
+def test_sweep_is_what_single_drives_are(trials: TrialCourses) -> None:
     """One place of the surface, judged by itself."""
     swept = sweep_look_ahead(vehicle(), trials, [2.0, 5.0, 9.0])
     zero = jnp.float32(0.0)
@@ -73,10 +77,10 @@ def test_sweep_is_what_single_drives_are(trials: Trials) -> None:
         np.testing.assert_allclose(np.asarray(field)[1], np.asarray(single), rtol=2e-3, atol=1e-5)
 
 
-def test_what_cannot_be_tuned_is_refused(trials: Trials) -> None:
+def test_what_cannot_be_tuned_is_refused(trials: TrialCourses) -> None:
     with pytest.raises(ValueError, match="two speeds"):
-        tune_look_ahead(vehicle(), Trials(trials.paths, (2.0,)))
+        tune_look_ahead(vehicle(), TrialCourses(trials.paths, (2.0,)))
     with pytest.raises(ValueError, match="phase margin"):
-        tune_look_ahead(vehicle(), Trials(trials.paths, SPEEDS, least_margin_rad=1.5))
+        tune_look_ahead(vehicle(), TrialCourses(trials.paths, SPEEDS, least_margin_rad=1.5))
     with pytest.raises(ValueError, match="delays of up to"):
         tune_look_ahead(vehicle(delay_s=0.3), trials)

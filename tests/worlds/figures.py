@@ -161,7 +161,7 @@ def judge(world: World, registered: RegisteredDrive, passes: Sequence[Drive], li
     pose = np.asarray(registered.fix.pose, dtype=float)
     covariance = np.asarray(registered.fix.covariance, dtype=float)[:, :2, :2]
     # What the map says of its labels is no part of an error against them; beside it is the odometer's, along alone.
-    beside = np.nan_to_num(np.asarray(registered.beside_match, dtype=float))
+    beside = np.nan_to_num(np.asarray(registered.map_odometry_covariance, dtype=float))
     said_m2 = np.linalg.eigvalsh(beside)[:, 0]
     place = pose[:, :2] - registered.truth[:, :2]
     against = place - label

@@ -13,7 +13,7 @@ from lgprjax.errors import InputError
 from lgprjax.formats.drive import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack, TraceRecording
 from lgprjax.formats.line_layout import inputs_of
 from lgprjax.formats.profile import Assumed
-from lgprjax.formats.survey_track import TRACK_ASSUMED, Place, path_headings_deg, straight_track, track
+from lgprjax.formats.survey_track import TRACK_ASSUMED, SurveyOrigin, path_headings_deg, straight_track, track
 from lgprjax.radar.array import ArrayGeometry
 
 # The data set's README names the first, its programs the second.
@@ -27,7 +27,7 @@ def import_cmu(
     *,
     time_window_ns: float,
     time_zero_ns: float = 0.0,
-    place: Place,
+    place: SurveyOrigin,
     output: str | Path,
     force: bool = False,
 ) -> None:
@@ -107,7 +107,7 @@ def import_cmu(
         writer.append(radar[kept, 0] - t0_s, traces)
 
 
-def _assumed(place: Place, *, surveyed: bool) -> Assumed:
+def _assumed(place: SurveyOrigin, *, surveyed: bool) -> Assumed:
     if surveyed:
         return {"heading": "along the path", **TRACK_ASSUMED, **place.assumed()}
     straight: Assumed = {"position": "straight from the origin", "heading": f"{place.heading_deg:g} degrees all along"}
@@ -157,7 +157,7 @@ def _tracks(
     odometry_time_s: Float[np.ndarray, " odometry"],
     distance_m: Float[np.ndarray, " odometry"],
     t0_s: float,
-    place: Place,
+    place: SurveyOrigin,
 ) -> tuple[NavigationTrack, NavigationTrack | None]:
     """Navigation, and truth where there is a total station."""
     if len(truth) < 2:

@@ -17,7 +17,7 @@ from lgprjax.errors import InputError
 from lgprjax.formats.line_layout import inputs_of, write_lines
 from lgprjax.formats.profile import Profile
 from lgprjax.formats.store import DAMAGE
-from lgprjax.formats.survey_track import Place
+from lgprjax.formats.survey_track import SurveyOrigin
 
 # One file of gprMax: the traces of a receiver, their interval, and where source and receiver stood.
 
@@ -260,7 +260,7 @@ def import_gprmax(
     time_zero_ns: float = 0.0,
     start_m: float = 0.0,
     step_m: float | None = None,
-    place: Place,
+    place: SurveyOrigin,
     output: str | Path,
     force: bool = False,
 ) -> None:

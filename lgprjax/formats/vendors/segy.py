@@ -12,7 +12,7 @@ from jaxtyping import Float, Int, Num
 from lgprjax.errors import InputError
 from lgprjax.formats.line_layout import inputs_of, write_lines, write_positioned_lines
 from lgprjax.formats.profile import Profile, TraceCoordinates, count_traces, read_bytes
-from lgprjax.formats.survey_track import Place, distances_m, utm_projection
+from lgprjax.formats.survey_track import SurveyOrigin, distances_m, utm_projection
 
 _TEXT_BYTES, _BINARY_BYTES, _TRACE_HEADER_BYTES = 3200, 400, 240
 # Bytes a sample and the type returned, by the format code: IBM float, int32, int16, IEEE float, int8.
@@ -224,7 +224,7 @@ def import_segy(
     sample_interval_ns: float | None = None,
     time_zero_ns: float = 0.0,
     utm_zone: str | None = None,
-    place: Place,
+    place: SurveyOrigin,
     length_m: float | None = None,
     output: str | Path,
     force: bool = False,

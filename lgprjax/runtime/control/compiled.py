@@ -14,7 +14,7 @@ from lgprjax.navigation import (
     GnssObservation,
     HeadingObservation,
     LgprObservation,
-    Motion,
+    MotionInput,
     Observations,
     OdometerObservation,
     PlanCode,
@@ -32,7 +32,7 @@ from lgprjax.vehicle import VehiclePose
 
 
 class TickNumbers(NamedTuple):
-    """What a tick is told, as plain numbers; see ``Motion``, ``Observations`` and ``Orders``. Flags are 0 or 1."""
+    """What a tick is told, as plain numbers; see ``MotionInput``, ``Observations`` and ``Orders``. Flags are 0 or 1."""
 
     step_s: float
     yaw_rate_radps: float
@@ -128,7 +128,7 @@ def step_compiled(
     """``step_onboard`` on ``TickNumbers``, with ``TickResult`` as one row."""
     # Under the names of plain numbers stand traced ones here.
     told, yes = cast("Any", TickNumbers(*numbers)), cast("Any", TickNumbers(*(numbers > 0.5)))
-    motion = Motion(told.yaw_rate_radps, told.step_s)
+    motion = MotionInput(told.yaw_rate_radps, told.step_s)
     covariance = jnp.stack(
         [
             jnp.stack([told.fix_xx, told.fix_xy, told.fix_xyaw]),

@@ -9,51 +9,51 @@ import json
 import math
 from typing import Any
 
-from lgprjax.autopilot import Check, Event, Refusal, refusal_of
+from lgprjax.autopilot import Check, EngagementInhibit, Event, refusal_of
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.kinds import AnyLoaded, make_kind
 from lgprjax.runtime.control.modes import CUT, PEDALS, STEERING, CheckItem, Happened, ModeKeeper, SystemChecks
 from lgprjax.runtime.control.vehicle_kind import (
-    Frame,
-    Look,
     Operator,
+    OutgoingFrame,
     Processes,
+    ReportedState,
     Seen,
-    Told,
     VehicleKind,
+    VehicleStatus,
     Wish,
     events_of,
 )
 from lgprjax.runtime.link import Sender, decode
-from lgprjax.runtime.messages import Kind, Record, Source
+from lgprjax.runtime.messages import Record, RecordKind, Source
 
 # Why nothing is engaged, in plain words.
 
 REFUSALS = {
-    Refusal.NONE: "",
-    Refusal.ESTOP: "emergency stop is pressed: release it, then press override",
-    Refusal.CHECKS: "system checks have not passed",
-    Refusal.OVERRIDE_STUCK: "override button is stuck",
-    Refusal.OVERRIDE_PRESSED: "override button is pressed",
-    Refusal.NOT_READY: "not ready: press and release override",
-    Refusal.NOT_STEERING: "engage steering first",
-    Refusal.STOPPING: "a controlled stop is under way",
-    Refusal.BRAKE_PRESSED: "brake is pressed",
-    Refusal.SOURCE_MISSING: "a sensor or the heading is missing",
-    Refusal.TOO_FAST: "too fast to engage",
-    Refusal.HEALTH: "navigation is not good enough",
-    Refusal.NO_PATH: "no route, or no position yet",
-    Refusal.OFF_ROUTE: "more than 10 m from the route",
-    Refusal.WRONG_HEADING: "heading does not fit the route, or is not confirmed yet",
-    Refusal.AMBIGUOUS: "the route passes here more than once",
+    EngagementInhibit.NONE: "",
+    EngagementInhibit.ESTOP: "emergency stop is pressed: release it, then press override",
+    EngagementInhibit.CHECKS: "system checks have not passed",
+    EngagementInhibit.OVERRIDE_STUCK: "override button is stuck",
+    EngagementInhibit.OVERRIDE_PRESSED: "override button is pressed",
+    EngagementInhibit.NOT_READY: "not ready: press and release override",
+    EngagementInhibit.NOT_STEERING: "engage steering first",
+    EngagementInhibit.STOPPING: "a controlled stop is under way",
+    EngagementInhibit.BRAKE_PRESSED: "brake is pressed",
+    EngagementInhibit.SOURCE_MISSING: "a sensor or the heading is missing",
+    EngagementInhibit.TOO_FAST: "too fast to engage",
+    EngagementInhibit.HEALTH: "navigation is not good enough",
+    EngagementInhibit.NO_PATH: "no route, or no position yet",
+    EngagementInhibit.OFF_ROUTE: "more than 10 m from the route",
+    EngagementInhibit.WRONG_HEADING: "heading does not fit the route, or is not confirmed yet",
+    EngagementInhibit.AMBIGUOUS: "the route passes here more than once",
 }
 
 OF_NAVIGATION = (
-    Refusal.SOURCE_MISSING,
-    Refusal.HEALTH,
-    Refusal.NO_PATH,
-    Refusal.OFF_ROUTE,
-    Refusal.WRONG_HEADING,
+    EngagementInhibit.SOURCE_MISSING,
+    EngagementInhibit.HEALTH,
+    EngagementInhibit.NO_PATH,
+    EngagementInhibit.OFF_ROUTE,
+    EngagementInhibit.WRONG_HEADING,
 )
 """Refusals that a vehicle may know better words for."""
 
@@ -140,7 +140,7 @@ class ControlCore:
         self._checks, self._late = SystemChecks(), LateTicks()
         # One numbering a line, one session a start.
         self._box, self._controller = Sender(session), Sender(session)
-        self._told = Told()
+        self._told = ReportedState()
         self._tick = 0
         self._buttons: list[int] = []
         self._controller_ns: int | None = None
@@ -164,7 +164,7 @@ class ControlCore:
         self._late.count(tick, now_ns)
         for record in came:
             self._take(record, now_ns)
-        events = self.kind.feel(self._operator(now_ns), now_ns)
+        events = self.kind.update(self._operator(now_ns), now_ns)
         if not self._booted:
             self._booted = True
             self._tell(Event.BOOT_DONE, now_ns)
@@ -173,9 +173,9 @@ class ControlCore:
         for event in events:
             self._tell(event, now_ns)
         self._run_checks(now_ns)
-        self._notice(self.kind.look(decided=False), now_ns)
-        self.kind.decide(self._wish(), now_ns)
-        self._notice(self.kind.look(decided=True), now_ns)
+        self._notice(self.kind.status(decided=False), now_ns)
+        self.kind.step(self._wish(), now_ns)
+        self._notice(self.kind.status(decided=True), now_ns)
         self._command(now_ns)
         for kind, payload in self.kind.rows(now_ns, int(self.modes.mode)):
             self._out.append(Record(kind, Source.CONTROL, tick, now_ns, payload))
@@ -188,21 +188,21 @@ class ControlCore:
     def release(self, now_ns: int) -> Record:
         """The last command of all: nothing engaged, a cut power left cut."""
         frame = self._framed(self.kind.release(self.modes.engage & CUT), now_ns)
-        return Record(Kind.PORT_OUT, Source.DRIVE_BY_WIRE, self._tick + 1, now_ns, frame)
+        return Record(RecordKind.PORT_OUT, Source.DRIVE_BY_WIRE, self._tick + 1, now_ns, frame)
 
     def _take(self, record: Record, now_ns: int) -> None:
         match record.kind:
-            case Kind.PORT_IN if record.source is Source.CONTROLLER:
+            case RecordKind.PORT_IN if record.source is Source.CONTROLLER:
                 self._controller_ns = record.mono_ns
                 self._buttons.append(int(decode(record.payload).number("buttons")))
-            case Kind.PORT_IN | Kind.FIX:
+            case RecordKind.PORT_IN | RecordKind.FIX:
                 self.kind.take(record, self._tick)
-            case Kind.EVENT:
+            case RecordKind.EVENT:
                 for event in self.processes.take(json.loads(record.payload)):
                     self._tell(event, now_ns)
-            case Kind.MONITOR:
+            case RecordKind.MONITOR:
                 self._monitor = json.loads(record.payload)
-            case Kind.REQUEST:
+            case RecordKind.REQUEST:
                 self._choose(str(json.loads(record.payload).get("select_route")), now_ns)
 
     def _choose(self, name: str, now_ns: int) -> None:
@@ -233,32 +233,32 @@ class ControlCore:
             self._event(now_ns, {"check": verdict.check.name, "why": verdict.reason})
             self._tell(Event.CHECKS_FAILED, now_ns, check=verdict.check)
         if self._checks.brake_test_due(now_s):
-            self._port_out(Source.DRIVE_BY_WIRE, self._framed(Frame("drive_test", {"test": 1}), now_ns), now_ns)
+            self._port_out(Source.DRIVE_BY_WIRE, self._framed(OutgoingFrame("drive_test", {"test": 1}), now_ns), now_ns)
 
-    def _notice(self, look: Look, now_ns: int) -> None:
+    def _notice(self, status: VehicleStatus, now_ns: int) -> None:
         """Tell the mode machine what has changed."""
         modes = self.modes
-        fresh = max(look.oldest_s, self._controller_age_s(now_ns)) < _OLD_S
+        fresh = max(status.oldest_s, self._controller_age_s(now_ns)) < _OLD_S
         seen = Seen(
             modes.mode,
             modes.state.place,
-            look.started,
-            look.place,
-            look.doubtful,
-            look.reaction,
-            fresh and not look.refuses,
-            look.line,
-            look.severity,
-            look.manual,
-            look.failed or self._late.too_many,
+            status.started,
+            status.place,
+            status.doubtful,
+            status.reaction,
+            fresh and not status.refuses,
+            status.line,
+            status.severity,
+            status.manual,
+            status.failed or self._late.too_many,
             self.processes.lost,
         )
         # Asked before the events, which release what was engaged.
-        emergency = look.emergency and bool(modes.engage & (STEERING | PEDALS | CUT))
+        emergency = status.emergency and bool(modes.engage & (STEERING | PEDALS | CUT))
         self._told, events = events_of(self._told, seen)
         for event in events:
             late = ["the control loop is late"] if self._late.too_many else []
-            self._tell(event, now_ns, why=[*look.why, *late] if event in _WITH_REASONS else None)
+            self._tell(event, now_ns, why=[*status.why, *late] if event in _WITH_REASONS else None)
         if emergency:
             modes.cut()
 
@@ -303,7 +303,7 @@ class ControlCore:
             "monitor": self._monitor,
             "recording": {"lost": self.unrecorded},
         }
-        self._out.append(Record(Kind.STATE, Source.CONTROL, self._tick, now_ns, finite_json(told)))
+        self._out.append(Record(RecordKind.STATE, Source.CONTROL, self._tick, now_ns, finite_json(told)))
 
     def _refusal_text(self) -> str:
         """Why nothing is engaged: what stands against it now, else why the last press did nothing."""
@@ -320,12 +320,12 @@ class ControlCore:
             self.kind.leave()
 
     def _event(self, now_ns: int, told: dict[str, Any]) -> None:
-        self._out.append(Record(Kind.EVENT, Source.CONTROL, self._tick, now_ns, json.dumps(told).encode()))
+        self._out.append(Record(RecordKind.EVENT, Source.CONTROL, self._tick, now_ns, json.dumps(told).encode()))
 
-    def _framed(self, frame: Frame, now_ns: int) -> bytes:
+    def _framed(self, frame: OutgoingFrame, now_ns: int) -> bytes:
         return self._box.frame(
             frame.name, frame.fields, mode=int(self.modes.mode), mono_ns=now_ns, ttl_ms=_COMMAND_TTL_MS
         )
 
     def _port_out(self, line: Source, frame: bytes, now_ns: int) -> None:
-        self._out.append(Record(Kind.PORT_OUT, line, self._tick, now_ns, frame))
+        self._out.append(Record(RecordKind.PORT_OUT, line, self._tick, now_ns, frame))

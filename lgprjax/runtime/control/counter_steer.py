@@ -21,11 +21,11 @@ from lgprjax.runtime.control.compiled import (
     step_compiled,
 )
 from lgprjax.runtime.control.modes import CUT, PEDALS, CheckItem
-from lgprjax.runtime.control.senses import Attitude, Place, Sensed, Senses
+from lgprjax.runtime.control.senses import LocalAttitude, LocalPosition, Sensed, Senses
 from lgprjax.runtime.control.setup import TICK_S, LaidRoute, Loaded
-from lgprjax.runtime.control.vehicle_kind import Frame, Look, Operator, Processes, Wish
-from lgprjax.runtime.control.watches import Sent, Watched, Watches
-from lgprjax.runtime.messages import PLAN, PRIOR, Kind, Record, fix_row
+from lgprjax.runtime.control.vehicle_kind import Operator, OutgoingFrame, Processes, VehicleStatus, Wish
+from lgprjax.runtime.control.watches import SentCommand, Watched, Watches
+from lgprjax.runtime.messages import PLAN, PRIOR, Record, RecordKind, fix_row
 
 # What the operator sees: the control loop's state as the display takes it.
 
@@ -167,7 +167,7 @@ class Pilot:
                 state, found = acquire_compiled(self._setup, route.path, state, np.zeros(3, np.float32))
             jax.block_until_ready((row, found))
 
-    def start(self, place: Place, attitude: Attitude, front_rad: float) -> None:
+    def start(self, place: LocalPosition, attitude: LocalAttitude, front_rad: float) -> None:
         """From the first position and heading."""
         model = self._setup.navigator.model
         cos, sin = math.cos(attitude.yaw_rad), math.sin(attitude.yaw_rad)
@@ -287,7 +287,7 @@ def prior_row(result: TickResult, now_ns: int, *, roll_rad: float, yaw_rate_radp
     return row.tobytes()
 
 
-def plan_row(result: TickResult, watched: Watched, sent: Sent, *, mode: int, code: PlanCode) -> bytes:
+def plan_row(result: TickResult, watched: Watched, sent: SentCommand, *, mode: int, code: PlanCode) -> bytes:
     """``PLAN``: what a tick decided; before there is a pose navigation asks for a stop."""
     row = np.zeros((), PLAN)
     row["mode"], row["code"] = mode, int(code)
@@ -339,7 +339,7 @@ class CounterSteer:
         self.pilot = Pilot(loaded, config.control, config.sensors)
         self._watches = Watches(config, loaded.vehicle)
         self._panel = Panel(loaded.routes)
-        self._sent = Sent(0.0, 0.0, 0.0, 0)
+        self._sent = SentCommand(0.0, 0.0, 0.0, 0)
         self._fix_ns: int | None = None
         self._now_ns = 0
         self._sensed: Sensed = _COUNTER_STEER_NOTHING
@@ -358,12 +358,12 @@ class CounterSteer:
     def take(self, record: Record, tick: int) -> None:
         """A message of the box or the GNSS/INS, or a fix."""
         self.senses.take(record)
-        if record.kind is Kind.FIX:
+        if record.kind is RecordKind.FIX:
             fix = fix_row(record.payload)
             self._fix_ns = record.mono_ns
             self._panel.take_fix(tick, int(fix["code"]), float(fix["correlation"]))
 
-    def feel(self, operator: Operator, now_ns: int) -> list[Event]:
+    def update(self, operator: Operator, now_ns: int) -> list[Event]:
         """End of what came."""
         self._now_ns = now_ns
         self._sensed = sensed = self.senses.end_tick(now_ns)
@@ -381,7 +381,7 @@ class CounterSteer:
             self.pilot.start(place, attitude, watched.front_rad)
         return watched.events
 
-    def look(self, *, decided: bool) -> Look:
+    def status(self, *, decided: bool) -> VehicleStatus:
         """As it is now."""
         result, watched, wheels = self.pilot.result, self._watched, self._sensed.wheels
         limited = whole(result.limited) if decided else 0
@@ -396,7 +396,7 @@ class CounterSteer:
             self._sensed.wheels_age_s if heard else math.inf,
         ]
         contradicted = bool(bits & Watch.HEADING_CONTRADICTED)
-        return Look(
+        return VehicleStatus(
             self.pilot.started,
             Event.ROUTE_WRONG_HEADING if contradicted else _PLACES[self.pilot.code],
             bool(bits & Watch.HEADING_UNCONFIRMED) or contradicted,
@@ -439,7 +439,7 @@ class CounterSteer:
             CheckItem(Check.BRAKE, bool(state & BoxState.BRAKE_TESTED), "the braking test has not passed"),
         ]
 
-    def decide(self, wish: Wish, now_ns: int) -> None:
+    def step(self, wish: Wish, now_ns: int) -> None:
         """The compiled step."""
         watched, sensed = self._watched, self._sensed
         if not watched.speed_known:
@@ -457,7 +457,7 @@ class CounterSteer:
         )
         self.pilot.step(sensed, ordered, now_ns)
 
-    def command(self, engage: int) -> Frame:
+    def command(self, engage: int) -> OutgoingFrame:
         """What is sent."""
         result = self.pilot.result
         numbers = (result.front_rad, result.throttle, result.brake)
@@ -468,13 +468,13 @@ class CounterSteer:
         front, throttle, brake = numbers
         if not engage & PEDALS:
             throttle = brake = 0.0
-        self._sent = Sent(front, throttle, brake, engage)
-        return Frame("drive_command", self._sent._asdict())
+        self._sent = SentCommand(front, throttle, brake, engage)
+        return OutgoingFrame("drive_command", self._sent._asdict())
 
-    def rows(self, now_ns: int, mode: int) -> list[tuple[Kind, bytes]]:
+    def rows(self, now_ns: int, mode: int) -> list[tuple[RecordKind, bytes]]:
         """The prior for registration, and the plan."""
         result, attitude = self.pilot.result, self.senses.attitude
-        rows: list[tuple[Kind, bytes]] = []
+        rows: list[tuple[RecordKind, bytes]] = []
         if self.pilot.started:
             prior = prior_row(
                 result,
@@ -483,8 +483,8 @@ class CounterSteer:
                 yaw_rate_radps=self._sensed.yaw_rate_radps,
                 travel_m=self.senses.travel_m,
             )
-            rows.append((Kind.PRIOR, prior))
-        return [*rows, (Kind.PLAN, plan_row(result, self._watched, self._sent, mode=mode, code=self.pilot.code))]
+            rows.append((RecordKind.PRIOR, prior))
+        return [*rows, (RecordKind.PLAN, plan_row(result, self._watched, self._sent, mode=mode, code=self.pilot.code))]
 
     def state(self, tick: int) -> dict[str, Any]:
         """What the display shows of it."""
@@ -503,9 +503,9 @@ class CounterSteer:
         """None."""
         return []
 
-    def release(self, engage: int) -> Frame:
+    def release(self, engage: int) -> OutgoingFrame:
         """The last command of all."""
-        return Frame("drive_command", Sent(self._sent.front_rad, 0.0, 0.0, engage)._asdict())
+        return OutgoingFrame("drive_command", SentCommand(self._sent.front_rad, 0.0, 0.0, engage)._asdict())
 
     def leave(self) -> None:
         """The operator drives."""

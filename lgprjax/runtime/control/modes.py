@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from lgprjax.autopilot import Action, Check, Event, Happening, Mode, ModeState, step_modes
+from lgprjax.autopilot import Action, Check, Event, Mode, ModeEvent, ModeState, step_modes
 
 STEERING, PEDALS, CUT = 1, 2, 4
 """Bits of ``engage`` in a drive_command."""
@@ -44,7 +44,7 @@ class ModeKeeper:
         self.since_s = 0.0
         self._step_mps = speed_step_mps
         if after_death:
-            self.state = step_modes(self.state, Happening(Event.CONTROL_DIED, 0.0))[0]
+            self.state = step_modes(self.state, ModeEvent(Event.CONTROL_DIED, 0.0))[0]
             self.lit = True
 
     @property
@@ -66,7 +66,7 @@ class ModeKeeper:
             check: that failed.
         """
         before = self.state
-        self.state, actions = step_modes(before, Happening(event, time_s, check))
+        self.state, actions = step_modes(before, ModeEvent(event, time_s, check))
         for action in actions:
             self._act(action, speed_mps)
         if self.state.mode is not before.mode:

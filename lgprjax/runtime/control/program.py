@@ -15,9 +15,9 @@ from lgprjax.runtime.control.kinds import AnyLoaded, load_vehicle
 from lgprjax.runtime.control.setup import TICK_S
 from lgprjax.runtime.gnss import GnssParser
 from lgprjax.runtime.link import Frame, draw_session
-from lgprjax.runtime.messages import Kind, Record, Source, pack, unpack
+from lgprjax.runtime.messages import Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.port import Arrival, Port
-from lgprjax.runtime.process import Notifier, Stage, Started
+from lgprjax.runtime.process import Notifier, ProcessStage, Started
 
 _TICK_NS = int(TICK_S * 1e9)
 
@@ -31,7 +31,7 @@ class Control:
         self._incoming = [started.ring(name) for name in ("fixes", "notes", "monitor", "requests")]
         self._state = started.ring("state")
         priors, cover = started.ring("priors"), started.ring("cover")
-        self._onward = {Kind.PRIOR: priors, Kind.COVER: cover, Kind.CORNER: cover}
+        self._onward = {RecordKind.PRIOR: priors, RecordKind.COVER: cover, RecordKind.CORNER: cover}
         ports = config.ports
         self._ports: list[Port[Any]] = [
             Port.frames(Source.DRIVE_BY_WIRE, ports.drive_by_wire.url, ports.drive_by_wire.baud, "drive_by_wire"),
@@ -49,7 +49,7 @@ class Control:
         loaded = load_vehicle(config)
         session = draw_session()
         core = ControlCore(config, loaded, session=session, after_death=started.after_death)
-        started.beat(Stage.WARMING)
+        started.beat(ProcessStage.WARMING)
         core.kind.warm_up()
         self._header(loaded, session)
         # Fixes of before say nothing now. What the supervisor told is still true.
@@ -81,17 +81,17 @@ class Control:
             core.unrecorded = self._log.lost
             out = core.step(tick, now_ns, came)
             for record in out:
-                if record.kind is Kind.PORT_OUT:
+                if record.kind is RecordKind.PORT_OUT:
                     self._port_of[record.source].write(record.payload)
                 elif record.kind in self._onward:
                     self._onward[record.kind].put(pack(record))
-            self._started.beat(Stage.READY)
+            self._started.beat(ProcessStage.READY)
             self._notifier.watchdog()
-            self._record(Record(Kind.TICK, Source.CONTROL, tick, now_ns, b""), came, out)
+            self._record(Record(RecordKind.TICK, Source.CONTROL, tick, now_ns, b""), came, out)
             if compiles() != known:
                 known = compiles()
                 told = json.dumps({"compiled": known}).encode()
-                self._log.put(pack(Record(Kind.EVENT, Source.CONTROL, tick, time.monotonic_ns(), told)))
+                self._log.put(pack(Record(RecordKind.EVENT, Source.CONTROL, tick, time.monotonic_ns(), told)))
             # A tick that was missed is not made up for.
             due_ns = max(due_ns + _TICK_NS, now_ns + _TICK_NS // 2)
             if collects and due_ns - time.monotonic_ns() > _TICK_NS // 2:
@@ -102,7 +102,7 @@ class Control:
         came: list[Record] = []
         for port in self._ports:
             for arrival in port.take():
-                came.append(Record(Kind.PORT_IN, Source(port.source), tick, arrival.mono_ns, _raw(arrival)))
+                came.append(Record(RecordKind.PORT_IN, Source(port.source), tick, arrival.mono_ns, _raw(arrival)))
         for ring in self._incoming:
             for message in ring.take():
                 with contextlib.suppress(ValueError):
@@ -114,14 +114,16 @@ class Control:
         for record in came:
             self._log.put(pack(record))
         for record in out:
-            if record.kind is Kind.STATE:
+            if record.kind is RecordKind.STATE:
                 self._state.put(pack(record))
             else:
                 self._log.put(pack(record))
         for port in self._ports:
             for refused in port.take_refused():
                 payload = bytes([int(refused.item.reason)]) + refused.item.data
-                self._log.put(pack(Record(Kind.REFUSED, Source(port.source), begin.tick, refused.mono_ns, payload)))
+                self._log.put(
+                    pack(Record(RecordKind.REFUSED, Source(port.source), begin.tick, refused.mono_ns, payload))
+                )
 
     def _header(self, loaded: AnyLoaded, session: int) -> None:
         """What a replay needs beside the ticks."""
@@ -136,7 +138,9 @@ class Control:
             "after_death": self._started.after_death,
             "pid": os.getpid(),
         }
-        self._log.put(pack(Record(Kind.HEADER, Source.CONTROL, 0, time.monotonic_ns(), json.dumps(header).encode())))
+        self._log.put(
+            pack(Record(RecordKind.HEADER, Source.CONTROL, 0, time.monotonic_ns(), json.dumps(header).encode()))
+        )
 
     def _end(self, *_: object) -> None:
         self._ended = True

@@ -23,16 +23,16 @@ from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile
 from lgprjax.frames import LocalFrame
 from lgprjax.runtime.config import SensorsTable
-from lgprjax.runtime.gnss import GnssSample, Position, Quality, read_gnss
+from lgprjax.runtime.gnss import GnssPosition, GnssSample, Quality, read_gnss
 from lgprjax.runtime.link import Frame, decode
-from lgprjax.runtime.messages import Kind, Record, Source, StampClock, TimeScale, WeekClock, fix_row
+from lgprjax.runtime.messages import GnssTimeScale, Record, RecordKind, Source, StampClock, WeekClock, fix_row
 
 # What the GNSS/INS says: positions in a local frame, attitudes and turning rates, with the times they are of.
 
 _LOOSE_M = 2.0
 
 
-class Place(NamedTuple):
+class LocalPosition(NamedTuple):
     """A position of the antenna in the local frame.
 
     Attributes:
@@ -52,7 +52,7 @@ class Place(NamedTuple):
     quality: Quality
 
 
-class Attitude(NamedTuple):
+class LocalAttitude(NamedTuple):
     """A heading as yaw in the local frame, and roll, positive right side down."""
 
     time_ns: int
@@ -70,8 +70,8 @@ class TurnRate(NamedTuple):
 class GnssTick(NamedTuple):
     """What came in a tick; ``None`` and empty where nothing did."""
 
-    place: Place | None
-    attitude: Attitude | None
+    place: LocalPosition | None
+    attitude: LocalAttitude | None
     rates: list[TurnRate]
 
 
@@ -90,10 +90,10 @@ class GnssSenses:
     def __init__(self, frame: LocalFrame | None, sensors: SensorsTable) -> None:
         self.frame, self._sensors = frame, sensors
         # Positions are older than attitudes when they come: each kind has a clock of its own.
-        self._clocks: dict[tuple[str, TimeScale], WeekClock] = {}
+        self._clocks: dict[tuple[str, GnssTimeScale], WeekClock] = {}
         self._longitude_deg = 0.0 if frame is None else frame.longitude_deg
-        self.place: Place | None = None
-        self.attitude: Attitude | None = None
+        self.place: LocalPosition | None = None
+        self.attitude: LocalAttitude | None = None
         self._rates: list[TurnRate] = []
         self._new_place = self._new_attitude = False
         self._accuracy_m = math.nan
@@ -114,7 +114,7 @@ class GnssSenses:
                 heading = np.array([turned.heading_deg])
                 yaw = float(self.frame.yaw_of_heading(heading, np.array([self._longitude_deg]))[0])
                 roll = math.radians(turned.roll_deg) if math.isfinite(turned.roll_deg) else 0.0
-                self.attitude = Attitude(time_ns, yaw, roll)
+                self.attitude = LocalAttitude(time_ns, yaw, roll)
                 self._new_attitude = True
         if sample.rate is not None:
             self._rates.append(TurnRate(record.mono_ns, sample.rate.yaw_rate_radps))
@@ -126,7 +126,7 @@ class GnssSenses:
         self._new_place = self._new_attitude = False
         return tick
 
-    def _take_position(self, sample: GnssSample, told: Position, arrival_ns: int) -> None:
+    def _take_position(self, sample: GnssSample, told: GnssPosition, arrival_ns: int) -> None:
         time_ns = self._time_of("position", sample.scale, told.tow_s, arrival_ns)
         if time_ns is None or told.quality is Quality.NONE:
             return
@@ -142,7 +142,7 @@ class GnssSenses:
         fixed = told.quality is Quality.FIXED
         honest = least if fixed and not math.isfinite(reported) else loose
         self._longitude_deg = told.longitude_deg
-        self.place = Place(
+        self.place = LocalPosition(
             time_ns,
             float(east[0]),
             float(north[0]),
@@ -153,9 +153,9 @@ class GnssSenses:
         )
         self._new_place = True
 
-    def _time_of(self, what: str, scale: TimeScale, tow_s: float, arrival_ns: int) -> int | None:
+    def _time_of(self, what: str, scale: GnssTimeScale, tow_s: float, arrival_ns: int) -> int | None:
         """By the sample's stamp; a message without one is as old as its way is long."""
-        if scale is TimeScale.NONE or not math.isfinite(tow_s):
+        if scale is GnssTimeScale.NONE or not math.isfinite(tow_s):
             return arrival_ns
         delay_s = self._sensors.gnss_delay_s if what == "position" else 0.0
         clock = self._clocks.setdefault((what, scale), WeekClock(scale, delay_s))
@@ -200,8 +200,8 @@ class Sensed(NamedTuple):
     step_s: float
     yaw_rate_radps: float
     rate_age_s: float
-    place: Place | None
-    attitude: Attitude | None
+    place: LocalPosition | None
+    attitude: LocalAttitude | None
     fix: np.void | None
     p_false: float
     odometer_mps: float
@@ -232,22 +232,22 @@ class Senses:
         self._tick_ns = 0
 
     @property
-    def place(self) -> Place | None:
+    def place(self) -> LocalPosition | None:
         """The newest position of all."""
         return self._gnss.place
 
     @property
-    def attitude(self) -> Attitude | None:
+    def attitude(self) -> LocalAttitude | None:
         """The newest attitude of all."""
         return self._gnss.attitude
 
     def take(self, record: Record) -> None:
         """A message: of the GNSS/INS, of the drive-by-wire box, or a fix. Others are not for the senses."""
-        if record.kind is Kind.FIX:
+        if record.kind is RecordKind.FIX:
             self._take_fix(fix_row(record.payload))
-        elif record.kind is Kind.PORT_IN and record.source is Source.GNSS:
+        elif record.kind is RecordKind.PORT_IN and record.source is Source.GNSS:
             self._gnss.take(record)
-        elif record.kind is Kind.PORT_IN and record.source is Source.DRIVE_BY_WIRE:
+        elif record.kind is RecordKind.PORT_IN and record.source is Source.DRIVE_BY_WIRE:
             frame = decode(record.payload)
             time_ns = self._box.feed(frame.stamp_us, record.mono_ns) if frame.name == "drive_status" else None
             if time_ns is not None:

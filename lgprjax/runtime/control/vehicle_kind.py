@@ -2,21 +2,21 @@
 
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-from lgprjax.autopilot import Event, Mode, Place
+from lgprjax.autopilot import Event, Mode, PathOffset
 from lgprjax.autopilot.monitors import Severity
 from lgprjax.navigation import Reaction
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.modes import CheckItem
-from lgprjax.runtime.messages import Kind, Record
+from lgprjax.runtime.messages import Record, RecordKind
 
 # Events of a tick for the mode machine: what watches, navigation, processes and the limiter say.
 
 _PLACE_OF = {
-    Event.ROUTE_NEAR: Place.NEAR,
-    Event.ROUTE_OFF: Place.OFF_ROUTE,
-    Event.ROUTE_AMBIGUOUS: Place.AMBIGUOUS,
-    Event.ROUTE_WRONG_HEADING: Place.WRONG_HEADING,
-    Event.ROUTE_GONE: Place.NO_PATH,
+    Event.ROUTE_NEAR: PathOffset.NEAR,
+    Event.ROUTE_OFF: PathOffset.OFF_ROUTE,
+    Event.ROUTE_AMBIGUOUS: PathOffset.AMBIGUOUS,
+    Event.ROUTE_WRONG_HEADING: PathOffset.WRONG_HEADING,
+    Event.ROUTE_GONE: PathOffset.NO_PATH,
 }
 DIED = {
     "control": Event.CONTROL_DIED,
@@ -34,7 +34,7 @@ RELAUNCHED = {
 }
 
 
-class Told(NamedTuple):
+class ReportedState(NamedTuple):
     """What the mode machine was told last of what it is told by changes.
 
     Attributes:
@@ -65,7 +65,7 @@ class Seen(NamedTuple):
     """
 
     mode: Mode
-    place: Place
+    place: PathOffset
     started: bool
     route: Event
     doubtful: bool
@@ -78,7 +78,7 @@ class Seen(NamedTuple):
     recorder_lost: bool
 
 
-def events_of(told: Told, seen: Seen) -> tuple[Told, list[Event]]:
+def events_of(told: ReportedState, seen: Seen) -> tuple[ReportedState, list[Event]]:
     """What has changed since the last tick, as events in the order in which they weigh."""
     engaged = seen.mode in (Mode.STEERING, Mode.SPEED)
     events: list[Event] = []
@@ -99,7 +99,7 @@ def events_of(told: Told, seen: Seen) -> tuple[Told, list[Event]]:
     health = seen.started and not stops
     if health is not told.health:
         events.append(Event.HEALTH_GOOD if health else Event.HEALTH_STOP)
-    return Told(seen.sources, health, error, seen.line), events
+    return ReportedState(seen.sources, health, error, seen.line), events
 
 
 # What the supervisor says of the other processes, and what that means to the modes.
@@ -185,7 +185,7 @@ class Operator(NamedTuple):
     age_s: float
 
 
-class Look(NamedTuple):
+class VehicleStatus(NamedTuple):
     """The vehicle as the modes take it.
 
     Attributes:
@@ -234,7 +234,7 @@ class Wish(NamedTuple):
     set_speed_mps: float
 
 
-class Frame(NamedTuple):
+class OutgoingFrame(NamedTuple):
     """A frame for the box: its message and fields."""
 
     name: str
@@ -255,22 +255,22 @@ class VehicleKind(Protocol):
     def take(self, record: Record, tick: int) -> None:
         """A message of a line other than the controller's, or a fix."""
 
-    def feel(self, operator: Operator, now_ns: int) -> list[Event]:
+    def update(self, operator: Operator, now_ns: int) -> list[Event]:
         """End of what came: the watches judge it. Events of buttons and motion, in their order."""
 
-    def look(self, *, decided: bool) -> Look:
-        """As it is now; ``decided``: with what this tick's ``decide`` found."""
+    def status(self, *, decided: bool) -> VehicleStatus:
+        """As it is now; ``decided``: with what this tick's ``step`` found."""
 
     def checks(self, processes: Processes) -> list[CheckItem]:
         """Every system check as it stands."""
 
-    def decide(self, wish: Wish, now_ns: int) -> None:
+    def step(self, wish: Wish, now_ns: int) -> None:
         """The compiled step."""
 
-    def command(self, engage: int) -> Frame:
+    def command(self, engage: int) -> OutgoingFrame:
         """What is sent, with these bits of the modes engaged."""
 
-    def rows(self, now_ns: int, mode: int) -> list[tuple[Kind, bytes]]:
+    def rows(self, now_ns: int, mode: int) -> list[tuple[RecordKind, bytes]]:
         """What the tick leaves for others and for the recording."""
 
     def state(self, tick: int) -> dict[str, Any]:
@@ -285,7 +285,7 @@ class VehicleKind(Protocol):
     def notes(self) -> list[dict[str, Any]]:
         """What happened in this tick that is to be recorded as an event."""
 
-    def release(self, engage: int) -> Frame:
+    def release(self, engage: int) -> OutgoingFrame:
         """The last command of all: nothing engaged but these bits."""
 
     def leave(self) -> None:

@@ -29,12 +29,12 @@ from lgprjax.autopilot.monitors import (
     step_path_watch,
     yaw_gain,
 )
-from lgprjax.autopilot.operator_monitors import ButtonState, Hands, step_buttons
+from lgprjax.autopilot.operator_monitors import ButtonState, OperatorContact, step_buttons
 from lgprjax.autopilot.position_monitors import (
     HeadingCheck,
     HeadingWatchState,
+    MonitoredPosition,
     OdometerWatchState,
-    Position,
     step_heading_watch,
     step_odometer_watch,
 )
@@ -47,7 +47,7 @@ ODOMETER = Watch.ODOMETER_DEAD | Watch.ODOMETER_REVERSED | Watch.ODOMETER_SLIPS 
 _TOLD = STEERING | PEDALS
 
 
-class Sent(NamedTuple):
+class SentCommand(NamedTuple):
     """The command of the last tick."""
 
     front_rad: float
@@ -100,7 +100,7 @@ class Watches:
     def step(
         self,
         sensed: Sensed,
-        sent: Sent,
+        sent: SentCommand,
         now_ns: int,
         *,
         statuses: tuple[int, ...],
@@ -134,14 +134,14 @@ class Watches:
             step_s=step_s,
         )
         bits |= found
-        hands = Hands(0.0, False)
+        hands = OperatorContact(0.0, False)
         if wheels is not None:
             if wheels.frame.session != self._session:
                 # A box that started anew counts from zero.
                 self._session = wheels.frame.session
                 self._sensors, self._odometer = init_wheel_sensors(), OdometerWatchState()
             speed = wheels.number("speed_mps")
-            hands = Hands(wheels.number("torque_nm"), sensed.foot_on_brake)
+            hands = OperatorContact(wheels.number("torque_nm"), sensed.foot_on_brake)
             position = _position(sensed)
             speed_known, found = self._step_speed(sensed, wheels, position, heading_rad, time_s, sent)
             bits |= found
@@ -177,10 +177,10 @@ class Watches:
         self,
         sensed: Sensed,
         wheels: Wheels,
-        position: Position | None,
+        position: MonitoredPosition | None,
         heading_rad: float,
         time_s: float,
-        sent: Sent,
+        sent: SentCommand,
     ) -> tuple[bool, Watch]:
         """Odometer, heading and pedals, which lean on each other."""
         step_s, speed, way = sensed.step_s, wheels.number("speed_mps"), wheels.number("odometer_m")
@@ -221,7 +221,7 @@ class Watches:
         return known, found | more | pressed
 
     def _step_wheels(
-        self, wheels: Wheels, sensed: Sensed, sent: Sent, speed_mps: float, speed_known: bool
+        self, wheels: Wheels, sensed: Sensed, sent: SentCommand, speed_mps: float, speed_known: bool
     ) -> tuple[float, Watch]:
         """Wheel sensors, servo and rear steering."""
         self._sensors, angles, bits = step_wheel_sensors(
@@ -252,6 +252,6 @@ class Watches:
         return angles.front_rad, bits | found | more
 
 
-def _position(sensed: Sensed) -> Position | None:
+def _position(sensed: Sensed) -> MonitoredPosition | None:
     place = sensed.place
-    return None if place is None else Position(place.time_ns / 1e9, place.x_m, place.y_m, place.sigma_m)
+    return None if place is None else MonitoredPosition(place.time_ns / 1e9, place.x_m, place.y_m, place.sigma_m)

@@ -17,8 +17,8 @@ from lgprjax.coverage import CellState, cell_states, grid_of_field, inside_cells
 from lgprjax.coverage.field import Field
 from lgprjax.runtime.control.skid.setup import SkidLoaded, load_skid
 from lgprjax.runtime.coverage.worked_map import WorkedMap, worked_runs
-from lgprjax.runtime.messages import COVER, Kind, Record, Source, pack, unpack
-from lgprjax.runtime.process import Stage, Started
+from lgprjax.runtime.messages import COVER, Record, RecordKind, Source, pack, unpack
+from lgprjax.runtime.process import ProcessStage, Started
 
 CORNERS_FILE = "corners.csv"
 """In the run's folder: the corners that were marked, in their order."""
@@ -47,14 +47,14 @@ class CoverageProcess:
         self._told_s, self._told_moments = 0.0, -1
         self._ended = False
         signal.signal(signal.SIGTERM, self._end)
-        started.beat(Stage.WARMING)
+        started.beat(ProcessStage.WARMING)
         loaded = load_skid(started.config)
         self._map = None if loaded.name is None else self._open(loaded)
 
     def run(self) -> None:
         """Until SIGTERM."""
         while not self._ended:
-            self._started.beat(Stage.READY)
+            self._started.beat(ProcessStage.READY)
             # A few at a time: one that has fallen behind must not look as if it hung.
             messages = self._cover.take(_SHARE)
             for message in messages:
@@ -75,9 +75,9 @@ class CoverageProcess:
         return opened
 
     def _take(self, record: Record) -> None:
-        if record.kind is Kind.COVER and self._map is not None:
+        if record.kind is RecordKind.COVER and self._map is not None:
             self._map.take(np.frombuffer(record.payload, COVER)[0], record.mono_ns)
-        elif record.kind is Kind.CORNER:
+        elif record.kind is RecordKind.CORNER:
             self._keep_corner(json.loads(record.payload))
 
     def _keep_corner(self, corner: dict[str, Any]) -> None:
@@ -114,7 +114,9 @@ class CoverageProcess:
             "worked_m2": round(float(np.count_nonzero(worked & self._inside)) * grid.cell_m2, 2),
             "field_m2": round(float(np.count_nonzero(self._inside)) * grid.cell_m2, 2),
         }
-        self._worked.put(pack(Record(Kind.WORKED, Source.COVERAGE, 0, time.monotonic_ns(), json.dumps(told).encode())))
+        self._worked.put(
+            pack(Record(RecordKind.WORKED, Source.COVERAGE, 0, time.monotonic_ns(), json.dumps(told).encode()))
+        )
 
     def _end(self, *_: object) -> None:
         self._ended = True

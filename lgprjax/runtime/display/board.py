@@ -3,7 +3,7 @@
 import json
 from typing import Any
 
-from lgprjax.runtime.messages import Kind, unpack
+from lgprjax.runtime.messages import RecordKind, unpack
 
 STALE_NS = 500_000_000
 ENGAGED = ("STEERING", "SPEED")
@@ -31,7 +31,7 @@ class Board:
             try:
                 record = unpack(message)
                 state = json.loads(record.payload, parse_constant=_nothing)
-                if record.kind is not Kind.STATE or not isinstance(state, dict):
+                if record.kind is not RecordKind.STATE or not isinstance(state, dict):
                     raise ValueError("no state")
                 # A number too large for a browser, 1e999, is found here.
                 json.dumps(state, allow_nan=False)

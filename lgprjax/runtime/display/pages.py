@@ -27,7 +27,7 @@ from websockets.frames import Frame
 
 from lgprjax.runtime.display.access import COOKIE, Access, Refused, RequestGate
 from lgprjax.runtime.display.board import Board
-from lgprjax.runtime.messages import Kind, Record, Source, pack
+from lgprjax.runtime.messages import Record, RecordKind, Source, pack
 from lgprjax.runtime.ring import Ring
 
 # What stands before the page: every request is held against ``Access``, every answer gets its headers.
@@ -227,7 +227,7 @@ class Pages:
         obstacle = self._board.obstacle(name, mono_ns)
         if obstacle is None:
             payload = json.dumps({"select_route": name}).encode()
-            if not self._requests.put(pack(Record(Kind.REQUEST, Source.DISPLAY, 0, mono_ns, payload))):
+            if not self._requests.put(pack(Record(RecordKind.REQUEST, Source.DISPLAY, 0, mono_ns, payload))):
                 obstacle = "the control process takes no requests"
         if obstacle is not None:
             self.counts["route"] += 1

@@ -13,7 +13,7 @@ from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.display.access import LARGEST_BYTES, Access
 from lgprjax.runtime.display.board import Board
 from lgprjax.runtime.display.pages import MOST_CONNECTIONS, HttpConnection, Pages, PageSocket
-from lgprjax.runtime.process import Stage, Started
+from lgprjax.runtime.process import ProcessStage, Started
 
 ADDRESS_FILE = "display.url"
 """In the folder of the rings: where the page is, for a port that the system chose."""
@@ -31,7 +31,7 @@ def run(started: Started) -> None:
     Raises:
         InputError: others can reach the address and there is no token, or it cannot be listened at.
     """
-    started.beat(Stage.STARTING)
+    started.beat(ProcessStage.STARTING)
     access = Access(started.config)
     with _listen(started.config) as listener:
         host, port = listener.getsockname()[:2]
@@ -63,7 +63,13 @@ async def _serve(started: Started, access: Access, listener: socket.socket) -> N
         looks += 1
         if looks % _LOOKS_A_PUSH == 0:
             pages.push()
-        started.beat(Stage.ENDING if server.should_exit else Stage.READY if server.started else Stage.STARTING)
+        started.beat(
+            ProcessStage.ENDING
+            if server.should_exit
+            else ProcessStage.READY
+            if server.started
+            else ProcessStage.STARTING
+        )
         await asyncio.sleep(_LOOK_S)
     await serving
 

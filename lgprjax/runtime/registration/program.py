@@ -13,9 +13,9 @@ from lgprjax.formats import MapFile, read_vehicle
 from lgprjax.process_cost import count_compiles
 from lgprjax.registration import Code, DriveFixes
 from lgprjax.runtime.link import Frame
-from lgprjax.runtime.messages import FIX, Kind, Record, Source, StampClock, pack, unpack
+from lgprjax.runtime.messages import FIX, Record, RecordKind, Source, StampClock, pack, unpack
 from lgprjax.runtime.port import Arrival, Port
-from lgprjax.runtime.process import Stage, Started
+from lgprjax.runtime.process import ProcessStage, Started
 from lgprjax.runtime.registration.search import (
     AHEAD_M,
     BLOCK_SCANS,
@@ -38,7 +38,7 @@ class _Scan(NamedTuple):
     frame: Frame
 
 
-class Registration:
+class RegistrationProcess:
     """The process's state and its loop."""
 
     def __init__(self, started: Started) -> None:
@@ -63,7 +63,7 @@ class Registration:
         started, config = self._started, self._started.config
         vehicle = read_vehicle(config.path(config.vehicle))
         while (self.description is None or self._radar.preparing) and not self._ended:
-            started.beat(Stage.WARMING)
+            started.beat(ProcessStage.WARMING)
             self._listen()
             time.sleep(_IDLE_S)
         if self.description is None:
@@ -85,7 +85,7 @@ class Registration:
             gc.freeze()
             known, compiles = 0, count_compiles()
             while not self._ended:
-                started.beat(Stage.READY)
+                started.beat(ProcessStage.READY)
                 self._listen()
                 for message in self._priors.take():
                     priors.take(unpack(message).payload)
@@ -94,7 +94,7 @@ class Registration:
                 if compiles() != known:
                     known = compiles()
                     told = json.dumps({"compiled": known}).encode()
-                    self._log.put(pack(Record(Kind.EVENT, Source.REGISTRATION, 0, time.monotonic_ns(), told)))
+                    self._log.put(pack(Record(RecordKind.EVENT, Source.REGISTRATION, 0, time.monotonic_ns(), told)))
             search.ahead.close()
         self._radar.close()
 
@@ -109,7 +109,7 @@ class Registration:
 
     def _take(self, arrival: Arrival[Frame]) -> None:
         frame = arrival.item
-        self._log.put(pack(Record(Kind.PORT_IN, Source.RADAR, 0, arrival.mono_ns, frame.raw)))
+        self._log.put(pack(Record(RecordKind.PORT_IN, Source.RADAR, 0, arrival.mono_ns, frame.raw)))
         self._radar.take(frame)
         if frame.name == "radar_scan":
             scan_ns = self._clock.feed(frame.stamp_us, arrival.mono_ns)
@@ -170,11 +170,11 @@ class Registration:
         rows["p_false"] = fix.p_false
         now_ns = time.monotonic_ns()
         for row in rows:
-            record = pack(Record(Kind.FIX, Source.REGISTRATION, 0, now_ns, row.tobytes()))
+            record = pack(Record(RecordKind.FIX, Source.REGISTRATION, 0, now_ns, row.tobytes()))
             self._fixes.put(record)
             self._log.put(record)
 
 
 def run(started: Started) -> None:
     """The process."""
-    Registration(started).run()
+    RegistrationProcess(started).run()

@@ -18,7 +18,6 @@ from lgprjax.errors import InputError
 from lgprjax.formats import MapFile, VehicleFile, read_thresholds
 from lgprjax.radar import ArrayGeometry, trace_operators, uniform_array
 from lgprjax.registration import (
-    Aspect,
     DriveFixes,
     LiveBlock,
     Operators,
@@ -26,6 +25,7 @@ from lgprjax.registration import (
     PreparedTile,
     RegisterOptions,
     Registration,
+    TemplateKey,
     Thresholds,
     Track,
     ground_map_for,
@@ -33,7 +33,7 @@ from lgprjax.registration import (
 )
 from lgprjax.runtime.config import RadarTable, RuntimeConfig
 from lgprjax.runtime.link import Frame, Sender, draw_session
-from lgprjax.runtime.messages import PRIOR, Kind, Record, Source, pack
+from lgprjax.runtime.messages import PRIOR, Record, RecordKind, Source, pack
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.ring import Ring
 
@@ -56,8 +56,8 @@ class TilesAhead:
         self._prepared = PreparedGround(self._ground, array, keep=1)
         self._reach_m = options.search_half_m() + _SLACK_M
         self._tile: int | None = None
-        self._wish: list[Aspect] = []
-        self._ready: list[tuple[Aspect, PreparedTile]] = []
+        self._wish: list[TemplateKey] = []
+        self._ready: list[tuple[TemplateKey, PreparedTile]] = []
         self._news = threading.Condition()
         self._ending = False
         self._thread = threading.Thread(target=self._run, name="tiles ahead", daemon=True)
@@ -73,7 +73,7 @@ class TilesAhead:
     def wish(self, poses: Iterable[Float[np.ndarray, "5"]], speed_mps: float, into: PreparedGround) -> None:
         """Prepare for these places, the first being the vehicle's own; those that the search holds already are left
         out. What is ready is handed over."""
-        aspects: list[Aspect] = []
+        aspects: list[TemplateKey] = []
         tile = self._tile
         for number, pose in enumerate(poses):
             # As the search chooses: a tile stays in use as long as it serves.
@@ -419,7 +419,7 @@ class RadarLine:
         came = self._port.take()
         for refused in self._port.take_refused():
             payload = bytes([refused.item.reason]) + refused.item.data
-            self._log.put(pack(Record(Kind.REFUSED, Source.RADAR, 0, refused.mono_ns, payload)))
+            self._log.put(pack(Record(RecordKind.REFUSED, Source.RADAR, 0, refused.mono_ns, payload)))
         return came
 
     def order(self) -> None:
@@ -456,10 +456,10 @@ class RadarLine:
             self._errors, self._told_s = errors, now_s
             words = [text for bit, text in ERRORS.items() if errors & bit]
             told = json.dumps({"radar": words + ["radar has failed"] * (state == _FAILED)}).encode()
-            self._control.put(pack(Record(Kind.EVENT, Source.REGISTRATION, 0, time.monotonic_ns(), told)))
+            self._control.put(pack(Record(RecordKind.EVENT, Source.REGISTRATION, 0, time.monotonic_ns(), told)))
 
     def _send(self, name: str, fields: dict[str, Any]) -> None:
         now_ns = time.monotonic_ns()
         frame = self._sender.frame(name, fields, mode=0, mono_ns=now_ns)
         self._port.write(frame)
-        self._log.put(pack(Record(Kind.PORT_OUT, Source.RADAR, 0, now_ns, frame)))
+        self._log.put(pack(Record(RecordKind.PORT_OUT, Source.RADAR, 0, now_ns, frame)))

@@ -5,7 +5,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from lgprjax.simulation.devices.wire_ends import Acceptance, Frame, FrameReader, Kind, Sender, Verdict
+from lgprjax.simulation.devices.wire_ends import (
+    Acceptance,
+    DeviceFrame,
+    DeviceSender,
+    FrameReader,
+    MessageType,
+    Reception,
+)
 
 # What every drive-by-wire box does with its line: frames judged, commands that end, defaults taken by itself.
 
@@ -26,7 +33,7 @@ class HostedBox(ABC):
         bus_off: a fault: nothing is heard.
     """
 
-    def __init__(self, sender: Sender) -> None:
+    def __init__(self, sender: DeviceSender) -> None:
         self.mode, self.mode_since_ns = 0, 0
         self.held, self.refused = 0, 0
         self.bus_off = False
@@ -43,7 +50,7 @@ class HostedBox(ABC):
         """Bytes that came over the line."""
         self.take(self._reader.feed(data), now_ns)
 
-    def take(self, frames: Iterable[Frame | None], now_ns: int) -> None:
+    def take(self, frames: Iterable[DeviceFrame | None], now_ns: int) -> None:
         """Frames that came, ``None`` for damaged ones."""
         self._let_time_pass(now_ns)
         for frame in frames:
@@ -51,9 +58,9 @@ class HostedBox(ABC):
                 self._refuse()
                 continue
             verdict = self._rules.judge(frame, now_ns)
-            if verdict is Verdict.SECOND_SENDER:
+            if verdict is Reception.SECOND_SENDER:
                 self._second_ns = now_ns
-            if verdict is not Verdict.TAKEN:
+            if verdict is not Reception.TAKEN:
                 self._refuse()
                 continue
             self._bad_in_a_row = 0
@@ -62,10 +69,10 @@ class HostedBox(ABC):
             self._hear(frame, now_ns)
 
     @abstractmethod
-    def _hear(self, frame: Frame, now_ns: int) -> None:
+    def _hear(self, frame: DeviceFrame, now_ns: int) -> None:
         """A frame that was taken."""
 
-    def _engage(self, frame: Frame, engage: int, known: int, now_ns: int) -> None:
+    def _engage(self, frame: DeviceFrame, engage: int, known: int, now_ns: int) -> None:
         """What a command holds engaged; ``known`` are the bits that the box has."""
         self._sequence = frame.sequence
         self._ends_ns = now_ns + 1_000_000 * frame.ttl_ms if frame.ttl_ms else None
@@ -122,7 +129,7 @@ _ROLLS_MPS = 0.05
 _TEST_NS, _TEST_BRAKE, _TEST_LEAST = 1_000_000_000, 0.5, 0.35
 
 
-class Command(NamedTuple):
+class DriveCommandMessage(NamedTuple):
     """A ``drive_command``: angle of the front wheels (rad), pedals 0 to 1, and what to engage (bits)."""
 
     front_rad: float = 0.0
@@ -131,7 +138,7 @@ class Command(NamedTuple):
     engage: int = 0
 
 
-class Orders(NamedTuple):
+class ActuatorOrders(NamedTuple):
     """What the box makes its actuators do.
 
     Attributes:
@@ -170,9 +177,9 @@ class DriveBox(HostedBox):
         command: the last one taken.
     """
 
-    def __init__(self, sender: Sender) -> None:
+    def __init__(self, sender: DeviceSender) -> None:
         super().__init__(sender)
-        self.command = Command()
+        self.command = DriveCommandMessage()
         self._brakes, self._had_pedals = False, False
         self._test_since_ns: int | None = None
         self._tested = 0
@@ -183,18 +190,18 @@ class DriveBox(HostedBox):
         self._speed_mps, self._pressure, self._supply_v = speed_mps, pressure, supply_v
         self._let_time_pass(now_ns)
 
-    def orders(self, now_ns: int) -> Orders:
+    def orders(self, now_ns: int) -> ActuatorOrders:
         """What it makes its actuators do now."""
         self._let_time_pass(now_ns)
         told = self.command
         if self._default:
             brake = DEFAULT_BRAKE if self._brakes else 0.0
-            return Orders(False, self._brakes, 0.0, 0.0, brake, cut=bool(self.held & POWER_CUT))
+            return ActuatorOrders(False, self._brakes, 0.0, 0.0, brake, cut=bool(self.held & POWER_CUT))
         if self._test_since_ns is not None:
-            return Orders(False, True, 0.0, 0.0, _TEST_BRAKE)
+            return ActuatorOrders(False, True, 0.0, 0.0, _TEST_BRAKE)
         pedals = bool(self.held & PEDALS)
         throttle, brake = (told.throttle, told.brake) if pedals else (0.0, 0.0)
-        return Orders(bool(self.held & STEERING_ENGAGED), pedals, told.front_rad, throttle, brake)
+        return ActuatorOrders(bool(self.held & STEERING_ENGAGED), pedals, told.front_rad, throttle, brake)
 
     def status(self, due_ns: int, measured: Measured) -> bytes:
         """The status frame of a moment."""
@@ -213,15 +220,15 @@ class DriveBox(HostedBox):
             measured.odometer_m,
             measured.speed_mps,
         )
-        return self._sender.frame(Kind.DRIVE_STATUS, payload, due_ns, self.mode)
+        return self._sender.frame(MessageType.DRIVE_STATUS, payload, due_ns, self.mode)
 
-    def _hear(self, frame: Frame, now_ns: int) -> None:
-        if frame.kind == Kind.DRIVE_COMMAND:
-            self.command = Command(*_COMMAND.unpack(frame.payload))
+    def _hear(self, frame: DeviceFrame, now_ns: int) -> None:
+        if frame.kind == MessageType.DRIVE_COMMAND:
+            self.command = DriveCommandMessage(*_COMMAND.unpack(frame.payload))
             self._engage(frame, self.command.engage, STEERING_ENGAGED | PEDALS, now_ns)
             if self.held & (STEERING_ENGAGED | PEDALS):
                 self._test_since_ns = None
-        elif frame.kind == Kind.DRIVE_TEST and frame.payload == b"\x01":
+        elif frame.kind == MessageType.DRIVE_TEST and frame.payload == b"\x01":
             self._begin_test(now_ns)
 
     def _let_go(self) -> None:
@@ -259,7 +266,7 @@ _SKID_BOX_COMMAND = struct.Struct("<ffBfB")
 _SKID_BOX_STATUS = struct.Struct("<IBHHffddBfff")
 
 
-class SkidCommand(NamedTuple):
+class SkidCommandMessage(NamedTuple):
     """A ``skid_command``: speeds of the tracks, the tool and its depth, and what to engage (bits)."""
 
     left_mps: float = 0.0
@@ -302,9 +309,9 @@ class SkidBox(HostedBox):
         command: the last one taken.
     """
 
-    def __init__(self, sender: Sender) -> None:
+    def __init__(self, sender: DeviceSender) -> None:
         super().__init__(sender)
-        self.command = SkidCommand()
+        self.command = SkidCommandMessage()
 
     def acting(self, now_ns: int, remote: SkidActing, supply_v: float) -> SkidActing:
         """What it makes its actuators do now.
@@ -339,11 +346,11 @@ class SkidBox(HostedBox):
             measured.depth_m,
             measured.supply_v,
         )
-        return self._sender.frame(Kind.SKID_STATUS, payload, due_ns, self.mode)
+        return self._sender.frame(MessageType.SKID_STATUS, payload, due_ns, self.mode)
 
-    def _hear(self, frame: Frame, now_ns: int) -> None:
-        if frame.kind == Kind.SKID_COMMAND:
-            self.command = SkidCommand(*_SKID_BOX_COMMAND.unpack(frame.payload))
+    def _hear(self, frame: DeviceFrame, now_ns: int) -> None:
+        if frame.kind == MessageType.SKID_COMMAND:
+            self.command = SkidCommandMessage(*_SKID_BOX_COMMAND.unpack(frame.payload))
             self._engage(frame, self.command.engage, DRIVE, now_ns)
 
     def _let_go(self) -> None:
@@ -370,7 +377,7 @@ def buttons_of(pressed: set[str]) -> int:
 class ControllerBox:
     """The controller's logic; times are nanoseconds of the world's clock, passed in."""
 
-    def __init__(self, sender: Sender) -> None:
+    def __init__(self, sender: DeviceSender) -> None:
         self._sender = sender
         self._reader, self._rules = FrameReader(), Acceptance()
         self._mode = 0
@@ -379,10 +386,10 @@ class ControllerBox:
     def receive(self, data: bytes, now_ns: int) -> None:
         """Bytes that came over the line."""
         for frame in self._reader.feed(data):
-            if frame is None or self._rules.judge(frame, now_ns) is not Verdict.TAKEN:
+            if frame is None or self._rules.judge(frame, now_ns) is not Reception.TAKEN:
                 continue
             self._mode = frame.mode
-            if frame.kind == Kind.CONTROLLER_LIGHT:
+            if frame.kind == MessageType.CONTROLLER_LIGHT:
                 self._lit, self._told_ns = frame.payload == b"\x01", now_ns
 
     def lit(self, now_ns: int) -> bool:
@@ -391,4 +398,4 @@ class ControllerBox:
 
     def status(self, due_ns: int, buttons: int) -> bytes:
         """The status frame of a moment."""
-        return self._sender.frame(Kind.CONTROLLER_STATUS, struct.pack("<H", buttons), due_ns, self._mode)
+        return self._sender.frame(MessageType.CONTROLLER_STATUS, struct.pack("<H", buttons), due_ns, self._mode)

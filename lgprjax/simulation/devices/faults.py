@@ -33,7 +33,7 @@ class Moment(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Item:
+class ScriptItem:
     """A line of a script or a fault.
 
     Attributes:
@@ -65,7 +65,7 @@ class Item:
         mode, for_s = self.after
         return moment.since_ready_s is not None and moment.mode == mode and moment.mode_for_s >= for_s
 
-    def again(self) -> "Item":
+    def again(self) -> "ScriptItem":
         """The same, to begin once more."""
         assert self.at_s is not None
         assert self.every_s is not None
@@ -75,11 +75,11 @@ class Item:
 class Schedule:
     """Items, each of which begins once, or every so many seconds."""
 
-    def __init__(self, items: Iterable[Item]) -> None:
+    def __init__(self, items: Iterable[ScriptItem]) -> None:
         self._waiting = list(items)
-        self._running: list[tuple[float, Item]] = []
+        self._running: list[tuple[float, ScriptItem]] = []
 
-    def step(self, moment: Moment) -> list[Item]:
+    def step(self, moment: Moment) -> list[ScriptItem]:
         """Items that run now, the oldest first."""
         begun = [item for item in self._waiting if item.begins(moment)]
         self._waiting = [item for item in self._waiting if item not in begun]
@@ -97,7 +97,7 @@ def read_items(
     key: str,
     known: Mapping[str, tuple[str, ...]],
     lasts_s: Mapping[str, float],
-) -> list[Item]:
+) -> list[ScriptItem]:
     """Items of a list of tables.
 
     Args:
@@ -126,7 +126,7 @@ def read_items(
             raise InputError(file, f"{where}.{missing[0]}", f"a value: {name} needs it", "none")
         after = row.get("after")
         items.append(
-            Item(
+            ScriptItem(
                 name,
                 {needed: row[needed] for needed in known[name]},
                 float(row.get("for_s", lasts_s.get(name, float("inf")))),
@@ -140,7 +140,7 @@ def read_items(
     return items
 
 
-def check_choice(file: Path, place: str, items: list[Item], key: str, known: tuple[str, ...]) -> None:
+def check_choice(file: Path, place: str, items: list[ScriptItem], key: str, known: tuple[str, ...]) -> None:
     """Hold the items' texts under a key against those that there are.
 
     Raises:
@@ -206,14 +206,14 @@ FAULT_LASTS_S = {"supply_sag": 0.05}
 _Value = TypeVar("_Value")
 
 
-class Faults:
+class RunningFaults:
     """Faults that run."""
 
     def __init__(self) -> None:
         self._running: dict[str, list[Mapping[str, Any]]] = {}
         self._held: dict[str, Any] = {}
 
-    def run(self, items: Iterable[Item]) -> None:
+    def run(self, items: Iterable[ScriptItem]) -> None:
         """These run now, no others."""
         running: dict[str, list[Mapping[str, Any]]] = {}
         for item in items:

@@ -34,32 +34,32 @@ from lgprjax.simulation.devices.boxes import (
     ControllerBox,
     SkidActing,
     SkidBox,
-    SkidCommand,
+    SkidCommandMessage,
     SkidMeasured,
     buttons_of,
 )
 from lgprjax.simulation.devices.faults import (
     FAULT_LASTS_S,
     READY_MODE,
-    Faults,
-    Item,
     Moment,
+    RunningFaults,
     Schedule,
+    ScriptItem,
     check_choice,
     read_items,
 )
 from lgprjax.simulation.devices.sensors import (
     WEEK_S,
-    Attitude,
     GnssClock,
+    GnssFix,
+    InsReading,
     Lines,
-    Position,
     attitude_messages,
     position_message,
 )
-from lgprjax.simulation.devices.stage import Beat
+from lgprjax.simulation.devices.stage import Ticker
 from lgprjax.simulation.devices.vehicle import write_truth
-from lgprjax.simulation.devices.wire_ends import Sender
+from lgprjax.simulation.devices.wire_ends import DeviceSender
 from lgprjax.vehicle.kinematics import VehiclePose, WheelSpeeds
 
 # What a run of the devices in a field is asked for: SPEC.json.
@@ -270,7 +270,7 @@ class ToolState(NamedTuple):
         return self.rpm >= _TURNS_RPM
 
 
-def step_tool(state: ToolState, asked_m: float | None, faults: Faults, step_s: float) -> ToolState:
+def step_tool(state: ToolState, asked_m: float | None, faults: RunningFaults, step_s: float) -> ToolState:
     """The tool a step later; ``asked_m``: depth to turn at, ``None`` for off and raised."""
     rpm = 0.0 if asked_m is None or faults.has("tool_stops") else _RPM
     depth = _RAISED_M if asked_m is None else asked_m + faults.number("tool_depth", "m", 0.0)
@@ -303,7 +303,7 @@ class FieldTruth:
         self._rows: list[tuple[float, ...]] = []
 
     def add(
-        self, time_ns: int, moved: FlailMoved, tool: ToolState, command: SkidCommand, held: int, *, gnss_on: bool
+        self, time_ns: int, moved: FlailMoved, tool: ToolState, command: SkidCommandMessage, held: int, *, gnss_on: bool
     ) -> None:
         """A tick's row."""
         self._times.append(time_ns)
@@ -373,11 +373,11 @@ class Teleoperator:
 
     def __init__(self) -> None:
         self.arrivals = 0
-        self._told: list[Item] = []
-        self._waiting: list[Item] = []
+        self._told: list[ScriptItem] = []
+        self._waiting: list[ScriptItem] = []
         self._rest_s = 0.0
 
-    def step(self, running: Iterable[Item], x_m: float, y_m: float, yaw_rad: float, step_s: float) -> RemoteHands:
+    def step(self, running: Iterable[ScriptItem], x_m: float, y_m: float, yaw_rad: float, step_s: float) -> RemoteHands:
         """What the operator does at a true pose of the reference point."""
         items = list(running)
         for item in items:
@@ -440,7 +440,7 @@ class FieldStage:
 
     def __init__(self, spec: FieldSpec, file: Path, begin_ns: int) -> None:
         rng = np.random.default_rng([spec.seed, 53])
-        self.begin_ns, self.faults, self.truth = begin_ns, Faults(), FieldTruth()
+        self.begin_ns, self.faults, self.truth = begin_ns, RunningFaults(), FieldTruth()
         script = read_items(file, "script", spec.script, key="do", known=FIELD_SCRIPT, lasts_s=SCRIPT_LASTS_S)
         wrong = read_items(file, "faults", spec.faults, key="kind", known=FIELD_FAULTS, lasts_s=FAULT_LASTS_S)
         check_choice(file, "script", script, "button", FIELD_BUTTONS)
@@ -459,7 +459,7 @@ class FieldStage:
         self.moved = FlailMoved(*spec.start, *[0.0] * (len(FlailMoved._fields) - 3))
         self.tool, self.operator = ToolState(), Teleoperator()
         self._senders = {
-            line: Sender(int(rng.integers(1, 1 << 32)), int(rng.integers(1, 1 << 40))) for line in FIELD_LINES
+            line: DeviceSender(int(rng.integers(1, 1 << 32)), int(rng.integers(1, 1 << 40))) for line in FIELD_LINES
         }
         self.drive_box = SkidBox(self._senders["drive_by_wire"])
         self.controller = ControllerBox(self._senders["controller"])
@@ -472,7 +472,7 @@ class FieldStage:
         self._ready_ns: int | None = None
         self.latest_s = {"status": 0.0}
         self._waiting: deque[tuple[str, int, bytes]] = deque(maxlen=64)
-        self._buttons = Beat(begin_ns, 20_000_000)
+        self._buttons = Ticker(begin_ns, 20_000_000)
         self._lock = threading.Lock()
 
     @property
@@ -565,8 +565,8 @@ class FieldStage:
             measured_ns = end_ns - round(1e9 * moved.gnss_age_s)
             self._waiting.append(("gnss", end_ns, position_message(self._clock, measured_ns, self._position(moved))))
 
-    def _attitude(self, moved: FlailMoved) -> Attitude:
-        return Attitude(
+    def _attitude(self, moved: FlailMoved) -> InsReading:
+        return InsReading(
             0.0,
             self._heading_deg(self._ins_yaw),
             moved.turn_rad / moved.span_s,
@@ -575,12 +575,12 @@ class FieldStage:
             not self.faults.has("ins_nan"),
         )
 
-    def _position(self, moved: FlailMoved) -> Position:
+    def _position(self, moved: FlailMoved) -> GnssFix:
         loose = self.faults.has("gnss_float")
         jump = self.faults.pair("gnss_jump", "m")
         east, north = moved.gnss_east_m + jump[0], moved.gnss_north_m + jump[1]
         latitude, longitude, height = self._frame.to_geodetic(np.array([east]), np.array([north]), np.zeros(1))
-        return Position(
+        return GnssFix(
             float(latitude[0]),
             float(longitude[0]),
             float(height[0]),

@@ -14,9 +14,16 @@ from lgprjax.scene import LiveSensors
 from lgprjax.scene.propagation import RadarConfig
 from lgprjax.scene.vehicle_drive import TrueVehicle
 from lgprjax.simulation.devices.boxes import Measured
-from lgprjax.simulation.devices.faults import Faults
-from lgprjax.simulation.devices.vehicle import GNSS_X_M, Hands, Moved
-from lgprjax.simulation.devices.wire_ends import Acceptance, Frame, FrameReader, Kind, Sender, Verdict
+from lgprjax.simulation.devices.faults import RunningFaults
+from lgprjax.simulation.devices.vehicle import GNSS_X_M, DriverInput, Moved
+from lgprjax.simulation.devices.wire_ends import (
+    Acceptance,
+    DeviceFrame,
+    DeviceSender,
+    FrameReader,
+    MessageType,
+    Reception,
+)
 from lgprjax.simulation.devices.world import CourseWorld, Sample
 
 # A u-blox receiver with INS: NAV-PVT, NAV-ATT and ESF-INS, built by pyubx2.
@@ -28,7 +35,7 @@ _EPOCH = datetime.datetime(1980, 1, 6)  # GPS time is no zone's
 _LEAP_S = 18.0
 
 
-class Position(NamedTuple):
+class GnssFix(NamedTuple):
     """A fix: WGS-84 of the antenna, speed over ground, and how good; solution: 2 fixed, 1 float, 0 single."""
 
     latitude_deg: float
@@ -40,7 +47,7 @@ class Position(NamedTuple):
     solution: int
 
 
-class Attitude(NamedTuple):
+class InsReading(NamedTuple):
     """What the INS says: roll (right side down), compass heading, yaw rate counter-clockwise, acceleration forward.
 
     ``valid``: else the fields are marked as not to be used.
@@ -73,7 +80,7 @@ class GnssClock:
         return round(1e3 * self.time_s(now_ns)) % (1000 * WEEK_S)
 
 
-def position_message(clock: GnssClock, time_ns: int, fix: Position) -> bytes:
+def position_message(clock: GnssClock, time_ns: int, fix: GnssFix) -> bytes:
     """NAV-PVT of a moment of the world's clock."""
     moment = _EPOCH + datetime.timedelta(seconds=clock.time_s(time_ns) - _LEAP_S)
     sigma_mm = round(1e3 * fix.sigma_m)
@@ -112,7 +119,7 @@ def position_message(clock: GnssClock, time_ns: int, fix: Position) -> bytes:
     return bytes(message.serialize())
 
 
-def attitude_messages(clock: GnssClock, time_ns: int, attitude: Attitude) -> bytes:
+def attitude_messages(clock: GnssClock, time_ns: int, attitude: InsReading) -> bytes:
     """NAV-ATT and ESF-INS of a moment of the world's clock; UBX's body axes are x forward, y right, z down."""
     itow_ms = clock.itow_ms(time_ns)
     valid = int(attitude.valid)
@@ -168,7 +175,9 @@ class Sensing:
         seed: of the noise.
     """
 
-    def __init__(self, true: TrueVehicle, sensors: LiveSensors, world: CourseWorld, faults: Faults, seed: int) -> None:
+    def __init__(
+        self, true: TrueVehicle, sensors: LiveSensors, world: CourseWorld, faults: RunningFaults, seed: int
+    ) -> None:
         self._true, self._world, self._faults = true, world, faults
         self._rng = np.random.default_rng([seed, 51])
         self._zero_counts = int(self._rng.integers(-100_000, 100_000))
@@ -178,7 +187,7 @@ class Sensing:
         self._gnss_period_s = int(sensors.gnss_ticks) * world.tick_s
         self._extra_m = np.zeros(2)
 
-    def measured(self, sample: Sample, hands: Hands) -> Measured:
+    def measured(self, sample: Sample, hands: DriverInput) -> Measured:
         """What the drive-by-wire box's sensors show."""
         faults, noise = self._faults, self._rng.normal(size=6)
         straight_v, (per_rad_v,) = self._true.potentiometer_straight_v, self._true.potentiometer_per_rad_v
@@ -200,14 +209,14 @@ class Sensing:
             gain * sample.speed_mps + (self._odometer_sigma_mps * noise[5] if gain and sample.speed_mps else 0.0),
         )
 
-    def attitude(self, before: Sample, after: Sample) -> Attitude:
+    def attitude(self, before: Sample, after: Sample) -> InsReading:
         """What the INS says after one of its periods."""
         faults, noise = self._faults, self._rng.normal(size=2)
         rate = (after.yaw_rad - before.yaw_rad) / INS_PERIOD_S
         rate += after.rate_bias_radps + self._rate_sigma * noise[0] + faults.number("ins_bias", "radps", 0.0)
         yaw = after.yaw_rad + after.heading_slow_rad + self._heading_sigma_rad * noise[1]
         yaw += faults.number("ins_bias", "rad", 0.0) + (np.pi if faults.has("heading_reversed") else 0.0)
-        told = Attitude(
+        told = InsReading(
             after.roll_rad,
             self._world.heading_deg(yaw, after.x_m),
             rate,
@@ -217,7 +226,7 @@ class Sensing:
         )
         return faults.hold("ins_stuck", told)
 
-    def position(self, moved: Moved) -> Position:
+    def position(self, moved: Moved) -> GnssFix:
         """What the receiver says of its antenna."""
         faults, noise = self._faults, self._rng.normal(size=2)
         solution = 0 if faults.has("gnss_single") else 1 if faults.has("gnss_float") else 2
@@ -229,7 +238,7 @@ class Sensing:
             self._extra_m = np.zeros(2)
         east, north = np.array([moved.gnss_east_m, moved.gnss_north_m]) + self._extra_m + faults.pair("gnss_jump", "m")
         latitude, longitude, height = self._world.geodetic(float(east), float(north), moved.along_m + GNSS_X_M)
-        told = Position(
+        told = GnssFix(
             latitude,
             longitude,
             height,
@@ -276,7 +285,7 @@ class RadarState(IntEnum):
     FAILED = 4
 
 
-class Recorded(NamedTuple):
+class RecordedScan(NamedTuple):
     """A scan of the world: its number there, when it began, and its bytes; ``None`` where it was lost."""
 
     number: int
@@ -294,7 +303,7 @@ class RadarBox:
         period_s: from scan to scan.
     """
 
-    def __init__(self, sender: Sender, radar: RadarConfig, channels: int, period_s: float) -> None:
+    def __init__(self, sender: DeviceSender, radar: RadarConfig, channels: int, period_s: float) -> None:
         self.state = RadarState.IDLE
         self.dropped, self.errors = 0, 0
         self._sender, self._radar, self._channels, self._period_s = sender, radar, channels, period_s
@@ -304,22 +313,22 @@ class RadarBox:
         self._first: int | None = None
         self._every = 1
         self._busy_since_ns = 0
-        self._waiting: deque[Recorded] = deque()
+        self._waiting: deque[RecordedScan] = deque()
 
     def receive(self, data: bytes, now_ns: int) -> None:
         """Bytes that came over the line."""
         for frame in self._reader.feed(data):
-            if frame is None or self._rules.judge(frame, now_ns) is not Verdict.TAKEN:
+            if frame is None or self._rules.judge(frame, now_ns) is not Reception.TAKEN:
                 continue
             self._mode = frame.mode
-            if frame.kind == Kind.RADAR_COMMAND:
+            if frame.kind == MessageType.RADAR_COMMAND:
                 self._obey(frame, now_ns)
 
     def forget_line(self) -> None:
         """The connection is another one: half a frame of the old one is nobody's."""
         self._reader = FrameReader()
 
-    def put(self, scans: list[Recorded]) -> None:
+    def put(self, scans: list[RecordedScan]) -> None:
         """Scans of the world, in their order; those of before the start are left."""
         for scan in scans:
             if self.state is not RadarState.SCANNING or self._begun_ns is None or scan.stamp_ns < self._begun_ns:
@@ -342,14 +351,14 @@ class RadarBox:
             channels, samples = scan.data.shape
             number = (scan.number - self._first) // self._every
             head = _SCAN.pack(number, channels, samples, (1 << channels) - 1)
-            frame = self._sender.frame(Kind.RADAR_SCAN, head + scan.data.tobytes(), scan.stamp_ns, self._mode)
+            frame = self._sender.frame(MessageType.RADAR_SCAN, head + scan.data.tobytes(), scan.stamp_ns, self._mode)
             frames.append((scan.stamp_ns + wait_ns, frame))
         return frames
 
     def health(self, due_ns: int) -> bytes:
         """The health frame of a moment."""
         payload = _HEALTH.pack(self.state, self.errors, _TEMPERATURE_C, self.dropped)
-        return self._sender.frame(Kind.RADAR_HEALTH, payload, due_ns, self._mode)
+        return self._sender.frame(MessageType.RADAR_HEALTH, payload, due_ns, self._mode)
 
     def description(self, due_ns: int) -> bytes:
         """The description of its scans."""
@@ -362,9 +371,9 @@ class RadarBox:
             128.0,
             round(1e6 * self._period_s * self._every),
         )
-        return self._sender.frame(Kind.RADAR_DESCRIPTION, payload, due_ns, self._mode)
+        return self._sender.frame(MessageType.RADAR_DESCRIPTION, payload, due_ns, self._mode)
 
-    def _obey(self, frame: Frame, now_ns: int) -> None:
+    def _obey(self, frame: DeviceFrame, now_ns: int) -> None:
         action, period_us = _COMMAND.unpack(frame.payload)
         if action == 0:
             self.state = RadarState.IDLE
@@ -397,7 +406,7 @@ class Lines:
         seed: of the damage.
     """
 
-    def __init__(self, faults: Faults, seed: int) -> None:
+    def __init__(self, faults: RunningFaults, seed: int) -> None:
         self._faults = faults
         self._rng = np.random.default_rng([seed, 52])
         self._repeated: dict[str, bytes] = {}

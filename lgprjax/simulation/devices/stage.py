@@ -17,10 +17,10 @@ from lgprjax.simulation.devices.faults import (
     FAULT_LASTS_S,
     FAULTS,
     READY_MODE,
-    Faults,
-    Item,
     Moment,
+    RunningFaults,
     Schedule,
+    ScriptItem,
     check_choice,
     read_items,
 )
@@ -34,13 +34,13 @@ from lgprjax.simulation.devices.sensors import (
     Lines,
     RadarBox,
     RadarState,
-    Recorded,
+    RecordedScan,
     Sensing,
     attitude_messages,
     position_message,
 )
-from lgprjax.simulation.devices.vehicle import BUTTONS, SCRIPT, SCRIPT_LASTS_S, Body, Driver, Hands, Moved, Truth
-from lgprjax.simulation.devices.wire_ends import Frame, Kind, Sender
+from lgprjax.simulation.devices.vehicle import BUTTONS, SCRIPT, SCRIPT_LASTS_S, Body, Driver, DriverInput, Moved, Truth
+from lgprjax.simulation.devices.wire_ends import DeviceFrame, DeviceSender, MessageType
 from lgprjax.simulation.devices.world import CourseWorld, Sample, Trajectory
 
 # What a run of the devices is asked for: SPEC.json.
@@ -102,7 +102,7 @@ _LATEST_NS = 100_000_000
 """What fell due longer ago is left out, as a device has no queue."""
 
 
-class Beat:
+class Ticker:
     """Moments at an even distance.
 
     Args:
@@ -134,10 +134,12 @@ class SecondMaster:
     def __init__(self, session: int) -> None:
         self._session, self._sequence = session, 0
 
-    def command(self, now_ns: int) -> Frame:
+    def command(self, now_ns: int) -> DeviceFrame:
         """Its next command: full engagement, wheels to the left, throttle."""
         self._sequence += 1
-        return Frame(Kind.DRIVE_COMMAND, _SPEED_ENGAGED, self._session, self._sequence, now_ns // 1000, 200, _WANTS)
+        return DeviceFrame(
+            MessageType.DRIVE_COMMAND, _SPEED_ENGAGED, self._session, self._sequence, now_ns // 1000, 200, _WANTS
+        )
 
 
 _INS_NS = round(1e9 * INS_PERIOD_S)
@@ -175,13 +177,15 @@ class Stage:
         true = TrueVehicle(array_x_m=world.laid.spec.array_x_m)
         assert isinstance(true.rear, float)
         self.world, self.begin_ns = world, begin_ns
-        self.faults = Faults()
+        self.faults = RunningFaults()
         self._script, self._wrong, rolls_over_s = _read_schedules(spec, file)
         self._body = Body(true, world, world.start(spec.start_m), self.faults, seed)
         self._sensing = Sensing(true, self._body.vehicle.sensors, world, self.faults, seed)
         self._driver = Driver(true, world.laid.spec.array_x_m, world.baseline_m)
         self.truth = Truth(true.rear, world.laid.spec.array_x_m, world.baseline_m)
-        self._senders = {line: Sender(int(rng.integers(1, 1 << 32)), int(rng.integers(1, 1 << 40))) for line in LINES}
+        self._senders = {
+            line: DeviceSender(int(rng.integers(1, 1 << 32)), int(rng.integers(1, 1 << 40))) for line in LINES
+        }
         self.drive_box = DriveBox(self._senders["drive_by_wire"])
         self.controller = ControllerBox(self._senders["controller"])
         self.radar = RadarBox(self._senders["radar"], world.radar, len(world.laid.array.x_m), world.scan_period_s)
@@ -191,7 +195,7 @@ class Stage:
         if rolls_over_s is not None:
             self._clock_s = 2401.0 * WEEK_S - rolls_over_s - 1e-9 * begin_ns
         self._clock = GnssClock(self._clock_s)
-        self._hands = Hands(0.0, 0.0, 0.0, foot_on_brake=False, torque_nm=0.0, buttons=frozenset())
+        self._hands = DriverInput(0.0, 0.0, 0.0, foot_on_brake=False, torque_nm=0.0, buttons=frozenset())
         self._ticks = 0
         self.latest_s = dict.fromkeys(("scan", "status"), 0.0)
         self._tick_ns = 1e9 * world.tick_s
@@ -201,7 +205,7 @@ class Stage:
         self._known.add(begin_ns, self._body.sample)
         self._lock = threading.Lock()
         self._drive, self._buttons, self._ins, self._health, self._described, self._foreign = (
-            Beat(begin_ns, period_ns)
+            Ticker(begin_ns, period_ns)
             for period_ns in (10_000_000, 20_000_000, _INS_NS, 100_000_000, 1_000_000_000, 20_000_000)
         )
 
@@ -251,7 +255,7 @@ class Stage:
         """Give the radar a tick's scans; ``None`` for those that were lost."""
         first = tick.number * self.world.scans_a_tick
         period_ns = 1e9 * self.world.scan_period_s
-        rows = [Recorded(first + at, tick.begin_ns + round(at * period_ns), data) for at, data in enumerate(scans)]
+        rows = [RecordedScan(first + at, tick.begin_ns + round(at * period_ns), data) for at, data in enumerate(scans)]
         with self._lock:
             self.radar.put(rows)
 
@@ -342,7 +346,7 @@ def _read_schedules(spec: StageSpec, file: Path) -> tuple[Schedule, Schedule, fl
     wrong = read_items(file, "faults", spec.faults, key="kind", known=FAULTS, lasts_s=FAULT_LASTS_S)
     check_choice(file, "script", script, "button", BUTTONS)
     check_choice(file, "faults", wrong, "line", LINES)
-    rolls: list[Item] = [item for item in wrong if item.name == "week_rollover"]
+    rolls: list[ScriptItem] = [item for item in wrong if item.name == "week_rollover"]
     if rolls and rolls[0].at_s is None:
         raise InputError(file, "faults", "week_rollover with at_s", "another beginning")
     return Schedule(script), Schedule(wrong), rolls[0].at_s if rolls else None

@@ -27,8 +27,8 @@ from lgprjax.scene import (
 )
 from lgprjax.scene.plant import SUBSTEPS
 from lgprjax.scene.vehicle_drive import TrueVehicle, chassis_of, pedals_of, servo_of
-from lgprjax.simulation.devices.boxes import Command, Orders
-from lgprjax.simulation.devices.faults import Faults, Item
+from lgprjax.simulation.devices.boxes import ActuatorOrders, DriveCommandMessage
+from lgprjax.simulation.devices.faults import RunningFaults, ScriptItem
 from lgprjax.simulation.devices.world import CourseWorld, Sample, Start
 from lgprjax.simulation.loop.loop_setup import cross_track_m
 from lgprjax.vehicle.kinematics import MeasuredRear, VehiclePose
@@ -87,7 +87,7 @@ class Moved(NamedTuple):
     gnss_valid: float
 
 
-class Vehicle:
+class SimulatedVehicle:
     """A vehicle that stands at a pose.
 
     Args:
@@ -230,7 +230,7 @@ _END_M = 2.0
 _BACK, _ON = 10, 200
 
 
-class Hands(NamedTuple):
+class DriverInput(NamedTuple):
     """What the driver does.
 
     Attributes:
@@ -269,11 +269,18 @@ class Driver:
         self._way_m = np.concatenate([[0.0], np.cumsum(np.hypot(*step.T))])
         self._at = 0
         self._speed_mps: float | None = None
-        self._told: Item | None = None
+        self._told: ScriptItem | None = None
 
     def step(
-        self, running: Iterable[Item], x_m: float, y_m: float, yaw_rad: float, speed_mps: float, *, has_pedals: bool
-    ) -> Hands:
+        self,
+        running: Iterable[ScriptItem],
+        x_m: float,
+        y_m: float,
+        yaw_rad: float,
+        speed_mps: float,
+        *,
+        has_pedals: bool,
+    ) -> DriverInput:
         """What the driver does at a true pose of the rear axle.
 
         Args:
@@ -297,7 +304,7 @@ class Driver:
         pressed = frozenset(str(item.numbers["button"]) for item in items if item.name == "press")
         # The pedal's switch is wired to the controller too.
         pressed |= {"brake_tap"} if tapped else set()
-        return Hands(front, throttle, brake, foot, torque, pressed)
+        return DriverInput(front, throttle, brake, foot, torque, pressed)
 
     def _steer(self, x_m: float, y_m: float, yaw_rad: float, speed_mps: float) -> tuple[float, float]:
         place = np.array([x_m + self._array_x_m * np.cos(yaw_rad), y_m + self._array_x_m * np.sin(yaw_rad)])
@@ -333,7 +340,7 @@ class Driver:
 _THROTTLE_LAG_S = 0.05
 
 
-class Turned(NamedTuple):
+class BodyTick(NamedTuple):
     """A tick of the body: what acted, how the vehicle moved, and the sample at the end."""
 
     acting: Acting
@@ -352,9 +359,9 @@ class Body:
         seed: of its sensors' errors.
     """
 
-    def __init__(self, true: TrueVehicle, world: CourseWorld, start: Start, faults: Faults, seed: int) -> None:
+    def __init__(self, true: TrueVehicle, world: CourseWorld, start: Start, faults: RunningFaults, seed: int) -> None:
         self._true, self._world, self._faults = true, world, faults
-        self.vehicle = Vehicle(
+        self.vehicle = SimulatedVehicle(
             true, world.laid.terrain, tick_s=world.tick_s, start=start.pose, along_m=start.along_m, seed=seed
         )
         roll = world.roll(start.pose, start.along_m)
@@ -363,7 +370,7 @@ class Body:
         still |= {"roll_rad": roll, "along_m": start.along_m, "supply_v": true.nominal_v, "odometer_gain": 1.0}
         self.sample = Sample(**still)
 
-    def step(self, orders: Orders, hands: Hands) -> Turned:
+    def step(self, orders: ActuatorOrders, hands: DriverInput) -> BodyTick:
         """The body a tick later."""
         acting, pressure = self._acting(orders, hands)
         moved = self.vehicle.step(acting)
@@ -387,9 +394,9 @@ class Body:
             rate_bias_radps=moved.rate_bias_radps,
             heading_slow_rad=moved.heading_slow_rad,
         )
-        return Turned(acting, moved, self.sample)
+        return BodyTick(acting, moved, self.sample)
 
-    def _acting(self, orders: Orders, hands: Hands) -> tuple[Acting, float]:
+    def _acting(self, orders: ActuatorOrders, hands: DriverInput) -> tuple[Acting, float]:
         """What acts, and the pressure asked of the brake's hydraulics: the parking lever has none."""
         faults = self._faults
         throttle = orders.throttle if orders.pedals else hands.throttle
@@ -456,7 +463,7 @@ class Truth:
         self._times: list[int] = []
         self._rows: list[tuple[float, ...]] = []
 
-    def add(self, time_ns: int, sample: Sample, acting: Acting, command: Command, held: int) -> None:
+    def add(self, time_ns: int, sample: Sample, acting: Acting, command: DriveCommandMessage, held: int) -> None:
         """A tick's row."""
         sound = -self._ratio * sample.front_rad
         rear = sound if np.isnan(acting.rear_rad) else acting.rear_rad

@@ -13,7 +13,7 @@ _SILENT_NS = 200_000_000
 _SESSIONS_REMEMBERED = 16
 
 
-class Kind(IntEnum):
+class MessageType(IntEnum):
     """Types of messages."""
 
     RADAR_COMMAND = 0x10
@@ -31,16 +31,16 @@ class Kind(IntEnum):
 
 
 _HOST_LENGTHS = {
-    Kind.RADAR_COMMAND: 5,
-    Kind.RADAR_SWEEP_PLAN: 10,
-    Kind.DRIVE_COMMAND: 13,
-    Kind.DRIVE_TEST: 1,
-    Kind.SKID_COMMAND: 14,
-    Kind.CONTROLLER_LIGHT: 1,
+    MessageType.RADAR_COMMAND: 5,
+    MessageType.RADAR_SWEEP_PLAN: 10,
+    MessageType.DRIVE_COMMAND: 13,
+    MessageType.DRIVE_TEST: 1,
+    MessageType.SKID_COMMAND: 14,
+    MessageType.CONTROLLER_LIGHT: 1,
 }
 
 
-class Frame(NamedTuple):
+class DeviceFrame(NamedTuple):
     """A frame whose CRC holds; ``kind`` is a plain number where no message of the protocol has it."""
 
     kind: int
@@ -52,7 +52,7 @@ class Frame(NamedTuple):
     payload: bytes
 
 
-def pack_frame(frame: Frame) -> bytes:
+def pack_frame(frame: DeviceFrame) -> bytes:
     """The bytes of a frame."""
     kind, mode, session, sequence, stamp_us, ttl_ms, payload = frame
     head = _HEADER.pack(_SYNC, _VERSION, kind, len(payload), mode, 0, session, sequence & 0xFFFFFFFF, stamp_us, ttl_ms)
@@ -66,10 +66,10 @@ class FrameReader:
     def __init__(self) -> None:
         self._waiting = bytearray()
 
-    def feed(self, data: bytes) -> list[Frame | None]:
+    def feed(self, data: bytes) -> list[DeviceFrame | None]:
         """Frames in the order they came; ``None`` stands for what looked like one and was not."""
         self._waiting += data
-        found: list[Frame | None] = []
+        found: list[DeviceFrame | None] = []
         held = self._waiting
         while True:
             at = held.find(_SYNC)
@@ -87,14 +87,14 @@ class FrameReader:
                 return found
             if plausible and _CRC.unpack_from(held, end)[0] == zlib.crc32(held[2:end]):
                 payload = bytes(held[_HEADER.size : end])
-                found.append(Frame(kind, mode, session, sequence, stamp_us, ttl_ms, payload))
+                found.append(DeviceFrame(kind, mode, session, sequence, stamp_us, ttl_ms, payload))
                 del held[: end + _CRC.size]
             else:
                 found.append(None)
                 del held[:1]
 
 
-class Verdict(Enum):
+class Reception(Enum):
     """What a receiver makes of a whole frame."""
 
     TAKEN = "taken"
@@ -124,29 +124,29 @@ class Acceptance:
         """Whether nothing was accepted for so long that the line counts as dead."""
         return self.taken_ns is None or now_ns - self.taken_ns >= _SILENT_NS
 
-    def judge(self, frame: Frame, now_ns: int) -> Verdict:
+    def judge(self, frame: DeviceFrame, now_ns: int) -> Reception:
         """Whether to act on a frame that came at ``now_ns`` of the receiver's clock."""
         late_us = now_ns // 1000 - frame.stamp_us
         if frame.session != self._session or self.taken_ns is None:
             if not self.silent(now_ns):
-                return Verdict.SECOND_SENDER
+                return Reception.SECOND_SENDER
             if frame.session in self._seen or frame.session == 0:
-                return Verdict.OLD_SESSION
+                return Reception.OLD_SESSION
             self._seen.append(frame.session)
             self._session, self._least_us = frame.session, late_us
         else:
             ahead = (frame.sequence - self._sequence) & 0xFFFFFFFF
             if not 0 < ahead < 1 << 31:
-                return Verdict.REPEATED
+                return Reception.REPEATED
             self._least_us = min(self._least_us, late_us)
             if frame.ttl_ms and late_us - self._least_us > 1000 * frame.ttl_ms:
-                return Verdict.TOO_OLD
+                return Reception.TOO_OLD
             self.missing += ahead - 1
         self._sequence, self.taken_ns = frame.sequence, now_ns
-        return Verdict.TAKEN
+        return Reception.TAKEN
 
 
-class Sender:
+class DeviceSender:
     """Numbers and stamps a device's frames.
 
     Args:
@@ -160,9 +160,9 @@ class Sender:
         self.stuck = False
         """A fault: the counter repeats."""
 
-    def frame(self, kind: Kind, payload: bytes, stamp_ns: int, mode: int) -> bytes:
+    def frame(self, kind: MessageType, payload: bytes, stamp_ns: int, mode: int) -> bytes:
         """The next frame's bytes; ``stamp_ns`` is of the world's clock."""
-        made = Frame(kind, mode, self._session, self._sequence, self._epoch_us + stamp_ns // 1000, 0, payload)
+        made = DeviceFrame(kind, mode, self._session, self._sequence, self._epoch_us + stamp_ns // 1000, 0, payload)
         if not self.stuck:
             self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         return pack_frame(made)

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from lgprjax.frames import LocalFrame
 from lgprjax.scene import WEATHER, LiveRadar, draw_springs
 from lgprjax.scene.propagation import RadarConfig
-from lgprjax.scene.render import Faults as RadarErrors
+from lgprjax.scene.render import ReceiverFaults as RadarErrors
 from lgprjax.scene.road import surface_up
 from lgprjax.simulation.drives import SITE_FRAME
 from lgprjax.simulation.loop.off_road import (

@@ -22,8 +22,8 @@ from lgprjax.simulation.loop.loop_setup import (
 from lgprjax.simulation.loop.many_drives import draw_fix, run_lane, run_lanes
 from lgprjax.simulation.loop.off_road import (
     MILE_M,
-    Course,
     OffRoad,
+    OffRoadCourse,
     SceneFrame,
     draw_course,
     make_course,
@@ -34,7 +34,6 @@ __all__ = [
     "FOOT_M",
     "MILE_M",
     "TICK_S",
-    "Course",
     "Decision",
     "DrivenCourse",
     "LoopSetup",
@@ -44,6 +43,7 @@ __all__ = [
     "LoopTick",
     "LoopVehicle",
     "OffRoad",
+    "OffRoadCourse",
     "RadarLoop",
     "ReportedNoise",
     "SceneFrame",

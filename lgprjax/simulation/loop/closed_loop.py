@@ -16,7 +16,7 @@ from lgprjax.navigation import (
     GnssObservation,
     HeadingObservation,
     LgprObservation,
-    Motion,
+    MotionInput,
     Observations,
     OdometerObservation,
     Reaction,
@@ -79,7 +79,7 @@ def decide(
         p_false: of its match, see ``step_health``; NaN where no scan was matched.
     """
     step_s = jnp.float32(spec.tick_s)
-    motion = Motion(readings.yaw_rate_radps, step_s)
+    motion = MotionInput(readings.yaw_rate_radps, step_s)
     observations = observe(setup, readings, lgpr)
     navigator, navigated = step_navigator(
         setup.navigator, state.navigator, motion, observations, p_false, fusion=spec.fusion

@@ -37,10 +37,10 @@ from lgprjax.registration import (
     ground_map_for,
     sigmas_along_cross,
 )
-from lgprjax.scene import WEATHER, Faults, LiveRadar, Readings, draw_springs
+from lgprjax.scene import WEATHER, LiveRadar, Readings, ReceiverFaults, draw_springs
 from lgprjax.simulation.loop.closed_loop import LoopTick, decide, move, told_tick
 from lgprjax.simulation.loop.loop_setup import LoopSetup, LoopSpec, LoopState, TrackingError, start_loop, tracking_error
-from lgprjax.simulation.loop.off_road import Course, SceneFrame, scene_frame_of
+from lgprjax.simulation.loop.off_road import OffRoadCourse, SceneFrame, scene_frame_of
 from lgprjax.vehicle import VehiclePose
 
 # The radar's part of a closed loop: scans rendered where the vehicle truly is, registered where it believes to be.
@@ -86,7 +86,7 @@ class RadarLoop:
 
     def __init__(
         self,
-        course: Course,
+        course: OffRoadCourse,
         source: MapFile,
         options: RegisterOptions,
         *,
@@ -108,7 +108,7 @@ class RadarLoop:
             draw_springs(course.plan, seed),
             scans=(ticks + 1) * self._scans,
             seed=seed,
-            faults=Faults(),
+            faults=ReceiverFaults(),
         )
         ground = ground_map_for(source, options)
         known, kept = self._radar.radar, len(source.description.gain)
@@ -327,7 +327,7 @@ def route_of_map(source: MapFile, setup: LoopSetup, speeds: RouteSpeeds) -> Rout
 
 
 def drive_course(
-    course: Course,
+    course: OffRoadCourse,
     source: MapFile,
     spec: LoopSpec,
     setup: LoopSetup,
@@ -412,7 +412,7 @@ def drive_course(
     )
 
 
-def _start_of(source: MapFile, course: Course) -> tuple[VehiclePose, float]:
+def _start_of(source: MapFile, course: OffRoadCourse) -> tuple[VehiclePose, float]:
     """Rear axle with the anchor on the first baseline, a little on from its start; and its place along the road."""
     stations = source.pose[source.drive == 0]
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(stations[:, :2], axis=0).T))])

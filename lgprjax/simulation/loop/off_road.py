@@ -88,7 +88,7 @@ class Laid(NamedTuple):
     plan: DrivePlan
 
 
-class Course(NamedTuple):
+class OffRoadCourse(NamedTuple):
     """A course with its ground, and how its baseline truly went.
 
     Attributes:
@@ -165,14 +165,14 @@ def baseline_poses(laid: Laid) -> Float[np.ndarray, "scan 5"]:
     return poses_at(motion, scan_times(motion))
 
 
-def make_course(spec: OffRoad, folder: Path) -> Course:
+def make_course(spec: OffRoad, folder: Path) -> OffRoadCourse:
     """Draw a course with its ground and write the log of its baseline drive into a folder."""
     laid = lay_course(spec)
     day = WEATHER["clear"](100 * spec.seed)
     drive = simulate_drive(laid.ground, laid.plan, day, spec.seed, road=laid.road, array=laid.array, errors=_SURVEY)
     path = folder / "baseline.drive.h5"
     write_drive(path, drive)
-    return Course(*laid, path, drive.antenna_m[..., :2].mean(axis=1))
+    return OffRoadCourse(*laid, path, drive.antenna_m[..., :2].mean(axis=1))
 
 
 def scene_frame_of(frame: LocalFrame) -> SceneFrame:

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from lgprjax.runtime.messages import Kind, Record, Source, pack, unpack
-from lgprjax.runtime.process import RINGS, Heartbeats, Stage
+from lgprjax.runtime.messages import Record, RecordKind, Source, pack, unpack
+from lgprjax.runtime.process import RINGS, Heartbeats, ProcessStage
 from lgprjax.runtime.ring import Ring
 
 CONFIG = """
@@ -83,7 +83,7 @@ READY = DRIVING | {"mode": "READY", "speed_mps": 0.0, "set_speed_mps": None}
 def state_record(state: dict[str, Any], mono_ns: int | None = None) -> bytes:
     """A state as the control process puts it."""
     at_ns = time.monotonic_ns() if mono_ns is None else mono_ns
-    return pack(Record(Kind.STATE, Source.CONTROL, 7, at_ns, json.dumps(state).encode()))
+    return pack(Record(RecordKind.STATE, Source.CONTROL, 7, at_ns, json.dumps(state).encode()))
 
 
 class ServedPage:
@@ -111,7 +111,7 @@ class ServedPage:
         self._ended = threading.Event()
         self._teller = threading.Thread(target=self._tell, daemon=True)
         try:
-            while self.stage() is not Stage.READY:
+            while self.stage() is not ProcessStage.READY:
                 if self.process.poll() is not None or time.monotonic() - begun_s > 60.0:
                     raise AssertionError(f"the display did not start: {self.errors.read_text()}")
                 time.sleep(0.01)
@@ -129,14 +129,14 @@ class ServedPage:
     def show_worked(self, worked: dict[str, Any]) -> None:
         """Tell what of a field is worked, as the coverage process does."""
         payload = json.dumps(worked).encode()
-        self._worked.put(pack(Record(Kind.WORKED, Source.COVERAGE, 0, time.monotonic_ns(), payload)))
+        self._worked.put(pack(Record(RecordKind.WORKED, Source.COVERAGE, 0, time.monotonic_ns(), payload)))
 
     def show(self, state: dict[str, Any]) -> None:
         """Tell a state at once, and again and again."""
         self.state = state
         time.sleep(0.2)
 
-    def stage(self) -> Stage:
+    def stage(self) -> ProcessStage:
         """By its heartbeat."""
         return self._beats.read("display").stage
 
@@ -152,7 +152,7 @@ class ServedPage:
     def requests(self) -> list[dict[str, Any]]:
         """What it asked the control process for since the last call."""
         records = [unpack(message) for message in self._requests.take()]
-        assert all(record.kind is Kind.REQUEST and record.source is Source.DISPLAY for record in records)
+        assert all(record.kind is RecordKind.REQUEST and record.source is Source.DISPLAY for record in records)
         return [json.loads(record.payload) for record in records]
 
     def end(self) -> int:

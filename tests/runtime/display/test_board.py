@@ -8,7 +8,7 @@ import pytest
 from lgprjax.autopilot.modes import ENGAGED as ENGAGED_MODES
 from lgprjax.autopilot.modes import Mode
 from lgprjax.runtime.display.board import ENGAGED, Board
-from lgprjax.runtime.messages import Kind, Record, Source, pack
+from lgprjax.runtime.messages import Record, RecordKind, Source, pack
 from runtime.display.served_page import DRIVING, READY, state_record
 
 NOW_NS = 5_000_000_000
@@ -56,7 +56,7 @@ def test_the_path_stays_until_the_route_changes() -> None:
 def test_numbers_that_are_none_do_not_reach_a_browser() -> None:
     payload = b'{"mode": "READY", "speed_mps": NaN, "sigma_along_m": Infinity, "to_go_m": -Infinity}'
     board = Board()
-    board.take([pack(Record(Kind.STATE, Source.CONTROL, 1, NOW_NS, payload))])
+    board.take([pack(Record(RecordKind.STATE, Source.CONTROL, 1, NOW_NS, payload))])
     assert shown(board)["state"] == {"mode": "READY", "speed_mps": None, "sigma_along_m": None, "to_go_m": None}
 
 
@@ -66,11 +66,11 @@ def test_numbers_that_are_none_do_not_reach_a_browser() -> None:
         b"",
         b"\x09\x0a",
         state_record(DRIVING)[:-1],
-        pack(Record(Kind.STATE, Source.CONTROL, 1, NOW_NS, b"[1]")),
-        pack(Record(Kind.STATE, Source.CONTROL, 1, NOW_NS, b'{"a": 1e999}')),
-        pack(Record(Kind.STATE, Source.CONTROL, 1, NOW_NS, b"[" * 100_000)),
-        pack(Record(Kind.STATE, Source.CONTROL, 1, NOW_NS, b"\xff\xfe")),
-        pack(Record(Kind.MONITOR, Source.CONTROL, 1, NOW_NS, b"{}")),
+        pack(Record(RecordKind.STATE, Source.CONTROL, 1, NOW_NS, b"[1]")),
+        pack(Record(RecordKind.STATE, Source.CONTROL, 1, NOW_NS, b'{"a": 1e999}')),
+        pack(Record(RecordKind.STATE, Source.CONTROL, 1, NOW_NS, b"[" * 100_000)),
+        pack(Record(RecordKind.STATE, Source.CONTROL, 1, NOW_NS, b"\xff\xfe")),
+        pack(Record(RecordKind.MONITOR, Source.CONTROL, 1, NOW_NS, b"{}")),
         b"\xff" + state_record(DRIVING)[1:],
     ],
 )
@@ -111,7 +111,7 @@ def test_engaged_as_the_mode_machine_has_it() -> None:
 
 
 def worked_record(worked: object) -> bytes:
-    return pack(Record(Kind.WORKED, Source.COVERAGE, 0, NOW_NS, json.dumps(worked).encode()))
+    return pack(Record(RecordKind.WORKED, Source.COVERAGE, 0, NOW_NS, json.dumps(worked).encode()))
 
 
 def test_what_is_worked_is_told_once_a_version_and_what_is_none_is_counted() -> None:
@@ -122,7 +122,7 @@ def test_what_is_worked_is_told_once_a_version_and_what_is_none_is_counted() -> 
     assert json.loads(board.text(NOW_NS, 0, with_path=False, with_worked=True))["worked"]["runs"] == [[0, 1, 2]]
     board.take_worked(None)
     board.take_worked(worked_record([1, 2]))
-    board.take_worked(pack(Record(Kind.WORKED, Source.COVERAGE, 0, NOW_NS, b'{"level": 1e999}')))
+    board.take_worked(pack(Record(RecordKind.WORKED, Source.COVERAGE, 0, NOW_NS, b'{"level": 1e999}')))
     board.take_worked(b"short")
     assert board.worked_version == 1
     assert board.refused_states == 3

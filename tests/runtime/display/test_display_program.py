@@ -13,7 +13,7 @@ from websockets.sync.client import connect
 
 from lgprjax.errors import InputError
 from lgprjax.runtime.display.program import run
-from lgprjax.runtime.process import Stage, Started
+from lgprjax.runtime.process import ProcessStage, Started
 from lgprjax.runtime.ring import Ring
 from runtime.display.display_config import config_with
 from runtime.display.served_page import DRIVING, READY, serve
@@ -36,7 +36,7 @@ def test_starts_beats_and_ends(tmp_path: Path) -> None:
             begun_s = time.monotonic()
             assert served.end() == 0
             assert time.monotonic() - begun_s < 3.0
-        assert served.stage() is Stage.ENDING
+        assert served.stage() is ProcessStage.ENDING
         assert served.errors.read_text() == ""
 
 

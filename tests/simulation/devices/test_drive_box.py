@@ -5,7 +5,7 @@ import struct
 import pytest
 
 from lgprjax.simulation.devices.boxes import DriveBox, Measured
-from lgprjax.simulation.devices.wire_ends import Sender
+from lgprjax.simulation.devices.wire_ends import DeviceSender
 from simulation.devices.host_frames import MS, Status, drive_command, host_frame, read_frame, read_status
 
 _SEEN = Measured(2.43, 1234, 24.0, 0.5, True, 0.3, 0.1, 12.5, 1.5)
@@ -15,7 +15,7 @@ class _Bench:
     """A box with a host that counts and keeps time."""
 
     def __init__(self) -> None:
-        self.box = DriveBox(Sender(5, 1000))
+        self.box = DriveBox(DeviceSender(5, 1000))
         self.now_ns, self.sequence = 3_000 * MS, 0
 
     def wait(self, ms: int) -> None:

@@ -8,14 +8,14 @@ import struct
 import pytest
 from pyubx2 import UBXReader
 
-from lgprjax.simulation.devices.sensors import Attitude, GnssClock, Position, attitude_messages, position_message
+from lgprjax.simulation.devices.sensors import GnssClock, GnssFix, InsReading, attitude_messages, position_message
 
 _WEEK_S = 604_800.0
 
 
 def test_a_position_reads_as_it_was() -> None:
     clock = GnssClock(2400 * _WEEK_S + 345_600.25)
-    data = position_message(clock, 500_000_000, Position(42.0012345, -71.0098765, 31.234, 4.47, 123.456, 0.014, 2))
+    data = position_message(clock, 500_000_000, GnssFix(42.0012345, -71.0098765, 31.234, 4.47, 123.456, 0.014, 2))
     _, read = UBXReader(io.BytesIO(data)).read()
     assert (read.identity, read.fixType, read.gnssFixOk, read.carrSoln) == ("NAV-PVT", 3, 1, 2)
     assert (read.lat, read.lon) == (pytest.approx(42.0012345, abs=5e-8), pytest.approx(-71.0098765, abs=5e-8))
@@ -28,7 +28,7 @@ def test_a_position_reads_as_it_was() -> None:
 
 
 def test_axes_point_down() -> None:
-    data = attitude_messages(GnssClock(0.0), 0, Attitude(0.02, 271.5, 0.1, 0.5, 4.0, valid=True))
+    data = attitude_messages(GnssClock(0.0), 0, InsReading(0.02, 271.5, 0.1, 0.5, 4.0, valid=True))
     (_, attitude), (_, rates) = UBXReader(io.BytesIO(data))
     assert (attitude.identity, rates.identity) == ("NAV-ATT", "ESF-INS")
     assert attitude.heading == pytest.approx(271.5, abs=1e-5)
@@ -40,7 +40,7 @@ def test_axes_point_down() -> None:
 
 
 def test_what_is_not_valid_says_so() -> None:
-    data = attitude_messages(GnssClock(0.0), 0, Attitude(0.02, 271.5, 0.1, 0.5, 4.0, valid=False))
+    data = attitude_messages(GnssClock(0.0), 0, InsReading(0.02, 271.5, 0.1, 0.5, 4.0, valid=False))
     (_, attitude), (_, rates) = UBXReader(io.BytesIO(data))
     assert (rates.zAngRateValid, rates.zAngRate) == (0, 0)
     assert attitude.accHeading >= 180.0

@@ -7,30 +7,30 @@ import pytest
 
 from lgprjax.scene.propagation import RadarConfig
 from lgprjax.simulation.devices.boxes import ControllerBox, buttons_of
-from lgprjax.simulation.devices.sensors import PROCESSING_NS, RadarBox, RadarState, Recorded
-from lgprjax.simulation.devices.wire_ends import Sender
+from lgprjax.simulation.devices.sensors import PROCESSING_NS, RadarBox, RadarState, RecordedScan
+from lgprjax.simulation.devices.wire_ends import DeviceSender
 from simulation.devices.host_frames import MS, host_frame, read_frame
 
 _PERIOD_NS = 7_936_508
 
 
 def _radar() -> RadarBox:
-    return RadarBox(Sender(9, 0), RadarConfig(), 11, 1.0 / 126.0)
+    return RadarBox(DeviceSender(9, 0), RadarConfig(), 11, 1.0 / 126.0)
 
 
 def _tell(box: RadarBox, action: int, sequence: int, now_ns: int, period_us: int = 0) -> None:
     box.receive(host_frame(0x10, struct.pack("<BI", action, period_us), sequence, now_ns), now_ns)
 
 
-def _scan(number: int) -> Recorded:
+def _scan(number: int) -> RecordedScan:
     data = np.arange(11 * 369, dtype=np.int64).reshape(11, 369) + number
-    return Recorded(number, number * _PERIOD_NS, data.astype(np.uint8))
+    return RecordedScan(number, number * _PERIOD_NS, data.astype(np.uint8))
 
 
 def test_scans_leave_when_they_are_done_stamped_with_their_start() -> None:
     box = _radar()
     _tell(box, 1, 0, 10 * _PERIOD_NS)
-    box.put([_scan(9), _scan(10), Recorded(11, 11 * _PERIOD_NS, None), _scan(12)])
+    box.put([_scan(9), _scan(10), RecordedScan(11, 11 * _PERIOD_NS, None), _scan(12)])
     # The one of before the start is left.
     assert box.due(11 * _PERIOD_NS + PROCESSING_NS - 1000) == []
     frames = [read_frame(data) for _, data in box.due(14 * _PERIOD_NS)]
@@ -88,13 +88,13 @@ def test_calibrating_takes_a_second() -> None:
     ],
 )
 def test_buttons_have_their_bits(pressed: tuple[str, ...], bits: int) -> None:
-    box = ControllerBox(Sender(3, 0))
+    box = ControllerBox(DeviceSender(3, 0))
     told = read_frame(box.status(20 * MS, buttons_of(set(pressed))))
     assert (told.kind, told.stamp_us, struct.unpack("<H", told.payload)[0]) == (0x30, 20_000, bits)
 
 
 def test_the_light_goes_out_when_nobody_feeds_it() -> None:
-    box = ControllerBox(Sender(3, 0))
+    box = ControllerBox(DeviceSender(3, 0))
     box.receive(host_frame(0x31, b"\x01", 0, 0, mode=6, ttl_ms=500), 0)
     assert box.lit(499 * MS)
     assert not box.lit(501 * MS)

@@ -6,15 +6,23 @@ from typing import Any
 import pytest
 
 from lgprjax.errors import InputError
-from lgprjax.simulation.devices.faults import FAULT_LASTS_S, FAULTS, Faults, Item, Moment, Schedule, read_items
+from lgprjax.simulation.devices.faults import (
+    FAULT_LASTS_S,
+    FAULTS,
+    Moment,
+    RunningFaults,
+    Schedule,
+    ScriptItem,
+    read_items,
+)
 from lgprjax.simulation.devices.vehicle import SCRIPT, SCRIPT_LASTS_S
 
 
-def _script(*rows: dict[str, Any]) -> list[Item]:
+def _script(*rows: dict[str, Any]) -> list[ScriptItem]:
     return read_items(Path("s.json"), "script", list(rows), key="do", known=SCRIPT, lasts_s=SCRIPT_LASTS_S)
 
 
-def _faults(*rows: dict[str, Any]) -> list[Item]:
+def _faults(*rows: dict[str, Any]) -> list[ScriptItem]:
     return read_items(Path("s.json"), "faults", list(rows), key="kind", known=FAULTS, lasts_s=FAULT_LASTS_S)
 
 
@@ -23,7 +31,7 @@ def _at(now_s: float, ready_s: float | None = 10.0, way_m: float = 0.0, mode: in
     return Moment(now_s, since, way_m, mode, mode_s)
 
 
-def _names(items: list[Item]) -> list[str]:
+def _names(items: list[ScriptItem]) -> list[str]:
     return [item.name for item in items]
 
 
@@ -52,14 +60,14 @@ def test_a_way_may_begin_it_and_faults_last() -> None:
     assert _names(schedule.step(_at(12.0, way_m=19.0))) == ["supply_sag"]
     assert schedule.step(_at(12.06, way_m=19.0)) == []
     running = schedule.step(_at(900.0, way_m=20.5))
-    faults = Faults()
+    faults = RunningFaults()
     faults.run(running)
     assert faults.pair("gnss_jump", "m") == (3.0, -1.0)
     assert not faults.has("supply_sag")
 
 
 def test_a_stuck_value_is_held_until_the_fault_ends() -> None:
-    faults = Faults()
+    faults = RunningFaults()
     assert faults.hold("potentiometer_stuck", 1.0) == 1.0
     faults.run(_faults({"at_s": 0, "kind": "potentiometer_stuck"}))
     assert [faults.hold("potentiometer_stuck", value) for value in (2.0, 3.0)] == [2.0, 2.0]

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from lgprjax.simulation.devices.boxes import SkidActing, SkidBox, SkidMeasured
-from lgprjax.simulation.devices.faults import Faults, Moment, Schedule, read_items
+from lgprjax.simulation.devices.faults import Moment, RunningFaults, Schedule, read_items
 from lgprjax.simulation.devices.field_stage import ToolState, step_tool
-from lgprjax.simulation.devices.wire_ends import Sender
+from lgprjax.simulation.devices.wire_ends import DeviceSender
 from simulation.devices.host_frames import MS, host_frame, read_frame
 
 STATUS = "<IBHHffddBfff"
@@ -22,7 +22,7 @@ def command(sequence: int, now_ns: int, engage: int, *, session: int = 77) -> by
 
 
 def box_that_drives() -> SkidBox:
-    box = SkidBox(Sender(5, 0))
+    box = SkidBox(DeviceSender(5, 0))
     box.receive(command(0, 0, 0), 0)
     box.receive(command(1, 20 * MS, 1), 20 * MS)
     return box
@@ -37,7 +37,7 @@ def state_of(box: SkidBox, now_ns: int) -> tuple[int, int, int]:
 
 
 def test_it_drives_only_after_a_command_that_engages_nothing() -> None:
-    box = SkidBox(Sender(5, 0))
+    box = SkidBox(DeviceSender(5, 0))
     box.receive(command(0, 0, 1), 0)
     assert box.acting(0, REMOTE, 24.0) == REMOTE
     assert state_of(box, 0) == (0, 0, 1)
@@ -86,7 +86,7 @@ def test_three_bad_frames_and_another_sender_are_told() -> None:
 
 
 def test_the_tool_takes_a_moment_and_its_faults_show() -> None:
-    sound, faults = ToolState(), Faults()
+    sound, faults = ToolState(), RunningFaults()
     for _ in range(60):
         sound = step_tool(sound, 0.15, faults, 0.01)
     assert sound.turns
@@ -97,7 +97,7 @@ def test_the_tool_takes_a_moment_and_its_faults_show() -> None:
     faults.run(read_items(Path("x"), "", items, key="kind", known=known, lasts_s={}))
     stopped = step_tool(sound, 0.15, faults, 0.05)
     assert not stopped.turns
-    raised = step_tool(sound, None, Faults(), 0.1)
+    raised = step_tool(sound, None, RunningFaults(), 0.1)
     assert raised.depth_m == pytest.approx(0.09)
 
 

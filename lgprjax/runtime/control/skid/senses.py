@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from lgprjax.frames import LocalFrame
 from lgprjax.runtime.config import SensorsTable
-from lgprjax.runtime.control.senses import Attitude, GnssSenses, Place, TurnRate
+from lgprjax.runtime.control.senses import GnssSenses, LocalAttitude, LocalPosition, TurnRate
 from lgprjax.runtime.gnss import Quality
 from lgprjax.runtime.link import Frame, decode
 from lgprjax.runtime.messages import Record, Source, StampClock
@@ -32,17 +32,17 @@ class InsTurns:
     """Messages in, turns out."""
 
     def __init__(self) -> None:
-        self._from: Attitude | None = None
+        self._from: LocalAttitude | None = None
         self._rate: TurnRate | None = None
         self._summed = InsTurn(0.0, 0.0)
 
-    def take(self, attitude: Attitude | None, rates: list[TurnRate]) -> InsTurn | None:
+    def take(self, attitude: LocalAttitude | None, rates: list[TurnRate]) -> InsTurn | None:
         """The turn that a tick's messages complete; ``None`` where they complete none."""
         if attitude is not None:
             return self._turned(attitude)
         return self._sum_up(rates) if self._from is None else None
 
-    def _turned(self, attitude: Attitude) -> InsTurn | None:
+    def _turned(self, attitude: LocalAttitude) -> InsTurn | None:
         before = self._from
         if before is None:
             self._from = attitude
@@ -106,7 +106,7 @@ class SkidSensed(NamedTuple):
     step_s: float
     left_mps: float
     right_mps: float
-    place: Place | None
+    place: LocalPosition | None
     turn: InsTurn | None
     box: Box | None
     box_age_s: float
@@ -132,7 +132,7 @@ class SkidSenses:
         self._tick_ns, self._turned_ns = 0, 0
 
     @property
-    def place(self) -> Place | None:
+    def place(self) -> LocalPosition | None:
         """The newest position of all."""
         return self._gnss.place
 

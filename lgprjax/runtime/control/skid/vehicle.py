@@ -28,7 +28,7 @@ from lgprjax.runtime.control.skid.senses import SkidSensed, SkidSenses
 from lgprjax.runtime.control.skid.setup import SkidLoaded, corner_obstacle, corner_row
 from lgprjax.runtime.control.skid.watches import (
     DRIVE,
-    Found,
+    SkidFound,
     SkidSent,
     SkidWatched,
     SkidWatches,
@@ -39,9 +39,9 @@ from lgprjax.runtime.control.skid.watches import (
     severity_of_found,
     stops_of,
 )
-from lgprjax.runtime.control.vehicle_kind import Frame, Look, Operator, Processes, Wish
+from lgprjax.runtime.control.vehicle_kind import Operator, OutgoingFrame, Processes, VehicleStatus, Wish
 from lgprjax.runtime.gnss import Quality
-from lgprjax.runtime.messages import COVER, SKID_PLAN, Kind, Record, StopBits, ToolBits
+from lgprjax.runtime.messages import COVER, SKID_PLAN, Record, RecordKind, StopBits, ToolBits
 
 # What the operator of a skid-steer vehicle sees: field, lines, tool and GNSS as the display takes them.
 
@@ -190,7 +190,7 @@ def _numbers(sensed: SkidSensed, wish: Wish, cap_mps: float, now_ns: int) -> Ski
 
 
 def skid_plan_row(
-    result: SkidResult, sent: SkidSent, *, mode: int, bits: Watch, found: Found, severity: Severity
+    result: SkidResult, sent: SkidSent, *, mode: int, bits: Watch, found: SkidFound, severity: Severity
 ) -> bytes:
     """``SKID_PLAN``; before there is a position navigation asks for a stop."""
     row = np.zeros((), SKID_PLAN)
@@ -228,7 +228,7 @@ def cover_row(
     *,
     mode: int,
     bits: Watch,
-    found: Found,
+    found: SkidFound,
 ) -> bytes:
     """``COVER``."""
     row = np.zeros((), COVER)
@@ -246,7 +246,7 @@ def cover_row(
     return row.tobytes()
 
 
-def _stops(mode: Mode, bits: Watch, found: Found) -> StopBits:
+def _stops(mode: Mode, bits: Watch, found: SkidFound) -> StopBits:
     stops = stops_of(found, bits)
     if mode in (Mode.MANUAL, Mode.EMERGENCY_STOP):
         return stops | StopBits.OPERATOR
@@ -281,7 +281,7 @@ class SkidSteerVehicle:
         self._panel = FieldPanel(loaded)
         self._sent = SkidSent(0.0, 0.0, 0, 0.0, 0)
         self._sensed = _VEHICLE_NOTHING
-        self._watched = SkidWatched(Watch(0), Found(0), Severity.CONTINUE, [], False, None)
+        self._watched = SkidWatched(Watch(0), SkidFound(0), Severity.CONTINUE, [], False, None)
         self._ticks, self._corners = 0, 0
         self._notes: list[dict[str, Any]] = []
 
@@ -299,13 +299,13 @@ class SkidSteerVehicle:
         del tick  # nothing is told of single messages
         self.senses.take(record)
 
-    def feel(self, operator: Operator, now_ns: int) -> list[Event]:
+    def update(self, operator: Operator, now_ns: int) -> list[Event]:
         """End of what came."""
         self._sensed = self.senses.end_tick(now_ns)
         self._watched = self._watches.step(self._sensed, self._sent, operator, cross_m=self.pilot.result.cross_m)
         return self._watched.events
 
-    def look(self, *, decided: bool) -> Look:
+    def status(self, *, decided: bool) -> VehicleStatus:
         """As it is now."""
         result, sensed = self.pilot.result, self._sensed
         limited = SkidLimited(whole(result.limited)) if decided else SkidLimited(0)
@@ -315,10 +315,10 @@ class SkidSteerVehicle:
         severity = (
             max(self._watched.severity, severity_of_found(found)) if sensed.box is not None else Severity.CONTINUE
         )
-        return Look(
+        return VehicleStatus(
             self.pilot.started,
             self._place(),
-            bool(found & Found.HEADING_UNKNOWN),
+            bool(found & SkidFound.HEADING_UNKNOWN),
             whole(result.reaction, int(Reaction.STOP)),
             max(sensed.gnss_age_s - self._loaded.gnss_period_s, sensed.ins_age_s, sensed.box_age_s),
             not bits & _LINE,
@@ -347,12 +347,12 @@ class SkidSteerVehicle:
             CheckItem(Check.STORAGE, not unrecorded, "nothing is being recorded"),
         ]
 
-    def decide(self, wish: Wish, now_ns: int) -> None:
+    def step(self, wish: Wish, now_ns: int) -> None:
         """The compiled step."""
         slow = wish.slowly or self._watched.severity is Severity.DEGRADE
         self.pilot.step(self._sensed, wish, _DEGRADED_MPS if slow else math.inf, now_ns)
 
-    def command(self, engage: int) -> Frame:
+    def command(self, engage: int) -> OutgoingFrame:
         """What is sent."""
         result = self.pilot.result
         numbers = (result.left_mps, result.right_mps, result.depth_m)
@@ -361,21 +361,21 @@ class SkidSteerVehicle:
             self._sent = SkidSent(0.0, 0.0, 0, 0.0, engage & CUT)
         else:
             self._sent = SkidSent(result.left_mps, result.right_mps, int(result.tool > 0.5), result.depth_m, held)
-        return Frame("skid_command", self._sent._asdict())
+        return OutgoingFrame("skid_command", self._sent._asdict())
 
-    def rows(self, now_ns: int, mode: int) -> list[tuple[Kind, bytes]]:
+    def rows(self, now_ns: int, mode: int) -> list[tuple[RecordKind, bytes]]:
         """What was decided, what the tool does, and a corner that was marked."""
         del now_ns  # rows hold for the tick that they are recorded with
         result, watched, found = self.pilot.result, self._watched, self._found()
         severity = max(watched.severity, severity_of_found(found))
         plan = skid_plan_row(result, self._sent, mode=mode, bits=watched.bits, found=found, severity=severity)
-        rows = [(Kind.SKID_PLAN, plan)]
+        rows = [(RecordKind.SKID_PLAN, plan)]
         self._ticks += 1
         if self.pilot.started and self._ticks % COVER_TICKS == 0:
             known = result.heading_known > 0.5
             tool = tool_bits(self._loaded.belief, self._sent, watched.reading, heading_known=known)
             cover = cover_row(result, self._sensed, watched.reading, tool, mode=mode, bits=watched.bits, found=found)
-            rows.append((Kind.COVER, cover))
+            rows.append((RecordKind.COVER, cover))
         return [*rows, *self._mark_corner()]
 
     def state(self, tick: int) -> dict[str, Any]:
@@ -390,16 +390,16 @@ class SkidSteerVehicle:
         """A heading that is not known, or no plan, is what he can do something about."""
         if self._loaded.name is None:
             return "no plan: mark three corners, then lgprjax cover plan"
-        return findings.TEXT[Found.HEADING_UNKNOWN] if self._found() & Found.HEADING_UNKNOWN else ""
+        return findings.TEXT[SkidFound.HEADING_UNKNOWN] if self._found() & SkidFound.HEADING_UNKNOWN else ""
 
     def notes(self) -> list[dict[str, Any]]:
         """Corners, marked or refused."""
         notes, self._notes = self._notes, []
         return notes
 
-    def release(self, engage: int) -> Frame:
+    def release(self, engage: int) -> OutgoingFrame:
         """The last command of all."""
-        return Frame("skid_command", SkidSent(0.0, 0.0, 0, 0.0, engage)._asdict())
+        return OutgoingFrame("skid_command", SkidSent(0.0, 0.0, 0, 0.0, engage)._asdict())
 
     def leave(self) -> None:
         """Engaged again, it goes on where it left its route."""
@@ -409,14 +409,14 @@ class SkidSteerVehicle:
         del name
         return False
 
-    def _found(self) -> Found:
+    def _found(self) -> SkidFound:
         """Findings of the watches and of the last step."""
         result, found = self.pilot.result, self._watched.found
         if not result.heading_known > 0.5:
-            found |= Found.HEADING_UNKNOWN
+            found |= SkidFound.HEADING_UNKNOWN
         if result.edge > 0.5:
-            found |= Found.EDGE
-        return found | Found.UNCERTAIN if whole(result.reasons) & Reason.TOO_UNCERTAIN else found
+            found |= SkidFound.EDGE
+        return found | SkidFound.UNCERTAIN if whole(result.reasons) & Reason.TOO_UNCERTAIN else found
 
     def _place(self) -> Event:
         result = self.pilot.result
@@ -426,7 +426,7 @@ class SkidSteerVehicle:
             return Event.ROUTE_OFF
         return Event.ROUTE_NEAR if abs(result.heading_error_rad) <= _TURNED_RAD else Event.ROUTE_WRONG_HEADING
 
-    def _why(self, bits: Watch, found: Found, limited: SkidLimited) -> list[str]:
+    def _why(self, bits: Watch, found: SkidFound, limited: SkidLimited) -> list[str]:
         result = self.pilot.result
         bad = limited & (SkidLimited.NOT_FINITE | SkidLimited.STALE | SkidLimited.MANUAL_REQUESTED)
         done = ["the plan is done"] if result.done > 0.5 else []
@@ -439,7 +439,7 @@ class SkidSteerVehicle:
             *(f"command: {str(bit.name).lower().replace('_', ' ')}" for bit in bad),
         ]
 
-    def _mark_corner(self) -> list[tuple[Kind, bytes]]:
+    def _mark_corner(self) -> list[tuple[RecordKind, bytes]]:
         if not self._watched.corner:
             return []
         obstacle = corner_obstacle(self.pilot.result, self._sensed.quality, engaged=bool(self._sent.engage))
@@ -449,4 +449,4 @@ class SkidSteerVehicle:
             return []
         self._corners += 1
         self._notes.append({"corner": self._corners})
-        return [(Kind.CORNER, corner_row(self._corners, self.pilot.result, frame, place.up_m))]
+        return [(RecordKind.CORNER, corner_row(self._corners, self.pilot.result, frame, place.up_m))]

@@ -17,7 +17,7 @@ from lgprjax.autopilot.monitors import (
     step_line_watch,
     step_motion,
 )
-from lgprjax.autopilot.operator_monitors import ButtonState, Hands, step_buttons
+from lgprjax.autopilot.operator_monitors import ButtonState, OperatorContact, step_buttons
 from lgprjax.runtime.config import ControlTable
 from lgprjax.runtime.control.skid.senses import SkidSensed
 from lgprjax.runtime.control.vehicle_kind import Operator
@@ -26,7 +26,7 @@ from lgprjax.runtime.messages import StopBits
 # What the watches of a skid-steer vehicle find beside what all vehicles share: bits, severities, words, stops.
 
 
-class Found(IntFlag):
+class SkidFound(IntFlag):
     """One bit a finding, as in ``skid_plan.found`` of ``data_schema/run_log.toml``."""
 
     REMOTE_SILENT = 1
@@ -41,45 +41,45 @@ class Found(IntFlag):
 
 
 SEVERITY = {
-    Found.REMOTE_SILENT: Severity.STOP,
-    Found.EDGE: Severity.STOP,
-    Found.TOOL_OFF: Severity.STOP,
-    Found.TOOL_DEPTH: Severity.STOP,
-    Found.LEFT_DEAD: Severity.STOP,
-    Found.RIGHT_DEAD: Severity.STOP,
-    Found.HEADING_UNKNOWN: Severity.STOP,
+    SkidFound.REMOTE_SILENT: Severity.STOP,
+    SkidFound.EDGE: Severity.STOP,
+    SkidFound.TOOL_OFF: Severity.STOP,
+    SkidFound.TOOL_DEPTH: Severity.STOP,
+    SkidFound.LEFT_DEAD: Severity.STOP,
+    SkidFound.RIGHT_DEAD: Severity.STOP,
+    SkidFound.HEADING_UNKNOWN: Severity.STOP,
     # What the estimate asks for comes as navigation's reaction.
-    Found.UNCERTAIN: Severity.CONTINUE,
-    Found.OFF_LINE: Severity.STOP,
+    SkidFound.UNCERTAIN: Severity.CONTINUE,
+    SkidFound.OFF_LINE: Severity.STOP,
 }
 """What each finding asks for while the computer drives."""
 
 TEXT = {
-    Found.REMOTE_SILENT: "remote control is silent: stopping",
-    Found.EDGE: "the edge would be crossed: stopping before it",
-    Found.TOOL_OFF: "tool does not turn: stopping, cells are not counted",
-    Found.TOOL_DEPTH: "tool at a wrong depth: stopping, cells are not counted",
-    Found.LEFT_DEAD: "left track or its sensor is dead",
-    Found.RIGHT_DEAD: "right track or its sensor is dead",
-    Found.HEADING_UNKNOWN: "heading not known: drive straight by remote control",
-    Found.UNCERTAIN: "position too uncertain: no GNSS for too long?",
-    Found.OFF_LINE: "off the line with the tool on: stopping",
+    SkidFound.REMOTE_SILENT: "remote control is silent: stopping",
+    SkidFound.EDGE: "the edge would be crossed: stopping before it",
+    SkidFound.TOOL_OFF: "tool does not turn: stopping, cells are not counted",
+    SkidFound.TOOL_DEPTH: "tool at a wrong depth: stopping, cells are not counted",
+    SkidFound.LEFT_DEAD: "left track or its sensor is dead",
+    SkidFound.RIGHT_DEAD: "right track or its sensor is dead",
+    SkidFound.HEADING_UNKNOWN: "heading not known: drive straight by remote control",
+    SkidFound.UNCERTAIN: "position too uncertain: no GNSS for too long?",
+    SkidFound.OFF_LINE: "off the line with the tool on: stopping",
 }
 """Each finding in plain words."""
 
-REFUSING = Found.REMOTE_SILENT | Found.LEFT_DEAD | Found.RIGHT_DEAD | Found.HEADING_UNKNOWN
+REFUSING = SkidFound.REMOTE_SILENT | SkidFound.LEFT_DEAD | SkidFound.RIGHT_DEAD | SkidFound.HEADING_UNKNOWN
 """Findings with which nothing may be engaged; the others arise while it drives."""
 
 _STOPS = {
-    Found.REMOTE_SILENT: StopBits.OPERATOR,
-    Found.EDGE: StopBits.EDGE,
-    Found.TOOL_OFF: StopBits.TOOL,
-    Found.TOOL_DEPTH: StopBits.TOOL,
-    Found.LEFT_DEAD: StopBits.WHEELS,
-    Found.RIGHT_DEAD: StopBits.WHEELS,
-    Found.HEADING_UNKNOWN: StopBits.HEADING,
-    Found.UNCERTAIN: StopBits.POSITION,
-    Found.OFF_LINE: StopBits.OFF_LINE,
+    SkidFound.REMOTE_SILENT: StopBits.OPERATOR,
+    SkidFound.EDGE: StopBits.EDGE,
+    SkidFound.TOOL_OFF: StopBits.TOOL,
+    SkidFound.TOOL_DEPTH: StopBits.TOOL,
+    SkidFound.LEFT_DEAD: StopBits.WHEELS,
+    SkidFound.RIGHT_DEAD: StopBits.WHEELS,
+    SkidFound.HEADING_UNKNOWN: StopBits.HEADING,
+    SkidFound.UNCERTAIN: StopBits.POSITION,
+    SkidFound.OFF_LINE: StopBits.OFF_LINE,
 }
 _BOX = (
     Watch.LINE_SILENT
@@ -92,17 +92,17 @@ _BOX = (
 _OPERATOR = Watch.OVERRIDE_CONTACTS | Watch.CONTROLLER_SILENT
 
 
-def severity_of_found(found: Found) -> Severity:
+def severity_of_found(found: SkidFound) -> Severity:
     """The largest that findings ask for; CONTINUE for none."""
     return max((SEVERITY[bit] for bit in found), default=Severity.CONTINUE)
 
 
-def describe_found(found: Found) -> list[str]:
+def describe_found(found: SkidFound) -> list[str]:
     """Findings in plain words, the weightiest first."""
     return [TEXT[bit] for bit in sorted(found, key=lambda bit: (-SEVERITY[bit], bit))]
 
 
-def stops_of(found: Found, watch: Watch) -> StopBits:
+def stops_of(found: SkidFound, watch: Watch) -> StopBits:
     """Findings as ``COVER`` tells them."""
     stops = StopBits(0)
     for bit in found:
@@ -155,7 +155,7 @@ def step_tool_watch(
     told_on: bool,
     speed_mps: float,
     step_s: float,
-) -> tuple[ToolWatchState, Found]:
+) -> tuple[ToolWatchState, SkidFound]:
     """State and findings of a tick.
 
     Args:
@@ -177,7 +177,7 @@ def step_tool_watch(
     )
     deep = reading is not None and math.isfinite(reading.depth_m) and depth_right(belief, reading.depth_m)
     depth = step_dwell(state.depth, matters and not deep, step_s, on_s=WRONG_S, off_s=0.0)
-    found = (Found.TOOL_OFF if off.on else Found(0)) | (Found.TOOL_DEPTH if depth.on else Found(0))
+    found = (SkidFound.TOOL_OFF if off.on else SkidFound(0)) | (SkidFound.TOOL_DEPTH if depth.on else SkidFound(0))
     return ToolWatchState(told_s, off, depth), found
 
 
@@ -202,7 +202,7 @@ def step_track_watch(
     measured_mps: tuple[float, float],
     drives: bool,
     step_s: float,
-) -> tuple[TrackWatchState, Found]:
+) -> tuple[TrackWatchState, SkidFound]:
     """State and findings of a tick.
 
     Args:
@@ -218,7 +218,9 @@ def step_track_watch(
         moves = math.isfinite(measured) and measured * math.copysign(1.0, told) >= _SHARE * abs(told)
         dead = drives and abs(told) >= _ASKED_MPS and not moves
         dwells.append(step_dwell(dwell, dead, step_s, on_s=DEAD_S, off_s=0.0))
-    found = (Found.LEFT_DEAD if dwells[0].on else Found(0)) | (Found.RIGHT_DEAD if dwells[1].on else Found(0))
+    found = (SkidFound.LEFT_DEAD if dwells[0].on else SkidFound(0)) | (
+        SkidFound.RIGHT_DEAD if dwells[1].on else SkidFound(0)
+    )
     return TrackWatchState(*dwells), found
 
 
@@ -252,7 +254,7 @@ class SkidWatched(NamedTuple):
     """
 
     bits: Watch
-    found: Found
+    found: SkidFound
     severity: Severity
     events: list[Event]
     corner: bool
@@ -272,7 +274,7 @@ class SkidWatches:
         self._line, self._motion, self._buttons = LineWatchState(), MotionState(), ButtonState()
         self._tool, self._tracks = ToolWatchState(), TrackWatchState()
         self._corner_down, self._last = True, 0
-        self._held = Found(0)
+        self._held = SkidFound(0)
 
     def step(self, sensed: SkidSensed, sent: SkidSent, operator: Operator, *, cross_m: float) -> SkidWatched:
         """A tick.
@@ -310,17 +312,17 @@ class SkidWatches:
         )
         found |= more
         if drives and sent.tool and abs(cross_m) > _OFF_LINE_M:
-            found |= Found.OFF_LINE
+            found |= SkidFound.OFF_LINE
         # Stopping takes the cause of most of them away: what stopped it is said until it is let go.
-        found = self._held = (self._held | found) if drives else Found(0)
+        found = self._held = (self._held | found) if drives else SkidFound(0)
         if REMOTE_SILENT_S < operator.age_s < math.inf:
-            found |= Found.REMOTE_SILENT
+            found |= SkidFound.REMOTE_SILENT
         self._buttons, pressed, seen = step_buttons(
             self._buttons,
             statuses=operator.statuses,
             # A line that falls silent is the remote link's fault: stopped in order, not taken for the override.
             controller_age_s=0.0 if math.isfinite(operator.age_s) else math.inf,
-            hands=Hands(0.0, False),
+            hands=OperatorContact(0.0, False),
             override_torque_nm=self._control.override_torque_nm,
             engaged=drives,
             step_s=step_s,
