@@ -22,6 +22,8 @@ _CELL_S = 0.05
 """Records that come faster are averaged over this time."""
 _SHAPES = ((1, 3), (1, 6), (2, 6), (2, 8), (4, 8), (6, 8), (12, 12))
 """Cells from the last one before a gap to the first one after it, and cells to each side."""
+_REACH_CELLS = 2 * max(across + side for across, side in _SHAPES)
+"""A step changes what fits find as far as this; farther ones are looked at beside it, nearer ones after it."""
 _LONGEST_GAP_S = 0.7  # but for a single interval of records: a jump smoothed by a receiver takes half a second
 # Where a jump is: gaps near the one found, no longer than receivers smooth, and how many cells beside them are fitted.
 _LONGEST_S, _LONGEST_STEPS, _MOST_CELLS, _LEAST_SIDE, _MOST_SIDE = 0.75, 2.5, 16, 6, 14
@@ -129,8 +131,7 @@ def _without_jumps(
         for gap in chosen:
             found.append(_bridge(time_s, distance, cells, gap, noise_m))
             cells = cells._replace(distance_m=_means(distance, first, last))
-        reach = max(m + n for m, n in _SHAPES)
-        near = np.concatenate([np.arange(gap - reach, gap + reach + 1) for gap in chosen])
+        near = np.concatenate([np.arange(gap - _REACH_CELLS, gap + _REACH_CELLS + 1) for gap in chosen])
         gaps = np.unique(near[(near >= 0) & (near < len(first))])
     return distance, _merged(found, time_s, first)
 
@@ -230,7 +231,6 @@ def _largest(cells: _Cells, gaps: Int[np.ndarray, " gap"], noise_m: list[Float[n
         limit = steps.feigned_m + _NOISE_SIGMAS * noise_m[row][gaps] * steps.noise_gain
         ratio[row] = np.abs(steps.metres) / np.maximum(limit, _LEAST_JUMP_M)
     best = ratio.max(axis=0)
-    reach = 2 * max(m + n for m, n in _SHAPES)
     out: list[int] = []
     taken: Bool[np.ndarray, " cell"] = np.zeros(len(cells.time_s), bool)
     for at in np.argsort(-best):
@@ -239,7 +239,7 @@ def _largest(cells: _Cells, gaps: Int[np.ndarray, " gap"], noise_m: list[Float[n
         gap = int(gaps[at])
         if not taken[gap]:
             out.append(gap)
-            taken[max(gap - reach, 0) : gap + reach + 1] = True
+            taken[max(gap - _REACH_CELLS, 0) : gap + _REACH_CELLS + 1] = True
     return out
 
 

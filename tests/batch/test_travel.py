@@ -69,6 +69,18 @@ def test_there_and_back_are_two_jumps() -> None:
     np.testing.assert_allclose(mended.distance_m, 3.0 * time_s, atol=1e-6)
 
 
+@pytest.mark.parametrize("rate_hz", [10.0, 50.0])
+def test_two_jumps_are_found_at_whatever_distance(rate_hz: float) -> None:
+    """Aside for 1 to 6 s: a jump near one that is larger is looked for when that one has been taken out."""
+    time_s = np.arange(0.0, 30.0, 1.0 / rate_hz)
+    ripple = 0.01 * np.sin(7.0 * time_s)
+    for aside_s in np.arange(1.0, 6.1, 0.2):
+        distance = 2.5 * time_s + ripple + 2.1 * (time_s >= 9.75) + 1.6 * (time_s >= 9.75 + aside_s)
+        mended = mend_travel(time_s, distance)
+        assert len(mended.bridged) == 2, aside_s
+        np.testing.assert_allclose(mended.distance_m, 2.5 * time_s + ripple, atol=0.1)
+
+
 def test_positions_that_a_slow_receiver_holds_are_no_jumps() -> None:
     time_s = np.arange(0.0, 30.0, 0.02)
     held = np.floor(time_s) * 1.3
