@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
-SOURCES := pyproject.toml constraints.txt README.md LICENSE $(shell find lgprjax data_schema onboard -type f -not -name '*.pyc')
+SOURCES := pyproject.toml constraints.txt README.md LICENSE $(shell find lgprjax data_schema onboard sites tuning -type f -not -name '*.pyc')
 
 # gprMax (GPL) is an outside program in an environment of its own. Its wheels are for Python 3.11 to 3.13.
 GPRMAX := .venv-gprmax

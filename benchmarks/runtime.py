@@ -11,7 +11,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -124,8 +123,7 @@ def _drive(figures: dict[str, Any], bare: dict[str, float]) -> list[Record]:
 
 def _example(folder: Path, length_m: float) -> Path:
     """The example's configuration and vehicle in a folder of its own."""
-    packaged = resources.files("lgprjax").joinpath("onboard")
-    source = packaged if packaged.is_dir() else Path(__file__).resolve().parents[1] / "onboard"
+    source = Path(__file__).resolve().parents[1] / "onboard"
     vehicle = source.joinpath("made_up.vehicle.toml").read_text(encoding="utf-8")
     (folder / "made_up.vehicle.toml").write_text(vehicle, encoding="utf-8")
     text = source.joinpath("simulated.run.toml").read_text(encoding="utf-8")

@@ -1,8 +1,10 @@
 """``lgprjax check``, ``export`` and ``recover``: validate files, convert them, make drives of recorded runs."""
 
 import json
+import shutil
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -239,3 +241,39 @@ def _tell(found: "RunSummary", folder: Path) -> None:
             table.add_row("never recorded", f"{count} messages of {ring} found no room")
     table.add_row("complete", "yes" if found.complete else "no")
     console.print(table, highlight=False, markup=False)
+
+
+_EXAMPLES = ("onboard", "sites", "tuning")
+
+
+@dataclass(frozen=True)
+class Examples:
+    """Copy the example files into a folder: generated sites, studies with the drives they need, onboard configurations.
+
+    For example: lgprjax examples -o my, then lgprjax simulate my/sites/village.toml my/drives.
+    """
+
+    output: Annotated[Path, arg(aliases=("-o",), metavar="DIR")] = Path("lgprjax-examples")
+    """folder to make"""
+    force: bool = False
+    """replace files of these names that are there"""
+
+    def run(self) -> None:
+        """Copy; nothing is written where one of the files is there already."""
+        files = [
+            (folder, path) for folder in _EXAMPLES for path in sorted(_examples(folder).iterdir()) if path.is_file()
+        ]
+        for folder, path in files:
+            if (self.output / folder / path.name).exists() and not self.force:
+                raise InputError(self.output / folder / path.name, "output", "no file, or --force", "one is there")
+        for folder, path in files:
+            (self.output / folder).mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, self.output / folder / path.name)
+        for folder in _EXAMPLES:
+            names = ", ".join(path.name for at, path in files if at == folder)
+            console.print(f"{self.output / folder}: {names}", highlight=False, soft_wrap=True, markup=False)
+
+
+def _examples(folder: str) -> Path:
+    packaged = Path(str(resources.files("lgprjax"))) / "examples" / folder
+    return packaged if packaged.is_dir() else Path(__file__).resolve().parents[2] / folder

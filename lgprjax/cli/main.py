@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from lgprjax.cli.cover import CoverVerb
-from lgprjax.cli.data import CheckVerb, Export, Recover
+from lgprjax.cli.data import CheckVerb, Examples, Export, Recover
 from lgprjax.cli.doctor import Doctor
 from lgprjax.cli.imports import ImportVerb, recognised
 from lgprjax.cli.maps import MapVerb
@@ -45,6 +45,7 @@ Verb = (
     | Annotated[Run, tyro.conf.subcommand("run")]
     | Annotated[Recover, tyro.conf.subcommand("recover")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
+    | Annotated[Examples, tyro.conf.subcommand("examples")]
     | Annotated[ThresholdsVerb, tyro.conf.subcommand("thresholds")]
     | Annotated[Tune, tyro.conf.subcommand("tune")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
