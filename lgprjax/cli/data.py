@@ -28,7 +28,7 @@ _STRETCHES = 3  # named in the table; all of them are in the JSON
 
 @dataclass(frozen=True)
 class CheckVerb:
-    """Hold files against the data schema: every place that is not as it should be."""
+    """Validate files against the data schema, and report every problem with its place."""
 
     files: Annotated[
         Positional[tuple[Path, ...]],

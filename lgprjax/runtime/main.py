@@ -11,11 +11,11 @@ from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.process import (
     PROCESSES,
     Started,
-    die_with_parent,
     hold_to_cores,
     run_in_real_time,
     set_environment,
 )
+from lgprjax.runtime.service import die_with_parent
 
 PROGRAMS = {
     "control": "lgprjax.runtime.control.program",

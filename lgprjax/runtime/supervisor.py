@@ -27,10 +27,8 @@ from lgprjax.runtime.main import process_command
 from lgprjax.runtime.messages import Record, RecordKind, Source, pack
 from lgprjax.runtime.process import (
     RINGS,
-    SUPERVISOR,
     HeartbeatRow,
     Heartbeats,
-    Notifier,
     ProcessStage,
     check_cores,
     memory_folder,
@@ -38,9 +36,9 @@ from lgprjax.runtime.process import (
     processes_of,
     run_in_ordinary_time,
     run_in_real_time,
-    watchdog_s,
 )
 from lgprjax.runtime.ring import Ring
+from lgprjax.runtime.service import SUPERVISOR, Notifier, watchdog_s
 
 # One process under supervision: started, listened to, found dead or hung, started again.
 

@@ -51,7 +51,7 @@ def end(*_: object) -> None:
 
 
 if (RUN / "placed").exists():
-    from lgprjax.runtime.process import die_with_parent
+    from lgprjax.runtime.service import die_with_parent
 
     die_with_parent(NAME)
 note("starts", os.getpid(), "--after-death" in sys.argv)
@@ -63,7 +63,7 @@ signal.signal(signal.SIGUSR2, hog)
 signal.signal(signal.SIGALRM, lambda *_: sys.exit(7))
 notifier = None
 if NAME == "control":
-    from lgprjax.runtime.process import Notifier
+    from lgprjax.runtime.service import Notifier
 
     notifier = Notifier()
 elif "NOTIFY_SOCKET" in os.environ:

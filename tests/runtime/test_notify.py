@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import pytest
 
-from lgprjax.runtime.process import Notifier, watchdog_s
+from lgprjax.runtime.service import Notifier, watchdog_s
 from runtime.supervised_run import LIMIT_S, SupervisedRun
 
 

@@ -17,7 +17,8 @@ from lgprjax.runtime.gnss import GnssParser
 from lgprjax.runtime.link import Frame, draw_session
 from lgprjax.runtime.messages import Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.port import Arrival, Port
-from lgprjax.runtime.process import Notifier, ProcessStage, Started
+from lgprjax.runtime.process import ProcessStage, Started
+from lgprjax.runtime.service import Notifier
 
 _TICK_NS = int(TICK_S * 1e9)
 
