@@ -20,6 +20,14 @@ _SHOWN = re.compile(r"^\s*(lgprjax .*)$", re.MULTILINE)
 _INLINE = re.compile(r"`(lgprjax [a-z][^`|]*)`")
 
 
+_BENCHMARK = re.compile(r"`(python -m benchmarks [a-z][^`]*)`")
+
+
+def benchmarks_shown(page: Path) -> list[str]:
+    """Benchmarks of a page's running text."""
+    return [re.sub(r"\s+", " ", found) for found in _BENCHMARK.findall(page.read_text(encoding="utf-8"))]
+
+
 def _plain(line: str) -> str:
     return re.split(r"\s{2,}#", line)[0].strip()
 

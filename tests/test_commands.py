@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+import shlex
 import shutil
 import sys
 from pathlib import Path
@@ -10,12 +11,13 @@ import numpy as np
 import pytest
 import segyio
 
+import benchmarks.__main__ as benchmarks
 from drawn_field import Drive, cover_rows, write_cover_run
 from formats.samples import write_dt1
 from generated import Site
 from lgprjax.cli import main
 from lgprjax.formats import DriveLog, DriveWriter, read_fixes
-from shown_commands import PAGES, ROOT, names_a_verb_only, shown_in_blocks, shown_in_text, words_of
+from shown_commands import PAGES, ROOT, benchmarks_shown, names_a_verb_only, shown_in_blocks, shown_in_text, words_of
 from vendor_sets import write_cmu, write_gprmax, write_iprb, write_segy
 
 # What is run here, as it stands on its page and in its order: page, and which of its commands.
@@ -42,7 +44,7 @@ ELSEWHERE = {
     r"map update .*": "cli/test_map_update.py::test_what_it_says",
     r"map refine .*": "cli/test_map_refine.py::test_two_baselines_of_a_road",
     r"map verify .*": "cli/test_health.py::test_map_verify_writes_tables_and_a_picture",
-    r"register .*--(workers|scheduler) .*": "archive/test_many_drives.py::test_a_cluster_gives_the_same_bits",
+    r"register .*--(workers|scheduler) .*": "batch/test_many_drives.py::test_a_cluster_gives_the_same_bits",
     r"register --window-m 4": "test_commands.py::test_lines",
     r"register --thresholds .*": "cli/test_thresholds.py::test_register_uses_it",
     r"thresholds .*": "cli/test_thresholds.py::test_the_file_says_what_it_was_found_on",
@@ -56,9 +58,7 @@ ELSEWHERE = {
     r"cover plan RUN_FOLDER .*": _A_FIELD,
     r"simulate SITE.toml .*": "cli/test_simulate.py::test_drives_are_written_and_told",
     r"(simulate tuning|tune tuning|tune STUDY).*": "test_notebooks.py::test_notebook_runs_from_a_fresh_clone",
-    r"bench registration .*": "cli/test_bench.py::test_tiny_run_prints_and_writes_what_it_found",
-    r"bench coverage .*": "bench/test_coverage.py::test_records_say_what_is_met_and_what_is_not",
-    r"bench runtime .*": "bench/test_runtime.py::test_records_say_what_is_met_and_what_is_not",
+    r"examples .*": "cli/test_examples.py::test_every_example_is_copied_and_can_be_used",
 }
 
 
@@ -97,6 +97,14 @@ def test_what_is_shown_is_run(page: str, command: str) -> None:
     assert tests, f"{page}: no test runs: {command}"
     file, _, name = tests[0].partition("::")
     assert f"\ndef {name}(" in (ROOT / "tests" / file).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("command", sorted({command for page in PAGES for command in benchmarks_shown(page)}))
+def test_the_benchmarks_read_what_is_shown(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(benchmarks, "run_verb", lambda _: 0)
+    with pytest.raises(SystemExit) as stopped:
+        benchmarks.main(shlex.split(command)[3:])
+    assert stopped.value.code == 0
 
 
 def _session(name: str, **stands_for: str) -> None:
