@@ -9,7 +9,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from lgprjax.errors import InputError
 from lgprjax.files import load_toml
-from lgprjax.formats.store import atomic_output
 
 
 class _Table(BaseModel):
@@ -239,6 +238,8 @@ def write_config(path: Path, config: RuntimeConfig) -> None:
     Raises:
         InputError: it cannot be written.
     """
+    from lgprjax.formats.store import atomic_output  # whoever reads a configuration need not wait for HDF5
+
     table = config.model_dump(exclude={"file"}, exclude_none=True)
     for name in ("vehicle", "map", "cache"):
         if table.get(name):

@@ -14,7 +14,7 @@ from pynmeagps import NMEAReader
 from pyubx2 import UBXReader
 
 from lgprjax.runtime.config import KEPT, RefusalReason, RefusedBytes
-from lgprjax.runtime.messages import GnssTimeScale
+from lgprjax.runtime.stamps import GnssTimeScale
 
 # What the messages of GNSS/INS receivers say, in the units of this project.
 

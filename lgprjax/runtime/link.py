@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from lgprjax.runtime.config import KEPT, RefusalReason, RefusedBytes
-from lgprjax.runtime.messages import LeastDelay
+from lgprjax.runtime.stamps import LeastDelay
 
 # The messages of the lines, read from ``data_schema/wire.toml``.
 

@@ -13,7 +13,7 @@ from pyubx2 import GET, UBXMessage
 
 from lgprjax.runtime.config import KEPT, RefusalReason, RefusedBytes
 from lgprjax.runtime.gnss import GnssParser, GnssSample, Quality, read_gnss
-from lgprjax.runtime.messages import GnssTimeScale
+from lgprjax.runtime.stamps import GnssTimeScale
 
 
 def _sentence(body: str) -> bytes:

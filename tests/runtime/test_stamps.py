@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lgprjax.runtime.messages import GnssTimeScale, StampClock, WeekClock
+from lgprjax.runtime.stamps import GnssTimeScale, StampClock, WeekClock
 
 _S = 1_000_000_000
 

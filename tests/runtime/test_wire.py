@@ -190,7 +190,7 @@ def test_round_trip(message: tuple[str, dict[str, Any], dict[str, int]], garbage
 
 def test_neither_jax_nor_numpy_is_imported() -> None:
     program = (
-        "import sys; import lgprjax.runtime.port, lgprjax.runtime.gnss, lgprjax.runtime.messages; "
+        "import sys; import lgprjax.runtime.port, lgprjax.runtime.gnss, lgprjax.runtime.stamps; "
         "print([name for name in ('jax', 'numpy', 'h5py') if name in sys.modules])"
     )
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -25,7 +25,8 @@ from lgprjax.frames import LocalFrame
 from lgprjax.runtime.config import SensorsTable
 from lgprjax.runtime.gnss import GnssPosition, GnssSample, Quality, read_gnss
 from lgprjax.runtime.link import Frame, decode
-from lgprjax.runtime.messages import GnssTimeScale, Record, RecordKind, Source, StampClock, WeekClock, fix_row
+from lgprjax.runtime.messages import Record, RecordKind, Source, fix_row
+from lgprjax.runtime.stamps import GnssTimeScale, StampClock, WeekClock
 
 # What the GNSS/INS says: positions in a local frame, attitudes and turning rates, with the times they are of.
 

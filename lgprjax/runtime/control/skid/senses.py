@@ -8,7 +8,8 @@ from lgprjax.runtime.config import SensorsTable
 from lgprjax.runtime.control.senses import GnssSenses, LocalAttitude, LocalPosition, TurnRate
 from lgprjax.runtime.gnss import Quality
 from lgprjax.runtime.link import Frame, decode
-from lgprjax.runtime.messages import Record, Source, StampClock
+from lgprjax.runtime.messages import Record, Source
+from lgprjax.runtime.stamps import StampClock
 
 # How far the INS says that the vehicle has turned, ten times a second, of whatever messages it speaks.
 #

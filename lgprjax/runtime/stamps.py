@@ -1,0 +1,166 @@
+"""Stamps of a device's clock as monotonic times of this computer."""
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+_DRIFT = 5000
+"""Clocks run apart by one part in this at most: 200 ppm."""
+_NEAR_NS = 50_000_000
+"""Differences between arrival and stamp that lie within this are one clock's. Less than the least one by more than
+this: a stamp from the future."""
+_ENOUGH = 5
+_ENOUGH_NS = 100_000_000
+"""So many samples in a row, over so long, establish a clock that was set."""
+
+
+class LeastDelay:
+    """Least difference between arrivals and stamps: what lies between two clocks when nothing holds a message up.
+
+    It falls at once and rises no faster than clocks drift, so that a line that grows late shows.
+
+    Args:
+        difference_ns: arrival less stamp of the first message.
+        now_ns: its arrival.
+    """
+
+    def __init__(self, difference_ns: int, now_ns: int) -> None:
+        self._least_ns = difference_ns
+        self._at_ns = now_ns
+
+    def at(self, now_ns: int) -> int:
+        """What it is believed to be now, ns."""
+        return self._least_ns + max(0, now_ns - self._at_ns) // _DRIFT
+
+    def feed(self, difference_ns: int, now_ns: int) -> int:
+        """What it is believed to be now that one more message came, ns: never above that message's own."""
+        self._least_ns = min(self.at(now_ns), difference_ns)
+        self._at_ns = max(now_ns, self._at_ns)
+        return self._least_ns
+
+
+class _Run(NamedTuple):
+    """Rejected stamps in a row that agree with each other: of a clock that may have been set."""
+
+    difference_ns: int
+    least_ns: int
+    since_ns: int
+    last_stamp_ns: int
+    samples: int
+
+
+class StampClock:
+    """Times of one kind of sample, told by the device's stamps and never later than their arrival.
+
+    A stamp is rejected when it does not grow, when it is from the future, or when it came more than ``late_s`` late. A
+    clock that was set, forward or back, is believed once enough samples in a row agree. A line that holds its messages
+    up looks different, as its stamps go on growing, and is never taken for a clock that was set.
+
+    Args:
+        delay_s: from what a sample tells of to its arrival, at the fastest.
+        late_s: how much later than the fastest a sample may come.
+
+    Attributes:
+        rejected: samples so far.
+        settings: how often the clock was set.
+    """
+
+    def __init__(self, delay_s: float = 0.0, late_s: float = 0.2) -> None:
+        self._delay_ns = round(delay_s * 1e9)
+        self._late_ns = round(late_s * 1e9)
+        self._least: LeastDelay | None = None
+        self._run: _Run | None = None
+        self._last_stamp_ns = 0
+        self._last_told_ns: int | None = None
+        self.rejected = 0
+        self.settings = 0
+
+    def feed(self, stamp_us: int, arrival_ns: int) -> int | None:
+        """Monotonic time, ns, of the sample stamped ``stamp_us``; ``None`` where it is rejected.
+
+        Times grow from sample to sample and are never later than ``arrival_ns``, which must not fall.
+        """
+        told = self._time_of(stamp_us * 1000, arrival_ns)
+        if told is None or (self._last_told_ns is not None and told <= self._last_told_ns):
+            self.rejected += 1
+            return None
+        self._last_told_ns = told
+        return told
+
+    def expected_us(self, arrival_ns: int) -> int | None:
+        """Stamp, us, of a sample that comes now and was not held up; ``None`` before the first."""
+        return None if self._least is None else (arrival_ns - self._least.at(arrival_ns)) // 1000
+
+    def _time_of(self, stamp_ns: int, arrival_ns: int) -> int | None:
+        difference = arrival_ns - stamp_ns
+        if self._least is None:
+            self._least = LeastDelay(difference, arrival_ns)
+        elif not self._believed(stamp_ns, difference, self._least.at(arrival_ns)):
+            run = self._run
+            if run is None or run.samples < _ENOUGH or arrival_ns - run.since_ns < _ENOUGH_NS:
+                return None
+            self._least = LeastDelay(run.least_ns, arrival_ns)
+            self.settings += 1
+        self._run = None
+        self._last_stamp_ns = stamp_ns
+        return stamp_ns + self._least.feed(difference, arrival_ns) - self._delay_ns
+
+    def _believed(self, stamp_ns: int, difference_ns: int, least_ns: int) -> bool:
+        """Whether the sample is one of the clock as it is; else it is noted, should the clock have been set."""
+        late = difference_ns - least_ns
+        grows = stamp_ns > self._last_stamp_ns
+        run = self._run
+        goes_on = (
+            run is not None
+            and stamp_ns > run.last_stamp_ns
+            and abs(difference_ns - run.difference_ns) <= _NEAR_NS  # of the run's first
+        )
+        # Stamps that grow again after having gone back look late, and are the set clock's.
+        if grows and -_NEAR_NS <= late <= self._late_ns and (late <= _NEAR_NS or not goes_on):
+            return True
+        if run is not None and goes_on:
+            self._run = run._replace(
+                least_ns=min(run.least_ns, difference_ns), last_stamp_ns=stamp_ns, samples=run.samples + 1
+            )
+        elif not grows or late < -_NEAR_NS:
+            self._run = _Run(difference_ns, difference_ns, stamp_ns + difference_ns, stamp_ns, 1)
+        else:
+            self._run = None
+        return False
+
+
+class GnssTimeScale(IntEnum):
+    """Seconds after which a GNSS time begins anew; ``NONE`` where a message carries no time."""
+
+    NONE = 0
+    UTC_DAY = 86_400
+    GPS_WEEK = 604_800
+
+
+class WeekClock:
+    """A ``StampClock`` for times of week or of day: they begin anew, and leap seconds set the day's back.
+
+    Args:
+        scale: of the times; not ``NONE``.
+        delay_s, late_s: the ``StampClock``'s.
+
+    Attributes:
+        clock: the ``StampClock``.
+    """
+
+    def __init__(self, scale: GnssTimeScale, delay_s: float = 0.0, late_s: float = 0.2) -> None:
+        self.clock = StampClock(delay_s, late_s)
+        self._period_us = scale * 1_000_000
+        # The last minute of a day may have 61 seconds.
+        self._end_s = scale + (scale is GnssTimeScale.UTC_DAY)
+
+    def feed(self, time_s: float, arrival_ns: int) -> int | None:
+        """Monotonic time, ns, of the sample of ``time_s`` seconds of the week or day; ``None`` where it is rejected."""
+        if not (math.isfinite(time_s) and 0.0 <= time_s < self._end_s):
+            self.clock.rejected += 1
+            return None
+        stamp_us = round(time_s * 1e6)
+        expected_us = self.clock.expected_us(arrival_ns)
+        if expected_us is not None:
+            stamp_us += (expected_us - stamp_us + self._period_us // 2) // self._period_us * self._period_us
+        return self.clock.feed(stamp_us, arrival_ns)
