@@ -258,7 +258,7 @@ def test_a_run_gathers_every_program_and_tells_what_failed(tmp_path: Path, monke
 
 
 def test_failed_program_is_one_line() -> None:
-    with pytest.raises(ProgramError, match=r"lgprjax\.bench\.no_such: its process ended with 1: .*no_such"):
+    with pytest.raises(ProgramError, match=r"benchmarks\.no_such: its process ended with 1: .*no_such"):
         run_program("benchmarks.no_such", [], threads=1)
 
 

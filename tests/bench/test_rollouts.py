@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks import rollouts
+from benchmarks.__main__ import main
 from benchmarks.process import ProgramError, run_program
 from benchmarks.records import Record
 from benchmarks.rollout_operations import operations_a_step
@@ -24,7 +25,6 @@ from benchmarks.rollouts import (
     run_rollouts,
     speed_records,
 )
-from lgprjax.cli import main
 
 TINY = RolloutPlan(24, 40, rounds=1, repeats=1, many_lanes=30, many_steps=20, threads=1, limit_s=300.0)
 
@@ -134,13 +134,13 @@ def test_what_is_missing_or_fails_is_said(
     monkeypatch.setattr(rollouts, "QUICK_ROLLOUTS", TINY)
     monkeypatch.setitem(ROLLOUT_PEERS, "numba_lanes", "no_such_package")
     with pytest.raises(SystemExit) as stopped:
-        main(["bench", "rollouts", "--quick"])
+        main(["rollouts", "--quick"])
     assert stopped.value.code == 0
     shown = capsys.readouterr().out
     assert 'numba_lanes: package no_such_package is not installed: pip install "lgprjax[bench]"' in shown
     assert "not measured: benchmarks.rollout_peers.this_project: its process ended with 1: boom" in shown
     with pytest.raises(SystemExit) as stopped:
-        main(["bench", "rollouts", "--figure", str(tmp_path / "f.png")])
+        main(["rollouts", "--figure", str(tmp_path / "f.png")])
     assert stopped.value.code == 1
     assert "expected the benchmark registration, closed-loop or runtime, found rollouts" in capsys.readouterr().err
 
