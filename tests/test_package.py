@@ -23,9 +23,11 @@ def installed() -> list[str]:
 
 def test_formats_templates_and_types_are_installed(installed: list[str]) -> None:
     assert "lgprjax/py.typed" in installed
-    for folder in ("data_schema", "onboard"):
+    for folder in ("data_schema", "onboard", "sites", "tuning"):
+        place = f"lgprjax/{folder}/" if folder == "data_schema" else f"lgprjax/examples/{folder}/"
         of_source = {path.name for path in (_ROOT / folder).iterdir() if path.is_file()}
-        assert of_source <= {Path(name).name for name in installed if name.startswith(f"lgprjax/{folder}/")}
+        assert of_source
+        assert of_source <= {Path(name).name for name in installed if name.startswith(place)}
     page = {path.name for path in (_ROOT / "lgprjax" / "runtime" / "display" / "page").iterdir()}
     assert page <= {Path(name).name for name in installed}
     assert not [name for name in installed if name.startswith(("tests/", "docs/"))]
