@@ -279,7 +279,7 @@ def _press(belief: PedalBelief, pedal: PedalModel, position: float, step_s: floa
 #
 # Faults 15 and 16. The encoder's zero is another one at every start: it is learnt against the potentiometer from the
 # first good readings, or given, where the box keeps it. A wheel refitted off by a tooth shows at once with a zero that
-# was kept, and else in the yaw rate (``watch_chassis``).
+# was kept, and else in the yaw rate (above).
 
 RANGE_S = 0.06
 """Out of range for so long is open or shorted: found within 0.1 s; single spikes pass."""

@@ -283,9 +283,9 @@ def step_odometer_watch(
         time_s: of this tick; positions hold for times on the same clock.
         odometer_m, speed_mps: signed, by the wheels.
         heading_rad: counter-clockwise from x.
-        heading_confirmed: by ``watch_heading``; before, a sign that differs may be the heading's fault.
+        heading_confirmed: by ``step_heading_watch``; before, a sign that differs may be the heading's fault.
         position: a new one by GNSS; None where none came.
-        thrust_mps2: what the throttle makes of its command, from ``watch_pedals``; 0 where a person drives.
+        thrust_mps2: what the throttle makes of its command, from the pedals' monitor; 0 where a person drives.
         step_s: since the last tick.
     """
     step_s = counted_step_s(step_s)

@@ -81,7 +81,7 @@ def import_lines(
     of the site, whose x axis then points along ``heading_deg``, or the receiver's latitudes and longitudes, by which
     lines follow each other as passes of one channel. A single line without any runs straight from the origin.
 
-    Time zeros, signs, directions and starts are looked for in the traces (``line_findings``).
+    Time zeros, signs, directions and starts are looked for in the traces (``survey_layout``).
 
     Args:
         paths: vendor files, from left to right. A single file of several channels counts as that many lines.

@@ -97,7 +97,7 @@ class CarrotTable(FileTable):
 # A vehicle as its file tells it: one value a calibrated number, absent where nobody has found it yet.
 #
 # What a number may be (range, sign, unit) stands in ``data_schema/vehicle.toml`` and is held against it by
-# ``vehicle_file``; here stand the structure and what numbers must be to each other.
+# ``read_vehicle``; here stand the structure and what numbers must be to each other.
 
 # Fewer knots are no map.
 _KNOTS = 2

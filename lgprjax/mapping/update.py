@@ -3,7 +3,7 @@
 A drive is registered on the map, its labels are corrected by its fixes, and it becomes one more baseline. Nothing of
 the map is deleted: stations of ground that has changed stay in the file, marked with the number of the update that
 retired them. Of the new drive's own stations those are held back (marked with the number of its own update) that lie
-over the map's ground and could not be located, or that only contradict it (see ``ground_changes``).
+over the map's ground and could not be located, or that only contradict it (see ``changes``).
 
 The new map is written beside the old one and takes its name in one step: whatever fails, the old one is there whole.
 """

@@ -1,7 +1,7 @@
 """Label errors of many drives from fixes between them: a pose graph, solved by robust sparse least squares.
 
 Each stretch of a drive is a chain of nodes, whose corrections to the labels (east, north, yaw) follow the label
-process (``label_process``); that is what stands for odometry between neighbours, and for the weak, long correlated
+process (below); that is what stands for odometry between neighbours, and for the weak, long correlated
 prior that fixes the gauge: nothing is held by decree. A fix is the pose of one chain's place in the labels of another
 (or of the same, where a drive comes by twice). With corrections c at the place and at the ground it was found on,
 

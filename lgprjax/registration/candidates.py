@@ -83,8 +83,7 @@ class ChosenWindows(NamedTuple):
         p_false, p_rival: see ``chance``.
         code: a ``Code``.
         first: first stop of the window.
-        origin_m: lattice's middle, east and north from dead reckoning.
-        step: lattice points to a side.
+        error_m: east and north of the place, less dead reckoning.
     """
 
     window: Int[np.ndarray, " stop"]

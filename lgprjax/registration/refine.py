@@ -30,7 +30,7 @@ from lgprjax.subsurface import Tile
 # With the scale alpha projected out, the correlation of live traces S with the ground G is highest where |S - alpha
 # G|² is least, so that its gradient is exact and its curvature needs first derivatives only: those of the bilinear map
 # in the plane, and the phase ramp of a height. All that a step asks of a trace are thirteen sums over depth
-# (``trace_sums``); the rest is the chain rule.
+# (``score``); the rest is the chain rule.
 
 PRIOR = (3.0, 3.0, 9.0, 9.0, 9.0, 9.0)
 """Information of the prior, per squared half width of the region: position uniform within it, attitude and height

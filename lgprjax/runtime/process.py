@@ -34,7 +34,7 @@ RINGS = {
     "cover": 1 << 20,  # control to coverage
     "worked": 4 << 20,  # coverage to display
 }
-"""Rings and their sizes in bytes; each carries ``records``."""
+"""Rings and their sizes in bytes; each carries records (``messages``)."""
 
 
 def processes_of(config: RuntimeConfig) -> tuple[str, ...]:

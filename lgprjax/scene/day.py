@@ -79,7 +79,7 @@ class Trench:
 
 @dataclass(frozen=True)
 class Day:
-    """What differs from day to day. The defaults are a clear day (see ``weather``).
+    """What differs from day to day. The defaults are a clear day (see below).
 
     Attributes:
         seed: of everything below.

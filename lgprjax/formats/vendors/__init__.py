@@ -1,1 +1,1 @@
-"""TODO"""
+"""Readers of instruments and programs that are not ours: line files of four makers, SEG-Y, gprMax, open data sets."""
