@@ -1,4 +1,4 @@
-"""The false-match statistics of a map: traces of its baselines matched where no match can be right."""
+"""What a map says of matches on it: how well foreign ground matches it, and what right matches err by."""
 
 import os
 from collections.abc import Iterator
@@ -9,6 +9,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
 
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
@@ -19,6 +20,7 @@ from lgprjax.registration import (
     LEAST_INDEPENDENT,
     PIECE_M,
     Chance,
+    Code,
     EvidenceSearch,
     LiveChain,
     LiveScans,
@@ -26,21 +28,28 @@ from lgprjax.registration import (
     RegisterOptions,
     Track,
     fit_chance,
+    fit_sigma_scale,
     ground_map_for,
     pooled_chance,
 )
-from lgprjax.subsurface import GroundMap
+from lgprjax.subsurface import GroundMap, MapDescription, StationPlaces, Stations
 
 _PIECES = 240
 _WIDEST_M = 1.6
 _STRETCH_M = max(LADDER_M) + 5.0 * PIECE_M  # of wavelengths up to a metre
 _SEED = 1
 _TRIES = 400
+_LEFT_OUT = 6
+"""Baselines left out one by one, spread over the map: each asks for tiles of its own."""
+_LEFT_OUT_PIECES = 60
+_LEAST_LEFT_OUT = 5
+_COVERED = 0.5  # of the channels, over the ground of the others
+_BETWEEN = 0.6  # of the distance between map traces
 _REGION = 6.25  # wavelengths to each side, no more than 2.5 m: chances go with the area, so that a small one tells
 
 
 class _Swapped(NamedTuple):
-    """A stretch of a baseline's poses with the traces of another stretch.
+    """A stretch of a baseline's poses with the traces of another stretch, or with its own.
 
     Attributes:
         poses, traces: numbers of their stations.
@@ -78,17 +87,31 @@ class _StationChain(LiveChain):
 
 
 def measure_chance(source: MapFile) -> Chance:
-    """Match pieces of a map's baselines at other places of it, and fit the tail of their best scores.
+    """Match pieces of a map's baselines at other places of it, and fit the tail of their best scores; then leave out
+    baselines, register them on the others, and scale the sigmas by what those matches err by.
 
     Every piece is searched as a drive is that says nothing of its own position, in all windows of the ladder. A map
     too small for some dozens of pieces gets the tail pooled over many grounds.
     """
     description = source.description
-    half_m = min(RegisterOptions().search_half_m(), _REGION * description.settings.wavelength_m)
+    wavelength_m = description.settings.wavelength_m
+    half_m = min(RegisterOptions().search_half_m(), _REGION * wavelength_m)
     options = RegisterOptions(search_m=half_m, time_scale=1.0)
-    ground = ground_map_for(source, options)
     # Lines of a survey are no array: as many of them as an array is wide are matched together.
     channels = int(np.clip(round(_WIDEST_M / description.channel_pitch_m), 1, description.channels))
+    tail = _false_tail(source, options, channels)
+    spacing_m = _line_spacing_m(source)
+    # Between lines of one channel a gap is twice as wide without the line; arrays overlap where they can be compared.
+    left_out_m = 2.0 * spacing_m if description.channels == 1 else spacing_m
+    errors = _left_out_errors(source, options, channels, tail)
+    scale, left_out = fit_sigma_scale(errors, spacing_m, left_out_m, wavelength_m)
+    return tail._replace(sigma_scale=scale, left_out=left_out)
+
+
+def _false_tail(source: MapFile, options: RegisterOptions, channels: int) -> Chance:
+    """The tail of the scores at false places."""
+    description = source.description
+    ground = ground_map_for(source, options)
     prepared = PreparedGround(ground, uniform_array(channels, description.channel_pitch_m), keep=8)
     piece_m = PIECE_M * max(1.0, description.settings.wavelength_m)
     steps = np.hypot(*np.diff(source.pose[:, :2], axis=0).T)[np.diff(source.drive) == 0]
@@ -186,6 +209,137 @@ def _scans_of(source: MapFile, swapped: _Swapped, channels: int) -> LiveScans:
         path_m,
         pose[:, :2],
     )
+
+
+# Leave one baseline out: the others are a map, and it is a drive whose place is known.
+
+
+def _left_out_errors(
+    source: MapFile, options: RegisterOptions, channels: int, chance: Chance
+) -> Float[np.ndarray, " piece"]:
+    """Squared errors of left-out baselines' places on the others' ground, in units of their matches' covariance.
+
+    A degree of freedom, one fix a piece; what a baseline's label is off by as a whole is no error of its matches.
+    """
+    piece_m = PIECE_M * max(1.0, source.description.settings.wavelength_m)
+    numbers = np.unique(source.drive[source.retired == 0])
+    if len(numbers) < 2:
+        return np.zeros(0)
+    some = numbers[np.unique(np.linspace(0, len(numbers) - 1, _LEFT_OUT).round().astype(int))]
+    most_m = _LEFT_OUT_PIECES / len(some) * piece_m
+    alone = chance._replace(sigma_scale=1.0)
+    out = []
+    for number in some:
+        others = OtherBaselines(source, int(number))
+        ground = ground_map_for(others, options)
+        prepared = PreparedGround(ground, uniform_array(channels, source.description.channel_pitch_m), keep=8)
+        error_m, covariance, left_m = [], [], most_m
+        for stretch, covered in _stretches_over_others(source, int(number), channels, piece_m):
+            if left_m < piece_m:
+                break
+            scans = _scans_of(source, stretch, channels)
+            scans = scans._replace(valid=scans.valid & covered)
+            search = EvidenceSearch(prepared, _StationChain(ground), options, alone)
+            stops, fix, beside, _ = search.feed(scans)
+            left_m -= float(scans.path_m[-1])
+            ok = np.flatnonzero(np.asarray(fix.code) == Code.OK)
+            # The last of each piece.
+            piece = np.floor(scans.path_m[stops[ok]] / piece_m)
+            ok = ok[::-1][np.unique(piece[::-1], return_index=True)[1]]
+            error_m.append(np.asarray(fix.pose)[ok, :2] - scans.track.pose[stops[ok], :2])
+            covariance.append(np.asarray(fix.covariance)[ok, :2, :2] - beside[ok])
+        error = np.concatenate(error_m) if error_m else np.zeros((0, 2))
+        if len(error) >= _LEAST_LEFT_OUT:
+            apart = error - np.median(error, axis=0)
+            solved = np.linalg.solve(np.concatenate(covariance), apart[..., None])[..., 0]
+            # The median is of the same pieces.
+            out.append(0.5 * np.sum(apart * solved, axis=1) * len(error) / (len(error) - 1))
+    return np.concatenate(out) if out else np.zeros(0)
+
+
+def _stretches_over_others(
+    source: MapFile, number: int, channels: int, least_m: float
+) -> Iterator[tuple[_Swapped, Bool[np.ndarray, "scan channel"]]]:
+    """Stretches of a baseline that lie over the ground of others, and which of its traces do."""
+    description = source.description
+    pitch_m, step_m = description.channel_pitch_m, description.settings.step_m
+    in_force = source.retired == 0
+    antennas = cKDTree(_antennas(source, np.flatnonzero(in_force & (source.drive != number))).reshape(-1, 2))
+    own = np.flatnonzero(in_force & (source.drive == number))
+    most = int(_STRETCH_M * max(1.0, description.settings.wavelength_m) / step_m)
+    away, _ = antennas.query(_antennas(source, own).reshape(-1, 2))
+    over = away.reshape(len(own), -1) < _BETWEEN * max(pitch_m, step_m)
+    for under in range(0, description.channels - channels + 1, channels):
+        part = over[:, under : under + channels]
+        enough = np.mean(part, axis=1) >= _COVERED
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], enough.astype(int), [0]])))
+        for begin, end in edges.reshape(-1, 2):
+            for low in range(begin, end, most):
+                rows = slice(low, min(low + most, end))
+                if (rows.stop - rows.start) * step_m >= least_m:
+                    yield _Swapped(own[rows], own[rows], under, under), part[rows]
+
+
+def _antennas(source: MapFile, stations: Int[np.ndarray, " scan"]) -> Float[np.ndarray, "scan channel 2"]:
+    """Places of all channels at some stations."""
+    channels = source.description.channels
+    return np.stack([_places(source, stations, channel, 1) for channel in range(channels)], axis=1)
+
+
+def _line_spacing_m(source: MapFile) -> float:
+    """Distance between neighbouring lines of a map: of its channels, or of its baselines where those have one."""
+    description = source.description
+    numbers = np.unique(source.drive)
+    if description.channels > 1 or len(numbers) < 2:
+        return description.channel_pitch_m
+    nearest = []
+    for number in numbers[np.unique(np.linspace(0, len(numbers) - 1, _LEFT_OUT).round().astype(int))]:
+        others = cKDTree(source.pose[source.drive != number, :2])
+        nearest.append(np.median(others.query(source.pose[source.drive == number, :2])[0]))
+    return float(np.median(nearest))
+
+
+class KeptStations:
+    """A database of which only some stations hold data: a ``StationSource``.
+
+    All stations keep their places, so that tiles have the shapes of the whole map's and nothing is compiled anew.
+
+    Args:
+        source: the database.
+        kept: stations that hold data.
+    """
+
+    def __init__(self, source: MapFile, kept: Bool[np.ndarray, " scan"]) -> None:
+        self._source = source
+        self.kept: Bool[np.ndarray, " scan"] = kept
+        self.description: MapDescription = source.description
+        self.places: StationPlaces = source.places
+        self.tile_frame: Float[np.ndarray, "tile 3"] = source.tile_frame
+        self.height_reference_m: Float[np.ndarray, " tile"] = source.height_reference_m
+
+    def read_stations(self, stations: Int[np.ndarray, " scan"]) -> Stations:
+        """Profiles of the stations with these rising numbers; the others are not valid."""
+        kept = self.kept[stations]
+        read = self._source.read_stations(stations[kept])
+
+        def spread(values: np.ndarray) -> np.ndarray:
+            out = np.zeros((len(stations), *values.shape[1:]), values.dtype)
+            out[kept] = values
+            return out
+
+        return Stations(*(spread(field) for field in read))
+
+
+class OtherBaselines(KeptStations):
+    """A database in which one baseline holds no data.
+
+    Args:
+        source: the database.
+        left_out: number of the baseline.
+    """
+
+    def __init__(self, source: MapFile, left_out: int) -> None:
+        super().__init__(source, np.asarray(source.drive != left_out))
 
 
 # The chance of a map that is to be registered against: out of its file, else measured once and remembered.

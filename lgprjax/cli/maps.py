@@ -59,7 +59,8 @@ def _chance(chance: "Chance | None", wavelength_m: float) -> dict[str, object]:
     from lgprjax.registration import ladder_of, least_z
 
     if chance is None:
-        return {"noise_floor": "not in this file: measured at the first registration", "least_score": None}
+        later = "not in this file: measured at the first registration"
+        return {"noise_floor": later, "least_score": None, "sigma_scale": later}
     pooled = "pooled over many grounds: this map is too small to tell its own"
     least = [round(float(score), 2) for score in least_z(_RISK, chance)]
     return {
@@ -67,6 +68,12 @@ def _chance(chance: "Chance | None", wavelength_m: float) -> dict[str, object]:
         "least_score": {
             f"{window_m:g} m": score for window_m, score in zip(ladder_of(wavelength_m), least, strict=True)
         },
+        "sigma_scale": f"{chance.sigma_scale:.2f}; "
+        + (
+            f"{chance.left_out} pieces of baselines left out and registered on the others"
+            if chance.left_out
+            else "as on many grounds: no baseline lies over the others"
+        ),
     }
 
 

@@ -268,6 +268,7 @@ which foreign ground reaches: a chance of another version is measured again."""
 
 _SCHEMA = load_schema("map")
 _FIELDS = ("start", "share", "scale", "area_m2")
+_NUMBERS = ("pieces", "own", "sigma_scale", "left_out")
 
 
 def write_chance(store: h5py.File, chance: Chance, windows_m: tuple[float, ...]) -> None:
@@ -275,7 +276,7 @@ def write_chance(store: h5py.File, chance: Chance, windows_m: tuple[float, ...])
     write_array(store, _SCHEMA, "/chance/window_m", np.asarray(windows_m))
     for name in _FIELDS:
         write_array(store, _SCHEMA, f"/chance/{name}", getattr(chance, name))
-    for name, value in (("method", CHANCE_METHOD), ("pieces", chance.pieces), ("own", chance.own)):
+    for name, value in (("method", CHANCE_METHOD), *((name, getattr(chance, name)) for name in _NUMBERS)):
         write_attribute(store["chance"], name, float(value))
 
 
@@ -288,20 +289,36 @@ def read_chance(store: h5py.File, path: Path, windows_m: tuple[float, ...]) -> C
     if "chance" not in store:
         return None
     group = store["chance"]
-    told = {name: attribute_of(group, name) for name in ("method", "pieces", "own")}
-    for name, value in told.items():
-        if not isinstance(value, int | float):
+    numbers: dict[str, float] = {}
+    for name in ("method", *_NUMBERS):
+        value = attribute_of(group, name) if name in group.attrs else None
+        if isinstance(value, int | float):
+            numbers[name] = float(value)
+        elif value is not None:
             raise InputError(path, f"/chance@{name}", "a number", repr(value))
-    if told["method"] != CHANCE_METHOD or not np.array_equal(group["window_m"][()], windows_m):
+    if numbers.get("method") != CHANCE_METHOD or not np.array_equal(group["window_m"][()], windows_m):
         return None
-    fields = {name: group[name][()] for name in _FIELDS}
-    return Chance(**fields, pieces=int(float(str(told["pieces"]))), own=bool(told["own"]))
+    return _chance_of({name: group[name][()] for name in _FIELDS}, numbers)
+
+
+def _chance_of(fields: dict[str, np.ndarray], numbers: dict[str, float]) -> Chance:
+    chance = Chance(
+        start=fields["start"],
+        share=fields["share"],
+        scale=fields["scale"],
+        area_m2=fields["area_m2"],
+        pieces=int(numbers["pieces"]),
+        own=bool(numbers["own"]),
+        left_out=int(numbers.get("left_out", 0)),
+    )
+    # Maps of schema 1.2 hold no scale of the sigmas: theirs is that of many grounds.
+    return chance._replace(sigma_scale=numbers["sigma_scale"]) if "sigma_scale" in numbers else chance
 
 
 def chance_as_text(chance: Chance) -> str:
     """The chance as JSON."""
     fields = {name: np.asarray(getattr(chance, name)).tolist() for name in _FIELDS}
-    told = {"method": CHANCE_METHOD, **fields, "pieces": chance.pieces, "own": chance.own}
+    told = {"method": CHANCE_METHOD, **fields, **{name: getattr(chance, name) for name in _NUMBERS}}
     return json.dumps(told, indent=1) + "\n"
 
 
@@ -310,7 +327,7 @@ def chance_of_text(text: str) -> Chance | None:
     try:
         told = json.loads(text)
         fields = {name: np.asarray(told[name], dtype=np.float64) for name in _FIELDS}
-        chance = Chance(**fields, pieces=int(told["pieces"]), own=bool(told["own"]))
+        chance = _chance_of(fields, {name: float(told[name]) for name in _NUMBERS})
         known = told["method"] == CHANCE_METHOD
     except (ValueError, KeyError, TypeError):
         return None

@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lgprjax import __version__
-from lgprjax.batch.chance import measure_chance
+from lgprjax.batch.chance import KeptStations, measure_chance
 from lgprjax.files import file_hash
 from lgprjax.formats import MapFile, MapWriter, copy_stations
 from lgprjax.mapping.build import MEASURING
-from lgprjax.mapping.matching import KeptStations, places_of_drives, register_stations
+from lgprjax.mapping.matching import places_of_drives, register_stations
 from lgprjax.navigation.pose_graph import FixEdges, GraphSolution, LabelChain, LabelModel, misfit, solve_graph
 from lgprjax.registration import Code, RegisterOptions, ground_map_for
 from lgprjax.subsurface import SpatialIndex, TilePlacer

@@ -24,7 +24,7 @@ from lgprjax.registration import (
     search_spec_for,
     to_tile,
 )
-from lgprjax.subsurface import GroundMap, MapDescription, SpatialIndex, StationPlaces, Stations, Tile
+from lgprjax.subsurface import GroundMap, MapDescription, SpatialIndex, Tile
 
 # The route of a map in equal steps, and what ground lies there: passes, width, share of the array on the map.
 
@@ -333,49 +333,6 @@ class Matches(NamedTuple):
     rival: Float[np.ndarray, " template"]
     share: Float[np.ndarray, " template"]
     code: Int[np.ndarray, " template"]
-
-
-class KeptStations:
-    """A database of which only some stations hold data: a ``StationSource``.
-
-    All stations keep their places, so that tiles have the shapes of the whole map's and nothing is compiled anew.
-
-    Args:
-        source: the database.
-        kept: stations that hold data.
-    """
-
-    def __init__(self, source: MapFile, kept: Bool[np.ndarray, " scan"]) -> None:
-        self._source = source
-        self.kept: Bool[np.ndarray, " scan"] = kept
-        self.description: MapDescription = source.description
-        self.places: StationPlaces = source.places
-        self.tile_frame: Float[np.ndarray, "tile 3"] = source.tile_frame
-        self.height_reference_m: Float[np.ndarray, " tile"] = source.height_reference_m
-
-    def read_stations(self, stations: Int[np.ndarray, " scan"]) -> Stations:
-        """Profiles of the stations with these rising numbers; the others are not valid."""
-        kept = self.kept[stations]
-        read = self._source.read_stations(stations[kept])
-
-        def spread(values: np.ndarray) -> np.ndarray:
-            out = np.zeros((len(stations), *values.shape[1:]), values.dtype)
-            out[kept] = values
-            return out
-
-        return Stations(*(spread(field) for field in read))
-
-
-class OtherBaselines(KeptStations):
-    """A database in which one baseline holds no data.
-
-    Args:
-        source: the database.
-        left_out: number of the baseline.
-    """
-
-    def __init__(self, source: MapFile, left_out: int) -> None:
-        super().__init__(source, np.asarray(source.drive != left_out))
 
 
 def match_stations(

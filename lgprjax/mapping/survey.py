@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from lgprjax.batch.chance import OtherBaselines
 from lgprjax.formats import MapFile
 from lgprjax.mapping.matching import (
     DrivePlaces,
     MapRoute,
     Matches,
-    OtherBaselines,
     RouteGround,
     ground_at,
     mask_of,

@@ -102,14 +102,23 @@ class StopFixes:
         prepared: ground of the map for the drive's array.
         lattice: of the drive.
         plan, options: of the search.
+        sigma_scale: of the match's sigmas, where the user has no thresholds of his own.
         batch: climbs at once, a shape that is compiled.
     """
 
     def __init__(
-        self, prepared: PreparedGround, lattice: ErrorLattice, plan: SearchSizes, options: RegisterOptions, batch: int
+        self,
+        prepared: PreparedGround,
+        lattice: ErrorLattice,
+        plan: SearchSizes,
+        options: RegisterOptions,
+        sigma_scale: float,
+        batch: int,
     ) -> None:
         self._prepared, self._ground, self._lattice = prepared, prepared.ground, lattice
         self._plan, self._options, self._batch = plan, options, batch
+        own = options.own_thresholds
+        self._sigma_scale = sigma_scale if own is None else own.sigma_scale
         self._wavelength_m = self._ground.description.settings.wavelength_m
 
     def finish(self, stops: Stops, before: int, judged: ChosenWindows) -> tuple[Fix, Float[np.ndarray, "stop 2 2"]]:
@@ -150,8 +159,7 @@ class StopFixes:
         left = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
         at_end = ((ends > 0) * (_RIM * self._wavelength_m) ** 2)[:, None, None]
         beside = beside + at_end * left[:, :, None] * left[:, None, :]
-        if self._options.own_thresholds is not None:
-            fixes.covariance[:] *= self._options.own_thresholds.sigma_scale**2
+        fixes.covariance[:] *= self._sigma_scale**2
         fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
         return fixes, beside
 

@@ -130,7 +130,7 @@ class EvidenceSearch:
         self._chance = chance.for_windows(self.plan.windows_m, self._wavelength_m)
         batch, self._ends = min(_BATCH, block_scans), min(_ENDS, block_scans)
         self._lattice = ErrorLattice(prepared, self.plan, options, batch)
-        self._fixes = StopFixes(prepared, self._lattice, self.plan, options, batch)
+        self._fixes = StopFixes(prepared, self._lattice, self.plan, options, chance.sigma_scale, batch)
         self._scale = TimeScaleEstimate(1.0 if options.time_scale is None else options.time_scale)
         self._stops: Stops | None = None
         self._surfaces: Surfaces | None = None

@@ -40,6 +40,13 @@ _SURE = 1.3
 """The fitted tail is taken at so many of its standard errors to the safe side."""
 
 
+_POOLED_SIGMA = 1.25
+"""Root of the normalised squared error that matches on many grounds had, about 1.6."""
+_POOLED_WEIGHT = 20.0
+"""Pieces that what many grounds have counts for, beside a map's own."""
+_MOST_SIGMA = 3.0
+
+
 class Chance(NamedTuple):
     """Tail of the best score that foreign ground reaches within a piece, for each length of the ladder.
 
@@ -54,6 +61,8 @@ class Chance(NamedTuple):
         area_m2: mean area of the region that lay on the map in those searches; more places have more chances.
         pieces: independent pieces that it was fitted to.
         own: fitted to this map; else pooled over many grounds.
+        sigma_scale: what a match's sigmas are multiplied by to be those of its errors on this map.
+        left_out: pieces of left-out baselines that the scale was fitted to; 0 where it is pooled.
     """
 
     start: Float[np.ndarray, " window"]
@@ -62,6 +71,8 @@ class Chance(NamedTuple):
     area_m2: Float[np.ndarray, " window"]
     pieces: int
     own: bool
+    sigma_scale: float = _POOLED_SIGMA
+    left_out: int = 0
 
     def for_windows(self, windows_m: tuple[float, ...], wavelength_m: float) -> "Chance":
         """The chance for other lengths: each as the next shorter one of the ladder, whose tail is the longer."""
@@ -125,6 +136,29 @@ def fit_chance(
     # In units of the noise floor all windows have one tail; their pieces are the same, so that they count once.
     scale = float(excess.mean()) * (1.0 + _SURE / np.sqrt(len(excess) / len(beyond)))
     return Chance(start, share, np.full(len(start), max(scale, _LEAST_SCALE)), area, pieces=int(independent), own=True)
+
+
+def fit_sigma_scale(
+    squared: Float[np.ndarray, " piece"], line_spacing_m: float, left_out_spacing_m: float, wavelength_m: float
+) -> tuple[float, int]:
+    """What the sigmas of matches are multiplied by on a map, and the pieces that say so.
+
+    The covariance of a match counts its independent numbers by what foreign ground scatters. Matches err by more where
+    the map's lines disagree, and where ground between them has to be interpolated: of lines farther apart than half a
+    wavelength only that share is known, so that only that share of the numbers is independent.
+
+    Args:
+        squared: of pieces of baselines left out of the map: squared error of the match's place against the piece's own
+            label, in units of the match's covariance, a degree of freedom.
+        line_spacing_m: between neighbouring lines of the map.
+        left_out_spacing_m: the same where a baseline is left out.
+        wavelength_m: in the soil.
+    """
+    here, there = (max(1.0, 2.0 * each_m / wavelength_m) for each_m in (line_spacing_m, left_out_spacing_m))
+    # A wrong match among them would be all that the mean tells.
+    known = np.minimum(squared, 4.0 * _MOST_SIGMA**2) * here / there
+    own = (_POOLED_WEIGHT * _POOLED_SIGMA**2 * here + float(np.sum(known))) / (_POOLED_WEIGHT + len(known))
+    return float(np.clip(np.sqrt(own), 1.0, _MOST_SIGMA)), len(known)
 
 
 def p_foreign(

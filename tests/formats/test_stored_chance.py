@@ -16,7 +16,7 @@ from lgprjax.formats import (
     check_file,
     copy_stations,
 )
-from lgprjax.registration import Chance
+from lgprjax.registration import POOLED, Chance
 from made_map import write_made_map
 
 CHANCE = Chance(
@@ -26,6 +26,8 @@ CHANCE = Chance(
     area_m2=np.array([8.0, 8.5, 8.25, 8.0, 7.75]),
     pieces=171,
     own=True,
+    sigma_scale=1.375,
+    left_out=41,
 )
 
 
@@ -100,6 +102,19 @@ def test_a_chance_of_another_kind_is_none(old: Path, tmp_path: Path, change: str
             store["chance/window_m"][-1] = 9.0
     with MapFile.open(path) as source:
         assert source.chance is None
+
+
+def test_a_map_of_schema_1_2_has_the_scale_of_many_grounds(old: Path, tmp_path: Path) -> None:
+    path = tmp_path / "new.map.h5"
+    with_chance(old, path)
+    with h5py.File(path, "r+") as store:
+        for name in ("sigma_scale", "left_out"):
+            del store["chance"].attrs[name]
+        store.attrs["schema_version"] = "1.2"
+    assert check_file(path) == []
+    with MapFile.open(path) as source:
+        assert source.chance is not None
+        assert same(source.chance, CHANCE._replace(sigma_scale=POOLED.sigma_scale, left_out=0))
 
 
 def test_damage_is_named(old: Path, tmp_path: Path) -> None:

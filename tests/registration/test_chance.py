@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from lgprjax.registration import LADDER_M, POOLED, Chance, fit_chance, p_foreign, p_rival, thresholds_at
+from lgprjax.registration import (
+    LADDER_M,
+    POOLED,
+    Chance,
+    fit_chance,
+    fit_sigma_scale,
+    p_foreign,
+    p_rival,
+    thresholds_at,
+)
 
 RISK = 1e-4
 WINDOWS = len(LADDER_M)
@@ -128,3 +137,36 @@ def test_a_single_search_is_asked_for_what_its_risk_takes(window_m: float) -> No
     p = p_foreign(np.array([thresholds.strength_by_chance]), np.array([9.0]), own, 1.0)
     # A piece has ten independent looks, a single match is one of them.
     assert p[0] == pytest.approx(10.0 * RISK, rel=1e-6)
+
+
+def test_a_sigma_scale_is_what_left_out_pieces_say() -> None:
+    draw = np.random.default_rng(5)
+    # Errors 1.6 sigmas wide in both directions, from 400 pieces: what many grounds have counts for 20.
+    squared = 0.5 * np.sum((1.6 * draw.standard_normal((400, 2))) ** 2, axis=1)
+    scale, pieces = fit_sigma_scale(squared, 0.1, 0.1, 0.4)
+    assert pieces == 400
+    assert scale == pytest.approx(1.6, abs=0.08)
+
+
+def test_few_pieces_say_little_and_a_wrong_match_no_more_than_its_share() -> None:
+    pooled, none = fit_sigma_scale(np.zeros(0), 0.1, 0.1, 0.4)
+    assert none == 0
+    assert pooled == pytest.approx(POOLED.sigma_scale)
+    few, _ = fit_sigma_scale(np.full(5, 0.2), 0.1, 0.1, 0.4)
+    assert 1.0 < few < pooled
+    good = np.full(50, 1.0)
+    assert fit_sigma_scale(np.append(good, 1e6), 0.1, 0.1, 0.4)[0] < 1.4
+
+
+def test_lines_farther_apart_than_half_a_wavelength_widen_the_sigmas() -> None:
+    near, at_half, beyond = (
+        fit_sigma_scale(np.zeros(0), spacing_m, spacing_m, 0.4)[0] for spacing_m in (0.05, 0.2, 0.4)
+    )
+    assert near == at_half
+    assert beyond == pytest.approx(2.0**0.5 * near)
+
+
+def test_what_a_wider_gap_adds_where_a_line_is_left_out_is_not_the_map_s() -> None:
+    squared = np.full(2000, 3.0)
+    assert fit_sigma_scale(squared, 0.2, 0.4, 0.4)[0] == pytest.approx(1.5**0.5, rel=0.01)
+    assert fit_sigma_scale(squared, 0.05, 0.1, 0.4)[0] == pytest.approx(3.0**0.5, rel=0.01)
