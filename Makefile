@@ -15,7 +15,7 @@ demo: $(VENV)/.wheel
 
 # A file stays in one process, whose fixtures its tests share. Compiled programs are shared by all, run after run.
 test: $(VENV)/.test
-	LGPRJAX_TEST_CACHE="$(CURDIR)/build/test-cache" $(BIN)/pytest -n 2 --dist loadfile
+	LGPRJAX_TEST_CACHE="$(CURDIR)/build/test-cache" $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 campaign: $(VENV)/.test
 	$(BIN)/pytest -m campaign

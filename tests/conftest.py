@@ -26,6 +26,23 @@ if _CACHE:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = _CACHE
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"
 
+# Files that drive the whole chain, minutes each: first, so that no worker is left with one when the others are done.
+_LONG = (
+    *("cli/test_run.py", "frozen", "batch", "test_notebooks.py", "mapping", "simulation", "runtime"),
+    *("test_public.py", "test_docs.py", "test_commands.py", "cli"),
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Long files first, in the order of ``_LONG``; the others as they were."""
+    tests = Path(__file__).parent
+
+    def place(item: pytest.Item) -> int:
+        path = item.path.relative_to(tests).as_posix()
+        return next((number for number, long in enumerate(_LONG) if path.startswith(long)), len(_LONG))
+
+    items.sort(key=place)
+
 
 @pytest.fixture(scope="session")
 def real_data() -> Path:
