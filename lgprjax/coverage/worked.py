@@ -548,18 +548,3 @@ def cell_states(probability: Float[Array | np.ndarray, "north east"], level: flo
     states[values >= level] = CellState.PROCESSED
     states[values < 1.0 - level] = CellState.NOT_PROCESSED
     return states
-
-
-def processed_area_m2(
-    probability: Float[Array | np.ndarray, "north east"],
-    grid: CellGrid,
-    level: float,
-    inside: Bool[np.ndarray, "north east"],
-) -> float:
-    """Area of the cells inside a perimeter that are processed at a level, square metres.
-
-    Raises:
-        ValueError: a level that is none, as in ``cell_states``.
-    """
-    processed = cell_states(probability, level) == CellState.PROCESSED
-    return float(np.count_nonzero(processed & inside)) * grid.cell_m2

@@ -1,6 +1,6 @@
 """Calibrations and tunings of a vehicle on its logged drives: pure functions, each with the interval of its find."""
 
-from lgprjax.tuning.arcs import Arcs, Stretches, StretchRules, choose_arcs, find_stretches, fit_arcs
+from lgprjax.tuning.arcs import Arcs, Stretches, StretchRules, find_stretches, fit_arcs
 from lgprjax.tuning.look_ahead import (
     GradientConfig,
     LimitCycle,
@@ -8,7 +8,6 @@ from lgprjax.tuning.look_ahead import (
     TrialCourses,
     TunedLookAhead,
     TunedVehicle,
-    cost_of,
     find_limit_cycle,
     judge,
     sweep_look_ahead,
@@ -46,19 +45,16 @@ from lgprjax.tuning.sensors import (
 )
 from lgprjax.tuning.servo import ServoFit, fit_servo
 from lgprjax.tuning.steering import (
-    RearComparison,
     RearMapFit,
     RearRatioFit,
     SteeringMap,
     WheelAngleFit,
     YawGainFit,
-    compare_rears,
     fit_rear_map,
     fit_wheel_angle,
     fit_yaw_gain,
     front_angle,
     front_band,
-    front_of_stretches,
     rear_ratio_by_angles,
     rear_ratio_by_heading,
 )
@@ -80,7 +76,6 @@ __all__ = [
     "Pauses",
     "PedalFit",
     "PedalsFit",
-    "RearComparison",
     "RearMapFit",
     "RearRatioFit",
     "RobustFit",
@@ -95,10 +90,7 @@ __all__ = [
     "TunedVehicle",
     "WheelAngleFit",
     "YawGainFit",
-    "choose_arcs",
     "combine",
-    "compare_rears",
-    "cost_of",
     "find_limit_cycle",
     "find_pauses",
     "find_stretches",
@@ -115,7 +107,6 @@ __all__ = [
     "fit_yaw_gain",
     "front_angle",
     "front_band",
-    "front_of_stretches",
     "judge",
     "potentiometer_of_counts",
     "rear_ratio_by_angles",
