@@ -421,14 +421,14 @@ def step_worked(grid: CellGrid, tool: Tool, state: WorkedState, moment: ToolMome
 
 
 @partial(jax.jit, static_argnames=("grid", "tool"))
-def run_worked(grid: CellGrid, tool: Tool, moments: ToolMoment) -> WorkedState:
+def run_worked(grid: CellGrid, tool: Tool, state: WorkedState, moments: ToolMoment) -> WorkedState:
     """The map after moments with a leading axis of time: the same step, one after the other."""
 
-    def step(state: WorkedState, moment: ToolMoment) -> tuple[WorkedState, None]:
-        return _step(grid, tool, state, moment), None
+    def step(carried: WorkedState, moment: ToolMoment) -> tuple[WorkedState, None]:
+        return _step(grid, tool, carried, moment), None
 
-    state: WorkedState = jax.lax.scan(step, init_worked(grid), moments)[0]
-    return state
+    worked: WorkedState = jax.lax.scan(step, state, moments)[0]
+    return worked
 
 
 def _step(grid: CellGrid, tool: Tool, state: WorkedState, moment: ToolMoment) -> WorkedState:

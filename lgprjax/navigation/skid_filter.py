@@ -464,7 +464,7 @@ class SkidFilterState(NamedTuple):
 
 
 class SkidFilterInfo(NamedTuple):
-    """What became of a tick, by source GNSS first, then heading, where there are two values.
+    """What became of a tick. Where there are two values, they are of GNSS and of the heading.
 
     Attributes:
         heading_known: the yaw may be used.

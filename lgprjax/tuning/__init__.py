@@ -15,11 +15,9 @@ from lgprjax.tuning.look_ahead import (
 )
 from lgprjax.tuning.navigation import (
     NOISES,
-    FixErrorFit,
     FusionFit,
     NavigationDrives,
     ThresholdFit,
-    fit_fix_errors,
     fit_fusion,
     fit_threshold,
 )
@@ -66,7 +64,6 @@ __all__ = [
     "DriveSignals",
     "EncoderFit",
     "Estimate",
-    "FixErrorFit",
     "FusionFit",
     "GradientConfig",
     "LimitCycle",
@@ -96,7 +93,6 @@ __all__ = [
     "find_stretches",
     "fit_arcs",
     "fit_encoder",
-    "fit_fix_errors",
     "fit_fusion",
     "fit_pedals",
     "fit_rear_map",
