@@ -116,8 +116,8 @@ def describe_modes() -> str:
     lines = [
         "# Operating modes",
         "",
-        "Made by `PYTHONPATH=tests python -m mode_diagram` from `step_modes`, by trying every event in every state that",
-        "can be reached; a test holds this page equal to it. An arrow with the word *may* is taken in some states of the",
+        "Made by `PYTHONPATH=tests python -m mode_diagram` from `step_modes`, by trying every event in every state",
+        "that can be reached; a test holds this page equal to it. An arrow with *may* is taken in some states of the",
         "mode only: engaging needs all that `refusal_of` asks for.",
         "",
         "```mermaid",
