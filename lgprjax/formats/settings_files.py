@@ -11,7 +11,16 @@ from lgprjax.files import load_toml
 from lgprjax.formats.store import atomic_output
 
 Kind = Literal[
-    "straight", "encoder", "wheel_angle", "rear_ratio", "yaw_gain", "servo", "pedals", "look_ahead", "fusion"
+    "straight",
+    "encoder",
+    "wheel_angle",
+    "rear_ratio",
+    "yaw_gain",
+    "servo",
+    "pedals",
+    "look_ahead",
+    "fusion",
+    "threshold",
 ]  # in the order in which a new vehicle needs them
 
 

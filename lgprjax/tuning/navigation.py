@@ -364,6 +364,8 @@ _DELAYS_S = np.arange(0.0, 1.01, 0.1)
 _LAGS_S = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8])
 _LEAST_RECORDS = 200
 _CHI_95 = 3.84
+_CLEARLY = 1.05
+"""What is left without a threshold over what is left with it: in a long log noise alone is significant, but small."""
 _FEW = 20
 """Independent records, fewer of which say nothing."""
 
@@ -427,7 +429,7 @@ def fit_threshold(
     first, last = np.flatnonzero(near)[[0, -1]]
     low, high = candidates[max(first - 1, 0)], candidates[min(last + 1, len(candidates) - 1)]
     value = float(candidates[best])
-    found = bool(not near[0] and value > 0.0 and independent > _FEW)
+    found = bool(not near[0] and value > 0.0 and independent > _FEW and profile[0] >= _CLEARLY * profile[best])
     return ThresholdFit(
         found,
         Estimate(value, float(high - low) / 3.92, float(low), float(high)),

@@ -232,3 +232,13 @@ def test_the_study_s_own_folder_is_no_output(folder: Path, capsys: pytest.Captur
     path = study(folder, "own", "encoder", "logs/standing.drive.h5")
     assert run("tune", path, "-o", folder, "--force") == 1
     assert "expected another folder than that of the study's vehicle file" in capsys.readouterr().err
+
+
+def test_measured_rear_angles_become_a_map(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = study(folder, "rear", "rear_ratio", "logs/standing.drive.h5", options='{ method = "rear_map" }')
+    assert run("tune", path, "-o", tmp_path / "out") == 0
+    vehicle = read_vehicle(tmp_path / "out" / "a.vehicle.toml")
+    assert vehicle.rear_map is not None
+    front = vehicle.rear_map.first_rad + vehicle.rear_map.step_rad * np.arange(len(vehicle.rear_map.rear_rad))
+    np.testing.assert_allclose(vehicle.rear_map.rear_rad, 0.55 * front, atol=2e-3)
+    assert "a constant k would be 0.5" in capsys.readouterr().out
