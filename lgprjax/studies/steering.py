@@ -5,13 +5,14 @@ Not among the names of ``lgprjax.studies``: whoever registers drives need not wa
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from lgprjax.batch.vehicles import servo_of
+from lgprjax.config import ConfigTable
 from lgprjax.errors import InputError
 from lgprjax.formats import Found, Study, VehicleFile, VehicleLog, read_vehicle, require_serial_number, with_values
 from lgprjax.studies.logs import (
@@ -24,6 +25,7 @@ from lgprjax.studies.logs import (
     fixed_records,
     front_angles,
     one_drive,
+    options_of,
     potentiometer_of,
     refuse_options,
     rms,
@@ -111,7 +113,11 @@ def _judge(judge: LoggedDrive, fit: PedalsFit) -> Figure:
 
 # Study of k, the rear wheels' share of the front angle: by INS heading on turns, or by two measured wheel angles.
 
-_METHODS = ("heading", "wheel_angles", "rear_map")
+
+class RearRatioOptions(ConfigTable):
+    """By what k is found, or that the rear angles are to be a map."""
+
+    method: Literal["heading", "wheel_angles", "rear_map"] = "heading"
 
 
 class HeadingStudy(NamedTuple):
@@ -132,10 +138,7 @@ class WheelAnglesStudy(NamedTuple):
 
 def study_rear_ratio(task: Task) -> Outcome:
     """Find ``steering.rear_ratio``, or ``rear_map``; ``options.method`` says by what, the heading unless told."""
-    refuse_options(task, ("method",))
-    method = task.study.options.get("method", "heading")
-    if method not in _METHODS:
-        raise InputError(task.study.file, "options.method", f"one of {', '.join(_METHODS)}", repr(method))
+    method = options_of(task, RearRatioOptions).method
     drive = one_drive(task)
     if method == "rear_map":
         return _rear_map(task, drive)

@@ -35,10 +35,14 @@ def lag_limit_s(look_ahead_m: float, lead_m: float, speed_mps: float) -> float:
 
 def delay_limit_s(look_ahead_m: float, lead_m: float, speed_mps: float, lag_s: float) -> float:
     """Largest pure delay beside a lag: a delay of a second costs as much margin as the loop crosses over at, rad/s."""
-    values = (jnp.float32(value) for value in (look_ahead_m, lead_m, speed_mps, lag_s))
-    at = tuple(values)
-    margin = float(phase_margin_rad(*at, jnp.float32(0.0)))
-    return margin / (margin - float(phase_margin_rad(*at, jnp.float32(1.0))))
+
+    def margin_rad(delay_s: float) -> float:
+        look_ahead, lead, speed, lag, delay = jnp.asarray(
+            (look_ahead_m, lead_m, speed_mps, lag_s, delay_s), jnp.float32
+        )
+        return float(phase_margin_rad(look_ahead, lead, speed, lag, delay))
+
+    return margin_rad(0.0) / (margin_rad(0.0) - margin_rad(1.0))
 
 
 def dead_band_offset_m(look_ahead_m: float, lead_m: float, dead_band_rad: float) -> float:
