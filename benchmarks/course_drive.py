@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.accuracy import Labels, fit_fix_errors, labels_of, relative_error
 from benchmarks.process import hold_to
-from lgprjax.batch import Labels, labels_of, relative_error
 from lgprjax.batch.chance import chance_of
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.mapping import build_map
@@ -31,7 +31,6 @@ from lgprjax.simulation.loop import (
     make_course,
     route_of_map,
 )
-from lgprjax.tuning.navigation import fit_fix_errors
 
 
 def main() -> None:

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from benchmarks.cached_shapes import make_shapes, stamp_shape
 from benchmarks.process import hold_to
 from lgprjax.coverage import (
     LEVELS,
@@ -29,7 +30,6 @@ from lgprjax.coverage import (
     init_worked,
     step_worked,
 )
-from lgprjax.coverage.cached_shapes import make_shapes, stamp_shape
 
 TOOL = Tool(1.2, 0.4, 1.1, 0.0)
 """A made-up small flail."""

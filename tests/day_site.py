@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lgprjax.batch import DriveAccuracy, Labels, RegisteredDrive, accuracy_of, labels_of, register_log
+from benchmarks.accuracy import DriveAccuracy, Labels, accuracy_of, labels_of
+from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.mapping import build_map
 from lgprjax.registration import RegisterOptions

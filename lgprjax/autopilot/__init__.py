@@ -38,7 +38,6 @@ from lgprjax.autopilot.limiter import (
     limit_command,
     limit_skid_command,
 )
-from lgprjax.autopilot.mode_diagram import describe_modes
 from lgprjax.autopilot.modes import (
     Action,
     Check,
@@ -189,7 +188,6 @@ __all__ = [
     "default_skid_health",
     "default_velocity",
     "describe",
-    "describe_modes",
     "edge_ahead",
     "fence_around",
     "fence_of_route",

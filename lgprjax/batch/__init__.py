@@ -1,6 +1,5 @@
 """Drives registered against a map, one or thousands, and what is told of drives: health, recovery, accuracy."""
 
-from lgprjax.batch.accuracy import DriveAccuracy, Labels, RelativeError, accuracy_of, labels_of, relative_error
 from lgprjax.batch.assumptions import away_in_words, distance_to_map_m, is_place_assumed, map_assumed_in_words
 from lgprjax.batch.calibrate import CalibrationMatches, thresholds_from, try_drives
 from lgprjax.batch.chance import chance_of
@@ -65,7 +64,6 @@ __all__ = [
     "BadPlace",
     "CalibrationMatches",
     "CellTally",
-    "DriveAccuracy",
     "DriveFigures",
     "DriveHealth",
     "DriveTrack",
@@ -79,9 +77,7 @@ __all__ = [
     "JobOutcome",
     "JobPlan",
     "JobRecord",
-    "Labels",
     "RegisteredDrive",
-    "RelativeError",
     "RunDrive",
     "SkidVehicle",
     "Stretch",
@@ -90,7 +86,6 @@ __all__ = [
     "Verdict",
     "WorkerPool",
     "WorkerShare",
-    "accuracy_of",
     "away_in_words",
     "carrot_of",
     "cell_sums",
@@ -106,7 +101,6 @@ __all__ = [
     "is_place_assumed",
     "jobs_folder",
     "key_of_job",
-    "labels_of",
     "lattice_points",
     "map_assumed_in_words",
     "note_failure",
@@ -120,7 +114,6 @@ __all__ = [
     "recording_of",
     "records_of",
     "register_log",
-    "relative_error",
     "run_on_scheduler",
     "servo_of",
     "settings_of",

@@ -19,8 +19,7 @@ from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from lgprjax import __version__
-from lgprjax.batch.accuracy import true_errors
-from lgprjax.batch.register import HeldGround, RegisteredDrive, register_log, write_registered
+from lgprjax.batch.register import HeldGround, RegisteredDrive, register_log, true_errors, write_registered
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash, lock_file
 from lgprjax.formats import DriveLog, MapFile, atomic_output

@@ -27,7 +27,7 @@ from lgprjax.batch.recording import (
 )
 from lgprjax.files import file_hash
 from lgprjax.formats import DriveLog, MapFile, TraceRecording, assumed_of, write_fixes
-from lgprjax.frames import LocalFrame
+from lgprjax.frames import LocalFrame, along_cross
 from lgprjax.radar import ArrayGeometry, uniform_array
 from lgprjax.registration import (
     BLOCK_SCANS,
@@ -473,3 +473,12 @@ def write_registered(
         covariance=np.asarray(drive.fix.covariance, dtype=np.float32),
         force=force,
     )
+
+
+def true_errors(drive: RegisteredDrive) -> Float[np.ndarray, "scan 2"]:
+    """Fix less truth along and across the true heading; NaN without an ok fix, and where no truth is known."""
+    if drive.truth is None:
+        return np.full((len(drive.table), 2), np.nan)
+    ok = np.asarray(drive.fix.code) == Code.OK
+    error = np.where(ok[:, None], np.asarray(drive.fix.pose)[:, :2] - drive.truth[:, :2], np.nan)
+    return np.stack(along_cross(error[:, 0], error[:, 1], drive.truth[:, 3]), axis=1)

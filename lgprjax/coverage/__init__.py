@@ -36,7 +36,6 @@ from lgprjax.coverage.worked import (
     WorkedState,
     cell_states,
     init_worked,
-    processed_area_m2,
     run_worked,
     step_worked,
 )
@@ -76,7 +75,6 @@ __all__ = [
     "middle_line",
     "plan_gaps",
     "plan_pattern",
-    "processed_area_m2",
     "pursuit_along",
     "route_foot",
     "route_point",

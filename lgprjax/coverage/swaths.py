@@ -200,11 +200,6 @@ def line_order(count: int, order: Order) -> tuple[int, ...]:
     return tuple(number // 2 + (number % 2) * half for number in range(count))
 
 
-def smallest_step(count: int, order: Order) -> int:
-    """Fewest line spacings between two lines driven one after the other; n/2 − 1 for n > 2 even and Zamboni order."""
-    return min((abs(after - before) for before, after in pairwise(line_order(count, order))), default=0)
-
-
 def lines_for_zamboni(radius_m: float, spacing_m: float) -> int:
     """Fewest lines that one-handed turns of a radius can join: (n/2 − 1) w ≥ 2R for n even (MF section 2)."""
     steps = math.ceil(2.0 * radius_m / spacing_m - 1e-9)

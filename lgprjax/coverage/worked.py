@@ -421,14 +421,14 @@ def step_worked(grid: CellGrid, tool: Tool, state: WorkedState, moment: ToolMome
 
 
 @partial(jax.jit, static_argnames=("grid", "tool"))
-def run_worked(grid: CellGrid, tool: Tool, moments: ToolMoment) -> WorkedState:
+def run_worked(grid: CellGrid, tool: Tool, state: WorkedState, moments: ToolMoment) -> WorkedState:
     """The map after moments with a leading axis of time: the same step, one after the other."""
 
-    def step(state: WorkedState, moment: ToolMoment) -> tuple[WorkedState, None]:
-        return _step(grid, tool, state, moment), None
+    def step(carried: WorkedState, moment: ToolMoment) -> tuple[WorkedState, None]:
+        return _step(grid, tool, carried, moment), None
 
-    state: WorkedState = jax.lax.scan(step, init_worked(grid), moments)[0]
-    return state
+    worked: WorkedState = jax.lax.scan(step, state, moments)[0]
+    return worked
 
 
 def _step(grid: CellGrid, tool: Tool, state: WorkedState, moment: ToolMoment) -> WorkedState:
@@ -548,18 +548,3 @@ def cell_states(probability: Float[Array | np.ndarray, "north east"], level: flo
     states[values >= level] = CellState.PROCESSED
     states[values < 1.0 - level] = CellState.NOT_PROCESSED
     return states
-
-
-def processed_area_m2(
-    probability: Float[Array | np.ndarray, "north east"],
-    grid: CellGrid,
-    level: float,
-    inside: Bool[np.ndarray, "north east"],
-) -> float:
-    """Area of the cells inside a perimeter that are processed at a level, square metres.
-
-    Raises:
-        ValueError: a level that is none, as in ``cell_states``.
-    """
-    processed = cell_states(probability, level) == CellState.PROCESSED
-    return float(np.count_nonzero(processed & inside)) * grid.cell_m2

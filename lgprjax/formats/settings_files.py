@@ -2,29 +2,37 @@
 
 import json
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, ConfigDict, Field
 
+from lgprjax.config import BrokenRuleError, ConfigTable, TableKey, fill_table
 from lgprjax.errors import InputError
 from lgprjax.files import load_toml
 from lgprjax.formats.store import atomic_output
 
 Kind = Literal[
-    "straight", "encoder", "wheel_angle", "rear_ratio", "yaw_gain", "servo", "pedals", "look_ahead", "fusion"
+    "straight",
+    "encoder",
+    "wheel_angle",
+    "rear_ratio",
+    "yaw_gain",
+    "servo",
+    "pedals",
+    "look_ahead",
+    "fusion",
+    "threshold",
 ]  # in the order in which a new vehicle needs them
 
 
-class _StudyTable(BaseModel):
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
-
+class _StudyTable(ConfigTable):
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
     kind: Kind
     vehicle: str
     serial_number: str | None = None
-    logs: list[str] = []
-    held_out: list[str] = []
-    options: dict[str, Any] = {}
+    logs: list[str] = Field(default_factory=list)
+    held_out: list[str] = Field(default_factory=list)
+    options: dict[str, Any] = Field(default_factory=dict)
 
 
 class Study(NamedTuple):
@@ -59,11 +67,7 @@ def read_study(path: str | Path) -> Study:
             judges.
     """
     file = Path(path)
-    table = load_toml(file)
-    try:
-        study = _StudyTable.model_validate(table)
-    except ValidationError as error:
-        raise _refusal(file, dict(error.errors()[0])) from None
+    study = fill_table(_StudyTable, TableKey(file), load_toml(file))
     for name in study.held_out:
         if name in study.logs:
             raise InputError(file, "held_out", "logs that take no part in the fit", name)
@@ -80,22 +84,44 @@ def read_study(path: str | Path) -> Study:
     )
 
 
-def _refusal(file: Path, problem: dict[str, Any]) -> InputError:
-    place = ".".join(str(part) for part in problem["loc"])
-    known = ", ".join(_StudyTable.model_fields)
-    expected, found = {
-        "missing": ("a value", "none"),
-        "extra_forbidden": (f"a key among {known}", "an unknown key"),
-    }.get(problem["type"], (str(problem["msg"]), repr(problem["input"])[:60]))
-    return InputError(file, place, expected, found)
-
-
 # Thresholds as a small TOML file, with what they were found on.
 
-_SCHEMA = "lgprjax.thresholds"
 _NAMES = ("strength_by_chance", "margin_by_chance", "overlap", "sigma_scale")
-_ABSOLUTE = ("strength", "margin")
-"""Of version 1.0: least score and lead as such. Nothing is asked of them any more."""
+
+
+def _nothing_absolute(value: float) -> float:
+    if value != 0.0:
+        expected = "0: fixes are judged in units of the noise floor alone; calibrate again with lgprjax thresholds"
+        raise BrokenRuleError("", expected)
+    return value
+
+
+_Absolute = Annotated[float, AfterValidator(_nothing_absolute)]
+_Threshold = Annotated[float, Field(ge=0.0, lt=1e6)]
+
+
+class _Thresholds(ConfigTable):
+    """``strength`` and ``margin`` are of version 1.0, least score and lead as such: nothing is asked of them now."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    strength_by_chance: _Threshold
+    margin_by_chance: _Threshold
+    overlap: _Threshold
+    sigma_scale: _Threshold
+    strength: _Absolute = 0.0
+    margin: _Absolute = 0.0
+
+
+class _ThresholdsFile(ConfigTable):
+    """A later minor version may tell more."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    schema_name: Literal["lgprjax.thresholds"] = Field(alias="schema")
+    version: str = Field(pattern=r"^1\.\d+$")
+    window_m: float
+    thresholds: _Thresholds
 
 
 def write_thresholds(
@@ -119,7 +145,8 @@ def write_thresholds(
     Raises:
         InputError: the output cannot be written, or exists.
     """
-    lines = [f'schema = "{_SCHEMA}"', 'version = "1.1"', f"window_m = {window_m!r}", f"search_m = {search_m!r}", ""]
+    lines = ['schema = "lgprjax.thresholds"', 'version = "1.1"']
+    lines += [f"window_m = {window_m!r}", f"search_m = {search_m!r}", ""]
     lines += ["[thresholds]", *(f"{name} = {float(thresholds[name])!r}" for name in _NAMES), "", "[found_on]"]
     for name, value in found_on.items():
         # A JSON string is a TOML string: names of files may hold quotes.
@@ -139,21 +166,8 @@ def read_thresholds(path: str | Path, window_m: float) -> dict[str, float]:
         InputError: not a file of thresholds, one is missing or no number, they are for other windows, or an older file
             asks for an absolute score or lead.
     """
-    held = load_toml(path)
-    if held.get("schema") != _SCHEMA:
-        raise InputError(path, "schema", _SCHEMA, repr(held.get("schema")))
-    if not str(held.get("version", "")).startswith("1."):
-        raise InputError(path, "version", "1.x", repr(held.get("version")))
-    if held.get("window_m") != window_m:
-        raise InputError(path, "window_m", f"{window_m:g}, as --window-m says", repr(held.get("window_m")))
-    table = held.get("thresholds")
-    values = table if isinstance(table, dict) else {}
-    for name in _NAMES:
-        value = values.get(name)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < 1e6:
-            raise InputError(path, f"thresholds.{name}", "a number of at least 0", repr(value))
-    for name in _ABSOLUTE:
-        if values.get(name, 0.0) != 0.0:
-            expected = "0: fixes are judged in units of the noise floor alone; calibrate again with lgprjax thresholds"
-            raise InputError(path, f"thresholds.{name}", expected, repr(values[name]))
-    return {name: float(values[name]) for name in _NAMES}
+    place = TableKey(Path(path))
+    held = fill_table(_ThresholdsFile, place, load_toml(path))
+    if held.window_m != window_m:
+        raise place.at("window_m").refuse(f"{window_m:g}, as --window-m says", f"{held.window_m:g}")
+    return {name: getattr(held.thresholds, name) for name in _NAMES}

@@ -19,7 +19,6 @@ from lgprjax.radar.time_domain import WAVE_SPEED_M_PER_NS
 
 _STRAIGHT_M = 0.25
 """Lines that keep to their direction within this are an array's channels; others are driven one by one."""
-_PARALLEL_DEG = 3.0
 _SMOOTHED_M = 5.0
 """Receivers that stand alone scatter by decimetres from second to second: their places are averaged over this."""
 _OTHER_STEP = 0.2

@@ -5,38 +5,17 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from lgprjax.config import BrokenRuleError, ConfigTable, violations
 from lgprjax.errors import InputError
 from lgprjax.files import load_toml
 from lgprjax.formats.schema import Entry, Finding, check_scalar, check_version, expected_scalar, load_schema
 from lgprjax.formats.store import atomic_output
 
-# What every table of a vehicle file obeys, and a rule between numbers that a file breaks.
-
-
-class FileTable(BaseModel):
-    """A table of a file: no key that it does not know, no text where a number belongs."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
-
-
-class RuleViolation(NamedTuple):
-    """A rule between numbers that a file breaks."""
-
-    place: str
-    expected: str
-    found: str
-
-
-class BrokenRuleError(ValueError):
-    """What a validator raises: pydantic adds the table that it stands in."""
-
-    def __init__(self, place: str, expected: str, found: str) -> None:
-        super().__init__(f"{place}: expected {expected}, found {found}")
-        self.problem = RuleViolation(place, expected, found)
+# A vehicle file as one level of keys.
 
 
 def flat_keys(table: dict[str, Any]) -> dict[str, Any]:
@@ -62,7 +41,7 @@ def as_list(value: Any) -> list[Any]:
 # Tables of a vehicle file that only a skid-steer vehicle with a tool has.
 
 
-class SkidSteerTable(FileTable):
+class SkidSteerTable(ConfigTable):
     """A vehicle that turns by the speeds of its two sides; the body's origin is the midpoint of the track."""
 
     track_m: float | None = None
@@ -72,7 +51,7 @@ class SkidSteerTable(FileTable):
     threshold_mps: float | None = None
 
 
-class ToolTable(FileTable):
+class ToolTable(ConfigTable):
     """The rectangle that a tool works, metres, and how deep."""
 
     width_m: float | None = None
@@ -83,7 +62,7 @@ class ToolTable(FileTable):
     depth_tolerance_m: float | None = None
 
 
-class CarrotTable(FileTable):
+class CarrotTable(ConfigTable):
     """The carrot that leads the vehicle along a route, and its PID; gains count by way, not by time."""
 
     distance_m: float | None = None
@@ -103,7 +82,7 @@ class CarrotTable(FileTable):
 _KNOTS = 2
 
 
-class ChassisTable(FileTable):
+class ChassisTable(ConfigTable):
     """Lengths of the body, metres."""
 
     wheelbase_m: float | None = None
@@ -111,7 +90,7 @@ class ChassisTable(FileTable):
     track_width_m: float | None = None
 
 
-class SteeringTable(FileTable):
+class SteeringTable(ConfigTable):
     """Angles are those of the front wheels; volts and counts those of their sensors."""
 
     rear_ratio: float | None = None
@@ -137,7 +116,7 @@ class SteeringTable(FileTable):
         return self
 
 
-class RearMap(FileTable):
+class RearMap(ConfigTable):
     """Measured rear wheel angles at evenly spaced front wheel angles, radians."""
 
     first_rad: float
@@ -145,7 +124,7 @@ class RearMap(FileTable):
     rear_rad: list[float] = Field(min_length=_KNOTS)
 
 
-class WheelMap(FileTable):
+class WheelMap(ConfigTable):
     """Measured front wheel angles, radians, at evenly spaced potentiometer values, volts."""
 
     first_v: float
@@ -160,7 +139,7 @@ class WheelMap(FileTable):
         return self
 
 
-class PedalTable(FileTable):
+class PedalTable(ConfigTable):
     """A pedal, its commands from 0 to 1."""
 
     pre_tension: float | None = None
@@ -169,14 +148,14 @@ class PedalTable(FileTable):
     lag_s: float | None = None
 
 
-class ResistanceTable(FileTable):
+class ResistanceTable(ConfigTable):
     """What slows the vehicle without pedals."""
 
     rolling_mps2: float | None = None
     drag_per_s: float | None = None
 
 
-class PursuitTable(FileTable):
+class PursuitTable(ConfigTable):
     """The point that follows the path, and the look-ahead over speed."""
 
     anchor_m: float | None = None
@@ -194,14 +173,14 @@ class PursuitTable(FileTable):
         return self
 
 
-class ArrayTable(FileTable):
+class ArrayTable(ConfigTable):
     """Where the radar array stands, metres."""
 
     x_m: float | None = None
     height_m: float | None = None
 
 
-class NavigationTable(FileTable):
+class NavigationTable(ConfigTable):
     """Where the GNSS antenna stands, metres, and the noises of the filter, as in ``navigation.FilterModel``."""
 
     gnss_x_m: float | None = None
@@ -219,7 +198,7 @@ class NavigationTable(FileTable):
     lgpr_error_m: float | None = None
 
 
-class Found(FileTable):
+class Found(ConfigTable):
     """How a number was found: standard error and 95 % interval in the number's unit, by which study, on which logs.
 
     ``low``, ``high`` and ``sigma`` are lists for a key that is one.
@@ -232,7 +211,7 @@ class Found(FileTable):
     log: str
 
 
-class VehicleFile(FileTable):
+class VehicleFile(ConfigTable):
     """Everything of an ``X.vehicle.toml``."""
 
     name: str
@@ -371,8 +350,8 @@ def table_problems(path: str | Path, table: dict[str, Any]) -> Iterator[Finding]
         try:
             VehicleFile.model_validate(_tables(table))
         except ValidationError as error:
-            for problem in error.errors():
-                yield Finding(str(path), *_rule_broken(problem))
+            for violation in violations(VehicleFile, error):
+                yield Finding(str(path), *violation)
 
 
 def _tables(table: dict[str, Any]) -> dict[str, Any]:
@@ -422,18 +401,6 @@ def _degrees_hint(entry: Entry, value: object) -> str:
         return ""
     per = entry.unit.removeprefix("rad")
     return f", which looks like degrees ({value:g} deg{per} are {radians:.4g} {entry.unit})"
-
-
-def _rule_broken(problem: Any) -> tuple[str, str, str]:
-    """Place, expected and found of a pydantic error."""
-    path = ".".join(str(part) for part in problem["loc"])
-    cause = problem.get("ctx", {}).get("error")
-    if isinstance(cause, BrokenRuleError):
-        place, expected, found = cause.problem
-        return f"{path}.{place}" if path else place, expected, found
-    if problem["type"] == "missing":
-        return path, "a value, as for the rest of its table", "none"
-    return path, str(problem["msg"]), repr(problem["input"])[:60]
 
 
 def _line(name: str, value: object, path: str = "") -> str:

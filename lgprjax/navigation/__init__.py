@@ -4,7 +4,6 @@ from lgprjax.navigation.counter_steer_filter import (
     FilterInfo,
     FilterState,
     Transition,
-    course_observation,
     filter_drive,
     gnss_innovation,
     heading_innovation,
@@ -12,7 +11,6 @@ from lgprjax.navigation.counter_steer_filter import (
     lgpr_innovation,
     odometer_innovation,
     predict,
-    smooth_drive,
     smooth_estimates,
     step_filter,
     transition_matrix,
@@ -74,7 +72,6 @@ from lgprjax.navigation.observations import (
     default_rules,
     init_gates,
     no_observations,
-    valid_sources,
 )
 from lgprjax.navigation.planner import (
     Plan,
@@ -87,10 +84,8 @@ from lgprjax.navigation.planner import (
     find_starts,
     lost_planner,
     planner_settings,
-    replace_route,
     step_planner,
 )
-from lgprjax.navigation.rewind import History, InsertCode, init_history, insert, step_history
 from lgprjax.navigation.route import (
     RoutePath,
     RouteSpeeds,
@@ -110,7 +105,6 @@ from lgprjax.navigation.skid_filter import (
     step_skid_filter,
 )
 from lgprjax.navigation.skid_model import (
-    SKID_SOURCES,
     SKID_STATES,
     DeltaHeading,
     SkidEstimate,
@@ -124,7 +118,6 @@ from lgprjax.navigation.skid_model import (
 )
 
 __all__ = [
-    "SKID_SOURCES",
     "SKID_STATES",
     "SOURCES",
     "STATES",
@@ -142,9 +135,7 @@ __all__ = [
     "Health",
     "HealthRules",
     "HealthState",
-    "History",
     "Innovation",
-    "InsertCode",
     "LgprObservation",
     "MotionInput",
     "NavEstimate",
@@ -176,7 +167,6 @@ __all__ = [
     "acquire",
     "anchor_frame",
     "choose",
-    "course_observation",
     "default_model",
     "default_rules",
     "default_skid_model",
@@ -189,12 +179,10 @@ __all__ = [
     "init_filter",
     "init_gates",
     "init_health",
-    "init_history",
     "init_navigator",
     "init_skid_filter",
     "init_switch",
     "initial_sigmas",
-    "insert",
     "is_closed",
     "largest_curvature_radpm",
     "leg_point",
@@ -210,16 +198,13 @@ __all__ = [
     "pose_of",
     "position_sigma_m",
     "predict",
-    "replace_route",
     "skid_pose",
     "skid_pose_covariance",
     "skid_rules",
     "slew_frame",
-    "smooth_drive",
     "smooth_estimates",
     "step_filter",
     "step_health",
-    "step_history",
     "step_local",
     "step_navigator",
     "step_planner",
@@ -231,5 +216,4 @@ __all__ = [
     "transition_matrix",
     "transition_of",
     "update",
-    "valid_sources",
 ]

@@ -67,11 +67,6 @@ from lgprjax.vehicle import VehiclePose
 # The derivatives of a tick's motion touch three rows of the covariance: they are written out by rows, so that a tick
 # of hundreds of lanes stays elementwise work.
 
-LEAST_COURSE_MPS = 1.0
-"""Below this speed a course says nothing about the heading."""
-LARGEST_COURSE_RADPM = 0.05
-"""On a tighter arc than 20 m the way from course to heading hangs too much on the point without slip."""
-
 
 class Transition(NamedTuple):
     """What a tick does to small errors.
@@ -156,33 +151,6 @@ def correct(estimate: NavEstimate, innovation: Innovation, weighed: Weighed, use
 def update(estimate: NavEstimate, innovation: Innovation) -> NavEstimate:
     """The estimate after an observation that no gate judges; one that is not offered changes nothing."""
     return correct(estimate, innovation, weigh(estimate, innovation), innovation.offered)
-
-
-def course_observation(
-    model: FilterModel,
-    course_rad: Float[Array, "..."],
-    ahead_m: Float[Array, "..."],
-    speed_mps: Float[Array, "..."],
-    yaw_rate_radps: Float[Array, "..."],
-    variance: Float[Array, "..."],
-) -> HeadingObservation:
-    """A course over ground as a heading: a point s ahead of the rear axle moves off the body axis by (s − x_c) κ.
-
-    Only the point without slip moves along the axis. In reverse the course points backwards, which is taken off too.
-    It is valid from ``LEAST_COURSE_MPS`` on and up to ``LARGEST_COURSE_RADPM``, at the tick's end.
-
-    Args:
-        model: for the point without slip.
-        course_rad: direction of the point's velocity, counter-clockwise from x.
-        ahead_m: s, of the point, which stands on the centre line.
-        speed_mps: forward, of the centre line along the body axis; negative in reverse.
-        yaw_rate_radps: of the body, without bias.
-        variance: of the course, rad².
-    """
-    aside = jnp.arctan2((ahead_m - model.zero_slip_m) * yaw_rate_radps, speed_mps)
-    valid = jnp.abs(speed_mps) >= LEAST_COURSE_MPS
-    valid = valid & (jnp.abs(yaw_rate_radps) <= LARGEST_COURSE_RADPM * jnp.abs(speed_mps))
-    return HeadingObservation(course_rad - aside, variance, jnp.zeros_like(course_rad), valid)
 
 
 def _wander(model: FilterModel) -> Float[Array, " 13"]:
@@ -435,23 +403,6 @@ def filter_drive(
 
     driven: tuple[NavEstimate, FilterInfo] = jax.lax.scan(step, start, (motions, observations))[1]
     return driven
-
-
-def smooth_drive(
-    model: FilterModel, rules: GateRules, start: FilterState, motions: MotionInput, observations: Observations
-) -> NavEstimate:
-    """Estimate at the end of each tick from all observations of the drive; leading axis tick.
-
-    What the gates of the forward pass reject takes no part. Where a source was re-acquired the filter had been wrong,
-    and nothing is carried back across that tick.
-
-    Args:
-        model, rules: of the filter.
-        start: before the first tick.
-        motions, observations: leading axis tick.
-    """
-    filtered, info = filter_drive(model, rules, start, motions, observations)
-    return smooth_estimates(model, filtered, motions, info.reacquired.any(axis=-1))
 
 
 def smooth_estimates(

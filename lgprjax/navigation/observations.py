@@ -43,7 +43,7 @@ class GnssObservation(NamedTuple):
 
 
 class HeadingObservation(NamedTuple):
-    """Yaw of the body from two antennas or an INS; a course goes through ``course_observation`` first.
+    """Yaw of the body from two antennas or an INS.
 
     Attributes:
         yaw_rad: any full turns more or less.
@@ -109,11 +109,6 @@ def no_observations() -> Observations:
         OdometerObservation(zero, one, no),
         LgprObservation(zero, zero, zero, jnp.eye(3, dtype=jnp.float32), zero, no),
     )
-
-
-def valid_sources(observations: Observations) -> Bool[Array, "... 4"]:
-    """Which slots hold an observation, in the order of ``SOURCES``."""
-    return jnp.stack([slot.valid for slot in observations], axis=-1)
 
 
 # Which observations the filter takes: a chi-square gate a source, and a way back in for a source it shut out.

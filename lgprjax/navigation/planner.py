@@ -389,41 +389,6 @@ def choose(starts: Starts, number: int | Int[Array, ""]) -> tuple[PlannerState, 
     return _begin(starts, place, code), code
 
 
-def replace_route(
-    old: RoutePath, new: RoutePath, settings: PlannerSettings, chassis: Chassis, state: PlannerState
-) -> tuple[PlannerState, Int[Array, ""]]:
-    """Go on with another route where it holds the place and the heading that the old one had.
-
-    Args:
-        old, new: routes in one frame.
-        settings: a place within the position threshold is the same.
-        chassis: scalars.
-        state: on the old route.
-
-    Returns:
-        The state on the new route and its code: as it was; ``LOST`` where the new route does not lead by here;
-        ``AMBIGUOUS`` where it does so more than once and nowhere at the arc length that the old one had.
-    """
-    here = leg_point(old, state.leg, state.arc_m)
-    faces = state.facing * old.gear[state.leg]
-    yaw = body_yaw(chassis, here, faces)
-    lead = chassis.anchor_m
-    on_route = VehiclePose(here.x_m - lead * jnp.cos(yaw), here.y_m - lead * jnp.sin(yaw), yaw)
-    starts = find_starts(new, settings, chassis, on_route)
-    holds = starts.valid & (starts.distance_m <= settings.position_threshold_m)
-    same = holds & (starts.leg == state.leg) & (jnp.abs(starts.arc_m - state.arc_m) <= settings.position_threshold_m)
-    place = jnp.where(jnp.any(same), jnp.argmax(same), jnp.argmax(holds))
-    others = jnp.any(holds & _elsewhere(new, settings, starts.leg, starts.arc_m))
-    code = jnp.where(jnp.any(same) | ~others, state.code, PlanCode.AMBIGUOUS)
-    code = jnp.where(jnp.any(holds), code, PlanCode.LOST)
-    lost = (state.code >= PlanCode.OFF_ROUTE) & (state.code <= PlanCode.LOST)
-    code = jnp.where(lost, state.code, code).astype(jnp.int32)
-    begun = _begin(starts, place, code)
-    # The way on stays what it was on the ground, however the new route was recorded.
-    travel = state.travel * faces * begun.facing * new.gear[begun.leg]
-    return begun._replace(travel=travel, pose=state.pose), code
-
-
 def _begin(starts: Starts, place: Int[Array, ""], code: Int[Array, ""]) -> PlannerState:
     return PlannerState(
         starts.leg[place],

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from lgprjax.navigation.counter_steer_filter import LARGEST_COURSE_RADPM
 from lgprjax.navigation.kalman import Innovation, correct, innovation_of, reach, reopen, turned, usable, weigh, wrap_yaw
 from lgprjax.navigation.observations import (
     GNSS,
@@ -50,6 +49,8 @@ from lgprjax.vehicle import VehiclePose, WheelSpeeds
 
 LEAST_FIX_VARIANCE = 1e-6
 """No fix is better than a millimetre, whatever it reports."""
+_LARGEST_BEND_RADPM = 0.05
+"""On a tighter arc than 20 m the course of a pair of fixes is no heading."""
 
 
 class InsEpoch(NamedTuple):
@@ -370,7 +371,7 @@ def step_heading_start(
     antenna = jnp.stack([moved.own.x_m + x, moved.own.y_m + y])
     apart_m = jnp.hypot(*(antenna - moved.antenna_m[-1]))
     bend = jnp.abs(moved.own.yaw_rad - moved.own_yaw_rad[-1])
-    straight = (moved.taken == 0) | (bend <= LARGEST_COURSE_RADPM * jnp.maximum(apart_m, model.start_pair_m))
+    straight = (moved.taken == 0) | (bend <= _LARGEST_BEND_RADPM * jnp.maximum(apart_m, model.start_pair_m))
     moved = moved._replace(taken=jnp.where(straight, moved.taken, 0))
     takes = fix.offered & ((moved.taken == 0) | (apart_m >= model.start_pair_m))
     kept = moved._replace(
@@ -463,7 +464,7 @@ class SkidFilterState(NamedTuple):
 
 
 class SkidFilterInfo(NamedTuple):
-    """What became of a tick, by source in the order of ``SKID_SOURCES`` where there are two values.
+    """What became of a tick. Where there are two values, they are of GNSS and of the heading.
 
     Attributes:
         heading_known: the yaw may be used.

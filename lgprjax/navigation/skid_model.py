@@ -185,9 +185,6 @@ def skid_pose_covariance(estimate: SkidEstimate) -> Float[Array, "... 3 3"]:
 # Each source comes at its own rate and time (MF section 2): wheels every tick, the INS ten times a second, GNSS once.
 # A slot that is not valid may hold anything, NaN too.
 
-SKID_SOURCES = ("gnss", "heading")
-"""Sources in the order in which arrays over sources count: the first two of ``SOURCES``."""
-
 
 class SkidMotion(NamedTuple):
     """Wheel speeds as measured, means over the tick.

@@ -169,6 +169,7 @@ _PICTURES: dict[str, dict[str, Callable[[Any, Path, bool], None]]] = {
     "yaw_gain": {"yaw_gain": lambda d, path, force: draw_yaw_gain(d.fit, path, force=force)},
     "servo": {"servo": lambda d, path, force: draw_servo(d.signals, d.measured_rad, d.fit, path, force=force)},
     "fusion": {"innovations": _draw_fusion},
+    "threshold": {},
     "wheel_angle": {
         "palm_tree": lambda d, path, force: draw_arcs(d.signals, d.arcs, d.fit, path, force=force),
         "wheel_angle": lambda d, path, force: draw_wheel_angle(d.fit, path, force=force),

@@ -5,24 +5,20 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from lgprjax.errors import InputError
+from lgprjax.config import BrokenRuleError, ConfigTable, TableKey, fill_table
 from lgprjax.files import load_toml
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
-
-
-class PortTable(_Table):
+class PortTable(ConfigTable):
     """A line to a device: a serial device or ``socket://host:port``, as pyserial's ``serial_for_url`` takes it."""
 
     url: str
     baud: int = Field(default=921600, gt=0)
 
 
-class PortsTable(_Table):
+class PortsTable(ConfigTable):
     """The lines. GNSS/INS speaks NMEA or u-blox UBX, the others ``data_schema/wire.toml``."""
 
     drive_by_wire: PortTable
@@ -31,7 +27,7 @@ class PortsTable(_Table):
     radar: PortTable | None = None
 
 
-class SweepTable(_Table):
+class SweepTable(ConfigTable):
     """Frequencies of a stepped-frequency radar, as ``radar_sweep_plan`` of ``data_schema/wire.toml`` has them."""
 
     first_khz: int = Field(gt=0, lt=1 << 32)
@@ -39,7 +35,7 @@ class SweepTable(_Table):
     steps: int = Field(gt=1, lt=1 << 16)
 
 
-class RadarTable(_Table):
+class RadarTable(ConfigTable):
     """What the radar is told before it scans.
 
     Attributes:
@@ -54,7 +50,7 @@ class RadarTable(_Table):
     look_up: bool = False
 
 
-class RegistrationTable(_Table):
+class RegistrationTable(ConfigTable):
     """The search, as ``lgprjax register`` has it.
 
     Attributes:
@@ -71,7 +67,7 @@ class RegistrationTable(_Table):
     thresholds: str | None = None
 
 
-class SensorsTable(_Table):
+class SensorsTable(ConfigTable):
     """What the sensors' own numbers leave open: delay and period of positions, sigmas, and slow errors of headings."""
 
     gnss_delay_s: float = Field(default=0.0, ge=0.0, le=1.0)
@@ -85,7 +81,7 @@ class SensorsTable(_Table):
     fix_changes_m: float = Field(default=4.0, gt=0.0)
 
 
-class ControlTable(_Table):
+class ControlTable(ConfigTable):
     """The control loop. ``fusion`` names whose pose is driven by."""
 
     fusion: Literal["filter", "switch"] = "filter"
@@ -97,7 +93,7 @@ class ControlTable(_Table):
     override_torque_nm: float = Field(default=4.0, gt=0.0)
 
 
-class CoverageTable(_Table):
+class CoverageTable(ConfigTable):
     """A field that a skid-steer vehicle works.
 
     Attributes:
@@ -117,7 +113,7 @@ class CoverageTable(_Table):
     level: float = Field(default=0.95, gt=0.5, lt=1.0)
 
 
-class RecordingTable(_Table):
+class RecordingTable(ConfigTable):
     """Where runs are recorded; ``mandatory``: without it the vehicle stops."""
 
     folder: str = "runs"
@@ -126,16 +122,16 @@ class RecordingTable(_Table):
     least_free_mb: int = Field(default=500, ge=0)
 
 
-class DisplayTable(_Table):
+class DisplayTable(ConfigTable):
     """The operator's page. Any address but a loopback one demands a token."""
 
     host: str = "127.0.0.1"
     port: int = Field(default=8080, ge=0, le=65535)
     token: str | None = Field(default=None, min_length=16)
-    origins: list[str] = []
+    origins: list[str] = Field(default_factory=list)
 
 
-class SupervisionTable(_Table):
+class SupervisionTable(ConfigTable):
     """How long a process may be silent once ready, and take to come up; registration's core; when it is too hot."""
 
     control_s: float = Field(default=0.2, gt=0.0)
@@ -145,7 +141,7 @@ class SupervisionTable(_Table):
     hottest_c: float = Field(default=95.0, gt=0.0)
 
 
-class SimulationTable(_Table):
+class SimulationTable(ConfigTable):
     """The world of ``run --simulate``: an off-road course or a field, what the operator does, and what goes wrong.
 
     Attributes:
@@ -165,11 +161,11 @@ class SimulationTable(_Table):
     overlap: float = Field(default=0.2, ge=0.0, lt=1.0)
     order: Literal["zamboni", "boustrophedon"] = "zamboni"
     turning_room_m: float | None = Field(default=None, ge=0.0)
-    script: list[dict[str, Any]] = []
-    faults: list[dict[str, Any]] = []
+    script: list[dict[str, Any]] = Field(default_factory=list)
+    faults: list[dict[str, Any]] = Field(default_factory=list)
 
 
-class RuntimeConfig(_Table):
+class RuntimeConfig(ConfigTable):
     """Everything of a ``CONFIG.toml``.
 
     Attributes:
@@ -180,7 +176,7 @@ class RuntimeConfig(_Table):
     name: str
     vehicle: str
     map: str = ""
-    routes: list[str] = []
+    routes: list[str] = Field(default_factory=list)
     cache: str | None = "cache"
     ports: PortsTable
     coverage: CoverageTable | None = None
@@ -198,10 +194,14 @@ class RuntimeConfig(_Table):
         """Either a map with routes of it, which needs the radar, or a field."""
         if self.coverage is not None:
             if self.map or self.routes:
-                raise ValueError("either [coverage], or map and routes")
+                raise self._of_work("either [coverage], or map and routes")
         elif not (self.map and self.routes and self.ports.radar is not None):
-            raise ValueError("map, routes and ports.radar, or [coverage]")
+            raise self._of_work("map, routes and ports.radar, or [coverage]")
         return self
+
+    def _of_work(self, expected: str) -> BrokenRuleError:
+        given = ", ".join(name for name in type(self).model_fields if name in self.model_fields_set - {"file"})
+        return BrokenRuleError("map, routes, coverage", expected, given)
 
     def path(self, named: str) -> Path:
         """A path of the configuration, ready to be opened."""
@@ -215,18 +215,7 @@ def read_config(path: str | Path) -> RuntimeConfig:
         InputError: it is missing, no TOML, or a key is unknown, missing or not as expected.
     """
     file = Path(path)
-    table = load_toml(file)
-    try:
-        return RuntimeConfig.model_validate({**table, "file": file.resolve()})
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"]) or "map, routes, coverage"
-        expected, found = {
-            "missing": ("a value", "none"),
-            "extra_forbidden": ("a key that there is", "an unknown key"),
-        }.get(first["type"], (first["msg"].removeprefix("Value error, "), repr(first["input"])[:60]))
-        found = found if first["loc"] else ", ".join(table)
-        raise InputError(file, place, expected, found) from None
+    return fill_table(RuntimeConfig, TableKey(file), {**load_toml(file), "file": file.resolve()})
 
 
 # A configuration as text: the file that a run is started from, its lines and paths filled in.

@@ -311,7 +311,7 @@ def step_fix_errors(
 
 # Error models of fixes on days of the generated off-road course, measured by driving it with full registration.
 #
-# ``python -m benchmarks closed-loop`` drives the courses and tells the numbers again (``tuning.fit_fix_errors``).
+# ``python -m benchmarks closed-loop`` drives the courses and tells the numbers again (``benchmarks.accuracy``).
 
 _DAYS: dict[str, dict[str, tuple[float, ...]]] = {
     "clear": {

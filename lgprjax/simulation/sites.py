@@ -9,6 +9,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from lgprjax.config import TableKey, as_table, nearest, refuse_unknown
 from lgprjax.errors import InputError
 from lgprjax.files import load_toml
 from lgprjax.scene import (
@@ -32,13 +33,9 @@ from lgprjax.simulation.site_tables import (
     SiteDrive,
     SiteHeader,
     SiteScene,
-    TableKey,
-    as_table,
     fill_config,
-    nearest,
     plan_drive,
     prepare_site,
-    refuse_unknown,
 )
 
 # What the parts of a site file must be to each other: refused with its place before anything is rendered.

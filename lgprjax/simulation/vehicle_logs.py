@@ -11,6 +11,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from lgprjax import __version__
+from lgprjax.config import TableKey, as_table, nearest, refuse_unknown
 from lgprjax.errors import InputError
 from lgprjax.files import load_toml
 from lgprjax.formats import NavigationTrack, OdometryTrack, VehicleLog, write_fixes, write_vehicle_log
@@ -36,7 +37,7 @@ from lgprjax.scene.vehicle_drive import (
     simulate_vehicle_drive,
 )
 from lgprjax.simulation.drives import SITE_FRAME
-from lgprjax.simulation.site_tables import TableKey, as_table, fill_config, nearest, refuse_unknown
+from lgprjax.simulation.site_tables import fill_config
 from lgprjax.simulation.sites import derive_seed
 
 # The manoeuvres that a drives file may name: how each is made of its numbers, and what these may be.

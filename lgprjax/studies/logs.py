@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from lgprjax.batch.vehicles import chassis_of
+from lgprjax.config import Table, TableKey, fill_table
 from lgprjax.errors import InputError
 from lgprjax.formats import NavigationTrack, Study, VehicleFile, VehicleLog, with_values
 from lgprjax.frames import LocalFrame
@@ -172,16 +173,23 @@ def one_drive(task: Task) -> LoggedDrive:
     return task.drives[0]
 
 
-def refuse_options(task: Task, known: tuple[str, ...] = ()) -> None:
-    """Refuse options that the study does not have.
+def refuse_options(task: Task) -> None:
+    """Refuse options of a study that has none.
 
     Raises:
         InputError: there is one.
     """
     for name in task.study.options:
-        if name not in known:
-            expected = f"an option among {', '.join(known)}" if known else f"no options for {task.study.kind}"
-            raise InputError(task.study.file, f"options.{name}", expected, "an unknown key")
+        raise InputError(task.study.file, f"options.{name}", f"no options for {task.study.kind}", "an unknown key")
+
+
+def options_of(task: Task, kind: type[Table]) -> Table:
+    """Options of a study.
+
+    Raises:
+        InputError: one is unknown or not as expected.
+    """
+    return fill_table(kind, TableKey(task.study.file, "options"), task.study.options)
 
 
 def potentiometer_of(drive: LoggedDrive) -> Float[np.ndarray, " record"]:

@@ -1,14 +1,16 @@
 """Study of the look-ahead: what the vehicle of a file should take at which speed, by driving courses in simulation."""
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from pydantic import AfterValidator, Field
 
 from lgprjax.batch.vehicles import chassis_of, servo_of
+from lgprjax.config import BrokenRuleError, ConfigTable
 from lgprjax.errors import InputError
-from lgprjax.studies.logs import Figure, Outcome, Task, refuse_options
+from lgprjax.studies.logs import Figure, Outcome, Task, options_of
 from lgprjax.tuning.look_ahead import (
     GradientConfig,
     LookAheadCosts,
@@ -20,29 +22,49 @@ from lgprjax.tuning.look_ahead import (
 )
 from lgprjax.vehicle import arc_course, clothoid_course, line_course
 
-# 5 and 10 mph.
-_DEFAULTS: dict[str, Any] = {
-    "speeds_mps": [2.235, 4.47],
-    "offsets_m": [0.0, 3.0, -3.0],
-    "arc_radius_m": 25.0,
-    "duration_s": 30.0,
-    "effort_m2": 2.0,
-    "least_margin_deg": 30.0,
-    "sweep_m": [1.0, 14.0],
-    "supply_v": None,
-    "steps": 150,
-}
-_RANGES = {
-    "speeds_mps": (0.2, 20.0),
-    "offsets_m": (-10.0, 10.0),
-    "arc_radius_m": (3.0, 1e3),
-    "duration_s": (5.0, 120.0),
-    "effort_m2": (0.0, 100.0),
-    "least_margin_deg": (0.0, 80.0),
-    "sweep_m": (0.3, 100.0),
-    "supply_v": (0.0, 1e3),
-    "steps": (1, 5000),
-}
+_Speed = Annotated[float, Field(ge=0.2, le=20.0)]
+_Metres = Annotated[float, Field(ge=0.3, le=100.0)]
+
+
+def _two_speeds(value: list[float]) -> list[float]:
+    if len(set(value)) < 2:
+        raise BrokenRuleError("", "two speeds or more")
+    return value
+
+
+def _from_to(value: list[float]) -> list[float]:
+    if not value[0] < value[1]:
+        raise BrokenRuleError("", "[from, to] with from before to")
+    return value
+
+
+class LookAheadOptions(ConfigTable):
+    """Courses and speeds that are driven, what counts, and the look-aheads of the picture.
+
+    Attributes:
+        courses: ``curve`` is straight on, a quarter turn, straight on.
+        speeds_mps: 5 and 10 mph unless told.
+        effort_m2: weight of the wheels' movement.
+        least_margin_deg: of phase.
+        sweep_m: from and to, of the picture.
+        supply_v: ``None``: the servo's nominal voltage.
+        steps: of the gradient.
+    """
+
+    courses: list[Literal["line", "arc", "curve"]] = Field(default=["line", "arc"], min_length=1)
+    speeds_mps: Annotated[list[_Speed], AfterValidator(_two_speeds)] = Field(default=[2.235, 4.47])
+    offsets_m: list[Annotated[float, Field(ge=-10.0, le=10.0)]] = Field(default=[0.0, 3.0, -3.0], min_length=1)
+    arc_radius_m: float = Field(default=25.0, ge=3.0, le=1e3)
+    duration_s: float = Field(default=30.0, ge=5.0, le=120.0)
+    effort_m2: float = Field(default=2.0, ge=0.0, le=100.0)
+    least_margin_deg: float = Field(default=30.0, ge=0.0, le=80.0)
+    sweep_m: Annotated[list[_Metres], Field(min_length=2, max_length=2), AfterValidator(_from_to)] = Field(
+        default=[1.0, 14.0]
+    )
+    supply_v: float | None = Field(default=None, ge=0.0, le=1e3)
+    steps: float = Field(default=150.0, ge=1.0, le=5000.0)
+
+
 # As many look-aheads as the tuner begins with, and as many speeds at a time: nothing is compiled anew.
 _SWEEP_STEPS, _SWEEPS = 24, 6
 
@@ -70,15 +92,14 @@ def study_look_ahead(task: Task) -> Outcome:
     Raises:
         InputError: an option is wrong, the vehicle file lacks a number, or no look-ahead leaves the margin asked for.
     """
-    refuse_options(task, (*_DEFAULTS, "courses"))
-    options = {name: _option(task, name) for name in _DEFAULTS} | {"courses": _courses(task)}
-    vehicle = _vehicle(task, options["supply_v"])
+    options = options_of(task, LookAheadOptions)
+    vehicle = _vehicle(task, options.supply_v)
     trials = _trials(options)
     try:
-        tuned = tune_look_ahead(vehicle, trials, GradientConfig(steps=round(options["steps"])))
+        tuned = tune_look_ahead(vehicle, trials, GradientConfig(steps=round(options.steps)))
     except ValueError as error:
         raise InputError(task.study.file, "options", "a look-ahead that the steering can follow", str(error)) from None
-    look = np.linspace(options["sweep_m"][0], options["sweep_m"][1], _SWEEP_STEPS)
+    look = np.linspace(options.sweep_m[0], options.sweep_m[1], _SWEEP_STEPS)
     speeds = np.linspace(min(trials.speeds_mps), max(trials.speeds_mps), _SWEEPS * len(trials.speeds_mps))
     swept = _sweep(vehicle, trials, look, speeds)
     chosen = {f"pursuit.{name}": float(value) for name, value in tuned.schedule._asdict().items()}
@@ -115,9 +136,9 @@ def _sweep(vehicle: TunedVehicle, trials: TrialCourses, look_m: np.ndarray, spee
     return LookAheadCosts(*(jnp.concatenate(fields, axis=-1) for fields in zip(*parts, strict=True)))
 
 
-def _trials(options: dict[str, Any]) -> TrialCourses:
-    way_m = 1.2 * options["duration_s"] * max(options["speeds_mps"]) + 20.0
-    radius_m = options["arc_radius_m"]
+def _trials(options: LookAheadOptions) -> TrialCourses:
+    way_m = 1.2 * options.duration_s * max(options.speeds_mps) + 20.0
+    radius_m = options.arc_radius_m
     # One arc will do: offsets to both sides of it are what arcs to both sides would show.
     courses = {
         "line": lambda: line_course(way_m),
@@ -125,40 +146,10 @@ def _trials(options: dict[str, Any]) -> TrialCourses:
         "curve": lambda: clothoid_course(radius_m, 0.5 * np.pi, 0.5 * radius_m, straight_m=0.5 * way_m),
     }
     return TrialCourses(
-        paths=tuple(courses[name]() for name in options["courses"]),
-        speeds_mps=tuple(options["speeds_mps"]),
-        offsets_m=tuple(options["offsets_m"]),
-        duration_s=options["duration_s"],
-        effort_m2=options["effort_m2"],
-        least_margin_rad=float(np.radians(options["least_margin_deg"])),
+        paths=tuple(courses[name]() for name in options.courses),
+        speeds_mps=tuple(options.speeds_mps),
+        offsets_m=tuple(options.offsets_m),
+        duration_s=options.duration_s,
+        effort_m2=options.effort_m2,
+        least_margin_rad=float(np.radians(options.least_margin_deg)),
     )
-
-
-def _courses(task: Task) -> list[str]:
-    """Names of the courses: a line and an arc unless told."""
-    names = task.study.options.get("courses", ["line", "arc"])
-    if not isinstance(names, list) or not names or any(name not in ("line", "arc", "curve") for name in names):
-        expected = "a list of some of line, arc and curve (straight on, a quarter turn, straight on)"
-        raise InputError(task.study.file, "options.courses", expected, repr(names)[:60])
-    return names
-
-
-def _option(task: Task, name: str) -> Any:
-    """An option of the study, or its default; numbers as floats."""
-    value, (low, high) = task.study.options.get(name, _DEFAULTS[name]), _RANGES[name]
-    if value is None:
-        return None
-    many = isinstance(_DEFAULTS[name], list)
-    items = value if many else [value]
-    good = isinstance(items, list) and bool(items)
-    for item in items if good else ():
-        good &= isinstance(item, int | float) and not isinstance(item, bool) and low <= item <= high
-    if good and name == "sweep_m":
-        good = len(items) == 2 and items[0] < items[1]
-    if good and name == "speeds_mps":
-        good = len(set(items)) >= 2
-    if not good:
-        words = {"sweep_m": "[from, to], each ", "speeds_mps": "two or more, each "}.get(name, "")
-        expected = f"{words}a number from {low:g} to {high:g}"
-        raise InputError(task.study.file, f"options.{name}", expected, repr(value)[:60])
-    return [float(item) for item in items] if many else float(value)

@@ -1,14 +1,16 @@
 """Study of the navigation filter: its noises, found on logged drives with fixes and judged on others."""
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from pydantic import Field
 
 from lgprjax.batch.vehicles import filter_model_of
+from lgprjax.config import ConfigTable
 from lgprjax.errors import InputError
 from lgprjax.formats import NavigationTrack, VehicleLog, read_fixes
 from lgprjax.formats.fixes import read_fix_poses
@@ -31,7 +33,7 @@ from lgprjax.navigation import (
     smooth_estimates,
     step_switch,
 )
-from lgprjax.studies.logs import Figure, LoggedDrive, Outcome, Task, fitting, refuse_options, rms
+from lgprjax.studies.logs import Figure, LoggedDrive, Outcome, Task, fitting, options_of, rms
 from lgprjax.tuning.navigation import FusionFit, NavigationDrives, filter_drives, fit_fusion, mean_nis
 from lgprjax.vehicle import VehiclePose
 
@@ -208,8 +210,17 @@ def _single(values: Float[np.ndarray, "..."]) -> Float[Array, "..."]:
     return jnp.asarray(values, jnp.float32)
 
 
-_OPTIONS = ("tick_s", "odometer_sigma_m", "enter_strength", "stay_strength", "hold_s")
-_DEFAULTS = (0.1, 0.002, 0.6, 0.5, 1.0)
+_Number = Annotated[float, Field(gt=0.0, lt=100.0)]
+
+
+class FusionOptions(ConfigTable):
+    """Ticks and odometer of the filter, and the threshold switch that it is compared with."""
+
+    tick_s: _Number = 0.1
+    odometer_sigma_m: _Number = 0.002
+    enter_strength: _Number = 0.6
+    stay_strength: _Number = 0.5
+    hold_s: _Number = 1.0
 
 
 class JudgedDrive(NamedTuple):
@@ -242,9 +253,8 @@ class FusionStudy(NamedTuple):
 
 def study_fusion(task: Task) -> Outcome:
     """Find the noises of ``navigation``. Beside ``X.drive.h5`` stand the fixes of its scans, ``X.fixes.h5``."""
-    refuse_options(task, _OPTIONS)
-    numbers = [_option(task, name, default) for name, default in zip(_OPTIONS, _DEFAULTS, strict=True)]
-    tick_s, odometer_m = numbers[:2]
+    options = options_of(task, FusionOptions)
+    tick_s, odometer_m = options.tick_s, options.odometer_sigma_m
     # A log's positions are those of the rear axle.
     zero = jnp.float32(0.0)
     model = filter_model_of(task.vehicle, task.study.vehicle)._replace(gnss_x_m=zero, gnss_y_m=zero)
@@ -256,7 +266,7 @@ def study_fusion(task: Task) -> Outcome:
     notes = [f"left open by the drives: {', '.join(fit.left_open)}"] if fit.left_open else []
     judges = [(judge, _ticked(judge, tick_s, odometer_m)) for judge in task.judges]
     judged = []
-    enter, stay, hold = (jnp.float32(number) for number in numbers[2:])
+    enter, stay, hold = (jnp.float32(n) for n in (options.enter_strength, options.stay_strength, options.hold_s))
     settings = SwitchSettings(enter, stay, hold, model.zero_slip_m, model.array_x_m, model.array_y_m)
     for drive, ticked in judges or list(zip(task.drives, drives, strict=True)):
         role = "held out" if judges else "fitted"
@@ -267,13 +277,6 @@ def study_fusion(task: Task) -> Outcome:
         figures += [Figure(f"{role}, {one.name}: NIS of {s}, before", value, "") for s, value in before.items()]
     found = {f"navigation.{name}": estimate for name, estimate in fit.found.items()}
     return Outcome({**found}, {}, tuple(figures), tuple(notes), FusionStudy(fit, tuple(judged)))
-
-
-def _option(task: Task, name: str, default: float) -> float:
-    value = task.study.options.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 100.0:
-        raise InputError(task.study.file, f"options.{name}", "a number above 0 and below 100", repr(value))
-    return float(value)
 
 
 def _ticked(drive: LoggedDrive, tick_s: float, odometer_m: float) -> TickedDrive:

@@ -5,13 +5,14 @@ Not among the names of ``lgprjax.studies``: whoever registers drives need not wa
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from lgprjax.batch.vehicles import servo_of
+from lgprjax.config import ConfigTable
 from lgprjax.errors import InputError
 from lgprjax.formats import Found, Study, VehicleFile, VehicleLog, read_vehicle, require_serial_number, with_values
 from lgprjax.studies.logs import (
@@ -24,6 +25,7 @@ from lgprjax.studies.logs import (
     fixed_records,
     front_angles,
     one_drive,
+    options_of,
     potentiometer_of,
     refuse_options,
     rms,
@@ -32,6 +34,7 @@ from lgprjax.studies.logs import (
 )
 from lgprjax.studies.look_ahead import study_look_ahead
 from lgprjax.studies.navigation import study_fusion
+from lgprjax.studies.threshold import study_threshold
 from lgprjax.tuning import DriveSignals, Estimate, NotExcitedError
 from lgprjax.tuning.arcs import Arcs, find_stretches, fit_arcs
 from lgprjax.tuning.pedals import WHAT, PedalFit, PedalRuns, PedalsFit, cut_runs, fit_pedals, levelled, predict_way
@@ -43,6 +46,7 @@ from lgprjax.tuning.steering import (
     SteeringMap,
     WheelAngleFit,
     YawGainFit,
+    fit_rear_map,
     fit_wheel_angle,
     fit_yaw_gain,
     front_angle,
@@ -109,7 +113,11 @@ def _judge(judge: LoggedDrive, fit: PedalsFit) -> Figure:
 
 # Study of k, the rear wheels' share of the front angle: by INS heading on turns, or by two measured wheel angles.
 
-_METHODS = ("heading", "wheel_angles")
+
+class RearRatioOptions(ConfigTable):
+    """By what k is found, or that the rear angles are to be a map."""
+
+    method: Literal["heading", "wheel_angles", "rear_map"] = "heading"
 
 
 class HeadingStudy(NamedTuple):
@@ -129,12 +137,11 @@ class WheelAnglesStudy(NamedTuple):
 
 
 def study_rear_ratio(task: Task) -> Outcome:
-    """Find ``steering.rear_ratio``; ``options.method`` says by what, the heading unless told."""
-    refuse_options(task, ("method",))
-    method = task.study.options.get("method", "heading")
-    if method not in _METHODS:
-        raise InputError(task.study.file, "options.method", f"one of {', '.join(_METHODS)}", repr(method))
+    """Find ``steering.rear_ratio``, or ``rear_map``; ``options.method`` says by what, the heading unless told."""
+    method = options_of(task, RearRatioOptions).method
     drive = one_drive(task)
+    if method == "rear_map":
+        return _rear_map(task, drive)
     chassis = chassis_without_anchor(task)
     fit, detail = _fit(method, drive, chassis)
     figures = []
@@ -147,6 +154,30 @@ def study_rear_ratio(task: Task) -> Outcome:
     if method == "heading":
         notes.append(f"drift of the headings beside their noise: {np.degrees(fit.drift_rad):.3f}°")
     return Outcome({"steering.rear_ratio": fit.ratio}, {}, tuple(figures), tuple(notes), detail)
+
+
+def _rear_map(task: Task, drive: LoggedDrive) -> Outcome:
+    """Find ``rear_map``, which comes before k wherever the vehicle file is used."""
+    with fitting(drive.path):
+        fit, ratio = fit_rear_map(drive.signals), rear_ratio_by_angles(drive.signals)
+    rear = np.asarray(fit.rear.rear_rad, np.float64)
+    figures = [Figure("records' means about the map", np.degrees(fit.scale_rad), "deg")]
+    for judge in task.judges:
+        with fitting(judge.path):
+            held = fit_rear_map(judge.signals)
+        away = np.interp(fit.front_rad, held.front_rad, np.asarray(held.rear.rear_rad, np.float64)) - rear
+        figures.append(Figure(f"held out, {judge.path.name}: its map less this one, rms", np.degrees(rms(away)), "deg"))
+    knots = zip(rear, (fit.high_rad - fit.low_rad) / 3.92, fit.low_rad, fit.high_rad, strict=True)
+    return Outcome(
+        {"rear_map.rear_rad": [Estimate(*(float(number) for number in knot)) for knot in knots]},
+        {
+            "rear_map.first_rad": float(fit.front_rad[0]),
+            "rear_map.step_rad": float(fit.front_rad[1] - fit.front_rad[0]),
+        },
+        tuple(figures),
+        (f"a constant k would be {ratio.ratio.value:.4f} ({ratio.ratio.low:.4f} to {ratio.ratio.high:.4f})",),
+        WheelAnglesStudy(*wheel_angle_blocks(drive.signals), ratio),
+    )
 
 
 def _fit(method: str, drive: LoggedDrive, chassis: Chassis) -> tuple[RearRatioFit, HeadingStudy | WheelAnglesStudy]:
@@ -468,6 +499,8 @@ def run_study(study: Study) -> FinishedStudy:
 def _read_logs(study: Study, vehicle: VehicleFile, paths: Sequence[Path], key: str) -> tuple[LoggedDrive, ...]:
     if key == "logs" and not paths and study.kind != "look_ahead":
         raise InputError(study.file, key, "one drive log or more", "none")
+    if study.kind == "threshold":
+        return ()  # its logs are recorded runs, which it reads by itself
     drives = []
     for path in paths:
         log = VehicleLog.open(path)
@@ -495,4 +528,5 @@ _RUN: dict[str, Callable[[Task], Outcome]] = {
     "pedals": study_pedals,
     "look_ahead": study_look_ahead,
     "fusion": study_fusion,
+    "threshold": study_threshold,
 }

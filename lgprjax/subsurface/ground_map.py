@@ -171,10 +171,6 @@ class GroundMap:
         """Number of the tile whose frame is nearest to a point, if the map comes within ``within_m`` of it."""
         return self._frames.nearest(point_m, within_m + self._spacing_m)
 
-    def tiles_near(self, points_m: Float[np.ndarray, "point 2"], within_m: float) -> Int[np.ndarray, " point"]:
-        """What ``tile_near`` finds of many points at once; -1 for none."""
-        return self._frames.nearest_each(points_m, within_m + self._spacing_m)
-
     def tile_holding(self, current: int | None, point_m: Float[np.ndarray, "2"], reach_m: float) -> int | None:
         """The tile in use as long as it serves, else the one whose frame is nearest: few changes along a drive.
 

@@ -265,16 +265,6 @@ class SpatialIndex:
             return None
         return int(found[np.argmin(np.sum((self._points_m[found] - point_m) ** 2, axis=1))])
 
-    def nearest_each(self, points_m: Float[np.ndarray, "query 2"], radius_m: float) -> Int[np.ndarray, " query"]:
-        """What ``nearest`` finds of many places at once; -1 for none."""
-        query, found = self.near_each(points_m, radius_m)
-        apart = np.sum((self._points_m[found] - points_m[query]) ** 2, axis=1)
-        order = np.lexsort((found, apart, query))
-        place, first = np.unique(query[order], return_index=True)
-        nearest = np.full(len(points_m), -1)
-        nearest[place] = found[order][first]
-        return nearest
-
 
 def _key(column: Int[np.ndarray, "..."], row: Int[np.ndarray, "..."]) -> Int[np.ndarray, "..."]:
     return np.asarray(column * (1 << 32) + row + (1 << 31))

@@ -1,6 +1,6 @@
 """Calibrations and tunings of a vehicle on its logged drives: pure functions, each with the interval of its find."""
 
-from lgprjax.tuning.arcs import Arcs, Stretches, StretchRules, choose_arcs, find_stretches, fit_arcs
+from lgprjax.tuning.arcs import Arcs, Stretches, StretchRules, find_stretches, fit_arcs
 from lgprjax.tuning.look_ahead import (
     GradientConfig,
     LimitCycle,
@@ -8,7 +8,6 @@ from lgprjax.tuning.look_ahead import (
     TrialCourses,
     TunedLookAhead,
     TunedVehicle,
-    cost_of,
     find_limit_cycle,
     judge,
     sweep_look_ahead,
@@ -16,11 +15,9 @@ from lgprjax.tuning.look_ahead import (
 )
 from lgprjax.tuning.navigation import (
     NOISES,
-    FixErrorFit,
     FusionFit,
     NavigationDrives,
     ThresholdFit,
-    fit_fix_errors,
     fit_fusion,
     fit_threshold,
 )
@@ -46,19 +43,16 @@ from lgprjax.tuning.sensors import (
 )
 from lgprjax.tuning.servo import ServoFit, fit_servo
 from lgprjax.tuning.steering import (
-    RearComparison,
     RearMapFit,
     RearRatioFit,
     SteeringMap,
     WheelAngleFit,
     YawGainFit,
-    compare_rears,
     fit_rear_map,
     fit_wheel_angle,
     fit_yaw_gain,
     front_angle,
     front_band,
-    front_of_stretches,
     rear_ratio_by_angles,
     rear_ratio_by_heading,
 )
@@ -70,7 +64,6 @@ __all__ = [
     "DriveSignals",
     "EncoderFit",
     "Estimate",
-    "FixErrorFit",
     "FusionFit",
     "GradientConfig",
     "LimitCycle",
@@ -80,7 +73,6 @@ __all__ = [
     "Pauses",
     "PedalFit",
     "PedalsFit",
-    "RearComparison",
     "RearMapFit",
     "RearRatioFit",
     "RobustFit",
@@ -95,16 +87,12 @@ __all__ = [
     "TunedVehicle",
     "WheelAngleFit",
     "YawGainFit",
-    "choose_arcs",
     "combine",
-    "compare_rears",
-    "cost_of",
     "find_limit_cycle",
     "find_pauses",
     "find_stretches",
     "fit_arcs",
     "fit_encoder",
-    "fit_fix_errors",
     "fit_fusion",
     "fit_pedals",
     "fit_rear_map",
@@ -115,7 +103,6 @@ __all__ = [
     "fit_yaw_gain",
     "front_angle",
     "front_band",
-    "front_of_stretches",
     "judge",
     "potentiometer_of_counts",
     "rear_ratio_by_angles",

@@ -443,12 +443,6 @@ def fit_arcs(signals: DriveSignals, stretches: Stretches) -> Arcs:
     )
 
 
-def choose_arcs(arcs: Arcs, keep: Bool[np.ndarray, " all"], reason: str) -> Arcs:
-    """Those that are to be kept; the others are counted under a reason."""
-    columns = {name: getattr(arcs, name)[keep] for name in Arcs._fields[1:-2]}
-    return arcs._replace(stretches=choose_stretches(arcs.stretches, keep, reason), **columns)
-
-
 def serial_memory(
     residual: Float[np.ndarray, "row record"], valid: Bool[np.ndarray, "row record"], fitted: int
 ) -> float:

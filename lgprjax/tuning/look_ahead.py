@@ -229,13 +229,6 @@ def tune_look_ahead(vehicle: TunedVehicle, trials: TrialCourses, config: Gradien
     return TunedLookAhead(schedule, judged, float(jnp.mean(judged.cost_m)), np.array(history))
 
 
-def cost_of(vehicle: TunedVehicle, trials: TrialCourses, schedule: LookAhead) -> Float[Array, "..."]:
-    """Mean cost over the speeds; infinite where a margin is missing. What a brute-force search compares."""
-    judged = judge(vehicle, trials, schedule)
-    enough = jnp.all(judged.margin_rad >= trials.least_margin_rad, axis=-1)
-    return jnp.where(enough, jnp.mean(judged.cost_m, axis=-1), jnp.inf)
-
-
 def schedule_of(shape: _Shape) -> LookAhead:
     """The look-ahead of free numbers."""
     short, slow = jnp.exp(shape.short), jnp.exp(shape.slow)

@@ -22,7 +22,7 @@ from lgprjax.tuning.robust import (
     student_95,
     weighted_fit,
 )
-from lgprjax.vehicle.kinematics import Chassis, MeasuredRear, ProportionalRear, Rear, rear_angle, turn_of, yaw_gain
+from lgprjax.vehicle.kinematics import Chassis, MeasuredRear, ProportionalRear, turn_of, yaw_gain
 from lgprjax.vehicle.sensors import DriveSignals
 
 # The characteristic speed V of the yaw gain, from turning tests at several speeds.
@@ -292,15 +292,6 @@ def front_band(
     return middle - half, middle + half
 
 
-def front_of_stretches(
-    steering_map: SteeringMap, arcs: Arcs
-) -> tuple[Float[np.ndarray, " stretch"], Float[np.ndarray, " stretch"]]:
-    """Front angle of each stretch by the map, and its standard error by the noise of the steering signal alone."""
-    held = arcs.stretches
-    front, ahead = (front_angle(steering_map, held.steering + step) for step in (0.0, held.sigma_steering))
-    return front, np.abs(ahead - front)
-
-
 def mean_of_settings(
     arcs: Arcs, value: Float[np.ndarray, " stretch"], sigma: Float[np.ndarray, " stretch"]
 ) -> tuple[
@@ -545,22 +536,6 @@ class RearMapFit(NamedTuple):
     scale_rad: float
 
 
-class RearComparison(NamedTuple):
-    """Two rear maps side by side.
-
-    Attributes:
-        front_rad: where they were compared.
-        first_rad, second_rad: ψ of each.
-        rms_rad, largest_rad: of their difference.
-    """
-
-    front_rad: Float[np.ndarray, " angle"]
-    first_rad: Float[np.ndarray, " angle"]
-    second_rad: Float[np.ndarray, " angle"]
-    rms_rad: float
-    largest_rad: float
-
-
 def fit_rear_map(signals: DriveSignals, *, knots: int = 9) -> RearMapFit:
     """Fit ψ(φ), linear between evenly spaced knots, to measured front and rear angles.
 
@@ -589,13 +564,3 @@ def fit_rear_map(signals: DriveSignals, *, knots: int = 9) -> RearMapFit:
     half = student_95(fit.degrees) * np.sqrt(memory * np.diag(fit.covariance))
     measured = MeasuredRear(jnp.float32(knot_rad[0]), jnp.float32(step_rad), jnp.asarray(fit.coefficients, jnp.float32))
     return RearMapFit(measured, knot_rad, fit.coefficients - half, fit.coefficients + half, fit.scale)
-
-
-def compare_rears(first: Rear, second: Rear, largest_rad: float) -> RearComparison:
-    """Both over front angles to either side, and the difference."""
-    front = jnp.linspace(-largest_rad, largest_rad, 121)
-    one, other = (np.asarray(rear_angle(rear, front)[0], np.float64) for rear in (first, second))
-    away = one - other
-    return RearComparison(
-        np.asarray(front, np.float64), one, other, float(np.sqrt(np.mean(away**2))), float(np.max(np.abs(away)))
-    )

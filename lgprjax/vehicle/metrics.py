@@ -124,24 +124,6 @@ def damping(look_ahead_m: Float[Array, "..."], lead_m: Float[Array, "..."]) -> F
     return jnp.sqrt(0.5 * (1.0 + lead_m * lead_m / ahead))
 
 
-def lag_limit_s(
-    look_ahead_m: Float[Array, "..."], lead_m: Float[Array, "..."], speed_mps: Float[Array, "..."]
-) -> Float[Array, "..."]:
-    """Largest first-order lag of the steering, (D + a)/v, by Routh's criterion."""
-    return (look_ahead_m + lead_m) / speed_mps
-
-
-def delay_limit_s(
-    look_ahead_m: Float[Array, "..."],
-    lead_m: Float[Array, "..."],
-    speed_mps: Float[Array, "..."],
-    lag_s: Float[Array, "..."],
-) -> Float[Array, "..."]:
-    """Largest pure delay beside a first-order lag: 0.52 D/v with a = 0 and no lag. Negative: too much lag."""
-    crossover, margin = _crossover(look_ahead_m, lead_m, speed_mps, lag_s)
-    return margin / crossover
-
-
 def phase_margin_rad(
     look_ahead_m: Float[Array, "..."],
     lead_m: Float[Array, "..."],
@@ -178,22 +160,3 @@ def _crossover(
         w = w - value / (a * w * (2.0 + 3.0 * lagged * w) - b)
     crossover = jnp.sqrt(w)
     return crossover, jnp.arctan(slope * crossover / offset) - jnp.arctan(lag_s * crossover)
-
-
-def dead_band_offset_m(
-    chassis: Chassis, look_ahead_m: Float[Array, "..."], dead_band_rad: Float[Array, "..."]
-) -> Float[Array, "..."]:
-    """Parallel offset that a dead band of the steering leaves standing: D (D/2 + a) (1 + k) d / L."""
-    slope = rear_angle(chassis.rear, jnp.zeros_like(chassis.anchor_m))[1]
-    arm_m = 0.5 * look_ahead_m + anchor_lead_m(chassis)
-    return look_ahead_m * arm_m * (1.0 + slope) * dead_band_rad / chassis.wheelbase_m
-
-
-def gain_error_m(
-    look_ahead_m: Float[Array, "..."],
-    lead_m: Float[Array, "..."],
-    radius_m: Float[Array, "..."],
-    deficit: Float[Array, "..."],
-) -> Float[Array, "..."]:
-    """Steady error on a circle, outwards, where curvature falls short by a share: (ε/R) D (D/2 + a)."""
-    return deficit / radius_m * look_ahead_m * (0.5 * look_ahead_m + lead_m)

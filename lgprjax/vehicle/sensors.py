@@ -42,38 +42,9 @@ def read_potentiometer(sensor: Potentiometer, steering_rad: Float[np.ndarray, " 
     return np.asarray(np.polynomial.polynomial.polyval(steering_rad, (sensor.straight_v, *sensor.per_rad_v)))
 
 
-def potentiometer_angle(sensor: Potentiometer, volts: Float[np.ndarray, " *n"]) -> Float[np.ndarray, " *n"]:
-    """Steering angle of voltages; not a number for those outside the polynomial's reach.
-
-    Raises:
-        ValueError: the voltage does not rise or fall all the way: it would stand for more than one angle.
-    """
-    knots_rad = np.linspace(-sensor.largest_rad, sensor.largest_rad, 2049)
-    knots_v = read_potentiometer(sensor, knots_rad)
-    rising = np.sign(knots_v[-1] - knots_v[0])
-    if rising == 0 or not (np.diff(knots_v) * rising > 0).all():
-        raise ValueError(f"the voltage of {sensor} does not run one way over {sensor.largest_rad} rad to either side")
-    angle_rad = np.interp(rising * volts, rising * knots_v, knots_rad, left=np.nan, right=np.nan)
-    # The table places the root within a knot; one Newton step of a smooth curve does the rest.
-    slope = np.polynomial.polynomial.polyval(
-        angle_rad, np.polynomial.polynomial.polyder((sensor.straight_v, *sensor.per_rad_v))
-    )
-    return np.asarray(angle_rad - (read_potentiometer(sensor, angle_rad) - volts) / slope)
-
-
 def read_encoder(sensor: Encoder, steering_rad: Float[np.ndarray, " *n"]) -> Float[np.ndarray, " *n"]:
     """Whole counts at steering angles."""
     return np.asarray(np.round(sensor.zero_counts + sensor.counts_per_rad * steering_rad))
-
-
-def encoder_angle(sensor: Encoder, counts: Float[np.ndarray, " *n"]) -> Float[np.ndarray, " *n"]:
-    """Steering angle of counts."""
-    return np.asarray((counts - sensor.zero_counts) / sensor.counts_per_rad, np.float64)
-
-
-def encoder_zero(sensor: Encoder, counts: float, steering_rad: float) -> Encoder:
-    """The encoder with its zero set by one reading at a known angle: what a start does with the potentiometer's."""
-    return sensor._replace(zero_counts=counts - sensor.counts_per_rad * steering_rad)
 
 
 # What a vehicle's log holds of a drive: its signals on one clock.

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime, timedelta
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,11 +18,10 @@ from lgprjax.coverage import (
     CellGrid,
     Tool,
     ToolMoment,
-    WorkedState,
     cell_states,
     grid_of_field,
     init_worked,
-    step_worked,
+    run_worked,
 )
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
@@ -328,20 +326,11 @@ def _probability(
         # Filled up with moments that do not count: one compiled size serves every run.
         full = [np.concatenate([each, np.repeat(each[-1:], short, axis=0)]) for each in block]
         full[-1] &= np.arange(_BLOCK) < _BLOCK - short
-        state = _work(grid, tool, state, ToolMoment(*(jnp.asarray(each) for each in full)))
+        state = run_worked(grid, tool, state, ToolMoment(*(jnp.asarray(each) for each in full)))
         jax.block_until_ready(state.probability)
         if progress is not None:
             progress(min(_BLOCK, count - start))
     return np.asarray(state.probability)
-
-
-@partial(jax.jit, static_argnames=("grid", "tool"))
-def _work(grid: CellGrid, tool: Tool, state: WorkedState, moments: ToolMoment) -> WorkedState:
-    def step(carried: WorkedState, moment: ToolMoment) -> tuple[WorkedState, None]:
-        return step_worked(grid, tool, carried, moment), None
-
-    worked: WorkedState = jax.lax.scan(step, state, moments)[0]
-    return worked
 
 
 def _check_plans(plans: Sequence[PlanFile]) -> None:

@@ -1,11 +1,7 @@
 """The page on modes is the one that the function gives, and tells what is known of the modes."""
 
-from pathlib import Path
-
-from lgprjax.autopilot import Event, Mode, describe_modes
-from lgprjax.autopilot.mode_diagram import every_transition, mode_changes
-
-PAGE = Path(__file__).parents[2] / "docs" / "modes.md"
+from lgprjax.autopilot import Event, Mode
+from mode_diagram import PAGE, describe_modes, every_transition, mode_changes
 
 
 def test_the_page_is_the_function_s() -> None:

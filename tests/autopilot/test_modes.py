@@ -21,7 +21,7 @@ from lgprjax.autopilot import (
     operator_drives,
     step_modes,
 )
-from lgprjax.autopilot.mode_diagram import every_transition, mode_changes
+from mode_diagram import every_transition, mode_changes
 
 TO_READY = (
     Event.BOOT_DONE,

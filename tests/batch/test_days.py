@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.accuracy import DriveAccuracy
 from day_site import MPH, DaySite, strength_of
-from lgprjax.batch import DriveAccuracy, RegisteredDrive
+from lgprjax.batch import RegisteredDrive
 from lgprjax.registration import Code, RegisterOptions
 
 SINGLE = RegisterOptions(search_m=1.5, window_m=0.0, time_scale=1.0)

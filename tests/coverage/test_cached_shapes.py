@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.coverage import LEVELS, CellGrid, CellState, Tool, ToolMoment, cell_states, run_worked
-from lgprjax.coverage.cached_shapes import ShapeCache, choose_shape, make_shapes, stamp_shape
+from benchmarks.cached_shapes import ShapeCache, choose_shape, make_shapes, stamp_shape
+from lgprjax.coverage import LEVELS, CellGrid, CellState, Tool, ToolMoment, cell_states, init_worked, run_worked
 
 TOOL = Tool(width_m=1.2, length_m=0.4, ahead_m=1.1, left_m=0.1)
 GRID = CellGrid(-1.5, -1.5, 0.1, 50, 44)
@@ -82,7 +82,7 @@ def test_the_cache_is_a_lower_bound_of_the_live_map(cache: tuple[float, ShapeCac
         stamp_shape(claimed, GRID, shapes, (float(pose[0]), float(pose[1]), float(pose[2])), covariance)
     x, y, heading = (jnp.asarray(part, jnp.float32) for part in poses.T)
     errors = jnp.asarray(np.stack(covariances), jnp.float32)
-    state = run_worked(GRID, TOOL, ToolMoment(x, y, heading, errors, jnp.ones(len(way), bool)))
+    state = run_worked(GRID, TOOL, init_worked(GRID), ToolMoment(x, y, heading, errors, jnp.ones(len(way), bool)))
     live = cell_states(state.probability, level) == CellState.PROCESSED
     assert not np.any(claimed & ~live)
     assert 100 < claimed.sum() < live.sum()

@@ -20,6 +20,7 @@ from lgprjax.coverage import (
     ToolMoment,
     cell_states,
     grid_of_field,
+    init_worked,
     inside_cells,
     run_worked,
 )
@@ -135,7 +136,7 @@ def _one_field(
     believed, covariance = kept.believed, kept.covariance[told, lane]
     x, y, yaw = (jnp.asarray(part[told, lane]) for part in (believed.x_m, believed.y_m, believed.yaw_rad))
     moments = ToolMoment(x, y, yaw, jnp.asarray(covariance), jnp.asarray(on[told]))
-    probability = np.asarray(run_worked(grid, TOOL, moments).probability)
+    probability = np.asarray(run_worked(grid, TOOL, init_worked(grid), moments).probability)
     poses = np.stack([kept.x_m[:, lane], kept.y_m[:, lane], kept.yaw_rad[:, lane]], axis=1).astype(np.float64)
     return probability, true_cells(grid, TOOL, poses, on)
 

@@ -6,9 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lgprjax.coverage import LEVELS, CellGrid, CellState, cell_states, processed_area_m2
-
-GRID = CellGrid(0.0, 0.0, 0.5, 2, 3)
+from lgprjax.coverage import LEVELS, CellState, cell_states
 
 
 def test_states_by_the_level() -> None:
@@ -39,13 +37,6 @@ def test_what_a_higher_level_claims_a_lower_one_does_too(values: list[float]) ->
 def test_what_is_no_number_is_not_processed() -> None:
     states = cell_states(np.full((2, 3), np.nan, np.float32), 0.95)
     assert np.all(states == CellState.NOT_PROCESSED)
-
-
-def test_area_counts_processed_cells_inside_the_perimeter_only() -> None:
-    probability = np.asarray([[0.99, 0.99, 0.99], [0.99, 0.5, 0.99]], np.float32)
-    inside = np.asarray([[True, True, False], [True, True, True]])
-    assert processed_area_m2(probability, GRID, 0.95, inside) == pytest.approx(4 * 0.25)
-    assert processed_area_m2(probability, GRID, 0.996, inside) == 0.0
 
 
 @pytest.mark.parametrize("level", [0.5, 1.0, float("nan"), 95.0])

@@ -6,7 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lgprjax.coverage.swaths import chains, line_order, lines_for_zamboni, middle_line, smallest_step
+from lgprjax.coverage.swaths import Order, chains, line_order, lines_for_zamboni, middle_line
+
+
+def smallest_step(count: int, order: Order) -> int:
+    """Fewest line spacings between two lines driven one after the other."""
+    return min((abs(after - before) for before, after in pairwise(line_order(count, order))), default=0)
 
 
 @pytest.mark.parametrize(

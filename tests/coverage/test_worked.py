@@ -57,7 +57,7 @@ def moments(poses: Poses, errors: np.ndarray, on: np.ndarray | None = None) -> T
 
 
 def claimed(poses: Poses, errors: np.ndarray, on: np.ndarray | None = None, grid: CellGrid = GRID) -> np.ndarray:
-    return np.asarray(run_worked(grid, TOOL, moments(poses, errors, on)).probability, np.float64)
+    return np.asarray(run_worked(grid, TOOL, init_worked(grid), moments(poses, errors, on)).probability, np.float64)
 
 
 def places() -> Float[np.ndarray, "place 2"]:
@@ -220,9 +220,9 @@ def test_cells_at_the_border_are_those_of_a_larger_grid_and_none_is_taken_for_an
 def test_lanes_by_vmap_are_those_of_a_loop() -> None:
     given = [moments(line(41), FIXED), moments(line(30, radius_m=8.0), LOST)]
     stacked = ToolMoment(*(jnp.stack(parts) for parts in zip(*given, strict=True)))
-    lanes = jax.vmap(lambda one: run_worked(GRID, TOOL, one).probability)(stacked)
+    lanes = jax.vmap(lambda one: run_worked(GRID, TOOL, init_worked(GRID), one).probability)(stacked)
     for lane, one in zip(lanes, given, strict=True):
-        np.testing.assert_allclose(lane, run_worked(GRID, TOOL, one).probability, atol=1e-5)
+        np.testing.assert_allclose(lane, run_worked(GRID, TOOL, init_worked(GRID), one).probability, atol=1e-5)
 
 
 def test_nothing_is_ever_certain() -> None:

@@ -36,7 +36,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
         (('version = "1.1"', 'version = "2.0"'), "version", "2.0"),
         (("overlap = 0.6", "overlap = -1.0"), "thresholds.overlap", "-1.0"),
         (("sigma_scale = 0.6", "sigma_scale = true"), "thresholds.sigma_scale", "True"),
-        (("margin_by_chance = 2.5", "rand = 2.5"), "thresholds.margin_by_chance", "None"),
+        (("margin_by_chance = 2.5", "rand = 2.5"), "thresholds.margin_by_chance", "none"),
         (("[thresholds]", "[thresholds"), "file", "line"),
     ],
 )

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from lgprjax.batch import Labels, accuracy_of, register_log
+from benchmarks.accuracy import Labels, accuracy_of
+from lgprjax.batch import register_log
 from lgprjax.batch.register import true_poses
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.formats.map_layout import PLACE_UNITS

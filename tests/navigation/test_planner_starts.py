@@ -7,7 +7,6 @@ import pytest
 
 from lgprjax.navigation import (
     PlanCode,
-    PlannerState,
     RoutePath,
     RouteSpeeds,
     acquire,
@@ -15,7 +14,6 @@ from lgprjax.navigation import (
     find_starts,
     make_route_path,
     planner_settings,
-    replace_route,
 )
 from lgprjax.vehicle import VehiclePose, eight_course, path_from_curvature
 from navigation.planner_drives import CHASSIS, LEAD_M, beside, twice_round
@@ -27,7 +25,6 @@ LANES = 500
 find_all = jax.jit(jax.vmap(find_starts, in_axes=(None, None, None, 0)))
 acquire_all = jax.jit(jax.vmap(acquire))
 find_one = jax.jit(find_starts)
-replace = jax.jit(replace_route)
 
 
 def dense(route: RoutePath) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -147,49 +144,3 @@ def test_a_start_is_refused_for_a_reason(x_m: float, y_m: float, yaw_rad: float,
     assert code == state.code == expected
     assert bool(starts.valid[0]) == (expected == PlanCode.FOLLOWING)
     assert all(np.all(np.isfinite(np.asarray(each, np.float64))) for each in jax.tree.leaves(state))
-
-
-def followed(arc_m: float, travel: float = 1.0, facing: float = 1.0) -> PlannerState:
-    zero = jnp.float32(0.0)
-    numbers = (jnp.float32(each) for each in (arc_m, travel, facing))
-    arc, way, faces = numbers
-    return PlannerState(jnp.int32(0), arc, way, faces, VehiclePose(zero, zero, zero), jnp.int32(PlanCode.FOLLOWING))
-
-
-def test_another_route_that_leads_by_here_is_gone_on_with() -> None:
-    old = make_route_path([path_from_curvature(np.zeros(160))], [1], CHASSIS, SLOW)
-    # The same road from 10 m before it began, then off to the left.
-    new = make_route_path(
-        [path_from_curvature(np.concatenate([np.zeros(120), np.full(60, 0.05)]), start=(-10.0, 0.3, 0.0))],
-        [1],
-        CHASSIS,
-        SLOW,
-    )
-    over = make_route_path([path_from_curvature(np.zeros(160), start=(40.0, 0.0, np.pi))], [1], CHASSIS, SLOW)
-    state, code = replace(old, new, SETTINGS, CHASSIS, followed(8.0))
-    assert code == state.code == PlanCode.FOLLOWING
-    np.testing.assert_allclose(state.arc_m, 18.0, atol=1e-3)
-    state, code = replace(old, over, SETTINGS, CHASSIS, followed(8.0))
-    assert code == PlanCode.FOLLOWING
-    np.testing.assert_allclose((state.arc_m, state.travel, state.facing), (32.0, -1.0, -1.0), atol=1e-3)
-    # Backing up stays backing up.
-    state, _ = replace(old, over, SETTINGS, CHASSIS, followed(8.0, travel=-1.0))
-    np.testing.assert_allclose((state.travel, state.facing), (1.0, -1.0))
-
-
-def test_another_route_that_does_not_is_no_route_and_one_that_does_so_twice_is_asked_about() -> None:
-    old = make_route_path([path_from_curvature(np.zeros(160))], [1], CHASSIS, SLOW)
-    away = make_route_path([path_from_curvature(np.zeros(160), start=(0.0, 2.5, 0.0))], [1], CHASSIS, SLOW)
-    assert replace(old, away, SETTINGS, CHASSIS, followed(8.0))[1] == PlanCode.LOST
-    route = twice_round()
-    # The same route keeps its lap.
-    for arc in (60.0, 148.0):
-        state, code = replace(route, route, SETTINGS, CHASSIS, followed(arc))
-        assert code == PlanCode.FOLLOWING
-        np.testing.assert_allclose(state.arc_m, arc, atol=1e-2)
-    # With 20 m less before the circle, neither lap is the one by its arc length.
-    rows = np.asarray(route.legs.rows, np.float64)[0, 1:-1, 4]
-    cut = make_route_path([path_from_curvature(rows[80:924], start=(20.0, 0.0, 0.0))], [1], CHASSIS, SLOW)
-    assert replace(route, cut, SETTINGS, CHASSIS, followed(60.0))[1] == PlanCode.AMBIGUOUS
-    lost = followed(60.0)._replace(code=jnp.int32(PlanCode.OFF_ROUTE))
-    assert replace(route, route, SETTINGS, CHASSIS, lost)[1] == PlanCode.OFF_ROUTE

@@ -1,7 +1,5 @@
 """The smoother against batch conditioning in float64, and its honesty on drives with a gap in GNSS and LGPR."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +11,6 @@ from lgprjax.navigation.counter_steer_filter import (
     FilterState,
     filter_drive,
     init_filter,
-    smooth_drive,
     smooth_estimates,
 )
 from lgprjax.navigation.counter_steer_model import FilterModel, NavEstimate
@@ -110,12 +107,6 @@ def test_nothing_is_carried_back_across_a_restart(driven: _Driven) -> None:
     np.testing.assert_array_equal(smoothed.mean[:, _RESTART:], driven.smoothed.mean[:, _RESTART:])
     moved = np.abs(np.asarray(smoothed.mean - driven.smoothed.mean))[:, 100 : _RESTART - 1, :2]
     assert moved.max() > 0.005
-
-
-def test_smooth_drive_is_forward_and_back(driven: _Driven) -> None:
-    first = jax.tree.map(lambda leaf: leaf[0], (driven.motions, driven.observations))
-    smoothed = jax.jit(partial(smooth_drive, _MODEL, default_rules(), _start(_MODEL)))(*first)
-    np.testing.assert_allclose(smoothed.mean, driven.smoothed.mean[0], atol=1e-3)
 
 
 def test_linear_drive_is_that_of_batch_conditioning_whatever_is_appended() -> None:

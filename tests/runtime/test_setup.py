@@ -68,7 +68,7 @@ def test_a_missing_map_and_a_vehicle_without_its_numbers_are_refused(folder: Pat
 @pytest.mark.parametrize(
     ("old", "new", "place"),
     [
-        ("name =", "nome =", "name: expected a value, found none"),
+        ("name =", "nome =", "nome: expected a key, perhaps name, found an unknown key"),
         ("gnss_delay_s = 0.03", "gnss_delay_s = -1.0", "gnss_delay_s"),
         ("gnss_delay_s = 0.03", 'gnss_delay_s = "soon"', "gnss_delay_s"),
         ("[recording]", "[recordings]", "recordings"),

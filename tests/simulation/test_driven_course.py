@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.accuracy import labels_of
 from benchmarks.course_drive import as_result, figures_of
-from lgprjax.batch import labels_of
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.mapping import build_map
 from lgprjax.navigation import RouteSpeeds

@@ -1,10 +1,11 @@
 """The look-ahead found by gradient beside a brute-force search of 100,000 drives, at full and at reduced torque."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.tuning import TrialCourses, TunedLookAhead, TunedVehicle, cost_of, judge, sweep_look_ahead, tune_look_ahead
+from lgprjax.tuning import TrialCourses, TunedLookAhead, TunedVehicle, judge, sweep_look_ahead, tune_look_ahead
 from lgprjax.vehicle import Chassis, LookAhead, ProportionalRear, Servo, arc_course, line_course, look_ahead_m
 
 SPEEDS = (1.5, 2.235, 4.47, 6.5, 8.0)
@@ -28,6 +29,13 @@ def trials() -> TrialCourses:
 def tuned(trials: TrialCourses) -> dict[float, TunedLookAhead]:
     """At full torque, and with 16 V of 24, where 43 % of it are left."""
     return {volts: tune_look_ahead(vehicle(volts), trials) for volts in (24.0, 16.0)}
+
+
+def cost_of(vehicle: TunedVehicle, trials: TrialCourses, schedule: LookAhead) -> jax.Array:
+    """Mean cost over the speeds; infinite where a margin is missing."""
+    judged = judge(vehicle, trials, schedule)
+    enough = jnp.all(judged.margin_rad >= trials.least_margin_rad, axis=-1)
+    return jnp.where(enough, jnp.mean(judged.cost_m, axis=-1), jnp.inf)
 
 
 @pytest.mark.parametrize("volts", [24.0, pytest.param(16.0, marks=pytest.mark.campaign)])

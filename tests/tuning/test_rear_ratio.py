@@ -10,13 +10,12 @@ from lgprjax.tuning import NotExcitedError
 from lgprjax.tuning.arcs import Arcs, find_stretches, fit_arcs
 from lgprjax.tuning.robust import student_95
 from lgprjax.tuning.steering import (
-    compare_rears,
     drifting_fit,
     fit_rear_map,
     rear_ratio_by_angles,
     rear_ratio_by_heading,
 )
-from lgprjax.vehicle.kinematics import Chassis, MeasuredRear, ProportionalRear
+from lgprjax.vehicle.kinematics import Chassis, ProportionalRear
 from lgprjax.vehicle.sensors import DriveSignals
 from turning_drives import (
     LARGEST_RAD,
@@ -194,12 +193,5 @@ def test_map_of_the_rear_wheels_and_its_comparison() -> None:
     truth = np.arcsin(0.6 * np.sin(fit.front_rad))
     # A curve between knots is not the chord that was fitted: that is the larger part of what is left.
     np.testing.assert_allclose(np.asarray(fit.rear.rear_rad), truth, atol=1e-3)
-    knots = np.linspace(-0.6, 0.6, 1201)
-    linkage = MeasuredRear(
-        jnp.float32(-0.6), jnp.float32(0.001), jnp.asarray(np.arcsin(0.6 * np.sin(knots)), jnp.float32)
-    )
-    assert compare_rears(fit.rear, linkage, 0.5).largest_rad < 1e-3
-    apart = compare_rears(linkage, ProportionalRear(jnp.float32(0.6)), np.radians(30.0))
-    assert apart.largest_rad == pytest.approx(0.6 * np.radians(30.0) - np.arcsin(0.3), abs=1e-5)
     with pytest.raises(NotExcitedError, match="records near each of 9 knots"):
         fit_rear_map(log._replace(front_rad=np.where(np.arange(size) < size // 2, -0.5, 0.5)))

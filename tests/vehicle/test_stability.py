@@ -14,13 +14,9 @@ from lgprjax.vehicle import (
     anchor_lead_m,
     body_point,
     damping,
-    dead_band_offset_m,
-    delay_limit_s,
     drive_arc,
-    gain_error_m,
     ideal_servo,
     init_servo,
-    lag_limit_s,
     phase_margin_rad,
     steer_exact,
     step_servo,
@@ -30,6 +26,33 @@ from lgprjax.vehicle import (
 L, K = 3.8, 0.63
 X_C = K * L / (1 + K)
 STEP_S = 0.01
+
+
+def lag_limit_s(look_ahead_m: float, lead_m: float, speed_mps: float) -> float:
+    """Largest first-order lag of the steering, (D + a)/v, by Routh's criterion."""
+    return (look_ahead_m + lead_m) / speed_mps
+
+
+def delay_limit_s(look_ahead_m: float, lead_m: float, speed_mps: float, lag_s: float) -> float:
+    """Largest pure delay beside a lag: a delay of a second costs as much margin as the loop crosses over at, rad/s."""
+
+    def margin_rad(delay_s: float) -> float:
+        look_ahead, lead, speed, lag, delay = jnp.asarray(
+            (look_ahead_m, lead_m, speed_mps, lag_s, delay_s), jnp.float32
+        )
+        return float(phase_margin_rad(look_ahead, lead, speed, lag, delay))
+
+    return margin_rad(0.0) / (margin_rad(0.0) - margin_rad(1.0))
+
+
+def dead_band_offset_m(look_ahead_m: float, lead_m: float, dead_band_rad: float) -> float:
+    """Parallel offset that a dead band of the steering leaves standing: D (D/2 + a) (1 + k) d / L."""
+    return look_ahead_m * (0.5 * look_ahead_m + lead_m) * (1.0 + K) * dead_band_rad / L
+
+
+def gain_error_m(look_ahead_m: float, lead_m: float, radius_m: float, deficit: float) -> float:
+    """Steady error on a circle, outwards, where curvature falls short by a share: (ε/R) D (D/2 + a)."""
+    return deficit / radius_m * look_ahead_m * (0.5 * look_ahead_m + lead_m)
 
 
 def chassis(lead: float) -> Chassis:
@@ -90,8 +113,8 @@ def limit(values: np.ndarray, track: np.ndarray) -> float:
 def test_lag_and_delay_limits(look_ahead: float, lead: float) -> None:
     """A small offset dies out below the limits of the formulas and grows above them, within 3 %."""
     share = np.linspace(0.9, 1.1, 21)
-    at = (jnp.float32(look_ahead), jnp.float32(lead), jnp.float32(4.47))
-    lag_s, delay_s = float(lag_limit_s(*at)) * share, float(delay_limit_s(*at, jnp.float32(0.0))) * share
+    at = (look_ahead, lead, 4.47)
+    lag_s, delay_s = lag_limit_s(*at) * share, delay_limit_s(*at, 0.0) * share
     run = (jnp.float32(look_ahead), jnp.float32(4.47), jnp.float32(0.01))
     lagging = np.asarray(offsets(chassis(lead), servos(lag_s, 0 * lag_s), *run))
     assert limit(share, lagging) == pytest.approx(1.0, abs=0.03)
@@ -104,9 +127,9 @@ def test_lag_and_delay_limits(look_ahead: float, lead: float) -> None:
 def test_lag_and_delay_together(look_ahead: float, lead: float, part: float) -> None:
     """With a share of the largest lag, the delay that is left is that of the formula within 3 %."""
     at = (jnp.float32(look_ahead), jnp.float32(lead), jnp.float32(4.47))
-    lag_s = part * lag_limit_s(*at)
+    lag_s = jnp.float32(part * lag_limit_s(look_ahead, lead, 4.47))
     share = np.linspace(0.9, 1.1, 21)
-    delay_s = float(delay_limit_s(*at, lag_s)) * share
+    delay_s = delay_limit_s(look_ahead, lead, 4.47, float(lag_s)) * share
     margin = phase_margin_rad(*at, lag_s, jnp.asarray(delay_s, jnp.float32))
     np.testing.assert_array_equal(np.asarray(margin) > 1e-5, share < 0.9999)
     track = np.asarray(
@@ -133,7 +156,7 @@ def test_dead_band_leaves_an_offset(degrees: float, centimetres: float) -> None:
     """An offset a little below the formula's stays for ever, one a little above it shrinks."""
     body = chassis(6.5 - X_C)
     band, look_ahead = np.radians(degrees), jnp.float32(5.0)
-    stands = float(dead_band_offset_m(body, look_ahead, jnp.float32(band)))
+    stands = dead_band_offset_m(5.0, float(anchor_lead_m(body)), band)
     assert 100 * stands == pytest.approx(centimetres, abs=0.2)
     servo = servos(np.zeros(21), np.zeros(21), band)
     below, above = (
@@ -156,6 +179,6 @@ def test_reversing_with_too_short_a_look_ahead_runs_away() -> None:
 def test_gain_error_is_the_notes() -> None:
     """G_ss of 0.952 ignored on a circle of 12 m: the formula says what the rollout's test finds, 14.6 cm."""
     body = chassis(6.5 - X_C)
-    deficit = jnp.float32(1 - 1 / (1 + (4.47 / 20) ** 2))
-    error = gain_error_m(jnp.float32(5.0), anchor_lead_m(body), jnp.float32(12.0), deficit)
-    assert 100 * float(error) == pytest.approx(14.9, abs=0.2)
+    deficit = 1 - 1 / (1 + (4.47 / 20) ** 2)
+    error = gain_error_m(5.0, float(anchor_lead_m(body)), 12.0, deficit)
+    assert 100 * error == pytest.approx(14.9, abs=0.2)

@@ -3,8 +3,8 @@
 MF section 3: a model too slow for the drive gives, for each of a few errors of position and heading, the places about
 the tool that it is over with at least a level's probability. Under way the shape with the smallest errors that are not
 smaller than the filter's is painted at every pose. It claims no more than ``worked`` does, mostly less:
-errors are rounded up and taken as a circle, and a moment's rectangle knows nothing of the sweep. It stands here to be
-compared with.
+errors are rounded up and taken as a circle, and a moment's rectangle knows nothing of the sweep. The live map is
+compared with it.
 """
 
 from typing import NamedTuple

@@ -9,6 +9,7 @@ button counts as stuck and that failures are forgotten.
 from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
+from pathlib import Path
 
 from lgprjax.autopilot.modes import (
     CLEARS,
@@ -26,6 +27,7 @@ from lgprjax.autopilot.modes import (
     step_modes,
 )
 
+PAGE = Path(__file__).parents[1] / "docs" / "modes.md"
 _LONG_S = 2.0 * FAILURES_WITHIN_S
 _START = (Event.ROUTE_NEAR, Event.MOVING, Event.SOURCES_PRESENT, Event.HEALTH_GOOD)
 _HANDS = (
@@ -114,8 +116,8 @@ def describe_modes() -> str:
     lines = [
         "# Operating modes",
         "",
-        "Made by `lgprjax.autopilot.describe_modes()` from `step_modes`, by trying every event in every state that can",
-        "be reached; a test holds this page equal to it. An arrow with the word *may* is taken in some states of the",
+        "Made by `PYTHONPATH=tests python -m mode_diagram` from `step_modes`, by trying every event in every state",
+        "that can be reached; a test holds this page equal to it. An arrow with *may* is taken in some states of the",
         "mode only: engaging needs all that `refusal_of` asks for.",
         "",
         "```mermaid",
@@ -152,3 +154,7 @@ def _told(event: Event, modes: frozenset[Mode]) -> str:
 
 def _cell(mode: Mode, modes: frozenset[Mode]) -> str:
     return ", ".join("·" if after is mode else after.name for after in sorted(modes))
+
+
+if __name__ == "__main__":
+    PAGE.write_text(describe_modes(), encoding="utf-8")

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmarks.accuracy import fit_fix_errors
 from lgprjax.scene import FixErrors, init_fix_errors, step_fix_errors
-from lgprjax.tuning import fit_fix_errors
 
 _WAY_M = 0.1
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lgprjax.batch import Labels, relative_error
+from benchmarks.accuracy import Labels, relative_error
 
 
 def test_relative_error_is_free_of_labels_and_lag() -> None:

@@ -1,0 +1,130 @@
+"""Study of the control threshold: the turn that a skid-steer vehicle ignores, and the swing that comes of it (MF 4)."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from lgprjax.autopilot.modes import Mode
+from lgprjax.batch.recover import RowGatherer, rising
+from lgprjax.errors import InputError
+from lgprjax.formats.run_log import payload_type, read_run, read_run_record
+from lgprjax.studies.logs import Figure, Outcome, Task, fitting, refuse_options
+from lgprjax.tuning import LimitCycle, NotExcitedError, ThresholdFit, find_limit_cycle, fit_threshold
+
+# Every fifth tick: a hundred milliseconds are short against the lag of any vehicle that swings.
+_STEP_S = 0.1
+# Records further apart are not of one stretch.
+_GAP_S = 0.5
+
+
+class FieldTicks(NamedTuple):
+    """What the ticks of a run tell in which the computer drove, ten a second.
+
+    Attributes:
+        time_s: increasing.
+        yaw_rad: of the body, any full turns more or less.
+        cross_m: off the line, to the left positive.
+        line: of the plan; -1 in a turn.
+        turn_mps: commanded difference of the tracks, right less left.
+    """
+
+    time_s: Float[np.ndarray, " tick"]
+    yaw_rad: Float[np.ndarray, " tick"]
+    cross_m: Float[np.ndarray, " tick"]
+    line: Int[np.ndarray, " tick"]
+    turn_mps: Float[np.ndarray, " tick"]
+
+
+def read_field_ticks(folder: Path) -> FieldTicks:
+    """The ticks of a recorded run of a field.
+
+    Raises:
+        InputError: there is no run, or the computer did not drive a skid-steer vehicle in it.
+    """
+    gathered = RowGatherer(payload_type("skid_plan"))
+    for _, data in read_run(folder):
+        record = read_run_record(data)
+        if record is not None and record.kind == "skid_plan":
+            gathered.add(record.mono_ns, record.payload)
+    rows, times_ns = gathered.rows, gathered.times_ns
+    told = np.isfinite(rows["pose"][:, 2]) & np.isfinite(rows["cross_m"]) & np.isfinite(rows["command"]).all(axis=1)
+    kept = np.flatnonzero(rising(times_ns, told & (rows["mode"] == int(Mode.SPEED))))
+    if not len(kept):
+        raise InputError(folder, "skid_plan", "ticks in which the computer drove a skid-steer vehicle", "none")
+    time_s = 1e-9 * (times_ns[kept] - times_ns[kept[0]]).astype(np.float64)
+    # The first tick of each tenth of a second.
+    first = np.unique(np.floor(time_s / _STEP_S + 0.5).astype(np.int64), return_index=True)[1]
+    chosen = rows[kept[first]]
+    command = chosen["command"].astype(np.float64)
+    return FieldTicks(
+        time_s=time_s[first],
+        yaw_rad=chosen["pose"][:, 2].astype(np.float64),
+        cross_m=chosen["cross_m"].astype(np.float64),
+        line=chosen["line"].astype(np.int64),
+        turn_mps=command[:, 1] - command[:, 0],
+    )
+
+
+def swings_of(ticks: FieldTicks) -> tuple[int, tuple[LimitCycle, ...]]:
+    """How many lines were long enough to look for a limit cycle, and those that were found."""
+    cuts = np.flatnonzero((np.diff(ticks.line) != 0) | (np.diff(ticks.time_s) > _GAP_S)) + 1
+    looked, found = 0, []
+    for stretch in np.split(np.arange(len(ticks.line)), cuts):
+        if ticks.line[stretch[0]] < 0:
+            continue
+        try:
+            cycle = find_limit_cycle(ticks.time_s[stretch], ticks.cross_m[stretch])
+        except NotExcitedError:  # too short a line
+            continue
+        looked += 1
+        found += [cycle] if cycle.found else []
+    return looked, tuple(found)
+
+
+def study_threshold(task: Task) -> Outcome:
+    """Find ``skid_steer.threshold_mps``; the logs are folders of recorded runs, each looked through for a swing."""
+    refuse_options(task)
+    if task.vehicle.steering_kind != "skid_steer":
+        raise InputError(task.study.vehicle, "steering_kind", "skid_steer", task.vehicle.steering_kind)
+    if len(task.study.logs) != 1:
+        raise InputError(task.study.file, "logs", "the folder of one run", str(len(task.study.logs)))
+    folder = task.study.logs[0]
+    ticks = read_field_ticks(folder)
+    fit = _fit(folder, ticks)
+    figures = [
+        Figure("yaw rate that the threshold leaves unexplained, share of its variance", fit.unexplained, ""),
+        Figure("the same without a threshold", fit.without, ""),
+        Figure("delay from command to turn", fit.delay_s, "s"),
+        Figure("lag of the turn", fit.lag_s, "s"),
+    ]
+    notes = [_note(folder, ticks, figures)]
+    for judge in task.study.held_out:
+        held = read_field_ticks(judge)
+        away = _fit(judge, held).threshold_mps.value - fit.threshold_mps.value
+        figures.append(Figure(f"held out, {judge.name}: its threshold less this one", away, "m/s"))
+        notes.append(_note(judge, held, figures))
+    if not fit.found:
+        notes.insert(0, "no threshold: the vehicle obeys small commands as well as large ones")
+    found = {"skid_steer.threshold_mps": fit.threshold_mps} if fit.found else {}
+    return Outcome({**found}, {}, tuple(figures), tuple(notes), fit)
+
+
+def _fit(folder: Path, ticks: FieldTicks) -> ThresholdFit:
+    with fitting(folder):
+        return fit_threshold(ticks.time_s, ticks.yaw_rad, ticks.turn_mps)
+
+
+def _note(folder: Path, ticks: FieldTicks, figures: list[Figure]) -> str:
+    """What was found of swings; their size and period go to the figures."""
+    looked, found = swings_of(ticks)
+    if found:
+        size, period = (
+            float(np.median([getattr(one, name) for one in found])) for name in ("peak_to_peak_m", "period_s")
+        )
+        figures += [
+            Figure(f"{folder.name}: swing about the line, peak to peak", size, "m"),
+            Figure(f"{folder.name}: period of the swing", period, "s"),
+        ]
+    return f"{folder.name}: a limit cycle on {len(found)} of {looked} lines of 16 s or more"
