@@ -12,15 +12,15 @@ import numpy as np
 
 from lgprjax.autopilot import Mode
 from lgprjax.registration import Code
-from lgprjax.runtime.config import RefusedBytes, RuntimeConfig
+from lgprjax.run_records import FIX, PLAN, Record, RecordKind, Source
+from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.counter_steer import CounterSteer
 from lgprjax.runtime.control.setup import Loaded
 from lgprjax.runtime.gnss import GnssParser
-from lgprjax.runtime.link import FrameParser, FrameVerdict, Receiver
-from lgprjax.runtime.messages import FIX, PLAN, Record, RecordKind, Source
 from lgprjax.simulation.devices.stage import Stage, StageSpec
 from lgprjax.simulation.devices.world import CourseWorld
+from lgprjax.wire import FrameParser, FrameVerdict, Receiver, RefusedBytes
 
 BEGIN_NS = 7_000_000_000_000
 TICK_NS = 20_000_000

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from lgprjax.errors import InputError
+from lgprjax.run_records import Source
 from lgprjax.runtime.config import PortTable, RuntimeConfig
 from lgprjax.runtime.gnss import GnssParser
-from lgprjax.runtime.messages import Source
 from lgprjax.runtime.port import Port
 
 _LISTEN_S = 2.5

@@ -10,6 +10,7 @@ import math
 from typing import Any
 
 from lgprjax.autopilot import Check, EngagementInhibit, Event, refusal_of
+from lgprjax.run_records import Record, RecordKind, Source
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.kinds import AnyLoaded, make_kind
 from lgprjax.runtime.control.modes import CUT, PEDALS, STEERING, CheckItem, Happened, ModeKeeper, SystemChecks
@@ -24,8 +25,7 @@ from lgprjax.runtime.control.vehicle_kind import (
     Wish,
     events_of,
 )
-from lgprjax.runtime.link import Sender, decode
-from lgprjax.runtime.messages import Record, RecordKind, Source
+from lgprjax.wire import Sender, decode
 
 # Why nothing is engaged, in plain words.
 

@@ -10,6 +10,7 @@ from lgprjax.autopilot import Check, Event, Limited, OnboardState
 from lgprjax.autopilot.monitors import REFUSING, BoxState, Severity, Watch, describe
 from lgprjax.navigation import PlanCode, Reaction, Reason, RoutePath
 from lgprjax.registration import Code
+from lgprjax.run_records import PLAN, PRIOR, Record, RecordKind, fix_row
 from lgprjax.runtime.config import ControlTable, RuntimeConfig, SensorsTable
 from lgprjax.runtime.control.compiled import (
     FOLLOWED,
@@ -25,7 +26,6 @@ from lgprjax.runtime.control.senses import LocalAttitude, LocalPosition, Sensed,
 from lgprjax.runtime.control.setup import TICK_S, LaidRoute, Loaded
 from lgprjax.runtime.control.vehicle_kind import Operator, OutgoingFrame, Processes, VehicleStatus, Wish
 from lgprjax.runtime.control.watches import SentCommand, Watched, Watches
-from lgprjax.runtime.messages import PLAN, PRIOR, Record, RecordKind, fix_row
 
 # What the operator sees: the control loop's state as the display takes it.
 

@@ -22,11 +22,11 @@ from lgprjax.autopilot.monitors import (
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile
 from lgprjax.frames import LocalFrame
+from lgprjax.run_records import Record, RecordKind, Source, fix_row
 from lgprjax.runtime.config import SensorsTable
 from lgprjax.runtime.gnss import GnssPosition, GnssSample, Quality, read_gnss
-from lgprjax.runtime.link import Frame, decode
-from lgprjax.runtime.messages import Record, RecordKind, Source, fix_row
 from lgprjax.runtime.stamps import GnssTimeScale, StampClock, WeekClock
+from lgprjax.wire import Frame, decode
 
 # What the GNSS/INS says: positions in a local frame, attitudes and turning rates, with the times they are of.
 

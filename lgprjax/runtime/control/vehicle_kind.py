@@ -5,9 +5,9 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 from lgprjax.autopilot import Event, Mode, PathOffset
 from lgprjax.autopilot.monitors import Severity
 from lgprjax.navigation import Reaction
+from lgprjax.run_records import Record, RecordKind
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.modes import CheckItem
-from lgprjax.runtime.messages import Record, RecordKind
 
 # Events of a tick for the mode machine: what watches, navigation, processes and the limiter say.
 

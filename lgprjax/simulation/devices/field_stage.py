@@ -32,6 +32,7 @@ from lgprjax.simulation.devices.boxes import (
     OVERRIDE_FIRST,
     OVERRIDE_SECOND,
     ControllerBox,
+    DeviceSender,
     SkidActing,
     SkidBox,
     SkidCommandMessage,
@@ -59,7 +60,6 @@ from lgprjax.simulation.devices.sensors import (
 )
 from lgprjax.simulation.devices.stage import Ticker
 from lgprjax.simulation.devices.vehicle import write_truth
-from lgprjax.simulation.devices.wire_ends import DeviceSender
 from lgprjax.vehicle.kinematics import VehiclePose, WheelSpeeds
 
 # What a run of the devices in a field is asked for: SPEC.json.

@@ -1,7 +1,6 @@
 """All simulated devices of a counter-steered vehicle: bytes and time in, frames out."""
 
 import json
-import struct
 import threading
 from collections import deque
 from pathlib import Path
@@ -12,7 +11,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lgprjax.errors import InputError
 from lgprjax.scene.vehicle_drive import TrueVehicle
-from lgprjax.simulation.devices.boxes import OVERRIDE_FIRST, OVERRIDE_SECOND, ControllerBox, DriveBox, buttons_of
+from lgprjax.simulation.devices.boxes import (
+    OVERRIDE_FIRST,
+    OVERRIDE_SECOND,
+    ControllerBox,
+    DeviceSender,
+    DriveBox,
+    buttons_of,
+)
 from lgprjax.simulation.devices.faults import (
     FAULT_LASTS_S,
     FAULTS,
@@ -40,8 +46,8 @@ from lgprjax.simulation.devices.sensors import (
     position_message,
 )
 from lgprjax.simulation.devices.vehicle import BUTTONS, SCRIPT, SCRIPT_LASTS_S, Body, Driver, DriverInput, Moved, Truth
-from lgprjax.simulation.devices.wire_ends import DeviceFrame, DeviceSender, MessageType
 from lgprjax.simulation.devices.world import CourseWorld, Sample, Trajectory
+from lgprjax.wire import Sender, Value, decode
 
 # What a run of the devices is asked for: SPEC.json.
 
@@ -124,22 +130,8 @@ class Ticker:
 
 # A fault: somebody else commands the drive-by-wire box too.
 
-_WANTS = struct.pack("<fffB", 0.35, 0.5, 0.0, 3)
-_SPEED_ENGAGED = 4
-
-
-class SecondMaster:
-    """Sends sound commands of a session of its own."""
-
-    def __init__(self, session: int) -> None:
-        self._session, self._sequence = session, 0
-
-    def command(self, now_ns: int) -> DeviceFrame:
-        """Its next command: full engagement, wheels to the left, throttle."""
-        self._sequence += 1
-        return DeviceFrame(
-            MessageType.DRIVE_COMMAND, _SPEED_ENGAGED, self._session, self._sequence, now_ns // 1000, 200, _WANTS
-        )
+_WANTS: dict[str, Value] = {"front_rad": 0.35, "throttle": 0.5, "brake": 0.0, "engage": 3}
+_SPEED_ENGAGED, _SECOND_TTL_MS = 4, 200
 
 
 _INS_NS = round(1e9 * INS_PERIOD_S)
@@ -189,7 +181,7 @@ class Stage:
         self.drive_box = DriveBox(self._senders["drive_by_wire"])
         self.controller = ControllerBox(self._senders["controller"])
         self.radar = RadarBox(self._senders["radar"], world.radar, len(world.laid.array.x_m), world.scan_period_s)
-        self._second = SecondMaster(int(rng.integers(1, 1 << 32)))
+        self._second = Sender(int(rng.integers(1, 1 << 32)))
         self._lines = Lines(self.faults, seed)
         self._clock_s = 2400.0 * WEEK_S + float(rng.uniform(0.1, 0.8)) * WEEK_S - 1e-9 * begin_ns
         if rolls_over_s is not None:
@@ -291,7 +283,10 @@ class Stage:
             told: list[tuple[str, bytes]] = []
             for due_ns in self._foreign.due(now_ns):
                 if self.faults.has("second_master"):
-                    self.drive_box.take([self._second.command(due_ns)], now_ns)
+                    frame = self._second.frame(
+                        "drive_command", _WANTS, mode=_SPEED_ENGAGED, mono_ns=due_ns, ttl_ms=_SECOND_TTL_MS
+                    )
+                    self.drive_box.take([decode(frame)], now_ns)
             # What is not known yet is not told: a world that is late tells it late, and never wrong.
             for due_ns in self._drive.due(min(now_ns, self._known.known_ns)):
                 self._note("status", now_ns - due_ns)

@@ -4,12 +4,12 @@ import math
 from typing import NamedTuple
 
 from lgprjax.frames import LocalFrame
+from lgprjax.run_records import Record, Source
 from lgprjax.runtime.config import SensorsTable
 from lgprjax.runtime.control.senses import GnssSenses, LocalAttitude, LocalPosition, TurnRate
 from lgprjax.runtime.gnss import Quality
-from lgprjax.runtime.link import Frame, decode
-from lgprjax.runtime.messages import Record, Source
 from lgprjax.runtime.stamps import StampClock
+from lgprjax.wire import Frame, decode
 
 # How far the INS says that the vehicle has turned, ten times a second, of whatever messages it speaks.
 #

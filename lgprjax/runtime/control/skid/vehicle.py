@@ -12,6 +12,7 @@ from lgprjax.autopilot.limiter import SkidLimited
 from lgprjax.autopilot.monitors import REFUSING, Severity, Watch, describe
 from lgprjax.autopilot.skid_step import SkidState
 from lgprjax.navigation import Reaction, Reason
+from lgprjax.run_records import COVER, SKID_PLAN, Record, RecordKind, StopBits, ToolBits
 from lgprjax.runtime.config import CoverageTable, RuntimeConfig
 from lgprjax.runtime.control.counter_steer import whole
 from lgprjax.runtime.control.modes import CUT, PEDALS, STEERING, CheckItem
@@ -41,7 +42,6 @@ from lgprjax.runtime.control.skid.watches import (
 )
 from lgprjax.runtime.control.vehicle_kind import Operator, OutgoingFrame, Processes, VehicleStatus, Wish
 from lgprjax.runtime.gnss import Quality
-from lgprjax.runtime.messages import COVER, SKID_PLAN, Record, RecordKind, StopBits, ToolBits
 
 # What the operator of a skid-steer vehicle sees: field, lines, tool and GNSS as the display takes them.
 

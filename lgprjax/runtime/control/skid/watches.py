@@ -18,10 +18,10 @@ from lgprjax.autopilot.monitors import (
     step_motion,
 )
 from lgprjax.autopilot.operator_monitors import ButtonState, OperatorContact, step_buttons
+from lgprjax.run_records import StopBits
 from lgprjax.runtime.config import ControlTable
 from lgprjax.runtime.control.skid.senses import SkidSensed
 from lgprjax.runtime.control.vehicle_kind import Operator
-from lgprjax.runtime.messages import StopBits
 
 # What the watches of a skid-steer vehicle find beside what all vehicles share: bits, severities, words, stops.
 
