@@ -103,7 +103,8 @@ def numpy_type(kind: str) -> str:
     return f"<{kind[0]}{int(kind[1:]) // 8}"
 
 
-def _field(name: str, type: str, **_: str) -> tuple[str, str, tuple[int, ...]]:
+def _field(name: str, type: str, **described: str) -> tuple[str, str, tuple[int, ...]]:
+    del described
     kind, _, shape = type.rstrip("]").partition("[")
     return name, numpy_type(kind), tuple(int(size) for size in shape.split(",")) if shape else ()
 
