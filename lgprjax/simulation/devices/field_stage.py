@@ -26,7 +26,7 @@ from lgprjax.scene.plant import (
     step_skid_plant,
 )
 from lgprjax.simulation.devices.boxes import SkidActing, SkidBox, SkidCommandMessage, SkidMeasured
-from lgprjax.simulation.devices.faults import RunningFaults, ScriptItem
+from lgprjax.simulation.devices.faults import FAULTS, RunningFaults, ScriptItem
 from lgprjax.simulation.devices.sensors import GnssFix, InsReading, attitude_messages, position_message
 from lgprjax.simulation.devices.stage import Stage, StageKind, StageSpec
 from lgprjax.simulation.devices.vehicle import TruthRows
@@ -59,24 +59,27 @@ class FieldSpec(StageSpec):
 # What goes wrong with the simulated devices of a field: names, and what each must say of itself.
 
 FIELD_LINES = ("drive_by_wire", "controller", "gnss")
+_OF_EVERY_VEHICLE = (
+    "gnss_off",
+    "gnss_jump",
+    "gnss_float",
+    "ins_off",
+    "ins_nan",
+    "line_corrupt",
+    "line_repeat",
+    "line_silent",
+    "bus_off",
+    "override_stuck",
+    "override_wire_cut",
+    "estop_held",
+    "supply_sag",
+)
 FIELD_FAULTS: dict[str, tuple[str, ...]] = {
-    "gnss_off": (),
-    "gnss_jump": ("m",),
-    "gnss_float": (),
-    "ins_off": (),
-    "ins_nan": (),
+    **{name: FAULTS[name] for name in _OF_EVERY_VEHICLE},
     "left_dead": (),
     "right_dead": (),
     "tool_stops": (),
     "tool_depth": ("m",),
-    "line_corrupt": ("line",),
-    "line_repeat": ("line",),
-    "line_silent": ("line",),
-    "bus_off": (),
-    "override_stuck": (),
-    "override_wire_cut": (),
-    "estop_held": (),
-    "supply_sag": ("v",),
 }
 """Faults by name, and what each must say of itself. ``left_dead``: of the sensor; ``tool_depth``: m deeper."""
 
