@@ -11,8 +11,7 @@ from typing import Any
 from lgprjax import __version__
 from lgprjax.process_cost import count_compiles
 from lgprjax.run_records import Record, RecordKind, Source, pack, unpack
-from lgprjax.runtime.control.core import ControlCore
-from lgprjax.runtime.control.kinds import AnyLoaded, load_vehicle
+from lgprjax.runtime.control.core import AnyLoaded, ControlCore, load_vehicle
 from lgprjax.runtime.control.setup import TICK_S
 from lgprjax.runtime.gnss import GnssParser
 from lgprjax.runtime.port import Arrival, Port
