@@ -6,6 +6,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,14 @@ def load_toml(path: str | Path) -> dict[str, Any]:
         raise InputError(path, "file", "a readable file", error.strerror or str(error)) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(path, "file", "TOML", str(error)) from None
+
+
+def schema_text(name: str) -> str:
+    """Text of ``data_schema/NAME.toml``: from the installed package, or from the source tree beside it."""
+    packaged = resources.files("lgprjax").joinpath("data_schema", f"{name}.toml")
+    if packaged.is_file():
+        return packaged.read_text(encoding="utf-8")
+    return (Path(__file__).resolve().parents[1] / "data_schema" / f"{name}.toml").read_text(encoding="utf-8")
 
 
 def is_at(path: Path, descriptor: int) -> bool:

@@ -51,8 +51,8 @@ import uuid
 import numpy as np
 
 from lgprjax.coverage import lay_pattern
+from lgprjax.run_records import COVER, Record, RecordKind, Source, pack
 from lgprjax.run_segment import SegmentHead, pack_head, pack_record
-from lgprjax.runtime.messages import COVER, Record, RecordKind, Source, pack
 
 if not RUN.exists():
     route = lay_pattern(pattern)

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 
 from lgprjax.autopilot import Mode
-from lgprjax.runtime.config import RefusedBytes, RuntimeConfig
+from lgprjax.run_records import COVER, SKID_PLAN, Record, RecordKind, Source
+from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.skid.setup import SkidLoaded
 from lgprjax.runtime.control.skid.vehicle import SkidSteerVehicle
 from lgprjax.runtime.gnss import GnssParser
-from lgprjax.runtime.link import FrameParser, FrameVerdict, Receiver
-from lgprjax.runtime.messages import COVER, SKID_PLAN, Record, RecordKind, Source
 from lgprjax.simulation.devices.faults import FAULT_LASTS_S, Schedule, read_items
 from lgprjax.simulation.devices.field_stage import FIELD_FAULTS, FIELD_SCRIPT, FieldSpec, FieldStage
+from lgprjax.wire import FrameParser, FrameVerdict, Receiver, RefusedBytes
 
 BEGIN_NS = 7_000_000_000_000
 TICK_NS = 20_000_000

@@ -12,15 +12,15 @@ import numpy as np
 
 from lgprjax.autopilot import Mode
 from lgprjax.registration import Code
-from lgprjax.runtime.config import RefusedBytes, RuntimeConfig
+from lgprjax.run_records import FIX, PLAN, Record, RecordKind, Source
+from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.counter_steer import CounterSteer
 from lgprjax.runtime.control.setup import Loaded
 from lgprjax.runtime.gnss import GnssParser
-from lgprjax.runtime.link import FrameParser, FrameVerdict, Receiver
-from lgprjax.runtime.messages import FIX, PLAN, Record, RecordKind, Source
-from lgprjax.simulation.devices.stage import Stage, StageSpec
+from lgprjax.simulation.devices.course_stage import CourseSpec, CourseStage
 from lgprjax.simulation.devices.world import CourseWorld
+from lgprjax.wire import FrameParser, FrameVerdict, Receiver, RefusedBytes
 
 BEGIN_NS = 7_000_000_000_000
 TICK_NS = 20_000_000
@@ -68,11 +68,11 @@ class OnboardLoop:
         fix_match: tuple[float, float] = (0.8, 1e-9),
         seed: int = 1,
     ) -> None:
-        spec = StageSpec(
+        spec = CourseSpec(
             seed=2, length_m=world.laid.spec.length_m, drive_seed=seed, map="", ports="", truth="", script=script,
             faults=faults,
         )  # fmt: skip
-        self.stage = Stage(spec, world, Path("spec.json"), BEGIN_NS)
+        self.stage = CourseStage(spec, world, Path("spec.json"), BEGIN_NS)
         self.core = ControlCore(config, loaded, session=77, after_death=False)
         self._fixes, self._wrong, self._lost, self._match = fixes, fix_wrong, fix_lost, fix_match
         self._risk = config.registration.risk

@@ -59,3 +59,14 @@ def test_a_numeric_room_knows_nothing_of_the_host(room: str) -> None:
     outside = {name.split(".")[0] for name in _imports()[room]}
     assert not outside & _OF_THE_HOST
     assert _arrows()[room] <= {*_NUMERIC, "errors", "frames", "machine"}
+
+
+def test_what_drives_is_stepped_in_one_place() -> None:
+    """Simulation and vehicle both call ``step_onboard`` and ``step_skid``: nothing else wires their parts."""
+    parts = ("step_navigator(", "step_skid_filter(", "limit_command(", "limit_skid_command(")
+    users = {
+        path.relative_to(_PACKAGE).parts[0]
+        for path in _PACKAGE.rglob("*.py")
+        if any(part in path.read_text(encoding="utf-8") for part in parts)
+    }
+    assert users == {"autopilot", "navigation"}

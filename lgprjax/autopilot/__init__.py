@@ -117,6 +117,7 @@ from lgprjax.autopilot.step import (
     OnboardState,
     Orders,
     init_autopilot,
+    onboard_setup,
     step_autopilot,
     step_onboard,
 )
@@ -201,6 +202,7 @@ __all__ = [
     "limit_command",
     "limit_skid_command",
     "linear_wheel_map",
+    "onboard_setup",
     "operator_drives",
     "pad_fence",
     "proportional_rear",

@@ -11,8 +11,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
 from lgprjax.autopilot.limiter import Command, LimiterRules, LimiterState, init_limiter, limit_command
-from lgprjax.autopilot.speed import VelocitySettings, VelocityState, init_velocity, step_stop, step_velocity
+from lgprjax.autopilot.speed import (
+    VelocitySettings,
+    VelocityState,
+    default_velocity,
+    init_velocity,
+    step_stop,
+    step_velocity,
+)
 from lgprjax.navigation import (
+    FilterModel,
     Fusion,
     MotionInput,
     Navigated,
@@ -25,8 +33,13 @@ from lgprjax.navigation import (
     PlannerState,
     Reaction,
     RoutePath,
+    SlewLimits,
+    default_rules,
+    health_rules,
+    planner_settings,
     step_navigator,
     step_planner,
+    switch_settings,
 )
 from lgprjax.vehicle import Chassis, LookAhead, Pedals, VehiclePose, look_ahead_m, steer_exact, yaw_gain
 
@@ -189,6 +202,59 @@ class OnboardSetup(NamedTuple):
 
     navigator: NavigatorSetup
     autopilot: AutopilotConfig
+
+
+def onboard_setup(
+    *,
+    model: FilterModel,
+    chassis: Chassis,
+    pedals: Pedals,
+    look_ahead: LookAhead,
+    front_rate_radps: Float[Array, "..."],
+    tick_s: float,
+    gnss_period_s: float,
+    risk: float,
+) -> OnboardSetup:
+    """Settings of a vehicle whose heading and odometer speak every tick; what is not asked for is the same for all.
+
+    Args:
+        model: of the filter.
+        chassis, pedals: as they are believed to be.
+        look_ahead: over the commanded speed.
+        front_rate_radps: fastest turning of the front wheels.
+        tick_s: of the loop.
+        gnss_period_s: from one position to the next.
+        risk: probability of a false match up to which a fix is believed.
+    """
+    one = jnp.float32
+    navigator = NavigatorSetup(
+        model,
+        default_rules(),
+        switch_settings(risk, zero_slip_m=model.zero_slip_m, array_x_m=model.array_x_m, array_y_m=model.array_y_m),
+        SlewLimits(one(0.5), one(0.05)),
+        health_rules(
+            gnss_period_s=gnss_period_s,
+            heading_period_s=tick_s,
+            odometer_period_s=tick_s,
+            # Fixes come in stretches: a metre or two of poor ground is no fault.
+            lgpr_period_s=0.5,
+            risk=risk,
+        ),
+    )
+    limits = LimiterRules(
+        largest_front_rad=chassis.largest_angle_rad,
+        front_rate_radps=front_rate_radps,
+        throttle_rate_per_s=one(2.0),
+        brake_rate_per_s=one(4.0),
+        oldest_s=one(0.2),
+        default_brake=one(0.5),
+        release_rate_radps=one(0.1),
+    )
+    # Slopes of some per cent ask for a firmer hand than a road.
+    velocity = default_velocity()._replace(proportional_per_s=one(1.5), integral_per_s2=one(0.4))
+    return OnboardSetup(
+        navigator, AutopilotConfig(chassis, pedals, look_ahead, planner_settings(2.0), velocity, limits)
+    )
 
 
 class OnboardState(NamedTuple):

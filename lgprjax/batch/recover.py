@@ -26,12 +26,11 @@ from lgprjax.formats.run_log import (
     frame_data,
     frame_name,
     frame_type,
-    header_type,
-    payload_type,
     read_run,
     read_run_record,
 )
 from lgprjax.radar import ArrayGeometry, uniform_array
+from lgprjax.run_records import RecordKind, Source, payload_type
 from lgprjax.subsurface import SpatialIndex
 
 # What a recorded run holds beside its scans, on the computer's clock.
@@ -99,10 +98,10 @@ def signals_of_run(run: RunReading) -> RunSignals:
         record = read_run_record(data)
         if record is None:
             continue
-        if record.kind == "port_in" and record.source in ("radar", "drive_by_wire"):
+        if record.kind is RecordKind.PORT_IN and record.source in (Source.RADAR, Source.DRIVE_BY_WIRE):
             rows = by_message.get(frame_name(record.payload) or "")
         else:
-            rows = {"prior": prior, "plan": plan}.get(record.kind)
+            rows = {RecordKind.PRIOR: prior, RecordKind.PLAN: plan}.get(record.kind)
         if rows is not None:
             rows.add(record.mono_ns, record.payload)
     told = radar.rows[0] if len(radar.rows) else None
@@ -133,7 +132,7 @@ def scan_frames(run: RunReading) -> Iterator[bytes]:
     """Frames of the scans, in the order of ``RunSignals.scan_ns``."""
     for _, data in run:
         record = read_run_record(data)
-        if record is None or (record.kind, record.source) != ("port_in", "radar"):
+        if record is None or (record.kind, record.source) != (RecordKind.PORT_IN, Source.RADAR):
             continue
         if frame_name(record.payload) == "radar_scan":
             yield record.payload
@@ -179,9 +178,7 @@ def rising(times_ns: Int[np.ndarray, " row"], good: Bool[np.ndarray, " row"]) ->
 def _as_told(scans: np.ndarray, radar: np.void | None) -> Bool[np.ndarray, " scan"]:
     if radar is None:
         return np.zeros(len(scans), bool)
-    samples = scans["channels"].astype(np.int64) * scans["samples"]
-    whole = scans["length"] == samples + frame_type("radar_scan").itemsize - header_type().itemsize
-    return np.asarray((scans["channels"] == radar["channels"]) & (scans["samples"] == radar["samples"]) & whole)
+    return np.asarray((scans["channels"] == radar["channels"]) & (scans["samples"] == radar["samples"]))
 
 
 def _joined(session: Integer[np.ndarray, " box"], odometer_m: Float[np.ndarray, " box"]) -> Float[np.ndarray, " box"]:

@@ -230,8 +230,8 @@ def field_figures(folder: Path, config: "RuntimeConfig") -> dict[str, Any]:
         InputError: a file that the run was driven with cannot be used.
     """
     from lgprjax.formats import read_run
+    from lgprjax.run_records import COVER, SKID_PLAN, RecordKind, unpack
     from lgprjax.runtime.control.skid.setup import load_skid
-    from lgprjax.runtime.messages import COVER, SKID_PLAN, RecordKind, unpack
 
     ticks: list[int] = []
     plans: list[tuple[int, np.void]] = []

@@ -76,7 +76,7 @@ def read_records(folder: Path) -> RunRecords:
         InputError: there is no recording in it.
     """
     from lgprjax.formats import read_run
-    from lgprjax.runtime.messages import FIX, PLAN, RecordKind, Source, fix_row, unpack
+    from lgprjax.run_records import FIX, PLAN, RecordKind, Source, fix_row, unpack
 
     begun: dict[int, int] = {}
     ticks, plan_ns, fix_ns = [], [], []

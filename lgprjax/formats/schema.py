@@ -6,13 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from functools import lru_cache
-from importlib import resources
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from lgprjax.errors import InputError
+from lgprjax.files import schema_text
 
 
 @dataclass(frozen=True)
@@ -75,15 +74,6 @@ class Schema:
             if entry.path == path:
                 return entry
         raise KeyError(path)
-
-
-def schema_text(name: str) -> str:
-    """Text of ``data_schema/NAME.toml``: from the installed package, or from the source tree beside it."""
-    packaged = resources.files("lgprjax").joinpath("data_schema", f"{name}.toml")
-    if packaged.is_file():
-        return packaged.read_text(encoding="utf-8")
-    source_tree = Path(__file__).resolve().parents[2] / "data_schema" / f"{name}.toml"
-    return source_tree.read_text(encoding="utf-8")
 
 
 def _entry(table: dict[str, Any]) -> Entry:

@@ -1,9 +1,8 @@
 """The configuration of the onboard runtime, ``CONFIG.toml``: paths are relative to the file's folder."""
 
 import json
-from enum import IntEnum
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -259,40 +258,3 @@ def _value(value: Any) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(_value(inner) for inner in value) + "]"
     return json.dumps(value)
-
-
-# Bytes that came over a line and are not to be acted upon, and why.
-
-KEPT = 64
-"""Bytes that are kept of what was refused."""
-
-
-class RefusalReason(IntEnum):
-    """Why bytes are no message. ``link.Verdict`` goes on from 32: why a whole frame is refused."""
-
-    NO_SYNC = 1
-    """No message begins here."""
-    VERSION = 2
-    """Of a protocol that is not known."""
-    LENGTH = 3
-    """Longer than allowed, or not as long as such a message is."""
-    CRC = 4
-    """The CRC or checksum is not that of the bytes."""
-    TYPE = 5
-    """A whole frame whose message is not known."""
-    PAYLOAD = 6
-    """A whole frame whose payload contradicts itself."""
-    CUT = 7
-    """A sentence that breaks off, or has no checksum."""
-
-
-class RefusedBytes(NamedTuple):
-    """What was refused.
-
-    Attributes:
-        reason: a ``RefusalReason``, or a ``link.Verdict``.
-        data: the first ``KEPT`` bytes.
-    """
-
-    reason: int
-    data: bytes

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from pynmeagps import NMEAReader
 from pyubx2 import UBXReader
 
-from lgprjax.runtime.config import KEPT, RefusalReason, RefusedBytes
 from lgprjax.runtime.stamps import GnssTimeScale
+from lgprjax.wire import KEPT, RefusalReason, RefusedBytes
 
 # What the messages of GNSS/INS receivers say, in the units of this project.
 

@@ -8,8 +8,8 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
+from lgprjax.run_records import Record, RecordKind, Source, pack
 from lgprjax.runtime.config import RuntimeConfig
-from lgprjax.runtime.messages import Record, RecordKind, Source, pack
 from lgprjax.runtime.process import PROCESSES, Heartbeats, ProcessStage, Started
 
 _PERIOD_S = 1.0

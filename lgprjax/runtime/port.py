@@ -14,8 +14,7 @@ from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import serial
 
-from lgprjax.runtime.config import KEPT, RefusedBytes
-from lgprjax.runtime.link import Frame, FrameParser, FrameVerdict, Receiver
+from lgprjax.wire import KEPT, Frame, FrameParser, FrameVerdict, Receiver, RefusedBytes
 
 _WAIT_S = 0.02
 _REOPEN_S = 0.5

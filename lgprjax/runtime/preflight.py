@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from lgprjax.errors import InputError
+from lgprjax.run_records import Source
 from lgprjax.runtime.config import PortTable, RuntimeConfig
 from lgprjax.runtime.gnss import GnssParser
-from lgprjax.runtime.messages import Source
 from lgprjax.runtime.port import Port
 
 _LISTEN_S = 2.5
@@ -35,13 +35,13 @@ def preflight(config: RuntimeConfig) -> Iterator[PreflightItem]:
 
 def _files(config: RuntimeConfig) -> Iterator[PreflightItem]:
     from lgprjax.formats import MapFile, read_vehicle
-    from lgprjax.runtime.control.setup import load, onboard_setup
+    from lgprjax.runtime.control.setup import load, setup_of_vehicle
     from lgprjax.runtime.control.watches import Watches
     from lgprjax.runtime.registration.search import options_of
 
     def vehicle() -> str:
         held = read_vehicle(config.path(config.vehicle))
-        onboard_setup(config, held)
+        setup_of_vehicle(config, held)
         Watches(config, held)
         return f"{held.name}, serial number {held.serial_number or 'not told'}"
 

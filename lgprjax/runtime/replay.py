@@ -8,10 +8,9 @@ from typing import Any, NamedTuple
 from lgprjax import __version__
 from lgprjax.errors import InputError
 from lgprjax.formats import read_run
+from lgprjax.run_records import Record, RecordKind, Source, unpack
 from lgprjax.runtime.config import RuntimeConfig, read_config
-from lgprjax.runtime.control.core import ControlCore
-from lgprjax.runtime.control.kinds import load_vehicle
-from lgprjax.runtime.messages import Record, RecordKind, Source, unpack
+from lgprjax.runtime.control.core import ControlCore, load_vehicle
 
 _TAKEN = (RecordKind.PORT_IN, RecordKind.FIX, RecordKind.EVENT, RecordKind.MONITOR, RecordKind.REQUEST)
 

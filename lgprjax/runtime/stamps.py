@@ -4,39 +4,14 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-_DRIFT = 5000
-"""Clocks run apart by one part in this at most: 200 ppm."""
+from lgprjax.wire import LeastDelay
+
 _NEAR_NS = 50_000_000
 """Differences between arrival and stamp that lie within this are one clock's. Less than the least one by more than
 this: a stamp from the future."""
 _ENOUGH = 5
 _ENOUGH_NS = 100_000_000
 """So many samples in a row, over so long, establish a clock that was set."""
-
-
-class LeastDelay:
-    """Least difference between arrivals and stamps: what lies between two clocks when nothing holds a message up.
-
-    It falls at once and rises no faster than clocks drift, so that a line that grows late shows.
-
-    Args:
-        difference_ns: arrival less stamp of the first message.
-        now_ns: its arrival.
-    """
-
-    def __init__(self, difference_ns: int, now_ns: int) -> None:
-        self._least_ns = difference_ns
-        self._at_ns = now_ns
-
-    def at(self, now_ns: int) -> int:
-        """What it is believed to be now, ns."""
-        return self._least_ns + max(0, now_ns - self._at_ns) // _DRIFT
-
-    def feed(self, difference_ns: int, now_ns: int) -> int:
-        """What it is believed to be now that one more message came, ns: never above that message's own."""
-        self._least_ns = min(self.at(now_ns), difference_ns)
-        self._at_ns = max(now_ns, self._at_ns)
-        return self._least_ns
 
 
 class _Run(NamedTuple):

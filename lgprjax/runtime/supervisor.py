@@ -22,9 +22,9 @@ from pathlib import Path
 from typing import NamedTuple, TextIO
 
 from lgprjax.errors import InputError
+from lgprjax.run_records import Record, RecordKind, Source, pack
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.main import process_command
-from lgprjax.runtime.messages import Record, RecordKind, Source, pack
 from lgprjax.runtime.process import (
     RINGS,
     HeartbeatRow,

@@ -62,6 +62,7 @@ from lgprjax.scene.plant import (
     read_skid_sensors,
     step_skid_plant,
 )
+from lgprjax.simulation.handover import Handover, init_handover, step_handover
 from lgprjax.vehicle.kinematics import SkidSteer, VehiclePose, WheelSpeeds, wheel_speeds
 
 # A field to be worked in simulation: the world, what runs on board, the route and its fence.
@@ -175,7 +176,7 @@ class FieldState(NamedTuple):
         plant, sensors: the world's.
         skid: what runs on board.
         command: drives the next tick.
-        engaged: the computer drives; stopping: it was told to stop.
+        handover: whether the computer drives.
         tick: how many have passed.
     """
 
@@ -184,8 +185,7 @@ class FieldState(NamedTuple):
     sensors: SkidSensorState
     skid: SkidState
     command: SkidCommand
-    engaged: Bool[Array, ""]
-    stopping: Bool[Array, ""]
+    handover: Handover
     tick: Int[Array, ""]
 
 
@@ -268,8 +268,7 @@ def _start(spec: FieldLoopSpec, world: FieldWorld, route: CoverRoute, key: PRNGK
         init_skid_sensors(world.sensors, pose.yaw_rad, sensor_key),
         skid,
         skid.limiter.last,
-        jnp.asarray(False),
-        jnp.asarray(False),
+        init_handover(),
         jnp.int32(0),
     )
 
@@ -300,18 +299,19 @@ def _tick(
 ) -> tuple[FieldState, SkidInfo]:
     plant_key, sensor_key = jax.random.split(key)
     command, begin = state.command, route_point(route, jnp.float32(0.0))
+    engaged, stopping = state.handover
     by_hand = _by_hand(world, begin, state.plant.pose)
     told = WheelSpeeds(
-        jnp.where(state.engaged, command.left_mps, by_hand.left_mps),
-        jnp.where(state.engaged, command.right_mps, by_hand.right_mps),
+        jnp.where(engaged, command.left_mps, by_hand.left_mps),
+        jnp.where(engaged, command.right_mps, by_hand.right_mps),
     )
     plant = step_skid_plant(world.plant._replace(track_m=state.track_m), state.plant, told, plant_key, TICK_S)
     tick = state.tick + 1
     sensors, readings = read_skid_sensors(world.sensors, state.sensors, plant, tick, sensor_key, TICK_S)
     orders = SkidOrders(
-        engaged=state.engaged,
-        drives=state.engaged,
-        stop=state.stopping,
+        engaged=engaged,
+        drives=engaged,
+        stop=stopping,
         speed_cap_mps=jnp.float32(jnp.inf),
         set_speed_mps=world.set_speed_mps,
         age_s=jnp.float32(0.0),
@@ -323,8 +323,9 @@ def _tick(
     )
     apart_m = beside(begin, plant.pose)[0]
     sound = info.filter.heading_known & (info.reaction != Reaction.STOP) & (apart_m >= -_ENGAGE_M)
-    stopping = state.stopping | (state.engaged & (info.reaction == Reaction.STOP)) | info.edge_predicted
-    return FieldState(state.track_m, plant, sensors, skid, command, state.engaged | sound, stopping, tick), info
+    stop = (info.reaction == Reaction.STOP) | info.edge_predicted
+    handover = step_handover(state.handover, sound=sound, stop=stop)
+    return FieldState(state.track_m, plant, sensors, skid, command, handover, tick), info
 
 
 def _by_hand(world: FieldWorld, begin: RoutePoint, pose: VehiclePose) -> WheelSpeeds:
@@ -364,8 +365,7 @@ def _kept(route: CoverRoute, state: FieldState, info: SkidInfo) -> FieldMoment:
         info.plan.line,
         info.plan.to_go_m,
         state.skid.filter.gates.since_offered_s[GNSS] < 1.5,
-        state.engaged,
-        state.stopping,
+        *state.handover,
         info.plan.done,
         info.edge_predicted,
         info.reasons,

@@ -25,7 +25,7 @@ from lgprjax.coverage import (
 )
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
-from lgprjax.formats.run_log import payload_type, read_run, read_run_record
+from lgprjax.formats.run_log import read_run, read_run_record
 from lgprjax.formats.worked import (
     FULL,
     CoverChannels,
@@ -37,6 +37,7 @@ from lgprjax.formats.worked import (
     WorkedRecord,
 )
 from lgprjax.frames import body_to_local
+from lgprjax.run_records import RecordKind, payload_type
 from lgprjax.run_segment import segments_of
 from lgprjax.worked.plans import PlanFile
 
@@ -90,11 +91,11 @@ def read_cover_run(folder: str | Path) -> CoverRun:
         record = read_run_record(data)
         if record is None:
             continue
-        if record.kind == "cover":
+        if record.kind is RecordKind.COVER:
             gathered.add(record.mono_ns, record.payload)
-        elif record.kind == "event":
+        elif record.kind is RecordKind.EVENT:
             events.append(RunEvent(record.mono_ns + utc_of_mono_ns, _line(record.payload)))
-        elif record.kind == "header" and plan is None:
+        elif record.kind is RecordKind.HEADER and plan is None:
             plan = _plan_of(record.payload)
     kept = rising(gathered.times_ns, np.ones(len(gathered.rows), bool))
     if not kept.any():

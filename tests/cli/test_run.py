@@ -15,7 +15,7 @@ import pytest
 from lgprjax.cli import main
 from lgprjax.formats import VehicleLog, read_run
 from lgprjax.process_cost import count_compiles
-from lgprjax.runtime.messages import RecordKind, unpack
+from lgprjax.run_records import RecordKind, unpack
 
 ROOT = Path(__file__).resolve().parents[2]
 CODE = "import sys; from lgprjax.cli import main; main(sys.argv[1:])"

@@ -7,7 +7,7 @@ import pytest
 
 from cli.test_run import ROOT, lgprjax
 from lgprjax.formats import read_cover_plan, read_run
-from lgprjax.runtime.messages import RecordKind, unpack
+from lgprjax.run_records import RecordKind, unpack
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lgprjax.cli.simulated_run import read_records, timing_of
-from lgprjax.runtime.messages import FIX, PLAN, Record, RecordKind, Source, pack
+from lgprjax.run_records import FIX, PLAN, Record, RecordKind, Source, pack
 
 MS = 1_000_000
 RADAR_SCAN = bytes([0, 0, 0, 0x12])

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from formats.run_log_sample import HEADS, RUN, data_of, head_bytes, own_bytes, record_bytes, write_run
 from lgprjax import run_segment
 from lgprjax.errors import InputError
+from lgprjax.files import schema_text
 from lgprjax.formats.run_log import DamagedBytes, MissingNumbers, read_run
-from lgprjax.formats.schema import schema_text
 
 _SECOND = 100  # records
 _FIRST = HEADS + len(own_bytes(0, dropped={"control_log": 0}))

@@ -1,28 +1,47 @@
-"""Records of a run and frames within them: read as the specifications say, which are the runtime's own."""
+"""Records of a run and frames within them: read as the specifications say."""
 
 import struct
+import tomllib
 import zlib
 
 import numpy as np
+import pytest
 
 from batch.run_sample import frame
-from lgprjax.formats.run_log import frame_data, frame_name, frame_type, payload_type, read_run_record
-from lgprjax.runtime import messages as records
+from lgprjax.files import schema_text
+from lgprjax.formats.run_log import frame_data, frame_name, frame_type, read_run_record
+from lgprjax.run_records import Record, RecordKind, Source, pack, payload_type
 
 
-def test_records_are_those_of_the_runtime() -> None:
-    for name, due in (("fix", records.FIX), ("prior", records.PRIOR), ("plan", records.PLAN)):
-        assert payload_type(name) == due
-    for kind in records.RecordKind:
-        packed = records.pack(records.Record(kind, records.Source.MONITOR, 3, 4, b"x"))
-        assert read_run_record(packed) == (kind.name.lower(), "monitor", 3, 4, b"x")
-    for source in records.Source:
-        packed = records.pack(records.Record(records.RecordKind.TICK, source, 0, 0, b""))
-        found = read_run_record(packed)
-        assert found is not None
-        assert found.source == source.name.lower()
+def test_kinds_and_sources_are_those_of_the_schema() -> None:
+    table = tomllib.loads(schema_text("run_log"))
+    assert {kind.name.lower(): kind.value for kind in RecordKind} == {
+        name: entry["code"] for name, entry in table["kinds"].items()
+    }
+    assert {source.name.lower(): source.value for source in Source} == table["sources"]
+    for kind in RecordKind:
+        assert read_run_record(pack(Record(kind, Source.MONITOR, 3, 4, b"x"))) == (kind, Source.MONITOR, 3, 4, b"x")
+    whole = Record(RecordKind.TICK, Source.COVERAGE, 0x01020304, 0x05060708090A0B0C, b"")
+    assert pack(whole) == bytes([5, 16, 0, 0, 4, 3, 2, 1, 12, 11, 10, 9, 8, 7, 6, 5])
     assert read_run_record(b"short") is None
     assert read_run_record(bytes([99]) + bytes(15)) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "layout"),
+    [
+        ("fix", "<qIBbH4f5d25df"),
+        ("prior", "<qB3d5d"),
+        ("plan", "<BBBII3d6f3fBIB"),
+        ("cover", "<3d9f3fBfBiHB"),
+        ("skid_plan", "<BBBII3d3f4fi2fBfBIIB"),
+    ],
+)
+def test_payloads_are_packed_without_gaps(name: str, layout: str) -> None:
+    numbers = [1 + at % 100 for at in range(len(struct.unpack(layout, bytes(struct.calcsize(layout)))))]
+    row = np.frombuffer(struct.pack(layout, *numbers), payload_type(name))[0]
+    found = np.concatenate([np.ravel(row[field]) for field in payload_type(name).names or ()])
+    assert found.tolist() == numbers
 
 
 def test_frames_are_read_as_specified() -> None:

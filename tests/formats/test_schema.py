@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lgprjax.files import schema_text
 from lgprjax.formats import load_schema
-from lgprjax.formats.schema import schema_text
 
 _NAMES = ["drive", "map", "fixes", "route", "vehicle", "cover_plan", "worked"]
 _CHECKS = {"finite", "increasing", "decreasing", "positive", "non_negative"}

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lgprjax.formats.run_log import read_run
-from lgprjax.runtime.messages import Record, RecordKind, Source, pack
+from lgprjax.run_records import Record, RecordKind, Source, pack
 from lgprjax.runtime.process import RINGS, Heartbeats
 from lgprjax.runtime.ring import Ring
 

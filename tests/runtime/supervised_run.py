@@ -17,8 +17,8 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 from lgprjax.errors import InputError
+from lgprjax.run_records import RecordKind, Source, unpack
 from lgprjax.runtime.config import RuntimeConfig, read_config
-from lgprjax.runtime.messages import RecordKind, Source, unpack
 from lgprjax.runtime.ring import Ring
 from lgprjax.runtime.supervisor import supervise
 

@@ -12,10 +12,10 @@ import pytest
 
 from field_site import make_field
 from lgprjax.formats.coverage_files import read_field
+from lgprjax.run_records import COVER, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.coverage.program import CoverageProcess
 from lgprjax.runtime.coverage.worked_map import worked_runs
-from lgprjax.runtime.messages import COVER, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.process import RINGS, Started
 from lgprjax.runtime.ring import Ring
 

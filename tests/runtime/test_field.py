@@ -16,11 +16,11 @@ from field_loop import BEGIN_NS, FieldLoop
 from field_site import Moments, before_the_start, drive_to_moments, make_field
 from lgprjax.autopilot import Mode
 from lgprjax.autopilot.fence import pad_fence
+from lgprjax.run_records import RecordKind, StopBits, ToolBits
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.skid.setup import load_skid
 from lgprjax.runtime.control.skid.watches import SkidFound
-from lgprjax.runtime.messages import RecordKind, StopBits, ToolBits
 
 BOTH = pytest.mark.parametrize("where", ["line", "turn"])
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from pynmeagps import NMEAMessage
 from pyubx2 import GET, UBXMessage
 
-from lgprjax.runtime.config import KEPT, RefusalReason, RefusedBytes
 from lgprjax.runtime.gnss import GnssParser, GnssSample, Quality, read_gnss
 from lgprjax.runtime.stamps import GnssTimeScale
+from lgprjax.wire import KEPT, RefusalReason, RefusedBytes
 
 
 def _sentence(body: str) -> bytes:

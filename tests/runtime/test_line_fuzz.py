@@ -8,10 +8,9 @@ from operator import xor
 
 import pytest
 
-from lgprjax.runtime.config import KEPT, RefusedBytes
 from lgprjax.runtime.gnss import GnssParser, read_gnss
-from lgprjax.runtime.link import Frame, FrameParser, FrameVerdict, Receiver
 from lgprjax.runtime.stamps import StampClock
+from lgprjax.wire import KEPT, Frame, FrameParser, FrameVerdict, Receiver, RefusedBytes
 from runtime.line_oracle import Oracle, head_of_right_bytes
 from runtime.line_vectors import MESSAGES, frame_of, good_frames, head_of, payload_of
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from lgprjax.runtime.link import Frame, FrameVerdict, Receiver, Sender, decode, draw_session
+from lgprjax.wire import Frame, FrameVerdict, Receiver, Sender, decode, draw_session
 from runtime.line_vectors import PATH
 
 _MS = 1_000_000

@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
+from lgprjax.run_records import Record, RecordKind, Source, unpack
 from lgprjax.runtime import monitor
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.main import process_command
-from lgprjax.runtime.messages import Record, RecordKind, Source, unpack
 from lgprjax.runtime.monitor import Condition, look_at_computer, warnings_of
 from lgprjax.runtime.process import RINGS, Heartbeats, ProcessStage
 from lgprjax.runtime.ring import Ring

@@ -12,10 +12,10 @@ import pytest
 from lgprjax.autopilot import EngagementInhibit, Mode
 from lgprjax.autopilot.monitors import Watch
 from lgprjax.navigation import Reason
+from lgprjax.run_records import FIX, Record, RecordKind
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.setup import Loaded
-from lgprjax.runtime.messages import FIX, Record, RecordKind
 from lgprjax.simulation.devices.world import CourseWorld
 from onboard_loop import DRIVE, OnboardLoop
 from onboard_moments import ENGAGED, Moment, follow, goes_on, stops
@@ -292,7 +292,7 @@ def test_where_recording_is_mandatory_the_vehicle_stops_without_it(moments: dict
 def test_a_route_is_chosen_only_while_the_operator_drives(moments: dict[str, Moment]) -> None:
     import json
 
-    from lgprjax.runtime.messages import Source
+    from lgprjax.run_records import Source
 
     def ask(loop: OnboardLoop) -> None:
         name = loop.kind._panel._routes[0].name

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.runtime.config import RefusalReason
+from lgprjax.run_records import Source
 from lgprjax.runtime.gnss import GnssParser
-from lgprjax.runtime.link import Frame, FrameParser, FrameVerdict, Sender
-from lgprjax.runtime.messages import Source
 from lgprjax.runtime.port import Port
+from lgprjax.wire import Frame, FrameParser, FrameVerdict, RefusalReason, Sender
 from runtime.line_ends import Pty, closing, pty_line, read_now, server, taken, until
 from runtime.line_vectors import frame_of, head_of, payload_of
 

@@ -8,15 +8,16 @@ from typing import Any
 
 import pytest
 
+from lgprjax.run_records import RecordKind, unpack
 from lgprjax.runtime.config import RadarTable, SweepTable
-from lgprjax.runtime.link import Frame, decode
-from lgprjax.runtime.messages import RecordKind, unpack
 from lgprjax.runtime.port import Port
 from lgprjax.runtime.registration import search as radar_line
 from lgprjax.runtime.registration.search import RadarLine
 from lgprjax.runtime.ring import Ring
+from lgprjax.scene.propagation import RadarConfig
+from lgprjax.simulation.devices.boxes import DeviceSender
 from lgprjax.simulation.devices.sensors import RadarBox, RadarState
-from lgprjax.simulation.devices.wire_ends import DeviceSender
+from lgprjax.wire import Frame, decode
 
 
 class FakePort(Port[Frame]):
@@ -46,8 +47,8 @@ def rings(tmp_path: Path) -> tuple[Ring, Ring]:
 
 
 def health(state: int, errors: int = 0) -> Frame:
-    box = RadarBox.__new__(RadarBox)
-    box.state, box.dropped, box.errors, box._mode, box._sender = RadarState(state), 0, errors, 0, DeviceSender(3, 0)
+    box = RadarBox(DeviceSender(3, 0), RadarConfig(), 11, 1.0 / 126.0)
+    box.state, box.errors = RadarState(state), errors
     return decode(box.health(1_000_000))
 
 

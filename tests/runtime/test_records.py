@@ -8,9 +8,9 @@ import pytest
 
 from lgprjax.frames import LocalFrame
 from lgprjax.registration import Code
+from lgprjax.run_records import FIX, Record, RecordKind, Source, fix_row
 from lgprjax.runtime.config import SensorsTable
 from lgprjax.runtime.control.senses import Senses
-from lgprjax.runtime.messages import FIX, Record, RecordKind, Source, fix_row
 
 _NOW_NS = 5_000_000_000
 

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from lgprjax.autopilot.monitors import Severity, Watch
+from lgprjax.run_records import StopBits
 from lgprjax.runtime.control.senses import LocalAttitude, TurnRate
 from lgprjax.runtime.control.skid.senses import InsTurns
 from lgprjax.runtime.control.skid.watches import (
@@ -20,7 +21,6 @@ from lgprjax.runtime.control.skid.watches import (
     step_track_watch,
     stops_of,
 )
-from lgprjax.runtime.messages import StopBits
 
 BELIEF = ToolBelief(0.15, 0.03)
 RIGHT, OFF, SHALLOW = ToolReading(True, 0.16), ToolReading(False, 0.15), ToolReading(True, 0.11)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.runtime.messages import unpack
+from lgprjax.run_records import unpack
 from lgprjax.runtime.process import PROCESSES
 from lgprjax.runtime.ring import Ring
 from runtime.supervised_run import SupervisedRun, is_there, wait_gone

@@ -10,8 +10,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lgprjax.runtime.config import KEPT, RefusalReason, RefusedBytes
-from lgprjax.runtime.link import LARGEST_PAYLOAD, MESSAGES, Frame, FrameParser, decode, encode
+from lgprjax.wire import (
+    KEPT,
+    LARGEST_PAYLOAD,
+    MESSAGES,
+    Frame,
+    FrameParser,
+    RefusalReason,
+    RefusedBytes,
+    decode,
+    encode,
+)
 from runtime.line_vectors import MESSAGES as BY_HAND
 from runtime.line_vectors import PATH, document, frame_of, head_of, payload_of
 

@@ -1,12 +1,13 @@
-"""The compiled step of the control loop: one vector of numbers in, one out, so that a tick is one call and one copy."""
+"""Compiled steps of the control loop: one vector of numbers in, one out, so that a tick is one call and one copy."""
 
+from collections.abc import Iterable
 from functools import partial
 from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from lgprjax.autopilot import OnboardSetup, OnboardState, Orders, init_autopilot, step_onboard
 from lgprjax.navigation import (
@@ -29,6 +30,37 @@ from lgprjax.navigation import (
 )
 from lgprjax.navigation.counter_steer_model import YAW
 from lgprjax.vehicle import VehiclePose
+
+# Numbers of a tick on their way into a compiled step and out of it, for every vehicle.
+
+
+def as_vector(numbers: tuple[float, ...]) -> Float[np.ndarray, " number"]:
+    """As a compiled step takes them."""
+    return np.array(numbers, np.float32)
+
+
+def named_numbers(names: type[tuple[float, ...]], numbers: Float[Array, " number"]) -> tuple[Any, Any]:
+    """Traced numbers under the names of plain ones, and the same as flags."""
+    return names(*numbers), names(*(numbers > 0.5))
+
+
+def gnss_of(told: Any, yes: Any) -> GnssObservation:
+    """The position among ``named_numbers``."""
+    covariance = told.gnss_m2 * jnp.eye(2, dtype=jnp.float32)
+    return GnssObservation(told.gnss_x_m, told.gnss_y_m, covariance, told.gnss_age_s, yes.gnss_valid)
+
+
+def bits_of(flags: Bool[Array, " source"]) -> Int[Array, ""]:
+    """Flags as one number, the first being its lowest bit."""
+    return jnp.sum(jnp.where(flags, 1 << jnp.arange(flags.shape[-1]), 0))
+
+
+def as_row(numbers: Iterable[ArrayLike]) -> Float[Array, " number"]:
+    """What a compiled step gives, fetched at once."""
+    return jnp.stack([jnp.asarray(number).astype(jnp.float32) for number in numbers])
+
+
+# The compiled step of a counter-steered vehicle.
 
 
 class TickNumbers(NamedTuple):
@@ -126,8 +158,7 @@ def step_compiled(
     fusion: Fusion,
 ) -> tuple[OnboardState, Float[Array, " result"]]:
     """``step_onboard`` on ``TickNumbers``, with ``TickResult`` as one row."""
-    # Under the names of plain numbers stand traced ones here.
-    told, yes = cast("Any", TickNumbers(*numbers)), cast("Any", TickNumbers(*(numbers > 0.5)))
+    told, yes = named_numbers(TickNumbers, numbers)
     motion = MotionInput(told.yaw_rate_radps, told.step_s)
     covariance = jnp.stack(
         [
@@ -137,9 +168,7 @@ def step_compiled(
         ]
     )
     observations = Observations(
-        GnssObservation(
-            told.gnss_x_m, told.gnss_y_m, told.gnss_m2 * jnp.eye(2, dtype=jnp.float32), told.gnss_age_s, yes.gnss_valid
-        ),
+        gnss_of(told, yes),
         HeadingObservation(told.heading_rad, told.heading_rad2, told.heading_age_s, yes.heading_valid),
         OdometerObservation(told.odometer_mps, told.odometer_m2ps2, yes.odometer_valid),
         LgprObservation(told.fix_x_m, told.fix_y_m, told.fix_yaw_rad, covariance, told.fix_age_s, yes.fix_valid),
@@ -156,8 +185,7 @@ def step_compiled(
     state, command, info = step_onboard(setup, route, state, motion, observations, told.p_false, orders, fusion=fusion)
     navigated, plan = info.navigated, info.autopilot.plan
     fused, reckoned = state.navigator.fused.estimate, state.navigator.reckoned.estimate
-    bits = jnp.asarray([1.0, 2.0, 4.0, 8.0], jnp.float32)
-    numbers_out = (
+    row = (
         *navigated.pose_route,
         *pose_of(fused),
         *pose_of(reckoned),
@@ -168,8 +196,8 @@ def step_compiled(
         navigated.health.reasons,
         navigated.health.speed_cap_mps,
         navigated.frame_left_m,
-        jnp.sum(jnp.where(navigated.info.accepted, bits, 0.0)),
-        jnp.sum(jnp.where(navigated.info.offered, bits, 0.0)),
+        bits_of(navigated.info.accepted),
+        bits_of(navigated.info.offered),
         plan.offset_m,
         plan.heading_error_rad,
         plan.to_go_m,
@@ -180,7 +208,7 @@ def step_compiled(
         info.autopilot.wanted_mps,
         info.autopilot.reachable,
     )
-    return state, jnp.stack([jnp.asarray(number).astype(jnp.float32) for number in numbers_out])
+    return state, as_row(row)
 
 
 @jax.jit
@@ -209,11 +237,6 @@ def _as(planner: PlannerState, like: PlannerState) -> PlannerState:
     """In the types that the loop carries, so that nothing is compiled twice."""
     cast_one = jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), planner, like)
     return cast("PlannerState", cast_one)
-
-
-def as_vector(numbers: TickNumbers) -> Float[np.ndarray, " number"]:
-    """As the compiled step takes them."""
-    return np.array(numbers, np.float32)
 
 
 FOLLOWED = frozenset({int(PlanCode.FOLLOWING), int(PlanCode.AT_CUSP), int(PlanCode.DONE)})

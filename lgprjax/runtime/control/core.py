@@ -7,12 +7,16 @@ What a kind of vehicle brings stands behind ``VehicleKind``.
 
 import json
 import math
-from typing import Any
+from typing import Any, TypeAlias
 
 from lgprjax.autopilot import Check, EngagementInhibit, Event, refusal_of
+from lgprjax.run_records import Record, RecordKind, Source
 from lgprjax.runtime.config import RuntimeConfig
-from lgprjax.runtime.control.kinds import AnyLoaded, make_kind
+from lgprjax.runtime.control.counter_steer import CounterSteer
 from lgprjax.runtime.control.modes import CUT, PEDALS, STEERING, CheckItem, Happened, ModeKeeper, SystemChecks
+from lgprjax.runtime.control.setup import Loaded, load
+from lgprjax.runtime.control.skid.setup import SkidLoaded, load_skid
+from lgprjax.runtime.control.skid.vehicle import SkidSteerVehicle
 from lgprjax.runtime.control.vehicle_kind import (
     Operator,
     OutgoingFrame,
@@ -24,8 +28,30 @@ from lgprjax.runtime.control.vehicle_kind import (
     Wish,
     events_of,
 )
-from lgprjax.runtime.link import Sender, decode
-from lgprjax.runtime.messages import Record, RecordKind, Source
+from lgprjax.wire import Sender, decode
+
+# The vehicle that a configuration is about.
+
+AnyLoaded: TypeAlias = Loaded | SkidLoaded
+
+
+def load_vehicle(config: RuntimeConfig) -> AnyLoaded:
+    """The files of a configuration: of a field where it has one, else of a course.
+
+    Raises:
+        InputError: a file cannot be used.
+    """
+    return load(config) if config.coverage is None else load_skid(config)
+
+
+def make_kind(config: RuntimeConfig, loaded: AnyLoaded) -> VehicleKind:
+    """The vehicle for a control loop of its own.
+
+    Raises:
+        InputError: the vehicle file lacks a number.
+    """
+    return CounterSteer(config, loaded) if isinstance(loaded, Loaded) else SkidSteerVehicle(config, loaded)
+
 
 # Why nothing is engaged, in plain words.
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from lgprjax.autopilot import Check, Event, Limited, OnboardState
 from lgprjax.autopilot.monitors import REFUSING, BoxState, Severity, Watch, describe
-from lgprjax.navigation import PlanCode, Reaction, Reason, RoutePath
+from lgprjax.navigation import PlanCode, Reaction, RoutePath
 from lgprjax.registration import Code
+from lgprjax.run_records import PLAN, PRIOR, Record, RecordKind, fix_row
 from lgprjax.runtime.config import ControlTable, RuntimeConfig, SensorsTable
 from lgprjax.runtime.control.compiled import (
     FOLLOWED,
@@ -23,9 +24,19 @@ from lgprjax.runtime.control.compiled import (
 from lgprjax.runtime.control.modes import CUT, PEDALS, CheckItem
 from lgprjax.runtime.control.senses import LocalAttitude, LocalPosition, Sensed, Senses
 from lgprjax.runtime.control.setup import TICK_S, LaidRoute, Loaded
-from lgprjax.runtime.control.vehicle_kind import Operator, OutgoingFrame, Processes, VehicleStatus, Wish
+from lgprjax.runtime.control.vehicle_kind import (
+    LINE,
+    Operator,
+    OutgoingFrame,
+    Processes,
+    VehicleStatus,
+    Wish,
+    box_checks,
+    limited_words,
+    reason_words,
+    whole,
+)
 from lgprjax.runtime.control.watches import SentCommand, Watched, Watches
-from lgprjax.runtime.messages import PLAN, PRIOR, Record, RecordKind, fix_row
 
 # What the operator sees: the control loop's state as the display takes it.
 
@@ -80,7 +91,7 @@ class Panel:
             "pose": [result.x_m, result.y_m, result.yaw_rad],
             "gnss_pose": [result.reckoned_x_m, result.reckoned_y_m, result.reckoned_yaw_rad],
             "reaction": Reaction(int(result.reaction)).name if math.isfinite(result.reaction) else None,
-            "reasons": words_of(result),
+            "reasons": reason_words(result.reasons),
             "front_rad": result.front_rad,
             "throttle": result.throttle,
             "brake": result.brake,
@@ -89,13 +100,6 @@ class Panel:
             self._shown, self._path_tick = route, tick
             state["path"] = self._routes[route].points
         return state
-
-
-def words_of(result: TickResult) -> list[str]:
-    """Reasons of navigation's health, as words."""
-    if not math.isfinite(result.reasons):
-        return []
-    return [str(reason.name).lower().replace("_", " ") for reason in Reason(int(result.reasons))]
 
 
 # The compiled step at work: the state that it carries, the route that is chosen, and where the vehicle is on it.
@@ -271,11 +275,6 @@ class Pilot:
 # Rows that a tick leaves for others: the prior for registration, the plan for the recording.
 
 
-def whole(number: float, unknown: int = 0) -> int:
-    """A number that is a whole one where it is a number at all."""
-    return int(number) if math.isfinite(number) else unknown
-
-
 def prior_row(result: TickResult, now_ns: int, *, roll_rad: float, yaw_rate_radps: float, travel_m: float) -> bytes:
     """``PRIOR``: where GNSS/INS have the vehicle; without a yaw rate it is taken not to turn."""
     row = np.zeros((), PRIOR)
@@ -305,7 +304,6 @@ def plan_row(result: TickResult, watched: Watched, sent: SentCommand, *, mode: i
 _OLD_NS = 300_000_000
 _DEGRADED_MPS = 2.0
 _SCANS_NS = 200_000_000
-_LINE = Watch.LINE_SILENT | Watch.BAD_FRAMES | Watch.BUS_OFF | Watch.DEFAULTS_ACT | Watch.SECOND_SENDER
 _PLACES = {
     PlanCode.FOLLOWING: Event.ROUTE_NEAR,
     PlanCode.AT_CUSP: Event.ROUTE_NEAR,
@@ -384,7 +382,7 @@ class CounterSteer:
     def status(self, *, decided: bool) -> VehicleStatus:
         """As it is now."""
         result, watched, wheels = self.pilot.result, self._watched, self._sensed.wheels
-        limited = whole(result.limited) if decided else 0
+        limited = Limited(whole(result.limited) if decided else 0)
         # Before the box was first heard its silence is the checks' affair.
         heard = wheels is not None
         bits = watched.bits if heard else watched.bits & ~Watch.LINE_SILENT
@@ -402,32 +400,25 @@ class CounterSteer:
             bool(bits & Watch.HEADING_UNCONFIRMED) or contradicted,
             whole(result.reaction, int(Reaction.STOP)),
             max(ages),
-            not bits & _LINE,
+            not bits & LINE,
             severity,
-            severity >= Severity.MANUAL and bool(bits & ~_LINE),
+            severity >= Severity.MANUAL and bool(bits & ~LINE),
             watched.severity is Severity.EMERGENCY,
             bool(bits & REFUSING),
             bool(limited & Limited.MANUAL_REQUESTED),
-            [*describe(watched.bits), *words_of(result), *_limits(limited)],
+            [*describe(watched.bits), *reason_words(result.reasons), *limited_words(limited)],
         )
 
     def checks(self, processes: Processes) -> list[CheckItem]:
         """Every system check as it stands."""
         wheels, found = self._sensed.wheels, self._watched.bits
         state = BoxState.NO_POWER if wheels is None else BoxState(wheels.bits("state"))
-        line = Watch.LINE_SILENT | Watch.BAD_FRAMES | Watch.BUS_OFF | Watch.ACTUATOR_FAULT
         sensors = Watch.POTENTIOMETER_RANGE | Watch.POTENTIOMETER_STUCK | Watch.WHEEL_SENSORS_APART
         place, attitude = self.senses.place, self.senses.attitude
-        second = bool(found & Watch.SECOND_SENDER)
         here = self.pilot.started and place is not None and attitude is not None
         unrecorded = processes.silent("recorder") and processes.mandatory
         return [
-            CheckItem(Check.SECOND_MASTER, not second, "another sender commands the drive-by-wire box"),
-            CheckItem(
-                Check.DRIVE_BY_WIRE,
-                wheels is not None and not found & line,
-                "; ".join(describe(found & line)) or "the drive-by-wire box is silent",
-            ),
+            *box_checks(found, heard=wheels is not None),
             CheckItem(
                 Check.STEERING_SENSORS,
                 wheels is not None and math.isfinite(self._watched.front_rad) and not found & sensors,
@@ -519,8 +510,3 @@ class CounterSteer:
     def _scans_missing(self) -> bool:
         """No scan has been searched for a while: the radar, its line, or the registration process."""
         return self._fix_ns is not None and self._now_ns - self._fix_ns > _SCANS_NS
-
-
-def _limits(limited: int) -> list[str]:
-    bad = Limited(limited) & (Limited.NOT_FINITE | Limited.STALE | Limited.MANUAL_REQUESTED)
-    return [f"command: {str(bit.name).lower().replace('_', ' ')}" for bit in bad]

@@ -10,15 +10,14 @@ from typing import Any
 
 from lgprjax import __version__
 from lgprjax.process_cost import count_compiles
-from lgprjax.runtime.control.core import ControlCore
-from lgprjax.runtime.control.kinds import AnyLoaded, load_vehicle
+from lgprjax.run_records import Record, RecordKind, Source, pack, unpack
+from lgprjax.runtime.control.core import AnyLoaded, ControlCore, load_vehicle
 from lgprjax.runtime.control.setup import TICK_S
 from lgprjax.runtime.gnss import GnssParser
-from lgprjax.runtime.link import Frame, draw_session
-from lgprjax.runtime.messages import Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import ProcessStage, Started
 from lgprjax.runtime.service import Notifier
+from lgprjax.wire import Frame, draw_session
 
 _TICK_NS = int(TICK_S * 1e9)
 

@@ -22,11 +22,11 @@ from lgprjax.autopilot.monitors import (
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile
 from lgprjax.frames import LocalFrame
+from lgprjax.run_records import Record, RecordKind, Source, fix_row
 from lgprjax.runtime.config import SensorsTable
 from lgprjax.runtime.gnss import GnssPosition, GnssSample, Quality, read_gnss
-from lgprjax.runtime.link import Frame, decode
-from lgprjax.runtime.messages import Record, RecordKind, Source, fix_row
 from lgprjax.runtime.stamps import GnssTimeScale, StampClock, WeekClock
+from lgprjax.wire import Frame, decode
 
 # What the GNSS/INS says: positions in a local frame, attitudes and turning rates, with the times they are of.
 
@@ -168,10 +168,11 @@ _FIX_OLD_S = 0.25
 _OK = 0
 
 
-class Wheels(NamedTuple):
-    """The last drive_status, and when it was so on this computer's clock."""
+class BoxStatus(NamedTuple):
+    """A status of the drive-by-wire box: when it was so on this computer's clock, and when it arrived."""
 
     time_ns: int
+    arrival_ns: int
     frame: Frame
 
     def number(self, name: str) -> float:
@@ -181,6 +182,63 @@ class Wheels(NamedTuple):
     def bits(self, name: str) -> int:
         """A field of bits."""
         return int(self.frame.number(name))
+
+
+class LineSenses:
+    """What every vehicle knows by its lines: GNSS/INS and the newest status of its box.
+
+    Args:
+        frame: of map or plan; without one the first position becomes its anchor.
+        sensors: of the configuration.
+        message: the status of its box.
+
+    Attributes:
+        box: the newest status; ``None`` before the first.
+    """
+
+    def __init__(self, frame: LocalFrame | None, sensors: SensorsTable, message: str) -> None:
+        self._gnss, self._stamps, self._message = GnssSenses(frame, sensors), StampClock(), message
+        self.box: BoxStatus | None = None
+        self._tick_ns = 0
+
+    @property
+    def place(self) -> LocalPosition | None:
+        """The newest position of all."""
+        return self._gnss.place
+
+    @property
+    def attitude(self) -> LocalAttitude | None:
+        """The newest attitude of all."""
+        return self._gnss.attitude
+
+    @property
+    def frame(self) -> LocalFrame | None:
+        """That positions are in; ``None`` before the first where none was given."""
+        return self._gnss.frame
+
+    def take(self, record: Record) -> None:
+        """A message of the GNSS/INS or of the drive-by-wire box. Others are not for the senses."""
+        if record.source is Source.GNSS:
+            self._gnss.take(record)
+        elif record.source is Source.DRIVE_BY_WIRE:
+            frame = decode(record.payload)
+            time_ns = self._stamps.feed(frame.stamp_us, record.mono_ns) if frame.name == self._message else None
+            if time_ns is not None:
+                before, self.box = self.box, BoxStatus(time_ns, record.mono_ns, frame)
+                self._take_status(self.box, anew=before is not None and before.frame.session != frame.session)
+
+    def _take_status(self, box: BoxStatus, *, anew: bool) -> None:
+        """A status came; ``anew``: of a box that started anew and counts from zero."""
+
+    def _step_s(self, now_ns: int) -> float:
+        """A tick ends: since the last one."""
+        step_s = (now_ns - self._tick_ns) / 1e9 if self._tick_ns else 0.0
+        self._tick_ns = now_ns
+        return step_s
+
+    def _box_age_s(self, now_ns: int) -> float:
+        """Since the newest status arrived; infinite before the first."""
+        return math.inf if self.box is None else (now_ns - self.box.arrival_ns) / 1e9
 
 
 class Sensed(NamedTuple):
@@ -195,7 +253,7 @@ class Sensed(NamedTuple):
         odometer_mps: mean speed since the last drive_status of the tick before; NaN where none came.
         wheels: the last drive_status; ``None`` before the first.
         foot_on_brake: in any drive_status since the last tick.
-        wheels_age_s: since it arrived.
+        wheels_age_s: since it arrived; infinite before the first.
     """
 
     step_s: float
@@ -206,12 +264,12 @@ class Sensed(NamedTuple):
     fix: np.void | None
     p_false: float
     odometer_mps: float
-    wheels: Wheels | None
+    wheels: BoxStatus | None
     foot_on_brake: bool
     wheels_age_s: float
 
 
-class Senses:
+class Senses(LineSenses):
     """The lines' messages, taken one by one.
 
     Args:
@@ -220,46 +278,28 @@ class Senses:
     """
 
     def __init__(self, frame: LocalFrame, sensors: SensorsTable) -> None:
-        self._gnss = GnssSenses(frame, sensors)
-        self._box = StampClock()
-        self.wheels: Wheels | None = None
+        super().__init__(frame, sensors, "drive_status")
         self.fix: np.void | None = None
         self.travel_m = 0.0
         self._odometer: tuple[int, float] | None = None
-        self._wheels_arrived_ns = 0
         self._rate = TurnRate(0, math.nan)
         self._new_fix = self._foot = False
         self._p_false = math.nan
-        self._tick_ns = 0
-
-    @property
-    def place(self) -> LocalPosition | None:
-        """The newest position of all."""
-        return self._gnss.place
-
-    @property
-    def attitude(self) -> LocalAttitude | None:
-        """The newest attitude of all."""
-        return self._gnss.attitude
 
     def take(self, record: Record) -> None:
         """A message: of the GNSS/INS, of the drive-by-wire box, or a fix. Others are not for the senses."""
         if record.kind is RecordKind.FIX:
             self._take_fix(fix_row(record.payload))
-        elif record.kind is RecordKind.PORT_IN and record.source is Source.GNSS:
-            self._gnss.take(record)
-        elif record.kind is RecordKind.PORT_IN and record.source is Source.DRIVE_BY_WIRE:
-            frame = decode(record.payload)
-            time_ns = self._box.feed(frame.stamp_us, record.mono_ns) if frame.name == "drive_status" else None
-            if time_ns is not None:
-                self.wheels = Wheels(time_ns, frame)
-                self._wheels_arrived_ns = record.mono_ns
-                self._foot |= bool(int(frame.number("pedals")) & 1)
+        elif record.kind is RecordKind.PORT_IN:
+            super().take(record)
+
+    def _take_status(self, box: BoxStatus, *, anew: bool) -> None:
+        del anew  # the watches see to it
+        self._foot |= bool(box.bits("pedals") & 1)
 
     def end_tick(self, now_ns: int) -> Sensed:
         """Everything since the last tick; what was new is no longer."""
-        step_s = (now_ns - self._tick_ns) / 1e9 if self._tick_ns else 0.0
-        self._tick_ns = now_ns
+        step_s = self._step_s(now_ns)
         gnss = self._gnss.end_tick()
         if gnss.rates:
             self._rate = gnss.rates[-1]
@@ -274,9 +314,9 @@ class Senses:
             self._fresh_fix(now_ns),
             self._p_false,
             self._mean_speed(),
-            self.wheels,
+            self.box,
             self._foot,
-            (now_ns - self._wheels_arrived_ns) / 1e9,
+            self._box_age_s(now_ns),
         )
         self._new_fix = self._foot = False
         self._p_false = math.nan
@@ -297,9 +337,9 @@ class Senses:
 
     def _mean_speed(self) -> float:
         """Between the box's own stamps, which do not jitter as arrivals do."""
-        if self.wheels is None:
+        if self.box is None:
             return math.nan
-        before, here = self._odometer, (self.wheels.time_ns, self.wheels.number("odometer_m"))
+        before, here = self._odometer, (self.box.time_ns, self.box.number("odometer_m"))
         self._odometer = here
         if before is None or here[0] <= before[0] or here[0] - before[0] > 500_000_000:
             return math.nan

@@ -5,22 +5,14 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from lgprjax.autopilot import AutopilotConfig, LimiterRules, OnboardSetup, default_velocity
+from lgprjax.autopilot import OnboardSetup, onboard_setup
 from lgprjax.batch import chassis_of, filter_model_of, pedals_of, servo_of
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import MapFile, VehicleFile, read_route, read_vehicle
 from lgprjax.frames import LocalFrame
 from lgprjax.mapping import lay_route, open_route
-from lgprjax.navigation import (
-    NavigatorSetup,
-    RoutePath,
-    SlewLimits,
-    default_rules,
-    health_rules,
-    planner_settings,
-    switch_settings,
-)
+from lgprjax.navigation import RoutePath
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.vehicle import LookAhead
 
@@ -74,7 +66,7 @@ def load(config: RuntimeConfig) -> Loaded:
     """
     vehicle_path, map_path = config.path(config.vehicle), config.path(config.map)
     vehicle = read_vehicle(vehicle_path)
-    setup = onboard_setup(config, vehicle)
+    setup = setup_of_vehicle(config, vehicle)
     with MapFile.open(map_path) as source:
         frame = source.description.frame
     hashes = {name: file_hash(config.path(name)) for name in (config.vehicle, config.map)}
@@ -84,7 +76,7 @@ def load(config: RuntimeConfig) -> Loaded:
     return Loaded(vehicle, setup, frame, routes, hashes)
 
 
-def onboard_setup(config: RuntimeConfig, vehicle: VehicleFile) -> OnboardSetup:
+def setup_of_vehicle(config: RuntimeConfig, vehicle: VehicleFile) -> OnboardSetup:
     """Models and settings by the vehicle file.
 
     Raises:
@@ -98,40 +90,16 @@ def onboard_setup(config: RuntimeConfig, vehicle: VehicleFile) -> OnboardSetup:
         raise InputError(path, "pursuit", "the look-ahead over speed (lgprjax tune finds it)", "none")
     # Lever and clock of the array are measured on the vehicle; at one speed the two cannot be told from a place.
     model = filter_model_of(vehicle, path)._replace(initial_lever_m=jnp.float32(0.02))
-    risk = config.registration.risk
-    one = jnp.float32
-    navigator = NavigatorSetup(
-        model,
-        default_rules(),
-        switch_settings(risk, zero_slip_m=model.zero_slip_m, array_x_m=model.array_x_m, array_y_m=model.array_y_m),
-        SlewLimits(one(0.5), one(0.05)),
-        health_rules(
-            gnss_period_s=config.sensors.gnss_period_s,
-            heading_period_s=TICK_S,
-            odometer_period_s=TICK_S,
-            # Fixes come in stretches: a metre or two of poor ground is no fault.
-            lgpr_period_s=0.5,
-            risk=risk,
-        ),
-    )
-    limits = LimiterRules(
-        largest_front_rad=chassis.largest_angle_rad,
+    return onboard_setup(
+        model=model,
+        chassis=chassis,
+        pedals=pedals_of(vehicle, path),
+        look_ahead=LookAhead(*(jnp.float32(number) for number in schedule if number is not None)),
         front_rate_radps=servo.rate_radps,
-        throttle_rate_per_s=one(2.0),
-        brake_rate_per_s=one(4.0),
-        oldest_s=one(0.2),
-        default_brake=one(0.5),
-        release_rate_radps=one(0.1),
+        tick_s=TICK_S,
+        gnss_period_s=config.sensors.gnss_period_s,
+        risk=config.registration.risk,
     )
-    autopilot = AutopilotConfig(
-        chassis,
-        pedals_of(vehicle, path),
-        LookAhead(*(one(number) for number in schedule if number is not None)),
-        planner_settings(2.0),
-        default_velocity()._replace(proportional_per_s=one(1.5), integral_per_s2=one(0.4)),
-        limits,
-    )
-    return OnboardSetup(navigator, autopilot)
 
 
 def _laid(config: RuntimeConfig, name: str, hashes: dict[str, str]) -> LaidRoute:

@@ -1,13 +1,15 @@
 """What a kind of vehicle brings to the control loop, and what the loop asks of it in a tick."""
 
+import math
+from enum import IntFlag
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-from lgprjax.autopilot import Event, Mode, PathOffset
-from lgprjax.autopilot.monitors import Severity
-from lgprjax.navigation import Reaction
+from lgprjax.autopilot import Check, Event, Limited, Mode, PathOffset, SkidLimited
+from lgprjax.autopilot.monitors import Severity, Watch, describe
+from lgprjax.navigation import Reaction, Reason
+from lgprjax.run_records import Record, RecordKind
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.modes import CheckItem
-from lgprjax.runtime.messages import Record, RecordKind
 
 # Events of a tick for the mode machine: what watches, navigation, processes and the limiter say.
 
@@ -183,6 +185,42 @@ class Operator(NamedTuple):
 
     statuses: tuple[int, ...]
     age_s: float
+
+
+LINE = Watch.LINE_SILENT | Watch.BAD_FRAMES | Watch.BUS_OFF | Watch.DEFAULTS_ACT | Watch.SECOND_SENDER
+"""Findings of the box's line: they are its own fault, not one of the vehicle."""
+
+
+def box_checks(bits: Watch, *, heard: bool) -> list[CheckItem]:
+    """Checks of the drive-by-wire box and its line, which every vehicle has."""
+    line = bits & (Watch.LINE_SILENT | Watch.BAD_FRAMES | Watch.BUS_OFF | Watch.ACTUATOR_FAULT)
+    said = "; ".join(describe(line)) or "the drive-by-wire box is silent"
+    second = bool(bits & Watch.SECOND_SENDER)
+    return [
+        CheckItem(Check.SECOND_MASTER, not second, "another sender commands the drive-by-wire box"),
+        CheckItem(Check.DRIVE_BY_WIRE, heard and not line, said),
+    ]
+
+
+def whole(number: float, unknown: int = 0) -> int:
+    """A number that is a whole one where it is a number at all."""
+    return int(number) if math.isfinite(number) else unknown
+
+
+def reason_words(reasons: float) -> list[str]:
+    """Reasons of navigation's health, as words."""
+    return [_words(reason) for reason in Reason(whole(reasons))]
+
+
+def limited_words(limited: Limited | SkidLimited) -> list[str]:
+    """What the limiter held back because it was no sound command, as words."""
+    kind = type(limited)
+    bad = limited & (kind.NOT_FINITE | kind.STALE | kind.MANUAL_REQUESTED)
+    return [f"command: {_words(bit)}" for bit in bad]
+
+
+def _words(bit: IntFlag) -> str:
+    return str(bit.name).lower().replace("_", " ")
 
 
 class VehicleStatus(NamedTuple):

@@ -39,9 +39,9 @@ from lgprjax.autopilot.position_monitors import (
     step_odometer_watch,
 )
 from lgprjax.formats import VehicleFile
-from lgprjax.runtime.config import RuntimeConfig
+from lgprjax.runtime.config import ControlTable, RuntimeConfig
 from lgprjax.runtime.control.modes import PEDALS, STEERING
-from lgprjax.runtime.control.senses import Sensed, Wheels, chassis_belief, pedals_belief, wheel_belief
+from lgprjax.runtime.control.senses import BoxStatus, Sensed, chassis_belief, pedals_belief, wheel_belief
 
 ODOMETER = Watch.ODOMETER_DEAD | Watch.ODOMETER_REVERSED | Watch.ODOMETER_SLIPS | Watch.SPEED_UNKNOWN
 _TOLD = STEERING | PEDALS
@@ -75,6 +75,66 @@ class Watched(NamedTuple):
     speed_known: bool
 
 
+class SharedWatches:
+    """Watches that every vehicle has: the box's line, the buttons, whether it moves.
+
+    Args:
+        control: of the configuration.
+        bits: of ``engage`` with which the computer holds the vehicle.
+    """
+
+    def __init__(self, control: ControlTable, bits: int) -> None:
+        self._control, self._bits = control, bits
+        self._line, self._motion, self._buttons = LineWatchState(), MotionState(), ButtonState()
+
+    def step(
+        self,
+        *,
+        status_age_s: float,
+        box: tuple[int, int],
+        engage: int,
+        statuses: tuple[int, ...],
+        controller_age_s: float,
+        hands: OperatorContact,
+        speed_mps: float,
+        step_s: float,
+    ) -> tuple[Watch, list[Event]]:
+        """A tick: findings, and events of buttons and motion, in their order.
+
+        Args:
+            status_age_s: of the box's newest status; infinite before the first.
+            box: its state and what it holds engaged, bits.
+            engage: bits of the last command.
+            statuses: buttons of the controller since the last tick, oldest first.
+            controller_age_s: since the newest came; infinite before the first.
+            hands: of the operator on the vehicle.
+            speed_mps: measured.
+            step_s: since the last tick.
+        """
+        state, held = box
+        self._line, bits = step_line_watch(
+            self._line,
+            status_age_s=status_age_s,
+            box_state=state,
+            box_engaged=held,
+            told_engaged=engage & self._bits,
+            step_s=step_s,
+        )
+        self._buttons, pressed, found = step_buttons(
+            self._buttons,
+            statuses=statuses,
+            controller_age_s=controller_age_s,
+            hands=hands,
+            override_torque_nm=self._control.override_torque_nm,
+            engaged=bool(engage & self._bits),
+            step_s=step_s,
+        )
+        self._motion, moved = step_motion(
+            self._motion, speed_mps=speed_mps, fastest_engage_mps=self._control.fastest_engage_mps, step_s=step_s
+        )
+        return bits | found, [*pressed, *moved]
+
+
 class Watches:
     """The watches' states.
 
@@ -88,13 +148,13 @@ class Watches:
 
     def __init__(self, config: RuntimeConfig, vehicle: VehicleFile) -> None:
         path = config.path(config.vehicle)
-        self._control = config.control
+        self._shared = SharedWatches(config.control, _TOLD)
         self._wheel, self._chassis = wheel_belief(vehicle, path), chassis_belief(vehicle, path)
         self._pedals = pedals_belief(vehicle, path)
         self._sensors: WheelSensorState = init_wheel_sensors()
         self._servo, self._rear, self._pedal = ServoWatchState(), ChassisWatchState(), PedalWatchState()
-        self._odometer, self._line, self._path = OdometerWatchState(), LineWatchState(), PathWatchState()
-        self._heading, self._motion, self._buttons = HeadingWatchState(), MotionState(), ButtonState()
+        self._odometer, self._path = OdometerWatchState(), PathWatchState()
+        self._heading = HeadingWatchState()
         self._session = 0
 
     def step(
@@ -121,19 +181,9 @@ class Watches:
         """
         time_s, step_s = now_ns / 1e9, sensed.step_s
         steers = bool(sent.engage & STEERING)
-        bits, events, front = Watch(0), list[Event](), math.nan
+        bits, front = Watch(0), math.nan
         speed, speed_known = math.nan, False
         wheels = sensed.wheels
-        line_state = (0, 0) if wheels is None else (wheels.bits("state"), wheels.bits("engaged"))
-        self._line, found = step_line_watch(
-            self._line,
-            status_age_s=math.inf if wheels is None else sensed.wheels_age_s,
-            box_state=line_state[0],
-            box_engaged=line_state[1],
-            told_engaged=sent.engage & _TOLD,
-            step_s=step_s,
-        )
-        bits |= found
         hands = OperatorContact(0.0, False)
         if wheels is not None:
             if wheels.frame.session != self._session:
@@ -149,20 +199,17 @@ class Watches:
             bits |= found
         self._path, found = step_path_watch(self._path, engaged=steers, cross_track_m=cross_track_m, step_s=step_s)
         bits |= found
-        self._buttons, pressed, found = step_buttons(
-            self._buttons,
+        found, events = self._shared.step(
+            status_age_s=math.inf if wheels is None else sensed.wheels_age_s,
+            box=(0, 0) if wheels is None else (wheels.bits("state"), wheels.bits("engaged")),
+            engage=sent.engage,
             statuses=statuses,
             controller_age_s=controller_age_s,
             hands=hands,
-            override_torque_nm=self._control.override_torque_nm,
-            engaged=bool(sent.engage & _TOLD),
+            speed_mps=speed,
             step_s=step_s,
         )
         bits |= found
-        self._motion, moved = step_motion(
-            self._motion, speed_mps=speed, fastest_engage_mps=self._control.fastest_engage_mps, step_s=step_s
-        )
-        events += [*pressed, *moved]
         rate = sensed.yaw_rate_radps
         if not math.isfinite(rate) and math.isfinite(front + speed):
             rate = speed * curvature(self._chassis, front) * yaw_gain(self._chassis, speed)
@@ -176,7 +223,7 @@ class Watches:
     def _step_speed(
         self,
         sensed: Sensed,
-        wheels: Wheels,
+        wheels: BoxStatus,
         position: MonitoredPosition | None,
         heading_rad: float,
         time_s: float,
@@ -221,7 +268,7 @@ class Watches:
         return known, found | more | pressed
 
     def _step_wheels(
-        self, wheels: Wheels, sensed: Sensed, sent: SentCommand, speed_mps: float, speed_known: bool
+        self, wheels: BoxStatus, sensed: Sensed, sent: SentCommand, speed_mps: float, speed_known: bool
     ) -> tuple[float, Watch]:
         """Wheel sensors, servo and rear steering."""
         self._sensors, angles, bits = step_wheel_sensors(

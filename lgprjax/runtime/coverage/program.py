@@ -15,9 +15,9 @@ import numpy as np
 
 from lgprjax.coverage import CellState, cell_states, grid_of_field, inside_cells
 from lgprjax.coverage.field import Field
+from lgprjax.run_records import COVER, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.control.skid.setup import SkidLoaded, load_skid
 from lgprjax.runtime.coverage.worked_map import WorkedMap, worked_runs
-from lgprjax.runtime.messages import COVER, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.process import ProcessStage, Started
 
 CORNERS_FILE = "corners.csv"

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from lgprjax.coverage import CellGrid, Tool, ToolMoment, WorkedState, init_worked, step_worked
-from lgprjax.runtime.messages import ToolBits
+from lgprjax.run_records import ToolBits
 
 _LONGEST_STEP_NS = 250_000_000  # rows come each tenth of a second; in a hole nobody knows what the tool did
 

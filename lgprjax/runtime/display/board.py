@@ -3,7 +3,7 @@
 import json
 from typing import Any
 
-from lgprjax.runtime.messages import RecordKind, unpack
+from lgprjax.run_records import RecordKind, unpack
 
 STALE_NS = 500_000_000
 ENGAGED = ("STEERING", "SPEED")

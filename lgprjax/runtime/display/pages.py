@@ -25,9 +25,9 @@ from uvicorn.protocols.utils import ClientDisconnected
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.frames import Frame
 
+from lgprjax.run_records import Record, RecordKind, Source, pack
 from lgprjax.runtime.display.access import COOKIE, Access, Refused, RequestGate
 from lgprjax.runtime.display.board import Board
-from lgprjax.runtime.messages import Record, RecordKind, Source, pack
 from lgprjax.runtime.ring import Ring
 
 # What stands before the page: every request is held against ``Access``, every answer gets its headers.

@@ -12,8 +12,7 @@ import numpy as np
 from lgprjax.formats import MapFile, read_vehicle
 from lgprjax.process_cost import count_compiles
 from lgprjax.registration import Code, DriveFixes
-from lgprjax.runtime.link import Frame
-from lgprjax.runtime.messages import FIX, Record, RecordKind, Source, pack, unpack
+from lgprjax.run_records import FIX, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import ProcessStage, Started
 from lgprjax.runtime.registration.search import (
@@ -26,6 +25,7 @@ from lgprjax.runtime.registration.search import (
     description_of,
 )
 from lgprjax.runtime.stamps import StampClock
+from lgprjax.wire import Frame
 
 _IDLE_S = 0.002
 _WISH_S = 0.2

@@ -31,11 +31,11 @@ from lgprjax.registration import (
     ground_map_for,
     live_chain,
 )
+from lgprjax.run_records import PRIOR, Record, RecordKind, Source, pack
 from lgprjax.runtime.config import RadarTable, RuntimeConfig
-from lgprjax.runtime.link import Frame, Sender, draw_session
-from lgprjax.runtime.messages import PRIOR, Record, RecordKind, Source, pack
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.ring import Ring
+from lgprjax.wire import Frame, Sender, draw_session
 
 # Tiles made ready before the vehicle comes to them: in a thread, on a ground of its own.
 

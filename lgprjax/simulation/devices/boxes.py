@@ -1,18 +1,64 @@
 """The simulated boxes: drive-by-wire, skid-steer drive and operator's controller, each with its own defaults."""
 
-import struct
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
-from lgprjax.simulation.devices.wire_ends import (
-    Acceptance,
-    DeviceFrame,
-    DeviceSender,
-    FrameReader,
-    MessageType,
-    Reception,
-)
+from lgprjax.wire import Frame, FrameParser, FrameVerdict, Receiver, RefusedBytes, Sender, Value
+
+# A device's end of its line.
+
+
+class DeviceSender(Sender):
+    """Numbers and stamps a device's frames.
+
+    Args:
+        session: of this start.
+        epoch_us: what the device's clock shows when the world's shows 0.
+
+    Attributes:
+        stuck: a fault: the counter repeats.
+    """
+
+    def __init__(self, session: int, epoch_us: int) -> None:
+        super().__init__(session)
+        self._epoch_ns = 1000 * epoch_us
+        self.stuck = False
+
+    def frame(self, name: str, fields: Mapping[str, Value], *, mode: int, mono_ns: int, ttl_ms: int = 0) -> bytes:
+        """The next frame's bytes; ``mono_ns`` is of the world's clock."""
+        number = self._sequence
+        raw = super().frame(name, fields, mode=mode, mono_ns=self._epoch_ns + mono_ns, ttl_ms=ttl_ms)
+        if self.stuck:
+            self._sequence = number
+        return raw
+
+
+class HostListener:
+    """The host's frames on one line that a device acts on.
+
+    Args:
+        line: its name.
+
+    Attributes:
+        mode: of the host's last frame.
+    """
+
+    def __init__(self, line: str) -> None:
+        self.mode = 0
+        self._parser, self._rules = FrameParser(), Receiver(line, "host")
+
+    def feed(self, data: bytes, now_ns: int) -> Iterator[Frame]:
+        """Frames that are accepted."""
+        for frame in self._parser.feed(data):
+            if isinstance(frame, Frame) and self._rules.accept(frame, now_ns) is FrameVerdict.ACCEPTED:
+                self.mode = frame.mode
+                yield frame
+
+    def reconnect(self) -> None:
+        """The connection is another one: half a frame of the old one is nobody's."""
+        self._parser = FrameParser()
+
 
 # What every drive-by-wire box does with its line: frames judged, commands that end, defaults taken by itself.
 
@@ -38,7 +84,7 @@ class HostedBox(ABC):
         self.held, self.refused = 0, 0
         self.bus_off = False
         self._sender = sender
-        self._reader, self._rules = FrameReader(), Acceptance()
+        self._parser, self._rules = FrameParser(), Receiver("drive_by_wire", "host")
         self._sequence = 0
         self._ends_ns: int | None = None
         self._default, self._armed = True, False
@@ -48,19 +94,19 @@ class HostedBox(ABC):
 
     def receive(self, data: bytes, now_ns: int) -> None:
         """Bytes that came over the line."""
-        self.take(self._reader.feed(data), now_ns)
+        self.take(self._parser.feed(data), now_ns)
 
-    def take(self, frames: Iterable[DeviceFrame | None], now_ns: int) -> None:
-        """Frames that came, ``None`` for damaged ones."""
+    def take(self, frames: Iterable[Frame | RefusedBytes], now_ns: int) -> None:
+        """Frames that came, and bytes that are none."""
         self._let_time_pass(now_ns)
         for frame in frames:
-            if frame is None or self.bus_off:
+            if isinstance(frame, RefusedBytes) or self.bus_off:
                 self._refuse()
                 continue
-            verdict = self._rules.judge(frame, now_ns)
-            if verdict is Reception.SECOND_SENDER:
+            verdict = self._rules.accept(frame, now_ns)
+            if verdict is FrameVerdict.SECOND_SENDER:
                 self._second_ns = now_ns
-            if verdict is not Reception.TAKEN:
+            if verdict is not FrameVerdict.ACCEPTED:
                 self._refuse()
                 continue
             self._bad_in_a_row = 0
@@ -69,10 +115,10 @@ class HostedBox(ABC):
             self._hear(frame, now_ns)
 
     @abstractmethod
-    def _hear(self, frame: DeviceFrame, now_ns: int) -> None:
+    def _hear(self, frame: Frame, now_ns: int) -> None:
         """A frame that was taken."""
 
-    def _engage(self, frame: DeviceFrame, engage: int, known: int, now_ns: int) -> None:
+    def _engage(self, frame: Frame, engage: int, known: int, now_ns: int) -> None:
         """What a command holds engaged; ``known`` are the bits that the box has."""
         self._sequence = frame.sequence
         self._ends_ns = now_ns + 1_000_000 * frame.ttl_ms if frame.ttl_ms else None
@@ -107,6 +153,17 @@ class HostedBox(ABC):
         if self.bus_off or (self._ends_ns is not None and now_ns > self._ends_ns):
             self._fall()
 
+    def _status(self, name: str, due_ns: int, state: int, measured: Mapping[str, Value]) -> bytes:
+        """The status frame of a moment."""
+        fields = {
+            "command_sequence": self._sequence,
+            "engaged": self.held,
+            "state": state,
+            "refused": self.refused & 0xFFFF,
+            **measured,
+        }
+        return self._sender.frame(name, fields, mode=self.mode, mono_ns=due_ns)
+
     def _line_state(self, now_ns: int) -> int:
         """Bits of ``state`` that all boxes have."""
         second = self._second_ns is not None and now_ns - self._second_ns < _SECOND_SHOWN_NS
@@ -123,8 +180,6 @@ class HostedBox(ABC):
 STEERING_ENGAGED, PEDALS = 1, 2
 SERVO_FAULT, THROTTLE_FAULT, BRAKE_FAULT, BRAKE_TESTED = 8, 16, 32, 128
 DEFAULT_BRAKE = 0.5
-_COMMAND = struct.Struct("<fffB")
-_STATUS = struct.Struct("<IBHHfiffBffdf")
 _ROLLS_MPS = 0.05
 _TEST_NS, _TEST_BRAKE, _TEST_LEAST = 1_000_000_000, 0.5, 0.35
 
@@ -163,7 +218,7 @@ class Measured(NamedTuple):
     encoder_counts: int
     supply_v: float
     torque_nm: float
-    foot_on_brake: bool
+    pedals: bool
     throttle: float
     brake: float
     odometer_m: float
@@ -205,30 +260,15 @@ class DriveBox(HostedBox):
 
     def status(self, due_ns: int, measured: Measured) -> bytes:
         """The status frame of a moment."""
-        payload = _STATUS.pack(
-            self._sequence,
-            self.held,
-            self._line_state(due_ns) | self._tested,
-            self.refused & 0xFFFF,
-            measured.potentiometer_v,
-            measured.encoder_counts,
-            measured.supply_v,
-            measured.torque_nm,
-            int(measured.foot_on_brake),
-            measured.throttle,
-            measured.brake,
-            measured.odometer_m,
-            measured.speed_mps,
-        )
-        return self._sender.frame(MessageType.DRIVE_STATUS, payload, due_ns, self.mode)
+        return self._status("drive_status", due_ns, self._line_state(due_ns) | self._tested, measured._asdict())
 
-    def _hear(self, frame: DeviceFrame, now_ns: int) -> None:
-        if frame.kind == MessageType.DRIVE_COMMAND:
-            self.command = DriveCommandMessage(*_COMMAND.unpack(frame.payload))
+    def _hear(self, frame: Frame, now_ns: int) -> None:
+        if frame.name == "drive_command":
+            self.command = DriveCommandMessage._make(frame.fields.values())
             self._engage(frame, self.command.engage, STEERING_ENGAGED | PEDALS, now_ns)
             if self.held & (STEERING_ENGAGED | PEDALS):
                 self._test_since_ns = None
-        elif frame.kind == MessageType.DRIVE_TEST and frame.payload == b"\x01":
+        elif frame.name == "drive_test" and frame.fields["test"] == 1:
             self._begin_test(now_ns)
 
     def _let_go(self) -> None:
@@ -262,8 +302,6 @@ class DriveBox(HostedBox):
 # The drive-by-wire box of a skid-steer vehicle: by command, or by remote control while nothing is engaged.
 
 DRIVE = 1
-_SKID_BOX_COMMAND = struct.Struct("<ffBfB")
-_SKID_BOX_STATUS = struct.Struct("<IBHHffddBfff")
 
 
 class SkidCommandMessage(NamedTuple):
@@ -296,7 +334,7 @@ class SkidMeasured(NamedTuple):
     right_mps: float
     left_m: float
     right_m: float
-    turns: bool
+    tool: bool
     tool_rpm: float
     depth_m: float
     supply_v: float
@@ -332,25 +370,11 @@ class SkidBox(HostedBox):
 
     def status(self, due_ns: int, measured: SkidMeasured) -> bytes:
         """The status frame of a moment."""
-        payload = _SKID_BOX_STATUS.pack(
-            self._sequence,
-            self.held,
-            self._line_state(due_ns),
-            self.refused & 0xFFFF,
-            measured.left_mps,
-            measured.right_mps,
-            measured.left_m,
-            measured.right_m,
-            int(measured.turns),
-            measured.tool_rpm,
-            measured.depth_m,
-            measured.supply_v,
-        )
-        return self._sender.frame(MessageType.SKID_STATUS, payload, due_ns, self.mode)
+        return self._status("skid_status", due_ns, self._line_state(due_ns), measured._asdict())
 
-    def _hear(self, frame: DeviceFrame, now_ns: int) -> None:
-        if frame.kind == MessageType.SKID_COMMAND:
-            self.command = SkidCommandMessage(*_SKID_BOX_COMMAND.unpack(frame.payload))
+    def _hear(self, frame: Frame, now_ns: int) -> None:
+        if frame.name == "skid_command":
+            self.command = SkidCommandMessage._make(frame.fields.values())
             self._engage(frame, self.command.engage, DRIVE, now_ns)
 
     def _let_go(self) -> None:
@@ -378,19 +402,13 @@ class ControllerBox:
     """The controller's logic; times are nanoseconds of the world's clock, passed in."""
 
     def __init__(self, sender: DeviceSender) -> None:
-        self._sender = sender
-        self._reader, self._rules = FrameReader(), Acceptance()
-        self._mode = 0
+        self._sender, self._listener = sender, HostListener("controller")
         self._lit, self._told_ns = False, -_LIGHT_LASTS_NS
 
     def receive(self, data: bytes, now_ns: int) -> None:
         """Bytes that came over the line."""
-        for frame in self._reader.feed(data):
-            if frame is None or self._rules.judge(frame, now_ns) is not Reception.TAKEN:
-                continue
-            self._mode = frame.mode
-            if frame.kind == MessageType.CONTROLLER_LIGHT:
-                self._lit, self._told_ns = frame.payload == b"\x01", now_ns
+        for frame in self._listener.feed(data, now_ns):
+            self._lit, self._told_ns = frame.fields["light"] == 1, now_ns
 
     def lit(self, now_ns: int) -> bool:
         """Whether the light is on; it goes out when nobody feeds it."""
@@ -398,4 +416,4 @@ class ControllerBox:
 
     def status(self, due_ns: int, buttons: int) -> bytes:
         """The status frame of a moment."""
-        return self._sender.frame(MessageType.CONTROLLER_STATUS, struct.pack("<H", buttons), due_ns, self._mode)
+        return self._sender.frame("controller_status", {"buttons": buttons}, mode=self._listener.mode, mono_ns=due_ns)

@@ -1,20 +1,17 @@
-"""All simulated devices of a skid-steer vehicle in a field: bytes and time in, frames out, the tool among them."""
+"""The simulated devices of a skid-steer vehicle with its tool in a field."""
 
-import json
 import math
-import threading
 from collections import deque
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
-from lgprjax.errors import InputError
 from lgprjax.frames import LocalFrame
 from lgprjax.scene.plant import (
     SkidPlant,
@@ -28,45 +25,18 @@ from lgprjax.scene.plant import (
     read_skid_sensors,
     step_skid_plant,
 )
-from lgprjax.simulation.devices.boxes import (
-    OVERRIDE_FIRST,
-    OVERRIDE_SECOND,
-    ControllerBox,
-    SkidActing,
-    SkidBox,
-    SkidCommandMessage,
-    SkidMeasured,
-    buttons_of,
-)
-from lgprjax.simulation.devices.faults import (
-    FAULT_LASTS_S,
-    READY_MODE,
-    Moment,
-    RunningFaults,
-    Schedule,
-    ScriptItem,
-    check_choice,
-    read_items,
-)
-from lgprjax.simulation.devices.sensors import (
-    WEEK_S,
-    GnssClock,
-    GnssFix,
-    InsReading,
-    Lines,
-    attitude_messages,
-    position_message,
-)
-from lgprjax.simulation.devices.stage import Ticker
-from lgprjax.simulation.devices.vehicle import write_truth
-from lgprjax.simulation.devices.wire_ends import DeviceSender
+from lgprjax.simulation.devices.boxes import SkidActing, SkidBox, SkidCommandMessage, SkidMeasured
+from lgprjax.simulation.devices.faults import FAULTS, RunningFaults, ScriptItem
+from lgprjax.simulation.devices.sensors import GnssFix, InsReading, attitude_messages, position_message
+from lgprjax.simulation.devices.stage import Stage, StageKind, StageSpec
+from lgprjax.simulation.devices.vehicle import TruthRows
 from lgprjax.vehicle.kinematics import VehiclePose, WheelSpeeds
 
-# What a run of the devices in a field is asked for: SPEC.json.
+# What a run of the devices in a field is asked for.
 
 
-class FieldSpec(BaseModel):
-    """A run of the devices in a field. Paths are as the program's working folder has them.
+class FieldSpec(StageSpec):
+    """A run of the devices in a field; see ``StageSpec``. The script is the operator's.
 
     Attributes:
         anchor: latitude and longitude (degrees) and height of the plan's frame, which poses are in.
@@ -74,14 +44,7 @@ class FieldSpec(BaseModel):
         track_m, gnss_x_m, gnss_y_m, threshold_mps: of the true vehicle.
         wheel_scale: what the tracks' sensors read too much by, as a share.
         seed: of slips and errors.
-        ports: where the devices' addresses are written to.
-        truth: where the truth is written to at the end.
-        script: what the operator does.
-        faults: what goes wrong.
-        rate: world's seconds in one of the computer's.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     anchor: tuple[float, float, float]
     start: tuple[float, float, float]
@@ -91,56 +54,32 @@ class FieldSpec(BaseModel):
     threshold_mps: float = Field(default=0.0, ge=0.0)
     wheel_scale: float = Field(default=0.02, gt=-0.5, lt=0.5)
     seed: int = 2
-    ports: str
-    truth: str
-    script: list[dict[str, Any]] = []
-    faults: list[dict[str, Any]] = []
-    rate: float = Field(default=1.0, gt=0.0, le=10.0)
-
-
-def is_field_spec(path: Path) -> bool:
-    """Whether a file asks for devices in a field; what cannot be read does not."""
-    try:
-        return "anchor" in json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False
-
-
-def read_field_spec(path: Path) -> FieldSpec:
-    """A spec from its file.
-
-    Raises:
-        InputError: a key is unknown, missing or not as expected.
-    """
-    try:
-        return FieldSpec.model_validate(json.loads(path.read_text(encoding="utf-8")))
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise InputError(path, place, first["msg"], repr(first["input"])[:60]) from None
 
 
 # What goes wrong with the simulated devices of a field: names, and what each must say of itself.
 
 FIELD_LINES = ("drive_by_wire", "controller", "gnss")
+_OF_EVERY_VEHICLE = (
+    "gnss_off",
+    "gnss_jump",
+    "gnss_float",
+    "ins_off",
+    "ins_nan",
+    "line_corrupt",
+    "line_repeat",
+    "line_silent",
+    "bus_off",
+    "override_stuck",
+    "override_wire_cut",
+    "estop_held",
+    "supply_sag",
+)
 FIELD_FAULTS: dict[str, tuple[str, ...]] = {
-    "gnss_off": (),
-    "gnss_jump": ("m",),
-    "gnss_float": (),
-    "ins_off": (),
-    "ins_nan": (),
+    **{name: FAULTS[name] for name in _OF_EVERY_VEHICLE},
     "left_dead": (),
     "right_dead": (),
     "tool_stops": (),
     "tool_depth": ("m",),
-    "line_corrupt": ("line",),
-    "line_repeat": ("line",),
-    "line_silent": ("line",),
-    "bus_off": (),
-    "override_stuck": (),
-    "override_wire_cut": (),
-    "estop_held": (),
-    "supply_sag": ("v",),
 }
 """Faults by name, and what each must say of itself. ``left_dead``: of the sensor; ``tool_depth``: m deeper."""
 
@@ -295,46 +234,29 @@ _COLUMNS = (
 )
 
 
-class FieldTruth:
-    """Rows of a run, each of a tick's end."""
+class FieldTruth(TruthRows):
+    """How a vehicle and its tool went."""
 
     def __init__(self) -> None:
-        self._times: list[int] = []
-        self._rows: list[tuple[float, ...]] = []
+        super().__init__(_COLUMNS)
 
     def add(
         self, time_ns: int, moved: FlailMoved, tool: ToolState, command: SkidCommandMessage, held: int, *, gnss_on: bool
     ) -> None:
         """A tick's row."""
-        self._times.append(time_ns)
-        self._rows.append(
-            (
-                moved.x_m,
-                moved.y_m,
-                moved.yaw_rad,
-                moved.speed_mps,
-                float(tool.turns),
-                tool.depth_m,
-                float(held),
-                command.left_mps,
-                command.right_mps,
-                float(gnss_on),
-            )
+        row = (
+            moved.x_m,
+            moved.y_m,
+            moved.yaw_rad,
+            moved.speed_mps,
+            float(tool.turns),
+            tool.depth_m,
+            float(held),
+            command.left_mps,
+            command.right_mps,
+            float(gnss_on),
         )
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Everything by name: the columns and ``mono_ns``."""
-        table = np.array(self._rows, np.float64).reshape(-1, len(_COLUMNS))
-        columns: dict[str, np.ndarray] = dict(zip(_COLUMNS, table.T, strict=True))
-        return {"mono_ns": np.array(self._times, np.int64), **columns}
-
-    def write(self, path: Path, figures: dict[str, float]) -> None:
-        """Write a ``.npz`` of the arrays and of figures of the run.
-
-        Raises:
-            InputError: it cannot be written.
-        """
-        write_truth(path, self.arrays(), figures)
+        self.add_row(time_ns, row)
 
 
 # The operator of a skid-steer vehicle: drives it by remote control from place to place, and plays a script.
@@ -346,8 +268,8 @@ FIELD_SCRIPT: dict[str, tuple[str, ...]] = {
     "brake_tap": (),
 }
 """What a script may say, and what each must say with it."""
-SCRIPT_LASTS_S = {"press": 0.3, "brake_tap": 0.3}
-FIELD_BUTTONS = ("steering", "plus", "minus", "override", "estop", "corner")
+_SCRIPT_LASTS_S = {"press": 0.3, "brake_tap": 0.3}
+_BUTTONS = ("steering", "plus", "minus", "override", "estop", "corner")
 
 _THERE_M = 0.05
 _WAITS_S = 2.0
@@ -411,41 +333,27 @@ class Teleoperator:
         return SkidActing(speed - 0.5 * _TRACK_M * turn, speed + 0.5 * _TRACK_M * turn, None)
 
 
-_TICK_NS = round(1e9 * TICK_S)
+_KIND = StageKind(FIELD_LINES, FIELD_SCRIPT, _SCRIPT_LASTS_S, _BUTTONS, FIELD_FAULTS)
 _SUPPLY_V, _FLOAT_M = 24.0, 0.4
 
 
-class FieldTick(NamedTuple):
-    """A tick that was made: its number."""
-
-    number: int
-
-
-class FieldStage:
-    """The devices and their world. Times are nanoseconds of the world's clock, passed in.
-
-    ``tick`` belongs to one thread, ``receive`` and ``emit`` may belong to another.
+class FieldStage(Stage[SkidBox, None]):
+    """A skid-steer vehicle with its tool in a field; see ``Stage``.
 
     Args:
         spec: what is asked for.
         file: where it was read, for messages.
         begin_ns: when the world begins.
 
-    Attributes:
-        latest_s: how late a status was sent at the worst.
-
     Raises:
         InputError: the spec's script or faults cannot be used.
     """
 
+    truth: FieldTruth
+
     def __init__(self, spec: FieldSpec, file: Path, begin_ns: int) -> None:
-        rng = np.random.default_rng([spec.seed, 53])
-        self.begin_ns, self.faults, self.truth = begin_ns, RunningFaults(), FieldTruth()
-        script = read_items(file, "script", spec.script, key="do", known=FIELD_SCRIPT, lasts_s=SCRIPT_LASTS_S)
-        wrong = read_items(file, "faults", spec.faults, key="kind", known=FIELD_FAULTS, lasts_s=FAULT_LASTS_S)
-        check_choice(file, "script", script, "button", FIELD_BUTTONS)
-        check_choice(file, "faults", wrong, "line", FIELD_LINES)
-        self._script, self._wrong = Schedule(script), Schedule(wrong)
+        super().__init__(_KIND, spec, file, begin_ns, tick_ns=1e9 * TICK_S, box=SkidBox, seed=spec.seed)
+        self.truth = FieldTruth()
         self._frame = LocalFrame(*spec.anchor)
         self._flail = Flail(
             track_m=spec.track_m,
@@ -458,40 +366,19 @@ class FieldStage:
         )
         self.moved = FlailMoved(*spec.start, *[0.0] * (len(FlailMoved._fields) - 3))
         self.tool, self.operator = ToolState(), Teleoperator()
-        self._senders = {
-            line: DeviceSender(int(rng.integers(1, 1 << 32)), int(rng.integers(1, 1 << 40))) for line in FIELD_LINES
-        }
-        self.drive_box = SkidBox(self._senders["drive_by_wire"])
-        self.controller = ControllerBox(self._senders["controller"])
-        self._lines = Lines(self.faults, spec.seed)
-        self._clock = GnssClock((2400.0 + float(rng.uniform(0.1, 0.8))) * WEEK_S - 1e-9 * begin_ns)
         self._hands = RemoteHands(SkidActing(0.0, 0.0, None), frozenset())
-        self._ins_yaw = float(rng.uniform(-math.pi, math.pi))
+        self._ins_yaw = float(self._rng.uniform(-math.pi, math.pi))
         self._left_m = self._right_m = 0.0
-        self._travel_m, self._ticks = 0.0, 0
-        self._ready_ns: int | None = None
-        self.latest_s = {"status": 0.0}
+        self._travel_m = 0.0
         self._waiting: deque[tuple[str, int, bytes]] = deque(maxlen=64)
-        self._buttons = Ticker(begin_ns, 20_000_000)
-        self._lock = threading.Lock()
 
-    @property
-    def next_ns(self) -> int:
-        """When the next tick begins."""
-        return self.begin_ns + self._ticks * _TICK_NS
-
-    def tick(self) -> FieldTick:
+    def tick(self) -> None:
         """Move the vehicle by a tick, under what the host said until its begin."""
         begin_ns, before = self.next_ns, self.moved
-        self._ticks += 1
         with self._lock:
             box = self.drive_box
-            if self._ready_ns is None and box.mode == READY_MODE:
-                self._ready_ns = begin_ns
-            moment = self._moment(begin_ns)
-            self.faults.run(self._wrong.step(moment))
-            box.bus_off = self.faults.has("bus_off")
-            self._hands = self.operator.step(self._script.step(moment), before.x_m, before.y_m, before.yaw_rad, TICK_S)
+            running = self._begin_tick(self._travel_m, self.operator.arrivals)
+            self._hands = self.operator.step(running, before.x_m, before.y_m, before.yaw_rad, TICK_S)
             supply_v = self.faults.number("supply_sag", "v", _SUPPLY_V)
             acting = box.acting(begin_ns, self._hands.remote, supply_v)
             command, held = box.command, box.held
@@ -502,48 +389,20 @@ class FieldStage:
         self.truth.add(self.next_ns, moved, self.tool, command, held, gnss_on=on)
         with self._lock:
             self._sense(moved, supply_v, gnss_on=on)
-        return FieldTick(self._ticks - 1)
 
-    def render(self, tick: FieldTick) -> None:
-        """There is no radar."""
+    @property
+    def _buttons_held(self) -> frozenset[str]:
+        return self._hands.buttons
 
-    def skip(self, tick: FieldTick) -> int:
-        """There are no scans to be left out."""
-        del tick
-        return 0
-
-    def renew(self) -> None:
-        """Nobody listens on the radar's line."""
-
-    def warm(self) -> None:
-        """A tick compiles all there is."""
-
-    def receive(self, line: str, data: bytes, now_ns: int) -> None:
-        """The host's bytes on a line."""
-        with self._lock:
-            told = self._lines.into(line, data)
+    def _due(self, now_ns: int) -> list[tuple[str, bytes]]:
+        told: list[tuple[str, bytes]] = []
+        # What is not known yet is not told: a world that is late tells it late, and never wrong.
+        while self._waiting and self._waiting[0][1] <= now_ns:
+            line, due_ns, data = self._waiting.popleft()
             if line == "drive_by_wire":
-                self.drive_box.receive(told, now_ns)
-            elif line == "controller":
-                self.controller.receive(told, now_ns)
-
-    def emit(self, now_ns: int) -> list[tuple[str, bytes]]:
-        """What the devices send by now: (line, whole messages)."""
-        with self._lock:
-            for line, sender in self._senders.items():
-                sender.stuck = self._lines.repeats(line)
-            told: list[tuple[str, bytes]] = []
-            # What is not known yet is not told: a world that is late tells it late, and never wrong.
-            while self._waiting and self._waiting[0][1] <= now_ns:
-                line, due_ns, data = self._waiting.popleft()
-                if line == "drive_by_wire":
-                    self.latest_s["status"] = max(self.latest_s["status"], 1e-9 * (now_ns - due_ns))
-                told.append((line, data))
-            told += [
-                ("controller", self.controller.status(due_ns, self._pressed())) for due_ns in self._buttons.due(now_ns)
-            ]
-            sent = ((line, self._lines.out(line, data)) for line, data in told)
-            return [(line, data) for line, data in sent if data]
+                self._note("status", now_ns - due_ns)
+            told.append((line, data))
+        return told
 
     def _sense(self, moved: FlailMoved, supply_v: float, *, gnss_on: bool) -> None:
         """What the devices say at a tick's end."""
@@ -592,16 +451,3 @@ class FieldStage:
 
     def _heading_deg(self, yaw_rad: float) -> float:
         return float(self._frame.heading_of_yaw(np.array([yaw_rad]), np.array([self._frame.longitude_deg]))[0])
-
-    def _moment(self, now_ns: int) -> Moment:
-        box = self.drive_box
-        since = None if self._ready_ns is None else 1e-9 * (now_ns - self._ready_ns)
-        mode_for_s = 1e-9 * (now_ns - box.mode_since_ns)
-        return Moment(1e-9 * now_ns, since, self._travel_m, box.mode, mode_for_s, self.operator.arrivals)
-
-    def _pressed(self) -> int:
-        pressed: set[str] = set(self._hands.buttons)
-        pressed |= {"override"} if self.faults.has("override_stuck") else set()
-        pressed |= {"estop"} if self.faults.has("estop_held") else set()
-        bits = buttons_of(pressed)
-        return bits & ~(OVERRIDE_FIRST | OVERRIDE_SECOND) if self.faults.has("override_wire_cut") else bits

@@ -11,13 +11,50 @@ import threading
 import time
 import tty
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jax
 
+from lgprjax.formats import MapFile
 from lgprjax.formats.store import atomic_output
-from lgprjax.simulation.devices.stages import AnyStage, StageMaker, open_spec
+from lgprjax.simulation.devices.course_stage import CourseSpec, CourseStage
+from lgprjax.simulation.devices.field_stage import FieldSpec, FieldStage
+from lgprjax.simulation.devices.stage import Stage, StageSpec, read_spec
+from lgprjax.simulation.devices.world import CourseWorld
+from lgprjax.simulation.loop.off_road import OffRoad
+
+# The stage that a spec asks for: a course with a radar, or a field with a tool.
+
+StageMaker = Callable[[int], Stage[Any, Any]]
+"""A stage that begins at a time of the world's clock."""
+
+
+def open_spec(file: Path) -> tuple[StageSpec, StageMaker]:
+    """What a spec asks for, and its stage.
+
+    Raises:
+        InputError: it cannot be used.
+    """
+    if _is_field(file):
+        field = read_spec(file, FieldSpec)
+        return field, lambda begin_ns: FieldStage(field, file, begin_ns)
+    spec = read_spec(file, CourseSpec)
+    with MapFile.open(spec.map) as opened:
+        local = opened.description.frame
+    course = OffRoad(spec.seed, spec.length_m, spec.scan_share)
+    world = CourseWorld(course, local, weather=spec.weather, drive_seed=spec.drive_seed)
+    return spec, lambda begin_ns: CourseStage(spec, world, file, begin_ns)
+
+
+def _is_field(file: Path) -> bool:
+    """Whether a file asks for devices in a field; what cannot be read does not."""
+    with suppress(OSError, ValueError):
+        return "anchor" in json.loads(file.read_text(encoding="utf-8"))
+    return False
+
 
 # The devices' ports: pseudo-terminals and a listening socket, none of which can hold the devices up.
 
@@ -259,13 +296,13 @@ def run_devices(file: Path) -> int:
     """
     _hold_xla_to_one()
     sys.setswitchinterval(0.0005)
-    opened = open_spec(file)
-    real = RealTime(opened.make, opened.rate)
+    spec, make = open_spec(file)
+    real = RealTime(make, spec.rate)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: real.end())
-    real.ports.announce(opened.ports)
+    real.ports.announce(Path(spec.ports))
     figures = real.run()
-    real.stage.truth.write(opened.truth, figures)
+    real.stage.truth.write(Path(spec.truth), figures)
     if figures["late_ticks"] or figures["skipped_scans"]:
         print(
             f"devices: {figures['late_ticks']:.0f} ticks were late, by {figures['largest_late_s']:.3f} s at most; "
@@ -288,7 +325,7 @@ def _hold_xla_to_one() -> None:
         os.sched_setaffinity(0, allowed)
 
 
-def _warm(stage: AnyStage) -> None:
+def _warm(stage: Stage[Any, Any]) -> None:
     """Compile and load whatever a run needs, on a stage that is thrown away."""
     stage.warm()
     for _ in range(_WARM_TICKS):

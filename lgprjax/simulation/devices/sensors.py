@@ -1,8 +1,8 @@
 """What the simulated radar, receiver and chassis sensors report of the truth: noise and faults."""
 
 import datetime
-import struct
 from collections import deque
+from collections.abc import Mapping
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -13,18 +13,11 @@ from pyubx2 import GET, UBXMessage
 from lgprjax.scene import LiveSensors
 from lgprjax.scene.propagation import RadarConfig
 from lgprjax.scene.vehicle_drive import TrueVehicle
-from lgprjax.simulation.devices.boxes import Measured
+from lgprjax.simulation.devices.boxes import DeviceSender, HostListener, Measured
 from lgprjax.simulation.devices.faults import RunningFaults
 from lgprjax.simulation.devices.vehicle import GNSS_X_M, DriverInput, Moved
-from lgprjax.simulation.devices.wire_ends import (
-    Acceptance,
-    DeviceFrame,
-    DeviceSender,
-    FrameReader,
-    MessageType,
-    Reception,
-)
 from lgprjax.simulation.devices.world import CourseWorld, Sample
+from lgprjax.wire import Frame, Value
 
 # A u-blox receiver with INS: NAV-PVT, NAV-ATT and ESF-INS, built by pyubx2.
 
@@ -264,10 +257,6 @@ class Sensing:
 
 # The radar's box: obeys start, stop, calibrate and look-up, describes itself, sends scans when they are due.
 
-_COMMAND = struct.Struct("<BI")
-_SCAN = struct.Struct("<IHHI")
-_HEALTH = struct.Struct("<BHfI")
-_DESCRIPTION = struct.Struct("<HHIifI")
 _TEMPERATURE_C = 34.0
 _BUSY_NS = 1_000_000_000
 """That calibrating, and looking up, take."""
@@ -307,8 +296,7 @@ class RadarBox:
         self.state = RadarState.IDLE
         self.dropped, self.errors = 0, 0
         self._sender, self._radar, self._channels, self._period_s = sender, radar, channels, period_s
-        self._reader, self._rules = FrameReader(), Acceptance()
-        self._mode = 0
+        self._listener = HostListener("radar")
         self._begun_ns: int | None = None
         self._first: int | None = None
         self._every = 1
@@ -317,16 +305,13 @@ class RadarBox:
 
     def receive(self, data: bytes, now_ns: int) -> None:
         """Bytes that came over the line."""
-        for frame in self._reader.feed(data):
-            if frame is None or self._rules.judge(frame, now_ns) is not Reception.TAKEN:
-                continue
-            self._mode = frame.mode
-            if frame.kind == MessageType.RADAR_COMMAND:
+        for frame in self._listener.feed(data, now_ns):
+            if frame.name == "radar_command":
                 self._obey(frame, now_ns)
 
     def forget_line(self) -> None:
-        """The connection is another one: half a frame of the old one is nobody's."""
-        self._reader = FrameReader()
+        """Another host has connected."""
+        self._listener.reconnect()
 
     def put(self, scans: list[RecordedScan]) -> None:
         """Scans of the world, in their order; those of before the start are left."""
@@ -350,31 +335,39 @@ class RadarBox:
                 continue
             channels, samples = scan.data.shape
             number = (scan.number - self._first) // self._every
-            head = _SCAN.pack(number, channels, samples, (1 << channels) - 1)
-            frame = self._sender.frame(MessageType.RADAR_SCAN, head + scan.data.tobytes(), scan.stamp_ns, self._mode)
+            fields = {"scan": number, "channels": channels, "samples": samples, "valid": (1 << channels) - 1}
+            frame = self._frame("radar_scan", {**fields, "data": scan.data.tobytes()}, scan.stamp_ns)
             frames.append((scan.stamp_ns + wait_ns, frame))
         return frames
 
     def health(self, due_ns: int) -> bytes:
         """The health frame of a moment."""
-        payload = _HEALTH.pack(self.state, self.errors, _TEMPERATURE_C, self.dropped)
-        return self._sender.frame(MessageType.RADAR_HEALTH, payload, due_ns, self._mode)
+        fields = {
+            "state": int(self.state),
+            "errors": self.errors,
+            "temperature_c": _TEMPERATURE_C,
+            "dropped": self.dropped,
+        }
+        return self._frame("radar_health", fields, due_ns)
 
     def description(self, due_ns: int) -> bytes:
         """The description of its scans."""
         radar = self._radar
-        payload = _DESCRIPTION.pack(
-            self._channels,
-            radar.samples,
-            round(1e3 * radar.sample_step_ns),
-            round(1e3 * radar.time_zero_ns),
-            128.0,
-            round(1e6 * self._period_s * self._every),
-        )
-        return self._sender.frame(MessageType.RADAR_DESCRIPTION, payload, due_ns, self._mode)
+        fields = {
+            "channels": self._channels,
+            "samples": radar.samples,
+            "sample_interval_ps": round(1e3 * radar.sample_step_ns),
+            "time_zero_ps": round(1e3 * radar.time_zero_ns),
+            "zero_level": 128.0,
+            "scan_period_us": round(1e6 * self._period_s * self._every),
+        }
+        return self._frame("radar_description", fields, due_ns)
 
-    def _obey(self, frame: DeviceFrame, now_ns: int) -> None:
-        action, period_us = _COMMAND.unpack(frame.payload)
+    def _frame(self, name: str, fields: Mapping[str, Value], stamp_ns: int) -> bytes:
+        return self._sender.frame(name, fields, mode=self._listener.mode, mono_ns=stamp_ns)
+
+    def _obey(self, frame: Frame, now_ns: int) -> None:
+        action, period_us = frame.number("action"), frame.number("scan_period_us")
         if action == 0:
             self.state = RadarState.IDLE
             self._waiting.clear()

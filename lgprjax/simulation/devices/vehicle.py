@@ -449,8 +449,42 @@ _COLUMNS = (
 )
 
 
-class Truth:
+class TruthRows:
     """Rows of a run, each of a tick's end.
+
+    Args:
+        columns: their names.
+    """
+
+    def __init__(self, columns: tuple[str, ...]) -> None:
+        self._columns = columns
+        self._times: list[int] = []
+        self._rows: list[tuple[float, ...]] = []
+
+    def add_row(self, time_ns: int, row: tuple[float, ...]) -> None:
+        """A tick's row."""
+        self._times.append(time_ns)
+        self._rows.append(row)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Everything by name: ``mono_ns`` and the columns."""
+        table = np.array(self._rows, np.float64).reshape(-1, len(self._columns))
+        columns: dict[str, np.ndarray] = dict(zip(self._columns, table.T, strict=True))
+        return {"mono_ns": np.array(self._times, np.int64), **columns}
+
+    def write(self, path: Path, figures: dict[str, float]) -> None:
+        """Write a ``.npz`` of the arrays and of figures of the run, arrays of one number.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        numbers = {name: np.asarray(value) for name, value in figures.items()}
+        with atomic_output(path, force=True) as temporary, temporary.open("wb") as file:
+            np.savez(file, allow_pickle=False, **self.arrays(), **numbers)
+
+
+class Truth(TruthRows):
+    """How a vehicle on a course went.
 
     Args:
         rear_ratio: of the sound rear wheels.
@@ -459,60 +493,35 @@ class Truth:
     """
 
     def __init__(self, rear_ratio: float, array_x_m: float, baseline_m: Float[np.ndarray, "point 2"]) -> None:
+        super().__init__(_COLUMNS)
         self._ratio, self._array_x_m, self._baseline_m = rear_ratio, array_x_m, baseline_m
-        self._times: list[int] = []
-        self._rows: list[tuple[float, ...]] = []
 
     def add(self, time_ns: int, sample: Sample, acting: Acting, command: DriveCommandMessage, held: int) -> None:
         """A tick's row."""
         sound = -self._ratio * sample.front_rad
         rear = sound if np.isnan(acting.rear_rad) else acting.rear_rad
-        self._times.append(time_ns)
-        self._rows.append(
-            (
-                sample.x_m,
-                sample.y_m,
-                sample.yaw_rad,
-                sample.speed_mps,
-                sample.front_rad,
-                rear,
-                command.front_rad,
-                command.throttle,
-                command.brake,
-                float(held),
-                acting.brake,
-                acting.throttle,
-            )
+        row = (
+            sample.x_m,
+            sample.y_m,
+            sample.yaw_rad,
+            sample.speed_mps,
+            sample.front_rad,
+            rear,
+            command.front_rad,
+            command.throttle,
+            command.brake,
+            float(held),
+            acting.brake,
+            acting.throttle,
         )
+        self.add_row(time_ns, row)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Everything by name: the columns, ``mono_ns``, ``cross_m`` of the array's centre, and ``baseline_m``."""
-        table = np.array(self._rows, np.float64).reshape(-1, len(_COLUMNS))
-        columns: dict[str, np.ndarray] = dict(zip(_COLUMNS, table.T, strict=True))
+        columns = super().arrays()
         columns["engaged"] = columns["engaged"].astype(np.uint8)
         yaw = columns["yaw_rad"]
         anchor = np.stack(
             [columns["x_m"] + self._array_x_m * np.cos(yaw), columns["y_m"] + self._array_x_m * np.sin(yaw)], axis=1
         )
-        cross = cross_track_m(anchor, self._baseline_m)
-        return {
-            "mono_ns": np.array(self._times, np.int64),
-            **columns,
-            "cross_m": cross,
-            "baseline_m": self._baseline_m,
-        }
-
-    def write(self, path: Path, figures: dict[str, float]) -> None:
-        """Write a ``.npz`` of the arrays and of figures of the run.
-
-        Raises:
-            InputError: it cannot be written.
-        """
-        write_truth(path, self.arrays(), figures)
-
-
-def write_truth(path: Path, arrays: dict[str, np.ndarray], figures: dict[str, float]) -> None:
-    """Arrays by name, and figures as arrays of one number, as ``.npz``."""
-    numbers = {name: np.asarray(value) for name, value in figures.items()}
-    with atomic_output(path, force=True) as temporary, temporary.open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays, **numbers)
+        return {**columns, "cross_m": cross_track_m(anchor, self._baseline_m), "baseline_m": self._baseline_m}

@@ -1,17 +1,27 @@
 """The closed loop, tick by tick: vehicle, sensors, fusion, health, planner, law, limiter, and round again.
 
 A tick has two halves: ``move`` (what the world does: the last command drives the vehicle, the sensors see it) and
-``decide`` (what runs on board: fusion, health, the drifting frame, the autopilot). Between them stands the radar:
+``decide`` (what runs on board: ``step_onboard``, as on the vehicle). Between them stands the radar:
 registration of rendered scans, or fixes drawn from an error model. Both halves are one lane, more by ``vmap``; the
 controller never sees the true pose; only the driver does, who brings the vehicle to where it may be engaged.
 """
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from lgprjax.autopilot import AutopilotInputs, step_autopilot
+from lgprjax.autopilot import (
+    AutopilotInfo,
+    AutopilotInputs,
+    AutopilotState,
+    Command,
+    OnboardSetup,
+    Orders,
+    step_autopilot,
+    step_onboard,
+)
 from lgprjax.navigation import (
     GnssObservation,
     HeadingObservation,
@@ -23,14 +33,13 @@ from lgprjax.navigation import (
     RoutePath,
     pose_of,
     position_sigma_m,
-    step_navigator,
 )
 from lgprjax.navigation.counter_steer_model import YAW, X, Y
 from lgprjax.navigation.kalman import wrap_yaw
 from lgprjax.navigation.route import leg_project
 from lgprjax.scene import Readings, read_live_sensors, step_plant
+from lgprjax.simulation.handover import step_handover
 from lgprjax.simulation.loop.loop_setup import FOOT_M, Decision, LoopSetup, LoopSpec, LoopState
-from lgprjax.vehicle import VehiclePose
 
 
 def move(spec: LoopSpec, setup: LoopSetup, state: LoopState, key: PRNGKeyArray) -> tuple[LoopState, Readings]:
@@ -79,42 +88,56 @@ def decide(
         p_false: of its match, see ``step_health``; NaN where no scan was matched.
     """
     step_s = jnp.float32(spec.tick_s)
-    motion = MotionInput(readings.yaw_rate_radps, step_s)
-    observations = observe(setup, readings, lgpr)
-    navigator, navigated = step_navigator(
-        setup.navigator, state.navigator, motion, observations, p_false, fusion=spec.fusion
+    engaged, stopping = state.handover
+    # Measured by the potentiometer, whose errors are small beside the servo's play.
+    front_rad = state.plant.servo.wheel_rad
+    orders = Orders(engaged, engaged, stopping, jnp.float32(jnp.inf), setup.set_speed_mps, front_rad, jnp.float32(0.0))
+    onboard, command, info = step_onboard(
+        OnboardSetup(setup.navigator, setup.autopilot),
+        route,
+        state.onboard,
+        MotionInput(readings.yaw_rate_radps, step_s),
+        observe(setup, readings, lgpr),
+        p_false,
+        orders,
+        fusion=spec.fusion,
     )
-    judged = navigated.health
-    sound_s = jnp.where(judged.reaction == Reaction.CONTINUE, state.sound_s + step_s, 0.0)
-    engaged = state.engaged | (sound_s > setup.settled_s)
-    true = state.plant.pose
-    pose_route = VehiclePose(
-        *(jnp.where(engaged, ours, his) for ours, his in zip(navigated.pose_route, true, strict=True))
+    health = info.navigated.health
+    driver, by_hand, seen = _drive_by_hand(setup, route, state, step_s)
+    pose_route, command, why = jax.tree.map(
+        lambda ours, his: jnp.where(engaged, ours, his),
+        (info.navigated.pose_route, command, info.autopilot),
+        (state.plant.pose, by_hand, seen),
     )
-    stopping = state.stopping | (engaged & (judged.reaction == Reaction.STOP))
-    inputs = AutopilotInputs(
-        pose_route,
-        navigated.speed_mps,
-        jnp.where(stopping, Reaction.STOP.value, jnp.where(engaged, judged.reaction, 0)).astype(jnp.int32),
-        jnp.where(engaged, judged.speed_cap_mps, jnp.inf).astype(jnp.float32),
-        jnp.float32(0.0),
-        jnp.asarray(True),
-        jnp.asarray(True),
-        setup.set_speed_mps,
-        # Measured by the potentiometer, whose errors are small beside the servo's play.
-        state.plant.servo.wheel_rad,
-    )
-    autopilot, command, why = step_autopilot(setup.autopilot, route, state.autopilot, inputs, step_s)
+    sound_s = jnp.where(health.reaction == Reaction.CONTINUE, state.sound_s + step_s, 0.0)
     state = state._replace(
-        navigator=navigator,
-        autopilot=autopilot,
+        onboard=onboard,
+        driver=driver,
         command=command,
         gear=why.plan.gear,
-        engaged=engaged,
         sound_s=sound_s,
-        stopping=stopping,
+        handover=step_handover(state.handover, sound=sound_s > setup.settled_s, stop=health.reaction == Reaction.STOP),
     )
-    return state, Decision(pose_route, navigated, why)
+    return state, Decision(engaged, pose_route, info.navigated, why)
+
+
+def _drive_by_hand(
+    setup: LoopSetup, route: RoutePath, state: LoopState, step_s: Float[Array, ""]
+) -> tuple[AutopilotState, Command, AutopilotInfo]:
+    """The driver's tick: he steers and presses as the autopilot would, by the true pose."""
+    yes, plant = jnp.asarray(True), state.plant
+    seen = AutopilotInputs(
+        plant.pose,
+        plant.speed_mps,
+        jnp.int32(Reaction.CONTINUE.value),
+        jnp.float32(jnp.inf),
+        jnp.float32(0.0),
+        yes,
+        yes,
+        setup.set_speed_mps,
+        plant.servo.wheel_rad,
+    )
+    return step_autopilot(setup.autopilot, route, state.driver, seen, step_s)
 
 
 def observe(setup: LoopSetup, readings: Readings, lgpr: LgprObservation) -> Observations:
@@ -233,13 +256,13 @@ def told_tick(
 ) -> LoopTick:
     """What a tick is kept as."""
     pose, anchor = state.plant.pose, setup.plant.chassis.anchor_m
-    planner = state.autopilot.planner
+    navigator, planner = state.onboard.navigator, state.onboard.autopilot.planner
     anchor_x, anchor_y = pose.x_m + anchor * jnp.cos(pose.yaw_rad), pose.y_m + anchor * jnp.sin(pose.yaw_rad)
     foot = leg_project(route, planner.leg, planner.arc_m, anchor_x, anchor_y)
     foot = leg_project(route, planner.leg, foot.arc_m, anchor_x, anchor_y)
     driven = decision.pose_route
     plan = decision.autopilot.plan
-    switch, gnss_ins = state.navigator.switch, pose_of(state.navigator.reckoned.estimate)
+    switch, gnss_ins = navigator.switch, pose_of(navigator.reckoned.estimate)
     return LoopTick(
         pose.x_m,
         pose.y_m,
@@ -247,7 +270,7 @@ def told_tick(
         planner.travel * foot.offset_m,
         jnp.stack(_along_cross(driven.x_m - pose.x_m, driven.y_m - pose.y_m, pose.yaw_rad)),
         wrap_yaw(driven.yaw_rad - pose.yaw_rad),
-        position_sigma_m(state.navigator.fused.estimate)[1],
+        position_sigma_m(navigator.fused.estimate)[1],
         *_nees(state),
         state.plant.speed_mps,
         decision.autopilot.wanted_mps,
@@ -261,8 +284,8 @@ def told_tick(
         lgpr.valid,
         plan.code,
         plan.to_go_m,
-        state.engaged,
-        state.stopping,
+        decision.engaged,
+        state.handover.stopping,
         switch.on_lgpr,
         _along_cross(switch.pose.x_m - pose.x_m, switch.pose.y_m - pose.y_m, pose.yaw_rad)[1],
         _along_cross(gnss_ins.x_m - pose.x_m, gnss_ins.y_m - pose.y_m, pose.yaw_rad)[1],
@@ -273,12 +296,14 @@ def add_tick(sums: LoopSums, tick: LoopTick, state: LoopState, before: LoopState
     """Sums with one more tick."""
     way_m = jnp.abs(way_m)
     offset = jnp.abs(tick.offset_m)
+    # Engaging, the limiter starts where the wheels are.
+    held = before.onboard.autopilot.limiter.last
     grown = LoopSums(
         sums.way_m + way_m,
         sums.square_m3 + offset * offset * way_m,
         jnp.maximum(sums.largest_m, jnp.where(jnp.isfinite(offset), offset, jnp.inf)),
         sums.beyond_foot_m + jnp.where(offset > FOOT_M, way_m, 0.0),
-        jnp.maximum(sums.steering_step_rad, jnp.abs(state.command.front_rad - before.command.front_rad)),
+        jnp.maximum(sums.steering_step_rad, jnp.abs(state.command.front_rad - held.front_rad)),
         sums.nees_position + tick.nees_position,
         sums.nees_yaw + tick.nees_yaw,
         sums.fixes + tick.fix.astype(jnp.int32),
@@ -286,8 +311,8 @@ def add_tick(sums: LoopSums, tick: LoopTick, state: LoopState, before: LoopState
         sums.reasons | tick.reasons,
         sums.ticks + 1,
     )
-    # What the driver does before is not the loop's; nor is the very first step after him.
-    return LoopSums(*(jnp.where(before.engaged, new, old) for new, old in zip(grown, sums, strict=True)))
+    # What the driver does before is not the loop's.
+    return LoopSums(*(jnp.where(tick.engaged, new, old) for new, old in zip(grown, sums, strict=True)))
 
 
 def _along_cross(
@@ -299,7 +324,7 @@ def _along_cross(
 
 def _nees(state: LoopState) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Normalized squares of the filter's position, two degrees of freedom, and of its heading."""
-    (mean, covariance), pose = state.navigator.fused.estimate, state.plant.pose
+    (mean, covariance), pose = state.onboard.navigator.fused.estimate, state.plant.pose
     east, north, turn = mean[X] - pose.x_m, mean[Y] - pose.y_m, wrap_yaw(mean[YAW] - pose.yaw_rad)
     xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
     position = (yy * east * east - 2.0 * xy * east * north + xx * north * north) / (xx * yy - xy * xy)

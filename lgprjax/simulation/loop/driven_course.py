@@ -231,7 +231,7 @@ class _Seen(NamedTuple):
 def _see(
     setup: LoopSetup, before: LoopState, after: LoopState, readings: Readings, tick_s: Float[Array, ""]
 ) -> Float[Array, "5 4"]:
-    estimate = before.navigator.reckoned.estimate
+    estimate = before.onboard.navigator.reckoned.estimate
     start = pose_of(estimate)
     rate = readings.yaw_rate_radps - estimate.mean[RATE_BIAS]
     end = step_local(start, estimate.mean[SPEED], rate, setup.navigator.model.zero_slip_m, tick_s)

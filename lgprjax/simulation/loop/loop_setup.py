@@ -13,32 +13,25 @@ from lgprjax.autopilot import (
     AutopilotInfo,
     AutopilotState,
     Command,
-    LimiterRules,
-    default_velocity,
+    OnboardState,
     init_autopilot,
+    onboard_setup,
 )
 from lgprjax.navigation import (
     Fusion,
-    HealthRules,
     Navigated,
     NavigatorSetup,
-    NavigatorState,
     PlanCode,
     PlannerState,
     RoutePath,
     RouteSpeeds,
     RouteTrack,
-    SlewLimits,
     acquire,
     default_model,
-    default_rules,
     find_starts,
-    health_rules,
     init_navigator,
     legs_of_track,
     make_route_path,
-    planner_settings,
-    switch_settings,
 )
 from lgprjax.scene import (
     FixErrors,
@@ -58,6 +51,7 @@ from lgprjax.scene import (
 )
 from lgprjax.scene.road import follow_centre
 from lgprjax.scene.vehicle_drive import chassis_of, pedals_of, servo_of
+from lgprjax.simulation.handover import Handover, init_handover
 from lgprjax.simulation.loop.off_road import Bare
 from lgprjax.vehicle import Chassis, LookAhead, VehiclePose
 
@@ -133,25 +127,23 @@ class LoopState(NamedTuple):
 
     Attributes:
         plant, sensors: the world's.
-        navigator, autopilot: as they stand.
+        onboard: what runs on board, as it stands.
+        driver: who drives before it is engaged: the same laws by eyes that see the true pose.
         command: drives the next tick.
         gear: +1 or -1.
-        engaged: the autopilot drives. Before, a driver does, who sees the road; he engages it when health has been
-            without a complaint for ``LoopSetup.settled_s``.
-        sound_s: for so long it has been.
-        stopping: a stop was asked for: it goes on when its reason is gone, as in the mode machine.
+        sound_s: for so long health has been without a complaint; the driver engages after ``LoopSetup.settled_s``.
+        handover: whether the computer drives.
         tick: how many have passed.
     """
 
     plant: PlantState
     sensors: LiveSensorState
-    navigator: NavigatorState
-    autopilot: AutopilotState
+    onboard: OnboardState
+    driver: AutopilotState
     command: Command
     gear: Float[Array, "..."]
-    engaged: Bool[Array, "..."]
     sound_s: Float[Array, "..."]
-    stopping: Bool[Array, "..."]
+    handover: Handover
     tick: Int[Array, "..."]
 
 
@@ -159,11 +151,13 @@ class Decision(NamedTuple):
     """What a tick decided, and why.
 
     Attributes:
+        engaged: the computer's command is the one that drives.
         pose_route: that was driven by: navigation's, or before engaging the driver's own eyes.
         navigated: what navigation gave.
-        autopilot: what the autopilot found out.
+        autopilot: what the autopilot, or the driver, found out.
     """
 
+    engaged: Bool[Array, "..."]
     pose_route: VehiclePose
     navigated: Navigated
     autopilot: AutopilotInfo
@@ -191,16 +185,17 @@ def start_loop(
         key: of the sensors' errors.
     """
     zero = jnp.zeros_like(pose.x_m)
+    autopilot = init_autopilot(planner, speed_mps, zero)
+    navigator = init_navigator(setup.navigator, believed, speed_mps, reckons=spec.reckons)
     return LoopState(
         init_plant(pose, speed_mps, along_m, delay_slots=spec.delay_slots),
         init_live_sensors(setup.sensors, key),
-        init_navigator(setup.navigator, believed, speed_mps, reckons=spec.reckons),
-        init_autopilot(planner, speed_mps, zero),
+        OnboardState(navigator, autopilot),
+        autopilot,
         Command(zero, zero, zero),
         jnp.ones_like(zero),
-        jnp.asarray(False),
         zero,
-        jnp.asarray(False),
+        init_handover(),
         jnp.int32(0),
     )
 
@@ -269,57 +264,27 @@ def loop_setup(spec: LoopSpec, made_of: LoopVehicle, terrain: Terrain) -> LoopSe
         sensors.odometer_mps**2,
         jnp.float32(2.0 * shared_rad2_m / (made_of.set_speed_mps * spec.tick_s)),
     )
-    limits = LimiterRules(
-        largest_front_rad=jnp.float32(true.largest_angle_rad),
-        front_rate_radps=jnp.float32(true.rate_radps),
-        throttle_rate_per_s=jnp.float32(2.0),
-        brake_rate_per_s=jnp.float32(4.0),
-        oldest_s=jnp.float32(0.2),
-        default_brake=jnp.float32(0.5),
-        release_rate_radps=jnp.float32(0.1),
-    )
-    autopilot = AutopilotConfig(
-        chassis_of(believed, made_of.anchor_m),
-        pedals_of(true),
+    onboard = onboard_setup(
+        model=model,
+        chassis=chassis_of(believed, made_of.anchor_m),
+        pedals=pedals_of(true),
         # As the look-ahead study finds it for this vehicle.
-        LookAhead(*(jnp.float32(value) for value in (1.18, 2.04, 2.76, 4.44))),
-        planner_settings(2.0),
-        # Slopes of some per cent ask for a firmer hand than a road.
-        default_velocity()._replace(proportional_per_s=jnp.float32(1.5), integral_per_s2=jnp.float32(0.4)),
-        limits,
+        look_ahead=LookAhead(*(jnp.float32(value) for value in (1.18, 2.04, 2.76, 4.44))),
+        front_rate_radps=jnp.float32(true.rate_radps),
+        tick_s=spec.tick_s,
+        gnss_period_s=sensors.gnss_ticks.item() * spec.tick_s,
+        risk=made_of.risk,
     )
     return LoopSetup(
         plant=Plant(chassis, servo_of(true), pedals_of(true), jnp.float32(true.nominal_v)),
         terrain=terrain,
         sensors=sensors,
         faults=no_faults(),
-        navigator=NavigatorSetup(
-            model,
-            default_rules(),
-            switch_settings(
-                made_of.risk,
-                zero_slip_m=jnp.float32(zero_slip_m),
-                array_x_m=jnp.float32(made_of.anchor_m),
-                array_y_m=jnp.float32(0.0),
-            ),
-            SlewLimits(jnp.float32(0.5), jnp.float32(0.05)),
-            _rules(spec, sensors.gnss_ticks.item() * spec.tick_s, made_of.risk),
-        ),
+        navigator=onboard.navigator,
         noise=noise,
-        autopilot=autopilot,
+        autopilot=onboard.autopilot,
         set_speed_mps=jnp.float32(made_of.set_speed_mps),
         settled_s=jnp.float32(1.0),
-    )
-
-
-def _rules(spec: LoopSpec, gnss_period_s: float, risk: float) -> HealthRules:
-    return health_rules(
-        gnss_period_s=gnss_period_s,
-        heading_period_s=spec.tick_s,
-        odometer_period_s=spec.tick_s,
-        # The radar's fixes come in stretches: a metre or two of poor ground is no fault.
-        lgpr_period_s=0.5,
-        risk=risk,
     )
 
 

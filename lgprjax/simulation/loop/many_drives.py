@@ -5,7 +5,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
+from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from lgprjax.navigation import LgprObservation, RoutePath
 from lgprjax.scene import FixErrors, FixErrorState, SensorFaults, during, step_fix_errors
@@ -50,18 +50,12 @@ def run_lanes(
 ) -> tuple[LoopState, FixErrorState, LoopSums]:
     """The same for many drives: states, sums and keys have a leading axis, setup, route and errors are theirs all."""
 
-    def step(
-        carried: tuple[LoopState, FixErrorState, LoopSums], number: Int[Array, ""]
-    ) -> tuple[tuple[LoopState, FixErrorState, LoopSums], None]:
-        def one(
-            state: LoopState, fix_state: FixErrorState, sums: LoopSums, key: PRNGKeyArray
-        ) -> tuple[LoopState, FixErrorState, LoopSums]:
-            return _tick(spec, setup, route, errors, state, fix_state, sums, jax.random.fold_in(key, number))[0]
+    def one(
+        state: LoopState, fix_state: FixErrorState, sums: LoopSums, key: PRNGKeyArray
+    ) -> tuple[LoopState, FixErrorState, LoopSums]:
+        return run_lane(spec, setup, route, errors, state, fix_state, sums, key, ticks)[:3]
 
-        return jax.vmap(one)(*carried, keys), None
-
-    (state, fix_state, sums), _ = lax.scan(step, (state, fix_state, sums), jnp.arange(ticks))
-    return state, fix_state, sums
+    return jax.vmap(one)(state, fix_state, sums, keys)
 
 
 def _tick(

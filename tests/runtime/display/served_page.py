@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from lgprjax.runtime.messages import Record, RecordKind, Source, pack, unpack
+from lgprjax.run_records import Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.process import RINGS, Heartbeats, ProcessStage
 from lgprjax.runtime.ring import Ring
 

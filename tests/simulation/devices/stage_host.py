@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from lgprjax.frames import LocalFrame
-from lgprjax.simulation.devices.stage import Stage, StageSpec
+from lgprjax.simulation.devices.course_stage import CourseSpec, CourseStage
 from lgprjax.simulation.devices.world import CourseWorld
 from lgprjax.simulation.loop.off_road import OffRoad
 from simulation.devices.host_frames import Status, Told, drive_command, host_frame, read_frame, read_status
@@ -27,7 +27,7 @@ class StageHost:
     """A stage and who commands it."""
 
     def __init__(self, world: CourseWorld, script: list[dict[str, Any]], faults: list[dict[str, Any]]) -> None:
-        spec = StageSpec(
+        spec = CourseSpec(
             seed=COURSE.seed,
             length_m=COURSE.length_m,
             drive_seed=DRIVE_SEED,
@@ -37,7 +37,7 @@ class StageHost:
             script=script,
             faults=faults,
         )
-        self.stage = Stage(spec, world, Path("spec.json"), BEGIN_NS)
+        self.stage = CourseStage(spec, world, Path("spec.json"), BEGIN_NS)
         self.told: dict[str, list[bytes]] = {"drive_by_wire": [], "controller": [], "gnss": [], "radar": []}
         self.command: dict[str, float] = {"engage": 0}
         self.scans = False

@@ -17,6 +17,7 @@ import serial
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile
 from lgprjax.mapping import build_map
+from lgprjax.simulation.devices.course_stage import CourseSpec
 from lgprjax.simulation.devices.stage import read_spec
 from lgprjax.simulation.loop.loop_setup import cross_track_m
 from lgprjax.simulation.loop.off_road import OffRoad, make_course, scene_frame_of
@@ -130,9 +131,9 @@ def _drive(program: "subprocess.Popen[bytes]", ports: Path) -> tuple[dict[str, b
 
 def test_a_poor_spec_ends_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "spec.json"
-    path.write_text('{"seed": 1}', encoding="utf-8")
+    path.write_text('{"ports": "p", "truth": "t", "seed": 1}', encoding="utf-8")
     with pytest.raises(InputError, match="length_m"):
-        read_spec(path)
+        read_spec(path, CourseSpec)
     path.write_text("{", encoding="utf-8")
     with pytest.raises(InputError, match=r"spec\.json"):
-        read_spec(path)
+        read_spec(path, CourseSpec)

@@ -4,8 +4,7 @@ import struct
 
 import pytest
 
-from lgprjax.simulation.devices.boxes import DriveBox, Measured
-from lgprjax.simulation.devices.wire_ends import DeviceSender
+from lgprjax.simulation.devices.boxes import DeviceSender, DriveBox, Measured
 from simulation.devices.host_frames import MS, Status, drive_command, host_frame, read_frame, read_status
 
 _SEEN = Measured(2.43, 1234, 24.0, 0.5, True, 0.3, 0.1, 12.5, 1.5)

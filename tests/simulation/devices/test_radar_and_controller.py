@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from lgprjax.scene.propagation import RadarConfig
-from lgprjax.simulation.devices.boxes import ControllerBox, buttons_of
+from lgprjax.simulation.devices.boxes import ControllerBox, DeviceSender, buttons_of
 from lgprjax.simulation.devices.sensors import PROCESSING_NS, RadarBox, RadarState, RecordedScan
-from lgprjax.simulation.devices.wire_ends import DeviceSender
 from simulation.devices.host_frames import MS, host_frame, read_frame
 
 _PERIOD_NS = 7_936_508

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.simulation.devices.boxes import SkidActing, SkidBox, SkidMeasured
+from lgprjax.simulation.devices.boxes import DeviceSender, SkidActing, SkidBox, SkidMeasured
 from lgprjax.simulation.devices.faults import Moment, RunningFaults, Schedule, read_items
 from lgprjax.simulation.devices.field_stage import ToolState, step_tool
-from lgprjax.simulation.devices.wire_ends import DeviceSender
 from simulation.devices.host_frames import MS, host_frame, read_frame
 
 STATUS = "<IBHHffddBfff"

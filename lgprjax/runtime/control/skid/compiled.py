@@ -1,17 +1,16 @@
 """The compiled step of a skid-steer vehicle: one vector in, one out, so that a tick is one call and one copy."""
 
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from lgprjax.autopilot.skid_step import Guidance, SkidOrders, SkidSetup, SkidState, init_skid, step_skid
 from lgprjax.coverage.guidance import CoverRoute, route_point
-from lgprjax.navigation.observations import GnssObservation
 from lgprjax.navigation.skid_model import DeltaHeading, SkidMotion, SkidObservations, skid_pose, skid_pose_covariance
+from lgprjax.runtime.control.compiled import as_row, bits_of, gnss_of, named_numbers
 from lgprjax.vehicle.kinematics import WheelSpeeds, body_rates
 
 
@@ -91,15 +90,9 @@ def step_skid_compiled(
     guidance: Guidance,
 ) -> tuple[SkidState, Float[Array, " result"]]:
     """``step_skid`` on ``SkidNumbers``, with ``SkidResult`` as one row."""
-    # Under the names of plain numbers stand traced ones here.
-    told, yes = cast("Any", SkidNumbers(*numbers)), cast("Any", SkidNumbers(*(numbers > 0.5)))
+    told, yes = named_numbers(SkidNumbers, numbers)
     motion = SkidMotion(told.left_mps, told.right_mps, told.step_s)
-    observations = SkidObservations(
-        GnssObservation(
-            told.gnss_x_m, told.gnss_y_m, told.gnss_m2 * jnp.eye(2, dtype=jnp.float32), told.gnss_age_s, yes.gnss_valid
-        ),
-        DeltaHeading(told.turn_rad, told.span_s, yes.turn_valid),
-    )
+    observations = SkidObservations(gnss_of(told, yes), DeltaHeading(told.turn_rad, told.span_s, yes.turn_valid))
     orders = SkidOrders(
         yes.engaged,
         yes.drives,
@@ -115,7 +108,6 @@ def step_skid_compiled(
     pose, covariance = skid_pose(estimate), skid_pose_covariance(estimate)
     speed_mps, _ = body_rates(setup.vehicle.track_m, WheelSpeeds(told.left_mps, told.right_mps))
     foot = route_point(route, state.carrot.arc_m)
-    sources = jnp.asarray([1.0, 2.0], jnp.float32)
     row = (
         *pose,
         *(covariance[one, other] for one in range(3) for other in range(one, 3)),
@@ -124,8 +116,8 @@ def step_skid_compiled(
         info.filter.heading_known,
         info.reaction,
         info.reasons,
-        jnp.sum(jnp.where(info.filter.accepted, sources, 0.0)),
-        jnp.sum(jnp.where(info.filter.offered, sources, 0.0)),
+        bits_of(info.filter.accepted),
+        bits_of(info.filter.offered),
         plan.cross_m,
         plan.heading_error_rad,
         plan.to_go_m,
@@ -136,15 +128,10 @@ def step_skid_compiled(
         *command,
         info.limited,
     )
-    return state, jnp.stack([jnp.asarray(number).astype(jnp.float32) for number in row])
+    return state, as_row(row)
 
 
 @jax.jit
 def start_skid_compiled(setup: SkidSetup, x_m: Float[Array, ""], y_m: Float[Array, ""]) -> SkidState:
     """Standing at a position; the heading is unknown."""
     return init_skid(setup, x_m, y_m)
-
-
-def as_skid_vector(numbers: SkidNumbers) -> Float[np.ndarray, " number"]:
-    """As the compiled step takes them."""
-    return np.array(numbers, np.float32)

@@ -5,11 +5,8 @@ from typing import NamedTuple
 
 from lgprjax.frames import LocalFrame
 from lgprjax.runtime.config import SensorsTable
-from lgprjax.runtime.control.senses import GnssSenses, LocalAttitude, LocalPosition, TurnRate
+from lgprjax.runtime.control.senses import BoxStatus, LineSenses, LocalAttitude, LocalPosition, TurnRate
 from lgprjax.runtime.gnss import Quality
-from lgprjax.runtime.link import Frame, decode
-from lgprjax.runtime.messages import Record, Source
-from lgprjax.runtime.stamps import StampClock
 
 # How far the INS says that the vehicle has turned, ten times a second, of whatever messages it speaks.
 #
@@ -74,22 +71,6 @@ _LONGEST_NS = 500_000_000
 _PRESENT_PERIODS = 1.5
 
 
-class Box(NamedTuple):
-    """The last skid_status, when it was so on this computer's clock, and when it arrived."""
-
-    time_ns: int
-    arrival_ns: int
-    frame: Frame
-
-    def number(self, name: str) -> float:
-        """A field that is a number."""
-        return float(self.frame.number(name))
-
-    def bits(self, name: str) -> int:
-        """A field of bits."""
-        return int(self.frame.number(name))
-
-
 class SkidSensed(NamedTuple):
     """What came since the last tick, and what is known at its end.
 
@@ -109,14 +90,14 @@ class SkidSensed(NamedTuple):
     right_mps: float
     place: LocalPosition | None
     turn: InsTurn | None
-    box: Box | None
+    box: BoxStatus | None
     box_age_s: float
     gnss_age_s: float
     ins_age_s: float
     quality: Quality
 
 
-class SkidSenses:
+class SkidSenses(LineSenses):
     """The lines' messages, taken one by one.
 
     Args:
@@ -125,40 +106,21 @@ class SkidSenses:
     """
 
     def __init__(self, frame: LocalFrame | None, sensors: SensorsTable) -> None:
-        self._gnss, self._turns, self._stamps = GnssSenses(frame, sensors), InsTurns(), StampClock()
+        super().__init__(frame, sensors, "skid_status")
+        self._turns = InsTurns()
         self._period_s = sensors.gnss_period_s
-        self._box: Box | None = None
         self._counted: tuple[int, float, float] | None = None
         self._speeds = (math.nan, math.nan)
-        self._tick_ns, self._turned_ns = 0, 0
+        self._turned_ns = 0
 
-    @property
-    def place(self) -> LocalPosition | None:
-        """The newest position of all."""
-        return self._gnss.place
-
-    @property
-    def frame(self) -> LocalFrame | None:
-        """That positions are in; ``None`` before the first where no plan gave one."""
-        return self._gnss.frame
-
-    def take(self, record: Record) -> None:
-        """A message: of the GNSS/INS or of the box."""
-        if record.source is Source.GNSS:
-            self._gnss.take(record)
-        elif record.source is Source.DRIVE_BY_WIRE:
-            frame = decode(record.payload)
-            time_ns = self._stamps.feed(frame.stamp_us, record.mono_ns) if frame.name == "skid_status" else None
-            if time_ns is not None:
-                if self._box is not None and self._box.frame.session != frame.session:
-                    # A box that started anew counts from zero.
-                    self._counted = None
-                self._box = Box(time_ns, record.mono_ns, frame)
+    def _take_status(self, box: BoxStatus, *, anew: bool) -> None:
+        del box
+        if anew:
+            self._counted = None
 
     def end_tick(self, now_ns: int) -> SkidSensed:
         """Everything since the last tick; what was new is no longer."""
-        step_s = (now_ns - self._tick_ns) / 1e9 if self._tick_ns else 0.0
-        self._tick_ns = now_ns
+        step_s = self._step_s(now_ns)
         gnss = self._gnss.end_tick()
         turn = self._turns.take(gnss.attitude, gnss.rates)
         if turn is not None:
@@ -172,8 +134,8 @@ class SkidSenses:
             *self._speeds,
             gnss.place,
             turn,
-            self._box,
-            math.inf if self._box is None else (now_ns - self._box.arrival_ns) / 1e9,
+            self.box,
+            self._box_age_s(now_ns),
             gnss_age_s,
             (now_ns - self._turned_ns) / 1e9,
             newest.quality if newest is not None and present else Quality.NONE,
@@ -181,7 +143,7 @@ class SkidSenses:
 
     def _measure_speeds(self, now_ns: int) -> None:
         """Between the box's own stamps, which do not jitter as arrivals do."""
-        box, before = self._box, self._counted
+        box, before = self.box, self._counted
         if box is None:
             return
         self._counted = here = (box.time_ns, box.number("left_m"), box.number("right_m"))

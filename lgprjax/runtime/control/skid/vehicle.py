@@ -12,15 +12,15 @@ from lgprjax.autopilot.limiter import SkidLimited
 from lgprjax.autopilot.monitors import REFUSING, Severity, Watch, describe
 from lgprjax.autopilot.skid_step import SkidState
 from lgprjax.navigation import Reaction, Reason
+from lgprjax.run_records import COVER, SKID_PLAN, Record, RecordKind, StopBits, ToolBits
 from lgprjax.runtime.config import CoverageTable, RuntimeConfig
-from lgprjax.runtime.control.counter_steer import whole
+from lgprjax.runtime.control.compiled import as_vector
 from lgprjax.runtime.control.modes import CUT, PEDALS, STEERING, CheckItem
 from lgprjax.runtime.control.setup import TICK_S
 from lgprjax.runtime.control.skid import watches as findings
 from lgprjax.runtime.control.skid.compiled import (
     SkidNumbers,
     SkidResult,
-    as_skid_vector,
     start_skid_compiled,
     step_skid_compiled,
 )
@@ -39,9 +39,19 @@ from lgprjax.runtime.control.skid.watches import (
     severity_of_found,
     stops_of,
 )
-from lgprjax.runtime.control.vehicle_kind import Operator, OutgoingFrame, Processes, VehicleStatus, Wish
+from lgprjax.runtime.control.vehicle_kind import (
+    LINE,
+    Operator,
+    OutgoingFrame,
+    Processes,
+    VehicleStatus,
+    Wish,
+    box_checks,
+    limited_words,
+    reason_words,
+    whole,
+)
 from lgprjax.runtime.gnss import Quality
-from lgprjax.runtime.messages import COVER, SKID_PLAN, Record, RecordKind, StopBits, ToolBits
 
 # What the operator of a skid-steer vehicle sees: field, lines, tool and GNSS as the display takes them.
 
@@ -132,7 +142,7 @@ class SkidPilot:
 
     def warm_up(self) -> None:
         """Compile."""
-        numbers = as_skid_vector(SkidNumbers(*[0.0] * len(SkidNumbers._fields))._replace(step_s=TICK_S))
+        numbers = as_vector(SkidNumbers(*[0.0] * len(SkidNumbers._fields))._replace(step_s=TICK_S))
         state = start_skid_compiled(self._loaded.setup, np.float32(0.0), np.float32(0.0))
         # Each after each: what one of them gives is not in every detail what another gives.
         for _ in range(3):
@@ -151,7 +161,7 @@ class SkidPilot:
                 return self.result
             x, y = np.float32(sensed.place.x_m), np.float32(sensed.place.y_m)
             self._state = start_skid_compiled(self._loaded.setup, x, y)
-        self._state, row = self._step(self._state, as_skid_vector(_numbers(sensed, wish, cap_mps, now_ns)))
+        self._state, row = self._step(self._state, as_vector(_numbers(sensed, wish, cap_mps, now_ns)))
         self.result = SkidResult(*np.asarray(row).tolist())
         return self.result
 
@@ -257,7 +267,6 @@ COVER_TICKS = 5
 _DEGRADED_MPS = 0.2
 _NEAR_M = 10.0
 _TURNED_RAD = 1.6
-_LINE = Watch.LINE_SILENT | Watch.BAD_FRAMES | Watch.BUS_OFF | Watch.DEFAULTS_ACT | Watch.SECOND_SENDER
 _VEHICLE_NOTHING = SkidSensed(0.0, math.nan, math.nan, None, None, None, math.inf, math.inf, math.inf, Quality.NONE)
 
 
@@ -321,9 +330,9 @@ class SkidSteerVehicle:
             bool(found & SkidFound.HEADING_UNKNOWN),
             whole(result.reaction, int(Reaction.STOP)),
             max(sensed.gnss_age_s - self._loaded.gnss_period_s, sensed.ins_age_s, sensed.box_age_s),
-            not bits & _LINE,
+            not bits & LINE,
             severity,
-            severity >= Severity.MANUAL and bool(bits & ~_LINE),
+            severity >= Severity.MANUAL and bool(bits & ~LINE),
             severity is Severity.EMERGENCY,
             bool(bits & REFUSING) or bool(found & findings.REFUSING),
             bool(limited & SkidLimited.MANUAL_REQUESTED),
@@ -333,16 +342,9 @@ class SkidSteerVehicle:
     def checks(self, processes: Processes) -> list[CheckItem]:
         """Every system check as it stands."""
         sensed, bits = self._sensed, self._watched.bits
-        line = Watch.LINE_SILENT | Watch.BAD_FRAMES | Watch.BUS_OFF | Watch.ACTUATOR_FAULT
-        second = bool(bits & Watch.SECOND_SENDER)
         unrecorded = processes.mandatory and (processes.silent("recorder") or processes.silent("coverage"))
         return [
-            CheckItem(Check.SECOND_MASTER, not second, "another sender commands the drive-by-wire box"),
-            CheckItem(
-                Check.DRIVE_BY_WIRE,
-                sensed.box is not None and not bits & line,
-                "; ".join(describe(bits & line)) or "the drive-by-wire box is silent",
-            ),
+            *box_checks(bits, heard=sensed.box is not None),
             CheckItem(Check.GNSS_INS, self.pilot.started and sensed.ins_age_s < 1.0, "no position, or no INS"),
             CheckItem(Check.STORAGE, not unrecorded, "nothing is being recorded"),
         ]
@@ -428,15 +430,13 @@ class SkidSteerVehicle:
 
     def _why(self, bits: Watch, found: SkidFound, limited: SkidLimited) -> list[str]:
         result = self.pilot.result
-        bad = limited & (SkidLimited.NOT_FINITE | SkidLimited.STALE | SkidLimited.MANUAL_REQUESTED)
         done = ["the plan is done"] if result.done > 0.5 else []
-        reasons = [] if not math.isfinite(result.reasons) else list(Reason(int(result.reasons)))
         return [
             *done,
             *describe_found(found),
             *describe(bits),
-            *(str(reason.name).lower().replace("_", " ") for reason in reasons),
-            *(f"command: {str(bit.name).lower().replace('_', ' ')}" for bit in bad),
+            *reason_words(result.reasons),
+            *limited_words(limited),
         ]
 
     def _mark_corner(self) -> list[tuple[RecordKind, bytes]]:

@@ -7,21 +7,18 @@ from typing import NamedTuple
 from lgprjax.autopilot import Event
 from lgprjax.autopilot.monitors import (
     Dwell,
-    LineWatchState,
-    MotionState,
     Severity,
     Watch,
     counted_step_s,
     severity_of,
     step_dwell,
-    step_line_watch,
-    step_motion,
 )
-from lgprjax.autopilot.operator_monitors import ButtonState, OperatorContact, step_buttons
+from lgprjax.autopilot.operator_monitors import OperatorContact
+from lgprjax.run_records import StopBits
 from lgprjax.runtime.config import ControlTable
 from lgprjax.runtime.control.skid.senses import SkidSensed
 from lgprjax.runtime.control.vehicle_kind import Operator
-from lgprjax.runtime.messages import StopBits
+from lgprjax.runtime.control.watches import SharedWatches
 
 # What the watches of a skid-steer vehicle find beside what all vehicles share: bits, severities, words, stops.
 
@@ -270,8 +267,7 @@ class SkidWatches:
     """
 
     def __init__(self, control: ControlTable, tool: ToolBelief) -> None:
-        self._control, self._belief = control, tool
-        self._line, self._motion, self._buttons = LineWatchState(), MotionState(), ButtonState()
+        self._shared, self._belief = SharedWatches(control, DRIVE), tool
         self._tool, self._tracks = ToolWatchState(), TrackWatchState()
         self._corner_down, self._last = True, 0
         self._held = SkidFound(0)
@@ -288,16 +284,6 @@ class SkidWatches:
         box, step_s = sensed.box, sensed.step_s
         drives = bool(sent.engage & DRIVE)
         state, engaged = (0, 0) if box is None else (box.bits("state"), box.bits("engaged"))
-        self._line, bits = step_line_watch(
-            self._line,
-            status_age_s=sensed.box_age_s,
-            box_state=state,
-            box_engaged=engaged,
-            told_engaged=sent.engage & DRIVE,
-            step_s=step_s,
-        )
-        # Its drives stand by themselves: there is no brake to be tested.
-        bits &= ~Watch.BRAKE_UNTESTED
         speed = 0.5 * (sensed.left_mps + sensed.right_mps)
         reading = None if box is None else ToolReading(bool(box.bits("tool") & 1), box.number("depth_m"))
         self._tool, found = step_tool_watch(
@@ -317,22 +303,21 @@ class SkidWatches:
         found = self._held = (self._held | found) if drives else SkidFound(0)
         if REMOTE_SILENT_S < operator.age_s < math.inf:
             found |= SkidFound.REMOTE_SILENT
-        self._buttons, pressed, seen = step_buttons(
-            self._buttons,
+        bits, events = self._shared.step(
+            status_age_s=sensed.box_age_s,
+            box=(state, engaged),
+            engage=sent.engage,
             statuses=operator.statuses,
             # A line that falls silent is the remote link's fault: stopped in order, not taken for the override.
             controller_age_s=0.0 if math.isfinite(operator.age_s) else math.inf,
             hands=OperatorContact(0.0, False),
-            override_torque_nm=self._control.override_torque_nm,
-            engaged=drives,
+            speed_mps=speed,
             step_s=step_s,
         )
-        bits |= seen
-        self._motion, moved = step_motion(
-            self._motion, speed_mps=speed, fastest_engage_mps=self._control.fastest_engage_mps, step_s=step_s
-        )
+        # Its drives stand by themselves: there is no brake to be tested.
+        bits &= ~Watch.BRAKE_UNTESTED
         severity = max(severity_of(bits), severity_of_found(found))
-        return SkidWatched(bits, found, severity, [*pressed, *moved], self._corner(operator), reading)
+        return SkidWatched(bits, found, severity, events, self._corner(operator), reading)
 
     def _corner(self, operator: Operator) -> bool:
         """Pressed: two statuses in a row, as every button that does something; once a press."""

@@ -1,12 +1,21 @@
-"""Records that processes exchange and the recorder keeps: a head of 16 bytes and a payload."""
+"""Records that processes exchange and the recorder keeps: a head of 16 bytes and a payload.
+
+The layout of heads and payloads is that of ``data_schema/run_log.toml``.
+"""
 
 import struct
+import tomllib
 from enum import IntEnum, IntFlag
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
-_HEAD = struct.Struct("<BBHIQ")
+from lgprjax.files import schema_text
+from lgprjax.wire import CODES
+
+_TABLE = tomllib.loads(schema_text("run_log"))
+_HEAD = struct.Struct("<" + "".join(CODES[field["type"]] for field in _TABLE["data"]["head"]))
 
 
 class RecordKind(IntEnum):
@@ -80,95 +89,28 @@ class Record(NamedTuple):
     payload: bytes
 
 
-FIX = np.dtype(
-    [
-        ("scan_ns", "<i8"),  # monotonic time of the scan
-        ("scan", "<u4"),
-        ("code", "<u1"),
-        ("window_dm", "<i1"),  # decimetres of scans that were matched as one; -1 where nothing was matched
-        ("waiting", "<u2"),  # scans that were waiting when this one was taken
-        ("correlation", "<f4"),
-        ("margin", "<f4"),
-        ("strength", "<f4"),  # correlation times the root of the overlap
-        ("overlap_channels", "<f4"),
-        ("pose", "<f8", 5),  # east_m, north_m, height_m, yaw_rad, roll_rad of the array's centre, map frame
-        ("covariance", "<f8", (5, 5)),
-        ("p_false", "<f4"),  # probability that ground which is not the map's would have passed the same search
-    ]
-)
+@cache
+def payload_type(name: str) -> np.dtype[Any]:
+    """Payload of a ``fix``, ``prior``, ``plan``, ``cover`` or ``skid_plan`` record. ``KeyError`` for another."""
+    for payload in _TABLE["payload"]:
+        if payload["name"] == name:
+            return np.dtype([_field(**field) for field in payload["fields"]])
+    raise KeyError(name)
+
+
+def numpy_type(kind: str) -> str:
+    """A type of ``data_schema`` as NumPy has it: ``u16`` is ``<u2``."""
+    return f"<{kind[0]}{int(kind[1:]) // 8}"
+
+
+def _field(name: str, type: str, **described: str) -> tuple[str, str, tuple[int, ...]]:
+    del described
+    kind, _, shape = type.rstrip("]").partition("[")
+    return name, numpy_type(kind), tuple(int(size) for size in shape.split(",")) if shape else ()
+
+
+FIX, PRIOR, PLAN, COVER, SKID_PLAN = (payload_type(name) for name in ("fix", "prior", "plan", "cover", "skid_plan"))
 _P_FALSE_BYTES = FIX["p_false"].itemsize
-PRIOR = np.dtype(
-    [
-        ("time_ns", "<i8"),  # monotonic time that it holds for
-        ("valid", "<u1"),
-        ("pose", "<f8", 3),  # x_m, y_m, yaw_rad of the rear axle in the map frame, by GNSS/INS and odometry
-        ("roll_rad", "<f8"),
-        ("sigma_yaw_rad", "<f8"),
-        ("speed_mps", "<f8"),
-        ("yaw_rate_radps", "<f8"),
-        ("travel_m", "<f8"),  # signed, by odometry
-    ]
-)
-PLAN = np.dtype(
-    [
-        ("mode", "<u1"),
-        ("reaction", "<u1"),
-        ("code", "<u1"),  # of the plan
-        ("reasons", "<u4"),
-        ("limited", "<u4"),
-        ("pose", "<f8", 3),  # x_m, y_m, yaw_rad of the rear axle in the map frame, as driven by
-        ("sigma_cross_m", "<f4"),
-        ("speed_mps", "<f4"),
-        ("wanted_mps", "<f4"),
-        ("cross_track_m", "<f4"),
-        ("to_go_m", "<f4"),
-        ("front_rad", "<f4"),  # measured
-        ("command", "<f4", 3),  # front_rad, throttle, brake
-        ("engage", "<u1"),
-        ("watch", "<u4"),  # findings of the watches
-        ("severity", "<u1"),
-    ]
-)
-COVER = np.dtype(
-    [
-        ("x_m", "<f8"),
-        ("y_m", "<f8"),
-        ("yaw_rad", "<f8"),
-        ("covariance", "<f4", (3, 3)),
-        ("speed_mps", "<f4"),
-        ("left_mps", "<f4"),
-        ("right_mps", "<f4"),
-        ("tool", "<u1"),  # ToolBits
-        ("depth_m", "<f4"),
-        ("mode", "<u1"),
-        ("line", "<i4"),
-        ("stop", "<u2"),  # StopBits
-        ("gnss_quality", "<u1"),
-    ]
-)
-SKID_PLAN = np.dtype(
-    [
-        ("mode", "<u1"),
-        ("reaction", "<u1"),
-        ("known", "<u1"),
-        ("reasons", "<u4"),
-        ("limited", "<u4"),
-        ("pose", "<f8", 3),
-        ("sigma", "<f4", 3),
-        ("speed_mps", "<f4"),
-        ("cross_m", "<f4"),
-        ("heading_error_rad", "<f4"),
-        ("to_go_m", "<f4"),
-        ("line", "<i4"),
-        ("command", "<f4", 2),
-        ("tool", "<u1"),
-        ("depth_m", "<f4"),
-        ("engage", "<u1"),
-        ("watch", "<u4"),
-        ("found", "<u4"),
-        ("severity", "<u1"),
-    ]
-)
 
 
 class ToolBits(IntFlag):

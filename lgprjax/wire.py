@@ -8,12 +8,9 @@ import zlib
 from collections import Counter, deque
 from collections.abc import Mapping
 from enum import IntEnum
-from importlib import resources
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from lgprjax.runtime.config import KEPT, RefusalReason, RefusedBytes
-from lgprjax.runtime.stamps import LeastDelay
+from lgprjax.files import schema_text
 
 # The messages of the lines, read from ``data_schema/wire.toml``.
 
@@ -51,14 +48,6 @@ class Message(NamedTuple):
     axes: tuple[str, ...]
 
 
-def _text() -> str:
-    # Not by lgprjax.formats.schema: its room imports JAX, which the recorder and the display do without.
-    packaged = resources.files("lgprjax").joinpath("data_schema", "wire.toml")
-    if packaged.is_file():
-        return packaged.read_text(encoding="utf-8")
-    return (Path(__file__).resolve().parents[2] / "data_schema" / "wire.toml").read_text(encoding="utf-8")
-
-
 def _message(table: dict[str, Any]) -> Message:
     numbers, bulk, axes = [], "", ()
     for field in table["fields"]:
@@ -70,7 +59,7 @@ def _message(table: dict[str, Any]) -> Message:
     return Message(table["type"], table["name"], table["from"], table["line"], tuple(numbers), layout, bulk, axes)
 
 
-_TABLE = tomllib.loads(_text())
+_TABLE = tomllib.loads(schema_text("wire"))
 RULES: dict[str, int] = _TABLE["rules"]
 """What a receiver goes by."""
 MESSAGES: dict[str, Message] = {table["name"]: _message(table) for table in _TABLE["message"]}
@@ -84,6 +73,43 @@ HEAD_FIELDS = tuple(MessageField(field["name"], field["type"]) for field in _TAB
 """Of the header after the sync."""
 HEAD = struct.Struct(f"<{len(SYNC)}s" + "".join(CODES[field.kind] for field in HEAD_FIELDS))
 CRC = struct.Struct("<I")
+
+
+# Bytes that came over a line and are not to be acted upon, and why.
+
+KEPT = 64
+"""Bytes that are kept of what was refused."""
+
+
+class RefusalReason(IntEnum):
+    """Why bytes are no message. ``FrameVerdict`` goes on from 32: why a whole frame is refused."""
+
+    NO_SYNC = 1
+    """No message begins here."""
+    VERSION = 2
+    """Of a protocol that is not known."""
+    LENGTH = 3
+    """Longer than allowed, or not as long as such a message is."""
+    CRC = 4
+    """The CRC or checksum is not that of the bytes."""
+    TYPE = 5
+    """A whole frame whose message is not known."""
+    PAYLOAD = 6
+    """A whole frame whose payload contradicts itself."""
+    CUT = 7
+    """A sentence that breaks off, or has no checksum."""
+
+
+class RefusedBytes(NamedTuple):
+    """What was refused.
+
+    Attributes:
+        reason: a ``RefusalReason``, or a ``FrameVerdict``.
+        data: the first ``KEPT`` bytes.
+    """
+
+    reason: int
+    data: bytes
 
 
 # Frames between the onboard computer and its devices, as ``data_schema/wire.toml`` lays them out.
@@ -155,9 +181,11 @@ def decode(raw: bytes) -> Frame:
     Raises:
         ValueError: it is not one whole frame, its CRC does not hold, or its message is not known.
     """
-    found = FrameParser().feed(raw)
-    if len(found) == 1 and isinstance(found[0], Frame) and len(found[0].raw) == len(raw):
-        return found[0]
+    whole = len(raw) >= HEAD.size and _wrong_head(raw, 0) is None and len(raw) == _size(raw, 0)
+    if whole and _crc_holds(memoryview(raw)):
+        found = _opened(raw)
+        if isinstance(found, Frame):
+            return found
     raise ValueError(f"not one whole frame: {raw[:KEPT].hex()}")
 
 
@@ -221,12 +249,12 @@ def _next_sync(buffer: bytearray, start: int) -> int:
     return half if half >= start and buffer[half] == SYNC[0] else len(buffer)
 
 
-def _size(buffer: bytearray, at: int) -> int:
+def _size(buffer: bytes | bytearray, at: int) -> int:
     length: int = HEAD.unpack_from(buffer, at)[3]
     return HEAD.size + length + CRC.size
 
 
-def _wrong_head(buffer: bytearray, at: int) -> RefusalReason | None:
+def _wrong_head(buffer: bytes | bytearray, at: int) -> RefusalReason | None:
     """What is wrong with the head that begins at ``at``, as far as it has come."""
     if not buffer.startswith(SYNC[: len(buffer) - at], at):
         return RefusalReason.NO_SYNC
@@ -261,6 +289,35 @@ def _opened(raw: bytes) -> Frame | RefusedBytes:
             return RefusedBytes(RefusalReason.PAYLOAD, raw[:KEPT])
         fields[message.bulk] = bulk
     return Frame(message.name, mode, flags, session, sequence, stamp_us, ttl_ms, fields, raw)
+
+
+_DRIFT = 5000
+"""Clocks run apart by one part in this at most: 200 ppm."""
+
+
+class LeastDelay:
+    """Least difference between arrivals and stamps: what lies between two clocks when nothing holds a message up.
+
+    It falls at once and rises no faster than clocks drift, so that a line that grows late shows.
+
+    Args:
+        difference_ns: arrival less stamp of the first message.
+        now_ns: its arrival.
+    """
+
+    def __init__(self, difference_ns: int, now_ns: int) -> None:
+        self._least_ns = difference_ns
+        self._at_ns = now_ns
+
+    def at(self, now_ns: int) -> int:
+        """What it is believed to be now, ns."""
+        return self._least_ns + max(0, now_ns - self._at_ns) // _DRIFT
+
+    def feed(self, difference_ns: int, now_ns: int) -> int:
+        """What it is believed to be now that one more message came, ns: never above that message's own."""
+        self._least_ns = min(self.at(now_ns), difference_ns)
+        self._at_ns = max(now_ns, self._at_ns)
+        return self._least_ns
 
 
 _SILENT_NS = RULES["silent_ms"] * 1_000_000
@@ -330,6 +387,10 @@ class Receiver:
             self._ahead = None
         return verdict
 
+    def silent(self, now_ns: int) -> bool:
+        """Whether nothing was accepted for so long that the line counts as dead."""
+        return self.session == 0 or now_ns - self.last_accepted_ns >= _SILENT_NS
+
     def _judge(self, frame: Frame, arrival_ns: int) -> FrameVerdict:
         if frame.name not in self._names:
             return FrameVerdict.WRONG_LINE
@@ -345,7 +406,7 @@ class Receiver:
         return self._age(frame, arrival_ns)
 
     def _other_session(self, frame: Frame, arrival_ns: int) -> FrameVerdict:
-        if self.session and arrival_ns - self.last_accepted_ns < _SILENT_NS:
+        if not self.silent(arrival_ns):
             return FrameVerdict.SECOND_SENDER
         if frame.session in self._remembered:
             return FrameVerdict.REMEMBERED_SESSION
