@@ -59,3 +59,8 @@ def test_a_numeric_room_knows_nothing_of_the_host(room: str) -> None:
     outside = {name.split(".")[0] for name in _imports()[room]}
     assert not outside & _OF_THE_HOST
     assert _arrows()[room] <= {*_NUMERIC, "errors", "frames", "machine"}
+
+
+def test_the_command_line_calls_and_is_not_called() -> None:
+    assert [room for room, names in _arrows().items() if "cli" in names] == ["__main__"]
+    assert not [room for room, names in _arrows().items() if "api" in names and room != "__init__"]

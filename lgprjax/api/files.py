@@ -111,9 +111,9 @@ def view(
         ax.figure.savefig("live.png")
         lx.view("site.map.h5")
     """
-    from lgprjax.cli.view import DRIVE, MAP, check_speed, view_of_drive, view_of_profile
     from lgprjax.radar import WAVE_SPEED_M_PER_NS
     from lgprjax.report import draw_radargram
+    from lgprjax.report.views import DRIVE, MAP, check_speed, view_of_drive, view_of_profile
 
     path = path_of(file, "file")
     name = path.name.lower()
@@ -142,10 +142,10 @@ def view(
 
 
 def _draw_slice(path: Path, travel_time_ns: float | None, speed_m_per_ns: float, axes: "Axes") -> "Axes":
-    from lgprjax.cli.view import stations_of_map
     from lgprjax.report import slice_map
     from lgprjax.report.radargram import level_limits, slice_title
     from lgprjax.report.style import CORRELATION_MAP, outer_edges
+    from lgprjax.report.views import stations_of_map
 
     stations = stations_of_map(path)
     slices = slice_map(stations)

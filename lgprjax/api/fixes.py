@@ -135,7 +135,7 @@ def register(site: PathLike, drive: PathLike, *, options: RegisterOptions | None
     """
     from lgprjax.batch import register_log
     from lgprjax.batch.recording import gnss_gaps
-    from lgprjax.cli.register import drive_result
+    from lgprjax.report.registered import drive_result
 
     options = RegisterOptions() if options is None else options
     path = path_of(drive, "drive")
@@ -161,14 +161,12 @@ def check_options(options: RegisterOptions, site: Map) -> None:
     Raises:
         InputError: an option is out of its range, or the search region is too small or too large for this map.
     """
-    from lgprjax.cli.register import check_region, check_search
+    from lgprjax.batch import check_region, check_search
 
     if not isinstance(options, RegisterOptions):
         raise InputError("call", "options", "RegisterOptions", repr(options)[:60])
-    scale = "auto" if options.time_scale is None else options.time_scale
-    with told_as_arguments():
-        check_search(options.search_m, options.window_m, scale, options.risk)
-        check_region(options.search_m, site.source)
+    check_search(options)
+    check_region(options.search_m, site.source)
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,9 +237,8 @@ def register_many(
         print(many["live"].code.value_counts())
     """
     from lgprjax.batch import drive_name
-    from lgprjax.cli.register_many import Workforce
-    from lgprjax.cli.register_many import register_many as run
-    from lgprjax.cli.terminal import console
+    from lgprjax.batch.folder import Workforce, register_folder
+    from lgprjax.report.registered_folder import write_views
 
     options = RegisterOptions() if options is None else options
     paths, target = paths_of(drives, "drive"), path_of(folder, "folder").absolute()
@@ -249,9 +246,8 @@ def register_many(
         check_options(options, opened)
         map_path = opened.path
     crew = Workforce(1 if workers is None and scheduler is None else workers, threads, scheduler)
-    # The command's table is for terminals; the progress bar stays, on standard error.
-    with told_as_arguments(), console.capture():
-        run(map_path, paths, target, options, crew, json=None, force=force)
+    with told_as_arguments(), register_folder(map_path, paths, target, options, crew, force=force) as done:
+        write_views(done.run)
     whole = pd.read_csv(
         target / "archive.csv", keep_default_na=False, na_values=[""], dtype={"error": str, "drive": str}
     )

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _OPTION = re.compile(r"--([a-z][a-z-]*)")
-_USAGE = re.compile(r"(?P<place>[^:]+): expected (?P<expected>.*), found (?P<found>.*)")
 
 
 class HasPath(Protocol):
@@ -68,15 +67,6 @@ def told_as_arguments() -> Iterator[None]:
         if (place, expected) == (error.place, error.expected):
             raise
         raise InputError(error.file, place, expected, error.found) from None
-    except Exception as error:
-        from lgprjax.cli.terminal import UsageError
-
-        if not isinstance(error, UsageError):
-            raise
-        told = _USAGE.fullmatch(str(error))
-        if told is None:
-            raise InputError("call", "arguments", "arguments that go together", _as_argument(str(error))) from None
-        raise InputError("call", *(_as_argument(told[part]) for part in ("place", "expected", "found"))) from None
 
 
 def _as_argument(text: str) -> str:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 # ``lgprjax map info``: what a subsurface database covers, how it was made, and what it takes on disk.
 
 _RISK = 1e-4
-UNSTATED = "sigma not stated (fixes are relative to the map's labels)"
 
 
 @dataclass(frozen=True)
@@ -48,6 +47,8 @@ class MapInfo:
 
 def _labels(sigma_m: tuple[float, ...]) -> str:
     """What the navigation of each baseline said of its positions."""
+    from lgprjax.batch.assumptions import UNSTATED
+
     if not any(sigma_m):
         return UNSTATED
     told = ", ".join("not stated" if sigma == 0.0 else f"{100.0 * sigma:.1f} cm" for sigma in sigma_m)

@@ -97,10 +97,11 @@ class Demo:
 
     def run(self) -> None:
         """Run the story."""
-        from lgprjax.cli.register import register_all, write_page
+        from lgprjax.cli.register import register_all
         from lgprjax.mapping import build_map
         from lgprjax.registration import RegisterOptions
         from lgprjax.report import summary_table
+        from lgprjax.report.registered import write_page
         from lgprjax.simulation import demo_site, write_drives
 
         self.output.mkdir(parents=True, exist_ok=True)
