@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
 from rich.table import Table
 from tyro.conf import Positional, arg
 
@@ -132,6 +131,8 @@ class ThresholdsVerb:
 
     def run(self) -> None:
         """Calibrate."""
+        import numpy as np
+
         from lgprjax.batch import check_region, check_search, thresholds_from, try_drives
         from lgprjax.cli.figures import write_figures
         from lgprjax.formats import DriveLog, MapFile, write_thresholds
