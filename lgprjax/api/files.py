@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lgprjax.api.inputs import PathLike, axes_or_new, path_of, told_as_arguments
-from lgprjax.errors import InputError
+from lgprjax.api.inputs import PathLike, axes_or_new, path_of, require_number, told_as_arguments
+from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats import DriveLog, Finding, check_file
 
 if TYPE_CHECKING:
@@ -117,6 +117,11 @@ def view(
 
     path = path_of(file, "file")
     name = path.name.lower()
+    if channel is not None and not isinstance(channel, int | np.integer):
+        raise ArgumentError("channel", "a whole number", repr(channel)[:60])
+    for argument, value in (("velocity_m_per_ns", velocity_m_per_ns), ("travel_time_ns", travel_time_ns)):
+        if value is not None:
+            require_number(argument, value, "a number", -np.inf, np.inf)
     with told_as_arguments():
         check_speed(velocity_m_per_ns)
         if name.endswith(MAP):

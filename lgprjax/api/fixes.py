@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, told_as_arguments
+from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, require_number, told_as_arguments
 from lgprjax.api.maps import Map, held_ground, using_map
-from lgprjax.errors import InputError
+from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats import DriveLog, read_fixes
 from lgprjax.registration import Fix, RegisterOptions
 
@@ -35,6 +35,7 @@ class Fixes:
         table: DataFrame with the columns of ``X.fixes.csv``, one row a scan (data_schema/fixes.toml).
         fix: the same as arrays, one row a scan; poses in metres east and north of the map's origin.
         truth: true poses [scan, 5] in the same frame, NaN where unknown; None where the log holds none.
+        result: what pictures are drawn from: priors, distance driven and sigmas, scan by scan.
     """
 
     name: str
@@ -165,6 +166,10 @@ def check_options(options: RegisterOptions, site: Map) -> None:
 
     if not isinstance(options, RegisterOptions):
         raise InputError("call", "options", "RegisterOptions", repr(options)[:60])
+    for name in ("search_m", "window_m", "time_scale", "risk"):
+        value = getattr(options, name)
+        if value is not None or name == "risk":
+            require_number(name, value, "a number", -np.inf, np.inf)
     check_search(options)
     check_region(options.search_m, site.source)
 
@@ -240,6 +245,9 @@ def register_many(
     from lgprjax.batch.folder import Workforce, register_folder
     from lgprjax.report.registered_folder import write_views
 
+    for name, count in (("workers", workers), ("threads", threads)):
+        if count is not None and not isinstance(count, int):
+            raise ArgumentError(name, "a whole number", repr(count)[:60])
     options = RegisterOptions() if options is None else options
     paths, target = paths_of(drives, "drive"), path_of(folder, "folder").absolute()
     with using_map(site) as opened:
@@ -253,5 +261,7 @@ def register_many(
     )
     names = [drive_name(path) for path in paths]
     table = whole[whole["drive"].isin(names)].reset_index(drop=True)
-    failed = table[table["state"] == "failed"]
-    return ManyFixes(target, table, dict(zip(failed["drive"], failed["error"], strict=True)))
+    # A drive that cannot be read has no job, and none of the table's rows.
+    failed = {drive_name(Path(error.file)): str(error) for error in done.failed}
+    recorded = table[table["state"] == "failed"]
+    return ManyFixes(target, table, failed | dict(zip(recorded["drive"], recorded["error"], strict=True)))

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from lgprjax.api.inputs import require_number, require_slice
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog
 from lgprjax.registration import (
@@ -234,8 +235,8 @@ def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions 
     options = RegisterOptions() if options is None else options
     source = site.source
     description = source.description
-    if not (np.isfinite(window_m) and 0.0 <= window_m <= _FARTHEST_M):
-        raise InputError(path, "window_m", f"0 to {_FARTHEST_M:g}", f"{window_m:g}")
+    require_number("window_m", window_m, f"0 to {_FARTHEST_M:g}", 0.0, _FARTHEST_M)
+    require_slice(scans)
     with DriveLog.open(path) as log:
         held = held_ground(site, options)
         track = track_of_drive(log, description.frame).track
