@@ -69,7 +69,8 @@ class CoveragePlan:
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel("east (m)")
         axes.set_ylabel("north (m)")
-        axes.set_title(repr(self))
+        pattern = self.plan.pattern
+        axes.set_title(f"{self.plan.name}: {len(pattern.lines)} swaths, {pattern.length_m:.0f} m")
         axes.legend()
         return axes
 

@@ -123,7 +123,8 @@ class Map:
         with told_as_arguments(), locked_map(file):
             agreed = refine_map(self.source, plan_matches(self.source), file, force=force)
         files = baseline_files(self.source)
-        table = pd.DataFrame([change._asdict() for change in agreed.baselines]).rename(columns={"drive": "baseline"})
+        table = pd.DataFrame([change._asdict() for change in agreed.baselines])
+        table = table.rename(columns={"drive": "baseline", "kept": "believed"})
         table.insert(1, "file", files)
         return ChangedMap(open_map(file), table, tuple(agreement_in_words(agreed, files)))
 
@@ -202,9 +203,6 @@ def open_map(path: PathLike) -> Map:
         with lx.open_map("site.map.h5") as site:
             print(site)                    # Map 'site': 3268 stations of 11 channels on 2 baselines, 131 m; ...
             site.plot()
-            print(site.refine("agreed.map.h5", force=True).table)
-            newer = site.update("drives/live.drive.h5", "newer.map.h5", force=True)
-            print(newer)                   # ChangedMap: Map 'newer': ... on 3 baselines, ...
     """
     return Map(MapFile.open(path_of(path, "map")))
 

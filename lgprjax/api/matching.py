@@ -214,12 +214,11 @@ def _search_jvp(primals: tuple[Batch], tangents: tuple[Batch]) -> tuple[Fix, Fix
     return fix, still._replace(pose=moves, correlation=jnp.where(found, gains + along_slope, 0.0))
 
 
-def _still(field: Array) -> Array:
-    """A tangent of nothing; integers have a type of their own for it."""
+def _still(field: Array) -> Array | np.ndarray:
+    """A tangent of nothing; integers have a type of their own for it, which only NumPy holds."""
     if jnp.issubdtype(field.dtype, jnp.floating):
         return jnp.zeros_like(field)
-    nothing: Array = np.zeros(field.shape, jax.dtypes.float0)  # type: ignore[assignment]
-    return nothing
+    return np.zeros(field.shape, jax.dtypes.float0)
 
 
 def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions | None, window_m: float) -> Batch:
