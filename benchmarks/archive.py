@@ -17,11 +17,12 @@ import numpy as np
 from jaxtyping import Float
 
 from benchmarks.records import Record, machine_line
+from benchmarks.village import village_drives
 from lgprjax.batch import JobRecord, outputs_of, read_records, shares_of
 from lgprjax.files import file_hash
 from lgprjax.formats import DriveLog, DriveWriter, NavigationTrack, OdometryTrack, TraceRecording
 from lgprjax.mapping import build_map
-from lgprjax.simulation import demo_site, write_drives
+from lgprjax.simulation import write_drives
 
 # Very many short drives on disk: cut from one simulated drive, each at scans of its own, with the map they lie on.
 
@@ -49,7 +50,7 @@ def make_short_drives(
         ValueError: the road is too short for so many.
     """
     say(f"simulating a road of {length_m:g} m")
-    site = {name: drive for name, drive in demo_site(1, length_m).items() if name != "impostor"}
+    site = {name: drive for name, drive in village_drives(1, length_m).items() if name != "impostor"}
     logs = write_drives(site, folder)
     database = folder / "road.map.h5"
     build_map([logs["baseline_left"], logs["baseline_right"]], database)

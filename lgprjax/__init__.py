@@ -8,7 +8,9 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from lgprjax.api.coverage import open_worked as open_worked
     from lgprjax.api.coverage import plan_coverage as plan_coverage
+    from lgprjax.api.coverage import record_coverage as record_coverage
     from lgprjax.api.drives import open_drive as open_drive
     from lgprjax.api.drives import simulate as simulate
     from lgprjax.api.files import check as check
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
     from lgprjax.api.rollouts import tracking_cost as tracking_cost
     from lgprjax.api.vehicles import open_vehicle as open_vehicle
     from lgprjax.api.vehicles import tune as tune
+    from lgprjax.pso import SwarmConfig as SwarmConfig
+    from lgprjax.pso import run_swarm as run_swarm
     from lgprjax.registration import Code as Code
     from lgprjax.registration import Fix as Fix
     from lgprjax.registration import RegisterOptions as RegisterOptions
@@ -42,12 +46,16 @@ _MODULE_OF = {
     "Fix": "lgprjax.registration",
     "Code": "lgprjax.registration",
     "match": "lgprjax.api.matching",
+    "run_swarm": "lgprjax.pso",
+    "SwarmConfig": "lgprjax.pso",
     "open_vehicle": "lgprjax.api.vehicles",
     "course": "lgprjax.api.rollouts",
     "rollout": "lgprjax.api.rollouts",
     "tracking_cost": "lgprjax.api.rollouts",
     "tune": "lgprjax.api.vehicles",
     "plan_coverage": "lgprjax.api.coverage",
+    "record_coverage": "lgprjax.api.coverage",
+    "open_worked": "lgprjax.api.coverage",
 }
 
 __all__ = [  # noqa: RUF022  # in the order in which they are used, which is that of docs/api.md
@@ -63,12 +71,16 @@ __all__ = [  # noqa: RUF022  # in the order in which they are used, which is tha
     "Fix",
     "Code",
     "match",
+    "run_swarm",
+    "SwarmConfig",
     "open_vehicle",
     "course",
     "rollout",
     "tracking_cost",
     "tune",
     "plan_coverage",
+    "record_coverage",
+    "open_worked",
 ]
 
 

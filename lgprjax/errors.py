@@ -18,5 +18,19 @@ class InputError(ValueError):
         line = f"{file}: {place}: expected {expected}, found {found}"
         super().__init__(" ".join(line.split()))
 
-    def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str, str]]:
+    def __reduce__(self) -> tuple[type["InputError"], tuple[str, ...]]:
         return (InputError, (self.file, self.place, self.expected, self.found))
+
+
+class ArgumentError(InputError):
+    """An argument out of its range, or arguments that do not go together.
+
+    The place is the argument's name, of several their names parted by commas. The command line names the option of the
+    same name in its place, and exits with status 2.
+    """
+
+    def __init__(self, argument: str, expected: str, found: str) -> None:
+        super().__init__("call", argument, expected, found)
+
+    def __reduce__(self) -> tuple[type["InputError"], tuple[str, ...]]:
+        return (ArgumentError, (self.place, self.expected, self.found))

@@ -105,3 +105,11 @@ def _lock(descriptor: int) -> None:
         import fcntl
 
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def examples_folder(name: str) -> Path:
+    """Folder of the example files: ``onboard``, ``sites`` or ``tuning``, of the installed package or the repository."""
+    from importlib import resources
+
+    packaged = Path(str(resources.files("lgprjax"))) / "examples" / name
+    return packaged if packaged.is_dir() else Path(__file__).resolve().parents[1] / name

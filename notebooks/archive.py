@@ -24,8 +24,7 @@ OUTPUT = Path("../out/notebooks/archive")
 # Without logs of your own: three baselines of a made-up road of 25 m whose GNSS was wrong by some decimetres, each another way; three drives of other days, and one over other ground, which must stay without a fix.
 
 # %%
-import subprocess
-import sys
+import lgprjax as lx
 
 SITE = """
 name = "archive"
@@ -40,52 +39,41 @@ KINDS = {"first": "", "second": "lane_m = 0.2", "third": "lane_m = -0.2", "clear
 KINDS |= {"years": 'day = "years"', "elsewhere": "other_ground = 99"}
 
 
-def lgprjax(*words):
-    done = subprocess.run([sys.executable, "-m", "lgprjax", *map(str, words)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
 OUTPUT.mkdir(parents=True, exist_ok=True)
 if not BASELINES:
     drives = [f'[[drive]]\nname = "{name}"\nnavigation = "gnss"\n{more}\n' for name, more in KINDS.items()]
     (OUTPUT / "archive.toml").write_text(SITE + "".join(drives))
-    lgprjax("simulate", OUTPUT / "archive.toml", "-o", OUTPUT, "--force")
-    logs = [OUTPUT / f"{name}.drive.h5" for name in KINDS]
+    logs = list(lx.simulate(OUTPUT / "archive.toml", OUTPUT, force=True).values())
     BASELINES, DRIVES = logs[:3], logs[3:]
 
 # %% [markdown]
 # The map as its labels have it, and all drives on it. A second call would find everything done and do nothing. `largest_m` is against the truth, so that it holds what the labels of the map are wrong by.
 
 # %%
-import pandas as pd
-
-
-def register(ground, folder):
-    lgprjax("register", ground, *DRIVES, "-o", folder, "--workers", 2)
-    return pd.read_csv(folder / "archive.csv", index_col="drive")
-
-
-as_labelled = OUTPUT / "as_labelled.map.h5"
-lgprjax("map", "build", *BASELINES, "-o", as_labelled, "--force")
-before = register(as_labelled, OUTPUT / "before")
 FIGURES = ["scans", "ok", "correlation_ok", "largest_m"]
+
+as_labelled = lx.build_map(BASELINES, OUTPUT / "as_labelled.map.h5", force=True)
+before = lx.register_many(as_labelled, DRIVES, OUTPUT / "before", workers=2).table.set_index("drive")
 before[FIGURES]
 
 # %% [markdown]
 # Now the baselines are registered on each other, and their labels are moved until they agree.
 
 # %%
-agreed = OUTPUT / "agreed.map.h5"
-print(lgprjax("map", "refine", as_labelled, "-o", agreed, "--force"))
-after = register(agreed, OUTPUT / "after")
+agreed = as_labelled.refine(OUTPUT / "agreed.map.h5", force=True)
+print(*agreed.notes, sep="\n")
+agreed.table.round(3)
+
+# %%
+after = lx.register_many(agreed.map, DRIVES, OUTPUT / "after", workers=2).table.set_index("drive")
 after[FIGURES]
 
 # %% [markdown]
-# What it was worth: ground that its baselines agree on is sharp, and drives match it better. Fixes are positions on the map: by how much all of its labels are wrong together no radar can tell, and `after m` above says how large that may still be.
+# What it was worth: ground that its baselines agree on is sharp, and drives match it better. Fixes are positions on the map: by how much all of its labels are wrong together no radar can tell, and `sigma_after_m` above says how large that may still be.
 
 # %%
 import matplotlib.pyplot as plt
+import pandas as pd
 
 correlation = pd.DataFrame({"before": before["correlation_ok"], "after": after["correlation_ok"]}).dropna()
 figure, axes = plt.subplots(figsize=(9, 3), layout="constrained")
@@ -95,4 +83,4 @@ axes.invert_yaxis()
 print(pd.DataFrame({"ok before": before["ok"] / before["scans"], "ok after": after["ok"] / after["scans"]}).round(3))
 
 # %% [markdown]
-# `after/archive.html` has the map of the worst places, drive by drive. On a cluster the same: `--scheduler ADDRESS` instead of `--workers`.
+# `after/archive.html` has the map of the worst places, drive by drive. On a cluster the same: `scheduler=ADDRESS` instead of `workers`.

@@ -25,7 +25,7 @@ OUTPUT = Path("../out/notebooks/coverage_record")
 # Without corners of your own: three of a field of 12 by 9 m on a salt flat, as somebody drove to them. The plan joins the first line to the middle one by wide turns to one hand (Zamboni); `lgprjax cover plan` does the same.
 
 # %%
-from lgprjax.worked import PlanOptions, make_cover_plan, open_cover_plan, save_cover_plan
+import lgprjax as lx
 
 OUTPUT.mkdir(parents=True, exist_ok=True)
 if not CORNERS.exists():
@@ -33,13 +33,12 @@ if not CORNERS.exists():
         "latitude_deg,longitude_deg\n"
         "40.7625000000,-113.8956000000\n40.7625369587,-113.8954664520\n40.7626131161,-113.8955029075\n"
     )
-plan = make_cover_plan(CORNERS, VEHICLE, PlanOptions(overlap=0.25))
-save_cover_plan(OUTPUT / "field.cover.geojson", plan, force=True)
-opened = open_cover_plan(OUTPUT / "field.cover.geojson")
-pattern = opened.plan.pattern
+plan = lx.plan_coverage(CORNERS, VEHICLE, overlap=0.25).save(OUTPUT / "field.cover.geojson", force=True)
+pattern = plan.plan.pattern
 print(f"{len(pattern.lines)} lines {pattern.spacing_m:.2f} m apart, {pattern.length_m:.0f} m in all")
 room_m = pattern.settings.turning_room_m
 print(f"tightest turn {pattern.tightest_radius_m:.2f} m, up to {room_m:g} m beyond the perimeter")
+axes = plan.plot()
 
 # %% [markdown]
 # Without a run of your own: a drive along the plan at 0.35 m/s, with GNSS for 60 s of every 90 s. While it is off, the position's sigma grows from 1.2 to 13 cm. In between the tool stops turning for five seconds.
@@ -51,6 +50,7 @@ import uuid
 import numpy as np
 
 from lgprjax.coverage import lay_pattern
+from lgprjax.files import file_hash
 from lgprjax.run_records import COVER, Record, RecordKind, Source, pack
 from lgprjax.run_segment import SegmentHead, pack_head, pack_record
 
@@ -70,7 +70,7 @@ if not RUN.exists():
     rows["tool"][stopped], rows["stop"][stopped] = 1, 4
     run, begin_ns = uuid.UUID(int=1).bytes, 10**12
     parts = [pack_head(SegmentHead(run, 0, 1_800_000_000 * 10**9, begin_ns, 0))]
-    header = json.dumps({"plan_sha256": opened.sha256}).encode()
+    header = json.dumps({"plan_sha256": file_hash(plan.path)}).encode()
     records = [Record(RecordKind.HEADER, Source.CONTROL, 0, begin_ns, header)]
     records += [
         Record(RecordKind.COVER, Source.CONTROL, 0, begin_ns + int(1e9 * time_s[row]), rows[row].tobytes())
@@ -85,38 +85,22 @@ print("the run's segments:", *(path.name for path in sorted(RUN.glob("*.lgprun")
 # Each cell gets the probability of its best pass, from the pose, its covariance and the tool's rectangle. The sentences are all that may be said; the second half of each is Markov's bound, which holds however the errors of neighbouring cells hang together. This is `lgprjax cover record`.
 
 # %%
-from lgprjax.formats import write_worked
-from lgprjax.worked import cover_figures, read_cover_run, record_cover
-
-record = record_cover([opened], [read_cover_run(RUN)], cell_m=0.1)
-write_worked(OUTPUT / "field.worked.h5", record, force=True)
-figures = cover_figures(record)
-for layer in figures.layers:
+worked = lx.record_coverage(plan, RUN, OUTPUT / "field.worked.h5", cell_m=0.1, force=True)
+for layer in worked.figures.layers:
     print(layer.sentence)
-print("stops:", figures.stops)
+print("stops:", worked.figures.stops)
+axes = worked.plot()
 
 # %% [markdown]
-# What is handed over: GeoPackage, GeoJSON, KML, turning points and a report to be signed, as `lgprjax cover export` writes them. The report's map:
+# What is handed over: GeoPackage, GeoJSON, KML, turning points and a report to be signed, as `lgprjax cover export` writes them.
 
 # %%
-import base64
-import re
-import subprocess
-import sys
-
-from IPython.display import Image
-
-export = ["cover", "export", str(OUTPUT / "field.worked.h5"), "-o", str(OUTPUT / "export"), "--force"]
-program = "from lgprjax.cli import main; main()"
-subprocess.run([sys.executable, "-c", program, *export], check=True, capture_output=True)
-print(*sorted(path.name for path in (OUTPUT / "export").iterdir()), sep="\n")
-page = (OUTPUT / "export" / "field.html").read_text(encoding="utf-8")
-Image(base64.b64decode(re.findall(r"image/png;base64,([^\"]+)", page)[0]), width=640)
+files = worked.export(OUTPUT / "export", force=True)
+print(*sorted(path.name for path in files), sep="\n")
 
 # %% [markdown]
 # What the record leaves is planned again, and the next run adds up with this one by the larger probability (`lgprjax cover plan ... --gaps field.worked.h5`).
 
 # %%
-rest = make_cover_plan(CORNERS, VEHICLE, PlanOptions(overlap=0.25), worked=record, level=0.95)
-lines = "no lines" if rest is None else f"{len(rest.pattern.lines)} lines, {rest.pattern.line_length_m:.0f} m"
-print("left below 95 %:", lines)
+rest = lx.plan_coverage(CORNERS, VEHICLE, overlap=0.25, gaps_of=worked, level=0.95)
+print("left below 95 %:", rest)

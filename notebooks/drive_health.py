@@ -26,11 +26,11 @@ OUTPUT = Path("../out/notebooks/drive_health")
 import h5py
 import numpy as np
 
-from lgprjax.simulation import demo_site, write_drives
+import lgprjax as lx
 
-OUTPUT.mkdir(parents=True, exist_ok=True)
 if not DRIVES:
-    sound = write_drives({"sound": demo_site()["baseline_left"]}, OUTPUT, force=True)["sound"]
+    drive = lx.simulate("village", OUTPUT, only=["baseline_left"], force=True)["baseline_left"]
+    sound = drive.path.replace(OUTPUT / "sound.drive.h5")
     faulty = OUTPUT / "faulty.drive.h5"
     faulty.write_bytes(sound.read_bytes())
     with h5py.File(faulty, "r+") as log:
@@ -48,13 +48,7 @@ if not DRIVES:
 print(*(path.name for path in DRIVES))
 
 # %%
-from lgprjax.batch import drive_health
-from lgprjax.formats import DriveLog
-
-health = {}
-for path in DRIVES:
-    with DriveLog.open(path) as log:
-        health[path.name.removesuffix(".drive.h5")] = drive_health(log)
+health = {path.name.removesuffix(".drive.h5"): lx.check(path, health=True).health for path in map(Path, DRIVES)}
 for name, found in health.items():
     print(f"{name}: {found.scans} scans, {found.travel_m:.0f} m: {found.verdict}")
 

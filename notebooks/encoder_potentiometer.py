@@ -24,25 +24,23 @@ OUTPUT = Path("../out/notebooks/encoder_potentiometer")
 # Without a log of your own, one is simulated.
 
 # %%
-from lgprjax.simulation import read_vehicle_plan, write_vehicle_logs
+import lgprjax as lx
 
 if not LOG.exists():
-    drives = read_vehicle_plan("../tuning/drives.toml")
-    write_vehicle_logs(drives, LOG.parent, only=[LOG.name.removesuffix(".drive.h5")])
+    lx.simulate("../tuning/drives.toml", LOG.parent, only=[LOG.name.removesuffix(".drive.h5")])
 
 # %% [markdown]
 # Each pause is one point. A straight line is fitted unless the residuals demand more, and the result says which.
 
 # %%
 from lgprjax.formats import Study
-from lgprjax.studies.steering import run_study
 
 study = Study(Path("encoder_potentiometer.ipynb"), "encoder_potentiometer", "encoder", VEHICLE, None, (LOG,), (), {})
-finished = run_study(study)
-detail = finished.outcome.detail
-for figure in finished.outcome.figures:
+tuned = lx.tune(study)
+detail = tuned.finished.outcome.detail
+for figure in tuned.finished.outcome.figures:
     print(f"{figure.name}: {figure.value:.3g} {figure.unit}")
-for note in finished.outcome.notes:
+for note in tuned.notes:
     print(note)
 
 # %%
@@ -58,13 +56,6 @@ Image(OUTPUT / "encoder.png", width=560)
 # The vehicle file gets counts a volt. With `potentiometer_v_per_rad` in it, from a palm tree, it gets counts a radian and the play as an angle of the wheels, too.
 
 # %%
-from lgprjax.formats import write_vehicle
-
-OUTPUT.mkdir(parents=True, exist_ok=True)
-write_vehicle(OUTPUT / VEHICLE.name, finished.vehicle, force=True)
-for path, found in finished.vehicle.found.items():
-    if found.study == study.name:
-        value = finished.outcome.found[path]
-        if not isinstance(value, list):
-            print(f"{path}: {value.value:.5g}, 95 % interval {found.low:.5g} to {found.high:.5g}")
-print("vehicle file:", OUTPUT.name + "/" + VEHICLE.name)
+vehicle = tuned.vehicle.save(OUTPUT / VEHICLE.name, force=True)
+print("vehicle file:", OUTPUT.name + "/" + vehicle.path.name)
+tuned.table[~tuned.table["number"].str.contains("[", regex=False)].round(5)

@@ -25,26 +25,22 @@ OUTPUT = Path("../out/notebooks/fusion")
 # Without logs of your own, five drives of a minute are simulated. Their fixes are drawn from an error model of fixes, there is no radar in them. The gyro has a noise of 0.002 rad/s/√Hz and a bias that walks by 0.0002 rad/s/√s, GNSS wanders by 6 cm over 15 s against the map, and one position in a hundred is off by metres.
 
 # %%
-from lgprjax.simulation import read_vehicle_plan, write_vehicle_logs
+import lgprjax as lx
 
 missing = [log for log in (*LOGS, *HELD_OUT) if not log.exists()]
 if missing:
-    drives = read_vehicle_plan("../tuning/drives.toml")
-    write_vehicle_logs(drives, missing[0].parent, only=[log.name.removesuffix(".drive.h5") for log in missing])
+    lx.simulate("../tuning/drives.toml", missing[0].parent, only=[log.name.removesuffix(".drive.h5") for log in missing])
 
 # %% [markdown]
 # Half a minute, most of it compilation. The noises to begin with stand in the vehicle file and are rather too large: by them the filter's gates choose what is an outlier.
 
 # %%
 from lgprjax.formats import Study
-from lgprjax.studies.steering import run_study
 
 study = Study(Path("fusion.ipynb"), "fusion", "fusion", VEHICLE, None, tuple(LOGS), tuple(HELD_OUT), {})
-finished = run_study(study)
-for path, found in finished.outcome.found.items():
-    print(f"{path}: {found.value:.3g}, 95 % interval {found.low:.3g} to {found.high:.3g}")
-for note in finished.outcome.notes:
-    print(note)
+tuned = lx.tune(study)
+print(*tuned.notes, sep="\n")
+tuned.table.round(6)
 
 # %%
 from IPython.display import Image
@@ -52,21 +48,19 @@ from IPython.display import Image
 from lgprjax.report.study_pictures import study_pictures
 
 OUTPUT.mkdir(parents=True, exist_ok=True)
-study_pictures("fusion")["innovations"](finished.outcome.detail, OUTPUT / "innovations.png", True)
+study_pictures("fusion")["innovations"](tuned.finished.outcome.detail, OUTPUT / "innovations.png", True)
 Image(OUTPUT / "innovations.png", width=860)
 
 # %% [markdown]
 # The same in numbers. The mean normalised innovation squared (NIS) of a component is 1 where the noises are right: below, the filter believes a source too little, above, too much. It stays below 1 for fixes that say of themselves less than they know: their covariance is taken as it is, and so is that of GNSS. Errors need a truth in the log. The threshold switch goes by the fixes while they match well, else by GNSS/INS; the smoother has the whole drive at hand.
 
 # %%
-for figure in finished.outcome.figures:
+for figure in tuned.finished.outcome.figures:
     print(f"{figure.name}: {figure.value:.3g} {figure.unit}")
 
 # %% [markdown]
 # The vehicle file gets the noises found.
 
 # %%
-from lgprjax.formats import write_vehicle
-
-write_vehicle(OUTPUT / VEHICLE.name, finished.vehicle, force=True)
-print("vehicle file:", OUTPUT.name + "/" + VEHICLE.name)
+vehicle = tuned.vehicle.save(OUTPUT / VEHICLE.name, force=True)
+print("vehicle file:", OUTPUT.name + "/" + vehicle.path.name)

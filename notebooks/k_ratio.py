@@ -24,22 +24,20 @@ OUTPUT = Path("../out/notebooks/k_ratio")
 # Without a log of your own, a palm tree is simulated, with an INS mounted 0.4° askew.
 
 # %%
-from lgprjax.simulation import read_vehicle_plan, write_vehicle_logs
+import lgprjax as lx
 
 if not LOG.exists():
-    drives = read_vehicle_plan("../tuning/drives.toml")
-    write_vehicle_logs(drives, LOG.parent, only=[LOG.name.removesuffix(".drive.h5")])
+    lx.simulate("../tuning/drives.toml", LOG.parent, only=[LOG.name.removesuffix(".drive.h5")])
 
 # %%
 from lgprjax.formats import Study
-from lgprjax.studies.steering import run_study
 
 study = Study(Path("k_ratio.ipynb"), "k_ratio", "rear_ratio", VEHICLE, None, (LOG,), (), {"method": "heading"})
-finished = run_study(study)
-detail = finished.outcome.detail
-for figure in finished.outcome.figures:
+tuned = lx.tune(study)
+detail = tuned.finished.outcome.detail
+for figure in tuned.finished.outcome.figures:
     print(f"{figure.name}: {figure.value:.3g} {figure.unit}")
-for note in finished.outcome.notes:
+for note in tuned.notes:
     print(note)
 
 # %%
@@ -55,9 +53,9 @@ Image(OUTPUT / "heading.png", width=560)
 # The same log measures both wheel angles: a second way to k, which must agree.
 
 # %%
-both = run_study(study._replace(options={"method": "wheel_angles"}))
-angles = both.outcome.detail
-one, other = finished.outcome.found["steering.rear_ratio"], both.outcome.found["steering.rear_ratio"]
+both = lx.tune(study._replace(options={"method": "wheel_angles"}))
+angles = both.finished.outcome.detail
+one, other = tuned.finished.outcome.found["steering.rear_ratio"], both.finished.outcome.found["steering.rear_ratio"]
 print(f"by heading {one.low:.4f} to {one.high:.4f}, by wheel angles {other.low:.4f} to {other.high:.4f}")
 draw_rear_ratio_angles(angles.front_rad, angles.rear_rad, angles.fit, OUTPUT / "angles.png", force=True)
 Image(OUTPUT / "angles.png", width=560)
@@ -66,13 +64,6 @@ Image(OUTPUT / "angles.png", width=560)
 # The vehicle file gets k by heading.
 
 # %%
-from lgprjax.formats import write_vehicle
-
-OUTPUT.mkdir(parents=True, exist_ok=True)
-write_vehicle(OUTPUT / VEHICLE.name, finished.vehicle, force=True)
-for path, found in finished.vehicle.found.items():
-    if found.study == study.name:
-        value = finished.outcome.found[path]
-        if not isinstance(value, list):
-            print(f"{path}: {value.value:.5g}, 95 % interval {found.low:.5g} to {found.high:.5g}")
-print("vehicle file:", OUTPUT.name + "/" + VEHICLE.name)
+vehicle = tuned.vehicle.save(OUTPUT / VEHICLE.name, force=True)
+print("vehicle file:", OUTPUT.name + "/" + vehicle.path.name)
+tuned.table[~tuned.table["number"].str.contains("[", regex=False)].round(5)

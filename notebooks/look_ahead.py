@@ -24,13 +24,13 @@ OUTPUT = Path("../out/notebooks/look_ahead")
 # Half a minute: every step of every drive is differentiated.
 
 # %%
+import lgprjax as lx
 from lgprjax.formats import Study
-from lgprjax.studies.steering import run_study
 
 study = Study(Path("look_ahead.ipynb"), "look_ahead", "look_ahead", VEHICLE, None, (), (), OPTIONS)
-finished = run_study(study)
-detail = finished.outcome.detail
-for figure in finished.outcome.figures:
+tuned = lx.tune(study)
+detail = tuned.finished.outcome.detail
+for figure in tuned.finished.outcome.figures:
     print(f"{figure.name}: {figure.value:.3g} {figure.unit}")
 
 # %%
@@ -54,8 +54,6 @@ Image(OUTPUT / "look_ahead.png", width=760)
 # The vehicle file gets the four numbers of the look-ahead. They are chosen, not measured, and have no interval; those of the numbers behind them stay in the file.
 
 # %%
-from lgprjax.formats import write_vehicle
-
-write_vehicle(OUTPUT / VEHICLE.name, finished.vehicle, force=True)
-print({name: round(value, 3) for name, value in finished.outcome.fixed.items()})
-print("vehicle file:", OUTPUT.name + "/" + VEHICLE.name)
+vehicle = tuned.vehicle.save(OUTPUT / VEHICLE.name, force=True)
+print("vehicle file:", OUTPUT.name + "/" + vehicle.path.name)
+tuned.table[["number", "value", "unit"]].round(3)

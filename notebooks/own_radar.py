@@ -27,8 +27,8 @@ OUTPUT = Path("../out/notebooks/own_radar")
 # %%
 import numpy as np
 
+import lgprjax as lx
 from lgprjax.formats import DriveLog
-from lgprjax.simulation import demo_site, write_drives
 
 STEP_M, TRACES = 0.05, 1000
 
@@ -65,8 +65,8 @@ def write_lines(log, name, first_m):
 
 OUTPUT.mkdir(parents=True, exist_ok=True)
 if not MAP_LINES:
-    logs = write_drives(demo_site(), OUTPUT, force=True)
-    with DriveLog.open(logs["baseline_left"]) as first, DriveLog.open(logs["live"]) as second:
+    logs = lx.simulate("village", OUTPUT, only=["baseline_left", "live"], force=True)
+    with DriveLog.open(logs["baseline_left"].path) as first, DriveLog.open(logs["live"].path) as second:
         MAP_LINES, LIVE_LINES = write_lines(first, "MAP", 5.4), write_lines(second, "DAY", 0.8)
 print(len(MAP_LINES), "lines:", MAP_LINES[0].name, "to", MAP_LINES[-1].name)
 
@@ -76,45 +76,28 @@ print(len(MAP_LINES), "lines:", MAP_LINES[0].name, "to", MAP_LINES[-1].name)
 # %%
 import matplotlib.pyplot as plt
 
-from lgprjax.formats import read_dt1
-
-line = read_dt1(MAP_LINES[5])
-section = line.channels[:, 0].astype(float)
-section -= section.mean(axis=0)
-limit = np.percentile(np.abs(section), 99)
-time_ns = np.array([0, section.shape[1]]) * line.sample_interval_ns - line.time_zero_ns
 figure, axes = plt.subplots(figsize=(9, 3), layout="constrained")
-extent = (line.positions_m[0], line.positions_m[-1], time_ns[1], time_ns[0])
-axes.imshow(section.T, cmap="gray", vmin=-limit, vmax=limit, extent=extent, aspect="auto")
-axes.set(
-    xlabel="along the line (m)", ylabel="two-way travel time (ns)", title="line 5, mean trace removed", ylim=(55, 0)
-)
+lx.view(MAP_LINES[5], ax=axes).set_ylim(55, 0)
 plt.show()
 
 # %% [markdown]
 # Lines side by side are a drive of many channels (`lgprjax import lines`). Its place on earth is that of the lines' origin, wherever you say that it is.
 
 # %%
-from lgprjax.formats import check_file, import_lines
+from lgprjax.formats import import_lines
 
 for name, paths in (("map", MAP_LINES), ("day", LIVE_LINES)):
     import_lines(paths, line_spacing_m=SPACING_M, output=OUTPUT / f"{name}.drive.h5", force=True)
-    print(name, check_file(OUTPUT / f"{name}.drive.h5") or "as the schema says")
+    print(lx.check(OUTPUT / f"{name}.drive.h5"))
 
 # %% [markdown]
 # The map, and the second survey on it. Both surveys claim to begin at the origin; how much the second is off is what the ground says.
 
 # %%
-from lgprjax.batch import register_log
-from lgprjax.formats import MapFile
-from lgprjax.mapping import build_map
-from lgprjax.registration import RegisterOptions
-
-build_map([OUTPUT / "map.drive.h5"], OUTPUT / "site.map.h5", force=True)
-with MapFile.open(OUTPUT / "site.map.h5") as source, DriveLog.open(OUTPUT / "day.drive.h5") as log:
-    drive = register_log(source, log, RegisterOptions(search_m=1.5))
-ok = drive.table["code"].to_numpy() == "ok"
-away = (np.asarray(drive.fix.pose) - drive.track.pose)[ok, :2]
+site = lx.build_map(OUTPUT / "map.drive.h5", OUTPUT / "site.map.h5", force=True)
+fixes = lx.register(site, OUTPUT / "day.drive.h5", options=lx.RegisterOptions(search_m=1.5))
+ok, surveyed, pose = fixes.ok, fixes.result, np.asarray(fixes.fix.pose)
+away = np.stack([pose[:, 0] - surveyed.prior_east_m, pose[:, 1] - surveyed.prior_north_m], axis=1)[ok]
 print(
     f"{ok.sum()} of {len(ok)} traces ok; "
     f"off by {np.median(away[:, 0]):.2f} m along the lines, {np.median(away[:, 1]):.2f} m across"
@@ -122,7 +105,7 @@ print(
 
 # %%
 figure, axes = plt.subplots(figsize=(9, 2.6), layout="constrained")
-way_m = drive.track.travel_m[ok] - drive.track.travel_m[0]
+way_m = surveyed.distance_m[ok]
 axes.plot(way_m, away[:, 0], ".", ms=2, label="along")
 axes.plot(way_m, away[:, 1], ".", ms=2, label="across")
 axes.set(xlabel="along the lines (m)", ylabel="fix less survey (m)", ylim=(-1, 1))

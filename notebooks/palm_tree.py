@@ -24,25 +24,23 @@ OUTPUT = Path("../out/notebooks/palm_tree")
 # Without a log of your own, one is simulated: a vehicle that does not exist, fixes with 2 cm of noise, one in a hundred of them wrong by metres.
 
 # %%
-from lgprjax.simulation import read_vehicle_plan, write_vehicle_logs
+import lgprjax as lx
 
 if not LOG.exists():
-    drives = read_vehicle_plan("../tuning/drives.toml")
-    write_vehicle_logs(drives, LOG.parent, only=[LOG.name.removesuffix(".drive.h5")])
+    lx.simulate("../tuning/drives.toml", LOG.parent, only=[LOG.name.removesuffix(".drive.h5")])
 
 # %% [markdown]
 # Stretches of constant steering are found, a circle is fitted to each, and a cubic through the angles.
 
 # %%
 from lgprjax.formats import Study
-from lgprjax.studies.steering import run_study
 
 study = Study(Path("palm_tree.ipynb"), "palm_tree", "wheel_angle", VEHICLE, None, (LOG,), (), {})
-finished = run_study(study)
-detail = finished.outcome.detail
-for figure in finished.outcome.figures:
+tuned = lx.tune(study)
+detail = tuned.finished.outcome.detail
+for figure in tuned.finished.outcome.figures:
     print(f"{figure.name}: {figure.value:.3g} {figure.unit}")
-for note in finished.outcome.notes:
+for note in tuned.notes:
     print(note)
 
 # %%
@@ -65,13 +63,6 @@ Image(OUTPUT / "wheel_angle.png", width=560)
 # The result is a vehicle file with the map and its intervals.
 
 # %%
-from lgprjax.formats import write_vehicle
-
-OUTPUT.mkdir(parents=True, exist_ok=True)
-write_vehicle(OUTPUT / VEHICLE.name, finished.vehicle, force=True)
-for path, found in finished.vehicle.found.items():
-    if found.study == study.name:
-        value = finished.outcome.found[path]
-        if not isinstance(value, list):
-            print(f"{path}: {value.value:.5g}, 95 % interval {found.low:.5g} to {found.high:.5g}")
-print("vehicle file:", OUTPUT.name + "/" + VEHICLE.name)
+vehicle = tuned.vehicle.save(OUTPUT / VEHICLE.name, force=True)
+print("vehicle file:", OUTPUT.name + "/" + vehicle.path.name)
+tuned.table[~tuned.table["number"].str.contains("[", regex=False)].round(5)

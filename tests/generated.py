@@ -12,7 +12,7 @@ from lgprjax.batch.register import HeldGround, true_poses
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.mapping import build_map
 from lgprjax.registration import Fix, LiveBlock, RegisterOptions, Registration, Track
-from lgprjax.simulation import demo_site, write_drives
+from lgprjax.simulation import write_drives
 
 
 class Site(NamedTuple):
@@ -44,7 +44,9 @@ class Replay(NamedTuple):
 
 def make_site(folder: Path, seed: int, length_m: float) -> Site:
     """Render the drives of a site and build its map."""
-    logs = write_drives(demo_site(seed, length_m), folder)
+    from benchmarks.village import village_drives  # found once conftest has named where the benchmarks are
+
+    logs = write_drives(village_drives(seed, length_m), folder)
     database = folder / "site.map.h5"
     build_map([logs["baseline_left"], logs["baseline_right"]], database)
     return Site(folder, logs, database)

@@ -70,3 +70,8 @@ def test_what_drives_is_stepped_in_one_place() -> None:
         if any(part in path.read_text(encoding="utf-8") for part in parts)
     }
     assert users == {"autopilot", "navigation"}
+
+
+def test_the_command_line_calls_and_is_not_called() -> None:
+    assert [room for room, names in _arrows().items() if "cli" in names] == ["__main__"]
+    assert not [room for room, names in _arrows().items() if "api" in names and room != "__init__"]

@@ -1,17 +1,22 @@
-"""Plans of fields that are worked in parallel swaths."""
+"""Fields that are worked in parallel swaths: their plans, and records of what was worked."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from lgprjax.api.inputs import PathLike, axes_or_new, path_of, told_as_arguments
+from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, require_number, told_as_arguments
 from lgprjax.errors import InputError
-from lgprjax.formats import CoverPlan
+from lgprjax.formats import CoverPlan, WorkedRecord, read_worked
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
+
+    from lgprjax.worked import CoverFigures
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +69,8 @@ class CoveragePlan:
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel("east (m)")
         axes.set_ylabel("north (m)")
-        axes.set_title(repr(self))
+        pattern = self.plan.pattern
+        axes.set_title(f"{self.plan.name}: {len(pattern.lines)} swaths, {pattern.length_m:.0f} m")
         axes.legend()
         return axes
 
@@ -91,7 +97,7 @@ def plan_coverage(
             to the last.
         turning_room_m: how far beyond the perimeter the vehicle may go; by default as far as the turns need.
         heading_deg: of the first swath, clockwise from true north; by default along the first side.
-        gaps_of: record of worked area, ``R.worked.h5``: plan only what it leaves below the level.
+        gaps_of: a record of worked area, open or its file: plan only what it leaves below the level.
         level: probability that a cell needs to be left out.
 
     Returns:
@@ -106,20 +112,165 @@ def plan_coverage(
         plan.save("field.cover.geojson", force=True)
         plan.plot()
     """
-    from lgprjax.formats import read_worked
-    from lgprjax.worked import PlanOptions, make_cover_plan
+    from lgprjax.worked import PlanOptions, check_plan_options, make_cover_plan
 
-    if not 0.5 < level < 1.0:
-        raise InputError("call", "level", "above 0.5 and below 1", f"{level:g}")
+    for name, value in (("overlap", overlap), ("turning_room_m", turning_room_m), ("heading_deg", heading_deg)):
+        if value is not None or name == "overlap":
+            require_number(name, value, "a number", -np.inf, np.inf)
+    require_number("level", level, "a number", -np.inf, np.inf)
+    options = PlanOptions(overlap, order, turning_room_m, heading_deg)
+    check_plan_options(options, level)
     record = None if gaps_of is None else path_of(gaps_of, "record")
     with told_as_arguments():
         plan = make_cover_plan(
             path_of(field, "field"),
             path_of(vehicle, "vehicle"),
-            PlanOptions(overlap, order, turning_room_m, heading_deg),
+            options,
             worked=None if record is None else read_worked(record),
             level=level,
         )
     if plan is None:
         raise InputError(str(record), "gaps", "cells that are not worked", f"none below {100.0 * level:g} %")
     return CoveragePlan(plan)
+
+
+@dataclass(frozen=True, eq=False)
+class WorkedArea:
+    """What recorded runs worked of a field, cell by cell. A machine pass is not clearance.
+
+    Attributes:
+        record: cells, passes, stops and channels, in metres east and north of the field's anchor.
+        path: of its file.
+    """
+
+    record: WorkedRecord
+    path: Path
+
+    @cached_property
+    def figures(self) -> "CoverFigures":
+        """Areas by level, passes, stops, hours; ``sentence`` of a layer is what may be said of it."""
+        from lgprjax.worked import cover_figures
+
+        return cover_figures(self.record)
+
+    @cached_property
+    def table(self) -> "pd.DataFrame":
+        """DataFrame with one row a level of confidence: areas in square metres, and shares of the field."""
+        import pandas as pd
+
+        return pd.DataFrame([layer._asdict() for layer in self.figures.layers])
+
+    def __repr__(self) -> str:
+        told = self.figures
+        layers = ", ".join(
+            f"{layer.processed_m2:.1f} m2 processed at {100.0 * layer.level:g} %" for layer in told.layers
+        )
+        return f"WorkedArea of {self.record.name!r}: {layers} of {told.area_m2:.1f} m2 ({self.path.name})"
+
+    def export(
+        self,
+        folder: PathLike,
+        *,
+        organisation: str = "not stated",
+        benchmark_deg: tuple[float, float] | None = None,
+        force: bool = False,
+    ) -> tuple[Path, ...]:
+        """Write what is handed over: GeoPackage, GeoJSON, KML, turning points as CSV, and a report to be signed.
+
+        Args:
+            folder: of the files, which have the record's name; it is made.
+            organisation: who is responsible, as every shape and the report name it.
+            benchmark_deg: latitude and longitude of a marked point that bearings and distances count from; by default
+                the first corner.
+            force: replace files that exist.
+
+        Returns:
+            The files.
+
+        Raises:
+            InputError: a file exists (without ``force``) or cannot be written, the benchmark is no place, or the
+                optional package shapely is missing.
+        """
+        from lgprjax.report.handover import hand_over
+
+        with told_as_arguments():
+            return hand_over(
+                self.path,
+                self.record,
+                path_of(folder, "folder"),
+                organisation=organisation,
+                benchmark_deg=benchmark_deg,
+                force=force,
+            )
+
+    def plot(self, *, ax: "Axes | None" = None) -> "Axes":
+        """Draw what was processed, uncertain and not processed, in metres east and north, and return the axes."""
+        from lgprjax.report.coverage import draw_coverage_on
+        from lgprjax.report.handover import cover_picture
+
+        axes = axes_or_new(ax, width_in=6.0, height_in=6.0)
+        draw_coverage_on(axes, cover_picture(self.record))
+        return axes
+
+
+def record_coverage(
+    plans: PathLike | Iterable[PathLike],
+    runs: PathLike | Iterable[PathLike],
+    output: PathLike,
+    *,
+    cell_m: float = 0.05,
+    force: bool = False,
+) -> WorkedArea:
+    """Record what recorded runs worked of a field, cell by cell.
+
+    A cell's probability is that of its best pass: the tool was over it, by the pose and its uncertainty at the time,
+    told on, turning and at its depth. Several runs add up by the largest.
+
+    Args:
+        plans: of the field, open or their files; the first names it, others are for its gaps.
+        runs: folders of recorded runs, each driven by one of the plans.
+        output: the record to write, ``R.worked.h5``.
+        cell_m: side of a cell, 0.01 to 1.
+        force: replace a file that exists.
+
+    Raises:
+        InputError: a run or plan cannot be used, they do not belong together, or the output cannot be written.
+
+    Example:
+        worked = lx.record_coverage("field/field.cover.geojson", "field/run", "field.worked.h5", force=True)
+        print(worked)                      # WorkedArea of ...: ... m2 processed at 95 %, ...
+        print(worked.table[["level", "processed_m2", "share"]])
+        worked.plot()
+        worked.export("handed_over/", organisation="Example", force=True)
+    """
+    from lgprjax.formats import write_worked
+    from lgprjax.worked import open_cover_plan, read_cover_run, record_cover
+
+    target = path_of(output, "record")
+    if not target.name.endswith(".worked.h5"):
+        raise InputError(target, "file name", "a name that ends in .worked.h5", repr(target.name))
+    require_number("cell_m", cell_m, "0.01 to 1", 0.01, 1.0)
+    if target.exists() and not force:
+        raise InputError(target, "output", "a new file, or force=True", "the file exists")
+    with told_as_arguments():
+        opened = [open_cover_plan(path) for path in paths_of(plans, "plan")]
+        record = record_cover(opened, [read_cover_run(path) for path in paths_of(runs, "run")], cell_m=cell_m)
+        write_worked(target, record, force=force)
+    return WorkedArea(record, target.absolute())
+
+
+def open_worked(path: PathLike) -> WorkedArea:
+    """Open a record of worked area.
+
+    Args:
+        path: of the record, ``R.worked.h5``.
+
+    Raises:
+        InputError: the file is missing, damaged, or not as data_schema/worked.toml says.
+
+    Example:
+        worked = lx.open_worked("field.worked.h5")
+        print(worked.figures.layers[0].sentence)
+    """
+    file = path_of(path, "record")
+    return WorkedArea(read_worked(file), file.absolute())

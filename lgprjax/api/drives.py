@@ -1,6 +1,6 @@
 """Drives: opened from drive logs, or generated."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.api.inputs import PathLike, path_of, told_as_arguments
+from lgprjax.api.inputs import PathLike, path_of, require_slice, told_as_arguments
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, VehicleLog
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from lgprjax.scene import SimulatedDrive
 
 _BLOCK_SCANS = 512
 
@@ -55,10 +53,11 @@ class Drive:
             scans: to be read.
 
         Raises:
-            InputError: the log holds no radar recording, or is damaged.
+            InputError: the log holds no radar recording or is damaged, or ``scans`` is no slice.
         """
         from lgprjax.batch import recording_of
 
+        require_slice(scans)
         with DriveLog.open(self.path) as log:
             wanted = np.arange(log.scans)[scans]
             found = []
@@ -127,9 +126,10 @@ def simulate(site: PathLike, folder: PathLike, *, only: Iterable[str] = (), forc
 
     Args:
         site: a site file (docs/scene.md lists its keys), a file of calibration drives such as tuning/drives.toml, or
-            the name of a built-in site. ``"village"`` is a road of 70 m with two survey-grade baselines
-            (``baseline_left``, ``baseline_right``), a drive on another day whose GNSS is wrong by a metre (``live``),
-            and the same drive over other ground, of which no scan may be located (``impostor``).
+            the name of an example site, as in sites/ and for ``lgprjax simulate``. ``"village"`` is a road of 70 m with
+            two survey-grade baselines (``baseline_left``, ``baseline_right``), a drive on another day whose GNSS is
+            wrong by a metre (``live``), and the same drive over other ground, of which no scan may be located
+            (``impostor``).
         folder: for ``NAME.drive.h5``, one for each drive; it is made.
         only: names of the drives to generate; by default all.
         force: replace files that exist.
@@ -144,58 +144,24 @@ def simulate(site: PathLike, folder: PathLike, *, only: Iterable[str] = (), forc
         drives = lx.simulate("village", "generated/", only=["impostor"], force=True)
         print(drives["impostor"].length_m)
     """
-    folder = Path(path_of(folder, "folder"))
-    wanted = tuple(only)
-    with told_as_arguments():
-        if isinstance(site, str) and site in _built_in():
-            paths = _write_built_in(site, folder, wanted, force)
-        else:
-            paths = _write_site(path_of(site, "site"), folder, wanted, force)
-    return {name: open_drive(path) for name, path in paths.items()}
-
-
-def _built_in() -> "dict[str, Callable[[], dict[str, SimulatedDrive]]]":
-    from lgprjax.simulation import demo_site
-
-    return {"village": demo_site}
-
-
-def _write_built_in(site: str, folder: Path, wanted: tuple[str, ...], force: bool) -> dict[str, Path]:
-    from lgprjax.simulation import write_drives
-
-    drives = _built_in()[site]()
-    _check_names(site, wanted, drives)
-    chosen = {name: drive for name, drive in drives.items() if not wanted or name in wanted}
-    for name in chosen:
-        output = folder / f"{name}.drive.h5"
-        # Before the first is rendered: of many the last one may exist.
-        if output.exists() and not force:
-            raise InputError(output, "output", "a new file, or --force", "the file exists")
-    folder.mkdir(parents=True, exist_ok=True)
-    return write_drives(chosen, folder, force=force)
-
-
-def _check_names(site: str, wanted: tuple[str, ...], known: Mapping[str, object]) -> None:
-    for name in wanted:
-        if name not in known:
-            raise InputError(site, "--only", f"drives among {', '.join(known)}", name)
-
-
-def _write_site(file: Path, folder: Path, wanted: tuple[str, ...], force: bool) -> dict[str, Path]:
     from lgprjax.simulation import (
         is_vehicle_plan,
         plan_site,
         read_site,
         read_vehicle_plan,
+        site_file,
         write_site,
         write_vehicle_logs,
     )
 
-    if not file.exists():
-        raise InputError(file, "site", f"a site file, or a built-in site: {', '.join(_built_in())}", "no such file")
-    if is_vehicle_plan(file):
-        return write_vehicle_logs(read_vehicle_plan(file), folder, only=wanted, force=force)
-    return write_site(plan_site(read_site(file), file, wanted), folder, force=force)
+    target, wanted = path_of(folder, "folder"), tuple(only)
+    with told_as_arguments():
+        file = site_file(path_of(site, "site"))
+        if is_vehicle_plan(file):
+            paths = write_vehicle_logs(read_vehicle_plan(file), target, only=wanted, force=force)
+        else:
+            paths = write_site(plan_site(read_site(file), file, wanted), target, force=force)
+    return {name: open_drive(path) for name, path in paths.items()}
 
 
 def _travel_m(distance_m: Float[np.ndarray, " time"]) -> float:

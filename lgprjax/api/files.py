@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lgprjax.api.inputs import PathLike, axes_or_new, path_of, told_as_arguments
-from lgprjax.errors import InputError
+from lgprjax.api.inputs import PathLike, axes_or_new, path_of, require_number, told_as_arguments
+from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats import DriveLog, Finding, check_file
 
 if TYPE_CHECKING:
@@ -111,12 +111,17 @@ def view(
         ax.figure.savefig("live.png")
         lx.view("site.map.h5")
     """
-    from lgprjax.cli.view import DRIVE, MAP, check_speed, view_of_drive, view_of_profile
     from lgprjax.radar import WAVE_SPEED_M_PER_NS
     from lgprjax.report import draw_radargram
+    from lgprjax.report.views import DRIVE, MAP, check_speed, view_of_drive, view_of_profile
 
     path = path_of(file, "file")
     name = path.name.lower()
+    if channel is not None and not isinstance(channel, int | np.integer):
+        raise ArgumentError("channel", "a whole number", repr(channel)[:60])
+    for argument, value in (("velocity_m_per_ns", velocity_m_per_ns), ("travel_time_ns", travel_time_ns)):
+        if value is not None:
+            require_number(argument, value, "a number", -np.inf, np.inf)
     with told_as_arguments():
         check_speed(velocity_m_per_ns)
         if name.endswith(MAP):
@@ -142,10 +147,10 @@ def view(
 
 
 def _draw_slice(path: Path, travel_time_ns: float | None, speed_m_per_ns: float, axes: "Axes") -> "Axes":
-    from lgprjax.cli.view import stations_of_map
     from lgprjax.report import slice_map
     from lgprjax.report.radargram import level_limits, slice_title
     from lgprjax.report.style import CORRELATION_MAP, outer_edges
+    from lgprjax.report.views import stations_of_map
 
     stations = stations_of_map(path)
     slices = slice_map(stations)

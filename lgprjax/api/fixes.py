@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, told_as_arguments
+from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, require_number, told_as_arguments
 from lgprjax.api.maps import Map, held_ground, using_map
-from lgprjax.errors import InputError
+from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats import DriveLog, read_fixes
 from lgprjax.registration import Fix, RegisterOptions
 
@@ -35,6 +35,7 @@ class Fixes:
         table: DataFrame with the columns of ``X.fixes.csv``, one row a scan (data_schema/fixes.toml).
         fix: the same as arrays, one row a scan; poses in metres east and north of the map's origin.
         truth: true poses [scan, 5] in the same frame, NaN where unknown; None where the log holds none.
+        result: what pictures are drawn from: priors, distance driven and sigmas, scan by scan.
     """
 
     name: str
@@ -135,7 +136,7 @@ def register(site: PathLike, drive: PathLike, *, options: RegisterOptions | None
     """
     from lgprjax.batch import register_log
     from lgprjax.batch.recording import gnss_gaps
-    from lgprjax.cli.register import drive_result
+    from lgprjax.report.registered import drive_result
 
     options = RegisterOptions() if options is None else options
     path = path_of(drive, "drive")
@@ -161,14 +162,16 @@ def check_options(options: RegisterOptions, site: Map) -> None:
     Raises:
         InputError: an option is out of its range, or the search region is too small or too large for this map.
     """
-    from lgprjax.cli.register import check_region, check_search
+    from lgprjax.batch import check_region, check_search
 
     if not isinstance(options, RegisterOptions):
         raise InputError("call", "options", "RegisterOptions", repr(options)[:60])
-    scale = "auto" if options.time_scale is None else options.time_scale
-    with told_as_arguments():
-        check_search(options.search_m, options.window_m, scale, options.risk)
-        check_region(options.search_m, site.source)
+    for name in ("search_m", "window_m", "time_scale", "risk"):
+        value = getattr(options, name)
+        if value is not None or name == "risk":
+            require_number(name, value, "a number", -np.inf, np.inf)
+    check_search(options)
+    check_region(options.search_m, site.source)
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,23 +242,26 @@ def register_many(
         print(many["live"].code.value_counts())
     """
     from lgprjax.batch import drive_name
-    from lgprjax.cli.register_many import Workforce
-    from lgprjax.cli.register_many import register_many as run
-    from lgprjax.cli.terminal import console
+    from lgprjax.batch.folder import Workforce, register_folder
+    from lgprjax.report.registered_folder import write_views
 
+    for name, count in (("workers", workers), ("threads", threads)):
+        if count is not None and not isinstance(count, int):
+            raise ArgumentError(name, "a whole number", repr(count)[:60])
     options = RegisterOptions() if options is None else options
     paths, target = paths_of(drives, "drive"), path_of(folder, "folder").absolute()
     with using_map(site) as opened:
         check_options(options, opened)
         map_path = opened.path
     crew = Workforce(1 if workers is None and scheduler is None else workers, threads, scheduler)
-    # The command's table is for terminals; the progress bar stays, on standard error.
-    with told_as_arguments(), console.capture():
-        run(map_path, paths, target, options, crew, json=None, force=force)
+    with told_as_arguments(), register_folder(map_path, paths, target, options, crew, force=force) as done:
+        write_views(done.run)
     whole = pd.read_csv(
         target / "archive.csv", keep_default_na=False, na_values=[""], dtype={"error": str, "drive": str}
     )
     names = [drive_name(path) for path in paths]
     table = whole[whole["drive"].isin(names)].reset_index(drop=True)
-    failed = table[table["state"] == "failed"]
-    return ManyFixes(target, table, dict(zip(failed["drive"], failed["error"], strict=True)))
+    # A drive that cannot be read has no job, and none of the table's rows.
+    failed = {drive_name(Path(error.file)): str(error) for error in done.failed}
+    recorded = table[table["state"] == "failed"]
+    return ManyFixes(target, table, failed | dict(zip(recorded["drive"], recorded["error"], strict=True)))

@@ -7,13 +7,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from lgprjax.errors import InputError
+import numpy as np
+
+from lgprjax.errors import ArgumentError, InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _OPTION = re.compile(r"--([a-z][a-z-]*)")
-_USAGE = re.compile(r"(?P<place>[^:]+): expected (?P<expected>.*), found (?P<found>.*)")
 
 
 class HasPath(Protocol):
@@ -58,6 +59,22 @@ def paths_of(given: PathLike | Iterable[PathLike], what: str) -> list[Path]:
     return several
 
 
+def require_number(name: str, value: object, expected: str, least: float, most: float) -> None:
+    """Refuse an argument that is no plain number, or is out of its range; both ends belong to it.
+
+    Raises:
+        InputError: it is, and why.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not least <= value <= most:
+        raise ArgumentError(name, expected, repr(value)[:60])
+
+
+def require_slice(given: object) -> None:
+    """Refuse scans that are not a slice. Raises ``InputError``."""
+    if not isinstance(given, slice):
+        raise ArgumentError("scans", "a slice, as slice(0, 512)", repr(given)[:60])
+
+
 @contextmanager
 def told_as_arguments() -> Iterator[None]:
     """Errors that name options of the command line (``--search-m``) name the argument instead (``search_m``)."""
@@ -68,15 +85,6 @@ def told_as_arguments() -> Iterator[None]:
         if (place, expected) == (error.place, error.expected):
             raise
         raise InputError(error.file, place, expected, error.found) from None
-    except Exception as error:
-        from lgprjax.cli.terminal import UsageError
-
-        if not isinstance(error, UsageError):
-            raise
-        told = _USAGE.fullmatch(str(error))
-        if told is None:
-            raise InputError("call", "arguments", "arguments that go together", _as_argument(str(error))) from None
-        raise InputError("call", *(_as_argument(told[part]) for part in ("place", "expected", "found"))) from None
 
 
 def _as_argument(text: str) -> str:
@@ -85,10 +93,14 @@ def _as_argument(text: str) -> str:
 
 
 def axes_or_new(ax: "Axes | None", *, width_in: float = 9.0, height_in: float = 4.5) -> "Axes":
-    """The axes that the caller passed, or those of a new figure."""
-    if ax is not None:
-        return ax
+    """The axes that the caller passed, or those of a new figure. Raises ``InputError`` where they are none."""
     from matplotlib import pyplot
+    from matplotlib.axes import Axes
+
+    if ax is not None:
+        if not isinstance(ax, Axes):
+            raise ArgumentError("ax", "axes of matplotlib", repr(ax)[:60])
+        return ax
 
     _, made = pyplot.subplots(figsize=(width_in, height_in), layout="constrained")
     return made

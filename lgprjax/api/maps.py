@@ -2,15 +2,17 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal
 
-from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, told_as_arguments
+from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, require_number, told_as_arguments
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
 
     from lgprjax.api.matching import Batch
@@ -37,7 +39,7 @@ class Map:
     """
 
     def __init__(self, source: MapFile) -> None:
-        self.source = source
+        self._source, self._closed = source, False
         self.path: Path = source.path.absolute()
         known = source.description
         self.name: str = known.name
@@ -67,8 +69,15 @@ class Map:
 
     def close(self) -> None:
         """Close the file; the attributes stay."""
-        self.held = None
-        self.source.close()
+        self.held, self._closed = None, True
+        self._source.close()
+
+    @property
+    def source(self) -> MapFile:
+        """The file that the map was opened from. Raises ``InputError`` once it is closed."""
+        if self._closed:
+            raise InputError(self.path, "file", "an open map", "closed: open it again")
+        return self._source
 
     def batch(
         self,
@@ -85,7 +94,7 @@ class Map:
         Args:
             drive: a drive log or an open drive.
             scans: of the drive.
-            options: of the search; ``window_m`` of the options is not looked at.
+            options: of the search; their ``window_m`` and ``swarm`` are not looked at.
             window_m: travel before each scan that is matched with it as one; 0 for the scan alone.
 
         Raises:
@@ -94,6 +103,60 @@ class Map:
         from lgprjax.api.matching import batch_of
 
         return batch_of(self, path_of(drive, "drive"), scans, options=options, window_m=window_m)
+
+    def refine(self, output: PathLike, *, force: bool = False) -> "ChangedMap":
+        """Make the baselines agree: each is registered on the others, its labels follow, a new map is written.
+
+        Args:
+            output: the database to write.
+            force: replace a file that exists.
+
+        Raises:
+            InputError: the output exists (without ``force``) or cannot be written, or the map is damaged.
+        """
+        import pandas as pd
+
+        from lgprjax.formats import locked_map
+        from lgprjax.mapping.align import agreement_in_words, baseline_files, plan_matches, refine_map
+
+        file = path_of(output, "map")
+        with told_as_arguments(), locked_map(file):
+            agreed = refine_map(self.source, plan_matches(self.source), file, force=force)
+        files = baseline_files(self.source)
+        table = pd.DataFrame([change._asdict() for change in agreed.baselines])
+        table = table.rename(columns={"drive": "baseline", "kept": "believed"})
+        table.insert(1, "file", files)
+        return ChangedMap(open_map(file), table, tuple(agreement_in_words(agreed, files)))
+
+    def update(self, drives: PathLike | Iterable[PathLike], output: PathLike, *, force: bool = False) -> "ChangedMap":
+        """Add drives as baselines, weigh all baselines, and retire ground that two newer drives find changed.
+
+        The drives are taken oldest first.
+
+        Args:
+            drives: drive logs or open drives over the map's ground.
+            output: the database to write.
+            force: replace a file that exists.
+
+        Raises:
+            InputError: a drive that does not fit or lies elsewhere, or an output that exists (without ``force``) or
+                cannot be written.
+        """
+        import pandas as pd
+
+        from lgprjax.mapping import update_map
+        from lgprjax.mapping.weights import changes_in_words
+
+        file = path_of(output, "map")
+        with told_as_arguments():
+            told = update_map(self.path, paths_of(drives, "drive"), file, force=force)
+        rows = [{**drive._asdict(), "changed": len(drive.changed)} for drive in told.drives]
+        changes = [line for drive in told.drives for line in changes_in_words(drive, told.files)]
+        weights = [
+            f"baseline {number} ({name}) has weight {each.weight:.2f}: {each.reasons}"
+            for number, (name, each) in enumerate(zip(told.files, told.weights, strict=True))
+        ]
+        return ChangedMap(open_map(file), pd.DataFrame(rows), (*changes, *weights))
 
     def plot(self, *, ax: "Axes | None" = None) -> "Axes":
         """Draw the baselines from above, in metres east and north of the map's origin, and return the axes."""
@@ -107,6 +170,24 @@ class Map:
         axes.set_title(f"Map {self.name}")
         axes.legend()
         return axes
+
+
+@dataclass(frozen=True, eq=False)
+class ChangedMap:
+    """A map that was made of another one, and what was done to it.
+
+    Attributes:
+        map: the new one, open.
+        table: DataFrame of what was moved, in metres: one row a baseline of ``refine``, one a drive of ``update``.
+        notes: the whole in words, a line each.
+    """
+
+    map: Map
+    table: "pd.DataFrame"
+    notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return "\n".join([f"ChangedMap: {self.map!r}", *(f"  {note}" for note in self.notes)])
 
 
 def open_map(path: PathLike) -> Map:
@@ -168,8 +249,8 @@ def build_map(
         ("centre_frequency_mhz", centre_frequency_mhz, 1e4),
         ("travel_time_ns", travel_time_ns, 1e5),
     ):
-        if value is not None and not 1.0 <= value <= most:
-            raise InputError(file, name, f"1 to {most:g}", f"{value:g}")
+        if value is not None:
+            require_number(name, value, f"1 to {most:g}", 1.0, most)
     with told_as_arguments(), locked_map(file):
         build(
             baselines,

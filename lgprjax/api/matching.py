@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from lgprjax.api.inputs import require_number, require_slice
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog
 from lgprjax.registration import (
@@ -213,12 +214,11 @@ def _search_jvp(primals: tuple[Batch], tangents: tuple[Batch]) -> tuple[Fix, Fix
     return fix, still._replace(pose=moves, correlation=jnp.where(found, gains + along_slope, 0.0))
 
 
-def _still(field: Array) -> Array:
-    """A tangent of nothing; integers have a type of their own for it."""
+def _still(field: Array) -> Array | np.ndarray:
+    """A tangent of nothing; integers have a type of their own for it, which only NumPy holds."""
     if jnp.issubdtype(field.dtype, jnp.floating):
         return jnp.zeros_like(field)
-    nothing: Array = np.zeros(field.shape, jax.dtypes.float0)  # type: ignore[assignment]
-    return nothing
+    return np.zeros(field.shape, jax.dtypes.float0)
 
 
 def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions | None, window_m: float) -> Batch:
@@ -234,8 +234,8 @@ def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions 
     options = RegisterOptions() if options is None else options
     source = site.source
     description = source.description
-    if not (np.isfinite(window_m) and 0.0 <= window_m <= _FARTHEST_M):
-        raise InputError(path, "window_m", f"0 to {_FARTHEST_M:g}", f"{window_m:g}")
+    require_number("window_m", window_m, f"0 to {_FARTHEST_M:g}", 0.0, _FARTHEST_M)
+    require_slice(scans)
     with DriveLog.open(path) as log:
         held = held_ground(site, options)
         track = track_of_drive(log, description.frame).track

@@ -6,6 +6,7 @@ import sys
 import textwrap
 from collections.abc import Iterator
 from enum import Enum
+from types import ModuleType
 
 import lgprjax
 
@@ -14,8 +15,8 @@ _ENTRY = re.compile(r"(?P<name>\w[\w, ]*): (?P<text>.*)", re.DOTALL)
 _HEAD = """# Python interface
 
 Made from the docstrings of the public names by `python -m lgprjax.api.page`; the examples are run by
-`tests/test_public.py`, in a folder with the drives of `lx.simulate("village", "drives/")`, their map `site.map.h5`, and
-the files that they name from `onboard/` and `tuning/`.
+`tests/test_public.py`, in a folder with the drives of `lx.simulate("village", "drives/")`, their map `site.map.h5`, a
+recorded run in `field/`, and the files that they name from `onboard/` and `tuning/`.
 
 ```python
 import lgprjax as lx
@@ -36,6 +37,29 @@ _EXAMPLES = {
         "assert isinstance(fix, lx.Fix)\n"
         "located = fix.pose[fix.code == lx.Code.OK]  # east_m, north_m, height_m, yaw_rad, roll_rad"
     ),
+    "run_swarm": """import jax
+import jax.numpy as jnp
+
+keys = jax.random.split(jax.random.key(0), 2)
+start = jax.random.uniform(keys[0], (32, 2), minval=-1.0, maxval=1.0)
+config = lx.SwarmConfig(particles=32, iterations=40)
+
+
+def highest(key, height):              # of a hill about (0.25, 0.25)
+    def hill(places):
+        return height * jnp.exp(-jnp.sum((places - 0.25) ** 2, axis=1))
+
+    return lx.run_swarm(key, start, hill, jnp.ones(2, bool), config=config)
+
+
+found = jax.jit(highest)(keys[1], 2.0)
+print(found.position, found.score)     # near [0.25 0.25], 2
+many = jax.vmap(highest, in_axes=(0, None))(jax.random.split(keys[1], 8), 2.0)
+slope = jax.grad(lambda height: highest(keys[1], height).score)(2.0)""",
+    "SwarmConfig": (
+        "options = lx.RegisterOptions(swarm=lx.SwarmConfig(particles=24, iterations=16))\n"
+        "print(options.swarm)                   # register(..., options=options) ends by swarms of this size"
+    ),
     "Code": 'assert lx.Code.OK == 0\nassert lx.Code(3).label == "edge"',
 }
 """Examples of names whose own docstrings have none: they belong to a room that knows no files."""
@@ -45,17 +69,21 @@ def api_page() -> str:
     """The page as Markdown."""
     parts = [_HEAD]
     described = set[type]()
-    for name in lgprjax.__all__:
-        public = getattr(lgprjax, name)
+    # All are loaded before the first is described: it may return a class of another's module.
+    for name, public in [(name, getattr(lgprjax, name)) for name in lgprjax.__all__]:
         parts += [f"## {name}\n", _code(_signature(name, public)), _body(inspect.getdoc(public) or "")]
         if isinstance(public, type) and issubclass(public, Enum):
             parts.append("".join(f"- `{each.name}` = {each.value}\n" for each in public))
         if name in _EXAMPLES:
             parts.append(_code(_EXAMPLES[name]))
-        given = None if isinstance(public, type) else _given(public)
-        if given is not None and given not in described:
+        ahead = [] if isinstance(public, type) else _given(public)
+        while ahead:
+            given = ahead.pop(0)
+            if given in described:
+                continue
             described.add(given)
             parts += [f"### {given.__name__}\n", _body(inspect.getdoc(given) or ""), *_members(given)]
+            ahead += [each for method in vars(given).values() if inspect.isfunction(method) for each in _given(method)]
     return "\n".join(part.rstrip("\n") + "\n" for part in parts)
 
 
@@ -67,11 +95,19 @@ def examples() -> Iterator[tuple[str, str]]:
         yield name, _EXAMPLES.get(name, "") if told is None else told
 
 
-def _given(public: object) -> type | None:
-    """The class of this package that a function returns."""
+def _given(public: object) -> list[type]:
+    """The class of this package that a function returns, unless it is a public name itself."""
     annotation = inspect.signature(public).return_annotation  # type: ignore[arg-type]
-    ours = isinstance(annotation, type) and annotation.__module__.startswith("lgprjax.api")
-    return annotation if ours else None
+    if isinstance(annotation, str):
+        annotation = next((found for each in _api() if (found := getattr(each, annotation, None))), None)
+    if not isinstance(annotation, type) or annotation.__name__ in lgprjax.__all__:
+        return []
+    return [annotation] if annotation.__module__.startswith("lgprjax.") else []
+
+
+def _api() -> list[ModuleType]:
+    """Modules of the public interface; each is loaded once a name of it was."""
+    return [module for name, module in sorted(sys.modules.items()) if name.startswith("lgprjax.api.")]
 
 
 def _signature(name: str, public: object) -> str:

@@ -52,6 +52,7 @@ _USUAL: dict[str, float | str] = {
     "hand": "left",
 }
 _SPEED_MPS = 2.235  # 5 mph
+_LONGEST_M = 1e5  # of a course: its table has a row every few centimetres
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["path", "offset_m"], meta_fields=["kind"])
@@ -130,6 +131,8 @@ def course(
     for name in takes:
         if name != "hand" and not (isinstance(told[name], int | float) and math.isfinite(told[name])):  # type: ignore[arg-type]
             raise InputError("course", name, "a finite number", repr(told[name])[:60])
+        if name == "length_m" and not 0.0 < told[name] <= _LONGEST_M:  # type: ignore[operator]
+            raise InputError("course", name, f"more than 0 and at most {_LONGEST_M:g} m", f"{told[name]:g}")
     if told.get("hand", "left") not in ("left", "right"):
         raise InputError("course", "hand", "left or right", repr(told["hand"])[:60])
     return Course(_path(kind, told), jnp.float32(told.get("metres", 0.0)), named)  # type: ignore[arg-type]
@@ -138,7 +141,10 @@ def course(
 def _path(kind: Kind | Float[np.ndarray, "point 2"], told: dict[str, object]) -> Path:
     number = {name: float(value) for name, value in told.items() if name != "hand"}  # type: ignore[arg-type]
     if not isinstance(kind, str):
-        points = np.asarray(kind, np.float64)
+        try:
+            points = np.asarray(kind, np.float64)
+        except (TypeError, ValueError):
+            raise InputError("course", "points", "an array [point, 2] of numbers", repr(kind)[:60]) from None
         if points.ndim != 2 or points.shape[1] != 2:
             raise InputError("course", "points", "an array [point, 2]", f"one of shape {points.shape}")
         return path_from_points(points)
@@ -276,6 +282,9 @@ def _prepared(
     for given, type_, maker in ((vehicle, Vehicle, "open_vehicle"), (course, Course, "course")):
         if not isinstance(given, type_):
             raise InputError("call", type_.__name__.lower(), f"what {maker}() gives", repr(given)[:60])
+    for name, given in (("look_ahead_m", look_ahead_m), ("speed_mps", speed_mps)):
+        if given is not None and not isinstance(given, jax.core.Tracer):
+            _require_positive(name, given)
     for name, value in (("duration_s", duration_s), ("step_s", step_s)):
         if not (isinstance(value, int | float) and math.isfinite(value) and value > 0.0):
             raise InputError("call", name, "a positive Python number (it is compiled in)", repr(value)[:60])
@@ -304,3 +313,13 @@ def _prepared(
     zero = jnp.zeros(shape, jnp.float32)
     start = start_rollout(course.path, lane, zero, jnp.broadcast_to(course.offset_m, shape), zero, delay_slots=slots)
     return spec, lane, start
+
+
+def _require_positive(name: str, given: ArrayLike) -> None:
+    """Refuse what is no number or array of numbers above 0; what is traced cannot be looked at."""
+    try:
+        values = np.asarray(given)
+    except jax.errors.TracerArrayConversionError:  # a list of traced numbers
+        return
+    if not (np.issubdtype(values.dtype, np.number) and np.all(np.isfinite(values)) and np.all(values > 0.0)):
+        raise InputError("call", name, "a number above 0, or an array of them", repr(given)[:60])

@@ -18,6 +18,7 @@ from lgprjax.vehicle import Chassis, LookAhead, Servo
 if TYPE_CHECKING:
     import pandas as pd
 
+    from lgprjax.formats import Study
     from lgprjax.studies.steering import FinishedStudy
 
 
@@ -57,12 +58,14 @@ class Vehicle:
         return f"Vehicle {self.name!r}: {kind}{number}, {', '.join(parts)}"
 
     def save(self, path: PathLike, *, force: bool = False) -> "Vehicle":
-        """Write a vehicle file, each key with its description; returns the vehicle of that file.
+        """Write ``X.vehicle.toml``, each key with its description; returns the vehicle of that file.
 
         Raises:
-            InputError: the file exists (without ``force``) or cannot be written.
+            InputError: the name ends otherwise, or the file exists (without ``force``) or cannot be written.
         """
         target = path_of(path, "vehicle")
+        if not target.name.endswith(".vehicle.toml"):
+            raise InputError(target, "file name", "a name that ends in .vehicle.toml", repr(target.name))
         with told_as_arguments():
             write_vehicle(target, self.file, force=force)
         return vehicle_of(self.file, target.absolute())
@@ -138,6 +141,7 @@ class Tuned:
         kind: of the study, as ``rear_ratio`` or ``servo``.
         vehicle: with the numbers found; ``vehicle.save(path)`` writes its file.
         notes: what else a reader must know, a line each.
+        finished: the study itself; ``finished.outcome.detail`` is what its pictures are drawn from.
     """
 
     name: str
@@ -166,13 +170,13 @@ class Tuned:
         return pd.DataFrame(rows, columns=["number", "value", "low", "high", "unit"])
 
 
-def tune(study: PathLike) -> Tuned:
+def tune(study: "PathLike | Study") -> Tuned:
     """Run a study on a vehicle's logs: a calibration with its 95 % intervals, or the choice of the look-ahead.
 
     Nothing is written. tuning/ has studies to start from, and docs/vehicle.md says what each of them needs.
 
     Args:
-        study: a study file. Paths in it are relative to its folder.
+        study: a study file, with paths relative to its folder, or an ``lgprjax.formats.Study`` made in Python.
 
     Returns:
         Tuned: ``vehicle`` with the numbers found, ``table`` with their intervals.
@@ -185,9 +189,9 @@ def tune(study: PathLike) -> Tuned:
         print(tuned)                       # Tuned 'k_ratio' (rear_ratio): steering.rear_ratio = 0.63
         tuned.vehicle.save("tuned.vehicle.toml", force=True)
     """
-    from lgprjax.formats import read_study
+    from lgprjax.formats import Study, read_study
     from lgprjax.studies.steering import run_study
 
-    asked = read_study(path_of(study, "study"))
+    asked = study if isinstance(study, Study) else read_study(path_of(study, "study"))
     finished = run_study(asked)
     return Tuned(asked.name, asked.kind, vehicle_of(finished.vehicle, None), finished.outcome.notes, finished)

@@ -30,7 +30,14 @@ from lgprjax.batch.jobs import (
 )
 from lgprjax.batch.recording import DriveTrack, SweepDrive, TraceDrive, poses_of, recording_of, track_of_drive
 from lgprjax.batch.recover import RunDrive, write_run_drive
-from lgprjax.batch.register import HeldGround, RegisteredDrive, lattice_points, register_log, write_registered
+from lgprjax.batch.register import (
+    HeldGround,
+    RegisteredDrive,
+    check_region,
+    check_search,
+    register_log,
+    write_registered,
+)
 from lgprjax.batch.results import (
     ArchiveSums,
     BadPlace,
@@ -91,6 +98,8 @@ __all__ = [
     "cell_sums",
     "chance_of",
     "chassis_of",
+    "check_region",
+    "check_search",
     "claimed",
     "distance_to_map_m",
     "drive_health",
@@ -101,7 +110,6 @@ __all__ = [
     "is_place_assumed",
     "jobs_folder",
     "key_of_job",
-    "lattice_points",
     "map_assumed_in_words",
     "note_failure",
     "outputs_of",

@@ -8,6 +8,8 @@ from scipy.spatial import KDTree
 
 from lgprjax.formats import DriveLog, MapFile, MapHistory, assumed_of
 
+UNSTATED = "sigma not stated (fixes are relative to the map's labels)"
+"""Of labels whose navigation says nothing of its errors."""
 _NEAR_M = 50.0
 """A drive that comes nowhere as near as this is not beside the map, but elsewhere."""
 _NO_LABELS = ("time", "speed")

@@ -25,6 +25,7 @@ from lgprjax.batch.recording import (
     recording_of,
     track_of_drive,
 )
+from lgprjax.errors import ArgumentError
 from lgprjax.files import file_hash
 from lgprjax.formats import DriveLog, MapFile, TraceRecording, assumed_of, write_fixes
 from lgprjax.frames import LocalFrame, along_cross
@@ -77,7 +78,37 @@ class HeldGround:
         return self._prepared
 
 
-def lattice_points(source: MapFile, search_m: float) -> int:
+_MOST_POINTS = 400
+"""Of the search lattice to a side; memory and time grow with the square."""
+
+
+def check_search(options: RegisterOptions) -> None:
+    """Refuse a length, a scale or a risk that no search can have. Raises ``ArgumentError``."""
+    for name, value, least in (("search_m", options.search_m, 1e-3), ("window_m", options.window_m, 0.0)):
+        if value is not None and not (np.isfinite(value) and least <= value <= 1e4):
+            raise ArgumentError(name, "a length in metres", f"{value:g}")
+    if options.time_scale is not None and not 0.5 <= options.time_scale <= 2.0:
+        raise ArgumentError("time_scale", "auto or 0.5 to 2", f"{options.time_scale:g}")
+    if not 1e-9 <= options.risk <= 0.01:
+        raise ArgumentError("risk", "a probability of 1e-9 to 0.01", f"{options.risk:g}")
+
+
+def check_region(search_m: float | None, source: MapFile) -> None:
+    """Refuse a region no wider than a match itself, which leaves no room for rivals that a fix is measured by, and one
+    whose lattice does not fit into memory. Raises ``ArgumentError``."""
+    if search_m is None:
+        return
+    least_m = 0.9 * source.description.settings.wavelength_m
+    if search_m < least_m:
+        raise ArgumentError("search_m", f"{least_m:.2g} or more on this map", f"{search_m:g}")
+    points = _lattice_points(source, search_m)
+    if points > _MOST_POINTS:
+        most_m = search_m * _MOST_POINTS / points
+        expected = f"at most about {most_m:.2g} on this map, {_MOST_POINTS} lattice points to a side"
+        raise ArgumentError("search_m", expected, f"{search_m:g}, {points} points")
+
+
+def _lattice_points(source: MapFile, search_m: float) -> int:
     """Points to the longer side of the search lattice on a map, for a search square of this half side."""
     description, options = source.description, RegisterOptions()
     array = uniform_array(description.channels, description.channel_pitch_m)

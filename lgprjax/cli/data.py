@@ -4,7 +4,6 @@ import json
 import shutil
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +13,7 @@ from tyro.conf import Positional, arg
 
 from lgprjax.cli.terminal import UsageError, console, progress_bar, require_files, working
 from lgprjax.errors import InputError
+from lgprjax.files import examples_folder
 
 if TYPE_CHECKING:
     from lgprjax.batch import DriveHealth, Stretch
@@ -250,7 +250,7 @@ _EXAMPLES = ("onboard", "sites", "tuning")
 class Examples:
     """Copy the example files into a folder: generated sites, studies with the drives they need, onboard configurations.
 
-    For example: lgprjax examples -o my, then lgprjax simulate my/sites/village.toml my/drives.
+    For example: lgprjax examples -o my, then lgprjax simulate my/sites/village.toml -o my/drives.
     """
 
     output: Annotated[Path, arg(aliases=("-o",), metavar="DIR")] = Path("lgprjax-examples")
@@ -261,7 +261,10 @@ class Examples:
     def run(self) -> None:
         """Copy; nothing is written where one of the files is there already."""
         files = [
-            (folder, path) for folder in _EXAMPLES for path in sorted(_examples(folder).iterdir()) if path.is_file()
+            (folder, path)
+            for folder in _EXAMPLES
+            for path in sorted(examples_folder(folder).iterdir())
+            if path.is_file()
         ]
         for folder, path in files:
             if (self.output / folder / path.name).exists() and not self.force:
@@ -272,8 +275,3 @@ class Examples:
         for folder in _EXAMPLES:
             names = ", ".join(path.name for at, path in files if at == folder)
             console.print(f"{self.output / folder}: {names}", highlight=False, soft_wrap=True, markup=False)
-
-
-def _examples(folder: str) -> Path:
-    packaged = Path(str(resources.files("lgprjax"))) / "examples" / folder
-    return packaged if packaged.is_dir() else Path(__file__).resolve().parents[2] / folder

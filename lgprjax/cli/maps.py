@@ -5,7 +5,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
 import tyro
 from rich.table import Table
 from rich.text import Text
@@ -16,7 +15,7 @@ from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
     from lgprjax.formats import MapFile
-    from lgprjax.mapping import DriveUpdate, MapHealth, RouteInterval, UpdatedMap
+    from lgprjax.mapping import MapHealth, RouteInterval, UpdatedMap
     from lgprjax.mapping.align import AgreedBaselines
     from lgprjax.registration import Chance
 
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 # ``lgprjax map info``: what a subsurface database covers, how it was made, and what it takes on disk.
 
 _RISK = 1e-4
-UNSTATED = "sigma not stated (fixes are relative to the map's labels)"
 
 
 @dataclass(frozen=True)
@@ -48,6 +46,8 @@ class MapInfo:
 
 def _labels(sigma_m: tuple[float, ...]) -> str:
     """What the navigation of each baseline said of its positions."""
+    from lgprjax.batch.assumptions import UNSTATED
+
     if not any(sigma_m):
         return UNSTATED
     told = ", ".join("not stated" if sigma == 0.0 else f"{100.0 * sigma:.1f} cm" for sigma in sigma_m)
@@ -79,6 +79,8 @@ def _chance(chance: "Chance | None", wavelength_m: float) -> dict[str, object]:
 
 def print_info(path: Path) -> dict[str, object]:
     """Print the table of a database; the same figures by name."""
+    import numpy as np
+
     from lgprjax.batch import map_assumed_in_words
     from lgprjax.formats import MapFile
 
@@ -147,7 +149,7 @@ class MapRefine:
         """Refine."""
         from lgprjax.cli.figures import write_figures
         from lgprjax.formats import MapFile, locked_map
-        from lgprjax.mapping.align import plan_matches, refine_map
+        from lgprjax.mapping.align import baseline_files, plan_matches, refine_map
 
         for path in [self.output, *([] if self.json is None else [self.json])]:
             if path.exists() and not self.force:
@@ -158,35 +160,22 @@ class MapRefine:
                 agreed = refine_map(
                     source, plan, self.output, force=self.force, progress=progress, stage=progress.stage
                 )
-            names = _names(source)
-        _print(self.output, agreed, names)
+            files = baseline_files(source)
+        _print(self.output, agreed, files)
         if self.json is not None:
             write_figures(self.json, _figures(agreed), force=self.force)
 
 
-def _print(path: Path, agreed: "AgreedBaselines", names: list[str]) -> None:
+def _print(path: Path, agreed: "AgreedBaselines", files: list[str]) -> None:
+    from lgprjax.mapping.align import agreement_in_words
+
     table = Table("baseline", "matches", "believed", "moved RMS m", "largest m", "label sigma m", "after m")
     for change in agreed.baselines:
         row = [str(change.drive), str(change.matches), str(change.kept)]
         row += [f"{change.moved_rms_m:.3f}", f"{change.moved_max_m:.3f}", f"{change.sigma_before_m:.3f}"]
         table.add_row(*row, f"{change.sigma_after_m:.3f}" if change.kept else "as it was")
     console.print(table)
-    share = 100.0 * (1.0 - agreed.kept / agreed.used) if agreed.used else 0.0
-    before, after = agreed.before, agreed.after
-    lines = [
-        f"{agreed.tried} places tried on earlier passes, {agreed.matched} matched, {agreed.used} of them not alone, "
-        f"{share:.1f} % of those not believed; their sigmas times {agreed.noise_scale:.2f}",
-        f"matches lay {before.rms_m:.3f} m RMS (median of all {before.median_m:.3f}) from their labels, and lie "
-        f"{after.rms_m:.3f} m ({after.median_m:.3f}) from the corrected ones",
-    ]
-    if not agreed.kept:
-        lines = [lines[0], "nothing ties the baselines of this map to each other: all labels stay as they are"]
-    for change in agreed.baselines if agreed.kept else ():
-        if not change.kept:
-            lines.append(
-                f"baseline {change.drive} ({names[change.drive]}) is tied to nothing: its labels stay as they are"
-            )
-    for line in [*lines, f"wrote {path}"]:
+    for line in [*agreement_in_words(agreed, files), f"wrote {path}"]:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -206,15 +195,6 @@ def _figures(agreed: "AgreedBaselines") -> dict[str, object]:
         "after": agreed.after._asdict() if agreed.kept else None,
         "baselines": changes,
     }
-
-
-def _names(source: "MapFile") -> list[str]:
-    """File names of the drives that a map was built from, as far as it says."""
-    inputs = source.provenance.get("inputs")
-    rows = inputs if isinstance(inputs, list) else []
-    said = [str(row["file"]) for row in rows if isinstance(row, dict) and "file" in row]
-    drives = len(source.description.label_sigma_m)
-    return said if len(said) == drives else ["not named by the map"] * drives
 
 
 # ``lgprjax map update``: bring a map up to date by new drives.
@@ -256,6 +236,8 @@ class MapUpdate:
 
 
 def _print_update(update: "UpdatedMap") -> None:
+    from lgprjax.mapping.weights import changes_in_words
+
     for drive in update.drives:
         _say(
             f"{drive.name}: baseline {drive.baseline}, {drive.length_m:.0f} m, {drive.over_map_m:.0f} m of them over "
@@ -270,7 +252,7 @@ def _print_update(update: "UpdatedMap") -> None:
                 f"  {drive.held_back} of {drive.stations} stations are held back: not located, or against the map "
                 "until a second drive agrees with them"
             )
-        for line in _changes(drive, update.files):
+        for line in changes_in_words(drive, update.files):
             _say(f"  {line}")
         if drive.retired or drive.released:
             _say(f"  {drive.retired} stations retired, {drive.released} that were held back are in force")
@@ -278,19 +260,6 @@ def _print_update(update: "UpdatedMap") -> None:
     for number, (file, weight) in enumerate(zip(update.files, update.weights, strict=True)):
         table.add_row(f"{number} {file}", f"{weight.weight:.2f}", weight.reasons)
     console.print(table)
-
-
-def _changes(drive: "DriveUpdate", files: tuple[str, ...]) -> list[str]:
-    lines = []
-    for each in drive.changed:
-        where = f"{each.start_m:.1f} to {each.stop_m:.1f} m ({each.start[0]:.7f}, {each.start[1]:.7f})"
-        against = f"against {files[each.baseline]} (matches {each.strength:.2f}, usual {each.usual:.2f})"
-        if each.agreeing:
-            with_it = ", ".join(files[number] for number in each.agreeing)
-            lines.append(f"{where}: changed, {against}; {with_it} agrees: the old ground is retired there")
-        else:
-            lines.append(f"{where}: changed or disturbed, {against}; nothing is retired")
-    return lines
 
 
 def _say(text: str) -> None:
@@ -447,6 +416,8 @@ def _where(intervals: "tuple[RouteInterval, ...]") -> str:
 
 
 def _write_health(folder: Path, source: "MapFile", health: "MapHealth", force: bool) -> None:
+    import numpy as np
+
     from lgprjax.cli.figures import write_figures
     from lgprjax.formats import atomic_output
     from lgprjax.mapping.verify import WEAK_REPEATS, WIDE_OFFSET_M

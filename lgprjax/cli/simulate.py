@@ -22,7 +22,10 @@ class Simulate:
     "vehicle_drives" gives calibration drives of a vehicle, without radar: tuning/drives.toml is one.
     """
 
-    site: Annotated[Positional[Path], arg(metavar="SITE.toml", help="the site file, or the drives file")]
+    site: Annotated[
+        Positional[Path],
+        arg(metavar="SITE", help="the site file, the drives file, or an example site's name: village"),
+    ]
     output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for NAME.drive.h5, one for each drive")]
     only: Annotated[tuple[str, ...], arg(metavar="NAME...", help="write these drives only")] = ()
     force: bool = False
@@ -30,14 +33,15 @@ class Simulate:
 
     def run(self) -> None:
         """Plan all drives, then render them."""
-        from lgprjax.simulation import is_vehicle_plan, output_paths, plan_site, read_site, write_site
+        from lgprjax.simulation import is_vehicle_plan, output_paths, plan_site, read_site, site_file, write_site
 
-        if is_vehicle_plan(self.site):
-            self._drive_vehicle()
+        file = site_file(self.site)
+        if is_vehicle_plan(file):
+            self._drive_vehicle(file)
             return
-        site = read_site(self.site)
-        with working(f"planning {self.site}"):
-            planned = plan_site(site, self.site, self.only)
+        site = read_site(file)
+        with working(f"planning {file}"):
+            planned = plan_site(site, file, self.only)
         output_paths(planned, self.output, force=self.force)
         scans = sum(entry.scans for entry in planned.drives)
         with progress_bar("rendering drives", scans) as progress:
@@ -45,10 +49,10 @@ class Simulate:
         _print_written(planned, paths)
         console.print(f"drive logs: {self.output}", highlight=False, markup=False, soft_wrap=True)
 
-    def _drive_vehicle(self) -> None:
+    def _drive_vehicle(self, file: Path) -> None:
         from lgprjax.simulation import read_vehicle_plan, write_vehicle_logs
 
-        plan = read_vehicle_plan(self.site)
+        plan = read_vehicle_plan(file)
         with progress_bar("driving", len(self.only or plan.drives)) as progress:
             paths = write_vehicle_logs(plan, self.output, only=self.only, force=self.force, progress=progress)
         title = f"vehicle {plan.serial_number or 'without serial number'}"
@@ -97,21 +101,22 @@ class Demo:
 
     def run(self) -> None:
         """Run the story."""
-        from lgprjax.cli.register import register_all, write_page
+        from lgprjax.cli.register import register_all
         from lgprjax.mapping import build_map
         from lgprjax.registration import RegisterOptions
         from lgprjax.report import summary_table
-        from lgprjax.simulation import demo_site, write_drives
+        from lgprjax.report.registered import write_page
+        from lgprjax.simulation import plan_site, read_site, site_file, write_site
 
         self.output.mkdir(parents=True, exist_ok=True)
-        site = demo_site()
-        scans = sum(len(drive.scan_time_s) for drive in site.values())
-        with progress_bar("rendering drives", scans) as progress:
-            logs = write_drives(site, self.output, force=True, progress=progress)
+        file = site_file("village")
+        planned = plan_site(read_site(file), file)
+        scans = {entry.drive.name: entry.scans for entry in planned.drives}
+        with progress_bar("rendering drives", sum(scans.values())) as progress:
+            logs = write_site(planned, self.output, force=True, progress=progress)
         baselines = [logs["baseline_left"], logs["baseline_right"]]
         database = self.output / "site.map.h5"
-        scans = sum(len(site[name].scan_time_s) for name in ("baseline_left", "baseline_right"))
-        with progress_bar("building map", scans) as progress:
+        with progress_bar("building map", scans["baseline_left"] + scans["baseline_right"]) as progress:
             build_map(baselines, database, force=True, progress=progress, stage=progress.stage)
         options = RegisterOptions()
         drives = [logs["live"], logs["impostor"]]

@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager, contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from lgprjax.errors import InputError
+from lgprjax.errors import ArgumentError, InputError
 
 # Names of files and extras may hold brackets: none of what is printed is markup.
 console = Console(markup=False)
@@ -71,6 +71,10 @@ def run_verb(verb: Callable[[], int | None]) -> int:
     """Run a verb; bad input becomes one line on standard error and status 1."""
     try:
         return verb() or 0
+    except ArgumentError as error:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in error.place.split(", "))
+        print(f"lgprjax: {options}: expected {error.expected}, found {error.found} (see --help)", file=sys.stderr)
+        return USAGE
     except InputError as error:
         print(f"lgprjax: {error}", file=sys.stderr)
         return BAD_INPUT

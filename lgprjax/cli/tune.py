@@ -1,15 +1,13 @@
 """``lgprjax tune`` and ``lgprjax thresholds``: studies of a vehicle's logs, thresholds of one's own drives."""
 
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
 from rich.table import Table
 from tyro.conf import Positional, arg
 
-from lgprjax.cli.register import check_region, check_search
 from lgprjax.cli.terminal import console, progress_bar, require_files, working
 from lgprjax.errors import InputError
 
@@ -133,13 +131,14 @@ class ThresholdsVerb:
 
     def run(self) -> None:
         """Calibrate."""
-        from lgprjax.batch import thresholds_from, try_drives
+        import numpy as np
+
+        from lgprjax.batch import check_region, check_search, thresholds_from, try_drives
         from lgprjax.cli.figures import write_figures
         from lgprjax.formats import DriveLog, MapFile, write_thresholds
         from lgprjax.registration import RegisterOptions, squared_errors
 
         require_files(self.drives, "drives")
-        check_search(self.search_m, self.window_m, self.time_scale, self.risk)
         for output in (self.output, self.json):
             if output is not None and output.exists() and not self.force:
                 raise InputError(output, "output", "a new file, or --force", "the file exists")
@@ -148,6 +147,7 @@ class ThresholdsVerb:
             window_m=self.window_m,
             time_scale=None if self.time_scale == "auto" else float(self.time_scale),
         )
+        check_search(replace(options, risk=self.risk))
         with ExitStack() as opened:
             source = opened.enter_context(MapFile.open(self.map))
             check_region(self.search_m, source)

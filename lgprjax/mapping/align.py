@@ -1,6 +1,6 @@
 """A map whose baselines disagree -> a map whose baselines agree: labels corrected, no signal touched."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -598,3 +598,37 @@ def _provenance(source: MapFile, digest: str, agreed: AgreedBaselines) -> dict[s
         "steps": [*(steps if isinstance(steps, list) else []), "labels made consistent by a pose graph"],
         "refined": refined,
     }
+
+
+def baseline_files(source: MapFile) -> list[str]:
+    """File names of the drives that a map was built from, as far as it says."""
+    inputs = source.provenance.get("inputs")
+    rows = inputs if isinstance(inputs, list) else []
+    said = [str(row["file"]) for row in rows if isinstance(row, dict) and "file" in row]
+    drives = len(source.description.label_sigma_m)
+    return said if len(said) == drives else ["not named by the map"] * drives
+
+
+def agreement_in_words(agreed: AgreedBaselines, files: Sequence[str]) -> list[str]:
+    """What making baselines agree came to, a line each; ``files`` as of ``baseline_files``."""
+    share = 100.0 * (1.0 - agreed.kept / agreed.used) if agreed.used else 0.0
+    before, after = agreed.before, agreed.after
+    tried = (
+        f"{agreed.tried} places tried on earlier passes, {agreed.matched} matched, {agreed.used} of them not alone, "
+        f"{share:.1f} % of those not believed; their sigmas times {agreed.noise_scale:.2f}"
+    )
+    if not agreed.kept:
+        return [tried, "nothing ties the baselines of this map to each other: all labels stay as they are"]
+    moved = (
+        f"matches lay {before.rms_m:.3f} m RMS (median of all {before.median_m:.3f}) from their labels, and lie "
+        f"{after.rms_m:.3f} m ({after.median_m:.3f}) from the corrected ones"
+    )
+    return [
+        tried,
+        moved,
+        *(
+            f"baseline {change.drive} ({files[change.drive]}) is tied to nothing: its labels stay as they are"
+            for change in agreed.baselines
+            if not change.kept
+        ),
+    ]

@@ -189,6 +189,20 @@ class UpdatedMap(NamedTuple):
         return {"drives": [plain(drive) for drive in self.drives], "weights": weights}
 
 
+def changes_in_words(drive: DriveUpdate, files: tuple[str, ...]) -> list[str]:
+    """Ground that a drive found changed, a line each; ``files`` are those of the baselines."""
+    lines = []
+    for each in drive.changed:
+        where = f"{each.start_m:.1f} to {each.stop_m:.1f} m ({each.start[0]:.7f}, {each.start[1]:.7f})"
+        against = f"against {files[each.baseline]} (matches {each.strength:.2f}, usual {each.usual:.2f})"
+        if each.agreeing:
+            with_it = ", ".join(files[number] for number in each.agreeing)
+            lines.append(f"{where}: changed, {against}; {with_it} agrees: the old ground is retired there")
+        else:
+            lines.append(f"{where}: changed or disturbed, {against}; nothing is retired")
+    return lines
+
+
 def plain(value: Any) -> Any:
     """Named tuples as tables, numbers that are not finite as null: what JSON holds."""
     if isinstance(value, tuple) and hasattr(value, "_asdict"):

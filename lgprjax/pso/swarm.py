@@ -124,7 +124,21 @@ def run_swarm(
     *,
     config: SwarmConfig,
 ) -> SwarmResult:
-    """Run the swarm from given start positions for ``config.iterations`` updates. The key is consumed."""
+    """Maximise an objective over the box [-1, 1]^dim by a particle swarm. The key is consumed.
+
+    A pure function, for jit and vmap. By comparisons alone a place is chosen, so that it has no gradient; the score has
+    that of the objective at the place found, which at a maximum is the gradient of the maximum.
+
+    Args:
+        key: of the random numbers.
+        start: first positions, in the box.
+        objective: scores of positions [particle, dim], higher is better; -inf or NaN where there is nothing.
+        free: degrees of freedom that may move; the others stay where they started.
+        config: sizes and constants.
+
+    Returns:
+        SwarmResult: position, score and history.
+    """
     end, history = _run(key, start, objective, free, lambda state: jnp.max(state.best_score), config=config)
     winner = jnp.argmax(end.best_score)
     return SwarmResult(end.best_position[winner], end.best_score[winner], history)

@@ -149,6 +149,21 @@ def draw_coverage(cover: CoverPicture, path: str | Path, *, force: bool = False)
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
     """
+    north, east = cover.inside.shape
+    height_in = 1.9 + float(np.clip(_WIDTH_IN * north / east, 2.5, 11.0))
+    with picture(path, _WIDTH_IN, height_in, force) as figure:
+        axes = figure.subplots()
+        draw_coverage_on(axes, cover)
+        figure.suptitle(f"{cover.name}: what the machine processed")
+        write_caption(
+            figure,
+            "North is up. Each cell has the probability of its best pass. White lines: ways of the tool's centre; "
+            f"grey: beyond the perimeter. Cells of {100.0 * cover.cell_m:g} cm. A machine pass is not clearance.",
+        )
+
+
+def draw_coverage_on(axes: Axes, cover: CoverPicture) -> None:
+    """Draw the map on axes, with its legend above them."""
     kinds = np.where(cover.states[1] == 2, 3, cover.states[0])
     north, east = kinds.shape
     extent = (
@@ -157,35 +172,26 @@ def draw_coverage(cover: CoverPicture, path: str | Path, *, force: bool = False)
         cover.north_m,
         cover.north_m + north * cover.cell_m,
     )
-    height_in = 1.9 + float(np.clip(_WIDTH_IN * north / east, 2.5, 11.0))
-    with picture(path, _WIDTH_IN, height_in, force) as figure:
-        axes = figure.subplots()
-        axes.imshow(
-            np.ma.masked_array(kinds, ~cover.inside),
-            cmap=ListedColormap(COLOURS).with_extremes(bad=GAP),
-            vmin=-0.5,
-            vmax=3.5,
-            origin="lower",
-            extent=extent,
-            interpolation="nearest",
-            aspect="equal",
-        )
-        for way in cover.swaths_m:
-            axes.plot(*way.T, color="white", linewidth=0.5, alpha=0.7)
-        axes.add_patch(Polygon(cover.perimeter_m, fill=False, edgecolor=INK, linewidth=1.4))
-        if len(cover.stops_m):
-            axes.plot(*cover.stops_m.T, "X", color=INK, markeredgecolor="white", markersize=9, label="stop")
-        axes.set_xlim(*extent[:2])
-        axes.set_ylim(*extent[2:])
-        axes.set_xlabel("east of the anchor (m)")
-        axes.set_ylabel("north of the anchor (m)")
-        figure.suptitle(f"{cover.name}: what the machine processed")
-        _legend(axes, cover, kinds)
-        write_caption(
-            figure,
-            "North is up. Each cell has the probability of its best pass. White lines: ways of the tool's centre; "
-            f"grey: beyond the perimeter. Cells of {100.0 * cover.cell_m:g} cm. A machine pass is not clearance.",
-        )
+    axes.imshow(
+        np.ma.masked_array(kinds, ~cover.inside),
+        cmap=ListedColormap(COLOURS).with_extremes(bad=GAP),
+        vmin=-0.5,
+        vmax=3.5,
+        origin="lower",
+        extent=extent,
+        interpolation="nearest",
+        aspect="equal",
+    )
+    for way in cover.swaths_m:
+        axes.plot(*way.T, color="white", linewidth=0.5, alpha=0.7)
+    axes.add_patch(Polygon(cover.perimeter_m, fill=False, edgecolor=INK, linewidth=1.4))
+    if len(cover.stops_m):
+        axes.plot(*cover.stops_m.T, "X", color=INK, markeredgecolor="white", markersize=9, label="stop")
+    axes.set_xlim(*extent[:2])
+    axes.set_ylim(*extent[2:])
+    axes.set_xlabel("east of the anchor (m)")
+    axes.set_ylabel("north of the anchor (m)")
+    _legend(axes, cover, kinds)
 
 
 def _legend(axes: Axes, cover: CoverPicture, kinds: UInt8[np.ndarray, "north east"]) -> None:

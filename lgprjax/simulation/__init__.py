@@ -1,8 +1,16 @@
 """Synthetic sites as drive logs: the scene driven, recorded and written like any other drive."""
 
 from lgprjax.simulation.drives import SITE_FRAME, describe_drive, describe_sweeps, write_drive, write_drives
-from lgprjax.simulation.site_tables import ArrayConfig, Site, SiteDrive, SiteHeader, demo_site, plan_drive, prepare_site
-from lgprjax.simulation.sites import PlannedDrive, PlannedSite, output_paths, plan_site, read_site, write_site
+from lgprjax.simulation.site_tables import ArrayConfig, Site, SiteDrive, SiteHeader, plan_drive, prepare_site
+from lgprjax.simulation.sites import (
+    PlannedDrive,
+    PlannedSite,
+    output_paths,
+    plan_site,
+    read_site,
+    site_file,
+    write_site,
+)
 from lgprjax.simulation.vehicle_logs import (
     PlannedVehicleDrive,
     VehiclePlan,
@@ -22,7 +30,6 @@ __all__ = [
     "SiteDrive",
     "SiteHeader",
     "VehiclePlan",
-    "demo_site",
     "describe_drive",
     "describe_sweeps",
     "is_vehicle_plan",
@@ -32,6 +39,7 @@ __all__ = [
     "prepare_site",
     "read_site",
     "read_vehicle_plan",
+    "site_file",
     "vehicle_log_of",
     "write_drive",
     "write_drives",

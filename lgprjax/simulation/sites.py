@@ -11,7 +11,7 @@ import numpy as np
 
 from lgprjax.config import TableKey, as_table, nearest, refuse_unknown
 from lgprjax.errors import InputError
-from lgprjax.files import load_toml
+from lgprjax.files import examples_folder, load_toml
 from lgprjax.scene import (
     NO_FAULTS,
     WEATHER,
@@ -130,6 +130,22 @@ _DRIVE_KEYS = ("name", "day", "day_seed", "seed", "navigation", "faults", "other
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 
 Config = TypeVar("Config")
+
+
+def site_file(given: str | Path) -> Path:
+    """A site file: the path itself, or the file of the example site of that name (``lgprjax examples`` copies them).
+
+    Raises:
+        InputError: there is neither.
+    """
+    path = Path(given)
+    if path.is_file():
+        return path
+    known = {each.stem: each for each in sorted(examples_folder("sites").glob("*.toml"))}
+    if str(given) not in known:
+        found = "a folder" if path.is_dir() else "no such file"
+        raise InputError(path, "site", f"a site file, or an example site among {', '.join(known)}", found)
+    return known[str(given)]
 
 
 def read_site(path: str | Path) -> Site:

@@ -1,7 +1,14 @@
 """What was driven over a field: plans, records of the ground worked, figures."""
 
 from lgprjax.worked.layers import CoverFigures, LayerFigures, cover_figures, cover_layers
-from lgprjax.worked.plans import PlanFile, PlanOptions, make_cover_plan, open_cover_plan, save_cover_plan
+from lgprjax.worked.plans import (
+    PlanFile,
+    PlanOptions,
+    check_plan_options,
+    make_cover_plan,
+    open_cover_plan,
+    save_cover_plan,
+)
 from lgprjax.worked.record import CoverRun, read_cover_run, record_cover
 
 __all__ = [
@@ -10,6 +17,7 @@ __all__ = [
     "LayerFigures",
     "PlanFile",
     "PlanOptions",
+    "check_plan_options",
     "cover_figures",
     "cover_layers",
     "make_cover_plan",

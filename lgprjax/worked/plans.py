@@ -21,7 +21,7 @@ from lgprjax.coverage import (
     turn_points,
 )
 from lgprjax.coverage.field import outside_m
-from lgprjax.errors import InputError
+from lgprjax.errors import ArgumentError, InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import CoverPlan, read_cover_plan, read_vehicle, write_cover_plan
 from lgprjax.formats.coverage_files import FieldPlaces, read_field
@@ -48,6 +48,18 @@ class PlanOptions(NamedTuple):
     order: Literal["zamboni", "boustrophedon"] = "zamboni"
     turning_room_m: float | None = None
     heading_deg: float | None = None
+
+
+def check_plan_options(options: PlanOptions, level: float) -> None:
+    """Refuse what no pattern can have, and a level of gaps that is none. Raises ``ArgumentError``."""
+    if not 0.0 <= options.overlap < 1.0:
+        raise ArgumentError("overlap", "a fraction from 0 to below 1", f"{options.overlap:g}")
+    if options.turning_room_m is not None and not 0.0 <= options.turning_room_m <= 1000.0:
+        raise ArgumentError("turning_room_m", "0 to 1000", f"{options.turning_room_m:g}")
+    if options.heading_deg is not None and not 0.0 <= options.heading_deg <= 360.0:
+        raise ArgumentError("heading_deg", "0 to 360", f"{options.heading_deg:g}")
+    if not 0.5 < level < 1.0:
+        raise ArgumentError("level", "above 0.5 and below 1", f"{level:g}")
 
 
 class PlanFile(NamedTuple):

@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import lgprjax as lx
 from lgprjax.cli import main
+from lgprjax.errors import InputError
 from lgprjax.formats import MapFile, check_file
 from trench_site import TrenchSite, first_scans
 
@@ -56,6 +58,24 @@ def test_what_it_says(trench: TrenchSite, tmp_path: Path, capsys: pytest.Capture
         assert old.chance is not None
         assert source.chance.pieces != old.chance.pieces or not np.array_equal(source.chance.start, old.chance.start)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["figures.json", "new.map.h5"]
+
+
+def test_the_same_is_said_in_python(trench: TrenchSite, tmp_path: Path) -> None:
+    with lx.open_map(trench.map) as site:
+        updated = site.update(trench.newer[0], tmp_path / "new.map.h5")
+        refined = site.refine(tmp_path / "agreed.map.h5")
+        with pytest.raises(InputError, match="expected a new file, or force=True"):
+            site.refine(tmp_path / "agreed.map.h5")
+    with updated.map, refined.map:
+        assert (updated.map.baselines, refined.map.baselines) == (3, 2)
+        assert updated.table["name"].tolist() == ["newer1"]
+        assert updated.table["changed"].tolist() == [2]
+        assert any("changed or disturbed, against left (matches 0." in note for note in updated.notes)
+        assert repr(updated).startswith("ChangedMap: Map 'new': ")
+        assert refined.table["baseline"].tolist() == [0, 1]
+        assert (refined.table["moved_max_m"] < 0.2).all()
+        assert "places tried on earlier passes" in refined.notes[0]
+    assert check_file(refined.map.path) == []
 
 
 def test_bad_input_is_one_line(trench: TrenchSite, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -68,7 +68,7 @@ def test_a_cluster_needs_its_package(
 def test_more_workers_than_gpus_are_refused(
     site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(worker_environment, "gpus", lambda: ["0", "1"])
+    monkeypatch.setattr("lgprjax.batch.folder.gpus", lambda: ["0", "1"])
     assert status_of("register", site.map, site.logs["live"], "-o", tmp_path / "out", "--workers", 3) == 2
     assert "--workers: expected at most 2, one a GPU, found 3" in capsys.readouterr().err
 

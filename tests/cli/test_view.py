@@ -11,9 +11,9 @@ import segyio
 from formats.samples import dzt_header, make_description, write_drive, write_dt1
 from generated import Site
 from lgprjax.cli import main
-from lgprjax.cli.view import stations_of_map, view_of_drive, view_of_profile
 from lgprjax.formats import DriveWriter
 from lgprjax.report import LineView
+from lgprjax.report.views import stations_of_map, view_of_drive, view_of_profile
 from vendor_sets import COUNTS, write_iprb, write_mala_pair, write_segy
 
 

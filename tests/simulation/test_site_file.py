@@ -9,7 +9,7 @@ import pytest
 
 from lgprjax.errors import InputError
 from lgprjax.scene import NO_FAULTS, WEATHER, SweepPlan
-from lgprjax.simulation import Site, plan_site, read_site
+from lgprjax.simulation import Site, plan_site, read_site, site_file
 from lgprjax.simulation.site_tables import LIMITS
 
 SITES = Path(__file__).parents[2] / "sites"
@@ -207,6 +207,15 @@ def test_example_sites_can_be_driven(path: Path) -> None:
     planned = plan_site(site, path, [site.drives[-1].name])
     assert [entry.drive.name for entry in planned.drives] == [site.drives[-1].name]
     assert planned.drives[0].scans > 500
+
+
+def test_an_example_is_found_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "village").mkdir()  # as a run left it that wrote its drives there
+    assert site_file("village").read_bytes() == (SITES / "village.toml").read_bytes()
+    for given, found in (("town", "no such file"), (tmp_path, "a folder")):
+        with pytest.raises(InputError, match=f"site: expected .* among array_sweeps, .*, weather, found {found}"):
+            site_file(given)
 
 
 def test_every_number_has_a_range() -> None:

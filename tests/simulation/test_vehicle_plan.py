@@ -73,7 +73,7 @@ def test_a_drives_file_is_told_from_a_site_file(tmp_path: Path) -> None:
     path = tmp_path / "drives.toml"
     path.write_text(_DRIVES)
     assert is_vehicle_plan(path)
-    assert not is_vehicle_plan(Path(__file__).parents[2] / "sites" / "village.toml")
+    assert not is_vehicle_plan(Path(__file__).parents[2] / "sites" / "weather.toml")
 
 
 def test_seeds_go_by_the_name(tmp_path: Path) -> None:

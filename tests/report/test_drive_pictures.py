@@ -8,11 +8,10 @@ import pytest
 
 from generated import Site, register_site
 from lgprjax.batch import RegisteredDrive, example_scan, fix_example
-from lgprjax.cli.drive_pictures import draw_drive
-from lgprjax.cli.register import drive_result
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.pso import SwarmConfig
 from lgprjax.registration import RegisterOptions
+from lgprjax.report.registered import draw_drive, drive_result
 
 SWARM = RegisterOptions(search_m=1.5, swarm=SwarmConfig(particles=32, iterations=12))
 

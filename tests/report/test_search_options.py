@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from lgprjax.batch import settings_of
-from lgprjax.cli.register import search_in_words
 from lgprjax.registration import RegisterOptions, Thresholds
+from lgprjax.report.registered import search_in_words
 
 OWN = RegisterOptions(window_m=2.0, own_thresholds=Thresholds(5.5, 2.5))
 

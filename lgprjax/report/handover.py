@@ -1,0 +1,261 @@
+"""A record of a worked field as it is handed over: GIS layers, turning points, and a report to be signed."""
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lgprjax.errors import ArgumentError, InputError
+from lgprjax.files import file_hash
+from lgprjax.formats import (
+    WorkedRecord,
+    stop_words,
+    write_geojson,
+    write_geopackage,
+    write_kml,
+    write_turning_points,
+)
+from lgprjax.report.coverage import (
+    COLOURS,
+    CoveragePage,
+    CoverChannelsPicture,
+    CoverPicture,
+    draw_cover_channels,
+    draw_coverage,
+    write_coverage_page,
+)
+from lgprjax.report.html import ReportFigure
+from lgprjax.worked.layers import (
+    METHOD,
+    STATUS,
+    CoverFigures,
+    cover_figures,
+    cover_layers,
+    inside_of,
+    layer_name,
+    percent,
+    square_metres,
+    utc_of,
+)
+
+_RECORD = ".worked.h5"
+_SUFFIXES = (".gpkg", ".geojson", ".kml", ".turning_points.csv", ".html")
+
+
+def handover_files(
+    path: Path, folder: Path, benchmark_deg: tuple[float, float] | None, *, force: bool
+) -> tuple[Path, ...]:
+    """The files that ``hand_over`` writes; what it would refuse after work is refused here.
+
+    Raises:
+        InputError: a benchmark that is no place, or a file that exists (without ``force``).
+    """
+    mark = benchmark_deg
+    if mark is not None and not (abs(mark[0]) <= 90.0 and abs(mark[1]) <= 180.0):
+        raise ArgumentError("benchmark_deg", "a latitude and a longitude", f"{mark[0]:g} {mark[1]:g}")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(folder, "output", "a folder", "a file")
+    stem = path.name.removesuffix(_RECORD)
+    outputs = tuple(folder / f"{stem}{suffix}" for suffix in _SUFFIXES)
+    for output in outputs:
+        if output.exists() and not force:
+            raise InputError(output, "output", "a new file, or --force", "the file exists")
+    return outputs
+
+
+def hand_over(
+    path: Path,
+    record: WorkedRecord,
+    folder: Path,
+    *,
+    organisation: str = "not stated",
+    benchmark_deg: tuple[float, float] | None = None,
+    force: bool = False,
+) -> tuple[Path, ...]:
+    """Write a record as GeoPackage, GeoJSON, KML, turning points as CSV, and a report; returns the files.
+
+    Args:
+        path: file of the record, whose hash they name.
+        record: what it holds.
+        folder: of the files; it is made.
+        organisation: who is responsible, as every shape and the report name it.
+        benchmark_deg: latitude and longitude of a marked point that bearings and distances count from; by default the
+            first corner.
+        force: replace files that exist.
+
+    Raises:
+        InputError: as ``handover_files``, or a file cannot be written.
+    """
+    outputs = handover_files(path, folder, benchmark_deg, force=force)
+    package, collection, markup, table, page = outputs
+    layers = cover_layers(record, organisation)
+    folder.mkdir(parents=True, exist_ok=True)
+    metadata = _metadata(path, record, organisation)
+    write_geopackage(package, layers, metadata, force=force)
+    write_geojson(collection, layers, metadata, force=force)
+    write_kml(markup, layers, metadata, colours=_colours(record), force=force)
+    latitude, longitude = _corners(record)
+    write_turning_points(table, latitude, longitude, benchmark_deg, force=force)
+    _write_page(page, path, record, cover_figures(record), organisation, force)
+    return outputs
+
+
+def _metadata(path: Path, record: WorkedRecord, organisation: str) -> dict[str, str]:
+    return {
+        "field": record.name,
+        "organisation": organisation,
+        "method": METHOD,
+        "status": STATUS,
+        "datum": "WGS 84",
+        "record": path.name,
+        "record_sha256": file_hash(path),
+        "plan_sha256": str(record.provenance["plan"]["sha256"]),
+        "note": "A machine pass is not clearance. Processed ground is that of cells at the level named, no more.",
+    }
+
+
+def _colours(record: WorkedRecord) -> dict[str, str]:
+    ground = {layer_name(float(level)): colour for level, colour in zip(record.cells.level, COLOURS[2:], strict=True)}
+    return {**ground, "gaps": COLOURS[0]}
+
+
+def _corners(record: WorkedRecord) -> tuple[np.ndarray, np.ndarray]:
+    corners = record.perimeter_m
+    latitude, longitude, _ = record.frame.to_geodetic(corners[:, 0], corners[:, 1], np.zeros(len(corners)))
+    return latitude, longitude
+
+
+def _write_page(
+    path: Path, source: Path, record: WorkedRecord, figures: CoverFigures, organisation: str, force: bool
+) -> None:
+    passes, stops, runs = record.passes, record.stops, record.provenance["runs"]
+    time_s = record.channels.time_s
+    latitude, longitude = _corners(record)
+    facts = (
+        ("method", METHOD),
+        ("vehicle", str(record.provenance["vehicle"]["name"])),
+        ("tool", f"{record.tool.width_m:g} m wide, {record.tool.length_m:g} m long"),
+        ("field", square_metres(figures.area_m2)),
+        ("passes", f"{figures.passes}, {figures.way_m:.0f} m"),
+        ("depth, mean and least", f"{_centimetres(figures.depth_mean_m)}, {_centimetres(figures.depth_least_m)}"),
+        ("runs", ", ".join(f"{run['folder']}{'' if run['complete'] else ' (incomplete)'}" for run in runs)),
+        ("fixed GNSS position", f"{figures.fixed:.1%} of the time"),
+    )
+    rows = [
+        (
+            str(number + 1),
+            str(runs[int(passes.run[number])]["folder"]),
+            str(int(passes.line[number]) + 1),
+            _clock(record, float(passes.begin_s[number])),
+            f"{passes.length_m[number]:.1f}",
+            f"{100.0 * passes.depth_mean_m[number]:.1f} / {100.0 * passes.depth_least_m[number]:.1f}",
+            f"{passes.speed_mean_mps[number]:.2f} / {passes.speed_largest_mps[number]:.2f}",
+        )
+        for number in range(len(passes.run))
+    ]
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".export-") as folder:
+        page = CoveragePage(
+            name=record.name,
+            organisation=organisation,
+            period=f"{_clock(record, float(time_s.min()))} to {_clock(record, float(time_s.max()))} UTC",
+            sentences=tuple(layer.sentence for layer in figures.layers),
+            facts=facts,
+            layers=tuple(
+                (
+                    f"{100.0 * layer.level:g} %",
+                    *(square_metres(each) for each in (layer.processed_m2, layer.uncertain_m2, layer.not_processed_m2)),
+                    percent(layer.share),
+                )
+                for layer in figures.layers
+            ),
+            passes_header=(
+                "pass",
+                "run",
+                "line",
+                "begin (UTC)",
+                "length m",
+                "depth cm, mean / least",
+                "m/s, mean / most",
+            ),
+            passes=tuple(rows),
+            stops=tuple(
+                (
+                    str(runs[int(stops.run[number])]["folder"]),
+                    _clock(record, float(stops.begin_s[number])),
+                    f"{stops.end_s[number] - stops.begin_s[number]:.1f} s",
+                    stop_words(int(stops.reasons[number])),
+                )
+                for number in range(len(stops.run))
+            ),
+            turning_points=tuple(
+                (f"TP{number + 1}", f"{one:.9f}", f"{other:.9f}")
+                for number, (one, other) in enumerate(zip(latitude, longitude, strict=True))
+            ),
+            hashes=_hashes(source, record),
+            figures=_pictures(Path(folder), record),
+        )
+        write_coverage_page(path, page, force=force)
+
+
+def _clock(record: WorkedRecord, time_s: float) -> str:
+    return utc_of(record, time_s)[:19].replace("T", " ")
+
+
+def _centimetres(depth_m: float | None) -> str:
+    return "none" if depth_m is None else f"{100.0 * depth_m:.1f} cm"
+
+
+def _hashes(source: Path, record: WorkedRecord) -> tuple[tuple[str, str], ...]:
+    plans: list[dict[str, Any]] = [record.provenance["plan"], *record.provenance["other_plans"]]
+    return (
+        (source.name, file_hash(source)),
+        *((str(plan["file"]), str(plan["sha256"])) for plan in plans),
+        *(
+            (f"{run['folder']}/{segment['file']}", str(segment["sha256"]))
+            for run in record.provenance["runs"]
+            for segment in run["segments"]
+        ),
+    )
+
+
+def cover_picture(record: WorkedRecord) -> CoverPicture:
+    """What the map of a record shows."""
+    cells, swaths, stops = record.cells, record.swaths, record.stops
+    ways = [swaths.number == number for number in range(len(record.passes.run))]
+    return CoverPicture(
+        name=record.name,
+        perimeter_m=record.perimeter_m,
+        east_m=cells.east_m,
+        north_m=cells.north_m,
+        cell_m=cells.cell_m,
+        inside=inside_of(record),
+        levels=(float(cells.level[0]), float(cells.level[-1])),
+        states=cells.state[[0, -1]],
+        swaths_m=tuple(np.stack([swaths.east_m[of], swaths.north_m[of]], axis=1) for of in ways),
+        stops_m=np.stack([stops.east_m, stops.north_m], axis=1),
+    )
+
+
+def _pictures(folder: Path, record: WorkedRecord) -> tuple[ReportFigure, ...]:
+    channels = record.channels
+    position = np.nan_to_num(channels.covariance[:, :2, :2].astype(np.float64))
+    measured = CoverChannelsPicture(
+        time_s=channels.time_s,
+        depth_m=channels.depth_m.astype(np.float64),
+        speed_mps=channels.speed_mps.astype(np.float64),
+        sigma_m=np.sqrt(np.clip(np.linalg.eigvalsh(position)[:, 1], 0.0, None)),
+        counts=(channels.tool & 8) != 0,
+        fixed=channels.gnss_quality == 3,
+        stopped=channels.stop != 0,
+    )
+    draw_coverage(cover_picture(record), folder / "map.png")
+    draw_cover_channels(measured, folder / "channels.png")
+    return (
+        ReportFigure(
+            folder / "map.png", "The field from above.", "Map of what was processed, uncertain and not processed"
+        ),
+        ReportFigure(
+            folder / "channels.png", "Depth, speed and uncertainty.", "Depth, speed and uncertainty over time"
+        ),
+    )

@@ -1,0 +1,278 @@
+"""Registered drives as people see them: the pictures of one drive, and the page over those registered together."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from lgprjax.batch import FixExample, RegisteredDrive, example_scan, fix_example, settings_of
+from lgprjax.batch.assumptions import UNSTATED
+from lgprjax.formats import DriveLog, MapFile, assumed_in_words
+from lgprjax.frames import LocalFrame
+from lgprjax.registration import LADDER_M, OFF_MAP_SCORE, PIECE_M, RegisterOptions
+from lgprjax.report.drive import draw_confidence, draw_trajectory, stated_errors
+from lgprjax.report.html import ReportFigure, Section, declines_table, overview_table, write_report
+from lgprjax.report.match import SwarmPicture, draw_match, draw_surface, draw_swarm
+from lgprjax.report.results import CorrelationSurface, DriveResult, MatchExample
+from lgprjax.report.summary import DriveSummary, draw_codes
+
+_LONE = (
+    "one channel on a map of one channel: fixes tell where along the line the drive is. The ground beside the line "
+    "resembles that on it, so that across it they only say that the drive is near, and the cross-track sigma is a bound"
+)
+_USUAL_SCALE = 0.01
+"""A time scale farther from 1 is worth a remark."""
+ENDS = ("-trajectory.png", "-confidence.png", "-match.png", "-map.png", "-swarm.png")
+"""What a drive's name is followed by; not every drive has them all."""
+
+
+def draw_drive(
+    result: DriveResult,
+    drive: RegisteredDrive,
+    source: MapFile,
+    log: DriveLog,
+    options: RegisterOptions,
+    folder: Path,
+    force: bool,
+) -> list[ReportFigure]:
+    """Write a drive's pictures to a folder; returns those that there are.
+
+    The confidence is drawn where the truth is known, match and map where a scan was tried, the swarm where one is.
+
+    Raises:
+        InputError: one of them exists (without ``force``) or cannot be written.
+    """
+    trajectory, confidence, match, surface, swarm = (folder / f"{drive.name}{end}" for end in ENDS)
+    draw_trajectory(result, trajectory, force=force)
+    figures = [ReportFigure(trajectory, "Trajectory and errors along the drive.", "plan view above error curves")]
+    stated = stated_errors([result])
+    if len(stated.ok):
+        draw_confidence(stated, confidence, force=force)
+        figures.append(
+            ReportFigure(
+                confidence,
+                "Whether the fixes are as good as they say, and what a smaller risk would cost.",
+                "true error over stated sigma, error distributions by evidence, share declined over evidence",
+            )
+        )
+    scan = example_scan(drive)
+    example = None if scan is None else fix_example(source, log, drive, options, scan)
+    if example is None:
+        return figures
+    draw_match(_match(example, drive), match, force=force)
+    search_m = options.search_half_m(drive.track.sigma_m)
+    draw_surface(_surface(example, source.description.frame, search_m), surface, force=force)
+    code = drive.table["code"].iloc[example.scan]
+    figures.append(
+        ReportFigure(match, f"Scan {example.scan}, {code}: the ground live and in the map.", "radargram strips")
+    )
+    figures.append(
+        ReportFigure(surface, f"Scan {example.scan}, {code}: match over the search region.", "correlation map")
+    )
+    searched = _swarm(example, drive, source.description.frame)
+    if searched is not None:
+        draw_swarm(searched, swarm, force=force)
+        figures.append(
+            ReportFigure(
+                swarm,
+                f"Scan {example.scan}, {code}: the swarm about its best place, run again.",
+                "clouds of particles over the score, score over the iterations",
+            )
+        )
+    return figures
+
+
+def _match(example: FixExample, drive: RegisteredDrive) -> MatchExample:
+    strips, row = example.strips, drive.table.iloc[example.scan]
+    distance = strips.distance_m - drive.track.travel_m[0]
+    # Of a single scan the box is as wide as a trace.
+    window_m = float(np.nan_to_num(np.asarray(drive.fix.window_m)[example.scan]))
+    first = distance[-1] - (window_m or distance[-1] - distance[-2])
+    return MatchExample(
+        baseline=strips.baseline,
+        live=strips.live,
+        beside=strips.beside,
+        beside_m=strips.beside_m,
+        distance_m=distance,
+        time_ns=strips.time_ns,
+        channel=strips.channel,
+        correlation=float(row["correlation"]),
+        margin=float(row["margin"]),
+        gain="depth gain of the map, limited to 2.5 RMS of the scan",
+        lag_m=strips.lag_m,
+        window_m=(float(first), float(distance[-1])),
+    )
+
+
+def _surface(example: FixExample, frame: LocalFrame, search_m: float) -> CorrelationSurface:
+    prior, best = _pair(example.prior_m), _pair(example.best_m)
+    assert prior is not None
+    assert best is not None
+    return CorrelationSurface(
+        x_m=example.surface.along_m,
+        y_m=example.surface.cross_m,
+        correlation=example.surface.strength,
+        half_width_m=(search_m, search_m),
+        prior=prior,
+        prior_sigma_m=example.prior_sigma_m,
+        # The prior's sigmas lie east and north.
+        prior_tilt_rad=-float(example.frame[2]),
+        best=best,
+        second=_pair(example.second_m),
+        truth=_pair(example.truth_m),
+        origin=_origin(example, frame),
+        axes=("along", "cross"),
+    )
+
+
+def _swarm(example: FixExample, drive: RegisteredDrive, frame: LocalFrame) -> SwarmPicture | None:
+    if example.swarm is None:
+        return None
+    place, best, met, along, cross, score = (np.asarray(field, np.float64) for field in example.swarm)
+    return SwarmPicture(
+        x_m=along,
+        y_m=cross,
+        # Off the map a score is less than any correlation.
+        score=np.where(score > 0.75 * OFF_MAP_SCORE, score, np.nan),
+        particle_m=place,
+        best_m=best,
+        best_score=np.where(met > 0.75 * OFF_MAP_SCORE, met, -np.inf),
+        milliseconds=drive.milliseconds_per_scan,
+        origin=_origin(example, frame),
+        truth=_pair(example.truth_m),
+    )
+
+
+def _origin(example: FixExample, frame: LocalFrame) -> str:
+    # Adding 0 takes the sign off a rounded nothing.
+    east, north = np.round(example.frame[:2], 1) + 0.0
+    bearing = np.degrees(np.pi / 2.0 - example.frame[2]) % 360.0
+    return (
+        f"a place of the route, east {east:.1f} m and north {north:.1f} m about latitude, longitude "
+        f"{frame.latitude_deg:.6f}°, {frame.longitude_deg:.6f}°; along is towards {bearing:.0f}°"
+    )
+
+
+def _pair(place: np.ndarray | None) -> tuple[float, float] | None:
+    return None if place is None else (float(place[0]), float(place[1]))
+
+
+# Drives registered together.
+
+Registered = tuple[DriveResult, DriveSummary, Section]
+
+
+def search_in_words(settings: Mapping[str, object]) -> str:
+    """The search that drives were registered with, for a page: a line from the settings (``settings_of``)."""
+    search_m, window_m, scale = settings["search_m"], settings["window_m"], settings["time_scale"]
+    lengths = ", ".join(f"{length:g}" for length in LADDER_M[1:])
+    region = "within what the log states of its own position (2.5 m where it states nothing)"
+    windows = f"the shortest window that reaches the risk, of a single scan, {lengths} m"
+    parts = [
+        f"Search: {region if search_m is None else f'{search_m:g} m to each side of the prior'}",
+        windows if window_m is None else f"windows of {window_m:g} m" if window_m else "single scans",
+        "time scale found along the drive" if scale is None else f"time scale {scale:g}",
+    ]
+    # Records of an older version in the same folder know of no risk.
+    risk = settings.get("risk")
+    judged = "fixed thresholds" if risk is None else f"risk {risk:g} in each {PIECE_M:g} m of travel"
+    return "; ".join([*parts, "thresholds of one's own drives" if settings["own_thresholds"] else judged]) + "."
+
+
+def write_page(
+    results: Sequence[Registered], folder: Path, title: str, *, force: bool, options: RegisterOptions, intro: str = ""
+) -> Path:
+    """Write ``report.html``: overview, codes of all drives, a section each."""
+    codes = folder / "codes.png"
+    draw_codes(
+        [result for result, _, _ in results],
+        codes,
+        risk=options.risk,
+        force=force,
+    )
+    figure = ReportFigure(
+        codes,
+        "Evidence of all tried scans with the risk that a fix must keep to, margin over the runner-up, and the codes "
+        "given. A decade of evidence is a tenth of the probability that other ground matches as well.",
+        "histograms of evidence and margin, bar of codes, one row a drive",
+    )
+    summaries = [summary for _, summary, _ in results]
+    tables = [table for table in (overview_table(summaries), declines_table(summaries)) if table is not None]
+    overview = Section("All drives", "", tuple(tables), (figure,))
+    page = folder / "report.html"
+    search = search_in_words(settings_of(options))
+    write_report(page, title, f"{intro}\n\n{search}", [overview, *(s for _, _, s in results)], force)
+    return page
+
+
+def drive_result(
+    drive: RegisteredDrive, source: MapFile, *, impostor: bool, gnss_gap: np.ndarray | None = None
+) -> DriveResult:
+    """The registered drive as the record that pictures are made from; ``gnss_gap`` tells scans without GNSS."""
+    pose, prior, truth = np.asarray(drive.fix.pose), drive.track.pose, drive.truth
+    table, frame = drive.table, source.description.frame
+    numbers = range(int(source.drive.max()) + 1)
+    return DriveResult(
+        name=drive.name,
+        map_name=source.description.name,
+        origin=(frame.latitude_deg, frame.longitude_deg),
+        milliseconds_per_scan=drive.milliseconds_per_scan,
+        time_s=table["time_s"].to_numpy(),
+        distance_m=drive.track.travel_m - drive.track.travel_m[0],
+        east_m=pose[:, 0],
+        north_m=pose[:, 1],
+        prior_east_m=prior[:, 0],
+        prior_north_m=prior[:, 1],
+        heading_rad=prior[:, 3],
+        sigma_along_m=table["sigma_along_m"].to_numpy(),
+        sigma_cross_m=table["sigma_cross_m"].to_numpy(),
+        correlation=table["correlation"].to_numpy(),
+        # Without a runner-up the lead is over the least possible score, and tells nothing.
+        margin=np.where(np.asarray(drive.fix.runner_up) > -1.0, table["margin"].to_numpy(), np.nan),
+        p_false=np.asarray(drive.fix.p_false),
+        code=table["code"].to_numpy().astype(str),
+        yaw_rad=pose[:, 3],
+        sigma_yaw_rad=np.sqrt(np.asarray(drive.fix.covariance)[:, 3, 3]),
+        gnss_gap=gnss_gap,
+        truth_east_m=None if truth is None else truth[:, 0],
+        truth_north_m=None if truth is None else truth[:, 1],
+        truth_yaw_rad=None if truth is None else truth[:, 3],
+        correlation_at_truth=None if truth is None else drive.correlation_at_truth,
+        baseline_tracks=tuple(source.pose[source.drive == number, :2] for number in numbers),
+        impostor=impostor,
+        remarks=_remarks(drive, source),
+        place_assumed=drive.place_assumed,
+    )
+
+
+def _remarks(drive: RegisteredDrive, source: MapFile) -> tuple[str, ...]:
+    """What a reader of the fixes must know beside them."""
+    labels = None if any(source.description.label_sigma_m) else f"labels: {UNSTATED}"
+    lines = (labels, drive.alignment.told, drive.jumps, _windows(drive), _time_scales(drive), *_unknowns(drive, source))
+    return tuple(line for line in lines if line is not None)
+
+
+def _unknowns(drive: RegisteredDrive, source: MapFile) -> tuple[str | None, ...]:
+    """What is not there to be known: what was made up at import, a map that is elsewhere, ground beside a line."""
+    assumed = f"assumed in this drive: {assumed_in_words(drive.assumed)}" if drive.assumed else None
+    lone = drive.channels == 1 and source.description.channels == 1 and drive.away is None
+    return assumed, drive.away, _LONE if lone else None
+
+
+def _windows(drive: RegisteredDrive) -> str | None:
+    """How much travel the ok fixes needed."""
+    window_m = np.asarray(drive.fix.window_m)[drive.table["code"].to_numpy() == "ok"]
+    if not len(window_m):
+        return None
+    lengths, counts = np.unique(window_m, return_counts=True)
+    named = ["single scans" if length == 0.0 else f"{length:g} m" for length in lengths]
+    shares = [f"{name} {100.0 * count / len(window_m):.0f} %" for name, count in zip(named, counts, strict=True)]
+    return f"windows of the ok fixes: {', '.join(shares)}"
+
+
+def _time_scales(drive: RegisteredDrive) -> str | None:
+    """The time scales of the drive, where they are not those of the map's day."""
+    scale = drive.time_scale[drive.table["code"].to_numpy() == "ok"]
+    if not len(scale) or np.max(np.abs(scale - 1.0)) < _USUAL_SCALE:
+        return None
+    return f"time scale of the ok fixes: {scale.min():.3f} to {scale.max():.3f}, median {np.median(scale):.3f}"
