@@ -167,11 +167,13 @@ def test_own_thresholds_take_the_place_of_the_risk(site: Site) -> None:
     plain = registered(site, RegisterOptions(search_m=1.5, time_scale=1.0, window_m=0.0))
     code = np.asarray(drive.fix.code)
     assert set(np.unique(code)) <= {Code.OK, Code.EDGE, Code.LOW_OVERLAP, Code.NO_WINDOW}
-    # The shortest window reaches no strength at all at once; its match's part of the covariance is four times as wide.
+    # The shortest window reaches no strength at all at once; its match's part of the covariance has the user's scale.
     assert set(drive.fix.window_m[code == Code.OK].tolist()) == {0.0}
     both = (code == Code.OK) & (np.asarray(plain.fix.code) == Code.OK)
     wide, usual = (np.asarray(each.fix.covariance)[both][:, 3, 3] for each in (drive, plain))
-    np.testing.assert_allclose(wide, 4.0 * usual, rtol=0.1)
+    with MapFile.open(site.map) as source:
+        assert source.chance is not None
+        np.testing.assert_allclose(wide, (2.0 / source.chance.sigma_scale) ** 2 * usual, rtol=0.1)
 
 
 def test_a_swarm_finishes_as_well(site: Site) -> None:
