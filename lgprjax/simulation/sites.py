@@ -142,7 +142,7 @@ def site_file(given: str | Path) -> Path:
         InputError: a name that is none of an example site.
     """
     path = Path(given)
-    if path.is_file() or path.suffix == ".toml":  # one that is not there is told by whoever reads it
+    if path.is_file() or path.suffix == ".toml":  # a missing one is told by whoever reads it
         return path
     known = {each.stem: each for each in sorted(examples_folder("sites").glob("*.toml"))}
     if str(given) not in known:
