@@ -29,7 +29,8 @@ import lgprjax as lx
 
 missing = [log for log in (*LOGS, *HELD_OUT) if not log.exists()]
 if missing:
-    lx.simulate("../tuning/drives.toml", missing[0].parent, only=[log.name.removesuffix(".drive.h5") for log in missing])
+    names = [log.name.removesuffix(".drive.h5") for log in missing]
+    lx.simulate("../tuning/drives.toml", missing[0].parent, only=names)
 
 # %% [markdown]
 # Half a minute, most of it compilation. The noises to begin with stand in the vehicle file and are rather too large: by them the filter's gates choose what is an outlier.

@@ -417,9 +417,9 @@ def _calls(folder: Path, site: Site) -> dict[str, tuple[Any, str]]:
         ),
         "a closed map's plot": (lambda: lx.register(_closed(site.map), live), "expected an open map, found closed"),
         "points of one": (
-            lambda: lx.course([[0.0, 0.0], [1.0]]),
+            lambda: lx.course([[0.0, 0.0], [1.0]]),  # type: ignore[arg-type]
             "course: points: expected an array [point, 2]",
-        ),  # type: ignore[arg-type]
+        ),
         "an endless course": (lambda: lx.course("line", length_m=1e9), "course: length_m: expected more than 0 and"),
         "no look-ahead": (
             lambda: lx.rollout(lx.open_vehicle(vehicle), lx.course("line"), 0.0),

@@ -282,9 +282,9 @@ def _prepared(
     for given, type_, maker in ((vehicle, Vehicle, "open_vehicle"), (course, Course, "course")):
         if not isinstance(given, type_):
             raise InputError("call", type_.__name__.lower(), f"what {maker}() gives", repr(given)[:60])
-    for name, given in (("look_ahead_m", look_ahead_m), ("speed_mps", speed_mps)):
-        if given is not None and not isinstance(given, jax.core.Tracer):
-            _require_positive(name, given)
+    for name, numbers in (("look_ahead_m", look_ahead_m), ("speed_mps", speed_mps)):
+        if numbers is not None and not isinstance(numbers, jax.core.Tracer):
+            _require_positive(name, numbers)
     for name, value in (("duration_s", duration_s), ("step_s", step_s)):
         if not (isinstance(value, int | float) and math.isfinite(value) and value > 0.0):
             raise InputError("call", name, "a positive Python number (it is compiled in)", repr(value)[:60])

@@ -136,10 +136,10 @@ def site_file(given: str | Path) -> Path:
     """A site file: the path itself, or the file of the example site of that name (``lgprjax examples`` copies them).
 
     Raises:
-        InputError: there is neither.
+        InputError: a name that is none of an example site.
     """
     path = Path(given)
-    if path.is_file():
+    if path.is_file() or path.suffix == ".toml":  # a missing one is told by whoever reads it
         return path
     known = {each.stem: each for each in sorted(examples_folder("sites").glob("*.toml"))}
     if str(given) not in known:

@@ -71,7 +71,7 @@ def test_the_same_is_said_in_python(trench: TrenchSite, tmp_path: Path) -> None:
         assert updated.table["name"].tolist() == ["newer1"]
         assert updated.table["changed"].tolist() == [2]
         assert any("changed or disturbed, against left (matches 0." in note for note in updated.notes)
-        assert repr(updated).startswith("ChangedMap: Map 'new': ")
+        assert repr(updated).startswith("ChangedMap: Map 'road': ")
         assert refined.table["baseline"].tolist() == [0, 1]
         assert (refined.table["moved_max_m"] < 0.2).all()
         assert "places tried on earlier passes" in refined.notes[0]
