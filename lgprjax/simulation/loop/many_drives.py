@@ -53,9 +53,11 @@ def run_lanes(
     def one(
         state: LoopState, fix_state: FixErrorState, sums: LoopSums, key: PRNGKeyArray
     ) -> tuple[LoopState, FixErrorState, LoopSums]:
-        return run_lane(spec, setup, route, errors, state, fix_state, sums, key, ticks)[:3]
+        ended, fixes, grown, _ = run_lane(spec, setup, route, errors, state, fix_state, sums, key, ticks)
+        return ended, fixes, grown
 
-    return jax.vmap(one)(state, fix_state, sums, keys)
+    lanes: tuple[LoopState, FixErrorState, LoopSums] = jax.vmap(one)(state, fix_state, sums, keys)
+    return lanes
 
 
 def _tick(
