@@ -1,7 +1,7 @@
 """lgprjax: locate a vehicle by the ground beneath it, with ground-penetrating radar, on JAX.
 
 ``import lgprjax as lx`` gives the public names listed in ``__all__``; docs/api.md describes each with an example. A
-name is loaded when it is first used, so that the import itself costs nothing.
+name is loaded when it is first used, so that the import itself is cheap.
 """
 
 import importlib

@@ -52,7 +52,7 @@ class BrokenRuleError(ValueError):
 
 @dataclass(frozen=True)
 class TableKey:
-    """Where in which file a value stands: ``drive[2].lane_m``."""
+    """File and place of a value: ``drive[2].lane_m``."""
 
     file: Path
     path: str = ""
@@ -111,7 +111,7 @@ def as_table(place: TableKey, value: object) -> dict[str, Any]:
 
 
 def refuse_unknown(place: TableKey, table: Mapping[str, object], known: Iterable[str]) -> None:
-    """Raises ``InputError`` for the first key that is not known; names the nearest one that is."""
+    """Raises ``InputError`` for the first unknown key; names the most similar known one."""
     names = list(dict.fromkeys(known))
     for key in table:
         if key not in names:
@@ -119,7 +119,7 @@ def refuse_unknown(place: TableKey, table: Mapping[str, object], known: Iterable
 
 
 def nearest(name: str, known: Iterable[str], what: str) -> str:
-    """What was expected instead of an unknown name: the close one, or all there are."""
+    """Expected text for an unknown name: the most similar one, or all."""
     names = sorted(known)
     close = difflib.get_close_matches(name, names, 1, 0.6)
     return f"{what}, perhaps {close[0]}" if close else f"{what} among {', '.join(names) or 'none'}"

@@ -1,4 +1,4 @@
-"""The one error a user meets: bad input, told in one line that names file, place, expected and found."""
+"""The error for users: bad input, in one line that gives file, place, expected and found."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Files as every room meets them. Nothing heavy is imported: the supervisor of the runtime does not compute."""
+"""Common file operations. Nothing heavy is imported: the runtime's supervisor does not compute."""
 
 import hashlib
 import os
@@ -17,7 +17,7 @@ def load_toml(path: str | Path) -> dict[str, Any]:
     """The table of a TOML file.
 
     Raises:
-        InputError: it cannot be read, or is no TOML.
+        InputError: it cannot be read, or is not TOML.
     """
     try:
         return tomllib.loads(Path(path).read_text(encoding="utf-8"))
@@ -28,7 +28,7 @@ def load_toml(path: str | Path) -> dict[str, Any]:
 
 
 def schema_text(name: str) -> str:
-    """Text of ``data_schema/NAME.toml``: from the installed package, or from the source tree beside it."""
+    """Text of ``data_schema/NAME.toml``: from the installed package, or from the source tree."""
     packaged = resources.files("lgprjax").joinpath("data_schema", f"{name}.toml")
     if packaged.is_file():
         return packaged.read_text(encoding="utf-8")
@@ -36,7 +36,7 @@ def schema_text(name: str) -> str:
 
 
 def is_at(path: Path, descriptor: int) -> bool:
-    """Whether the file that was opened is still the one of that name."""
+    """Whether an open file is still the one at its path."""
     with suppress(FileNotFoundError):
         return path.stat().st_ino == os.fstat(descriptor).st_ino
     return False
@@ -49,22 +49,22 @@ def file_hash(path: str | Path) -> str:
 
 
 def open_lock(path: Path) -> int:
-    """Descriptor of a lock file, made where there is none."""
+    """Descriptor of a lock file, created if missing."""
     return os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
 
 
 @contextmanager
 def lock_file(path: Path, opened: Callable[[Path], int] = open_lock) -> Iterator[str | None]:
-    """Hold a lock file for as long as the body runs, or yield who holds it: "process N", or "another process".
+    """Hold a lock file while the body runs, or yield its holder: "process N", or "another process".
 
-    The system lets go of it when its process ends, however it ends. The file is removed afterwards.
+    The system releases it when its process ends. The file is removed afterwards.
 
     Args:
         path: of the lock file.
         opened: its descriptor, for reading and writing.
 
     Raises:
-        OSError: it cannot be made, or the file system knows no locks.
+        OSError: it cannot be created, or the file system has no locks.
     """
     while True:
         descriptor = opened(path)
@@ -78,11 +78,11 @@ def lock_file(path: Path, opened: Callable[[Path], int] = open_lock) -> Iterator
         except OSError:
             os.close(descriptor)
             raise
-        # Its last holder may have taken the file away between the opening and the locking.
+        # Its last holder may have removed the file between opening and locking.
         if is_at(path, descriptor):
             break
         os.close(descriptor)
-    with suppress(OSError):  # a full disk: who holds it will not be told, but it is held
+    with suppress(OSError):  # a full disk: the holder will not be named, but the lock is held
         os.ftruncate(descriptor, 0)
         os.write(descriptor, str(os.getpid()).encode())
     try:
@@ -97,7 +97,7 @@ def _lock(descriptor: int) -> None:
     if sys.platform == "win32":
         import msvcrt
 
-        # Far behind what is written into it: Windows lets nobody read what is locked.
+        # Far beyond its contents: Windows prevents reading of locked bytes.
         os.lseek(descriptor, 1 << 20, os.SEEK_SET)
         msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         os.lseek(descriptor, 0, os.SEEK_SET)

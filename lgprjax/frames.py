@@ -1,6 +1,6 @@
 """Frames: WGS-84 on the host, local east-north-up metres in computation, the vehicle's body.
 
-docs/conventions.md is the law: headings are compass degrees clockwise from true north on the host, yaw is
+See docs/conventions.md: headings are compass degrees clockwise from true north on the host, yaw is
 radians counter-clockwise from east in computation; x forward, y left, z up. Everything here is float64 NumPy:
 float32 degrees have an ulp of about half a metre and never reach the device.
 """
@@ -17,7 +17,7 @@ Array1 = Float[np.ndarray, " scan"]
 
 @dataclass(frozen=True)
 class LocalFrame:
-    """East-north-up metres about a float64 WGS-84 anchor (topocentric: exact at any distance).
+    """East-north-up metres around a float64 WGS-84 anchor (topocentric: exact at any distance).
 
     Attributes:
         latitude_deg, longitude_deg: the anchor, degrees.

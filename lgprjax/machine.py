@@ -1,4 +1,4 @@
-"""What this machine grants a process."""
+"""Resources of this machine."""
 
 import os
 import sys

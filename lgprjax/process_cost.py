@@ -1,4 +1,4 @@
-"""What a process has cost so far: programs compiled, and memory."""
+"""Cost of a process so far: programs compiled, and memory."""
 
 import re
 from collections.abc import Callable
@@ -10,7 +10,7 @@ _EVENT = "/jax/core/compile/backend_compile_duration"
 
 
 def count_compiles() -> Callable[[], int]:
-    """How many programs this process has compiled, or fetched from the cache, since this call."""
+    """Count the programs that this process compiles, or loads from the cache, from this call on."""
     counted = 0
 
     def listen(event: str, duration_secs: float, **_: str | int) -> None:
@@ -30,7 +30,7 @@ def peak_rss_mb() -> float:
         except ImportError:  # Windows
             return float("nan")
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1e-6
-    # What getrusage tells on Linux begins with the memory of the process that started this one.
+    # On Linux getrusage includes the memory of the parent process.
     found = re.search(r"VmHWM:\s*(\d+) kB", status.read_text(encoding="ascii"))
     assert found is not None
     return int(found.group(1)) * 1.024e-3

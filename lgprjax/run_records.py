@@ -1,4 +1,4 @@
-"""Records that processes exchange and the recorder keeps: a head of 16 bytes and a payload.
+"""Records exchanged by processes and kept by the recorder: a head of 16 bytes and a payload.
 
 The layout of heads and payloads is that of ``data_schema/run_log.toml``.
 """
@@ -19,17 +19,18 @@ _HEAD = struct.Struct("<" + "".join(CODES[field["type"]] for field in _TABLE["da
 
 
 class RecordKind(IntEnum):
-    """What a record's payload is."""
+    """Kind of a record's payload."""
 
     HEADER = 1
     """JSON: everything that a replay needs, the first record of a process."""
     PORT_IN = 2
-    """A whole message as it came over a line: a frame, or a NMEA or UBX message. The control loop's carry the tick in
-    which they were used."""
+    """A complete message as received over a line: a frame, or a NMEA or UBX message. The control loop's carry the tick
+    in which they were used.
+    """
     PORT_OUT = 3
     """A frame as it was sent."""
     REFUSED = 4
-    """Bytes that came over a line and were refused: u8 reason, then the bytes."""
+    """Bytes received over a line and refused: u8 reason, then the bytes."""
     TICK = 5
     """Begin of a tick of the control loop; mono_ns is its time."""
     FIX = 6
@@ -37,27 +38,27 @@ class RecordKind(IntEnum):
     PRIOR = 7
     """``PRIOR``: where GNSS/INS have the vehicle."""
     EVENT = 8
-    """JSON: something happened: modes, faults, processes."""
+    """JSON: events of modes, faults, processes."""
     STATE = 9
-    """JSON: what the display shows."""
+    """JSON: state for the display."""
     MONITOR = 10
     """JSON: memory, storage, temperatures."""
     REQUEST = 11
-    """JSON: what somebody asked for on the display."""
+    """JSON: a request from the display."""
     PLAN = 12
-    """``PLAN``: what a tick decided."""
+    """``PLAN``: decision of a tick."""
     COVER = 13
-    """``COVER``: ten times a second, where a skid-steer vehicle is and what its tool does."""
+    """``COVER``: ten times a second, pose of a skid-steer vehicle and state of its tool."""
     SKID_PLAN = 14
-    """``SKID_PLAN``: what a tick of a skid-steer vehicle decided."""
+    """``SKID_PLAN``: decision of a skid-steer vehicle's tick."""
     WORKED = 15
-    """JSON: what of the field is worked, for the display."""
+    """JSON: the worked map of the field, for the display."""
     CORNER = 16
     """JSON: a corner of a field that the operator marked."""
 
 
 class Source(IntEnum):
-    """Where a record comes from: a line, or a process."""
+    """Source of a record: a line, or a process."""
 
     DRIVE_BY_WIRE = 1
     CONTROLLER = 2
@@ -76,8 +77,8 @@ class Record(NamedTuple):
     """A record.
 
     Attributes:
-        kind, source: what and whence.
-        tick: of the control loop; 0 where none belongs to it.
+        kind, source: of the record.
+        tick: of the control loop; 0 without one.
         mono_ns: monotonic clock of the computer: for PORT_IN the arrival.
         payload: by its kind.
     """
@@ -138,10 +139,10 @@ class StopBits(IntFlag):
 
 
 def fix_row(payload: bytes) -> np.void:
-    """A row of ``FIX``; ``p_false`` is NaN, not known, where a run of layout 1.1 or older ends before it.
+    """A row of ``FIX``; ``p_false`` is NaN (unknown) in a run of layout 1.1 or older, which lacks it.
 
     Raises:
-        ValueError: no fix of either layout.
+        ValueError: not a fix of either layout.
     """
     if len(payload) == FIX.itemsize - _P_FALSE_BYTES:
         payload += np.float32(np.nan).tobytes()
@@ -158,7 +159,7 @@ def unpack(data: bytes) -> Record:
     """A record from bytes.
 
     Raises:
-        ValueError: it is shorter than its head, or of a kind or source that there is not.
+        ValueError: it is shorter than its head, or of an unknown kind or source.
     """
     if len(data) < _HEAD.size:
         raise ValueError(f"a record of {_HEAD.size} bytes or more was expected, found {len(data)}")

@@ -1,6 +1,6 @@
-"""Segments of a recorded run: the bytes of their heads and records, found again in a file that is cut or damaged.
+"""Segments of a recorded run: bytes of their heads and records, recoverable from a cut or damaged file.
 
-The layout stands in ``data_schema/run_log.toml``. Nothing but the standard library: the recorder must be up at once.
+The layout is in ``data_schema/run_log.toml``. Standard library only: the recorder must start at once.
 """
 
 import os
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 SUFFIX = ".lgprun"
 OWN = 0
-"""Origin of what the recorder itself writes, JSON; the others are rings, numbered from 1 as in ``ORIGINS``."""
+"""Origin of the recorder's own records, JSON; the others are rings, numbered from 1 as in ``ORIGINS``."""
 ORIGINS = ("recorder", "control_log", "registration_log", "supervisor_log")
 
 _MAGIC = b"LGPRRUN\0"
@@ -32,7 +32,7 @@ HEADS_SIZE = 2 * _COPY
 
 
 class SegmentHead(NamedTuple):
-    """What a segment begins with.
+    """Head of a segment.
 
     Attributes:
         run: the run's UUID, 16 bytes.
@@ -49,14 +49,14 @@ class SegmentHead(NamedTuple):
 
 
 class SegmentRecord(NamedTuple):
-    """A whole record of a segment.
+    """An intact record of a segment.
 
     Attributes:
         start, stop: its bytes in the file.
         number: arrival number, consecutive over the run.
         origin: index in ``ORIGINS``.
-        position: where it ended in its ring, bytes since the ring's beginning; 0 for the recorder's own.
-        data: as it came.
+        position: end in its ring, bytes since the ring's beginning; 0 for the recorder's own.
+        data: as received.
     """
 
     start: int
@@ -79,16 +79,16 @@ def segments_of(folder: Path) -> dict[int, Path]:
 
 
 def pack_head(head: SegmentHead) -> bytes:
-    """A head as it stands in the file: twice, each with its CRC."""
+    """A head as stored in the file: twice, each with its CRC."""
     packed = _HEAD.pack(_MAGIC, _VERSION, 0, head.segment, head.run, head.utc_ns, head.mono_ns, head.number)
     return 2 * (packed + _CRC.pack(zlib.crc32(packed)))
 
 
 def pack_record(run: bytes, number: int, origin: int, position: int, data: bytes) -> bytes:
-    """A record as it stands in the file.
+    """A record as stored in the file.
 
     Raises:
-        ValueError: it is larger than a segment's reader takes.
+        ValueError: it is larger than a segment's reader accepts.
     """
     if len(data) > _LARGEST:
         raise ValueError(f"a record of at most {_LARGEST} bytes was expected, found {len(data)}")
@@ -97,7 +97,7 @@ def pack_record(run: bytes, number: int, origin: int, position: int, data: bytes
 
 
 def read_head(path: Path) -> tuple[SegmentHead | None, list[int]]:
-    """The head of a segment, ``None`` where no copy of it is whole, and where a copy that is not begins."""
+    """The head of a segment, ``None`` without an intact copy, and the start of a damaged copy."""
     head, damaged = None, []
     with path.open("rb", buffering=0) as file:
         data = b"".join(_blocks(file.fileno(), 0, HEADS_SIZE))
@@ -113,9 +113,9 @@ def read_head(path: Path) -> tuple[SegmentHead | None, list[int]]:
 
 
 def scan_records(path: Path, run: bytes) -> Iterator[SegmentRecord]:
-    """Every whole record of a segment, in the file's order.
+    """Every intact record of a segment, in file order.
 
-    What is no whole record of this run is passed over byte by byte to the next sync mark whose CRC holds. Memory is
+    Anything else is skipped byte by byte to the next sync mark with a valid CRC. Memory is
     bounded by the largest record. Sectors that cannot be read count as zeros.
     """
     with path.open("rb", buffering=0) as file:
@@ -152,7 +152,7 @@ def scan_records(path: Path, run: bytes) -> Iterator[SegmentRecord]:
 
 
 def _crc(run: bytes, body: bytes) -> int:
-    # Begun with the run: what an older run left on the same sectors is not taken for this one's.
+    # Starts with the run's UUID: remains of an older run on the same sectors are not accepted.
     return zlib.crc32(body[len(_SYNC) :], zlib.crc32(run))
 
 

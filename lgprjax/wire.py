@@ -1,4 +1,4 @@
-"""The wire: frames built, cut out of bytes, parsed and checked; one end of a link and its numbering."""
+"""The wire protocol: building, extracting, parsing and checking frames; one end of a link and its numbering."""
 
 import math
 import secrets
@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 
 from lgprjax.files import schema_text
 
-# The messages of the lines, read from ``data_schema/wire.toml``.
+# The messages of the lines, from ``data_schema/wire.toml``.
 
 CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i32": "i", "f32": "f", "f64": "d"}
-"""Types of the description as ``struct`` has them."""
+"""Types of the description as ``struct`` codes."""
 
 
 class MessageField(NamedTuple):
-    """A number of a message: its name and its type as the description has it."""
+    """A number of a message: its name and its type in the description."""
 
     name: str
     kind: str
@@ -31,10 +31,10 @@ class Message(NamedTuple):
     Attributes:
         type: number in the header.
         sender: ``host`` or ``device``.
-        line: which line it travels on.
+        line: its line.
         numbers: fields in their order.
         layout: of the numbers.
-        bulk: name of the bytes after them, ``""`` where there are none.
+        bulk: name of the bytes after them, ``""`` if there are none.
         axes: numbers whose product is the length of ``bulk``.
     """
 
@@ -61,7 +61,7 @@ def _message(table: dict[str, Any]) -> Message:
 
 _TABLE = tomllib.loads(schema_text("wire"))
 RULES: dict[str, int] = _TABLE["rules"]
-"""What a receiver goes by."""
+"""Rules of a receiver."""
 MESSAGES: dict[str, Message] = {table["name"]: _message(table) for table in _TABLE["message"]}
 """Every message by its name."""
 MESSAGE_OF_TYPE = {message.type: message for message in MESSAGES.values()}
@@ -70,15 +70,15 @@ SYNC = bytes(_TABLE["frame"]["sync"])
 VERSION: int = _TABLE["frame"]["version"]
 LARGEST_PAYLOAD: int = _TABLE["frame"]["largest_payload"]
 HEAD_FIELDS = tuple(MessageField(field["name"], field["type"]) for field in _TABLE["frame"]["header"][1:])
-"""Of the header after the sync."""
+"""Layout of the header after the sync."""
 HEAD = struct.Struct(f"<{len(SYNC)}s" + "".join(CODES[field.kind] for field in HEAD_FIELDS))
 CRC = struct.Struct("<I")
 
 
-# Bytes that came over a line and are not to be acted upon, and why.
+# Bytes received over a line that are refused, and the reason.
 
 KEPT = 64
-"""Bytes that are kept of what was refused."""
+"""Number of refused bytes that are kept."""
 
 
 class RefusalReason(IntEnum):
@@ -87,17 +87,17 @@ class RefusalReason(IntEnum):
     NO_SYNC = 1
     """No message begins here."""
     VERSION = 2
-    """Of a protocol that is not known."""
+    """Of an unknown protocol."""
     LENGTH = 3
-    """Longer than allowed, or not as long as such a message is."""
+    """Longer than allowed, or of the wrong length for the message."""
     CRC = 4
     """The CRC or checksum is not that of the bytes."""
     TYPE = 5
-    """A whole frame whose message is not known."""
+    """A complete frame with an unknown message."""
     PAYLOAD = 6
-    """A whole frame whose payload contradicts itself."""
+    """A complete frame with an inconsistent payload."""
     CUT = 7
-    """A sentence that breaks off, or has no checksum."""
+    """A truncated sentence, or one without a checksum."""
 
 
 class RefusedBytes(NamedTuple):
@@ -112,19 +112,19 @@ class RefusedBytes(NamedTuple):
     data: bytes
 
 
-# Frames between the onboard computer and its devices, as ``data_schema/wire.toml`` lays them out.
+# Frames between the onboard computer and its devices, by ``data_schema/wire.toml``.
 
 Value = int | float | bytes
 
 
 class Frame(NamedTuple):
-    """A whole frame whose CRC holds.
+    """A complete frame with a valid CRC.
 
     Attributes:
         name: of the message.
         mode, flags, session, sequence, stamp_us, ttl_ms: the header's.
         fields: of the payload.
-        raw: the frame as it came.
+        raw: the frame as received.
     """
 
     name: str
@@ -148,10 +148,10 @@ class Frame(NamedTuple):
 def encode(
     name: str, fields: Mapping[str, Value], *, mode: int, session: int, sequence: int, stamp_us: int, ttl_ms: int
 ) -> bytes:
-    """A frame of the message ``name``.
+    """Encode a frame of the message ``name``.
 
     Raises:
-        ValueError: a field is missing, unknown, out of the range of its type, or no finite number.
+        ValueError: a field is missing, unknown, out of the range of its type, or not finite.
     """
     message = MESSAGES.get(name)
     if message is None:
@@ -176,24 +176,24 @@ def encode(
 
 
 def decode(raw: bytes) -> Frame:
-    """The frame that ``raw`` is.
+    """Decode ``raw`` as one frame.
 
     Raises:
-        ValueError: it is not one whole frame, its CRC does not hold, or its message is not known.
+        ValueError: it is not one complete frame, its CRC is wrong, or its message is unknown.
     """
     whole = len(raw) >= HEAD.size and _wrong_head(raw, 0) is None and len(raw) == _size(raw, 0)
     if whole and _crc_holds(memoryview(raw)):
         found = _opened(raw)
         if isinstance(found, Frame):
             return found
-    raise ValueError(f"not one whole frame: {raw[:KEPT].hex()}")
+    raise ValueError(f"not one complete frame: {raw[:KEPT].hex()}")
 
 
 class FrameParser:
-    """Cuts frames out of a stream of bytes. It holds back one frame at most.
+    """Extracts frames from a stream of bytes. It buffers one frame at most.
 
     Attributes:
-        counts: how often something was refused, by reason.
+        counts: number of refusals, by reason.
     """
 
     def __init__(self) -> None:
@@ -201,7 +201,7 @@ class FrameParser:
         self.counts: Counter[RefusalReason] = Counter()
 
     def feed(self, data: bytes) -> list[Frame | RefusedBytes]:
-        """Frames that are whole now, and what was refused, in the order of the stream."""
+        """Complete frames, and refused bytes, in the order of the stream."""
         buffer = self._buffer
         buffer += data
         found: list[Frame | RefusedBytes] = []
@@ -221,7 +221,7 @@ class FrameParser:
                 item = _opened(bytes(buffer[at : at + size]))
                 end = at + size
             else:
-                # The rest of what went wrong is told with it, up to where the next frame may begin.
+                # The rest of the refused bytes is included, up to the next possible start of a frame.
                 end = _next_sync(buffer, at + 1)
                 item = RefusedBytes(wrong, bytes(buffer[at : min(end, at + KEPT)]))
             if isinstance(item, RefusedBytes):
@@ -255,7 +255,7 @@ def _size(buffer: bytes | bytearray, at: int) -> int:
 
 
 def _wrong_head(buffer: bytes | bytearray, at: int) -> RefusalReason | None:
-    """What is wrong with the head that begins at ``at``, as far as it has come."""
+    """Error of the header that begins at ``at``, as far as received."""
     if not buffer.startswith(SYNC[: len(buffer) - at], at):
         return RefusalReason.NO_SYNC
     if len(buffer) - at < HEAD.size:
@@ -264,7 +264,7 @@ def _wrong_head(buffer: bytes | bytearray, at: int) -> RefusalReason | None:
     if version != VERSION:
         return RefusalReason.VERSION
     message = MESSAGE_OF_TYPE.get(kind)
-    # A length that cannot be is told from the head: a flipped bit must not hold back what follows.
+    # An impossible length is detected in the header: a flipped bit must not delay later frames.
     fits = message is None or length == message.layout.size or (message.bulk and length >= message.layout.size)
     return None if length <= LARGEST_PAYLOAD and fits else RefusalReason.LENGTH
 
@@ -292,16 +292,16 @@ def _opened(raw: bytes) -> Frame | RefusedBytes:
 
 
 _DRIFT = 5000
-"""Clocks run apart by one part in this at most: 200 ppm."""
+"""Clocks drift by at most one part in this: 200 ppm."""
 
 
 class LeastDelay:
-    """Least difference between arrivals and stamps: what lies between two clocks when nothing holds a message up.
+    """Least difference between arrivals and stamps: the offset of two clocks without delays.
 
-    It falls at once and rises no faster than clocks drift, so that a line that grows late shows.
+    It falls at once and rises no faster than clocks drift, so that a growing delay of the line is visible.
 
     Args:
-        difference_ns: arrival less stamp of the first message.
+        difference_ns: arrival minus stamp of the first message.
         now_ns: its arrival.
     """
 
@@ -310,11 +310,11 @@ class LeastDelay:
         self._at_ns = now_ns
 
     def at(self, now_ns: int) -> int:
-        """What it is believed to be now, ns."""
+        """Present estimate, ns."""
         return self._least_ns + max(0, now_ns - self._at_ns) // _DRIFT
 
     def feed(self, difference_ns: int, now_ns: int) -> int:
-        """What it is believed to be now that one more message came, ns: never above that message's own."""
+        """Estimate after one more message, ns: never above that message's own difference."""
         self._least_ns = min(self.at(now_ns), difference_ns)
         self._at_ns = max(now_ns, self._at_ns)
         return self._least_ns
@@ -326,11 +326,11 @@ _U32 = 1 << 32
 
 
 class FrameVerdict(IntEnum):
-    """What becomes of a frame; all but ``ACCEPTED`` say why it is not acted upon."""
+    """Verdict on a frame; all except ``ACCEPTED`` say why it is refused."""
 
     ACCEPTED = 0
     WRONG_LINE = 32
-    """Its message does not come over this line, or not from that end."""
+    """Its message does not belong to this line, or to that end."""
     NO_SESSION = 33
     """Its session is 0."""
     SECOND_SENDER = 34
@@ -338,15 +338,15 @@ class FrameVerdict(IntEnum):
     REMEMBERED_SESSION = 35
     """Of a session that has ended."""
     REPEATED = 36
-    """Its sequence number is not a new one."""
+    """Its sequence number is not new."""
     STALE = 37
-    """It came later than its time to live allows."""
+    """It arrived later than its time to live allows."""
     FROM_FUTURE = 38
-    """It bears a stamp that the sender's clock had not reached."""
+    """Its stamp is ahead of the sender's clock."""
 
 
 class _Ahead(NamedTuple):
-    """Frames from the future that came while nothing was accepted, and agree with each other."""
+    """Frames from the future, received while nothing was accepted, that agree with each other."""
 
     difference_ns: int
     least_ns: int
@@ -354,15 +354,16 @@ class _Ahead(NamedTuple):
 
 
 class Receiver:
-    """Judges the frames of one line by ``data_schema/wire.toml``. Time is passed in, so that a replay judges alike.
+    """Judges the frames of one line by ``data_schema/wire.toml``. Time is passed in, so that a replay gives the same
+    verdicts.
 
     Args:
         line: its name.
-        sender: of which end the frames are expected.
+        sender: expected sending end.
 
     Attributes:
         counts: frames by verdict.
-        missed: sequence numbers that never came.
+        missed: missing sequence numbers.
         session: of the sender; 0 before the first frame.
         last_accepted_ns: arrival of the last accepted frame.
     """
@@ -388,7 +389,7 @@ class Receiver:
         return verdict
 
     def silent(self, now_ns: int) -> bool:
-        """Whether nothing was accepted for so long that the line counts as dead."""
+        """Whether the line is dead: nothing accepted for too long."""
         return self.session == 0 or now_ns - self.last_accepted_ns >= _SILENT_NS
 
     def _judge(self, frame: Frame, arrival_ns: int) -> FrameVerdict:
@@ -429,7 +430,7 @@ class Receiver:
         return FrameVerdict.ACCEPTED
 
     def _set_ahead(self, difference_ns: int, arrival_ns: int) -> bool:
-        """Whether the sender's clock was set ahead: nothing else came for as long as makes a line silent."""
+        """Whether the sender's clock was set ahead: nothing else arrived for the time after which a line is silent."""
         ahead = self._ahead
         if ahead is None or abs(difference_ns - ahead.difference_ns) > _FUTURE_NS:
             self._ahead = _Ahead(difference_ns, difference_ns, arrival_ns)

@@ -365,7 +365,7 @@ def _calls(folder: Path, site: Site) -> dict[str, tuple[Any, str]]:
         "a window": (lambda: lx.open_map(site.map).batch(live, slice(9), window_m=-1.0), "window_m: expected 0 to 30"),
         "a channel": (
             lambda: lx.view(live, channel=11),
-            "expected one with the number 11, as channel says, found 0 to 10",
+            "expected number 11 from channel, found 0 to 10",
         ),
         "a speed": (lambda: lx.view(live, velocity_m_per_ns=1.0), "call: velocity_m_per_ns: expected more than 0"),
         "a kind": (lambda: lx.course("spiral"), "course: kind: expected line, offset, arc, curve, eight, or points"),  # type: ignore[arg-type]

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class CoveragePlan:
-    """Swaths over a field in driving order, and the headland turns that join them.
+    """Swaths over a field in driving order, with the headland turns between them.
 
     Attributes:
         plan: the plan in local metres; ``plan.pattern`` has swaths, turns and settings.
-        path: of its file; None while it has not been saved.
+        path: of its file; None before saving.
     """
 
     plan: CoverPlan
@@ -40,10 +40,10 @@ class CoveragePlan:
         )
 
     def save(self, path: PathLike, *, force: bool = False) -> "CoveragePlan":
-        """Write ``X.cover.geojson``, which map programs draw; returns the plan of that file.
+        """Write ``X.cover.geojson``, which map programs can display; returns the plan of that file.
 
         Raises:
-            InputError: the name ends otherwise, or the file exists (without ``force``) or cannot be written.
+            InputError: the name has another suffix, or the file exists (without ``force``) or cannot be written.
         """
         from lgprjax.worked import save_cover_plan
 
@@ -55,7 +55,7 @@ class CoveragePlan:
         return CoveragePlan(self.plan, target.absolute())
 
     def plot(self, *, ax: "Axes | None" = None) -> "Axes":
-        """Draw the field's perimeter and the way over it, in metres east and north, and return the axes."""
+        """Draw the field's perimeter and the planned path, in metres east and north, and return the axes."""
         from lgprjax.coverage import lay_pattern
 
         axes = axes_or_new(ax, width_in=6.0, height_in=6.0)
@@ -86,19 +86,19 @@ def plan_coverage(
     gaps_of: PathLike | None = None,
     level: float = 0.95,
 ) -> CoveragePlan:
-    """Lay parallel swaths over a field, in driving order, with headland turns that the vehicle can drive.
+    """Plan parallel swaths over a field, in driving order, with headland turns that the vehicle can drive.
 
     Args:
         field: a GeoJSON polygon on WGS-84, a CSV file of three corners, or the folder of a run in which three corners
             were marked.
-        vehicle: a skid-steer vehicle, open or its file: its tool and its smallest radius.
-        overlap: least share of the tool's width that neighbouring swaths both work, 0 to below 1.
-        order: ``zamboni``: first, middle, second, ... with wide turns to one hand; ``boustrophedon``: each swath next
+        vehicle: a skid-steer vehicle, open or its file, with tool and smallest radius.
+        overlap: least share of the tool's width in which neighbouring swaths overlap, 0 to below 1.
+        order: ``zamboni``: first, middle, second, ... with wide turns to one side; ``boustrophedon``: each swath next
             to the last.
-        turning_room_m: how far beyond the perimeter the vehicle may go; by default as far as the turns need.
+        turning_room_m: distance that the vehicle may go beyond the perimeter; by default as far as the turns need.
         heading_deg: of the first swath, clockwise from true north; by default along the first side.
-        gaps_of: a record of worked area, open or its file: plan only what it leaves below the level.
-        level: probability that a cell needs to be left out.
+        gaps_of: a record of worked area, open or its file: plan only the ground below the level.
+        level: probability from which a cell is left out.
 
     Returns:
         CoveragePlan: ``save(path)`` writes it, ``plot()`` returns axes.
@@ -179,7 +179,7 @@ class WorkedArea:
 
         Args:
             folder: of the files, which have the record's name; it is made.
-            organisation: who is responsible, as every shape and the report name it.
+            organisation: responsible organisation, named in every shape and in the report.
             benchmark_deg: latitude and longitude of a marked point that bearings and distances count from; by default
                 the first corner.
             force: replace files that exist.

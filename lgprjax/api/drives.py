@@ -1,4 +1,4 @@
-"""Drives: opened from drive logs, or generated."""
+"""Drives: opened from drive logs, or simulated."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -20,16 +20,16 @@ _BLOCK_SCANS = 512
 
 @dataclass(frozen=True)
 class Drive:
-    """A recorded drive. The file is opened for each use and closed again.
+    """A recorded drive. The file is opened for each access and closed again.
 
     Attributes:
         path: the drive log, ``X.drive.h5``.
         name: of the drive.
-        scans: recorded; 0 in a log without radar, as calibrations use.
+        scans: recorded; 0 in a log without radar, such as a calibration drive.
         channels: of the radar array.
         length_m: of travel by odometry; reverse counts as travel.
         duration_s: from the first record to the last.
-        t0_utc: ISO 8601 time that the log's ``time_s`` counts from.
+        t0_utc: ISO 8601 origin of the log's ``time_s``.
     """
 
     path: Path
@@ -45,12 +45,12 @@ class Drive:
         return f"Drive {self.name!r}: {what}, {self.length_m:.1f} m, {self.duration_s:.1f} s ({self.path.name})"
 
     def traces(self, scans: slice = slice(None)) -> Float[np.ndarray, "scan channel recorded"]:
-        """Recorded amplitudes with the zero level removed; NaN where a channel holds no data.
+        """Recorded amplitudes with the zero level removed; NaN where a channel has no data.
 
-        Of a stepped-frequency radar these are the calibrated sweeps, real parts before imaginary parts.
+        For a stepped-frequency radar these are the calibrated sweeps, real parts before imaginary parts.
 
         Args:
-            scans: to be read.
+            scans: to read.
 
         Raises:
             InputError: the log holds no radar recording or is damaged, or ``scans`` is no slice.
@@ -69,7 +69,7 @@ class Drive:
             return np.concatenate(found)
 
     def plot(self, *, channel: int | None = None, ax: "Axes | None" = None) -> "Axes":
-        """Draw the radargram of one channel, the middle one unless told, and return the axes. See ``view``."""
+        """Draw the radargram of one channel, by default the middle one, and return the axes. See ``view``."""
         from lgprjax.api.files import view
 
         return view(self, channel=channel, ax=ax)
@@ -79,10 +79,10 @@ def open_drive(path: PathLike) -> Drive:
     """Open a drive log and check everything but the radar data.
 
     Args:
-        path: of a drive log, ``X.drive.h5``. ``lgprjax import`` makes one of any supported recording.
+        path: of a drive log, ``X.drive.h5``. ``lgprjax import`` converts any supported recording.
 
     Raises:
-        InputError: the file is missing, damaged, or not as data_schema/drive.toml says.
+        InputError: the file is missing, damaged, or does not match data_schema/drive.toml.
 
     Example:
         drive = lx.open_drive("drives/live.drive.h5")
@@ -121,16 +121,16 @@ def open_drive(path: PathLike) -> Drive:
 def simulate(site: PathLike, folder: PathLike, *, only: Iterable[str] = (), force: bool = False) -> dict[str, Drive]:
     """Generate the drives of a site: synthetic ground with stones and layers, recorded by a radar array.
 
-    The true pose of every scan is known and stands in the log, so that fixes can be judged. The same site gives the
-    same drives.
+    The true pose of every scan is stored in the log, so that fixes can be evaluated. The same site gives the same
+    drives.
 
     Args:
         site: a site file (docs/scene.md lists its keys), a file of calibration drives such as tuning/drives.toml, or
             the name of an example site, as in sites/ and for ``lgprjax simulate``. ``"village"`` is a road of 70 m with
             two survey-grade baselines (``baseline_left``, ``baseline_right``), a drive on another day whose GNSS is
-            wrong by a metre (``live``), and the same drive over other ground, of which no scan may be located
+            wrong by a metre (``live``), and the same drive over foreign ground, of which no scan may be located
             (``impostor``).
-        folder: for ``NAME.drive.h5``, one for each drive; it is made.
+        folder: for ``NAME.drive.h5``, one for each drive; created if missing.
         only: names of the drives to generate; by default all.
         force: replace files that exist.
 
@@ -138,7 +138,7 @@ def simulate(site: PathLike, folder: PathLike, *, only: Iterable[str] = (), forc
         The drives by name.
 
     Raises:
-        InputError: the site cannot be read or driven, a name in ``only`` is none of its drives, or an output exists.
+        InputError: the site cannot be read or driven, a name in ``only`` is unknown, or an output exists.
 
     Example:
         drives = lx.simulate("village", "generated/", only=["impostor"], force=True)

@@ -1,4 +1,4 @@
-"""Any file of the package, or of an instrument: checked against its schema, or drawn."""
+"""Files of the package and of instruments: validation and display."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """A file that was checked.
+    """Result of checking a file.
 
     Attributes:
         path: of the file.
-        findings: every place that is not as the schema says; each has file, place, expected, found and severity.
-        health: of a drive log, how well it was recorded; None where that was not asked for.
+        findings: every mismatch with the schema, with file, place, expected, found and severity.
+        health: recording quality of a drive log; None if not requested.
     """
 
     path: Path
@@ -34,7 +34,7 @@ class Checked:
 
     @property
     def ok(self) -> bool:
-        """Whether the file can be used: nothing worse than a warning was found."""
+        """Whether the file is usable: no finding worse than a warning."""
         return not any(finding.severity == "error" for finding in self.findings)
 
     @cached_property
@@ -58,10 +58,10 @@ def check(file: PathLike, *, health: bool = False) -> Checked:
     Args:
         file: a drive log, map, fixes, route, vehicle, coverage plan or record of worked area, or what was opened from
             one.
-        health: also measure how well a drive log was recorded: radar, clock, odometry, GNSS.
+        health: also measure the recording quality of a drive log: radar, clock, odometry, GNSS.
 
     Raises:
-        InputError: the file's name tells no format, or ``health`` is asked for of another file than a drive log.
+        InputError: the file's format is unknown, or ``health`` was requested for a file that is not a drive log.
 
     Example:
         checked = lx.check("drives/live.drive.h5", health=True)
@@ -91,20 +91,20 @@ def view(
 ) -> "Axes":
     """Draw a recording as a radargram, or a map as a time slice, and return the axes.
 
-    A radargram has travel time down, depth beside it, and distance along the bottom. It is dewowed, without the line's
-    mean trace, and with a depth gain. A time slice is the RMS amplitude of the map seen from above.
+    A radargram has travel time and depth down, and distance along the bottom. It is dewowed, background removed, with a
+    depth gain. A time slice is the RMS amplitude of the map seen from above.
 
     Args:
         file: a file of an instrument (.dt1, .dzt, .rd3, .rd7, .iprb, .sgy), a drive log, a map, or an open drive or
             map.
         channel: of a recording, from 0; by default the middle one.
         raw: amplitudes as recorded, without processing or gain.
-        velocity_m_per_ns: of the wave, for depths; by default 0.1 is assumed.
+        velocity_m_per_ns: of the wave, for depths; by default 0.1.
         travel_time_ns: of the time slice of a map; by default that of its second slice of five, from the top.
         ax: axes to draw on; by default those of a new figure.
 
     Raises:
-        InputError: the file cannot be read, has no such channel, or the velocity is none that a wave in the ground has.
+        InputError: the file cannot be read, has no such channel, or the velocity is impossible.
 
     Example:
         ax = lx.view("drives/live.drive.h5", channel=5)
@@ -126,11 +126,11 @@ def view(
         check_speed(velocity_m_per_ns)
         if name.endswith(MAP):
             if raw or channel is not None:
-                raise InputError(path, "raw, channel", "a recording, of which these tell", "a map")
+                raise InputError(path, "raw, channel", "a recording, to which these apply", "a map")
             speed = WAVE_SPEED_M_PER_NS if velocity_m_per_ns is None else velocity_m_per_ns
             return _draw_slice(path, travel_time_ns, speed, axes_or_new(ax))
         if travel_time_ns is not None:
-            raise InputError(path, "travel_time_ns", "a map, of which it tells", repr(path.name))
+            raise InputError(path, "travel_time_ns", "a map, to which it applies", repr(path.name))
         if name.endswith(DRIVE):
             if channel is None:
                 with DriveLog.open(path) as log:

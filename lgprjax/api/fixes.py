@@ -1,4 +1,4 @@
-"""Registration of whole drives on a map: one in this process, very many by worker processes."""
+"""Registration of whole drives on a map: one in this process, many by worker processes."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -57,7 +57,7 @@ class Fixes:
 
     @property
     def ok(self) -> Bool[np.ndarray, " scan"]:
-        """Scans that have a position; no other fix is one."""
+        """Scans with a position; other fixes are not positions."""
         return np.asarray(self.table["code"].to_numpy() == "ok")
 
     @cached_property
@@ -88,7 +88,7 @@ class Fixes:
         return axes
 
     def save(self, folder: PathLike, *, force: bool = False) -> Path:
-        """Write ``NAME.fixes.csv`` and ``NAME.fixes.h5`` to a folder, which is made; both appear, or neither.
+        """Write ``NAME.fixes.csv`` and ``NAME.fixes.h5`` to a folder, created if missing; both appear, or neither.
 
         Args:
             folder: of the files.
@@ -114,10 +114,10 @@ def register(site: PathLike, drive: PathLike, *, options: RegisterOptions | None
     """Locate every scan of a drive on a map.
 
     The defaults need no tuning to the ground: the scan alone is matched, or the last 1, 2, 4 or 8 m of travel,
-    whichever is the shortest that keeps the probability of a false match within the risk.
+    the shortest of these that keeps the probability of a false match within the risk.
 
     Args:
-        site: a map, open or its path. With an open one the ground is kept for the next drive.
+        site: a map, open or its path. With an open one the ground is cached for the next drive.
         drive: a drive log or an open drive.
         options: of the search.
 
@@ -157,7 +157,7 @@ def register(site: PathLike, drive: PathLike, *, options: RegisterOptions | None
 
 
 def check_options(options: RegisterOptions, site: Map) -> None:
-    """Refuse options that no search on a map can have.
+    """Refuse invalid search options.
 
     Raises:
         InputError: an option is out of its range, or the search region is too small or too large for this map.

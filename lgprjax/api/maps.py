@@ -34,7 +34,7 @@ class Map:
         baselines: drives that it was built from.
         channels: of the radar array.
         length_m: of all baselines together.
-        settings: of the processing that baselines went through, and live scans must.
+        settings: of the processing of baselines and live scans.
         frame: the local frame; poses are in metres east and north of its origin.
     """
 
@@ -89,16 +89,16 @@ class Map:
     ) -> "Batch":
         """Scans of a drive, their priors and the ground beneath them, as arrays on the device, for ``match``.
 
-        All scans of a batch lie on one tile, so they must lie within 60 m of each other.
+        All scans of a batch are on one tile, so that they must be within 60 m of each other.
 
         Args:
             drive: a drive log or an open drive.
             scans: of the drive.
             options: of the search; their ``window_m`` and ``swarm`` are not looked at.
-            window_m: travel before each scan that is matched with it as one; 0 for the scan alone.
+            window_m: length of the window that ends with each scan; 0 for the scan alone.
 
         Raises:
-            InputError: no scans, scans too far apart, or a place that the map does not reach.
+            InputError: no scans, scans too far apart, or a place off the map.
         """
         from lgprjax.api.matching import batch_of
 
@@ -197,7 +197,7 @@ def open_map(path: PathLike) -> Map:
         path: of the database, ``M.map.h5``.
 
     Raises:
-        InputError: the file is missing, damaged, or not as data_schema/map.toml says.
+        InputError: the file is missing, damaged, or does not match data_schema/map.toml.
 
     Example:
         with lx.open_map("site.map.h5") as site:
@@ -219,12 +219,12 @@ def build_map(
     """Build a subsurface database from drives over the same ground.
 
     Args:
-        drives: drive logs or open drives, the baselines. The first gives the map its origin and its processing.
+        drives: drive logs or open drives, the baselines. The first defines the map's origin and processing.
         output: the database to write, ``M.map.h5``.
-        centre_frequency_mhz: of the antennas, where the first log does not say.
-        travel_time_ns: two-way travel time that profiles reach at most; by default traces go to the end of the
-            recording and sweeps fifteen periods.
-        precision: how closely traces are stored: ``full`` as 16-bit samples, ``standard`` in some two bits a number,
+        centre_frequency_mhz: of the antennas, if missing in the first log.
+        travel_time_ns: largest two-way travel time of profiles; by default traces extend to the end of the recording
+            and sweeps to fifteen periods.
+        precision: of the stored traces: ``full`` as 16-bit samples, ``standard`` in about two bits per number,
             ``small`` in fewer.
         force: replace a file that exists.
 
@@ -232,7 +232,7 @@ def build_map(
         The map, open.
 
     Raises:
-        InputError: a log that cannot be used, drives that do not fit together, or an output that cannot be written.
+        InputError: an unusable log, drives that do not fit together, or an output that cannot be written.
 
     Example:
         site = lx.build_map(["drives/baseline_left.drive.h5"], "left.map.h5", force=True)
@@ -264,7 +264,7 @@ def build_map(
 
 
 def held_ground(site: Map, options: "RegisterOptions") -> "HeldGround":
-    """Tiles and noise floor of a map for a search, kept in it until another search is asked for."""
+    """Tiles and noise floor of a map for a search, cached in it until another search is used."""
     from lgprjax.batch import HeldGround
 
     if site.held is None or site.held[0] != options:
@@ -274,7 +274,7 @@ def held_ground(site: Map, options: "RegisterOptions") -> "HeldGround":
 
 @contextmanager
 def using_map(given: PathLike) -> Iterator[Map]:
-    """A map for a while: one that is open stays open, one that is opened here is closed again."""
+    """Context of a map: an open one stays open, one opened here is closed again."""
     if isinstance(given, Map):
         yield given
         return

@@ -1,4 +1,4 @@
-"""The matching kernel on arrays alone: scans, priors and a tile of ground in, fixes out; and how a batch is made."""
+"""The matching kernel on arrays: scans, priors and a tile of ground in, fixes out; and construction of batches."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -40,8 +40,8 @@ from lgprjax.subsurface import GroundMap, Tile
 if TYPE_CHECKING:
     from lgprjax.api.maps import Map
 
-_TOGETHER = 16  # scans whose products with all cells of a tile are in memory at once
-_FARTHEST_M = 30.0  # of a scan from the middle of its batch
+_TOGETHER = 16  # scans whose products with all cells of a tile are in memory together
+_FARTHEST_M = 30.0  # largest distance largest distance of a scan from the middle of its batch
 _EXTENT_STEP_M = 4.0  # extents of a tile are multiples of it, so that few shapes are compiled
 _WINDOW_SPACING = 0.3  # of the wavelength, between the scans of a window
 
@@ -49,25 +49,25 @@ _WINDOW_SPACING = 0.3  # of the wavelength, between the scans of a window
 @jax.tree_util.register_static
 @dataclass(frozen=True)
 class Shape:
-    """Sizes of a search, which are compiled in: no array, and the same for all batches that are stacked."""
+    """Static sizes of a search, the same for all stacked batches."""
 
     search: SearchSpec
 
 
 class Batch(NamedTuple):
-    """Scans to be matched on one tile, made by ``Map.batch``; a pytree whose leaves are arrays on the device.
+    """Scans to match on one tile, made by ``Map.batch``; a pytree whose leaves are arrays on the device.
 
     Attributes:
         tile: the ground, gridded in the tile's frame: x along the road, y to its left.
-        scans: coefficients of the traces of every scan, and where they stand about the array's centre.
+        scans: coefficients of the traces of every scan, and their offsets from the array's centre.
         prior: along_m, cross_m, height_m above ground, yaw_rad, roll_rad in the tile's frame.
-        half_width: of the search region about the prior, in the same order.
+        half_width: of the search region around the prior, in the same order.
         finite: scans with enough finite traces to be tried.
-        rules: thresholds of the judgement.
-        height_reference_m: antenna height that the tile was brought to.
+        rules: acceptance thresholds.
+        height_reference_m: antenna height that the tile was reduced to.
         angular_frequency_rad_per_ns: of the coefficients.
         tile_frame: east_m, north_m and yaw_rad of the tile's frame in the map's.
-        window_m: travel that is matched as one.
+        window_m: length of the matched window.
         shape: sizes of the search.
     """
 
@@ -93,18 +93,17 @@ def match(batch: Batch) -> Fix:
     """Locate the scans of a batch on their tile: a pure function of arrays, for jit, vmap and grad.
 
     Every cell of the search region is scored by normalised correlation, the best candidate is refined to its peak, and
-    the fix is judged against the noise floor and the best rival. Each scan is matched by itself. ``register`` does more
-    with a whole drive: it chooses the length of the window, finds the time scale, and carries a place from scan to
-    scan, so that it locates scans which this function declines.
+    the fix is judged against the noise floor and the best rival. Each scan is matched independently. ``register`` does
+    more with a whole drive: it chooses the length of the window, estimates the time scale, and propagates a place from
+    scan to scan, so that it locates scans which this function declines.
 
     Args:
         batch: from ``Map.batch``. Leaves may carry a further leading axis under ``vmap``.
 
     Returns:
         Fixes of the scans. Poses and covariances are in the map's frame, in float32: a map of ten kilometres still
-        resolves a millimetre. Whatever is wrong with a scan is told by its code; none disturbs its neighbours.
-        Correlations and poses have gradients at the peak that was found, those of poses by Gauss-Newton curvature; the
-        other fields have none.
+        resolves a millimetre. Problems of a scan are given by its code and do not affect its neighbours. Correlations
+        and poses have gradients at the peak, those of poses by Gauss-Newton curvature; the other fields have none.
 
     Example:
         import jax
@@ -136,7 +135,7 @@ def match(batch: Batch) -> Fix:
 
 @jax.jit
 def _match(batch: Batch) -> Fix:
-    """Compiled once for a shape, also where the caller does not."""
+    """Compiled once for a shape, even if the caller does not."""
     fix = _search(batch)
     east, north, yaw = batch.tile_frame
     cos, sin = jnp.cos(yaw), jnp.sin(yaw)
@@ -156,7 +155,7 @@ def _search(batch: Batch) -> Fix:
     chunks = -(-count // _TOGETHER)
     each = -(-count // chunks)
     rows = (batch.scans, batch.prior, batch.half_width, batch.finite)
-    # Equal chunks, the last filled up with copies of the first scan.
+    # Equal chunks, the last padded with copies of the first scan.
     order = np.concatenate([np.arange(count), np.zeros(chunks * each - count, int)])
     chunked = jax.tree.map(lambda field: field[order].reshape(chunks, each, *field.shape[1:]), rows)
 
@@ -178,10 +177,10 @@ def _search(batch: Batch) -> Fix:
 
 @_search.defjvp
 def _search_jvp(primals: tuple[Batch], tangents: tuple[Batch]) -> tuple[Fix, Fix]:
-    """Derivatives at the peak that was found, which candidate it grew from being fixed.
+    """Derivatives at the peak, for a fixed candidate.
 
     By the implicit function theorem the pose moves by the covariance times the change of the slope of the posterior
-    there; the covariance holds the Gauss-Newton curvature, which the search climbs by as well.
+    there; the covariance holds the Gauss-Newton curvature, which the search uses as well.
     """
     (batch,), (change,) = primals, tangents
     fix = _search(batch)
@@ -222,7 +221,7 @@ def _still(field: Array) -> Array | np.ndarray:
 
 
 def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions | None, window_m: float) -> Batch:
-    """Scans of a drive ready for ``match``; see ``Map.batch``.
+    """Scans of a drive for ``match``; see ``Map.batch``.
 
     Raises:
         InputError: as ``Map.batch`` does, or the drive cannot be used on this map.
@@ -259,7 +258,7 @@ def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions 
         shape = Shape(search_spec_for(ground, number, log.description.array, search_m=half_m, window_m=window_m))
     frame = ground.frame(number)
     facing = np.cos(track.pose[chosen, 3] - frame[2]) * np.where(track.speed_mps[chosen] < 0.0, -1.0, 1.0)
-    # Live scans are filtered by what lies behind them: so is the ground, where all go the same way along it.
+    # Live scans are filtered causally: so is the ground, if all scans have the same direction along it.
     direction = int(np.sign(facing[0])) if np.all(facing > 0.5) or np.all(facing < -0.5) else 0
     valid = np.asarray(template.valid)
     return Batch(
@@ -282,7 +281,7 @@ def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions 
 def _ground_about(
     site: "Map", places_m: Float[np.ndarray, "scan 2"], room_m: float, path: Path
 ) -> tuple[GroundMap, int]:
-    """Ground whose tiles are as long as these places need, and the number of the tile that holds them."""
+    """A map with tiles long enough for these places, and the number of the tile that contains them."""
     description = site.source.description
     middle = 0.5 * (places_m.min(axis=0) + places_m.max(axis=0))
     spread_m = float(np.max(np.hypot(*(places_m - middle).T)))
@@ -332,7 +331,9 @@ def _stops(
 def _members(
     stops: Stops, last: Int[np.ndarray, " scan"], window_m: float, spacing_m: float
 ) -> tuple[Int[np.ndarray, "scan member"], Bool[np.ndarray, "scan member"]]:
-    """Scans of each window, the last one first, and which of them there are: a drive begins, and travel may break."""
+    """Scans of each window, the last one first, and which of them exist: a drive begins, and travel may be
+    interrupted.
+    """
     wanted_m = stops.path_m[last][:, None] - np.arange(1 + round(window_m / spacing_m)) * spacing_m
     member = np.clip(np.searchsorted(stops.path_m, wanted_m - 1e-6), 0, last[:, None])
     member[:, 0] = last

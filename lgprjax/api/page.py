@@ -14,7 +14,7 @@ _SECTION = re.compile(r"(Args|Attributes|Returns|Raises|Example):")
 _ENTRY = re.compile(r"(?P<name>\w[\w, ]*): (?P<text>.*)", re.DOTALL)
 _HEAD = """# Python interface
 
-Made from the docstrings of the public names by `python -m lgprjax.api.page`; the examples are run by
+Generated from the docstrings of the public names by `python -m lgprjax.api.page`; the examples are run by
 `tests/test_public.py`, in a folder with the drives of `lx.simulate("village", "drives/")`, their map `site.map.h5`, a
 recorded run in `field/`, and the files that they name from `onboard/` and `tuning/`.
 
@@ -22,9 +22,9 @@ recorded run in `field/`, and the files that they name from `onboard/` and `tuni
 import lgprjax as lx
 ```
 
-Whatever takes a file takes its path, as a string or a `Path`, or the object that was opened from it. Bad input raises
-`lgprjax.errors.InputError`, a `ValueError` that names file, place, what was expected and what was found. Functions that
-draw return matplotlib axes, and draw on axes of your own when given as `ax`.
+Every file argument accepts a path, as a string or a `Path`, or the object opened from it. Bad input raises
+`lgprjax.errors.InputError`, a `ValueError` that gives file, place, expected and found. Functions that draw return
+matplotlib axes, and draw on existing axes given as `ax`.
 """
 _EXAMPLES = {
     "RegisterOptions": (

@@ -1,4 +1,4 @@
-"""Vehicles driven along courses in closed loop: pure functions of arrays, for jit, vmap and grad."""
+"""Closed-loop rollouts of vehicles along courses: pure functions of arrays, for jit, vmap and grad."""
 
 import math
 from dataclasses import dataclass
@@ -58,12 +58,12 @@ _LONGEST_M = 1e5  # of a course: its table has a row every few centimetres
 @partial(jax.tree_util.register_dataclass, data_fields=["path", "offset_m"], meta_fields=["kind"])
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A path to be followed, and how far beside it the vehicle begins; a pytree.
+    """A path to follow, and the vehicle's initial offset; a pytree.
 
     Attributes:
         path: table over arc length.
         offset_m: of the vehicle's anchor from the path at the start, positive to the left.
-        kind: as it was asked for.
+        kind: as requested.
     """
 
     path: Path
@@ -100,17 +100,17 @@ def course(
     """A course for a vehicle to follow.
 
     Args:
-        kind: ``line``, a straight line; ``offset``, the same with the vehicle beside it at the start; ``arc``, of one
+        kind: ``line``, a straight line; ``offset``, the same with an initial offset of the vehicle; ``arc``, of one
             radius, which a turn of 360° closes; ``curve``, straight, clothoid, arc, clothoid, straight; ``eight``, a
-            closed lemniscate. Or points [point, 2] in metres, which the path is laid through.
-        metres: ``offset``: where the vehicle begins, to the left of the line; by default 3.
+            closed lemniscate. Or points [point, 2] in metres, through which the path is laid.
+        metres: ``offset``: initial offset of the vehicle to the left of the line; by default 3.
         length_m: ``line`` and ``offset``; by default 100.
         radius_m: ``arc``, ``curve`` and, as the least radius, ``eight``; by default 25.
         turn_deg: ``arc`` and ``curve``: of the whole turn; by default 90.
         hand: ``arc`` and ``curve``: to which side; by default left.
 
     Raises:
-        InputError: a kind that there is not, an argument that the kind does not take, or a length that cannot be.
+        InputError: an unknown kind, an argument that the kind does not take, or an invalid length.
 
     Example:
         print(lx.course("offset", metres=3.0))   # Course 'offset': 100.0 m, begun 3 m to the left
@@ -205,7 +205,8 @@ def rollout(
         vehicle: a counter-steered one.
         course: from ``course``.
         look_ahead_m: along the path; by default that of the vehicle file, over speed.
-        speed_mps: constant; negative in reverse. This and the look-ahead are scalars, or arrays of one value a vehicle.
+        speed_mps: constant; negative in reverse. This and the look-ahead are scalars, or arrays with one value per
+            vehicle.
         duration_s, step_s: of the drive and of its steps; Python numbers, compiled in.
         law: pursuit, ``exact`` (LL eq. 2) or in its ``closed`` form (LL eq. 3), or for comparison Stanley's.
 
@@ -213,7 +214,7 @@ def rollout(
         Rollout: ``trace`` [step, ...] and ``metrics``.
 
     Raises:
-        InputError: a skid-steer vehicle, a number that its file does not tell, or a duration that is not positive.
+        InputError: a skid-steer vehicle, a number missing in its file, or a duration that is not positive.
 
     Example:
         import jax
@@ -242,8 +243,8 @@ def tracking_cost(
 ) -> Float[Array, "..."]:
     """Cost of a look-ahead in metres: RMS distance from the path and weighted movement of the wheels.
 
-    The cost that the look-ahead study makes least (docs/vehicle.md), here of one course at one speed and without its
-    condition on the phase margin.
+    The cost minimised by the look-ahead study (docs/vehicle.md), for one course at one speed and without its condition
+    on the phase margin.
 
     Args:
         look_ahead_m: along the path.
@@ -251,7 +252,7 @@ def tracking_cost(
         course: from ``course``.
         speed_mps: constant.
         duration_s: of the drive; a Python number, compiled in.
-        effort_m2: metres of cost for a radian of wheel movement a metre.
+        effort_m2: metres of cost per radian of wheel movement a metre.
 
     Raises:
         InputError: as ``rollout``.

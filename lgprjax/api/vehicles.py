@@ -29,10 +29,10 @@ class Vehicle:
     Attributes:
         file: every number of the vehicle file.
         path: of the file; None for a vehicle that has not been saved.
-        chassis: geometry and limits; None of a skid-steer vehicle, or where the file lacks a number for it.
+        chassis: geometry and limits; None for a skid-steer vehicle, or if the file lacks a number for it.
         servo: lag, delay, rate, dead band and backlash of the steering; None likewise.
-        look_ahead: over speed; None where the file tells none.
-        delay_s: the longest delay that rollouts make room for.
+        look_ahead: over speed; None if the file has none.
+        delay_s: the longest delay supported in rollouts.
     """
 
     file: VehicleFile
@@ -61,7 +61,7 @@ class Vehicle:
         """Write ``X.vehicle.toml``, each key with its description; returns the vehicle of that file.
 
         Raises:
-            InputError: the name ends otherwise, or the file exists (without ``force``) or cannot be written.
+            InputError: the name has another suffix, or the file exists (without ``force``) or cannot be written.
         """
         target = path_of(path, "vehicle")
         if not target.name.endswith(".vehicle.toml"):
@@ -72,7 +72,7 @@ class Vehicle:
 
 
 class _Label:
-    """The part of a vehicle that is no array: equal files are one, so that nothing is compiled anew for them."""
+    """The static part of a vehicle: equal files compare equal, so that nothing is recompiled."""
 
     def __init__(self, file: VehicleFile, path: Path | None, delay_s: float) -> None:
         self.file, self.path, self.delay_s = file, path, delay_s
@@ -98,7 +98,7 @@ def open_vehicle(path: PathLike) -> Vehicle:
         path: of the file, ``X.vehicle.toml``.
 
     Raises:
-        InputError: the file is missing, or not as data_schema/vehicle.toml says.
+        InputError: the file is missing, or does not match data_schema/vehicle.toml.
 
     Example:
         vehicle = lx.open_vehicle("made_up.vehicle.toml")
@@ -110,7 +110,7 @@ def open_vehicle(path: PathLike) -> Vehicle:
 
 
 def vehicle_of(file: VehicleFile, path: Path | None) -> Vehicle:
-    """A vehicle with whatever its file tells; a rollout asks for the rest by ``moving_parts``."""
+    """A vehicle with the contents of its file; rollouts check for missing numbers by ``moving_parts``."""
     chassis = servo = look_ahead = None
     with suppress(InputError):
         chassis, servo = moving_parts(file, path)
@@ -124,7 +124,7 @@ def moving_parts(file: VehicleFile, path: Path | None) -> tuple[Chassis, Servo]:
     """Chassis and steering servo of a vehicle file.
 
     Raises:
-        InputError: a skid-steer vehicle, or a number that is needed is not in the file.
+        InputError: a skid-steer vehicle, or a required number is not in the file.
     """
     from lgprjax.batch import chassis_of, servo_of
 
@@ -134,13 +134,13 @@ def moving_parts(file: VehicleFile, path: Path | None) -> tuple[Chassis, Servo]:
 
 @dataclass(frozen=True, eq=False)
 class Tuned:
-    """What a study found.
+    """Result of a study.
 
     Attributes:
         name: of the study.
         kind: of the study, as ``rear_ratio`` or ``servo``.
         vehicle: with the numbers found; ``vehicle.save(path)`` writes its file.
-        notes: what else a reader must know, a line each.
+        notes: further remarks, a line each.
         finished: the study itself; ``finished.outcome.detail`` is what its pictures are drawn from.
     """
 
@@ -157,7 +157,7 @@ class Tuned:
 
     @cached_property
     def table(self) -> "pd.DataFrame":
-        """DataFrame with one row a number: value and 95 % interval, which a number that is chosen does not have."""
+        """DataFrame with one row per number: value and 95 % interval, which a chosen number does not have."""
         import pandas as pd
 
         units = {entry.path: entry.unit for entry in load_schema("vehicle").keys}
@@ -173,7 +173,7 @@ class Tuned:
 def tune(study: "PathLike | Study") -> Tuned:
     """Run a study on a vehicle's logs: a calibration with its 95 % intervals, or the choice of the look-ahead.
 
-    Nothing is written. tuning/ has studies to start from, and docs/vehicle.md says what each of them needs.
+    Nothing is written. tuning/ has example studies, and docs/vehicle.md lists what each of them needs.
 
     Args:
         study: a study file, with paths relative to its folder, or an ``lgprjax.formats.Study`` made in Python.

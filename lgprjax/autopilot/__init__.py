@@ -1,5 +1,5 @@
-"""Autopilot: operating modes, velocity control, the command limiter, the one step in which a command is born, and
-the watches on what the vehicle does with it.
+"""Autopilot: operating modes, velocity control, the command limiter, the control step, and monitors of the vehicle's
+response.
 """
 
 from lgprjax.autopilot.chassis_monitors import (

@@ -1,7 +1,7 @@
-"""Monitors of chassis, pedals, steering servo and wheel sensors: what was commanded against what is measured.
+"""Monitors of chassis, pedals, steering servo and wheel sensors: commands compared with measurements.
 
-Wheels that follow no longer show where the turn asks for another angle than the one they are stuck at: on a straight
-line a rear axle stuck straight is none the worse, and is found in the next bend.
+Stuck wheels are found only where another angle than theirs is needed: a rear axle stuck straight is found in the next
+bend.
 """
 
 import math
@@ -24,7 +24,7 @@ from lgprjax.autopilot.monitors import (
 )
 
 SLOWEST_MPS = 1.0
-"""Below it the gyro's bias is as large as what a bend makes."""
+"""Below it the gyro's bias is as large as the yaw rate of a bend."""
 SMOOTHED_S = 0.25
 STUCK_S = 0.6
 """With the smoothing: found within 1 s."""
@@ -32,12 +32,13 @@ LOST_S = 0.1
 RATE_RADPS = 0.012
 CURVATURE_PER_M = 0.006
 TURN_SHARE = 0.12
-"""Gyro and model may differ by: bias and noise, what ruts add to a curvature, and a share of the turn itself for
-calibration. A rear axle stuck straight takes almost four tenths of the turn."""
+"""Allowed difference of gyro and model: bias and noise, curvature due to ruts, and a share of the turn itself for
+calibration. A rear axle stuck straight removes almost four tenths of the turn.
+"""
 
 
 class ChassisWatchState(NamedTuple):
-    """What is carried from tick to tick: smoothed yaw rates, rad/s, that the gyro exceeds the model by, and that the
+    """State carried from tick to tick: smoothed yaw rates, rad/s, that the gyro exceeds the model by, and that the
     model expects; findings."""
 
     excess_radps: float = 0.0
@@ -91,47 +92,50 @@ def _bits(stuck: Dwell, lost: Dwell) -> Watch:
 
 # Throttle and brake against their commands, and the speed against both. Faults 21 and 22.
 #
-# Positions are held against the commands of the last quarter of a second or so, which is what an actuator may take.
-# The speed is held against a model of the pedals through an observer that learns what slopes and calibration add: a
-# push that is not the pedals' shows as a speed ahead of it.
+# Positions are compared with the commands of the last quarter of a second, the response time of an actuator. The speed
+# is compared with a model of the pedals by an observer that learns the effect of slopes and calibration: an external
+# push shows as a speed ahead of it.
 
 ANSWER_TICKS = 13
-"""Commands of the last quarter of a second: a position is between them, or on its way."""
+"""Commands of the last quarter of a second: a position is between them, or moving there."""
 OPEN = 0.1
 """A throttle more open than any of these commands, for ``OPEN_S``, is stuck: found within 0.5 s."""
 OPEN_S = 0.14
 PRESSED = 0.1
 HELD_SHARE = 0.4
 DEAD_S = 0.04
-"""A brake told ``PRESSED`` or more throughout, whose pressure is a smaller share of it, is dead: found within 0.3 s."""
+"""A brake commanded ``PRESSED`` or more throughout, whose pressure is a smaller share of it, is dead: found within
+0.3 s.
+"""
 UNREAD_S = 0.1
 RISE_MPS = 0.3
 RISE_S = 0.06
-"""With a stuck throttle the speed may not rise by more."""
+"""Largest rise of the speed with a stuck throttle."""
 AHEAD_MPS = 0.35
 AHEAD_S = 0.06
-"""Speed ahead of the model by more: a push of 1.2 m/s², a slope of 12 %, that came at once, after half a second."""
+"""Largest speed ahead of the model: reached after half a second by a sudden push of 1.2 m/s², a slope of 12 %."""
 BRAKING_MPS2 = 0.5
-"""While the brake should make more, a push that is not the pedals' is a brake without effect."""
+"""Brake deceleration above which an external push means a brake without effect."""
 ROLLING_MPS = 0.3
 LEARN_S = 1.5
-"""After moving off or engaging: what the observer needs to learn the slope."""
+"""Time after moving off or engaging for the observer to learn the slope."""
 LEAP_MPS = 0.25
-"""Change of the speed within a tick that no throttle makes: wheels that slip, or an odometer at fault."""
+"""Change of the speed within a tick that no throttle causes: slipping wheels, or a faulty odometer."""
 SPEED_PER_S, PUSH_PER_S2 = 2.0, 2.0
 """Gains of the observer: damped by 0.7, at 1.4 rad/s."""
 
 
 class PedalModel(NamedTuple):
-    """A pedal as in ``vehicle.PedalState``: how far it acts, and the acceleration or deceleration that it makes."""
+    """A pedal as in ``vehicle.PedalState``: its position, and the resulting acceleration or deceleration."""
 
     pressed: float = 0.0
     effect_mps2: float = 0.0
 
 
 class Observer(NamedTuple):
-    """Speed that the model expects and speed as heard in the last tick, what pushes beside the pedals, and for how
-    long the vehicle has rolled, engaged."""
+    """Expected speed, speed received in the last tick, external push, and time for which the vehicle has rolled
+    while engaged.
+    """
 
     expected_mps: float = 0.0
     heard_mps: float = 0.0
@@ -140,7 +144,7 @@ class Observer(NamedTuple):
 
 
 class PedalWatchState(NamedTuple):
-    """What is carried from tick to tick.
+    """State carried from tick to tick.
 
     Attributes:
         throttles, brakes: commands of the last ticks.
@@ -182,14 +186,14 @@ def step_pedal_watch(
     speed_trusted: bool,
     step_s: float,
 ) -> tuple[PedalWatchState, Watch]:
-    """State and findings of a tick; ``throttle.effect_mps2`` of the state is what the odometer's watch asks for.
+    """State and findings of a tick; ``throttle.effect_mps2`` of the state is used by the odometer's watch.
 
     Args:
         belief: both pedals.
         state: of the last tick.
         engaged: the box holds the pedals engaged.
         command: as sent in the last tick.
-        measured: positions; while a person drives they stand for the command.
+        measured: positions; while a person drives they replace the command.
         speed_mps: signed.
         speed_trusted: nothing is wrong with the odometer.
         step_s: since the last tick.
@@ -217,7 +221,7 @@ def step_pedal_watch(
     dead = step_dwell(state.dead, fails, step_s, on_s=DEAD_S)
     ahead = step_dwell(state.ahead, too_fast and not brakes_now, step_s, on_s=AHEAD_S)
     stuck = opened.on or ahead.on
-    # A throttle that is known to push against the brake says nothing of the brake.
+    # With a throttle known to push against the brake the brake cannot be judged.
     unbraked = step_dwell(state.unbraked, too_fast and brakes_now and not stuck, step_s, on_s=AHEAD_S)
     lowest = _lower(state.lowest_mps, abs(speed_mps)) if stuck else math.inf
     rises = step_dwell(state.rises, stuck and abs(speed_mps) > lowest + RISE_MPS, step_s, on_s=RISE_S)
@@ -234,7 +238,7 @@ def step_pedal_watch(
 
 
 def _lower(lowest_mps: float, speed_mps: float) -> float:
-    """The lower speed; no number changes nothing."""
+    """The lower speed; NaN is ignored."""
     return speed_mps if speed_mps < lowest_mps else lowest_mps
 
 
@@ -248,7 +252,7 @@ def _observe(
     trusted: bool,
     step_s: float,
 ) -> tuple[Observer, float]:
-    """The observer after a tick, and by how much the speed is ahead of it: 0 where it cannot tell."""
+    """The observer after a tick, and by how much the speed is ahead of it: 0 if unknown."""
     speed = abs(speed_mps)
     if not (trusted and speed > ROLLING_MPS):
         known = speed if math.isfinite(speed) else 0.0
@@ -265,7 +269,7 @@ def _observe(
 
 
 def _press(belief: PedalBelief, pedal: PedalModel, position: float, step_s: float) -> PedalModel:
-    """A pedal after a tick at a position; it stays where that is no number."""
+    """A pedal after a tick at a position; unchanged if that is NaN."""
     if not math.isfinite(position):
         return pedal
     taut = position - belief.pre_tension
@@ -275,16 +279,16 @@ def _press(belief: PedalBelief, pedal: PedalModel, position: float, step_s: floa
     return PedalModel(pressed, wanted + left * (pedal.effect_mps2 - wanted))
 
 
-# Potentiometer and encoder of the steering, each held against the other and against what it can say at all.
+# Potentiometer and encoder of the steering, compared with each other and with their ranges.
 #
-# Faults 15 and 16. The encoder's zero is another one at every start: it is learnt against the potentiometer from the
-# first good readings, or given, where the box keeps it. A wheel refitted off by a tooth shows at once with a zero that
-# was kept, and else in the yaw rate (above).
+# Faults 15 and 16. The encoder's zero differs at every start: it is learnt from the potentiometer's first good
+# readings, or given, if the box keeps it. A wheel refitted one tooth off is found at once with a kept zero, otherwise
+# from the yaw rate (above).
 
 RANGE_S = 0.06
-"""Out of range for so long is open or shorted: found within 0.1 s; single spikes pass."""
+"""Time out of range after which it is open or shorted: found within 0.1 s; single spikes pass."""
 MOVED_RAD = 0.025
-"""Encoder way with which the potentiometer must have moved by more than ``STILL_RAD``; play and noise are less."""
+"""Encoder motion during which the potentiometer must move by more than ``STILL_RAD``; play and noise are smaller."""
 STILL_RAD = 0.01
 ENCODER_STUCK_S = 0.04
 APART_RAD = 0.03
@@ -292,14 +296,14 @@ APART_RAD = 0.03
 APART_S = 0.16
 LEARN_TICKS = 10
 LEAP_RAD = 0.03
-"""Encoder way within a tick that no servo makes: a leap of the count, which says nothing of the potentiometer."""
+"""Encoder motion within a tick that no servo makes: a jump of the count, which does not implicate the potentiometer."""
 
 
 class WheelSensorState(NamedTuple):
-    """What is carried from tick to tick.
+    """State carried from tick to tick.
 
     Attributes:
-        zero_counts: encoder reading at straight wheels; not a number until learnt.
+        zero_counts: encoder reading at straight wheels; NaN until learnt.
         learnt: readings that went into ``learnt_counts``, the sum of their zeros.
         still_rad, since_rad: potentiometer where it last moved, and the encoder then.
         encoder_rad: last tick's.
@@ -318,14 +322,14 @@ class WheelSensorState(NamedTuple):
 
 
 class WheelAngles(NamedTuple):
-    """Front wheel angle, rad, by potentiometer and by encoder; not a number where it says none."""
+    """Front wheel angle, rad, by potentiometer and by encoder; NaN if unknown."""
 
     front_rad: float
     encoder_rad: float
 
 
 def init_wheel_sensors(zero_counts: float = math.nan) -> WheelSensorState:
-    """At a start of the box: with the encoder's zero as it was kept, or, as a rule, unknown."""
+    """At a start of the box: with the encoder's kept zero, or, usually, an unknown one."""
     return WheelSensorState(zero_counts=zero_counts)
 
 
@@ -365,23 +369,23 @@ def step_wheel_sensors(
 
 # The steering servo against its command: weak, stalled, running away, or short of supply. Faults 17 and 18.
 #
-# A model of the servo as it is believed (delay, dead band, lag, rate, play) follows the commands; wheels that lag
-# behind it by more than timing and calibration explain are slow. A runaway needs no model: wheels that move away from
-# every command that could act on them now. Neither is judged before the servo has had time to answer to its first
-# command after engaging; until then the model follows the wheels.
+# A model of the servo (delay, dead band, lag, rate, play) follows the commands; wheels that lag behind it by more than
+# timing and calibration explain are slow. A runaway needs no model: the wheels move away from every command that could
+# act now. Neither is judged before the servo has had time to respond to its first command after engaging; until then
+# the model follows the wheels.
 
 LAG_RAD = 0.045
-"""Wheels behind the model by more: 30 ms of wrong timing at full rate and a sag of the supply of 50 ms are less."""
+"""Largest lag behind the model: 30 ms of timing error at full rate and a supply sag of 50 ms are smaller."""
 WEAK_S = 0.2
 WEAK_OFF_S = 5.0
 STALL_RAD = 0.01
-"""Wheels that have moved by less, for ``STALL_S`` behind the model, stand."""
+"""Wheels that have moved by less, for ``STALL_S`` behind the model, are stalled."""
 STALL_S = 0.3
 LOST_RAD = 0.2
 SERVO_LOST_S = 0.1
-"""So far behind for so long: no look-ahead mends it."""
+"""A lag this large for this long cannot be compensated by the look-ahead."""
 SUPPLY_SHARE = 0.6
-"""Of the way from the stall voltage to the nominal one: below it the supply is low."""
+"""Share of the range from the stall voltage to the nominal one below which the supply is low."""
 SUPPLY_S = 0.2
 AWAY_RAD = 0.02
 AWAY_TICKS = 4
@@ -390,9 +394,9 @@ AWAY_S = 0.04
 LIMIT_RAD = 0.03
 """Wheels beyond their largest angle by more run away too."""
 LATE_S = 0.06
-"""Commands that may act now are those since the servo's delay, and so much more, ago."""
+"""Margin of the servo's delay: commands since delay plus margin may act now."""
 ANSWER_S = 0.1
-"""Beside its delay: what a servo has to answer to the first command after engaging."""
+"""Time in addition to its delay for a servo to respond to the first command after engaging."""
 
 
 class TimedCommand(NamedTuple):
@@ -403,15 +407,15 @@ class TimedCommand(NamedTuple):
 
 
 class ServoWatchState(NamedTuple):
-    """What is carried from tick to tick.
+    """State carried from tick to tick.
 
     Attributes:
         time_s: sum of the ticks.
-        engaged_s: for so long the servo has been engaged.
+        engaged_s: time for which the servo has been engaged.
         sent: commands that act or will, oldest first.
         motor_rad, wheel_rad: of the model.
         wheels: last ticks' angles, oldest first.
-        stalled_rad: wheels where they last moved behind the model; not a number while they follow.
+        stalled_rad: wheels where they last moved behind the model; NaN while they follow.
         weak, stalled, lost, supply, away: findings.
     """
 
@@ -453,13 +457,13 @@ def step_servo_watch(
     step_s = counted_step_s(step_s)
     time_s = state.time_s + step_s
     engaged_s = state.engaged_s + step_s if engaged else 0.0
-    # Without the potentiometer, which is a finding of its own, the encoder still tells whether the wheels turn.
+    # Without the potentiometer, which is a finding of its own, the encoder still shows whether the wheels turn.
     measured = wheels.front_rad if math.isfinite(wheels.front_rad) else wheels.encoder_rad
     low = belief.stall_v + SUPPLY_SHARE * (belief.nominal_v - belief.stall_v)
     supply = step_dwell(state.supply, not supply_v >= low, step_s, on_s=SUPPLY_S)
     recent = (*state.wheels[-AWAY_TICKS:], wheels)
     if engaged_s <= belief.delay_s + ANSWER_S:
-        # What was sent while the servo was free acts no more; what was sent since is awaited.
+        # Commands sent while the servo was free have no effect; those sent since are pending.
         sent = (*state.sent, TimedCommand(state.time_s, command_rad)) if engaged and math.isfinite(measured) else ()
         state = state._replace(time_s=time_s, engaged_s=engaged_s, sent=sent, motor_rad=measured, wheel_rad=measured)
         state = state._replace(wheels=recent, stalled_rad=math.nan, supply=supply)
@@ -519,12 +523,12 @@ def _settle(
 
 
 def _acting(sent: tuple[TimedCommand, ...], until_s: float) -> float:
-    """The newest command sent until a time; the oldest known where none was."""
+    """The newest command sent until a time; the oldest known if there was none."""
     return next((command.front_rad for command in reversed(sent) if command.time_s <= until_s), sent[0].front_rad)
 
 
 def _follow(belief: WheelBelief, state: ServoWatchState, target_rad: float, step_s: float) -> tuple[float, float]:
-    """Motor and wheels of the model after a tick; they stay where the target is no number."""
+    """Motor and wheels of the model after a tick; unchanged if the target is NaN."""
     largest = belief.largest_rad
     wrong = min(max(target_rad, -largest), largest) - state.motor_rad
     wrong -= min(max(wrong, -belief.dead_band_rad), belief.dead_band_rad)
@@ -536,7 +540,7 @@ def _follow(belief: WheelBelief, state: ServoWatchState, target_rad: float, step
 
 
 def _runs_away(sent: tuple[TimedCommand, ...], recent: tuple[WheelAngles, ...]) -> bool:
-    """Whether the wheels have left all commands that may act, by potentiometer and encoder alike where both tell."""
+    """Whether the wheels have left all commands that may act, by both potentiometer and encoder if available."""
     before, now = recent[0], recent[-1]
     turned = beyond(now.front_rad - before.front_rad, AWAY_RAD)
     if not (turned and beyond(now.encoder_rad - before.encoder_rad, AWAY_RAD)):
@@ -553,5 +557,5 @@ def _runs_away(sent: tuple[TimedCommand, ...], recent: tuple[WheelAngles, ...]) 
 
 
 def _away(then_rad: float, now_rad: float, low_rad: float, high_rad: float) -> float:
-    """How far a wheel moved out of a range, signed; 0 within it or towards it."""
+    """Motion of a wheel out of a range, signed; 0 within it or towards it."""
     return max(now_rad - max(then_rad, high_rad), 0.0) + min(now_rad - min(then_rad, low_rad), 0.0)

@@ -1,4 +1,4 @@
-"""The fence of a field: what no part of the vehicle may cross. Host geometry; ``edge_ahead`` foretells with it."""
+"""The fence of a field, which no part of the vehicle may cross: host geometry, and prediction (``edge_ahead``)."""
 
 from typing import NamedTuple
 
@@ -12,15 +12,15 @@ from lgprjax.errors import InputError
 from lgprjax.vehicle.kinematics import VehiclePose, WheelSpeeds, drive_skid_arc
 
 FENCE_SLOTS = 32
-"""Corners of a padded fence: fields of up to so many, those that were cut off counted, share a program."""
+"""Corners of a padded fence: fields of up to this many, including bevelled ones, share a program."""
 _LONGEST_MITRE = 2.0
 
 
 def pad_fence(corners_m: Float[np.ndarray, "corner 2"]) -> Float[Array, "slot 2"]:
-    """Corners as the step takes them: the last one repeated, which makes sides of no length.
+    """Corners padded for the step: the last one is repeated, which makes sides of no length.
 
     Raises:
-        InputError: fewer than three corners, too many, something that is no number, or sides that cross.
+        InputError: fewer than three corners, too many, non-finite numbers, or sides that cross.
     """
     corners = np.asarray(corners_m, np.float64)
     if not 3 <= len(corners) <= FENCE_SLOTS:
@@ -34,14 +34,14 @@ def pad_fence(corners_m: Float[np.ndarray, "corner 2"]) -> Float[Array, "slot 2"
 
 
 def fence_around(perimeter_m: Float[np.ndarray, "corner 2"], room_m: float) -> Float[np.ndarray, "side 2"]:
-    """A perimeter moved outwards by ``room_m``; corners that would stick out farther than twice that are cut off.
+    """A perimeter offset outward by ``room_m``; corners that would extend farther than twice that are bevelled.
 
     Args:
         perimeter_m: counter-clockwise and simple.
         room_m: not negative.
 
     Raises:
-        InputError: the sides moved outwards cross: a notch of the field is narrower than the room.
+        InputError: the offset sides cross: a notch of the field is narrower than the room.
     """
     points = np.asarray(perimeter_m, np.float64)
     ahead = np.roll(points, -1, axis=0) - points
@@ -63,7 +63,9 @@ def fence_around(perimeter_m: Float[np.ndarray, "corner 2"], room_m: float) -> F
 
 
 def room_of_route(perimeter_m: Float[np.ndarray, "corner 2"], route: CoverRoute, tool: Tool) -> float:
-    """How far beyond a perimeter reference point and tool go on a route, metres: what a fence must leave them."""
+    """Largest distance of reference point and tool beyond a perimeter on a route, metres: the room that a fence must
+    leave.
+    """
     rows = np.asarray(route.rows, np.float64)[: int(route.count)]
     front, rear, left, right = (float(side) for side in vehicle_outline(tool, jnp.float32(0.0)))
     outline = np.array([(front, left), (rear, left), (rear, right), (front, right)])
@@ -75,9 +77,9 @@ def room_of_route(perimeter_m: Float[np.ndarray, "corner 2"], route: CoverRoute,
 def fence_of_route(
     perimeter_m: Float[np.ndarray, "corner 2"], route: CoverRoute, tool: Tool, *, spare_m: float
 ) -> Float[Array, "slot 2"]:
-    """The padded fence of a field: what its route needs beyond the perimeter, and ``spare_m`` more.
+    """The padded fence of a field: the room that its route needs beyond the perimeter, plus ``spare_m``.
 
-    The spare room must hold the margins of ``StopRules``, the way to a stop and the error of tracking: some 0.8 m.
+    The spare room must hold the margins of ``StopRules``, the stopping distance and the tracking error: some 0.8 m.
 
     Raises:
         InputError: as ``fence_around`` and ``pad_fence``.
@@ -97,23 +99,23 @@ def vehicle_outline(
     )
 
 
-# Whether a stop from here would cross the fence (fault 36), asked each step.
+# Whether a stop from here would cross the fence (fault 36), checked in each step.
 #
-# Where the vehicle comes to rest is foretold: on along an arc for the time of reaction, then braked. At places along
-# that way the rectangle that holds reference point and tool, grown by a margin, must lie within the fence. It does so
-# exactly where no side of it crosses a side of the fence and one corner is inside.
+# The stop is predicted: along an arc for the reaction time, then braked. At places along it the rectangle that holds
+# reference point and tool, grown by a margin, must lie within the fence. It does so exactly where no side of it crosses
+# a side of the fence and one corner is inside.
 
 _PLACES = 12
 
 
 class StopRules(NamedTuple):
-    """How the vehicle stops, as the foretelling believes it; float32 scalars.
+    """Model of a stop; float32 scalars.
 
     Attributes:
-        reaction_s: until it begins to slow down: age of the pose, tick, delay and lag of the wheels.
+        reaction_s: time until it begins to slow down: age of the pose, tick, delay and lag of the wheels.
         stop_mps2: deceleration of the faster wheel then.
-        margin_m: that must be left to the fence, beside that of the pose's uncertainty.
-        sigmas: of the position that count as uncertainty.
+        margin_m: to the fence, in addition to the pose's uncertainty.
+        sigmas: number of sigmas of the position taken as uncertainty.
     """
 
     reaction_s: Float[Array, "..."]
@@ -133,10 +135,10 @@ def edge_ahead(
 ) -> Bool[Array, ""]:
     """Whether reference point or tool would cross the fence before the vehicle stands, if it were stopped now.
 
-    It is so, too, where they are beyond the fence already, and where anything is no number. One lane.
+    Also true if they are beyond the fence already, or if anything is not finite. Unbatched.
 
     Args:
-        rules: how it stops.
+        rules: of the stop.
         fence: from ``pad_fence``.
         tool: its rectangle.
         track_m: effective.
@@ -145,7 +147,7 @@ def edge_ahead(
         sigma_m: of the position.
     """
     fastest = jnp.maximum(jnp.abs(wheels.left_mps), jnp.abs(wheels.right_mps))
-    # At the constant speed of the beginning the braked way takes half of its time.
+    # At constant initial speed the braking distance takes half of its time.
     rolling_s = rules.reaction_s + 0.5 * fastest / rules.stop_mps2
     shares = jnp.linspace(0.0, 1.0, _PLACES, dtype=jnp.float32)
     reached = drive_skid_arc(pose, track_m, wheels, shares * rolling_s)
@@ -160,7 +162,7 @@ def edge_ahead(
 
 
 def _inside(fence: Float[Array, "slot 2"], points: Float[Array, "place 2"]) -> Bool[Array, " place"]:
-    """By the even-odd rule; sides of no length count nothing."""
+    """By the even-odd rule; sides of no length do not count."""
     x, y = points[:, :1], points[:, 1:]
     start, end = fence[None], jnp.roll(fence, -1, axis=0)[None]
     spans = (start[..., 1] > y) != (end[..., 1] > y)

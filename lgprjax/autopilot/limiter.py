@@ -1,12 +1,12 @@
-"""The last filter on commands: range, rate, finite numbers, age. It knows nothing of what made them.
+"""The last filter on commands: range, rate, finite numbers, age. It is independent of their origin.
 
-A command that is no number or too old is replaced by the last good one for one step. Is the next one bad too, the
-limiter fails to its default and asks for manual, and stays there until it is started anew. That is the same for every
-vehicle (``_judge`` and ``_send``); limits and default are a vehicle's own.
+A command that is not finite or too old is replaced by the last good one for one step. If the next one is bad too, the
+limiter switches to its default, requests manual mode, and stays there until it is restarted. This is common to all
+vehicles (``_judge`` and ``_send``); limits and default are specific.
 
-Front-wheel steering and pedals: the default is throttle idle, brake rising to its default, steering led from the last
-good angle to straight at a slow rate of its own. What is let through never has both pedals pressed; the brake wins.
-Letting a pedal go is never slowed.
+Front-wheel steering and pedals: the default is throttle idle, brake rising to its default, steering from the last good
+angle to straight at a slow rate of its own. Both pedals are never pressed together; the brake wins. Releasing a pedal
+is never slowed.
 
 Skid steering and tool: the default is the tool off at once, both wheels to a stop along the arc that they are on.
 """
@@ -36,7 +36,7 @@ class Limited(IntFlag):
 
 
 class Command(NamedTuple):
-    """What the drive-by-wire is told.
+    """Command to the drive-by-wire box.
 
     Attributes:
         front_rad: angle of the front wheels.
@@ -49,15 +49,15 @@ class Command(NamedTuple):
 
 
 class LimiterRules(NamedTuple):
-    """Rules of the limiter, float32 scalars or one value a lane.
+    """Rules of the limiter, float32 scalars or one value per batch element.
 
     Attributes:
         largest_front_rad: to either side.
         front_rate_radps: fastest turning of the front wheels.
         throttle_rate_per_s, brake_rate_per_s: fastest pressing.
         oldest_s: age of the pose behind a command at which it is still good.
-        default_brake: where the brake goes when commands fail.
-        release_rate_radps: how fast the wheels are led to straight then.
+        default_brake: brake when commands fail.
+        release_rate_radps: rate at which the wheels return to straight then.
     """
 
     largest_front_rad: Float[Array, "..."]
@@ -84,10 +84,10 @@ class SkidLimited(IntFlag):
 
 
 class SkidCommand(NamedTuple):
-    """What the drive box is told.
+    """Command to the drive box.
 
     Attributes:
-        left_mps, right_mps: wheel speeds, negative backwards.
+        left_mps, right_mps: wheel speeds, negative backward.
         tool: 1 turns it on, 0 off.
         depth_m: of the tool below the ground.
     """
@@ -99,14 +99,14 @@ class SkidCommand(NamedTuple):
 
 
 class SkidLimiterRules(NamedTuple):
-    """Rules of the limiter, float32 scalars or one value a lane.
+    """Rules of the limiter, float32 scalars or one value per batch element.
 
     Attributes:
-        largest_wheel_mps: of either side, both ways.
+        largest_wheel_mps: of either side, forward and backward.
         wheel_rate_mps2: fastest change of a side.
-        deepest_m: of the tool; it is never asked to be above the ground.
+        deepest_m: of the tool; it is never commanded above the ground.
         oldest_s: age of the pose behind a command at which it is still good.
-        release_rate_mps2: how fast the faster wheel is brought to a stop when commands fail.
+        release_rate_mps2: deceleration of the faster wheel when commands fail.
     """
 
     largest_wheel_mps: Float[Array, "..."]
@@ -120,12 +120,12 @@ AnyCommand = TypeVar("AnyCommand", Command, SkidCommand)
 
 
 class LimiterState(NamedTuple):
-    """What the limiter carries from step to step.
+    """State of the limiter from step to step.
 
     Attributes:
-        last: what it let through.
+        last: last command sent.
         missed: the last command was bad.
-        failed: two in a row were; it stays with the default.
+        failed: two in a row were bad; it stays with the default.
     """
 
     last: Command
@@ -137,9 +137,9 @@ class SkidLimiterState(NamedTuple):
     """The same of a skid-steer vehicle.
 
     Attributes:
-        last: what it let through.
+        last: last command sent.
         missed: the last command was bad.
-        failed: two in a row were; it stays with the default.
+        failed: two in a row were bad; it stays with the default.
     """
 
     last: SkidCommand
@@ -148,7 +148,7 @@ class SkidLimiterState(NamedTuple):
 
 
 class _Judged(NamedTuple):
-    """What is to become of a command; ``step_s`` is never negative."""
+    """Verdict on a command; ``step_s`` is never negative."""
 
     finite: Bool[Array, "..."]
     fresh: Bool[Array, "..."]
@@ -158,7 +158,7 @@ class _Judged(NamedTuple):
 
 
 def init_limiter(front_rad: Float[Array, "..."]) -> LimiterState:
-    """With both pedals free and the front wheels where they are."""
+    """State with both pedals released and the present front angle."""
     free, no = jnp.zeros_like(front_rad), jnp.zeros_like(front_rad, jnp.bool_)
     return LimiterState(Command(front_rad, free, free), no, no)
 
@@ -209,7 +209,7 @@ def _default(rules: LimiterRules, last: Command, step_s: Float[Array, "..."]) ->
     """One step further towards straight wheels and the brake's default, the throttle idle at once."""
     turn = rules.release_rate_radps * step_s
     rising = jnp.minimum(rules.default_brake, last.brake + rules.brake_rate_per_s * step_s)
-    # A brake that is pressed harder than its default is not let go of.
+    # A brake pressed harder than its default is not released.
     brake = jnp.maximum(rising, last.brake)
     return Command(last.front_rad - jnp.clip(last.front_rad, -turn, turn), jnp.zeros_like(brake), brake)
 
@@ -217,7 +217,7 @@ def _default(rules: LimiterRules, last: Command, step_s: Float[Array, "..."]) ->
 def init_skid_limiter(
     left_mps: Float[Array, "..."], right_mps: Float[Array, "..."], depth_m: Float[Array, "..."]
 ) -> SkidLimiterState:
-    """With the wheels turning as they do, the tool off."""
+    """State with the present wheel speeds, and the tool off."""
     off, no = jnp.zeros_like(left_mps), jnp.zeros_like(left_mps, jnp.bool_)
     return SkidLimiterState(SkidCommand(left_mps, right_mps, off, depth_m), no, no)
 
@@ -245,7 +245,7 @@ def limit_skid_command(
     left_ranged, right_ranged = (jnp.clip(wheel, -largest, largest) for wheel in command[:2])
     left = jnp.clip(left_ranged, last.left_mps - change, last.left_mps + change)
     right = jnp.clip(right_ranged, last.right_mps - change, last.right_mps + change)
-    # Anything but a clear yes is no.
+    # Anything except exactly 1 is off.
     tool = jnp.where(command.tool >= 1.0, 1.0, 0.0)
     depth = jnp.clip(command.depth_m, 0.0, rules.deepest_m)
     limited = SkidCommand(left, right, tool, depth)
@@ -265,7 +265,7 @@ def limit_skid_command(
 def slowed(
     left_mps: Float[Array, "..."], right_mps: Float[Array, "..."], change_mps: Float[Array, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Both wheels with the faster one slowed by so much and the other in proportion: the arc stays the same."""
+    """Slow the faster wheel by an amount and the other in proportion: the arc stays the same."""
     fastest = jnp.maximum(jnp.abs(left_mps), jnp.abs(right_mps))
     share = jnp.where(fastest > change_mps, 1.0 - change_mps / jnp.where(fastest > 0.0, fastest, 1.0), 0.0)
     return share * left_mps, share * right_mps
@@ -288,7 +288,7 @@ def _judge(
     fresh = jnp.logical_and(age_s >= 0.0, age_s <= oldest_s)
     bad = jnp.logical_not(jnp.logical_and(finite, fresh))
     failed = jnp.logical_or(state.failed, jnp.logical_and(state.missed, bad))
-    # Of zero and no number this takes zero.
+    # For zero and NaN this yields zero.
     return _Judged(finite, fresh, bad, failed, jnp.fmax(step_s, 0.0))
 
 
@@ -308,7 +308,7 @@ def _send(
         (told.STALE, jnp.logical_not(judged.fresh)),
         (told.MANUAL_REQUESTED, judged.failed),
     )
-    # What was replaced met no limits.
+    # A replaced command was not limited.
     bits = jnp.bitwise_or(jnp.where(good, _bits(limits), 0), _bits(faults))
     return sent, bits
 

@@ -1,23 +1,23 @@
-"""Operating modes: one pure function from a state and something that happened to the next state and what to do.
+"""Operating modes: one pure function from a state and an event to the next state and actions.
 
 The modes and their order are LL's (its figure 4). The operator drives in every mode but STEERING and SPEED. The
-override button always gives the vehicle back: pressed in STEERING or SPEED it leads to MANUAL in one step, as steering
-torque and a held brake do; let go again, with nothing wrong, it leads from MANUAL to READY. An error or a dead control
-process leads to ERROR, which has handed over already and which only the button, once nothing is wrong any more, leaves
-for READY. The emergency stop takes the actuators' power, so that the system checks must pass again after it.
+override button always gives the vehicle back: pressed in STEERING or SPEED it leads to MANUAL in one step, as do
+steering torque and a held brake; released, with nothing wrong, it leads from MANUAL to READY. An error or a dead
+control process leads to ERROR, after handing over, which only the button leaves for READY, once nothing is wrong any
+more. The emergency stop cuts the actuators' power, so that the system checks must pass again after it.
 
-Time is the host's monotonic clock; it never runs backwards here, whatever it says.
+Time is the host's monotonic clock; a decreasing time is ignored.
 """
 
 import math
 from enum import Enum, IntEnum, IntFlag, auto
 from typing import NamedTuple
 
-# What happens to the mode machine, what it answers, and which events of a kind belong together.
+# Events and actions of the mode machine, and groups of related events.
 
 
 class Mode(IntEnum):
-    """What is driven by whom. Only in STEERING and SPEED is an actuator engaged."""
+    """Who drives what. Only in STEERING and SPEED is an actuator engaged."""
 
     BOOT = 0
     CHECKS = 1
@@ -33,10 +33,10 @@ ENGAGED = (Mode.STEERING, Mode.SPEED)
 
 
 class Event(Enum):
-    """What happens. Buttons and pedals tell both edges; everything else tells a change.
+    """Events. Buttons and pedals report both edges; everything else reports a change.
 
-    ``BRAKE_TAPPED`` is the brake going down, ``BRAKE_HELD`` its staying there, ``ERROR_CLEARED`` the going of the last
-    error raised. ``ROUTE_NEAR`` is within 10 m of the chosen path, on one place and along it.
+    ``BRAKE_TAPPED`` is the brake being pressed, ``BRAKE_HELD`` its remaining pressed, ``ERROR_CLEARED`` the end of the
+    last error raised. ``ROUTE_NEAR`` is within 10 m of the chosen path, at a unique place and aligned with it.
     """
 
     BOOT_DONE = auto()
@@ -98,7 +98,7 @@ class Check(Enum):
 
 
 class ModeEvent(NamedTuple):
-    """An event with its monotonic time, and the check that failed where one did."""
+    """An event with its monotonic time, and the failed check, if any."""
 
     event: Event
     time_s: float
@@ -106,10 +106,10 @@ class ModeEvent(NamedTuple):
 
 
 class Action(Enum):
-    """What the host does.
+    """Actions of the host.
 
-    ``WARN`` shows the state's faults or its refusal. ``STOP_CONTROLLED`` hands the brake to the autopilot in STEERING
-    too, until ``RELEASE_ACTUATORS``.
+    ``WARN`` shows the state's faults or its engagement inhibit. ``STOP_CONTROLLED`` hands the brake to the autopilot in
+    STEERING too, until ``RELEASE_ACTUATORS``.
     """
 
     RUN_CHECKS = auto()
@@ -135,7 +135,7 @@ class Action(Enum):
 
 
 class Fault(IntFlag):
-    """What keeps ERROR standing, each until its own event clears it."""
+    """Faults that hold ERROR, each until its own event clears it."""
 
     RAISED = 1
     CHECKS = 2
@@ -147,7 +147,7 @@ class Fault(IntFlag):
 
 
 class PathOffset(Enum):
-    """Where the vehicle is beside the chosen path."""
+    """Place of the vehicle relative to the chosen path."""
 
     NO_PATH = auto()
     NEAR = auto()
@@ -157,7 +157,7 @@ class PathOffset(Enum):
 
 
 class MeasuredSpeed(Enum):
-    """How fast the vehicle is; too fast to engage is for the host to say."""
+    """Motion of the vehicle; the host decides what is too fast to engage."""
 
     UNKNOWN = auto()
     STANDING = auto()
@@ -166,7 +166,7 @@ class MeasuredSpeed(Enum):
 
 
 class EngagementInhibit(Enum):
-    """Why a button engaged nothing."""
+    """Why a button did not engage."""
 
     NONE = auto()
     ESTOP = auto()
@@ -187,7 +187,7 @@ class EngagementInhibit(Enum):
 
 
 class Process(NamedTuple):
-    """A process that may die: the fault it then is, what says that it is back, and how it is brought back."""
+    """A process that may die: its fault, the event of its return, and the action that restarts it."""
 
     fault: Fault
     relaunched: Event
@@ -206,7 +206,7 @@ WATCHED = {
     Event.DISPLAY_DIED: Process(Fault.DISPLAY, Event.DISPLAY_RELAUNCHED, Action.RELAUNCH_DISPLAY),
     Event.MONITOR_DIED: Process(Fault.MONITOR, Event.MONITOR_RELAUNCHED, Action.RELAUNCH_MONITOR),
 }
-"""Relaunched while driving on, until they fail too often."""
+"""Relaunched while driving continues, until they fail too often."""
 CLEARS = {process.relaunched: process.fault for process in (*FATAL.values(), *WATCHED.values())} | {
     Event.ERROR_CLEARED: Fault.RAISED,
     Event.CHECKS_PASSED: Fault.CHECKS,
@@ -226,30 +226,30 @@ MOTIONS = {
 }
 
 
-# What the mode machine knows, and what of it stands against engaging.
+# State of the mode machine, and reasons against engaging.
 
 
 class ModeState(NamedTuple):
-    """All that the mode machine knows.
+    """State of the mode machine.
 
     Attributes:
         mode: as driven.
-        time_s: latest time heard of.
-        booted: the computer has come up.
+        time_s: latest time received.
+        booted: the computer has started.
         checks_passed: the last run of the system checks passed.
-        failed_check: which one did not; NONE otherwise.
-        faults: what stands in the way of leaving ERROR.
-        place: beside the route, as the planner says.
+        failed_check: the failed one; NONE otherwise.
+        faults: faults that prevent leaving ERROR.
+        place: relative to the route, from the planner.
         motion: of the vehicle.
-        sources_present: what navigation needs to engage is there.
-        health_good: navigation does not ask for a stop.
-        brake_pressed, override_pressed, estop_pressed: the operator's hands and feet.
-        override_since_s: when the override button went down.
-        override_stuck: held for too long, or since before the end of the boot; until let go.
-        registration_dead: driven on without it, on GNSS and INS.
-        failures: watched processes' deaths of the last minute, each by its event and its time.
+        sources_present: the sources that navigation needs to engage are present.
+        health_good: navigation does not request a stop.
+        brake_pressed, override_pressed, estop_pressed: operator inputs.
+        override_since_s: time at which the override button was pressed.
+        override_stuck: held for too long, or since before the end of the boot; until released.
+        registration_dead: driving continues without it, on GNSS and INS.
+        failures: deaths of supervised processes in the last minute, each by its event and its time.
         stopping: a controlled stop runs; it ends standing, in MANUAL.
-        refusal: why the last press of a button engaged nothing; NONE when it did.
+        refusal: why the last press of a button did not engage; NONE if it did.
     """
 
     mode: Mode = Mode.BOOT
@@ -279,7 +279,7 @@ def operator_drives(state: ModeState) -> bool:
 
 
 def refusal_of(state: ModeState) -> EngagementInhibit:
-    """Why nothing may be engaged now, the weightiest reason first; NONE where it may."""
+    """Why engaging is inhibited now, the most important reason first; NONE if it is allowed."""
     reasons = (
         (state.estop_pressed or state.mode is Mode.EMERGENCY_STOP, EngagementInhibit.ESTOP),
         (not state.checks_passed, EngagementInhibit.CHECKS),
@@ -309,10 +309,10 @@ Step = tuple[ModeState, tuple[Action, ...]]
 
 
 def step_modes(state: ModeState, happening: ModeEvent) -> Step:
-    """State after something happened, and what the host is to do, in this order.
+    """State after an event, and actions of the host, in order.
 
-    Every event is allowed in every state. Nothing is engaged but by ``Action.ENGAGE_STEERING`` and
-    ``Action.ENGAGE_SPEED``, and each only where ``refusal_of`` has no reason against it.
+    Every event is allowed in every state. Only ``Action.ENGAGE_STEERING`` and ``Action.ENGAGE_SPEED`` engage, and each
+    only if ``refusal_of`` returns NONE.
     """
     event = happening.event
     time_s = max(state.time_s, happening.time_s) if math.isfinite(happening.time_s) else state.time_s
@@ -334,7 +334,7 @@ def _others(state: ModeState, happening: ModeEvent) -> Step:
     """Events that have a rule of their own."""
     match happening.event:
         case Event.BOOT_DONE:
-            # A button that was down all along says nothing about what the operator wants now.
+            # A button that was down all along does not express the operator's present intention.
             state = state._replace(booted=True, override_stuck=state.override_pressed)
             if state.mode is not Mode.BOOT:
                 return state, ()
@@ -374,7 +374,7 @@ def _others(state: ModeState, happening: ModeEvent) -> Step:
 
 
 def _noted(state: ModeState, event: Event) -> ModeState:
-    """Events that change what is known and nothing else."""
+    """Events that only change the known conditions."""
     match event:
         case Event.ESTOP_RELEASED:
             return state._replace(estop_pressed=False)
@@ -390,7 +390,7 @@ def _noted(state: ModeState, event: Event) -> ModeState:
 
 
 def _resting_mode(state: ModeState) -> Mode:
-    """Where the vehicle's computer waits with nothing wrong."""
+    """Resting mode of the computer with nothing wrong."""
     if not state.booted:
         return Mode.BOOT
     return Mode.READY if state.checks_passed else Mode.CHECKS
@@ -421,7 +421,7 @@ def _override_pressed(state: ModeState) -> Step:
         return state._replace(mode=after), (*release, Action.RESTORE_POWER, Action.RUN_CHECKS)
     if state.mode is Mode.ERROR:
         if state.faults or state.override_stuck:
-            # Failed checks are run again at the operator's wish; nothing else would clear them.
+            # Failed checks are run again at the operator's request; nothing else would clear them.
             return state, (*release, Action.RUN_CHECKS) if Fault.CHECKS in state.faults else release
         after = _resting_mode(state)
         run = (Action.RUN_CHECKS,) if after is Mode.CHECKS else ()
@@ -433,7 +433,7 @@ def _override_released(state: ModeState) -> Step:
     stuck = state.override_stuck
     pressed = state.override_pressed
     state = state._replace(override_pressed=False, override_stuck=False)
-    # A button that came free by itself arms nothing: it takes a press of its own.
+    # A stuck button that is released does not arm: that takes a new press.
     if state.mode is not Mode.MANUAL or stuck or not pressed:
         return state, ()
     after = _resting_mode(state)
@@ -451,7 +451,7 @@ def _checks_passed(state: ModeState) -> Step:
 
 
 def _fail(state: ModeState, fault: Fault, more: tuple[Action, ...] = ()) -> Step:
-    """To ERROR; the emergency stop stays what it is."""
+    """To ERROR; the emergency stop is unchanged."""
     mode = state.mode if state.mode is Mode.EMERGENCY_STOP else Mode.ERROR
     state = state._replace(mode=mode, faults=state.faults | fault, stopping=False)
     return state, (Action.RELEASE_ACTUATORS, Action.LIGHT_BUTTON, Action.WARN, *more)
@@ -490,7 +490,7 @@ def _cruise_button(state: ModeState, event: Event) -> Step:
 
 
 def _stop_if_lost(state: ModeState) -> Step:
-    """A controlled stop where the autopilot drives and the route or the estimate no longer carries it."""
+    """A controlled stop if the autopilot drives and route or estimate are no longer sufficient."""
     if operator_drives(state) or state.stopping or (state.health_good and state.place is PathOffset.NEAR):
         return state, ()
     if state.motion is MeasuredSpeed.STANDING:

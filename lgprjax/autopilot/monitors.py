@@ -1,4 +1,4 @@
-"""What all monitors share: a bit for each finding, its severity and message, and how long it must persist."""
+"""Common parts of all monitors: a bit for each finding, its severity and message, and persistence times."""
 
 import math
 from enum import IntEnum, IntFlag
@@ -8,7 +8,7 @@ from lgprjax.autopilot.modes import MOTIONS, Event, MeasuredSpeed
 
 
 class Severity(IntEnum):
-    """What a finding asks for; the largest one wins."""
+    """Reaction to a finding; the largest one wins."""
 
     CONTINUE = 0
     """Shown and recorded."""
@@ -23,7 +23,7 @@ class Severity(IntEnum):
 
 
 class Watch(IntFlag):
-    """One bit a finding; times from onset to bit stand with the watches."""
+    """One bit a finding; times from onset to bit are given with the watches."""
 
     POTENTIOMETER_RANGE = 1 << 0
     POTENTIOMETER_STUCK = 1 << 1
@@ -72,7 +72,7 @@ SEVERITY = {
     Watch.ODOMETER_REVERSED: Severity.DEGRADE,
     Watch.ODOMETER_SLIPS: Severity.DEGRADE,
     Watch.SPEED_UNKNOWN: Severity.STOP,
-    # Throttle idle and brake is what a controlled stop does; the box's cut is for a speed that rises all the same.
+    # Throttle idle and brake is a controlled stop; the box's cut is for a speed that rises nevertheless.
     Watch.THROTTLE_STUCK: Severity.STOP,
     Watch.SPEED_RISES: Severity.EMERGENCY,
     Watch.BRAKE_DEAD: Severity.EMERGENCY,
@@ -92,7 +92,7 @@ SEVERITY = {
     Watch.HEADING_UNCONFIRMED: Severity.CONTINUE,
     Watch.HEADING_CONTRADICTED: Severity.MANUAL,
 }
-"""What each finding asks for while the autopilot drives."""
+"""Reaction to each finding while the autopilot drives."""
 
 TEXT = {
     Watch.POTENTIOMETER_RANGE: "wheel potentiometer: open, shorted or out of range",
@@ -102,8 +102,8 @@ TEXT = {
     Watch.SERVO_DEAD: "steering servo does not follow its command",
     Watch.SUPPLY_LOW: "supply of the steering servo is low",
     Watch.STEERING_RUNAWAY: "steering runs away from its command: servo cut",
-    Watch.REAR_STUCK: "the vehicle turns otherwise than its wheels say: rear steering stuck?",
-    Watch.YAW_RATE_LOST: "no yaw rate: the rear steering cannot be watched",
+    Watch.REAR_STUCK: "turn does not match the wheel angles: rear steering stuck?",
+    Watch.YAW_RATE_LOST: "no yaw rate: the rear steering cannot be monitored",
     Watch.ODOMETER_DEAD: "odometer stands while the vehicle moves",
     Watch.ODOMETER_REVERSED: "odometer counts the wrong way",
     Watch.ODOMETER_SLIPS: "odometer and GNSS disagree: wheels slip?",
@@ -115,17 +115,17 @@ TEXT = {
     Watch.PEDAL_UNREAD: "throttle or brake position is no number",
     Watch.LINE_SILENT: "drive-by-wire box is silent",
     Watch.BAD_FRAMES: "drive-by-wire box: three bad frames in a row",
-    Watch.DEFAULTS_ACT: "drive-by-wire box acts by its defaults",
+    Watch.DEFAULTS_ACT: "drive-by-wire box uses its defaults",
     Watch.BUS_OFF: "drive-by-wire box: bus off",
-    Watch.SECOND_SENDER: "somebody else commands the drive-by-wire box",
+    Watch.SECOND_SENDER: "another source commands the drive-by-wire box",
     Watch.ACTUATOR_FAULT: "drive-by-wire box reports a servo, throttle, brake or power fault",
     Watch.OFF_PATH: "more than 1 ft off the path",
     Watch.FAR_OFF_PATH: "more than 3 ft off the path: stopping",
     Watch.OVERRIDE_CONTACTS: "override button: wire cut or contact stuck",
     Watch.CONTROLLER_SILENT: "operator controller is silent",
-    Watch.TORQUE_UNREAD: "torque of the operator's hands is no number",
+    Watch.TORQUE_UNREAD: "steering torque of the operator is not a number",
     Watch.HEADING_UNCONFIRMED: "heading not confirmed yet: drive two metres",
-    Watch.HEADING_CONTRADICTED: "heading contradicts the way driven: reversed?",
+    Watch.HEADING_CONTRADICTED: "heading contradicts the direction driven: reversed?",
 }
 """Each finding in plain words."""
 
@@ -135,37 +135,37 @@ REFUSING = Watch.BRAKE_UNTESTED | Watch.HEADING_UNCONFIRMED
 for _bit, _severity in SEVERITY.items():
     if _severity >= Severity.STOP and _bit is not Watch.FAR_OFF_PATH:
         REFUSING |= _bit
-"""Findings with which nothing may be engaged."""
+"""Findings that inhibit engaging."""
 
 
 def as_watch(bits: int) -> Watch:
-    """Bits as findings. Most ticks have none, and making a flag takes longer than the rest of a watch."""
+    """Bits as findings. Most ticks have none, and creating a flag takes longer than the rest of a watch."""
     return Watch(bits) if bits else _NOTHING
 
 
 def severity_of(bits: Watch) -> Severity:
-    """The largest that findings ask for; CONTINUE for none."""
+    """The largest severity of findings; CONTINUE for none."""
     return max((SEVERITY[bit] for bit in bits), default=Severity.CONTINUE)
 
 
 def describe(bits: Watch) -> list[str]:
-    """Findings in plain words, the weightiest first."""
+    """Findings in plain words, the most severe first."""
     return [TEXT[bit] for bit in sorted(bits, key=lambda bit: (-SEVERITY[bit], bit))]
 
 
-# How long something has held: what turns readings of one tick into a finding, and keeps a finding from flickering.
+# Persistence of conditions: turns readings of single ticks into a finding, and keeps it from flickering.
 
 NOMINAL_STEP_S = 0.02
 LONGEST_STEP_S = 0.04
-"""What one tick counts for at most: one reading after a pause proves no more than any other."""
+"""Largest time counted for one tick: a reading after a pause proves no more than any other."""
 
 
 class Dwell(NamedTuple):
-    """A finding in the making.
+    """Persistence of a finding.
 
     Attributes:
-        seconds: for so long its condition has held, or, once it is on, has not.
-        on: it is found.
+        seconds: time for which its condition has held, or, once on, has not.
+        on: the finding is set.
     """
 
     seconds: float = 0.0
@@ -173,7 +173,7 @@ class Dwell(NamedTuple):
 
 
 def counted_step_s(step_s: float) -> float:
-    """What a tick counts for: its length up to the longest; the nominal one where it is negative or no number."""
+    """Counted time of a tick: its length up to the longest; the nominal one if it is negative or NaN."""
     return min(step_s, LONGEST_STEP_S) if step_s >= 0.0 else NOMINAL_STEP_S
 
 
@@ -182,19 +182,19 @@ def step_dwell(dwell: Dwell, holds: bool, step_s: float, *, on_s: float, off_s: 
     if holds == dwell.on:
         return dwell if dwell.seconds == 0.0 else Dwell(0.0, dwell.on)
     seconds = dwell.seconds + step_s
-    # Sums of steps fall short of their limit by rounding.
+    # Sums of steps may fall short of their limit by rounding.
     if seconds >= (off_s if dwell.on else on_s) - 1e-9:
         return Dwell(0.0, holds)
     return Dwell(seconds, dwell.on)
 
 
 def beyond(value: float, bound: float) -> bool:
-    """Whether a magnitude exceeds its bound; no number does."""
+    """Whether a magnitude exceeds its bound; NaN does."""
     return not abs(value) <= bound
 
 
 def wrap_rad(angle_rad: float) -> float:
-    """An angle between −π and π; no number stays none."""
+    """An angle between −π and π; NaN stays NaN."""
     return math.remainder(angle_rad, math.tau) if math.isfinite(angle_rad) else math.nan
 
 
@@ -209,7 +209,9 @@ _EVENTS = {motion: event for event, motion in MOTIONS.items()}
 
 
 class MotionState(NamedTuple):
-    """What is carried from tick to tick: what was told last, the smoothed speed, and for how long none was known."""
+    """What is carried from tick to tick: the last reported motion, the smoothed speed, and the time for which it was
+    unknown.
+    """
 
     motion: MeasuredSpeed = MeasuredSpeed.UNKNOWN
     speed_mps: float = 0.0
@@ -219,14 +221,14 @@ class MotionState(NamedTuple):
 def step_motion(
     state: MotionState, *, speed_mps: float, fastest_engage_mps: float, step_s: float
 ) -> tuple[MotionState, list[Event]]:
-    """State, and an event where the motion changed.
+    """State, and an event if the motion changed.
 
-    A speed that is no number for ``UNKNOWN_S`` counts as too fast: nothing is engaged with it.
+    A speed that is NaN for ``UNKNOWN_S`` counts as too fast to engage.
 
     Args:
         state: of the last tick.
         speed_mps: signed.
-        fastest_engage_mps: above which nothing is to be engaged.
+        fastest_engage_mps: above which engaging is inhibited.
         step_s: since the last tick.
     """
     step_s = counted_step_s(step_s)
@@ -245,7 +247,7 @@ def step_motion(
     return MotionState(motion, speed, unknown_s), events
 
 
-# How far the vehicle is off its path while it is driven by the autopilot. Fault 31.
+# Distance of the vehicle from its path while the autopilot drives. Fault 31.
 
 FOOT_M = 0.3048
 FAR_M = 3 * FOOT_M
@@ -267,8 +269,8 @@ def step_path_watch(
 ) -> tuple[PathWatchState, Watch]:
     """State and findings of a tick.
 
-    From engaging up to where the vehicle first is within a foot of the path it is on its way there, and nothing is
-    found but an offset that is no number.
+    From engaging until the vehicle is first within a foot of the path it is approaching it, and only a NaN offset is a
+    finding.
 
     Args:
         state: of the last tick.
@@ -287,14 +289,14 @@ def step_path_watch(
     return PathWatchState(arrived, off, far), as_watch(off.on * Watch.OFF_PATH | far.on * Watch.FAR_OFF_PATH)
 
 
-# The vehicle as the watches believe it to be: plain numbers of its calibration.
+# The vehicle model of the watches: plain numbers of its calibration.
 
 RANGE_MARGIN_RAD = 0.06
-"""How far a potentiometer may read beyond the ends of its map: wheels at their stop, noise, and no more."""
+"""Allowed reading of a potentiometer beyond the ends of its map: wheels at their stop, and noise."""
 
 
 class Knots(NamedTuple):
-    """A function by its values at even places, linear between and on with the end's slope beyond."""
+    """A function by its values at equal steps, linear between them and continued with the end's slope beyond."""
 
     first: float
     step: float
@@ -324,7 +326,7 @@ class WheelBelief(NamedTuple):
 
 
 class ChassisBelief(NamedTuple):
-    """Steering geometry: the magnitude of counter-steer over the front angle, both rad, and what slip costs."""
+    """Steering geometry: the magnitude of counter-steer over the front angle, both rad, and slip."""
 
     wheelbase_m: float
     rear_of_front: Knots
@@ -341,7 +343,7 @@ class PedalBelief(NamedTuple):
 
 
 class PedalsBelief(NamedTuple):
-    """Both pedals, and what slows the vehicle without them."""
+    """Both pedals, and the resistances without them."""
 
     throttle: PedalBelief
     brake: PedalBelief
@@ -362,7 +364,7 @@ def proportional_rear(ratio: float) -> Knots:
 
 
 def knot_value(knots: Knots, place: float) -> float:
-    """The function at a place; not a number where the place is none."""
+    """The function at a place; NaN for NaN."""
     at = (place - knots.first) / knots.step
     if not math.isfinite(at):
         return math.nan
@@ -372,7 +374,7 @@ def knot_value(knots: Knots, place: float) -> float:
 
 
 def front_angle(belief: WheelBelief, volts: float) -> float:
-    """Angle of the front wheels by the potentiometer, rad; not a number beyond its map by more than the margin."""
+    """Angle of the front wheels by the potentiometer, rad; NaN beyond its map by more than the margin."""
     angle = knot_value(belief.angle_of_volts, volts)
     ends = belief.angle_of_volts.values[0], belief.angle_of_volts.values[-1]
     inside = min(ends) - RANGE_MARGIN_RAD <= angle <= max(ends) + RANGE_MARGIN_RAD
@@ -380,25 +382,25 @@ def front_angle(belief: WheelBelief, volts: float) -> float:
 
 
 def curvature(belief: ChassisBelief, front_rad: float) -> float:
-    """Turn of the vehicle over its way, 1/m, without slip: κ = (tan φ + tan ψ) / L."""
+    """Turn of the vehicle over its travel, 1/m, without slip: κ = (tan φ + tan ψ) / L."""
     return (math.tan(front_rad) + math.tan(knot_value(belief.rear_of_front, front_rad))) / belief.wheelbase_m
 
 
 def yaw_gain(belief: ChassisBelief, speed_mps: float) -> float:
-    """Share of the geometric yaw rate that is left at a speed."""
+    """Share of the geometric yaw rate that remains at a speed."""
     return 1.0 / (1.0 + (speed_mps / belief.characteristic_speed_mps) ** 2)
 
 
-# The drive-by-wire box and its line, by what its status says. Faults 23, 24 and 41.
+# The drive-by-wire box and its line, by its status. Faults 23, 24 and 41.
 #
 # Its bits are those of ``drive_status`` in data_schema/wire.toml.
 
 SILENT_S = 0.1
-"""Ten statuses of the box, and half of the time after which the box lets go by itself."""
+"""Ten statuses of the box, and half of the time after which the box releases by itself."""
 HELD_S = 0.1
-"""After it was told to engage, the box must say that it holds."""
+"""Time after a command to engage within which the box must report that it has engaged."""
 FAULT_S = 0.2
-"""An actuator's fault must last longer than a sag of the supply, which a vehicle rides through."""
+"""An actuator's fault must last longer than a short sag of the supply."""
 
 
 class BoxState(IntFlag):
@@ -424,7 +426,9 @@ _FAULTS = int(BoxState.SERVO_FAULT | BoxState.THROTTLE_FAULT | BoxState.BRAKE_FA
 
 
 class LineWatchState(NamedTuple):
-    """What is carried from tick to tick: for how long the box has not held what it was told to, and told of a fault."""
+    """What is carried from tick to tick: time for which the box has not engaged as commanded, and has reported a
+    fault.
+    """
 
     let_go: Dwell = Dwell()
     fault: Dwell = Dwell()
@@ -437,7 +441,7 @@ def step_line_watch(
 
     Args:
         state: of the last tick.
-        status_age_s: since the newest status that was accepted came; none yet: infinite.
+        status_age_s: since the newest accepted status; infinite before the first.
         box_state, box_engaged: ``state`` and ``engaged`` of that status.
         told_engaged: steering and pedals bits of ``engage`` as sent in the last tick.
         step_s: since the last tick.

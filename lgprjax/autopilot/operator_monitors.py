@@ -1,7 +1,7 @@
 """The operator's hands and feet: buttons, contacts, brake and torque as events of the mode machine. Faults 32 to 34.
 
-What hands the vehicle back acts on the first status that says so; what engages, and what lets go, needs two in a row.
-A button that was down when the watch began has not been pressed. Whatever cannot be read counts as the override.
+Overrides act on the first status; engaging and releasing need two in a row. A button that was down when the watch began
+does not count as pressed. Anything unreadable counts as the override.
 """
 
 from typing import NamedTuple
@@ -13,13 +13,13 @@ OVERRIDE_FIRST, OVERRIDE_SECOND, ESTOP, STEERING, PLUS, MINUS, BRAKE_TAP = 1, 2,
 """Bits of ``controller_status.buttons`` in data_schema/wire.toml."""
 
 CONTACTS_S = 0.08
-"""Contacts of the override alike for so long: a wire is cut or a contact stuck. A press passes through it faster."""
+"""Time of equal contacts of the override after which a wire is cut or a contact stuck. A press passes faster."""
 SILENT_S = 0.1
 FIRST_STATUS_S = 1.0
-"""Time that the controller has to be heard for the first time."""
+"""Time within which the controller must be received for the first time."""
 TORQUE_S = 0.06
 TORQUE_LET_GO = 0.7
-"""Share of the threshold below which the hands have let go."""
+"""Share of the threshold below which the hands have released the wheel."""
 HELD_S = 0.5
 
 _PRESSES = (
@@ -43,11 +43,11 @@ class ButtonState(NamedTuple):
     Attributes:
         last: buttons of the last status.
         down: buttons that are down, of those that engage.
-        heard: the controller has been heard.
-        unheard_s: since the watch began, until it is.
+        heard: the controller has been received.
+        unheard_s: time since the watch began, until it is received.
         resting: statuses in a row with the override at rest.
-        override, estop, brake: as told to the mode machine.
-        braked_s: for so long the brake has been pressed.
+        override, estop, brake: as reported to the mode machine.
+        braked_s: time for which the brake has been pressed.
         freed: ticks in a row with the brake free.
         contacts, torque, unread: findings.
     """
@@ -82,10 +82,10 @@ def step_buttons(
     Args:
         state: of the last tick.
         statuses: ``buttons`` of every status of the controller that was accepted since the last tick, oldest first.
-        controller_age_s: since the newest of all came; none yet: infinite.
+        controller_age_s: since the newest one; infinite before the first.
         hands: as the box tells.
-        override_torque_nm: torque that takes the vehicle.
-        engaged: the autopilot drives: hands that were on the wheel before take it then.
+        override_torque_nm: torque that overrides.
+        engaged: the autopilot drives: hands already on the wheel then override.
         step_s: since the last tick.
     """
     step_s = counted_step_s(step_s)
@@ -98,7 +98,7 @@ def step_buttons(
     contacts = step_dwell(state.contacts, alike, step_s, on_s=CONTACTS_S, off_s=0.0)
     state = state._replace(contacts=contacts)
     if silent or contacts.on:
-        # Two statuses at rest give it back, not one.
+        # Two statuses at rest release it, not one.
         state = state._replace(resting=0)
         if not state.override:
             events.append(Event.OVERRIDE_PRESSED)
@@ -120,7 +120,7 @@ def _take_status(state: ButtonState, buttons: int, events: list[Event]) -> Butto
     twice = buttons & state.last
     neither = ~(buttons | state.last)
     down = state.down
-    # Before the second status there is nothing to compare with.
+    # The first status has no predecessor to compare with.
     if state.heard:
         for bit, event in _PRESSES:
             if twice & bit and not down & bit:
@@ -166,7 +166,7 @@ def _take_brake(state: ButtonState, hands: OperatorContact, events: list[Event],
 def _take_torque(
     state: ButtonState, torque_nm: float, threshold_nm: float, engaged: bool, events: list[Event], step_s: float
 ) -> ButtonState:
-    """Hands on the wheel; told once, and again where something is engaged with them still on it."""
+    """Hands on the wheel; reported once, and again if something is engaged with them still on it."""
     unread = step_dwell(state.unread, torque_nm != torque_nm, step_s, on_s=TORQUE_S)
     bound = threshold_nm * TORQUE_LET_GO if state.torque.on else threshold_nm
     torque = step_dwell(state.torque, beyond(torque_nm, bound), step_s, on_s=TORQUE_S, off_s=0.0)

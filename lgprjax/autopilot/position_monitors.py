@@ -1,6 +1,6 @@
 """Monitors of position and heading: GNSS, odometer and gyro compared with each other over ground.
 
-A position is held against the odometer at the time for which it holds, which is up to half a second ago.
+A position is compared with the odometer at its time of validity, up to half a second ago.
 """
 
 import math
@@ -12,9 +12,9 @@ from lgprjax.autopilot.monitors import Dwell, Watch, as_watch, counted_step_s, s
 REMEMBERED_S = 0.6
 FASTEST_MPS = 12.0
 LEAP_M = 0.5
-"""Positions further apart than the fastest vehicle goes, and this, are a leap of GNSS."""
+"""Positions further apart than the fastest vehicle travels, plus this, are a jump of GNSS."""
 STUCK_M = 1e-4
-"""A receiver that repeats its position exactly says nothing; health tells of it."""
+"""A receiver that repeats its position exactly is not used; health reports it."""
 APART_S = 0.6
 """Positions further apart in time are not compared."""
 
@@ -23,9 +23,9 @@ class MonitoredPosition(NamedTuple):
     """A new position by GNSS.
 
     Attributes:
-        time_s: for which it holds, on the clock of the ticks.
-        x_m, y_m: in any level frame that stays.
-        sigma_m: an axis, as the receiver says.
+        time_s: of validity, on the clock of the ticks.
+        x_m, y_m: in any fixed level frame.
+        sigma_m: per axis, as stated by the receiver.
     """
 
     time_s: float
@@ -47,8 +47,8 @@ class Leg(NamedTuple):
 
     Attributes:
         time_s: at its end.
-        forward_m: way along the heading by GNSS.
-        travel_m: way by odometer.
+        forward_m: travel along the heading by GNSS.
+        travel_m: travel by odometer.
         sigma_m: of either position, the larger.
     """
 
@@ -59,14 +59,14 @@ class Leg(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """A position, and what the wheels said then."""
+    """A position, and the wheels' reading at its time."""
 
     position: MonitoredPosition
     wheeled: Wheeled
 
 
 def remember(history: tuple[Wheeled, ...], now: Wheeled) -> tuple[Wheeled, ...]:
-    """The readings of the last while with one more; none where the odometer is no number."""
+    """The recent readings plus one; empty if the odometer is NaN."""
     if not math.isfinite(now.odometer_m):
         return ()
     history = (*history, now)
@@ -74,7 +74,7 @@ def remember(history: tuple[Wheeled, ...], now: Wheeled) -> tuple[Wheeled, ...]:
 
 
 def place(history: tuple[Wheeled, ...], position: MonitoredPosition) -> Placed | None:
-    """A position with the wheels' reading at its time; none where they do not reach so far back or it is no number."""
+    """A position with the wheels' reading at its time; None if they do not reach back or it is NaN."""
     if not all(map(math.isfinite, position)):
         return None
     at_s = position.time_s
@@ -89,7 +89,7 @@ def place(history: tuple[Wheeled, ...], position: MonitoredPosition) -> Placed |
 
 
 def leg_between(start: Placed, end: Placed) -> Leg | None:
-    """The way from one to the other; none where GNSS leapt, stuck or paused, or there is no heading."""
+    """The leg between two; None if GNSS jumped, stuck or paused, or there is no heading."""
     first, last = start.position, end.position
     duration_s = last.time_s - first.time_s
     east_m, north_m = last.x_m - first.x_m, last.y_m - first.y_m
@@ -104,21 +104,21 @@ def leg_between(start: Placed, end: Placed) -> Leg | None:
     return Leg(last.time_s, forward_m, travel_m, max(first.sigma_m, last.sigma_m))
 
 
-# Whether the heading is the way that the vehicle drives, or its opposite. Fault 9.
+# Whether the heading is the direction in which the vehicle drives, or its opposite. Fault 9.
 
 TRAVEL_M = 1.5
 TRAVEL_SIGMAS = 10.0
-"""Way that a course needs, and at least so many sigmas of its positions."""
+"""Least length of a course, in metres and in sigmas of its positions."""
 TRAVEL_SHARE = 0.3
-"""By which the ways of GNSS and of the odometer may differ: a leap is no course."""
+"""Allowed difference between the distances of GNSS and of the odometer: a jump is no course."""
 AGREES_RAD = math.radians(30.0)
 CONTRADICTS_RAD = math.radians(90.0)
 LONGEST_S = 20.0
-"""A start older than this is given up: GNSS wanders."""
+"""A start older than this is dropped: GNSS drifts."""
 
 
 class HeadingCheck(Enum):
-    """What is known of the heading."""
+    """Status of the heading."""
 
     UNCONFIRMED = auto()
     CONFIRMED = auto()
@@ -129,10 +129,10 @@ class HeadingWatchState(NamedTuple):
     """What is carried from tick to tick.
 
     Attributes:
-        check: as it stands.
+        check: present status.
         history: odometer and heading of the last while.
-        start: where the course is measured from.
-        farthest_m: largest way from there by odometer; turning back starts anew.
+        start: start of the course.
+        farthest_m: largest distance from there by odometer; turning back restarts.
         time_s: of the newest tick.
     """
 
@@ -154,8 +154,8 @@ def step_heading_watch(
 ) -> tuple[HeadingWatchState, Watch]:
     """State and findings of a tick.
 
-    A heading that was confirmed stays so until the watch is begun anew, as it must be when the INS starts again: from
-    then on a sign that changes is the odometer's.
+    A heading that was confirmed stays so until the watch is begun anew, as required when the INS restarts; a sign that
+    changes later is attributed to the odometer.
 
     Args:
         state: of the last tick.
@@ -186,7 +186,7 @@ def step_heading_watch(
 def _take_position(
     state: HeadingWatchState, placed: Placed, check: HeadingCheck
 ) -> tuple[HeadingWatchState, HeadingCheck]:
-    """What a position at the end of a course says; after each the next course begins."""
+    """Evaluate a position at the end of a course; then the next course begins."""
     start, anew = state.start, state._replace(start=placed, farthest_m=0.0)
     if start is None or not 0.0 <= placed.position.time_s - start.position.time_s <= LONGEST_S:
         return anew, check
@@ -206,33 +206,33 @@ def _take_position(
 
 
 def _compare(check: HeadingCheck, course_rad: float, heading_rad: float) -> HeadingCheck:
-    """What is known after a course; one between, or no number, tells nothing new."""
+    """Status after a course; an undecided one, or NaN, changes nothing."""
     apart = abs(wrap_rad(course_rad - heading_rad))
     if apart <= AGREES_RAD:
         return HeadingCheck.CONFIRMED
     return HeadingCheck.CONTRADICTED if apart > CONTRADICTS_RAD else check
 
 
-# The odometer against GNSS and against what a vehicle can do: dead, reversed, slipping. Fault 14.
+# The odometer compared with GNSS and with a vehicle's limits: dead, reversed, slipping. Fault 14.
 #
-# Above 1 m/s an odometer that dies, or turns its sign, makes a leap of speed that no brake makes: found within 0.1 s.
-# Slower, or where wheels slip, it is held against the way by GNSS over up to a second, less the one leg that differs
-# most: a leap of GNSS is no fault of the odometer.
+# Above 1 m/s an odometer that dies, or turns its sign, makes a jump of speed that no brake makes: found within 0.1 s.
+# Slower, or with slipping wheels, it is compared with the distance by GNSS over up to a second, without the one leg
+# that differs most: a jump of GNSS is no fault of the odometer.
 
 WINDOW_S = 1.05
 FEWEST_LEGS = 3
 OFF_M, OFF_SIGMAS, OFF_SHARE = 0.25, 3.0, 0.1
-"""GNSS and odometer may differ over a window by: what GNSS wanders, its own sigmas, a share of the way."""
+"""Allowed difference of GNSS and odometer over a window: drift of GNSS, its own sigmas, a share of the distance."""
 LEAP_MPS = 1.0
 LEAP_TICKS = 5
-"""A change of speed within so many ticks that no brake makes."""
+"""A change of speed within this many ticks that no brake makes."""
 FOUND_S = 0.04
 THRUST_MPS2 = 1.5
 """A throttle that pushes harder than the steepest slope holds, for ``PUSHED_S``, moves the vehicle."""
 PUSHED_S = 1.0
 STANDING_MPS = 0.1
 BLIND_S = 0.6
-"""Without a leg of GNSS for so long a bad odometer leaves no speed at all."""
+"""Time without a leg of GNSS after which a bad odometer leaves no speed at all."""
 
 
 _NOTHING = Watch(0)
@@ -247,7 +247,7 @@ class OdometerWatchState(NamedTuple):
         last: the newest position.
         legs: of the window.
         verdict: of the newest window.
-        time_s: of the newest tick, which never goes back.
+        time_s: of the newest tick, never decreasing.
         dead, reversed, slips, pushed, blind: findings.
     """
 
@@ -283,9 +283,9 @@ def step_odometer_watch(
         time_s: of this tick; positions hold for times on the same clock.
         odometer_m, speed_mps: signed, by the wheels.
         heading_rad: counter-clockwise from x.
-        heading_confirmed: by ``step_heading_watch``; before, a sign that differs may be the heading's fault.
+        heading_confirmed: by ``step_heading_watch``; before that, a wrong sign may be due to the heading.
         position: a new one by GNSS; None where none came.
-        thrust_mps2: what the throttle makes of its command, from the pedals' monitor; 0 where a person drives.
+        thrust_mps2: acceleration by the throttle, from the pedals' monitor; 0 if a person drives.
         step_s: since the last tick.
     """
     step_s = counted_step_s(step_s)
@@ -320,12 +320,12 @@ def step_odometer_watch(
 
 
 def _window(legs: tuple[Leg, ...], leg: Leg | None) -> tuple[Leg, ...]:
-    """Legs with one more; none where the way was broken."""
+    """Legs plus one; empty if the track was interrupted."""
     return (*(one for one in legs if one.time_s > leg.time_s - WINDOW_S), leg) if leg is not None else ()
 
 
 def _judge(legs: tuple[Leg, ...], heading_confirmed: bool) -> Watch:
-    """What the legs say of the odometer."""
+    """Verdict of the legs on the odometer."""
     if len(legs) < FEWEST_LEGS:
         return _NOTHING
     forward_m, travel_m = sum(leg.forward_m for leg in legs), sum(leg.travel_m for leg in legs)
@@ -335,19 +335,19 @@ def _judge(legs: tuple[Leg, ...], heading_confirmed: bool) -> Watch:
     bound_m = OFF_M + OFF_SIGMAS * max(leg.sigma_m for leg in legs)
     if off_m <= bound_m + OFF_SHARE * max(abs(forward_m), abs(travel_m)):
         return _NOTHING
-    # What it is shows in the newest legs: the oldest may have been sound.
+    # The newest legs show its kind: the oldest may have been good.
     forward_m = sign * sum(leg.forward_m for leg in legs[-FEWEST_LEGS + 1 :])
     travel_m = sum(leg.travel_m for leg in legs[-FEWEST_LEGS + 1 :])
     return _kind(forward_m, travel_m)
 
 
 def _leap(then_mps: float, now_mps: float) -> Watch:
-    """What a leap of the speed says; nothing where there was none or either is no number."""
+    """Verdict of a jump of the speed; None without one, or if either speed is NaN."""
     return _kind(then_mps, now_mps) if abs(now_mps - then_mps) > LEAP_MPS else _NOTHING
 
 
 def _kind(true: float, told: float) -> Watch:
-    """What an odometer is that tells a way or a speed instead of the true one."""
+    """Kind of odometer fault, from a measured and a true distance or speed."""
     if abs(told) < 0.25 * abs(true):
         return Watch.ODOMETER_DEAD
     return Watch.ODOMETER_REVERSED if true * told < 0.0 else Watch.ODOMETER_SLIPS

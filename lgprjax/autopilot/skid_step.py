@@ -1,4 +1,4 @@
-"""The step in which a skid-steer vehicle's command is born: filter, health, guidance, fence, and the limiter last."""
+"""The control step of a skid-steer vehicle: filter, health, guidance, fence, and the limiter last."""
 
 from typing import Literal, NamedTuple, TypeVar
 
@@ -53,8 +53,7 @@ from lgprjax.vehicle.pursuit import PulseState, init_pulses, settle_pulses, step
 
 # Health of a skid-steer vehicle's navigation: one of three reactions, and why. See ``navigation/health``.
 #
-# GNSS that is gone is no reason to stop: wheels and INS carry the pose on, and its own uncertainty says when that has
-# to end.
+# Loss of GNSS is no reason to stop: wheels and INS propagate the pose, and its uncertainty decides when to stop.
 
 
 class SkidHealthRules(NamedTuple):
@@ -63,7 +62,7 @@ class SkidHealthRules(NamedTuple):
     Attributes:
         gnss_silent_s, heading_silent_s: without an observation for longer, the source is silent.
         degrade_sigma_m, stop_sigma_m: standard deviation of the position, larger axis, that degrades, and that stops.
-        longest_step_s: longest tick that the clock may report.
+        longest_step_s: longest valid tick.
         degraded_mps: speed cap while degraded.
     """
 
@@ -76,7 +75,7 @@ class SkidHealthRules(NamedTuple):
 
 
 class SkidHealth(NamedTuple):
-    """What is asked of the vehicle.
+    """Request to the vehicle.
 
     Attributes:
         reaction: a ``Reaction``.
@@ -92,7 +91,7 @@ class SkidHealth(NamedTuple):
 
 
 def default_skid_health() -> SkidHealthRules:
-    """For GNSS at 1 Hz and an INS at 10 Hz; the stop is the 0.3 m of dead reckoning that the fault list allows."""
+    """For GNSS at 1 Hz and an INS at 10 Hz; the stop is at the 0.3 m of dead reckoning allowed by the fault list."""
     return SkidHealthRules(*(jnp.float32(value) for value in (1.5, 0.5, 0.15, 0.3, 0.2, 0.3)))
 
 
@@ -103,7 +102,7 @@ def judge_skid_health(
     info: SkidFilterInfo,
     step_s: Float[Array, ""],
 ) -> SkidHealth:
-    """Health after a tick; one lane, more by ``vmap``.
+    """Health after a tick; unbatched, use ``vmap`` for more.
 
     Args:
         rules: limits.
@@ -121,7 +120,7 @@ def judge_skid_health(
         Reason.HEADING_REJECTED: gates.rejects[HEADING] > 1,
         Reason.UNCERTAIN: sigma_m > rules.degrade_sigma_m,
         Reason.HEADING_LOST: ~info.heading_known,
-        # Written so that a sigma that is no number stops.
+        # Written so that a NaN sigma stops.
         Reason.TOO_UNCERTAIN: ~(sigma_m <= rules.stop_sigma_m),
     }
     reasons = jnp.int32(0)
@@ -141,15 +140,15 @@ def position_sigma(estimate: SkidEstimate) -> Float[Array, ""]:
     return jnp.sqrt(0.5 * (xx + yy) + jnp.hypot(0.5 * (xx - yy), xy))
 
 
-# What the step of a skid-steer vehicle is set up with, and settings to begin with.
+# Setup of the control step of a skid-steer vehicle, and default settings.
 
 _STOP_SHARE = 0.75
-"""Of the wheels' fastest change, what a stop is reckoned with: it must be kept on the road as well."""
+"""Share of the wheels' fastest change assumed for a stop, so that the real vehicle can achieve it."""
 _RISE_SHARE = 0.5
 
 
 class SkidSetup(NamedTuple):
-    """The vehicle as it is believed to be, and the settings of the parts.
+    """The model of the vehicle, and the settings of the parts.
 
     Attributes:
         vehicle: its limits.
@@ -158,10 +157,10 @@ class SkidSetup(NamedTuple):
         health: when navigation stops the vehicle.
         carrot: of the guidance.
         limiter: of the commands.
-        stop: how it stops, for the fence.
-        rise_mps2: how fast the speed is raised, and lowered where nothing hurries.
-        threshold_mps: difference of the wheels below which the vehicle ignores a turn, to be made up for; 0: none.
-        depth_m: asked of the tool.
+        stop: model of a stop, for the fence.
+        rise_mps2: rate of raising the speed, and of lowering it without urgency.
+        threshold_mps: difference of the wheels below which the vehicle ignores a turn, which is compensated; 0: none.
+        depth_m: commanded to the tool.
     """
 
     vehicle: SkidSteer
@@ -192,10 +191,10 @@ def skid_setup(
 
     Args:
         vehicle, tool, model: as measured.
-        depth_m: that the tool is asked for; deepest_m: that it may ever be asked for.
+        depth_m: commanded depth of the tool; deepest_m: largest command.
         threshold_mps: of the wheels' difference, or a little more.
         reaction_s: from a fix to the wheels: age of the pose, tick, delay and lag.
-        carrot: of the guidance; None for the usual one.
+        carrot: of the guidance; None for the default.
     """
     return SkidSetup(
         vehicle=vehicle,
@@ -223,15 +222,15 @@ def skid_setup(
 _Tree = TypeVar("_Tree")
 
 Guidance = Literal["carrot", "pursuit"]
-"""MF's PID on a carrot, or the pursuit law; both on the same route."""
+"""MF's PID on a lookahead point (the "carrot"), or the pursuit law; both on the same route."""
 
 
 class SkidState(NamedTuple):
-    """What is carried from step to step.
+    """State carried from step to step.
 
     Attributes:
         filter, carrot, pulses, limiter: of the parts.
-        edge: the fence was foretold to be crossed; it stays until nothing is engaged.
+        edge: a crossing of the fence was predicted; latched until nothing is engaged.
     """
 
     filter: SkidFilterState
@@ -242,16 +241,16 @@ class SkidState(NamedTuple):
 
 
 class SkidOrders(NamedTuple):
-    """What modes, watches and operator say to a step.
+    """Orders of modes, watches and operator to a step.
 
     Attributes:
-        engaged: the computer has the vehicle; drives: and may move it, with the tool on where the route wants it.
-        stop: a controlled stop, whatever navigation says. That it goes on when its reason is gone is for the mode
-            machine to see to.
-        speed_cap_mps: beside what navigation allows; may be infinite.
+        engaged: the computer controls the vehicle; drives: and may move it, with the tool on where the route requires
+            it.
+        stop: a controlled stop, independent of navigation. The mode machine continues it after its reason is gone.
+        speed_cap_mps: in addition to that of navigation; may be infinite.
         set_speed_mps: that the operator locked.
-        age_s: of the newest motion behind the pose.
-        left_mps, right_mps: wheels as measured; may be no number.
+        age_s: of the newest motion used for the pose.
+        left_mps, right_mps: wheels as measured; may be NaN.
     """
 
     engaged: Bool[Array, "..."]
@@ -265,15 +264,15 @@ class SkidOrders(NamedTuple):
 
 
 class SkidInfo(NamedTuple):
-    """What a step found out.
+    """Diagnostics of a step.
 
     Attributes:
         filter: of the observations.
         plan: of the guidance.
-        limited: bits of ``SkidLimited``; the one that asks for manual is an error to the mode machine.
+        limited: bits of ``SkidLimited``; the one that requests manual mode is an error for the mode machine.
         reaction, reasons: of navigation's health.
         sigma_m: standard deviation of the position, larger axis.
-        edge_predicted: a stop would have crossed the fence, now or since it was engaged.
+        edge_predicted: a stop would have crossed the fence, now or since engaging.
         stops: the vehicle is being stopped, or held.
     """
 
@@ -288,7 +287,7 @@ class SkidInfo(NamedTuple):
 
 
 def init_skid(setup: SkidSetup, x_m: Float[Array, ""], y_m: Float[Array, ""]) -> SkidState:
-    """Standing, at a position known within the model's sigma; the heading is unknown."""
+    """State at standstill, at a position known within the model's sigma; the heading is unknown."""
     zero = jnp.zeros_like(x_m)
     return SkidState(
         init_skid_filter(setup.model, x_m, y_m),
@@ -310,14 +309,14 @@ def step_skid(
     *,
     guidance: Guidance = "carrot",
 ) -> tuple[SkidState, SkidCommand, SkidInfo]:
-    """State, command and what was found out, of one step. One lane; ``vmap`` for many.
+    """State, command and diagnostics of one step. Unbatched; ``vmap`` for many.
 
     The tool is off unless the vehicle is engaged, drives, is not being stopped and knows its heading. A stop slows both
-    wheels in proportion: the vehicle stays on its arc, which is what the fence was held against. The carrot stands
-    still while nothing is engaged: engaged again, the vehicle goes on where it left the route. Not engaged, the command
-    follows the wheels as measured, so that the first one after engaging starts from there.
+    wheels in proportion: the vehicle stays on its arc, for which the fence was checked. The lookahead point does not
+    move while nothing is engaged: engaged again, the vehicle continues where it left the route. Not engaged, the
+    command follows the wheels as measured, so that the first one after engaging starts from there.
 
-    A pose or an order that is no number makes a command that is none: the limiter knows what to do with it.
+    A NaN pose or order makes a NaN command, which the limiter handles.
 
     Args:
         setup: vehicle and settings.
@@ -338,7 +337,7 @@ def step_skid(
     now = 0.5 * (last.left_mps * grip.left_mps + last.right_mps * grip.right_mps)
     change = setup.rise_mps2 * jnp.fmax(step_s, 0.0)
     wanted_mps = jnp.minimum(jnp.minimum(orders.set_speed_mps, orders.speed_cap_mps), health.speed_cap_mps)
-    # A ramp's step nearer to the wanted speed, and never backwards.
+    # A ramp's step closer to the wanted speed, never backward.
     speed = jnp.maximum(jnp.clip(wanted_mps, now - change, now + change), 0.0)
     law = step_carrot if guidance == "carrot" else pursuit_along
     carrot, plan = law(setup.carrot, route, state.carrot, pose, speed, step_s)
@@ -379,16 +378,16 @@ def step_skid(
 
 
 def _grip(estimate: SkidEstimate) -> WheelSpeeds:
-    """What passes under either side for a metre that its wheels turn, as the filter has learnt it.
+    """Ground distance of either side per metre of its wheels, as learnt by the filter.
 
-    It is taken out of the commands: guidance would find out only by being beside the line.
+    Compensated in the commands: guidance would react only to a lateral error.
     """
     mean = estimate.mean
     return WheelSpeeds(_near_one(mean[SCALE] + mean[SLIP_LEFT]), _near_one(mean[SCALE] + mean[SLIP_RIGHT]))
 
 
 def _asked_wheels(setup: SkidSetup, grip: WheelSpeeds, ground: WheelSpeeds, share: Float[Array, ""]) -> WheelSpeeds:
-    """Wheels for a share of both sides' speeds over ground, less where the faster one's limit says so."""
+    """Wheels for a share of both sides' speeds over ground, reduced to the limit of the faster one."""
     left, right = ground.left_mps / grip.left_mps, ground.right_mps / grip.right_mps
     allowed = setup.vehicle.largest_wheel_mps / _positive(jnp.maximum(jnp.abs(left), jnp.abs(right)))
     share = jnp.minimum(jnp.minimum(allowed, share), 1.0)
@@ -396,12 +395,12 @@ def _asked_wheels(setup: SkidSetup, grip: WheelSpeeds, ground: WheelSpeeds, shar
 
 
 def _positive(value: Float[Array, ""]) -> Float[Array, ""]:
-    """A divisor: one where it would be zero."""
+    """A divisor: one instead of zero."""
     return jnp.where(value > 0.0, value, 1.0)
 
 
 def _near_one(part: Float[Array, ""]) -> Float[Array, ""]:
-    """One and a learnt part, of which no more than 30 % is believed."""
+    """One plus a learnt part, limited to 30 %."""
     return 1.0 + jnp.clip(part, -0.3, 0.3)
 
 
@@ -413,9 +412,9 @@ def _edge(
     drives: Bool[Array, ""],
     sigma_m: Float[Array, ""],
 ) -> Bool[Array, ""]:
-    """Whether a stop along the asked or the measured arc would cross the fence.
+    """Whether a stop along the commanded or the measured arc would cross the fence.
 
-    The asked one counts while the vehicle drives; wheels that are no number are the limiter's business.
+    The commanded one counts while the vehicle drives; the limiter handles NaN wheels.
     """
     asked, measured = arcs
     track, rules = setup.vehicle.track_m, setup.stop

@@ -1,15 +1,14 @@
 """Velocity control: throttle and brake that hold a speed.
 
-The wanted speed is approached by a reference whose acceleration is bounded; what the pedal's lag leaves of it is the
-speed to expect. What the vehicle must be given is
+The wanted speed is approached by a reference whose acceleration is bounded; filtered by the pedal's lag it gives the
+expected speed. The required acceleration is
 
     a = a_reference + K_p (v_expected − v) + I + rolling + drag · v,
 
-and the pedal model turns that into a command: pre-tension + a / gain, less its dead zone where the pedal is let go of,
-so that friction does not swallow it. Feedback has only the model's errors and grades left to do. The integral stands
-still while it would push a pedal further into its stop, and the reference never runs ahead of the vehicle by more than
-a bound: a hill that was too steep leaves no run-up behind. Speeds count in the gear's direction; at most one pedal is
-ever pressed.
+and the pedal model converts it to a command: pre-tension + a / gain, minus its dead zone when the pedal is released, so
+that friction does not absorb it. Feedback only corrects the model's errors and grades. The integral is held while it
+would push a pedal further into its stop, and the reference never leads the vehicle by more than a bound: a hill that
+was too steep causes no overshoot. Speeds count in the gear's direction; at most one pedal is ever pressed.
 """
 
 from typing import NamedTuple
@@ -21,23 +20,23 @@ from jaxtyping import Array, Bool, Float, Int32
 from lgprjax.vehicle import Pedal, Pedals
 
 _REVERSAL_SHARE = 0.2
-"""Of a pedal's dead zone: what the wish must turn back by before the command does."""
+"""Share of a pedal's dead zone by which the request must reverse before the command does."""
 
 
 class VelocitySettings(NamedTuple):
-    """Settings of the velocity controller, float32 scalars or one value a lane.
+    """Settings of the velocity controller, float32 scalars or one value per batch element.
 
     Attributes:
         proportional_per_s: K_p, acceleration per m/s of error.
         integral_per_s2: growth of the integral's acceleration per m/s of error.
         rise_mps2, fall_mps2: largest acceleration and deceleration of the reference.
-        lead_mps: farthest that the reference is ahead of the speed, above it or, slowing down, below.
-        press_mps2: a pedal is pressed when more than this is asked of it, and let go when nothing is: between lies
-            the dead zone in which the vehicle coasts.
+        lead_mps: largest lead of the reference over the speed, above it or, when slowing down, below.
+        press_mps2: a pedal is pressed when more than this is requested, and released when nothing is: in between the
+            vehicle coasts.
         hold_brake: command of the brake at standstill.
         standing_mps: below it the vehicle stands.
         stop_mps2: deceleration of a controlled stop.
-        stop_rise_mps3: how fast a controlled stop gets there.
+        stop_rise_mps3: rate at which a controlled stop reaches it.
     """
 
     proportional_per_s: Float[Array, "..."]
@@ -53,11 +52,11 @@ class VelocitySettings(NamedTuple):
 
 
 class Pressed(NamedTuple):
-    """A pedal as the model believes it to be.
+    """The model's state of a pedal.
 
     Attributes:
         amount: command beyond the pre-tension that acts.
-        side: 1 while it is pressed further, −1 while it is let go of: on which side of the friction the command is.
+        side: 1 while it is pressed further, −1 while it is released: the side of the friction hysteresis.
     """
 
     amount: Float[Array, "..."]
@@ -65,14 +64,14 @@ class Pressed(NamedTuple):
 
 
 class VelocityState(NamedTuple):
-    """What the velocity controller carries from step to step.
+    """State of the velocity controller from step to step.
 
     Attributes:
-        reference_mps: speed that the controller is at.
-        expected_mps: what the pedal's lag leaves of it.
-        integral_mps2: what the feedback has learnt.
+        reference_mps: present reference speed.
+        expected_mps: reference filtered by the pedal's lag.
+        integral_mps2: integral of the feedback.
         pedal: 1 with the throttle pressed, −1 with the brake, 0 with neither.
-        throttle, brake: how far they are pressed; a controlled stop begins with the brake that is.
+        throttle, brake: their positions; a controlled stop begins with the present brake.
     """
 
     reference_mps: Float[Array, "..."]
@@ -86,14 +85,14 @@ class VelocityState(NamedTuple):
 def default_velocity() -> VelocitySettings:
     """Settings for a heavy vehicle with a pedal lag of half a second or so: gentle, and stable with twice that lag.
 
-    A stop at 1.5 m/s² is firmer than driving and softer than what throws a standing passenger.
+    A stop at 1.5 m/s² is firmer than driving and gentle enough for a standing passenger.
     """
     values = (1.3, 0.25, 0.8, 1.0, 1.0, 0.08, 0.4, 0.05, 1.5, 1.5)
     return VelocitySettings(*(jnp.float32(value) for value in values))
 
 
 def init_velocity(speed_mps: Float[Array, "..."]) -> VelocityState:
-    """At a speed, with nothing learnt and no pedal pressed."""
+    """State at a speed, with zero integral and no pedal pressed."""
     free = _free(speed_mps)
     return VelocityState(speed_mps, speed_mps, free.amount, jnp.zeros(speed_mps.shape, jnp.int32), free, free)
 
@@ -109,13 +108,13 @@ def step_velocity(
 ) -> tuple[VelocityState, Float[Array, "..."], Float[Array, "..."]]:
     """State, throttle and brake (0 to 1) of one step.
 
-    Not active, both commands are 0 and the state follows the vehicle: the first active step starts from the speed that
-    is, with the throttle that the model needs to keep it. A speed that is no number presses nothing and leaves no
-    trace in the state.
+    When not active, both commands are 0 and the state follows the vehicle: the first active step starts from the
+    present speed, with the throttle that the model needs to keep it. A NaN speed presses nothing and does not change
+    the state.
 
     Args:
         settings: of the controller.
-        pedals: the model of both pedals as it is believed.
+        pedals: the model of both pedals.
         state: of the last step.
         wanted_mps: speed to hold; 0 is a stop that then holds.
         speed_mps: in the gear's direction.
@@ -135,7 +134,7 @@ def step_velocity(
     )
     missing = expected - speed
     resisted = pedals.rolling_mps2 + pedals.drag_per_s * speed
-    # A reference that the vehicle drags along has no acceleration of its own to be fed forward.
+    # A reference that follows the vehicle has no acceleration of its own to feed forward.
     fed = jnp.where(moved == reference, change / step_s, 0.0)
     asked = fed + settings.proportional_per_s * missing + state.integral_mps2 + resisted
     pedal = _choose_pedal(state.pedal, asked, settings.press_mps2)
@@ -147,7 +146,7 @@ def step_velocity(
     driven = VelocityState(reference, expected, integral, pedal, throttle_pressed, brake_pressed)
     throttle, brake = jnp.where(stands, 0.0, throttle), jnp.where(stands, settings.hold_brake, brake)
     held = Pressed(settings.hold_brake - pedals.brake.pre_tension, jnp.ones_like(brake))
-    # What was learnt of a grade while rolling says nothing about moving off from it.
+    # The integral learnt on a grade while rolling does not apply to moving off.
     standing = init_velocity(jnp.zeros_like(speed))._replace(pedal=jnp.full_like(pedal, -1), brake=held)
     drives = active & known
     free = _free(speed)
@@ -165,16 +164,16 @@ def step_stop(
 ) -> tuple[VelocityState, Float[Array, "..."], Float[Array, "..."]]:
     """State, throttle and brake of one step of a controlled stop: throttle idle, brake by the model, ramped.
 
-    It is not closed over the speed, which may be what has been lost: the brake is asked for a deceleration that rises
-    from what it was to ``stop_mps2``. The speed only tells what rolling resistance and drag do already, and when the
-    vehicle stands; without one the brake does everything.
+    It does not feed back the speed, which may have been lost: the brake's deceleration rises from its present value to
+    ``stop_mps2``. The speed only accounts for rolling resistance and drag, and shows when the vehicle stands; without
+    it the brake does everything.
     """
     rolls = speed_mps > 0.0
     resisted = jnp.where(rolls, pedals.rolling_mps2 + pedals.drag_per_s * jnp.where(rolls, speed_mps, 0.0), 0.0)
     gain = pedals.brake.gain_mps2
     braking = state.brake.amount * gain
     most = jnp.maximum(settings.stop_mps2 - resisted, 0.0)
-    # Harder braking that is under way goes on.
+    # Harder braking already under way continues.
     asked = jnp.maximum(jnp.minimum(braking + settings.stop_rise_mps3 * step_s, most), braking)
     pressed, command = _press(pedals.brake, state.brake, asked, jnp.ones(braking.shape, jnp.bool_))
     stands = speed_mps < settings.standing_mps
@@ -192,9 +191,9 @@ def _free(like: Float[Array, "..."]) -> Pressed:
 def _press(
     pedal: Pedal, was: Pressed, effect_mps2: Float[Array, "..."], chosen: Bool[Array, "..."]
 ) -> tuple[Pressed, Float[Array, "..."]]:
-    """How far a pedal then acts, and its command: the inverse of its onset, gain and friction; free if not chosen.
+    """Position of a pedal, and its command: the inverse of its onset, gain and friction; released if not chosen.
 
-    A reversal costs the dead zone twice over, so one is made only for more than a share of it.
+    A reversal costs the dead zone twice, so that it is made only for more than a share of it.
     """
     wanted = jnp.clip(effect_mps2 / pedal.gain_mps2, 0.0, 1.0 - pedal.pre_tension)
     change = wanted - was.amount
@@ -210,7 +209,7 @@ def _press(
 def _choose_pedal(
     pedal: Int32[Array, "..."], asked_mps2: Float[Array, "..."], press_mps2: Float[Array, "..."]
 ) -> Int32[Array, "..."]:
-    """The pedal to press: the one pressed for as long as it has work, a new one only for more than the dead zone."""
+    """The pedal to press: the present one as long as it is needed, a new one only beyond the dead zone."""
     stays = jnp.sign(asked_mps2).astype(jnp.int32) == pedal
     pressed = jnp.where(asked_mps2 > press_mps2, 1, jnp.where(asked_mps2 < -press_mps2, -1, 0))
     return jnp.where(stays, pedal, pressed).astype(jnp.int32)

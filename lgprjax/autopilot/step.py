@@ -1,6 +1,6 @@
-"""The step in which a command is born: planner, pursuit, velocity control, and the limiter last.
+"""The control step: planner, pursuit, velocity control, and the limiter last.
 
-Beyond what navigation gives, the inputs hold the measured angle of the front wheels: while nothing is engaged the
+In addition to navigation, the inputs hold the measured angle of the front wheels: while nothing is engaged the
 limiter follows it, so that the first command after engaging starts from where the wheels are.
 """
 
@@ -45,7 +45,7 @@ from lgprjax.vehicle import Chassis, LookAhead, Pedals, VehiclePose, look_ahead_
 
 
 class AutopilotConfig(NamedTuple):
-    """The vehicle as it is believed to be, and the settings.
+    """The model of the vehicle, and the settings.
 
     Attributes:
         chassis, pedals: the vehicle.
@@ -62,7 +62,7 @@ class AutopilotConfig(NamedTuple):
 
 
 class AutopilotState(NamedTuple):
-    """What the autopilot carries from step to step: the parts' states."""
+    """State of the autopilot from step to step: the parts' states."""
 
     planner: PlannerState
     velocity: VelocityState
@@ -70,16 +70,15 @@ class AutopilotState(NamedTuple):
 
 
 class AutopilotInputs(NamedTuple):
-    """What a step is told.
+    """Inputs of a step.
 
     Attributes:
         pose_route: rear axle in the route's frame.
         speed_mps: forward positive.
-        reaction: a ``Reaction``. That a stop goes on when its reason is gone is for the mode machine to see to, which
-            knows of it as ``stopping``.
-        speed_cap_mps: highest that navigation allows; may be infinite.
+        reaction: a ``Reaction``. The mode machine continues a stop after its reason is gone, as ``stopping``.
+        speed_cap_mps: limit by navigation; may be infinite.
         age_s: of the pose.
-        steering_engaged, speed_engaged: from the mode; the second counts with the first only.
+        steering_engaged, speed_engaged: from the mode; the second requires the first.
         set_speed_mps: that the operator locked.
         front_rad: angle of the front wheels as measured.
     """
@@ -96,13 +95,13 @@ class AutopilotInputs(NamedTuple):
 
 
 class AutopilotInfo(NamedTuple):
-    """What a step found out.
+    """Diagnostics of a step.
 
     Attributes:
-        plan: from the planner, with the gear to be in.
-        limited: bits of ``Limited``; the one that asks for manual is an error to the mode machine.
-        wanted_mps: speed that is being held or approached; 0 in a stop.
-        reachable: the goal lies on an arc that the wheels can make.
+        plan: from the planner, with the required gear.
+        limited: bits of ``Limited``; the one that requests manual mode is an error for the mode machine.
+        wanted_mps: speed being held or approached; 0 in a stop.
+        reachable: the goal is on an arc within the wheels' limits.
     """
 
     plan: Plan
@@ -112,22 +111,21 @@ class AutopilotInfo(NamedTuple):
 
 
 def init_autopilot(planner: PlannerState, speed_mps: Float[Array, ""], front_rad: Float[Array, ""]) -> AutopilotState:
-    """With a start that the planner found, at a speed (its magnitude), the front wheels where they are."""
+    """State with a start found by the planner, at a speed (its magnitude), with the present front angle."""
     return AutopilotState(planner, init_velocity(speed_mps), init_limiter(front_rad))
 
 
 def step_autopilot(
     config: AutopilotConfig, route: RoutePath, state: AutopilotState, inputs: AutopilotInputs, step_s: Float[Array, ""]
 ) -> tuple[AutopilotState, Command, AutopilotInfo]:
-    """State, command and what was found out, of one step. One lane; ``vmap`` for many.
+    """State, command and diagnostics of one step. Unbatched; ``vmap`` for many.
 
-    The anchor is steered along the route with the yaw gain of the speed fed forward. Speed is the least of what the
-    operator set, what navigation allows and what the route allows here. In a stop the throttle is idle, the brake
-    ramped, and the wheels steer on along the route for as long as there is a pose; so it is, too, where the vehicle
-    rolls against the gear that the plan wants. With no place on the route known the wheels stay as they are.
+    The anchor is steered along the route with the yaw gain of the speed fed forward. Speed is the least of the
+    operator's setting and the limits of navigation and route. In a stop the throttle is idle, the brake ramped, and the
+    wheels steer on along the route as long as there is a pose; the same applies if the vehicle rolls against the
+    planned gear. Without a known place on the route the wheels keep their angle.
 
-    A pose or a speed that is no number makes a command that is none: the limiter knows what to do with it. Only in a
-    stop may the speed be missing, since the stop needs none.
+    A NaN pose or speed makes a NaN command, which the limiter handles. Only in a stop may the speed be missing.
 
     Args:
         config: vehicle and settings.
@@ -176,12 +174,12 @@ def _steer(
     last_rad: Float[Array, ""],
 ) -> tuple[Float[Array, ""], Bool[Array, ""]]:
     """Front angle and whether it reaches the goal."""
-    # In a stop without a speed the geometry alone must do: a gain of 1.
+    # In a stop without a speed use the geometry alone: a gain of 1.
     speed = jnp.where(stops & ~jnp.isfinite(speed_mps), 0.0, speed_mps)
     gain = yaw_gain(config.chassis.characteristic_speed_mps, speed)
     steering = steer_exact(config.chassis, plan.ahead_m, plan.left_m, gain)
     blind = (plan.code == PlanCode.AMBIGUOUS) | (plan.code == PlanCode.LOST)
-    # ``steer_exact`` answers no number with a number; here it is to be seen.
+    # ``steer_exact`` returns a number for NaN; here NaN must remain visible.
     front = jnp.where(jnp.isfinite(gain), steering.front_rad, jnp.nan)
     return jnp.where(blind, last_rad, front), steering.reachable & ~blind
 
@@ -194,7 +192,7 @@ def _pick(choice: Bool[Array, ""], chosen: _Driven, other: _Driven) -> _Driven:
     return picked
 
 
-# All that is computed on board in a tick, as one pure step: navigation, then the autopilot.
+# The whole onboard tick as one pure step: navigation, then the autopilot.
 
 
 class OnboardSetup(NamedTuple):
@@ -224,7 +222,7 @@ def onboard_setup(
         front_rate_radps: fastest turning of the front wheels.
         tick_s: of the loop.
         gnss_period_s: from one position to the next.
-        risk: probability of a false match up to which a fix is believed.
+        risk: largest accepted probability of a false match.
     """
     one = jnp.float32
     navigator = NavigatorSetup(
@@ -236,7 +234,7 @@ def onboard_setup(
             gnss_period_s=gnss_period_s,
             heading_period_s=tick_s,
             odometer_period_s=tick_s,
-            # Fixes come in stretches: a metre or two of poor ground is no fault.
+            # Fixes come in stretches: a metre or two of poor ground is normal.
             lgpr_period_s=0.5,
             risk=risk,
         ),
@@ -258,22 +256,22 @@ def onboard_setup(
 
 
 class OnboardState(NamedTuple):
-    """What is carried from tick to tick."""
+    """State carried from tick to tick."""
 
     navigator: NavigatorState
     autopilot: AutopilotState
 
 
 class Orders(NamedTuple):
-    """What modes, watches and operator say to a tick.
+    """Orders of modes, watches and operator to a tick.
 
     Attributes:
         steering_engaged, speed_engaged: from the mode.
-        stop: a controlled stop, whatever navigation says.
-        speed_cap_mps: beside what navigation allows; may be infinite.
+        stop: a controlled stop, independent of navigation.
+        speed_cap_mps: in addition to that of navigation; may be infinite.
         set_speed_mps: that the operator locked.
-        front_rad: of the front wheels as measured; may be no number.
-        age_s: of the motion that the pose was carried on by.
+        front_rad: of the front wheels as measured; may be NaN.
+        age_s: of the motion used to propagate the pose.
     """
 
     steering_engaged: Bool[Array, ""]
@@ -286,7 +284,7 @@ class Orders(NamedTuple):
 
 
 class OnboardInfo(NamedTuple):
-    """What both found out."""
+    """Diagnostics of both."""
 
     navigated: Navigated
     autopilot: AutopilotInfo
@@ -303,15 +301,15 @@ def step_onboard(
     *,
     fusion: Fusion = "filter",
 ) -> tuple[OnboardState, Command, OnboardInfo]:
-    """One tick; one lane.
+    """One tick; unbatched.
 
     Args:
         setup: of the vehicle.
-        route: that is driven, or would be.
+        route: being driven, or to be driven.
         state: of the last tick.
         motion, observations, p_false: see ``step_navigator``.
         orders: see there.
-        fusion: whose pose is driven by.
+        fusion: source of the pose used for control.
     """
     navigator, navigated = step_navigator(
         setup.navigator, state.navigator, motion, observations, p_false, fusion=fusion

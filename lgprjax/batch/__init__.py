@@ -1,4 +1,4 @@
-"""Drives registered against a map, one or thousands, and what is told of drives: health, recovery, accuracy."""
+"""Registration of drives against a map, one or thousands; health, recovery and accuracy of drives."""
 
 from lgprjax.batch.assumptions import away_in_words, distance_to_map_m, is_place_assumed, map_assumed_in_words
 from lgprjax.batch.calibrate import CalibrationMatches, thresholds_from, try_drives

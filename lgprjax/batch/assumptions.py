@@ -1,4 +1,4 @@
-"""What a map's labels rest on that no instrument recorded, and how far a drive lies from the map's ground."""
+"""Assumptions behind a map's labels that no instrument recorded, and distances of drives from a map."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,24 +11,24 @@ from lgprjax.formats import DriveLog, MapFile, MapHistory, assumed_of
 UNSTATED = "sigma not stated (fixes are relative to the map's labels)"
 """Of labels whose navigation says nothing of its errors."""
 _NEAR_M = 50.0
-"""A drive that comes nowhere as near as this is not beside the map, but elsewhere."""
+"""A drive that never comes this close is not next to the map, but elsewhere."""
 _NO_LABELS = ("time", "speed")
 _GEOD = pyproj.Geod(ellps="WGS84")
 
 
 def map_assumed(source: MapFile) -> tuple[dict[str, str], ...]:
-    """What was assumed of each baseline; a map's labels do not rest on clocks and speeds."""
+    """Assumptions made for each baseline; a map's labels do not depend on clocks and speeds."""
     rows = (assumed_of(row) for row in MapHistory.of(source).inputs)
     return tuple({name: words for name, words in row.items() if name not in _NO_LABELS} for row in rows)
 
 
 def map_assumed_in_words(source: MapFile) -> str | None:
-    """The same in a line; None for nothing."""
+    """The same as one line; None without assumptions."""
     return told_by_baseline(map_assumed(source))
 
 
 def told_by_baseline(rows: Sequence[Mapping[str, str]]) -> str | None:
-    """What was assumed of each baseline, in a line, with the numbers of the baselines where it is not all of them."""
+    """Assumptions as one line, with the numbers of the baselines where they do not hold for all."""
     found: dict[tuple[str, str], list[str]] = {}
     for number, row in enumerate(rows):
         for each in row.items():
@@ -55,16 +55,16 @@ def distance_to_map_m(source: MapFile, log: DriveLog) -> float:
 
 
 def away_in_words(source: MapFile, log: DriveLog) -> str | None:
-    """How far a drive lies from the map; None where it comes near it."""
+    """Distance of a drive from the map, in words; None where it comes close."""
     away_m = distance_to_map_m(source, log)
     if away_m <= _NEAR_M + 0.5 * source.description.array_width_m:
         return None
     told = f"{away_m:.0f} m" if away_m < 1e3 else f"{away_m / 1e3:.1f} km"
-    return f"the drive lies {told} from the map {source.description.name} (nearest point)"
+    return f"the drive is {told} from the map {source.description.name} (nearest point)"
 
 
 def is_place_assumed(source: MapFile, log: DriveLog) -> bool:
-    """Whether nobody said where on the earth the drive lies, or a baseline of the map."""
+    """Whether the place on the earth of the drive, or of a baseline of the map, is assumed."""
     return any("place on the earth" in each for each in (assumed_of(log.description.provenance), *map_assumed(source)))
 
 

@@ -1,4 +1,4 @@
-"""Thresholds found on one's own drives: matches at their true places, and matches led to other places of the map."""
+"""Thresholds calibrated on the user's drives: matches at their true places, and at wrong places of the map."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -15,11 +15,11 @@ from lgprjax.registration import Outcomes, RegisterOptions, Thresholds, Track, c
 _OPEN = Thresholds(strength_by_chance=0.0, margin_by_chance=0.0, overlap=0.8)
 _LEAST_RIGHT = 0.5
 _APART = 2.0
-"""A false place lies at least this many search squares from the true one."""
+"""A false place is at least this many search squares away from the true one."""
 
 
 class CalibrationMatches(NamedTuple):
-    """What matches came to on the ground of a map, and where they were led to other ground of it."""
+    """Matches at their true places on a map, and at wrong ones."""
 
     true: Outcomes
     false: Outcomes
@@ -40,10 +40,10 @@ def try_drives(
         source: the map.
         logs: drives over it.
         options: the search; its thresholds do not matter.
-        progress: told the number of scans done since the last call; every drive is gone through twice.
+        progress: called with the number of scans done since the last call; every drive is read twice.
 
     Raises:
-        InputError: a drive is too short to be led elsewhere, or does not lie on the map's ground.
+        InputError: a drive is too short to be moved elsewhere, or is not on the map's ground.
     """
     search = RegisterOptions(
         search_m=options.search_m, window_m=options.window_m, time_scale=options.time_scale, own_thresholds=_OPEN
@@ -57,7 +57,7 @@ def try_drives(
             expected = f"a drive over the ground of {source.path.name}, half of its matches or more at their places"
             raise InputError(log.path, "drive", expected, f"{share:.0%} of {len(outcomes.right)} matches")
         true.append(outcomes)
-        # Elsewhere the same time scale holds: finding one for ground that does not match would only be chance.
+        # The same time scale is used elsewhere: one estimated on ground that does not match would be arbitrary.
         known = RegisterOptions(**{**vars(search), "time_scale": _common_scale(own)})
         apart_m = _APART * 2.0 * options.search_half_m() + (options.window_m or 0.0)
         other = register_log(source, log, known, progress, partial(_elsewhere, log=log, apart_m=apart_m))
@@ -94,7 +94,7 @@ def _elsewhere(track: Track, *, log: DriveLog, apart_m: float) -> Track:
         pose: Float[np.ndarray, "scan 5"] = np.roll(track.pose, int(share * scans), axis=0)
         away_m = np.hypot(*(pose[:, :2] - track.pose[:, :2]).T)
         if np.mean(away_m >= apart_m) > 0.95:
-            pose[away_m < apart_m, :2] += 1e6  # what cannot be moved is led off the map
+            pose[away_m < apart_m, :2] += 1e6  # what cannot be moved is put off the map
             return track._replace(pose=pose)
     expected = f"a drive that comes at least {apart_m:.3g} m from where it was"
     raise InputError(log.path, "/odometry/distance_m", expected, f"{path_m[-1]:.3g} m of travel")

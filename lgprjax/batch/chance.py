@@ -45,7 +45,8 @@ _LEFT_OUT_PIECES = 60
 _LEAST_LEFT_OUT = 5
 _COVERED = 0.5  # of the channels, over the ground of the others
 _BETWEEN = 0.6  # of the distance between map traces
-_REGION = 6.25  # wavelengths to each side, no more than 2.5 m: chances go with the area, so that a small one tells
+# wavelengths to each side, no more than 2.5 m: chances scale with the area, so that a small one suffices
+_REGION = 6.25
 
 
 class _Swapped(NamedTuple):
@@ -53,7 +54,7 @@ class _Swapped(NamedTuple):
 
     Attributes:
         poses, traces: numbers of their stations.
-        under, channel: first channel of those that the poses are under, and of those that the traces are of.
+        under, channel: first channel of the poses, and of the traces.
     """
 
     poses: Int[np.ndarray, " scan"]
@@ -63,7 +64,7 @@ class _Swapped(NamedTuple):
 
 
 class _StationChain(LiveChain):
-    """Stations are profiles already: nothing of a recording's chain is left to do."""
+    """Chain of stations, which are profiles already: no processing is left to do."""
 
     def __init__(self, ground: GroundMap) -> None:
         self._ground = ground
@@ -74,7 +75,7 @@ class _StationChain(LiveChain):
         valid: Bool[np.ndarray, "scan channel"],
         time_scale: float,
     ) -> Float[np.ndarray, "scan channel coefficient"]:
-        """Coefficients of profiles; a map has no other time scale than its own."""
+        """Coefficients of profiles; a map has only its own time scale."""
         assert time_scale == 1.0
         rows = max(16, 1 << max(0, len(filtered) - 1).bit_length())
         pad = [(0, rows - len(filtered)), (0, 0)]
@@ -90,14 +91,14 @@ def measure_chance(source: MapFile) -> Chance:
     """Match pieces of a map's baselines at other places of it, and fit the tail of their best scores; then leave out
     baselines, register them on the others, and scale the sigmas by what those matches err by.
 
-    Every piece is searched as a drive is that says nothing of its own position, in all windows of the ladder. A map
-    too small for some dozens of pieces gets the tail pooled over many grounds.
+    Every piece is searched like a drive without a stated position sigma, in all windows of the ladder. A map too small
+    for some dozens of pieces gets the tail pooled over many grounds.
     """
     description = source.description
     wavelength_m = description.settings.wavelength_m
     half_m = min(RegisterOptions().search_half_m(), _REGION * wavelength_m)
     options = RegisterOptions(search_m=half_m, time_scale=1.0)
-    # Lines of a survey are no array: as many of them as an array is wide are matched together.
+    # Survey lines are no array: as many of them as an array has channels are matched together.
     channels = int(np.clip(round(_WIDEST_M / description.channel_pitch_m), 1, description.channels))
     tail = _false_tail(source, options, channels)
     spacing_m = _line_spacing_m(source)
@@ -139,10 +140,10 @@ def _false_tail(source: MapFile, options: RegisterOptions, channels: int) -> Cha
 
 
 def _swapped(source: MapFile, channels: int, half_m: float) -> Iterator[_Swapped]:
-    """Stretches on other stretches, drawn in a fixed order; each pair at least a region apart all along."""
+    """Pairs of stretches, drawn in a fixed order; each pair at least a region apart over its whole length."""
     draw = np.random.default_rng(_SEED)
     settings = source.description.settings
-    # The true place lies outside the region then, and its neighbourhood as well.
+    # The true place and its neighbourhood are then outside the region.
     step_m, apart_m = settings.step_m, half_m + max(0.5, 0.6 * settings.wavelength_m)
     drive = source.drive
     starts = np.flatnonzero(np.diff(drive, prepend=-1))
@@ -200,7 +201,7 @@ def _scans_of(source: MapFile, swapped: _Swapped, channels: int) -> LiveScans:
         np.full(count, np.nan),
         np.zeros(count, np.int64),
     )
-    # The labels themselves carry the stretch: the array's centre is the body's origin here.
+    # The labels are the track of the stretch: the array's centre is the body's origin here.
     return LiveScans(
         np.arange(count),
         stations.profile[back, of].astype(np.float32),
@@ -300,9 +301,9 @@ def _line_spacing_m(source: MapFile) -> float:
 
 
 class KeptStations:
-    """A database of which only some stations hold data: a ``StationSource``.
+    """A database in which only some stations hold data: a ``StationSource``.
 
-    All stations keep their places, so that tiles have the shapes of the whole map's and nothing is compiled anew.
+    All stations keep their places, so that tiles keep the shapes of the whole map and nothing is recompiled.
 
     Args:
         source: the database.
@@ -342,14 +343,14 @@ class OtherBaselines(KeptStations):
         super().__init__(source, np.asarray(source.drive != left_out))
 
 
-# The chance of a map that is to be registered against: out of its file, else measured once and remembered.
+# The chance of a map: from its file, else measured once and cached.
 
 
 def chance_of(source: MapFile) -> Chance:
     """The chance of a map.
 
     Maps of older versions hold none: theirs is measured, which takes seconds to minutes, and kept in the user's cache
-    folder under the hash of the map's file. A cache that cannot be read or written costs the time and nothing else.
+    folder under the hash of the map's file. A cache that cannot be read or written costs only time.
     """
     if source.chance is not None:
         return source.chance
@@ -367,6 +368,6 @@ def chance_of(source: MapFile) -> Chance:
 
 
 def cache_path(source: MapFile) -> Path:
-    """Where the chance of a map without its own is kept: ``$XDG_CACHE_HOME/lgprjax``, or ``~/.cache/lgprjax``."""
+    """Cache file for the chance of a map that holds none: ``$XDG_CACHE_HOME/lgprjax``, or ``~/.cache/lgprjax``."""
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return root / "lgprjax" / f"chance-{file_hash(source.path)}.json"

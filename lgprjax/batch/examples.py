@@ -1,4 +1,4 @@
-"""One fix of a drive, shown: strips of ground under the path, and the correlation about the prior."""
+"""One fix of a drive, for display: strips of ground under the path, and the correlation around the prior."""
 
 from typing import NamedTuple
 
@@ -32,7 +32,7 @@ from lgprjax.registration import (
 from lgprjax.registration.judge import independent_numbers
 from lgprjax.subsurface import GroundMap, Tile
 
-# The particle swarm of one fix, run again to be looked at.
+# The particle swarm of one fix, run again for display.
 
 
 def swarm_about(
@@ -45,9 +45,9 @@ def swarm_about(
     options: RegisterOptions,
     scan: int,
 ) -> SwarmView | None:
-    """The swarm about the highest place of a scan's surface; None where no swarm is asked for, or nothing was found.
+    """The swarm around the highest place of a scan's surface; None without a swarm in the options, or without a place.
 
-    The drive's own swarm began at the summits of its coarse stage, on columns: a few centimetres from there at most.
+    The drive's own swarm began at the peaks of its coarse stage, on the template bank: a few centimetres away at most.
 
     Args:
         ground: the map.
@@ -100,8 +100,8 @@ class GroundStrips(NamedTuple):
         live, baseline, beside: of the drive, of the map there, and of the map a metre farther on.
         distance_m: travel of each trace.
         time_ns: two-way travel time of the samples.
-        channel: that was taken.
-        beside_m: how much farther on ``beside`` lies.
+        channel: shown.
+        beside_m: distance of ``beside`` farther along the track.
         lag_m: shift along the track at which live and map strips agree best.
     """
 
@@ -116,17 +116,17 @@ class GroundStrips(NamedTuple):
 
 
 class FixExample(NamedTuple):
-    """A fix worth looking at, places along and across in the frame of the tile that it was searched on.
+    """A fix for display, places along and across in the frame of the tile that it was searched on.
 
     Attributes:
         scan: its number in the drive.
-        strips: of the ground live and in the map.
-        surface: the correlation about its prior.
-        prior_m, best_m, second_m, truth_m: where the search began, what it chose, the highest other summit of the
-            surface, and the truth where it is known.
-        prior_sigma_m: of the prior, east and north; 0 where the drive does not say.
+        strips: of the ground, live and in the map.
+        surface: the correlation around its prior.
+        prior_m, best_m, second_m, truth_m: start of the search, its result, the highest other peak of the surface, and
+            the truth where it is known.
+        prior_sigma_m: of the prior, east and north; 0 where the drive states none.
         frame: east_m, north_m, yaw_rad of the tile's frame in the map's.
-        swarm: that found it, where the search asks for one.
+        swarm: that found it, where the options ask for one.
     """
 
     scan: int
@@ -154,9 +154,9 @@ def example_scan(drive: RegisteredDrive) -> int | None:
 def fix_example(
     source: MapFile, log: DriveLog, drive: RegisteredDrive, options: RegisterOptions, scan: int
 ) -> FixExample | None:
-    """Strips and surface of one fix; None where no tile is near.
+    """Strips and surface of one fix; None without a tile nearby.
 
-    The drive is read again from far enough before the scan for the track filter to have settled.
+    The drive is read again from far enough before the scan for the background removal to have settled.
     """
     ground, search_m = ground_map_for(source, options), options.search_half_m(drive.track.sigma_m)
     tile_number = ground.tile_near(drive.track.pose[scan, :2], search_m)
@@ -204,7 +204,7 @@ def fix_example(
     pose = to_tile(np.asarray(drive.fix.pose)[[scan]], frame)[0]
     under, _ = ground_under(tile, _placed(offset, pose))
     ahead, _ = ground_under(tile, _placed(offset - np.array([_BESIDE_M, 0.0]), pose))
-    # Templates count back from the scan; strips read forward.
+    # Templates count backward from the scan; strips forward.
     strips = GroundStrips(
         live=_levelled(_samples(live, ground.basis))[::-1],
         baseline=_levelled(_samples(under, ground.basis))[::-1],
@@ -269,7 +269,7 @@ def _placed(offset_m: Float[np.ndarray, "trace 2"], pose: Float[np.ndarray, "5"]
 
 
 def _levelled(samples: Float[np.ndarray, "trace sample"]) -> Float[np.ndarray, "trace sample"]:
-    """A drive is in counts of its receiver, a map in units of its drive's RMS: correlation asks for neither."""
+    """A drive is in counts of its receiver, a map in units of its drive's RMS: correlation depends on neither."""
     return np.asarray(samples / max(float(np.sqrt(np.mean(samples**2))), 1e-30))
 
 

@@ -27,11 +27,11 @@ def no_bars(_title: str, _total: int) -> AbstractContextManager[Progress]:
 
 @dataclass(frozen=True)
 class Workforce:
-    """Who registers the drives: processes of this machine, or a cluster.
+    """The workers: processes of this machine, or a cluster.
 
     Attributes:
-        workers: processes of this machine; None where a scheduler is named.
-        threads: each is held to; None for an equal share of the cores, on a cluster for one.
+        workers: processes of this machine; None with a scheduler.
+        threads: limit of each; None for an equal share of the cores, one on a cluster.
         scheduler: address of a dask scheduler.
     """
 
@@ -92,7 +92,7 @@ def register_folder(
         raise ArgumentError("workers", f"at most {len(own_gpus)}, one a GPU", str(workforce.workers))
     with MapFile.open(map_path) as source:
         check_region(options.search_m, source)
-        # Measured and remembered here, or each worker would measure for itself.
+        # Measured and cached here, or each worker would measure it.
         with bars("preparing the map", 1):
             HeldGround(source, options)
     stamp = stamp_of(map_path)
@@ -121,7 +121,7 @@ def register_folder(
 def _done_by(
     workforce: Workforce, run: ArchiveRun, own_gpus: Sequence[str], jobs: Sequence[Job]
 ) -> Iterator[Iterator[JobOutcome]]:
-    """Outcomes of jobs as they come; leaving the block ends what is still at work."""
+    """Outcomes of jobs as they come; leaving the block ends running workers."""
     if workforce.workers is not None:
         with WorkerPool(run, workforce.workers, gpus=own_gpus) as pool:
             yield pool.run(jobs)

@@ -1,4 +1,4 @@
-"""Is a recorded drive sound? Radar, clock, odometry and GNSS of a drive log, each figure against a stated limit."""
+"""Health of a recorded drive: radar, clock, odometry and GNSS, each figure against a stated limit."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -19,11 +19,11 @@ from lgprjax.frames import LocalFrame
 
 _WINDOW_M = 8  # odometry and GNSS are compared over this travel: noise of 5 cm makes less than 1 %
 _GOOD_SIGMA_M = 0.1  # where GNSS is better than this, it can judge the odometer
-_LOST_SIGMA_M = 0.5  # three of these are the default search: beyond, the prior may miss its own fix
+_LOST_SIGMA_M = 0.5  # three of these are the default search: beyond, the prior may miss the true place
 _JUMP_LAG_S = 0.1
 _JUMP_M = (0.2, 0.5)
 _SLIP_PERCENT = (2.0, 4.0)
-_TRAVEL_JUMP_M = (0.1, 5.0)  # bridged, it costs a second of windows at most; beyond, the log has lost the road
+_TRAVEL_JUMP_M = (0.1, 5.0)  # bridged, it costs a second of windows at most; beyond, the position is lost
 
 
 def clock_figures(time_s: Float[np.ndarray, " scan"], path_m: Float[np.ndarray, " scan"]) -> list[HealthFigure]:
@@ -36,7 +36,7 @@ def clock_figures(time_s: Float[np.ndarray, " scan"], path_m: Float[np.ndarray, 
     interval, moved = np.diff(time_s), np.diff(path_m)
     usual, usual_m = _local_median(interval), _local_median(moved)
     late = interval >= 1.5 * usual
-    # Scans that a wheel triggers stop with the vehicle: a gap in time alone is one only where the clock is steady.
+    # Wheel-triggered scans stop with the vehicle: a gap in time alone counts only where the clock is steady.
     steady = float(np.median(np.abs(interval - np.median(interval)))) < 0.1 * float(np.median(interval))
     gap = late & ((moved >= 1.5 * usual_m) | steady)
     lost = np.where(gap, np.round(interval / usual) - 1.0, 0.0)
@@ -59,7 +59,7 @@ def clock_figures(time_s: Float[np.ndarray, " scan"], path_m: Float[np.ndarray, 
             jitter,
             "%",
             (10.0, 30.0),
-            "95th percentile of what intervals between scans differ by from their neighbours, of the usual interval",
+            "95th percentile of the difference between neighbouring scan intervals, relative to the usual interval",
         ),
     ]
 
@@ -77,7 +77,7 @@ def _local_median(values: Float[np.ndarray, " interval"]) -> Float[np.ndarray, "
 def jump_figures(
     odometry: OdometryTrack, time_s: Float[np.ndarray, " scan"], path_m: Float[np.ndarray, " scan"]
 ) -> list[HealthFigure]:
-    """Steps of the odometry that no vehicle drives; nothing where there are none.
+    """Steps of the odometry that no vehicle can drive; empty without any.
 
     Args:
         odometry: of the drive.
@@ -97,8 +97,8 @@ def jump_figures(
             max(abs(jump.metres) for jump in jumps),
             "m",
             _TRAVEL_JUMP_M,
-            f"largest step of the odometry that no vehicle drives, as where its positions jump: {len(mended.bridged)} "
-            f"bridged at local speed, {len(mended.broken)} left open",
+            f"largest step of the odometry that no vehicle can drive, as where its positions jump: "
+            f"{len(mended.bridged)} bridged at local speed, {len(mended.broken)} left open",
             tuple(where),
         )
     ]
@@ -146,7 +146,7 @@ def motion_figures(
                 float(np.percentile(sigma, 95.0)),
                 "m",
                 (0.25, _LOST_SIGMA_M),
-                "95th percentile of the horizontal sigma that GNSS/INS states (the larger of east and north)",
+                "95th percentile of the horizontal sigma stated by GNSS/INS (the larger of east and north)",
                 places(np.maximum(sigma[1:], sigma[:-1]) >= 0.25),
             )
         )
@@ -160,7 +160,8 @@ def motion_figures(
             places(lost),
         )
     )
-    # Steps of GNSS in the INS heading: their sum telescopes, so noise is not rectified and reverse has its sign.
+    # GNSS steps projected on the INS heading: their sum telescopes, so noise is not rectified and reverse keeps its
+    # sign.
     frame = LocalFrame(*(float(v[0]) for v in (navigation.latitude_deg, navigation.longitude_deg, navigation.height_m)))
     east, north, _ = frame.to_local(navigation.latitude_deg, navigation.longitude_deg, navigation.height_m)
     east, north = east[inside], north[inside]
@@ -177,7 +178,7 @@ def motion_figures(
             float(step.max()),
             "m",
             _JUMP_M,
-            f"largest step of the position in {_JUMP_LAG_S:g} s that odometry denies (a tenth of the way allowed)",
+            f"largest position step in {_JUMP_LAG_S:g} s that odometry contradicts (a tenth of the travel allowed)",
             places(jumped),
         )
     )
@@ -186,7 +187,7 @@ def motion_figures(
     if len(ratio) < 3:
         why = f"less than three windows of {_WINDOW_M} m with a sigma of {_GOOD_SIGMA_M:g} m or better"
         return figures, [*missing, ("odometer_scale", why), ("odometer_slip", why)]
-    # Of single metres: windows that slip touches are more than the metres that slip.
+    # Of single metres: slip touches more windows than metres.
     scale = float(np.median(_ratios(travel, forward, at_s, judged, 1)[0]))
     slip = 100.0 * np.abs(ratio / scale - 1.0)
     metres = np.interp(centre_s, time_s, path_m)
@@ -220,7 +221,7 @@ def _jumps(
     travel_m: Float[np.ndarray, " interval"],
     interval_s: Float[np.ndarray, " interval"],
 ) -> Float[np.ndarray, " interval"]:
-    """What positions step by beyond odometry, each interval with those of the next tenth of a second."""
+    """Position steps beyond odometry, each interval together with those of the next tenth of a second."""
     lag = max(1, round(_JUMP_LAG_S / float(np.median(interval_s))))
 
     def over_lag(values: np.ndarray) -> np.ndarray:
@@ -246,7 +247,7 @@ def _ratios(
     node = np.searchsorted(path, np.arange(0.0, path[-1] + 1e-9, 1.0))
     node = np.minimum(node, len(path) - 1)
     a, b = node[:-window_m], node[window_m:]
-    # Signed: noise of a standing odometer and a turn back within the window make a path, but no way.
+    # Signed: noise at standstill and reversing within the window add path length, but no displacement.
     gone = came[b] - came[a]
     use = (doubt[b] == doubt[a]) & (np.abs(gone) > 0.5 * window_m)
     a, b = a[use], b[use]
@@ -264,21 +265,22 @@ _MEASURED_ON = {
     "odometer_scale": ("position", "odometry"),
     "odometer_slip": ("position", "odometry"),
 }
-"""Quantities that an importer may have made up, by the figures that say nothing then: a made-up clock never drops a
-scan, and travel that was made from positions agrees with them."""
+"""Quantities that an importer may have assumed, by the figures that mean nothing then: an assumed clock never drops a
+scan, and travel derived from positions agrees with them.
+"""
 
 
 class DriveHealth(NamedTuple):
-    """What a drive log says about the soundness of its recording.
+    """Health figures of a drive log.
 
     Attributes:
         name: of the drive.
         kind: ``traces`` or ``sweeps``.
         scans, channels: of the recording.
-        duration_s, travel_m: from the first scan to the last; travel counts reverse as travel.
+        duration_s, travel_m: from the first scan to the last; reverse counts as travel.
         figures: measured, or of the verdict ``not recorded``.
-        not_measured: names of figures that this drive does not allow, and why.
-        assumed: what no instrument recorded, and what stands in for it.
+        not_measured: names of figures that this drive does not permit, and why.
+        assumed: quantities that no instrument recorded, and what was assumed instead.
     """
 
     name: str
@@ -293,7 +295,7 @@ class DriveHealth(NamedTuple):
 
     @property
     def verdict(self) -> Verdict:
-        """The worst verdict of all figures, what was not recorded left out."""
+        """The worst verdict of all figures that were recorded."""
         return worst([entry.verdict for entry in self.figures])
 
     def figure(self, name: str) -> HealthFigure:
@@ -304,7 +306,7 @@ class DriveHealth(NamedTuple):
         raise KeyError(name)
 
     def as_json(self) -> dict[str, object]:
-        """Plain values, for JSON; what is not a finite number is null."""
+        """Plain values, for JSON; non-finite numbers become null."""
         figures = []
         for entry in self.figures:
             row: dict[str, object] = dict(entry._asdict())
@@ -325,7 +327,7 @@ def drive_health(log: DriveLog, progress: Callable[[int], None] = lambda _: None
 
     Args:
         log: traces or sweeps.
-        progress: told the number of scans done since the last call.
+        progress: called with the number of scans done since the last call.
 
     Raises:
         InputError: the radar data are damaged.
@@ -359,7 +361,7 @@ def drive_health(log: DriveLog, progress: Callable[[int], None] = lambda _: None
 
 
 def _as_recorded(figures: list[HealthFigure], lacking: list[tuple[str, str]], assumed: dict[str, str]) -> Findings:
-    """Figures, and names of those that are lacking, but those of what was made up judged as ``not recorded``."""
+    """Figures and the names of missing ones, with those of assumed quantities judged as ``not recorded``."""
 
     def unrecorded(name: str) -> HealthFigure | None:
         made_up = {each: assumed[each] for each in _MEASURED_ON.get(name, ()) if each in assumed}
@@ -379,7 +381,7 @@ def trace_blocks(log: DriveLog, progress: Callable[[int], None]) -> SignalBlocks
     counts = dtype.kind in "iu"
     rails = None
     if counts and dtype.itemsize <= 2:
-        # A receiver's converter fills bytes and shorts; of a wider type nobody meets the rails.
+        # A receiver's converter fills bytes and shorts; values of a wider type never reach its limits.
         limits = np.iinfo(dtype)
         rails = (limits.min - recording.zero_level, limits.max - recording.zero_level)
     recorded = RecordingTraits(

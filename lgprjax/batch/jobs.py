@@ -1,4 +1,4 @@
-"""Registration jobs: what a result depends on, the record of each job, the folder of results, one worker's share."""
+"""Registration jobs: their inputs, the record of each, the folder of results, and the work of one process."""
 
 import hashlib
 import json
@@ -28,21 +28,21 @@ from lgprjax.registration import WRONG_M, Code, RegisterOptions
 
 
 class FileStamp(NamedTuple):
-    """What changes when a file is written anew: size, and time of the last change in nanoseconds."""
+    """Signature of a file: size, and time of the last change in nanoseconds."""
 
     size: int
     changed_ns: int
 
 
 class ArchiveRun(NamedTuple):
-    """What all jobs of a run have in common.
+    """Settings common to all jobs of a run.
 
     Attributes:
         map_path: the database; absolute.
-        map_sha256: of its file, and ``map_stamp`` when that was taken.
+        map_sha256: of its file, and the ``map_stamp`` at that time.
         options: the search.
         folder: of the results; absolute.
-        threads: each worker is held to.
+        threads: limit for each worker.
     """
 
     map_path: Path
@@ -70,7 +70,7 @@ class Job(NamedTuple):
 
 
 def stamp_of(path: Path) -> FileStamp:
-    """Stamp of a file as it is now."""
+    """Present stamp of a file."""
     found = path.stat()
     return FileStamp(found.st_size, found.st_mtime_ns)
 
@@ -84,27 +84,27 @@ def settings_of(options: RegisterOptions) -> dict[str, object]:
 
 
 def key_of_job(drive_sha256: str, map_sha256: str, settings: dict[str, object]) -> str:
-    """SHA-256 of what a job's result depends on; the order of the settings does not matter."""
+    """SHA-256 of the inputs of a job's result, whatever the order of the settings."""
     told = {"drive": drive_sha256, "map": map_sha256, "settings": settings, "version": __version__}
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
-# What is kept of a job: one small JSON file a drive, from which every table of an archive is made.
+# The record of a job: one small JSON file a drive, from which every table of an archive is made.
 
 CELL_M = 5.0
 """Side of the square cells of the map's plane in which a drive's scans are counted."""
 
 
 class CellTally(NamedTuple):
-    """What one drive found in one cell.
+    """Results of one drive in one cell.
 
     Attributes:
-        east, north: number of the cell, its south-west corner in cells from the map's anchor.
-        tried, ok, judged: scans searched, of these with an ok fix, of these with a known truth.
+        east, north: index of the cell: its south-west corner in cells from the map's anchor.
+        tried, ok, judged: scans searched; of these, with an ok fix; of these, with a known truth.
         square_m2: sum of their squared errors.
         largest_m: of the errors; 0 where nothing was judged.
         largest_s: time of that scan in the drive.
-        declined_s: time of the first scan without an ok fix; None where all have one.
+        declined_s: time of the first scan without an ok fix; None if all have one.
     """
 
     east: int
@@ -123,14 +123,14 @@ class _Kept(BaseModel):
 
 
 class DriveFigures(_Kept):
-    """A registered drive in numbers; ``None`` stands for what cannot be told.
+    """A registered drive in numbers; ``None`` where unknown.
 
     Attributes:
         scans, tried: of the drive; those that were searched.
         counts: scans by code.
-        way_m: driven.
+        way_m: distance driven.
         correlation_ok, correlation_at_truth: medians, of the ok fixes and of all scans at their true pose.
-        judged, wrong: ok fixes whose truth is known, and those of them more than 0.3 m off.
+        judged, wrong: ok fixes whose truth is known, and those of them with an error above 0.3 m.
         rms_along_m, rms_cross_m, largest_m: errors of the judged, in the map's frame.
         milliseconds_per_scan: wall time of the search.
     """
@@ -160,13 +160,13 @@ class DriveFigures(_Kept):
 
 
 class JobCost(_Kept):
-    """What a job took.
+    """Cost of a job.
 
     Attributes:
         seconds: from opening the log to its outputs.
-        search_s: of these, registration itself, reading and preparing tiles included.
-        compiled: programs that the worker compiled, or fetched from a cache of compiled programs, since the job before.
-        peak_rss_mb: largest memory of the worker's process up to then.
+        search_s: of these, registration itself, including reading and preparing tiles.
+        compiled: programs that the worker compiled, or loaded from the compilation cache, since the previous job.
+        peak_rss_mb: peak memory of the worker's process so far.
         worker: host and process.
     """
 
@@ -178,13 +178,13 @@ class JobCost(_Kept):
 
 
 class JobRecord(_Kept):
-    """A job that is over.
+    """A finished job.
 
     Attributes:
         name: of the drive.
         state: done, or failed for good.
         key: of the job.
-        drive, drive_sha256, map, map_sha256: what it was made from.
+        drive, drive_sha256, map, map_sha256: its inputs.
         settings: of the search.
         version: of the program.
         attempts: workers that tried.
@@ -211,7 +211,7 @@ class JobRecord(_Kept):
 
 
 def jobs_folder(folder: Path) -> Path:
-    """Where the records of an archive are."""
+    """Folder of the records of an archive."""
     return folder / "jobs"
 
 
@@ -222,7 +222,7 @@ def write_record(folder: Path, record: JobRecord) -> None:
 
 
 def read_record(path: Path) -> JobRecord | None:
-    """A record; None where there is none, or none of this format: its job is to be done again."""
+    """A record; None if there is none of this format, so that its job is done again."""
     try:
         return JobRecord.model_validate_json(path.read_bytes())
     except (FileNotFoundError, ValidationError):
@@ -230,12 +230,12 @@ def read_record(path: Path) -> JobRecord | None:
 
 
 def read_records(folder: Path) -> dict[str, JobRecord]:
-    """All records of an archive by the drives' names, in the order of these."""
+    """All records of an archive by drive name, sorted by name."""
     found = [read_record(path) for path in sorted(jobs_folder(folder).glob("*.json"))]
     return {record.name: record for record in found if record is not None}
 
 
-# The folder of an archive: whose results it holds, what of a run is already there, one run at a time.
+# The folder of an archive: its map and drives, the jobs already done, and a lock for one run at a time.
 
 _MARK = "archive.json"
 _DERIVED = ("archive.csv", "archive.html")
@@ -243,12 +243,12 @@ _READERS = 4
 
 
 class JobPlan(NamedTuple):
-    """What a run has to do.
+    """The work of a run.
 
     Attributes:
         todo: jobs that are missing, or whose drive, settings, program or outputs changed.
-        done: names of the drives that are as they would become.
-        unreadable: drives that could not even be opened.
+        done: names of the drives whose results are up to date.
+        unreadable: drives that could not be opened.
     """
 
     todo: list[Job]
@@ -257,7 +257,7 @@ class JobPlan(NamedTuple):
 
 
 class _Mark(NamedTuple):
-    """Whose results a folder holds: map, and the drives whose outputs are the archive's own."""
+    """Owner of a folder: the map, and the drives whose outputs belong to the archive."""
 
     map: str
     map_sha256: str
@@ -276,9 +276,9 @@ def drive_name(path: Path) -> str:
 
 @contextmanager
 def claimed(run: ArchiveRun, names: Sequence[str], *, force: bool) -> Iterator[None]:
-    """Hold a folder for a run; what killed workers left half-written in it is removed.
+    """Lock a folder for a run and remove partial files of killed workers.
 
-    The folder is marked with its map and with the drives whose outputs are the archive's own and may be replaced.
+    The folder is marked with its map and with the drives whose outputs belong to the archive and may be replaced.
 
     Args:
         run: the run.
@@ -286,8 +286,8 @@ def claimed(run: ArchiveRun, names: Sequence[str], *, force: bool) -> Iterator[N
         force: replace results of another map, and outputs of other origin.
 
     Raises:
-        InputError: it holds results of another map or files of other origin (without ``force``), it is no folder,
-            or another run holds it.
+        InputError: it holds results of another map or files of other origin (without ``force``), it is no folder, or
+            another run has locked it.
     """
     folder = run.folder
     _ours(run, names, force)
@@ -308,13 +308,13 @@ def claimed(run: ArchiveRun, names: Sequence[str], *, force: bool) -> Iterator[N
 def plan_jobs(
     run: ArchiveRun, drives: Sequence[Path], *, force: bool, progress: Callable[[int], None] = lambda _: None
 ) -> JobPlan:
-    """Read every drive's hash and find what is to be done; in a claimed folder.
+    """Hash every drive and find the jobs to do; in a claimed folder.
 
     Args:
         run: the run.
         drives: logs of different names.
         force: do all of them anew.
-        progress: told of drives looked at.
+        progress: called with the number of drives checked.
     """
     settings = settings_of(run.options)
 
@@ -359,7 +359,7 @@ def note_failure(run: ArchiveRun, job: Job, error: InputError, attempts: int) ->
 
 
 def _ours(run: ArchiveRun, names: Sequence[str], force: bool) -> set[str]:
-    """Drives whose outputs in the folder are the archive's own. Raises ``InputError`` for what is not."""
+    """Drives whose outputs in the folder belong to the archive. Raises ``InputError`` for others."""
     folder = run.folder
     if folder.exists() and not folder.is_dir():
         raise InputError(folder, "output", "a folder", "a file")
@@ -378,7 +378,7 @@ def _ours(run: ArchiveRun, names: Sequence[str], force: bool) -> set[str]:
 
 
 def _is_done(folder: Path, job: Job) -> bool:
-    """Whether a record tells of this very job, and its outputs are as it tells."""
+    """Whether a record is of this very job and its outputs are unchanged."""
     record = read_record(jobs_folder(folder) / f"{job.name}.json")
     if record is None or record.state != "done" or record.key != job.key:
         return False
@@ -399,7 +399,7 @@ def _read_mark(path: Path) -> _Mark | None:
 
 
 def _clean(folder: Path, names: Sequence[str]) -> None:
-    """Remove what a worker that was killed had not yet renamed."""
+    """Remove temporary files of killed workers."""
     own = {f".{output}" for name in names for output in (*outputs_of(name), f"{name}.json")}
     for place in (folder, jobs_folder(folder)):
         for left in place.glob(".*.partial-*"):
@@ -407,7 +407,7 @@ def _clean(folder: Path, names: Sequence[str]) -> None:
                 left.unlink(missing_ok=True)
 
 
-# A registered drive in numbers, whole and cell by cell of the map's plane.
+# Figures of a registered drive, as a whole and by cell of the map's plane.
 
 
 def figures_of(drive: RegisteredDrive) -> DriveFigures:
@@ -433,9 +433,9 @@ def figures_of(drive: RegisteredDrive) -> DriveFigures:
 
 
 def cells_of(drive: RegisteredDrive) -> tuple[CellTally, ...]:
-    """What was found in each cell that the drive's searched scans lie in.
+    """Results by cell of the drive's searched scans.
 
-    A scan lies where its truth is, where that is not known where its ok fix is, else where its prior was.
+    The place of a scan is its truth, else its ok fix, else its prior.
     """
     code = np.asarray(drive.fix.code)
     tried = np.flatnonzero(code != Code.NO_WINDOW)
@@ -480,20 +480,20 @@ def _rms(values: Float[np.ndarray, " any"]) -> float | None:
     return float(np.sqrt(np.mean(values**2))) if len(values) else None
 
 
-# One process's share of an archive run: the map opened once, the programs compiled once, drive after drive.
+# The work of one process: the map is opened once, programs are compiled once, drives follow one another.
 
 HELD_TILES = 16
-"""Tiles, and as many columns, that a worker holds from drive to drive."""
+"""Tiles, and as many template banks, that a worker caches between drives."""
 
 
 class DriveJobs:
-    """What a worker does; close it when done.
+    """The jobs of a worker; close it when done.
 
     Args:
         run: the run.
 
     Raises:
-        InputError: the map cannot be opened, or is no longer the file that the run began with.
+        InputError: the map cannot be opened, or has changed since the run began.
     """
 
     def __init__(self, run: ArchiveRun) -> None:
@@ -516,10 +516,10 @@ class DriveJobs:
         """Register a drive; outputs and record are written, the record last.
 
         Returns:
-            why it failed; None where it is done. A defect is told on standard error besides.
+            why it failed; None if done. A traceback of a defect goes to standard error as well.
 
         Raises:
-            MemoryError: there is too little; of no use to the next drive either.
+            MemoryError: there is too little memory; the next drive would fail as well.
         """
         try:
             self._register(job, attempt)
@@ -535,7 +535,7 @@ class DriveJobs:
     def _register(self, job: Job, attempt: int) -> None:
         began, run = time.perf_counter(), self._run
         with DriveLog.open(job.drive) as log:
-            # What was read must be what the job is named by; the open file stays the same if another takes its place.
+            # The file read must be the one that the job's key names; an open file stays the same when it is replaced.
             if file_hash(job.drive) != job.drive_sha256:
                 raise InputError(job.drive, "file", "the file that the run began with", "one written since")
             drive = register_log(self._source, log, run.options, held=self._held)

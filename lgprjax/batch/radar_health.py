@@ -29,7 +29,7 @@ def radar_figures(
     """Figures of the signal itself.
 
     Args:
-        blocks: the recording, reduced.
+        blocks: levels of the recording.
         time_s: of the scans.
         path_m: metres travelled since the first scan.
     """
@@ -56,7 +56,7 @@ def _channels(blocks: SignalBlocks, place: BlockStretches) -> Findings:
             float(dead.any(axis=0).sum()),
             "channels",
             (1.0, 1.0),
-            "channels without a direct wave (20 dB below the array's) or without any valid trace, part of the drive",
+            "channels without a direct wave (20 dB below the array's) or without any valid trace, share of the drive",
             place.of_channels(dead),
         ),
         figure(
@@ -64,7 +64,7 @@ def _channels(blocks: SignalBlocks, place: BlockStretches) -> Findings:
             float(stuck.max()),
             "%",
             (0.5, 5.0),
-            "traces that repeat the one before sample by sample, of the channel that does so most",
+            "traces identical to the previous one, in the channel that has most of them",
             place.of_channels(share >= 0.005),
         ),
     ]
@@ -132,7 +132,7 @@ def _saturation(blocks: SignalBlocks, place: BlockStretches) -> Findings:
             100.0 * float(blocks.clipped.sum() / max(blocks.used.sum(), 1.0)),
             "%",
             (0.5, 5.0),
-            "traces with samples at the rails of the stored type, the direct wave left out",
+            "traces with samples at the limits of the stored type, the direct wave left out",
             place.of_channels(share >= 0.005),
         ),
         figure(
@@ -140,7 +140,7 @@ def _saturation(blocks: SignalBlocks, place: BlockStretches) -> Findings:
             blocks.clipped_direct / blocks.recorded.period_samples,
             "periods",
             (0.25, 1.0),
-            "time that a trace's direct wave spends at the rails, in periods of the centre frequency",
+            "time that a trace's direct wave is clipped, in periods of the centre frequency",
         ),
     ], []
 
@@ -158,7 +158,7 @@ def _gain(blocks: SignalBlocks, place: BlockStretches) -> Findings:
     drift = np.concatenate([np.full(len(values), level - 1.0) for values, level in zip(part, quarter, strict=True)])
     change = array / np.nanmedian(array) - 1.0
     figures = [
-        # Over quarters: an antenna on the ground hears its direct wave change with the ground from metre to metre.
+        # Over quarters: the direct wave of an antenna on the ground changes with the ground from metre to metre.
         figure(
             "gain_drift",
             100.0 * float(np.nanmax(quarter) - np.nanmin(quarter)),
@@ -194,18 +194,18 @@ def _gain(blocks: SignalBlocks, place: BlockStretches) -> Findings:
     return figures, []
 
 
-# Stepped-frequency sweeps on their way to health figures: calibration channel, noise by frequency, time profiles.
+# Health figures of stepped-frequency sweeps: calibration channel, noise by frequency, time profiles.
 
 _NARROW = 25.0  # power of one frequency's noise over its block's median that no Gaussian noise reaches
 
 
 class SweepLevels(NamedTuple):
-    """What only sweeps have, one row a block.
+    """Levels that only sweeps have, one row a block.
 
     Attributes:
-        calibration: mean calibration sweep over the one that belongs to the look-up sweeps; NaN without any.
+        calibration: mean calibration sweep divided by that of the look-up sweeps; NaN without any.
         calibration_noise: RMS of its noise over its level.
-        narrow: scans with noise far above the usual at single frequencies.
+        narrow: scans with unusual noise at single frequencies.
         spectrum: power of the channels' noise over frequency.
     """
 
@@ -218,8 +218,8 @@ class SweepLevels(NamedTuple):
 def sweep_blocks(log: DriveLog, progress: Callable[[int], None]) -> tuple[SignalBlocks, SweepLevels]:
     """Reduce a log of sweeps; its signal as time profiles, calibrated scan by scan.
 
-    A channel's sweep is multiplied by the look-up calibration sweep over its own scan's: what cables and converter
-    changed since then falls out (LL, calibration order). Raises ``InputError`` for damaged data.
+    A channel's sweep is multiplied by the look-up calibration sweep over its own scan's: drift of cables and converter
+    since then cancels (LL, calibration order). Raises ``InputError`` for damaged data.
     """
     recording = log.description.recording
     assert isinstance(recording, SweepRecording)
@@ -238,7 +238,7 @@ def sweep_blocks(log: DriveLog, progress: Callable[[int], None]) -> tuple[Signal
         sound = (np.abs(calibration) > 0.0).any(axis=1)
         valid = valid & sound[:, None]
         steady = np.where(sound[:, None], calibration, known)
-        # A frequency at which the calibration path is silent cannot be corrected, and is left out.
+        # A frequency at which the calibration path has no signal cannot be corrected and is left out.
         floor = 1e-3 * np.abs(steady).max(axis=1, keepdims=True)
         correction = np.where(np.abs(steady) > floor, known / np.where(np.abs(steady) > floor, steady, 1.0), 0.0)
         clean = np.where(valid[..., None], sweeps, 0.0)
@@ -258,10 +258,10 @@ def sweep_figures(
     time_s: Float[np.ndarray, " scan"],
     path_m: Float[np.ndarray, " scan"],
 ) -> list[HealthFigure]:
-    """Figures that only sweeps have.
+    """Figures that exist for sweeps only.
 
     Args:
-        blocks, levels: the recording, reduced.
+        blocks, levels: levels of the recording.
         time_s: of the scans.
         path_m: metres travelled since the first scan.
     """
@@ -360,7 +360,7 @@ def _by_frequency(
     difference = np.where(together[..., None], sweeps[2:] - 2.0 * sweeps[1:-1] + sweeps[:-2], 0.0)
     power = np.abs(difference.astype(np.complex128)) ** 2 / 6.0
     usual = np.median(power, axis=0, keepdims=True)
-    # Wide-band unrest (a jolt, a gap) lifts all frequencies alike and is no interference.
+    # A wide-band disturbance (a jolt, a gap) raises all frequencies alike and is no interference.
     beside = np.median(power, axis=2, keepdims=True)
     narrow = (power > _NARROW * np.maximum(usual, 1e-30)) & (power > _NARROW * np.maximum(beside, 1e-30))
     return power.sum(axis=(0, 1)), int(narrow.any(axis=(1, 2)).sum())

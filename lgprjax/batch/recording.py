@@ -1,4 +1,4 @@
-"""A drive as registration reads it: traces or sweeps in the map's units, positions, levels over depth."""
+"""A drive as input of registration: traces or sweeps in the map's units, positions, levels over depth."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -36,9 +36,9 @@ from lgprjax.radar import (
 from lgprjax.registration import Operators, Track
 
 _BAND_SHARE = 0.5
-"""A recording that hears less than this share of a map's band is refused."""
+"""A recording that covers less than this share of a map's band is refused."""
 _HEAD_SCANS = 64
-"""Scans from which dead channels are told: the same for every reader of a drive, wherever it begins."""
+"""Scans used to detect dead channels: the same for every reader of a drive, wherever it begins."""
 
 
 class RecordedBlock(NamedTuple):
@@ -74,7 +74,7 @@ class TraceDrive:
         return samples if travel_time_ns is None else min(samples, _samples_within(travel_time_ns, settings))
 
     def operator(self, settings: ChainSettings, kept: int, later_ns: float = 0.0) -> Float[Array, "recorded sample"]:
-        """Traces to ``kept`` profile samples, time zero so much later than stated.
+        """Traces to ``kept`` profile samples, with time zero later than stated by ``later_ns``.
 
         Raises ``InputError`` where the sampling cannot hold the band.
         """
@@ -100,7 +100,7 @@ class TraceDrive:
 def _trace_operator(
     samples: int, sample_interval_ns: float, time_zero_ns: float, settings: ChainSettings, kept: int
 ) -> Float[Array, "recorded sample"]:
-    """Made once for all drives of a radar."""
+    """Computed once for all drives of a radar."""
     return profile_operator(samples, sample_interval_ns, time_zero_ns, settings, kept=kept)
 
 
@@ -128,19 +128,19 @@ class SweepDrive:
             raise InputError(log.path, "/radar/lookup_calibration_sweep", "values other than zero", zeros)
 
     def chain(self, scan_spacing_m: float, centre_frequency_hz: float | None) -> ChainSettings:
-        """Settings for a map that begins with this drive: a sweep says its band, and no frequency is asked for."""
+        """Settings for a map that begins with this drive: a sweep has its band, and no frequency is needed."""
         if centre_frequency_hz is not None:
-            expected = "no --centre-frequency-mhz: sweeps say their band"
+            expected = "no --centre-frequency-mhz: sweeps define their band"
             raise InputError(self._log.path, "/radar/frequencies_hz", expected, f"{centre_frequency_hz / 1e6:g} MHz")
         return sweep_chain(self._recording.frequencies_hz, scan_spacing_m)
 
     def samples(self, settings: ChainSettings, travel_time_ns: float | None) -> int:
-        """Samples of its profile: as far as is unambiguous, at most ``travel_time_ns`` or fifteen periods."""
+        """Samples of its profile: up to the unambiguous range, at most ``travel_time_ns`` or fifteen periods."""
         limit_ns = depth_window_ns(settings) if travel_time_ns is None else travel_time_ns
         return sweep_samples(self._recording.frequencies_hz, settings, limit_ns)
 
     def operator(self, settings: ChainSettings, kept: int) -> Float[Array, "recorded sample"]:
-        """Stacked sweeps to ``kept`` profile samples. Raises ``InputError`` where they miss most of the band."""
+        """Stacked sweeps to ``kept`` profile samples. Raises ``InputError`` if they miss most of the band."""
         frequencies_hz = self._recording.frequencies_hz
         step_hz = float(np.diff(frequencies_hz).min())
         within = (frequencies_hz > settings.band_low_hz) & (frequencies_hz < settings.band_high_hz)
@@ -175,7 +175,7 @@ class SweepDrive:
 
 
 def recording_of(log: DriveLog) -> TraceDrive | SweepDrive:
-    """The radar data of a log, of whichever kind. Raises ``InputError`` for sweeps that no transform can be made of."""
+    """The radar data of a log, traces or sweeps. Raises ``InputError`` for sweeps that cannot be transformed."""
     recording = log.description.recording
     return TraceDrive(log, recording) if isinstance(recording, TraceRecording) else SweepDrive(log, recording)
 
@@ -195,7 +195,7 @@ def _band(settings: ChainSettings) -> str:
 # The track of a recorded drive: navigation and odometry brought to the scans and to the array's centre.
 
 _SILENT_S = 1.0
-_SAME_DEG, _MOST = 0.01, 0.99  # headings that are the path's own agree with its chords, but where they were held
+_SAME_DEG, _MOST = 0.01, 0.99  # headings derived from the path agree with its chords, except where they were held
 _LESS_SURE = 3.0
 
 
@@ -205,8 +205,8 @@ class DriveTrack(NamedTuple):
     Attributes:
         track: prior pose of the array's centre, travel and speed, at every scan.
         ground_up_m: up coordinate of the ground under the vehicle.
-        jumps_bridged: jumps of the recorded travel that are taken out of the track's.
-        breaks: jumps across which nobody knows the travel: legs of the track begin there.
+        jumps_bridged: jumps of the recorded travel that were removed.
+        breaks: jumps across which the travel is unknown: legs of the track begin there.
     """
 
     track: Track
@@ -230,7 +230,7 @@ def poses_of(
 
 
 def track_of_drive(log: DriveLog, frame: LocalFrame) -> DriveTrack:
-    """Track of a drive log in a map's frame; travel that is none, as where positions jump, is taken out.
+    """Track of a drive log in a map's frame; false travel, as where positions jump, is removed.
 
     Raises:
         InputError: navigation or odometry does not span the scans (more than a second is missing).
@@ -267,10 +267,10 @@ def track_of_drive(log: DriveLog, frame: LocalFrame) -> DriveTrack:
 
 
 def jump_line(drive: DriveTrack) -> str | None:
-    """What was done about jumps of the recorded travel, in a line; None where there are none."""
+    """One line about jumps of the recorded travel; None without any."""
     if not drive.jumps_bridged + drive.breaks:
         return None
-    told = f"travel jumps that no vehicle drives: {drive.jumps_bridged} bridged at local speed"
+    told = f"travel jumps that no vehicle can drive: {drive.jumps_bridged} bridged at local speed"
     return told if not drive.breaks else f"{told}, {drive.breaks} left open (no window reaches across)"
 
 
@@ -283,7 +283,7 @@ def _position_sigma(navigation: NavigationTrack, time_s: Float[np.ndarray, " sca
 
 
 def _turned_across(navigation: NavigationTrack, odometry: OdometryTrack, jumps: tuple[Jump, ...]) -> NavigationTrack:
-    """Headings interpolated about jumps, where they are the directions of the very path that jumps."""
+    """Headings interpolated across jumps, where they were derived from the path that jumps."""
     if not jumps:
         return navigation
     travel = np.interp(navigation.time_s, odometry.time_s, odometry.distance_m)
@@ -315,7 +315,7 @@ def scan_spacing_m(track: Track) -> float:
 def antennas_of(track: Track, array: ArrayGeometry) -> Float[np.ndarray, "scan channel 3"]:
     """East and north of every antenna from the array's centre, and its height above the ground.
 
-    Each channel stands where the vehicle had come when the switch matrix reached it.
+    Each channel is where the vehicle was when the switch matrix reached it.
     """
     centre_x, centre_y = centre_of(array)
     x = array.x_m - centre_x + track.speed_mps[:, None] * array.time_offset_s
@@ -334,9 +334,9 @@ def _speed(travel_m: Float[np.ndarray, " scan"], time_s: Float[np.ndarray, " sca
 
 
 def gnss_gaps(log: DriveLog) -> Bool[np.ndarray, " scan"]:
-    """Scans at which GNSS/INS said nothing for a second, or was three times less sure than at its best.
+    """Scans at which GNSS/INS was silent for a second, or had three times the sigma of its best.
 
-    Best is the tenth part of the drive's scans at which its position's sigma is least.
+    Its best is the tenth of the drive's scans with the smallest position sigma.
     """
     navigation, time_s = log.description.navigation, log.scan_time_s
     # Before the first record and after the last one there is no interval.
@@ -349,11 +349,11 @@ def gnss_gaps(log: DriveLog) -> Bool[np.ndarray, " scan"]:
     return np.asarray(gap)
 
 
-# How loud a recording is at each depth, and recordings of traces and of sweeps brought to one level.
+# Levels of a recording over depth, and matching the levels of traces and of sweeps.
 #
-# Receivers of traces amplify with travel time, by up to 60 dB, and say nowhere by how much; sweeps are not amplified.
-# A map's depth gain levels what its own baselines recorded. A drive of the other kind first gets the levels over depth
-# that the map's traces have; a drive of the same kind is left as it is.
+# Receivers of traces amplify with travel time, by up to 60 dB, and do not record by how much; sweeps are not amplified.
+# A map's depth gain equalises the recordings of its own baselines. A drive of the other kind is first given the levels
+# over depth of the map's traces; a drive of the same kind is left as it is.
 
 _STRETCHES = 8
 _SCANS = 128  # of a stretch
@@ -363,15 +363,16 @@ _SMOOTH = 5
 
 
 class Alignment(NamedTuple):
-    """How a drive's traces are to be changed to be the map's.
+    """Changes that bring a drive's traces into agreement with the map.
 
     Attributes:
         sign: +1 or -1.
-        later_ns: by how much its time zero lies later than stated.
-        levelled: its depths are brought to the map's levels.
+        later_ns: time zero is later than stated by this.
+        levelled: its levels over depth are adjusted to the map's.
         reversed: the line ran the other way.
-        chance: that foreign ground brings this about, of all that was tried; 0 where the drive is taken as stated.
-        told: what was found, in a line; ``None`` where nothing had to be.
+        chance: probability that foreign ground leads to this result, over all hypotheses tried; 0 if the drive is used
+            as stated.
+        told: the result as one line; ``None`` if nothing had to be changed.
     """
 
     sign: int = 1
@@ -391,13 +392,13 @@ def depth_level(
     track: Track,
     stretch_m: float,
 ) -> Float[np.ndarray, " sample"]:
-    """RMS at each depth of what changes along a drive: over eight stretches spread over it, each less its mean.
+    """RMS at each depth of the signal that changes along a drive: over eight stretches, each minus its mean.
 
     Args:
         recording: the drive.
         operator: its matrix.
-        track: of the drive; stretches are told by travel, not by time, as a vehicle that stands sees no ground.
-        stretch_m: length of a stretch, that of the track filter.
+        track: of the drive; stretches are defined by travel, not by time.
+        stretch_m: length of a stretch, that of the background removal.
     """
     path_m = np.cumsum(np.abs(np.diff(track.travel_m, prepend=track.travel_m[0])))
     power, traces = np.zeros(operator.shape[1]), 0
@@ -405,7 +406,7 @@ def depth_level(
         places_m = begin_m + np.arange(_SCANS) * (stretch_m / _SCANS)
         wanted = np.unique(np.minimum(np.searchsorted(path_m, places_m), len(path_m) - 1))
         first = int(wanted[0])
-        # A stretch in which the vehicle crept or stood is shorter: what comes later is left out.
+        # A stretch in which the vehicle crept or stood is cut short.
         wanted = wanted[wanted < first + _REACH]
         block = next(recording.blocks(_REACH, first))
         recorded, valid = block.recorded[wanted - first], block.valid[wanted - first]
@@ -419,7 +420,7 @@ def depth_level(
 
 
 def map_level(source: MapFile) -> Float[np.ndarray, " sample"]:
-    """RMS at each depth of a map's stations: as it was before they were coded, or over a thousand of them."""
+    """RMS at each depth of a map's stations: as stored before coding, or over a thousand of them."""
     if source.level is not None:
         return source.level.astype(np.float64)
     chosen = np.unique(np.linspace(0, len(source.places) - 1, _STATIONS).astype(int))
@@ -431,7 +432,7 @@ def map_level(source: MapFile) -> Float[np.ndarray, " sample"]:
 def level_ratio(
     wanted: Float[np.ndarray, " sample"], found: Float[np.ndarray, " sample"]
 ) -> Float[np.ndarray, " sample"]:
-    """What to multiply each depth by, smoothed over five samples; 0 where nothing was found at all."""
+    """Factor for each depth, smoothed over five samples; 0 where there is no signal at all."""
     kernel = np.full(min(_SMOOTH, len(found)), 1.0 / min(_SMOOTH, len(found)))
     want, have = (np.sqrt(np.convolve(level**2, kernel, mode="same")) for level in (wanted, found))
     heard = found > 0.0
@@ -439,17 +440,17 @@ def level_ratio(
 
 
 def live_operators(source: MapFile, log: DriveLog, track: Track, alignment: Alignment = AS_STATED) -> Operators:
-    """The matrices of a live drive for a map: its recording's own, at the map's levels where the kinds differ.
+    """The matrices of a live drive for a map: those of its recording, at the map's levels where the kinds differ.
 
     Args:
         source: the map.
         log: the live drive.
         track: of the drive.
-        alignment: sign, time zero and levels that are to be the map's.
+        alignment: sign, time zero and levels to adjust to the map's.
 
     Returns:
-        time scale (see ``RegisterOptions``) to matrix. It raises ``InputError`` where the recording cannot be used, or
-        hears too little of the map's band.
+        time scale (see ``RegisterOptions``) to matrix. It raises ``InputError`` if the recording cannot be used, or
+        covers too little of the map's band.
     """
     recording, settings = recording_of(log), source.description.settings
     kept = len(source.description.gain)
@@ -461,7 +462,7 @@ def live_operators(source: MapFile, log: DriveLog, track: Track, alignment: Alig
 
     @cache
     def ratio() -> Float[np.ndarray, " sample"] | None:
-        # Maps made before sweeps could be used do not say: they hold traces.
+        # Maps made before sweeps were supported do not say: they hold traces.
         if not alignment.levelled and recording.kind == source.provenance.get("recording", TraceDrive.kind):
             return None
         plain = profiles(kept)
@@ -488,7 +489,7 @@ def at_levels(
     wanted: Float[np.ndarray, " sample"],
     found: Float[np.ndarray, " sample"],
 ) -> Float[Array, "recorded sample"]:
-    """An operator whose profiles have the wanted levels over depth, up to one factor."""
+    """An operator whose profiles have the given levels over depth, up to one factor."""
     return scaled(operator, level_ratio(wanted, found))
 
 

@@ -1,4 +1,4 @@
-"""A recorded run as a drive log, which maps and registers like any other."""
+"""A recorded run as a drive log, for mapping and registration like any other."""
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -33,21 +33,21 @@ from lgprjax.radar import ArrayGeometry, uniform_array
 from lgprjax.run_records import RecordKind, Source, payload_type
 from lgprjax.subsurface import SpatialIndex
 
-# What a recorded run holds beside its scans, on the computer's clock.
+# The contents of a recorded run except its scans, on the computer's clock.
 
-# A line's delay is least once in so long; clocks drift far less than it varies meanwhile.
+# Within this time a line reaches its least delay once; clocks drift far less than the delay varies.
 _WINDOW_NS = 10_000_000_000
 
 
 class RunSignals(NamedTuple):
-    """A run but for its samples. Times are monotonic, ns, and strictly rising.
+    """A run without its samples. Times are monotonic, ns, and strictly rising.
 
     Attributes:
         scan_ns: of each scan in the order of the recording, whether kept or not.
-        scan_kept: whether its time rises and it is as ``radar`` says.
-        radar: ``radar_description``, ``None`` where the radar never told.
+        scan_kept: whether its time rises and its shape is as in ``radar``.
+        radar: ``radar_description``, ``None`` if the radar never sent one.
         box_ns, box: ``drive_status`` frames.
-        travel_m: by the box, one distance over all its starts.
+        travel_m: from the box, one distance over all its starts.
         prior_ns, prior: valid ``prior`` payloads.
         plan_ns, plan: ``plan`` payloads.
     """
@@ -86,7 +86,7 @@ class RowGatherer:
 
 
 def signals_of_run(run: RunReading) -> RunSignals:
-    """Gather everything but the samples: some hundred bytes a hundredth of a second."""
+    """Gather everything except the samples: some hundred bytes every hundredth of a second."""
     scans, box = RowGatherer(frame_type("radar_scan")), RowGatherer(frame_type("drive_status"))
     prior, plan, radar = (
         RowGatherer(payload_type("prior")),
@@ -143,10 +143,10 @@ def device_times(
     stamp_us: Integer[np.ndarray, " frame"],
     arrival_ns: Int[np.ndarray, " frame"],
 ) -> Int[np.ndarray, " frame"]:
-    """Monotonic times of a device's stamps: behind their arrival by what a line held them up.
+    """Monotonic times of a device's stamps: arrival minus the delay of the line.
 
-    The least difference between arrival and stamp within ten seconds is taken for the clocks' own; between such
-    stretches it goes straight. What a line's fastest message takes cannot be told and remains.
+    The least difference between arrival and stamp within ten seconds is taken as the offset of the clocks, interpolated
+    linearly between such stretches. The delay of the fastest message cannot be observed and remains.
     """
     times = np.array(arrival_ns, np.int64)
     for each in np.unique(session):
@@ -157,7 +157,7 @@ def device_times(
         order = np.lexsort((apart, window))
         least = order[np.unique(window[order], return_index=True)[1]]
         least = least[np.argsort(stamp_ns[least])]
-        # About the first difference: a clock's own is too large for float64 to the nanosecond.
+        # Relative to the first difference: the offset of a clock is too large for float64 to the nanosecond.
         base = apart[least[0]]
         clocks = base + np.interp(stamp_ns - stamp_ns[0], stamp_ns[least] - stamp_ns[0], apart[least] - base).astype(
             np.int64
@@ -167,7 +167,7 @@ def device_times(
 
 
 def rising(times_ns: Int[np.ndarray, " row"], good: Bool[np.ndarray, " row"]) -> Bool[np.ndarray, " row"]:
-    """The good rows whose time is after that of every good one before."""
+    """The good rows whose time is after that of all previous good rows."""
     kept = np.zeros(len(times_ns), bool)
     chosen = np.flatnonzero(good)
     times = times_ns[chosen]
@@ -182,20 +182,20 @@ def _as_told(scans: np.ndarray, radar: np.void | None) -> Bool[np.ndarray, " sca
 
 
 def _joined(session: Integer[np.ndarray, " box"], odometer_m: Float[np.ndarray, " box"]) -> Float[np.ndarray, " box"]:
-    """One distance over all starts of the box, which begins each at zero; NaN where it is none."""
+    """One distance over all starts of the box, each of which begins at zero; NaN where it is invalid."""
     known = np.flatnonzero(np.isfinite(odometer_m))
     steps = np.diff(odometer_m[known], prepend=0.0)
     begins = np.flatnonzero(np.diff(session[known].astype(np.int64))) + 1
-    # Between two starts nobody counted.
+    # Travel between two starts is unknown.
     steps[begins] = odometer_m[known[begins]]
     travel_m = np.full(len(odometer_m), np.nan)
     travel_m[known] = np.cumsum(steps)
     return travel_m
 
 
-# Where a recorded run went and what its vehicle did, as a drive log has it.
+# Track and vehicle signals of a recorded run, in the form of a drive log.
 
-# What a run does not tell of its poses: the height is the map's, and nothing measures the roll's error.
+# Not part of a run's poses: the height is taken from the map, and nothing measures the error of roll.
 _SIGMA_HEIGHT_M, _SIGMA_ROLL_DEG = 0.1, 0.2
 _CELL_M, _NEAR_M = 1.0, 16.0
 _PLANNED = ("sigma_cross_m", "speed_mps", "wanted_mps", "cross_track_m", "to_go_m", "code", "reaction")
@@ -211,10 +211,10 @@ class RunTracks:
         position_sigma_m: of the positions.
 
     Attributes:
-        navigation: where GNSS/INS and odometry had the vehicle.
+        navigation: poses of the vehicle from GNSS/INS and odometry.
         odometry: of the drive-by-wire box.
-        vehicle: its signals, ``None`` where no tick decided anything.
-        plan: what the ticks decided, likewise.
+        vehicle: its signals, ``None`` if no control tick ran.
+        plan: decisions of the control ticks, likewise.
         seconds: from the first to the last record of navigation.
     """
 
@@ -231,7 +231,7 @@ class RunTracks:
         return np.asarray(1e-9 * (times_ns - self._mono_ns).astype(np.float64))
 
     def scans_kept(self) -> Bool[np.ndarray, " scan"]:
-        """Scans at whose time both navigation and odometry were there."""
+        """Scans with both navigation and odometry at their time."""
         time_s = self.seconds_of(self._signals.scan_ns)
         first = max(self.navigation.time_s[0], self.odometry.time_s[0])
         last = min(self.navigation.time_s[-1], self.odometry.time_s[-1])
@@ -271,7 +271,7 @@ class RunTracks:
         }
 
     def _vehicle(self) -> dict[str, np.ndarray] | None:
-        """What the box measured, with what was commanded at that time; from the first tick that decided on."""
+        """Measurements of the box and the commands at that time, from the first control tick."""
         known, plan = self._signals, self._signals.plan
         if not len(plan):
             return None
@@ -295,7 +295,7 @@ class RunTracks:
 
 
 def _ground_up_m(source: MapFile, east_m: np.ndarray, north_m: np.ndarray) -> Float[np.ndarray, " prior"]:
-    """Up coordinate of the map's ground where the vehicle was; beyond the map that of where it was last on it."""
+    """Up coordinate of the map's ground where the vehicle was; off the map, that of the last place on it."""
     cells, member = np.unique(
         np.floor(np.stack([east_m, north_m], axis=1) / _CELL_M).astype(np.int64), axis=0, return_inverse=True
     )
@@ -312,12 +312,12 @@ _BLOCK_SCANS = 256
 
 
 class RunDrive(NamedTuple):
-    """What a drive log made of a run holds.
+    """Contents of a drive log made from a run.
 
     Attributes:
         scans: in it.
-        left_out: scans of the run that are not: their stamps do not rise, they are not as the radar described itself,
-            or nothing tells where the vehicle was.
+        left_out: scans of the run that are not: their stamps do not rise, their shape is not that of the radar's
+            description, or the vehicle's place is unknown.
         seconds: from its first to its last record of navigation.
     """
 
@@ -335,21 +335,21 @@ def write_run_drive(
     position_sigma_m: float,
     force: bool = False,
 ) -> RunDrive:
-    """Write what a run holds as a drive log; scans are streamed. Without two scans it is a log without radar.
+    """Write a run as a drive log; scans are streamed. With fewer than two scans it is a log without radar.
 
-    ``/gnss_ins`` is where GNSS/INS and odometry had the vehicle in the map's frame, the height the map's own.
+    ``/gnss_ins`` holds the vehicle's poses from GNSS/INS and odometry in the map's frame, with the map's height.
 
     Args:
-        run: its folder, or its reading.
+        run: its folder, or an open run.
         output: ``X.drive.h5``.
-        source: the map that was driven on: its frame, its channels, its ground.
-        vehicle: that drove: where its array is.
+        source: the map that was driven on, for frame, channels and ground.
+        vehicle: that drove, for the place of its array.
         position_sigma_m: of the positions, as the run was configured.
         force: replace an output that exists.
 
     Raises:
-        InputError: there is no run, or neither navigation nor odometry in it; the vehicle file does not tell where
-            the array is; the output exists (without ``force``) or cannot be written.
+        InputError: there is no run, or neither navigation nor odometry in it; the vehicle file does not say where the
+            array is; the output exists (without ``force``) or cannot be written.
     """
     reading = run if isinstance(run, RunReading) else read_run(run)
     clock = reading.clock
@@ -383,7 +383,7 @@ def write_run_drive(
         sample_interval_ns=1e-3 * float(signals.radar["sample_interval_ps"]),
         time_zero_ns=1e-3 * float(signals.radar["time_zero_ps"]),
         zero_level=float(signals.radar["zero_level"]),
-        # The chain's filter spans a period and a half of it.
+        # The chain's filter spans one and a half periods of it.
         centre_frequency_hz=1.5e9 / source.description.settings.dewow_ns,
         samples=int(signals.radar["samples"]),
     )
@@ -463,8 +463,8 @@ def _provenance(reading: RunReading, source: MapFile) -> dict[str, object]:
             "messages_dropped": found.dropped,
         },
         "map": source.description.name,
-        "gnss_ins": "pose by GNSS/INS and odometry as the run fused them, in the map's frame; height of the map's "
-        "ground; sigma of positions as configured, of height and roll assumed",
-        "radar_time": "stamps of the radar's clock, behind their arrival by what the line held them up",
+        "gnss_ins": "pose from GNSS/INS and odometry as fused during the run, in the map's frame; height of the "
+        "map's ground; sigma of positions as configured, of height and roll assumed",
+        "radar_time": "stamps of the radar's clock: arrival minus the delay of the line",
         "centre_frequency": "of the map",
     }

@@ -51,16 +51,16 @@ from lgprjax.registration import (
 from lgprjax.registration.queries import SearchSizes
 from lgprjax.subsurface import GroundMap
 
-# A map's ground held from drive to drive: drives of one road come by the same tiles.
+# A map's ground cached between drives: drives on one road use the same tiles.
 
-_ROOM_M = 0.5  # by which a lattice reaches beyond the region on each side, so that priors may wander
+_ROOM_M = 0.5  # by which a lattice extends beyond the region on each side, so that priors may move
 
 
 class HeldGround:
-    """Tiles of a map for one search, its chance, and the template banks for the array seen last.
+    """Tiles of a map for one search, its chance, and the template banks of the last array.
 
     Args:
-        source: the map; stays open as long.
+        source: the map; must stay open.
         options: the search.
         tiles: held in memory, and as many template banks.
     """
@@ -72,14 +72,14 @@ class HeldGround:
         self._prepared: PreparedGround | None = None
 
     def prepared_for(self, array: ArrayGeometry) -> PreparedGround:
-        """Template banks for an array: those held, or none yet where it is not the one before."""
+        """Template banks for an array: the cached ones, or empty ones for a new array."""
         if self._prepared is None or not _alike(self._prepared.array, array):
             self._prepared = PreparedGround(self.ground, array, keep=self._tiles)
         return self._prepared
 
 
 _MOST_POINTS = 400
-"""Of the search lattice to a side; memory and time grow with the square."""
+"""Largest number of lattice points to a side; memory and time grow with the square."""
 
 
 def check_search(options: RegisterOptions) -> None:
@@ -109,7 +109,7 @@ def check_region(search_m: float | None, source: MapFile) -> None:
 
 
 def _lattice_points(source: MapFile, search_m: float) -> int:
-    """Points to the longer side of the search lattice on a map, for a search square of this half side."""
+    """Points along the longer side of the search lattice on a map, for a search square of this half side."""
     description, options = source.description, RegisterOptions()
     array = uniform_array(description.channels, description.channel_pitch_m)
     return max(
@@ -121,14 +121,14 @@ def _alike(one: ArrayGeometry, other: ArrayGeometry) -> bool:
     return all(np.array_equal(np.asarray(a), np.asarray(b)) for a, b in zip(one, other, strict=True))
 
 
-# Fixes of a drive as the table that people read: WGS-84 positions, sigmas along and across the heading.
+# Fixes of a drive as a table for users: WGS-84 positions, sigmas along and across the heading.
 
 
 def fixes_table(fix: Fix, time_s: Float[np.ndarray, " scan"], frame: LocalFrame, ground: GroundMap) -> pd.DataFrame:
-    """The columns of the fixes CSV but the time scale: WGS-84 positions, sigmas along and across the heading."""
+    """The columns of the fixes CSV except the time scale: WGS-84 positions, sigmas along and across the heading."""
     pose = np.asarray(fix.pose)
     found = np.isfinite(pose[:, 0])
-    # Fixes lie metres from a station; the ground between them is as high as at the nearest one.
+    # Fixes may be metres from a station; the height of the ground is that of the nearest one.
     up = np.zeros(len(pose))
     up[found] = np.nan_to_num(ground.ground_up_at(pose[found, :2]))
     latitude, longitude, height = frame.to_geodetic(
@@ -157,28 +157,28 @@ def fixes_table(fix: Fix, time_s: Float[np.ndarray, " scan"], frame: LocalFrame,
     )
 
 
-# Polarity, time zero, gain and direction of a surveyed line against a map, found from the match itself.
+# Polarity, time zero, gain and direction of a survey line relative to a map, found from the match itself.
 #
-# Antennas of hand-drawn radars are turned about, recorders are set up anew every morning, and a line's start is where
-# its sheet says. Against a map of another day or another instrument a drive then scores nothing, or less than nothing.
-# A few stretches of it are matched with each of a few hypotheses; those that are no match score as foreign ground
-# does, so that the chances of all pieces together (Fisher's method) say which one is right, or that none is.
+# Antennas of hand-drawn radars get turned around, recorders are set up anew every morning, and a line's start is as
+# noted by hand. Against a map of another day or instrument such a drive scores zero, or less. A few stretches of it are
+# matched with each of a few hypotheses; wrong ones score like foreign ground, so that the combined probability of all
+# pieces (Fisher's method) tells which one is right, or that none is.
 
 _STRETCHES, _STRETCH_M = 3, 16.0
 _SHIFT_PERIODS = 0.2
-"""Between hypotheses of the time zero: a match's own width is more."""
+"""Step between hypotheses of the time zero; a match is wider."""
 _FARTHEST = 8
 _SHARE = 0.01
-"""Of the risk, that foreign ground brings a hypothesis about."""
+"""Share of the risk allowed for a hypothesis caused by foreign ground."""
 _MAIN_LOBE = 3.0
-"""Evidence of the best sign and direction over the others, at which no other time zeros are looked at."""
+"""Lead of the best sign and direction over the others, from which no other time zeros are tried."""
 _ALIKE = 0.8
 _CLEAR = 1.5
-"""Evidence of the best hypothesis over that of any that is not its neighbour."""
+"""Lead of the best hypothesis over any that is not its neighbour."""
 
 
 class _Evidence(NamedTuple):
-    """Chances of a drive's pieces together, as Fisher's chi-square and its chance; ``pieces`` that told anything."""
+    """Combined evidence of a drive's pieces: Fisher's chi-square, its probability, number of usable ``pieces``."""
 
     total: float
     chance: float
@@ -186,12 +186,12 @@ class _Evidence(NamedTuple):
 
 
 def may_be_misaligned(log: DriveLog) -> bool:
-    """Whether a drive was imported from lines, whose headers are filled in by hand."""
+    """Whether a drive was imported from survey lines, whose headers are filled in by hand."""
     return "lines" in log.description.provenance and isinstance(log.description.recording, TraceRecording)
 
 
 def reversed_track(track: Track) -> Track:
-    """The same places in the opposite order, as a vehicle drives them that reverses: antennas keep their sides."""
+    """The same places in the opposite order, as driven by a reversing vehicle: antennas keep their sides."""
     return track._replace(
         pose=track.pose[::-1],
         travel_m=-track.travel_m,
@@ -204,10 +204,10 @@ def reversed_track(track: Track) -> Track:
 def find_alignment(
     source: MapFile, log: DriveLog, track: Track, options: RegisterOptions, held: HeldGround
 ) -> Alignment:
-    """The hypothesis that the drive's ground agrees with, if one does; else ``AS_STATED``.
+    """The hypothesis that agrees with the drive's ground, if there is one; else ``AS_STATED``.
 
-    What is taken as stated would have been taken so without a look. Another hypothesis is taken only where foreign
-    ground would hardly ever have brought it about, and that chance, of all that were tried, is added to its fixes'.
+    The stated values need no evidence. Another hypothesis is accepted only if foreign ground would hardly ever lead to
+    it, and this probability, over all that were tried, is added to that of its fixes.
 
     Args:
         source: the map.
@@ -228,7 +228,7 @@ def find_alignment(
     found: dict[Alignment, _Evidence] = {}
 
     def look(levels: Sequence[bool], steps: Sequence[int]) -> Alignment:
-        """Look at more hypotheses; the best of all so far."""
+        """Try more hypotheses and return the best so far."""
         for sign, levelled, step, back in product((1, -1), levels, steps, either):
             alignment = Alignment(sign, step * _SHIFT_PERIODS * period_ns, levelled, back)
             if alignment not in found:
@@ -238,8 +238,8 @@ def find_alignment(
     best = look((False,), (0,))
     if found[best].pieces == 0:
         return AS_STATED
-    # A wave resembles itself a period later, with the other sign half a period later. At its own place it has one sign,
-    # and is more than there; where it does not look so, every time zero is looked at.
+    # A wave resembles itself a period later, and with the other sign half a period later. At its true delay it has one
+    # sign and scores highest; where that is not evident, every time zero is tried.
     plain = found[best].total >= _MAIN_LOBE * max(each.total for key, each in found.items() if key != best)
     for sign, periods in product((1, -1), (-1.0, -0.5, 0.5, 1.0)) if plain else ():
         beside = best._replace(sign=sign * best.sign, later_ns=periods * period_ns)
@@ -254,7 +254,7 @@ def find_alignment(
             near = best._replace(later_ns=best.later_ns + part * _SHIFT_PERIODS * period_ns)
             found[near] = evidence(near)
         best = max(found, key=lambda key: found[key].total)
-    # Height moves a wave as well: among neighbours that are about as good, the one nearest to what is stated.
+    # Height shifts a wave as well: among neighbours that are about as good, take the one nearest to the stated value.
     alike = [
         key
         for key, each in found.items()
@@ -281,7 +281,7 @@ def find_alignment(
     parts = [
         "inverted" if best.sign < 0 else "",
         f"time zero {best.later_ns:+.2f} ns" if best.later_ns else "",
-        "depths levelled as the map's" if best.levelled else "",
+        "levels over depth adjusted to the map's" if best.levelled else "",
         "walked the other way" if best.reversed else "",
     ]
     told = ", ".join(part for part in parts if part)
@@ -327,22 +327,22 @@ def _stretches(log: DriveLog, track: Track, length_m: float) -> Iterator[tuple[n
 
 @dataclass(frozen=True)
 class RegisteredDrive:
-    """What registering a drive gave, one row a scan, in the map's frame.
+    """Result of registering a drive, one row a scan, in the map's frame.
 
     Attributes:
         table: the columns of the fixes CSV.
         fix: poses, covariances and quality.
         track: prior poses and travel.
-        jumps: what was done about jumps of the recorded travel, in a line; None where there are none.
-        alignment: how its traces were changed to be the map's.
+        jumps: one line about jumps of the recorded travel; None without any.
+        alignment: how its traces were adjusted to the map's.
         truth: true poses of the array's centre, where the log holds them.
         correlation_at_truth: NaN where not known.
         time_scale: that each scan was matched at.
         map_odometry_covariance: see ``DriveFixes``.
-        milliseconds_per_scan: wall time a scan of the drive, reading and all processing included.
-        assumed: what no instrument recorded of the drive, and what stands in for it.
-        away: how far it lies from the map, in words; None where it comes near it.
-        place_assumed: whether nobody said where on the earth the drive, or the map, lies.
+        milliseconds_per_scan: wall time per scan of the drive, including reading and all processing.
+        assumed: quantities of the drive that no instrument recorded, and what was assumed instead.
+        away: distance from the map, in words; None where it comes close.
+        place_assumed: whether the place on the earth of the drive, or of the map, is assumed.
         channels: of the drive.
     """
 
@@ -384,15 +384,15 @@ def register_log(
 ) -> RegisteredDrive:
     """Register every scan of a drive log.
 
-    Traces stream through in blocks; what is kept is a few hundred bytes a scan.
+    Traces are streamed in blocks; a few hundred bytes a scan are kept.
 
     Args:
         source: the database.
         log: the drive.
         options: the search.
-        progress: told the number of scans done since the last call.
-        led_to: changes where the vehicle believes to be, to see what is said of ground that cannot match.
-        held: ground of the same map and search, held from drive to drive.
+        progress: called with the number of scans done since the last call.
+        led_to: changes the priors, to test ground that cannot match.
+        held: ground of the same map and search, cached between drives.
 
     Raises:
         InputError: navigation does not span the drive, or the recording misses most of the map's band.
@@ -445,12 +445,12 @@ def register_log(
 
 
 def true_poses(log: DriveLog, frame: LocalFrame) -> Float[np.ndarray, "scan 5"] | None:
-    """True poses of the array's centre; NaN where the truth does not reach."""
+    """True poses of the array's centre; NaN outside the time span of the truth."""
     known, time_s = log.description.truth, log.scan_time_s
     if known is None:
         return None
     pose = poses_of(known, time_s, frame, log.description.array)[0]
-    # Half a scan period of slack: the truth's clock may end a rounding error before the last scan.
+    # Half a scan period of tolerance: the truth's clock may end a rounding error before the last scan.
     slack_s = 0.5 * float(np.median(np.diff(time_s)))
     reached = (time_s >= known.time_s[0] - slack_s) & (time_s <= known.time_s[-1] + slack_s)
     return np.where(reached[:, None], pose, np.nan)
@@ -467,7 +467,7 @@ def write_registered(
 ) -> None:
     """Write ``DRIVE.fixes.csv`` and ``DRIVE.fixes.h5``; both appear, or neither.
 
-    ``sha256`` is that of the map's file and of the log's where both are known; else they are read.
+    ``sha256`` is that of the map's file and of the log's where both are known; else it is computed.
     """
     map_sha256, drive_sha256 = sha256 or (file_hash(source.path), file_hash(log.path))
     own = options.own_thresholds
@@ -507,7 +507,7 @@ def write_registered(
 
 
 def true_errors(drive: RegisteredDrive) -> Float[np.ndarray, "scan 2"]:
-    """Fix less truth along and across the true heading; NaN without an ok fix, and where no truth is known."""
+    """Fix minus truth along and across the true heading; NaN without an ok fix, and where no truth is known."""
     if drive.truth is None:
         return np.full((len(drive.table), 2), np.nan)
     ok = np.asarray(drive.fix.code) == Code.OK

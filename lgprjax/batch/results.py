@@ -1,4 +1,4 @@
-"""The results of an archive as one table and its sums: made anew from the records of its jobs, so never out of step."""
+"""The results of an archive as one table and its sums, always derived from the records of its jobs."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,14 +11,14 @@ from lgprjax.batch.jobs import CELL_M, CellTally, JobRecord, read_records
 from lgprjax.formats import atomic_output
 from lgprjax.registration import WRONG_M, Code
 
-_FEW_SCANS = 10  # of a cell: fewer tell more of chance than of the ground
+_FEW_SCANS = 10  # of a cell: fewer say more about chance than about the ground
 
 
 class ArchiveSums(NamedTuple):
-    """An archive in numbers; ``None`` stands for what cannot be told.
+    """Figures of an archive; ``None`` stands for what cannot be told.
 
     Attributes:
-        drives, failed: registered; and those that could not be.
+        drives, failed: registered drives; drives that failed.
         scans, tried, counts: of all drives; searched; by code.
         way_m: driven.
         judged, wrong: ok fixes whose truth is known; those of them more than 0.3 m off.
@@ -41,7 +41,7 @@ class ArchiveSums(NamedTuple):
 
 
 class WorkerShare(NamedTuple):
-    """What one worker process did: drives, programs compiled in all, drives after its first that compiled any."""
+    """Work of one process: drives, programs compiled in all, drives after its first that compiled any."""
 
     worker: str
     drives: int
@@ -52,12 +52,12 @@ class WorkerShare(NamedTuple):
 
 
 class BadPlace(NamedTuple):
-    """A cell of the map's plane, and the drive that fared worst there.
+    """A cell of the map's plane, and the drive with the worst result there.
 
     Attributes:
         cell: sums over all drives; its times are the drive's.
         drive: name.
-        time_s: in that drive, of the largest error where it was wrong, else of its first scan without a fix.
+        time_s: in that drive, of the largest error if it was wrong, else of its first scan without a fix.
         east_m, north_m: middle of the cell.
     """
 
@@ -69,7 +69,7 @@ class BadPlace(NamedTuple):
 
 
 def records_of(folder: Path, map_sha256: str) -> list[JobRecord]:
-    """Records of an archive's jobs on this map, by name; those of another are left out."""
+    """Records of an archive's jobs on this map, by name; those of other maps are left out."""
     return [record for record in read_records(folder).values() if record.map_sha256 == map_sha256]
 
 
@@ -82,7 +82,7 @@ def write_table(folder: Path, records: Sequence[JobRecord]) -> Path:
 
 
 def table_of(records: Sequence[JobRecord]) -> pd.DataFrame:
-    """One row a job; what a failed job lacks stays empty."""
+    """One row a job; fields that a failed job lacks stay empty."""
     codes = [code.label for code in Code]
     columns = [
         *("drive", "state", "scans", "tried", "ok_share", *codes, "way_m", "judged", "wrong", "rms_along_m"),
@@ -129,7 +129,7 @@ def sums_of(records: Sequence[JobRecord]) -> ArchiveSums:
 
 
 def shares_of(records: Sequence[JobRecord]) -> list[WorkerShare]:
-    """What each worker process did, the busiest first; a job's record tells of the process that did it."""
+    """Work of each process, the busiest first, from the records of the jobs."""
     found: dict[str, list[JobRecord]] = {}
     for record in records:
         if record.cost is not None:
@@ -152,7 +152,7 @@ def shares_of(records: Sequence[JobRecord]) -> list[WorkerShare]:
 
 
 def cell_sums(records: Sequence[JobRecord]) -> dict[tuple[int, int], list[tuple[str, CellTally]]]:
-    """What every drive found in each cell, by the cell's numbers east and north."""
+    """Results of every drive in each cell, by the cell's index east and north."""
     found: dict[tuple[int, int], list[tuple[str, CellTally]]] = {}
     for record in records:
         for cell in record.cells:
@@ -161,7 +161,7 @@ def cell_sums(records: Sequence[JobRecord]) -> dict[tuple[int, int], list[tuple[
 
 
 def summed(cells: Sequence[CellTally]) -> CellTally:
-    """One cell over several drives; times are those of the one that stands first."""
+    """One cell over several drives; times are those of the first."""
     first = cells[0]
     return first._replace(
         tried=sum(cell.tried for cell in cells),
@@ -175,7 +175,7 @@ def summed(cells: Sequence[CellTally]) -> CellTally:
 def worst_places(cells: Mapping[tuple[int, int], Sequence[tuple[str, CellTally]]], count: int = 10) -> list[BadPlace]:
     """The worst cells: first those with wrong ok fixes by their largest error, then those with the fewest fixes.
 
-    Cells in which every scan has a right fix are not bad, and cells of few scans are told only where they are wrong.
+    Cells in which every scan has a correct fix are not listed, and cells of few scans only if a fix is wrong.
     """
     places = []
     for (east, north), found in cells.items():
@@ -192,5 +192,5 @@ def worst_places(cells: Mapping[tuple[int, int], Sequence[tuple[str, CellTally]]
 
 
 def _wrong_m(cell: CellTally) -> float:
-    """Largest error of a cell where that makes a fix wrong, else 0."""
+    """Largest error of a cell if that makes a fix wrong, else 0."""
     return cell.largest_m if cell.largest_m > WRONG_M else 0.0

@@ -1,7 +1,7 @@
-"""A radar recording block by block, reduced to the levels that tell whether it is sound.
+"""A radar recording block by block, reduced to levels that show its health.
 
-Blocks of about a second; of each and every channel a few numbers are kept, never the signal. The same reduction
-serves time traces and the time profiles of stepped-frequency sweeps, which are complex.
+Blocks are about a second long; a few numbers are kept for each channel, never the signal. Time traces and the complex
+time profiles of stepped-frequency sweeps share the reduction.
 """
 
 from typing import NamedTuple
@@ -12,20 +12,20 @@ from jaxtyping import Bool, Complex, Float, Inexact, Int
 from lgprjax.batch.verdicts import BlockStretches, Findings, HealthFigure, figure, median_of
 from lgprjax.radar.time_domain import WAVE_SPEED_M_PER_NS
 
-LATE = 0.1  # share of the record, at its end, that is taken for noise
+LATE = 0.1  # share of the record, at its end, taken as noise
 _EARLY = 0.25  # the direct wave is the strongest steady signal in this first share of the record
 _BURST = 16.0  # power of a scan's noise over the block's median that no Gaussian noise of tens of samples reaches
 
 
 class RecordingTraits(NamedTuple):
-    """What the reduction must know of a recording.
+    """Properties of a recording that the reduction needs.
 
     Attributes:
         samples: a trace.
         interval_ns: between samples.
         frequency_hz: of the antennas.
-        rails: values that the receiver cannot leave, zero level removed; None where the stored type has none.
-        half_count: half the quantisation step: noise below it cannot be told.
+        rails: limits of the receiver's values, zero level removed; None where the stored type has none.
+        half_count: half the quantisation step: noise below it cannot be measured.
     """
 
     samples: int
@@ -59,15 +59,15 @@ class SignalBlocks(NamedTuple):
 
     Attributes:
         first: first scan of each block, and the number of scans as the last entry.
-        direct: direct wave over the array's own at the start: 1 where nothing changes.
+        direct: direct wave relative to the array's at the start: 1 where nothing changes.
         level: RMS of the steady signal in the direct wave's window, in counts.
         noise: RMS of the late part of the record, from differences of neighbouring scans; NaN where there are none.
-        repeated: traces that equal the one before.
-        clipped: traces with samples at the rails outside the direct wave's window.
+        repeated: traces identical to the previous one.
+        clipped: traces clipped outside the direct wave's window.
         used: valid traces.
         invalid: scans with a channel marked invalid; ``non_finite`` those with NaN or infinite samples.
-        bursts: scans whose noise rises far above that of the block.
-        clipped_direct: samples a trace at the rails within the direct wave's window.
+        bursts: scans with far more noise than the block.
+        clipped_direct: clipped samples per trace within the direct wave's window.
         variance, noise_variance: of the samples about their block's mean, and the part of it that is noise.
         noise_spectrum: power of the differences of scans over frequency.
         polarity: correlation of each channel's steady signal with the array's typical one.
@@ -95,12 +95,12 @@ class SignalBlocks(NamedTuple):
 def block_edges(scans: int) -> list[int]:
     """First scan of each block, and the number of scans: a second of an array's recording, less in short drives."""
     size = int(np.clip(scans // 16, 16, 128))
-    # A rest of less than half a block joins the last one.
+    # A remainder of less than half a block joins the last one.
     return [*range(0, max(scans - size // 2, 1), size), scans]
 
 
 def regular_scans(time_s: Float[np.ndarray, " scan"]) -> Bool[np.ndarray, " scan"]:
-    """Scans that follow the one before without a gap in time."""
+    """Scans without a gap in time before them."""
     interval = np.diff(time_s)
     return np.concatenate([[False], interval < 1.5 * np.median(interval)])
 
@@ -137,8 +137,8 @@ class SignalReducer:
         Args:
             traces: zero where not valid.
             valid: traces that hold data.
-            non_finite: scans of the block with samples that are no numbers.
-            regular: scans that follow the one before without a gap in time.
+            non_finite: scans of the block with non-finite samples.
+            regular: scans without a gap in time before them.
         """
         total = np.sum(traces, axis=0, dtype=np.complex128 if np.iscomplexobj(traces) else np.float64)
         mean = total / np.maximum(valid.sum(axis=0), 1)[:, None]
@@ -186,7 +186,7 @@ class SignalReducer:
         peak, half = int(np.argmax(np.abs(array[:early]))), max(4, round(1.25 * self._recorded.period_samples))
         self._window = slice(max(peak - half, 0), peak + half + 1)
         wave = array[self._window] - np.mean(array[self._window])
-        # Clipped samples say nothing of the gain.
+        # Clipped samples say nothing about the gain.
         self._wave = np.where(clips[..., self._window].mean(axis=(0, 1)) > 0.01, 0.0, wave)
 
     def _direct(
@@ -203,8 +203,8 @@ class SignalReducer:
     ) -> tuple[Float[np.ndarray, " channel"], int]:
         """RMS of the noise of every channel, and the number of scans with a burst.
 
-        Second differences along the track: the ground changes smoothly from scan to scan, noise does not. What is
-        left of the ground makes the figure an upper bound.
+        Second differences along the track: the ground changes smoothly from scan to scan, noise does not. The remainder
+        of the ground makes the figure an upper bound.
         """
         if len(traces) < 3:
             return np.full(valid.shape[1], np.nan), 0
@@ -214,7 +214,7 @@ class SignalReducer:
         self._pairs += int(together.sum())
         self._noise_variance += np.sum(np.abs(difference) ** 2, axis=(0, 1))
         quiet = np.mean(np.abs(difference[..., int((1.0 - LATE) * difference.shape[2]) :]) ** 2, axis=2)
-        # The median: bursts are counted for themselves.
+        # The median: bursts are counted separately.
         usual = np.array([np.median(p[ok]) if ok.any() else np.nan for p, ok in zip(quiet.T, together.T, strict=True)])
         least = np.maximum(np.nan_to_num(usual), max(self._recorded.half_count**2, 1e-30))
         loud = quiet / (_BURST * least)
@@ -222,13 +222,13 @@ class SignalReducer:
         transform = np.fft.fft if np.iscomplexobj(difference) else np.fft.rfft
         spectrum = transform(np.where(calm[..., None], difference, 0.0) * np.hanning(difference.shape[2]), axis=2)
         self._spectrum = self._spectrum + np.sum(np.abs(spectrum) ** 2, axis=(0, 1))
-        # One scan makes three differences loud, that about itself most.
+        # One noisy scan affects three differences, its own most.
         scan = np.pad(np.where(together, loud, 0.0).max(axis=1), 1)
         peak = (scan[1:-1] > 1.0) & (scan[1:-1] >= scan[:-2]) & (scan[1:-1] >= scan[2:])
         return np.sqrt(usual), int(peak.sum())
 
     def result(self, first: list[int]) -> SignalBlocks:
-        """Levels of all blocks, of which ``first`` names the first scans, and the number of scans at its end."""
+        """Levels of all blocks, ``first`` holds the first scans, and the number of scans at its end."""
         columns = {name: np.asarray([getattr(row, name) for row in self._rows]) for name in BlockRow._fields}
         used = max(float(columns["used"].sum()), 1.0)
         early = (self._mean - self._mean.mean(axis=1, keepdims=True))[:, self._window or slice(None)]
@@ -248,18 +248,18 @@ class SignalReducer:
 
 
 def _typical(traces: Inexact[np.ndarray, "channel sample"]) -> Inexact[np.ndarray, " sample"]:
-    """Median over the channels, real and imaginary part for themselves."""
+    """Median over the channels, of real and imaginary part separately."""
     middle = np.median(traces.real, axis=0)
     return np.asarray(middle + 1j * np.median(traces.imag, axis=0) if np.iscomplexobj(traces) else middle)
 
 
-# Figures of a drive's noise: the receiver's own, and what others transmit.
+# Figures of a drive's noise: the receiver's own, and interference.
 
 _GROUND_AT_END = "the end of the record holds more ground than noise"
 
 
 def noise(blocks: SignalBlocks, place: BlockStretches) -> Findings:
-    """How much the receiver adds, where it rises, which channel adds most, and how deep the ground is heard."""
+    """Receiver noise: level, where it rises, the noisiest channel, and the depth to which the ground is received."""
     names = ("noise_rise", "noisy_channel", "heard_time")
     level = median_of(blocks.noise.T)
     middle = float(np.nanmedian(level)) if np.isfinite(level).any() else 0.0
@@ -268,7 +268,7 @@ def noise(blocks: SignalBlocks, place: BlockStretches) -> Findings:
         why = f"scans {place.step_m:.2g} m apart change with the ground (more than an eighth of a wavelength)"
         why = why if middle > 0.0 else "neighbouring scans do not differ"
         return [], [(name, why) for name in names]
-    # Noise and ground in equal parts: twice the noise. Smoothed over a period, as one zero crossing says nothing.
+    # Noise and ground in equal parts: twice the noise. Smoothed over a period, as a zero crossing means nothing.
     width = min(max(3, round(blocks.recorded.period_samples)), len(blocks.variance))
     kernel = np.full(width, 1.0 / width)
     heard = np.convolve(blocks.variance, kernel, "same") >= 2.0 * np.convolve(blocks.noise_variance, kernel, "same")
@@ -278,8 +278,8 @@ def noise(blocks: SignalBlocks, place: BlockStretches) -> Findings:
             float(np.sum(heard)) / blocks.recorded.period_samples,
             "periods",
             (6.0, 2.0),
-            "travel time over which what changes along the track is at least as strong as the noise, in periods of the "
-            "centre frequency",
+            "travel time over which the signal that changes along the track is at least as strong as the noise, "
+            "in periods of the centre frequency",
         )
     ]
     if not _quiet_end(blocks):
@@ -309,13 +309,13 @@ def noise(blocks: SignalBlocks, place: BlockStretches) -> Findings:
 
 
 def _quiet_end(blocks: SignalBlocks) -> bool:
-    """The record's end holds more noise than ground, so that differences there are the receiver's own."""
+    """Whether the record's end holds more noise than ground, so that differences there are the receiver's own."""
     late = slice(int((1.0 - LATE) * len(blocks.variance)), None)
     return bool(np.mean(blocks.variance[late]) < 2.0 * np.mean(blocks.noise_variance[late]))
 
 
 def interference(blocks: SignalBlocks, place: BlockStretches) -> Findings:
-    """What others transmit: scans in which the noise jumps, and narrow lines of its spectrum."""
+    """Interference: scans in which the noise jumps, and narrow lines of its spectrum."""
     scans = np.diff(blocks.first)
     power = blocks.noise_spectrum
     figures: list[HealthFigure] = []
@@ -348,7 +348,7 @@ def interference(blocks: SignalBlocks, place: BlockStretches) -> Findings:
 
 
 def line_db(power: Float[np.ndarray, " frequency"]) -> float:
-    """How far the strongest narrow line stands above the median of the eight bins beside it."""
+    """Level of the strongest narrow line above the median of the eight neighbouring bins."""
     away = np.concatenate([np.arange(-6, -2), np.arange(3, 7)])
     index = np.clip(np.arange(len(power))[:, None] + away[None], 0, len(power) - 1)
     floor = np.maximum(np.median(power[index], axis=1), 1e-6 * power.max())

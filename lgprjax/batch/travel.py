@@ -1,10 +1,10 @@
-"""Travel that is travel: jumps of positions found in an odometer's record, bridged or left open.
+"""Jumps in an odometer's record: detected, then bridged or left open.
 
-Some logs have for odometry the way between positions. Where the positions jump, such a record jumps with them, and no
-vehicle came that far. A jump is told from the record alone: beside a gap of it, the travel before and after is one
-smooth curve (a cubic) but for a step. How large a step a vehicle's own motion can feign follows exactly from the
-weights of that fit: they annul every cubic, so that their sum over any travel is the integral of its acceleration times
-their Peano kernel. Nothing smaller counts, nor what noise of the record makes.
+The odometry of some logs is the distance between positions. Where the positions jump, such a record jumps with them. A
+jump is detected from the record alone: around it, the travel before and after is one smooth curve (a cubic) except for
+a step. The largest step that a vehicle's own motion can imitate follows exactly from the weights of that fit: they
+annul every cubic, so that their sum over any travel is the integral of its acceleration times their Peano kernel.
+Smaller steps, and those within the noise of the record, do not count.
 """
 
 from typing import NamedTuple
@@ -13,9 +13,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 _ACCELERATION_MPS2 = 6.0
-"""Of starting and of braking. The kernel is odd, so that an acceleration of 6 that sets in or ends anywhere feigns no
-more than one of 3 that changes its sign where it hurts most."""
-_ONE_WAY_S = 1.0  # nobody starts and brakes that hard within a second; within two anybody may
+"""Acceleration when starting and braking. The kernel is odd, so that an acceleration of 6 that begins or ends anywhere
+imitates no larger step than one of 3 that changes sign at the worst place.
+"""
+_ONE_WAY_S = 1.0  # no vehicle starts and brakes that hard within a second; within two it may
 _NOISE_SIGMAS = 6.0
 _LEAST_JUMP_M = 0.1
 _CELL_S = 0.05
@@ -23,23 +24,23 @@ _CELL_S = 0.05
 _SHAPES = ((1, 3), (1, 6), (2, 6), (2, 8), (4, 8), (6, 8), (12, 12))
 """Cells from the last one before a gap to the first one after it, and cells to each side."""
 _REACH_CELLS = 2 * max(across + side for across, side in _SHAPES)
-"""A step changes what fits find as far as this; farther ones are looked at beside it, nearer ones after it."""
-_LONGEST_GAP_S = 0.7  # but for a single interval of records: a jump smoothed by a receiver takes half a second
-# Where a jump is: gaps near the one found, no longer than receivers smooth, and how many cells beside them are fitted.
+"""A step affects fits this far away; farther steps are treated at the same time, nearer ones after it."""
+_LONGEST_GAP_S = 0.7  # except for a single interval of records: a jump smoothed by a receiver takes half a second
+# Locating a jump: gaps near the one found, no longer than receivers smooth, and the cells fitted on each side.
 _LONGEST_S, _LONGEST_STEPS, _MOST_CELLS, _LEAST_SIDE, _MOST_SIDE = 0.75, 2.5, 16, 6, 14
 _REGION_CELLS = 44
-_SHORTER = 0.04  # of what a bridge leaves, a cell: a longer one also smooths noise away
+_SHORTER = 0.04  # of the residual of a bridge, per cell: a longer bridge also smooths noise away
 _SUDDEN = 0.75
 _NOISE_CELLS = 256
 _AT_ONCE = 4096
 _MOST_ROUNDS = 12
-_APART_CELLS = 2  # jumps with fewer cells between have no speed of their own between them
+_APART_CELLS = 2  # with fewer cells between them, jumps leave no measured speed between
 _BRIDGED_S, _BRIDGED_M = 1.05, 1.0
 _MOST_PIECES = 3
 
 
 class Jump(NamedTuple):
-    """A step of the record that is no travel: between which moments, and by how much."""
+    """A step of the record that is no travel: its time interval and size."""
 
     start_s: float
     stop_s: float
@@ -50,9 +51,9 @@ class MendedTravel(NamedTuple):
     """Travel without its jumps.
 
     Attributes:
-        distance_m: signed cumulative travel at the records, steps taken out, the way across them at local speed.
-        bridged: jumps whose gaps are short (a second, or a metre of way).
-        broken: those whose gaps are not, or that jump again and again: the way across them is not known.
+        distance_m: signed cumulative travel at the records, steps removed, bridged at local speed.
+        bridged: jumps whose gaps are short (a second, or a metre of travel).
+        broken: jumps with longer or repeated gaps: the travel across them is unknown.
     """
 
     distance_m: Float[np.ndarray, " odometry"]
@@ -70,7 +71,7 @@ class _Cells(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """Steps that the fits about some gaps find: metres, what acceleration can feign, gain of noise."""
+    """Steps found by the fits around some gaps: metres, what acceleration can imitate, gain of noise."""
 
     metres: Float[np.ndarray, " gap"]
     feigned_m: Float[np.ndarray, " gap"]
@@ -78,7 +79,7 @@ class _Steps(NamedTuple):
 
 
 def mend_travel(time_s: Float[np.ndarray, " odometry"], distance_m: Float[np.ndarray, " odometry"]) -> MendedTravel:
-    """Find the jumps of an odometer's record and take them out.
+    """Find the jumps of an odometer's record and remove them.
 
     Args:
         time_s: strictly increasing.
@@ -86,7 +87,7 @@ def mend_travel(time_s: Float[np.ndarray, " odometry"], distance_m: Float[np.nda
     """
     own = _informative(distance_m)
     mended, jumps = _without_jumps(time_s[own], distance_m[own])
-    # A held value has the correction of the record that it repeats.
+    # A held value gets the correction of the record that it repeats.
     source = np.searchsorted(own, np.arange(len(time_s)), side="right") - 1
     whole = distance_m + (mended - distance_m[own])[source] if jumps else distance_m
     bridged: list[Jump] = []
@@ -99,16 +100,16 @@ def mend_travel(time_s: Float[np.ndarray, " odometry"], distance_m: Float[np.nda
 
 
 def legs_of(time_s: Float[np.ndarray, " scan"], broken: tuple[Jump, ...]) -> Int[np.ndarray, " scan"]:
-    """Leg of each scan: a new one at every scan that an open gap parts from the one before it."""
+    """Leg of each scan: a new one after every open gap."""
     leg = np.zeros(len(time_s), np.int64)
     for jump in broken:
-        # A scan within the gap is a leg of its own: how far it is from either side is not known.
+        # A scan within the gap is a leg of its own: its distance from either side is unknown.
         leg[1:] += (time_s[1:] > jump.start_s) & (time_s[:-1] < jump.stop_s)
     return np.cumsum(leg > 0)
 
 
 def _informative(distance_m: Float[np.ndarray, " odometry"]) -> Int[np.ndarray, " own"]:
-    """Records that say something new, where a slow source's values are held in between; else all."""
+    """Records with new values, where a slow source's values are held in between; else all."""
     changed = np.flatnonzero(np.diff(distance_m)) + 1
     if len(changed) < 2 or np.median(np.diff(changed)) < 2:
         return np.arange(len(distance_m))
@@ -153,7 +154,7 @@ def _means(
 
 
 def _steps_at(cells: _Cells, gaps: Int[np.ndarray, " gap"], shape: tuple[int, int]) -> _Steps:
-    """Steps across the gaps that begin after the given cells; zeros where the record does not reach."""
+    """Steps across the gaps that begin after the given cells; zeros beyond the record."""
     across, side = shape
     metres, feigned, gain = np.zeros((3, len(gaps)))
     inside = (gaps - side + 1 >= 0) & (gaps + across + side - 1 < len(cells.time_s))
@@ -189,7 +190,7 @@ def _columns(time_s: Float[np.ndarray, "gap point"], side: int) -> Float[np.ndar
 def _feigned(
     time_s: Float[np.ndarray, "gap point"], weight: Float[np.ndarray, "gap point"]
 ) -> Float[np.ndarray, " gap"]:
-    """Metres of a step that a vehicle's own acceleration can make of nothing, at most."""
+    """Largest step, in metres, that a vehicle's own acceleration can imitate."""
     span_s = time_s[:, -1] - time_s[:, 0]
     share = np.clip((span_s - _ONE_WAY_S) / _ONE_WAY_S, 0.0, 1.0)
     return np.asarray(_ACCELERATION_MPS2 * (0.5 + 0.5 * share) * _kernel_integral(time_s, weight))
@@ -198,7 +199,7 @@ def _feigned(
 def _kernel_integral(
     time_s: Float[np.ndarray, "gap point"], weight: Float[np.ndarray, "gap point"]
 ) -> Float[np.ndarray, " gap"]:
-    """Integral of the magnitude of the weights' Peano kernel: metres that 1 m/s² can feign at most."""
+    """Integral of the magnitude of the weights' Peano kernel: largest step, in metres, that 1 m/s² can imitate."""
     # Between points the kernel, the sum of weight times (t - s) over the points after s, is linear.
     later = np.cumsum(weight[:, ::-1], axis=1)[:, ::-1]
     moment = np.cumsum((weight * time_s)[:, ::-1], axis=1)[:, ::-1]
@@ -210,7 +211,7 @@ def _kernel_integral(
 
 
 def _noise(cells: _Cells, shape: tuple[int, int]) -> Float[np.ndarray, " cell"]:
-    """What the record scatters by about every cell, metres, as the steps that a shape finds there tell."""
+    """Noise of the record around every cell, metres, estimated from the steps that a shape finds there."""
     steps = _steps_at(cells, np.arange(len(cells.time_s)), shape)
     known = np.flatnonzero(steps.noise_gain)
     if not len(known):
@@ -224,7 +225,7 @@ def _noise(cells: _Cells, shape: tuple[int, int]) -> Float[np.ndarray, " cell"]:
 
 
 def _largest(cells: _Cells, gaps: Int[np.ndarray, " gap"], noise_m: list[Float[np.ndarray, " cell"]]) -> list[int]:
-    """Gaps with steps beyond what motion and noise can make; the clearest of every place."""
+    """Gaps with steps beyond what motion and noise can cause; the clearest at every place."""
     ratio = np.zeros((len(_SHAPES), len(gaps)))
     for row, shape in enumerate(_SHAPES):
         steps = _steps_at(cells, gaps, shape)
@@ -247,7 +248,7 @@ def _extent(cells: _Cells, gap: int, noise_m: list[Float[np.ndarray, " cell"]]) 
     """Last cell before a jump, first one after it, and cells to each side for the fit.
 
     A step that is found may be the shoulder of a jump that a receiver has smoothed. Of all gaps nearby, the one counts
-    whose bridge leaves least of all the steps about it.
+    whose bridge leaves the smallest steps around it.
     """
     low, high = max(gap - _REGION_CELLS, 0), min(gap + _REGION_CELLS + 1, len(cells.time_s))
     near = _Cells(*(field[low:high] for field in cells))
@@ -272,7 +273,7 @@ def _extent(cells: _Cells, gap: int, noise_m: list[Float[np.ndarray, " cell"]]) 
 
 
 def _detector(near: _Cells, noise_m: list[Float[np.ndarray, " cell"]]) -> Float[np.ndarray, "step cell"]:
-    """Every step that is looked for among some cells, in parts of what counts, as weights of their distances."""
+    """Every step searched for among some cells, relative to its limit, as weights of their distances."""
     rows = []
     count = len(near.time_s)
     for shape, noise in zip(_SHAPES, noise_m, strict=True):
@@ -319,7 +320,7 @@ def _bridge(
     gap: int,
     noise_m: list[Float[np.ndarray, " cell"]],
 ) -> tuple[int, int, float]:
-    """Take one step out of the record, in place; the records before and after it, and its metres."""
+    """Remove one step from the record, in place; returns the records before and after it, and its metres."""
     start, stop, side = _extent(cells, gap, noise_m)
     low, high = int(cells.first[start - side + 1]), int(cells.last[stop + side - 1]) + 1
     before, after = int(cells.last[start]), int(cells.first[stop])
@@ -341,7 +342,7 @@ def _bridge(
 def _fit(
     time_s: Float[np.ndarray, " record"], distance_m: Float[np.ndarray, " record"], *edges: int
 ) -> tuple[float, np.polynomial.Polynomial]:
-    """Step across a gap and the cubic beside it, of records from ``low`` to ``before`` and ``after`` to ``high``."""
+    """Step across a gap and the cubic around it, from records from ``low`` to ``before`` and ``after`` to ``high``."""
     low, before, after, high = edges
     index = np.concatenate([np.arange(low, before + 1), np.arange(after, high)])
     origin_s, origin_m = 0.5 * (time_s[before] + time_s[after]), distance_m[before]
@@ -357,7 +358,7 @@ def _fit(
 def _merged(
     found: list[tuple[int, int, float]], time_s: Float[np.ndarray, " record"], first: Int[np.ndarray, " cell"]
 ) -> list[tuple[Jump, int]]:
-    """Jumps in order, and of how many pieces each is; those with no speed of their own between them are one."""
+    """Jumps in order, and the number of pieces of each; jumps without a measured speed between them are one."""
     cell = np.searchsorted(first, np.arange(len(time_s)), side="right") - 1
     out: list[tuple[int, int, float, int]] = []
     for before, after, metres in sorted(found):

@@ -1,4 +1,4 @@
-"""A vehicle file as the parts that kinematics, simulation, navigation and the runtime take."""
+"""Parts of a vehicle file for kinematics, simulation, navigation and the runtime."""
 
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -25,15 +25,15 @@ from lgprjax.vehicle import (
 def chassis_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Chassis:
     """The chassis that a file describes, scalars in float32.
 
-    Measured rear wheel angles, where the file has them, come before ``steering.rear_ratio``. Without a characteristic
-    speed nothing is lost to slip.
+    Measured rear wheel angles, where the file has them, take precedence over ``steering.rear_ratio``. Without a
+    characteristic speed there is no slip.
 
     Args:
         vehicle: a counter-steered one.
         path: its file, for errors.
 
     Raises:
-        InputError: a skid-steered vehicle, or a number that is needed is not in the file.
+        InputError: a skid-steered vehicle, or a required number is not in the file.
     """
     if vehicle.steering_kind != "counter_steer":
         raise InputError(path, "steering_kind", "counter_steer", repr(vehicle.steering_kind))
@@ -57,16 +57,16 @@ def chassis_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Chass
 
 
 def servo_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Servo:
-    """The servo that a file describes, scalars in float32: each part that the file does not tell is off.
+    """The servo that a file describes, scalars in float32: parts that the file does not describe are off.
 
-    Lag and rate must be told. Without voltages the torque is full at any supply from 1 V.
+    Lag and rate are required. Without voltages the torque is full at any supply from 1 V.
 
     Args:
         vehicle: the vehicle.
         path: its file, for errors.
 
     Raises:
-        InputError: a number that is needed is not in the file, or one voltage without the other.
+        InputError: a required number is not in the file, or one voltage without the other.
     """
     steering = vehicle.steering
     if (steering.nominal_v is None) != (steering.stall_v is None):
@@ -92,7 +92,7 @@ def pedals_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Pedals
         path: its file, for errors.
 
     Raises:
-        InputError: a number that is needed is not in the file.
+        InputError: a required number is not in the file.
     """
     throttle, brake = (
         Pedal(
@@ -113,9 +113,9 @@ def pedals_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Pedals
 
 
 def filter_model_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> FilterModel:
-    """The navigation filter's model that a file describes: noises that it does not tell are the defaults.
+    """The navigation filter's model that a file describes: noises that are missing take their defaults.
 
-    Without an antenna in the file GNSS positions are taken for those of the rear axle, as drive logs hold them. The
+    Without an antenna in the file GNSS positions are taken as those of the rear axle, as drive logs hold them. The
     point without slip is that of small wheel angles.
 
     Args:
@@ -123,7 +123,7 @@ def filter_model_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> 
         path: its file, for errors.
 
     Raises:
-        InputError: a skid-steered vehicle, or a number that is needed is not in the file.
+        InputError: a skid-steered vehicle, or a required number is not in the file.
     """
     anchor_m = 0.0 if vehicle.pursuit.anchor_m is None else vehicle.pursuit.anchor_m
     chassis = chassis_of(with_values(vehicle, {"pursuit.anchor_m": anchor_m}, {}), path)
@@ -144,11 +144,11 @@ def _needed(path: str | Path, place: str, value: float | None) -> float:
     return value
 
 
-# A skid-steer vehicle's file as the parts that navigation, guidance, coverage and its plans take.
+# Parts of a skid-steer vehicle's file for navigation, guidance, coverage and its plans.
 
 
 class SkidVehicle(NamedTuple):
-    """What a skid-steer vehicle is: how it moves, how it is navigated by, what it works with."""
+    """A skid-steer vehicle: kinematics, navigation model and tool."""
 
     vehicle: SkidSteer
     model: SkidModel
@@ -158,14 +158,14 @@ class SkidVehicle(NamedTuple):
 def skid_setup_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> SkidVehicle:
     """Kinematics, navigation model and tool that a file describes.
 
-    Without an antenna in the file GNSS positions are taken for those of the reference point.
+    Without an antenna in the file GNSS positions are taken as those of the reference point.
 
     Args:
         vehicle: a skid-steer one.
         path: its file, for errors.
 
     Raises:
-        InputError: another kind of vehicle, or a number that is needed is not in the file.
+        InputError: another kind of vehicle, or a required number is not in the file.
     """
     tool = tool_of(vehicle, path)
     table = vehicle.skid_steer
@@ -185,10 +185,10 @@ def skid_setup_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Sk
 
 
 def tool_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Tool:
-    """The tool that a file describes; in the vehicle's middle unless the file says otherwise.
+    """The tool that a file describes; centred on the vehicle unless the file says otherwise.
 
     Raises:
-        InputError: another kind of vehicle, or a number that is needed is not in the file.
+        InputError: another kind of vehicle, or a required number is not in the file.
     """
     _require_skid_steer(vehicle, path)
     table = vehicle.tool
@@ -201,7 +201,7 @@ def tool_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Tool:
 
 
 def carrot_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> CarrotSettings:
-    """Settings of the carrot: the defaults for the vehicle's smallest radius, and whatever the file tells.
+    """Settings of the lookahead point: the defaults for the vehicle's smallest radius, and values from the file.
 
     Raises:
         InputError: another kind of vehicle, or the smallest radius is not in the file.
@@ -230,7 +230,7 @@ def pattern_settings_of(
         overlap, order, turning_room_m, heading_rad: as in ``PatternSettings``.
 
     Raises:
-        InputError: another kind of vehicle, a number that is needed is not in the file, or a setting out of its range.
+        InputError: another kind of vehicle, a required number is not in the file, or a setting out of its range.
     """
     tool = tool_of(vehicle, path)
     return PatternSettings(

@@ -1,4 +1,4 @@
-"""Verdicts on measured figures: a value, the limits it is held against, and where along the way it falls short."""
+"""Verdicts on measured figures: a value, its limits, and where along the drive it falls short."""
 
 from typing import Literal, NamedTuple
 
@@ -6,16 +6,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 Verdict = Literal["good", "look", "bad", "not recorded"]
-"""The last is none on quality: what the figure is measured on was made up by an importer."""
+"""The last is no verdict on quality: the underlying quantity was assumed by an importer."""
 
 
 class Stretch(NamedTuple):
-    """Part of a drive that a figure points at, both ends included.
+    """Part of a drive that a figure refers to, both ends included.
 
     Attributes:
         start_s, stop_s: time, seconds since the drive's ``t0_utc``.
         start_m, stop_m: travel by odometry since the first scan.
-        channel: that is meant; None for all.
+        channel: concerned; None for all.
     """
 
     start_s: float
@@ -30,9 +30,9 @@ class HealthFigure(NamedTuple):
 
     Attributes:
         name: of the figure, stable for programs.
-        value: measured, in ``unit``; NaN, as the limits, where nothing was recorded that it could be measured on.
+        value: measured, in ``unit``; NaN, like the limits, where the underlying quantity was not recorded.
         look, bad: limits from which the verdict is ``look`` or ``bad``; a falling pair (look above bad) means that
-            small values are the bad ones.
+            small values are bad.
         verdict: the value against its limits.
         meaning: what was measured, in one sentence.
         where: stretches that reach the limit of ``look``.
@@ -53,7 +53,7 @@ Findings = tuple[list[HealthFigure], list[tuple[str, str]]]
 
 
 def verdict_of(value: float, look: float, bad: float) -> Verdict:
-    """Hold a value against its limits; what is not a number is ``bad``."""
+    """Compare a value with its limits; NaN is ``bad``."""
     sign = 1.0 if bad >= look else -1.0
     if not np.isfinite(value) or sign * value >= sign * bad:
         return "bad"
@@ -61,7 +61,7 @@ def verdict_of(value: float, look: float, bad: float) -> Verdict:
 
 
 def worst(verdicts: list[Verdict]) -> Verdict:
-    """The worst of some verdicts, of those on what was recorded; ``good`` for none."""
+    """The worst of some verdicts, ignoring those not recorded; ``good`` for none."""
     order: tuple[Verdict, ...] = ("good", "look", "bad")
     return max((each for each in verdicts if each in order), key=order.index, default="good")
 
@@ -80,7 +80,7 @@ def figure(
 
 
 def not_recorded(name: str, why: str) -> HealthFigure:
-    """A figure that has nothing to be measured on."""
+    """A figure whose underlying quantity was not recorded."""
     nan = float("nan")
     return HealthFigure(name, nan, "", nan, nan, "not recorded", why, ())
 
@@ -107,7 +107,7 @@ class BlockStretches:
         self.step_m = float(path_m[-1]) / max(len(path_m) - 1, 1)
 
     def of(self, mask: Bool[np.ndarray, " block"], channel: int | None = None) -> tuple[Stretch, ...]:
-        """Stretches of the blocks that a mask names."""
+        """Stretches of the blocks selected by a mask."""
         out = []
         for low, high in runs(mask):
             a, b = int(self._first[low]), int(self._first[high + 1]) - 1
@@ -121,5 +121,5 @@ class BlockStretches:
 
 
 def median_of(values: Float[np.ndarray, "block channel"]) -> Float[np.ndarray, " channel"]:
-    """Median down each column over what is finite; NaN where nothing is."""
+    """Median of the finite values of each column; NaN without any."""
     return np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in values.T])

@@ -1,8 +1,8 @@
-"""A worker of an archive run: registers the drives it is handed (``python -m lgprjax.batch.worker DESCRIPTOR``).
+"""A worker of an archive run: registers the drives that it receives (``python -m lgprjax.batch.worker DESCRIPTOR``).
 
-The pool speaks to it over a connection: an ``ArchiveRun`` first, which it answers with True or with why it cannot
-begin, then pairs of a ``Job`` and the number of the attempt, which it answers with None or with why the job failed. It
-ends when the other end closes, so that none outlives its pool by more than a drive.
+The pool sends an ``ArchiveRun`` over a connection, which the worker answers with True or the reason why it cannot
+begin, then pairs of a ``Job`` and the number of the attempt, each answered with None or the reason of a failure. The
+worker ends when the other end closes, so that none outlives its pool by more than a drive.
 """
 
 import sys

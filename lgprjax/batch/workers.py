@@ -1,4 +1,4 @@
-"""Worker processes, here or on a cluster: started, given one drive after another, replaced when they die."""
+"""Worker processes, local or on a cluster: started, given one drive after another, replaced when they die."""
 
 import os
 import queue
@@ -19,7 +19,7 @@ import lgprjax
 from lgprjax.batch.jobs import ArchiveRun, Job
 from lgprjax.errors import InputError
 
-# What a worker process is started with: its share of the cores, its GPU, the package it came from.
+# Environment of a worker process: its share of the cores, its GPU, the package.
 
 
 def gpus() -> list[str]:
@@ -36,9 +36,9 @@ def gpus() -> list[str]:
 
 
 def thread_variables(threads: int) -> dict[str, str]:
-    """Variables that hold BLAS and XLA to so many threads; each reads them when it starts.
+    """Variables that limit BLAS and XLA to this many threads; both read them when they start.
 
-    Equal threads, equal bits: how many share a sum decides in which order it is added.
+    Equal threads give equal bits: their number decides the order of additions.
     """
     eigen = f"--xla_cpu_multi_thread_eigen={'true' if threads > 1 else 'false'}"
     return {
@@ -51,38 +51,38 @@ def worker_environment(threads: int, gpu: str | None) -> dict[str, str]:
     """The environment of a worker.
 
     Args:
-        threads: it is held to.
-        gpu: it is given, and no other; None for the CPU.
+        threads: its limit.
+        gpu: the only one that it sees; None for the CPU.
     """
     root = str(Path(lgprjax.__file__).resolve().parents[1])
     path = os.pathsep.join(part for part in (root, os.environ.get("PYTHONPATH", "")) if part)
     environment = {**os.environ, **thread_variables(threads), "PYTHONPATH": path}
     if gpu is not None:
         environment["CUDA_VISIBLE_DEVICES"] = gpu
-        # Sums by atomic additions come out differently from run to run.
+        # Sums by atomic additions differ from run to run.
         environment["XLA_FLAGS"] += " --xla_gpu_deterministic_ops=true"
     return environment
 
 
-# One worker process and the connection to it: asked, answered, found dead, ended.
+# One worker process and the connection to it: requests, answers, death and end.
 
 _ENDING_S = 10.0  # a compile cannot be interrupted
 
 
 class WorkerDiedError(Exception):
-    """A worker ended before it answered; one line says how."""
+    """A worker ended before it answered; the message says how."""
 
 
 class WorkerProcess:
     """A process that registers drives.
 
     Args:
-        program: its command line, to which the number of its connection's descriptor is added.
-        environment: it is started with.
+        program: its command line; the descriptor number of its connection is appended.
+        environment: of the process.
 
     Attributes:
         number: of the process.
-        drive: that it has now; empty for none.
+        drive: in work; empty for none.
     """
 
     def __init__(self, program: Sequence[str], environment: Mapping[str, str]) -> None:
@@ -97,19 +97,19 @@ class WorkerProcess:
                 stdin=subprocess.DEVNULL,
                 stdout=self._said,
                 stderr=self._said,
-                # What a terminal sends reaches the pool alone, which ends its workers in order.
+                # Signals of a terminal reach the pool alone, which ends its workers in order.
                 start_new_session=True,
             )
         self.number = self._process.pid
 
     def begin(self, run: ArchiveRun) -> None:
-        """Hand it the run. Raises ``InputError`` where it may not begin, ``WorkerDiedError`` where it ended."""
+        """Send it the run. Raises ``InputError`` if it refuses to begin, ``WorkerDiedError`` if it died."""
         answer = self._asked(run)
         if isinstance(answer, InputError):
             raise answer
 
     def do(self, job: Job, attempt: int) -> InputError | None:
-        """Have a drive registered: why it failed, or None. Raises ``WorkerDiedError`` where it ended over it."""
+        """Have a drive registered; returns why it failed, or None. Raises ``WorkerDiedError`` if the worker died."""
         self.drive = job.name
         answer = self._asked((job, attempt))
         self.drive = ""
@@ -117,11 +117,11 @@ class WorkerProcess:
         return answer
 
     def interrupt(self) -> None:
-        """As by Ctrl-C: what it is writing is given up in order."""
+        """As by Ctrl-C: files being written are abandoned cleanly."""
         self._process.send_signal(signal.SIGINT)
 
     def await_end(self) -> None:
-        """Wait until it ends; kill it where it does not."""
+        """Wait until it ends; kill it if it does not."""
         try:
             self._process.wait(_ENDING_S)
         except subprocess.TimeoutExpired:
@@ -129,7 +129,7 @@ class WorkerProcess:
             self._process.wait()
 
     def end(self) -> None:
-        """Close the connection, on which it ends."""
+        """Close the connection, which ends the worker."""
         self._connection.close()
         self.await_end()
         self._said.close()
@@ -142,7 +142,7 @@ class WorkerProcess:
             raise WorkerDiedError(self._death()) from None
 
     def _death(self) -> str:
-        """How it ended, in a line."""
+        """How it ended, as one line."""
         try:
             status = self._process.wait(_ENDING_S)
         except subprocess.TimeoutExpired:
@@ -155,13 +155,13 @@ class WorkerProcess:
 
 
 ATTEMPTS = 3
-"""Workers that a drive may cost, and starts that a worker may take."""
+"""Workers that may die on one drive, and attempts to start a worker."""
 PROGRAM = (sys.executable, "-m", "lgprjax.batch.worker")
 """Command line of a worker."""
 
 
 class JobOutcome(NamedTuple):
-    """A job that is over: why it failed, or None; and workers that tried."""
+    """A finished job: why it failed, or None; and the number of workers that tried."""
 
     job: Job
     error: InputError | None
@@ -169,16 +169,16 @@ class JobOutcome(NamedTuple):
 
 
 class WorkerPool:
-    """Processes that register drives; a context manager. Leaving it ends them, whatever they are at.
+    """Processes that register drives; a context manager. Leaving it ends them, even at work.
 
-    Each is a fresh process, never a fork: JAX does not survive one. A drive whose worker dies is tried again by a
-    new one, ``ATTEMPTS`` times in all.
+    Each is a fresh process, as JAX does not survive a fork. A drive whose worker dies is retried by a new one,
+    ``ATTEMPTS`` times in all.
 
     Args:
         run: the run.
         workers: processes.
-        gpus: numbers of the machine's GPUs, one a worker; empty where there are none.
-        program: command line of a worker, to which the number of its connection's descriptor is added.
+        gpus: numbers of the machine's GPUs, one for each worker; empty without any.
+        program: command line of a worker; the descriptor number of its connection is appended.
     """
 
     def __init__(
@@ -214,15 +214,15 @@ class WorkerPool:
 
     @property
     def at_work(self) -> dict[int, str]:
-        """The drive that each worker has now, by the number of its process."""
+        """The drive that each worker has in work, by process number."""
         with self._lock:
             return {number: worker.drive for number, worker in self._live.items() if worker.drive}
 
     def run(self, jobs: Sequence[Job]) -> Iterator[JobOutcome]:
-        """Do all jobs; outcomes as they come.
+        """Do all jobs; yields outcomes as they come.
 
         Raises:
-            InputError: no worker can begin, so that no job could ever be done.
+            InputError: no worker can begin, so that no job can be done.
         """
         for job in jobs:
             self._todo.put(job)
@@ -238,7 +238,7 @@ class WorkerPool:
             yield told
 
     def _serve(self, number: int) -> None:
-        """One worker after another in one place of the pool."""
+        """Run one worker after another in one slot of the pool."""
         environment = worker_environment(self._run.threads, self._gpus[number] if self._gpus else None)
         worker: WorkerProcess | None = None
         try:
@@ -261,7 +261,7 @@ class WorkerPool:
                         if self._stopping:
                             return
                 self._told.put(outcome or _lost(job, why))
-        except BaseException as error:  # told where the outcomes are awaited
+        except BaseException as error:  # raised where the outcomes are awaited
             self._told.put(error)
         finally:
             if worker is not None:
@@ -278,7 +278,7 @@ class WorkerPool:
             return None
 
     def _give_back(self, job: Job, died: WorkerDiedError) -> None:
-        """Leave a job to the other workers: with fewer of them there may be memory enough."""
+        """Leave a job to the other workers: fewer of them may have enough memory."""
         with self._lock:
             self._serving -= 1
             self._todo.put(job)
@@ -287,7 +287,9 @@ class WorkerPool:
         raise InputError(self._run.map_path, "workers", "a process that opens the map", str(died))
 
     def _start(self, environment: dict[str, str]) -> WorkerProcess:
-        """A worker that is ready. Raises ``WorkerDiedError`` where none will live, ``InputError`` where none may."""
+        """A worker that is ready. Raises ``WorkerDiedError`` if none survives, ``InputError`` if none is allowed to
+        begin.
+        """
         for attempt in range(1, ATTEMPTS + 1):
             worker = WorkerProcess(self._program, environment)
             with self._lock:
@@ -314,14 +316,14 @@ class WorkerPool:
 
 def _lost(job: Job, why: str) -> JobOutcome:
     found = f"{ATTEMPTS} that died, the last by {why}"
-    return JobOutcome(job, InputError(job.drive, "registration", "a worker that lives", found), ATTEMPTS)
+    return JobOutcome(job, InputError(job.drive, "registration", "a worker that survives", found), ATTEMPTS)
 
 
 # The same jobs on a cluster that dask.distributed schedules (``pip install "lgprjax[batch]"``).
 #
-# Its workers see map, drives and results under the same paths. Each has a worker process as the pool has them: JAX and
-# BLAS take their number of threads when they start, and dask has started some of them by then. One job at a time runs
-# in it, whatever number of threads dask's worker has.
+# Its workers see map, drives and results under the same paths. Each runs a worker process like those of the pool: JAX
+# and BLAS read their number of threads when they start, and dask may have loaded them by then. It runs one job at a
+# time, whatever number of threads dask's worker has.
 
 _CONNECT = "10s"
 _one_at_a_time = threading.Lock()
@@ -329,9 +331,9 @@ _open: dict[ArchiveRun, WorkerProcess] = {}
 
 
 def run_on_scheduler(address: str, run: ArchiveRun, jobs: Sequence[Job]) -> Generator[JobOutcome, None, None]:
-    """Do all jobs on a cluster; outcomes as they come. Leaving it early cancels what has not begun.
+    """Do all jobs on a cluster; yields outcomes as they come. Leaving it early cancels jobs that have not begun.
 
-    A job whose worker dies is given to another one by the scheduler, as often as its ``allowed-failures`` says.
+    A job whose worker dies is given to another one by the scheduler, at most ``allowed-failures`` times.
 
     Args:
         address: of the scheduler, as ``tcp://HOST:8786``.
@@ -355,7 +357,7 @@ def run_on_scheduler(address: str, run: ArchiveRun, jobs: Sequence[Job]) -> Gene
         try:
             for future in as_completed(list(futures), loop=client.loop):
                 job, lost = futures[future], future.exception()
-                # Done with: the cluster need not keep it.
+                # Done: the cluster need not keep it.
                 why = future.result() if lost is None else _lost_on_cluster(job, lost)
                 future.release()
                 yield JobOutcome(job, why, 1)
@@ -364,7 +366,7 @@ def run_on_scheduler(address: str, run: ArchiveRun, jobs: Sequence[Job]) -> Gene
 
 
 def do_job(run: ArchiveRun, job: Job) -> InputError | None:
-    """What a worker of the cluster does: why the job failed, or None. Raises ``WorkerDiedError``: dask tries again."""
+    """Runs on a cluster worker; returns why the job failed, or None. Raises ``WorkerDiedError``: dask retries."""
     with _one_at_a_time:
         try:
             if run not in _open:
@@ -387,4 +389,4 @@ def _end_all() -> None:
 
 
 def _lost_on_cluster(job: Job, error: BaseException) -> InputError:
-    return InputError(job.drive, "registration", "a worker that lives", f"{type(error).__name__}: {error}")
+    return InputError(job.drive, "registration", "a worker that survives", f"{type(error).__name__}: {error}")

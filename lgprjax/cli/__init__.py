@@ -1,4 +1,6 @@
-"""The command line: thin, one module a verb. Heavy rooms are imported when a verb runs, not for ``--help``."""
+"""The command line: thin, one module per verb family. Heavy packages are imported when a verb runs, not for
+``--help``.
+"""
 
 from lgprjax.cli.main import main
 

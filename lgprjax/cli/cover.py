@@ -1,4 +1,4 @@
-"""``lgprjax cover``: plan a field, record what was worked of it, hand the record over."""
+"""``lgprjax cover``: plan a field, record the ground worked, export the record."""
 
 import math
 from dataclasses import dataclass
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
     from lgprjax.worked.layers import CoverFigures
 
 
-# What the verbs of ``lgprjax cover`` say alike.
+# Common parts of the verbs of ``lgprjax cover``.
 
 
 def refuse_existing(outputs: tuple[Path | None, ...], force: bool) -> None:
-    """Refuse, before any work, outputs that are there already. Raises ``InputError`` for the first."""
+    """Refuse existing outputs before any work. Raises ``InputError`` for the first."""
     for path in outputs:
         if path is not None and path.exists() and not force:
             raise InputError(path, "output", "a new file, or --force", "the file exists")
 
 
 def print_cover_figures(title: str, figures: "CoverFigures") -> None:
-    """Print what a record says, and what it does not."""
+    """Print the statement of a record, and its limits."""
     from lgprjax.worked.layers import percent, square_metres
 
     table = Table("layer", "processed", "uncertain", "not processed", "of the field", title=title)
@@ -40,30 +40,30 @@ def print_cover_figures(title: str, figures: "CoverFigures") -> None:
     say(f"passes: {figures.passes}, {figures.way_m:.0f} m; stops: {stops}; {figures.hours:.2f} h")
     for layer in figures.layers:
         say(layer.sentence)
-    say("A machine pass is not clearance: the ground is to be searched before it is released.")
+    say("A machine pass is not clearance: the ground must be searched before it is released.")
 
 
 def say(text: str) -> None:
-    """Print a line as it is."""
+    """Print a line without markup."""
     console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
-# ``lgprjax cover export``: a record of a worked field in the forms in which it is handed over.
+# ``lgprjax cover export``: export formats of a record of a worked field.
 
 
 @dataclass(frozen=True)
 class CoverExport:
-    """Hand a record over: GeoPackage, GeoJSON, KML, turning points as CSV, and a report to be signed.
+    """Export a record: GeoPackage, GeoJSON, KML, turning points as CSV, and a report to sign.
 
     Layers: perimeter, swaths, processed ground at each confidence, gaps, stops, events; all on WGS-84.
     """
 
     record: Annotated[Positional[Path], arg(metavar="R.worked.h5", help="record of a worked field")]
-    output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the outputs; made if need be")]
+    output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the outputs, created if missing")]
     organisation: str = "not stated"
-    """who is responsible, as every shape and the report name it"""
+    """responsible organisation, named in every shape and in the report"""
     benchmark_deg: Annotated[tuple[float, float] | None, arg(metavar="LATITUDE LONGITUDE")] = None
-    """a marked point that bearings and distances count from; without it the first corner"""
+    """marked reference point of bearings and distances; default: the first corner"""
     json: Path | None = None
     """also write the figures to this file"""
     force: bool = False
@@ -101,11 +101,11 @@ _PLAN, _COVER_RECORD = ".cover.geojson", ".worked.h5"
 
 @dataclass(frozen=True)
 class CoverPlanVerb:
-    """Lay parallel lines over a field, in driving order, with turns that the vehicle can drive.
+    """Plan parallel swaths over a field, in driving order, with turns that the vehicle can drive.
 
     FIELD is a GeoJSON polygon on WGS-84, a CSV of three corners (latitude_deg,longitude_deg, in the order in which they
-    were driven to), or the folder of a run in which three corners were marked. With --gaps only what a record leaves is
-    planned for.
+    were driven to), or the folder of a run in which three corners were marked. With --gaps only the gaps of a record
+    are planned.
     """
 
     field: Annotated[Positional[Path], arg(metavar="FIELD", help="X.geojson, X.csv, or the folder of a run")]
@@ -113,17 +113,17 @@ class CoverPlanVerb:
     vehicle: Path
     """vehicle file of a skid-steer vehicle: its tool and its smallest radius"""
     overlap: float = 0.2
-    """least share of the tool's width that neighbouring lines both work"""
+    """least share of the tool's width in which neighbouring swaths overlap"""
     order: Literal["zamboni", "boustrophedon"] = "zamboni"
-    """zamboni: first, middle, second, ... with wide turns to one hand; boustrophedon: each line next to the last"""
+    """zamboni: first, middle, second, ... with wide turns to one side; boustrophedon: each swath next to the last"""
     turning_room_m: float | None = None
-    """how far beyond the perimeter the vehicle may go, on safe ground; without it as far as the turns need"""
+    """distance that the vehicle may go beyond the perimeter, on safe ground; default: as far as the turns need"""
     heading_deg: float | None = None
-    """compass heading of the first line; without it along the first side"""
+    """compass heading of the first swath; default: along the first side"""
     gaps: Annotated[Path | None, arg(metavar="R.worked.h5")] = None
-    """record of this field: plan what it leaves below the level"""
+    """record of this field: plan only the ground below the level"""
     level: float = 0.95
-    """with --gaps: probability that a cell needs to be left out"""
+    """with --gaps: probability from which a cell is left out"""
     json: Path | None = None
     """also write the figures to this file"""
     force: bool = False
@@ -149,9 +149,9 @@ class CoverPlanVerb:
         figures = _plan_figures(plan)
         _print_table(self.output.name, figures)
         room_m = plan.pattern.settings.turning_room_m
-        say(f"the vehicle turns up to {room_m:g} m beyond the perimeter: that ground must be safe to drive on")
+        say(f"the vehicle turns up to {room_m:g} m beyond the perimeter: this ground must be safe to drive on")
         if plan.pattern.unreached:
-            say(f"not reached within that room: {len(plan.pattern.unreached)} lines, in the plan as unreached")
+            say(f"not reached within this room: {len(plan.pattern.unreached)} swaths, marked unreached in the plan")
         say(f"wrote {self.output}")
         if self.json is not None:
             write_figures(self.json, figures, force=self.force)
@@ -159,15 +159,16 @@ class CoverPlanVerb:
 
 @dataclass(frozen=True)
 class CoverRecord:
-    """What the recorded runs worked of a field, cell by cell.
+    """Combine recorded runs into a record of the ground worked, cell by cell.
 
     A cell's probability is that of its best pass: the tool was over it, by the pose and its uncertainty at the time,
-    told on, turning and at its depth. Several runs add up by the largest. A machine pass is not clearance.
+    switched on, turning and at its depth. Several runs combine by the largest probability. A machine pass is not
+    clearance.
     """
 
     runs: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN...", help="folders of recorded runs")]
     plan: Annotated[
-        tuple[Path, ...], arg(metavar="X.cover.geojson...", help="plan of the field; then those of its gaps")
+        tuple[Path, ...], arg(metavar="X.cover.geojson...", help="plan of the field, followed by those of its gaps")
     ]
     output: Annotated[Path, arg(aliases=["-o"], metavar="R.worked.h5", help="record to write")]
     cell_m: float = 0.05

@@ -1,4 +1,4 @@
-"""``lgprjax check``, ``export`` and ``recover``: validate files, convert them, make drives of recorded runs."""
+"""``lgprjax check``, ``export`` and ``recover``: validate files, convert them, recover recorded runs."""
 
 import json
 import shutil
@@ -23,23 +23,23 @@ if TYPE_CHECKING:
 
 _VERDICT_STYLE = {"good": "green", "look": "yellow", "bad": "bold red", "not recorded": "dim"}
 _NOTHING = "–"
-_STRETCHES = 3  # named in the table; all of them are in the JSON
+_STRETCHES = 3  # listed in the table; all of them are in the JSON
 
 
 @dataclass(frozen=True)
 class CheckVerb:
-    """Validate files against the data schema, and report every problem with its place."""
+    """Validate files against the data schema and report every problem with its place."""
 
     files: Annotated[
         Positional[tuple[Path, ...]],
         arg(
             metavar="FILE...",
             help=".drive.h5, .map.h5, .fixes.h5, .fixes.csv, .route.toml, .vehicle.toml, .cover.geojson, .worked.h5; "
-            "HDF5 of any other name by the schema that it names",
+            "HDF5 of any other name by its schema attribute",
         ),
     ]
     health: bool = False
-    """also measure how well the drive logs were recorded: radar, clock, odometry, GNSS"""
+    """also measure the recording quality of drive logs: radar, clock, odometry, GNSS"""
     json: Path | None = None
     """also write the findings to this file (with --health: findings and figures)"""
     force: bool = False
@@ -75,7 +75,7 @@ class CheckVerb:
 
 
 def _tell_assumed(path: Path) -> None:
-    """What of a drive no instrument recorded."""
+    """Report quantities of a drive that no instrument recorded."""
     from lgprjax.formats import DriveLog, assumed_in_words, assumed_of
 
     with DriveLog.open(path) as log:
@@ -113,7 +113,7 @@ def _measure(path: Path) -> "DriveHealth":
 
 
 def _where(stretches: "tuple[Stretch, ...]") -> str:
-    """The first stretches in metres of travel, channels named."""
+    """The first stretches in metres of travel, with channels."""
     parts = []
     for stretch in stretches[:_STRETCHES]:
         channel = "" if stretch.channel is None else f"channel {stretch.channel}: "
@@ -132,13 +132,14 @@ class Export:
     """Write a drive, and its fixes, as ROS 2 messages in an MCAP file (needs: pip install lgprjax[log]).
 
     ROS 2 tools and Foxglove read it: scans as recorded, GNSS/INS as NavSatFix and Imu, travel as Odometry, fixes that
-    are ok as PoseWithCovarianceStamped in the map's frame and NavSatFix. lgprjax import mcap makes a drive log of it.
+    are ok as PoseWithCovarianceStamped in the map's frame and NavSatFix. lgprjax import mcap converts it back to a
+    drive log.
     """
 
     drive: Annotated[Positional[Path], arg(metavar="DRIVE", help="drive log, X.drive.h5")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="X.mcap", help="recording to write")]
     fixes: Annotated[Path | None, arg(metavar="X.fixes.h5")] = None
-    """fixes of the drive, as lgprjax register wrote them"""
+    """fixes of the drive, from lgprjax register"""
     force: bool = False
     """replace an output that exists"""
 
@@ -153,30 +154,30 @@ class Export:
         poses = "" if self.fixes is None else f", {exported.poses} fixes that are ok"
         self._say(f"wrote {self.output}: {exported.scans} scans{poses}")
         if exported.left_out:
-            self._say(f"not in it, there are no messages for them: {', '.join(exported.left_out)}")
+            self._say(f"not exported, as there are no messages for them: {', '.join(exported.left_out)}")
 
     def _say(self, line: str) -> None:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
-# ``lgprjax recover``: what a recorded run still holds, and a drive log out of it.
+# ``lgprjax recover``: the intact part of a recorded run as a drive log.
 
 _RECOVER_SUFFIX = ".drive.h5"
 
 
 @dataclass(frozen=True)
 class Recover:
-    """Save a recorded run, whole or cut short by a power cut: every whole record, as a drive log.
+    """Recover a recorded run, complete or interrupted by a power cut: every intact record, as a drive log.
 
-    Map and vehicle file are those of the run's configuration unless told otherwise.
+    Map and vehicle file are taken from the run's configuration unless given.
     """
 
     folder: Annotated[Positional[Path], arg(metavar="RUN_FOLDER", help="folder of the run, with its .lgprun segments")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="X.drive.h5", help="drive log to write")]
     map: Path | None = None
-    """database that was driven on, where it lies elsewhere now"""
+    """database that was driven on, if it has moved"""
     vehicle: Path | None = None
-    """vehicle file, where it lies elsewhere now"""
+    """vehicle file, if it has moved"""
     force: bool = False
     """replace an output that exists"""
 
@@ -196,7 +197,7 @@ class Recover:
             found = reading.summary
         _tell(found, self.folder)
         if not found.records:
-            raise InputError(self.folder, "segments", "a whole record", "none: nothing can be saved")
+            raise InputError(self.folder, "segments", "a whole record", "none: nothing can be recovered")
         config = _config_of(self.folder)
         vehicle = read_vehicle(self.vehicle or config.path(config.vehicle))
         with MapFile.open(self.map or config.path(config.map)) as source, working(f"writing {self.output}"):
@@ -214,7 +215,7 @@ class Recover:
 
 
 def _config_of(folder: Path) -> "RuntimeConfig":
-    """The run's configuration, its paths relative to the folder that it was read in."""
+    """The run's configuration, its paths relative to its original folder."""
     from lgprjax.runtime.config import read_config
 
     config = read_config(folder / "config.toml")
@@ -225,20 +226,22 @@ def _config_of(folder: Path) -> "RuntimeConfig":
 
 
 def _tell(found: "RunSummary", folder: Path) -> None:
-    """One table: what is whole, what is not."""
+    """Print one table: intact and damaged parts."""
     table = Table("recording", "found", title=str(folder))
     table.add_row("segments", str(found.segments))
     table.add_row("whole records", str(found.records))
     table.add_row("ended", "interrupted" if found.end is None else found.end)
     for each in found.cut:
-        table.add_row("cut", f"{each.file} at byte {each.start}: {each.stop - each.start} bytes are no whole record")
+        table.add_row(
+            "cut", f"{each.file} at byte {each.start}: {each.stop - each.start} bytes are not an intact record"
+        )
     for each in found.damaged:
         table.add_row("damaged", f"{each.file}, bytes {each.start} to {each.stop - 1}")
     for lost in found.missing:
         table.add_row("lost", f"{lost.last - lost.first + 1} records, numbers {lost.first} to {lost.last}")
     for ring, count in found.dropped.items():
         if count:
-            table.add_row("never recorded", f"{count} messages of {ring} found no room")
+            table.add_row("never recorded", f"{count} messages of {ring} were dropped for lack of room")
     table.add_row("complete", "yes" if found.complete else "no")
     console.print(table, highlight=False, markup=False)
 
@@ -259,7 +262,7 @@ class Examples:
     """replace files of these names that are there"""
 
     def run(self) -> None:
-        """Copy; nothing is written where one of the files is there already."""
+        """Copy; nothing is written if one of the files exists."""
         files = [
             (folder, path)
             for folder in _EXAMPLES

@@ -1,4 +1,4 @@
-"""``lgprjax doctor``: what is installed, what it runs on, and what to do about each problem."""
+"""``lgprjax doctor``: report installation and machine, with advice for each problem."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ _STYLE = {"good": "green", "absent": "dim", "look": "yellow", "bad": "bold red"}
 
 @dataclass(frozen=True)
 class Doctor:
-    """What is installed, on what machine, and what to do about each problem."""
+    """Report the installation and the machine, with advice for each problem."""
 
     json: Path | None = None
     """also write the findings to this file"""
@@ -21,7 +21,7 @@ class Doctor:
     """replace that file if it exists"""
 
     def run(self) -> int:
-        """Look; status 1 where something that every verb needs is missing or wrong."""
+        """Check; status 1 if something that every verb needs is missing or wrong."""
         from lgprjax.cli.figures import write_figures
         from lgprjax.cli.installation import look_at_machine, look_at_packages
 

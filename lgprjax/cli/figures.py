@@ -1,4 +1,4 @@
-"""Figures as JSON, for whoever computes with them."""
+"""Figures as JSON, for further computation."""
 
 import json
 from pathlib import Path

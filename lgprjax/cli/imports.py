@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from lgprjax.formats import Survey, SurveyOrigin
 
 
-# What the import verbs share: the output, the site's origin, and the closing line.
+# Common parts of the import verbs: the output, the site's origin, and the closing line.
 
 Output = Annotated[Path, arg(aliases=["-o"], help="drive log to write, X.drive.h5")]
 Force = Annotated[bool, arg(help="replace an output that exists")]
@@ -24,7 +24,7 @@ Force = Annotated[bool, arg(help="replace an output that exists")]
 
 @dataclass(frozen=True)
 class Origin:
-    """Where on the earth the recording is put."""
+    """Place of the recording on the earth."""
 
     latitude_deg: float = 0.0
     """latitude of the site's origin, WGS-84"""
@@ -34,14 +34,14 @@ class Origin:
     """direction of the lines, clockwise from true north"""
 
     def place(self) -> "SurveyOrigin":
-        """The origin as the importers take it."""
+        """The origin for the importers."""
         from lgprjax.formats import SurveyOrigin
 
         return SurveyOrigin(self.latitude_deg, self.longitude_deg, self.heading_deg)
 
 
 def print_survey(survey: "Survey") -> None:
-    """One table of what was found in each line, in samples and metres."""
+    """Print a table of the findings on each line, in samples and metres."""
     head = (
         "line",
         "traces",
@@ -85,7 +85,7 @@ def print_survey(survey: "Survey") -> None:
         _tell("  ".join(cells).rstrip())
     _tell(
         "header, break (the direct wave's first), wave (its strongest lobe) and zero (time zero) in samples; "
-        f"r: correlation with the line before; positions from: {survey.placed_by}"
+        f"r: correlation with the previous line; positions from: {survey.placed_by}"
     )
 
 
@@ -98,7 +98,7 @@ def _sample(value: float | None) -> str:
 
 
 def finished(output: Path) -> None:
-    """Say what was written, and what of it no instrument recorded."""
+    """Report what was written, and which quantities no instrument recorded."""
     from lgprjax.formats import DriveLog, assumed_in_words, assumed_of
 
     with DriveLog.open(output) as log:
@@ -107,7 +107,7 @@ def finished(output: Path) -> None:
         _tell(f"assumed, as no instrument recorded it: {assumed_in_words(assumed)}")
     _tell(f"wrote {output}")
     if "place on the earth" in assumed:
-        _tell("the site's origin was put at latitude 0, longitude 0 (see --latitude-deg)")
+        _tell("the site's origin was set to latitude 0, longitude 0 (see --latitude-deg)")
 
 
 # ``lgprjax import grounded|cmu|gprmax``: published data sets and simulations to drive logs.
@@ -115,13 +115,13 @@ def finished(output: Path) -> None:
 
 @dataclass(frozen=True)
 class ImportGrounded:
-    """A run in the layout in which users of the GROUNDED data set work: run.npy and run_UTM_point.npy."""
+    """A run in the layout of the GROUNDED data set: run.npy and run_UTM_point.npy."""
 
     run_dir: Annotated[
         Positional[Path],
         arg(
             metavar="RUN_DIR",
-            help="folder that holds run.npy [scan, sample, channel] and run_UTM_point.npy [scan, channel, 2]",
+            help="folder with run.npy [scan, sample, channel] and run_UTM_point.npy [scan, channel, 2]",
         ),
     ]
     output: Output
@@ -151,16 +151,16 @@ class ImportGrounded:
 
 @dataclass(frozen=True)
 class ImportCmu:
-    """A sequence of the CMU-GPR data set: gpr_meas.csv, we_odom.csv and, where there is one, ts_meas.csv.
+    """A sequence of the CMU-GPR data set: gpr_meas.csv, we_odom.csv and, if available, ts_meas.csv.
 
-    The sequences have no latitude and longitude: the total station's origin is put at the site's origin, its x axis
+    The sequences have no latitude and longitude: the total station's origin is placed at the site's origin, its x axis
     along the heading. A sequence without total station drives straight along the heading by its odometry.
     """
 
-    sequence_dir: Annotated[Positional[Path], arg(metavar="SEQUENCE_DIR", help="folder that holds the CSV files")]
+    sequence_dir: Annotated[Positional[Path], arg(metavar="SEQUENCE_DIR", help="folder with the CSV files")]
     output: Output
     time_window_ns: float
-    """two-way travel time that a trace spans (the data set does not publish it)"""
+    """two-way travel time of a trace (not published with the data set)"""
     time_zero_ns: float = 0.0
     """how long after the first sample time zero lies"""
     origin: Origin = field(default_factory=Origin)
@@ -187,17 +187,17 @@ class ImportGprMax:
     """gprMax results: the .out (version 3) or .h5 (version 4) files of one B-scan, or one merged file.
 
     Single-trace files are taken in the order of their numbers, each midway between its source and receiver. A merged
-    file has lost its positions: say --step-m. The simulation's picoseconds are resampled without aliases.
+    file lacks positions: give --step-m. The simulation's picoseconds are resampled without aliasing.
     """
 
     files: Annotated[Positional[tuple[Path, ...]], arg(metavar="FILE...", help="the traces, or one merged B-scan")]
     output: Output
     component: str | None = None
-    """field component, such as Ez; without it Ez, or the only one in the files"""
+    """field component, such as Ez; default: Ez, or the only one in the files"""
     receiver: int = 1
     """number of the receiver"""
     sample_interval_ns: float | None = None
-    """interval to resample to; without it the coarsest that keeps 99.99 % of the energy"""
+    """interval to resample to; default: the coarsest that keeps 99.99 % of the energy"""
     time_zero_ns: float = 0.0
     """time of the simulation that counts as zero, such as the delay of the source's pulse"""
     start_m: float = 0.0
@@ -237,21 +237,21 @@ class ImportMcap:
 
     Scans come from messages RadarScan, positions from NavSatFix, headings from an Imu with orientation or a
     PoseWithCovarianceStamped, travel from Odometry; docs/transfer.md has their definitions. Topics are found by their
-    types. A file that a killed recorder left is read as far as it is whole.
+    types. A truncated file is read as far as it is intact.
     """
 
     file: Annotated[Positional[Path], arg(metavar="FILE", help="the recording")]
     output: Output
     radar_topic: str | None = None
-    """topic of the scans, where there are several"""
+    """topic of the scans, if there are several"""
     array_topic: str | None = None
-    """topic of the message RadarArray, where there are several"""
+    """topic of the message RadarArray, if there are several"""
     gnss_topic: str | None = None
-    """topic of the positions, where there are several"""
+    """topic of the positions, if there are several"""
     heading_topic: str | None = None
-    """topic of the headings; one of Odometry only counts where it is named, and must count from east"""
+    """topic of the headings; one of type Odometry must be given explicitly, with headings relative to east"""
     odometry_topic: str | None = None
-    """topic of the odometer, where there are several"""
+    """topic of the odometer, if there are several"""
     channel_pitch_m: float | None = None
     """distance between neighbouring channels of an array that no message describes"""
     array_x_m: float | None = None
@@ -259,7 +259,7 @@ class ImportMcap:
     array_height_m: float | None = None
     """how high above the ground that array is"""
     gnss_m: Annotated[tuple[float, float, float], arg(metavar="X Y Z")] = (0.0, 0.0, 0.0)
-    """place of the GNSS antenna: ahead and to the left of the rear axle, above the ground"""
+    """place of the GNSS antenna: forward and left of the rear axle, above the ground"""
     gnss_sigma_m: float | None = None
     """sigma of positions whose messages do not tell their covariance"""
     heading_sigma_deg: float | None = None
@@ -294,16 +294,16 @@ class ImportMcap:
 
 @dataclass(frozen=True, kw_only=True)
 class _FoundInTraces:
-    """What is looked for in the traces of lines, and may be said instead."""
+    """Properties estimated from the traces of lines, which may be given instead."""
 
     output: Output
     length_m: float | None = None
-    """length of the lines, where it was measured by tape; without it the headers' trace spacing counts"""
+    """length of the lines, if measured by tape; default: the headers' trace spacing"""
     time_zero: Literal["auto", "header"] | float = "auto"
-    """auto: the header's where it agrees with the direct wave, else the wave's first break; header; or nanoseconds
+    """auto: the header's if it agrees with the direct wave, else the wave's first break; header; or nanoseconds
     after the first sample"""
     reversed_lines: Literal["auto", "odd", "even"] | tuple[int, ...] = "auto"
-    """lines recorded backwards: auto finds them; odd or even by the numbers in their names; or numbers from 0"""
+    """lines recorded backward: auto detects them; odd or even by the numbers in their names; or numbers from 0"""
     utm_zone: str | None = None
     """UTM zone of a topography file in metres of that grid, such as 33N"""
     partial: bool = False
@@ -352,7 +352,7 @@ class ImportLine(_FoundInTraces):
 
     suffixes: ClassVar[tuple[str, ...]]
 
-    file: Annotated[Positional[Path], arg(metavar="FILE", help="the recording; its header file lies beside it")]
+    file: Annotated[Positional[Path], arg(metavar="FILE", help="the recording, with its header file next to it")]
 
     def run(self) -> None:
         """Import."""
@@ -364,7 +364,7 @@ class ImportLine(_FoundInTraces):
 
 @dataclass(frozen=True, kw_only=True)
 class ImportDt1(ImportLine):
-    """Sensors & Software .DT1, its .HD beside it."""
+    """Sensors & Software .DT1, with its .HD."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".dt1",)
 
@@ -378,26 +378,26 @@ class ImportDzt(ImportLine):
 
 @dataclass(frozen=True, kw_only=True)
 class ImportMala(ImportLine):
-    """MALA .rd3 (16 bit) or .rd7 (32 bit), its .rad beside it."""
+    """MALA .rd3 (16 bit) or .rd7 (32 bit), with its .rad."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".rd3", ".rd7")
 
 
 @dataclass(frozen=True)
 class ImportIprb:
-    """ImpulseRadar .iprb, its .iprh beside it. An array writes one file a channel: name all files of the line.
+    """ImpulseRadar .iprb, with its .iprh. An array writes one file per channel: give all files of the line.
 
-    Several files (LINE_001_A01.iprb LINE_001_A02.iprb ..., in any order) become one multi-channel drive; their headers
-    say where each channel is. One file becomes a single-channel drive.
+    Several files (LINE_001_A01.iprb LINE_001_A02.iprb ..., in any order) become one multi-channel drive; the headers
+    give the place of each channel. One file becomes a single-channel drive.
     """
 
     files: Annotated[
         Positional[tuple[Path, ...]],
-        arg(metavar="FILE...", help="the channels of one line; the header file of each lies beside it"),
+        arg(metavar="FILE...", help="the channels of one line, each with its header file"),
     ]
     output: Output
     length_m: float | None = None
-    """length of the line, where it was measured by tape; without it the distance that the wheel measured counts"""
+    """length of the line, if measured by tape; default: the distance measured by the wheel"""
     origin: Origin = field(default_factory=Origin)
     force: Force = False
 
@@ -417,20 +417,20 @@ class ImportIprb:
 class ImportSegy:
     """SEG-Y .sgy or .segy (needs: pip install lgprjax[segy]).
 
-    Positions come from the trace headers. Coordinates in degrees, or in metres with --utm-zone, put every trace on the
-    map; otherwise the line runs straight from the origin along the heading.
+    Positions come from the trace headers. Coordinates in degrees, or in metres with --utm-zone, place every trace on
+    the earth; otherwise the line runs straight from the origin along the heading.
     """
 
     file: Annotated[Positional[Path], arg(metavar="FILE", help="the recording")]
     output: Output
     sample_interval_ns: float | None = None
-    """two-way travel time between samples; needed where the header holds no plausible one (picoseconds, 10 to 2000)"""
+    """two-way travel time between samples; needed if the header has no plausible one (picoseconds, 10 to 2000)"""
     time_zero_ns: float = 0.0
     """how long after the first sample time zero lies"""
     utm_zone: str | None = None
     """UTM zone of coordinates in metres, such as 19N"""
     length_m: float | None = None
-    """length of the line, where it was measured by tape; the headers' coordinates then do not count"""
+    """length of the line, if measured by tape; the headers' coordinates are then ignored"""
     origin: Origin = field(default_factory=Origin)
     force: Force = False
 
@@ -456,14 +456,14 @@ class ImportSegy:
 class ImportLines(_FoundInTraces):
     """Lines of a survey (DT1, DZT, rd3, rd7, iprb or SEG-Y) as one drive log.
 
-    Where they lie is said by a tape (--lines-at-m or --line-spacing-m), or by files beside them: a topography
-    (topo_NAME.txt, NAME.xyz or NAME.csv: a row of N, E, Z a trace) or a receiver's (.GPS, .DZG, .cor). Time zero,
-    sign, direction and start of each line are looked for in its traces and listed.
+    Their places come from a tape (--lines-at-m or --line-spacing-m), or from files next to them: a topography
+    (topo_NAME.txt, NAME.xyz or NAME.csv: a row of N, E, Z for each trace) or a receiver's (.GPS, .DZG, .cor). Time
+    zero, sign, direction and start of each line are estimated from its traces and listed.
     """
 
     files: Annotated[
         Positional[tuple[Path, ...]],
-        arg(metavar="FILE...", help="the lines, leftmost first; their header files lie beside them"),
+        arg(metavar="FILE...", help="the lines, leftmost first, with their header files next to them"),
     ]
     line_spacing_m: float | None = None
     """distance between neighbouring lines"""
@@ -472,9 +472,9 @@ class ImportLines(_FoundInTraces):
     first_line_m: float = 0.0
     """with --line-spacing-m: distance of the first line to the right of the site's origin"""
     polarity: Literal["auto", "keep"] = "auto"
-    """auto: lines of the opposite sign to most are inverted; keep: as recorded"""
+    """auto: lines with a sign opposite to the majority are inverted; keep: as recorded"""
     sample_interval_ns: float | None = None
-    """two-way travel time between samples of SEG-Y lines whose headers do not say it"""
+    """two-way travel time between samples of SEG-Y lines, if missing in their headers"""
 
     def run(self) -> None:
         """Import."""
@@ -509,16 +509,16 @@ _BY_SUFFIX = {
     ".out": "gprmax",
 }
 _BY_CONTENT = {"run.npy": "grounded", "gpr_meas.csv": "cmu"}
-"""A file that tells a folder's format."""
+"""File that identifies a folder's format."""
 _TAPE = ("--line-spacing-m", "--lines-at-m", "--first-line-m")
-"""Options that only lines have, and not the formats of a single file."""
+"""Options of lines that the formats of a single file do not have."""
 
 
 def recognised(arguments: Sequence[str]) -> list[str]:
-    """Arguments of ``import`` with the format put in, where files are named without one.
+    """Arguments of ``import`` with the format inserted, if files are given without one.
 
-    A single SEG-Y file and the channels of one ImpulseRadar line have formats of their own, unless a tape makes lines
-    of them. What is not recognised is left as it is.
+    A single SEG-Y file and the channels of one ImpulseRadar line have formats of their own, unless tape options make
+    them lines. Anything unrecognised is left as it is.
     """
     words = [str(word) for word in arguments]
     formats = ("dt1", "dzt", "mala", "iprb", "segy", "lines", "grounded", "cmu", "gprmax", "mcap")

@@ -1,4 +1,4 @@
-"""What ``lgprjax doctor`` finds: packages and what they lack; device, arithmetic, memory, disk of this machine."""
+"""Checks of ``lgprjax doctor``: packages; device, arithmetic, memory and disk of this machine."""
 
 import os
 import subprocess
@@ -16,7 +16,7 @@ from packaging.requirements import Requirement
 import lgprjax
 from lgprjax.machine import usable_cores
 
-# Is what lgprjax needs installed, in the versions it asks for, and whole?
+# Whether lgprjax's requirements are installed, complete, and in the required versions.
 
 _EXTRA_FOR = {
     "batch": "register --scheduler",
@@ -35,13 +35,13 @@ _FOR_DEVELOPERS = {"docs", "lint", "test"}
 
 @dataclass(frozen=True)
 class InstallationFinding:
-    """Something that was looked at.
+    """Result of a check.
 
     Attributes:
-        name: of it.
+        name: of the item.
         found: in words.
-        verdict: absent: not installed, and nothing is wrong with that; bad: lgprjax cannot be relied on.
-        advice: what to do; empty where nothing needs to be done.
+        verdict: absent: not installed, which is no error; bad: lgprjax cannot be relied on.
+        advice: what to do; empty if nothing is needed.
     """
 
     name: str
@@ -74,18 +74,18 @@ def _core(requirement: Requirement) -> InstallationFinding:
     if found is None:
         return InstallationFinding(requirement.name, "missing", "bad", advice)
     if not requirement.specifier.contains(found, prereleases=True):
-        return InstallationFinding(requirement.name, f"{found}, asked for {requirement.specifier}", "bad", advice)
+        return InstallationFinding(requirement.name, f"{found}, required {requirement.specifier}", "bad", advice)
     return InstallationFinding(requirement.name, found, "good")
 
 
 def _extra(extra: str, requirements: list[Requirement]) -> InstallationFinding:
-    """An extra is there, absent, or half there."""
+    """Whether an extra is installed, absent, or incomplete."""
     name, serves = f"[{extra}]", _EXTRA_FOR.get(extra, "")
     advice = f'pip install "lgprjax[{extra}]" ({serves})' if serves else f'pip install "lgprjax[{extra}]"'
     versions = {requirement.name: _version(requirement.name) for requirement in requirements}
     there = {package: found for package, found in versions.items() if found is not None}
     wrong = [
-        f"{requirement.name} {there[requirement.name]}, asked for {requirement.specifier}"
+        f"{requirement.name} {there[requirement.name]}, required {requirement.specifier}"
         for requirement in requirements
         if requirement.name in there and not requirement.specifier.contains(there[requirement.name], prereleases=True)
     ]
@@ -94,7 +94,7 @@ def _extra(extra: str, requirements: list[Requirement]) -> InstallationFinding:
     if len(there) == len(versions):
         return InstallationFinding(name, ", ".join(f"{package} {found}" for package, found in there.items()), "good")
     missing = ", ".join(package for package in versions if package not in there)
-    # Others bring some of these packages too: what is half there is as good as absent.
+    # Others install some of these packages too: an incomplete extra counts as absent.
     return InstallationFinding(name, f"missing: {missing}", "absent", advice)
 
 
@@ -130,11 +130,11 @@ wrong = np.abs(np.asarray(jnp.asarray(left) @ jnp.asarray(left)) - left.astype(n
 print(len(jax.devices()), device.platform, device.device_kind, wrong, sep="|")
 """
 _LARGEST_ERROR = 0.05
-"""Of a sum of 256 products about 1: float32 leaves 1e-4, TF32 and bfloat16 more."""
+"""Error of a sum of 256 products around 1: 1e-4 in float32, more in TF32 and bfloat16."""
 
 
 def look_at_machine() -> list[InstallationFinding]:
-    """Everything that can be looked at without a file of the user's."""
+    """Everything that can be checked without a file of the user."""
     findings = [_device(), _cores(), _memory(), _disk(), _projection(), _picture(), _real_time()]
     return [*findings, *_environment()]
 
@@ -152,7 +152,7 @@ def _device() -> InstallationFinding:
     count, platform, kind, wrong = lines[-1].split("|")
     found = f"{count} {platform} ({kind})" if platform != kind else f"{count} {platform}"
     if float(wrong) > _LARGEST_ERROR:
-        precision = "set JAX_DEFAULT_MATMUL_PRECISION=float32: products of this device are too coarse"
+        precision = "set JAX_DEFAULT_MATMUL_PRECISION=float32: products of this device are too inaccurate"
         return InstallationFinding("device", f"{found}, matrix product wrong by {float(wrong):.2g}", "look", precision)
     return InstallationFinding("device", found, "good")
 
@@ -189,7 +189,7 @@ def _disk() -> InstallationFinding:
 
 
 def _projection() -> InstallationFinding:
-    """Of the point where the equator meets the middle of UTM zone 31."""
+    """Check the projection of the point on the equator in the middle of UTM zone 31."""
     import pyproj
 
     advice = "unset PROJ_DATA and PROJ_LIB, or reinstall pyproj: its database belongs to another version"
@@ -217,7 +217,7 @@ def _picture() -> InstallationFinding:
 
 
 def _real_time() -> InstallationFinding:
-    """Only the onboard runtime asks for it."""
+    """Only the onboard runtime needs it."""
     if sys.platform != "linux":
         return InstallationFinding(
             "real-time priority", "not on this system", "absent", "lgprjax run goes on without it"
@@ -232,7 +232,7 @@ def _real_time() -> InstallationFinding:
 
 
 def _environment() -> list[InstallationFinding]:
-    """Variables that change what JAX computes, or where it keeps what it has compiled."""
+    """Variables that change JAX's results, or the place of its compilation cache."""
     findings = []
     if os.environ.get("JAX_ENABLE_X64", "0").lower() in {"1", "true"}:
         advice = "unset it: lgprjax is tested in float32"
@@ -240,6 +240,6 @@ def _environment() -> list[InstallationFinding]:
     cache = os.environ.get("JAX_COMPILATION_CACHE_DIR")
     if cache is not None:
         usable = os.access(cache, os.W_OK) if Path(cache).exists() else os.access(Path(cache).parent, os.W_OK)
-        advice = "" if usable else "it cannot be written: everything is compiled anew each time"
+        advice = "" if usable else "it cannot be written: everything is recompiled each time"
         findings.append(InstallationFinding("JAX_COMPILATION_CACHE_DIR", cache, "good" if usable else "look", advice))
     return findings

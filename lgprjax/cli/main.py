@@ -23,25 +23,25 @@ from lgprjax.cli.view import View
 
 _DESCRIPTION = """Localizing ground-penetrating radar: locate a vehicle by the ground beneath it.
 
-A drive recorded once is a map; a later drive is located against it. In order: import (or record) drive logs, map build,
-register. Exit status: 0 done, 1 bad input (one line says which file, where, what was expected and what was found),
-2 wrong usage."""
+A recorded drive becomes a map; later drives are located against it. Typical order: import (or record) drive logs,
+map build, register. Exit status: 0 success, 1 bad input (one line gives file, place, expected and found), 2 wrong
+usage."""
 
 Verb = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[
         ImportVerb,
-        tyro.conf.subcommand("import", description="Vendor files to drive logs: import FILE..., or by format."),
+        tyro.conf.subcommand("import", description="Convert vendor files to drive logs: import FILE..., or by format."),
     ]
     | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[CheckVerb, tyro.conf.subcommand("check")]
     | Annotated[MapVerb, tyro.conf.subcommand("map", description="Subsurface databases.")]
     | Annotated[Register, tyro.conf.subcommand("register")]
     | Annotated[Export, tyro.conf.subcommand("export")]
-    | Annotated[RouteVerb, tyro.conf.subcommand("route", description="Routes of a subsurface database.")]
     | Annotated[
-        CoverVerb, tyro.conf.subcommand("cover", description="Fields: plan, record and hand over what was worked.")
+        RouteVerb, tyro.conf.subcommand("route", description="List, select and export routes of a subsurface database.")
     ]
+    | Annotated[CoverVerb, tyro.conf.subcommand("cover", description="Cover fields: plan, record and export the work.")]
     | Annotated[Run, tyro.conf.subcommand("run")]
     | Annotated[Recover, tyro.conf.subcommand("recover")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
@@ -55,7 +55,7 @@ Verb = (
 def keep_compiled() -> None:
     """Keep compiled programs from command to command, in ``$XDG_CACHE_HOME/lgprjax`` or ``~/.cache/lgprjax``.
 
-    An optimisation only, and only before JAX is imported: what the environment says of it already is left as it is.
+    An optimisation only, and only before JAX is imported: existing environment variables are respected.
     """
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(root / "lgprjax" / "compiled"))

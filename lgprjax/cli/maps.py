@@ -1,4 +1,4 @@
-"""``lgprjax map``: build a subsurface database, tell what one covers and whether it can be trusted."""
+"""``lgprjax map``: build, describe, verify, refine and update subsurface databases."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from lgprjax.registration import Chance
 
 
-# ``lgprjax map info``: what a subsurface database covers, how it was made, and what it takes on disk.
+# ``lgprjax map info``: coverage, origin and size of a subsurface database.
 
 _RISK = 1e-4
 
 
 @dataclass(frozen=True)
 class MapInfo:
-    """What a subsurface database covers and how it was made."""
+    """Show the coverage and the origin of a subsurface database."""
 
     file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
     json: Path | None = None
@@ -45,7 +45,7 @@ class MapInfo:
 
 
 def _labels(sigma_m: tuple[float, ...]) -> str:
-    """What the navigation of each baseline said of its positions."""
+    """Position sigmas stated by the navigation of each baseline."""
     from lgprjax.batch.assumptions import UNSTATED
 
     if not any(sigma_m):
@@ -55,13 +55,13 @@ def _labels(sigma_m: tuple[float, ...]) -> str:
 
 
 def _chance(chance: "Chance | None", wavelength_m: float) -> dict[str, object]:
-    """What other ground reaches on this map, and what a match must."""
+    """Scores of foreign ground on this map, and those required of a match."""
     from lgprjax.registration import ladder_of, least_z
 
     if chance is None:
         later = "not in this file: measured at the first registration"
         return {"noise_floor": later, "least_score": None, "sigma_scale": later}
-    pooled = "pooled over many grounds: this map is too small to tell its own"
+    pooled = "pooled over many grounds: this map is too small for its own"
     least = [round(float(score), 2) for score in least_z(_RISK, chance)]
     return {
         "noise_floor": f"{'own' if chance.own else pooled}; {chance.pieces} independent pieces",
@@ -131,12 +131,12 @@ def _told(value: object) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
-# ``lgprjax map refine``: make the baselines of a map agree with each other.
+# ``lgprjax map refine``: make the baselines of a map consistent.
 
 
 @dataclass(frozen=True)
 class MapRefine:
-    """Make the baselines of a map agree: each is registered on the others, its labels follow, a new map is written."""
+    """Make the baselines of a map consistent: register each on the others, correct its labels, write a new map."""
 
     file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
     output: Annotated[Path, arg(aliases=["-o"], help="database to write, NEW.map.h5")]
@@ -180,7 +180,7 @@ def _print(path: Path, agreed: "AgreedBaselines", files: list[str]) -> None:
 
 
 def _figures(agreed: "AgreedBaselines") -> dict[str, object]:
-    """Plain values, for JSON; what is not a number is null."""
+    """Plain values, for JSON; NaN becomes null."""
     changes = [
         {**change._asdict(), "sigma_after_m": change.sigma_after_m if change.kept else None}
         for change in agreed.baselines
@@ -197,12 +197,12 @@ def _figures(agreed: "AgreedBaselines") -> dict[str, object]:
     }
 
 
-# ``lgprjax map update``: bring a map up to date by new drives.
+# ``lgprjax map update``: update a map by new drives.
 
 
 @dataclass(frozen=True)
 class MapUpdate:
-    """Add drives to a map as baselines, weigh all of them, and retire ground that two newer drives find changed."""
+    """Add drives to a map as baselines, weight all of them, and retire ground that two newer drives find changed."""
 
     file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5; without -o it is replaced")]
     drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs over its ground")]
@@ -249,8 +249,8 @@ def _print_update(update: "UpdatedMap") -> None:
         )
         if drive.held_back:
             _say(
-                f"  {drive.held_back} of {drive.stations} stations are held back: not located, or against the map "
-                "until a second drive agrees with them"
+                f"  {drive.held_back} of {drive.stations} stations are held back: not located, or in conflict "
+                "with the map until a second drive agrees"
             )
         for line in changes_in_words(drive, update.files):
             _say(f"  {line}")
@@ -270,7 +270,7 @@ def _say(text: str) -> None:
 
 
 def draw_map_passes(source: "MapFile", health: "MapHealth", path: Path, *, force: bool) -> None:
-    """Draw how often and how long before today a verified map's ground was passed.
+    """Draw number and age of the passes over a verified map's ground.
 
     Raises:
         InputError: a part of the map is damaged; the file exists (without ``force``) or cannot be written.
@@ -298,7 +298,7 @@ def draw_map_passes(source: "MapFile", health: "MapHealth", path: Path, *, force
 
 
 _VERDICT_STYLE = {"good": "green", "look": "yellow", "bad": "bold red"}
-_INTERVALS = 4  # named in the table; all of them are in the JSON
+_INTERVALS = 4  # listed in the table; all of them are in the JSON
 _OUTPUTS = ("places.csv", "agreement.csv", "strips.png", "passes.png", "findings.json")
 
 
@@ -308,15 +308,15 @@ class MapBuild:
 
     drives: Annotated[
         Positional[tuple[Path, ...]],
-        arg(metavar="DRIVE...", help="drive logs; the first gives the map its origin and its processing"),
+        arg(metavar="DRIVE...", help="drive logs; the first defines the map's origin and processing"),
     ]
     output: Annotated[Path, arg(aliases=["-o"], help="database to write, M.map.h5")]
     centre_frequency_mhz: float | None = None
-    """centre frequency of the antennas, where the log does not say"""
+    """centre frequency of the antennas, if missing in the log"""
     travel_time_ns: float | None = None
-    """how deep the profiles go at most; without it to the recording's end, of sweeps fifteen periods"""
+    """largest travel time of the profiles; default: the recording's end, for sweeps fifteen periods"""
     precision: Literal["full", "standard", "small"] = "standard"
-    """how closely traces are stored: full as 16-bit samples, standard in some two bits a number, small in fewer"""
+    """precision of stored traces: full as 16-bit samples, standard in about two bits per number, small in fewer"""
     force: bool = False
     """replace an output that exists"""
 
@@ -352,7 +352,7 @@ class MapBuild:
 
 @dataclass(frozen=True)
 class MapVerify:
-    """Can this map be trusted: coverage, holes, weak or ambiguous ground, baselines that disagree."""
+    """Verify a map: coverage, holes, weak or ambiguous ground, baselines that disagree."""
 
     file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
     output: Annotated[
@@ -364,7 +364,7 @@ class MapVerify:
     """replace outputs that exist"""
 
     def run(self) -> None:
-        """Measure and judge; findings are findings, not failures."""
+        """Measure and judge; findings do not change the exit status."""
         from lgprjax.cli.figures import write_figures
         from lgprjax.formats import MapFile
         from lgprjax.mapping import places_of, verify_map

@@ -1,4 +1,4 @@
-"""``lgprjax register``: drives against a map; fixes, summary and pictures."""
+"""``lgprjax register``: locate drives on a map; fixes, summary and pictures."""
 
 import sys
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def hold_ground(source: "MapFile", options: "RegisterOptions") -> "HeldGround":
-    """The map's ground for a search; says so where its noise floor has to be measured first."""
+    """The map's ground for a search; reports if its noise floor has to be measured first."""
     from lgprjax.batch import HeldGround
     from lgprjax.mapping import MEASURING
 
@@ -41,26 +41,29 @@ class Register:
     drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs, X.drive.h5")]
     output: Annotated[Path, arg(aliases=["-o"], help="folder for DRIVE.fixes.csv, summary, pictures, report.html")]
     search_m: float | None = None
-    """search this far to each side of the position in the log, in metres; by default as far as the log says that its
-    position may be wrong (4 sigma and 0.5 m), or 2.5 m where it says nothing, and farther where no place is found"""
+    """search this far to each side of the position in the log, in metres; default: the uncertainty stated by the log
+    (4 sigma plus 0.5 m), or 2.5 m if it states none, and farther where no place is found"""
     window_m: float | None = None
-    """match this length of travel as one, 0 for single scans; by default as little of 0, 1, 2, 4 and 8 m as reaches the
-    risk, scan by scan"""
+    """match windows of this length, 0 for single scans; default: the shortest of 0, 1, 2, 4 and 8 m that reaches the
+    risk, scan by scan
+    """
     time_scale: float | Literal["auto"] = "auto"
-    """two-way travel time in the ground today, relative to the map's day (wet ground: above 1, after rain about 1.05);
-    auto finds it along the drive"""
+    """time-scale factor relative to the map: two-way travel time in the ground now over that on the map's day (wet
+    ground: above 1, after rain about 1.05); auto estimates it along the drive
+    """
     risk: float = 1e-4
-    """accept a fix if other ground would have matched as well with no higher probability, in each 4 m of travel"""
+    """largest accepted probability, in each 4 m of travel, that foreign ground would have matched as well as a fix"""
     thresholds: Path | None = None
-    """judge by thresholds from lgprjax thresholds, found with the same --window-m, instead of the map's noise floor
-    and the risk"""
+    """judge by thresholds from lgprjax thresholds, calibrated with the same --window-m, instead of the map's noise
+    floor and the risk
+    """
     workers: int | None = None
-    """register with this many processes, all results in one folder with one table and page (no pictures of each drive);
-    what is there already is not done again"""
+    """run this many worker processes; all results go to one folder with one table and page (no pictures of each drive);
+    existing results are not computed again"""
     threads: int | None = None
-    """limit of each process; with equal threads the fixes are the same to the bit"""
+    """threads of each worker; with equal threads the fixes are identical to the bit"""
     scheduler: str | None = None
-    """the same on a cluster: address of a dask scheduler, tcp://HOST:8786"""
+    """run the workers on a cluster: address of a dask scheduler, tcp://HOST:8786"""
     json: Path | None = None
     """also write the figures to this file"""
     force: bool = False
@@ -77,7 +80,7 @@ class Register:
 
         require_files(self.drives, "drives")
         if self.thresholds is not None and self.window_m is None:
-            raise UsageError("--thresholds: expected --window-m beside it, the length that they were found for")
+            raise UsageError("--thresholds: expected --window-m, the length that they were calibrated for")
         if self.json is not None and self.json.exists() and not self.force:
             raise InputError(self.json, "output", "a new file, or --force", "the file exists")
         own = None if self.thresholds is None else read_thresholds(self.thresholds, self.window_m or 0.0)
@@ -114,7 +117,7 @@ class Register:
         from lgprjax.report.registered_folder import facts_of, write_views
 
         if self.workers is None and self.scheduler is None:
-            raise UsageError("--threads: expected --workers or --scheduler beside it, found neither")
+            raise UsageError("--threads: expected --workers or --scheduler, found neither")
         workforce, folder = Workforce(self.workers, self.threads, self.scheduler), self.output
         with (
             register_folder(
@@ -152,10 +155,10 @@ def register_all(
 ) -> "list[Registered]":
     """Register drives one after the other; fixes and pictures go to ``folder``.
 
-    Everything that can be refused is refused before the first drive is worked on.
+    All refusals happen before the first drive is processed.
 
     Args:
-        impostors: names of drives that are known to lie on other ground.
+        impostors: names of drives known to be on other ground.
     """
     from lgprjax.batch import check_region, recording_of, register_log, track_of_drive, write_registered
     from lgprjax.batch.recording import gnss_gaps
@@ -169,7 +172,7 @@ def register_all(
         if names.count(name) > 1:
             raise InputError(name, "drives", "drives of different names", "this name twice")
     _claim(folder, names, force)
-    # Every input is opened once before any is worked on: a broken last drive must not cost the first.
+    # Every input is opened once before any is processed: a broken last drive must not waste the work on the first.
     with MapFile.open(map_path) as source:
         check_region(options.search_m, source)
         for path in drives:
@@ -196,19 +199,19 @@ def register_all(
 
 
 def _advise(summaries: "Sequence[DriveSummary]") -> None:
-    """What to do where hardly a scan was located, by what most of them were declined for."""
+    """Advice if hardly a scan was located, from the most frequent code."""
     from lgprjax.report import main_decline
 
     for summary in summaries:
         why = main_decline(summary)
         if why is not None and (summary.ok_fraction or 0.0) < _FEW:
             code, (meaning, action) = why
-            told = f"few scans of {summary.name} are ok, most are {code}: {meaning}. To do: {action}"
+            told = f"few scans of {summary.name} are ok, most are {code}: {meaning}. Advice: {action}"
             console.print(told, highlight=False, soft_wrap=True)
 
 
 def _claim(folder: Path, names: Sequence[str], force: bool) -> None:
-    """Refuse before any work what would be refused after it."""
+    """Check outputs before any work."""
     from lgprjax.report.registered import ENDS
 
     if folder.exists() and not folder.is_dir():

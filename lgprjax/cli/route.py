@@ -1,4 +1,4 @@
-"""``lgprjax route``: what can be driven on a map, the choice of it, and its waypoints for other programs."""
+"""``lgprjax route``: list the routes of a map, select one, and export its waypoints."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ _SUFFIX = ".route.toml"
 
 @dataclass(frozen=True)
 class RouteList:
-    """The routes of a subsurface database: one a baseline."""
+    """List the routes of a subsurface database, one for each baseline."""
 
     file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
     json: Path | None = None
@@ -61,19 +61,19 @@ class RouteList:
 
 @dataclass(frozen=True)
 class RouteSelect:
-    """Choose a route, or a stretch of it: which way it is driven and how fast.
+    """Select a route, or a stretch of it, with direction and speed.
 
-    The route is laid at once, so that one that cannot be driven is refused here. It holds as long as the database is
-    the same file.
+    The route is checked at once, so that one that cannot be driven is refused here. The selection is valid as long as
+    the database is unchanged.
     """
 
     file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
     route: Annotated[Positional[str], arg(metavar="ROUTE", help="name as route list shows it")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="X.route.toml", help="route file to write")]
     from_m: float = 0.0
-    """where the stretch begins, metres along the route as recorded"""
+    """start of the stretch, metres along the route as recorded"""
     to_m: float | None = None
-    """where it ends; without it at the route's end"""
+    """end of the stretch; default: the route's end"""
     against: bool = False
     """drive from the stretch's end to its beginning"""
     cruise_mps: float = _TEN_MPH
@@ -81,7 +81,7 @@ class RouteSelect:
     lateral_mps2: float = 1.5
     """highest lateral acceleration: bends are driven more slowly"""
     vehicle: Path | None = None
-    """vehicle file; a bend that is tighter than it can drive is refused"""
+    """vehicle file; bends tighter than it can drive are refused"""
     force: bool = False
     """replace an output that exists"""
 
@@ -119,11 +119,15 @@ class RouteSelect:
 
 @dataclass(frozen=True)
 class RouteExport:
-    """Waypoints of a route in WGS-84 with heading, arc length, curvature, speed and gear, every quarter of a metre."""
+    """Export waypoints of a route in WGS-84 with heading, arc length, curvature, speed and gear, every quarter of a
+    metre.
+    """
 
     file: Annotated[Positional[Path], arg(metavar="X.route.toml|MAP", help="a route file, or a database with ROUTE")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="F", help="waypoints to write: .csv, .geojson or .gpx")]
-    route: Annotated[Positional[str | None], arg(metavar="ROUTE", help="name, where the first is a database")] = None
+    route: Annotated[
+        Positional[str | None], arg(metavar="ROUTE", help="name of the route, if the first argument is a database")
+    ] = None
     force: bool = False
     """replace an output that exists"""
 
@@ -144,7 +148,7 @@ class RouteExport:
             if chosen is None:
                 assert self.route is not None
                 length_m = route_named(source, self.route).length_m
-                # The whole baseline at ten miles an hour: what route select takes when told nothing else.
+                # The whole baseline at ten miles an hour: the defaults of route select.
                 chosen = RouteFile(self.file, "", self.route, 0.0, length_m, "along", _TEN_MPH, 1.5, None)
             waypoints = waypoints_of(lay_route(chosen, source, file=self.file), source)
         write_waypoints(self.output, chosen.route, waypoints, force=self.force)

@@ -24,20 +24,20 @@ _RECEIVERS, _PAGE = ("pynmeagps", "pyubx2"), ("starlette", "uvicorn", "websocket
 
 @dataclass(frozen=True)
 class Run:
-    """Drive: the onboard runtime by a configuration, on a vehicle's devices or on simulated ones.
+    """Run the onboard runtime from a configuration, on a vehicle's devices or on simulated ones.
 
-    Radar, GNSS/INS, drive-by-wire box and operator controller come over the lines that the configuration names. Nothing
-    is engaged but by the controller; the page of the display shows and chooses routes. A run is recorded into a folder
-    of its own and, at its end, becomes a drive log beside it. Ends with Ctrl-C or SIGTERM.
+    Radar, GNSS/INS, drive-by-wire box and operator controller are connected by the lines in the configuration. Only the
+    controller engages the vehicle; the display page shows and selects routes. A run is recorded into its own folder
+    and, at its end, converted to a drive log next to it. Ends with Ctrl-C or SIGTERM.
     """
 
     config: Annotated[Positional[Path], arg(metavar="CONFIG.toml", help="configuration, see onboard/")]
     simulate: bool = False
-    """start simulated devices as [simulation] says; map and route, or plan, are made where they are missing"""
+    """start simulated devices as configured in [simulation]; missing map and route, or plan, are created"""
     replay: Annotated[Path | None, arg(metavar="RUN_FOLDER")] = None
-    """run the control loop on a recording again: every command must come out to the bit"""
+    """run the control loop again on a recording: every command must be identical to the bit"""
     preflight: bool = False
-    """look at everything that a run needs, send nothing; status 1 where an item is not in order"""
+    """check everything that a run needs without sending anything; status 1 if a check fails"""
     for_s: float | None = None
     """end so many seconds after everything is ready"""
     json: Path | None = None
@@ -78,7 +78,7 @@ class Run:
         if found.first is not None:
             table.add_row("first difference", f"tick {found.first[0]}, {found.first[1].lower()}")
         if found.broken is not None:
-            table.add_row("records missing", f"before tick {found.broken}: its start was replayed up to there")
+            table.add_row("records missing", f"before tick {found.broken}: replayed from the start up to there")
         console.print(table, highlight=False)
         if self.json is not None:
             write_figures(self.json, found._asdict(), force=self.force)
@@ -120,7 +120,7 @@ class Run:
 
 
 def _require_packages(needed: Sequence[str]) -> None:
-    """Raise ``InputError`` before anything is started where a package of the runtime is missing."""
+    """Raise ``InputError`` before anything is started if a package of the runtime is missing."""
     missing = [name for name in needed if find_spec(name) is None]
     if missing:
         extra = 'the packages of the extra onboard (pip install "lgprjax[onboard]")'
@@ -128,7 +128,7 @@ def _require_packages(needed: Sequence[str]) -> None:
 
 
 def run_folder(config: "RuntimeConfig") -> Path:
-    """A new folder for a run, by its beginning in UTC."""
+    """A new folder for a run, named by its start in UTC."""
     name = datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
     return config.path(config.recording.folder) / f"{config.name}-{name}"
 
@@ -153,7 +153,7 @@ def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None) -> int:
 
 
 def _write_drive(config: "RuntimeConfig", folder: Path) -> None:
-    """The run as a drive log beside its recording; what cannot be made is said, the recording stays."""
+    """Write the run as a drive log next to its recording; a failure is reported, the recording stays."""
     from lgprjax.batch import write_run_drive
     from lgprjax.formats import MapFile, read_vehicle
 
@@ -168,7 +168,7 @@ def _write_drive(config: "RuntimeConfig", folder: Path) -> None:
                 position_sigma_m=config.sensors.gnss_sigma_m,
             )
     except InputError as error:
-        print(f"no drive log: {error}; lgprjax recover tries again", flush=True)
+        print(f"no drive log: {error}; retry with lgprjax recover", flush=True)
         return
     print(f"wrote {output}: {drive.seconds:.1f} s, {drive.scans} scans", flush=True)
 

@@ -1,4 +1,4 @@
-"""``lgprjax simulate`` and ``lgprjax demo``: drive logs of a generated site, and the demonstration made of them."""
+"""``lgprjax simulate`` and ``lgprjax demo``: drive logs of a generated site, and the demonstration."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Simulate:
-    """Generate drive logs: a road, the ground below it, days and drives, from a site file.
+    """Generate drive logs from a site file: a road, the ground below it, days and drives.
 
-    The position of every scan is known exactly and stands in the log as /truth. The same file gives the same drives.
-    sites/ has examples; docs/scene.md lists the keys and says what is modelled and what is not. A file of kind
+    The exact position of every scan is stored in the log as /truth. The same file gives the same drives. sites/ has
+    examples; docs/scene.md lists the keys and describes what is modelled and what is not. A file of kind
     "vehicle_drives" gives calibration drives of a vehicle, without radar: tuning/drives.toml is one.
     """
 
@@ -81,7 +81,7 @@ def _print_written(planned: "PlannedSite", paths: dict[str, Path]) -> None:
     console.print(table)
 
 
-# ``lgprjax demo``: the story so far on a generated site, with a report.
+# ``lgprjax demo``: the whole workflow on a generated site, with a report.
 
 _INTRO = """Two drives over a generated road, 0.3 m to the left and right of its middle, make a map of the ground.
 A third drive, on another day and 0.2 m to the left, is located against it from radar alone; its GNSS is wrong by a
@@ -97,10 +97,10 @@ class Demo:
     """Generate a site, map it, locate a drive on it, refuse an impostor road; write a report."""
 
     output: Path = Path("out/demo")
-    """folder for drive logs, map, fixes and report; replaced if it is there"""
+    """folder for drive logs, map, fixes and report; replaced if it exists"""
 
     def run(self) -> None:
-        """Run the story."""
+        """Run the demonstration."""
         from lgprjax.cli.register import register_all
         from lgprjax.mapping import build_map
         from lgprjax.registration import RegisterOptions

@@ -1,4 +1,4 @@
-"""``run --simulate``: its map and route made where they are missing, and its devices started."""
+"""``run --simulate``: create missing map and route, and start the devices."""
 
 import json
 import math
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 _UP_S = 180.0
 _DOWN_S = 60.0
 _PRIORITY = 10
-"""Below what onboard/ gives the control loop."""
+"""Below the priority of the control loop in onboard/."""
 _CRUISE_MPS = 4.4704
 
 
 def prepare_course(config: "RuntimeConfig", table: "SimulationTable") -> None:
-    """Make the files of the configuration that are not there: the map, and its first route.
+    """Create missing files of the configuration: the map, and its first route.
 
     Raises:
         InputError: a file cannot be written.
@@ -77,7 +77,7 @@ def _make_route(config: "RuntimeConfig", database: Path, route: Path) -> None:
 
 
 def course_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, Any]:
-    """What the devices of a course are asked for."""
+    """Specification of a course's devices."""
     return {
         "seed": table.seed,
         "length_m": table.length_m,
@@ -96,11 +96,11 @@ def devices(config: "RuntimeConfig", spec: dict[str, Any], folder: Path) -> Iter
 
     Args:
         config: of the run.
-        spec: what they are asked for.
-        folder: where their truth and their messages go.
+        spec: their specification.
+        folder: for their truth and their messages.
 
     Raises:
-        InputError: they did not come up.
+        InputError: they did not start.
     """
     spec = {**spec, "ports": str(folder / "ports.json"), "truth": str(folder / "truth.npz")}
     file = folder / "devices.json"
@@ -110,7 +110,7 @@ def devices(config: "RuntimeConfig", spec: dict[str, Any], folder: Path) -> Iter
     if config.cache is not None:
         environment["JAX_COMPILATION_CACHE_DIR"] = str(config.path(config.cache))
         environment["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
-    # The world waits for nobody: where it is permitted its devices run before the runtime.
+    # The simulated world runs in real time: if permitted its devices have priority over the runtime.
     first = ["chrt", "--fifo", str(_PRIORITY)] if _may_run_in_real_time() else []
     with told.open("w", encoding="utf-8") as log:
         process = subprocess.Popen(
@@ -149,18 +149,18 @@ def _addresses(process: "subprocess.Popen[bytes]", ports: Path, told: Path) -> d
     raise InputError(told, "devices", "the simulated devices to come up", lines[-1])
 
 
-# ``run --simulate`` in a field: its plan made where it is missing, its devices, and what the run was worth.
+# ``run --simulate`` in a field: create a missing plan, start the devices, and evaluate the run.
 
 _BEHIND_M = 8.0
-"""The vehicle stands so far before the plan's start: driving there straight finds its heading."""
+"""Initial distance of the vehicle from the plan's start: driving there straight finds its heading."""
 _SPEED = 4
 
 
 def prepare_field(config: "RuntimeConfig", table: "SimulationTable") -> None:
-    """Make the plan of the configuration where it is not there.
+    """Create the plan of the configuration if it is missing.
 
     Raises:
-        InputError: nothing says of which field, or it makes no plan, or that cannot be written.
+        InputError: the field is missing, cannot be planned, or the plan cannot be written.
     """
     from lgprjax.worked.plans import PlanOptions, make_cover_plan, save_cover_plan
 
@@ -178,10 +178,10 @@ def prepare_field(config: "RuntimeConfig", table: "SimulationTable") -> None:
 
 
 def field_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, Any]:
-    """What the devices of a field are asked for: the vehicle stands before the plan's start.
+    """Specification of a field's devices: the vehicle stands before the plan's start.
 
-    Without a plan it stands before the first corner of ``simulation.field``, looking to the second; the frame of
-    ``drive_to`` is about that corner then.
+    Without a plan it stands before the first corner of ``simulation.field``, facing the second; the frame of
+    ``drive_to`` is then centred on that corner.
 
     Raises:
         InputError: vehicle, plan or field cannot be used.
@@ -224,10 +224,10 @@ def _script(table: "SimulationTable", start: tuple[float, float]) -> list[dict[s
 def field_figures(folder: Path, config: "RuntimeConfig") -> dict[str, Any]:
     """Figures of a run's folder: the devices' truth against the recording of the runtime.
 
-    What is told of tracking and of the estimate is told of the time in which the plan was driven.
+    Tracking and estimate are evaluated over the time in which the plan was driven.
 
     Raises:
-        InputError: a file that the run was driven with cannot be used.
+        InputError: a file of the run cannot be used.
     """
     from lgprjax.formats import read_run
     from lgprjax.run_records import COVER, SKID_PLAN, RecordKind, unpack
@@ -268,7 +268,7 @@ def field_figures(folder: Path, config: "RuntimeConfig") -> dict[str, Any]:
 
 
 def _passes(rows: np.ndarray, drives: np.ndarray) -> int:
-    """Lines that were driven to their end: another one, or the plan's end, came after them."""
+    """Swaths driven to their end: followed by another one, or the plan's end."""
     lines = rows["line"][drives & (rows["line"] >= 0)]
     if not len(lines):
         return 0
@@ -284,7 +284,7 @@ def _against_truth(path: Path, times_ns: np.ndarray, rows: np.ndarray) -> dict[s
     pose = rows["pose"]
     off = pose[:, :2] - np.stack([at["x_m"], at["y_m"]], axis=1)
     turned = np.degrees((pose[:, 2] - at["yaw_rad"] + np.pi) % (2.0 * np.pi) - np.pi)
-    # To the left of the way: the route's own direction is the estimate's less its error.
+    # To the left of travel: the route's own direction is the estimate's minus its error.
     way = pose[:, 2] - rows["heading_error_rad"]
     cross = rows["cross_m"] - (np.cos(way) * off[:, 1] - np.sin(way) * off[:, 0])
     line = rows["line"] >= 0

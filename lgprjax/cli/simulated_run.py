@@ -1,4 +1,4 @@
-"""What a simulated run was worth: the truth of the devices against the recording of the runtime."""
+"""Evaluation of a simulated run: the truth of the devices against the recording of the runtime."""
 
 import json
 from pathlib import Path
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from lgprjax.report import TimingPicture
 
 
-# What the recording of a run tells of the way from a scan to a command.
+# Latency from scan to command in the recording of a run.
 
 ENGAGED = (3, 4)
 """Modes in which the vehicle steers itself."""
 COMMAND_MS = 100.0
-"""From a scan's start to the command that it leads to, at most."""
+"""Largest time from a scan's start to the resulting command."""
 _MOVING_MPS = 0.1
 
 
@@ -29,7 +29,7 @@ class RunRecords(NamedTuple):
     Attributes:
         scans: that arrived from the radar.
         tick_ns: begins of the control loop's ticks.
-        plans, plan_ns: what the ticks decided (``runtime.records.PLAN``), and when.
+        plans, plan_ns: decisions of the ticks (``runtime.records.PLAN``), and their times.
         fixes, fix_ns: of the scans that were searched (``runtime.records.FIX``), and when each was ready.
         used_ns: of every command with a fix, the start of its scan and the begin of its tick.
         memory: seconds, and MB of all processes together.
@@ -62,7 +62,7 @@ class RunRecords(NamedTuple):
         return np.asarray((begin_ns - scan_ns)[self.tracking(scan_ns)] / 1e6)
 
     def tracking(self, time_ns: Int[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
-        """Whether the vehicle was engaged and moving: what is told of the search is told of tracking."""
+        """Whether the vehicle was engaged and moving: the search is evaluated while tracking."""
         if not len(self.plans):
             return np.zeros(len(time_ns), bool)
         on = np.isin(self.plans["mode"], ENGAGED) & (np.abs(self.plans["speed_mps"]) > _MOVING_MPS)
@@ -115,7 +115,7 @@ def read_records(folder: Path) -> RunRecords:
 
 
 def timing_of(records: RunRecords, title: str) -> "TimingPicture":
-    """Times of a run as the record that its picture is made from."""
+    """Times of a run as the record for its picture."""
     from lgprjax.report import StageTimes, TimingPicture
 
     return TimingPicture(
@@ -126,8 +126,8 @@ def timing_of(records: RunRecords, title: str) -> "TimingPicture":
             StageTimes("control period", records.period_ms),
         ),
         note=(
-            f"{records.scans} scans, {len(records.fixes)} searched. A scan counts from its start, a command from its "
-            "tick's begin; both while engaged and moving, the control period always."
+            f"{records.scans} scans, {len(records.fixes)} searched. A scan is timed from its start, a command "
+            "at the begin of its tick; both while engaged and moving, the control period always."
         ),
     )
 
@@ -171,7 +171,7 @@ def figures_of(records: RunRecords, folder: Path) -> dict[str, Any]:
 
 
 def _memory(memory: Float[np.ndarray, "moment 2"]) -> dict[str, float]:
-    """Memory of all processes together, and how it grows in the run's second half: rings are used up by then."""
+    """Memory of all processes together, and how it grows in the run's second half: rings are full by then."""
     settled = memory[len(memory) // 2 :]
     if len(settled) < 60:
         return {}
@@ -202,7 +202,7 @@ def _against_truth(path: Path, plan_ns: Int[np.ndarray, " plan"], modes: Int[np.
 
 
 def print_figures(figures: dict[str, Any], folder: Path) -> None:
-    """As a table."""
+    """Print as a table."""
     table = Table("simulated run", "", title=str(folder))
     for name, value in figures.items():
         shown = f"{value:.4g}" if isinstance(value, float) else str(value)

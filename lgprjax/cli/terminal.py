@@ -11,12 +11,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 
 from lgprjax.errors import ArgumentError, InputError
 
-# Names of files and extras may hold brackets: none of what is printed is markup.
+# Names of files and extras may contain brackets: nothing printed is markup.
 console = Console(markup=False)
 
 
 class Bar:
-    """A bar on the screen: call it with how much has been done since the last call."""
+    """A progress bar: call it with the amount done since the last call."""
 
     def __init__(self, progress: Progress, task: TaskID) -> None:
         self._progress, self._task = progress, task
@@ -26,20 +26,20 @@ class Bar:
         self._progress.advance(self._task, done)
 
     def stage(self, what: str) -> None:
-        """Say what is being done now."""
+        """Show the present step."""
         self._progress.update(self._task, description=what)
 
 
 @contextmanager
 def progress_bar(what: str, total: int) -> Iterator[Bar]:
-    """A bar that the block advances by calling what it yields."""
+    """A bar that the block advances by calling the yielded object."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         yield Bar(progress, progress.add_task(what, total=total))
 
 
 def working(what: str) -> AbstractContextManager[object]:
-    """A sign of life for work whose length is not known."""
+    """A spinner for work of unknown length."""
     return Console(stderr=True).status(what)
 
 
@@ -50,7 +50,7 @@ USAGE = 2
 INTERRUPTED = 130
 
 
-# What a path or a disk can be wrong by; other operating system errors are defects and keep their traceback.
+# Errors of a path or a disk; other operating system errors are defects and keep their traceback.
 _ABOUT_FILES = {
     *(errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EACCES, errno.EROFS, errno.EPERM),
     *(errno.ENOENT, errno.ENOTDIR, errno.EEXIST, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP),
@@ -58,11 +58,11 @@ _ABOUT_FILES = {
 
 
 class UsageError(Exception):
-    """Options that make no sense; one line says which."""
+    """Invalid options; the message is one line."""
 
 
 def require_files(files: Sequence[object], what: str) -> None:
-    """Raise ``UsageError`` where a verb was given no file to work on."""
+    """Raise ``UsageError`` if a verb was given no file."""
     if not files:
         raise UsageError(f"{what}: expected at least one file, found none")
 

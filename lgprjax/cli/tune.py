@@ -1,4 +1,4 @@
-"""``lgprjax tune`` and ``lgprjax thresholds``: studies of a vehicle's logs, thresholds of one's own drives."""
+"""``lgprjax tune`` and ``lgprjax thresholds``: studies of a vehicle's logs, thresholds from the user's drives."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 class Tune:
     """Run a study on a vehicle's logs: a calibration, or the choice of the look-ahead.
 
-    The study file says what is to be found, with which vehicle file and on which drive logs. What comes out is a new
-    vehicle file, with the 95 % interval of every number that was found, and pictures. The old file stays as it is. A
-    log that does not hold what the fit needs is refused. tuning/ has studies to start from.
+    The study file gives the numbers to fit, the vehicle file and the drive logs. The result is a new vehicle file, with
+    the 95 % interval of every fitted number, and pictures. The old file is not changed. A log that lacks what the fit
+    needs is refused. tuning/ has example studies.
     """
 
     study: Annotated[Positional[Path], arg(metavar="STUDY.toml", help="the study file")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the new vehicle file and pictures")]
     json: Path | None = None
-    """also write the numbers found, with their intervals, to this file"""
+    """also write the fitted numbers, with their intervals, to this file"""
     force: bool = False
     """replace outputs that exist"""
 
@@ -64,7 +64,7 @@ class Tune:
 
 
 def figures_of(finished: "FinishedStudy") -> dict[str, object]:
-    """Numbers of a study as JSON: found with intervals, set without, and how well the fit holds."""
+    """Numbers of a study as JSON: fitted ones with intervals, chosen ones without, and the quality of the fit."""
     outcome = finished.outcome
     return {
         "study": finished.study.name,
@@ -89,7 +89,7 @@ def _print(finished: "FinishedStudy") -> None:
     for path, found in finished.outcome.found.items():
         for number, one in enumerate(found if isinstance(found, list) else [found]):
             if isinstance(found, list) and number not in (0, len(found) // 2, len(found) - 1):
-                continue  # a long list: its ends and middle here, all of it in the file
+                continue  # a long list: ends and middle here, all of it in the file
             place = f"{path}[{number}]" if isinstance(found, list) else path
             table.add_row(place, f"{one.value:.5g} {units[path]}".strip(), f"{one.low:.5g} to {one.high:.5g}")
     for path, value in finished.outcome.fixed.items():
@@ -101,23 +101,25 @@ def _print(finished: "FinishedStudy") -> None:
         console.print(note, highlight=False, markup=False)
 
 
-# ``lgprjax thresholds``: what a fix must reach, found on one's own drives.
+# ``lgprjax thresholds``: thresholds of a fix, calibrated on the user's drives.
 
 
 @dataclass(frozen=True)
 class ThresholdsVerb:
-    """Calibrate the thresholds of fixes on drives whose places are known.
+    """Calibrate the thresholds of fixes on drives with known positions.
 
-    Every drive is matched at its own place, and led to other places of the same map, where no match can be right. The
-    thresholds let a match of the second kind pass with the probability asked for; the scale of the sigmas makes the
-    errors of the first kind what their covariances say. Use them on other drives than these: register --thresholds.
+    Every drive is matched at its own place, and at other places of the same map, where no match can be right. With the
+    thresholds a match of the second kind passes with the given probability; the scale of the sigmas makes the errors of
+    the first kind consistent with their covariances. Use them on other drives than these: register --thresholds.
     """
 
     map: Annotated[Positional[Path], arg(metavar="MAP", help="subsurface database, M.map.h5")]
     drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs over its ground")]
     output: Annotated[Path, arg(aliases=["-o"], help="X.thresholds.toml")]
     window_m: float
-    """length of the windows in metres, 0 for single scans; thresholds hold for one length, which register then needs"""
+    """length of the windows in metres, 0 for single scans; thresholds are valid for one length, which register then
+    needs
+    """
     search_m: float = 2.5
     """search this far to each side of the position in the log, in metres"""
     time_scale: float | Literal["auto"] = "auto"
@@ -185,10 +187,10 @@ class ThresholdsVerb:
         if self.json is not None:
             write_figures(self.json, {"thresholds": thresholds, **figures}, force=self.force)
         console.print(
-            f"score >= {found.strength_by_chance:.2f} and lead >= {found.margin_by_chance:.2f} noise floors; sigmas "
+            f"score >= {found.strength_by_chance:.2f} and margin >= {found.margin_by_chance:.2f} noise floors; sigmas "
             f"times {found.sigma_scale:.2f}\n"
-            f"right matches that pass: {figures['pass']:.1%} of {figures['right']}; highest of {figures['false']} "
-            f"false ones: score {figures['highest_false_strength']:.2f}, lead {figures['highest_false_lead']:.2f}\n"
+            f"correct matches that pass: {figures['pass']:.1%} of {figures['right']}; highest of {figures['false']} "
+            f"false ones: score {figures['highest_false_strength']:.2f}, margin {figures['highest_false_lead']:.2f}\n"
             f"thresholds: {self.output}",
             highlight=False,
             markup=False,

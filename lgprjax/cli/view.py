@@ -1,4 +1,4 @@
-"""``lgprjax view``: look at one's own data before anything else is done with them."""
+"""``lgprjax view``: inspect data before any further processing."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -15,16 +15,16 @@ from lgprjax.errors import InputError
 class View:
     """Draw a vendor's file, a drive log or a map: a picture, or a page that can be zoomed.
 
-    Vendor files and drive logs become radargrams: travel time down, depth beside it, distance along the bottom;
-    dewowed, without the line's mean trace, with a gain that the caption states. Drive logs show where they lie too, and
-    maps show how loud the ground is at five travel times, seen from above.
+    Vendor files and drive logs become radargrams with travel time and depth down, distance along the bottom; dewowed,
+    background removed, with a gain stated in the caption. Drive logs also get a plan, and maps show the level of the
+    ground at five travel times, seen from above.
     """
 
     files: Annotated[
         Positional[tuple[Path, ...]],
         arg(
             metavar="FILE...",
-            help=".dt1, .dzt, .rd3, .rd7, .iprb, .sgy or .segy (header files beside them), X.drive.h5, M.map.h5",
+            help=".dt1, .dzt, .rd3, .rd7, .iprb, .sgy or .segy (with their header files), X.drive.h5, M.map.h5",
         ),
     ]
     output: Annotated[
@@ -32,19 +32,19 @@ class View:
         arg(
             aliases=["-o"],
             metavar="PNG|DIR",
-            help="picture (with --html: page) to write; of several files, the folder. Without it: FILE.png here",
+            help="picture (with --html: page) to write; for several files, the folder; default: FILE.png here",
         ),
     ] = None
     channel: int | None = None
-    """number, from 0, of the channel to draw; by default all of up to four, else the middle one"""
+    """number, from 0, of the channel to draw; default: all of up to four, else the middle one"""
     raw: bool = False
     """amplitudes as recorded: no processing, no gain"""
     velocity_m_per_ns: float | None = None
-    """speed of the wave that depths are counted with; by default 0.1 is assumed"""
+    """wave speed for the depth axis; default: 0.1"""
     sample_interval_ns: float | None = None
-    """two-way travel time between samples of a SEG-Y file whose header does not say it"""
+    """two-way travel time between samples of a SEG-Y file, if missing in its header"""
     html: bool = False
-    """write a page that can be zoomed, FILE.html, in place of the picture"""
+    """write a page that can be zoomed, FILE.html, instead of the picture"""
     force: bool = False
     """replace outputs that exist"""
 
@@ -56,7 +56,7 @@ class View:
         check_speed(self.velocity_m_per_ns)
         outputs = self._outputs()
         for file, output in zip(self.files, outputs, strict=True):
-            # Before anything is read: of many files the last one may exist.
+            # Checked before anything is read: the last of many outputs may exist.
             if output.exists() and not self.force:
                 raise InputError(output, "output", "a new file, or --force", "the file exists")
             if file.name.lower().endswith(MAP) and (self.raw or self.channel is not None):

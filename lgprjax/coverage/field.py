@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from lgprjax.errors import InputError
 
-# A simple polygon on the host: its area, what lies inside, how far a place is from its sides, where sides meet.
+# A simple polygon on the host: area, inside test, distance from the sides, intersections.
 
 Corners = Float[np.ndarray, "corner 2"]
 
@@ -82,7 +82,9 @@ def _cross(a: Float[np.ndarray, "..."], b: Float[np.ndarray, "..."]) -> Float[np
 SQUARED_M = 0.3
 """How far the third driven corner may be moved to make a rectangle of three corners: what driving to them leaves."""
 LARGEST_M = 2000.0
-"""Widest field: the level local frame and float32 metres hold far beyond it, a mistaken corner does not."""
+"""Widest field: the level local frame and float32 metres are valid far beyond it; a larger one indicates a wrong
+corner.
+"""
 _FARTHEST_M = 10_000.0
 _LEAST_M2 = 1.0
 _THINNEST_M = 0.1
@@ -208,7 +210,7 @@ def _thickness_m(corners: Float[np.ndarray, "corner 2"]) -> float:
     return float(np.ptp(shifted @ across))
 
 
-# The tool that works the ground: its rectangle, and what is told of it ten times a second.
+# The tool that works the ground: its rectangle, and its state ten times a second.
 
 
 class Tool(NamedTuple):
@@ -285,7 +287,7 @@ class CellGrid:
 
 
 def grid_of_field(field: Field, cell_m: float, margin_m: float) -> CellGrid:
-    """The grid that holds a field with a margin around it.
+    """The grid of a field with a margin around it.
 
     Its corner lies on whole multiples of the cell, so that the cells of two fields with one anchor coincide.
 
@@ -318,7 +320,7 @@ def cell_centres(grid: CellGrid) -> tuple[Float[np.ndarray, " east"], Float[np.n
 
 
 def inside_cells(field: Field, grid: CellGrid) -> Bool[np.ndarray, "north east"]:
-    """Cells whose centre lies inside a field."""
+    """Cells whose centre is inside a field."""
     east, north = cell_centres(grid)
     inside = np.zeros(grid.shape, bool)
     columns = np.full(grid.east_cells, 0.0)

@@ -23,7 +23,7 @@ from lgprjax.coverage.turns import Pose, poses_along
 from lgprjax.errors import InputError
 from lgprjax.vehicle.kinematics import VehiclePose
 
-# The route of a coverage pattern as a table at even spacing, for guidance: the way of the vehicle's reference point.
+# The route of a coverage pattern as a table at even spacing, for guidance: the path of the vehicle's reference point.
 #
 # Each row's curvature is the mean to the next row, so headings join exactly; where an arc begins within a row the
 # place is off by at most a quarter of the spacing's square over the arc's radius: 0.4 mm at 5 cm and 1.5 m. Rows are
@@ -147,17 +147,17 @@ def _route_start(pattern: Pattern) -> Pose:
     return Pose(float(x), float(y), math.atan2(ahead[1], ahead[0]))
 
 
-# A vehicle's place beside a coverage route: the foot is carried on from the last one, never searched globally.
+# A vehicle's place relative to a coverage route: the foot is updated from the last one, never searched globally.
 #
 # Lines of a pattern lie side by side and its turns cross them: the nearest point may belong to another line.
 
 _STEPS = 2
 _FARTHEST_M = 0.5
-"""A step of the search moves the foot by so much at the most: estimates jump, places on a route do not."""
+"""Largest motion of the foot in a search step: estimates jump, places on a route do not."""
 
 
 class RouteFoot(NamedTuple):
-    """Where a vehicle is beside its route.
+    """Place of a vehicle relative to its route.
 
     Attributes:
         arc_m: of the foot; negative before the start.
@@ -173,7 +173,9 @@ class RouteFoot(NamedTuple):
 
 
 def route_foot(route: CoverRoute, near_m: Float[Array, ""], pose: VehiclePose) -> RouteFoot:
-    """Foot of a pose near an arc length; one lane, more by ``vmap``. A pose that is no number leaves the arc."""
+    """Foot of a pose near an arc length; unbatched, use ``vmap`` for more. A NaN pose does not change the arc
+    length.
+    """
     arc_m = near_m
     for _ in range(_STEPS):
         point = route_point(route, arc_m)
@@ -189,23 +191,23 @@ def route_foot(route: CoverRoute, near_m: Float[Array, ""], pose: VehiclePose) -
 
 
 def beside(point: RoutePoint, pose: VehiclePose) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """How far along and to the left of a point of the route a pose is."""
+    """Position of a pose along and to the left of a point of the route."""
     east, north = pose.x_m - point.x_m, pose.y_m - point.y_m
     cos, sin = jnp.cos(point.yaw_rad), jnp.sin(point.yaw_rad)
     return cos * east + sin * north, cos * north - sin * east
 
 
 DONE_M = 0.05
-"""The route is done so far before its end."""
+"""Distance before its end at which the route is done."""
 _CREEP_MPS = 0.05
 _CATCH_UP = 1.5
-"""A carrot that is too near moves on by so much faster than the vehicle."""
+"""Speed factor, relative to the vehicle, at which a lookahead point that is too close moves on."""
 _INTEGRAL_SHARE = 0.25
-"""Of the largest curvature, the most that the integral asks for."""
+"""Limit of the integral, as a share of the largest curvature."""
 
 
 class CarrotSettings(NamedTuple):
-    """Settings of the carrot and its PID, float32 scalars or one value a lane.
+    """Settings of the lookahead point (the "carrot" of MF) and its PID, float32 scalars or one value per batch element.
 
     Attributes:
         distance_m: the carrot waits until the vehicle is so near, and then stays so far ahead; look-ahead of pursuit.
@@ -229,7 +231,7 @@ class CarrotSettings(NamedTuple):
 
 
 class CarrotState(NamedTuple):
-    """What the guidance carries from step to step.
+    """State of the guidance from step to step.
 
     Attributes:
         arc_m: of the vehicle's foot on the route.
@@ -247,7 +249,7 @@ class CarrotState(NamedTuple):
 
 
 class CarrotPlan(NamedTuple):
-    """What the guidance asks for, and where the vehicle is on its route.
+    """Command of the guidance, and the vehicle's place on its route.
 
     Attributes:
         yaw_rate_radps: wanted, at the speed given.
@@ -333,7 +335,7 @@ def step_carrot(
     bend = route_point(route, goal.foot.arc_m + jnp.maximum(speed_mps, 0.0) * settings.lead_s).curvature_radpm
     wanted = bend + settings.proportional_per_m * error + gain * grown + settings.derivative * change
     within = jnp.abs(wanted) <= settings.largest_curvature_radpm
-    # What the vehicle cannot turn is not to be learnt from.
+    # Turns beyond the vehicle's limit must not be integrated.
     integral = jnp.where(within, grown, state.integral_rad_m)
     return state._replace(integral_rad_m=integral), plan_of(settings, route, state, goal.foot, wanted, speed_mps)
 
@@ -350,7 +352,7 @@ def lead(
     foot = route_foot(route, state.arc_m, pose)
     waits = route_point(route, state.carrot_m)
     distance = jnp.hypot(waits.x_m - pose.x_m, waits.y_m - pose.y_m)
-    # A vehicle that has passed beside it would circle about a carrot that waits on: that one is laid ahead at once.
+    # A vehicle that has passed a waiting lookahead point would circle around it: the point is moved ahead at once.
     passed = ~state.begun & (foot.arc_m > state.carrot_m)
     begun = state.begun | passed | (distance <= settings.distance_m)
     furthest = state.carrot_m + _CATCH_UP * jnp.maximum(speed_mps, 0.0) * step_s
@@ -381,7 +383,7 @@ def plan_of(
     largest = settings.largest_curvature_radpm
     to_go = route.length_m - foot.arc_m
     slow = jnp.sqrt(2.0 * settings.slow_mps2 * jnp.maximum(to_go, 0.0))
-    # Half-way to the carrot: a bend is slowed down for before it begins.
+    # Half-way to the lookahead point: slow down for a bend before it begins.
     bend = jnp.maximum(
         jnp.abs(foot.point.curvature_radpm),
         jnp.abs(route_point(route, foot.arc_m + 0.5 * settings.distance_m).curvature_radpm),

@@ -40,13 +40,13 @@ from lgprjax.errors import InputError
 
 _SAMPLE_M = 0.1
 _EDGE_M = 0.05
-"""So far inside the perimeter a turn may come: what drawing and driving to corners leaves."""
+"""Tolerance by which a turn may come inside the perimeter: errors of drawing and driving to corners."""
 _ROUNDING_M = 1e-6
 _RADII = 6
 
 
 class TurnFound(NamedTuple):
-    """What the search gave.
+    """Result of the search.
 
     Attributes:
         pieces: of the turn; ``None`` where none fits.
@@ -147,7 +147,7 @@ def _room_m(
     driven: Sequence[Pass],
     tool_width_m: float,
 ) -> float:
-    """How far beyond the perimeter a turn goes; infinite where it crosses ground not yet worked.
+    """Distance of a turn beyond the perimeter; infinite if it crosses ground not yet worked.
 
     The leads that the tool's place asks for lie in the lines' own strips and are allowed to.
     """
@@ -199,7 +199,7 @@ class Pattern:
 
 
 def plan_pattern(field: Field, settings: PatternSettings, *, name: str) -> Pattern:
-    """Lines over the whole of a field, in the order asked for, joined by turns that the vehicle can drive.
+    """Swaths over the whole field, in the requested order, joined by turns that the vehicle can drive.
 
     A concave field falls into parts, each driven in that order; the nearest part comes next.
 
@@ -261,7 +261,7 @@ def _check_length(length_m: float, name: str) -> None:
 def check_ends(
     corners_m: Float[np.ndarray, "corner 2"], drives: Sequence[Pass], settings: PatternSettings, name: str
 ) -> None:
-    """Refuse a way that begins or ends further from the field than the vehicle may go.
+    """Refuse a path that begins or ends further from the field than the vehicle may go.
 
     Raises:
         InputError: too little turning room for the tool's distance.
@@ -320,7 +320,7 @@ def _next_part(
     settings: PatternSettings,
     name: str,
 ) -> tuple[Pieces, list[Pass], tuple[Piece, ...]]:
-    """The shortest way on to a part not yet driven, by either of its outer lines in either direction."""
+    """The shortest connection to a part not yet driven, by either of its outer swaths in either direction."""
     best: tuple[float, Pieces, list[Pass], tuple[Piece, ...]] | None = None
     least = TurnFound(None, math.inf)
     nearest = drives[-1]
@@ -348,7 +348,7 @@ def _check_zamboni(drives: Sequence[Pass], strips: ToolStrips, settings: Pattern
     radius_m = settings.smallest_radius_m
     if apart_m.min() >= 2.0 * radius_m - _ROUNDING_M:
         return
-    # A tool beside the reference point brings the ways of the two directions nearer to each other, or further apart.
+    # A tool offset from the reference point moves the paths of the two directions closer together, or further apart.
     aside_m = 0.5 * (float(apart_m[0]) - abs(drives[1].across_m - drives[0].across_m))
     needed = lines_for_zamboni(radius_m - aside_m, strips.spacing_m)
     expected = f"at least {needed} lines {strips.spacing_m:.2f} m apart for one-handed turns of {radius_m:g} m"
@@ -370,7 +370,7 @@ def _no_room(name: str, place: str, needed_m: float, settings: PatternSettings) 
     return InputError(name, place, expected, f"{settings.turning_room_m:.2f} m")
 
 
-# Lines over what was left out: a plan from the recorded map of the same field.
+# Swaths over gaps: a plan from the recorded map of the same field.
 #
 # Cells left out are taken together in tool-wide strips of the lines' direction, each laid in the middle of what it is
 # to work. The vehicle enters and leaves a strip at the perimeter and crosses it straight, with the tool off on ground
@@ -472,7 +472,7 @@ def _gap_drives(
 def _string(
     corners_m: Float[np.ndarray, "corner 2"], drives: list[Pass], settings: PatternSettings
 ) -> tuple[list[Pass], list[Pieces], list[Pass]]:
-    """Drives in driving order, what joins them, and those that nothing joins to the rest."""
+    """Swaths in driving order, their connections, and those that cannot be connected."""
     reached, joints, remaining = [drives[0]], [], drives[1:]
     while remaining:
         entries = [drive._replace(forward=forward) for drive in remaining for forward in (True, False)]

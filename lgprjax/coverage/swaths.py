@@ -24,7 +24,7 @@ _ROUNDING_M = 1e-6
 
 
 class Line(NamedTuple):
-    """A line to be worked: the way of the tool's centre, in driving direction.
+    """A swath: the path of the tool's centre, in driving direction.
 
     Attributes:
         number: of its strip, counted from 1 at the field's first side. Pieces of one strip share it.
@@ -66,7 +66,7 @@ class ToolStrips(NamedTuple):
 
 
 def lines_heading_rad(field: Field, heading_rad: float | None) -> float:
-    """The heading asked for, or that of the field's first side."""
+    """The requested heading, or that of the field's first side."""
     if heading_rad is not None:
         return heading_rad
     east_m, north_m = field.perimeter_m[1] - field.perimeter_m[0]
@@ -235,7 +235,8 @@ def _overlap(one: Span, other: Span) -> bool:
     return one[0] < other[1] and other[0] < one[1]
 
 
-# What a coverage pattern is made of: tool, overlap, order of the lines, the vehicle's circle and the room to turn.
+# Settings of a coverage pattern: tool, overlap, order of the swaths, the vehicle's smallest radius and the turning
+# room.
 
 
 @dataclass(frozen=True)
@@ -244,7 +245,7 @@ class PatternSettings:
 
     Attributes:
         tool_width_m: across the line.
-        overlap: least share of the tool's width that neighbouring lines both work, from 0 to below 1.
+        overlap: least share of the tool's width in which neighbouring swaths overlap, from 0 to below 1.
         order: of the lines: ``zamboni`` joins the first to the middle one and drifts on (MF section 2), all turns to
             one hand; ``boustrophedon`` takes each next to the last.
         smallest_radius_m: of the circles that the vehicle's reference point drives.
@@ -370,7 +371,7 @@ def lines_end_m(drive: Pass) -> float:
 
 
 def trimmed(pieces: Pieces) -> Pieces:
-    """Pieces without those of no length, straight ones that follow each other joined."""
+    """Pieces without those of zero length, with consecutive straight ones joined."""
     kept: list[list[float]] = []
     for length, curvature in pieces.tolist():
         if length < 1e-9:

@@ -32,7 +32,7 @@ class Pose(NamedTuple):
 
 
 class HeadlandTurn(NamedTuple):
-    """The way of the reference point from the end of a line to the start of the next one.
+    """The path of the reference point from the end of a swath to the start of the next one.
 
     Attributes:
         start: east, north and yaw.
@@ -49,7 +49,7 @@ class HeadlandTurn(NamedTuple):
 
     @property
     def tightest_radius_m(self) -> float:
-        """Radius of its tightest arc; infinite where it is straight."""
+        """Radius of its tightest arc; infinite if it is straight."""
         return tightest_radius_m(self.pieces)
 
 

@@ -23,7 +23,7 @@ from lgprjax.coverage.field import CellGrid, Tool, ToolMoment, tool_centre
 STRIPS = 32
 """Kept of a pass."""
 _LARGEST_HEADING_RAD = 0.06
-"""Sigma of the heading beyond which nothing is claimed: the errors are no longer small angles."""
+"""Sigma of the heading beyond which no cell is claimed: the errors are no longer small angles."""
 _TIGHTEST_RADPM = 0.2
 """Curvature of a sweep; the moments of a tighter turn are taken one by one."""
 _JITTER_RAD = 0.03
@@ -75,13 +75,13 @@ def init_pass() -> RunningPass:
     strips = jax.tree.map(lambda part: jnp.broadcast_to(part, (STRIPS, *part.shape)), nowhere)
     no = jnp.asarray(False)
     begun = RunningPass(no, nowhere, nowhere, nowhere, strips, jnp.int32(0), no)
-    # A step that is given its state up wants memory of its own for each part.
+    # A step with donated state needs separate memory for each part.
     separate: RunningPass = jax.tree.map(jnp.array, begun)
     return separate
 
 
 def step_pass(tool: Tool, spacing_m: float, past: RunningPass, moment: ToolMoment) -> RunningPass:
-    """The pass with one more moment; it is not ``going`` where that moment counts for nothing.
+    """The pass with one more moment; it is not ``going`` if that moment does not count.
 
     A moment counts if the tool is on and its pose and covariance can be used. A new pass begins with it where the last
     one did not count, or where the tool cannot have swept on from there: it moved by more than its length, the body
@@ -103,7 +103,7 @@ def step_pass(tool: Tool, spacing_m: float, past: RunningPass, moment: ToolMomen
     middle = last.yaw_rad + 0.5 * turn
     along = last.along_m + jnp.cos(middle) * (x - last.x_m) + jnp.sin(middle) * (y - last.y_m)
     turned = last.turned_rad + turn
-    # Singular values of an unusable covariance are kept out of everything: the last good one stands in.
+    # An unusable covariance is replaced by the last good one, to keep singular values out.
     covariance = jnp.where(counts, _in_body_axes(moment.covariance, yaw), last.covariance)
     here = WorkedStrip(x, y, yaw, along, turned, covariance)
 
@@ -132,7 +132,7 @@ def step_pass(tool: Tool, spacing_m: float, past: RunningPass, moment: ToolMomen
 
 
 def way_curvatures(tool: Tool, spacing_m: float, running: RunningPass) -> Float[Array, " entry"]:
-    """Curvature of the way about the last moment, then about each strip.
+    """Curvature of the path around the last moment, then around each strip.
 
     It is the smallest of those of the stretches of half a tool around, two before and two after as far as they were
     driven; 0 where they differ in sign or are fewer than two. A correction of the heading is a jump within one stretch
@@ -172,7 +172,7 @@ def tightest_radpm(tool: Tool) -> float:
 
 
 def _usable(moment: ToolMoment) -> Bool[Array, ""]:
-    """Numbers all of them, a covariance that is positive definite, and a heading that is known."""
+    """Whether all numbers are finite, the covariance is positive definite, and the heading is known."""
     covariance = 0.5 * (moment.covariance + moment.covariance.T)
     variances = jnp.diagonal(covariance)
     finite = jnp.all(jnp.isfinite(covariance)) & jnp.isfinite(moment.x_m + moment.y_m + moment.yaw_rad)
@@ -216,7 +216,7 @@ def _choose(which: Bool[Array, ""], one: WorkedStrip, other: WorkedStrip) -> Wor
 # summed over nodes of Gauss and Legendre.
 
 _TAIL = 4.0
-"""Sigmas of the error along the way that are counted: the rest, 6 in 100,000, is never claimed."""
+"""Sigmas of the along-track error that are counted: the rest, 6 in 100,000, is never claimed."""
 _STEEPEST = 0.95
 """Correlation of the errors along and aside beyond which the nodes no longer see it."""
 _LEAST_M2 = 1e-10
@@ -224,7 +224,7 @@ _NODES = np.stack(np.polynomial.legendre.leggauss(12), axis=1)
 
 
 class Passing(NamedTuple):
-    """How places go through the tool's axes, the pose taken as it was estimated; any leading axes.
+    """Motion of places through the tool's axes at the estimated pose; any leading axes.
 
     Attributes:
         covariance: of forward (m), left (m) and yaw (rad) while the tool crosses the place.
@@ -273,7 +273,7 @@ def pass_probability(tool: Tool, passing: Passing) -> Float[Array, "..."]:
 
 
 class _Aside(NamedTuple):
-    """Errors to the left and of yaw given that along the way: slopes upon it, and what is left of their covariance."""
+    """Errors to the left and of yaw given the along-track error: regression slopes, and the remaining covariance."""
 
     left_slope: Float[Array, "..."]
     yaw_slope_radpm: Float[Array, "..."]
@@ -285,7 +285,7 @@ class _Aside(NamedTuple):
 def _errors(
     tool: Tool, covariance: Float[Array, "... 3 3"], side: Float[Array, "..."]
 ) -> tuple[Float[Array, "..."], _Aside]:
-    """Variance of the error along the way at an offset from the reference point, and the others given it."""
+    """Variance of the along-track error at an offset from the reference point, and the others given it."""
     ahead, yaw = tool.ahead_m, covariance[..., 2, 2]
     forward_yaw, left_yaw = covariance[..., 0, 2], covariance[..., 1, 2]
     along = jnp.maximum(covariance[..., 0, 0] - 2.0 * side * forward_yaw + side * side * yaw, _LEAST_M2)
@@ -381,7 +381,7 @@ def _cumulative(standard: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 _REACH_WIDTHS = 0.5
-"""How far the patch reaches beyond the tool, in tool widths: errors that need more leave nothing worth claiming."""
+"""Extent of the patch beyond the tool, in tool widths: with larger errors nothing could be claimed."""
 
 _FIXED_SHARE = 0.97
 """Of a strip's variance aside, below which the present one is the better: less than rounding leaves as it was."""
@@ -433,7 +433,7 @@ def run_worked(grid: CellGrid, tool: Tool, state: WorkedState, moments: ToolMome
 
 def _step(grid: CellGrid, tool: Tool, state: WorkedState, moment: ToolMoment) -> WorkedState:
     reach_m = 0.5 * math.hypot(tool.width_m, tool.length_m) + _REACH_WIDTHS * tool.width_m
-    # The strips reach as far back as the patch does, whatever its corner.
+    # The strips extend as far back as the patch, for any corner.
     spacing_m = math.sqrt(2.0) * reach_m / (STRIPS - 2)
     running = step_pass(tool, spacing_m, state.running, moment)
 
@@ -456,7 +456,7 @@ def _step(grid: CellGrid, tool: Tool, state: WorkedState, moment: ToolMoment) ->
 
 
 def _first_cell(offset_m: Float[Array, ""], cell_m: float, size: int, cells: int) -> Array:
-    """First cell of a slice about an offset that lies within the grid."""
+    """First cell of a slice around an offset, within the grid."""
     first = jnp.round(offset_m / cell_m) - 0.5 * size
     return jnp.clip(first, 0.0, float(cells - size)).astype(jnp.int32)
 
@@ -485,7 +485,7 @@ def _crossed(
     there = jnp.concatenate([jnp.ones(1, bool), jnp.arange(STRIPS) < running.strip_count])
     ahead = x_m[:, None] * cos[None] + y_m[:, None] * sin[None] - (cos * centre_x + sin * centre_y)[None]
     nearest = jnp.argmin(jnp.where(there[None], jnp.abs(ahead), jnp.inf), axis=1)
-    # A fix that has just come tells of what is under the tool at this moment, though not of how it got there.
+    # A new fix improves the place of the tool at this moment, but not of its path to it.
     aside = covariance[:, 1, 1] + tool.ahead_m * (2.0 * covariance[:, 1, 2] + tool.ahead_m * covariance[:, 2, 2])
     fixed = (jnp.abs(ahead[:, 0]) <= 0.5 * tool.length_m) & (aside[0] < _FIXED_SHARE * aside[nearest])
     nearest = jnp.where(fixed, 0, nearest)
@@ -508,12 +508,12 @@ def _crossed(
         first_m=jnp.where(fixed, ahead_m, first),
         last_m=jnp.where(fixed, ahead_m, last),
     )
-    # Behind the oldest strip only the pass's beginning is known for what it was.
+    # Behind the oldest strip only the pass's beginning is known.
     lost = (nearest == running.strip_count) & ~running.begun_here & (ahead_m < -spacing_m)
     return passing, ~lost
 
 
-# What a probability map claims at a level: processed, uncertain or not processed, and the area of it.
+# Claims of a probability map at a level: processed, uncertain or not processed, and the areas.
 
 LEVELS = (0.95, 0.996)
 """Levels of a record: the usual one, and that of the old United Nations contract figure."""

@@ -1,4 +1,4 @@
-"""Files: drive log, subsurface database, fixes, vehicle file; readers of vendor formats."""
+"""File formats: drive log, subsurface database, fixes, vehicle file; readers of vendor formats."""
 
 from lgprjax.formats.check import check_file
 from lgprjax.formats.coverage_files import (

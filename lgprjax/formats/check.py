@@ -1,4 +1,4 @@
-"""Hold any file of ours against its schema and report every problem, not only the first."""
+"""Validate any of the project's files against its schema and report every problem."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,14 +16,14 @@ from lgprjax.formats.schema import Finding, Schema, load_schema
 from lgprjax.formats.store import DAMAGE, attribute_of, open_store, validate_store
 from lgprjax.formats.vehicle import vehicle_findings
 
-# What a schema cannot say of a map: whether its parts agree with each other.
+# Checks of a map beyond its schema: whether its parts agree with each other.
 
 _SCHEMA = load_schema("map")
 _SLACK_M = 1e-6
 
 
 def map_findings(path: Path) -> Iterator[Finding]:
-    """Findings of a subsurface database; all of it is read, and its stretches are held against its places."""
+    """Findings of a subsurface database; all of it is read, and its stretches are compared with its places."""
     with open_store(path) as store:
         found = list(validate_store(store, path, _SCHEMA, bulk=True))
     yield from found
@@ -37,7 +37,7 @@ def map_findings(path: Path) -> Iterator[Finding]:
 
 
 def _contents(source: MapFile) -> Iterator[Finding]:
-    """Stations that their stretch does not reach would never be found; drives that come again would be cut in two."""
+    """Stations outside their stretch would never be found; drives in several parts would be split."""
     file, stretches = str(source.path), source.places.stretches
     middle_m = stretches.chord_m.mean(axis=1)
     astray, before = 0, 0
@@ -48,7 +48,7 @@ def _contents(source: MapFile) -> Iterator[Finding]:
         apart_m = np.hypot(*(where.pose[:, :2] - middle_m[own]).T)
         astray += int(np.sum(apart_m > stretches.reach_m[own] + _SLACK_M))
         if np.any(np.diff(where.drive, prepend=before) < 0):
-            yield Finding(file, "/baselines", "drives one after the other", f"another order about station {start}")
+            yield Finding(file, "/baselines", "drives one after the other", f"another order around station {start}")
         before = int(where.drive[-1])
     if astray:
         yield Finding(file, "/stretches/reach_m", "stretches that reach their stations", f"{astray} stations beyond")
@@ -57,11 +57,11 @@ def _contents(source: MapFile) -> Iterator[Finding]:
 def check_file(path: str | Path) -> list[Finding]:
     """Findings of a file, by its suffix: ``.drive.h5``, ``.map.h5``, ``.vehicle.toml`` and whatever has a schema.
 
-    An HDF5 file of another name is held against the schema that it names itself. Radar data are read block by block, so
-    memory stays small. An empty list means that the file is as it should be.
+    An HDF5 file with another suffix is validated against the schema that it names itself. Radar data are read block by
+    block, so that memory stays small. An empty list means that the file is valid.
 
     Raises:
-        InputError: the file's name ends in none of these suffixes, and it names no schema.
+        InputError: the file's name has none of these suffixes, and it names no schema.
     """
     file = Path(path)
     named = file.name.lower()
@@ -75,7 +75,7 @@ def check_file(path: str | Path) -> list[Finding]:
 
 
 def _suffix_by_schema(file: Path) -> str | None:
-    """The suffix that an HDF5 file should have, by the schema that it names; None where it is none of ours."""
+    """The suffix that an HDF5 file should have, by the schema that it names; None for other files."""
     if not (file.is_file() and h5py.is_hdf5(file)):
         return None
     try:

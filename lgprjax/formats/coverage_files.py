@@ -1,4 +1,4 @@
-"""The field file and the coverage plan ``X.cover.geojson``: GeoJSON, with all that driving the plan needs."""
+"""The field file and the coverage plan ``X.cover.geojson``: GeoJSON, with everything needed to drive the plan."""
 
 import csv
 import hashlib
@@ -36,9 +36,9 @@ class CoverPlan(NamedTuple):
 
     Attributes:
         name: of the field.
-        frame: local metres about the plan's anchor.
-        pattern: with the field and the settings in it.
-        tool: of the vehicle that it is for.
+        frame: local metres around the plan's anchor.
+        pattern: including the field and the settings.
+        tool: of the vehicle.
         vehicle_name, vehicle_sha256: of that vehicle's file.
         made_by: program and version.
     """
@@ -59,8 +59,8 @@ def write_cover_plan(
 
     Args:
         path: ``X.cover.geojson``.
-        plan: to be written.
-        turns_m: points along each of its turns, for those who look at it on a map.
+        plan: to write.
+        turns_m: points along each of its turns, for display on a map.
         force: replace an output that exists.
 
     Raises:
@@ -79,7 +79,7 @@ def read_cover_plan(path: str | Path) -> CoverPlan:
     """A plan from its file, exactly as it was written.
 
     Raises:
-        InputError: the file is missing, no JSON, no plan or of a newer major version; it was changed since.
+        InputError: the file is missing, not JSON, not a plan, of a newer major version, or was changed after writing.
     """
     file = Path(path)
     collection = _load(file)
@@ -95,7 +95,7 @@ def cover_plan_findings(path: Path) -> Iterator[Finding]:
     """Every problem of a plan's file.
 
     Raises:
-        InputError: it cannot be read, or is no JSON.
+        InputError: it cannot be read, or is not JSON.
     """
     return _problems(path, _load(path))
 
@@ -136,7 +136,7 @@ def _member_findings(file: str, member: dict[str, Any]) -> Iterator[Finding]:
 
 
 def _digest(collection: dict[str, Any]) -> str:
-    """SHA-256 of a collection without this number, whatever its spaces and the order of its names."""
+    """SHA-256 of a collection without this number, independent of white space and the order of names."""
     member = {name: value for name, value in collection[_MEMBER].items() if name != _DIGEST}
     text = json.dumps({**collection, _MEMBER: member}, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -207,7 +207,7 @@ def _plan(member: dict[str, Any]) -> CoverPlan:
 
 
 def _features(plan: CoverPlan, turns_m: Sequence[Float[np.ndarray, "_ 2"]]) -> list[dict[str, Any]]:
-    """Perimeter, then lines and turns by turns in driving order."""
+    """Perimeter, then swaths and turns alternately in driving order."""
     pattern, frame = plan.pattern, plan.frame
     ring = np.concatenate([pattern.field.perimeter_m, pattern.field.perimeter_m[:1]])
     properties = {"kind": "perimeter", "name": plan.name, "area_m2": round(pattern.field.area_m2, 2)}
@@ -237,13 +237,13 @@ def _positions(frame: LocalFrame, points_m: Float[np.ndarray, "point 2"]) -> lis
     return [[float(each) for each in place] for place in places]
 
 
-# Where a field is: a GeoJSON polygon, a CSV of three corners, or the corners that were marked on a run.
+# Corners of a field: a GeoJSON polygon, a CSV of three corners, or corners marked during a run.
 
 CORNERS_FILE = "corners.csv"
-"""Beside the segments of a run in which corners were marked."""
+"""Next to the segments of a run in which corners were marked."""
 _CORNERS = 3
 _COLUMNS = ("latitude_deg", "longitude_deg")
-# Every name under which files of the time before RFC 7946 say longitude and latitude on WGS-84.
+# Names of WGS-84 longitude and latitude in files from before RFC 7946.
 _WGS84 = ("urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:OGC::CRS84", "EPSG:4326", "urn:ogc:def:crs:EPSG::4326")
 
 
@@ -251,8 +251,8 @@ class FieldPlaces(NamedTuple):
     """Corners of a field on WGS-84.
 
     Attributes:
-        latitude_deg, longitude_deg, height_m: of each; the height is ellipsoidal, 0 where the file tells none.
-        driven: three corners that were driven to; the fourth is to be found. Else all of them.
+        latitude_deg, longitude_deg, height_m: of each; the height is ellipsoidal, 0 if the file has none.
+        driven: the three corners were driven to, and the fourth is computed. Else all are given.
     """
 
     latitude_deg: Float[np.ndarray, " corner"]
@@ -269,8 +269,8 @@ def read_field(path: str | Path) -> FieldPlaces:
             ``longitude_deg`` and, if known, ``height_m``; a folder with ``corners.csv``.
 
     Raises:
-        InputError: the file cannot be read, is of another kind, holds no or several polygons, holes, coordinates that
-            are not degrees, or not three corners.
+        InputError: the file cannot be read, is of another kind, has no polygon or several, holes, coordinates that are
+            not degrees, or not three corners.
     """
     file = Path(path)
     if file.is_dir():

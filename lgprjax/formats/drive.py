@@ -1,4 +1,4 @@
-"""The drive log: its description read at once, its radar data by ranges of scans, and its writer."""
+"""The drive log: its description, read at once; its radar data, read by ranges of scans; its writer."""
 
 import json
 from collections.abc import Iterator
@@ -28,12 +28,13 @@ from lgprjax.formats.store import (
 )
 from lgprjax.radar.array import ArrayGeometry, ChannelResponse
 
-# What a drive log says beside its radar data: where, when, with which array and which recording.
+# Contents of a drive log except its radar data: where, when, with which array and recording.
 
 
 @dataclass(frozen=True)
 class NavigationTrack:
-    """Poses of the body origin (rear axle), WGS-84. A sigma that nobody stated is ``None``, as those of a true track.
+    """Poses of the body origin (rear axle), WGS-84. Sigmas that were not stated are ``None``, like those of a true
+    track.
 
     Attributes:
         time_s: seconds since the drive's ``t0_utc``, strictly increasing.
@@ -66,12 +67,12 @@ class OdometryTrack:
 
 @dataclass(frozen=True)
 class TraceRecording:
-    """How traces were recorded: sample i lies at travel time ``i * sample_interval_ns - time_zero_ns``.
+    """Recording of traces: sample i is at travel time ``i * sample_interval_ns - time_zero_ns``.
 
     Attributes:
         sample_interval_ns: two-way travel time between samples.
-        time_zero_ns: how long after sample 0 time zero lies.
-        zero_level: stored value that stands for no signal (128 for unsigned bytes).
+        time_zero_ns: time zero, relative to sample 0.
+        zero_level: stored value of no signal (128 for unsigned bytes).
         centre_frequency_hz: nominal centre frequency, ``None`` when unknown.
         samples: samples a trace.
     """
@@ -85,14 +86,14 @@ class TraceRecording:
 
 @dataclass(frozen=True)
 class SweepRecording:
-    """How stepped-frequency sweeps were recorded, with the look-up sweeps taken in empty space.
+    """Recording of stepped-frequency sweeps, with the look-up sweeps taken in empty space.
 
     Attributes:
         frequencies_hz: of the steps.
         lookup_sweeps, lookup_calibration_sweep: of every channel and of the calibration channel in empty space.
-        group_delay_ns: delay of the calibration channel's path, which dividing by it takes off every echo.
-        channel_gain, channel_delay_ns: of each channel relative to the array's mean; ``None`` where not measured,
-            which stands for gains of 1 and delays of 0.
+        group_delay_ns: delay of the calibration channel's path, which division by it subtracts from every echo.
+        channel_gain, channel_delay_ns: of each channel relative to the array's mean; ``None`` if not measured, meaning
+            gains of 1 and delays of 0.
     """
 
     frequencies_hz: Float[np.ndarray, " frequency"]
@@ -104,7 +105,7 @@ class SweepRecording:
 
     @property
     def response(self) -> ChannelResponse:
-        """Gain and delay of each channel, the defaults where they were not measured."""
+        """Gain and delay of each channel, with defaults if they were not measured."""
         channels = len(self.lookup_sweeps)
         return ChannelResponse(
             np.ones(channels) if self.channel_gain is None else self.channel_gain,
@@ -114,20 +115,20 @@ class SweepRecording:
 
 @dataclass(frozen=True)
 class DriveDescription:
-    """Everything of a drive but its radar data.
+    """Everything of a drive except its radar data.
 
     Attributes:
         name: name of the drive.
-        t0_utc: moment that every ``time_s`` counts from, ISO 8601.
+        t0_utc: origin of every ``time_s``, ISO 8601.
         array: antenna positions in the body frame.
         recording: traces over travel time, or stepped-frequency sweeps.
-        navigation: GNSS/INS poses, with the sigmas that the recording states.
+        navigation: GNSS/INS poses, with the sigmas stated by the recording.
         odometry: signed travel.
         truth: true poses (synthetic, or RTK), without sigmas.
         vehicle: signals by name, ``time_s`` among them.
-        provenance: which steps, parameters and inputs made the log; must be JSON.
-        serial_number: of the vehicle, stored with its signals; ``None`` where nobody told.
-        plan: what the autopilot decided, by name, ``time_s`` among them.
+        provenance: steps, parameters and inputs of the log; must be JSON.
+        serial_number: of the vehicle, stored with its signals; ``None`` if unknown.
+        plan: decisions of the autopilot, by name, ``time_s`` among them.
     """
 
     name: str
@@ -143,7 +144,7 @@ class DriveDescription:
     plan: dict[str, np.ndarray] | None = None
 
 
-# Write a drive log scan by scan; the file appears under its name only when it is whole and valid.
+# Write a drive log scan by scan; the file appears under its name only when it is complete and valid.
 
 _SCHEMA = load_schema("drive")
 
@@ -151,8 +152,8 @@ _SCHEMA = load_schema("drive")
 class DriveWriter:
     """A drive log being written; a context manager.
 
-    Leaving the block closes the file, holds it against the schema and renames it onto its name. An exception
-    leaves nothing behind.
+    Leaving the block closes the file, validates it against the schema and renames it to its name. An exception leaves
+    nothing behind.
     """
 
     def __init__(
@@ -180,13 +181,13 @@ class DriveWriter:
 
         Args:
             path: the file; it must not exist unless ``force``.
-            description: everything but the radar data.
+            description: everything except the radar data.
             channels: channels a scan.
             dtype: stored type of the traces: uint8, int16, int32 or float32 (complex64 for sweeps).
             force: replace a file that exists.
 
         Raises:
-            InputError: the output cannot be written, or the description is not as the schema says.
+            InputError: the output cannot be written, or the description does not match the schema.
         """
         target = Path(path)
         with ExitStack() as cleanup:
@@ -291,7 +292,7 @@ def _write_description(
 def write_tracks(
     store: h5py.File, navigation: NavigationTrack, odometry: OdometryTrack, truth: NavigationTrack | None
 ) -> None:
-    """Write where a drive went, as navigation, odometry and, where it is known, truth say."""
+    """Write navigation, odometry and, if known, truth of a drive."""
     _write_track(store, "/gnss_ins", navigation)
     write_array(store, _SCHEMA, "/odometry/time_s", odometry.time_s)
     write_array(store, _SCHEMA, "/odometry/distance_m", odometry.distance_m)
@@ -302,7 +303,7 @@ def write_tracks(
 def write_signals(
     store: h5py.File, target: Path, signals: dict[str, np.ndarray] | None, serial_number: str | None
 ) -> None:
-    """Write the signals of the vehicle by name, and whose they are.
+    """Write the signals of the vehicle by name, and its serial number.
 
     Raises:
         InputError: the format has no such signal.
@@ -313,7 +314,7 @@ def write_signals(
 
 
 def write_plan(store: h5py.File, target: Path, plan: dict[str, np.ndarray] | None) -> None:
-    """Write what the autopilot decided, by name.
+    """Write the decisions of the autopilot, by name.
 
     Raises:
         InputError: the format has no such array.
@@ -335,7 +336,7 @@ def _write_track(store: h5py.File, group: str, track: NavigationTrack) -> None:
     known = {entry.path for entry in _SCHEMA.datasets}
     for field in fields(track):
         values = getattr(track, field.name)
-        # A true track has no sigmas: its group has no place for them.
+        # A true track has no sigmas: its group has no datasets for them.
         if values is not None and f"{group}/{field.name}" in known:
             write_array(store, _SCHEMA, f"{group}/{field.name}", values)
 
@@ -375,7 +376,7 @@ __all__ = [
 ]
 
 
-# What these importers wrote for every survey up to format 1.4; that of recordings, for headings that follow the path.
+# Sigmas that these importers wrote for every survey up to format 1.4, and for recordings with headings from the path.
 _INVENTORS = tuple(f"lgprjax import {name}" for name in ("cmu", "gprmax", "grounded", "iprb", "lines", "segy"))
 _INVENTED = {
     **dict.fromkeys(("sigma_east_m", "sigma_north_m", "sigma_height_m"), 0.05),
@@ -389,7 +390,7 @@ class DriveLog:
 
     Attributes:
         path: the file.
-        description: everything but the radar data.
+        description: everything except the radar data.
         scan_time_s: float64 [scan], seconds since ``description.t0_utc``, strictly increasing.
         scans, channels: sizes of the recording.
         samples: samples a trace, or frequencies a sweep.
@@ -409,11 +410,11 @@ class DriveLog:
 
     @classmethod
     def open(cls, path: str | Path) -> "DriveLog":
-        """Open a drive log and check everything but the radar data themselves.
+        """Open a drive log and check everything except the radar data themselves.
 
         Raises:
             InputError: the file is missing, damaged, of another format or of a newer major version, or a dataset,
-                attribute, unit, shape or small value is not as ``data_schema/drive.toml`` says, or it holds no radar
+                attribute, unit, shape or small value does not match ``data_schema/drive.toml``, or it has no radar
                 recording (``VehicleLog`` reads such a file).
         """
         store = open_store(path)
@@ -437,7 +438,7 @@ class DriveLog:
         self.close()
 
     def close(self) -> None:
-        """Close the file; what has been read stays."""
+        """Close the file; data already read stay valid."""
         self._store.close()
 
     @property
@@ -453,7 +454,7 @@ class DriveLog:
         A trace that is not finite is marked invalid and reads as zeros: a bad scan never stops a drive.
 
         Raises:
-            InputError: the log holds sweeps, the range lies outside the drive, or the data are damaged.
+            InputError: the log holds sweeps, the range is outside the drive, or the data are damaged.
         """
         recording = self.description.recording
         if not isinstance(recording, TraceRecording):
@@ -478,11 +479,11 @@ class DriveLog:
     ]:
         """Sweeps of the scans from ``start`` to before ``stop``, the calibration sweep of each, and which are valid.
 
-        As recorded, but what is not finite: a sweep is marked invalid and reads as zeros, a calibration sweep
-        reads as zeros and makes its whole scan invalid.
+        As recorded, except for non-finite data: a sweep is marked invalid and reads as zeros; a calibration sweep reads
+        as zeros and makes its whole scan invalid.
 
         Raises:
-            InputError: the log holds traces, the range lies outside the drive, or the data are damaged.
+            InputError: the log holds traces, the range is outside the drive, or the data are damaged.
         """
         if not isinstance(self.description.recording, SweepRecording):
             raise InputError(self.path, "/radar/sweeps", "stepped-frequency sweeps", "traces")
@@ -507,11 +508,11 @@ class DriveLog:
     ]:
         """Traces or sweeps of the scans from ``start`` to before ``stop`` as stored, and which of them are valid.
 
-        Type and zero level are those of the file, what is not finite stays. Of sweeps, those of the calibration
-        channel come third.
+        Type and zero level are those of the file, non-finite values stay. For sweeps, the third result is those of the
+        calibration channel.
 
         Raises:
-            InputError: the range lies outside the drive, or the data are damaged.
+            InputError: the range is outside the drive, or the data are damaged.
         """
         self._check_range(start, stop)
         name = "/radar/traces" if isinstance(self.description.recording, TraceRecording) else "/radar/sweeps"
@@ -568,7 +569,7 @@ def read_arrays(group: Any) -> dict[str, np.ndarray] | None:
 
 
 def serial_number_of(vehicle: Any) -> str | None:
-    """Serial number that the group of a vehicle's signals names, ``None`` where there is no group or no number."""
+    """Serial number in the group of a vehicle's signals; ``None`` without the group or a number."""
     number = None if vehicle is None else attribute_of(vehicle, "serial_number")
     return None if number is None else str(number)
 
@@ -580,13 +581,13 @@ def read_track(group: Any) -> NavigationTrack:
 
 
 def provenance_of(store: h5py.File) -> dict[str, object]:
-    """Which steps, parameters and inputs made the file."""
+    """Steps, parameters and inputs of the file."""
     held: dict[str, object] = json.loads(str(attribute_of(store, "provenance")))
     return held
 
 
 def without_invented(track: NavigationTrack, provenance: dict[str, object]) -> NavigationTrack:
-    """The track without the sigmas that importers wrote up to format 1.4 although no survey stated them."""
+    """The track without the sigmas that importers invented up to format 1.4."""
     maker, notes = provenance.get("made_by"), provenance.get("notes")
     if maker in _INVENTORS:
         suspect = _INVENTED

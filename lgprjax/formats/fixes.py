@@ -1,4 +1,4 @@
-"""Fixes of a drive: the CSV that people read and the HDF5 file beside it, both as ``data_schema/fixes.toml`` says."""
+"""Fixes of a drive: a CSV for users and an HDF5 file next to it, both by ``data_schema/fixes.toml``."""
 
 import csv
 import json
@@ -49,7 +49,7 @@ def write_fixes(
         force: replace outputs that exist.
 
     Raises:
-        InputError: an output exists or cannot be written, or the table is not as the schema says.
+        InputError: an output exists or cannot be written, or the table does not match the schema.
     """
     unknown = [str(name) for name in table.columns if name not in {entry.path for entry in _SCHEMA.columns}]
     if unknown:
@@ -76,10 +76,10 @@ def write_fixes(
 
 
 def read_fixes(path: str | Path) -> pd.DataFrame:
-    """Read fixes from ``.fixes.csv`` or ``.fixes.h5``; the latter's root attributes stand in ``.attrs``.
+    """Read fixes from ``.fixes.csv`` or ``.fixes.h5``; the latter's root attributes are in ``.attrs``.
 
     Raises:
-        InputError: the file is missing, damaged or not as the schema says.
+        InputError: the file is missing, damaged or does not match the schema.
     """
     table = _read_csv(Path(path)) if Path(path).suffix.lower() == ".csv" else _read_h5(path)
     for finding in table_findings(path, table):
@@ -90,7 +90,7 @@ def read_fixes(path: str | Path) -> pd.DataFrame:
 def read_fix_poses(
     path: str | Path,
 ) -> tuple[Float[np.ndarray, "scan 5"] | None, Float[np.ndarray, "scan 5 5"] | None]:
-    """``pose_m`` and ``covariance`` of a ``.fixes.h5`` file; ``None`` for what it does not hold."""
+    """``pose_m`` and ``covariance`` of a ``.fixes.h5`` file; ``None`` for missing ones."""
     with open_store(path) as store:
         for finding in validate_store(store, path, _SCHEMA):
             raise finding.error()
@@ -100,7 +100,7 @@ def read_fix_poses(
 
 
 def table_findings(path: str | Path, table: pd.DataFrame) -> Iterator[Finding]:
-    """What is not as the schema says in a table of fixes."""
+    """What does not match the schema in a table of fixes."""
     file = str(path)
     if table.empty:
         yield Finding(file, "rows", "at least one fix", "none")
@@ -120,7 +120,7 @@ def table_findings(path: str | Path, table: pd.DataFrame) -> Iterator[Finding]:
 
 
 def read_cells(path: Path) -> pd.DataFrame:
-    """Cells of a CSV as texts. Raises ``InputError`` when it is no table."""
+    """Cells of a CSV as text. Raises ``InputError`` if it is not a table."""
     try:
         return pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
     except OSError as error:
@@ -132,7 +132,7 @@ def read_cells(path: Path) -> pd.DataFrame:
 
 
 def parse_cells(path: Path, cells: pd.DataFrame) -> tuple[pd.DataFrame, list[Finding]]:
-    """Numbers and codes of the cells; a column with a cell that is no number is left out and becomes a finding."""
+    """Numbers and codes of the cells; a column with an invalid number is left out and becomes a finding."""
     findings = []
     header = [str(name) for name in cells.columns]
     if tuple(header[: len(COLUMNS)]) != COLUMNS:

@@ -21,10 +21,10 @@ from lgprjax.formats.survey_track import (
 )
 from lgprjax.radar.array import ArrayGeometry
 
-# Time zeros closer than this are the same (8 ps at 0.4 ns a sample); farther than this share, another recording.
+# Time zeros closer than this are the same (8 ps at 0.4 ns a sample); beyond this share, another recording.
 _SAME_TIME_ZERO_SAMPLES = 0.02
 _LARGEST_SHIFT = 0.05
-# A gap of more usual steps than this is left open, not bridged; a line of more steps than so many a trace is no line.
+# A gap of more usual steps than this is left open, not bridged; a line with more steps per trace is refused.
 _LARGEST_GAP_STEPS = 3.0
 _STEPS_A_TRACE = 20
 
@@ -49,18 +49,18 @@ def write_lines(
         left_m, forward_m: place of each line's antenna in the body frame.
         place: origin and direction.
         output: the drive log.
-        provenance: what the drive log says about its making; how the lines were resampled is added.
-        assumed: what the caller assumed; goes before what is assumed here of any straight line.
+        provenance: provenance of the drive log; the resampling of the lines is added.
+        assumed: assumptions of the caller; take precedence over those made here for any straight line.
         length_m: spread every line evenly over this length (both ends on the tape) and resample it to the common
             step. Without it lines keep the spacing and start of their headers and may end early.
-        along_m: place of each line's traces ahead of ``place``, rising, where that is known otherwise.
+        along_m: position of each line's traces ahead of ``place``, rising, where known from another source.
         force: replace an output that exists.
 
     Returns:
-        All that was assumed, as the provenance holds it.
+        All assumptions, as stored in the provenance.
 
     Raises:
-        InputError: the lines do not belong together, or an option makes no sense.
+        InputError: the lines do not belong together, or an option is invalid.
     """
     place.check(output)
     check_length(output, length_m)
@@ -71,7 +71,7 @@ def write_lines(
     along = [_along_m(lines, i, length_m) for i in range(len(lines))] if along_m is None else along_m
     step_m = _common_step_m(lines, along, length_m)
     start_m = min(float(a[0]) for a in along)
-    # Scans keep to one grid from the origin, so that lines that were surveyed on it stay as they were recorded.
+    # Scans are on one grid from the origin, so that lines surveyed on it stay as recorded.
     first = int(np.floor(start_m / step_m + 1e-6))
     scan_m = np.arange(first, int(np.floor(max(a[-1] for a in along) / step_m + 1e-6)) + 1) * step_m
     columns = [_resampled(line, a, scan_m, time_zero_ns) for line, a in zip(lines, along, strict=True)]
@@ -95,7 +95,7 @@ def write_lines(
     frequencies = [line.centre_frequency_hz for line in lines if line.centre_frequency_hz is not None]
     description = DriveDescription(
         name=Path(output).name.split(".")[0],
-        # The vendors' clocks are no UTC: the epoch says that the moment is not known.
+        # The vendors' clocks are not UTC: the epoch means that the time is unknown.
         t0_utc="1970-01-01T00:00:00Z",
         array=ArrayGeometry(forward_m, left_m, np.zeros(len(lines)), 0.0),
         recording=TraceRecording(
@@ -124,7 +124,7 @@ def inputs_of(paths: Sequence[str | Path]) -> list[dict[str, str]]:
 
 
 def check_length(output: str | Path, length_m: float | None) -> None:
-    """Raise ``InputError`` for what is no length of a line."""
+    """Raise ``InputError`` for an invalid length of a line."""
     if length_m is not None and not (np.isfinite(length_m) and length_m > 0):
         raise InputError(output, "line length", "a length above zero", f"{length_m:g} m")
 
@@ -161,7 +161,7 @@ def _along_m(lines: Sequence[Profile], index: int, length_m: float | None) -> Fl
 
 
 def own_distances_m(line: Profile, length_m: float | None) -> Float[np.ndarray, " trace"]:
-    """Distance of each trace from its line's first, rising. Raises ``InputError`` for a line that does not say it."""
+    """Distance of each trace from its line's first, rising. Raises ``InputError`` if the line does not have it."""
     traces = len(line.channels)
     if length_m is not None:
         return np.linspace(0.0, length_m, traces)
@@ -175,7 +175,7 @@ def own_distances_m(line: Profile, length_m: float | None) -> Float[np.ndarray, 
 
 
 def check_rising(line: Profile, place_m: Float[np.ndarray, " trace"]) -> None:
-    """Raise ``InputError`` unless places rise from trace to trace, in steps that are like each other."""
+    """Raise ``InputError`` unless places rise from trace to trace, in similar steps."""
     steps_m = np.diff(place_m)
     usual_m = float(np.median(steps_m))
     if np.any(steps_m <= 0):
@@ -204,7 +204,7 @@ def _resampled(
     scan_m: Float[np.ndarray, " scan"],
     time_zero_ns: float,
 ) -> tuple[Num[np.ndarray, "scan sample"], Bool[np.ndarray, " scan"]]:
-    """One line at the common scans and the common time zero; as recorded where nothing has to be moved.
+    """One line at the common scans and the common time zero; as recorded if nothing has to be moved.
 
     Scans beyond the line's ends and within its gaps are not covered.
     """
@@ -224,7 +224,7 @@ def _resampled(
 
 
 def at_time_zero(line: Profile, time_zero_ns: float) -> Num[np.ndarray, "trace sample"]:
-    """Traces of a line's first channel at another time zero; as recorded where it is the same."""
+    """Traces of a line's first channel at another time zero; as recorded if it is the same."""
     shift = (line.time_zero_ns - time_zero_ns) / line.sample_interval_ns
     if abs(shift) <= _SAME_TIME_ZERO_SAMPLES:
         return line.traces
@@ -243,11 +243,12 @@ def _interpolated(
     return between
 
 
-# Lines of which each trace has its own place on the earth, one after another as passes of one drive log.
+# Lines with a place on the earth for each trace, one after another as passes of one drive log.
 
 _BETWEEN_LINES_M = 100.0
-"""Travel that is written down from a line's end to the next one's start: more than any filter along the track spans,
-so that no filter takes the two for one."""
+"""Travel recorded from a line's end to the next one's start: longer than any filter along the track, so that none
+joins the two.
+"""
 
 
 def write_positioned_lines(
@@ -269,12 +270,12 @@ def write_positioned_lines(
         latitude_deg, longitude_deg, height_m: of the traces, WGS-84.
         travel_m: of the traces along their line, never falling.
         output: the drive log.
-        provenance: what the drive log says about its making.
-        assumed: what the caller assumed; what is assumed here of any such line is added.
+        provenance: provenance of the drive log.
+        assumed: assumptions of the caller; those made here for any such line are added.
         force: replace an output that exists.
 
     Returns:
-        All that was assumed, as the provenance holds it.
+        All assumptions, as stored in the provenance.
 
     Raises:
         InputError: a line never moves or has one trace, or the output cannot be written.
@@ -289,7 +290,7 @@ def write_positioned_lines(
         except ValueError:
             raise InputError(line.path, "positions", "a line that moves", "one place") from None
         travels.append(begin_m + own - own[0])
-        # Traces may repeat a place (the antenna stood, or coordinates are coarse): a clock must rise all the same.
+        # Traces may repeat a place (the antenna stood, or coordinates are coarse), but a clock must rise.
         length_m = float(own[-1] - own[0])
         times.append((begin_m + np.arange(traces) * length_m / (traces - 1)) / SURVEY_SPEED_MPS)
         begin_m += length_m + _BETWEEN_LINES_M

@@ -1,4 +1,4 @@
-"""The subsurface database on disk, read where registration asks."""
+"""The subsurface database on disk, read on demand."""
 
 import json
 from functools import cached_property
@@ -34,7 +34,7 @@ from lgprjax.radar import ChainSettings
 from lgprjax.registration import Chance, ladder_of
 from lgprjax.subsurface import MapDescription, StationPlaces, StationPositions, StationRuns, Stations
 
-# Traces of a subsurface database, read for the stations that are needed: as samples, or as codes.
+# Traces of a subsurface database, read for the requested stations: as samples, or as codes.
 
 
 class SampledTraces:
@@ -50,7 +50,7 @@ class SampledTraces:
         self._traces, self._path = store["baselines/traces"], path
 
     def stored(self, stations: Int[np.ndarray, " scan"]) -> Float16[np.ndarray, "scan channel sample"]:
-        """As they are in the file."""
+        """As stored in the file."""
         return read_rows(self._traces, self._path, stations)
 
     def profile(self, stations: Int[np.ndarray, " scan"]) -> Float[np.ndarray, "scan channel sample"]:
@@ -62,7 +62,7 @@ class CodedTraceBlocks:
     """Traces as codes, in blocks of 256 stations.
 
     Attributes:
-        code: what they mean.
+        code: their definition.
     """
 
     def __init__(self, store: h5py.File, path: Path) -> None:
@@ -77,7 +77,7 @@ class CodedTraceBlocks:
             raise InputError(path, "/code/basis", "as many orthonormal components as samples", "others")
 
     def stored(self, stations: Int[np.ndarray, " scan"]) -> CodedTraces:
-        """As they are in the file."""
+        """As stored in the file."""
         codes = np.zeros((len(stations), *self._codes.shape[1:3]), np.int8)
         for block in np.unique(stations // BLOCK):
             own = stations // BLOCK == block
@@ -103,19 +103,19 @@ _ANTENNA_UNITS_HELD = 8
 class MapFile:
     """A subsurface database, open for reading; a context manager and a ``StationSource``.
 
-    In memory are the stretches of the tracks and the tiles' frames, about 100 bytes a metre of lane; everything else is
-    read where a tile needs it. What is damaged raises ``InputError`` when it is read, naming dataset and stations.
-    Files of version 1.0 have their poses in memory, 60 bytes a station.
+    In memory are the stretches of the tracks and the tiles' frames, about 100 bytes a metre of baseline; everything
+    else is read when a tile needs it. Damaged data raise ``InputError`` when read, naming dataset and stations. Files
+    of version 1.0 have their poses in memory, 60 bytes a station.
 
     Attributes:
         path: of the file.
-        description: what holds for the whole map.
-        provenance: which steps and inputs made it.
+        description: of the whole map.
+        provenance: steps and inputs of the map.
         precision: of the traces.
-        places: where the stations stand.
+        places: positions of the stations.
         tile_frame: east_m, north_m, yaw_rad of every tile.
-        height_reference_m: antenna height above the ground that each tile is brought to.
-        chance: how well ground that is not the map's matches it; None where the file does not say.
+        height_reference_m: antenna height above the ground that each tile is reduced to.
+        chance: false-match statistics of the map; None if the file has none.
     """
 
     def __init__(self, path: Path, store: h5py.File) -> None:
@@ -143,7 +143,7 @@ class MapFile:
 
     @classmethod
     def open(cls, path: str | Path) -> "MapFile":
-        """Open a database. Raises ``InputError`` for the first thing that is not as the schema says."""
+        """Open a database. Raises ``InputError`` for the first mismatch with the schema."""
         file = Path(path)
         store = open_store(file)
         try:
@@ -170,7 +170,7 @@ class MapFile:
 
     @property
     def code(self) -> TraceCode | None:
-        """What the traces' codes mean; None where traces are samples."""
+        """Definition of the traces' codes; None if traces are samples."""
         return self._traces.code
 
     @property
@@ -184,17 +184,17 @@ class MapFile:
 
     @property
     def pose(self) -> Float[np.ndarray, "scan 5"]:
-        """Of every station, read whole and held."""
+        """Of every station, read whole and cached."""
         return self._all.pose
 
     @property
     def ground_up_m(self) -> Float[np.ndarray, " scan"]:
-        """Of the ground under every station, read whole and held."""
+        """Of the ground under every station, read whole and cached."""
         return self._all.ground_up_m
 
     @property
     def drive(self) -> Int[np.ndarray, " scan"]:
-        """Baseline of every station, read whole and held."""
+        """Baseline of every station, read whole and cached."""
         return self._all.drive
 
     @property
@@ -227,7 +227,7 @@ class MapFile:
         return StoredStations(place, antenna, self._valid(stations), self._traces.stored(stations))
 
     def stored_bytes(self) -> dict[str, int]:
-        """What the parts of the file take: traces, places, antennas, and all the rest."""
+        """Bytes of the parts of the file: traces, places, antennas, and the rest."""
         parts = {
             "traces": ("traces", "codes", "scale"),
             "places": ("place", "pose", "ground_up_m", "drive", "time_s"),
@@ -279,7 +279,7 @@ class MapFile:
         except TypeError:
             expected = ", ".join(ChainSettings.__dataclass_fields__)
             raise InputError(self.path, "/@chain", expected, ", ".join(settings) or "nothing") from None
-        # Drives stand one after the other.
+        # Drives follow one another.
         drives = 1 + int(self.places.read(np.array([len(self.places) - 1])).drive[0])
         weight = tuple(map(float, store["drives/weight"][()])) if "drives/weight" in store else ()
         if len(weight) not in (0, drives):
@@ -304,7 +304,7 @@ class MapFile:
 
 
 def _label_sigmas(provenance: dict[str, object], drives: int) -> tuple[float, ...]:
-    """What each baseline's navigation said of its positions; 0 where the map, or the drive, does not say."""
+    """Position sigma stated by each baseline's navigation; 0 if the map, or the drive, states none."""
     inputs = provenance.get("inputs")
     rows = inputs if isinstance(inputs, list) else []
     said = [row.get("position_sigma_m") if isinstance(row, dict) else None for row in rows]
@@ -312,14 +312,14 @@ def _label_sigmas(provenance: dict[str, object], drives: int) -> tuple[float, ..
     return tuple(known + [0.0] * (drives - len(known)))
 
 
-# What a map's provenance says of its baselines and updates.
+# A map's provenance: its baselines and updates.
 
 
 class MapHistory(NamedTuple):
-    """What a map's provenance says of its baselines.
+    """History of a map's baselines, from its provenance.
 
     Attributes:
-        inputs: one row a baseline, empty where nothing is said.
+        inputs: one row a baseline, empty if missing.
         updates: rows of the updates so far.
         agreement: median strength of the matches of its first baselines, as far as that has been measured.
         repeats: share of each baseline's signal that is ground; NaN where not measured.
@@ -357,7 +357,7 @@ def _number(value: object) -> float:
 
 
 def _numbers(rows: object) -> Float[np.ndarray, "..."]:
-    """A table of numbers and nulls; an empty one where it is none."""
+    """A table of numbers and nulls; an empty one if it is invalid."""
     if not isinstance(rows, list) or not all(isinstance(row, list) and len(row) == len(rows) for row in rows):
         return np.zeros((0, 0))
     return np.array([[_number(value) for value in row] for row in rows]).reshape(len(rows), len(rows))

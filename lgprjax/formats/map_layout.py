@@ -1,7 +1,7 @@
-"""How a map's rows are stored: differences between stations, quantised, with its false-match statistics.
+"""Storage of a map's rows: quantised differences between stations; coded traces; false-match statistics.
 
-Neighbouring stations stand alike: as whole numbers of a small unit, each less the one before it, their places take few
-bytes. Every ``UNIT`` stations begin anew, so that a long map is read in parts.
+Neighbouring stations are similar: as whole numbers of a small unit, each minus the previous one, their places take few
+bytes. The differences restart every ``UNIT`` stations, so that a long map can be read in parts.
 """
 
 import json
@@ -26,8 +26,9 @@ PLACE_UNITS = np.array([1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1.0, 1e-4])
 """Of the columns east, north, height (m), yaw, roll (rad), ground_up (m), drive, time (s)."""
 ANTENNA_UNIT_M = 1e-4
 _ANTENNA_STEP = 5
-"""In units: channels stand where the vehicle had come when the switch matrix reached them, to half a millimetre; finer
-steps would store the odometer's noise."""
+"""In units: channels are where the vehicle was when the switch matrix reached them, to half a millimetre; finer
+steps would store the odometer's noise.
+"""
 
 
 def read_rows(dataset: h5py.Dataset, path: Path, stations: Int[np.ndarray, " scan"]) -> np.ndarray:
@@ -43,11 +44,11 @@ def read_rows(dataset: h5py.Dataset, path: Path, stations: Int[np.ndarray, " sca
 
 
 class SummedRows:
-    """Rows that are stored as differences; those read last are held.
+    """Rows stored as differences; the last ones read are cached.
 
     Args:
         dataset: of whole numbers.
-        path: of the file, for what is said of damage.
+        path: of the file, for messages.
         keep: units held in memory.
     """
 
@@ -69,11 +70,11 @@ class SummedRows:
 
 
 def differences(values: np.ndarray, before: np.ndarray | None, first: int) -> np.ndarray:
-    """What is stored of rows: each less the one before it, but for the first of every unit.
+    """Stored form of rows: each minus the previous one, except the first of every unit.
 
     Args:
         values: the rows, whole numbers.
-        before: the row before the first of them; None where there is none.
+        before: the row before the first of them; None if there is none.
         first: number of the first of them.
     """
     earlier = np.concatenate([np.zeros_like(values[:1]) if before is None else before[None], values[:-1]])
@@ -84,7 +85,7 @@ def differences(values: np.ndarray, before: np.ndarray | None, first: int) -> np
 def antenna_codes(
     antenna_m: Float[np.ndarray, "scan channel 3"], pose: Float[np.ndarray, "scan 5"]
 ) -> Int[np.ndarray, "scan channel 3"]:
-    """Antennas in the body's frame: forward, left, and up from where height and roll put them; whole units."""
+    """Antennas in the body's frame: forward, left, and up relative to height and roll; whole units."""
     cos, sin = np.cos(pose[:, 3:4]), np.sin(pose[:, 3:4])
     east, north, up = np.moveaxis(antenna_m.astype(np.float64), -1, 0)
     left = cos * north - sin * east
@@ -107,26 +108,25 @@ def _read(dataset: h5py.Dataset, path: Path, start: int, stop: int) -> np.ndarra
         return np.asarray(dataset[start:stop])
 
 
-# How a map stores its traces: orthonormal components of the gained traces, in few bits each.
+# Coding of a map's traces: orthonormal components of the gained traces, in few bits each.
 #
-# What registration asks of a trace is its gained samples. They are turned into components that are uncorrelated over
-# the map (Karhunen and Loève), all of them, so that a later drive may look different, and each is rounded to whole
-# steps. One step holds for all components of a station: noise of equal power everywhere costs the fewest bits for what
-# it does (reverse water-filling, Cover and Thomas, ch. 10). The step is a share of the station's own RMS, so that
-# quiet ground is kept as well as loud ground. Components that hold less than the step become zeros and cost next to
-# nothing.
+# Registration uses the gained samples of a trace. They are transformed into components that are uncorrelated over the
+# map (Karhunen and Loève), all of which are kept, so that a later drive may differ, and each is rounded to whole steps.
+# One step is used for all components of a station: noise of equal power everywhere costs the fewest bits for its effect
+# (reverse water-filling, Cover and Thomas, ch. 10). The step is a share of the station's own RMS, so that weak ground
+# is kept as well as strong ground. Components below the step become zeros and cost almost nothing.
 #
 # The noise of rounding is step²/12 in each component that is not zero (Widrow 1961), so that a station's correlation
-# with itself as it was falls to about 1 / sqrt(1 + step_rms²/12). Gridding takes the mean of several stations: what is
-# left of the noise in a tile is a fraction of that.
+# with itself as it was falls to about 1 / sqrt(1 + step_rms²/12). Gridding takes the mean of several stations: the
+# noise that remains in a tile is a fraction of that.
 
 _MOST = 127
 _LEAST_GAIN = 1e-9
-"""Of the largest: below it nothing was ever kept of a depth."""
+"""Share of the largest: depths below it hold no data."""
 
 
 class MapPrecision(NamedTuple):
-    """How closely traces are stored.
+    """Precision of stored traces.
 
     Attributes:
         name: of the setting.
@@ -144,7 +144,7 @@ MAP_PRECISIONS = {precision.name: precision for precision in (FULL, STANDARD, SM
 
 
 class TraceCode(NamedTuple):
-    """What a map's codes mean.
+    """Definition of a map's codes.
 
     Attributes:
         step_rms: see ``MapPrecision``.
@@ -173,7 +173,7 @@ def trace_code(
 
     Args:
         products: sum over all traces of the product of each two samples, before the gain.
-        traces: that were summed.
+        traces: number of traces summed.
         gain: of the map.
         step_rms: of rounding.
     """
@@ -187,7 +187,7 @@ def trace_code(
 def encode(
     code: TraceCode, profile: Float[np.ndarray, "scan channel sample"], valid: Bool[np.ndarray, "scan channel"]
 ) -> CodedTraces:
-    """Traces in steps. A station with a spike beyond 127 steps gets as long a step as holds it: nothing is clipped."""
+    """Traces in steps. A station with a spike beyond 127 steps gets a larger step: nothing is clipped."""
     gained = np.where(valid[..., None], profile, 0.0).astype(np.float32) * code.gain
     component = gained @ code.basis.T
     numbers = np.maximum(valid.sum(axis=1), 1) * profile.shape[2]
@@ -208,7 +208,7 @@ def decode(code: TraceCode, coded: CodedTraces) -> Float[np.ndarray, "scan chann
     return np.asarray(steps @ synthesis)
 
 
-# Stations as a map stores them: what is copied from map to map without a change, and what profiles become.
+# Stations as stored in a map: copied unchanged from map to map, or made from profiles.
 
 BLOCK = 256
 """Stations of a block of codes: one chunk, read and checked as a whole."""
@@ -244,13 +244,13 @@ def place_rows(
     drive: Int[np.ndarray, " scan"],
     time_s: Float[np.ndarray, " scan"],
 ) -> Int[np.ndarray, "scan 8"]:
-    """Where and when stations stand, in whole units."""
+    """Places and times of stations, in whole units."""
     whole = np.concatenate([pose, np.stack([ground_up_m, drive, time_s], axis=1)], axis=1)
     return np.asarray(np.rint(whole / PLACE_UNITS).astype(np.int64))
 
 
 def places_of_rows(rows: Int[np.ndarray, "scan 8"]) -> StationPositions:
-    """Where stations stand."""
+    """Positions of stations."""
     values = rows * PLACE_UNITS
     return StationPositions(values[:, :5], values[:, 5], rows[:, 6])
 
@@ -260,11 +260,12 @@ def moved(rows: Int[np.ndarray, "scan 8"], pose: Float[np.ndarray, "scan 5"]) ->
     return np.concatenate([np.rint(pose / PLACE_UNITS[:5]).astype(np.int64), rows[:, 5:]], axis=1)
 
 
-# A map's chance in its file, and as text beside maps that hold none.
+# A map's chance in its file, and as text for maps without one.
 
 CHANCE_METHOD = 5
-"""Version of the measurement. Raise it with every change of search, noise floor or measurement that changes the scores
-which foreign ground reaches: a chance of another version is measured again."""
+"""Version of the measurement. Increase it with every change of search, noise floor or measurement that changes the
+scores of foreign ground: a chance of another version is measured again.
+"""
 
 _SCHEMA = load_schema("map")
 _FIELDS = ("start", "share", "scale", "area_m2")
@@ -281,7 +282,7 @@ def write_chance(store: h5py.File, chance: Chance, windows_m: tuple[float, ...])
 
 
 def read_chance(store: h5py.File, path: Path, windows_m: tuple[float, ...]) -> Chance | None:
-    """The chance that a map holds; None without one, and for one of another method or other windows than these.
+    """The chance that a map holds; None without one, or for another method or other windows.
 
     Raises:
         InputError: the group is damaged.
@@ -323,7 +324,7 @@ def chance_as_text(chance: Chance) -> str:
 
 
 def chance_of_text(text: str) -> Chance | None:
-    """The chance of such a text; None where it is damaged or of another method."""
+    """The chance from such a text; None if it is damaged or of another method."""
     try:
         told = json.loads(text)
         fields = {name: np.asarray(told[name], dtype=np.float64) for name in _FIELDS}

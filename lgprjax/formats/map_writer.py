@@ -1,4 +1,4 @@
-"""The map being written, copied and locked: station by station, whole or not at all."""
+"""Writing, copying and locking maps: station by station, complete or not at all."""
 
 import json
 import os
@@ -44,10 +44,10 @@ _SCHEMA = load_schema("map")
 
 
 class MapWriter:
-    """A subsurface database being written; a context manager. It appears under its name when it is whole.
+    """A subsurface database being written; a context manager. It appears under its name when it is complete.
 
-    Codes need the depth gain, which is known when all baselines are: until then traces wait in a file without a name
-    beside the output.
+    Codes need the depth gain, which is known after all baselines: until then traces are kept in an unnamed file next to
+    the output.
 
     Attributes:
         stations: appended so far.
@@ -72,7 +72,7 @@ class MapWriter:
 
     @classmethod
     def create(cls, path: str | Path, *, precision: MapPrecision = STANDARD, force: bool = False) -> "MapWriter":
-        """Begin a database. Raises ``InputError`` where the output cannot be written or exists."""
+        """Begin a database. Raises ``InputError`` if the output cannot be written or exists."""
         with ExitStack() as cleanup:
             store, output = cleanup.enter_context(create_store(path, _SCHEMA, force))
             return cls(Path(path), store, output, cleanup.pop_all(), precision)
@@ -85,7 +85,7 @@ class MapWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._waiting is not None:
-            # A full disk was told when the traces were written: closing must not tell it again in place of the error.
+            # A full disk was reported when the traces were written: closing must not replace that error.
             with suppress(OSError):
                 self._waiting.close()
         if error is not None:
@@ -98,11 +98,11 @@ class MapWriter:
 
     @property
     def code(self) -> TraceCode | None:
-        """What the codes mean; None while that is not known, and where traces are samples."""
+        """Definition of the codes; None while unknown, and if traces are samples."""
         return self._code
 
     def use(self, precision: MapPrecision, code: TraceCode | None) -> None:
-        """Store all traces as another map does; before the first station."""
+        """Store all traces like another map; to be called before the first station."""
         assert self.stations == 0
         self.precision, self._code = precision, code
 
@@ -141,13 +141,13 @@ class MapWriter:
         provenance: dict[str, object],
         retired: Integer[np.ndarray, " scan"] | None = None,
     ) -> None:
-        """Write what is known only at the end: gain, tiles, what holds for the whole map, and with the gain the codes.
+        """Write what is known only at the end: gain, tiles, the description of the map, and with the gain the codes.
 
         Args:
             description: of the map.
             tile_frame: east_m, north_m, yaw_rad of every tile.
-            height_reference_m: antenna height above the ground that each tile is brought to.
-            provenance: which steps and inputs made the map.
+            height_reference_m: antenna height above the ground that each tile is reduced to.
+            provenance: steps and inputs of the map.
             retired: of every station, number of the update that took it out of use, 0 while it is in use; without it
                 all are.
         """
@@ -190,10 +190,10 @@ class MapWriter:
         self._output.check()
 
     def add_chance(self, measure: Callable[[MapFile], Chance]) -> None:
-        """Store what is measured on the finished map, which has no name yet: after ``finish``.
+        """Measure and store the chance on the finished map, before it gets its name: after ``finish``.
 
         Args:
-            measure: given the map as it is to be read; must not close it.
+            measure: called with the map open for reading; must not close it.
         """
         self._store.flush()
         self._output.check()
@@ -226,7 +226,7 @@ class MapWriter:
             dataset[block, :, :, inside] = np.moveaxis(codes[low - start : high - start], 0, -1)
 
     def _wait(self, stored: StoredStations) -> None:
-        """Keep traces until the gain is known, and what the code is made from."""
+        """Keep traces until the gain is known, and sums for the code."""
         assert not isinstance(stored.traces, CodedTraces)
         if self._waiting is None:
             self._waiting = tempfile.TemporaryFile(dir=self.path.parent)  # noqa: SIM115 (closed with the writer)
@@ -257,23 +257,23 @@ class MapWriter:
             self._output.check()
 
 
-# Stations copied from map to map as they are stored: no trace is rounded a second time.
+# Stations copied from map to map as stored: no trace is rounded a second time.
 
 
 def copy_stations(source: MapFile, writer: MapWriter, pose: Float[np.ndarray, "scan 5"] | None = None) -> None:
-    """Append all stations of a map to one that is being written, without loss.
+    """Append all stations of a map to one being written, without loss.
 
-    The writer takes on the source's precision: as its first stations, or after stations that are stored alike. What is
-    appended later is stored in the same way. Of a map of version 1.0 poses are rounded to 0.1 mm and 10 microradians,
-    antennas to 0.5 mm, times to 0.1 ms. Weights and retired stations are ``finish``'s to tell.
+    The writer adopts the source's precision: as its first stations, or after stations stored alike. Later stations are
+    stored in the same way. Of a map of version 1.0 poses are rounded to 0.1 mm and 10 microradians, antennas to 0.5 mm,
+    times to 0.1 ms. Weights and retired stations are given to ``finish``.
 
     Args:
         source: the map.
-        writer: of the other.
+        writer: of the new map.
         pose: of every station, in place of the source's; antennas turn and tilt with it.
 
     Raises:
-        InputError: a part of the source is damaged, or the writer's stations are stored otherwise.
+        InputError: a part of the source is damaged, or the writer's stations are stored differently.
     """
     if writer.stations == 0:
         writer.use(source.precision, source.code)
@@ -293,15 +293,15 @@ def _alike(source: MapFile, writer: MapWriter) -> bool:
     return np.array_equal(source.code.basis, writer.code.basis) and np.array_equal(source.code.gain, writer.code.gain)
 
 
-# One writer of a map at a time, and nothing left beside it by writers that were killed.
+# One writer of a map at a time, and removal of remains of killed writers.
 
 
 @contextmanager
 def locked_map(path: str | Path) -> Iterator[None]:
-    """Hold a map against other writers for as long as the body runs; readers are held up by nobody.
+    """Lock a map against other writers while the body runs; readers are not affected.
 
-    The lock is a file beside the map, ``.NAME.lock``, which the kernel lets go of when its process ends, however it
-    ends. What writers that were killed have left beside the map is removed.
+    The lock is a file next to the map, ``.NAME.lock``, which the kernel releases when its process ends. Remains of
+    killed writers next to the map are removed.
 
     Args:
         path: the map, which need not exist yet.
@@ -324,16 +324,16 @@ def locked_map(path: str | Path) -> Iterator[None]:
 
 
 def scratch_folder(path: str | Path) -> Path:
-    """Where this process keeps a map's unfinished parts: beside it, so that a rename is all that is left to do.
+    """Folder for a map's unfinished parts in this process: next to the map, so that a rename completes it.
 
-    What is in it when the process is killed is removed with the next lock on the map.
+    If the process is killed, its contents are removed with the next lock on the map.
     """
     target = Path(path)
     return target.with_name(f".{target.name}.partial-{os.getpid()}-parts")
 
 
 def _clear_remains(target: Path) -> None:
-    """Remove unfinished outputs of processes that are no more."""
+    """Remove unfinished outputs of processes that have ended."""
     remains = re.compile(rf"\.{re.escape(target.name)}\.partial-(\d{{1,9}})(?:-parts)?")
     for entry in target.parent.iterdir():
         left = remains.fullmatch(entry.name)
@@ -347,7 +347,7 @@ def _clear_remains(target: Path) -> None:
 
 
 def _alive(process: int) -> bool:
-    if sys.platform == "win32":  # there a signal ends the process that is asked after
+    if sys.platform == "win32":  # there a signal would end the process
         return True
     try:
         os.kill(process, 0)

@@ -48,7 +48,7 @@ class ExportedFixes(NamedTuple):
         place_m: east, north and up of the array's centre in the map's frame.
         angle_rad: yaw from the map's east, and roll.
         covariance: of east, north, height, yaw, roll.
-        turn_rad: by which the map's axes are turned from true east and north at the fix.
+        turn_rad: rotation of the map's axes relative to true east and north at the fix.
         told: ok, with a pose.
         map: name and anchor of the map, as texts.
     """
@@ -70,7 +70,7 @@ def fixes_of(path: str | Path, log: DriveLog) -> ExportedFixes:
     """Read the fixes of a drive from ``X.fixes.h5``.
 
     Raises:
-        InputError: the file is no such file, holds no poses, or its fixes are not of this drive.
+        InputError: it is not a file of fixes, has no poses, or its fixes are not of this drive.
     """
     file = Path(path)
     if not file.name.endswith(".fixes.h5"):
@@ -114,7 +114,7 @@ def fix_messages(fixes: ExportedFixes, number: int) -> Iterator[tuple[str, str, 
             "overlap_channels": int(row["overlap_channels"]),
         },
     )
-    # A place that is not ok is no place: nobody who listens to poses shall take it for one.
+    # A fix that is not ok has no pose: no subscriber may mistake it for one.
     if not fixes.told[number]:
         return
     covariance = fixes.covariance[number]
@@ -138,7 +138,7 @@ def fix_messages(fixes: ExportedFixes, number: int) -> Iterator[tuple[str, str, 
 
 
 def _check_drive(file: Path, table: pd.DataFrame, log: DriveLog) -> None:
-    """Fixes name their scans, and both files the moment that their times count from."""
+    """Fixes refer to their scans, and both files hold the origin of their times."""
     scan, time_s = table["scan"].to_numpy(), table["time_s"].to_numpy()
     try:
         same = utc_ns(str(table.attrs["t0_utc"])) == utc_ns(log.description.t0_utc)
@@ -152,7 +152,7 @@ def _check_drive(file: Path, table: pd.DataFrame, log: DriveLog) -> None:
 
 
 MAP_METADATA = "lgprjax.map"
-"""Name of the metadata that says where on the earth the map's frame is."""
+"""Name of the metadata with the place of the map's frame on the earth."""
 _BLOCK_SCANS = 256
 _BODY = "base_link"
 # Seconds of a stamp are an int32.
@@ -162,7 +162,7 @@ _NOT_MEASURED = np.array([-1.0, *[0.0] * 8])
 
 
 class ExportedDrive(NamedTuple):
-    """What was written: scans, poses of fixes, and what the drive holds beside, for which there is no message."""
+    """What was written: scans, poses of fixes, and parts of the drive without a message."""
 
     scans: int
     poses: int
@@ -170,7 +170,7 @@ class ExportedDrive(NamedTuple):
 
 
 class _Messages:
-    """Messages of one file; each topic is made known before the first of them."""
+    """Messages of one file; each topic is registered before its first message."""
 
     def __init__(self, stream: IO[bytes]) -> None:
         from mcap.writer import Writer
@@ -202,8 +202,8 @@ def export_mcap(
 ) -> ExportedDrive:
     """Write a drive log as a recording that ROS 2 tools and Foxglove read; docs/transfer.md has its topics.
 
-    Scans are copied bit by bit, sweeps as well as traces; stamps are whole nanoseconds. Of the fixes, those that are
-    ok become poses in the map's frame and positions; the quality of every one is told.
+    Scans are copied bit by bit, sweeps as well as traces; stamps are whole nanoseconds. Fixes that are ok become poses
+    in the map's frame and positions; the quality of every fix is written.
 
     Args:
         drive: the drive log.
@@ -227,7 +227,7 @@ def export_mcap(
         navigation = _NavigationValues(description.navigation)
         odometry = _OdometryValues(description.odometry, description.navigation)
         scans = _scan_values(log)
-        # In the order of time, as a recorder would have heard them: readers then need little memory.
+        # In order of time, as a recorder would have received them: readers then need little memory.
         moments = np.concatenate(list(times_ns.values()))
         source = np.repeat(np.arange(len(times_ns)), [len(each) for each in times_ns.values()])
         number = np.concatenate([np.arange(len(each)) for each in times_ns.values()])
@@ -254,7 +254,7 @@ def export_mcap(
 
 
 def _times_ns(log: DriveLog, fixes: ExportedFixes | None) -> dict[str, np.ndarray]:
-    """Moments of all that is to be told, Unix time."""
+    """Times of all messages, Unix time."""
     description = log.description
     times_s = {
         "navigation": description.navigation.time_s,
@@ -272,7 +272,7 @@ def _times_ns(log: DriveLog, fixes: ExportedFixes | None) -> dict[str, np.ndarra
 
 
 def _write_head(messages: _Messages, log: DriveLog, fixes: ExportedFixes | None, begin_ns: int) -> None:
-    """What holds for the whole file, before all else: a file that is cut short keeps it."""
+    """Metadata of the whole file, written first, so that a truncated file keeps it."""
     description = log.description
     texts = {"name": description.name, "t0_utc": description.t0_utc, "provenance": json.dumps(description.provenance)}
     messages.metadata(DRIVE_METADATA, texts)
@@ -333,7 +333,7 @@ class _NavigationValues:
 
 
 def _variances(*sigmas: Float[np.ndarray, " record"] | None) -> Float[np.ndarray, "record axis"] | None:
-    """Squares side by side; None where the drive does not state them all, as a covariance must."""
+    """Squares side by side; None if the drive does not state them all, as a covariance must."""
     stated = [each for each in sigmas if each is not None]
     return np.stack(stated, axis=1) ** 2 if len(stated) == len(sigmas) else None
 

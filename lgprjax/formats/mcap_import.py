@@ -43,11 +43,11 @@ from lgprjax.formats.ros import (
 )
 from lgprjax.formats.store import utc_ns, utc_text
 
-# What a recording holds for a drive: one pass through the file, then the choice among its topics.
+# Topics of a recording for a drive: one pass through the file, then a choice among them.
 
 
 class McapTopics(NamedTuple):
-    """Topics to read; ``None``: the only one of its type, or the one of the name that exports give it."""
+    """Topics to read; ``None``: the only one of its type, or the one with the name used by exports."""
 
     radar: str | None = None
     array: str | None = None
@@ -57,11 +57,11 @@ class McapTopics(NamedTuple):
 
 
 class TopicsFound(NamedTuple):
-    """What a pass through the file found, by topic.
+    """Result of a pass through the file, by topic.
 
     Attributes:
         rows: stamps and numbers of each topic of a known type.
-        forms: what the scans have in common.
+        forms: common form of the scans.
         other: number and form of the first scan that differs.
         arrays: first message of each topic that describes an array.
     """
@@ -73,7 +73,7 @@ class TopicsFound(NamedTuple):
 
 
 def gather(recording: McapRecording) -> TopicsFound:
-    """Go through the file once. Raises ``InputError`` where the file system fails."""
+    """Read the file once. Raises ``InputError`` if the file system fails."""
     heard = TopicsFound({}, {}, {}, {})
     for topic, kind, log_ns, values in recording.messages():
         if is_kind(kind, RADAR_ARRAY):
@@ -95,7 +95,7 @@ def gather(recording: McapRecording) -> TopicsFound:
 
 
 def scans_of(recording: McapRecording, radar: TopicRows) -> Iterator[Scan]:
-    """The scans of a topic in the order of the file: one for each row that ``gather`` found."""
+    """The scans of a topic in file order: one for each row found by ``gather``."""
     again = TopicRows(radar.topic, radar.kind, radar.columns)
     for message in recording.messages(radar.topic):
         scan = read_scan(message.values) if message.kind == radar.kind else None
@@ -107,8 +107,7 @@ def radar_topic(recording: McapRecording, heard: TopicsFound, asked: str | None)
     """The topic of the scans.
 
     Raises:
-        InputError: there is none, or more than one and none is asked for; it has fewer than two scans; or they change
-            their form on the way.
+        InputError: there is none, or several and none was selected; it has fewer than two scans; or their form changes.
     """
     radar = choose_topic(recording, heard, (RADAR_SCAN,), asked, "scan", "--radar-topic")
     if radar is None:
@@ -131,12 +130,12 @@ def position_topic(recording: McapRecording, heard: TopicsFound, asked: str | No
 
 
 def attitude_topic(recording: McapRecording, heard: TopicsFound, asked: str | None) -> TopicRows | None:
-    """The topic of headings and rolls; ``None``: there is none. A wheel odometer's heading must be asked for.
+    """The topic of headings and rolls; ``None``: there is none. A wheel odometer's heading must be selected explicitly.
 
-    Its heading counts from where it was switched on, and nothing tells that from one that counts from east.
+    Its heading is relative to where it was switched on, which cannot be distinguished from a heading relative to east.
 
     Raises:
-        InputError: the topic asked for will not do, or several would.
+        InputError: the selected topic is unsuitable, or several are suitable.
     """
     if asked is not None:
         return choose_topic(recording, heard, (IMU, POSE, ODOMETRY), asked, "attitude", "--heading-topic")
@@ -165,10 +164,10 @@ def array_message(recording: McapRecording, heard: TopicsFound, asked: str | Non
 def choose_topic(
     recording: McapRecording, heard: TopicsFound, kinds: tuple[str, ...], asked: str | None, default: str, option: str
 ) -> TopicRows | None:
-    """The topic of some type that is asked for, or else the only one, or that of the name ``TOPICS[default]``.
+    """The selected topic of some type, or else the only one, or that with the name ``TOPICS[default]``.
 
     Raises:
-        InputError: the topic asked for is not there, of another type or holds nothing; or several would do.
+        InputError: the selected topic is missing, of another type or empty; or several are suitable.
     """
     words = " or ".join(kinds)
     found = {name: each for name, each in heard.rows.items() if len(each) and any(is_kind(each.kind, k) for k in kinds)}
@@ -183,7 +182,7 @@ def choose_topic(
 
 
 def topics_there(recording: McapRecording) -> str:
-    """Topics of a recording with their types, and why some are not read, for messages."""
+    """Topics of a recording with their types, and why some cannot be read, for messages."""
     told = {topic: f": {reason}" for topic, reason in recording.refused.items()}
     found = [f"{topic} ({kind}{told.get(topic, '')})" for topic, kind in sorted(recording.kinds.items())]
     return ", ".join(found) or "no messages"
@@ -195,17 +194,17 @@ def _words(form: ScanForm) -> str:
 
 
 _BLOCK_SCANS = 256
-# Scans that wait for an earlier one; a file that is less in order than this would have to be held in memory.
+# Scans that may wait for an earlier one; a file with less order would have to be held in memory.
 _MOST_WAITING = 4096
-# Registration asks of navigation and odometry to span the scans but for this.
+# Registration requires navigation and odometry to span the scans, except for this.
 _SLACK_S = 1.0
-# Stamps of sensors that lie farther apart than this, as against the times of recording, are not of one clock.
+# Stamps of sensors that differ by more than this, relative to the times of recording, are not of one clock.
 _SAME_CLOCK_S = 1.0
 _SECOND_NS = 1_000_000_000
 
 
 class ImportedRecording(NamedTuple):
-    """What became of a recording: scans in the drive log, and in words what is worth knowing."""
+    """Result of an import: scans in the drive log, and remarks."""
 
     scans: int
     notes: tuple[str, ...]
@@ -223,21 +222,21 @@ def import_mcap(
     """Write a recording as a drive log.
 
     Scans are messages ``RadarScan`` (docs/transfer.md), positions ``NavSatFix``. Headings and rolls are those of an
-    ``Imu`` (orientation from east, as REP 103 has it), else of a ``PoseWithCovarianceStamped``, else of the topic that
-    is named; without any, the heading follows the path. Travel is that of an ``Odometry``, else of the positions. The
-    headers' stamps count. Scans that navigation and odometry do not span but for a second are left out.
+    ``Imu`` (orientation from east, as REP 103 has it), else of a ``PoseWithCovarianceStamped``, else of the selected
+    topic; without any, the heading follows the path. Travel is that of an ``Odometry``, else of the positions. The
+    headers' stamps are used. Scans more than a second outside navigation and odometry are left out.
 
     Args:
-        path: the recording, whole or cut short.
-        topics: to read, where several have the type.
+        path: the recording, complete or truncated.
+        topics: to read, if several have the type.
         array: instead of the recording's ``RadarArray``.
-        assumed: the antenna's place, and sigmas that the messages do not tell.
+        assumed: the antenna's place, and sigmas that the messages do not state.
         output: the drive log.
         force: replace an output that exists.
 
     Raises:
-        InputError: the file is no recording, a topic that is needed is missing or ambiguous, scans change their form
-            on the way, what a message does not tell is not assumed either, or the output cannot be written.
+        InputError: the file is not a recording, a required topic is missing or ambiguous, the form of the scans
+            changes, a quantity is neither in the messages nor assumed, or the output cannot be written.
     """
     topics, assumed = topics or McapTopics(), assumed or McapAssumed()
     recording = McapRecording(path)
@@ -259,7 +258,7 @@ def import_mcap(
     kept = _spanned(recording.path, radar, scan_time_s, navigation, odometry)
     used = list(dict.fromkeys(each for each in (radar, position, attitude, odometer) if each is not None))
     notes = _notes(recording, used, attitude, odometer, outside=len(kept) - int(np.count_nonzero(kept)))
-    # An exported drive's messages hold what was assumed when it was imported.
+    # An exported drive's messages include what was assumed when it was imported.
     exported = _provenance_told(told)
     made_up = assumed_of(exported)
     made_up.update((str(name), words) for name, words in tracks_assumed(position, attitude, odometer, assumed).items())
@@ -312,7 +311,7 @@ def _spanned(
     end_s = min(float(navigation.time_s[-1]), float(odometry.time_s[-1])) + _SLACK_S
     kept = (scan_time_s >= begin_s) & (scan_time_s <= end_s)
     if np.count_nonzero(kept) < 2:
-        expected = f"scans while navigation and odometry tell, {begin_s:.2f} to {end_s:.2f} s"
+        expected = f"scans covered by navigation and odometry, {begin_s:.2f} to {end_s:.2f} s"
         raise InputError(path, radar.topic, expected, f"{scan_time_s[0]:.2f} to {scan_time_s[-1]:.2f} s")
     return np.asarray(kept)
 
@@ -325,11 +324,11 @@ def _notes(
     *,
     outside: int,
 ) -> tuple[str, ...]:
-    """What a user should know of the recording, one line each."""
+    """Remarks on the recording, one line each."""
     notes = []
     if not recording.whole:
         chunks = f", {recording.damaged_chunks} chunks of messages left out" if recording.damaged_chunks else ""
-        notes.append(f"the file ends too early or is damaged{chunks}: what is whole was read")
+        notes.append(f"the file ends too early or is damaged{chunks}: the intact part was read")
     for rows in used:
         counts = {
             "unreadable": recording.unreadable[rows.topic],
@@ -343,10 +342,10 @@ def _notes(
         if rows.unordered:
             notes.append(f"{rows.topic}: {rows.unordered} stamps are earlier than those before them; sorted")
         if not rows.header_clock:
-            notes.append(f"{rows.topic}: headers have no stamps, times of recording were taken")
+            notes.append(f"{rows.topic}: headers have no stamps, times of recording were used")
         apart_s = rows.lag_s() - used[0].lag_s()
         if rows.header_clock == used[0].header_clock and abs(apart_s) > _SAME_CLOCK_S:
-            beside = f"{rows.topic}: stamps lie {apart_s:.3g} s before those of {used[0].topic}"
+            beside = f"{rows.topic}: stamps are {apart_s:.3g} s before those of {used[0].topic}"
             notes.append(f"{beside}, as against the times of recording: one clock may be wrong")
     if attitude is None:
         notes.append("heading from the path, roll taken as 0: no topic tells them")
@@ -364,7 +363,7 @@ def _write_scans(
     order: Int[np.ndarray, " scan"],
     time_s: Float[np.ndarray, " scan"],
 ) -> None:
-    """Second pass: scans in the order of their stamps; only those wait in memory that came too early."""
+    """Second pass: scans in the order of their stamps; only early ones wait in memory."""
     place = np.full(len(radar), -1)
     place[order] = np.arange(len(order))
     waiting: dict[int, Scan] = {}
@@ -404,7 +403,7 @@ def _digest(path: Path) -> str:
 
 
 def _provenance_told(told: Mapping[str, str]) -> dict[str, object]:
-    """What the drive said of its making when it was exported; empty where nothing can be read."""
+    """Provenance of the drive when it was exported; empty if it cannot be read."""
     try:
         said = json.loads(told["provenance"])
     except (KeyError, ValueError):

@@ -1,4 +1,4 @@
-"""Messages of an MCAP recording in the order of the file, as far as they are whole.
+"""Intact messages of an MCAP recording, in file order.
 
 Needs the optional package mcap (``pip install lgprjax[log]``).
 """
@@ -24,7 +24,7 @@ class LoggedMessage(NamedTuple):
     """One message.
 
     Attributes:
-        topic, kind: its topic, and its type as the recording names it.
+        topic, kind: its topic, and its type in the recording.
         log_ns: when it was recorded, Unix time.
         values: by the paths of the members, see ``MessageLayout.decode``.
     """
@@ -36,26 +36,26 @@ class LoggedMessage(NamedTuple):
 
 
 class McapRecording:
-    """An MCAP file; ``messages`` goes through it from the beginning, as often as it is asked to.
+    """An MCAP file; each call of ``messages`` reads it from the beginning.
 
-    A file that a killed recorder left without its end is read as far as it goes; a chunk whose checksum is wrong is
-    left out, and where a record's length is wrong, reading goes on at the next chunk that the file's index knows.
+    A file without an end, from a killed recorder, is read as far as it goes; a chunk with a wrong checksum is left out,
+    and after a record with a wrong length reading continues at the next chunk in the file's index.
 
     Attributes:
         path: the file.
         kinds: type of each topic met so far.
         metadata: the file's own records of names and texts, by name, of those met so far.
-        whole: whether the last pass met nothing damaged and came to the file's end.
+        whole: whether the last pass found no damage and reached the file's end.
         damaged_chunks: chunks left out in the last pass.
         unreadable: messages of each topic left out in the last pass because they do not decode.
         refused: why topics are not read at all.
     """
 
     def __init__(self, path: str | Path) -> None:
-        """Look whether this is an MCAP file.
+        """Check that this is an MCAP file.
 
         Raises:
-            InputError: it is none, cannot be read, or the package mcap is missing.
+            InputError: it is not, cannot be read, or the package mcap is missing.
         """
         self.path = Path(path)
         require_mcap(self.path)
@@ -83,7 +83,7 @@ class McapRecording:
         self._layouts.clear()
 
     def messages(self, only: str | None = None) -> Iterator[LoggedMessage]:
-        """All messages that decode, of topics whose definitions can be read, or of one topic.
+        """All messages that can be decoded, or those of one topic.
 
         Raises:
             InputError: the file system fails.
@@ -118,7 +118,7 @@ class McapRecording:
             raise InputError(self.path, "file", "a readable file", error.strerror or str(error)) from None
 
     def _records(self, stream: IO[bytes], chunks: list[int]) -> Iterator[Any]:
-        """Records one after the other; from a damaged one on, the chunks that the index knows."""
+        """Records in order; after a damaged one, the chunks in the index."""
         stream.seek(0)
         records, begin = self._reader(stream), 0
         while True:
@@ -128,7 +128,7 @@ class McapRecording:
                 return
             except OSError:
                 raise
-            except Exception:  # whatever damaged or missing bytes made the reader stumble over
+            except Exception:  # any error caused by damaged or missing bytes
                 self.whole = False
                 break
             begin = stream.tell()
@@ -149,17 +149,17 @@ class McapRecording:
     def _reader(self, stream: IO[bytes], skip_magic: bool = False) -> Iterator[Any]:
         from mcap.stream_reader import StreamReader
 
-        # No record is longer than the file: a damaged length must not ask for memory.
+        # No record is longer than the file: a damaged length must not allocate memory.
         reader = StreamReader(stream, skip_magic=skip_magic, emit_chunks=True, record_size_limit=self._size)
         return iter(reader.records)
 
     def _read_summary(self, stream: IO[bytes]) -> list[int]:
-        """Take definitions from the end of the file, where there are any; where its chunks begin."""
+        """Read definitions from the end of the file, if there are any; returns the starts of its chunks."""
         from mcap.reader import SeekingReader
 
         try:
             summary = SeekingReader(stream, record_size_limit=self._size).get_summary()
-        except Exception:  # the end is missing or damaged; where the disk is, going through the file will say so
+        except Exception:  # the end is missing or damaged; a disk error will show when the file is read
             return []
         if summary is None:
             return []
@@ -201,7 +201,7 @@ class McapRecording:
 
 
 def require_mcap(path: Path) -> None:
-    """Raise ``InputError``, about a file to read or write, where the package mcap is missing."""
+    """Raise ``InputError``, about a file to read or write, if the package mcap is missing."""
     try:
         import mcap.stream_reader  # noqa: F401
     except ImportError:
@@ -215,7 +215,7 @@ ENCODINGS = ("uint8", "int16", "int32", "float32", SWEEPS)
 
 
 class ScanForm(NamedTuple):
-    """What all scans of a recording have in common; see ``RadarScan`` in docs/transfer.md."""
+    """Common form of all scans of a recording; see ``RadarScan`` in docs/transfer.md."""
 
     channels: int
     samples: int
@@ -226,10 +226,10 @@ class ScanForm(NamedTuple):
 
 
 class UniformArray(NamedTuple):
-    """An array that a recording does not describe: evenly spaced channels centred on the vehicle's axis.
+    """An array given by the user: evenly spaced channels centred on the vehicle's axis.
 
     Attributes:
-        pitch_m: distance between neighbouring channels; ``None`` where there is but one.
+        pitch_m: distance between neighbouring channels; ``None`` for a single one.
         x_m: forward of the rear axle.
         height_m: above the ground.
     """
@@ -240,7 +240,7 @@ class UniformArray(NamedTuple):
 
 
 class Scan(NamedTuple):
-    """One scan: its signal, which channels were heard, and of sweeps that of the calibration channel."""
+    """One scan: its signal, its valid channels, and for sweeps the calibration channel."""
 
     form: ScanForm
     signal: Num[np.ndarray, "channel sample"]
@@ -254,7 +254,7 @@ def scan_values(
     valid: Bool[np.ndarray, " channel"],
     calibration: Complex[np.ndarray, " sample"] | None,
 ) -> dict[str, Any]:
-    """Members of a ``RadarScan`` but its header."""
+    """Members of a ``RadarScan`` except its header."""
     return {
         **form._asdict(),
         "valid": valid.astype(np.uint8),
@@ -264,7 +264,7 @@ def scan_values(
 
 
 def read_scan(values: Mapping[str, Any]) -> Scan | None:
-    """The scan of a ``RadarScan``; ``None`` where sizes do not agree or the encoding is not known."""
+    """The scan of a ``RadarScan``; ``None`` if sizes do not agree or the encoding is unknown."""
     try:
         return _scan_of(values)
     except (KeyError, ValueError, TypeError, AttributeError):
@@ -272,7 +272,7 @@ def read_scan(values: Mapping[str, Any]) -> Scan | None:
 
 
 def array_values(array: ArrayGeometry, recording: TraceRecording | SweepRecording) -> dict[str, Any]:
-    """Members of a ``RadarArray`` but its header."""
+    """Members of a ``RadarArray`` except its header."""
     values: dict[str, Any] = {
         "x_m": array.x_m,
         "y_m": array.y_m,
@@ -294,10 +294,10 @@ def array_values(array: ArrayGeometry, recording: TraceRecording | SweepRecordin
 def geometry_of(
     path: Path, form: ScanForm, values: Mapping[str, Any] | None, told: UniformArray | None
 ) -> ArrayGeometry:
-    """Geometry of the array as it is told, or else from a ``RadarArray``; a single channel is on the axis.
+    """Geometry of the array as given, or else from a ``RadarArray``; a single channel is on the axis.
 
     Raises:
-        InputError: neither tells that of so many channels.
+        InputError: neither describes this number of channels.
     """
     if told is not None or values is None:
         told = told or UniformArray()
@@ -314,10 +314,10 @@ def geometry_of(
 
 
 def recording_of_form(path: Path, form: ScanForm, values: Mapping[str, Any] | None) -> TraceRecording | SweepRecording:
-    """How scans were recorded, from what they have in common and the ``RadarArray`` where there is one.
+    """The recording of scans, from their common form and the ``RadarArray``, if there is one.
 
     Raises:
-        InputError: an interval makes no sense; or scans are sweeps and the array does not say what reading them needs.
+        InputError: an interval is invalid; or scans are sweeps and the array lacks what is needed to read them.
     """
     if form.encoding != SWEEPS:
         if not (np.isfinite(form.sample_interval_ns) and form.sample_interval_ns > 0):
@@ -328,7 +328,7 @@ def recording_of_form(path: Path, form: ScanForm, values: Mapping[str, Any] | No
             form.sample_interval_ns, form.time_zero_ns, form.zero_level, frequency_hz or None, form.samples
         )
     if values is None:
-        raise InputError(path, "topics", "a RadarArray beside sweeps: frequencies and look-up", "none")
+        raise InputError(path, "topics", "a RadarArray for sweeps: frequencies and look-up", "none")
     frequencies_hz = _numbers(path, values, "frequencies_hz")
     lookup, calibration = (_numbers(path, values, n) for n in ("lookup_sweeps", "lookup_calibration_sweep"))
     due = {

@@ -16,7 +16,7 @@ from lgprjax.formats.ros import IMU, NAV_SAT_FIX, ODOMETRY, POSE, is_kind, yaw_a
 from lgprjax.formats.survey_track import distances_m, path_headings_deg
 from lgprjax.frames import LocalFrame, wrap_angle
 
-# What a recording holds of each topic that a drive can be made of: stamps and numbers, a row a message.
+# Topics of a recording for a drive: stamps and numbers, a row a message.
 
 _NO_FIX = -1
 _NO_ORIENTATION = -1.0
@@ -28,14 +28,14 @@ _ROLL, _YAW = 21, 35
 class TopicRows:
     """Rows of one topic in the order of the file.
 
-    A stamp in the header counts. Where none of a topic's messages has one, the times of recording do; where only some
-    have none (a sensor that had not heard of the time yet), these are left out.
+    The stamp in the header is used. If none of a topic's messages has one, the times of recording are; if only some
+    have none (a sensor without time yet), these are left out.
 
     Attributes:
         topic, kind: of the messages.
         columns: numbers a row.
         left_out: messages without usable values.
-        unstamped, repeated, unordered: rows without a stamp; with a stamp that another had; earlier than one before.
+        unstamped, repeated, unordered: rows without a stamp; with a repeated stamp; earlier than a previous one.
     """
 
     def __init__(self, topic: str, kind: str, columns: int) -> None:
@@ -51,7 +51,7 @@ class TopicRows:
         return len(self._stamp_ns)
 
     def add(self, values: Mapping[str, Any], log_ns: int) -> bool:
-        """Take a message: its stamp, and its numbers where it is one of navigation. Whether it held them."""
+        """Add a message: its stamp, and its numbers if it is one of navigation. Returns whether it has them."""
         try:
             row = row_of(self.kind, values) if self.columns else ()
             stamp_ns = 1_000_000_000 * int(values["header.stamp.sec"]) + int(values["header.stamp.nanosec"])
@@ -68,18 +68,18 @@ class TopicRows:
 
     @property
     def header_clock(self) -> bool:
-        """Whether the headers' stamps count, not the times of recording."""
+        """Whether the headers' stamps are used, not the times of recording."""
         return bool(np.any(self._has_stamp()))
 
     def lag_s(self) -> float:
-        """Median time from stamp to recording, s; zero where there are no stamps."""
+        """Median time from stamp to recording, s; zero without stamps."""
         has = self._has_stamp()
         if not np.any(has):
             return 0.0
         return float(np.median(np.asarray(self._log_ns)[has] - np.asarray(self._stamp_ns)[has])) / 1e9
 
     def order(self) -> Int[np.ndarray, " kept"]:
-        """Rows to keep, by rising stamps; of those of one stamp the first in the file."""
+        """Rows to keep, by rising stamps; of equal stamps the first in the file."""
         times, has = self._times_ns(), self._has_stamp()
         usable = np.flatnonzero(has | (not np.any(has)))
         rising = usable[np.argsort(times[usable], kind="stable")]
@@ -99,12 +99,12 @@ class TopicRows:
 
     def _has_stamp(self) -> np.ndarray:
         stamp, log = np.asarray(self._stamp_ns), np.asarray(self._log_ns)
-        # Time zero itself is a stamp where it was recorded then: drives whose moment is not known begin there.
+        # Time zero itself is a stamp if it was recorded then: drives of unknown date begin there.
         return np.asarray((stamp > 0) | ((stamp == 0) & (log == 0)))
 
 
 def row_of(kind: str, values: Mapping[str, Any]) -> tuple[float, ...] | None:
-    """Numbers of a message of navigation; ``None`` where it holds none.
+    """Numbers of a message of navigation; ``None`` if it has none.
 
     Positions: latitude and longitude (degrees), height (m), variances east, north and up (m², NaN: not known). All
     others: yaw and roll (rad) and their variances (rad², NaN: not known); odometry adds x and y (m) and speed (m/s).
@@ -148,7 +148,7 @@ def _angles(values: Mapping[str, Any], path: str) -> tuple[float, float]:
 
 def _variances(covariance: np.ndarray, yaw: int, roll: int) -> tuple[float, float]:
     if not np.any(covariance):
-        return math.nan, math.nan  # as the messages' definitions have it: all zero is not known
+        return math.nan, math.nan  # by the messages' definitions, all zero means unknown
     return float(covariance[yaw]), float(covariance[roll])
 
 
@@ -157,11 +157,11 @@ _LONGEST_GAP_S = 1.0
 
 
 class McapAssumed(NamedTuple):
-    """What a recording's messages do not say, as the user tells it.
+    """Quantities missing in a recording's messages, as given by the user.
 
     Attributes:
         gnss_m: place of the GNSS antenna: forward and left of the rear axle, above the ground.
-        gnss_sigma_m: of positions whose message does not tell its covariance; None where nobody knows.
+        gnss_sigma_m: of positions without a covariance in the message; None if unknown.
         heading_sigma_deg: likewise of headings and rolls.
     """
 
@@ -171,7 +171,7 @@ class McapAssumed(NamedTuple):
 
 
 class TrackAttitude(NamedTuple):
-    """Yaw counter-clockwise from true east, roll, radians, and their variances, at the times asked for."""
+    """Yaw counter-clockwise from true east, roll, radians, and their variances, at the requested times."""
 
     yaw_rad: Float[np.ndarray, " position"]
     roll_rad: Float[np.ndarray, " position"]
@@ -180,7 +180,7 @@ class TrackAttitude(NamedTuple):
 
 
 def odometry_track(path: Path, odometry: TopicRows, t0_ns: int) -> OdometryTrack:
-    """Signed travel by an odometer: its steps as they lie along its own heading, or its speeds where it has no places.
+    """Signed travel by an odometer: its steps along its own heading, or its speeds if it has no positions.
 
     Raises:
         InputError: fewer than two messages, or neither orientations nor speeds.
@@ -208,12 +208,12 @@ def navigation_track(
 ) -> NavigationTrack:
     """Poses of the body origin at the times of the positions.
 
-    Positions between which and the next heading lies a gap are left out. Without a source of headings they follow the
-    path, and the roll is zero. Sigmas that neither any message nor the user tells stay absent.
+    Positions with a gap before the next heading are left out. Without a source of headings they follow the path, and
+    the roll is zero. Sigmas that neither a message nor the user states stay absent.
 
     Raises:
-        InputError: fewer than two positions, no heading can be told, or only some messages tell a
-            covariance that is not assumed.
+        InputError: fewer than two positions, the heading cannot be determined, or only some messages have a covariance
+            that is not assumed.
     """
     ns, rows = position.sorted()
     if not np.all(np.isnan(rows[:, 2])):
@@ -252,7 +252,7 @@ def navigation_track(
 def tracks_assumed(
     position: TopicRows, attitude: TopicRows | None, odometer: TopicRows | None, told: McapAssumed
 ) -> Assumed:
-    """What no message tells of the tracks, and what stands in for it."""
+    """Assumptions about the tracks, for quantities without a message."""
     _, rows = position.sorted()
     assumed: Assumed = {}
     if odometer is None:
@@ -274,7 +274,7 @@ def _stands_in(sigma: float | None, unit: str) -> str:
 
 
 def travel_along(navigation: NavigationTrack) -> OdometryTrack:
-    """Signed travel by the positions themselves, as they lie along the heading: jitter while standing cancels."""
+    """Signed travel by the positions themselves, along the heading: jitter while standing cancels."""
     frame = LocalFrame(
         float(navigation.latitude_deg[0]), float(navigation.longitude_deg[0]), float(navigation.height_m[0])
     )
@@ -286,7 +286,7 @@ def travel_along(navigation: NavigationTrack) -> OdometryTrack:
 def _steps_m(
     x_m: Float[np.ndarray, " row"], y_m: Float[np.ndarray, " row"], yaw_rad: Float[np.ndarray, " row"]
 ) -> Float[np.ndarray, " step"]:
-    """Steps as they lie along the heading halfway: negative in reverse."""
+    """Steps along the heading halfway: negative in reverse."""
     halfway = yaw_rad[:-1] + 0.5 * wrap_angle(np.diff(yaw_rad))
     return np.asarray(np.diff(x_m) * np.cos(halfway) + np.diff(y_m) * np.sin(halfway))
 
@@ -294,7 +294,7 @@ def _steps_m(
 def _attitude_at(
     attitude: TopicRows, ns: Int[np.ndarray, " position"]
 ) -> tuple[TrackAttitude, Bool[np.ndarray, " position"]]:
-    """Yaw and roll at given times, and whether they are known there."""
+    """Yaw and roll at given times, and whether they are known."""
     own, rows = attitude.sorted()
     known = np.isfinite(rows[:, :2]).all(axis=1)
     own, rows = own[known], rows[known]
@@ -350,7 +350,7 @@ def _sigma(
 def _body_origin(
     rows: Float[np.ndarray, "position 6"], attitude: TrackAttitude, gnss_m: tuple[float, float, float]
 ) -> tuple[Float[np.ndarray, " position"], Float[np.ndarray, " position"], Float[np.ndarray, " position"]]:
-    """Latitude, longitude and height of the body origin from those of the antenna; heights not known are 0."""
+    """Latitude, longitude and height of the body origin from those of the antenna; unknown heights are 0."""
     latitude, longitude, height = rows[:, 0], rows[:, 1], np.nan_to_num(rows[:, 2], nan=0.0)
     if not any(gnss_m):
         return latitude, longitude, height

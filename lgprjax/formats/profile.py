@@ -1,4 +1,4 @@
-"""One recorded line as vendor readers return it, and the names of what an importer assumed."""
+"""One recorded line as returned by vendor readers, and the vocabulary of importers' assumptions."""
 
 import re
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from lgprjax.errors import InputError
 
 @dataclass(frozen=True)
 class TraceCoordinates:
-    """Where each trace was recorded, as the file says it.
+    """Recorded coordinates of each trace.
 
     Attributes:
         kind: ``degrees`` (x longitude, y latitude) or ``metres`` (x easting, y northing of a grid it does not name).
@@ -28,21 +28,21 @@ class TraceCoordinates:
 
 @dataclass(frozen=True)
 class Profile:
-    """One line of traces; sample i lies at travel time ``i * sample_interval_ns - time_zero_ns``.
+    """One line of traces; sample i is at travel time ``i * sample_interval_ns - time_zero_ns``.
 
     Attributes:
         path: the file it came from.
-        channels: the data, signed, zero standing for no signal; several channels only from arrays.
+        channels: the data, signed, zero for no signal; several channels only from arrays.
         sample_interval_ns: two-way travel time between samples.
-        time_zero_ns: how long after sample 0 time zero lies.
-        spacing_m: distance between traces; ``None`` when the file does not say (recorded by time) or when it
-            varies, and then ``positions_m`` has the places.
-        centre_frequency_hz: nominal centre frequency; ``None`` when the file does not say.
-        positions_m: position of each trace as the headers give it; ``None`` when they do not.
+        time_zero_ns: time zero, relative to sample 0.
+        spacing_m: distance between traces; ``None`` if unknown (recorded by time) or varying, in which case
+            ``positions_m`` holds the positions.
+        centre_frequency_hz: nominal centre frequency; ``None`` if unknown.
+        positions_m: position of each trace from the headers; ``None`` if missing.
         metadata: further header values under the vendor's own names.
-        coordinates: where each trace was recorded, when the file says.
-        left_m, forward_m: place of each channel in the array, when the files say; falling from left to right.
-        cut: what was read of a file that ends too early, such as ``120 of 199 traces``; ``None`` for a whole file.
+        coordinates: where each trace was recorded, if known.
+        left_m, forward_m: place of each channel in the array, if known; falling from left to right.
+        cut: the part read of a truncated file, such as ``120 of 199 traces``; ``None`` for a complete file.
     """
 
     path: Path
@@ -76,7 +76,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def companion(path: Path, suffix: str) -> Path:
-    """The file of the same name with another suffix, written in whatever case. Raises ``InputError`` without one."""
+    """The file of the same name with another suffix, in upper or lower case. Raises ``InputError`` if missing."""
     if not path.is_file():
         raise InputError(path, "file", "a readable file", "a folder" if path.is_dir() else "no such file")
     try:
@@ -89,7 +89,7 @@ def companion(path: Path, suffix: str) -> Path:
 
 
 def named_frequency_hz(antenna: str) -> float | None:
-    """Centre frequency in an antenna's name, such as ``500 MHz shielded``; ``None`` where it has none."""
+    """Centre frequency in an antenna's name, such as ``500 MHz shielded``; ``None`` if it has none."""
     # Bounded in every part: a damaged name may be thousands of digits.
     named = re.search(r"(?<![\d.])(\d{1,6}(?:\.\d{1,6})?)\s{0,3}MHz", antenna[:200], re.IGNORECASE | re.ASCII)
     return float(named[1]) * 1e6 or None if named else None
@@ -98,37 +98,37 @@ def named_frequency_hz(antenna: str) -> float | None:
 def count_traces(
     file: Path, data_bytes: int, trace_bytes: int, *, said: tuple[int, Path] | None, partial: bool
 ) -> tuple[int, str | None]:
-    """Whole traces in so many bytes, and ``Profile.cut`` where the file ends too early.
+    """Whole traces in a number of bytes, and ``Profile.cut`` if the file ends too early.
 
     Args:
         file: the file of the traces.
-        data_bytes: what it holds after its headers, where the traces lie; not above zero for none.
+        data_bytes: size after its headers, where the traces are; not above zero for none.
         trace_bytes: size of a trace, or of one trace of every channel where they are interleaved.
-        said: the number of traces that a header states, and the file of that header.
+        said: the number of traces stated in a header, and the file of that header.
         partial: take the whole traces of a file that ends too early.
 
     Raises:
-        InputError: no trace is whole, the file holds more traces than the header says, or it ends too early and
-            ``partial`` was not asked for.
+        InputError: no trace is whole, the file holds more traces than the header states, or it ends too early without
+            ``partial``.
     """
     whole, rest = divmod(max(data_bytes, 0), trace_bytes)
     if rest == 0 and whole and (said is None or said[0] == whole):
         return whole, None
     expected = "a whole number" if said is None else f"{said[0]} as {said[1].name} says"
     found = f"{whole} and a part of one" if whole and rest else "a part of one" if rest else f"{whole or 'none'}"
-    # More traces than the header states are no cut: the header is another file's, or the samples are of another type.
+    # More traces than stated are no truncation: the header is another file's, or the samples are of another type.
     cut = whole > 0 and (said is None or whole < said[0])
     if not (cut and partial):
         raise InputError(file, "traces", expected, found + ("; read the whole ones with --partial" if cut else ""))
     return whole, f"{whole} of {f'at least {whole + 1}' if said is None else said[0]} traces"
 
 
-# No quantity of a header is as large or, above zero, as small: such a value is damaged, and would overflow further on.
+# No quantity of a header is as large or, above zero, as small: such a value is damaged, and would overflow later.
 _LARGEST, _SMALLEST = 1e12, 1e-12
 
 
 class TextHeader:
-    """Header of lines ``NAME separator VALUE``; asks for values and refuses what is missing or no number."""
+    """Header of lines ``NAME separator VALUE``; returns values and refuses missing or invalid ones."""
 
     def __init__(self, path: Path, separator: str) -> None:
         self.path = path
@@ -139,7 +139,7 @@ class TextHeader:
                 self.values.setdefault(name.strip().upper(), value.strip())
 
     def number(self, name: str, *, default: float | None = None) -> float:
-        """Value of a line, finite and of possible size; ``default`` stands in only for a line that is missing."""
+        """Value of a line, finite and of possible size; ``default`` replaces only a missing line."""
         text = self.values.get(name)
         if text is None and default is not None:
             return default
@@ -148,7 +148,7 @@ class TextHeader:
         except ValueError:
             value = np.nan
         if not abs(value) <= _LARGEST:
-            # What is damaged may be long; the message stays a line that one can read.
+            # A damaged value may be long; the message must stay readable.
             raise InputError(self.path, name, "a number", "none" if text is None else repr(text[:40]))
         return value
 
@@ -167,7 +167,7 @@ class TextHeader:
         return int(value)
 
 
-# What an importer made up because no instrument recorded it: ``assumed`` in the provenance of a drive log.
+# Assumptions of an importer about quantities that no instrument recorded: ``assumed`` in a drive log's provenance.
 
 Quantity = Literal[
     "time",
@@ -182,21 +182,21 @@ Quantity = Literal[
     "position sigma",
     "heading sigma",
 ]
-"""What may be assumed: the clock of the scans; the speed along the way; travel; the path; where on the earth the path
-lies; the heading along it; which of its ends is the first; roll; height; and what positions and headings may be wrong
-by."""
+"""Quantities that may be assumed: the clock of the scans; the speed; travel; the path; its place on the earth; the
+heading along it; which of its ends is the first; roll; height; and the sigmas of positions and headings.
+"""
 
 Assumed = dict[Quantity, str]
-"""What stands in for each, in words."""
+"""The assumption for each quantity, in words."""
 
 
 def assumed_of(provenance: Mapping[str, object]) -> dict[str, str]:
-    """What a drive log, or a baseline of a map, says was assumed; nothing where it does not say."""
+    """Assumptions of a drive log, or of a baseline of a map; empty if it states none."""
     found = provenance.get("assumed")
-    # Recordings that were imported before this vocabulary hold numbers here.
+    # Recordings imported before this vocabulary existed hold numbers here.
     return {str(k): v for k, v in found.items() if isinstance(v, str)} if isinstance(found, dict) else {}
 
 
 def assumed_in_words(assumed: Mapping[str, str]) -> str:
-    """Each quantity with what stands in for it, in a line."""
+    """Each quantity with its assumption, as one line."""
     return ", ".join(f"{name} ({words})" for name, words in assumed.items())

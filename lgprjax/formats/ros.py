@@ -1,4 +1,4 @@
-"""The messages of a recording that this project writes and reads: their definitions, topics, and angles in them.
+"""ROS messages that this project writes and reads: definitions, topics, and angles.
 
 Axes are those of ROS (REP 103): x forward, y left, z up; maps and orientations count from east, counter-clockwise.
 """
@@ -14,36 +14,35 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-# ROS 2 message definitions as recordings carry them (``ros2msg``), and messages of them in CDR.
+# ROS 2 message definitions in recordings (``ros2msg``), and their messages in CDR.
 #
-# A definition is laid out flat once; a message then decodes by the fields that its own recording defines, in whatever
-# order they stand. Source: OMG DDS-XTypes 1.3, section 7.4.3 (plain CDR, version 1), and the ROS 2 interface
-# definition.
+# A definition is flattened once; a message is then decoded by the fields defined in its own recording, in their order.
+# Source: OMG DDS-XTypes 1.3, section 7.4.3 (plain CDR, version 1), and the ROS 2 interface definition.
 
 _CODES = {
     **{"bool": "?", "byte": "B", "char": "B", "float32": "f", "float64": "d", "string": "s"},
     **{"int8": "b", "uint8": "B", "int16": "h", "uint16": "H"},
     **{"int32": "i", "uint32": "I", "int64": "q", "uint64": "Q"},
 }
-# Recorders leave these out of the definitions, or not.
+# Some recorders leave these out of the definitions.
 _KNOWN = {
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
     "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec",
 }
 _NUMBERS = {order + code: struct.Struct(order + code) for order in "<>" for code in _CODES.values() if code != "s"}
 _TYPE = re.compile(r"([A-Za-z][\w/]*)(?:<=\d+)?(?:\[((?:<=)?)(\d*)\])?")
-# Of a definition that nests itself, or each part twice: no message is that deep or that wide.
+# Limits for definitions that nest themselves: no message is that deep or that wide.
 _MOST_NESTED = 16
 _MOST_FIELDS = 4096
 
 
 class RosField(NamedTuple):
-    """One primitive member of a message whose nested messages are laid out flat.
+    """One primitive member of a flattened message.
 
     Attributes:
         path: names from the message down to the member, joined by dots.
-        code: type of an element as ``struct`` has it; ``s`` is a text.
-        size: elements of a fixed array; 0 of a sequence, which tells its own length; ``None`` of a single value.
+        code: type of an element as in ``struct``; ``s`` is a text.
+        size: elements of a fixed array; 0 for a sequence, which holds its own length; ``None`` for a single value.
     """
 
     path: str
@@ -60,7 +59,7 @@ class MessageLayout(NamedTuple):
         """Values of a message by the paths of its members; arrays are views of ``data``.
 
         Raises:
-            ValueError: the bytes are no such message.
+            ValueError: the bytes are not such a message.
         """
         cursor = _Cursor(data)
         try:
@@ -69,10 +68,10 @@ class MessageLayout(NamedTuple):
             raise ValueError(f"a message that ends too early ({error})") from None
 
     def encode(self, values: Mapping[str, Any]) -> bytes:
-        """A little-endian message of these values; members that are not named are zero or empty.
+        """A little-endian message of these values; missing members are zero or empty.
 
         Raises:
-            KeyError: a name is no member's.
+            KeyError: a name is not a member.
             ValueError: a fixed array has another size.
         """
         unknown = set(values) - {field.path for field in self.fields}
@@ -102,14 +101,14 @@ class MessageLayout(NamedTuple):
 
 
 def layout_of(name: str, definition: str) -> MessageLayout:
-    """Layout of a message from its definition with those of its nested messages, as recordings carry them.
+    """Layout of a message from its definition with those of its nested messages, as in recordings.
 
     Args:
         name: package and name, such as ``sensor_msgs/msg/Imu``.
         definition: its own members, then each nested message after a line of equals signs and ``MSG: package/Name``.
 
     Raises:
-        ValueError: the definition cannot be read, or holds what is not supported (arrays of messages, wide texts).
+        ValueError: the definition cannot be read, or uses unsupported features (arrays of messages, wide texts).
     """
     own, *nested = re.split(r"^={8,}[ \t\r]*$", definition, flags=re.MULTILINE)
     bodies = _KNOWN | {short_name(name): own}
@@ -125,7 +124,7 @@ def layout_of(name: str, definition: str) -> MessageLayout:
 
 
 def short_name(name: str) -> str:
-    """``package/Name`` of ``package/msg/Name``, which say the same."""
+    """``package/Name`` of ``package/msg/Name``, which is equivalent."""
     parts = name.strip().split("/")
     return f"{parts[0]}/{parts[-1]}"
 
@@ -141,7 +140,7 @@ def _fields(name: str, prefix: str, bodies: Mapping[str, str], depth: int) -> It
             continue
         member = words[1].partition("=")[0] if len(words) > 1 else ""
         if "=" in code and member.isupper():
-            continue  # a constant, which no message carries
+            continue  # a constant, which is not serialised
         found = _TYPE.fullmatch(words[0])
         if found is None or not member.isidentifier():
             raise ValueError(f"no member in {line.strip()[:60]!r}")
@@ -162,7 +161,7 @@ def _fields(name: str, prefix: str, bodies: Mapping[str, str], depth: int) -> It
 
 
 class _Cursor:
-    """A place in a serialised message; alignment counts from the end of the four bytes that stand before it."""
+    """A position in a serialised message; alignment counts from the end of its four-byte header."""
 
     def __init__(self, data: bytes) -> None:
         if len(data) < 4 or data[0] != 0 or data[1] > 1:
@@ -229,10 +228,10 @@ TOPICS = {
     "fix position": ("/lgpr/fix", NAV_SAT_FIX),
     "fix quality": ("/lgpr/quality", FIX_QUALITY),
 }
-"""Topic and type of each part of a drive, as written; on reading, the topic that is preferred among several."""
+"""Topic and type of each part of a drive, as written; when reading, the preferred topic among several."""
 
 DRIVE_METADATA = "lgprjax.drive"
-"""Name of the metadata that an exported drive leaves in the file: name, t0_utc, provenance."""
+"""Name of an exported drive's metadata in the file: name, t0_utc, provenance."""
 # A drive log has no pitch: a right angle either way.
 PITCH_VARIANCE = (np.pi / 2) ** 2
 COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
@@ -333,7 +332,7 @@ uint16 service
 
 
 def definition_of(name: str) -> str:
-    """Definition of a message and, below it, those of the messages in it, as recordings carry them."""
+    """Definition of a message and, below it, those of its nested messages, as in recordings."""
     text = (_OWN | _STANDARD)[name]
     parts, names = [text], _nested_in(text)
     for nested in names:
@@ -343,13 +342,13 @@ def definition_of(name: str) -> str:
 
 
 def layout_to_write(name: str) -> MessageLayout:
-    """Layout by which a message is written."""
+    """Layout for writing a message."""
     return layout_of(name, definition_of(name))
 
 
 @lru_cache(maxsize=1024)
 def is_kind(name: str, kind: str) -> bool:
-    """Whether a type is the one meant; messages of the radar may stand in a package of any name."""
+    """Whether a type matches; messages of the radar may be in a package of any name."""
     if kind in _OWN:
         return name.rpartition("/")[2] == kind.rpartition("/")[2]
     return short_name(name) == short_name(kind)
@@ -363,7 +362,7 @@ def quaternion_of(yaw_rad: float, roll_rad: float) -> dict[str, float]:
 
 
 def yaw_and_roll(x: float, y: float, z: float, w: float) -> tuple[float, float]:
-    """Yaw and roll, radians, of an orientation; its pitch is put aside. NaN where it is none (length not about 1)."""
+    """Yaw and roll, radians, of an orientation; its pitch is ignored. NaN if invalid (length not about 1)."""
     length = x * x + y * y + z * z + w * w
     if not 0.9 < length < 1.1:
         return math.nan, math.nan

@@ -22,7 +22,7 @@ _DIGITS = 64
 
 
 class RouteFile(NamedTuple):
-    """A route as its file tells it; paths are ready to be opened.
+    """Contents of a route file; paths are ready to open.
 
     Attributes:
         map: the subsurface database.
@@ -32,7 +32,7 @@ class RouteFile(NamedTuple):
         direction: as recorded, or from the stretch's end to its beginning.
         cruise_mps: highest speed.
         lateral_mps2: highest lateral acceleration.
-        vehicle: the vehicle file whose tightest circle the route was held against.
+        vehicle: the vehicle file whose smallest radius the route was checked against.
     """
 
     map: Path
@@ -47,10 +47,10 @@ class RouteFile(NamedTuple):
 
 
 def read_route(path: str | Path) -> RouteFile:
-    """A route from its file; whether the map is still that one is the archive's to say.
+    """A route from its file; whether the map is unchanged is checked elsewhere (``mapping.require_map``).
 
     Raises:
-        InputError: the file is missing, no TOML or of a newer major version; a key is unknown, missing, of a wrong
+        InputError: the file is missing, not TOML or of a newer major version; a key is unknown, missing, of a wrong
             type or out of its range.
     """
     file = Path(path)
@@ -75,13 +75,13 @@ def write_route(path: str | Path, route: RouteFile, *, force: bool = False) -> N
     """Write a route to its file, each key with its description and paths relative to the file's folder.
 
     Raises:
-        InputError: a value is not as the schema says, or the output exists (without ``force``) or cannot be written.
+        InputError: a value does not match the schema, or the output exists (without ``force``) or cannot be written.
     """
     folder = Path(path).parent
     values = {key: value for key, value in route._asdict().items() if value is not None}
     for key in ("map", "vehicle"):
         if key in values:
-            # Not resolved: a link beside the map is still the map's own folder to whoever made it.
+            # Not resolved: paths through a link stay as the user made them.
             values[key] = Path(os.path.relpath(values[key], folder)).as_posix()
     table = {"schema": _SCHEMA.name, "schema_version": _SCHEMA.version, **values}
     for finding in _problems(path, table):
@@ -100,13 +100,13 @@ def route_findings(path: Path) -> Iterator[Finding]:
     """Every problem of a route file.
 
     Raises:
-        InputError: it cannot be read, or is no TOML.
+        InputError: it cannot be read, or is not TOML.
     """
     return _problems(path, load_toml(path))
 
 
 def _problems(path: str | Path, table: dict[str, Any]) -> Iterator[Finding]:
-    """Every problem of a table, header included; rules between numbers only where the numbers are good."""
+    """Every problem of a table, header included; rules between numbers only where the numbers are valid."""
     refusal = check_version(_SCHEMA, table.get("schema"), table.get("schema_version"))
     if refusal is not None:
         yield Finding(str(path), *refusal)
@@ -126,7 +126,7 @@ def _problems(path: str | Path, table: dict[str, Any]) -> Iterator[Finding]:
 # Waypoints of a route, written for other programs: CSV, GeoJSON, GPX.
 
 _NAMESPACE = "http://www.topografix.com/GPX/1/1"
-# Of a column each: 1e-10 degrees are a hundredth of a millimetre.
+# Decimals of each column: 1e-10 degrees are a hundredth of a millimetre.
 _DECIMALS = (0, 0, 4, 10, 10, 4, 6, 7, 4)
 
 
@@ -156,7 +156,7 @@ class Waypoints(NamedTuple):
 
 
 def write_waypoints(path: str | Path, name: str, waypoints: Waypoints, *, force: bool = False) -> None:
-    """Write waypoints; the file's suffix says how.
+    """Write waypoints in the format of the file's suffix.
 
     A CSV has one row a waypoint; GeoJSON one LineString a leg, its other columns as lists among the properties; GPX
     one track segment a leg with the other columns as extensions. Positions have ten decimals of a degree.
@@ -164,7 +164,7 @@ def write_waypoints(path: str | Path, name: str, waypoints: Waypoints, *, force:
     Args:
         path: ``.csv``, ``.geojson`` or ``.gpx``.
         name: of the route.
-        waypoints: to be written.
+        waypoints: to write.
         force: replace an output that exists.
 
     Raises:
@@ -216,7 +216,7 @@ def _gpx(path: Path, name: str, waypoints: Waypoints) -> None:
                 column: f"{value:.{decimals}f}"
                 for column, value, decimals in zip(Waypoints._fields, row, _DECIMALS, strict=True)
             }
-            # GPX counts elevation from sea level, which nothing here knows: the height goes with the extensions.
+            # GPX elevations are above sea level, which is unknown here: the height goes into the extensions.
             place = {"lat": texts.pop("latitude_deg"), "lon": texts.pop("longitude_deg")}
             extensions = ElementTree.SubElement(ElementTree.SubElement(segment, "trkpt", place), "extensions")
             for column, text in texts.items():

@@ -1,4 +1,4 @@
-"""A recorded run: every record that is whole, whatever happened to the rest of its files."""
+"""Reading a recorded run: every intact record, whatever happened to the rest of its files."""
 
 import json
 from collections import Counter
@@ -26,11 +26,11 @@ from lgprjax.run_segment import (
 from lgprjax.wire import CRC, HEAD_FIELDS, MESSAGES, SYNC, decode
 
 RUN_FILE = "run.json"
-"""Beside the segments: UUID, versions, and the computer's clocks each time that the recorder came up."""
+"""Next to the segments: UUID, versions, and the computer's clocks at each start of the recorder."""
 
 
 class DamagedBytes(NamedTuple):
-    """Bytes of a segment that are no whole record: from ``start`` to before ``stop``."""
+    """Bytes of a segment that are not an intact record: from ``start`` to before ``stop``."""
 
     file: str
     start: int
@@ -38,25 +38,25 @@ class DamagedBytes(NamedTuple):
 
 
 class MissingNumbers(NamedTuple):
-    """Arrival numbers from ``first`` to ``last`` that no whole record carries."""
+    """Arrival numbers from ``first`` to ``last`` without an intact record."""
 
     first: int
     last: int
 
 
 class RunSummary(NamedTuple):
-    """What a run's files hold.
+    """Summary of a run's files.
 
     Attributes:
-        run: UUID; ``None`` where no file tells it, and then no record can be told from others' bytes.
-        segments: how many files there are.
-        records: whole records, without the recorder's own.
-        first, last: arrival numbers of the first and the last whole record.
-        cut: bytes at the end of segments that are no whole record: where the recording was interrupted.
-        damaged: other bytes that are none.
+        run: UUID; ``None`` if no file has it, in which case foreign records cannot be recognised.
+        segments: number of files.
+        records: intact records, without the recorder's own.
+        first, last: arrival numbers of the first and the last intact record.
+        cut: incomplete records at the end of segments, in bytes: where the recording was interrupted.
+        damaged: other bytes that are no record.
         missing: numbers that are lost.
         dropped: messages that did not fit into their rings, by ring.
-        end: why the recording ended; ``None`` where it was interrupted.
+        end: why the recording ended; ``None`` if it was interrupted.
     """
 
     run: UUID | None
@@ -72,7 +72,7 @@ class RunSummary(NamedTuple):
 
     @property
     def complete(self) -> bool:
-        """Whether nothing that arrived is lost: it was ended in order, no number and no message is missing."""
+        """Whether nothing that arrived is lost: it ended properly, and no number or message is missing."""
         return self.end is not None and not self.missing and not any(self.dropped.values())
 
 
@@ -81,7 +81,7 @@ class RunReading:
 
     Attributes:
         folder: of the run.
-        heads: of the segments whose head is whole, in order.
+        heads: of the segments with an intact head, in order.
     """
 
     def __init__(self, folder: Path, files: dict[int, Path]) -> None:
@@ -99,7 +99,7 @@ class RunReading:
         self._summary: RunSummary | None = None
 
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
-        """Arrival number and bytes of every whole record, numbers rising."""
+        """Arrival number and bytes of every intact record, numbers rising."""
         tally = _Tally()
         for segment, path in self._files.items():
             tally.open(path, self._broken[segment])
@@ -112,7 +112,7 @@ class RunReading:
 
     @property
     def clock(self) -> tuple[int, int] | None:
-        """UTC and monotonic clock of one moment at the run's beginning, ns; ``None`` where no file tells it."""
+        """UTC and monotonic clock of one moment at the run's beginning, ns; ``None`` if no file has it."""
         if self.heads:
             return self.heads[0].utc_ns, self.heads[0].mono_ns
         with suppress(OSError, ValueError, KeyError, TypeError, IndexError):
@@ -122,7 +122,7 @@ class RunReading:
 
     @property
     def summary(self) -> RunSummary:
-        """Of the last whole pass; one is made where there was none."""
+        """Of the last complete pass; makes one if there was none."""
         if self._summary is None:
             for _ in self:
                 pass
@@ -133,7 +133,7 @@ class RunReading:
 def read_run(folder: str | Path) -> RunReading:
     """The records of a run, in the order of their arrival.
 
-    Damage never stops it: whole records after it are found again, and the summary tells what is lost.
+    Damage never stops it: intact records after it are found again, and the summary lists what is lost.
 
     Args:
         folder: of the run.
@@ -151,7 +151,7 @@ def read_run(folder: str | Path) -> RunReading:
 
 
 class _Tally:
-    """What a pass over a run finds beside its records."""
+    """Findings of a pass over a run, besides its records."""
 
     def __init__(self) -> None:
         self._records = 0
@@ -166,14 +166,14 @@ class _Tally:
         self._stop = 0
 
     def open(self, path: Path, broken: list[int]) -> None:
-        """A segment begins."""
+        """Begin a segment."""
         self._file, self._stop = path.name, 0
         if path.stat().st_size >= HEADS_SIZE:
             self._stop = HEADS_SIZE
             self._damaged += [DamagedBytes(self._file, at, at + HEADS_SIZE // 2) for at in broken]
 
     def add(self, record: SegmentRecord) -> bool:
-        """Whether a record belongs to the run: a number that does not rise is none of it."""
+        """Whether a record belongs to the run: a number that does not rise does not."""
         due = 0 if self._last is None else self._last + 1
         if record.number < due:
             return False
@@ -184,7 +184,7 @@ class _Tally:
         self._first = record.number if self._first is None else self._first
         self._last, self._stop = record.number, record.stop
         self._records += record.origin != OWN
-        # What comes after an end is a relaunch: it ends anew.
+        # Records after an end are from a restart, which has its own end.
         self._end = None
         if record.origin == OWN:
             note = json.loads(record.data)
@@ -193,7 +193,7 @@ class _Tally:
         return True
 
     def close(self, path: Path) -> None:
-        """A segment ends."""
+        """End a segment."""
         size = path.stat().st_size
         if size > self._stop:
             self._cut.append(DamagedBytes(self._file, self._stop, size))
@@ -238,12 +238,12 @@ def frame_type(name: str) -> np.dtype[Any]:
 
 
 def frame_name(frame: bytes) -> str | None:
-    """Message that whole bytes are a frame of; ``None`` where they are none, or their CRC is wrong."""
+    """Message type of a complete frame; ``None`` if it is not a frame, or its CRC is wrong."""
     with suppress(ValueError):
         return decode(frame).name
     return None
 
 
 def frame_data(frame: bytes, name: str) -> bytes:
-    """What follows the fields of fixed size: a scan's samples."""
+    """Data after the fields of fixed size: a scan's samples."""
     return frame[frame_type(name).itemsize : -CRC.size]

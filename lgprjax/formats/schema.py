@@ -1,4 +1,4 @@
-"""The file formats as data: loads ``data_schema/*.toml`` into typed entries that readers, writers and checks share."""
+"""The file formats as data: ``data_schema/*.toml`` as typed entries shared by readers, writers and checks."""
 
 import json
 import tomllib
@@ -19,16 +19,16 @@ class Entry:
     """One dataset, attribute, table column or key of a file.
 
     Attributes:
-        path: where it stands: ``/radar/time_s``, ``/radar/traces@zero_level``, a column name, ``steering.lag_s``.
-        dtype: accepted types, the first being the one that is written.
+        path: its place: ``/radar/time_s``, ``/radar/traces@zero_level``, a column name, ``steering.lag_s``.
+        dtype: accepted types, the first of which is written.
         dims: axis names (bound to one size through the whole file) or fixed sizes.
         checks: among finite, increasing, decreasing, non_negative, positive.
         bounds: closed range of the values.
         choices: allowed values of a text.
         needs: path whose presence makes this entry required.
         bulk: too large to be loaded whole.
-        severity: how bad a value that fails a check is.
-        decimals: how a table column is printed; digits: the same for one that spans decades.
+        severity: severity of a failed check.
+        decimals: decimals of a printed table column; digits: significant digits of one that spans decades.
     """
 
     path: str
@@ -49,7 +49,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Schema:
-    """One file format. ``minimum`` gives the smallest size of an axis, one where it says nothing."""
+    """One file format. ``minimum`` gives the smallest size of an axis, by default one."""
 
     name: str
     version: str
@@ -65,11 +65,11 @@ class Schema:
 
     @property
     def major(self) -> int:
-        """Version number whose growth makes a file unreadable for older software."""
+        """Major version: a file of a newer one is unreadable for older software."""
         return int(self.version.split(".")[0])
 
     def dataset(self, path: str) -> Entry:
-        """Entry of a dataset by its path; ``KeyError`` when the format has none such."""
+        """Entry of a dataset by its path; ``KeyError`` if the format has none."""
         for entry in self.datasets:
             if entry.path == path:
                 return entry
@@ -111,14 +111,14 @@ def load_schema(name: str) -> Schema:
     )
 
 
-# Hold values against the entries of a schema; every problem becomes one finding.
+# Validation of values against the entries of a schema; every problem becomes one finding.
 
 _ORDER = {"increasing": "strictly increasing values", "decreasing": "strictly decreasing values"}
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One place of a file that is not as its schema says. Only a finding of severity error makes it unusable."""
+    """One mismatch of a file with its schema. Only a finding of severity error makes it unusable."""
 
     file: str
     place: str
@@ -136,7 +136,7 @@ class Finding:
 
 @dataclass
 class Tally:
-    """What has been seen of an array's values so far, block by block: keeps memory bounded on large files."""
+    """Checks of an array's values, block by block, so that memory stays bounded on large files."""
 
     entry: Entry
     size: int = 0
@@ -148,7 +148,7 @@ class Tally:
         flat = values.reshape(-1)
         bad = self.bad if self.bad is not None else {}
         finite = np.ones(flat.shape, dtype=bool) if flat.dtype.kind in "SU" else np.isfinite(flat)
-        # NaN stands for "no value" unless the schema asks for finite ones: ranges say nothing about it.
+        # NaN stands for "no value" unless the schema asks for finite ones: ranges do not apply to it.
         for check, failed in self._failures(flat, finite):
             if np.any(failed):
                 count, first = bad.get(check, (0, self.size + int(np.argmax(failed))))
@@ -179,14 +179,14 @@ class Tally:
                 yield _ORDER[name], both & ~(sign * flat > sign * before)
 
     def findings(self, file: str, place: str) -> Iterator[Finding]:
-        """One finding a failed check: how many values, and where the first of them stands."""
+        """One finding a failed check: the number of values, and the place of the first."""
         for expected, (count, first) in (self.bad or {}).items():
             found = f"{count} of {self.size} values otherwise, the first at index {first}"
             yield Finding(file, place, expected, found, "warning" if self.entry.severity == "warning" else "error")
 
 
 def check_scalar(entry: Entry, value: object) -> str | None:
-    """What is wrong with one attribute or key of a file, or ``None``."""
+    """Problem of one attribute or key of a file, or ``None``."""
     kind = entry.dtype[0]
     problem: str | None = None
     if kind == "number":
@@ -214,7 +214,7 @@ def check_scalar(entry: Entry, value: object) -> str | None:
 
 
 def expected_scalar(entry: Entry) -> str:
-    """What an attribute or key must be, in words."""
+    """The expected value of an attribute or key, in words."""
     words = {"number": "a number", "string": "a text", "utc": "a UTC time in ISO 8601", "json": "a JSON object"}
     parts = [words[entry.dtype[0]]]
     parts += [{"finite": "finite", "positive": "above zero", "non_negative": "zero or more"}[c] for c in entry.checks]
@@ -238,10 +238,10 @@ def check_version(schema: Schema, name: object, version: object) -> tuple[str, s
 
 
 def key_findings(schema: Schema, file: str, values: dict[str, object]) -> Iterator[Finding]:
-    """Every key of a text file that is missing, wrong or unknown, in the schema's order; lists are not for this.
+    """Every key of a text file that is missing, wrong or unknown, in the schema's order, without lists.
 
     Args:
-        schema: whose keys are meant.
+        schema: with the keys.
         file: its name in the findings.
         values: by dotted path, without schema and version.
     """

@@ -1,4 +1,4 @@
-"""The study file, which says what is to be found on which logs, and the thresholds file."""
+"""The study file, with the numbers to fit and the logs, and the thresholds file."""
 
 import json
 from pathlib import Path
@@ -36,17 +36,17 @@ class _StudyTable(ConfigTable):
 
 
 class Study(NamedTuple):
-    """A study as its file tells it; paths are ready to be opened.
+    """Contents of a study file; paths are ready to open.
 
     Attributes:
         file: the study's own.
         name: names its outputs.
-        kind: what is to be found.
+        kind: the numbers to fit.
         vehicle: the vehicle file to begin with.
-        serial_number: of the vehicle that is meant; ``None`` where the study does not say.
+        serial_number: of the vehicle; ``None`` if the study has none.
         logs: drive logs to fit.
-        held_out: drive logs that judge the fit and take no part in it.
-        options: what only this kind of study has.
+        held_out: drive logs that judge the fit and are not used for it.
+        options: options of this kind of study.
     """
 
     file: Path
@@ -63,7 +63,7 @@ def read_study(path: str | Path) -> Study:
     """A study from its file. Paths in it are relative to the file's folder.
 
     Raises:
-        InputError: the file is missing or no TOML; a key is unknown, missing or of a wrong type; a log both fits and
+        InputError: the file is missing or not TOML; a key is unknown, missing or of a wrong type; a log both fits and
             judges.
     """
     file = Path(path)
@@ -84,7 +84,7 @@ def read_study(path: str | Path) -> Study:
     )
 
 
-# Thresholds as a small TOML file, with what they were found on.
+# Thresholds as a small TOML file, with the data behind them.
 
 _NAMES = ("strength_by_chance", "margin_by_chance", "overlap", "sigma_scale")
 
@@ -137,9 +137,9 @@ def write_thresholds(
 
     Args:
         path: the output.
-        thresholds: by name; what each means stands in ``registration.Thresholds``.
-        window_m, search_m: of the registrations that they hold for.
-        found_on: counts, names and the risk that were behind them.
+        thresholds: by name, as defined in ``registration.Thresholds``.
+        window_m, search_m: of the registrations that they apply to.
+        found_on: counts, names and the risk that they are based on.
         force: replace an output that exists.
 
     Raises:
@@ -160,11 +160,11 @@ def read_thresholds(path: str | Path, window_m: float) -> dict[str, float]:
 
     Args:
         path: the file.
-        window_m: of the registration that they are for; thresholds of another window do not hold.
+        window_m: of the registration; thresholds for another window do not apply.
 
     Raises:
-        InputError: not a file of thresholds, one is missing or no number, they are for other windows, or an older file
-            asks for an absolute score or lead.
+        InputError: not a file of thresholds, one is missing or not a number, they are for other windows, or an older
+            file requires an absolute score or margin.
     """
     place = TableKey(Path(path))
     held = fill_table(_ThresholdsFile, place, load_toml(path))

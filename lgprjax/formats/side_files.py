@@ -1,4 +1,4 @@
-"""Positions recorded beside a line: tape marks, topography, receivers' files."""
+"""Position files of survey lines: tape marks, topography, receivers' files."""
 
 import math
 import re
@@ -15,13 +15,13 @@ from jaxtyping import Bool, Float
 from lgprjax.errors import InputError
 from lgprjax.formats.profile import read_bytes
 
-# Positions that lie in a file beside a line, and a place for each trace of the line from them.
+# Positions in a side file of a line, and the place of each trace from them.
 
 PositionKind = Literal["local metres", "grid metres", "degrees", "along metres"]
 HeightReference = Literal["ellipsoid", "sea level", "unstated"]
 
 _ROWS_MISSING, _ROWS_OVER = 0.02, 0.1
-"""Shares of a line's traces that a table may lack, and is continued evenly, or have beyond its end."""
+"""Shares of a line's traces that a table may lack (it is then extrapolated) or have in excess."""
 
 
 @dataclass(frozen=True)
@@ -34,15 +34,15 @@ class SidePositions:
             not name), ``local metres`` (the same of the site's own grid) or ``along metres`` (x distance along the
             line, y zero).
         trace: index of each row's trace, from 0, rising.
-        numbered: the file says which traces its rows belong to. Where it does not, ``trace`` counts the rows; they
-            are the traces' only if they are about as many.
+        numbered: the file states the traces of its rows. Otherwise ``trace`` counts the rows, which belong to the
+            traces only if they are about as many.
         x, y: the places.
         z: heights in m; NaN where a row has none.
-        height: what they are above; ``unstated`` where the file does not say.
+        height: their reference; ``unstated`` if the file does not say.
         time_s: UTC since midnight, of rows that a receiver measured; ``None`` in topography, as the next three.
         quality, satellites, hdop: code of the fix as in NMEA's GGA, satellites in use, horizontal dilution of
-            precision; NaN where a row does not say.
-        counts: what was read and what was left out. Topography: ``rows``. Receivers: ``rows``, ``traces`` (named in
+            precision; NaN if missing in a row.
+        counts: rows read and left out. Topography: ``rows``. Receivers: ``rows``, ``traces`` (named in
             the file), ``without fix`` and ``repeated`` (rows with the time of the row before: the receiver had
             nothing new); of NMEA also ``sentences``, ``failed checksum`` and ``cut``.
     """
@@ -63,17 +63,17 @@ class SidePositions:
 
 
 def about_as_many(rows: int, traces: int, *, cut: bool) -> bool:
-    """Rows that their file does not number are the traces' own: of a line that was cut there may be any number more."""
+    """Whether unnumbered rows belong to the traces one by one; of a truncated line there may be any number more."""
     off = rows - traces
     return rows > 1 and -max(2, _ROWS_MISSING * traces) <= off and (cut or off <= max(2, _ROWS_OVER * traces))
 
 
 class TracePlaces(NamedTuple):
-    """A place for each trace; NaN before the first and after the last that was measured.
+    """Place of each trace; NaN before the first and after the last measured one.
 
     Attributes:
         x, y, z: as in ``SidePositions``.
-        measured: the trace has a row of its own, with a position that is new; the others lie between such rows.
+        measured: the trace has a row of its own with a new position; the others are interpolated.
     """
 
     x: Float[np.ndarray, " trace"]
@@ -83,16 +83,15 @@ class TracePlaces(NamedTuple):
 
 
 def places_of_traces(positions: SidePositions, traces: int) -> TracePlaces:
-    """A place for each of so many traces, linear between those that were measured.
+    """Places of a number of traces, linear between the measured ones.
 
-    Rows that repeat the time of the row before are not taken for measurements: the vehicle went on and the receiver
-    had nothing new to say.
+    Rows that repeat the time of the previous row are not measurements: the vehicle moved on without a new fix.
     """
     use = positions.trace < traces
     if positions.time_s is not None:
         use &= np.concatenate([[True], np.diff(positions.time_s) != 0])
     at, index = positions.trace[use], np.arange(traces, dtype=np.float64)
-    # Degrees go the short way across the date line.
+    # Degrees are interpolated the short way across the date line.
     turns = positions.kind == "degrees"
     x = _between(index, at, np.unwrap(positions.x[use], period=360.0) if turns else positions.x[use])
     x = (x + 180.0) % 360.0 - 180.0 if turns else x
@@ -110,11 +109,11 @@ def _between(
     return places
 
 
-# Tables of places that were surveyed along a line: topography as text.
+# Tables of places surveyed along a line: topography as text.
 
-# A grid of the site's own does not reach as far from its origin; the coordinates of a country's grid do.
+# A site's own grid does not extend this far from its origin; coordinates of a national grid do.
 _SITE_M = 10_000.0
-# No place on the earth has a coordinate beyond; what has is damaged.
+# No place on the earth has a larger coordinate: such a value is damaged.
 _LARGEST_M = 1e8
 _NAMES = {
     **dict.fromkeys(("e", "x", "east", "easting"), "x"),
@@ -131,13 +130,13 @@ _WORD = re.compile(r"[a-z]+")
 def read_topography(path: str | Path) -> SidePositions:
     """Read a table of places: one row a trace, or points along the line.
 
-    Columns are parted by semicolons, tabs, commas or blanks; beside the first two a comma is the decimal sign. A
-    first row of names says the order (``N,E,Z``, ``x y z``, ``lat,lon,height``, ``position;elevation``; columns of
-    other names are left out). Without it three columns are easting, northing and elevation, and two are the distance
-    along the line and the elevation.
+    Columns are separated by semicolons, tabs, commas or blanks; with the first two a comma is the decimal sign. A first
+    row of names gives the order (``N,E,Z``, ``x y z``, ``lat,lon,height``, ``position;elevation``; columns of other
+    names are left out). Without it three columns are easting, northing and elevation, and two are the distance along
+    the line and the elevation.
 
     Raises:
-        InputError: the file is missing, a row is no row of numbers, or there is none.
+        InputError: the file is missing, a row is not numeric, or there are no rows.
     """
     file = Path(path)
     columns: dict[str, int] = {}
@@ -163,7 +162,7 @@ def read_topography(path: str | Path) -> SidePositions:
 
 
 def begins_as_topography(path: Path) -> bool:
-    """The first row of a text file is one of names or numbers that ``read_topography`` takes."""
+    """Whether the first row of a text file is one that ``read_topography`` accepts."""
     try:
         with path.open("rb") as stream:
             line, cells = next(_rows(stream.read(1000).decode("utf-8-sig", errors="replace")))
@@ -190,7 +189,7 @@ def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def _columns(file: Path, line: int, cells: list[str]) -> dict[str, int]:
-    """Where the columns stand by the first row, of names or of numbers. Raises ``InputError``."""
+    """Positions of the columns, from a first row of names or numbers. Raises ``InputError``."""
     place = f"line {line}"
     if _is_number(cells[0]):
         unnamed: dict[int, tuple[str, ...]] = {2: ("along", "z"), 3: ("x", "y", "z")}
@@ -243,9 +242,9 @@ def _positions(file: Path, table: dict[str, Float[np.ndarray, " row"]]) -> SideP
 
 
 def _number(cell: str) -> float:
-    """The number of a cell; NaN for what is none."""
+    """The number of a cell; NaN if it is not one."""
     try:
-        # Cells of any length are damage, and Python's own digit groups (1_000) too.
+        # Overlong cells are damaged, and so are Python's digit groups (1_000).
         return float(cell) if len(cell) <= 40 and "_" not in cell else math.nan
     except ValueError:
         return math.nan
@@ -255,18 +254,18 @@ def _is_number(cell: str) -> bool:
     return math.isfinite(_number(cell))
 
 
-# Fixes in the NMEA sentences that recorders write beside their traces: whole sentences only, the rest is counted.
+# Fixes in the NMEA sentences written by recorders: complete sentences only, the rest is counted.
 
 _WHOLE = re.compile(r"\$([^*$]*)\*([0-9A-Fa-f]{2})")
 _ANGLE = {"latitude": (re.compile(r"(\d{2})(\d{2}(?:\.\d{1,12})?)", re.ASCII), "NS", 90.0)}
 _ANGLE["longitude"] = (re.compile(r"(\d{3})(\d{2}(?:\.\d{1,12})?)", re.ASCII), "EW", 180.0)
 _CLOCK = re.compile(r"(\d{2})(\d{2})(\d{2}(?:\.\d{1,9})?)", re.ASCII)
-# Single, differential, encrypted, fixed and float. The other codes say: no fix, dead reckoning, typed in, simulated.
+# Single, differential, encrypted, fixed and float. The other codes mean: no fix, dead reckoning, manual, simulated.
 _MEASURED = ("1", "2", "3", "4", "5")
 
 
 class NmeaFix(NamedTuple):
-    """Where a receiver was; NaN for what its sentence does not say.
+    """A receiver's fix; NaN for values missing in the sentence.
 
     Attributes:
         latitude_deg, longitude_deg: WGS-84.
@@ -289,11 +288,11 @@ class NmeaFix(NamedTuple):
 
 
 def fix_of_sentence(text: str, tally: Counter[str]) -> tuple[str, NmeaFix | None] | None:
-    """The kind, ``GGA`` or ``RMC``, and the fix of what stands from one ``$`` to the next or to the end of the line.
+    """The kind, ``GGA`` or ``RMC``, and the fix of the text from one ``$`` to the next or to the end of the line.
 
-    The fix is ``None`` where the sentence states none; the whole is for other kinds and for damaged sentences.
+    The fix is ``None`` if the sentence states none; the result is ``None`` for other kinds and damaged sentences.
     ``tally`` counts all under ``sentences``, and of them those without the end that holds the checksum (``cut``) and
-    those that the checksum refutes (``failed checksum``).
+    those with a wrong checksum (``failed checksum``).
     """
     tally["sentences"] += 1
     whole = _WHOLE.match(text)
@@ -372,7 +371,7 @@ def _nmea_number(text: str, low: float, high: float) -> float:
     return value
 
 
-# What a satellite receiver wrote trace by trace beside a line: ``.GPS``, ``.DZG`` and ``.cor``.
+# Files of satellite receivers, trace by trace: ``.GPS``, ``.DZG`` and ``.cor``.
 
 _GPS_TRACE = re.compile(r"\s?Trace #(\d{1,9}) at position \S{1,40}\s?", re.ASCII)
 _DZG_SCAN = re.compile(r"\$GSSIS,\s?(\d{1,9})\s?(?:,|$)", re.ASCII)
@@ -388,8 +387,8 @@ _COR_ROW = re.compile(
 def read_gps(path: str | Path) -> SidePositions:
     """Read a ``.GPS`` file of Sensors & Software: lines ``Trace #N at position P``, each before NMEA sentences.
 
-    A trace has the place of its first GGA sentence with a fix, or of RMC where the file has no GGA. Sentences that
-    are cut or that their checksum refutes are left out. Heights are ellipsoidal if every fix states its separation.
+    A trace has the place of its first GGA sentence with a fix, or of RMC where the file has no GGA. Sentences that are
+    cut or have a wrong checksum are left out. Heights are ellipsoidal if every fix states its separation.
 
     Raises:
         InputError: the file is missing or another format, the numbers of its traces fall, or no trace has a fix.
@@ -400,7 +399,7 @@ def read_gps(path: str | Path) -> SidePositions:
 def read_dzg(path: str | Path) -> SidePositions:
     """Read a ``.DZG`` file of GSSI: lines ``$GSSIS,scan,...``, each before NMEA sentences; scans count from 0.
 
-    Sentences are taken as ``read_gps`` takes them.
+    Sentences are read as by ``read_gps``.
 
     Raises:
         InputError: the file is missing or another format, the numbers of its scans fall, or no scan has a fix.
@@ -411,11 +410,11 @@ def read_dzg(path: str | Path) -> SidePositions:
 def read_cor(path: str | Path) -> SidePositions:
     """Read a ``.cor`` file of MALA: a row a fix of trace, date, time, latitude, N or S, longitude, E or W, height, M.
 
-    Traces count from 1, or from 0 where the first row says 0. A tenth column is taken for the dilution of precision.
-    Rows at latitude and longitude zero are without fix.
+    Traces count from 1, or from 0 if the first row has 0. A tenth column is the dilution of precision. Rows at latitude
+    and longitude zero have no fix.
 
     Raises:
-        InputError: the file is missing, a row is no such row, the numbers of its traces fall, or no row has a fix.
+        InputError: the file is missing, a row is malformed, the numbers of its traces fall, or no row has a fix.
     """
     file = Path(path)
     text = read_bytes(file).decode("latin-1")
@@ -438,11 +437,11 @@ def read_cor(path: str | Path) -> SidePositions:
 
 
 def _trace_of_gps(token: str) -> int | None:
-    """Index of the trace that a line names, ``None`` for a sentence. Raises ``ValueError`` for a damaged line."""
+    """Index of the trace in a line, ``None`` for a sentence. Raises ``ValueError`` for a damaged line."""
     named = _GPS_TRACE.fullmatch(token)
     if named is not None and int(named[1]) > 0:
         return int(named[1]) - 1
-    # Sentences have no small letters. This named a trace, and what follows would go to the one before.
+    # Sentences have no lower case. This was a damaged trace line, and its fix would go to the previous trace.
     if _THREE_LETTERS.search(token):
         raise ValueError
     return None
@@ -462,7 +461,7 @@ def _read_sentences(file: Path, trace_of: Callable[[str], int | None], expected:
     text = read_bytes(file).decode("latin-1")
     tally: Counter[str] = Counter()
     gga, rmc = _Rows(file), _Rows(file)
-    # A line may hold several sentences, of which the first was cut; what stands before the first $ is the end of one.
+    # A line may hold several sentences, the first of them cut; text before the first $ is the end of one.
     for match in re.finditer(r"\$[^$\r\n]*|[^$\r\n]+", text):
         try:
             trace = trace_of(match[0])
@@ -496,7 +495,7 @@ def _fix_of_cor(parts: re.Match[str]) -> NmeaFix | None:
 
 
 class _Rows:
-    """The first fix of each trace, as the lines of a file come."""
+    """The first fix of each trace, in file order."""
 
     def __init__(self, file: Path) -> None:
         self._file = file
@@ -507,7 +506,7 @@ class _Rows:
         self._values = array("d")
 
     def begin(self, trace: int, place: str) -> None:
-        """Start a trace, or go on with the last one. Raises ``InputError`` for one that lies before it."""
+        """Start a trace, or continue the last one. Raises ``InputError`` for an earlier one."""
         if trace == self._trace:
             return
         if self._trace is not None and trace < self._trace:
@@ -516,7 +515,7 @@ class _Rows:
         self._trace, self._filled = trace, False
 
     def add(self, fix: NmeaFix | None) -> None:
-        """Take what follows the line of a trace: the first fix is nearest to it in time. ``None`` states no fix."""
+        """Add a fix after the line of a trace; the first one is nearest in time. ``None`` means no fix."""
         self.sentences += 1
         if fix is None:
             self._without_fix += 1
@@ -553,7 +552,7 @@ class _Rows:
         )
 
 
-# Topography first: it was surveyed, where a receiver's fixes beside a line are those of a hand-held one as a rule.
+# Topography first: it was surveyed, whereas a receiver's fixes are usually those of a hand-held one.
 SIDE_READERS: dict[str, Callable[[str | Path], SidePositions]] = {
     ".xyz": read_topography,
     ".csv": read_topography,
@@ -567,15 +566,15 @@ RECEIVERS = (".gps", ".dzg", ".cor")
 
 
 def find_side_files(path: str | Path) -> list[Path]:
-    """Files beside a line that hold its positions, in whatever case: topography first, then a receiver's.
+    """Files with a line's positions next to it, in upper or lower case: topography first, then a receiver's.
 
-    For ``NAME.DT1`` these are ``topo_NAME.txt``, ``NAME.xyz``, ``NAME.csv``, ``NAME.txt`` (where it begins with a row
-    of topography and not with notes), ``NAME.GPS``, ``NAME.DZG`` and ``NAME.cor``; for ``NAME_A01.iprb`` also those of
+    For ``NAME.DT1`` these are ``topo_NAME.txt``, ``NAME.xyz``, ``NAME.csv``, ``NAME.txt`` (if it begins with a row of
+    topography, not with notes), ``NAME.GPS``, ``NAME.DZG`` and ``NAME.cor``; for ``NAME_A01.iprb`` also those of
     ``NAME``, which all channels share.
     """
     line = Path(path)
     stem = line.stem.lower()
-    # A channel's own file comes before the one that all channels share.
+    # A channel's own file precedes the one shared by all channels.
     stems = list(dict.fromkeys((stem, re.sub(r"_a\d+$", "", stem))))
     order = list(SIDE_READERS)
     try:

@@ -1,4 +1,4 @@
-"""HDF5 files that describe themselves: opened with one clear error, held against their schema, written with units."""
+"""Self-describing HDF5 files: opened with one clear error, validated against their schema, written with units."""
 
 import errno
 import os
@@ -16,15 +16,15 @@ from lgprjax.errors import InputError
 from lgprjax.formats.schema import Entry, Finding, Schema, Tally, check_scalar, check_version, expected_scalar
 
 CHUNK_BYTES = 1 << 20
-# Room for a few chunks, so that ranges of scans that end inside a chunk do not decompress it twice.
+# Cache of a few chunks, so that ranges of scans that end inside a chunk do not decompress it twice.
 CACHE_BYTES = 8 << 20
 _BLOCK_BYTES = 8 << 20
-# What h5py raises, by turns, when bytes of a file's structure are not what they were.
+# Errors that h5py raises for damage in a file's structure.
 DAMAGE = (OSError, RuntimeError, KeyError, TypeError, ValueError, MemoryError, OverflowError)
 
 
 def open_store(path: str | Path) -> h5py.File:
-    """Open an HDF5 file for reading. Raises ``InputError`` when it is missing, empty, cut short or another format."""
+    """Open an HDF5 file for reading. Raises ``InputError`` if it is missing, empty, truncated or of another format."""
     file = Path(path)
     try:
         with file.open("rb") as stream:
@@ -51,7 +51,7 @@ def reading(path: str | Path, place: str) -> Iterator[None]:
 
 
 def attribute_of(item: Any, name: str) -> object:
-    """Attribute as plain Python value: text, number, or ``None`` where there is none."""
+    """Attribute as plain Python value: text, number, or ``None`` if missing."""
     value = item.attrs.get(name)
     if isinstance(value, bytes):
         return value.decode("utf-8", "replace")
@@ -61,7 +61,7 @@ def attribute_of(item: Any, name: str) -> object:
 
 
 def write_attribute(item: Any, name: str, value: str | float) -> None:
-    """Write an attribute; texts at fixed length, as HDF5 may crash on a damaged file's texts of free length."""
+    """Write an attribute; texts have a fixed length, as HDF5 may crash on damaged texts of variable length."""
     if isinstance(value, str):
         text = value.encode()
         item.attrs.create(name, text, dtype=h5py.string_dtype("utf-8", max(1, len(text))))
@@ -70,13 +70,13 @@ def write_attribute(item: Any, name: str, value: str | float) -> None:
 
 
 def write_root(store: h5py.File, schema: Schema) -> None:
-    """Write what every file of ours begins with: schema and version."""
+    """Write the root attributes of every file: schema and version."""
     write_attribute(store, "schema", schema.name)
     write_attribute(store, "schema_version", schema.version)
 
 
 def write_array(store: h5py.File, schema: Schema, path: str, values: np.ndarray) -> h5py.Dataset:
-    """Write a small array whole, with the unit and description its schema gives."""
+    """Write a small array with unit and description from its schema."""
     entry = schema.dataset(path)
     # Fixed-length text: readable everywhere and compressible, unlike HDF5's own strings.
     kind = f"S{max(map(len, entry.choices))}" if entry.choices else entry.dtype[0]
@@ -99,11 +99,11 @@ def create_array(
 
     Args:
         store: the open file.
-        schema: that the array stands in.
+        schema: with the array.
         path: of the array.
         row_shape: shape of a row.
-        dtype: stored type, where it is not the schema's first.
-        rows: of a chunk; without it as many as make about 1 MiB.
+        dtype: stored type, if not the schema's first.
+        rows: of a chunk; by default about 1 MiB.
         checksum: of every chunk (Fletcher's), so that a damaged one cannot be read as data.
     """
     entry = schema.dataset(path)
@@ -139,9 +139,9 @@ def validate_store(
     Args:
         store: the open file.
         path: its name in the findings.
-        schema: what it must be.
+        schema: of the file.
         bulk: also read the bulk datasets, block by block.
-        complete: false while a writer still appends: the smallest sizes are not due yet.
+        complete: false while a writer still appends: the minimum sizes are not checked yet.
     """
     file = str(path)
     try:
@@ -186,7 +186,7 @@ def _findings(store: h5py.File, file: str, schema: Schema, bulk: bool, complete:
 
 
 def _get(store: h5py.File, path: str) -> object:
-    """Object at a path; ``None`` where there is none or where its link is broken."""
+    """Object at a path; ``None`` if missing or if its link is broken."""
     return store.get(path) if path in store else None
 
 
@@ -243,7 +243,7 @@ def _check_values(dataset: h5py.Dataset, file: str, entry: Entry) -> Iterator[Fi
 
 
 def _first_lost(dataset: h5py.Dataset, start: int, rows: int) -> str:
-    """The first rows that cannot be read of those from ``start`` on: a chunk, where there are chunks."""
+    """The first unreadable rows from ``start`` on: a chunk, if there are chunks."""
     stop = min(start + rows, dataset.shape[0])
     step = dataset.chunks[0] if dataset.chunks else rows
     for low in range(start - start % step, stop, step):
@@ -254,9 +254,9 @@ def _first_lost(dataset: h5py.Dataset, start: int, rows: int) -> str:
     return f"rows {start} to {stop - 1}"
 
 
-# Output files that are there whole or not at all: a temporary name beside the target, then a rename.
+# Output files that are complete or absent: a temporary name next to the target, then a rename.
 
-# What a file system answers to a writer. Other errors inside the block are someone else's and pass through.
+# Errors of the file system when writing. Other errors inside the block pass through.
 _WRITE_ERRORS = frozenset(
     getattr(errno, name)
     for name in (
@@ -269,7 +269,7 @@ _WRITE_ERRORS = frozenset(
 
 @contextmanager
 def atomic_output(path: str | Path, force: bool = False) -> Iterator[Path]:
-    """Yield a temporary path in the target's folder; rename it onto ``path`` when the block ends well.
+    """Yield a temporary path in the target's folder; rename it to ``path`` when the block succeeds.
 
     Args:
         path: the target.
@@ -289,7 +289,7 @@ def atomic_output(path: str | Path, force: bool = False) -> Iterator[Path]:
     temporary = target.parent / f".{target.name}.partial-{os.getpid()}"
     try:
         yield temporary
-        # A full disk may show only now, and a rename must not outrun the data in a power cut.
+        # A full disk may show only now, and a rename must not precede the data in a power cut.
         with temporary.open("rb") as written:
             os.fsync(written.fileno())
         temporary.replace(target)
@@ -304,17 +304,17 @@ def atomic_output(path: str | Path, force: bool = False) -> Iterator[Path]:
 
 def _discard(temporary: Path) -> None:
     with suppress(OSError):
-        # HDF5 may still hold a file that it failed to close: emptied first, it gives its space back at once.
+        # HDF5 may still hold a file that it failed to close: truncated first, it frees its space at once.
         os.truncate(temporary, 0)
     with suppress(OSError):
         temporary.unlink()
 
 
 def _write_refusal(error: OSError | RuntimeError, ours: tuple[Path, Path]) -> str | None:
-    """Why the file system refused our file, in its own words; ``None`` when the error is not about that."""
+    """The file system's reason for refusing a file; ``None`` for other errors."""
     number = error.errno if isinstance(error, OSError) else None
     if number is None:
-        # h5py tells the number only inside its text, and raises RuntimeError when closing fails.
+        # h5py gives the number only in its text, and raises RuntimeError when closing fails.
         inside = re.search(r"errno = (\d+)", str(error))
         number = int(inside.group(1)) if inside else None
     named = getattr(error, "filename", None)
@@ -326,19 +326,19 @@ def _write_refusal(error: OSError | RuntimeError, ours: tuple[Path, Path]) -> st
 # HDF5 files written under a temporary name, safe against a disk that fills up while they are written.
 #
 # HDF5 cannot close a file whose writes fail: handles stay open, the library prints pages of errors and crashes the
-# process when it ends. So it never sees a failure: it writes through :class:`GuardedFile`, which remembers the first
-# failure, pretends success from then on, and tells at the next check.
+# process at exit. Therefore it never sees a failure: it writes through :class:`GuardedFile`, which remembers the first
+# failure, pretends success from then on, and raises at the next check.
 
-# After a failure HDF5 may read back what it believes to be written: this much of it is kept.
+# After a failure HDF5 may read back data that it believes written: this much of it is kept.
 _OVERLAY_BYTES = 64 << 20
-# The format of HDF5 1.10 has checksums on all of a file's structure; older ones read damage as if it were data.
+# The format of HDF5 1.10 has checksums on all of a file's structure; older ones read damage as data.
 _FORMAT = ("v110", "v110")
 
 
 class GuardedFile:
     """Binary file for h5py's ``fileobj`` driver whose writes never fail; ``error`` holds the first failure.
 
-    h5py passes buffers of a type of its own, which only ``memoryview`` understands: hence ``Any``.
+    h5py passes buffers of its own type, which only ``memoryview`` understands: hence ``Any``.
     """
 
     def __init__(self, path: Path) -> None:
@@ -380,7 +380,7 @@ class GuardedFile:
         return len(target)
 
     def write(self, buffer: Any) -> int:
-        """Write all of the buffer, or remember why that failed."""
+        """Write all of the buffer, or remember the failure."""
         data = memoryview(buffer).cast("B")
         if self.error is None:
             try:
@@ -405,14 +405,14 @@ class GuardedFile:
         return size
 
     def flush(self) -> None:
-        """Nothing is held back: the file is unbuffered."""
+        """No operation: the file is unbuffered."""
 
     def close(self) -> None:
         """Close the file underneath; HDF5 must have closed its own before."""
         self._file.close()
 
     def check(self) -> None:
-        """Raise the failure that a write met, if any."""
+        """Raise the first failure of a write, if any."""
         if self.error is not None:
             raise self.error
 
@@ -423,7 +423,7 @@ class GuardedFile:
 
 @contextmanager
 def create_store(path: str | Path, schema: Schema, force: bool = False) -> Iterator[tuple[h5py.File, GuardedFile]]:
-    """Create a file of a schema; it appears under its name when the block ends well, else nothing is left behind.
+    """Create a file of a schema; it appears under its name when the block succeeds, else nothing is left behind.
 
     Yields:
         The HDF5 file, schema and version written, and the guarded file: call its ``check`` now and then when much
@@ -440,22 +440,22 @@ def create_store(path: str | Path, schema: Schema, force: bool = False) -> Itera
                 yield store, guarded
         finally:
             guarded.close()
-            # A failed write is the cause of whatever error HDF5 ran into afterwards.
+            # A failed write is the cause of any later error of HDF5.
             guarded.check()
 
 
-# Moments: ISO 8601 texts of files, and whole nanoseconds of Unix time.
+# Times: ISO 8601 texts of files, and whole nanoseconds of Unix time.
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def utc_ns(text: str) -> int:
-    """Nanoseconds of Unix time of a moment; one without a zone is UTC. Raises ``ValueError`` for what is none."""
+    """Nanoseconds of Unix time of a time text; without a zone it is UTC. Raises ``ValueError`` if invalid."""
     moment = datetime.fromisoformat(text)
     moment = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
     return (moment - _EPOCH) // timedelta(microseconds=1) * 1000
 
 
 def utc_text(ns: int) -> str:
-    """The moment as files have it, to the microsecond. Raises ``OverflowError`` beyond the calendar."""
+    """The time as text for files, to the microsecond. Raises ``OverflowError`` beyond the calendar."""
     return (_EPOCH + timedelta(microseconds=ns // 1000)).isoformat().replace("+00:00", "Z")

@@ -1,4 +1,4 @@
-"""Where a survey's lines lie: by tape, by the topography beside them, or by a receiver's positions."""
+"""Layout of a survey's lines: by tape, by topography files, or by a receiver's positions."""
 
 import re
 from collections.abc import Sequence
@@ -18,26 +18,26 @@ from lgprjax.radar.survey_lines import DirectWave, Neighbours, compare_neighbour
 from lgprjax.radar.time_domain import WAVE_SPEED_M_PER_NS
 
 _STRAIGHT_M = 0.25
-"""Lines that keep to their direction within this are an array's channels; others are driven one by one."""
+"""Lines that keep their direction within this become an array's channels; others are driven one by one."""
 _SMOOTHED_M = 5.0
-"""Receivers that stand alone scatter by decimetres from second to second: their places are averaged over this."""
+"""Stand-alone receivers scatter by decimetres from second to second: their positions are averaged over this."""
 _OTHER_STEP = 0.2
 _DEGREE_M = 111_200.0
-"""Of latitude: good enough to go on from a line's last place."""
+"""Metres per degree of latitude: accurate enough to extrapolate from a line's last place."""
 _GEOD = pyproj.Geod(ellps="WGS84")
 
 
 class SurveyLayout(NamedTuple):
-    """Where lines lie.
+    """Layout of lines.
 
     Attributes:
         source: ``tape``, ``topography``, ``receiver`` or ``header``.
         place: origin of the lines and their direction.
-        place_assumed: whether nobody said where on the earth that is.
+        place_assumed: whether its place on the earth is assumed.
         left_m: of each line, to the left of the origin.
-        along_m: place of each row of its topography along the lines; ``None``: by the header or the neighbours.
-        on_earth: latitude and longitude of each line's traces as stored, where each has a place of its own; the
-            fields before do not count then.
+        along_m: place of each row of its topography along the lines; ``None``: from the header or the neighbours.
+        on_earth: latitude and longitude of each line's traces as stored, if each has a place of its own; the previous
+            fields are then unused.
     """
 
     source: str
@@ -55,17 +55,17 @@ def lay_out(
     place: SurveyOrigin,
     utm_zone: str | None,
 ) -> SurveyLayout:
-    """Lay out lines by the best that is known of all of them.
+    """Lay out lines by the best information available for all of them.
 
     Args:
         lines: of the survey.
-        beside: the positions that lie beside each line.
-        right_m: of each line to the right of the origin, where a tape says it.
-        place: origin and direction that the user gave, or stand-ins.
+        beside: side positions of each line.
+        right_m: of each line to the right of the origin, if measured by tape.
+        place: origin and direction given by the user, or defaults.
         utm_zone: of positions in metres of a UTM grid.
 
     Raises:
-        InputError: several lines without any positions, or positions that are none.
+        InputError: several lines without any positions, or invalid positions.
     """
     assumed = bool(place.assumed())
     beside = [
@@ -96,7 +96,9 @@ def lay_out(
 
 
 def _places_traces(line: Profile, side: SidePositions) -> bool:
-    """Fewer points than traces, by their distance along the line, tell heights and not where the traces are."""
+    """Whether a file places the traces: fewer points than traces, by their distance along the line, give heights
+    only.
+    """
     return side.kind != "along metres" or about_as_many(len(side.x), len(line.channels), cut=line.cut is not None)
 
 
@@ -108,7 +110,7 @@ def _all_of(known: Sequence[SidePositions], kinds: tuple[str, ...]) -> bool:
 
 
 def _along_rows(known: Sequence[SidePositions]) -> list[Float[np.ndarray, " _"]]:
-    """Along the lines only: a tape has said the rest. Grids begin at the first line's first row."""
+    """Places along the lines only: the rest is from the tape. Grids begin at the first line's first row."""
     if known[0].kind == "along metres":
         return [side.x for side in known]
     origin = np.array([known[0].x[0], known[0].y[0]]) if known[0].kind == "grid metres" else np.zeros(2)
@@ -129,7 +131,7 @@ def _axis(known: Sequence[SidePositions]) -> Float[np.ndarray, "2"]:
 
 
 def _on_grid(known: Sequence[SidePositions], utm_zone: str | None) -> tuple[SurveyOrigin, list[SidePositions]]:
-    """The grid's metres from its first row, whose place on the earth and whose x axis's direction the zone says."""
+    """The grid's metres from its first row; place on the earth and direction of the x axis follow from the zone."""
     file = known[0].path
     if utm_zone is None:
         raise InputError(file, "positions", "metres within 10 km of the site's origin, or --utm-zone", "a grid's")
@@ -146,7 +148,7 @@ def _on_grid(known: Sequence[SidePositions], utm_zone: str | None) -> tuple[Surv
 def _by_topography(
     lines: Sequence[Profile], known: Sequence[SidePositions], place: SurveyOrigin, assumed: bool
 ) -> SurveyLayout:
-    """Lines in a site's metres: straight and parallel ones beside each other, others on their own paths."""
+    """Lines in a site's metres: straight and parallel ones side by side, others on their own paths."""
     axis = _axis(known)
     left = np.array([-axis[1], axis[0]])
     rows = [np.stack([side.x, side.y], axis=1) for side in known]
@@ -171,7 +173,7 @@ def _by_topography(
 
 
 def _of_traces(line: Profile, side: SidePositions) -> TracePlaces:
-    """Places of traces, by rows that are numbered, or are as many."""
+    """Places of traces, by numbered rows, or as many rows as traces."""
     traces = len(line.channels)
     if not side.numbered and not about_as_many(len(side.x), traces, cut=line.cut is not None):
         raise InputError(line.path, "topography", f"a row for each of {traces} traces", f"{len(side.x)} rows")
@@ -185,7 +187,7 @@ def _receiver_path(
     found = _of_traces(line, side)
     spacing_m = line.spacing_m or 0.0
     half = int(0.5 * _SMOOTHED_M / spacing_m) if spacing_m else 0
-    # Before the first fix there is none to unwrap from.
+    # Before the first fix there is no value to unwrap from.
     longitude, known = found.x.copy(), np.isfinite(found.x)
     longitude[known] = np.unwrap(longitude[known], period=360.0)
     metres = np.array([np.cos(np.radians(np.nanmedian(found.y))), 1.0]) * _DEGREE_M
@@ -199,10 +201,10 @@ def _receiver_path(
 def _filled(
     line: Profile, east_m: Float[np.ndarray, " trace"], north_m: Float[np.ndarray, " trace"]
 ) -> tuple[Float[np.ndarray, " trace"], Float[np.ndarray, " trace"]]:
-    """Places of all traces: before the first that has one and after the last the line goes straight on.
+    """Places of all traces: before the first and after the last with a place the line is continued straight.
 
-    Its direction and step are those of all places together; where the header's step is another altogether, that one
-    counts: a few fixes of a receiver that has just found itself say little.
+    Its direction and step are those of all places together; if the header's step is entirely different, that one is
+    used: the first few fixes of a receiver are unreliable.
     """
     known = np.flatnonzero(np.isfinite(east_m) & np.isfinite(north_m))
     if len(known) < 2:
@@ -221,7 +223,7 @@ def _filled(
 
 
 def _averaged(values: Float[np.ndarray, " trace"], half: int) -> Float[np.ndarray, " trace"]:
-    """Local straight-line fits over ``half`` traces to each side: averages that do not pull the ends inwards."""
+    """Local straight-line fits over ``half`` traces to each side: averages that do not pull the ends inward."""
     if half < 1:
         return values
     out = np.empty_like(values)
@@ -233,19 +235,20 @@ def _averaged(values: Float[np.ndarray, " trace"], half: int) -> Float[np.ndarra
     return out
 
 
-# What a survey's lines say of themselves, set against their headers: time zero, sign, direction and start.
+# Time zero, sign, direction and start of survey lines, from their traces and headers.
 
 _LEAST_TOLERANCE = 2.0
 _PERIOD_SHARE = 0.25
-"""Headers agree when they lie as far from the first break as those of the other lines, to a quarter of a period."""
+"""Headers agree if they are as far from the first break as those of the other lines, to a quarter of a period."""
 _SAME_TIME_ZERO = 0.05
-"""Share of the trace: headers that lie farther apart, where no direct wave is seen, belong to other recordings."""
+"""Share of the trace: headers that differ by more, without a direct wave, belong to other recordings."""
 _CERTAIN, _SIGN_CERTAIN = 2.5, 2.0
-"""Scatters by which a neighbour's direction and sign must lead to be believed over what was stored."""
+"""Standard deviations by which a neighbour's direction and sign must lead to override the stored ones."""
 
 _START_SIGMA_M, _PARITY = 0.2, 5.0
-"""What neighbours' starts differ by from their topography, and logarithm of the odds at which one of its two directions
-is believed."""
+"""Sigma of the neighbours' starts relative to their topography, and log odds at which one of its two directions is
+accepted.
+"""
 
 TimeZero = float | Literal["auto", "header"]
 Reversed = Literal["auto", "odd", "even"] | Sequence[int]
@@ -253,22 +256,22 @@ Reversed = Literal["auto", "odd", "even"] | Sequence[int]
 
 @dataclass(frozen=True)
 class LineFinding:
-    """One line as it was found. Samples count from 0; metres as in the drive log.
+    """Findings on one line. Samples count from 0; metres as in the drive log.
 
     Attributes:
         file: its name.
-        traces: read.
-        cut: how many of how many, where the file was cut; ``None`` where it was not.
+        traces: number read.
+        cut: traces read of the total, if the file was truncated; else ``None``.
         time_zero_header, first_break, direct_wave, time_zero: samples: of the header, of the direct wave's first break
-            and of its strongest lobe, and the one that is used.
+            and of its strongest lobe, and the one used.
         time_zero_from: ``header``, ``first break`` or ``option``.
-        sign: of the direct wave's first lobe; 0 where it is not seen.
-        inverted: whether the traces were turned about.
-        reversed: whether the traces were put in the opposite order.
+        sign: of the direct wave's first lobe; 0 if it is not detected.
+        inverted: whether the traces were inverted.
+        reversed: whether the order of the traces was reversed.
         direction_from: ``neighbours``, ``topography``, ``receiver``, ``option``, or ``assumed``: as stored.
         start_m: along the lines' direction; 0 where each trace has its own place on the earth.
         start_from: ``header``, ``topography``, ``receiver``, ``neighbours`` or ``tape``.
-        correlation: with the line before, at their best; 0 for the first.
+        correlation: with the previous line, at the best lag; 0 for the first.
     """
 
     file: str
@@ -296,9 +299,9 @@ class FoundLine(NamedTuple):
     """A line in the survey's direction, with the survey's sign and its own time zero.
 
     Attributes:
-        profile: its traces so.
+        profile: its traces, corrected.
         along_m: place of each trace, rising.
-        finding: what was found and changed.
+        finding: findings and changes.
     """
 
     profile: Profile
@@ -316,22 +319,22 @@ def find_lines(
     topography_m: Sequence[Float[np.ndarray, " _"]] | None = None,
     on_earth_by: str | None = None,
 ) -> list[FoundLine]:
-    """Look at the lines of a survey and put right what their headers have wrong.
+    """Examine the lines of a survey and correct errors of their headers.
 
     Args:
-        lines: of one channel each, in the order in which they lie.
+        lines: of one channel each, in spatial order.
         time_zero: ``auto``: the header's where it agrees with the direct wave, else the first break, as far from it as
             the other headers are; ``header``; or nanoseconds after the first sample, for all lines.
-        polarity: ``auto``: lines of the other sign than most are turned about; ``keep``.
-        reversed_lines: ``auto``: found; ``odd`` or ``even``: by the numbers in their names; or their numbers from 0.
-        length_m: every line is spread evenly over it.
-        topography_m: place of each trace along the lines' direction, in the order in which it was surveyed.
-        on_earth_by: what gave each trace as stored its own place on the earth, such as ``receiver``: nobody then looks
-            for directions and starts, and ``reversed_lines`` and ``topography_m`` do not count.
+        polarity: ``auto``: lines with a sign other than most are inverted; ``keep``.
+        reversed_lines: ``auto``: detected; ``odd`` or ``even``: by the numbers in their names; or their numbers from 0.
+        length_m: length over which every line is spread evenly.
+        topography_m: place of each trace along the lines' direction, in the order of the survey.
+        on_earth_by: source of each stored trace's own place on the earth, such as ``receiver``: directions and starts
+            are then not estimated, and ``reversed_lines`` and ``topography_m`` are unused.
 
     Raises:
-        InputError: lines without a spacing, time zeros that disagree and no direct wave to tell, a topography of
-            another line, or numbers that are none.
+        InputError: lines without a spacing, time zeros that disagree without a direct wave, a topography of another
+            line, or invalid numbers.
     """
     waves = [pick_direct_wave(line.traces, line.sample_interval_ns, line.centre_frequency_hz) for line in lines]
     zeros, zeros_from = _time_zeros(lines, waves, time_zero)
@@ -349,7 +352,7 @@ def find_lines(
         rows_m = [_rows_of(line, rows) for line, rows in zip(lines, topography_m, strict=True)]
         if reversed_lines == "auto":
             backwards, direction_from = _directions_by_topography(rows_m, images, step_m, backwards, direction_from)
-        # Of a line that was walked against its rows and cut, the rows' beginning is missing.
+        # If a line was walked against its rows and cut, the beginning of the rows is missing.
         topography_m = [
             _rows_of(line, rows, last=line.cut is not None and back == bool(rows[-1] > rows[0]))
             for line, rows, back in zip(lines, topography_m, backwards, strict=True)
@@ -390,7 +393,7 @@ def find_lines(
 
 
 def found_time_zero(line: Profile) -> tuple[float, str]:
-    """Time zero of a line by itself, nanoseconds after its first sample, and where it is from (see ``find_lines``)."""
+    """Time zero of a single line, nanoseconds after its first sample, and its source (see ``find_lines``)."""
     first = replace(line, channels=line.channels[:, :1])
     wave = pick_direct_wave(first.traces, line.sample_interval_ns, line.centre_frequency_hz)
     (sample,), (source,) = _time_zeros([first], [wave], "auto")
@@ -400,7 +403,7 @@ def found_time_zero(line: Profile) -> tuple[float, str]:
 def _time_zeros(
     lines: Sequence[Profile], waves: Sequence[DirectWave], wanted: TimeZero
 ) -> tuple[list[float], list[str]]:
-    """Time zero of each line in samples, and where it is from."""
+    """Time zero of each line in samples, and its source."""
     headers = [line.time_zero_ns / line.sample_interval_ns for line in lines]
     if wanted == "header":
         return headers, ["header"] * len(lines)
@@ -413,7 +416,7 @@ def _time_zeros(
     period = np.array([1e9 / (line.centre_frequency_hz or np.inf) / line.sample_interval_ns for line in lines])
     period = np.where(period > 0.0, period, [0.1 * line.channels.shape[2] for line in lines])
     after = np.array(headers) - [wave.first_break for wave in waves]
-    plausible = np.abs(after) <= period  # not where no first break is seen
+    plausible = np.abs(after) <= period  # not if no first break is detected
     usual = float(np.median(after[plausible])) if plausible.any() else 0.0
     zeros, sources = [], []
     for line, header, wave, off, tolerance in zip(
@@ -444,7 +447,7 @@ def _even(line: Profile, own_m: Float[np.ndarray, " trace"], step_m: float) -> n
 def _directions(
     lines: Sequence[Profile], images: Sequence[np.ndarray], step_m: float, wanted: Reversed
 ) -> tuple[list[bool], list[str]]:
-    """Which lines ran against the first one, or are named."""
+    """Lines that ran against the first one, or are given."""
     if isinstance(wanted, str) and wanted != "auto":
         rest = 1 if wanted == "odd" else 0
         return [number_of(line, i) % 2 == rest for i, line in enumerate(lines)], ["option"] * len(lines)
@@ -452,7 +455,7 @@ def _directions(
         return [i in wanted for i in range(len(lines))], ["option"] * len(lines)
     pairs = [compare_neighbours(images[i], images[i - 1], step_m) for i in range(1, len(lines))]
     certain = [pair.certainty >= _CERTAIN for pair in pairs]
-    # Where two neighbours do not say, they did as most of the others did.
+    # Where a pair of neighbours is inconclusive, it follows the majority.
     turns = [pair.reversed for pair, sure in zip(pairs, certain, strict=True) if sure]
     usually = 2 * sum(turns) > len(turns)
     backwards, source = [False], ["assumed"]
@@ -463,13 +466,13 @@ def _directions(
 
 
 def number_of(line: Profile, index: int) -> int:
-    """Number at the end of a line's name, as on a survey's sheet; its place in the list where there is none."""
+    """Number at the end of a line's name, as on a survey's sheet; else its place in the list."""
     digits = re.search(r"\d+$", line.path.stem)
     return int(digits[0]) if digits else index
 
 
 def _rows_of(line: Profile, rows_m: Float[np.ndarray, " row"], *, last: bool = False) -> Float[np.ndarray, " trace"]:
-    """A place for each trace of a line, by the first or the ``last`` of the rows."""
+    """Places of the traces of a line, by the first or the ``last`` of the rows."""
     traces = len(line.channels)
     missing = traces - len(rows_m)
     if not about_as_many(len(rows_m), traces, cut=line.cut is not None):
@@ -487,11 +490,11 @@ def _directions_by_topography(
     backwards: list[bool],
     source: list[str],
 ) -> tuple[list[bool], list[str]]:
-    """The same by a topography, whose rows either follow the traces or always run one way.
+    """Directions by a topography, whose rows either follow the traces or always run one way.
 
-    Where rows run both ways they follow the traces. Where they always run one way, lines that were walked back are in
-    the other order than their rows, and which of two directions is the rows' shows in the starts: the ground must lie
-    beside itself.
+    Where rows run both ways they follow the traces. Where they always run one way, lines walked back are in the
+    opposite order of their rows, and the starts show which of two directions is that of the rows: neighbouring ground
+    must be aligned.
     """
     falls = [bool(rows[-1] < rows[0]) for rows in rows_m]
     if any(falls) and not all(falls):
@@ -499,7 +502,7 @@ def _directions_by_topography(
     if len(images) < 2:
         return backwards, source
     turned = [image[::-1] if back else image for image, back in zip(images, backwards, strict=True)]
-    # Evidence for the opposite of what is assumed: how much better it suits the starts, in variances of a start.
+    # Evidence against the assumption: improvement of the starts, in variances of a start.
     evidence = 0.0
     for i in range(1, len(turned)):
         pair = compare_neighbours(turned[i], turned[i - 1], step_m, directions=(False,))
@@ -515,7 +518,7 @@ def _directions_by_topography(
 
 
 def _signs(waves: Sequence[DirectWave], beside: Sequence[Neighbours]) -> list[bool]:
-    """Lines of another sign than most of them."""
+    """Lines with a sign other than the majority."""
     signs = [1]
     for i, pair in enumerate(beside, 1):
         if pair.sign_certainty >= _SIGN_CERTAIN:
@@ -535,7 +538,7 @@ def _along(
     length_m: float | None,
     topography_m: Sequence[Float[np.ndarray, " _"]] | None,
 ) -> tuple[list[Float[np.ndarray, " _"]], str]:
-    """Place of each trace of each turned line, and where the starts are from."""
+    """Place of each trace of each line, and the source of the starts."""
     if topography_m is not None:
         placed = [np.asarray(rows if rows[-1] > rows[0] else rows[::-1]) for rows in topography_m]
         for line, rows in zip(lines, placed, strict=True):
@@ -549,7 +552,7 @@ def _along(
     sure = np.array([pair.sign_certainty >= _CERTAIN for pair in beside])
     if len(lags_m) and sure.mean() > 0.5 and np.sqrt(np.mean(lags_m[sure] ** 2)) > 0.25 * wavelength_m > 0.0:
         starts_m = np.concatenate([[0.0], np.cumsum(np.where(sure, lags_m, 0.0))])
-        # What lies askew under all lines looks like starts that walk away: a rope is straighter than that.
+        # Oblique structure under all lines looks like drifting starts: a rope is straighter than that.
         order = np.arange(len(lines))
         if len(lines) > 2:
             starts_m -= np.polyval(np.polyfit(order, starts_m, 1), order)
@@ -562,7 +565,7 @@ def _along(
 
 
 def _turned(channels: np.ndarray) -> np.ndarray:
-    """Traces of the other sign; the most negative integer has no opposite and becomes the largest."""
+    """Inverted traces; the most negative integer has no opposite and becomes the largest."""
     if channels.dtype.kind != "i":
         return np.asarray(-channels)
     return np.asarray(-np.maximum(channels, np.iinfo(channels.dtype).min + 1))

@@ -15,11 +15,11 @@ from lgprjax.formats.drive import NavigationTrack
 from lgprjax.formats.profile import Assumed
 from lgprjax.formats.store import atomic_output
 
-# A survey has no clock that matters: scans are timed as if walked at this speed.
+# A survey's clock does not matter: scans are timed as if walked at this speed.
 SURVEY_SPEED_MPS = 1.0
 CLOCK_ASSUMED: Assumed = {"time": "unknown", "speed": f"{SURVEY_SPEED_MPS:g} m/s"}
 TRACK_ASSUMED: Assumed = {"roll": "taken as 0", "position sigma": "not recorded", "heading sigma": "not recorded"}
-# Headings are taken over this length of path: centimetres of noise then turn them by a degree or two at most.
+# Headings are computed over this length of path: centimetres of noise then change them by a degree or two at most.
 CHORD_M = 1.0
 _GEOD = pyproj.Geod(ellps="WGS84")
 
@@ -40,18 +40,18 @@ class SurveyOrigin(NamedTuple):
             raise InputError(file, "heading", "degrees", f"{self.heading_deg:g}")
 
     def assumed(self) -> Assumed:
-        """Whether this is where no survey lies, as it stands where nobody said a place."""
+        """Whether this is the default place, used when none is given."""
         stands_in = (self.latitude_deg, self.longitude_deg) == (0.0, 0.0)
         return {"place on the earth": "latitude 0, longitude 0"} if stands_in else {}
 
     def ahead(self, distance_m: float) -> "SurveyOrigin":
-        """The place that lies so far ahead."""
+        """The place a distance ahead."""
         longitude, latitude, back = _GEOD.fwd(self.longitude_deg, self.latitude_deg, self.heading_deg, distance_m)
         return SurveyOrigin(latitude, longitude, (back + 180.0) % 360.0)
 
 
 def utm_projection(file: str | Path, utm_zone: str) -> pyproj.Proj:
-    """Projection of a zone such as ``19N``. Raises ``InputError``, about a file, for what is none."""
+    """Projection of a zone such as ``19N``. Raises ``InputError``, about a file, if invalid."""
     parts = re.fullmatch(r"(\d{1,2})([NS])", utm_zone.strip().upper())
     if parts is None or not 1 <= int(parts[1]) <= 60:
         raise InputError(file, "UTM zone", "a number from 1 to 60 and N or S, such as 19N", repr(utm_zone))
@@ -76,7 +76,7 @@ def track(
     heading_deg: Float[np.ndarray, " scan"],
     height_m: Float[np.ndarray, " scan"] | None = None,
 ) -> NavigationTrack:
-    """Poses without roll, at height 0 where none is given. A survey states no sigmas (``TRACK_ASSUMED``)."""
+    """Poses without roll, at height 0 if none is given. A survey states no sigmas (``TRACK_ASSUMED``)."""
     zeros = np.zeros(len(time_s))
     return NavigationTrack(
         time_s=time_s,
@@ -103,8 +103,8 @@ def path_headings_deg(
 ) -> Float[np.ndarray, " scan"]:
     """Heading of the vehicle along its path, clockwise from true north, in [0, 360).
 
-    ``travel_m`` is signed: where it falls the vehicle reverses and its heading is opposite to its motion. Where it
-    stands it keeps its heading. The path is unrolled for that, as if every step had been driven forwards, and the
+    ``travel_m`` is signed: where it falls the vehicle reverses and its heading is opposite to its motion. While
+    standing it keeps its heading. For this the path is unfolded as if every step had been driven forward, and the
     heading is the direction of a chord of it.
 
     Raises:
@@ -128,14 +128,14 @@ def path_headings_deg(
     if not known.size:
         raise ValueError("the path never moves")
     held = known[np.clip(np.searchsorted(known, np.arange(len(at)), side="right") - 1, 0, None)]
-    # Meridians converge: true north leans off the plane's by this much.
+    # Meridians converge: true north deviates from the plane's by this much.
     turn_deg = (longitude_deg - longitude_deg[0] + 180.0) % 360.0 - 180.0
     convergence_deg = turn_deg * np.sin(np.deg2rad(latitude_deg))
     headings: np.ndarray = (np.rad2deg(np.arctan2(chord[held, 0], chord[held, 1])) + convergence_deg) % 360.0
     return headings
 
 
-# Turning points of a perimeter as a table: where each is, and bearing and distance that lead there.
+# Turning points of a perimeter as a table: position, and bearing and distance to each.
 
 DATUM = "WGS 84"
 _COLUMNS = (
@@ -148,7 +148,7 @@ _COLUMNS = (
     "bearing_to_next_deg",
     "distance_to_next_m",
 )
-# A millimetre of distance, and a bearing that is as good at 100 m.
+# A millimetre of distance, and a bearing of equal accuracy at 100 m.
 _DEGREES, _BEARING, _METRES = 10, 4, 3
 
 
@@ -162,12 +162,12 @@ def write_turning_points(
 ) -> None:
     """Write the benchmark and the turning points TP1, TP2, ... in the perimeter's order.
 
-    Bearings are true, clockwise from north, and with the distances those of the geodesic on the ellipsoid.
+    Bearings (true, clockwise from north) and distances are those of the geodesic on the ellipsoid.
 
     Args:
         path: CSV file.
         latitude_deg, longitude_deg: of the corners.
-        benchmark_deg: its latitude and longitude; ``None``: the first turning point serves as such.
+        benchmark_deg: its latitude and longitude; ``None``: the first turning point.
         force: replace an output that exists.
 
     Raises:

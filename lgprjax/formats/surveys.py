@@ -31,7 +31,7 @@ READERS = {
 
 
 def read_profile(path: str | Path, *, partial: bool = False) -> Profile:
-    """Read a vendor's file by its suffix, one of ``READERS``, or the ``partial`` of it that is whole.
+    """Read a vendor's file by its suffix, one of ``READERS``; with ``partial`` only its intact part.
 
     Raises ``InputError``.
     """
@@ -42,12 +42,12 @@ def read_profile(path: str | Path, *, partial: bool = False) -> Profile:
 
 
 class Survey(NamedTuple):
-    """What ``import_lines`` found.
+    """Result of ``import_lines``.
 
     Attributes:
-        lines: what was found in each, in the order in which they lie from left to right, or were driven.
+        lines: findings on each, from left to right, or in driving order.
         placed_by: ``tape``, ``topography``, ``receiver`` or ``header``.
-        assumed: what no instrument recorded, and what stands in for it in the drive log.
+        assumed: quantities that no instrument recorded, and what the drive log assumes instead.
     """
 
     lines: tuple[LineFinding, ...]
@@ -77,11 +77,11 @@ def import_lines(
     """Write the lines of a survey as one drive log.
 
     With tape geometry (``line_spacing_m`` or ``lines_at_m``) every line is a channel of one array that drives along
-    ``heading_deg`` from the origin. Without it positions come from the files beside the lines: a topography in metres
-    of the site, whose x axis then points along ``heading_deg``, or the receiver's latitudes and longitudes, by which
-    lines follow each other as passes of one channel. A single line without any runs straight from the origin.
+    ``heading_deg`` from the origin. Without it positions come from the side files of the lines: a topography in metres
+    of the site, whose x axis then points along ``heading_deg``, or the receiver's latitudes and longitudes, with which
+    lines become consecutive passes of one channel. A single line without any runs straight from the origin.
 
-    Time zeros, signs, directions and starts are looked for in the traces (``survey_layout``).
+    Time zeros, signs, directions and starts are estimated from the traces (``survey_layout``).
 
     Args:
         paths: vendor files, from left to right. A single file of several channels counts as that many lines.
@@ -92,9 +92,9 @@ def import_lines(
         length_m: spread every line evenly over this length (both ends on the tape) and resample it to the common
             step. Without it lines keep the spacing and start of their headers and may end early.
         time_zero, polarity, reversed_lines: see ``find_lines``.
-        sample_interval_ns: two-way travel time between samples of SEG-Y files, whose headers may not say it.
+        sample_interval_ns: two-way travel time between samples of SEG-Y files, if missing in the headers.
         utm_zone: of a topography in metres of a UTM grid, such as ``33N``.
-        partial: read the whole traces of files that are cut.
+        partial: read the intact traces of truncated files.
         latitude_deg, longitude_deg: origin, WGS-84.
         heading_deg: direction of the lines, clockwise from true north.
         force: replace an output that exists.
@@ -118,7 +118,7 @@ def import_lines(
     taped = right_m is not None
     beside = [None if length_m is not None else _positions_beside(line, surveyed=taped) for line in lines]
     layout = lay_out(lines, beside, right_m, place, utm_zone)
-    # From left to right, so that neighbours are compared; lines that were driven one by one stay as they are.
+    # From left to right, so that neighbours are compared; lines driven one by one keep their order.
     order = np.argsort(-layout.left_m, kind="stable")
     lines = [lines[i] for i in order]
     if not isinstance(reversed_lines, str):
@@ -159,7 +159,7 @@ def import_lines(
         if layout.along_m is not None:
             assumed["odometry"] = "along the topography"
         if layout.source == "topography":
-            assumed["position"] = "as the topography says, in the site's own metres"
+            assumed["position"] = "from the topography, in the site's own metres"
         assumed = write_lines(
             [line.profile for line in found],
             left_m=layout.left_m[order],
@@ -185,13 +185,13 @@ def import_iprb(
 ) -> None:
     """Write the ImpulseRadar files of one line, one a channel, as one drive log.
 
-    Several files are an array, placed as ``CH_X_OFFSET`` and ``CH_Y_OFFSET`` of their headers say; the leftmost
-    becomes channel 0 in whatever order they are named. A single file is a single channel on the line.
+    Several files are an array, placed by ``CH_X_OFFSET`` and ``CH_Y_OFFSET`` of their headers; the leftmost becomes
+    channel 0, in any order of the files. A single file is a single channel on the line.
 
     Args:
         paths: the ``.iprb`` files of the channels.
         place: origin and direction of the line.
-        length_m: length of the line, where it was measured by tape.
+        length_m: length of the line, if measured by tape.
         output: the drive log.
         force: replace an output that exists.
 
@@ -228,7 +228,7 @@ def _tape(
     lines_at_m: Sequence[float] | None,
     first_line_m: float,
 ) -> Float[np.ndarray, " line"] | None:
-    """Places of lines to the right of the origin, where a tape says them."""
+    """Places of lines to the right of the origin, if measured by tape."""
     if lines_at_m is not None:
         if line_spacing_m is not None or first_line_m != 0.0:
             raise InputError(output, "lines at", "no line spacing beside them", "both")
@@ -249,7 +249,7 @@ def _tape(
 
 
 def _positions_beside(line: Profile, *, surveyed: bool) -> SidePositions | None:
-    """What lies beside a line: its topography, else a receiver's positions unless only what was surveyed counts."""
+    """Side positions of a line: its topography, else a receiver's positions, unless only surveyed ones are allowed."""
     files = [file for file in find_side_files(line.path) if not (surveyed and file.suffix.lower() in RECEIVERS)]
     return read_side_file(files[0]) if files else None
 

@@ -1,4 +1,4 @@
-"""The vehicle file ``X.vehicle.toml``: read, written, and held against ``data_schema/vehicle.toml``."""
+"""The vehicle file ``X.vehicle.toml``: read, written, and validated against ``data_schema/vehicle.toml``."""
 
 import json
 import math
@@ -19,7 +19,7 @@ from lgprjax.formats.store import atomic_output
 
 
 def flat_keys(table: dict[str, Any]) -> dict[str, Any]:
-    """Keys by their dotted path. Of ``found`` each number's table is a path of its own: ``found.PATH.low``."""
+    """Keys by their dotted path. In ``found`` each number's table has a path of its own: ``found.PATH.low``."""
     flat: dict[str, Any] = {}
     for name, value in table.items():
         if not isinstance(value, dict):
@@ -38,7 +38,7 @@ def as_list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-# Tables of a vehicle file that only a skid-steer vehicle with a tool has.
+# Tables of a vehicle file for skid-steer vehicles with a tool.
 
 
 class SkidSteerTable(ConfigTable):
@@ -52,7 +52,7 @@ class SkidSteerTable(ConfigTable):
 
 
 class ToolTable(ConfigTable):
-    """The rectangle that a tool works, metres, and how deep."""
+    """The working rectangle of a tool, metres, and its depth."""
 
     width_m: float | None = None
     length_m: float | None = None
@@ -63,7 +63,7 @@ class ToolTable(ConfigTable):
 
 
 class CarrotTable(ConfigTable):
-    """The carrot that leads the vehicle along a route, and its PID; gains count by way, not by time."""
+    """The lookahead point along a route, and its PID; gains are per distance, not per time."""
 
     distance_m: float | None = None
     proportional_per_m: float | None = None
@@ -73,12 +73,12 @@ class CarrotTable(ConfigTable):
     slow_mps2: float | None = None
 
 
-# A vehicle as its file tells it: one value a calibrated number, absent where nobody has found it yet.
+# Contents of a vehicle file: calibrated numbers, absent until measured.
 #
-# What a number may be (range, sign, unit) stands in ``data_schema/vehicle.toml`` and is held against it by
-# ``read_vehicle``; here stand the structure and what numbers must be to each other.
+# Range, sign and unit of each number are in ``data_schema/vehicle.toml`` and validated by ``read_vehicle``; here are
+# the structure and the rules between numbers.
 
-# Fewer knots are no map.
+# Least number of knots of a map.
 _KNOTS = 2
 
 
@@ -149,7 +149,7 @@ class PedalTable(ConfigTable):
 
 
 class ResistanceTable(ConfigTable):
-    """What slows the vehicle without pedals."""
+    """Resistances without pedals."""
 
     rolling_mps2: float | None = None
     drag_per_s: float | None = None
@@ -174,14 +174,14 @@ class PursuitTable(ConfigTable):
 
 
 class ArrayTable(ConfigTable):
-    """Where the radar array stands, metres."""
+    """Place of the radar array, metres."""
 
     x_m: float | None = None
     height_m: float | None = None
 
 
 class NavigationTable(ConfigTable):
-    """Where the GNSS antenna stands, metres, and the noises of the filter, as in ``navigation.FilterModel``."""
+    """Place of the GNSS antenna, metres, and the noises of the filter, as in ``navigation.FilterModel``."""
 
     gnss_x_m: float | None = None
     gnss_y_m: float | None = None
@@ -252,12 +252,13 @@ def with_values(vehicle: VehicleFile, values: dict[str, Any], found: dict[str, F
     """A vehicle with other numbers.
 
     Args:
-        vehicle: stays as it is.
+        vehicle: not modified.
         values: by dotted path, such as ``steering.lag_s``.
-        found: how some of them were found. What was known of the others' finding is no longer true, and goes.
+        found: how some of them were found. Such records of the other changed numbers are removed, as they no longer
+            hold.
 
     Raises:
-        ValidationError: a path or value that the model has no place for, or numbers that contradict each other.
+        ValidationError: an unknown path, an invalid value, or numbers that contradict each other.
     """
     table = vehicle.model_dump(exclude_none=True)
     kept = {path: entry for path, entry in table.pop("found", {}).items() if path not in values}
@@ -277,7 +278,7 @@ def read_vehicle(path: str | Path) -> VehicleFile:
     """A vehicle from its file.
 
     Raises:
-        InputError: the file is missing, no TOML or of a newer major version; a key is unknown, missing, of a wrong
+        InputError: the file is missing, not TOML or of a newer major version; a key is unknown, missing, of a wrong
             type or out of its range; numbers contradict each other.
     """
     table = load_toml(path)
@@ -290,7 +291,7 @@ def write_vehicle(path: str | Path, vehicle: VehicleFile, *, force: bool = False
     """Write a vehicle to its file, each key with its description.
 
     Raises:
-        InputError: a value is not as the schema says, or the output exists (without ``force``) or cannot be written.
+        InputError: a value does not match the schema, or the output exists (without ``force``) or cannot be written.
     """
     table = vehicle.model_dump(exclude_none=True)
     header = {"schema": _SCHEMA.name, "schema_version": _SCHEMA.version}
@@ -310,15 +311,15 @@ def write_vehicle(path: str | Path, vehicle: VehicleFile, *, force: bool = False
 def require_serial_number(
     vehicle: VehicleFile, vehicle_path: str | Path, named: str | None, file: str | Path, place: str
 ) -> None:
-    """Refuse a file that names another vehicle. What names none says nothing against this one.
+    """Refuse a file that names another vehicle. A file without a name is accepted.
 
     Args:
         vehicle, vehicle_path: the vehicle and its file.
-        named: serial number that a study or a drive log names.
+        named: serial number in a study or a drive log.
         file, place: where it names it.
 
     Raises:
-        InputError: another serial number, or one where the vehicle file has none.
+        InputError: another serial number, or one although the vehicle file has none.
     """
     if named is None or named == vehicle.serial_number:
         return
@@ -330,13 +331,13 @@ def vehicle_findings(path: Path) -> Iterator[Finding]:
     """Every problem of a vehicle file.
 
     Raises:
-        InputError: it cannot be read, or is no TOML.
+        InputError: it cannot be read, or is not TOML.
     """
     return table_problems(path, load_toml(path))
 
 
 def table_problems(path: str | Path, table: dict[str, Any]) -> Iterator[Finding]:
-    """Every problem of a vehicle's table, header included; rules between numbers only where the numbers are good."""
+    """Every problem of a vehicle's table, header included; rules between numbers only where the numbers are valid."""
     refusal = check_version(_SCHEMA, table.get("schema"), table.get("schema_version"))
     if refusal is not None:
         yield Finding(str(path), *refusal)
@@ -392,11 +393,11 @@ def _value_problems(entry: Entry, path: str, value: object, *, many: bool) -> It
 
 
 def _degrees_hint(entry: Entry, value: object) -> str:
-    """Says so when the number would be a good one in degrees."""
+    """A hint if the number would be valid in degrees."""
     if not entry.unit.startswith("rad") or isinstance(value, bool) or not isinstance(value, int | float):
         return ""
     radians = math.radians(value)
-    # A number that a range does not hold is no degree either when its sign is what is wrong.
+    # A number with the wrong sign is not a degree value either.
     if check_scalar(replace(entry, bounds=None), value) is not None or check_scalar(entry, radians) is not None:
         return ""
     per = entry.unit.removeprefix("rad")

@@ -1,4 +1,4 @@
-"""A drive log but for its radar data: what calibrations read, of drives with a radar and without."""
+"""A drive log without its radar data, for calibrations, of drives with or without a radar."""
 
 import json
 from dataclasses import dataclass, fields
@@ -43,13 +43,13 @@ class VehicleLog:
 
     Attributes:
         name: of the drive.
-        t0_utc: moment that every ``time_s`` counts from, ISO 8601.
+        t0_utc: origin of every ``time_s``, ISO 8601.
         navigation: GNSS/INS poses, with sigmas.
         odometry: signed travel.
-        truth: true poses, without sigmas, where they are known.
-        vehicle: signals by their names in ``data_schema/drive.toml``, ``time_s`` among them; ``None``: there are none.
+        truth: true poses, without sigmas, if known.
+        vehicle: signals by their names in ``data_schema/drive.toml``, ``time_s`` among them; ``None`` without any.
         serial_number: of the vehicle, ``None`` where the log names none.
-        provenance: which steps, parameters and inputs made the log; must be JSON.
+        provenance: steps, parameters and inputs of the log; must be JSON.
         plan: what the autopilot decided, likewise by name.
     """
 
@@ -65,11 +65,11 @@ class VehicleLog:
 
     @classmethod
     def open(cls, path: str | Path) -> "VehicleLog":
-        """Read a drive log of any kind but for its radar data; the file is closed again.
+        """Read a drive log of any kind without its radar data; the file is closed again.
 
         Raises:
-            InputError: the file is missing, damaged, of another format or of a newer major version, or something
-                but the radar data is not as ``data_schema/drive.toml`` says.
+            InputError: the file is missing, damaged, of another format or of a newer major version, or anything except
+                the radar data does not match ``data_schema/drive.toml``.
         """
         with open_store(path) as store:
             for finding in validate_store(store, path, _SCHEMA):
@@ -94,7 +94,7 @@ def write_vehicle_log(path: str | Path, log: VehicleLog, *, force: bool = False)
     """Write a drive log without radar.
 
     Raises:
-        InputError: the log is not as ``data_schema/drive.toml`` says, or the output exists (without ``force``) or
+        InputError: the log does not match ``data_schema/drive.toml``, or the output exists (without ``force``) or
             cannot be written.
     """
     target = Path(path)
@@ -110,21 +110,21 @@ def write_vehicle_log(path: str | Path, log: VehicleLog, *, force: bool = False)
                 raise finding.error()
 
 
-# Drive logs and fixes as pandas tables: an index of moments in UTC, columns that carry their units.
+# Drive logs and fixes as pandas tables: indexed by UTC times, with units in the column names.
 
 INDEX = "time_utc"
 
 
 class DriveFrames(NamedTuple):
-    """Tables of a drive. Each is indexed by its own moments in UTC; ``time_s`` counts from the drive's ``t0_utc``.
+    """Tables of a drive. Each is indexed by its own UTC times; ``time_s`` counts from the drive's ``t0_utc``.
 
     Attributes:
         navigation: poses of the body origin by GNSS/INS, with sigmas.
         odometry: ``distance_m``, signed travel.
         scans: number of each scan, and how many of its channels are valid; empty of a drive without radar.
-        truth: true poses; ``None`` where they are not known.
-        vehicle: signals of the vehicle; ``None`` where there are none.
-        plan: what the autopilot decided; ``None`` where there is nothing.
+        truth: true poses; ``None`` if unknown.
+        vehicle: signals of the vehicle; ``None`` without any.
+        plan: decisions of the autopilot; ``None`` without any.
     """
 
     navigation: pd.DataFrame
@@ -136,12 +136,13 @@ class DriveFrames(NamedTuple):
 
 
 def read_drive_frames(path: str | Path) -> DriveFrames:
-    """Everything of a drive log but its radar data, as tables; ``attrs`` of each hold the drive's name and ``t0_utc``.
+    """Everything of a drive log except its radar data, as tables; ``attrs`` of each hold the drive's name and
+    ``t0_utc``.
 
     Columns are those of ``data_schema/drive.toml``. The radar data of some scans is ``DriveLog.read_traces``.
 
     Raises:
-        InputError: the file is missing, damaged or not as the schema says.
+        InputError: the file is missing, damaged or does not match the schema.
     """
     log = VehicleLog.open(path)
 
@@ -173,17 +174,17 @@ def read_drive_frames(path: str | Path) -> DriveFrames:
 
 
 def read_fixes_frame(path: str | Path) -> pd.DataFrame:
-    """Fixes of ``X.fixes.h5`` as a table indexed by the moments of their scans; ``attrs`` are the file's own.
+    """Fixes of ``X.fixes.h5`` as a table indexed by the UTC times of their scans; ``attrs`` are the file's own.
 
     Raises:
-        InputError: the file is missing, damaged, not as the schema says, or does not tell the moment that its times
-            count from (``X.fixes.csv`` does not).
+        InputError: the file is missing, damaged, does not match the schema, or has no origin of its times
+            (``X.fixes.csv`` has none).
     """
     table = read_fixes(path)
     try:
         index = moments(str(table.attrs["t0_utc"]), table["time_s"].to_numpy())
     except (KeyError, ValueError):
-        expected = "the moment that times count from, as X.fixes.h5 has it"
+        expected = "the origin of its times, as in X.fixes.h5"
         raise InputError(path, "@t0_utc", expected, str(table.attrs.get("t0_utc", "none"))) from None
     attributes = dict(table.attrs)
     table = table.set_index(index)
@@ -192,6 +193,6 @@ def read_fixes_frame(path: str | Path) -> pd.DataFrame:
 
 
 def moments(t0_utc: str, time_s: Float[np.ndarray, " row"]) -> pd.DatetimeIndex:
-    """Moments, to the nanosecond, of times that count from ``t0_utc``. Raises ``ValueError`` where that is none."""
+    """UTC times, to the nanosecond, of seconds since ``t0_utc``. Raises ``ValueError`` if that is invalid."""
     whole_ns = utc_ns(t0_utc) + np.rint(1e9 * time_s).astype(np.int64)
     return pd.DatetimeIndex(whole_ns.astype("datetime64[ns]"), name=INDEX).tz_localize("UTC")

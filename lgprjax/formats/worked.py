@@ -1,4 +1,6 @@
-"""The record of a worked field ``X.worked.h5``: written whole, read and held against ``data_schema/worked.toml``."""
+"""The record of a worked field ``X.worked.h5``: written at once, read and validated against
+``data_schema/worked.toml``.
+"""
 
 import json
 import tempfile
@@ -26,10 +28,10 @@ from lgprjax.formats.store import (
 )
 from lgprjax.frames import LocalFrame
 
-# What was worked of a field, as its record holds it: cells, what was measured over time, passes, stops, events.
+# Contents of the record of a worked field: cells, measurements over time, passes, stops, events.
 
 FULL = 65535
-"""The number that stands for probability 1."""
+"""The stored number of probability 1."""
 
 
 class WorkedCells(NamedTuple):
@@ -77,7 +79,7 @@ class CoverChannels(NamedTuple):
 
 
 class CoverPasses(NamedTuple):
-    """Stretches of one line over which cells counted. Times since ``t0_utc``; depth and speed as measured."""
+    """Stretches of one swath over which cells counted. Times since ``t0_utc``; depth and speed as measured."""
 
     run: UInt16[np.ndarray, " pass"]
     line: Int32[np.ndarray, " pass"]
@@ -92,7 +94,7 @@ class CoverPasses(NamedTuple):
 
 
 class CoverSwaths(NamedTuple):
-    """Ways of the tool's centre, pass after pass: ``number`` is that of the pass."""
+    """Tracks of the tool's centre, pass after pass: ``number`` is that of the pass."""
 
     number: UInt32[np.ndarray, " point"]
     east_m: Float[np.ndarray, " point"]
@@ -100,7 +102,7 @@ class CoverSwaths(NamedTuple):
 
 
 class CoverStops(NamedTuple):
-    """Stretches of time with a reason to stop; the place is where it began, NaN where that was not known."""
+    """Stretches of time with a reason to stop; the place is that of its beginning, NaN if unknown."""
 
     run: UInt16[np.ndarray, " stop"]
     begin_s: Float[np.ndarray, " stop"]
@@ -111,7 +113,7 @@ class CoverStops(NamedTuple):
 
 
 class CoverEvents(NamedTuple):
-    """What the programs on board told, each as one line of JSON."""
+    """Events of the programs on board, each as one line of JSON."""
 
     run: UInt16[np.ndarray, " event"]
     time_s: Float[np.ndarray, " event"]
@@ -125,11 +127,11 @@ class WorkedRecord(NamedTuple):
 
     Attributes:
         name: of the field.
-        frame: local metres about the plan's anchor.
+        frame: local metres around the plan's anchor.
         perimeter_m: corners, counter-clockwise.
         tool: that worked.
         t0_utc: ISO 8601; times count from it.
-        cells, channels, passes, swaths, stops, events: what was found.
+        cells, channels, passes, swaths, stops, events: contents.
         provenance: program and inputs with their SHA-256.
     """
 
@@ -177,7 +179,7 @@ def write_worked(path: str | Path, record: WorkedRecord, *, force: bool = False)
     """Write a record.
 
     Raises:
-        InputError: something in it is not as the schema says, or the output exists (without ``force``) or cannot be
+        InputError: something in it does not match the schema, or the output exists (without ``force``) or cannot be
             written. Nothing is left behind then.
     """
     cells, frame = record.cells, record.frame
@@ -274,7 +276,7 @@ def _table(kind: type[_Table], group: h5py.Group) -> _Table:
 
 
 def _number(store: h5py.File, name: str) -> float:
-    # The schema has seen to it that it is one.
+    # The schema ensures that it is one.
     return float(str(attribute_of(store, name)))
 
 
@@ -320,7 +322,7 @@ def write_geopackage(
     pyogrio = _pyogrio(path)
     with (
         atomic_output(path, force) as temporary,
-        # The library judges a format by the file's name, which the temporary one has not.
+        # The library detects the format by the file's suffix, which the temporary name lacks.
         tempfile.TemporaryDirectory(dir=Path(path).parent, prefix=".export-") as folder,
     ):
         whole = Path(folder) / "layers.gpkg"
@@ -343,7 +345,7 @@ def write_geopackage(
 def write_geojson(
     path: str | Path, layers: Sequence[GeoLayer], metadata: dict[str, str], *, force: bool = False
 ) -> None:
-    """Write layers as one FeatureCollection (RFC 7946); each feature names its layer, the metadata are a member.
+    """Write layers as one FeatureCollection (RFC 7946); each feature has its layer's name, the metadata are a member.
 
     Raises:
         InputError: the output exists (without ``force``) or cannot be written.
@@ -375,7 +377,7 @@ def write_kml(
     Args:
         path: the output.
         layers: in the order of the file.
-        metadata: told in the document's description.
+        metadata: written to the document's description.
         colours: ``#rrggbb`` by layer; polygons are filled with it, half see-through.
         force: replace an output that exists.
 

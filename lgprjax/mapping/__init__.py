@@ -1,4 +1,4 @@
-"""Drives in, a map out: built, aligned, verified, updated."""
+"""Building, aligning, verifying and updating maps from drives."""
 
 from lgprjax.mapping.build import MEASURING, build_map
 from lgprjax.mapping.routes import (

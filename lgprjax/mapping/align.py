@@ -1,4 +1,4 @@
-"""A map whose baselines disagree -> a map whose baselines agree: labels corrected, no signal touched."""
+"""Alignment of a map's baselines: labels are corrected until they agree; no signal changes."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -17,15 +17,15 @@ from lgprjax.navigation.pose_graph import FixEdges, GraphSolution, LabelChain, L
 from lgprjax.registration import Code, RegisterOptions, ground_map_for
 from lgprjax.subsurface import SpatialIndex, TilePlacer
 
-# Baselines cut where they come back to their own ground, and which earlier pass each place is compared with.
+# Baselines cut where they return to their own ground, and the earlier pass that each place is compared with.
 #
-# A pass never meets itself: a lap of a closed course, or the way back after a turn, is a pass of its own and is
-# matched with the one before like any other baseline.
+# A pass never overlaps itself: a lap of a closed course, or the return after a turn, is a pass of its own and is
+# matched with the previous one like any other baseline.
 
 STEP_M = 1.0
-"""From match to match along a pass: farther than neighbouring matches share noise."""
+"""Spacing of matches along a pass: larger than the distance over which matches share noise."""
 
-_SAME_PASS_M = 20.0  # of path; what lies nearer behind is the same passage, round however tight a bend
+_SAME_PASS_M = 20.0  # of path; places closer behind belong to the same pass, even around a tight bend
 
 
 class Passes(NamedTuple):
@@ -87,15 +87,15 @@ def passes_of(source: MapFile, reach_m: float) -> Passes:
 
 
 def pairs_of(source: MapFile, passes: Passes, search_m: float) -> PassPairs:
-    """Which earlier passes each place is matched with: of those that come by the last, and the 2nd, 4th, 8th last.
+    """Which earlier passes each place is matched with: of those nearby the last, and the 2nd, 4th, 8th last.
 
-    So the work grows with the logarithm of the number of passes, and any two passes over the same ground are joined by
-    few steps.
+    The work thus grows with the logarithm of the number of passes, and any two passes over the same ground are
+    connected by few steps.
 
     Args:
         source: the map.
         passes: of it.
-        search_m: half side of the search about a label.
+        search_m: half side of the search around a label.
     """
     point_m = source.pose[passes.station, :2]
     index, reach_m = SpatialIndex(point_m, 8.0), search_m + 0.5 * source.description.array_width_m
@@ -112,25 +112,26 @@ def pairs_of(source: MapFile, passes: Passes, search_m: float) -> PassPairs:
 
 # Baselines registered on each other: every place of a pass on the ground of earlier passes, one at a time.
 #
-# One ground a match, so that each fix ties two passes and two only: the ground of all others together is nobody's
+# One pass per match, so that each fix connects exactly two passes: the combined ground of all others is meaningless
 # where their labels disagree.
 
 UNKNOWN_SIGMA_M = 0.5
-"""Of labels that say nothing of themselves."""
+"""Sigma of labels that state none."""
 LEAST_SIGMA_M = 0.05
-"""No label is trusted better than this: what receivers say of themselves leaves out what they do not see."""
+"""Least sigma of a label: receivers' own sigmas leave out errors that they do not observe."""
 
 _SEARCH_SIGMAS = 3.0
 _SEARCH_M = (1.0, 4.0)  # half side, at least and at most
-_BESIDE = 5  # places to each side, of the same two passes, that speak for a match
-_LEAST_SHARE = 1.0 / 3.0  # of the places tried there that are matched too; on other ground hardly one in a hundred is
+_BESIDE = 5  # places to each side, of the same two passes, that support a match
+# share share of the places tried there that are matched too; on other ground hardly one in a hundred is
+_LEAST_SHARE = 1.0 / 3.0
 _LEAST_MATCHES = 3
 _AGAIN_M = 0.5  # half side of the search the second time
 _NO_GROUND = (Code.OFF_MAP, Code.LOW_OVERLAP, Code.NON_FINITE, Code.NO_WINDOW)
 
 
 class MatchPlan(NamedTuple):
-    """What is matched with what: the search, the passes, and the pairs of place and earlier pass."""
+    """What to match: the search, the passes, and the pairs of place and earlier pass."""
 
     options: RegisterOptions
     passes: Passes
@@ -159,13 +160,13 @@ class PassMatches(NamedTuple):
 
 
 def label_sigmas(source: MapFile) -> Float[np.ndarray, " drive"]:
-    """What each baseline's labels are taken to be off by, metres, in east and in north."""
+    """Assumed sigma of each baseline's labels, metres, in east and in north."""
     said = np.asarray(source.description.label_sigma_m, np.float64)
     return np.asarray(np.where(said > 0.0, np.maximum(said, LEAST_SIGMA_M), UNKNOWN_SIGMA_M))
 
 
 def plan_matches(source: MapFile) -> MatchPlan:
-    """What to match: every place with passes that came by before, within three sigmas of two labels' difference."""
+    """What to match: every place with earlier passes nearby, within three sigmas of two labels' difference."""
     apart_m = _SEARCH_SIGMAS * np.sqrt(2.0) * float(label_sigmas(source).max())
     options = RegisterOptions(search_m=float(np.clip(apart_m, *_SEARCH_M)))
     passes = passes_of(source, source.description.array_width_m + options.search_half_m())
@@ -173,14 +174,14 @@ def plan_matches(source: MapFile) -> MatchPlan:
 
 
 def match_passes(source: MapFile, plan: MatchPlan, progress: Callable[[int], None] = lambda _: None) -> PassMatches:
-    """Match places of a map's baselines with the passes that came by before, whole arrays, far about their labels.
+    """Match places of a map's baselines with earlier passes: whole arrays, in a wide region around their labels.
 
     One tile is gridded at a time.
 
     Args:
         source: the map.
         plan: what to match.
-        progress: told the number of matches done since the last call.
+        progress: called with the number of matches done since the last call.
     """
     return _matched(source, plan, np.zeros((len(source.pose), 3)), progress, near=False)
 
@@ -191,10 +192,10 @@ def match_again(
     correction: Float[np.ndarray, "scan 3"],
     progress: Callable[[int], None] = lambda _: None,
 ) -> PassMatches:
-    """The same where labels are known to some decimetres, and nearby.
+    """Match again where labels are known to some decimetres, in a small region.
 
-    Only the part of an array that lies over the other pass's ground takes part: passes side by side are matched as
-    well, and none is drawn sideways to where more of the array would be.
+    Only the part of an array over the other pass's ground is used: passes side by side are matched as well, and none is
+    drawn sideways to where more of the array would overlap.
 
     Args:
         source, plan, progress: as for ``match_passes``.
@@ -205,10 +206,10 @@ def match_again(
 
 
 def supported(matches: PassMatches) -> Bool[np.ndarray, " row"]:
-    """Which matches are ok and not alone.
+    """Select the matches that are ok and supported by others nearby.
 
-    Ground that two passes share is found at most of its places. Where only few of the places about a match are matched,
-    on the same pass, the match is chance: it ties nothing.
+    Ground that two passes share is found at most of its places. Where only few places around a match are matched on the
+    same pass, the match is due to chance and is not used.
     """
     order = np.lexsort((matches.station, matches.on, matches.number))
     ok = (matches.code == Code.OK)[order]
@@ -255,7 +256,7 @@ def _matched(
 
 
 class _PassGround:
-    """The ground of one pass, where its labels put it."""
+    """The ground of one pass, placed by its labels."""
 
     def __init__(
         self,
@@ -273,7 +274,7 @@ class _PassGround:
         self._reach_m = 4.0 * options.search_half_m() + source.description.array_width_m
 
     def expected(self, station: Int[np.ndarray, " row"]) -> Float[np.ndarray, "row 5"]:
-        """Where stations of other passes lie on this ground, by its labels, if both are corrected."""
+        """Poses of other passes' stations on this ground, by its labels, if both are corrected."""
         pose = self._source.pose[station].copy()
         pose[:, [0, 1, 3]] += self._correction[station]
         under = self._own[self._nearest(self._corrected, pose[:, :2])]
@@ -286,14 +287,14 @@ class _PassGround:
         return np.asarray(pose)
 
     def tiles(self, pose: Float[np.ndarray, "row 5"]) -> Int[np.ndarray, " row"]:
-        """Tile of each pose; -1 where the map does not reach."""
+        """Tile of each pose; -1 off the map."""
         near = [self._ground.tile_near(point, self._options.search_half_m()) for point in pose[:, :2]]
         return np.array([-1 if number is None else number for number in near], np.int64)
 
     def match(
         self, tile: int, station: Int[np.ndarray, " row"], pose: Float[np.ndarray, "row 5"], *, near: bool
     ) -> PassMatches:
-        """Stations of other passes on one tile; the passes are for the caller to fill in."""
+        """Match stations of other passes on one tile; the caller fills in the passes."""
         fix = register_stations(self._source, self._ground, tile, station, pose, self._options, over_ground=near).fix
         east, north, yaw = self._ground.frame(tile)
         cos, sin = np.cos(yaw), np.sin(yaw)
@@ -311,25 +312,25 @@ class _PassGround:
         )
 
     def _nearest(self, index: SpatialIndex, point_m: Float[np.ndarray, "row 2"]) -> Int[np.ndarray, " row"]:
-        """Nearest of the pass's stations; the first where none is near, or where the point is nowhere."""
+        """Nearest station of the pass; the first where none is near, or where the point is not finite."""
         near = [index.nearest(point, self._reach_m) if np.all(np.isfinite(point)) else None for point in point_m]
         return np.array([number or 0 for number in near], np.int64)
 
 
-# A map's baselines and the matches between them as a pose graph, and what its solution says of each baseline.
+# A map's baselines and the matches between them as a pose graph, and its solution for each baseline.
 
 _BREAK_M = 1.0
-"""Neighbouring stations farther apart are a gap or a jump of the labels: nothing ties what lies to both sides."""
+"""Neighbouring stations farther apart than this are a gap or a jump of the labels: both sides are independent."""
 
 _MATCH_SIGMA_M = 0.01
-"""Of a match, beside its own covariance: what gridding and the shape of the labels within a tile leave."""
+"""Error of a match in addition to its own covariance: from gridding and the shape of the labels within a tile."""
 _MATCH_SIGMA_RAD = np.radians(0.1)
 
-_SIGMA_PLACES = 20  # of a baseline, at which its sigmas are asked for
+_SIGMA_PLACES = 20  # of a baseline, at which its sigmas are computed
 
 
 class StationChains(NamedTuple):
-    """A map's stations along chains of labels that hang together.
+    """A map's stations along connected chains of labels.
 
     Attributes:
         chains: stretches of baselines without a break.
@@ -342,14 +343,14 @@ class StationChains(NamedTuple):
 
 
 class BaselineChange(NamedTuple):
-    """What making labels agree did to one baseline.
+    """Effect of the alignment on one baseline.
 
     Attributes:
         drive: number of the baseline.
-        matches, kept: of its places and on its ground, and those of them that took part; without any it stays as it is.
+        matches, kept: of its places and on its ground, and those of them that were used; without any it not modified.
         moved_rms_m, moved_max_m: of its labels.
-        sigma_before_m, sigma_after_m: of its labels' east and north, root mean square; NaN after, where it is tied to
-            nothing.
+        sigma_before_m, sigma_after_m: of its labels' east and north, root mean square; NaN after, if it is not
+            connected.
     """
 
     drive: int
@@ -362,10 +363,10 @@ class BaselineChange(NamedTuple):
 
 
 class Consistency(NamedTuple):
-    """Distance of each match from where labels put it, over the matches that are ok and not alone.
+    """Distance of matches from their labels, over the matches that are ok and supported.
 
     Attributes:
-        rms_m: root mean square over those that took part.
+        rms_m: root mean square over those that were used.
         median_m: over all of them.
     """
 
@@ -379,7 +380,7 @@ class AgreedBaselines(NamedTuple):
     Attributes:
         pose: of all stations.
         tried, matched, used, kept: places of passes tried on earlier passes; matches with code ok; those not alone;
-            those that the graph believed.
+            those kept by the graph.
         noise_scale: see ``GraphSolution``.
         before, after: distance of the matches from the labels.
         baselines: one each.
@@ -400,7 +401,7 @@ class AgreedBaselines(NamedTuple):
 
 
 def chains_of(source: MapFile) -> StationChains:
-    """Chains of a map's baselines: cut where a baseline ends and where neighbouring stations lie far apart."""
+    """Chains of a map's baselines: cut where a baseline ends and where neighbouring stations are far apart."""
     pose, drive = source.pose, source.drive
     sigma_m = label_sigmas(source)
     step_m = np.hypot(*np.diff(pose[:, :2], axis=0).T)
@@ -471,7 +472,7 @@ def _corrections(edges: FixEdges, solution: GraphSolution) -> Float[np.ndarray, 
 def _consistency(
     edges: FixEdges, correction: Float[np.ndarray, "2 edge 3"], kept: Bool[np.ndarray, " edge"]
 ) -> Consistency:
-    """Distances between places and where their fixes put them, both by corrected labels."""
+    """Distances between places and their fixes, both by corrected labels."""
     if not kept.any():
         return Consistency(float("nan"), float("nan"))
     apart = np.hypot(*misfit(edges, *correction)[:, :2].T)
@@ -518,24 +519,24 @@ def refine_map(
     progress: Callable[[int], None] = lambda _: None,
     stage: Callable[[str], None] = lambda _: None,
 ) -> AgreedBaselines:
-    """Register a map's baselines on each other, make their labels consistent, and write the map they then make.
+    """Register a map's baselines on each other, make their labels consistent, and write the resulting map.
 
-    Stations are copied as they are stored; their poses change, and with them the tiles. Baselines that are tied to
-    nothing stay where they are. The new map says as much of its labels as the old one: where baselines agree on a mean
-    of their labels, the mean of their sigmas, taken as independent, is what that mean is off by.
+    Stations are copied as stored; their poses change, and with them the tiles. Baselines without connections stay where
+    they are. The sigmas of the labels are those of the old map: where baselines agree on a mean of their labels, the
+    mean of their sigmas, taken as independent, is the sigma of that mean.
 
     Args:
         source: the map.
         plan: what to match (``plan_matches``).
         output: the new one.
         force: replace an output that exists.
-        progress: told the number of matches done since the last call; each is done twice.
-        stage: told what is done after the last match.
+        progress: called with the number of matches done since the last call; each is done twice.
+        stage: called with each step after the last match.
 
     Raises:
         InputError: the output exists or cannot be written, or the map holds damage.
     """
-    # Now: the file may be replaced by an update while this one reads on in what it opened.
+    # Hashed now: an update may replace the file while this one reads on in the open one.
     digest = file_hash(source.path)
     with MapWriter.create(output, force=force) as writer:
         agreed = agree_twice(source, plan, progress)
@@ -555,12 +556,12 @@ def refine_map(
 
 
 def agree_twice(source: MapFile, plan: MatchPlan, progress: Callable[[int], None] = lambda _: None) -> AgreedBaselines:
-    """Baselines made to agree from matches far about their labels, then from matches about where these put them.
+    """Align baselines by matches in a wide region around their labels, then by matches around the corrected labels.
 
     Args:
         source: the map.
         plan: what to match.
-        progress: told the number of matches done since the last call; each is done twice.
+        progress: called with the number of matches done since the last call; each is done twice.
     """
     first = agree_baselines(source, match_passes(source, plan, progress))
     correction = (first.pose - source.pose)[:, [0, 1, 3]]
@@ -570,7 +571,7 @@ def agree_twice(source: MapFile, plan: MatchPlan, progress: Callable[[int], None
 def _tiles(
     pose: Float[np.ndarray, "scan 5"], drive: Int[np.ndarray, " scan"], spacing_m: float
 ) -> tuple[Float[np.ndarray, "tile 3"], Float[np.ndarray, " tile"]]:
-    """Tile frames along the corrected baselines, as a map is built, and the height of each."""
+    """Tile frames along the corrected baselines, placed as when building a map, and the height of each."""
     placer = TilePlacer(spacing_m)
     references: list[float] = []
     for number in range(int(drive.max()) + 1):
@@ -601,7 +602,7 @@ def _provenance(source: MapFile, digest: str, agreed: AgreedBaselines) -> dict[s
 
 
 def baseline_files(source: MapFile) -> list[str]:
-    """File names of the drives that a map was built from, as far as it says."""
+    """File names of the drives that a map was built from, if known."""
     inputs = source.provenance.get("inputs")
     rows = inputs if isinstance(inputs, list) else []
     said = [str(row["file"]) for row in rows if isinstance(row, dict) and "file" in row]
@@ -614,20 +615,20 @@ def agreement_in_words(agreed: AgreedBaselines, files: Sequence[str]) -> list[st
     share = 100.0 * (1.0 - agreed.kept / agreed.used) if agreed.used else 0.0
     before, after = agreed.before, agreed.after
     tried = (
-        f"{agreed.tried} places tried on earlier passes, {agreed.matched} matched, {agreed.used} of them not alone, "
-        f"{share:.1f} % of those not believed; their sigmas times {agreed.noise_scale:.2f}"
+        f"{agreed.tried} places tried on earlier passes, {agreed.matched} matched, {agreed.used} of them "
+        f"supported, {share:.1f} % of these rejected; their sigmas times {agreed.noise_scale:.2f}"
     )
     if not agreed.kept:
-        return [tried, "nothing ties the baselines of this map to each other: all labels stay as they are"]
+        return [tried, "no matches connect the baselines of this map: all labels stay as they are"]
     moved = (
-        f"matches lay {before.rms_m:.3f} m RMS (median of all {before.median_m:.3f}) from their labels, and lie "
+        f"matches were {before.rms_m:.3f} m RMS (median of all {before.median_m:.3f}) from their labels, and are "
         f"{after.rms_m:.3f} m ({after.median_m:.3f}) from the corrected ones"
     )
     return [
         tried,
         moved,
         *(
-            f"baseline {change.drive} ({files[change.drive]}) is tied to nothing: its labels stay as they are"
+            f"baseline {change.drive} ({files[change.drive]}) is not connected: its labels stay as they are"
             for change in agreed.baselines
             if not change.kept
         ),

@@ -35,13 +35,13 @@ from lgprjax.subsurface import (
 )
 
 _BLOCK_SCANS = 512
-_LONE_CHANNEL_PITCH_M = 0.2  # how far a single channel speaks for the ground beside its line
+_LONE_CHANNEL_PITCH_M = 0.2  # distance from its line over which a single channel represents the ground
 
 Progress = Callable[[int], None]
 """Called with the number of scans done since the last call."""
 
 MEASURING = "measuring the map's noise floor"
-"""What a map's writer does last."""
+"""Last step of a map's writer."""
 
 
 def build_map(
@@ -61,21 +61,20 @@ def build_map(
     Args:
         drives: drive logs, of traces or of sweeps; the first gives anchor, channels and chain.
         output: the database.
-        centre_frequency_hz: of the antennas, where the first log does not say; sweeps always do.
-        travel_time_ns: how deep the profiles go at most; by default traces go to the recording's end and sweeps
-            fifteen periods of their centre frequency, and none farther than its recording is unambiguous.
-        precision: how closely traces are stored.
+        centre_frequency_hz: of the antennas, if missing in the first log; sweeps always have it.
+        travel_time_ns: largest travel time of the profiles; by default traces extend to the recording's end and sweeps
+            to fifteen periods of their centre frequency, never beyond the unambiguous range.
+        precision: of the stored traces.
         force: replace an output that exists.
-        measure: tells the map's chance, which is stored in it; None to leave that to the first registration.
-        progress: told as scans are done.
-        stage: told what is done after the last scan.
+        measure: measures the map's chance, which is stored in it; None to leave that to the first registration.
+        progress: called as scans are done.
+        stage: called with each step after the last scan.
 
     Returns:
-        what holds for the map.
+        description of the map.
 
     Raises:
-        InputError: a log that cannot be used, drives that do not fit together, or an output that cannot be
-            written.
+        InputError: an unusable log, drives that do not fit together, or an output that cannot be written.
     """
     with DriveLog.open(drives[0]) as first:
         recording = recording_of(first)
@@ -155,7 +154,7 @@ def baseline_stations(
         operator: its matrix, to the map's profiles.
         settings: the map's chain.
         spacing_m: typical distance between scans.
-        progress: told as scans are done.
+        progress: called as scans are done.
 
     Raises:
         InputError: nothing was received, or the drive makes fewer than two stations.
@@ -166,7 +165,7 @@ def baseline_stations(
         if scale is None and np.any(block.profile):
             scale = float(np.sqrt(np.mean(block.profile[block.valid] ** 2)))
         if scale is None:
-            # Nothing has been received yet: these stations are not ground.
+            # Nothing has been received: these stations hold no ground.
             block = block._replace(valid=np.zeros_like(block.valid))
         stations += len(block.pose)
         yield block._replace(profile=block.profile / np.float32(scale or 1.0))
@@ -218,9 +217,9 @@ def _pitch(log: DriveLog) -> float:
 
 
 def position_sigma_m(log: DriveLog) -> float | None:
-    """What the drive's navigation says of the array's places, root mean square over the drive and both axes.
+    """Position sigma of the array stated by the drive's navigation, root mean square over the drive and both axes.
 
-    An error of heading swings the array about the body's origin. None where navigation says nothing.
+    An error of heading rotates the array about the body's origin. None if navigation states no sigma.
     """
     navigation = log.description.navigation
     if navigation.sigma_east_m is None or navigation.sigma_north_m is None:

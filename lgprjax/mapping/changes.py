@@ -1,4 +1,4 @@
-"""What a map's new baseline says of the old ones: matched on each alone, judged, and put into marks of stations."""
+"""Changes found by a map's new baseline: matches on each old baseline alone, verdicts, and marks of stations."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -14,34 +14,34 @@ from lgprjax.mapping.verify import WEAK_REPEATS
 from lgprjax.registration import Code, RegisterOptions, ground_map_for
 from lgprjax.subsurface import GroundMap, SpatialIndex, coherence_lags
 
-# Ground that a new baseline finds changed: decided place by place along it, from how it matches each of the others.
+# Changed ground, decided place by place along a new baseline, from its matches with each of the others.
 #
-# One drive that does not match may have met snow, water or a fault of its own. Only where a second one, newer than the
-# old ground as well, agrees with it is the old ground taken out of force. Until then the new drive's own stations
-# there are held back: nothing says that they are better than those they contradict.
+# A single drive that does not match may have recorded snow, water or a fault of its own. The old ground is retired only
+# where a second drive, also newer, agrees with the new one. Until then the new drive's own stations there are held
+# back: nothing shows that they are better than those they contradict.
 
 PLACE_M = 0.5
-"""From place to place along a baseline: neighbours have about half of their ground's detail in common."""
+"""Spacing of places along a baseline: neighbours share about half of their ground's detail."""
 
-_DIFFERS = 0.6  # of the drive's usual strength: on other ground the best of a small search reaches half of it
+_DIFFERS = 0.6  # of the drive's usual score: on other ground the best of a small search reaches half of it
 _AGREES = 0.75
-_PLACED_M = 0.2  # a match farther off than this says that the labels do not agree, whatever the ground does
+_PLACED_M = 0.2  # a match farther off than this shows that the labels do not agree, whatever the ground
 _LEAST_M = 1.5  # of ground that differs
-_BRIDGED = 2  # places: chance may lift one or two among those that differ
-_HALF = 0.5  # of the places of a stretch that must speak
+_BRIDGED = 2  # places: chance may raise one or two among those that differ
+_HALF = 0.5  # share of the places of a stretch that must be conclusive
 
 
 class Evidence(NamedTuple):
-    """What a new baseline's places say of the baselines that came by before.
+    """Evidence of a new baseline's places about the earlier baselines.
 
     Attributes:
         at_m: of each place, along the new baseline.
         strength: of the place's match on each baseline's ground alone; NaN where there is none, or none with a signal.
-        apart_m: of the match from where the labels put it.
-        in_force: that baseline's ground takes part in the map there.
-        sure: where the place is, is known by fixes before and after it, and its signal is ground.
-        newer: of drive (row) than drive (column), by their dates; the last one is the new baseline. False where a date
-            is not known.
+        apart_m: of the match from its label.
+        in_force: that baseline's ground is in force there.
+        sure: the place is known from fixes before and after it, and its signal is ground.
+        newer: of drive (row) than drive (column), by their dates; the last one is the new baseline. False without
+            dates.
     """
 
     at_m: Float[np.ndarray, " place"]
@@ -60,8 +60,8 @@ class ChangedGround(NamedTuple):
         first, last: places, both included.
         drive: the old baseline.
         strength: median of the matches there.
-        agreeing: newer baselines that the new one matches there: with it they outvote the old one. Empty where the
-            ground is changed or disturbed, and nobody knows which.
+        agreeing: newer baselines that the new one matches there: together they outvote the old one. Empty where the
+            ground may be changed or only disturbed.
     """
 
     start_m: float
@@ -74,12 +74,12 @@ class ChangedGround(NamedTuple):
 
 
 class GroundVerdict(NamedTuple):
-    """What to do about a new baseline's evidence.
+    """Verdict on a new baseline's evidence.
 
     Attributes:
         changed: stretches, by old baseline.
-        held: places of the new baseline that only contradict, and are held back.
-        confirmed: places of each old baseline that the new one agrees with: what was held back there comes into force.
+        held: places of the new baseline that only contradict others, and are held back.
+        confirmed: places of each old baseline that the new one agrees with: held-back stations there come into force.
         usual: strength of the new baseline's matches; NaN where it matches nothing.
     """
 
@@ -90,14 +90,14 @@ class GroundVerdict(NamedTuple):
 
 
 def usual_strength(strength: Float[np.ndarray, "drive place"], sure: Bool[np.ndarray, " place"]) -> float:
-    """Median, over the places that are known, of the best match there; NaN without any."""
+    """Median, over the known places, of the best match there; NaN without any."""
     best = np.max(np.where(np.isfinite(strength), strength, -np.inf), axis=0, initial=-np.inf)
     best = best[sure & np.isfinite(best)]
     return float(np.median(best)) if len(best) else float("nan")
 
 
 def differing(strength: Float[np.ndarray, "drive place"], usual: float) -> Bool[np.ndarray, "drive place"]:
-    """Places whose matches, with those beside them, are so much weaker than usual that other ground explains it."""
+    """Places whose matches, like those of their neighbours, are so weak that the ground must differ."""
     return np.asarray(_median_of_three(strength) < _DIFFERS * usual)
 
 
@@ -108,7 +108,7 @@ def judge_ground(evidence: Evidence) -> GroundVerdict:
     low = (strength < _DIFFERS * usual) & evidence.sure
     high = (strength >= _AGREES * usual) & (evidence.apart_m <= _PLACED_M)
     confirmed = high.copy()
-    # Ground that is as a baseline of that time or older has it did not change since: a weak match has another reason.
+    # Ground that agrees with a baseline of that date or older has not changed since: a weak match has another reason.
     count = len(strength)
     dated = evidence.newer[count, :count]
     for old in np.flatnonzero(dated):
@@ -154,7 +154,7 @@ def _agreeing(
 
 
 def _median_of_three(strength: Float[np.ndarray, "drive place"]) -> Float[np.ndarray, "drive place"]:
-    """Median of each place and its two neighbours, of those that are known the lower one; NaN stays NaN."""
+    """Median of each place and its two neighbours, the lower one of two; NaN stays NaN."""
     padded = np.pad(strength, [(0, 0), (1, 1)], constant_values=np.nan)
     about = np.sort(np.stack([padded[:, :-2], padded[:, 1:-1], padded[:, 2:]]), axis=0)  # NaN goes last
     known = np.isfinite(about).sum(axis=0)
@@ -171,12 +171,12 @@ def _bridged(low: Bool[np.ndarray, " place"]) -> Bool[np.ndarray, " place"]:
     return out
 
 
-# How well the stations of one baseline match the ground of another alone, place by place along the first.
+# Matches of one baseline's stations on the ground of another alone, place by place along the first.
 
 _SEARCH_M = 0.5
-"""Half side of the search about labels that are known to decimetres: the best of few places is low on other ground."""
+"""Half side of the search around labels known to decimetres: on other ground the best of few places scores low."""
 _LEAST_SHARE = 0.35  # of the array over the other's ground
-_REACH_M = 0.5  # to both sides of a place, whose signal is looked at
+_REACH_M = 0.5  # to each side of a place, whose signal is used
 
 
 class BaselinePlaces(NamedTuple):
@@ -198,14 +198,14 @@ class BaselinePlaces(NamedTuple):
 
 
 def lay_places(source: MapFile, drive: int) -> BaselinePlaces:
-    """Places along a baseline; gaps of its stations have none."""
+    """Places along a baseline, none in gaps of its stations."""
     own = np.flatnonzero(source.drive == drive)
     pose = source.pose[own]
     path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(pose[:, :2], axis=0).T))])
     cell = (path / PLACE_M).astype(np.int64)
     held, place = np.unique(cell, return_inverse=True)
     at_m = (held + 0.5) * PLACE_M
-    # The middle one of the stations of each cell.
+    # The middle station of each cell.
     first = np.searchsorted(cell, held)
     last = np.searchsorted(cell, held, side="right")
     middle = (first + last) // 2
@@ -213,7 +213,7 @@ def lay_places(source: MapFile, drive: int) -> BaselinePlaces:
 
 
 class NearPlaces:
-    """Which stations of a map stand near the places of one baseline.
+    """Stations of a map near the places of one baseline.
 
     Args:
         source: the map.
@@ -226,7 +226,7 @@ class NearPlaces:
         self._index = SpatialIndex(places.pose[:, :2], 8.0)
 
     def nearest_stations(self, kept: Bool[np.ndarray, " scan"], within_m: float) -> Int[np.ndarray, " place"]:
-        """Nearest of some stations to each place; -1 where none is so near."""
+        """Nearest of some stations to each place; -1 where none is close enough."""
         numbers = np.flatnonzero(kept)
         if not len(numbers):
             return np.full(len(self._places.at_m), -1)
@@ -235,7 +235,7 @@ class NearPlaces:
         return np.array([-1 if number is None else numbers[number] for number in found], np.int64)
 
     def stations_at(self, chosen: Bool[np.ndarray, " place"], kept: Bool[np.ndarray, " scan"]) -> Int[np.ndarray, " _"]:
-        """Those of some stations whose nearest place, within an array's width, is one of the chosen."""
+        """The stations whose nearest place, within an array's width, is one of the chosen."""
         if not chosen.any():
             return np.zeros(0, np.int64)
         around = self._places.pose[chosen, :2]
@@ -252,7 +252,7 @@ class Strengths(NamedTuple):
 
     Attributes:
         strength: correlation times the root of the overlap.
-        apart_m: from where the labels put the station.
+        apart_m: from the station's label.
     """
 
     strength: Float[np.ndarray, " place"]
@@ -260,12 +260,12 @@ class Strengths(NamedTuple):
 
 
 def strengths_on(source: MapFile, stations: Int[np.ndarray, " place"], kept: Bool[np.ndarray, " scan"]) -> Strengths:
-    """Match stations on the ground of others, about where their labels put them.
+    """Match stations on the ground of others, around their labels.
 
     Args:
         source: the map.
         stations: in order along their baseline.
-        kept: the stations that make the ground.
+        kept: the stations that form the ground.
     """
     strength, apart_m = np.full(len(stations), np.nan), np.full(len(stations), np.nan)
     if not kept.any() or not len(stations):
@@ -285,40 +285,40 @@ def strengths_on(source: MapFile, stations: Int[np.ndarray, " place"], kept: Boo
 
 
 def repeats_at(source: MapFile, ground: GroundMap, stations: Int[np.ndarray, " place"]) -> Float[np.ndarray, " place"]:
-    """Share of the signal about stations that is ground: it repeats an eighth of a wavelength farther."""
+    """Share of the signal around stations that is ground, i.e. repeats an eighth of a wavelength farther."""
     settings = source.description.settings
     reach, lag = max(1, round(_REACH_M / settings.step_m)), coherence_lags(settings, 0.0)[0]
     found = [signal_about(source, ground, int(station), reach, lag).repeats for station in stations]
     return np.array(found, np.float64)
 
 
-_UNKNOWN_M = 1.5  # that labels which no fix has corrected may be off by, to be laid over other ground
+_UNKNOWN_M = 1.5  # largest error of labels without a fix, to be compared with other ground
 
 
 class StationMarks(NamedTuple):
-    """Which stations of a map are out of force, and since when.
+    """Stations of a map that are out of force, and since when.
 
     Attributes:
-        retired: number of the update that took each station out of force, 0 while it is in force.
-        added_by: number of the update that each baseline came with, 0 for those that the map was built from. A station
-            that its own update took out is held back, and may come into force later.
+        retired: number of the update that retired each station, 0 while it is in force.
+        added_by: number of the update that added each baseline, 0 for those that the map was built from. A station
+            retired by its own update is held back and may come into force later.
     """
 
     retired: Int[np.ndarray, " scan"]
     added_by: tuple[int, ...]
 
     def held_back(self, drive: Int[np.ndarray, " scan"]) -> Bool[np.ndarray, " scan"]:
-        """Stations, of these baselines, that wait for a second drive to agree with them."""
+        """Stations of these baselines held back until a second drive agrees with them."""
         return np.asarray((self.retired > 0) & (self.retired == np.asarray(self.added_by)[drive]))
 
 
 class BaselineChanges(NamedTuple):
-    """Outcome of an update's look at the ground.
+    """Result of an update's comparison of the ground.
 
     Attributes:
         verdict: by place of the new baseline.
         marks: after the update.
-        retired: stations taken out of force, of the old baselines.
+        retired: stations of the old baselines taken out of force.
         released: stations that were held back and are in force now.
         strength: of the new baseline's places on each old one's ground alone.
     """
@@ -338,7 +338,7 @@ def find_changes(
     marks: StationMarks,
     newer: Bool[np.ndarray, "drive drive"],
 ) -> BaselineChanges:
-    """Compare a map's last baseline with each of the others, and mark what follows.
+    """Compare a map's last baseline with each of the others, and mark stations accordingly.
 
     Args:
         source: the map with the new baseline, all of its stations in force.
@@ -375,7 +375,7 @@ def find_changes(
             chosen = np.zeros(count, bool)
             chosen[ground.first : ground.last + 1] = True
             retired[near.stations_at(chosen, (drive == ground.drive) & (marks.retired == 0))] = update
-    # A place that is not known would be laid over the ground of another.
+    # An unknown place would be compared with the ground of another.
     old = (drive != new) & (marks.retired == 0)
     unknown = ~corrected & (near.nearest_stations(old, near.width_m + _UNKNOWN_M) >= 0)
     stations, place = places.of_station
@@ -391,7 +391,7 @@ def _with_signal(
     strength: Float[np.ndarray, "drive place"],
     between: Bool[np.ndarray, " place"],
 ) -> tuple[Float[np.ndarray, "drive place"], Bool[np.ndarray, " place"]]:
-    """Matches and places of which noise is not the reason that they differ."""
+    """Matches and places whose differences are not due to noise."""
     low = differing(strength, usual_strength(strength, between)) & between
     if not low.any():
         return strength, between
@@ -405,10 +405,10 @@ def _with_signal(
     return out, sure
 
 
-# What a map's baselines are weighed by, measured where it is not known yet: agreement in pairs, and signal.
+# Measures for the weights of a map's baselines, computed where missing: agreement in pairs, and signal.
 
 _SAMPLES = 40
-"""Places a pair of baselines is compared at, spread over the stretch that they share."""
+"""Places at which a pair of baselines is compared, spread over the shared stretch."""
 _LEAST_SAMPLES = 5
 
 
@@ -464,7 +464,7 @@ def repeats_of(
 
 
 def _spread(numbers: Int[np.ndarray, " place"]) -> Int[np.ndarray, " sample"]:
-    """At most so many of some numbers, from the first to the last."""
+    """At most ``count`` of some numbers, spread from the first to the last."""
     if len(numbers) <= _SAMPLES:
         return numbers
     return np.asarray(numbers[np.linspace(0, len(numbers) - 1, _SAMPLES).astype(int)])

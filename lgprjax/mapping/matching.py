@@ -1,6 +1,6 @@
-"""A map's own stations as live scans: matched against the ground of the other baselines, and against their own.
+"""Matching a map's own stations as live scans: against the ground of the other baselines, and their own.
 
-The score, the search and the judgement are those of registration, with its default thresholds.
+Score, search and acceptance are those of registration, with its default thresholds.
 """
 
 from dataclasses import replace
@@ -26,16 +26,16 @@ from lgprjax.registration import (
 )
 from lgprjax.subsurface import GroundMap, MapDescription, SpatialIndex, Tile
 
-# The route of a map in equal steps, and what ground lies there: passes, width, share of the array on the map.
+# The route of a map in equal steps, and its ground: passes, width, share of the array on the map.
 
 
 class DrivePlaces(NamedTuple):
-    """Places along one baseline's own track, in equal steps, across gaps of the baseline too.
+    """Places along one baseline's own track, in equal steps, also across gaps of the baseline.
 
     Attributes:
         pose: east_m, north_m, yaw_rad.
         station: nearest station of the baseline along its track; -1 where none in force is within half a step.
-        fresh: in force, and no earlier baseline in force came by: here the route goes on.
+        fresh: in force, without an earlier baseline in force nearby: here the route continues.
     """
 
     pose: Float[np.ndarray, "place 3"]
@@ -44,7 +44,8 @@ class DrivePlaces(NamedTuple):
 
 
 class MapRoute(NamedTuple):
-    """The map's ground in order of driving, each stretch counted once: the first baseline, then what later ones add.
+    """The map's ground in order of driving, each stretch counted once: the first baseline, then additions of later
+    ones.
 
     Attributes:
         at_m: metres along the route.
@@ -59,11 +60,11 @@ class MapRoute(NamedTuple):
 
 
 class RouteGround(NamedTuple):
-    """What lies at each place of the route.
+    """Ground at each place of the route.
 
     Attributes:
-        passes: baselines that came by within an array's width.
-        width_m: ground across the route without a gap, through the place; 0 where there is none.
+        passes: baselines within an array's width.
+        width_m: gapless ground across the route at the place; 0 without any.
         overlap: share of an array's antennas on the map, its centre on the route.
     """
 
@@ -92,7 +93,7 @@ def places_of_drives(source: MapFile, step_m: float) -> list[DrivePlaces]:
         close = np.abs(path[nearest] - at) <= 0.5 * step_m
         station = np.where(close & in_force, stations[nearest], -1)
         fresh = in_force.copy()
-        # Against the earlier places, not stations: a gap in one baseline is a hole, not another road.
+        # Compared with earlier places, not stations: a gap in one baseline is a hole, not another road.
         if len(earlier):
             index = SpatialIndex(earlier, 8.0)
             fresh &= np.array([index.nearest(point, radius_m) is None for point in where[:, :2]])
@@ -110,7 +111,7 @@ def route_of(drives: list[DrivePlaces], step_m: float) -> MapRoute:
 
 
 def passes_at(source: MapFile, route: MapRoute) -> Int[np.ndarray, " route"]:
-    """Baselines in force that came by each place within an array's width."""
+    """Baselines in force within an array's width of each place."""
     in_force = source.retired == 0
     index, radius_m = SpatialIndex(source.pose[in_force, :2], 8.0), source.description.array_width_m
     drive = source.drive[in_force]
@@ -131,7 +132,7 @@ def mask_of(tile: Tile) -> TileMask:
 
 
 def on_map(mask: TileMask, position_m: Float[np.ndarray, "*place 2"]) -> Bool[np.ndarray, "*place"]:
-    """Where a trace could be scored: all four cells about the position are covered (as ``sample_tile`` asks)."""
+    """Positions where a trace can be scored: all four cells around are covered (as in ``sample_tile``)."""
     base = np.floor((position_m - mask.origin_m) / mask.cell_m).astype(np.int64)
     size = np.array(mask.valid.shape)
     inside = np.all((base >= 0) & (base + 1 < size), axis=-1)
@@ -163,16 +164,17 @@ def ground_at(mask: TileMask, pose: Float[np.ndarray, "3"], channels: int, pitch
     return float(cells) * step_m, overlap
 
 
-# Stations of a map registered on a tile, as live scans would be: their templates, and what the search answers.
+# Stations of a map registered on a tile like live scans: their templates and fixes.
 
 _LEAST_SCORE, _LEAST_LEAD = 3.0, 1.4
-"""Of a match between baselines of one map, in noise floors: their labels say that it is the same ground, so that its
-neighbourhood is what it must stand out from. The lead is that of a scan; that of a window falls with its length."""
+"""Of a match between baselines of one map, in noise floors: by their labels it is the same ground, so that it needs to
+exceed its neighbourhood only. The margin is that of a scan; that of a window falls with its length.
+"""
 _LANES = 4  # a tile of usual spacing holds three or four places
-_FEW_CHANNELS = 3  # an array of no more channels is matched in windows
+_FEW_CHANNELS = 3  # an array of at most this many channels is matched in windows
 _WINDOW_WAVELENGTHS = 4.0
-_ROOM_M = 0.15  # to both sides: a trace at the rim would be lost on the way to the match, and hold it back
-_LEAST_TRACES = 0.25  # of a template that lie over the ground: fewer say nothing
+_ROOM_M = 0.15  # to both sides: a trace at the edge would be lost during refinement, and hold the match back
+_LEAST_TRACES = 0.25  # of a template over the ground: fewer are not conclusive
 
 
 class StationFixes(NamedTuple):
@@ -181,7 +183,7 @@ class StationFixes(NamedTuple):
     Attributes:
         prior: where they were expected, in the tile's frame.
         fix: in the tile's frame.
-        share: of the template's traces that took part.
+        share: of the template's traces that were used.
     """
 
     prior: Float[np.ndarray, "template 5"]
@@ -190,7 +192,7 @@ class StationFixes(NamedTuple):
 
 
 def window_stations(description: MapDescription) -> int:
-    """Stations of a template: one of an array; four wavelengths where three channels or fewer say too little."""
+    """Stations of a template: one for an array; four wavelengths for three channels or fewer."""
     if description.channels > _FEW_CHANNELS:
         return 1
     return 1 + round(_WINDOW_WAVELENGTHS * description.settings.wavelength_m / description.settings.step_m)
@@ -206,18 +208,18 @@ def register_stations(
     *,
     over_ground: bool,
 ) -> StationFixes:
-    """Register templates about stations of a database on a tile.
+    """Register templates around stations of a database on a tile.
 
     Args:
         source: the database that the stations come from.
         ground: its tiles, or those of some of its baselines.
         tile: number of the tile.
         stations: numbers of the templates' last stations.
-        pose: where each is expected on the tile's ground, in the map's frame: its label, or better.
+        pose: where each is expected on the tile's ground, in the map's frame: its label, or a better estimate.
         options: the search.
-        over_ground: only the traces that lie over the tile's ground where they are expected take part: what a
-            neighbouring lane does not reach is no disagreement. For poses right to a decimetre; without it a template
-            is whole, and one that finds too little ground is declined.
+        over_ground: use only the traces expected over the tile's ground: traces outside a neighbouring baseline are no
+            disagreement. For poses known to a decimetre; without it all traces are used, and a template with too little
+            ground is declined.
     """
     description, basis = ground.description, ground.basis
     frame, mask = ground.frame(tile), mask_of(ground.tile(tile))
@@ -306,7 +308,7 @@ def _templates(source: MapFile, last: Int[np.ndarray, " template"], count: int, 
 def turned_by(
     vector_m: Float[np.ndarray, "template trace 2"], angle_rad: Float[np.ndarray, " template"]
 ) -> Float[np.ndarray, "template trace 2"]:
-    """Vectors turned counter-clockwise."""
+    """Vectors rotated counter-clockwise."""
     cos, sin = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
     x, y = vector_m[..., 0], vector_m[..., 1]
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
@@ -316,12 +318,12 @@ class Matches(NamedTuple):
     """Templates matched, one row each; NaN where it was not tried.
 
     Attributes:
-        along_m, cross_m: where the ground puts the station less where its label does, in the station's heading.
+        along_m, cross_m: the matched place minus the label, in the station's heading.
         sigma_m: larger of the match's sigmas along and across.
         correlation: at the match.
         strength: correlation times the root of the overlap.
         rival: strength of the best place at least 0.6 of a wavelength away, within the search region.
-        share: of the template's traces that lie over the ground it is matched with.
+        share: of the template's traces over the ground it is matched with.
         code: of registration; ``off_map`` where it was not tried.
     """
 
@@ -342,10 +344,10 @@ def match_stations(
     stations: Int[np.ndarray, " template"],
     options: RegisterOptions,
 ) -> Matches:
-    """Match templates about stations of a database against a tile.
+    """Match templates around stations of a database against a tile.
 
-    Only the traces that lie over the tile's ground where their labels put them take part: what a neighbouring lane
-    does not reach is no disagreement.
+    Only traces that are over the tile's ground by their labels are used: traces outside a neighbouring baseline are no
+    disagreement.
 
     Args:
         source: the database that the stations come from.
@@ -372,7 +374,7 @@ def match_stations(
 
 
 class StretchSignal(NamedTuple):
-    """What the stations about one place hold.
+    """Signal of the stations around one place.
 
     Attributes:
         power: mean square of the gained traces.
@@ -386,7 +388,7 @@ class StretchSignal(NamedTuple):
 
 
 def signal_about(source: MapFile, ground: GroundMap, station: int, reach: int, lag: int) -> StretchSignal:
-    """Signal of the stations ``reach`` to each side of one, of its own baseline."""
+    """Signal of the stations within ``reach`` of one, on its own baseline."""
     numbers = np.arange(max(station - reach, 0), min(station + reach + lag + 1, len(source.pose)))
     numbers = numbers[source.drive[numbers] == source.drive[station]]
     read = source.read_stations(numbers)

@@ -1,4 +1,4 @@
-"""Routes of a subsurface database: one a baseline, a stretch of it either way, laid as legs that can be driven."""
+"""Routes of a subsurface database: one for each baseline, a stretch of it in either direction, as drivable legs."""
 
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -22,7 +22,7 @@ class Route(NamedTuple):
     """A baseline as a route, in the map's local frame.
 
     Attributes:
-        name: of its drive log; with its number where two are alike.
+        name: of its drive log; with its number if not unique.
         track: of the array's centre, as recorded.
         at_m: metres along it at each point.
         closed: it ends where it began.
@@ -58,7 +58,7 @@ def route_named(source: MapFile, name: str) -> Route:
     """The route of that name.
 
     Raises:
-        InputError: the map has none such.
+        InputError: the map has no such route.
     """
     routes = routes_of(source)
     for route in routes:
@@ -70,12 +70,12 @@ def route_named(source: MapFile, name: str) -> Route:
 def stretch_of(
     route: Route, from_m: float, to_m: float, direction: Literal["along", "against"], *, file: str | Path
 ) -> RouteTrack:
-    """The track of a stretch in the order of driving.
+    """Track of a stretch in the order of driving.
 
     Args:
-        route: of which.
+        route: of the map.
         from_m, to_m: along it as recorded.
-        direction: as recorded, or turned over.
+        direction: as recorded, or reversed.
         file: for errors.
 
     Raises:
@@ -111,10 +111,10 @@ def lay_route(chosen: RouteFile, source: MapFile, *, file: str | Path) -> RouteP
 
 
 def open_route(path: str | Path) -> tuple[RouteFile, RoutePath, LocalFrame]:
-    """A route file with its legs, and the frame that they are in.
+    """Open a route file: its legs, and their frame.
 
     Raises:
-        InputError: the file or its map cannot be used, or the map is not the one that the route was chosen from.
+        InputError: the file or its map is unusable, or the map is not the one that the route was chosen from.
     """
     chosen = read_route(path)
     require_map(chosen, path)
@@ -149,7 +149,7 @@ def waypoints_of(laid: RoutePath, source: MapFile) -> Waypoints:
         spacing_m = float(laid.legs.spacing_m[leg])
         count = round(float(laid.legs.length_m[leg]) / spacing_m) + 1
         rows = np.asarray(laid.legs.rows[leg, 1 : count + 1], np.float64)
-        # The last row begins the straight continuation: the curvature there is that of the arc before.
+        # The last row begins the straight continuation: the curvature there is that of the previous arc.
         curvature = np.append(rows[:-1, 4], rows[-2, 4])
         near = [index.nearest(point, _NEAR_M) for point in rows[:, :2]]
         up = np.array([0.0 if each is None else source.ground_up_m[each] for each in near])
@@ -163,7 +163,7 @@ def waypoints_of(laid: RoutePath, source: MapFile) -> Waypoints:
 
 
 def _names(source: MapFile) -> list[str]:
-    """Name of each baseline: of its drive log, where the map says it."""
+    """Name of each baseline: that of its drive log, if the map has it."""
     inputs = source.provenance.get("inputs")
     rows = inputs if isinstance(inputs, list) else []
     names = []

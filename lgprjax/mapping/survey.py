@@ -1,4 +1,4 @@
-"""A walk along the routes of a map: ground, signal, likeness to itself, agreement of its baselines, place by place."""
+"""Survey of a map along its routes: ground, signal, self-similarity and agreement of its baselines at each place."""
 
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
@@ -30,11 +30,11 @@ STEP_M = 1.0
 
 
 class Signal(NamedTuple):
-    """What the map's own traces say at each place of the route; NaN where no station is.
+    """Signal of the map's own traces at each place of the route; NaN without a station.
 
     Attributes:
-        power: mean square of the gained traces about the place.
-        repeats: their correlation with those an eighth of a wavelength farther: the share that is ground.
+        power: mean square of the gained traces around the place.
+        repeats: their correlation with those an eighth of a wavelength farther, which is the share of ground.
         likeness: strength of the best rival of the place's own scan within the search region, over its own.
         ambiguous: that scan, registered on the map, is declined for its rival.
     """
@@ -46,7 +46,7 @@ class Signal(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """Baselines against the ground of all others, one row a place of a baseline where both are.
+    """Baselines against the ground of all others, one row for each place of a baseline where both exist.
 
     Attributes:
         drive: number of the baseline.
@@ -76,13 +76,13 @@ class MapSurvey(NamedTuple):
 
 
 def survey_map(source: MapFile, progress: Callable[[int], None] = lambda _: None) -> MapSurvey:
-    """Walk along every baseline of a map.
+    """Survey every baseline of a map.
 
-    Tiles are gridded where they are needed and few are held; a few hundred bytes a place are kept.
+    Tiles are gridded when needed and few are cached; a few hundred bytes a place are kept.
 
     Args:
         source: the database.
-        progress: told the number of places done since the last call, of ``places_of``.
+        progress: called with the number of places done since the last call, out of ``places_of``.
     """
     options = RegisterOptions(search_m=1.5)
     drives = places_of_drives(source, STEP_M)
@@ -140,7 +140,7 @@ def _agreement(
     options: RegisterOptions,
     progress: Callable[[int], None],
 ) -> list[Agreement]:
-    """One baseline against the ground of all others, wherever one of them came by."""
+    """One baseline against the ground of all others, where one of them is nearby."""
     others = OtherBaselines(source, drive)
     rows: list[Agreement] = []
     if others.kept.any():
@@ -187,7 +187,7 @@ def _in_tile(pose: Float[np.ndarray, "place 3"], frame: Float[np.ndarray, "3"]) 
     return to_tile(whole, frame)[:, [0, 1, 3]]
 
 
-# How often each cell of a map's ground was passed, when last, and what lies bare: along the route and across it.
+# Passes over each cell of a map's ground, the newest of them, and holes: along the route and across it.
 
 _STATIONS = 256  # read at a time
 _REACH = 1.5  # array widths to each side: baselines farther off have a route of their own
@@ -202,7 +202,7 @@ class GroundPasses(NamedTuple):
         at_m, across_m: middles of the cells, along the route and to its left.
         passes: baselines that touch every part of a cell with valid channels.
         newest_day: when the newest of them was recorded, days since 1970-01-01 UTC; NaN where no date is known.
-        hole: cells well under the array of a drive along the route, without any pass.
+        hole: cells well within the array of a drive along the route, without any pass.
     """
 
     at_m: Float[np.ndarray, " place"]
@@ -213,7 +213,7 @@ class GroundPasses(NamedTuple):
 
 
 def ground_passes(source: MapFile, route: MapRoute) -> GroundPasses:
-    """Go along every baseline and mark the cells that its antennas touch.
+    """Mark the cells that the antennas of every baseline touch.
 
     Memory: a few hundred bytes a metre of route. Stations out of use and dead channels touch nothing.
 
@@ -229,7 +229,7 @@ def ground_passes(source: MapFile, route: MapRoute) -> GroundPasses:
     beside = int(np.ceil(_REACH * width_m / cell_m))
     across_m = cell_m * np.arange(-beside, beside + 1)
     parts = int(np.clip(0.5 * STEP_M / description.settings.step_m, 1, _PARTS))
-    # A stretch's last cell may be longer than its ground.
+    # The last cell of a stretch may be longer than its ground.
     follows = (np.diff(route.drive) == 0) & (np.diff(route.place) == 1)
     last = np.append(~follows, True)
     days = _days(source)
@@ -246,10 +246,10 @@ def ground_passes(source: MapFile, route: MapRoute) -> GroundPasses:
 
 
 def half_like_m(survey: MapSurvey, pitch_m: float) -> float | None:
-    """Distance across at which the ground's signal has lost half of its likeness, noise counted as unlike.
+    """Distance across the track at which the correlation of the ground's signal has halved, noise included.
 
-    From the correlation of neighbouring channels, carried on as exp(-d²/(2 l²)). None for a single channel, or where
-    neighbours are not like each other at all.
+    From the correlation of neighbouring channels, extrapolated as exp(-d²/(2 l²)). None for a single channel, or where
+    neighbours are uncorrelated.
     """
     known = survey.beside[survey.beside > 0.0]
     alike = float(np.median(known)) if known.size else 0.0
@@ -263,7 +263,7 @@ def _touch(
     route: MapRoute,
     cell_m: float,
 ) -> None:
-    """Mark what the antennas of some stations touch, each at its nearest place of the route."""
+    """Mark the cells under the antennas of some stations, each at its nearest place of the route."""
     _, parts, cells = touched.shape
     reach_m = float(np.hypot(0.5 * cells * cell_m, STEP_M))
     index = SpatialIndex(route.pose[:, :2], max(reach_m, 1.0))
@@ -285,7 +285,7 @@ def _touch(
 
 
 def _days(source: MapFile) -> list[float]:
-    """When each baseline was recorded, days since 1970; NaN where the map does not say."""
+    """Recording date of each baseline, days since 1970; NaN where unknown."""
     inputs = source.provenance.get("inputs")
     rows = inputs if isinstance(inputs, list) else []
     said = [moment_of(row.get("t0_utc")) if isinstance(row, dict) else None for row in rows]

@@ -1,11 +1,11 @@
-"""A map brought up to date by new drives: located on it, added to it, weighed, and what they find changed retired.
+"""Updating a map by new drives: they are located, added and weighted, and changed ground is retired.
 
 A drive is registered on the map, its labels are corrected by its fixes, and it becomes one more baseline. Nothing of
 the map is deleted: stations of ground that has changed stay in the file, marked with the number of the update that
-retired them. Of the new drive's own stations those are held back (marked with the number of its own update) that lie
-over the map's ground and could not be located, or that only contradict it (see ``changes``).
+retired them. Stations of the new drive are held back (marked with the number of its own update) if they are over the
+map's ground and could not be located, or only contradict it (see ``changes``).
 
-The new map is written beside the old one and takes its name in one step: whatever fails, the old one is there whole.
+The new map is written next to the old one and takes its name in one step: if anything fails, the old one is intact.
 """
 
 import os
@@ -60,25 +60,25 @@ from lgprjax.radar import centre_of
 from lgprjax.registration import Code, Fix, RegisterOptions, Track
 from lgprjax.subsurface import MapDescription, TilePlacer
 
-# Labels of one drive corrected by its fixes on a map that stays where it is.
+# Labels of one drive corrected by its fixes on a fixed map.
 #
-# GNSS and INS keep the shape of a short stretch and lose its place slowly: what a label is wrong by is a random walk
-# along the way, which the fixes observe, smoothed forward and back (Rauch, Tung and Striebel 1965). Where the labels
-# step aside and the wheels do not, the walk may step too. Wrong fixes lose their weight by the loss of Geman and
-# McClure (1985), told at first by the median of their surroundings: they must be the fewer within fifteen metres. Far
-# from all fixes the labels stay as given.
+# GNSS and INS keep the shape of a short stretch and drift slowly: the error of a label is a random walk along the
+# track, observed by the fixes and smoothed forward and backward (Rauch, Tung and Striebel 1965). Where the labels step
+# and the wheels do not, the walk may step too. Wrong fixes lose their weight by the loss of Geman and McClure (1985),
+# starting from the median of their surroundings: they must be a minority within fifteen metres. Far from all fixes the
+# labels stay as given.
 
 _NODE_M = 1.0
-_NODE_SCANS = 5  # a node is longer where scans stand far apart
-_LEAST_FIXES = 3  # of a node: fewer are not heard
-_LEAST_NODES = 3  # with fixes, of those about a node: fewer tell nothing of each other
+_NODE_SCANS = 5  # a node is longer where scans are far apart
+_LEAST_FIXES = 3  # of a node: fewer are ignored
+_LEAST_NODES = 3  # with fixes, of those around a node: fewer cannot be compared
 _ABOUT_NODES = 15
 _WALK_M = 0.03  # a root metre, of east and of north
 _WALK_RAD = np.radians(0.03)
 _LEAST_SIGMA_M = 0.02  # fixes of one metre of ground share most of their errors
 _LEAST_SIGMA_RAD = np.radians(0.2)
-_STEP = 0.1  # metres a metre by which labels may differ from wheels and heading: more is a step of the labels
-_STEPPED_M = 0.1  # from node to node: labels that step so far are not corrected there
+_STEP = 0.1  # metres a metre by which labels may differ from wheels and heading; more is a step of the labels
+_STEPPED_M = 0.1  # from node to node: labels with larger steps are not corrected there
 _WRONG_M = 0.15  # a fix this far from its neighbours keeps a quarter of its weight
 _WRONG_RAD = np.radians(2.0)
 _HEARD = 0.25  # of its weight that a node keeps to count as located
@@ -87,15 +87,15 @@ _SURE_M, _LOST_M = 0.15, 0.26  # sigma up to which labels are corrected in full,
 
 
 class LabelCorrection(NamedTuple):
-    """What to add to a drive's labels, one row a scan.
+    """Correction of a drive's labels, one row a scan.
 
     Attributes:
         offset: east_m, north_m, yaw_rad.
-        sigma_m: of the corrected position against the map's ground, of east and of north alike; infinite where it is
+        sigma_m: of the corrected position relative to the map's ground, in east and in north each; infinite where it is
             not corrected.
         corrected: by fixes, up to 25 m beyond the last of them and across gaps of 100 m: there sigma reaches 0.15 m.
         between: corrected, and with located places before and after: ground that does not match here has changed.
-        located_m: metres of the way on which fixes agree with their neighbours.
+        located_m: metres of travel on which fixes agree with their neighbours.
     """
 
     offset: Float[np.ndarray, "scan 3"]
@@ -118,9 +118,9 @@ def correct_labels(
 
     Args:
         track: the labels.
-        fix: of every scan; only those with code ok are heard.
-        beside: part of the fixes' covariances that is not the match's (see ``DriveFixes``).
-        lever_m: the array's centre, forward and left of the point that runs along its heading (the rear axle).
+        fix: of every scan; only those with code ok are used.
+        beside: part of the fixes' covariances due to map and odometer (see ``DriveFixes``).
+        lever_m: the array's centre, forward and left of the point that moves along its heading (the rear axle).
     """
     path_m = path_of(track)
     length_m = max(_NODE_M, _NODE_SCANS * float(path_m[-1]) / max(len(path_m) - 1, 1))
@@ -137,7 +137,7 @@ def correct_labels(
     located = weight >= _HEARD
     sigma_m = np.sqrt(spread[:, 0]) if located.any() else np.full(len(value), np.inf)
     share = np.clip((_LOST_M - sigma_m) / (_LOST_M - _SURE_M), 0.0, 1.0)
-    # Within a node that labels step in, nobody knows on which side of the step a scan stands.
+    # Within a node in which labels step, the side of the step on which a scan is remains unknown.
     stepped = walk[:, 0] > _STEPPED_M**2
     corrected = (sigma_m <= _SURE_M) & ~stepped & ~np.append(stepped[1:], False)
     between = np.logical_or.accumulate(located) & np.logical_or.accumulate(located[::-1])[::-1] & corrected
@@ -152,14 +152,14 @@ def correct_labels(
 
 
 def path_of(track: Track) -> Float[np.ndarray, " scan"]:
-    """Metres driven since the first scan; reverse counts as way too."""
+    """Metres driven since the first scan; reverse counts as well."""
     return np.asarray(np.cumsum(np.abs(np.diff(track.travel_m, prepend=track.travel_m[0]))))
 
 
 def _observed(
     track: Track, fix: Fix, beside: Float[np.ndarray, "scan 2 2"], node: Int[np.ndarray, " scan"]
 ) -> tuple[Float[np.ndarray, "node 3"], Float[np.ndarray, "node 3"]]:
-    """Median of fix less label at each node, and its variance; NaN and infinite where there are too few fixes."""
+    """Median of fix minus label at each node, and its variance; NaN and infinite where there are too few fixes."""
     off = np.asarray(fix.pose, np.float64)[:, [0, 1, 3]] - track.pose[:, [0, 1, 3]]
     off[:, 2] = wrap_angle(off[:, 2])
     covariance = np.asarray(fix.covariance, np.float64)
@@ -197,7 +197,7 @@ def _walk(
 
 
 def _from_surroundings(value: Float[np.ndarray, "node 3"]) -> Float[np.ndarray, "node 3"]:
-    """Of each node from the median of those about it; NaN where nothing was observed, or by too few."""
+    """Difference of each node from the median of those around it; NaN without enough observations."""
     off = np.full_like(value, np.nan)
     for number in np.flatnonzero(np.isfinite(value[:, 0])):
         about = value[max(number - _ABOUT_NODES, 0) : number + _ABOUT_NODES + 1]
@@ -234,12 +234,12 @@ def _smoothed(
     return mean, spread
 
 
-# A drive located on a map, its labels corrected: what is needed before it may become one of the map's baselines.
+# A drive located on a map, its labels corrected: required before it becomes one of the map's baselines.
 
 _SEARCH_M, _WINDOW_M = 1.5, 1.0
 _LEAST_LOCATED_M = 5.0
 _LEAST_SHARE = 0.2
-"""Of the way over the map's ground that fixes must locate: other ground gives no fixes that agree with each other."""
+"""Share of the travel over the map's ground that fixes must locate: fixes on other ground do not agree."""
 _NOT_TRIED = (Code.OFF_MAP, Code.LOW_OVERLAP, Code.NON_FINITE, Code.NO_WINDOW)
 
 
@@ -249,12 +249,12 @@ class LocatedDrive(NamedTuple):
     Attributes:
         track: of the scans, poses corrected.
         correction: of the labels.
-        alignment: how its traces are to be changed to be the map's.
+        alignment: how its traces are adjusted to the map's.
         path_m: of the scans, along the drive.
         tried: scans over the map's ground.
         ok: scans whose fix is ok.
-        match_sigma_m: of the corrected labels against the map's ground, root mean square.
-        map_sigma_m: what the map's own labels are wrong by there, root mean square.
+        match_sigma_m: of the corrected labels relative to the map's ground, root mean square.
+        map_sigma_m: sigma of the map's own labels there, root mean square.
     """
 
     track: DriveTrack
@@ -268,7 +268,7 @@ class LocatedDrive(NamedTuple):
 
 
 def update_search(description: MapDescription) -> RegisterOptions:
-    """Search of a drive that shall become a baseline: in windows that no ground which has changed is bridged with."""
+    """Search for a drive that is to become a baseline: with windows too short to bridge changed ground."""
     wavelength_m = description.settings.wavelength_m
     window_m = _WINDOW_M * max(1.0, wavelength_m)
     return RegisterOptions(search_m=max(_SEARCH_M, wavelength_m), window_m=window_m, time_scale=1.0)
@@ -280,11 +280,11 @@ def locate_drive(source: MapFile, log: DriveLog, progress: Callable[[int], None]
     Args:
         source: the map.
         log: the drive.
-        progress: told the number of scans done since the last call.
+        progress: called with the number of scans done since the last call.
 
     Raises:
-        InputError: the drive does not fit the map: other channels, a drive that the map holds already, ground that is
-            not the map's, or ground on which it cannot be located.
+        InputError: the drive does not fit the map: other channels, a drive that the map holds already, other ground, or
+            ground on which it cannot be located.
     """
     refuse_unfit(source, log)
     options = update_search(source.description)
@@ -312,7 +312,7 @@ def locate_drive(source: MapFile, log: DriveLog, progress: Callable[[int], None]
 
 
 def refuse_unfit(source: MapFile, log: DriveLog) -> str:
-    """Hash of a drive that may become part of a map. Raises ``InputError`` for other channels, or a part of it."""
+    """Hash of a drive to be added to a map. Raises ``InputError`` for other channels, or a drive that it holds."""
     channels = source.description.channels
     if log.channels != channels:
         raise InputError(log.path, "/array/y_m", f"{channels} channels as in {source.path}", str(log.channels))
@@ -345,7 +345,7 @@ def _refuse_elsewhere(
         raise InputError(log.path, "fixes", expected, found)
 
 
-# A map with one more baseline, nothing of it out of force: what an update compares before it decides.
+# A map with one more baseline, all in force: compared before an update decides.
 
 
 class StagedMap(NamedTuple):
@@ -353,7 +353,7 @@ class StagedMap(NamedTuple):
 
     Attributes:
         path: of the file.
-        tile_frame, height_reference_m: the map's own, and what the new baseline needs beside them.
+        tile_frame, height_reference_m: the map's own, and those that the new baseline adds.
         time_s: of the new baseline's stations, in its drive.
     """
 
@@ -368,7 +368,7 @@ def stage_map(
 ) -> StagedMap:
     """Write a map with a drive as its last baseline.
 
-    Tiles keep their places; the drive adds some where no tile serves it.
+    Tiles keep their places; the drive adds some where none serves it.
 
     Args:
         source: the map.
@@ -399,7 +399,7 @@ def stage_map(
 
 
 UPDATE_PASSES = 3
-"""How often an update tells of a drive's scans: registered, added, compared."""
+"""How often an update reports each scan of a drive: registered, added, compared."""
 
 
 def update_map(
@@ -411,21 +411,21 @@ def update_map(
     progress: Callable[[int], None] = lambda _: None,
     stage: Callable[[str], None] = lambda _: None,
 ) -> UpdatedMap:
-    """Bring a map up to date by drives, the oldest first.
+    """Update a map by drives, the oldest first.
 
     Args:
         path: the map.
         drives: drive logs over its ground.
         output: a new map; without it the map itself is replaced.
         force: replace an output that exists.
-        progress: told the number of scans done since the last call, ``UPDATE_PASSES`` times every scan.
-        stage: told what is being done.
+        progress: called with the number of scans done since the last call; every scan counts ``UPDATE_PASSES`` times.
+        stage: called with each step.
 
     Raises:
-        InputError: a drive that does not fit or lies elsewhere, another process that writes the map, an output that
-            cannot be written, or a damaged map. Then nothing has changed.
+        InputError: a drive that does not fit or is elsewhere, another process that writes the map, an output that
+            cannot be written, or a damaged map. Nothing has changed then.
     """
-    # A link would be replaced, and what it points at stay old.
+    # A link would be replaced, and its target stay old.
     target = Path(os.path.realpath(path)) if output is None else Path(output)
     if output is not None and target.exists() and not force:
         raise InputError(target, "output", "a new file, or --force", "the file exists")
@@ -456,7 +456,7 @@ def update_map(
 
 
 def _oldest_first(path: str | Path, drives: Sequence[str | Path]) -> list[Path]:
-    """The drives by their dates; what cannot be used is refused before any is worked on."""
+    """The drives by date; unusable ones are refused before any is processed."""
     dated: list[tuple[float, str, Path]] = []
     with MapFile.open(path) as source:
         for drive in drives:
@@ -591,11 +591,12 @@ def _update_of(
 
 
 def _label_sigma_m(log: DriveLog, located: LocatedDrive, changes: BaselineChanges) -> float:
-    """What the new baseline's labels are wrong by, such that the mean of all baselines is not called too good.
+    """Sigma of the new baseline's labels, such that the mean of all baselines is not overconfident.
 
-    Corrected labels share the map's errors, m² of variance, and add those of the match. Where they join K baselines of
-    independent errors, whose mean has m², the mean of all is no better than m² but for the match; registration, which
-    takes all baselines for independent, finds just that with (2 K + 1) m² and the match's variance for the new one.
+    Corrected labels share the map's errors, m² of variance, and add those of the match. Joined with K baselines of
+    independent errors, whose mean has m², the mean of all is no better than m² except for the match; registration,
+    which takes all baselines as independent, finds just that with (2 K + 1) m² plus the match's variance for the new
+    one.
     """
     corrected = located.correction.corrected
     beside = np.isfinite(changes.strength).sum(axis=0)

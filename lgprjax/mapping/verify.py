@@ -1,4 +1,4 @@
-"""Can this map be trusted? A walk along its routes, judged, with everything measured as tables."""
+"""Verification of a map: a survey along its routes with verdicts, and all measurements as tables."""
 
 import time
 from collections.abc import Callable
@@ -13,26 +13,26 @@ from lgprjax.formats import MapFile
 from lgprjax.mapping.survey import STEP_M, MapSurvey, survey_map
 from lgprjax.registration import MIN_OVERLAP, Code
 
-# What was measured along a map against stated limits: a verdict a kind, and the stretches that fall short.
+# Measurements along a map against stated limits: a verdict for each kind, and the stretches that fall short.
 
 WEAK_REPEATS = 0.3
-"""Where less of the stations' signal repeats an eighth of a wavelength farther, there is hardly ground in it."""
+"""Where less of the stations' signal repeats an eighth of a wavelength farther, it is hardly ground."""
 WIDE_OFFSET_M = 0.1
-"""A baseline that lies farther than this from where the others' ground puts it."""
-_DISAGREEMENT_PERCENT = (20.0, 40.0)  # of the places: on sound ground, too, one single scan in seven is declined
-_CHANNEL_LIMITS = (0.5, 0.25)  # of the usual likeness of neighbouring channels
-_LEAST_LIKENESS = 0.1  # channels so far apart that neighbours hear different ground tell nothing of each other
+"""A baseline farther than this from its place on the ground of the others."""
+_DISAGREEMENT_PERCENT = (20.0, 40.0)  # of the places: on good ground, too, one single scan in seven is declined
+_CHANNEL_LIMITS = (0.5, 0.25)  # of the usual correlation of neighbouring channels
+_LEAST_LIKENESS = 0.1  # channels so far apart that neighbours receive different ground cannot be compared
 _LIMITS_PERCENT = (2.0, 20.0)  # of the route, for kinds that count places
 
 
 class RouteInterval(NamedTuple):
-    """Part of a map that a finding points at.
+    """Part of a map that a finding refers to.
 
     Attributes:
         start_m, stop_m: metres along the route.
         start, stop: latitude_deg and longitude_deg of its ends.
         worst: value there, in the finding's unit.
-        drive, channel: baseline and channel that are meant; None for all.
+        drive, channel: baseline and channel concerned; None for all.
     """
 
     start_m: float
@@ -58,7 +58,7 @@ class MapFinding(NamedTuple):
 
 
 class MapJudge:
-    """Limits on what was surveyed.
+    """Judges a survey against limits.
 
     Args:
         source: the map.
@@ -83,12 +83,12 @@ class MapJudge:
         return self._counted("coverage", width < wanted_m, width, text, smallest=True)
 
     def holes(self) -> MapFinding:
-        """Places where a scan on the route would be declined for want of ground."""
+        """Places where a scan on the route would be declined for lack of ground."""
         least = MIN_OVERLAP
         overlap = self._survey.ground.overlap
         text = f"route with less than {least:g} of the array on the map: a scan there has code low_overlap"
         found = self._counted("holes", overlap < least, overlap, text, smallest=True)
-        # One hole is enough to lose a vehicle that has no other position.
+        # One hole is enough to lose a vehicle without another source of position.
         metres = found.value / 100.0 * len(overlap) * STEP_M
         return found._replace(
             value=metres, unit="m", look=STEP_M, bad=2.0 * STEP_M, verdict=verdict_of(metres, STEP_M, 2.0 * STEP_M)
@@ -104,17 +104,17 @@ class MapJudge:
         return self._counted("weak", repeats < WEAK_REPEATS, repeats, text, smallest=True)
 
     def ambiguous(self) -> MapFinding:
-        """Places that resemble others so much that a scan could not be told from its rival."""
+        """Places that resemble others so much that a scan could not be distinguished from its rival."""
         likeness = self._survey.signal.likeness
         text = (
-            "route where the map's own scan does not lead the best other place within the search region by as much as "
-            f"a fix must; median of the rival's score over the scan's own {np.nanmedian(likeness):.2f}"
+            f"route where the map's own scan exceeds the best other place within the search region by less "
+            f"than a fix requires; median of the rival's score over the scan's own {np.nanmedian(likeness):.2f}"
         )
         short = self._survey.signal.ambiguous
         return self._counted("ambiguous", short, likeness, text, smallest=False)
 
     def offset(self) -> MapFinding:
-        """How far the baselines' labels lie from where the ground of the others puts them."""
+        """Distance of the baselines' labels from their places on the ground of the others."""
         agreement, match = self._survey.agreement, self._survey.agreement.match
         ok = match.code == Code.OK
         apart = np.where(ok, np.hypot(match.along_m, match.cross_m), np.nan)
@@ -130,13 +130,13 @@ class MapJudge:
             wide = self._on_route(mine & (apart >= WIDE_OFFSET_M))
             where += self._intervals(wide, self._worst_on_route(apart, mine), smallest=False, drive=int(drive))
         largest = float(np.nanmax(apart)) if ok.any() else np.nan
-        text = f"median of match less label, largest baseline ({'; '.join(parts)}); worst place {largest:.2f} m"
+        text = f"median of match minus label, largest baseline ({'; '.join(parts)}); worst place {largest:.2f} m"
         value = value if ok.any() else np.nan
         limits = (0.05, WIDE_OFFSET_M)
         return MapFinding("offset", value, "m", *limits, verdict_of(value, *limits), text, tuple(where))
 
     def disagreement(self) -> MapFinding:
-        """Places where a baseline is not found on the ground of the others although both are there."""
+        """Places where a baseline is not found on the ground of the others although both exist."""
         agreement, match = self._survey.agreement, self._survey.agreement.match
         tried = match.code != Code.OFF_MAP
         poor = tried & (match.code != Code.OK)
@@ -156,11 +156,11 @@ class MapJudge:
         return MapFinding("disagreement", share, "%", *limits, verdict, text, tuple(where))
 
     def channels(self) -> MapFinding | None:
-        """Channels whose ground is not that of their neighbours; None where neighbours tell nothing of each other."""
+        """Channels whose ground is not that of their neighbours; None where neighbours cannot be compared."""
         beside = self._survey.beside
         if not beside.shape[1] or float(np.median(beside)) < _LEAST_LIKENESS:
             return None
-        # To the better of its two neighbours, so that the channel at fault is named and not the one beside it.
+        # To the better of its two neighbours, so that the faulty channel is named and not its neighbour.
         padded = np.pad(beside, [(0, 0), (1, 1)], constant_values=-1.0)
         best = np.maximum(padded[:, 1:], padded[:, :-1]) / np.median(beside, axis=1, keepdims=True)
         where = []
@@ -223,11 +223,11 @@ class MapJudge:
 
 
 class MapHealth(NamedTuple):
-    """What a map says about its own soundness.
+    """Health of a map.
 
     Attributes:
         name: of the map.
-        length_m: of the route: ground covered more than once counts once.
+        length_m: of the route: ground covered repeatedly counts once.
         baselines: number of drives.
         seconds: that the measurement took.
         findings: one a kind.
@@ -257,7 +257,7 @@ class MapHealth(NamedTuple):
         raise KeyError(kind)
 
     def as_json(self) -> dict[str, object]:
-        """Plain values, for JSON; what is not a finite number is null."""
+        """Plain values, for JSON; non-finite numbers become null."""
         findings = []
         for finding in self.findings:
             row: dict[str, object] = dict(finding._asdict())
@@ -286,7 +286,7 @@ def verify_map(source: MapFile, progress: Callable[[int], None] = lambda _: None
 
     Args:
         source: the database.
-        progress: told the number of places done since the last call, of ``places_of``.
+        progress: called with the number of places done since the last call, out of ``places_of``.
     """
     began = time.perf_counter()
     survey = survey_map(source, progress)

@@ -1,9 +1,9 @@
-"""How much each baseline of a map weighs where several lie over one ground: by age, agreement and signal.
+"""Weights of a map's baselines where several cover the same ground: by age, agreement and signal.
 
-Two baselines that hear the same ground g with independent noise, rho_a g + sqrt(1 - rho_a²) n_a each in units of its
+Two baselines that receive the same ground g with independent noise, rho_a g + sqrt(1 - rho_a²) n_a each in units of its
 own RMS, correlate by rho_a rho_b. From the matches of pairs the rho of each follows (least squares of the logarithms),
-and the mean that knows g best weighs a baseline by rho / (1 - rho²). Where none lies beside a baseline, the share of
-its own signal that repeats along the track stands for rho². Ground ages: a baseline loses half of its weight in a year.
+and the best mean weighs a baseline by rho / (1 - rho²). For a baseline without another nearby, the share of its own
+signal that repeats along the track is used as rho². Ground ages: a baseline loses half of its weight in a year.
 """
 
 from collections.abc import Sequence
@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Float
 
 HALF_LIFE_DAYS = 365.0
-"""Frost, roots, repairs and moisture change ground within years; a season older is hardly worse."""
+"""Frost, roots, repairs and moisture change ground within years; one season hardly matters."""
 
-_LEAST = 0.05  # ground that only one baseline knows must not vanish in rounding, and a map not hang on one drive
+_LEAST = 0.05  # ground covered by one baseline must not vanish in rounding, and no drive may dominate a map
 _RHO = (0.3, 0.97)
-_RIDGE = 1e-3  # two baselines alone cannot tell whose the noise is: they share it
+_RIDGE = 1e-3  # two baselines alone cannot separate their noise: they share it
 
 
 class BaselineWeight(NamedTuple):
@@ -38,8 +38,8 @@ def weigh_baselines(
 
     Args:
         recorded: when; None where it is not known.
-        agreement: median strength of the matches between two baselines, NaN where they do not meet; the diagonal does
-            not count.
+        agreement: median strength of the matches between two baselines, NaN where they do not overlap; the diagonal
+            does not count.
         repeats: share of each baseline's signal that repeats an eighth of a wavelength farther; NaN where not known.
     """
     age, age_words = _by_age(recorded)
@@ -52,7 +52,7 @@ def weigh_baselines(
 
 
 def moment_of(text: object) -> datetime | None:
-    """Moment of an ISO 8601 text, UTC where it names no zone; None where it is none."""
+    """Moment of an ISO 8601 text, UTC without a zone; None if it is invalid."""
     try:
         moment = datetime.fromisoformat(str(text))
     except ValueError:
@@ -89,7 +89,7 @@ def _by_ground(
         rows = np.zeros((len(first), count))
         rows[np.arange(len(first)), first] = rows[np.arange(len(first)), second] = 1.0
         right = np.log(np.clip(agreement[first, second], _RHO[0] ** 2, 1.0))
-        # Each leans a little on what all have in common: half of the mean logarithm.
+        # Each is regularised slightly by the common mean: half of the mean logarithm.
         lean = np.full(count, 0.5 * float(right.mean()))
         solved = np.linalg.solve(rows.T @ rows + _RIDGE * np.eye(count), rows.T @ right + _RIDGE * lean)
         log_rho = np.where(beside > 0, solved, np.nan)
@@ -103,14 +103,14 @@ def _by_ground(
         if beside[number]:
             what = f"share of its signal that is ground by {beside[number]} other(s): {rho[number] ** 2:.2f}"
         elif known[number]:
-            what = f"no other beside it, share that repeats along the track: {rho[number] ** 2:.2f}"
+            what = f"no other nearby, share that repeats along the track: {rho[number] ** 2:.2f}"
         else:
-            what = "no other beside it, signal not known"
+            what = "no other nearby, signal not known"
         words.append(f"{what}: {factor[number]:.2f}")
     return factor, words
 
 
-# What updates did to a map: told to the caller, and kept in the map's provenance.
+# Results of updates: returned to the caller, and kept in the map's provenance.
 
 
 class UpdateStretch(NamedTuple):
@@ -136,7 +136,7 @@ class UpdateStretch(NamedTuple):
 
 
 class DriveUpdate(NamedTuple):
-    """What one drive did to a map.
+    """Effect of one drive on a map.
 
     Attributes:
         number: of the update, from 1 on.
@@ -145,10 +145,10 @@ class DriveUpdate(NamedTuple):
         map_sha256: of the map before.
         length_m: of the drive; over_map_m: on the map's ground; located_m: where fixes agree with their neighbours.
         ok_share: of the scans over the map's ground, those whose fix is ok.
-        corrected_m: of the drive's way with corrected labels; moved_rms_m, moved_max_m: by how much.
-        match_sigma_m: of the corrected labels against the map's ground.
-        label_sigma_m: what the map says of the new baseline's labels.
-        stations, held_back: of the drive; those that are not in force until a second drive agrees, or not located.
+        corrected_m: of the drive with corrected labels; moved_rms_m, moved_max_m: by how much.
+        match_sigma_m: of the corrected labels relative to the map's ground.
+        label_sigma_m: of the new baseline's labels, as stored in the map.
+        stations, held_back: of the drive; those not in force: until a second drive agrees, or not located.
         retired, released: stations of older baselines taken out of force, and brought back.
         changed: stretches that do not match.
     """
@@ -174,7 +174,7 @@ class DriveUpdate(NamedTuple):
 
 
 class UpdatedMap(NamedTuple):
-    """What an update did: drive by drive, and the weights that all baselines have after it, with their files."""
+    """Result of an update: drive by drive, and the resulting weights of all baselines, with their files."""
 
     drives: tuple[DriveUpdate, ...]
     weights: tuple[BaselineWeight, ...]
@@ -204,7 +204,7 @@ def changes_in_words(drive: DriveUpdate, files: tuple[str, ...]) -> list[str]:
 
 
 def plain(value: Any) -> Any:
-    """Named tuples as tables, numbers that are not finite as null: what JSON holds."""
+    """Named tuples as tables, non-finite numbers as null, for JSON."""
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         return {name: plain(part) for name, part in value._asdict().items()}
     if isinstance(value, list | tuple):

@@ -62,18 +62,18 @@ from lgprjax.navigation.observations import (
 )
 from lgprjax.vehicle import VehiclePose
 
-# The filter's algebra: prediction of 13 states over a tick; the update by an observation is the common core's.
+# The filter's algebra: prediction of 13 states over a tick; updates are in ``kalman``.
 #
-# The derivatives of a tick's motion touch three rows of the covariance: they are written out by rows, so that a tick
-# of hundreds of lanes stays elementwise work.
+# The derivatives of a tick's motion touch three rows of the covariance: they are written out by rows, so that a tick of
+# hundreds of batch elements stays elementwise.
 
 
 class Transition(NamedTuple):
-    """What a tick does to small errors.
+    """Propagation of small errors over a tick.
 
     Attributes:
         pose_rows: derivatives of x, y and yaw after the tick by the states before it.
-        decay: of the states after the pose: one, or what is left of a Gauss-Markov error.
+        decay: of the states after the pose: one, or the decay of a Gauss-Markov error.
         yaw_noise: derivatives of x, y and yaw by a turn of the body.
     """
 
@@ -109,9 +109,9 @@ def transition_matrix(transition: Transition) -> Float[Array, "13 13"]:
 def predict(model: FilterModel, estimate: NavEstimate, motion: MotionInput) -> NavEstimate:
     """The estimate a tick later, before its observations.
 
-    Speed, bias, scale, clock and lever wander before the motion, which happens at the speed of the tick's end: so an
-    observation of some age is found by going back along the same arc. The gyro's noise turns the body about the point
-    without slip; side noise and the errors' own come after.
+    Speed, bias, scale, clock and lever wander before the motion, which happens at the speed of the tick's end: so that
+    an observation of some age is evaluated by going back along the same arc. The gyro's noise turns the body about the
+    zero-slip point; side noise and the errors' own come after.
 
     Args:
         model: of vehicle and sensors.
@@ -149,12 +149,12 @@ def correct(estimate: NavEstimate, innovation: Innovation, weighed: Weighed, use
 
 
 def update(estimate: NavEstimate, innovation: Innovation) -> NavEstimate:
-    """The estimate after an observation that no gate judges; one that is not offered changes nothing."""
+    """The estimate after an observation without a gate; one that is not offered changes nothing."""
     return correct(estimate, innovation, weigh(estimate, innovation), innovation.offered)
 
 
 def _wander(model: FilterModel) -> Float[Array, " 13"]:
-    """Variances a second of the states that wander by themselves."""
+    """Variances per second of the states with a random walk."""
     sigmas = jnp.zeros(len(STATES)).at[SPEED].set(model.acceleration_noise).at[RATE_BIAS].set(model.rate_bias_walk)
     sigmas = sigmas.at[ODOMETER_SCALE].set(model.odometer_scale_walk).at[LGPR_CLOCK].set(model.clock_walk)
     sigmas = sigmas.at[LGPR_LEVER_X].set(model.lever_walk).at[LGPR_LEVER_Y].set(model.lever_walk)
@@ -164,7 +164,7 @@ def _wander(model: FilterModel) -> Float[Array, " 13"]:
 def _error_decay(
     model: FilterModel, travel_m: Float[Array, ""], step_s: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """What a tick leaves of the GNSS error, by time, and of the LGPR error, by travel either way."""
+    """Decay of the GNSS error over a tick's time, and of the LGPR error over its travel in either direction."""
     return jnp.exp(-step_s / model.gnss_error_s), jnp.exp(-jnp.abs(travel_m) / model.lgpr_error_m)
 
 
@@ -179,7 +179,7 @@ def _apply(transition: Transition, matrix: Float[Array, "13 13"]) -> Float[Array
     return jnp.concatenate([pose, transition.decay[:, None] * matrix[YAW + 1 :]])
 
 
-# What each source would observe if the filter were right: innovation, its derivatives by the states, and its noise.
+# Expected observations of each source: innovation, its derivatives by the states, and its noise.
 #
 # Derivatives are kept as the few states that an observation depends on. An observation of age τ was taken where the
 # vehicle was τ before the tick's end: the pose moves back along body velocity and yaw rate, which is exact within a
@@ -226,7 +226,7 @@ def lgpr_innovation(
     at = reach(-age * along, -age * rate, model.zero_slip_m, *lever)
     (x, y), rows = _position(estimate, at, age, back)
     cos, sin = back
-    # A moment later is a way and a turn less.
+    # A later time means less travel and turn.
     clock = turned(
         cos,
         sin,
@@ -270,22 +270,22 @@ def _position(estimate: NavEstimate, at: Reach, age_s: Float[Array, ""], yaw: Pa
 def _clean(
     observation: GnssObservation | HeadingObservation | LgprObservation, age_s: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """The age, or none where it would poison what is linearised about it."""
+    """The age, or zero if it is not finite."""
     return jnp.where(observation.valid & jnp.isfinite(age_s), age_s, 0.0)
 
 
 class FilterState(NamedTuple):
-    """The estimate at the tick's end and what the gates remember."""
+    """The estimate at the tick's end and the state of the gates."""
 
     estimate: NavEstimate
     gates: GateState
 
 
 class FilterInfo(NamedTuple):
-    """What became of a tick's observations, by source in the order of ``SOURCES``.
+    """Outcome of a tick's observations, by source in the order of ``SOURCES``.
 
     Attributes:
-        nis: normalised innovation squared; zero where nothing was offered.
+        nis: normalised innovation squared; zero if nothing was offered.
         offered: valid and finite.
         accepted: used.
         reacquired: used although beyond the gate.
@@ -305,7 +305,7 @@ def init_filter(model: FilterModel, pose: VehiclePose, speed_mps: Float[Array, "
 def step_filter(
     model: FilterModel, rules: GateRules, state: FilterState, motion: MotionInput, observations: Observations
 ) -> tuple[FilterState, FilterInfo]:
-    """One tick: the motion, then each source in turn past its gate. One lane; hundreds under ``vmap``.
+    """One tick: the motion, then each source in turn past its gate. Unbatched; use ``vmap`` for more.
 
     Args:
         model: of vehicle and sensors.
@@ -350,7 +350,7 @@ def _innovation_of(
 def _places(
     source: int, observations: Observations, innovation: Innovation
 ) -> tuple[Float[Array, " 2"], Float[Array, " 2"]]:
-    """The position observed and the one expected, for the sources that observe one."""
+    """Observed and expected position, for the sources that observe one."""
     if source not in (GNSS, LGPR):
         return jnp.zeros(2), jnp.zeros(2)
     slot = observations.gnss if source == GNSS else observations.lgpr
@@ -359,11 +359,11 @@ def _places(
 
 
 def _let_go(source: int, estimate: NavEstimate, innovation: Innovation, reacquired: Bool[Array, ""]) -> NavEstimate:
-    """The estimate with the states that a source observes directly moved by what it says, and known only from now on.
+    """The estimate with the states that a source observes directly reset to its observation.
 
-    Their covariances go, and their variances become a hundred times that of the observation, plus a square metre, 0.04
-    square radians or 1 m²/s²: so much larger than what the update leaves of them that they hold no weight, and not so
-    large that float32 loses it.
+    Their covariances are cleared, and their variances become a hundred times that of the observation, plus a square
+    metre, 0.04 square radians or 1 m²/s²: so much larger than after the update that the prior has no weight, yet not so
+    large that float32 loses precision.
     """
     letting = {GNSS: (X, Y), HEADING: (YAW,), ODOMETER: (SPEED,), LGPR: (X, Y, YAW)}[source]
     moves = {state: innovation.residual[part] for part, state in enumerate(letting)}
@@ -376,18 +376,18 @@ def _let_go(source: int, estimate: NavEstimate, innovation: Innovation, reacquir
 
 # A whole drive at once: the filter forward, then back by Rauch, Tung and Striebel (1965).
 #
-# For labelling baselines and for judging the filter: every tick's estimate rests on what came before it and after it.
-# One drive a call; several of equal length by ``vmap``. A drive is made longer by ticks of no length without
-# observations, which change nothing.
+# For labelling baselines and for judging the filter: every tick's estimate uses earlier and later observations. One
+# drive per call; several of equal length by ``vmap``. A drive is padded by ticks of no length without observations,
+# which change nothing.
 
-# Added to a correlation matrix, whose diagonal is 1: float32 knows its entries no better.
+# Added to a correlation matrix, whose diagonal is 1: the precision of its entries in float32.
 _RIDGE = 1e-6
 
 
 def filter_drive(
     model: FilterModel, rules: GateRules, start: FilterState, motions: MotionInput, observations: Observations
 ) -> tuple[NavEstimate, FilterInfo]:
-    """Estimates after each tick of a drive, and what became of the observations; leading axis tick.
+    """Estimates after each tick of a drive, and the outcome of the observations; leading axis tick.
 
     Args:
         model, rules: of the filter.
@@ -408,13 +408,13 @@ def filter_drive(
 def smooth_estimates(
     model: FilterModel, filtered: NavEstimate, motions: MotionInput, restarted: Bool[Array, " tick"]
 ) -> NavEstimate:
-    """The way back over estimates of a forward pass.
+    """The backward pass over estimates of a forward pass.
 
     Args:
         model: of the filter.
         filtered: after each tick.
         motions: of each tick.
-        restarted: ticks across which nothing is carried back.
+        restarted: ticks across which nothing is propagated back.
     """
 
     def back(

@@ -1,4 +1,4 @@
-"""What the navigation filter believes of vehicle and sensors: 13 states, their noises, and the estimate itself.
+"""The navigation filter's model of vehicle and sensors: 13 states, their noises, and the estimate itself.
 
 | state | what it is |
 | --- | --- |
@@ -9,7 +9,7 @@
 | LGPR clock | a fix is older than its stamp says by this |
 | LGPR lever x, y | the array's centre stands off its nominal place in the body by this |
 | GNSS error x, y | GNSS positions against the map's frame: a Gauss-Markov process over time |
-| LGPR error x, y | what neighbouring fixes have in common: a Gauss-Markov process over travel |
+| LGPR error x, y | common error of neighbouring fixes: a Gauss-Markov process over travel |
 
 All is float32 on the device. Yaw is kept as driven, without wrapping: only differences of angles are wrapped.
 """
@@ -100,9 +100,9 @@ def default_model(
     """A model for an off-road vehicle with RTK GNSS, a MEMS gyro, wheel odometry and LGPR; the geometry has no default.
 
     The noises are assumptions of the usual size of such sensors, not identified on a vehicle: an angular random walk of
-    5e-4 rad/√s that also covers what rough ground adds, speed that wanders by half a metre per second in a second,
-    2 cm of side slip in a second, GNSS within 10 cm of the map's frame for minutes, and 3 cm that neighbouring fixes
-    of the radar share over 5 m.
+    5e-4 rad/√s that also covers rough ground, a random walk of the speed of half a metre per second in a second, 2 cm
+    of side slip in a second, GNSS within 10 cm of the map's frame for minutes, and 3 cm common to neighbouring fixes of
+    the radar over 5 m.
     """
     return FilterModel(
         zero_slip_m=jnp.float32(zero_slip_m),
@@ -132,7 +132,7 @@ def default_model(
 
 
 def initial_sigmas(model: FilterModel) -> Float[Array, " 13"]:
-    """Standard deviations of the states at the start, in their units; both errors start as they are at rest."""
+    """Standard deviations of the states at the start, in their units; both errors start in their stationary state."""
     return jnp.stack(
         [
             model.initial_position_m,
@@ -153,7 +153,7 @@ def initial_sigmas(model: FilterModel) -> Float[Array, " 13"]:
 
 
 def init_estimate(model: FilterModel, pose: VehiclePose, speed_mps: Float[Array, ""]) -> NavEstimate:
-    """The estimate at the start: a pose of the rear axle and a forward speed as known, the rest at zero."""
+    """The estimate at the start: given pose of the rear axle and forward speed, the rest zero."""
     mean = jnp.zeros(len(STATES), jnp.float32).at[: SPEED + 1].set(jnp.stack([*pose, speed_mps]))
     return NavEstimate(mean, jnp.diag(initial_sigmas(model) ** 2))
 
@@ -173,10 +173,10 @@ def position_sigma_m(estimate: NavEstimate) -> tuple[Float[Array, "..."], Float[
     return jnp.sqrt(jnp.maximum(along, 0.0)), jnp.sqrt(jnp.maximum(cross, 0.0))
 
 
-# Two frames: a local one in which the vehicle moves smoothly, and the map's, whose place in it drifts (LL fig. 11).
+# Two frames: a local one in which the vehicle moves smoothly, and the map's, which drifts in it (LL fig. 11).
 #
-# The local pose is dead reckoning and nothing corrects it. What the filter learns moves the map's frame, and with it
-# the path, in the local frame: controllers see a path that moves at a limited rate and never a vehicle that jumps.
+# The local pose is dead reckoning without corrections. Corrections of the filter move the map's frame, and with it the
+# path, in the local frame: controllers see a path that moves at a limited rate and never a vehicle that jumps.
 
 
 class FrameOffset(NamedTuple):
@@ -193,7 +193,7 @@ class FrameOffset(NamedTuple):
 
 
 class SlewLimits(NamedTuple):
-    """How fast the path may move, as seen at the vehicle.
+    """Limits of the path's motion at the vehicle.
 
     Attributes:
         position_mps: of the path's point at the vehicle, in any direction.
@@ -205,14 +205,14 @@ class SlewLimits(NamedTuple):
 
 
 def anchor_frame(pose_global: VehiclePose, pose_local: VehiclePose) -> FrameOffset:
-    """The offset with which both poses are the same place."""
+    """The offset that makes both poses coincide."""
     yaw = wrap_yaw(pose_local.yaw_rad - pose_global.yaw_rad)
     x, y = turned(jnp.cos(yaw), jnp.sin(yaw), (pose_global.x_m, pose_global.y_m))
     return FrameOffset(pose_local.x_m - x, pose_local.y_m - y, yaw)
 
 
 def to_local(frame: FrameOffset, pose_global: VehiclePose) -> VehiclePose:
-    """A pose of the map's frame in the local one."""
+    """A pose of the map's frame in the local frame."""
     x, y = turned(jnp.cos(frame.yaw_rad), jnp.sin(frame.yaw_rad), (pose_global.x_m, pose_global.y_m))
     return VehiclePose(frame.x_m + x, frame.y_m + y, pose_global.yaw_rad + frame.yaw_rad)
 
@@ -234,7 +234,7 @@ def step_local(
     """Dead reckoning of the rear axle over a tick, on the exact arc; a negative tick goes back along it.
 
     Args:
-        pose_local: before; any level frame serves.
+        pose_local: before, in any level frame.
         speed_mps: forward, of any point of the centre line along the body axis.
         yaw_rate_radps: of the body.
         zero_slip_m: x_c, from the rear axle forward to the point that moves along the body axis.
@@ -254,20 +254,20 @@ def slew_frame(
     limits: SlewLimits,
     step_s: Float[Array, "..."],
 ) -> tuple[FrameOffset, Float[Array, "..."]]:
-    """Moves the map's frame, and the path with it, towards a wanted offset; the vehicle's local pose stays what it is.
+    """Moves the map's frame, and the path with it, towards a wanted offset; the vehicle's local pose does not change.
 
-    The path's point at the vehicle moves straight towards where it is wanted and the path turns about it, each within
-    its limit; an offset within both limits is taken as it is.
+    The path's point at the vehicle moves straight towards its target and the path turns about it, each within its
+    limit; an offset within both limits is applied at once.
 
     Args:
-        frame: as it stands.
-        wanted: where it shall go.
-        pose_local: of the vehicle, at which the limits hold.
+        frame: present offset.
+        wanted: target offset.
+        pose_local: of the vehicle, where the limits apply.
         limits: speeds of the path.
         step_s: length of the tick.
 
     Returns:
-        The new offset, and how far the path's point at the vehicle still has to go, metres.
+        The new offset, and the remaining distance of the path's point at the vehicle, metres.
     """
     here = to_global(frame, pose_local)
     x, y = _missing(wanted, here, pose_local)
@@ -290,6 +290,6 @@ def slew_frame(
 def _missing(
     wanted: FrameOffset, here: VehiclePose, pose_local: VehiclePose
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """From the vehicle to where the wanted offset puts the point of the map that is at the vehicle now."""
+    """Displacement of the map's point at the vehicle to the wanted offset."""
     there = to_local(wanted, here)
     return there.x_m - pose_local.x_m, there.y_m - pose_local.y_m

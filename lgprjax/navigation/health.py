@@ -1,8 +1,8 @@
-"""Health of the navigation: from what each source gave this tick to one of three reactions, and why.
+"""Health of the navigation: from the sources' observations in a tick to one of three reactions, with reasons.
 
-Nothing is switched here. A filter leaves out what its gates reject; health says whether what remains is enough to
-drive on. A stop is asked for as long as its reason lasts: that a vehicle which was stopped does not set off by itself
-is for the mode machine to see to.
+Nothing is switched here. A filter leaves out what its gates reject; health decides whether the rest is enough to drive
+on. A stop is requested as long as its reason lasts: the mode machine ensures that a stopped vehicle does not set off by
+itself.
 """
 
 from enum import IntEnum, IntFlag
@@ -23,20 +23,20 @@ class HealthRules(NamedTuple):
     """Limits; scalars, or one value a source in the order of ``SOURCES``.
 
     Attributes:
-        silent_s: without an observation for longer, a source is silent; infinite for one that the vehicle lacks.
-        lost_s: without an accepted observation for longer, a source does not count as one that bounds the error.
-        rejects: rejected so many times in a row, a source is reported as such.
+        silent_s: without an observation for longer, a source is silent; infinite for a source that the vehicle lacks.
+        lost_s: without an accepted observation for longer, a source does not bound the error.
+        rejects: consecutive rejections after which a source is reported.
         coarse_m: standard deviation, larger axis, above which GNSS is coarse.
-        stuck_m: way driven under one unchanged GNSS position.
+        stuck_m: distance driven with an unchanged GNSS position.
         risk: probability of a false match up to which a scan is evidence of the map's ground; that of a fix.
         faded_share: share of the scans of ``fading_s`` without such evidence above which the ground has faded.
         fading_s: length of that sliding share.
-        conflict_stop_s: a conflict between GNSS and LGPR that lasts longer asks for a stop.
+        conflict_stop_s: a conflict between GNSS and LGPR that lasts longer requests a stop.
         degrade_cross_m, stop_cross_m: cross-track standard deviation that degrades, and that stops.
-        stop_speed_mps: standard deviation of the speed above which it is not known.
-        degrade_frame_m, stop_frame_m: what the slewed path may still have to move.
-        longest_step_s: longest tick that the clock may report.
-        hold_s: a reason is reported for so long after it was last seen, so that the speed cap does not flicker.
+        stop_speed_mps: standard deviation of the speed above which it is unknown.
+        degrade_frame_m, stop_frame_m: remaining motion of the slewed path.
+        longest_step_s: longest valid tick.
+        hold_s: time for which a reason is reported after it last held, so that the speed cap does not flicker.
         degraded_mps: speed cap while degraded.
     """
 
@@ -66,12 +66,12 @@ def health_rules(
 
     A source is silent after 1.5 periods of GNSS, 3 scans of LGPR, and after 0.2 s without heading or 0.5 s without
     odometry, though no sooner than after 1.5 of their periods. The budget of 0.3 m, cross-track, is the 1 ft of the
-    Husky's requirements, less what the halt itself takes.
+    Husky's requirements, minus the error during the stop.
 
-    The ground has faded when more scans than not give no evidence: when the typical scan no longer tells the map's
-    ground from other ground. How high a correlation is says nothing of that; rain lowers it far without coming near
-    the noise floor. A share near one would tell nothing before LGPR is silent, and stretches without a fix that good
-    ground has too, a scan in ten, stay well below a half.
+    The ground has faded when most scans give no evidence: the typical scan no longer distinguishes the map's ground
+    from other ground. The correlation itself does not show that; rain lowers it far without approaching the noise
+    floor. A share near one would react only when LGPR is silent, and the stretches without a fix that good ground has
+    too, a scan in ten, stay well below a half.
     """
     gnss, lgpr = 1.5 * gnss_period_s, 3.0 * lgpr_period_s
     heading, odometer = max(0.2, 1.5 * heading_period_s), max(0.5, 1.5 * odometer_period_s)
@@ -97,11 +97,11 @@ def health_rules(
     )
 
 
-# What a fault of the navigation asks of the vehicle, and the faults that are told apart.
+# Reactions to faults of the navigation, and the faults that are distinguished.
 
 
 class Reaction(IntEnum):
-    """What the vehicle is to do; the larger one wins."""
+    """Reaction of the vehicle; the larger one wins."""
 
     CONTINUE = 0
     DEGRADE = 1
@@ -111,12 +111,12 @@ class Reaction(IntEnum):
 
 
 class Reason(IntFlag):
-    """Why. Several may hold at once; the order of the bits is that of the rules in ``health``."""
+    """Reasons; several may hold at once; the order of the bits is that of the rules in ``health``."""
 
     NON_FINITE = 1
-    """The estimate holds a number that is none."""
+    """The estimate holds a non-finite number."""
     BAD_STEP = 2
-    """The clock stood, went back or leapt."""
+    """The clock stopped, went back or jumped."""
     GNSS_SILENT = 4
     GNSS_STUCK = 8
     """The receiver repeats one position while the vehicle moves."""
@@ -130,27 +130,27 @@ class Reason(IntFlag):
     LGPR_SILENT = 1024
     LGPR_REJECTED = 2048
     LGPR_FADED = 4096
-    """The scans match the map ever less: wet soil, frost, or a stretch that has changed."""
+    """The scans match the map less and less: wet soil, frost, or changed ground."""
     CONFLICT = 8192
-    """GNSS and LGPR say different places, both with confidence."""
+    """GNSS and LGPR give different places, both with confidence."""
     REACQUIRED = 16384
-    """A source that had been rejected was taken back, because the filter itself must have been wrong."""
+    """A rejected source was re-acquired, because the filter itself must have been wrong."""
     FRAME_BEHIND = 32768
-    """The path in the local frame has yet to be moved to where it belongs."""
+    """The path in the local frame has not yet reached its target."""
     UNCERTAIN = 65536
-    """The cross-track error that the filter owns to is large."""
+    """The filter's cross-track sigma is large."""
     POSITION_LOST = 131072
-    """Neither GNSS nor LGPR: dead reckoning. Asks for a stop."""
+    """Neither GNSS nor LGPR: dead reckoning. Requests a stop."""
     HEADING_LOST = 262144
-    """No heading and no fix that would give one. Asks for a stop."""
+    """No heading and no fix that would give one. Requests a stop."""
     SPEED_LOST = 524288
-    """The speed is not known. Asks for a stop."""
+    """The speed is unknown. Requests a stop."""
     CONFLICT_LASTS = 1048576
-    """The conflict has lasted. Asks for a stop."""
+    """The conflict has lasted. Requests a stop."""
     FRAME_FAR = 2097152
-    """The path is too far from where it belongs. Asks for a stop."""
+    """The path is too far from its target. Requests a stop."""
     TOO_UNCERTAIN = 4194304
-    """The cross-track error exceeds the budget. Asks for a stop."""
+    """The cross-track error exceeds the budget. Requests a stop."""
 
 
 STOPPING = (
@@ -162,7 +162,7 @@ STOPPING = (
     | Reason.FRAME_FAR
     | Reason.TOO_UNCERTAIN
 )
-"""Reasons that ask for a stop; the others degrade."""
+"""Reasons that request a stop; the others degrade."""
 
 
 __all__ = [
@@ -180,15 +180,15 @@ _BINS = 10  # of the sliding share
 
 
 class HealthState(NamedTuple):
-    """What is carried from tick to tick.
+    """State carried from tick to tick.
 
     Attributes:
         gnss_x_m, gnss_y_m: last GNSS position.
-        stuck_m: way driven since it changed.
+        stuck_m: distance driven since it changed.
         unproven, scans: scans without evidence of the map's ground, and all, in each tenth of the sliding share, the
             newest first.
         bin_s: since the newest tenth began.
-        held_s: how long each reason, in the order of its bits, is still to be reported.
+        held_s: remaining time for which each reason, in the order of its bits, is reported.
     """
 
     gnss_x_m: Float[Array, ""]
@@ -201,7 +201,7 @@ class HealthState(NamedTuple):
 
 
 class Health(NamedTuple):
-    """What is asked of the vehicle.
+    """Request to the vehicle.
 
     Attributes:
         reaction: a ``Reaction``.
@@ -231,16 +231,16 @@ def step_health(
     frame_left_m: Float[Array, ""],
     step_s: Float[Array, ""],
 ) -> tuple[HealthState, Health]:
-    """Health after a tick; one lane, more by ``vmap``.
+    """Health after a tick; unbatched, use ``vmap`` for more.
 
     Args:
         rules: limits.
         state: before the tick.
         filter_state, filter_info: of ``step_filter``, after the same tick.
         observations: of the tick.
-        lgpr_p_false: probability that ground which is not the map's would have matched the tick's scan as well, whether
-            the match became a fix or not; NaN where none was matched.
-        frame_left_m: what ``slew_frame`` left.
+        lgpr_p_false: probability that foreign ground would have matched the tick's scan as well, whether the match
+            became a fix or not; NaN without a match.
+        frame_left_m: remainder from ``slew_frame``.
         step_s: length of the tick.
     """
     sound_step = (step_s > 0.0) & (step_s <= rules.longest_step_s)
@@ -266,10 +266,10 @@ def _listened(
     lgpr_p_false: Float[Array, ""],
     passed_s: Float[Array, ""],
 ) -> HealthState:
-    """The unchanged position and the sliding share, brought to this tick."""
+    """The unchanged position and the sliding share, updated to this tick."""
     gnss = observations.gnss
     changed = filter_info.offered[GNSS] & ((gnss.x_m != state.gnss_x_m) | (gnss.y_m != state.gnss_y_m))
-    # A receiver that is silent is not stuck: its own rule tells that.
+    # A silent receiver is not stuck: it has its own rule.
     heard = filter_state.gates.since_offered_s[GNSS] <= rules.silent_s[GNSS]
     moved_m = jnp.where(heard, jnp.abs(filter_state.estimate.mean[SPEED]) * passed_s, 0.0)
     full = state.bin_s + passed_s >= rules.fading_s / _BINS
@@ -293,7 +293,7 @@ def _seen(
     frame_left_m: Float[Array, ""],
     sound_step: Bool[Array, ""],
 ) -> Bool[Array, "23"]:
-    """Reasons that this tick gives, in the order of their bits."""
+    """Reasons of this tick, in the order of their bits."""
     estimate, gates = filter_state.estimate, filter_state.gates
     _, cross_m = position_sigma_m(estimate)
     finite = jnp.isfinite(estimate.mean).all() & jnp.isfinite(estimate.covariance).all()
@@ -344,25 +344,25 @@ def _pushed(bins: Float[Array, "10"], value: Float[Array, ""], full: Bool[Array,
 
 # The Husky's own fusion (LL): the LGPR-corrected pose while the correlation is good enough, else that of GNSS/INS.
 #
-# A good fix replaces the pose; between fixes it is carried by dead reckoning. What LL leaves open is set here. Whether
-# a fix is good enough is judged by the probability that ground which is not the map's would have matched as well: what
-# a correlation is worth differs from ground to ground. A fix must be better to take over than to stay, and after the
-# last good fix it is carried for a while before GNSS/INS has the word again. The pose jumps where the sources differ:
-# the drifting frame takes care of that, as with any other estimate.
+# A good fix replaces the pose; between fixes it is propagated by dead reckoning. Details that LL leaves open are chosen
+# here. Whether a fix is good enough is judged by the probability that foreign ground would have matched as well,
+# because the meaning of a correlation differs between grounds. A fix must be better to take over than to stay, and
+# after the last good fix it is propagated for a while before GNSS/INS takes over again. The pose jumps where the
+# sources differ: the drifting frame handles that, as for any other estimate.
 
 _HYSTERESIS = 0.01
-"""To take over, a match must be false with a hundredth of the probability that lets it stay. At a risk of 1e-4 two
+"""To take over, a match needs a hundredth of the false-match probability required to stay. At a risk of 1e-4 two
 decades are about one standard deviation of a normal noise floor: its tail falls there by 1.9 decades each, by 2.3 where
 the match is the best of some hundred places."""
 
 
 class SwitchSettings(NamedTuple):
-    """When to believe which source, and where the array stands. Scalars.
+    """Thresholds of the switch, and the place of the array. Scalars.
 
     Attributes:
         enter_p_false: probability of a false match up to which a fix lets LGPR take over.
-        stay_p_false: up to which it is good enough once LGPR has the word; at least ``enter_p_false``.
-        hold_s: after the last good fix, the pose is carried for so long.
+        stay_p_false: up to which a fix is good enough once LGPR is used; at least ``enter_p_false``.
+        hold_s: time for which the pose is propagated after the last good fix.
         zero_slip_m: from the rear axle forward to the point that moves along the body axis.
         array_x_m, array_y_m: the array's centre in the body, forward and left of the rear axle.
     """
@@ -376,12 +376,12 @@ class SwitchSettings(NamedTuple):
 
 
 class SwitchState(NamedTuple):
-    """What is carried from tick to tick; ``pose`` is the answer.
+    """State carried from tick to tick; ``pose`` is the result.
 
     Attributes:
-        pose: of the rear axle in the map's frame: the carried one on LGPR, else that of GNSS/INS.
-        on_lgpr: which.
-        carried: the last good fix, dead reckoned to now; without meaning while off LGPR.
+        pose: of the rear axle in the map's frame: the propagated one on LGPR, else that of GNSS/INS.
+        on_lgpr: LGPR is used.
+        carried: the last good fix, dead reckoned to now; undefined while LGPR is not used.
         since_good_s: since that fix arrived; infinite before the first.
     """
 
@@ -400,7 +400,7 @@ def switch_settings(
 
 
 def init_switch(gnss_ins_pose: VehiclePose) -> SwitchState:
-    """On GNSS/INS, no fix seen yet."""
+    """On GNSS/INS, before the first fix."""
     off = jnp.zeros(jnp.shape(gnss_ins_pose.x_m), bool)
     return SwitchState(gnss_ins_pose, off, gnss_ins_pose, jnp.where(off, 0.0, jnp.inf).astype(jnp.float32))
 
@@ -421,10 +421,9 @@ def step_switch(
         state: before the tick.
         motion: yaw rate and length of the tick.
         speed_mps: forward, by the odometer.
-        gnss_ins_pose: of the rear axle at the tick's end, as GNSS/INS have it.
+        gnss_ins_pose: of the rear axle at the tick's end, from GNSS/INS.
         lgpr: the tick's fix of the array's centre, if there is one; brought forward by its age.
-        p_false: probability that ground which is not the map's would have matched as well as the fix; where it is NaN,
-            no fix is good enough.
+        p_false: probability that foreign ground would have matched as well as the fix; with NaN, no fix is good enough.
     """
     rate, slip = motion.yaw_rate_radps, settings.zero_slip_m
     carried = step_local(state.carried, speed_mps, rate, slip, motion.step_s)

@@ -1,7 +1,7 @@
 """The filters' common core: an observation against an estimate, its gain, and the update in Joseph's form.
 
-Any number of states, one to three components. An observation depends on a few states, and all is written out by rows,
-so that a tick of hundreds of lanes stays elementwise work.
+Any number of states, one to three components. An observation depends on a few states, and everything is written out by
+rows, so that a tick of hundreds of batch elements stays elementwise.
 """
 
 from typing import NamedTuple
@@ -15,10 +15,10 @@ Row = dict[int, Float[Array, ""]]
 
 
 class Innovation(NamedTuple):
-    """An observation against the filter's expectation; neutral where nothing usable was offered.
+    """An observation against the filter's expectation; neutral if nothing usable was offered.
 
     Attributes:
-        residual: observed less expected, one to three components.
+        residual: observed minus expected, one to three components.
         rows: derivatives of the expectation, one a component.
         noise: covariance of the observation's white noise.
         offered: valid, and finite in every number.
@@ -58,7 +58,7 @@ def innovation_of(
     noise: Float[Array, "part part"],
     offered: Bool[Array, ""],
 ) -> Innovation:
-    """The innovation, neutral where nothing usable was offered."""
+    """The innovation, neutral if nothing usable was offered."""
     neutral = jnp.eye(len(rows), dtype=noise.dtype)
     return Innovation(jnp.where(offered, residual, 0.0), rows, jnp.where(offered, noise, neutral), offered)
 
@@ -82,7 +82,7 @@ def weigh(covariance: Float[Array, "state state"], innovation: Innovation) -> We
             value = spread[i][j]
             for m in range(j):
                 value = value - line[m] * (factor[j][m] if j < i else line[m])
-            # Rounding may leave nothing of a variance; a huge innovation is then the gate's business.
+            # Rounding may reduce a variance to zero; the gate then handles a huge innovation.
             line.append(value / factor[j][j] if j < i else jnp.sqrt(jnp.maximum(value, 1e-12)))
         factor.append(line)
         row, residual = crossed[i], innovation.residual[i]
@@ -110,8 +110,8 @@ def correct(
     """Mean and covariance after an observation, by Joseph's form: P ← (I − KH) P (I − KH)ᵀ + K R Kᵀ.
 
     It is multiplied out to P − Σ (k eᵀ + e kᵀ) with e = HP − S k / 2 by component: that is symmetric but for the last
-    digit, and a rounded gain enters squared, as in the product. What rounding leaves is 1e-7 of the covariance before:
-    in float32 a standard deviation may fall to a thousandth in one update, not to less.
+    digit, and a rounded gain enters squared, as in the product. Rounding errors are 1e-7 of the previous covariance: in
+    float32 a standard deviation may fall to a thousandth in one update, not to less.
 
     Args:
         mean, covariance: of the states before.
@@ -136,7 +136,7 @@ def reopen(
     variances: dict[int, Float[Array, ""]],
     use: Bool[Array, ""],
 ) -> tuple[Float[Array, " state"], Float[Array, "state state"]]:
-    """Mean and covariance with some states let go: moved, known by new variances, and tied to no other state.
+    """Mean and covariance with some states reset: moved, with new variances, and uncorrelated with the others.
 
     Args:
         mean, covariance: of the states before.
@@ -149,7 +149,7 @@ def reopen(
     fresh, moved = jnp.zeros_like(mean), jnp.zeros_like(mean)
     for state, move in moves.items():
         fresh, moved = jnp.where(picks[state], variances[state], fresh), jnp.where(picks[state], move, moved)
-    # Chosen, not multiplied: a number that is none must not reach a state through a factor of zero.
+    # Selected, not multiplied: a NaN must not reach a state through a factor of zero.
     tied = jnp.where(gone[:, None] | gone[None, :], 0.0, covariance)
     return mean + jnp.where(gone, moved, 0.0), tied + jnp.diag(jnp.where(gone, fresh, 0.0))
 
@@ -162,11 +162,11 @@ def _along_row(row: Row, matrix: Float[Array, "state ..."]) -> Float[Array, "...
     return total
 
 
-# Where an arc takes a point of the body, and how that changes with the arc: the filter's only geometry.
+# Motion of a body point along an arc, and its derivatives: the filter's only geometry.
 #
-# The point without slip goes a way ds along the body axis while the body turns by dθ, so it moves by the arc's chord
+# The zero-slip point moves ds along the body axis while the body turns by dθ, so it moves by the arc's chord
 # ds sinc(dθ/2) in the direction dθ/2; every other point of the body turns about it. Nothing is divided by the
-# curvature, and a way back is a negative way with a negative turn.
+# curvature, and reversing is a negative ds with a negative turn.
 
 Scalar = Float[Array, "..."]
 Pair = tuple[Scalar, Scalar]
@@ -177,7 +177,7 @@ class Reach(NamedTuple):
 
     Attributes:
         at_m: forward and left.
-        by_travel: derivative of both by the way.
+        by_travel: derivative of both by the travel.
         by_turn_m: derivative of both by the turn, metres a radian.
         cos, sin: of the turn; its rotation is the derivative by the point's place in the body.
     """
@@ -207,7 +207,7 @@ def reach(
     half = 0.5 * turn_rad
     cos_half, sin_half = jnp.cos(half), jnp.sin(half)
     square = half * half
-    # Below a tenth of a radian the series leaves less than float32 resolves, and the quotients lose digits.
+    # Below a tenth of a radian the series is exact in float32, and the quotients lose digits.
     small = square < 0.01
     safe = jnp.where(small, 1.0, half)
     chord = jnp.where(small, 1.0 - square / 6.0 * (1.0 - square / 20.0), sin_half / safe)
@@ -225,7 +225,7 @@ def reach(
 
 
 def turned(cos: Float[Array, "..."], sin: Float[Array, "..."], vector: Pair) -> Pair:
-    """A vector of the body in the frame in which the body stands at an angle."""
+    """A body vector in the frame in which the body is rotated by an angle."""
     return cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]
 
 

@@ -1,7 +1,7 @@
-"""What of navigation runs on board each tick: fusion, the drifting frame, health. One step for simulator and vehicle.
+"""Navigation of one tick: fusion, the drifting frame, health. One step for simulator and vehicle.
 
-Two filters run side by side: one with every source, and one without LGPR, which is the GNSS/INS that a search of the
-map starts from and that the threshold switch falls back on.
+Two filters run side by side: one with every source, and one without LGPR, which is the GNSS/INS solution that a search
+of the map starts from and the threshold switch falls back on.
 """
 
 from typing import Literal, NamedTuple
@@ -38,7 +38,7 @@ from lgprjax.navigation.observations import GateRules, MotionInput, Observations
 from lgprjax.vehicle import VehiclePose
 
 Fusion = Literal["filter", "switch"]
-"""Whose pose is driven by: the error-state filter's, or that of LL's threshold switch."""
+"""Source of the pose used for control: the error-state filter, or LL's threshold switch."""
 
 
 class NavigatorSetup(NamedTuple):
@@ -52,13 +52,13 @@ class NavigatorSetup(NamedTuple):
 
 
 class NavigatorState(NamedTuple):
-    """What navigation carries from tick to tick.
+    """State of navigation from tick to tick.
 
     Attributes:
-        filters: the one with every source and, where it reckons, the one without LGPR, along a leading axis.
+        filters: the one with every source and, if used, the one without LGPR, along a leading axis.
         switch: LL's fusion.
-        local: dead-reckoned pose that never jumps; frame: where the map lies in it.
-        health: as it stands.
+        local: dead-reckoned pose that never jumps; frame: the map's pose in it.
+        health: its state.
     """
 
     filters: FilterState
@@ -69,26 +69,26 @@ class NavigatorState(NamedTuple):
 
     @property
     def fused(self) -> FilterState:
-        """The filter with every source; of one lane."""
+        """The filter with every source; unbatched."""
         first: FilterState = jax.tree.map(lambda leaf: leaf[0], self.filters)
         return first
 
     @property
     def reckoned(self) -> FilterState:
-        """The filter without LGPR, or, where there is none, the only one; of one lane."""
+        """The filter without LGPR, or, where there is none, the only one; unbatched."""
         last: FilterState = jax.tree.map(lambda leaf: leaf[-1], self.filters)
         return last
 
 
 class Navigated(NamedTuple):
-    """What a tick gave.
+    """Result of a tick.
 
     Attributes:
-        pose_route: of the rear axle in the map's frame, as the slewed frame has it: to be driven by.
+        pose_route: of the rear axle in the map's frame, by the slewed frame, for control.
         speed_mps: forward, by the filter.
         info: of the filter with every source.
-        health: what is asked of the vehicle.
-        frame_left_m: what the slewed frame has yet to go.
+        health: request to the vehicle.
+        frame_left_m: remaining motion of the slewed frame.
     """
 
     pose_route: VehiclePose
@@ -101,7 +101,7 @@ class Navigated(NamedTuple):
 def init_navigator(
     setup: NavigatorSetup, believed: VehiclePose, speed_mps: Float[Array, ""], *, reckons: bool = True
 ) -> NavigatorState:
-    """At a pose and a speed known within the model's sigmas; one lane."""
+    """At a pose and a speed known within the model's sigmas; unbatched."""
     zero = jnp.zeros_like(believed.x_m)
     both = [init_filter(setup.model, believed, speed_mps)] * (2 if reckons else 1)
     filters: FilterState = jax.tree.map(lambda *leaves: jnp.stack(leaves), *both)
@@ -118,14 +118,14 @@ def step_navigator(
     *,
     fusion: Fusion = "filter",
 ) -> tuple[NavigatorState, Navigated]:
-    """One tick; one lane, more by ``vmap``.
+    """One tick; unbatched, use ``vmap`` for more.
 
     Args:
         setup: of the parts.
         state: of the last tick.
-        motion: what the gyro saw, and the tick's length.
+        motion: yaw rate of the gyro, and the tick's length.
         observations: of the tick, with their ages at its end.
-        p_false: of the tick's match, see ``step_health``; NaN where no scan was matched.
+        p_false: of the tick's match, see ``step_health``; NaN without a match.
         fusion: whose pose is driven by.
     """
     # One program for both filters: only whether the fix is there differs.

@@ -1,4 +1,4 @@
-"""What the filter is given in a tick, and the gates that an observation must pass.
+"""Inputs of the filter in a tick, and the gates that an observation must pass.
 
 A slot that is not valid may hold anything, NaN too. An age counts back from the tick's end to the moment of measuring.
 """
@@ -14,10 +14,10 @@ GNSS, HEADING, ODOMETER, LGPR = range(4)
 
 
 class MotionInput(NamedTuple):
-    """What moves the filter on by a tick.
+    """Motion input of a tick.
 
     Attributes:
-        yaw_rate_radps: as the gyro reads it, its bias included; the mean over the tick.
+        yaw_rate_radps: measured by the gyro, bias included; the mean over the tick.
         step_s: length of the tick.
     """
 
@@ -26,7 +26,7 @@ class MotionInput(NamedTuple):
 
 
 class GnssObservation(NamedTuple):
-    """Position of the antenna in the map's frame, off by the GNSS error.
+    """Position of the antenna in the map's frame, including the GNSS error.
 
     Attributes:
         x_m, y_m: position.
@@ -79,7 +79,7 @@ class LgprObservation(NamedTuple):
         x_m, y_m: position.
         yaw_rad: any full turns more or less.
         covariance: of x, y and yaw, from the correlation's peak; what neighbouring fixes share is the model's.
-        age_s: at the tick's end by the stamp; the filter adds what it believes of the clock.
+        age_s: at the tick's end by the stamp; the filter adds its estimate of the clock.
         valid: whether there is one.
     """
 
@@ -101,7 +101,7 @@ class Observations(NamedTuple):
 
 
 def no_observations() -> Observations:
-    """One lane's slots, all empty."""
+    """Unbatched slots, all empty."""
     zero, one, no = jnp.float32(0.0), jnp.float32(1.0), jnp.asarray(False)
     return Observations(
         GnssObservation(zero, zero, jnp.eye(2, dtype=jnp.float32), zero, no),
@@ -111,12 +111,12 @@ def no_observations() -> Observations:
     )
 
 
-# Which observations the filter takes: a chi-square gate a source, and a way back in for a source it shut out.
+# Gating of observations: a chi-square gate for each source, and re-acquisition of rejected sources.
 #
-# An observation whose normalised innovation squared lies beyond its source's threshold is rejected. A source that is
-# rejected again and again while no other source of position is accepted is taken back, so that a wrong filter cannot
-# shut out the truth; where another source of position keeps agreeing with the filter, it is a conflict instead, which
-# is counted and left to others to judge. A position that stands still while the vehicle drives is never taken back.
+# An observation whose normalised innovation squared exceeds its source's threshold is rejected. A source rejected
+# repeatedly while no other source of position is accepted is re-acquired, so that a wrong filter cannot shut out the
+# truth; if another source of position keeps agreeing with the filter, it is a conflict instead, which is counted and
+# judged elsewhere. A position that does not change while the vehicle drives is never re-acquired.
 
 NEVER_S = 1e6
 """Stands for the time since something that has not happened yet."""

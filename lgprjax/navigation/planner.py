@@ -1,7 +1,8 @@
-"""The planner: where the vehicle is on its route, and the lookahead point that the pursuit law is to reach.
+"""The planner: the vehicle's place on its route, and the lookahead point for the pursuit law.
 
-The closest point is looked for in a window about where the vehicle's own way has taken it, never on the whole route: at
-a crossing it stays on its branch. Where nothing is known it does not guess; ``find_starts`` begins, explicitly.
+The closest point is searched in a window around the point predicted by the vehicle's own motion, never on the whole
+route: at a crossing it stays on its branch. Without a known place it does not guess; ``find_starts`` begins,
+explicitly.
 """
 
 from enum import IntEnum
@@ -16,11 +17,11 @@ from lgprjax.navigation.kalman import wrap_yaw
 from lgprjax.navigation.route import RoutePath, leg_point, leg_project, leg_row
 from lgprjax.vehicle import Chassis, PathPoint, VehiclePose, anchor_lead_m, body_point, reverse_look_ahead_m
 
-# What the planner is told, remembers and says: settings, state, plan and its code.
+# Settings, state and output of the planner: plan and code.
 
 
 class PlanCode(IntEnum):
-    """Where a plan stands. ``OFF_ROUTE`` to ``LOST`` stay until a start is found again, ``DONE`` as well."""
+    """Status of a plan. ``OFF_ROUTE`` to ``LOST`` stay until a start is found again, ``DONE`` as well."""
 
     FOLLOWING = 0
     OFF_ROUTE = 1
@@ -33,19 +34,19 @@ class PlanCode(IntEnum):
 
 
 class PlannerSettings(NamedTuple):
-    """Float32 scalars, or one value a lane.
+    """Float32 scalars, or one value per batch element.
 
     Attributes:
         look_ahead_m: along the route, of the commanded speed: the caller sets it from its schedule each step.
-        search_m: the closest point is looked for so far to either side of the expected one.
-        position_threshold_m: a closest point that moved otherwise than the vehicle by more than this is not taken;
+        search_m: search distance for the closest point, to either side of the expected one.
+        position_threshold_m: a closest point whose motion differs from the vehicle's by more than this is rejected;
             starts that differ by more along the route are two.
         ambiguity_m: a second start no farther than this beyond the nearest makes the choice the operator's.
         heading_gate_rad: largest error of heading at a start.
-        off_route_m: beyond this from the route nothing is followed, and no start found.
-        arrive_m: nearer than this to the end of a leg the vehicle is to stand.
+        off_route_m: distance from the route beyond which it is not followed, and no start is found.
+        arrive_m: distance from the end of a leg within which the vehicle stops.
         standing_mps: below it the vehicle stands, and the gear may change.
-        stop_mps2: deceleration towards a leg's end; the way that takes depends on no look-ahead.
+        stop_mps2: deceleration towards a leg's end, independent of the look-ahead.
         creep_mps: least speed limit until it has arrived.
     """
 
@@ -62,7 +63,7 @@ class PlannerSettings(NamedTuple):
 
 
 class PlannerState(NamedTuple):
-    """What the planner remembers.
+    """State of the planner.
 
     Attributes:
         leg, arc_m: of the closest point.
@@ -82,12 +83,12 @@ class PlannerState(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """What one step asks for; signs are those of the direction of travel.
+    """Output of one step; signs are those of the direction of travel.
 
     Attributes:
         ahead_m, left_m: goal from the anchor in the body frame, behind when reversing.
         offset_m: of the anchor from the route, positive to the left of travel.
-        heading_error_rad: of the body from where it points when the anchor drives the route here without slip,
+        heading_error_rad: of the body relative to its heading when the anchor follows the route here without slip,
             counter-clockwise.
         curvature_radpm: of the route here, positive to the left of travel.
         speed_limit_mps: magnitude; 0 unless the route is being followed.
@@ -114,14 +115,14 @@ def planner_settings(look_ahead_m: float, *, off_route_m: float = 10.0, ambiguit
 
 
 def lost_planner() -> PlannerState:
-    """A planner that knows no place yet."""
+    """A planner without a known place."""
     zero = jnp.float32(0.0)
     one = jnp.float32(1.0)
     return PlannerState(jnp.int32(0), zero, one, one, VehiclePose(zero, zero, zero), jnp.int32(PlanCode.LOST))
 
 
 ENDLESS_M = 1e6
-"""What is left to go on a closed leg."""
+"""Remaining distance on a closed leg."""
 _SIDE = 6
 _REVERSE_SHARE = 1.2
 _TURNED_ROUND_RAD = 2.1
@@ -136,17 +137,17 @@ def step_planner(
     pose_route: VehiclePose,
     speed_mps: Float[Array, ""],
 ) -> tuple[PlannerState, Plan]:
-    """One step: the closest point moves on, and the goal is laid off from it in the direction of travel.
+    """One step: update the closest point, and place the goal ahead of it in the direction of travel.
 
-    One lane of scalars; ``vmap`` for many, the route for all of them or one each.
+    Unbatched; ``vmap`` for many, with a common route or one each.
 
     Args:
-        route: to be followed.
+        route: to follow.
         settings: thresholds and the look-ahead of the commanded speed. Reversing, it is at least 1.2 times
             2 |l − x_c|.
         chassis: scalars; its anchor follows the route.
         state: of the last step, or from ``acquire``.
-        pose_route: rear axle in the route's frame. What is no number leaves the state as it is.
+        pose_route: rear axle in the route's frame. Non-finite numbers leave the state unchanged.
         speed_mps: as measured, signed.
 
     Returns:
@@ -168,7 +169,7 @@ def step_planner(
 
     least = _REVERSE_SHARE * reverse_look_ahead_m(chassis)
     ahead = jnp.where(gear < 0.0, jnp.maximum(settings.look_ahead_m, least), settings.look_ahead_m)
-    # Beyond the leg's end the goal stands on its straight continuation: never on the other side of a cusp.
+    # Beyond the leg's end the goal is on its straight continuation, never beyond a cusp.
     goal = leg_point(route, leg, arc + state.travel * ahead)
     east, north = goal.x_m - x, goal.y_m - y
     cos, sin = jnp.cos(pose.yaw_rad), jnp.sin(pose.yaw_rad)
@@ -192,13 +193,13 @@ def step_planner(
         gear=gear,
         code=jnp.where(finite, code, PlanCode.NON_FINITE),
     )
-    # An error of heading is told, but is no place lost: the next step may be right again.
+    # An error of heading is reported, but the place is not lost: the next step may be right again.
     kept = jnp.where(finite & (code != PlanCode.WRONG_HEADING), code, state.code)
     return PlannerState(leg, arc, state.travel, state.facing, pose, kept), plan
 
 
 def body_yaw(chassis: Chassis, here: PathPoint, facing: Float[Array, ""]) -> Float[Array, ""]:
-    """Yaw of the body when its anchor drives along a path without slip: the path's heading less asin((l − x_c) κ).
+    """Yaw of the body when its anchor drives along a path without slip: the path's heading minus asin((l − x_c) κ).
 
     Args:
         chassis: scalars.
@@ -212,7 +213,7 @@ def body_yaw(chassis: Chassis, here: PathPoint, facing: Float[Array, ""]) -> Flo
 def _next_leg(
     route: RoutePath, state: PlannerState, turning: Bool[Array, ""]
 ) -> tuple[Int[Array, ""], Float[Array, ""]]:
-    """The leg beyond a cusp and the arc length there of a vehicle that stands short of the cusp, or beyond it."""
+    """The leg beyond a cusp and the arc length there of a vehicle short of the cusp, or beyond it."""
     short = jnp.where(state.travel > 0.0, route.legs.length_m[state.leg] - state.arc_m, state.arc_m)
     leg = jnp.where(turning, jnp.clip(state.leg + state.travel.astype(jnp.int32), 0, route.leg_count - 1), state.leg)
     arc = jnp.where(state.travel > 0.0, short, route.legs.length_m[leg] - short)
@@ -239,7 +240,7 @@ def _track(
 
     arcs = expected + settings.search_m * jnp.linspace(-1.0, 1.0, 2 * _SIDE + 1, dtype=arc_m.dtype)
     points = jax.vmap(lambda at: leg_point(route, leg, at))(arcs)
-    # Of a path that comes back on itself within the window, the part that leads elsewhere is left out.
+    # On a path that returns within the window, the part with another direction is left out.
     along = (points.cos * jnp.cos(pose.yaw_rad) + points.sin * jnp.sin(pose.yaw_rad)) * state.facing * route.gear[leg]
     square = (points.x_m - x_m) ** 2 + (points.y_m - y_m) ** 2
     gated = jnp.where(along > 0.0, square, jnp.inf)
@@ -263,7 +264,7 @@ def _code(
     distance_m: Float[Array, ""],
     error_rad: Float[Array, ""],
 ) -> Int[Array, ""]:
-    """The code of a step from that of the step before: the worse comes later and wins."""
+    """The code of a step from the previous one: later, worse conditions win."""
     arrived = to_go_m <= settings.arrive_m
     code = jnp.where(arrived, jnp.where(last, PlanCode.DONE, PlanCode.AT_CUSP), PlanCode.FOLLOWING)
     code = jnp.where(before == PlanCode.DONE, PlanCode.DONE, code)
@@ -278,9 +279,9 @@ def _is_blind(code: Int[Array, ""]) -> Bool[Array, ""]:
     return (code == PlanCode.AMBIGUOUS) | (code == PlanCode.LOST)
 
 
-# Where on a route a drive begins: asked for explicitly, over the whole route, and never guessed.
+# Start of a drive on a route: searched explicitly, over the whole route, never guessed.
 #
-# Only here is the whole route searched. Two places that lie equally near are the operator's to choose from.
+# Only here is the whole route searched. The operator chooses between two equally near places.
 
 CANDIDATES = 8
 
@@ -293,8 +294,8 @@ class Starts(NamedTuple):
         distance_m: of the anchor from it.
         travel: 1 along the route as recorded, -1 against it.
         facing: 1 where the body points as it did when recorded, -1 turned round.
-        valid: the place is near enough, and the heading fits.
-        pose: of the rear axle, as the search was told.
+        valid: the place is close enough, and the heading fits.
+        pose: of the rear axle, as given to the search.
         code: of ``PlanCode``: ``FOLLOWING`` where the first place is the one, else ``AMBIGUOUS``, ``OFF_ROUTE``,
             ``WRONG_HEADING`` or ``NON_FINITE``.
     """
@@ -316,15 +317,15 @@ def find_starts(
     pose_route: VehiclePose,
     gear: float | Float[Array, ""] = 1.0,
 ) -> Starts:
-    """Nearest places of every stretch of the route, each with the direction of travel that the vehicle's heading says.
+    """Nearest places of every stretch of the route, each with the direction of travel from the vehicle's heading.
 
-    One lane of scalars. Facing as recorded the vehicle travels along the route, turned round against it; with gear -1
-    the other way, every leg backwards.
+    Unbatched. Facing as recorded the vehicle travels along the route, turned round against it; with gear -1 the
+    opposite, every leg backward.
 
     Args:
-        route: searched on all its legs.
+        route: all legs are searched.
         settings: thresholds.
-        chassis: scalars; its anchor is to be on the route.
+        chassis: scalars; with the anchor that should be on the route.
         pose_route: rear axle in the route's frame.
         gear: 1 to drive each leg in the gear that it was recorded in, -1 in the other.
     """
@@ -364,10 +365,10 @@ def find_starts(
 
 
 def acquire(starts: Starts) -> tuple[PlannerState, Int[Array, ""]]:
-    """Begin at the nearest place, where it is the only one. Otherwise the state follows nothing and its code says why.
+    """Begin at the nearest place, if it is the only one. Otherwise the state follows nothing and its code says why.
 
     Args:
-        starts: from ``find_starts``, one lane.
+        starts: from ``find_starts``, unbatched.
 
     Returns:
         The state for ``step_planner``, and its code.
@@ -376,10 +377,10 @@ def acquire(starts: Starts) -> tuple[PlannerState, Int[Array, ""]]:
 
 
 def choose(starts: Starts, number: int | Int[Array, ""]) -> tuple[PlannerState, Int[Array, ""]]:
-    """Begin at the place that the operator chose. A number that is none of a valid place begins nothing.
+    """Begin at the place that the operator chose. An invalid number begins nothing.
 
     Args:
-        starts: from ``find_starts``, one lane.
+        starts: from ``find_starts``, unbatched.
         number: of the place, from 0.
     """
     place = jnp.clip(number, 0, CANDIDATES - 1)
@@ -395,7 +396,7 @@ def _begin(starts: Starts, place: Int[Array, ""], code: Int[Array, ""]) -> Plann
         starts.arc_m[place],
         starts.travel[place],
         starts.facing[place],
-        # What is no number must not be carried on as the last good pose.
+        # A non-finite pose must not become the last good pose.
         VehiclePose(*(jnp.where(jnp.isfinite(each), each, 0.0) for each in starts.pose)),
         code,
     )
@@ -404,7 +405,7 @@ def _begin(starts: Starts, place: Int[Array, ""], code: Int[Array, ""]) -> Plann
 def _nearest(
     route: RoutePath, x_m: Float[Array, ""], y_m: Float[Array, ""]
 ) -> tuple[Int[Array, " candidate"], Float[Array, " candidate"], Bool[Array, " candidate"]]:
-    """Leg and arc length of the nearest local minima of distance over all rows, and whether there are so many."""
+    """Leg and arc length of the nearest local minima of distance over all rows, and whether each exists."""
     legs = route.legs
     rows = legs.rows.shape[1]
     number = jnp.arange(rows)[None]
@@ -430,7 +431,7 @@ def _refined(
 ) -> tuple[Float[Array, ""], PathPoint]:
     """The foot near a row, and its point: on the leg itself, never on its straight continuation."""
     arc = leg_project(route, leg, leg_project(route, leg, near_m, x_m, y_m).arc_m, x_m, y_m).arc_m
-    # A foot that ran away belongs to a curve about the vehicle: the row itself is near enough.
+    # A distant foot belongs to a curve around the vehicle: the row itself is near enough.
     spacing = route.legs.spacing_m[leg]
     arc = jnp.where(jnp.abs(arc - near_m) <= 2.0 * spacing, arc, near_m)
     closed = route.legs.laps_per_m[leg] > 0.0

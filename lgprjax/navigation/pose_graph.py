@@ -1,19 +1,19 @@
 """Label errors of many drives from fixes between them: a pose graph, solved by robust sparse least squares.
 
-Each stretch of a drive is a chain of nodes, whose corrections to the labels (east, north, yaw) follow the label
-process (below); that is what stands for odometry between neighbours, and for the weak, long correlated
-prior that fixes the gauge: nothing is held by decree. A fix is the pose of one chain's place in the labels of another
-(or of the same, where a drive comes by twice). With corrections c at the place and at the ground it was found on,
+Each stretch of a drive is a chain of nodes, whose corrections to the labels (east, north, yaw) follow the label process
+(below); this takes the place of odometry between neighbours, and of the weak prior with long correlation that fixes the
+gauge: no node is fixed. A fix is the pose of one chain's place in the labels of another (or of the same, if a drive
+passes twice). With corrections c at the place and at the ground it was found on,
 
     r = place + c_place - [ground + c_ground + R(yaw of c_ground) (found - ground)],   yaw alike, wrapped.
 
 Wrong fixes are found by graduated non-convexity (Yang, Antonante, Tzoumas & Carlone 2020; of switched edges as
-Sünderhauf & Protzel 2012 asked for): the Geman-McClure loss c² r² / (mu c² + r²) with mu halved from a convex start
-to 1. Here it is divided by mu against theirs, so that a fix never costs more than c²: at first the chains are stiff
-against all fixes, and a run of wrong ones that agree with each other is outvoted by the ground to both sides before it
-could bend a chain. At the end a fix takes part in full or not at all, and the covariances are those of least squares.
+Sünderhauf & Protzel 2012 asked for): the Geman-McClure loss c² r² / (mu c² + r²) with mu halved from a convex start to
+1. Here it is divided by mu against theirs, so that a fix never costs more than c²: at first the chains are stiff
+against all fixes, and a run of wrong ones that agree with each other is outvoted by the ground on both sides before it
+can bend a chain. At the end a fix is used in full or not at all, and the covariances are those of least squares.
 
-Host, float64. Imported by its own name: what runs on a vehicle does not load SciPy.
+Host, float64. Not imported by the package: onboard programs do not load SciPy.
 """
 
 from dataclasses import dataclass
@@ -25,13 +25,12 @@ from jaxtyping import Bool, Float, Int
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-# What a recorded drive's labels are wrong by: a process along its path, told at nodes, known between them.
+# Errors of a recorded drive's labels: a process along its path, estimated at nodes and interpolated between them.
 #
-# A GNSS/INS label wanders slowly: over metres its shape is right, over hundreds of metres it is anywhere within its
+# A GNSS/INS label drifts slowly: over metres its shape is right, over hundreds of metres it is anywhere within its
 # sigma. East, north and yaw are each a Gauss-Markov process of the second order (Matérn 3/2: a value and its slope,
-# Hartikainen & Särkkä 2010) and a small random walk, what no smooth process follows. Being Markov it links each node
-# with the next one only, and being stationary it is the label's own prior: it is counted once, however dense the
-# nodes.
+# Hartikainen & Särkkä 2010) plus a small random walk for errors that are not smooth. Being Markov, it links each node
+# with the next one only, and being stationary, it is the label's own prior, counted once however dense the nodes.
 #
 # The slope is held in units of the value (times ``length / sqrt(3)``), so that both have the label's sigma.
 
@@ -41,7 +40,7 @@ STATES = 6
 
 @dataclass(frozen=True)
 class LabelModel:
-    """How a label's error may change along its drive.
+    """Model of a label's error along its drive.
 
     Attributes:
         length_m: of correlation.
@@ -58,7 +57,7 @@ class LabelModel:
 
 
 class LabelChain(NamedTuple):
-    """A stretch of a drive over which its labels hang together.
+    """A stretch of a drive with connected labels.
 
     Attributes:
         start_m, stop_m: along the drive's path.
@@ -100,9 +99,9 @@ def lay_nodes(chains: tuple[LabelChain, ...], model: LabelModel) -> Nodes:
 
 
 def prior_rows(nodes: Nodes, model: LabelModel) -> sparse.csr_array:
-    """Rows [row, state] whose sum of squares, times the states, is what the labels alone say against corrections.
+    """Rows [row, state] whose sum of squares, times the states, is the cost of corrections by the labels alone.
 
-    Of each chain the first node stands within its sigma, every other one follows from the node before.
+    The first node of each chain has its sigma, every other one follows from the previous node.
     """
     starts = nodes.first[:-1]
     later = np.setdiff1d(np.arange(len(nodes.at_m)), starts)
@@ -125,7 +124,7 @@ def place_rows(
 ) -> sparse.csr_array:
     """Rows [3 place, state] that give the corrections in east, north and yaw at places, in this order, from the nodes.
 
-    Between two nodes it is what both make most likely; beyond a chain's ends it is that of the end.
+    Between two nodes it is their conditional mean; beyond a chain's ends it is that of the end.
 
     Args:
         nodes: of the chains.
@@ -159,7 +158,7 @@ def transition(gap_m: Float[np.ndarray, " gap"], model: LabelModel) -> Float[np.
 def noise(
     gap_m: Float[np.ndarray, " gap"], sigma: Float[np.ndarray, " gap"], walk: float, model: LabelModel
 ) -> Float[np.ndarray, "gap 2 2"]:
-    """Covariance that a gap adds: what keeps the smooth process stationary, and the walk in the value."""
+    """Covariance that a gap adds: the noise that keeps the smooth process stationary, and the walk of the value."""
     follow = transition(gap_m, model)
     added = sigma[:, None, None] ** 2 * (np.eye(2) - follow @ follow.transpose(0, 2, 1))
     added[:, 0, 0] += walk**2 * gap_m
@@ -199,17 +198,17 @@ def _block_rows(
 
 
 _BOUND2 = 16.27  # of chi-square with three degrees of freedom, 999 in 1000 lie below
-_LOSS2 = 3.0  # what a fix can cost at most while wrong ones are looked for: the less, the longer a run is outvoted
+_LOSS2 = 3.0  # largest cost of a fix during the search for wrong ones: a smaller one outvotes longer runs
 _MEDIAN2 = 2.366  # and half lie below this
-_SETTLED_ROUNDS = 8  # of taking fixes in and out at the end
-_STEPS = 2  # of Gauss-Newton in each of them: but for a degree of yaw the problem is linear
+_SETTLED_ROUNDS = 8  # iterations of adding and removing fixes at the end
+_STEPS = 2  # of Gauss-Newton in each of them: except for a degree of yaw the problem is linear
 
 
 class FixEdges(NamedTuple):
     """Fixes of places on the ground of other places.
 
     Attributes:
-        chain: of the place that was found, and of the ground it was found on.
+        chain: of the matched place, and of the ground it was matched on.
         at_m: of both, along their chains' paths.
         label: east_m, north_m, yaw_rad of both by their labels.
         found: pose of the place by the ground's labels.
@@ -225,13 +224,13 @@ class FixEdges(NamedTuple):
 
 @dataclass(frozen=True)
 class GraphSolution:
-    """Corrections that make labels agree.
+    """Corrections for which labels agree.
 
     Attributes:
         nodes, model: of the chains.
         state: of all nodes.
-        kept: fixes that took part.
-        noise_scale: what the fixes' sigmas had to be multiplied by to be those of what they are off by; 1 at least.
+        kept: fixes that were used.
+        noise_scale: factor from the fixes' sigmas to their actual errors; at least 1.
         information: of the states, sparse.
     """
 
@@ -264,7 +263,7 @@ class GraphSolution:
 def misfit(
     edges: FixEdges, place: Float[np.ndarray, "edge 3"], ground: Float[np.ndarray, "edge 3"]
 ) -> Float[np.ndarray, "edge 3"]:
-    """Places less where fixes put them, in east_m, north_m and yaw_rad, under corrections to both their labels."""
+    """Places minus their fixes, in east_m, north_m and yaw_rad, under corrections to both their labels."""
     lever_m = edges.found[:, :2] - edges.label[:, 1, :2]
     off = edges.label[:, 0] + place - ground
     off[:, :2] -= edges.label[:, 1, :2] + _turned(lever_m, ground[:, 2])
@@ -275,11 +274,11 @@ def misfit(
 def solve_graph(chains: tuple[LabelChain, ...], edges: FixEdges, model: LabelModel) -> GraphSolution:
     """Corrections of all chains from the fixes between them.
 
-    A chain that no fix reaches keeps its labels: its correction is zero.
+    A chain without fixes keeps its labels: its correction is zero.
 
     Args:
         chains: stretches of drives.
-        edges: fixes; none may be.
+        edges: fixes; may be empty.
         model: of the labels' errors.
     """
     nodes = lay_nodes(chains, model)

@@ -1,7 +1,7 @@
-"""A route as the planner drives it: legs of path tables of one size, a gear and speeds for each.
+"""The planner's form of a route: legs of path tables of one size, with a gear and speeds for each.
 
 A leg ends where the gear changes (a cusp) or where the route ends. Rows and legs are padded to sizes from a ladder, so
-that another route of like length is the same to the compiler.
+that another route of similar length needs no compilation.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from lgprjax.vehicle.path import SPACING_M, path_from_points
 _LEAST_ROWS = 512
 _BEND_M = 2.0
 _TIGHTER = 1.05
-"""How much tighter than the vehicle's own circle a bend may be: what is left of the labels' noise after smoothing."""
+"""Tolerance of a bend relative to the vehicle's smallest circle: the labels' noise after smoothing."""
 
 
 class RoutePath(NamedTuple):
@@ -28,9 +28,10 @@ class RoutePath(NamedTuple):
 
     Attributes:
         legs: path tables with a leading leg axis: ``rows`` [leg, row, 5], the other fields [leg]. Each runs in the
-            direction of travel when the route was recorded; padding goes straight on. Only a lone leg may be closed.
+            direction of travel when the route was recorded; padding continues straight. Only a single leg may be
+            closed.
         gear: 1 where the vehicle drove forward when the leg was recorded, -1 where it reversed.
-        speed_mps: highest on each row, either way, for curvature and for what lies before and after on the leg.
+        speed_mps: highest on each row, in either direction, for its curvature and for the neighbouring rows.
         leg_count: legs in use.
     """
 
@@ -42,12 +43,12 @@ class RoutePath(NamedTuple):
 
 @dataclass(frozen=True)
 class RouteSpeeds:
-    """What limits the speed along a route.
+    """Limits of the speed along a route.
 
     Attributes:
         cruise_mps: highest anywhere.
         lateral_mps2: highest lateral acceleration of the anchor.
-        change_mps2: how fast the speed limit may fall or rise along the way.
+        change_mps2: rate at which the speed limit may fall or rise along the route.
     """
 
     cruise_mps: float
@@ -64,19 +65,19 @@ class RouteSpeeds:
 def make_route_path(
     legs: Sequence[Path], gear: Sequence[int], chassis: Chassis | None, speeds: RouteSpeeds, *, name: str = "route"
 ) -> RoutePath:
-    """Legs joined to a route that a vehicle can drive.
+    """Join legs to a route that a vehicle can drive.
 
     Args:
         legs: in the order and direction in which they were recorded, for the anchor.
         gear: 1 or -1 for each.
-        chassis: scalars; its largest angle gives the tightest circle of the anchor. ``None`` where no vehicle is known
-            yet, and none can say that the route is too tight.
+        chassis: scalars; its largest angle gives the tightest circle of the anchor. ``None`` without a vehicle, in
+            which case the radius is not checked.
         speeds: limits.
         name: of the route, or its file, for errors.
 
     Raises:
-        InputError: no leg, a closed one among several, or one that turns more tightly than the vehicle can; the place
-            is told in metres along the route.
+        InputError: no leg, a closed one among several, or one that turns more tightly than the vehicle can; the message
+            gives the place in metres along the route.
     """
     if not legs or len(legs) != len(gear) or any(each not in (1, -1) for each in gear):
         raise InputError(name, "legs", "at least one, each with gear 1 or -1", f"{len(legs)} legs, gears {list(gear)}")
@@ -138,7 +139,7 @@ def leg_row(route: RoutePath, leg: Int[Array, ""], arc_m: Float[Array, ""]) -> t
 
 
 def _fetch(route: RoutePath, leg: Int[Array, ""], arc_m: Float[Array, ""]) -> tuple[Path, Float[Array, ""]]:
-    """One row as a path of its own: a lane never copies a leg's table."""
+    """One row as a path of its own: a batch element never copies a leg's table."""
     row, beyond_m = leg_row(route, leg, arc_m)
     held = route.legs.rows.at[leg, row].get(mode="clip")
     one = jnp.ones_like(arc_m)
@@ -165,7 +166,7 @@ def _padded(leg: Path, size: int) -> Float[np.ndarray, "row 5"]:
 
 
 def _bends(leg: Path) -> Float[np.ndarray, " row"]:
-    """Magnitude of the curvature about each row, mean over two metres: shorter than that no vehicle here steers."""
+    """Magnitude of the curvature about each row, mean over two metres: no vehicle steers over a shorter distance."""
     curvature = np.asarray(leg.rows, np.float64)[1:-1, 4]
     size = min(2 * round(_BEND_M / float(leg.spacing_m) / 2.0) + 1, len(curvature))
     around = np.arange(-(size // 2), len(curvature) + (size - 1) // 2)
@@ -180,7 +181,7 @@ def _speeds(leg: Path, size: int, speeds: RouteSpeeds) -> Float[np.ndarray, " ro
     bend = _bends(leg)
     square = np.minimum(speeds.cruise_mps**2, speeds.lateral_mps2 / np.maximum(bend, 1e-9))
     step = 2.0 * speeds.change_mps2 * float(leg.spacing_m)
-    # A closed leg is gone over twice, so that its start knows of its end.
+    # A closed leg is processed twice, so that its start accounts for its end.
     for _ in range(2 if float(leg.laps_per_m) > 0.0 else 1):
         for order in (range(1, len(square)), range(len(square) - 2, -1, -1)):
             back = 1 if order.step > 0 else -1
@@ -191,9 +192,9 @@ def _speeds(leg: Path, size: int, speeds: RouteSpeeds) -> Float[np.ndarray, " ro
     return np.pad(np.sqrt(square), (0, size - len(square)), mode="edge").astype(np.float32)
 
 
-# A recorded track laid as legs: cut where the gear changes, freed of the labels' noise, then a table of arcs.
+# A recorded track as legs: cut where the gear changes, smoothed, then a table of arcs.
 #
-# Positions are smoothed over the way by local parabolas with tapering weights (Cleveland 1979), separately in both
+# Positions are smoothed over distance by local parabolas with tapering weights (Cleveland 1979), separately in both
 # axes. A parabola keeps curvature: on a circle of 10 m the bias is below a millimetre, where a running mean would cut
 # the curve by decimetres. At the ends the parabola is one-sided and nothing is cut off.
 
@@ -230,13 +231,13 @@ def legs_of_track(track: RouteTrack) -> tuple[list[Path], list[int]]:
     """Legs of a track in driving order, and the gear of each: 1 forward, -1 reversing.
 
     A cusp is where the direction of travel turns from the body's heading to its opposite, or back, for at least two
-    metres: what noise does at a standstill is none.
+    metres: noise at standstill does not count.
 
     Args:
         track: points with noise of centimetres.
 
     Raises:
-        InputError: something that is no number, a gap of more than 10 m, or less than two metres of way.
+        InputError: non-finite numbers, a gap of more than 10 m, or less than two metres of travel.
     """
     values = np.concatenate([track.points_m, track.yaw_rad[:, None]], axis=1)
     if not np.all(np.isfinite(values)):
@@ -246,7 +247,7 @@ def legs_of_track(track: RouteTrack) -> tuple[list[Path], list[int]]:
     steps = np.hypot(*np.diff(points, axis=0).T)
     arc = np.concatenate([[0.0], np.cumsum(steps)])
     if len(points) < 3 or arc[-1] < _LEAST_LEG_M:
-        raise InputError(track.name, "points", f"a way of at least {_LEAST_LEG_M:g} m", f"{arc[-1]:.2f} m")
+        raise InputError(track.name, "points", f"travel of at least {_LEAST_LEG_M:g} m", f"{arc[-1]:.2f} m")
     if steps.max() > _WIDEST_GAP_M:
         wide = int(np.argmax(steps))
         found = f"{steps[wide]:.1f} m"
@@ -269,12 +270,12 @@ def is_closed(points_m: Float[np.ndarray, "point 2"], yaw_rad: Float[np.ndarray,
 
 
 def smooth_points(points_m: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "place 2"]:
-    """Points every quarter of a metre along a track, each the value of a parabola fitted to what lies about it.
+    """Points every quarter of a metre along a track, each the value of a parabola fitted to its surroundings.
 
     Args:
         points_m: in driving order, no two alike next to each other.
     """
-    # Noise lengthens the way along raw points: the windows come out narrower by that, the table is laid afterwards.
+    # Noise lengthens the path of raw points, which narrows the windows slightly; the table is made afterwards.
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points_m, axis=0).T))])
     places = np.linspace(0.0, arc[-1], max(round(arc[-1] / SPACING_M), 2) + 1)
     out = np.empty((len(places), 2))
@@ -295,7 +296,7 @@ def smooth_points(points_m: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "
 def _moved(
     points_m: Float[np.ndarray, "point 2"], yaw_rad: Float[np.ndarray, " point"]
 ) -> tuple[Float[np.ndarray, "kept 2"], Float[np.ndarray, " kept"]]:
-    """The points that moved: a vehicle that stands adds noise, and no way."""
+    """The points that moved: a standing vehicle adds noise, and no distance."""
     kept = [0]
     for place in range(1, len(points_m)):
         if np.hypot(*(points_m[place] - points_m[kept[-1]])) >= 0.2 * SPACING_M:
@@ -304,13 +305,13 @@ def _moved(
 
 
 def _forward(points_m: Float[np.ndarray, "point 2"], yaw_rad: Float[np.ndarray, " point"]) -> Bool[np.ndarray, " step"]:
-    """For each step whether the body moved forward; runs too short to be a leg go with their neighbour."""
+    """For each step whether the body moved forward; runs too short for a leg are joined to their neighbour."""
     step = np.diff(points_m, axis=0)
     middle = np.unwrap(yaw_rad)
     middle = 0.5 * (middle[1:] + middle[:-1])
     ahead = step[:, 0] * np.cos(middle) + step[:, 1] * np.sin(middle)
     arc = np.cumsum(np.hypot(*step.T))
-    # Over half a metre, so that centimetres of noise do not turn a slow vehicle round.
+    # Over half a metre, so that centimetres of noise do not reverse a slow vehicle.
     low = np.searchsorted(arc, arc - _BLOCK_M / 2.0)
     high = np.searchsorted(arc, arc + _BLOCK_M / 2.0, side="right")
     total = np.concatenate([[0.0], np.cumsum(ahead)])

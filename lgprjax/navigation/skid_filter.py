@@ -1,6 +1,6 @@
 """The filter of a skid-steer vehicle: one tick of prediction, delta heading, fix, and the heading's start or restart.
 
-Wheels every tick, the INS and GNSS when they speak (MF section 2). Algebra and gates are those of the filter of the
+Wheels in every tick, INS and GNSS when available (MF section 2). Algebra and gates are shared with the filter of the
 counter-steered vehicle.
 """
 
@@ -45,10 +45,10 @@ from lgprjax.navigation.skid_model import (
 )
 from lgprjax.vehicle import VehiclePose, WheelSpeeds
 
-# What GNSS and INS would observe if the estimate of a skid-steer vehicle were right, and what of it is usable.
+# Expected observations of GNSS and INS for a skid-steer vehicle, and their validity.
 
 LEAST_FIX_VARIANCE = 1e-6
-"""No fix is better than a millimetre, whatever it reports."""
+"""Least sigma of a fix: a millimetre, whatever it reports."""
 _LARGEST_BEND_RADPM = 0.05
 """On a tighter arc than 20 m the course of a pair of fixes is no heading."""
 
@@ -57,7 +57,7 @@ class InsEpoch(NamedTuple):
     """The end of the last delta heading, from which the next one counts.
 
     Attributes:
-        since_s: how long ago it was.
+        since_s: time since then.
         yaw_rate_radps: of the body then.
     """
 
@@ -66,10 +66,10 @@ class InsEpoch(NamedTuple):
 
 
 class HeadingChange(NamedTuple):
-    """What a tick's delta heading is good for.
+    """Validity of a tick's delta heading.
 
     Attributes:
-        usable: it counts from the last one that was heard, and is a turn that the vehicle can make.
+        usable: it continues from the last one received, and is a turn that the vehicle can make.
         ends: a span ends here, used or not, and the next one counts from it.
         late_s: the tick's end after the span's.
     """
@@ -82,7 +82,7 @@ class HeadingChange(NamedTuple):
 def antenna_reach(
     model: SkidModel, estimate: SkidEstimate, motion: SkidMotion, age_s: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """The antenna a while before the tick's end, forward and left of where the midpoint stands at the end."""
+    """The antenna some time before the tick's end, forward and left of the midpoint at the end."""
     speed_mps, yaw_rate_radps = skid_rates(model, estimate, motion)
     ahead = estimate.mean[SLIP_AHEAD]
     return reach(-age_s * speed_mps, -age_s * yaw_rate_radps, ahead, model.gnss_x_m, model.gnss_y_m).at_m
@@ -95,7 +95,7 @@ def fix_innovation(
 
     Args:
         model, estimate, motion: at the tick's end.
-        fix: may hold anything where it is not offered.
+        fix: arbitrary if not offered.
         offered: whether it is usable.
     """
     slow_x, slow_y = (jnp.sqrt(model.gnss_slow_share * _variance(fix, axis, offered)) for axis in (0, 1))
@@ -118,18 +118,18 @@ def turn_innovation(
     delta: DeltaHeading,
     heard: HeadingChange,
 ) -> Innovation:
-    """Of the turn since the last delta heading, exact at any tick: the state ``turned`` has counted it all the way.
+    """Of the turn since the last delta heading, exact at any tick: the state ``turned`` has accumulated it.
 
     Args:
         model, estimate, motion: at the tick's end.
         epoch: end of the last one.
-        delta: may hold anything where it is not usable.
+        delta: arbitrary if not usable.
         heard: from ``hear``.
     """
     span = jnp.where(heard.usable, delta.span_s, 0.0)
     _, yaw_rate_radps = skid_rates(model, estimate, motion)
     expected = estimate.mean[TURNED] - heard.late_s * yaw_rate_radps + estimate.mean[DRIFT] * span
-    # Where in its tick a span ends is not told: its turn is in doubt if the rate changed between two ends.
+    # The end of a span within its tick is unknown: its turn is uncertain if the rate changed between two ends.
     doubt = model.ins_clock_s * (yaw_rate_radps - epoch.yaw_rate_radps)
     noise = model.ins_noise**2 * span + doubt * doubt
     row = {TURNED: jnp.float32(1.0), DRIFT: span}
@@ -137,10 +137,10 @@ def turn_innovation(
 
 
 def hear(model: SkidModel, epoch: InsEpoch, motion: SkidMotion, delta: DeltaHeading) -> HeadingChange:
-    """Whether a delta heading counts from the end of the last one.
+    """Whether a delta heading continues from the end of the last one.
 
-    One that is due is used. One that comes long after its span has lost another before it: the count starts anew. One
-    that comes long before its span has passed is a repeat.
+    One that is due is used. One long after its span follows a lost one: the count starts anew. One long before the end
+    of its span is a repeat.
 
     Args:
         model: for the fastest turn.
@@ -152,7 +152,7 @@ def hear(model: SkidModel, epoch: InsEpoch, motion: SkidMotion, delta: DeltaHead
     span = jnp.where(sound, delta.span_s, 1.0)
     late = epoch.since_s - span
     possible = jnp.abs(delta.turn_rad) <= model.fastest_turn_radps * span
-    # One that comes half a span early is a repeat; half a span late, where a tick is as long, it is still due.
+    # One half a span early is a repeat; half a span late, if a tick is as long, it is still due.
     early = late < -jnp.minimum(1.5 * motion.step_s, 0.4 * span)
     due = ~early & (late <= jnp.minimum(1.5 * motion.step_s, 0.6 * span))
     ends = sound & ~early
@@ -160,14 +160,14 @@ def hear(model: SkidModel, epoch: InsEpoch, motion: SkidMotion, delta: DeltaHead
 
 
 def fix_usable(model: SkidModel, fix: GnssObservation, newest_s: Float[Array, ""]) -> Bool[Array, ""]:
-    """Finite, with an error that can be, neither too old nor from the future, and newer than the newest so far.
+    """Finite, with a plausible error, neither too old nor from the future, and newer than the newest so far.
 
     Args:
         model: for the oldest fix.
         fix: of the tick.
         newest_s: how long before the tick's end the newest fix so far was taken.
     """
-    # Two numbers that differ by rounding are the same moment.
+    # Two numbers that differ by rounding are the same time.
     timely = (fix.age_s >= 0.0) & (fix.age_s <= model.oldest_fix_s) & (fix.age_s < newest_s - 0.001)
     xx, xy, yy = fix.covariance[0, 0], fix.covariance[0, 1], fix.covariance[1, 1]
     return usable(fix) & timely & (xx >= 0.0) & (yy >= 0.0) & (xx * yy >= xy * xy)
@@ -182,20 +182,20 @@ def _variance(fix: GnssObservation, axis: int, offered: Bool[Array, ""]) -> Floa
     return jnp.where(offered, fix.covariance[axis, axis], 0.0)
 
 
-# A delta heading against the estimate of a skid-steer vehicle: believed, whatever the wheels say, but not blindly.
+# Update by a delta heading for a skid-steer vehicle: always used, with added uncertainty beyond the gate.
 #
-# Wheels slip, so a turn beyond the gate is the INS's; what the two disagree by stays in doubt, so that an INS that
-# lies costs the heading and not the truth.
+# Wheels slip, so that a turn beyond the gate is taken from the INS; the disagreement is added to the uncertainty, so
+# that a faulty INS costs accuracy but not consistency.
 
 IS_YAW = np.arange(len(SKID_STATES)) == YAW
 """Picks the yaw among the states."""
 
 
 class Fate(NamedTuple):
-    """What became of one observation.
+    """Outcome of one observation.
 
     Attributes:
-        nis: normalised innovation squared; zero where nothing was offered.
+        nis: normalised innovation squared; zero if nothing was offered.
         offered: valid, finite, new and in time.
         accepted: used.
         reacquired: used although beyond the gate.
@@ -208,7 +208,7 @@ class Fate(NamedTuple):
 
 
 class HeadingUpdate(NamedTuple):
-    """Estimate, gates and the end of the last delta heading after a tick's, and what became of it."""
+    """Estimate, gates and the end of the last delta heading after a tick's, and its outcome."""
 
     estimate: SkidEstimate
     gates: GateState
@@ -225,7 +225,7 @@ def update_turn(
     motion: SkidMotion,
     delta: DeltaHeading,
 ) -> HeadingUpdate:
-    """The estimate after the tick's delta heading, if there is one, and the count of the next one's turn.
+    """The estimate after the tick's delta heading, if there is one, and the start of the next one's turn.
 
     Args:
         model, rules: of the filter.
@@ -239,8 +239,8 @@ def update_turn(
     nowhere = jnp.zeros(2, jnp.float32)
     verdict, gates = judge(rules, gates, HEADING, heard.usable, weighed.nis, nowhere, nowhere)
     mean, covariance = correct(*estimate, innovation, weighed, verdict.accepted & ~verdict.reacquired)
-    # Beyond the gate the wheels learn nothing from it, and half of what the two disagree by is added to the sigma
-    # itself, not to its square: disagreements of one cause have one sign.
+    # Beyond the gate the wheel states are not updated, and half of the disagreement is added to the sigma itself, not
+    # to its square: disagreements of one cause have one sign.
     apart = jnp.where(verdict.reacquired, innovation.residual[0], 0.0)
     half, sigma = 0.5 * jnp.abs(apart), jnp.sqrt(jnp.maximum(covariance[YAW, YAW], 0.0))
     mean = jnp.where(IS_YAW, wrap_yaw(mean + apart), mean)
@@ -256,30 +256,30 @@ def update_turn(
     return HeadingUpdate(SkidEstimate(mean, covariance), gates, ended, fate)
 
 
-# The first heading of a vehicle without a compass: driven straight, and told by pairs of fixes (MF section 2).
+# The first heading of a vehicle without a compass: from pairs of fixes while driving straight (MF section 2).
 #
-# The vehicle's own way is reckoned in a frame of its own from wheels and INS. Fixes and the antenna's places in that
-# frame make pairs; the turn from the one to the other is the heading, whatever the lever of the antenna and whether
-# the vehicle went forward or back. The pairs share no fix and lie apart, so that the RMS about their mean tells an
-# error.
+# The vehicle's own track is dead reckoned in a frame of its own from wheels and INS. Fixes and the antenna's places in
+# that frame make pairs; the turn from the one to the other is the heading, whatever the lever of the antenna and
+# whether the vehicle went forward or back. The pairs share no fix and lie apart, so that the RMS about their mean tells
+# an error.
 
 PAIRS = 4
-"""Headings in the history; twice as many fixes are kept."""
+"""Number of headings in the history; twice as many fixes are kept."""
 _ODD_LENGTH = 0.25
-"""Fixes whose distance differs so much from the way driven tell of a receiver or of wheels, not of a heading."""
+"""Fixes whose distance differs this much from the distance driven indicate a fault of receiver or wheels."""
 
 
 class HeadingStart(NamedTuple):
-    """A straight way and its fixes, the newest last.
+    """A straight track and its fixes, the newest last.
 
     Attributes:
         known: whether the filter's heading counts as known.
-        own: pose of the midpoint in the frame of the way, which begins where the way does.
-        time_s: since the way began.
+        own: pose of the midpoint in the frame of the track, which begins with the track.
+        time_s: since the track began.
         fix_m: the fixes kept.
-        antenna_m: the antenna's places in the frame of the way then.
+        antenna_m: the antenna's places in the frame of the track then.
         own_yaw_rad: yaw in that frame then.
-        fix_variance: what they reported, m², the mean of both axes.
+        fix_variance: their reported variance, m², the mean of both axes.
         fix_s: when they were taken.
         taken: how many have been kept.
     """
@@ -296,7 +296,7 @@ class HeadingStart(NamedTuple):
 
 
 class Way(NamedTuple):
-    """A tick's way by wheels and INS.
+    """A tick's motion by wheels and INS.
 
     Attributes:
         travel_m, turn_rad: of the body.
@@ -311,7 +311,7 @@ class Way(NamedTuple):
 
 
 class KeptFix(NamedTuple):
-    """A fix as the start sees it.
+    """A fix as input of the heading start.
 
     Attributes:
         fix_m: position of the antenna.
@@ -331,13 +331,13 @@ class KeptFix(NamedTuple):
 
 
 class StartedHeading(NamedTuple):
-    """What the pairs say.
+    """Heading from the pairs.
 
     Attributes:
         yaw_rad: of the body at the tick's end.
         variance: rad².
         rms_rad: of the history about its mean.
-        ready: a new fix completed a history that is to be believed.
+        ready: a new fix completed a valid history.
     """
 
     yaw_rad: Float[Array, ""]
@@ -347,7 +347,7 @@ class StartedHeading(NamedTuple):
 
 
 def init_heading_start() -> HeadingStart:
-    """Nothing driven, nothing known."""
+    """State before any motion."""
     zero, rows = jnp.float32(0.0), 2 * PAIRS
     many, places = jnp.zeros(rows, jnp.float32), jnp.zeros((rows, 2), jnp.float32)
     own = VehiclePose(zero, zero, zero)
@@ -357,14 +357,14 @@ def init_heading_start() -> HeadingStart:
 def step_heading_start(
     model: SkidModel, start: HeadingStart, way: Way, fix: KeptFix, blind: Bool[Array, ""]
 ) -> tuple[HeadingStart, StartedHeading]:
-    """One tick: the way goes on, begins anew where it bends, and takes a fix that lies far enough from the last.
+    """One tick: continue the track, restart it where it bends, and take a fix far enough from the last.
 
     Args:
         model: of vehicle and sensors.
-        start: so far.
+        start: its state.
         way: the tick's.
         fix: the tick's.
-        blind: without INS: the way bends unseen as the sides slip.
+        blind: without INS: slip of the sides bends the track unnoticed.
     """
     moved = _drive(start, way)
     x, y = turned(jnp.cos(moved.own.yaw_rad), jnp.sin(moved.own.yaw_rad), fix.reach_m)
@@ -398,7 +398,7 @@ def _drive(start: HeadingStart, way: Way) -> HeadingStart:
 
 
 def _heading_of(model: SkidModel, start: HeadingStart, blind: Bool[Array, ""]) -> StartedHeading:
-    """The mean turn from the pairs of the own frame to those of the fixes, and how far it can be trusted."""
+    """The mean turn from the pairs of the own frame to those of the fixes, and its quality."""
     own = start.antenna_m[PAIRS:] - start.antenna_m[:PAIRS]
     seen = start.fix_m[PAIRS:] - start.fix_m[:PAIRS]
     crossed = own[:, 0] * seen[:, 1] - own[:, 1] * seen[:, 0]
@@ -431,13 +431,13 @@ def _push(rows: Float[Array, "8 ..."], row: Float[Array, "..."], takes: Bool[Arr
 
 
 _BLIND_S = 1.0
-"""An INS that has been silent for longer does not steady the way of a heading start."""
+"""An INS silent for longer does not support a heading start."""
 _OTHER_RECEIVER = 4.0
 """A fix whose reported variance differs by this factor does not share its slow error with the one before."""
 
 
 class LastHeard(NamedTuple):
-    """What was last heard of each sensor.
+    """Last data received from each sensor.
 
     Attributes:
         wheels: finite speeds.
@@ -455,7 +455,7 @@ class LastHeard(NamedTuple):
 
 
 class SkidFilterState(NamedTuple):
-    """The estimate at the tick's end, and what gates, heading start and sensors leave behind."""
+    """The estimate at the tick's end, and the states of gates, heading start and sensors."""
 
     estimate: SkidEstimate
     gates: GateState
@@ -470,7 +470,7 @@ class SkidFilterInfo(NamedTuple):
         heading_known: the yaw may be used.
         heading_started: it became known in this tick.
         heading_restarted: it was known, and straight fixes replaced it.
-        nis: normalised innovation squared; zero where nothing was offered.
+        nis: normalised innovation squared; zero if nothing was offered.
         offered: valid, finite, new and in time.
         accepted: used.
         reacquired: used although beyond the gate.
@@ -486,7 +486,7 @@ class SkidFilterInfo(NamedTuple):
 
 
 def skid_rules() -> GateRules:
-    """Gates for GNSS at 1 Hz, the sixth reject in a row taken back, and for an INS that is always believed."""
+    """Gates for GNSS at 1 Hz, re-acquired after the sixth consecutive rejection, and for an INS that is always used."""
     rules = default_rules()
     return rules._replace(
         reacquire_after=rules.reacquire_after.at[GNSS].set(5).at[HEADING].set(0), forget_s=jnp.float32(5.0)
@@ -494,7 +494,7 @@ def skid_rules() -> GateRules:
 
 
 def init_skid_filter(model: SkidModel, x_m: Float[Array, ""], y_m: Float[Array, ""]) -> SkidFilterState:
-    """The filter at the start: about where, and heading unknown."""
+    """The filter at the start: approximate position, heading unknown."""
     zero, never = jnp.float32(0.0), jnp.float32(NEVER_S)
     last = LastHeard(WheelSpeeds(zero, zero), InsEpoch(never, zero), jnp.full(2, never), never, zero)
     return SkidFilterState(init_skid_estimate(model, x_m, y_m), init_gates(), init_heading_start(), last)
@@ -503,9 +503,9 @@ def init_skid_filter(model: SkidModel, x_m: Float[Array, ""], y_m: Float[Array, 
 def step_skid_filter(
     model: SkidModel, rules: GateRules, state: SkidFilterState, motion: SkidMotion, observations: SkidObservations
 ) -> tuple[SkidFilterState, SkidFilterInfo]:
-    """One tick: the motion, then what INS and GNSS say. One lane; hundreds under ``vmap``.
+    """One tick: the motion, then INS and GNSS. Unbatched; use ``vmap`` for more.
 
-    A wheel speed that is no number is taken for the last one that was; a tick of no sensible length for none.
+    A non-finite wheel speed is replaced by the last finite one; a tick of invalid length has length zero.
 
     Args:
         model: of vehicle and sensors.

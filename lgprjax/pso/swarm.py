@@ -41,7 +41,7 @@ class SwarmConfig:
 
 
 class SwarmState(NamedTuple):
-    """What the loop carries."""
+    """State of the loop."""
 
     position: Float[Array, "particle dim"]
     velocity: Float[Array, "particle dim"]
@@ -152,7 +152,7 @@ def watch_swarm(
     *,
     config: SwarmConfig,
 ) -> SwarmTrail:
-    """The swarm that ``run_swarm`` runs with the same arguments, all of it kept. The key is consumed."""
+    """Run the swarm as ``run_swarm`` does and keep its whole history. The key is consumed."""
     return _run(
         key,
         start,

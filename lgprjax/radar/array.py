@@ -41,7 +41,7 @@ def uniform_array(
     )
 
 
-# What the channels of a stepped-frequency array have of their own: gain and delay; and which of them are dead.
+# Gain and delay of each channel of a stepped-frequency array, and detection of dead channels.
 
 _FAR_BELOW = 0.05
 _STILL = 1e-3
@@ -49,8 +49,9 @@ _COHERENT = 0.35
 
 
 class ChannelResponse(NamedTuple):
-    """Gain and delay of each channel relative to the array's mean: a channel hears gain * exp(-2 pi i f delay) times
-    what an average one would."""
+    """Gain and delay of each channel relative to the array's mean: a channel receives gain * exp(-2 pi i f delay) times
+    the signal of an average one.
+    """
 
     gain: Float[np.ndarray, " channel"] | Float[Array, " channel"]
     delay_ns: Float[np.ndarray, " channel"] | Float[Array, " channel"]
@@ -63,10 +64,10 @@ def estimate_channel_response(
 ) -> ChannelResponse:
     """Gain and delay of each channel from a recording over a flat reflector that is equally far from all of them.
 
-    A metal plate under the array, say: sweeps divided by the calibration channel, look-up subtracted, averaged over
-    scans. Each channel is first laid over the array's mean by the highest correlation over all delays, so that no
-    phase wraps; the rest is the slope of its phase, each frequency weighted with its power. The gain is the ratio
-    of the magnitudes in phase with the mean.
+    For example a metal plate under the array: sweeps divided by the calibration channel, look-up subtracted, averaged
+    over scans. Each channel is first aligned with the array's mean by the highest correlation over all delays, so that
+    no phase wraps; the rest is the slope of its phase, each frequency weighted with its power. The gain is the ratio of
+    the magnitudes in phase with the mean.
 
     Args:
         reference: the calibrated sweep of each channel.
@@ -80,7 +81,7 @@ def estimate_channel_response(
     if not alive.any():
         raise ValueError("a channel response needs a live channel")
     spectra = reference[alive].astype(np.complex128)
-    # A sixteenth of the shortest period off, a phase is at most 0.4 rad and cannot wrap.
+    # Within a sixteenth of the shortest period, a phase is at most 0.4 rad and cannot wrap.
     half_range_ns = 0.5e9 / float(np.diff(frequencies_hz).min())
     lags_ns = np.arange(-half_range_ns, half_range_ns, 1e9 / (8.0 * frequencies_hz[-1]))
     lay = np.exp(2e-9j * np.pi * np.outer(frequencies_hz, lags_ns))
@@ -105,22 +106,22 @@ def estimate_channel_response(
 def find_dead_channels(
     sweeps: Complex[np.ndarray, "scan channel frequency"], calibration: Complex[np.ndarray, "scan frequency"]
 ) -> Bool[np.ndarray, " channel"]:
-    """Channels that hear nothing, from a look-up, a plate or a stretch of a drive.
+    """Channels without a signal, from a look-up, a plate or a stretch of a drive.
 
     A channel is dead when one of these holds:
 
     - it is not finite in more than half of the scans;
-    - it is stuck: from scan to scan it changes by less than a thousandth of what the median channel changes by
-      (where that one changes at all);
+    - it is stuck: from scan to scan it changes by less than a thousandth of the change of the median channel (where
+    that one changes at all);
     - divided by the calibration channel, its level is below a twentieth (26 dB) of the median channel's: no energy,
       a broken cable;
-    - divided by the calibration channel, it is noise: neighbouring frequencies agree by less than 0.35. What an
-      antenna hears of itself and of the surface comes early in the unambiguous range, so that its phase turns little
-      from step to step; the phases of noise are any.
+    - divided by the calibration channel, it is noise: neighbouring frequencies agree by less than 0.35. Direct coupling
+    and the surface return arrive early in the unambiguous range, so that their phase turns little from step to step;
+    the phases of noise are random.
 
     Args:
-        sweeps: as recorded, the look-up *not* subtracted: with it subtracted a dead channel would show the coupling
-            that it lacks. Scans times frequencies should be a hundred or more, or noise may agree by chance.
+        sweeps: as recorded, the look-up *not* subtracted: with it subtracted a dead channel would show the missing
+            coupling. Scans times frequencies should be a hundred or more, or noise may agree by chance.
         calibration: the calibration sweep of each scan; scans where it is zero or not finite do not count.
     """
     known = np.isfinite(calibration).all(axis=1) & (calibration != 0).all(axis=1)

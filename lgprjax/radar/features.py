@@ -1,4 +1,4 @@
-"""A trace as its few independent numbers: in-band Fourier coefficients, at any time scale, background removed.
+"""In-band Fourier coefficients of traces, time scale, and background removal.
 
 369 samples hold some 40 to 90 independent numbers. By Parseval a correlation over the coefficients equals the
 one over the (band-limited, gained) samples, and a change of height is a phase ramp, exactly.
@@ -24,7 +24,7 @@ LIMIT = 2.5
 
 
 class CoefficientBasis(NamedTuple):
-    """How profile samples become coefficients.
+    """Mapping from profile samples to coefficients.
 
     The coefficient axis holds all real parts, then all imaginary parts.
 
@@ -47,7 +47,7 @@ def coefficient_basis(
     Args:
         gain: depth gain of each profile sample.
         sample_interval_ns: of the profile.
-        settings: names the band.
+        settings: with the band.
     """
     samples = len(gain)
     frequencies_hz = np.fft.rfftfreq(samples, sample_interval_ns * 1e-9)
@@ -75,13 +75,13 @@ def coherence_gain(
     lagged: Float[np.ndarray, " sample"],
     distant: Float[np.ndarray, " sample"],
 ) -> Float[np.ndarray, " sample"]:
-    """Depth gain that levels amplitude and trusts each depth as far as the ground there tells one place from another.
+    """Depth gain that equalises amplitude and weights each depth by how well its ground distinguishes places.
 
-    Dividing by the RMS alone lifts depths that hold nothing but noise to the same weight as the reflections. The
-    correlation of a map's traces with those a little farther along is the share of the power that is no noise
-    (measured on 25 parallel lines: 4 m windows found right rise from 97 to 100 per cent); what is left of that
-    correlation a wavelength farther along tells nothing about the place: the remains of a surface return that
-    follows the vehicle's bounce, above all. The difference multiplies the levelled trace.
+    Dividing by the RMS alone gives depths of pure noise the same weight as the reflections. The correlation of a map's
+    traces with those a little farther along is the share of the power that is no noise (measured on 25 parallel lines:
+    correct 4 m windows rise from 97 to 100 per cent); the correlation that remains a wavelength farther along says
+    nothing about the place: it is mostly the rest of a surface return that follows the vehicle's bounce. The difference
+    multiplies the equalised trace.
 
     Args:
         power: mean of y² over the map at each sample.
@@ -105,10 +105,10 @@ def to_coefficients(
 ) -> Float[Array, "scan channel coefficient"]:
     """Filtered profiles to coefficients; invalid traces become zeros.
 
-    Gained samples are limited to ``LIMIT`` RMS values of their scan: one strong reflector must not decide a
-    scan alone. (Measured on generated ground: the highest correlation of 20,000 pairs of scans that do not
-    belong together falls from 0.37 to 0.31, that of scans that do stays at 0.66.) The limit is relative to the
-    scan itself, so it needs no calibration between the day of the map and today.
+    Gained samples are limited to ``LIMIT`` RMS values of their scan: one strong reflector must not dominate a scan.
+    (Measured on generated ground: the highest correlation of 20,000 unrelated pairs of scans falls from 0.37 to 0.31,
+    that of matching ones stays at 0.66.) The limit is relative to the scan itself, so it needs no calibration between
+    the day of the map and today.
     """
     gained = jnp.where(valid[..., None], profile, 0.0) * basis.gain[None, None, :]
     samples = profile.shape[-1] * jnp.maximum(jnp.sum(valid, axis=-1, dtype=jnp.float32), 1.0)
@@ -117,7 +117,7 @@ def to_coefficients(
 
 
 def cos_sin(phase_rad: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
-    """Cosine and sine to 1e-6, by polynomials of the half angle: the compiler's own cost several times as much here."""
+    """Cosine and sine to 1e-6, by polynomials of the half angle, several times faster here than the compiler's."""
     turns = jnp.round(phase_rad * (0.5 / np.pi))
     half = 0.5 * (phase_rad - turns * (2.0 * np.pi))
     square = half * half
@@ -151,36 +151,36 @@ def air_delay_ns(height_m: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
     return height_m * (2.0 / LIGHT_SPEED_M_PER_NS)
 
 
-# Travel time stretched or shrunk about the surface return: what rain and drought do to a whole profile.
+# Travel time stretched or shrunk about the surface return: the effect of rain and drought on a whole profile.
 #
-# Wet soil slows the wave: an echo that came at t comes at s + scale (t - s), s the surface's travel time. A profile is
-# band-limited and sampled finer than its band needs, so sinc interpolation brings it back.
+# Wet soil slows the wave: an echo at t moves to s + scale (t - s), s the surface's travel time. A profile is
+# band-limited and sampled finer than its band needs, so sinc interpolation undoes it.
 
 
 def time_scale_matrix(
     samples: int, kept: int, sample_interval_ns: float, *, scale: float, about_ns: float
 ) -> Float[np.ndarray, "sample kept"]:
-    """Profile samples to those of the same ground with the stretching taken back; a factor for an operator's right.
+    """Matrix that undoes the stretching of profile samples; multiplies an operator from the right.
 
     Args:
         samples: of the stretched profile.
-        kept: of the profile as the map has it.
+        kept: of the map's profile.
         sample_interval_ns: of both.
-        scale: how much longer the way in the ground takes today than when the map was made.
+        scale: travel time in the ground relative to the map's day.
         about_ns: travel time of the surface, which stays.
 
     Raises:
         ValueError: the scale is not above zero.
     """
     if not scale > 0:
-        raise ValueError(f"a time scale is above zero, not {scale}")
+        raise ValueError(f"a time scale must be above zero, not {scale}")
     map_ns = np.arange(kept) * sample_interval_ns
     today_ns = np.where(map_ns > about_ns, about_ns + scale * (map_ns - about_ns), map_ns)
     return np.asarray(np.sinc(today_ns[None, :] / sample_interval_ns - np.arange(samples)[:, None]))
 
 
 def stretched_samples(kept: int, scale: float) -> int:
-    """Samples that a profile of today needs for ``kept`` of the map: its stretch, and the interpolation's skirt."""
+    """Samples of a live profile needed for ``kept`` of the map: its stretch, and the interpolation's margin."""
     return int(np.ceil(kept * max(scale, 1.0))) + 8
 
 
@@ -192,21 +192,21 @@ def stretched_operator(
     scale: float,
     height_m: float,
 ) -> Float[Array, "recorded kept"]:
-    """A recording's matrix to the profile samples of a map that was made when the ground was drier or wetter.
+    """A recording's matrix to the profile samples of a map made when the ground was drier or wetter.
 
     Args:
-        recorded: number of profile samples to the recording's own matrix.
+        recorded: function from a number of profile samples to the recording's own matrix.
         kept: samples of the map's profiles.
         sample_interval_ns: of both.
         scale: see ``time_scale_matrix``; 1 leaves the matrix as it is.
-        height_m: of the array above the surface, whose return stays.
+        height_m: of the array above the surface, whose return does not move.
     """
     if scale == 1.0:
         return recorded(kept)
     samples = stretched_samples(kept, scale)
     about_ns = 2.0 * height_m / LIGHT_SPEED_M_PER_NS
     stretch = time_scale_matrix(samples, kept, sample_interval_ns, scale=scale, about_ns=about_ns)
-    # On the host: every scale has a length of its own, and each would be a shape to compile.
+    # On the host: every scale has its own length, and each would be a shape to compile.
     return jnp.asarray(np.asarray(recorded(samples), np.float64) @ stretch, dtype=jnp.float32)
 
 
@@ -219,7 +219,7 @@ def trace_operators(
     *,
     height_m: float,
 ) -> Callable[[float], Float[Array, "recorded sample"]]:
-    """Time scale to the matrix of live traces for a map, each made once.
+    """Cached function from a time scale to the matrix of live traces for a map.
 
     Args:
         samples, sample_interval_ns, time_zero_ns: of the traces.
@@ -238,11 +238,11 @@ def trace_operators(
     return operator
 
 
-# The track filter: a high-pass along the track that removes what is constant along the drive.
+# Background removal: a high-pass along the track that removes what is constant along the drive.
 #
 # Surface return, antenna ringing and reflections of the vehicle do not change as the vehicle moves; the ground does.
-# The filter works in metres of travel, not in scans. Maps use the zero-phase form, live scans the causal one; the
-# causal form serves batch registration and the vehicle alike.
+# The filter works in metres of travel, not in scans. Maps use the zero-phase form, live scans (batch and onboard) the
+# causal one.
 
 
 class LiveFilterState(NamedTuple):
@@ -250,7 +250,7 @@ class LiveFilterState(NamedTuple):
 
     Attributes:
         mean: running mean of the profile.
-        weight: how much travel the mean has seen, 0 (nothing) to 1 (long past the filter's length).
+        weight: travel covered by the mean, from 0 (none) to 1 (long past the filter's length).
     """
 
     mean: Float[Array, "channel sample"]
@@ -272,15 +272,15 @@ def run_live_filter(
 ) -> tuple[LiveFilterState, Float[Array, "scan channel sample"]]:
     """Subtract a causal running mean over about ``length_m`` metres of travel.
 
-    The mean forgets with travel, not with time: it stands still while the vehicle stands, and travel in
-    reverse counts as travel (``travel_m`` is the distance since the last scan, either sign). While little
-    has been seen the mean is the plain average so far, so that start-up has no decaying first scan in it.
+    The mean decays with travel, not with time: it does not change while the vehicle stands, and travel in reverse
+    counts as travel (``travel_m`` is the distance since the last scan, either sign). At the start the mean is the plain
+    average so far, so that no first scan decays in it.
 
     Args:
-        state: from the scan before.
+        state: from the previous scan.
         profile: profile traces; invalid ones may hold anything finite.
         valid: False leaves a channel's mean alone and returns zeros there.
-        travel_m: signed distance travelled since the scan before.
+        travel_m: signed distance travelled since the previous scan.
         length_m: the filter's length.
 
     Returns:
@@ -291,7 +291,7 @@ def run_live_filter(
         carry: LiveFilterState, scan: tuple[Array, Array, Array]
     ) -> tuple[LiveFilterState, Float[Array, "channel sample"]]:
         traces, ok, moved_m = scan
-        # A mean of length L over the past has its centre L/2 back, as has an exponential one of L/2.
+        # A mean of length L over the past is centred L/2 back, like an exponential one of L/2.
         forget = 1.0 - jnp.exp(-jnp.abs(moved_m) / (0.5 * length_m))
         first = ok & (carry.weight == 0.0)
         weight = jnp.where(ok, carry.weight + (1.0 - carry.weight) * forget, carry.weight)
@@ -311,7 +311,7 @@ def zero_phase_filter(
 ) -> Float[np.ndarray, "scan channel sample"]:
     """Subtract the centred running mean over ``2 * (stations // 2) + 1`` equally spaced map stations.
 
-    At the ends, and where stations are missing, the mean is over what there is. Host function: the map is
+    At the ends, and where stations are missing, the mean is over those available. Host function: the map is
     built once, from stations that are already uniform in metres.
     """
     half = stations // 2

@@ -1,4 +1,4 @@
-"""A radargram, and the light processing that makes one worth looking at: NumPy only, for pictures, never for a fix.
+"""A radargram and light processing for display: NumPy only, for pictures, never for a fix.
 
 The steps carry the names that users of GPR software know: dewow, background removal, gain over travel time.
 """
@@ -12,9 +12,9 @@ _DEWOW_PERIODS = 1.5
 _LEVEL_PERIODS = 3.0
 _MOST_GAIN = 1e3
 _ABOVE_NOISE = 3.0
-"""The gain stops growing here: noise as loud as the ground hides where the ground ends."""
+"""The gain stops growing here: noise amplified to the level of the ground would hide where the ground ends."""
 _LEAST_CYCLES = 4
-"""In the whole time window: what is slower is wow, whatever its power."""
+"""In the whole time window: slower signals are wow, whatever their power."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,13 +22,13 @@ class Radargram:
     """One channel of a line, its traces evenly spaced.
 
     Attributes:
-        name: what it is called in a title.
+        name: for titles.
         amplitude: zero for no signal, NaN where there is no trace.
         along: place of each trace, metres along the line or, where the recording holds no places, its number.
-        in_metres: which of the two ``along`` is.
-        time_ns: two-way travel time of each sample, evenly spaced; 0 is time zero, before it they are negative.
-        centre_frequency_hz: nominal; None where the recording does not say.
-        steps: what was done to the amplitudes since they were recorded, in order, in words.
+        in_metres: whether ``along`` is in metres.
+        time_ns: two-way travel time of each sample, evenly spaced; 0 is time zero, samples before it are negative.
+        centre_frequency_hz: nominal; None if unknown.
+        steps: processing steps applied to the amplitudes, in order, in words.
     """
 
     name: str
@@ -44,9 +44,9 @@ def clear_view(radargram: Radargram) -> Radargram:
     """The radargram dewowed, without its mean trace and with a gain that only grows with travel time.
 
     Dewow subtracts the running mean over 1.5 periods, the background is the mean trace over the whole line, and the
-    gain brings the RMS of each travel time to one level. A reflector that is louder than all above it stays so: the
-    gain follows the loudest of what is still to come. It stops at 60 dB, or where the traces are three times as loud
-    as their noise, which is told from what neighbours differ by.
+    gain brings the RMS of each travel time to one level. A reflector that is stronger than all above it stays so: the
+    gain follows the strongest later signal. It stops at 60 dB, or where the traces are three times as strong as their
+    noise, which is estimated from the differences of neighbours.
     """
     if len(radargram.time_ns) < 2:
         return radargram
@@ -66,7 +66,7 @@ def clear_view(radargram: Radargram) -> Radargram:
     gain = _rising_gain(power, noise, max(1, round(_LEVEL_PERIODS * period / 2.0)))
     dewow = f"dewow ({_DEWOW_PERIODS * 1e9 / frequency_hz:.3g} ns{'' if told else ', frequency estimated'})"
     most_db = round(20.0 * np.log10(gain[-1]))
-    levelled = f"gain by the RMS of each travel time, up to {most_db} dB" if most_db else "no gain: none is due"
+    levelled = f"gain by the RMS of each travel time, up to {most_db} dB" if most_db else "no gain needed"
     return replace(
         radargram,
         amplitude=(traces * gain).astype(np.float32),
@@ -91,14 +91,14 @@ def _rising_gain(
     loudest = to_come[0]
     if not loudest > 0.0:
         return np.ones(len(power))
-    # Before the first arrival a receiver may be quieter than it is ever after.
+    # Before the first arrival a receiver may be quieter than at any later time.
     quietest = np.sqrt(_running_mean(noise, half)[int(np.argmax(level)) :].min())
     floor = min(max(_ABOVE_NOISE * quietest, loudest / _MOST_GAIN), loudest)
     return np.asarray(loudest / np.maximum(to_come, floor))
 
 
 def _loudest_hz(amplitude: Float[np.ndarray, "trace sample"], interval_ns: float) -> float:
-    """Frequency of most power in what changes along the line."""
+    """Frequency of most power in the signal that changes along the line."""
     finite = amplitude[np.isfinite(amplitude).all(axis=1)].astype(np.float64)
     samples = amplitude.shape[1]
     frequencies_hz = np.fft.rfftfreq(samples, interval_ns * 1e-9)

@@ -4,7 +4,7 @@ A scan has one complex sweep a channel and one of the calibration channel, a pat
 the ground. The order is LL's: divide by the calibration channel (what drifts is common to both), then subtract the
 look-up, the array in empty space, which was itself divided by its own calibration sweep (direct coupling, vehicle).
 Subtracting first would leave coupling times the drift. The window and the inverse transform are one matrix, as for
-traces (``time_domain.py``), so that everything behind it is the same for both; the track filter follows.
+traces (``time_domain.py``), so that everything behind it is the same for both; background removal follows.
 """
 
 from typing import NamedTuple
@@ -25,7 +25,7 @@ _DEPTH_PERIODS = 15.0
 
 
 class LookUp(NamedTuple):
-    """What the array hears of itself and of the vehicle, pointed at empty space, and its own calibration sweep."""
+    """Sweeps of the array pointed at empty space (direct coupling, vehicle), and their calibration sweep."""
 
     sweeps: Complex[Array, "channel frequency"]
     calibration: Complex[Array, " frequency"]
@@ -39,7 +39,7 @@ def calibrate_sweeps(
     response: ChannelResponse,
     frequencies_hz: Float[Array, " frequency"],
 ) -> tuple[Complex[Array, "scan channel frequency"], Bool[Array, "scan channel"]]:
-    """Sweeps as recorded to sweeps of the ground alone: S/C - L/Lc, less each channel's own gain and delay.
+    """Sweeps as recorded to sweeps of the ground alone: S/C - L/Lc, corrected for each channel's gain and delay.
 
     Args:
         sweeps: S, as recorded.
@@ -50,7 +50,7 @@ def calibrate_sweeps(
 
     Returns:
         the calibrated sweeps, and which of them are valid. A scan whose calibration sweep is not finite or close to
-        zero anywhere is invalid, as is a channel that is not finite; what is invalid is zero.
+        zero anywhere is invalid, as is a channel that is not finite; invalid entries are zero.
     """
     level = jnp.median(jnp.abs(lookup.calibration))
     divisible = _divisible(calibration, level)
@@ -67,16 +67,15 @@ def calibrate_sweeps(
 def _divisible(calibration: Complex[Array, "*scan frequency"], level: Float[Array, ""]) -> Bool[Array, "*scan"]:
     size = jnp.abs(calibration)
     least = _LEAST_CALIBRATION * jnp.maximum(jnp.median(size, axis=-1, keepdims=True), level)
-    # A NaN compares false, and so does a sweep that is zero throughout.
+    # A NaN compares false, and so does an all-zero sweep.
     return jnp.all((size > least) & jnp.isfinite(size), axis=-1)
 
 
 def sweep_chain(frequencies_hz: Float[np.ndarray, " frequency"], scan_spacing_m: float) -> ChainSettings:
     """Settings that follow from a sweep: its own band, lengths from its centre frequency as for traces.
 
-    The corners lie in the middle of the window's edges. A sweep holds no level and no wow; the dewow that traces
-    of other recordings go through on a map of sweeps spans four periods of the lowest frequency and leaves the band
-    alone.
+    The corners are in the middle of the window's edges. A sweep has no offset and no wow; the dewow applied to traces
+    of other recordings on a map of sweeps spans four periods of the lowest frequency and does not affect the band.
     """
     low_hz, high_hz = float(frequencies_hz[0]), float(frequencies_hz[-1])
     edge_hz = 0.5 * _EDGE * (high_hz - low_hz)
@@ -92,9 +91,9 @@ def sweep_chain(frequencies_hz: Float[np.ndarray, " frequency"], scan_spacing_m:
 
 
 def sweep_step_hz(frequencies_hz: Float[np.ndarray, " frequency"]) -> float | None:
-    """Step of a sweep's frequencies, steps left out (a notch) included; None where they keep to no equal steps.
+    """Step of a sweep's frequencies, allowing for missing steps (a notch); None if the steps are not equal.
 
-    They do when none lies more than a twentieth of a step beside its place: 18 degrees at the end of the range.
+    Steps are equal when no frequency is more than a twentieth of a step off: 18 degrees at the end of the range.
     """
     gaps_hz = np.diff(frequencies_hz)
     number = np.concatenate([[0.0], np.cumsum(np.round(gaps_hz / gaps_hz.min()))])
@@ -104,9 +103,9 @@ def sweep_step_hz(frequencies_hz: Float[np.ndarray, " frequency"]) -> float | No
 
 
 def unambiguous_ns(frequencies_hz: Float[np.ndarray, " frequency"]) -> float:
-    """Travel time that a sweep can tell from travel time zero: 1/step, less two over the band as a guard.
+    """Unambiguous travel time of a sweep: 1/step, minus two over the band as a guard.
 
-    The transform repeats after 1/step; what rings ahead of an echo at the surface shows within the guard.
+    The transform repeats after 1/step; ringing before an echo at the surface appears within the guard.
     """
     step_hz = sweep_step_hz(frequencies_hz)
     if step_hz is None:
@@ -115,9 +114,9 @@ def unambiguous_ns(frequencies_hz: Float[np.ndarray, " frequency"]) -> float:
 
 
 def depth_window_ns(settings: ChainSettings) -> float:
-    """How deep a profile of sweeps goes unless told otherwise: fifteen periods of the centre frequency.
+    """Default travel time of a profile of sweeps: fifteen periods of the centre frequency.
 
-    60 ns at 250 MHz, 3 m of nominal soil: the depth down to which LGPR has been shown to hear the ground. Losses
+    60 ns at 250 MHz, 3 m of nominal soil: the depth down to which LGPR has been shown to work. Losses
     grow with the frequency, so that the depth is best counted in periods.
     """
     return _DEPTH_PERIODS * settings.wavelength_m / WAVE_SPEED_M_PER_NS
@@ -129,7 +128,7 @@ def sweep_samples(
     """Samples of the profile of sweeps: travel times from zero to ``travel_time_ns``, as far as they are unambiguous.
 
     Raises:
-        ValueError: the frequencies keep to no equal steps.
+        ValueError: the frequencies have no equal steps.
     """
     return max(2, int(min(travel_time_ns, unambiguous_ns(frequencies_hz)) / settings.sample_interval_ns))
 
@@ -143,13 +142,13 @@ def sweep_operator(
 ) -> Float[Array, "recorded sample"]:
     """Window and inverse transform as one matrix: calibrated sweeps (``stacked``) to profile samples.
 
-    The window is flat with cosine edges: the chain's own band, which traces go through too, closed at the sweep's
-    ends over a quarter of its band, whichever is less. Its side lobes must fall as fast as the echoes of the ground
-    do, or shallow stones ring over deep ones: from 100 to 400 MHz they stand at -34 dB after 20 ns and -50 dB after
-    30 ns, where echoes from soil that takes 6 dB a metre each way are 37 and 50 dB down. Edges of a tenth stand at
-    -40 dB there; a Kaiser window of -60 dB costs a third of the frequencies that this one keeps.
+    The window is flat with cosine edges: the chain's band, as for traces, tapered at the sweep's ends over a quarter of
+    its band, whichever is less. Its side lobes must fall as fast as the echoes of the ground, or shallow stones ring
+    over deep ones: from 100 to 400 MHz they are at -34 dB after 20 ns and -50 dB after 30 ns, where echoes from soil
+    that attenuates 6 dB a metre each way are 37 and 50 dB down. With edges of a tenth they are at -40 dB there; a
+    Kaiser window of -60 dB costs a third of the frequencies that this one keeps.
 
-    Dividing by the calibration channel has taken the delay of its path off every echo; it is put back, so that
+    Dividing by the calibration channel has removed the delay of its path from every echo; it is restored, so that
     travel time zero of the antennas' phase centres is sample 0. A reflector of amplitude a that fills the band
     has the peak a in the profile (in units of the calibration path).
 
@@ -160,7 +159,7 @@ def sweep_operator(
         kept: samples of the profile; beyond the unambiguous range they are zero, never a repetition.
 
     Raises:
-        ValueError: the frequencies keep to no equal steps.
+        ValueError: the frequencies have no equal steps.
     """
     time_ns = np.arange(kept) * settings.sample_interval_ns
     phase = 2e-9 * np.pi * np.outer(frequencies_hz, time_ns - group_delay_ns)
@@ -174,7 +173,7 @@ def sweep_window(
 ) -> Float[np.ndarray, " frequency"]:
     """Weight of each frequency: band of the chain or edge of the sweep, whichever is less, times the dewow's response.
 
-    Dewow finds nothing to remove here, but it shapes the band of every trace that a map may hold or meet.
+    Dewow has nothing to remove here, but it shapes the band of every trace in a map or matched with it.
     """
     low_hz, high_hz = frequencies_hz[0], frequencies_hz[-1]
     # Half a step outside, so that the first and the last step still count.

@@ -1,8 +1,8 @@
-"""What the traces of survey lines tell about themselves: when the direct wave comes, its sign, and which way they ran.
+"""Properties estimated from the traces of survey lines: time and sign of the direct wave, and direction.
 
-Headers of lines are filled in by hand or by the recorder's guess: time zeros stand at nothing, antennas are turned
-about overnight, every second line is walked back. The traces know: the direct wave arrives before anything else, and
-neighbouring lines cross much the same ground.
+Headers of lines are filled in by hand or by default: time zeros are left at zero, antennas get turned around, every
+second line is walked back. The traces tell: the direct wave arrives first, and neighbouring lines cross much the same
+ground.
 """
 
 from collections.abc import Sequence
@@ -14,26 +14,26 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, sosfiltfilt
 
 _ONSET = 0.05
-"""Share of the direct wave's strength at which it breaks: above what band-limited receivers ring before it."""
+"""Share of the direct wave's amplitude that defines its first break: above the ringing of band-limited receivers."""
 _QUIET_SAMPLES = 3
-"""Samples before the first break without which nobody sees it: the record began too late."""
+"""Samples needed before the first break to detect it: with fewer the record began too late."""
 _BAND = (0.3, 2.0)
-"""Of the centre frequency: where an antenna's echoes are."""
+"""Band of an antenna's echoes, relative to the centre frequency."""
 _BACKGROUND_M = 8.0
 _PERIODS = (1.5, 20.0)
-"""After the first break, in periods: neighbours are compared by what is neither direct wave nor noise."""
+"""After the first break, in periods: the part that is neither direct wave nor noise, used to compare neighbours."""
 _LEAST = 16
-"""Traces and samples below which a line is like nothing."""
+"""Least traces and samples of a line to be compared."""
 _LARGEST_LAG_M = 4.0
-"""Lines are begun by a tape, a rope or a mark: not farther off than this."""
+"""Largest error of a line's start, which is set by a tape, a rope or a mark."""
 
 
 class DirectWave(NamedTuple):
     """The direct wave of a line, in samples from the first.
 
     Attributes:
-        first_break: where it begins; NaN where the record begins later.
-        strongest: middle of its strongest lobe, whatever its sign.
+        first_break: its beginning; NaN if the record begins later.
+        strongest: middle of its strongest lobe, of either sign.
         sign: of its first lobe: +1 or -1; 0 where it is not seen.
     """
 
@@ -43,13 +43,14 @@ class DirectWave(NamedTuple):
 
 
 class Neighbours(NamedTuple):
-    """How a line lies to its neighbour.
+    """Alignment of a line with its neighbour.
 
     Attributes:
-        correlation: of the two at their best, signed, -1 to 1.
+        correlation: of the two at the best lag, signed, -1 to 1.
         reversed: whether it ran the other way.
-        lag_m: what to add to its distances, in its neighbour's direction, so that it lies beside it.
-        certainty: how much the best correlation leads over the other direction's, in scatters over all other lags.
+        lag_m: offset to add to its distances, in its neighbour's direction.
+        certainty: margin of the best correlation over the other direction's, in standard deviations over all other
+            lags.
         sign_certainty: the same, over the other sign.
     """
 
@@ -63,16 +64,16 @@ class Neighbours(NamedTuple):
 def pick_direct_wave(
     traces: Num[np.ndarray, "trace sample"], sample_interval_ns: float, centre_frequency_hz: float | None
 ) -> DirectWave:
-    """The direct wave of a line's median trace; receivers that clip keep its place.
+    """The direct wave of a line's median trace; clipping does not shift it.
 
     Args:
-        traces: signed, zero standing for no signal.
+        traces: signed, with zero for no signal.
         sample_interval_ns: between samples.
-        centre_frequency_hz: of the antennas; a twentieth of the Nyquist frequency where it is not known.
+        centre_frequency_hz: of the antennas; a twentieth of the Nyquist frequency if unknown.
     """
     median = np.median(traces, axis=0)
     frequency_hz = centre_frequency_hz or 0.05 * 0.5e9 / sample_interval_ns
-    # What flickers before the break is noise of the receiver: the trace's level is that of its most frequent sample.
+    # Values before the break are receiver noise: the trace's zero level is its most frequent sample.
     level = np.median(median)
     strength = np.abs(median - level)
     peak = strength.max()
@@ -82,7 +83,7 @@ def pick_direct_wave(
     first = int(above[0])
     period = max(2, round(1e9 / (frequency_hz * sample_interval_ns)))
     window = strength[first : first + 2 * period]
-    # A lobe that is clipped is flat: its middle stands for it.
+    # A clipped lobe is flat: use its middle.
     loud = first + np.flatnonzero(window >= 0.999 * window.max())
     sign_here = np.sign(median[loud[0]] - level)
     lobe = [loud[0]]
@@ -105,7 +106,7 @@ def echo_image(
     centre_frequency_hz: float | None,
     step_m: float,
 ) -> Float[np.ndarray, "trace row"]:
-    """A line's echoes for comparison with a neighbour: band-passed, less what stays along the line, depths levelled.
+    """A line's echoes for comparison with a neighbour: band-passed, background removed, levels over depth equalised.
 
     Args:
         traces: evenly ``step_m`` apart.
@@ -137,12 +138,12 @@ def compare_neighbours(
     step_m: float,
     directions: Sequence[bool] = (False, True),
 ) -> Neighbours:
-    """Which way a line ran, with which sign and from where, against its neighbour.
+    """Direction, sign and start of a line relative to its neighbour.
 
     Args:
         line, neighbour: of ``echo_image``.
         step_m: between traces.
-        directions: that are tried, ``True`` the opposite one.
+        directions: to try, ``True`` for the opposite one.
     """
     rows = min(line.shape[1], neighbour.shape[1])
     line, neighbour = line[:, :rows], neighbour[:, :rows]
@@ -166,7 +167,7 @@ def compare_neighbours(
 def _lagged(
     line: Float[np.ndarray, "trace row"], neighbour: Float[np.ndarray, "neighbour_trace row"]
 ) -> tuple[Int[np.ndarray, " lag"], Float[np.ndarray, " lag"]]:
-    """Correlation over the overlap when trace i of the line lies beside trace i + lag of its neighbour."""
+    """Correlation over the overlap when trace i of the line is next to trace i + lag of its neighbour."""
     size = len(line) + len(neighbour)
     spectra = [np.fft.rfft(image, size, axis=0) for image in (line, neighbour)]
     product = np.fft.irfft(np.sum(np.conj(spectra[0]) * spectra[1], axis=1), size)

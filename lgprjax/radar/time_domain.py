@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 WAVE_SPEED_M_PER_NS = 0.1
-"""Nominal speed in soil (relative permittivity 9): sets length scales only, never a position."""
+"""Nominal speed in soil (relative permittivity 9): used for length scales only, never for a position."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class ChainSettings:
     Attributes:
         band_low_hz, band_high_hz: -6 dB corners of the zero-phase band-pass.
         dewow_ns: length of the running mean that dewow subtracts; 1.5 periods of the centre frequency.
-        track_filter_m: length of the running mean along the track, metres of travel.
+        track_filter_m: length of the background removal along the track, metres of travel.
         step_m: spacing of map stations along the track, metres.
         wavelength_m: wavelength of the centre frequency in nominal soil, the unit of all lateral scales.
     """
@@ -38,7 +38,7 @@ class ChainSettings:
 
     @property
     def sample_interval_ns(self) -> float:
-        """Of the profile: fine enough for the band with its upper edge, a third of an octave above it."""
+        """Of the profile: fine enough for the band and its upper edge, a third of an octave above it."""
         return 1e9 / (2.0 * 1.3 * self.band_high_hz)
 
     def as_provenance(self) -> dict[str, float]:
@@ -49,7 +49,7 @@ class ChainSettings:
 def default_chain(centre_frequency_hz: float, scan_spacing_m: float) -> ChainSettings:
     """Settings that follow from the antenna: band 0.3 to 2 times the centre frequency.
 
-    The track filter spans four metres, five wavelengths or sixteen scans, whichever is longest: a mean over
+    Background removal spans four metres, five wavelengths or sixteen scans, whichever is longest: a mean over
     fewer would take the ground away together with the surface return (measured on 50 MHz data at 1.2 m).
     """
     wavelength_m = WAVE_SPEED_M_PER_NS * 1e9 / centre_frequency_hz
@@ -64,7 +64,7 @@ def default_chain(centre_frequency_hz: float, scan_spacing_m: float) -> ChainSet
 
 
 def profile_samples(samples: int, sample_interval_ns: float, time_zero_ns: float, settings: ChainSettings) -> int:
-    """Samples of the profile of a recording: those between travel time zero and the recording's end."""
+    """Samples of a recording's profile: those between travel time zero and the recording's end."""
     window_ns = samples * sample_interval_ns - time_zero_ns
     return max(2, int(window_ns / settings.sample_interval_ns))
 
@@ -80,14 +80,14 @@ def profile_operator(
     """The chain as one matrix: recorded samples to profile samples.
 
     Whatever the recording's own interval and time zero, the profile has the chain's interval and begins at
-    travel time zero, so that drives of different settings meet in one map.
+    travel time zero, so that drives of different settings share one map.
 
     Args:
         samples: recorded samples a trace.
         sample_interval_ns: their spacing.
-        time_zero_ns: how long after the first sample travel time zero lies (may be negative).
+        time_zero_ns: travel time zero, relative to the first sample (may be negative).
         settings: the chain.
-        kept: samples of the profile; beyond the recording's end there is nothing.
+        kept: samples of the profile; zero beyond the recording's end.
     """
     # Twice the length as padding: neither the shift nor the filter may wrap the late end onto the surface.
     padded = 2 * samples
@@ -99,7 +99,7 @@ def profile_operator(
     inverse = np.exp(2e-9j * np.pi * np.outer(frequencies_hz, time_ns))
     twice = np.where((frequencies_hz > 0) & (np.arange(len(frequencies_hz)) < padded // 2), 2.0, 1.0)
     weight = band_response(frequencies_hz, settings) * twice / padded
-    # The transform is periodic in the padded length: a profile longer than that would begin anew.
+    # The transform is periodic in the padded length: a longer profile would repeat.
     recorded = time_ns < samples * sample_interval_ns
     return jnp.asarray(((spectrum * weight) @ inverse).real * recorded, dtype=jnp.float32)
 
@@ -133,7 +133,7 @@ def apply_operator(
 ) -> Float[Array, "scan channel sample"]:
     """Recorded traces to profile traces: one matrix product.
 
-    In full float32 on every device: recordings without time gain span 60 dB over depth, and the short mantissa that
-    some take by default would put the surface's rounding over the deep ground.
+    In full float32 on every device: recordings without time gain span 60 dB over depth, and with the short mantissa
+    that is the default on some devices, rounding of the surface return would exceed the deep ground.
     """
     return jnp.matmul(traces, matrix, precision=jax.lax.Precision.HIGHEST)

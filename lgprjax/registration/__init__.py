@@ -1,4 +1,4 @@
-"""Correlation, search and judgement: one scan, a window of scans, a whole drive."""
+"""Registration of one scan, a window of scans or a whole drive: score, search and acceptance."""
 
 from lgprjax.registration.calibrate import Outcomes, calibrate, joined, outcomes_of, squared_errors
 from lgprjax.registration.evidence import EvidenceSearch

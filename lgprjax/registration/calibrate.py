@@ -1,4 +1,4 @@
-"""Thresholds from data: how matches stand out where the ground is the map's, and where it is known not to be."""
+"""Thresholds from data: scores of matches on the map's ground and on ground known not to match."""
 
 from typing import NamedTuple
 
@@ -11,19 +11,19 @@ from lgprjax.registration.judge import Thresholds
 _TAIL = 0.05  # share of the false matches that the tail is fitted to
 _LEAST_FALSE = 200
 _OVERLAP = 0.8
-"""Where a fifth of the traces lies off the map, its rim already holds a match back by decimetres."""
+"""Where a fifth of the traces is off the map, its edge already pulls a match back by decimetres."""
 
 
 class Outcomes(NamedTuple):
-    """Matches whose places are known to be right or wrong, one row each.
+    """Matches known to be right or wrong, one row each.
 
     Attributes:
         strength, margin, scatter: of the fix (see ``Fix``).
         right: within ``WRONG_M`` of the truth.
         error_m: of the place, east and north; NaN for matches that cannot be right.
-        spread_m: the same less the mean error of its drive's right matches.
+        spread_m: the same minus the mean error of the correct matches of its drive.
         match_covariance: of the place, from the match alone with a ``sigma_scale`` of 1.
-        other_covariance: of the place: of the map's own positions, the odometer and the truth.
+        other_covariance: of the place: from the map's own positions, the odometer and the truth.
     """
 
     strength: Float[np.ndarray, " match"]
@@ -42,13 +42,13 @@ def outcomes_of(
     map_odometry_covariance: Float[np.ndarray, "scan 2 2"],
     truth_variance: Float[np.ndarray, " scan"] | None = None,
 ) -> Outcomes:
-    """Outcomes of a drive's fixes, those that reached a place at all.
+    """Outcomes of a drive's fixes, without those that have no pose.
 
     Args:
         fix: of a drive, registered with a ``sigma_scale`` of 1; poses in the map's frame.
-        truth_m: true places; None where the search was led to ground that cannot match.
+        truth_m: true places; None where the search was directed to ground that cannot match.
         map_odometry_covariance: part of the fixes' covariance that is not the match's.
-        truth_variance: what the truth itself is wrong by, of east and of north alike; None for nothing.
+        truth_variance: variance of the truth's own error, in east and in north each; None for zero.
     """
     pose, covariance = np.asarray(fix.pose)[:, :2], np.asarray(fix.covariance)[:, :2, :2]
     error_m = np.full_like(pose, np.nan) if truth_m is None else pose - truth_m
@@ -74,31 +74,30 @@ def outcomes_of(
 
 
 def joined(parts: list[Outcomes]) -> Outcomes:
-    """All rows of several."""
+    """Concatenate the rows of several."""
     return Outcomes(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
 
 
 def calibrate(matches: Outcomes, false: Outcomes, risk: float) -> Thresholds:
-    """Thresholds at which a match with ground that is not there passes with probability ``risk``.
+    """Thresholds that a match on foreign ground passes with probability ``risk``.
 
-    Both the strength and its lead over the runner-up are asked for in units of what the strength scatters by over the
-    search region, which brings clear days, rain and false ground to one scale. The tails of the false matches are
-    exponential; both limits are read off the fits. A place that looks like another leads by little: the lead must
-    also be more than any wrong match on the true ground has shown. The sigma scale makes the errors scatter as their
-    covariances say.
+    Both the score and its margin over the runner-up are measured in units of the noise floor over the search region,
+    which brings clear days, rain and false ground to one scale. The tails of the false matches are exponential; both
+    limits are read off the fits. A place that resembles another has a small margin: the margin must also exceed that of
+    every wrong match on the true ground. The sigma scale makes the errors consistent with their covariances.
 
     Args:
         matches: on the ground of the map.
-        false: on ground known to be another.
+        false: on ground known not to match.
         risk: of each match.
 
     Raises:
-        ValueError: fewer false matches than their tail can be fitted to, or no right match at all.
+        ValueError: too few false matches to fit their tail, or no correct match at all.
     """
     if len(false.strength) < _LEAST_FALSE:
         raise ValueError(f"{len(false.strength)} false matches; at least {_LEAST_FALSE} are needed")
     if not matches.right.any():
-        raise ValueError("no match within the truth's reach: labels, map and drive do not belong together")
+        raise ValueError("no match lies near the truth: labels, map and drive do not belong together")
     wrong = ~matches.right
     strength = tail_limit(false.strength / false.scatter, risk)
     lead = tail_limit(false.margin / false.scatter, risk**0.5)
@@ -117,10 +116,10 @@ def tail_limit(values: Float[np.ndarray, " match"], risk: float) -> float:
 
 
 def sigma_scale(matches: Outcomes) -> float:
-    """Scale of the match's sigmas at which the errors scatter about their drive's mean as their covariances say.
+    """Scale of the match's sigmas that makes errors about their drive's mean consistent with their covariances.
 
-    The map's own errors hardly change along a drive, the match's do: what is left of an error without the drive's mean
-    is the match's. (On a drive of many kilometres some of the map's is left too; the scale then errs to the safe side.)
+    The map's own errors hardly change along a drive, those of the match do: an error minus the drive's mean is that of
+    the match. (On a drive of many kilometres part of the map's error remains; the scale is then conservative.)
     """
     right = matches.right
     spread, covariance = matches.spread_m[right], matches.match_covariance[right]
@@ -129,7 +128,7 @@ def sigma_scale(matches: Outcomes) -> float:
 
 
 def squared_errors(matches: Outcomes, scale: float) -> Float[np.ndarray, " match"]:
-    """Squared error of each place in units of its covariance; 2 on the average where the covariance is right."""
+    """Squared error of each place in units of its covariance; its mean is 2 where the covariance is right."""
     covariance = scale**2 * matches.match_covariance + matches.other_covariance
     solved = np.linalg.solve(covariance, matches.error_m[..., None])[..., 0]
     return np.asarray(np.sum(matches.error_m * solved, axis=1))

@@ -16,16 +16,16 @@ from lgprjax.registration.refine import Finished, Region, finish_best
 from lgprjax.registration.score import OFF_MAP_SCORE, Template, score_each
 from lgprjax.registration.template_bank import PreparedGround, TemplateKey, fixes_to_map, to_tile
 
-# What no match sees: what the map's own positions are wrong by, and the odometer that lays out a window.
+# Errors that no match can observe: those of the map's own positions and of the odometer that lays out a window.
 
 
 def map_odometry_covariance(
     prepared: PreparedGround, tiles: Int[np.ndarray, " end"], fix: Fix, odometer_sigma: float
 ) -> Float[np.ndarray, "end 2 2"]:
-    """Part of the covariances of east and north that is not the match's; NaN where there is no fix.
+    """Part of the east and north covariances due to map and odometer; NaN where there is no fix.
 
-    A window lies half its length behind the scan that its fix stands on; an odometer that counts too much by some share
-    puts it off by that share of the way, along the heading.
+    The centre of a window is half its length behind the scan of its fix; an odometer scale error displaces it by that
+    share of the distance, along the heading.
 
     Args:
         prepared: the map and the array.
@@ -44,10 +44,10 @@ def map_odometry_covariance(
 
 
 def label_variance(prepared: PreparedGround, tile: int, pose: Float[np.ndarray, "end 5"]) -> Float[np.ndarray, " end"]:
-    """Variance, square metres, of the map's positions under each fix, of east and of north alike.
+    """Variance, square metres, of the map's positions under each fix, in east and in north each.
 
     Where baselines overlap, the ground is their mean, and their errors, which are independent, average out: with w_d
-    the share of the channels that hear baseline d, the variance is the sum of (w_d sigma_d)².
+    the share of the channels over baseline d, the variance is the sum of (w_d sigma_d)².
 
     Args:
         prepared: the map and the array.
@@ -65,12 +65,12 @@ def label_variance(prepared: PreparedGround, tile: int, pose: Float[np.ndarray, 
     heard = (place >= lanes[None, :, :1]) & (place <= lanes[None, :, 1:])
     share = np.mean(heard / np.maximum(heard.sum(axis=1, keepdims=True), 1), axis=2)
     sigma_m = np.asarray(ground.description.label_sigma_m)
-    # Channels off all lanes (a crossing road, a curve) hear some baseline: whichever, it is no better than the rest.
+    # Channels beside all baselines (a crossing road, a curve) are over some baseline, no better than the rest.
     missing = 1.0 - share.sum(axis=1)
     return np.asarray(np.sum((share * sigma_m) ** 2, axis=1) + missing**2 * np.max(sigma_m**2))
 
 
-_RIM = 0.25  # of the wavelength: sigma across at the map's rim
+_RIM = 0.25  # of the wavelength: sigma across at the map's edge
 _AWAY = 0.6  # of the wavelength: a climb that ends farther off left its peak
 
 
@@ -96,14 +96,14 @@ class ChosenWindows(NamedTuple):
 
 
 class StopFixes:
-    """Finishes the candidates of one drive.
+    """Refines the candidates of one drive.
 
     Args:
         prepared: ground of the map for the drive's array.
         lattice: of the drive.
         plan, options: of the search.
         sigma_scale: of the match's sigmas, where the user has no thresholds of his own.
-        batch: climbs at once, a shape that is compiled.
+        batch: climbs run together; a compiled shape.
     """
 
     def __init__(
@@ -130,14 +130,14 @@ class StopFixes:
             judged: of the others.
 
         Returns:
-            fixes in the map's frame, and the part of each covariance that is not the match's.
+            fixes in the map's frame, and the part of each covariance due to map and odometer.
         """
         count = len(judged.code)
         fixes = blank_fixes(count)
         fixes.code[:] = judged.code
         at = before + np.arange(count)
         place = stops.reckoned_m[at] + judged.error_m
-        # A climb that begins at the map's very rim falls off it: half a step inwards.
+        # A climb that begins at the very edge of the map falls off it: start half a step inwards.
         yaw, ends = stops.pose[at, 3], np.asarray(judged.peak.open_sides)
         inwards_m = 0.5 * self._plan.lattice_m[1] * ((ends == 2).astype(float) - (ends == 1))
         place = place + inwards_m[:, None] * np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
@@ -155,7 +155,7 @@ class StopFixes:
                 some = rows[low : low + self._batch]
                 self._finish_some(stops, at, place, judged, aspect, some, fixes)
         beside = map_odometry_covariance(self._prepared, tiles, fixes, self._options.odometer_sigma)
-        # Where the map ends beside the best place, the match does not tell how far beyond the true one lies.
+        # Where the map ends next to the best place, the match cannot say how far beyond it the true one is.
         left = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
         at_end = ((ends > 0) * (_RIM * self._wavelength_m) ** 2)[:, None, None]
         beside = beside + at_end * left[:, :, None] * left[:, None, :]

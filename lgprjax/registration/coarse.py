@@ -1,8 +1,8 @@
-"""Evidence in the space of prior errors: each scan one surface, a window their running sum.
+"""Coarse search over prior errors: one surface a scan, a window as a difference of running sums.
 
-A prior that is wrong is wrong alike for all scans of a short stretch: odometry and heading carry the error along. Over
-a lattice of prior errors (forward and left) every scan gives one surface of products with the map; the surface of a
-window, of whatever length, is the sum of those of its scans, and costs one subtraction of running sums.
+Over a short stretch the prior's error is the same for all scans, because odometry and heading are accurate there. On a
+lattice of prior errors (forward and left) every scan gives one surface of products with the map; the surface of a
+window of any length is the sum over its scans and costs one subtraction of running sums.
 """
 
 from functools import partial
@@ -21,7 +21,7 @@ from lgprjax.registration.template_bank import ArrayColumns, PreparedGround, Tem
 
 
 class ScanBatch(NamedTuple):
-    """Scans that look at one tile alike.
+    """Scans that share one template key.
 
     Attributes:
         coefficients: of each trace.
@@ -49,7 +49,7 @@ def scan_surfaces(
     points: tuple[int, int],
     box: tuple[int, int] | None = None,
 ) -> tuple[Float[Array, "scan plane forward left"], Float[Array, "scan plane decoy"], Float[Array, " scan"]]:
-    """Surface of each scan over the lattice of prior errors, the same at decoys, and its power.
+    """Surface of each scan over the lattice of prior errors, the same at decoys, and the power of the scan.
 
     Planes of a surface: a product for each height, the power of the ground, and the share of the channels over it.
 
@@ -57,13 +57,12 @@ def scan_surfaces(
         columns, components: template bank of the tile, and the directions that it is expressed in.
         scans: the scans.
         axes_m: along and cross of one step of the lattice forward, and of one to the left.
-        decoys_m: along and cross of places beyond the lattice, from its first point: what the scan scores there is
-            chance.
+        decoys_m: along and cross of places beyond the lattice, from its first point: scores there are due to chance.
         heights_m: added to the prior's height.
         angular_frequency_rad_per_ns: of the coefficients.
         points: of the lattice, forward and left.
-        box: places along and across that hold the lattice however it is turned, where these are few: each scan is
-            multiplied with those of its own then. Without it all scans are with all places at once.
+        box: places along and across that contain the lattice at any rotation, where these are few: each scan is then
+            multiplied with its own places only. Without it all scans are multiplied with all places at once.
     """
     scan_count = len(scans.at_m)
     live = jnp.where(scans.valid[..., None], scans.coefficients, 0.0)
@@ -114,7 +113,7 @@ def scan_surfaces(
         flat = base[..., 0] * held[1] + base[..., 1]
         u, v = part[..., 0], part[..., 1]
         corners = ((0, (1 - u) * (1 - v)), (1, (1 - u) * v), (held[1], u * (1 - v)), (held[1] + 1, u * v))
-        # Plane by plane: a gather of single numbers is what the compiler makes fastest here.
+        # Plane by plane: the compiler is fastest here with a gather of single numbers.
         lattice = jnp.stack(
             [sum((plane[flat + step] * weight for step, weight in corners), start=jnp.float32(0.0)) for plane in planes]
         )
@@ -127,8 +126,9 @@ def scan_surfaces(
 def _scan_alike(planes: Float[Array, "plane ..."]) -> Float[Array, "plane ..."]:
     """Products over the fourth root of the ground's power, whose plane is its root then.
 
-    Scans of a window speak with the root of their loudness. With powers summed a single strong stone speaks for metres
-    of ground, and two stones are soon alike; with all scans equal those that hold nothing but noise speak as well.
+    Scans of a window are weighted with the root of their amplitude. Weighted by power, a single strong stone would
+    dominate metres of ground, and two stones soon resemble each other; weighted equally, scans of nothing but noise
+    would count as much.
     """
     ground = planes[-2]
     there = ground > 1e-9
@@ -136,7 +136,8 @@ def _scan_alike(planes: Float[Array, "plane ..."]) -> Float[Array, "plane ..."]:
     return jnp.concatenate([planes[:-2] * level[None], jnp.sqrt(jnp.where(there, ground, 0.0))[None], planes[-1:]])
 
 
-_NEAR_RIM = 0.8  # of the distance at which places are apart, half a wavelength: how close to a rim is at it
+# share of the distance at which places are distinct (half a wavelength): closer to an edge counts as at it
+_NEAR_RIM = 0.8
 
 
 class Peaks(NamedTuple):
@@ -147,13 +148,12 @@ class Peaks(NamedTuple):
         height: number of its height.
         score: there (correlation times the root of the overlap); ``OFF_MAP_SCORE`` where nothing was on the map.
         rival: score of the best place apart from it.
-        floor: root mean square of the score at decoys: what ground that does not match gives by chance; 0 where too few
-            of them lie on the map to tell.
+        floor: noise floor: root mean square of the score at decoys; 0 where too few of them are on the map.
         scatter: the same over the region far from the best place.
         overlap: largest overlap within the region.
         area: lattice points of the region that lie on the map.
-        at_rim: the best place is no peak: the score rises out of the region.
-        open_sides: where the map ends close beside the best place: 0 nowhere, 1 to its left, 2 to its right, 3 on both
+        at_rim: the best place is no peak: the score still rises at the region's edge.
+        open_sides: where the map ends close to the best place: 0 nowhere, 1 on its left, 2 on its right, 3 on both
             sides.
     """
 
@@ -173,12 +173,12 @@ class WindowBatch(NamedTuple):
     """Windows over consecutive surfaces.
 
     Attributes:
-        first: number of each window's first surface, a row of lengths for every end; no smaller than -1 for none.
-        last: number of the surface that they end with.
+        first: number of each window's first surface, one row of lengths for every end; -1 for none.
+        last: number of their last surface.
         centre: lattice point, forward and left, of the prior at that end.
         half_m: half side of the region.
-        carried: lattice point of the last believed place, carried on by odometry.
-        carried_m: half side of the region about it.
+        carried: lattice point of the last accepted place, propagated by odometry.
+        carried_m: half side of the region around it.
     """
 
     first: Int[Array | np.ndarray, "end window"]
@@ -201,15 +201,15 @@ def window_peaks(
     *,
     near: tuple[int, int],
 ) -> tuple[Peaks, Peaks]:
-    """Peaks of all windows: differences of running sums; those of the whole region, and those near the carried place.
+    """Peaks of all windows, from differences of running sums: in the whole region, and near the carried place.
 
     Args:
         surfaces, decoys, power: of consecutive scans, from ``scan_surfaces`` over one lattice.
         windows: over them.
         lattice_m: step of the lattice, forward and left.
-        apart_m: two places nearer than this are one.
+        apart_m: places closer than this are the same place.
         min_overlap: least share of a window's channels on the map.
-        near: points of the lattice, forward and left, that the region about the carried place takes at most.
+        near: largest size of the region around the carried place, in lattice points forward and left.
     """
     size = surfaces.shape[2:]
     near = (min(near[0], size[0]), min(near[1], size[1]))
@@ -234,7 +234,7 @@ def window_peaks(
             cut, live, jnp.asarray(peaks.floor), scans, carried - first_m, carried_m, lattice_m, apart_m, min_overlap
         )
         close = close._replace(point=close.point + first_m[None])
-        # Where the map ends is not where the cut does.
+        # The end of the map is not the end of the cut.
         at = jnp.round(close.point).astype(jnp.int32)
         usable = _usable(planes, live, scans, min_overlap)
         close = close._replace(open_sides=_ends_beside(usable, at[:, 0], at[:, 1], lattice_m, apart_m))
@@ -346,7 +346,7 @@ def _floor_of(
 def _beside(
     score: Float[Array, "window forward left"], i: Int[Array, " window"], j: Int[Array, " window"]
 ) -> Float[Array, "window 2"]:
-    """How far, in points, the top of a parabola through each place and its neighbours lies beside it."""
+    """Offset, in points, of the top of a parabola through each place and its neighbours."""
     _, forward, left = score.shape
     window = jnp.arange(len(i))
     here = score[window, i, j]
@@ -364,7 +364,7 @@ def _beside(
 
 
 def _highest_neighbour(score: Float[Array, "window forward left"]) -> Float[Array, "window forward left"]:
-    """Highest of the eight places around each."""
+    """Highest score of the eight places around each."""
     forward = score.shape[1]
     padded = jnp.pad(score, [(0, 0), (1, 1), (1, 1)], constant_values=OFF_MAP_SCORE)
     rows = jnp.maximum(padded[:, :, :-2], padded[:, :, 2:])
@@ -372,21 +372,21 @@ def _highest_neighbour(score: Float[Array, "window forward left"]) -> Float[Arra
     return jnp.maximum(jnp.maximum(corner, rows[:, 1:-1]), jnp.maximum(padded[:, :forward, 1:-1], padded[:, 2:, 1:-1]))
 
 
-# A lattice of prior errors about a middle that follows the prior, and the surfaces of stops over it.
+# A lattice of prior errors around a centre that follows the prior, and the surfaces of stops on it.
 
 SLACK_M = 0.5
-"""What a prior may wander from the lattice's middle before the lattice follows."""
+"""Distance that the prior may move from the lattice's centre before the lattice follows."""
 HELD_M = 0.75
-"""Half side of the lattice about a place that is held."""
+"""Half side of the lattice around a tracked place."""
 _DECOYS = 192
-_FEW = 4  # times fewer places than a tile has: products scan by scan cost less then than with all together
+_FEW = 4  # times fewer places than a tile has: below this, products scan by scan cost less than all together
 _TILE_ROOM_M = 0.5
 _LATELY = 4
 _TURN_RAD = np.radians(15.0)
 
 
 def decoy_reach_m(wavelength_m: float) -> float:
-    """How far beyond the region decoys lie: hundreds of independent places ahead and behind."""
+    """Distance of the decoys beyond the region: hundreds of independent places ahead and behind."""
     return max(3.0, min(7.0, 17.5 * wavelength_m), 8.0 * wavelength_m)
 
 
@@ -399,18 +399,18 @@ class Surfaces(NamedTuple):
 
 
 class ErrorLattice:
-    """Prior errors of one drive: forward and left of the way it faces, about the prior's distance from dead reckoning.
+    """Prior errors of one drive: forward and left of its heading, around the prior's offset from dead reckoning.
 
     Args:
         prepared: ground of the map for the drive's array.
         plan, options: of the search.
-        batch: scans that look at the ground at once, a shape that is compiled.
+        batch: scans processed together; a compiled shape.
 
     Attributes:
-        half_m: half side of the region searched about the prior; the lattice reaches ``SLACK_M`` farther.
+        half_m: half side of the region searched around the prior; the lattice extends ``SLACK_M`` farther.
         wide: a region of twice the side is searched.
-        place_m: error about which alone the lattice lies while a place is held; None where there is none.
-        origin_m: where the lattice lies while no place is held, east and north from dead reckoning: about the prior.
+        place_m: error on which the lattice is centred while a place is tracked; None otherwise.
+        origin_m: centre of the lattice while no place is tracked, east and north from dead reckoning: the prior.
         heights_m: added to the prior's height.
     """
 
@@ -418,7 +418,7 @@ class ErrorLattice:
         self._prepared, self._ground, self._plan, self._batch = prepared, prepared.ground, plan, batch
         self._left_m = prepared.array.y_m - centre_of(prepared.array)[1]
         self._wavelength_m = self._ground.description.settings.wavelength_m
-        # Half a step of height is a twentieth of a period: the finish finds the rest.
+        # Half a step of height is a twentieth of a period: refinement finds the rest.
         period_ns = self._wavelength_m / WAVE_SPEED_M_PER_NS
         count = int(np.ceil(options.height_m / (LIGHT_SPEED_M_PER_NS * period_ns / 40.0)))
         steps = np.arange(count) * (2.0 / count) + (1.0 / count - 1.0)
@@ -430,7 +430,7 @@ class ErrorLattice:
         self._lately: list[int] = []
 
     def follow(self, stops: Stops, astray: Float[np.ndarray, "stop 2"], low: int, high: int) -> bool:
-        """Move the lattice where the prior has left its middle, and turn it with the vehicle; whether it did."""
+        """Move the lattice when the prior has left its centre, and turn it with the vehicle; True if it moved."""
         turned = False
         yaw = float(stops.pose[low, 3])
         if abs(np.mod(yaw - self._facing_rad + np.pi, 2.0 * np.pi) - np.pi) > _TURN_RAD:
@@ -444,12 +444,12 @@ class ErrorLattice:
 
     @property
     def region_m(self) -> float:
-        """Half side of the region about the prior as it is now."""
+        """Present half side of the region around the prior."""
         return self.half_m * (2.0 if self.wide else 1.0)
 
     @property
     def middle_m(self) -> Float[np.ndarray, "2"]:
-        """The lattice's middle, east and north from dead reckoning."""
+        """Centre of the lattice, east and north from dead reckoning."""
         return self.origin_m if self.place_m is None else self.place_m
 
     @property
@@ -473,7 +473,7 @@ class ErrorLattice:
         return np.asarray(about_m @ _turn(self._facing_rad) + (self.middle_m if middle_m is None else middle_m))
 
     def blank(self, stops: int, points: tuple[int, int] | None = None) -> Surfaces:
-        """Surfaces of stops that hear nothing."""
+        """Surfaces of stops without a signal."""
         planes, points = len(self.heights_m) + 2, self.points if points is None else points
         return Surfaces(
             np.zeros((stops, planes, *points), np.float32),
@@ -489,7 +489,7 @@ class ErrorLattice:
         middle_m: Float[np.ndarray, "2"] | None = None,
         points: tuple[int, int] | None = None,
     ) -> Surfaces:
-        """Surfaces of some stops, about another middle and of other points where these are given."""
+        """Surfaces of some stops, with another centre and other points where these are given."""
         middle_m, points = self.middle_m if middle_m is None else middle_m, points or self.points
         out = self.blank(len(at), points)
         centre = stops.reckoned_m[at] + middle_m
@@ -541,7 +541,7 @@ class ErrorLattice:
         return Surfaces(*(np.asarray(part) for part in made))
 
     def _box(self, points: tuple[int, int], places: tuple[int, ...]) -> tuple[int, int] | None:
-        """Places of a tile that hold the lattice however it is turned; None where these are not few."""
+        """Places of a tile that contain the lattice at any rotation; None where these are not few."""
         across_m = float(np.linalg.norm((np.asarray(points) - 1) * self._plan.lattice_m))
         along, cross = (
             min(int(np.ceil(across_m / step_m)) + 3, count)
@@ -550,7 +550,7 @@ class ErrorLattice:
         return (along, cross) if _FEW * along * cross < places[0] * places[1] else None
 
     def _corner_m(self, points: tuple[int, int]) -> Float[np.ndarray, "2"]:
-        """Forward and left, in metres, from a lattice's first point to its middle."""
+        """Forward and left, in metres, from a lattice's first point to its centre."""
         return np.asarray((np.asarray(points) // 2) * self._plan.lattice_m)
 
     @property
@@ -560,13 +560,13 @@ class ErrorLattice:
         forward, left = np.mod(0.5 + number * 0.7548776662, 1.0), np.mod(0.5 + number * 0.5698402910, 1.0)
         least_m = half_m + self._wavelength_m
         ahead = np.where(number % 2 == 0, 1.0, -1.0) * (least_m + forward * decoy_reach_m(self._wavelength_m))
-        # Half of them on the vehicle's own line: a map may be no wider than that.
+        # Half of them straight ahead and behind: a map may be no wider than that.
         pitch_m = self._ground.description.channel_pitch_m
         aside = np.where(number % 4 < 2, half_m + 0.5, 0.5 * pitch_m)
         return np.stack([ahead, (2.0 * left - 1.0) * aside], axis=1)
 
     def tiles_at(self, places_m: Float[np.ndarray, "stop 2"], reach_m: float) -> Int[np.ndarray, " stop"]:
-        """Tile of each place; -1 for none. Asked for anew every half metre: a tile holds more than it must."""
+        """Tile of each place; -1 for none. Looked up every half metre: tiles overlap by more than that."""
         out = np.full(len(places_m), -1)
         asked: Float[np.ndarray, 2] | None = None
         tile: int | None = None
@@ -577,7 +577,9 @@ class ErrorLattice:
         return out
 
     def _tile_at(self, place_m: Float[np.ndarray, "2"], reach_m: float) -> int | None:
-        """One of those used lately, the newest first, or the nearest: what is made of a tile is made once."""
+        """A recently used tile, newest first, or else the nearest, so that what is derived from a tile is computed
+        once.
+        """
         nearest = self._ground.tile_near(place_m, reach_m)
         if nearest is None:
             return None
@@ -589,6 +591,6 @@ class ErrorLattice:
 
 
 def _turn(angle_rad: float) -> Float[np.ndarray, "2 2"]:
-    """What a row of forward and left is multiplied by to be one of east and north."""
+    """Matrix that takes a row (forward, left) to (east, north)."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[cos, sin], [-sin, cos]])

@@ -1,12 +1,12 @@
-"""The search: evidence gathered scan by scan until a fix is certain enough; for drives, windows, vehicles alike.
+"""The search: scans accumulate until a fix is certain enough; one driver for drives, windows and vehicles.
 
-Every few centimetres of travel a scan becomes a surface over the lattice of prior errors (``surfaces``). At each of
-them all windows of the ladder are judged, and the shortest whose match foreign ground would not have given, but for the
-risk that is accepted, makes the fix. A drive needs no window length of its own: good ground is known after a scan or a
-metre, ground under snow after four.
+Every few centimetres of travel a scan becomes a surface over the lattice of prior errors (``surfaces``). At each, all
+windows of the ladder are judged, and the shortest whose match has a false-match probability below the accepted risk
+makes the fix. No window length has to be chosen: good ground is recognised after a scan or a metre, ground under snow
+after four.
 
-Where a place is known, the next is looked for about it alone; every few metres the whole region is asked whether it
-holds one that is as good.
+Where a place is known, the next is searched for around it alone; every few metres the whole region is searched for a
+place that is as good.
 """
 
 import jax
@@ -21,27 +21,27 @@ from lgprjax.registration.queries import LiveChain, LiveScans, SearchSizes, Stop
 from lgprjax.registration.score import OFF_MAP_SCORE
 from lgprjax.registration.template_bank import PreparedGround
 
-# The time scale of a drive: how much longer the wave's way in the ground takes today, told from its own matches.
+# The time scale of a drive relative to the map, estimated from its own matches.
 #
-# Causal, and the same for a whole drive and for a vehicle: every few metres the last ones are matched at other scales,
-# at a few about the present one where a place is known, at all where none is.
+# Causal, and the same for a whole drive and for a vehicle: every few metres the last metres are matched at other
+# scales: a few around the present one where a place is known, all of them otherwise.
 
 SCALES = np.arange(0.925, 1.1301, 0.015)
-"""Time scales that are tried where no place is known."""
+"""Time scales tried where no place is known."""
 _NEAR = np.array([-0.02, 0.0, 0.02])
 _NEAR_TRIED, _ALL_TRIED = 2.0, 7.0  # independent ones of these scales, as neighbours score alike
-_LEAST_GAIN = 0.5  # of the noise floor, over the last probes together
+_LEAST_GAIN = 0.5  # of the noise floor, averaged over the last probes
 _STEP = 0.0025  # a fortieth of a wavelength at forty wavelengths' depth
 _AGAIN = 0.01
-_FORGET = 0.75  # of what the last probes said, from probe to probe
+_FORGET = 0.75  # weight of earlier probes, from probe to probe
 
 
 class TimeScaleEstimate:
-    """The time scale now, and what the last probes said of it.
+    """The present time scale, and the results of the last probes.
 
     Attributes:
         value: the scale.
-        tried: independent scales that a match of today was chosen from.
+        tried: independent scales that the match was chosen from.
         probed_m: travel at the last probe.
     """
 
@@ -55,15 +55,15 @@ class TimeScaleEstimate:
         return self.value + _NEAR if near else SCALES
 
     def take(self, score: Float[np.ndarray, " scale"], floor: Float[np.ndarray, " scale"], *, near: bool) -> bool:
-        """Follow the scores of a probe.
+        """Update from the scores of a probe.
 
         Args:
             score: of the best place at each of ``scales``.
             floor: noise floor of each.
-            near: scales about the present one were tried.
+            near: scales around the present one were tried.
 
         Returns:
-            whether the scale has changed so much that what was judged with it is to be judged again.
+            whether the scale has changed so much that stops judged with it must be judged again.
         """
         before, noise, scales = self.value, float(np.median(floor)), self.scales(near=near)
         if near:
@@ -71,14 +71,14 @@ class TimeScaleEstimate:
             self._bend = _FORGET * self._bend + np.polyfit(scales - 1.0, score, 2)[:2]
             peak = 1.0 - 0.5 * self._bend[1] / self._bend[0] if self._bend[0] < 0.0 else float(scales[np.argmax(score)])
             peak = float(np.clip(peak, scales[0], scales[-1]))
-            # Not for what scatter alone would promise.
+            # Not for a gain that noise alone would give.
             gain = np.polyval([*self._bend, 0.0], peak - 1.0) - np.polyval([*self._bend, 0.0], before - 1.0)
             step = peak - before if gain > _LEAST_GAIN * noise else 0.0
         else:
             self._lately = _FORGET * self._lately + score / noise
             best = int(np.argmax(self._lately))
             now = float(np.interp(before, SCALES, self._lately))
-            # Scatter alone prefers one scale or another by about a noise floor.
+            # Noise alone prefers one scale or another by about a noise floor.
             step = float(SCALES[best]) - before if self._lately[best] > now + 1.0 else 0.0
         self.value = round((before + step) / _STEP) * _STEP
         if self.value != before:
@@ -89,19 +89,19 @@ class TimeScaleEstimate:
         return True
 
 
-_SMOOTH_M = 2.0  # of travel over which the prior's distance from dead reckoning is told
-_BATCH, _ENDS = 16, 32  # scans that look at the ground, and ends of windows that are judged, at once
-_CHUNK_M = 4.0  # of travel that is judged before scale and region are reconsidered
+_SMOOTH_M = 2.0  # of travel over which the prior's offset from dead reckoning is estimated
+_BATCH, _ENDS = 16, 32  # scans scored together, and window ends judged together
+_CHUNK_M = 4.0  # of travel judged before scale and region are reconsidered
 _LOST_M = 8.0  # without a place after which a region of twice the side is tried
-_FLOOR_M = 6.0  # of travel over which the noise floor is told; in wavelengths where these are longer than a metre
+_FLOOR_M = 6.0  # of travel over which the noise floor is estimated; in wavelengths where these are longer than a metre
 _COMPARED = 16  # stops of the last metres that time scales, and other places, are compared over
-_CARRIED_M = 0.3  # what a carried place may be wrong by at once
-_CONTESTED = 0.05  # probability of being only a likeness of a place elsewhere, above which no place is carried on
-_DRIFT = 0.05  # share of the travel that odometry and heading may lead astray
-_ASIDE_M = 0.25  # from the middle of its lattice, at which the lattice follows a place that is held
-_NARROW = 0.5  # of the wavelength: width of an array that may lie beside a map without being missed
-_RIM_POWER = 1.5  # of the risk, that a match at the map's rim must keep to within one piece
-_APART = 0.6  # of the wavelength: two places nearer than this are one
+_CARRIED_M = 0.3  # error that a carried place may have from the start
+_CONTESTED = 0.05  # probability that a place only resembles the true one, above which it is not carried on
+_DRIFT = 0.05  # error of odometry and heading, as a share of the travel
+_ASIDE_M = 0.25  # from the centre of its lattice, at which the lattice follows a tracked place
+_NARROW = 0.5  # of the wavelength: width of an array that may be off the map without being noticed
+_RIM_POWER = 1.5  # of the risk, within one piece, for a match at the map's edge
+_APART = 0.6  # of the wavelength: places closer than this are the same place
 
 
 class EvidenceSearch:
@@ -110,7 +110,7 @@ class EvidenceSearch:
     Args:
         prepared: ground of the map for the drive's array.
         chain: of the drive.
-        options: what the user decided.
+        options: of the search.
         chance: of the map.
         block_scans: most scans that ``feed`` is given at once.
     """
@@ -144,7 +144,7 @@ class EvidenceSearch:
         self._error_m: Float[np.ndarray, 2] | None = None
 
     def choose(self, scans: LiveScans) -> Int[np.ndarray, " stop"]:
-        """Which scans become stops: those nearest to equal steps of travel."""
+        """Choose the scans that become stops: those nearest to equal steps of travel."""
         if self.plan.spacing_m <= 0.0:
             return np.arange(len(scans.number))
         chosen = []
@@ -159,7 +159,8 @@ class EvidenceSearch:
         self, scans: LiveScans
     ) -> tuple[Int[np.ndarray, " stop"], Fix, Float[np.ndarray, "stop 2 2"], Float[np.ndarray, " stop"]]:
         """Stops among these scans (positions in the block), their fixes in the map's frame, the part of each covariance
-        that is not the match's, and the time scale."""
+        due to map and odometer, and the time scale.
+        """
         chosen = self.choose(scans)
         fresh = stops_of(scans, chosen, self._prepared.array, self._ground.basis)
         before = 0 if self._stops is None else len(self._stops.number)
@@ -194,10 +195,10 @@ class EvidenceSearch:
     def highest(
         self, scans: LiveScans
     ) -> tuple[Float[np.ndarray, " stop"], Float[np.ndarray, "stop window"], Float[np.ndarray, "stop window"]]:
-        """Score in units of the noise floor of every window's best place, whatever it may be worth.
+        """Score in units of the noise floor at every window's best place, accepted or not.
 
         Returns:
-            travel of each stop; z, NaN where a window does not fit or no map lies below; area of its region on the map.
+            travel of each stop; z, NaN where a window does not fit or there is no map; area of its region on the map.
         """
         stops = stops_of(scans, self.choose(scans), self._prepared.array, self._ground.basis)
         astray = self._astray(stops)
@@ -216,7 +217,7 @@ class EvidenceSearch:
         return stops.path_m, np.concatenate(z), np.concatenate(area_m2)
 
     def _astray(self, stops: Stops) -> Float[np.ndarray, "stop 2"]:
-        """Prior less dead reckoning at each stop: the median over the last metres, so that a GNSS's noise is none."""
+        """Prior minus dead reckoning at each stop: the median over the last metres, to suppress the noise of GNSS."""
         apart = stops.pose[:, :2] - stops.reckoned_m
         begin = np.searchsorted(stops.path_m, stops.path_m - _SMOOTH_M)
         return np.stack([np.median(apart[low : at + 1], axis=0) for at, low in enumerate(begin)])
@@ -233,7 +234,7 @@ class EvidenceSearch:
             off |= stops.path_m[low:count] > stops.path_m[low] + _CHUNK_M
             high = min(low + self._ends, low + int(np.argmax(off)) if off.any() else count)
             judged = self._judge(stops, low, high, astray)
-            # At most: no longer held, then another time scale, then a wider region.
+            # At most three rounds: released, then another time scale, then a wider region.
             while self._reconsider(stops, high, judged, astray):
                 judged = self._judge(stops, low, high, astray)
             parts.append(judged)
@@ -250,7 +251,7 @@ class EvidenceSearch:
         self._lattice.wide, self._surfaces = wide, None
 
     def _note(self, stops: Stops, high: int, judged: ChosenWindows) -> bool:
-        """Remember the last place that was believed; whether there was one."""
+        """Remember the last accepted place; True if there was one."""
         ok = np.flatnonzero(judged.code == Code.OK)
         if not len(ok):
             return False
@@ -259,7 +260,7 @@ class EvidenceSearch:
         return True
 
     def _reconsider(self, stops: Stops, high: int, judged: ChosenWindows, astray: Float[np.ndarray, "stop 2"]) -> bool:
-        """Region and time scale after some metres; whether these are to be judged once more with others."""
+        """Reconsider region and time scale after some metres; True if the metres must be judged again."""
         found = self._note(stops, high, judged)
         here_m = float(stops.path_m[high - 1])
         held = self._lattice.place_m is not None
@@ -271,7 +272,7 @@ class EvidenceSearch:
             if off < self._lattice.half_m - SLACK_M:
                 self._widen(False)
         lost = not held and (not found or here_m - self._seen_m > _CHUNK_M)
-        # A prior that is wrong enough has no map below it: that is no reason not to look farther.
+        # A prior may be wrong enough to be off the map: that is no reason not to search farther.
         on_map = bool(np.any(judged.peak.overlap >= MIN_OVERLAP))
         again = on_map and self._options.time_scale is None and self._probe(stops, high, lost, here_m)
         at_edge = np.mean(judged.code == Code.EDGE) > 0.25
@@ -287,8 +288,8 @@ class EvidenceSearch:
 
     @property
     def _may_hold(self) -> bool:
-        """Whether there is a place to be held that is not: none yet, or it has come away from its lattice's middle."""
-        # One's own thresholds were found in the whole region, and ask for a lead over all of it.
+        """Whether a place should be tracked anew: none is yet, or it has left the centre of its lattice."""
+        # User thresholds were calibrated on the whole region and require a margin over all of it.
         by_region = self._lattice.wide or self.plan.history == 0 or self._options.own_thresholds is not None
         if self._error_m is None or by_region:
             return False
@@ -296,7 +297,7 @@ class EvidenceSearch:
         return held is None or bool(np.max(np.abs(self._error_m - held)) > _ASIDE_M)
 
     def _hold(self, place_m: Float[np.ndarray, "2"] | None) -> None:
-        """Look about this place alone, or in the whole region again."""
+        """Search around this place alone, or in the whole region again."""
         self._lattice.place_m, self._surfaces = place_m, None
 
     def _last_metres(self, stops: Stops, high: int) -> int:
@@ -305,8 +306,9 @@ class EvidenceSearch:
         return max(leg, int(np.searchsorted(stops.path_m, stops.path_m[high - 1] - _CHUNK_M)))
 
     def _contested(self, stops: Stops, high: int, astray: Float[np.ndarray, "stop 2"], every_m: float) -> bool:
-        """Whether the region about the prior holds another place about as good as the one believed, or nothing that
-        tells; asked after some travel, not before."""
+        """Whether the region around the prior holds another place about as good as the accepted one, or nothing
+        conclusive; checked only after some travel.
+        """
         here_m = float(stops.path_m[high - 1])
         if here_m - self._checked_m < every_m - self.plan.spacing_m:
             return self._lattice.place_m is None
@@ -349,14 +351,14 @@ class EvidenceSearch:
         return Peaks(*(field[0, 0] for field in peaks))
 
     def _overdue(self, here_m: float) -> bool:
-        """Whether a wider region is to be tried: no place for a while, and not tried just now."""
+        """Whether to try a wider region: no place for a while, and not tried just now."""
         return here_m - self._seen_m > _LOST_M and here_m - self._tried_m > 1.9 * _CHUNK_M
 
     def _probe(self, stops: Stops, high: int, lost: bool, here_m: float) -> bool:
-        """Try other time scales on the last metres: a few about the present one, all where no place is known.
+        """Try other time scales on the last metres: a few around the present one, or all where no place is known.
 
         Returns:
-            whether what was judged is to be judged again.
+            whether the stops must be judged again.
         """
         scale = self._scale
         if here_m - scale.probed_m < (_CHUNK_M / 2 if lost else _CHUNK_M) - self.plan.spacing_m:
@@ -381,7 +383,7 @@ class EvidenceSearch:
         return True
 
     def _extend(self, stops: Stops, high: int) -> Surfaces:
-        """Surfaces of the stops up to ``high``, those made that there are none of yet."""
+        """Surfaces of the stops up to ``high``; missing ones are computed."""
         if self._surfaces is None:
             self._surfaces = self._lattice.blank(max(0, high - self._ends - self.plan.history))
         have = len(self._surfaces.power)
@@ -405,7 +407,7 @@ class EvidenceSearch:
             foreign, rivals = self._weigh(whole, first, 1.0)
             at_edge = np.asarray(whole.at_rim) | self._beyond(whole, foreign)
             good = (first >= 0) & (foreign <= risk) & (rivals <= risk) & ~at_edge
-            # What is told as the runner-up is that of the whole region, as it was when last asked.
+            # The reported runner-up is that of the whole region when it was last searched.
             whole = whole._replace(rival=np.maximum(whole.rival, self._elsewhere * whole.floor))
             return self._chosen(stops, at, first, whole, foreign, rivals, at_edge, good)
         return self._decide(stops, whole, near, first, at, centre)
@@ -416,7 +418,7 @@ class EvidenceSearch:
         """Peaks of all windows that end at some stops, in the whole region and near the last place; first stops of the
         windows, and lattice points of the priors."""
         plan, lattice = self.plan, self._lattice
-        # One shape: as many surfaces as the longest window and a full batch take.
+        # One shape: as many surfaces as the longest window and a full batch need.
         held = plan.history + self._ends
         begin = max(0, high - held)
         surfaces = Surfaces(*(field[begin:high] for field in self._extend(stops, high)))
@@ -447,7 +449,7 @@ class EvidenceSearch:
         floor = self._settled_floor(stops, at, whole)
         whole, near = whole._replace(floor=floor), near._replace(floor=floor)
         if np.ptp(self._prepared.array.y_m) > _NARROW * self._wavelength_m:
-            # An array that is wide against what the ground resembles itself by says how much of it lies beyond a rim.
+            # An array wider than the correlation length of the ground can measure how much of it is beyond an edge.
             nowhere = np.zeros_like(whole.open_sides)
             whole, near = whole._replace(open_sides=nowhere), near._replace(open_sides=nowhere)
         return whole, near, first, centre[: len(at)]
@@ -469,10 +471,10 @@ class EvidenceSearch:
     def _settled_floor(
         self, stops: Stops, at: Int[np.ndarray, " end"], peaks: Peaks
     ) -> Float[np.ndarray, "end window"]:
-        """Noise floors over the last metres together: decoys of one place are few, and each stop brings others.
+        """Noise floors pooled over the last metres: one place has few decoys, and each stop adds others.
 
-        Where hardly any decoy lay on the map, chance is told from what the region itself holds far from its best place;
-        where that is too little as well, as little is believed as can be.
+        Where hardly any decoy was on the map, the floor is estimated from the region itself, far from its best place;
+        where that is too little as well, the most cautious value is used.
         """
         self._floor[:, at] = peaks.floor, peaks.scatter
         begin = np.searchsorted(stops.path_m, stops.path_m[at] - _FLOOR_M * max(1.0, self._wavelength_m))
@@ -485,7 +487,7 @@ class EvidenceSearch:
     def _weigh(
         self, peaks: Peaks, first: Int[np.ndarray, "end window"], scales: float
     ) -> tuple[Float[np.ndarray, "end window"], Float[np.ndarray, "end window"]]:
-        """Probabilities that foreign ground, and that a rival, would have given these peaks; 1 where there is none."""
+        """Probabilities that foreign ground, and that a rival, would have produced these peaks; 1 without a peak."""
         known = (first >= 0) & (peaks.score > OFF_MAP_SCORE)
         z = np.where(known, peaks.score / peaks.floor, 0.0)
         rival = np.where(peaks.rival > OFF_MAP_SCORE, peaks.rival / peaks.floor, 0.0)
@@ -499,10 +501,10 @@ class EvidenceSearch:
         return foreign, rivals
 
     def _beyond(self, peaks: Peaks, foreign: Float[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
-        """Windows whose place may as well lie beyond the map's rim.
+        """Windows whose true place may be beyond the map's edge.
 
-        Ground beside a map resembles its outermost line, less the farther away it is, and a window that is long enough
-        finds the resemblance beyond chance. A place at the rim itself shows within one piece, and by far.
+        Ground next to a map resembles its outermost line, less with distance, and a long enough window finds the
+        resemblance significant. A place at the edge itself is evident within one piece.
         """
         piece_m = PIECE_M * max(1.0, self._wavelength_m)
         long = np.asarray(self.plan.windows_m) > piece_m
@@ -512,7 +514,7 @@ class EvidenceSearch:
     def _first_of(self, stops: Stops, at: Int[np.ndarray, " end"]) -> Int[np.ndarray, "end window"]:
         """First stop of each window that ends at each stop; -1 where its leg is not that long yet."""
         begin = np.searchsorted(stops.leg, stops.leg[at])
-        # What lies before the history is forgotten: the longest window reaches just so far.
+        # Stops before the history are dropped: the longest window reaches no farther.
         out = np.full((len(at), len(self.plan.windows_m)), -1)
         for number, length_m in enumerate(self.plan.windows_m):
             wanted_m = stops.path_m[at] - length_m
@@ -538,7 +540,7 @@ class EvidenceSearch:
         risk = self._options.risk
         known = (first >= 0) & (whole.score > OFF_MAP_SCORE)
         good = known & (foreign <= risk) & (rivals <= risk) & ~at_edge
-        # Once there is a place, the next is looked for about it: few places that foreign ground could match. What is
+        # Once there is a place, the next is searched for around it: few places that foreign ground could match. A place
         # about as good elsewhere contests it.
         held = (self._error_m is not None) & (since_m <= _LOST_M)
         near_foreign, near_rivals = self._weigh(near, first, 1.0)
@@ -565,7 +567,7 @@ class EvidenceSearch:
         at_edge: Bool[np.ndarray, "end window"],
         good: Bool[np.ndarray, "end window"],
     ) -> ChosenWindows:
-        """The shortest window that is good at each end, or the best of those that are not, and why."""
+        """The shortest accepted window at each end, or the best of the declined ones, with its code."""
         risk, known = self._options.risk, (first >= 0) & (peaks.score > OFF_MAP_SCORE)
         worst = np.where(known, np.maximum(foreign, rivals) + at_edge, 3.0)
         chosen = np.where(good.any(axis=1), np.argmax(good, axis=1), np.argmin(worst, axis=1))
@@ -589,11 +591,11 @@ class EvidenceSearch:
 
 
 def _some(first: int, stop: int) -> Int[np.ndarray, " stop"]:
-    """Some stops, evenly."""
+    """A subset of the stops, evenly spaced."""
     return np.unique(np.linspace(first, stop - 1, _COMPARED).round().astype(int))
 
 
 def _padded(surfaces: Surfaces, count: int) -> Surfaces:
-    """As many surfaces as a compiled shape takes, the others blank."""
+    """Surfaces padded with blank ones to the compiled shape."""
     fill = count - len(surfaces.power)
     return Surfaces(*(np.pad(field, [(0, fill)] + [(0, 0)] * (field.ndim - 1)) for field in surfaces))

@@ -1,4 +1,4 @@
-"""What a registration answers: a fix with a code. A code is data; one bad scan raises nothing."""
+"""The result of a registration: a fix with a code. A code is data; a bad scan raises nothing."""
 
 from enum import IntEnum
 from typing import NamedTuple
@@ -29,7 +29,7 @@ class Code(IntEnum):
 
 
 class Fix(NamedTuple):
-    """Pose of the array's centre against the map, with what is known about its quality.
+    """Pose of the array's centre in the map, with measures of its quality.
 
     In a batch every field has a leading axis. The pose is (east_m, north_m, height_m above ground, yaw_rad,
     roll_rad), the covariance in that order; inside jit east and north stand for along and cross of the tile.
@@ -38,16 +38,14 @@ class Fix(NamedTuple):
         pose: best pose; NaN where there is none.
         covariance: of the pose, from the curvature of the correlation at its peak.
         correlation: at the best pose.
-        runner_up: strength (correlation times the root of the overlap) of the best rival: a summit of its own,
-            refined like the best.
-        margin: the best pose's strength less the runner-up's.
-        scatter: standard deviation of the strength over the rest of the region: what ground that does not match
-            gives by chance.
+        runner_up: score (correlation times the root of the overlap) of the best rival: a peak of its own, refined like
+            the best.
+        margin: the best pose's score minus the runner-up's.
+        scatter: noise floor: standard deviation of the score over the rest of the region.
         overlap_channels: channels of the last scan that lie on the map.
         overlap: share of all valid traces of the template that lie on the map.
         code: a ``Code``.
-        p_false: probability that ground that is not the map's would have passed the whole search as well; 1 where
-            nothing was tried.
+        p_false: probability that foreign ground would have passed the whole search as well; 1 where nothing was tried.
         window_m: length of the window that was matched; 0 for the scan alone.
     """
 

@@ -1,9 +1,9 @@
-"""Whether a match is believed: the map's false-match probability, thresholds, and the options of a search.
+"""Acceptance of a match: the map's false-match probability, thresholds, and the options of a search.
 
-A score says little by itself: what is a match on one ground on a clear day is chance on another. In units of the noise
-floor (what the same scans score at decoys, beyond the region) wet days, dry days and foreign ground come to one scale.
-What is left of the difference between maps each map measures on itself: pieces of its baselines are matched at other
-places of it, where they can never be right, by the very search that registers a drive.
+A score means little by itself: a match on one ground on a clear day is chance on another. In units of the noise floor
+(the score of the same scans at decoys, outside the region) wet days, dry days and foreign ground share one scale. The
+remaining difference between maps is measured on each map: pieces of its baselines are matched at other places of it,
+where they cannot be right, by the same search that registers a drive.
 """
 
 from dataclasses import dataclass
@@ -30,14 +30,14 @@ def ladder_of(wavelength_m: float) -> tuple[float, ...]:
 
 
 _TAIL = 0.1
-"""Share of the false pieces that the tail is fitted to."""
+"""Share of the false pieces used to fit the tail."""
 _LEAST_PIECES = 60
 _LEAST_SCALE = 2.0  # that of a Gaussian field
 LEAST_INDEPENDENT = 10.0
-"""Pieces of a map that share no ground, from which its own tail is believed."""
+"""Pieces of a map that share no ground, from which on its own tail is used."""
 _LEAST_SHARE = 0.02  # of the area: no region is smaller than the peak itself
 _SURE = 1.3
-"""The fitted tail is taken at so many of its standard errors to the safe side."""
+"""Safety margin of the fitted tail, in standard errors."""
 
 
 _POOLED_SIGMA = 1.25
@@ -75,7 +75,7 @@ class Chance(NamedTuple):
     left_out: int = 0
 
     def for_windows(self, windows_m: tuple[float, ...], wavelength_m: float) -> "Chance":
-        """The chance for other lengths: each as the next shorter one of the ladder, whose tail is the longer."""
+        """The chance for other lengths: each takes that of the next shorter one of the ladder, whose tail is longer."""
         at = np.searchsorted(np.asarray(ladder_of(wavelength_m)), np.asarray(windows_m) + 1e-9, side="right") - 1
         start, share, scale, area_m2 = (np.asarray(field)[at] for field in self[:4])
         return self._replace(start=start, share=share, scale=scale, area_m2=area_m2)
@@ -89,13 +89,14 @@ POOLED = Chance(
     pieces=0,
     own=False,
 )
-"""Of grounds looked at with a wavelength of 0.4 m; see ``pooled_chance``."""
+"""Of grounds surveyed with a wavelength of 0.4 m; see ``pooled_chance``."""
 _POOLED_WAVELENGTH_M = 0.4
 
 
 def pooled_chance(wavelength_m: float) -> Chance:
-    """What many grounds have, for a map that cannot tell its own: chances go with the area and the travel of a piece in
-    wavelengths."""
+    """Chance pooled over many grounds, for a map too small to have its own: chances scale with the area and the travel
+    of a piece in wavelengths.
+    """
     longer = wavelength_m / _POOLED_WAVELENGTH_M
     return POOLED._replace(area_m2=POOLED.area_m2 * longer**2 * longer / max(1.0, wavelength_m))
 
@@ -108,14 +109,14 @@ def fit_chance(
 ) -> Chance:
     """Chance of a map from its false pieces.
 
-    The same pieces serve with many places: a map with few independent ones cannot tell how rare its highest scores are,
-    and borrows what many grounds have.
+    The same pieces are tried at many places: a map with few independent pieces cannot say how rare its highest scores
+    are, and uses the pooled chance.
 
     Args:
         highest: largest z within each piece and window length; NaN where a window did not fit.
         area_m2: mean area of its region on the map.
         independent: pieces of the map that share no ground.
-        pooled: what many grounds have.
+        pooled: the chance pooled over many grounds.
     """
     known = np.isfinite(highest)
     if len(highest) < _LEAST_PIECES or independent < LEAST_INDEPENDENT:
@@ -164,7 +165,7 @@ def fit_sigma_scale(
 def p_foreign(
     z: Float[np.ndarray, "*end window"], area_m2: Float[np.ndarray, "*end window"], chance: Chance, trials: float
 ) -> Float[np.ndarray, "*end window"]:
-    """Probability that ground that is not the map's gives a z as high somewhere within a piece, in any window tried.
+    """Probability that foreign ground reaches this z somewhere within a piece, in any window tried.
 
     Args:
         z: score in units of the noise floor.
@@ -180,14 +181,15 @@ def p_foreign(
 
 
 def least_z(risk: float, chance: Chance) -> Float[np.ndarray, " window"]:
-    """Score in units of the noise floor that each window of the ladder must reach in the whole region, where no time
-    scale but one was tried."""
+    """Score in units of the noise floor that each window of the ladder must reach in the whole region, with a single
+    time scale tried.
+    """
     more = len(chance.start) * chance.share / risk
     return np.asarray(np.sqrt(chance.start + chance.scale * np.log(np.maximum(more, 1.0))))
 
 
 def p_rival(z: Float[np.ndarray, "*end"], rival: Float[np.ndarray, "*end"]) -> Float[np.ndarray, "*end"]:
-    """Bound on the probability that the rival is the true place, and the best one only looks like it.
+    """Bound on the probability that the rival is the true place, and the best one only resembles it.
 
     Let the ground at the best place resemble that of the rival by a share rho, and the rival be the true place. Then
     the best place's score is rho times the rival's and noise of sqrt(1 - rho²) noise floors; it comes out at z or above
@@ -201,16 +203,16 @@ def p_rival(z: Float[np.ndarray, "*end"], rival: Float[np.ndarray, "*end"]) -> F
     return np.asarray(ndtr(-lead))
 
 
-# How sure a match must be to be called ok.
+# How certain a match must be to be called ok.
 
 MIN_OVERLAP = 0.6
 """Least share of a template's traces on the map."""
 
-_ONE_LOOK = 0.1  # of the independent looks of a piece
+_ONE_LOOK = 0.1  # of the independent matches of a piece
 
 
 class Thresholds(NamedTuple):
-    """What a match must reach to be called ``ok``, in units of the noise floor: what its score comes to by chance.
+    """What a match must reach to be called ``ok``, in units of the noise floor: the score that chance alone gives.
 
     Attributes:
         strength_by_chance: least score.
@@ -289,21 +291,20 @@ class RegisterOptions:
     """What a user decides about a registration; nothing needs to be.
 
     Attributes:
-        search_m: half side of the search square about the prior; None to take it from what the log says of its own
-            position: four sigma and half a metre, no less than 2 m, since what a receiver states is not where the
-            map's labels lie, and 2.5 m where it says nothing. Where no place is found, or the best one lies at the
-            rim, a square of twice the side is searched as well.
+        search_m: half side of the search square about the prior; None to derive it from the log's own sigma: four sigma
+            plus half a metre, at least 2 m, since a receiver's sigma does not cover the error of the map's labels, and
+            2.5 m where the log states none. Where no place is found, or the best one is at the edge, a square of twice
+            the side is searched as well.
         window_m: length of the window of scans that is matched as one; 0 for single scans, None for the shortest of
             the ladder that reaches the risk.
-        risk: a fix is believed where ground that is not the map's would have passed the search with no higher
-            probability, within a piece of 4 m.
-        time_scale: how much longer the wave's way in the ground takes today than on the map's day (rain: above 1);
-            None to find it along the drive.
-        height_m, roll_deg, pitch_deg: half widths of the search in height, roll and pitch (0: no pitch). That in
-            heading follows the prior: three sigma, no less than one degree and no more than five.
-        odometer_sigma: of the odometer's scale, as a share: what tyres change by with load, wear and pressure.
-        own_thresholds: calibrated on one's own drives, in place of the map's chance and the risk.
-        swarm: finish by a swarm of this size about each candidate; without it by Gauss-Newton.
+        risk: largest accepted probability, within a piece of 4 m, that foreign ground would have passed the search.
+        time_scale: travel time in the ground relative to the map's day (wet ground: above 1); None to estimate it along
+            the drive.
+        height_m, roll_deg, pitch_deg: half widths of the search in height, roll and pitch (0: no pitch). The half width
+            in heading follows the prior: three sigma, between one and five degrees.
+        odometer_sigma: relative error of the odometer's scale, which changes with the tyres' load, wear and pressure.
+        own_thresholds: calibrated on the user's own drives, in place of the map's chance and the risk.
+        swarm: refine by a swarm of this size around each candidate; without it by Gauss-Newton.
         seed: of the swarm.
     """
 
@@ -320,12 +321,12 @@ class RegisterOptions:
     seed: int = 0
 
     def search_half_m(self, sigma_m: Float[np.ndarray, " scan"] | None = None) -> float:
-        """Half side of the search square about priors of which these sigmas are known (NaN: unstated)."""
+        """Half side of the search square around priors with these sigmas (NaN: not stated)."""
         if self.search_m is not None:
             return self.search_m
         if sigma_m is None or not np.isfinite(sigma_m).all():
             return _UNSTATED_M
-        # Steps of half a metre: each is a shape that is compiled.
+        # Steps of half a metre: each is a compiled shape.
         wanted_m = _SIGMAS * float(np.max(sigma_m)) + 0.5
         return float(np.clip(np.ceil(2.0 * wanted_m) / 2.0, _LEAST_M, _MOST_M))
 

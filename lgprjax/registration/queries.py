@@ -1,7 +1,7 @@
-"""Live scans made ready for matching: background removal, coefficients, windows.
+"""Live scans prepared for matching: background removal, coefficients, windows.
 
-One object a drive, fed with blocks of scans in order; it holds the filter's state and as much of the past as a
-window needs. The same functions serve batch registration and the vehicle.
+One object a drive, fed with blocks of scans in order; it holds the filter's state and as much history as a window
+needs. Batch registration and the vehicle share these functions.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ Operators = Callable[[float], Float[Array, "recorded sample"]]
 
 
 class Track(NamedTuple):
-    """Where the vehicle believes to be at each scan, and how it moved.
+    """Prior poses and motion of the vehicle at each scan.
 
     Attributes:
         pose: prior pose of the array's centre: east_m, north_m, height_m above ground, yaw_rad (unwrapped),
@@ -39,7 +39,7 @@ class Track(NamedTuple):
         travel_m: signed distance travelled since the start of the drive, from odometry.
         speed_mps: signed.
         sigma_yaw_rad: of the prior.
-        sigma_m: of the prior position, each axis; NaN where the log does not state it.
+        sigma_m: of the prior position, each axis; NaN where the log states none.
         leg: rising number of the stretch over which travel is known.
     """
 
@@ -56,7 +56,7 @@ class LiveScans(NamedTuple):
 
     Attributes:
         number: in the drive.
-        filtered: traces as recorded, track filter applied; ``LiveChain.coefficients`` makes templates of them.
+        filtered: traces as recorded, background removed; ``LiveChain.coefficients`` makes templates of them.
         valid: channels that hold data.
         track: of the scans.
         path_m: travel, never falling.
@@ -72,15 +72,15 @@ class LiveScans(NamedTuple):
 
 
 class LiveChain:
-    """Recorded traces of one drive to coefficients, block by block.
+    """Converts recorded traces of one drive to coefficients, block by block.
 
-    The track filter is linear and works along the track, what makes profiles of traces is linear and works along the
-    trace: the filter comes first, so that a scan can be asked for at any time scale later.
+    Background removal is linear along the track, the conversion of traces to profiles is linear along the trace: the
+    filter comes first, so that a scan can be requested at any time scale later.
 
     Args:
         operators: of the drive's recording at a time scale, with the map's settings.
         basis: of the map.
-        track_filter_m: length of the track filter.
+        track_filter_m: length of the background removal.
         channels: of the drive.
         recorded: numbers of a trace.
     """
@@ -110,7 +110,7 @@ class LiveChain:
             traces: as recorded, zero level removed; finite where valid.
             valid: channels that hold data.
             track: of these scans.
-            block: scans that a full block has; a shorter one is padded, so that one shape is compiled.
+            block: scans of a full block; a shorter one is padded, so that one shape is compiled.
         """
         scans = len(traces)
         pad = [(0, block - scans), (0, 0)]
@@ -137,28 +137,28 @@ class LiveChain:
         valid: Bool[np.ndarray, "scan channel"],
         time_scale: float,
     ) -> Float[np.ndarray, "scan channel coefficient"]:
-        """Coefficients of filtered scans at a time scale (how much longer the wave's way in the ground takes today)."""
+        """Coefficients of filtered scans at a time scale (travel time in the ground relative to the map)."""
         rows = max(16, 1 << max(0, len(filtered) - 1).bit_length())
         pad = [(0, rows - len(filtered)), (0, 0)]
         profile = apply_operator(jnp.asarray(np.pad(filtered, [*pad, (0, 0)])), self._operators(time_scale))
         return np.asarray(to_coefficients(profile, jnp.asarray(np.pad(valid, pad)), self._basis))[: len(filtered)]
 
 
-# Scans that stand for their stretch of travel, and templates made of them.
+# Scans that represent their stretch of travel (stops), and the templates made from them.
 
 _SPACING = 0.3  # of the wavelength, from stop to stop
 _FINE_TRACES = 192  # of a window that the finish takes
 
 
 class Stops(NamedTuple):
-    """Scans that stand for their stretch of travel, in order: history first.
+    """Scans that represent their stretch of travel, in order, history first.
 
     Attributes:
         number: of the scan in its drive.
-        filtered: traces as recorded, track filter applied.
+        filtered: traces as recorded, background removed.
         coefficients, valid: of each trace, at the time scale of that moment.
         pose, speed_mps, sigma_yaw_rad: of the prior.
-        reckoned_m: the array's centre by odometry and heading alone.
+        reckoned_m: the array's centre from odometry and heading alone.
         path_m: travel.
         leg: number of the stretch over which travel is known.
     """
@@ -183,8 +183,8 @@ class SearchSizes:
         spacing_m: of travel from stop to stop.
         lattice_m: step of the lattice of prior errors, forward and left.
         windows_m: lengths tried.
-        history: stops that the longest window reaches back.
-        members: scans of a window that the finish takes.
+        history: stops covered by the longest window.
+        members: scans of a window used for refinement.
     """
 
     spacing_m: float
@@ -206,7 +206,7 @@ class SearchSizes:
         return SearchSizes(spacing_m, prepared.step_m, windows_m, history, members)
 
     def points(self, half_m: float) -> tuple[int, int]:
-        """Of a lattice, forward and left, that reaches so far to all sides."""
+        """Points, forward and left, of a lattice with this half side."""
         forward, left = (2 * int(np.ceil(half_m / step_m)) + 1 for step_m in self.lattice_m)
         return forward, left
 
@@ -214,7 +214,7 @@ class SearchSizes:
 def stops_of(
     scans: LiveScans, chosen: Int[np.ndarray, " stop"], array: ArrayGeometry, basis: CoefficientBasis
 ) -> Stops:
-    """Stops of these scans, their coefficients yet to be made."""
+    """Stops of these scans, without coefficients yet."""
     track, valid = scans.track, scans.valid[chosen]
     yaw = track.pose[chosen, 3]
     lever = np.stack(body_to_local(np.zeros(len(yaw)), np.zeros(len(yaw)), yaw, *centre_of(array)), axis=1)
@@ -239,8 +239,8 @@ def templates_of(
     member: Int[np.ndarray, "end member"],
     fresh: Bool[np.ndarray, "end member"],
 ) -> Template:
-    """Traces of the members about the last scan's centre, in its body frame: odometry and heading place the scans, and
-    within a scan each channel stands where the vehicle had come when the switch matrix reached it.
+    """Traces of the members relative to the last scan's centre, in its body frame: odometry and heading place the
+    scans, and within a scan each channel is where the vehicle was when the switch matrix reached it.
 
     Args:
         stops: the scans.

@@ -1,4 +1,4 @@
-"""From a candidate to a pose: the climb to its peak, and what is known of the pose there."""
+"""From a candidate to a pose: the climb to its peak, and the covariance of the pose there."""
 
 from functools import partial
 from typing import NamedTuple
@@ -25,12 +25,12 @@ from lgprjax.registration.score import (
 )
 from lgprjax.subsurface import Tile
 
-# The finish: Gauss-Newton from a coarse place to the summit of the correlation, in all degrees of freedom.
+# Refinement: Gauss-Newton from a coarse place to the peak of the correlation, in all degrees of freedom.
 #
-# With the scale alpha projected out, the correlation of live traces S with the ground G is highest where |S - alpha
-# G|² is least, so that its gradient is exact and its curvature needs first derivatives only: those of the bilinear map
-# in the plane, and the phase ramp of a height. All that a step asks of a trace are thirteen sums over depth
-# (``score``); the rest is the chain rule.
+# With the scale alpha projected out, the correlation of live traces S with the ground G is highest where |S - alpha G|²
+# is least, so that its gradient is exact and its curvature needs first derivatives only: those of the bilinear map in
+# the plane, and the phase ramp of a height. A step needs only thirteen sums over depth of each trace (``score``); the
+# rest is the chain rule.
 
 PRIOR = (3.0, 3.0, 9.0, 9.0, 9.0, 9.0)
 """Information of the prior, per squared half width of the region: position uniform within it, attitude and height
@@ -40,8 +40,8 @@ CLIMB_STEPS = 3
 """Poses measured on a climb: two steps from a coarse place reach the centimetre."""
 
 _LARGEST_STEP = (1.5, 1.5, 0.04, 0.035, 0.03, 0.03)
-"""Of place in cells along the tile, which are a tenth of a wavelength; of the rest in metres and radians."""
-_RIDGE = 1e-5  # share of its diagonal that a step's matrix gets on top
+"""Position in cells along the tile, which are a tenth of a wavelength; the rest in metres and radians."""
+_RIDGE = 1e-5  # share of its diagonal added to a step's matrix
 
 
 class RefinedPeak(NamedTuple):
@@ -52,8 +52,8 @@ class RefinedPeak(NamedTuple):
         correlation, strength: there, see ``Score``; ``OFF_MAP_SCORE`` where overlap is missing.
         information: of the match alone, per unit of 1/(1 - r²) and of independent numbers (see ``covariance_of``).
         covered: traces on the map.
-        narrow: along and cross: a cell to either side of the pose leads off the map.
-        left_m: along and cross: the step that the slope there still asks for.
+        narrow: along and cross: a cell to either side of the pose is off the map.
+        left_m: along and cross: the step that the gradient there still asks for.
     """
 
     pose: Float[Array, "batch 6"]
@@ -79,7 +79,7 @@ def climb(
     *,
     steps: int = CLIMB_STEPS,
 ) -> RefinedPeak:
-    """Climb from each start; the best pose on the way is the answer.
+    """Climb from each start and return the best pose on the way.
 
     Args:
         tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap: as for ``score_poses``.
@@ -114,7 +114,7 @@ def climb(
         away = pose - prior
         posterior = strength - 0.5 * jnp.sum(pull * away**2, axis=-1) / jnp.maximum(weight * correlation, 1e-3)
         matrix = jnp.where(both[None], weight[:, None, None] * information, 0.0) + unit[None] * held[:, None, :]
-        # Directions that only rounding tells apart (a single channel's along and yaw) must not end the factorisation.
+        # Directions that differ by rounding only (a single channel's along and yaw) must not break the factorisation.
         matrix = matrix * (1.0 + _RIDGE * unit[None])
         side = jnp.where(free[None], weight[:, None] * gradient - pull * away, 0.0)
         lower = jax.lax.linalg.cholesky(matrix, symmetrize_input=False)
@@ -127,8 +127,8 @@ def climb(
         )
         return jnp.clip(pose + move, prior - half_width, prior + half_width), best
 
-    # What a pose hears is carried into the next round: gathered once, not anew for each of the sums, as the compiler
-    # would have it within one.
+    # The traces sampled at a pose are carried into the next round: gathered once, where the compiler would gather them
+    # again for each of the sums.
     def step(_: Int[Array, ""], carry: tuple[Array, SampledGround, _Best]) -> tuple[Array, SampledGround, _Best]:
         after, best = measure(*carry)
         return after, hear(after), best
@@ -170,13 +170,13 @@ def covariance_of(
 ) -> Float[Array, "batch 5 5"]:
     """Covariance of each pose, its pitch marginalised.
 
-    With the gain projected out, the log-likelihood of a template of N independent numbers is -N/2 log(1 - r²). N is
-    not the number of samples: neighbours in depth, channel and track repeat each other. Ground that does not match
-    scatters with variance 1/N, so the surface away from the peak tells N. To this comes the prior (see ``PRIOR``):
-    what the radar does not see (roll, often) keeps the prior's width.
+    With the gain projected out, the log-likelihood of a template of N independent numbers is -N/2 log(1 - r²). N is not
+    the number of samples: neighbours in depth, channel and track are correlated. Ground that does not match scores with
+    variance 1/N, so N follows from the surface away from the peak. The prior is added (see ``PRIOR``): what the radar
+    does not observe (often roll) keeps the prior's width.
     """
     weight = numbers / jnp.maximum(1.0 - summit.correlation**2, 1e-3)
-    # Where a step to either side leaves the map (the line of a single channel), the map itself says how far.
+    # Where a step to either side leaves the map (the line of a single channel), the map bounds the error.
     bound = jnp.pad(jnp.where(summit.narrow, 3.0 / cell_m[None] ** 2, 0.0), [(0, 0), (0, 4)])
     diagonal = jnp.asarray(PRIOR, dtype=jnp.float32)[None] / half_width**2 + bound
     matrix = weight[:, None, None] * summit.information
@@ -187,13 +187,13 @@ def covariance_of(
     return covariance
 
 
-# The finish by particle swarm: about each coarse summit, in all five degrees of freedom, on the direct score.
+# Refinement by particle swarm: around each coarse peak, in all five degrees of freedom, on the direct score.
 #
-# The search of the first system of this kind (LL), kept beside Gauss-Newton: it asks for no derivative, so that it
-# serves whatever score there is.
+# The search of the first system of this kind (LL), an alternative to Gauss-Newton that needs no derivative of the
+# score.
 
 _REACH_M = 0.12
-"""About a summit the swarm explores what the coarse stage left open, no more: summits stay apart."""
+"""Around a peak the swarm explores only what the coarse stage left open, so that peaks stay distinct."""
 _SEEN = 41
 """Positions to a side at which a watched swarm's score is shown."""
 
@@ -217,7 +217,7 @@ def swarm_poses(
     *,
     config: SwarmConfig,
 ) -> Float[Array, "batch 6"]:
-    """Best pose of a swarm about each start; arguments as for ``climb``, with a seed of each lane."""
+    """Best pose of a swarm around each start; arguments as for ``climb``, with a seed for each batch element."""
     ground = (tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap)
 
     def one(lane: Lane) -> Float[Array, "6"]:
@@ -230,13 +230,13 @@ def swarm_poses(
 
 
 class SwarmView(NamedTuple):
-    """A swarm about one start, as it went; places along and across in the tile's frame.
+    """History of a swarm around one start; places along and across in the tile's frame.
 
     Attributes:
-        place_m: where the particles stood at the start and after each iteration.
-        best_m: the best place that any of them had met by then.
-        best_score: the best score that each of them had met by then; -inf before it met any.
-        along_m, cross_m, score: what the swarm climbs over positions, the rest of the pose as the swarm left it.
+        place_m: positions of the particles at the start and after each iteration.
+        best_m: the best place found by any of them so far.
+        best_score: the best score found by each of them so far; -inf before the first.
+        along_m, cross_m, score: the objective over positions, with the rest of the pose as the swarm left it.
     """
 
     place_m: Float[Array | np.ndarray, "iteration particle 2"]
@@ -264,7 +264,7 @@ def watch_finish(
     *,
     config: SwarmConfig,
 ) -> SwarmView:
-    """One lane of ``swarm_poses``, kept whole for looking at; ``template`` is a single one."""
+    """One batch element of ``swarm_poses`` with its full history; ``template`` is a single one."""
     ground = (tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap)
     hunt = _hunt(ground, (template, start, prior, half_width, numbers, lane_seed), free, seed, config)
     trail = watch_swarm(hunt.key, hunt.cloud, hunt.posterior, free[:5], config=config)
@@ -287,7 +287,7 @@ def watch_finish(
 
 
 class _Hunt(NamedTuple):
-    """What a swarm about one start is run with: its cloud stands in units of ``reach`` about ``centre``."""
+    """Inputs of a swarm around one start: its particles are in units of ``reach`` about ``centre``."""
 
     key: Key[Array, ""]
     cloud: Float[Array, "particle 5"]
@@ -323,10 +323,10 @@ def _hunt(
 
 
 FEW_CHANNELS = 3
-"""An array of no more channels than this sees little to its sides."""
+"""An array with at most this many channels observes little to its sides."""
 
 _UNFINISHED = 1.0
-"""Cells: at a summit the step that is left is a small part of one."""
+"""Cells: at a peak the remaining step is a small part of one."""
 
 
 class Region(NamedTuple):
@@ -335,7 +335,7 @@ class Region(NamedTuple):
     Attributes:
         prior: along_m, cross_m, height_m above ground, yaw_rad, roll_rad, pitch_rad in the tile's frame.
         half_width: of the search region about it, in the same order.
-        number: of the scan in its drive; seeds the swarm, so that a fix depends on nothing around it.
+        number: of the scan in its drive; seeds the swarm, so that a fix does not depend on its batch.
     """
 
     prior: Float[Array, "end 6"]
@@ -347,11 +347,11 @@ class Finished(NamedTuple):
     """Where the climbs of a batch ended, in the tile's frame.
 
     Attributes:
-        pose, covariance: NaN where nothing of the map was left below a template.
+        pose, covariance: NaN where a template is off the map.
         correlation: there.
         overlap: share of the template's traces on the map.
         overlap_channels: channels of its last scan on the map.
-        unfinished: the climb would go on: its peak lies elsewhere, or where the map ends.
+        unfinished: the climb has not converged: its peak is elsewhere, or where the map ends.
     """
 
     pose: Float[Array, "end 5"]
@@ -385,9 +385,9 @@ def finish_best(
         template: batched.
         start: along_m, cross_m, height_m above ground, yaw_rad, roll_rad, pitch_rad in the tile's frame.
         region: of the search.
-        floor: noise floor of each template: says how many independent numbers it holds.
-        heading, pitch: are searched: one trace sees no heading.
-        swarm: finish by this swarm about each candidate before the last step of Gauss-Newton.
+        floor: noise floor of each template: determines its number of independent samples.
+        heading, pitch: are searched: one trace does not observe heading.
+        swarm: refine by this swarm around each candidate before the last step of Gauss-Newton.
         seed: of the swarm.
     """
     wide = jnp.sum(template.last_scan, axis=1)

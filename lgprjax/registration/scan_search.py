@@ -1,7 +1,7 @@
 """Exhaustive search of one tile: every cell of the region scored, the best candidate refined.
 
-The plain form of the search: it asks nothing of the templates (any traces anywhere) and needs no template bank. Drives
-are registered by ``Registration``, whose coarse stage is the same product at a twentieth of the cost.
+The plain form of the search: it takes any traces anywhere and needs no template bank. Drives are registered by
+``Registration``, whose coarse stage computes the same product at a twentieth of the cost.
 """
 
 from dataclasses import dataclass
@@ -22,10 +22,10 @@ from lgprjax.subsurface import GroundMap, Tile, sample_tile
 
 # The coarse stage: every place of the search region on the grid's own cells, at the prior's attitude.
 #
-# Correlation is linear in the map, so one matrix product of traces with cells holds every product that any place
-# needs; with the antennas rounded to whole cells a place's score is a sum of slices, one a trace, and no gather.
-# Exhaustive, it leaves no doubt where the best place and its rivals are: the swarm refines them, and their difference
-# is the margin on which integrity rests.
+# Correlation is linear in the map, so one matrix product of traces with cells holds every product needed at any place;
+# with the antennas rounded to whole cells a place's score is a sum of slices, one a trace, and no gather. Being
+# exhaustive, it cannot miss the best place or its rivals: the swarm refines them, and the difference of their scores is
+# the margin that integrity relies on.
 
 
 class CoarseSurface(NamedTuple):
@@ -124,9 +124,8 @@ class Modes(NamedTuple):
 
     Attributes:
         place_m: along and cross.
-        strength: there; ``OFF_MAP_SCORE`` where there was none left.
-        floor: standard deviation of the strength away from the best: what ground that does not match
-            gives by chance.
+        strength: there; ``OFF_MAP_SCORE`` where none was left.
+        floor: noise floor: standard deviation of the score away from the best.
     """
 
     place_m: Float[Array, "mode 2"]
@@ -135,9 +134,9 @@ class Modes(NamedTuple):
 
 
 def find_modes(tile: Tile, surface: CoarseSurface, apart_m: Float[Array, ""], *, modes: int) -> Modes:
-    """Best summits by repeated maximum, each at least ``apart_m`` from those before it.
+    """Best peaks by repeated maximum, each at least ``apart_m`` from those before it.
 
-    Summits only: the flank of the best one, just beyond ``apart_m``, is no rival.
+    Peaks only: the flank of the best one, just beyond ``apart_m``, is no rival.
     """
     shape = surface.strength.shape
     along = (surface.first_cell[0] + jnp.arange(shape[0])).astype(jnp.float32) * tile.cell_m[0] + tile.origin_m[0]
@@ -158,14 +157,14 @@ def find_modes(tile: Tile, surface: CoarseSurface, apart_m: Float[Array, ""], *,
     count = jnp.maximum(jnp.sum(away, dtype=jnp.float32), 1.0)
     mean = jnp.sum(jnp.where(away, surface.strength, 0.0)) / count
     spread = jnp.sum(jnp.where(away, (surface.strength - mean) ** 2, 0.0)) / count
-    # A handful of places away from the best tells nothing of chance: then as little is believed as can be.
+    # A handful of places away from the best says nothing about chance: the most cautious value is used.
     enough = jnp.sum(away) >= 16
     return Modes(jnp.stack(places), jnp.stack(scores), jnp.where(enough, jnp.sqrt(spread), 0.5))
 
 
 @dataclass(frozen=True)
 class SearchSpec:
-    """Static shape of a search: one compile each.
+    """Static shape of a search; each is compiled once.
 
     Attributes:
         lattice: points of the coarse stage along and cross.
@@ -206,7 +205,7 @@ class SearchProblem(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """What holds for a whole batch.
+    """Rules for a whole batch.
 
     Attributes:
         apart_m: two places nearer than this are one.
@@ -237,14 +236,14 @@ def register_batch(
 ) -> Fix:
     """Fixes of a batch, poses in the tile's frame.
 
-    The templates share one matrix product and their surfaces are then made one by one: a vmap over them would turn
-    every slice into a gather (measured twenty times slower than this loop), and none can touch another.
+    The templates share one matrix product; their surfaces are then computed one by one: a vmap over them would turn
+    every slice into a gather (measured twenty times slower than this loop). They are independent.
     """
     sane = problem.finite[:, None] & problem.template.valid
     template = problem.template._replace(
         coefficients=jnp.where(sane[..., None], problem.template.coefficients, 0.0), valid=sane
     )
-    # The coarse stage has the prior's height and roll: antennas to the tile's reference, as in score_poses.
+    # The coarse stage uses the prior's height and roll: antennas to the tile's reference, as in score_poses.
     height_m = problem.prior[:, 2, None] + template.offset_m[..., 1] * jnp.sin(problem.prior[:, 4, None])
     levelled = shift_travel_time(
         template.coefficients, -air_delay_ns(height_m - height_reference_m), angular_frequency_rad_per_ns
@@ -289,7 +288,7 @@ def register_batch(
     any_found = problem.finite & (modes.strength[:, 0] > OFF_MAP_SCORE) & jnp.isfinite(found.correlation)
     away = jnp.abs(found.pose[:, :2] - problem.prior[:, :2])
     on_edge = jnp.any(away > problem.half_width[:, :2] - tile.cell_m[None], axis=1) | found.unfinished
-    # Both where the lattice has them: a best place that was climbed and a rival that was not are no fair pair.
+    # Both at lattice points: a refined best place and an unrefined rival cannot be compared.
     score = jnp.where(any_found, modes.strength[:, 0], -1.0)
     rival = jnp.maximum(modes.strength[:, 1], -1.0)
     code = judge(score, rival, modes.floor, overlap, on_edge, problem.finite, rules.thresholds)
@@ -309,11 +308,11 @@ def register_batch(
     )
 
 
-# Looking at one match: the correlation surface about a prior, and the ground under a path.
+# For inspection of one match: the correlation surface around a prior, and the ground under a path.
 
 
 class SurfacePicture(NamedTuple):
-    """Strength of the match over the search lattice, in the tile's frame; NaN off the map or the region."""
+    """Score over the search lattice, in the tile's frame; NaN off the map or the region."""
 
     along_m: Float[np.ndarray, " along"]
     cross_m: Float[np.ndarray, " cross"]
@@ -330,7 +329,7 @@ def survey_surface(
     lattice: tuple[int, int],
     margin: tuple[int, int],
 ) -> SurfacePicture:
-    """The coarse surface of one template (batch of one), as ``register_batch`` sees it."""
+    """The coarse surface of one template (batch of one), as in ``register_batch``."""
     strength, first = _surface(tile, template, prior, half_width_m, min_overlap, lattice=lattice, margin=margin)
     along, cross = (
         np.asarray(tile.origin_m)[axis] + (int(first[axis]) + np.arange(lattice[axis])) * np.asarray(tile.cell_m)[axis]
@@ -374,7 +373,7 @@ def ground_under(
 
 
 def rival_of(surface: SurfacePicture, best_m: Float[np.ndarray, "2"], apart_m: float) -> Float[np.ndarray, "2"] | None:
-    """Highest summit of a surface at least ``apart_m`` from a place (along, cross); None where there is none."""
+    """Highest peak of a surface at least ``apart_m`` from a place (along, cross); None where there is none."""
     strength = np.where(np.isfinite(surface.strength), surface.strength, -np.inf)
     rows, columns = strength.shape
     framed = np.pad(strength, 1, constant_values=-np.inf)

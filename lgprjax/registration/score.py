@@ -4,7 +4,7 @@
 
 over channels and depth (LL figure B; RA-L 2020 with its normaliser repaired, docs/conventions.md), S the live
 traces, G the tile sampled under the antennas, both sums over the traces that lie on the map. A template is one
-scan, or a window of scans joined by odometry: to the score both are a set of traces with offsets.
+scan, or a window of scans joined by odometry: for the score both are a set of traces with offsets.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ OFF_MAP_SCORE = -2.0
 
 
 class Template(NamedTuple):
-    """Live traces and where they stand relative to the array's centre at the template's last scan.
+    """Live traces and their offsets from the array's centre at the template's last scan.
 
     Attributes:
         coefficients: of each trace; zeros where invalid.
@@ -42,9 +42,9 @@ class Score(NamedTuple):
 
     Attributes:
         correlation: r over the traces that lie on the map; ``OFF_MAP_SCORE`` with too little overlap.
-        strength: r times the root of the overlap. By chance r scatters with one over the root of what it is
-            made of, so that at the map's rim, where few channels overlap, the same r means less; ranked by r
-            alone, false matches gather there.
+        strength: r times the root of the overlap. The standard deviation of r by chance is one over the root of the
+            number of traces, so that at the map's edge, where few channels overlap, the same r means less; ranked by r
+            alone, false matches accumulate there.
         covered: traces on the map.
     """
 
@@ -63,14 +63,14 @@ def score_poses(
 ) -> Score:
     """Correlation of a template with the tile at each pose.
 
-    An antenna at offset (x, y) stands at z = height + y sin(roll) above the ground, and its trace moves by
+    An antenna at offset (x, y) is at z = height + y sin(roll) above the ground, and its trace moves by
     2 (z - reference) / c in air (docs/conventions.md).
 
     Args:
         tile: the ground.
         template: one scan or a window.
         pose: along_m, cross_m, height_m above ground, yaw_rad from the tile's axis, roll_rad.
-        height_reference_m: antenna height that the tile was brought to.
+        height_reference_m: antenna height that the tile was reduced to.
         angular_frequency_rad_per_ns: of the coefficients.
         min_overlap: share of the valid traces that must lie on the map; else ``OFF_MAP_SCORE``.
     """
@@ -114,7 +114,7 @@ def score_each(
     height_reference_m: Float[Array, ""],
     angular_frequency_rad_per_ns: Float[Array, " half"],
 ) -> Float[Array, " batch"]:
-    """Correlation of each template at a pose of its own; NaN where less than half of it lies on the map."""
+    """Correlation of each template at a pose of its own; NaN where less than half of it is on the map."""
 
     def one(each: tuple[Template, Float[Array, "5"]]) -> Float[Array, ""]:
         score = score_poses(
@@ -128,7 +128,7 @@ def score_each(
 
 
 def score_of(correlation: Float[Array, "*batch"], overlap: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-    """Correlation weighed by what it is made of (see ``Score``)."""
+    """Correlation weighted by overlap (see ``Score``)."""
     return jnp.where(correlation > -1.5, correlation * jnp.sqrt(overlap), OFF_MAP_SCORE)
 
 
@@ -141,19 +141,19 @@ def normalise(
 ) -> Float[Array, "*batch"]:
     """Sums to a correlation; ``OFF_MAP_SCORE`` where overlap or power is missing."""
     usable = (overlap >= min_overlap) & (live_power > 0.0) & (ground_power > 0.0)
-    # A root each: the product of the powers of a drive in small units would not be a number any more.
+    # One root each: the product of the powers would underflow for a drive in small units.
     level = jnp.sqrt(jnp.where(usable, live_power, 1.0)) * jnp.sqrt(jnp.where(usable, ground_power, 1.0))
     return jnp.where(usable, product / level, OFF_MAP_SCORE)
 
 
-# What the finish asks of every trace: the live trace, the ground below it, and their products over depth.
+# What refinement needs of every trace: the live trace, the ground below it, and their products over depth.
 
 
 class SampledGround(NamedTuple):
-    """What the traces of each pose hear, and the cells of ground below them.
+    """The live traces of each pose, and the cells of ground below them.
 
     Attributes:
-        real, imaginary: of the live traces, brought to the tile's height.
+        real, imaginary: of the live traces, at the tile's height reference.
         corners: ground here, one cell across, one along, and both.
         part: where between them, along and across.
         turned_m: offset of each trace, along and across.
@@ -169,7 +169,7 @@ class SampledGround(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Products over depth of every trace; 0 where none counts. ``delayed`` is the ground's change with height."""
+    """Products over depth of every trace; 0 where it does not count. ``delayed`` is the ground's change with height."""
 
     ground_ground: Float[Array, "batch trace"]
     ground_along: Float[Array, "batch trace"]
@@ -193,7 +193,7 @@ def hear_traces(
     height_reference_m: Float[Array, ""],
     rate_rad_per_m: Float[Array, " half"],
 ) -> SampledGround:
-    """What the traces of each pose hear; ``rate_rad_per_m`` is the phase that a metre of height takes off."""
+    """Sample the ground under the traces of each pose; ``rate_rad_per_m`` is the phase per metre of height."""
     forward, left = template.offset_m[..., 0], template.offset_m[..., 1]
     turned = _turned(template, pose)
     corners, part, on_map = _cell_of(tile, pose[:, None, :2] + turned)
@@ -220,8 +220,8 @@ def _turned(template: Template, pose: Float[Array, "batch 6"]) -> Float[Array, "
 def trace_sums(heard: SampledGround, rate_rad_per_m: Float[Array, " half"], cell_m: Float[Array, "2"]) -> Sums:
     """All products in one pass over depth.
 
-    Height moves the live trace in delay. Turned back, it moves the ground the other way, so that the curvature is
-    that of the ground, not of what the live trace holds besides it.
+    Height moves the live trace in delay. Turned back, it moves the ground the other way, so that the curvature is that
+    of the ground, not of anything else in the live trace.
     """
     half = rate_rad_per_m.shape[0]
     lead = heard.covered.shape
@@ -248,7 +248,7 @@ def trace_sums(heard: SampledGround, rate_rad_per_m: Float[Array, " half"], cell
 def normal_equations(
     sums: Sums, heard: SampledGround, template: Template, pose: Float[Array, "batch 6"], power: Float[Array, " batch"]
 ) -> tuple[Float[Array, "batch 6 6"], Float[Array, "batch 6"]]:
-    """Matrix and right side of a step, per unit of live power: P'QP and P'Q(live), Q taking the ground out.
+    """Matrix and right side of a step, per unit of live power: P'QP and P'Q(live), Q projecting the ground out.
 
     How far each degree of freedom moves a trace along, across and up: (1, 0, 0), (0, 1, 0), (0, 0, 1), yaw
     (-b, a, 0) with (a, b) its offset in the tile's frame, roll and pitch (0, 0, lift) and (0, 0, tilt).
@@ -300,7 +300,7 @@ def _totals(terms: list[Array], axis: int) -> list[Array]:
 def _cell_of(
     tile: Tile, position_m: Float[Array, "*batch 2"]
 ) -> tuple[Int[Array, "*batch 4"], Float[Array, "*batch 2"], Bool[Array, "*batch"]]:
-    """Numbers of the four cells about each place, where between them, and whether all are on the map."""
+    """Indices of the four cells around each place, the fractions between them, and whether all are on the map."""
     lead = (1,) * (position_m.ndim - 1) + (2,)
     cells = (position_m - tile.origin_m.reshape(lead)) / tile.cell_m.reshape(lead)
     low = jnp.floor(cells)
@@ -317,7 +317,7 @@ def _cell_of(
 def leads_off_map(
     tile: Tile, template: Template, pose: Float[Array, "batch 6"], min_overlap: float | Float[Array, ""]
 ) -> Bool[Array, "batch 2"]:
-    """Along and across: whether a cell to either side of each pose leaves less than ``min_overlap`` on the map."""
+    """Along and across: whether a step of a cell to either side leaves less than ``min_overlap`` on the map."""
     step = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]], np.float32)
     moved = jnp.asarray(step)[:, None, None] * tile.cell_m[None, None, None]
     _, _, on_map = _cell_of(tile, (pose[:, None, :2] + _turned(template, pose))[None] + moved)

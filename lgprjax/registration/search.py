@@ -1,4 +1,4 @@
-"""A whole drive against a map: fixes of every scan, block by block."""
+"""Registration of a whole drive against a map: fixes of every scan, block by block."""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -23,10 +23,10 @@ class LiveBlock(NamedTuple):
     """Consecutive scans of a drive.
 
     Attributes:
-        traces: as recorded, in whatever numbers the drive's operator takes.
+        traces: as recorded, in the form that the drive's operator takes.
         valid: channels that hold data.
         track: of the scans.
-        truth: true poses of the array's centre where they are known, to score them beside the fixes.
+        truth: true poses of the array's centre where they are known, scored for comparison.
     """
 
     traces: Float[np.ndarray, "scan channel recorded"]
@@ -41,12 +41,12 @@ class DriveFixes(NamedTuple):
     Attributes:
         scan: numbers in the drive.
         fix: of each.
-        map_odometry_covariance: the part of the covariances of east and north that comes from the map's own positions
-            and the odometer's scale.
+        map_odometry_covariance: the part of the east and north covariances due to the map's own positions and the
+            odometer's scale.
         time_scale: that each scan was matched at.
-        searched: scans that were; the others carry the fix before them on.
-        correlation_at_truth: what the scan alone scores at its true pose: how hard the ground is. NaN where no truth is
-            known or the scan was not searched.
+        searched: scans that were searched; the others propagate the previous fix.
+        correlation_at_truth: score of the scan alone at its true pose, a measure of how difficult the ground is; NaN
+            where no truth is known or the scan was not searched.
     """
 
     scan: Int[np.ndarray, " scan"]
@@ -58,7 +58,7 @@ class DriveFixes(NamedTuple):
 
 
 def ground_map_for(source: StationSource, options: RegisterOptions, *, keep: int = 8) -> GroundMap:
-    """Tiles long enough to be driven over for a while; ``keep`` are held."""
+    """The map in tiles long enough to drive on for a while; ``keep`` of them stay in memory."""
     description = source.description
     array_m = 0.5 * description.channels * description.channel_pitch_m
     reach_m = 1.5 * (options.search_half_m() + 0.5) + array_m
@@ -67,11 +67,12 @@ def ground_map_for(source: StationSource, options: RegisterOptions, *, keep: int
 
 
 def live_chain(ground: GroundMap, operators: Operators, channels: int, recorded: int) -> LiveChain:
-    """The chain that brings recorded scans to this map's coefficients.
+    """The chain that converts recorded scans to this map's coefficients.
 
     Args:
         ground: the map.
-        operators: recorded numbers of a trace to profile samples, for the map's settings and as many samples.
+        operators: matrices from recorded numbers of a trace to profile samples, with the map's settings and number of
+            samples.
         channels: of the drive.
         recorded: numbers of a trace.
     """
@@ -85,19 +86,19 @@ def live_chain(ground: GroundMap, operators: Operators, channels: int, recorded:
 
 
 class Registration:
-    """The search of one drive, fed with its scans in order: a whole drive, or a vehicle's last few.
+    """The search of one drive, fed with its scans in order: a whole drive, or the last few of a vehicle.
 
-    Between the scans that are searched, every few centimetres of travel, a fix is carried on by odometry and heading.
+    A scan is searched every few centimetres of travel; in between, a fix is propagated by odometry and heading.
 
     Args:
         ground: from ``ground_map_for`` with the same options.
         operators: of the drive's recording at a time scale, with the map's settings.
         array: geometry of the drive.
-        options: what the user decided.
+        options: of the search.
         chance: of the map.
         recorded: numbers of a trace.
-        prepared: of ground and array, held from drive to drive; without it one of its own.
-        block_scans: most scans that ``feed`` is given at once: a shape that is compiled.
+        prepared: of ground and array, shared between drives; None to make one.
+        block_scans: largest block that ``feed`` is given; a compiled shape.
     """
 
     def __init__(
@@ -137,7 +138,7 @@ class Registration:
         beside: Float[np.ndarray, "stop 2 2"],
         scale: Float[np.ndarray, " stop"],
     ) -> DriveFixes:
-        """Fixes of all scans: those searched, and from each on what odometry and heading make of it."""
+        """Fixes of all scans: those of searched scans, propagated by odometry and heading to the others."""
         yaw, nothing = scans.track.pose[:, 3], np.full(len(scans.number), np.nan)
         still = np.zeros(len(yaw))
         place = scans.dead_reckoned_m + np.stack(body_to_local(still, still, yaw, *self._centre), axis=1)
@@ -161,7 +162,7 @@ class Registration:
             )
         known = np.maximum(owner, 0)
         spread = Fix(*(np.array(field[known]) for field in fix))
-        # Nobody knows how far the vehicle came from one leg to the next.
+        # The travel from one leg to the next is unknown.
         apart = (owner < 0) | (here[known, 3] != leg)
         blank = blank_fixes(len(yaw))
         for whole, none in zip(spread, blank, strict=True):

@@ -1,4 +1,4 @@
-"""The map prepared for one array: tiles filtered as its scans are, and templates for its heading and speed."""
+"""The map prepared for one array: tiles filtered like its scans, and templates for its heading and speed."""
 
 from collections import OrderedDict
 from functools import partial
@@ -13,12 +13,12 @@ from lgprjax.radar import ArrayGeometry, centre_of
 from lgprjax.registration.refine import FEW_CHANNELS
 from lgprjax.subsurface import GroundMap, Tile
 
-# Array columns: what the whole array would hear at every coarse place of a tile, ready for one matrix product.
+# The template bank: the signal of the whole array at every coarse place of a tile, ready for one matrix product.
 #
-# Correlation is linear in the map. With the numbers that every antenna would see at a place stacked into one column,
-# the correlation of any scan with all places is one product of scans and columns: exhaustive, and without a gather.
-# Columns are made once a tile and heading. In depth they hold the map's leading components only, which is nearly all
-# of its power; the finish asks the whole coefficients.
+# Correlation is linear in the map. With the signals of all antennas at a place stacked into one column, the correlation
+# of any scan with all places is one product of scans and columns: exhaustive, and without a gather. Columns are
+# computed once for a tile and heading. In depth they hold the map's leading components only, nearly all of its power;
+# refinement uses all coefficients.
 
 
 class ArrayColumns(NamedTuple):
@@ -50,15 +50,15 @@ def make_columns(
 ) -> ArrayColumns:
     """Columns of a tile.
 
-    Each channel stands at the same offset from every place, so that its ground is the tile moved as a whole: four
-    slices with the weights of a bilinear sample.
+    Each channel has the same offset from every place, so that its ground is the tile shifted as a whole: four slices
+    with the weights of a bilinear sample.
 
     Args:
         tile: the ground.
         components: orthonormal directions of the coefficients that hold the map's power.
         offset_m: along and cross of each channel from the array's centre, in the tile's frame.
         stride: cells from place to place, along and across.
-        margin: cells that an antenna may stand outside the tile.
+        margin: cells that an antenna may be outside the tile.
     """
     size = tile.valid.shape
     border = [(m, m + 1) for m in margin]
@@ -87,7 +87,7 @@ def make_columns(
         return moved(ground) * on_map, on_map[0]
 
     values, masks = jax.lax.map(channel, (low, part))
-    # A place's numbers stand together, so that some places are read without the others.
+    # The numbers of a place are contiguous, so that some places are read without the others.
     value = jnp.moveaxis(values.reshape(-1, *values.shape[2:]), 0, -1)
     return ArrayColumns(
         value=value,
@@ -99,19 +99,19 @@ def make_columns(
 
 
 _BIN_RAD = np.radians(6.0)
-"""Headings this far apart have columns of their own: half of it moves the end channel of a wide array by 3 cm."""
+"""Spacing of the headings with columns of their own: half of it moves the end channel of a wide array by 3 cm."""
 _CARRIED_M = 0.04
-_STRIDE = 0.3  # of the wavelength, from coarse place to coarse place
+_STRIDE = 0.3  # of the wavelength: spacing of the coarse places
 
 
 class TemplateKey(NamedTuple):
-    """How scans look at a tile: what their columns depend on.
+    """What the columns of a tile depend on: heading and travel of the scans.
 
     Attributes:
         tile: its number.
         direction: 1 along the tile's axis, -1 against it, 0 across.
         heading: in bins, relative to the tile's axis.
-        carried: in bins, how far the vehicle comes while the switch matrix steps through the channels.
+        carried: in bins, travel of the vehicle while the switch matrix steps through the channels.
     """
 
     tile: int
@@ -121,14 +121,14 @@ class TemplateKey(NamedTuple):
 
 
 class PreparedTile(NamedTuple):
-    """A tile and its columns for one aspect."""
+    """A tile and its columns for one template key."""
 
     tile: Tile
     columns: ArrayColumns
 
 
 class PreparedGround:
-    """Columns of a map for one array, made when first asked for and kept for a while.
+    """Columns of a map for one array, computed on first use and cached.
 
     Args:
         ground: the map's tiles.
@@ -137,8 +137,8 @@ class PreparedGround:
 
     Attributes:
         stride: cells of a tile from place to place, along and across; ``step_m`` is the same in metres.
-        places: of a tile.
-        few_channels: the array has so few that its search takes every cell along.
+        places: number in a tile.
+        few_channels: the array has so few channels that its search uses every cell along.
     """
 
     def __init__(self, ground: GroundMap, array: ArrayGeometry, *, keep: int = 8) -> None:
@@ -153,11 +153,12 @@ class PreparedGround:
         spec, _ = ground.grid_of(0)
         self._cell_m = np.array([spec.along_cell_m, spec.cross_cell_m])
         wavelength_m = description.settings.wavelength_m
-        # A lane is at least a channel's pitch wide: places farther apart across could miss that of a lone channel.
+        # A baseline is at least a channel's pitch wide: places farther apart across could miss that of a single
+        # channel.
         step_m = _STRIDE * wavelength_m
         steps_m = (step_m, min(step_m, description.channel_pitch_m))
         along, cross = (int(max(1, round(s / cell_m))) for s, cell_m in zip(steps_m, self._cell_m, strict=True))
-        # Lines of few channels have few places across; their summits, of few traces, are narrow and many.
+        # Lines of few channels have few places across; their peaks, of few traces, are narrow and many.
         self.few_channels = len(array.x_m) <= FEW_CHANNELS
         self.stride = (max(1, round(0.2 * wavelength_m / self._cell_m[0])) if self.few_channels else along, cross)
         self.step_m = self._cell_m * np.array(self.stride)
@@ -172,7 +173,7 @@ class PreparedGround:
         yaw_rad: Float[np.ndarray, " scan"],
         speed_mps: Float[np.ndarray, " scan"],
     ) -> list[tuple[TemplateKey, Int[np.ndarray, " _"]]]:
-        """Scans grouped by how they look at which tile: their positions, in order."""
+        """Scans grouped by template key: their positions, in order."""
         yaw = yaw_rad - self.ground.source.tile_frame[tile, 2]
         turned = np.mod(yaw + np.pi, 2.0 * np.pi) - np.pi
         moving = np.where(speed_mps < 0.0, -1.0, 1.0) * np.cos(turned)
@@ -185,7 +186,7 @@ class PreparedGround:
         return [(TemplateKey(*(int(v) for v in row)), np.flatnonzero(group == n)) for n, row in enumerate(rows)]
 
     def at(self, aspect: TemplateKey) -> PreparedTile:
-        """Tile and columns, made now or held from before."""
+        """Tile and columns, from the cache or computed now."""
         if aspect in self._held:
             self._held.move_to_end(aspect)
             return self._held[aspect]
@@ -194,17 +195,17 @@ class PreparedGround:
         return ready
 
     def holds(self, aspect: TemplateKey) -> bool:
-        """Whether a tile is ready for an aspect."""
+        """Whether a tile is prepared for a template key."""
         return aspect in self._held
 
     def hold(self, aspect: TemplateKey, ready: PreparedTile) -> None:
-        """Keep what ``make`` gave, here or elsewhere for the same map and array; the least used goes."""
+        """Cache what ``make`` returned, here or elsewhere, for this map and array; drops the least recently used."""
         self._held[aspect] = ready
         if len(self._held) > self._keep:
             self._held.popitem(last=False)
 
     def make(self, aspect: TemplateKey) -> PreparedTile:
-        """Tile and columns, made now."""
+        """Tile and columns, computed now."""
         tile = self.ground.tile(aspect.tile, aspect.direction)
         columns = make_columns(
             tile,

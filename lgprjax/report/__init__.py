@@ -1,4 +1,4 @@
-"""Pictures, tables and the HTML page that show what a registration did. NumPy in, files out."""
+"""Pictures, tables and HTML pages of registrations and other results. NumPy in, files out."""
 
 from lgprjax.report.archive import (
     ArchiveDrives,

@@ -1,4 +1,4 @@
-"""The page of an archive: all drives together, the worst places of the map, the worst drives, what failed."""
+"""The page of an archive: all drives together, the worst places of the map, the worst drives, failures."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,14 +31,14 @@ _WORKERS = ("worker", "drives", "programs compiled", "drives that compiled later
 
 @dataclass(frozen=True, kw_only=True)
 class ArchivePage:
-    """Texts and tables of an archive's page; rows are texts as they are to be read.
+    """Texts and tables of an archive's page; rows are formatted texts.
 
     Attributes:
         title, intro: of the page.
         facts: quantity and value over all drives.
         places: number, place, latitude and longitude, scans, ok, largest error, drive, time.
         drives: the worst: name, scans searched, ok, wrong, RMS across and along, largest error, time a scan.
-        failed: drive and why.
+        failed: drive and reason.
         workers: worker, drives, programs compiled, drives after the first that compiled, peak memory, busy.
         spread, plan: pictures of all drives and of all places.
     """
@@ -55,25 +55,25 @@ class ArchivePage:
 
 
 def write_archive_page(path: str | Path, page: ArchivePage, *, force: bool = False) -> None:
-    """Write it as one page that needs nothing from outside.
+    """Write it as one self-contained page.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
     """
     places = ReportTable(
-        _PLACES, page.places, "The drive is the one that fared worst there, at that time_s of its fixes."
+        _PLACES, page.places, "The drive is the one with the worst result there, at this time_s of its fixes."
     )
-    drives = ReportTable(_DRIVES, page.drives, "Wrong: more than 0.3 m off. All drives are in archive.csv.")
-    workers = ReportTable(_WORKERS, page.workers, "Of the processes that made the results kept here.")
+    drives = ReportTable(_DRIVES, page.drives, "Wrong: error above 0.3 m. All drives are in archive.csv.")
+    workers = ReportTable(_WORKERS, page.workers, "Processes that made the results kept here.")
     failed = ReportTable(("drive", "why"), page.failed)
-    none = "No place where a scan went without a right fix."
+    none = "No place with a scan that lacks a correct fix."
     sections = [
         Section("All drives", "", (ReportTable(("quantity", "value"), page.facts),), _figures(page.spread)),
         Section("Worst places", "" if page.places else none, (places,) if page.places else (), _figures(page.plan)),
         Section("Worst drives", "", (drives,)),
     ]
     if page.failed:
-        sections.insert(0, Section("Drives that failed", "A later run tries them again.", (failed,)))
+        sections.insert(0, Section("Drives that failed", "A later run retries them.", (failed,)))
     sections.append(Section("Workers", "", (workers,)))
     write_report(path, page.title, page.intro, sections, force)
 
@@ -82,21 +82,21 @@ def _figures(figure: ReportFigure | None) -> tuple[ReportFigure, ...]:
     return () if figure is None else (figure,)
 
 
-# Very many drives at one look: how their availability, errors and times are spread, and which codes were given.
+# Distribution over many drives: availability, errors, times, and codes.
 
 _BINS = 40
 
 
 @dataclass(frozen=True, kw_only=True)
 class ArchiveDrives:
-    """Drives of an archive, one value a drive; NaN where there is none.
+    """Drives of an archive, one value a drive; NaN if missing.
 
     Attributes:
         name: of the map.
         ok_share: of the scans searched, 0 to 1.
         rms_cross_m, rms_along_m: errors of the ok fixes.
         milliseconds_per_scan: of the search.
-        counts: scans by code, all drives together.
+        counts: scans by code, over all drives.
     """
 
     name: str
@@ -128,8 +128,8 @@ def draw_archive_drives(drives: ArchiveDrives, path: str | Path, *, force: bool 
         figure.suptitle(f"{len(drives.ok_share)} drives on {drives.name}")
         write_caption(
             figure,
-            "Errors are those of the ok fixes, root mean square over a drive, in the map's frame; where known. What "
-            "lies beyond an axis stands in its last bar: a worker compiles in the time of its first drive.",
+            "Errors are those of the ok fixes, root mean square over a drive, in the map's frame; where known. "
+            "Values beyond an axis are in its last bar: a worker's first drive includes compilation.",
         )
 
 
@@ -155,7 +155,7 @@ def _draw_codes(axes: Axes, counts: dict[str, int]) -> None:
     axes.set_xlabel("of the scans searched (%)")
 
 
-# Where on a map drives find themselves and where they do not: the plan of all drives in cells, the worst marked.
+# Where on a map drives are located and where not: the plan of all drives in cells, the worst marked.
 
 _MOST_CELLS = 240  # along the longer side: finer ones could not be seen
 _WIDTH_IN = 11.0
@@ -220,10 +220,10 @@ def draw_archive_places(places: ArchivePlaces, path: str | Path, *, force: bool 
             axes.set_ylabel("north of the anchor (m)")
             _set_limits(axes, edges)
         panels[-1].set_xlabel("east of the anchor (m)")
-        figure.suptitle(f"Where drives on {places.name} find themselves")
+        figure.suptitle(f"Where drives on {places.name} are located")
         write_caption(
             figure,
-            f"Cells of {cell_m:g} m; grey: no drive came by. Thin lines: the map's baselines. Numbered: the worst, "
+            f"Cells of {cell_m:g} m; grey: no drive. Thin lines: the map's baselines. Numbered: the worst, "
             "as in the table. A scan counts where its truth is, or its ok fix, or its prior.",
         )
 
@@ -269,7 +269,7 @@ def _mark(axes: Axes, places: ArchivePlaces) -> None:
 
 
 def _set_limits(axes: Axes, edges: tuple[float, ...]) -> None:
-    """A road is thin: beside it there is room for what is marked on it."""
+    """A road is thin: leave room next to it for labels."""
     west, south, east, north = edges
     half_m = 0.53 * np.array([east - west, north - south])
     half_m = np.maximum(half_m, 0.5 * _LEAST_SHAPE * 2.0 * half_m.max())

@@ -1,4 +1,4 @@
-"""The report that goes with a worked field: what may be said of the ground, what may not, and who signs for it."""
+"""The report of a worked field: what it states about the ground, what it does not, and the signature."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,26 +27,26 @@ from lgprjax.report.style import (
 )
 
 _LINE = "_" * 24
-_LIMITS = """This is the record of a machine, not a clearance certificate. It says where the tool was, told on,
+_LIMITS = """This is the record of a machine, not a clearance certificate. It states where the tool was, switched on,
 turning and at its depth. It does not say that the ground holds no hazard: that takes a search after the machine and the
 decision of the authority in charge.
 
-Probabilities follow from the position's uncertainty as the filter on board had it. They hold if its receiver, its
+Probabilities follow from the position's uncertainty as estimated by the filter on board. They hold if its receiver, its
 reference station and the measures in the vehicle file were right: an error that all positions share, such as a
 reference station that was set up wrongly, is not in them. A cell has the probability of its best pass; passes are
 never multiplied, since their errors are related.
 
 Depth is that of the tool against the ground as the machine measured it. Ground with stones, roots, slopes or soil that
-the tool was not proven on is to be judged by whoever knows the ground."""
+the tool was not proven on must be judged by someone who knows the ground."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CoveragePage:
-    """The texts and tables of a report; rows are texts as they are to be read.
+    """The texts and tables of a report; rows are formatted texts.
 
     Attributes:
         name, organisation, period: of the field and the work.
-        sentences: one a level, what may be said.
+        sentences: one statement for each level.
         facts: quantity and value.
         layers: level, processed, uncertain, not processed, share.
         passes: the passes with their figures; passes_header names the columns.
@@ -71,7 +71,7 @@ class CoveragePage:
 
 
 def write_coverage_page(path: str | Path, page: CoveragePage, *, force: bool = False) -> None:
-    """Write the report as one page that needs nothing from outside.
+    """Write the report as one self-contained page.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -79,13 +79,13 @@ def write_coverage_page(path: str | Path, page: CoveragePage, *, force: bool = F
     layers = ReportTable(
         ("confidence", "processed", "uncertain", "not processed", "processed, of the field"),
         page.layers,
-        "Areas of the cells whose centre lies inside the perimeter.",
+        "Areas of the cells whose centre is inside the perimeter.",
     )
     facts = ReportTable(("quantity", "value"), page.facts)
     stops = ReportTable(("run", "begin (UTC)", "lasted", "why"), page.stops)
     passes = ReportTable(page.passes_header, page.passes, "Depth and speed as measured while cells counted.")
     points = ReportTable(("point", "latitude deg", "longitude deg"), page.turning_points, "WGS 84.")
-    hashes = ReportTable(("file", "SHA-256"), page.hashes, "Whoever has the files can compute these again.")
+    hashes = ReportTable(("file", "SHA-256"), page.hashes, "Anyone with the files can recompute these.")
     signatures = ReportTable(
         ("for", "name", "date", "signature"),
         tuple((role, _LINE, _LINE, _LINE) for role in ("operator", "team leader", "quality control")),
@@ -98,7 +98,7 @@ def write_coverage_page(path: str | Path, page: CoveragePage, *, force: bool = F
         Section("Stops", "" if page.stops else "None.", (stops,) if page.stops else ()),
         Section("Perimeter", "", (points,)),
         Section("Passes", "" if page.passes else "None.", (passes,) if page.passes else ()),
-        Section("Files behind it", "", (hashes,)),
+        Section("Files", "", (hashes,)),
         Section("Signatures", "", (signatures,)),
     )
     intro = (
@@ -107,9 +107,9 @@ def write_coverage_page(path: str | Path, page: CoveragePage, *, force: bool = F
     write_report(path, f"{page.name}: record of machine processing", intro, sections, force)
 
 
-# A worked field from above: what is processed at which confidence, what is uncertain, what is not, and every stop.
+# Map of a worked field: processed ground by confidence, uncertain and unprocessed ground, and every stop.
 
-# Apart for every common colour blindness, and of four different lightnesses in print.
+# Distinguishable with every common colour blindness, and of four different lightnesses in print.
 _YELLOW = "#F0E442"
 COLOURS = (VERMILLION, _YELLOW, SKY, BLUE)
 """Not processed, uncertain, processed at the lower level only, processed at the higher level."""
@@ -118,17 +118,17 @@ _WIDTH_IN = 9.0
 
 @dataclass(frozen=True, kw_only=True)
 class CoverPicture:
-    """What the map of a field shows, metres east and north of its anchor.
+    """Contents of the map of a field, metres east and north of its anchor.
 
     Attributes:
         name: of the field.
         perimeter_m: its corners.
         east_m, north_m, cell_m: south-west corner and side of the cells.
-        inside: cells whose centre lies inside the perimeter.
+        inside: cells whose centre is inside the perimeter.
         levels: the lower and the higher confidence.
         states: of the cells at each level: 0 not processed, 1 uncertain, 2 processed.
-        swaths_m: the tool's ways.
-        stops_m: where the vehicle had a reason to stop.
+        swaths_m: tracks of the tool.
+        stops_m: places with a reason to stop.
     """
 
     name: str
@@ -157,7 +157,7 @@ def draw_coverage(cover: CoverPicture, path: str | Path, *, force: bool = False)
         figure.suptitle(f"{cover.name}: what the machine processed")
         write_caption(
             figure,
-            "North is up. Each cell has the probability of its best pass. White lines: ways of the tool's centre; "
+            "North is up. Each cell has the probability of its best pass. White lines: tracks of the tool's centre; "
             f"grey: beyond the perimeter. Cells of {100.0 * cover.cell_m:g} cm. A machine pass is not clearance.",
         )
 
@@ -209,13 +209,13 @@ def _legend(axes: Axes, cover: CoverPicture, kinds: UInt8[np.ndarray, "north eas
 
 
 def _share(held: Bool[np.ndarray, " cell"]) -> str:
-    """Rounded down: what is nearly all is not all."""
+    """Rounded down: nearly all is not all."""
     return f"{np.floor(1000.0 * np.mean(held)) / 10.0:.1f} %"
 
 
-# What was measured while a field was worked: depth, speed and the position's uncertainty over time, with the stops.
+# Measurements while working a field: depth, speed and the position's uncertainty over time, with the stops.
 
-# Between two recordings hours may pass: on the picture a second does.
+# Hours between two recordings are drawn as one second.
 _LONGEST_STEP_S = 1.0
 
 
@@ -272,8 +272,9 @@ def draw_cover_channels(channels: CoverChannelsPicture, path: str | Path, *, for
         figure.suptitle("Measured while working")
         write_caption(
             figure,
-            "Coloured: cells counted (tool told on, turning, at its depth, heading known); light grey: they did not. "
-            "Orange: a reason to stop. Grey, below: no fixed GNSS position. Sigma: as the filter on board had it, "
+            "Coloured: cells counted (tool switched on, turning, at its depth, heading known); light grey: "
+            "they did not. "
+            "Orange: a reason to stop. Grey, below: no fixed GNSS position. Sigma: of the filter on board, "
             "along the worse axis.",
         )
 

@@ -1,4 +1,4 @@
-"""A drive as it went: the plan, and its errors and correlation against the distance driven."""
+"""Pictures of a drive: the plan, and its errors and correlation over distance."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,10 +34,10 @@ from lgprjax.report.summary import WRONG_M
 
 # The plan view of a drive: along the road with a stated cross exaggeration, or on the map if the road bends.
 
-# A road that leaves its axis by less than this share of its length is drawn along that axis.
+# A road that deviates from its axis by less than this share of its length is drawn along that axis.
 _STRAIGHT = 0.15
 _LEAST_HALF_WIDTH_M = 1.0
-# White is error 0: it needs a ground that is not white.
+# White is error 0: the background must not be white.
 _GROUND = "#cfcfcf"
 
 
@@ -72,11 +72,11 @@ def reference_track(result: DriveResult) -> Float[np.ndarray, "scan 2"]:
 
 
 def plan_frame(track: Float[np.ndarray, "scan 2"]) -> PlanFrame:
-    """Follow a straight road from its start; leave anything else on the map."""
+    """Follow a straight road from its start; anything else is drawn on the map."""
     track = track[np.isfinite(track).all(axis=1)]
     if len(track) < 2:
         return PlanFrame((0.0, 0.0), 0.0, along_road=False)
-    # The principal axis, not the line from first to last point: a prior's ends wander.
+    # The principal axis, not the line from first to last point: a prior's ends drift.
     middle = track.mean(axis=0)
     axis = np.linalg.svd(track - middle, full_matrices=False)[2][0]
     way = axis if axis @ (track[-1] - track[0]) >= 0.0 else -axis
@@ -100,7 +100,7 @@ def draw_plan(
     axes.plot(*drawn[0], color=BLUE, linewidth=1.2, linestyle=(0, (3, 2)), label="prior", zorder=2)
     if result.truth_east_m is not None and result.truth_north_m is not None:
         drawn.append(frame(result.truth_east_m, result.truth_north_m))
-        # Stretched, fixes stand beside the truth and would hide it; on a map they lie on it, and it would hide them.
+        # Stretched, fixes are next to the truth and would hide it; on a map they are on it, and it would hide them.
         over = 5.0 if frame.along_road else 3.0
         axes.plot(*drawn[1], color=INK, linewidth=0.9, label="truth", zorder=over)
     declined = result.tried & ~result.ok
@@ -122,7 +122,7 @@ def draw_plan(
 
 
 def name_axes(axes: Axes, result: DriveResult, frame: PlanFrame) -> str:
-    """Label the axes, once the layout stands; return the sentence that the caption needs."""
+    """Label the axes after the layout; return a sentence for the caption."""
     anchor = f"{result.origin[0]:.6f}°, {result.origin[1]:.6f}°"
     if not frame.along_road:
         axes.set_xlabel("east (m)")
@@ -140,7 +140,7 @@ def name_axes(axes: Axes, result: DriveResult, frame: PlanFrame) -> str:
 def _set_limits(
     axes: Axes, frame: PlanFrame, drawn: list[tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]]
 ) -> None:
-    """Frame the drive, not the map: baselines may run on for kilometres."""
+    """Frame the drive, not the map: baselines may continue for kilometres."""
     along = np.concatenate([x for x, _ in drawn])
     cross = np.concatenate([y for _, y in drawn])
     for values, setter in ((along, axes.set_xlim), (cross, axes.set_ylim)):
@@ -160,7 +160,7 @@ _LEAST_LIMIT_DEG = 0.5
 def draw_trajectory(result: DriveResult, path: str | Path, *, force: bool = False) -> None:
     """Draw the plan coloured by cross-track error; below it the errors and the correlation over distance.
 
-    Without truth the differences from the prior stand in the errors' place, and are called so.
+    Without truth the differences from the prior are drawn instead of errors, and labelled so.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -200,10 +200,10 @@ def draw_trajectory(result: DriveResult, path: str | Path, *, force: bool = Fals
         figure.align_ylabels([plan, *panels])
 
         _set_title(figure, result)
-        notes = [] if result.has_truth else ["No truth: what is drawn are differences from the prior, not errors."]
+        notes = [] if result.has_truth else ["No truth: differences from the prior are drawn, not errors."]
         notes.append("Shaded: tried, but no ok fix.")
         if result.gnss_gap is not None and result.gnss_gap.any():
-            notes.append("Hatched at the foot: GNSS/INS silent for a second, or its sigma three times its best.")
+            notes.append("Hatched at the bottom: GNSS/INS silent for a second, or its sigma three times its best.")
         # Twice, because the caption states a stretch that its own height changes.
         for _ in range(2):
             write_caption(figure, " ".join([name_axes(plan, result, frame), *notes]))
@@ -261,7 +261,7 @@ def _draw_heading_error(axes: Axes, result: DriveResult) -> None:
 
 def _draw_correlation(axes: Axes, result: DriveResult) -> None:
     if result.correlation_at_truth is not None:
-        # Known at the scans that were searched, between which a line without a gap is drawn.
+        # Known at the searched scans, between which a continuous line is drawn.
         known = np.isfinite(result.correlation_at_truth)
         at_truth = result.correlation_at_truth[known]
         axes.plot(result.distance_m[known], at_truth, color=MUTED, linewidth=1.0, label="at the truth")
@@ -279,12 +279,12 @@ def _shade_declined(axes: Axes, result: DriveResult) -> None:
     """Shade each run of tried scans without an ok fix, out to half-way to its neighbours."""
     spans = _spans(result.distance_m[result.tried], ~result.ok[result.tried])
     if spans:
-        # Height in shares of the panel, so that the limits of the errors stay theirs.
+        # Height in shares of the panel, so that the limits of the errors do not change.
         axes.broken_barh(spans, (0.0, 1.0), transform=axes.get_xaxis_transform(), facecolor=GAP, zorder=0)
 
 
 def _hatch_gnss_gaps(axes: Axes, result: DriveResult) -> None:
-    """Hatch the foot of a panel where there was no GNSS: what the fixes are like there is what they are for."""
+    """Hatch the bottom of a panel where there was no GNSS: this is where fixes matter."""
     spans = [] if result.gnss_gap is None else _spans(result.distance_m, result.gnss_gap)
     if spans:
         at = axes.get_xaxis_transform()
@@ -313,7 +313,7 @@ def _colour_limit(error_m: Float[np.ndarray, " fix"]) -> float:
 def _error_limit(
     error: Float[np.ndarray, " fix"], sigma: Float[np.ndarray, " tried"], reach: float, least: float
 ) -> float:
-    """Every ok fix stays in sight, however wrong; the bands as far as they do not flatten the errors."""
+    """Every ok fix stays visible, however wrong; the bands only as far as they do not flatten the errors."""
     errors, sigmas = (np.abs(values[np.isfinite(values)]) for values in (error, sigma))
     largest = float(errors.max()) if errors.size else 0.0
     band = max(3.0 * float(np.percentile(sigmas, 95.0)) if sigmas.size else 0.0, reach)
@@ -325,7 +325,7 @@ def _dot_size(values: Shaped[np.ndarray, " fix"]) -> float:
     return float(np.clip(110.0 / np.sqrt(max(len(values), 1)), 1.0, 3.5))
 
 
-# A course driven in closed loop: where it led, how far from the baseline, and what navigation knew meanwhile.
+# A course driven in closed loop: the track, its distance from the baseline, and the errors of navigation.
 
 _FOOT_CM = 30.48
 _SHADE = 0.25
@@ -335,15 +335,15 @@ class DrivenResult(NamedTuple):
     """A drive, tick by tick; lengths in metres.
 
     Attributes:
-        name: in the title.
+        name: for the title.
         baseline_m: true track of the baseline's anchor.
         track_m: true track of the anchor.
-        way_m: driven so far.
+        way_m: distance driven so far.
         engaged: the autopilot drove.
         tracking_m: anchor from the baseline's line, left positive.
-        located_m: cross-track error of the pose that was driven by; sigma_m of it, as the filter says.
-        switch_m, gnss_ins_m: of the threshold switch and of GNSS/INS without LGPR, run beside it.
-        speed_mps: true; limit_mps: wanted.
+        located_m: cross-track error of the pose used for control; sigma_m: its sigma by the filter.
+        switch_m, gnss_ins_m: of the threshold switch and of GNSS/INS without LGPR, run in parallel.
+        speed_mps: true speed; limit_mps: commanded.
         front_rad: of the front wheels.
         fix: there was an ok fix.
     """
@@ -365,7 +365,7 @@ class DrivenResult(NamedTuple):
 
 
 def draw_driven_course(result: DrivenResult, path: str | Path, *, force: bool = False) -> None:
-    """Draw the plan, and below it tracking, errors of the position, speed and steering against the way driven.
+    """Draw the plan, and below it tracking, errors of the position, speed and steering over distance.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -405,15 +405,15 @@ def draw_driven_course(result: DrivenResult, path: str | Path, *, force: bool = 
         speed.legend(loc="lower right", ncols=2, frameon=False)
         steering.plot(result.way_m, np.degrees(result.front_rad), color=INK, linewidth=0.7)
         steering.set_ylabel("front wheels (°)\nleft positive")
-        steering.set_xlabel("way driven (m)")
+        steering.set_xlabel("distance driven (m)")
         figure.align_ylabels([tracking, located, speed, steering])
         figure.suptitle(result.name)
         share = float(np.mean(result.fix[on]))
         write_caption(
             figure,
-            f"Grey: a driver brings the vehicle on its way. A fix in {share:.0%} of the autopilot's ticks. The shade "
-            "about zero is twice the sigma of the filter. Threshold switch and GNSS/INS ran beside it and steered "
-            "nothing.",
+            f"Grey: a driver brings the vehicle to the route. A fix in {share:.0%} of the autopilot's ticks. "
+            "Shaded around zero: twice the sigma of the filter. Threshold switch and GNSS/INS ran in parallel "
+            "without steering.",
         )
 
 
@@ -457,7 +457,7 @@ def _draw_located(axes: Axes, result: DrivenResult) -> None:
     axes.legend(loc="lower right", ncols=3, frameon=False)
 
 
-# Whether fixes are as good as they say: stated and true errors, errors by evidence, and what is declined.
+# Reliability of fixes: stated and true errors, errors by evidence, and declined fixes.
 
 _BINS = 8
 _LEAST_IN_BIN = 20
@@ -467,13 +467,13 @@ _EVIDENCE_COLOURS = (SKY, BLUE, INK)
 
 @dataclass(frozen=True, kw_only=True)
 class StatedErrors:
-    """Tried fixes whose truth is known, of any drives, one row each.
+    """Tried fixes with known truth, of any drives, one row each.
 
     Attributes:
         name: of the drives.
-        along_m, cross_m: fix less truth; NaN where there is no pose.
-        sigma_along_m, sigma_cross_m: that the fix states.
-        evidence: decades, −log₁₀ of the probability that ground that is not the map's matches as well.
+        along_m, cross_m: fix minus truth; NaN without a pose.
+        sigma_along_m, sigma_cross_m: stated by the fix.
+        evidence: decades, −log₁₀ of the probability that foreign ground matches as well.
         ok: the fix is called a position; the others are declined.
     """
 
@@ -492,9 +492,9 @@ class StatedErrors:
 
 
 def stated_errors(results: Sequence[DriveResult]) -> StatedErrors:
-    """The tried fixes of drives whose truth is known.
+    """The tried fixes of drives with known truth.
 
-    Impostors are left out, as how near they come to anything says nothing, and scans that the truth does not reach.
+    Impostors are left out, as their distances mean nothing, and scans outside the truth's time span.
     """
     judged = [result for result in results if result.has_truth and not result.impostor]
     parts: list[tuple[np.ndarray, ...]] = [tuple(np.zeros(0) for _ in range(5)) + (np.zeros(0, bool),)]
@@ -518,7 +518,7 @@ def stated_errors(results: Sequence[DriveResult]) -> StatedErrors:
 
 
 def draw_confidence(stated: StatedErrors, path: str | Path, *, force: bool = False) -> None:
-    """Draw the reliability of the sigmas, errors by evidence, and what a smaller risk would decline.
+    """Draw the reliability of the sigmas, errors by evidence, and the effect of a smaller risk.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -533,9 +533,9 @@ def draw_confidence(stated: StatedErrors, path: str | Path, *, force: bool = Fal
         figure.suptitle(f"{stated.name or 'No drive'}: {share}")
         write_caption(
             figure,
-            "Left: ok fixes in bins of equal number, root mean square error of each over the sigma that they state; "
-            "bars: 95 % if errors were independent, which within a drive they are not. Right: on top of the codes "
-            f"given; wrong: more than {WRONG_M:g} m off.",
+            "Left: ok fixes in bins of equal number, root mean square error of each over the stated sigma; "
+            "bars: 95 % if errors were independent, which they are not within a drive. Right: in addition to "
+            f"the codes; wrong: error above {WRONG_M:g} m.",
         )
 
 
@@ -554,7 +554,8 @@ def _draw_reliability(axes: Axes, stated: StatedErrors) -> None:
         bins = np.array_split(np.argsort(sigma_cm), max(1, min(_BINS, good.sum() // _LEAST_IN_BIN)))
         sigma = np.array([np.sqrt(np.mean(sigma_cm[b] ** 2)) for b in bins])
         rms = np.maximum([np.sqrt(np.mean(error_cm[b] ** 2)) for b in bins], 0.1 * _LEAST_CM)
-        # The root of a mean of n squares scatters by 1/sqrt(2 n) of itself; in the exponent it stays positive.
+        # The relative standard deviation of the root of a mean of n squares is 1/sqrt(2 n); in the exponent it stays
+        # positive.
         factor = np.exp(1.96 / np.sqrt(2.0 * np.array([len(b) for b in bins])))
         within = [100.0 * float(np.mean(np.abs(error_cm) <= n * sigma_cm)) for n in (1.0, 3.0)]
         label = f"{name}: {within[0]:.0f} % within 1 σ, {within[1]:.1f} % within 3 σ"
@@ -603,7 +604,7 @@ def _draw_by_evidence(axes: Axes, stated: StatedErrors) -> None:
     label_decades(axes.xaxis)
     axes.set_ylim(0.0, 101.0)
     axes.set_xlabel(f"distance from the truth (cm); dotted: {100.0 * WRONG_M:g} cm")
-    axes.set_ylabel("share of the fixes no farther off (%)")
+    axes.set_ylabel("share of the fixes with at most this error (%)")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), frameon=False)
 
 
@@ -611,7 +612,7 @@ def _draw_distribution(
     axes: Axes, values: Float[np.ndarray, " fix"], colour: str, style: str | tuple[int, tuple[int, int]], label: str
 ) -> None:
     share = 100.0 * np.arange(1, len(values) + 1) / len(values)
-    # From nothing on, or a single fix would have no line.
+    # Starts at zero, or a single fix would have no line.
     x, y = np.concatenate([[values.min()], np.sort(values)]), np.concatenate([[0.0], share])
     axes.plot(x, y, color=colour, linestyle=style, linewidth=1.8, drawstyle="steps-post", label=label)
 
@@ -636,7 +637,7 @@ def _draw_asked(axes: Axes, stated: StatedErrors) -> None:
     axes.plot(least, shares, color=VERMILLION, lw=2.0, linestyle="--", drawstyle="steps-pre", label=label)
     axes.axvline(evidence[0], color=FAINT, linewidth=1.0, zorder=0)
     axes.set_ylim(-1.0, 101.0)
-    axes.set_xlabel("evidence asked for (decades); grey: least ok")
+    axes.set_xlabel("required evidence (decades); grey: least ok")
     axes.set_ylabel("share (%)")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), frameon=False)
 

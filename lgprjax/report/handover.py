@@ -79,7 +79,7 @@ def hand_over(
         path: file of the record, whose hash they name.
         record: what it holds.
         folder: of the files; it is made.
-        organisation: who is responsible, as every shape and the report name it.
+        organisation: responsible organisation, named in every shape and in the report.
         benchmark_deg: latitude and longitude of a marked point that bearings and distances count from; by default the
             first corner.
         force: replace files that exist.
@@ -111,7 +111,7 @@ def _metadata(path: Path, record: WorkedRecord, organisation: str) -> dict[str, 
         "record": path.name,
         "record_sha256": file_hash(path),
         "plan_sha256": str(record.provenance["plan"]["sha256"]),
-        "note": "A machine pass is not clearance. Processed ground is that of cells at the level named, no more.",
+        "note": "A machine pass is not clearance. Processed ground consists of the cells at the given level only.",
     }
 
 
@@ -252,9 +252,7 @@ def _pictures(folder: Path, record: WorkedRecord) -> tuple[ReportFigure, ...]:
     draw_coverage(cover_picture(record), folder / "map.png")
     draw_cover_channels(measured, folder / "channels.png")
     return (
-        ReportFigure(
-            folder / "map.png", "The field from above.", "Map of what was processed, uncertain and not processed"
-        ),
+        ReportFigure(folder / "map.png", "The field from above.", "Map of processed, uncertain and unprocessed ground"),
         ReportFigure(
             folder / "channels.png", "Depth, speed and uncertainty.", "Depth, speed and uncertainty over time"
         ),

@@ -1,4 +1,4 @@
-"""The report: one HTML page that carries its pictures inside and needs nothing from outside."""
+"""The report: one self-contained HTML page with embedded pictures."""
 
 import base64
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from lgprjax.report.summary import OVERVIEW_HEADER, DriveSummary, overview_rows
 
 @dataclass(frozen=True)
 class ReportTable:
-    """Texts in rows under a header; the first cell of a row names it."""
+    """Rows of text under a header; the first cell of a row is its name."""
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -25,7 +25,7 @@ class ReportTable:
 
 @dataclass(frozen=True)
 class ReportFigure:
-    """A PNG on disk, what stands under it, and what it says to who cannot see it."""
+    """A PNG on disk, its caption, and its alternative text."""
 
     path: Path
     caption: str
@@ -34,7 +34,7 @@ class ReportFigure:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, its text (blank lines part paragraphs), then tables and figures."""
+    """A heading, its text (blank lines separate paragraphs), then tables and figures."""
 
     heading: str
     text: str = ""
@@ -43,11 +43,11 @@ class Section:
 
 
 def write_report(path: str | Path, title: str, intro: str, sections: Sequence[Section], force: bool = False) -> None:
-    """Write one self-contained page: for screens light and dark, telephones and paper.
+    """Write one self-contained page: for light and dark screens, telephones and paper.
 
     Args:
         path: the HTML file.
-        title, intro: texts; blank lines part the paragraphs of ``intro``.
+        title, intro: texts; blank lines separate the paragraphs of ``intro``.
         sections: in reading order.
         force: replace a file that exists.
 
@@ -71,7 +71,7 @@ def write_report(path: str | Path, title: str, intro: str, sections: Sequence[Se
 
 
 def drive_section(result: DriveResult, summary: DriveSummary, figures: Sequence[ReportFigure]) -> Section:
-    """The section of one drive: what came of it in words, its figures, its pictures."""
+    """The section of one drive: result in words, figures, pictures."""
     if result.impostor:
         text = (
             "This drive was recorded over ground that is not the map's. Every fix called ok would be wrong; "
@@ -84,7 +84,7 @@ def drive_section(result: DriveResult, summary: DriveSummary, figures: Sequence[
     else:
         text = (
             f"{summary.ok} of {summary.tried} tried scans have an ok fix; {summary.judged} of these have a known "
-            f"truth, and {summary.wrong_ok} lie more than 0.3 m from it."
+            f"truth, and {summary.wrong_ok} are more than 0.3 m from it."
         )
     table = ReportTable(("quantity", "value"), tuple(summary.as_rows()))
     text = "\n\n".join([text, *summary.remarks])
@@ -93,7 +93,7 @@ def drive_section(result: DriveResult, summary: DriveSummary, figures: Sequence[
 
 def overview_table(summaries: Sequence[DriveSummary]) -> ReportTable:
     """All drives, a row each."""
-    caption = "Errors of the ok fixes in the map frame; wrong: more than 0.3 m off."
+    caption = "Errors of the ok fixes in the map frame; wrong: error above 0.3 m."
     return ReportTable(OVERVIEW_HEADER, tuple(overview_rows(summaries)), caption)
 
 
@@ -112,13 +112,13 @@ def _table(table: ReportTable) -> str:
 
 
 def _cell(text: str) -> str:
-    """A number keeps its unit beside it; longer texts may break."""
+    """A number stays next to its unit; longer texts may break."""
     return escape(text).replace(" ", "&nbsp;") if len(text) <= _UNBROKEN else escape(text)
 
 
 def _figure(figure: ReportFigure) -> str:
     data = base64.b64encode(figure.path.read_bytes()).decode("ascii")
-    # A click, or the space bar, shows the picture twice as wide, to be scrolled; without a script.
+    # A click, or the space bar, shows the picture twice as wide, scrollable, without a script.
     return (
         '<figure><label class="wide"><input type="checkbox" aria-label="larger">'
         f'<img src="data:image/png;base64,{data}" alt="{escape(figure.alt)}"></label>'
@@ -169,9 +169,9 @@ figcaption { color: var(--soft); font-size: 0.92rem; max-width: 48rem; padding-t
 
 
 def summary_table(summaries: Sequence[DriveSummary]) -> Table:
-    """One column a drive, so that a terminal of 80 columns holds it; a drive with wrong ok fixes stands out."""
+    """One column a drive, to fit a terminal of 80 columns; a drive with wrong ok fixes is highlighted."""
     table = Table(
-        title="Registration", caption="Errors of the ok fixes, map frame; wrong: more than 0.3 m off.", min_width=66
+        title="Registration", caption="Errors of the ok fixes, map frame; wrong: error above 0.3 m.", min_width=66
     )
     rows = overview_rows(summaries)
     table.add_column(OVERVIEW_HEADER[0])
@@ -182,7 +182,7 @@ def summary_table(summaries: Sequence[DriveSummary]) -> Table:
     return table
 
 
-# Why scans were declined, in words: what each code means, and what to do about it.
+# Why scans were declined: the meaning of each code, and advice.
 
 
 class Decline(NamedTuple):
@@ -193,14 +193,16 @@ class Decline(NamedTuple):
 
 
 _PLACE_ASSUMED = (
-    "Nobody said where on the earth the drive, or the map, lies: import it again with --latitude-deg, --longitude-deg "
+    "The place on the earth of the drive, or of the map, is unknown: import it again with --latitude-deg, "
+    "--longitude-deg "
     "and --heading-deg"
 )
 DECLINES = {
     "low_correlation": Decline(
         "no place in the search region matches better than other ground would",
-        "the first metres of a drive: nothing, there is too little travel yet to be sure. Else: is the drive over the "
-        "map's ground, and its position right to within the search region (--search-m)? Leave --window-m and "
+        "the first metres of a drive: no action, there is too little travel yet to be certain. Else: is the "
+        "drive over the map's ground, and its position correct to within the search region (--search-m)? Leave "
+        "--window-m and "
         "--time-scale at their defaults; lgprjax check --health examines the recording",
     ),
     "ambiguous": Decline(
@@ -209,34 +211,34 @@ DECLINES = {
         "allows it; lgprjax map verify shows where the map resembles itself",
     ),
     "edge": Decline(
-        "the best place lies at the rim of the search region, or where the map ends",
-        "a larger --search-m if the position in the log is wrong by more than its sigma says; where the map ends, more "
-        "lines beside it: ground beyond a map resembles its outermost line",
+        "the best place is at the edge of the search region, or where the map ends",
+        "a larger --search-m if the position in the log is wrong by more than its sigma; where the map ends, "
+        "more lines next to it: ground beyond a map resembles its outermost line",
     ),
     "off_map": Decline(
         "no map below the array anywhere in the region",
-        "the drive has left the map, or its position is wrong by more than the region; lgprjax map info tells what "
-        "the map covers",
+        "the drive has left the map, or its position is wrong by more than the region; lgprjax map info shows "
+        "what the map covers",
     ),
     "low_overlap": Decline(
         "less than 0.6 of the array is over mapped ground",
-        "the drive runs beside the mapped lane: drive closer to it, or add this lane with lgprjax map update",
+        "the drive is next to the mapped track: drive closer to it, or add this track with lgprjax map update",
     ),
     "non_finite": Decline(
         "less than 0.6 of the traces hold finite data",
-        "lgprjax check --health names dead channels and lost scans",
+        "lgprjax check --health lists dead channels and lost scans",
     ),
     "no_window": Decline(
         "too little travel yet for a window: at the start, and after travel was lost",
-        "nothing, where it is few scans; else a shorter --window-m, or none",
+        "no action, if it is few scans; else a shorter --window-m, or none",
     ),
 }
 
 
 def declines_table(summaries: Sequence[DriveSummary]) -> ReportTable | None:
-    """Declined scans of all drives by code, the most frequent first; None where there are none.
+    """Declined scans of all drives by code, the most frequent first; None without any.
 
-    Drives that are known to lie on other ground are left out: theirs must be declined.
+    Drives known to be on other ground are left out: theirs must be declined.
     """
     rows = []
     for summary in summaries:
@@ -250,7 +252,7 @@ def declines_table(summaries: Sequence[DriveSummary]) -> ReportTable | None:
 
 
 def main_decline(summary: DriveSummary) -> tuple[str, Decline] | None:
-    """The most frequent code of a drive's declined scans, in words; None where none was declined."""
+    """The most frequent code of a drive's declined scans, in words; None if none was declined."""
     code = max(DECLINES, key=lambda each: summary.counts.get(each, 0))
     return (code, _decline(code, summary)) if summary.counts.get(code, 0) else None
 

@@ -36,7 +36,7 @@ class BaselineStrip:
 
     Attributes:
         at_m: places along the route.
-        along_m, cross_m: match less label; NaN where the match is not ok.
+        along_m, cross_m: match minus label; NaN if the match is not ok.
         correlation: of the match.
     """
 
@@ -48,7 +48,7 @@ class BaselineStrip:
 
 @dataclass(frozen=True)
 class MapStrips:
-    """What is drawn, one value a place of the route unless said otherwise.
+    """Contents of the picture, one value for each place of the route unless stated otherwise.
 
     Attributes:
         at_m: metres along the route.
@@ -99,18 +99,19 @@ def draw_map_strips(strips: MapStrips, path: str | Path, *, force: bool = False)
             each.set_axisbelow(True)
             each.label_outer()
         axes[-1].set_xlabel("along the route (m)")
-        figure.suptitle(f"Map {strips.name}: what lies along its route", x=0.01, ha="left")
+        figure.suptitle(f"Map {strips.name} along its route", x=0.01, ha="left")
         write_caption(
             figure,
             "Dashed: limits. Shaded: stretches that fall short. Repeats: correlation of the stations with those an "
-            "eighth of a wavelength farther. Rival: strongest other place within the search region, over the match of "
-            "the place with itself. Offsets: where the ground of the other baselines puts a baseline, less its label.",
+            "eighth of a wavelength farther. Rival: strongest other place within the search region, over the "
+            "match of the place with itself. Offsets: place of a baseline on the ground of the others, minus "
+            "its label.",
         )
 
 
 def _plan(axes: Axes, strips: MapStrips) -> None:
     east, north = strips.track_m[:, 0], strips.track_m[:, 1]
-    # Legs of the route that do not follow on each other are not joined.
+    # Legs of the route that are not consecutive are not joined.
     steps = np.hypot(np.diff(east), np.diff(north))
     breaks = np.flatnonzero(steps > 4.0 * np.median(steps)) + 1 if len(steps) else np.zeros(0, int)
     for part in np.split(np.arange(len(east)), breaks):
@@ -118,7 +119,7 @@ def _plan(axes: Axes, strips: MapStrips) -> None:
     kinds = list(dict.fromkeys(kind for kind, _, _ in strips.marked))
     for kind, start_m, stop_m in strips.marked:
         inside = (strips.at_m >= start_m) & (strips.at_m <= stop_m)
-        # A place may fall short in several ways: later kinds are smaller, so that all of them show.
+        # A place may fall short in several ways: later kinds are smaller, so that all of them are visible.
         size = 13.0 - 1.7 * kinds.index(kind)
         axes.plot(east[inside], north[inside], "o", color=_COLOURS[kind], markersize=size, zorder=2 + kinds.index(kind))
     for kind in kinds:
@@ -209,12 +210,12 @@ def _correlations(axes: Axes, strips: MapStrips) -> None:
     axes.set_ylabel("correlation of\nbaselines")
 
 
-# The ground of a map from above, straightened along its route: how often it was passed, how long ago, its holes.
+# The ground of a map from above, straightened along its route: number of passes, age, holes.
 
 PASSES = tuple(colormaps[CORRELATION_MAP](share) for share in (0.95, 0.75, 0.55, 0.35, 0.1))
-"""One pass, two, and so on; the last one and more: darker the more often."""
+"""One pass, two, and so on; the last one is for more: darker with more passes."""
 _MARGIN = 0.06
-"""Of the route's length, to its left: room for the scale bar."""
+"""Share of the route's length on its left, for the scale bar."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,11 +225,11 @@ class MapPasses:
     Attributes:
         name: of the map.
         at_m, across_m: middles of the evenly spaced cells, along the route and to its left.
-        passes: baselines that cover the whole of a cell; 0 where there is no ground.
-        age_days: since the newest of them; NaN where there is no ground, or its day is not known.
+        passes: baselines that cover the whole of a cell; 0 without ground.
+        age_days: since the newest of them; NaN without ground or its date.
         hole: cells under the route's array that no baseline covers.
-        half_like_m: distance across at which the ground's signal has lost half of its likeness; None if not known.
-        today: the day that ages are counted to.
+        half_like_m: distance across at which the correlation of the ground's signal has halved; None if unknown.
+        today: reference date of ages.
     """
 
     name: str
@@ -242,7 +243,7 @@ class MapPasses:
 
 
 def draw_passes(ground: MapPasses, path: str | Path, *, force: bool = False) -> None:
-    """Draw passes above and age below, holes hatched, the distance of likeness as a bar across.
+    """Draw passes above and age below, holes hatched, the correlation distance as a bar across.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -276,7 +277,7 @@ def draw_passes(ground: MapPasses, path: str | Path, *, force: bool = False) -> 
 
 
 def _rows_in_sight(ground: MapPasses) -> tuple[float, float]:
-    """Across, from a cell beside the outermost ground, or hole, to a cell beside that on the other side."""
+    """Rows across, with a margin of one cell next to the outermost ground, or hole, on both sides."""
     low, high = outer_edges(ground.across_m)
     held = np.flatnonzero(((ground.passes > 0) | ground.hole).any(axis=0))
     if not len(held):
@@ -288,13 +289,13 @@ def _rows_in_sight(ground: MapPasses) -> tuple[float, float]:
 def _notes(ground: MapPasses) -> list[str]:
     low, high = outer_edges(ground.at_m)
     step_m = (high - low) / len(ground.at_m)
-    notes = [f"Cells of {step_m:g} m along the route, straightened; a pass counts where it covers all of a cell."]
+    notes = [f"Cells of {step_m:g} m along the route, straightened; a pass counts if it covers the whole cell."]
     if ground.hole.any():
         notes.append("Hatched, and marked above: holes under the route's array.")
     if ground.half_like_m is not None:
-        notes.append("Bar: as far across, the ground's signal has lost half of its likeness to itself.")
+        notes.append("Bar: distance across at which the correlation of the ground's signal has halved.")
     if not np.isfinite(ground.age_days[ground.passes > 0]).all():
-        notes.append("Grey: the map does not say when that ground was passed.")
+        notes.append("Grey: the map has no date for that ground.")
     return notes
 
 
@@ -302,7 +303,7 @@ def _draw_cells(
     axes: Axes, ground: MapPasses, value: Float[np.ndarray, "place cell"], cmap: Colormap, norm: Normalize
 ) -> AxesImage:
     along, across = outer_edges(ground.at_m), outer_edges(ground.across_m)
-    # Ground of unknown value is grey, and no ground is white.
+    # Ground with unknown value is grey, no ground is white.
     known = np.where(ground.passes > 0, 1.0, np.nan)
     layers = ((known, ListedColormap([FAINT]), Normalize(0.0, 1.0)), (value, cmap, norm))
     for values, colours, scale in layers:
@@ -326,7 +327,7 @@ def _hatch_holes(axes: Axes, ground: MapPasses) -> None:
         if runs:
             rows = (across[0] + row * row_m, row_m)
             axes.broken_barh(runs, rows, facecolor="none", hatch="////", edgecolor=VERMILLION, linewidth=0.0)
-    # A hole of a metre is no dot wide on a long route.
+    # A hole of a metre is narrower than a dot on a long route.
     for first, last in runs_of(np.asarray(ground.hole.any(axis=1))):
         middle = along[0] + 0.5 * (first + last) * step_m
         axes.plot(middle, 1.0, "v", color=VERMILLION, ms=6, transform=axes.get_xaxis_transform(), clip_on=False)

@@ -1,4 +1,4 @@
-"""The match view: live radargram against the map where it was matched, and against the map a little off."""
+"""The match view: live radargram against the map where it was matched, and against the map nearby."""
 
 import math
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ def draw_match(example: MatchExample, path: str | Path, *, force: bool = False) 
         InputError: the file exists (without ``force``) or cannot be written.
     """
     limit = _amplitude_limit(example)
-    columns = (("at the matched place", example.baseline), (f"{example.beside_m:.2g} m beside it", example.beside))
+    columns = (("at the matched place", example.baseline), (f"{example.beside_m:.2g} m away", example.beside))
     with picture(path, 11.0, 8.4, force) as figure:
         grid = figure.subplots(3, 2, sharex=True, sharey=True)
         for column, (place, strip) in enumerate(columns):
@@ -94,7 +94,7 @@ def _draw_strip(
 def _amplitude_limit(example: MatchExample) -> float:
     amplitudes = np.abs(np.concatenate([example.baseline.ravel(), example.live.ravel()]))
     finite = amplitudes[np.isfinite(amplitudes)]
-    # A silent strip still needs limits that differ.
+    # A silent strip still needs different limits.
     return float(np.percentile(finite, _LIMIT_PERCENTILE)) or 1.0 if finite.size else 1.0
 
 
@@ -133,10 +133,10 @@ def _box_window(axes: Axes, example: MatchExample) -> None:
     axes.add_patch(Rectangle(corner, last - first, height, fill=False, edgecolor=VERMILLION, linewidth=2.0))
 
 
-# A particle swarm at work on one fix: where its particles stand, and what the best and the median of them know.
+# A particle swarm searching for one fix: positions of its particles, and best and median score.
 
 _SHARES = (0.0, 0.125, 1.0 / 3.0, 1.0)
-"""Of the iterations, at which the cloud is shown: a swarm gathers early."""
+"""Shares of the iterations at which the cloud is shown: a swarm converges early."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,14 +145,14 @@ class SwarmPicture:
 
     Attributes:
         x_m, y_m: evenly spaced positions, relative to ``origin``.
-        score: what the swarm climbs over them, the rest of the pose as the swarm left it; NaN where there is none.
-        particle_m: where the particles stood at the start and after each iteration.
-        best_m: the best place that any of them had met by then.
-        best_score: the best score that each of them had met by then; not finite before it met any.
-        milliseconds: that a scan of the drive took.
-        origin: what the zero of the axes is.
+        score: the objective over them, with the rest of the pose as the swarm left it; NaN if missing.
+        particle_m: positions of the particles at the start and after each iteration.
+        best_m: the best place found by any of them so far.
+        best_score: the best score found by each of them so far; not finite before the first.
+        milliseconds: time per scan of the drive.
+        origin: meaning of the axes' zero.
         axes: names of x and y.
-        truth: position, where it is known.
+        truth: position, if known.
     """
 
     x_m: Float[np.ndarray, " i"]
@@ -182,7 +182,7 @@ def draw_swarm(swarm: SwarmPicture, path: str | Path, *, force: bool = False) ->
             image = _draw_cloud(axes, swarm, moment)
         clouds[0].set_ylabel(f"{swarm.axes[1]} (m)")
         above.colorbar(image, ax=clouds, label="score", extend="min", shrink=0.8, pad=0.01)
-        # Outside, or it would hide what it explains.
+        # Outside, or it would hide the picture.
         above.legend(*clouds[-1].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
         _draw_scores(below.subplots(), swarm, moments)
         figure.suptitle(
@@ -192,8 +192,9 @@ def draw_swarm(swarm: SwarmPicture, path: str | Path, *, force: bool = False) ->
         miss = "" if swarm.truth is None else f" Best to truth: {np.hypot(*(swarm.best_m[-1] - swarm.truth)):.3f} m."
         write_caption(
             figure,
-            f"Metres relative to {swarm.origin}. Colours: the score over position, the rest of the pose as the swarm "
-            "left it; the particles differ in that too. The time is that of the whole registration, coarse stage "
+            f"Metres relative to {swarm.origin}. Colours: the score over position, with the rest of the pose as "
+            "the swarm left it, in which the particles differ too. The time is that of the whole registration, "
+            "coarse stage "
             f"included.{miss}",
         )
 
@@ -228,7 +229,7 @@ def _draw_cloud(axes: Axes, swarm: SwarmPicture, moment: int) -> AxesImage:
 def _draw_scores(axes: Axes, swarm: SwarmPicture, moments: list[int]) -> None:
     known = np.isfinite(swarm.best_score)
     iteration = np.arange(len(known))
-    # A particle that met nothing counts in the median as the worst, and has no place in the picture.
+    # A particle without a score counts as the worst in the median, and is not drawn.
     score = np.where(known, swarm.best_score, -np.inf)
     best, middle = score.max(axis=1), np.sort(score, axis=1)[:, (score.shape[1] - 1) // 2]
     for moment in moments:
@@ -239,14 +240,17 @@ def _draw_scores(axes: Axes, swarm: SwarmPicture, moments: list[int]) -> None:
         axes.text(0.5, 0.5, "no particle met the map", transform=axes.transAxes, ha="center", va="center", color=INK)
     axes.set_xlim(-0.02 * max(len(known) - 1, 1), max(1.02 * (len(known) - 1), 1.0))
     axes.set_xlabel("iteration (dotted: the clouds above)")
-    axes.set_ylabel("best score met\nby a particle")
+    axes.set_ylabel(
+        "best score found\
+by a particle"
+    )
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(loc="lower right", edgecolor="none")
 
 
-# The correlation over position: where the search looked, what it chose, and what it chose it over.
+# The correlation over position: search region, choice, and rivals.
 
-# White over a dark edge stays visible on every shade of the map; the shapes tell the marks apart in print.
+# White with a dark edge is visible on every shade of the map; the shapes distinguish the marks in print.
 _MARK: dict[str, Any] = {"color": "white", "markeredgecolor": "black", "linestyle": "none"}
 
 
@@ -256,7 +260,7 @@ def draw_surface(surface: CorrelationSurface, path: str | Path, *, force: bool =
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
     """
-    # A search box wider than the surface must stay in sight.
+    # A search box wider than the surface must stay visible.
     limits = [
         _span(outer_edges(centres), prior - half, prior + half)
         for centres, prior, half in zip((surface.x_m, surface.y_m), surface.prior, surface.half_width_m, strict=True)

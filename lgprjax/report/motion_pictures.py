@@ -1,4 +1,4 @@
-"""Pictures of how the vehicle turns, gains speed and follows: from a fit to a PNG."""
+"""Pictures of fits of turning, acceleration and path following."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,9 +19,9 @@ from lgprjax.tuning.pedals import PedalRuns, PedalsFit, levelled
 from lgprjax.tuning.steering import RearRatioFit, YawGainFit, rear_axle_slip
 from lgprjax.vehicle import Chassis
 
-# Runs of throttle and brake: commands, speed measured and by the model, and what is left of the way.
+# Runs of throttle and brake: commands, measured and modelled speed, and residuals of distance.
 
-# Speed is drawn over this time: that of single records is the odometer's noise.
+# Speed is averaged over this time: that of single records is the odometer's noise.
 _AROUND_S = 0.25
 
 
@@ -33,7 +33,7 @@ class PedalPicture:
         time_s: of each.
         run: number of its run.
         throttle, brake: commands, 0 to 1.
-        measured_m, model_m: way, each about its mean over the run.
+        measured_m, model_m: distance, each relative to its mean over the run.
     """
 
     time_s: Float[np.ndarray, " record"]
@@ -45,7 +45,7 @@ class PedalPicture:
 
 
 def draw_pedal_runs(shown: PedalPicture, path: str | Path, *, caption: str, force: bool = False) -> None:
-    """Draw commands, speeds and residuals of the way over time.
+    """Draw commands, speeds and residuals of distance over time.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -69,13 +69,15 @@ def draw_pedal_runs(shown: PedalPicture, path: str | Path, *, caption: str, forc
         rest.axhline(0.0, color=MUTED, linewidth=0.8)
         commands.set_ylabel("command (0 to 1)")
         speeds.set_ylabel("speed (m/s)")
-        rest.set_ylabel("way, measured − model (cm)")
+        rest.set_ylabel("distance, measured − model (cm)")
         rest.set_xlabel("time (s)")
         for axes in (commands, speeds):
             axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
         for axes in (commands, speeds, rest):
             axes.grid(color=MUTED, alpha=0.2, linewidth=0.6)
-        figure.suptitle(f"Throttle and brake: way within {100.0 * np.sqrt(np.mean(left_m**2)):.2f} cm rms of the model")
+        figure.suptitle(
+            f"Throttle and brake: distance within {100.0 * np.sqrt(np.mean(left_m**2)):.2f} cm rms of the model"
+        )
         write_caption(figure, caption)
 
 
@@ -94,11 +96,11 @@ class LookAheadSweep:
 
     Attributes:
         look_ahead_m, speed_mps: axes of the sweep, rising.
-        error_m: RMS distance of the anchor from the path; not-a-number where no run ended well.
-        oscillation: what is left to and fro, in ``oscillation_label``'s unit; not-a-number as above.
-        oscillation_label: what it is, with its unit.
+        error_m: RMS distance of the anchor from the path; NaN where no run succeeded.
+        oscillation: remaining oscillation, in ``oscillation_label``'s unit; NaN as above.
+        oscillation_label: its name, with the unit.
         chosen_mps, chosen_m: the look-ahead over speed that was chosen.
-        stable_m: shortest look-ahead that is stable at each speed; not-a-number where all of the sweep is.
+        stable_m: shortest stable look-ahead at each speed; NaN where the whole sweep is stable.
     """
 
     look_ahead_m: Float[np.ndarray, " look"]
@@ -121,7 +123,7 @@ def draw_look_ahead(sweep: LookAheadSweep, path: str | Path, *, title: str, capt
         left, right = figure.subplots(1, 2, sharey=True)
         _draw_surface(figure, left, sweep, 100.0 * sweep.error_m, "RMS error of the anchor (cm)")
         _draw_surface(figure, right, sweep, sweep.oscillation, sweep.oscillation_label)
-        # A sweep may hold speeds at which nothing was stable.
+        # A sweep may contain speeds without a stable look-ahead.
         error = np.where(np.isfinite(sweep.error_m), sweep.error_m, np.inf)
         stable = np.isfinite(error).any(axis=0)
         left.plot(
@@ -145,7 +147,7 @@ def _draw_surface(
     axes.set_facecolor(FAINT)
     known = value[np.isfinite(value) & (value > 0.0)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.1, 1.0)
-    # One corner, diverging or dead calm, must not take all of the colours.
+    # One corner, diverging or without oscillation, must not use up all colours.
     low = max(low, high / 300.0)
     mesh = axes.pcolormesh(
         sweep.speed_mps,
@@ -169,7 +171,7 @@ _STEPS = 201
 def draw_rear_ratio_heading(
     arcs: Arcs, chassis: Chassis, fit: RearRatioFit, path: str | Path, *, force: bool = False
 ) -> None:
-    """Direction of the rear axle's path against the heading, over curvature, with what k makes of it.
+    """Direction of the rear axle's path relative to the heading, over curvature, with the fit of k.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -194,11 +196,12 @@ def draw_rear_ratio_heading(
         path,
         title=f"Rear over front wheel angle: k = {ratio.value:.4f}, {ratio.low:.4f} to {ratio.high:.4f}",
         x_label="curvature of the rear axle's path (1/m), left positive",
-        y_label="path less heading (degrees)",
+        y_label="path minus heading (degrees)",
         residual_label="residual (degrees)",
         caption=(
-            "Direction in which the rear axle moves, less the body's heading: minus the rear wheels' angle. The INS "
-            f"heading was taken to be turned by {np.degrees(fit.offset_rad.value):.2f}°; bars hold its drift, too."
+            "Direction in which the rear axle moves, minus the body's heading, equal to minus the rear wheels' "
+            f"angle. The INS heading was assumed to be rotated by {np.degrees(fit.offset_rad.value):.2f}°; bars "
+            "include its drift."
         ),
         force=force,
     )
@@ -212,7 +215,7 @@ def draw_rear_ratio_angles(
     *,
     force: bool = False,
 ) -> None:
-    """Measured rear over front wheel angle, with the line that k is.
+    """Measured rear over front wheel angle, with the line of k.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -237,13 +240,13 @@ def draw_rear_ratio_angles(
         x_label="front wheel angle (degrees)",
         y_label="rear wheel angle (degrees)",
         residual_label="residual (degrees)",
-        caption="Both measured; a robust line. What bends away from it asks for a map in place of k.",
+        caption="Both measured; a robust line. Points that bend away from it call for a map instead of k.",
         force=force,
     )
 
 
 def draw_yaw_gain(fit: YawGainFit, path: str | Path, *, force: bool = False) -> None:
-    """Yaw gain over speed, a point a turn.
+    """Yaw gain over speed, one point per turn.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -262,9 +265,9 @@ def draw_yaw_gain(fit: YawGainFit, path: str | Path, *, force: bool = False) -> 
         y_label="yaw rate over geometric yaw rate",
         residual_label="residual",
         caption=(
-            f"Gains times {fit.scale.value:.4f}, by which curvatures of the wheel angles differ from true ones at no "
-            f"speed. Front angles read {np.degrees(fit.offset_rad):.2f}° too far to the left; turns to either side lie "
-            "apart by it."
+            f"Gains times {fit.scale.value:.4f}, the ratio of the wheel angles' curvature to the true one at "
+            f"zero speed. Front angles read {np.degrees(fit.offset_rad):.2f}° too far to the left; turns to "
+            "either side differ by it."
         ),
         force=force,
     )
@@ -279,7 +282,7 @@ def draw_pedals(
     *,
     force: bool = False,
 ) -> None:
-    """Runs of throttle and brake, against the model.
+    """Runs of throttle and brake, with the model.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -288,7 +291,7 @@ def draw_pedals(
     shown = PedalPicture(signals.time_s[runs.record], runs.run, runs.throttle, runs.brake, measured_m, model_m)
     parts = [
         f"{name}: from {pedal.pre_tension.value:.3f} on, dead zone {pedal.dead_zone.value:.3f}, "
-        f"{pedal.gain_mps2.value:.2f} m/s² a unit, lag {pedal.lag_s.value:.2f} s"
+        f"{pedal.gain_mps2.value:.2f} m/s² per unit, lag {pedal.lag_s.value:.2f} s"
         for name, pedal in (("throttle", fit.throttle), ("brake", fit.brake))
     ]
     draw_pedal_runs(shown, path, caption="; ".join(parts).capitalize() + ".", force=force)
@@ -311,7 +314,7 @@ def draw_look_ahead_sweep(
     """
     steady = np.asarray(swept.margin_rad) >= least_margin_rad
     error = np.where(steady, np.asarray(swept.error_m, np.float64), np.nan)
-    # Below a millimetre there is nothing to see.
+    # Below a millimetre nothing is visible.
     cycle_cm = np.where(steady, 100.0 * np.maximum(np.asarray(swept.cycle_m, np.float64), 1e-3), np.nan)
     short, long, slow, fast = (float(value) for value in tuned.schedule)
     chosen = np.linspace(speed_mps.min(), speed_mps.max(), _STEPS)
@@ -330,7 +333,7 @@ def draw_look_ahead_sweep(
         path,
         title=f"Look-ahead: {short:.1f} m up to {slow:.1f} m/s, {long:.1f} m from {fast:.1f} m/s on",
         caption=(
-            "Means over the courses, and over offsets to both sides at the start. Grey: lag and delay leave less than "
+            "Means over the courses, and over initial offsets to both sides. Grey: lag and delay leave less than "
             f"{np.degrees(least_margin_rad):.0f}° of phase margin."
         ),
         force=force,
@@ -340,7 +343,7 @@ def draw_look_ahead_sweep(
 def stability_limit(
     look_m: Float[np.ndarray, " look"], margin_rad: Float[np.ndarray, "look speed"]
 ) -> Float[np.ndarray, " speed"]:
-    """Look-ahead of each speed at which the phase margin is used up; not-a-number where the sweep does not cross it."""
+    """Look-ahead of each speed at which the phase margin is used up; NaN where the sweep does not cross it."""
     unstable = margin_rad <= 0.0
     last = len(look_m) - 1 - np.argmax(unstable[::-1], axis=0)
     crossed = unstable.any(axis=0) & ~unstable[-1]

@@ -1,4 +1,4 @@
-"""Radargrams and depth slices as people who read them know them."""
+"""Radargrams and depth slices in the conventional form."""
 
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -35,7 +35,7 @@ from lgprjax.report.style import (
 
 LIMIT_PERCENTILE = 98.5
 NO_TRACE = "#cfe3f4"
-"""Where there is no trace: none of the greys."""
+"""Colour for missing traces, which is not grey."""
 _WIDTH_IN, _HIGH_IN, _LOW_IN, _WORDS_IN = 11.0, 4.9, 3.1, 0.9
 _PLAN_LOW_IN, _PLAN_HIGH_IN = 1.7, 4.5
 _MOST_COLUMNS = 6000
@@ -43,13 +43,13 @@ _MOST_COLUMNS = 6000
 
 @dataclass(frozen=True, kw_only=True)
 class LinePlan:
-    """Where a line was recorded.
+    """Plan of a line.
 
     Attributes:
         east_m, north_m: of each channel's antenna, from the origin.
         distance_m: along the line, as on the axis of its radargrams.
         shown: channels that the radargrams show.
-        origin: what the metres count from, in words.
+        origin: origin of the metres, in words.
     """
 
     east_m: Float[np.ndarray, "place channel"]
@@ -66,9 +66,9 @@ class LineView:
     Attributes:
         title: over the whole.
         radargrams: one a channel, from left to right.
-        plan: None where nothing says where the line lies.
+        plan: None if the place of the line is unknown.
         wave_speed_m_per_ns: that depths are counted with.
-        speed_is: where that speed comes from.
+        speed_is: source of that speed.
         notes: sentences for the caption.
     """
 
@@ -81,9 +81,9 @@ class LineView:
 
 
 def radargram_of(profile: Profile, channel: int = 0) -> Radargram:
-    """One channel of a vendor's file as it was recorded; of very many traces every second, third and so on.
+    """One channel of a vendor's file as recorded; very many traces are decimated.
 
-    Traces at places that are not evenly spaced are laid on an even grid, each cell with the trace next to it.
+    Unevenly spaced traces are put on an even grid, each cell with the nearest trace.
     """
     traces = profile.channels[:, channel]
     count, samples = traces.shape
@@ -112,10 +112,9 @@ def radargram_of(profile: Profile, channel: int = 0) -> Radargram:
 def even_columns(
     place_m: Float[np.ndarray, " trace"],
 ) -> tuple[Float[np.ndarray, " column"], Int[np.ndarray, " column"]]:
-    """An even grid along a line and the trace next to each of its places; -1 where none is near.
+    """An even grid along a line and the nearest trace of each place; -1 where none is near.
 
-    Only what leads on counts: traces taken standing or in reverse are passed over. The grid is as fine as the usual
-    step of the rest, but of 6000 places at most.
+    Traces taken standing or in reverse are skipped. The grid has the usual step of the rest, with at most 6000 places.
     """
     reach = np.maximum.accumulate(np.where(np.isfinite(place_m), place_m, -np.inf))
     onward = np.flatnonzero(np.diff(reach, prepend=-np.inf) > 0)
@@ -133,14 +132,14 @@ def even_columns(
 
 
 def counted_columns(traces: int) -> Int[np.ndarray, " column"]:
-    """All traces, or of more than 6000 every second, third and so on."""
+    """All traces, decimated to at most 6000."""
     return np.arange(0, traces, -(-traces // _MOST_COLUMNS))
 
 
 def amplitude_limit(radargram: Radargram) -> float:
-    """The 98.5th percentile of the amplitudes' sizes: grey runs from minus that to that."""
+    """The 98.5th percentile of the absolute amplitudes: the grey scale is symmetric."""
     finite = np.abs(radargram.amplitude[np.isfinite(radargram.amplitude)])
-    # A silent radargram still needs limits that differ.
+    # A silent radargram still needs different limits.
     return float(np.percentile(finite, LIMIT_PERCENTILE)) or 1.0 if finite.size else 1.0
 
 
@@ -150,9 +149,9 @@ def draw_radargram(
     """Draw a radargram: travel time down at the left, depth at the right, distance or trace number along the bottom.
 
     Args:
-        radargram: as recorded, or what ``clear_view`` makes of it.
-        axes: that are drawn on, in a script, a notebook or a figure of one's own.
-        wave_speed_m_per_ns: that the depths are counted with; the axis states it.
+        radargram: as recorded, or from ``clear_view``.
+        axes: to draw on, in a script, a notebook or another figure.
+        wave_speed_m_per_ns: for the depth axis, which states it.
         limit: amplitude of white, and minus that of black; by default the 98.5th percentile.
 
     Returns:
@@ -186,12 +185,12 @@ def draw_radargram(
 
 
 def depth_label(wave_speed_m_per_ns: float) -> str:
-    """Label of a depth axis, with the speed that depths are counted with."""
+    """Label of a depth axis, with its wave speed."""
     return f"depth (m), v = {speed_text(wave_speed_m_per_ns)} m/ns"
 
 
 def draw_line(view: LineView, path: str | Path, *, force: bool = False) -> None:
-    """Draw the radargrams of a line one below the other, and where they lie.
+    """Draw the radargrams of a line one below the other, and their plan.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -213,15 +212,15 @@ def draw_line(view: LineView, path: str | Path, *, force: bool = False) -> None:
 
 
 def caption_of(view: LineView) -> str:
-    """What was done, between which limits it is drawn, and what the depths rest on."""
+    """Processing, limits of the colours, and assumptions of the depths."""
     first = view.radargrams[0]
-    # Each channel has a gain of its own; what all have in common is said once.
+    # Each channel has its own gain; common steps are listed once.
     of_all = zip_longest(*(each.steps for each in view.radargrams), fillvalue="nothing")
     steps = "; ".join(" / ".join(dict.fromkeys(each)) for each in of_all)
     done = f"Processing: {steps}." if steps else "As recorded: no processing, no gain."
     limits = f"Grey: 0 ± the {LIMIT_PERCENTILE:g}th percentile of the amplitudes, white positive."
     speed_m_per_ns = speed_text(view.wave_speed_m_per_ns)
-    speed = f"Depth: v = {speed_m_per_ns} m/ns is {view.speed_is}; antenna separation is not allowed for."
+    speed = f"Depth: v = {speed_m_per_ns} m/ns is {view.speed_is}; antenna separation is not corrected for."
     zero = ["Red line: time zero."] if first.time_ns[0] < 0.0 < first.time_ns[-1] else []
     gaps = any(np.isnan(each.amplitude).any() for each in view.radargrams)
     missing = ["Pale blue: no trace."] if gaps else []
@@ -292,26 +291,26 @@ class _Depths(MaxNLocator):
         return [float(tick) for tick in super().tick_values(vmin, vmax) if tick >= -1e-9]
 
 
-# A map from above: where its stations stand, and how loud its ground is at a few travel times.
+# A map from above: its stations, and the level of its ground at a few travel times.
 
 _MOST_CELLS = 500
 _LONG = 5.0
-"""A map longer than so many times its width is drawn along its own axis."""
+"""A map longer than this multiple of its width is drawn along its own axis."""
 _BASELINE_COLOURS = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY)
 
 
 @dataclass(frozen=True, kw_only=True)
 class MapStations:
-    """Antennas of a map's stations and how loud the ground is under them.
+    """Antennas of a map's stations and the level of the ground under them.
 
     Attributes:
         name: of the map.
         east_m, north_m: of each antenna, from the origin.
         baseline: number of the drive that each was recorded on.
-        level: RMS of the amplitudes about each time, with the map's own depth gain.
-        time_ns, window_ns: two-way travel times, and how long a stretch about each is summed over.
-        step_m, pitch_m: usual distance of stations and of an array's channels, the latter 0 of one channel.
-        origin: what the metres count from, in words.
+        level: RMS of the amplitudes around each time, with the map's own depth gain.
+        time_ns, window_ns: two-way travel times, and the length of the window around each.
+        step_m, pitch_m: usual distance of stations and of an array's channels, the latter 0 for a single channel.
+        origin: origin of the metres, in words.
         notes: sentences for the caption.
     """
 
@@ -334,11 +333,11 @@ class MapSlices:
 
     Attributes:
         x_m, y_m: middles of the cells.
-        level: of the antenna next to each cell, NaN where none is near.
+        level: of the antenna nearest to each cell, NaN where none is near.
         antenna_m: x and y of each antenna.
         labels: of the axes.
-        origin: what the axes count from, in words.
-        equal: whether the axes are east and north, to be drawn alike; else along and across the map.
+        origin: origin of the axes, in words.
+        equal: whether the axes are east and north, drawn with equal scale; else along and across the map.
     """
 
     x_m: Float[np.ndarray, " column"]
@@ -351,7 +350,7 @@ class MapSlices:
 
 
 def slice_map(stations: MapStations) -> MapSlices:
-    """Lay the stations on an even grid; a long narrow map along its own axis."""
+    """Put the stations on an even grid; a long narrow map along its own axis."""
     place = np.stack([stations.east_m, stations.north_m], axis=1)
     middle = place.mean(axis=0)
     axis = np.linalg.svd(place - middle, full_matrices=False)[2][0] if len(place) > 1 else np.array([1.0, 0.0])
@@ -362,7 +361,7 @@ def slice_map(stations: MapStations) -> MapSlices:
     antenna_m = place if equal else turned
     bearing = np.degrees(np.arctan2(axis[0], axis[1])) % 360.0
     labels = ("east (m)", "north (m)") if equal else (f"along the map, towards {bearing:.0f}° (m)", "across (m)")
-    east_m, north_m = np.round(place[0], 1) + 0.0  # adding 0 takes the sign off a rounded nothing
+    east_m, north_m = np.round(place[0], 1) + 0.0  # adding 0 removes the sign of a rounded zero
     start = f"the first antenna, east {east_m:.1f} m and north {north_m:.1f} m of "
     cell_m = max(stations.step_m, float(np.ptp(antenna_m, axis=0).max()) / _MOST_CELLS)
     near_m = max(cell_m, 0.6 * stations.pitch_m)
@@ -404,12 +403,12 @@ def slice_title(stations: MapStations, number: int, wave_speed_m_per_ns: float) 
 
 
 def caption_of_slices(stations: MapStations, slices: MapSlices, wave_speed_m_per_ns: float, speed_is: str) -> str:
-    """What the slices show, and what depths and metres rest on."""
+    """Contents of the slices, and assumptions of depths and metres."""
     step_m = float(slices.x_m[1] - slices.x_m[0]) if len(slices.x_m) > 1 else stations.step_m
     return " ".join(
         [
-            f"Slices: RMS over {stations.window_ns:.3g} ns with the map's depth gain; cells of {step_m:.2g} m show the "
-            "antenna next to them, white where none is near.",
+            f"Slices: RMS over {stations.window_ns:.3g} ns with the map's depth gain; cells of {step_m:.2g} m "
+            "show the nearest antenna, white where none is near.",
             f"Depth: v = {speed_text(wave_speed_m_per_ns)} m/ns is {speed_is}.",
             f"Metres from {slices.origin}.",
             *stations.notes,

@@ -17,13 +17,14 @@ from lgprjax.report.results import CorrelationSurface, DriveResult, MatchExample
 from lgprjax.report.summary import DriveSummary, draw_codes
 
 _LONE = (
-    "one channel on a map of one channel: fixes tell where along the line the drive is. The ground beside the line "
-    "resembles that on it, so that across it they only say that the drive is near, and the cross-track sigma is a bound"
+    "one channel on a map of one channel: fixes locate the drive along the line. The ground next to the line "
+    "resembles that on it, so that across it they only show that the drive is near, and the cross-track sigma "
+    "is a bound"
 )
 _USUAL_SCALE = 0.01
-"""A time scale farther from 1 is worth a remark."""
+"""A time scale farther from 1 is remarked on."""
 ENDS = ("-trajectory.png", "-confidence.png", "-match.png", "-map.png", "-swarm.png")
-"""What a drive's name is followed by; not every drive has them all."""
+"""Suffixes of a drive's pictures; not every drive has them all."""
 
 
 def draw_drive(
@@ -35,9 +36,9 @@ def draw_drive(
     folder: Path,
     force: bool,
 ) -> list[ReportFigure]:
-    """Write a drive's pictures to a folder; returns those that there are.
+    """Write a drive's pictures to a folder; returns those written.
 
-    The confidence is drawn where the truth is known, match and map where a scan was tried, the swarm where one is.
+    The confidence is drawn if the truth is known, match and map if a scan was tried, the swarm if there is one.
 
     Raises:
         InputError: one of them exists (without ``force``) or cannot be written.
@@ -51,7 +52,7 @@ def draw_drive(
         figures.append(
             ReportFigure(
                 confidence,
-                "Whether the fixes are as good as they say, and what a smaller risk would cost.",
+                "Reliability of the fixes' sigmas, and the cost of a smaller risk.",
                 "true error over stated sigma, error distributions by evidence, share declined over evidence",
             )
         )
@@ -64,7 +65,7 @@ def draw_drive(
     draw_surface(_surface(example, source.description.frame, search_m), surface, force=force)
     code = drive.table["code"].iloc[example.scan]
     figures.append(
-        ReportFigure(match, f"Scan {example.scan}, {code}: the ground live and in the map.", "radargram strips")
+        ReportFigure(match, f"Scan {example.scan}, {code}: the ground, live and in the map.", "radargram strips")
     )
     figures.append(
         ReportFigure(surface, f"Scan {example.scan}, {code}: match over the search region.", "correlation map")
@@ -75,7 +76,7 @@ def draw_drive(
         figures.append(
             ReportFigure(
                 swarm,
-                f"Scan {example.scan}, {code}: the swarm about its best place, run again.",
+                f"Scan {example.scan}, {code}: the swarm around its best place, run again.",
                 "clouds of particles over the score, score over the iterations",
             )
         )
@@ -85,7 +86,7 @@ def draw_drive(
 def _match(example: FixExample, drive: RegisteredDrive) -> MatchExample:
     strips, row = example.strips, drive.table.iloc[example.scan]
     distance = strips.distance_m - drive.track.travel_m[0]
-    # Of a single scan the box is as wide as a trace.
+    # For a single scan the box is as wide as a trace.
     window_m = float(np.nan_to_num(np.asarray(drive.fix.window_m)[example.scan]))
     first = distance[-1] - (window_m or distance[-1] - distance[-2])
     return MatchExample(
@@ -115,7 +116,7 @@ def _surface(example: FixExample, frame: LocalFrame, search_m: float) -> Correla
         half_width_m=(search_m, search_m),
         prior=prior,
         prior_sigma_m=example.prior_sigma_m,
-        # The prior's sigmas lie east and north.
+        # The prior's sigmas are in east and north.
         prior_tilt_rad=-float(example.frame[2]),
         best=best,
         second=_pair(example.second_m),
@@ -132,7 +133,7 @@ def _swarm(example: FixExample, drive: RegisteredDrive, frame: LocalFrame) -> Sw
     return SwarmPicture(
         x_m=along,
         y_m=cross,
-        # Off the map a score is less than any correlation.
+        # Off the map a score is below any correlation.
         score=np.where(score > 0.75 * OFF_MAP_SCORE, score, np.nan),
         particle_m=place,
         best_m=best,
@@ -144,11 +145,11 @@ def _swarm(example: FixExample, drive: RegisteredDrive, frame: LocalFrame) -> Sw
 
 
 def _origin(example: FixExample, frame: LocalFrame) -> str:
-    # Adding 0 takes the sign off a rounded nothing.
+    # Adding 0 removes the sign of a rounded zero.
     east, north = np.round(example.frame[:2], 1) + 0.0
     bearing = np.degrees(np.pi / 2.0 - example.frame[2]) % 360.0
     return (
-        f"a place of the route, east {east:.1f} m and north {north:.1f} m about latitude, longitude "
+        f"a place of the route, east {east:.1f} m and north {north:.1f} m from latitude, longitude "
         f"{frame.latitude_deg:.6f}°, {frame.longitude_deg:.6f}°; along is towards {bearing:.0f}°"
     )
 
@@ -166,17 +167,17 @@ def search_in_words(settings: Mapping[str, object]) -> str:
     """The search that drives were registered with, for a page: a line from the settings (``settings_of``)."""
     search_m, window_m, scale = settings["search_m"], settings["window_m"], settings["time_scale"]
     lengths = ", ".join(f"{length:g}" for length in LADDER_M[1:])
-    region = "within what the log states of its own position (2.5 m where it states nothing)"
+    region = "within the position uncertainty stated by the log (2.5 m if it states none)"
     windows = f"the shortest window that reaches the risk, of a single scan, {lengths} m"
     parts = [
         f"Search: {region if search_m is None else f'{search_m:g} m to each side of the prior'}",
         windows if window_m is None else f"windows of {window_m:g} m" if window_m else "single scans",
         "time scale found along the drive" if scale is None else f"time scale {scale:g}",
     ]
-    # Records of an older version in the same folder know of no risk.
+    # Records of an older version in the same folder have no risk.
     risk = settings.get("risk")
     judged = "fixed thresholds" if risk is None else f"risk {risk:g} in each {PIECE_M:g} m of travel"
-    return "; ".join([*parts, "thresholds of one's own drives" if settings["own_thresholds"] else judged]) + "."
+    return "; ".join([*parts, "user thresholds" if settings["own_thresholds"] else judged]) + "."
 
 
 def write_page(
@@ -192,8 +193,8 @@ def write_page(
     )
     figure = ReportFigure(
         codes,
-        "Evidence of all tried scans with the risk that a fix must keep to, margin over the runner-up, and the codes "
-        "given. A decade of evidence is a tenth of the probability that other ground matches as well.",
+        "Evidence of all tried scans with the accepted risk, margin over the runner-up, and the codes. A "
+        "decade of evidence is a tenth of the probability that foreign ground matches as well.",
         "histograms of evidence and margin, bar of codes, one row a drive",
     )
     summaries = [summary for _, summary, _ in results]
@@ -208,7 +209,7 @@ def write_page(
 def drive_result(
     drive: RegisteredDrive, source: MapFile, *, impostor: bool, gnss_gap: np.ndarray | None = None
 ) -> DriveResult:
-    """The registered drive as the record that pictures are made from; ``gnss_gap`` tells scans without GNSS."""
+    """The registered drive as the record that pictures are made from; ``gnss_gap`` marks scans without GNSS."""
     pose, prior, truth = np.asarray(drive.fix.pose), drive.track.pose, drive.truth
     table, frame = drive.table, source.description.frame
     numbers = range(int(source.drive.max()) + 1)
@@ -227,7 +228,7 @@ def drive_result(
         sigma_along_m=table["sigma_along_m"].to_numpy(),
         sigma_cross_m=table["sigma_cross_m"].to_numpy(),
         correlation=table["correlation"].to_numpy(),
-        # Without a runner-up the lead is over the least possible score, and tells nothing.
+        # Without a runner-up the margin is over the least possible score, and means nothing.
         margin=np.where(np.asarray(drive.fix.runner_up) > -1.0, table["margin"].to_numpy(), np.nan),
         p_false=np.asarray(drive.fix.p_false),
         code=table["code"].to_numpy().astype(str),
@@ -246,21 +247,21 @@ def drive_result(
 
 
 def _remarks(drive: RegisteredDrive, source: MapFile) -> tuple[str, ...]:
-    """What a reader of the fixes must know beside them."""
+    """Remarks on the fixes."""
     labels = None if any(source.description.label_sigma_m) else f"labels: {UNSTATED}"
     lines = (labels, drive.alignment.told, drive.jumps, _windows(drive), _time_scales(drive), *_unknowns(drive, source))
     return tuple(line for line in lines if line is not None)
 
 
 def _unknowns(drive: RegisteredDrive, source: MapFile) -> tuple[str | None, ...]:
-    """What is not there to be known: what was made up at import, a map that is elsewhere, ground beside a line."""
+    """Limitations: assumptions at import, a map that is elsewhere, ground next to a line."""
     assumed = f"assumed in this drive: {assumed_in_words(drive.assumed)}" if drive.assumed else None
     lone = drive.channels == 1 and source.description.channels == 1 and drive.away is None
     return assumed, drive.away, _LONE if lone else None
 
 
 def _windows(drive: RegisteredDrive) -> str | None:
-    """How much travel the ok fixes needed."""
+    """Window lengths of the ok fixes."""
     window_m = np.asarray(drive.fix.window_m)[drive.table["code"].to_numpy() == "ok"]
     if not len(window_m):
         return None
@@ -271,7 +272,7 @@ def _windows(drive: RegisteredDrive) -> str | None:
 
 
 def _time_scales(drive: RegisteredDrive) -> str | None:
-    """The time scales of the drive, where they are not those of the map's day."""
+    """The time scales of the drive, if they differ from the map's day."""
     scale = drive.time_scale[drive.table["code"].to_numpy() == "ok"]
     if not len(scale) or np.max(np.abs(scale - 1.0)) < _USUAL_SCALE:
         return None

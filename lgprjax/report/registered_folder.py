@@ -42,7 +42,7 @@ Cells = Mapping[tuple[int, int], Sequence[tuple[str, CellTally]]]
 
 
 def write_views(run: ArchiveRun) -> ArchiveSums:
-    """Write table and page of all that a folder holds on the run's map; the sums over it."""
+    """Write table and page of all results in a folder on the run's map; returns their sums."""
     records = records_of(run.folder, run.map_sha256)
     write_table(run.folder, records)
     sums, cells = sums_of(records), cell_sums(records)
@@ -99,9 +99,9 @@ def _draw(
     draw_archive_drives(drives, folder / "spread.png")
     draw_archive_places(places, folder / "plan.png")
     alt = "histograms of availability, error and time, bars of the codes"
-    spread = ReportFigure(folder / "spread.png", "How the drives fared.", alt)
+    spread = ReportFigure(folder / "spread.png", "Results of the drives.", alt)
     alt = "plan of the map in coloured cells, the worst places numbered"
-    return spread, ReportFigure(folder / "plan.png", "Where they found themselves, and where they did not.", alt)
+    return spread, ReportFigure(folder / "plan.png", "Where drives were located, and where not.", alt)
 
 
 def _drives(records: Sequence[JobRecord], sums: ArchiveSums, name: str) -> ArchiveDrives:

@@ -1,4 +1,4 @@
-"""The records that pictures and tables are made from: plain NumPy, filled by whoever ran the registration."""
+"""The records for pictures and tables: plain NumPy, filled after a registration."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,30 +20,29 @@ LEAST_P = 1e-38
 
 @dataclass(frozen=True, kw_only=True)
 class DriveResult:
-    """One drive registered against one map. Positions are local metres about ``origin``; NaN where there is none.
+    """One drive registered against one map. Positions are local metres around ``origin``; NaN if missing.
 
     Attributes:
-        name, map_name: as they stand in titles.
+        name, map_name: for titles.
         origin: latitude_deg, longitude_deg of the local frame's anchor.
         milliseconds_per_scan: wall time of the registration, divided by the scans.
         time_s, distance_m: since the drive's start; distance is travel, not a coordinate.
         east_m, north_m: of the fixes.
-        prior_east_m, prior_north_m, heading_rad: where the search began; yaw counter-clockwise from east.
+        prior_east_m, prior_north_m, heading_rad: start of the search; yaw counter-clockwise from east.
         sigma_along_m, sigma_cross_m: of the fixes, about the heading.
-        correlation, margin: of the fixes, at whatever code; no margin where the region holds no runner-up.
-        p_false: probability that ground which is not the map's would have passed the same search; 1 where nothing was
-            found.
-        code: labels out of ``CODES``.
+        correlation, margin: of the fixes, of any code; no margin without a runner-up in the region.
+        p_false: probability that foreign ground would have passed the same search; 1 if nothing was found.
+        code: labels from ``CODES``.
         yaw_rad: of the fixes, if the picture is to show the heading error.
-        sigma_yaw_rad: of the fixes, for the bands about it.
+        sigma_yaw_rad: of the fixes, for the bands around it.
         gnss_gap: scans at which GNSS/INS was silent for a second, or its sigma three times its best.
         truth_east_m, truth_north_m, truth_yaw_rad: all three, or none.
-        correlation_at_truth: what a perfect search would have found.
+        correlation_at_truth: score of a perfect search.
         baseline_tracks: east_m, north_m of each drive the map was built from.
         prior_sigma_m: standard deviation of the prior's position, per axis.
-        remarks: what else a reader of the report must know, a line each.
-        place_assumed: whether nobody said where on the earth the drive, or the map, lies.
-        impostor: recorded over ground that is not the map's, so that every ``ok`` is wrong.
+        remarks: further remarks for the report, a line each.
+        place_assumed: whether the place on the earth of the drive, or of the map, is assumed.
+        impostor: recorded over foreign ground, so that every ``ok`` is wrong.
     """
 
     name: str
@@ -78,7 +77,7 @@ class DriveResult:
 
     def __post_init__(self) -> None:
         if unknown := set(np.unique(self.code)) - set(CODES):
-            raise ValueError(f"codes that no fix has: {', '.join(sorted(map(str, unknown)))}")
+            raise ValueError(f"unknown codes: {', '.join(sorted(map(str, unknown)))}")
         truth = (self.truth_east_m, self.truth_north_m, self.truth_yaw_rad)
         if any(part is None for part in truth) and any(part is not None for part in truth):
             raise ValueError("truth needs east, north and yaw together")
@@ -95,27 +94,27 @@ class DriveResult:
 
     @property
     def tried(self) -> Shaped[np.ndarray, " scan"]:
-        """Scans that were registered: a window's fix stands on its last scan, the others were never asked."""
+        """Scans that were registered: a window's fix belongs to its last scan, the others have none."""
         return np.asarray(self.code != "no_window")
 
 
 @dataclass(frozen=True, kw_only=True)
 class MatchExample:
-    """Strips of one channel: the live drive, the map where it was matched, and the map off that place.
+    """Strips of one channel: the live drive, the map where it was matched, and the map elsewhere.
 
-    All three carry the same gain, so that they may be subtracted.
+    All three have the same gain, so that they can be subtracted.
 
     Attributes:
         baseline, live, beside: amplitudes.
-        beside_m: how far off the matched place ``beside`` was taken.
+        beside_m: distance of ``beside`` from the matched place.
         distance_m: along the strip.
         time_ns: two-way travel time of the samples.
         channel: 0 is the leftmost.
         correlation, margin: of the fix.
         lag_m: along-track shift at which live and baseline agree best.
-        gain: what was done to the amplitudes, for the caption.
+        gain: processing of the amplitudes, for the caption.
         window_m: first and last distance of the scans that the fix was made from; boxed.
-        wave_speed_m_per_ns: turns travel time into depth.
+        wave_speed_m_per_ns: converts travel time to depth.
     """
 
     baseline: Float[np.ndarray, "trace sample"]
@@ -135,16 +134,16 @@ class MatchExample:
 
 @dataclass(frozen=True, kw_only=True)
 class CorrelationSurface:
-    """Correlation over a grid of positions, everything else of the pose held at its best.
+    """Correlation over a grid of positions, the rest of the pose fixed at its best.
 
-    The box lies along the axes: a search region turned against north wants along and cross axes.
+    The box is aligned with the axes: a search region rotated from north needs along and cross axes.
 
     Attributes:
         x_m, y_m: evenly spaced positions, relative to ``origin``.
         correlation: NaN off the map.
-        half_width_m: of the search box about the prior, in x and y.
+        half_width_m: of the search box around the prior, in x and y.
         prior, best, second, truth: positions; ``second`` is the runner-up.
-        prior_sigma_m: along the axes of its ellipse; ``prior_tilt_rad`` is how far these are turned from x and y.
+        prior_sigma_m: along the axes of its ellipse; ``prior_tilt_rad`` is their rotation from x and y.
         origin: what the zero of the axes is.
         axes: names of x and y: east and north, or along and cross.
     """
@@ -164,9 +163,9 @@ class CorrelationSurface:
 
 
 class TrackErrors(NamedTuple):
-    """Fix minus reference of every scan, whatever its code: along is forward, cross is to the left.
+    """Fix minus reference of every scan, of any code: along is forward, cross is to the left.
 
-    The reference is the truth and its heading where the truth is known, else the prior.
+    The reference is the truth and its heading if known, else the prior.
     """
 
     along_m: Float[np.ndarray, " scan"]
@@ -174,7 +173,7 @@ class TrackErrors(NamedTuple):
 
 
 def track_errors(result: DriveResult) -> TrackErrors:
-    """Split what the fixes lie off their reference into along-track and cross-track."""
+    """Split the fixes' deviation from their reference into along-track and cross-track."""
     reference = (result.truth_east_m, result.truth_north_m, result.truth_yaw_rad)
     east, north, yaw = (
         prior if true is None else true
@@ -183,21 +182,21 @@ def track_errors(result: DriveResult) -> TrackErrors:
     return TrackErrors(*along_cross(result.east_m - east, result.north_m - north, yaw))
 
 
-# How long the stages of a running system take: a histogram a stage, with the deadline that it has to keep.
+# Times of a running system's stages: a histogram for each stage, with its deadline.
 
 _BINS = 120
 _LEAST_MS = 1e-3
-"""A stage that a clock cannot resolve still has a place on a logarithmic axis."""
+"""Lower limit, so that a stage below the clock's resolution has a place on a logarithmic axis."""
 
 
 @dataclass(frozen=True)
 class StageTimes:
-    """How long one stage took, each time.
+    """Times of one stage.
 
     Attributes:
         name: of the stage.
-        milliseconds: of each event; what is not finite is left out.
-        deadline_ms: to keep; None where there is none.
+        milliseconds: of each event; non-finite values are left out.
+        deadline_ms: to keep; None without one.
     """
 
     name: str
@@ -211,8 +210,8 @@ class TimingPicture:
 
     Attributes:
         title: of the picture.
-        stages: in the order of the way through the system, at least one.
-        note: what was measured on what, for the caption.
+        stages: in the order of processing, at least one.
+        note: measurement and machine, for the caption.
     """
 
     title: str
@@ -256,7 +255,7 @@ def _draw_stage(axes: Axes, stage: StageTimes, values: Float[np.ndarray, " event
         axes.set_title(f"{stage.name}: no event", fontweight="bold", fontsize=9.5)
         return
     late = values > (np.inf if deadline is None else deadline)
-    # A bin that the deadline cuts shows both parts, one on the other.
+    # A bin cut by the deadline shows both parts stacked.
     kept, beyond = (np.histogram(values[part], bins)[0] for part in (~late, late))
     axes.stairs(kept, bins, fill=True, facecolor=BLUE)
     axes.stairs(

@@ -1,4 +1,4 @@
-"""Pictures of the steering's sensors, its servo and the palm tree: from a drive and its fit to a PNG."""
+"""Pictures of fits of the steering's sensors, its servo and the palm tree."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ from lgprjax.tuning.sensors import EncoderFit, StraightFit, fitted_volts
 from lgprjax.tuning.servo import ServoFit
 from lgprjax.tuning.steering import WheelAngleFit, front_angle, front_band
 
-# Measured points, the curve fitted to them with its band, and what is left: one picture for several calibrations.
+# Measured points, the fitted curve with its band, and residuals: one picture for several calibrations.
 
 _SERIES = ((BLUE, "o"), (VERMILLION, "s"), (ORANGE, "^"))
 
@@ -30,7 +30,7 @@ class Points:
     Attributes:
         label: in the legend.
         x, y: of each point.
-        sigma: standard error of y; zeros where it is not known.
+        sigma: standard error of y; zeros if unknown.
         fitted: the curve at x.
     """
 
@@ -88,7 +88,7 @@ def draw_fitted_curve(
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
         above.fill_between(curve.x, curve.low, curve.high, color=SKY, alpha=0.45, linewidth=0, label="95 % band")
         above.plot(curve.x, curve.y, color=INK, linewidth=1.2, label=curve.label)
-        # The band is read off in the residuals: above, it is often thinner than the line.
+        # The band is visible in the residuals: above, it is often thinner than the line.
         half = residual_scale * (curve.high - curve.y), residual_scale * (curve.low - curve.y)
         below.fill_between(curve.x, half[1], half[0], color=SKY, alpha=0.45, linewidth=0)
         below.axhline(0.0, color=INK, linewidth=0.8)
@@ -119,17 +119,17 @@ def _draw_series(
     axes.errorbar(x, y, bars, fmt=marker, color=colour, markersize=4, elinewidth=1.0, capsize=2, alpha=0.9, label=label)
 
 
-# Encoder against potentiometer, standing still: the fit, the play between both, and what is left.
+# Encoder against potentiometer, standing still: the fit, the play between both, and residuals.
 
 
 @dataclass(frozen=True)
 class EncoderPicture:
-    """What the picture shows.
+    """Contents of the picture.
 
     Attributes:
         counts, potentiometer_v: of every record, finite.
         pause_counts, pause_v: mean of each pause.
-        rising: pauses that were reached with rising counts.
+        rising: pauses reached with rising counts.
         fitted_v: potentiometer by the fit at each pause, its turning direction included.
         line_counts, line_rising_v, line_falling_v: the fit for either direction.
         v_per_rad: change of the potentiometer with the wheel angle, for residuals in degrees; ``None`` if not known.
@@ -180,17 +180,17 @@ def draw_encoder_fit(shown: EncoderPicture, path: str | Path, *, caption: str, f
         write_caption(
             figure,
             f"{caption} Below: distance of the {len(left)} pauses (markers) and of the fit (lines) from the middle of "
-            "both turning directions, as an angle of the wheels where volts can be told as one; what lies between the "
-            "lines is the play.",
+            "both turning directions, as an angle of the wheels if volts can be converted; the distance "
+            "between the lines is the play.",
         )
 
 
 def _residual_scale(v_per_rad: float | None) -> tuple[float, str]:
-    """From volts to what residuals are drawn in."""
+    """From volts to the unit of the residuals."""
     return (1e3, "mV") if v_per_rad is None else (float(np.degrees(1.0 / abs(v_per_rad))), "degrees")
 
 
-# Responses of the steering servo: command, what the wheels did, what the model says, and what is left.
+# Responses of the steering servo: command, measured and modelled wheel angles, and residuals.
 
 
 @dataclass(frozen=True)
@@ -199,8 +199,8 @@ class ServoResponse:
 
     Attributes:
         time_s: of the records.
-        command_rad: what the servo was told.
-        measured_rad: what the wheels did.
+        command_rad: command to the servo.
+        measured_rad: measured wheel angles.
         model_rad: the identified servo under the same commands.
     """
 
@@ -213,7 +213,7 @@ class ServoResponse:
 def draw_servo_steps(
     response: ServoResponse, path: str | Path, *, title: str, caption: str, force: bool = False
 ) -> None:
-    """Draw the whole drive, the largest step close by, and the residuals.
+    """Draw the whole drive, a detail of the largest step, and the residuals.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -252,9 +252,9 @@ def _largest_step(response: ServoResponse) -> float:
     return float(response.time_s[np.argmax(np.abs(np.diff(response.command_rad))) + 1])
 
 
-# The palm tree: one branch a setting of the steering, its positions and the arc fitted to them.
+# The palm tree: one branch for each setting of the steering, its positions and the fitted arc.
 
-# The lightest tenth of the map cannot be told from the paper.
+# The lightest tenth of the colour map cannot be distinguished from paper.
 _ANGLE_MAP = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.9, 256)), name="steering")
 _LABELS_PER_SIDE = 5
 _OUTLIER_SCALES = 4.0
@@ -268,7 +268,7 @@ class Branch:
         east_m, north_m: fixes of the rear axle, in the order of driving, finite.
         way_m: along the path at each fix, forward positive.
         curvature_radpm: fitted, of the rear axle's path; a left turn is positive, in reverse too.
-        front_rad: front wheel angle that the fit gives.
+        front_rad: fitted front wheel angle.
     """
 
     east_m: Float[np.ndarray, " fix"]
@@ -286,7 +286,7 @@ def draw_palm_tree(
     Args:
         branches: one or more.
         path: the PNG.
-        dropped: stretches that were left out of the fit, by reason, for the caption.
+        dropped: stretches left out of the fit, by reason, for the caption.
         force: replace a file that exists.
 
     Raises:
@@ -335,7 +335,7 @@ def draw_palm_tree(
 
 
 def lay_arc(branch: Branch) -> Float[np.ndarray, "fix 2"]:
-    """East and north of the arc of a branch's curvature, laid onto its positions by the best turn and shift."""
+    """East and north of the arc of a branch's curvature, aligned with its positions by rotation and shift."""
     way = branch.way_m - np.mean(branch.way_m)
     turned = branch.curvature_radpm * way
     # Chord of an arc from its middle, without dividing by the curvature.
@@ -352,7 +352,7 @@ def lay_arc(branch: Branch) -> Float[np.ndarray, "fix 2"]:
         turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
         arc = (shape - middle) @ turn + centre
         away = np.hypot(*(place - arc).T)
-        # A position that is metres off must not pull the picture along.
+        # An outlier of metres must not shift the picture.
         kept = away <= _OUTLIER_SCALES * max(1.4826 * float(np.median(away)), 1e-9)
     return np.asarray(arc)
 
@@ -360,14 +360,14 @@ def lay_arc(branch: Branch) -> Float[np.ndarray, "fix 2"]:
 def _tip(
     arc: Float[np.ndarray, "fix 2"], common: Float[np.ndarray, "2"]
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """End of an arc that lies farther from where branches begin, and the direction in which it would go on."""
+    """The end of an arc farther from the start of the branches, and its direction there."""
     outward = arc if np.hypot(*(arc[-1] - common)) >= np.hypot(*(arc[0] - common)) else arc[::-1]
     onward = outward[-1] - outward[-1 - max(len(arc) // 5, 1)]
     return outward[-1], onward / max(float(np.hypot(*onward)), 1e-12)
 
 
 def _misses(branch: Branch, arc: Float[np.ndarray, "fix 2"]) -> Float[np.ndarray, " fix"]:
-    """Distance of each position from the arc, across it: the odometer's scale is not the arc's fault."""
+    """Distance of each position from the arc, across it, which excludes the odometer's scale."""
     direction = np.gradient(arc, axis=0)
     direction /= np.maximum(np.hypot(*direction.T), 1e-12)[:, None]
     east, north = branch.east_m - arc[:, 0], branch.north_m - arc[:, 1]
@@ -375,7 +375,7 @@ def _misses(branch: Branch, arc: Float[np.ndarray, "fix 2"]) -> Float[np.ndarray
 
 
 def _labelled(front_deg: Float[np.ndarray, " branch"]) -> list[int]:
-    """Branches to write the angle beside: the outermost, the straightest and some between, once an angle."""
+    """Branches to label with their angle: the outermost, the straightest and some between, once for each angle."""
     distinct = np.unique(np.round(front_deg, 0), return_index=True)[1]
     distinct = distinct[np.argsort(front_deg[distinct])]
     picked = np.unique(np.linspace(0, len(distinct) - 1, 2 * _LABELS_PER_SIDE + 1).round().astype(int))
@@ -390,7 +390,7 @@ _STEPS = 201
 
 
 def draw_straight(fit: StraightFit, path: str | Path, *, force: bool = False) -> None:
-    """Potentiometer over curvature, a point a window of the way.
+    """Potentiometer over curvature, one point for each window of travel.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -408,7 +408,7 @@ def draw_straight(fit: StraightFit, path: str | Path, *, force: bool = False) ->
         Curve("robust line", 1e3 * bend, line, line - half, line + half),
         path,
         title=f"Straight potentiometer value: {value.value:.4f} V, {value.low:.4f} to {value.high:.4f} V",
-        x_label="curvature by heading over way (1/km)",
+        x_label="curvature by heading over distance (1/km)",
         y_label="potentiometer (V)",
         residual_label="residual (mV)",
         residual_scale=1e3,
@@ -445,14 +445,14 @@ def draw_encoder(
     )
     per_v, play = fit.counts_per_v, fit.hysteresis_counts
     caption = (
-        f"{per_v.value:.1f} counts a volt ({per_v.low:.1f} to {per_v.high:.1f}), play {play.value:.1f} counts "
+        f"{per_v.value:.1f} counts per volt ({per_v.low:.1f} to {per_v.high:.1f}), play {play.value:.1f} counts "
         f"({play.low:.1f} to {play.high:.1f}); {fit.why}."
     )
     draw_encoder_fit(shown, path, caption=caption, force=force)
 
 
 def draw_arcs(signals: DriveSignals, arcs: Arcs, fit: WheelAngleFit, path: str | Path, *, force: bool = False) -> None:
-    """The palm tree of a drive, coloured by the front angle that the fit gives.
+    """The palm tree of a drive, coloured by the fitted front angle.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -495,8 +495,8 @@ def draw_wheel_angle(fit: WheelAngleFit, path: str | Path, *, force: bool = Fals
         y_label="front wheel angle (degrees)",
         residual_label="measured − map (degrees)",
         caption=(
-            f"Front wheel angle that the arcs of each setting give, with its 95 % interval, and a cubic through "
-            f"{len(fit.steering)} settings. Scatter that the arcs do not explain: {np.degrees(fit.extra_rad):.2f}°."
+            f"Front wheel angle from the arcs of each setting, with its 95 % interval, and a cubic through "
+            f"{len(fit.steering)} settings. Scatter not explained by the arcs: {np.degrees(fit.extra_rad):.2f}°."
         ),
         force=force,
     )
@@ -510,7 +510,7 @@ def draw_servo(
     *,
     force: bool = False,
 ) -> None:
-    """Responses of the servo, measured and by the model.
+    """Responses of the servo, measured and modelled.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.

@@ -1,4 +1,4 @@
-"""Pictures of studies: which a kind of study has, and all that draw them."""
+"""Pictures for each kind of study, and the functions that draw them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ from lgprjax.report.motion_pictures import (
 from lgprjax.report.steering_pictures import draw_arcs, draw_encoder, draw_servo, draw_straight, draw_wheel_angle
 from lgprjax.report.style import BLUE, FAINT, GREEN, MUTED, VERMILLION, picture, write_caption
 
-# How well the navigation filter fits a drive: innovations by source against their band, and errors of the track.
+# Fit of the navigation filter to a drive: innovations by source with their band, and errors of the track.
 
 # 95 % of a chi-square of one, two and three degrees of freedom.
 _BAND = {1: 3.841, 2: 5.991, 3: 7.815}
-# From here on errors are drawn on a scale that shows small ones too.
+# Above this ratio errors are drawn on a scale that shows small ones too.
 _FAR_M = 0.5
 _SOURCES = (("gnss", 2), ("heading", 1), ("odometer", 1), ("lgpr", 3))
 _COLOURS = {"filter": BLUE, "smoother": GREEN, "threshold switch": VERMILLION}
@@ -30,14 +30,14 @@ _COLOURS = {"filter": BLUE, "smoother": GREEN, "threshold switch": VERMILLION}
 
 @dataclass(frozen=True)
 class FusionPicture:
-    """A drive by the filter.
+    """A drive, filtered.
 
     Attributes:
         time_s: of the ticks.
         nis: normalised innovation squared, of GNSS, heading, odometer and LGPR.
-        offered: where there was one.
+        offered: whether there was one.
         accepted: by its gate.
-        error_m: distance from the truth by the name of what estimates; empty where there is no truth.
+        error_m: distance from the truth by name of the estimator; empty without truth.
     """
 
     time_s: Float[np.ndarray, " tick"]
@@ -93,7 +93,7 @@ def draw_fusion_fit(shown: FusionPicture, path: str | Path, *, caption: str, for
 
 
 def _summary(nis: Float[np.ndarray, " seen"], accepted: Bool[np.ndarray, " seen"], parts: int) -> str:
-    """Share within the band of all, mean of those that were accepted."""
+    """Share of all within the band, mean of the accepted ones."""
     if not nis.size:
         return "none"
     shut_out = int((~accepted).sum())
@@ -124,12 +124,12 @@ __all__ = [
 
 
 def study_pictures(kind: str) -> dict[str, Callable[[Any, Path, bool], None]]:
-    """Pictures of a kind of study by name: each draws a study's detail to a path, replacing a file if told so."""
+    """Pictures of a kind of study by name: each draws a study's detail to a path, optionally replacing a file."""
     return _PICTURES[kind]
 
 
 def _draw_rear_ratio(detail: Any, path: Path, force: bool) -> None:
-    # Found by heading it holds arcs, else both wheel angles.
+    # Found by heading it has arcs, else both wheel angles.
     if "arcs" in detail._fields:
         draw_rear_ratio_heading(detail.arcs, detail.chassis, detail.fit, path, force=force)
     else:
@@ -137,7 +137,7 @@ def _draw_rear_ratio(detail: Any, path: Path, force: bool) -> None:
 
 
 def _draw_fusion(detail: Any, path: Path, force: bool) -> None:
-    """The first drive that judges the fit."""
+    """Draw the first drive that judges the fit."""
     one = detail.judged[0]
     errors = {}
     if one.truth is not None:
@@ -149,7 +149,7 @@ def _draw_fusion(detail: Any, path: Path, force: bool) -> None:
     info = one.info
     offered, accepted = np.asarray(info.offered), np.asarray(info.accepted)
     shown = FusionPicture(one.time_s, np.asarray(info.nis, np.float64), offered, accepted, errors)
-    draw_fusion_fit(shown, path, caption=f"{one.name} by the noises found; beyond the red line lie 5 %.", force=force)
+    draw_fusion_fit(shown, path, caption=f"{one.name} with the fitted noises; 5 % are above the red line.", force=force)
 
 
 _PICTURES: dict[str, dict[str, Callable[[Any, Path, bool], None]]] = {

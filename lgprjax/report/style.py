@@ -1,4 +1,4 @@
-"""One look for all pictures: colours that survive print and colour blindness, and how a picture becomes a file."""
+"""Common style of all pictures: colours for print and colour blindness, and writing of files."""
 
 import textwrap
 from collections.abc import Iterator
@@ -22,9 +22,9 @@ CORRELATION_MAP = "viridis"
 ERROR_MAP = "RdBu_r"
 
 UNSCORED = "#a6a6a6"
-"""Under a map of colours, where there is no value: on neither of its ends."""
+"""Colour of missing values in a colour map: at neither of its ends."""
 
-# Okabe and Ito's palette: apart for every common colour blindness, and of different lightness in print.
+# Okabe and Ito's palette: distinguishable with every common colour blindness, and of different lightness in print.
 BLUE, SKY, GREEN, ORANGE, VERMILLION, PURPLE = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#CC79A7"
 INK, MUTED, FAINT, GAP = "#222222", "#6b6b6b", "#bdbdbd", "#ececec"
 
@@ -71,7 +71,7 @@ def picture(path: str | Path, width_in: float, height_in: float, force: bool) ->
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
     """
-    # rc_context restores what it sets, and a Figure made without pyplot is known to no one else.
+    # rc_context restores its settings, and a Figure made without pyplot is not registered globally.
     with atomic_output(path, force) as temporary, rc_context(_STYLE):
         figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
         yield figure
@@ -102,7 +102,7 @@ def outer_edges(centres: Float[np.ndarray, " cell"]) -> tuple[float, float]:
 
 
 def speed_text(speed_m_per_ns: float) -> str:
-    """A wave's speed with two decimals at least, and no digit of what was given lost."""
+    """A wave's speed with at least two decimals, keeping all given digits."""
     short = f"{speed_m_per_ns:.2f}"
     return short if float(short) == speed_m_per_ns else f"{speed_m_per_ns:.4g}"
 
@@ -114,7 +114,7 @@ def runs_of(held: Bool[np.ndarray, " place"]) -> Int[np.ndarray, "run 2"]:
 
 
 def label_decades(axis: Axis) -> None:
-    """Numbers at 1, 2 and 5 of each decade of a logarithmic axis: a short one may hold no power of ten."""
+    """Numbers at 1, 2 and 5 of each decade of a logarithmic axis: a short one may contain no power of ten."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())

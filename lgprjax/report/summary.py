@@ -1,4 +1,4 @@
-"""A drive in a dozen figures, each named by the metric it is."""
+"""A drive in a dozen figures, each named by its metric."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -14,13 +14,13 @@ from lgprjax.report.results import CODES, LEAST_P, DriveResult, track_errors
 from lgprjax.report.style import BLUE, CODE_COLOURS, GAP, INK, MUTED, picture, write_caption
 
 WRONG_M = 0.3
-"""An ``ok`` fix farther off than this is wrong: the nominal 1 ft of the Husky's requirements (``registration.WRONG_M``;
+"""An ``ok`` fix with a larger error is wrong: the nominal 1 ft of the Husky's requirements (``registration.WRONG_M``;
 repeated here so that pictures need no accelerator library)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveSummary:
-    """What came of a drive. ``None`` stands for what cannot be told: no ok fix, no truth.
+    """Summary of a drive. ``None`` where unknown: no ok fix, no truth.
 
     Errors are in the map frame, over the ok fixes whose truth is known (``judged`` of them). RMS compares with
     the 4.3 cm of Cornick et al. 2016, the means with Ort et al. 2020 (who fit a clock offset first; here none is).
@@ -30,9 +30,9 @@ class DriveSummary:
         ok_fraction: of the tried.
         median_correlation_ok, median_correlation_at_truth: of the ok fixes; of all scans at the true pose.
         max_error_m: the largest distance from the truth.
-        remarks: what else a reader must know, a line each.
-        place_assumed: whether nobody said where on the earth the drive, or the map, lies.
-        wrong_ok: ok fixes more than ``WRONG_M`` off; of an impostor all of them.
+        remarks: further remarks, a line each.
+        place_assumed: whether the place on the earth of the drive, or of the map, is assumed.
+        wrong_ok: ok fixes with an error above ``WRONG_M``; for an impostor all of them.
     """
 
     name: str
@@ -84,7 +84,7 @@ def summarise(result: DriveResult) -> DriveSummary:
     ok, tried = int(result.ok.sum()), int(result.tried.sum())
     errors = track_errors(result)
     judged = result.ok & np.isfinite(errors.along_m) & np.isfinite(errors.cross_m) & result.has_truth
-    # The ground of an impostor lies elsewhere: how near its fixes come to anything says nothing.
+    # The ground of an impostor is elsewhere: distances of its fixes mean nothing.
     judged &= not result.impostor
     along, cross = errors.along_m[judged].astype(np.float64), errors.cross_m[judged].astype(np.float64)
     total = np.hypot(along, cross)
@@ -136,7 +136,7 @@ def labelled(name: str, *, impostor: bool) -> str:
 
 
 def overview_rows(summaries: Sequence[DriveSummary]) -> list[tuple[str, ...]]:
-    """One row a drive under ``OVERVIEW_HEADER``, for the terminal and the page alike."""
+    """One row a drive under ``OVERVIEW_HEADER``, for terminal and page."""
     return [
         (
             labelled(s.name, impostor=s.impostor),
@@ -185,12 +185,12 @@ def _whole(value: int | None) -> str:
 
 _BINS = 50
 _COMPACT: dict[str, Any] = {"frameon": False, "handlelength": 1.2, "columnspacing": 1.0}
-# Narrower parts of a bar hold no number.
+# Narrower parts of a bar have no number.
 _LABELLED_SHARE = 0.07
 _LEAST_SPAN = 0.1
-"""Of the margins, so that a drive with next to none does not look as if it had some."""
+"""Least range of the margins, so that a drive with almost none is not magnified."""
 _MOST_RISKS = 5.0
-"""Evidence beyond so many times what is asked is drawn in the last bin."""
+"""Evidence beyond this multiple of the required is drawn in the last bin."""
 
 
 def draw_codes(
@@ -205,7 +205,7 @@ def draw_codes(
     Args:
         results: at least one drive.
         path: the PNG.
-        risk: probability of a false match up to which a fix is believed.
+        risk: largest accepted probability of a false match.
         force: replace a file that exists.
 
     Raises:
@@ -235,14 +235,14 @@ def draw_codes(
         figure.suptitle("Why fixes are accepted or refused")
         seen = [label for label in CODES[:-1] if any((result.code == label).any() for result in results)]
         handles = [Patch(color=CODE_COLOURS[label], label=label) for label in seen]
-        # Three columns of at most seven codes fit over the bars; nothing was tried: nothing to explain.
+        # Three columns of at most seven codes fit over the bars; without tried scans there is none.
         if handles:
             grid[0, 2].legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 0.9), ncols=3, **_COMPACT)
         write_caption(
             figure,
-            f"Dashed: the risk, {risk:g}. To be ok a fix must stand in the white part, where ground that is not the "
-            "map's would match as well less often than that, and lead over its runner-up by enough noise floors. "
-            "Without a runner-up there is no margin. Black: an impostor. Scans without a fix of their own (no_window) "
+            f"Dashed: the risk, {risk:g}. To be ok a fix must be in the white part, where foreign ground would "
+            "match as well less often than that, and exceed its runner-up by enough noise floors. Without a "
+            "runner-up there is no margin. Black: an impostor. Scans without a fix of their own (no_window) "
             "are left out.",
         )
 
@@ -252,7 +252,7 @@ def _shown(values: Float[np.ndarray, " scan"], result: DriveResult) -> Float[np.
 
 
 def _draw_histogram(axes: Axes, values: Float[np.ndarray, " shown"], span: tuple[float, float], colour: str) -> None:
-    # What lies beyond belongs to the last bin, not out of sight.
+    # Values beyond belong to the last bin.
     axes.hist(np.clip(values, *span), bins=_BINS, range=span, color=colour, histtype="stepfilled")
     axes.set_xlim(*span)
     axes.locator_params(axis="y", nbins=3, integer=True)

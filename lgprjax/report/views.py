@@ -71,7 +71,7 @@ def view_of_drive(path: Path, *, channel: int | None, raw: bool, speed_m_per_ns:
         if in_metres:
             backwards = int(np.count_nonzero(np.diff(np.maximum.accumulate(travel_m)) <= 0))
             if backwards:
-                notes.append(f"{backwards} of {log.scans} scans, taken standing or in reverse, are passed over.")
+                notes.append(f"{backwards} of {log.scans} scans, taken standing or in reverse, are skipped.")
             if len(along) < _NEARLY_ALL * (log.scans - backwards):
                 notes.append(f"{len(along)} of {log.scans} scans are drawn.")
         else:
@@ -103,7 +103,7 @@ def view_of_drive(path: Path, *, channel: int | None, raw: bool, speed_m_per_ns:
 
 
 def stations_of_map(path: Path) -> MapStations:
-    """A map's stations, of very many every second, third and so on. Raises ``InputError``."""
+    """A map's stations; very many are decimated. Raises ``InputError``."""
     with MapFile.open(path) as source:
         known = source.description
         count = len(source.places)
@@ -115,7 +115,7 @@ def stations_of_map(path: Path) -> MapStations:
         loudness = (
             np.sqrt(np.mean((few.profile * known.gain)[few.valid] ** 2, axis=0)) if few.valid.any() else known.gain
         )
-        # Where a map's gain finds nothing that repeats it leaves nothing to be drawn.
+        # Where nothing repeats, a map's gain is zero and nothing can be drawn.
         deepest = 1 + int(np.flatnonzero(loudness >= _QUIET * loudness.max())[-1])
         time_ns = (np.arange(_SLICES) + 0.5) / _SLICES * deepest * interval_ns
         first = np.clip(np.round(time_ns / interval_ns - window / 2).astype(int), 0, max(samples - window, 0))
@@ -132,7 +132,7 @@ def stations_of_map(path: Path) -> MapStations:
         notes = [] if len(chosen) == count else [f"{len(chosen)} of {count} stations are drawn."]
         if deepest < samples:
             notes.append(
-                f"From {deepest * interval_ns:.3g} to {samples * interval_ns:.3g} ns the map holds next to nothing."
+                f"From {deepest * interval_ns:.3g} to {samples * interval_ns:.3g} ns the map holds almost nothing."
             )
         if not any(len(each) for each in places):
             raise InputError(path, "/baselines/valid", "a station in use", "none")
@@ -153,11 +153,11 @@ def stations_of_map(path: Path) -> MapStations:
 
 
 def _shown(path: Path, count: int, channel: int | None) -> tuple[int, ...]:
-    """The channel that was asked for; else all of a few, or the middle one of many."""
+    """The requested channel; else all of a few, or the middle one of many."""
     if channel is None:
         return tuple(range(count)) if count <= _MOST_PANELS else (count // 2,)
     if not 0 <= channel < count:
-        raise InputError(path, "channels", f"one with the number {channel}, as --channel says", f"0 to {count - 1}")
+        raise InputError(path, "channels", f"number {channel} from --channel", f"0 to {count - 1}")
     return (channel,)
 
 
@@ -181,7 +181,7 @@ def _of_channels(shown: tuple[int, ...], count: int) -> str:
 def _amplitudes(
     log: DriveLog, chosen: Int[np.ndarray, " column"], shown: tuple[int, ...]
 ) -> tuple[Float[np.ndarray, "column channel sample"], Float[np.ndarray, " sample"], float | None, tuple[str, ...]]:
-    """Chosen scans of some channels, what is invalid as NaN; travel times; frequency; what was done already."""
+    """Chosen scans of some channels, invalid ones as NaN; travel times; frequency; processing already done."""
     recording = log.description.recording
     drive = recording_of(log)
     matrix, steps = None, tuple[str, ...]()
@@ -226,7 +226,7 @@ def _plan_of_drive(log: DriveLog, travel_m: Float[np.ndarray, " scan"], shown: t
 
 
 def _plan_of_profile(profile: Profile) -> LinePlan | None:
-    """Of files whose headers hold coordinates."""
+    """Plan for files whose headers hold coordinates."""
     held = profile.coordinates
     if held is None or profile.positions_m is None:
         return None

@@ -1,4 +1,4 @@
-"""One page to look closely: pictures with axes that are zoomed and moved by mouse, finger or keys, nothing outside."""
+"""A self-contained page of pictures with axes that can be zoomed and moved by mouse, finger or keys."""
 
 import base64
 import io
@@ -51,7 +51,7 @@ class _Panel:
 
 
 def write_line_page(view: LineView, path: str | Path, *, force: bool = False) -> None:
-    """Write the radargrams of a line, and where they lie, as a page that can be zoomed.
+    """Write the radargrams of a line, and their plan, as a page that can be zoomed.
 
     Very long lines are averaged down to 2400 columns, and 1200 rows, a picture.
 
@@ -113,7 +113,7 @@ def _radargram_panel(radargram: Radargram, view: LineView) -> _Panel:
 
 
 def _thinned(amplitude: Float[np.ndarray, "trace sample"]) -> Float[np.ndarray, "column row"]:
-    """Means of so many neighbours that the picture is small enough; NaN where one of them is."""
+    """Means of neighbours, as many as make the picture small enough; NaN if one of them is."""
     for axis, most in ((0, _MOST_COLUMNS), (1, _MOST_ROWS)):
         together = -(-amplitude.shape[axis] // most)
         starts = np.arange(0, amplitude.shape[axis], together)

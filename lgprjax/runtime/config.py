@@ -27,7 +27,7 @@ class PortsTable(ConfigTable):
 
 
 class SweepTable(ConfigTable):
-    """Frequencies of a stepped-frequency radar, as ``radar_sweep_plan`` of ``data_schema/wire.toml`` has them."""
+    """Frequencies of a stepped-frequency radar, as in ``radar_sweep_plan`` of ``data_schema/wire.toml``."""
 
     first_khz: int = Field(gt=0, lt=1 << 32)
     step_khz: int = Field(gt=0, lt=1 << 32)
@@ -35,12 +35,13 @@ class SweepTable(ConfigTable):
 
 
 class RadarTable(ConfigTable):
-    """What the radar is told before it scans.
+    """Settings sent to the radar before it scans.
 
     Attributes:
-        sweep: frequencies; none: as the radar has them.
+        sweep: frequencies; None: the radar's own.
         scan_period_us: from scan to scan; 0: as planned.
-        calibrate, look_up: have it do so before it starts, the array over the ground and at empty space.
+        calibrate, look_up: request it before the start, with the array over the ground and pointed at empty space,
+            respectively.
     """
 
     sweep: SweepTable | None = None
@@ -50,13 +51,14 @@ class RadarTable(ConfigTable):
 
 
 class RegistrationTable(ConfigTable):
-    """The search, as ``lgprjax register`` has it.
+    """The search, as in ``lgprjax register``.
 
     Attributes:
-        search_m: half side of the square about the control loop's prior.
-        window_m: of scans matched as one; unset, the shortest window of the ladder that reaches the risk.
-        time_scale: of the day against the map's; unset, it is found along the drive.
-        risk: probability of a false match up to which a fix is believed, and a scan is evidence of the map's ground.
+        search_m: half side of the square around the control loop's prior.
+        window_m: length of the windows; unset, the shortest window of the ladder that reaches the risk.
+        time_scale: travel time in the ground relative to the map; unset, it is estimated along the drive.
+        risk: largest probability of a false match for an accepted fix, and for a scan that is evidence of the map's
+            ground.
     """
 
     search_m: float = Field(default=1.5, gt=0.0, le=5.0)
@@ -67,7 +69,7 @@ class RegistrationTable(ConfigTable):
 
 
 class SensorsTable(ConfigTable):
-    """What the sensors' own numbers leave open: delay and period of positions, sigmas, and slow errors of headings."""
+    """Sensor properties not in their messages: delay and period of positions, sigmas, and slow errors of headings."""
 
     gnss_delay_s: float = Field(default=0.0, ge=0.0, le=1.0)
     gnss_period_s: float = Field(default=0.143, gt=0.0, le=2.0)
@@ -81,7 +83,7 @@ class SensorsTable(ConfigTable):
 
 
 class ControlTable(ConfigTable):
-    """The control loop. ``fusion`` names whose pose is driven by."""
+    """The control loop. ``fusion`` selects the source of the pose used for control."""
 
     fusion: Literal["filter", "switch"] = "filter"
     core: int | None = None
@@ -96,12 +98,12 @@ class CoverageTable(ConfigTable):
     """A field that a skid-steer vehicle works.
 
     Attributes:
-        plan: X.cover.geojson; without one nothing is driven, but corners can be marked.
+        plan: X.cover.geojson; without one the vehicle does not drive, but corners can be marked.
         speed_mps: set speed that the buttons plus and minus lock.
-        guidance: law that steers along the plan.
-        spare_m: room that the fence leaves beyond what the plan needs, for stopping, uncertainty and tracking.
-        cell_m: of the map of what is worked.
-        level: probability from which on the page shows a cell as worked.
+        guidance: control law along the plan.
+        spare_m: extra room of the fence beyond the plan's, for stopping, uncertainty and tracking.
+        cell_m: side of the cells of the worked map.
+        level: probability from which the page shows a cell as worked.
     """
 
     plan: str | None = None
@@ -131,7 +133,7 @@ class DisplayTable(ConfigTable):
 
 
 class SupervisionTable(ConfigTable):
-    """How long a process may be silent once ready, and take to come up; registration's core; when it is too hot."""
+    """Time limits of processes for silence once ready and for starting; registration's core; temperature limit."""
 
     control_s: float = Field(default=0.2, gt=0.0)
     others_s: float = Field(default=1.0, gt=0.0)
@@ -141,13 +143,13 @@ class SupervisionTable(ConfigTable):
 
 
 class SimulationTable(ConfigTable):
-    """The world of ``run --simulate``: an off-road course or a field, what the operator does, and what goes wrong.
+    """The world of ``run --simulate``: an off-road course or a field, operator actions, and faults.
 
     Attributes:
         length_m, weather, scan_share: of a course.
-        field: X.geojson that the plan is made from where it is missing; of a field.
+        field: X.geojson from which a missing plan is made; of a field.
         overlap, order, turning_room_m: of that plan, see ``lgprjax cover plan``.
-        script: what the operator does: moments in seconds since the vehicle was ready, and what is pressed.
+        script: operator actions: times in seconds since the vehicle was ready, and buttons pressed.
         faults: see ``simulation.devices``.
     """
 
@@ -168,7 +170,7 @@ class RuntimeConfig(ConfigTable):
     """Everything of a ``CONFIG.toml``.
 
     Attributes:
-        file: where it was read.
+        file: its path.
     """
 
     file: Path
@@ -203,7 +205,7 @@ class RuntimeConfig(ConfigTable):
         return BrokenRuleError("map, routes, coverage", expected, given)
 
     def path(self, named: str) -> Path:
-        """A path of the configuration, ready to be opened."""
+        """A path of the configuration, ready to open."""
         return self.file.parent / named
 
 
@@ -211,13 +213,13 @@ def read_config(path: str | Path) -> RuntimeConfig:
     """A configuration from its file.
 
     Raises:
-        InputError: it is missing, no TOML, or a key is unknown, missing or not as expected.
+        InputError: it is missing, not TOML, or a key is unknown, missing or not as expected.
     """
     file = Path(path)
     return fill_table(RuntimeConfig, TableKey(file), {**load_toml(file), "file": file.resolve()})
 
 
-# A configuration as text: the file that a run is started from, its lines and paths filled in.
+# A configuration as text: the file that a run is started from, with its lines and paths.
 
 
 def write_config(path: Path, config: RuntimeConfig) -> None:
@@ -226,7 +228,7 @@ def write_config(path: Path, config: RuntimeConfig) -> None:
     Raises:
         InputError: it cannot be written.
     """
-    from lgprjax.formats.store import atomic_output  # whoever reads a configuration need not wait for HDF5
+    from lgprjax.formats.store import atomic_output  # reading a configuration must not import HDF5
 
     table = config.model_dump(exclude={"file"}, exclude_none=True)
     for name in ("vehicle", "map", "cache"):

@@ -1,4 +1,4 @@
-"""GNSS/INS receivers: NMEA sentences and UBX messages cut out of a byte stream, and the samples they give."""
+"""GNSS/INS receivers: NMEA sentences and UBX messages from a byte stream, and their samples."""
 
 import math
 import re
@@ -16,7 +16,7 @@ from pyubx2 import UBXReader
 from lgprjax.runtime.stamps import GnssTimeScale
 from lgprjax.wire import KEPT, RefusalReason, RefusedBytes
 
-# What the messages of GNSS/INS receivers say, in the units of this project.
+# Samples of GNSS/INS receivers, in the units of this project.
 
 
 class Quality(IntEnum):
@@ -29,12 +29,12 @@ class Quality(IntEnum):
 
 
 class GnssPosition(NamedTuple):
-    """A position of the antenna or of what the receiver was told to speak of.
+    """A position of the antenna or of the receiver's configured point.
 
     Attributes:
         tow_s: time of week or day, by the sample's scale.
-        latitude_deg, longitude_deg, height_m: WGS-84, ellipsoidal; no numbers where the quality is ``NONE``.
-        sigma_m: horizontal, of one axis; no number where it is not told.
+        latitude_deg, longitude_deg, height_m: WGS-84, ellipsoidal; NaN if the quality is ``NONE``.
+        sigma_m: horizontal, of one axis; NaN if not stated.
         quality: of the position.
     """
 
@@ -47,20 +47,20 @@ class GnssPosition(NamedTuple):
 
 
 class Accuracy(NamedTuple):
-    """Sigma of the position of the same time, of one axis, where it comes in a message of its own (NMEA GST)."""
+    """Sigma of the position of the same time, of one axis, from a separate message (NMEA GST)."""
 
     tow_s: float
     sigma_m: float
 
 
 class GnssAttitude(NamedTuple):
-    """How the vehicle stands.
+    """Attitude of the vehicle.
 
     Attributes:
-        tow_s: time of week or day; no number where the message carries none.
+        tow_s: time of week or day; NaN if the message has none.
         heading_deg: clockwise from true north, in [0, 360).
-        roll_deg: positive right side down; no number where it is not told.
-        sigma_heading_deg: no number where it is not told.
+        roll_deg: positive right side down; NaN if not stated.
+        sigma_heading_deg: NaN if not stated.
     """
 
     tow_s: float
@@ -70,10 +70,10 @@ class GnssAttitude(NamedTuple):
 
 
 class Rate(NamedTuple):
-    """How fast the vehicle turns.
+    """Turn rate of the vehicle.
 
     Attributes:
-        tow_s: time of week or day; no number where the message carries none.
+        tow_s: time of week or day; NaN if the message has none.
         yaw_rate_radps: counter-clockwise positive, seen from above.
     """
 
@@ -82,7 +82,7 @@ class Rate(NamedTuple):
 
 
 class GnssSample(NamedTuple):
-    """What one message says; one of its parts is there.
+    """Contents of one message; exactly one part is present.
 
     Attributes:
         scale: of the part's ``tow_s``.
@@ -96,21 +96,21 @@ class GnssSample(NamedTuple):
 
 
 def read_gnss(raw: bytes) -> GnssSample | None:
-    """What a message says; ``None`` where it says nothing of use, or what it says is not valid. Never raises."""
+    """Sample of a message; ``None`` if it has nothing of use, or is invalid. Never raises."""
     try:
         if raw[:1] == b"$":
             read = _NMEA.get(raw[1:6] if raw[1:2] == b"P" else raw[3:6])
             return read(NMEAReader.parse(raw)) if read else None
         length, read = _UBX.get(raw[2:4], (0, None))
-        # The library takes what is missing at the end for zeros.
+        # The library reads missing data at the end as zeros.
         return read(UBXReader.parse(raw)) if read and len(raw) == length + 8 else None
-    # The libraries raise whatever their conversions raise; a message that they cannot read says nothing.
+    # The libraries raise any error of their conversions; a message that they cannot read is ignored.
     except Exception:
         return None
 
 
 class _InvalidError(ValueError):
-    """A field that is missing, no number or out of its range."""
+    """A field that is missing, not a number or out of its range."""
 
 
 def _within(value: Any, low: float, high: float) -> float:
@@ -187,14 +187,14 @@ def _pashr(message: Any) -> GnssSample | None:
 def _nav_pvt(message: Any) -> GnssSample:
     whole = message.gnssFixOk and message.fixType in (3, 4) and not message.invalidLlh
     q = {0: Quality.SINGLE, 1: Quality.FLOAT, 2: Quality.FIXED}.get(message.carrSoln, Quality.NONE)
-    # hAcc is of both axes together: as the sigma of one it is on the safe side.
+    # hAcc is of both axes together: as the sigma of one it is conservative.
     sigma = _or_nan(message.hAcc / 1000.0, 1e-4, 1e5)
     height = message.height / 1000.0
     return _position(GnssTimeScale.GPS_WEEK, _week_s(message), message, height, sigma, q if whole else Quality.NONE)
 
 
 def _nav_att(message: Any) -> GnssSample:
-    # An accuracy of 0 says that the angle is not known.
+    # An accuracy of 0 means that the angle is unknown.
     sigma = _within(message.accHeading, 1e-5, 180.0)
     roll = _or_nan(message.roll, -180.0, 180.0) if message.accRoll else math.nan
     return GnssSample(
@@ -203,7 +203,7 @@ def _nav_att(message: Any) -> GnssSample:
 
 
 def _nav_relposned(message: Any) -> GnssSample | None:
-    # Between two antennas of the vehicle, the base moving too; the direction to a base that stands is no heading.
+    # Between two antennas of the vehicle, the base moving too; the direction to a fixed base is no heading.
     if not (message.relPosValid and message.relPosHeadingValid and message.isMoving and message.carrSoln == 2):
         return None
     sigma = _within(message.accHeading, 1e-5, 180.0)
@@ -245,10 +245,10 @@ _BODY = re.compile(rb"[ -#%-)+-~]*")  # printable, without $ and *
 
 
 class GnssParser:
-    """Cuts whole messages whose checksums hold out of a stream of bytes. It holds back one message at most.
+    """Extracts complete messages with valid checksums from a stream of bytes. It buffers one message at most.
 
     Attributes:
-        counts: how often something was refused, by reason.
+        counts: number of refusals, by reason.
     """
 
     def __init__(self) -> None:
@@ -256,7 +256,7 @@ class GnssParser:
         self.counts: Counter[RefusalReason] = Counter()
 
     def feed(self, data: bytes) -> list[bytes | RefusedBytes]:
-        """Messages that are whole now, sentences without their line's end, and what was refused, in their order."""
+        """Complete messages, sentences without line ends, and refused bytes, in order."""
         buffer = self._buffer
         buffer += data
         found: list[bytes | RefusedBytes] = []
@@ -282,7 +282,7 @@ class GnssParser:
 
 
 def _message_at(buffer: bytearray, at: int) -> int | tuple[RefusalReason] | None:
-    """Where the message ends that begins at ``at``, why there is none, or ``None`` where it is not whole yet."""
+    """End of the message that begins at ``at``, why there is none, or ``None`` if it is incomplete."""
     if buffer[at] == ord("$"):
         return _sentence_at(buffer, at)
     if buffer.startswith(_GNSS_UBX[: len(buffer) - at], at):

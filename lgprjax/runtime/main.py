@@ -1,4 +1,4 @@
-"""A process of the runtime as the supervisor starts it: ``python -m lgprjax.runtime.main NAME ...``."""
+"""A process of the runtime, started by the supervisor: ``python -m lgprjax.runtime.main NAME ...``."""
 
 import argparse
 import importlib
@@ -25,20 +25,22 @@ PROGRAMS = {
     "monitor": "lgprjax.runtime.monitor",
     "coverage": "lgprjax.runtime.coverage.program",
 }
-"""The module whose ``run`` a process is. Only its own is imported: the others stay small and start fast."""
+"""The module of a process, whose ``run`` is called. Only this one is imported, to keep processes small and fast to
+start.
+"""
 
 
 def process_command(
     name: str, config: RuntimeConfig, rings: Path, run_folder: Path, after_death: bool
 ) -> tuple[str, ...]:
-    """The command line of a process; ``after_death`` where it replaces one that died."""
+    """The command line of a process; ``after_death`` if it replaces one that died."""
     command = (sys.executable, "-P", "-m", "lgprjax.runtime.main", name, "--config", str(config.file))
     places = ("--rings", str(rings), "--run", str(run_folder))
     return (*command, *places, *(("--after-death",) if after_death else ()))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one process until it ends; its exit status: 0 in good order, 1 for input that cannot be used."""
+    """Run one process until it ends; its exit status: 0 for success, 1 for unusable input."""
     parser = argparse.ArgumentParser(prog="lgprjax.runtime.main", description="One process of the onboard runtime.")
     parser.add_argument("name", choices=PROCESSES)
     parser.add_argument("--config", required=True, type=Path, help="CONFIG.toml of the run")

@@ -1,4 +1,4 @@
-"""The monitor: memory, storage, load, temperatures and steps of the clock, told to the control process."""
+"""The monitor: memory, storage, load, temperatures and steps of the clock, reported to the control process."""
 
 import json
 import os
@@ -16,20 +16,20 @@ _PERIOD_S = 1.0
 _BEAT_S = 0.1
 _LEAST_MEMORY_MB = 300.0
 _STEP_S = 0.05
-"""The clock is slewed by less than this in a period; what is more was a step."""
-_BELIEVED_C = (-40.0, 150.0)  # sensors that are not there show values outside
+"""The clock is slewed by less than this in a period; a larger change is a step."""
+_BELIEVED_C = (-40.0, 150.0)  # missing sensors show values outside
 
 
 class Condition(NamedTuple):
-    """How the computer is; ``None`` where it does not say. MB are 10^6 bytes.
+    """State of the computer; ``None`` where unknown. MB are 10^6 bytes.
 
     Attributes:
         free_mb: room for the recording.
-        memory_mb: memory that can still be had.
-        rss_mb: memory that each process holds.
-        load: processes that run or wait to, over a minute.
+        memory_mb: available memory.
+        rss_mb: memory of each process.
+        load: processes running or waiting, mean over a minute.
         hottest_c: the hottest sensor, degrees Celsius.
-        clock_step_s: how far the clock of the day was moved since the last look, seconds.
+        clock_step_s: step of the wall clock since the last check, seconds.
     """
 
     free_mb: float | None
@@ -62,11 +62,11 @@ def run(started: Started) -> None:
 
 
 def look_at_computer(folder: Path, pids: dict[str, int], clock_step_s: float, root: Path = Path("/")) -> Condition:
-    """How the computer is now.
+    """Present state of the computer.
 
     Args:
         folder: of the recording.
-        pids: process numbers by name; 0 where there is none.
+        pids: process numbers by name; 0 if not running.
         clock_step_s: as measured by the caller.
         root: above ``proc`` and ``sys``.
     """
@@ -77,7 +77,7 @@ def look_at_computer(folder: Path, pids: dict[str, int], clock_step_s: float, ro
 
 
 def warnings_of(condition: Condition, config: RuntimeConfig) -> list[str]:
-    """What a person should know, in words; empty where all is well."""
+    """Warnings in words; empty if all is well."""
     warnings: list[str] = []
     least_mb, hottest_c = config.recording.least_free_mb, config.supervision.hottest_c
     if condition.free_mb is None:
@@ -94,7 +94,7 @@ def warnings_of(condition: Condition, config: RuntimeConfig) -> list[str]:
 
 
 def _clock_ahead_s() -> float:
-    """Clock of the day against the monotonic one, by the quickest of three readings."""
+    """Wall clock minus the monotonic one, by the quickest of three readings."""
     readings = [(time.monotonic_ns(), time.time_ns(), time.monotonic_ns()) for _ in range(3)]
     before, day, after = min(readings, key=lambda reading: reading[2] - reading[0])
     return (day - (before + after) // 2) / 1e9
@@ -133,7 +133,7 @@ def _thousandths(file: Path) -> float | None:
 
 
 def _text(file: Path) -> str | None:
-    # Sensors and processes may go at any moment, and a sensor may answer with an error.
+    # Sensors and processes may disappear at any time, and a sensor may answer with an error.
     try:
         return file.read_text(encoding="ascii", errors="replace")
     except OSError:

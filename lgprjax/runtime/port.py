@@ -1,4 +1,4 @@
-"""A line to a device: a thread reads what comes, stamps and parses it, and sends what is to go out."""
+"""A line to a device: a thread reads, stamps and parses incoming data, and sends outgoing frames."""
 
 import contextlib
 import os
@@ -28,39 +28,39 @@ Item = TypeVar("Item", covariant=True)
 
 @runtime_checkable
 class Parser(Protocol[Item]):
-    """What cuts messages out of a stream of bytes."""
+    """Extracts messages from a stream of bytes."""
 
     def feed(self, data: bytes) -> Sequence[Item | RefusedBytes]:
-        """Messages that are whole now, and what was refused."""
+        """Complete messages, and refused bytes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Arrival(Generic[Item]):
-    """What came, and when by this computer's monotonic clock: a message, or bytes or a frame that were refused."""
+    """An arrival with its time by this computer's monotonic clock: a message, or refused bytes or frame."""
 
     mono_ns: int
     item: Item
 
 
 class Port(Generic[Item]):
-    """One line. Nothing here raises or waits but ``close``: a line that is not there is tried again and again.
+    """One line. Nothing here raises or blocks except ``close``: a missing line is retried continuously.
 
     Args:
-        source: ``records.Source`` of what comes.
+        source: ``records.Source`` of the arrivals.
         url: a serial device, or ``socket://host:port``.
         baud: of a serial device.
-        parser: of what comes.
+        parser: of incoming bytes.
         receiver: judges frames; the others are refused.
-        capacity: messages that wait for ``take``; the oldest give way.
+        capacity: messages that wait for ``take``; the oldest are dropped.
 
     Attributes:
         opened: whether the line is open.
-        problem: why it is not, ``""`` where it is.
-        openings: how often it was opened.
-        last_arrival_ns: when the last message came that was not refused; 0 before the first.
-        lost: messages that nobody took in time.
-        unsent: frames that were not sent: too old, or pushed out by newer ones.
-        refused: how often something was refused, by ``Reason`` or ``FrameVerdict``.
+        problem: why it is not, ``""`` if it is.
+        openings: number of times it was opened.
+        last_arrival_ns: arrival of the last accepted message; 0 before the first.
+        lost: messages not taken in time.
+        unsent: frames not sent: too old, or replaced by newer ones.
+        refused: number of refusals, by ``Reason`` or ``FrameVerdict``.
     """
 
     def __init__(
@@ -97,15 +97,15 @@ class Port(Generic[Item]):
         return Port(source, url, baud, FrameParser(), receiver=Receiver(line), capacity=capacity)
 
     def take(self) -> list[Arrival[Item]]:
-        """What came since the last call, oldest first."""
+        """Arrivals since the last call, oldest first."""
         return [self._arrivals.popleft() for _ in range(len(self._arrivals))]
 
     def take_refused(self) -> list[Arrival[RefusedBytes]]:
-        """What was refused since the last call: the first of it, for the recorder."""
+        """The first refusals since the last call, for the recorder."""
         return [self._refused.popleft() for _ in range(len(self._refused))]
 
     def write(self, data: bytes) -> bool:
-        """Have a frame sent; at once, and ``False``, where the line is not open. The newest frames win."""
+        """Queue a frame; returns ``False`` if the line is not open. The newest frames win."""
         if not self.opened:
             return False
         if len(self._to_send) == _TO_SEND:
@@ -159,7 +159,7 @@ class Port(Generic[Item]):
                 if not data:
                     raise OSError("the other end closed the line")
                 self._receive(data, time.monotonic_ns())
-        self._send(fd)  # what a process says last gives the actuators back
+        self._send(fd)  # the last message of a process releases the actuators
 
     def _receive(self, data: bytes, arrival_ns: int) -> None:
         for item in self._parser.feed(data):
@@ -182,7 +182,7 @@ class Port(Generic[Item]):
             self._refused.append(Arrival(arrival_ns, refused))
 
     def _send(self, fd: int) -> None:
-        """As much of what waits as the line takes now; a frame that was begun is finished, however late."""
+        """Send as much as the line accepts now; a frame once begun is finished, however late."""
         while True:
             if self._rest and not self._begun and time.monotonic_ns() - self._rest_ns > _SEND_WITHIN_NS:
                 self.unsent += 1
@@ -211,7 +211,7 @@ def _open(url: str, baud: int) -> Any:
     line = serial.serial_for_url(url, baudrate=baud, timeout=0, exclusive=True if device else None)
     os.set_blocking(line.fileno(), False)
     if not device:
-        # A frame goes out at once; an end that vanished without a word is noticed within seconds.
+        # A frame goes out at once; a peer that vanished silently is noticed within seconds.
         with socket.socket(fileno=os.dup(line.fileno())) as held:
             held.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             held.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -222,7 +222,7 @@ def _open(url: str, baud: int) -> Any:
 
 
 def _close(line: Any) -> None:
-    # pyserial leaves a socket open whose other end has gone.
+    # pyserial leaves a socket open after its peer has gone.
     held = getattr(line, "_socket", None)
     with contextlib.suppress(OSError):
         line.close()

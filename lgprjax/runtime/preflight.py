@@ -1,4 +1,4 @@
-"""Everything that can be looked at before a run: files, lines, storage, computer. Nothing is sent."""
+"""Checks before a run: files, lines, storage, computer. Nothing is sent."""
 
 import os
 import shutil
@@ -17,7 +17,7 @@ _LISTEN_S = 2.5
 
 
 class PreflightItem(NamedTuple):
-    """One item: what, whether it is in order, and what was found or is to be done."""
+    """One check: name, result, and finding or advice."""
 
     name: str
     good: bool
@@ -25,7 +25,7 @@ class PreflightItem(NamedTuple):
 
 
 def preflight(config: RuntimeConfig) -> Iterator[PreflightItem]:
-    """Every item, one after the other."""
+    """Run all checks in order."""
     yield from _files(config) if config.coverage is None else _field_files(config)
     yield _storage(config)
     yield _display(config)
@@ -43,7 +43,7 @@ def _files(config: RuntimeConfig) -> Iterator[PreflightItem]:
         held = read_vehicle(config.path(config.vehicle))
         setup_of_vehicle(config, held)
         Watches(config, held)
-        return f"{held.name}, serial number {held.serial_number or 'not told'}"
+        return f"{held.name}, serial number {held.serial_number or 'unknown'}"
 
     def database() -> str:
         with MapFile.open(config.path(config.map)) as source:
@@ -51,7 +51,9 @@ def _files(config: RuntimeConfig) -> Iterator[PreflightItem]:
 
     def registration() -> str:
         options, own = options_of(config), config.registration.thresholds
-        told = f"{options.search_m:g} m about the prior; a fix is believed up to a risk of {config.registration.risk:g}"
+        told = (
+            f"{options.search_m:g} m around the prior; a fix is accepted up to a risk of {config.registration.risk:g}"
+        )
         return told + (f", and by {own}" if own is not None else "")
 
     yield _tried("vehicle file", vehicle)
@@ -72,12 +74,12 @@ def _field_files(config: RuntimeConfig) -> Iterator[PreflightItem]:
 
     def vehicle() -> str:
         held = read_vehicle(config.path(config.vehicle))
-        return f"{held.name}, serial number {held.serial_number or 'not told'}"
+        return f"{held.name}, serial number {held.serial_number or 'unknown'}"
 
     def plan() -> str:
         loaded = load_skid(config)
         if loaded.name is None:
-            return "none: corners can be marked, nothing is driven"
+            return "none: corners can be marked, the vehicle does not drive"
         return f"{loaded.name}, {loaded.lines} lines, {float(loaded.route.length_m):.0f} m"
 
     yield _tried("vehicle file", vehicle)

@@ -1,4 +1,4 @@
-"""What every process of the runtime needs: how it is started, its heartbeat, its cores, word to systemd."""
+"""Common parts of all runtime processes: start, heartbeat, cores, notification of systemd."""
 
 import hashlib
 import mmap
@@ -38,13 +38,13 @@ RINGS = {
 
 
 def processes_of(config: RuntimeConfig) -> tuple[str, ...]:
-    """Those of a run: a field is worked without radar, a course is driven without a map of cells."""
+    """Processes of a run: a field needs no radar, a course needs no worked map."""
     without = "coverage" if config.coverage is None else "registration"
     return tuple(name for name in PROCESSES if name != without)
 
 
 class ProcessStage(IntEnum):
-    """How far a process has come."""
+    """Stage of a process."""
 
     STARTING = 0
     WARMING = 1
@@ -57,7 +57,7 @@ _ROW = struct.Struct("<QIIII")  # time of the beat in ns, stage, pid, beats, 0
 
 @dataclass(frozen=True)
 class HeartbeatRow:
-    """A row of the table of heartbeats; ``mono_ns`` is 0 where there was none."""
+    """A row of the table of heartbeats; ``mono_ns`` is 0 without one."""
 
     mono_ns: int
     stage: ProcessStage
@@ -76,7 +76,7 @@ class Heartbeats:
             self._map = mmap.mmap(file.fileno(), 0)
 
     def beat(self, name: str, stage: ProcessStage, pid: int, count: int) -> None:
-        """Say that a process lives."""
+        """Write a beat of a process."""
         at = PROCESSES.index(name) * _ROW.size
         self._map[at : at + _ROW.size] = _ROW.pack(time.monotonic_ns(), stage, pid, count & 0xFFFFFFFF, 0)
 
@@ -86,20 +86,20 @@ class Heartbeats:
         return HeartbeatRow(mono_ns, ProcessStage(stage), pid, count)
 
     def clear(self, name: str) -> None:
-        """Before a process is started anew."""
+        """Clear the row before a process is restarted."""
         at = PROCESSES.index(name) * _ROW.size
         self._map[at : at + _ROW.size] = bytes(_ROW.size)
 
 
 @dataclass
 class Started:
-    """What a process's ``run`` is given.
+    """Arguments of a process's ``run``.
 
     Attributes:
         name: of the process.
         config: of the run.
         rings: folder of the rings and of the heartbeats, in memory.
-        folder: of the run, where the recording goes.
+        folder: of the run, for the recording.
         after_death: it replaces one that died.
     """
 
@@ -118,22 +118,22 @@ class Started:
         return Ring.create(self.rings / name, RINGS[name])
 
     def beat(self, stage: ProcessStage) -> None:
-        """From the process's own loop, not from a thread beside it: a loop that hangs must be seen."""
+        """To be called by the process's own loop, not by another thread: a hanging loop must be noticed."""
         self._count += 1
         self._beats.beat(self.name, stage, os.getpid(), self._count)
 
 
-# What the service manager is told: systemd's notify protocol, datagrams of ``NAME=VALUE`` lines to a socket.
+# Messages to the service manager: systemd's notify protocol, datagrams of ``NAME=VALUE`` lines to a socket.
 
 
-# Where and how a process of the runtime runs: cores, priority, threads.
+# Cores, priority and threads of a runtime process.
 
 
 def check_cores(config: RuntimeConfig) -> None:
-    """Whether this machine has the cores that the configuration names.
+    """Check that this machine has the configured cores.
 
     Raises:
-        InputError: it has not.
+        InputError: a core is missing.
     """
     for place, core in (
         ("control.core", config.control.core),
@@ -145,7 +145,7 @@ def check_cores(config: RuntimeConfig) -> None:
 
 
 def hold_to_cores(name: str, config: RuntimeConfig) -> None:
-    """Pin control and registration, or coverage, to their cores; the others keep off a core that is control's own."""
+    """Pin control and registration, or coverage, to their cores; the others avoid a core reserved for control."""
     check_cores(config)
     beside = config.supervision.registration_core
     own = {"control": config.control.core, "registration": beside, "coverage": beside}.get(name)
@@ -155,7 +155,7 @@ def hold_to_cores(name: str, config: RuntimeConfig) -> None:
 
 
 def run_in_real_time(name: str, priority: int, *, threads_too: bool) -> None:
-    """First in, first out above everything ordinary; says so in a line where the machine does not permit it.
+    """Use real-time (FIFO) priority; prints a line if the machine does not permit it.
 
     Args:
         name: of the process.
@@ -182,7 +182,7 @@ def run_in_ordinary_time() -> None:
 def set_environment(config: RuntimeConfig) -> None:
     """One thread a process for the compiled functions, and their cache; before JAX or NumPy is imported.
 
-    What the environment already says stays.
+    Existing variables of the environment are kept.
     """
     settings = {
         "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
@@ -192,7 +192,7 @@ def set_environment(config: RuntimeConfig) -> None:
     }
     if config.cache is not None:
         settings["JAX_COMPILATION_CACHE_DIR"] = str(config.path(config.cache))
-        # The default leaves out what compiles within a second; many of those make a slow start.
+        # By default programs that compile within a second are not cached; many of those make a slow start.
         settings["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
         settings["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
     for name, value in settings.items():
@@ -206,7 +206,7 @@ def _cores() -> set[int]:
 # One run at a time: a vehicle has one master, and a run's folder one writer.
 
 SHARED_MEMORY = Path("/dev/shm")
-"""Every process of the machine finds the same folder here, those of a service with its own ``/tmp`` too."""
+"""All processes of the machine find the same folder here, including services with a private ``/tmp``."""
 
 
 def memory_folder() -> Path:
@@ -216,15 +216,15 @@ def memory_folder() -> Path:
 
 @contextmanager
 def only_instance(config: RuntimeConfig, run_folder: Path) -> Iterator[None]:
-    """Hold the drive-by-wire device and the run's folder for as long as the body runs.
+    """Lock the drive-by-wire device and the run's folder while the body runs.
 
-    The kernel lets go of them when the process ends, however it ends.
+    The kernel releases them when the process ends.
 
     Raises:
-        InputError: another process holds one of them; it says which process.
+        InputError: another process holds one of them; the message says which.
     """
     device = config.ports.drive_by_wire.url
-    # Several names lead to one device; an address of the network has one only.
+    # A device may have several names; a network address has only one.
     device_key = device if "://" in device else os.path.realpath(device)
     with ExitStack() as held:
         for key, place, free in (

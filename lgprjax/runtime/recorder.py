@@ -1,6 +1,6 @@
-"""The recorder: everything that arrives, is decided and is sent, on the disk within half a second.
+"""The recorder: everything received, decided and sent is on disk within half a second.
 
-It only reads rings: whatever becomes of it or of the disk, the processes that drive go on.
+It only reads rings: failures of the recorder or the disk do not affect the processes that drive.
 """
 
 import json
@@ -33,14 +33,14 @@ from lgprjax.run_segment import (
 )
 from lgprjax.runtime.process import ProcessStage, Started
 
-# What is written is brought to the disk beside the recorder's loop, which a slow disk must not hold up.
+# Data are synced to disk outside the recorder's loop, which a slow disk must not block.
 
 
 class DiskSync:
-    """A thread that brings files to the disk, in the order in which it is asked.
+    """A thread that syncs files to disk, in the order of the requests.
 
     Args:
-        longest_s: that one of its calls may take.
+        longest_s: time limit of one call.
     """
 
     def __init__(self, longest_s: float = 10.0) -> None:
@@ -48,30 +48,30 @@ class DiskSync:
         self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._error: OSError | None = None
         self._since_s: float | None = None
-        # Each is counted up by one thread only.
+        # Each is incremented by one thread only.
         self._asked = self._done = 0
         self._thread = threading.Thread(target=self._run, name="disk-sync", daemon=True)
         self._thread.start()
 
     @property
     def busy(self) -> bool:
-        """Whether something asked for is not on the disk yet."""
+        """Whether requested data are not on disk yet."""
         return self._asked > self._done
 
     def data(self, file: int) -> None:
-        """Ask for a file's data."""
+        """Request syncing of a file's data."""
         self._ask(lambda: os.fdatasync(file))
 
     def finish(self, file: int) -> None:
-        """Ask for a file whole, and that it be closed."""
+        """Request syncing and closing of a file."""
         self._ask(lambda: _finish(file))
 
     def folder(self, path: Path) -> None:
-        """Ask for a folder's entries."""
+        """Request syncing of a folder's entries."""
         self._ask(lambda: sync_folder(path))
 
     def check(self) -> None:
-        """Hear of what failed.
+        """Raise failures.
 
         Raises:
             OSError: a call failed, or takes longer than ``longest_s``.
@@ -80,10 +80,10 @@ class DiskSync:
         if self._error is not None:
             raise self._error
         if since_s is not None and time.monotonic() - since_s > self._longest_s:
-            raise TimeoutError(f"the disk took nothing for {self._longest_s:g} s")
+            raise TimeoutError(f"the disk accepted nothing for {self._longest_s:g} s")
 
     def drain(self) -> None:
-        """Wait until everything asked for is on the disk, at most ``longest_s``.
+        """Wait until all requests are on disk, at most ``longest_s``.
 
         Raises:
             OSError: as ``check``.
@@ -91,7 +91,7 @@ class DiskSync:
         self._jobs.put(None)
         self._thread.join(self._longest_s)
         if self._error is None and self._thread.is_alive():
-            raise TimeoutError(f"the disk took nothing for {self._longest_s:g} s")
+            raise TimeoutError(f"the disk accepted nothing for {self._longest_s:g} s")
         self.check()
 
     def _ask(self, job: Callable[[], None]) -> None:
@@ -111,7 +111,7 @@ class DiskSync:
 
 
 def sync_folder(path: Path) -> None:
-    """Bring a folder's entries to the disk."""
+    """Sync a folder's entries to disk."""
     _finish(os.open(path, os.O_RDONLY | os.O_DIRECTORY))
 
 
@@ -122,17 +122,17 @@ def _finish(file: int) -> None:
         os.close(file)
 
 
-# Where a recording goes on: what the run's folder holds when the recorder comes up.
+# Resuming a recording: contents of the run's folder when the recorder starts.
 
 
 class Resume(NamedTuple):
-    """Where to go on.
+    """Point at which to resume.
 
     Attributes:
         run: UUID of the run, 16 bytes.
         segment, number: the next ones.
-        positions: of the rings by origin, where the last record on the disk ended in each.
-        dropped: messages by ring that the recording knows to be lost.
+        positions: of the rings by origin, end of the last record on disk in each.
+        dropped: lost messages by ring known in the recording.
     """
 
     run: bytes
@@ -143,9 +143,9 @@ class Resume(NamedTuple):
 
 
 def resume(folder: Path) -> Resume:
-    """What the disk says of the run in a folder; a new run where there is none.
+    """State of the run in a folder; a new run if there is none.
 
-    Only the last segment with records is read: what an earlier one holds was let go of by its ring long ago.
+    Only the last segment with records is read: records of an earlier one were released by their rings long ago.
 
     Raises:
         OSError: the folder cannot be read.
@@ -174,9 +174,9 @@ def resume(folder: Path) -> Resume:
 
 
 def tell_run(folder: Path, run: bytes, config: Path) -> None:
-    """Put beside the segments what a reader needs: the configuration as it was read, and ``run.json``.
+    """Write the files that readers need next to the segments: the configuration as read, and ``run.json``.
 
-    ``run.json`` gains the two clocks of the computer each time that the recorder comes up.
+    ``run.json`` gets the two clocks of the computer at each start of the recorder.
 
     Raises:
         OSError: the disk refuses.
@@ -209,20 +209,20 @@ def _settle(fresh: Path, target: Path) -> None:
     sync_folder(target.parent)
 
 
-# The segments of a run as they are written: appended to only, in whole chunks.
+# Writing the segments of a run: append only, in complete chunks.
 
 _SYNC_EVERY_S = 0.2
 
 
 class SegmentWriter:
-    """Writes a run from a segment and a number on.
+    """Writes a run, starting at a segment and a record number.
 
     Args:
         folder: of the run.
         run: its UUID.
         segment: the first to write; its file must not exist.
         number: of the next record.
-        segment_s: how long a segment is written to.
+        segment_s: duration of a segment.
 
     Raises:
         OSError: the disk refuses, here and in every method.
@@ -237,16 +237,16 @@ class SegmentWriter:
         self._file = self._open()
 
     def append(self, origin: int, position: int, data: bytes) -> None:
-        """Number a record and put it to the next chunk."""
+        """Number a record and add it to the next chunk."""
         self._chunk.append(pack_record(self._run, self.number, origin, position, data))
         self.number += 1
 
     def note(self, what: dict[str, object]) -> None:
-        """A record of the recorder's own."""
+        """Add a record of the recorder's own."""
         self.append(OWN, 0, json.dumps(what).encode())
 
     def write(self) -> None:
-        """Write the chunk, and ask for it on the disk when it is time to."""
+        """Write the chunk, and request a sync when due."""
         self._sync.check()
         if self._chunk:
             _write_whole(self._file, b"".join(self._chunk))
@@ -270,7 +270,7 @@ class SegmentWriter:
         self._begun_s = time.monotonic()
 
     def close(self, reason: str) -> None:
-        """End the run in order; everything is on the disk after it."""
+        """End the run properly; everything is on disk afterwards."""
         self.note({"end": reason})
         self.write()
         self._sync.finish(self._file)
@@ -295,7 +295,7 @@ DISK_REFUSED, DISK_FULL = 1, 3
 """Exit statuses: the disk failed; ``recording.least_free_mb`` is reached and the recording was ended in order."""
 
 _PERIOD_S = 0.02
-_SHARE = 1 << 20  # bytes of a ring in one pass: none holds up the others
+_SHARE = 1 << 20  # bytes of a ring in one pass, so that none delays the others
 _PASSES = 8
 _DRAIN_S = 3.0
 _LOOK_AT_DISK_S = 1.0
@@ -318,10 +318,10 @@ class Recorder:
         before = resume(self._folder)
         tell_run(self._folder, before.run, started.config.file)
         if started.after_death:
-            # What the one before wrote, but did not come to let go of, is not recorded twice.
+            # Records written but not released by the previous recorder are not recorded twice.
             for origin, position in before.positions.items():
                 self._rings[origin].release(position)
-        # Places found spoilt by the one before, and losses of rings that are no more.
+        # Damage found by the previous recorder, and losses of rings that no longer exist.
         self._known = {ORIGINS[o]: max(0, before.dropped.get(ORIGINS[o], 0) - r.lost) for o, r in self._rings.items()}
         self._dropped = self._losses()
         segment_s = started.config.recording.segment_s
@@ -329,7 +329,7 @@ class Recorder:
         self._writer.note({"dropped": self._dropped})
 
     def write(self) -> bool:
-        """Record a share of what waits; whether more waits."""
+        """Record a part of the waiting messages; returns whether more wait."""
         released, more = [], False
         for origin, ring in self._rings.items():
             waiting = ring.peek(_SHARE)
@@ -369,11 +369,11 @@ class Recorder:
 
 
 def run(started: Started) -> None:
-    """Record until SIGTERM, then what still waits; ends in order.
+    """Record until SIGTERM, then the waiting messages; ends properly.
 
     Raises:
-        SystemExit: with ``DISK_REFUSED`` where the disk fails, ``DISK_FULL`` where too little of it is free. One line
-            on standard error says so.
+        SystemExit: with ``DISK_REFUSED`` if the disk fails, ``DISK_FULL`` if too little is free. One line on standard
+            error says so.
     """
     ending: list[int] = []
 
@@ -401,7 +401,7 @@ def _record(started: Started, ending: list[int]) -> None:
             looked_s = begun_s
             free_mb = recorder.free_mb()
             if free_mb < least_mb:
-                recorder.close(f"{free_mb} MB of the disk are free, fewer than {least_mb}")
+                recorder.close(f"{free_mb} MB of disk are free, fewer than {least_mb}")
                 _refuse(DISK_FULL, f"{started.folder}: {free_mb} MB are free, fewer than recording.least_free_mb")
         for _ in range(_PASSES):
             if not recorder.write():

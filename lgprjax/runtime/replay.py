@@ -1,4 +1,4 @@
-"""A recorded run through the control loop again: every frame that was sent must come out to the bit."""
+"""Replay of a recorded run through the control loop: every sent frame must be reproduced to the bit."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -16,15 +16,15 @@ _TAKEN = (RecordKind.PORT_IN, RecordKind.FIX, RecordKind.EVENT, RecordKind.MONIT
 
 
 class Replayed(NamedTuple):
-    """What a replay found.
+    """Result of a replay.
 
     Attributes:
         ticks: replayed.
         frames: sent in them, as recorded.
-        differing: of these, that came out otherwise.
+        differing: of these, with differences.
         first: tick and line of the first of them; ``None`` where there is none.
-        starts: how often the control process had been started.
-        broken: where records are missing and the replay of a start ended early: tick after the gap, or ``None``.
+        starts: number of starts of the control process.
+        broken: tick after a gap of records at which the replay of a start ended early, or ``None``.
     """
 
     ticks: int
@@ -43,11 +43,11 @@ class _Tick(NamedTuple):
 
 
 def replay_run(folder: Path, progress: Callable[[int], None] = lambda _: None) -> Replayed:
-    """Replay what a run's folder holds.
+    """Replay the run in a folder.
 
     Args:
         folder: of the run; its files (vehicle, map, routes) must be those that it was driven with.
-        progress: told of every tick.
+        progress: called for every tick.
 
     Raises:
         InputError: no run, or none of the control loop in it; it is of another version, or a file has changed.
@@ -83,7 +83,7 @@ def replay_run(folder: Path, progress: Callable[[int], None] = lambda _: None) -
 
 
 def _starts(folder: Path) -> Iterator[tuple[dict[str, Any], Iterator[_Tick]]]:
-    """Header and whole ticks of every start of the control process."""
+    """Header and complete ticks of every start of the control process."""
     records = _records(folder)
     held: list[Record] = []
 
@@ -102,7 +102,7 @@ def _starts(folder: Path) -> Iterator[tuple[dict[str, Any], Iterator[_Tick]]]:
                     now.sent.append(record)
                 elif record.kind in _TAKEN and record.source is not Source.CONTROL:
                     now.came.append(record)
-        # The last tick of all is left out: a cut recording may lack some of its records.
+        # The very last tick is left out: a truncated recording may lack some of its records.
 
     for record in records:
         if record.kind is RecordKind.HEADER:
@@ -114,7 +114,7 @@ def _starts(folder: Path) -> Iterator[tuple[dict[str, Any], Iterator[_Tick]]]:
 
 
 def _records(folder: Path) -> Iterator[Record]:
-    """Of the control loop, in order: the recording mixes them with the other processes'."""
+    """Of the control loop, in order: the recording interleaves them with those of other processes."""
     for _, data in read_run(folder):
         record = unpack(data)
         of_control = record.tick > 0 or (record.kind is RecordKind.HEADER and record.source is Source.CONTROL)

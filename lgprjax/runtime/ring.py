@@ -1,7 +1,7 @@
-"""A queue between two processes that neither can hold up: one writer, one reader, a file in memory.
+"""A non-blocking queue between two processes: one writer, one reader, a file in memory.
 
-The writer never waits: what does not fit is dropped and counted. Either side may be killed at any byte and started
-again; what was put stays there. A place holds its length and a CRC, so that bytes half written are never taken.
+The writer never waits: messages that do not fit are dropped and counted. Either side may be killed at any byte and
+restarted; queued messages stay. An entry holds its length and a CRC, so that half-written bytes are never read.
 """
 
 import mmap
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 _MAGIC = b"LGPRRING"
-_HEAD = 64  # magic, size, then head and tail each on a line of its own of eight bytes
+_HEAD = 64  # magic, size, then head and tail, eight bytes each
 _SIZE, _WRITTEN, _READ, _LOST = 8, 16, 24, 32
 _U64 = struct.Struct("<Q")
 _PLACE = struct.Struct("<II")
@@ -24,7 +24,7 @@ class Waiting(NamedTuple):
 
     Attributes:
         messages: each with its end, in bytes from the ring's beginning.
-        end: where the next one begins; what ``release`` is given once all of them are safe.
+        end: start of the next one; argument of ``release`` once all of them are safe.
     """
 
     messages: list[tuple[int, bytes]]
@@ -32,13 +32,13 @@ class Waiting(NamedTuple):
 
 
 class Ring:
-    """One end of a ring. Bytes written and read are counted from the ring's beginning and never fall.
+    """One end of a ring. Bytes written and read are counted from the ring's beginning and never decrease.
 
     Args:
         path: its file.
 
     Attributes:
-        damaged: places that this end found spoilt and left out.
+        damaged: entries that this end found damaged and skipped.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -53,7 +53,7 @@ class Ring:
 
     @classmethod
     def create(cls, path: str | Path, size: int) -> "Ring":
-        """A new, empty ring of ``size`` bytes; one that is there already stays as it is."""
+        """A new, empty ring of ``size`` bytes; an existing one is kept."""
         target = Path(path)
         if not target.exists():
             fresh = target.with_name(f"{target.name}.{os.getpid()}")
@@ -61,7 +61,7 @@ class Ring:
                 file.truncate(_HEAD + size)
                 file.seek(0)
                 file.write(_MAGIC + _U64.pack(size))
-            # A link fails where another process was first: a rename would take its ring from under it.
+            # A link fails if another process was first: a rename would replace its ring.
             with suppress(FileExistsError):
                 target.hardlink_to(fresh)
             fresh.unlink()
@@ -69,7 +69,7 @@ class Ring:
 
     @property
     def lost(self) -> int:
-        """Messages that did not fit since the ring was made."""
+        """Messages dropped since the ring was created."""
         return self._get(_LOST)
 
     @property
@@ -85,7 +85,7 @@ class Ring:
             self._set(_LOST, self.lost + 1)
             return False
         self._copy_in(written, _PLACE.pack(len(message), _crc(message)) + message)
-        # What is counted is there: the place is whole before this.
+        # The entry is complete before it is counted.
         self._set(_WRITTEN, written + need)
         return True
 
@@ -105,7 +105,7 @@ class Ring:
             after = read + _PLACE.size + length
             message = self._copy_out(read + _PLACE.size, length) if after <= written else b""
             if after > written or _crc(message) != crc:
-                # A processor may show the count before the bytes: looked at twice before it is given up.
+                # A processor may show the count before the bytes: checked twice before it is skipped.
                 if self._doubted != read:
                     self._doubted = read
                     break
@@ -118,12 +118,12 @@ class Ring:
         return Waiting(messages, read)
 
     def release(self, end: int) -> None:
-        """Reader: let go of everything before ``end``; nothing where it is not waiting."""
+        """Reader: release everything before ``end``; no effect if it is not waiting."""
         if self._get(_READ) < end <= self._get(_WRITTEN):
             self._set(_READ, end)
 
     def latest(self) -> bytes | None:
-        """Reader: the newest message; those before it are let go. ``None`` where nothing waits."""
+        """Reader: the newest message; earlier ones are released. ``None`` if nothing waits."""
         messages = self.take()
         return messages[-1] if messages else None
 
@@ -150,5 +150,5 @@ class Ring:
 
 
 def _crc(message: bytes) -> int:
-    # Begun with the length: eight bytes of zeros are no message.
+    # Starts with the length: eight zero bytes are no message.
     return zlib.crc32(message, ~len(message) & 0xFFFFFFFF)

@@ -1,6 +1,6 @@
-"""Supervisor and service manager: no process outlives the one, and the other is told how it goes.
+"""Supervisor and service manager: no process outlives the supervisor, and the manager is notified.
 
-Nothing but the standard library: it comes first.
+Standard library only: it is imported first.
 """
 
 import ctypes
@@ -19,22 +19,22 @@ SUPERVISOR = "LGPRJAX_SUPERVISOR"
 def die_with_parent(name: str) -> None:
     """Let the kernel end this process when its supervisor's main thread ends.
 
-    The recorder is asked, so that it writes what waits; the others go at once: a silent line sets the actuators to
-    their defaults.
+    The recorder gets SIGTERM, so that it writes waiting messages; the others are killed at once: a silent line sets the
+    actuators to their defaults.
     """
     after = signal.SIGTERM if name == "recorder" else signal.SIGKILL
     if sys.platform == "linux":
         ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, int(after), 0, 0, 0)
     supervisor = os.environ.get(SUPERVISOR)
-    # It may have died before the kernel was told.
+    # It may have died before the request to the kernel.
     if supervisor is not None and int(supervisor) != os.getppid():
         sys.exit(1)
 
 
 class Notifier:
-    """Speaks to the service manager; without one it says nothing. It never waits and never raises.
+    """Notifies the service manager; without one it does nothing. It never blocks and never raises.
 
-    A datagram that the manager's full socket does not take is let go: the next one says the same.
+    A datagram that does not fit into the manager's socket is dropped: the next one repeats it.
 
     Args:
         address: of the socket, ``@`` first for one in the abstract name space; by default ``NOTIFY_SOCKET`` of the
@@ -55,23 +55,23 @@ class Notifier:
         self._send(f"READY=1\nSTATUS={_one_line(text)}")
 
     def watchdog(self) -> None:
-        """The control loop went round: called by that loop and by nothing else."""
+        """Feed the watchdog; called only by the control loop, once per tick."""
         self._send("WATCHDOG=1")
 
     def watchdog_within(self, limit_s: float) -> None:
-        """How long the watchdog may now go without being fed, counted from here, seconds."""
+        """Set the time, in seconds from now, after which the watchdog triggers without being fed."""
         self._send(f"WATCHDOG_USEC={max(1, round(limit_s * 1e6))}")
 
     def status(self, text: str) -> None:
-        """What a person reads in ``systemctl status``."""
+        """Set the text shown by ``systemctl status``."""
         self._send(f"STATUS={_one_line(text)}")
 
     def stopping(self) -> None:
-        """The service goes down in good order."""
+        """The service is stopping."""
         self._send("STOPPING=1")
 
     def close(self) -> None:
-        """Nothing is said after this."""
+        """No notifications after this."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
@@ -83,7 +83,7 @@ class Notifier:
 
 
 def watchdog_s() -> float | None:
-    """The time that the service manager's watchdog allows, seconds; ``None`` where it watches nothing."""
+    """The time limit of the service manager's watchdog, seconds; ``None`` without one."""
     with suppress(KeyError, ValueError):
         limit_s = int(os.environ["WATCHDOG_USEC"]) / 1e6
         return limit_s if limit_s > 0.0 else None
@@ -91,5 +91,5 @@ def watchdog_s() -> float | None:
 
 
 def _one_line(text: str) -> str:
-    # A line of its own would be read as another assignment.
+    # A separate line would be read as another assignment.
     return " ".join(text.split())

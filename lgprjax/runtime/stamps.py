@@ -1,4 +1,4 @@
-"""Stamps of a device's clock as monotonic times of this computer."""
+"""Conversion of a device's time stamps to monotonic times of this computer."""
 
 import math
 from enum import IntEnum
@@ -7,11 +7,12 @@ from typing import NamedTuple
 from lgprjax.wire import LeastDelay
 
 _NEAR_NS = 50_000_000
-"""Differences between arrival and stamp that lie within this are one clock's. Less than the least one by more than
-this: a stamp from the future."""
+"""Differences between arrival and stamp within this belong to one clock. A difference below the least by more than
+this is a stamp from the future.
+"""
 _ENOUGH = 5
 _ENOUGH_NS = 100_000_000
-"""So many samples in a row, over so long, establish a clock that was set."""
+"""Consecutive samples, and their duration, that establish a clock that was set."""
 
 
 class _Run(NamedTuple):
@@ -25,19 +26,19 @@ class _Run(NamedTuple):
 
 
 class StampClock:
-    """Times of one kind of sample, told by the device's stamps and never later than their arrival.
+    """Times of one kind of sample, from the device's stamps and never later than their arrival.
 
     A stamp is rejected when it does not grow, when it is from the future, or when it came more than ``late_s`` late. A
-    clock that was set, forward or back, is believed once enough samples in a row agree. A line that holds its messages
-    up looks different, as its stamps go on growing, and is never taken for a clock that was set.
+    clock that was set, forward or back, is accepted once enough consecutive samples agree. A delayed line looks
+    different, as its stamps keep growing, and is never mistaken for a clock that was set.
 
     Args:
-        delay_s: from what a sample tells of to its arrival, at the fastest.
-        late_s: how much later than the fastest a sample may come.
+        delay_s: least delay from the measurement of a sample to its arrival.
+        late_s: largest additional delay of a sample.
 
     Attributes:
         rejected: samples so far.
-        settings: how often the clock was set.
+        settings: number of times the clock was set.
     """
 
     def __init__(self, delay_s: float = 0.0, late_s: float = 0.2) -> None:
@@ -63,7 +64,7 @@ class StampClock:
         return told
 
     def expected_us(self, arrival_ns: int) -> int | None:
-        """Stamp, us, of a sample that comes now and was not held up; ``None`` before the first."""
+        """Stamp, us, of a sample that arrives now without delay; ``None`` before the first."""
         return None if self._least is None else (arrival_ns - self._least.at(arrival_ns)) // 1000
 
     def _time_of(self, stamp_ns: int, arrival_ns: int) -> int | None:
@@ -81,7 +82,7 @@ class StampClock:
         return stamp_ns + self._least.feed(difference, arrival_ns) - self._delay_ns
 
     def _believed(self, stamp_ns: int, difference_ns: int, least_ns: int) -> bool:
-        """Whether the sample is one of the clock as it is; else it is noted, should the clock have been set."""
+        """Whether the sample fits the present clock; else it is noted, in case the clock was set."""
         late = difference_ns - least_ns
         grows = stamp_ns > self._last_stamp_ns
         run = self._run
@@ -90,7 +91,7 @@ class StampClock:
             and stamp_ns > run.last_stamp_ns
             and abs(difference_ns - run.difference_ns) <= _NEAR_NS  # of the run's first
         )
-        # Stamps that grow again after having gone back look late, and are the set clock's.
+        # Stamps that grow again after going back look late, and belong to the set clock.
         if grows and -_NEAR_NS <= late <= self._late_ns and (late <= _NEAR_NS or not goes_on):
             return True
         if run is not None and goes_on:
@@ -105,7 +106,7 @@ class StampClock:
 
 
 class GnssTimeScale(IntEnum):
-    """Seconds after which a GNSS time begins anew; ``NONE`` where a message carries no time."""
+    """Seconds after which a GNSS time restarts; ``NONE`` if a message has no time."""
 
     NONE = 0
     UTC_DAY = 86_400
@@ -113,7 +114,7 @@ class GnssTimeScale(IntEnum):
 
 
 class WeekClock:
-    """A ``StampClock`` for times of week or of day: they begin anew, and leap seconds set the day's back.
+    """A ``StampClock`` for times of week or of day: they restart, and leap seconds set the day's back.
 
     Args:
         scale: of the times; not ``NONE``.

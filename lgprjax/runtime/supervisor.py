@@ -1,7 +1,7 @@
-"""The supervisor: starts the processes of the runtime, replaces the dead and the hung, ends them in order.
+"""The supervisor: starts the processes of the runtime, replaces dead and hung ones, ends them in order.
 
-It decides nothing about driving. It tells the control process what became of the others, and the mode machine there
-knows what that means; a control process that died comes up again with ``--after-death``, never engaged.
+It makes no driving decisions. It reports the state of the others to the control process, whose mode machine reacts; a
+control process that died is restarted with ``--after-death``, never engaged.
 """
 
 import json
@@ -40,20 +40,20 @@ from lgprjax.runtime.process import (
 from lgprjax.runtime.ring import Ring
 from lgprjax.runtime.service import SUPERVISOR, Notifier, watchdog_s
 
-# One process under supervision: started, listened to, found dead or hung, started again.
+# One supervised process: started, monitored, found dead or hung, restarted.
 
 STORAGE_FULL = 3
-"""Exit status of a recorder that stopped in good order for want of space: starting it again would change nothing."""
+"""Exit status of a recorder that stopped for lack of space: a restart would change nothing."""
 
-_QUICK_S = 2.0  # a process that dies sooner after its start is kept waiting
+_QUICK_S = 2.0  # a process that dies sooner after its start is restarted later
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 2.0
 _DEATHS, _DEATHS_WITHIN_S = 10, 300.0
 _ENDING_S = 5.0  # a last write to a slow card
-_LOOK_S = 0.05  # time between two looks that counts at most: a machine that stood still hung nobody
+_LOOK_S = 0.05  # largest counted time between two checks: a suspended machine is no hang
 
 
 class What(Enum):
-    """What became of a process."""
+    """State change of a process."""
 
     READY = "ready"
     DIED = "died"
@@ -61,12 +61,12 @@ class What(Enum):
 
 
 class ProcessReports(NamedTuple):
-    """What became of a process, told once.
+    """State change of a process, reported once.
 
     Attributes:
         what: ready after a start or a relaunch, died, or left dead.
         name: of the process.
-        why: how it died or why it is left, for a person; empty for ready.
+        why: how it died or why it is not restarted, in words; empty for ready.
     """
 
     what: What
@@ -75,7 +75,7 @@ class ProcessReports(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """How long a process may be silent, and come up, seconds; ``patient``: it is never left dead."""
+    """Time limits of a process for silence and for starting, seconds; ``patient``: it is always restarted."""
 
     silent_s: float
     start_s: float
@@ -83,14 +83,14 @@ class Limits(NamedTuple):
 
 
 class Child:
-    """A process and the supervisor's knowledge of it. Times are of the monotonic clock, in seconds.
+    """A supervised process. Times are of the monotonic clock, in seconds.
 
     Args:
         name: of the process.
         command: its command line; the argument tells whether it replaces one that died.
-        environment: it is started with.
-        beats: where it says that it lives.
-        limits: it is held to.
+        environment: of the process.
+        beats: its heartbeats.
+        limits: time limits.
     """
 
     def __init__(
@@ -120,15 +120,15 @@ class Child:
 
     @property
     def running(self) -> bool:
-        """Whether there is a process, alive or not yet gone."""
+        """Whether there is a process, alive or still ending."""
         return self._process is not None and self._process.poll() is None
 
     def look(self, now_s: float, passed_s: float) -> list[ProcessReports]:
-        """What is new; starts it where that is due, kills it where it hangs.
+        """New state changes; starts it when due, kills it if it hangs.
 
         Args:
             now_s: time of this look.
-            passed_s: since the look before.
+            passed_s: since the previous call.
         """
         if self._process is None:
             return self._launch(now_s) if not self.left and now_s >= self._due_s else []
@@ -144,7 +144,7 @@ class Child:
         return self._died(now_s, f"signal {-status}" if status < 0 else f"exit {status}")
 
     def end(self) -> None:
-        """Ask it to end; one that is stopped is let go on to hear it."""
+        """Ask it to end; a stopped one is continued to receive the signal."""
         if self._process is not None and self._process.poll() is None:
             self._process.terminate()
             self._process.send_signal(signal.SIGCONT)
@@ -161,7 +161,7 @@ class Child:
         self._told_dead = self.ready = False
         self._silent_s, self._count, self._started_s = 0.0, 0, now_s
         try:
-            # A group of its own: what a terminal sends reaches the supervisor alone, which ends them in order.
+            # A group of its own: signals of a terminal reach the supervisor alone, which ends them in order.
             self._process = subprocess.Popen(
                 self._command(self.died_before), env=self._environment, stdin=subprocess.DEVNULL, process_group=0
             )
@@ -206,14 +206,14 @@ class Child:
         return told
 
     def _read(self) -> HeartbeatRow | None:
-        # A process gone wild may have written anything.
+        # A faulty process may have written anything.
         with suppress(ValueError):
             return self._beats.read(self.name)
         return None
 
 
 def end_children(children: Sequence[Child], limit_s: float) -> None:
-    """Ask processes to end and wait for it; what has not ended within ``limit_s`` seconds is killed."""
+    """Ask processes to end and wait; those still running after ``limit_s`` seconds are killed."""
     for child in children:
         child.end()
     until_s = time.monotonic() + limit_s
@@ -225,7 +225,7 @@ def end_children(children: Sequence[Child], limit_s: float) -> None:
 
 
 def child_environment(name: str, supervisor_variable: str) -> dict[str, str]:
-    """The environment of a process: only the control loop may speak to the service manager's watchdog."""
+    """The environment of a process: only the control loop may feed the service manager's watchdog."""
     environment = {**os.environ, supervisor_variable: str(os.getpid())}
     if name != "control":
         environment.pop("NOTIFY_SOCKET", None)
@@ -245,7 +245,7 @@ class Ready(NamedTuple):
 
     Attributes:
         after_s: seconds from the start.
-        missing: processes that are not there and need not be.
+        missing: optional processes that are not running.
     """
 
     after_s: float
@@ -264,7 +264,7 @@ def say_ready(ready: Ready) -> None:
 
 
 def make_rings_folder() -> Path:
-    """A new folder in memory for a run's rings; what runs that were killed have left there is taken away."""
+    """A new folder in memory for a run's rings; remains of killed runs are removed."""
     base = memory_folder()
     for old in base.glob("lgprjax-rings-*-*"):
         if not Path(f"/proc/{old.name.split('-')[2]}").exists():
@@ -285,16 +285,17 @@ def supervise(
     Args:
         config: of the run; the processes read it anew from its file.
         run_folder: of the run.
-        rings: folder of the rings, in memory, see ``make_rings_folder``; it is taken away at the end; where the run
-            is refused, only if it is empty.
-        ready: called once, when all that must be there is ready.
+        rings: folder of the rings, in memory, see ``make_rings_folder``; removed at the end; if the run is refused,
+            only if it is empty.
+        ready: called once, when all required processes are ready.
         command: how a process is started.
 
     Returns:
         The exit status, 0.
 
     Raises:
-        InputError: another run holds the device or the folder, a core is not there, or memory does not hold the rings.
+        InputError: another run holds the device or the folder, a core is missing, or there is not enough memory for the
+            rings.
     """
     try:
         check_cores(config)
@@ -356,7 +357,7 @@ class _Supervisor:
         for ring in self._rings:
             ring.put(record)
         if told.name == "control" and self._watchdog_s is not None:
-            # Until a new control process feeds it, the watchdog would end the whole service.
+            # Until a new control process feeds the watchdog, it would end the whole service.
             self._notifier.watchdog_within(self._watchdog_s if told.what is What.READY else self._start_s)
         if told.what is not What.READY:
             _say(f"{told.name} {told.what.value}: {told.why}", sys.stderr)
@@ -367,14 +368,14 @@ class _Supervisor:
         return tuple(name for name, child in self._children.items() if not child.ready)
 
     def _all_up(self) -> bool:
-        # What need not be there is waited for until it has failed once.
+        # Optional processes are waited for until they have failed once.
         return all(
             child.ready or (name not in self._needed and (child.died_before or child.left))
             for name, child in self._children.items()
         )
 
     def _end(self) -> None:
-        """Control first: it lets the actuators go. The recorder last: it writes what the others still said."""
+        """Control first: it releases the actuators. The recorder last: it writes the last messages of the others."""
         self._notifier.stopping()
         last = self._children["recorder"]
         others = [child for name, child in self._children.items() if name not in ("control", "recorder")]
@@ -393,12 +394,12 @@ def _limits(name: str, config: RuntimeConfig) -> Limits:
     limits = config.supervision
     is_control = name == "control"
     silent_s = limits.control_s if is_control else limits.others_s
-    # Found within the limit, not at the first look after it.
+    # Found within the limit, not at the first check after it.
     return Limits(silent_s - _PERIOD_S, limits.start_s, patient=is_control)
 
 
 def _make_rings(rings: Path) -> None:
-    """Make the rings and the heartbeats with their memory reserved: a page that cannot be had kills its writer."""
+    """Create the rings and the heartbeats with their memory reserved: a page that cannot be had kills its writer."""
     rings.mkdir(parents=True, exist_ok=True)
     Heartbeats(rings)
     for name, size in RINGS.items():

@@ -1,4 +1,4 @@
-"""What differs from day to day: weather, what people did to the road, and the receiver's own errors."""
+"""Changes from day to day: weather, roadworks, and the receiver's own errors."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -79,7 +79,7 @@ class Trench:
 
 @dataclass(frozen=True)
 class Day:
-    """What differs from day to day. The defaults are a clear day (see below).
+    """Changes from day to day. The defaults are a clear day (see below).
 
     Attributes:
         seed: of everything below.
@@ -158,7 +158,7 @@ def ground_on(ground: Ground, day: Day) -> tuple[Ground, Conditions]:
         s = day.skin
         front = draw_layer(skin, config, depth_m=s.thickness_m, relief_m=s.relief_m, reflectivity=s.reflectivity)
         layers = stack_layers([layers, front])
-        # The front that is heard is the one that the wave's speed changes at.
+        # The visible front is the one at which the wave's speed changes.
         skin_m = SineField(front.depth_m[0], front.relief_m[0], front.wave_rad_per_m[0], front.relief_phase_rad[0])
     cover_m = constant_field(0.0, WAVES)
     if day.cover is not None:
@@ -228,7 +228,7 @@ def _littered(scatterers: Scatterers, config: GroundConfig, day: Day) -> Scatter
     return joined(scatterers, litter)
 
 
-# Days by name. Their difficulty is fixed: tests/batch/test_days.py holds the correlation at the truth to it.
+# Days by name. Their difficulty is fixed: tests/batch/test_days.py checks the correlation at the truth.
 
 
 def clear_day(seed: int) -> Day:

@@ -1,4 +1,4 @@
-"""A synthetic drive: the truth, what the sensors report of it, and the recording, traces or sweeps."""
+"""A synthetic drive: the truth, the sensors' readings, and the recording, traces or sweeps."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -61,7 +61,7 @@ _AVERAGED = 256  # scans that the start-of-day recordings are the mean of
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """What is measured in each scan.
+    """Measurements of each scan.
 
     Attributes:
         first_mhz, step_mhz, steps: the frequencies. 1 / step is the unambiguous travel time.
@@ -164,7 +164,7 @@ def record_sweeps(
     sigma = noise_field * _noise_per_step(plan, radar, 1.0) * np.sqrt(0.5)
     sweep += jax.lax.complex(white[:, 0] * sigma, white[:, 1] * sigma)
 
-    # A transmitter in the band is heard in the step that meets it; where no antenna is, it is not.
+    # A transmitter in the band is received in its frequency step; without an antenna it is not.
     phase = jax.vmap(lambda k: jax.random.uniform(jax.random.fold_in(k, 1), (channels + 1,)))(keys)
     away = jnp.abs(jnp.asarray(plan.frequency_mhz, jnp.float32)[None, :] - errors.interference_mhz[:, None])
     share = jnp.clip(1.0 - away / plan.step_mhz, 0.0, 1.0) * errors.interference[:, None] * plan.steps
@@ -245,7 +245,7 @@ def simulate_drive(
     radar: RadarConfig | None = None,
     receiver: ReceiverConfig | None = None,
 ) -> SimulatedDrive:
-    """Everything of a drive but its recording, which ``iterate_traces`` or ``iterate_sweeps`` makes when asked.
+    """Everything of a drive except its recording, which ``iterate_traces`` or ``iterate_sweeps`` generates on demand.
 
     Args:
         day: what the ground and the radar are like that day; its seed draws clutter, response and velocity.
@@ -322,7 +322,7 @@ def render_drive(drive: SimulatedDrive) -> UInt8[np.ndarray, "scan channel sampl
 
 
 def soil_of(ground: Ground, conditions: Conditions) -> dict[str, float]:
-    """What a recorder's matrix needs to know of a day's ground."""
+    """Properties of a day's ground for a recorder's matrix."""
     config = ground.config
     return {
         "velocity_m_per_ns": config.velocity_m_per_ns * conditions.velocity_factor,
@@ -332,7 +332,7 @@ def soil_of(ground: Ground, conditions: Conditions) -> dict[str, float]:
 
 
 def _blocks(drive: SimulatedDrive) -> Iterator[_Block]:
-    """What the recorders need, ``BLOCK_SCANS`` scans at a time; the last block is filled up with its last scan."""
+    """Inputs of the recorders, ``BLOCK_SCANS`` scans at a time; the last block is padded with its last scan."""
     scans = len(drive.scan_time_s)
     blocks = -(-scans // BLOCK_SCANS)
     index = np.minimum(np.arange(blocks * BLOCK_SCANS), scans - 1).reshape(blocks, BLOCK_SCANS)

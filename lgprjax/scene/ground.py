@@ -83,7 +83,7 @@ def field_about(field: SineField, origin_m: Float[np.ndarray, "2"]) -> SineField
     return SineField(*(np.asarray(a, np.float32) for a in moved))
 
 
-# What is buried: stones, roots (chains of small scatterers), pipes and cables.
+# Buried objects: stones, roots (chains of small scatterers), pipes and cables.
 
 
 class Scatterers(NamedTuple):
@@ -166,7 +166,7 @@ def draw_utilities(
     centre = np.column_stack([rng.uniform(low, high, count), rng.uniform(-0.3, 0.3, count)])
     centre[across:] = np.column_stack([np.full(along, (low + high) / 2), rng.uniform(-1.5, 1.5, along)])
     radius = rng.uniform(0.01, 0.08, count)
-    # An empty pipe thinner than some 4 cm returns next to nothing at these wavelengths.
+    # An empty pipe thinner than some 4 cm returns almost nothing at these wavelengths.
     plastic = np.minimum(radius / 0.08, 1.0) ** 2 * 0.4
     return Utilities(
         centre_m=centre,
@@ -207,7 +207,7 @@ def _sorted(place_m: Float[np.ndarray, "scatterer 3"], strength_m: Float[np.ndar
 
 @dataclass(frozen=True)
 class GroundConfig:
-    """What the ground is made of. Strengths are in the units of ``render`` (field relative to 1 m of air).
+    """Composition of the ground. Strengths are in the units of ``render`` (field relative to 1 m of air).
 
     Attributes:
         length_m, margin_m, half_width_m: the corridor is along in [-margin, length + margin], cross in
@@ -310,7 +310,7 @@ def make_ground(seed: int, config: GroundConfig | None = None) -> Ground:
     else:
         field = repeated(field, config.repeat_m, high)
         pipes = draw_utilities(utilities, span, config.half_width_m, 0.0, config.utilities_along)
-        # What runs with the road runs exactly with it, or it would be elsewhere a length on.
+        # Lines along the road follow it exactly, or they would be elsewhere after one length.
         pipes = pipes._replace(direction=np.tile([1.0, 0.0], (config.utilities_along, 1)))
     return Ground(
         config,

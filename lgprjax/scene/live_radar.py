@@ -1,4 +1,4 @@
-"""A radar on a vehicle whose way nobody knows beforehand: what it records, a few scans at a time, where it is."""
+"""A radar on a vehicle whose path is not known beforehand: recordings of a few scans at a time at its pose."""
 
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from lgprjax.scene.render import (
 )
 from lgprjax.scene.road import Road, Waves, draw_waves, local_to_road, roughness_value, wave_value
 
-_ALONG_M = 3.0  # most that a block of scans and its array cover along the road, beside the aperture
+_ALONG_M = 3.0  # largest extent of a block of scans and its array along the road, without the aperture
 
 
 class Springs(NamedTuple):
@@ -97,7 +97,7 @@ class LiveRadar:
         self._noise_field = jnp.asarray(day.noise_field, jnp.float32)
         self._matrix = jnp.asarray(trace_matrix(self.radar, **soil_of(self._ground, self._conditions)))
         config = self._ground.config
-        # Any block's window lies within one of these, so that one program serves the drive.
+        # Any block's window is within one of these, so that one program serves the drive.
         reach = 2.0 * self.radar.aperture_m + _ALONG_M
         starts = np.arange(-config.margin_m - reach, config.length_m + config.margin_m, 0.5)
         ends = starts + reach + 0.5
@@ -107,7 +107,7 @@ class LiveRadar:
     def body_pose(
         self, place: Float[np.ndarray, "*time 3"], along_m: Float[np.ndarray, "*time"], direction: int
     ) -> Float[np.ndarray, "*time 5"]:
-        """Pose with what the springs and the road's bank add: east_m, north_m, height_m, yaw_rad, roll_rad."""
+        """Pose including springs and the road's bank: east_m, north_m, height_m, yaw_rad, roll_rad."""
         roll = wave_value(self._springs.roll, along_m) + wave_value(self._road.bank_rad, along_m)
         height = wave_value(self._springs.height, along_m)
         return np.stack([place[..., 0], place[..., 1], height, place[..., 2], direction * roll], axis=-1)

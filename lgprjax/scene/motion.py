@@ -97,7 +97,7 @@ def plan_motion(plan: DrivePlan, seed: int, road: Road | None = None) -> DriveMo
     middle = 0.5 * (along[1:] + along[:-1])
     forward = 1.0 - follow_centre(road, middle).curvature_per_m * (plan.lane_m + wave_value(wander, middle))
     if np.any(forward <= 0.0):
-        raise ValueError(f"the lane at {plan.lane_m} m passes beyond the centre of a curve")
+        raise ValueError(f"the lane at {plan.lane_m} m is beyond the centre of a curve")
     rise = np.diff(surface_up(road, along, plan.lane_m + wave_value(wander, along))) / np.diff(along)
     stretch = np.hypot(np.hypot(forward, wave_slope(wander, middle)), rise)
     length = np.append(0.0, np.cumsum(stretch * np.diff(along)))
@@ -143,7 +143,7 @@ def poses_at(motion: DriveMotion, time_s: Float[np.ndarray, "*time"]) -> Float[n
 
 
 def ground_up_at(motion: DriveMotion, time_s: Float[np.ndarray, "*time"]) -> Float[np.ndarray, "*time"]:
-    """Height, above the road's start, of the ground below the body origin: what the ellipsoidal height adds up from."""
+    """Height, above the road's start, of the ground below the body origin: the base of the ellipsoidal height."""
     return surface_up(motion.road, *place_on_road(motion, time_s))
 
 
@@ -189,7 +189,7 @@ def antennas_on_road(
     )
 
 
-# Manoeuvres of calibration drives: what driver or servo are told, over time.
+# Manoeuvres of calibration drives: commands to driver or servo over time.
 #
 # Angles are of the front wheels, left positive; a half turn of the steering wheel is the share of the way from lock to
 # lock that its turns say.
@@ -200,7 +200,7 @@ HAND_RADPS = 0.25
 
 
 class Manoeuvre(NamedTuple):
-    """What a vehicle is told, at the simulation's steps.
+    """Commands to a vehicle, at the simulation's steps.
 
     Attributes:
         time_s: from 0, every ``STEP_S``.
@@ -241,7 +241,7 @@ class _Script:
         self.go(abs(speed_mps - self.speed_mps[-1]) / ACCELERATION_MPS2 + STEP_S, speed_mps=speed_mps)
 
     def drive(self, length_m: float, speed_mps: float) -> None:
-        """From standstill to standstill; on a short way the speed is not reached."""
+        """From standstill to standstill; over a short distance the speed is not reached."""
         peak = min(abs(speed_mps), np.sqrt(abs(length_m) * ACCELERATION_MPS2))
         self.speed_up(float(np.copysign(peak, speed_mps)))
         self.go(max(abs(length_m) / peak - peak / ACCELERATION_MPS2, 0.0) + STEP_S)
@@ -264,7 +264,7 @@ def half_turn_angles(largest_rad: float, lock_to_lock_turns: float) -> Float[np.
 
 
 def drive_straight(length_m: float, speed_mps: float, *, weave_rad: float = 0.0, weave_m: float = 20.0) -> Manoeuvre:
-    """A straight line by hand; the driver's corrections swing the wheels, one swing in so many metres of way."""
+    """A straight line by hand; the driver's corrections swing the wheels with a wavelength of travel."""
     script = _Script()
     script.go(2.0)
     script.drive(length_m, speed_mps)

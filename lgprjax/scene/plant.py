@@ -38,7 +38,7 @@ CORNERING_MPS2_PER_RAD = 80.0
 
 
 class Plant(NamedTuple):
-    """The vehicle as it is. Fields are scalars or one value a lane."""
+    """The vehicle as it is. Fields are scalars or one value per batch element."""
 
     chassis: Chassis
     servo: Servo
@@ -47,7 +47,7 @@ class Plant(NamedTuple):
 
 
 class Terrain(NamedTuple):
-    """What the ground does to a vehicle, as functions of the way along it.
+    """Effects of the ground on a vehicle, as functions of the distance.
 
     Attributes:
         grade: rise over run.
@@ -63,7 +63,7 @@ class Terrain(NamedTuple):
 
 
 class PlantState(NamedTuple):
-    """Where the vehicle is and what it waits for.
+    """State of the vehicle and pending commands.
 
     Attributes:
         pose: of the rear axle, true.
@@ -138,7 +138,7 @@ def step_plant(
 
 
 def wave_at(waves: Waves, along_m: Float[Array, "..."]) -> Float[Array, "..."]:
-    """``wave_value`` on the device, wave after wave: lanes have any shape."""
+    """``wave_value`` on the device, wave after wave; batches have any shape."""
     total = jnp.zeros_like(along_m)
     for number in range(len(waves.amplitude)):
         turns = along_m * waves.wave_rad_per_m[number] + waves.phase_rad[number]
@@ -150,7 +150,7 @@ def wave_at(waves: Waves, along_m: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 class SkidPlant(NamedTuple):
-    """A vehicle. Fields are float32 scalars or one value a lane.
+    """A vehicle. Fields are float32 scalars or one value per batch element.
 
     Attributes:
         track_m: effective, of this ground.
@@ -175,7 +175,7 @@ class SkidPlant(NamedTuple):
 
 
 class SkidPlantState(NamedTuple):
-    """Where the vehicle is and what it waits for.
+    """State of the vehicle and pending commands.
 
     Attributes:
         pose: of the track's midpoint, true.
@@ -258,7 +258,7 @@ def step_skid_plant(
 
 
 class SkidSensors(NamedTuple):
-    """What the sensors are like; float32 scalars, ticks int32.
+    """Sensor properties; float32 scalars, ticks int32.
 
     Attributes:
         gnss_ticks: from one fix to the next; late_ticks: from its moment to its arrival.
@@ -293,7 +293,7 @@ class SkidSensors(NamedTuple):
 
 
 class SkidSensorState(NamedTuple):
-    """Errors as they stand.
+    """Present errors.
 
     Attributes:
         slow_m: slow error of GNSS.
@@ -311,7 +311,7 @@ class SkidSensorState(NamedTuple):
 
 
 class SkidReadings(NamedTuple):
-    """What the sensors say at the end of a tick.
+    """Sensor readings at the end of a tick.
 
     Attributes:
         left_mps, right_mps: means over the tick.

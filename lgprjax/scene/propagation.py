@@ -1,4 +1,4 @@
-"""From echoes in time bins to what a radar of a given band records of them: traces, or sweeps.
+"""From echoes in time bins to a radar's recording in its band: traces, or sweeps.
 
 Loss that grows with frequency acts on an echo by how long it was in the ground. In homogeneous soil that is a
 function of its arrival time alone, so the whole of propagation, band and wavelet is one matrix from time bins
@@ -23,7 +23,7 @@ from lgprjax.scene.ground import Ground, Layers, SineField, Utilities, field_abo
 #
 #     (a - u) / sqrt((a - u)**2 + h**2) = n u / sqrt(u**2 + d**2)
 #
-# Travel time is stationary in u (Fermat), so what is left of the root's error enters it squared.
+# Travel time is stationary in u (Fermat), so that the remaining error of the root enters squared.
 
 LIGHT_M_PER_NS = 0.299792458
 _NEWTON_STEPS = 3  # leaves at most 2e-6 ns over all angles, heights of 0.1 m and more, n of 1.5 to 5
@@ -136,7 +136,8 @@ def propagation(
     attenuation_per_m: float,
     dispersive_share: float,
 ) -> Complex[np.ndarray, "bin frequency"]:
-    """What an echo of 1 in each time bin is at each frequency: delay, and what the ground does beyond its mean loss.
+    """Response at each frequency to an echo of 1 in each time bin: delay, and effects of the ground beyond its mean
+    loss.
 
     The dispersive share of the attenuation grows in proportion to the frequency (constant Q) and the velocity
     with it, as causality demands: k(f) = 2 pi f / v * (1 - ln(f / f0) / (pi Q)), 1/Q = share * a * v / (pi f0).
@@ -209,7 +210,7 @@ TRENCHES = 2
 
 
 class GroundSlice(NamedTuple):
-    """What a block of scans sees; rows of strength 0 are padding.
+    """Ground within reach of a block of scans; rows of strength 0 are padding.
 
     The arrays are NumPy's on the host and JAX's inside a compiled function.
 

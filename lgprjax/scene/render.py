@@ -1,4 +1,4 @@
-"""What an antenna above the ground hears: single (Born) scattering by what is buried, on refracted rays.
+"""Signal of an antenna above the ground: single (Born) scattering by buried objects, on refracted rays.
 
 Units: a field of 1 is the radiated field at 1 m in air. A ray tube that spreads over p one way returns l / p**2
 from a stone of scattering length l, G / (2 p) from a flat mirror of reflection coefficient G, and
@@ -61,7 +61,7 @@ def render_traces(
 def convolve_echoes(
     echoes: Float[Array, "trace bin"], matrix: Float[Array, "bin recorded"]
 ) -> Float[Array, "trace recorded"]:
-    """Turns echoes in time bins into what is recorded of them."""
+    """Converts echoes in time bins to the recorded signal."""
     return jnp.matmul(echoes, matrix, precision=jax.lax.Precision.HIGHEST)
 
 
@@ -88,7 +88,7 @@ def place_ground_echoes(
 def snow_over(
     ground: GroundSlice, antenna_m: Float[Array, "trace 3"]
 ) -> tuple[Float[Array, " trace"], Float[Array, " trace"], Float[Array, " trace"]]:
-    """What the snow does: delay of what lies below it, its loss, and how much it raises the antenna."""
+    """Effect of snow: delay of everything below it, its loss, and how much it raises the antenna."""
     index, attenuation, lift, _ = jnp.asarray(ground.cover)
     thickness_m = jnp.maximum(device_value_at(ground.cover_m, antenna_m[:, :2]), 0.0)
     # Near the vertical; snow's index is low, and what comes from far aside is faint.
@@ -111,7 +111,7 @@ def place_echoes(
     position = (time_ns + radar.time_zero_ns) / radar.sample_step_ns
     below = jnp.clip(jnp.floor(position), 0.0, bins - 2.0)
     share = position - below
-    heard = (share >= 0.0) & (share <= 1.0)  # what was clipped lies outside the trace
+    heard = (share >= 0.0) & (share <= 1.0)  # clipped values are outside the trace
     field = jnp.where(heard, field, 0.0)
     index = below.astype(jnp.int32) + bins * jnp.arange(traces, dtype=jnp.int32)[:, None]
     flat = jnp.zeros(traces * bins, field.dtype)
@@ -154,7 +154,7 @@ def _layer_echoes(ground: GroundSlice, antenna_m: Float[Array, "trace 3"]) -> Ec
     depth = jnp.asarray(layers.depth_m)[None] + jnp.sum(layers.relief_m[None] * jnp.sin(relief_angle), axis=-1)
     slope = jnp.einsum("tlw,lwp->tlp", layers.relief_m[None] * jnp.cos(relief_angle), layers.wave_rad_per_m)
     # The ray that meets the plane tangent to the interface below the antenna at a right angle: down the normal, bent
-    # at the surface. Its angle in the ground is the slope's; a slope past the critical angle is not heard.
+    # at the surface. Its angle in the ground is the slope's; a slope past the critical angle is not received.
     cosine = 1.0 / jnp.sqrt(1.0 + jnp.sum(slope**2, axis=-1))
     sine = jnp.minimum(index * jnp.sqrt(1.0 - cosine**2), 0.999)
     height = antenna_m[:, 2:3]
@@ -224,7 +224,7 @@ HARDWARE_SEED = 20  # the same array on every day
 
 @dataclass(frozen=True)
 class ReceiverFaults:
-    """What goes wrong in the receiver during a drive.
+    """Faults of the receiver during a drive.
 
     Attributes:
         gain_drift: relative change of the receiver's gain from the drive's start to its end (it warms up).
@@ -316,7 +316,7 @@ def heard_echoes(
     *,
     radar: RadarConfig,
 ) -> Float[Array, "trace bin"]:
-    """All that a channel hears, in time bins: ground, surface, snow, coupling; its gain and delay included.
+    """The whole signal of a channel, in time bins: ground, surface, snow, coupling; its gain and delay included.
 
     Args:
         place_m: (along, cross, height above the ground) of every trace, scan after scan.
@@ -407,7 +407,7 @@ def record_scans(
     echoes = heard_echoes(ground, antenna_m.reshape(-1, 3), response, radar=radar)
     traces = convolve_echoes(echoes, matrix).reshape(scans, channels, radar.samples)
 
-    # Noise of the band: a stepped-frequency receiver hears nothing outside it.
+    # Noise of the band: a stepped-frequency receiver has no noise outside it.
     keys = jax.vmap(jax.random.fold_in, (None, 0))(key, first_scan + jnp.arange(scans, dtype=jnp.int32))
     colours = _noise_matrix(radar)
     white = jax.vmap(lambda k: jax.random.normal(k, (channels, colours.shape[0]), jnp.float32))(keys)

@@ -89,7 +89,7 @@ GAUSS_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0
 
 @dataclass(frozen=True)
 class RoadConfig:
-    """What a road is like. The defaults are a straight, flat, smooth road to the east.
+    """Shape of a road. The defaults are a straight, flat, smooth road to the east.
 
     Attributes:
         length_m, margin_m: the road is along in [-margin, length + margin]; along = 0 lies at the local origin.

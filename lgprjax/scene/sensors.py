@@ -1,4 +1,4 @@
-"""What the vehicle's own navigation says of a drive: odometer, and a GNSS/INS track with slow errors.
+"""The vehicle's own navigation on a drive: odometer, and a GNSS/INS track with slow errors.
 
 A GNSS/INS track's error is a slow Gauss-Markov process about a bias. Reflected signals (jumps) displace it for a
 while without a word. In an outage the inertial sensors carry on from the last place and heading: the velocity's
@@ -200,7 +200,7 @@ def _coast_outages(
         levers = np.stack([away_s, away_s, away_s, -away_m[:, 1], away_m[:, 0]], axis=1)
         source = [0, 1, 2, 3, 3]
         step = white[out][:, source]
-        step[0] = 0.0  # at the last fix nothing has grown yet
+        step[0] = 0.0  # at the last fix the error has not grown yet
         grown = levers * np.cumsum(step, axis=0) - np.cumsum(step * levers, axis=0)
         variance = _sum_squares(levers) * np.array([errors.velocity_walk] * 3 + [errors.heading_walk] * 2) ** 2
         variance /= errors.rate_hz
@@ -255,7 +255,7 @@ def _read_odometer(
 
 
 class FixErrors(NamedTuple):
-    """Errors of fixes along, across and in heading, and where there are none. Scalars or one value a lane.
+    """Errors of fixes along, across and in heading, and where there are none. Scalars or one value per batch element.
 
     Attributes:
         slow_sigma: of the slowly changing part: along_m, cross_m, yaw_rad.
@@ -340,7 +340,7 @@ def calibrated_fixes(weather: str) -> FixErrors:
     )
 
 
-# What goes wrong with the sensors of a closed loop, and when.
+# Faults of the sensors of a closed loop, with their times.
 
 
 class SensorFaults(NamedTuple):
@@ -387,7 +387,7 @@ def no_faults() -> SensorFaults:
 
 
 def during(interval_s: Float[Array, "2"], time_s: Float[Array, ""]) -> Bool[Array, ""]:
-    """Whether a moment lies in an interval."""
+    """Whether a time is in an interval."""
     return (time_s >= interval_s[0]) & (time_s < interval_s[1])
 
 
@@ -398,7 +398,7 @@ def during(interval_s: Float[Array, "2"], time_s: Float[Array, ""]) -> Bool[Arra
 
 
 class LiveSensors(NamedTuple):
-    """What the sensors are like. Scalars or one value a lane.
+    """Sensor properties. Scalars or one value per batch element.
 
     Attributes:
         gnss_ticks: ticks from one position to the next.
@@ -431,7 +431,7 @@ class LiveSensors(NamedTuple):
 
 
 class LiveSensorState(NamedTuple):
-    """Errors as they stand, and the last position that the receiver gave: a frozen one repeats it."""
+    """Present errors, and the last position that the receiver gave: a frozen one repeats it."""
 
     gnss_slow_m: Float[Array, "... 2"]
     rate_bias_radps: Float[Array, "..."]
@@ -441,7 +441,7 @@ class LiveSensorState(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """What the sensors say at the end of a tick.
+    """Sensor readings at the end of a tick.
 
     Attributes:
         gnss_m: antenna, east and north.

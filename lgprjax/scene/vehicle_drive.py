@@ -37,7 +37,7 @@ from lgprjax.vehicle.kinematics import (
 )
 from lgprjax.vehicle.sensors import DriveSignals, Encoder, Potentiometer, read_encoder, read_potentiometer
 
-# What a vehicle's log says of a drive: navigation, steering sensors and odometer, with their noise and faults.
+# Signals of a vehicle's log: navigation, steering sensors and odometer, with their noise and faults.
 
 DEGREE = np.pi / 180.0
 
@@ -68,7 +68,7 @@ class DriveTruth(NamedTuple):
 
 @dataclass(frozen=True)
 class VehicleSensors:
-    """Rates, noise and faults of the sensors. Sigmas are of white noise unless told.
+    """Rates, noise and faults of the sensors. Sigmas are of white noise unless stated otherwise.
 
     Attributes:
         record_hz: of the log; the simulation's 100 Hz or a whole part of it.
@@ -225,7 +225,7 @@ def _wander(
 
 @dataclass(frozen=True)
 class TrueVehicle:
-    """A vehicle as it is, for simulated drives. The numbers are made up: no vehicle's own.
+    """A true vehicle for simulated drives. The numbers are made up.
 
     Attributes:
         wheelbase_m, largest_angle_rad, characteristic_speed_mps: as in ``Chassis``.
@@ -266,14 +266,14 @@ class TrueVehicle:
 
 
 class VehicleDrive(NamedTuple):
-    """A simulated drive: what its log holds, and how it was."""
+    """A simulated drive: contents of its log, and the truth."""
 
     signals: DriveSignals
     truth: DriveTruth
 
 
 def chassis_of(vehicle: TrueVehicle, anchor_m: float = 0.0) -> Chassis:
-    """The vehicle's chassis, with an anchor for those who follow a path."""
+    """The vehicle's chassis, with an anchor for path following."""
     rear = vehicle.rear if isinstance(vehicle.rear, MeasuredRear) else ProportionalRear(jnp.float32(vehicle.rear))
     return Chassis(
         jnp.float32(vehicle.wheelbase_m),
@@ -312,7 +312,7 @@ def simulate_vehicle_drive(
 
 
 def drive_manoeuvre(vehicle: TrueVehicle, manoeuvre: Manoeuvre) -> DriveTruth:
-    """How the drive goes, at 100 Hz; nothing in it is random.
+    """Simulate the drive at 100 Hz, without randomness.
 
     Servo and pedals step in float32; each step's arc is the vehicle's, the sum of the arcs is taken in float64.
     """
@@ -389,7 +389,7 @@ def _run_servo(
         servo, slots = ideal_servo()._replace(backlash_rad=servo.backlash_rad), 0
         share = jnp.ones_like(share)
     turned = _scan_servo(servo, _padded(wanted_rad, steps), share, slots)
-    # A command holds from its time on: what came of it is seen one step later.
+    # A command holds from its time on: its effect is visible one step later.
     motor, wheel = (np.append(wanted_rad[0], np.asarray(part, np.float64)[: wanted_rad.size - 1]) for part in turned)
     return motor, wheel
 
@@ -418,7 +418,7 @@ def _run_pedals(
     speed, step_m = _scan_pedals(
         pedals_of(vehicle), _padded(manoeuvre.throttle, steps), _padded(manoeuvre.brake, steps)
     )
-    # A command holds from its time on: what came of it is seen one step later.
+    # A command holds from its time on: its effect is visible one step later.
     return (
         np.append(0.0, np.asarray(speed, np.float64)[: count - 1]),
         np.append(0.0, np.asarray(step_m, np.float64)[: count - 1]),
@@ -441,10 +441,10 @@ def _scan_pedals(
 
 # Fixes of a simulated vehicle's drive, drawn from an error model: neither ground nor radar is behind them.
 
-# What a fix knows of height and roll; level ground and a level vehicle.
+# Height and roll of a fix; level ground and a level vehicle.
 _SIGMA_HEIGHT_M, _SIGMA_ROLL_RAD = 0.05, 0.002
 
-# Drawn for a multiple of so many scans: few lengths are compiled. What is drawn for a scan does not depend on it.
+# Drawn for a multiple of this many scans: few lengths are compiled. The draws of a scan do not depend on it.
 _BLOCK_SCANS = 1024
 
 

@@ -21,11 +21,11 @@ from lgprjax.frames import LocalFrame
 from lgprjax.radar import ChannelResponse, LookUp, calibrate_sweeps, estimate_channel_response, find_dead_channels
 from lgprjax.scene import PoseTrack, SimulatedDrive, SweepPlan, iterate_sweeps, iterate_traces, start_of_day
 
-# What a stepped-frequency drive log says of its receiver: frequencies, look-up, and each channel's gain and delay.
+# Receiver description of a stepped-frequency drive log: frequencies, look-up, and each channel's gain and delay.
 
 
 def describe_sweeps(drive: SimulatedDrive, plan: SweepPlan) -> SweepRecording:
-    """The recording of a drive's sweeps, from what is recorded at the start of its day.
+    """The recording of a drive's sweeps, from the recordings at the start of its day.
 
     As in the field: the array in empty space is the look-up, and gains and delays are measured over a metal plate,
     noise included; the truth about the channels stays in the scene.
@@ -55,7 +55,7 @@ def describe_sweeps(drive: SimulatedDrive, plan: SweepPlan) -> SweepRecording:
 
 
 SITE_FRAME = LocalFrame(latitude_deg=42.0, longitude_deg=-71.0, height_m=30.0)
-"""Where generated sites are put on the globe unless told otherwise."""
+"""Default place of generated sites on the globe."""
 
 _T0_UTC = "2026-01-01T00:00:00+00:00"
 

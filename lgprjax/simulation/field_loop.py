@@ -69,16 +69,16 @@ from lgprjax.vehicle.kinematics import SkidSteer, VehiclePose, WheelSpeeds, whee
 
 TICK_S = 0.02
 MOMENT_TICKS = 5
-"""What is kept of a drive is kept ten times a second."""
+"""Rate of the recorded moments: ten a second."""
 SPARE_M = 0.8
-"""Between what the route needs beyond the perimeter and the fence."""
+"""Spare room between the route's need beyond the perimeter and the fence."""
 _TRACK_M = 1.1
 _GNSS_X_M = 0.2
 
 
 @dataclass(frozen=True)
 class FieldLoopSpec:
-    """What is the same for all lanes, and compiled in.
+    """Static settings, the same for all batch elements.
 
     Attributes:
         moments: of 0.1 s, how many.
@@ -169,7 +169,7 @@ _DRIVER = 0.3, 0.8, 0.1
 
 
 class FieldState(NamedTuple):
-    """What a lane carries from tick to tick.
+    """State of a batch element from tick to tick.
 
     Attributes:
         track_m: of its plant.
@@ -190,7 +190,7 @@ class FieldState(NamedTuple):
 
 
 class FieldMoment(NamedTuple):
-    """What is kept of a moment, ten times a second.
+    """Record of a moment, ten times a second.
 
     Attributes:
         x_m, y_m, yaw_rad: true pose of the reference point.
@@ -202,7 +202,7 @@ class FieldMoment(NamedTuple):
         to_go_m: to the route's end.
         heard: GNSS spoke within the last 1.5 s.
         engaged, stopping, done: the computer drives; was told to stop; has reached the route's end.
-        edge: the fence was foretold to be crossed.
+        edge: a crossing of the fence is predicted.
         reasons: bits of ``Reason``; limited: of ``SkidLimited``.
         sigma_m: of the position, by the estimate.
     """
@@ -236,7 +236,7 @@ def run_fields(
     fence: Float[Array, "corner 2"],
     keys: Key[Array, " lane"],
 ) -> FieldMoment:
-    """Drives of one field, one a key; what is kept has the axes moment and lane.
+    """Drives of one field, one for each key; records have the axes moment and lane.
 
     Args:
         spec: compiled in.
@@ -329,7 +329,7 @@ def _tick(
 
 
 def _by_hand(world: FieldWorld, begin: RoutePoint, pose: VehiclePose) -> WheelSpeeds:
-    """The driver's levers on the way to the route's start."""
+    """The driver's levers while driving to the route's start."""
     aside, turned, largest = _DRIVER
     _, left_m = beside(begin, pose)
     yaw_rate = -aside * left_m - turned * jnp.sin(pose.yaw_rad - begin.yaw_rad)

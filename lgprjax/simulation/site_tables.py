@@ -30,7 +30,7 @@ from lgprjax.scene import (
 
 @dataclass(frozen=True)
 class SiteHeader:
-    """What a site is called and where on the globe its road begins.
+    """Name of a site, and the start of its road on the globe.
 
     Attributes:
         name: of the site.
@@ -111,7 +111,7 @@ class Site:
 
 
 class SiteScene(NamedTuple):
-    """What all drives of a site share."""
+    """Common parts of all drives of a site."""
 
     site: Site
     road: Road
@@ -147,7 +147,7 @@ def plan_drive(scene: SiteScene, drive: SiteDrive) -> SimulatedDrive:
     )
 
 
-# What a site file may say: closed ranges of every number, in the units of the dataclasses' fields.
+# Valid contents of a site file: closed ranges of every number, in the units of the dataclasses' fields.
 #
 # The ranges are those in which the models hold (refraction is solved for indices of 1.5 to 5), or else what no radar,
 # road or vehicle exceeds.

@@ -38,9 +38,9 @@ from lgprjax.simulation.site_tables import (
     prepare_site,
 )
 
-# What the parts of a site file must be to each other: refused with its place before anything is rendered.
+# Consistency of a site file's parts, checked before anything is rendered.
 
-_WANDERS = 3.0  # rms of the wander that a lane leaves room for
+_WANDERS = 3.0  # multiples of the wander's rms that fit into a lane
 
 
 def refuse_impossible(site: Site, root: TableKey) -> None:
@@ -86,7 +86,7 @@ def _check_drive(site: Site, drive: SiteDrive, place: TableKey) -> None:
         raise place.at("direction").refuse("1 or -1", "0")
     if not plan.start_m < plan.stop_m:
         raise place.at("stop_m").refuse(f"more than start_m, {plan.start_m:g}", f"{plan.stop_m:g}")
-    # The body must be on the road, and the array, ahead of it one way or the other, must hear ground.
+    # The body must be on the road, and the array, ahead of it in either direction, must be over ground.
     ahead_m = plan.direction * array.x_m
     least_m = -ground.margin_m + max(0.0, aperture - ahead_m)
     most_m = ground.length_m + ground.margin_m - max(0.0, aperture + ahead_m)
@@ -149,10 +149,10 @@ def site_file(given: str | Path) -> Path:
 
 
 def read_site(path: str | Path) -> Site:
-    """A site from its file; nothing is drawn or rendered.
+    """Read a site from its file, without drawing or rendering.
 
     Raises:
-        InputError: the file is missing or no TOML; a key is unknown, missing, of a wrong type or out of its range;
+        InputError: the file is missing or not TOML; a key is unknown, missing, of a wrong type or out of its range;
             a name is used twice or stands for nothing; a drive leaves the road or hears beyond the ground.
     """
     root = TableKey(Path(path))
@@ -298,7 +298,7 @@ def _seed(place: TableKey, value: object) -> int | None:
 
 
 class PlannedDrive(NamedTuple):
-    """What a drive will be.
+    """Plan of a drive.
 
     Attributes:
         drive: as the site says. scans: as many will be recorded. duration_s: from the first to the last.

@@ -1,4 +1,4 @@
-"""Simulated drives of one vehicle as drive logs without radar, from a drives file; fixes beside those that ask."""
+"""Simulated drives of one vehicle as drive logs without radar, from a drives file; with fixes where requested."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -40,7 +40,7 @@ from lgprjax.simulation.drives import SITE_FRAME
 from lgprjax.simulation.site_tables import fill_config
 from lgprjax.simulation.sites import derive_seed
 
-# The manoeuvres that a drives file may name: how each is made of its numbers, and what these may be.
+# The manoeuvres of a drives file: construction from their numbers, and valid ranges.
 
 Range = tuple[float, float]
 
@@ -106,7 +106,7 @@ LISTS = frozenset({"speeds_mps", "angles_rad", "angles_deg", "sizes_rad", "sizes
 # The drives file: a made-up vehicle, its sensors and the calibration drives that it does, as TOML.
 
 KIND = "vehicle_drives"
-"""What a drives file calls itself, so that it is not taken for a site file."""
+"""Kind of a drives file, to distinguish it from a site file."""
 
 Config = TypeVar("Config")
 
@@ -177,10 +177,10 @@ _NON_NEGATIVE: Range = (0.0, 1e3)
 
 
 def read_vehicle_plan(path: str | Path) -> VehiclePlan:
-    """A drives file; nothing is driven yet.
+    """Read a drives file, without simulating.
 
     Raises:
-        InputError: the file is missing or no TOML; a key is unknown, missing, of a wrong type or out of its range; a
+        InputError: the file is missing or not TOML; a key is unknown, missing, of a wrong type or out of its range; a
             name is used twice or stands for nothing.
     """
     root = TableKey(Path(path))
@@ -250,7 +250,7 @@ def _drive(
 
 
 def _fixes(place: TableKey, day: object) -> tuple[str | None, FixErrors | None]:
-    """A day and the error model of its fixes; neither where a drive asks for none."""
+    """A day and the error model of its fixes; neither if a drive has none."""
     if day is None:
         return None, None
     try:
@@ -293,7 +293,7 @@ def _sensors(place: TableKey, table: object, base: VehicleSensors) -> VehicleSen
 
 
 def _hold(place: TableKey, config: object, ranges: dict[str, Range]) -> None:
-    """Hold every number of a dataclass to its range, those without one to be no less than 0."""
+    """Check every number of a dataclass against its range, those without one against 0."""
     for name, value in vars(config).items():
         low, high = ranges.get(name, _NON_NEGATIVE)
         for number in value if isinstance(value, tuple) else (value,):
@@ -301,9 +301,9 @@ def _hold(place: TableKey, config: object, ranges: dict[str, Range]) -> None:
                 raise place.at(name).refuse(f"a number from {low:g} to {high:g}", f"{number:g}")
 
 
-# Fixes beside a simulated vehicle's log: files like those of registration, drawn from an error model of fixes.
+# Fixes for a simulated vehicle's log: files like those of registration, drawn from an error model of fixes.
 
-# What the error model calls a stretch without fixes: the ground is poor there.
+# Stretches without fixes in the error model: the ground is poor there.
 _NO_FIX = "low_correlation"
 
 

@@ -1,4 +1,4 @@
-"""What all studies share: a task, an outcome, the signals of a log, and refusal of logs that tell too little."""
+"""Common parts of studies: task, outcome, signals of a log, and refusal of insufficient logs."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,9 +16,9 @@ from lgprjax.frames import LocalFrame
 from lgprjax.tuning import DriveSignals, Estimate, NotExcitedError
 from lgprjax.vehicle import Chassis
 
-# Signals of a drive log on the vehicle's clock, in local metres: what calibrations work on.
+# Signals of a drive log on the vehicle's clock, in local metres, for calibrations.
 
-# A sensor that is silent for longer than this many of its usual steps has a gap: nothing is drawn across it.
+# A sensor silent for longer than this many of its usual steps has a gap, which is not interpolated.
 _GAP_STEPS = 3.0
 
 SIGNAL_NAMES = {
@@ -38,15 +38,15 @@ def signals_of(log: VehicleLog, path: str = "drive log") -> DriveSignals:
     """Signals at the records of the vehicle, those outside the odometry's time or in a gap of it left out.
 
     Each position of the navigation is given to one record, the nearest, moved to its time between neighbours: a value
-    drawn at every record would show the noise of one fix many times. Records without a position of their own, and
-    those beside a gap, hold not-a-number. Metres are about the first position.
+    interpolated at every record would repeat the noise of one fix many times. Records without a position of their own,
+    and those next to a gap, hold NaN. Metres are relative to the first position.
 
     Args:
         log: the drive.
-        path: what errors call it.
+        path: its path, for errors.
 
     Raises:
-        InputError: the log holds no signals of the vehicle, or none while navigation and odometry were there.
+        InputError: the log holds no signals of the vehicle, or none while navigation and odometry were available.
     """
     if log.vehicle is None:
         raise InputError(path, "/vehicle", "signals of the vehicle", "none")
@@ -77,7 +77,7 @@ def signals_of(log: VehicleLog, path: str = "drive log") -> DriveSignals:
 
 
 def _position_sigma_m(track: NavigationTrack) -> Float[np.ndarray, " navigation"]:
-    """Of each of east and north, as one number."""
+    """Sigma of east and of north, as one number."""
     east_m, north_m = _sigma(track.sigma_east_m, track), _sigma(track.sigma_north_m, track)
     return np.asarray(np.sqrt(0.5 * (east_m**2 + north_m**2)))
 
@@ -91,13 +91,13 @@ def _in_gap(known_s: Float[np.ndarray, " known"], time_s: Float[np.ndarray, " re
     steps = np.diff(known_s)
     after = np.clip(np.searchsorted(known_s, time_s, side="left"), 1, len(known_s) - 1)
     wide = steps[after - 1] > _GAP_STEPS * np.median(steps)
-    # At either end of a gap there is a known value.
+    # Either end of a gap has a known value.
     at_end = (time_s == known_s[after]) | (time_s == known_s[after - 1])
     return np.asarray((time_s < known_s[0]) | (time_s > known_s[-1]) | (wide & ~at_end))
 
 
 def _own_fix(fix_s: Float[np.ndarray, " fix"], time_s: Float[np.ndarray, " record"]) -> Bool[np.ndarray, " record"]:
-    """Records that are the nearest of all to some fix and have fixes close by on both sides."""
+    """Records that are the nearest ones to some fix and have fixes nearby on both sides."""
     after = np.clip(np.searchsorted(time_s, fix_s), 1, len(time_s) - 1)
     nearest = np.where(fix_s - time_s[after - 1] <= time_s[after] - fix_s, after - 1, after)
     owned = np.zeros(len(time_s), dtype=bool)
@@ -113,7 +113,7 @@ class LoggedDrive(NamedTuple):
 
 
 class Task(NamedTuple):
-    """What a study is to do: with which vehicle, on which drives, judged by which."""
+    """Task of a study: vehicle, drives to fit, drives to judge by."""
 
     study: Study
     vehicle: VehicleFile
@@ -122,7 +122,7 @@ class Task(NamedTuple):
 
 
 class Figure(NamedTuple):
-    """A figure that says how well a fit holds."""
+    """A figure of the quality of a fit."""
 
     name: str
     value: float
@@ -130,14 +130,14 @@ class Figure(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a study found.
+    """Result of a study.
 
     Attributes:
         found: by path in the vehicle file, with intervals; a list for a key that is one.
-        fixed: numbers of the vehicle file that were set and not measured, such as the knots of a map.
-        figures: how well the fit holds, on its logs and on those held out.
-        notes: what a reader must know, a line each.
-        detail: fits and signals, for pictures; its type goes with the kind of study.
+        fixed: numbers of the vehicle file that were chosen and not measured, such as the knots of a map.
+        figures: quality of the fit, on its logs and on those held out.
+        notes: remarks, a line each.
+        detail: fits and signals, for pictures; its type depends on the kind of study.
     """
 
     found: dict[str, Estimate | list[Estimate]]
@@ -161,7 +161,7 @@ def fitting(path: Path) -> Iterator[None]:
 
 
 def one_drive(task: Task) -> LoggedDrive:
-    """The one log of a study that works on one.
+    """The log of a study that takes exactly one.
 
     Raises:
         InputError: there are several.
@@ -202,7 +202,7 @@ def potentiometer_of(drive: LoggedDrive) -> Float[np.ndarray, " record"]:
 
 
 def signal_of(drive: LoggedDrive, name: str) -> Float[np.ndarray, " record"]:
-    """A signal that a study cannot do without.
+    """A signal that a study requires.
 
     Raises:
         InputError: the log has none.
@@ -214,7 +214,7 @@ def signal_of(drive: LoggedDrive, name: str) -> Float[np.ndarray, " record"]:
 
 
 def front_angles(task: Task, drive: LoggedDrive) -> tuple[Float[np.ndarray, " record"], str]:
-    """Front wheel angle at every record, and where it is from: the vehicle file's map, or the angle's own sensor.
+    """Front wheel angle at every record, and its source: the vehicle file's map, or a sensor of the angle itself.
 
     Beyond the map's ends there is no angle.
 
@@ -242,12 +242,12 @@ def rms(values: Float[np.ndarray, " value"]) -> float:
 
 
 def chassis_without_anchor(task: Task) -> Chassis:
-    """The chassis for fits, which use no anchor: a vehicle that is still being calibrated has none yet.
+    """The chassis for fits, which use no anchor: a vehicle being calibrated has none yet.
 
-    Where the file says nothing of the rear wheels they stand straight: a study of k starts there.
+    If the file does not describe the rear wheels they are straight: a study of k starts there.
 
     Raises:
-        InputError: another number that is needed is not in the vehicle file.
+        InputError: another required number is not in the vehicle file.
     """
     vehicle = task.vehicle
     if vehicle.pursuit.anchor_m is None:

@@ -1,4 +1,4 @@
-"""Study of the look-ahead: what the vehicle of a file should take at which speed, by driving courses in simulation."""
+"""Study of the look-ahead over speed for the vehicle of a file, by simulated drives along courses."""
 
 from dataclasses import replace
 from typing import Annotated, Literal, NamedTuple
@@ -65,12 +65,12 @@ class LookAheadOptions(ConfigTable):
     steps: float = Field(default=150.0, ge=1.0, le=5000.0)
 
 
-# As many look-aheads as the tuner begins with, and as many speeds at a time: nothing is compiled anew.
+# As many look-aheads as the tuner begins with, and as many speeds at a time, so that nothing is recompiled.
 _SWEEP_STEPS, _SWEEPS = 24, 6
 
 
 class LookAheadStudy(NamedTuple):
-    """For pictures: what was chosen, the surfaces of the sweep, and its axes.
+    """For pictures: the choice, the surfaces of the sweep, and its axes.
 
     Attributes:
         trials: speeds of the tuning.
@@ -90,7 +90,7 @@ def study_look_ahead(task: Task) -> Outcome:
     """Choose ``pursuit.short_m``, ``long_m``, ``slow_mps`` and ``fast_mps``.
 
     Raises:
-        InputError: an option is wrong, the vehicle file lacks a number, or no look-ahead leaves the margin asked for.
+        InputError: an option is wrong, the vehicle file lacks a number, or no look-ahead leaves the required margin.
     """
     options = options_of(task, LookAheadOptions)
     vehicle = _vehicle(task, options.supply_v)
@@ -139,7 +139,7 @@ def _sweep(vehicle: TunedVehicle, trials: TrialCourses, look_m: np.ndarray, spee
 def _trials(options: LookAheadOptions) -> TrialCourses:
     way_m = 1.2 * options.duration_s * max(options.speeds_mps) + 20.0
     radius_m = options.arc_radius_m
-    # One arc will do: offsets to both sides of it are what arcs to both sides would show.
+    # One arc suffices: offsets to both sides of it are equivalent to arcs to both sides.
     courses = {
         "line": lambda: line_course(way_m),
         "arc": lambda: arc_course(radius_m, 2.0 * np.pi),

@@ -1,4 +1,4 @@
-"""Study of the navigation filter: its noises, found on logged drives with fixes and judged on others."""
+"""Study of the navigation filter: its noises, fitted on logged drives with fixes and judged on others."""
 
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -40,20 +40,20 @@ from lgprjax.vehicle import VehiclePose
 # Drive logs and their fixes on the ticks of the navigation filter.
 
 _LEAST_TICKS = 20
-# Drives are made as long as a multiple of so many ticks: few lengths are compiled.
+# Drives are padded to a multiple of this many ticks: few lengths are compiled.
 _BLOCK_TICKS = 256
-# Times that differ by less are the same: a record at a tick's end belongs to it whatever its last bit says.
+# Times that differ by less are equal: a record at a tick's end belongs to it despite rounding.
 _CLOCK_S = 1e-6
 
 
 class TickedDrive(NamedTuple):
-    """A drive on ticks, in level metres about its first position.
+    """A drive on ticks, in level metres relative to its first position.
 
     Attributes:
         time_s: end of each tick, on the log's clock.
-        drive: one lane, without the axis drive.
-        strength: correlation of the tick's fix; NaN where there is none.
-        truth: x_m, y_m, yaw_rad at the ticks' ends, ``None`` where the log does not know.
+        drive: a single drive, without a batch axis.
+        strength: correlation of the tick's fix; NaN if missing.
+        truth: x_m, y_m, yaw_rad at the ticks' ends, ``None`` if the log has none.
     """
 
     time_s: Float[np.ndarray, " tick"]
@@ -67,8 +67,8 @@ def tick_drive(
 ) -> TickedDrive:
     """A logged drive on ticks. Of several observations of a source in one tick the last counts.
 
-    Positions of the log are those of the rear axle. Axes of the fixes' map differ from those here by the convergence
-    of meridians, which is left out of their covariance.
+    Positions of the log are those of the rear axle. The axes of the fixes' map differ from these by the convergence of
+    meridians, which is ignored in their covariance.
 
     Args:
         log: with a gyro, and sigmas of its navigation.
@@ -89,7 +89,7 @@ def tick_drive(
     count = int(np.floor((last_s - float(track.time_s[min(begin, len(track.time_s) - 1)])) / tick_s))
     if count < _LEAST_TICKS:
         raise InputError(
-            path, "time_s", f"{_LEAST_TICKS * tick_s:g} s that all sensors share", f"{last_s - first_s:g} s"
+            path, "time_s", f"{_LEAST_TICKS * tick_s:g} s covered by all sensors", f"{last_s - first_s:g} s"
         )
     start_s = float(track.time_s[begin])
     edges_s = start_s + tick_s * np.arange(count + 1)
@@ -112,7 +112,7 @@ def tick_drive(
 
 
 def stack_drives(drives: list[TickedDrive]) -> NavigationDrives:
-    """Drives side by side; all end in ticks of no length without observations, which change nothing."""
+    """Drives stacked; shorter ones are padded with ticks of no length without observations, which change nothing."""
     longest = max(len(one.time_s) for one in drives)
     ticks = -(-longest // _BLOCK_TICKS) * _BLOCK_TICKS
 
@@ -125,7 +125,7 @@ def stack_drives(drives: list[TickedDrive]) -> NavigationDrives:
         motions, observations = jax.tree.map(pad, (one.drive.motions, one.drive.observations))
         return one.drive._replace(motions=motions, observations=observations)
 
-    # By NumPy: nothing is compiled for it.
+    # NumPy: nothing is compiled for it.
     many: NavigationDrives = jax.tree.map(
         lambda *leaves: jnp.asarray(np.stack(leaves)), *[padded(one) for one in drives]
     )
@@ -148,7 +148,7 @@ def _mean_rate(
 def _last_in_tick(
     time_s: Float[np.ndarray, " record"], edges_s: Float[np.ndarray, " edge"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ticks that hold a record, and the last record of each: a tick holds its end and not its start."""
+    """Ticks with a record, and the last record of each: a tick includes its end and not its start."""
     tick = np.searchsorted(edges_s + _CLOCK_S, time_s, side="left") - 1
     inside = np.flatnonzero((tick >= 0) & (tick < len(edges_s) - 1))
     ticks, first_of_reversed = np.unique(tick[inside][::-1], return_index=True)
@@ -224,15 +224,15 @@ class FusionOptions(ConfigTable):
 
 
 class JudgedDrive(NamedTuple):
-    """A drive by the model found; poses in metres and radians, one row a tick.
+    """A drive by the fitted model; poses in metres and radians, one row a tick.
 
     Attributes:
         name: of its file.
         time_s: of the ticks.
-        info: what became of the observations.
+        info: outcome of the observations.
         filtered, smoothed: estimates.
         switched: x, y and yaw of the threshold switch.
-        truth: x, y and yaw, where the log knows them.
+        truth: x, y and yaw, if the log has them.
     """
 
     name: str
@@ -245,14 +245,14 @@ class JudgedDrive(NamedTuple):
 
 
 class FusionStudy(NamedTuple):
-    """For pictures: the fit, and the drives by it; those held out, or those fitted where none are."""
+    """For pictures: the fit, and the drives by it: those held out, or without any those fitted."""
 
     fit: FusionFit
     judged: tuple[JudgedDrive, ...]
 
 
 def study_fusion(task: Task) -> Outcome:
-    """Find the noises of ``navigation``. Beside ``X.drive.h5`` stand the fixes of its scans, ``X.fixes.h5``."""
+    """Find the noises of ``navigation``. The fixes of ``X.drive.h5`` are next to it, in ``X.fixes.h5``."""
     options = options_of(task, FusionOptions)
     tick_s, odometer_m = options.tick_s, options.odometer_sigma_m
     # A log's positions are those of the rear axle.
@@ -303,7 +303,7 @@ def _judge(model: FilterModel, settings: SwitchSettings, drive: LoggedDrive, tic
 
 @jax.jit
 def _switch(settings: SwitchSettings, drive: NavigationDrives, strength: jax.Array) -> VehiclePose:
-    """Poses by the threshold switch; between positions GNSS/INS stays where the last one was."""
+    """Poses by the threshold switch; between positions GNSS/INS keeps the last one."""
 
     def step(
         carry: tuple[SwitchState, VehiclePose], tick: tuple[NavigationDrives, jax.Array]

@@ -1,6 +1,6 @@
 """Studies of sensors, steering, servo and pedals: from a study file and logs to a new vehicle file.
 
-Not among the names of ``lgprjax.studies``: whoever registers drives need not wait for the tuners to be imported.
+Not imported by ``lgprjax.studies``, so that registration does not have to import the tuners.
 """
 
 from collections.abc import Callable, Sequence
@@ -57,11 +57,11 @@ from lgprjax.tuning.steering import (
 )
 from lgprjax.vehicle import Chassis, Servo
 
-# Study of throttle and brake: pre-tension, dead zone, gain and lag of each, and what slows the vehicle beside.
+# Study of throttle and brake: pre-tension, dead zone, gain and lag of each, and the resistances.
 
 
 class PedalsStudy(NamedTuple):
-    """For pictures: the drive, its runs, and the way in each by the model, in the odometer's metres."""
+    """For pictures: the drive, its runs, and the distance in each by the model, in the odometer's metres."""
 
     signals: DriveSignals
     runs: PedalRuns
@@ -82,7 +82,7 @@ def study_pedals(task: Task) -> Outcome:
         for name, estimate in zip(PedalFit._fields, one, strict=True)
     }
     found |= {"resistance.rolling_mps2": fit.rolling_mps2, "resistance.drag_per_s": fit.drag_per_s}
-    figures = [Figure("way in a run, measured less model, rms", fit.rms_m, "m")]
+    figures = [Figure("distance in a run, measured minus model, rms", fit.rms_m, "m")]
     figures += [_judge(judge, fit) for judge in task.judges]
     scale = fit.metres_per_odometer_metre
     notes = [f"{fit.runs} runs from standstill to standstill"]
@@ -104,11 +104,11 @@ def _way(runs: PedalRuns, fit: PedalsFit) -> Float[np.ndarray, " record"]:
 
 
 def _judge(judge: LoggedDrive, fit: PedalsFit) -> Figure:
-    """Ways of another drive about this fit's model."""
+    """Distances of another drive relative to this fit's model."""
     with fitting(judge.path):
         runs = cut_runs(judge.signals, WHAT)
     left = levelled(runs, judge.signals.travel_m[runs.record]) - levelled(runs, _way(runs, fit))
-    return Figure(f"held out, {judge.path.name}: way less model, rms", rms(left), "m")
+    return Figure(f"held out, {judge.path.name}: distance minus model, rms", rms(left), "m")
 
 
 # Study of k, the rear wheels' share of the front angle: by INS heading on turns, or by two measured wheel angles.
@@ -137,7 +137,7 @@ class WheelAnglesStudy(NamedTuple):
 
 
 def study_rear_ratio(task: Task) -> Outcome:
-    """Find ``steering.rear_ratio``, or ``rear_map``; ``options.method`` says by what, the heading unless told."""
+    """Find ``steering.rear_ratio``, or ``rear_map``; ``options.method`` selects the method, by default the heading."""
     method = options_of(task, RearRatioOptions).method
     drive = one_drive(task)
     if method == "rear_map":
@@ -147,12 +147,12 @@ def study_rear_ratio(task: Task) -> Outcome:
     figures = []
     for judge in task.judges:
         away = _fit(method, judge, chassis)[0].ratio.value - fit.ratio.value
-        figures.append(Figure(f"held out, {judge.path.name}: its k less this one", away, ""))
+        figures.append(Figure(f"held out, {judge.path.name}: its k minus this one", away, ""))
     offset = np.degrees([fit.offset_rad.value, fit.offset_rad.low, fit.offset_rad.high])
     what = "INS heading against the body" if method == "heading" else "rear angle where the front one is 0"
     notes = [f"{what}: {offset[0]:.3f}° ({offset[1]:.3f} to {offset[2]:.3f})", f"{fit.numbers} numbers in the fit"]
     if method == "heading":
-        notes.append(f"drift of the headings beside their noise: {np.degrees(fit.drift_rad):.3f}°")
+        notes.append(f"drift of the headings in addition to their noise: {np.degrees(fit.drift_rad):.3f}°")
     return Outcome({"steering.rear_ratio": fit.ratio}, {}, tuple(figures), tuple(notes), detail)
 
 
@@ -207,18 +207,18 @@ def study_straight(task: Task) -> Outcome:
     drive = one_drive(task)
     with fitting(drive.path):
         fit = fit_straight(fixed_records(drive.signals))
-    figures = [Figure("windows about the fit, rms", _straight_rms_mv(fit), "mV")]
+    figures = [Figure("windows relative to the fit, rms", _straight_rms_mv(fit), "mV")]
     for judge in task.judges:
         with fitting(judge.path):
             held = fit_straight(fixed_records(judge.signals))
         away_mv = 1e3 * (held.potentiometer_v.value - fit.potentiometer_v.value)
-        figures.append(Figure(f"held out, {judge.path.name}: its value less this one", away_mv, "mV"))
+        figures.append(Figure(f"held out, {judge.path.name}: its value minus this one", away_mv, "mV"))
     notes = (f"{fit.turning} windows left out because they turned",) if fit.turning else ()
     return Outcome({"steering.straight_potentiometer_v": fit.potentiometer_v}, {}, tuple(figures), notes, fit)
 
 
 def study_encoder(task: Task) -> Outcome:
-    """Find counts a volt and, where the vehicle file says volts a radian, counts a radian and the play."""
+    """Find counts per volt and, if the vehicle file has volts per radian, counts per radian and the play."""
     refuse_options(task)
     drive, steering = one_drive(task), task.vehicle.steering
     with fitting(drive.path):
@@ -228,12 +228,12 @@ def study_encoder(task: Task) -> Outcome:
     notes = [fit.why]
     if v_per_rad is None:
         play = f"play {fit.hysteresis_counts.value:.1f} counts"
-        notes.append(f"{play}; counts a radian want steering.potentiometer_v_per_rad, from a study of wheel_angle")
+        notes.append(f"{play}; counts per radian need steering.potentiometer_v_per_rad, from a study of wheel_angle")
     else:
         half = _half_width(task.vehicle.found.get("steering.potentiometer_v_per_rad"))
         found["steering.encoder_counts_per_rad"] = _times(fit.counts_per_v, v_per_rad, half)
         found["steering.backlash_rad"] = _play_rad(fit, v_per_rad)
-    figures = [Figure("pauses about the fit, rms", fit.rms_counts, "count")]
+    figures = [Figure("pauses relative to the fit, rms", fit.rms_counts, "count")]
     if v_per_rad is not None:
         per_count = float(np.degrees(abs(1.0 / (fit.counts_per_v.value * v_per_rad))))
         figures.append(Figure("the same at the road wheel", fit.rms_counts * per_count, "deg"))
@@ -247,38 +247,38 @@ def _straight_rms_mv(fit: StraightFit) -> float:
 
 
 def _judge_sensor(judge: LoggedDrive, fit: EncoderFit, v_per_rad: float | None) -> Figure:
-    """Pauses of another start about this fit, its own zero taken first: that is what a start does."""
+    """Pauses after another start relative to this fit, with its own zero, as set at every start."""
     with fitting(judge.path):
         held = fit_encoder(judge.signals, fit.reference_v)
     moved = fit._replace(reference_counts=held.reference_counts)
     left_v = held.pauses.potentiometer_v - fitted_volts(moved, held.pauses.counts, held.pauses.direction)
-    name = f"held out, {judge.path.name}: pauses about this fit, rms"
+    name = f"held out, {judge.path.name}: pauses relative to this fit, rms"
     if v_per_rad is None:
         return Figure(name, 1e3 * rms(left_v), "mV")
     return Figure(name, float(np.degrees(rms(left_v) / abs(v_per_rad))), "deg")
 
 
 def _half_width(found: Found | None) -> float:
-    """Half of the 95 % interval of a number of the vehicle file; none where it was not found by a study."""
+    """Half of the 95 % interval of a number of the vehicle file; none if it was not found by a study."""
     if found is None or isinstance(found.low, list) or isinstance(found.high, list):
         return 0.0
     return 0.5 * (found.high - found.low)
 
 
 def _times(number: Estimate, factor: float, factor_half: float = 0.0) -> Estimate:
-    """An estimate times a factor whose own interval is so wide to either side; their errors are independent."""
+    """An estimate times a factor with its own half interval; their errors are independent."""
     value = number.value * factor
     half = float(np.hypot(0.5 * (number.high - number.low) * factor, number.value * factor_half))
     return Estimate(value, half / 1.96, value - half, value + half)
 
 
 def _play_rad(fit: EncoderFit, v_per_rad: float) -> Estimate:
-    """The play as an angle of the wheels; none is less than none."""
+    """The play as an angle of the wheels; never negative."""
     turned = _times(fit.hysteresis_counts, 1.0 / abs(fit.counts_per_v.value * v_per_rad))
     return Estimate(max(turned.value, 0.0), turned.sigma, max(turned.low, 0.0), max(turned.high, 0.0))
 
 
-# Study of the steering servo: lag, delay, dead band and rate from its commands and what the wheels did.
+# Study of the steering servo: lag, delay, dead band and rate from its commands and the measured wheel angles.
 
 _KEYS = ("lag_s", "delay_s", "dead_band_rad", "largest_wheel_rate_radps", "asymmetry")
 
@@ -292,7 +292,7 @@ class ServoStudy(NamedTuple):
 
 
 def study_servo(task: Task) -> Outcome:
-    """Find the servo's numbers in ``steering``; its play and voltages are taken from the vehicle file.
+    """Find the servo's numbers in ``steering``; its play and voltages come from the vehicle file.
 
     Wheel angles are those of the vehicle file's ``wheel_map`` at the potentiometer's values; without one, those of the
     wheel angle's own sensor.
@@ -306,9 +306,9 @@ def study_servo(task: Task) -> Outcome:
     found = {f"steering.{key}": estimate for key, estimate in zip(_KEYS, fit[:5], strict=True)}
     left_deg = np.degrees(measured - fit.model_rad)
     figures = [
-        Figure("wheel angle, measured less model, rms", rms(left_deg[np.isfinite(left_deg)]), "deg"),
-        Figure("records that stand for one, residuals being correlated", fit.memory, ""),
-        Figure("swarm's numbers against the gradient's, largest difference", fit.apart, "standard errors"),
+        Figure("wheel angle, measured minus model, rms", rms(left_deg[np.isfinite(left_deg)]), "deg"),
+        Figure("records per independent residual", fit.memory, ""),
+        Figure("largest difference between the swarm's and the gradient's numbers", fit.apart, "standard errors"),
     ]
     figures += [_judge_servo(task, judge, fit) for judge in task.judges]
     agree = "agree" if fit.agree else "do NOT agree: the fit may not be the best one"
@@ -321,25 +321,25 @@ def study_servo(task: Task) -> Outcome:
 
 
 def _given(task: Task) -> Servo:
-    """Play and voltages of the file; what is sought stands for nothing."""
+    """Play and voltages of the file; the fitted numbers are placeholders."""
     sought = {f"steering.{key}": 0.0 for key in _KEYS} | {"steering.largest_wheel_rate_radps": 1.0}
     return servo_of(with_values(task.vehicle, sought, {}), task.study.vehicle)
 
 
 def _judge_servo(task: Task, judge: LoggedDrive, fit: ServoFit) -> Figure:
-    """Wheel angles of another drive about this fit's model."""
+    """Wheel angles of another drive relative to this fit's model."""
     measured, _ = front_angles(task, judge)
     numbers = np.array([estimate.value for estimate in fit[:6]])
     with fitting(judge.path):
         log = servo_log(judge.signals, measured, fit.servo)
     model = np.asarray(wheel_angles(log, jnp.asarray(to_box(numbers), jnp.float32)), np.float64)
     left_deg = np.degrees((measured - model)[np.asarray(log.used)])
-    return Figure(f"held out, {judge.path.name}: wheel angle less model, rms", rms(left_deg), "deg")
+    return Figure(f"held out, {judge.path.name}: wheel angle minus model, rms", rms(left_deg), "deg")
 
 
 # Study of the palm tree: potentiometer to front wheel angle.
 
-# The map is a cubic: linear between so many knots it is met within a hundredth of a degree.
+# The map is a cubic: linear interpolation between this many knots is within a hundredth of a degree.
 _KNOTS = 17
 
 
@@ -352,7 +352,7 @@ class WheelAngleStudy(NamedTuple):
 
 
 def study_wheel_angle(task: Task) -> Outcome:
-    """Find ``wheel_map``; the value of straight driving and the slope there come out of it."""
+    """Find ``wheel_map``; it also gives the value of straight driving and the slope there."""
     refuse_options(task)
     drive, chassis = one_drive(task), chassis_without_anchor(task)
     with fitting(drive.path):
@@ -379,7 +379,7 @@ def study_wheel_angle(task: Task) -> Outcome:
 
 
 def _slope_at_straight(steering_map: SteeringMap) -> Estimate:
-    """Volts a radian where the map crosses straight ahead; the interval is that of radians a volt, turned over."""
+    """Volts a radian where the map crosses straight ahead; the interval is that of radians per volt, inverted."""
     u = np.linspace(-1.0, 1.0, 2001)
     volts = steering_map.middle + u * steering_map.half_span
     at = u[np.argmin(np.abs(front_angle(steering_map, volts)))]
@@ -402,10 +402,10 @@ def _judge_wheel_angle(judge: LoggedDrive, chassis: Chassis, fit: WheelAngleFit)
         held = fit_wheel_angle(_arcs(judge), chassis)
     inside = np.abs(held.steering - fit.map.middle) <= fit.map.half_span
     left = held.front_rad[inside] - front_angle(fit.map, held.steering[inside])
-    return Figure(f"held out, {judge.path.name}: angle less map, rms", rms(np.degrees(left)), "deg")
+    return Figure(f"held out, {judge.path.name}: angle minus map, rms", rms(np.degrees(left)), "deg")
 
 
-# Study of the characteristic speed: what is lost of the yaw rate in turns at rising speed.
+# Study of the characteristic speed: loss of yaw rate in turns with rising speed.
 
 
 class YawGainStudy(NamedTuple):
@@ -427,10 +427,10 @@ def study_yaw_gain(task: Task) -> Outcome:
     for judge in task.judges:
         held = _fit_yaw_gain(task, judge)[0]
         away = held.characteristic_speed_mps.value - fit.characteristic_speed_mps.value
-        figures.append(Figure(f"held out, {judge.path.name}: its speed less this one", away, "m/s"))
+        figures.append(Figure(f"held out, {judge.path.name}: its speed minus this one", away, "m/s"))
     scale = fit.scale
     notes = (
-        f"front angles by {origin}",
+        f"front angles from {origin}",
         f"{len(fit.speed_mps)} turns, {fit.speed_mps.min():.1f} to {fit.speed_mps.max():.1f} m/s",
         f"curvature by the wheel angles over the true one, at no speed: {scale.value:.4f} "
         f"({scale.low:.4f} to {scale.high:.4f})",
@@ -456,7 +456,7 @@ def _fit_yaw_gain(task: Task, drive: LoggedDrive) -> tuple[YawGainFit, str]:
 def _means(
     front_rad: Float[np.ndarray, " record"], arcs: Arcs
 ) -> tuple[Float[np.ndarray, " stretch"], Float[np.ndarray, " stretch"]]:
-    """Mean over each stretch, and its standard error; what all angles are wrong by alike the fit takes out itself."""
+    """Mean over each stretch, and its standard error; the fit removes a common error of all angles itself."""
     spans = list(zip(arcs.stretches.start, arcs.stretches.stop, strict=True))
     held = [front_rad[start:stop][np.isfinite(front_rad[start:stop])] for start, stop in spans]
     mean = np.array([float(np.mean(values)) for values in held])
@@ -464,11 +464,11 @@ def _means(
 
 
 class FinishedStudy(NamedTuple):
-    """What came of a study.
+    """A finished study.
 
     Attributes:
         study: as its file says.
-        outcome: what was found, and how well it holds.
+        outcome: the result, and its quality.
         vehicle: the vehicle with the numbers found, ready to be written.
     """
 

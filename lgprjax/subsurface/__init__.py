@@ -1,4 +1,4 @@
-"""Scans -> stations -> regular grid tiles; sampling at a place; the index of what lies where."""
+"""Scans -> stations -> regular grid tiles; sampling at a place; the spatial index."""
 
 from lgprjax.subsurface.grid import GridSpec, Tile, TraceSet, grid_spec, grid_traces, leading_components, sample_tile
 from lgprjax.subsurface.ground_map import GroundMap

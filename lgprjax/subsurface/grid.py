@@ -1,13 +1,13 @@
 """Gridding: nearby stations of any number of baselines onto the regular grid of a tile.
 
-Each antenna trace is spread over the cells around it by a Gaussian kernel whose axes follow the station's own
-heading: along the track stations are dense, across it they stand a channel pitch apart. The kernel is wide
-against its data's spacing, so that the noise of a cell hardly depends on where it lies between the traces;
-raw linear interpolation halves the noise at mid-step and draws matches there. Only where stations stand more than
-a third of a wavelength apart does the kernel stay narrower: there it would smooth the ground itself away.
+Each antenna trace is spread over the cells around it by a Gaussian kernel whose axes follow the station's own heading:
+along the track stations are dense, across it they are a channel pitch apart. The kernel is wide compared with the
+spacing of its data, so that the noise of a cell hardly depends on its position between the traces; raw linear
+interpolation halves the noise at mid-step and draws matches there. Only where stations are more than a third of a
+wavelength apart does the kernel stay narrower: there it would smooth the ground itself away.
 
 A kernel reaches some twenty cells, a tile has tens of thousands: the weights are a sparse matrix of cells by traces,
-made on the host for as many traces as there are, and the tile is its product with the traces.
+built on the host, and the tile is its product with the traces.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Float32, Int
 from scipy.sparse import csc_array
 
-# The few directions in which a map's coefficients hold their power.
+# The few directions that hold the power of a map's coefficients.
 
 
 def leading_components(
@@ -40,8 +40,8 @@ def leading_components(
 class Tile(NamedTuple):
     """Map coefficients on a regular grid in the frame of the tile.
 
-    The frame's x axis (along) follows the route, its y axis (cross) points left. Cell (0, 0) lies at
-    ``origin_m``. What no baseline came near is masked; masked cells hold zeros.
+    The frame's x axis (along) follows the route, its y axis (cross) points left. Cell (0, 0) is at ``origin_m``. Cells
+    that no baseline came near are masked and hold zeros.
 
     Attributes:
         coefficients: of the ground at each cell, at the tile's height reference.
@@ -63,8 +63,7 @@ def sample_tile(
 ) -> tuple[Float[Array, "*batch coefficient"], Bool[Array, "*batch"]]:
     """Bilinear sample of the tile; valid only where all four cells are.
 
-    A gather out of range would clamp silently and score on the tile's rim again and again: the mask is what
-    says that there is no ground.
+    A gather out of range would clamp silently and repeat the tile's edge: only the mask says that there is no ground.
 
     Args:
         position_m: along and cross in the tile's frame.
@@ -100,14 +99,14 @@ _REACH = 2.0
 _COVERS_ALONG = 1.5
 _COVERS_CROSS = 1.0
 _TOGETHER = 2048
-"""Traces whose weights are made at once: what they need stays in the processor's cache."""
+"""Traces whose weights are computed together: their data fit the processor's cache."""
 _SLACK = 1e-3
-"""In cells: the box about a kernel may be this much too large, so that rounding loses no cell at its rim."""
+"""In cells: margin of the box around a kernel, so that rounding loses no cell at its edge."""
 
 
 @dataclass(frozen=True)
 class GridSpec:
-    """Shape of a tile's grid and of its kernel: static, one compile each.
+    """Shape of a tile's grid and of its kernel: static; each is compiled once.
 
     Attributes:
         along_cells, cross_cells: size of the grid.
@@ -144,7 +143,7 @@ class _Spread(NamedTuple):
 
     Attributes:
         cells: that each trace reaches.
-        cell, weight: of each trace in turn, so many.
+        cell, weight: of each trace in turn.
         close: the trace covers the cell.
     """
 
@@ -267,11 +266,11 @@ def _by_trace(values: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(values.reshape(-1, values.shape[-1]).T)
 
 
-# A tile as a live scan's track filter would leave it.
+# A tile filtered like a live scan.
 #
-# Live scans lose a running mean over what lies behind them, maps one over both sides. The first moves ground of
-# wavelength w forward by about w²/(2 pi² length), so that matches of one with the other lie centimetres ahead. With
-# the live filter over the tile too, in the direction of travel, both are moved alike.
+# From live scans the running mean of the track behind them is removed, from maps that over both sides. The first moves
+# ground of wavelength w forward by about w²/(2 pi² length), so that matches of one with the other lie centimetres
+# ahead. With the live filter applied to the tile too, in the direction of travel, both are shifted alike.
 
 
 @partial(jax.jit, static_argnames="direction")
@@ -283,7 +282,7 @@ def filter_along(tile: Tile, length_m: Float[Array, ""], *, direction: int) -> T
         length_m: of the live filter.
         direction: 1 for travel along the tile's axis, -1 against it.
     """
-    # The live filter's mean forgets over half its length (radar.run_live_filter).
+    # The live filter's mean decays over half its length (radar.run_live_filter).
     forget = 1.0 - jnp.exp(-tile.cell_m[0] / (0.5 * length_m))
 
     def step(mean: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -291,7 +290,7 @@ def filter_along(tile: Tile, length_m: Float[Array, ""], *, direction: int) -> T
         mean = mean + jnp.where(valid[:, None], forget * (value - mean), 0.0)
         return mean, jnp.where(valid[:, None], value - mean, 0.0)
 
-    # What lies before the tile is not known; the map's own filter has left its mean near zero.
+    # The ground before the tile is unknown; the map's own filter has left its mean near zero.
     start = jnp.zeros(tile.coefficients.shape[1:], jnp.float32)
     _, value = jax.lax.scan(step, start, (tile.coefficients, tile.valid), reverse=direction < 0)
     return tile._replace(coefficients=value, power=jnp.sum(value**2, axis=-1))

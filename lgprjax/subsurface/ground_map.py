@@ -1,4 +1,4 @@
-"""The map as registration sees it: tiles of any extent, gridded when first asked for."""
+"""The map as used by registration: tiles of any extent, gridded on first use."""
 
 from collections import OrderedDict
 from functools import cached_property
@@ -13,10 +13,10 @@ from lgprjax.radar import CoefficientBasis, air_delay_ns, coefficient_basis, shi
 from lgprjax.subsurface.grid import GridSpec, Tile, TraceSet, filter_along, grid_spec, grid_traces, leading_components
 from lgprjax.subsurface.stations import SpatialIndex, StationSource, track_extents
 
-# Stations of a map as coefficients at one antenna height, made once for all tiles that share them.
+# Stations of a map as coefficients at one antenna height, computed once for all tiles that share them.
 
 _BLOCK = 256
-"""Stations that are read and levelled together; traces on disk come in as many."""
+"""Stations that are read and levelled together; chunk size of the traces on disk."""
 _HELD_BYTES = 64e6
 
 
@@ -37,14 +37,14 @@ class LevelledStations(NamedTuple):
 
 
 class Levelling:
-    """Reads and levels stations block by block, and holds those asked for last.
+    """Reads and levels stations block by block, and caches the most recent.
 
-    Neighbouring tiles share most of their stations. What is held is bounded, but for what one call needs.
+    Neighbouring tiles share most of their stations. The cache is bounded, except for what one call needs.
 
     Args:
         source: the database.
         basis: coefficients of its profiles.
-        height_m: antenna height that all traces are brought to.
+        height_m: antenna height that all traces are reduced to.
     """
 
     def __init__(self, source: StationSource, basis: CoefficientBasis, height_m: float) -> None:
@@ -106,7 +106,7 @@ def _levelled_coefficients(
     above_m: Float[Array, "scan channel"],
     basis: CoefficientBasis,
 ) -> Float[Array, "scan channel coefficient"]:
-    """Coefficients of profiles, those of antennas ``above_m`` the common height that much earlier: 6.67 ns a metre."""
+    """Coefficients of profiles, shifted earlier for antennas ``above_m`` the common height: 6.67 ns a metre."""
     return shift_travel_time(
         to_coefficients(profile, valid, basis), -air_delay_ns(above_m), basis.angular_frequency_rad_per_ns
     )
@@ -114,7 +114,7 @@ def _levelled_coefficients(
 
 _SAMPLED = 300
 _HELD = 0.99
-"""Share of the map's power that its leading components hold: the coarse stage asks for no more."""
+"""Share of the map's power in its leading components, which are all that the coarse stage uses."""
 
 
 class GroundMap:
@@ -172,16 +172,16 @@ class GroundMap:
         return self._frames.nearest(point_m, within_m + self._spacing_m)
 
     def tile_holding(self, current: int | None, point_m: Float[np.ndarray, "2"], reach_m: float) -> int | None:
-        """The tile in use as long as it serves, else the one whose frame is nearest: few changes along a drive.
+        """The tile in use as long as it serves, else the one whose frame is nearest, to change tiles rarely.
 
-        It serves while all within ``reach_m`` of the point lies in its extent, or beyond an end that the map itself
-        has there. Ground that comes back into reach beyond such an end is not the tile's: the nearest frame must lie
-        in its extent, too.
+        It serves while everything within ``reach_m`` of the point is in its extent, or beyond an end of the map itself.
+        Ground that comes back into reach beyond such an end is not the tile's: the nearest frame must be in its extent,
+        too.
 
         Args:
             current: number of the tile in use; None for none.
             point_m: east and north.
-            reach_m: how far about the point ground is asked for.
+            reach_m: radius around the point in which ground is needed.
 
         Returns:
             number of a tile; None where the map does not come within ``reach_m`` of the point.
@@ -199,8 +199,8 @@ class GroundMap:
         east, north, yaw = self.frame(current)
         turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
         point, frame = (np.stack([point_m, self.frame(nearest)[:2]]) - np.array([east, north])) @ turn
-        # What is not cut by the asked extent is an end of the map's own. A grid may be larger than asked, but only
-        # what was asked is sure to hold all of the map's ground across it.
+        # A side not cut by the requested extent is an end of the map itself. A grid may be larger than requested, but
+        # only the requested extent is sure to hold all of the map's ground.
         serves = ((point - reach_m >= low_m) | (low_m > -self._half_m)) & (frame >= low_m)
         serves &= ((point + reach_m <= high_m) | (high_m < self._half_m)) & (frame <= high_m)
         return bool(np.all(serves))
@@ -216,7 +216,7 @@ class GroundMap:
     def lanes(self, tile: int) -> Float[np.ndarray, "drive 2"]:
         """Lowest and highest place across the tile's axis that each baseline's array covers near its frame.
 
-        NaN for a baseline that does not come by.
+        NaN for a baseline that does not pass.
         """
         east, north, yaw = self.frame(tile)
         places = self.source.places
@@ -235,7 +235,7 @@ class GroundMap:
         return np.asarray(self.source.tile_frame[tile])
 
     def grid_of(self, tile: int) -> tuple[GridSpec, Float[np.ndarray, "2"]]:
-        """Grid of a tile and where its first cell lies: the asked extent, no larger than the whole map."""
+        """Grid of a tile and the position of its first cell: the requested extent, no larger than the whole map."""
         description = self.description
         low, high = self._low_m[tile], self._high_m[tile]
         spec = grid_spec(
@@ -247,18 +247,18 @@ class GroundMap:
         )
         cell_m = np.array([spec.along_cell_m, spec.cross_cell_m])
         size_m = cell_m * (np.array([spec.along_cells, spec.cross_cells]) - 1)
-        # The ladder's grid may be larger than asked: centred on the frame where the map reaches that far.
+        # The ladder's grid may be larger than requested: centred on the frame where the map reaches that far.
         origin = np.where(size_m >= high - low, 0.5 * (low + high) - 0.5 * size_m, -0.5 * size_m)
         inside = np.clip(-0.5 * size_m, low, np.maximum(high - size_m, low))
         return spec, np.where(size_m >= high - low, origin, inside)
 
     def tile(self, number: int, direction: int = 0) -> Tile:
-        """The tile, gridded now or held from before.
+        """The tile, from the cache or gridded now.
 
         Args:
             number: of the tile.
-            direction: of live scans that it is for, 1 along its axis and -1 against it (see ``filter_along``); 0 for
-                the ground as the map has it.
+            direction: of the live scans, 1 along its axis and -1 against it (see ``filter_along``); 0 for the ground as
+                stored in the map.
         """
         if (number, direction) in self._tiles:
             self._tiles.move_to_end((number, direction))
@@ -316,7 +316,7 @@ class GroundMap:
         return np.asarray(shift_travel_time(one, delay_ns, self.basis.angular_frequency_rad_per_ns))
 
     def _extents(self) -> tuple[Float[np.ndarray, "tile 2"], Float[np.ndarray, "tile 2"]]:
-        """Extent of the ground about every tile in its frame, with room for the array to both sides.
+        """Extent of the ground around every tile in its frame, with room for the array to both sides.
 
         A map is a narrow band along its routes: a tile as wide as it is long would be empty for the most part.
         """

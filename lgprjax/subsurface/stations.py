@@ -1,9 +1,8 @@
 """A drive as map stations: profiles at equal steps along the track, surface return removed.
 
-Scans come at equal times, the ground lies in metres. A station is the kernel-weighted mean of the scans
-around its place; this is also the low-pass along the track without which a noisy map draws matches to the
-middle between its traces (interpolation pull). Built as a stream: only the stretch under
-the track filter is in memory.
+Scans are equally spaced in time, the map in metres. A station is the kernel-weighted mean of the scans around its
+place; this is also the low-pass along the track without which a noisy map draws matches to the middle between its
+traces (interpolation pull). Streaming: only the stretch under the background removal is in memory.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -23,7 +22,7 @@ class ScanBlock(NamedTuple):
     """Profiled scans of a drive, in order, with where they were taken.
 
     Attributes:
-        profile: before the track filter.
+        profile: before background removal.
         valid: channels that hold data.
         travel_m: distance travelled since the start of the drive; falls in reverse.
         pose: array centre (east_m, north_m, height_m above ground, yaw_rad, roll_rad), the yaw unwrapped.
@@ -97,10 +96,10 @@ class Coherence(NamedTuple):
 
 
 def coherence_lags(settings: ChainSettings, scan_spacing_m: float) -> tuple[int, int]:
-    """Stations between traces whose agreement is called ground, and between those whose agreement is not.
+    """Lags in stations: traces that agree over the first are called ground, over the second they are not.
 
-    What agrees over an eighth of a wavelength is no noise; what still agrees over a whole one (what is left of
-    the surface return, flat layers) says nothing about the place. Where stations are means of several scans,
+    A signal that agrees over an eighth of a wavelength is no noise; one that still agrees over a whole wavelength (the
+    rest of the surface return, flat layers) does not identify the place. Where stations are means of several scans,
     neighbours share noise, and the short lag is two at least.
     """
     shares_scans = scan_spacing_m < 0.9 * settings.step_m
@@ -119,12 +118,12 @@ def stations_of_drive(
 ) -> Iterator[StationBlock]:
     """Scans of one drive to its stations, streaming.
 
-    Standing adds nothing and reverse is left out: a station takes scans only from the first time the vehicle
-    came by. A station whose neighbourhood no scan came near is skipped.
+    Standing adds nothing and reverse is left out: a station uses scans only from the vehicle's first pass. A station
+    without a scan nearby is skipped.
 
     Args:
         blocks: the drive's scans in order.
-        settings: the chain; names the step and the track filter.
+        settings: the chain, with the step and the length of the background removal.
         scan_spacing_m: typical distance between scans; where it is no finer than the step, a station is its
             nearest scan.
 
@@ -211,7 +210,7 @@ def _slice(block: StationBlock, first: int, last: int) -> StationBlock:
     return StationBlock(*(field[first:last] for field in block))
 
 
-# What lies near a point: a hash of square cells, so that a look-up costs the same on a map of any length.
+# Points near a point: a hash of square cells, so that a look-up costs the same on a map of any length.
 
 
 class SpatialIndex:
@@ -219,7 +218,7 @@ class SpatialIndex:
 
     Args:
         points_m: east and north of each point, metres.
-        cell_m: side of a cell; best near the radius that is asked for.
+        cell_m: side of a cell; best close to the radius of the queries.
     """
 
     def __init__(self, points_m: Float[np.ndarray, "point 2"], cell_m: float) -> None:
@@ -244,7 +243,7 @@ class SpatialIndex:
     def near_each(
         self, points_m: Float[np.ndarray, "query 2"], radius_m: float
     ) -> tuple[Int[np.ndarray, " found"], Int[np.ndarray, " found"]]:
-        """What ``near`` finds of many places at once: number of the place, rising, and index, in no order."""
+        """``near`` for many places: number of the place, rising, and index, in no order."""
         low = np.floor((points_m - radius_m) / self._cell_m).astype(np.int64)
         high = np.floor((points_m + radius_m) / self._cell_m).astype(np.int64)
         rows = low[:, :1] + np.arange(1 + int(np.max(high[:, 0] - low[:, 0], initial=0)))
@@ -273,8 +272,8 @@ def _key(column: Int[np.ndarray, "..."], row: Int[np.ndarray, "..."]) -> Int[np.
 class TilePlacer:
     """Places tile frames (east_m, north_m, yaw_rad) along drives, where earlier ones do not serve yet.
 
-    A tile stands on the drive, its axis along it. A station is served by a frame within half the spacing: a second
-    drive over the same road, in either direction, adds hardly any.
+    A tile is centred on the drive, its axis along it. A frame within half the spacing serves a station: a second drive
+    over the same road, in either direction, adds hardly any.
 
     Args:
         spacing_m: no station is farther than half of this from a frame.
@@ -313,7 +312,7 @@ class TilePlacer:
         return False
 
 
-# Where a map's stations stand: short stretches are held in memory, the stations themselves read where they are needed.
+# Positions of a map's stations: short stretches are in memory, the stations themselves are read when needed.
 #
 # A stretch takes 56 bytes for up to sixteen stations, so that a map of any length is opened at once; whoever needs the
 # stations about a point reads those of the few stretches that come near it.
@@ -323,12 +322,12 @@ _GAP = 4.0
 """Stations this many usual steps apart belong to two stretches."""
 _CELL_M = 8.0
 _NEARER = (1.0 / 16.0, 0.25, 1.0)
-"""Of the radius, one after the other: most points lie beside a track."""
+"""Shares of the radius, tried in turn: most points are close to a track."""
 _POINTS = 256
 
 
 class StationPositions(NamedTuple):
-    """Where stations stand.
+    """Positions of stations.
 
     Attributes:
         pose: east_m, north_m, height_m above the ground, yaw_rad and roll_rad of the array's centre.
@@ -383,7 +382,7 @@ class StationPlaces:
     Args:
         stretches: of the map, rising.
         stations: of the map.
-        read: places of the stations with these rising numbers.
+        read: reads the reads the places of the stations with these rising numbers.
     """
 
     def __init__(
@@ -457,22 +456,22 @@ class StationPlaces:
         return np.asarray(np.repeat(first - before, count) + np.arange(int(count.sum())))
 
 
-# What the ground of a map is made from: a subsurface database, on disk or in memory.
+# The source of a map's ground: a subsurface database, on disk or in memory.
 
 
 class MapDescription(NamedTuple):
-    """What holds for a whole map.
+    """Properties of a whole map.
 
     Attributes:
         name: of the map.
         frame: its local frame.
-        settings: the chain that its baselines went through, and live scans must.
+        settings: the processing chain of its baselines, and of live scans.
         channel_pitch_m: spacing of the array's channels.
         channels: largest number of channels of a baseline.
         tile_spacing_m: no station is farther than half of this from a tile frame.
         gain: depth gain of each profile sample.
-        label_sigma_m: of each baseline, what its navigation said of its positions, root mean square over the drive
-            and over east and north; 0 where it said nothing.
+        label_sigma_m: of each baseline: sigma of its positions as stated by its navigation, root mean square over the
+            drive and over east and north; 0 where none was stated.
         weight: of each baseline's traces in gridding; empty where all weigh the same.
     """
 
@@ -488,7 +487,7 @@ class MapDescription(NamedTuple):
 
     @property
     def array_width_m(self) -> float:
-        """Width of the array, from half a pitch beside the first channel to half a pitch beside the last."""
+        """Width of the array, from half a pitch outside the first channel to half a pitch outside the last."""
         return self.channels * self.channel_pitch_m
 
 
@@ -504,22 +503,22 @@ class Stations(NamedTuple):
 class StationSource(Protocol):
     """A subsurface database, open for reading.
 
-    In memory are what holds for the whole map, its tile frames, and short stretches of its tracks (``places``).
+    In memory are the properties of the whole map, its tile frames, and short stretches of its tracks (``places``).
     Poses and profiles are read for the stations that are needed: ``places.near(point_m, radius_m)`` gives numbers,
     ``places.read(numbers)`` pose, ground and baseline of each, ``read_stations(numbers)`` its profiles. A source whose
     poses are in memory has ``StationPlaces.held(Places(pose, ground_up_m, drive))``. Databases on disk
-    (``formats.MapFile``) also have ``pose``, ``drive`` and ``ground_up_m`` of all stations, read whole when first asked
-    for: nothing that registers may ask.
+    (``formats.MapFile``) also have ``pose``, ``drive`` and ``ground_up_m`` of all stations, read whole on first use:
+    registration must not use them.
     """
 
     @property
     def description(self) -> MapDescription:
-        """What holds for the whole map."""
+        """Properties of the whole map."""
         ...
 
     @property
     def places(self) -> StationPlaces:
-        """Where the stations stand."""
+        """Positions of the stations."""
         ...
 
     @property
@@ -529,7 +528,7 @@ class StationSource(Protocol):
 
     @property
     def height_reference_m(self) -> Float[np.ndarray, " tile"]:
-        """Antenna height that each tile is brought to."""
+        """Antenna height that each tile is reduced to."""
         ...
 
     def read_stations(self, stations: Int[np.ndarray, " scan"]) -> Stations:
@@ -537,10 +536,10 @@ class StationSource(Protocol):
         ...
 
 
-# How far the ground of a map reaches about each of its tile frames.
+# Extent of a map's ground around each of its tile frames.
 
 _TILES = 2048
-"""Frames that are looked at together: memory stays bounded on a long map."""
+"""Frames processed together: memory stays bounded on a long map."""
 _LEAST_M = 1e-9
 
 
@@ -575,7 +574,9 @@ def track_extents(
 def _clipped(
     chord_m: Float[np.ndarray, "chord 2 2"], half_m: Float[np.ndarray, "2"]
 ) -> tuple[Bool[np.ndarray, " chord"], Float[np.ndarray, "chord 2"], Float[np.ndarray, "chord 2"]]:
-    """Which chords come into a box about the origin, and both ends of what lies in it (Liang and Barsky 1984)."""
+    """Chords clipped to a box around the origin: which intersect it, and both ends of the parts inside (Liang and
+    Barsky 1984).
+    """
     start, way = chord_m[:, 0], chord_m[:, 1] - chord_m[:, 0]
     way = np.where(np.abs(way) < _LEAST_M, _LEAST_M, way)
     to_low, to_high = (-half_m - start) / way, (half_m - start) / way

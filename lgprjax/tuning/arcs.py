@@ -12,8 +12,8 @@ from lgprjax.vehicle.sensors import DriveSignals
 
 # Circles through noisy points, many at once, with the straight line as one of them.
 #
-# A circle is told by where it passes the origin and how it bends there: offset e along the left normal, direction θ
-# and curvature κ. With (ξ, η) the point in that frame its distance to the circle is
+# A circle is parametrised by its point nearest to the origin and its curvature there: offset e along the left normal,
+# direction θ and curvature κ. With (ξ, η) the point in that frame its distance to the circle is
 #
 #     d = (2η − κ(ξ² + η²)) / (1 + s),    s² = (1 − κη)² + (κξ)²,
 #
@@ -101,7 +101,7 @@ def fit_circles(
 def huber_spread(
     residual: Float[np.ndarray, "arc record"], valid: Bool[np.ndarray, "arc record"], scale: Float[np.ndarray, " arc"]
 ) -> tuple[Float[np.ndarray, "arc record"], Float[np.ndarray, " arc"]]:
-    """Residuals clipped as Huber's weights clip them, and the share of them that is not clipped."""
+    """Residuals clipped by Huber's weights, and the share not clipped."""
     limit = HUBER * scale[:, None]
     inside = np.sum(valid & (np.abs(residual) <= limit), axis=1) / valid.sum(axis=1)
     return np.where(valid, np.clip(residual, -limit, limit), 0.0), inside
@@ -224,7 +224,7 @@ def row_median(
     return median
 
 
-# Stretches of constant steering in a drive: what a palm tree or a turning test is made of.
+# Stretches of constant steering in a drive: the parts of a palm tree or a turning test.
 
 _AROUND_S = 0.25
 """Speed and change of steering are taken over twice this time."""
@@ -237,7 +237,7 @@ _SAME_SHARE = 0.01
 
 @dataclass(frozen=True)
 class StretchRules:
-    """What a stretch must have.
+    """Requirements of a stretch.
 
     Attributes:
         least_length_m: way of the rear axle.
@@ -479,7 +479,7 @@ def _unwound(circles: Circles) -> Float[np.ndarray, "arc record"]:
     turned = np.unwrap(np.take_along_axis(circles.tangent_rad, last_used, axis=1), axis=1)
     bent = np.abs(circles.curvature_radpm) > 1e-6
     way = (turned - circles.direction_rad[:, None]) / np.where(bent, circles.curvature_radpm, 1.0)[:, None]
-    # Unwrapping may have begun whole turns away from the origin of the circle, which lies in the middle.
+    # Unwrapping may have begun whole turns away from the origin of the circle, which is in the middle.
     whole = 2.0 * np.pi / np.maximum(np.abs(circles.curvature_radpm), 1e-12)
     way -= (np.round(row_median(way, circles.used) / whole) * whole)[:, None]
     return np.where(bent[:, None], way, circles.arc_m)

@@ -28,7 +28,7 @@ from lgprjax.vehicle import (
     torque_share,
 )
 
-# What a look-ahead is judged by: error and oscillation over courses, offsets and speeds, and the margin it leaves.
+# Criteria of a look-ahead: error and oscillation over courses, offsets and speeds, and the phase margin.
 
 
 class TunedVehicle(NamedTuple):
@@ -47,7 +47,7 @@ class TunedVehicle(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TrialCourses:
-    """Courses, and what is driven on each: every speed from every offset. Compiled in: one object, one compile.
+    """Courses, each driven at every speed from every offset. Static: each object is compiled once.
 
     Attributes:
         paths: courses.
@@ -99,7 +99,7 @@ def judge(vehicle: TunedVehicle, trials: TrialCourses, schedule: LookAhead) -> L
     shape = (*looks, len(speed), len(offset))
 
     def over(values: Float[Array, "..."], axis: int) -> Float[Array, "..."]:
-        """Values along one axis of the lanes, as lanes; a scalar serves all."""
+        """Values along one axis of the batch; a scalar serves all."""
         wanted = [1] * len(shape)
         if jnp.ndim(values):
             wanted[axis] = -1
@@ -146,7 +146,7 @@ def sweep_look_ahead(vehicle: TunedVehicle, trials: TrialCourses, look_ahead_m: 
 
 
 _PENALTY_M = 20.0
-"""Cost of a radian of missing phase margin: steep beside any error that is to be gained by it."""
+"""Cost of a radian of missing phase margin: steep compared with any possible reduction of the error."""
 
 _FIRST_M = np.geomspace(0.8, 24.0, 24)
 
@@ -194,7 +194,7 @@ class _Shape(NamedTuple):
 
 
 def tune_look_ahead(vehicle: TunedVehicle, trials: TrialCourses, config: GradientConfig = _USUAL) -> TunedLookAhead:
-    """Least mean cost over the trials' speeds, with the phase margin asked for at each of them.
+    """Least mean cost over the trials' speeds, with the required phase margin at each of them.
 
     The start is read off a coarse sweep; the gradient goes through every step of every drive. What margin is still
     missing at the end is made up by lengthening the look-ahead.
@@ -254,7 +254,7 @@ def _first(vehicle: TunedVehicle, trials: TrialCourses) -> _Shape:
     speeds = np.asarray(trials.speeds_mps)
     if not enough.any(axis=0).all():
         none = ", ".join(f"{v:g}" for v in speeds[~enough.any(axis=0)])
-        raise ValueError(f"at {none} m/s no look-ahead up to {_FIRST_M[-1]:g} m leaves the phase margin asked for")
+        raise ValueError(f"at {none} m/s no look-ahead up to {_FIRST_M[-1]:g} m leaves the required phase margin")
     best = _FIRST_M[np.argmin(np.where(enough, np.asarray(swept.cost_m), np.inf), axis=0)]
     slowest, fastest = int(np.argmin(speeds)), int(np.argmax(speeds))
     short, long = best[slowest], max(best[fastest], 1.05 * best[slowest])
@@ -274,7 +274,7 @@ def _long_enough(vehicle: TunedVehicle, trials: TrialCourses, schedule: LookAhea
     left = margins(vehicle, longer, jnp.asarray(trials.speeds_mps, jnp.float32))
     enough = np.asarray(jnp.all(left >= trials.least_margin_rad, axis=-1))
     if not enough.any():
-        raise ValueError("no multiple of the look-ahead leaves the phase margin asked for")
+        raise ValueError("no multiple of the look-ahead leaves the required phase margin")
     first = int(np.argmax(enough))
     return LookAhead(*(field[first] for field in longer))
 
@@ -297,7 +297,7 @@ _SHORTEST_S, _LONGEST_S = 2.0, 120.0
 
 
 class LimitCycle(NamedTuple):
-    """What was found.
+    """Result.
 
     Attributes:
         found: the vehicle swings for good.
@@ -361,7 +361,7 @@ def find_limit_cycle(
 
 
 def _smooth(values: Float[np.ndarray, " time"], over_s: float) -> Float[np.ndarray, " time"]:
-    """Running mean, the ends over what there is."""
+    """Running mean, shorter at the ends."""
     width = max(int(over_s / _STEP_S) // 2, 1)
     summed = np.concatenate([[0.0], np.cumsum(values)])
     low = np.maximum(np.arange(len(values)) - width, 0)
@@ -370,7 +370,7 @@ def _smooth(values: Float[np.ndarray, " time"], over_s: float) -> Float[np.ndarr
 
 
 def _unforced(offset: Float[np.ndarray, " time"], bends: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
-    """The offset without its trend and without what answers to the route's bends."""
+    """The offset without its trend and without the response to the route's bends."""
     even = np.linspace(-1.0, 1.0, len(offset))
     shifts = np.arange(0, int(_ANSWER_S / _STEP_S) + 1, int(1.0 / _STEP_S))
     answers = [np.concatenate([np.zeros(shift), bends[: len(bends) - shift]]) for shift in shifts]

@@ -33,7 +33,7 @@ from lgprjax.vehicle import VehiclePose
 # How well a filter's noises explain a logged drive: the likelihood of its innovations, tick by tick, and its slopes.
 #
 # If the noises are right, innovations are independent in time: so are the likelihood's slopes, and the sum of their
-# squares is the information that the drives hold about the noises (Berndt, Hall, Hall and Hausman 1974).
+# squares is the information in the drives about the noises (Berndt, Hall, Hall and Hausman 1974).
 
 # Slopes are differences of lanes: forward differentiation takes twice as long to compile and five times as long to
 # run. So wide that float32 leaves 0.004 of a tick's slope, and so narrow that the most likely logarithm moves by less
@@ -180,7 +180,7 @@ class FusionFit(NamedTuple):
 
 
 class _Ascent(NamedTuple):
-    """Where an ascent ended: logarithms, slopes there, and what was gained."""
+    """Result of an ascent: logarithms, slopes there, and the gain."""
 
     logarithms: Float[np.ndarray, " noise"]
     slope: Float[np.ndarray, "drive tick noise"]
@@ -241,7 +241,9 @@ def filter_drives(model: FilterModel, rules: GateRules, drives: NavigationDrives
 
 
 def mean_nis(info: FilterInfo) -> dict[str, float]:
-    """Mean normalised innovation squared of what was accepted, by source, a component: 1 where the noises are right."""
+    """Mean normalised innovation squared of accepted observations, by source, per component: 1 if the noises are
+    right.
+    """
     sizes = dict(zip(SOURCES, (2, 1, 1, 3), strict=True))
     accepted, nis = np.asarray(info.accepted), np.asarray(info.nis, np.float64)
     return {
@@ -254,7 +256,7 @@ def mean_nis(info: FilterInfo) -> dict[str, float]:
 def without_outliers(
     model: FilterModel, rules: GateRules, drives: NavigationDrives
 ) -> tuple[NavigationDrives, dict[str, int]]:
-    """The drives without the observations that a model's gates reject, and how many those are by source.
+    """The drives without the observations that a model's gates reject, and their number by source.
 
     Raises:
         NotExcitedError: more than 2 % of a source: not outliers, but a model that is too narrow.
@@ -291,7 +293,7 @@ def _climb(model: FilterModel, names: tuple[str, ...], drives: NavigationDrives)
     first = best = float(value.sum())
     for _ in range(ROUNDS):
         square, climb = _information(slope), slope.sum(axis=(0, 1))
-        # A noise of which there is next to no trace stays where it is: its slope is rounding.
+        # A noise with almost no effect stays where it is: its slope is rounding.
         seen = np.diag(square) > 1.0 / _BLIND_SIGMA**2
         length = np.sqrt(np.where(seen, np.diag(square), 1.0))
         scaled = np.where(np.outer(seen, seen), square, 0.0) / np.outer(length, length)
@@ -352,7 +354,7 @@ def _named(names: tuple[str, ...], mask: Bool[np.ndarray, " noise"]) -> tuple[st
     return tuple(name for name, told in zip(names, mask, strict=True) if told)
 
 
-# The control threshold that a logged drive tells of: from the turns that were commanded and those that were made.
+# The control threshold from a logged drive: from commanded and executed turns.
 #
 # For every threshold the vehicle's yaw rate is that of the commands it would have obeyed, some time late and through a
 # lag, times a gain, plus a bias. The threshold, delay and lag that leave the least of the measured yaw rate
@@ -367,7 +369,7 @@ _CHI_95 = 3.84
 _CLEARLY = 1.05
 """What is left without a threshold over what is left with it: in a long log noise alone is significant, but small."""
 _FEW = 20
-"""Independent records, fewer of which say nothing."""
+"""Least number of independent records."""
 
 
 class ThresholdFit(NamedTuple):
@@ -412,7 +414,7 @@ def fit_threshold(
         raise NotExcitedError("control threshold", "commands of many sizes", f"{len(sizes)}")
     step_s = float(np.median(np.diff(time_s)))
     rate = np.diff(np.unwrap(yaw_rad)) / np.diff(time_s)
-    # Half-way between the commands that were given; more cannot be told apart.
+    # Half-way between the commands given; a finer resolution is not observable.
     places = np.unique(np.linspace(0, len(sizes) - 1, _CANDIDATES).round().astype(int))
     candidates = np.append(0.0, 0.5 * (sizes[places][1:] + sizes[places][:-1]))
     # A delay and a lag may change places: the lag's recursion runs once for all delays.
@@ -443,7 +445,7 @@ def fit_threshold(
 def _obeyed(
     turn_mps: Float[np.ndarray, " record"], threshold_mps: Float[np.ndarray, " candidate"], step_s: float, lag_s: float
 ) -> Float[np.ndarray, "record candidate"]:
-    """The commands that each threshold lets through, through a lag."""
+    """The commands passed by each threshold, filtered by a lag."""
     through = np.where(np.abs(turn_mps)[:, None] >= threshold_mps, turn_mps[:, None], 0.0)
     if lag_s == 0.0:
         return through
@@ -457,7 +459,7 @@ def _obeyed(
 
 
 def _later(obeyed: Float[np.ndarray, "record candidate"], records: int) -> Float[np.ndarray, "record candidate"]:
-    """The same so many records later, from nothing."""
+    """Delayed by a number of records, zero before."""
     return np.concatenate([np.zeros((records, obeyed.shape[1])), obeyed[: len(obeyed) - records]])
 
 

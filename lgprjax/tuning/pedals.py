@@ -19,7 +19,7 @@ from lgprjax.tuning.sensors import speed_mps
 from lgprjax.vehicle.actuators import DriveState, Pedal, Pedals, init_drive, step_drive
 from lgprjax.vehicle.sensors import DriveSignals
 
-# Runs from standstill to standstill, the way that pedals make of their commands, and the odometer's metre.
+# Runs from standstill to standstill, the modelled distance of pedal commands, and the odometer's scale.
 
 PEDAL_NAMES = (
     *("throttle.pre_tension", "throttle.dead_zone", "throttle.gain_mps2", "throttle.lag_s"),
@@ -68,7 +68,7 @@ def cut_runs(signals: DriveSignals, what: str) -> PedalRuns:
         raise NotExcitedError(what, missing, "none in the log")
     known = np.flatnonzero(np.isfinite(signals.travel_m) & np.isfinite(signals.throttle) & np.isfinite(signals.brake))
     time_s = signals.time_s[known]
-    # A vehicle that creeps off is as slow as one that stands; but it has been given throttle.
+    # A vehicle that creeps off is as slow as a standing one, but with throttle.
     released = signals.throttle[known] <= np.min(signals.throttle[known], initial=1.0) + RELEASED
     cuts = _standstill_middles(time_s, released & (np.abs(speed_mps(signals))[known] < STANDING_MPS))
     kept: list[Int[np.ndarray, " record"]] = []
@@ -162,7 +162,7 @@ def odometer_scale(signals: DriveSignals) -> Estimate | None:
 def _standstill_middles(
     time_s: Float[np.ndarray, " record"], standing: Bool[np.ndarray, " record"]
 ) -> Int[np.ndarray, " cut"]:
-    """Index of the record in the middle of each standstill that lasts."""
+    """Index of the record in the middle of each lasting standstill."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], standing, [False]]).astype(np.int8)))
     first, last = edges[::2], edges[1::2] - 1
     lasting = time_s[last] - time_s[first] >= STANDING_S
@@ -177,8 +177,8 @@ def levelled(runs: PedalRuns, way_m: Float[np.ndarray, " record"]) -> Float[np.n
 
 # Where the fit of the pedals starts: the best of a grid of pre-tensions and lags, by what the vehicle accelerates.
 #
-# Given pre-tension, dead zone and lag of both pedals the acceleration is linear in the rest. The way itself is no
-# guide so far from the answer: a model that stops too early, or never moves off, tells nothing of where to go.
+# Given pre-tension, dead zone and lag of both pedals the acceleration is linear in the rest. The distance itself is no
+# guide so far from the solution: a model that stops too early, or never moves off, has no useful gradient.
 
 PRE_TENSIONS = (0.02, 0.06, 0.1, 0.14, 0.18, 0.22, 0.26, 0.3, 0.4)
 LAGS_S = (0.1, 0.25, 0.5, 1.0)
@@ -192,7 +192,7 @@ Candidates = Float[np.ndarray, "candidate 3"]
 """Pre-tension, dead zone and lag of a pedal."""
 
 Effects = tuple[Candidates, Float[np.ndarray, "candidate row"]]
-"""Candidates with what they make of the commands."""
+"""Candidates with their response to the commands."""
 
 
 def pedal_start(runs: PedalRuns, travel_m: Float[np.ndarray, " record"], what: str) -> Float[np.ndarray, " parameter"]:
@@ -288,7 +288,7 @@ def _best(
 def _accelerations(
     command: Float[np.ndarray, " record"], candidates: Candidates, step_s: float, span: int
 ) -> Float[np.ndarray, "candidate row"]:
-    """Mean effect of a gain of 1 over the rows' two spans, weighted as second differences of the way weight it."""
+    """Mean effect of a gain of 1 over the rows' two spans, weighted as by second differences of the distance."""
     pre_tension, dead_zone, lag_s = candidates.T
     pressed, effect = np.zeros(pre_tension.size), np.zeros(pre_tension.size)
     course = np.empty((pre_tension.size, command.size))
@@ -350,7 +350,7 @@ class PedalsFit(NamedTuple):
 
 
 class WayFit(NamedTuple):
-    """Parameters fitted to the ways of several lanes, in the order of ``PEDAL_NAMES``.
+    """Parameters fitted to the distances of several batch elements, in the order of ``PEDAL_NAMES``.
 
     Attributes:
         value: of each parameter.
@@ -399,7 +399,7 @@ def fit_pedals(signals: DriveSignals) -> PedalsFit:
 
 
 def fit_way(runs: PedalRuns, travel_m: Float[np.ndarray, "lane record"]) -> WayFit:
-    """Fits the parameters to the ways of lanes that have been given the same commands.
+    """Fit the parameters to the distances of batch elements with the same commands.
 
     Args:
         runs: commands and runs, from ``cut_runs``.
@@ -415,7 +415,7 @@ def fit_way(runs: PedalRuns, travel_m: Float[np.ndarray, "lane record"]) -> WayF
         weight = _huber(residual)
         residual, level_slope = _levelled(runs, raw, weight), _levelled(runs, slope, weight[:, None])
         unit_slope = level_slope * _unit(value)[..., None]
-        # A damped step is small wherever it was damped; the undamped one is the way to the end that can be seen.
+        # A damped step is always small; the undamped one shows the distance to convergence.
         settled = _small(_step(unit_slope, residual, weight, np.full(lanes, 1e-10)), unit_slope, residual)
         if (settled | (damping > 1e9)).all():
             break
@@ -494,7 +494,7 @@ def _small(
     slope: Float[np.ndarray, "lane parameter record"],
     residual: Float[np.ndarray, "lane record"],
 ) -> Bool[np.ndarray, " lane"]:
-    """The step moves the way by less than a fifth of the error that one parameter makes."""
+    """Whether the step changes the distance by less than a fifth of the error due to one parameter."""
     moved = np.einsum("lp,lpr->lr", step, slope)
     allowed = 0.2 * _scale(residual)[:, 0] / np.sqrt(residual.shape[1])
     return np.asarray(np.sqrt(np.mean(moved**2, axis=1)) < allowed)
@@ -524,7 +524,7 @@ def _way_fit(
     variance = scale[:, 0] ** 2 * np.sum(pull**2, axis=1) / (np.maximum(degrees, 1e-9) * steep**2)
     square = slope @ slope.swapaxes(1, 2)
     length = np.sqrt(np.maximum(np.einsum("lpp->lp", square), 1e-12))
-    # The ridge leaves what no record tells with an error as large as that.
+    # The ridge leaves unobservable parameters with an error of its size.
     inverse = np.linalg.inv(square / (length[:, :, None] * length[:, None, :]) + 1e-10 * np.eye(length.shape[1]))
     sigma = np.sqrt(variance[:, None] * np.einsum("lpp->lp", inverse)) / length
     return WayFit(value, sigma, np.maximum(degrees, 3.0), np.sqrt(np.mean(residual**2, axis=1)))

@@ -30,7 +30,7 @@ class Estimate(NamedTuple):
 
 
 class NotExcitedError(ValueError):
-    """A log does not hold what a fit needs; the message says what was expected and what was found."""
+    """A log lacks what a fit needs; the message gives expected and found."""
 
     def __init__(self, what: str, expected: str, found: str) -> None:
         super().__init__(f"{what}: expected {expected}, found {found}")
@@ -200,7 +200,7 @@ def _weighted(
 def _least_absolute(
     base: Float[np.ndarray, "record coefficient"], y: Float[np.ndarray, " record"]
 ) -> tuple[Float[np.ndarray, " coefficient"], float]:
-    """Fit of least absolute deviations, and the scale of its residuals: what a start needs, no more."""
+    """Fit of least absolute deviations, and the scale of its residuals: as a start only."""
     fitted = base.T @ y
     for _ in range(START_ROUNDS):
         away = np.abs(y - base @ fitted)
@@ -234,7 +234,7 @@ def _covariance(
         covariance, free = _grouped(base, pull, group)
         return factor * covariance, free
     independent = independent_share(pull, columns) if serial else 1.0
-    # A record counts with its weight: one that is half taken away is half a record.
+    # A record counts with its weight: one of weight a half is half a record.
     degrees = independent * float(np.sum((1.0 - share) ** 2)) - columns
     _need_records(degrees + columns, columns)
     spread = float(np.sum(pull**2)) / (records * independent - columns)
@@ -244,7 +244,7 @@ def _covariance(
 def _grouped(
     base: Float[np.ndarray, "record coefficient"], pull: Float[np.ndarray, " record"], group: Int[np.ndarray, " record"]
 ) -> tuple[Float[np.ndarray, "coefficient coefficient"], float]:
-    """Covariance of the groups' scores, each made larger by what the fit took of it: (1 − M)^-½, M the group's own.
+    """Covariance of the groups' scores, each enlarged by the leverage of the fit: (1 − M)^-½, M the group's own.
 
     A fit follows each of a few groups; their residuals as they are would promise too much. The degrees of freedom are
     those of the coefficient that rests on the fewest groups.
@@ -265,16 +265,16 @@ def _grouped(
     return total, max(free, 3.0)
 
 
-# Linear fits to a few numbers, each with a standard error of its own that may leave something out.
+# Linear fits to a few numbers, each with a standard error of its own that may be too small.
 #
-# What the standard errors do not explain is taken as a further variance that all share (Paule and Mandel, 1982); the
+# Scatter beyond the standard errors is modelled as a common further variance (Paule and Mandel, 1982); the
 # intervals are Student's with the scatter that is left (Hartung and Knapp, 2001): they hold with a dozen numbers,
 # where normal intervals of known variances do not.
 
 _CLIP = 2.5
-"""Standard errors from which on a number pulls no harder; one in eighty is clipped where nothing is wrong."""
+"""Standard errors beyond which a residual is clipped; one in eighty is clipped in good data."""
 _CLEAR = 2.0
-"""Standard deviations by which the squares must be too large before a further variance is believed in."""
+"""Standard deviations by which the squares must be too large before a further variance is added."""
 _ROUNDS = 4
 _STEPS = 20
 

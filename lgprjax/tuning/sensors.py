@@ -25,7 +25,7 @@ from lgprjax.tuning.robust import (
 )
 from lgprjax.vehicle.sensors import DriveSignals
 
-# Calibration 1: what the potentiometer reads where the vehicle runs straight.
+# Calibration 1: reading of the potentiometer when the vehicle drives straight.
 #
 # The drive is cut into windows of its way. Each gives a mean voltage and, by the heading over the way, a curvature;
 # those that turn are left out. The voltage at curvature zero is read off a robust line through the others, so that
@@ -126,7 +126,7 @@ def _windows(signals: DriveSignals, moving: Bool[np.ndarray, " record"]) -> Int[
 def _means(
     signals: DriveSignals, volts: Float[np.ndarray, " record"], window: Int[np.ndarray, " record"]
 ) -> tuple[Float[np.ndarray, " window"], Float[np.ndarray, " window"], Float[np.ndarray, " window"]]:
-    """Curvature, mean voltage and scatter of the voltage of every window whose way is nearly whole."""
+    """Curvature, mean voltage and scatter of the voltage of every window with nearly complete travel."""
     found = []
     used = np.flatnonzero(window >= 0)
     for inside in np.split(used, np.flatnonzero(np.diff(window[used])) + 1):
@@ -140,7 +140,7 @@ def _means(
     return curvature, mean_v, noise_v
 
 
-# Pauses of a steering wheel turned at standstill: where it was held, and the side that it came from.
+# Pauses of a steering wheel turned at standstill: their position, and the side of approach.
 
 LEAST_PAUSE_S = 0.8
 SETTLED_S = 0.2
@@ -166,7 +166,7 @@ class Pauses(NamedTuple):
 
 
 def find_pauses(signals: DriveSignals, what: str) -> Pauses:
-    """Pauses at standstill, in order of time; the first, which came from an unknown side, is left out.
+    """Pauses at standstill, in order of time; the first, approached from an unknown side, is left out.
 
     Args:
         signals: of a log with encoder and potentiometer.
@@ -299,7 +299,7 @@ def _choose_degree(place: Float[np.ndarray, " pause"], pauses: Pauses) -> tuple[
             return fit, f"polynomial of degree {degree}: a straight line is off by {abs(last):.4f} V at the ends"
     return robust_fit(
         _design(place, pauses.direction, 1), pauses.potentiometer_v
-    ), "straight line: nothing speaks for more"
+    ), "straight line: no evidence for more"
 
 
 def _result(

@@ -23,7 +23,7 @@ from lgprjax.vehicle.sensors import DriveSignals
 # A log of the servo as its model sees it, and the model's wheel angle as a function of the numbers sought.
 
 NAMES = ("lag_s", "delay_s", "dead_band_rad", "rate_radps", "asymmetry", "zero_rad")
-"""What is sought: of the servo, and what the wheel angle sensor reads where the wheels stand straight."""
+"""Fitted parameters: of the servo, and the wheel angle sensor's reading with straight wheels."""
 LOW = np.array([0.003, 0.0, 0.0, 0.02, -0.5, -0.1])
 HIGH = np.array([1.5, 0.5, 0.1, 5.0, 0.5, 0.1])
 _BY_FACTOR = np.array([True, False, False, True, False, False])
@@ -53,7 +53,7 @@ class ServoLog(NamedTuple):
 
 
 def servo_log(signals: DriveSignals, measured_rad: Float[np.ndarray, " record"], servo: Servo) -> ServoLog:
-    """A command holds from its record to the next; through a gap the last one does, and what follows does not count.
+    """A command holds from its record to the next, and through a gap; data after a gap do not count.
 
     Args:
         signals: with commands and, where the servo's torque depends on it, the supply.
@@ -120,7 +120,7 @@ def per_box(u: Float[np.ndarray, "*lane 6"]) -> Float[np.ndarray, "*lane 6"]:
 
 
 def wheel_angles(log: ServoLog, u: Float[Array, "6"]) -> Float[Array, " record"]:
-    """What the sensor would read at the records, for the numbers at a place in the box.
+    """Modelled sensor readings at the records, for parameters at a place in the box.
 
     A servo that hears its commands late does all that it does late: the delay is taken of the angles, between steps
     too. Blended commands, at the rate's limit, would hide what part of a step it is.

@@ -40,7 +40,7 @@ _STEP_RAD = 0.01
 
 
 class YawGainFit(NamedTuple):
-    """What turning tests say of the yaw gain.
+    """Yaw gain from turning tests.
 
     Attributes:
         characteristic_speed_mps: V; its interval has no upper end where no loss at all would do as well.
@@ -224,7 +224,7 @@ class SteeringMap(NamedTuple):
 
 
 class WheelAngleFit(NamedTuple):
-    """What a palm tree says of the steering.
+    """Steering map from a palm tree.
 
     Attributes:
         map: front angle over the steering signal.
@@ -368,7 +368,7 @@ def drifting_fit(
     if not np.linalg.cond(design / np.linalg.norm(design, axis=0)) < 1e8:
         raise NotExcitedError("fit", f"{columns} quantities that vary independently", "ones that do not")
     share, drift_s = (grid.ravel() for grid in np.meshgrid(_SHARES, _DRIFT_S))
-    # The last candidate is that of no drift, whatever its time constant.
+    # The last candidate has no drift, for any time constant.
     share, drift_s = np.append(share, 0.0), np.append(drift_s, 1.0)
     typical = float(np.median(sigma)) ** 2
     apart_s = np.abs(time_s[:, None] - time_s[None, :])

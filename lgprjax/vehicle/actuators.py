@@ -1,6 +1,6 @@
-"""The steering servo: delay, dead band, lag, rate, play, and what is left of its torque at a supply voltage.
+"""The steering servo: delay, dead band, lag, rate, play, and torque over supply voltage.
 
-Each part is a line of its own and off at its neutral value, so that a study can switch them one by one.
+Each effect is separate and off at its neutral value, so that a study can enable them one by one.
 """
 
 from typing import NamedTuple
@@ -11,15 +11,16 @@ from jaxtyping import Array, Float
 
 
 class Servo(NamedTuple):
-    """A servo that turns the front wheels. Fields are scalars or one value a lane; angles are those of the wheels.
+    """A servo that turns the front wheels. Fields are scalars or one value per batch element; angles are those of the
+    wheels.
 
     Attributes:
         lag_s: time constant towards the command; 0 for none.
         rate_radps: fastest turning at full torque; infinite for no limit.
         delay_s: from a command to its first effect.
-        dead_band_rad: what the position may differ from the command by without the motor moving.
-        backlash_rad: play of the linkage, from one side to the other.
-        asymmetry: share by which turning left is faster than the mean, and right slower.
+        dead_band_rad: difference of position and command below which the motor does not move.
+        backlash_rad: play of the linkage, from side to side.
+        asymmetry: share by which turning left is faster than the mean, and right is slower.
         nominal_v: supply at which torque is full.
         stall_v: supply at which nothing moves.
     """
@@ -35,12 +36,12 @@ class Servo(NamedTuple):
 
 
 class ServoState(NamedTuple):
-    """What the servo carries from step to step.
+    """State of the servo from step to step.
 
     Attributes:
         motor_rad: position of the motor, as an angle of the wheels.
         wheel_rad: of the front wheels, behind the play.
-        waiting_rad: commands that have no effect yet, the newest first; as many as the longest delay has steps.
+        waiting_rad: commands without effect so far, newest first; as many as the longest delay has steps.
     """
 
     motor_rad: Float[Array, "..."]
@@ -49,13 +50,13 @@ class ServoState(NamedTuple):
 
 
 def ideal_servo(lag_s: float = 0.0, rate_radps: float = float("inf")) -> Servo:
-    """A servo with no more than a lag and a rate, at full torque whatever the supply."""
+    """A servo with a lag and a rate only, at full torque for any supply."""
     zero = jnp.float32(0.0)
     return Servo(jnp.float32(lag_s), jnp.float32(rate_radps), zero, zero, zero, zero, jnp.float32(1.0), zero)
 
 
 def init_servo(wheel_rad: Float[Array, "..."], *, delay_slots: int = 0) -> ServoState:
-    """A servo at rest. ``delay_slots`` is static: steps of the longest delay that a servo of these lanes has."""
+    """A servo at rest. ``delay_slots`` is static: steps of the longest delay of these servos."""
     return ServoState(wheel_rad, wheel_rad, jnp.broadcast_to(wheel_rad, (delay_slots, *wheel_rad.shape)))
 
 
@@ -65,11 +66,11 @@ def torque_share(servo: Servo, supply_v: Float[Array, "..."]) -> Float[Array, ".
 
 
 class ServoPace(NamedTuple):
-    """What of a servo does not change while its step and its torque do not.
+    """Quantities of a servo that are constant while step and torque are.
 
     Attributes:
-        approach: share of the way to the command that a step covers.
-        left_rad, right_rad: farthest that a step turns to either side.
+        approach: share of the distance to the command that a step covers.
+        left_rad, right_rad: largest turn of a step to either side.
         play_rad: half of it.
         dead_band_rad: as in ``Servo``.
         delay_steps: delay in steps.
@@ -84,21 +85,21 @@ class ServoPace(NamedTuple):
 
 
 def servo_pace(servo: Servo, share: float | Float[Array, "..."], step_s: float | Float[Array, ""]) -> ServoPace:
-    """What a servo does in a step.
+    """Pace of a servo for a step.
 
     Against the same load a share of the torque turns the wheels at that share of the rate, and the lag grows by its
-    inverse: that is why a weak servo needs a longer look-ahead.
+    inverse: this is why a weak servo needs a longer look-ahead.
 
     Args:
         servo: its parameters.
         share: of the full torque, from ``torque_share``.
         step_s: time step.
     """
-    # The exact step of a first-order lag; without a lag all of the way at once.
+    # The exact step of a first-order lag; without a lag the whole distance at once.
     slow = servo.lag_s > 0.0
     decay = jnp.exp(-step_s * share / jnp.where(slow, servo.lag_s, 1.0))
     turns = jnp.asarray(share) > 0.0
-    # No torque moves nothing, where the rate knows no limit too.
+    # Zero torque moves nothing, even with an infinite rate.
     most = jnp.where(turns, servo.rate_radps * jnp.where(turns, share, 1.0) * step_s, 0.0)
     return ServoPace(
         jnp.where(slow, 1.0 - decay, jnp.where(turns, 1.0, 0.0)),
@@ -111,7 +112,7 @@ def servo_pace(servo: Servo, share: float | Float[Array, "..."], step_s: float |
 
 
 def turn_servo(state: ServoState, pace: ServoPace, command_rad: Float[Array, "..."]) -> ServoState:
-    """The servo after a step of a constant command, which is within the wheels' limits: they are not its business."""
+    """The servo after a step of a constant command, which must be within the wheels' limits."""
     waiting = jnp.concatenate([command_rad[None], state.waiting_rad])
     wrong = _delayed(waiting, pace.delay_steps) - state.motor_rad
     wrong = wrong - jnp.clip(wrong, -pace.dead_band_rad, pace.dead_band_rad)
@@ -127,12 +128,14 @@ def step_servo(
     share: float | Float[Array, "..."],
     step_s: float | Float[Array, ""],
 ) -> ServoState:
-    """``turn_servo`` with the pace of this step: where torque or step change from one to the next."""
+    """``turn_servo`` with the pace of this step, for torque or step sizes that vary."""
     return turn_servo(state, servo_pace(servo, share, step_s), command_rad)
 
 
 def _delayed(waiting_rad: Float[Array, "slot ..."], steps: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The command of so many steps ago, linear between steps, so that a delay has a gradient; the oldest at most."""
+    """The command of a number of steps ago, linear between steps, so that a delay has a gradient; at most the
+    oldest.
+    """
     oldest = waiting_rad.shape[0] - 1
     if oldest == 0:
         return waiting_rad[0]
@@ -143,20 +146,20 @@ def _delayed(waiting_rad: Float[Array, "slot ..."], steps: Float[Array, "..."]) 
     return after + (age - newer) * (before - after)
 
 
-# Throttle and brake: what a command between 0 and 1 does to the speed.
+# Throttle and brake: effect of a command between 0 and 1 on the speed.
 #
-# The actuator pulls a cable. Up to the pre-tension it takes up slack and nothing answers; from there on the effect
-# grows with the command. Friction holds the pedal when the command turns back: a reversal smaller than the dead zone
-# has no effect. What the pedal asks for comes with a first-order lag.
+# The actuator pulls a cable. Up to the pre-tension it takes up slack without effect; beyond, the effect grows with the
+# command. Friction holds the pedal when the command turns back: a reversal smaller than the dead zone has no effect.
+# The effect follows with a first-order lag.
 
 
 class Pedal(NamedTuple):
-    """One pedal and what it acts on. Fields are scalars or one value a lane.
+    """One pedal and its effect. Fields are scalars or one value per batch element.
 
     Attributes:
-        pre_tension: rising command at which the effect begins, 0 to 1: what to rest at so that the pedal answers.
-        dead_zone: change of the command, after it turned back, without effect; at most the pre-tension, else the pedal
-            would not come free.
+        pre_tension: rising command at which the effect begins, 0 to 1: the rest position for an immediate response.
+        dead_zone: change of the command, after a reversal, without effect; at most the pre-tension, else the pedal
+            would not release.
         gain_mps2: acceleration, or deceleration, per unit of command beyond the pre-tension.
         lag_s: time constant of the effect; 0 for none.
     """
@@ -168,11 +171,11 @@ class Pedal(NamedTuple):
 
 
 class Pedals(NamedTuple):
-    """Both pedals and what slows the vehicle without them.
+    """Both pedals, and the resistances without them.
 
     Attributes:
         throttle, brake: the pedals.
-        rolling_mps2: deceleration by rolling resistance; holds the vehicle at standstill against less.
+        rolling_mps2: deceleration by rolling resistance; keeps the vehicle at standstill against smaller accelerations.
         drag_per_s: deceleration per m/s of speed.
     """
 
@@ -183,11 +186,11 @@ class Pedals(NamedTuple):
 
 
 class PedalState(NamedTuple):
-    """What a pedal carries from step to step.
+    """State of a pedal from step to step.
 
     Attributes:
         pressed: as a command beyond the pre-tension, at least 0.
-        effect_mps2: acceleration, or deceleration, that it makes now.
+        effect_mps2: acceleration, or deceleration, at present.
     """
 
     pressed: Float[Array, "..."]
@@ -195,7 +198,7 @@ class PedalState(NamedTuple):
 
 
 class DriveState(NamedTuple):
-    """Both pedals' states, and the speed that came of them: not negative, in the gear's direction."""
+    """Both pedals' states, and the resulting speed: not negative, in the gear's direction."""
 
     throttle: PedalState
     brake: PedalState
@@ -203,7 +206,7 @@ class DriveState(NamedTuple):
 
 
 def init_drive(speed_mps: Float[Array, "..."]) -> DriveState:
-    """At a speed, with both pedals free."""
+    """State at a speed, with both pedals released."""
     free = PedalState(jnp.zeros_like(speed_mps), jnp.zeros_like(speed_mps))
     return DriveState(free, free, speed_mps)
 
@@ -215,11 +218,10 @@ def step_drive(
     brake: Float[Array, "..."],
     step_s: float | Float[Array, ""],
 ) -> tuple[DriveState, Float[Array, "..."]]:
-    """State after ``step_s`` of constant commands, and the way driven meanwhile, in m.
+    """State after ``step_s`` of constant commands, and the distance driven meanwhile, in m.
 
-    Exact in the lags and of second order in the drag, so that long steps do. The vehicle stands rather than roll back,
-    and moves off, or stops, within a step: at the instant that a linear course of the acceleration, or of the speed,
-    says.
+    Exact in the lags and of second order in the drag, so that long steps are possible. The vehicle does not roll back,
+    and starts or stops within a step, at the instant given by linear interpolation of the acceleration or of the speed.
     """
     throttle_state, thrust = _step_pedal(state.throttle, pedals.throttle, throttle, step_s)
     brake_state, braked = _step_pedal(state.brake, pedals.brake, brake, step_s)
@@ -239,7 +241,7 @@ def step_drive(
 
 
 class _Effect(NamedTuple):
-    """Acceleration by a pedal over a step: at its ends, in the mean, and what its course adds to a trapezoid of way."""
+    """Acceleration by a pedal over a step: at its ends, its mean, and its correction to the trapezoidal distance."""
 
     before_mps2: Float[Array, "..."]
     after_mps2: Float[Array, "..."]

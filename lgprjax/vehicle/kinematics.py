@@ -1,8 +1,8 @@
-"""A counter-steered chassis: wheelbase, rear wheels that follow the front ones, and the turn that both make.
+"""A counter-steered chassis: wheelbase, rear wheels that follow the front ones, and the resulting turn.
 
-Body frame x forward, y left, origin at the rear axle; angles counter-clockwise positive. The front wheels stand at φ,
-the rear wheels at −ψ(φ) with ψ ≥ 0 for φ ≥ 0: they counter-steer. ψ = kφ is the usual model, k = 0 a front-steered
-vehicle; a measured ψ(φ) takes its place where there is one.
+Body frame x forward, y left, origin at the rear axle; angles counter-clockwise positive. The front wheels are at φ, the
+rear wheels at −ψ(φ) with ψ ≥ 0 for φ ≥ 0: they counter-steer. ψ = kφ is the usual model, k = 0 a front-steered vehicle;
+a measured ψ(φ) replaces it where available.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ class ProportionalRear(NamedTuple):
 
 
 class MeasuredRear(NamedTuple):
-    """Rear wheels as measured: ψ(φ) linear between knots, and on with the end's slope beyond them.
+    """Rear wheels as measured: ψ(φ) linear between knots, continued with the end's slope beyond them.
 
     Attributes:
         first_rad: front angle of the first knot.
@@ -40,14 +40,14 @@ Rear = ProportionalRear | MeasuredRear
 
 
 class Chassis(NamedTuple):
-    """What the steering geometry needs to know of a vehicle. Fields are scalars or one value a lane.
+    """Steering geometry of a vehicle. Fields are scalars or one value per batch element.
 
     Attributes:
         wheelbase_m: L, front to rear axle.
-        anchor_m: l, from the rear axle forward to the point that is to follow the path.
+        anchor_m: l, from the rear axle forward to the point that follows the path.
         rear: how the rear wheels follow.
         largest_angle_rad: of the front wheels, to either side.
-        characteristic_speed_mps: V_CHAR of the yaw gain; infinite where nothing is lost to slip.
+        characteristic_speed_mps: V_CHAR of the yaw gain; infinite without slip.
     """
 
     wheelbase_m: Float[Array, "..."]
@@ -58,11 +58,12 @@ class Chassis(NamedTuple):
 
 
 class Turn(NamedTuple):
-    """The turn that wheel angles make.
+    """The turn that results from wheel angles.
 
     Attributes:
-        curvature_radpm: of the point without slip, without loss of yaw: the yaw rate over the forward speed.
-        rear_tangent: tan ψ; the rear axle moves sideways by this share of its way forward, to the right when positive.
+        curvature_radpm: of the zero-slip point, without loss of yaw: the yaw rate over the forward speed.
+        rear_tangent: tan ψ; the rear axle moves sideways by this share of its forward motion, to the right when
+            positive.
     """
 
     curvature_radpm: Float[Array, "..."]
@@ -89,7 +90,7 @@ def turn_of(chassis: Chassis, front_rad: Float[Array, "..."]) -> Turn:
 def zero_slip_point(chassis: Chassis, front_rad: Float[Array, "..."]) -> Float[Array, "..."]:
     """x_c, metres ahead of the rear axle: the point that moves straight along the body axis.
 
-    It is L tan ψ / (tan φ + tan ψ), and its limit for small angles where the wheels stand straight.
+    It is L tan ψ / (tan φ + tan ψ), or its limit for small angles where the wheels are straight.
     """
     behind, slope = rear_angle(chassis.rear, front_rad)
     front, rear = jnp.tan(front_rad), jnp.tan(behind)
@@ -99,7 +100,7 @@ def zero_slip_point(chassis: Chassis, front_rad: Float[Array, "..."]) -> Float[A
 
 
 def yaw_gain(characteristic_speed_mps: Float[Array, "..."], speed_mps: Float[Array, "..."]) -> Float[Array, "..."]:
-    """G_ss = 1 / (1 + (v/V_CHAR)²): the share of the geometric yaw rate that is left at a speed."""
+    """G_ss = 1 / (1 + (v/V_CHAR)²): the share of the geometric yaw rate that remains at a speed."""
     return 1.0 / (1.0 + (speed_mps / characteristic_speed_mps) ** 2)
 
 
@@ -107,7 +108,7 @@ def yaw_gain(characteristic_speed_mps: Float[Array, "..."], speed_mps: Float[Arr
 
 
 class VehiclePose(NamedTuple):
-    """Pose of the rear axle in a level local frame: a point that stays in the body, which the zero-slip point does not.
+    """Pose of the rear axle in a level local frame: a body-fixed point, unlike the zero-slip point.
 
     Attributes:
         x_m, y_m: position, east and north or any other level axes.
@@ -122,15 +123,15 @@ class VehiclePose(NamedTuple):
 def drive_arc(
     pose: VehiclePose, travel_m: Float[Array, "..."], turn: Turn, gain: float | Float[Array, "..."] = 1.0
 ) -> VehiclePose:
-    """Pose after ``travel_m`` (forward component of the way; negative in reverse) at constant wheel angles.
+    """Pose after ``travel_m`` (forward component; negative in reverse) at constant wheel angles.
 
-    The rear axle's way before rotation is (ds, −G ds tan ψ) and the yaw changes by Gκ ds: the loss of yaw G leaves the
-    zero-slip point where it is. The chord is that of the exact arc; near a straight line its two factors are taken from
-    their series, so nothing is divided by the curvature.
+    The rear axle's displacement before rotation is (ds, −G ds tan ψ) and the yaw changes by Gκ ds: the loss of yaw G
+    does not move the zero-slip point. The chord is that of the exact arc; near a straight line its two factors are
+    computed from their series, so that nothing is divided by the curvature.
 
     Args:
         pose: before.
-        travel_m: way of any point of the centre line along the body axis.
+        travel_m: displacement of any point of the centre line along the body axis.
         turn: from ``turn_of``.
         gain: G_ss, from ``yaw_gain``.
     """
@@ -151,10 +152,10 @@ def body_point(pose: VehiclePose, ahead_m: Float[Array, "..."]) -> tuple[Float[A
     return pose.x_m + ahead_m * jnp.cos(pose.yaw_rad), pose.y_m + ahead_m * jnp.sin(pose.yaw_rad)
 
 
-# The steering linkage: a shaft whose crank turns the wheels, and the rear map that two linkages on one shaft make.
+# The steering linkage: a shaft whose crank turns the wheels, and the rear map of two linkages on one shaft.
 #
-# |φ_wheel| = asin(L_a sin(N φ_shaft) / L_b) (LL eq. 4), for the front and for the rear wheels. Front and rear arms of
-# different length, or a different gear, are what makes the rear wheels follow at nearly a constant share.
+# |φ_wheel| = asin(L_a sin(N φ_shaft) / L_b) (LL eq. 4), for the front and for the rear wheels. With front and rear arms
+# of different length, or a different gear, the rear wheels follow at a nearly constant share.
 
 
 class Linkage(NamedTuple):
@@ -172,20 +173,20 @@ class Linkage(NamedTuple):
 
 
 def wheel_angle(linkage: Linkage, shaft_rad: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Wheel angle, signed as the shaft's: LL eq. 4. Not a number where the arms do not reach."""
+    """Wheel angle, signed as the shaft's: LL eq. 4. NaN where the arms do not reach."""
     return jnp.arcsin(linkage.crank_m / linkage.arm_m * jnp.sin(linkage.gear * shaft_rad))
 
 
 def shaft_angle(linkage: Linkage, wheel_rad: Float[Array, "..."]) -> Float[Array, "..."]:
     """Shaft angle of a wheel angle, the inverse of ``wheel_angle`` up to ``largest_shaft_angle``.
 
-    Not a number for a wheel angle beyond ``largest_wheel_angle``.
+    NaN for a wheel angle beyond ``largest_wheel_angle``.
     """
     return jnp.arcsin(linkage.arm_m / linkage.crank_m * jnp.sin(wheel_rad)) / linkage.gear
 
 
 def largest_shaft_angle(linkage: Linkage) -> Float[Array, "..."]:
-    """Shaft angle at which the linkage jams (the wheel's arm stands across) or turns back (the crank does)."""
+    """Shaft angle at which the linkage jams (the wheel's arm is perpendicular) or reverses (the crank is)."""
     share = jnp.minimum(jnp.asarray(linkage.arm_m) / jnp.asarray(linkage.crank_m), 1.0)
     return jnp.arcsin(share) / linkage.gear
 
@@ -196,7 +197,7 @@ def largest_wheel_angle(linkage: Linkage) -> Float[Array, "..."]:
 
 
 def straight_slope(linkage: Linkage) -> float | Float[Array, "..."]:
-    """Wheel angle over shaft angle where the wheels stand straight: N L_a / L_b."""
+    """Wheel angle over shaft angle at straight wheels: N L_a / L_b."""
     return linkage.gear * linkage.crank_m / linkage.arm_m
 
 
@@ -221,18 +222,18 @@ def rear_of_linkages(front: Linkage, rear: Linkage, largest_rad: float, *, knots
     return MeasuredRear(jnp.float32(-largest_rad), jnp.float32(step_rad), jnp.asarray(rear_rad, jnp.float32))
 
 
-# Skid-steer motion: two sides of wheels, the rates of the body by them, and the exact arc they drive (MF 2).
+# Skid-steer motion: wheels on two sides, the resulting body rates, and the exact arc (MF 2).
 
 
 class SkidSteer(NamedTuple):
-    """What limits a skid-steer vehicle. Fields are scalars or one value a lane.
+    """Limits of a skid-steer vehicle. Fields are scalars or one value per batch element.
 
     Attributes:
-        track_m: effective track: the speeds' difference over it is the yaw rate. Wheels that scrub aside turn the
-            body less than their distance says, so it is wider than that.
-        largest_wheel_mps: of either side, both ways.
+        track_m: effective track: the speeds' difference over it is the yaw rate. Scrubbing wheels turn the body less
+            than their spacing suggests, so it is wider than that.
+        largest_wheel_mps: of either side, forward and backward.
         wheel_rate_mps2: fastest change of a side's speed.
-        smallest_radius_m: of the arcs that it may be asked to drive.
+        smallest_radius_m: of commanded arcs.
     """
 
     track_m: Float[Array, "..."]
@@ -242,7 +243,7 @@ class SkidSteer(NamedTuple):
 
 
 class WheelSpeeds(NamedTuple):
-    """Speeds of both sides over ground, negative backwards."""
+    """Speeds of both sides over ground, negative backward."""
 
     left_mps: Float[Array, "..."]
     right_mps: Float[Array, "..."]
@@ -257,7 +258,7 @@ def body_rates(track_m: Float[Array, "..."], wheels: WheelSpeeds) -> tuple[Float
 def wheel_speeds(
     track_m: Float[Array, "..."], speed_mps: Float[Array, "..."], yaw_rate_radps: Float[Array, "..."]
 ) -> WheelSpeeds:
-    """Speeds of both sides that give the midpoint a forward speed and the body a yaw rate: ``body_rates`` undone."""
+    """Speeds of both sides for a forward speed of the midpoint and a yaw rate: the inverse of ``body_rates``."""
     apart = 0.5 * track_m * yaw_rate_radps
     return WheelSpeeds(speed_mps - apart, speed_mps + apart)
 
@@ -267,15 +268,15 @@ def drive_skid_arc(
 ) -> VehiclePose:
     """Pose of the track's midpoint after a time at constant wheel speeds (MF section 2, simplified).
 
-    The turn centre lies on the line through the midpoint across the heading. The way is the arc's chord, in the
-    direction of half the turn: nothing is divided by the yaw rate, so the straight line is its limit, and a turn on
-    the spot stays where it is.
+    The turn centre is on the line through the midpoint across the heading. The displacement is the arc's chord, in the
+    direction of half the turn: nothing is divided by the yaw rate, so that the straight line is its limit, and a turn
+    on the spot does not move.
 
     Args:
         pose: of the midpoint, before.
         track_m: effective.
         wheels: over ground.
-        step_s: how long; a negative time goes back along the arc.
+        step_s: duration; a negative time goes back along the arc.
     """
     speed_mps, yaw_rate_radps = body_rates(track_m, wheels)
     turn = yaw_rate_radps * step_s

@@ -1,4 +1,4 @@
-"""How well a rollout followed its path, summed while it runs: no trajectory is kept."""
+"""Path-following metrics of a rollout, accumulated while it runs: no trajectory is kept."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from lgprjax.vehicle.kinematics import Chassis, rear_angle
 
 
 class MetricSums(NamedTuple):
-    """What is carried from step to step.
+    """Sums carried from step to step.
 
     Attributes:
         square_m2: sum of squared errors.
@@ -34,10 +34,10 @@ class RolloutMetrics(NamedTuple):
 
     Attributes:
         rms_m, largest_m: error over all steps.
-        settling_m: travel after which the error stays within the tolerance; the whole travel where it does not.
-        cycle_m: half of the error's peak to peak over the last stretch: a limit cycle's amplitude.
+        settling_m: travel after which the error stays within the tolerance; the whole travel if it does not.
+        cycle_m: half of the error's peak-to-peak value over the last stretch: the amplitude of a limit cycle.
         effort_radpm: movement of the front wheels a metre.
-        unreachable_share: of the steps, those whose goal no allowed angle leads to.
+        unreachable_share: share of the steps whose goal cannot be reached within the largest angle.
     """
 
     rms_m: Float[Array, "..."]
@@ -49,7 +49,7 @@ class RolloutMetrics(NamedTuple):
 
 
 def init_metrics(like: Float[Array, "..."]) -> MetricSums:
-    """Nothing seen yet; one value for each of ``like``."""
+    """Sums before the first step; one value for each of ``like``."""
     zero = jnp.zeros_like(like)
     return MetricSums(zero, zero, zero, jnp.full_like(like, jnp.inf), jnp.full_like(like, -jnp.inf), zero, zero)
 
@@ -64,12 +64,12 @@ def step_metrics(
     *,
     tolerance_m: float,
 ) -> MetricSums:
-    """With one more step.
+    """Add one step.
 
     Args:
         sums: so far.
         offset_m: of the anchor from the path, signed.
-        travelled_m: way from the start, the step included.
+        travelled_m: distance from the start, including this step.
         late: the step belongs to the last stretch.
         steered_rad: movement of the wheels in the step, not negative.
         reachable: the step's goal was.
@@ -79,7 +79,7 @@ def step_metrics(
     return MetricSums(
         sums.square_m2 + offset_m * offset_m,
         jnp.maximum(sums.largest_m, error),
-        # Written so that an error that is no number never counts as settled.
+        # Written so that a NaN error never counts as settled.
         jnp.where(error <= tolerance_m, sums.settled_m, travelled_m),
         jnp.where(late, jnp.minimum(sums.low_m, offset_m), sums.low_m),
         jnp.where(late, jnp.maximum(sums.high_m, offset_m), sums.high_m),
@@ -89,7 +89,7 @@ def step_metrics(
 
 
 def finish_metrics(sums: MetricSums, steps: int, travel_m: Float[Array, "..."]) -> RolloutMetrics:
-    """Figures of so many steps over a travel, which is not negative. RMS and effort have gradients everywhere."""
+    """Figures over a number of steps and a travel, which is not negative. RMS and effort have gradients everywhere."""
     square = sums.square_m2 / steps
     some = square > 0.0
     moved = travel_m > 0.0
@@ -103,17 +103,17 @@ def finish_metrics(sums: MetricSums, steps: int, travel_m: Float[Array, "..."]) 
     )
 
 
-# What a pursuit law can stand: lag, delay, reversing, dead band, a wrong gain. Linear, about a straight path.
+# Robustness of a pursuit law to lag, delay, reversing, dead band and gain errors; linear, about a straight path.
 #
 # With e the anchor's offset, ψ the heading, a = l − x_c from the zero-slip point to the anchor and D the look-ahead,
-# the law asks for κ = −(e/D + ψ) / (D/2 + a) while e' = v ψ + a v κ and ψ' = v κ. A forward anchor steadies the
-# vehicle; reversing turns a negative. All functions take scalars or one value a lane.
+# the law asks for κ = −(e/D + ψ) / (D/2 + a) while e' = v ψ + a v κ and ψ' = v κ. A forward anchor stabilises the
+# vehicle; reversing makes a negative. All functions take scalars or arrays.
 
 _CUBIC_STEPS = 8
 
 
 def anchor_lead_m(chassis: Chassis) -> Float[Array, "..."]:
-    """a = l − x_c for small angles: how far the anchor stands ahead of the point without slip."""
+    """a = l − x_c for small angles: distance of the anchor ahead of the zero-slip point."""
     slope = rear_angle(chassis.rear, jnp.zeros_like(chassis.anchor_m))[1]
     return chassis.anchor_m - chassis.wheelbase_m * slope / (1.0 + slope)
 
@@ -133,7 +133,7 @@ def phase_margin_rad(
 ) -> Float[Array, "..."]:
     """Phase margin of the loop with lag and delay; stable where it is positive.
 
-    Lag and delay are worse together than the sum of their shares in each one's own limit.
+    Lag and delay together are worse than the sum of their shares of the individual limits.
     """
     crossover, margin = _crossover(look_ahead_m, lead_m, speed_mps, lag_s)
     return margin - delay_s * crossover
@@ -145,10 +145,10 @@ def _crossover(
     speed_mps: Float[Array, "..."],
     lag_s: Float[Array, "..."],
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Angular frequency where the open loop's gain is one, and the phase that is left there without a delay.
+    """Angular frequency where the open loop's gain is one, and the remaining phase there without a delay.
 
     The open loop is v ((1 + a/D) s + v/D) / ((D/2 + a) s² (τ s + 1)). Its gain is one at the only positive root
-    w = ω² of a cubic; from the root without a lag, which lies above, Newton's steps come down to it.
+    w = ω² of a cubic; Newton's steps converge to it from above, starting at the root without a lag.
     """
     m = 0.5 * look_ahead_m + lead_m
     slope, offset = speed_mps * (1.0 + lead_m / look_ahead_m), speed_mps * speed_mps / look_ahead_m

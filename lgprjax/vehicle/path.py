@@ -1,4 +1,4 @@
-"""A path as a table over arc length: arcs of one length and of constant curvature, straight on beyond both ends.
+"""A path as a table over arc length: arcs of one length and constant curvature, continued straight beyond both ends.
 
 Headings join by construction. Positions join exactly where a path was made of curvatures, and within a few hundredths
 of a millimetre where it was laid through points. Arc length is float32: a path of ten kilometres still resolves a
@@ -25,8 +25,8 @@ class Path(NamedTuple):
 
     Attributes:
         rows: x, y, cosine and sine of the heading at an arc's start, its curvature. The first row leads straight up to
-            the path's start, the last straight away from its end. One row holds all that a look-up needs: rows are
-            fetched whole.
+            the path's start, the last straight away from its end. One row holds everything that a look-up needs: rows
+            are fetched whole.
         spacing_m: length of an arc.
         length_m: of the path.
         laps_per_m: one over the length where the path is closed, 0 where it is open.
@@ -55,11 +55,11 @@ class PathPoint(NamedTuple):
 
 
 class Projection(NamedTuple):
-    """A point's place beside the path.
+    """A point's position relative to the path.
 
     Attributes:
-        arc_m: of its foot.
-        offset_m: from the foot, positive to the left of the path.
+        arc_m: of its foot point.
+        offset_m: from the foot point, positive to the left of the path.
     """
 
     arc_m: Float[Array, "..."]
@@ -86,25 +86,26 @@ def path_point(path: Path, arc_m: Float[Array, "..."]) -> PathPoint:
 
 
 def project(path: Path, near_m: Float[Array, "..."], x_m: Float[Array, "..."], y_m: Float[Array, "..."]) -> Projection:
-    """Foot of a point, on the arc of the table that holds an arc length close to it.
+    """Foot of a point, on the arc of the table at an arc length close to it.
 
-    On that arc and its continuation as a circle the foot is exact. It never looks elsewhere on the path, so where a
-    path crosses itself the foot stays on its own branch; called again with what it gave, it goes on to the next arcs.
+    On that arc and its continuation as a circle the foot is exact. It does not search elsewhere on the path, so that
+    the foot stays on its own branch where a path crosses itself; repeated calls with the previous result move on to the
+    next arcs.
 
     Args:
-        path: to be projected on.
+        path: to project on.
         near_m: arc length near the foot, from the last step.
         x_m, y_m: the point.
     """
     beyond, (x, y, cos, sin, curvature) = _fetch(path, near_m)
     east, north = x_m - x, y_m - y
     along, aside = east * cos + north * sin, north * cos - east * sin
-    # A point near the centre of curvature or beyond it has no foot on this arc; it is kept from getting there.
+    # A point near the centre of curvature or beyond it has no foot on this arc; the result is bounded.
     share = jnp.maximum(1.0 - curvature * aside, 0.1)
     way = along / share
     angle = curvature * way
     square = angle * angle
-    # Both lengths are quotients: XLA computes what divisions share once, anything else again in every use.
+    # Both lengths are quotients: XLA computes shared divisions once, other shared expressions again in every use.
     turned = curvature * along
     bent = aside - 0.5 * curvature * (along * along + aside * aside)
     offset = 2.0 * bent / (1.0 + jnp.sqrt(turned * turned + share * share))
@@ -112,7 +113,7 @@ def project(path: Path, near_m: Float[Array, "..."], x_m: Float[Array, "..."], y
 
 
 def _fetch(path: Path, arc_m: Float[Array, "..."]) -> tuple[Float[Array, "..."], tuple[Float[Array, "..."], ...]]:
-    """The way beyond the start of an arc length's row, and the row."""
+    """Distance of an arc length beyond the start of its row, and the row."""
     lap_m = arc_m - jnp.floor(arc_m * path.laps_per_m) * path.length_m
     row = jnp.clip(jnp.floor(lap_m / path.spacing_m).astype(jnp.int32) + 1, 0, len(path.rows) - 1)
     beyond = lap_m - jnp.maximum(row - 1, 0).astype(arc_m.dtype) * path.spacing_m
@@ -127,7 +128,7 @@ def path_from_curvature(
     start: tuple[float, float, float] = (0.0, 0.0, 0.0),
     closed: bool = False,
 ) -> Path:
-    """A path of arcs of one length, each where the last one ends.
+    """A path of consecutive arcs of one length.
 
     Args:
         curvature_radpm: of each arc.
@@ -136,8 +137,8 @@ def path_from_curvature(
         closed: the end is the start; the caller's curvatures must make it so to a millimetre.
 
     Raises:
-        InputError: no arcs, something that is no number, an arc that turns by more than half a radian, or an end that
-            is not the start.
+        InputError: no arcs, non-finite numbers, an arc that turns by more than half a radian, or a closed path whose
+            end is not its start.
     """
     curvature = np.asarray(curvature_radpm, np.float64)
     if len(curvature) == 0 or not np.all(np.isfinite(curvature)):
@@ -162,8 +163,8 @@ def path_from_points(
 ) -> Path:
     """A path through points: cubic pieces whose headings join, resampled to arcs of one length.
 
-    Points closer together than half an arc are thinned, so that centimetres of noise do not become heading. Positions
-    do not follow the noise further than the pieces do: a log whose points scatter by more should be smoothed first.
+    Points closer together than half an arc are thinned, so that centimetres of noise do not affect the heading.
+    Positions follow the noise only as far as the pieces do: a noisier log should be smoothed first.
 
     Args:
         points_m: in driving order; a closed path's first point is not repeated at its end.
@@ -171,7 +172,7 @@ def path_from_points(
         closed: the last point leads to the first.
 
     Raises:
-        InputError: fewer than three separate points, or something that is no number.
+        InputError: fewer than three separate points, or non-finite numbers.
     """
     points = np.asarray(points_m, np.float64)
     if not np.all(np.isfinite(points)):
@@ -209,7 +210,7 @@ def _table(
 
 
 def _thin(points: Float[np.ndarray, "point 2"], least_m: float, closed: bool) -> Float[np.ndarray, "kept 2"]:
-    """The points but those too close to the last one kept; the end stays unless the path is closed."""
+    """The points without those too close to the last one kept; the end stays unless the path is closed."""
     kept = [0]
     for place in range(1, len(points)):
         if np.hypot(*(points[place] - points[kept[-1]])) >= least_m:
@@ -239,7 +240,7 @@ def _cubic_pieces(
         tangents = np.concatenate([2.0 * slope[:1] - inner[:1], inner, 2.0 * slope[-1:] - inner[-1:]])
     u = (np.arange(len(chord) * _FINE) % _FINE / _FINE)[:, None]
     piece = np.repeat(np.arange(len(chord)), _FINE)
-    # The very end is the last piece's, at u = 1.
+    # The end belongs to the last piece, at u = 1.
     u, piece = np.concatenate([u, [[1.0]]]), np.append(piece, len(chord) - 1)
     low, high, wide = around[piece], around[piece + 1], chord[piece][:, None]
     at_low, at_high = tangents[piece] * wide, tangents[piece + 1] * wide
@@ -250,19 +251,20 @@ def _cubic_pieces(
     return np.concatenate([[0.0], np.cumsum(step)]), position, derivative / wide
 
 
-# The tangent of a wheel angle as a quotient of polynomials, which a compiler can put in vectors.
+# The tangent of a wheel angle as a quotient of polynomials, which a compiler can vectorise.
 
 
 def tangent(angle_rad: Float[Array, "..."]) -> Float[Array, "..."]:
-    """tan by its continued fraction, cut after the fifth term.
+    """tan by its continued fraction, truncated after the fifth term.
 
-    Right to 3e-7 of its value, as float32 rounds, up to 1 rad; to 1e-5 up to 1.3 rad (74°), beyond any wheel's angle.
+    Accurate to 3e-7 of its value, the rounding of float32, up to 1 rad; to 1e-5 up to 1.3 rad (74°), beyond any wheel's
+    angle.
     """
     square = angle_rad * angle_rad
     return angle_rad * (945.0 - square * (105.0 - square)) / (945.0 - square * (420.0 - 15.0 * square))
 
 
-# Courses to drive a vehicle along: line, arc, curve with clothoids, figure of eight.
+# Test courses: line, arc, curve with clothoids, figure of eight.
 #
 # A logged route is a course too: ``path_from_points``.
 
@@ -282,7 +284,7 @@ def line_course(length_m: float, *, heading_rad: float = 0.0) -> Path:
 
 
 def arc_course(radius_m: float, turn_rad: float, hand: Hand = "left") -> Path:
-    """An arc of one radius from the origin, eastward at its start. A whole turn is closed and goes on for ever.
+    """An arc of one radius from the origin, eastward at its start. A whole turn is closed and repeats.
 
     Raises:
         InputError: radius or turn not positive, or a radius below half a metre.
@@ -299,12 +301,12 @@ def arc_course(radius_m: float, turn_rad: float, hand: Hand = "left") -> Path:
 def clothoid_course(
     radius_m: float, turn_rad: float, clothoid_m: float, hand: Hand = "left", *, straight_m: float = 20.0
 ) -> Path:
-    """Straight, clothoid into an arc, clothoid out of it, straight: a curve as roads have.
+    """Straight, clothoid into an arc, clothoid out of it, straight: a road curve.
 
     Args:
         radius_m: of the arc.
         turn_rad: of the whole curve, clothoids included.
-        clothoid_m: length of each; curvature grows in proportion to the way.
+        clothoid_m: length of each; curvature grows in proportion to the distance.
         hand: to which side.
         straight_m: before and after.
 
@@ -322,7 +324,7 @@ def clothoid_course(
     count = math.ceil(ends_m[-1] / SPACING_M)
     step_m = float(ends_m[-1]) / count
     knots_m = np.linspace(0.0, ends_m[-1], count + 1)
-    # The mean curvature of each arc of the table, so that the whole turn is kept: differences of its integral.
+    # The mean curvature of each arc of the table, from differences of its integral, so that the whole turn is exact.
     profile_m = np.unique(np.concatenate([[0.0], ends_m, knots_m]))
     shape = np.interp(profile_m, np.concatenate([[0.0], ends_m]), [0.0, 0.0, 1.0, 1.0, 0.0, 0.0])
     turned = np.concatenate([[0.0], np.cumsum(np.diff(profile_m) * 0.5 * (shape[1:] + shape[:-1]))]) / radius_m

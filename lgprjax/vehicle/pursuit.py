@@ -1,7 +1,7 @@
 """Counter-steer pure pursuit: the front angle that takes the anchor through a goal on one arc.
 
 Goal as seen from the anchor in the body frame: ahead X = D cos η, left Y = D sin η. The anchor, l ahead of the rear
-axle, comes to the goal on the arc about the turn centre exactly when (LL eq. 2)
+axle, reaches the goal on the arc about the turn centre exactly when (LL eq. 2)
 
     (D/2 + l cos η) tan φ + (D/2 + (l − L) cos η) tan ψ(φ) = L sin η / G,
 
@@ -20,12 +20,12 @@ NEWTON_STEPS = 4
 
 
 class Steering(NamedTuple):
-    """What a pursuit law asks of the front wheels.
+    """Command of a pursuit law to the front wheels.
 
     Attributes:
         front_rad: angle, never beyond the largest.
-        reachable: an arc within the largest angle leads through the goal; else the angle is the largest towards the
-            goal's side.
+        reachable: an arc within the largest angle leads through the goal; else the angle is the largest one towards the
+            goal.
     """
 
     front_rad: Float[Array, "..."]
@@ -33,7 +33,7 @@ class Steering(NamedTuple):
 
 
 class _Arms(NamedTuple):
-    """Factors of tan φ and tan ψ, and the side that they must reach."""
+    """Factors of tan φ and tan ψ, and the right side of the equation."""
 
     front: Float[Array, "..."]
     rear: Float[Array, "..."]
@@ -43,7 +43,7 @@ class _Arms(NamedTuple):
 def _arms(
     chassis: Chassis, ahead_m: Float[Array, "..."], left_m: Float[Array, "..."], gain: Float[Array, "..."]
 ) -> _Arms:
-    """The equation times D: no angle is ever taken of the goal."""
+    """The equation times D, so that the goal's angle is not needed."""
     square = ahead_m * ahead_m + left_m * left_m
     return _Arms(
         0.5 * square + chassis.anchor_m * ahead_m,
@@ -81,8 +81,7 @@ def steer_exact(
     """Front angle by LL eq. 2: four Newton steps from the closed form, start and iterates clipped to the largest angle.
 
     A goal is reachable when the left side of the equation rises with φ at 0 and at the largest angle and, there, is
-    not short of the right side. Where it is not the wheels go to the largest angle on the goal's side, and the flag
-    says so.
+    not short of the right side. Otherwise the wheels go to the largest angle on the goal's side, and the flag is False.
 
     Args:
         chassis: geometry and limits.
@@ -96,12 +95,12 @@ def steer_exact(
         value, slope = _left_side(chassis, arms, front)
         step = jnp.where(slope > 0.0, (value - arms.wanted) / jnp.where(slope > 0.0, slope, 1.0), 0.0)
         front = jnp.clip(front - step, -largest, largest)
-    # The left side is odd in φ for k; a measured ψ is taken on the goal's own side.
+    # The left side is odd in φ for k; a measured ψ is evaluated on the goal's own side.
     side = jnp.where(left_m < 0.0, -1.0, 1.0)
     at_largest, slope_at_largest = _left_side(chassis, arms, side * largest)
     _, slope_straight = _left_side(chassis, arms, jnp.zeros_like(left_m))
     reachable = (slope_straight > 0.0) & (slope_at_largest > 0.0) & (side * arms.wanted <= side * at_largest)
-    # The sign of a goal that is no number is none either: nothing asked is not full lock.
+    # The sign of a NaN goal is NaN too: a missing goal must not become full lock.
     return Steering(jnp.where(reachable, front, jnp.sign(left_m) * largest), reachable)
 
 
@@ -120,16 +119,16 @@ def reverse_look_ahead_m(chassis: Chassis) -> Float[Array, "..."]:
     return 2.0 * jnp.abs(chassis.anchor_m - chassis.wheelbase_m * slope / (1.0 + slope))
 
 
-# How far along the path the goal lies: a short constant when slow, a long one when fast (Leonard et al.).
+# Distance of the goal along the path: a short constant at low speed, a long one at high speed (Leonard et al.).
 
 
 class LookAhead(NamedTuple):
-    """A look-ahead over speed. Fields are scalars or one value a lane; equal speeds make a step.
+    """A look-ahead over speed. Fields are scalars or one value per batch element; equal speeds give a step.
 
     Attributes:
         short_m: at and below the slow speed; along the path.
         long_m: at and above the fast one.
-        slow_mps, fast_mps: between them it grows in proportion.
+        slow_mps, fast_mps: between them it grows linearly.
     """
 
     short_m: Float[Array, "..."]
@@ -155,7 +154,7 @@ def constant_look_ahead(length_m: Float[Array, "..."]) -> LookAhead:
 
 # Stanley's law, for comparison: the front axle is steered onto the path by its own offset and heading error.
 #
-# It holds for counter-steered vehicles as it stands, since the front axle moves where the front wheels point (Hoffmann
+# It holds for counter-steered vehicles unchanged, since the front axle moves where the front wheels point (Hoffmann
 # et al., American Control Conference 2007).
 
 _STANDING_MPS = 0.5
@@ -172,8 +171,8 @@ def steer_stanley(
 
     Args:
         chassis: its limits.
-        heading_error_rad: direction of the path less that of the body, at the front axle's projection.
-        offset_m: of the path from the front axle, positive where the path lies to the left.
+        heading_error_rad: direction of the path minus that of the body, at the front axle's projection.
+        offset_m: of the path from the front axle, positive where the path is to the left.
         speed_mps: forward.
         gain_ps: rate, per second, at which a small offset dies out.
     """
@@ -181,29 +180,29 @@ def steer_stanley(
     return jnp.clip(front, -chassis.largest_angle_rad, chassis.largest_angle_rad)
 
 
-# A vehicle that ignores small commands to turn (MF section 4), and pulses that make up for it.
+# Vehicles that ignore small turn commands (MF section 4), and pulses that compensate for it.
 #
-# The command to turn is the difference of the wheel speeds, right less left. Below the threshold the vehicle drives
-# straight on at the wheels' mean speed; from the threshold on it obeys in full. A controller with feedback cannot see
+# The turn command is the difference of the wheel speeds, right minus left. Below the threshold the vehicle drives
+# straight on at the wheels' mean speed; from the threshold on it follows fully. A feedback controller does not know
 # that: it waits until its error is large enough, then turns too far.
 #
-# The compensation keeps account of the turn that was asked for and not obeyed. When half a pulse is owed, one pulse
-# just above the threshold is sent; on the average the vehicle turns as asked. It needs no more than a bound of the
-# threshold: pulses that are higher than necessary are shorter in their sum.
+# The compensation accumulates the turn that was commanded and not executed. When half a pulse is due, one pulse just
+# above the threshold is sent; on average the vehicle turns as commanded. An upper bound of the threshold suffices:
+# higher pulses are fewer.
 
 PULSE_S = 0.06
-"""Length of a pulse, a few ticks: what it is longer is a delay to the guidance."""
+"""Length of a pulse, a few ticks: longer pulses delay the guidance."""
 _ABOVE = 1.05
-"""Height of a pulse over the threshold, so that rounding does not lose it."""
+"""Height of a pulse above the threshold, so that rounding does not suppress it."""
 
 
 class PulseState(NamedTuple):
-    """What the compensation carries from step to step.
+    """State of the compensation from step to step.
 
     Attributes:
-        owed_m: way that the right side is still to gain on the left one, by what was asked and not obeyed.
+        owed_m: distance that the right side must still gain on the left one: commanded and not executed.
         side: 1 in a pulse to the left, −1 to the right, 0 in none.
-        left_s: how long the pulse goes on.
+        left_s: remaining time of the pulse.
     """
 
     owed_m: Float[Array, "..."]
@@ -212,14 +211,14 @@ class PulseState(NamedTuple):
 
 
 def obeyed_wheels(threshold_mps: Float[Array, "..."], wheels: WheelSpeeds) -> WheelSpeeds:
-    """What a vehicle with a threshold of the wheels' difference makes of a command; 0 obeys everything."""
+    """Wheel speeds that a vehicle with a threshold of their difference executes; 0 executes everything."""
     mean = 0.5 * (wheels.left_mps + wheels.right_mps)
     obeys = jnp.abs(wheels.right_mps - wheels.left_mps) >= threshold_mps
     return WheelSpeeds(jnp.where(obeys, wheels.left_mps, mean), jnp.where(obeys, wheels.right_mps, mean))
 
 
 def init_pulses(like: Float[Array, "..."]) -> PulseState:
-    """Nothing owed; one value for each of ``like``."""
+    """No turn due; one value for each of ``like``."""
     zero = jnp.zeros_like(like)
     return PulseState(zero, zero, zero)
 
@@ -227,14 +226,14 @@ def init_pulses(like: Float[Array, "..."]) -> PulseState:
 def step_pulses(
     threshold_mps: Float[Array, "..."], state: PulseState, asked: WheelSpeeds, step_s: Float[Array, "..."]
 ) -> tuple[PulseState, WheelSpeeds]:
-    """State and the wheels to tell a vehicle with a threshold; ``settle_pulses`` follows when they were sent.
+    """State and the wheel speeds to send to a vehicle with a threshold; call ``settle_pulses`` after sending them.
 
-    A turn that the vehicle obeys passes as it is. Standing, nothing is pulsed and nothing stays owed.
+    A turn above the threshold passes unchanged. At standstill there are no pulses and nothing stays due.
 
     Args:
-        threshold_mps: of the wheels' difference, or a little more; 0 changes nothing.
+        threshold_mps: of the wheels' difference, or slightly more; 0 changes nothing.
         state: of the last step.
-        asked: wheels that are wanted.
+        asked: commanded wheel speeds.
         step_s: time step.
     """
     mean, turn = 0.5 * (asked.left_mps + asked.right_mps), asked.right_mps - asked.left_mps
@@ -257,10 +256,10 @@ def settle_pulses(
     sent: WheelSpeeds,
     step_s: Float[Array, "..."],
 ) -> PulseState:
-    """The account after a step: what was asked less what the vehicle makes of what was sent.
+    """The accumulated turn after a step: commanded minus executed.
 
-    A limiter's ramp may keep a pulse below the threshold for some steps; the account knows. More than a pulse is never
-    owed: what the limits of the wheels do not allow is not made up for later.
+    A limiter's ramp may keep a pulse below the threshold for some steps; this is accounted for. Never more than one
+    pulse is due: turns beyond the limits of the wheels are not made up for later.
     """
     obeyed = obeyed_wheels(threshold_mps, sent)
     missing = (asked.right_mps - asked.left_mps) - (obeyed.right_mps - obeyed.left_mps)

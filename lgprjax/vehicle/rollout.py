@@ -1,6 +1,6 @@
-"""Vehicles driven along a path in closed loop: foot, goal, law, servo, arc; so many steps, one lane or a million.
+"""Closed-loop rollouts along a path: foot, goal, law, servo, arc; for one vehicle or a million.
 
-All functions work on lanes of any shape, so a batch is a leading axis of every field and ``vmap`` gives the same.
+All functions take batches of any shape: a batch is a leading axis of every field, equivalent to ``vmap``.
 """
 
 from collections.abc import Callable
@@ -23,26 +23,27 @@ from lgprjax.vehicle.metrics import MetricSums, RolloutMetrics, finish_metrics, 
 from lgprjax.vehicle.path import Path, Projection, path_point, project, tangent
 from lgprjax.vehicle.pursuit import NEWTON_STEPS, LookAhead, Steering, look_ahead_m, steer_closed, steer_stanley
 
-# What a rollout takes and gives: its spec, its lanes, their state, their trace.
+# Inputs and outputs of a rollout: spec, vehicles, state, trace.
 #
-# A lane is one vehicle with its own numbers; a batch is a leading axis of every field. What drives (``chassis``) and
-# what the law takes it for (``believed``) are two fields: errors of k, of the yaw gain or of the anchor are studied by
-# making them differ.
+# A lane is one vehicle with its own parameters, an element of the batch. The true vehicle (``chassis``) and the law's
+# model of it (``believed``) are two fields: errors of k, of the yaw gain or of the anchor are studied by making them
+# differ.
 
 
 @dataclass(frozen=True)
 class RolloutSpec:
-    """What is the same for all lanes of a rollout, and compiled in.
+    """Static settings of a rollout, the same for all vehicles.
 
     Attributes:
-        steps: how many.
+        steps: their number.
         step_s: of each; the vehicle may turn by up to half a radian in one.
-        law: pursuit, exact (LL eq. 2) or closed form (LL eq. 3); or, for comparison, Stanley's, which wants the anchor
-            at the front axle. Plain pure pursuit is the exact law of a chassis with the anchor at the rear axle, k = 0.
-        stanley_gain_ps: of Stanley's law alone.
+        law: pursuit, exact (LL eq. 2) or closed form (LL eq. 3); or, for comparison, Stanley's, which requires the
+            anchor at the front axle. Plain pure pursuit is the exact law of a chassis with the anchor at the rear axle,
+            k = 0.
+        stanley_gain_ps: of Stanley's law only.
         delay_slots: steps of the longest delay that a servo has.
         tolerance_m: of the settling distance.
-        tail_m: last stretch of travel, in which a limit cycle is looked for.
+        tail_m: last stretch of travel, searched for a limit cycle.
     """
 
     steps: int
@@ -59,11 +60,12 @@ class RolloutSpec:
 
 
 class RolloutLane(NamedTuple):
-    """A vehicle, what it is taken for, and how it is to drive. Fields are scalars or one value a lane.
+    """A vehicle, the law's model of it, and its speed and look-ahead. Fields are scalars or one value per batch
+    element.
 
     Attributes:
-        chassis: that drives; its largest angle limits nothing here, the believed one does.
-        believed: that the law reckons with. Infinite characteristic speed: nothing is fed forward.
+        chassis: the true one; its largest angle is not used, that of ``believed`` is.
+        believed: the law's model. Infinite characteristic speed: no feed-forward.
         servo: turns the wheels.
         supply_v: at the servo.
         speed_mps: along the body axis, constant; negative in reverse.
@@ -79,14 +81,14 @@ class RolloutLane(NamedTuple):
 
 
 class RolloutState(NamedTuple):
-    """Where a lane is.
+    """State of a vehicle.
 
     Attributes:
         x_m, y_m: rear axle.
         cos_yaw, sin_yaw: heading; carried as these, turned by each arc.
         arc_m: of the foot of the true anchor on the path.
-        advance_m: of the foot in the last step: where to look for it in the next.
-        servo: wheels and what they wait for.
+        advance_m: of the foot in the last step, to predict the next.
+        servo: wheels and pending commands.
     """
 
     x_m: Float[Array, "..."]
@@ -99,12 +101,12 @@ class RolloutState(NamedTuple):
 
 
 class RolloutTrace(NamedTuple):
-    """What a lane did, step by step, as it stood when each step began; the wheels as they stood at its end.
+    """Trace of a vehicle: its state at the beginning of each step, and the wheels at its end.
 
     Attributes:
         x_m, y_m, yaw_rad: pose of the rear axle.
         arc_m, offset_m: of the anchor along and from the path, left positive.
-        command_rad, front_rad: of the front wheels, asked for and reached.
+        command_rad, front_rad: of the front wheels, commanded and reached.
         reachable: the goal was.
     """
 
@@ -127,11 +129,11 @@ def start_rollout(
     *,
     delay_slots: int = 0,
 ) -> RolloutState:
-    """A lane at rest beside its path, wheels straight.
+    """A vehicle at rest near its path, wheels straight.
 
     Args:
-        path: to be followed.
-        lane: whose true anchor is placed.
+        path: to follow.
+        lane: the vehicle; its true anchor is placed.
         arc_m: along the path.
         offset_m: from it, positive to the left.
         heading_rad: error of heading, from the path's direction to the left.
@@ -146,23 +148,23 @@ def start_rollout(
     return RolloutState(x, y, cos, sin, arc_m + zero, zero, init_servo(zero, delay_slots=delay_slots))
 
 
-# The exact pursuit law as a rollout solves it: what a lane's geometry gives is worked out once, before its steps.
+# The exact pursuit law as solved in a rollout: terms of the geometry are computed once, before the steps.
 #
 # The equation, the limits and the sense of ``reachable`` are those of ``steer_exact``. Lengths are in wheelbases,
-# tangents are quotients of polynomials, and only the last Newton step carries a gradient: at a root its gradient is
-# the root's.
+# tangents are quotients of polynomials, and only the last Newton step has a gradient: at a root it equals that of the
+# root.
 
 
 class LaneLaw(NamedTuple):
-    """A lane's pursuit law.
+    """The pursuit law of one vehicle.
 
     Attributes:
         rear: how the rear wheels follow.
         lead: anchor ahead of the rear axle, in wheelbases.
-        loss: one over the yaw gain that is fed forward.
+        loss: one over the feed-forward yaw gain.
         largest_rad: of the front wheels.
         slope_straight: dψ/dφ with straight wheels.
-        left, right: what the wheels do at the largest angle to either side.
+        left, right: wheels at the largest angle to either side.
     """
 
     rear: Rear
@@ -175,7 +177,7 @@ class LaneLaw(NamedTuple):
 
 
 class _Lock(NamedTuple):
-    """tan φ and tan ψ at a largest angle, and how fast both rise with φ."""
+    """tan φ and tan ψ at a largest angle, and their slopes over φ."""
 
     front: Float[Array, "..."]
     rear: Float[Array, "..."]
@@ -184,7 +186,7 @@ class _Lock(NamedTuple):
 
 
 def prepare_law(chassis: Chassis, gain: Float[Array, "..."]) -> LaneLaw:
-    """The law of a chassis as it is believed, at a believed yaw gain."""
+    """The law for a model of the chassis and its yaw gain."""
     largest = chassis.largest_angle_rad
     return LaneLaw(
         chassis.rear,
@@ -211,7 +213,7 @@ def steer_lane(law: LaneLaw, ahead: Float[Array, "..."], left: Float[Array, "...
     largest = law.largest_rad
     lock = jnp.sign(left) * largest
     rise = front_arm + law.slope_straight * rear_arm
-    # The closed form with the arc tangent's continued fraction, cut early: it need only be near.
+    # The closed form with the arc tangent's continued fraction, truncated early: a starting value is enough.
     ratio = wanted / jnp.where(rise > 0.0, rise, 1.0)
     square = ratio * ratio
     start = jnp.where(rise > 0.0, ratio * (15.0 + 4.0 * square) / (15.0 + 9.0 * square), lock)
@@ -258,7 +260,7 @@ def _at_lock(
 
 
 class _Prepared(NamedTuple):
-    """What of a lane does not change from step to step."""
+    """Quantities of a vehicle that are constant over the steps."""
 
     law: LaneLaw
     ahead_m: Float[Array, "..."]
@@ -272,15 +274,15 @@ class _Prepared(NamedTuple):
 def roll_out(
     spec: RolloutSpec, path: Path, lane: RolloutLane, start: RolloutState
 ) -> tuple[RolloutState, RolloutMetrics]:
-    """Drive, and say how well.
+    """Roll out and return the final state and metrics.
 
-    Gradients are taken through all steps, each recomputed on the way back so that only states are kept.
+    Gradients are taken through all steps, each recomputed in the backward pass so that only states are kept.
 
     Args:
-        spec: the same for all lanes; a new one compiles anew.
-        path: for all lanes.
+        spec: the same for all vehicles; a new one is compiled anew.
+        path: for all vehicles.
         lane: one, or many along a leading axis.
-        start: from ``start_rollout``, with the shape of the lanes.
+        start: from ``start_rollout``, with the shape of ``lane``.
 
     Returns:
         State after the last step, and metrics over all steps.
@@ -294,7 +296,7 @@ def roll_out(
 def roll_out_traced(
     spec: RolloutSpec, path: Path, lane: RolloutLane, start: RolloutState
 ) -> tuple[RolloutState, RolloutMetrics, RolloutTrace]:
-    """The same with every step kept: for a few lanes."""
+    """``roll_out`` with every step kept, for few vehicles."""
     (final, sums), trace = _run(spec, path, lane, start, traced=True)
     assert trace is not None
     travel_m = jnp.abs(lane.speed_mps) * (spec.step_s * spec.steps) + jnp.zeros_like(start.x_m)
@@ -311,7 +313,7 @@ def _run(
     ) -> tuple[tuple[RolloutState, MetricSums], RolloutTrace | None]:
         state, sums = carried
         after, seen = _step(spec, path, lane, fixed, state)
-        # Metres still to go decide what is late: the last step always is.
+        # The remaining metres decide what is late: the last step always is.
         late = (spec.steps - number) * jnp.abs(fixed.way_m) < spec.tail_m
         travelled_m = number * jnp.abs(fixed.way_m)
         moved = jnp.abs(after.servo.wheel_rad - state.servo.wheel_rad)
@@ -323,7 +325,7 @@ def _run(
 
 
 class _Seen(NamedTuple):
-    """What a step found out on its way."""
+    """Intermediate results of a step."""
 
     offset_m: Float[Array, "..."]
     command_rad: Float[Array, "..."]
@@ -332,7 +334,7 @@ class _Seen(NamedTuple):
 
 def _prepare(spec: RolloutSpec, lane: RolloutLane) -> _Prepared:
     believed_gain = yaw_gain(lane.believed.characteristic_speed_mps, lane.speed_mps)
-    # Reversing, the goal lies behind along the path.
+    # When reversing, the goal is behind along the path.
     ahead = jnp.where(lane.speed_mps < 0.0, -1.0, 1.0) * look_ahead_m(lane.look_ahead, lane.speed_mps)
     return _Prepared(
         prepare_law(lane.believed, believed_gain),
@@ -426,31 +428,31 @@ def _trace(state: RolloutState, after: RolloutState, seen: _Seen) -> RolloutTrac
     )
 
 
-# Many lanes on the host: chunks of one shape, as many at once as there are cores.
+# Many vehicles on the host: chunks of one shape, as many at once as there are cores.
 
 CHUNK = 8192
-"""Lanes at once: a step's numbers stay in a core's caches, and calls between the steps are few."""
+"""Vehicles in a chunk: a step's numbers fit a core's caches, and calls between the steps are few."""
 
 
 def roll_out_many(
     spec: RolloutSpec, path: Path, lane: RolloutLane, start: RolloutState, *, chunk: int = CHUNK
 ) -> tuple[RolloutState, RolloutMetrics]:
-    """``roll_out`` of any number of lanes in bounded memory: beside what goes in and comes out, a few chunks.
+    """``roll_out`` for any number of vehicles in bounded memory: inputs, outputs and a few chunks.
 
     Args:
         spec: the same for all.
         path: for all.
-        lane: fields with one value a lane, or scalars for all; a measured ψ(φ) is for all.
-        start: one value a lane.
-        chunk: lanes at once. It changes the time, not the result.
+        lane: fields with one value per vehicle, or scalars for all; a measured ψ(φ) is for all.
+        start: one value per vehicle.
+        chunk: vehicles at once; affects the time, not the result.
 
     Returns:
-        Final states and metrics, NumPy arrays with one value a lane.
+        Final states and metrics, NumPy arrays with one value per vehicle.
     """
     count = len(start.x_m)
     size = min(chunk, count)
     bounds = [(low, min(low + size, count)) for low in range(0, count, size)]
-    # On the host once: a cut of an array on the device would be compiled for every place.
+    # On the host once: a slice of an array on the device would be compiled for every start.
     host_lane, host_start = _map_lanes(np.asarray, lane), tree_map(np.asarray, start)
 
     def run(low: int, high: int) -> tuple[RolloutState, RolloutMetrics]:
@@ -470,7 +472,7 @@ Leaf = Float[np.ndarray, "..."]
 
 
 def _map_lanes(change: Callable[[Leaf], Leaf], lane: RolloutLane) -> RolloutLane:
-    """Every field that may have one value a lane; a measured ψ(φ) has none."""
+    """Map over every field that may have one value per vehicle; a measured ψ(φ) has none."""
 
     def measured(node: object) -> bool:
         return isinstance(node, MeasuredRear)
@@ -480,7 +482,7 @@ def _map_lanes(change: Callable[[Leaf], Leaf], lane: RolloutLane) -> RolloutLane
 
 
 def _cut(values: Leaf, low: int, high: int, size: int) -> Leaf:
-    """Lanes from low to high, the last repeated up to the size; a scalar as it is. Lanes are the last axis."""
+    """Vehicles from low to high, the last repeated up to the size; a scalar as it is. Vehicles are the last axis."""
     if values.ndim == 0:
         return values
     part = values[..., low:high]

@@ -1,8 +1,8 @@
 """Sensors of the steering: a potentiometer for the absolute angle and the servo's encoder, whose zero is unknown.
 
-The steering angle that both read is that of the linkage's shaft, scaled so that near straight it is the front wheels'
-angle; with a proportional linkage it is the wheels' angle throughout. The encoder sits at the motor, the potentiometer
-at the wheels: the play of the linkage lies between them.
+Both measure the steering angle, which is that of the linkage's shaft, scaled so that near straight it is the front
+wheels' angle; with a proportional linkage it is the wheels' angle throughout. The encoder sits at the motor, the
+potentiometer at the wheels: the play of the linkage is between them.
 """
 
 from typing import NamedTuple
@@ -12,10 +12,10 @@ from jaxtyping import Float
 
 
 class Potentiometer(NamedTuple):
-    """Voltage over steering angle: a polynomial, straight line as a rule.
+    """Voltage over steering angle: a polynomial, usually a straight line.
 
     Attributes:
-        straight_v: voltage where the wheels stand straight.
+        straight_v: voltage with straight wheels.
         per_rad_v: V/rad, V/rad², … of the steering angle: at least the first.
         largest_rad: steering angle up to which the polynomial holds, to either side.
     """
@@ -30,7 +30,7 @@ class Encoder(NamedTuple):
 
     Attributes:
         counts_per_rad: of steering angle.
-        zero_counts: reading where the wheels stand straight; another one at every start.
+        zero_counts: reading with straight wheels; different after every start.
     """
 
     counts_per_rad: float
@@ -47,23 +47,23 @@ def read_encoder(sensor: Encoder, steering_rad: Float[np.ndarray, " *n"]) -> Flo
     return np.asarray(np.round(sensor.zero_counts + sensor.counts_per_rad * steering_rad))
 
 
-# What a vehicle's log holds of a drive: its signals on one clock.
+# Signals of a vehicle's log on one clock.
 
 
 class DriveSignals(NamedTuple):
-    """Signals of a drive at common times. What a log does not hold is ``None``.
+    """Signals of a drive at common times. Signals that a log does not hold are ``None``.
 
-    Position and heading are not a number at a record without one of their own: GNSS is slower than the servo, and
+    Position and heading are NaN at a record without a measurement of their own: GNSS is slower than the servo, and
     values drawn between fixes would share their noise.
 
     Attributes:
         time_s: increasing; steps may be uneven.
         east_m, north_m: rear axle, level local metres.
-        sigma_position_m: of each of the two, as navigation says it.
+        sigma_position_m: of each of the two, as stated by navigation.
         yaw_rad: heading of the body by INS, counter-clockwise from east, without jumps of a turn.
         sigma_yaw_rad: of it.
-        travel_m: signed cumulative way by odometry; falls in reverse.
-        command_rad: front angle that the servo was told.
+        travel_m: signed cumulative travel by odometry; falls in reverse.
+        command_rad: front angle commanded to the servo.
         front_rad, rear_rad: measured wheel angles, counter-clockwise positive: the rear wheels' is negative in a left
             turn.
         potentiometer_v: of the absolute wheel angle.

@@ -1,4 +1,4 @@
-"""What was driven over a field: plans, records of the ground worked, figures."""
+"""Plans of fields, records of the ground worked, and their figures."""
 
 from lgprjax.worked.layers import CoverFigures, LayerFigures, cover_figures, cover_layers
 from lgprjax.worked.plans import (

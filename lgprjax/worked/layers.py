@@ -30,12 +30,12 @@ def layer_name(level: float) -> str:
 def cover_layers(record: WorkedRecord, organisation: str) -> tuple[GeoLayer, ...]:
     """Layers of a record, in degrees of longitude and latitude.
 
-    Processed ground is the union of the cells that are processed at a level, cut at the perimeter: it never holds
-    ground that no such cell covers. Gaps are the field without the processed ground of the lowest level, area by area.
+    Processed ground is the union of the cells that are processed at a level, clipped to the perimeter; it contains no
+    other ground. Gaps are the field minus the processed ground of the lowest level, one shape per area.
 
     Args:
-        record: to be shown.
-        organisation: that is responsible, as every shape carries it.
+        record: to export.
+        organisation: that is responsible, stored with every shape.
 
     Raises:
         InputError: shapely is missing.
@@ -80,12 +80,12 @@ def cells_union(record: WorkedRecord, chosen: Bool[np.ndarray, "north east"]) ->
     shapely = require_shapely()
     cells = record.cells
     faces = shapely.get_parts(shapely.polygonize(shapely.linestrings(_edges(chosen))))
-    # Holes come as faces too: what is ground is told by the cell that a face has somewhere in it.
+    # Holes come as faces too: the cell at a point inside a face tells whether it is ground.
     inner = shapely.point_on_surface(faces)
     column, row = (np.floor(get(inner)).astype(np.int64) for get in (shapely.get_x, shapely.get_y))
     ground = shapely.multipolygons(faces[chosen[row, column]])
     corner = np.array([cells.east_m, cells.north_m])
-    # In whole cells the ground is exact; metres come last.
+    # In whole cells the ground is exact; metres are computed last.
     return shapely.transform(ground, lambda places: corner + cells.cell_m * places)
 
 
@@ -98,7 +98,7 @@ def _edges(chosen: Bool[np.ndarray, "north east"]) -> Float[np.ndarray, "edge 2 
     meet &= np.pad(upright, ((0, 1), (0, 0))) | np.pad(upright, ((1, 0), (0, 0)))
     parts = []
     for edges, corners, order in ((level, meet, (1, 0)), (upright.T, meet.T, (0, 1))):
-        # Edges of one line follow each other: the n-th that begins at a corner is ended by the n-th that ends at one.
+        # Edges of one line are in order: the n-th start of an edge belongs to the n-th end.
         line, first = np.nonzero(edges & corners[:, :-1])
         last = np.nonzero(edges & corners[:, 1:])[1] + 1
         ends = np.stack([np.stack([line, first], axis=1), np.stack([line, last], axis=1)], axis=1)
@@ -136,7 +136,7 @@ def _swaths(shapely: Any, record: WorkedRecord, common: dict[str, Any]) -> GeoLa
 def _gaps(
     shapely: Any, record: WorkedRecord, field: Any, lowest: tuple[float, np.ndarray], common: dict[str, Any]
 ) -> GeoLayer:
-    """The field without what is processed at the lowest level: what is uncertain, and all else."""
+    """The field minus the processed ground of the lowest level: uncertain ground, and the rest."""
     level, state = lowest
     processed = cells_union(record, state == CellState.PROCESSED)
     left = shapely.difference(field, processed)
@@ -200,7 +200,7 @@ def _layer(
 
 
 def _polygons(shapely: Any, shape: Any) -> list[Any]:
-    """Polygons of a shape; lines and points that cutting leaves behind have no area."""
+    """Polygons of a shape; lines and points left over by clipping have no area."""
     parts = shapely.get_parts(shape)
     inner = [each for part in parts for each in shapely.get_parts(part)]
     return [each for each in inner if each.geom_type == "Polygon" and each.area > _NO_AREA_M2]
@@ -221,22 +221,22 @@ def _dates(record: WorkedRecord) -> dict[str, str]:
 
 
 def _text(line: str) -> str:
-    """An event in a few words: names and values of its JSON."""
+    """An event as short text: names and values of its JSON."""
     told = json.loads(line)
     return ", ".join(f"{name} {value}" for name, value in told.items()) if isinstance(told, dict) else str(told)
 
 
-# What a record of a worked field says in numbers, and what may be said of the ground by it.
+# Figures of a record of a worked field, and the statement that they support.
 
 PAC = 0.95
-"""Probability that the sentence about a layer is asked to hold with."""
+"""Probability with which the statement about a layer must hold."""
 
 
 class LayerFigures(NamedTuple):
     """A layer at one level; areas are those of cells whose centre lies inside the perimeter.
 
     Attributes:
-        level: probability that each processed cell has at least.
+        level: least probability of each processed cell.
         processed_m2, uncertain_m2, not_processed_m2: areas.
         share: processed, of the field.
         mean_miss: mean probability over the processed cells that the best pass missed the cell.
@@ -253,7 +253,7 @@ class LayerFigures(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """What may be said of the layer, if the errors on board were as the filter had them."""
+        """Statement about the layer, valid if the onboard filter's errors were as estimated."""
         if self.processed_m2 == 0.0:
             return f"No cell is processed at {100.0 * self.level:g} %."
         return (
@@ -264,14 +264,14 @@ class LayerFigures(NamedTuple):
 
 
 class CoverFigures(NamedTuple):
-    """A record in numbers.
+    """Figures of a record.
 
     Attributes:
         area_m2: of the field.
         layers: one a level, rising.
-        passes, way_m: how many, and how long together.
-        depth_mean_m, depth_least_m: measured while cells counted; ``None`` where none did.
-        stops: how many, by reason.
+        passes, way_m: their number, and total length.
+        depth_mean_m, depth_least_m: measured while cells counted; ``None`` without any.
+        stops: number by reason.
         hours: from the first to the last moment.
         moments: ten a second; fixed: share of them with a fixed GNSS position.
     """
@@ -288,13 +288,13 @@ class CoverFigures(NamedTuple):
     fixed: float
 
     def as_json(self) -> dict[str, object]:
-        """For who computes with them."""
+        """For programs."""
         layers = [{**layer._asdict(), "sentence": layer.sentence} for layer in self.layers]
         return {**self._asdict(), "layers": layers, "pac": PAC}
 
 
 def cover_figures(record: WorkedRecord) -> CoverFigures:
-    """Numbers of a record."""
+    """Figures of a record."""
     cells, channels, passes = record.cells, record.channels, record.passes
     inside = inside_of(record)
     reasons = [stop_words(int(each)) for each in record.stops.reasons]
@@ -318,7 +318,7 @@ def cover_figures(record: WorkedRecord) -> CoverFigures:
 
 
 def grid_of(record: WorkedRecord) -> CellGrid:
-    """The grid that a record's cells are of."""
+    """The grid of a record's cells."""
     cells = record.cells
     return CellGrid(cells.east_m, cells.north_m, cells.cell_m, *cells.probability.shape)
 
@@ -334,7 +334,7 @@ def square_metres(area_m2: float) -> str:
 
 
 def percent(share: float) -> str:
-    """A share in per cent, rounded down to two decimals: never more than it is."""
+    """A share in per cent, rounded down to two decimals."""
     return f"{math.floor(1e4 * share + 1e-9) / 100.0:.2f} %"
 
 
@@ -346,7 +346,7 @@ def _figures_layer(
     processed = counts[CellState.PROCESSED]
     miss = _misses(record.cells.probability[inside][state == CellState.PROCESSED])
     mean_miss = float(miss.mean()) if processed else 1.0
-    # Markov: however the errors of cells hang together, P(missed share > d) <= E[missed share] / d.
+    # Markov: whatever the correlation between the errors of cells, P(missed share > d) <= E[missed share] / d.
     worked = max(1.0 - mean_miss / (1.0 - PAC), 0.0)
     return LayerFigures(
         level=level,

@@ -1,4 +1,4 @@
-"""Plans of fields: from corners on a map to lines and turns in metres, and what of a record is still to be worked."""
+"""Plans of fields: from corners on a map to swaths and turns in metres, and for the gaps of a record."""
 
 import math
 from collections.abc import Callable
@@ -28,20 +28,20 @@ from lgprjax.formats.coverage_files import FieldPlaces, read_field
 from lgprjax.formats.worked import FULL, WorkedRecord
 from lgprjax.frames import LocalFrame
 
-# A record and a plan for its gaps are of one field when their perimeters agree so well.
+# Largest difference between the perimeters of a record and of a plan for its gaps.
 _SAME_FIELD_M = 0.05
-# Room asked for where nobody said how much there is: more than any field needs.
+# Turning room used when none is given: more than any field needs.
 _ANY_ROOM_M = 1000.0
 
 
 class PlanOptions(NamedTuple):
-    """What a person decides about a pattern.
+    """Options of a pattern.
 
     Attributes:
-        overlap: least share of the tool's width that neighbouring lines both work.
-        order: of the lines.
-        turning_room_m: how far beyond the perimeter the vehicle may go; ``None``: as far as the turns need.
-        heading_deg: of the first line, clockwise from true north; ``None``: along the first side.
+        overlap: least share of the tool's width in which neighbouring swaths overlap.
+        order: of the swaths.
+        turning_room_m: distance that the vehicle may go beyond the perimeter; ``None``: as far as the turns need.
+        heading_deg: of the first swath, clockwise from true north; ``None``: along the first side.
     """
 
     overlap: float = 0.2
@@ -63,7 +63,7 @@ def check_plan_options(options: PlanOptions, level: float) -> None:
 
 
 class PlanFile(NamedTuple):
-    """A plan as it lies on disk: runs name the plan that they were driven by with its SHA-256."""
+    """A plan on disk; runs refer to it by its SHA-256."""
 
     path: Path
     sha256: str
@@ -89,14 +89,14 @@ def make_cover_plan(
         field_file: see ``read_field``.
         vehicle_file: of a skid-steer vehicle.
         options: of the pattern.
-        worked: only what this record leaves below the level is planned for; the field must be its own.
-        level: probability that a cell needs to be left out.
+        worked: plan only for the cells that this record leaves below the level; the field must be the same.
+        level: probability from which a cell is left out.
 
     Returns:
-        The plan; ``None`` where the record leaves no gap.
+        The plan; ``None`` if the record leaves no gap.
 
     Raises:
-        InputError: a file that cannot be used, corners that make no field, a pattern that does not fit.
+        InputError: an unusable file, corners that form no field, a pattern that does not fit.
     """
     places, vehicle = read_field(field_file), read_vehicle(vehicle_file)
     tool = tool_of(vehicle, vehicle_file)
@@ -137,7 +137,7 @@ def make_cover_plan(
 
 
 def save_cover_plan(path: str | Path, plan: CoverPlan, *, force: bool = False) -> None:
-    """Write a plan with its turns drawn.
+    """Write a plan including points along its turns.
 
     Raises:
         InputError: the output exists (without ``force``) or cannot be written.
@@ -151,7 +151,7 @@ def _lay_within(
     field: Field,
     room_m: float | None,
 ) -> Pattern | None:
-    """The pattern within a turning room; without one within the room that its turns turn out to need."""
+    """The pattern within a turning room; without one, within the room that its turns need."""
     if room_m is not None:
         return lay(settings_for(room_m))
     pattern = lay(settings_for(_ANY_ROOM_M))

@@ -41,26 +41,26 @@ from lgprjax.run_records import RecordKind, payload_type
 from lgprjax.run_segment import segments_of
 from lgprjax.worked.plans import PlanFile
 
-# What a recorded run of a skid-steer vehicle tells of the field that it worked.
+# Coverage data of a recorded run of a skid-steer vehicle.
 
 
 class RunEvent(NamedTuple):
-    """What a program on board told, and when."""
+    """An event reported by a program on board, with its time."""
 
     utc_ns: int
     text: str
 
 
 class CoverRun(NamedTuple):
-    """A run as its record of coverage needs it.
+    """A run as input of a record of coverage.
 
     Attributes:
         name: of its folder.
         utc_ns: of each moment, by the computer on board, strictly rising.
         rows: ``cover`` payloads, one a moment.
-        events: what the programs told, in order.
+        events: events of the programs, in order.
         provenance: UUID, whether it is complete, and each segment's SHA-256.
-        plan_sha256: of the plan that it was driven by; ``None`` where the run does not tell.
+        plan_sha256: of the plan that it was driven by; ``None`` if unknown.
     """
 
     name: str
@@ -72,7 +72,7 @@ class CoverRun(NamedTuple):
 
 
 def read_cover_run(folder: str | Path) -> CoverRun:
-    """Read a run; what is damaged or lost in it is left out, and its provenance says so.
+    """Read a run; damaged or lost data are left out, and its provenance says so.
 
     Args:
         folder: of the run.
@@ -120,7 +120,7 @@ def read_cover_run(folder: str | Path) -> CoverRun:
 
 
 def _line(payload: bytes) -> str:
-    """JSON on one line; what is none is kept as text."""
+    """JSON on one line; invalid JSON is kept as text."""
     text = payload.decode("utf-8", "replace")
     try:
         return json.dumps(json.loads(text))
@@ -137,21 +137,21 @@ def _plan_of(payload: bytes) -> str | None:
     return told if isinstance(told, str) else None
 
 
-# Passes, ways of the tool and stops of recorded runs: stretches of moments that belong together.
+# Passes, tracks of the tool and stops of recorded runs: stretches of consecutive moments.
 
 _COUNTS = 8
 _POINT_M = 0.2
-# Reasons that come and go within this time are one stop.
+# Stops separated by less than this time are one.
 _SAME_STOP_S = 1.0
 
 
 def passes_of_runs(runs: Sequence[CoverRun], tool: Tool, t0_ns: int) -> tuple[CoverPasses, CoverSwaths]:
-    """Stretches of one line over which cells counted, and the way of the tool's centre on each.
+    """Stretches of one swath over which cells counted, and the track of the tool's centre on each.
 
     Args:
         runs: in order.
         tool: that worked.
-        t0_ns: UTC that times count from.
+        t0_ns: UTC origin of times.
     """
     found: list[tuple[float, ...]] = []
     points: list[Float[np.ndarray, "point 3"]] = [np.zeros((0, 3))]
@@ -183,7 +183,7 @@ def stops_of_runs(runs: Sequence[CoverRun], t0_ns: int) -> CoverStops:
 
     Args:
         runs: in order.
-        t0_ns: UTC that times count from.
+        t0_ns: UTC origin of times.
     """
     found: list[tuple[float, ...]] = []
     for number, run in enumerate(runs):
@@ -204,7 +204,7 @@ def stops_of_runs(runs: Sequence[CoverRun], t0_ns: int) -> CoverStops:
 
 
 def _stretches(held: Bool[np.ndarray, " moment"], changes: np.ndarray) -> Iterator[tuple[int, int]]:
-    """First and last moment of each stretch that holds throughout, cut where something changes."""
+    """First and last moment of each stretch in which a condition holds, split where a key changes."""
     begins = held & ~np.concatenate([[False], held[:-1]])
     begins[changes] |= held[changes]
     starts = np.flatnonzero(begins)
@@ -214,7 +214,7 @@ def _stretches(held: Bool[np.ndarray, " moment"], changes: np.ndarray) -> Iterat
 
 
 def _thinned(step_m: Float[np.ndarray, " step"]) -> Bool[np.ndarray, " moment"]:
-    """Moments about ``_POINT_M`` of way apart, the first and the last among them."""
+    """Moments about ``_POINT_M`` of travel apart, including the first and the last."""
     way_m = np.concatenate([[0.0], np.cumsum(step_m)])
     kept = np.concatenate([[True], np.diff(np.floor(way_m / _POINT_M)) > 0.0])
     kept[-1] = True
@@ -222,9 +222,9 @@ def _thinned(step_m: Float[np.ndarray, " step"]) -> Bool[np.ndarray, " moment"]:
 
 
 COUNTS = 8
-"""The bit of ``cover``'s tool field that says that cells count."""
+"""The bit of ``cover``'s tool field meaning that cells count."""
 _BLOCK = 256
-# Two moments are a tenth of a second apart. Where one is missing nobody knows what the tool did.
+# Moments are a tenth of a second apart. Where one is missing the state of the tool is unknown.
 _LONGEST_STEP_NS = 250_000_000
 
 
@@ -237,13 +237,13 @@ def record_cover(
 ) -> WorkedRecord:
     """The record of a field.
 
-    Cells beyond the perimeter are kept as far as the tool is wide, so that what was worked there is seen.
+    Cells beyond the perimeter are kept for one tool width, so that work there is visible.
 
     Args:
-        plans: of the field; the first names it, others are for gaps of it. Their tool is the one that worked.
+        plans: of the field; the first defines it, others are for its gaps. All have the same tool.
         runs: over it, each by one of the plans.
         cell_m: side of a cell.
-        progress: told the moments done, now and then; those where nothing counts are soon done.
+        progress: called with the number of moments done, now and then.
 
     Raises:
         InputError: no run, the same run twice, one by another plan, plans of different fields or tools, or cells too
@@ -288,23 +288,23 @@ def record_cover(
             "other_plans": [{"file": each.path.name, "sha256": each.sha256} for each in plans[1:]],
             "vehicle": {"name": plan.vehicle_name, "sha256": plan.vehicle_sha256},
             "runs": [{**run.provenance, "plan_sha256": run.plan_sha256} for run in ordered],
-            "combined": "the largest probability of any pass of any run, a cell",
+            "combined": "the largest probability of any pass of any run, per cell",
         },
     )
 
 
 def whole_down(probability: Float[np.ndarray, "north east"]) -> UInt16[np.ndarray, "north east"]:
-    """Probabilities as whole numbers of 1/65535, never more than they were; what is no number is none."""
+    """Probabilities as whole numbers of 1/65535, rounded down; NaN becomes 0."""
     known = np.clip(np.nan_to_num(np.asarray(probability, np.float64)), 0.0, 1.0)
     return np.floor(known * FULL).astype(np.uint16)
 
 
 def moments_of_run(run: CoverRun) -> tuple[np.ndarray, ...]:
-    """Fields of ``ToolMoment`` over a run, on the host; in a hole of the recording one that does not count."""
+    """Fields of ``ToolMoment`` over a run, on the host; a gap of the recording gets a moment that does not count."""
     rows = run.rows
     holes = np.flatnonzero(np.diff(run.utc_ns) > _LONGEST_STEP_NS) + 1
     on = np.insert((rows["tool"] & COUNTS) != 0, holes, False)
-    # One moment that does not count ends a pass as well as many.
+    # A single moment that does not count ends a pass.
     kept = on | np.concatenate([[True], on[:-1]])
 
     def filled(name: str) -> np.ndarray:
@@ -324,7 +324,7 @@ def _probability(
     for start in range(0, count, _BLOCK):
         block = [each[start : start + _BLOCK] for each in moments]
         short = _BLOCK - len(block[0])
-        # Filled up with moments that do not count: one compiled size serves every run.
+        # Padded with moments that do not count: one compiled size serves every run.
         full = [np.concatenate([each, np.repeat(each[-1:], short, axis=0)]) for each in block]
         full[-1] &= np.arange(_BLOCK) < _BLOCK - short
         state = run_worked(grid, tool, state, ToolMoment(*(jnp.asarray(each) for each in full)))
@@ -335,7 +335,7 @@ def _probability(
 
 
 def _check_plans(plans: Sequence[PlanFile]) -> None:
-    """Cells of two plans coincide only about one anchor."""
+    """Cells of two plans coincide only with the same anchor."""
     first = plans[0].plan
     for path, _, plan in plans[1:]:
         if plan.frame != first.frame or plan.tool != first.tool:
@@ -350,7 +350,7 @@ def _check_runs(plans: Sequence[PlanFile], runs: Sequence[CoverRun]) -> None:
     seen: dict[str, str] = {}
     for run in runs:
         if run.plan_sha256 not in known:
-            expected = "a run by this plan, or by another one that --plan names too"
+            expected = "a run by this plan, or by another one given with --plan"
             found = "none that it tells" if run.plan_sha256 is None else f"the plan {run.plan_sha256[:12]}..."
             raise InputError(run.name, "plan", expected, found)
         identity = str(run.provenance["run"])
@@ -377,7 +377,7 @@ def _events(runs: Sequence[CoverRun], t0_ns: int) -> CoverEvents:
         if not run.events:
             continue
         utc_ns = np.array([event.utc_ns for event in run.events], np.int64)
-        # The newest moment before; before the first one nothing was known.
+        # The newest earlier moment; before the first one nothing was known.
         before = np.searchsorted(run.utc_ns, utc_ns, side="right") - 1
         place = np.stack([run.rows["x_m"][before], run.rows["y_m"][before]], axis=1)
         time_s.append(_seconds(utc_ns, t0_ns))

@@ -130,7 +130,7 @@ def test_a_rerun_does_nothing_and_then_only_what_changed(
     before = {path: path.stat().st_mtime_ns for path in short.one.glob("*.fixes.*")}
     assert register(short.map, short.drives, short.one, "--workers", 2) == 0
     told = capsys.readouterr().out
-    assert f"{DRIVES} drives: 0 registered now, {DRIVES} as they were, 0 failed" in told
+    assert f"{DRIVES} drives: 0 registered now, {DRIVES} up to date, 0 failed" in told
     assert {path: path.stat().st_mtime_ns for path in short.one.glob("*.fixes.*")} == before
     wanted = hashes(short.one, short.drives)
     (short.one / "short_03.fixes.h5").unlink()
@@ -138,7 +138,7 @@ def test_a_rerun_does_nothing_and_then_only_what_changed(
     broken.write_bytes(short.drives[0].read_bytes()[:5000])
     assert register(short.map, [*short.drives, broken], short.one, "--workers", 1) == 1
     out, err = capsys.readouterr()
-    assert f"{DRIVES + 1} drives: 1 registered now, {DRIVES - 1} as they were, 1 failed" in out
+    assert f"{DRIVES + 1} drives: 1 registered now, {DRIVES - 1} up to date, 1 failed" in out
     assert err.strip().splitlines()[-1].startswith(f"lgprjax: {broken}: file: expected a whole HDF5 file")
     assert hashes(short.one, short.drives) == wanted
     page = (short.one / "archive.html").read_text(encoding="utf-8")

@@ -34,7 +34,7 @@ def test_distance_is_that_of_the_nearest_pair(site: Site, north_deg: float, monk
             assert words is None
         else:
             told = f"{found_m:.0f} m" if found_m < 1e3 else f"{found_m / 1e3:.1f} km"
-            assert words == f"the drive lies {told} from the map {source.description.name} (nearest point)"
+            assert words == f"the drive is {told} from the map {source.description.name} (nearest point)"
 
 
 def test_what_labels_rest_on_is_told_by_baseline() -> None:

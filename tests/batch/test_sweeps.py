@@ -239,7 +239,7 @@ def test_a_band_that_cannot_serve_the_map_is_refused(site: Site, sweep_map: Path
         with pytest.raises(InputError) as caught:
             recording.operator(default_chain(900e6, 0.035), 50)
         assert words in str(caught.value)
-        with pytest.raises(InputError, match="expected no --centre-frequency-mhz: sweeps say their band, found 250"):
+        with pytest.raises(InputError, match="expected no --centre-frequency-mhz: sweeps define their band, found 250"):
             build_map([sweeps["live"]], sweep_map.parent / "a.map.h5", centre_frequency_hz=250e6)
     with DriveLog.open(site.logs["live"]) as log:
         recording_of(log).operator(sweep_chain(FREQUENCIES_HZ, 0.035), 50)

@@ -136,7 +136,7 @@ def test_a_track_of_positions_that_jump(aside: Path) -> None:
         drive = track_of_drive(log, LocalFrame(42.0, 11.0, 0.0))
         time_s = log.scan_time_s
     assert (drive.jumps_bridged, drive.breaks) == (1, 0)
-    assert jump_line(drive) == "travel jumps that no vehicle drives: 1 bridged at local speed"
+    assert jump_line(drive) == "travel jumps that no vehicle can drive: 1 bridged at local speed"
     # 2 m/s on the circle, and its tangent: a chord of the raw positions would look 60 degrees aside at the step.
     np.testing.assert_allclose(drive.track.travel_m - drive.track.travel_m[0], 2.0 * time_s, atol=0.03)
     np.testing.assert_allclose(drive.track.speed_mps, 2.0, atol=0.05)

@@ -74,7 +74,7 @@ def test_a_drive_that_kills_three_workers_is_given_up_and_the_others_are_done(tm
     error = found["doomed"].error
     assert error is not None
     assert str(error) == (
-        "/nowhere/doomed.drive.h5: registration: expected a worker that lives, "
+        "/nowhere/doomed.drive.h5: registration: expected a worker that survives, "
         "found 3 that died, the last by signal 9 (Killed)"
     )
     assert found["doomed"].attempts == 3

@@ -298,7 +298,7 @@ def test_map_info_tells_of_maps_that_borrow_a_noise_floor_or_have_none_yet(
         del store["chance"]
     assert run("map", "info", small, "--json", tmp_path / "small.json") == 0
     told = json.loads((tmp_path / "small.json").read_text())["noise_floor"]
-    assert told == "pooled over many grounds: this map is too small to tell its own; 17 independent pieces"
+    assert told == "pooled over many grounds: this map is too small for its own; 17 independent pieces"
     assert run("map", "info", old, "--json", tmp_path / "old.json") == 0
     assert json.loads((tmp_path / "old.json").read_text())["least_score"] is None
     assert "measured at the first registration" in " ".join(capsys.readouterr().out.replace("│", " ").split())

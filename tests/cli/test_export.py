@@ -29,7 +29,7 @@ def test_there_and_back(drive: Path, capsys: pytest.CaptureFixture[str]) -> None
     recording, again = drive.with_name("a.mcap"), drive.with_name("b.drive.h5")
     assert run("export", drive, "-o", recording) == 0
     assert capsys.readouterr().out == (
-        f"wrote {recording}: 300 scans\nnot in it, there are no messages for them: truth, vehicle\n"
+        f"wrote {recording}: 300 scans\nnot exported, as there are no messages for them: truth, vehicle\n"
     )
     assert run("import", "mcap", recording, "-o", again) == 0
     assert capsys.readouterr().out == f"wrote {again}\n"

@@ -65,7 +65,7 @@ def test_import_check_and_what_is_in_it(case: str, tmp_path: Path, capsys: pytes
     assert "--force" in capsys.readouterr().err
     assert output.read_bytes() == before
     assert run("import", verb, *paths, *options, "-o", output, "--force") == 0
-    assert "put at latitude 0, longitude 0" in capsys.readouterr().out
+    assert "set to latitude 0, longitude 0" in capsys.readouterr().out
 
 
 def test_segy_with_a_utm_zone_needs_no_origin(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -222,7 +222,7 @@ def test_table_has_a_row_a_line_and_says_what_is_assumed(tmp_path: Path, capsys:
     assert "place on the earth (latitude 0, longitude 0)" in assumed
     assert "direction (as stored)" in assumed
     assert wrote == f"wrote {output}"
-    assert origin.startswith("the site's origin was put at latitude 0, longitude 0")
+    assert origin.startswith("the site's origin was set to latitude 0, longitude 0")
     # A single line cannot tell its direction; where it lies was said.
     assert run("import", paths[0], "--latitude-deg", 48, "-o", output, "--force") == 0
     head, row, _, assumed, wrote = capsys.readouterr().out.splitlines()

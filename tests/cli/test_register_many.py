@@ -24,7 +24,7 @@ def status_of(*arguments: object) -> int:
         (["--workers", "-2"], "--workers: expected 1 to 4096, found -2"),
         (["--workers", "2", "--threads", "0"], "--threads: expected 1 to 4096, found 0"),
         (["--workers", "2", "--scheduler", "tcp://localhost:1"], "expected one of them, found both"),
-        (["--threads", "2"], "--threads: expected --workers or --scheduler beside it"),
+        (["--threads", "2"], "--threads: expected --workers or --scheduler"),
         (["--workers", "1", "--search-m", "0.2"], "--search-m"),
         (["--workers", "1", "--search-m", "100"], "--search-m: expected at most about "),
     ],

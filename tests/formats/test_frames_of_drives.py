@@ -81,5 +81,5 @@ def test_fixes_by_moment(tmp_path: Path) -> None:
     ]
     assert frame.attrs["name"] == "a"
     assert list(frame["correlation"].loc["2024-05-02"]) == [0.6, 0.7]
-    with pytest.raises(InputError, match=r"a\.fixes\.csv: @t0_utc: expected the moment"):
+    with pytest.raises(InputError, match=r"a\.fixes\.csv: @t0_utc: expected the origin of its times"):
         read_fixes_frame(paths[0])

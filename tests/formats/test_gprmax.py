@@ -233,7 +233,7 @@ def test_bad_scans_are_one_line_and_leave_nothing(tmp_path: Path, case: str) -> 
 
 
 def test_scans_that_are_too_little(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"positions: expected --step-m \(a merged file has lost them\), found none"):
+    with pytest.raises(InputError, match=r"positions: expected --step-m \(a merged file lacks positions\), found none"):
         read_gprmax([_merged(tmp_path / "m.out")])
     with pytest.raises(InputError, match="expected files of at least 2 traces in different places, found 1"):
         read_gprmax(_scan(tmp_path, count=1))

@@ -137,7 +137,7 @@ def test_without_stamps_the_times_of_recording_count(tmp_path: Path) -> None:
     log, notes = _imported(tmp_path, messages)
     with log:
         np.testing.assert_allclose(log.scan_time_s, 0.02 + np.arange(50) / 20.0, atol=1e-9)
-    assert "/rover/gps: headers have no stamps, times of recording were taken" in notes
+    assert "/rover/gps: headers have no stamps, times of recording were used" in notes
 
 
 def test_clocks_that_do_not_agree_are_told(tmp_path: Path) -> None:
@@ -148,7 +148,7 @@ def test_clocks_that_do_not_agree_are_told(tmp_path: Path) -> None:
         return values | {"header": {"stamp": {**stamp, "sec": stamp["sec"] - 2}, "frame_id": ""}}
 
     _, notes = _imported(tmp_path, changed(rover_messages(), "/rover/gps", ahead))
-    assert any("/rover/gps: stamps lie 2 s before those of /rover/gpr" in note for note in notes)
+    assert any("/rover/gps: stamps are 2 s before those of /rover/gpr" in note for note in notes)
 
 
 def test_the_antenna_is_not_the_axle(tmp_path: Path) -> None:
@@ -256,7 +256,7 @@ _FEWER = {"channels": 1, "data": bytes(32)}
         (_each("/rover/gps", latitude=float("nan")), {}, "one of type sensor_msgs/msg/NavSatFix with pos"),
         (_each("/rover/gpr", sample_interval_ns=0.0), {}, "sample_interval_ns: expected a number above zero, found 0"),
         (_each("/rover/gpr", encoding="uint12"), {}, "expected one of type lgprjax_msgs/msg/RadarScan"),
-        (_each("/rover/gpr", encoding="complex64", samples=4, calibration=bytes(32)), {}, "RadarArray beside sweeps"),
+        (_each("/rover/gpr", encoding="complex64", samples=4, calibration=bytes(32)), {}, "RadarArray for sweeps"),
         (
             lambda m: changed(m, "/rover/gpr", lambda n, v: v | (_FEWER if n == 20 else {})),
             {},

@@ -48,7 +48,7 @@ def test_without_neighbours_the_signal_counts_and_without_anything_nothing() -> 
     expected = np.sqrt(0.4) / 0.6 / (np.sqrt(0.8) / 0.2)
     assert found[1].weight == pytest.approx(expected, rel=1e-3)
     assert found[1].weight < found[2].weight < 1.0
-    assert found[2].reasons.startswith("age not known; no other beside it, signal not known")
+    assert found[2].reasons.startswith("age not known; no other nearby, signal not known")
 
 
 def test_a_baseline_beside_no_other_is_judged_by_its_signal_among_others() -> None:

@@ -214,7 +214,7 @@ def test_a_drive_that_does_not_belong_there_changes_nothing(
         with h5py.File(drive, "r+") as store:
             store["gnss_ins/latitude_deg"][...] += 1e-3
         # A thousandth of a degree is 111 m; the road is a little nearer than that.
-        expected = "/gnss_ins: expected a drive over the map's ground, known to 1.5 m, found the drive lies 110 m from"
+        expected = "/gnss_ins: expected a drive over the map's ground, known to 1.5 m, found the drive is 110 m from"
     elif wrong == "short":
         first_scans(trench.newer[1], drive, 100)
         expected = "expected fixes that agree over 5 m"

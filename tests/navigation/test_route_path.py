@@ -98,8 +98,8 @@ def test_turned_over_gears_stay_and_the_order_turns() -> None:
         (lambda t: RouteTrack("t", np.where(np.arange(200)[:, None] == 7, np.nan, t.points_m), t.yaw_rad), "point 7: "),
         (lambda t: RouteTrack("t", np.delete(t.points_m, range(50, 180), 0), np.delete(t.yaw_rad, range(50, 180))),
          r"4\.9 m along the route: expected gaps of at most 10 m, found 13\.1 m"),
-        (lambda t: RouteTrack("t", t.points_m[:15], t.yaw_rad[:15]), "a way of at least 2 m"),
-        (lambda t: RouteTrack("t", t.points_m[:1], t.yaw_rad[:1]), "a way of at least 2 m"),
+        (lambda t: RouteTrack("t", t.points_m[:15], t.yaw_rad[:15]), "travel of at least 2 m"),
+        (lambda t: RouteTrack("t", t.points_m[:1], t.yaw_rad[:1]), "travel of at least 2 m"),
     ],
 )  # fmt: skip
 def test_a_track_that_is_no_route_is_refused_with_its_place(change: object, message: str) -> None:

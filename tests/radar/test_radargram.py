@@ -57,7 +57,7 @@ def test_the_gain_never_raises_noise_to_the_ground() -> None:
 def test_silence_and_gaps_stay_what_they_are(frequency_hz: float | None) -> None:
     silent = clear_view(radargram(np.zeros((5, 30)), frequency_hz=frequency_hz))
     assert not silent.amplitude.any()
-    assert silent.steps[2] == "no gain: none is due"
+    assert silent.steps[2] == "no gain needed"
     gap = np.random.default_rng(2).normal(size=(5, 30))
     gap[2] = np.nan
     assert (

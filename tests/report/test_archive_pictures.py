@@ -133,4 +133,4 @@ def test_the_page_names_failures_and_places(tmp_path: Path) -> None:
 def test_a_page_without_bad_places_says_so(tmp_path: Path) -> None:
     words = page(tmp_path, failed=(), bad=())
     assert "Drives that failed" not in words
-    assert "No place where a scan went without a right fix." in words
+    assert "No place with a scan that lacks a correct fix." in words

@@ -91,7 +91,7 @@ def test_sections_say_what_kind_of_drive_it_was() -> None:
         drive_section(drive, summarise(drive), ()).text
         for drive in (straight_drive(), without_truth(), declined_drive(), declined_drive(impostor=False))
     ]
-    assert "have a known truth, and 0 lie more than 0.3 m from it" in texts[0]
+    assert "have a known truth, and 0 are more than 0.3 m from it" in texts[0]
     assert "No truth is known" in texts[1]
     assert "0 of 200 tried scans were" in texts[2]
     assert "no position from the map" in texts[3]

@@ -74,7 +74,7 @@ def test_the_bar_is_as_long_as_the_ground_is_alike(tmp_path: Path, drawn: list[F
     ends = np.concatenate([segment[:, 1] for c in bars for segment in c.get_segments()])  # type: ignore[attr-defined]
     assert np.ptp(ends) == pytest.approx(0.31)
     caption = drawn[0].get_supxlabel().replace("\n", " ")
-    assert "does not say when" in caption
+    assert "has no date for" in caption
     assert "Ages to 2026-11-22." in caption
     assert "Cells of 1 m" in caption
 

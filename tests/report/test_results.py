@@ -133,7 +133,7 @@ def test_rows_carry_units() -> None:
 
 
 def test_unknown_code_and_partial_truth_are_refused() -> None:
-    with pytest.raises(ValueError, match="codes that no fix has: perfect"):
+    with pytest.raises(ValueError, match="unknown codes: perfect"):
         hand_drive(code=np.full(6, "perfect"))
     with pytest.raises(ValueError, match="truth needs"):
         hand_drive(truth_yaw_rad=None)

@@ -74,7 +74,7 @@ def test_bad_examples(vector: dict[str, Any]) -> None:
         assert RefusalReason(first.reason).name.lower() == vector["verdict"]
         assert first.data == raw[: len(first.data)]
         assert parser.counts.total() == len(found)
-    with pytest.raises(ValueError, match="not one whole frame"):
+    with pytest.raises(ValueError, match="not one complete frame"):
         decode(raw)
     # What went wrong never costs the frame after it: a whole further one brings out what was held back.
     after = parser.feed(_COMMAND) + parser.feed(_COMMAND)

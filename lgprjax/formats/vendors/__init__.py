@@ -1,1 +1,1 @@
-"""Readers of instruments and programs that are not ours: line files of four makers, SEG-Y, gprMax, open data sets."""
+"""Readers of other instruments and programs: line files of four makers, SEG-Y, gprMax, open data sets."""

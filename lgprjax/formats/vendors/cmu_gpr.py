@@ -16,7 +16,7 @@ from lgprjax.formats.profile import Assumed
 from lgprjax.formats.survey_track import TRACK_ASSUMED, SurveyOrigin, path_headings_deg, straight_track, track
 from lgprjax.radar.array import ArrayGeometry
 
-# The data set's README names the first, its programs the second.
+# The first is in the data set's README, the second in its programs.
 _ODOMETRY = ("we_odom.csv", "we_odom_meas.csv")
 # The antenna of every sequence is a Noggin 500.
 _CENTRE_FREQUENCY_HZ = 500e6
@@ -35,21 +35,21 @@ def import_cmu(
 
     ``gpr_meas.csv`` is time and amplitudes, ``we_odom.csv`` time and signed distance in metres, ``ts_meas.csv`` time
     and x, y, z of a total station in metres; the latter may be absent or empty. Times are Unix seconds. With a total
-    station its positions are navigation and truth, its frame laid with the origin on ``place`` and x along the
-    heading, and the vehicle's heading follows the path (reversing told by the odometry). Without, the vehicle drives
-    straight along the heading as far as the odometry says. Scans outside the time of odometry or truth are left out.
-    ``imu_meas.csv`` and the camera are not used: a drive log has no place for them.
+    station its positions are navigation and truth, its frame placed with the origin at ``place`` and x along the
+    heading, and the vehicle's heading follows the path (reversing is detected from the odometry). Without, the vehicle
+    drives straight along the heading by the distance of the odometry. Scans outside the time of odometry or truth are
+    left out. ``imu_meas.csv`` and the camera are not used: a drive log has no datasets for them.
 
     Args:
         sequence_dir: the folder.
-        time_window_ns: two-way travel time that a trace spans; the data set does not publish it.
-        time_zero_ns: how long after sample 0 time zero lies.
+        time_window_ns: two-way travel time of a trace, which is not published with the data set.
+        time_zero_ns: time zero, relative to sample 0.
         place: origin and direction; the sequences have no latitude and longitude.
         output: the drive log.
         force: replace an output that exists.
 
     Raises:
-        InputError: a file is missing or damaged, or times do not belong together.
+        InputError: a file is missing or damaged, or times do not overlap.
     """
     folder = Path(sequence_dir)
     place.check(output)
@@ -115,7 +115,7 @@ def _assumed(place: SurveyOrigin, *, surveyed: bool) -> Assumed:
 
 
 def _table(file: Path, what: str, columns: int | None) -> tuple[Float[np.ndarray, "row column"], int]:
-    """Rows of numbers under a heading, times strictly rising; and how many rows repeated a time and were left out."""
+    """Rows of numbers under a heading, times strictly rising; and the number of rows left out for repeated times."""
     read: dict[str, Any] = {"header": None, "low_memory": False, "skip_blank_lines": True}
     try:
         with file.open("rb") as stream:
@@ -164,7 +164,7 @@ def _tracks(
         return straight_track(distance_m - distance_m[0], place, odometry_time_s), None
     time_s = truth[:, 0] - t0_s
     angle = np.deg2rad(place.heading_deg)
-    # The frame's x lies along the heading and y to the left of it.
+    # The frame's x is along the heading and y to the left of it.
     east_m = truth[:, 1] * np.sin(angle) - truth[:, 2] * np.cos(angle)
     north_m = truth[:, 1] * np.cos(angle) + truth[:, 2] * np.sin(angle)
     plane = pyproj.Proj(proj="aeqd", ellps="WGS84", lat_0=place.latitude_deg, lon_0=place.longitude_deg)

@@ -19,21 +19,21 @@ from lgprjax.formats.profile import Profile
 from lgprjax.formats.store import DAMAGE
 from lgprjax.formats.survey_track import SurveyOrigin
 
-# One file of gprMax: the traces of a receiver, their interval, and where source and receiver stood.
+# One file of gprMax: the traces of a receiver, their interval, and the places of source and receiver.
 
 # Models are metres in size: positions beyond this are damage.
 _FARTHEST_M = 1e6
 
 
 class GprMaxTraces(NamedTuple):
-    """What one file holds.
+    """Contents of one file.
 
     Attributes:
         traces: one trace, or those of a merged B-scan.
         dt_s: simulated interval between samples.
         start_s: time of the first sample.
-        midpoint_m: midway between source and receiver; ``None`` in a merged file, which has lost it.
-        centre_frequency_hz: of the source's pulse, where the file says (version 4).
+        midpoint_m: midway between source and receiver; ``None`` in a merged file, which lacks it.
+        centre_frequency_hz: of the source's pulse, if known (version 4).
         component: the field component.
     """
 
@@ -69,7 +69,7 @@ def read_gprmax_file(file: Path, receiver: int, component: str | None) -> GprMax
         dt_s = _number(file, data.attrs.get("SampleInterval", store.attrs.get("dt")), "dt")
         if not dt_s > 0:
             raise InputError(file, "dt", "seconds above zero", f"{dt_s:g}")
-        # Magnetic fields and currents live half a step before the electric ones.
+        # Magnetic fields and currents are half a step before the electric ones.
         offset_s = data.attrs.get("TimeSampleOffset", -0.5 * dt_s if name[0] in "HI" else 0.0)
         excitation = store.get("srcs/src1/excitation")
         frequency = None if excitation is None else excitation.attrs.get("WaveformFrequency")
@@ -123,7 +123,7 @@ def _midpoint_m(file: Path, store: h5py.File, receiver: h5py.Group) -> Float[np.
     return middle
 
 
-# Traces at another, coarser sample interval, without aliases: a windowed sinc evaluated where samples are wanted.
+# Traces at a coarser sample interval without aliasing, by a windowed sinc.
 
 # Half the filter's length in output samples, and the Kaiser window of 80 dB. Its transition is 0.21 of the output
 # rate wide: it passes up to 0.29 of the output rate unchanged and stops at the output's Nyquist frequency.
@@ -137,10 +137,11 @@ _BLOCK_SAMPLES = 256
 def resample(
     traces: Float[np.ndarray, "trace sample"], interval: float, new_interval: float
 ) -> Float[np.ndarray, "trace new_sample"]:
-    """Traces at ``new_interval``, which is at least ``interval``, from the same first sample on; unchanged if equal.
+    """Traces at ``new_interval``, which is at least ``interval``, from the same first sample on; unchanged if the
+    intervals are equal.
 
     Frequencies up to 0.29 of the new rate keep amplitude and phase, those above its Nyquist frequency are 80 dB
-    down. Before its first sample a trace is taken for zero, after its last one for the last value.
+    down. Before its first sample a trace is taken as zero, after its last one as the last value.
 
     Raises:
         ValueError: the new interval is finer than the old.
@@ -172,7 +173,7 @@ def share_above(traces: Float[np.ndarray, "trace sample"], interval: float, freq
     return float(spectrum[:, frequencies > frequency].sum()) / total if total > 0 else 0.0
 
 
-# Sample intervals to choose from, ns: the coarsest that keeps all but this share of the energy is taken.
+# Sample intervals to choose from, ns: the coarsest that loses at most this share of the energy is used.
 _INTERVALS_NS = (1.0, 0.5, 0.25, 0.2, 0.1, 0.05, 0.025, 0.02, 0.01)
 _LOST_ENERGY = 1e-4
 
@@ -189,21 +190,21 @@ def read_gprmax(
 ) -> Profile:
     """Read the files of single traces of one B-scan, in the order of their numbers, or one merged B-scan.
 
-    A single trace lies midway between its source and receiver; the midpoints must lie in a line, and the position
-    is the distance along it. A merged file has lost them: ``start_m`` and ``step_m`` say them. The simulation's
-    interval, some picoseconds, is resampled without aliases.
+    A single trace is midway between its source and receiver; the midpoints must be on a line, and the position is the
+    distance along it. A merged file lacks them: give ``start_m`` and ``step_m``. The simulation's interval, some
+    picoseconds, is resampled without aliases.
 
     Args:
         paths: the files, in any order.
-        component: field component; without it ``Ez``, or the only one there is.
+        component: field component; by default ``Ez``, or the only one.
         receiver: number of the receiver, from 1.
-        sample_interval_ns: interval to resample to; without it the coarsest of 0.01 to 1 ns that keeps 99.99 % of
+        sample_interval_ns: interval to resample to; by default the coarsest of 0.01 to 1 ns that keeps 99.99 % of
             the energy.
         time_zero_ns: time of the simulation that counts as zero, such as the delay of the source's pulse.
         start_m, step_m: position of the first trace and distance between traces of a merged file.
 
     Raises:
-        InputError: a file is missing, damaged or another format, or the files are no B-scan.
+        InputError: a file is missing, damaged or another format, or the files are not a B-scan.
     """
     files = _in_order(paths)
     if not files:
@@ -220,7 +221,7 @@ def read_gprmax(
     traces = np.concatenate([trace.traces for trace in read])
     merged = len(files) == 1 and len(traces) > 1
     if merged and step_m is None:
-        raise InputError(files[0], "positions", "--step-m (a merged file has lost them)", "none")
+        raise InputError(files[0], "positions", "--step-m (a merged file lacks positions)", "none")
     if not merged and step_m is not None:
         raise InputError(files[0], "--step-m", "a merged B-scan", "files that say their positions")
     positions_m = start_m + np.arange(len(traces)) * (step_m or 0.0) if merged else _positions_m(files, read)
@@ -266,8 +267,8 @@ def import_gprmax(
 ) -> None:
     """Write a simulated B-scan as a drive log of one channel that leaves ``place`` straight along its heading.
 
-    The arguments are those of ``read_gprmax``. Position 0 of the model stands at the origin, so that passes over one
-    model lie where they belong.
+    The arguments are those of ``read_gprmax``. Position 0 of the model is at the origin, so that passes over one model
+    are placed consistently.
 
     Raises:
         InputError: see ``read_gprmax``.

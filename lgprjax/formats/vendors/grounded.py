@@ -36,9 +36,9 @@ def import_grounded(
     """Write the run in a folder as a drive log, streaming.
 
     ``run.npy`` is [scan, sample, channel], ``run_UTM_point.npy`` [scan, channel, 2] (easting and northing of each
-    channel, metres). Channels may stand in either order: the one that is leftmost in the direction of motion
-    becomes channel 0. The heading stands across the channel line, so standing scans keep it; the body origin is
-    the middle of the channels.
+    channel, metres). Channels may be in either order: the one that is leftmost in the direction of motion becomes
+    channel 0. The heading is perpendicular to the channel line, so that standing scans keep it; the body origin is the
+    middle of the channels.
 
     Args:
         run_dir: the folder.
@@ -49,7 +49,7 @@ def import_grounded(
         force: replace an output that exists.
 
     Raises:
-        InputError: a file is missing or damaged, shapes disagree, positions are not finite or never move.
+        InputError: a file is missing or damaged, shapes disagree, or positions are not finite or never move.
     """
     folder = Path(run_dir)
     projection = utm_projection(folder, utm_zone)
@@ -78,7 +78,7 @@ def import_grounded(
     forward = _forward(positions_m, motion_m)
     time_s = np.arange(scans) / scan_rate_hz
     assumed: Assumed = {
-        "time": f"{scan_rate_hz:g} scans a second, as told; the moment is unknown",
+        "time": f"{scan_rate_hz:g} scans a second, as given; the date is unknown",
         "odometry": "from the positions",
         "height": "taken as 0",
         **TRACK_ASSUMED,
@@ -87,7 +87,7 @@ def import_grounded(
         assumed["heading"] = "along the path"
     description = DriveDescription(
         name=folder.resolve().name,
-        # The run has no clock: the epoch says that the moment is not known.
+        # The run has no clock: the epoch means that the date is unknown.
         t0_utc="1970-01-01T00:00:00Z",
         array=_array(folder, positions_m, forward),
         recording=TraceRecording(sample_interval_ns, 0.0, zero_level, None, samples),
@@ -142,7 +142,9 @@ def _positions_m(path: Path, points: np.ndarray) -> Float[np.ndarray, "scan chan
 def _is_right_to_left(
     folder: Path, positions_m: Float[np.ndarray, "scan channel 2"], motion_m: Float[np.ndarray, "scan 2"]
 ) -> bool:
-    """Whether the first channel is the right one. The whole run votes by metres: most of it is driven forwards."""
+    """Whether the first channel is the right one, decided over all metres of the run, most of which is driven
+    forward.
+    """
     if positions_m.shape[1] == 1:
         return False
     across = positions_m[:, 0] - positions_m[:, -1]
@@ -160,7 +162,7 @@ def _is_right_to_left(
 def _forward(
     positions_m: Float[np.ndarray, "scan channel 2"], motion_m: Float[np.ndarray, "scan 2"]
 ) -> Float[np.ndarray, "scan 2"]:
-    """Unit vector of the vehicle's heading on the grid; from the motion where there is but one channel."""
+    """Unit vector of the vehicle's heading on the grid; from the motion if there is only one channel."""
     if positions_m.shape[1] > 1:
         left = positions_m[:, 0] - positions_m[:, -1]
         forward = np.stack([left[:, 1], -left[:, 0]], axis=1)
@@ -175,7 +177,7 @@ def _forward(
 def _array(
     folder: Path, positions_m: Float[np.ndarray, "scan channel 2"], forward: Float[np.ndarray, "scan 2"]
 ) -> ArrayGeometry:
-    """Antennas about their middle: the median over the run of what the positions show in the body frame."""
+    """Antennas about their middle: the median over the run of the positions in the body frame."""
     offsets = positions_m - positions_m.mean(axis=1, keepdims=True)
     along = offsets[..., 0] * forward[:, None, 0] + offsets[..., 1] * forward[:, None, 1]
     leftward = offsets[..., 1] * forward[:, None, 0] - offsets[..., 0] * forward[:, None, 1]
@@ -188,7 +190,7 @@ def _array(
 def _travel_m(
     centre_m: Float[np.ndarray, "scan 2"], forward: Float[np.ndarray, "scan 2"]
 ) -> Float[np.ndarray, " scan"]:
-    """Signed cumulative travel along the heading: backwards counts negative, jitter while standing cancels."""
+    """Signed cumulative travel along the heading: backward counts negative, jitter while standing cancels."""
     along_m = np.sum(np.diff(centre_m, axis=0) * (forward[:-1] + forward[1:]) / 2, axis=1)
     return np.concatenate([[0.0], np.cumsum(along_m)])
 
@@ -200,7 +202,7 @@ def _track(
     time_s: Float[np.ndarray, " scan"],
 ) -> NavigationTrack:
     longitude_deg, latitude_deg = projection(centre_m[:, 0], centre_m[:, 1], inverse=True)
-    # Grid north leans off true north by the meridian convergence, which counts clockwise.
+    # Grid north deviates from true north by the meridian convergence, which counts clockwise.
     convergence_deg = projection.get_factors(longitude_deg, latitude_deg).meridian_convergence
     grid_deg = np.rad2deg(np.arctan2(forward[:, 0], forward[:, 1]))
     zeros = np.zeros(len(time_s))

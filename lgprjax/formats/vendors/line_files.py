@@ -17,7 +17,7 @@ _HEADER_BYTES = 1024
 _MARK_SAMPLES = 2
 # No quantity of a header is as large or, above zero, as small: such a value is damaged.
 _LARGEST, _SMALLEST = 1e12, 1e-12
-# Stored type, and the value in it that stands for no signal.
+# Stored type, and its value for no signal.
 _STORED: dict[int, tuple[np.dtype[Any], int]] = {
     8: (np.dtype("u1"), 128),
     16: (np.dtype("<u2"), 32768),
@@ -43,17 +43,17 @@ class _Header(NamedTuple):
 def read_dzt(path: str | Path, *, partial: bool = False) -> Profile:
     """Read one ``.DZT`` file of one or several channels.
 
-    8- and 16-bit samples are offset binary, 32-bit ones signed; all are returned signed. The first two samples of
-    a trace are marks: they read as zero. Channels are interleaved trace by trace. No scans a metre means recorded
-    by time, and the antenna's name may be empty.
+    8- and 16-bit samples are offset binary, 32-bit ones signed; all are returned signed. The first two samples of a
+    trace are marks: they read as zero. Channels are interleaved trace by trace. A line without scans a metre was
+    recorded by time, and the antenna's name may be empty.
 
     Args:
         path: the file.
-        partial: read the whole traces (of all channels) of a file that ends too early; ``Profile.cut``
-            then says how many there are.
+        partial: read the intact traces (of all channels) of a file that ends too early; ``Profile.cut`` then gives
+            their number.
 
     Raises:
-        InputError: the file is missing, cut short or another format, or its header makes no sense.
+        InputError: the file is missing, truncated or of another format, or its header is invalid.
     """
     file = Path(path)
     data = read_bytes(file)
@@ -139,7 +139,7 @@ def _signed(stored: Num[np.ndarray, "trace channel sample"], bits: int) -> Num[n
 
 
 def _centre_frequency_hz(antenna: str) -> float | None:
-    """Centre frequency from an antenna's name (``400MHz``, ``1.5/1.6GHz``, ``HS350US``); model numbers say nothing."""
+    """Centre frequency from an antenna's name (``400MHz``, ``1.5/1.6GHz``, ``HS350US``); model numbers are ignored."""
     named = re.search(r"(\d+(?:\.\d+)?)\s*([MG])Hz", antenna, re.IGNORECASE)
     if named:
         return float(named[1]) * (1e9 if named[2].upper() == "G" else 1e6)
@@ -154,17 +154,17 @@ _UNIT_M = {"m": 1.0, "metres": 1.0, "meters": 1.0, "ft": 0.3048, "feet": 0.3048,
 
 
 def read_dt1(path: str | Path, *, partial: bool = False) -> Profile:
-    """Read one ``.DT1`` file with the ``.HD`` beside it.
+    """Read one ``.DT1`` file with its ``.HD``.
 
     Every trace is a header of 32 float32 words (word 1 its position, word 2 its samples, word 5 bytes a sample)
     and int16 samples. Positions may be in feet; time zero is a fractional sample number counted from sample 0.
 
     Args:
         path: the file.
-        partial: read the whole traces of a file that ends too early; ``Profile.cut`` then says how many there are.
+        partial: read the intact traces of a file that ends too early; ``Profile.cut`` then gives their number.
 
     Raises:
-        InputError: a file is missing, cut short or another format, or header, traces and file size disagree.
+        InputError: a file is missing, truncated or of another format, or header, traces and file size disagree.
     """
     file = Path(path)
     header = TextHeader(companion(file, ".hd"), "=")
@@ -181,7 +181,7 @@ def read_dt1(path: str | Path, *, partial: bool = False) -> Profile:
     whole, cut = count_traces(file, len(data), record_bytes, said=(traces, header.path), partial=partial)
     records = np.frombuffer(data, dtype=np.dtype([("header", "<f4", 32), ("samples", "<i2", samples)]), count=whole)
     words = records["header"]
-    # Some bit patterns that are no number raise a flag when they are converted; they are looked for here.
+    # Some NaN bit patterns raise a flag when converted; they are detected here.
     with np.errstate(invalid="ignore"):
         wrong = np.flatnonzero((words[:, 2] != samples) | ~np.isin(words[:, 5], (0.0, 2.0)))
         positions_m = words[:, 1].astype(np.float64) * _UNIT_M[unit]
@@ -211,17 +211,17 @@ _DTYPE: dict[str, np.dtype[Any]] = {".rd3": np.dtype("<i2"), ".rd7": np.dtype("<
 
 
 def read_mala(path: str | Path, *, partial: bool = False) -> Profile:
-    """Read one ``.rd3`` or ``.rd7`` file with the ``.rad`` beside it.
+    """Read one ``.rd3`` or ``.rd7`` file with its ``.rad``.
 
     ``FREQUENCY`` is the sampling rate in MHz and ``TIMEWINDOW`` is in ns. The header has no time zero in samples:
-    it is taken as sample 0. A ``DISTANCE INTERVAL`` of zero means recorded by time.
+    sample 0 is used. A ``DISTANCE INTERVAL`` of zero means recorded by time.
 
     Args:
         path: the file.
-        partial: read the whole traces of a file that ends too early; ``Profile.cut`` then says how many there are.
+        partial: read the intact traces of a file that ends too early; ``Profile.cut`` then gives their number.
 
     Raises:
-        InputError: a file is missing, cut short or another format, or header and file size disagree.
+        InputError: a file is missing, truncated or of another format, or header and file size disagree.
     """
     file = Path(path)
     dtype = _DTYPE.get(file.suffix.lower())
@@ -263,19 +263,18 @@ _IPRB_DTYPE: dict[float, np.dtype[Any]] = {16: np.dtype("<i2"), 32: np.dtype("<i
 
 
 def read_iprb(path: str | Path, *, partial: bool = False) -> Profile:
-    """Read one ``.iprb`` file, one channel, with the ``.iprh`` beside it.
+    """Read one ``.iprb`` file, one channel, with its ``.iprh``.
 
     ``DATA VERSION`` is the number of bits a sample, ``FREQUENCY`` the sampling rate in MHz, ``TIMEWINDOW`` in ns,
-    ``ZERO LEVEL`` the sample of time zero. ``DISTANCE INTERVAL`` is the distance between traces as the wheel
-    measured it; ``USER DISTANCE INTERVAL`` is the nominal one that was asked for, and is not used. A line triggered
-    by time has no spacing.
+    ``ZERO LEVEL`` the sample of time zero. ``DISTANCE INTERVAL`` is the distance between traces measured by the wheel;
+    ``USER DISTANCE INTERVAL`` is the nominal setting, and is not used. A line triggered by time has no spacing.
 
     Args:
         path: the file.
-        partial: read the whole traces of a file that ends too early; ``Profile.cut`` then says how many there are.
+        partial: read the intact traces of a file that ends too early; ``Profile.cut`` then gives their number.
 
     Raises:
-        InputError: a file is missing, cut short or another format, or header and file size disagree.
+        InputError: a file is missing, truncated or of another format, or header and file size disagree.
     """
     return _read(Path(path), partial=partial)[0]
 
@@ -283,16 +282,16 @@ def read_iprb(path: str | Path, *, partial: bool = False) -> Profile:
 def read_iprb_array(paths: Sequence[str | Path], *, partial: bool = False) -> Profile:
     """Read the channels of one line, ``NAME_001_A01.iprb``, ``NAME_001_A02.iprb`` ..., as one profile.
 
-    ``CH_X_OFFSET`` counts to the right of the positioning's reference, ``CH_Y_OFFSET`` forwards; channels are
-    returned from left to right. A single file has no place in an array.
+    ``CH_X_OFFSET`` is to the right of the position reference, ``CH_Y_OFFSET`` forward; channels are returned from left
+    to right. A single file has no place in an array.
 
     Args:
         paths: the files, in any order.
-        partial: where channels end too early, read of all of them the traces that every one has whole;
-            ``Profile.cut`` then says how many there are.
+        partial: if channels end too early, read the traces that are intact in all of them;
+            ``Profile.cut`` then gives their number.
 
     Raises:
-        InputError: a file cannot be read, or the channels are no array: another recording, or two in one place.
+        InputError: a file cannot be read, or the channels are not an array: different recordings, or two in one place.
     """
     if not paths:
         raise InputError("files", "channels", "at least one .iprb file", "none")

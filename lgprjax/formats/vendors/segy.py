@@ -1,4 +1,4 @@
-"""SEG-Y lines as radars write them. Needs the optional package segyio (``pip install lgprjax[segy]``)."""
+"""SEG-Y lines written by radars. Needs the optional package segyio (``pip install lgprjax[segy]``)."""
 
 import struct
 import tempfile
@@ -23,8 +23,8 @@ _FORMATS: dict[int, tuple[int, type[np.generic]]] = {
     5: (4, np.float32),
     8: (1, np.int16),
 }
-# A header word of microseconds cannot hold a radar's interval; radars' programs write picoseconds in it. Only words
-# in this range are taken for them: 0.01 ns (100 GHz) to 2 ns (Nyquist 250 MHz). Seismic defaults (4000) lie outside.
+# A header word of microseconds cannot hold a radar's interval; radars' programs write picoseconds in it. Only words in
+# this range are read as such: 0.01 ns (100 GHz) to 2 ns (Nyquist 250 MHz). Seismic defaults (4000) are outside.
 _PLAUSIBLE_PS = (10, 2000)
 _FOOT_M = 0.3048
 # Steps that vary by less than this share are even.
@@ -37,19 +37,19 @@ def read_segy(
     """Read one SEG-Y file of revision 0, 1 or 2, big- or little-endian; IBM or IEEE float, int32, int16 or int8.
 
     The sample interval is, in this order: ``sample_interval_ns`` if given; the extended interval of revision 2; the
-    interval word of the binary and trace headers, taken for picoseconds, if they agree and it is from 10 to 2000.
-    ``metadata["reading"]`` says in words what was taken. Coordinates are the midpoints of source and receiver, or
-    what there is of them, or else those of the ensemble; the coordinate scalar and feet are applied.
+    interval word of the binary and trace headers, read as picoseconds, if they agree and it is from 10 to 2000.
+    ``metadata["reading"]`` describes the choice in words. Coordinates are the midpoints of source and receiver, or the
+    one available, or else those of the ensemble; the coordinate scalar and feet are applied.
 
     Args:
         path: the file.
-        sample_interval_ns: two-way travel time between samples, where the header does not say it.
-        time_zero_ns: how long after sample 0 time zero lies (no header of SEG-Y says it in ns).
-        partial: read the whole traces of a file that ends too early; ``Profile.cut`` then says how many there are.
+        sample_interval_ns: two-way travel time between samples, if missing in the header.
+        time_zero_ns: time zero, relative to sample 0 (no SEG-Y header has it in ns).
+        partial: read the intact traces of a file that ends too early; ``Profile.cut`` then gives their number.
 
     Raises:
-        InputError: segyio is missing, the file is missing, cut short or another format, or no header says the
-            sample interval.
+        InputError: segyio is missing, the file is missing, truncated or of another format, or no header has the sample
+            interval.
     """
     file = Path(path)
     data = read_bytes(file)
@@ -62,7 +62,7 @@ def read_segy(
     if cut is None:
         stored, words = _traces(segyio, file, file, order)
     else:
-        # The library opens nothing but files of whole traces.
+        # The library opens only files of complete traces.
         with tempfile.TemporaryDirectory() as folder:
             whole = Path(folder) / file.name
             whole.write_bytes(memoryview(data)[:whole_bytes])
@@ -95,7 +95,7 @@ def read_segy(
     )
 
 
-# First bytes, counted from 1 as the standard does, of the words that are read from every trace header.
+# First bytes, counted from 1 as in the standard, of the words read from every trace header.
 _TRACE_WORDS = (71, 73, 77, 81, 85, 89, 117, 181, 185)
 
 
@@ -111,7 +111,7 @@ def _segyio(file: Path) -> Any:
 def _traces(
     segyio: Any, file: Path, whole: Path, order: str
 ) -> tuple[Num[np.ndarray, "trace sample"], dict[int, Int[np.ndarray, " trace"]]]:
-    """Samples, and header words by their place, of a file of whole traces; errors are told of ``file``."""
+    """Samples, and header words by their place, of a file of complete traces; errors name ``file``."""
     try:
         with segyio.open(str(whole), ignore_geometry=True, endian="big" if order == ">" else "little") as store:
             stored = np.atleast_2d(store.trace.raw[:])
@@ -122,7 +122,7 @@ def _traces(
 
 
 def _binary_header(file: Path, data: bytes, *, partial: bool) -> tuple[str, dict[str, Any], int, str | None]:
-    """Byte order, the words of the binary header that count, the bytes up to the last whole trace, and what is cut."""
+    """Byte order, relevant words of the binary header, the bytes up to the last complete trace, and what is cut."""
     header = data[_TEXT_BYTES : _TEXT_BYTES + _BINARY_BYTES]
     if len(header) < _BINARY_BYTES:
         raise InputError(file, "file", "SEG-Y headers of 3600 bytes", f"{len(data)} bytes")
@@ -171,7 +171,7 @@ def _interval(
 
 
 def _coordinates(words: dict[int, Int[np.ndarray, " trace"]], *, feet: bool) -> tuple[TraceCoordinates | None, str]:
-    """Coordinates of the traces, and where they come from, in words."""
+    """Coordinates of the traces, and their source, in words."""
     scalar = words[71].astype(np.float64)
     factor = np.where(scalar < 0, 1.0 / np.where(scalar < 0, -scalar, 1.0), np.where(scalar > 0, scalar, 1.0))
     pairs = {name: np.stack([words[x], words[y]]) for name, (x, y) in _PAIRS.items()}
@@ -215,7 +215,7 @@ def _along_m(coordinates: TraceCoordinates) -> Float[np.ndarray, " trace"]:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-# A SEG-Y line as a drive log: on its own coordinates where they can be placed on the earth, else straight.
+# A SEG-Y line as a drive log: on its own coordinates if they have a place on the earth, else straight.
 
 
 def import_segy(
@@ -231,7 +231,7 @@ def import_segy(
 ) -> bool:
     """Write one SEG-Y line as a drive log of one channel.
 
-    Coordinates in degrees, or in metres of a UTM zone that is named, place every trace: traces stay as recorded and
+    Coordinates in degrees, or in metres of a given UTM zone, place every trace: traces stay as recorded and
     the heading follows their path. Otherwise the line leaves ``place`` straight along its heading, at the distances
     of its coordinates or evenly over ``length_m``.
 
@@ -240,15 +240,15 @@ def import_segy(
         sample_interval_ns, time_zero_ns: see ``read_segy``.
         utm_zone: zone of coordinates in metres, such as ``19N``.
         place: origin and direction of a line that has no place on the earth.
-        length_m: length of the line as measured by tape; coordinates then do not count.
+        length_m: length of the line, measured by tape; coordinates are then unused.
         output: the drive log.
         force: replace an output that exists.
 
     Returns:
-        Whether the line lies on its own coordinates, and ``place`` did not count.
+        Whether the line is on its own coordinates, and ``place`` was unused.
 
     Raises:
-        InputError: the file cannot be read or has no sample interval, or the line no length.
+        InputError: the file cannot be read or has no sample interval, or the line has no length.
     """
     profile = read_segy(path, sample_interval_ns=sample_interval_ns, time_zero_ns=time_zero_ns)
     provenance: dict[str, object] = {
@@ -290,7 +290,7 @@ def import_segy(
 def _on_the_earth(
     profile: Profile, utm_zone: str | None
 ) -> tuple[Float[np.ndarray, " trace"], Float[np.ndarray, " trace"]] | None:
-    """Latitude and longitude of the traces, where their coordinates and the options say them."""
+    """Latitude and longitude of the traces, if their coordinates and the options give them."""
     coordinates = profile.coordinates
     if coordinates is None:
         if utm_zone is not None:

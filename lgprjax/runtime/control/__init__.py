@@ -1,1 +1,1 @@
-"""The control process: 50 Hz between the lines and the compiled step."""
+"""The control process: the 50 Hz loop around the compiled step."""

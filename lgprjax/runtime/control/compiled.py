@@ -64,7 +64,7 @@ def as_row(numbers: Iterable[ArrayLike]) -> Float[Array, " number"]:
 
 
 class TickNumbers(NamedTuple):
-    """What a tick is told, as plain numbers; see ``MotionInput``, ``Observations`` and ``Orders``. Flags are 0 or 1."""
+    """Inputs of a tick as plain numbers; see ``MotionInput``, ``Observations`` and ``Orders``. Flags are 0 or 1."""
 
     step_s: float
     yaw_rate_radps: float
@@ -102,17 +102,17 @@ class TickNumbers(NamedTuple):
 
 
 class TickResult(NamedTuple):
-    """What a tick gave, as plain numbers.
+    """Results of a tick as plain numbers.
 
     Attributes:
-        x_m, y_m, yaw_rad: pose that is driven by, rear axle, map's frame.
+        x_m, y_m, yaw_rad: pose used for control, rear axle, map's frame.
         fused_x_m, fused_y_m, fused_yaw_rad: of the filter; reckoned_ alike, without LGPR, and its heading's sigma.
         speed_mps: forward.
         sigma_along_m, sigma_cross_m: of the filter's position.
         reaction, reasons, cap_mps, frame_left_m: health.
         accepted, offered: bits of the sources.
         ahead_m ... gear: the plan, see ``Plan``.
-        front_rad, throttle, brake, limited: the command and what the limiter did.
+        front_rad, throttle, brake, limited: the command and the limiter's bits.
         wanted_mps, reachable: see ``AutopilotInfo``.
     """
 
@@ -215,7 +215,7 @@ def step_compiled(
 def start_compiled(
     setup: OnboardSetup, pose: Float[Array, " 3"], speed_mps: Float[Array, ""], front_rad: Float[Array, ""]
 ) -> OnboardState:
-    """On board at a pose of the rear axle known by GNSS/INS, on no route yet."""
+    """Onboard state at a pose of the rear axle from GNSS/INS, without a place on a route."""
     navigator = init_navigator(setup.navigator, VehiclePose(*pose), speed_mps)
     return OnboardState(navigator, init_autopilot(lost_planner(), jnp.abs(speed_mps), front_rad))
 
@@ -224,7 +224,7 @@ def start_compiled(
 def acquire_compiled(
     setup: OnboardSetup, route: RoutePath, state: OnboardState, pose: Float[Array, " 3"]
 ) -> tuple[OnboardState, Float[Array, " 2"]]:
-    """The planner set on the route where the vehicle stands, and the code and distance of the nearest place."""
+    """The planner placed on the route at the vehicle, and the code and distance of the nearest place."""
     config = setup.autopilot
     starts = find_starts(route, config.planner, config.chassis, VehiclePose(*pose))
     planner, code = acquire(starts)
@@ -234,10 +234,10 @@ def acquire_compiled(
 
 
 def _as(planner: PlannerState, like: PlannerState) -> PlannerState:
-    """In the types that the loop carries, so that nothing is compiled twice."""
+    """Convert to the types of the loop, so that nothing is compiled twice."""
     cast_one = jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), planner, like)
     return cast("PlannerState", cast_one)
 
 
 FOLLOWED = frozenset({int(PlanCode.FOLLOWING), int(PlanCode.AT_CUSP), int(PlanCode.DONE)})
-"""Plan codes with which the vehicle has a place on the route."""
+"""Plan codes for a vehicle with a place on the route."""

@@ -1,8 +1,8 @@
-"""The control loop without clock, ports or files: records of a tick in, records out. A replay runs the same.
+"""The control loop without clock, ports or files: records of a tick in, records out. Replay runs the same code.
 
-Order of a tick: what came is taken, the watches judge it, the modes move, the compiled step decides, the command goes
-out, and what it found out is told to the modes in the same tick, so that no command is engaged against a finding.
-What a kind of vehicle brings stands behind ``VehicleKind``.
+Order of a tick: messages are taken, the watches judge them, the modes change, the compiled step decides, the command is
+sent, and its findings go to the modes in the same tick, so that no command is engaged against a finding. Specifics of a
+vehicle are behind ``VehicleKind``.
 """
 
 import json
@@ -36,7 +36,7 @@ AnyLoaded: TypeAlias = Loaded | SkidLoaded
 
 
 def load_vehicle(config: RuntimeConfig) -> AnyLoaded:
-    """The files of a configuration: of a field where it has one, else of a course.
+    """The files of a configuration: of a field if it has one, else of a course.
 
     Raises:
         InputError: a file cannot be used.
@@ -45,7 +45,7 @@ def load_vehicle(config: RuntimeConfig) -> AnyLoaded:
 
 
 def make_kind(config: RuntimeConfig, loaded: AnyLoaded) -> VehicleKind:
-    """The vehicle for a control loop of its own.
+    """The vehicle for a control loop.
 
     Raises:
         InputError: the vehicle file lacks a number.
@@ -53,7 +53,7 @@ def make_kind(config: RuntimeConfig, loaded: AnyLoaded) -> VehicleKind:
     return CounterSteer(config, loaded) if isinstance(loaded, Loaded) else SkidSteerVehicle(config, loaded)
 
 
-# Why nothing is engaged, in plain words.
+# Engagement inhibits in plain words.
 
 REFUSALS = {
     EngagementInhibit.NONE: "",
@@ -81,7 +81,7 @@ OF_NAVIGATION = (
     EngagementInhibit.OFF_ROUTE,
     EngagementInhibit.WRONG_HEADING,
 )
-"""Refusals that a vehicle may know better words for."""
+"""Inhibits that a vehicle may explain better."""
 
 
 # Ticks that began more than a period late. Fault 26.
@@ -94,7 +94,7 @@ class LateTicks:
     """Late ticks of the last second.
 
     Attributes:
-        last_ns: begin of the last tick; 0 before the first.
+        last_ns: start of the last tick; 0 before the first.
     """
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class LateTicks:
         self._late: list[int] = []
 
     def count(self, tick: int, now_ns: int) -> None:
-        """A tick begins."""
+        """Count a tick at its start."""
         if self.last_ns and now_ns - self.last_ns > 2 * _TICK_NS:
             self._late.append(tick)
         self.last_ns = now_ns
@@ -110,15 +110,15 @@ class LateTicks:
 
     @property
     def too_many(self) -> bool:
-        """The loop misses its period too often."""
+        """Whether the loop misses its period too often."""
         return len(self._late) >= _MOST
 
 
-# JSON for pages: it knows no NaN.
+# JSON for pages, without NaN.
 
 
 def finite_json(value: dict[str, Any]) -> bytes:
-    """As JSON: what is no number is null, the others have four digits after the point."""
+    """As JSON: non-finite numbers become null, others have four decimals."""
     return json.dumps(_finite(value)).encode()
 
 
@@ -149,9 +149,9 @@ class ControlCore:
         after_death: see ``ModeKeeper``.
 
     Attributes:
-        kind: the vehicle: what it senses, watches and decides.
-        modes: the mode machine; processes: the others, as the supervisor tells.
-        unrecorded: messages that found no room on their way to the recorder; for the display.
+        kind: the vehicle: senses, watches and decisions.
+        modes: the mode machine; processes: the others, as reported by the supervisor.
+        unrecorded: messages dropped on their way to the recorder; for the display.
 
     Raises:
         InputError: the vehicle file lacks a number.
@@ -164,7 +164,7 @@ class ControlCore:
         self.unrecorded = 0
         self._after_death = after_death
         self._checks, self._late = SystemChecks(), LateTicks()
-        # One numbering a line, one session a start.
+        # One numbering per line, one session per start.
         self._box, self._controller = Sender(session), Sender(session)
         self._told = ReportedState()
         self._tick = 0
@@ -180,11 +180,11 @@ class ControlCore:
         Args:
             tick: its number, from 1.
             now_ns: monotonic.
-            came: since the last tick, in the order in which it was taken.
+            came: messages since the last tick, in order.
 
         Returns:
-            what is to be sent (PORT_OUT, PRIOR, COVER, STATE) and recorded (PLAN, SKID_PLAN, EVENT), in this order of
-            making.
+            records to send (PORT_OUT, PRIOR, COVER, STATE) and to record (PLAN, SKID_PLAN, EVENT), in order of
+            creation.
         """
         self._tick, self._out = tick, []
         self._late.count(tick, now_ns)
@@ -232,7 +232,7 @@ class ControlCore:
                 self._choose(str(json.loads(record.payload).get("select_route")), now_ns)
 
     def _choose(self, name: str, now_ns: int) -> None:
-        """Another route: only while the operator drives."""
+        """Select another route: only while the operator drives."""
         if self.modes.engage & (STEERING | PEDALS):
             self._event(now_ns, {"refused": "route", "why": "a route is chosen while the operator drives"})
         elif self.kind.choose(name):
@@ -262,7 +262,7 @@ class ControlCore:
             self._port_out(Source.DRIVE_BY_WIRE, self._framed(OutgoingFrame("drive_test", {"test": 1}), now_ns), now_ns)
 
     def _notice(self, status: VehicleStatus, now_ns: int) -> None:
-        """Tell the mode machine what has changed."""
+        """Report changes to the mode machine."""
         modes = self.modes
         fresh = max(status.oldest_s, self._controller_age_s(now_ns)) < _OLD_S
         seen = Seen(
@@ -279,7 +279,7 @@ class ControlCore:
             status.failed or self._late.too_many,
             self.processes.lost,
         )
-        # Asked before the events, which release what was engaged.
+        # Evaluated before the events, which may release what was engaged.
         emergency = status.emergency and bool(modes.engage & (STEERING | PEDALS | CUT))
         self._told, events = events_of(self._told, seen)
         for event in events:
@@ -332,7 +332,7 @@ class ControlCore:
         self._out.append(Record(RecordKind.STATE, Source.CONTROL, self._tick, now_ns, finite_json(told)))
 
     def _refusal_text(self) -> str:
-        """Why nothing is engaged: what stands against it now, else why the last press did nothing."""
+        """Why nothing is engaged: the present inhibit, else why the last press had no effect."""
         state = self.modes.state
         stands = refusal_of(state)
         own = self.kind.refusal_text() if stands in OF_NAVIGATION else ""

@@ -38,11 +38,11 @@ from lgprjax.runtime.control.vehicle_kind import (
 )
 from lgprjax.runtime.control.watches import SentCommand, Watched, Watches
 
-# What the operator sees: the control loop's state as the display takes it.
+# The control loop's state for the display.
 
 
 class Panel:
-    """Keeps what the display needs beside the tick's numbers.
+    """Keeps display data in addition to the tick's numbers.
 
     Args:
         routes: of the configuration.
@@ -61,12 +61,12 @@ class Panel:
         self.correlation = math.nan
 
     def take_fix(self, tick: int, code: int, correlation: float) -> None:
-        """A scan that was searched."""
+        """Take a searched scan."""
         self.code, self.correlation = Code(code).name.lower(), correlation
         self._codes.append((tick, code == Code.OK))
 
     def state(self, tick: int, route: int, result: TickResult) -> dict[str, Any]:
-        """What stands in the state of a tick beside the modes.
+        """Display state of a tick, in addition to the modes.
 
         Args:
             tick: its number.
@@ -102,14 +102,14 @@ class Panel:
         return state
 
 
-# The compiled step at work: the state that it carries, the route that is chosen, and where the vehicle is on it.
+# The compiled step: its state, the chosen route, and the vehicle's place on it.
 
 _SEARCH_TICKS = 25
 _NOTHING = TickResult(*[math.nan] * len(TickResult._fields))
 
 
 class Ordered(NamedTuple):
-    """What modes and watches say to a tick; see ``Orders``."""
+    """Orders of modes and watches to a tick; see ``Orders``."""
 
     steering_engaged: bool
     speed_engaged: bool
@@ -147,7 +147,7 @@ class Pilot:
 
     @property
     def started(self) -> bool:
-        """There is a pose."""
+        """Whether there is a pose."""
         return self._state is not None
 
     @property
@@ -164,7 +164,7 @@ class Pilot:
         for route in self._routes:
             if route.path is None:
                 continue
-            # Each after each: what one of them gives is not in every detail what another gives.
+            # Every sequence of two: their outputs differ in detail.
             for _ in range(2):
                 for _ in range(2):
                     state, row = step_compiled(self._setup, route.path, state, numbers, fusion=self._fusion)
@@ -191,7 +191,7 @@ class Pilot:
         return False
 
     def step(self, sensed: Sensed, ordered: Ordered, now_ns: int) -> TickResult:
-        """A tick; before there is a pose nothing is known."""
+        """Run a tick; without effect before there is a pose."""
         if self._state is None:
             return self.result
         numbers = as_vector(self._numbers(sensed, ordered, now_ns))
@@ -205,18 +205,18 @@ class Pilot:
         return self.result
 
     def leave(self) -> None:
-        """Look for a place anew: the operator has driven."""
+        """Search for a place again: the operator has driven."""
         self.on_route = False
 
     def _search(self) -> None:
-        """For a place on the route, twice a second."""
+        """Search for a place on the route, twice a second."""
         self._searched += 1
         if self._searched % _SEARCH_TICKS != 1:
             return
         here = self.result
         pose = np.array([here.x_m, here.y_m, here.yaw_rad], np.float32)
         self._state, row = acquire_compiled(self._setup, self.path, self._state, pose)
-        # Taken whole: an element of a device array is a program of its own.
+        # Converted as a whole: each element access on a device array is a program of its own.
         self.code = PlanCode(int(np.asarray(row)[0]))
         self.on_route = self.code is PlanCode.FOLLOWING
 
@@ -224,7 +224,7 @@ class Pilot:
         known = self._sensors
         place, attitude, fix = sensed.place, sensed.attitude, sensed.fix
         heading_rad2 = math.radians(known.heading_sigma_deg) ** 2
-        # A heading that is off for a minute at a time is no better than one of it a tick of so much more noise.
+        # A heading error that lasts for a minute is modelled as this much more noise per tick.
         heading_rad2 += 2.0 * known.heading_slow_s / TICK_S * math.radians(known.heading_slow_deg) ** 2
         speed = max(abs(sensed.odometer_mps), 1.0) if math.isfinite(sensed.odometer_mps) else 1.0
         shared = 2.0 * known.fix_changes_m * math.radians(known.fix_heading_slow_deg) ** 2 / (speed * TICK_S)
@@ -272,11 +272,11 @@ class Pilot:
         }
 
 
-# Rows that a tick leaves for others: the prior for registration, the plan for the recording.
+# Rows of a tick for other processes: the prior for registration, the plan for the recording.
 
 
 def prior_row(result: TickResult, now_ns: int, *, roll_rad: float, yaw_rate_radps: float, travel_m: float) -> bytes:
-    """``PRIOR``: where GNSS/INS have the vehicle; without a yaw rate it is taken not to turn."""
+    """``PRIOR``: pose by GNSS/INS; without a yaw rate the vehicle is assumed not to turn."""
     row = np.zeros((), PRIOR)
     row["time_ns"], row["valid"] = now_ns, 1
     row["pose"] = (result.reckoned_x_m, result.reckoned_y_m, result.reckoned_yaw_rad)
@@ -287,7 +287,7 @@ def prior_row(result: TickResult, now_ns: int, *, roll_rad: float, yaw_rate_radp
 
 
 def plan_row(result: TickResult, watched: Watched, sent: SentCommand, *, mode: int, code: PlanCode) -> bytes:
-    """``PLAN``: what a tick decided; before there is a pose navigation asks for a stop."""
+    """``PLAN``: decision of a tick; before there is a pose navigation requests a stop."""
     row = np.zeros((), PLAN)
     row["mode"], row["code"] = mode, int(code)
     row["reaction"] = whole(result.reaction, int(Reaction.STOP))
@@ -326,7 +326,7 @@ class CounterSteer:
         loaded: its files.
 
     Attributes:
-        pilot: navigation and autopilot; senses: what came.
+        pilot: navigation and autopilot; senses: messages received.
 
     Raises:
         InputError: the vehicle file lacks a number.
@@ -345,7 +345,7 @@ class CounterSteer:
 
     @property
     def lock_mps(self) -> float:
-        """As fast as it drives."""
+        """The present speed."""
         speed = self.pilot.result.speed_mps
         return speed if math.isfinite(speed) else 0.0
 
@@ -362,7 +362,7 @@ class CounterSteer:
             self._panel.take_fix(tick, int(fix["code"]), float(fix["correlation"]))
 
     def update(self, operator: Operator, now_ns: int) -> list[Event]:
-        """End of what came."""
+        """End of the messages."""
         self._now_ns = now_ns
         self._sensed = sensed = self.senses.end_tick(now_ns)
         place, attitude = self.senses.place, self.senses.attitude
@@ -380,10 +380,10 @@ class CounterSteer:
         return watched.events
 
     def status(self, *, decided: bool) -> VehicleStatus:
-        """As it is now."""
+        """Present status."""
         result, watched, wheels = self.pilot.result, self._watched, self._sensed.wheels
         limited = Limited(whole(result.limited) if decided else 0)
-        # Before the box was first heard its silence is the checks' affair.
+        # Before the box was first received the checks handle its silence.
         heard = wheels is not None
         bits = watched.bits if heard else watched.bits & ~Watch.LINE_SILENT
         severity = watched.severity if heard else Severity.CONTINUE
@@ -410,7 +410,7 @@ class CounterSteer:
         )
 
     def checks(self, processes: Processes) -> list[CheckItem]:
-        """Every system check as it stands."""
+        """Present state of every system check."""
         wheels, found = self._sensed.wheels, self._watched.bits
         state = BoxState.NO_POWER if wheels is None else BoxState(wheels.bits("state"))
         sensors = Watch.POTENTIOMETER_RANGE | Watch.POTENTIOMETER_STUCK | Watch.WHEEL_SENSORS_APART
@@ -449,7 +449,7 @@ class CounterSteer:
         self.pilot.step(sensed, ordered, now_ns)
 
     def command(self, engage: int) -> OutgoingFrame:
-        """What is sent."""
+        """Command to send."""
         result = self.pilot.result
         numbers = (result.front_rad, result.throttle, result.brake)
         if not all(math.isfinite(number) for number in numbers):
@@ -478,16 +478,16 @@ class CounterSteer:
         return [*rows, (RecordKind.PLAN, plan_row(result, self._watched, self._sent, mode=mode, code=self.pilot.code))]
 
     def state(self, tick: int) -> dict[str, Any]:
-        """What the display shows of it."""
+        """State for the display."""
         return self._panel.state(tick, self.pilot.route, self.pilot.result)
 
     def warnings(self) -> list[str]:
-        """What the operator should know."""
+        """Warnings to the operator."""
         missing = ["no scans: radar, its line or registration"] if self._scans_missing else []
         return [*describe(self._watched.bits), *missing]
 
     def refusal_text(self) -> str:
-        """The modes say it."""
+        """The text of the modes."""
         return ""
 
     def notes(self) -> list[dict[str, Any]]:
@@ -508,5 +508,5 @@ class CounterSteer:
 
     @property
     def _scans_missing(self) -> bool:
-        """No scan has been searched for a while: the radar, its line, or the registration process."""
+        """Whether no scan has been searched for a while: the radar, its line, or the registration process."""
         return self._fix_ns is not None and self._now_ns - self._fix_ns > _SCANS_NS

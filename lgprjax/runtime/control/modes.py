@@ -10,7 +10,7 @@ STEERING, PEDALS, CUT = 1, 2, 4
 
 
 class Happened(NamedTuple):
-    """An event that changed something, for the recording: what it was, the mode after it, and the actions."""
+    """An event that changed something, for the recording: its name, the mode after it, and the actions."""
 
     event: str
     mode: str
@@ -18,10 +18,10 @@ class Happened(NamedTuple):
 
 
 class ModeKeeper:
-    """The state of the modes and the switches that its actions move.
+    """The state of the modes and the switches set by their actions.
 
     Args:
-        after_death: this control process replaces one that died: an error stands until it is up, and only the override
+        after_death: this control process replaces one that died: an error holds until it is up, and only the override
             button leaves it.
 
     Attributes:
@@ -30,8 +30,8 @@ class ModeKeeper:
         stopping: a controlled stop runs.
         set_speed_mps: that the operator locked.
         lit: the controller's light.
-        checks_asked: the system checks are to be run.
-        since_s: when the mode was entered.
+        checks_asked: the system checks are requested.
+        since_s: time at which the mode was entered.
     """
 
     def __init__(self, *, after_death: bool, speed_step_mps: float) -> None:
@@ -53,16 +53,18 @@ class ModeKeeper:
         return self.state.mode
 
     def cut(self) -> None:
-        """An emergency that a watch found: the box cuts the power and brakes, until the operator leaves the error."""
+        """Cut for an emergency found by a watch: the box cuts the power and brakes, until the operator leaves the
+        error.
+        """
         self.engage = CUT
 
     def tell(self, event: Event, time_s: float, speed_mps: float, *, check: Check = Check.NONE) -> Happened | None:
-        """An event; what it changed, ``None`` where nothing.
+        """Apply an event; returns the change, ``None`` without one.
 
         Args:
             event: what happens.
             time_s: monotonic.
-            speed_mps: of the vehicle, which a cruise button locks.
+            speed_mps: of the vehicle, locked by a cruise button.
             check: that failed.
         """
         before = self.state
@@ -110,14 +112,14 @@ class ModeKeeper:
                 self.lit = False
 
 
-# System checks: what must be in order before anything can be engaged, tried for a while and then said.
+# System checks: conditions for engaging, tried for a while and then reported.
 
 _PATIENCE_S = 12.0
 _BRAKE_TEST_EVERY_S = 2.0
 
 
 class CheckItem(NamedTuple):
-    """One check: which, whether it holds now, and why not."""
+    """One check: its name, whether it holds now, and why not."""
 
     check: Check
     good: bool
@@ -128,7 +130,7 @@ class SystemChecks:
     """A run of the checks: passed as soon as all hold, failed by the first that still does not after a while.
 
     Attributes:
-        items: of the last look, in the order of the checks.
+        items: of the last evaluation, in the order of the checks.
         running: a run is under way.
     """
 
@@ -145,8 +147,8 @@ class SystemChecks:
     def step(self, time_s: float, look: Callable[[], list[CheckItem]], *, starting: bool) -> CheckItem | bool | None:
         """``True`` where the run has passed, the failed item where it failed, ``None`` while it goes on.
 
-        While processes are still ``starting`` for the first time nothing has failed yet: how long they may take is the
-        supervisor's to say.
+        While processes are still ``starting`` for the first time nothing has failed yet: the supervisor limits their
+        time.
         """
         if not self.running:
             return None
@@ -163,7 +165,7 @@ class SystemChecks:
         return failed
 
     def brake_test_due(self, time_s: float) -> bool:
-        """Whether the box is to be asked for its braking test now."""
+        """Whether to request the box's braking test now."""
         waiting = self.running and any(item.check is Check.BRAKE and not item.good for item in self.items)
         if not waiting or time_s - self._braked_s < _BRAKE_TEST_EVERY_S:
             return False

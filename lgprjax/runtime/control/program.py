@@ -52,7 +52,7 @@ class Control:
         started.beat(ProcessStage.WARMING)
         core.kind.warm_up()
         self._header(loaded, session)
-        # Fixes of before say nothing now. What the supervisor told is still true.
+        # Old fixes are invalid. Reports of the supervisor still hold.
         self._incoming[0].take()
         for port in self._ports:
             port.take()
@@ -92,13 +92,13 @@ class Control:
                 known = compiles()
                 told = json.dumps({"compiled": known}).encode()
                 self._log.put(pack(Record(RecordKind.EVENT, Source.CONTROL, tick, time.monotonic_ns(), told)))
-            # A tick that was missed is not made up for.
+            # A missed tick is not repeated.
             due_ns = max(due_ns + _TICK_NS, now_ns + _TICK_NS // 2)
             if collects and due_ns - time.monotonic_ns() > _TICK_NS // 2:
                 gc.collect(0)
 
     def _came(self, tick: int) -> list[Record]:
-        """What came since the last tick, as it will be recorded: a line after the other, then the rings."""
+        """Messages since the last tick, as recorded: line by line, then the rings."""
         came: list[Record] = []
         for port in self._ports:
             for arrival in port.take():
@@ -126,7 +126,7 @@ class Control:
                 )
 
     def _header(self, loaded: AnyLoaded, session: int) -> None:
-        """What a replay needs beside the ticks."""
+        """Data for a replay in addition to the ticks."""
         table = self._started.config.coverage
         plan = None if table is None else table.plan
         header = {

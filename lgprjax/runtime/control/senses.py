@@ -1,7 +1,7 @@
-"""What the control loop knows of the world by its lines: messages in, the numbers of a tick out.
+"""Inputs of the control loop from its lines: messages in, the numbers of a tick out.
 
-Nothing here reads a clock: times are those with which messages arrived and the tick's own, so that a recording of them
-gives the same numbers again.
+Nothing here reads a clock: times are arrival times and the tick's own, so that a recording gives the same numbers
+again.
 """
 
 import math
@@ -28,7 +28,7 @@ from lgprjax.runtime.gnss import GnssPosition, GnssSample, Quality, read_gnss
 from lgprjax.runtime.stamps import GnssTimeScale, StampClock, WeekClock
 from lgprjax.wire import Frame, decode
 
-# What the GNSS/INS says: positions in a local frame, attitudes and turning rates, with the times they are of.
+# GNSS/INS data: positions in a local frame, attitudes and turn rates, with their times.
 
 _LOOSE_M = 2.0
 
@@ -37,9 +37,9 @@ class LocalPosition(NamedTuple):
     """A position of the antenna in the local frame.
 
     Attributes:
-        time_ns: of its measuring.
+        time_ns: of measurement.
         x_m, y_m, up_m: east, north and up of the frame's anchor.
-        sigma_m: white, an axis; of a fixed position that of the configuration, else as reported, at least that.
+        sigma_m: white, per axis; for a fixed position from the configuration, else as reported, at least that.
         reported_m: sigma as reported, at least that of the configuration, whatever the quality.
         quality: of the position.
     """
@@ -69,7 +69,7 @@ class TurnRate(NamedTuple):
 
 
 class GnssTick(NamedTuple):
-    """What came in a tick; ``None`` and empty where nothing did."""
+    """Data of a tick; ``None`` and empty if missing."""
 
     place: LocalPosition | None
     attitude: LocalAttitude | None
@@ -77,7 +77,7 @@ class GnssTick(NamedTuple):
 
 
 class GnssSenses:
-    """The line's messages, taken one by one.
+    """Takes the line's messages one by one.
 
     Args:
         frame: of map or plan; without one the first position becomes its anchor.
@@ -85,12 +85,12 @@ class GnssSenses:
 
     Attributes:
         place, attitude: the newest of all; ``None`` before the first.
-        frame: that they are in; ``None`` before the first position where none was given.
+        frame: of the positions; ``None`` before the first position if none was given.
     """
 
     def __init__(self, frame: LocalFrame | None, sensors: SensorsTable) -> None:
         self.frame, self._sensors = frame, sensors
-        # Positions are older than attitudes when they come: each kind has a clock of its own.
+        # Positions are older than attitudes on arrival: each kind has its own clock.
         self._clocks: dict[tuple[str, GnssTimeScale], WeekClock] = {}
         self._longitude_deg = 0.0 if frame is None else frame.longitude_deg
         self.place: LocalPosition | None = None
@@ -100,7 +100,7 @@ class GnssSenses:
         self._accuracy_m = math.nan
 
     def take(self, record: Record) -> None:
-        """A message of the line."""
+        """Take a message of the line."""
         sample = read_gnss(record.payload)
         if sample is None:
             return
@@ -121,7 +121,7 @@ class GnssSenses:
             self._rates.append(TurnRate(record.mono_ns, sample.rate.yaw_rate_radps))
 
     def end_tick(self) -> GnssTick:
-        """What is new; it is no longer."""
+        """New data, which are then marked as seen."""
         rates, self._rates = self._rates, []
         tick = GnssTick(self.place if self._new_place else None, self.attitude if self._new_attitude else None, rates)
         self._new_place = self._new_attitude = False
@@ -138,7 +138,7 @@ class GnssSenses:
         )
         least = self._sensors.gnss_sigma_m
         reported = told.sigma_m if math.isfinite(told.sigma_m) else self._accuracy_m
-        # Without a word of how good it is, a position that is not fixed is one of metres.
+        # Without a stated accuracy, a position that is not fixed has metres of error.
         loose = max(least, reported) if math.isfinite(reported) else _LOOSE_M
         fixed = told.quality is Quality.FIXED
         honest = least if fixed and not math.isfinite(reported) else loose
@@ -155,7 +155,7 @@ class GnssSenses:
         self._new_place = True
 
     def _time_of(self, what: str, scale: GnssTimeScale, tow_s: float, arrival_ns: int) -> int | None:
-        """By the sample's stamp; a message without one is as old as its way is long."""
+        """By the sample's stamp; a message without one is as old as its delay."""
         if scale is GnssTimeScale.NONE or not math.isfinite(tow_s):
             return arrival_ns
         delay_s = self._sensors.gnss_delay_s if what == "position" else 0.0
@@ -169,7 +169,7 @@ _OK = 0
 
 
 class BoxStatus(NamedTuple):
-    """A status of the drive-by-wire box: when it was so on this computer's clock, and when it arrived."""
+    """A status of the drive-by-wire box: its time on this computer's clock, and its arrival."""
 
     time_ns: int
     arrival_ns: int
@@ -242,15 +242,15 @@ class LineSenses:
 
 
 class Sensed(NamedTuple):
-    """What came since the last tick, and what is known at its end.
+    """Data since the last tick, and the state at its end.
 
     Attributes:
         step_s: since the last tick.
-        yaw_rate_radps: mean of the gyro over the tick, its last value, or NaN where that is old.
+        yaw_rate_radps: mean of the gyro over the tick, its last value, or NaN if that is old.
         rate_age_s: of the newest value.
-        place, attitude, fix: new in this tick; ``None`` where there is none. The fix is a row of ``FIX``.
-        p_false: of the newest match, see ``FIX``; NaN where nothing was matched, or where it is not known.
-        odometer_mps: mean speed since the last drive_status of the tick before; NaN where none came.
+        place, attitude, fix: new in this tick; ``None`` if missing. The fix is a row of ``FIX``.
+        p_false: of the newest match, see ``FIX``; NaN without a match, or if unknown.
+        odometer_mps: mean speed since the last drive_status of the tick before; NaN without one.
         wheels: the last drive_status; ``None`` before the first.
         foot_on_brake: in any drive_status since the last tick.
         wheels_age_s: since it arrived; infinite before the first.
@@ -270,7 +270,7 @@ class Sensed(NamedTuple):
 
 
 class Senses(LineSenses):
-    """The lines' messages, taken one by one.
+    """Takes the lines' messages one by one.
 
     Args:
         frame: of the map.
@@ -287,7 +287,7 @@ class Senses(LineSenses):
         self._p_false = math.nan
 
     def take(self, record: Record) -> None:
-        """A message: of the GNSS/INS, of the drive-by-wire box, or a fix. Others are not for the senses."""
+        """Take a message of the GNSS/INS or the drive-by-wire box, or a fix. Others are ignored."""
         if record.kind is RecordKind.FIX:
             self._take_fix(fix_row(record.payload))
         elif record.kind is RecordKind.PORT_IN:
@@ -298,7 +298,7 @@ class Senses(LineSenses):
         self._foot |= bool(box.bits("pedals") & 1)
 
     def end_tick(self, now_ns: int) -> Sensed:
-        """Everything since the last tick; what was new is no longer."""
+        """Everything since the last tick, which is then marked as seen."""
         step_s = self._step_s(now_ns)
         gnss = self._gnss.end_tick()
         if gnss.rates:
@@ -323,7 +323,7 @@ class Senses(LineSenses):
         return sensed
 
     def _take_fix(self, fix: np.void) -> None:
-        # A scan that was compared with no ground, before the first window or off the map, says nothing of any.
+        # A scan compared with no ground, before the first window or off the map, is no evidence.
         if math.isfinite(float(fix["correlation"])):
             self._p_false = float(fix["p_false"])
         if int(fix["code"]) == _OK:
@@ -336,7 +336,7 @@ class Senses(LineSenses):
         return self.fix if (now_ns - int(self.fix["scan_ns"])) / 1e9 <= _FIX_OLD_S else None
 
     def _mean_speed(self) -> float:
-        """Between the box's own stamps, which do not jitter as arrivals do."""
+        """From the box's own stamps, which do not jitter like arrivals."""
         if self.box is None:
             return math.nan
         before, here = self._odometer, (self.box.time_ns, self.box.number("odometer_m"))
@@ -350,14 +350,14 @@ class Senses(LineSenses):
         return way / ((here[0] - before[0]) / 1e9)
 
 
-# A vehicle file as the watches believe it.
+# The watches' model of a vehicle, from its file.
 
 
 def wheel_belief(vehicle: VehicleFile, path: Path) -> WheelBelief:
     """Steering.
 
     Raises:
-        InputError: a number that the watches need is not in the file.
+        InputError: a number required by the watches is not in the file.
     """
     told = vehicle.steering
     largest = _needed(path, "steering.largest_wheel_angle_rad", told.largest_wheel_angle_rad)
@@ -388,11 +388,11 @@ def chassis_belief(vehicle: VehicleFile, path: Path) -> ChassisBelief:
     """Steering geometry.
 
     Raises:
-        InputError: a number that the watches need is not in the file.
+        InputError: a number required by the watches is not in the file.
     """
     if vehicle.rear_map is not None:
         held = vehicle.rear_map
-        # The file has rear angles, counter-clockwise positive; what counts here is how far they counter-steer.
+        # The file has rear angles, counter-clockwise positive; here the magnitude of counter-steer is used.
         rear = Knots(held.first_rad, held.step_rad, tuple(-angle for angle in held.rear_rad))
     else:
         rear = proportional_rear(_needed(path, "steering.rear_ratio", vehicle.steering.rear_ratio))
@@ -406,7 +406,7 @@ def pedals_belief(vehicle: VehicleFile, path: Path) -> PedalsBelief:
     """Both pedals.
 
     Raises:
-        InputError: a number that the watches need is not in the file.
+        InputError: a number required by the watches is not in the file.
     """
     throttle, brake = (
         PedalBelief(

@@ -1,4 +1,4 @@
-"""What the control loop runs with, read from the files of a configuration before anything moves."""
+"""Setup of the control loop, read from the files of a configuration at start."""
 
 from typing import NamedTuple
 
@@ -21,14 +21,14 @@ TICK_S = 0.02
 
 
 class LaidRoute(NamedTuple):
-    """A route of the configuration, laid and ready, or why it is not.
+    """A route of the configuration, ready to drive, or why it is not.
 
     Attributes:
         name: of its file.
-        path: ``None`` where there is a problem.
+        path: ``None`` if there is a problem.
         length_m: of all legs.
         points: for the display, at most 400, x and y.
-        problem: one line; empty where there is none.
+        problem: one line; empty if there is none.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Loaded(NamedTuple):
 def load(config: RuntimeConfig) -> Loaded:
     """Read vehicle, map and routes.
 
-    A route that cannot be driven is kept with its reason, so that the operator sees it; the others serve.
+    A route that cannot be driven is kept with its reason, for the operator; the others are used.
 
     Raises:
         InputError: the vehicle file or the map cannot be used, or no route can.
@@ -80,15 +80,16 @@ def setup_of_vehicle(config: RuntimeConfig, vehicle: VehicleFile) -> OnboardSetu
     """Models and settings by the vehicle file.
 
     Raises:
-        InputError: a number that is needed is not in it.
+        InputError: a required number is not in it.
     """
     path = config.path(config.vehicle)
     chassis, servo = chassis_of(vehicle, path), servo_of(vehicle, path)
     pursuit = vehicle.pursuit
     schedule = (pursuit.short_m, pursuit.long_m, pursuit.slow_mps, pursuit.fast_mps)
     if any(number is None for number in schedule):
-        raise InputError(path, "pursuit", "the look-ahead over speed (lgprjax tune finds it)", "none")
-    # Lever and clock of the array are measured on the vehicle; at one speed the two cannot be told from a place.
+        raise InputError(path, "pursuit", "the look-ahead over speed (from lgprjax tune)", "none")
+    # Lever and clock of the array are measured on the vehicle; at one speed they cannot be distinguished from an
+    # offset.
     model = filter_model_of(vehicle, path)._replace(initial_lever_m=jnp.float32(0.02))
     return onboard_setup(
         model=model,
@@ -109,7 +110,7 @@ def _laid(config: RuntimeConfig, name: str, hashes: dict[str, str]) -> LaidRoute
         if chosen.map.resolve() != config.path(config.map).resolve():
             raise InputError(file, "map", f"the map of {config.file.name}, {config.map}", str(chosen.map))
         _, path, _ = open_route(file)
-        # A route chosen without a vehicle file is held against this vehicle's circle here.
+        # A route selected without a vehicle file is checked against this vehicle's smallest radius here.
         own = chosen._replace(vehicle=config.path(config.vehicle))
         with MapFile.open(chosen.map) as source:
             path = lay_route(own, source, file=file)

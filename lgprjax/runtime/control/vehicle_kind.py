@@ -1,4 +1,4 @@
-"""What a kind of vehicle brings to the control loop, and what the loop asks of it in a tick."""
+"""Interface between the control loop and a kind of vehicle."""
 
 import math
 from enum import IntFlag
@@ -11,7 +11,7 @@ from lgprjax.run_records import Record, RecordKind
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.modes import CheckItem
 
-# Events of a tick for the mode machine: what watches, navigation, processes and the limiter say.
+# Events of a tick for the mode machine: from watches, navigation, processes and the limiter.
 
 _PLACE_OF = {
     Event.ROUTE_NEAR: PathOffset.NEAR,
@@ -37,10 +37,10 @@ RELAUNCHED = {
 
 
 class ReportedState(NamedTuple):
-    """What the mode machine was told last of what it is told by changes.
+    """Last state reported to the mode machine, which receives changes only.
 
     Attributes:
-        sources, health, error, line: as told; ``None`` before the first time.
+        sources, health, error, line: as reported; ``None`` before the first time.
     """
 
     sources: bool | None = None
@@ -50,20 +50,20 @@ class ReportedState(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What there is to tell of a tick.
+    """Conditions of a tick to report.
 
     Attributes:
-        mode: as driven; place: as the mode machine has it.
+        mode: as driven; place: in the mode machine.
         started: there is a pose.
-        route: one of the events ``ROUTE_*``: where the vehicle is beside what it is to follow.
-        doubtful: the heading is not confirmed yet, which matters until something is engaged.
+        route: one of the events ``ROUTE_*``: the vehicle's place relative to its route.
+        doubtful: the heading is not confirmed yet, which matters only until something is engaged.
         reaction: a ``Reaction`` of navigation's health.
-        sources: everything that engaging needs is there.
-        line: the box and its line are sound.
+        sources: everything that engaging needs is present.
+        line: the box and its line are good.
         severity: the largest of the findings.
-        manual: findings beside the line's ask for manual or more.
-        failed: the limiter, or a control loop that is late, asks for manual.
-        recorder_lost: the recording is mandatory and cannot be kept.
+        manual: findings other than the line's request manual mode or more.
+        failed: the limiter, or a late control loop, requests manual mode.
+        recorder_lost: the recording is mandatory and has failed.
     """
 
     mode: Mode
@@ -81,12 +81,12 @@ class Seen(NamedTuple):
 
 
 def events_of(told: ReportedState, seen: Seen) -> tuple[ReportedState, list[Event]]:
-    """What has changed since the last tick, as events in the order in which they weigh."""
+    """Changes since the last tick, as events in order of importance."""
     engaged = seen.mode in (Mode.STEERING, Mode.SPEED)
     events: list[Event] = []
     if seen.line is not told.line:
         events.append(Event.DRIVE_BY_WIRE_RELAUNCHED if seen.line else Event.DRIVE_BY_WIRE_DIED)
-    # Watches that ask for manual are an error while the autopilot drives. While a person drives they only refuse.
+    # Watches that request manual mode are an error while the autopilot drives. While a person drives they only inhibit.
     error = (engaged and (seen.manual or seen.failed)) or (told.error and seen.manual)
     if error is not told.error:
         events.append(Event.ERROR_RAISED if error else Event.ERROR_CLEARED)
@@ -104,7 +104,7 @@ def events_of(told: ReportedState, seen: Seen) -> tuple[ReportedState, list[Even
     return ReportedState(seen.sources, health, error, seen.line), events
 
 
-# What the supervisor says of the other processes, and what that means to the modes.
+# Reports of the supervisor on the other processes, and their meaning for the modes.
 
 _SAYS = {
     "recorder": "nothing is being recorded",
@@ -113,15 +113,15 @@ _SAYS = {
 
 
 class Processes:
-    """Which processes live.
+    """Running processes.
 
     Args:
         config: of the run.
 
     Attributes:
-        alive: by name, of those that were heard of.
+        alive: by name, of reported processes.
         mandatory: without a recording the vehicle stops.
-        radar: what the radar reports of itself, in words.
+        radar: the radar's reported state, in words.
     """
 
     def __init__(self, config: RuntimeConfig) -> None:
@@ -131,7 +131,7 @@ class Processes:
         self._beside = "registration" if config.coverage is None else "coverage"
 
     def take(self, note: dict[str, Any]) -> list[Event]:
-        """A note of the supervisor, or of the radar; what it is to the modes."""
+        """Take a note of the supervisor, or of the radar; returns its event for the modes."""
         if "radar" in note:
             self.radar = [str(text) for text in note["radar"]]
         died, left, ready = (str(note.get(key)) for key in ("died", "left", "ready"))
@@ -139,7 +139,7 @@ class Processes:
             known, self.alive[died] = self.alive.get(died), False
             return self._events(DIED, died) if known is not None else []
         if left in DIED or left == "coverage":
-            # It is not started again. What that means was said with its deaths, or it ended in order.
+            # It is not restarted. The consequence was reported with its deaths, or it ended in order.
             self.alive[left] = False
         elif ready in RELAUNCHED or ready == "coverage":
             known, self.alive[ready] = self.alive.get(ready), True
@@ -147,31 +147,31 @@ class Processes:
         return []
 
     def silent(self, name: str) -> bool:
-        """Whether a process is not there."""
+        """Whether a process is not running."""
         return not self.alive.get(name, False)
 
     @property
     def starting(self) -> bool:
-        """The slowest one has not come up for the first time."""
+        """Whether the slowest one has not started for the first time."""
         return self._beside not in self.alive
 
     @property
     def lost(self) -> bool:
-        """The recording is mandatory and cannot be kept."""
+        """Whether the recording is mandatory and has failed."""
         return self.mandatory and any(self.alive.get(name) is False for name in _SAYS)
 
     @property
     def slowly(self) -> bool:
-        """What is worked cannot be followed live."""
+        """Whether the worked map cannot be followed live."""
         return self.alive.get("coverage") is False
 
     @property
     def warnings(self) -> list[str]:
-        """What does not stop the vehicle and should be known."""
+        """Warnings that do not stop the vehicle."""
         return [*(text for name, text in _SAYS.items() if self.alive.get(name) is False), *self.radar]
 
     def _events(self, of: dict[str, Event], name: str) -> list[Event]:
-        # A recording that need not be there does not take the vehicle from the autopilot by its deaths.
+        # Deaths of an optional recorder do not disengage the autopilot.
         if name not in of or (of is DIED and name == "recorder" and not self.mandatory):
             return []
         return [of[name]]
@@ -203,7 +203,7 @@ def box_checks(bits: Watch, *, heard: bool) -> list[CheckItem]:
 
 
 def whole(number: float, unknown: int = 0) -> int:
-    """A number that is a whole one where it is a number at all."""
+    """A finite number as an integer."""
     return int(number) if math.isfinite(number) else unknown
 
 
@@ -224,20 +224,20 @@ def _words(bit: IntFlag) -> str:
 
 
 class VehicleStatus(NamedTuple):
-    """The vehicle as the modes take it.
+    """The vehicle's status for the modes.
 
     Attributes:
         started: there is a pose.
         place: one of the events ``ROUTE_*``; ``doubtful``: the heading is not confirmed yet.
         reaction: a ``Reaction`` of navigation's health.
-        oldest_s: age of the oldest thing that engaging needs.
-        line: the box's line is sound, or the box has never been heard.
-        severity: the largest that findings ask for; CONTINUE while the box has never been heard.
-        manual: findings beside the line's ask for manual or more.
-        emergency: findings ask for the power to be cut.
-        refuses: findings with which nothing may be engaged.
-        failed: the limiter asks for manual.
-        why: all of it in words, the weightiest first.
+        oldest_s: age of the oldest input that engaging needs.
+        line: the box's line is good, or the box has never been received.
+        severity: the largest of the findings; CONTINUE while the box has never been received.
+        manual: findings other than the line's request manual mode or more.
+        emergency: findings request cutting the power.
+        refuses: findings that inhibit engaging.
+        failed: the limiter requests manual mode.
+        why: all findings in words, the most severe first.
     """
 
     started: bool
@@ -255,13 +255,13 @@ class VehicleStatus(NamedTuple):
 
 
 class Wish(NamedTuple):
-    """What the modes want of a tick.
+    """Request of the modes for a tick.
 
     Attributes:
-        engaged: the computer holds the vehicle.
+        engaged: the computer controls the vehicle.
         drives: and moves it.
         stop: a controlled stop runs.
-        slowly: what is there beside the vehicle asks for no more than a slow speed.
+        slowly: other processes require a slow speed.
         set_speed_mps: that the operator locked.
     """
 
@@ -281,53 +281,53 @@ class OutgoingFrame(NamedTuple):
 
 @runtime_checkable
 class VehicleKind(Protocol):
-    """A vehicle in the control loop. Calls of a tick come in the order in which they stand here."""
+    """A vehicle in the control loop. Methods are called in this order in a tick."""
 
     @property
     def lock_mps(self) -> float:
-        """Speed that a cruise button locks now."""
+        """Speed locked by a cruise button now."""
 
     def warm_up(self) -> None:
         """Compile all that a tick may need."""
 
     def take(self, record: Record, tick: int) -> None:
-        """A message of a line other than the controller's, or a fix."""
+        """Take a message of a line other than the controller's, or a fix."""
 
     def update(self, operator: Operator, now_ns: int) -> list[Event]:
-        """End of what came: the watches judge it. Events of buttons and motion, in their order."""
+        """End of the messages: the watches judge them. Returns events of buttons and motion, in order."""
 
     def status(self, *, decided: bool) -> VehicleStatus:
-        """As it is now; ``decided``: with what this tick's ``step`` found."""
+        """Present status; ``decided``: including this tick's ``step``."""
 
     def checks(self, processes: Processes) -> list[CheckItem]:
-        """Every system check as it stands."""
+        """Present state of every system check."""
 
     def step(self, wish: Wish, now_ns: int) -> None:
         """The compiled step."""
 
     def command(self, engage: int) -> OutgoingFrame:
-        """What is sent, with these bits of the modes engaged."""
+        """Command to send, with these bits of the modes engaged."""
 
     def rows(self, now_ns: int, mode: int) -> list[tuple[RecordKind, bytes]]:
-        """What the tick leaves for others and for the recording."""
+        """Rows of the tick for other processes and for the recording."""
 
     def state(self, tick: int) -> dict[str, Any]:
-        """What the display shows of it."""
+        """State for the display."""
 
     def warnings(self) -> list[str]:
-        """What the operator should know, in words."""
+        """Warnings to the operator, in words."""
 
     def refusal_text(self) -> str:
-        """Why nothing is engaged, where the kind can say it better than the modes; else empty."""
+        """Why nothing is engaged, if the kind has a better text than the modes; else empty."""
 
     def notes(self) -> list[dict[str, Any]]:
-        """What happened in this tick that is to be recorded as an event."""
+        """Notes of this tick to record as events."""
 
     def release(self, engage: int) -> OutgoingFrame:
         """The last command of all: nothing engaged but these bits."""
 
     def leave(self) -> None:
-        """The operator drives: where he then is, is to be found anew."""
+        """The operator drives: the place must be searched again."""
 
     def choose(self, name: str) -> bool:
         """Another route by its name; whether it can be driven."""

@@ -1,4 +1,4 @@
-"""Every watch at work: actuators, line, odometer, heading, path and buttons, each tick, in one place."""
+"""All watches, run in each tick: actuators, line, odometer, heading, path and buttons."""
 
 import math
 from typing import NamedTuple
@@ -57,13 +57,13 @@ class SentCommand(NamedTuple):
 
 
 class Watched(NamedTuple):
-    """What the watches say of a tick.
+    """Results of the watches in a tick.
 
     Attributes:
         bits: findings; severity: the largest.
         events: of buttons, pedals, hands and motion, in their order.
         front_rad: of the front wheels, by the potentiometer.
-        yaw_rate_radps: by the gyro, or where there is none by the wheels.
+        yaw_rate_radps: by the gyro, or without one by the wheels.
         speed_known: the odometer may be used.
     """
 
@@ -80,7 +80,7 @@ class SharedWatches:
 
     Args:
         control: of the configuration.
-        bits: of ``engage`` with which the computer holds the vehicle.
+        bits: of ``engage`` with which the computer controls the vehicle.
     """
 
     def __init__(self, control: ControlTable, bits: int) -> None:
@@ -106,7 +106,7 @@ class SharedWatches:
             box: its state and what it holds engaged, bits.
             engage: bits of the last command.
             statuses: buttons of the controller since the last tick, oldest first.
-            controller_age_s: since the newest came; infinite before the first.
+            controller_age_s: since the newest one; infinite before the first.
             hands: of the operator on the vehicle.
             speed_mps: measured.
             step_s: since the last tick.
@@ -143,7 +143,7 @@ class Watches:
         vehicle: its file's contents.
 
     Raises:
-        InputError: a number that the watches need is not in the file.
+        InputError: a number required by the watches is not in the file.
     """
 
     def __init__(self, config: RuntimeConfig, vehicle: VehicleFile) -> None:
@@ -175,8 +175,8 @@ class Watches:
             sent: command of the last one.
             now_ns: of this tick.
             statuses: buttons of the controller since the last tick, oldest first.
-            controller_age_s: since the newest came; infinite before the first.
-            heading_rad: by GNSS/INS, NaN where there is none.
+            controller_age_s: since the newest one; infinite before the first.
+            heading_rad: by GNSS/INS, NaN without one.
             cross_track_m: of the last tick.
         """
         time_s, step_s = now_ns / 1e9, sensed.step_s
@@ -187,7 +187,7 @@ class Watches:
         hands = OperatorContact(0.0, False)
         if wheels is not None:
             if wheels.frame.session != self._session:
-                # A box that started anew counts from zero.
+                # A restarted box counts from zero.
                 self._session = wheels.frame.session
                 self._sensors, self._odometer = init_wheel_sensors(), OdometerWatchState()
             speed = wheels.number("speed_mps")
@@ -229,7 +229,7 @@ class Watches:
         time_s: float,
         sent: SentCommand,
     ) -> tuple[bool, Watch]:
-        """Odometer, heading and pedals, which lean on each other."""
+        """Odometer, heading and pedals, which depend on each other."""
         step_s, speed, way = sensed.step_s, wheels.number("speed_mps"), wheels.number("odometer_m")
         fix_yaw = None if sensed.fix is None else float(sensed.fix["pose"][3])
         found = Watch(0)

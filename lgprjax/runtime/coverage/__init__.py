@@ -1,1 +1,1 @@
-"""The coverage process: the map of what is worked, live."""
+"""The coverage process: the live map of worked ground."""

@@ -1,7 +1,7 @@
-"""The coverage process: keeps the map of what is worked from the control loop's rows, and the list of marked corners.
+"""The coverage process: keeps the worked map from the control loop's rows, and the list of marked corners.
 
-It is beside the control loop, not in it: what it computes decides nothing about driving, and may be late. When it comes
-up again after its death it takes up the map as it was a second before; the record itself is the recorder's.
+It is outside the control loop: its results do not affect driving, and may be late. After a restart it resumes the map
+of the last second; the record itself is kept by the recorder.
 """
 
 import csv
@@ -21,7 +21,7 @@ from lgprjax.runtime.coverage.worked_map import WorkedMap, worked_runs
 from lgprjax.runtime.process import ProcessStage, Started
 
 CORNERS_FILE = "corners.csv"
-"""In the run's folder: the corners that were marked, in their order."""
+"""In the run's folder: the marked corners, in order."""
 _COLUMNS = ("latitude_deg", "longitude_deg", "sigma_m", "height_m")
 _IDLE_S = 0.02
 _TELL_S = 1.0
@@ -55,7 +55,7 @@ class CoverageProcess:
         """Until SIGTERM."""
         while not self._ended:
             self._started.beat(ProcessStage.READY)
-            # A few at a time: one that has fallen behind must not look as if it hung.
+            # A few at a time: falling behind must not look like a hang.
             messages = self._cover.take(_SHARE)
             for message in messages:
                 with suppress(ValueError):
@@ -90,7 +90,7 @@ class CoverageProcess:
             writer.writerow(corner)
 
     def _tell(self) -> None:
-        """To the display, once a second where something is new."""
+        """To the display, once a second if something is new."""
         now_s = time.monotonic()
         held = self._map
         if held is None or now_s - self._told_s < _TELL_S or held.moments == self._told_moments:

@@ -1,4 +1,4 @@
-"""The map of what a field's tool has worked: rows ``COVER`` in, cells out, by the same step as the later record."""
+"""The worked map of a field: rows ``COVER`` in, cells out, by the same step as the later record."""
 
 from functools import partial
 
@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 from lgprjax.coverage import CellGrid, Tool, ToolMoment, WorkedState, init_worked, step_worked
 from lgprjax.run_records import ToolBits
 
-_LONGEST_STEP_NS = 250_000_000  # rows come each tenth of a second; in a hole nobody knows what the tool did
+_LONGEST_STEP_NS = 250_000_000  # rows come each tenth of a second; in a gap the state of the tool is unknown
 
 
 class WorkedMap:
@@ -38,7 +38,7 @@ class WorkedMap:
         self._state = init_worked(self._grid)
 
     def take_up(self, probability: Float[np.ndarray, "north east"]) -> None:
-        """Go on from a map that was kept.
+        """Continue from a saved map.
 
         Raises:
             ValueError: it is of another grid.
@@ -52,7 +52,7 @@ class WorkedMap:
 
         Args:
             cover: the row.
-            mono_ns: its time; what lies in a hole since the row before is not counted.
+            mono_ns: its time; a gap since the previous row is not counted.
         """
         place = (cover["x_m"], cover["y_m"], cover["yaw_rad"], *cover["covariance"].ravel())
         if mono_ns - self._last_ns > _LONGEST_STEP_NS:
@@ -62,7 +62,7 @@ class WorkedMap:
         self.moments += 1
 
     def probability(self) -> Float[np.ndarray, "north east"]:
-        """Of each cell, that the tool was over it."""
+        """Probability of each cell that the tool was over it."""
         return np.asarray(self._state.probability)
 
     def _step(self, numbers: Float[np.ndarray, "13"]) -> None:
@@ -80,9 +80,9 @@ def _step_cover(grid: CellGrid, tool: Tool, state: WorkedState, numbers: Float[A
 def worked_runs(
     worked: Bool[np.ndarray, "north east"], inside: Bool[np.ndarray, "north east"], most: int
 ) -> tuple[int, list[list[int]]]:
-    """Blocks of cells that are worked, as runs for a page.
+    """Worked blocks of cells, as runs for a page.
 
-    A block counts as worked where all of its cells inside the field are: a coarse picture claims no more than the map.
+    A block counts as worked if all of its cells inside the field are: a coarse picture claims no more than the map.
 
     Args:
         worked: cells.

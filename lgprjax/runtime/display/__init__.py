@@ -1,1 +1,1 @@
-"""The operator's display: a page served on the vehicle, and the one thing it may ask for, another route."""
+"""The operator's display: a page served on the vehicle, and its only request, another route."""

@@ -1,4 +1,4 @@
-"""Who may see the page: the Host it was called by, the Origin of who calls, and the token."""
+"""Access to the page: checks of Host, Origin and token."""
 
 import hashlib
 import hmac
@@ -21,7 +21,7 @@ Headers = list[tuple[bytes, bytes]]
 
 
 def is_loopback(host: str) -> bool:
-    """Whether nobody outside this computer reaches an address; a name other than ``localhost`` counts as reachable."""
+    """Whether an address is reachable from this computer only; a name other than ``localhost`` counts as reachable."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -29,13 +29,13 @@ def is_loopback(host: str) -> bool:
 
 
 class Access:
-    """What a request must carry.
+    """Requirements of a request.
 
     Args:
         config: of the run; ``display`` is used.
 
     Raises:
-        InputError: others can reach the address and there is no token, or an origin is none.
+        InputError: the address is reachable by others and there is no token, or an origin is invalid.
     """
 
     def __init__(self, config: RuntimeConfig) -> None:
@@ -60,7 +60,7 @@ class Access:
         return len(hosts) == 1 and hosts[0].lower() in known
 
     def origin_is_ours(self, headers: Headers, server: tuple[str, int | None] | None) -> bool:
-        """Whether a browser's Origin is the page itself or a configured one; without any it is not."""
+        """Whether a browser's Origin is the page itself or a configured one; without one it is not."""
         origins = _values(headers, b"origin")
         if len(origins) != 1:
             return False
@@ -68,7 +68,7 @@ class Access:
         return origins[0].lower() in own | self._origins
 
     def is_let_in(self, headers: Headers) -> bool:
-        """Whether the token is not needed, or comes as ``Authorization: Bearer`` or as the page's cookie."""
+        """Whether the token is not needed, or is given as ``Authorization: Bearer`` or as the page's cookie."""
         if self._token is None:
             return True
         bearers = [value[7:] for value in _values(headers, b"authorization") if value[:7].lower() == "bearer "]
@@ -78,11 +78,11 @@ class Access:
         )
 
     def token_is_right(self, token: str) -> bool:
-        """Whether a token is the configured one, in a time that tells nothing about it."""
+        """Whether a token is the configured one, in constant time."""
         return self._token is not None and hmac.compare_digest(token.encode("utf-8", "replace"), self._token)
 
     def cookie(self) -> str:
-        """What the browser keeps instead of the token; the same after the display was started anew."""
+        """Cookie instead of the token; unchanged after a restart of the display."""
         return hmac.new(self._token or b"", b"lgprjax.display", hashlib.sha256).hexdigest()
 
     def _own(self, server: tuple[str, int | None] | None) -> set[str]:
@@ -117,32 +117,32 @@ def _cookies(headers: Headers) -> Iterable[str]:
             yield cookie.value
 
 
-# What a page may say over its websocket: that another route is wanted, and nothing else.
+# Messages of a page over its websocket: requests for another route only.
 
 LARGEST_BYTES = 1024
 MOST_A_SECOND = 5
 LONGEST_NAME = 200
 _KEYS = {"session", "number", "select_route"}
-_LARGEST_NUMBER = 2**53  # beyond it a browser counts no longer
+_LARGEST_NUMBER = 2**53  # largest exact integer of a browser
 
 
 class Refused(Enum):
-    """Why a message asks for nothing."""
+    """Why a message is refused."""
 
     TOO_MANY = "more than five messages a second"
     TOO_LARGE = "a message above 1 kB"
     NOT_TEXT = "a message that is no text"
-    NOT_JSON = "a message that is no JSON"
+    NOT_JSON = "a message that is not JSON"
     NOT_A_REQUEST = "a message that is no request for a route"
     SESSION = "a message of another session"
     REPEATED = "a message that was sent before"
 
 
 class RequestGate:
-    """What of one connection's messages is a request: each at most once, in order, made for this connection.
+    """Accepts requests among a connection's messages: each at most once, in order, and for this connection.
 
     Args:
-        session: what the server said at its beginning.
+        session: the server's identifier at its start.
     """
 
     def __init__(self, session: str) -> None:
@@ -151,7 +151,7 @@ class RequestGate:
         self._times: deque[int] = deque(maxlen=MOST_A_SECOND)
 
     def judge(self, message: str | bytes | None, mono_ns: int) -> str | Refused:
-        """The name of the route that a message asks for, or why it asks for none.
+        """The name of the requested route, or why the message is refused.
 
         Args:
             message: text; bytes are refused.
@@ -195,4 +195,4 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _no_number(constant: str) -> float:
-    raise ValueError(f"{constant} is no JSON")
+    raise ValueError(f"{constant} is not JSON")

@@ -1,4 +1,4 @@
-"""What the display knows: the newest state of the control process, how old it is, and the path."""
+"""State of the display: the newest state of the control process, its age, and the path."""
 
 import json
 from typing import Any
@@ -13,8 +13,8 @@ class Board:
     """The newest state.
 
     Attributes:
-        path_version: another one where the path is another one; worked_version: where more of a field is worked.
-        refused_states: messages of the control process that were none.
+        path_version: changes with the path; worked_version: changes with the worked map.
+        refused_states: invalid messages of the control process.
     """
 
     def __init__(self) -> None:
@@ -26,14 +26,14 @@ class Board:
         self._worked: dict[str, Any] | None = None
 
     def take(self, messages: list[bytes]) -> None:
-        """Use what the control process wrote, oldest first."""
+        """Take messages of the control process, oldest first."""
         for message in messages:
             try:
                 record = unpack(message)
                 state = json.loads(record.payload, parse_constant=_nothing)
                 if record.kind is not RecordKind.STATE or not isinstance(state, dict):
                     raise ValueError("no state")
-                # A number too large for a browser, 1e999, is found here.
+                # A number too large for a browser, such as 1e999, is detected here.
                 json.dumps(state, allow_nan=False)
             except (ValueError, RecursionError):
                 self.refused_states += 1
@@ -41,7 +41,7 @@ class Board:
             self._show(state, record.mono_ns)
 
     def take_worked(self, message: bytes | None) -> None:
-        """Use what the coverage process wrote last, if anything."""
+        """Take the newest message of the coverage process, if any."""
         if message is None:
             return
         try:
@@ -61,7 +61,7 @@ class Board:
         Args:
             mono_ns: monotonic time now.
             refused: requests refused since the display started.
-            with_path: the page does not have this path yet; with_worked: nor what is worked.
+            with_path: the page does not have this path yet; with_worked: nor the worked map.
         """
         said: dict[str, Any] = {
             "kind": "state",
@@ -77,7 +77,7 @@ class Board:
         return json.dumps(said, allow_nan=False, separators=(",", ":"))
 
     def obstacle(self, name: str, mono_ns: int) -> str | None:
-        """Why a route cannot be asked for now; ``None`` where it can. The control process decides anew.
+        """Why a route cannot be requested now; ``None`` if it can. The control process decides again.
 
         Args:
             name: of the route.
@@ -107,5 +107,5 @@ class Board:
 
 
 def _nothing(constant: str) -> None:
-    """NaN and infinities are no JSON to a browser: shown as missing."""
+    """NaN and infinities are not JSON for a browser: shown as missing."""
     del constant

@@ -30,7 +30,7 @@ from lgprjax.runtime.display.access import COOKIE, Access, Refused, RequestGate
 from lgprjax.runtime.display.board import Board
 from lgprjax.runtime.ring import Ring
 
-# What stands before the page: every request is held against ``Access``, every answer gets its headers.
+# Guard of the page: every request is checked by ``Access``, every response gets its headers.
 
 _log = logging.getLogger(__name__)
 
@@ -47,12 +47,12 @@ _HEADERS = {
 
 
 class Guard:
-    """An ASGI application that lets through to another one what may come in.
+    """An ASGI application that passes permitted requests to another one.
 
     Args:
         app: behind it.
         access: the rules.
-        counts: of what was refused, by reason.
+        counts: of refused requests, by reason.
     """
 
     def __init__(self, app: ASGIApp, access: Access, counts: Counter[str]) -> None:
@@ -74,7 +74,7 @@ class Guard:
             else:
                 await send({"type": "websocket.close", "code": 1008, "reason": ""})
         except (OSError, WebSocketDisconnect, LocalProtocolError):
-            # The last one: the server itself answered that the rest of the request is malformed.
+            # The last one: the server itself answered that the request is malformed.
             self._counts["connection gone"] += 1
         except Exception:
             _log.exception("the display failed at a request")
@@ -85,11 +85,11 @@ class Guard:
         asks_http = scope["type"] == "http"
         looks = asks_http and scope["method"] in ("GET", "HEAD")
         if not self._access.host_is_ours(headers, server):
-            return self._refuse("host", 421, "This page is not known by that name.")
+            return self._refuse("host", 421, "This host name is not known here.")
         if not looks and not self._access.origin_is_ours(headers, server):
-            return self._refuse("origin", 403, "Another page may not ask this one for anything.")
+            return self._refuse("origin", 403, "Requests from other pages are not allowed.")
         if asks_http and not looks:
-            return self._refuse("method", 405, "There is nothing here but to look at.", allow="GET, HEAD")
+            return self._refuse("method", 405, "Only reading is allowed here.", allow="GET, HEAD")
         tokens = _query(scope["query_string"]).get("token", [])
         if asks_http and scope["path"] == "/" and len(tokens) == 1 and self._access.token_is_right(tokens[0]):
             # The token leaves the address bar, and with it the browser's history.
@@ -113,7 +113,8 @@ def _query(query: bytes) -> dict[str, list[str]]:
 
 
 def _dressed(scope: Scope, send: Send) -> Send:
-    # Not every browser counts a websocket of the same address as 'self'. The host was checked, thus safe to repeat.
+    # Not every browser treats a websocket of the same address as 'self'. The host was checked, so that repeating it is
+    # safe.
     host = next((value.decode("latin-1") for key, value in scope["headers"] if key == b"host"), "")
     socket = f" ws://{host}" if host.replace(":", "").replace(".", "").replace("-", "").isalnum() else ""
 
@@ -143,13 +144,13 @@ class Pages:
     """The application.
 
     Args:
-        board: what is shown.
+        board: the state to show.
         requests: ring to the control process.
-        access: who may come in.
+        access: the access rules.
 
     Attributes:
-        app: to be served.
-        counts: of what was refused, by reason.
+        app: to serve.
+        counts: of refused requests, by reason.
     """
 
     def __init__(self, board: Board, requests: Ring, access: Access) -> None:
@@ -162,7 +163,7 @@ class Pages:
         self.app = Guard(starlette, access, self.counts)
 
     def push(self) -> None:
-        """Have the state sent to every viewer that is not still busy with an earlier one."""
+        """Send the state to every viewer that is not still busy with an earlier one."""
         for due in self._due:
             due.set()
 
@@ -244,7 +245,7 @@ def _file(name: str, media_type: str) -> Callable[[Request], Awaitable[Response]
     return answer
 
 
-# Connections that cannot hold on to the server: how many, how long, and how much each may make it keep.
+# Limits of connections: number, duration, and memory of each.
 
 MOST_CONNECTIONS = 64
 HTTP_LIFE_S = 5.0
@@ -256,7 +257,7 @@ class HttpConnection(H11Protocol):
     """A connection that fetches the page's few files and then ends or becomes a websocket."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """asyncio: one too many is closed at once, every other after ``HTTP_LIFE_S``, however slowly it speaks."""
+        """asyncio: excess connections are closed at once, every other after ``HTTP_LIFE_S``, however slow."""
         super().connection_made(cast(asyncio.Transport, transport))
         if len(self.connections) > MOST_CONNECTIONS:
             self.transport.abort()
@@ -265,7 +266,7 @@ class HttpConnection(H11Protocol):
         self.loop.call_later(HTTP_LIFE_S, self._end)
 
     def data_received(self, data: bytes) -> None:
-        """asyncio: what the parser did not foresee ends this connection and nothing else."""
+        """asyncio: an unexpected parser error ends this connection only."""
         try:
             super().data_received(data)
         except Exception:
@@ -277,39 +278,39 @@ class HttpConnection(H11Protocol):
 
 
 class PageSocket(WebSocketsSansIOProtocol):
-    """A websocket of which only a few messages, fragments and unread answers wait."""
+    """A websocket with bounded queues of messages, fragments and unread answers."""
 
     def data_received(self, data: bytes) -> None:
-        """asyncio: what the parser did not foresee ends this connection and nothing else."""
+        """asyncio: an unexpected parser error ends this connection only."""
         try:
             super().data_received(data)
         except Exception:
             self.transport.abort()
-        # Pings are answered outside the flow control: who does not read the answers is let go.
+        # Pings are answered outside the flow control: clients that do not read the answers are dropped.
         if self.transport.get_write_buffer_size() > _WRITE_MOST:
             self.transport.abort()
 
     async def send(self, message: Any) -> None:
-        """ASGI: what is sent after this line was ended for a fault finds nobody there."""
+        """ASGI: data sent after the connection was ended for a fault are dropped."""
         await self.writable.wait()
         if self.close_sent or self.transport.is_closing():
             raise ClientDisconnected
         await super().send(message)
 
     def send_receive_event_to_app(self) -> None:
-        """A whole message came; many may have come at once."""
+        """A complete message arrived; many may have arrived at once."""
         if self.queue.qsize() >= MOST_WAITING:
             self.transport.abort()
         if not self.transport.is_closing():
             super().send_receive_event_to_app()
 
     def handle_ping(self) -> None:
-        """A ping came; many may have come at once, and the first answer may have found nobody there."""
+        """A ping arrived; many may have arrived at once, and the connection may be closed after the first answer."""
         if not self.transport.is_closing():
             super().handle_ping()
 
     def handle_cont(self, event: Frame) -> None:
-        """A fragment came; empty ones are not bounded by the size of a message."""
+        """A fragment arrived; empty ones are not bounded by the size of a message."""
         if len(self.frames) >= MOST_WAITING:
             self.transport.abort()
         if not self.transport.is_closing():

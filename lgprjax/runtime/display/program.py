@@ -1,4 +1,4 @@
-"""The display process: it reads the control process's state, serves the page and hands on requests for a route."""
+"""The display process: it reads the control process's state, serves the page and forwards requests for a route."""
 
 import asyncio
 import contextlib
@@ -16,7 +16,7 @@ from lgprjax.runtime.display.pages import MOST_CONNECTIONS, HttpConnection, Page
 from lgprjax.runtime.process import ProcessStage, Started
 
 ADDRESS_FILE = "display.url"
-"""In the folder of the rings: where the page is, for a port that the system chose."""
+"""In the folder of the rings: address of the page, for a port chosen by the system."""
 _LOOK_S = 0.05
 _LOOKS_A_PUSH = 2
 _SEND_BUFFER = 32 << 10
@@ -29,7 +29,7 @@ def run(started: Started) -> None:
         started: rings ``state`` and ``requests`` are used, and ``display`` of the configuration.
 
     Raises:
-        InputError: others can reach the address and there is no token, or it cannot be listened at.
+        InputError: the address is reachable by others without a token, or cannot be bound.
     """
     started.beat(ProcessStage.STARTING)
     access = Access(started.config)
@@ -45,7 +45,7 @@ def run(started: Started) -> None:
 class _Server(uvicorn.Server):
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None, None, None]:
-        """The process's loop has them."""
+        """The process's loop handles them."""
         yield
 
 
@@ -83,15 +83,15 @@ def _settings(pages: Pages) -> uvicorn.Config:
         ws_max_size=LARGEST_BYTES,
         ws_ping_interval=5.0,
         ws_ping_timeout=5.0,
-        # A compressed message is larger than what was received.
+        # A compressed message expands beyond its received size.
         ws_per_message_deflate=False,
-        # Also how many connections are taken in at once before any of them can be found one too many.
+        # Also the number of connections accepted at once before the limit applies.
         backlog=MOST_CONNECTIONS,
         h11_max_incomplete_event_size=8 << 10,
         lifespan="off",
         interface="asgi3",
         log_config=None,
-        # Anybody can have a bad request logged. The application logs its own failures.
+        # Anybody can cause a logged bad request. The application logs its own failures.
         log_level="critical",
         access_log=False,
         proxy_headers=False,
@@ -109,6 +109,6 @@ def _listen(config: RuntimeConfig) -> socket.socket:
     except OSError as error:
         found = f"{host}:{port}: {error.strerror or error}"
         raise InputError(config.file, "display", "an address to listen at", found) from None
-    # Connections inherit it. What a slow viewer has not taken must not wait long enough to grow old.
+    # Inherited by connections: data for a slow viewer must not wait until they are old.
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
     return listener

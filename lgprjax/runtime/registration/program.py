@@ -1,4 +1,4 @@
-"""The registration process: takes the radar's scans, searches each from the control loop's prior, sends its fix."""
+"""The registration process: takes the radar's scans, searches each from the control loop's prior, and sends its fix."""
 
 import gc
 import json
@@ -78,10 +78,10 @@ class RegistrationProcess:
             assert place.x_m is not None
             assert place.height_m is not None
             priors = PriorTrack(place.x_m, place.height_m)
-            # Scans that came meanwhile are old.
+            # Scans received meanwhile are old.
             self._listen()
             self._waiting.clear()
-            # What is there now stays: collecting it again and again is what a collector's pauses are made of.
+            # Objects existing now are permanent: excluding them avoids pauses of the garbage collector.
             gc.collect()
             gc.freeze()
             known, compiles = 0, count_compiles()
@@ -103,7 +103,7 @@ class RegistrationProcess:
         self._ended = True
 
     def _listen(self) -> None:
-        """Take what came; tell the radar what is next."""
+        """Take arrivals; send the next order to the radar."""
         for arrival in self._radar.arrivals():
             self._take(arrival)
         self._radar.order()
@@ -121,18 +121,18 @@ class RegistrationProcess:
         elif frame.name == "radar_description":
             told = description_of(frame)
             if self.description is not None and told != self.description:
-                # What is compiled is for other scans: started anew, it is made for these.
-                raise SystemExit(f"the radar describes itself anew: {told}")
+                # The compiled programs are for other scans: a restart makes them for these.
+                raise SystemExit(f"the radar's description changed: {told}")
             self.description = told
 
     def _search(self, search: Search, priors: PriorTrack) -> bool:
-        """Search what waits and has a prior; whether there was something to do."""
+        """Search waiting scans that have a prior; returns whether there were any."""
         while self._waiting and priors.covers(self._waiting[0].time_ns) is False:
             self._waiting.popleft()
         ready: list[_Scan] = []
         while self._waiting and len(ready) < BLOCK_SCANS and priors.covers(self._waiting[0].time_ns):
             scan = self._waiting.popleft()
-            # Ten scans a second of a vehicle that stands say all that there is to say.
+            # At standstill ten scans a second are enough.
             if abs(priors.speed_mps) > _STANDING_MPS or scan.time_ns - self._searched_ns >= _STANDING_NS:
                 ready.append(scan)
                 self._searched_ns = scan.time_ns
@@ -158,7 +158,7 @@ class RegistrationProcess:
         rows = np.zeros(len(scans), FIX)
         rows["scan_ns"] = [scan.time_ns for scan in scans]
         rows["scan"] = [int(scan.frame.number("scan")) for scan in scans]
-        # What is only carried on from the fix before is no observation; a vehicle that stands has no other.
+        # A propagated fix is no observation, except at standstill, where there is no other.
         own = found.searched if found.searched.any() else np.arange(len(scans)) == len(scans) - 1
         rows["code"] = np.where(own, fix.code, Code.NO_WINDOW)
         rows["waiting"] = len(self._waiting)

@@ -1,4 +1,4 @@
-"""The search as the vehicle runs it: a map, an array and a radar's own description made ready and warmed."""
+"""The onboard search: map, array and the radar's description, prepared and compiled."""
 
 import json
 import math
@@ -37,18 +37,18 @@ from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.ring import Ring
 from lgprjax.wire import Frame, Sender, draw_session
 
-# Tiles made ready before the vehicle comes to them: in a thread, on a ground of its own.
+# Tiles prepared before the vehicle reaches them: in a thread, on a map object of its own.
 
 AHEAD_M = (0.0, 1.0, 2.0, 3.0)
-"""How far ahead of the array tiles are made ready; the first is where it is."""
-_SLACK_M = 0.5  # what the search's lattice reaches beyond its region, up to a step
+"""Distances ahead of the array at which tiles are prepared; the first is at the array."""
+_SLACK_M = 0.5  # extent of the search's lattice beyond its region, up to a step
 
 
 class TilesAhead:
-    """A thread that prepares what it is asked for, the newest wish first done.
+    """A thread that prepares requested tiles, the newest request first.
 
-    What it computes releases the interpreter, so that the search goes on beside it; its tiles are handed over when the
-    search asks (``PreparedGround.hold``), never changed in its back.
+    What it computes releases the interpreter, so that the search runs in parallel; its tiles are handed over when the
+    search asks (``PreparedGround.hold``), never modified concurrently.
     """
 
     def __init__(self, source: MapFile, array: ArrayGeometry, options: RegisterOptions) -> None:
@@ -71,12 +71,13 @@ class TilesAhead:
         self._thread.join(timeout=5.0)
 
     def wish(self, poses: Iterable[Float[np.ndarray, "5"]], speed_mps: float, into: PreparedGround) -> None:
-        """Prepare for these places, the first being the vehicle's own; those that the search holds already are left
-        out. What is ready is handed over."""
+        """Request tiles at these places, the first being the vehicle's own, except those that the search already
+        holds. Prepared ones are handed over.
+        """
         aspects: list[TemplateKey] = []
         tile = self._tile
         for number, pose in enumerate(poses):
-            # As the search chooses: a tile stays in use as long as it serves.
+            # Same choice as in the search: a tile stays in use as long as it serves.
             tile = self._ground.tile_holding(tile, pose[:2], self._reach_m)
             if number == 0:
                 self._tile = tile
@@ -112,14 +113,14 @@ class TilesAhead:
 
 
 BLOCK_SCANS = 4
-"""Most scans that are searched at once: a compiled shape."""
+"""Largest number of scans searched at once: a compiled shape."""
 _HELD_TILES = 10
 _WARM_UP_M = 12.0
-"""Of travel: after less, a drive that is lost looks for another time scale, and for places farther away."""
+"""Travel within which a lost drive searches for another time scale, and for places farther away."""
 
 
 class RadarDescription(NamedTuple):
-    """What scans are, by the radar's own word; times in ns, the period in s."""
+    """Description of the scans by the radar; times in ns, the period in s."""
 
     channels: int
     samples: int
@@ -130,7 +131,7 @@ class RadarDescription(NamedTuple):
 
 
 def description_of(frame: Frame) -> RadarDescription:
-    """A radar_description."""
+    """Read a radar_description."""
     return RadarDescription(
         int(frame.number("channels")),
         int(frame.number("samples")),
@@ -168,8 +169,8 @@ class Search:
     Args:
         config: of the run.
         vehicle: its file's contents.
-        source: the map, open for as long as the search lives; beside it for the tiles ahead.
-        radar: what it says of itself.
+        source: the map, open as long as the search; also used for the tiles ahead.
+        radar: its description.
 
     Attributes:
         array: geometry.
@@ -177,7 +178,7 @@ class Search:
         ahead: makes tiles ready.
 
     Raises:
-        InputError: radar and map do not fit, or the vehicle file does not say where the array stands.
+        InputError: radar and map do not fit, or the vehicle file has no place of the array.
     """
 
     def __init__(
@@ -219,19 +220,20 @@ class Search:
         self.ahead = TilesAhead(beside, self.array, options)
 
     def warm_up(self) -> None:
-        """Compile everything that a drive needs: one along the map's first stations that finds itself, one that hears
-        noise and looks for another time scale, and one that hears noise and looks farther away."""
+        """Compile everything that a drive needs: one along the map's first stations that is located, one of noise
+        that searches other time scales, and one of noise that searches farther away.
+        """
         fixed = replace(self._options, time_scale=self._options.time_scale or 1.0)
         for known, options in ((True, self._options), (False, self._options), (False, fixed)):
             drive = self._begin(options)
             for block in self._over_stations(known=known):
                 drive.feed(block)
-        # Ground for either way along a tile.
+        # Ground for both directions along a tile.
         tile = self._held.ground.tile_near(self._source.pose[0, :2].astype(np.float64), 1.0)
         if tile is not None:
             for direction in (-1, 1):
                 self._held.ground.tile(tile, direction)
-        # All that is remembered is brought to another scale at once.
+        # The whole history is converted to another scale at once.
         channels, recorded = self._radar.channels, self._radar.samples
         chain = live_chain(self._held.ground, self._operators, channels, recorded)
         rows = 1
@@ -254,7 +256,7 @@ class Search:
         )
 
     def _over_stations(self, *, known: bool) -> Iterator[LiveBlock]:
-        """Scans along the map's first stations: their traces as the radar would record them, or noise."""
+        """Scans along the map's first stations: their traces as recorded by the radar, or noise."""
         source, draw = self._source, np.random.default_rng(0)
         count = min(len(source.pose), int(_WARM_UP_M / source.description.settings.step_m))
         count = int(np.argmax(source.drive[:count] != source.drive[0])) or count
@@ -291,7 +293,7 @@ class Search:
         return self.drive.feed(LiveBlock(np.stack(traces), np.stack(valid), track))
 
 
-# Where GNSS/INS have the vehicle at each scan: between the control loop's priors, or a little beyond the last.
+# Pose by GNSS/INS at each scan: interpolated between the control loop's priors, or slightly beyond the last.
 
 _KEPT = 256
 _BEYOND_S = 0.1
@@ -311,7 +313,7 @@ class PriorTrack:
         self._held: deque[np.void] = deque(maxlen=_KEPT)
 
     def take(self, payload: bytes) -> None:
-        """A prior; one that is not valid ends what is known."""
+        """Take a prior; an invalid one ends the known track."""
         prior = np.frombuffer(payload, PRIOR)[0]
         if not prior["valid"]:
             self._held.clear()
@@ -319,7 +321,7 @@ class PriorTrack:
             self._held.append(prior)
 
     def covers(self, scan_ns: int) -> bool | None:
-        """Whether there is a prior for a moment; ``None`` where one may still come."""
+        """Whether there is a prior for a time; ``None`` if one may still arrive."""
         if not self._held:
             return None
         if scan_ns < self._held[0]["time_ns"]:
@@ -334,7 +336,7 @@ class PriorTrack:
         beyond = np.maximum(at - time[-1], 0.0)
         yaw_held = np.unwrap(held["pose"][:, 2])
         yaw = np.interp(at, time, yaw_held) + beyond * last["yaw_rate_radps"]
-        # What the last prior is carried on by stays small: a tick of the control loop.
+        # The extrapolation of the last prior stays small: a tick of the control loop.
         way = beyond * last["speed_mps"]
         turned = yaw_held[-1] + 0.5 * beyond * last["yaw_rate_radps"]
         x = np.interp(at, time, held["pose"][:, 0]) + way * np.cos(turned) + self._array_x_m * np.cos(yaw)
@@ -349,7 +351,7 @@ class PriorTrack:
         return Track(pose, travel, speed, sigma, unstated, np.zeros(len(at), np.int64))
 
     def ahead(self, way_m: float) -> Float[np.ndarray, "5"] | None:
-        """Where the array will be so much farther on, the way that the vehicle moves now; ``None`` where it stands."""
+        """Place of the array a distance ahead, in the present direction of motion; ``None`` at standstill."""
         if not self._held or abs(self._held[-1]["speed_mps"]) < 0.1:
             return None
         last = self._held[-1]
@@ -366,7 +368,7 @@ class PriorTrack:
         return float(self._held[-1]["speed_mps"]) if self._held else 0.0
 
 
-# The radar's line: what the radar is told before it scans, that it scans, and what it reports of itself.
+# The radar's line: orders before scanning, start of scanning, and reports.
 
 _ASK_S, _TELL_S = 1.0, 1.0
 _STOP, _START, _CALIBRATE, _LOOK_UP = range(4)
@@ -384,7 +386,7 @@ ERRORS = {
 class RadarLine:
     """The port and the radar's orders.
 
-    A radar that scans already, as after a relaunch of this process, has been told what it is to be told.
+    A radar that scans already, as after a restart of this process, has received its orders.
 
     Args:
         port: of the line.
@@ -404,18 +406,18 @@ class RadarLine:
 
     @property
     def preparing(self) -> bool:
-        """It is still to calibrate or to look up before it scans."""
+        """Whether calibration or look-up is still pending before scanning."""
         return bool(self._orders) and self._state != _SCANNING
 
     def take(self, frame: Frame) -> None:
-        """A frame that came."""
+        """Take a received frame."""
         if frame.name == "radar_scan":
             self._state = _SCANNING
         elif frame.name == "radar_health":
             self._take_health(int(frame.number("state")), int(frame.number("errors")))
 
     def arrivals(self) -> list[Arrival[Frame]]:
-        """What came; what was refused is recorded."""
+        """Arrivals; refusals are recorded."""
         came = self._port.take()
         for refused in self._port.take_refused():
             payload = bytes([refused.item.reason]) + refused.item.data
@@ -423,11 +425,11 @@ class RadarLine:
         return came
 
     def order(self) -> None:
-        """Tell it what is next: sweep plan, calibration, look-up, then to scan; once a second until it does."""
+        """Send the next order: sweep plan, calibration, look-up, then scanning; once a second until it does."""
         now_s = time.monotonic()
         if self._state == _SCANNING or now_s - self._asked_s <= _ASK_S:
             return
-        # A radar that scans already must not be told to do anything else: it is heard first.
+        # A radar that scans already must not get other orders: wait for its messages first.
         unheard = self._state is None and (self._orders or self._sweeps)
         if unheard or self._state in (_CALIBRATING, _LOOKING_UP):
             return
@@ -439,7 +441,7 @@ class RadarLine:
         self._send("radar_command", {"action": action, "scan_period_us": self._table.scan_period_us})
 
     def close(self) -> None:
-        """Have it stop, and close the line."""
+        """Stop the radar, and close the line."""
         self._send("radar_command", {"action": _STOP, "scan_period_us": 0})
         self._port.close()
 
@@ -448,7 +450,7 @@ class RadarLine:
         if self._orders and doing == self._orders[0]:
             self._began = True
         elif self._orders and self._began and state == _IDLE:
-            # What it was doing it has done.
+            # The previous order is done.
             self._orders, self._began, self._asked_s = self._orders[1:], False, 0.0
         self._state = state
         now_s = time.monotonic()

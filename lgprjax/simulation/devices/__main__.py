@@ -1,4 +1,4 @@
-"""``python -m lgprjax.simulation.devices SPEC.json``: see ``stage`` for what it holds."""
+"""``python -m lgprjax.simulation.devices SPEC.json``: see ``stage`` for its contents."""
 
 import sys
 from pathlib import Path

@@ -60,7 +60,7 @@ class HostListener:
         self._parser = FrameParser()
 
 
-# What every drive-by-wire box does with its line: frames judged, commands that end, defaults taken by itself.
+# Common behaviour of drive-by-wire boxes on their line: judging frames, expiry of commands, defaults.
 
 POWER_CUT = 4
 DEFAULTS, BAD_FRAMES, SECOND_SENDER, BUS_OFF, NO_POWER = 1, 2, 4, 64, 256
@@ -119,7 +119,7 @@ class HostedBox(ABC):
         """A frame that was taken."""
 
     def _engage(self, frame: Frame, engage: int, known: int, now_ns: int) -> None:
-        """What a command holds engaged; ``known`` are the bits that the box has."""
+        """Bits engaged by a command; ``known`` are those of the box."""
         self._sequence = frame.sequence
         self._ends_ns = now_ns + 1_000_000 * frame.ttl_ms if frame.ttl_ms else None
         if engage & POWER_CUT:
@@ -135,11 +135,11 @@ class HostedBox(ABC):
 
     @abstractmethod
     def _let_go(self) -> None:
-        """The host has let go of everything."""
+        """The host has released everything."""
 
     def _fall(self, *, cut: bool = False) -> None:
         """To the defaults; ``cut``: with the power cut."""
-        del cut  # what a cut does beside is a box's own
+        del cut  # further effects of a cut are specific to a box
         self._default, self._armed, self.held = True, False, self.held & POWER_CUT
 
     def _refuse(self) -> None:
@@ -194,7 +194,7 @@ class DriveCommandMessage(NamedTuple):
 
 
 class ActuatorOrders(NamedTuple):
-    """What the box makes its actuators do.
+    """Orders of the box to its actuators.
 
     Attributes:
         steering: its servo has torque and turns the wheels to ``front_rad``.
@@ -212,7 +212,7 @@ class ActuatorOrders(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """What the box's sensors show; units as in ``drive_status``."""
+    """Readings of the box's sensors; units as in ``drive_status``."""
 
     potentiometer_v: float
     encoder_counts: int
@@ -241,12 +241,12 @@ class DriveBox(HostedBox):
         self._speed_mps, self._pressure = 0.0, 0.0
 
     def sense(self, now_ns: int, speed_mps: float, pressure: float, supply_v: float) -> None:
-        """What the box watches for itself: speed by the wheels, brake pressure as a command, supply."""
+        """The box's own measurements: speed by the wheels, brake pressure as a command, supply."""
         self._speed_mps, self._pressure, self._supply_v = speed_mps, pressure, supply_v
         self._let_time_pass(now_ns)
 
     def orders(self, now_ns: int) -> ActuatorOrders:
-        """What it makes its actuators do now."""
+        """Present orders to its actuators."""
         self._let_time_pass(now_ns)
         told = self.command
         if self._default:
@@ -315,7 +315,7 @@ class SkidCommandMessage(NamedTuple):
 
 
 class SkidActing(NamedTuple):
-    """What acts on the vehicle.
+    """Inputs acting on the vehicle.
 
     Attributes:
         left_mps, right_mps: of the tracks.
@@ -328,7 +328,7 @@ class SkidActing(NamedTuple):
 
 
 class SkidMeasured(NamedTuple):
-    """What the box's sensors show; units as in ``skid_status``."""
+    """Readings of the box's sensors; units as in ``skid_status``."""
 
     left_mps: float
     right_mps: float
@@ -352,7 +352,7 @@ class SkidBox(HostedBox):
         self.command = SkidCommandMessage()
 
     def acting(self, now_ns: int, remote: SkidActing, supply_v: float) -> SkidActing:
-        """What it makes its actuators do now.
+        """Present orders to its actuators.
 
         Args:
             now_ns: of the world's clock.

@@ -50,7 +50,7 @@ class CourseSpec(StageSpec):
     start_m: float = Field(default=2.0, ge=0.0)
 
 
-# A fault: somebody else commands the drive-by-wire box too.
+# A fault: another source commands the drive-by-wire box too.
 
 _WANTS: dict[str, Value] = {"front_rad": 0.35, "throttle": 0.5, "brake": 0.0, "engage": 3}
 _SPEED_ENGAGED, _SECOND_TTL_MS = 4, 200
@@ -108,7 +108,7 @@ class CourseStage(Stage[DriveBox, Tick]):
         )
 
     def tick(self) -> Tick:
-        """Move the vehicle by a tick, under what the host said until its begin."""
+        """Move the vehicle by a tick, with the host's messages up to its start."""
         number, begin_ns = self._ticks, self.next_ns
         before = self._body.sample
         with self._lock:
@@ -176,7 +176,7 @@ class CourseStage(Stage[DriveBox, Tick]):
                     "drive_command", _WANTS, mode=_SPEED_ENGAGED, mono_ns=due_ns, ttl_ms=_SECOND_TTL_MS
                 )
                 self.drive_box.take([decode(frame)], now_ns)
-        # What is not known yet is not told: a world that is late tells it late, and never wrong.
+        # Unknown data are not sent yet: a late world sends late, never wrong data.
         for due_ns in self._drive.due(min(now_ns, self._known.known_ns)):
             self._note("status", now_ns - due_ns)
             measured = self._sensing.measured(self._known.at(due_ns), self._hands)

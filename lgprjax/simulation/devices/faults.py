@@ -1,4 +1,4 @@
-"""What goes wrong with the simulated devices: names, and what runs at a moment."""
+"""Faults of the simulated devices: names, and those active at a time."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ READY_MODE = 2
 
 
 class Moment(NamedTuple):
-    """What beginnings hang on.
+    """Conditions that start items.
 
     Attributes:
         now_s: of the world's clock.
@@ -73,7 +73,7 @@ class ScriptItem:
 
 
 class Schedule:
-    """Items, each of which begins once, or every so many seconds."""
+    """Items, each of which begins once, or periodically."""
 
     def __init__(self, items: Iterable[ScriptItem]) -> None:
         self._waiting = list(items)
@@ -240,7 +240,7 @@ class RunningFaults:
         return any(row["line"] == line for row in self._running.get(name, ()))
 
     def hold(self, name: str, value: _Value) -> _Value:
-        """The value, or the one that it had when the fault began."""
+        """The value, or its value when the fault began."""
         if not self.has(name):
             self._held.pop(name, None)
             return value

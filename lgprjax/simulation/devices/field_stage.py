@@ -56,7 +56,7 @@ class FieldSpec(StageSpec):
     seed: int = 2
 
 
-# What goes wrong with the simulated devices of a field: names, and what each must say of itself.
+# Faults of the simulated devices of a field: names and their parameters.
 
 FIELD_LINES = ("drive_by_wire", "controller", "gnss")
 _OF_EVERY_VEHICLE = (
@@ -91,7 +91,7 @@ _DELAY_SLOTS = 12
 
 
 class FlailMoved(NamedTuple):
-    """The vehicle at a tick's end, in the plan's frame, and what its sensors say.
+    """The vehicle at a tick's end, in the plan's frame, and its sensor readings.
 
     Attributes:
         x_m, y_m, yaw_rad, speed_mps: true, of the reference point.
@@ -117,7 +117,7 @@ class FlailMoved(NamedTuple):
 
 
 class Flail:
-    """A vehicle that stands at a pose.
+    """A vehicle at standstill at a pose.
 
     Args:
         track_m: effective.
@@ -267,7 +267,7 @@ FIELD_SCRIPT: dict[str, tuple[str, ...]] = {
     "press": ("button",),
     "brake_tap": (),
 }
-"""What a script may say, and what each must say with it."""
+"""Items of a script, and their parameters."""
 _SCRIPT_LASTS_S = {"press": 0.3, "brake_tap": 0.3}
 _BUTTONS = ("steering", "plus", "minus", "override", "estop", "corner")
 
@@ -280,7 +280,7 @@ _TRACK_M = 1.1
 
 
 class RemoteHands(NamedTuple):
-    """What the operator does: the remote control, and the buttons that are pressed."""
+    """Operator actions: the remote control, and pressed buttons."""
 
     remote: SkidActing
     buttons: frozenset[str]
@@ -300,7 +300,7 @@ class Teleoperator:
         self._rest_s = 0.0
 
     def step(self, running: Iterable[ScriptItem], x_m: float, y_m: float, yaw_rad: float, step_s: float) -> RemoteHands:
-        """What the operator does at a true pose of the reference point."""
+        """Operator actions at a true pose of the reference point."""
         items = list(running)
         for item in items:
             if item.name == "stand" and item not in self._told:
@@ -373,7 +373,7 @@ class FieldStage(Stage[SkidBox, None]):
         self._waiting: deque[tuple[str, int, bytes]] = deque(maxlen=64)
 
     def tick(self) -> None:
-        """Move the vehicle by a tick, under what the host said until its begin."""
+        """Move the vehicle by a tick, with the host's messages up to its start."""
         begin_ns, before = self.next_ns, self.moved
         with self._lock:
             box = self.drive_box
@@ -396,7 +396,7 @@ class FieldStage(Stage[SkidBox, None]):
 
     def _due(self, now_ns: int) -> list[tuple[str, bytes]]:
         told: list[tuple[str, bytes]] = []
-        # What is not known yet is not told: a world that is late tells it late, and never wrong.
+        # Unknown data are not sent yet: a late world sends late, never wrong data.
         while self._waiting and self._waiting[0][1] <= now_ns:
             line, due_ns, data = self._waiting.popleft()
             if line == "drive_by_wire":
@@ -405,7 +405,7 @@ class FieldStage(Stage[SkidBox, None]):
         return told
 
     def _sense(self, moved: FlailMoved, supply_v: float, *, gnss_on: bool) -> None:
-        """What the devices say at a tick's end."""
+        """Device messages at a tick's end."""
         end_ns = self.next_ns
         left_mps = 0.0 if self.faults.has("left_dead") else moved.left_mps
         right_mps = 0.0 if self.faults.has("right_dead") else moved.right_mps

@@ -50,13 +50,13 @@ def open_spec(file: Path) -> tuple[StageSpec, StageMaker]:
 
 
 def _is_field(file: Path) -> bool:
-    """Whether a file asks for devices in a field; what cannot be read does not."""
+    """Whether a file specifies devices in a field; False if it cannot be read."""
     with suppress(OSError, ValueError):
         return "anchor" in json.loads(file.read_text(encoding="utf-8"))
     return False
 
 
-# The devices' ports: pseudo-terminals and a listening socket, none of which can hold the devices up.
+# The devices' ports: pseudo-terminals and a listening socket, none of which can block the devices.
 
 _SERIAL = ("drive_by_wire", "controller", "gnss")
 _SERIAL_WAITS, _RADAR_WAITS = 4096, 1 << 18
@@ -64,7 +64,7 @@ _READ = 1 << 16
 
 
 class _Outlet:
-    """A way out. What the host does not read is dropped, whole messages only."""
+    """An output. Messages that the host does not read are dropped as a whole."""
 
     def __init__(self, most: int) -> None:
         self.waiting = bytearray()
@@ -100,7 +100,7 @@ class Ports:
         self._names: dict[str, str] = {}
         self._outlets = {line: _Outlet(_SERIAL_WAITS) for line in _SERIAL} | {"radar": _Outlet(_RADAR_WAITS)}
         for line in _SERIAL:
-            # Our own hold on the slave: the master lives on when the host lets go of it.
+            # Keeps the slave open, so that the master survives when the host closes it.
             master, slave = os.openpty()
             tty.setraw(slave)
             os.set_blocking(master, False)
@@ -132,7 +132,7 @@ class Ports:
             self._outlets[line].put(data)
 
     def exchange(self, wait_s: float) -> list[tuple[str, bytes]]:
-        """Write what waits, and read what comes within ``wait_s``: (line, bytes)."""
+        """Write pending bytes, and read within ``wait_s``: (line, bytes)."""
         for master, line in self._masters.items():
             self._outlets[line].flush(partial(os.write, master))
         if self._radar is not None:
@@ -326,7 +326,7 @@ def _hold_xla_to_one() -> None:
 
 
 def _warm(stage: Stage[Any, Any]) -> None:
-    """Compile and load whatever a run needs, on a stage that is thrown away."""
+    """Compile and load everything that a run needs, on a temporary stage."""
     stage.warm()
     for _ in range(_WARM_TICKS):
         stage.render(stage.tick())

@@ -1,4 +1,4 @@
-"""What the simulated radar, receiver and chassis sensors report of the truth: noise and faults."""
+"""The simulated radar, receiver and chassis sensors: truth with noise and faults."""
 
 import datetime
 from collections import deque
@@ -41,7 +41,7 @@ class GnssFix(NamedTuple):
 
 
 class InsReading(NamedTuple):
-    """What the INS says: roll (right side down), compass heading, yaw rate counter-clockwise, acceleration forward.
+    """Reading of the INS: roll (right side down), compass heading, yaw rate counter-clockwise, acceleration forward.
 
     ``valid``: else the fields are marked as not to be used.
     """
@@ -125,7 +125,7 @@ def attitude_messages(clock: GnssClock, time_ns: int, attitude: InsReading) -> b
         version=0,
         roll=degree * attitude.roll_rad if valid else 0.0,
         heading=attitude.heading_deg if valid else 0.0,
-        # What UBX says where it knows nothing: half a turn.
+        # UBX value for unknown: half a turn.
         accRoll=0.1 if valid else 180.0,
         accPitch=0.1 if valid else 180.0,
         accHeading=0.13 if valid else 180.0,
@@ -154,7 +154,7 @@ _POTENTIOMETER_SIGMA_V, _TORQUE_SIGMA_NM, _PEDAL_SIGMA, _SUPPLY_SIGMA_V = 0.002,
 _OPEN_V, _SHORT_V = 5.5, 0.0
 _SHOWN_SIGMA_M = {2: 0.014, 1: 0.4, 0: 2.5}
 _EXTRA = {1: (0.3, 20.0), 0: (1.5, 60.0)}
-"""Sigma (m) and time constant (s) of what float and single solutions are wrong by beside the rest."""
+"""Sigma (m) and time constant (s) of the additional error of float and single solutions."""
 
 
 class Sensing:
@@ -181,7 +181,7 @@ class Sensing:
         self._extra_m = np.zeros(2)
 
     def measured(self, sample: Sample, hands: DriverInput) -> Measured:
-        """What the drive-by-wire box's sensors show."""
+        """Readings of the drive-by-wire box's sensors."""
         faults, noise = self._faults, self._rng.normal(size=6)
         straight_v, (per_rad_v,) = self._true.potentiometer_straight_v, self._true.potentiometer_per_rad_v
         volts = straight_v + per_rad_v * sample.front_rad + _POTENTIOMETER_SIGMA_V * noise[0]
@@ -203,7 +203,7 @@ class Sensing:
         )
 
     def attitude(self, before: Sample, after: Sample) -> InsReading:
-        """What the INS says after one of its periods."""
+        """Reading of the INS after one of its periods."""
         faults, noise = self._faults, self._rng.normal(size=2)
         rate = (after.yaw_rad - before.yaw_rad) / INS_PERIOD_S
         rate += after.rate_bias_radps + self._rate_sigma * noise[0] + faults.number("ins_bias", "radps", 0.0)
@@ -220,7 +220,7 @@ class Sensing:
         return faults.hold("ins_stuck", told)
 
     def position(self, moved: Moved) -> GnssFix:
-        """What the receiver says of its antenna."""
+        """Reading of the receiver for its antenna."""
         faults, noise = self._faults, self._rng.normal(size=2)
         solution = 0 if faults.has("gnss_single") else 1 if faults.has("gnss_float") else 2
         if solution in _EXTRA:
@@ -243,14 +243,14 @@ class Sensing:
         return faults.hold("gnss_stuck", told)
 
     def scan(self, data: UInt8[np.ndarray, "channel sample"]) -> UInt8[np.ndarray, "channel sample"]:
-        """What the radar gives of a scan."""
+        """The radar's data of a scan."""
         if self._faults.has("radar_garbage"):
             return self._rng.integers(0, 256, data.shape, dtype=np.uint8)
         share = self._faults.number("radar_faded", "share", 1.0)
         if share == 1.0:
             return data
         signal = data.astype(np.float64) - 128.0
-        # The receiver's gain follows: what is lost of the signal comes back as noise.
+        # The receiver's gain compensates: lost signal is replaced by noise.
         noise = np.sqrt(max(1.0 - share**2, 0.0)) * signal.std() * self._rng.normal(size=data.shape)
         return np.asarray(np.clip(np.round(128.0 + share * signal + noise), 0.0, 255.0), np.uint8)
 
@@ -392,7 +392,7 @@ LINES = ("drive_by_wire", "controller", "gnss", "radar")
 
 
 class Lines:
-    """What the lines make of bytes.
+    """Effects of the lines on bytes.
 
     Args:
         faults: that run.
@@ -405,7 +405,7 @@ class Lines:
         self._repeated: dict[str, bytes] = {}
 
     def out(self, line: str, data: bytes) -> bytes:
-        """A device's bytes as they reach the host; nothing where the line is silent."""
+        """A device's bytes as they reach the host; empty if the line is silent."""
         if self._faults.on_line("line_silent", line):
             return b""
         return self._damaged(line, data)

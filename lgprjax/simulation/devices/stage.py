@@ -32,7 +32,7 @@ from lgprjax.simulation.devices.faults import (
 from lgprjax.simulation.devices.sensors import WEEK_S, GnssClock, Lines
 from lgprjax.simulation.devices.vehicle import TruthRows
 
-# What a run of the devices is asked for: SPEC.json.
+# Specification of a run of the devices: SPEC.json.
 
 
 class StageSpec(BaseModel):
@@ -79,7 +79,7 @@ def read_spec(path: Path, kind: type[_Spec]) -> _Spec:
 # Something that falls due again and again.
 
 _LATEST_NS = 100_000_000
-"""What fell due longer ago is left out, as a device has no queue."""
+"""Older pending messages are dropped, as a device has no queue."""
 
 
 class Ticker:
@@ -182,7 +182,7 @@ class Stage(ABC, Generic[_Box, _Tick]):
 
     @abstractmethod
     def tick(self) -> _Tick:
-        """Move the vehicle by a tick, under what the host said until its begin."""
+        """Move the vehicle by a tick, with the host's messages up to its start."""
 
     def render(self, tick: _Tick) -> None:
         """Record the scans of a tick, where a radar scans."""
@@ -196,7 +196,7 @@ class Stage(ABC, Generic[_Box, _Tick]):
         """Another host has connected to the radar."""
 
     def warm(self) -> None:
-        """Make the first ticks compile whatever a run needs."""
+        """Compile everything that a run needs by first ticks."""
 
     def receive(self, line: str, data: bytes, now_ns: int) -> None:
         """The host's bytes on a line."""
@@ -204,7 +204,7 @@ class Stage(ABC, Generic[_Box, _Tick]):
             self._deliver(line, self._lines.into(line, data), now_ns)
 
     def emit(self, now_ns: int) -> list[tuple[str, bytes]]:
-        """What the devices send by now: (line, whole messages)."""
+        """Messages of the devices up to now: (line, complete messages)."""
         with self._lock:
             for line, sender in self._senders.items():
                 sender.stuck = self._lines.repeats(line)

@@ -40,7 +40,7 @@ _HAND_LAG_S, _HAND_RATE_RADPS = 0.05, 1.0
 
 
 class Acting(NamedTuple):
-    """What acts on the vehicle for a tick.
+    """Inputs acting on the vehicle for a tick.
 
     Attributes:
         by_hand: the wheels are turned by the driver, not by the servo.
@@ -88,7 +88,7 @@ class Moved(NamedTuple):
 
 
 class SimulatedVehicle:
-    """A vehicle that stands at a pose.
+    """A vehicle at standstill at a pose.
 
     Args:
         true: as it is; its rear wheels follow in proportion.
@@ -217,7 +217,7 @@ SCRIPT: dict[str, tuple[str, ...]] = {
     "brake_tap": (),
     "torque": ("nm",),
 }
-"""What a script may say, and what each must say with it."""
+"""Items of a script, and their parameters."""
 
 SCRIPT_LASTS_S = {"press": 0.3, "brake_tap": 0.3, "torque": 0.5}
 BUTTONS = ("steering", "plus", "minus", "override", "estop")
@@ -231,7 +231,7 @@ _BACK, _ON = 10, 200
 
 
 class DriverInput(NamedTuple):
-    """What the driver does.
+    """Actions of the driver.
 
     Attributes:
         front_rad: where the front wheels are turned, by hand.
@@ -281,7 +281,7 @@ class Driver:
         *,
         has_pedals: bool,
     ) -> DriverInput:
-        """What the driver does at a true pose of the rear axle.
+        """Actions of the driver at a true pose of the rear axle.
 
         Args:
             running: items of the script that run.
@@ -289,7 +289,7 @@ class Driver:
             has_pedals: nobody else holds them.
         """
         items = list(running)
-        # What was said last holds until something else is said.
+        # The last order holds until another one.
         orders = [item for item in items if item.name in ("drive", "stand")]
         if orders and orders[-1] is not self._told:
             self._told = orders[-1]
@@ -335,7 +335,7 @@ class Driver:
         return float(np.clip(pre_tension + asked / gain, 0.0, 0.7)), 0.0, False
 
 
-# The vehicle's body under the box's orders and the driver's hands: what acts, and what is measured of it.
+# The vehicle's body under the box's orders and the driver's hands: inputs and measurements.
 
 _THROTTLE_LAG_S = 0.05
 
@@ -397,13 +397,13 @@ class Body:
         return BodyTick(acting, moved, self.sample)
 
     def _acting(self, orders: ActuatorOrders, hands: DriverInput) -> tuple[Acting, float]:
-        """What acts, and the pressure asked of the brake's hydraulics: the parking lever has none."""
+        """Acting inputs, and the pressure requested of the brake's hydraulics: the parking lever has none."""
         faults = self._faults
         throttle = orders.throttle if orders.pedals else hands.throttle
         throttle = faults.number("throttle_stuck", "at", throttle)
         foot = hands.brake if hands.foot_on_brake else 0.0
         box = 0.0 if faults.has("brake_dead") else orders.brake
-        # Who lets the box have the pedals has let go of the parking lever.
+        # Engaging the pedals by the box releases the parking lever.
         lever = 0.0 if hands.foot_on_brake or orders.pedals else hands.brake
         acting = Acting(
             by_hand=not orders.steering,

@@ -105,7 +105,7 @@ class CourseWorld:
         along_m: float,
         shift_m: tuple[float, float] = (0.0, 0.0),
     ) -> list[np.ndarray | None]:
-        """Scans of a tick, along the true way between two poses of the rear axle; ``None`` for lost ones.
+        """Scans of a tick, along the true path between two poses of the rear axle; ``None`` for lost ones.
 
         Args:
             number: of the first.
@@ -126,7 +126,7 @@ class CourseWorld:
         try:
             recorded = self._radar.record(wrapped, place, about_m)
         except ValueError:
-            # The ground is drawn for the course alone: beside it the radar hears nothing that there is.
+            # The ground is drawn for the course only: next to it there is nothing to receive.
             return [None] * self.scans_a_tick
         pairs = zip(recorded.traces, recorded.received, strict=True)
         return [traces if received else None for traces, received in pairs]
@@ -187,11 +187,11 @@ class Trajectory:
 
     @property
     def known_ns(self) -> int:
-        """Up to when the truth is known."""
+        """Time up to which the truth is known."""
         return self._times[-1]
 
     def at(self, time_ns: int) -> Sample:
-        """The truth at a moment; the oldest, or newest, sample beyond what is known."""
+        """The truth at a time; the oldest, or newest, sample outside the known range."""
         times = self._times
         at = len(times) - 1
         while at > 0 and times[at] > time_ns:

@@ -85,11 +85,11 @@ def decide(
         state: after ``move``.
         readings: of this tick.
         lgpr: this tick's fix, if there is one.
-        p_false: of its match, see ``step_health``; NaN where no scan was matched.
+        p_false: of its match, see ``step_health``; NaN without a match.
     """
     step_s = jnp.float32(spec.tick_s)
     engaged, stopping = state.handover
-    # Measured by the potentiometer, whose errors are small beside the servo's play.
+    # Measured by the potentiometer, whose errors are small compared with the servo's play.
     front_rad = state.plant.servo.wheel_rad
     orders = Orders(engaged, engaged, stopping, jnp.float32(jnp.inf), setup.set_speed_mps, front_rad, jnp.float32(0.0))
     onboard, command, info = step_onboard(
@@ -159,11 +159,11 @@ def observe(setup: LoopSetup, readings: Readings, lgpr: LgprObservation) -> Obse
     )
 
 
-# What is kept of a closed loop: figures of a tick, and sums over the ticks of a lane.
+# Records of a closed loop: figures of a tick, and sums over ticks.
 
 
 class LoopSums(NamedTuple):
-    """What is kept of a lane while it is engaged; offsets are of the true anchor from the route, by the way driven.
+    """Sums while engaged; offsets are of the true anchor from the route, weighted by distance.
 
     Attributes:
         way_m: driven.
@@ -192,7 +192,7 @@ class LoopSums(NamedTuple):
 
 
 class LoopTick(NamedTuple):
-    """What is kept of a tick of a traced drive.
+    """Record of a tick of a traced drive.
 
     Attributes:
         x_m, y_m, yaw_rad: true, of the rear axle.
@@ -254,7 +254,7 @@ def told_tick(
     decision: Decision,
     lgpr: LgprObservation,
 ) -> LoopTick:
-    """What a tick is kept as."""
+    """Record of a tick."""
     pose, anchor = state.plant.pose, setup.plant.chassis.anchor_m
     navigator, planner = state.onboard.navigator, state.onboard.autopilot.planner
     anchor_x, anchor_y = pose.x_m + anchor * jnp.cos(pose.yaw_rad), pose.y_m + anchor * jnp.sin(pose.yaw_rad)

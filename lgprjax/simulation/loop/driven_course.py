@@ -43,14 +43,14 @@ from lgprjax.simulation.loop.loop_setup import LoopSetup, LoopSpec, LoopState, T
 from lgprjax.simulation.loop.off_road import OffRoadCourse, SceneFrame, scene_frame_of
 from lgprjax.vehicle import VehiclePose
 
-# The radar's part of a closed loop: scans rendered where the vehicle truly is, registered where it believes to be.
+# The radar's part of a closed loop: scans rendered at the true pose, registered from the estimated one.
 
 _ROLL_SIGMA_RAD = 0.1 * np.pi / 180.0
 _LEAST_YAW_SIGMA_RAD = 0.1 * np.pi / 180.0
 
 
 class TickFix(NamedTuple):
-    """What the scans of a tick gave.
+    """Result of a tick's scans.
 
     Attributes:
         observation: the last ok fix, if there is one.
@@ -136,7 +136,7 @@ class RadarLoop:
         *,
         heard: bool = True,
     ) -> TickFix:
-        """Scans of one tick: recorded along the true way from ``before`` to ``after``, searched about GNSS/INS.
+        """Scans of one tick: recorded along the true path from ``before`` to ``after``, searched around GNSS/INS.
 
         Args:
             before, after: the loop's state before and after ``move``.
@@ -212,7 +212,7 @@ class RadarLoop:
 
 
 class _Seen(NamedTuple):
-    """What a tick's search needs of the loop, fetched at once: four numbers a row, the last of a pose's unused.
+    """Inputs of a tick's search, fetched at once: four numbers a row, the last of a pose's unused.
 
     Attributes:
         before, after: true poses of the rear axle at the tick's ends.
@@ -315,7 +315,7 @@ class DrivenCourse(NamedTuple):
 
     @property
     def tracking(self) -> TrackingError:
-        """Of what the autopilot drove."""
+        """Over the part driven by the autopilot."""
         return tracking_error(self.anchor_m[self.engaged], self.baseline_m)
 
 
@@ -350,7 +350,7 @@ def drive_course(
         weather: of the day, see ``WEATHER``.
         seed: of the day, the faults of the radar, and all noise.
         chance: of the map.
-        progress: told of every tick.
+        progress: called for every tick.
     """
     length_m = float(route.legs.length_m[0])
     ticks = int(1.3 * length_m / float(setup.set_speed_mps) / spec.tick_s) + 200

@@ -55,7 +55,7 @@ from lgprjax.simulation.handover import Handover, init_handover
 from lgprjax.simulation.loop.off_road import Bare
 from lgprjax.vehicle import Chassis, LookAhead, VehiclePose
 
-# What a closed loop is made of and what it carries: spec, setup, state, decision.
+# Parts and state of a closed loop: spec, setup, state, decision.
 
 TICK_S = 1.0 / 21.0
 """Of the loop: six scans of a 126 Hz radar, two when it records every third."""
@@ -63,7 +63,7 @@ TICK_S = 1.0 / 21.0
 
 @dataclass(frozen=True)
 class LoopSpec:
-    """What is the same for all lanes, and compiled in.
+    """Static settings, the same for all batch elements.
 
     Attributes:
         tick_s: of the loop.
@@ -102,7 +102,7 @@ class ReportedNoise(NamedTuple):
 
 
 class LoopSetup(NamedTuple):
-    """World and vehicle of a lane, and what runs on board.
+    """World and vehicle of a batch element, and its onboard setup.
 
     Attributes:
         plant, terrain, sensors, faults: the world's.
@@ -123,7 +123,7 @@ class LoopSetup(NamedTuple):
 
 
 class LoopState(NamedTuple):
-    """Everything that a lane carries from tick to tick.
+    """State of a batch element from tick to tick.
 
     Attributes:
         plant, sensors: the world's.
@@ -148,7 +148,7 @@ class LoopState(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """What a tick decided, and why.
+    """Decision of a tick, with reasons.
 
     Attributes:
         engaged: the computer's command is the one that drives.
@@ -202,12 +202,12 @@ def start_loop(
 
 _K_ERROR = -0.0008
 _SPEED_ERROR_MPS = -0.07
-"""What calibration from logs left of k and V_CHAR: believed less true, as tuning/README.md tells of its vehicle."""
+"""Calibration errors of k and V_CHAR, estimated minus true, as in tuning/README.md."""
 
 _FIX_SLOW_M, _FIX_SLOW_RAD, _FIX_CHANGES_M = 0.02, 0.004, 4.0
-"""What neighbouring fixes share, and over what way."""
+"""Common error of neighbouring fixes, and its correlation length."""
 _LABEL_RAD, _LABEL_CHANGES_M = 0.00175, 90.0
-"""What the map's own headings are wrong by, and over what way: of a survey at 0.1° and 10 mph."""
+"""Error of the map's own headings, and its correlation length: of a survey at 0.1° and 10 mph."""
 
 
 @dataclass(frozen=True)
@@ -219,7 +219,7 @@ class LoopVehicle:
         anchor_m: centre of the array, which is to follow the route, ahead of the rear axle.
         set_speed_mps: that the operator locked.
         gnss_slow_m: how far GNSS wanders from the map's frame, sigma an axis: 3 cm for RTK on one base station.
-        risk: probability of a false match up to which a fix is believed.
+        risk: largest accepted probability of a false match.
     """
 
     vehicle: TrueVehicle = field(default_factory=TrueVehicle)
@@ -251,11 +251,11 @@ def loop_setup(spec: LoopSpec, made_of: LoopVehicle, terrain: Terrain) -> LoopSe
         side_noise=jnp.float32(0.05),
         lgpr_error_sigma_m=jnp.float32(_FIX_SLOW_M),
         lgpr_error_m=jnp.float32(_FIX_CHANGES_M),
-        # Measured on the vehicle with a tape and a clock; at one speed the two cannot be told from a place.
+        # Measured on the vehicle with a tape and a clock; at one speed the two cannot be distinguished from an offset.
         initial_lever_m=jnp.float32(0.02),
         initial_clock_s=jnp.float32(0.005),
     )
-    # A heading that is off for a minute at a time is no better than one of it a tick of so much more noise.
+    # A heading error that lasts for a minute is modelled as this much more noise per tick.
     slow = 2.0 * sensors.heading_slow_s / spec.tick_s
     shared_rad2_m = _FIX_CHANGES_M * _FIX_SLOW_RAD**2 + _LABEL_CHANGES_M * _LABEL_RAD**2
     noise = ReportedNoise(
@@ -382,7 +382,7 @@ def cross_track_m(
 
 
 def tracking_error(track_m: Float[np.ndarray, "tick 2"], baseline_m: Float[np.ndarray, "point 2"]) -> TrackingError:
-    """Figures of a track against a baseline, each place weighed by the way to the next."""
+    """Figures of a track relative to a baseline, each place weighted by the distance to the next."""
     cross = cross_track_m(track_m, baseline_m)
     way = np.append(np.hypot(*np.diff(track_m, axis=0).T), 0.0)
     total = max(float(way.sum()), 1e-9)

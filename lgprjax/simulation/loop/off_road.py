@@ -58,7 +58,7 @@ class OffRoad:
 
 
 class Bare(NamedTuple):
-    """A course without its ground: what a vehicle feels of it.
+    """A course without its ground: its effect on a vehicle.
 
     Attributes:
         spec: what it was made from.
@@ -110,7 +110,7 @@ class OffRoadCourse(NamedTuple):
 
 
 class SceneFrame(NamedTuple):
-    """Where the map's level frame lies in the scene's: both are tangent planes a few metres apart."""
+    """The map's level frame in the scene's: both are tangent planes a few metres apart."""
 
     origin_m: Float[np.ndarray, "2"]
     turn_rad: float
@@ -127,7 +127,7 @@ class SceneFrame(NamedTuple):
 
 
 def draw_course(spec: OffRoad) -> Bare:
-    """Draw the road and what it does to vehicles."""
+    """Draw the road and its effect on vehicles."""
     road = _clear_road(spec)
     rng = np.random.default_rng([spec.seed, 21])
     grade = road.grade_m
@@ -176,7 +176,7 @@ def make_course(spec: OffRoad, folder: Path) -> OffRoadCourse:
 
 
 def scene_frame_of(frame: LocalFrame) -> SceneFrame:
-    """Where a map's frame lies in the scene's."""
+    """A map's frame in the scene's."""
     at = np.array([0.0, 1000.0])
     up = np.zeros(2)
     east, north, _ = SITE_FRAME.to_local(*frame.to_geodetic(at, np.zeros(2), up))

@@ -15,7 +15,7 @@ from lgprjax.vehicle.kinematics import WheelSpeeds, body_rates
 
 
 class SkidNumbers(NamedTuple):
-    """What a tick is told, as plain numbers; see ``SkidMotion``, ``SkidObservations``, ``SkidOrders``. Flags 0 or 1."""
+    """Inputs of a tick as plain numbers; see ``SkidMotion``, ``SkidObservations``, ``SkidOrders``. Flags 0 or 1."""
 
     step_s: float
     left_mps: float
@@ -37,16 +37,16 @@ class SkidNumbers(NamedTuple):
 
 
 class SkidResult(NamedTuple):
-    """What a tick gave, as plain numbers.
+    """Results of a tick as plain numbers.
 
     Attributes:
         x_m, y_m, yaw_rad: of the reference point; xx ... yawyaw: their covariance.
         speed_mps, sigma_m: forward, and of the position's larger axis.
         heading_known, reaction, reasons: of navigation.
         accepted, offered: bits of the sources.
-        cross_m, heading_error_rad, to_go_m, line, done, off_m: the plan, and how far from it the vehicle is.
-        edge: the fence was foretold to be crossed.
-        left_mps, right_mps, tool, depth_m, limited: the command and what the limiter did.
+        cross_m, heading_error_rad, to_go_m, line, done, off_m: the plan, and the vehicle's distance from it.
+        edge: a crossing of the fence is predicted.
+        left_mps, right_mps, tool, depth_m, limited: the command and the limiter's bits.
     """
 
     x_m: float
@@ -133,5 +133,5 @@ def step_skid_compiled(
 
 @jax.jit
 def start_skid_compiled(setup: SkidSetup, x_m: Float[Array, ""], y_m: Float[Array, ""]) -> SkidState:
-    """Standing at a position; the heading is unknown."""
+    """State at standstill at a position; the heading is unknown."""
     return init_skid(setup, x_m, y_m)

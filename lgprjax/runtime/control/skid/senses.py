@@ -1,4 +1,4 @@
-"""What the control loop of a skid-steer vehicle knows by its lines: messages in, the numbers of a tick out."""
+"""Inputs of a skid-steer vehicle's control loop from its lines: messages in, the numbers of a tick out."""
 
 import math
 from typing import NamedTuple
@@ -8,19 +8,19 @@ from lgprjax.runtime.config import SensorsTable
 from lgprjax.runtime.control.senses import BoxStatus, LineSenses, LocalAttitude, LocalPosition, TurnRate
 from lgprjax.runtime.gnss import Quality
 
-# How far the INS says that the vehicle has turned, ten times a second, of whatever messages it speaks.
+# Turns of the vehicle by the INS, ten times a second, from any of its messages.
 #
-# A heading is used for its changes alone: an INS of a machine that has stood does not know north. Messages that tell
-# an attitude come first; where there are none, a yaw rate is summed up.
+# Only changes of a heading are used: an INS at standstill does not know north. Messages with an attitude are preferred;
+# without any, a yaw rate is integrated.
 
 _LEAST_NS = 95_000_000
-"""An INS that speaks more often is heard ten times a second: the noise of a turn is that of its two ends."""
+"""A faster INS is read ten times a second: the noise of a turn is that of its two ends."""
 _APART_NS = 500_000_000
-"""Rates farther apart than this do not say what was between."""
+"""Rates farther apart than this are not integrated."""
 
 
 class InsTurn(NamedTuple):
-    """A turn, counter-clockwise, and how long it took by the INS's own stamps."""
+    """A turn, counter-clockwise, and its duration by the INS's own stamps."""
 
     turn_rad: float
     span_s: float
@@ -35,7 +35,7 @@ class InsTurns:
         self._summed = InsTurn(0.0, 0.0)
 
     def take(self, attitude: LocalAttitude | None, rates: list[TurnRate]) -> InsTurn | None:
-        """The turn that a tick's messages complete; ``None`` where they complete none."""
+        """The turn completed by a tick's messages; ``None`` without one."""
         if attitude is not None:
             return self._turned(attitude)
         return self._sum_up(rates) if self._from is None else None
@@ -67,18 +67,18 @@ class InsTurns:
 
 
 _LONGEST_NS = 500_000_000
-"""Odometers farther apart than this say no speed of a tick."""
+"""Odometer readings farther apart than this give no speed."""
 _PRESENT_PERIODS = 1.5
 
 
 class SkidSensed(NamedTuple):
-    """What came since the last tick, and what is known at its end.
+    """Data since the last tick, and the state at its end.
 
     Attributes:
         step_s: since the last tick.
         left_mps, right_mps: mean speeds of the tracks since the last skid_status of the tick before; as last measured
-            where none came; no number where nothing is known.
-        place: new in this tick, else ``None``; turn: what the INS turned, likewise.
+            without one; NaN if unknown.
+        place: new in this tick, else ``None``; turn: by the INS, likewise.
         box: the last skid_status; ``None`` before the first.
         box_age_s: since it arrived; infinite before the first.
         gnss_age_s: since the newest position was measured; infinite before the first. ins_age_s: of the newest turn.
@@ -98,7 +98,7 @@ class SkidSensed(NamedTuple):
 
 
 class SkidSenses(LineSenses):
-    """The lines' messages, taken one by one.
+    """Takes the lines' messages one by one.
 
     Args:
         frame: of the plan; without one the first position becomes its anchor.
@@ -119,7 +119,7 @@ class SkidSenses(LineSenses):
             self._counted = None
 
     def end_tick(self, now_ns: int) -> SkidSensed:
-        """Everything since the last tick; what was new is no longer."""
+        """Everything since the last tick, which is then marked as seen."""
         step_s = self._step_s(now_ns)
         gnss = self._gnss.end_tick()
         turn = self._turns.take(gnss.attitude, gnss.rates)
@@ -142,7 +142,7 @@ class SkidSenses(LineSenses):
         )
 
     def _measure_speeds(self, now_ns: int) -> None:
-        """Between the box's own stamps, which do not jitter as arrivals do."""
+        """From the box's own stamps, which do not jitter like arrivals."""
         box, before = self.box, self._counted
         if box is None:
             return

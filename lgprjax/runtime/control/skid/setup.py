@@ -1,4 +1,4 @@
-"""What the control loop of a skid-steer vehicle runs with, read from files before anything moves."""
+"""Setup of a skid-steer vehicle's control loop, read from files at start."""
 
 import json
 import math
@@ -23,7 +23,7 @@ from lgprjax.runtime.control.skid.watches import ToolBelief
 from lgprjax.runtime.gnss import Quality
 
 _DEEPER = 2.0
-"""The limiter lets no depth pass that is more than so many times the asked one."""
+"""Limit of the depth, as a multiple of the commanded one."""
 _ANYWHERE_M = 5000.0
 
 
@@ -32,12 +32,12 @@ class SkidLoaded(NamedTuple):
 
     Attributes:
         setup: of the compiled step.
-        belief: what is asked of the tool.
+        belief: commanded state of the tool.
         frame: of the plan; ``None`` without one.
         name: of the field; ``None`` without a plan: nothing can be driven then.
         perimeter_m: of the field, corners; none without a plan.
         lines: of the plan.
-        route, fence: as the step takes them; without a plan they lead nowhere and hold nothing.
+        route, fence: as the step takes them; without a plan they are empty.
         gnss_period_s: from one position to the next.
         hashes: of every file read, by its name in the configuration.
     """
@@ -113,15 +113,15 @@ def _needed(config: RuntimeConfig, place: str, value: float | None) -> float:
     return value
 
 
-# Corners of a field, marked by the operator: where the reference point stands, and how well that is known.
+# Corners of a field, marked by the operator: place and accuracy of the reference point.
 
 
 def corner_obstacle(result: SkidResult, quality: Quality, *, engaged: bool) -> str:
-    """Why no corner can be marked now; empty where it can."""
+    """Why no corner can be marked now; empty if it can."""
     if engaged:
         return "a corner is marked while the operator drives"
     if not result.heading_known > 0.5:
-        # Between antenna and reference point lies a lever that the heading turns.
+        # The lever between antenna and reference point rotates with the heading.
         return "heading not known: drive straight by remote control"
     return "" if quality is Quality.FIXED else "no fixed position now"
 

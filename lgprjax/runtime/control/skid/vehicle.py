@@ -53,14 +53,14 @@ from lgprjax.runtime.control.vehicle_kind import (
 )
 from lgprjax.runtime.gnss import Quality
 
-# What the operator of a skid-steer vehicle sees: field, lines, tool and GNSS as the display takes them.
+# Display data of a skid-steer vehicle: field, swaths, tool and GNSS.
 
 _MOST_POINTS = 1500
 _PATH_TICKS = 100
 
 
 class FieldPanel:
-    """Keeps what the display needs beside the tick's numbers.
+    """Keeps display data in addition to the tick's numbers.
 
     Args:
         loaded: from ``load_skid``.
@@ -77,7 +77,7 @@ class FieldPanel:
     def state(
         self, tick: int, result: SkidResult, sensed: SkidSensed, sent: SkidSent, reading: ToolReading | None
     ) -> dict[str, Any]:
-        """What stands in the state of a tick beside the modes."""
+        """Display state of a tick, in addition to the modes."""
         belief, line = self._loaded.belief, whole(result.line, -1)
         state: dict[str, Any] = {
             "route": self._loaded.name,
@@ -114,7 +114,7 @@ class FieldPanel:
         return state
 
 
-# The compiled step at work: the state that it carries, and the field that it is driven on.
+# The compiled step: its state, and the field.
 
 _NOTHING = SkidResult(*[math.nan] * len(SkidResult._fields))
 
@@ -137,22 +137,22 @@ class SkidPilot:
 
     @property
     def started(self) -> bool:
-        """There is a pose, if not a heading."""
+        """Whether there is a pose, even without a heading."""
         return self._state is not None
 
     def warm_up(self) -> None:
         """Compile."""
         numbers = as_vector(SkidNumbers(*[0.0] * len(SkidNumbers._fields))._replace(step_s=TICK_S))
         state = start_skid_compiled(self._loaded.setup, np.float32(0.0), np.float32(0.0))
-        # Each after each: what one of them gives is not in every detail what another gives.
+        # Every sequence of two: their outputs differ in detail.
         for _ in range(3):
             state, row = self._step(state, numbers)
         jax.block_until_ready(row)
 
     def step(self, sensed: SkidSensed, wish: Wish, cap_mps: float, now_ns: int) -> SkidResult:
-        """A tick; before there is a position nothing is known.
+        """Run a tick; without effect before there is a position.
 
-        An estimate that is no number is begun anew once the operator has the vehicle.
+        A NaN estimate is restarted once the operator drives.
         """
         if not wish.engaged and not math.isfinite(self.result.x_m):
             self._state = None
@@ -196,13 +196,13 @@ def _numbers(sensed: SkidSensed, wish: Wish, cap_mps: float, now_ns: int) -> Ski
     )
 
 
-# Rows that a tick of a skid-steer vehicle leaves: what it decided, and ten times a second what its tool does.
+# Rows of a skid-steer vehicle's tick: its decision, and ten times a second the state of its tool.
 
 
 def skid_plan_row(
     result: SkidResult, sent: SkidSent, *, mode: int, bits: Watch, found: SkidFound, severity: Severity
 ) -> bytes:
-    """``SKID_PLAN``; before there is a position navigation asks for a stop."""
+    """``SKID_PLAN``; before there is a position navigation requests a stop."""
     row = np.zeros((), SKID_PLAN)
     row["mode"], row["reaction"] = mode, whole(result.reaction, int(Reaction.STOP))
     row["known"] = int(math.isfinite(result.x_m)) + 2 * int(result.heading_known > 0.5)
@@ -218,7 +218,7 @@ def skid_plan_row(
 
 
 def tool_bits(belief: ToolBelief, sent: SkidSent, reading: ToolReading | None, *, heading_known: bool) -> ToolBits:
-    """What of the tool holds; that the computer drives belongs to its being told on."""
+    """Bits of the tool; commanded on requires that the computer drives."""
     bits = ToolBits(0)
     if sent.tool and sent.engage & DRIVE:
         bits |= ToolBits.TOLD_ON
@@ -271,14 +271,14 @@ _VEHICLE_NOTHING = SkidSensed(0.0, math.nan, math.nan, None, None, None, math.in
 
 
 class SkidSteerVehicle:
-    """See ``VehicleKind``. Engaged with steering it is held, standing; with the speed it drives its plan.
+    """See ``VehicleKind``. Engaged with steering it is held at standstill; with speed it drives its plan.
 
     Args:
         config: of the run, with a table ``coverage``.
         loaded: its files.
 
     Attributes:
-        pilot: navigation and autopilot; senses: what came.
+        pilot: navigation and autopilot; senses: messages received.
     """
 
     def __init__(self, config: RuntimeConfig, loaded: SkidLoaded) -> None:
@@ -305,20 +305,20 @@ class SkidSteerVehicle:
 
     def take(self, record: Record, tick: int) -> None:
         """A message of the box or the GNSS/INS."""
-        del tick  # nothing is told of single messages
+        del tick  # single messages raise no events
         self.senses.take(record)
 
     def update(self, operator: Operator, now_ns: int) -> list[Event]:
-        """End of what came."""
+        """End of the messages."""
         self._sensed = self.senses.end_tick(now_ns)
         self._watched = self._watches.step(self._sensed, self._sent, operator, cross_m=self.pilot.result.cross_m)
         return self._watched.events
 
     def status(self, *, decided: bool) -> VehicleStatus:
-        """As it is now."""
+        """Present status."""
         result, sensed = self.pilot.result, self._sensed
         limited = SkidLimited(whole(result.limited)) if decided else SkidLimited(0)
-        # Before the box was first heard its silence is the checks' affair.
+        # Before the box was first received the checks handle its silence.
         bits = self._watched.bits if sensed.box is not None else self._watched.bits & ~Watch.LINE_SILENT
         found = self._found()
         severity = (
@@ -340,7 +340,7 @@ class SkidSteerVehicle:
         )
 
     def checks(self, processes: Processes) -> list[CheckItem]:
-        """Every system check as it stands."""
+        """Present state of every system check."""
         sensed, bits = self._sensed, self._watched.bits
         unrecorded = processes.mandatory and (processes.silent("recorder") or processes.silent("coverage"))
         return [
@@ -366,8 +366,8 @@ class SkidSteerVehicle:
         return OutgoingFrame("skid_command", self._sent._asdict())
 
     def rows(self, now_ns: int, mode: int) -> list[tuple[RecordKind, bytes]]:
-        """What was decided, what the tool does, and a corner that was marked."""
-        del now_ns  # rows hold for the tick that they are recorded with
+        """The decision, the state of the tool, and a marked corner."""
+        del now_ns  # rows are valid for the tick that they are recorded with
         result, watched, found = self.pilot.result, self._watched, self._found()
         severity = max(watched.severity, severity_of_found(found))
         plan = skid_plan_row(result, self._sent, mode=mode, bits=watched.bits, found=found, severity=severity)
@@ -381,15 +381,15 @@ class SkidSteerVehicle:
         return [*rows, *self._mark_corner()]
 
     def state(self, tick: int) -> dict[str, Any]:
-        """What the display shows of it."""
+        """State for the display."""
         return self._panel.state(tick, self.pilot.result, self._sensed, self._sent, self._watched.reading)
 
     def warnings(self) -> list[str]:
-        """What the operator should know."""
+        """Warnings to the operator."""
         return [*describe(self._watched.bits), *describe_found(self._found())]
 
     def refusal_text(self) -> str:
-        """A heading that is not known, or no plan, is what he can do something about."""
+        """An unknown heading, or a missing plan, which the operator can change."""
         if self._loaded.name is None:
             return "no plan: mark three corners, then lgprjax cover plan"
         return findings.TEXT[SkidFound.HEADING_UNKNOWN] if self._found() & SkidFound.HEADING_UNKNOWN else ""
@@ -404,10 +404,10 @@ class SkidSteerVehicle:
         return OutgoingFrame("skid_command", SkidSent(0.0, 0.0, 0, 0.0, engage)._asdict())
 
     def leave(self) -> None:
-        """Engaged again, it goes on where it left its route."""
+        """Engaged again, it continues where it left its route."""
 
     def choose(self, name: str) -> bool:
-        """There are no routes to choose from."""
+        """There are no routes to select."""
         del name
         return False
 

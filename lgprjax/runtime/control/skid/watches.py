@@ -1,4 +1,4 @@
-"""Every watch of a skid-steer vehicle at work: line, tool, tracks, remote control and buttons, each tick."""
+"""All watches of a skid-steer vehicle, run in each tick: line, tool, tracks, remote control and buttons."""
 
 import math
 from enum import IntFlag
@@ -20,7 +20,7 @@ from lgprjax.runtime.control.skid.senses import SkidSensed
 from lgprjax.runtime.control.vehicle_kind import Operator
 from lgprjax.runtime.control.watches import SharedWatches
 
-# What the watches of a skid-steer vehicle find beside what all vehicles share: bits, severities, words, stops.
+# Findings specific to a skid-steer vehicle: bits, severities, words, stops.
 
 
 class SkidFound(IntFlag):
@@ -45,15 +45,15 @@ SEVERITY = {
     SkidFound.LEFT_DEAD: Severity.STOP,
     SkidFound.RIGHT_DEAD: Severity.STOP,
     SkidFound.HEADING_UNKNOWN: Severity.STOP,
-    # What the estimate asks for comes as navigation's reaction.
+    # Requests of the estimate come as navigation's reaction.
     SkidFound.UNCERTAIN: Severity.CONTINUE,
     SkidFound.OFF_LINE: Severity.STOP,
 }
-"""What each finding asks for while the computer drives."""
+"""Reaction to each finding while the computer drives."""
 
 TEXT = {
     SkidFound.REMOTE_SILENT: "remote control is silent: stopping",
-    SkidFound.EDGE: "the edge would be crossed: stopping before it",
+    SkidFound.EDGE: "the edge would be crossed: stopping in front of it",
     SkidFound.TOOL_OFF: "tool does not turn: stopping, cells are not counted",
     SkidFound.TOOL_DEPTH: "tool at a wrong depth: stopping, cells are not counted",
     SkidFound.LEFT_DEAD: "left track or its sensor is dead",
@@ -65,7 +65,7 @@ TEXT = {
 """Each finding in plain words."""
 
 REFUSING = SkidFound.REMOTE_SILENT | SkidFound.LEFT_DEAD | SkidFound.RIGHT_DEAD | SkidFound.HEADING_UNKNOWN
-"""Findings with which nothing may be engaged; the others arise while it drives."""
+"""Findings that inhibit engaging; the others arise while it drives."""
 
 _STOPS = {
     SkidFound.REMOTE_SILENT: StopBits.OPERATOR,
@@ -90,17 +90,17 @@ _OPERATOR = Watch.OVERRIDE_CONTACTS | Watch.CONTROLLER_SILENT
 
 
 def severity_of_found(found: SkidFound) -> Severity:
-    """The largest that findings ask for; CONTINUE for none."""
+    """The largest severity of findings; CONTINUE for none."""
     return max((SEVERITY[bit] for bit in found), default=Severity.CONTINUE)
 
 
 def describe_found(found: SkidFound) -> list[str]:
-    """Findings in plain words, the weightiest first."""
+    """Findings in plain words, the most severe first."""
     return [TEXT[bit] for bit in sorted(found, key=lambda bit: (-SEVERITY[bit], bit))]
 
 
 def stops_of(found: SkidFound, watch: Watch) -> StopBits:
-    """Findings as ``COVER`` tells them."""
+    """Findings as stop bits of ``COVER``."""
     stops = StopBits(0)
     for bit in found:
         stops |= _STOPS.get(bit, StopBits(0))
@@ -109,10 +109,10 @@ def stops_of(found: SkidFound, watch: Watch) -> StopBits:
     return stops | StopBits.OPERATOR if watch & _OPERATOR else stops
 
 
-# The tool against what it was told: off, or at a wrong depth, while the vehicle moves. Fault 37.
+# The tool compared with its command: off, or at a wrong depth, while the vehicle moves. Fault 37.
 
 RISES_S = 1.5
-"""That a tool may take from being told on until it turns at its depth; nothing counts as worked meanwhile."""
+"""Time from switching a tool on until it turns at its depth; nothing counts as worked meanwhile."""
 WRONG_S = 0.1
 _MOVES_MPS = 0.02
 
@@ -125,14 +125,14 @@ class ToolReading(NamedTuple):
 
 
 class ToolBelief(NamedTuple):
-    """Depth that is asked of the tool, and how far from it still counts."""
+    """Commanded depth of the tool, and its tolerance."""
 
     depth_m: float
     tolerance_m: float
 
 
 class ToolWatchState(NamedTuple):
-    """What is carried from tick to tick: how long the tool has been told on, and the findings in the making."""
+    """State carried from tick to tick: time since the tool was switched on, and pending findings."""
 
     told_s: float = 0.0
     off: Dwell = Dwell()
@@ -140,7 +140,7 @@ class ToolWatchState(NamedTuple):
 
 
 def depth_right(belief: ToolBelief, depth_m: float) -> bool:
-    """Whether a depth is the one that is asked for; no number is not."""
+    """Whether a depth is the commanded one; NaN is not."""
     return abs(depth_m - belief.depth_m) <= belief.tolerance_m
 
 
@@ -156,16 +156,16 @@ def step_tool_watch(
     """State and findings of a tick.
 
     Args:
-        belief: what is asked of the tool.
+        belief: commanded state of the tool.
         state: of the last tick.
-        reading: ``None`` where the box has said nothing.
+        reading: ``None`` before the box has reported.
         told_on: by the last command.
-        speed_mps: of the vehicle; no number counts as moving.
+        speed_mps: of the vehicle; NaN counts as moving.
         step_s: since the last tick.
     """
     step_s = counted_step_s(step_s)
     told_s = state.told_s + step_s if told_on else 0.0
-    # Once it has been right it has no more time to become so.
+    # Once it has been right the start-up time is over.
     risen = reading is not None and reading.turns and depth_right(belief, reading.depth_m)
     told_s = max(told_s, RISES_S) if told_on and risen else told_s
     matters = told_on and told_s >= RISES_S and not abs(speed_mps) <= _MOVES_MPS
@@ -178,7 +178,7 @@ def step_tool_watch(
     return ToolWatchState(told_s, off, depth), found
 
 
-# Tracks against their command: one that does not move, or whose sensor does not. Fault 14.
+# Tracks compared with their command: one that does not move, or whose sensor does not. Fault 14.
 
 DEAD_S = 0.5
 _ASKED_MPS = 0.08
@@ -186,7 +186,7 @@ _SHARE = 0.25
 
 
 class TrackWatchState(NamedTuple):
-    """What is carried from tick to tick: findings in the making, left and right."""
+    """State carried from tick to tick: pending findings, left and right."""
 
     left: Dwell = Dwell()
     right: Dwell = Dwell()
@@ -205,8 +205,8 @@ def step_track_watch(
     Args:
         state: of the last tick.
         told_mps: left and right by the last command.
-        measured_mps: left and right; no number counts as standing.
-        drives: the box was told to drive, and holds it.
+        measured_mps: left and right; NaN counts as standing.
+        drives: the box was commanded to drive, and does.
         step_s: since the last tick.
     """
     step_s = counted_step_s(step_s)
@@ -224,9 +224,9 @@ def step_track_watch(
 DRIVE = 1
 """Bit of ``engage`` in a skid_command; 4 cuts the power as in a drive_command."""
 MARK_CORNER = 128
-"""Bit of ``controller_status.buttons`` beside those that all vehicles have."""
+"""Bit of ``controller_status.buttons`` in addition to those of all vehicles."""
 REMOTE_SILENT_S = 0.98
-"""Fault 35: found within a second, by the tick."""
+"""Fault 35: found within a second."""
 _OFF_LINE_M = 0.5
 
 
@@ -241,13 +241,13 @@ class SkidSent(NamedTuple):
 
 
 class SkidWatched(NamedTuple):
-    """What the watches say of a tick.
+    """Results of the watches in a tick.
 
     Attributes:
         bits, found: findings that all vehicles share, and those of this kind; severity: the largest of both.
         events: of buttons and motion, in their order.
         corner: the button that marks a corner was pressed.
-        reading: of the tool; ``None`` before the box was heard.
+        reading: of the tool; ``None`` before the box was received.
     """
 
     bits: Watch
@@ -263,7 +263,7 @@ class SkidWatches:
 
     Args:
         control: of the configuration.
-        tool: what is asked of the tool.
+        tool: commanded state of the tool.
     """
 
     def __init__(self, control: ControlTable, tool: ToolBelief) -> None:
@@ -299,7 +299,7 @@ class SkidWatches:
         found |= more
         if drives and sent.tool and abs(cross_m) > _OFF_LINE_M:
             found |= SkidFound.OFF_LINE
-        # Stopping takes the cause of most of them away: what stopped it is said until it is let go.
+        # Stopping removes the cause of most of them: the reason of the stop is reported until release.
         found = self._held = (self._held | found) if drives else SkidFound(0)
         if REMOTE_SILENT_S < operator.age_s < math.inf:
             found |= SkidFound.REMOTE_SILENT
@@ -308,19 +308,19 @@ class SkidWatches:
             box=(state, engaged),
             engage=sent.engage,
             statuses=operator.statuses,
-            # A line that falls silent is the remote link's fault: stopped in order, not taken for the override.
+            # A silent line is a fault of the remote link: a controlled stop, not an override.
             controller_age_s=0.0 if math.isfinite(operator.age_s) else math.inf,
             hands=OperatorContact(0.0, False),
             speed_mps=speed,
             step_s=step_s,
         )
-        # Its drives stand by themselves: there is no brake to be tested.
+        # Its drives hold at standstill: there is no brake to test.
         bits &= ~Watch.BRAKE_UNTESTED
         severity = max(severity_of(bits), severity_of_found(found))
         return SkidWatched(bits, found, severity, events, self._corner(operator), reading)
 
     def _corner(self, operator: Operator) -> bool:
-        """Pressed: two statuses in a row, as every button that does something; once a press."""
+        """Pressed: two statuses in a row, like every active button; once per press."""
         pressed = False
         for buttons in operator.statuses:
             if buttons & self._last & MARK_CORNER:
