@@ -118,7 +118,7 @@ def describe_modes() -> str:
         "",
         "Made by `PYTHONPATH=tests python -m mode_diagram` from `step_modes`, by trying every event in every state",
         "that can be reached; a test holds this page equal to it. An arrow with *may* is taken in some states of the",
-        "mode only: engaging needs all that `refusal_of` asks for.",
+        "mode only: engaging needs all that `inhibit_of` asks for.",
         "",
         "```mermaid",
         "stateDiagram-v2",
@@ -141,7 +141,7 @@ def _at_zero(state: ModeState) -> ModeState:
     now_s = state.time_s
     pressed_s = max(state.override_since_s - now_s, -_LONG_S) if state.override_pressed else 0.0
     recent = tuple((event, at_s - now_s) for event, at_s in state.failures if now_s - at_s < FAILURES_WITHIN_S)
-    return state._replace(time_s=0.0, override_since_s=pressed_s, failures=recent, refusal=EngagementInhibit.NONE)
+    return state._replace(time_s=0.0, override_since_s=pressed_s, failures=recent, inhibit=EngagementInhibit.NONE)
 
 
 def _word(event: Event) -> str:

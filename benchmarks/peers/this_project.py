@@ -193,7 +193,7 @@ def poses_from(
         template,
         start,
         space.region,
-        jnp.where(peaks.floor > 0.0, peaks.floor, peaks.scatter)[:, 0],
+        jnp.where(peaks.floor > 0.0, peaks.floor, peaks.region_floor)[:, 0],
         jnp.float32(MIN_OVERLAP),
         heading=True,
         pitch=False,

@@ -194,13 +194,13 @@ def _search_jvp(primals: tuple[Batch], tangents: tuple[Batch]) -> tuple[Fix, Fix
             score = score_poses(
                 at.tile, scan, pose[None], at.height_reference_m, at.angular_frequency_rad_per_ns, MIN_OVERLAP
             )
-            return score.strength[0], score.correlation[0]
+            return score.score[0], score.correlation[0]
 
         slope, correlation = jax.vmap(jax.grad(strength, has_aux=True))(pose, at.scans)
         return slope, correlation
 
     (slope, correlation), (bends, gains) = jax.jvp(peak, (batch,), (change,))
-    weight = independent_numbers(jnp.asarray(fix.scatter)) / jnp.maximum(1.0 - correlation**2, 1e-3)
+    weight = independent_numbers(jnp.asarray(fix.noise_floor)) / jnp.maximum(1.0 - correlation**2, 1e-3)
     # Position is free within the region; attitude and height are held to the prior.
     pull = jnp.asarray(PRIOR[:5], jnp.float32).at[:2].set(0.0)[None] / batch.half_width**2
     side = weight[:, None] * bends + pull * change.prior

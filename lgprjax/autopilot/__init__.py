@@ -49,8 +49,8 @@ from lgprjax.autopilot.modes import (
     ModeEvent,
     ModeState,
     PathOffset,
+    inhibit_of,
     operator_drives,
-    refusal_of,
     step_modes,
 )
 from lgprjax.autopilot.monitors import (
@@ -193,6 +193,7 @@ __all__ = [
     "fence_around",
     "fence_of_route",
     "front_angle",
+    "inhibit_of",
     "init_autopilot",
     "init_limiter",
     "init_skid",
@@ -206,7 +207,6 @@ __all__ = [
     "operator_drives",
     "pad_fence",
     "proportional_rear",
-    "refusal_of",
     "room_of_route",
     "severity_of",
     "skid_setup",

@@ -138,7 +138,7 @@ class Observer(NamedTuple):
     """
 
     expected_mps: float = 0.0
-    heard_mps: float = 0.0
+    received_mps: float = 0.0
     push_mps2: float = 0.0
     rolled_s: float = 0.0
 
@@ -257,8 +257,8 @@ def _observe(
     if not (trusted and speed > ROLLING_MPS):
         known = speed if math.isfinite(speed) else 0.0
         return Observer(known, known), 0.0
-    if abs(speed - observer.heard_mps) > LEAP_MPS:
-        return observer._replace(expected_mps=speed, heard_mps=speed), 0.0
+    if abs(speed - observer.received_mps) > LEAP_MPS:
+        return observer._replace(expected_mps=speed, received_mps=speed), 0.0
     expected = observer.expected_mps + (pushed_mps2 - drag_per_s * speed + observer.push_mps2) * step_s
     ahead = speed - expected
     rolled_s = observer.rolled_s + step_s if engaged else 0.0

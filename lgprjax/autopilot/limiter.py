@@ -297,16 +297,16 @@ def _send(
     last: AnyCommand,
     limited: AnyCommand,
     default: AnyCommand,
-    told: type[Limited] | type[SkidLimited],
+    flag_type: type[Limited] | type[SkidLimited],
     limits: tuple[tuple[Limited | SkidLimited, Bool[Array, "..."]], ...],
 ) -> tuple[AnyCommand, Int32[Array, "..."]]:
     """A good command within its limits, the last one in place of a bad one, the default from the second on."""
     good = jnp.logical_not(jnp.logical_or(judged.bad, judged.failed))
     sent = _pick(good, limited, _pick(judged.failed, default, last))
     faults = (
-        (told.NOT_FINITE, jnp.logical_not(judged.finite)),
-        (told.STALE, jnp.logical_not(judged.fresh)),
-        (told.MANUAL_REQUESTED, judged.failed),
+        (flag_type.NOT_FINITE, jnp.logical_not(judged.finite)),
+        (flag_type.STALE, jnp.logical_not(judged.fresh)),
+        (flag_type.MANUAL_REQUESTED, judged.failed),
     )
     # A replaced command was not limited.
     bits = jnp.bitwise_or(jnp.where(good, _bits(limits), 0), _bits(faults))

@@ -249,7 +249,7 @@ class ModeState(NamedTuple):
         registration_dead: driving continues without it, on GNSS and INS.
         failures: deaths of supervised processes in the last minute, each by its event and its time.
         stopping: a controlled stop runs; it ends standing, in MANUAL.
-        refusal: why the last press of a button did not engage; NONE if it did.
+        inhibit: why the last press of a button did not engage; NONE if it did.
     """
 
     mode: Mode = Mode.BOOT
@@ -270,7 +270,7 @@ class ModeState(NamedTuple):
     registration_dead: bool = False
     failures: tuple[tuple[Event, float], ...] = ()
     stopping: bool = False
-    refusal: EngagementInhibit = EngagementInhibit.NONE
+    inhibit: EngagementInhibit = EngagementInhibit.NONE
 
 
 def operator_drives(state: ModeState) -> bool:
@@ -278,7 +278,7 @@ def operator_drives(state: ModeState) -> bool:
     return state.mode not in ENGAGED
 
 
-def refusal_of(state: ModeState) -> EngagementInhibit:
+def inhibit_of(state: ModeState) -> EngagementInhibit:
     """Why engaging is inhibited now, the most important reason first; NONE if it is allowed."""
     reasons = (
         (state.estop_pressed or state.mode is Mode.EMERGENCY_STOP, EngagementInhibit.ESTOP),
@@ -312,7 +312,7 @@ def step_modes(state: ModeState, happening: ModeEvent) -> Step:
     """State after an event, and actions of the host, in order.
 
     Every event is allowed in every state. Only ``Action.ENGAGE_STEERING`` and ``Action.ENGAGE_SPEED`` engage, and each
-    only if ``refusal_of`` returns NONE.
+    only if ``inhibit_of`` returns NONE.
     """
     event = happening.event
     time_s = max(state.time_s, happening.time_s) if math.isfinite(happening.time_s) else state.time_s
@@ -470,23 +470,23 @@ def _watched_died(state: ModeState, event: Event) -> Step:
 
 
 def _steering_button(state: ModeState) -> Step:
-    refusal = refusal_of(state)
-    if refusal is not EngagementInhibit.NONE:
-        return state._replace(refusal=refusal), (Action.WARN,)
+    inhibit = inhibit_of(state)
+    if inhibit is not EngagementInhibit.NONE:
+        return state._replace(inhibit=inhibit), (Action.WARN,)
     if not operator_drives(state):
         return state, ()
-    return state._replace(mode=Mode.STEERING, refusal=EngagementInhibit.NONE), (Action.ENGAGE_STEERING,)
+    return state._replace(mode=Mode.STEERING, inhibit=EngagementInhibit.NONE), (Action.ENGAGE_STEERING,)
 
 
 def _cruise_button(state: ModeState, event: Event) -> Step:
-    refusal = refusal_of(state)
-    if refusal is EngagementInhibit.NONE and operator_drives(state):
-        refusal = EngagementInhibit.NOT_STEERING
-    if refusal is not EngagementInhibit.NONE:
-        return state._replace(refusal=refusal), (Action.WARN,)
+    inhibit = inhibit_of(state)
+    if inhibit is EngagementInhibit.NONE and operator_drives(state):
+        inhibit = EngagementInhibit.NOT_STEERING
+    if inhibit is not EngagementInhibit.NONE:
+        return state._replace(inhibit=inhibit), (Action.WARN,)
     if state.mode is Mode.SPEED:
         return state, (Action.RAISE_SPEED if event is Event.CRUISE_PLUS else Action.LOWER_SPEED,)
-    return state._replace(mode=Mode.SPEED, refusal=EngagementInhibit.NONE), (Action.LOCK_SPEED, Action.ENGAGE_SPEED)
+    return state._replace(mode=Mode.SPEED, inhibit=EngagementInhibit.NONE), (Action.LOCK_SPEED, Action.ENGAGE_SPEED)
 
 
 def _stop_if_lost(state: ModeState) -> Step:

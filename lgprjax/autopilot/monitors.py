@@ -435,7 +435,13 @@ class LineWatchState(NamedTuple):
 
 
 def step_line_watch(
-    state: LineWatchState, *, status_age_s: float, box_state: int, box_engaged: int, told_engaged: int, step_s: float
+    state: LineWatchState,
+    *,
+    status_age_s: float,
+    box_state: int,
+    box_engaged: int,
+    commanded_engaged: int,
+    step_s: float,
 ) -> tuple[LineWatchState, Watch]:
     """State and findings of a tick.
 
@@ -443,11 +449,11 @@ def step_line_watch(
         state: of the last tick.
         status_age_s: since the newest accepted status; infinite before the first.
         box_state, box_engaged: ``state`` and ``engaged`` of that status.
-        told_engaged: steering and pedals bits of ``engage`` as sent in the last tick.
+        commanded_engaged: steering and pedals bits of ``engage`` as sent in the last tick.
         step_s: since the last tick.
     """
     step_s = counted_step_s(step_s)
-    lets_go = told_engaged != 0 and (box_state & BoxState.DEFAULTS != 0 or told_engaged & ~box_engaged != 0)
+    lets_go = commanded_engaged != 0 and (box_state & BoxState.DEFAULTS != 0 or commanded_engaged & ~box_engaged != 0)
     let_go = step_dwell(state.let_go, lets_go, step_s, on_s=HELD_S)
     fault = step_dwell(state.fault, box_state & _FAULTS != 0, step_s, on_s=FAULT_S, off_s=0.0)
     bits = (

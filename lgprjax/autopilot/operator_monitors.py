@@ -43,8 +43,8 @@ class ButtonState(NamedTuple):
     Attributes:
         last: buttons of the last status.
         down: buttons that are down, of those that engage.
-        heard: the controller has been received.
-        unheard_s: time since the watch began, until it is received.
+        received: the controller has been received.
+        unreceived_s: time since the watch began, until it is received.
         resting: statuses in a row with the override at rest.
         override, estop, brake: as reported to the mode machine.
         braked_s: time for which the brake has been pressed.
@@ -54,8 +54,8 @@ class ButtonState(NamedTuple):
 
     last: int = 0
     down: int = STEERING | PLUS | MINUS
-    heard: bool = False
-    unheard_s: float = 0.0
+    received: bool = False
+    unreceived_s: float = 0.0
     resting: int = 0
     override: bool = False
     estop: bool = False
@@ -92,9 +92,9 @@ def step_buttons(
     events: list[Event] = []
     for buttons in statuses:
         state = _take_status(state, buttons, events)
-    state = state._replace(unheard_s=state.unheard_s + step_s)
-    silent = (state.heard or state.unheard_s >= FIRST_STATUS_S) and not 0.0 <= controller_age_s <= SILENT_S
-    alike = state.heard and _contacts_alike(state.last)
+    state = state._replace(unreceived_s=state.unreceived_s + step_s)
+    silent = (state.received or state.unreceived_s >= FIRST_STATUS_S) and not 0.0 <= controller_age_s <= SILENT_S
+    alike = state.received and _contacts_alike(state.last)
     contacts = step_dwell(state.contacts, alike, step_s, on_s=CONTACTS_S, off_s=0.0)
     state = state._replace(contacts=contacts)
     if silent or contacts.on:
@@ -121,7 +121,7 @@ def _take_status(state: ButtonState, buttons: int, events: list[Event]) -> Butto
     neither = ~(buttons | state.last)
     down = state.down
     # The first status has no predecessor to compare with.
-    if state.heard:
+    if state.received:
         for bit, event in _PRESSES:
             if twice & bit and not down & bit:
                 events.append(event)
@@ -139,10 +139,10 @@ def _take_status(state: ButtonState, buttons: int, events: list[Event]) -> Butto
     if buttons & ESTOP and not estop:
         events.append(Event.ESTOP_PRESSED)
         estop = True
-    elif estop and state.heard and neither & ESTOP:
+    elif estop and state.received and neither & ESTOP:
         events.append(Event.ESTOP_RELEASED)
         estop = False
-    return state._replace(last=buttons, down=down, heard=True, resting=resting, override=override, estop=estop)
+    return state._replace(last=buttons, down=down, received=True, resting=resting, override=override, estop=estop)
 
 
 def _take_brake(state: ButtonState, hands: OperatorContact, events: list[Event], step_s: float) -> ButtonState:

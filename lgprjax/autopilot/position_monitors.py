@@ -346,8 +346,8 @@ def _leap(then_mps: float, now_mps: float) -> Watch:
     return _kind(then_mps, now_mps) if abs(now_mps - then_mps) > LEAP_MPS else _NOTHING
 
 
-def _kind(true: float, told: float) -> Watch:
+def _kind(true: float, measured: float) -> Watch:
     """Kind of odometer fault, from a measured and a true distance or speed."""
-    if abs(told) < 0.25 * abs(true):
+    if abs(measured) < 0.25 * abs(true):
         return Watch.ODOMETER_DEAD
-    return Watch.ODOMETER_REVERSED if true * told < 0.0 else Watch.ODOMETER_SLIPS
+    return Watch.ODOMETER_REVERSED if true * measured < 0.0 else Watch.ODOMETER_SLIPS

@@ -343,16 +343,18 @@ def step_skid(
     carrot, plan = law(setup.carrot, route, state.carrot, pose, speed, step_s)
     slower = jnp.minimum(speed, jnp.maximum(plan.speed_limit_mps, now - change))
     track = setup.model.track_m / _near_one(filtered.estimate.mean[TURN_SCALE])
-    asked = _asked_wheels(setup, grip, wheel_speeds(track, speed, plan.yaw_rate_radps), slower / _positive(speed))
-    pulses, told = step_pulses(setup.threshold_mps, state.pulses, asked, step_s)
+    requested = _requested_wheels(
+        setup, grip, wheel_speeds(track, speed, plan.yaw_rate_radps), slower / _positive(speed)
+    )
+    pulses, pulsed = step_pulses(setup.threshold_mps, state.pulses, requested, step_s)
 
     measured = WheelSpeeds(
         *(jnp.where(jnp.isfinite(wheel), wheel, 0.0) for wheel in (orders.left_mps, orders.right_mps))
     )
-    edge = orders.engaged & (state.edge | _edge(setup, fence, pose, (asked, measured), drives, health.sigma_m))
+    edge = orders.engaged & (state.edge | _edge(setup, fence, pose, (requested, measured), drives, health.sigma_m))
     stops = orders.stop | (health.reaction == Reaction.STOP) | edge | ~drives
     halted = WheelSpeeds(*slowed(last.left_mps, last.right_mps, setup.stop.stop_mps2 * jnp.fmax(step_s, 0.0)))
-    wheels = _chosen(stops, halted, told)
+    wheels = _chosen(stops, halted, pulsed)
     tool = jnp.where(~stops & found.heading_known & plan.tool_on, 1.0, 0.0)
     wanted = SkidCommand(wheels.left_mps, wheels.right_mps, tool, setup.depth_m)
 
@@ -361,7 +363,7 @@ def step_skid(
     free = init_skid_limiter(measured.left_mps, measured.right_mps, setup.depth_m)
     limiter = _chosen(orders.engaged, limiter, free)
     sent = WheelSpeeds(limiter.last.left_mps, limiter.last.right_mps)
-    pulses = settle_pulses(setup.threshold_mps, pulses, asked, sent, step_s)
+    pulses = settle_pulses(setup.threshold_mps, pulses, requested, sent, step_s)
     pulses = _chosen(stops, init_pulses(speed), pulses)
     carrot = _chosen(orders.engaged, carrot, state.carrot)
     info = SkidInfo(
@@ -386,7 +388,7 @@ def _grip(estimate: SkidEstimate) -> WheelSpeeds:
     return WheelSpeeds(_near_one(mean[SCALE] + mean[SLIP_LEFT]), _near_one(mean[SCALE] + mean[SLIP_RIGHT]))
 
 
-def _asked_wheels(setup: SkidSetup, grip: WheelSpeeds, ground: WheelSpeeds, share: Float[Array, ""]) -> WheelSpeeds:
+def _requested_wheels(setup: SkidSetup, grip: WheelSpeeds, ground: WheelSpeeds, share: Float[Array, ""]) -> WheelSpeeds:
     """Wheels for a share of both sides' speeds over ground, reduced to the limit of the faster one."""
     left, right = ground.left_mps / grip.left_mps, ground.right_mps / grip.right_mps
     allowed = setup.vehicle.largest_wheel_mps / _positive(jnp.maximum(jnp.abs(left), jnp.abs(right)))
@@ -416,12 +418,12 @@ def _edge(
 
     The commanded one counts while the vehicle drives; the limiter handles NaN wheels.
     """
-    asked, measured = arcs
+    requested, measured = arcs
     track, rules = setup.vehicle.track_m, setup.stop
-    along_asked = edge_ahead(rules, fence, setup.tool, track, pose, asked, sigma_m)
+    along_requested = edge_ahead(rules, fence, setup.tool, track, pose, requested, sigma_m)
     along_measured = edge_ahead(rules, fence, setup.tool, track, pose, measured, sigma_m)
-    some = jnp.isfinite(asked.left_mps + asked.right_mps)
-    return (drives & some & along_asked) | along_measured
+    some = jnp.isfinite(requested.left_mps + requested.right_mps)
+    return (drives & some & along_requested) | along_measured
 
 
 def _chosen(choice: Bool[Array, ""], chosen: _Tree, other: _Tree) -> _Tree:

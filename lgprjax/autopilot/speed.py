@@ -136,10 +136,10 @@ def step_velocity(
     resisted = pedals.rolling_mps2 + pedals.drag_per_s * speed
     # A reference that follows the vehicle has no acceleration of its own to feed forward.
     fed = jnp.where(moved == reference, change / step_s, 0.0)
-    asked = fed + settings.proportional_per_s * missing + state.integral_mps2 + resisted
-    pedal = _choose_pedal(state.pedal, asked, settings.press_mps2)
-    throttle_pressed, throttle = _press(pedals.throttle, state.throttle, asked, pedal > 0)
-    brake_pressed, brake = _press(pedals.brake, state.brake, -asked, pedal < 0)
+    requested = fed + settings.proportional_per_s * missing + state.integral_mps2 + resisted
+    pedal = _choose_pedal(state.pedal, requested, settings.press_mps2)
+    throttle_pressed, throttle = _press(pedals.throttle, state.throttle, requested, pedal > 0)
+    brake_pressed, brake = _press(pedals.brake, state.brake, -requested, pedal < 0)
     stuck = ((throttle >= 1.0) & (missing > 0.0)) | ((brake >= 1.0) & (missing < 0.0))
     integral = state.integral_mps2 + jnp.where(stuck, 0.0, settings.integral_per_s2 * missing * step_s)
     stands = (wanted <= 0.0) & (speed < settings.standing_mps)
@@ -174,8 +174,8 @@ def step_stop(
     braking = state.brake.amount * gain
     most = jnp.maximum(settings.stop_mps2 - resisted, 0.0)
     # Harder braking already under way continues.
-    asked = jnp.maximum(jnp.minimum(braking + settings.stop_rise_mps3 * step_s, most), braking)
-    pressed, command = _press(pedals.brake, state.brake, asked, jnp.ones(braking.shape, jnp.bool_))
+    requested = jnp.maximum(jnp.minimum(braking + settings.stop_rise_mps3 * step_s, most), braking)
+    pressed, command = _press(pedals.brake, state.brake, requested, jnp.ones(braking.shape, jnp.bool_))
     stands = speed_mps < settings.standing_mps
     brake = jnp.where(stands, jnp.maximum(settings.hold_brake, command), command)
     reference = jnp.where(jnp.isfinite(speed_mps), speed_mps, state.reference_mps)
@@ -207,11 +207,11 @@ def _press(
 
 
 def _choose_pedal(
-    pedal: Int32[Array, "..."], asked_mps2: Float[Array, "..."], press_mps2: Float[Array, "..."]
+    pedal: Int32[Array, "..."], requested_mps2: Float[Array, "..."], press_mps2: Float[Array, "..."]
 ) -> Int32[Array, "..."]:
     """The pedal to press: the present one as long as it is needed, a new one only beyond the dead zone."""
-    stays = jnp.sign(asked_mps2).astype(jnp.int32) == pedal
-    pressed = jnp.where(asked_mps2 > press_mps2, 1, jnp.where(asked_mps2 < -press_mps2, -1, 0))
+    stays = jnp.sign(requested_mps2).astype(jnp.int32) == pedal
+    pressed = jnp.where(requested_mps2 > press_mps2, 1, jnp.where(requested_mps2 < -press_mps2, -1, 0))
     return jnp.where(stays, pedal, pressed).astype(jnp.int32)
 
 

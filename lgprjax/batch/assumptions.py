@@ -24,20 +24,20 @@ def map_assumed(source: MapFile) -> tuple[dict[str, str], ...]:
 
 def map_assumed_in_words(source: MapFile) -> str | None:
     """The same as one line; None without assumptions."""
-    return told_by_baseline(map_assumed(source))
+    return assumptions_by_baseline(map_assumed(source))
 
 
-def told_by_baseline(rows: Sequence[Mapping[str, str]]) -> str | None:
+def assumptions_by_baseline(rows: Sequence[Mapping[str, str]]) -> str | None:
     """Assumptions as one line, with the numbers of the baselines where they do not hold for all."""
     found: dict[tuple[str, str], list[str]] = {}
     for number, row in enumerate(rows):
         for each in row.items():
             found.setdefault(each, []).append(str(number))
-    told = [
+    words = [
         f"{name} ({words})" + (f" in baseline {', '.join(numbers)}" if len(numbers) < len(rows) else "")
         for (name, words), numbers in found.items()
     ]
-    return ", ".join(told) or None
+    return ", ".join(words) or None
 
 
 def distance_to_map_m(source: MapFile, log: DriveLog) -> float:
@@ -59,8 +59,8 @@ def away_in_words(source: MapFile, log: DriveLog) -> str | None:
     away_m = distance_to_map_m(source, log)
     if away_m <= _NEAR_M + 0.5 * source.description.array_width_m:
         return None
-    told = f"{away_m:.0f} m" if away_m < 1e3 else f"{away_m / 1e3:.1f} km"
-    return f"the drive is {told} from the map {source.description.name} (nearest point)"
+    words = f"{away_m:.0f} m" if away_m < 1e3 else f"{away_m / 1e3:.1f} km"
+    return f"the drive is {words} from the map {source.description.name} (nearest point)"
 
 
 def is_place_assumed(source: MapFile, log: DriveLog) -> bool:

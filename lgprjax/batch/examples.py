@@ -59,10 +59,10 @@ def swarm_about(
         options: the search.
         scan: number in the drive.
     """
-    scatter = float(np.asarray(drive.fix.scatter)[scan])
-    if options.swarm is None or not np.isfinite(scatter) or not np.isfinite(surface.strength).any():
+    noise_floor = float(np.asarray(drive.fix.noise_floor)[scan])
+    if options.swarm is None or not np.isfinite(noise_floor) or not np.isfinite(surface.score).any():
         return None
-    i, j = np.unravel_index(int(np.nanargmax(surface.strength)), surface.strength.shape)
+    i, j = np.unravel_index(int(np.nanargmax(surface.score)), surface.score.shape)
     whole = np.append(prior, 0.0)
     start = np.array([surface.along_m[i], surface.cross_m[j], *whole[2:]])
     half_width = options.half_width(drive.track.sigma_yaw_rad[[scan]], options.search_half_m(drive.track.sigma_m))[0]
@@ -80,7 +80,7 @@ def swarm_about(
         single(start),
         single(whole),
         single(half_width),
-        independent_numbers(jnp.float32(scatter)),
+        independent_numbers(jnp.float32(noise_floor)),
         jnp.asarray([True, True, True, template.valid.shape[1] > 1, drive.fix.overlap_channels.max() > 1, False]),
         jnp.uint32(options.seed),
         jnp.uint32(scan),

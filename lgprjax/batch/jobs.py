@@ -85,8 +85,8 @@ def settings_of(options: RegisterOptions) -> dict[str, object]:
 
 def key_of_job(drive_sha256: str, map_sha256: str, settings: dict[str, object]) -> str:
     """SHA-256 of the inputs of a job's result, whatever the order of the settings."""
-    told = {"drive": drive_sha256, "map": map_sha256, "settings": settings, "version": __version__}
-    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+    inputs = {"drive": drive_sha256, "map": map_sha256, "settings": settings, "version": __version__}
+    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
 
 # The record of a job: one small JSON file a drive, from which every table of an archive is made.

@@ -435,8 +435,8 @@ def level_ratio(
     """Factor for each depth, smoothed over five samples; 0 where there is no signal at all."""
     kernel = np.full(min(_SMOOTH, len(found)), 1.0 / min(_SMOOTH, len(found)))
     want, have = (np.sqrt(np.convolve(level**2, kernel, mode="same")) for level in (wanted, found))
-    heard = found > 0.0
-    return np.asarray(np.where(heard, want / np.where(heard, have, 1.0), 0.0))
+    has_signal = found > 0.0
+    return np.asarray(np.where(has_signal, want / np.where(has_signal, have, 1.0), 0.0))
 
 
 def live_operators(source: MapFile, log: DriveLog, track: Track, alignment: Alignment = AS_STATED) -> Operators:

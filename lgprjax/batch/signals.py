@@ -271,11 +271,13 @@ def noise(blocks: SignalBlocks, place: BlockStretches) -> Findings:
     # Noise and ground in equal parts: twice the noise. Smoothed over a period, as a zero crossing means nothing.
     width = min(max(3, round(blocks.recorded.period_samples)), len(blocks.variance))
     kernel = np.full(width, 1.0 / width)
-    heard = np.convolve(blocks.variance, kernel, "same") >= 2.0 * np.convolve(blocks.noise_variance, kernel, "same")
+    above_noise = np.convolve(blocks.variance, kernel, "same") >= 2.0 * np.convolve(
+        blocks.noise_variance, kernel, "same"
+    )
     figures = [
         figure(
             "heard_time",
-            float(np.sum(heard)) / blocks.recorded.period_samples,
+            float(np.sum(above_noise)) / blocks.recorded.period_samples,
             "periods",
             (6.0, 2.0),
             "travel time over which the signal that changes along the track is at least as strong as the noise, "

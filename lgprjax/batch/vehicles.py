@@ -127,15 +127,15 @@ def filter_model_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> 
     """
     anchor_m = 0.0 if vehicle.pursuit.anchor_m is None else vehicle.pursuit.anchor_m
     chassis = chassis_of(with_values(vehicle, {"pursuit.anchor_m": anchor_m}, {}), path)
-    told = vehicle.navigation.model_dump(exclude_none=True)
+    stated = vehicle.navigation.model_dump(exclude_none=True)
     model = default_model(
         zero_slip_m=float(zero_slip_point(chassis, jnp.float32(0.0))),
-        gnss_x_m=told.pop("gnss_x_m", 0.0),
-        gnss_y_m=told.pop("gnss_y_m", 0.0),
+        gnss_x_m=stated.pop("gnss_x_m", 0.0),
+        gnss_y_m=stated.pop("gnss_y_m", 0.0),
         array_x_m=_needed(path, "array.x_m", vehicle.array.x_m),
         array_y_m=0.0,
     )
-    return model._replace(**{name: jnp.float32(value) for name, value in told.items()})
+    return model._replace(**{name: jnp.float32(value) for name, value in stated.items()})
 
 
 def _needed(path: str | Path, place: str, value: float | None) -> float:
@@ -208,9 +208,9 @@ def carrot_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Carrot
     """
     _require_skid_steer(vehicle, path)
     radius_m = _skid_needed(path, "skid_steer.smallest_radius_m", vehicle.skid_steer.smallest_radius_m)
-    told = vehicle.carrot.model_dump(exclude_none=True)
+    stated = vehicle.carrot.model_dump(exclude_none=True)
     settings = default_carrot(smallest_radius_m=radius_m)
-    return settings._replace(**{name: jnp.float32(value) for name, value in told.items()})
+    return settings._replace(**{name: jnp.float32(value) for name, value in stated.items()})
 
 
 def pattern_settings_of(

@@ -104,14 +104,14 @@ class WorkerProcess:
 
     def begin(self, run: ArchiveRun) -> None:
         """Send it the run. Raises ``InputError`` if it refuses to begin, ``WorkerDiedError`` if it died."""
-        answer = self._asked(run)
+        answer = self._request(run)
         if isinstance(answer, InputError):
             raise answer
 
     def do(self, job: Job, attempt: int) -> InputError | None:
         """Have a drive registered; returns why it failed, or None. Raises ``WorkerDiedError`` if the worker died."""
         self.drive = job.name
-        answer = self._asked((job, attempt))
+        answer = self._request((job, attempt))
         self.drive = ""
         assert answer is None or isinstance(answer, InputError)
         return answer
@@ -134,7 +134,7 @@ class WorkerProcess:
         self.await_end()
         self._said.close()
 
-    def _asked(self, what: object) -> object:
+    def _request(self, what: object) -> object:
         try:
             self._connection.send(what)
             return self._connection.recv()
@@ -189,7 +189,7 @@ class WorkerPool:
         self._gpus = gpus
         self._program = program
         self._todo: queue.SimpleQueue[Job] = queue.SimpleQueue()
-        self._told: queue.SimpleQueue[JobOutcome | BaseException] = queue.SimpleQueue()
+        self._outcomes: queue.SimpleQueue[JobOutcome | BaseException] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._live: dict[int, WorkerProcess] = {}
         self._threads: list[threading.Thread] = []
@@ -232,10 +232,10 @@ class WorkerPool:
         for thread in self._threads:
             thread.start()
         for _ in jobs:
-            told = self._told.get()
-            if isinstance(told, BaseException):
-                raise told
-            yield told
+            result = self._outcomes.get()
+            if isinstance(result, BaseException):
+                raise result
+            yield result
 
     def _serve(self, number: int) -> None:
         """Run one worker after another in one slot of the pool."""
@@ -260,9 +260,9 @@ class WorkerPool:
                         worker = None
                         if self._stopping:
                             return
-                self._told.put(outcome or _lost(job, why))
+                self._outcomes.put(outcome or _lost(job, why))
         except BaseException as error:  # raised where the outcomes are awaited
-            self._told.put(error)
+            self._outcomes.put(error)
         finally:
             if worker is not None:
                 self._bury(worker)

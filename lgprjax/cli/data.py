@@ -81,8 +81,8 @@ def _tell_assumed(path: Path) -> None:
     with DriveLog.open(path) as log:
         assumed = assumed_of(log.description.provenance)
     if assumed:
-        told = f"{path}: assumed, as no instrument recorded it: {assumed_in_words(assumed)}"
-        console.print(told, highlight=False, markup=False, soft_wrap=True)
+        message = f"{path}: assumed, as no instrument recorded it: {assumed_in_words(assumed)}"
+        console.print(message, highlight=False, markup=False, soft_wrap=True)
 
 
 def _measure(path: Path) -> "DriveHealth":
@@ -210,8 +210,8 @@ class Recover:
                 force=self.force,
             )
         left_out = f", {drive.left_out} left out" if drive.left_out else ""
-        told = f"wrote {self.output}: {drive.seconds:.1f} s, {drive.scans} scans{left_out}"
-        console.print(told, highlight=False, markup=False, soft_wrap=True)
+        message = f"wrote {self.output}: {drive.seconds:.1f} s, {drive.scans} scans{left_out}"
+        console.print(message, highlight=False, markup=False, soft_wrap=True)
 
 
 def _config_of(folder: Path) -> "RuntimeConfig":

@@ -274,7 +274,7 @@ class ImportMcap:
                 raise UsageError(f"--{name.replace('_', '-')}: expected a number above zero, found {value:g}")
         from lgprjax.formats import McapAssumed, McapTopics, UniformArray, import_mcap
 
-        told = (self.channel_pitch_m, self.array_x_m, self.array_height_m)
+        given = (self.channel_pitch_m, self.array_x_m, self.array_height_m)
         array = UniformArray(self.channel_pitch_m, self.array_x_m or 0.0, self.array_height_m or 0.0)
         with working(f"importing {self.file}"):
             imported = import_mcap(
@@ -282,7 +282,7 @@ class ImportMcap:
                 topics=McapTopics(
                     self.radar_topic, self.array_topic, self.gnss_topic, self.heading_topic, self.odometry_topic
                 ),
-                array=None if told == (None, None, None) else array,
+                array=None if given == (None, None, None) else array,
                 assumed=McapAssumed(self.gnss_m, self.gnss_sigma_m, self.heading_sigma_deg),
                 output=self.output,
                 force=self.force,

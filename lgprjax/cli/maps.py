@@ -50,8 +50,8 @@ def _labels(sigma_m: tuple[float, ...]) -> str:
 
     if not any(sigma_m):
         return UNSTATED
-    told = ", ".join("not stated" if sigma == 0.0 else f"{100.0 * sigma:.1f} cm" for sigma in sigma_m)
-    return f"sigma {told}"
+    sigmas_text = ", ".join("not stated" if sigma == 0.0 else f"{100.0 * sigma:.1f} cm" for sigma in sigma_m)
+    return f"sigma {sigmas_text}"
 
 
 def _chance(chance: "Chance | None", wavelength_m: float) -> dict[str, object]:
@@ -117,14 +117,14 @@ def print_info(path: Path) -> dict[str, object]:
         assumed = map_assumed_in_words(source)
     table = Table("quantity", "value", title=f"{path.name}")
     for name, value in figures.items():
-        table.add_row(name, _told(value))
+        table.add_row(name, _label_text(value))
     console.print(table)
     if assumed is not None:
         console.print(f"assumed: {assumed}", highlight=False, markup=False, soft_wrap=True)
     return {**figures, "assumed": assumed}
 
 
-def _told(value: object) -> str:
+def _label_text(value: object) -> str:
     if isinstance(value, dict):
         scores = ", ".join(f"{window} {score:.2f}" for window, score in value.items())
         return f"{scores} noise floors by window (risk {_RISK:g}, one search)"

@@ -206,8 +206,8 @@ def _advise(summaries: "Sequence[DriveSummary]") -> None:
         why = main_decline(summary)
         if why is not None and (summary.ok_fraction or 0.0) < _FEW:
             code, (meaning, action) = why
-            told = f"few scans of {summary.name} are ok, most are {code}: {meaning}. Advice: {action}"
-            console.print(told, highlight=False, soft_wrap=True)
+            advice = f"few scans of {summary.name} are ok, most are {code}: {meaning}. Advice: {action}"
+            console.print(advice, highlight=False, soft_wrap=True)
 
 
 def _claim(folder: Path, names: Sequence[str], force: bool) -> None:

@@ -113,8 +113,8 @@ class RouteSelect:
         legs = int(laid.leg_count)
         metres = float(laid.legs.length_m[:legs].sum())
         slowest = float(laid.speed_mps[:legs].min())
-        told = f"{metres:.1f} m in {legs} leg{'s' if legs > 1 else ''}, {slowest:.3g} to {self.cruise_mps:.3g} m/s"
-        console.print(f"wrote {self.output}: {told}", highlight=False, markup=False, soft_wrap=True)
+        text = f"{metres:.1f} m in {legs} leg{'s' if legs > 1 else ''}, {slowest:.3g} to {self.cruise_mps:.3g} m/s"
+        console.print(f"wrote {self.output}: {text}", highlight=False, markup=False, soft_wrap=True)
 
 
 @dataclass(frozen=True)

@@ -182,6 +182,6 @@ def _preflight(config: "RuntimeConfig") -> int:
         items = list(preflight(config))
     for item in items:
         good &= item.good
-        table.add_row(item.name, "ok" if item.good else "NOT OK", item.told)
+        table.add_row(item.name, "ok" if item.good else "NOT OK", item.finding)
     console.print(table, highlight=False, markup=False)
     return 0 if good else BAD_INPUT

@@ -155,23 +155,23 @@ class ThresholdsVerb:
             check_region(self.search_m, source)
             logs = [opened.enter_context(DriveLog.open(path)) for path in self.drives]
             scans = sum(log.scans for log in logs)
-            with progress_bar("matching, at true places and at false ones", 2 * scans) as told:
-                trials = try_drives(source, logs, options, told)
+            with progress_bar("matching, at true places and at false ones", 2 * scans) as advance:
+                trials = try_drives(source, logs, options, advance)
         try:
             found = thresholds_from(trials, self.risk)
         except ValueError as error:
             raise InputError(self.map, "drives", "drives that tell enough", str(error)) from None
         right = trials.true.right
-        strength, lead = (values / trials.true.scatter for values in (trials.true.strength, trials.true.margin))
-        passed = right & (strength >= found.strength_by_chance) & (lead >= found.margin_by_chance)
+        score, lead = (values / trials.true.noise_floor for values in (trials.true.score, trials.true.margin))
+        passed = right & (score >= found.strength_by_chance) & (lead >= found.margin_by_chance)
         nees = squared_errors(trials.true, float(found.sigma_scale))[right]
         figures = {
             "matches": len(right),
             "right": int(right.sum()),
             "pass": float(np.sum(passed) / max(int(right.sum()), 1)),
-            "false": len(trials.false.strength),
-            "highest_false_strength": float(np.max(trials.false.strength / trials.false.scatter)),
-            "highest_false_lead": float(np.max(trials.false.margin / trials.false.scatter)),
+            "false": len(trials.false.score),
+            "highest_false_strength": float(np.max(trials.false.score / trials.false.noise_floor)),
+            "highest_false_lead": float(np.max(trials.false.margin / trials.false.noise_floor)),
             "errors_within_95": float(np.mean(nees <= 5.991)),
         }
         thresholds = {name: float(value) for name, value in found._asdict().items()}

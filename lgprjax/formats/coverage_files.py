@@ -178,7 +178,7 @@ def _line(numbers: list[int | float]) -> Line:
 
 
 def _plan(member: dict[str, Any]) -> CoverPlan:
-    anchor, told = member["anchor"], member["pattern"]
+    anchor, stated = member["anchor"], member["pattern"]
     pattern = Pattern(
         field=Field(np.array(member["perimeter_m"], np.float64)),
         settings=PatternSettings(**member["settings"]),
@@ -189,10 +189,10 @@ def _plan(member: dict[str, Any]) -> CoverPlan:
             )
             for turn in member["turns"]
         ),
-        spacing_m=float(told["spacing_m"]),
-        length_m=float(told["length_m"]),
-        line_length_m=float(told["line_length_m"]),
-        tightest_radius_m=float(told.get("tightest_radius_m", math.inf)),
+        spacing_m=float(stated["spacing_m"]),
+        length_m=float(stated["length_m"]),
+        line_length_m=float(stated["line_length_m"]),
+        tightest_radius_m=float(stated.get("tightest_radius_m", math.inf)),
         unreached=tuple(_line(numbers) for numbers in member["unreached"]),
     )
     return CoverPlan(
@@ -329,9 +329,9 @@ def _from_geojson(file: Path) -> FieldPlaces:
         raise InputError(file, "file", "GeoJSON", f"no JSON ({error.msg}, line {error.lineno})") from None
     if not isinstance(table, dict):
         raise InputError(file, "file", "a GeoJSON object", type(table).__name__)
-    told = table.get("crs")
-    name = told.get("properties", {}).get("name") if isinstance(told, dict) else told
-    if told is not None and name not in _WGS84:
+    stated = table.get("crs")
+    name = stated.get("properties", {}).get("name") if isinstance(stated, dict) else stated
+    if stated is not None and name not in _WGS84:
         raise InputError(file, "crs", "WGS-84 longitude and latitude (save the layer as EPSG:4326)", repr(name)[:60])
     polygons = [each for each in _geometries(table) if each.get("type") in ("Polygon", "MultiPolygon")]
     if len(polygons) != 1:

@@ -319,17 +319,17 @@ def _chance_of(fields: dict[str, np.ndarray], numbers: dict[str, float]) -> Chan
 def chance_as_text(chance: Chance) -> str:
     """The chance as JSON."""
     fields = {name: np.asarray(getattr(chance, name)).tolist() for name in _FIELDS}
-    told = {"method": CHANCE_METHOD, **fields, **{name: getattr(chance, name) for name in _NUMBERS}}
-    return json.dumps(told, indent=1) + "\n"
+    stated = {"method": CHANCE_METHOD, **fields, **{name: getattr(chance, name) for name in _NUMBERS}}
+    return json.dumps(stated, indent=1) + "\n"
 
 
 def chance_of_text(text: str) -> Chance | None:
     """The chance from such a text; None if it is damaged or of another method."""
     try:
-        told = json.loads(text)
-        fields = {name: np.asarray(told[name], dtype=np.float64) for name in _FIELDS}
-        chance = _chance_of(fields, {name: float(told[name]) for name in _NUMBERS})
-        known = told["method"] == CHANCE_METHOD
+        stated = json.loads(text)
+        fields = {name: np.asarray(stated[name], dtype=np.float64) for name in _FIELDS}
+        chance = _chance_of(fields, {name: float(stated[name]) for name in _NUMBERS})
+        known = stated["method"] == CHANCE_METHOD
     except (ValueError, KeyError, TypeError):
         return None
     sound = all(field.shape == chance.start.shape and np.all(field > 0.0) for field in fields.values())

@@ -49,7 +49,7 @@ class ExportedFixes(NamedTuple):
         angle_rad: yaw from the map's east, and roll.
         covariance: of east, north, height, yaw, roll.
         turn_rad: rotation of the map's axes relative to true east and north at the fix.
-        told: ok, with a pose.
+        has_pose: ok, with a pose.
         map: name and anchor of the map, as texts.
     """
 
@@ -58,7 +58,7 @@ class ExportedFixes(NamedTuple):
     angle_rad: Float[np.ndarray, "fix 2"]
     covariance: Float[np.ndarray, "fix 5 5"]
     turn_rad: Float[np.ndarray, " fix"]
-    told: np.ndarray
+    has_pose: np.ndarray
     map: dict[str, str]
 
     def scan(self) -> Int[np.ndarray, " fix"]:
@@ -86,16 +86,16 @@ def fixes_of(path: str | Path, log: DriveLog) -> ExportedFixes:
         table[name].to_numpy(np.float64) for name in ("latitude_deg", "longitude_deg", "height_m", "heading_deg")
     )
     finite = np.isfinite(pose_m).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2)) & np.isfinite(height)
-    told = (table["code"].to_numpy() == "ok") & finite
+    has_pose = (table["code"].to_numpy() == "ok") & finite
     up = np.full(len(table), np.nan)
-    up[told] = frame.to_local(latitude[told], longitude[told], height[told])[2]
+    up[has_pose] = frame.to_local(latitude[has_pose], longitude[has_pose], height[has_pose])[2]
     return ExportedFixes(
         table=table,
         place_m=np.stack([pose_m[:, 0], pose_m[:, 1], up], axis=1),
         angle_rad=pose_m[:, 3:],
         covariance=covariance.astype(np.float64),
         turn_rad=wrap_angle(pose_m[:, 3] - np.radians(90.0 - heading)),
-        told=told,
+        has_pose=has_pose,
         map={"map": str(table.attrs.get("map", "")), **dict(zip(_ANCHOR, map(repr, anchor), strict=True))},
     )
 
@@ -115,7 +115,7 @@ def fix_messages(fixes: ExportedFixes, number: int) -> Iterator[tuple[str, str, 
         },
     )
     # A fix that is not ok has no pose: no subscriber may mistake it for one.
-    if not fixes.told[number]:
+    if not fixes.has_pose[number]:
         return
     covariance = fixes.covariance[number]
     members = {f"pose.pose.position.{axis}": float(v) for axis, v in zip("xyz", fixes.place_m[number], strict=True)}
@@ -248,7 +248,7 @@ def export_mcap(
         beside = {"truth": description.truth, "vehicle": description.vehicle, "plan": description.plan}
         return ExportedDrive(
             log.scans,
-            0 if found is None else int(np.count_nonzero(found.told)),
+            0 if found is None else int(np.count_nonzero(found.has_pose)),
             tuple(name for name, values in beside.items() if values is not None),
         )
 

@@ -74,24 +74,28 @@ class TopicsFound(NamedTuple):
 
 def gather(recording: McapRecording) -> TopicsFound:
     """Read the file once. Raises ``InputError`` if the file system fails."""
-    heard = TopicsFound({}, {}, {}, {})
+    topics_found = TopicsFound({}, {}, {}, {})
     for topic, kind, log_ns, values in recording.messages():
         if is_kind(kind, RADAR_ARRAY):
-            heard.arrays.setdefault(topic, values)
+            topics_found.arrays.setdefault(topic, values)
             continue
         radar = is_kind(kind, RADAR_SCAN)
         columns = 0 if radar else next((n for known, n in COLUMNS.items() if is_kind(kind, known)), None)
         if columns is None:
             continue
-        if topic not in heard.rows:
-            heard.rows[topic] = TopicRows(topic, kind, columns)
-        rows = heard.rows[topic]
+        if topic not in topics_found.rows:
+            topics_found.rows[topic] = TopicRows(topic, kind, columns)
+        rows = topics_found.rows[topic]
         scan = read_scan(values) if radar else None
         if kind != rows.kind or (radar and scan is None):
             rows.left_out += 1
-        elif rows.add(values, log_ns) and scan is not None and scan.form != heard.forms.setdefault(topic, scan.form):
-            heard.other.setdefault(topic, (len(rows), scan.form))
-    return heard
+        elif (
+            rows.add(values, log_ns)
+            and scan is not None
+            and scan.form != topics_found.forms.setdefault(topic, scan.form)
+        ):
+            topics_found.other.setdefault(topic, (len(rows), scan.form))
+    return topics_found
 
 
 def scans_of(recording: McapRecording, radar: TopicRows) -> Iterator[Scan]:
@@ -103,33 +107,33 @@ def scans_of(recording: McapRecording, radar: TopicRows) -> Iterator[Scan]:
             yield scan
 
 
-def radar_topic(recording: McapRecording, heard: TopicsFound, asked: str | None) -> TopicRows:
+def radar_topic(recording: McapRecording, topics_found: TopicsFound, requested: str | None) -> TopicRows:
     """The topic of the scans.
 
     Raises:
         InputError: there is none, or several and none was selected; it has fewer than two scans; or their form changes.
     """
-    radar = choose_topic(recording, heard, (RADAR_SCAN,), asked, "scan", "--radar-topic")
+    radar = choose_topic(recording, topics_found, (RADAR_SCAN,), requested, "scan", "--radar-topic")
     if radar is None:
         raise InputError(recording.path, "topics", f"one of type {RADAR_SCAN}", topics_there(recording))
-    if radar.topic in heard.other:
-        number, form = heard.other[radar.topic]
-        expected = f"scans like the first, {_words(heard.forms[radar.topic])}"
+    if radar.topic in topics_found.other:
+        number, form = topics_found.other[radar.topic]
+        expected = f"scans like the first, {_words(topics_found.forms[radar.topic])}"
         raise InputError(recording.path, f"{radar.topic}, scan {number}", expected, _words(form))
     if len(radar.order()) < 2:
         raise InputError(recording.path, radar.topic, "at least 2 scans", str(len(radar.order())))
     return radar
 
 
-def position_topic(recording: McapRecording, heard: TopicsFound, asked: str | None) -> TopicRows:
+def position_topic(recording: McapRecording, topics_found: TopicsFound, requested: str | None) -> TopicRows:
     """The topic of the positions. Raises ``InputError`` as ``radar_topic`` does."""
-    position = choose_topic(recording, heard, (NAV_SAT_FIX,), asked, "position", "--gnss-topic")
+    position = choose_topic(recording, topics_found, (NAV_SAT_FIX,), requested, "position", "--gnss-topic")
     if position is None:
         raise InputError(recording.path, "topics", f"one of type {NAV_SAT_FIX} with positions", topics_there(recording))
     return position
 
 
-def attitude_topic(recording: McapRecording, heard: TopicsFound, asked: str | None) -> TopicRows | None:
+def attitude_topic(recording: McapRecording, topics_found: TopicsFound, requested: str | None) -> TopicRows | None:
     """The topic of headings and rolls; ``None``: there is none. A wheel odometer's heading must be selected explicitly.
 
     Its heading is relative to where it was switched on, which cannot be distinguished from a heading relative to east.
@@ -137,32 +141,39 @@ def attitude_topic(recording: McapRecording, heard: TopicsFound, asked: str | No
     Raises:
         InputError: the selected topic is unsuitable, or several are suitable.
     """
-    if asked is not None:
-        return choose_topic(recording, heard, (IMU, POSE, ODOMETRY), asked, "attitude", "--heading-topic")
-    found = choose_topic(recording, heard, (IMU,), None, "attitude", "--heading-topic")
-    return found or choose_topic(recording, heard, (POSE,), None, "attitude", "--heading-topic")
+    if requested is not None:
+        return choose_topic(recording, topics_found, (IMU, POSE, ODOMETRY), requested, "attitude", "--heading-topic")
+    found = choose_topic(recording, topics_found, (IMU,), None, "attitude", "--heading-topic")
+    return found or choose_topic(recording, topics_found, (POSE,), None, "attitude", "--heading-topic")
 
 
-def odometry_topic(recording: McapRecording, heard: TopicsFound, asked: str | None) -> TopicRows | None:
+def odometry_topic(recording: McapRecording, topics_found: TopicsFound, requested: str | None) -> TopicRows | None:
     """The topic of the odometer; ``None``: there is none. Raises ``InputError`` as ``attitude_topic`` does."""
-    return choose_topic(recording, heard, (ODOMETRY,), asked, "odometry", "--odometry-topic")
+    return choose_topic(recording, topics_found, (ODOMETRY,), requested, "odometry", "--odometry-topic")
 
 
-def array_message(recording: McapRecording, heard: TopicsFound, asked: str | None) -> Mapping[str, Any] | None:
+def array_message(
+    recording: McapRecording, topics_found: TopicsFound, requested: str | None
+) -> Mapping[str, Any] | None:
     """The message that describes the array; ``None``: there is none. Raises ``InputError`` as ``attitude_topic``."""
-    if asked is not None and asked not in heard.arrays:
+    if requested is not None and requested not in topics_found.arrays:
         raise InputError(recording.path, "--array-topic", f"a topic of type {RADAR_ARRAY}", topics_there(recording))
     preferred = TOPICS["array"][0]
-    if asked is None and len(heard.arrays) > 1 and preferred not in heard.arrays:
+    if requested is None and len(topics_found.arrays) > 1 and preferred not in topics_found.arrays:
         expected = f"one of the topics of type {RADAR_ARRAY}"
-        raise InputError(recording.path, "--array-topic", expected, ", ".join(sorted(heard.arrays)))
-    if asked is None and preferred not in heard.arrays:
-        return next(iter(heard.arrays.values()), None)
-    return heard.arrays[asked or preferred]
+        raise InputError(recording.path, "--array-topic", expected, ", ".join(sorted(topics_found.arrays)))
+    if requested is None and preferred not in topics_found.arrays:
+        return next(iter(topics_found.arrays.values()), None)
+    return topics_found.arrays[requested or preferred]
 
 
 def choose_topic(
-    recording: McapRecording, heard: TopicsFound, kinds: tuple[str, ...], asked: str | None, default: str, option: str
+    recording: McapRecording,
+    topics_found: TopicsFound,
+    kinds: tuple[str, ...],
+    requested: str | None,
+    default: str,
+    option: str,
 ) -> TopicRows | None:
     """The selected topic of some type, or else the only one, or that with the name ``TOPICS[default]``.
 
@@ -170,12 +181,16 @@ def choose_topic(
         InputError: the selected topic is missing, of another type or empty; or several are suitable.
     """
     words = " or ".join(kinds)
-    found = {name: each for name, each in heard.rows.items() if len(each) and any(is_kind(each.kind, k) for k in kinds)}
-    if asked is not None and asked not in found:
-        there = recording.refused.get(asked) or recording.kinds.get(asked)
-        reason = topics_there(recording) if there is None else f"{asked}: {there}, nothing usable"
+    found = {
+        name: each
+        for name, each in topics_found.rows.items()
+        if len(each) and any(is_kind(each.kind, k) for k in kinds)
+    }
+    if requested is not None and requested not in found:
+        there = recording.refused.get(requested) or recording.kinds.get(requested)
+        reason = topics_there(recording) if there is None else f"{requested}: {there}, nothing usable"
         raise InputError(recording.path, option, f"a topic of type {words}", reason)
-    preferred = asked or TOPICS[default][0]
+    preferred = requested or TOPICS[default][0]
     if len(found) > 1 and preferred not in found:
         raise InputError(recording.path, option, f"one of the topics of type {words}", ", ".join(sorted(found)))
     return found.get(preferred) or next(iter(found.values()), None)
@@ -183,8 +198,8 @@ def choose_topic(
 
 def topics_there(recording: McapRecording) -> str:
     """Topics of a recording with their types, and why some cannot be read, for messages."""
-    told = {topic: f": {reason}" for topic, reason in recording.refused.items()}
-    found = [f"{topic} ({kind}{told.get(topic, '')})" for topic, kind in sorted(recording.kinds.items())]
+    texts = {topic: f": {reason}" for topic, reason in recording.refused.items()}
+    found = [f"{topic} ({kind}{texts.get(topic, '')})" for topic, kind in sorted(recording.kinds.items())]
     return ", ".join(found) or "no messages"
 
 
@@ -240,17 +255,17 @@ def import_mcap(
     """
     topics, assumed = topics or McapTopics(), assumed or McapAssumed()
     recording = McapRecording(path)
-    heard = gather(recording)
-    radar = radar_topic(recording, heard, topics.radar)
-    form = heard.forms[radar.topic]
-    described = array_message(recording, heard, topics.array)
-    position = position_topic(recording, heard, topics.gnss)
-    attitude = attitude_topic(recording, heard, topics.heading)
-    odometer = odometry_topic(recording, heard, topics.odometry)
+    topics_found = gather(recording)
+    radar = radar_topic(recording, topics_found, topics.radar)
+    form = topics_found.forms[radar.topic]
+    described = array_message(recording, topics_found, topics.array)
+    position = position_topic(recording, topics_found, topics.gnss)
+    attitude = attitude_topic(recording, topics_found, topics.heading)
+    odometer = odometry_topic(recording, topics_found, topics.odometry)
 
     scan_ns, _ = radar.sorted()
-    told = recording.metadata.get(DRIVE_METADATA, {})
-    t0_ns = _t0_ns(recording.path, told, int(scan_ns[0]))
+    texts = recording.metadata.get(DRIVE_METADATA, {})
+    t0_ns = _t0_ns(recording.path, texts, int(scan_ns[0]))
     odometry = None if odometer is None else odometry_track(recording.path, odometer, t0_ns)
     navigation = navigation_track(recording.path, position, attitude, odometry, t0_ns, assumed)
     odometry = odometry or travel_along(navigation)
@@ -259,11 +274,11 @@ def import_mcap(
     used = list(dict.fromkeys(each for each in (radar, position, attitude, odometer) if each is not None))
     notes = _notes(recording, used, attitude, odometer, outside=len(kept) - int(np.count_nonzero(kept)))
     # An exported drive's messages include what was assumed when it was imported.
-    exported = _provenance_told(told)
+    exported = _exported_provenance(texts)
     made_up = assumed_of(exported)
     made_up.update((str(name), words) for name, words in tracks_assumed(position, attitude, odometer, assumed).items())
     description = DriveDescription(
-        name=told.get("name") or Path(output).name.split(".")[0],
+        name=texts.get("name") or Path(output).name.split(".")[0],
         t0_utc=utc_text(t0_ns),
         array=geometry_of(recording.path, form, described, array),
         recording=recording_of_form(recording.path, form, described),
@@ -289,14 +304,14 @@ def import_mcap(
     return ImportedRecording(int(np.count_nonzero(kept)), notes)
 
 
-def _t0_ns(path: Path, told: Mapping[str, str], first_ns: int) -> int:
+def _t0_ns(path: Path, texts: Mapping[str, str], first_ns: int) -> int:
     """The exported drive's, or the whole second before the first scan."""
-    if "t0_utc" not in told:
+    if "t0_utc" not in texts:
         return first_ns // _SECOND_NS * _SECOND_NS
     try:
-        return utc_ns(told["t0_utc"])
+        return utc_ns(texts["t0_utc"])
     except ValueError:
-        found = repr(told["t0_utc"][:40])
+        found = repr(texts["t0_utc"][:40])
         raise InputError(path, f"metadata {DRIVE_METADATA}, t0_utc", "a UTC time in ISO 8601", found) from None
 
 
@@ -336,9 +351,9 @@ def _notes(
             "without a stamp": rows.unstamped,
             "of a stamp that another had": rows.repeated,
         }
-        told = [f"{count} messages {words}" for words, count in counts.items() if count]
-        if told:
-            notes.append(f"{rows.topic}: left out {', '.join(told)}")
+        texts = [f"{count} messages {words}" for words, count in counts.items() if count]
+        if texts:
+            notes.append(f"{rows.topic}: left out {', '.join(texts)}")
         if rows.unordered:
             notes.append(f"{rows.topic}: {rows.unordered} stamps are earlier than those before them; sorted")
         if not rows.header_clock:
@@ -402,10 +417,10 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def _provenance_told(told: Mapping[str, str]) -> dict[str, object]:
+def _exported_provenance(texts: Mapping[str, str]) -> dict[str, object]:
     """Provenance of the drive when it was exported; empty if it cannot be read."""
     try:
-        said = json.loads(told["provenance"])
+        said = json.loads(texts["provenance"])
     except (KeyError, ValueError):
         return {}
     return said if isinstance(said, dict) else {}

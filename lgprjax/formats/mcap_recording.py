@@ -292,19 +292,19 @@ def array_values(array: ArrayGeometry, recording: TraceRecording | SweepRecordin
 
 
 def geometry_of(
-    path: Path, form: ScanForm, values: Mapping[str, Any] | None, told: UniformArray | None
+    path: Path, form: ScanForm, values: Mapping[str, Any] | None, given: UniformArray | None
 ) -> ArrayGeometry:
     """Geometry of the array as given, or else from a ``RadarArray``; a single channel is on the axis.
 
     Raises:
         InputError: neither describes this number of channels.
     """
-    if told is not None or values is None:
-        told = told or UniformArray()
-        if told.pitch_m is None and form.channels > 1:
+    if given is not None or values is None:
+        given = given or UniformArray()
+        if given.pitch_m is None and form.channels > 1:
             expected = f"a message of type {RADAR_ARRAY}, or --channel-pitch-m"
             raise InputError(path, "array", expected, f"neither for {form.channels} channels")
-        return uniform_array(form.channels, told.pitch_m or 0.0, x_m=told.x_m, height_m=told.height_m)
+        return uniform_array(form.channels, given.pitch_m or 0.0, x_m=given.x_m, height_m=given.height_m)
     lists = {name: _numbers(path, values, name) for name in ("x_m", "y_m", "time_offset_s")}
     for name, numbers in lists.items():
         if len(numbers) != form.channels:
@@ -368,8 +368,12 @@ def _scan_of(values: Mapping[str, Any]) -> Scan:
         raise ValueError("no scan")
     dtype = np.dtype(form.encoding).newbyteorder("<")
     signal = values["data"].view(np.uint8).view(dtype).reshape(form.channels, form.samples)
-    heard = values["valid"]
-    valid = np.ones(form.channels, dtype=bool) if not len(heard) else heard.astype(bool).reshape(form.channels)
+    valid_values = values["valid"]
+    valid = (
+        np.ones(form.channels, dtype=bool)
+        if not len(valid_values)
+        else valid_values.astype(bool).reshape(form.channels)
+    )
     calibration = None
     if form.encoding == SWEEPS:
         calibration = values["calibration"].view(np.uint8).view(dtype).reshape(form.samples)

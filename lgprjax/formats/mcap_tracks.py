@@ -250,7 +250,7 @@ def navigation_track(
 
 
 def tracks_assumed(
-    position: TopicRows, attitude: TopicRows | None, odometer: TopicRows | None, told: McapAssumed
+    position: TopicRows, attitude: TopicRows | None, odometer: TopicRows | None, given: McapAssumed
 ) -> Assumed:
     """Assumptions about the tracks, for quantities without a message."""
     _, rows = position.sorted()
@@ -262,10 +262,10 @@ def tracks_assumed(
     if np.all(np.isnan(rows[:, 2])):
         assumed["height"] = "taken as 0"
     if not np.all(rows[:, 3:5] >= 0.0):
-        assumed["position sigma"] = _stands_in(told.gnss_sigma_m, "m")
+        assumed["position sigma"] = _stands_in(given.gnss_sigma_m, "m")
     turns = None if attitude is None else attitude.sorted()[1]
     if turns is None or not np.all(turns[np.isfinite(turns[:, 0]), 2] >= 0.0):
-        assumed["heading sigma"] = _stands_in(told.heading_sigma_deg, "degrees")
+        assumed["heading sigma"] = _stands_in(given.heading_sigma_deg, "degrees")
     return assumed
 
 

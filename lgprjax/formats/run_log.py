@@ -93,8 +93,8 @@ class RunReading:
             head, self._broken[segment] = read_head(path)
             if head is not None:
                 heads.append(head)
-        told = Counter(head.run for head in heads).most_common(1)
-        self._run = told[0][0] if told else _run_of(folder / RUN_FILE)
+        most = Counter(head.run for head in heads).most_common(1)
+        self._run = most[0][0] if most else _run_of(folder / RUN_FILE)
         self.heads: tuple[SegmentHead, ...] = tuple(head for head in heads if head.run == self._run)
         self._summary: RunSummary | None = None
 

@@ -527,8 +527,8 @@ class _Rows:
         """All rows; without ``height`` they are NMEA's. Raises ``InputError`` when there is none."""
         counts = {"traces": self._traces, **counts, "without fix": self._without_fix}
         if not self._values:
-            told = ", ".join(f"{name} {count}" for name, count in counts.items())
-            raise InputError(self._file, "positions", "at least one trace with a fix", f"none ({told})")
+            counts_text = ", ".join(f"{name} {count}" for name, count in counts.items())
+            raise InputError(self._file, "positions", "at least one trace with a fix", f"none ({counts_text})")
         table = np.frombuffer(self._values).reshape(-1, 1 + len(NmeaFix._fields)).T.copy()
         trace, latitude, longitude, z, separation, time_s, quality, satellites, hdop = table
         if height is None:

@@ -220,9 +220,9 @@ def supported(matches: PassMatches) -> Bool[np.ndarray, " row"]:
     for low, high in zip(starts, np.append(starts, len(order))[1:], strict=True):
         at = np.arange(low, high)
         first, last = np.maximum(at - _BESIDE, low), np.minimum(at + _BESIDE + 1, high)
-        found, asked = (np.concatenate([[0], np.cumsum(field[low:high])]) for field in (ok, tried))
-        found, asked = found[last - low] - found[first - low], asked[last - low] - asked[first - low]
-        held[low:high] = ok[low:high] & (found >= _LEAST_MATCHES) & (found >= _LEAST_SHARE * asked)
+        found, tried_sums = (np.concatenate([[0], np.cumsum(field[low:high])]) for field in (ok, tried))
+        found, tried_sums = found[last - low] - found[first - low], tried_sums[last - low] - tried_sums[first - low]
+        held[low:high] = ok[low:high] & (found >= _LEAST_MATCHES) & (found >= _LEAST_SHARE * tried_sums)
     out = np.zeros(len(order), bool)
     out[order] = held
     return out
@@ -493,8 +493,10 @@ def _change(
     moved_m = np.hypot(correction[own, 0], correction[own, 1])
     after_m = float("nan")
     if kept:
-        asked = own[np.linspace(0, len(own) - 1, _SIGMA_PLACES).astype(int)]
-        variance = np.diagonal(solution.covariance(stations.chain[asked], stations.at_m[asked])).reshape(-1, 3)
+        tried_sums = own[np.linspace(0, len(own) - 1, _SIGMA_PLACES).astype(int)]
+        variance = np.diagonal(solution.covariance(stations.chain[tried_sums], stations.at_m[tried_sums])).reshape(
+            -1, 3
+        )
         after_m = float(np.sqrt(np.mean(variance[:, :2])))
     return BaselineChange(
         drive=drive,

@@ -145,10 +145,10 @@ def _agreeing(
     new = len(strength)
     out = []
     for drive in np.flatnonzero(evidence.newer[:new, old] & evidence.newer[new, old]):
-        told = np.isfinite(strength[drive])
-        if told.mean() < _HALF or np.median(apart_m[drive, told]) > _PLACED_M:
+        known_match = np.isfinite(strength[drive])
+        if known_match.mean() < _HALF or np.median(apart_m[drive, known_match]) > _PLACED_M:
             continue
-        if np.median(strength[drive, told]) >= _AGREES * usual:
+        if np.median(strength[drive, known_match]) >= _AGREES * usual:
             out.append(int(drive))
     return tuple(out)
 
@@ -278,9 +278,9 @@ def strengths_on(source: MapFile, stations: Int[np.ndarray, " place"], kept: Boo
         if tile[run[0]] < 0:
             continue
         match = match_stations(source, ground, int(tile[run[0]]), stations[run], options)
-        told = (match.share >= _LEAST_SHARE) & (match.code != Code.OFF_MAP) & (match.code != Code.NON_FINITE)
-        strength[run] = np.where(told, match.strength, np.nan)
-        apart_m[run] = np.where(told, np.hypot(match.along_m, match.cross_m), np.nan)
+        known_match = (match.share >= _LEAST_SHARE) & (match.code != Code.OFF_MAP) & (match.code != Code.NON_FINITE)
+        strength[run] = np.where(known_match, match.strength, np.nan)
+        apart_m[run] = np.where(known_match, np.hypot(match.along_m, match.cross_m), np.nan)
     return Strengths(strength, apart_m)
 
 
@@ -443,8 +443,8 @@ def agreement_with(
 
 
 def _median_of_enough(strength: Float[np.ndarray, " place"]) -> float:
-    told = strength[np.isfinite(strength)]
-    return float(np.median(told)) if len(told) >= _LEAST_SAMPLES else float("nan")
+    known_match = strength[np.isfinite(strength)]
+    return float(np.median(known_match)) if len(known_match) >= _LEAST_SAMPLES else float("nan")
 
 
 def repeats_of(

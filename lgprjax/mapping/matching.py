@@ -228,8 +228,8 @@ def register_stations(
     search_m, window_m = options.search_half_m(), (count - 1) * step_m
     array = uniform_array(channels, description.channel_pitch_m)
     spec = search_spec_for(ground, tile, array, search_m=search_m, window_m=window_m)
-    asked = Thresholds(_LEAST_SCORE, _LEAST_LEAD / (1.0 + 0.5 * window_m))
-    rules = rules_of(description.settings.wavelength_m, replace(options, own_thresholds=asked), window_m)
+    required = Thresholds(_LEAST_SCORE, _LEAST_LEAD / (1.0 + 0.5 * window_m))
+    rules = rules_of(description.settings.wavelength_m, replace(options, own_thresholds=required), window_m)
     half_width = np.array([search_m, search_m, options.height_m, np.radians(1.0), np.radians(1.5)])
     parts = []
     for low in range(0, len(stations), _LANES):

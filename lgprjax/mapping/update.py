@@ -168,8 +168,8 @@ def _observed(
     scans = np.flatnonzero(ok)
     count = int(node[-1]) + 1
     value, variance = np.full((count, 3), np.nan), np.full((count, 3), np.inf)
-    heard, first, many = np.unique(node[scans], return_index=True, return_counts=True)
-    for number, low, fixes in zip(heard, first, many, strict=True):
+    observed, first, many = np.unique(node[scans], return_index=True, return_counts=True)
+    for number, low, fixes in zip(observed, first, many, strict=True):
         if fixes >= _LEAST_FIXES:
             own = scans[low : low + fixes]
             value[number] = np.median(off[own], axis=0)

@@ -248,9 +248,9 @@ def step_health(
     state = _listened(rules, state, filter_state, filter_info, observations, lgpr_p_false, passed_s)
     seen = _seen(rules, state, filter_state, filter_info, observations, frame_left_m, sound_step)
     held_s = jnp.where(seen, rules.hold_s, jnp.maximum(state.held_s - passed_s, 0.0))
-    told = seen | (held_s > 0.0)
+    reported = seen | (held_s > 0.0)
     bits = jnp.asarray([reason.value for reason in Reason], jnp.int32)
-    reasons = jnp.sum(jnp.where(told, bits, 0), dtype=jnp.int32)
+    reasons = jnp.sum(jnp.where(reported, bits, 0), dtype=jnp.int32)
     stops = (reasons & jnp.int32(STOPPING.value)) != 0
     reaction = jnp.where(stops, Reaction.STOP.value, jnp.where(reasons != 0, Reaction.DEGRADE.value, 0))
     cap = jnp.where(stops, 0.0, jnp.where(reasons != 0, rules.degraded_mps, jnp.inf)).astype(jnp.float32)
@@ -270,8 +270,8 @@ def _listened(
     gnss = observations.gnss
     changed = filter_info.offered[GNSS] & ((gnss.x_m != state.gnss_x_m) | (gnss.y_m != state.gnss_y_m))
     # A silent receiver is not stuck: it has its own rule.
-    heard = filter_state.gates.since_offered_s[GNSS] <= rules.silent_s[GNSS]
-    moved_m = jnp.where(heard, jnp.abs(filter_state.estimate.mean[SPEED]) * passed_s, 0.0)
+    received = filter_state.gates.since_offered_s[GNSS] <= rules.silent_s[GNSS]
+    moved_m = jnp.where(received, jnp.abs(filter_state.estimate.mean[SPEED]) * passed_s, 0.0)
     full = state.bin_s + passed_s >= rules.fading_s / _BINS
     matched = ~jnp.isnan(lgpr_p_false)
     return state._replace(
@@ -434,8 +434,8 @@ def step_switch(
         lgpr.yaw_rad,
     )
     now = step_local(seen, speed_mps, rate, slip, lgpr.age_s)
-    asked = jnp.where(state.on_lgpr, settings.stay_p_false, settings.enter_p_false)
-    good = lgpr.valid & (p_false <= asked)
+    required = jnp.where(state.on_lgpr, settings.stay_p_false, settings.enter_p_false)
+    good = lgpr.valid & (p_false <= required)
     carried = VehiclePose(*(jnp.where(good, new, old) for new, old in zip(now, carried, strict=True)))
     since_s = jnp.where(good, lgpr.age_s, state.since_good_s + motion.step_s)
     # Off LGPR only a fix that is good enough to take over leads back to it.

@@ -129,13 +129,13 @@ def step_navigator(
         fusion: whose pose is driven by.
     """
     # One program for both filters: only whether the fix is there differs.
-    told = jnp.arange(state.filters.estimate.mean.shape[0]) == 0
+    has_fix = jnp.arange(state.filters.estimate.mean.shape[0]) == 0
 
     def filtered(held: FilterState, fix: Bool[Array, ""]) -> tuple[FilterState, FilterInfo]:
         known = observations._replace(lgpr=observations.lgpr._replace(valid=observations.lgpr.valid & fix))
         return step_filter(setup.model, setup.gates, held, motion, known)
 
-    filters, infos = jax.vmap(filtered)(state.filters, told)
+    filters, infos = jax.vmap(filtered)(state.filters, has_fix)
     info: FilterInfo = jax.tree.map(lambda leaf: leaf[0], infos)
     state = state._replace(filters=filters)
     fused = state.fused

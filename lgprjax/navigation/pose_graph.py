@@ -356,8 +356,8 @@ class Graph:
 
     def _weighed(self, jacobian: sparse.csr_array, weight: Float[np.ndarray, " edge"]) -> sparse.csc_array:
         root = sparse.dia_array((np.sqrt(np.repeat(weight, 3))[None], [0]), shape=(jacobian.shape[0],) * 2)
-        heard = root @ jacobian
-        return sparse.csc_array(self._prior_information + heard.T @ heard)
+        whitened = root @ jacobian
+        return sparse.csc_array(self._prior_information + whitened.T @ whitened)
 
     def _corrections(
         self, state: Float[np.ndarray, " state"]

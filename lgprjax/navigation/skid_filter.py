@@ -116,7 +116,7 @@ def turn_innovation(
     motion: SkidMotion,
     epoch: InsEpoch,
     delta: DeltaHeading,
-    heard: HeadingChange,
+    received: HeadingChange,
 ) -> Innovation:
     """Of the turn since the last delta heading, exact at any tick: the state ``turned`` has accumulated it.
 
@@ -124,16 +124,16 @@ def turn_innovation(
         model, estimate, motion: at the tick's end.
         epoch: end of the last one.
         delta: arbitrary if not usable.
-        heard: from ``hear``.
+        received: from ``hear``.
     """
-    span = jnp.where(heard.usable, delta.span_s, 0.0)
+    span = jnp.where(received.usable, delta.span_s, 0.0)
     _, yaw_rate_radps = skid_rates(model, estimate, motion)
-    expected = estimate.mean[TURNED] - heard.late_s * yaw_rate_radps + estimate.mean[DRIFT] * span
+    expected = estimate.mean[TURNED] - received.late_s * yaw_rate_radps + estimate.mean[DRIFT] * span
     # The end of a span within its tick is unknown: its turn is uncertain if the rate changed between two ends.
     doubt = model.ins_clock_s * (yaw_rate_radps - epoch.yaw_rate_radps)
     noise = model.ins_noise**2 * span + doubt * doubt
     row = {TURNED: jnp.float32(1.0), DRIFT: span}
-    return innovation_of((delta.turn_rad - expected)[None], (row,), noise[None, None], heard.usable)
+    return innovation_of((delta.turn_rad - expected)[None], (row,), noise[None, None], received.usable)
 
 
 def hear(model: SkidModel, epoch: InsEpoch, motion: SkidMotion, delta: DeltaHeading) -> HeadingChange:
@@ -233,11 +233,11 @@ def update_turn(
         motion: the tick's; its numbers are finite.
         delta: may hold anything where it is not valid.
     """
-    heard = hear(model, epoch, motion, delta)
-    innovation = turn_innovation(model, estimate, motion, epoch, delta, heard)
+    received = hear(model, epoch, motion, delta)
+    innovation = turn_innovation(model, estimate, motion, epoch, delta, received)
     weighed = weigh(estimate.covariance, innovation)
     nowhere = jnp.zeros(2, jnp.float32)
-    verdict, gates = judge(rules, gates, HEADING, heard.usable, weighed.nis, nowhere, nowhere)
+    verdict, gates = judge(rules, gates, HEADING, received.usable, weighed.nis, nowhere, nowhere)
     mean, covariance = correct(*estimate, innovation, weighed, verdict.accepted & ~verdict.reacquired)
     # Beyond the gate the wheel states are not updated, and half of the disagreement is added to the sigma itself, not
     # to its square: disagreements of one cause have one sign.
@@ -246,13 +246,13 @@ def update_turn(
     mean = jnp.where(IS_YAW, wrap_yaw(mean + apart), mean)
     covariance = covariance + jnp.diag(jnp.where(IS_YAW, half * (half + 2.0 * sigma), 0.0))
     _, yaw_rate_radps = skid_rates(model, SkidEstimate(mean, covariance), motion)
-    begun = heard.late_s * yaw_rate_radps - mean[TURNED]
-    mean, covariance = reopen(mean, covariance, {TURNED: begun}, {TURNED: jnp.zeros_like(begun)}, heard.ends)
+    begun = received.late_s * yaw_rate_radps - mean[TURNED]
+    mean, covariance = reopen(mean, covariance, {TURNED: begun}, {TURNED: jnp.zeros_like(begun)}, received.ends)
     ended = InsEpoch(
-        jnp.where(heard.ends, heard.late_s, epoch.since_s),
-        jnp.where(heard.ends, yaw_rate_radps, epoch.yaw_rate_radps),
+        jnp.where(received.ends, received.late_s, epoch.since_s),
+        jnp.where(received.ends, yaw_rate_radps, epoch.yaw_rate_radps),
     )
-    fate = Fate(weighed.nis, heard.usable, verdict.accepted, verdict.reacquired)
+    fate = Fate(weighed.nis, received.usable, verdict.accepted, verdict.reacquired)
     return HeadingUpdate(SkidEstimate(mean, covariance), gates, ended, fate)
 
 
@@ -523,8 +523,8 @@ def step_skid_filter(
     turn = wrap_yaw(turned.estimate.mean[YAW] - state.estimate.mean[YAW])
     wheels = WheelSpeeds(motion.left_mps, motion.right_mps)
     last = state.last._replace(wheels=wheels, epoch=turned.epoch, fix_s=state.last.fix_s + step)
-    heard = SkidFilterState(turned.estimate, turned.gates, state.start, last)
-    return _hear_fix(model, rules, heard, motion, turn, observations.gnss, turned.fate)
+    received = SkidFilterState(turned.estimate, turned.gates, state.start, last)
+    return _hear_fix(model, rules, received, motion, turn, observations.gnss, turned.fate)
 
 
 def _finite(motion: SkidMotion, wheels: WheelSpeeds) -> SkidMotion:

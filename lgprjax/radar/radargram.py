@@ -51,8 +51,8 @@ def clear_view(radargram: Radargram) -> Radargram:
     if len(radargram.time_ns) < 2:
         return radargram
     interval_ns = float(radargram.time_ns[1] - radargram.time_ns[0])
-    told = radargram.centre_frequency_hz
-    frequency_hz = _loudest_hz(radargram.amplitude, interval_ns) if told is None else told
+    stated_hz = radargram.centre_frequency_hz
+    frequency_hz = _loudest_hz(radargram.amplitude, interval_ns) if stated_hz is None else stated_hz
     period = 1e9 / frequency_hz / interval_ns
     traces = radargram.amplitude.astype(np.float64)
     traces = traces - _running_mean(traces, max(1, round(_DEWOW_PERIODS * period / 2.0)))
@@ -64,7 +64,7 @@ def clear_view(radargram: Radargram) -> Radargram:
     pairs = np.isfinite(differ)
     noise = np.where(pairs, differ**2, 0.0).sum(axis=0) / np.maximum(2 * pairs.sum(axis=0), 1)
     gain = _rising_gain(power, noise, max(1, round(_LEVEL_PERIODS * period / 2.0)))
-    dewow = f"dewow ({_DEWOW_PERIODS * 1e9 / frequency_hz:.3g} ns{'' if told else ', frequency estimated'})"
+    dewow = f"dewow ({_DEWOW_PERIODS * 1e9 / frequency_hz:.3g} ns{'' if stated_hz else ', frequency estimated'})"
     most_db = round(20.0 * np.log10(gain[-1]))
     levelled = f"gain by the RMS of each travel time, up to {most_db} dB" if most_db else "no gain needed"
     return replace(

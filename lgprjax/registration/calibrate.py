@@ -18,7 +18,7 @@ class Outcomes(NamedTuple):
     """Matches known to be right or wrong, one row each.
 
     Attributes:
-        strength, margin, scatter: of the fix (see ``Fix``).
+        score, margin, noise_floor: of the fix (see ``Fix``).
         right: within ``WRONG_M`` of the truth.
         error_m: of the place, east and north; NaN for matches that cannot be right.
         spread_m: the same minus the mean error of the correct matches of its drive.
@@ -26,9 +26,9 @@ class Outcomes(NamedTuple):
         other_covariance: of the place: from the map's own positions, the odometer and the truth.
     """
 
-    strength: Float[np.ndarray, " match"]
+    score: Float[np.ndarray, " match"]
     margin: Float[np.ndarray, " match"]
-    scatter: Float[np.ndarray, " match"]
+    noise_floor: Float[np.ndarray, " match"]
     right: Bool[np.ndarray, " match"]
     error_m: Float[np.ndarray, "match 2"]
     spread_m: Float[np.ndarray, "match 2"]
@@ -58,12 +58,12 @@ def outcomes_of(
     right = np.hypot(error_m[:, 0], error_m[:, 1]) <= WRONG_M
     used = right & known
     mean_m = np.mean(error_m[used], axis=0) if used.any() else np.zeros(2)
-    strength = np.asarray(fix.margin) + np.asarray(fix.runner_up)
+    score = np.asarray(fix.margin) + np.asarray(fix.runner_up)
     own = 0.0 if truth_variance is None else truth_variance[:, None, None] * np.eye(2)
     rows = (
-        strength,
+        score,
         np.asarray(fix.margin),
-        np.asarray(fix.scatter),
+        np.asarray(fix.noise_floor),
         right,
         error_m,
         error_m - mean_m,
@@ -94,17 +94,17 @@ def calibrate(matches: Outcomes, false: Outcomes, risk: float) -> Thresholds:
     Raises:
         ValueError: too few false matches to fit their tail, or no correct match at all.
     """
-    if len(false.strength) < _LEAST_FALSE:
-        raise ValueError(f"{len(false.strength)} false matches; at least {_LEAST_FALSE} are needed")
+    if len(false.score) < _LEAST_FALSE:
+        raise ValueError(f"{len(false.score)} false matches; at least {_LEAST_FALSE} are needed")
     if not matches.right.any():
         raise ValueError("no match lies near the truth: labels, map and drive do not belong together")
     wrong = ~matches.right
-    strength = tail_limit(false.strength / false.scatter, risk)
-    lead = tail_limit(false.margin / false.scatter, risk**0.5)
+    score = tail_limit(false.score / false.noise_floor, risk)
+    lead = tail_limit(false.margin / false.noise_floor, risk**0.5)
     if wrong.any():
-        lead = max(lead, 1.2 * float(np.max((matches.margin / matches.scatter)[wrong])))
+        lead = max(lead, 1.2 * float(np.max((matches.margin / matches.noise_floor)[wrong])))
     return Thresholds(
-        strength_by_chance=strength, margin_by_chance=lead, overlap=_OVERLAP, sigma_scale=sigma_scale(matches)
+        strength_by_chance=score, margin_by_chance=lead, overlap=_OVERLAP, sigma_scale=sigma_scale(matches)
     )
 
 

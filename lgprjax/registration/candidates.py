@@ -62,8 +62,8 @@ def label_variance(prepared: PreparedGround, tile: int, pose: Float[np.ndarray, 
     cross_m = (pose[:, 1] - north) * np.cos(yaw) - (pose[:, 0] - east) * np.sin(yaw)
     left_m = (prepared.array.y_m - centre_of(prepared.array)[1])[None] * np.cos(pose[:, 3] - yaw)[:, None]
     place = (cross_m[:, None] + left_m)[:, None]
-    heard = (place >= lanes[None, :, :1]) & (place <= lanes[None, :, 1:])
-    share = np.mean(heard / np.maximum(heard.sum(axis=1, keepdims=True), 1), axis=2)
+    covered = (place >= lanes[None, :, :1]) & (place <= lanes[None, :, 1:])
+    share = np.mean(covered / np.maximum(covered.sum(axis=1, keepdims=True), 1), axis=2)
     sigma_m = np.asarray(ground.description.label_sigma_m)
     # Channels beside all baselines (a crossing road, a curve) are over some baseline, no better than the rest.
     missing = 1.0 - share.sum(axis=1)
@@ -213,7 +213,7 @@ class StopFixes:
         score = np.asarray(judged.peak.score)[some]
         fixes.runner_up[some] = np.maximum(np.asarray(judged.peak.rival)[some], -1.0)
         fixes.margin[some] = score - fixes.runner_up[some]
-        fixes.scatter[some] = np.asarray(judged.peak.floor)[some]
+        fixes.noise_floor[some] = np.asarray(judged.peak.floor)[some]
         fixes.overlap[some], fixes.overlap_channels[some] = found.overlap, found.overlap_channels
         # The climb must end where it began: a peak of its own, not a slope that leads off the map.
         away = np.hypot(*(pose[:, :2] - place[some]).T)

@@ -87,7 +87,7 @@ def scan_surfaces(
     lowest_m = jnp.min(lattice_m, axis=(0, 1))
 
     def one(scan: tuple[Array, Array]) -> tuple[Array, Array]:
-        heard, at_m = scan
+        traces, at_m = scan
         place = (at_m[None] + decoys_m - columns.origin_m[None]) / columns.step_m[None]
         near = jnp.round(place).astype(jnp.int32)
         there = jnp.all((near >= 0) & (near < limit[None]), axis=-1)
@@ -95,15 +95,15 @@ def scan_surfaces(
         apart = near[:, 0] * cross + near[:, 1]
         if box is None:
             first = jnp.zeros(2, jnp.int32)
-            planes = jnp.concatenate([heard, ground])
+            planes = jnp.concatenate([traces, ground])
             decoy = jnp.stack([plane[apart] for plane in planes])
         else:
             first = jnp.floor((at_m + lowest_m - columns.origin_m) / columns.step_m).astype(jnp.int32)
             first = jnp.clip(first, 0, limit - jnp.asarray(box, jnp.int32))
             around = jax.lax.dynamic_slice(columns.value, (first[0], first[1], 0), (*box, size)).reshape(-1, size)
             below = jax.lax.dynamic_slice(ground.reshape(2, along, cross), (0, first[0], first[1]), (2, *box))
-            planes = jnp.concatenate([heard @ around.T, below.reshape(2, -1)])
-            decoy = jnp.concatenate([heard @ value[apart].T, ground[:, apart]])
+            planes = jnp.concatenate([traces @ around.T, below.reshape(2, -1)])
+            decoy = jnp.concatenate([traces @ value[apart].T, ground[:, apart]])
         cells = (at_m[None, None] + lattice_m - columns.origin_m[None, None]) / columns.step_m[None, None]
         low = jnp.floor(cells)
         part = cells - low
@@ -149,7 +149,7 @@ class Peaks(NamedTuple):
         score: there (correlation times the root of the overlap); ``OFF_MAP_SCORE`` where nothing was on the map.
         rival: score of the best place apart from it.
         floor: noise floor: root mean square of the score at decoys; 0 where too few of them are on the map.
-        scatter: the same over the region far from the best place.
+        region_floor: the same over the region far from the best place.
         overlap: largest overlap within the region.
         area: lattice points of the region that lie on the map.
         at_rim: the best place is no peak: the score still rises at the region's edge.
@@ -162,7 +162,7 @@ class Peaks(NamedTuple):
     score: Float[Array | np.ndarray, "*batch"]
     rival: Float[Array | np.ndarray, "*batch"]
     floor: Float[Array | np.ndarray, "*batch"]
-    scatter: Float[Array | np.ndarray, "*batch"]
+    region_floor: Float[Array | np.ndarray, "*batch"]
     overlap: Float[Array | np.ndarray, "*batch"]
     area: Float[Array | np.ndarray, "*batch"]
     at_rim: Bool[Array | np.ndarray, "*batch"]
@@ -284,7 +284,7 @@ def _peaks_of(
     far = from_best >= 4.0 * apart_m**2
     own = far & usable
     number = jnp.sum(own, axis=(1, 2), dtype=jnp.float32)
-    scatter = jnp.sqrt(jnp.sum(jnp.where(own, score**2, 0.0), axis=(1, 2)) / jnp.maximum(number, 1.0))
+    region_floor = jnp.sqrt(jnp.sum(jnp.where(own, score**2, 0.0), axis=(1, 2)) / jnp.maximum(number, 1.0))
     away = from_best >= apart_m**2
     rivals = jnp.where(away & (within >= around), within, OFF_MAP_SCORE)
     return Peaks(
@@ -293,7 +293,7 @@ def _peaks_of(
         score=top,
         rival=jnp.max(rivals, axis=(1, 2)),
         floor=floor,
-        scatter=jnp.where(number >= 16.0, scatter, 0.0),
+        region_floor=jnp.where(number >= 16.0, region_floor, 0.0),
         overlap=jnp.max(jnp.where(inside[None], overlap, 0.0), axis=(1, 2)),
         area=jnp.sum(usable & inside[None], axis=(1, 2), dtype=jnp.float32),
         at_rim=around[window, i, j] > top,
@@ -568,11 +568,11 @@ class ErrorLattice:
     def tiles_at(self, places_m: Float[np.ndarray, "stop 2"], reach_m: float) -> Int[np.ndarray, " stop"]:
         """Tile of each place; -1 for none. Looked up every half metre: tiles overlap by more than that."""
         out = np.full(len(places_m), -1)
-        asked: Float[np.ndarray, 2] | None = None
+        points_given: Float[np.ndarray, 2] | None = None
         tile: int | None = None
         for row, place in enumerate(places_m):
-            if asked is None or np.max(np.abs(place - asked)) > _TILE_ROOM_M:
-                tile, asked = self._tile_at(place, reach_m + _TILE_ROOM_M), place
+            if points_given is None or np.max(np.abs(place - points_given)) > _TILE_ROOM_M:
+                tile, points_given = self._tile_at(place, reach_m + _TILE_ROOM_M), place
             out[row] = -1 if tile is None else tile
         return out
 

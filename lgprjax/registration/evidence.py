@@ -210,8 +210,8 @@ class EvidenceSearch:
             off = np.any(np.abs(astray[low:count] - self._lattice.origin_m) > SLACK_M, axis=1)
             high = min(low + self._ends, low + int(np.argmax(off)) if off.any() else count)
             peaks, _, first, _ = self._peaks(stops, low, high, astray)
-            told = (first >= 0) & (peaks.score > OFF_MAP_SCORE) & (peaks.floor < 0.5)
-            z.append(np.where(told, peaks.score / peaks.floor, np.nan))
+            conclusive = (first >= 0) & (peaks.score > OFF_MAP_SCORE) & (peaks.floor < 0.5)
+            z.append(np.where(conclusive, peaks.score / peaks.floor, np.nan))
             area_m2.append(peaks.area * np.prod(self.plan.lattice_m))
             low = high
         return stops.path_m, np.concatenate(z), np.concatenate(area_m2)
@@ -375,7 +375,7 @@ class EvidenceSearch:
             own = self._chain.coefficients(stops.filtered[at], stops.valid[at], float(each))
             peaks = self._one_window(stops, at, own, middle, HELD_M if near else self._lattice.half_m + SLACK_M)
             score.append(float(peaks.score))
-            floor.append(float(peaks.floor) or float(peaks.scatter) or 0.5)
+            floor.append(float(peaks.floor) or float(peaks.region_floor) or 0.5)
         if min(score) <= OFF_MAP_SCORE or not scale.take(np.array(score), np.array(floor), near=near):
             return False
         stops.coefficients[:high] = self._chain.coefficients(stops.filtered[:high], stops.valid[:high], scale.value)
@@ -476,11 +476,11 @@ class EvidenceSearch:
         Where hardly any decoy was on the map, the floor is estimated from the region itself, far from its best place;
         where that is too little as well, the most cautious value is used.
         """
-        self._floor[:, at] = peaks.floor, peaks.scatter
+        self._floor[:, at] = peaks.floor, peaks.region_floor
         begin = np.searchsorted(stops.path_m, stops.path_m[at] - _FLOOR_M * max(1.0, self._wavelength_m))
-        told = np.pad(np.cumsum(self._floor > 0.0, axis=1), [(0, 0), (1, 0), (0, 0)])
+        conclusive = np.pad(np.cumsum(self._floor > 0.0, axis=1), [(0, 0), (1, 0), (0, 0)])
         total = np.pad(np.cumsum(self._floor**2, axis=1), [(0, 0), (1, 0), (0, 0)])
-        count: Int[np.ndarray, "kind end window"] = told[:, at + 1] - told[:, begin]
+        count: Int[np.ndarray, "kind end window"] = conclusive[:, at + 1] - conclusive[:, begin]
         mean = np.sqrt((total[:, at + 1] - total[:, begin]) / np.maximum(count, 1))
         return np.where(count[0] > 0, mean[0], np.where(count[1] > 0, mean[1], 0.5))
 

@@ -41,7 +41,7 @@ class Fix(NamedTuple):
         runner_up: score (correlation times the root of the overlap) of the best rival: a peak of its own, refined like
             the best.
         margin: the best pose's score minus the runner-up's.
-        scatter: noise floor: standard deviation of the score over the rest of the region.
+        noise_floor: noise floor: standard deviation of the score over the rest of the region.
         overlap_channels: channels of the last scan that lie on the map.
         overlap: share of all valid traces of the template that lie on the map.
         code: a ``Code``.
@@ -54,7 +54,7 @@ class Fix(NamedTuple):
     correlation: Float[Array | np.ndarray, "*batch"]
     runner_up: Float[Array | np.ndarray, "*batch"]
     margin: Float[Array | np.ndarray, "*batch"]
-    scatter: Float[Array | np.ndarray, "*batch"]
+    noise_floor: Float[Array | np.ndarray, "*batch"]
     overlap_channels: Int[Array | np.ndarray, "*batch"]
     overlap: Float[Array | np.ndarray, "*batch"]
     code: Int[Array | np.ndarray, "*batch"]
@@ -85,7 +85,7 @@ def blank_fixes(scans: int) -> Fix:
         correlation=empty(),
         runner_up=empty(),
         margin=empty(),
-        scatter=empty(),
+        noise_floor=empty(),
         overlap_channels=np.zeros(scans, np.int32),
         overlap=np.zeros(scans, np.float32),
         code=np.full(scans, Code.NO_WINDOW, np.int32),

@@ -15,10 +15,10 @@ from lgprjax.registration.score import (
     OFF_MAP_SCORE,
     SampledGround,
     Template,
-    hear_traces,
     leads_off_map,
     normal_equations,
     normalise,
+    sample_ground_under,
     score_of,
     score_poses,
     trace_sums,
@@ -49,7 +49,7 @@ class RefinedPeak(NamedTuple):
 
     Attributes:
         pose: with pitch as its sixth number.
-        correlation, strength: there, see ``Score``; ``OFF_MAP_SCORE`` where overlap is missing.
+        correlation, score: there, see ``Score``; ``OFF_MAP_SCORE`` where overlap is missing.
         information: of the match alone, per unit of 1/(1 - r²) and of independent numbers (see ``covariance_of``).
         covered: traces on the map.
         narrow: along and cross: a cell to either side of the pose is off the map.
@@ -58,7 +58,7 @@ class RefinedPeak(NamedTuple):
 
     pose: Float[Array, "batch 6"]
     correlation: Float[Array, " batch"]
-    strength: Float[Array, " batch"]
+    score: Float[Array, " batch"]
     information: Float[Array, "batch 6 6"]
     covered: Bool[Array, "batch trace"]
     narrow: Bool[Array, "batch 2"]
@@ -100,27 +100,27 @@ def climb(
     unit = jnp.eye(6, dtype=jnp.float32)
 
     def hear(pose: Float[Array, "batch 6"]) -> SampledGround:
-        return hear_traces(tile, template, pose, height_reference_m, rate)
+        return sample_ground_under(tile, template, pose, height_reference_m, rate)
 
-    def measure(pose: Float[Array, "batch 6"], heard: SampledGround, best: _Best) -> tuple[Array, _Best]:
-        sums = trace_sums(heard, rate, tile.cell_m)
-        overlap = jnp.sum(heard.covered, axis=-1, dtype=jnp.float32) / traces
-        power = jnp.sum(jnp.where(heard.covered, live_power, 0.0), axis=-1)
+    def measure(pose: Float[Array, "batch 6"], sampled: SampledGround, best: _Best) -> tuple[Array, _Best]:
+        sums = trace_sums(sampled, rate, tile.cell_m)
+        overlap = jnp.sum(sampled.covered, axis=-1, dtype=jnp.float32) / traces
+        power = jnp.sum(jnp.where(sampled.covered, live_power, 0.0), axis=-1)
         product, ground = jnp.sum(sums.live_ground, axis=-1), jnp.sum(sums.ground_ground, axis=-1)
         correlation = normalise(product, power, ground, overlap, min_overlap)
-        strength = score_of(correlation, overlap)
-        information, gradient = normal_equations(sums, heard, template, pose, power)
+        score = score_of(correlation, overlap)
+        information, gradient = normal_equations(sums, sampled, template, pose, power)
         weight = numbers / jnp.maximum(1.0 - correlation**2, 1e-3)
         away = pose - prior
-        posterior = strength - 0.5 * jnp.sum(pull * away**2, axis=-1) / jnp.maximum(weight * correlation, 1e-3)
+        posterior = score - 0.5 * jnp.sum(pull * away**2, axis=-1) / jnp.maximum(weight * correlation, 1e-3)
         matrix = jnp.where(both[None], weight[:, None, None] * information, 0.0) + unit[None] * held[:, None, :]
         # Directions that differ by rounding only (a single channel's along and yaw) must not break the factorisation.
         matrix = matrix * (1.0 + _RIDGE * unit[None])
         side = jnp.where(free[None], weight[:, None] * gradient - pull * away, 0.0)
         lower = jax.lax.linalg.cholesky(matrix, symmetrize_input=False)
         move = jnp.clip(jax.scipy.linalg.cho_solve((lower, True), side[..., None])[..., 0], -cap, cap)
-        move = jnp.where((strength > OFF_MAP_SCORE)[:, None], move, 0.0)
-        here = _Best(pose, posterior, correlation, strength, information, heard.covered, move[:, :2])
+        move = jnp.where((score > OFF_MAP_SCORE)[:, None], move, 0.0)
+        here = _Best(pose, posterior, correlation, score, information, sampled.covered, move[:, :2])
         better = posterior > best.posterior
         best = jax.tree.map(
             lambda new, old: jnp.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old), here, best
@@ -143,10 +143,10 @@ def climb(
         jnp.zeros(template.valid.shape, bool),
         jnp.zeros((len(start), 2), jnp.float32),
     )
-    pose, heard, best = jax.lax.fori_loop(0, steps - 1, step, (start, hear(start), none))
-    _, best = measure(pose, heard, best)
+    pose, sampled, best = jax.lax.fori_loop(0, steps - 1, step, (start, hear(start), none))
+    _, best = measure(pose, sampled, best)
     narrow = leads_off_map(tile, template, best.pose, min_overlap)
-    return RefinedPeak(best.pose, best.correlation, best.strength, best.information, best.covered, narrow, best.left_m)
+    return RefinedPeak(best.pose, best.correlation, best.score, best.information, best.covered, narrow, best.left_m)
 
 
 class _Best(NamedTuple):
@@ -155,14 +155,14 @@ class _Best(NamedTuple):
     pose: Float[Array, "batch 6"]
     posterior: Float[Array, " batch"]
     correlation: Float[Array, " batch"]
-    strength: Float[Array, " batch"]
+    score: Float[Array, " batch"]
     information: Float[Array, "batch 6 6"]
     covered: Bool[Array, "batch trace"]
     left_m: Float[Array, "batch 2"]
 
 
 def covariance_of(
-    summit: RefinedPeak,
+    peak: RefinedPeak,
     numbers: Float[Array, " batch"],
     half_width: Float[Array, "batch 6"],
     free: Bool[Array, "6"],
@@ -175,11 +175,11 @@ def covariance_of(
     variance 1/N, so N follows from the surface away from the peak. The prior is added (see ``PRIOR``): what the radar
     does not observe (often roll) keeps the prior's width.
     """
-    weight = numbers / jnp.maximum(1.0 - summit.correlation**2, 1e-3)
+    weight = numbers / jnp.maximum(1.0 - peak.correlation**2, 1e-3)
     # Where a step to either side leaves the map (the line of a single channel), the map bounds the error.
-    bound = jnp.pad(jnp.where(summit.narrow, 3.0 / cell_m[None] ** 2, 0.0), [(0, 0), (0, 4)])
+    bound = jnp.pad(jnp.where(peak.narrow, 3.0 / cell_m[None] ** 2, 0.0), [(0, 0), (0, 4)])
     diagonal = jnp.asarray(PRIOR, dtype=jnp.float32)[None] / half_width**2 + bound
-    matrix = weight[:, None, None] * summit.information
+    matrix = weight[:, None, None] * peak.information
     matrix = jnp.where((free[:, None] & free[None, :])[None], matrix, 0.0) + jax.vmap(jnp.diag)(diagonal)
     scale = 1.0 / jnp.sqrt(jax.vmap(jnp.diag)(matrix))
     inverse = jnp.linalg.inv(matrix * scale[:, :, None] * scale[:, None, :])[:, :5, :5]
@@ -317,7 +317,7 @@ def _hunt(
         score = score_poses(tile, template, pose, height_reference_m, omega, min_overlap)
         r = jnp.clip(score.correlation, 0.05, 0.999)
         away = (pose - prior[None, :5]) / width[None]
-        return score.strength - 0.5 * (1.0 - r**2) / (numbers * r) * jnp.sum(pull[None] * away**2, axis=-1)
+        return score.score - 0.5 * (1.0 - r**2) / (numbers * r) * jnp.sum(pull[None] * away**2, axis=-1)
 
     return _Hunt(second, cloud, posterior, centre, reach)
 
@@ -412,7 +412,7 @@ def finish_best(
         )
         steps = 1
     top = climb(*ground, template, start, region.prior, region.half_width, numbers, free, steps=steps)
-    found = top.strength > OFF_MAP_SCORE
+    found = top.score > OFF_MAP_SCORE
     covariance = covariance_of(top, numbers, region.half_width, free, tile.cell_m)
     unfinished = jnp.abs(top.left_m) > _UNFINISHED * tile.cell_m[None]
 

@@ -32,12 +32,12 @@ class CoarseSurface(NamedTuple):
     """Correlation over the region's lattice, whose points are cells of the tile.
 
     Attributes:
-        strength: at each point, see ``Score``; ``OFF_MAP_SCORE`` where overlap is missing.
+        score: at each point, see ``Score``; ``OFF_MAP_SCORE`` where overlap is missing.
         overlap: share of the template on the map.
         first_cell: the tile's cell of lattice point (0, 0).
     """
 
-    strength: Float[Array, "along cross"]
+    score: Float[Array, "along cross"]
     overlap: Float[Array, "along cross"]
     first_cell: Int[Array, "2"]
 
@@ -124,12 +124,12 @@ class Modes(NamedTuple):
 
     Attributes:
         place_m: along and cross.
-        strength: there; ``OFF_MAP_SCORE`` where none was left.
+        score: there; ``OFF_MAP_SCORE`` where none was left.
         floor: noise floor: standard deviation of the score away from the best.
     """
 
     place_m: Float[Array, "mode 2"]
-    strength: Float[Array, " mode"]
+    score: Float[Array, " mode"]
     floor: Float[Array, ""]
 
 
@@ -138,11 +138,11 @@ def find_modes(tile: Tile, surface: CoarseSurface, apart_m: Float[Array, ""], *,
 
     Peaks only: the flank of the best one, just beyond ``apart_m``, is no rival.
     """
-    shape = surface.strength.shape
+    shape = surface.score.shape
     along = (surface.first_cell[0] + jnp.arange(shape[0])).astype(jnp.float32) * tile.cell_m[0] + tile.origin_m[0]
     cross = (surface.first_cell[1] + jnp.arange(shape[1])).astype(jnp.float32) * tile.cell_m[1] + tile.origin_m[1]
-    around = jax.lax.reduce_window(surface.strength, -jnp.inf, jax.lax.max, (3, 3), (1, 1), "SAME")
-    left = jnp.where(surface.strength >= around, surface.strength, OFF_MAP_SCORE)
+    around = jax.lax.reduce_window(surface.score, -jnp.inf, jax.lax.max, (3, 3), (1, 1), "SAME")
+    left = jnp.where(surface.score >= around, surface.score, OFF_MAP_SCORE)
     places, scores = [], []
     away = jnp.ones(shape, bool)
     for mode in range(modes):
@@ -153,10 +153,10 @@ def find_modes(tile: Tile, surface: CoarseSurface, apart_m: Float[Array, ""], *,
         near = ((along - along[i]) ** 2)[:, None] + ((cross - cross[j]) ** 2)[None, :] < apart_m**2
         left = jnp.where(near, OFF_MAP_SCORE, left)
         if mode == 0:
-            away = ~near & (surface.strength > OFF_MAP_SCORE)
+            away = ~near & (surface.score > OFF_MAP_SCORE)
     count = jnp.maximum(jnp.sum(away, dtype=jnp.float32), 1.0)
-    mean = jnp.sum(jnp.where(away, surface.strength, 0.0)) / count
-    spread = jnp.sum(jnp.where(away, (surface.strength - mean) ** 2, 0.0)) / count
+    mean = jnp.sum(jnp.where(away, surface.score, 0.0)) / count
+    spread = jnp.sum(jnp.where(away, (surface.score - mean) ** 2, 0.0)) / count
     # A handful of places away from the best says nothing about chance: the most cautious value is used.
     enough = jnp.sum(away) >= 16
     return Modes(jnp.stack(places), jnp.stack(scores), jnp.where(enough, jnp.sqrt(spread), 0.5))
@@ -285,12 +285,12 @@ def register_batch(
         heading=template.valid.shape[1] > 1,
         pitch=False,
     )
-    any_found = problem.finite & (modes.strength[:, 0] > OFF_MAP_SCORE) & jnp.isfinite(found.correlation)
+    any_found = problem.finite & (modes.score[:, 0] > OFF_MAP_SCORE) & jnp.isfinite(found.correlation)
     away = jnp.abs(found.pose[:, :2] - problem.prior[:, :2])
     on_edge = jnp.any(away > problem.half_width[:, :2] - tile.cell_m[None], axis=1) | found.unfinished
     # Both at lattice points: a refined best place and an unrefined rival cannot be compared.
-    score = jnp.where(any_found, modes.strength[:, 0], -1.0)
-    rival = jnp.maximum(modes.strength[:, 1], -1.0)
+    score = jnp.where(any_found, modes.score[:, 0], -1.0)
+    rival = jnp.maximum(modes.score[:, 1], -1.0)
     code = judge(score, rival, modes.floor, overlap, on_edge, problem.finite, rules.thresholds)
     nothing = jnp.where(any_found, 0.0, jnp.nan)
     return Fix(
@@ -299,7 +299,7 @@ def register_batch(
         correlation=found.correlation + nothing,
         runner_up=rival + nothing,
         margin=score - rival + nothing,
-        scatter=modes.floor + nothing,
+        noise_floor=modes.floor + nothing,
         overlap_channels=found.overlap_channels,
         overlap=found.overlap,
         code=code,
@@ -316,7 +316,7 @@ class SurfacePicture(NamedTuple):
 
     along_m: Float[np.ndarray, " along"]
     cross_m: Float[np.ndarray, " cross"]
-    strength: Float[np.ndarray, "along cross"]
+    score: Float[np.ndarray, "along cross"]
 
 
 def survey_surface(
@@ -330,12 +330,12 @@ def survey_surface(
     margin: tuple[int, int],
 ) -> SurfacePicture:
     """The coarse surface of one template (batch of one), as in ``register_batch``."""
-    strength, first = _surface(tile, template, prior, half_width_m, min_overlap, lattice=lattice, margin=margin)
+    score, first = _surface(tile, template, prior, half_width_m, min_overlap, lattice=lattice, margin=margin)
     along, cross = (
         np.asarray(tile.origin_m)[axis] + (int(first[axis]) + np.arange(lattice[axis])) * np.asarray(tile.cell_m)[axis]
         for axis in range(2)
     )
-    values = np.asarray(strength, dtype=np.float64)
+    values = np.asarray(score, dtype=np.float64)
     return SurfacePicture(along, cross, np.where(values > -1.5, values, np.nan))
 
 
@@ -361,7 +361,7 @@ def _surface(
         lattice=lattice,
         margin=margin,
     )
-    return surface.strength, surface.first_cell
+    return surface.score, surface.first_cell
 
 
 def ground_under(
@@ -374,11 +374,11 @@ def ground_under(
 
 def rival_of(surface: SurfacePicture, best_m: Float[np.ndarray, "2"], apart_m: float) -> Float[np.ndarray, "2"] | None:
     """Highest peak of a surface at least ``apart_m`` from a place (along, cross); None where there is none."""
-    strength = np.where(np.isfinite(surface.strength), surface.strength, -np.inf)
-    rows, columns = strength.shape
-    framed = np.pad(strength, 1, constant_values=-np.inf)
+    score = np.where(np.isfinite(surface.score), surface.score, -np.inf)
+    rows, columns = score.shape
+    framed = np.pad(score, 1, constant_values=-np.inf)
     around = np.max([framed[i : i + rows, j : j + columns] for i in range(3) for j in range(3)], axis=0)
     away = np.hypot(surface.along_m[:, None] - best_m[0], surface.cross_m[None, :] - best_m[1]) >= apart_m
-    left = np.where(away & (strength >= around), strength, -np.inf)
+    left = np.where(away & (score >= around), score, -np.inf)
     i, j = np.unravel_index(int(np.argmax(left)), left.shape)
     return np.array([surface.along_m[i], surface.cross_m[j]]) if np.isfinite(left[i, j]) else None

@@ -42,14 +42,14 @@ class Score(NamedTuple):
 
     Attributes:
         correlation: r over the traces that lie on the map; ``OFF_MAP_SCORE`` with too little overlap.
-        strength: r times the root of the overlap. The standard deviation of r by chance is one over the root of the
+        score: r times the root of the overlap. The standard deviation of r by chance is one over the root of the
             number of traces, so that at the map's edge, where few channels overlap, the same r means less; ranked by r
             alone, false matches accumulate there.
         covered: traces on the map.
     """
 
     correlation: Float[Array, " particle"]
-    strength: Float[Array, " particle"]
+    score: Float[Array, " particle"]
     covered: Bool[Array, "particle trace"]
 
 
@@ -186,7 +186,7 @@ class Sums(NamedTuple):
     live_delayed: Float[Array, "batch trace"]
 
 
-def hear_traces(
+def sample_ground_under(
     tile: Tile,
     template: Template,
     pose: Float[Array, "batch 6"],
@@ -217,16 +217,16 @@ def _turned(template: Template, pose: Float[Array, "batch 6"]) -> Float[Array, "
     return jnp.stack([cos * forward - sin * left, sin * forward + cos * left], axis=-1)
 
 
-def trace_sums(heard: SampledGround, rate_rad_per_m: Float[Array, " half"], cell_m: Float[Array, "2"]) -> Sums:
+def trace_sums(sampled: SampledGround, rate_rad_per_m: Float[Array, " half"], cell_m: Float[Array, "2"]) -> Sums:
     """All products in one pass over depth.
 
     Height moves the live trace in delay. Turned back, it moves the ground the other way, so that the curvature is that
     of the ground, not of anything else in the live trace.
     """
     half = rate_rad_per_m.shape[0]
-    lead = heard.covered.shape
-    near, nearer, far, farther = (heard.corners[:, :, k].reshape(*lead, 2, half) for k in range(4))
-    u, v = heard.part[..., 0][..., None, None], heard.part[..., 1][..., None, None]
+    lead = sampled.covered.shape
+    near, nearer, far, farther = (sampled.corners[:, :, k].reshape(*lead, 2, half) for k in range(4))
+    u, v = sampled.part[..., 0][..., None, None], sampled.part[..., 1][..., None, None]
     low = near + v * (nearer - near)
     along = far + v * (farther - far) - low
     ground = low + u * along
@@ -234,26 +234,26 @@ def trace_sums(heard: SampledGround, rate_rad_per_m: Float[Array, " half"], cell
     rate = rate_rad_per_m[None, None]
     g, a, c = ((wave[:, :, 0], wave[:, :, 1]) for wave in (ground, along, cross))
     d = (rate * g[1], -rate * g[0])
-    live = (heard.real, heard.imaginary)
+    live = (sampled.real, sampled.imaginary)
     ground_alone = [(g, g), (g, a), (g, c), (a, a), (a, c), (c, c), (a, d), (c, d), (d, d)]
     pairs = [*ground_alone, (live, g), (live, a), (live, c), (live, d)]
     terms = [one[0] * other[0] + one[1] * other[1] for one, other in pairs]
     p, q, one = 1.0 / cell_m[0], 1.0 / cell_m[1], jnp.float32(1.0)
     per_m = (one, p, q, p * p, p * q, q * q, p, q, one, one, p, q, one)
     return Sums(
-        *(jnp.where(heard.covered, total * unit, 0.0) for total, unit in zip(_totals(terms, 2), per_m, strict=True))
+        *(jnp.where(sampled.covered, total * unit, 0.0) for total, unit in zip(_totals(terms, 2), per_m, strict=True))
     )
 
 
 def normal_equations(
-    sums: Sums, heard: SampledGround, template: Template, pose: Float[Array, "batch 6"], power: Float[Array, " batch"]
+    sums: Sums, sampled: SampledGround, template: Template, pose: Float[Array, "batch 6"], power: Float[Array, " batch"]
 ) -> tuple[Float[Array, "batch 6 6"], Float[Array, "batch 6"]]:
     """Matrix and right side of a step, per unit of live power: P'QP and P'Q(live), Q projecting the ground out.
 
     How far each degree of freedom moves a trace along, across and up: (1, 0, 0), (0, 1, 0), (0, 0, 1), yaw
     (-b, a, 0) with (a, b) its offset in the tile's frame, roll and pitch (0, 0, lift) and (0, 0, tilt).
     """
-    a, b = heard.turned_m[..., 0], heard.turned_m[..., 1]
+    a, b = sampled.turned_m[..., 0], sampled.turned_m[..., 1]
     lift = template.offset_m[..., 1] * jnp.cos(pose[:, 4, None])
     tilt = template.offset_m[..., 0] * jnp.cos(pose[:, 5, None])
     xx, xy, yy = sums.along_along, sums.along_cross, sums.cross_cross

@@ -526,10 +526,10 @@ def draw_confidence(stated: StatedErrors, path: str | Path, *, force: bool = Fal
     declined, tried = int((~stated.ok).sum()), len(stated.ok)
     share = f"{100.0 * declined / tried:.1f} % of {tried} tried fixes declined" if tried else "no truth known"
     with picture(path, 12.5, 5.0, force) as figure:
-        reliability, by_evidence, asked = figure.subplots(1, 3)
+        reliability, by_evidence, by_risk = figure.subplots(1, 3)
         _draw_reliability(reliability, stated)
         _draw_by_evidence(by_evidence, stated)
-        _draw_asked(asked, stated)
+        _draw_by_risk(by_risk, stated)
         figure.suptitle(f"{stated.name or 'No drive'}: {share}")
         write_caption(
             figure,
@@ -617,7 +617,7 @@ def _draw_distribution(
     axes.plot(x, y, color=colour, linestyle=style, linewidth=1.8, drawstyle="steps-post", label=label)
 
 
-def _draw_asked(axes: Axes, stated: StatedErrors) -> None:
+def _draw_by_risk(axes: Axes, stated: StatedErrors) -> None:
     axes.set_title("what a smaller risk would cost")
     total_m, tried = stated.total_m, len(stated.ok)
     held = stated.ok & np.isfinite(total_m) & np.isfinite(stated.evidence)

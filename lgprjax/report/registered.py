@@ -112,7 +112,7 @@ def _surface(example: FixExample, frame: LocalFrame, search_m: float) -> Correla
     return CorrelationSurface(
         x_m=example.surface.along_m,
         y_m=example.surface.cross_m,
-        correlation=example.surface.strength,
+        correlation=example.surface.score,
         half_width_m=(search_m, search_m),
         prior=prior,
         prior_sigma_m=example.prior_sigma_m,

@@ -214,16 +214,16 @@ def draw_codes(
     margins = np.concatenate([_shown(result.margin, result) for result in results])
     low, high = (float(margins.min()), float(margins.max())) if margins.size else (0.0, 0.0)
     span = (min(low, 0.0), max(high, _LEAST_SPAN))
-    asked = -np.log10(risk)
+    required = -np.log10(risk)
     evidence = [-np.log10(np.maximum(_shown(result.p_false, result), LEAST_P)) for result in results]
-    most = float(min(_MOST_RISKS * asked, max(2.0 * asked, *(each.max(initial=0.0) for each in evidence))))
+    most = float(min(_MOST_RISKS * required, max(2.0 * required, *(each.max(initial=0.0) for each in evidence))))
     with picture(path, 11.0, 2.1 + 1.15 * len(results), force) as figure:
         grid = figure.subplots(len(results), 3, squeeze=False, sharex="col", width_ratios=(1.0, 1.0, 1.1))
         for row, result, decades in zip(grid, results, evidence, strict=True):
             colour = INK if result.impostor else BLUE
             _draw_histogram(row[0], decades, (0.0, most), colour)
-            row[0].axvspan(0.0, asked, color=GAP, zorder=0)
-            row[0].axvline(asked, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
+            row[0].axvspan(0.0, required, color=GAP, zorder=0)
+            row[0].axvline(required, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
             _draw_histogram(row[1], _shown(result.margin, result), span, colour)
             _draw_codes_bar(row[2], result)
             name = labelled(result.name, impostor=result.impostor)

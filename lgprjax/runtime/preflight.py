@@ -21,7 +21,7 @@ class PreflightItem(NamedTuple):
 
     name: str
     good: bool
-    told: str
+    finding: str
 
 
 def preflight(config: RuntimeConfig) -> Iterator[PreflightItem]:
@@ -51,10 +51,10 @@ def _files(config: RuntimeConfig) -> Iterator[PreflightItem]:
 
     def registration() -> str:
         options, own = options_of(config), config.registration.thresholds
-        told = (
+        finding = (
             f"{options.search_m:g} m around the prior; a fix is accepted up to a risk of {config.registration.risk:g}"
         )
-        return told + (f", and by {own}" if own is not None else "")
+        return finding + (f", and by {own}" if own is not None else "")
 
     yield _tried("vehicle file", vehicle)
     yield _tried("map", database)
@@ -128,15 +128,15 @@ def _lines(config: RuntimeConfig) -> Iterator[PreflightItem]:
     ports.append(("gnss", table, Port(Source.GNSS, table.url, table.baud, GnssParser())))
     time.sleep(_LISTEN_S)
     for name, table, port in ports:
-        heard, refused = len(port.take()), sum(port.refused.values())
+        received, refused = len(port.take()), sum(port.refused.values())
         port.close()
-        told = f"{table.url}: {heard} messages in {_LISTEN_S:g} s" + (f", {refused} refused" if refused else "")
-        yield PreflightItem(name, heard > 0, told if port.openings else f"{table.url}: {port.problem}")
+        finding = f"{table.url}: {received} messages in {_LISTEN_S:g} s" + (f", {refused} refused" if refused else "")
+        yield PreflightItem(name, received > 0, finding if port.openings else f"{table.url}: {port.problem}")
 
 
 def _tried(name: str, look: Callable[[], str | Path | None]) -> PreflightItem:
     try:
-        told = look()
+        finding = look()
     except InputError as error:
         return PreflightItem(name, False, str(error))
-    return PreflightItem(name, True, "" if told is None else str(told))
+    return PreflightItem(name, True, "" if finding is None else str(finding))

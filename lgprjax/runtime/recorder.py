@@ -49,14 +49,14 @@ class DiskSync:
         self._error: OSError | None = None
         self._since_s: float | None = None
         # Each is incremented by one thread only.
-        self._asked = self._done = 0
+        self._requested = self._done = 0
         self._thread = threading.Thread(target=self._run, name="disk-sync", daemon=True)
         self._thread.start()
 
     @property
     def busy(self) -> bool:
         """Whether requested data are not on disk yet."""
-        return self._asked > self._done
+        return self._requested > self._done
 
     def data(self, file: int) -> None:
         """Request syncing of a file's data."""
@@ -95,7 +95,7 @@ class DiskSync:
         self.check()
 
     def _ask(self, job: Callable[[], None]) -> None:
-        self._asked += 1
+        self._requested += 1
         self._jobs.put(job)
 
     def _run(self) -> None:
@@ -153,7 +153,7 @@ def resume(folder: Path) -> Resume:
     files = segments_of(folder)
     heads = {segment: read_head(path)[0] for segment, path in files.items()}
     known = [head.run for head in heads.values() if head is not None]
-    run = known[-1] if known else _run_told(folder) or uuid.uuid4().bytes
+    run = known[-1] if known else _run_facts(folder) or uuid.uuid4().bytes
     found = Resume(run, max(files, default=-1) + 1, 0, {}, {})
     for segment in reversed(files):
         head = heads[segment]
@@ -181,7 +181,7 @@ def tell_run(folder: Path, run: bytes, config: Path) -> None:
     Raises:
         OSError: the disk refuses.
     """
-    copy, told = folder / "config.toml", folder / "run.json"
+    copy, run_json = folder / "config.toml", folder / "run.json"
     if not copy.exists():
         fresh = copy.with_suffix(".new")
         shutil.copyfile(config, fresh)
@@ -189,14 +189,14 @@ def tell_run(folder: Path, run: bytes, config: Path) -> None:
     table: dict[str, Any] = {"uuid": str(uuid.UUID(bytes=run)), "lgprjax": __version__, "clocks": []}
     table |= {"python": platform.python_version(), "machine": platform.platform(), "config": str(config)}
     with suppress(OSError, ValueError, KeyError, TypeError):
-        table["clocks"] = list(json.loads(told.read_text(encoding="utf-8"))["clocks"])
+        table["clocks"] = list(json.loads(run_json.read_text(encoding="utf-8"))["clocks"])
     table["clocks"].append({"utc_ns": time.time_ns(), "mono_ns": time.monotonic_ns()})
-    fresh = told.with_suffix(".new")
+    fresh = run_json.with_suffix(".new")
     fresh.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
-    _settle(fresh, told)
+    _settle(fresh, run_json)
 
 
-def _run_told(folder: Path) -> bytes | None:
+def _run_facts(folder: Path) -> bytes | None:
     with suppress(OSError, ValueError, KeyError, TypeError):
         return uuid.UUID(json.loads((folder / "run.json").read_text(encoding="utf-8"))["uuid"]).bytes
     return None

@@ -47,7 +47,7 @@ class StampClock:
         self._least: LeastDelay | None = None
         self._run: _Run | None = None
         self._last_stamp_ns = 0
-        self._last_told_ns: int | None = None
+        self._last_time_ns: int | None = None
         self.rejected = 0
         self.settings = 0
 
@@ -56,12 +56,12 @@ class StampClock:
 
         Times grow from sample to sample and are never later than ``arrival_ns``, which must not fall.
         """
-        told = self._time_of(stamp_us * 1000, arrival_ns)
-        if told is None or (self._last_told_ns is not None and told <= self._last_told_ns):
+        time_ns = self._time_of(stamp_us * 1000, arrival_ns)
+        if time_ns is None or (self._last_time_ns is not None and time_ns <= self._last_time_ns):
             self.rejected += 1
             return None
-        self._last_told_ns = told
-        return told
+        self._last_time_ns = time_ns
+        return time_ns
 
     def expected_us(self, arrival_ns: int) -> int | None:
         """Stamp, us, of a sample that arrives now without delay; ``None`` before the first."""

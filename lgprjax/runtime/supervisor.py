@@ -110,7 +110,7 @@ class Child:
         self._beats = beats
         self._limits = limits
         self._process: subprocess.Popen[bytes] | None = None
-        self._told_dead = False
+        self._reported_dead = False
         self._deaths: deque[float] = deque(maxlen=_DEATHS)
         self._due_s = 0.0
         self._wait_s = 0.0
@@ -134,9 +134,9 @@ class Child:
             return self._launch(now_s) if not self.left and now_s >= self._due_s else []
         status = self._process.poll()
         if status is None:
-            return [] if self._told_dead else self._listen(self._process, now_s, min(passed_s, _LOOK_S))
+            return [] if self._reported_dead else self._listen(self._process, now_s, min(passed_s, _LOOK_S))
         self._process = None
-        if self._told_dead:
+        if self._reported_dead:
             return []
         if status == STORAGE_FULL and not self._limits.patient:
             self.left, self.ready = True, False
@@ -158,7 +158,7 @@ class Child:
 
     def _launch(self, now_s: float) -> list[ProcessReports]:
         self._beats.clear(self.name)
-        self._told_dead = self.ready = False
+        self._reported_dead = self.ready = False
         self._silent_s, self._count, self._started_s = 0.0, 0, now_s
         try:
             # A group of its own: signals of a terminal reach the supervisor alone, which ends them in order.
@@ -170,7 +170,7 @@ class Child:
         return []
 
     def _listen(self, process: "subprocess.Popen[bytes]", now_s: float, passed_s: float) -> list[ProcessReports]:
-        told: list[ProcessReports] = []
+        reports: list[ProcessReports] = []
         beat = self._read()
         if beat is None or beat.pid != process.pid or beat.count == self._count:
             self._silent_s += passed_s
@@ -179,31 +179,31 @@ class Child:
             self._silent_s = min(max(now_s - beat.mono_ns / 1e9, 0.0), passed_s)
             if beat.stage == ProcessStage.READY and not self.ready:
                 self.ready = True
-                told.append(ProcessReports(What.READY, self.name))
+                reports.append(ProcessReports(What.READY, self.name))
         if not self.ready:
             if now_s - self._started_s > self._limits.start_s:
-                told += self._hung(process, now_s, f"not ready after {now_s - self._started_s:.1f} s")
+                reports += self._hung(process, now_s, f"not ready after {now_s - self._started_s:.1f} s")
         elif self._silent_s > (
             _ENDING_S if beat is not None and beat.stage == ProcessStage.ENDING else self._limits.silent_s
         ):
-            told += self._hung(process, now_s, f"hung {self._silent_s:.2f} s")
-        return told
+            reports += self._hung(process, now_s, f"hung {self._silent_s:.2f} s")
+        return reports
 
     def _hung(self, process: "subprocess.Popen[bytes]", now_s: float, why: str) -> list[ProcessReports]:
         process.kill()
         return self._died(now_s, why)
 
     def _died(self, now_s: float, why: str) -> list[ProcessReports]:
-        self.ready, self._told_dead, self.died_before = False, True, True
+        self.ready, self._reported_dead, self.died_before = False, True, True
         quick = now_s - self._started_s < _QUICK_S
         self._wait_s = min(max(2.0 * self._wait_s, _FIRST_WAIT_S), _LONGEST_WAIT_S) if quick else 0.0
         self._due_s = now_s + self._wait_s
         self._deaths.append(now_s)
-        told = [ProcessReports(What.DIED, self.name, why)]
+        reports = [ProcessReports(What.DIED, self.name, why)]
         if not self._limits.patient and len(self._deaths) == _DEATHS and now_s - self._deaths[0] < _DEATHS_WITHIN_S:
             self.left = True
-            told.append(ProcessReports(What.LEFT, self.name, f"{_DEATHS} deaths in {_DEATHS_WITHIN_S:.0f} s"))
-        return told
+            reports.append(ProcessReports(What.LEFT, self.name, f"{_DEATHS} deaths in {_DEATHS_WITHIN_S:.0f} s"))
+        return reports
 
     def _read(self) -> HeartbeatRow | None:
         # A faulty process may have written anything.
@@ -299,10 +299,10 @@ def supervise(
     """
     try:
         check_cores(config)
-        with only_instance(config, run_folder), _end_signals() as asked, _priority(config):
+        with only_instance(config, run_folder), _end_signals() as end_requested, _priority(config):
             try:
                 _make_rings(rings)
-                _Supervisor(config, run_folder, rings, command).run(asked, ready)
+                _Supervisor(config, run_folder, rings, command).run(end_requested, ready)
             finally:
                 shutil.rmtree(rings, ignore_errors=True)
     finally:
@@ -331,15 +331,15 @@ class _Supervisor:
             for name in processes_of(config)
         }
 
-    def run(self, asked: list[int], ready: Callable[[Ready], None]) -> None:
+    def run(self, end_requested: list[int], ready: Callable[[Ready], None]) -> None:
         began_s = before_s = time.monotonic()
         is_ready = False
         try:
-            while not asked:
+            while not end_requested:
                 now_s = time.monotonic()
                 for child in self._children.values():
-                    for told in child.look(now_s, now_s - before_s):
-                        self._tell(told)
+                    for reports in child.look(now_s, now_s - before_s):
+                        self._tell(reports)
                 before_s = now_s
                 if not is_ready and self._all_up():
                     is_ready = True
@@ -350,17 +350,17 @@ class _Supervisor:
         finally:
             self._end()
 
-    def _tell(self, told: ProcessReports) -> None:
-        content = {told.what.value: told.name} | ({"why": told.why} if told.why else {})
+    def _tell(self, reports: ProcessReports) -> None:
+        content = {reports.what.value: reports.name} | ({"why": reports.why} if reports.why else {})
         payload = json.dumps(content).encode()
         record = pack(Record(RecordKind.EVENT, Source.SUPERVISOR, 0, time.monotonic_ns(), payload))
         for ring in self._rings:
             ring.put(record)
-        if told.name == "control" and self._watchdog_s is not None:
+        if reports.name == "control" and self._watchdog_s is not None:
             # Until a new control process feeds the watchdog, it would end the whole service.
-            self._notifier.watchdog_within(self._watchdog_s if told.what is What.READY else self._start_s)
-        if told.what is not What.READY:
-            _say(f"{told.name} {told.what.value}: {told.why}", sys.stderr)
+            self._notifier.watchdog_within(self._watchdog_s if reports.what is What.READY else self._start_s)
+        if reports.what is not What.READY:
+            _say(f"{reports.name} {reports.what.value}: {reports.why}", sys.stderr)
         missing = self._missing()
         self._notifier.status(f"without {', '.join(missing)}" if missing else "all processes ready")
 
@@ -415,10 +415,10 @@ def _make_rings(rings: Path) -> None:
 @contextmanager
 def _end_signals() -> Iterator[list[int]]:
     """The signals that ask for an orderly end, as they come in."""
-    asked: list[int] = []
-    before = {number: signal.signal(number, lambda number, _: asked.append(number)) for number in _ENDED_BY}
+    end_requested: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: end_requested.append(number)) for number in _ENDED_BY}
     try:
-        yield asked
+        yield end_requested
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

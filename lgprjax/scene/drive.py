@@ -43,8 +43,8 @@ from lgprjax.scene.render import (
     convolve_echoes,
     draw_response,
     draw_scan_errors,
-    heard_echoes,
     kept_scans,
+    received_echoes,
     record_scans,
 )
 from lgprjax.scene.road import Road
@@ -127,8 +127,8 @@ def start_of_day(
         noise = rng.normal(size=(2, *sweep.shape)) * sigma * np.sqrt(0.5)
         return np.asarray(drift * common * sweep + noise[0] + 1j * noise[1])
 
-    def pair(heard: Complex[np.ndarray, "channel frequency"]) -> tuple[np.ndarray, np.ndarray]:
-        together = noisy(np.concatenate([own * heard, calibration[None]]))
+    def pair(echoes_pair: Complex[np.ndarray, "channel frequency"]) -> tuple[np.ndarray, np.ndarray]:
+        together = noisy(np.concatenate([own * echoes_pair, calibration[None]]))
         return together[:-1].astype(np.complex64), together[-1].astype(np.complex64)
 
     return StartOfDay(*pair(coupling), *pair(coupling + mirror[None]))
@@ -150,14 +150,14 @@ def record_sweeps(
 ) -> tuple[Complex[Array, "scan channel frequency"], Complex[Array, "scan frequency"]]:
     """Records a block of scans; arguments as of ``record_scans``, the matrix from ``sweep_matrix``."""
     scans, channels, _ = antenna_m.shape
-    echoes = heard_echoes(ground, antenna_m.reshape(-1, 3), response, radar=radar)
+    echoes = received_echoes(ground, antenna_m.reshape(-1, 3), response, radar=radar)
     halves = convolve_echoes(echoes, matrix).reshape(scans, channels, 2, plan.steps)
     calibration = calibration_path(plan)
     through = np.broadcast_to(np.stack([calibration.real, calibration.imag])[None, None], (scans, 1, 2, plan.steps))
     halves = jnp.concatenate([halves, jnp.asarray(through, jnp.float32)], axis=1)
-    heard = jax.lax.complex(halves[:, :, 0], halves[:, :, 1])
+    echoes_pair = jax.lax.complex(halves[:, :, 0], halves[:, :, 1])
     drift = jax.lax.complex(errors.gain * jnp.cos(errors.phase_rad), errors.gain * jnp.sin(errors.phase_rad))
-    sweep = heard * drift[:, None, None] * jnp.asarray(common_path(plan), jnp.complex64)[None, None]
+    sweep = echoes_pair * drift[:, None, None] * jnp.asarray(common_path(plan), jnp.complex64)[None, None]
 
     keys = jax.vmap(jax.random.fold_in, (None, 0))(key, first_scan + jnp.arange(scans, dtype=jnp.int32))
     white = jax.vmap(lambda k: jax.random.normal(k, (2, channels + 1, plan.steps), jnp.float32))(keys)

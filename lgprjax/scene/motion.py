@@ -269,9 +269,9 @@ def drive_straight(length_m: float, speed_mps: float, *, weave_rad: float = 0.0,
     script.go(2.0)
     script.drive(length_m, speed_mps)
     script.go(2.0)
-    told = script.manoeuvre(by_hand=True)
-    way_m = np.cumsum(told.speed_mps) * STEP_S
-    return told._replace(wanted_rad=weave_rad * np.cos(2 * np.pi * way_m / weave_m) * (told.speed_mps != 0.0))
+    commanded = script.manoeuvre(by_hand=True)
+    way_m = np.cumsum(commanded.speed_mps) * STEP_S
+    return commanded._replace(wanted_rad=weave_rad * np.cos(2 * np.pi * way_m / weave_m) * (commanded.speed_mps != 0.0))
 
 
 def turn_standing(largest_rad: float, lock_to_lock_turns: float, *, pause_s: float = 3.0) -> Manoeuvre:
@@ -362,11 +362,11 @@ def step_steering(
     if speed_mps != 0.0:
         script.speed_up(0.0)
     script.go(1.0)
-    told = script.manoeuvre(by_hand=False)
-    along_s = np.clip(told.time_s - start_s, 0.0, sweep_s)
+    commanded = script.manoeuvre(by_hand=False)
+    along_s = np.clip(commanded.time_s - start_s, 0.0, sweep_s)
     turns = sweep_hz[0] * along_s + 0.5 * (sweep_hz[1] - sweep_hz[0]) * along_s**2 / sweep_s
-    swept = (told.time_s >= start_s) & (told.time_s < min(start_s + sweep_s, stop_s))
-    return told._replace(wanted_rad=told.wanted_rad + sweep_rad * np.sin(2.0 * np.pi * turns) * swept)
+    swept = (commanded.time_s >= start_s) & (commanded.time_s < min(start_s + sweep_s, stop_s))
+    return commanded._replace(wanted_rad=commanded.wanted_rad + sweep_rad * np.sin(2.0 * np.pi * turns) * swept)
 
 
 def step_pedals(
@@ -384,9 +384,9 @@ def step_pedals(
     for throttle, brake in zip(throttles, brakes, strict=True):
         run = [(throttle, 0.0, hold), (max(throttle - back, 0.0), 0.0, hold // 2), (0.0, 0.0, hold // 2)]
         run += [(0.0, brake, hold // 4), (0.0, max(brake - back, 0.0), hold // 4), (0.0, 1.0, hold), (0.0, 0.0, hold)]
-        throttle_parts += [np.full(steps, told) for told, _, steps in run]
-        brake_parts += [np.full(steps, told) for _, told, steps in run]
-    throttle_told, brake_told = np.concatenate(throttle_parts), np.concatenate(brake_parts)
-    zero = np.zeros(throttle_told.size)
+        throttle_parts += [np.full(steps, commanded) for commanded, _, steps in run]
+        brake_parts += [np.full(steps, commanded) for _, commanded, steps in run]
+    throttle_commanded, brake_commanded = np.concatenate(throttle_parts), np.concatenate(brake_parts)
+    zero = np.zeros(throttle_commanded.size)
     time_s = np.arange(zero.size) * STEP_S
-    return Manoeuvre(time_s, zero, zero, np.full(zero.size, 24.0), True, throttle_told, brake_told)
+    return Manoeuvre(time_s, zero, zero, np.full(zero.size, 24.0), True, throttle_commanded, brake_commanded)

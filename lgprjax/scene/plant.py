@@ -225,10 +225,10 @@ def step_skid_plant(
     noise = jax.random.normal(key, (5,))
     waiting = jnp.concatenate([jnp.stack(command)[None], state.waiting[:-1]])
     late = jnp.clip(jnp.round(plant.delay_s / step_s).astype(jnp.int32), 0, waiting.shape[0] - 1)
-    told = obeyed_wheels(plant.threshold_mps, WheelSpeeds(waiting[late, 0], waiting[late, 1]))
+    executed = obeyed_wheels(plant.threshold_mps, WheelSpeeds(waiting[late, 0], waiting[late, 1]))
     slow = plant.lag_s > 0.0
     share = jnp.where(slow, 1.0 - jnp.exp(-step_s / jnp.where(slow, plant.lag_s, 1.0)), 1.0)
-    left, right = (was + share * (now - was) for was, now in zip(state.wheels, told, strict=True))
+    left, right = (was + share * (now - was) for was, now in zip(state.wheels, executed, strict=True))
     ways = jnp.abs(jnp.stack([left, right])) * step_s
     keep = jnp.exp(-ways / plant.slip_m)
     slip = keep * state.slip + plant.slip_sigma * jnp.sqrt(1.0 - keep * keep) * noise[:2]
@@ -299,14 +299,14 @@ class SkidSensorState(NamedTuple):
         slow_m: slow error of GNSS.
         measured_m: the fix that is on its way.
         drift_radps: of the INS.
-        told_rad: true heading when the INS last spoke.
+        commanded_rad: true heading when the INS last spoke.
         scale: of the wheels.
     """
 
     slow_m: Float[Array, "2"]
     measured_m: Float[Array, "2"]
     drift_radps: Float[Array, ""]
-    told_rad: Float[Array, ""]
+    commanded_rad: Float[Array, ""]
     scale: Float[Array, ""]
 
 
@@ -405,7 +405,7 @@ def read_skid_sensors(
     hears = time_s % model.every_s < model.every_s - model.off_s
     speaks = tick % model.ins_ticks == 0
     span_s = model.ins_ticks.astype(jnp.float32) * tick_s
-    turn = pose.yaw_rad - state.told_rad + state.drift_radps * span_s + model.ins_noise_rad * noise[4]
+    turn = pose.yaw_rad - state.commanded_rad + state.drift_radps * span_s + model.ins_noise_rad * noise[4]
     left, right = (
         wheel * (1.0 + state.scale) + model.wheel_noise_mps * error
         for wheel, error in zip(plant.wheels, noise[5:], strict=True)
@@ -421,5 +421,5 @@ def read_skid_sensors(
         span_s,
         speaks,
     )
-    told = jnp.where(speaks, pose.yaw_rad, state.told_rad)
-    return SkidSensorState(slow, measured, state.drift_radps, told, state.scale), readings
+    executed = jnp.where(speaks, pose.yaw_rad, state.commanded_rad)
+    return SkidSensorState(slow, measured, state.drift_radps, executed, state.scale), readings

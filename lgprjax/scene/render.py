@@ -111,8 +111,8 @@ def place_echoes(
     position = (time_ns + radar.time_zero_ns) / radar.sample_step_ns
     below = jnp.clip(jnp.floor(position), 0.0, bins - 2.0)
     share = position - below
-    heard = (share >= 0.0) & (share <= 1.0)  # clipped values are outside the trace
-    field = jnp.where(heard, field, 0.0)
+    inside = (share >= 0.0) & (share <= 1.0)  # clipped values are outside the trace
+    field = jnp.where(inside, field, 0.0)
     index = below.astype(jnp.int32) + bins * jnp.arange(traces, dtype=jnp.int32)[:, None]
     flat = jnp.zeros(traces * bins, field.dtype)
     flat = flat.at[index.ravel()].add((field * (1.0 - share)).ravel(), mode="promise_in_bounds")
@@ -309,7 +309,7 @@ def kept_scans(faults: ReceiverFaults, scans: int, seed: int) -> np.ndarray:
     return np.flatnonzero(~lost)
 
 
-def heard_echoes(
+def received_echoes(
     ground: GroundSlice,
     place_m: Float[Array, "trace 3"],
     response: Response,
@@ -404,7 +404,7 @@ def record_scans(
         Bytes, 128 for silence.
     """
     scans, channels, _ = antenna_m.shape
-    echoes = heard_echoes(ground, antenna_m.reshape(-1, 3), response, radar=radar)
+    echoes = received_echoes(ground, antenna_m.reshape(-1, 3), response, radar=radar)
     traces = convolve_echoes(echoes, matrix).reshape(scans, channels, radar.samples)
 
     # Noise of the band: a stepped-frequency receiver has no noise outside it.

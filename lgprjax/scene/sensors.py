@@ -546,11 +546,11 @@ def read_live_sensors(
     wrong = jnp.where(time_s >= faults.gnss_jump_s, faults.gnss_jump_m, 0.0)
     drifting_s = jnp.maximum(time_s - faults.gnss_drift_s, 0.0)
     wrong += jnp.where(jnp.isfinite(faults.gnss_drift_s), faults.gnss_drift_mps * drifting_s, 0.0)
-    told = antenna + slow + model.gnss_sigma_m * noise[5:7] + wrong
+    reported_m = antenna + slow + model.gnss_sigma_m * noise[5:7] + wrong
     due = tick % model.gnss_ticks == 0
-    told = jnp.where(during(faults.gnss_frozen_s, time_s) | ~due, state.last_gnss_m, told)
+    reported_m = jnp.where(during(faults.gnss_frozen_s, time_s) | ~due, state.last_gnss_m, reported_m)
     readings = Readings(
-        told,
+        reported_m,
         due & ~during(faults.gnss_lost_s, time_s),
         yaw_rate_radps + bias + model.yaw_rate_noise / root_s * noise[7],
         pose.yaw_rad + heading_slow + model.heading_sigma_rad * noise[8],
@@ -559,7 +559,7 @@ def read_live_sensors(
         + model.odometer_mps * noise[9],
         ~during(faults.odometer_lost_s, time_s),
     )
-    return LiveSensorState(slow, bias, heading_slow, scale, told), readings
+    return LiveSensorState(slow, bias, heading_slow, scale, reported_m), readings
 
 
 def _gauss_markov(

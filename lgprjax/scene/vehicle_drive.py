@@ -398,8 +398,8 @@ def _run_servo(
 def _scan_servo(
     servo: Servo, wanted_rad: Float[Array, " steps"], share: Float[Array, " steps"], slots: int
 ) -> tuple[Float[Array, " steps"], Float[Array, " steps"]]:
-    def step(state, told):  # type: ignore[no-untyped-def]
-        state = step_servo(state, servo, told[0], told[1], jnp.float32(STEP_S))
+    def step(state, inputs):  # type: ignore[no-untyped-def]
+        state = step_servo(state, servo, inputs[0], inputs[1], jnp.float32(STEP_S))
         return state, (state.motor_rad, state.wheel_rad)
 
     start = init_servo(wanted_rad[0], delay_slots=slots)
@@ -429,8 +429,8 @@ def _run_pedals(
 def _scan_pedals(
     pedals: Pedals, throttle: Float[Array, " steps"], brake: Float[Array, " steps"]
 ) -> tuple[Float[Array, " steps"], Float[Array, " steps"]]:
-    def step(state, told):  # type: ignore[no-untyped-def]
-        state, way_m = step_drive(state, pedals, told[0], told[1], jnp.float32(STEP_S))
+    def step(state, inputs):  # type: ignore[no-untyped-def]
+        state, way_m = step_drive(state, pedals, inputs[0], inputs[1], jnp.float32(STEP_S))
         return state, (state.speed_mps, way_m)
 
     driven: tuple[Float[Array, " steps"], Float[Array, " steps"]] = jax.lax.scan(
@@ -513,13 +513,13 @@ def _drawn(
     start, steps = jax.random.split(key)
 
     def step(
-        state: FixErrorState, told: tuple[PRNGKeyArray, Float[Array, ""]]
+        state: FixErrorState, inputs: tuple[PRNGKeyArray, Float[Array, ""]]
     ) -> tuple[FixErrorState, tuple[Bool[Array, ""], Float[Array, "3"]]]:
-        state, error = step_fix_errors(errors, state, *told)
+        state, error = step_fix_errors(errors, state, *inputs)
         return state, (state.found, error)
 
-    told = (jax.random.split(steps, way_m.size), way_m)
+    inputs = (jax.random.split(steps, way_m.size), way_m)
     drawn: tuple[Bool[Array, " scan"], Float[Array, "scan 3"]] = jax.lax.scan(
-        step, init_fix_errors(errors, start), told
+        step, init_fix_errors(errors, start), inputs
     )[1]
     return drawn

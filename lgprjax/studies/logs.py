@@ -51,17 +51,17 @@ def signals_of(log: VehicleLog, path: str = "drive log") -> DriveSignals:
     if log.vehicle is None:
         raise InputError(path, "/vehicle", "signals of the vehicle", "none")
     time_s = np.asarray(log.vehicle["time_s"], np.float64)
-    told = ~_in_gap(log.odometry.time_s, time_s)
-    if np.count_nonzero(told) < 2:
+    covered = ~_in_gap(log.odometry.time_s, time_s)
+    if np.count_nonzero(covered) < 2:
         raise InputError(path, "/vehicle/time_s", "two records or more within the odometry's time", "fewer")
-    time_s = time_s[told]
+    time_s = time_s[covered]
     track = log.navigation
     frame = LocalFrame(*(float(values[0]) for values in (track.latitude_deg, track.longitude_deg, track.height_m)))
     east_m, north_m, _ = frame.to_local(track.latitude_deg, track.longitude_deg, track.height_m)
     yaw_rad = np.unwrap(frame.yaw_of_heading(track.heading_deg, track.longitude_deg))
     owned = _own_fix(track.time_s, time_s)
     optional = {
-        signal: None if name not in log.vehicle else np.asarray(log.vehicle[name], np.float64)[told]
+        signal: None if name not in log.vehicle else np.asarray(log.vehicle[name], np.float64)[covered]
         for signal, name in SIGNAL_NAMES.items()
     }
     return DriveSignals(

@@ -310,8 +310,8 @@ def _switch(settings: SwitchSettings, drive: NavigationDrives, strength: jax.Arr
     ) -> tuple[tuple[SwitchState, VehiclePose], VehiclePose]:
         (state, last), (now, strong) = carry, tick
         gnss, heading = now.observations.gnss, now.observations.heading
-        told = VehiclePose(gnss.x_m, gnss.y_m, heading.yaw_rad)
-        last = VehiclePose(*(jnp.where(gnss.valid, new, old) for new, old in zip(told, last, strict=True)))
+        gnss_ins = VehiclePose(gnss.x_m, gnss.y_m, heading.yaw_rad)
+        last = VehiclePose(*(jnp.where(gnss.valid, new, old) for new, old in zip(gnss_ins, last, strict=True)))
         speed = now.observations.odometer.speed_mps
         state = step_switch(settings, state, now.motions, speed, last, now.observations.lgpr, strong)
         return (state, last), state.pose

@@ -9,7 +9,8 @@ from jaxtyping import Float, Int
 from lgprjax.autopilot.modes import Mode
 from lgprjax.batch.recover import RowGatherer, rising
 from lgprjax.errors import InputError
-from lgprjax.formats.run_log import payload_type, read_run, read_run_record
+from lgprjax.formats.run_log import read_run, read_run_record
+from lgprjax.run_records import SKID_PLAN, RecordKind
 from lgprjax.studies.logs import Figure, Outcome, Task, fitting, refuse_options
 from lgprjax.tuning import LimitCycle, NotExcitedError, ThresholdFit, find_limit_cycle, fit_threshold
 
@@ -43,10 +44,10 @@ def read_field_ticks(folder: Path) -> FieldTicks:
     Raises:
         InputError: there is no run, or the computer did not drive a skid-steer vehicle in it.
     """
-    gathered = RowGatherer(payload_type("skid_plan"))
+    gathered = RowGatherer(SKID_PLAN)
     for _, data in read_run(folder):
         record = read_run_record(data)
-        if record is not None and record.kind == "skid_plan":
+        if record is not None and record.kind is RecordKind.SKID_PLAN:
             gathered.add(record.mono_ns, record.payload)
     rows, times_ns = gathered.rows, gathered.times_ns
     told = np.isfinite(rows["pose"][:, 2]) & np.isfinite(rows["cross_m"]) & np.isfinite(rows["command"]).all(axis=1)

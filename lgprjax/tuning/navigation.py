@@ -215,20 +215,22 @@ def fit_fusion(
     drives, rejected = without_outliers(model, rules, drives)
     ascent = _climb(model, names, drives)
     scores = _summed(ascent.slope, stretch)
-    told = _told(ascent.slope)
-    if not told.any():
+    observable = _observable(ascent.slope)
+    if not observable.any():
         raise NotExcitedError("drives", "a way that tells the noises", "none that does")
-    square = _information(ascent.slope)[np.ix_(told, told)]
+    square = _information(ascent.slope)[np.ix_(observable, observable)]
     inverse = np.linalg.inv(square)
-    spread = scores[:, told].T @ scores[:, told] * stretches / degrees
+    spread = scores[:, observable].T @ scores[:, observable] * stretches / degrees
     sigma = np.sqrt(np.diag(inverse @ spread @ inverse))
     half = student_95(float(degrees)) * sigma
     found = {}
-    for name, log, error, wide in zip(_named(names, told), ascent.logarithms[told], sigma, half, strict=True):
+    for name, log, error, wide in zip(
+        _named(names, observable), ascent.logarithms[observable], sigma, half, strict=True
+    ):
         value = float(np.exp(log))
         found[name] = Estimate(value, value * float(error), value * float(np.exp(-wide)), value * float(np.exp(wide)))
     fitted = with_noises(model, tuple(found), np.array([one.value for one in found.values()]))
-    return FusionFit(fitted, found, _named(names, ~told), ascent.gained, rejected)
+    return FusionFit(fitted, found, _named(names, ~observable), ascent.gained, rejected)
 
 
 def filter_drives(model: FilterModel, rules: GateRules, drives: NavigationDrives) -> tuple[NavEstimate, FilterInfo]:
@@ -320,18 +322,18 @@ def _information(slope: Float[np.ndarray, "drive tick noise"]) -> Float[np.ndarr
     return np.asarray(flat.T @ flat)
 
 
-def _told(slope: Float[np.ndarray, "drive tick noise"]) -> Bool[np.ndarray, " noise"]:
+def _observable(slope: Float[np.ndarray, "drive tick noise"]) -> Bool[np.ndarray, " noise"]:
     """Noises that the drives tell, the least known taken out one by one."""
     square = _information(slope)
-    told = np.ones(len(square), bool)
-    while told.any():
-        part = square[np.ix_(told, told)]
+    observable = np.ones(len(square), bool)
+    while observable.any():
+        part = square[np.ix_(observable, observable)]
         length = np.maximum(np.sqrt(np.diag(part)), 1e-9)
         sigma = np.sqrt(np.diag(np.linalg.inv(part / np.outer(length, length) + 1e-9 * np.eye(len(part))))) / length
         if sigma.max() <= LARGEST_SIGMA:
             break
-        told[np.flatnonzero(told)[int(np.argmax(sigma))]] = False
-    return told
+        observable[np.flatnonzero(observable)[int(np.argmax(sigma))]] = False
+    return observable
 
 
 def _stretch_numbers(step_s: Float[np.ndarray, "drive tick"], stretch_s: float) -> list[Int[np.ndarray, " driven"]]:
@@ -351,7 +353,7 @@ def _summed(
 
 
 def _named(names: tuple[str, ...], mask: Bool[np.ndarray, " noise"]) -> tuple[str, ...]:
-    return tuple(name for name, told in zip(names, mask, strict=True) if told)
+    return tuple(name for name, observable in zip(names, mask, strict=True) if observable)
 
 
 # The control threshold from a logged drive: from commanded and executed turns.

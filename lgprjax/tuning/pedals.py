@@ -94,9 +94,11 @@ def predict_way(
     runs: PedalRuns, value: Float[np.ndarray, "lane parameter"]
 ) -> tuple[Float[np.ndarray, "lane record"], Float[np.ndarray, "lane parameter record"]]:
     """Way since the start of the run at every record, and its derivative by every parameter of ``PEDAL_NAMES``."""
-    told = (runs.step_s, runs.throttle, runs.brake, np.diff(runs.run, prepend=-1) != 0)
+    commanded = (runs.step_s, runs.throttle, runs.brake, np.diff(runs.run, prepend=-1) != 0)
     way, slope = _way_and_slope(
-        jnp.asarray(value.T, jnp.float32), *(jnp.asarray(part, jnp.float32) for part in told[:3]), jnp.asarray(told[3])
+        jnp.asarray(value.T, jnp.float32),
+        *(jnp.asarray(part, jnp.float32) for part in commanded[:3]),
+        jnp.asarray(commanded[3]),
     )
     return np.asarray(way, np.float64).T, np.asarray(slope, np.float64).transpose(2, 0, 1)
 
@@ -128,13 +130,13 @@ def _way(
     still = init_drive(jnp.zeros_like(value[0]))
 
     def step(
-        carry: tuple[DriveState, Float[Array, " lane"]], told: tuple[Array, Array, Array, Array]
+        carry: tuple[DriveState, Float[Array, " lane"]], commanded: tuple[Array, Array, Array, Array]
     ) -> tuple[tuple[DriveState, Float[Array, " lane"]], Float[Array, " lane"]]:
         state, way_m = jax.tree.map(
-            lambda rest, on: jnp.where(told[3], rest, on), (still, jnp.zeros_like(value[0])), carry
+            lambda rest, on: jnp.where(commanded[3], rest, on), (still, jnp.zeros_like(value[0])), carry
         )
         # A step of no length, at a run's end, would divide by it.
-        state, gone_m = step_drive(state, pedals, told[1], told[2], jnp.maximum(told[0], 1e-6))
+        state, gone_m = step_drive(state, pedals, commanded[1], commanded[2], jnp.maximum(commanded[0], 1e-6))
         return (state, way_m + gone_m), way_m
 
     ways: Float[Array, "record lane"] = jax.lax.scan(
@@ -293,9 +295,9 @@ def _accelerations(
     pressed, effect = np.zeros(pre_tension.size), np.zeros(pre_tension.size)
     course = np.empty((pre_tension.size, command.size))
     keep = np.exp(-step_s / lag_s)
-    for record, told in enumerate(command):
+    for record, commanded in enumerate(command):
         course[:, record] = effect
-        taut = told - pre_tension
+        taut = commanded - pre_tension
         pressed = np.maximum(np.clip(pressed, taut, taut + dead_zone), 0.0)
         effect = pressed + keep * (effect - pressed)
     way = _summed(_summed(course))
@@ -386,7 +388,7 @@ def fit_pedals(signals: DriveSignals) -> PedalsFit:
     # A parameter at its limit, or with no finite error, is as open as one with a large error.
     known = (sigma < LARGEST_SIGMA) & (value < MOST)
     if not known.all():
-        open_names = ", ".join(name for name, told in zip(PEDAL_NAMES, known, strict=True) if not told)
+        open_names = ", ".join(name for name, commanded in zip(PEDAL_NAMES, known, strict=True) if not commanded)
         raise NotExcitedError(WHAT, "steps that tell every parameter", f"these left open: {open_names}")
     scale = odometer_scale(signals)
     found = [

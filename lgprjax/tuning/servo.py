@@ -130,8 +130,8 @@ def wheel_angles(log: ServoLog, u: Float[Array, "6"]) -> Float[Array, " record"]
         lag_s=lag, rate_radps=rate, delay_s=jnp.zeros_like(lag), dead_band_rad=dead_band, asymmetry=asymmetry
     )
 
-    def step(state: ServoState, told: tuple[Array, Array]) -> tuple[ServoState, Array]:
-        return step_servo(state, servo, told[0], told[1], STEP_S), state.wheel_rad
+    def step(state: ServoState, inputs: tuple[Array, Array]) -> tuple[ServoState, Array]:
+        return step_servo(state, servo, inputs[0], inputs[1], STEP_S), state.wheel_rad
 
     _, wheel = jax.lax.scan(step, init_servo(log.start_rad - zero), (log.command_rad, log.share))
     at = jnp.clip(log.at - delay / STEP_S, 0.0, len(wheel) - 1.0)

@@ -224,7 +224,7 @@ def init_pulses(like: Float[Array, "..."]) -> PulseState:
 
 
 def step_pulses(
-    threshold_mps: Float[Array, "..."], state: PulseState, asked: WheelSpeeds, step_s: Float[Array, "..."]
+    threshold_mps: Float[Array, "..."], state: PulseState, commanded: WheelSpeeds, step_s: Float[Array, "..."]
 ) -> tuple[PulseState, WheelSpeeds]:
     """State and the wheel speeds to send to a vehicle with a threshold; call ``settle_pulses`` after sending them.
 
@@ -233,10 +233,10 @@ def step_pulses(
     Args:
         threshold_mps: of the wheels' difference, or slightly more; 0 changes nothing.
         state: of the last step.
-        asked: commanded wheel speeds.
+        commanded: commanded wheel speeds.
         step_s: time step.
     """
-    mean, turn = 0.5 * (asked.left_mps + asked.right_mps), asked.right_mps - asked.left_mps
+    mean, turn = 0.5 * (commanded.left_mps + commanded.right_mps), commanded.right_mps - commanded.left_mps
     small = (jnp.abs(turn) < threshold_mps) & (mean != 0.0)
     height = _ABOVE * threshold_mps
     goes_on = small & (state.left_s > 0.0)
@@ -244,15 +244,15 @@ def step_pulses(
     starts = small & ~goes_on & (jnp.abs(owed) >= 0.5 * height * PULSE_S)
     side = jnp.where(goes_on, state.side, jnp.where(starts, jnp.sign(owed), 0.0))
     left_s = jnp.where(goes_on, state.left_s, jnp.where(starts, PULSE_S, 0.0)) - step_s
-    told = jnp.where(small, side * height, turn)
+    pulsed = jnp.where(small, side * height, turn)
     kept = PulseState(jnp.where(mean != 0.0, state.owed_m, 0.0), side, jnp.maximum(left_s, 0.0))
-    return kept, WheelSpeeds(mean - 0.5 * told, mean + 0.5 * told)
+    return kept, WheelSpeeds(mean - 0.5 * pulsed, mean + 0.5 * pulsed)
 
 
 def settle_pulses(
     threshold_mps: Float[Array, "..."],
     state: PulseState,
-    asked: WheelSpeeds,
+    commanded: WheelSpeeds,
     sent: WheelSpeeds,
     step_s: Float[Array, "..."],
 ) -> PulseState:
@@ -262,7 +262,7 @@ def settle_pulses(
     pulse is due: turns beyond the limits of the wheels are not made up for later.
     """
     obeyed = obeyed_wheels(threshold_mps, sent)
-    missing = (asked.right_mps - asked.left_mps) - (obeyed.right_mps - obeyed.left_mps)
+    missing = (commanded.right_mps - commanded.left_mps) - (obeyed.right_mps - obeyed.left_mps)
     most = _ABOVE * threshold_mps * PULSE_S
-    moves = asked.left_mps + asked.right_mps != 0.0
+    moves = commanded.left_mps + commanded.right_mps != 0.0
     return state._replace(owed_m=jnp.where(moves, jnp.clip(state.owed_m + missing * step_s, -most, most), 0.0))

@@ -222,8 +222,8 @@ def _dates(record: WorkedRecord) -> dict[str, str]:
 
 def _text(line: str) -> str:
     """An event as short text: names and values of its JSON."""
-    told = json.loads(line)
-    return ", ".join(f"{name} {value}" for name, value in told.items()) if isinstance(told, dict) else str(told)
+    event = json.loads(line)
+    return ", ".join(f"{name} {value}" for name, value in event.items()) if isinstance(event, dict) else str(event)
 
 
 # Figures of a record of a worked field, and the statement that they support.

@@ -133,8 +133,8 @@ def _plan_of(payload: bytes) -> str | None:
         header = json.loads(payload)
     except ValueError:
         return None
-    told = header.get("plan_sha256") if isinstance(header, dict) else None
-    return told if isinstance(told, str) else None
+    stated = header.get("plan_sha256") if isinstance(header, dict) else None
+    return stated if isinstance(stated, str) else None
 
 
 # Passes, tracks of the tool and stops of recorded runs: stretches of consecutive moments.

@@ -197,13 +197,13 @@ def test_an_emergency_stop_needs_release_override_and_checks() -> None:
 
 def test_a_button_held_at_boot_engages_nothing() -> None:
     held = after(Event.OVERRIDE_PRESSED, *TO_READY, Event.STEERING_BUTTON)[0]
-    assert (held.mode, held.refusal) == (Mode.MANUAL, EngagementInhibit.OVERRIDE_STUCK)
+    assert (held.mode, held.inhibit) == (Mode.MANUAL, EngagementInhibit.OVERRIDE_STUCK)
     # Coming free arms nothing; a press of its own does.
     free = after(Event.OVERRIDE_RELEASED, Event.STEERING_BUTTON, start=held)[0]
-    assert (free.mode, free.refusal) == (Mode.MANUAL, EngagementInhibit.NOT_READY)
+    assert (free.mode, free.inhibit) == (Mode.MANUAL, EngagementInhibit.NOT_READY)
     assert after(*REARM, Event.STEERING_BUTTON, start=free)[0].mode is Mode.STEERING
     stopped = after(Event.ESTOP_PRESSED, *TO_READY, Event.STEERING_BUTTON)[0]
-    assert (stopped.mode, stopped.refusal) == (Mode.EMERGENCY_STOP, EngagementInhibit.ESTOP)
+    assert (stopped.mode, stopped.inhibit) == (Mode.EMERGENCY_STOP, EngagementInhibit.ESTOP)
 
 
 def test_a_button_held_too_long_is_stuck() -> None:
@@ -219,7 +219,7 @@ def test_a_button_held_too_long_is_stuck() -> None:
 
 
 @pytest.mark.parametrize(
-    ("events", "refusal"),
+    ("events", "inhibit"),
     [
         ((Event.ROUTE_OFF,), EngagementInhibit.OFF_ROUTE),
         ((Event.ROUTE_WRONG_HEADING,), EngagementInhibit.WRONG_HEADING),
@@ -237,21 +237,21 @@ def test_a_button_held_too_long_is_stuck() -> None:
         ((Event.ESTOP_PRESSED, Event.ESTOP_RELEASED), EngagementInhibit.ESTOP),
     ],
 )
-def test_engaging_is_refused_with_its_reason(events: tuple[Event, ...], refusal: EngagementInhibit) -> None:
+def test_engaging_is_refused_with_its_reason(events: tuple[Event, ...], inhibit: EngagementInhibit) -> None:
     state, actions = after(*TO_READY, *events, Event.STEERING_BUTTON)
     assert operator_drives(state)
-    assert (state.refusal, actions) == (refusal, (Action.WARN,))
+    assert (state.inhibit, actions) == (inhibit, (Action.WARN,))
 
 
 def test_before_the_checks_nothing_engages_and_speed_needs_steering() -> None:
-    assert after(*TO_READY[2:], Event.STEERING_BUTTON)[0].refusal is EngagementInhibit.CHECKS
-    assert after(*TO_READY, Event.CRUISE_PLUS)[0].refusal is EngagementInhibit.NOT_STEERING
-    assert after(*TO_READY[:3], Event.STEERING_BUTTON)[0].refusal is EngagementInhibit.SOURCE_MISSING
+    assert after(*TO_READY[2:], Event.STEERING_BUTTON)[0].inhibit is EngagementInhibit.CHECKS
+    assert after(*TO_READY, Event.CRUISE_PLUS)[0].inhibit is EngagementInhibit.NOT_STEERING
+    assert after(*TO_READY[:3], Event.STEERING_BUTTON)[0].inhibit is EngagementInhibit.SOURCE_MISSING
     # The reason is gone once a button has engaged something.
     state, _ = after(*TO_READY, Event.CRUISE_PLUS, Event.STEERING_BUTTON)
-    assert (state.mode, state.refusal) == (Mode.STEERING, EngagementInhibit.NONE)
+    assert (state.mode, state.inhibit) == (Mode.STEERING, EngagementInhibit.NONE)
     state, _ = after(Event.BRAKE_TAPPED, Event.CRUISE_PLUS, start=state)
-    assert (state.mode, state.refusal) == (Mode.STEERING, EngagementInhibit.BRAKE_PRESSED)
+    assert (state.mode, state.inhibit) == (Mode.STEERING, EngagementInhibit.BRAKE_PRESSED)
 
 
 @pytest.mark.parametrize(
@@ -267,7 +267,7 @@ def test_a_controlled_stop_ends_standing_in_manual(engaged: tuple[Event, ...], l
     again, actions = after(lost, Event.HEALTH_GOOD, Event.ROUTE_NEAR, Event.MOVING, start=state)
     assert (again.stopping, actions) == (True, ())
     refused = after(Event.CRUISE_PLUS, start=again)[0]
-    assert (refused.refusal, refused.mode) == (EngagementInhibit.STOPPING, state.mode)
+    assert (refused.inhibit, refused.mode) == (EngagementInhibit.STOPPING, state.mode)
     ended, actions = after(Event.STANDING, start=again)
     assert (ended.mode, ended.stopping) == (Mode.MANUAL, False)
     assert Action.RELEASE_ACTUATORS in actions

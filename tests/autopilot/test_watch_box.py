@@ -27,7 +27,7 @@ def line(ticks: int, age_s: float = 0.01, box: int = TESTED, held: int = 3, told
     state, found = LineWatchState(), []
     for _ in range(ticks):
         state, bits = step_line_watch(
-            state, status_age_s=age_s, box_state=box, box_engaged=held, told_engaged=told, step_s=0.02
+            state, status_age_s=age_s, box_state=box, box_engaged=held, commanded_engaged=told, step_s=0.02
         )
         found.append(bits)
     return found

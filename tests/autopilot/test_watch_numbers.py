@@ -100,7 +100,9 @@ def test_a_low_supply_is_found_engaged_or_not(supply_v: float) -> None:
     assert servo(11, WheelAngles(0.0, 0.0), 0.0, supply_v, engaged=False) == Watch.SUPPLY_LOW
 
 
-def odometer(ticks: int, *, gnss_mps: float, told_mps: float, thrust_mps2: float = 0.0, jump_m: float = 0.0) -> Watch:
+def odometer(
+    ticks: int, *, gnss_mps: float, commanded_mps: float, thrust_mps2: float = 0.0, jump_m: float = 0.0
+) -> Watch:
     """A straight way east by GNSS at 7 Hz and by the wheels."""
     state, bits = OdometerWatchState(), Watch(0)
     for tick in range(ticks):
@@ -109,8 +111,8 @@ def odometer(ticks: int, *, gnss_mps: float, told_mps: float, thrust_mps2: float
         state, bits = step_odometer_watch(
             state,
             time_s=at_s,
-            odometer_m=told_mps * at_s,
-            speed_mps=told_mps,
+            odometer_m=commanded_mps * at_s,
+            speed_mps=commanded_mps,
             heading_rad=0.0,
             heading_confirmed=True,
             position=position if tick % 7 == 0 and math.isfinite(gnss_mps) else None,
@@ -133,20 +135,20 @@ def odometer(ticks: int, *, gnss_mps: float, told_mps: float, thrust_mps2: float
         (0.0, 2.0, Watch(0)),
     ],
 )
-def test_the_odometer_against_gnss(gnss_mps: float, told_mps: float, bit: Watch) -> None:
-    assert odometer(75, gnss_mps=gnss_mps, told_mps=told_mps) == bit
+def test_the_odometer_against_gnss(gnss_mps: float, commanded_mps: float, bit: Watch) -> None:
+    assert odometer(75, gnss_mps=gnss_mps, commanded_mps=commanded_mps) == bit
 
 
 @pytest.mark.parametrize("jump_m", [0.3, 3.0, 30.0])
 def test_a_jump_of_gnss_is_no_fault_of_the_odometer(jump_m: float) -> None:
     for ticks in range(71, 140, 7):
-        assert odometer(ticks, gnss_mps=2.0, told_mps=2.0, jump_m=jump_m) == Watch(0)
+        assert odometer(ticks, gnss_mps=2.0, commanded_mps=2.0, jump_m=jump_m) == Watch(0)
 
 
 def test_without_gnss_throttle_tells_of_a_dead_odometer() -> None:
-    found = odometer(56, gnss_mps=math.nan, told_mps=0.0, thrust_mps2=2.0)
+    found = odometer(56, gnss_mps=math.nan, commanded_mps=0.0, thrust_mps2=2.0)
     assert found == Watch.ODOMETER_DEAD | Watch.SPEED_UNKNOWN
-    assert odometer(56, gnss_mps=math.nan, told_mps=0.0, thrust_mps2=1.0) == Watch(0)
+    assert odometer(56, gnss_mps=math.nan, commanded_mps=0.0, thrust_mps2=1.0) == Watch(0)
 
 
 def test_a_brake_that_is_no_number_is_dead_where_it_is_needed() -> None:

@@ -38,7 +38,7 @@ def test_distance_is_that_of_the_nearest_pair(site: Site, north_deg: float, monk
 
 
 def test_what_labels_rest_on_is_told_by_baseline() -> None:
-    told, roll = map_assumptions.told_by_baseline, {"roll": "taken as 0"}
+    told, roll = map_assumptions.assumptions_by_baseline, {"roll": "taken as 0"}
     assert told([{}, {}]) is None
     assert told([roll, roll]) == "roll (taken as 0)"
     assert told([{}, roll, {**roll, "height": "0"}]) == "roll (taken as 0) in baseline 1, 2, height (0) in baseline 2"

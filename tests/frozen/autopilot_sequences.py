@@ -22,11 +22,11 @@ from lgprjax.autopilot import (
     SkidCommand,
     SkidLimiterRules,
     SkidLimiterState,
+    inhibit_of,
     init_limiter,
     init_skid_limiter,
     limit_command,
     limit_skid_command,
-    refusal_of,
     step_modes,
 )
 
@@ -139,7 +139,7 @@ def modes_digest() -> dict[str, object]:
             check = list(Check)[int(rng.integers(1, len(Check)))] if event is Event.CHECKS_FAILED else Check.NONE
             state, actions = step_modes(state, ModeEvent(event, time_s, check))
             told = [event.name, state.mode.name, *(action.name for action in actions)]
-            told += [state.refusal.name, refusal_of(state).name, state.failed_check.name, str(int(state.faults))]
+            told += [state.inhibit.name, inhibit_of(state).name, state.failed_check.name, str(int(state.faults))]
             digest.update((" ".join(told) + "\n").encode())
             seen[state.mode.name] = seen.get(state.mode.name, 0) + 1
     return {"sha256": digest.hexdigest(), "steps_in_mode": seen}

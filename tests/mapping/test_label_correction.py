@@ -47,7 +47,7 @@ class Drive:
             correlation=nothing,
             runner_up=nothing,
             margin=nothing,
-            scatter=nothing,
+            noise_floor=nothing,
             overlap_channels=np.zeros(SCANS, np.int32),
             overlap=nothing,
             code=self.code,

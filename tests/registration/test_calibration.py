@@ -13,9 +13,9 @@ def outcomes(count: int, strength: np.ndarray, lead: np.ndarray, right: bool, sc
     """Matches of scatter 0.1; errors ``scale`` times the sigma that the match claims, about a common offset."""
     spread = scale * RNG.normal(size=(count, 2)) * [0.01, 0.02]
     return Outcomes(
-        strength=0.1 * strength,
+        score=0.1 * strength,
         margin=0.1 * lead,
-        scatter=np.full(count, 0.1),
+        noise_floor=np.full(count, 0.1),
         right=np.full(count, right),
         error_m=spread + [0.01, -0.005],
         spread_m=spread,
@@ -39,7 +39,7 @@ def test_false_matches_stay_below_and_right_ones_pass() -> None:
     assert found.strength_by_chance == pytest.approx(2.5 + 0.35 * np.log(1e4), rel=0.06)
     fresh = 2.5 + RNG.exponential(0.35, 1_000_000)
     assert np.mean(fresh >= found.strength_by_chance) < 4e-4
-    passed = (true.strength >= found.strength_by_chance * 0.1) & (true.margin >= found.margin_by_chance * 0.1)
+    passed = (true.score >= found.strength_by_chance * 0.1) & (true.margin >= found.margin_by_chance * 0.1)
     assert passed.mean() > 0.97
 
 
@@ -90,7 +90,7 @@ def test_outcomes_know_right_from_wrong_and_leave_out_what_reached_no_place() ->
     truth = np.tile([1.0, 2.0], (4, 1))
     found = outcomes_of(fix, truth, np.tile(0.01**2 * np.eye(2), (4, 1, 1)), np.full(4, 0.02**2))
     assert found.right.tolist() == [True, False, True]
-    np.testing.assert_allclose(found.strength, 0.5)
+    np.testing.assert_allclose(found.score, 0.5)
     np.testing.assert_allclose(found.match_covariance[0], (0.03**2 - 0.01**2) * np.eye(2))
     np.testing.assert_allclose(found.other_covariance, np.tile((0.01**2 + 0.02**2) * np.eye(2), (3, 1, 1)))
     np.testing.assert_allclose(found.spread_m[0], [-0.01, 0.0])

@@ -22,7 +22,7 @@ def covariance(
     summit = RefinedPeak(
         pose=jnp.zeros((1, 6), jnp.float32),
         correlation=jnp.full(1, r, jnp.float32),
-        strength=jnp.full(1, r, jnp.float32),
+        score=jnp.full(1, r, jnp.float32),
         information=jnp.asarray(information[None], dtype=jnp.float32),
         covered=jnp.ones((1, 11), bool),
         narrow=jnp.asarray([narrow]),

@@ -124,7 +124,7 @@ def test_reaches_the_truth_and_says_what_the_score_says() -> None:
     for number in range(BATCH):
         one = jax.tree.map(lambda field, number=number: field[number], NOISY)
         score = score_poses(TILE, one, top.pose[number : number + 1, :5], *SCENE)
-        np.testing.assert_allclose(top.strength[number], score.strength[0], atol=1e-5)
+        np.testing.assert_allclose(top.score[number], score.score[0], atol=1e-5)
         oracle = correlation(NOISY_WAVE[number], pose[number].astype(np.float64))
         np.testing.assert_allclose(top.correlation[number], oracle, atol=1e-5)
 
@@ -217,14 +217,14 @@ def test_traces_off_the_map_do_not_count() -> None:
         oracle = np.sum((live * ground[use].conj()).real) / (np.linalg.norm(live) * np.linalg.norm(ground[use]))
         np.testing.assert_allclose(top.correlation[number], oracle, atol=1e-5)
         share = use.sum() / valid[number].sum()
-        np.testing.assert_allclose(top.strength[number], oracle * np.sqrt(share), atol=1e-5)
+        np.testing.assert_allclose(top.score[number], oracle * np.sqrt(share), atol=1e-5)
 
 
 def test_a_pose_off_the_map_scores_nothing_and_stays() -> None:
     start = CENTRE.copy()
     start[:, :2] = [[9.0, 0.0], [-9.0, 0.0], [0.0, 9.0], [0.0, -9.0]]
     top = run(NOISY, start, prior=start)
-    np.testing.assert_array_equal(top.strength, np.full(BATCH, OFF_MAP_SCORE, np.float32))
+    np.testing.assert_array_equal(top.score, np.full(BATCH, OFF_MAP_SCORE, np.float32))
     np.testing.assert_array_equal(top.pose, start.astype(np.float32))
     assert not np.asarray(top.covered).any()
     assert np.all(np.asarray(top.information) == 0.0)

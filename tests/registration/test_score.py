@@ -133,7 +133,7 @@ def test_the_score_is_the_normalised_correlation_in_time() -> None:
     np.testing.assert_array_equal(np.asarray(result.covered)[sure], np.array([c for _, _, c, _ in expected])[sure])
     r, strength = (np.array([e[k] for e in expected]) for k in range(2))
     np.testing.assert_allclose(np.asarray(result.correlation)[sure], r[sure], atol=1e-5)
-    np.testing.assert_allclose(np.asarray(result.strength)[sure], strength[sure], atol=1e-5)
+    np.testing.assert_allclose(np.asarray(result.score)[sure], strength[sure], atol=1e-5)
     # Every kind of pose was among them.
     covered = np.array([c.sum() for _, _, c, _ in expected])
     on_map = r > -1.5
@@ -189,7 +189,7 @@ def surface_and_score(
     direct = score_poses(
         tile, template, pose, jnp.float32(REFERENCE_M), BASIS.angular_frequency_rad_per_ns, jnp.float32(0.5)
     )
-    return surface.strength, surface.overlap, surface.first_cell, direct.strength
+    return surface.score, surface.overlap, surface.first_cell, direct.score
 
 
 def lattice_poses(prior: np.ndarray) -> np.ndarray:
@@ -258,7 +258,7 @@ def test_modes_are_summits_apart_from_each_other() -> None:
         jnp.asarray(strength, dtype=jnp.float32), jnp.ones(LATTICE, jnp.float32), jnp.asarray([10, 5], jnp.int32)
     )
     modes = find_modes(tile, surface, jnp.float32(0.21), modes=3)
-    np.testing.assert_allclose(modes.strength, [0.9, 0.7, 0.6], atol=1e-6)
+    np.testing.assert_allclose(modes.score, [0.9, 0.7, 0.6], atol=1e-6)
     cells = (np.asarray(modes.place_m, float) - ORIGIN_M) / CELL_M
     np.testing.assert_allclose(cells, [[14, 9], [22, 14], [14, 16]], atol=1e-4)
     apart = (np.arange(17)[:, None] - 4) ** 2 * 0.05**2 + (np.arange(13)[None] - 4) ** 2 * 0.06**2

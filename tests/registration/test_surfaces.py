@@ -146,7 +146,7 @@ class Window(NamedTuple):
     score: float
     rival: float
     floor: float
-    scatter: float
+    region_floor: float
     overlap: float
     area: int
     at_rim: bool
@@ -191,7 +191,7 @@ def window_of(stack: Stack, first: int, last: int, centre: np.ndarray, half_m: f
     floor = float(np.sqrt(np.mean(known**2))) if len(known) >= 12 else 0.0
     p, q = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
     far = (np.hypot(LATTICE_M[0] * (p - a), LATTICE_M[1] * (q - b)) >= 2.0 * APART_M) & (score > OFF_MAP_SCORE)
-    scatter = float(np.sqrt(np.mean(score[far] ** 2))) if far.sum() >= 16 else 0.0
+    region_floor = float(np.sqrt(np.mean(score[far] ** 2))) if far.sum() >= 16 else 0.0
     point = np.array([a, b], np.float64)
     if 0 < a < rows - 1 and 0 < b < columns - 1:
         for axis, (before, after) in enumerate(
@@ -203,7 +203,7 @@ def window_of(stack: Stack, first: int, last: int, centre: np.ndarray, half_m: f
     area = int(np.sum(inside & (score > OFF_MAP_SCORE)))
     share = float(np.max(np.where(inside, overlap, 0.0)))
     rising = neighbours(int(a), int(b)) > score[a, b]
-    return Window(point, int(height[a, b]), float(score[a, b]), rival, floor, scatter, share, area, rising)
+    return Window(point, int(height[a, b]), float(score[a, b]), rival, floor, region_floor, share, area, rising)
 
 
 CARRIED = np.array([6.3, 4.2])
@@ -243,7 +243,7 @@ def check(got: Peaks, wanted: Window, floor: float) -> None:
     np.testing.assert_allclose(got.score, wanted.score, atol=1e-5)
     np.testing.assert_allclose(got.rival, wanted.rival, atol=1e-5)
     np.testing.assert_allclose(got.floor, floor, rtol=1e-4)
-    np.testing.assert_allclose(got.scatter, wanted.scatter, rtol=1e-4)
+    np.testing.assert_allclose(got.region_floor, wanted.region_floor, rtol=1e-4)
     np.testing.assert_allclose(got.overlap, wanted.overlap, atol=1e-5)
     assert int(got.area) == wanted.area
     assert bool(got.at_rim) == wanted.at_rim

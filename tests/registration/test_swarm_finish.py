@@ -68,7 +68,7 @@ def test_the_rival_is_the_highest_other_summit() -> None:
 
 def test_a_flank_is_no_rival() -> None:
     shown = surface()
-    one = shown._replace(strength=0.7 - np.hypot(shown.along_m[:, None] - 0.2, shown.cross_m[None, :] - 0.1))
+    one = shown._replace(score=0.7 - np.hypot(shown.along_m[:, None] - 0.2, shown.cross_m[None, :] - 0.1))
     assert rival_of(one, np.array([0.2, 0.1]), 0.25) is None
-    blind = shown._replace(strength=np.full_like(shown.strength, np.nan))
+    blind = shown._replace(score=np.full_like(shown.score, np.nan))
     assert rival_of(blind, np.array([0.2, 0.1]), 0.25) is None

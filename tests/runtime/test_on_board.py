@@ -72,7 +72,7 @@ def test_with_the_emergency_stop_held_at_boot_nothing_is_engaged(
 
 
 @pytest.mark.parametrize(
-    ("script", "refusal"),
+    ("script", "inhibit"),
     [
         ([{"at_s": 0.1, "do": "drive", "speed_mps": 6.0}, {"at_way_m": 40.0, **STEER}], EngagementInhibit.TOO_FAST),
         (
@@ -87,21 +87,21 @@ def test_with_the_emergency_stop_held_at_boot_nothing_is_engaged(
     ],
 )
 def test_what_may_not_be_engaged_is_refused_with_its_reason(
-    world: CourseWorld, config: RuntimeConfig, loaded: Loaded, script: list[dict[str, Any]], refusal: EngagementInhibit
+    world: CourseWorld, config: RuntimeConfig, loaded: Loaded, script: list[dict[str, Any]], inhibit: EngagementInhibit
 ) -> None:
     loop = OnboardLoop(world, config, loaded, script, [])
     refused: list[EngagementInhibit] = []
 
     def watch(at: OnboardLoop) -> bool:
-        refused.append(at.core.modes.state.refusal)
+        refused.append(at.core.modes.state.inhibit)
         return False
 
     loop.run(16.0, until=watch)
-    if refusal is EngagementInhibit.NONE:
+    if inhibit is EngagementInhibit.NONE:
         # Standing, its heading confirmed by fixes: the first press engages the steering.
         assert Mode.STEERING in {Mode(int(row["mode"])) for row in loop.rows}
         return
-    assert refusal in refused
+    assert inhibit in refused
     assert all(not int(row["engage"]) & 3 for row in loop.rows)
 
 

@@ -28,12 +28,14 @@ STEP_S = 0.02
 
 
 def seconds_until(
-    readings: list[ToolReading | None], *, told_on: bool = True, speed_mps: float = 0.4
+    readings: list[ToolReading | None], *, commanded_on: bool = True, speed_mps: float = 0.4
 ) -> tuple[float, SkidFound]:
     """Time to the first finding, and which; infinite where there is none."""
     state = ToolWatchState()
     for number, reading in enumerate(readings, 1):
-        state, found = step_tool_watch(BELIEF, state, reading, told_on=told_on, speed_mps=speed_mps, step_s=STEP_S)
+        state, found = step_tool_watch(
+            BELIEF, state, reading, commanded_on=commanded_on, speed_mps=speed_mps, step_s=STEP_S
+        )
         if found:
             return number * STEP_S, found
     return math.inf, SkidFound(0)
@@ -65,7 +67,7 @@ def test_a_tool_has_time_to_rise_to_its_speed_but_not_more() -> None:
 
 
 def test_a_tool_that_is_told_off_or_stands_is_no_fault() -> None:
-    assert seconds_until([OFF] * 200, told_on=False)[0] == math.inf
+    assert seconds_until([OFF] * 200, commanded_on=False)[0] == math.inf
     assert seconds_until([OFF] * 200, speed_mps=0.01)[0] == math.inf
     assert seconds_until([OFF] * 200, speed_mps=math.nan)[0] < 2.0
 
@@ -86,7 +88,7 @@ def test_a_track_that_does_not_follow_is_found(
 ) -> None:
     state, seen, seconds = TrackWatchState(), SkidFound(0), 0.0
     while not seen and seconds < 2.0:
-        state, seen = step_track_watch(state, told_mps=told, measured_mps=measured, drives=drives, step_s=STEP_S)
+        state, seen = step_track_watch(state, commanded_mps=told, measured_mps=measured, drives=drives, step_s=STEP_S)
         seconds += STEP_S
     assert seen == found
     assert not found or seconds == pytest.approx(0.5)

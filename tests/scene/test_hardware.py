@@ -17,8 +17,8 @@ from lgprjax.scene.render import (
     Response,
     draw_response,
     draw_scan_errors,
-    heard_echoes,
     kept_scans,
+    received_echoes,
 )
 from scene.bare_ground import INDEX, LIGHT_M_PER_NS, RADAR, SPOTLESS, ground_of, wavelets_at
 
@@ -26,7 +26,7 @@ BAND_MHZ = (100.0, 400.0)
 MATRIX = trace_matrix(RADAR, velocity_m_per_ns=0.1, attenuation_per_m=0.7, dispersive_share=0.0)
 QUIET = Response(*(np.array(a, np.float32) for a in ([1.0, 0.9], [0.0, 0.2], [1.0, 1.1], np.zeros((2, 3)))))
 HEIGHTS_M = [0.3, 0.35, 0.28, 0.31]  # two scans of two channels
-heard = jax.jit(partial(heard_echoes, radar=RADAR))
+heard = jax.jit(partial(received_echoes, radar=RADAR))
 
 
 def traces(response: Response, conditions: Conditions | None = None) -> Float[np.ndarray, "trace sample"]:

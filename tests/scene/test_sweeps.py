@@ -34,7 +34,7 @@ from lgprjax.scene import (
 )
 from lgprjax.scene.drive import calibration_path, common_path
 from lgprjax.scene.propagation import band_spectrum, sweep_matrix
-from lgprjax.scene.render import Response, heard_echoes
+from lgprjax.scene.render import Response, received_echoes
 from scene.bare_ground import SPOTLESS
 from scene.short_drives import GROUND, drive_over, recorded
 
@@ -67,7 +67,7 @@ def test_what_is_measured_is_drift_common_path_and_the_echoes() -> None:
     scans = slice(40, 44)
     antenna_m = drive.road_antenna_m[scans].reshape(-1, 3)
     piece = slice_ground(drive.ground, -3.0, 9.0, stones=2048, utilities=8, conditions=drive.conditions)
-    echoes = jax.jit(partial(heard_echoes, radar=drive.radar))(
+    echoes = jax.jit(partial(received_echoes, radar=drive.radar))(
         piece, jnp.asarray(antenna_m, jnp.float32), drive.response
     )
     halves = np.asarray(echoes, np.float64) @ sweep_matrix(

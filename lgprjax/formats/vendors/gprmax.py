@@ -217,7 +217,7 @@ def read_gprmax(
             raise InputError(file, "traces", "one a file when several files are given", str(len(trace.traces)))
         same = (trace.traces.shape[1], trace.component) == (first.traces.shape[1], first.component)
         if not same or abs(trace.dt_s / first.dt_s - 1) > 1e-9 or abs(trace.start_s - first.start_s) > 1e-15:
-            raise InputError(file, "recording", f"{_told(first)} as in {files[0].name}", _told(trace))
+            raise InputError(file, "recording", f"{_size_text(first)} as in {files[0].name}", _size_text(trace))
     traces = np.concatenate([trace.traces for trace in read])
     merged = len(files) == 1 and len(traces) > 1
     if merged and step_m is None:
@@ -354,5 +354,5 @@ def _chosen_interval_ns(traces: Float[np.ndarray, "trace sample"], dt_ns: float)
     return dt_ns
 
 
-def _told(trace: GprMaxTraces) -> str:
+def _size_text(trace: GprMaxTraces) -> str:
     return f"{trace.component} of {trace.traces.shape[1]} samples of {trace.dt_s * 1e9:.6g} ns"

@@ -44,10 +44,10 @@ def named_numbers(names: type[tuple[float, ...]], numbers: Float[Array, " number
     return names(*numbers), names(*(numbers > 0.5))
 
 
-def gnss_of(told: Any, yes: Any) -> GnssObservation:
+def gnss_of(inputs: Any, yes: Any) -> GnssObservation:
     """The position among ``named_numbers``."""
-    covariance = told.gnss_m2 * jnp.eye(2, dtype=jnp.float32)
-    return GnssObservation(told.gnss_x_m, told.gnss_y_m, covariance, told.gnss_age_s, yes.gnss_valid)
+    covariance = inputs.gnss_m2 * jnp.eye(2, dtype=jnp.float32)
+    return GnssObservation(inputs.gnss_x_m, inputs.gnss_y_m, covariance, inputs.gnss_age_s, yes.gnss_valid)
 
 
 def bits_of(flags: Bool[Array, " source"]) -> Int[Array, ""]:
@@ -158,31 +158,35 @@ def step_compiled(
     fusion: Fusion,
 ) -> tuple[OnboardState, Float[Array, " result"]]:
     """``step_onboard`` on ``TickNumbers``, with ``TickResult`` as one row."""
-    told, yes = named_numbers(TickNumbers, numbers)
-    motion = MotionInput(told.yaw_rate_radps, told.step_s)
+    inputs, yes = named_numbers(TickNumbers, numbers)
+    motion = MotionInput(inputs.yaw_rate_radps, inputs.step_s)
     covariance = jnp.stack(
         [
-            jnp.stack([told.fix_xx, told.fix_xy, told.fix_xyaw]),
-            jnp.stack([told.fix_xy, told.fix_yy, told.fix_yyaw]),
-            jnp.stack([told.fix_xyaw, told.fix_yyaw, told.fix_yawyaw]),
+            jnp.stack([inputs.fix_xx, inputs.fix_xy, inputs.fix_xyaw]),
+            jnp.stack([inputs.fix_xy, inputs.fix_yy, inputs.fix_yyaw]),
+            jnp.stack([inputs.fix_xyaw, inputs.fix_yyaw, inputs.fix_yawyaw]),
         ]
     )
     observations = Observations(
-        gnss_of(told, yes),
-        HeadingObservation(told.heading_rad, told.heading_rad2, told.heading_age_s, yes.heading_valid),
-        OdometerObservation(told.odometer_mps, told.odometer_m2ps2, yes.odometer_valid),
-        LgprObservation(told.fix_x_m, told.fix_y_m, told.fix_yaw_rad, covariance, told.fix_age_s, yes.fix_valid),
+        gnss_of(inputs, yes),
+        HeadingObservation(inputs.heading_rad, inputs.heading_rad2, inputs.heading_age_s, yes.heading_valid),
+        OdometerObservation(inputs.odometer_mps, inputs.odometer_m2ps2, yes.odometer_valid),
+        LgprObservation(
+            inputs.fix_x_m, inputs.fix_y_m, inputs.fix_yaw_rad, covariance, inputs.fix_age_s, yes.fix_valid
+        ),
     )
     orders = Orders(
         yes.steering_engaged,
         yes.speed_engaged,
         yes.stop,
-        told.speed_cap_mps,
-        told.set_speed_mps,
-        told.front_rad,
-        told.age_s,
+        inputs.speed_cap_mps,
+        inputs.set_speed_mps,
+        inputs.front_rad,
+        inputs.age_s,
     )
-    state, command, info = step_onboard(setup, route, state, motion, observations, told.p_false, orders, fusion=fusion)
+    state, command, info = step_onboard(
+        setup, route, state, motion, observations, inputs.p_false, orders, fusion=fusion
+    )
     navigated, plan = info.navigated, info.autopilot.plan
     fused, reckoned = state.navigator.fused.estimate, state.navigator.reckoned.estimate
     row = (

@@ -9,11 +9,11 @@ import json
 import math
 from typing import Any, TypeAlias
 
-from lgprjax.autopilot import Check, EngagementInhibit, Event, refusal_of
+from lgprjax.autopilot import Check, EngagementInhibit, Event, inhibit_of
 from lgprjax.run_records import Record, RecordKind, Source
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.counter_steer import CounterSteer
-from lgprjax.runtime.control.modes import CUT, PEDALS, STEERING, CheckItem, Happened, ModeKeeper, SystemChecks
+from lgprjax.runtime.control.modes import CUT, PEDALS, STEERING, CheckItem, ModeChange, ModeKeeper, SystemChecks
 from lgprjax.runtime.control.setup import Loaded, load
 from lgprjax.runtime.control.skid.setup import SkidLoaded, load_skid
 from lgprjax.runtime.control.skid.vehicle import SkidSteerVehicle
@@ -249,8 +249,8 @@ class ControlCore:
 
     def _run_checks(self, now_ns: int) -> None:
         now_s = now_ns / 1e9
-        if self.modes.checks_asked:
-            self.modes.checks_asked = False
+        if self.modes.checks_requested:
+            self.modes.checks_requested = False
             self._checks.begin(now_s)
         verdict = self._checks.step(now_s, lambda: self.kind.checks(self.processes), starting=self.processes.starting)
         if verdict is True:
@@ -309,15 +309,15 @@ class ControlCore:
 
     def _show(self, now_ns: int) -> None:
         modes = self.modes
-        told = {
+        state_json = {
             **self.kind.state(self._tick),
             "tick": self._tick,
             "time_s": now_ns / 1e9,
             "mode": modes.mode.name,
             "mode_since_s": now_ns / 1e9 - modes.since_s,
             "warnings": [*self.kind.warnings(), *self.processes.warnings, *self._monitor.get("warnings", [])],
-            "refusal": refusal_of(modes.state).name,
-            "refusal_text": self._refusal_text(),
+            "refusal": inhibit_of(modes.state).name,
+            "refusal_text": self._inhibit_text(),
             "faults": [str(fault.name).lower() for fault in modes.state.faults],
             "checks": [
                 {"check": item.check.name, "good": item.good, "why": item.reason} for item in self._checks.items
@@ -329,24 +329,24 @@ class ControlCore:
             "monitor": self._monitor,
             "recording": {"lost": self.unrecorded},
         }
-        self._out.append(Record(RecordKind.STATE, Source.CONTROL, self._tick, now_ns, finite_json(told)))
+        self._out.append(Record(RecordKind.STATE, Source.CONTROL, self._tick, now_ns, finite_json(state_json)))
 
-    def _refusal_text(self) -> str:
+    def _inhibit_text(self) -> str:
         """Why nothing is engaged: the present inhibit, else why the last press had no effect."""
         state = self.modes.state
-        stands = refusal_of(state)
-        own = self.kind.refusal_text() if stands in OF_NAVIGATION else ""
-        return own or REFUSALS[stands] or REFUSALS[state.refusal]
+        stands = inhibit_of(state)
+        own = self.kind.inhibit_text() if stands in OF_NAVIGATION else ""
+        return own or REFUSALS[stands] or REFUSALS[state.inhibit]
 
     def _tell(self, event: Event, now_ns: int, *, check: Check = Check.NONE, why: list[str] | None = None) -> None:
-        happened: Happened | None = self.modes.tell(event, now_ns / 1e9, self.kind.lock_mps, check=check)
+        happened: ModeChange | None = self.modes.tell(event, now_ns / 1e9, self.kind.lock_mps, check=check)
         if happened is not None:
             self._event(now_ns, {**happened._asdict(), **({"why": why} if why else {})})
         if event is Event.OVERRIDE_PRESSED:
             self.kind.leave()
 
-    def _event(self, now_ns: int, told: dict[str, Any]) -> None:
-        self._out.append(Record(RecordKind.EVENT, Source.CONTROL, self._tick, now_ns, json.dumps(told).encode()))
+    def _event(self, now_ns: int, state_json: dict[str, Any]) -> None:
+        self._out.append(Record(RecordKind.EVENT, Source.CONTROL, self._tick, now_ns, json.dumps(state_json).encode()))
 
     def _framed(self, frame: OutgoingFrame, now_ns: int) -> bytes:
         return self._box.frame(

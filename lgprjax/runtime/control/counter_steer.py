@@ -384,14 +384,14 @@ class CounterSteer:
         result, watched, wheels = self.pilot.result, self._watched, self._sensed.wheels
         limited = Limited(whole(result.limited) if decided else 0)
         # Before the box was first received the checks handle its silence.
-        heard = wheels is not None
-        bits = watched.bits if heard else watched.bits & ~Watch.LINE_SILENT
-        severity = watched.severity if heard else Severity.CONTINUE
+        received = wheels is not None
+        bits = watched.bits if received else watched.bits & ~Watch.LINE_SILENT
+        severity = watched.severity if received else Severity.CONTINUE
         place, attitude, now_s = self.senses.place, self.senses.attitude, self._now_ns / 1e9
         ages = [
             now_s - (0.0 if place is None else place.time_ns / 1e9),
             now_s - (0.0 if attitude is None else attitude.time_ns / 1e9),
-            self._sensed.wheels_age_s if heard else math.inf,
+            self._sensed.wheels_age_s if received else math.inf,
         ]
         contradicted = bool(bits & Watch.HEADING_CONTRADICTED)
         return VehicleStatus(
@@ -418,7 +418,7 @@ class CounterSteer:
         here = self.pilot.started and place is not None and attitude is not None
         unrecorded = processes.silent("recorder") and processes.mandatory
         return [
-            *box_checks(found, heard=wheels is not None),
+            *box_checks(found, received=wheels is not None),
             CheckItem(
                 Check.STEERING_SENSORS,
                 wheels is not None and math.isfinite(self._watched.front_rad) and not found & sensors,
@@ -486,7 +486,7 @@ class CounterSteer:
         missing = ["no scans: radar, its line or registration"] if self._scans_missing else []
         return [*describe(self._watched.bits), *missing]
 
-    def refusal_text(self) -> str:
+    def inhibit_text(self) -> str:
         """The text of the modes."""
         return ""
 

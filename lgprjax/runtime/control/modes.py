@@ -9,7 +9,7 @@ STEERING, PEDALS, CUT = 1, 2, 4
 """Bits of ``engage`` in a drive_command."""
 
 
-class Happened(NamedTuple):
+class ModeChange(NamedTuple):
     """An event that changed something, for the recording: its name, the mode after it, and the actions."""
 
     event: str
@@ -30,7 +30,7 @@ class ModeKeeper:
         stopping: a controlled stop runs.
         set_speed_mps: that the operator locked.
         lit: the controller's light.
-        checks_asked: the system checks are requested.
+        checks_requested: the system checks are requested.
         since_s: time at which the mode was entered.
     """
 
@@ -40,7 +40,7 @@ class ModeKeeper:
         self.stopping = False
         self.set_speed_mps = 0.0
         self.lit = False
-        self.checks_asked = False
+        self.checks_requested = False
         self.since_s = 0.0
         self._step_mps = speed_step_mps
         if after_death:
@@ -58,7 +58,7 @@ class ModeKeeper:
         """
         self.engage = CUT
 
-    def tell(self, event: Event, time_s: float, speed_mps: float, *, check: Check = Check.NONE) -> Happened | None:
+    def tell(self, event: Event, time_s: float, speed_mps: float, *, check: Check = Check.NONE) -> ModeChange | None:
         """Apply an event; returns the change, ``None`` without one.
 
         Args:
@@ -77,12 +77,12 @@ class ModeKeeper:
                 self.engage &= ~CUT
         if not actions and self.state._replace(time_s=0.0) == before._replace(time_s=0.0):
             return None
-        return Happened(event.name, self.state.mode.name, tuple(action.name for action in actions))
+        return ModeChange(event.name, self.state.mode.name, tuple(action.name for action in actions))
 
     def _act(self, action: Action, speed_mps: float) -> None:
         match action:
             case Action.RUN_CHECKS:
-                self.checks_asked = True
+                self.checks_requested = True
             case Action.RELEASE_ACTUATORS:
                 self.engage &= CUT
                 self.stopping = False

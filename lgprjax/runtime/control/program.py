@@ -90,8 +90,8 @@ class Control:
             self._record(Record(RecordKind.TICK, Source.CONTROL, tick, now_ns, b""), came, out)
             if compiles() != known:
                 known = compiles()
-                told = json.dumps({"compiled": known}).encode()
-                self._log.put(pack(Record(RecordKind.EVENT, Source.CONTROL, tick, time.monotonic_ns(), told)))
+                head = json.dumps({"compiled": known}).encode()
+                self._log.put(pack(Record(RecordKind.EVENT, Source.CONTROL, tick, time.monotonic_ns(), head)))
             # A missed tick is not repeated.
             due_ns = max(due_ns + _TICK_NS, now_ns + _TICK_NS // 2)
             if collects and due_ns - time.monotonic_ns() > _TICK_NS // 2:

@@ -127,22 +127,22 @@ class GnssSenses:
         self._new_place = self._new_attitude = False
         return tick
 
-    def _take_position(self, sample: GnssSample, told: GnssPosition, arrival_ns: int) -> None:
-        time_ns = self._time_of("position", sample.scale, told.tow_s, arrival_ns)
-        if time_ns is None or told.quality is Quality.NONE:
+    def _take_position(self, sample: GnssSample, stated: GnssPosition, arrival_ns: int) -> None:
+        time_ns = self._time_of("position", sample.scale, stated.tow_s, arrival_ns)
+        if time_ns is None or stated.quality is Quality.NONE:
             return
         if self.frame is None:
-            self.frame = LocalFrame(told.latitude_deg, told.longitude_deg, told.height_m)
+            self.frame = LocalFrame(stated.latitude_deg, stated.longitude_deg, stated.height_m)
         east, north, up = self.frame.to_local(
-            np.array([told.latitude_deg]), np.array([told.longitude_deg]), np.array([told.height_m])
+            np.array([stated.latitude_deg]), np.array([stated.longitude_deg]), np.array([stated.height_m])
         )
         least = self._sensors.gnss_sigma_m
-        reported = told.sigma_m if math.isfinite(told.sigma_m) else self._accuracy_m
+        reported = stated.sigma_m if math.isfinite(stated.sigma_m) else self._accuracy_m
         # Without a stated accuracy, a position that is not fixed has metres of error.
         loose = max(least, reported) if math.isfinite(reported) else _LOOSE_M
-        fixed = told.quality is Quality.FIXED
+        fixed = stated.quality is Quality.FIXED
         honest = least if fixed and not math.isfinite(reported) else loose
-        self._longitude_deg = told.longitude_deg
+        self._longitude_deg = stated.longitude_deg
         self.place = LocalPosition(
             time_ns,
             float(east[0]),
@@ -150,7 +150,7 @@ class GnssSenses:
             float(up[0]),
             least if fixed else loose,
             honest,
-            told.quality,
+            stated.quality,
         )
         self._new_place = True
 
@@ -359,28 +359,28 @@ def wheel_belief(vehicle: VehicleFile, path: Path) -> WheelBelief:
     Raises:
         InputError: a number required by the watches is not in the file.
     """
-    told = vehicle.steering
-    largest = _needed(path, "steering.largest_wheel_angle_rad", told.largest_wheel_angle_rad)
+    stated = vehicle.steering
+    largest = _needed(path, "steering.largest_wheel_angle_rad", stated.largest_wheel_angle_rad)
     if vehicle.wheel_map is not None:
         held = vehicle.wheel_map
         angles = Knots(held.first_v, held.step_v, tuple(held.front_rad))
     else:
         angles = linear_wheel_map(
-            _needed(path, "steering.straight_potentiometer_v", told.straight_potentiometer_v),
-            _needed(path, "steering.potentiometer_v_per_rad", told.potentiometer_v_per_rad),
+            _needed(path, "steering.straight_potentiometer_v", stated.straight_potentiometer_v),
+            _needed(path, "steering.potentiometer_v_per_rad", stated.potentiometer_v_per_rad),
             largest,
         )
     return WheelBelief(
         angles,
-        _needed(path, "steering.encoder_counts_per_rad", told.encoder_counts_per_rad),
+        _needed(path, "steering.encoder_counts_per_rad", stated.encoder_counts_per_rad),
         largest,
-        _needed(path, "steering.lag_s", told.lag_s),
-        _needed(path, "steering.largest_wheel_rate_radps", told.largest_wheel_rate_radps),
-        told.delay_s or 0.0,
-        told.dead_band_rad or 0.0,
-        told.backlash_rad or 0.0,
-        _needed(path, "steering.nominal_v", told.nominal_v),
-        _needed(path, "steering.stall_v", told.stall_v),
+        _needed(path, "steering.lag_s", stated.lag_s),
+        _needed(path, "steering.largest_wheel_rate_radps", stated.largest_wheel_rate_radps),
+        stated.delay_s or 0.0,
+        stated.dead_band_rad or 0.0,
+        stated.backlash_rad or 0.0,
+        _needed(path, "steering.nominal_v", stated.nominal_v),
+        _needed(path, "steering.stall_v", stated.stall_v),
     )
 
 

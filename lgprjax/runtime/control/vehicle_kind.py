@@ -80,26 +80,26 @@ class Seen(NamedTuple):
     recorder_lost: bool
 
 
-def events_of(told: ReportedState, seen: Seen) -> tuple[ReportedState, list[Event]]:
+def events_of(reported: ReportedState, seen: Seen) -> tuple[ReportedState, list[Event]]:
     """Changes since the last tick, as events in order of importance."""
     engaged = seen.mode in (Mode.STEERING, Mode.SPEED)
     events: list[Event] = []
-    if seen.line is not told.line:
+    if seen.line is not reported.line:
         events.append(Event.DRIVE_BY_WIRE_RELAUNCHED if seen.line else Event.DRIVE_BY_WIRE_DIED)
     # Watches that request manual mode are an error while the autopilot drives. While a person drives they only inhibit.
-    error = (engaged and (seen.manual or seen.failed)) or (told.error and seen.manual)
-    if error is not told.error:
+    error = (engaged and (seen.manual or seen.failed)) or (reported.error and seen.manual)
+    if error is not reported.error:
         events.append(Event.ERROR_RAISED if error else Event.ERROR_CLEARED)
     route = seen.route if seen.started else Event.ROUTE_GONE
     if seen.doubtful and not engaged:
         route = Event.ROUTE_WRONG_HEADING
     if _PLACE_OF[route] is not seen.place:
         events.append(route)
-    if seen.sources is not told.sources:
+    if seen.sources is not reported.sources:
         events.append(Event.SOURCES_PRESENT if seen.sources else Event.SOURCE_MISSING)
     stops = seen.reaction == Reaction.STOP or seen.severity is Severity.STOP or seen.recorder_lost
     health = seen.started and not stops
-    if health is not told.health:
+    if health is not reported.health:
         events.append(Event.HEALTH_GOOD if health else Event.HEALTH_STOP)
     return ReportedState(seen.sources, health, error, seen.line), events
 
@@ -191,14 +191,14 @@ LINE = Watch.LINE_SILENT | Watch.BAD_FRAMES | Watch.BUS_OFF | Watch.DEFAULTS_ACT
 """Findings of the box's line: they are its own fault, not one of the vehicle."""
 
 
-def box_checks(bits: Watch, *, heard: bool) -> list[CheckItem]:
+def box_checks(bits: Watch, *, received: bool) -> list[CheckItem]:
     """Checks of the drive-by-wire box and its line, which every vehicle has."""
     line = bits & (Watch.LINE_SILENT | Watch.BAD_FRAMES | Watch.BUS_OFF | Watch.ACTUATOR_FAULT)
     said = "; ".join(describe(line)) or "the drive-by-wire box is silent"
     second = bool(bits & Watch.SECOND_SENDER)
     return [
         CheckItem(Check.SECOND_MASTER, not second, "another sender commands the drive-by-wire box"),
-        CheckItem(Check.DRIVE_BY_WIRE, heard and not line, said),
+        CheckItem(Check.DRIVE_BY_WIRE, received and not line, said),
     ]
 
 
@@ -317,7 +317,7 @@ class VehicleKind(Protocol):
     def warnings(self) -> list[str]:
         """Warnings to the operator, in words."""
 
-    def refusal_text(self) -> str:
+    def inhibit_text(self) -> str:
         """Why nothing is engaged, if the kind has a better text than the modes; else empty."""
 
     def notes(self) -> list[dict[str, Any]]:

@@ -117,7 +117,7 @@ class SharedWatches:
             status_age_s=status_age_s,
             box_state=state,
             box_engaged=held,
-            told_engaged=engage & self._bits,
+            commanded_engaged=engage & self._bits,
             step_s=step_s,
         )
         self._buttons, pressed, found = step_buttons(

@@ -44,7 +44,7 @@ class CoverageProcess:
         self._started, self._table = started, started.config.coverage
         self._cover, self._worked = started.ring("cover"), started.ring("worked")
         self._kept = started.rings / "worked.npy"
-        self._told_s, self._told_moments = 0.0, -1
+        self._reported_s, self._reported_moments = 0.0, -1
         self._ended = False
         signal.signal(signal.SIGTERM, self._end)
         started.beat(ProcessStage.WARMING)
@@ -93,9 +93,9 @@ class CoverageProcess:
         """To the display, once a second if something is new."""
         now_s = time.monotonic()
         held = self._map
-        if held is None or now_s - self._told_s < _TELL_S or held.moments == self._told_moments:
+        if held is None or now_s - self._reported_s < _TELL_S or held.moments == self._reported_moments:
             return
-        self._told_s, self._told_moments = now_s, held.moments
+        self._reported_s, self._reported_moments = now_s, held.moments
         probability = held.probability()
         fresh = self._kept.with_name(f"{self._kept.name}.new")
         with suppress(OSError):
@@ -105,7 +105,7 @@ class CoverageProcess:
         worked = cell_states(probability, self._table.level) == CellState.PROCESSED
         side, runs = worked_runs(worked, self._inside, _MOST_BLOCKS)
         grid = self._grid
-        told = {
+        map_message = {
             "east_m": grid.east_m,
             "north_m": grid.north_m,
             "block_m": side * grid.cell_m,
@@ -115,7 +115,7 @@ class CoverageProcess:
             "field_m2": round(float(np.count_nonzero(self._inside)) * grid.cell_m2, 2),
         }
         self._worked.put(
-            pack(Record(RecordKind.WORKED, Source.COVERAGE, 0, time.monotonic_ns(), json.dumps(told).encode()))
+            pack(Record(RecordKind.WORKED, Source.COVERAGE, 0, time.monotonic_ns(), json.dumps(map_message).encode()))
         )
 
     def _end(self, *_: object) -> None:

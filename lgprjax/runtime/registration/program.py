@@ -94,8 +94,8 @@ class RegistrationProcess:
                     time.sleep(_IDLE_S)
                 if compiles() != known:
                     known = compiles()
-                    told = json.dumps({"compiled": known}).encode()
-                    self._log.put(pack(Record(RecordKind.EVENT, Source.REGISTRATION, 0, time.monotonic_ns(), told)))
+                    head = json.dumps({"compiled": known}).encode()
+                    self._log.put(pack(Record(RecordKind.EVENT, Source.REGISTRATION, 0, time.monotonic_ns(), head)))
             search.ahead.close()
         self._radar.close()
 
@@ -119,11 +119,11 @@ class RegistrationProcess:
                 if len(self._waiting) > _WAITING:
                     self._waiting.popleft()
         elif frame.name == "radar_description":
-            told = description_of(frame)
-            if self.description is not None and told != self.description:
+            head = description_of(frame)
+            if self.description is not None and head != self.description:
                 # The compiled programs are for other scans: a restart makes them for these.
-                raise SystemExit(f"the radar's description changed: {told}")
-            self.description = told
+                raise SystemExit(f"the radar's description changed: {head}")
+            self.description = head
 
     def _search(self, search: Search, priors: PriorTrack) -> bool:
         """Search waiting scans that have a prior; returns whether there were any."""

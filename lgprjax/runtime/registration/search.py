@@ -148,17 +148,17 @@ def options_of(config: RuntimeConfig) -> RegisterOptions:
     Raises:
         InputError: the thresholds' file cannot be used, or is for windows of another length.
     """
-    told, own = config.registration, None
-    if told.thresholds is not None:
-        path = config.path(told.thresholds)
-        if told.window_m is None:
+    table, own = config.registration, None
+    if table.thresholds is not None:
+        path = config.path(table.thresholds)
+        if table.window_m is None:
             raise InputError(path, "window_m", "registration.window_m of the configuration, as long", "none")
-        own = Thresholds(**read_thresholds(path, told.window_m))
+        own = Thresholds(**read_thresholds(path, table.window_m))
     return RegisterOptions(
-        search_m=told.search_m,
-        window_m=told.window_m,
-        risk=told.risk,
-        time_scale=told.time_scale,
+        search_m=table.search_m,
+        window_m=table.window_m,
+        risk=table.risk,
+        time_scale=table.time_scale,
         own_thresholds=own,
     )
 
@@ -401,7 +401,7 @@ class RadarLine:
         self._sweeps = table.sweep is not None
         self._state: int | None = None
         self._began = False
-        self._asked_s = self._told_s = 0.0
+        self._requested_s = self._ordered_s = 0.0
         self._errors = 0
 
     @property
@@ -427,13 +427,13 @@ class RadarLine:
     def order(self) -> None:
         """Send the next order: sweep plan, calibration, look-up, then scanning; once a second until it does."""
         now_s = time.monotonic()
-        if self._state == _SCANNING or now_s - self._asked_s <= _ASK_S:
+        if self._state == _SCANNING or now_s - self._requested_s <= _ASK_S:
             return
         # A radar that scans already must not get other orders: wait for its messages first.
-        unheard = self._state is None and (self._orders or self._sweeps)
-        if unheard or self._state in (_CALIBRATING, _LOOKING_UP):
+        noise_frames = self._state is None and (self._orders or self._sweeps)
+        if noise_frames or self._state in (_CALIBRATING, _LOOKING_UP):
             return
-        self._asked_s = now_s
+        self._requested_s = now_s
         sweep = self._table.sweep
         if self._sweeps and sweep is not None:
             self._send("radar_sweep_plan", sweep.model_dump())
@@ -451,14 +451,14 @@ class RadarLine:
             self._began = True
         elif self._orders and self._began and state == _IDLE:
             # The previous order is done.
-            self._orders, self._began, self._asked_s = self._orders[1:], False, 0.0
+            self._orders, self._began, self._requested_s = self._orders[1:], False, 0.0
         self._state = state
         now_s = time.monotonic()
-        if errors != self._errors or (errors and now_s - self._told_s > _TELL_S):
-            self._errors, self._told_s = errors, now_s
+        if errors != self._errors or (errors and now_s - self._ordered_s > _TELL_S):
+            self._errors, self._ordered_s = errors, now_s
             words = [text for bit, text in ERRORS.items() if errors & bit]
-            told = json.dumps({"radar": words + ["radar has failed"] * (state == _FAILED)}).encode()
-            self._control.put(pack(Record(RecordKind.EVENT, Source.REGISTRATION, 0, time.monotonic_ns(), told)))
+            table = json.dumps({"radar": words + ["radar has failed"] * (state == _FAILED)}).encode()
+            self._control.put(pack(Record(RecordKind.EVENT, Source.REGISTRATION, 0, time.monotonic_ns(), table)))
 
     def _send(self, name: str, fields: dict[str, Any]) -> None:
         now_ns = time.monotonic_ns()

@@ -247,7 +247,7 @@ def blank_sums() -> LoopSums:
     return LoopSums(zero, zero, zero, zero, zero, zero, zero, none, jnp.zeros(3, jnp.int32), none, none)
 
 
-def told_tick(
+def tick_record(
     setup: LoopSetup,
     route: RoutePath,
     state: LoopState,

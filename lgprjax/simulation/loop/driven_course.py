@@ -38,7 +38,7 @@ from lgprjax.registration import (
     sigmas_along_cross,
 )
 from lgprjax.scene import WEATHER, LiveRadar, Readings, ReceiverFaults, draw_springs
-from lgprjax.simulation.loop.closed_loop import LoopTick, decide, move, told_tick
+from lgprjax.simulation.loop.closed_loop import LoopTick, decide, move, tick_record
 from lgprjax.simulation.loop.loop_setup import LoopSetup, LoopSpec, LoopState, TrackingError, start_loop, tracking_error
 from lgprjax.simulation.loop.off_road import OffRoadCourse, SceneFrame, scene_frame_of
 from lgprjax.vehicle import VehiclePose
@@ -442,7 +442,7 @@ def _decide(
 ) -> tuple[LoopState, Float[Array, " number"]]:
     """``decide``, and the tick's figures with the travel in one row: fetched at once."""
     state, decision = decide(spec, setup, route, state, readings, lgpr, p_false)
-    tick = told_tick(setup, route, state, decision, lgpr)
+    tick = tick_record(setup, route, state, decision, lgpr)
     numbers = [jnp.ravel(leaf).astype(jnp.float32) for leaf in (*tick, state.plant.travel_m)]
     return state, jnp.concatenate(numbers)
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from lgprjax.navigation import LgprObservation, RoutePath
 from lgprjax.scene import FixErrors, FixErrorState, SensorFaults, during, step_fix_errors
-from lgprjax.simulation.loop.closed_loop import LoopSums, LoopTick, add_tick, decide, move, told_tick
+from lgprjax.simulation.loop.closed_loop import LoopSums, LoopTick, add_tick, decide, move, tick_record
 from lgprjax.simulation.loop.loop_setup import LoopSetup, LoopSpec, LoopState
 
 
@@ -80,7 +80,7 @@ def _tick(
     time_s = state.tick.astype(jnp.float32) * spec.tick_s
     lgpr, p_false = draw_fix(setup, errors, fix_state, error, state, time_s)
     state, decision = decide(spec, setup, route, state, readings, lgpr, p_false)
-    tick = told_tick(setup, route, state, decision, lgpr)
+    tick = tick_record(setup, route, state, decision, lgpr)
     sums = add_tick(sums, tick, state, before, way_m)
     return (state, fix_state, sums), (tick if traced else None)
 

@@ -90,23 +90,23 @@ def step_skid_compiled(
     guidance: Guidance,
 ) -> tuple[SkidState, Float[Array, " result"]]:
     """``step_skid`` on ``SkidNumbers``, with ``SkidResult`` as one row."""
-    told, yes = named_numbers(SkidNumbers, numbers)
-    motion = SkidMotion(told.left_mps, told.right_mps, told.step_s)
-    observations = SkidObservations(gnss_of(told, yes), DeltaHeading(told.turn_rad, told.span_s, yes.turn_valid))
+    inputs, yes = named_numbers(SkidNumbers, numbers)
+    motion = SkidMotion(inputs.left_mps, inputs.right_mps, inputs.step_s)
+    observations = SkidObservations(gnss_of(inputs, yes), DeltaHeading(inputs.turn_rad, inputs.span_s, yes.turn_valid))
     orders = SkidOrders(
         yes.engaged,
         yes.drives,
         yes.stop,
-        told.speed_cap_mps,
-        told.set_speed_mps,
-        told.age_s,
-        told.left_mps,
-        told.right_mps,
+        inputs.speed_cap_mps,
+        inputs.set_speed_mps,
+        inputs.age_s,
+        inputs.left_mps,
+        inputs.right_mps,
     )
     state, command, info = step_skid(setup, route, fence, state, motion, observations, orders, guidance=guidance)
     estimate, plan = state.filter.estimate, info.plan
     pose, covariance = skid_pose(estimate), skid_pose_covariance(estimate)
-    speed_mps, _ = body_rates(setup.vehicle.track_m, WheelSpeeds(told.left_mps, told.right_mps))
+    speed_mps, _ = body_rates(setup.vehicle.track_m, WheelSpeeds(inputs.left_mps, inputs.right_mps))
     foot = route_point(route, state.carrot.arc_m)
     row = (
         *pose,

@@ -344,7 +344,7 @@ class SkidSteerVehicle:
         sensed, bits = self._sensed, self._watched.bits
         unrecorded = processes.mandatory and (processes.silent("recorder") or processes.silent("coverage"))
         return [
-            *box_checks(bits, heard=sensed.box is not None),
+            *box_checks(bits, received=sensed.box is not None),
             CheckItem(Check.GNSS_INS, self.pilot.started and sensed.ins_age_s < 1.0, "no position, or no INS"),
             CheckItem(Check.STORAGE, not unrecorded, "nothing is being recorded"),
         ]
@@ -388,7 +388,7 @@ class SkidSteerVehicle:
         """Warnings to the operator."""
         return [*describe(self._watched.bits), *describe_found(self._found())]
 
-    def refusal_text(self) -> str:
+    def inhibit_text(self) -> str:
         """An unknown heading, or a missing plan, which the operator can change."""
         if self._loaded.name is None:
             return "no plan: mark three corners, then lgprjax cover plan"

@@ -134,7 +134,7 @@ class ToolBelief(NamedTuple):
 class ToolWatchState(NamedTuple):
     """State carried from tick to tick: time since the tool was switched on, and pending findings."""
 
-    told_s: float = 0.0
+    commanded_s: float = 0.0
     off: Dwell = Dwell()
     depth: Dwell = Dwell()
 
@@ -149,7 +149,7 @@ def step_tool_watch(
     state: ToolWatchState,
     reading: ToolReading | None,
     *,
-    told_on: bool,
+    commanded_on: bool,
     speed_mps: float,
     step_s: float,
 ) -> tuple[ToolWatchState, SkidFound]:
@@ -159,23 +159,23 @@ def step_tool_watch(
         belief: commanded state of the tool.
         state: of the last tick.
         reading: ``None`` before the box has reported.
-        told_on: by the last command.
+        commanded_on: by the last command.
         speed_mps: of the vehicle; NaN counts as moving.
         step_s: since the last tick.
     """
     step_s = counted_step_s(step_s)
-    told_s = state.told_s + step_s if told_on else 0.0
+    commanded_s = state.commanded_s + step_s if commanded_on else 0.0
     # Once it has been right the start-up time is over.
     risen = reading is not None and reading.turns and depth_right(belief, reading.depth_m)
-    told_s = max(told_s, RISES_S) if told_on and risen else told_s
-    matters = told_on and told_s >= RISES_S and not abs(speed_mps) <= _MOVES_MPS
+    commanded_s = max(commanded_s, RISES_S) if commanded_on and risen else commanded_s
+    matters = commanded_on and commanded_s >= RISES_S and not abs(speed_mps) <= _MOVES_MPS
     off = step_dwell(
         state.off, matters and not (reading is not None and reading.turns), step_s, on_s=WRONG_S, off_s=0.0
     )
     deep = reading is not None and math.isfinite(reading.depth_m) and depth_right(belief, reading.depth_m)
     depth = step_dwell(state.depth, matters and not deep, step_s, on_s=WRONG_S, off_s=0.0)
     found = (SkidFound.TOOL_OFF if off.on else SkidFound(0)) | (SkidFound.TOOL_DEPTH if depth.on else SkidFound(0))
-    return ToolWatchState(told_s, off, depth), found
+    return ToolWatchState(commanded_s, off, depth), found
 
 
 # Tracks compared with their command: one that does not move, or whose sensor does not. Fault 14.
@@ -195,7 +195,7 @@ class TrackWatchState(NamedTuple):
 def step_track_watch(
     state: TrackWatchState,
     *,
-    told_mps: tuple[float, float],
+    commanded_mps: tuple[float, float],
     measured_mps: tuple[float, float],
     drives: bool,
     step_s: float,
@@ -204,16 +204,16 @@ def step_track_watch(
 
     Args:
         state: of the last tick.
-        told_mps: left and right by the last command.
+        commanded_mps: left and right by the last command.
         measured_mps: left and right; NaN counts as standing.
         drives: the box was commanded to drive, and does.
         step_s: since the last tick.
     """
     step_s = counted_step_s(step_s)
     dwells: list[Dwell] = []
-    for dwell, told, measured in zip(state, told_mps, measured_mps, strict=True):
-        moves = math.isfinite(measured) and measured * math.copysign(1.0, told) >= _SHARE * abs(told)
-        dead = drives and abs(told) >= _ASKED_MPS and not moves
+    for dwell, commanded, measured in zip(state, commanded_mps, measured_mps, strict=True):
+        moves = math.isfinite(measured) and measured * math.copysign(1.0, commanded) >= _SHARE * abs(commanded)
+        dead = drives and abs(commanded) >= _ASKED_MPS and not moves
         dwells.append(step_dwell(dwell, dead, step_s, on_s=DEAD_S, off_s=0.0))
     found = (SkidFound.LEFT_DEAD if dwells[0].on else SkidFound(0)) | (
         SkidFound.RIGHT_DEAD if dwells[1].on else SkidFound(0)
@@ -287,11 +287,11 @@ class SkidWatches:
         speed = 0.5 * (sensed.left_mps + sensed.right_mps)
         reading = None if box is None else ToolReading(bool(box.bits("tool") & 1), box.number("depth_m"))
         self._tool, found = step_tool_watch(
-            self._belief, self._tool, reading, told_on=drives and bool(sent.tool), speed_mps=speed, step_s=step_s
+            self._belief, self._tool, reading, commanded_on=drives and bool(sent.tool), speed_mps=speed, step_s=step_s
         )
         self._tracks, more = step_track_watch(
             self._tracks,
-            told_mps=(sent.left_mps, sent.right_mps),
+            commanded_mps=(sent.left_mps, sent.right_mps),
             measured_mps=(sensed.left_mps, sensed.right_mps),
             drives=drives and bool(engaged & DRIVE),
             step_s=step_s,
