@@ -133,7 +133,7 @@ class Register:
             table.add_row(quantity, value)
         console.print(table)
         for line in (
-            f"{len(self.drives)} drives: {done.registered} registered now, {done.kept} as they were, "
+            f"{len(self.drives)} drives: {done.registered} registered now, {done.kept} up to date, "
             f"{len(done.failed)} failed",
             f"fixes, archive.csv and the records of all jobs: {folder}",
             f"page: {(folder / 'archive.html').resolve()}",
