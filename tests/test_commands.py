@@ -56,6 +56,7 @@ ELSEWHERE = {
     r"run onboard/field.run.toml .*": _A_FIELD,
     r"recover .*": "cli/test_recover.py::test_a_run_that_was_cut",
     r"cover plan RUN_FOLDER .*": _A_FIELD,
+    r"simulate village .*": "test_public.py::test_a_session_runs_as_it_stands",
     r"simulate SITE.toml .*": "cli/test_simulate.py::test_drives_are_written_and_told",
     r"(simulate tuning|tune tuning|tune STUDY).*": "test_notebooks.py::test_notebook_runs_from_a_fresh_clone",
     r"examples .*": "cli/test_examples.py::test_every_example_is_copied_and_can_be_used",

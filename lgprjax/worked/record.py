@@ -351,7 +351,7 @@ def _check_runs(plans: Sequence[PlanFile], runs: Sequence[CoverRun]) -> None:
     for run in runs:
         if run.plan_sha256 not in known:
             expected = "a run by this plan, or by another one given with --plan"
-            found = "none that it tells" if run.plan_sha256 is None else f"the plan {run.plan_sha256[:12]}..."
+            found = "none that it names" if run.plan_sha256 is None else f"the plan {run.plan_sha256[:12]}..."
             raise InputError(run.name, "plan", expected, found)
         identity = str(run.provenance["run"])
         if identity in seen:

@@ -123,7 +123,7 @@ def odometer(
 
 
 @pytest.mark.parametrize(
-    ("gnss_mps", "told_mps", "bit"),
+    ("gnss_mps", "commanded_mps", "bit"),
     [
         (2.0, 0.0, Watch.ODOMETER_DEAD),
         (2.0, -2.0, Watch.ODOMETER_REVERSED),

@@ -186,9 +186,9 @@ def test_what_cannot_be_recorded_is_one_line(tmp_path: Path, plan: CoverPlan) ->
 
 def test_a_run_counts_by_its_own_plan_only(tmp_path: Path, plan: CoverPlan) -> None:
     rows, time_s = cover_rows(Drive(_LINES[:1]))
-    for name, told, found in (("other", "cd" * 32, "the plan cdcdcdcdcdcd..."), ("mute", None, "none that it tells")):
+    for name, told, found in (("other", "cd" * 32, "the plan cdcdcdcdcdcd..."), ("mute", None, "none that it names")):
         write_cover_run(tmp_path / name, rows, time_s, plan_sha256=told)
-        with pytest.raises(InputError, match=f"or by another one that --plan names too, found {found}"):
+        with pytest.raises(InputError, match=f"or by another one given with --plan, found {found}"):
             record_of(plan, read_cover_run(tmp_path / name))
     # Named beside the first, the other plan is good; about another anchor its cells would lie elsewhere.
     other = read_cover_run(tmp_path / "other")
