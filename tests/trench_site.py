@@ -22,6 +22,7 @@ from lgprjax.scene import (
     simulate_drive,
 )
 from lgprjax.simulation.drives import write_drive
+from many_grounds import of_many_grounds
 
 _RTK = NavigationErrors(position_sigma_m=0.01, heading_sigma_rad=float(np.radians(0.1)))
 _USUAL = NavigationErrors(position_bias_m=(0.5, -0.4))
@@ -91,7 +92,7 @@ def make_trench_site(
         drive("left", ground, "2025-06-01", 1, 0.3, _RTK),
         drive("right", ground, "2025-06-01", 2, -0.3, _RTK),
     ]
-    build_map(old, folder / "road.map.h5")
+    build_map(old, folder / "road.map.h5", measure=of_many_grounds)
     return TrenchSite(
         map=folder / "road.map.h5",
         newer=tuple(

@@ -24,6 +24,7 @@ from lgprjax.formats import (
 )
 from lgprjax.mapping import build_map
 from lgprjax.registration import RegisterOptions
+from many_grounds import of_many_grounds
 
 _DRIVE = "live"
 
@@ -156,7 +157,7 @@ def test_it_registers_like_the_drive_itself(site: Site, recovered: Path) -> None
 
 
 def test_a_map_is_built_of_it(recovered: Path, tmp_path: Path) -> None:
-    build_map([recovered], tmp_path / "again.map.h5")
+    build_map([recovered], tmp_path / "again.map.h5", measure=of_many_grounds)
     assert check_file(tmp_path / "again.map.h5") == []
 
 

@@ -10,6 +10,7 @@ from lgprjax.formats import MAP_PRECISIONS, MapFile, MapWriter, import_lines
 from lgprjax.mapping import MapHealth, build_map, verify_map
 from lgprjax.mapping.matching import TileMask, ground_at
 from lgprjax.subsurface import StationBlock
+from many_grounds import of_many_grounds
 
 HOLE_M = (9.0, 12.0)  # of the route
 ALIKE_M = (22.0, 31.0)
@@ -148,7 +149,7 @@ def test_the_line_that_differs_is_named(real_data: Path, tmp_path: Path) -> None
     """Of 25 parallel lines the last was recorded with opposite polarity, starting elsewhere."""
     lines = [real_data / "gpr_o_parallel_lines" / f"XLINE{number:02d}.DT1" for number in range(16, 25)]
     import_lines(lines, line_spacing_m=0.2, output=tmp_path / "lines.drive.h5")
-    build_map([tmp_path / "lines.drive.h5"], tmp_path / "lines.map.h5")
+    build_map([tmp_path / "lines.drive.h5"], tmp_path / "lines.map.h5", measure=of_many_grounds)
     health = verified(tmp_path / "lines.map.h5")
     finding = health.finding("channels")
     assert finding.verdict == "bad"

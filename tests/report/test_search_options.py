@@ -16,7 +16,12 @@ OWN = RegisterOptions(window_m=2.0, own_thresholds=Thresholds(5.5, 2.5))
     [
         (
             RegisterOptions(),
-            ["within the position uncertainty stated by the log", "shortest window", "found along the drive", "risk 0.0001 in"],
+            [
+                "within the position uncertainty stated by the log",
+                "shortest window",
+                "found along the drive",
+                "risk 0.0001 in",
+            ],
         ),
         (RegisterOptions(search_m=3.0, risk=1e-6), ["3 m to each side", "risk 1e-06 in each 4 m of travel"]),
         (RegisterOptions(window_m=0.0, time_scale=1.05), ["single scans", "time scale 1.05"]),

@@ -13,6 +13,7 @@ from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.control.setup import Loaded, load
 from lgprjax.simulation.devices.world import CourseWorld
 from lgprjax.simulation.loop import OffRoad, make_course
+from many_grounds import of_many_grounds
 from onboard_loop import DRIVE, OnboardLoop
 from onboard_moments import Moment
 
@@ -26,7 +27,7 @@ def onboard_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("onboard")
     course = make_course(COURSE, folder)
     database, vehicle = folder / "course.map.h5", ROOT / "onboard" / "made_up.vehicle.toml"
-    build_map([course.baseline], database)
+    build_map([course.baseline], database, measure=of_many_grounds)
     with MapFile.open(database) as source:
         first = routes_of(source)[0]
     route = RouteFile(database, file_hash(database), first.name, 0.0, first.length_m, "along", 4.47, 1.5, vehicle)

@@ -23,6 +23,7 @@ from lgprjax.simulation.loop import (
     make_course,
     route_of_map,
 )
+from many_grounds import of_many_grounds
 
 _SPEC = LoopSpec()
 
@@ -31,7 +32,7 @@ def _drive(folder: Path, spec: OffRoad, seed: int) -> tuple[DrivenCourse, dict[s
     """A course made, mapped and driven; its figures, and the steering's limit a tick."""
     course = make_course(spec, folder)
     database = folder / "course.map.h5"
-    build_map([course.baseline], database)
+    build_map([course.baseline], database, measure=of_many_grounds)
     with MapFile.open(database) as source, DriveLog.open(course.baseline) as log:
         setup = loop_setup(_SPEC, LoopVehicle(), course.terrain)
         route = route_of_map(source, setup, RouteSpeeds(float(setup.set_speed_mps)))

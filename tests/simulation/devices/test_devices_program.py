@@ -21,6 +21,7 @@ from lgprjax.simulation.devices.course_stage import CourseSpec
 from lgprjax.simulation.devices.stage import read_spec
 from lgprjax.simulation.loop.loop_setup import cross_track_m
 from lgprjax.simulation.loop.off_road import OffRoad, make_course, scene_frame_of
+from many_grounds import of_many_grounds
 from simulation.devices.host_frames import Status, drive_command, host_frame, read_frame, read_status
 
 _COURSE = OffRoad(2, 30.0, scan_share=6)
@@ -54,7 +55,7 @@ def _statuses(data: bytes) -> list[Status]:
 def test_a_host_finds_its_devices(tmp_path: Path) -> None:
     course = make_course(_COURSE, tmp_path)
     database = tmp_path / "course.map.h5"
-    build_map([course.baseline], database)
+    build_map([course.baseline], database, measure=of_many_grounds)
     spec = _write_spec(tmp_path, database)
     environment = {**os.environ, "PYTHONPATH": str(_ROOT)}
     program = subprocess.Popen(
