@@ -12,8 +12,9 @@ from mkdocs.structure.pages import Page
 
 _ROOT = Path(__file__).parent
 _ROOMS = (
-    *("formats", "archive", "registration", "subsurface", "radar", "pso", "navigation", "coverage", "autopilot"),
-    *("vehicle", "tuning", "scene", "simulation", "runtime.config", "report", "frames", "errors"),
+    *("formats", "batch", "mapping", "studies", "worked", "registration", "subsurface", "radar", "pso", "navigation"),
+    *("coverage", "autopilot", "vehicle", "tuning", "scene", "simulation", "runtime.config", "report"),
+    *("config", "wire", "run_records", "frames", "errors"),
 )
 # A link that leaves docs/, with the heading that it may name.
 _OUTSIDE = re.compile(r"\]\(\.\./([^)#\s]+)(?:#[^)]*)?\)")

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, get_args
 
@@ -105,6 +106,14 @@ def test_the_tutorials_recording_is_the_drive(tutorial: Path) -> None:
     with DriveLog.open(tutorial / "drives" / "live.drive.h5") as old, DriveLog.open(tutorial / "again.drive.h5") as new:
         assert new.scans == old.scans
         np.testing.assert_array_equal(new.read_stored(0, 5)[0], old.read_stored(0, 5)[0])
+
+
+def test_the_reference_names_modules_that_there_are() -> None:
+    """``make docs`` is not part of these tests; a room that moved is noticed here."""
+    hooks = (_ROOT / "mkdocs_hooks.py").read_text(encoding="utf-8")
+    names = re.findall(r'"([a-z_.]+)"', hooks[hooks.index("_ROOMS = (") :].split("\n)", 1)[0])
+    assert len(names) > 15
+    assert [name for name in names if find_spec(f"lgprjax.{name}") is None] == []
 
 
 @pytest.mark.parametrize("path", sorted((_ROOT / "docs" / "records").glob("*.json")), ids=lambda path: path.stem)

@@ -27,6 +27,7 @@ def test_what_a_survey_line_cannot_know_is_told(tmp_path: Path, capsys: pytest.C
     again = write_dt1(tmp_path / "AGAIN.DT1", np.rint(1000.0 * ground + 50.0 * rng.normal(size=ground.shape)))
     near, far, built = tmp_path / "near.drive.h5", tmp_path / "far.drive.h5", tmp_path / "m.map.h5"
     place = ("--latitude-deg", 48, "--longitude-deg", 11)
+    narrow = ("--search-m", 0.5)  # two and a half metres are many wavelengths here, and minutes
     assert _run("import", "dt1", line, *place, "-o", tmp_path / "m.drive.h5") == 0
     assert _run("import", "dt1", again, *place, "-o", near) == 0
     assert _run("import", "dt1", again, "-o", far) == 0
@@ -41,7 +42,7 @@ def test_what_a_survey_line_cannot_know_is_told(tmp_path: Path, capsys: pytest.C
     assert isinstance(inputs, list)
     assert [row["assumed"]["time"] for row in inputs] == ["unknown"]
 
-    assert _run("register", built, near, far, "-o", tmp_path / "out", "--json", tmp_path / "out.json") == 0
+    assert _run("register", built, near, far, *narrow, "-o", tmp_path / "out", "--json", tmp_path / "out.json") == 0
     shown = capsys.readouterr().out
     here, there = json.loads((tmp_path / "out.json").read_text())
     assert any(each.startswith("assumed in this drive: time (unknown)") for each in here["remarks"])
