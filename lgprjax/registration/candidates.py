@@ -71,6 +71,7 @@ def label_variance(prepared: PreparedGround, tile: int, pose: Float[np.ndarray, 
 
 
 _RIM = 0.25  # of the wavelength: sigma across at the map's edge
+_SETTLING, _SETTLED = 0.6, 2.2  # wavelengths: sigma along at a drive's start, and travel in which it falls to 1/e
 _AWAY = 0.6  # of the wavelength: a climb that ends farther off left its peak
 
 
@@ -158,7 +159,13 @@ class StopFixes:
         # Where the map ends next to the best place, the match cannot say how far beyond it the true one is.
         left = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
         at_end = ((ends > 0) * (_RIM * self._wavelength_m) ** 2)[:, None, None]
-        beside = beside + at_end * left[:, :, None] * left[:, None, :]
+        # A running mean that began just now takes the ground behind away and shifts what is left of it ahead.
+        ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
+        settling_m = _SETTLING * self._wavelength_m * np.exp(-stops.path_m[at] / (_SETTLED * self._wavelength_m))
+        at_start = (settling_m**2)[:, None, None]
+        beside = (
+            beside + at_end * left[:, :, None] * left[:, None, :] + at_start * ahead[:, :, None] * ahead[:, None, :]
+        )
         fixes.covariance[:] *= self._sigma_scale**2
         fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
         return fixes, beside

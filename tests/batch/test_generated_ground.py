@@ -7,6 +7,7 @@ import pytest
 
 from generated import Site, make_site, register_site, replay, scans_of
 from lgprjax.batch import RegisteredDrive, register_log
+from lgprjax.batch.register import true_errors
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording
 from lgprjax.mapping import build_map
 from lgprjax.pso import SwarmConfig
@@ -147,6 +148,17 @@ def test_a_window_of_the_ladder_is_worth_as_much_by_itself(site: Site) -> None:
     # Longer ones were taken where that length was not enough, or is none yet.
     longer = np.asarray(ladder.fix.window_m) > 1.0
     assert np.all(5.0 * np.asarray(alone.fix.p_false)[longer] > 0.5 * RISK)
+
+
+def test_the_first_metres_say_that_the_background_is_still_settling(live: RegisteredDrive) -> None:
+    ok = np.asarray(live.fix.code) == Code.OK
+    along_m = true_errors(live)[:, 0]
+    sigma_m = live.table["sigma_along_m"].to_numpy()
+    path_m = np.abs(live.track.travel_m - live.track.travel_m[0])
+    early, late = ok & (path_m < 2.0), ok & (path_m > 6.0)
+    assert early.any()
+    assert np.all(np.abs(along_m[early]) <= 3.0 * sigma_m[early])
+    assert np.median(sigma_m[early]) > 1.5 * np.median(sigma_m[late])
 
 
 def test_a_stricter_risk_believes_less(site: Site, live: RegisteredDrive) -> None:
