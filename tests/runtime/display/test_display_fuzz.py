@@ -165,8 +165,11 @@ def test_connections_that_say_nothing(tmp_path: Path) -> None:
         while open_files(served) > before + MOST_CONNECTIONS + 2:
             assert time.monotonic() - begun_s < 0.5 * HTTP_LIFE_S
             viewer.recv(2.0)
+        over = 0
         while open_files(served) > before + 1:
-            assert open_files(served) <= before + MOST_CONNECTIONS + 2
+            # Connections that still waited to be taken are taken and closed again: more than a moment is too long.
+            over = over + 1 if open_files(served) > before + MOST_CONNECTIONS + 2 else 0
+            assert over < 20
             assert time.monotonic() - begun_s < HTTP_LIFE_S + 5.0
             viewer.recv(2.0)
         assert time.monotonic() - begun_s > 0.5 * HTTP_LIFE_S
