@@ -1,4 +1,4 @@
-"""What a map says of matches on it: how well foreign ground matches it, and what right matches err by."""
+"""Statistics of matches on a map, measured on itself: scores of foreign ground, and errors of right matches."""
 
 import os
 from collections.abc import Iterator
@@ -43,6 +43,8 @@ _LEFT_OUT = 6
 """Baselines left out one by one, spread over the map: each asks for tiles of its own."""
 _LEFT_OUT_PIECES = 60
 _LEAST_LEFT_OUT = 5
+_STRETCHES_TRIED = 40
+_PLACES_LOOKED_AT = 4000
 _COVERED = 0.5  # of the channels, over the ground of the others
 _BETWEEN = 0.6  # of the distance between map traces
 # wavelengths to each side, no more than 2.5 m: chances scale with the area, so that a small one suffices
@@ -89,7 +91,7 @@ class _StationChain(LiveChain):
 
 def measure_chance(source: MapFile) -> Chance:
     """Match pieces of a map's baselines at other places of it, and fit the tail of their best scores; then leave out
-    baselines, register them on the others, and scale the sigmas by what those matches err by.
+    baselines, register them on the others, and scale the sigmas to the errors of those matches.
 
     Every piece is searched like a drive without a stated position sigma, in all windows of the ladder. A map too small
     for some dozens of pieces gets the tail pooled over many grounds.
@@ -220,7 +222,7 @@ def _left_out_errors(
 ) -> Float[np.ndarray, " piece"]:
     """Squared errors of left-out baselines' places on the others' ground, in units of their matches' covariance.
 
-    A degree of freedom, one fix a piece; what a baseline's label is off by as a whole is no error of its matches.
+    Per degree of freedom, one fix a piece; a constant offset of a baseline's labels is no error of its matches.
     """
     piece_m = PIECE_M * max(1.0, source.description.settings.wavelength_m)
     numbers = np.unique(source.drive[source.retired == 0])
@@ -261,24 +263,35 @@ def _left_out_errors(
 def _stretches_over_others(
     source: MapFile, number: int, channels: int, least_m: float
 ) -> Iterator[tuple[_Swapped, Bool[np.ndarray, "scan channel"]]]:
-    """Stretches of a baseline that lie over the ground of others, and which of its traces do."""
+    """Stretches of a baseline over the ground of others, in a fixed random order, and which of its traces are.
+
+    A bounded number is looked at, whatever the length of the map, and only the antennas next to each.
+    """
     description = source.description
     pitch_m, step_m = description.channel_pitch_m, description.settings.step_m
     in_force = source.retired == 0
-    antennas = cKDTree(_antennas(source, np.flatnonzero(in_force & (source.drive != number))).reshape(-1, 2))
+    others = np.flatnonzero(in_force & (source.drive != number))
     own = np.flatnonzero(in_force & (source.drive == number))
     most = int(_STRETCH_M * max(1.0, description.settings.wavelength_m) / step_m)
-    away, _ = antennas.query(_antennas(source, own).reshape(-1, 2))
-    over = away.reshape(len(own), -1) < _BETWEEN * max(pitch_m, step_m)
-    for under in range(0, description.channels - channels + 1, channels):
-        part = over[:, under : under + channels]
-        enough = np.mean(part, axis=1) >= _COVERED
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], enough.astype(int), [0]])))
-        for begin, end in edges.reshape(-1, 2):
-            for low in range(begin, end, most):
-                rows = slice(low, min(low + most, end))
-                if (rows.stop - rows.start) * step_m >= least_m:
-                    yield _Swapped(own[rows], own[rows], under, under), part[rows]
+    places = cKDTree(source.pose[others, :2])
+    reach_m = 0.5 * most * step_m + description.array_width_m + pitch_m
+    starts = np.random.default_rng(_SEED).permutation(np.arange(0, len(own), most))[:_STRETCHES_TRIED]
+    for low in starts:
+        stretch = own[low : low + most]
+        middle = source.pose[stretch[len(stretch) // 2], :2]
+        near = others[np.sort(np.asarray(places.query_ball_point(middle, reach_m), dtype=np.int64))]
+        if not len(near):
+            continue
+        antennas = cKDTree(_antennas(source, near).reshape(-1, 2))
+        away, _ = antennas.query(_antennas(source, stretch).reshape(-1, 2))
+        over = away.reshape(len(stretch), -1) < _BETWEEN * max(pitch_m, step_m)
+        for under in range(0, description.channels - channels + 1, channels):
+            part = over[:, under : under + channels]
+            enough = np.mean(part, axis=1) >= _COVERED
+            edges = np.flatnonzero(np.diff(np.concatenate([[0], enough.astype(int), [0]])))
+            for begin, end in edges.reshape(-1, 2):
+                if (end - begin) * step_m >= least_m:
+                    yield _Swapped(stretch[begin:end], stretch[begin:end], under, under), part[begin:end]
 
 
 def _antennas(source: MapFile, stations: Int[np.ndarray, " scan"]) -> Float[np.ndarray, "scan channel 2"]:
@@ -294,9 +307,10 @@ def _line_spacing_m(source: MapFile) -> float:
     if description.channels > 1 or len(numbers) < 2:
         return description.channel_pitch_m
     nearest = []
+    every = max(1, len(source.pose) // _PLACES_LOOKED_AT)
     for number in numbers[np.unique(np.linspace(0, len(numbers) - 1, _LEFT_OUT).round().astype(int))]:
         others = cKDTree(source.pose[source.drive != number, :2])
-        nearest.append(np.median(others.query(source.pose[source.drive == number, :2])[0]))
+        nearest.append(np.median(others.query(source.pose[source.drive == number, :2][::every])[0]))
     return float(np.median(nearest))
 
 

@@ -72,7 +72,7 @@ def _chance(chance: "Chance | None", wavelength_m: float) -> dict[str, object]:
         + (
             f"{chance.left_out} pieces of baselines left out and registered on the others"
             if chance.left_out
-            else "as on many grounds: no baseline lies over the others"
+            else "pooled over many grounds: baselines do not overlap"
         ),
     }
 

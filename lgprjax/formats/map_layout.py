@@ -5,6 +5,7 @@ bytes. The differences restart every ``UNIT`` stations, so that a long map can b
 """
 
 import json
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -333,4 +334,5 @@ def chance_of_text(text: str) -> Chance | None:
     except (ValueError, KeyError, TypeError):
         return None
     sound = all(field.shape == chance.start.shape and np.all(field > 0.0) for field in fields.values())
+    sound = sound and 0.0 < chance.sigma_scale < math.inf
     return chance if known and sound and chance.start.ndim == 1 and bool(np.all(chance.share <= 1.0)) else None

@@ -103,7 +103,7 @@ class StopFixes:
         prepared: ground of the map for the drive's array.
         lattice: of the drive.
         plan, options: of the search.
-        sigma_scale: of the match's sigmas, where the user has no thresholds of his own.
+        sigma_scale: factor on the match's sigmas, unless the options hold user thresholds.
         batch: climbs run together; a compiled shape.
     """
 
@@ -159,7 +159,7 @@ class StopFixes:
         # Where the map ends next to the best place, the match cannot say how far beyond it the true one is.
         left = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
         at_end = ((ends > 0) * (_RIM * self._wavelength_m) ** 2)[:, None, None]
-        # A running mean that began just now takes the ground behind away and shifts what is left of it ahead.
+        # A running mean that has just started is that of the ground behind, and shifts the remainder ahead.
         ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
         settling_m = _SETTLING * self._wavelength_m * np.exp(-stops.path_m[at] / (_SETTLED * self._wavelength_m))
         at_start = (settling_m**2)[:, None, None]

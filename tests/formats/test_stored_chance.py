@@ -131,6 +131,8 @@ def test_text_comes_back_and_damaged_text_does_not() -> None:
     back = chance_of_text(text)
     assert back is not None
     assert same(back, CHANCE)
-    for damaged in ("", "[]", text[:-20], text.replace('"method": ', '"method": 9'), text.replace("20.5", "-20.5")):
+    poor = [text.replace("1.375", sigma) for sigma in ("NaN", "Infinity", "-1.375", "0.0")]
+    poor += ["", "[]", text[:-20], text.replace('"method": ', '"method": 9'), text.replace("20.5", "-20.5")]
+    for damaged in poor:
         assert damaged != text
         assert chance_of_text(damaged) is None
