@@ -267,7 +267,8 @@ def slowed(
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Slow the faster wheel by an amount and the other in proportion: the arc stays the same."""
     fastest = jnp.maximum(jnp.abs(left_mps), jnp.abs(right_mps))
-    share = jnp.where(fastest > change_mps, 1.0 - change_mps / jnp.where(fastest > 0.0, fastest, 1.0), 0.0)
+    # At rest the quotient is infinite or no number: fmax makes zero of both.
+    share = jnp.fmax(1.0 - change_mps / fastest, 0.0)
     return share * left_mps, share * right_mps
 
 
