@@ -197,10 +197,10 @@ def fix_example(
         margin=spec.margin,
     )
     strip = max(_STRIP_M if log.channels > 1 else 0.0, window_m, 1.0)
-    lane = _template_of(stops, array, at, strip, step_m)
+    stripe = _template_of(stops, array, at, strip, step_m)
     channel = log.channels // 2
-    offset = np.asarray(lane.offset_m)[0].reshape(-1, log.channels, 2)[:, channel]
-    live = np.asarray(lane.coefficients)[0].reshape(len(offset), log.channels, -1)[:, channel]
+    offset = np.asarray(stripe.offset_m)[0].reshape(-1, log.channels, 2)[:, channel]
+    live = np.asarray(stripe.coefficients)[0].reshape(len(offset), log.channels, -1)[:, channel]
     pose = to_tile(np.asarray(drive.fix.pose)[[scan]], frame)[0]
     under, _ = ground_under(tile, _placed(offset, pose))
     ahead, _ = ground_under(tile, _placed(offset - np.array([_BESIDE_M, 0.0]), pose))

@@ -321,7 +321,7 @@ class MapHistory(NamedTuple):
     Attributes:
         inputs: one row a baseline, empty if missing.
         updates: rows of the updates so far.
-        agreement: median strength of the matches of its first baselines, as far as that has been measured.
+        agreement: median score of the matches of its first baselines, as far as that has been measured.
         repeats: share of each baseline's signal that is ground; NaN where not measured.
     """
 

@@ -36,7 +36,7 @@ class Evidence(NamedTuple):
 
     Attributes:
         at_m: of each place, along the new baseline.
-        strength: of the place's match on each baseline's ground alone; NaN where there is none, or none with a signal.
+        score: of the place's match on each baseline's ground alone; NaN where there is none, or none with a signal.
         apart_m: of the match from its label.
         in_force: that baseline's ground is in force there.
         sure: the place is known from fixes before and after it, and its signal is ground.
@@ -45,7 +45,7 @@ class Evidence(NamedTuple):
     """
 
     at_m: Float[np.ndarray, " place"]
-    strength: Float[np.ndarray, "drive place"]
+    score: Float[np.ndarray, "drive place"]
     apart_m: Float[np.ndarray, "drive place"]
     in_force: Bool[np.ndarray, "drive place"]
     sure: Bool[np.ndarray, " place"]
@@ -59,7 +59,7 @@ class ChangedGround(NamedTuple):
         start_m, stop_m: along the new baseline.
         first, last: places, both included.
         drive: the old baseline.
-        strength: median of the matches there.
+        score: median of the matches there.
         agreeing: newer baselines that the new one matches there: together they outvote the old one. Empty where the
             ground may be changed or only disturbed.
     """
@@ -69,7 +69,7 @@ class ChangedGround(NamedTuple):
     first: int
     last: int
     drive: int
-    strength: float
+    score: float
     agreeing: tuple[int, ...]
 
 
@@ -80,7 +80,7 @@ class GroundVerdict(NamedTuple):
         changed: stretches, by old baseline.
         held: places of the new baseline that only contradict others, and are held back.
         confirmed: places of each old baseline that the new one agrees with: held-back stations there come into force.
-        usual: strength of the new baseline's matches; NaN where it matches nothing.
+        usual: score of the new baseline's matches; NaN where it matches nothing.
     """
 
     changed: tuple[ChangedGround, ...]
@@ -89,45 +89,45 @@ class GroundVerdict(NamedTuple):
     usual: float
 
 
-def usual_strength(strength: Float[np.ndarray, "drive place"], sure: Bool[np.ndarray, " place"]) -> float:
+def usual_score(score: Float[np.ndarray, "drive place"], sure: Bool[np.ndarray, " place"]) -> float:
     """Median, over the known places, of the best match there; NaN without any."""
-    best = np.max(np.where(np.isfinite(strength), strength, -np.inf), axis=0, initial=-np.inf)
+    best = np.max(np.where(np.isfinite(score), score, -np.inf), axis=0, initial=-np.inf)
     best = best[sure & np.isfinite(best)]
     return float(np.median(best)) if len(best) else float("nan")
 
 
-def differing(strength: Float[np.ndarray, "drive place"], usual: float) -> Bool[np.ndarray, "drive place"]:
+def differing(score: Float[np.ndarray, "drive place"], usual: float) -> Bool[np.ndarray, "drive place"]:
     """Places whose matches, like those of their neighbours, are so weak that the ground must differ."""
-    return np.asarray(_median_of_three(strength) < _DIFFERS * usual)
+    return np.asarray(_median_of_three(score) < _DIFFERS * usual)
 
 
 def judge_ground(evidence: Evidence) -> GroundVerdict:
     """Decide which stretches have changed, and which of the new baseline's places are held back."""
-    strength = _median_of_three(evidence.strength)
-    usual = usual_strength(evidence.strength, evidence.sure)
-    low = (strength < _DIFFERS * usual) & evidence.sure
-    high = (strength >= _AGREES * usual) & (evidence.apart_m <= _PLACED_M)
+    score = _median_of_three(evidence.score)
+    usual = usual_score(evidence.score, evidence.sure)
+    low = (score < _DIFFERS * usual) & evidence.sure
+    high = (score >= _AGREES * usual) & (evidence.apart_m <= _PLACED_M)
     confirmed = high.copy()
     # Ground that agrees with a baseline of that date or older has not changed since: a weak match has another reason.
-    count = len(strength)
+    count = len(score)
     dated = evidence.newer[count, :count]
     for old in np.flatnonzero(dated):
         as_old = dated & ~evidence.newer[:count, old]
         low[old] &= ~np.any((high & evidence.in_force)[as_old], axis=0)
     in_force, contradicted = evidence.in_force.copy(), np.zeros(len(evidence.at_m), bool)
     changed = []
-    for drive in range(len(strength)):
+    for drive in range(len(score)):
         for first, last in runs(_bridged(low[drive])):
             span = slice(first, last + 1)
             if (last + 1 - first) * PLACE_M < _LEAST_M or not in_force[drive, span].any():
                 continue
-            agreeing = _agreeing(evidence, strength[:, span], evidence.apart_m[:, span], usual, drive)
+            agreeing = _agreeing(evidence, score[:, span], evidence.apart_m[:, span], usual, drive)
             start_m, stop_m = float(evidence.at_m[first]) - PLACE_M / 2, float(evidence.at_m[last]) + PLACE_M / 2
-            middle = float(np.nanmedian(strength[drive, span]))
+            middle = float(np.nanmedian(score[drive, span]))
             changed.append(ChangedGround(start_m, stop_m, first, last, drive, middle, agreeing))
             in_force[drive, span] &= not agreeing
             for other in agreeing:
-                confirmed[other, span] |= np.isfinite(strength[other, span])
+                confirmed[other, span] |= np.isfinite(score[other, span])
                 in_force[other, span] |= confirmed[other, span]
             contradicted[span] |= not agreeing
     held = contradicted & ~np.any(high & in_force, axis=0)
@@ -136,30 +136,30 @@ def judge_ground(evidence: Evidence) -> GroundVerdict:
 
 def _agreeing(
     evidence: Evidence,
-    strength: Float[np.ndarray, "drive part"],
+    score: Float[np.ndarray, "drive part"],
     apart_m: Float[np.ndarray, "drive part"],
     usual: float,
     old: int,
 ) -> tuple[int, ...]:
     """Baselines newer than an old one that the new one, newer too, matches over most of a stretch."""
-    new = len(strength)
+    new = len(score)
     out = []
     for drive in np.flatnonzero(evidence.newer[:new, old] & evidence.newer[new, old]):
-        known_match = np.isfinite(strength[drive])
+        known_match = np.isfinite(score[drive])
         if known_match.mean() < _HALF or np.median(apart_m[drive, known_match]) > _PLACED_M:
             continue
-        if np.median(strength[drive, known_match]) >= _AGREES * usual:
+        if np.median(score[drive, known_match]) >= _AGREES * usual:
             out.append(int(drive))
     return tuple(out)
 
 
-def _median_of_three(strength: Float[np.ndarray, "drive place"]) -> Float[np.ndarray, "drive place"]:
+def _median_of_three(score: Float[np.ndarray, "drive place"]) -> Float[np.ndarray, "drive place"]:
     """Median of each place and its two neighbours, the lower one of two; NaN stays NaN."""
-    padded = np.pad(strength, [(0, 0), (1, 1)], constant_values=np.nan)
+    padded = np.pad(score, [(0, 0), (1, 1)], constant_values=np.nan)
     about = np.sort(np.stack([padded[:, :-2], padded[:, 1:-1], padded[:, 2:]]), axis=0)  # NaN goes last
     known = np.isfinite(about).sum(axis=0)
     middle = np.take_along_axis(about, (np.maximum(known - 1, 0) // 2)[None], axis=0)[0]
-    return np.asarray(np.where(np.isfinite(strength), middle, np.nan))
+    return np.asarray(np.where(np.isfinite(score), middle, np.nan))
 
 
 def _bridged(low: Bool[np.ndarray, " place"]) -> Bool[np.ndarray, " place"]:
@@ -247,19 +247,19 @@ class NearPlaces:
         return np.asarray(near[taken])
 
 
-class Strengths(NamedTuple):
+class Scores(NamedTuple):
     """Best matches of stations; NaN where less than a third of the array is over the ground.
 
     Attributes:
-        strength: correlation times the root of the overlap.
+        score: correlation times the root of the overlap.
         apart_m: from the station's label.
     """
 
-    strength: Float[np.ndarray, " place"]
+    score: Float[np.ndarray, " place"]
     apart_m: Float[np.ndarray, " place"]
 
 
-def strengths_on(source: MapFile, stations: Int[np.ndarray, " place"], kept: Bool[np.ndarray, " scan"]) -> Strengths:
+def scores_on(source: MapFile, stations: Int[np.ndarray, " place"], kept: Bool[np.ndarray, " scan"]) -> Scores:
     """Match stations on the ground of others, around their labels.
 
     Args:
@@ -267,9 +267,9 @@ def strengths_on(source: MapFile, stations: Int[np.ndarray, " place"], kept: Boo
         stations: in order along their baseline.
         kept: the stations that form the ground.
     """
-    strength, apart_m = np.full(len(stations), np.nan), np.full(len(stations), np.nan)
+    score, apart_m = np.full(len(stations), np.nan), np.full(len(stations), np.nan)
     if not kept.any() or not len(stations):
-        return Strengths(strength, apart_m)
+        return Scores(score, apart_m)
     options = RegisterOptions(search_m=_SEARCH_M)
     ground = ground_map_for(KeptStations(source, kept), options)
     point_m = source.pose[stations, :2]
@@ -279,9 +279,9 @@ def strengths_on(source: MapFile, stations: Int[np.ndarray, " place"], kept: Boo
             continue
         match = match_stations(source, ground, int(tile[run[0]]), stations[run], options)
         known_match = (match.share >= _LEAST_SHARE) & (match.code != Code.OFF_MAP) & (match.code != Code.NON_FINITE)
-        strength[run] = np.where(known_match, match.strength, np.nan)
+        score[run] = np.where(known_match, match.score, np.nan)
         apart_m[run] = np.where(known_match, np.hypot(match.along_m, match.cross_m), np.nan)
-    return Strengths(strength, apart_m)
+    return Scores(score, apart_m)
 
 
 def repeats_at(source: MapFile, ground: GroundMap, stations: Int[np.ndarray, " place"]) -> Float[np.ndarray, " place"]:
@@ -320,14 +320,14 @@ class BaselineChanges(NamedTuple):
         marks: after the update.
         retired: stations of the old baselines taken out of force.
         released: stations that were held back and are in force now.
-        strength: of the new baseline's places on each old one's ground alone.
+        score: of the new baseline's places on each old one's ground alone.
     """
 
     verdict: GroundVerdict
     marks: StationMarks
     retired: int
     released: int
-    strength: Float[np.ndarray, "drive place"]
+    score: Float[np.ndarray, "drive place"]
 
 
 def find_changes(
@@ -353,17 +353,17 @@ def find_changes(
     near = NearPlaces(source, places)
     usable = (marks.retired == 0) | marks.held_back(drive)
     count = len(places.at_m)
-    strength, apart_m = np.full((2, new, count), np.nan)
+    score, apart_m = np.full((2, new, count), np.nan)
     in_force = np.zeros((new, count), bool)
     nearest = np.full((new, count), -1)
     for other in range(new):
         kept = usable & (drive == other)
         nearest[other] = near.nearest_stations(kept, near.width_m)
         beside = np.flatnonzero((nearest[other] >= 0) & corrected)
-        strength[other, beside], apart_m[other, beside] = strengths_on(source, places.station[beside], kept)
+        score[other, beside], apart_m[other, beside] = scores_on(source, places.station[beside], kept)
         in_force[other] = (nearest[other] >= 0) & (marks.retired[np.maximum(nearest[other], 0)] == 0)
-    strength, sure = _with_signal(source, places, nearest, strength, between)
-    verdict = judge_ground(Evidence(places.at_m, strength, apart_m, in_force, sure, newer))
+    score, sure = _with_signal(source, places, nearest, score, between)
+    verdict = judge_ground(Evidence(places.at_m, score, apart_m, in_force, sure, newer))
     retired = marks.retired.copy()
     released = 0
     for other in range(new):
@@ -381,23 +381,23 @@ def find_changes(
     stations, place = places.of_station
     retired[stations[(verdict.held | unknown)[place]]] = update
     taken = int(np.count_nonzero((retired == update) & (drive != new)))
-    return BaselineChanges(verdict, marks._replace(retired=retired), taken, released, strength)
+    return BaselineChanges(verdict, marks._replace(retired=retired), taken, released, score)
 
 
 def _with_signal(
     source: MapFile,
     places: BaselinePlaces,
     nearest: Int[np.ndarray, "drive place"],
-    strength: Float[np.ndarray, "drive place"],
+    score: Float[np.ndarray, "drive place"],
     between: Bool[np.ndarray, " place"],
 ) -> tuple[Float[np.ndarray, "drive place"], Bool[np.ndarray, " place"]]:
     """Matches and places whose differences are not due to noise."""
-    low = differing(strength, usual_strength(strength, between)) & between
+    low = differing(score, usual_score(score, between)) & between
     if not low.any():
-        return strength, between
+        return score, between
     ground = ground_map_for(source, RegisterOptions(search_m=1.5))
     at = np.flatnonzero(low.any(axis=0))
-    sure, out = between.copy(), strength.copy()
+    sure, out = between.copy(), score.copy()
     sure[at] &= repeats_at(source, ground, places.station[at]) >= WEAK_REPEATS
     for drive, place in zip(*np.nonzero(low & sure), strict=True):
         if repeats_at(source, ground, nearest[drive, place : place + 1])[0] < WEAK_REPEATS:
@@ -416,17 +416,17 @@ def agreement_with(
     source: MapFile,
     in_force: Bool[np.ndarray, " scan"],
     known: Float[np.ndarray, "known known"],
-    strength: Float[np.ndarray, "drive place"],
+    score: Float[np.ndarray, "drive place"],
 ) -> Float[np.ndarray, "drive_and_new drive_and_new"]:
-    """Median strength of the matches of every two baselines; NaN where they share less than a few metres.
+    """Median score of the matches of every two baselines; NaN where they share less than a few metres.
 
     Args:
         source: the map, a new baseline the last one.
         in_force: stations that are compared.
         known: of its first baselines, measured before; it is kept.
-        strength: of the new baseline's places on the ground of each of the others.
+        score: of the new baseline's places on the ground of each of the others.
     """
-    drives = len(strength)
+    drives = len(score)
     out = np.full((drives + 1, drives + 1), np.nan)
     measured = min(len(known), drives)
     out[:measured, :measured] = known[:measured, :measured]
@@ -437,13 +437,13 @@ def agreement_with(
             kept = in_force & (source.drive == earlier)
             shared = (near.nearest_stations(kept, 0.5 * near.width_m) >= 0) & in_force[places.station]
             chosen = places.station[_spread(np.flatnonzero(shared))]
-            out[later, earlier] = out[earlier, later] = _median_of_enough(strengths_on(source, chosen, kept).strength)
-    out[drives, :drives] = out[:drives, drives] = [_median_of_enough(row) for row in strength]
+            out[later, earlier] = out[earlier, later] = _median_of_enough(scores_on(source, chosen, kept).score)
+    out[drives, :drives] = out[:drives, drives] = [_median_of_enough(row) for row in score]
     return out
 
 
-def _median_of_enough(strength: Float[np.ndarray, " place"]) -> float:
-    known_match = strength[np.isfinite(strength)]
+def _median_of_enough(score: Float[np.ndarray, " place"]) -> float:
+    known_match = score[np.isfinite(score)]
     return float(np.median(known_match)) if len(known_match) >= _LEAST_SAMPLES else float("nan")
 
 

@@ -321,8 +321,8 @@ class Matches(NamedTuple):
         along_m, cross_m: the matched place minus the label, in the station's heading.
         sigma_m: larger of the match's sigmas along and across.
         correlation: at the match.
-        strength: correlation times the root of the overlap.
-        rival: strength of the best place at least 0.6 of a wavelength away, within the search region.
+        score: correlation times the root of the overlap.
+        rival: score of the best place at least 0.6 of a wavelength away, within the search region.
         share: of the template's traces over the ground it is matched with.
         code: of registration; ``off_map`` where it was not tried.
     """
@@ -331,7 +331,7 @@ class Matches(NamedTuple):
     cross_m: Float[np.ndarray, " template"]
     sigma_m: Float[np.ndarray, " template"]
     correlation: Float[np.ndarray, " template"]
-    strength: Float[np.ndarray, " template"]
+    score: Float[np.ndarray, " template"]
     rival: Float[np.ndarray, " template"]
     share: Float[np.ndarray, " template"]
     code: Int[np.ndarray, " template"]
@@ -366,7 +366,7 @@ def match_stations(
         cross_m=turned_back[:, 1],
         sigma_m=np.sqrt(np.maximum(covariance[:, 0, 0], covariance[:, 1, 1])),
         correlation=np.asarray(fix.correlation, dtype=np.float64),
-        strength=np.asarray(fix.margin, dtype=np.float64) + np.asarray(fix.runner_up, dtype=np.float64),
+        score=np.asarray(fix.margin, dtype=np.float64) + np.asarray(fix.runner_up, dtype=np.float64),
         rival=np.asarray(fix.runner_up, dtype=np.float64),
         share=share,
         code=np.asarray(fix.code),

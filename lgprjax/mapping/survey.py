@@ -35,7 +35,7 @@ class Signal(NamedTuple):
     Attributes:
         power: mean square of the gained traces around the place.
         repeats: their correlation with those an eighth of a wavelength farther, which is the share of ground.
-        likeness: strength of the best rival of the place's own scan within the search region, over its own.
+        likeness: score of the best rival of the place's own scan within the search region, over its own.
         ambiguous: that scan, registered on the map, is declined for its rival.
     """
 
@@ -101,7 +101,7 @@ def survey_map(source: MapFile, progress: Callable[[int], None] = lambda _: None
         held = station >= 0
         if held.any():
             match = match_stations(source, ground, tile, station[held], options)
-            likeness[at[held]] = np.maximum(match.rival, 0.0) / np.maximum(match.strength, 1e-3)
+            likeness[at[held]] = np.maximum(match.rival, 0.0) / np.maximum(match.score, 1e-3)
             ambiguous[at[held]] = match.code == Code.AMBIGUOUS
         progress(len(at))
     beside = np.zeros((len(drives), max(source.description.channels - 1, 0), 2))

@@ -532,10 +532,10 @@ def _weigh(
 ) -> tuple[np.ndarray, np.ndarray, tuple[BaselineWeight, ...]]:
     """Agreement of all baselines in pairs, signal of each, and the weights that follow."""
     in_force = changes.marks.retired == 0
-    strength = changes.strength.copy()
+    score = changes.score.copy()
     for ground in changes.verdict.changed:
-        strength[ground.drive, ground.first : ground.last + 1] = np.nan
-    agreement = agreement_with(stage, in_force, history.agreement, strength)
+        score[ground.drive, ground.first : ground.last + 1] = np.nan
+    agreement = agreement_with(stage, in_force, history.agreement, score)
     repeats = repeats_of(stage, in_force, np.append(history.repeats, np.nan))
     return agreement, repeats, weigh_baselines(recorded, agreement, repeats)
 
@@ -581,7 +581,7 @@ def _update_of(
                 start=ends[ground.first],
                 stop=ends[ground.last],
                 baseline=ground.drive,
-                strength=ground.strength,
+                score=ground.score,
                 usual=changes.verdict.usual,
                 agreeing=ground.agreeing,
             )
@@ -599,7 +599,7 @@ def _label_sigma_m(log: DriveLog, located: LocatedDrive, changes: BaselineChange
     one.
     """
     corrected = located.correction.corrected
-    beside = np.isfinite(changes.strength).sum(axis=0)
+    beside = np.isfinite(changes.score).sum(axis=0)
     joined = float(np.median(beside[beside > 0])) if np.any(beside > 0) else 1.0
     tied_m2 = (2.0 * joined + 1.0) * located.map_sigma_m**2 + located.match_sigma_m**2
     given_m2 = (position_sigma_m(log) or 0.0) ** 2

@@ -144,7 +144,7 @@ class MapJudge:
         where: list[RouteInterval] = []
         for drive in np.unique(agreement.drive):
             mine = agreement.drive == drive
-            value = self._worst_on_route(-match.strength, mine & tried)
+            value = self._worst_on_route(-match.score, mine & tried)
             where += self._intervals(self._on_route(poor & mine), -value, smallest=True, drive=int(drive))
         middle = float(np.nanmedian(match.correlation[tried])) if tried.any() else np.nan
         text = (
@@ -343,7 +343,7 @@ def _agreement_table(survey: MapSurvey) -> pd.DataFrame:
             "cross_m": match.cross_m,
             "sigma_m": match.sigma_m,
             "correlation": match.correlation,
-            "strength": match.strength,
+            "strength": match.score,
             "share": match.share,
             "code": [Code(int(code)).label for code in match.code],
         }

@@ -38,7 +38,7 @@ def weigh_baselines(
 
     Args:
         recorded: when; None where it is not known.
-        agreement: median strength of the matches between two baselines, NaN where they do not overlap; the diagonal
+        agreement: median score of the matches between two baselines, NaN where they do not overlap; the diagonal
             does not count.
         repeats: share of each baseline's signal that repeats an eighth of a wavelength farther; NaN where not known.
     """
@@ -120,7 +120,7 @@ class UpdateStretch(NamedTuple):
         start_m, stop_m: along the new drive.
         start, stop: latitude_deg and longitude_deg of its ends.
         baseline: the old one.
-        strength: of the matches there, and usual: of the new drive's matches.
+        score: of the matches there, and usual: of the new drive's matches.
         agreeing: newer baselines that agree with the drive: the old one's stations there are retired. Without any the
             ground is changed or disturbed, and the old stations stay in force.
     """
@@ -130,7 +130,7 @@ class UpdateStretch(NamedTuple):
     start: tuple[float, float]
     stop: tuple[float, float]
     baseline: int
-    strength: float
+    score: float
     usual: float
     agreeing: tuple[int, ...]
 
@@ -194,7 +194,7 @@ def changes_in_words(drive: DriveUpdate, files: tuple[str, ...]) -> list[str]:
     lines = []
     for each in drive.changed:
         where = f"{each.start_m:.1f} to {each.stop_m:.1f} m ({each.start[0]:.7f}, {each.start[1]:.7f})"
-        against = f"against {files[each.baseline]} (matches {each.strength:.2f}, usual {each.usual:.2f})"
+        against = f"against {files[each.baseline]} (matches {each.score:.2f}, usual {each.usual:.2f})"
         if each.agreeing:
             with_it = ", ".join(files[number] for number in each.agreeing)
             lines.append(f"{where}: changed, {against}; {with_it} agrees: the old ground is retired there")

@@ -197,7 +197,7 @@ _REACH_M = 0.12
 _SEEN = 41
 """Positions to a side at which a watched swarm's score is shown."""
 
-Lane = tuple[Template, Float[Array, "6"], Float[Array, "6"], Float[Array, "6"], Float[Array, ""], UInt32[Array, ""]]
+Start = tuple[Template, Float[Array, "6"], Float[Array, "6"], Float[Array, "6"], Float[Array, ""], UInt32[Array, ""]]
 """One start: template, start, prior and half widths, independent numbers, seed."""
 
 
@@ -213,19 +213,19 @@ def swarm_poses(
     numbers: Float[Array, " batch"],
     free: Bool[Array, "6"],
     seed: UInt32[Array, ""],
-    lane_seed: UInt32[Array, " batch"],
+    start_seed: UInt32[Array, " batch"],
     *,
     config: SwarmConfig,
 ) -> Float[Array, "batch 6"]:
     """Best pose of a swarm around each start; arguments as for ``climb``, with a seed for each batch element."""
     ground = (tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap)
 
-    def one(lane: Lane) -> Float[Array, "6"]:
-        hunt = _hunt(ground, lane, free, seed, config)
+    def one(given: Start) -> Float[Array, "6"]:
+        hunt = _hunt(ground, given, free, seed, config)
         ended = run_swarm(hunt.key, hunt.cloud, hunt.posterior, free[:5], config=config)
-        return jnp.concatenate([hunt.centre + ended.position * hunt.reach, lane[1][5:]])
+        return jnp.concatenate([hunt.centre + ended.position * hunt.reach, given[1][5:]])
 
-    poses: Float[Array, "batch 6"] = jax.lax.map(one, (template, start, prior, half_width, numbers, lane_seed))
+    poses: Float[Array, "batch 6"] = jax.lax.map(one, (template, start, prior, half_width, numbers, start_seed))
     return poses
 
 
@@ -260,13 +260,13 @@ def watch_finish(
     numbers: Float[Array, ""],
     free: Bool[Array, "6"],
     seed: UInt32[Array, ""],
-    lane_seed: UInt32[Array, ""],
+    start_seed: UInt32[Array, ""],
     *,
     config: SwarmConfig,
 ) -> SwarmView:
     """One batch element of ``swarm_poses`` with its full history; ``template`` is a single one."""
     ground = (tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap)
-    hunt = _hunt(ground, (template, start, prior, half_width, numbers, lane_seed), free, seed, config)
+    hunt = _hunt(ground, (template, start, prior, half_width, numbers, start_seed), free, seed, config)
     trail = watch_swarm(hunt.key, hunt.cloud, hunt.posterior, free[:5], config=config)
     rows = jnp.arange(len(trail.best_score))
     best = trail.best_position[rows, jnp.argmax(trail.best_score, axis=1)]
@@ -298,17 +298,17 @@ class _Hunt(NamedTuple):
 
 def _hunt(
     ground: tuple[Tile, Float[Array, ""], Float[Array, " half"], float | Float[Array, ""]],
-    lane: Lane,
+    given: Start,
     free: Bool[Array, "6"],
     seed: UInt32[Array, ""],
     config: SwarmConfig,
 ) -> _Hunt:
     tile, height_reference_m, omega, min_overlap = ground
-    template, start, prior, half_width, numbers, lane_seed = lane
+    template, start, prior, half_width, numbers, start_seed = given
     pull = jnp.asarray([0.0, 0.0, *PRIOR[2:5]], dtype=jnp.float32)
     centre, width = start[:5], half_width[:5]
     reach = width.at[:2].set(jnp.minimum(width[:2], _REACH_M))
-    first, second = jax.random.split(jax.random.fold_in(jax.random.key(seed), lane_seed))
+    first, second = jax.random.split(jax.random.fold_in(jax.random.key(seed), start_seed))
     cloud = jax.random.uniform(first, (config.particles, 5), minval=-1.0, maxval=1.0)
     cloud = jnp.where(free[None, :5], cloud, 0.0).at[0].set(0.0)
 

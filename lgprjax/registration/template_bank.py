@@ -70,8 +70,8 @@ def make_columns(
     part = cells - low.astype(jnp.float32)
     first = [s // 2 for s in stride]
 
-    def channel(lane: tuple[Array, Array]) -> tuple[Array, Array]:
-        base, (u, v) = lane[0] + reach, lane[1]
+    def channel(each: tuple[Array, Array]) -> tuple[Array, Array]:
+        base, (u, v) = each[0] + reach, each[1]
 
         def moved(planes: Float[Array, "plane _ _"]) -> Float[Array, "plane _ _"]:
             start = (0, base[0], base[1])

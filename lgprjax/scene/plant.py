@@ -203,7 +203,7 @@ def default_skid_plant(*, track_m: float) -> SkidPlant:
 
 
 def init_skid_plant(plant: SkidPlant, pose: VehiclePose, key: PRNGKeyArray, *, delay_slots: int) -> SkidPlantState:
-    """Standing at a pose, slips drawn; one lane. ``delay_slots``: steps of the longest delay."""
+    """Standing at a pose, slips drawn; one batch element. ``delay_slots``: steps of the longest delay."""
     zero = jnp.zeros_like(pose.x_m)
     slip = plant.slip_sigma * jax.random.normal(key, (2,))
     waiting = jnp.zeros((delay_slots + 1, 2), jnp.float32)
@@ -213,7 +213,7 @@ def init_skid_plant(plant: SkidPlant, pose: VehiclePose, key: PRNGKeyArray, *, d
 def step_skid_plant(
     plant: SkidPlant, state: SkidPlantState, command: WheelSpeeds, key: PRNGKeyArray, step_s: float
 ) -> SkidPlantState:
-    """The vehicle after ``step_s`` of a constant command; one lane, more by ``vmap``.
+    """The vehicle after ``step_s`` of a constant command; one batch element, more by ``vmap``.
 
     Args:
         plant: the vehicle.
@@ -359,7 +359,7 @@ def default_skid_sensors(*, tick_s: float, gnss_x_m: float, gnss_y_m: float) -> 
 
 
 def init_skid_sensors(model: SkidSensors, yaw_rad: Float[Array, ""], key: PRNGKeyArray) -> SkidSensorState:
-    """Errors at the start; one lane."""
+    """Errors at the start; one batch element."""
     slow, drift, scale = jax.random.split(key, 3)
     return SkidSensorState(
         model.slow_sigma_m * jax.random.normal(slow, (2,)),
@@ -378,7 +378,7 @@ def read_skid_sensors(
     key: PRNGKeyArray,
     tick_s: float,
 ) -> tuple[SkidSensorState, SkidReadings]:
-    """Readings at the end of a tick; one lane, more by ``vmap``.
+    """Readings at the end of a tick; one batch element, more by ``vmap``.
 
     Args:
         model, state: of the sensors.

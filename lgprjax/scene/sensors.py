@@ -287,7 +287,7 @@ class FixErrorState(NamedTuple):
 
 
 def init_fix_errors(model: FixErrors, key: PRNGKeyArray) -> FixErrorState:
-    """Drawn from the stationary distribution; one lane."""
+    """Drawn from the stationary distribution; one batch element."""
     draw, place = jax.random.split(key)
     share = model.found_m / (model.found_m + model.lost_m)
     return FixErrorState(model.slow_sigma * jax.random.normal(draw, (3,)), jax.random.uniform(place) < share)
@@ -296,7 +296,7 @@ def init_fix_errors(model: FixErrors, key: PRNGKeyArray) -> FixErrorState:
 def step_fix_errors(
     model: FixErrors, state: FixErrorState, key: PRNGKeyArray, way_m: Float[Array, ""]
 ) -> tuple[FixErrorState, Float[Array, "3"]]:
-    """The state after some way, and the error of a fix there: along_m, cross_m, yaw_rad; one lane."""
+    """The state after some way, and the error of a fix there: along_m, cross_m, yaw_rad; one batch element."""
     slow_key, white_key, change_key = jax.random.split(key, 3)
     way_m = jnp.abs(way_m)
     keep = jnp.exp(-way_m / model.slow_m)
@@ -394,7 +394,7 @@ def during(interval_s: Float[Array, "2"], time_s: Float[Array, ""]) -> Bool[Arra
 # Navigation sensors in a closed loop: GNSS, gyro, INS heading and wheel odometry, tick by tick, and their faults.
 #
 # The way is not known beforehand, so errors are drawn as it is driven. Every error is a first-order Gauss-Markov
-# process, a random walk or white; one lane, more by ``vmap``.
+# process, a random walk or white; one batch element, more by ``vmap``.
 
 
 class LiveSensors(NamedTuple):
@@ -494,7 +494,7 @@ def live_sensors(
 
 
 def init_live_sensors(model: LiveSensors, key: PRNGKeyArray) -> LiveSensorState:
-    """Errors at the start of a drive; one lane."""
+    """Errors at the start of a drive; one batch element."""
     slow, bias, heading, scale = jax.random.split(key, 4)
     return LiveSensorState(
         model.gnss_slow_m * jax.random.normal(slow, (2,)),
@@ -516,7 +516,7 @@ def read_live_sensors(
     tick: Int[Array, ""],
     tick_s: float,
 ) -> tuple[LiveSensorState, Readings]:
-    """Readings at the end of a tick; one lane.
+    """Readings at the end of a tick; one batch element.
 
     Args:
         model, faults: the sensors, and what is wrong with them when.

@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool
 
 
 class Handover(NamedTuple):
-    """Who drives a lane in the next tick.
+    """Who drives a vehicle in the next tick.
 
     Attributes:
         engaged: the computer does; it was never taken from it.

@@ -213,7 +213,7 @@ class GroundMap:
         up[station >= 0] = self.source.places.read(number).ground_up_m[where]
         return up
 
-    def lanes(self, tile: int) -> Float[np.ndarray, "drive 2"]:
+    def baselines_across(self, tile: int) -> Float[np.ndarray, "drive 2"]:
         """Lowest and highest place across the tile's axis that each baseline's array covers near its frame.
 
         NaN for a baseline that does not pass.

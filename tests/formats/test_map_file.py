@@ -103,7 +103,7 @@ def test_a_tile_is_the_same_read_in_parts_and_held_whole(folder: Path, blocks: l
             for a, b in zip(lazily.tile(number), whole.tile(number), strict=True):
                 np.testing.assert_allclose(np.asarray(a), np.asarray(b), atol=1e-5)
             np.testing.assert_array_equal(lazily.stations_under(number), whole.stations_under(number))
-            np.testing.assert_array_equal(lazily.lanes(number), whole.lanes(number))
+            np.testing.assert_array_equal(lazily.baselines_across(number), whole.baselines_across(number))
         np.testing.assert_allclose(np.abs(lazily.components), np.abs(whole.components), atol=1e-3)
 
 

@@ -8,8 +8,6 @@ from typing import Any
 
 from lgprjax.cli import main
 
-MOVING = ("bench",)
-"""Verbs that are about to leave the command line for a place of their own."""
 WRONG: dict[str, list[str]] = {
     "no verb": [],
     "unknown verb": ["locate"],
@@ -71,7 +69,7 @@ def options_of_verbs() -> dict[str, list[str]]:
         assert status == 0, words
         usage = text.partition("\n\n")[0]
         if deeper := _VERBS.search(usage):
-            waiting += [[*words, verb] for verb in deeper[1].split(",") if [*words, verb] != list(MOVING)]
+            waiting += [[*words, verb] for verb in deeper[1].split(",")]
             continue
         lines = text[len(usage) :].splitlines()
         options = sorted(match[1].strip() for line in lines if (match := _OPTION.match(line)))

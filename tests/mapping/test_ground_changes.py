@@ -19,15 +19,15 @@ def judged(
     apart_m: np.ndarray | None = None,
 ) -> GroundVerdict:
     """Verdict on a new drive's matches, one row an old baseline; dates rise with the number unless told, 0: unknown."""
-    strength = np.stack(rows) + np.random.default_rng(1).normal(scale=0.03, size=(len(rows), PLACES))
+    score = np.stack(rows) + np.random.default_rng(1).normal(scale=0.03, size=(len(rows), PLACES))
     days = np.array(dates or range(1, len(rows) + 2))
     newer = (days[:, None] > days[None, :]) & (days[:, None] > 0) & (days[None, :] > 0)
     return judge_ground(
         Evidence(
             at_m=(np.arange(PLACES) + 0.5) * PLACE_M,
-            strength=strength,
-            apart_m=np.where(np.isfinite(strength), 0.05, np.nan) if apart_m is None else apart_m,
-            in_force=np.isfinite(strength) if in_force is None else in_force,
+            score=score,
+            apart_m=np.where(np.isfinite(score), 0.05, np.nan) if apart_m is None else apart_m,
+            in_force=np.isfinite(score) if in_force is None else in_force,
             sure=np.ones(PLACES, bool) if sure is None else sure,
             newer=newer,
         )
@@ -54,7 +54,7 @@ def test_one_newer_drive_alone_retires_nothing_and_is_held_back_itself() -> None
     for ground in verdict.changed:
         assert ground.agreeing == ()
         assert (ground.start_m, ground.stop_m) == (10.0, 18.0)
-        assert ground.strength == pytest.approx(OTHER, abs=0.03)
+        assert ground.score == pytest.approx(OTHER, abs=0.03)
     np.testing.assert_array_equal(np.flatnonzero(verdict.held), np.arange(20, 36))
 
 

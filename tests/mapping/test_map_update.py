@@ -99,7 +99,7 @@ def test_one_newer_drive_is_added_and_tells_of_the_trench(trench: TrenchSite, on
         # The array's centre stands 3 m ahead of where a drive begins.
         assert stretch.start_m + 3.0 == pytest.approx(trench.trench_m[0], abs=1.0)
         assert stretch.stop_m + 3.0 == pytest.approx(trench.trench_m[1], abs=1.0)
-        assert stretch.strength < 0.6 * stretch.usual
+        assert stretch.score < 0.6 * stretch.usual
     with MapFile.open(once.path) as source:
         new, held = source.drive == 2, source.retired == 1
         inside, outside = parts(trench, source.pose[:, 0])

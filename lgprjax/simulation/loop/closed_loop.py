@@ -2,8 +2,8 @@
 
 A tick has two halves: ``move`` (what the world does: the last command drives the vehicle, the sensors see it) and
 ``decide`` (what runs on board: ``step_onboard``, as on the vehicle). Between them stands the radar:
-registration of rendered scans, or fixes drawn from an error model. Both halves are one lane, more by ``vmap``; the
-controller never sees the true pose; only the driver does, who brings the vehicle to where it may be engaged.
+registration of rendered scans, or fixes drawn from an error model. Both halves are one batch element, more by ``vmap``;
+the controller never sees the true pose; only the driver does, who brings the vehicle to where it may be engaged.
 """
 
 from typing import NamedTuple
@@ -81,7 +81,7 @@ def decide(
     """The half that runs on board.
 
     Args:
-        spec, setup, route: of the lane.
+        spec, setup, route: of the drive.
         state: after ``move``.
         readings: of this tick.
         lgpr: this tick's fix, if there is one.

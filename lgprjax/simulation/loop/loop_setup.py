@@ -173,10 +173,10 @@ def start_loop(
     along_m: Float[Array, ""],
     key: PRNGKeyArray,
 ) -> LoopState:
-    """A vehicle that its driver drives along the route until navigation is sound, one lane.
+    """A vehicle that its driver drives along the route until navigation is sound, one batch element.
 
     Args:
-        spec, setup: of the lane.
+        spec, setup: of the drive.
         planner: from ``acquire``.
         pose: true, of the rear axle.
         believed: what the fusion starts from.
@@ -288,7 +288,7 @@ def loop_setup(spec: LoopSpec, made_of: LoopVehicle, terrain: Terrain) -> LoopSe
     )
 
 
-# Many drives of one course made ready: its centreline as the route, each lane with its own errors from the start.
+# Many drives of one course made ready: its centreline as the route, each drive with its own errors from the start.
 
 _POINTS_M = 0.2
 _STARTS_AT_M = 8.0
@@ -305,7 +305,7 @@ def route_of_road(course: Bare, chassis: Chassis, cruise_mps: float) -> RoutePat
 
 
 def start_lanes(
-    spec: LoopSpec, setup: LoopSetup, course: Bare, route: RoutePath, errors: FixErrors, keys: Key[Array, " lane"]
+    spec: LoopSpec, setup: LoopSetup, course: Bare, route: RoutePath, errors: FixErrors, keys: Key[Array, " drive"]
 ) -> tuple[LoopState, FixErrorState]:
     """As many drives as keys, the anchor on the route's start, each fusion wrong by decimetres of its own."""
     at = follow_centre(course.road, np.array([_STARTS_AT_M]))

@@ -28,10 +28,10 @@ def run_lane(
     traced: bool = False,
 ) -> tuple[LoopState, FixErrorState, LoopSums, LoopTick | None]:
     """So many ticks of one drive."""
-    lane = partial(_tick, spec, setup, route, errors, traced=traced)
+    element = partial(_tick, spec, setup, route, errors, traced=traced)
     numbers = jnp.arange(ticks)
     (state, fix_state, sums), trace = lax.scan(
-        lambda carried, number: lane(*carried, jax.random.fold_in(key, number)), (state, fix_state, sums), numbers
+        lambda carried, number: element(*carried, jax.random.fold_in(key, number)), (state, fix_state, sums), numbers
     )
     return state, fix_state, sums, trace
 
@@ -45,7 +45,7 @@ def run_lanes(
     state: LoopState,
     fix_state: FixErrorState,
     sums: LoopSums,
-    keys: Key[Array, " lane"],
+    keys: Key[Array, " drive"],
     ticks: int,
 ) -> tuple[LoopState, FixErrorState, LoopSums]:
     """The same for many drives: states, sums and keys have a leading axis, setup, route and errors are theirs all."""
@@ -56,8 +56,8 @@ def run_lanes(
         ended, fixes, grown, _ = run_lane(spec, setup, route, errors, state, fix_state, sums, key, ticks)
         return ended, fixes, grown
 
-    lanes: tuple[LoopState, FixErrorState, LoopSums] = jax.vmap(one)(state, fix_state, sums, keys)
-    return lanes
+    drives: tuple[LoopState, FixErrorState, LoopSums] = jax.vmap(one)(state, fix_state, sums, keys)
+    return drives
 
 
 def _tick(
