@@ -136,3 +136,9 @@ def test_a_failed_limiter_stops_on_its_arc_with_the_tool_off_and_stays_so() -> N
     np.testing.assert_allclose(np.diff(found[1:9, 1]), -0.0625, rtol=1e-4)
     np.testing.assert_array_equal(found[9:, :2], 0.0)
     assert all(int(each) & SkidLimited.MANUAL_REQUESTED for each in np.asarray(bits)[2:, 0])
+
+
+def test_every_reason_has_a_bit_of_its_own_as_recorded() -> None:
+    """Bits are in records of runs: one each, from the lowest on, in this order."""
+    names = "LEFT_RANGE LEFT_RATE RIGHT_RANGE RIGHT_RATE TOOL_RANGE DEPTH_RANGE NOT_FINITE STALE MANUAL_REQUESTED"
+    assert {flag.name: flag.value for flag in SkidLimited} == {name: 1 << n for n, name in enumerate(names.split())}
