@@ -11,6 +11,7 @@ from typing import Any
 from lgprjax import __version__
 from lgprjax.process_cost import count_compiles
 from lgprjax.run_records import Record, RecordKind, Source, pack, unpack
+from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import AnyLoaded, ControlCore, load_vehicle
 from lgprjax.runtime.control.setup import TICK_S
 from lgprjax.runtime.gnss import GnssParser
@@ -126,24 +127,27 @@ class Control:
                 )
 
     def _header(self, loaded: AnyLoaded, session: int) -> None:
-        """Data for a replay in addition to the ticks."""
-        table = self._started.config.coverage
-        plan = None if table is None else table.plan
-        header = {
-            "version": __version__,
-            "config": str(self._started.config.file),
-            "hashes": loaded.hashes,
-            "plan_sha256": loaded.hashes.get(plan) if plan else None,
-            "session": session,
-            "after_death": self._started.after_death,
-            "pid": os.getpid(),
-        }
-        self._log.put(
-            pack(Record(RecordKind.HEADER, Source.CONTROL, 0, time.monotonic_ns(), json.dumps(header).encode()))
-        )
+        started = self._started
+        record = header_record(started.config, loaded, session, time.monotonic_ns(), after_death=started.after_death)
+        self._log.put(pack(record))
 
     def _end(self, *_: object) -> None:
         self._ended = True
+
+
+def header_record(config: RuntimeConfig, loaded: AnyLoaded, session: int, now_ns: int, *, after_death: bool) -> Record:
+    """Data for a replay in addition to the ticks."""
+    plan = None if config.coverage is None else config.coverage.plan
+    header = {
+        "version": __version__,
+        "config": str(config.file),
+        "hashes": loaded.hashes,
+        "plan_sha256": loaded.hashes.get(plan) if plan else None,
+        "session": session,
+        "after_death": after_death,
+        "pid": os.getpid(),
+    }
+    return Record(RecordKind.HEADER, Source.CONTROL, 0, now_ns, json.dumps(header).encode())
 
 
 def _raw(arrival: Arrival[Any]) -> bytes:

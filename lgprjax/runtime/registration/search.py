@@ -5,7 +5,7 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -128,6 +128,10 @@ class RadarDescription(NamedTuple):
     time_zero_ns: float
     zero_level: float
     scan_period_s: float
+
+
+SCAN_MESSAGES, DESCRIPTIONS = ("radar_scan",), ("radar_description",)
+"""Messages with a scan, and those that say what scans are."""
 
 
 def description_of(frame: Frame) -> RadarDescription:
@@ -392,10 +396,19 @@ class RadarLine:
         port: of the line.
         table: of the configuration.
         log: ring to the recorder; control: ring to the control process.
+        clock_ns: monotonic; a lock-step run has its own.
     """
 
-    def __init__(self, port: Port[Frame], table: RadarTable, log: Ring, control: Ring) -> None:
+    def __init__(
+        self,
+        port: Port[Frame],
+        table: RadarTable,
+        log: Ring,
+        control: Ring,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
         self._port, self._table, self._log, self._control = port, table, log, control
+        self._clock_ns = clock_ns
         self._sender = Sender(draw_session())
         self._orders = [_CALIBRATE] * table.calibrate + [_LOOK_UP] * table.look_up
         self._sweeps = table.sweep is not None
@@ -411,7 +424,7 @@ class RadarLine:
 
     def take(self, frame: Frame) -> None:
         """Take a received frame."""
-        if frame.name == "radar_scan":
+        if frame.name in SCAN_MESSAGES:
             self._state = _SCANNING
         elif frame.name == "radar_health":
             self._take_health(int(frame.number("state")), int(frame.number("errors")))
@@ -426,7 +439,7 @@ class RadarLine:
 
     def order(self) -> None:
         """Send the next order: sweep plan, calibration, look-up, then scanning; once a second until it does."""
-        now_s = time.monotonic()
+        now_s = self._clock_ns() / 1e9
         if self._state == _SCANNING or now_s - self._requested_s <= _ASK_S:
             return
         # A radar that scans already must not get other orders: wait for its messages first.
@@ -453,15 +466,15 @@ class RadarLine:
             # The previous order is done.
             self._orders, self._began, self._requested_s = self._orders[1:], False, 0.0
         self._state = state
-        now_s = time.monotonic()
+        now_s = self._clock_ns() / 1e9
         if errors != self._errors or (errors and now_s - self._ordered_s > _TELL_S):
             self._errors, self._ordered_s = errors, now_s
             words = [text for bit, text in ERRORS.items() if errors & bit]
             table = json.dumps({"radar": words + ["radar has failed"] * (state == _FAILED)}).encode()
-            self._control.put(pack(Record(RecordKind.EVENT, Source.REGISTRATION, 0, time.monotonic_ns(), table)))
+            self._control.put(pack(Record(RecordKind.EVENT, Source.REGISTRATION, 0, self._clock_ns(), table)))
 
     def _send(self, name: str, fields: dict[str, Any]) -> None:
-        now_ns = time.monotonic_ns()
+        now_ns = self._clock_ns()
         frame = self._sender.frame(name, fields, mode=0, mono_ns=now_ns)
         self._port.write(frame)
         self._log.put(pack(Record(RecordKind.PORT_OUT, Source.RADAR, 0, now_ns, frame)))
