@@ -29,14 +29,8 @@ from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import RINGS, Heartbeats, processes_of
 from lgprjax.runtime.recorder import SegmentWriter, tell_run
 from lgprjax.runtime.registration.program import ScanQueue, array_place
-from lgprjax.runtime.registration.search import (
-    DESCRIPTIONS,
-    SCAN_MESSAGES,
-    RadarDescription,
-    RadarLine,
-    Search,
-    description_of,
-)
+from lgprjax.runtime.registration.scans import SCAN_MESSAGES, RadarSelf
+from lgprjax.runtime.registration.search import RadarLine, Search
 from lgprjax.runtime.ring import Ring
 from lgprjax.runtime.service import SUPERVISOR
 from lgprjax.runtime.stamps import StampClock
@@ -142,6 +136,7 @@ class LockStep:
         self._registration = _Log(self._writer, "registration_log", self._note)
         self._supervisor = _Log(self._writer, "supervisor_log", self._note)
         self._told: list[Record] = []
+        self._arrived_ns: int | None = None
         self._control.put(pack(header_record(config, self._loaded, session, self._now_ns, after_death=False)))
         self._lines = {name: _Line(name, self._sender(name)) for name in _FRAMES}
         self._gnss = GnssParser()
@@ -149,9 +144,8 @@ class LockStep:
         self._pending: list[tuple[int, Record]] = []
         self._tick = 0
         self._radar: RadarLine | None = None
-        self._description: RadarDescription | None = None
+        self._said = RadarSelf()
         self._stamps, self._queue = StampClock(), cast("ScanQueue | None", None)
-        self._arrived_ns: int | None = None
 
     def run(self, for_s: float | None, report: Callable[[Progress], None]) -> Timeline:
         """Run until the route or plan is done, or for so many simulated seconds after everything is ready."""
@@ -198,13 +192,15 @@ class LockStep:
             _Into(self._came),
         )
         self._radar = RadarLine(port, config.radar, log, cast("Ring", notes), self._clock_ns)
-        while self._description is None or self._radar.preparing:
+        while not self._said.complete or self._radar.preparing:
             if self._now_ns - self._begin_ns > 1e9 * _LATEST_DESCRIPTION_S:
                 raise InputError(config.file, "simulation", "a radar that describes its scans", "none")
             self._advance()
         source = held.enter_context(MapFile.open(config.path(config.map)))
         vehicle = read_vehicle(config.path(config.vehicle))
-        search = Search(config, vehicle, source, source, self._description)
+        description = self._said.description
+        assert description is not None
+        search = Search(config, vehicle, source, source, description, self._said.lookup)
         search.ahead.close()
         self._queue = ScanQueue(search, self._stamps, *array_place(vehicle))
         self._ready("registration")
@@ -243,11 +239,11 @@ class LockStep:
             record = Record(RecordKind.PORT_IN, Source.RADAR, 0, arrival.mono_ns, frame.raw)
             self._registration.put(pack(record))
             radar.take(frame)
-            if frame.name in DESCRIPTIONS:
-                self._description = description_of(frame)
-            elif frame.name in SCAN_MESSAGES and self._queue is not None:
+            if frame.name not in SCAN_MESSAGES:
+                self._said.take(frame)
+            elif self._queue is not None:
                 self._queue.take(frame, arrival.mono_ns)
-            elif frame.name in SCAN_MESSAGES:
+            else:
                 self._stamps.feed(frame.stamp_us, arrival.mono_ns)
         radar.order()
 

@@ -37,6 +37,7 @@ from lgprjax.formats.survey_layout import found_time_zero
 from lgprjax.formats.survey_track import SurveyOrigin, write_turning_points
 from lgprjax.formats.surveys import Survey, import_iprb, import_lines, read_profile
 from lgprjax.formats.vehicle import (
+    ArrayTable,
     Found,
     RearMap,
     VehicleFile,
@@ -66,6 +67,7 @@ from lgprjax.formats.worked import (
 __all__ = [
     "CHANCE_METHOD",
     "MAP_PRECISIONS",
+    "ArrayTable",
     "CoverPlan",
     "DriveDescription",
     "DriveFrames",

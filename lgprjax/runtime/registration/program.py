@@ -16,16 +16,13 @@ from lgprjax.registration import Code, DriveFixes
 from lgprjax.run_records import FIX, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import ProcessStage, Started
+from lgprjax.runtime.registration.scans import SCAN_MESSAGES, RadarSelf
 from lgprjax.runtime.registration.search import (
     AHEAD_M,
     BLOCK_SCANS,
-    DESCRIPTIONS,
-    SCAN_MESSAGES,
     PriorTrack,
-    RadarDescription,
     RadarLine,
     Search,
-    description_of,
 )
 from lgprjax.runtime.stamps import StampClock
 from lgprjax.wire import Frame
@@ -126,23 +123,24 @@ class RegistrationProcess:
         self._queue: ScanQueue | None = None
         self._wished_s = 0.0
         self._ended = False
-        self.description: RadarDescription | None = None
+        self._said = RadarSelf()
         signal.signal(signal.SIGTERM, self._end)
 
     def run(self) -> None:
         """Until SIGTERM."""
         started, config = self._started, self._started.config
         vehicle = read_vehicle(config.path(config.vehicle))
-        while (self.description is None or self._radar.preparing) and not self._ended:
+        while not (self._said.complete and not self._radar.preparing) and not self._ended:
             started.beat(ProcessStage.WARMING)
             self._listen()
             time.sleep(_IDLE_S)
-        if self.description is None:
+        description = self._said.description
+        if description is None or not self._said.complete:
             self._radar.close()
             return
         path = config.path(config.map)
         with MapFile.open(path) as source, MapFile.open(path) as beside:
-            search = Search(config, vehicle, source, beside, self.description)
+            search = Search(config, vehicle, source, beside, description, self._said.lookup)
             search.warm_up()
             # Scans received meanwhile are old.
             self._listen()
@@ -187,12 +185,12 @@ class RegistrationProcess:
                 self._clock.feed(frame.stamp_us, arrival.mono_ns)
             else:
                 self._queue.take(frame, arrival.mono_ns)
-        elif frame.name in DESCRIPTIONS:
-            head = description_of(frame)
-            if self.description is not None and head != self.description:
+        else:
+            try:
+                self._said.take(frame)
+            except ValueError as error:
                 # The compiled programs are for other scans: a restart makes them for these.
-                raise SystemExit(f"the radar's description changed: {head}")
-            self.description = head
+                raise SystemExit(str(error)) from None
 
     def _look_ahead(self, search: Search, priors: PriorTrack) -> None:
         now_s = time.monotonic()

@@ -7,16 +7,17 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from lgprjax.batch.register import HeldGround
 from lgprjax.errors import InputError
-from lgprjax.formats import MapFile, VehicleFile, read_thresholds
-from lgprjax.radar import ArrayGeometry, trace_operators, uniform_array
+from lgprjax.formats import ArrayTable, MapFile, VehicleFile, read_thresholds
+from lgprjax.radar import ArrayGeometry, ChannelResponse, uniform_array
 from lgprjax.registration import (
     DriveFixes,
     LiveBlock,
@@ -34,6 +35,15 @@ from lgprjax.registration import (
 from lgprjax.run_records import PRIOR, Record, RecordKind, Source, pack
 from lgprjax.runtime.config import RadarTable, RuntimeConfig
 from lgprjax.runtime.port import Arrival, Port
+from lgprjax.runtime.registration.scans import (
+    SCAN_MESSAGES,
+    AnyDescription,
+    LookUpSweeps,
+    RadarDescription,
+    ScanReader,
+    SweepReader,
+    TraceReader,
+)
 from lgprjax.runtime.ring import Ring
 from lgprjax.wire import Frame, Sender, draw_session
 
@@ -119,33 +129,6 @@ _WARM_UP_M = 12.0
 """Travel within which a lost drive searches for another time scale, and for places farther away."""
 
 
-class RadarDescription(NamedTuple):
-    """Description of the scans by the radar; times in ns, the period in s."""
-
-    channels: int
-    samples: int
-    sample_interval_ns: float
-    time_zero_ns: float
-    zero_level: float
-    scan_period_s: float
-
-
-SCAN_MESSAGES, DESCRIPTIONS = ("radar_scan",), ("radar_description",)
-"""Messages with a scan, and those that say what scans are."""
-
-
-def description_of(frame: Frame) -> RadarDescription:
-    """Read a radar_description."""
-    return RadarDescription(
-        int(frame.number("channels")),
-        int(frame.number("samples")),
-        frame.number("sample_interval_ps") / 1e3,
-        frame.number("time_zero_ps") / 1e3,
-        frame.number("zero_level"),
-        frame.number("scan_period_us") / 1e6,
-    )
-
-
 def options_of(config: RuntimeConfig) -> RegisterOptions:
     """The search by the configuration.
 
@@ -174,7 +157,7 @@ class Search:
         config: of the run.
         vehicle: its file's contents.
         source: the map, open as long as the search; also used for the tiles ahead.
-        radar: its description.
+        radar: its description; lookup: of a stepped-frequency radar.
 
     Attributes:
         array: geometry.
@@ -191,34 +174,37 @@ class Search:
         vehicle: VehicleFile,
         source: MapFile,
         beside: MapFile,
-        radar: RadarDescription,
+        radar: AnyDescription,
+        lookup: LookUpSweeps | None = None,
     ) -> None:
         known = source.description
+        assert config.ports.radar is not None
+        url = config.ports.radar.url
         if radar.channels != known.channels:
-            assert config.ports.radar is not None
-            raise InputError(
-                config.ports.radar.url, "radar_description", f"{known.channels} channels", f"{radar.channels}"
-            )
-        place = vehicle.array
+            raise InputError(url, "radar_description", f"{known.channels} channels", f"{radar.channels}")
+        made_of = source.provenance.get("recording", "traces")
+        if radar.kind != made_of:
+            # Their levels over depth differ, and a vehicle has no drive behind it to measure them on.
+            raise InputError(url, "radar_description", f"{made_of}, as the map was made of", radar.kind)
+        place, path = vehicle.array, config.path(config.vehicle)
         if place.x_m is None or place.height_m is None:
-            raise InputError(config.path(config.vehicle), "array", "x_m and height_m", "none")
+            raise InputError(path, "array", "x_m and height_m", "none")
         options = options_of(config)
-        self.array: ArrayGeometry = uniform_array(
-            known.channels,
-            known.channel_pitch_m,
-            x_m=place.x_m,
-            height_m=place.height_m,
-            scan_period_s=radar.scan_period_s,
+        self.array: ArrayGeometry = array_of_vehicle(
+            place, path, channels=known.channels, pitch_m=known.channel_pitch_m, scan_period_s=radar.scan_period_s
         )
         self._radar, self._source, self._options = radar, source, options
-        self._operators: Operators = trace_operators(
-            radar.samples,
-            radar.sample_interval_ns,
-            radar.time_zero_ns,
-            known.settings,
-            len(known.gain),
-            height_m=place.height_m,
-        )
+        self._reader: ScanReader
+        if isinstance(radar, RadarDescription):
+            self._reader = TraceReader(radar)
+        else:
+            assert lookup is not None
+            response = ChannelResponse(
+                _of_channels(place.channel_gain, 1.0, radar.channels, path, "array.channel_gain"),
+                _of_channels(place.channel_delay_ns, 0.0, radar.channels, path, "array.channel_delay_ns"),
+            )
+            self._reader = SweepReader(radar, lookup, response, BLOCK_SCANS, url)
+        self._operators: Operators = self._reader.operators(known.settings, len(known.gain), place.height_m)
         self._held = HeldGround(source, options, tiles=_HELD_TILES)
         self.drive = self._begin(options)
         self.ahead = TilesAhead(beside, self.array, options)
@@ -238,7 +224,7 @@ class Search:
             for direction in (-1, 1):
                 self._held.ground.tile(tile, direction)
         # The whole history is converted to another scale at once.
-        channels, recorded = self._radar.channels, self._radar.samples
+        channels, recorded = self._radar.channels, self._radar.recorded
         chain = live_chain(self._held.ground, self._operators, channels, recorded)
         rows = 1
         while rows < 2 * (self.drive.search.plan.history + BLOCK_SCANS):
@@ -254,7 +240,7 @@ class Search:
             self.array,
             options,
             chance=self._held.chance,
-            recorded=self._radar.samples,
+            recorded=self._radar.recorded,
             prepared=self._held.prepared_for(self.array),
             block_scans=BLOCK_SCANS,
         )
@@ -282,19 +268,39 @@ class Search:
         """Fixes of at most ``BLOCK_SCANS`` scans.
 
         Args:
-            frames: radar_scan.
+            frames: radar_scan or radar_sweep.
             track: of them.
         """
-        shape = (self._radar.channels, self._radar.samples)
-        traces: list[Float[np.ndarray, "channel sample"]] = []
-        valid: list[Bool[np.ndarray, " channel"]] = []
-        bits = np.arange(self._radar.channels)
-        for frame in frames:
-            data = frame.fields["data"]
-            assert isinstance(data, bytes)
-            traces.append(np.frombuffer(data, np.uint8).reshape(shape).astype(np.float32) - self._radar.zero_level)
-            valid.append((int(frame.number("valid")) >> bits & 1).astype(bool))
-        return self.drive.feed(LiveBlock(np.stack(traces), np.stack(valid), track))
+        return self.drive.feed(LiveBlock(*self._reader.read(frames), track))
+
+
+def array_of_vehicle(
+    place: ArrayTable, path: Path, *, channels: int, pitch_m: float, scan_period_s: float
+) -> ArrayGeometry:
+    """Where each channel is: as the vehicle file says, else evenly spaced as the map's.
+
+    Raises:
+        InputError: a list is of another number of channels.
+    """
+    assert place.x_m is not None
+    assert place.height_m is not None
+    even = uniform_array(channels, pitch_m, x_m=place.x_m, height_m=place.height_m, scan_period_s=scan_period_s)
+    return ArrayGeometry(
+        _of_channels(place.channel_x_m, even.x_m, channels, path, "array.channel_x_m"),
+        _of_channels(place.channel_y_m, even.y_m, channels, path, "array.channel_y_m"),
+        _of_channels(place.channel_time_s, even.time_offset_s, channels, path, "array.channel_time_s"),
+        place.height_m,
+    )
+
+
+def _of_channels(
+    stated: list[float] | None, otherwise: float | Float[np.ndarray, " channel"], channels: int, path: Path, key: str
+) -> Float[np.ndarray, " channel"]:
+    if stated is None:
+        return np.broadcast_to(np.asarray(otherwise, np.float64), (channels,)).copy()
+    if len(stated) != channels:
+        raise InputError(path, key, f"{channels} numbers, one for each channel of the radar", str(len(stated)))
+    return np.asarray(stated, np.float64)
 
 
 # Pose by GNSS/INS at each scan: interpolated between the control loop's priors, or slightly beyond the last.
