@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from lgprjax.errors import InputError
+from lgprjax.formats import complex_rows
 from lgprjax.radar import (
     ChainSettings,
     ChannelResponse,
@@ -152,25 +153,6 @@ def description_of(frame: Frame) -> RadarDescription:
         frame.number("zero_level"),
         frame.number("scan_period_us") / 1e6,
     )
-
-
-def complex_rows(frame: Frame) -> Complex[np.ndarray, "row frequency"]:
-    """Sweeps of a radar_sweep or radar_lookup: all channels, then the calibration channel, in units of its scale.
-
-    Raises:
-        ValueError: it has another size of numbers than 4 or 8 bytes.
-    """
-    rows, steps, width = (int(frame.number(name)) for name in ("rows", "steps", "width"))
-    if width not in _LAYOUTS:
-        raise ValueError(f"{frame.name}: numbers of 4 or 8 bytes were expected, found {width}")
-    data = frame.fields["data"]
-    assert isinstance(data, bytes)
-    parts = np.frombuffer(data, _LAYOUTS[width]).reshape(rows, steps, 2).astype(np.float32)
-    scaled = parts * np.float32(frame.number("scale"))
-    return np.asarray(scaled[..., 0] + 1j * scaled[..., 1], np.complex64)
-
-
-_LAYOUTS = {4: "<i2", 8: "<f4"}
 
 
 class ScanReader(Protocol):

@@ -7,17 +7,17 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Float, Int
 
+from lgprjax.batch import array_of_vehicle, of_channels
 from lgprjax.batch.register import HeldGround
 from lgprjax.errors import InputError
-from lgprjax.formats import ArrayTable, MapFile, VehicleFile, read_thresholds
-from lgprjax.radar import ArrayGeometry, ChannelResponse, uniform_array
+from lgprjax.formats import MapFile, VehicleFile, read_thresholds
+from lgprjax.radar import ArrayGeometry, ChannelResponse
 from lgprjax.registration import (
     DriveFixes,
     LiveBlock,
@@ -186,12 +186,9 @@ class Search:
         if radar.kind != made_of:
             # Their levels over depth differ, and a vehicle has no drive behind it to measure them on.
             raise InputError(url, "radar_description", f"{made_of}, as the map was made of", radar.kind)
-        place, path = vehicle.array, config.path(config.vehicle)
-        if place.x_m is None or place.height_m is None:
-            raise InputError(path, "array", "x_m and height_m", "none")
-        options = options_of(config)
+        options, path = options_of(config), config.path(config.vehicle)
         self.array: ArrayGeometry = array_of_vehicle(
-            place, path, channels=known.channels, pitch_m=known.channel_pitch_m, scan_period_s=radar.scan_period_s
+            vehicle, path, channels=known.channels, pitch_m=known.channel_pitch_m, scan_period_s=radar.scan_period_s
         )
         self._radar, self._source, self._options = radar, source, options
         self._reader: ScanReader
@@ -199,12 +196,13 @@ class Search:
             self._reader = TraceReader(radar)
         else:
             assert lookup is not None
+            place = vehicle.array
             response = ChannelResponse(
-                _of_channels(place.channel_gain, 1.0, radar.channels, path, "array.channel_gain"),
-                _of_channels(place.channel_delay_ns, 0.0, radar.channels, path, "array.channel_delay_ns"),
+                of_channels(place.channel_gain, 1.0, radar.channels, path, "array.channel_gain"),
+                of_channels(place.channel_delay_ns, 0.0, radar.channels, path, "array.channel_delay_ns"),
             )
             self._reader = SweepReader(radar, lookup, response, BLOCK_SCANS, url)
-        self._operators: Operators = self._reader.operators(known.settings, len(known.gain), place.height_m)
+        self._operators: Operators = self._reader.operators(known.settings, len(known.gain), self.array.height_m)
         self._held = HeldGround(source, options, tiles=_HELD_TILES)
         self.drive = self._begin(options)
         self.ahead = TilesAhead(beside, self.array, options)
@@ -272,35 +270,6 @@ class Search:
             track: of them.
         """
         return self.drive.feed(LiveBlock(*self._reader.read(frames), track))
-
-
-def array_of_vehicle(
-    place: ArrayTable, path: Path, *, channels: int, pitch_m: float, scan_period_s: float
-) -> ArrayGeometry:
-    """Where each channel is: as the vehicle file says, else evenly spaced as the map's.
-
-    Raises:
-        InputError: a list is of another number of channels.
-    """
-    assert place.x_m is not None
-    assert place.height_m is not None
-    even = uniform_array(channels, pitch_m, x_m=place.x_m, height_m=place.height_m, scan_period_s=scan_period_s)
-    return ArrayGeometry(
-        _of_channels(place.channel_x_m, even.x_m, channels, path, "array.channel_x_m"),
-        _of_channels(place.channel_y_m, even.y_m, channels, path, "array.channel_y_m"),
-        _of_channels(place.channel_time_s, even.time_offset_s, channels, path, "array.channel_time_s"),
-        place.height_m,
-    )
-
-
-def _of_channels(
-    stated: list[float] | None, otherwise: float | Float[np.ndarray, " channel"], channels: int, path: Path, key: str
-) -> Float[np.ndarray, " channel"]:
-    if stated is None:
-        return np.broadcast_to(np.asarray(otherwise, np.float64), (channels,)).copy()
-    if len(stated) != channels:
-        raise InputError(path, key, f"{channels} numbers, one for each channel of the radar", str(len(stated)))
-    return np.asarray(stated, np.float64)
 
 
 # Pose by GNSS/INS at each scan: interpolated between the control loop's priors, or slightly beyond the last.
