@@ -181,7 +181,7 @@ class LockStep:
     def _start(self, held: ExitStack) -> None:
         """All processes are ready; the registration once the radar has described its scans."""
         for name in processes_of(self._config):
-            if name not in ("registration",):
+            if name not in ("registration", "output"):
                 self._ready(name)
         if self._config.coverage is not None:
             return
@@ -263,6 +263,8 @@ class LockStep:
         for record in came:
             self._control.put(pack(record))
         for record in out:
+            if record.kind is RecordKind.POSE:
+                continue
             if record.kind is RecordKind.STATE:
                 if self._shown is not None:
                     self._shown.show(record)

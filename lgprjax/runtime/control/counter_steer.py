@@ -8,9 +8,9 @@ import numpy as np
 
 from lgprjax.autopilot import Check, Event, Limited, OnboardState
 from lgprjax.autopilot.monitors import REFUSING, SEVERITY, BoxState, Severity, Watch, describe
-from lgprjax.navigation import OF_GNSS, PlanCode, Reaction, RoutePath
+from lgprjax.navigation import OF_GNSS, PlanCode, Reaction, Reason, RoutePath
 from lgprjax.registration import Code
-from lgprjax.run_records import PLAN, PRIOR, Record, RecordKind, fix_row
+from lgprjax.run_records import PLAN, POSE, PRIOR, Record, RecordKind, fix_row
 from lgprjax.runtime.config import ControlTable, RuntimeConfig, SensorsTable
 from lgprjax.runtime.control.compiled import (
     FOLLOWED,
@@ -299,6 +299,50 @@ def plan_row(result: TickResult, watched: Watched, sent: SentCommand, *, mode: i
     return row.tobytes()
 
 
+_GOOD_M, _USABLE_M = 0.1, 0.5
+"""Standard deviations up to which a position is given out as fixed, and as float."""
+_DOUBTED = Reason.CONFLICT | Reason.CONFLICT_LASTS | Reason.REACQUIRED | Reason.NON_FINITE
+_TICKS_HZ = 50
+
+
+def quality_of(result: TickResult) -> int:
+    """Quality of the corrected position, as in GGA; never better than what bounds its error.
+
+    4: LGPR, or GNSS that nothing speaks against, bounds it to 0.1 m; 5: one of them bounds it to 0.5 m; 6: dead
+    reckoning, or GNSS and LGPR contradict each other; 0: none.
+    """
+    numbers = (result.fused_x_m, result.fused_y_m, result.fused_yaw_rad, result.sigma_along_m, result.sigma_cross_m)
+    if not all(math.isfinite(number) for number in numbers):
+        return 0
+    reasons, sigma_m = whole(result.reasons), max(result.sigma_along_m, result.sigma_cross_m)
+    if reasons & (_DOUBTED | Reason.POSITION_LOST | Reason.HEADING_LOST) or not sigma_m <= _USABLE_M:
+        return 6
+    bounded = result.bounded == 1.0 or not reasons & OF_GNSS
+    return 4 if bounded and sigma_m <= _GOOD_M else 5
+
+
+def pose_row(result: TickResult, now_ns: int, height_m: float, antenna_m: tuple[float, float]) -> bytes:
+    """``POSE``: the corrected position of the vehicle's GNSS antenna, for whoever would read a receiver.
+
+    Args:
+        result: of the tick; now_ns: its time.
+        height_m: of the last position.
+        antenna_m: forward and left of the rear axle.
+    """
+    row = np.zeros((), POSE)
+    cos, sin = math.cos(result.fused_yaw_rad), math.sin(result.fused_yaw_rad)
+    ahead, left = antenna_m
+    row["time_ns"], row["quality"] = now_ns, quality_of(result)
+    row["pose"] = (
+        result.fused_x_m + cos * ahead - sin * left,
+        result.fused_y_m + sin * ahead + cos * left,
+        result.fused_yaw_rad,
+    )
+    row["height_m"], row["speed_mps"] = height_m, result.speed_mps
+    row["sigma_along_m"], row["sigma_cross_m"] = result.sigma_along_m, result.sigma_cross_m
+    return row.tobytes()
+
+
 _OLD_NS = 300_000_000
 _DEGRADED_MPS = 2.0
 _SCANS_NS = 200_000_000
@@ -343,6 +387,9 @@ class CounterSteer:
         self._watches = Watches(config, loaded.vehicle)
         self._panel = Panel(loaded.routes)
         self._sent = SentCommand(0.0, 0.0, 0.0, 0)
+        self._antenna_m = (float(loaded.setup.navigator.model.gnss_x_m), float(loaded.setup.navigator.model.gnss_y_m))
+        self._every = None if config.output is None else _TICKS_HZ // config.output.rate_hz
+        self._ticks = 0
         self._fix_ns: int | None = None
         self._now_ns = 0
         self._sensed: Sensed = _COUNTER_STEER_NOTHING
@@ -482,6 +529,10 @@ class CounterSteer:
                 travel_m=self.senses.travel_m,
             )
             rows.append((RecordKind.PRIOR, prior))
+        self._ticks += 1
+        if self._every is not None and self._ticks % self._every == 0:
+            height_m = math.nan if self.senses.place is None else self.senses.place.up_m
+            rows.append((RecordKind.POSE, pose_row(result, now_ns, height_m, self._antenna_m)))
         return [*rows, (RecordKind.PLAN, plan_row(result, self._watched, self._sent, mode=mode, code=self.pilot.code))]
 
     def state(self, tick: int) -> dict[str, Any]:

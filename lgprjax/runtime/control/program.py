@@ -17,6 +17,7 @@ from lgprjax.runtime.control.setup import TICK_S
 from lgprjax.runtime.gnss import GnssParser
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import ProcessStage, Started
+from lgprjax.runtime.ring import Ring
 from lgprjax.runtime.service import Notifier
 from lgprjax.wire import Frame, draw_session
 
@@ -33,6 +34,10 @@ class Control:
         self._state = started.ring("state")
         priors, cover = started.ring("priors"), started.ring("cover")
         self._onward = {RecordKind.PRIOR: priors, RecordKind.COVER: cover, RecordKind.CORNER: cover}
+        self._view: Ring | None = None
+        if config.output is not None:
+            self._onward[RecordKind.POSE] = started.ring("poses")
+            self._view = started.ring("view_state") if config.output.live_port is not None else None
         ports = config.ports
         self._ports: list[Port[Any]] = [
             Port.frames(Source.DRIVE_BY_WIRE, ports.drive_by_wire.url, ports.drive_by_wire.baud, "drive_by_wire"),
@@ -117,7 +122,9 @@ class Control:
         for record in out:
             if record.kind is RecordKind.STATE:
                 self._state.put(pack(record))
-            else:
+                if self._view is not None:
+                    self._view.put(pack(record))
+            elif record.kind is not RecordKind.POSE:
                 self._log.put(pack(record))
         for port in self._ports:
             for refused in port.take_refused():

@@ -107,7 +107,12 @@ def events_of(reported: ReportedState, seen: Seen) -> tuple[ReportedState, list[
 _SAYS = {
     "recorder": "nothing is being recorded",
     "coverage": "the map of what is worked is not being kept",
+    "output": "the position is not given out",
 }
+_KEPT = ("recorder", "coverage")
+"""What is mandatory with the recording."""
+_BESIDE = ("coverage", "output")
+"""Processes that the modes know nothing of."""
 
 
 class Processes:
@@ -133,13 +138,13 @@ class Processes:
         if "radar" in note:
             self.radar = [str(text) for text in note["radar"]]
         died, left, ready = (str(note.get(key)) for key in ("died", "left", "ready"))
-        if died in DIED or died == "coverage":
+        if died in DIED or died in _BESIDE:
             known, self.alive[died] = self.alive.get(died), False
             return self._events(DIED, died) if known is not None else []
-        if left in DIED or left == "coverage":
+        if left in DIED or left in _BESIDE:
             # It is not restarted. The consequence was reported with its deaths, or it ended in order.
             self.alive[left] = False
-        elif ready in RELAUNCHED or ready == "coverage":
+        elif ready in RELAUNCHED or ready in _BESIDE:
             known, self.alive[ready] = self.alive.get(ready), True
             return self._events(RELAUNCHED, ready) if known is False else []
         return []
@@ -156,7 +161,7 @@ class Processes:
     @property
     def lost(self) -> bool:
         """Whether the recording is mandatory and has failed."""
-        return self.mandatory and any(self.alive.get(name) is False for name in _SAYS)
+        return self.mandatory and any(self.alive.get(name) is False for name in _KEPT)
 
     @property
     def slowly(self) -> bool:

@@ -115,6 +115,8 @@ class RegistrationProcess:
         config = started.config
         self._fixes, self._log = started.ring("fixes"), started.ring("registration_log")
         self._priors = started.ring("priors")
+        live = config.output is not None and config.output.live_port is not None
+        self._view = started.ring("view_scans") if live else None
         table = config.ports.radar
         assert table is not None
         port = Port.frames(Source.RADAR, table.url, table.baud, "radar")
@@ -178,9 +180,12 @@ class RegistrationProcess:
 
     def _take(self, arrival: Arrival[Frame]) -> None:
         frame = arrival.item
-        self._log.put(pack(Record(RecordKind.PORT_IN, Source.RADAR, 0, arrival.mono_ns, frame.raw)))
+        record = pack(Record(RecordKind.PORT_IN, Source.RADAR, 0, arrival.mono_ns, frame.raw))
+        self._log.put(record)
         self._radar.take(frame)
         if frame.name in SCAN_MESSAGES:
+            if self._view is not None:
+                self._view.put(record)
             if self._queue is None:
                 self._clock.feed(frame.stamp_us, arrival.mono_ns)
             else:
