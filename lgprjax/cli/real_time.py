@@ -1,11 +1,15 @@
 """Whether this machine keeps real time: measured, not guessed from its cores."""
 
 import multiprocessing
+import tempfile
 import time
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+
+from lgprjax.cli.installation import InstallationFinding
 
 _SECONDS, _PERIOD_S = 1.0, 0.02
 _SIZE = 96
@@ -78,6 +82,9 @@ def _work(units: int, seconds: float, pipe: Connection) -> None:
         for _ in range(units):
             _product(left)
         due_s += _PERIOD_S
+        if time.monotonic() > end_s + seconds:
+            # So far behind that more of it tells nothing.
+            break
     pipe.send(np.array(late))
 
 
@@ -85,3 +92,74 @@ def _product(left: np.ndarray) -> None:
     # Row by row, so that no library spreads it over threads.
     for row in left:
         row @ left
+
+
+# The search of registration itself, for ``lgprjax doctor --onboard``.
+
+SCANS_HZ = 126.0
+"""Scans a second of an array on board."""
+_SPARE = 1.5
+"""Times as many a search must reach alone: beside it run control loop, recorder and, simulated, the devices."""
+
+
+def look_at_onboard() -> list[InstallationFinding]:
+    """Whether this machine can search 126 scans a second, and whether it keeps time."""
+    scans_hz = measure_search()
+    found = f"{scans_hz:.0f} scans a second searched, {SCANS_HZ:.0f} asked"
+    if scans_hz >= _SPARE * SCANS_HZ:
+        search = InstallationFinding("onboard search", found, "good")
+    else:
+        least = f"{_SPARE * SCANS_HZ:.0f} leave room for the rest; radar.scan_period_us asks the radar for fewer"
+        search = InstallationFinding("onboard search", found, "look", least)
+    kept = measure_real_time()
+    advice = "" if kept.keeps else "end what else runs; lgprjax run --simulate goes on in lock step"
+    return [search, InstallationFinding("real time", kept.line, "good" if kept.keeps else "look", advice)]
+
+
+def measure_search(seconds: float = 3.0) -> float:
+    """Scans a second of the search on board, on a course of 60 m that is made for it."""
+    from lgprjax.formats import MapFile, read_vehicle
+    from lgprjax.mapping import build_map
+    from lgprjax.runtime.config import PortsTable, PortTable, RuntimeConfig
+    from lgprjax.runtime.registration.scans import RadarDescription
+    from lgprjax.runtime.registration.search import Search
+    from lgprjax.simulation.devices.world import CourseWorld
+    from lgprjax.simulation.loop import OffRoad, make_course
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        spec = OffRoad(2, 60.0, 1)
+        build_map([make_course(spec, folder).baseline], folder / "course.map.h5")
+        vehicle = folder / "v.vehicle.toml"
+        vehicle.write_text(_VEHICLE, encoding="utf-8")
+        port = PortTable(url="loop://")
+        ports = PortsTable(drive_by_wire=port, controller=port, gnss=port, radar=port)
+        config = RuntimeConfig(
+            file=folder / "c.toml", name="doctor", vehicle=vehicle.name, map="course.map.h5", routes=["-"], ports=ports
+        )
+        with MapFile.open(folder / "course.map.h5") as source, MapFile.open(folder / "course.map.h5") as beside:
+            radar = CourseWorld(spec, source.description.frame, weather="clear", drive_seed=1).radar
+            described = RadarDescription(
+                source.description.channels,
+                radar.samples,
+                radar.sample_step_ns,
+                radar.time_zero_ns,
+                128.0,
+                1 / SCANS_HZ,
+            )
+            search = Search(config, read_vehicle(vehicle), source, beside, described)
+            try:
+                search.warm_up()
+                return search.scans_per_second(seconds)
+            finally:
+                search.ahead.close()
+
+
+_VEHICLE = """schema = "lgprjax.vehicle"
+version = "1.0"
+name = "doctor"
+steering_kind = "counter_steer"
+[array]
+x_m = 3.0
+height_m = 0.3
+"""
