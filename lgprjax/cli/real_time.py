@@ -156,7 +156,7 @@ def measure_search(seconds: float = 3.0) -> float:
 
 
 _VEHICLE = """schema = "lgprjax.vehicle"
-version = "1.0"
+schema_version = "1.0"
 name = "doctor"
 steering_kind = "counter_steer"
 [array]

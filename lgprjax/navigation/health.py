@@ -191,7 +191,8 @@ class HealthState(NamedTuple):
 
     Attributes:
         gnss_x_m, gnss_y_m: last GNSS position.
-        stuck_m: distance driven since it changed.
+        stuck_m, repeated_m: distance driven since it changed, and up to its last repetition: between two positions of a
+            fast vehicle there is none yet, which is not stuck.
         unproven, scans, fixes: scans without evidence of the map's ground, all, and accepted fixes, in each tenth of
             the sliding share, the newest first.
         bin_s: since the newest tenth began.
@@ -202,6 +203,7 @@ class HealthState(NamedTuple):
     gnss_x_m: Float[Array, ""]
     gnss_y_m: Float[Array, ""]
     stuck_m: Float[Array, ""]
+    repeated_m: Float[Array, ""]
     unproven: Float[Array, "10"]
     scans: Float[Array, "10"]
     fixes: Float[Array, "10"]
@@ -230,7 +232,7 @@ def init_health() -> HealthState:
     """Before the first tick."""
     zero, bins = jnp.float32(0.0), jnp.zeros(_BINS, jnp.float32)
     unknown = jnp.float32(jnp.nan)
-    return HealthState(unknown, unknown, zero, bins, bins, bins, zero, jnp.zeros(len(Reason), jnp.float32), zero)
+    return HealthState(unknown, unknown, zero, zero, bins, bins, bins, zero, jnp.zeros(len(Reason), jnp.float32), zero)
 
 
 def step_health(
@@ -311,12 +313,15 @@ def _listened(
     # A silent receiver is not stuck: it has its own rule.
     received = filter_state.gates.since_offered_s[GNSS] <= rules.silent_s[GNSS]
     moved_m = jnp.where(received, jnp.abs(filter_state.estimate.mean[SPEED]) * passed_s, 0.0)
+    stuck_m = jnp.where(changed, 0.0, state.stuck_m + moved_m)
+    repeated_m = jnp.where(filter_info.offered[GNSS], stuck_m, state.repeated_m)
     full = state.bin_s + passed_s >= rules.fading_s / _BINS
     matched = ~jnp.isnan(lgpr_p_false)
     return state._replace(
         gnss_x_m=jnp.where(changed, gnss.x_m, state.gnss_x_m),
         gnss_y_m=jnp.where(changed, gnss.y_m, state.gnss_y_m),
-        stuck_m=jnp.where(changed, 0.0, state.stuck_m + moved_m),
+        stuck_m=stuck_m,
+        repeated_m=repeated_m,
         unproven=_pushed(state.unproven, jnp.where(lgpr_p_false > rules.risk, 1.0, 0.0), full),
         scans=_pushed(state.scans, jnp.where(matched, 1.0, 0.0), full),
         fixes=_pushed(state.fixes, filter_info.accepted[LGPR].astype(jnp.float32), full),
@@ -345,7 +350,7 @@ def _seen(
         jnp.maximum(covariance[0, 0], covariance[1, 1]) > rules.coarse_m * rules.coarse_m
     )
     # A receiver that repeats itself while the vehicle moves is wrong for certain, and contradicts nobody.
-    stuck = state.stuck_m > rules.stuck_m
+    stuck = state.repeated_m > rules.stuck_m
     conflict_s = jnp.where(stuck, 0.0, gates.conflict_s)
     faded = state.unproven.sum() > rules.faded_share * state.scans.sum()
     no_heading = (silent[HEADING] | rejected[HEADING]) & lost[HEADING]

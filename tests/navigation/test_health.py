@@ -268,6 +268,34 @@ def test_sound_drive_goes_on_at_full_speed(told: dict[str, _Told]) -> None:
     assert np.isinf(of.cap_mps[settled]).all()
 
 
+@pytest.mark.parametrize(("period_s", "speed_mps"), [(0.143, 4.5), (0.2, 4.0), (1.0, 3.0), (0.5, 10.0)])
+def test_a_fast_vehicle_between_two_positions_is_not_a_stuck_receiver(period_s: float, speed_mps: float) -> None:
+    rules = health_rules(
+        gnss_period_s=period_s, heading_period_s=TICK_S, odometer_period_s=TICK_S, lgpr_period_s=0.2, risk=_RISK
+    )
+    sound, info = _sound()
+    moving = sound._replace(estimate=sound.estimate._replace(mean=sound.estimate.mean.at[SPEED].set(speed_mps)))
+    state, since_s, found = init_health(), 0.0, []
+    for tick in range(200):
+        since_s += TICK_S
+        offered = since_s >= period_s - 1e-9
+        # For the second half the receiver repeats itself.
+        x_m = min(tick, 100) * TICK_S * speed_mps
+        since_s = 0.0 if offered else since_s
+        observed = no_observations()
+        gnss = observed.gnss._replace(x_m=jnp.float32(x_m), y_m=jnp.float32(0.0), valid=jnp.asarray(offered))
+        gates = moving.gates._replace(since_offered_s=moving.gates.since_offered_s.at[0].set(since_s))
+        told = info._replace(offered=info.offered.at[0].set(offered))
+        state, health = _one(
+            rules, state, moving._replace(gates=gates), told, observed._replace(gnss=gnss), jnp.float32(jnp.nan),
+            jnp.float32(0.0), jnp.float32(TICK_S),
+        )  # fmt: skip
+        found.append(bool(int(health.reasons) & Reason.GNSS_STUCK))
+    assert not any(found[:100])
+    # Known at the second position that repeats the first one half a metre on.
+    assert any(found[101 : 101 + round((2.0 * period_s + 0.5 / speed_mps) / TICK_S) + 2])
+
+
 @pytest.mark.parametrize("name", ["1_gnss_off", "2_gnss_stuck", "4_rtk_float"])
 def test_a_fault_of_gnss_costs_no_speed_while_lgpr_bounds_the_error(told: dict[str, _Told], name: str) -> None:
     of = told[name]
