@@ -131,6 +131,7 @@ def test_a_process_that_only_knows_nmea_follows(config: RuntimeConfig, tmp_path:
         Ring.create(rings / name, size)
     poses = Ring(rings / "poses")
     command = process_command("output", read_config(file), rings, tmp_path, False)
+    sent: list[tuple[float, float, float]] = []
     with subprocess.Popen(command, env={**os.environ, SUPERVISOR: str(os.getpid())}) as process:
         try:
             address, given_up_s = rings / ADDRESS_FILE, time.monotonic() + 60.0
@@ -138,7 +139,7 @@ def test_a_process_that_only_knows_nmea_follows(config: RuntimeConfig, tmp_path:
                 time.sleep(0.05)
             where = address.read_text(encoding="ascii")
             with subprocess.Popen([sys.executable, "-c", _FOLLOWER, where], stdout=subprocess.PIPE, text=True) as other:
-                sent, began_s = [], time.monotonic()
+                began_s = time.monotonic()
                 while other.poll() is None and time.monotonic() - began_s < 40.0:
                     x, y, yaw = 0.4 * len(sent), 0.1 * len(sent), 0.01 * len(sent)
                     result = _result(fused_x_m=x, fused_y_m=y, fused_yaw_rad=yaw)
@@ -159,6 +160,6 @@ def test_a_process_that_only_knows_nmea_follows(config: RuntimeConfig, tmp_path:
     # Every one of them, in order, to a millimetre.
     np.testing.assert_array_equal(np.diff(at), 1)
     assert np.abs(np.stack([east, north], axis=1) - way[at, :2]).max() < 0.001
-    yaw = frame.yaw_of_heading(np.array([row[3] for row in seen]), longitude)
-    assert np.abs((yaw - way[at, 2] + math.pi) % (2.0 * math.pi) - math.pi).max() < 2e-5
+    turned = frame.yaw_of_heading(np.array([row[3] for row in seen]), longitude)
+    assert np.abs((turned - way[at, 2] + math.pi) % (2.0 * math.pi) - math.pi).max() < 2e-5
     assert {row[2] for row in seen} == {4}

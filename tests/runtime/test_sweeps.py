@@ -5,10 +5,18 @@ import pytest
 
 from lgprjax.batch.recording import SweepDrive
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveDescription, DriveLog, DriveWriter, NavigationTrack, OdometryTrack, SweepRecording
+from lgprjax.formats import (
+    DriveDescription,
+    DriveLog,
+    DriveWriter,
+    NavigationTrack,
+    OdometryTrack,
+    SweepRecording,
+    complex_rows,
+)
 from lgprjax.radar import ChannelResponse, sweep_chain, uniform_array
-from lgprjax.runtime.registration.scans import LookUpSweeps, SweepDescription, SweepReader, complex_rows
-from lgprjax.wire import Frame, Sender, decode
+from lgprjax.runtime.registration.scans import LookUpSweeps, SweepDescription, SweepReader
+from lgprjax.wire import Frame, Sender, Value, decode
 
 _CHANNELS, _STEPS, _SCANS = 5, 41, 96
 _DEAD, _SILENT_SCAN = 3, 70
@@ -33,7 +41,17 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> DriveLog:
     time_s, span = np.arange(_SCANS) / 126.0, np.array([0.0, 1.0])
     still, ones = np.zeros(2), np.ones(2)
     navigation = NavigationTrack(
-        span, still + 42.0, still - 71.0, still, still, still, *(0.01 * ones for _ in range(3)), 0.1 * ones, 0.1 * ones
+        span,
+        still + 42.0,
+        still - 71.0,
+        still,
+        still,
+        still,
+        0.01 * ones,
+        0.01 * ones,
+        0.01 * ones,
+        0.1 * ones,
+        0.1 * ones,
     )
     gain, delay = rng.uniform(0.9, 1.1, _CHANNELS), rng.uniform(-0.3, 0.3, _CHANNELS)
     recording = SweepRecording(frequencies, lookup, path.astype(np.complex64), 12.0, gain, delay)
@@ -66,8 +84,9 @@ def _frames(log: DriveLog, width: int) -> list[Frame]:
         parts = np.stack([rows.real, rows.imag], axis=-1)
         scale = 1.0 if width == 8 else float(np.abs(parts).max()) / 32767.0
         data = (parts.astype("<f4") if width == 8 else np.round(parts / scale).astype("<i2")).tobytes()
-        fields = {"rows": _CHANNELS + 1, "steps": _STEPS, "width": width, "scale": scale, "data": data}
-        frame = sender.frame("radar_sweep", {"scan": number, "valid": 31, **fields}, mode=0, mono_ns=number)
+        fields: dict[str, Value] = {"rows": _CHANNELS + 1, "steps": _STEPS, "width": width, "scale": scale}
+        fields |= {"scan": number, "valid": 31, "data": data}
+        frame = sender.frame("radar_sweep", fields, mode=0, mono_ns=number)
         frames.append(decode(frame))
     return frames
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lgprjax.formats import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack, SweepRecording
+from lgprjax.formats import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack, SweepRecording, complex_rows
 from lgprjax.radar import uniform_array
 from lgprjax.run_records import Source
 from lgprjax.runtime.port import Port
-from lgprjax.runtime.registration.scans import RadarSelf, SweepDescription, complex_rows
+from lgprjax.runtime.registration.scans import RadarSelf, SweepDescription
 from lgprjax.wire import Frame, Sender, draw_session
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,7 +75,17 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray
     still, ones = np.zeros(2), np.ones(2)
     span = np.array([0.0, time_s[-1]])
     navigation = NavigationTrack(
-        span, still + 42.0, still - 71.0, still, still, still, *(0.01 * ones for _ in range(3)), 0.1 * ones, 0.1 * ones
+        span,
+        still + 42.0,
+        still - 71.0,
+        still,
+        still,
+        still,
+        0.01 * ones,
+        0.01 * ones,
+        0.01 * ones,
+        0.1 * ones,
+        0.1 * ones,
     )
     recording = SweepRecording(
         1e8 + 5e6 * np.arange(_STEPS), rows[0, :-1] * 0.1, rows[0, -1] + 3.0, group_delay_ns=12.0

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from lgprjax.errors import InputError
 from lgprjax.formats import complex_rows
@@ -41,7 +41,7 @@ def middle_trace(frame: Frame) -> Float[np.ndarray, " sample"]:
     channels, samples = int(frame.number("channels")), int(frame.number("samples"))
     data = frame.fields["data"]
     assert isinstance(data, bytes)
-    return np.frombuffer(data, np.uint8).reshape(channels, samples)[channels // 2].astype(np.float64)
+    return np.asarray(np.frombuffer(data, np.uint8).reshape(channels, samples)[channels // 2], np.float64)
 
 
 class LiveView:
@@ -85,7 +85,7 @@ class LiveView:
             with contextlib.suppress(ValueError):
                 self._take_scan(unpack(message).payload)
 
-    def place(self, given: Given, row: np.void) -> None:
+    def place(self, given: Given, row: Shaped[np.ndarray, ""] | np.void) -> None:
         """Show a position."""
         from foxglove import log, messages
 
@@ -114,7 +114,7 @@ class LiveView:
         if isinstance(state.get("path"), list):
             self._path = state["path"]
             self._show_path()
-        self._modes.log({name: state.get(name) for name in _MODES["properties"]})  # type: ignore[attr-defined]
+        self._modes.log({name: state.get(name) for name in _MODES["properties"]})
 
     def _show_path(self) -> None:
         from foxglove import log, messages

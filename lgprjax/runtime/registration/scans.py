@@ -48,7 +48,10 @@ class RadarDescription(NamedTuple):
     zero_level: float
     scan_period_s: float
 
-    kind = "traces"
+    @property
+    def kind(self) -> str:
+        """As a map's provenance calls it."""
+        return "traces"
 
     @property
     def recorded(self) -> int:
@@ -73,7 +76,10 @@ class SweepDescription(NamedTuple):
     group_delay_ns: float
     scan_period_s: float
 
-    kind = "sweeps"
+    @property
+    def kind(self) -> str:
+        """As a map's provenance calls it."""
+        return "sweeps"
 
     @property
     def recorded(self) -> int:

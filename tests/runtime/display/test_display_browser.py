@@ -132,7 +132,7 @@ def test_driving(served: ServedPage, tab: Tab) -> None:
 def test_nothing_on_the_page_engages(served: ServedPage, tab: Tab) -> None:
     show(served, tab, READY | PLACE)
     buttons = tab.evaluate("[...document.querySelectorAll('button, input, a, form')].map((e) => e.id || e.textContent)")
-    assert buttons == ["theme", "up", "● meadow412 m", "○ quarry1609 m", "○ old roadtoo tight a curve"]
+    assert buttons == ["theme", "up", "●\u00a0meadow412 m", "○\u00a0quarry1609 m", "○\u00a0old roadtoo tight a curve"]
 
 
 def test_choosing_a_route(served: ServedPage, tab: Tab) -> None:
