@@ -55,6 +55,8 @@ class RecordKind(IntEnum):
     """JSON: the worked map of the field, for the display."""
     CORNER = 16
     """JSON: a corner of a field that the operator marked."""
+    POSE = 17
+    """``POSE``: the corrected position as it is given to others; not recorded."""
 
 
 class Source(IntEnum):
@@ -110,7 +112,9 @@ def _field(name: str, type: str, **described: str) -> tuple[str, str, tuple[int,
     return name, numpy_type(kind), tuple(int(size) for size in shape.split(",")) if shape else ()
 
 
-FIX, PRIOR, PLAN, COVER, SKID_PLAN = (payload_type(name) for name in ("fix", "prior", "plan", "cover", "skid_plan"))
+FIX, PRIOR, PLAN, COVER, SKID_PLAN, POSE = (
+    payload_type(name) for name in ("fix", "prior", "plan", "cover", "skid_plan", "pose")
+)
 _P_FALSE_BYTES = FIX["p_false"].itemsize
 
 

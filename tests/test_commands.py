@@ -30,6 +30,7 @@ HERE = {
     "transfer": ("docs/transfer.md", r"(import mcap|export) .*"),
 }
 _A_FIELD = "cli/test_run_field.py::test_a_field_is_driven_recorded_and_replayed_to_the_same_frames"
+_IN_LOCK_STEP = "cli/test_run.py::test_in_lock_step_it_arrives_on_any_machine_and_tells_its_course"
 # Commands that take minutes, a cluster, a run or a drive of their own: the test that runs them, on less of it.
 ELSEWHERE = {
     r"(import X?LINE\*.DT1|map build day1|register day1).*": (
@@ -54,6 +55,9 @@ ELSEWHERE = {
     r"run .* --replay RUN_FOLDER": "cli/test_run.py::test_the_run_replays_to_the_same_commands",
     r"run CONFIG.toml --preflight": "cli/test_run.py::test_a_preflight_names_what_is_not_in_order",
     r"run onboard/field.run.toml .*": _A_FIELD,
+    r"run CONFIG.toml --simulate --lockstep.*": _IN_LOCK_STEP,
+    r"events .*": _IN_LOCK_STEP,
+    r"doctor --onboard": "cli/test_real_time.py::test_a_machine_is_judged_by_what_was_measured",
     r"recover .*": "cli/test_recover.py::test_a_run_that_was_cut",
     r"cover plan RUN_FOLDER .*": _A_FIELD,
     r"simulate village .*": "test_public.py::test_a_session_runs_as_it_stands",

@@ -52,9 +52,11 @@ from lgprjax.batch.results import (
 )
 from lgprjax.batch.vehicles import (
     SkidVehicle,
+    array_of_vehicle,
     carrot_of,
     chassis_of,
     filter_model_of,
+    of_channels,
     pattern_settings_of,
     pedals_of,
     servo_of,
@@ -93,6 +95,7 @@ __all__ = [
     "Verdict",
     "WorkerPool",
     "WorkerShare",
+    "array_of_vehicle",
     "away_in_words",
     "carrot_of",
     "cell_sums",
@@ -112,6 +115,7 @@ __all__ = [
     "key_of_job",
     "map_assumed_in_words",
     "note_failure",
+    "of_channels",
     "outputs_of",
     "pattern_settings_of",
     "pedals_of",

@@ -1,6 +1,6 @@
 """A recorded run as a drive log, for mapping and registration like any other."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Integer
 
 from lgprjax import __version__
+from lgprjax.batch.vehicles import array_of_vehicle
 from lgprjax.errors import InputError
 from lgprjax.formats import (
     DriveDescription,
@@ -16,9 +17,11 @@ from lgprjax.formats import (
     MapFile,
     NavigationTrack,
     OdometryTrack,
+    SweepRecording,
     TraceRecording,
     VehicleFile,
     VehicleLog,
+    complex_rows,
     write_vehicle_log,
 )
 from lgprjax.formats.run_log import (
@@ -29,9 +32,10 @@ from lgprjax.formats.run_log import (
     read_run,
     read_run_record,
 )
-from lgprjax.radar import ArrayGeometry, uniform_array
+from lgprjax.radar import ArrayGeometry
 from lgprjax.run_records import RecordKind, Source, payload_type
 from lgprjax.subsurface import SpatialIndex
+from lgprjax.wire import Frame, decode
 
 # The contents of a recorded run except its scans, on the computer's clock.
 
@@ -45,7 +49,8 @@ class RunSignals(NamedTuple):
     Attributes:
         scan_ns: of each scan in the order of the recording, whether kept or not.
         scan_kept: whether its time rises and its shape is as in ``radar``.
-        radar: ``radar_description``, ``None`` if the radar never sent one.
+        radar: ``radar_description`` or ``radar_sweep_description``, ``None`` if the radar never sent one.
+        lookup: the last ``radar_lookup`` of a stepped-frequency radar, ``None`` if it never sent one.
         box_ns, box: ``drive_status`` frames.
         travel_m: from the box, one distance over all its starts.
         prior_ns, prior: valid ``prior`` payloads.
@@ -55,6 +60,7 @@ class RunSignals(NamedTuple):
     scan_ns: Int[np.ndarray, " scan"]
     scan_kept: Bool[np.ndarray, " scan"]
     radar: np.void | None
+    lookup: Frame | None
     box_ns: Int[np.ndarray, " box"]
     box: np.ndarray
     travel_m: Float[np.ndarray, " box"]
@@ -87,24 +93,25 @@ class RowGatherer:
 
 def signals_of_run(run: RunReading) -> RunSignals:
     """Gather everything except the samples: some hundred bytes every hundredth of a second."""
-    scans, box = RowGatherer(frame_type("radar_scan")), RowGatherer(frame_type("drive_status"))
-    prior, plan, radar = (
-        RowGatherer(payload_type("prior")),
-        RowGatherer(payload_type("plan")),
-        RowGatherer(frame_type("radar_description")),
-    )
-    by_message = {"radar_scan": scans, "drive_status": box, "radar_description": radar}
+    names = ("radar_scan", "radar_sweep", "radar_description", "radar_sweep_description", "drive_status")
+    by_message = {name: RowGatherer(frame_type(name)) for name in names}
+    box, prior, plan = by_message["drive_status"], RowGatherer(payload_type("prior")), RowGatherer(payload_type("plan"))
+    lookup: Frame | None = None
     for _, data in run:
         record = read_run_record(data)
         if record is None:
             continue
         if record.kind is RecordKind.PORT_IN and record.source in (Source.RADAR, Source.DRIVE_BY_WIRE):
-            rows = by_message.get(frame_name(record.payload) or "")
+            name = frame_name(record.payload)
+            rows = by_message.get(name or "")
+            lookup = decode(record.payload) if name == "radar_lookup" else lookup
         else:
             rows = {RecordKind.PRIOR: prior, RecordKind.PLAN: plan}.get(record.kind)
         if rows is not None:
             rows.add(record.mono_ns, record.payload)
-    told = radar.rows[0] if len(radar.rows) else None
+    kind = "sweep" if len(by_message["radar_sweep_description"].rows) else "scan"
+    scans, radar = (by_message[name] for name in _SCANS[kind])
+    told = radar.rows[0] if len(radar.rows) and (kind == "scan" or lookup is not None) else None
     scan_ns = device_times(scans.rows["session"], scans.rows["stamp_us"], scans.times_ns)
     box_ns = device_times(box.rows["session"], box.rows["stamp_us"], box.times_ns)
     travel_m = _joined(box.rows["session"], box.rows["odometer_m"])
@@ -118,6 +125,7 @@ def signals_of_run(run: RunReading) -> RunSignals:
         scan_ns=scan_ns,
         scan_kept=rising(scan_ns, _as_told(scans.rows, told)),
         radar=told,
+        lookup=lookup,
         box_ns=box_ns[box_good],
         box=box.rows[box_good],
         travel_m=travel_m[box_good],
@@ -128,14 +136,17 @@ def signals_of_run(run: RunReading) -> RunSignals:
     )
 
 
-def scan_frames(run: RunReading) -> Iterator[bytes]:
-    """Frames of the scans, in the order of ``RunSignals.scan_ns``."""
+def scan_frames(run: RunReading, name: str = "radar_scan") -> Iterator[bytes]:
+    """Frames of the scans, of the message ``name``, in the order of ``RunSignals.scan_ns``."""
     for _, data in run:
         record = read_run_record(data)
         if record is None or (record.kind, record.source) != (RecordKind.PORT_IN, Source.RADAR):
             continue
-        if frame_name(record.payload) == "radar_scan":
+        if frame_name(record.payload) == name:
             yield record.payload
+
+
+_SCANS = {"scan": ("radar_scan", "radar_description"), "sweep": ("radar_sweep", "radar_sweep_description")}
 
 
 def device_times(
@@ -178,6 +189,9 @@ def rising(times_ns: Int[np.ndarray, " row"], good: Bool[np.ndarray, " row"]) ->
 def _as_told(scans: np.ndarray, radar: np.void | None) -> Bool[np.ndarray, " scan"]:
     if radar is None:
         return np.zeros(len(scans), bool)
+    assert scans.dtype.names is not None
+    if "rows" in scans.dtype.names:
+        return np.asarray((scans["rows"] == radar["channels"] + 1) & (scans["steps"] == radar["steps"]))
     return np.asarray((scans["channels"] == radar["channels"]) & (scans["samples"] == radar["samples"]))
 
 
@@ -379,14 +393,7 @@ def write_run_drive(
         write_vehicle_log(output, log, force=force)
         return RunDrive(0, len(kept), tracks.seconds)
     assert signals.radar is not None
-    recording = TraceRecording(
-        sample_interval_ns=1e-3 * float(signals.radar["sample_interval_ps"]),
-        time_zero_ns=1e-3 * float(signals.radar["time_zero_ps"]),
-        zero_level=float(signals.radar["zero_level"]),
-        # The chain's filter spans one and a half periods of it.
-        centre_frequency_hz=1.5e9 / source.description.settings.dewow_ns,
-        samples=int(signals.radar["samples"]),
-    )
+    recording = _recording(signals, source, vehicle)
     array = _array(vehicle, source, signals.radar)
     description = DriveDescription(
         name=name,
@@ -401,50 +408,84 @@ def write_run_drive(
         serial_number=vehicle.serial_number,
         plan=tracks.plan,
     )
-    with DriveWriter.create(output, description, channels=len(array.y_m), dtype=np.uint8, force=force) as writer:
-        _write_scans(writer, reading, tracks.seconds_of(signals.scan_ns), kept, recording.samples)
+    dtype = np.uint8 if isinstance(recording, TraceRecording) else np.complex64
+    with DriveWriter.create(output, description, channels=len(array.y_m), dtype=dtype, force=force) as writer:
+        traces = isinstance(recording, TraceRecording)
+        frames = scan_frames(reading, "radar_scan" if traces else "radar_sweep")
+        append = _append_traces if traces else _append_sweeps
+        _write_scans(writer, append, frames, tracks.seconds_of(signals.scan_ns), kept)
         return RunDrive(writer.scans, len(kept) - writer.scans, tracks.seconds)
+
+
+def _recording(signals: RunSignals, source: MapFile, vehicle: VehicleFile) -> TraceRecording | SweepRecording:
+    """What the radar said of its scans."""
+    radar = signals.radar
+    assert radar is not None
+    if signals.lookup is None or "steps" not in (radar.dtype.names or ()):
+        return TraceRecording(
+            sample_interval_ns=1e-3 * float(radar["sample_interval_ps"]),
+            time_zero_ns=1e-3 * float(radar["time_zero_ps"]),
+            zero_level=float(radar["zero_level"]),
+            # The chain's filter spans one and a half periods of it.
+            centre_frequency_hz=1.5e9 / source.description.settings.dewow_ns,
+            samples=int(radar["samples"]),
+        )
+    lookup, place = complex_rows(signals.lookup), vehicle.array
+    first_hz, step_hz = (1e3 * float(radar[name]) for name in ("first_khz", "step_khz"))
+    return SweepRecording(
+        frequencies_hz=first_hz + step_hz * np.arange(int(radar["steps"])),
+        lookup_sweeps=lookup[:-1],
+        lookup_calibration_sweep=lookup[-1],
+        group_delay_ns=1e-3 * float(radar["group_delay_ps"]),
+        channel_gain=None if place.channel_gain is None else np.array(place.channel_gain),
+        channel_delay_ns=None if place.channel_delay_ns is None else np.array(place.channel_delay_ns),
+    )
+
+
+def _append_traces(writer: DriveWriter, times: list[float], frames: list[bytes]) -> None:
+    heads = np.array([np.frombuffer(frame, frame_type("radar_scan"), 1)[0] for frame in frames])
+    data = np.frombuffer(b"".join(frame_data(frame, "radar_scan") for frame in frames), np.uint8)
+    traces = data.reshape(len(frames), int(heads[0]["channels"]), -1)
+    writer.append(np.array(times), traces, _valid(heads, traces.shape[1]))
+
+
+def _append_sweeps(writer: DriveWriter, times: list[float], frames: list[bytes]) -> None:
+    heads = np.array([np.frombuffer(frame, frame_type("radar_sweep"), 1)[0] for frame in frames])
+    rows = np.stack([complex_rows(decode(frame)) for frame in frames])
+    writer.append_sweeps(np.array(times), rows[:, :-1], rows[:, -1], _valid(heads, rows.shape[1] - 1))
+
+
+def _valid(heads: np.ndarray, channels: int) -> Bool[np.ndarray, "scan channel"]:
+    return np.asarray((heads["valid"].astype(np.int64)[:, None] >> np.arange(channels)) & 1, bool)
 
 
 def _write_scans(
     writer: DriveWriter,
-    reading: RunReading,
+    append: Callable[[DriveWriter, list[float], list[bytes]], None],
+    scans: Iterator[bytes],
     time_s: Float[np.ndarray, " scan"],
     kept: np.ndarray,
-    samples: int,
 ) -> None:
-    block: list[bytes] = []
+    frames: list[bytes] = []
     times: list[float] = []
-
-    def append() -> None:
-        if not block:
-            return
-        heads = np.array([np.frombuffer(frame, frame_type("radar_scan"), 1)[0]["valid"] for frame in block], np.int64)
-        data = np.frombuffer(b"".join(frame_data(frame, "radar_scan") for frame in block), np.uint8)
-        traces = data.reshape(len(block), -1, samples)
-        valid = (heads[:, None] >> np.arange(traces.shape[1])) & 1
-        writer.append(np.array(times), traces, valid.astype(bool))
-        block.clear()
-        times.clear()
-
-    for frame, at, keep in zip(scan_frames(reading), time_s, kept, strict=False):
+    for frame, at, keep in zip(scans, time_s, kept, strict=False):
         if keep:
-            block.append(frame)
+            frames.append(frame)
             times.append(float(at))
-        if len(block) == _BLOCK_SCANS:
-            append()
-    append()
+        if len(frames) == _BLOCK_SCANS:
+            append(writer, times, frames)
+            frames, times = [], []
+    if frames:
+        append(writer, times, frames)
 
 
 def _array(vehicle: VehicleFile, source: MapFile, radar: np.void) -> ArrayGeometry:
-    place = vehicle.array
-    if place.x_m is None or place.height_m is None:
-        raise InputError(vehicle.name, "array", "x_m and height_m", "none")
-    return uniform_array(
-        int(radar["channels"]),
-        source.description.channel_pitch_m,
-        x_m=place.x_m,
-        height_m=place.height_m,
+    known = source.description
+    return array_of_vehicle(
+        vehicle,
+        vehicle.name,
+        channels=int(radar["channels"]),
+        pitch_m=known.channel_pitch_m,
         scan_period_s=1e-6 * float(radar["scan_period_us"]),
     )
 

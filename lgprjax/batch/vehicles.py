@@ -4,11 +4,14 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
 
 from lgprjax.coverage import CarrotSettings, PatternSettings, Tool, default_carrot
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile, with_values
 from lgprjax.navigation import FilterModel, SkidModel, default_model, default_skid_model
+from lgprjax.radar import ArrayGeometry, uniform_array
 from lgprjax.vehicle import (
     Chassis,
     MeasuredRear,
@@ -142,6 +145,48 @@ def _needed(path: str | Path, place: str, value: float | None) -> float:
     if value is None:
         raise InputError(path, place, "a number (the study that finds it comes first)", "none")
     return value
+
+
+# Where the channels of the radar array are.
+
+
+def array_of_vehicle(
+    vehicle: VehicleFile, path: str | Path, *, channels: int, pitch_m: float, scan_period_s: float
+) -> ArrayGeometry:
+    """Where each channel is: as the vehicle file says, else evenly spaced as the map's.
+
+    Raises:
+        InputError: the place of the array is missing, or a list is of another number of channels.
+    """
+    place = vehicle.array
+    if place.x_m is None or place.height_m is None:
+        raise InputError(path, "array", "x_m and height_m", "none")
+    even = uniform_array(channels, pitch_m, x_m=place.x_m, height_m=place.height_m, scan_period_s=scan_period_s)
+    return ArrayGeometry(
+        of_channels(place.channel_x_m, even.x_m, channels, path, "array.channel_x_m"),
+        of_channels(place.channel_y_m, even.y_m, channels, path, "array.channel_y_m"),
+        of_channels(place.channel_time_s, even.time_offset_s, channels, path, "array.channel_time_s"),
+        place.height_m,
+    )
+
+
+def of_channels(
+    stated: list[float] | None,
+    otherwise: float | Float[np.ndarray, " channel"],
+    channels: int,
+    path: str | Path,
+    key: str,
+) -> Float[np.ndarray, " channel"]:
+    """A list of the vehicle file, or what holds otherwise.
+
+    Raises:
+        InputError: it is of another number of channels.
+    """
+    if stated is None:
+        return np.broadcast_to(np.asarray(otherwise, np.float64), (channels,)).copy()
+    if len(stated) != channels:
+        raise InputError(path, key, f"{channels} numbers, one for each channel of the radar", str(len(stated)))
+    return np.asarray(stated, np.float64)
 
 
 # Parts of a skid-steer vehicle's file for navigation, guidance, coverage and its plans.

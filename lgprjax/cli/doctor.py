@@ -15,6 +15,8 @@ _STYLE = {"good": "green", "absent": "dim", "look": "yellow", "bad": "bold red"}
 class Doctor:
     """Report the installation and the machine, with advice for each problem."""
 
+    onboard: bool = False
+    """also measure whether this machine can search the 126 scans a second of an array on board: about a minute"""
     json: Path | None = None
     """also write the findings to this file"""
     force: bool = False
@@ -27,6 +29,11 @@ class Doctor:
 
         with working("looking"):
             findings = [*look_at_packages(), *look_at_machine()]
+        if self.onboard:
+            from lgprjax.cli.real_time import look_at_onboard
+
+            with working("making a course of 60 m, and searching its scans"):
+                findings += look_at_onboard()
         table = Table("what", "found", "verdict")
         for finding in findings:
             table.add_row(finding.name, finding.found, Text(finding.verdict, _STYLE[finding.verdict]))

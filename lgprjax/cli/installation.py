@@ -24,6 +24,7 @@ _EXTRA_FOR = {
     "docs": "make docs",
     "gis": "cover export to GeoPackage",
     "lint": "make lint, make types",
+    "live": "the live view of lgprjax run",
     "log": "import mcap, export",
     "notebook": "notebooks/",
     "onboard": "lgprjax run",

@@ -11,6 +11,7 @@ import tyro
 from lgprjax.cli.cover import CoverVerb
 from lgprjax.cli.data import CheckVerb, Examples, Export, Recover
 from lgprjax.cli.doctor import Doctor
+from lgprjax.cli.events import Events
 from lgprjax.cli.imports import ImportVerb, recognised
 from lgprjax.cli.maps import MapVerb
 from lgprjax.cli.register import Register
@@ -43,6 +44,7 @@ Verb = (
     ]
     | Annotated[CoverVerb, tyro.conf.subcommand("cover", description="Cover fields: plan, record and export the work.")]
     | Annotated[Run, tyro.conf.subcommand("run")]
+    | Annotated[Events, tyro.conf.subcommand("events")]
     | Annotated[Recover, tyro.conf.subcommand("recover")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[Examples, tyro.conf.subcommand("examples")]

@@ -1,5 +1,6 @@
 """``lgprjax run``: the onboard runtime."""
 
+import json as _json
 import os
 import signal
 import threading
@@ -8,7 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.table import Table
 from tyro.conf import Positional, arg
@@ -33,13 +34,19 @@ class Run:
 
     config: Annotated[Positional[Path], arg(metavar="CONFIG.toml", help="configuration, see onboard/")]
     simulate: bool = False
-    """start simulated devices as configured in [simulation]; missing map and route, or plan, are created"""
+    """start simulated devices as configured in [simulation]; missing map and route, or plan, are created. Status 0 if
+    the autopilot was engaged and arrived at the end of its route or plan, else 1 with the reason"""
+    lockstep: bool = False
+    """with --simulate: in simulated seconds, as fast as this machine can; chosen by itself where a measurement of a
+    second finds that it cannot keep real time"""
+    realtime: bool = False
+    """with --simulate: in real time, whatever that measurement would find"""
     replay: Annotated[Path | None, arg(metavar="RUN_FOLDER")] = None
     """run the control loop again on a recording: every command must be identical to the bit"""
     preflight: bool = False
     """check everything that a run needs without sending anything; status 1 if a check fails"""
     for_s: float | None = None
-    """end so many seconds after everything is ready"""
+    """end so many seconds after everything is ready; in lock step, simulated ones, or earlier on arrival"""
     json: Path | None = None
     """with --simulate or --replay, also write the figures to this file"""
     force: bool = False
@@ -51,6 +58,10 @@ class Run:
 
         if sum([self.simulate, self.replay is not None, self.preflight]) > 1:
             raise UsageError("--simulate, --replay, --preflight: expected one of them")
+        if (self.lockstep or self.realtime) and not self.simulate:
+            raise UsageError("--lockstep, --realtime: expected with --simulate")
+        if self.lockstep and self.realtime:
+            raise UsageError("--lockstep, --realtime: expected one of them")
         if self.json is not None and self.json.exists() and not self.force:
             raise InputError(self.json, "output", "a new file, or --force", "the file exists")
         config = read_config(self.config)
@@ -89,7 +100,6 @@ class Run:
         from lgprjax.cli.simulated import course_spec, devices, field_figures, field_spec, prepare_course, prepare_field
         from lgprjax.cli.simulated_run import figures_of, print_figures, read_records, timing_of
         from lgprjax.report import draw_timing
-        from lgprjax.runtime.config import PortsTable, PortTable, read_config, write_config
 
         table = config.simulation
         if table is None:
@@ -98,14 +108,15 @@ class Run:
         with working("plan" if field else "course, map and route"):
             (prepare_field if field else prepare_course)(config, table)
             spec = field_spec(config, table) if field else course_spec(config, table)
+        lockstep = self.lockstep or not (self.realtime or _keeps_real_time())
         folder = run_folder(config)
         folder.mkdir(parents=True)
-        with devices(config, spec, folder) as addresses:
-            ports = PortsTable(**{name: PortTable(url=url) for name, url in addresses.items()})
-            file = folder / "simulated.run.toml"
-            write_config(file, config.model_copy(update={"ports": ports}))
-            driven = read_config(file)
-            status = _drive(driven, folder, self.for_s)
+        if lockstep:
+            driven = self._in_lock_step(config, spec, folder)
+        else:
+            with devices(config, spec, folder) as addresses:
+                driven = _written(folder, config, addresses)
+                _drive(driven, folder, self.for_s)
         with working("figures"):
             if field:
                 figures = field_figures(folder, driven)
@@ -116,7 +127,94 @@ class Run:
         print_figures(figures, folder)
         if self.json is not None:
             write_figures(self.json, figures, force=self.force)
-        return status
+        return _say_outcome(folder)
+
+    def _in_lock_step(self, config: "RuntimeConfig", spec: "dict[str, Any]", folder: Path) -> "RuntimeConfig":
+        """The run without a clock; its configuration as driven."""
+        import shutil
+        from contextlib import ExitStack
+
+        from lgprjax.cli.lockstep import LockStep, Progress, display_beside
+        from lgprjax.runtime.supervisor import make_rings_folder
+
+        written = folder / "devices.json"
+        written.write_text(_json.dumps(spec | {"ports": "", "truth": ""}, indent=1), encoding="utf-8")
+        driven = _written(folder, config, dict.fromkeys(("drive_by_wire", "controller", "gnss", "radar"), "/dev/null"))
+        rings = make_rings_folder()
+        print(f"run: {folder}, in lock step", flush=True)
+        print(f"display: http://{config.display.host}:{config.display.port}", flush=True)
+        with ExitStack() as held:
+            held.callback(shutil.rmtree, rings, ignore_errors=True)
+            page = held.enter_context(display_beside(driven, rings, folder))
+            status = held.enter_context(console.status("starting"))
+
+            def report(at: Progress) -> None:
+                line = f"{at.time_s:.0f} s, {at.mode}, {at.speed_mps:.1f} m/s, {at.to_go_m:.0f} m to go"
+                status.update(line)
+
+            run = LockStep(driven, written, folder, page)
+            try:
+                run.run(self.for_s, report)
+            except KeyboardInterrupt:
+                print("interrupted", flush=True)
+            finally:
+                run.write_truth(folder / "truth.npz")
+        if config.coverage is None:
+            _write_drive(driven, folder)
+        return driven
+
+
+def _written(folder: Path, config: "RuntimeConfig", addresses: dict[str, str]) -> "RuntimeConfig":
+    """The configuration with its lines' addresses, in the run's folder."""
+    from lgprjax.runtime.config import PortsTable, PortTable, read_config, write_config
+
+    file = folder / "simulated.run.toml"
+    ports = PortsTable(**{name: PortTable(url=url) for name, url in addresses.items()})
+    write_config(file, config.model_copy(update={"ports": ports}))
+    return read_config(file)
+
+
+def _keeps_real_time() -> bool:
+    """Whether this machine keeps real time now, measured for a second; says so where it does not."""
+    from lgprjax.cli.real_time import measure_real_time
+
+    with working("measuring whether this machine keeps real time"):
+        found = measure_real_time()
+    if not found.keeps:
+        print(f"{found.line}: in lock step (--realtime runs it nevertheless)", flush=True)
+    return found.keeps
+
+
+def _say_outcome(folder: Path) -> int:
+    """One line with how a simulated run ended; its exit status."""
+    from lgprjax.runtime.timeline import read_timeline
+
+    found = read_timeline(folder)
+    if found.arrived:
+        print("arrived: engaged, and at the end of the way", flush=True)
+        return 0
+    late = _devices_late(folder)
+    print(f"did not arrive: {found.shortfall}{late}; lgprjax events {folder} tells more", flush=True)
+    return BAD_INPUT
+
+
+def _devices_late(folder: Path) -> str:
+    """How the simulated devices were held up by this machine, if they were."""
+    import numpy as np
+
+    truth = folder / "truth.npz"
+    if not truth.exists():
+        return ""
+    with np.load(truth) as known:
+        late_s = float(known["largest_late_s"]) if "largest_late_s" in known else 0.0
+        skipped = float(known["skipped_scans"]) if "skipped_scans" in known else 0.0
+    if late_s < _LATE_S and not skipped:
+        return ""
+    return f"; this machine did not keep real time, the simulated devices were up to {late_s:.2f} s late: --lockstep"
+
+
+_LATE_S = 0.1
+"""Simulated devices that are later look like devices that fail."""
 
 
 def _require_packages(needed: Sequence[str]) -> None:

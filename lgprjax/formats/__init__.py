@@ -28,7 +28,7 @@ from lgprjax.formats.mcap_recording import UniformArray
 from lgprjax.formats.mcap_tracks import McapAssumed
 from lgprjax.formats.profile import Profile, TraceCoordinates, assumed_in_words, assumed_of
 from lgprjax.formats.route_files import RouteFile, Waypoints, read_route, route_findings, write_route, write_waypoints
-from lgprjax.formats.run_log import RunReading, RunSummary, read_run
+from lgprjax.formats.run_log import RunReading, RunSummary, complex_rows, read_run
 from lgprjax.formats.schema import Finding, Schema, load_schema
 from lgprjax.formats.settings_files import Study, read_study, read_thresholds, write_thresholds
 from lgprjax.formats.side_files import SidePositions, TracePlaces, find_side_files, places_of_traces, read_side_file
@@ -37,6 +37,7 @@ from lgprjax.formats.survey_layout import found_time_zero
 from lgprjax.formats.survey_track import SurveyOrigin, write_turning_points
 from lgprjax.formats.surveys import Survey, import_iprb, import_lines, read_profile
 from lgprjax.formats.vehicle import (
+    ArrayTable,
     Found,
     RearMap,
     VehicleFile,
@@ -66,6 +67,7 @@ from lgprjax.formats.worked import (
 __all__ = [
     "CHANCE_METHOD",
     "MAP_PRECISIONS",
+    "ArrayTable",
     "CoverPlan",
     "DriveDescription",
     "DriveFrames",
@@ -111,6 +113,7 @@ __all__ = [
     "chance_as_text",
     "chance_of_text",
     "check_file",
+    "complex_rows",
     "copy_stations",
     "cover_plan_findings",
     "create_store",

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from uuid import UUID
 
 import numpy as np
+from jaxtyping import Complex
 
 from lgprjax.errors import InputError
 from lgprjax.run_records import Record, numpy_type, unpack
@@ -23,7 +24,7 @@ from lgprjax.run_segment import (
     scan_records,
     segments_of,
 )
-from lgprjax.wire import CRC, HEAD_FIELDS, MESSAGES, SYNC, decode
+from lgprjax.wire import CRC, HEAD_FIELDS, MESSAGES, SYNC, Frame, decode
 
 RUN_FILE = "run.json"
 """Next to the segments: UUID, versions, and the computer's clocks at each start of the recorder."""
@@ -247,3 +248,23 @@ def frame_name(frame: bytes) -> str | None:
 def frame_data(frame: bytes, name: str) -> bytes:
     """Data after the fields of fixed size: a scan's samples."""
     return frame[frame_type(name).itemsize : -CRC.size]
+
+
+def complex_rows(frame: Frame) -> Complex[np.ndarray, "row frequency"]:
+    """Sweeps of a radar_sweep or radar_lookup: all channels, then the calibration channel, in units of its scale.
+
+    Raises:
+        ValueError: it has another size of numbers than 4 or 8 bytes.
+    """
+    rows, steps, width = (int(frame.number(name)) for name in ("rows", "steps", "width"))
+    if width not in _LAYOUTS:
+        raise ValueError(f"{frame.name}: numbers of 4 or 8 bytes were expected, found {width}")
+    data = frame.fields["data"]
+    assert isinstance(data, bytes)
+    parts = np.frombuffer(data, _LAYOUTS[width]).reshape(rows, steps, 2).astype(np.float32)
+    scaled = parts * np.float32(frame.number("scale"))
+    return np.asarray(scaled[..., 0] + 1j * scaled[..., 1], np.complex64)
+
+
+_LAYOUTS = {4: "<i2", 8: "<f4"}
+"""Parts of complex numbers by their width in bytes."""

@@ -174,10 +174,21 @@ class PursuitTable(ConfigTable):
 
 
 class ArrayTable(ConfigTable):
-    """Place of the radar array, metres."""
+    """Place of the radar array, metres; of each channel from the left, where they are not evenly spaced and alike.
+
+    Attributes:
+        channel_x_m, channel_y_m: phase centre in the body frame.
+        channel_time_s: delay of the channel after the scan's own time.
+        channel_gain, channel_delay_ns: of a stepped-frequency array's channels, relative to their mean.
+    """
 
     x_m: float | None = None
     height_m: float | None = None
+    channel_x_m: list[float] | None = None
+    channel_y_m: list[float] | None = None
+    channel_time_s: list[float] | None = None
+    channel_gain: list[float] | None = None
+    channel_delay_ns: list[float] | None = None
 
 
 class NavigationTable(ConfigTable):

@@ -35,6 +35,7 @@ from lgprjax.navigation.counter_steer_model import (
     to_local,
 )
 from lgprjax.navigation.health import (
+    OF_GNSS,
     STOPPING,
     Health,
     HealthRules,
@@ -118,6 +119,7 @@ from lgprjax.navigation.skid_model import (
 )
 
 __all__ = [
+    "OF_GNSS",
     "SKID_STATES",
     "SOURCES",
     "STATES",

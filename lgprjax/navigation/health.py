@@ -36,7 +36,9 @@ class HealthRules(NamedTuple):
         stop_speed_mps: standard deviation of the speed above which it is unknown.
         degrade_frame_m, stop_frame_m: remaining motion of the slewed path.
         longest_step_s: longest valid tick.
-        hold_s: time for which a reason is reported after it last held, so that the speed cap does not flicker.
+        least_fixes: accepted fixes within ``fading_s`` that a lock needs.
+        hold_s: time for which a reason is reported after it last held, and for which LGPR must have bounded the error
+            before it stands in for GNSS, so that the speed cap does not flicker.
         degraded_mps: speed cap while degraded.
     """
 
@@ -55,6 +57,7 @@ class HealthRules(NamedTuple):
     degrade_frame_m: Float[Array, ""]
     stop_frame_m: Float[Array, ""]
     longest_step_s: Float[Array, ""]
+    least_fixes: Float[Array, ""]
     hold_s: Float[Array, ""]
     degraded_mps: Float[Array, ""]
 
@@ -92,6 +95,8 @@ def health_rules(
         degrade_frame_m=one(0.3),
         stop_frame_m=one(1.0),
         longest_step_s=one(0.2),
+        # Five fixes that agree with each other and with the way driven are no chance.
+        least_fixes=one(5.0),
         hold_s=one(1.0),
         degraded_mps=one(2.0),
     )
@@ -163,6 +168,8 @@ STOPPING = (
     | Reason.TOO_UNCERTAIN
 )
 """Reasons that request a stop; the others degrade."""
+OF_GNSS = Reason.GNSS_SILENT | Reason.GNSS_STUCK | Reason.GNSS_COARSE | Reason.GNSS_REJECTED
+"""Faults of GNSS: they degrade only while LGPR does not bound the error."""
 
 
 __all__ = [
@@ -184,20 +191,25 @@ class HealthState(NamedTuple):
 
     Attributes:
         gnss_x_m, gnss_y_m: last GNSS position.
-        stuck_m: distance driven since it changed.
-        unproven, scans: scans without evidence of the map's ground, and all, in each tenth of the sliding share, the
-            newest first.
+        stuck_m, repeated_m: distance driven since it changed, and up to its last repetition: between two positions of a
+            fast vehicle there is none yet, which is not stuck.
+        unproven, scans, fixes: scans without evidence of the map's ground, all, and accepted fixes, in each tenth of
+            the sliding share, the newest first.
         bin_s: since the newest tenth began.
         held_s: remaining time for which each reason, in the order of its bits, is reported.
+        bounded_s: for how long LGPR has bounded the error.
     """
 
     gnss_x_m: Float[Array, ""]
     gnss_y_m: Float[Array, ""]
     stuck_m: Float[Array, ""]
+    repeated_m: Float[Array, ""]
     unproven: Float[Array, "10"]
     scans: Float[Array, "10"]
+    fixes: Float[Array, "10"]
     bin_s: Float[Array, ""]
     held_s: Float[Array, "23"]
+    bounded_s: Float[Array, ""]
 
 
 class Health(NamedTuple):
@@ -207,18 +219,20 @@ class Health(NamedTuple):
         reaction: a ``Reaction``.
         reasons: bits of ``Reason``.
         speed_cap_mps: infinite, the degraded speed, or 0 for a stop.
+        bounded: LGPR alone bounds the error, and has done so for a while: a vehicle may be engaged and driven by it.
     """
 
     reaction: Int32[Array, ""]
     reasons: Int32[Array, ""]
     speed_cap_mps: Float[Array, ""]
+    bounded: Bool[Array, ""]
 
 
 def init_health() -> HealthState:
     """Before the first tick."""
     zero, bins = jnp.float32(0.0), jnp.zeros(_BINS, jnp.float32)
     unknown = jnp.float32(jnp.nan)
-    return HealthState(unknown, unknown, zero, bins, bins, zero, jnp.zeros(len(Reason), jnp.float32))
+    return HealthState(unknown, unknown, zero, zero, bins, bins, bins, zero, jnp.zeros(len(Reason), jnp.float32), zero)
 
 
 def step_health(
@@ -251,10 +265,37 @@ def step_health(
     reported = seen | (held_s > 0.0)
     bits = jnp.asarray([reason.value for reason in Reason], jnp.int32)
     reasons = jnp.sum(jnp.where(reported, bits, 0), dtype=jnp.int32)
+    bounded_s = jnp.where(_bounds(rules, state, filter_state, reported), state.bounded_s + passed_s, 0.0)
+    bounded = bounded_s >= rules.hold_s
     stops = (reasons & jnp.int32(STOPPING.value)) != 0
-    reaction = jnp.where(stops, Reaction.STOP.value, jnp.where(reasons != 0, Reaction.DEGRADE.value, 0))
-    cap = jnp.where(stops, 0.0, jnp.where(reasons != 0, rules.degraded_mps, jnp.inf)).astype(jnp.float32)
-    return state._replace(held_s=held_s), Health(reaction.astype(jnp.int32), reasons, cap)
+    degrades = (reasons & jnp.where(bounded, ~jnp.int32(OF_GNSS.value), ~jnp.int32(0))) != 0
+    reaction = jnp.where(stops, Reaction.STOP.value, jnp.where(degrades, Reaction.DEGRADE.value, 0))
+    cap = jnp.where(stops, 0.0, jnp.where(degrades, rules.degraded_mps, jnp.inf)).astype(jnp.float32)
+    state = state._replace(held_s=held_s, bounded_s=bounded_s)
+    return state, Health(reaction.astype(jnp.int32), reasons, cap, bounded)
+
+
+_UNLOCKS = (
+    Reason.NON_FINITE
+    | Reason.BAD_STEP
+    | Reason.LGPR_SILENT
+    | Reason.LGPR_REJECTED
+    | Reason.LGPR_FADED
+    | Reason.CONFLICT
+    | Reason.REACQUIRED
+    | Reason.UNCERTAIN
+    | Reason.TOO_UNCERTAIN
+)
+"""Reasons for which LGPR does not bound the error."""
+
+
+def _bounds(
+    rules: HealthRules, state: HealthState, filter_state: FilterState, reported: Bool[Array, "23"]
+) -> Bool[Array, ""]:
+    """Whether LGPR bounds the error now: enough accepted fixes, a small sigma, nothing against it."""
+    against = jnp.asarray([reason in _UNLOCKS for reason in Reason])
+    lost = filter_state.gates.since_accepted_s[LGPR] > rules.lost_s[LGPR]
+    return ~(reported & against).any() & ~lost & (state.fixes.sum() >= rules.least_fixes)
 
 
 def _listened(
@@ -272,14 +313,18 @@ def _listened(
     # A silent receiver is not stuck: it has its own rule.
     received = filter_state.gates.since_offered_s[GNSS] <= rules.silent_s[GNSS]
     moved_m = jnp.where(received, jnp.abs(filter_state.estimate.mean[SPEED]) * passed_s, 0.0)
+    stuck_m = jnp.where(changed, 0.0, state.stuck_m + moved_m)
+    repeated_m = jnp.where(filter_info.offered[GNSS], stuck_m, state.repeated_m)
     full = state.bin_s + passed_s >= rules.fading_s / _BINS
     matched = ~jnp.isnan(lgpr_p_false)
     return state._replace(
         gnss_x_m=jnp.where(changed, gnss.x_m, state.gnss_x_m),
         gnss_y_m=jnp.where(changed, gnss.y_m, state.gnss_y_m),
-        stuck_m=jnp.where(changed, 0.0, state.stuck_m + moved_m),
+        stuck_m=stuck_m,
+        repeated_m=repeated_m,
         unproven=_pushed(state.unproven, jnp.where(lgpr_p_false > rules.risk, 1.0, 0.0), full),
         scans=_pushed(state.scans, jnp.where(matched, 1.0, 0.0), full),
+        fixes=_pushed(state.fixes, filter_info.accepted[LGPR].astype(jnp.float32), full),
         bin_s=jnp.where(full, 0.0, state.bin_s + passed_s),
     )
 
@@ -304,6 +349,9 @@ def _seen(
     coarse = observations.gnss.valid & (
         jnp.maximum(covariance[0, 0], covariance[1, 1]) > rules.coarse_m * rules.coarse_m
     )
+    # A receiver that repeats itself while the vehicle moves is wrong for certain, and contradicts nobody.
+    stuck = state.repeated_m > rules.stuck_m
+    conflict_s = jnp.where(stuck, 0.0, gates.conflict_s)
     faded = state.unproven.sum() > rules.faded_share * state.scans.sum()
     no_heading = (silent[HEADING] | rejected[HEADING]) & lost[HEADING]
     speed_variance = estimate.covariance[SPEED, SPEED]
@@ -311,7 +359,7 @@ def _seen(
         Reason.NON_FINITE: ~finite,
         Reason.BAD_STEP: ~sound_step,
         Reason.GNSS_SILENT: silent[GNSS],
-        Reason.GNSS_STUCK: state.stuck_m > rules.stuck_m,
+        Reason.GNSS_STUCK: stuck,
         Reason.GNSS_COARSE: coarse,
         Reason.GNSS_REJECTED: rejected[GNSS],
         Reason.HEADING_SILENT: silent[HEADING],
@@ -321,14 +369,14 @@ def _seen(
         Reason.LGPR_SILENT: silent[LGPR],
         Reason.LGPR_REJECTED: rejected[LGPR],
         Reason.LGPR_FADED: faded,
-        Reason.CONFLICT: gates.conflict_s > 0.0,
+        Reason.CONFLICT: conflict_s > 0.0,
         Reason.REACQUIRED: filter_info.reacquired.any(),
         Reason.FRAME_BEHIND: frame_left_m > rules.degrade_frame_m,
         Reason.UNCERTAIN: cross_m > rules.degrade_cross_m,
         Reason.POSITION_LOST: lost[GNSS] & lost[LGPR],
         Reason.HEADING_LOST: no_heading & lost[LGPR],
         Reason.SPEED_LOST: speed_variance > rules.stop_speed_mps * rules.stop_speed_mps,
-        Reason.CONFLICT_LASTS: gates.conflict_s > rules.conflict_stop_s,
+        Reason.CONFLICT_LASTS: conflict_s > rules.conflict_stop_s,
         Reason.FRAME_FAR: frame_left_m > rules.stop_frame_m,
         Reason.TOO_UNCERTAIN: cross_m > rules.stop_cross_m,
     }

@@ -24,6 +24,7 @@ from lgprjax.navigation.counter_steer_model import (
     to_global,
 )
 from lgprjax.navigation.health import (
+    OF_GNSS,
     Health,
     HealthRules,
     HealthState,
@@ -34,6 +35,7 @@ from lgprjax.navigation.health import (
     step_health,
     step_switch,
 )
+from lgprjax.navigation.kalman import wrap_yaw
 from lgprjax.navigation.observations import GateRules, MotionInput, Observations
 from lgprjax.vehicle import VehiclePose
 
@@ -59,6 +61,7 @@ class NavigatorState(NamedTuple):
         switch: LL's fusion.
         local: dead-reckoned pose that never jumps; frame: the map's pose in it.
         health: its state.
+        search_off: from the pose of GNSS/INS to that which a search of the map starts from: x, y and yaw.
     """
 
     filters: FilterState
@@ -66,6 +69,7 @@ class NavigatorState(NamedTuple):
     local: VehiclePose
     frame: FrameOffset
     health: HealthState
+    search_off: VehiclePose
 
     @property
     def fused(self) -> FilterState:
@@ -78,6 +82,12 @@ class NavigatorState(NamedTuple):
         """The filter without LGPR, or, where there is none, the only one; unbatched."""
         last: FilterState = jax.tree.map(lambda leaf: leaf[-1], self.filters)
         return last
+
+    @property
+    def search_pose(self) -> VehiclePose:
+        """Rear axle that a search of the map starts from: GNSS/INS, or what LGPR has held while GNSS was bad."""
+        reckoned = pose_of(self.reckoned.estimate)
+        return VehiclePose(*(own + off for own, off in zip(reckoned, self.search_off, strict=True)))
 
 
 class Navigated(NamedTuple):
@@ -106,7 +116,7 @@ def init_navigator(
     both = [init_filter(setup.model, believed, speed_mps)] * (2 if reckons else 1)
     filters: FilterState = jax.tree.map(lambda *leaves: jnp.stack(leaves), *both)
     local = VehiclePose(zero, zero, zero)
-    return NavigatorState(filters, init_switch(believed), local, anchor_frame(believed, local), init_health())
+    return NavigatorState(filters, init_switch(believed), local, anchor_frame(believed, local), init_health(), local)
 
 
 def step_navigator(
@@ -147,5 +157,35 @@ def step_navigator(
     local = step_local(state.local, speed, rate, setup.model.zero_slip_m, motion.step_s)
     frame, left_m = slew_frame(state.frame, anchor_frame(pose_map, local), local, setup.slew, motion.step_s)
     health, judged = step_health(setup.health, state.health, fused, info, observations, p_false, left_m, motion.step_s)
-    state = state._replace(switch=switch, local=local, frame=frame, health=health)
+    off = _search_off(state.search_off, gnss_ins, pose_of(fused.estimate), judged, jnp.abs(speed) * motion.step_s)
+    state = state._replace(switch=switch, local=local, frame=frame, health=health, search_off=off)
     return state, Navigated(to_global(frame, local), speed, info, judged, left_m)
+
+
+_SEARCH_SLEW = 0.02
+"""Metres a metre of way by which the search's start follows: the shape of a window of some metres stays the same to
+centimetres."""
+_SEARCH_TURN_RADPM = 0.002
+
+
+def _search_off(
+    off: VehiclePose, gnss_ins: VehiclePose, fused: VehiclePose, health: Health, way_m: Float[Array, ""]
+) -> VehiclePose:
+    """Start of a search relative to GNSS/INS, after a tick.
+
+    GNSS/INS alone is where a search starts as long as GNSS is good: it does not depend on what was found before. Dead
+    reckoning leaves the searched region after some hundreds of metres, and a coarse receiver wanders as far: then the
+    start follows the fused pose while LGPR bounds its error, and stays at its distance from dead reckoning otherwise.
+    """
+    bad = (health.reasons & jnp.int32(OF_GNSS.value)) != 0
+    follows = bad & health.bounded
+    apart = VehiclePose(fused.x_m - gnss_ins.x_m, fused.y_m - gnss_ins.y_m, wrap_yaw(fused.yaw_rad - gnss_ins.yaw_rad))
+    ahead = [
+        jnp.where(follows, there, jnp.where(bad, here, 0.0)) - here for there, here in zip(apart, off, strict=True)
+    ]
+    limit = _SEARCH_SLEW * way_m
+    share = jnp.minimum(1.0, limit / jnp.maximum(jnp.hypot(ahead[0], ahead[1]), 1e-9))
+    turn = _SEARCH_TURN_RADPM * way_m
+    return VehiclePose(
+        off.x_m + share * ahead[0], off.y_m + share * ahead[1], off.yaw_rad + jnp.clip(ahead[2], -turn, turn)
+    )

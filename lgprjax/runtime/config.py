@@ -132,6 +132,24 @@ class DisplayTable(ConfigTable):
     origins: list[str] = Field(default_factory=list)
 
 
+class OutputTable(ConfigTable):
+    """The corrected position for others.
+
+    Attributes:
+        nmea_port, nmea_host: TCP port at which GGA, HDT and GST are given to every client; 0 takes a free one.
+        nmea_serial: serial line that they are written to.
+        rate_hz: of the sentences.
+        live_port, live_host: websocket of the live view for Foxglove; needs the extra live.
+    """
+
+    nmea_port: int | None = Field(default=None, ge=0, le=65535)
+    nmea_host: str = "127.0.0.1"
+    nmea_serial: PortTable | None = None
+    rate_hz: Literal[10, 25, 50] = 10
+    live_port: int | None = Field(default=None, ge=0, le=65535)
+    live_host: str = "127.0.0.1"
+
+
 class SupervisionTable(ConfigTable):
     """Time limits of processes for silence once ready and for starting; registration's core; temperature limit."""
 
@@ -188,6 +206,7 @@ class RuntimeConfig(ConfigTable):
     recording: RecordingTable = RecordingTable()
     display: DisplayTable = DisplayTable()
     supervision: SupervisionTable = SupervisionTable()
+    output: OutputTable | None = None
     simulation: SimulationTable | None = None
 
     @model_validator(mode="after")
@@ -196,6 +215,8 @@ class RuntimeConfig(ConfigTable):
         if self.coverage is not None:
             if self.map or self.routes:
                 raise self._of_work("either [coverage], or map and routes")
+            if self.output is not None:
+                raise self._of_work("[output] with a map: a field has no corrected position")
         elif not (self.map and self.routes and self.ports.radar is not None):
             raise self._of_work("map, routes and ports.radar, or [coverage]")
         return self

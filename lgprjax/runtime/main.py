@@ -24,6 +24,7 @@ PROGRAMS = {
     "display": "lgprjax.runtime.display.program",
     "monitor": "lgprjax.runtime.monitor",
     "coverage": "lgprjax.runtime.coverage.program",
+    "output": "lgprjax.runtime.output.program",
 }
 """The module of a process, whose ``run`` is called. Only this one is imported, to keep processes small and fast to
 start.

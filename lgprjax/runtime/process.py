@@ -18,7 +18,7 @@ from lgprjax.files import lock_file
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.ring import Ring
 
-PROCESSES = ("control", "registration", "recorder", "display", "monitor", "coverage")
+PROCESSES = ("control", "registration", "recorder", "display", "monitor", "coverage", "output")
 """Names, in the order of their rows in the table of heartbeats. No run has all of them: see ``processes_of``."""
 
 RINGS = {
@@ -33,14 +33,18 @@ RINGS = {
     "monitor": 64 << 10,  # monitor to control
     "cover": 1 << 20,  # control to coverage
     "worked": 4 << 20,  # coverage to display
+    "poses": 256 << 10,  # control to output
+    "view_state": 1 << 20,  # control to output
+    "view_scans": 4 << 20,  # registration to output
 }
 """Rings and their sizes in bytes; each carries records (``messages``)."""
 
 
 def processes_of(config: RuntimeConfig) -> tuple[str, ...]:
-    """Processes of a run: a field needs no radar, a course needs no worked map."""
-    without = "coverage" if config.coverage is None else "registration"
-    return tuple(name for name in PROCESSES if name != without)
+    """Processes of a run: a field needs no radar, a course needs no worked map; output only where it is asked for."""
+    without = {"coverage" if config.coverage is None else "registration"}
+    without |= {"output"} if config.output is None else set()
+    return tuple(name for name in PROCESSES if name not in without)
 
 
 class ProcessStage(IntEnum):

@@ -52,8 +52,11 @@ def course(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def driven(course: Path) -> tuple[Path, subprocess.CompletedProcess[str]]:
     """A run of some seconds: its folder, and what was printed."""
     figures = course.parent / "figures.json"
-    done = lgprjax("run", str(course), "--simulate", "--for-s", "12", "--json", str(figures), limit_s=600.0)
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    arguments = ("--simulate", "--realtime", "--for-s", "12", "--json", str(figures))
+    done = lgprjax("run", str(course), *arguments, limit_s=600.0)
+    # Twelve seconds do not lead to the end of 80 m.
+    assert done.returncode == 1, done.stdout[-2000:] + done.stderr[-4000:]
+    assert len(re.findall(r"^did not arrive: .+; lgprjax events .+ tells more$", done.stdout, re.MULTILINE)) == 1
     folder = next((course.parent / "runs").iterdir())
     return folder, done
 
@@ -107,6 +110,32 @@ def test_a_run_is_recovered_from_its_folder(driven: tuple[Path, subprocess.Compl
     done = lgprjax("recover", str(folder), "-o", str(folder / "again.drive.h5"))
     assert done.returncode == 0, done.stdout + done.stderr
     assert "ended" in done.stdout
+
+
+def test_in_lock_step_it_arrives_on_any_machine_and_tells_its_course(
+    course: Path, driven: tuple[Path, subprocess.CompletedProcess[str]]
+) -> None:
+    before = set((course.parent / "runs").iterdir())
+    assert driven[0] in before
+    figures = course.parent / "lockstep.json"
+    arguments = ("--simulate", "--lockstep", "--for-s", "90", "--json", str(figures))
+    done = lgprjax("run", str(course), *arguments, limit_s=600.0)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    assert "arrived: engaged, and at the end of the way" in done.stdout
+    found = json.loads(figures.read_text(encoding="utf-8"))
+    assert found["tracking_rms_m"] < 0.15
+    assert found["period_largest_ms"] == pytest.approx(20.0, abs=0.1)
+    folder = next(iter(set((course.parent / "runs").iterdir()) - before))
+    told = lgprjax("events", str(folder), "--json", str(folder / "events.json"))
+    assert told.returncode == 0, told.stdout + told.stderr
+    line = json.loads((folder / "events.json").read_text(encoding="utf-8"))
+    assert (line["engaged"], line["arrived"], line["shortfall"], line["end"]) == (True, True, None, "ended")
+    modes = [event["mode"] for event in line["events"] if event["kind"] == "mode"]
+    assert modes == ["CHECKS", "READY", "STEERING", "SPEED", "MANUAL"]
+    times = [event["time_s"] for event in line["events"]]
+    assert times == sorted(times)
+    again = lgprjax("run", str(folder / "simulated.run.toml"), "--replay", str(folder))
+    assert again.returncode == 0, again.stdout + again.stderr
 
 
 def test_a_preflight_names_what_is_not_in_order(course: Path) -> None:

@@ -150,12 +150,14 @@ _EPOCH_S, _SCAN_S = 0.1, 0.2
 _C, _D, _S = Reaction.CONTINUE, Reaction.DEGRADE, Reaction.STOP
 _CASES = [
     _Case("nothing", lambda inputs: inputs, Reason(0), 0.0, _C),
-    _Case("1_gnss_off", _silent("gnss"), Reason.GNSS_SILENT, 1.5 * _EPOCH_S, _D),
-    _Case("2_gnss_stuck", _stuck, Reason.GNSS_STUCK | Reason.GNSS_REJECTED, 1.0, _D),
+    _Case("1_gnss_off", _silent("gnss"), Reason.GNSS_SILENT, 1.5 * _EPOCH_S, _C),
+    _Case("1_gnss_off_without_lgpr", _both(_silent("gnss"), _silent("lgpr")), Reason.GNSS_SILENT, 1.5 * _EPOCH_S, _C),
+    _Case("2_gnss_stuck", _stuck, Reason.GNSS_STUCK, 1.0, _C),
     _Case("3_gnss_jumps_0.3_m", _shifted("gnss", 0.0, 0.3), Reason.GNSS_REJECTED, _EPOCH_S, _D),
     _Case("3_gnss_jumps_3_m", _shifted("gnss", 2.0, 2.2), Reason.GNSS_REJECTED, _EPOCH_S, _D),
     _Case("3_gnss_jumps_30_m", _shifted("gnss", -30.0, 0.0), Reason.GNSS_REJECTED, _EPOCH_S, _D),
-    _Case("4_rtk_float", _coarse(0.4), Reason.GNSS_COARSE, _EPOCH_S, _D),
+    _Case("4_rtk_float", _coarse(0.4), Reason.GNSS_COARSE, _EPOCH_S, _C),
+    _Case("4_rtk_float_faded", _both(_coarse(0.4), _fading), Reason.LGPR_FADED, 2.0, _D),
     _Case("4_single_without_lgpr", _both(_coarse(2.0), _silent("lgpr")), Reason.TOO_UNCERTAIN, 15.0, _S),
     _Case("5_gnss_drifts", _drifting, Reason.CONFLICT, 10.0, _D),
     _Case("7_clock_stands", _step(0.0), Reason.BAD_STEP, 0.0, _D),
@@ -256,7 +258,7 @@ def test_fault_is_told_in_time_with_its_reaction(told: dict[str, _Told], case: _
     assert first - case.onset_s <= case.within_s + TICK_S + 1e-6
     at = int(np.argmax(first - 1e-9 <= _TIME_S))
     assert of.reaction[at] == case.reaction
-    assert of.cap_mps[at] == (0.0 if case.reaction == _S else float(_RULES.degraded_mps))
+    assert of.cap_mps[at] == {_C: np.inf, _D: float(_RULES.degraded_mps), _S: 0.0}[case.reaction]
 
 
 def test_sound_drive_goes_on_at_full_speed(told: dict[str, _Told]) -> None:
@@ -264,6 +266,51 @@ def test_sound_drive_goes_on_at_full_speed(told: dict[str, _Told]) -> None:
     settled = _TIME_S > 2.0
     assert (of.reasons[settled] == 0).all()
     assert np.isinf(of.cap_mps[settled]).all()
+
+
+@pytest.mark.parametrize(("period_s", "speed_mps"), [(0.143, 4.5), (0.2, 4.0), (1.0, 3.0), (0.5, 10.0)])
+def test_a_fast_vehicle_between_two_positions_is_not_a_stuck_receiver(period_s: float, speed_mps: float) -> None:
+    rules = health_rules(
+        gnss_period_s=period_s, heading_period_s=TICK_S, odometer_period_s=TICK_S, lgpr_period_s=0.2, risk=_RISK
+    )
+    sound, info = _sound()
+    moving = sound._replace(estimate=sound.estimate._replace(mean=sound.estimate.mean.at[SPEED].set(speed_mps)))
+    state, since_s, found = init_health(), 0.0, []
+    for tick in range(200):
+        since_s += TICK_S
+        offered = since_s >= period_s - 1e-9
+        # For the second half the receiver repeats itself.
+        x_m = min(tick, 100) * TICK_S * speed_mps
+        since_s = 0.0 if offered else since_s
+        observed = no_observations()
+        gnss = observed.gnss._replace(x_m=jnp.float32(x_m), y_m=jnp.float32(0.0), valid=jnp.asarray(offered))
+        gates = moving.gates._replace(since_offered_s=moving.gates.since_offered_s.at[0].set(since_s))
+        told = info._replace(offered=info.offered.at[0].set(offered))
+        state, health = _one(
+            rules, state, moving._replace(gates=gates), told, observed._replace(gnss=gnss), jnp.float32(jnp.nan),
+            jnp.float32(0.0), jnp.float32(TICK_S),
+        )  # fmt: skip
+        found.append(bool(int(health.reasons) & Reason.GNSS_STUCK))
+    assert not any(found[:100])
+    # Known at the second position that repeats the first one half a metre on.
+    assert any(found[101 : 101 + round((2.0 * period_s + 0.5 / speed_mps) / TICK_S) + 2])
+
+
+@pytest.mark.parametrize("name", ["1_gnss_off", "2_gnss_stuck", "4_rtk_float"])
+def test_a_fault_of_gnss_costs_no_speed_while_lgpr_bounds_the_error(told: dict[str, _Told], name: str) -> None:
+    of = told[name]
+    settled = _TIME_S > 2.0
+    assert (of.reaction[settled] == _C).all()
+    assert np.isinf(of.cap_mps[settled]).all()
+    _, cross_m = position_sigma_m(of.estimate)
+    assert float(np.asarray(cross_m)[settled].max()) < float(_RULES.degrade_cross_m)
+
+
+@pytest.mark.parametrize("name", ["1_gnss_off_without_lgpr", "4_single_without_lgpr", "4_rtk_float_faded"])
+def test_without_a_lock_a_fault_of_gnss_slows_down(told: dict[str, _Told], name: str) -> None:
+    lost = _TIME_S > _ONSET_S + 2.0
+    assert (told[name].reaction[lost] >= _D).all()
+    assert (told[name].cap_mps[lost] <= _RULES.degraded_mps).all()
 
 
 @pytest.mark.parametrize("name", ["3_gnss_jumps_0.3_m", "3_gnss_jumps_3_m", "3_gnss_jumps_30_m", "2_gnss_stuck"])

@@ -4,8 +4,11 @@ import struct
 import zlib
 from typing import NamedTuple
 
-_SENT_OVER = {"radar": {0x12, 0x13, 0x14}, "drive_by_wire": {0x21, 0x25}, "controller": {0x30}}
-_LENGTHS = {0x10: 5, 0x11: 10, 0x13: 11, 0x14: 20, 0x20: 13, 0x21: 46, 0x22: 1, 0x24: 14, 0x25: 46, 0x30: 2, 0x31: 1}
+_SENT_OVER = {"radar": {0x12, 0x13, 0x14, 0x15, 0x16, 0x17}, "drive_by_wire": {0x21, 0x25}, "controller": {0x30}}
+_LENGTHS = {
+    **{0x10: 5, 0x11: 10, 0x13: 11, 0x14: 20, 0x16: 20, 0x20: 13, 0x21: 46, 0x22: 1, 0x24: 14, 0x25: 46},
+    **{0x30: 2, 0x31: 1},
+}
 
 
 class Head(NamedTuple):
@@ -27,6 +30,10 @@ def head_of_right_bytes(raw: bytes) -> Head:
     if kind == 0x12:
         channels, samples = struct.unpack_from("<HH", raw, 30)
         assert length == 12 + channels * samples
+    elif kind in (0x15, 0x17):
+        # Rows, steps and width of a number stand behind the scan's number, or first.
+        rows, steps, width = struct.unpack_from("<HHH", raw, 30 if kind == 0x15 else 26)
+        assert length == (18 if kind == 0x15 else 10) + rows * steps * width
     else:
         assert length == _LENGTHS[kind]
     return Head(kind, session, sequence, stamp_us, ttl_ms)

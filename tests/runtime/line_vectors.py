@@ -24,6 +24,13 @@ MESSAGES: dict[str, tuple[int, str, list[str]]] = {
         "<HHIifI",
         ["channels", "samples", "sample_interval_ps", "time_zero_ps", "zero_level", "scan_period_us"],
     ),
+    "radar_sweep": (0x15, "<IHHHIf", ["scan", "rows", "steps", "width", "valid", "scale", "data"]),
+    "radar_sweep_description": (
+        0x16,
+        "<HHIIiI",
+        ["channels", "steps", "first_khz", "step_khz", "group_delay_ps", "scan_period_us"],
+    ),
+    "radar_lookup": (0x17, "<HHHf", ["rows", "steps", "width", "scale", "data"]),
     "drive_command": (0x20, "<fffB", ["front_rad", "throttle", "brake", "engage"]),
     "drive_status": (
         0x21,
@@ -107,6 +114,7 @@ def head_of(session: int, sequence: int, stamp_us: int, ttl_ms: int = 0, mode: i
 
 
 _SCAN = {"scan": 4711, "channels": 3, "samples": 4, "valid": 5, "data": "000102037e7f80818000ff01"}
+_SWEEP = [4711, 2, 1, 4, 1, 0.5, "0100feff0a00f6ff"]
 _STATUS = [4294967295, 3, 128, 65535, 2.5, -1200, 24.5, -0.75, 1, 0.125, 0.5, -1609.344, -4.5]
 _DEFAULTS = [17, 0, 11, 3, "nan", 2147483647, 0.0, 0.0, 0, 0.0, 0.5, 0.0, 0.0]
 _VALUES: list[tuple[str, list[Any]]] = [
@@ -120,6 +128,12 @@ _VALUES: list[tuple[str, list[Any]]] = [
     ("radar_health", [4, 31, -20.25, 4294967295]),
     ("radar_description", [11, 369, 200, 3000, 127.0, 7937]),
     ("radar_description", [1, 8191, 1, -2147483648, 0.0, 0]),
+    ("radar_sweep", _SWEEP),
+    ("radar_sweep", [0, 1, 1, 8, 1, 1.0, "0000803f000000c0"]),
+    ("radar_sweep_description", [11, 61, 100000, 5000, 12000, 7937]),
+    ("radar_sweep_description", [1, 65535, 1, 4294967295, -2147483648, 0]),
+    ("radar_lookup", [2, 1, 4, 0.25, "ff7f008000000100"]),
+    ("radar_lookup", [1, 1, 8, 1.0, "0000000000000080"]),
     ("drive_command", [0.25, 0.5, 0.0, 3]),
     ("drive_command", [-0.5, 0.0, 1.0, 7]),
     ("drive_status", _STATUS),
@@ -161,6 +175,7 @@ def bad_frames() -> list[Table]:
     payload = payload_of("drive_command", dict(zip(MESSAGES["drive_command"][2], [0.25, 0.5, 0.0, 3], strict=True)))
     good = frame_of(0x20, payload, head)
     scan = payload_of("radar_scan", _SCAN)
+    sweep = payload_of("radar_sweep", dict(zip(MESSAGES["radar_sweep"][2], _SWEEP, strict=True)))
     longest = struct.pack("<IHHI", 0, 1, 8181, 1) + bytes(8181)
     cases: list[tuple[str, str, bytes]] = [
         ("one bit of the payload flipped", "crc", good[:27] + bytes([good[27] ^ 1]) + good[28:]),
@@ -175,6 +190,7 @@ def bad_frames() -> list[Table]:
         ("a payload one byte long, of a right CRC", "length", frame_of(0x20, payload + b"\0", head)),
         ("longer than the largest payload", "length", frame_of(0x12, longest, head)),
         ("fewer bytes than channels times samples", "payload", frame_of(0x12, scan[:-1], head)),
+        ("fewer bytes than rows times steps times width", "payload", frame_of(0x15, sweep[:-1], head)),
         ("not whole yet", "waits", good[:-1]),
     ]
     return [{"why": why, "verdict": verdict, "hex": raw.hex()} for why, verdict, raw in cases]
@@ -214,7 +230,7 @@ def document() -> Table:
     """All of ``data_schema/wire_vectors.json``."""
     return {
         "schema": "lgprjax.wire_vectors",
-        "version": "1.1",
+        "version": "1.2",
         "description": "Examples of data_schema/wire.toml. Verdicts of bad bytes: no_sync, version, length, crc, type, "
         "payload; waits: nothing is told before more comes. Bytes are hex; nan is no number.",
         "good": good_frames(),

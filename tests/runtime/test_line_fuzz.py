@@ -17,7 +17,11 @@ from runtime.line_vectors import MESSAGES, frame_of, good_frames, head_of, paylo
 _BYTES = 1_000_000
 _MS = 1_000_000
 _PAYLOADS = [(vector["name"], payload_of(vector["name"], vector["fields"])) for vector in good_frames()]
-_OF_LINE = {"radar": ("radar_scan", "radar_health"), "drive_by_wire": ("drive_status",), "controller": ("controller_",)}
+_OF_LINE = {
+    "radar": ("radar_scan", "radar_health", "radar_sweep", "radar_lookup"),
+    "drive_by_wire": ("drive_status",),
+    "controller": ("controller_",),
+}
 
 Piece = tuple[int, bytes, bool]
 

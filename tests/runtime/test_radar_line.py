@@ -1,9 +1,7 @@
 """What the radar is told before it scans, in its order, and what it reports in words."""
 
 import json
-import time
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,7 +9,6 @@ import pytest
 from lgprjax.run_records import RecordKind, unpack
 from lgprjax.runtime.config import RadarTable, SweepTable
 from lgprjax.runtime.port import Port
-from lgprjax.runtime.registration import search as radar_line
 from lgprjax.runtime.registration.search import RadarLine
 from lgprjax.runtime.ring import Ring
 from lgprjax.scene.propagation import RadarConfig
@@ -58,23 +55,20 @@ def told(port: FakePort) -> list[tuple[str, int]]:
     return [(frame.name, int(frame.number(next(iter(frame.fields))))) for frame in frames]
 
 
-def line_of(table: RadarTable, rings: tuple[Ring, Ring], monkeypatch: pytest.MonkeyPatch) -> tuple[RadarLine, FakePort]:
+def line_of(table: RadarTable, rings: tuple[Ring, Ring]) -> tuple[RadarLine, FakePort]:
     port = FakePort()
     now_s = [100.0]
 
-    def later() -> float:
+    def later() -> int:
         now_s[0] += 1.5
-        return now_s[0]
+        return round(1e9 * now_s[0])
 
-    monkeypatch.setattr(radar_line, "time", SimpleNamespace(monotonic=later, monotonic_ns=time.monotonic_ns))
-    return RadarLine(port, table, *rings), port
+    return RadarLine(port, table, *rings, later), port
 
 
-def test_sweep_plan_calibration_and_look_up_come_before_the_start(
-    rings: tuple[Ring, Ring], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sweep_plan_calibration_and_look_up_come_before_the_start(rings: tuple[Ring, Ring]) -> None:
     table = RadarTable(sweep=SweepTable(first_khz=100_000, step_khz=1500, steps=201), calibrate=True, look_up=True)
-    line, port = line_of(table, rings, monkeypatch)
+    line, port = line_of(table, rings)
     line.order()
     assert port.written == []
     assert line.preparing
@@ -90,26 +84,24 @@ def test_sweep_plan_calibration_and_look_up_come_before_the_start(
     assert port.closed
 
 
-def test_a_radar_that_scans_already_is_left_as_it_is(rings: tuple[Ring, Ring], monkeypatch: pytest.MonkeyPatch) -> None:
-    line, port = line_of(RadarTable(calibrate=True), rings, monkeypatch)
+def test_a_radar_that_scans_already_is_left_as_it_is(rings: tuple[Ring, Ring]) -> None:
+    line, port = line_of(RadarTable(calibrate=True), rings)
     line.take(health(1))
     line.order()
     assert port.written == []
     assert not line.preparing
 
 
-def test_without_orders_it_is_told_to_start_at_once_and_again(
-    rings: tuple[Ring, Ring], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    line, port = line_of(RadarTable(scan_period_us=7937), rings, monkeypatch)
+def test_without_orders_it_is_told_to_start_at_once_and_again(rings: tuple[Ring, Ring]) -> None:
+    line, port = line_of(RadarTable(scan_period_us=7937), rings)
     line.order()
     line.order()
     assert told(port) == [("radar_command", 1)] * 2
     assert decode(port.written[0]).number("scan_period_us") == 7937
 
 
-def test_its_errors_are_told_to_control_in_words(rings: tuple[Ring, Ring], monkeypatch: pytest.MonkeyPatch) -> None:
-    line, _ = line_of(RadarTable(), rings, monkeypatch)
+def test_its_errors_are_told_to_control_in_words(rings: tuple[Ring, Ring]) -> None:
+    line, _ = line_of(RadarTable(), rings)
     for errors in (0, 3, 0):
         line.take(health(1, errors))
     records = [unpack(message) for message in rings[1].take()]

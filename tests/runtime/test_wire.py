@@ -176,6 +176,13 @@ def _messages(draw: st.DrawFn) -> tuple[str, dict[str, Any], dict[str, int]]:
     if name == "radar_scan":
         fields |= {"channels": draw(st.integers(0, 11)), "samples": draw(st.integers(0, 400))}
         fields["data"] = draw(st.randoms()).randbytes(fields["channels"] * fields["samples"])
+    elif name in ("radar_sweep", "radar_lookup"):
+        sizes = {
+            "rows": draw(st.integers(0, 12)),
+            "steps": draw(st.integers(0, 80)),
+            "width": draw(st.sampled_from([4, 8])),
+        }
+        fields |= sizes | {"data": draw(st.randoms()).randbytes(sizes["rows"] * sizes["steps"] * sizes["width"])}
     limits = {"mode": 2**8, "session": 2**32, "sequence": 2**32, "stamp_us": 2**64, "ttl_ms": 2**16}
     head = {key: draw(st.integers(key == "session", limit - 1)) for key, limit in limits.items()}
     return name, fields, head

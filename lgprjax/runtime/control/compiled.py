@@ -106,10 +106,11 @@ class TickResult(NamedTuple):
 
     Attributes:
         x_m, y_m, yaw_rad: pose used for control, rear axle, map's frame.
-        fused_x_m, fused_y_m, fused_yaw_rad: of the filter; reckoned_ alike, without LGPR, and its heading's sigma.
+        fused_x_m, fused_y_m, fused_yaw_rad: of the filter; reckoned_ alike, without LGPR, and its heading's sigma;
+            search_ alike: from where the map is searched.
         speed_mps: forward.
         sigma_along_m, sigma_cross_m: of the filter's position.
-        reaction, reasons, cap_mps, frame_left_m: health.
+        reaction, reasons, cap_mps, bounded, frame_left_m: health.
         accepted, offered: bits of the sources.
         ahead_m ... gear: the plan, see ``Plan``.
         front_rad, throttle, brake, limited: the command and the limiter's bits.
@@ -126,12 +127,16 @@ class TickResult(NamedTuple):
     reckoned_y_m: float
     reckoned_yaw_rad: float
     reckoned_yaw_sigma_rad: float
+    search_x_m: float
+    search_y_m: float
+    search_yaw_rad: float
     speed_mps: float
     sigma_along_m: float
     sigma_cross_m: float
     reaction: float
     reasons: float
     cap_mps: float
+    bounded: float
     frame_left_m: float
     accepted: float
     offered: float
@@ -194,11 +199,13 @@ def step_compiled(
         *pose_of(fused),
         *pose_of(reckoned),
         jnp.sqrt(reckoned.covariance[YAW, YAW]),
+        *state.navigator.search_pose,
         navigated.speed_mps,
         *position_sigma_m(fused),
         navigated.health.reaction,
         navigated.health.reasons,
         navigated.health.speed_cap_mps,
+        navigated.health.bounded,
         navigated.frame_left_m,
         bits_of(navigated.info.accepted),
         bits_of(navigated.info.offered),

@@ -9,7 +9,8 @@ import json
 import math
 from typing import Any, TypeAlias
 
-from lgprjax.autopilot import Check, EngagementInhibit, Event, inhibit_of
+from lgprjax.autopilot import Action, Check, EngagementInhibit, Event, Mode, inhibit_of
+from lgprjax.autopilot.monitors import TEXT, Watch
 from lgprjax.run_records import Record, RecordKind, Source
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.counter_steer import CounterSteer
@@ -28,6 +29,7 @@ from lgprjax.runtime.control.vehicle_kind import (
     Wish,
     events_of,
 )
+from lgprjax.runtime.words import ARRIVED, FAULTS, REFUSALS, cause_words, causes_of
 from lgprjax.wire import Sender, decode
 
 # The vehicle that a configuration is about.
@@ -52,27 +54,6 @@ def make_kind(config: RuntimeConfig, loaded: AnyLoaded) -> VehicleKind:
     """
     return CounterSteer(config, loaded) if isinstance(loaded, Loaded) else SkidSteerVehicle(config, loaded)
 
-
-# Engagement inhibits in plain words.
-
-REFUSALS = {
-    EngagementInhibit.NONE: "",
-    EngagementInhibit.ESTOP: "emergency stop is pressed: release it, then press override",
-    EngagementInhibit.CHECKS: "system checks have not passed",
-    EngagementInhibit.OVERRIDE_STUCK: "override button is stuck",
-    EngagementInhibit.OVERRIDE_PRESSED: "override button is pressed",
-    EngagementInhibit.NOT_READY: "not ready: press and release override",
-    EngagementInhibit.NOT_STEERING: "engage steering first",
-    EngagementInhibit.STOPPING: "a controlled stop is under way",
-    EngagementInhibit.BRAKE_PRESSED: "brake is pressed",
-    EngagementInhibit.SOURCE_MISSING: "a sensor or the heading is missing",
-    EngagementInhibit.TOO_FAST: "too fast to engage",
-    EngagementInhibit.HEALTH: "navigation is not good enough",
-    EngagementInhibit.NO_PATH: "no route, or no position yet",
-    EngagementInhibit.OFF_ROUTE: "more than 10 m from the route",
-    EngagementInhibit.WRONG_HEADING: "heading does not fit the route, or is not confirmed yet",
-    EngagementInhibit.AMBIGUOUS: "the route passes here more than once",
-}
 
 OF_NAVIGATION = (
     EngagementInhibit.SOURCE_MISSING,
@@ -136,7 +117,14 @@ _COMMAND_TTL_MS = 200
 _LIGHT_TTL_MS = 500
 _OLD_S = 0.5
 _STATE_TICKS = 5
-_WITH_REASONS = (Event.ERROR_RAISED, Event.HEALTH_STOP, Event.DRIVE_BY_WIRE_DIED, Event.SOURCE_MISSING)
+_WITH_REASONS = (Event.ERROR_RAISED, Event.HEALTH_STOP, Event.DRIVE_BY_WIRE_DIED)
+_PRESSES = (Event.STEERING_BUTTON, Event.CRUISE_PLUS, Event.CRUISE_MINUS)
+_UNCHECKED = (Mode.BOOT, Mode.CHECKS)
+_TOLD = (Mode.ERROR, Mode.MANUAL, Mode.EMERGENCY_STOP)
+"""Modes whose cause the page tells."""
+_CONTROLLER = TEXT[Watch.CONTROLLER_SILENT]
+_AS_PRESSED = {_CONTROLLER, TEXT[Watch.OVERRIDE_CONTACTS]}
+"""Findings that act as the override button."""
 
 
 class ControlCore:
@@ -172,6 +160,10 @@ class ControlCore:
         self._controller_ns: int | None = None
         self._monitor: dict[str, Any] = {}
         self._booted = False
+        self._missing: list[str] = []
+        self._why: list[str] = []
+        self._slow: list[str] = []
+        self._cause = self._stop_cause = ""
         self._out: list[Record] = []
 
     def step(self, tick: int, now_ns: int, came: list[Record]) -> list[Record]:
@@ -197,12 +189,14 @@ class ControlCore:
             if self._after_death:
                 self._tell(Event.CONTROL_RELAUNCHED, now_ns)
         for event in events:
-            self._tell(event, now_ns)
+            as_pressed = [text for text in self.kind.warnings() if text in _AS_PRESSED]
+            self._tell(event, now_ns, why=as_pressed if event is Event.OVERRIDE_PRESSED else None)
         self._run_checks(now_ns)
         self._notice(self.kind.status(decided=False), now_ns)
         self.kind.step(self._wish(), now_ns)
         self._notice(self.kind.status(decided=True), now_ns)
         self._command(now_ns)
+        self._tell_slow(now_ns)
         for kind, payload in self.kind.rows(now_ns, int(self.modes.mode)):
             self._out.append(Record(kind, Source.CONTROL, tick, now_ns, payload))
         for note in self.kind.notes():
@@ -257,14 +251,16 @@ class ControlCore:
             self._tell(Event.CHECKS_PASSED, now_ns)
         elif isinstance(verdict, CheckItem):
             self._event(now_ns, {"check": verdict.check.name, "why": verdict.reason})
-            self._tell(Event.CHECKS_FAILED, now_ns, check=verdict.check)
+            self._tell(Event.CHECKS_FAILED, now_ns, check=verdict)
         if self._checks.brake_test_due(now_s):
             self._port_out(Source.DRIVE_BY_WIRE, self._framed(OutgoingFrame("drive_test", {"test": 1}), now_ns), now_ns)
 
     def _notice(self, status: VehicleStatus, now_ns: int) -> None:
         """Report changes to the mode machine."""
         modes = self.modes
-        fresh = max(status.oldest_s, self._controller_age_s(now_ns)) < _OLD_S
+        ages_s = {**status.ages_s, _CONTROLLER: self._controller_age_s(now_ns)}
+        self._missing = [what for what, age_s in ages_s.items() if not age_s < _OLD_S]
+        self._why = status.why
         seen = Seen(
             modes.mode,
             modes.state.place,
@@ -272,8 +268,9 @@ class ControlCore:
             status.place,
             status.doubtful,
             status.reaction,
-            fresh and not status.refuses,
-            status.line,
+            not self._missing and not status.refuses,
+            # While nothing has been checked the checks handle the box's line: they wait, and tell what failed.
+            status.line or modes.mode in _UNCHECKED,
             status.severity,
             status.manual,
             status.failed or self._late.too_many,
@@ -283,10 +280,29 @@ class ControlCore:
         emergency = status.emergency and bool(modes.engage & (STEERING | PEDALS | CUT))
         self._told, events = events_of(self._told, seen)
         for event in events:
-            late = ["the control loop is late"] if self._late.too_many else []
-            self._tell(event, now_ns, why=[*status.why, *late] if event in _WITH_REASONS else None)
+            self._tell(event, now_ns, why=self._causes(event, status))
         if emergency:
             modes.cut()
+
+    def _causes(self, event: Event, status: VehicleStatus) -> list[str] | None:
+        """Why an event came about, in plain words, for the recording."""
+        if event is Event.SOURCE_MISSING:
+            return [*self._missing, *(status.why if status.refuses else [])]
+        if event is Event.ROUTE_OFF:
+            return [text for text in status.why if text in ARRIVED]
+        if event not in _WITH_REASONS:
+            return None
+        lost = self.processes.warnings if event is Event.HEALTH_STOP and self.processes.lost else []
+        late = ["the control loop is late: the computer is too busy"] if self._late.too_many else []
+        return [*lost, *late, *(causes_of(event, status.why) if not late else [])]
+
+    def _tell_slow(self, now_ns: int) -> None:
+        """Tell when the reasons change for which the vehicle drives slowly."""
+        process = ["the map of what is worked is not being kept"] if self.processes.slowly else []
+        slow = [*process, *self.kind.slow()] if self.modes.engage & PEDALS and not self.modes.stopping else []
+        if slow != self._slow:
+            self._slow = slow
+            self._event(now_ns, {"slow": slow})
 
     def _wish(self) -> Wish:
         modes = self.modes
@@ -319,6 +335,8 @@ class ControlCore:
             "refusal": inhibit_of(modes.state).name,
             "refusal_text": self._inhibit_text(),
             "faults": [str(fault.name).lower() for fault in modes.state.faults],
+            "cause": self._cause if modes.mode in _TOLD else "",
+            "slow": self._slow,
             "checks": [
                 {"check": item.check.name, "good": item.good, "why": item.reason} for item in self._checks.items
             ],
@@ -335,12 +353,39 @@ class ControlCore:
         """Why nothing is engaged: the present inhibit, else why the last press had no effect."""
         state = self.modes.state
         stands = inhibit_of(state)
-        own = self.kind.inhibit_text() if stands in OF_NAVIGATION else ""
-        return own or REFUSALS[stands] or REFUSALS[state.inhibit]
+        return self._refusal(stands if stands is not EngagementInhibit.NONE else state.inhibit)
 
-    def _tell(self, event: Event, now_ns: int, *, check: Check = Check.NONE, why: list[str] | None = None) -> None:
-        happened: ModeChange | None = self.modes.tell(event, now_ns / 1e9, self.kind.lock_mps, check=check)
+    def _refusal(self, inhibit: EngagementInhibit) -> str:
+        """An inhibit in plain words, with what is behind it now."""
+        own = self.kind.inhibit_text() if inhibit in OF_NAVIGATION else ""
+        if own:
+            return own
+        behind: list[str] = []
+        if inhibit is EngagementInhibit.SOURCE_MISSING:
+            behind = self._missing or self._why
+        elif inhibit is EngagementInhibit.HEALTH:
+            behind = self._why
+        elif inhibit is EngagementInhibit.CHECKS:
+            behind = [item.reason for item in self._checks.items if not item.good]
+        elif inhibit is EngagementInhibit.NOT_READY:
+            behind = [FAULTS[fault] for fault in self.modes.state.faults]
+        text = REFUSALS[inhibit]
+        return f"{text}: {'; '.join(behind)}" if behind else text
+
+    def _tell(self, event: Event, now_ns: int, *, check: CheckItem | None = None, why: list[str] | None = None) -> None:
+        before, check_reason = self.modes.mode, None if check is None else check.reason
+        failed = Check.NONE if check is None else check.check
+        happened: ModeChange | None = self.modes.tell(event, now_ns / 1e9, self.kind.lock_mps, check=failed)
         if happened is not None:
+            cause = cause_words(event, check_reason or "", why or ())
+            if Action.STOP_CONTROLLED.name in happened.actions:
+                self._stop_cause = cause
+            if self.modes.mode is not before:
+                # A controlled stop ends standing, for the reason that it began for.
+                stopped = event is Event.STANDING and self._stop_cause
+                self._cause, self._stop_cause = (self._stop_cause if stopped else cause), ""
+            if event in _PRESSES and happened.actions == (Action.WARN.name,):
+                why = [self._refusal(self.modes.state.inhibit)]
             self._event(now_ns, {**happened._asdict(), **({"why": why} if why else {})})
         if event is Event.OVERRIDE_PRESSED:
             self.kind.leave()

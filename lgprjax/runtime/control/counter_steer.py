@@ -7,10 +7,10 @@ import jax
 import numpy as np
 
 from lgprjax.autopilot import Check, Event, Limited, OnboardState
-from lgprjax.autopilot.monitors import REFUSING, BoxState, Severity, Watch, describe
-from lgprjax.navigation import PlanCode, Reaction, RoutePath
+from lgprjax.autopilot.monitors import REFUSING, SEVERITY, BoxState, Severity, Watch, describe
+from lgprjax.navigation import OF_GNSS, PlanCode, Reaction, Reason, RoutePath
 from lgprjax.registration import Code
-from lgprjax.run_records import PLAN, PRIOR, Record, RecordKind, fix_row
+from lgprjax.run_records import PLAN, POSE, PRIOR, Record, RecordKind, fix_row
 from lgprjax.runtime.config import ControlTable, RuntimeConfig, SensorsTable
 from lgprjax.runtime.control.compiled import (
     FOLLOWED,
@@ -32,11 +32,9 @@ from lgprjax.runtime.control.vehicle_kind import (
     VehicleStatus,
     Wish,
     box_checks,
-    limited_words,
-    reason_words,
-    whole,
 )
 from lgprjax.runtime.control.watches import SentCommand, Watched, Watches
+from lgprjax.runtime.words import ARRIVED, limited_words, reason_words, whole
 
 # The control loop's state for the display.
 
@@ -276,10 +274,10 @@ class Pilot:
 
 
 def prior_row(result: TickResult, now_ns: int, *, roll_rad: float, yaw_rate_radps: float, travel_m: float) -> bytes:
-    """``PRIOR``: pose by GNSS/INS; without a yaw rate the vehicle is assumed not to turn."""
+    """``PRIOR``: from where the map is searched; without a yaw rate the vehicle is assumed not to turn."""
     row = np.zeros((), PRIOR)
     row["time_ns"], row["valid"] = now_ns, 1
-    row["pose"] = (result.reckoned_x_m, result.reckoned_y_m, result.reckoned_yaw_rad)
+    row["pose"] = (result.search_x_m, result.search_y_m, result.search_yaw_rad)
     row["roll_rad"], row["sigma_yaw_rad"] = roll_rad, result.reckoned_yaw_sigma_rad
     row["speed_mps"], row["travel_m"] = result.speed_mps, travel_m
     row["yaw_rate_radps"] = yaw_rate_radps if math.isfinite(yaw_rate_radps) else 0.0
@@ -301,9 +299,54 @@ def plan_row(result: TickResult, watched: Watched, sent: SentCommand, *, mode: i
     return row.tobytes()
 
 
+_GOOD_M, _USABLE_M = 0.1, 0.5
+"""Standard deviations up to which a position is given out as fixed, and as float."""
+_DOUBTED = Reason.CONFLICT | Reason.CONFLICT_LASTS | Reason.REACQUIRED | Reason.NON_FINITE
+_TICKS_HZ = 50
+
+
+def quality_of(result: TickResult) -> int:
+    """Quality of the corrected position, as in GGA; never better than what bounds its error.
+
+    4: LGPR, or GNSS that nothing speaks against, bounds it to 0.1 m; 5: one of them bounds it to 0.5 m; 6: dead
+    reckoning, or GNSS and LGPR contradict each other; 0: none.
+    """
+    numbers = (result.fused_x_m, result.fused_y_m, result.fused_yaw_rad, result.sigma_along_m, result.sigma_cross_m)
+    if not all(math.isfinite(number) for number in numbers):
+        return 0
+    reasons, sigma_m = whole(result.reasons), max(result.sigma_along_m, result.sigma_cross_m)
+    if reasons & (_DOUBTED | Reason.POSITION_LOST | Reason.HEADING_LOST) or not sigma_m <= _USABLE_M:
+        return 6
+    bounded = result.bounded == 1.0 or not reasons & OF_GNSS
+    return 4 if bounded and sigma_m <= _GOOD_M else 5
+
+
+def pose_row(result: TickResult, now_ns: int, height_m: float, antenna_m: tuple[float, float]) -> bytes:
+    """``POSE``: the corrected position of the vehicle's GNSS antenna, for whoever would read a receiver.
+
+    Args:
+        result: of the tick; now_ns: its time.
+        height_m: of the last position.
+        antenna_m: forward and left of the rear axle.
+    """
+    row = np.zeros((), POSE)
+    cos, sin = math.cos(result.fused_yaw_rad), math.sin(result.fused_yaw_rad)
+    ahead, left = antenna_m
+    row["time_ns"], row["quality"] = now_ns, quality_of(result)
+    row["pose"] = (
+        result.fused_x_m + cos * ahead - sin * left,
+        result.fused_y_m + sin * ahead + cos * left,
+        result.fused_yaw_rad,
+    )
+    row["height_m"], row["speed_mps"] = height_m, result.speed_mps
+    row["sigma_along_m"], row["sigma_cross_m"] = result.sigma_along_m, result.sigma_cross_m
+    return row.tobytes()
+
+
 _OLD_NS = 300_000_000
 _DEGRADED_MPS = 2.0
 _SCANS_NS = 200_000_000
+_SCANS = "no scans: radar, its line or registration"
 _PLACES = {
     PlanCode.FOLLOWING: Event.ROUTE_NEAR,
     PlanCode.AT_CUSP: Event.ROUTE_NEAR,
@@ -314,6 +357,12 @@ _PLACES = {
     PlanCode.LOST: Event.ROUTE_OFF,
     PlanCode.NON_FINITE: Event.ROUTE_OFF,
 }
+
+
+def degrading(result: TickResult) -> float:
+    """The reasons that slow the vehicle down: without those of GNSS while LGPR bounds the error."""
+    return whole(result.reasons) & ~(OF_GNSS if result.bounded == 1.0 else 0)
+
 
 _COUNTER_STEER_NOTHING = Sensed(0.0, math.nan, math.inf, None, None, None, math.nan, math.nan, None, False, math.inf)
 
@@ -338,6 +387,9 @@ class CounterSteer:
         self._watches = Watches(config, loaded.vehicle)
         self._panel = Panel(loaded.routes)
         self._sent = SentCommand(0.0, 0.0, 0.0, 0)
+        self._antenna_m = (float(loaded.setup.navigator.model.gnss_x_m), float(loaded.setup.navigator.model.gnss_y_m))
+        self._every = None if config.output is None else _TICKS_HZ // config.output.rate_hz
+        self._ticks = 0
         self._fix_ns: int | None = None
         self._now_ns = 0
         self._sensed: Sensed = _COUNTER_STEER_NOTHING
@@ -387,26 +439,28 @@ class CounterSteer:
         received = wheels is not None
         bits = watched.bits if received else watched.bits & ~Watch.LINE_SILENT
         severity = watched.severity if received else Severity.CONTINUE
-        place, attitude, now_s = self.senses.place, self.senses.attitude, self._now_ns / 1e9
-        ages = [
-            now_s - (0.0 if place is None else place.time_ns / 1e9),
-            now_s - (0.0 if attitude is None else attitude.time_ns / 1e9),
-            self._sensed.wheels_age_s if received else math.inf,
-        ]
+        place, attitude = self.senses.place, self.senses.attitude
+        ages = {
+            # Where LGPR alone bounds the error, a position by GNSS is not needed.
+            "no position: GNSS": 0.0 if result.bounded == 1.0 else self._age_s(place),
+            "no heading": self._age_s(attitude),
+            "drive-by-wire box is silent": self._sensed.wheels_age_s if received else math.inf,
+        }
+        done = [ARRIVED[0]] if self.pilot.code is PlanCode.DONE else []
         contradicted = bool(bits & Watch.HEADING_CONTRADICTED)
         return VehicleStatus(
             self.pilot.started,
             Event.ROUTE_WRONG_HEADING if contradicted else _PLACES[self.pilot.code],
             bool(bits & Watch.HEADING_UNCONFIRMED) or contradicted,
             whole(result.reaction, int(Reaction.STOP)),
-            max(ages),
+            ages,
             not bits & LINE,
             severity,
             severity >= Severity.MANUAL and bool(bits & ~LINE),
             watched.severity is Severity.EMERGENCY,
             bool(bits & REFUSING),
             bool(limited & Limited.MANUAL_REQUESTED),
-            [*describe(watched.bits), *reason_words(result.reasons), *limited_words(limited)],
+            [*done, *describe(watched.bits), *reason_words(result.reasons), *limited_words(limited)],
         )
 
     def checks(self, processes: Processes) -> list[CheckItem]:
@@ -475,6 +529,10 @@ class CounterSteer:
                 travel_m=self.senses.travel_m,
             )
             rows.append((RecordKind.PRIOR, prior))
+        self._ticks += 1
+        if self._every is not None and self._ticks % self._every == 0:
+            height_m = math.nan if self.senses.place is None else self.senses.place.up_m
+            rows.append((RecordKind.POSE, pose_row(result, now_ns, height_m, self._antenna_m)))
         return [*rows, (RecordKind.PLAN, plan_row(result, self._watched, self._sent, mode=mode, code=self.pilot.code))]
 
     def state(self, tick: int) -> dict[str, Any]:
@@ -483,12 +541,19 @@ class CounterSteer:
 
     def warnings(self) -> list[str]:
         """Warnings to the operator."""
-        missing = ["no scans: radar, its line or registration"] if self._scans_missing else []
-        return [*describe(self._watched.bits), *missing]
+        return [*describe(self._watched.bits), *([_SCANS] if self._scans_missing else [])]
 
     def inhibit_text(self) -> str:
         """The text of the modes."""
         return ""
+
+    def slow(self) -> list[str]:
+        """What caps the speed: watches, health, missing scans."""
+        result, watched = self.pilot.result, self._watched
+        cause = watched.severity is Severity.DEGRADE
+        words = describe(Watch(sum(bit for bit in watched.bits if SEVERITY[bit] is Severity.DEGRADE))) if cause else []
+        words += [_SCANS] if self._scans_missing else []
+        return [*words, *(reason_words(degrading(result)) if result.reaction == Reaction.DEGRADE else [])]
 
     def notes(self) -> list[dict[str, Any]]:
         """None."""
@@ -505,6 +570,9 @@ class CounterSteer:
     def choose(self, name: str) -> bool:
         """Another route."""
         return self.pilot.choose(name)
+
+    def _age_s(self, sensed: LocalPosition | LocalAttitude | None) -> float:
+        return math.inf if sensed is None else (self._now_ns - sensed.time_ns) / 1e9
 
     @property
     def _scans_missing(self) -> bool:

@@ -11,11 +11,13 @@ from typing import Any
 from lgprjax import __version__
 from lgprjax.process_cost import count_compiles
 from lgprjax.run_records import Record, RecordKind, Source, pack, unpack
+from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import AnyLoaded, ControlCore, load_vehicle
 from lgprjax.runtime.control.setup import TICK_S
 from lgprjax.runtime.gnss import GnssParser
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import ProcessStage, Started
+from lgprjax.runtime.ring import Ring
 from lgprjax.runtime.service import Notifier
 from lgprjax.wire import Frame, draw_session
 
@@ -32,6 +34,10 @@ class Control:
         self._state = started.ring("state")
         priors, cover = started.ring("priors"), started.ring("cover")
         self._onward = {RecordKind.PRIOR: priors, RecordKind.COVER: cover, RecordKind.CORNER: cover}
+        self._view: Ring | None = None
+        if config.output is not None:
+            self._onward[RecordKind.POSE] = started.ring("poses")
+            self._view = started.ring("view_state") if config.output.live_port is not None else None
         ports = config.ports
         self._ports: list[Port[Any]] = [
             Port.frames(Source.DRIVE_BY_WIRE, ports.drive_by_wire.url, ports.drive_by_wire.baud, "drive_by_wire"),
@@ -116,7 +122,9 @@ class Control:
         for record in out:
             if record.kind is RecordKind.STATE:
                 self._state.put(pack(record))
-            else:
+                if self._view is not None:
+                    self._view.put(pack(record))
+            elif record.kind is not RecordKind.POSE:
                 self._log.put(pack(record))
         for port in self._ports:
             for refused in port.take_refused():
@@ -126,24 +134,27 @@ class Control:
                 )
 
     def _header(self, loaded: AnyLoaded, session: int) -> None:
-        """Data for a replay in addition to the ticks."""
-        table = self._started.config.coverage
-        plan = None if table is None else table.plan
-        header = {
-            "version": __version__,
-            "config": str(self._started.config.file),
-            "hashes": loaded.hashes,
-            "plan_sha256": loaded.hashes.get(plan) if plan else None,
-            "session": session,
-            "after_death": self._started.after_death,
-            "pid": os.getpid(),
-        }
-        self._log.put(
-            pack(Record(RecordKind.HEADER, Source.CONTROL, 0, time.monotonic_ns(), json.dumps(header).encode()))
-        )
+        started = self._started
+        record = header_record(started.config, loaded, session, time.monotonic_ns(), after_death=started.after_death)
+        self._log.put(pack(record))
 
     def _end(self, *_: object) -> None:
         self._ended = True
+
+
+def header_record(config: RuntimeConfig, loaded: AnyLoaded, session: int, now_ns: int, *, after_death: bool) -> Record:
+    """Data for a replay in addition to the ticks."""
+    plan = None if config.coverage is None else config.coverage.plan
+    header = {
+        "version": __version__,
+        "config": str(config.file),
+        "hashes": loaded.hashes,
+        "plan_sha256": loaded.hashes.get(plan) if plan else None,
+        "session": session,
+        "after_death": after_death,
+        "pid": os.getpid(),
+    }
+    return Record(RecordKind.HEADER, Source.CONTROL, 0, now_ns, json.dumps(header).encode())
 
 
 def _raw(arrival: Arrival[Any]) -> bytes:

@@ -1,12 +1,10 @@
 """Interface between the control loop and a kind of vehicle."""
 
-import math
-from enum import IntFlag
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-from lgprjax.autopilot import Check, Event, Limited, Mode, PathOffset, SkidLimited
+from lgprjax.autopilot import Check, Event, Mode, PathOffset
 from lgprjax.autopilot.monitors import Severity, Watch, describe
-from lgprjax.navigation import Reaction, Reason
+from lgprjax.navigation import Reaction
 from lgprjax.run_records import Record, RecordKind
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.modes import CheckItem
@@ -109,7 +107,12 @@ def events_of(reported: ReportedState, seen: Seen) -> tuple[ReportedState, list[
 _SAYS = {
     "recorder": "nothing is being recorded",
     "coverage": "the map of what is worked is not being kept",
+    "output": "the position is not given out",
 }
+_KEPT = ("recorder", "coverage")
+"""What is mandatory with the recording."""
+_BESIDE = ("coverage", "output")
+"""Processes that the modes know nothing of."""
 
 
 class Processes:
@@ -135,13 +138,13 @@ class Processes:
         if "radar" in note:
             self.radar = [str(text) for text in note["radar"]]
         died, left, ready = (str(note.get(key)) for key in ("died", "left", "ready"))
-        if died in DIED or died == "coverage":
+        if died in DIED or died in _BESIDE:
             known, self.alive[died] = self.alive.get(died), False
             return self._events(DIED, died) if known is not None else []
-        if left in DIED or left == "coverage":
+        if left in DIED or left in _BESIDE:
             # It is not restarted. The consequence was reported with its deaths, or it ended in order.
             self.alive[left] = False
-        elif ready in RELAUNCHED or ready == "coverage":
+        elif ready in RELAUNCHED or ready in _BESIDE:
             known, self.alive[ready] = self.alive.get(ready), True
             return self._events(RELAUNCHED, ready) if known is False else []
         return []
@@ -158,7 +161,7 @@ class Processes:
     @property
     def lost(self) -> bool:
         """Whether the recording is mandatory and has failed."""
-        return self.mandatory and any(self.alive.get(name) is False for name in _SAYS)
+        return self.mandatory and any(self.alive.get(name) is False for name in _KEPT)
 
     @property
     def slowly(self) -> bool:
@@ -202,27 +205,6 @@ def box_checks(bits: Watch, *, received: bool) -> list[CheckItem]:
     ]
 
 
-def whole(number: float, unknown: int = 0) -> int:
-    """A finite number as an integer."""
-    return int(number) if math.isfinite(number) else unknown
-
-
-def reason_words(reasons: float) -> list[str]:
-    """Reasons of navigation's health, as words."""
-    return [_words(reason) for reason in Reason(whole(reasons))]
-
-
-def limited_words(limited: Limited | SkidLimited) -> list[str]:
-    """What the limiter held back because it was no sound command, as words."""
-    kind = type(limited)
-    bad = limited & (kind.NOT_FINITE | kind.STALE | kind.MANUAL_REQUESTED)
-    return [f"command: {_words(bit)}" for bit in bad]
-
-
-def _words(bit: IntFlag) -> str:
-    return str(bit.name).lower().replace("_", " ")
-
-
 class VehicleStatus(NamedTuple):
     """The vehicle's status for the modes.
 
@@ -230,7 +212,7 @@ class VehicleStatus(NamedTuple):
         started: there is a pose.
         place: one of the events ``ROUTE_*``; ``doubtful``: the heading is not confirmed yet.
         reaction: a ``Reaction`` of navigation's health.
-        oldest_s: age of the oldest input that engaging needs.
+        ages_s: age of each input that engaging needs, by what its absence is called.
         line: the box's line is good, or the box has never been received.
         severity: the largest of the findings; CONTINUE while the box has never been received.
         manual: findings other than the line's request manual mode or more.
@@ -244,7 +226,7 @@ class VehicleStatus(NamedTuple):
     place: Event
     doubtful: bool
     reaction: int
-    oldest_s: float
+    ages_s: dict[str, float]
     line: bool
     severity: Severity
     manual: bool
@@ -319,6 +301,9 @@ class VehicleKind(Protocol):
 
     def inhibit_text(self) -> str:
         """Why nothing is engaged, if the kind has a better text than the modes; else empty."""
+
+    def slow(self) -> list[str]:
+        """What caps the speed now, in words; empty if nothing does."""
 
     def notes(self) -> list[dict[str, Any]]:
         """Notes of this tick to record as events."""

@@ -8,21 +8,21 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Shaped
 
-from lgprjax.formats import MapFile, read_vehicle
+from lgprjax.formats import MapFile, VehicleFile, read_vehicle
 from lgprjax.process_cost import count_compiles
 from lgprjax.registration import Code, DriveFixes
 from lgprjax.run_records import FIX, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import ProcessStage, Started
+from lgprjax.runtime.registration.scans import SCAN_MESSAGES, RadarSelf
 from lgprjax.runtime.registration.search import (
     AHEAD_M,
     BLOCK_SCANS,
     PriorTrack,
-    RadarDescription,
     RadarLine,
     Search,
-    description_of,
 )
 from lgprjax.runtime.stamps import StampClock
 from lgprjax.wire import Frame
@@ -39,6 +39,74 @@ class _Scan(NamedTuple):
     frame: Frame
 
 
+class ScanQueue:
+    """Scans on their way to their fixes: waiting for a prior, then searched. Without clock, ports or rings.
+
+    Args:
+        search: the prepared search.
+        clock: of the radar's stamps, as known so far.
+        array_x_m, height_m: centre of the array ahead of the rear axle, and above the ground.
+    """
+
+    def __init__(self, search: Search, clock: StampClock, array_x_m: float, height_m: float) -> None:
+        self.priors = PriorTrack(array_x_m, height_m)
+        self._search, self._clock = search, clock
+        self._waiting: deque[_Scan] = deque()
+        self._searched_ns = 0
+
+    def take(self, frame: Frame, arrival_ns: int) -> None:
+        """A radar_scan or radar_sweep that arrived."""
+        scan_ns = self._clock.feed(frame.stamp_us, arrival_ns)
+        if scan_ns is not None:
+            self._waiting.append(_Scan(scan_ns, frame))
+            if len(self._waiting) > _WAITING:
+                self._waiting.popleft()
+
+    def step(self) -> Shaped[np.ndarray, " scan"] | None:
+        """Search at most ``BLOCK_SCANS`` waiting scans that have a prior: rows of ``FIX``; ``None`` without any."""
+        priors = self.priors
+        while self._waiting and priors.covers(self._waiting[0].time_ns) is False:
+            self._waiting.popleft()
+        ready: list[_Scan] = []
+        while self._waiting and len(ready) < BLOCK_SCANS and priors.covers(self._waiting[0].time_ns):
+            scan = self._waiting.popleft()
+            # At standstill ten scans a second are enough.
+            if abs(priors.speed_mps) > _STANDING_MPS or scan.time_ns - self._searched_ns >= _STANDING_NS:
+                ready.append(scan)
+                self._searched_ns = scan.time_ns
+        if not ready:
+            return None
+        times = np.array([scan.time_ns for scan in ready], np.int64)
+        found = self._search.feed([scan.frame for scan in ready], priors.track(times))
+        return self._rows(ready, found)
+
+    def _rows(self, scans: list[_Scan], found: DriveFixes) -> Shaped[np.ndarray, " scan"]:
+        fix = found.fix
+        rows = np.zeros(len(scans), FIX)
+        rows["scan_ns"] = [scan.time_ns for scan in scans]
+        rows["scan"] = [int(scan.frame.number("scan")) for scan in scans]
+        # A propagated fix is no observation, except at standstill, where there is no other.
+        own = found.searched if found.searched.any() else np.arange(len(scans)) == len(scans) - 1
+        rows["code"] = np.where(own, fix.code, Code.NO_WINDOW)
+        rows["waiting"] = len(self._waiting)
+        rows["window_dm"] = np.where(np.isfinite(fix.window_m), np.round(10.0 * fix.window_m), -1)
+        rows["correlation"], rows["margin"] = np.where(own, fix.correlation, np.nan), fix.margin
+        overlap = np.maximum(np.asarray(fix.overlap, np.float64), 0.0)
+        rows["strength"] = np.asarray(fix.correlation, np.float64) * np.sqrt(overlap)
+        rows["overlap_channels"] = fix.overlap_channels
+        rows["pose"], rows["covariance"] = fix.pose, fix.covariance
+        rows["p_false"] = fix.p_false
+        return rows
+
+
+def array_place(vehicle: VehicleFile) -> tuple[float, float]:
+    """Centre of the array ahead of the rear axle, and its height; that both are there is checked by ``Search``."""
+    place = vehicle.array
+    assert place.x_m is not None
+    assert place.height_m is not None
+    return place.x_m, place.height_m
+
+
 class RegistrationProcess:
     """The process's state and its loop."""
 
@@ -47,40 +115,38 @@ class RegistrationProcess:
         config = started.config
         self._fixes, self._log = started.ring("fixes"), started.ring("registration_log")
         self._priors = started.ring("priors")
+        live = config.output is not None and config.output.live_port is not None
+        self._view = started.ring("view_scans") if live else None
         table = config.ports.radar
         assert table is not None
         port = Port.frames(Source.RADAR, table.url, table.baud, "radar")
         self._radar = RadarLine(port, config.radar, self._log, self._fixes)
         self._clock = StampClock()
-        self._waiting: deque[_Scan] = deque()
+        self._queue: ScanQueue | None = None
         self._wished_s = 0.0
-        self._searched_ns = 0
         self._ended = False
-        self.description: RadarDescription | None = None
+        self._said = RadarSelf()
         signal.signal(signal.SIGTERM, self._end)
 
     def run(self) -> None:
         """Until SIGTERM."""
         started, config = self._started, self._started.config
         vehicle = read_vehicle(config.path(config.vehicle))
-        while (self.description is None or self._radar.preparing) and not self._ended:
+        while not (self._said.complete and not self._radar.preparing) and not self._ended:
             started.beat(ProcessStage.WARMING)
             self._listen()
             time.sleep(_IDLE_S)
-        if self.description is None:
+        description = self._said.description
+        if description is None or not self._said.complete:
             self._radar.close()
             return
         path = config.path(config.map)
         with MapFile.open(path) as source, MapFile.open(path) as beside:
-            search = Search(config, vehicle, source, beside, self.description)
+            search = Search(config, vehicle, source, beside, description, self._said.lookup)
             search.warm_up()
-            place = vehicle.array
-            assert place.x_m is not None
-            assert place.height_m is not None
-            priors = PriorTrack(place.x_m, place.height_m)
             # Scans received meanwhile are old.
             self._listen()
-            self._waiting.clear()
+            self._queue = ScanQueue(search, self._clock, *array_place(vehicle))
             # Objects existing now are permanent: excluding them avoids pauses of the garbage collector.
             gc.collect()
             gc.freeze()
@@ -89,9 +155,13 @@ class RegistrationProcess:
                 started.beat(ProcessStage.READY)
                 self._listen()
                 for message in self._priors.take():
-                    priors.take(unpack(message).payload)
-                if not self._search(search, priors):
+                    self._queue.priors.take(unpack(message).payload)
+                rows = self._queue.step()
+                self._look_ahead(search, self._queue.priors)
+                if rows is None:
                     time.sleep(_IDLE_S)
+                else:
+                    self._tell(rows)
                 if compiles() != known:
                     known = compiles()
                     head = json.dumps({"compiled": known}).encode()
@@ -110,40 +180,22 @@ class RegistrationProcess:
 
     def _take(self, arrival: Arrival[Frame]) -> None:
         frame = arrival.item
-        self._log.put(pack(Record(RecordKind.PORT_IN, Source.RADAR, 0, arrival.mono_ns, frame.raw)))
+        record = pack(Record(RecordKind.PORT_IN, Source.RADAR, 0, arrival.mono_ns, frame.raw))
+        self._log.put(record)
         self._radar.take(frame)
-        if frame.name == "radar_scan":
-            scan_ns = self._clock.feed(frame.stamp_us, arrival.mono_ns)
-            if scan_ns is not None:
-                self._waiting.append(_Scan(scan_ns, frame))
-                if len(self._waiting) > _WAITING:
-                    self._waiting.popleft()
-        elif frame.name == "radar_description":
-            head = description_of(frame)
-            if self.description is not None and head != self.description:
+        if frame.name in SCAN_MESSAGES:
+            if self._view is not None:
+                self._view.put(record)
+            if self._queue is None:
+                self._clock.feed(frame.stamp_us, arrival.mono_ns)
+            else:
+                self._queue.take(frame, arrival.mono_ns)
+        else:
+            try:
+                self._said.take(frame)
+            except ValueError as error:
                 # The compiled programs are for other scans: a restart makes them for these.
-                raise SystemExit(f"the radar's description changed: {head}")
-            self.description = head
-
-    def _search(self, search: Search, priors: PriorTrack) -> bool:
-        """Search waiting scans that have a prior; returns whether there were any."""
-        while self._waiting and priors.covers(self._waiting[0].time_ns) is False:
-            self._waiting.popleft()
-        ready: list[_Scan] = []
-        while self._waiting and len(ready) < BLOCK_SCANS and priors.covers(self._waiting[0].time_ns):
-            scan = self._waiting.popleft()
-            # At standstill ten scans a second are enough.
-            if abs(priors.speed_mps) > _STANDING_MPS or scan.time_ns - self._searched_ns >= _STANDING_NS:
-                ready.append(scan)
-                self._searched_ns = scan.time_ns
-        self._look_ahead(search, priors)
-        if not ready:
-            return False
-        times = np.array([scan.time_ns for scan in ready], np.int64)
-        track = priors.track(times)
-        found = search.feed([scan.frame for scan in ready], track)
-        self._tell(ready, found)
-        return True
+                raise SystemExit(str(error)) from None
 
     def _look_ahead(self, search: Search, priors: PriorTrack) -> None:
         now_s = time.monotonic()
@@ -153,22 +205,7 @@ class RegistrationProcess:
         places = [place for place in (priors.ahead(way) for way in AHEAD_M) if place is not None]
         search.ahead.wish(places, priors.speed_mps, search.drive.prepared)
 
-    def _tell(self, scans: list[_Scan], found: DriveFixes) -> None:
-        fix = found.fix
-        rows = np.zeros(len(scans), FIX)
-        rows["scan_ns"] = [scan.time_ns for scan in scans]
-        rows["scan"] = [int(scan.frame.number("scan")) for scan in scans]
-        # A propagated fix is no observation, except at standstill, where there is no other.
-        own = found.searched if found.searched.any() else np.arange(len(scans)) == len(scans) - 1
-        rows["code"] = np.where(own, fix.code, Code.NO_WINDOW)
-        rows["waiting"] = len(self._waiting)
-        rows["window_dm"] = np.where(np.isfinite(fix.window_m), np.round(10.0 * fix.window_m), -1)
-        rows["correlation"], rows["margin"] = np.where(own, fix.correlation, np.nan), fix.margin
-        overlap = np.maximum(np.asarray(fix.overlap, np.float64), 0.0)
-        rows["strength"] = np.asarray(fix.correlation, np.float64) * np.sqrt(overlap)
-        rows["overlap_channels"] = fix.overlap_channels
-        rows["pose"], rows["covariance"] = fix.pose, fix.covariance
-        rows["p_false"] = fix.p_false
+    def _tell(self, rows: Shaped[np.ndarray, " scan"]) -> None:
         now_ns = time.monotonic_ns()
         for row in rows:
             record = pack(Record(RecordKind.FIX, Source.REGISTRATION, 0, now_ns, row.tobytes()))

@@ -5,18 +5,19 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
+from lgprjax.batch import array_of_vehicle, of_channels
 from lgprjax.batch.register import HeldGround
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile, VehicleFile, read_thresholds
-from lgprjax.radar import ArrayGeometry, trace_operators, uniform_array
+from lgprjax.radar import ArrayGeometry, ChannelResponse
 from lgprjax.registration import (
     DriveFixes,
     LiveBlock,
@@ -34,6 +35,15 @@ from lgprjax.registration import (
 from lgprjax.run_records import PRIOR, Record, RecordKind, Source, pack
 from lgprjax.runtime.config import RadarTable, RuntimeConfig
 from lgprjax.runtime.port import Arrival, Port
+from lgprjax.runtime.registration.scans import (
+    SCAN_MESSAGES,
+    AnyDescription,
+    LookUpSweeps,
+    RadarDescription,
+    ScanReader,
+    SweepReader,
+    TraceReader,
+)
 from lgprjax.runtime.ring import Ring
 from lgprjax.wire import Frame, Sender, draw_session
 
@@ -119,29 +129,6 @@ _WARM_UP_M = 12.0
 """Travel within which a lost drive searches for another time scale, and for places farther away."""
 
 
-class RadarDescription(NamedTuple):
-    """Description of the scans by the radar; times in ns, the period in s."""
-
-    channels: int
-    samples: int
-    sample_interval_ns: float
-    time_zero_ns: float
-    zero_level: float
-    scan_period_s: float
-
-
-def description_of(frame: Frame) -> RadarDescription:
-    """Read a radar_description."""
-    return RadarDescription(
-        int(frame.number("channels")),
-        int(frame.number("samples")),
-        frame.number("sample_interval_ps") / 1e3,
-        frame.number("time_zero_ps") / 1e3,
-        frame.number("zero_level"),
-        frame.number("scan_period_us") / 1e6,
-    )
-
-
 def options_of(config: RuntimeConfig) -> RegisterOptions:
     """The search by the configuration.
 
@@ -170,7 +157,7 @@ class Search:
         config: of the run.
         vehicle: its file's contents.
         source: the map, open as long as the search; also used for the tiles ahead.
-        radar: its description.
+        radar: its description; lookup: of a stepped-frequency radar.
 
     Attributes:
         array: geometry.
@@ -187,34 +174,35 @@ class Search:
         vehicle: VehicleFile,
         source: MapFile,
         beside: MapFile,
-        radar: RadarDescription,
+        radar: AnyDescription,
+        lookup: LookUpSweeps | None = None,
     ) -> None:
         known = source.description
+        assert config.ports.radar is not None
+        url = config.ports.radar.url
         if radar.channels != known.channels:
-            assert config.ports.radar is not None
-            raise InputError(
-                config.ports.radar.url, "radar_description", f"{known.channels} channels", f"{radar.channels}"
-            )
-        place = vehicle.array
-        if place.x_m is None or place.height_m is None:
-            raise InputError(config.path(config.vehicle), "array", "x_m and height_m", "none")
-        options = options_of(config)
-        self.array: ArrayGeometry = uniform_array(
-            known.channels,
-            known.channel_pitch_m,
-            x_m=place.x_m,
-            height_m=place.height_m,
-            scan_period_s=radar.scan_period_s,
+            raise InputError(url, "radar_description", f"{known.channels} channels", f"{radar.channels}")
+        made_of = source.provenance.get("recording", "traces")
+        if radar.kind != made_of:
+            # Their levels over depth differ, and a vehicle has no drive behind it to measure them on.
+            raise InputError(url, "radar_description", f"{made_of}, as the map was made of", radar.kind)
+        options, path = options_of(config), config.path(config.vehicle)
+        self.array: ArrayGeometry = array_of_vehicle(
+            vehicle, path, channels=known.channels, pitch_m=known.channel_pitch_m, scan_period_s=radar.scan_period_s
         )
         self._radar, self._source, self._options = radar, source, options
-        self._operators: Operators = trace_operators(
-            radar.samples,
-            radar.sample_interval_ns,
-            radar.time_zero_ns,
-            known.settings,
-            len(known.gain),
-            height_m=place.height_m,
-        )
+        self._reader: ScanReader
+        if isinstance(radar, RadarDescription):
+            self._reader = TraceReader(radar)
+        else:
+            assert lookup is not None
+            place = vehicle.array
+            response = ChannelResponse(
+                of_channels(place.channel_gain, 1.0, radar.channels, path, "array.channel_gain"),
+                of_channels(place.channel_delay_ns, 0.0, radar.channels, path, "array.channel_delay_ns"),
+            )
+            self._reader = SweepReader(radar, lookup, response, BLOCK_SCANS, url)
+        self._operators: Operators = self._reader.operators(known.settings, len(known.gain), self.array.height_m)
         self._held = HeldGround(source, options, tiles=_HELD_TILES)
         self.drive = self._begin(options)
         self.ahead = TilesAhead(beside, self.array, options)
@@ -234,7 +222,7 @@ class Search:
             for direction in (-1, 1):
                 self._held.ground.tile(tile, direction)
         # The whole history is converted to another scale at once.
-        channels, recorded = self._radar.channels, self._radar.samples
+        channels, recorded = self._radar.channels, self._radar.recorded
         chain = live_chain(self._held.ground, self._operators, channels, recorded)
         rows = 1
         while rows < 2 * (self.drive.search.plan.history + BLOCK_SCANS):
@@ -243,6 +231,18 @@ class Search:
             rows *= 2
         jax.effects_barrier()
 
+    def scans_per_second(self, seconds: float) -> float:
+        """Scans searched in a second of this machine, over the map's first stations again and again."""
+        done, spent_s = 0, 0.0
+        while spent_s < seconds:
+            drive, blocks = self._begin(self._options), list(self._over_stations(known=True))
+            begun_s = time.perf_counter()
+            for block in blocks:
+                drive.feed(block)
+            spent_s += time.perf_counter() - begun_s
+            done += sum(len(block.traces) for block in blocks)
+        return done / spent_s
+
     def _begin(self, options: RegisterOptions) -> Registration:
         return Registration(
             self._held.ground,
@@ -250,7 +250,7 @@ class Search:
             self.array,
             options,
             chance=self._held.chance,
-            recorded=self._radar.samples,
+            recorded=self._radar.recorded,
             prepared=self._held.prepared_for(self.array),
             block_scans=BLOCK_SCANS,
         )
@@ -278,19 +278,10 @@ class Search:
         """Fixes of at most ``BLOCK_SCANS`` scans.
 
         Args:
-            frames: radar_scan.
+            frames: radar_scan or radar_sweep.
             track: of them.
         """
-        shape = (self._radar.channels, self._radar.samples)
-        traces: list[Float[np.ndarray, "channel sample"]] = []
-        valid: list[Bool[np.ndarray, " channel"]] = []
-        bits = np.arange(self._radar.channels)
-        for frame in frames:
-            data = frame.fields["data"]
-            assert isinstance(data, bytes)
-            traces.append(np.frombuffer(data, np.uint8).reshape(shape).astype(np.float32) - self._radar.zero_level)
-            valid.append((int(frame.number("valid")) >> bits & 1).astype(bool))
-        return self.drive.feed(LiveBlock(np.stack(traces), np.stack(valid), track))
+        return self.drive.feed(LiveBlock(*self._reader.read(frames), track))
 
 
 # Pose by GNSS/INS at each scan: interpolated between the control loop's priors, or slightly beyond the last.
@@ -392,10 +383,19 @@ class RadarLine:
         port: of the line.
         table: of the configuration.
         log: ring to the recorder; control: ring to the control process.
+        clock_ns: monotonic; a lock-step run has its own.
     """
 
-    def __init__(self, port: Port[Frame], table: RadarTable, log: Ring, control: Ring) -> None:
+    def __init__(
+        self,
+        port: Port[Frame],
+        table: RadarTable,
+        log: Ring,
+        control: Ring,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
         self._port, self._table, self._log, self._control = port, table, log, control
+        self._clock_ns = clock_ns
         self._sender = Sender(draw_session())
         self._orders = [_CALIBRATE] * table.calibrate + [_LOOK_UP] * table.look_up
         self._sweeps = table.sweep is not None
@@ -411,7 +411,7 @@ class RadarLine:
 
     def take(self, frame: Frame) -> None:
         """Take a received frame."""
-        if frame.name == "radar_scan":
+        if frame.name in SCAN_MESSAGES:
             self._state = _SCANNING
         elif frame.name == "radar_health":
             self._take_health(int(frame.number("state")), int(frame.number("errors")))
@@ -426,7 +426,7 @@ class RadarLine:
 
     def order(self) -> None:
         """Send the next order: sweep plan, calibration, look-up, then scanning; once a second until it does."""
-        now_s = time.monotonic()
+        now_s = self._clock_ns() / 1e9
         if self._state == _SCANNING or now_s - self._requested_s <= _ASK_S:
             return
         # A radar that scans already must not get other orders: wait for its messages first.
@@ -453,15 +453,15 @@ class RadarLine:
             # The previous order is done.
             self._orders, self._began, self._requested_s = self._orders[1:], False, 0.0
         self._state = state
-        now_s = time.monotonic()
+        now_s = self._clock_ns() / 1e9
         if errors != self._errors or (errors and now_s - self._ordered_s > _TELL_S):
             self._errors, self._ordered_s = errors, now_s
             words = [text for bit, text in ERRORS.items() if errors & bit]
             table = json.dumps({"radar": words + ["radar has failed"] * (state == _FAILED)}).encode()
-            self._control.put(pack(Record(RecordKind.EVENT, Source.REGISTRATION, 0, time.monotonic_ns(), table)))
+            self._control.put(pack(Record(RecordKind.EVENT, Source.REGISTRATION, 0, self._clock_ns(), table)))
 
     def _send(self, name: str, fields: dict[str, Any]) -> None:
-        now_ns = time.monotonic_ns()
+        now_ns = self._clock_ns()
         frame = self._sender.frame(name, fields, mode=0, mono_ns=now_ns)
         self._port.write(frame)
         self._log.put(pack(Record(RecordKind.PORT_OUT, Source.RADAR, 0, now_ns, frame)))

@@ -21,7 +21,6 @@ from lgprjax.navigation import (
     find_starts,
     legs_of_track,
     make_route_path,
-    pose_of,
     step_local,
 )
 from lgprjax.navigation.counter_steer_model import RATE_BIAS, SPEED, YAW
@@ -203,7 +202,7 @@ class RadarLoop:
     def _prior(
         self, seen: "_Seen", share: Float[np.ndarray, " scan"], roll_rad: Float[np.ndarray, " scan"]
     ) -> Float[np.ndarray, "scan 5"]:
-        """Where GNSS/INS have the array's centre at each scan."""
+        """Where the search of each scan starts: the array's centre by ``search_pose``."""
         centre = _array_pose(_between(seen.start, seen.end, share), self._course.spec.array_x_m)
         keep = np.exp(-self._tick_s / 20.0)
         self._roll_error = keep * self._roll_error + np.sqrt(1 - keep**2) * _ROLL_SIGMA_RAD * self._rng.normal()
@@ -216,7 +215,7 @@ class _Seen(NamedTuple):
 
     Attributes:
         before, after: true poses of the rear axle at the tick's ends.
-        start, end: where GNSS/INS have it.
+        start, end: from where the map is searched.
         odometer: its speed, the sigma of the GNSS/INS heading, the rear axle's place along the road, the tick.
     """
 
@@ -232,7 +231,7 @@ def _see(
     setup: LoopSetup, before: LoopState, after: LoopState, readings: Readings, tick_s: Float[Array, ""]
 ) -> Float[Array, "5 4"]:
     estimate = before.onboard.navigator.reckoned.estimate
-    start = pose_of(estimate)
+    start = before.onboard.navigator.search_pose
     rate = readings.yaw_rate_radps - estimate.mean[RATE_BIAS]
     end = step_local(start, estimate.mean[SPEED], rate, setup.navigator.model.zero_slip_m, tick_s)
     sigma = jnp.sqrt(estimate.covariance[YAW, YAW])

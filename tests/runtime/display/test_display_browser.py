@@ -18,7 +18,8 @@ import pytest
 from runtime.display.browser import Tab, open_tab
 from runtime.display.served_page import DRIVING, READY, ServedPage, serve
 
-SIZES = [(1024, 600), (1280, 800), (800, 1280)]
+SIZES = [(1024, 600), (1280, 800), (800, 1280), (390, 844)]
+LONG = "../routes/north_meadow_with_the_long_hedge_and_the_two_gates_beyond_the_quarry_2026.route.toml"
 PATH = [[60.0 + 0.6 * i, 10.0 + 12.0 * math.sin((0.6 * i - 40.0) / 25.0)] for i in range(200)]
 YAW_RAD = math.atan(12.0 / 25.0)
 PLACE: dict[str, Any] = {"path": PATH, "pose": [100.0, 10.0, YAW_RAD], "gnss_pose": [101.2, 11.1, YAW_RAD]}
@@ -26,6 +27,7 @@ REFUSED = READY | PLACE | {"refusal": "OFF_ROUTE", "refusal_text": "the vehicle 
 ERROR = DRIVING | PLACE | {
     "mode": "ERROR",
     "faults": ["DRIVE_BY_WIRE"],
+    "cause": "the drive-by-wire box or its line failed: drive-by-wire box is silent",
     "warnings": ["steering potentiometer and encoder disagree by 4.1 degrees", "storage is nearly full"],
     "reaction": "STOP",
     "reasons": ["steering sensors disagree"],
@@ -34,6 +36,21 @@ ERROR = DRIVING | PLACE | {
     "ok_share": 0.12,
     "cross_track_m": -0.62,
     "processes": DRIVING["processes"] | {"registration": "relaunched"},
+}  # fmt: skip
+
+_BROKEN = {"name": "/data/routes/old road.route.toml", "length_m": 88.0}
+NAMED = READY | PLACE | {
+    "route": LONG,
+    "routes": [
+        {"name": LONG, "length_m": 412.0, "problem": None},
+        _BROKEN | {"problem": f"{_BROKEN['name']}: map: expected the map of the run, found /data/other.map.h5"},
+    ],
+    "refusal": "HEALTH",
+    "refusal_text": "navigation is not good enough: position uncertain by more than 0.25 m across",
+    "reaction": "STOP",
+    "reasons": ["position uncertain by more than 0.25 m across"],
+    "speed_mps": -0.04,
+    "monitor": {"free_mb": 48200.0, "memory_mb": 22616.0, "rss_mb": {"control": 812.5, "registration": 1398.0}},
 }  # fmt: skip
 
 
@@ -71,7 +88,7 @@ def picture(tab: Tab, name: str | None = None) -> Any:
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("state", [DRIVING | PLACE, ERROR, REFUSED], ids=["driving", "error", "refused"])
+@pytest.mark.parametrize("state", [DRIVING | PLACE, ERROR, REFUSED, NAMED], ids=["driving", "error", "refused", "long"])
 def test_everything_is_on_the_screen(
     served: ServedPage, tab: Tab, state: dict[str, Any], size: tuple[int, int]
 ) -> None:
@@ -94,7 +111,7 @@ def test_driving(served: ServedPage, tab: Tab) -> None:
     show(served, tab, DRIVING | PLACE)
     assert tab.text("#mode") == "STEERING + SPEED"
     assert tab.text("#speed") == "4.4"
-    assert tab.text("#speed-more") == "set 4.50, limit 4.5"
+    assert tab.text("#speed-more") == "set 4.50"
     assert tab.text("#cross") == "0.07 m left"
     assert tab.text("#correlation") == "0.93"
     assert tab.text("#correlation-more") == "good"
@@ -115,7 +132,7 @@ def test_driving(served: ServedPage, tab: Tab) -> None:
 def test_nothing_on_the_page_engages(served: ServedPage, tab: Tab) -> None:
     show(served, tab, READY | PLACE)
     buttons = tab.evaluate("[...document.querySelectorAll('button, input, a, form')].map((e) => e.id || e.textContent)")
-    assert buttons == ["theme", "up", "● meadow412 m", "○ quarry1609 m", "○ old roadtoo tight a curve"]
+    assert buttons == ["theme", "up", "●\u00a0meadow412 m", "○\u00a0quarry1609 m", "○\u00a0old roadtoo tight a curve"]
 
 
 def test_choosing_a_route(served: ServedPage, tab: Tab) -> None:
@@ -140,11 +157,35 @@ def test_an_error_in_words(served: ServedPage, tab: Tab) -> None:
     show(served, tab, ERROR)
     assert tab.text("#mode") == "ERROR"
     words = tab.text("#words").split("\n")
-    assert words[:2] == ["■ Fault: drive by wire", "■ Stopping: steering sensors disagree"]
+    # Nobody stops who is not driven: what navigation finds is a warning then.
+    assert words[0] == "Because: the drive-by-wire box or its line failed: drive-by-wire box is silent"
+    assert "▲ steering sensors disagree" in words
+    assert not any("Stopping" in word for word in words)
     assert "▲ steering potentiometer and encoder disagree by 4.1 degrees" in words
     assert tab.text("#correlation-more") == "could be chance"
     assert tab.text("#cross") == "0.62 m right"
     picture(tab, "error")
+
+
+def test_what_is_shown_agrees_with_the_mode_and_names_files_not_folders(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, NAMED)
+    words = tab.text("#words").split("\n")
+    assert words == ["▲ Cannot engage: navigation is not good enough: position uncertain by more than 0.25 m across"]
+    assert tab.text("#speed") == "0.0"
+    everything = tab.text("body")
+    assert "/data/" not in everything
+    assert "../" not in everything
+    assert "north_meadow_with_the_long_hedge_and_the_two_gates_beyond_the_quarry_2026" in everything
+    assert "expected the map of the run, found other.map.h5" in everything
+    assert "this run holds 2.2 GB" in tab.text("#foot")
+
+
+def test_a_slow_drive_says_why_once(served: ServedPage, tab: Tab) -> None:
+    scans = "no scans: radar, its line or registration"
+    state = DRIVING | PLACE | {"slow": [scans], "warnings": [scans], "reasons": ["GNSS is silent"], "cap_mps": 2.0}
+    show(served, tab, state)
+    assert tab.text("#words").split("\n") == [f"▲ Slowed: {scans}", "▲ GNSS is silent"]
+    assert "limit 2.0" in tab.text("#speed-more")
 
 
 def test_names_are_text(served: ServedPage, tab: Tab) -> None:

@@ -47,11 +47,9 @@ from lgprjax.runtime.control.vehicle_kind import (
     VehicleStatus,
     Wish,
     box_checks,
-    limited_words,
-    reason_words,
-    whole,
 )
 from lgprjax.runtime.gnss import Quality
+from lgprjax.runtime.words import ARRIVED, limited_words, reason_words, whole
 
 # Display data of a skid-steer vehicle: field, swaths, tool and GNSS.
 
@@ -329,7 +327,11 @@ class SkidSteerVehicle:
             self._place(),
             bool(found & SkidFound.HEADING_UNKNOWN),
             whole(result.reaction, int(Reaction.STOP)),
-            max(sensed.gnss_age_s - self._loaded.gnss_period_s, sensed.ins_age_s, sensed.box_age_s),
+            {
+                "no position: GNSS": sensed.gnss_age_s - self._loaded.gnss_period_s,
+                "no heading: INS": sensed.ins_age_s,
+                "drive-by-wire box is silent": sensed.box_age_s,
+            },
             not bits & LINE,
             severity,
             severity >= Severity.MANUAL and bool(bits & ~LINE),
@@ -394,6 +396,13 @@ class SkidSteerVehicle:
             return "no plan: mark three corners, then lgprjax cover plan"
         return findings.TEXT[SkidFound.HEADING_UNKNOWN] if self._found() & SkidFound.HEADING_UNKNOWN else ""
 
+    def slow(self) -> list[str]:
+        """What caps the speed: watches and health."""
+        result, watched = self.pilot.result, self._watched
+        cause = watched.severity is Severity.DEGRADE
+        words = describe(watched.bits) if cause else []
+        return [*words, *(reason_words(result.reasons) if result.reaction == Reaction.DEGRADE else [])]
+
     def notes(self) -> list[dict[str, Any]]:
         """Corners, marked or refused."""
         notes, self._notes = self._notes, []
@@ -430,7 +439,7 @@ class SkidSteerVehicle:
 
     def _why(self, bits: Watch, found: SkidFound, limited: SkidLimited) -> list[str]:
         result = self.pilot.result
-        done = ["the plan is done"] if result.done > 0.5 else []
+        done = [ARRIVED[1]] if result.done > 0.5 else []
         return [
             *done,
             *describe_found(found),

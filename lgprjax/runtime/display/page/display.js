@@ -4,6 +4,7 @@ import { drawPlan, points } from "./plan.js";
 import { FIELD_MODES, fieldWords, toolWords } from "./field.js";
 
 const STALE_S = 0.5;
+const GNSS_OLD_S = 1.6;
 const NOMINAL_M = 0.305, MOST_M = 0.914; // one foot and three
 const ENGAGED = ["STEERING", "SPEED"];
 const MODES = {
@@ -27,7 +28,11 @@ const CODES = {
 
 const at = (id) => document.getElementById(id);
 const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
-const fixed = (value, digits) => (isNumber(value) ? value.toFixed(digits) : "–");
+// A small negative number must not read "-0.0".
+const fixed = (value, digits) => (isNumber(value) ? value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1") : "–");
+// A file is named, not the folders that lead to it.
+const fileName = (text) => text.replace(/(^|[\s"'(])(?:\.{0,2}\/|[A-Za-z]:\\)(?:[^\s/\\]+[/\\])*(?=[^\s/\\])/g, "$1");
+const routeName = (name) => fileName(name).replace(/\.route\.toml$/, "");
 const texts = (value) => (Array.isArray(value) ? value.filter((text) => typeof text === "string" && text) : []);
 const plain = (name) => (/^[A-Z_]+_[A-Z_]+$/.test(name) ? name.toLowerCase().replaceAll("_", " ") : name);
 const now = () => performance.now() / 1000;
@@ -53,15 +58,29 @@ function refusal() {
   return state.refusal_text || plain(state.refusal);
 }
 
-function sayings(engaged) {
+function sayings(mode, engaged) {
   const said = [];
   if (state.estop === true) said.push(["bad", "■ Emergency stop is pressed."]);
   if (state.override === true) said.push(["warn", "▲ Override is pressed."]);
-  for (const fault of texts(state.faults)) said.push(["bad", `■ Fault: ${plain(fault)}`]);
-  if (!engaged && refusal() !== null) said.push(["warn", `▲ Cannot engage: ${refusal()}`]);
-  if (state.reaction === "STOP") said.push(["bad", `■ Stopping: ${texts(state.reasons).map(plain).join(", ")}`]);
-  if (state.reaction === "DEGRADE") said.push(["warn", `▲ Slowed: ${texts(state.reasons).map(plain).join(", ")}`]);
-  for (const warning of texts(state.warnings)) said.push(["warn", `▲ ${warning}`]);
+  if (typeof state.cause === "string" && state.cause) said.push([mode === "ERROR" ? "bad" : "", `Because: ${state.cause}`]);
+  for (const fault of texts(state.faults)) {
+    if (!state.cause) said.push(["bad", `■ Fault: ${plain(fault)}`]);
+  }
+  if (!engaged && refusal() !== null) said.push(["warn", `▲ Cannot engage: ${fileName(refusal())}`]);
+  const reasons = texts(state.reasons).map(plain), slow = texts(state.slow).map(plain);
+  // Who drives himself is not stopped or slowed: then a reason is a warning, once.
+  if (engaged && state.reaction === "STOP") said.push(["bad", `■ Stopping: ${reasons.join(", ")}`]);
+  else {
+    if (engaged && slow.length) said.push(["warn", `▲ Slowed: ${slow.join(", ")}`]);
+    const told = engaged ? slow.join() : refusal() || "";
+    for (const reason of reasons) if (!told.includes(reason)) said.push(["warn", `▲ ${reason}`]);
+  }
+  for (const warning of texts(state.warnings)) {
+    if (!slow.includes(warning) && !(refusal() || "").includes(warning)) said.push(["warn", `▲ ${fileName(warning)}`]);
+  }
+  if (state.field && isNumber(state.field.gnss_age_s) && state.field.gnss_age_s > GNSS_OLD_S) {
+    said.push(["warn", `▲ GNSS off for ${Math.round(state.field.gnss_age_s)} s`]);
+  }
   for (const [name, stage] of Object.entries(state.processes || {})) {
     if (stage !== "ready") said.push(["warn", `▲ ${name}: ${stage}`]);
   }
@@ -69,9 +88,9 @@ function sayings(engaged) {
   return said.length ? said : [["", "✓ No warnings"]];
 }
 
-function showWords(engaged) {
+function showWords(mode, engaged) {
   const list = at("words");
-  const said = sayings(engaged);
+  const said = sayings(mode, engaged);
   const all = JSON.stringify(said) + list.clientHeight;
   if (list.dataset.said === all) return;
   list.dataset.said = all;
@@ -101,7 +120,7 @@ function showTool() {
 }
 
 function showField() {
-  tell("route-title", typeof state.route === "string" ? `Field ${state.route}` : "No plan: mark three corners");
+  tell("route-title", typeof state.route === "string" ? `Field ${fileName(state.route)}` : "No plan: mark three corners");
   const words = fieldWords(state.field, worked);
   const all = JSON.stringify(words);
   if (at("route-list").dataset.all === all) return;
@@ -112,7 +131,9 @@ function showField() {
 function showFigures() {
   tell("speed", fixed(state.speed_mps, state.field ? 2 : 1));
   const set = isNumber(state.set_speed_mps) ? `set ${fixed(state.set_speed_mps, 2)}` : "not held";
-  tell("speed-more", isNumber(state.cap_mps) ? `${set}, limit ${fixed(state.cap_mps, 1)}` : set);
+  // A limit above the set speed limits nothing.
+  const limits = isNumber(state.cap_mps) && !(isNumber(state.set_speed_mps) && state.cap_mps >= state.set_speed_mps);
+  tell("speed-more", limits && ENGAGED.includes(state.mode) ? `${set}, limit ${fixed(state.cap_mps, 1)}` : set);
   if (state.field) showTool();
   else showCorrelation();
   const cross = state.cross_track_m, size = Math.abs(cross);
@@ -135,8 +156,9 @@ function showRoutes(engaged) {
   at("route-list").replaceChildren(...shown.map((route) => {
     const button = document.createElement("button");
     const name = document.createElement("span"), more = document.createElement("em");
-    name.textContent = `${route.name === state.route ? "● " : "○ "}${route.name}`;
-    more.textContent = route.problem ? String(route.problem) : isNumber(route.length_m) ? `${Math.round(route.length_m)} m` : "";
+    name.textContent = `${route.name === state.route ? "●\u00a0" : "○\u00a0"}${routeName(route.name)}`;
+    button.title = route.name;
+    more.textContent = route.problem ? fileName(String(route.problem)) : isNumber(route.length_m) ? `${Math.round(route.length_m)} m` : "";
     button.append(name, more);
     button.type = "button";
     button.disabled = engaged || Boolean(route.problem);
@@ -150,8 +172,10 @@ function showFoot() {
   const monitor = state.monitor || {};
   const ready = Object.entries(state.processes || {}).filter(([, stage]) => stage === "ready").map(([name]) => name);
   const parts = [ready.length ? `ready: ${ready.join(", ")}` : ""];
-  if (isNumber(monitor.free_mb)) parts.push(`${(monitor.free_mb / 1000).toFixed(1)} GB free`);
-  if (isNumber(monitor.memory_mb)) parts.push(`memory ${Math.round(monitor.memory_mb)} MB`);
+  if (isNumber(monitor.free_mb)) parts.push(`${(monitor.free_mb / 1000).toFixed(1)} GB of disk free`);
+  const own = Object.values(monitor.rss_mb || {}).filter(isNumber).reduce((sum, mb) => sum + mb, 0);
+  if (own > 0) parts.push(`this run holds ${(own / 1000).toFixed(1)} GB`);
+  if (isNumber(monitor.memory_mb)) parts.push(`${(monitor.memory_mb / 1000).toFixed(1)} GB of memory free`);
   if (isNumber(monitor.hottest_c)) parts.push(`${Math.round(monitor.hottest_c)} °C`);
   if (refused) parts.push(`${refused} requests refused`);
   tell("foot", parts.filter(Boolean).join("  ·  "));
@@ -162,7 +186,7 @@ function render() {
   const engaged = ENGAGED.includes(mode);
   showMode(mode, mode === "READY" && refusal() !== null);
   showFigures();
-  showWords(engaged);
+  showWords(mode, engaged);
   if (state.field) showField();
   else showRoutes(engaged);
   showFoot();

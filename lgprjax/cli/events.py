@@ -1,0 +1,52 @@
+"""``lgprjax events``: the time line of a recorded run."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from rich.table import Table
+from rich.text import Text
+from tyro.conf import Positional, arg
+
+from lgprjax.cli.terminal import console, working
+
+_STYLE = {"error": "bold red", "stop": "red", "check": "red", "refused": "yellow", "slow": "yellow", "arrived": "green"}
+
+
+@dataclass(frozen=True)
+class Events:
+    """List what happened in a recorded run, with the cause of every error, refusal, stop and slow-down."""
+
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="folder of a recorded run")]
+    json: Path | None = None
+    """also write the time line to this file"""
+    force: bool = False
+    """replace that file if it exists"""
+
+    def run(self) -> int:
+        """Print the time line."""
+        from lgprjax.cli.figures import write_figures
+        from lgprjax.runtime.timeline import read_timeline
+
+        with working(f"reading {self.run_folder}"):
+            found = read_timeline(self.run_folder)
+        table = Table("s", "mode", "what happened", title=str(self.run_folder))
+        for entry in found.entries:
+            style = _STYLE.get(entry.kind, "")
+            table.add_row(f"{entry.time_s:.1f}", entry.mode, Text(entry.text, style))
+        console.print(table, highlight=False)
+        ended = "" if found.end is not None else "; the recording was interrupted"
+        summary = found.shortfall or "engaged, and arrived at the end"
+        console.print(f"{found.seconds:.1f} s: {summary}{ended}", highlight=False, soft_wrap=True)
+        if self.json is not None:
+            content = {
+                "seconds": found.seconds,
+                "engaged": found.engaged,
+                "arrived": found.arrived,
+                "shortfall": found.shortfall or None,
+                "to_go_m": found.to_go_m if found.to_go_m == found.to_go_m else None,
+                "end": found.end,
+                "events": [entry._asdict() for entry in found.entries],
+            }
+            write_figures(self.json, content, force=self.force)
+        return 0

@@ -1,0 +1,166 @@
+"""Whether this machine keeps real time: measured, not guessed from its cores."""
+
+import multiprocessing
+import tempfile
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from lgprjax.cli.installation import InstallationFinding
+
+_SECONDS, _PERIOD_S = 1.0, 0.02
+_SIZE = 96
+_UNITS = (30, 80, 110)
+"""Work a period of control loop, registration and simulated devices, each on a process of its own, in products of two
+matrices of 96 x 96: what the three take of a core in the quick start at 126 scans a second, measured beside it."""
+_LATE_S = 0.06
+"""A period begun later than this looks like a device that fails (its line counts as silent after 0.1 s)."""
+_BEHIND = 0.02
+
+
+class RealTime(NamedTuple):
+    """What a second of work as on board found.
+
+    Attributes:
+        largest_late_s: by which a period began late at the worst.
+        behind: share of the periods that began later than they should end.
+    """
+
+    largest_late_s: float
+    behind: float
+
+    @property
+    def keeps(self) -> bool:
+        """Whether the simulated devices and the runtime can run in real time now."""
+        return self.largest_late_s < _LATE_S and self.behind < _BEHIND
+
+    @property
+    def line(self) -> str:
+        """For a person."""
+        found = f"{100.0 * self.behind:.0f} % of the periods were missed, {self.largest_late_s:.2f} s late at the worst"
+        return f"this machine keeps real time ({found})" if self.keeps else f"this machine is too busy or slow: {found}"
+
+
+def measure_real_time(seconds: float = _SECONDS) -> RealTime:
+    """Run three processes with the work of a simulated run beside each other, and look how late they come."""
+    context = multiprocessing.get_context("spawn")
+    pipes = [context.Pipe() for _ in _UNITS]
+    processes = [
+        context.Process(target=_work, args=(units, seconds, far), daemon=True)
+        for units, (_, far) in zip(_UNITS, pipes, strict=True)
+    ]
+    for process in processes:
+        process.start()
+    try:
+        for near, _ in pipes:
+            near.recv()
+        begin_s = time.monotonic() + 0.05
+        for near, _ in pipes:
+            near.send(begin_s)
+        found = [near.recv() for near, _ in pipes]
+    finally:
+        for process in processes:
+            process.join(5.0)
+            process.kill()
+    late = np.concatenate(found)
+    return RealTime(float(late.max()), float(np.mean(late > _PERIOD_S)))
+
+
+def _work(units: int, seconds: float, pipe: Connection) -> None:
+    """A process of the three: periods of fixed work, and how late each began."""
+    left = np.random.default_rng(0).normal(size=(_SIZE, _SIZE)).astype(np.float32)
+    _product(left)
+    pipe.send("ready")
+    due_s, late = float(pipe.recv()), []
+    end_s = due_s + seconds
+    while due_s < end_s:
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        late.append(max(0.0, time.monotonic() - due_s))
+        for _ in range(units):
+            _product(left)
+        due_s += _PERIOD_S
+        if time.monotonic() > end_s + seconds:
+            # So far behind that more of it tells nothing but how far.
+            late.append(time.monotonic() - due_s)
+            break
+    pipe.send(np.array(late))
+
+
+def _product(left: np.ndarray) -> None:
+    # Row by row, so that no library spreads it over threads.
+    for row in left:
+        row @ left
+
+
+# The search of registration itself, for ``lgprjax doctor --onboard``.
+
+SCANS_HZ = 126.0
+"""Scans a second of an array on board."""
+_SPARE = 1.5
+"""Times as many a search must reach alone: beside it run control loop, recorder and, simulated, the devices."""
+
+
+def look_at_onboard() -> list[InstallationFinding]:
+    """Whether this machine can search 126 scans a second, and whether it keeps time."""
+    scans_hz = measure_search()
+    found = f"{scans_hz:.0f} scans a second searched, {SCANS_HZ:.0f} asked"
+    if scans_hz >= _SPARE * SCANS_HZ:
+        search = InstallationFinding("onboard search", found, "good")
+    else:
+        least = f"{_SPARE * SCANS_HZ:.0f} leave room for the rest; radar.scan_period_us asks the radar for fewer"
+        search = InstallationFinding("onboard search", found, "look", least)
+    kept = measure_real_time()
+    advice = "" if kept.keeps else "end what else runs; lgprjax run --simulate goes on in lock step"
+    return [search, InstallationFinding("real time", kept.line, "good" if kept.keeps else "look", advice)]
+
+
+def measure_search(seconds: float = 3.0) -> float:
+    """Scans a second of the search on board, on a course of 60 m that is made for it."""
+    from lgprjax.formats import MapFile, read_vehicle
+    from lgprjax.mapping import build_map
+    from lgprjax.runtime.config import PortsTable, PortTable, RuntimeConfig
+    from lgprjax.runtime.registration.scans import RadarDescription
+    from lgprjax.runtime.registration.search import Search
+    from lgprjax.simulation.devices.world import CourseWorld
+    from lgprjax.simulation.loop import OffRoad, make_course
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        spec = OffRoad(2, 60.0, 1)
+        build_map([make_course(spec, folder).baseline], folder / "course.map.h5")
+        vehicle = folder / "v.vehicle.toml"
+        vehicle.write_text(_VEHICLE, encoding="utf-8")
+        port = PortTable(url="loop://")
+        ports = PortsTable(drive_by_wire=port, controller=port, gnss=port, radar=port)
+        config = RuntimeConfig(
+            file=folder / "c.toml", name="doctor", vehicle=vehicle.name, map="course.map.h5", routes=["-"], ports=ports
+        )
+        with MapFile.open(folder / "course.map.h5") as source, MapFile.open(folder / "course.map.h5") as beside:
+            radar = CourseWorld(spec, source.description.frame, weather="clear", drive_seed=1).radar
+            described = RadarDescription(
+                source.description.channels,
+                radar.samples,
+                radar.sample_step_ns,
+                radar.time_zero_ns,
+                128.0,
+                1 / SCANS_HZ,
+            )
+            search = Search(config, read_vehicle(vehicle), source, beside, described)
+            try:
+                search.warm_up()
+                return search.scans_per_second(seconds)
+            finally:
+                search.ahead.close()
+
+
+_VEHICLE = """schema = "lgprjax.vehicle"
+schema_version = "1.0"
+name = "doctor"
+steering_kind = "counter_steer"
+[array]
+x_m = 3.0
+height_m = 0.3
+"""

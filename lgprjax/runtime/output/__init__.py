@@ -1,0 +1,1 @@
+"""The corrected position for others: NMEA sentences, and a live view."""

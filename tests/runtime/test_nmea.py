@@ -1,0 +1,165 @@
+"""The corrected position as NMEA: read by pynmeagps, and followed by a process that knows nothing else."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pynmeagps import NMEAReader
+
+from lgprjax.formats import MapFile
+from lgprjax.navigation import OF_GNSS, Reason
+from lgprjax.run_records import POSE, Record, RecordKind, Source, pack
+from lgprjax.runtime.config import OutputTable, RuntimeConfig, read_config, write_config
+from lgprjax.runtime.control.compiled import TickResult
+from lgprjax.runtime.control.counter_steer import pose_row, quality_of
+from lgprjax.runtime.main import process_command
+from lgprjax.runtime.output.nmea import Given, sentences
+from lgprjax.runtime.output.program import ADDRESS_FILE
+from lgprjax.runtime.process import RINGS, Heartbeats
+from lgprjax.runtime.ring import Ring
+from lgprjax.runtime.service import SUPERVISOR
+
+_METRES_A_DEGREE = 111_320.0
+
+
+def _read(data: bytes) -> dict[str, object]:
+    found = {}
+    for line in data.splitlines(keepends=True):
+        message = NMEAReader.parse(line)
+        found[message.msgID] = message
+    return found
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_reader_of_receivers_reads_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    latitude, longitude = rng.uniform(-89.0, 89.0), rng.uniform(-180.0, 180.0)
+    if seed % 4 == 0:
+        # Minutes that round to 60, and degrees of few digits.
+        latitude, longitude = math.floor(latitude) + 1.0 - 1e-11, rng.uniform(-1.0, 1.0)
+    heading = 359.9997 if seed % 5 == 0 else rng.uniform(0.0, 360.0)
+    along, cross = rng.uniform(0.005, 3.0, 2)
+    height = rng.uniform(-400.0, 8000.0)
+    given = Given(1.8e9 + rng.uniform(0.0, 86400.0), latitude, longitude, height, heading, along, cross, 4)
+    found = _read(sentences(given))
+    gga, hdt, gst = (found[name] for name in ("GGA", "HDT", "GST"))
+    assert abs(gga.lat - latitude) * _METRES_A_DEGREE < 0.001  # type: ignore[attr-defined]
+    assert abs(gga.lon - longitude) * _METRES_A_DEGREE < 0.001  # type: ignore[attr-defined]
+    assert (gga.quality, gga.alt) == (4, pytest.approx(height, abs=6e-4))  # type: ignore[attr-defined]
+    seconds = gga.time.hour * 3600 + gga.time.minute * 60 + gga.time.second + 1e-6 * gga.time.microsecond  # type: ignore[attr-defined]
+    assert abs((seconds - given.utc_s + 43200.0) % 86400.0 - 43200.0) < 0.006
+    assert abs((hdt.headingT - heading + 180.0) % 360.0 - 180.0) < 6e-4  # type: ignore[attr-defined]
+    assert 0.0 <= hdt.headingT < 360.0  # type: ignore[attr-defined]
+    # The variance of north by turning the ellipse, east likewise.
+    turned = math.radians(heading)
+    north = math.sqrt((along * math.cos(turned)) ** 2 + (cross * math.sin(turned)) ** 2)
+    east = math.sqrt((along * math.sin(turned)) ** 2 + (cross * math.cos(turned)) ** 2)
+    assert gst.stdLat == pytest.approx(north, abs=6e-4)  # type: ignore[attr-defined]
+    assert gst.stdLong == pytest.approx(east, abs=6e-4)  # type: ignore[attr-defined]
+    assert gst.stdMajor == pytest.approx(max(along, cross), abs=6e-4)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("broken", [{"quality": 0}, {"latitude_deg": math.nan}, {"sigma_cross_m": math.inf}])
+def test_no_position_is_said_to_be_none(broken: dict[str, float]) -> None:
+    given = Given(1.8e9, 42.0, -71.0, 30.0, 10.0, 0.02, 0.02, 4)._replace(**broken)  # type: ignore[arg-type]
+    found = _read(sentences(given))
+    assert found["GGA"].quality == 0  # type: ignore[attr-defined]
+    assert found["GGA"].lat == ""  # type: ignore[attr-defined]
+    assert found["HDT"].headingT == ""  # type: ignore[attr-defined]
+
+
+def _result(**values: float) -> TickResult:
+    usual = TickResult(*[0.0] * len(TickResult._fields))
+    return usual._replace(**{"sigma_along_m": 0.03, "sigma_cross_m": 0.02, **values})
+
+
+@pytest.mark.parametrize(
+    ("values", "quality"),
+    [
+        ({}, 4),
+        ({"reasons": float(Reason.GNSS_SILENT), "bounded": 1.0}, 4),
+        ({"reasons": float(Reason.GNSS_SILENT)}, 5),
+        ({"sigma_along_m": 0.2}, 5),
+        ({"sigma_along_m": 0.6}, 6),
+        ({"reasons": float(Reason.CONFLICT), "bounded": 0.0}, 6),
+        ({"reasons": float(OF_GNSS | Reason.POSITION_LOST)}, 6),
+        ({"sigma_cross_m": math.nan}, 0),
+        ({"fused_x_m": math.inf}, 0),
+    ],
+)
+def test_the_quality_is_no_better_than_what_bounds_the_error(values: dict[str, float], quality: int) -> None:
+    assert quality_of(_result(**values)) == quality
+
+
+def test_the_position_is_that_of_the_antenna() -> None:
+    row = np.frombuffer(pose_row(_result(fused_x_m=5.0, fused_yaw_rad=math.pi / 2), 7, 3.0, (2.0, 0.5)), POSE)[0]
+    np.testing.assert_allclose(row["pose"], [4.5, 2.0, math.pi / 2], atol=1e-6)
+
+
+_FOLLOWER = """
+import json, socket, sys
+from pynmeagps import NMEAReader
+host, port = sys.argv[1].split(":")
+seen = []
+with socket.create_connection((host, int(port)), timeout=20.0) as line:
+    reader = NMEAReader(line)
+    heading = sigma = None
+    while len(seen) < 25:
+        _, message = reader.read()
+        if message.msgID == "GGA":
+            place = (message.lat, message.lon, message.quality)
+        elif message.msgID == "HDT":
+            heading = message.headingT
+        elif message.msgID == "GST":
+            seen.append((*place, heading, message.stdLat))
+print(json.dumps(seen))
+"""
+
+
+def test_a_process_that_only_knows_nmea_follows(config: RuntimeConfig, tmp_path: Path) -> None:
+    file, rings = tmp_path / "output.run.toml", tmp_path / "rings"
+    rings.mkdir()
+    write_config(file, config.model_copy(update={"output": OutputTable(nmea_port=0)}))
+    Heartbeats(rings)
+    for name, size in RINGS.items():
+        Ring.create(rings / name, size)
+    poses = Ring(rings / "poses")
+    command = process_command("output", read_config(file), rings, tmp_path, False)
+    sent: list[tuple[float, float, float]] = []
+    with subprocess.Popen(command, env={**os.environ, SUPERVISOR: str(os.getpid())}) as process:
+        try:
+            address, given_up_s = rings / ADDRESS_FILE, time.monotonic() + 60.0
+            while not address.exists() and time.monotonic() < given_up_s:
+                time.sleep(0.05)
+            where = address.read_text(encoding="ascii")
+            with subprocess.Popen([sys.executable, "-c", _FOLLOWER, where], stdout=subprocess.PIPE, text=True) as other:
+                began_s = time.monotonic()
+                while other.poll() is None and time.monotonic() - began_s < 40.0:
+                    x, y, yaw = 0.4 * len(sent), 0.1 * len(sent), 0.01 * len(sent)
+                    result = _result(fused_x_m=x, fused_y_m=y, fused_yaw_rad=yaw)
+                    payload = pose_row(result, time.monotonic_ns(), 30.0, (0.0, 0.0))
+                    poses.put(pack(Record(RecordKind.POSE, Source.CONTROL, 1, time.monotonic_ns(), payload)))
+                    sent.append((x, y, yaw))
+                    time.sleep(0.1)
+                assert other.stdout is not None
+                seen = json.loads(other.stdout.read())
+        finally:
+            process.terminate()
+    with MapFile.open(config.path(config.map)) as source:
+        frame = source.description.frame
+    latitude, longitude = (np.array([row[column] for row in seen]) for column in (0, 1))
+    east, north, _ = frame.to_local(latitude, longitude, np.zeros(len(seen)))
+    way = np.array(sent)
+    at = np.argmin(np.abs(way[:, 0][None] - east[:, None]), axis=1)
+    # Every one of them, in order, to a millimetre.
+    np.testing.assert_array_equal(np.diff(at), 1)
+    assert np.abs(np.stack([east, north], axis=1) - way[at, :2]).max() < 0.001
+    turned = frame.yaw_of_heading(np.array([row[3] for row in seen]), longitude)
+    assert np.abs((turned - way[at, 2] + math.pi) % (2.0 * math.pi) - math.pi).max() < 2e-5
+    assert {row[2] for row in seen} == {4}

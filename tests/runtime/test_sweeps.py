@@ -1,0 +1,136 @@
+"""Sweeps over the wire are the same numbers as sweeps from a drive log: calibrated, looked up, dead channels found."""
+
+import numpy as np
+import pytest
+
+from lgprjax.batch.recording import SweepDrive
+from lgprjax.errors import InputError
+from lgprjax.formats import (
+    DriveDescription,
+    DriveLog,
+    DriveWriter,
+    NavigationTrack,
+    OdometryTrack,
+    SweepRecording,
+    complex_rows,
+)
+from lgprjax.radar import ChannelResponse, sweep_chain, uniform_array
+from lgprjax.runtime.registration.scans import LookUpSweeps, SweepDescription, SweepReader
+from lgprjax.wire import Frame, Sender, Value, decode
+
+_CHANNELS, _STEPS, _SCANS = 5, 41, 96
+_DEAD, _SILENT_SCAN = 3, 70
+_BLOCK = 4
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> DriveLog:
+    """A drive of echoes at random depths, its receiver drifting by 20 %, with a dead channel and a silent scan."""
+    rng = np.random.default_rng(11)
+    frequencies = 1e8 + 5e6 * np.arange(_STEPS)
+    delays = rng.uniform(3e-9, 60e-9, size=(_SCANS, _CHANNELS, 12))
+    echoes = rng.normal(size=delays.shape)[..., None] * np.exp(-2j * np.pi * delays[..., None] * frequencies)
+    drift = (np.linspace(1.0, 1.2, _SCANS) * np.exp(0.5j * np.linspace(0.0, 1.0, _SCANS)))[:, None, None]
+    coupling = 4.0 * np.exp(-2j * np.pi * 2e-9 * frequencies)
+    path = 0.5 * np.exp(-2j * np.pi * 12e-9 * frequencies)
+    sweeps = ((echoes.sum(axis=2) + coupling) * drift).astype(np.complex64)
+    calibration = (path * drift[:, 0]).astype(np.complex64)
+    sweeps[:, _DEAD] = 1e-5 * (rng.normal(size=(_SCANS, _STEPS, 2)) @ [1.0, 1.0j])
+    calibration[_SILENT_SCAN] = 0.0
+    lookup = np.tile(coupling, (_CHANNELS, 1)).astype(np.complex64)
+    time_s, span = np.arange(_SCANS) / 126.0, np.array([0.0, 1.0])
+    still, ones = np.zeros(2), np.ones(2)
+    navigation = NavigationTrack(
+        span,
+        still + 42.0,
+        still - 71.0,
+        still,
+        still,
+        still,
+        0.01 * ones,
+        0.01 * ones,
+        0.01 * ones,
+        0.1 * ones,
+        0.1 * ones,
+    )
+    gain, delay = rng.uniform(0.9, 1.1, _CHANNELS), rng.uniform(-0.3, 0.3, _CHANNELS)
+    recording = SweepRecording(frequencies, lookup, path.astype(np.complex64), 12.0, gain, delay)
+    description = DriveDescription(
+        name="swept",
+        t0_utc="2026-01-01T00:00:00",
+        array=uniform_array(_CHANNELS, 0.127, height_m=0.3, scan_period_s=1.0 / 126.0),
+        recording=recording,
+        navigation=navigation,
+        odometry=OdometryTrack(span, span),
+        truth=None,
+        vehicle=None,
+        provenance={"program": "test"},
+    )
+    file = tmp_path_factory.mktemp("swept") / "swept.drive.h5"
+    with DriveWriter.create(file, description, channels=_CHANNELS, dtype=np.complex64) as writer:
+        writer.append_sweeps(time_s, sweeps, calibration)
+    return DriveLog.open(file)
+
+
+def _recording(log: DriveLog) -> SweepRecording:
+    assert isinstance(log.description.recording, SweepRecording)
+    return log.description.recording
+
+
+def _frames(log: DriveLog, width: int) -> list[Frame]:
+    sweeps, calibration, _ = log.read_sweeps(0, log.scans)
+    sender, frames = Sender(9), []
+    for number, rows in enumerate(np.concatenate([sweeps, calibration[:, None]], axis=1)):
+        parts = np.stack([rows.real, rows.imag], axis=-1)
+        scale = 1.0 if width == 8 else float(np.abs(parts).max()) / 32767.0
+        data = (parts.astype("<f4") if width == 8 else np.round(parts / scale).astype("<i2")).tobytes()
+        fields: dict[str, Value] = {"rows": _CHANNELS + 1, "steps": _STEPS, "width": width, "scale": scale}
+        fields |= {"scan": number, "valid": 31, "data": data}
+        frame = sender.frame("radar_sweep", fields, mode=0, mono_ns=number)
+        frames.append(decode(frame))
+    return frames
+
+
+def _reader(log: DriveLog, **changes: int) -> SweepReader:
+    known = _recording(log)
+    radar = SweepDescription(_CHANNELS, _STEPS, 1e8, 5e6, 12.0, 1.0 / 126.0)._replace(**changes)
+    lookup = LookUpSweeps(known.lookup_sweeps, known.lookup_calibration_sweep)
+    response = ChannelResponse(known.response.gain, known.response.delay_ns)
+    return SweepReader(radar, lookup, response, _BLOCK, "socket://radar:1")
+
+
+@pytest.mark.parametrize(("width", "off"), [(8, 1e-6), (4, 2e-3)])
+def test_frames_give_what_the_drive_log_gives(log: DriveLog, width: int, off: float) -> None:
+    reader, frames = _reader(log), _frames(log, width)
+    blocks = [reader.read(frames[low : low + _BLOCK]) for low in range(0, _SCANS, _BLOCK)]
+    recorded, valid = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    offline = next(SweepDrive(log, _recording(log)).blocks(_SCANS))
+    # A dead channel is known after the 64 scans by which a drive log is judged too.
+    known = np.arange(_SCANS) >= 64
+    np.testing.assert_array_equal(valid[known], offline.valid[known])
+    assert not valid[_SILENT_SCAN].any()
+    assert not valid[known, _DEAD].any()
+    living = offline.valid
+    level = np.abs(offline.recorded[living]).max()
+    assert np.abs(recorded[living] - offline.recorded[living]).max() <= off * level
+
+
+def test_the_matrices_are_those_of_the_drive_log(log: DriveLog) -> None:
+    settings = sweep_chain(_recording(log).frequencies_hz, 0.04)
+    operators = _reader(log).operators(settings, 200, 0.3)
+    offline = SweepDrive(log, _recording(log)).operator(settings, 200)
+    np.testing.assert_allclose(np.asarray(operators(1.0)), np.asarray(offline), atol=1e-7)
+    assert np.asarray(operators(1.03)).shape == (2 * _STEPS, 200)
+
+
+def test_what_does_not_fit_is_one_line_or_no_data(log: DriveLog) -> None:
+    with pytest.raises(InputError, match=r"radar_lookup: expected \(6, 41\) channels and steps, found \(5, 41\)"):
+        _reader(log, channels=6)
+    frame = _frames(log, 4)[0]
+    with pytest.raises(ValueError, match="numbers of 4 or 8 bytes were expected, found 2"):
+        complex_rows(frame._replace(fields={**frame.fields, "width": 2}))
+    short = frame._replace(fields={**frame.fields, "steps": 20, "data": bytes(6 * 20 * 4)})
+    assert not _reader(log).read([short])[1].any()
+    narrow = sweep_chain(np.linspace(8e8, 2e9, 61), 0.04)
+    with pytest.raises(InputError, match="half of the map's band"):
+        _reader(log).operators(narrow, 200, 0.3)
