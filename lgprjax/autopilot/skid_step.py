@@ -15,7 +15,7 @@ from lgprjax.autopilot.limiter import (
     limit_skid_command,
     slowed,
 )
-from lgprjax.coverage.field import Tool
+from lgprjax.coverage.field import Outline, Tool, outline_of
 from lgprjax.coverage.guidance import (
     CarrotPlan,
     CarrotSettings,
@@ -152,7 +152,7 @@ class SkidSetup(NamedTuple):
 
     Attributes:
         vehicle: its limits.
-        tool: its rectangle.
+        tool: its rectangle; outline: of vehicle and tool, for the fence.
         model, rules: of the filter and its gates.
         health: when navigation stops the vehicle.
         carrot: of the guidance.
@@ -165,6 +165,7 @@ class SkidSetup(NamedTuple):
 
     vehicle: SkidSteer
     tool: Tool
+    outline: Outline
     model: SkidModel
     rules: GateRules
     health: SkidHealthRules
@@ -186,6 +187,7 @@ def skid_setup(
     threshold_mps: float = 0.0,
     reaction_s: float = 0.5,
     carrot: CarrotSettings | None = None,
+    outline: Outline | None = None,
 ) -> SkidSetup:
     """Settings for a small machine at walking speed; those of the parts follow from the vehicle's limits.
 
@@ -195,10 +197,12 @@ def skid_setup(
         threshold_mps: of the wheels' difference, or a little more.
         reaction_s: from a fix to the wheels: age of the pose, tick, delay and lag.
         carrot: of the guidance; None for the default.
+        outline: of vehicle and tool; None for track and tool.
     """
     return SkidSetup(
         vehicle=vehicle,
         tool=tool,
+        outline=outline_of(tool, track_m=float(vehicle.track_m)) if outline is None else outline,
         model=model,
         rules=skid_rules(),
         health=default_skid_health(),
@@ -301,7 +305,7 @@ def init_skid(setup: SkidSetup, x_m: Float[Array, ""], y_m: Float[Array, ""]) ->
 def step_skid(
     setup: SkidSetup,
     route: CoverRoute,
-    fence: Float[Array, "corner 2"],
+    fence: Float[Array, "side 2 2"],
     state: SkidState,
     motion: SkidMotion,
     observations: SkidObservations,
@@ -408,7 +412,7 @@ def _near_one(part: Float[Array, ""]) -> Float[Array, ""]:
 
 def _edge(
     setup: SkidSetup,
-    fence: Float[Array, "corner 2"],
+    fence: Float[Array, "side 2 2"],
     pose: VehiclePose,
     arcs: tuple[WheelSpeeds, WheelSpeeds],
     drives: Bool[Array, ""],
@@ -420,8 +424,8 @@ def _edge(
     """
     requested, measured = arcs
     track, rules = setup.vehicle.track_m, setup.stop
-    along_requested = edge_ahead(rules, fence, setup.tool, track, pose, requested, sigma_m)
-    along_measured = edge_ahead(rules, fence, setup.tool, track, pose, measured, sigma_m)
+    along_requested = edge_ahead(rules, fence, setup.outline, track, pose, requested, sigma_m)
+    along_measured = edge_ahead(rules, fence, setup.outline, track, pose, measured, sigma_m)
     some = jnp.isfinite(requested.left_mps + requested.right_mps)
     return (drives & some & along_requested) | along_measured
 

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 
-from lgprjax.coverage import CarrotSettings, PatternSettings, Tool, default_carrot
+from lgprjax.coverage import CarrotSettings, Outline, PatternSettings, Tool, default_carrot, outline_of
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile, with_values
 from lgprjax.navigation import FilterModel, SkidModel, default_model, default_skid_model
@@ -148,11 +148,12 @@ def _needed(path: str | Path, place: str, value: float | None) -> float:
 
 
 class SkidVehicle(NamedTuple):
-    """A skid-steer vehicle: kinematics, navigation model and tool."""
+    """A skid-steer vehicle: kinematics, navigation model, tool, and the outline of vehicle and tool."""
 
     vehicle: SkidSteer
     model: SkidModel
     tool: Tool
+    outline: Outline
 
 
 def skid_setup_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> SkidVehicle:
@@ -181,7 +182,25 @@ def skid_setup_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Sk
         gnss_x_m=vehicle.navigation.gnss_x_m or 0.0,
         gnss_y_m=vehicle.navigation.gnss_y_m or 0.0,
     )
-    return SkidVehicle(steer, model, tool)
+    return SkidVehicle(steer, model, tool, outline_of_vehicle(vehicle, path))
+
+
+def outline_of_vehicle(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Outline:
+    """The rectangle around track, tool and, where the file has one, the body.
+
+    Raises:
+        InputError: another kind of vehicle, or a required number is not in the file.
+    """
+    body = vehicle.body
+    stated = [body.front_m, body.rear_m, body.left_m, body.right_m]
+    track_m = _skid_needed(path, "skid_steer.track_m", vehicle.skid_steer.track_m)
+    if all(each is None for each in stated):
+        return outline_of(tool_of(vehicle, path), track_m=track_m)
+    front, rear, left, right = (
+        _skid_needed(path, f"body.{name}_m", value)
+        for name, value in zip(("front", "rear", "left", "right"), stated, strict=True)
+    )
+    return outline_of(tool_of(vehicle, path), Outline(front, -rear, left, -right), track_m=track_m)
 
 
 def tool_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Tool:

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from lgprjax import __version__
 from lgprjax.coverage.field import Field, Tool
+from lgprjax.coverage.ground import SafeGround
 from lgprjax.coverage.pattern import Pattern
 from lgprjax.coverage.swaths import Line, PatternSettings
 from lgprjax.coverage.turns import HeadlandTurn, Pose
@@ -41,6 +42,8 @@ class CoverPlan(NamedTuple):
         tool: of the vehicle.
         vehicle_name, vehicle_sha256: of that vehicle's file.
         made_by: program and version.
+        ground: declared safe to drive on; ``None``: around the field, as far as the plan's turns need.
+        keep_outs_m: rings, with their buffers, that nothing may reach into.
     """
 
     name: str
@@ -50,6 +53,8 @@ class CoverPlan(NamedTuple):
     vehicle_name: str
     vehicle_sha256: str
     made_by: str = f"lgprjax {__version__}"
+    ground: SafeGround | None = None
+    keep_outs_m: tuple[Float[np.ndarray, "corner 2"], ...] = ()
 
 
 def write_cover_plan(
