@@ -164,7 +164,8 @@ def join_spans(spans: list[tuple[float, float]], gap_m: float) -> tuple[tuple[fl
 
 # In which order lines are driven, and which lines of a concave field belong together.
 
-Order = Literal["zamboni", "boustrophedon"]
+Order = Literal["zamboni", "boustrophedon", "racetrack", "free"]
+ORDERS = ("zamboni", "boustrophedon", "racetrack", "free")
 Span = tuple[float, float]
 
 
@@ -260,7 +261,7 @@ class PatternSettings:
 
     tool_width_m: float
     overlap: float
-    order: Literal["zamboni", "boustrophedon"]
+    order: Literal["zamboni", "boustrophedon", "racetrack", "free"]
     smallest_radius_m: float
     turning_room_m: float
     tool_ahead_m: float
@@ -268,8 +269,8 @@ class PatternSettings:
     heading_rad: float | None = None
 
     def __post_init__(self) -> None:
-        if self.order not in ("zamboni", "boustrophedon"):
-            raise InputError("pattern", "order", "zamboni or boustrophedon", str(self.order))
+        if self.order not in ORDERS:
+            raise InputError("pattern", "order", ", ".join(ORDERS), str(self.order))
         ranges = (
             ("tool_width_m", "a width above zero", self.tool_width_m > 0.0),
             ("overlap", "a fraction from 0 to below 1", 0.0 <= self.overlap < 1.0),

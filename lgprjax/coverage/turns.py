@@ -75,7 +75,7 @@ def poses_along(start: Pose, pieces: Pieces, arc_m: Float[np.ndarray, " point"])
     number = np.clip(np.searchsorted(begins_m, arc_m, side="right") - 1, 0, len(length))
     ahead = np.where(length < 0.0, -1.0, 1.0)
     within = (arc_m - begins_m[number]) * np.append(ahead, ahead[-1:])[number]
-    bend = np.where(within < 0.0, 0.0, np.append(curvature, 0.0)[number])
+    bend = np.where(arc_m < 0.0, 0.0, np.append(curvature, 0.0)[number])
     x, y = _chord(knots[number, 2], within, bend)
     return np.asarray(knots[number] + np.stack([x, y, within * bend], axis=1))
 
