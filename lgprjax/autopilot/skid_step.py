@@ -22,6 +22,7 @@ from lgprjax.coverage.guidance import (
     CarrotState,
     CoverRoute,
     default_carrot,
+    gear_at,
     init_carrot,
     pursuit_along,
     step_carrot,
@@ -338,7 +339,9 @@ def step_skid(
     drives = orders.engaged & orders.drives
 
     grip = _grip(filtered.estimate)
-    now = 0.5 * (last.left_mps * grip.left_mps + last.right_mps * grip.right_mps)
+    gear = gear_at(route, state.carrot.arc_m)
+    # Along the way: in reverse the wheels turn backwards.
+    now = gear * 0.5 * (last.left_mps * grip.left_mps + last.right_mps * grip.right_mps)
     change = setup.rise_mps2 * jnp.fmax(step_s, 0.0)
     wanted_mps = jnp.minimum(jnp.minimum(orders.set_speed_mps, orders.speed_cap_mps), health.speed_cap_mps)
     # A ramp's step closer to the wanted speed, never backward.
@@ -348,7 +351,7 @@ def step_skid(
     slower = jnp.minimum(speed, jnp.maximum(plan.speed_limit_mps, now - change))
     track = setup.model.track_m / _near_one(filtered.estimate.mean[TURN_SCALE])
     requested = _requested_wheels(
-        setup, grip, wheel_speeds(track, speed, plan.yaw_rate_radps), slower / _positive(speed)
+        setup, grip, wheel_speeds(track, gear * speed, plan.yaw_rate_radps), slower / _positive(speed)
     )
     pulses, pulsed = step_pulses(setup.threshold_mps, state.pulses, requested, step_s)
 

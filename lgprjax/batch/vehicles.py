@@ -1,11 +1,12 @@
 """Parts of a vehicle file for kinematics, simulation, navigation and the runtime."""
 
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 
 from lgprjax.coverage import CarrotSettings, Outline, PatternSettings, Tool, default_carrot, outline_of
+from lgprjax.coverage.swaths import Order
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile, with_values
 from lgprjax.navigation import FilterModel, SkidModel, default_model, default_skid_model
@@ -237,7 +238,7 @@ def pattern_settings_of(
     path: str | Path = "vehicle file",
     *,
     overlap: float,
-    order: Literal["zamboni", "boustrophedon"],
+    order: Order,
     turning_room_m: float,
     heading_rad: float | None,
 ) -> PatternSettings:

@@ -70,7 +70,9 @@ class Breach(NamedTuple):
 def safe_ground(shape: Any, clearance_m: float) -> SafeGround:
     """Ground of a shapely polygon or several; pieces and holes of next to no area are left out."""
     parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and part.area > 1e-3]
-    return SafeGround(tuple(tuple(_ring(each) for each in (part.exterior, *part.interiors)) for part in parts), clearance_m)
+    return SafeGround(
+        tuple(tuple(_ring(each) for each in (part.exterior, *part.interiors)) for part in parts), clearance_m
+    )
 
 
 def _ring(ring: Any) -> Float[np.ndarray, "corner 2"]:
@@ -141,9 +143,7 @@ def buffered(ring_m: Corners, buffer_m: float) -> Corners:
 # The check.
 
 
-def ground_of_plan(
-    pattern: Pattern, ground: SafeGround | None, outline: Outline, *, spare_m: float
-) -> SafeGround:
+def ground_of_plan(pattern: Pattern, ground: SafeGround | None, outline: Outline, *, spare_m: float) -> SafeGround:
     """The ground that a plan declares safe; where it declares none, what vehicle and tool need and some spare room.
 
     Args:

@@ -26,7 +26,7 @@ _MOST_CELLS = 1_500_000
 _FINEST_M = 0.1
 _BATCH = 96
 _MOST_TRIED = 768
-_EXACT = 12
+_EXACT = 40
 _CUSP_M = 1.5
 """Cost of a change between forward and reverse, as way."""
 _REVERSE = 1.3
@@ -96,9 +96,7 @@ class Terrain:
         """Whether the outline may be within the ground at poses: never no where it is."""
         cos, sin = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
         x, y = self._edge_m.T
-        places = np.stack(
-            [poses[..., 0, None] + cos * x - sin * y, poses[..., 1, None] + sin * x + cos * y], axis=-1
-        )
+        places = np.stack([poses[..., 0, None] + cos * x - sin * y, poses[..., 1, None] + sin * x + cos * y], axis=-1)
         least_m = self.ground.clearance_m - _SLACK_M - 0.7 * (self.cell_m - _FINEST_M)
         good: Bool[np.ndarray, "*shape"] = (self.away_m[self.cells(places)] > max(least_m, 0.0)).all(axis=-1)
         return good
@@ -164,6 +162,13 @@ def find_joint(
     cost = _cost_m(lengths)
     order = np.argsort(cost)
     order = order[np.isfinite(cost[order]) & (cost[order] < limit_m)][:_MOST_TRIED]
+    # Where pieces join first: most ways fail there already.
+    begins = np.cumsum(np.abs(lengths[order]), axis=1)
+    halves = begins - 0.5 * np.abs(lengths[order])
+    if len(order):
+        order = order[
+            _clear(terrain, start, lengths[order], bends[order], np.concatenate([begins, halves], axis=1), end, band)[0]
+        ]
     exact = 0
     best: Joint | None = None
     for begin in range(0, len(order), _BATCH):
@@ -231,18 +236,32 @@ def _pass(
     """Which ways the raster lets pass, and how much of each is over unworked ground of the swath to come."""
     way_m = np.abs(lengths).sum(axis=1)
     count = int(np.ceil(way_m.max() / _STEP_M)) + 2
-    poses = sample(start, lengths, bends, way_m[:, None] * np.linspace(0.0, 1.0, count)[None])
+    arc_m = way_m[:, None] * np.linspace(0.0, 1.0, count)[None]
+    good, over = _clear(terrain, start, lengths, bends, arc_m, end, band)
+    return good, over * way_m / count
+
+
+def _clear(
+    terrain: Terrain,
+    start: Float[np.ndarray, "3"],
+    lengths: Float[np.ndarray, "way piece"],
+    bends: Float[np.ndarray, "way piece"],
+    arc_m: Float[np.ndarray, "way place"],
+    end: Float[np.ndarray, "3"],
+    band: tuple[float, float],
+) -> tuple[Bool[np.ndarray, " way"], Float[np.ndarray, " way"]]:
+    """Which ways are clear at all of their places, and at how many of them on unworked ground of the swath to come."""
+    poses = sample(start, lengths, bends, arc_m)
     raw = terrain.unworked[terrain.cells(poses[..., :2])]
     away = poses[..., :2] - end[:2]
     cos, sin = math.cos(end[2]), math.sin(end[2])
     ahead, aside = away[..., 0] * cos + away[..., 1] * sin, away[..., 1] * cos - away[..., 0] * sin
     own = (np.abs(aside) <= band[0]) & (ahead <= 0.0) & (ahead >= -band[1])
     good = ~(raw & ~own).any(axis=1)
-    extra_m = (raw & own).sum(axis=1) * way_m / count
     few = np.flatnonzero(good)
     if len(few):
         good[few] = terrain.fits(poses[few]).all(axis=1)
-    return good, extra_m
+    return good, (raw & own).sum(axis=1).astype(np.float64)
 
 
 def sample(

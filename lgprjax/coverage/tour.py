@@ -15,7 +15,7 @@ import shapely
 from jaxtyping import Float
 from scipy import ndimage
 
-from lgprjax.coverage.field import Corners, Field, Outline
+from lgprjax.coverage.field import Corners, Field, Outline, Tool
 from lgprjax.coverage.ground import SafeGround, pose_on_line
 from lgprjax.coverage.joints import Joint, Terrain, cusps, find_joint, joined
 from lgprjax.coverage.pattern import Pattern, pattern_of
@@ -31,8 +31,16 @@ _GAP_SHARE = 5e-4
 _MOST_GAP_SWATHS = 400
 _NEXT = 6
 """Swaths tried in earnest each time."""
-_MOST_ENTRIES = 40
-_MOST_BACK = 6
+_EDGES_M = (0.06, 0.0, -0.06, -0.12)
+"""How far beyond a gap's edge the tool's own may lie."""
+_HEADINGS = 3
+_ENOUGH = 0.985
+"""Share of what can be worked that is worked, from which no other heading is tried."""
+_ROUNDS = 3
+_MOST_ENTRIES = 24
+_MOST_BACK = 5
+_GOALS = 5
+_HUBS = 12
 _LAST_PHASE = 2
 
 
@@ -77,6 +85,7 @@ def plan_tour(
     ground: SafeGround,
     keep_outs_m: Sequence[Corners],
     settings: PatternSettings,
+    tool: Tool,
     outline: Outline,
     *,
     name: str,
@@ -89,7 +98,7 @@ def plan_tour(
         keep_outs_m: rings, with their buffers.
         settings: of the pattern; its order and its turning room are not used. Without a heading the one with the
             least estimated cost is taken.
-        outline: of vehicle and tool.
+        tool: that works; outline: of vehicle and tool.
         name: of the field, or its file, for errors.
 
     Raises:
@@ -99,13 +108,24 @@ def plan_tour(
     if keep_outs_m:
         target = shapely.difference(target, shapely.union_all([shapely.Polygon(each) for each in keep_outs_m]))
     terrain = Terrain(ground, target, outline)
-    layer = _Layer(terrain, target, settings)
+    layer = _Layer(terrain, target, settings, tool)
     headings = [settings.heading_rad] if settings.heading_rad is not None else _headings(field, ground)
-    laid = min((layer.lay(each) for each in headings), key=lambda each: each.cost_m)
-    swaths = layer.fill(laid.swaths, headings)
-    if not swaths:
+    laid = sorted((layer.lay(each) for each in headings), key=lambda each: each.cost_m)
+    best: Tour | None = None
+    untouched = terrain.unworked
+    for each in laid[:_HEADINGS]:
+        terrain.unworked = untouched.copy()
+        swaths = layer.fill(each.swaths, headings)
+        if not swaths:
+            continue
+        tour = _string(field, terrain, layer, swaths, headings, settings, name)
+        if best is None or tour.worked_m2 > best.worked_m2 + 1e-3 * tour.target_m2:
+            best = tour
+        if best.worked_m2 >= _ENOUGH * layer.open_m2:
+            break
+    if best is None:
         raise _nowhere(target, ground, outline, name)
-    return _string(field, terrain, layer, swaths, settings, name)
+    return best
 
 
 def _nowhere(target: Any, ground: SafeGround, outline: Outline, name: str) -> InputError:
@@ -142,8 +162,12 @@ class _Laid(NamedTuple):
 class _Layer:
     """Lays swaths where vehicle and tool fit."""
 
-    def __init__(self, terrain: Terrain, target: Any, settings: PatternSettings) -> None:
+    def __init__(self, terrain: Terrain, target: Any, settings: PatternSettings, tool: Tool) -> None:
         self.terrain, self.settings, self._target = terrain, settings, target
+        self._half_length_m = 0.5 * tool.length_m
+        # Nearer to the border of the ground than the clearance no tool gets.
+        self._open = terrain.target & (terrain.away_m > terrain.ground.clearance_m + 0.5 * terrain.cell_m)
+        self.open_m2 = float(np.count_nonzero(self._open)) * terrain.cell_m**2
         outline = terrain.outline
         half_m = 0.5 * settings.tool_width_m
         # What the tool must stay off where the vehicle is wider than it, or has to keep clear.
@@ -151,6 +175,7 @@ class _Layer:
         # Turning away from a wall the tail swings towards it.
         side_m = settings.smallest_radius_m + max(outline.left_m, -outline.right_m)
         swing_m = math.hypot(side_m, outline.rear_m) - side_m
+        self._swing_m = swing_m
         edge_m = max(wider_m, 0.0) + swing_m + _SAFE_M
         self._within = shapely.intersection(target, terrain.ground.kept.buffer(-edge_m, join_style="mitre"))
         self._turned: dict[float, tuple[Any, Any]] = {}
@@ -199,13 +224,15 @@ class _Layer:
             shut = _extents(shapely.difference(band, kept))
             ahead, behind = outline.front_m - settings.tool_ahead_m, outline.rear_m - settings.tool_ahead_m
             low, high = (behind, ahead) if forward else (-ahead, -behind)
-            free[forward] = [(a - low + _SAFE_M, b - high - _SAFE_M) for a, b in _between(shut, band) if b - a > high - low]
+            free[forward] = [
+                (a - low + _SAFE_M, b - high - _SAFE_M) for a, b in _between(shut, band) if b - a > high - low
+            ]
         for a, b in wanted:
             if b - a < 1e-6:
                 continue
             spans = {forward: [(max(a, low), min(b, high)) for low, high in free[forward]] for forward in free}
             # The tool works its own length at any moment.
-            reach = 0.5 * min(self._tool_length_m, 0.3)
+            reach = self._half_length_m
             for forward in spans:
                 spans[forward] = [(low, high) for low, high in spans[forward] if high - low > -2.0 * reach]
             covered = {forward: sum(max(high - low, 0.0) for low, high in spans[forward]) for forward in spans}
@@ -219,21 +246,17 @@ class _Layer:
             missed_m += b - a - sum(high - low for low, high in chosen)
         return swaths, missed_m
 
-    @property
-    def _tool_length_m(self) -> float:
-        return 2.0 * (self.terrain.outline.front_m - self.settings.tool_ahead_m)
-
-    def fill(self, swaths: list[_Swath], headings: Sequence[float]) -> list[_Swath]:
-        """The swaths, and more of them over what they leave and a tool can reach."""
+    def fill(self, swaths: Sequence[_Swath], headings: Sequence[float], banned: Sequence[_Swath] = ()) -> list[_Swath]:
+        """The swaths, and more of them over what they leave and a tool can reach; none like those that are banned."""
         terrain, settings = self.terrain, self.settings
         half_m = 0.5 * settings.tool_width_m
-        open_cells = terrain.target.copy()
+        open_cells = self._open.copy()
         for each in swaths:
             self.mark(open_cells, each)
         every = list(swaths)
         cell_m2 = terrain.cell_m**2
         least = max(_GAP_M2, _GAP_SHARE * float(self._target.area)) / cell_m2
-        ways = list(dict.fromkeys([*headings[:4], *self._border_headings()]))
+        ways = list(headings[:4])
         for _ in range(_MOST_GAP_SWATHS):
             labels, count = ndimage.label(open_cells)
             if count == 0:
@@ -253,8 +276,12 @@ class _Layer:
                 if np.ptp(y) > settings.tool_width_m:
                     shifts = (float(y.min()) + half_m, float(y.max()) - half_m)
                 else:
-                    rest = half_m - 0.5 * float(np.ptp(y))
-                    shifts = tuple(middle + share * rest for share in (0.0, -0.95, 0.95, -0.5, 0.5))
+                    # In the middle of the gap, or with an edge of the tool about at one of the gap's.
+                    edges = (float(y.max()) - half_m, float(y.min()) + half_m)
+                    shifts = (
+                        middle,
+                        *(at + sign * more for at, sign in zip(edges, (1.0, -1.0), strict=True) for more in _EDGES_M),
+                    )
                 for across_m in shifts:
                     near = np.abs(y - across_m) <= half_m
                     if not near.any():
@@ -263,6 +290,8 @@ class _Layer:
                     if high - low < _LEAST_LINE_M:
                         low, high = low - 0.5 * _LEAST_LINE_M, high + 0.5 * _LEAST_LINE_M
                     for swath in self.single(heading, across_m, low, high):
+                        if any(_alike(swath, other) for other in banned):
+                            continue
                         part, within = terrain.in_rectangle(swath.start_m, swath.end_m, half_m, self._half_length_m)
                         gain = float(np.count_nonzero(open_cells[part] & within))
                         worth = gain / (float(np.hypot(*(swath.end_m - swath.start_m))) + 6.0)
@@ -284,6 +313,8 @@ class _Layer:
             left, right = outline.left_m - settings.tool_left_m, outline.right_m - settings.tool_left_m
             bottom, top = (across_m + right, across_m + left) if forward else (across_m - left, across_m - right)
             length_m = outline.front_m - outline.rear_m + 0.5
+            # A swath along a wall with no room for the tail to swing is one that nothing leads to.
+            bottom, top = bottom - self._swing_m, top + self._swing_m
             band = shapely.box(low_m - length_m, bottom, high_m + length_m, top)
             shut = _extents(shapely.difference(band, kept))
             ahead, behind = outline.front_m - settings.tool_ahead_m, outline.rear_m - settings.tool_ahead_m
@@ -296,18 +327,11 @@ class _Layer:
                 found.append(_Swath(*(self._out(heading_rad, each, across_m) for each in ends), False))
         return found
 
-    @property
-    def _half_length_m(self) -> float:
-        return 0.0
-
     def mark(self, cells: np.ndarray, swath: _Swath) -> None:
         """Take out of cells what a swath works."""
         half_m = 0.5 * self.settings.tool_width_m
         part, within = self.terrain.in_rectangle(swath.start_m, swath.end_m, half_m, self._half_length_m)
         cells[part] &= ~within
-
-    def _border_headings(self) -> list[float]:
-        return []
 
     def _ways_near(self, places: Float[np.ndarray, "cell 2"], ways: Sequence[float]) -> list[float]:
         """The headings, and those of the ground's border next to a gap."""
@@ -351,6 +375,13 @@ class _Layer:
         return np.array([along_m * cos - across_m * sin, along_m * sin + across_m * cos])
 
 
+def _alike(one: _Swath, other: _Swath) -> bool:
+    """Whether two swaths end at about the same place and heading."""
+    a, b = one.end_m - one.start_m, other.end_m - other.start_m
+    lengths = float(np.hypot(*a) * np.hypot(*b))
+    return bool(np.hypot(*(one.start_m - other.start_m)) < 0.5 and float(a @ b) > 0.95 * lengths)
+
+
 def _box(shape: Any, bottom_m: float, top_m: float) -> Any:
     low, _, high, _ = shapely.bounds(shape)
     return shapely.box(low - 100.0, bottom_m, high + 100.0, top_m)
@@ -390,7 +421,13 @@ def _between(shut: list[tuple[float, float]], band: Any) -> list[tuple[float, fl
 
 
 def _string(
-    field: Field, terrain: Terrain, layer: _Layer, swaths: list[_Swath], settings: PatternSettings, name: str
+    field: Field,
+    terrain: Terrain,
+    layer: _Layer,
+    swaths: list[_Swath],
+    headings: Sequence[float],
+    settings: PatternSettings,
+    name: str,
 ) -> Tour:
     ahead_m, left_m = settings.tool_ahead_m, settings.tool_left_m
     outline, radius_m = terrain.outline, settings.smallest_radius_m
@@ -416,7 +453,7 @@ def _string(
             limit_m=limit_m,
         )
 
-    remaining = [number for number in range(len(swaths))]
+    remaining = list(range(len(swaths)))
     lowest = min(each.phase for each in swaths)
     first = _first(terrain, [each for each in swaths if each.phase == lowest], pose)
     if first is None:
@@ -427,6 +464,7 @@ def _string(
     remaining.remove(number)
     layer.mark(terrain.unworked, swath)
     unworked_m = 0.0
+    rounds, failed = 0, list[_Swath]()
     while remaining:
         phase = min(swaths[each].phase for each in remaining)
         found = None
@@ -436,7 +474,18 @@ def _string(
             if found is not None:
                 break
         if found is None:
-            break
+            # What no way leads to is tried by other swaths.
+            rounds += 1
+            failed += [swaths[each] for each in remaining]
+            if rounds > _ROUNDS:
+                break
+            done = [each for _, each in driven]
+            fresh = layer.fill(done, headings, failed)[len(done) :]
+            if not fresh:
+                break
+            remaining = list(range(len(swaths), len(swaths) + len(fresh)))
+            swaths = [*swaths, *fresh]
+            continue
         _, number, swath, pieces = found
         driven.append((number, swath))
         ways.append(pieces)
@@ -511,18 +560,10 @@ def _next(
                 entries.append((_about_m(here, pose(entry), radius_m), number, entry))
         entries.sort(key=lambda entry: entry[0])
         if depth > 0:
-            entries = entries[: 2 * _NEXT]
-        best: _Found | None = None
-        tried = 0
-        for about_m, number, entry in entries:
-            if best is not None and (tried >= _NEXT or about_m > best[0]):
-                break
-            if tried >= _MOST_ENTRIES:
-                break
-            found = joint(here, length_m, entry, math.inf if best is None else best[0])
-            tried += 1
-            if found is not None and (best is None or found.cost_m < best[0]):
-                best = (found.cost_m, number, entry, found.pieces)
+            entries = entries[:_NEXT]
+        best = _direct(here, length_m, entries, joint)
+        if best is None and depth == 0:
+            best = _by_hub(terrain, here, length_m, entries, driven, pose, joint, radius_m)
         if best is not None:
             if not retraced:
                 return best
@@ -533,4 +574,53 @@ def _next(
         back = np.concatenate([[[-length_m, 0.0]], ways[-1 - depth][::-1] * np.array([-1.0, 1.0])])
         retraced.append(back)
         retraced_m += float(np.abs(back[:, 0]).sum())
+    return None
+
+
+def _direct(here: np.ndarray, back_m: float, entries: list[tuple[float, int, _Swath]], joint: Any) -> _Found | None:
+    """The cheapest of the nearest swaths that one way leads to."""
+    best: _Found | None = None
+    for tried, (about_m, number, entry) in enumerate(entries[:_MOST_ENTRIES]):
+        if best is not None and (tried >= _NEXT or about_m > best[0]):
+            break
+        found = joint(here, back_m, entry, math.inf if best is None else best[0])
+        if found is not None and (best is None or found.cost_m < best[0]):
+            best = (found.cost_m, number, entry, found.pieces)
+    return best
+
+
+def _by_hub(
+    terrain: Terrain,
+    here: np.ndarray,
+    back_m: float,
+    entries: list[tuple[float, int, _Swath]],
+    driven: list[tuple[int, _Swath]],
+    pose: Any,
+    joint: Any,
+    radius_m: float,
+) -> _Found | None:
+    """By way of a pose on a swath driven before, either way round: where no single way leads."""
+    hubs = []
+    for _, swath in driven:
+        start, end = pose(swath), pose(swath, at_end=True)
+        for share in (0.0, 0.5, 1.0):
+            at = start + share * (end - start)
+            hubs += [at, at + np.array([0.0, 0.0, math.pi])]
+    held = np.array(hubs)
+    held = held[terrain.fits(held)]
+    for _, number, entry in entries[:_GOALS]:
+        goal = pose(entry)
+        apart_m = np.hypot(*(held[:, :2] - goal[:2]).T)
+        near = held[np.argsort(apart_m)[:_HUBS]]
+        # From the goal's side first: few hubs lead on to it.
+        for hub in near:
+            second = joint(hub, 0.0, entry, math.inf)
+            if second is None:
+                continue
+            first = find_joint(
+                terrain, here, hub, radius_m, back_m=back_m, out_m=radius_m, in_m=radius_m, band=(0.0, 0.0)
+            )
+            if first is not None:
+                pieces = joined(np.concatenate([first.pieces, second.pieces]))
+                return first.cost_m + second.cost_m, number, entry, pieces
     return None
