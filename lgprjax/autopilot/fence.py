@@ -15,7 +15,7 @@ FENCE_SLOTS = (32, 128, 512, 4096)
 """Sides of a padded fence: fences of one size share a program."""
 
 
-def pad_fence(*rings_m: Float[np.ndarray, "corner 2"]) -> Float[Array, "side 2 2"]:
+def pad_fence(*rings_m: Float[np.ndarray, "_ 2"]) -> Float[Array, "side 2 2"]:
     """Sides (start, end) of one or more rings, padded for the step with sides of no length.
 
     What lies within an odd number of rings is inside: a ring within another one is a keep-out.

@@ -118,7 +118,7 @@ class CoverPlanVerb:
     """least share of the tool's width in which neighbouring swaths overlap"""
     order: Literal["zamboni", "boustrophedon", "racetrack", "free", "best"] = "zamboni"
     """zamboni: first, middle, second, ... with wide turns to one side; boustrophedon: each swath next to the last;
-    racetrack: Zamboni in blocks; free: the cheapest next, also round keep-outs and in reverse; best: least time of all"""
+    racetrack: Zamboni in blocks; free: the cheapest next, round keep-outs and in reverse; best: least time of all"""
     turning_room_m: float | None = None
     """distance that the vehicle may go beyond the perimeter, on safe ground; default: as far as the turns need"""
     sides: Annotated[tuple[str, ...], arg(metavar="SIDE:ROOM...")] = ()
@@ -129,12 +129,18 @@ class CoverPlanVerb:
     """distance kept between vehicle or tool and the border of declared ground"""
     speed_mps: float = 0.3
     """speed on straight ways, for times"""
+    confidence: float | None = None
+    """that one pass is to reach everywhere: sets the overlap, and swaths beyond the border where there is room"""
+    drop_out_s: float = 0.0
+    """with --confidence: longest time without GNSS that is to be borne"""
     heading_deg: float | None = None
     """compass heading of the first swath; default: along the first side"""
     gaps: Annotated[Path | None, arg(metavar="R.worked.h5")] = None
     """record of this field: plan only the ground below the level"""
     level: float = 0.95
     """with --gaps: probability from which a cell is left out"""
+    picture: Path | None = None
+    """also draw the plan to this PNG: swaths in their order, turns, keep-outs, fence"""
     json: Path | None = None
     """also write the figures to this file"""
     force: bool = False
@@ -156,9 +162,11 @@ class CoverPlanVerb:
             self.keep_out_buffer_m,
             self.clearance_m,
             self.speed_mps,
+            self.confidence,
+            self.drop_out_s,
         )
         check_plan_options(options, self.level)
-        refuse_existing((self.output, self.json), self.force)
+        refuse_existing((self.output, self.json, self.picture), self.force)
         worked = None if self.gaps is None else read_worked(self.gaps)
         with working("laying lines and turns"):
             made = plan_field(self.field, self.vehicle, options, worked=worked, level=self.level)
@@ -171,14 +179,16 @@ class CoverPlanVerb:
         _print_table(self.output.name, figures)
         if len(made.costs) > 1:
             _print_costs(made)
-        say(
-            f"vehicle and tool keep within {made.ground_m:.2f} m beyond the perimeter: this ground must be safe to drive on"
-        )
+        room = f"{made.ground_m:.2f} m beyond the perimeter"
+        say(f"the whole vehicle with its tool, and the fence, keep within {room}: this ground must be safe to drive on")
         for note in made.notes:
             say(note)
         if plan.pattern.unreached:
             say(f"not reached within this room: {len(plan.pattern.unreached)} swaths, marked unreached in the plan")
         say(f"wrote {self.output}")
+        if self.picture is not None:
+            _draw(made, self.picture, figures, force=self.force)
+            say(f"wrote {self.picture}")
         if self.json is not None:
             write_figures(self.json, figures, force=self.force)
 
@@ -262,6 +272,40 @@ def _plan_figures(made: "FieldPlan", speed_mps: float) -> dict[str, object]:
         "keep_outs": len(plan.keep_outs_m),
         "unreached": len(pattern.unreached),
     }
+
+
+def _draw(made: "FieldPlan", path: Path, figures: dict[str, object], *, force: bool) -> None:
+    import numpy as np
+
+    from lgprjax.coverage.turns import poses_along
+    from lgprjax.report.coverage import CoverPlanPicture, draw_cover_plan
+
+    plan, pattern = made.plan, made.plan.pattern
+    ways: dict[bool, list[np.ndarray]] = {True: [], False: []}
+    for turn in pattern.turns:
+        begins = np.concatenate([[0.0], np.cumsum(np.abs(turn.pieces[:, 0]))])
+        for number, (length_m, _) in enumerate(turn.pieces):
+            inner = np.linspace(begins[number], begins[number + 1], max(math.ceil(abs(length_m) / 0.2), 1) + 1)
+            # A hair before the border, where the next piece may go the other way.
+            inner[-1] -= 1e-9
+            ways[bool(length_m > 0.0)].append(poses_along(turn.start, turn.pieces, inner)[:, :2])
+    seconds = float(str(figures["time_s"]))
+    draw_cover_plan(
+        CoverPlanPicture(
+            title=f"{plan.name}: {len(pattern.lines)} swaths, {pattern.length_m:.0f} m, {seconds / 3600.0:.2f} h",
+            caption=f"Order {pattern.settings.order}; the darker a swath, the earlier. Swaths are of the tool's "
+            "centre, turns of the vehicle's reference point.",
+            perimeter_m=pattern.field.perimeter_m,
+            ground_m=tuple(ring for part in made.ground.polygons_m for ring in part),
+            keep_outs_m=plan.keep_outs_m,
+            swaths_m=tuple(np.stack([line.start_m, line.end_m]) for line in pattern.lines),
+            forward_m=tuple(ways[True]),
+            reverse_m=tuple(ways[False]),
+            width_m=plan.tool.width_m,
+        ),
+        path,
+        force=force,
+    )
 
 
 def _print_costs(made: "FieldPlan") -> None:

@@ -24,6 +24,7 @@ GRID_M = 1e-6
 _TOLERANCE_M = 2e-3
 """By which a way may come nearer to the border than its clearance: arcs of offsets are polygons."""
 _MITRE = 2.0
+_SLIVER_M2 = 1e-3
 _ARC_RAD = 0.05
 
 
@@ -37,7 +38,7 @@ class SafeGround:
             error of tracking, and the way to a stop.
     """
 
-    polygons_m: tuple[tuple[Float[np.ndarray, "corner 2"], ...], ...]
+    polygons_m: tuple[tuple[Float[np.ndarray, "_ 2"], ...], ...]
     clearance_m: float
 
     @cached_property
@@ -69,14 +70,17 @@ class Breach(NamedTuple):
 
 def safe_ground(shape: Any, clearance_m: float) -> SafeGround:
     """Ground of a shapely polygon or several; pieces and holes of next to no area are left out."""
-    parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and part.area > 1e-3]
-    return SafeGround(
-        tuple(tuple(_ring(each) for each in (part.exterior, *part.interiors)) for part in parts), clearance_m
-    )
+    polygons = []
+    for part in shapely.get_parts(shape):
+        if part.geom_type == "Polygon" and part.area > _SLIVER_M2:
+            # Overlays of sides that nearly coincide leave slivers, which are no holes.
+            holes = [each for each in part.interiors if shapely.Polygon(each).area > _SLIVER_M2]
+            polygons.append(tuple(_ring(each) for each in (part.exterior, *holes)))
+    return SafeGround(tuple(polygons), clearance_m)
 
 
-def _ring(ring: Any) -> Float[np.ndarray, "corner 2"]:
-    corners: Float[np.ndarray, "corner 2"] = np.asarray(ring.coords, np.float64)[:-1, :2]
+def _ring(ring: Any) -> Float[np.ndarray, "_ 2"]:
+    corners: Float[np.ndarray, "_ 2"] = np.asarray(ring.coords, np.float64)[:-1, :2]
     return corners
 
 
@@ -90,7 +94,7 @@ def ground_around(perimeter_m: Corners, room_m: float, clearance_m: float) -> Sa
 
 
 def ground_of_sides(
-    perimeter_m: Corners, rooms_m: Sequence[float], keep_outs_m: Sequence[Corners], clearance_m: float
+    perimeter_m: Corners, rooms_m: Sequence[float], keep_outs_m: Sequence[Float[np.ndarray, "_ 2"]], clearance_m: float
 ) -> SafeGround:
     """A field, the ground outside its sides as deep as each is declared, less what must be kept out of.
 
@@ -127,7 +131,7 @@ def ground_of_sides(
     return safe_ground(shape, clearance_m)
 
 
-def buffered(ring_m: Corners, buffer_m: float) -> Corners:
+def buffered(ring_m: Corners, buffer_m: float) -> Float[np.ndarray, "_ 2"]:
     """A keep-out grown by its buffer; its corners are cut at twice that.
 
     Raises:

@@ -15,7 +15,7 @@ import shapely
 from jaxtyping import Float
 from scipy import ndimage
 
-from lgprjax.coverage.field import Corners, Field, Outline, Tool
+from lgprjax.coverage.field import Field, Outline, Tool
 from lgprjax.coverage.ground import SafeGround, pose_on_line
 from lgprjax.coverage.joints import Joint, Terrain, cusps, find_joint, joined
 from lgprjax.coverage.pattern import Pattern, pattern_of
@@ -83,7 +83,7 @@ class Tour(NamedTuple):
 def plan_tour(
     field: Field,
     ground: SafeGround,
-    keep_outs_m: Sequence[Corners],
+    keep_outs_m: Sequence[Float[np.ndarray, "_ 2"]],
     settings: PatternSettings,
     tool: Tool,
     outline: Outline,
@@ -216,7 +216,6 @@ class _Layer:
         swaths, missed_m = [], 0.0
         free: dict[bool, list[tuple[float, float]]] = {}
         for forward in (True, False):
-            sign = 1.0 if forward else -1.0
             # The outline about the tool's centre, in the strip's axes.
             left, right = outline.left_m - settings.tool_left_m, outline.right_m - settings.tool_left_m
             bottom, top = (across_m + right, across_m + left) if forward else (across_m - left, across_m - right)

@@ -57,7 +57,7 @@ class CoverPlan(NamedTuple):
     vehicle_sha256: str
     made_by: str = f"lgprjax {__version__}"
     ground: SafeGround | None = None
-    keep_outs_m: tuple[Float[np.ndarray, "corner 2"], ...] = ()
+    keep_outs_m: tuple[Float[np.ndarray, "_ 2"], ...] = ()
 
 
 def write_cover_plan(
@@ -424,7 +424,7 @@ def _from_geojson(file: Path) -> FieldPlaces:
     return _field(file, outer, keep_outs)
 
 
-def _rings(file: Path, polygon: dict[str, Any]) -> list[Float[np.ndarray, "corner 3"]]:
+def _rings(file: Path, polygon: dict[str, Any]) -> list[Float[np.ndarray, "_ 3"]]:
     """Latitude, longitude and height of a polygon's outer ring, and of its holes."""
     rings = polygon.get("coordinates")
     if polygon["type"] == "MultiPolygon":
@@ -438,12 +438,12 @@ def _rings(file: Path, polygon: dict[str, Any]) -> list[Float[np.ndarray, "corne
 
 def _field(
     file: Path,
-    outer: Float[np.ndarray, "corner 3"],
-    keep_outs: Sequence[tuple[Float[np.ndarray, "corner 3"], float | None]],
+    outer: Float[np.ndarray, "_ 3"],
+    keep_outs: Sequence[tuple[Float[np.ndarray, "_ 3"], float | None]],
 ) -> FieldPlaces:
     """Checked rings; a first corner that is repeated at the end counts once."""
 
-    def opened(ring: Float[np.ndarray, "corner 3"]) -> Float[np.ndarray, "corner 3"]:
+    def opened(ring: Float[np.ndarray, "_ 3"]) -> Float[np.ndarray, "_ 3"]:
         return ring[:-1] if len(ring) > 1 and np.array_equal(ring[0], ring[-1]) else ring
 
     places = _checked(file, opened(outer), driven=False)
@@ -466,7 +466,7 @@ def _from_kml(file: Path) -> FieldPlaces:
     def named(element: ElementTree.Element, name: str) -> list[ElementTree.Element]:
         return [each for each in element.iter() if each.tag.rpartition("}")[2] == name]
 
-    def ring(element: ElementTree.Element) -> Float[np.ndarray, "corner 3"]:
+    def ring(element: ElementTree.Element) -> Float[np.ndarray, "_ 3"]:
         text = " ".join((each.text or "") for each in named(element, "coordinates"))
         places = [_position(file, number, each.split(",")) for number, each in enumerate(text.split())]
         return np.array(places).reshape(-1, 3)
@@ -537,7 +537,7 @@ def _position(file: Path, number: int, position: object) -> tuple[float, float, 
     return latitude, longitude, height
 
 
-def _checked(file: Path, values: Float[np.ndarray, "corner 3"], *, driven: bool) -> FieldPlaces:
+def _checked(file: Path, values: Float[np.ndarray, "_ 3"], *, driven: bool) -> FieldPlaces:
     latitude, longitude, height = values.T
     beyond = (np.abs(latitude) > 90.0) | (np.abs(longitude) > 180.0)
     if beyond.any():

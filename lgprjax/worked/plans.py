@@ -2,13 +2,15 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
 import shapely
+from jaxtyping import Float
 
-from lgprjax.batch.vehicles import outline_of_vehicle, pattern_settings_of, tool_of
+from lgprjax.batch.vehicles import outline_of_vehicle, pattern_settings_of, skid_setup_of, tool_of
 from lgprjax.coverage import (
     CellGrid,
     Field,
@@ -28,8 +30,8 @@ from lgprjax.coverage import (
     plan_pattern,
     turn_points,
 )
-from lgprjax.coverage.field import SQUARED_M, Corners, outside_m, signed_area_m2
-from lgprjax.coverage.ground import breaches, buffered, room_needed_m
+from lgprjax.coverage.field import SQUARED_M, Corners, contains, outside_m, signed_area_m2
+from lgprjax.coverage.ground import breaches, buffered, ground_around, pose_on_line, room_needed_m
 from lgprjax.coverage.pattern import driving_time_s
 from lgprjax.coverage.swaths import ORDERS, Order
 from lgprjax.coverage.tour import plan_tour
@@ -39,6 +41,7 @@ from lgprjax.formats import CoverPlan, read_cover_plan, read_vehicle, write_cove
 from lgprjax.formats.coverage_files import FieldPlaces, KeepOut, read_field
 from lgprjax.formats.worked import FULL, WorkedRecord
 from lgprjax.frames import LocalFrame
+from lgprjax.worked.predicted import predicted_width
 
 # Largest difference between the perimeters of a record and of a plan for its gaps.
 _SAME_FIELD_M = 0.05
@@ -65,6 +68,9 @@ class PlanOptions(NamedTuple):
         keep_out_buffer_m: around keep-outs whose file states none.
         clearance_m: between vehicle or tool and the border of ground that is declared.
         speed_mps: set on straight ways, for times.
+        confidence: that every place is to reach with one pass: overlap, and swaths beyond the border where the ground
+            outside allows, follow from it; ``None``: ``overlap`` as it is, and swaths flush with the border.
+        drop_out_s: with ``confidence``, longest time without GNSS that is to be borne.
     """
 
     overlap: float = 0.2
@@ -75,6 +81,8 @@ class PlanOptions(NamedTuple):
     keep_out_buffer_m: float = 0.5
     clearance_m: float = 0.25
     speed_mps: float = 0.3
+    confidence: float | None = None
+    drop_out_s: float = 0.0
 
 
 class OrderCost(NamedTuple):
@@ -105,12 +113,14 @@ class FieldPlan(NamedTuple):
         notes: what was changed of the corners, and what could not be reached, a sentence each.
         costs: of the orders that were tried, the chosen one first.
         ground_m: how far the ground that must be safe to drive on reaches beyond the perimeter: the fence on board.
+        ground: that ground.
     """
 
     plan: CoverPlan
     notes: tuple[str, ...]
     costs: tuple[OrderCost, ...]
     ground_m: float
+    ground: SafeGround
 
 
 def check_plan_options(options: PlanOptions, level: float) -> None:
@@ -204,6 +214,17 @@ def plan_field(
             vehicle, vehicle_file, overlap=options.overlap, order=order, turning_room_m=room_m, heading_rad=heading_rad
         )
 
+    if options.confidence is not None:
+        parts = skid_setup_of(vehicle, vehicle_file)
+        width = predicted_width(
+            parts.model, tool, confidence=options.confidence, drop_out_s=options.drop_out_s, speed_mps=options.speed_mps
+        )
+        options = options._replace(overlap=width.overlap)
+        notes.append(
+            f"{100.0 * options.confidence:g} % with one pass: sigma across {100.0 * width.sigma_m:.1f} cm, overlap "
+            f"{width.overlap:.3f}, swaths {width.border_m:.2f} m beyond the border where there is room"
+        )
+        field_names = field_names._replace(border_m=width.border_m)
     maker = _Maker(field_names, options, settings_for, places)
     made = maker.gaps(worked, level) if worked is not None else maker.whole()
     if made is None:
@@ -224,21 +245,23 @@ def plan_field(
         ground=ground,
         keep_outs_m=keep_outs_m,
     )
-    return FieldPlan(plan, (*notes, *more), tuple(costs), ground_m)
+    fence = ground or ground_around(field.perimeter_m, ground_m, 0.0)
+    return FieldPlan(plan, (*notes, *more), tuple(costs), ground_m, fence)
 
 
 class FieldNames(NamedTuple):
-    """A field on its way to a plan: geometry, frame, file and title, the vehicle's outline, and whether its ground is
-    declared."""
+    """A field on its way to a plan: geometry, frame, file and title, the vehicle's outline, whether its ground is
+    declared, and how far swaths go beyond the border."""
 
     field: Field
-    keep_outs_m: tuple[Corners, ...]
+    keep_outs_m: tuple[Float[np.ndarray, "_ 2"], ...]
     frame: LocalFrame
     file: str
     title: str
     tool: Tool
     outline: Outline
     declared: bool
+    border_m: float = 0.0
 
 
 _Made = tuple[Pattern, SafeGround | None, list[OrderCost], list[str]]
@@ -263,6 +286,27 @@ class _Maker:
         if held.declared:
             rooms = self._rooms
             self._ground = ground_of_sides(held.field.perimeter_m, rooms, held.keep_outs_m, options.clearance_m)
+
+        self._wider = self._with_border()
+
+    def _with_border(self) -> Field:
+        """The field, wider by what the confidence asks for at its border, where the ground is safe."""
+        held = self._held
+        if held.border_m <= 0.0:
+            return held.field
+        shape = shapely.Polygon(held.field.perimeter_m).buffer(held.border_m, join_style="mitre", mitre_limit=2.0)
+        if self._ground is not None:
+            whole = ground_of_sides(held.field.perimeter_m, self._rooms, (), 0.0)
+            shape = shapely.intersection(shape, whole.shape)
+        largest = max(shapely.get_parts(shape), key=lambda part: part.area)
+        ring = np.asarray(shapely.simplify(largest, 1e-4).exterior.coords)[:-1]
+        if not largest.exterior.is_ccw:
+            ring = ring[::-1]
+        # Lines run along the first side: the side nearest to it comes first.
+        first = 0.5 * (held.field.perimeter_m[0] + held.field.perimeter_m[1])
+        sides = shapely.linestrings(np.stack([ring, np.roll(ring, -1, axis=0)], axis=1))
+        nearest = int(np.argmin(shapely.distance(sides, shapely.Point(first))))
+        return field_of_polygon(np.roll(ring, -nearest, axis=0), name=held.file)
 
     def _rooms_of(self, places: FieldPlaces) -> list[float]:
         held, options = self._held, self._options
@@ -347,10 +391,16 @@ class _Maker:
                 assert self._ground is not None
                 settings = self._settings_for("free", max(self._rooms), heading_rad)
                 tour = plan_tour(
-                    held.field, self._ground, held.keep_outs_m, settings, held.tool, held.outline, name=held.file
+                    self._wider, self._ground, held.keep_outs_m, settings, held.tool, held.outline, name=held.file
                 )
                 pattern, share = tour.pattern, tour.worked_m2 / tour.target_m2
+                at = pose_on_line(pattern.lines[0], settings.tool_ahead_m, settings.tool_left_m)
+                inside = bool(contains(held.field.perimeter_m, at[None, :2])[0])
+                begun = (
+                    ["the first swath begins within the field: the vehicle has to be brought there"] if inside else []
+                )
                 notes = [
+                    *begun,
                     *_unreached(pattern),
                     f"the swaths pass {math.floor(1000.0 * share) / 10.0:.1f} % of the field",
                 ]
@@ -359,16 +409,19 @@ class _Maker:
             else:
 
                 def lay(settings: PatternSettings) -> Pattern:
-                    return plan_pattern(held.field, settings, name=held.file)
+                    return plan_pattern(self._wider, settings, name=held.file)
 
                 if held.keep_outs_m:
                     raise InputError(held.file, f"order {order}", "free: it goes round keep-outs", order)
+                room_m = self._room_m if self._options.sides else self._options.turning_room_m
                 laid = _lay_within(
-                    lay, lambda room_m: self._settings_for(order, room_m, heading_rad), held.field, self._room_m
+                    lay, lambda within_m: self._settings_for(order, within_m, heading_rad), self._wider, room_m
                 )
                 assert laid is not None
                 pattern, share, notes = laid, 1.0, []
-            ground = self._ground
+            pattern = replace(pattern, field=held.field)
+            # Without sides the fence is laid around whatever an order needs.
+            ground = self._ground if self._options.sides or held.keep_outs_m or order == "free" else None
             if ground is not None:
                 check_drivable(pattern, ground, held.outline, name=held.file)
                 ground = self._smaller(pattern, ground)

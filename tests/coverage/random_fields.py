@@ -37,7 +37,7 @@ class DrawnField(NamedTuple):
     """
 
     field: Field
-    keep_outs_m: tuple[Float[np.ndarray, "corner 2"], ...]
+    keep_outs_m: tuple[Float[np.ndarray, "_ 2"], ...]
     rooms_m: list[float]
     ground: SafeGround
     settings: PatternSettings

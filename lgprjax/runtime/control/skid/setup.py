@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from lgprjax.autopilot.fence import fence_of_ground, pad_fence
 from lgprjax.autopilot.skid_step import SkidSetup, skid_setup
 from lgprjax.batch.vehicles import carrot_of, skid_setup_of
-from lgprjax.coverage.ground import check_drivable, ground_of_plan
+from lgprjax.coverage.ground import SafeGround, check_drivable, ground_of_plan
 from lgprjax.coverage.guidance import LEAST_ROWS, CoverRoute, lay_pattern
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
@@ -39,6 +39,7 @@ class SkidLoaded(NamedTuple):
         perimeter_m: of the field, corners; none without a plan.
         lines: of the plan.
         route, fence: as the step takes them; without a plan they are empty.
+        ground: that the fence is around; ``None`` without a plan.
         gnss_period_s: from one position to the next.
         hashes: of every file read, by its name in the configuration.
     """
@@ -53,6 +54,7 @@ class SkidLoaded(NamedTuple):
     fence: Float[Array, "side 2 2"]
     gnss_period_s: float
     hashes: dict[str, str]
+    ground: SafeGround | None = None
 
 
 def load_skid(config: RuntimeConfig) -> SkidLoaded:
@@ -86,7 +88,7 @@ def load_skid(config: RuntimeConfig) -> SkidLoaded:
     except InputError as error:
         raise InputError(file, error.place, error.expected, error.found) from None
     lines = len(plan.pattern.lines)
-    return SkidLoaded(setup, belief, plan.frame, plan.name, perimeter_m, lines, route, fence, period_s, hashes)
+    return SkidLoaded(setup, belief, plan.frame, plan.name, perimeter_m, lines, route, fence, period_s, hashes, ground)
 
 
 def _setup(config: RuntimeConfig, vehicle: VehicleFile) -> tuple[SkidSetup, ToolBelief]:
