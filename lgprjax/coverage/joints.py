@@ -204,8 +204,8 @@ def joined(pieces: Pieces) -> Pieces:
 
 
 def cusps(pieces: Pieces) -> int:
-    """How often pieces change between forward and reverse."""
-    signs = np.sign(pieces[:, 0])
+    """How often a way changes between forward and reverse, from the end of a swath to the beginning of the next."""
+    signs = np.concatenate([[1.0], np.sign(pieces[:, 0]), [1.0]])
     return int(np.count_nonzero(signs[1:] != signs[:-1]))
 
 

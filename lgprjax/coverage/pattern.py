@@ -266,7 +266,7 @@ def driving_time_s(pattern: Pattern, speed_mps: float) -> float:
     for turn in pattern.turns:
         length, bend = np.abs(turn.pieces).T
         time_s += float(np.sum(length / np.minimum(speed_mps, YAW_RATE_RADPS / np.maximum(bend, 1e-6))))
-        signs = np.sign(turn.pieces[:, 0])
+        signs = np.concatenate([[1.0], np.sign(turn.pieces[:, 0]), [1.0]])
         # Slowing down and speeding up each take as long again as the way at full speed.
         time_s += float(np.count_nonzero(signs[1:] != signs[:-1])) * speed_mps / SLOW_MPS2
     return time_s

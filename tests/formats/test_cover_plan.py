@@ -104,7 +104,7 @@ def test_map_programs_open_it(tmp_path: Path) -> None:
         (lambda t: t["features"].pop(), "found one that was changed since"),
         (lambda t: t.pop("lgprjax"), "expected a coverage plan (lgprjax cover plan)"),
         (lambda t: t["lgprjax"].__setitem__("schema", "lgprjax.route"), "@schema: expected lgprjax.cover_plan"),
-        (lambda t: t["lgprjax"].__setitem__("schema_version", "2.0"), "update lgprjax"),
+        (lambda t: t["lgprjax"].__setitem__("schema_version", "3.0"), "update lgprjax"),
         (lambda t: t["lgprjax"].pop("turns"), "turns: expected a list, found none"),
         (lambda t: t["lgprjax"]["anchor"].pop("height_m"), "anchor.height_m: expected a number, finite, found none"),
         (lambda t: t["lgprjax"]["tool"].__setitem__("width_m", -1.0), "tool.width_m: expected a number, finite, above"),
