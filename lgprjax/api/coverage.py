@@ -213,7 +213,7 @@ class WorkedArea:
 
         Raises:
             InputError: a file exists (without ``force``) or cannot be written, the benchmark is no place, or the
-                optional package shapely is missing.
+                optional package pyogrio is missing.
         """
         from lgprjax.report.handover import hand_over
 

@@ -69,14 +69,12 @@ class Tour(NamedTuple):
         pattern: the way; its ``unreached`` no way leads to.
         target_m2: area of the field less what must be kept out of.
         worked_m2: of that, what the swaths pass.
-        unworked_m: way of the reference point over ground not yet worked, lining up with a swath.
         cusps: changes between forward and reverse.
     """
 
     pattern: Pattern
     target_m2: float
     worked_m2: float
-    unworked_m: float
     cusps: int
 
 
@@ -462,7 +460,6 @@ def _string(
     driven, ways = [(number, swath)], list[Pieces]()
     remaining.remove(number)
     layer.mark(terrain.unworked, swath)
-    unworked_m = 0.0
     rounds, failed = 0, list[_Swath]()
     while remaining:
         phase = min(swaths[each].phase for each in remaining)
@@ -504,7 +501,7 @@ def _string(
     cell_m2 = terrain.cell_m**2
     target_m2 = float(np.count_nonzero(terrain.target)) * cell_m2
     worked_m2 = target_m2 - float(np.count_nonzero(left)) * cell_m2
-    return Tour(pattern, target_m2, worked_m2, unworked_m, sum(cusps(way) for way in ways))
+    return Tour(pattern, target_m2, worked_m2, sum(cusps(way) for way in ways))
 
 
 def _first(terrain: Terrain, swaths: list[_Swath], pose: Any) -> tuple[int, _Swath] | None:
