@@ -109,7 +109,8 @@ def ground_of_sides(
     field = shapely.Polygon(perimeter_m)
     starts, ends = perimeter_m, np.roll(perimeter_m, -1, axis=0)
     deepest_m = max(rooms_m, default=0.0)
-    free, shut = [], []
+    free: list[Any] = []
+    shut: list[Any] = []
     for number, (start, end, room_m) in enumerate(zip(starts, ends, rooms_m, strict=True)):
         along = (end - start) / np.hypot(*(end - start))
         out = np.array([along[1], -along[0]])

@@ -379,4 +379,4 @@ def _turn(angle: Float[np.ndarray, " way"]) -> Float[np.ndarray, " way"]:
 
 
 def _half_turn(angle: Float[np.ndarray, " way"]) -> Float[np.ndarray, " way"]:
-    return np.arctan2(np.sin(angle), np.cos(angle))
+    return np.asarray(np.arctan2(np.sin(angle), np.cos(angle)))

@@ -270,6 +270,7 @@ class _Layer:
                 along = np.array([math.cos(heading), math.sin(heading)])
                 x, y = places @ along, places @ np.array([-along[1], along[0]])
                 middle = 0.5 * (float(y.min()) + float(y.max()))
+                shifts: tuple[float, ...]
                 if np.ptp(y) > settings.tool_width_m:
                     shifts = (float(y.min()) + half_m, float(y.max()) - half_m)
                 else:
@@ -321,7 +322,8 @@ class _Layer:
                 if end - start < 0.05:
                     continue
                 ends = (start, end) if forward else (end, start)
-                found.append(_Swath(*(self._out(heading_rad, each, across_m) for each in ends), False))
+                first, last = (self._out(heading_rad, each, across_m) for each in ends)
+                found.append(_Swath(first, last, False))
         return found
 
     def mark(self, cells: np.ndarray, swath: _Swath) -> None:

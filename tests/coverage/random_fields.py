@@ -91,9 +91,9 @@ def _corners(rng: np.random.Generator) -> Float[np.ndarray, "corner 2"]:
     elif kind == 2:
         count = int(rng.integers(30, 201))
         angle = np.arange(count) * 2.0 * np.pi / count
-        waves = sum(
-            rng.uniform(0.0, 0.25) / order * np.cos(order * angle + rng.uniform(0.0, 6.3)) for order in range(2, 6)
-        )
+        waves = np.zeros(count)
+        for order in range(2, 6):
+            waves += rng.uniform(0.0, 0.25) / order * np.cos(order * angle + rng.uniform(0.0, 6.3))
         radius = 0.7 * size_m * (1.0 + waves)
     else:
         return _notched(rng, size_m)
@@ -114,7 +114,10 @@ def _notched(rng: np.random.Generator, size_m: float) -> Float[np.ndarray, "corn
             shape = rest
     turned = rng.uniform(0.0, np.pi)
     cos, sin = math.cos(turned), math.sin(turned)
-    return np.asarray(shape.exterior.coords)[:-1] @ np.array([[cos, sin], [-sin, cos]])
+    turned_corners: Float[np.ndarray, "_ 2"] = np.asarray(shape.exterior.coords)[:-1] @ np.array(
+        [[cos, sin], [-sin, cos]]
+    )
+    return turned_corners
 
 
 def _keep_outs(rng: np.random.Generator, field: Field, count: int) -> list[Float[np.ndarray, "corner 2"]]:
@@ -178,13 +181,13 @@ def _kernel(front: float, rear: float, left: float, right: float, heading: float
         column * math.cos(heading) + row * math.sin(heading),
         row * math.cos(heading) - column * math.sin(heading),
     )
-    return ((ahead <= front) & (ahead >= rear) & (aside <= left) & (aside >= right)).astype(np.float32)
+    return np.asarray((ahead <= front) & (ahead >= rear) & (aside <= left) & (aside >= right), np.float32)
 
 
 def _erode(free: Bool[np.ndarray, "row column"], outline: Outline, heading: float) -> Bool[np.ndarray, "row column"]:
     kernel = _kernel(*outline, heading)
     shut = signal.fftconvolve((~free).astype(np.float32), kernel[::-1, ::-1], mode="same")
-    return shut < 0.5
+    return np.asarray(shut < 0.5)
 
 
 def _dilate(stands: Bool[np.ndarray, "row column"], tool: Tool, heading: float) -> Bool[np.ndarray, "row column"]:
