@@ -165,7 +165,7 @@ def join_spans(spans: list[tuple[float, float]], gap_m: float) -> tuple[tuple[fl
 # In which order lines are driven, and which lines of a concave field belong together.
 
 Order = Literal["zamboni", "boustrophedon", "racetrack", "free"]
-ORDERS = ("zamboni", "boustrophedon", "racetrack", "free")
+ORDERS: tuple[Order, ...] = ("zamboni", "boustrophedon", "racetrack", "free")
 Span = tuple[float, float]
 
 

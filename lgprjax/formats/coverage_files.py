@@ -415,7 +415,7 @@ def _from_geojson(file: Path) -> FieldPlaces:
     if len(polygons) != 1:
         raise InputError(file, "geometry", "one Polygon", f"{len(polygons) or 'none'}")
     outer, *holes = _rings(file, polygons[0])
-    keep_outs = [(ring, None) for ring in holes]
+    keep_outs: list[tuple[Float[np.ndarray, "_ 3"], float | None]] = [(ring, None) for ring in holes]
     for each, properties in every:
         if properties.get("kind") == "keep_out":
             buffer = properties.get("buffer_m")

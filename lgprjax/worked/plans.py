@@ -219,9 +219,10 @@ def plan_field(
         width = predicted_width(
             parts.model, tool, confidence=options.confidence, drop_out_s=options.drop_out_s, speed_mps=options.speed_mps
         )
+        confidence = options.confidence
         options = options._replace(overlap=width.overlap)
         notes.append(
-            f"{100.0 * options.confidence:g} % with one pass: sigma across {100.0 * width.sigma_m:.1f} cm, overlap "
+            f"{100.0 * confidence:g} % with one pass: sigma across {100.0 * width.sigma_m:.1f} cm, overlap "
             f"{width.overlap:.3f}, swaths {width.border_m:.2f} m beyond the border where there is room"
         )
         field_names = field_names._replace(border_m=width.border_m)
@@ -332,7 +333,8 @@ class _Maker:
         done = cells.probability >= level * FULL
         for ring in held.keep_outs_m:
             done = done | inside_cells(Field(ring), grid)
-        order: Order = "boustrophedon" if self._options.order in ("free", "best") else self._options.order
+        asked = self._options.order
+        order: Order = "boustrophedon" if asked == "free" or asked == "best" else asked
 
         def lay(settings: PatternSettings) -> Pattern | None:
             return plan_gaps(held.field, done, grid, settings, name=held.file)
