@@ -1,6 +1,6 @@
 """Fields that are worked in parallel swaths: their plans, and records of what was worked."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -80,23 +80,36 @@ def plan_coverage(
     vehicle: PathLike,
     *,
     overlap: float = 0.2,
-    order: Literal["zamboni", "boustrophedon"] = "zamboni",
+    order: Literal["zamboni", "boustrophedon", "racetrack", "free", "best"] = "zamboni",
     turning_room_m: float | None = None,
     heading_deg: float | None = None,
+    sides: Sequence[str] = (),
+    keep_out_buffer_m: float = 0.5,
+    clearance_m: float = 0.25,
+    speed_mps: float = 0.3,
+    confidence: float | None = None,
+    drop_out_s: float = 0.0,
     gaps_of: PathLike | None = None,
     level: float = 0.95,
 ) -> CoveragePlan:
     """Plan parallel swaths over a field, in driving order, with headland turns that the vehicle can drive.
 
     Args:
-        field: a GeoJSON polygon on WGS-84, a CSV file of three corners, or the folder of a run in which three corners
-            were marked.
+        field: a polygon on WGS-84 as GeoJSON with its holes, KML, shapefile or CSV, a CSV file of three corners, or
+            the folder of a run in which three corners were marked.
         vehicle: a skid-steer vehicle, open or its file, with tool and smallest radius.
         overlap: least share of the tool's width in which neighbouring swaths overlap, 0 to below 1.
         order: ``zamboni``: first, middle, second, ... with wide turns to one side; ``boustrophedon``: each swath next
-            to the last.
+            to the last; ``racetrack``: Zamboni in blocks; ``free``: the cheapest next, round keep-outs and in reverse;
+            ``best``: the one that takes the least time.
         turning_room_m: distance that the vehicle may go beyond the perimeter; by default as far as the turns need.
         heading_deg: of the first swath, clockwise from true north; by default along the first side.
+        sides: ground outside of sides, such as ``("1:none", "3-5:4.5", "rest:6")``: metres that are safe, or none.
+        keep_out_buffer_m: around keep-outs for which the file states none.
+        clearance_m: between vehicle or tool and the border of declared ground.
+        speed_mps: set on straight ways.
+        confidence: that one pass is to reach everywhere: sets the overlap, and swaths beyond the border.
+        drop_out_s: with ``confidence``, longest time without GNSS that is to be borne.
         gaps_of: a record of worked area, open or its file: plan only the ground below the level.
         level: probability from which a cell is left out.
 
@@ -118,7 +131,18 @@ def plan_coverage(
         if value is not None or name == "overlap":
             require_number(name, value, "a number", -np.inf, np.inf)
     require_number("level", level, "a number", -np.inf, np.inf)
-    options = PlanOptions(overlap, order, turning_room_m, heading_deg)
+    options = PlanOptions(
+        overlap,
+        order,
+        turning_room_m,
+        heading_deg,
+        tuple(sides),
+        keep_out_buffer_m,
+        clearance_m,
+        speed_mps,
+        confidence,
+        drop_out_s,
+    )
     check_plan_options(options, level)
     record = None if gaps_of is None else path_of(gaps_of, "record")
     with told_as_arguments():
@@ -189,7 +213,7 @@ class WorkedArea:
 
         Raises:
             InputError: a file exists (without ``force``) or cannot be written, the benchmark is no place, or the
-                optional package shapely is missing.
+                optional package pyogrio is missing.
         """
         from lgprjax.report.handover import hand_over
 

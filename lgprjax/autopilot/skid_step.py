@@ -15,13 +15,14 @@ from lgprjax.autopilot.limiter import (
     limit_skid_command,
     slowed,
 )
-from lgprjax.coverage.field import Tool
+from lgprjax.coverage.field import Outline, Tool, outline_of
 from lgprjax.coverage.guidance import (
     CarrotPlan,
     CarrotSettings,
     CarrotState,
     CoverRoute,
     default_carrot,
+    gear_at,
     init_carrot,
     pursuit_along,
     step_carrot,
@@ -152,7 +153,7 @@ class SkidSetup(NamedTuple):
 
     Attributes:
         vehicle: its limits.
-        tool: its rectangle.
+        tool: its rectangle; outline: of vehicle and tool, for the fence.
         model, rules: of the filter and its gates.
         health: when navigation stops the vehicle.
         carrot: of the guidance.
@@ -165,6 +166,7 @@ class SkidSetup(NamedTuple):
 
     vehicle: SkidSteer
     tool: Tool
+    outline: Outline
     model: SkidModel
     rules: GateRules
     health: SkidHealthRules
@@ -186,6 +188,7 @@ def skid_setup(
     threshold_mps: float = 0.0,
     reaction_s: float = 0.5,
     carrot: CarrotSettings | None = None,
+    outline: Outline | None = None,
 ) -> SkidSetup:
     """Settings for a small machine at walking speed; those of the parts follow from the vehicle's limits.
 
@@ -195,10 +198,12 @@ def skid_setup(
         threshold_mps: of the wheels' difference, or a little more.
         reaction_s: from a fix to the wheels: age of the pose, tick, delay and lag.
         carrot: of the guidance; None for the default.
+        outline: of vehicle and tool; None for track and tool.
     """
     return SkidSetup(
         vehicle=vehicle,
         tool=tool,
+        outline=outline_of(tool, track_m=float(vehicle.track_m)) if outline is None else outline,
         model=model,
         rules=skid_rules(),
         health=default_skid_health(),
@@ -301,7 +306,7 @@ def init_skid(setup: SkidSetup, x_m: Float[Array, ""], y_m: Float[Array, ""]) ->
 def step_skid(
     setup: SkidSetup,
     route: CoverRoute,
-    fence: Float[Array, "corner 2"],
+    fence: Float[Array, "side 2 2"],
     state: SkidState,
     motion: SkidMotion,
     observations: SkidObservations,
@@ -334,7 +339,9 @@ def step_skid(
     drives = orders.engaged & orders.drives
 
     grip = _grip(filtered.estimate)
-    now = 0.5 * (last.left_mps * grip.left_mps + last.right_mps * grip.right_mps)
+    gear = gear_at(route, state.carrot.arc_m)
+    # Along the way: in reverse the wheels turn backwards.
+    now = gear * 0.5 * (last.left_mps * grip.left_mps + last.right_mps * grip.right_mps)
     change = setup.rise_mps2 * jnp.fmax(step_s, 0.0)
     wanted_mps = jnp.minimum(jnp.minimum(orders.set_speed_mps, orders.speed_cap_mps), health.speed_cap_mps)
     # A ramp's step closer to the wanted speed, never backward.
@@ -344,7 +351,7 @@ def step_skid(
     slower = jnp.minimum(speed, jnp.maximum(plan.speed_limit_mps, now - change))
     track = setup.model.track_m / _near_one(filtered.estimate.mean[TURN_SCALE])
     requested = _requested_wheels(
-        setup, grip, wheel_speeds(track, speed, plan.yaw_rate_radps), slower / _positive(speed)
+        setup, grip, wheel_speeds(track, gear * speed, plan.yaw_rate_radps), slower / _positive(speed)
     )
     pulses, pulsed = step_pulses(setup.threshold_mps, state.pulses, requested, step_s)
 
@@ -408,7 +415,7 @@ def _near_one(part: Float[Array, ""]) -> Float[Array, ""]:
 
 def _edge(
     setup: SkidSetup,
-    fence: Float[Array, "corner 2"],
+    fence: Float[Array, "side 2 2"],
     pose: VehiclePose,
     arcs: tuple[WheelSpeeds, WheelSpeeds],
     drives: Bool[Array, ""],
@@ -420,8 +427,8 @@ def _edge(
     """
     requested, measured = arcs
     track, rules = setup.vehicle.track_m, setup.stop
-    along_requested = edge_ahead(rules, fence, setup.tool, track, pose, requested, sigma_m)
-    along_measured = edge_ahead(rules, fence, setup.tool, track, pose, measured, sigma_m)
+    along_requested = edge_ahead(rules, fence, setup.outline, track, pose, requested, sigma_m)
+    along_measured = edge_ahead(rules, fence, setup.outline, track, pose, measured, sigma_m)
     some = jnp.isfinite(requested.left_mps + requested.right_mps)
     return (drives & some & along_requested) | along_measured
 

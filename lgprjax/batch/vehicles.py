@@ -1,13 +1,14 @@
 """Parts of a vehicle file for kinematics, simulation, navigation and the runtime."""
 
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.coverage import CarrotSettings, PatternSettings, Tool, default_carrot
+from lgprjax.coverage import CarrotSettings, Outline, PatternSettings, Tool, default_carrot, outline_of
+from lgprjax.coverage.swaths import Order
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile, with_values
 from lgprjax.navigation import FilterModel, SkidModel, default_model, default_skid_model
@@ -193,11 +194,12 @@ def of_channels(
 
 
 class SkidVehicle(NamedTuple):
-    """A skid-steer vehicle: kinematics, navigation model and tool."""
+    """A skid-steer vehicle: kinematics, navigation model, tool, and the outline of vehicle and tool."""
 
     vehicle: SkidSteer
     model: SkidModel
     tool: Tool
+    outline: Outline
 
 
 def skid_setup_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> SkidVehicle:
@@ -226,7 +228,25 @@ def skid_setup_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Sk
         gnss_x_m=vehicle.navigation.gnss_x_m or 0.0,
         gnss_y_m=vehicle.navigation.gnss_y_m or 0.0,
     )
-    return SkidVehicle(steer, model, tool)
+    return SkidVehicle(steer, model, tool, outline_of_vehicle(vehicle, path))
+
+
+def outline_of_vehicle(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Outline:
+    """The rectangle around track, tool and, where the file has one, the body.
+
+    Raises:
+        InputError: another kind of vehicle, or a required number is not in the file.
+    """
+    body = vehicle.body
+    stated = [body.front_m, body.rear_m, body.left_m, body.right_m]
+    track_m = _skid_needed(path, "skid_steer.track_m", vehicle.skid_steer.track_m)
+    if all(each is None for each in stated):
+        return outline_of(tool_of(vehicle, path), track_m=track_m)
+    front, rear, left, right = (
+        _skid_needed(path, f"body.{name}_m", value)
+        for name, value in zip(("front", "rear", "left", "right"), stated, strict=True)
+    )
+    return outline_of(tool_of(vehicle, path), Outline(front, -rear, left, -right), track_m=track_m)
 
 
 def tool_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Tool:
@@ -263,7 +283,7 @@ def pattern_settings_of(
     path: str | Path = "vehicle file",
     *,
     overlap: float,
-    order: Literal["zamboni", "boustrophedon"],
+    order: Order,
     turning_room_m: float,
     heading_rad: float | None,
 ) -> PatternSettings:

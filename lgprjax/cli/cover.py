@@ -13,8 +13,8 @@ from lgprjax.cli.terminal import UsageError, console, progress_bar, require_file
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
-    from lgprjax.formats import CoverPlan
     from lgprjax.worked.layers import CoverFigures
+    from lgprjax.worked.plans import FieldPlan
 
 
 # Common parts of the verbs of ``lgprjax cover``.
@@ -103,27 +103,44 @@ _PLAN, _COVER_RECORD = ".cover.geojson", ".worked.h5"
 class CoverPlanVerb:
     """Plan parallel swaths over a field, in driving order, with turns that the vehicle can drive.
 
-    FIELD is a GeoJSON polygon on WGS-84, a CSV of three corners (latitude_deg,longitude_deg, in the order in which they
-    were driven to), or the folder of a run in which three corners were marked. With --gaps only the gaps of a record
-    are planned.
+    FIELD is a polygon on WGS-84 (GeoJSON with its holes and polygons of kind keep_out, KML, shapefile, or a CSV of its
+    corners), a CSV of three corners (latitude_deg,longitude_deg, in the order in which they were driven to), or the
+    folder of a run in which three corners were marked. With --gaps only the gaps of a record are planned.
     """
 
-    field: Annotated[Positional[Path], arg(metavar="FIELD", help="X.geojson, X.csv, or the folder of a run")]
+    field: Annotated[
+        Positional[Path], arg(metavar="FIELD", help="X.geojson, X.kml, X.shp, X.csv, or the folder of a run")
+    ]
     output: Annotated[Path, arg(aliases=["-o"], metavar="X.cover.geojson", help="plan to write")]
     vehicle: Path
     """vehicle file of a skid-steer vehicle: its tool and its smallest radius"""
     overlap: float = 0.2
     """least share of the tool's width in which neighbouring swaths overlap"""
-    order: Literal["zamboni", "boustrophedon"] = "zamboni"
-    """zamboni: first, middle, second, ... with wide turns to one side; boustrophedon: each swath next to the last"""
+    order: Literal["zamboni", "boustrophedon", "racetrack", "free", "best"] = "zamboni"
+    """zamboni: first, middle, second, ... with wide turns to one side; boustrophedon: each swath next to the last;
+    racetrack: Zamboni in blocks; free: the cheapest next, round keep-outs and in reverse; best: least time of all"""
     turning_room_m: float | None = None
     """distance that the vehicle may go beyond the perimeter, on safe ground; default: as far as the turns need"""
+    sides: Annotated[tuple[str, ...], arg(metavar="SIDE:ROOM...")] = ()
+    """ground outside of sides: metres that are safe to drive on, or none; such as 1:none 3-5:4.5 rest:6"""
+    keep_out_buffer_m: float = 0.5
+    """distance kept from keep-outs for which the file states none"""
+    clearance_m: float = 0.25
+    """distance kept between vehicle or tool and the border of declared ground"""
+    speed_mps: float = 0.3
+    """speed on straight ways, for times"""
+    confidence: float | None = None
+    """that one pass is to reach everywhere: sets the overlap, and swaths beyond the border where there is room"""
+    drop_out_s: float = 0.0
+    """with --confidence: longest time without GNSS that is to be borne"""
     heading_deg: float | None = None
     """compass heading of the first swath; default: along the first side"""
     gaps: Annotated[Path | None, arg(metavar="R.worked.h5")] = None
     """record of this field: plan only the ground below the level"""
     level: float = 0.95
     """with --gaps: probability from which a cell is left out"""
+    picture: Path | None = None
+    """also draw the plan to this PNG: swaths in their order, turns, keep-outs, fence"""
     json: Path | None = None
     """also write the figures to this file"""
     force: bool = False
@@ -133,26 +150,45 @@ class CoverPlanVerb:
         """Plan."""
         from lgprjax.cli.figures import write_figures
         from lgprjax.formats import read_worked
-        from lgprjax.worked.plans import PlanOptions, check_plan_options, make_cover_plan, save_cover_plan
+        from lgprjax.worked.plans import PlanOptions, check_plan_options, plan_field, save_cover_plan
 
         _check_suffix("--output", self.output, _PLAN)
-        options = PlanOptions(self.overlap, self.order, self.turning_room_m, self.heading_deg)
+        options = PlanOptions(
+            self.overlap,
+            self.order,
+            self.turning_room_m,
+            self.heading_deg,
+            self.sides,
+            self.keep_out_buffer_m,
+            self.clearance_m,
+            self.speed_mps,
+            self.confidence,
+            self.drop_out_s,
+        )
         check_plan_options(options, self.level)
-        refuse_existing((self.output, self.json), self.force)
+        refuse_existing((self.output, self.json, self.picture), self.force)
         worked = None if self.gaps is None else read_worked(self.gaps)
         with working("laying lines and turns"):
-            plan = make_cover_plan(self.field, self.vehicle, options, worked=worked, level=self.level)
-        if plan is None:
+            made = plan_field(self.field, self.vehicle, options, worked=worked, level=self.level)
+        if made is None:
             found = f"none below {100.0 * self.level:g} %: nothing to plan"
             raise InputError(str(self.gaps), "gaps", "cells that are not worked", found)
+        plan = made.plan
         save_cover_plan(self.output, plan, force=self.force)
-        figures = _plan_figures(plan)
+        figures = _plan_figures(made, self.speed_mps)
         _print_table(self.output.name, figures)
-        room_m = plan.pattern.settings.turning_room_m
-        say(f"the vehicle turns up to {room_m:g} m beyond the perimeter: this ground must be safe to drive on")
+        if len(made.costs) > 1:
+            _print_costs(made)
+        room = f"{made.ground_m:.2f} m beyond the perimeter"
+        say(f"the whole vehicle with its tool, and the fence, keep within {room}: this ground must be safe to drive on")
+        for note in made.notes:
+            say(note)
         if plan.pattern.unreached:
             say(f"not reached within this room: {len(plan.pattern.unreached)} swaths, marked unreached in the plan")
         say(f"wrote {self.output}")
+        if self.picture is not None:
+            _draw(made, self.picture, figures, force=self.force)
+            say(f"wrote {self.picture}")
         if self.json is not None:
             write_figures(self.json, figures, force=self.force)
 
@@ -212,7 +248,10 @@ def _check_suffix(option: str, path: Path, suffix: str) -> None:
         raise UsageError(f"{option}: expected a file name that ends in {suffix}, found {path.name!r}")
 
 
-def _plan_figures(plan: "CoverPlan") -> dict[str, object]:
+def _plan_figures(made: "FieldPlan", speed_mps: float) -> dict[str, object]:
+    from lgprjax.coverage.pattern import driving_time_s
+
+    plan = made.plan
     pattern, frame = plan.pattern, plan.frame
     tightest_m = pattern.tightest_radius_m
     return {
@@ -228,8 +267,64 @@ def _plan_figures(plan: "CoverPlan") -> dict[str, object]:
         "length_m": round(pattern.length_m, 2),
         "tightest_radius_m": round(tightest_m, 3) if math.isfinite(tightest_m) else None,
         "turning_room_m": pattern.settings.turning_room_m,
+        "safe_ground_m": round(made.ground_m, 2),
+        "time_s": round(driving_time_s(pattern, speed_mps), 1),
+        "keep_outs": len(plan.keep_outs_m),
         "unreached": len(pattern.unreached),
     }
+
+
+def _draw(made: "FieldPlan", path: Path, figures: dict[str, object], *, force: bool) -> None:
+    import numpy as np
+
+    from lgprjax.coverage.turns import poses_along
+    from lgprjax.report.coverage import CoverPlanPicture, draw_cover_plan
+
+    plan, pattern = made.plan, made.plan.pattern
+    ways: dict[bool, list[np.ndarray]] = {True: [], False: []}
+    for turn in pattern.turns:
+        begins = np.concatenate([[0.0], np.cumsum(np.abs(turn.pieces[:, 0]))])
+        for number, (length_m, _) in enumerate(turn.pieces):
+            inner = np.linspace(begins[number], begins[number + 1], max(math.ceil(abs(length_m) / 0.2), 1) + 1)
+            # A hair before the border, where the next piece may go the other way.
+            inner[-1] -= 1e-9
+            ways[bool(length_m > 0.0)].append(poses_along(turn.start, turn.pieces, inner)[:, :2])
+    seconds = float(str(figures["time_s"]))
+    draw_cover_plan(
+        CoverPlanPicture(
+            title=f"{plan.name}: {len(pattern.lines)} swaths, {pattern.length_m:.0f} m, {seconds / 3600.0:.2f} h",
+            caption=f"Order {pattern.settings.order}; the darker a swath, the earlier. Swaths are of the tool's "
+            "centre, turns of the vehicle's reference point.",
+            perimeter_m=pattern.field.perimeter_m,
+            ground_m=tuple(ring for part in made.ground.polygons_m for ring in part),
+            keep_outs_m=plan.keep_outs_m,
+            swaths_m=tuple(np.stack([line.start_m, line.end_m]) for line in pattern.lines),
+            forward_m=tuple(ways[True]),
+            reverse_m=tuple(ways[False]),
+            width_m=plan.tool.width_m,
+        ),
+        path,
+        force=force,
+    )
+
+
+def _print_costs(made: "FieldPlan") -> None:
+    table = Table(
+        "order", "heading", "swaths", "way", "time", "beyond the perimeter", title="orders, the chosen one first"
+    )
+    for cost in made.costs:
+        heading = f"{cost.heading_deg:.0f}°" if math.isfinite(cost.heading_deg) else ""
+        if cost.refused:
+            table.add_row(cost.order, heading, "refused", "", "", "")
+            continue
+        hours = f"{cost.time_s / 3600.0:.2f} h"
+        table.add_row(
+            cost.order, heading, f"{cost.swath_m:.0f} m", f"{cost.way_m:.0f} m", hours, f"{cost.ground_m:.2f} m"
+        )
+    console.print(table)
+    for cost in made.costs:
+        if cost.refused:
+            say(f"{cost.order} refused: {cost.refused}")
 
 
 def _print_table(title: str, figures: dict[str, object]) -> None:

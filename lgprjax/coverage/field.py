@@ -228,6 +228,32 @@ class Tool(NamedTuple):
     left_m: float
 
 
+class Outline(NamedTuple):
+    """The rectangle that no part of vehicle and tool reaches beyond, in body axes from the reference point, metres.
+
+    Attributes:
+        front_m, rear_m: forward; the rear is negative.
+        left_m, right_m: to the left; the right is negative.
+    """
+
+    front_m: float
+    rear_m: float
+    left_m: float
+    right_m: float
+
+
+def outline_of(tool: Tool, body: Outline | None = None, *, track_m: float = 0.0) -> Outline:
+    """The rectangle around reference point, track, tool and, where it is known, the body."""
+    front, rear, left, right = body if body is not None else (0.0, 0.0, 0.0, 0.0)
+    half_m = 0.5 * track_m
+    return Outline(
+        max(tool.ahead_m + 0.5 * tool.length_m, front, 0.0),
+        min(tool.ahead_m - 0.5 * tool.length_m, rear, 0.0),
+        max(tool.left_m + 0.5 * tool.width_m, left, half_m),
+        min(tool.left_m - 0.5 * tool.width_m, right, -half_m),
+    )
+
+
 class ToolMoment(NamedTuple):
     """The vehicle's estimated pose and its tool at one moment; ten of them a second, or a leading axis of time.
 

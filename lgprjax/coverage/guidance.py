@@ -43,6 +43,8 @@ class CoverRoute(NamedTuple):
         spacing_m: from row to row.
         length_m: of the route.
         count: rows in use; the last is the route's end.
+        legs: of each row the leg that it belongs to, as in ``RouteLeg``; ``None`` where all is driven forwards. In
+            reverse the yaw of a row is that of the way, opposite to the body's, and so its curvature.
     """
 
     rows: Float[Array, "row 5"]
@@ -50,6 +52,37 @@ class CoverRoute(NamedTuple):
     spacing_m: Float[Array, ""]
     length_m: Float[Array, ""]
     count: Int32[Array, ""]  # type: ignore[assignment]  # of rows, not the method of tuples
+    legs: Float[Array, "row 4"] | None = None
+
+
+class RouteLeg(NamedTuple):
+    """A part of a route that is driven in one direction.
+
+    Attributes:
+        gear: 1 forward, -1 in reverse.
+        first, last: of its rows.
+        end_m: arc length of its end; beyond it the leg goes straight on.
+    """
+
+    gear: Float[Array, "..."]
+    first: Float[Array, "..."]
+    last: Float[Array, "..."]
+    end_m: Float[Array, "..."]
+
+
+def leg_at(route: CoverRoute, arc_m: Float[Array, "..."]) -> RouteLeg | None:
+    """The leg at an arc length; ``None`` on a route that is driven forwards as a whole."""
+    if route.legs is None:
+        return None
+    number = jnp.clip(jnp.floor(arc_m / route.spacing_m).astype(jnp.int32), 0, route.count - 1)
+    leg = route.legs.at[number].get(mode="promise_in_bounds")
+    return RouteLeg(leg[..., 0], leg[..., 1], leg[..., 2], leg[..., 3])
+
+
+def gear_at(route: CoverRoute, arc_m: Float[Array, "..."]) -> Float[Array, "..."] | float:
+    """1 where a route is driven forwards, -1 where it is driven in reverse."""
+    leg = leg_at(route, arc_m)
+    return 1.0 if leg is None else leg.gear
 
 
 class RoutePoint(NamedTuple):
@@ -87,16 +120,22 @@ def lay_pattern(pattern: Pattern, *, spacing_m: float = SPACING_M) -> CoverRoute
     ways = [np.array([[pattern.lines[0].length_m, 0.0]])]
     for turn, after in zip(pattern.turns, pattern.lines[1:], strict=True):
         ways += [turn.pieces, np.array([[after.length_m, 0.0]])]
-    lengths_m = np.array([way[:, 0].sum() for way in ways])
+    lengths_m = np.array([np.abs(way[:, 0]).sum() for way in ways])
+    pieces = np.concatenate(ways)
     ends_m = np.cumsum(lengths_m)
     count = max(math.ceil(ends_m[-1] / spacing_m), 1) + 1
     step_m = float(ends_m[-1]) / (count - 1)
     size = LEAST_ROWS
     while size < count:
         size *= 2
-    poses = poses_along(_route_start(pattern), np.concatenate(ways), step_m * np.arange(size))
+    poses = poses_along(_route_start(pattern), pieces, step_m * np.arange(size))
     curvature = np.zeros(size)
     curvature[: count - 1] = np.diff(poses[:count, 2]) / step_m
+    legs = _legs(pieces, step_m, count, size)
+    if legs is not None:
+        in_reverse = legs[:, 0] < 0.0
+        poses[in_reverse, 2] += math.pi
+        curvature[legs[:, 2].astype(int)] = 0.0
     line = np.full(size, -1, np.int32)
     rounding = 1e-6
     for number in range(len(pattern.lines)):
@@ -109,17 +148,43 @@ def lay_pattern(pattern: Pattern, *, spacing_m: float = SPACING_M) -> CoverRoute
         jnp.float32(step_m),
         jnp.float32(ends_m[-1]),
         jnp.int32(count),
+        None if legs is None else jnp.asarray(legs.astype(np.float32)),
     )
 
 
-def route_point(route: CoverRoute, arc_m: Float[Array, "..."]) -> RoutePoint:
+def _legs(
+    pieces: Float[np.ndarray, "piece 2"], step_m: float, count: int, size: int
+) -> Float[np.ndarray, "row 4"] | None:
+    """The leg of every row: gear, first and last row, end."""
+    gears = np.where(pieces[:, 0] < 0.0, -1.0, 1.0)
+    if (gears > 0.0).all():
+        return None
+    ends_m = np.cumsum(np.abs(pieces[:, 0]))
+    changes = np.flatnonzero(gears[1:] != gears[:-1])
+    borders = [*ends_m[changes].tolist(), float(ends_m[-1])]
+    legs = np.zeros((size, 4))
+    first = 0
+    for number, end_m in enumerate(borders):
+        gear = gears[changes[number]] if number < len(changes) else gears[-1]
+        # A row on the border itself is the next leg's first.
+        last = count - 1 if number == len(borders) - 1 else max(math.ceil(end_m / step_m - 1e-6) - 1, first)
+        until = size if number == len(borders) - 1 else last + 1
+        legs[first:until] = gear, first, last, end_m
+        first = last + 1
+    return legs
+
+
+def route_point(route: CoverRoute, arc_m: Float[Array, "..."], leg: RouteLeg | None = None) -> RoutePoint:
     """The route's point at an arc length; before 0 and after the end straight on, with the tool off.
 
     Args:
         route: from ``lay_pattern``.
         arc_m: along it, metres.
+        leg: to stay on: straight on before and after it.
     """
     number = jnp.clip(jnp.floor(arc_m / route.spacing_m).astype(jnp.int32), 0, route.count - 1)
+    if leg is not None:
+        return _leg_point(route, arc_m, leg)
     beyond_m = arc_m - number.astype(arc_m.dtype) * route.spacing_m
     row = route.rows.at[number].get(mode="promise_in_bounds")
     # The last row is straight with the tool off, as is what lies before the first.
@@ -135,6 +200,30 @@ def route_point(route: CoverRoute, arc_m: Float[Array, "..."]) -> RoutePoint:
         curvature,
         jnp.where(on_route, row[..., 4], 0.0),
         jnp.where(on_route, route.line.at[number].get(mode="promise_in_bounds"), -1),
+    )
+
+
+def _leg_point(route: CoverRoute, arc_m: Float[Array, "..."], leg: RouteLeg) -> RoutePoint:
+    """A point of a leg: at the curvature of its row within it, straight before and after."""
+    first, last = leg.first.astype(jnp.int32), leg.last.astype(jnp.int32)
+    number = jnp.clip(jnp.floor(arc_m / route.spacing_m).astype(jnp.int32), first, last)
+    row = route.rows.at[number].get(mode="promise_in_bounds")
+    along_m = arc_m - number.astype(arc_m.dtype) * route.spacing_m
+    bent_m = jnp.clip(
+        along_m, 0.0, jnp.minimum(leg.end_m - number.astype(arc_m.dtype) * route.spacing_m, route.spacing_m)
+    )
+    on_leg = (along_m >= 0.0) & (arc_m <= leg.end_m)
+    half = 0.5 * bent_m * row[..., 3]
+    chord_m = bent_m * jnp.sinc(half / jnp.pi)
+    yaw = row[..., 2] + 2.0 * half
+    straight_m = along_m - bent_m
+    return RoutePoint(
+        row[..., 0] + chord_m * jnp.cos(row[..., 2] + half) + straight_m * jnp.cos(yaw),
+        row[..., 1] + chord_m * jnp.sin(row[..., 2] + half) + straight_m * jnp.sin(yaw),
+        yaw,
+        jnp.where(on_leg, row[..., 3], 0.0),
+        jnp.where(on_leg, row[..., 4], 0.0),
+        jnp.where(on_leg, route.line.at[number].get(mode="promise_in_bounds"), -1),
     )
 
 
@@ -176,18 +265,36 @@ def route_foot(route: CoverRoute, near_m: Float[Array, ""], pose: VehiclePose) -
     """Foot of a pose near an arc length; unbatched, use ``vmap`` for more. A NaN pose does not change the arc
     length.
     """
-    arc_m = near_m
+    arc_m, leg = near_m, leg_at(route, near_m)
+    pose = _along_way(leg, pose)
     for _ in range(_STEPS):
-        point = route_point(route, arc_m)
+        point = route_point(route, arc_m, leg)
         along, left = beside(point, pose)
         # Near the centre of curvature there is no foot; it is kept from getting there.
         share = jnp.maximum(1.0 - point.curvature_radpm * left, 0.2)
         step_m = jnp.clip(along / share, -_FARTHEST_M, _FARTHEST_M)
         arc_m = arc_m + jnp.where(jnp.isfinite(step_m), step_m, 0.0)
-    point = route_point(route, arc_m)
+        if leg is not None:
+            arc_m = _within_leg(route, arc_m, leg)
+    point = route_point(route, arc_m, leg)
     _, left = beside(point, pose)
     turned = pose.yaw_rad - point.yaw_rad
     return RouteFoot(arc_m, point, left, jnp.arctan2(jnp.sin(turned), jnp.cos(turned)))
+
+
+def _along_way(leg: RouteLeg | None, pose: VehiclePose) -> VehiclePose:
+    """The pose as it moves along a leg: in reverse its yaw is opposite to the body's."""
+    if leg is None:
+        return pose
+    return pose._replace(yaw_rad=pose.yaw_rad + jnp.where(leg.gear < 0.0, jnp.pi, 0.0))
+
+
+def _within_leg(route: CoverRoute, arc_m: Float[Array, "..."], leg: RouteLeg) -> Float[Array, "..."]:
+    """An arc length that rounding takes to no other leg; the route's first and last lead straight on."""
+    low = jnp.where(leg.first > 0.0, (leg.first + 0.25) * route.spacing_m, -jnp.inf)
+    # The last row may be cut short by the leg's end.
+    high = jnp.where(leg.last < route.count - 1, jnp.minimum(leg.end_m, (leg.last + 0.9) * route.spacing_m), jnp.inf)
+    return jnp.clip(arc_m, low, jnp.maximum(low, high))
 
 
 def beside(point: RoutePoint, pose: VehiclePose) -> tuple[Float[Array, ""], Float[Array, ""]]:
@@ -324,7 +431,9 @@ def step_carrot(
         speed_mps: forward, at which the yaw rate is wanted.
         step_s: since the last step.
     """
+    leg = leg_at(route, state.arc_m)
     state, goal = lead(settings, route, state, pose, speed_mps, step_s)
+    pose = _along_way(leg, pose)
     (chord_x, chord_y), (way_x, way_y) = goal.chord_m, goal.way_m
     error = jnp.arctan2(chord_x * way_y - chord_y * way_x, chord_x * way_x + chord_y * way_y)
     change = _turning(goal.way_m, pose.yaw_rad, goal) - _turning(goal.chord_m, goal.foot.point.yaw_rad, goal)
@@ -332,12 +441,12 @@ def step_carrot(
     gain, learns = settings.integral_per_m2, settings.integral_per_m2 > 0.0
     most = jnp.where(learns, _INTEGRAL_SHARE * settings.largest_curvature_radpm / jnp.where(learns, gain, 1.0), 0.0)
     grown = jnp.clip(state.integral_rad_m + jnp.where(state.begun, error * way_m, 0.0), -most, most)
-    bend = route_point(route, goal.foot.arc_m + jnp.maximum(speed_mps, 0.0) * settings.lead_s).curvature_radpm
+    bend = route_point(route, goal.foot.arc_m + jnp.maximum(speed_mps, 0.0) * settings.lead_s, leg).curvature_radpm
     wanted = bend + settings.proportional_per_m * error + gain * grown + settings.derivative * change
     within = jnp.abs(wanted) <= settings.largest_curvature_radpm
     # Turns beyond the vehicle's limit must not be integrated.
     integral = jnp.where(within, grown, state.integral_rad_m)
-    return state._replace(integral_rad_m=integral), plan_of(settings, route, state, goal.foot, wanted, speed_mps)
+    return state._replace(integral_rad_m=integral), plan_of(settings, route, state, goal.foot, wanted, speed_mps, leg)
 
 
 def lead(
@@ -349,8 +458,8 @@ def lead(
     step_s: Float[Array, ""],
 ) -> tuple[CarrotState, Goal]:
     """The foot and the carrot, carried on by a step."""
-    foot = route_foot(route, state.arc_m, pose)
-    waits = route_point(route, state.carrot_m)
+    foot, leg = route_foot(route, state.arc_m, pose), leg_at(route, state.arc_m)
+    waits = route_point(route, state.carrot_m, leg)
     distance = jnp.hypot(waits.x_m - pose.x_m, waits.y_m - pose.y_m)
     # A vehicle that has passed a waiting lookahead point would circle around it: the point is moved ahead at once.
     passed = ~state.begun & (foot.arc_m > state.carrot_m)
@@ -359,7 +468,7 @@ def lead(
     furthest = jnp.where(passed, foot.arc_m + settings.distance_m, furthest)
     moved = jnp.clip(foot.arc_m + settings.distance_m, state.carrot_m, jnp.maximum(furthest, state.carrot_m))
     carrot_m = jnp.where(begun, moved, state.carrot_m)
-    carrot = route_point(route, carrot_m)
+    carrot = route_point(route, carrot_m, leg)
     goal = Goal(
         foot,
         (carrot.x_m - foot.point.x_m, carrot.y_m - foot.point.y_m),
@@ -368,7 +477,16 @@ def lead(
         jnp.where(begun, 1.0, 0.0),
     )
     done = state.done | (begun & (route.length_m - foot.arc_m <= DONE_M))
-    return CarrotState(foot.arc_m, carrot_m, begun, state.integral_rad_m, done), goal
+    arc_m = foot.arc_m
+    if leg is not None:
+        # At a cusp the next leg is taken up; the vehicle turns its wheels round by way of standstill.
+        last = leg.last >= route.count - 1
+        over = begun & ~last & (leg.end_m - foot.arc_m <= jnp.maximum(DONE_M, route.spacing_m))
+        next_m = (leg.last + 1.25) * route.spacing_m
+        arc_m = jnp.where(over, next_m, arc_m)
+        carrot_m = jnp.where(over, next_m + settings.distance_m, carrot_m)
+        done = state.done | (begun & last & (route.length_m - foot.arc_m <= DONE_M))
+    return CarrotState(arc_m, carrot_m, begun, state.integral_rad_m, done), goal
 
 
 def plan_of(
@@ -378,15 +496,17 @@ def plan_of(
     foot: RouteFoot,
     curvature_radpm: Float[Array, ""],
     speed_mps: Float[Array, ""],
+    leg: RouteLeg | None,
 ) -> CarrotPlan:
     """The plan that follows from a wanted curvature."""
     largest = settings.largest_curvature_radpm
     to_go = route.length_m - foot.arc_m
-    slow = jnp.sqrt(2.0 * settings.slow_mps2 * jnp.maximum(to_go, 0.0))
+    to_stop = to_go if leg is None else leg.end_m - foot.arc_m
+    slow = jnp.sqrt(2.0 * settings.slow_mps2 * jnp.maximum(to_stop, 0.0))
     # Half-way to the lookahead point: slow down for a bend before it begins.
     bend = jnp.maximum(
         jnp.abs(foot.point.curvature_radpm),
-        jnp.abs(route_point(route, foot.arc_m + 0.5 * settings.distance_m).curvature_radpm),
+        jnp.abs(route_point(route, foot.arc_m + 0.5 * settings.distance_m, leg).curvature_radpm),
     )
     slow = jnp.minimum(slow, settings.largest_yaw_rate_radps / jnp.maximum(bend, 1e-6))
     return CarrotPlan(
@@ -426,8 +546,10 @@ def pursuit_along(
 
     With the carrot at distance D and bearing η in the body frame the arc's curvature is 2 sin η / D.
     """
+    leg = leg_at(route, state.arc_m)
     state, goal = lead(settings, route, state, pose, speed_mps, step_s)
+    pose = _along_way(leg, pose)
     way_x, way_y = goal.way_m
     aside = jnp.cos(pose.yaw_rad) * way_y - jnp.sin(pose.yaw_rad) * way_x
     curvature = 2.0 * aside / jnp.maximum(way_x * way_x + way_y * way_y, 0.01)
-    return state, plan_of(settings, route, state, goal.foot, curvature, speed_mps)
+    return state, plan_of(settings, route, state, goal.foot, curvature, speed_mps, leg)

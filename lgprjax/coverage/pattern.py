@@ -168,6 +168,9 @@ def _room_m(
     return float(np.max(away_m[~inside], initial=0.0))
 
 
+YAW_RATE_RADPS = 0.2
+"""Largest in a turn; SLOW_MPS2: deceleration towards a cusp. Of ``default_carrot``."""
+SLOW_MPS2 = 0.2
 LONGEST_M = 30_000.0
 """Longest way: float32 arc lengths still resolve 2 mm at its end."""
 
@@ -252,6 +255,23 @@ def pattern_of(
     return Pattern(field, settings, lines, turns, spacing_m, length_m, line_length_m, tightest_m, unreached)
 
 
+def driving_time_s(pattern: Pattern, speed_mps: float) -> float:
+    """Time that a pattern takes at the speed that bends and changes of direction leave.
+
+    Args:
+        pattern: as planned.
+        speed_mps: set on straight ways.
+    """
+    time_s = pattern.line_length_m / speed_mps
+    for turn in pattern.turns:
+        length, bend = np.abs(turn.pieces).T
+        time_s += float(np.sum(length / np.minimum(speed_mps, YAW_RATE_RADPS / np.maximum(bend, 1e-6))))
+        signs = np.concatenate([[1.0], np.sign(turn.pieces[:, 0]), [1.0]])
+        # Slowing down and speeding up each take as long again as the way at full speed.
+        time_s += float(np.count_nonzero(signs[1:] != signs[:-1])) * speed_mps / SLOW_MPS2
+    return time_s
+
+
 def _check_length(length_m: float, name: str) -> None:
     if length_m > LONGEST_M:
         expected = f"a way of at most {LONGEST_M / 1e3:g} km: parts of the field"
@@ -286,8 +306,13 @@ def _drives(
             forward == (number % 2 == 0),
             (pieces[place].span_m,),
         )
-        for number, place in enumerate(line_order(len(pieces), settings.order))
+        for number, place in enumerate(line_order(len(pieces), settings.order, _lines_apart(strips, settings)))
     ]
+
+
+def _lines_apart(strips: ToolStrips, settings: PatternSettings) -> int:
+    """Across how many lines a half turn of the smallest radius leads."""
+    return max(math.ceil(2.0 * settings.smallest_radius_m / max(strips.spacing_m, 1e-3) - 1e-9), 1)
 
 
 def _join_part(

@@ -164,7 +164,8 @@ def join_spans(spans: list[tuple[float, float]], gap_m: float) -> tuple[tuple[fl
 
 # In which order lines are driven, and which lines of a concave field belong together.
 
-Order = Literal["zamboni", "boustrophedon"]
+Order = Literal["zamboni", "boustrophedon", "racetrack", "free"]
+ORDERS: tuple[Order, ...] = ("zamboni", "boustrophedon", "racetrack", "free")
 Span = tuple[float, float]
 
 
@@ -189,13 +190,23 @@ def middle_line(count: int) -> int:
     return (count + 1) // 2 + 1
 
 
-def line_order(count: int, order: Order) -> tuple[int, ...]:
+def line_order(count: int, order: Order, apart: int = 1) -> tuple[int, ...]:
     """Numbers of lines, from 0, in driving order.
 
-    Zamboni is 1, m, 2, m + 1, ... with m the middle line (MF section 2), boustrophedon 1, 2, 3, ...
+    Zamboni is 1, m, 2, m + 1, ... with m the middle line (MF section 2), boustrophedon 1, 2, 3, ... The racetrack is
+    Zamboni over blocks of lines one after the other, so that no turn is wider than the vehicle's circle asks for.
+
+    Args:
+        count: of lines.
+        order: see above.
+        apart: of the racetrack, lines that half turns lead across at least.
     """
-    if order == "boustrophedon":
+    if order in ("boustrophedon", "free"):
         return tuple(range(count))
+    if order == "racetrack":
+        blocks = max(1, count // (2 * apart))
+        borders = [round(block * count / blocks) for block in range(blocks + 1)]
+        return tuple(low + each for low, high in pairwise(borders) for each in line_order(high - low, "zamboni"))
     half = middle_line(count) - 1
     return tuple(number // 2 + (number % 2) * half for number in range(count))
 
@@ -247,7 +258,8 @@ class PatternSettings:
         tool_width_m: across the line.
         overlap: least share of the tool's width in which neighbouring swaths overlap, from 0 to below 1.
         order: of the lines: ``zamboni`` joins the first to the middle one and drifts on (MF section 2), all turns to
-            one hand; ``boustrophedon`` takes each next to the last.
+            one hand; ``boustrophedon`` takes each next to the last; ``racetrack`` is Zamboni in blocks;
+            ``free`` is the cheapest next, see ``plan_tour``.
         smallest_radius_m: of the circles that the vehicle's reference point drives.
         turning_room_m: how far beyond the perimeter the reference point may go.
         tool_ahead_m: from the reference point to the tool's centre, forward; negative for a tool behind.
@@ -260,7 +272,7 @@ class PatternSettings:
 
     tool_width_m: float
     overlap: float
-    order: Literal["zamboni", "boustrophedon"]
+    order: Literal["zamboni", "boustrophedon", "racetrack", "free"]
     smallest_radius_m: float
     turning_room_m: float
     tool_ahead_m: float
@@ -268,8 +280,8 @@ class PatternSettings:
     heading_rad: float | None = None
 
     def __post_init__(self) -> None:
-        if self.order not in ("zamboni", "boustrophedon"):
-            raise InputError("pattern", "order", "zamboni or boustrophedon", str(self.order))
+        if self.order not in ORDERS:
+            raise InputError("pattern", "order", ", ".join(ORDERS), str(self.order))
         ranges = (
             ("tool_width_m", "a width above zero", self.tool_width_m > 0.0),
             ("overlap", "a fraction from 0 to below 1", 0.0 <= self.overlap < 1.0),

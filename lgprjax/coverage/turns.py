@@ -13,7 +13,10 @@ import numpy as np
 from jaxtyping import Float
 
 Pieces = Float[np.ndarray, "_ 2"]
-"""Length, metres, and curvature, positive to the left, of straight pieces and arcs that follow each other."""
+"""Length, metres, and curvature, positive to the left, of straight pieces and arcs that follow each other.
+
+A negative length is driven in reverse: the yaw changes by length times curvature all the same.
+"""
 _NO_TURN_RAD = 1e-9
 _NO_WAY = 1e-9
 
@@ -45,7 +48,7 @@ class HeadlandTurn(NamedTuple):
     @property
     def length_m(self) -> float:
         """Of the way."""
-        return float(self.pieces[:, 0].sum())
+        return float(np.abs(self.pieces[:, 0]).sum())
 
     @property
     def tightest_radius_m(self) -> float:
@@ -68,10 +71,11 @@ def poses_along(start: Pose, pieces: Pieces, arc_m: Float[np.ndarray, " point"])
         [start.x_m + np.concatenate([[0.0], np.cumsum(x)]), start.y_m + np.concatenate([[0.0], np.cumsum(y)]), yaw],
         axis=1,
     )
-    begins_m = np.concatenate([[0.0], np.cumsum(length)])
+    begins_m = np.concatenate([[0.0], np.cumsum(np.abs(length))])
     number = np.clip(np.searchsorted(begins_m, arc_m, side="right") - 1, 0, len(length))
-    within = arc_m - begins_m[number]
-    bend = np.where(within < 0.0, 0.0, np.append(curvature, 0.0)[number])
+    ahead = np.where(length < 0.0, -1.0, 1.0)
+    within = (arc_m - begins_m[number]) * np.append(ahead, ahead[-1:])[number]
+    bend = np.where(arc_m < 0.0, 0.0, np.append(curvature, 0.0)[number])
     x, y = _chord(knots[number, 2], within, bend)
     return np.asarray(knots[number] + np.stack([x, y, within * bend], axis=1))
 

@@ -8,12 +8,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 import numpy as np
 from jaxtyping import Float
 
 from lgprjax import __version__
 from lgprjax.coverage.field import Field, Tool
+from lgprjax.coverage.ground import SafeGround
 from lgprjax.coverage.pattern import Pattern
 from lgprjax.coverage.swaths import Line, PatternSettings
 from lgprjax.coverage.turns import HeadlandTurn, Pose
@@ -26,6 +28,8 @@ from lgprjax.frames import LocalFrame
 _SCHEMA = load_schema("cover_plan")
 _MEMBER = "lgprjax"
 _LISTS = ("perimeter_m", "lines", "turns", "unreached")
+_GROUND_LISTS = ("ground_m", "keep_outs_m")
+_OLD_VERSION = "1.0"
 _DIGEST = "sha256"
 # 1e-10 degrees are a hundredth of a millimetre.
 _DECIMALS = 10
@@ -41,6 +45,8 @@ class CoverPlan(NamedTuple):
         tool: of the vehicle.
         vehicle_name, vehicle_sha256: of that vehicle's file.
         made_by: program and version.
+        ground: declared safe to drive on; ``None``: around the field, as far as the plan's turns need.
+        keep_outs_m: rings, with their buffers, that nothing may reach into.
     """
 
     name: str
@@ -50,6 +56,8 @@ class CoverPlan(NamedTuple):
     vehicle_name: str
     vehicle_sha256: str
     made_by: str = f"lgprjax {__version__}"
+    ground: SafeGround | None = None
+    keep_outs_m: tuple[Float[np.ndarray, "_ 2"], ...] = ()
 
 
 def write_cover_plan(
@@ -131,7 +139,13 @@ def _member_findings(file: str, member: dict[str, Any]) -> Iterator[Finding]:
     for name in _LISTS:
         if not isinstance(member.get(name), list):
             yield Finding(file, name, "a list", "none" if name not in member else repr(member[name])[:40])
-    left = {name: value for name, value in member.items() if name not in ("schema", "schema_version", *_LISTS)}
+    for name in _GROUND_LISTS:
+        if name in member and not isinstance(member[name], list):
+            yield Finding(file, name, "a list", repr(member[name])[:40])
+    if ("ground" in member) != ("ground_m" in member):
+        yield Finding(file, "ground_m", "with ground.clearance_m, or neither", "one of them")
+    known = ("schema", "schema_version", *_LISTS, *_GROUND_LISTS)
+    left = {name: value for name, value in member.items() if name not in known}
     yield from key_findings(_SCHEMA, file, flat_keys(left))
 
 
@@ -148,7 +162,7 @@ def _member(plan: CoverPlan) -> dict[str, Any]:
     figures = {name: float(getattr(pattern, name)) for name in ("spacing_m", "length_m", "line_length_m")}
     return {
         "schema": _SCHEMA.name,
-        "schema_version": _SCHEMA.version,
+        "schema_version": _version_of(plan),
         "name": plan.name,
         "made_by": plan.made_by,
         "anchor": {
@@ -164,7 +178,27 @@ def _member(plan: CoverPlan) -> dict[str, Any]:
         "lines": [_numbers(line) for line in pattern.lines],
         "turns": [{"start": list(turn.start), "pieces": turn.pieces.tolist()} for turn in pattern.turns],
         "unreached": [_numbers(line) for line in pattern.unreached],
+        **_ground_member(plan),
     }
+
+
+def _version_of(plan: CoverPlan) -> str:
+    """The oldest version whose readers drive the plan as it is meant.
+
+    They lay the fence around the field and know no way in reverse: what needs more they must refuse.
+    """
+    old = plan.ground is None and not plan.keep_outs_m and plan.pattern.settings.order in ("zamboni", "boustrophedon")
+    return _OLD_VERSION if old else _SCHEMA.version
+
+
+def _ground_member(plan: CoverPlan) -> dict[str, Any]:
+    if plan.ground is None and not plan.keep_outs_m:
+        return {}
+    keep_outs = {"keep_outs_m": [ring.tolist() for ring in plan.keep_outs_m]}
+    if plan.ground is None:
+        return keep_outs
+    rings = [[ring.tolist() for ring in part] for part in plan.ground.polygons_m]
+    return {"ground": {"clearance_m": float(plan.ground.clearance_m)}, "ground_m": rings, **keep_outs}
 
 
 def _numbers(line: Line) -> list[int | float]:
@@ -203,7 +237,18 @@ def _plan(member: dict[str, Any]) -> CoverPlan:
         vehicle_name=member["vehicle"]["name"],
         vehicle_sha256=member["vehicle"]["sha256"],
         made_by=member["made_by"],
+        ground=_ground(member),
+        keep_outs_m=tuple(np.array(ring, np.float64).reshape(-1, 2) for ring in member.get("keep_outs_m", [])),
     )
+
+
+def _ground(member: dict[str, Any]) -> SafeGround | None:
+    if "ground_m" not in member:
+        return None
+    parts = tuple(tuple(np.array(ring, np.float64).reshape(-1, 2) for ring in part) for part in member["ground_m"])
+    if not parts or any(len(part) == 0 or any(len(ring) < 3 for ring in part) for part in parts):
+        raise ValueError("ground without corners")
+    return SafeGround(parts, float(member["ground"]["clearance_m"]))
 
 
 def _features(plan: CoverPlan, turns_m: Sequence[Float[np.ndarray, "_ 2"]]) -> list[dict[str, Any]]:
@@ -212,6 +257,13 @@ def _features(plan: CoverPlan, turns_m: Sequence[Float[np.ndarray, "_ 2"]]) -> l
     ring = np.concatenate([pattern.field.perimeter_m, pattern.field.perimeter_m[:1]])
     properties = {"kind": "perimeter", "name": plan.name, "area_m2": round(pattern.field.area_m2, 2)}
     features = [_feature("Polygon", [_positions(frame, ring)], properties)]
+    for ring in plan.keep_outs_m:
+        closed = _positions(frame, np.concatenate([ring, ring[:1]]))
+        features.append(_feature("Polygon", [closed], {"kind": "keep_out", "buffer_m": 0.0}))
+    if plan.ground is not None:
+        for part in plan.ground.polygons_m:
+            rings = [_positions(frame, np.concatenate([each, each[:1]])) for each in part]
+            features.append(_feature("Polygon", rings, {"kind": "ground", "clearance_m": plan.ground.clearance_m}))
     for order, line in enumerate(pattern.lines):
         ends = _positions(frame, np.stack([line.start_m, line.end_m]))
         along = line.end_m - line.start_m
@@ -237,7 +289,7 @@ def _positions(frame: LocalFrame, points_m: Float[np.ndarray, "point 2"]) -> lis
     return [[float(each) for each in place] for place in places]
 
 
-# Corners of a field: a GeoJSON polygon, a CSV of three corners, or corners marked during a run.
+# Corners of a field: a polygon as GeoJSON, KML, shapefile or CSV, three corners as CSV, or corners marked during a run.
 
 CORNERS_FILE = "corners.csv"
 """Next to the segments of a run in which corners were marked."""
@@ -247,30 +299,45 @@ _COLUMNS = ("latitude_deg", "longitude_deg")
 _WGS84 = ("urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:OGC::CRS84", "EPSG:4326", "urn:ogc:def:crs:EPSG::4326")
 
 
+class KeepOut(NamedTuple):
+    """A ring on WGS-84 that nothing may reach into; ``buffer_m`` around it, ``None`` where the file states none."""
+
+    latitude_deg: Float[np.ndarray, " corner"]
+    longitude_deg: Float[np.ndarray, " corner"]
+    height_m: Float[np.ndarray, " corner"]
+    buffer_m: float | None
+
+
 class FieldPlaces(NamedTuple):
     """Corners of a field on WGS-84.
 
     Attributes:
         latitude_deg, longitude_deg, height_m: of each; the height is ellipsoidal, 0 if the file has none.
         driven: the three corners were driven to, and the fourth is computed. Else all are given.
+        keep_outs: holes of the polygon, and polygons of kind ``keep_out``.
+        notes: what reading left out or changed.
     """
 
     latitude_deg: Float[np.ndarray, " corner"]
     longitude_deg: Float[np.ndarray, " corner"]
     height_m: Float[np.ndarray, " corner"]
     driven: bool
+    keep_outs: tuple[KeepOut, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def read_field(path: str | Path) -> FieldPlaces:
     """Corners from a file, or from the folder of a run.
 
     Args:
-        path: ``.geojson`` or ``.json`` with one polygon; ``.csv`` with three rows of ``latitude_deg``,
-            ``longitude_deg`` and, if known, ``height_m``; a folder with ``corners.csv``.
+        path: ``.geojson`` or ``.json`` with one polygon, its holes and polygons of kind ``keep_out``; ``.kml`` with one
+            polygon; ``.shp`` with one polygon (needs the extra ``gis``); ``.csv`` with rows of ``latitude_deg``,
+            ``longitude_deg`` and, if known, ``height_m``: three driven corners, or all corners of a polygon; a folder
+            with ``corners.csv``.
 
     Raises:
-        InputError: the file cannot be read, is of another kind, has no polygon or several, holes, coordinates that are
-            not degrees, or not three corners.
+        InputError: the file cannot be read, is of another kind, has no polygon or several, coordinates that are not
+            degrees, or fewer than three corners.
     """
     file = Path(path)
     if file.is_dir():
@@ -278,10 +345,16 @@ def read_field(path: str | Path) -> FieldPlaces:
         if not marked.is_file():
             raise InputError(file, "corners", f"three corners marked while driving ({CORNERS_FILE})", "none")
         return _from_csv(marked)
-    readers = {".csv": _from_csv, ".geojson": _from_geojson, ".json": _from_geojson}
+    readers = {
+        ".csv": _from_csv,
+        ".geojson": _from_geojson,
+        ".json": _from_geojson,
+        ".kml": _from_kml,
+        ".shp": _from_shapefile,
+    }
     reader = readers.get(file.suffix.lower())
     if reader is None:
-        expected = "a .geojson polygon, a .csv of three corners, or the folder of a run"
+        expected = "a .geojson, .kml, .shp or .csv of corners, or the folder of a run"
         raise InputError(file, "file name", expected, repr(file.name))
     return reader(file)
 
@@ -302,14 +375,14 @@ def _from_csv(file: Path) -> FieldPlaces:
         if name not in names:
             raise InputError(file, name, f"a column {name}", ", ".join(names) or "an empty file")
     rows = list(reader)
-    if len(rows) != _CORNERS:
-        raise InputError(file, "corners", "three rows, one a corner", str(len(rows)))
-    values = np.zeros((_CORNERS, 3))
+    if len(rows) < _CORNERS:
+        raise InputError(file, "corners", "three rows or more, one a corner", str(len(rows)))
+    values = np.zeros((len(rows), 3))
     for number, row in enumerate(rows):
         for column, name in enumerate((*_COLUMNS, "height_m")):
             if name in names:
                 values[number, column] = _number(file, f"row {number + 1}, {name}", row[name])
-    return _checked(file, values, driven=True)
+    return _checked(file, values, driven=len(rows) == _CORNERS)
 
 
 def _number(file: Path, place: str, text: str | None) -> float:
@@ -333,37 +406,126 @@ def _from_geojson(file: Path) -> FieldPlaces:
     name = stated.get("properties", {}).get("name") if isinstance(stated, dict) else stated
     if stated is not None and name not in _WGS84:
         raise InputError(file, "crs", "WGS-84 longitude and latitude (save the layer as EPSG:4326)", repr(name)[:60])
-    polygons = [each for each in _geometries(table) if each.get("type") in ("Polygon", "MultiPolygon")]
+    every = [
+        (each, properties)
+        for each, properties in _geometries(table)
+        if each.get("type") in ("Polygon", "MultiPolygon") and properties.get("kind") != "ground"
+    ]
+    polygons = [each for each, properties in every if properties.get("kind") != "keep_out"]
     if len(polygons) != 1:
         raise InputError(file, "geometry", "one Polygon", f"{len(polygons) or 'none'}")
-    (polygon,) = polygons
+    outer, *holes = _rings(file, polygons[0])
+    keep_outs: list[tuple[Float[np.ndarray, "_ 3"], float | None]] = [(ring, None) for ring in holes]
+    for each, properties in every:
+        if properties.get("kind") == "keep_out":
+            buffer = properties.get("buffer_m")
+            stated = None if buffer is None else _number(file, "buffer_m of a keep-out", str(buffer))
+            keep_outs.append((_rings(file, each)[0], stated))
+    return _field(file, outer, keep_outs)
+
+
+def _rings(file: Path, polygon: dict[str, Any]) -> list[Float[np.ndarray, "_ 3"]]:
+    """Latitude, longitude and height of a polygon's outer ring, and of its holes."""
     rings = polygon.get("coordinates")
     if polygon["type"] == "MultiPolygon":
         if not isinstance(rings, list) or len(rings) != 1:
             raise InputError(file, "geometry", "one Polygon", "a MultiPolygon of several, or of none")
         rings = rings[0]
-    if not isinstance(rings, list) or not rings or not rings[0]:
+    if not isinstance(rings, list) or not rings or not all(isinstance(ring, list) and ring for ring in rings):
         raise InputError(file, "geometry", "a Polygon with corners", "an empty one")
-    if len(rings) > 1:
-        raise InputError(file, "geometry", "a Polygon without holes", f"{len(rings) - 1} of them")
-    values = np.array([_position(file, number, each) for number, each in enumerate(rings[0])])
-    if len(values) > 1 and np.array_equal(values[0], values[-1]):
-        values = values[:-1]
-    return _checked(file, values, driven=False)
+    return [np.array([_position(file, number, each) for number, each in enumerate(ring)]) for ring in rings]
 
 
-def _geometries(table: dict[str, Any]) -> list[dict[str, Any]]:
-    """Geometries of a GeoJSON object, whatever kind it is."""
+def _field(
+    file: Path,
+    outer: Float[np.ndarray, "_ 3"],
+    keep_outs: Sequence[tuple[Float[np.ndarray, "_ 3"], float | None]],
+) -> FieldPlaces:
+    """Checked rings; a first corner that is repeated at the end counts once."""
+
+    def opened(ring: Float[np.ndarray, "_ 3"]) -> Float[np.ndarray, "_ 3"]:
+        return ring[:-1] if len(ring) > 1 and np.array_equal(ring[0], ring[-1]) else ring
+
+    places = _checked(file, opened(outer), driven=False)
+    held = []
+    for ring, buffer_m in keep_outs:
+        checked = _checked(file, opened(ring), driven=False)
+        if len(checked.latitude_deg) < _CORNERS:
+            raise InputError(file, "keep-out", "at least three corners", str(len(checked.latitude_deg)))
+        held.append(KeepOut(checked.latitude_deg, checked.longitude_deg, checked.height_m, buffer_m))
+    notes = (f"{len(held)} keep-outs",) if held else ()
+    return places._replace(keep_outs=tuple(held), notes=notes)
+
+
+def _from_kml(file: Path) -> FieldPlaces:
+    try:
+        root = ElementTree.fromstring(_text(file).encode())
+    except ElementTree.ParseError as error:
+        raise InputError(file, "file", "KML", f"no XML ({error})") from None
+
+    def named(element: ElementTree.Element, name: str) -> list[ElementTree.Element]:
+        return [each for each in element.iter() if each.tag.rpartition("}")[2] == name]
+
+    def ring(element: ElementTree.Element) -> Float[np.ndarray, "_ 3"]:
+        text = " ".join((each.text or "") for each in named(element, "coordinates"))
+        places = [_position(file, number, each.split(",")) for number, each in enumerate(text.split())]
+        return np.array(places).reshape(-1, 3)
+
+    polygons = named(root, "Polygon")
+    if len(polygons) != 1:
+        raise InputError(file, "Polygon", "one", f"{len(polygons) or 'none'}")
+    outer = named(polygons[0], "outerBoundaryIs")
+    if len(outer) != 1:
+        raise InputError(file, "outerBoundaryIs", "one", f"{len(outer) or 'none'}")
+    holes = [(ring(each), None) for each in named(polygons[0], "innerBoundaryIs")]
+    # Heights in KML count from the sea or from the ground, not from the ellipsoid.
+    places = _field(file, ring(outer[0]), holes)
+    level = np.zeros_like(places.height_m)
+    flat = tuple(each._replace(height_m=np.zeros_like(each.height_m)) for each in places.keep_outs)
+    dropped = ("heights of the KML left out: they do not count from the ellipsoid",) if places.height_m.any() else ()
+    return places._replace(height_m=level, keep_outs=flat, notes=(*places.notes, *dropped))
+
+
+def _from_shapefile(file: Path) -> FieldPlaces:
+    try:
+        import pyogrio
+    except ImportError:
+        expected = 'pyogrio (pip install "lgprjax[gis]"), or the field as GeoJSON'
+        raise InputError(file, "file", expected, "not installed") from None
+    import shapely
+
+    try:
+        meta, _, shapes, _ = pyogrio.raw.read(file)
+    except Exception as error:  # the library's errors have no common base
+        raise InputError(file, "file", "a shapefile", str(error)) from None
+    if meta["crs"] not in ("EPSG:4326", "OGC:CRS84"):
+        expected = "WGS-84 longitude and latitude (save the layer as EPSG:4326)"
+        raise InputError(file, "crs", expected, repr(meta["crs"])[:60])
+    parts = [part for shape in shapely.from_wkb(shapes) for part in shapely.get_parts(shape)]
+    polygons = [part for part in parts if part.geom_type == "Polygon"]
+    if len(polygons) != 1:
+        raise InputError(file, "geometry", "one Polygon", f"{len(polygons) or 'none'}")
+    rings = [
+        np.array([_position(file, number, list(each)) for number, each in enumerate(ring.coords)])
+        for ring in (polygons[0].exterior, *polygons[0].interiors)
+    ]
+    return _field(file, rings[0], [(ring, None) for ring in rings[1:]])
+
+
+def _geometries(
+    table: dict[str, Any], properties: dict[str, Any] | None = None
+) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Geometries of a GeoJSON object, whatever kind it is, with the properties of their features."""
     kind = table.get("type")
     members = {"FeatureCollection": "features", "GeometryCollection": "geometries"}.get(str(kind))
     if members is not None:
         inner = table.get(members)
         each = [item for item in inner if isinstance(item, dict)] if isinstance(inner, list) else []
-        return [geometry for item in each for geometry in _geometries(item)]
+        return [geometry for item in each for geometry in _geometries(item, properties)]
     if kind == "Feature":
-        geometry = table.get("geometry")
-        return _geometries(geometry) if isinstance(geometry, dict) else []
-    return [table]
+        geometry, held = table.get("geometry"), table.get("properties")
+        return _geometries(geometry, held if isinstance(held, dict) else {}) if isinstance(geometry, dict) else []
+    return [(table, properties or {})]
 
 
 def _position(file: Path, number: int, position: object) -> tuple[float, float, float]:
@@ -375,7 +537,7 @@ def _position(file: Path, number: int, position: object) -> tuple[float, float, 
     return latitude, longitude, height
 
 
-def _checked(file: Path, values: Float[np.ndarray, "corner 3"], *, driven: bool) -> FieldPlaces:
+def _checked(file: Path, values: Float[np.ndarray, "_ 3"], *, driven: bool) -> FieldPlaces:
     latitude, longitude, height = values.T
     beyond = (np.abs(latitude) > 90.0) | (np.abs(longitude) > 180.0)
     if beyond.any():

@@ -62,6 +62,15 @@ class ToolTable(ConfigTable):
     depth_tolerance_m: float | None = None
 
 
+class BodyTable(ConfigTable):
+    """How far the body reaches from the reference point in each direction, metres, the tool's housing included."""
+
+    front_m: float | None = None
+    rear_m: float | None = None
+    left_m: float | None = None
+    right_m: float | None = None
+
+
 class CarrotTable(ConfigTable):
     """The lookahead point along a route, and its PID; gains are per distance, not per time."""
 
@@ -232,6 +241,7 @@ class VehicleFile(ConfigTable):
     steering: SteeringTable = SteeringTable()
     skid_steer: SkidSteerTable = SkidSteerTable()
     tool: ToolTable = ToolTable()
+    body: BodyTable = BodyTable()
     carrot: CarrotTable = CarrotTable()
     rear_map: RearMap | None = None
     wheel_map: WheelMap | None = None

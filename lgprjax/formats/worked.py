@@ -282,7 +282,7 @@ def _number(store: h5py.File, name: str) -> float:
 
 # Layers of shapes on WGS-84, written for map programs: GeoPackage, GeoJSON, KML.
 #
-# The GeoPackage needs the optional packages shapely and pyogrio (``pip install lgprjax[gis]``).
+# The GeoPackage needs the optional package pyogrio (``pip install lgprjax[gis]``).
 
 _CRS = "EPSG:4326"
 _KML = "http://www.opengis.net/kml/2.2"

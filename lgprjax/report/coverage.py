@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.ticker import NullFormatter
 
@@ -211,6 +213,79 @@ def _legend(axes: Axes, cover: CoverPicture, kinds: UInt8[np.ndarray, "north eas
 def _share(held: Bool[np.ndarray, " cell"]) -> str:
     """Rounded down: nearly all is not all."""
     return f"{np.floor(1000.0 * np.mean(held)) / 10.0:.1f} %"
+
+
+# A plan before it is driven: ground, keep-outs, swaths in their order, and the turns between them.
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoverPlanPicture:
+    """A plan in metres east and north of its anchor.
+
+    Attributes:
+        title: of the picture; caption: below it.
+        perimeter_m: corners of the field.
+        ground_m: rings of the ground that must be safe to drive on; keep_outs_m: rings, with their buffers.
+        swaths_m: start and end of each, in driving order.
+        forward_m, reverse_m: points along the ways between them.
+        width_m: of the tool.
+    """
+
+    title: str
+    caption: str
+    perimeter_m: Float[np.ndarray, "_ 2"]
+    ground_m: tuple[Float[np.ndarray, "_ 2"], ...]
+    keep_outs_m: tuple[Float[np.ndarray, "_ 2"], ...]
+    swaths_m: tuple[Float[np.ndarray, "2 2"], ...]
+    forward_m: tuple[Float[np.ndarray, "_ 2"], ...]
+    reverse_m: tuple[Float[np.ndarray, "_ 2"], ...]
+    width_m: float
+
+
+def draw_cover_plan(plan: CoverPlanPicture, path: str | Path, *, force: bool = False) -> None:
+    """Draw a plan: the earlier a swath, the darker it is.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    with picture(path, 8.0, 8.0, force) as figure:
+        axes = figure.subplots()
+        for ring in plan.ground_m:
+            axes.add_patch(Polygon(ring, fill=False, edgecolor=VERMILLION, linewidth=1.6, linestyle="--"))
+        for ring in plan.keep_outs_m:
+            axes.add_patch(Polygon(ring, facecolor=GAP, edgecolor=VERMILLION, linewidth=1.2, hatch="xx"))
+        order = colormaps["viridis"](np.linspace(0.0, 0.9, len(plan.swaths_m)))
+        for swath, colour in zip(plan.swaths_m, order, strict=True):
+            axes.add_patch(Polygon(_tool_strip(swath, plan.width_m), facecolor=colour, alpha=0.25, linewidth=0.0))
+            axes.annotate("", swath[1], swath[0], arrowprops={"arrowstyle": "->", "color": colour, "linewidth": 1.2})
+        for way in plan.forward_m:
+            axes.plot(*way.T, color=MUTED, linewidth=0.9)
+        for way in plan.reverse_m:
+            axes.plot(*way.T, color=ORANGE, linewidth=1.1, linestyle=":")
+        axes.add_patch(Polygon(plan.perimeter_m, fill=False, edgecolor=INK, linewidth=1.6))
+        axes.plot(*plan.swaths_m[0][0], "o", color=INK)
+        axes.plot(*plan.swaths_m[-1][1], "s", color=INK)
+        handles = [
+            Line2D([], [], color=INK, linewidth=1.6, label="perimeter"),
+            Line2D([], [], color=VERMILLION, linestyle="--", label="fence: safe ground ends"),
+            Line2D([], [], color=MUTED, label="turn"),
+            Line2D([], [], color=ORANGE, linestyle=":", label="in reverse"),
+            Line2D([], [], color=INK, marker="o", linestyle="none", label="begin"),
+            Line2D([], [], color=INK, marker="s", linestyle="none", label="end"),
+        ]
+        axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.01), ncols=3, frameon=False)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.autoscale_view()
+        axes.set_xlabel("east of the anchor (m)")
+        axes.set_ylabel("north of the anchor (m)")
+        figure.suptitle(plan.title)
+        write_caption(figure, plan.caption)
+
+
+def _tool_strip(swath: Float[np.ndarray, "2 2"], width_m: float) -> Float[np.ndarray, "4 2"]:
+    along = swath[1] - swath[0]
+    aside = 0.5 * width_m * np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-9)
+    return np.array([swath[0] + aside, swath[1] + aside, swath[1] - aside, swath[0] - aside])
 
 
 # Measurements while working a field: depth, speed and the position's uncertainty over time, with the stops.

@@ -178,7 +178,7 @@ class SimulationTable(ConfigTable):
     drive_seed: int = 102
     field: str | None = None
     overlap: float = Field(default=0.2, ge=0.0, lt=1.0)
-    order: Literal["zamboni", "boustrophedon"] = "zamboni"
+    order: Literal["zamboni", "boustrophedon", "racetrack", "free", "best"] = "zamboni"
     turning_room_m: float | None = Field(default=None, ge=0.0)
     script: list[dict[str, Any]] = Field(default_factory=list)
     faults: list[dict[str, Any]] = Field(default_factory=list)

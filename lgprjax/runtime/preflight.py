@@ -80,7 +80,8 @@ def _field_files(config: RuntimeConfig) -> Iterator[PreflightItem]:
         loaded = load_skid(config)
         if loaded.name is None:
             return "none: corners can be marked, the vehicle does not drive"
-        return f"{loaded.name}, {loaded.lines} lines, {float(loaded.route.length_m):.0f} m"
+        found = f"{loaded.name}, {loaded.lines} lines, {float(loaded.route.length_m):.0f} m"
+        return found + (", in part in reverse" if loaded.route.legs is not None else "")
 
     yield _tried("vehicle file", vehicle)
     yield _tried("plan", plan)

@@ -15,7 +15,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-from lgprjax.autopilot.fence import fence_of_route
+from lgprjax.autopilot.fence import fence_of_ground
 from lgprjax.autopilot.limiter import SkidCommand
 from lgprjax.autopilot.skid_step import (
     Guidance,
@@ -27,7 +27,8 @@ from lgprjax.autopilot.skid_step import (
     skid_setup,
     step_skid,
 )
-from lgprjax.coverage.field import Field, Tool, field_of_polygon
+from lgprjax.coverage.field import Field, Tool, field_of_polygon, outline_of
+from lgprjax.coverage.ground import ground_of_plan
 from lgprjax.coverage.guidance import (
     CarrotSettings,
     CoverRoute,
@@ -114,7 +115,7 @@ class FieldCourse(NamedTuple):
 
     field: Field
     route: CoverRoute
-    fence: Float[Array, "corner 2"]
+    fence: Float[Array, "side 2 2"]
 
 
 def made_up_tool() -> Tool:
@@ -157,8 +158,9 @@ def rectangle_course(
     """
     corners = np.array([[0.0, 0.0], [length_m, 0.0], [length_m, width_m], [0.0, width_m]])
     field = field_of_polygon(corners, name="field")
-    route = lay_pattern(plan_pattern(field, settings, name="field"))
-    return FieldCourse(field, route, fence_of_route(field.perimeter_m, route, tool, spare_m=SPARE_M))
+    pattern = plan_pattern(field, settings, name="field")
+    ground = ground_of_plan(pattern, None, outline_of(tool, track_m=_TRACK_M), spare_m=SPARE_M)
+    return FieldCourse(field, lay_pattern(pattern), fence_of_ground(ground))
 
 
 _BELIEVED_OFF_M = 0.3
@@ -233,7 +235,7 @@ def run_fields(
     spec: FieldLoopSpec,
     world: FieldWorld,
     route: CoverRoute,
-    fence: Float[Array, "corner 2"],
+    fence: Float[Array, "side 2 2"],
     keys: Key[Array, " lane"],
 ) -> FieldMoment:
     """Drives of one field, one for each key; records have the axes moment and lane.
@@ -277,7 +279,7 @@ def _moment(
     spec: FieldLoopSpec,
     world: FieldWorld,
     route: CoverRoute,
-    fence: Float[Array, "corner 2"],
+    fence: Float[Array, "side 2 2"],
     state: FieldState,
     key: PRNGKeyArray,
 ) -> tuple[FieldState, FieldMoment]:
@@ -293,7 +295,7 @@ def _tick(
     spec: FieldLoopSpec,
     world: FieldWorld,
     route: CoverRoute,
-    fence: Float[Array, "corner 2"],
+    fence: Float[Array, "side 2 2"],
     state: FieldState,
     key: PRNGKeyArray,
 ) -> tuple[FieldState, SkidInfo]:

@@ -1,7 +1,4 @@
-"""Layers and figures of a worked record for GIS programs and reports.
-
-Needs the optional package shapely (``pip install lgprjax[gis]``).
-"""
+"""Layers and figures of a worked record for GIS programs and reports."""
 
 import json
 import math
@@ -10,10 +7,10 @@ from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
 from jaxtyping import Bool, Float
 
 from lgprjax.coverage import CellGrid, CellState, Field, inside_cells
-from lgprjax.errors import InputError
 from lgprjax.formats.worked import FULL, GeoLayer, WorkedRecord, stop_words
 
 METHOD = "mechanical: one pass of a machine, recorded by GNSS and INS"
@@ -36,38 +33,19 @@ def cover_layers(record: WorkedRecord, organisation: str) -> tuple[GeoLayer, ...
     Args:
         record: to export.
         organisation: that is responsible, stored with every shape.
-
-    Raises:
-        InputError: shapely is missing.
     """
-    shapely = require_shapely()
     field = shapely.Polygon(record.perimeter_m)
     shapely.prepare(field)
     common = {"organisation": organisation, "method": METHOD, "status": STATUS, **_dates(record)}
-    layers = [_perimeter(shapely, record, field, common), _swaths(shapely, record, common)]
+    layers = [_perimeter(record, field, common), _swaths(record, common)]
     levels = list(zip(record.cells.level.tolist(), record.cells.state, strict=True))
     for level, state in levels:
-        ground = _polygons(shapely, shapely.intersection(cells_union(record, state == CellState.PROCESSED), field))
+        ground = _polygons(shapely.intersection(cells_union(record, state == CellState.PROCESSED), field))
         properties = {**common, "state": "processed", "level": level}
-        layers.append(_areas(shapely, record, layer_name(level), [(each, properties) for each in ground]))
-    layers.append(_gaps(shapely, record, field, levels[0], common))
-    layers += [_stops(shapely, record, common), _events(shapely, record, common)]
+        layers.append(_areas(record, layer_name(level), [(each, properties) for each in ground]))
+    layers.append(_gaps(record, field, levels[0], common))
+    layers += [_stops(record, common), _events(record, common)]
     return tuple(layers)
-
-
-def require_shapely() -> Any:
-    """The package.
-
-    Raises:
-        InputError: it is missing.
-    """
-    try:
-        import shapely
-    except ImportError:
-        raise InputError(
-            "shapely", "export", "the optional package shapely (pip install lgprjax[gis])", "none"
-        ) from None
-    return shapely
 
 
 def cells_union(record: WorkedRecord, chosen: Bool[np.ndarray, "north east"]) -> Any:
@@ -77,7 +55,6 @@ def cells_union(record: WorkedRecord, chosen: Bool[np.ndarray, "north east"]) ->
         record: whose cells they are.
         chosen: which of them.
     """
-    shapely = require_shapely()
     cells = record.cells
     faces = shapely.get_parts(shapely.polygonize(shapely.linestrings(_edges(chosen))))
     # Holes come as faces too: the cell at a point inside a face tells whether it is ground.
@@ -106,12 +83,12 @@ def _edges(chosen: Bool[np.ndarray, "north east"]) -> Float[np.ndarray, "edge 2 
     return np.concatenate(parts).astype(np.float64)
 
 
-def _perimeter(shapely: Any, record: WorkedRecord, field: Any, common: dict[str, Any]) -> GeoLayer:
+def _perimeter(record: WorkedRecord, field: Any, common: dict[str, Any]) -> GeoLayer:
     properties = {**common, "name": record.name, "corners": len(record.perimeter_m), "length_m": round(field.length, 2)}
-    return _areas(shapely, record, "perimeter", [(field, properties)])
+    return _areas(record, "perimeter", [(field, properties)])
 
 
-def _swaths(shapely: Any, record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
+def _swaths(record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
     passes, swaths = record.passes, record.swaths
     rows = []
     for number in range(len(passes.run)):
@@ -130,25 +107,21 @@ def _swaths(shapely: Any, record: WorkedRecord, common: dict[str, Any]) -> GeoLa
                 {**common, **own, **times, **figures},
             )
         )
-    return _layer(shapely, record, "swaths", "LineString", rows)
+    return _layer(record, "swaths", "LineString", rows)
 
 
-def _gaps(
-    shapely: Any, record: WorkedRecord, field: Any, lowest: tuple[float, np.ndarray], common: dict[str, Any]
-) -> GeoLayer:
+def _gaps(record: WorkedRecord, field: Any, lowest: tuple[float, np.ndarray], common: dict[str, Any]) -> GeoLayer:
     """The field minus the processed ground of the lowest level: uncertain ground, and the rest."""
     level, state = lowest
     processed = cells_union(record, state == CellState.PROCESSED)
     left = shapely.difference(field, processed)
     doubtful = shapely.intersection(left, cells_union(record, state == CellState.UNCERTAIN))
     parts = (("uncertain", doubtful), ("not processed", shapely.difference(left, doubtful)))
-    rows = [
-        (each, {**common, "state": word, "level": level}) for word, shape in parts for each in _polygons(shapely, shape)
-    ]
-    return _areas(shapely, record, "gaps", rows)
+    rows = [(each, {**common, "state": word, "level": level}) for word, shape in parts for each in _polygons(shape)]
+    return _areas(record, "gaps", rows)
 
 
-def _stops(shapely: Any, record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
+def _stops(record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
     stops = record.stops
     rows = []
     for number in np.flatnonzero(np.isfinite(stops.east_m) & np.isfinite(stops.north_m)):
@@ -161,10 +134,10 @@ def _stops(shapely: Any, record: WorkedRecord, common: dict[str, Any]) -> GeoLay
             "reasons": stop_words(int(stops.reasons[number])),
         }
         rows.append((shapely.Point(stops.east_m[number], stops.north_m[number]), {**common, **own}))
-    return _layer(shapely, record, "stops", "Point", rows)
+    return _layer(record, "stops", "Point", rows)
 
 
-def _events(shapely: Any, record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
+def _events(record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
     events, channels = record.events, record.channels
     rows = []
     for number in np.flatnonzero(np.isfinite(events.east_m) & np.isfinite(events.north_m)):
@@ -178,17 +151,15 @@ def _events(shapely: Any, record: WorkedRecord, common: dict[str, Any]) -> GeoLa
                 {**common, **own, "text": _text(events.text[number])},
             )
         )
-    return _layer(shapely, record, "events", "Point", rows)
+    return _layer(record, "events", "Point", rows)
 
 
-def _areas(shapely: Any, record: WorkedRecord, name: str, rows: Iterable[tuple[Any, dict[str, Any]]]) -> GeoLayer:
+def _areas(record: WorkedRecord, name: str, rows: Iterable[tuple[Any, dict[str, Any]]]) -> GeoLayer:
     measured = [(shape, {**properties, "area_m2": round(shape.area, 4)}) for shape, properties in rows]
-    return _layer(shapely, record, name, "Polygon", measured)
+    return _layer(record, name, "Polygon", measured)
 
 
-def _layer(
-    shapely: Any, record: WorkedRecord, name: str, kind: str, rows: list[tuple[Any, dict[str, Any]]]
-) -> GeoLayer:
+def _layer(record: WorkedRecord, name: str, kind: str, rows: list[tuple[Any, dict[str, Any]]]) -> GeoLayer:
     def to_degrees(places: Float[np.ndarray, "place 2"]) -> Float[np.ndarray, "place 2"]:
         latitude, longitude, _ = record.frame.to_geodetic(places[:, 0], places[:, 1], np.zeros(len(places)))
         return np.stack([longitude, latitude], axis=1)
@@ -199,7 +170,7 @@ def _layer(
     return GeoLayer(name, kind, tuple(shapes), tuple(properties for _, properties in rows))
 
 
-def _polygons(shapely: Any, shape: Any) -> list[Any]:
+def _polygons(shape: Any) -> list[Any]:
     """Polygons of a shape; lines and points left over by clipping have no area."""
     parts = shapely.get_parts(shape)
     inner = [each for part in parts for each in shapely.get_parts(part)]

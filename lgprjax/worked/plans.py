@@ -1,37 +1,57 @@
 """Plans of fields: from corners on a map to swaths and turns in metres, and for the gaps of a record."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
+import shapely
+from jaxtyping import Float
 
-from lgprjax.batch.vehicles import pattern_settings_of, tool_of
+from lgprjax.batch.vehicles import outline_of_vehicle, pattern_settings_of, skid_setup_of, tool_of
 from lgprjax.coverage import (
     CellGrid,
     Field,
+    Outline,
     Pattern,
     PatternSettings,
+    SafeGround,
+    Tool,
+    check_drivable,
     field_of_corners,
     field_of_polygon,
+    ground_of_sides,
+    inside_cells,
     lay_pattern,
+    lines_heading_rad,
     plan_gaps,
     plan_pattern,
     turn_points,
 )
-from lgprjax.coverage.field import outside_m
+from lgprjax.coverage.field import SQUARED_M, Corners, contains, outside_m, signed_area_m2
+from lgprjax.coverage.ground import breaches, buffered, ground_around, pose_on_line, room_needed_m
+from lgprjax.coverage.pattern import driving_time_s
+from lgprjax.coverage.swaths import ORDERS, Order
+from lgprjax.coverage.tour import plan_tour
 from lgprjax.errors import ArgumentError, InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import CoverPlan, read_cover_plan, read_vehicle, write_cover_plan
-from lgprjax.formats.coverage_files import FieldPlaces, read_field
+from lgprjax.formats.coverage_files import FieldPlaces, KeepOut, read_field
 from lgprjax.formats.worked import FULL, WorkedRecord
 from lgprjax.frames import LocalFrame
+from lgprjax.worked.predicted import predicted_width
 
 # Largest difference between the perimeters of a record and of a plan for its gaps.
 _SAME_FIELD_M = 0.05
 # Turning room used when none is given: more than any field needs.
 _ANY_ROOM_M = 1000.0
+SPARE_M = 0.8
+"""Room of the fence beyond what a plan without declared ground needs; ``[coverage] spare_m`` of a run."""
+
+
+PlanOrder = Literal["zamboni", "boustrophedon", "racetrack", "free", "best"]
 
 
 class PlanOptions(NamedTuple):
@@ -39,15 +59,68 @@ class PlanOptions(NamedTuple):
 
     Attributes:
         overlap: least share of the tool's width in which neighbouring swaths overlap.
-        order: of the swaths.
+        order: of the swaths; ``best``: the one of all that takes the least time.
         turning_room_m: distance that the vehicle may go beyond the perimeter; ``None``: as far as the turns need.
         heading_deg: of the first swath, clockwise from true north; ``None``: along the first side.
+        sides: what is outside of sides, such as ``2:none``, ``3-5:4.5`` or ``rest:6``: metres of ground that is safe to
+            drive on, or none. Sides are counted from 1, from the file's first corner to its second. With any, the way
+            keeps to the ground so declared.
+        keep_out_buffer_m: around keep-outs whose file states none.
+        clearance_m: between vehicle or tool and the border of ground that is declared.
+        speed_mps: set on straight ways, for times.
+        confidence: that every place is to reach with one pass: overlap, and swaths beyond the border where the ground
+            outside allows, follow from it; ``None``: ``overlap`` as it is, and swaths flush with the border.
+        drop_out_s: with ``confidence``, longest time without GNSS that is to be borne.
     """
 
     overlap: float = 0.2
-    order: Literal["zamboni", "boustrophedon"] = "zamboni"
+    order: PlanOrder = "zamboni"
     turning_room_m: float | None = None
     heading_deg: float | None = None
+    sides: tuple[str, ...] = ()
+    keep_out_buffer_m: float = 0.5
+    clearance_m: float = 0.25
+    speed_mps: float = 0.3
+    confidence: float | None = None
+    drop_out_s: float = 0.0
+
+
+class OrderCost(NamedTuple):
+    """What an order of the swaths costs.
+
+    Attributes:
+        order: of the swaths; heading_deg: of them, clockwise from true north.
+        swath_m, way_m: length of the swaths, and of the whole way.
+        time_s: at the set speed, and at what bends and cusps leave of it.
+        ground_m: how far vehicle and tool reach beyond the perimeter.
+        refused: why there is no such plan; empty where there is.
+    """
+
+    order: str
+    heading_deg: float
+    swath_m: float
+    way_m: float
+    time_s: float
+    ground_m: float
+    refused: str
+
+
+class FieldPlan(NamedTuple):
+    """A plan, and what its maker must be told.
+
+    Attributes:
+        plan: of the field.
+        notes: what was changed of the corners, and what could not be reached, a sentence each.
+        costs: of the orders that were tried, the chosen one first.
+        ground_m: how far the ground that must be safe to drive on reaches beyond the perimeter: the fence on board.
+        ground: that ground.
+    """
+
+    plan: CoverPlan
+    notes: tuple[str, ...]
+    costs: tuple[OrderCost, ...]
+    ground_m: float
+    ground: SafeGround
 
 
 def check_plan_options(options: PlanOptions, level: float) -> None:
@@ -60,6 +133,12 @@ def check_plan_options(options: PlanOptions, level: float) -> None:
         raise ArgumentError("heading_deg", "0 to 360", f"{options.heading_deg:g}")
     if not 0.5 < level < 1.0:
         raise ArgumentError("level", "above 0.5 and below 1", f"{level:g}")
+    if not 0.0 <= options.keep_out_buffer_m <= 100.0:
+        raise ArgumentError("keep_out_buffer_m", "0 to 100", f"{options.keep_out_buffer_m:g}")
+    if not 0.0 <= options.clearance_m <= 10.0:
+        raise ArgumentError("clearance_m", "0 to 10", f"{options.clearance_m:g}")
+    if not 0.01 <= options.speed_mps <= 10.0:
+        raise ArgumentError("speed_mps", "0.01 to 10", f"{options.speed_mps:g}")
 
 
 class PlanFile(NamedTuple):
@@ -83,6 +162,19 @@ def make_cover_plan(
     worked: WorkedRecord | None = None,
     level: float = 0.95,
 ) -> CoverPlan | None:
+    """The plan of ``plan_field`` alone; ``None`` if the record leaves no gap."""
+    made = plan_field(field_file, vehicle_file, options, worked=worked, level=level)
+    return None if made is None else made.plan
+
+
+def plan_field(
+    field_file: str | Path,
+    vehicle_file: str | Path,
+    options: PlanOptions,
+    *,
+    worked: WorkedRecord | None = None,
+    level: float = 0.95,
+) -> FieldPlan | None:
     """The plan of a field for a vehicle.
 
     Args:
@@ -96,44 +188,319 @@ def make_cover_plan(
         The plan; ``None`` if the record leaves no gap.
 
     Raises:
-        InputError: an unusable file, corners that form no field, a pattern that does not fit.
+        InputError: an unusable file, corners that form no field, a pattern that does not fit; it names the place.
     """
     places, vehicle = read_field(field_file), read_vehicle(vehicle_file)
-    tool = tool_of(vehicle, vehicle_file)
-    name = Path(field_file).resolve().name.split(".")[0]
+    tool, outline = tool_of(vehicle, vehicle_file), outline_of_vehicle(vehicle, vehicle_file)
+    name = str(field_file)
     if worked is None:
         first = (float(each[0]) for each in (places.latitude_deg, places.longitude_deg, places.height_m))
         frame = LocalFrame(*first)
-        field = _field_of(places, frame, str(field_file))
     else:
         frame = worked.frame
-        field = _field_of(places, frame, str(field_file))
+    field, notes = _field_of(places, frame, name)
+    if worked is not None:
         _check_same_field(field, worked, field_file)
-    longitude = np.array([frame.longitude_deg])
-    heading = options.heading_deg
-    heading_rad = None if heading is None else float(frame.yaw_of_heading(np.array([heading]), longitude)[0])
+    if vehicle.body.rear_m is None:
+        notes.append("the vehicle file has no [body]: ground is for reference point, track and tool alone")
+    keep_outs_m = tuple(_keep_out(each, frame, options.keep_out_buffer_m) for each in places.keep_outs)
+    declared = bool(options.sides) or bool(keep_outs_m) or options.order in ("free", "best")
+    field_names = FieldNames(
+        field, keep_outs_m, frame, name, Path(field_file).resolve().name.split(".")[0], tool, outline, declared
+    )
 
-    def settings_for(room_m: float) -> PatternSettings:
+    def settings_for(order: Order, room_m: float, heading_rad: float | None) -> PatternSettings:
         return pattern_settings_of(
-            vehicle,
-            vehicle_file,
-            overlap=options.overlap,
-            order=options.order,
-            turning_room_m=room_m,
-            heading_rad=heading_rad,
+            vehicle, vehicle_file, overlap=options.overlap, order=order, turning_room_m=room_m, heading_rad=heading_rad
         )
 
-    def lay(settings: PatternSettings) -> Pattern | None:
-        if worked is None:
-            return plan_pattern(field, settings, name=str(field_file))
+    if options.confidence is not None:
+        parts = skid_setup_of(vehicle, vehicle_file)
+        width = predicted_width(
+            parts.model, tool, confidence=options.confidence, drop_out_s=options.drop_out_s, speed_mps=options.speed_mps
+        )
+        confidence = options.confidence
+        options = options._replace(overlap=width.overlap)
+        notes.append(
+            f"{100.0 * confidence:g} % with one pass: sigma across {100.0 * width.sigma_m:.1f} cm, overlap "
+            f"{width.overlap:.3f}, swaths {width.border_m:.2f} m beyond the border where there is room"
+        )
+        field_names = field_names._replace(border_m=width.border_m)
+    maker = _Maker(field_names, options, settings_for, places)
+    made = maker.gaps(worked, level) if worked is not None else maker.whole()
+    if made is None:
+        return None
+    pattern, ground, costs, more = made
+    if ground is None:
+        ground_m = room_needed_m(field.perimeter_m, pattern, outline) + SPARE_M
+    else:
+        corners = shapely.points(shapely.get_coordinates(ground.shape))
+        ground_m = float(shapely.distance(shapely.Polygon(field.perimeter_m), corners).max())
+    plan = CoverPlan(
+        field_names.title,
+        frame,
+        pattern,
+        tool,
+        vehicle.name,
+        file_hash(vehicle_file),
+        ground=ground,
+        keep_outs_m=keep_outs_m,
+    )
+    fence = ground or ground_around(field.perimeter_m, ground_m, 0.0)
+    return FieldPlan(plan, (*notes, *more), tuple(costs), ground_m, fence)
+
+
+class FieldNames(NamedTuple):
+    """A field on its way to a plan: geometry, frame, file and title, the vehicle's outline, whether its ground is
+    declared, and how far swaths go beyond the border."""
+
+    field: Field
+    keep_outs_m: tuple[Float[np.ndarray, "_ 2"], ...]
+    frame: LocalFrame
+    file: str
+    title: str
+    tool: Tool
+    outline: Outline
+    declared: bool
+    border_m: float = 0.0
+
+
+_Made = tuple[Pattern, SafeGround | None, list[OrderCost], list[str]]
+
+
+class _Maker:
+    """Plans one field by the orders asked for."""
+
+    def __init__(
+        self,
+        held: FieldNames,
+        options: PlanOptions,
+        settings_for: Callable[[Order, float, float | None], PatternSettings],
+        places: FieldPlaces,
+    ) -> None:
+        self._held, self._options, self._settings_for = held, options, settings_for
+        self._rooms = self._rooms_of(places)
+        heading = options.heading_deg
+        longitude = np.array([held.frame.longitude_deg])
+        self._heading = None if heading is None else float(held.frame.yaw_of_heading(np.array([heading]), longitude)[0])
+        self._ground: SafeGround | None = None
+        if held.declared:
+            rooms = self._rooms
+            self._ground = ground_of_sides(held.field.perimeter_m, rooms, held.keep_outs_m, options.clearance_m)
+
+        self._wider = self._with_border()
+
+    def _with_border(self) -> Field:
+        """The field, wider by what the confidence asks for at its border, where the ground is safe."""
+        held = self._held
+        if held.border_m <= 0.0:
+            return held.field
+        shape = shapely.Polygon(held.field.perimeter_m).buffer(held.border_m, join_style="mitre", mitre_limit=2.0)
+        if self._ground is not None:
+            whole = ground_of_sides(held.field.perimeter_m, self._rooms, (), 0.0)
+            shape = shapely.intersection(shape, whole.shape)
+        largest = max(shapely.get_parts(shape), key=lambda part: part.area)
+        ring = np.asarray(shapely.simplify(largest, 1e-4).exterior.coords)[:-1]
+        if not largest.exterior.is_ccw:
+            ring = ring[::-1]
+        # Lines run along the first side: the side nearest to it comes first.
+        first = 0.5 * (held.field.perimeter_m[0] + held.field.perimeter_m[1])
+        sides = shapely.linestrings(np.stack([ring, np.roll(ring, -1, axis=0)], axis=1))
+        nearest = int(np.argmin(shapely.distance(sides, shapely.Point(first))))
+        return field_of_polygon(np.roll(ring, -nearest, axis=0), name=held.file)
+
+    def _rooms_of(self, places: FieldPlaces) -> list[float]:
+        held, options = self._held, self._options
+        settings = self._settings_for("free", 0.0, None)
+        outline = held.outline
+        # A bulb between adjacent swaths, with the tool out of the field before; what is not used is given back.
+        radius_m = settings.smallest_radius_m
+        corner_m = math.hypot(radius_m + max(outline.left_m, -outline.right_m), max(outline.front_m, -outline.rear_m))
+        usual_m = max(settings.tool_ahead_m, 0.0) + math.sqrt(3.0) * radius_m + corner_m + options.clearance_m
+        usual_m = math.ceil(10.0 * usual_m + 1.0) / 10.0
+        default_m = usual_m if options.turning_room_m is None else options.turning_room_m
+        count = len(held.field.perimeter_m)
+        given = rooms_of_sides(options.sides, count, default_m)
+        if given is None:
+            return [default_m] * count
+        # A ring that was turned round keeps its first side and has the others in reverse order.
+        return given if _counter_clockwise(places) else [given[0], *given[:0:-1]]
+
+    def gaps(self, worked: WorkedRecord, level: float) -> _Made | None:
+        held = self._held
         cells = worked.cells
         grid = CellGrid(cells.east_m, cells.north_m, cells.cell_m, *cells.probability.shape)
-        return plan_gaps(field, cells.probability >= level * FULL, grid, settings, name=str(field_file))
+        done = cells.probability >= level * FULL
+        for ring in held.keep_outs_m:
+            done = done | inside_cells(Field(ring), grid)
+        asked = self._options.order
+        order: Order = "boustrophedon" if asked == "free" or asked == "best" else asked
 
-    pattern = _lay_within(lay, settings_for, field, options.turning_room_m)
-    if pattern is None:
+        def lay(settings: PatternSettings) -> Pattern | None:
+            return plan_gaps(held.field, done, grid, settings, name=held.file)
+
+        pattern = _lay_within(
+            lay, lambda room_m: self._settings_for(order, room_m, self._heading), held.field, self._room_m
+        )
+        if pattern is None:
+            return None
+        ground = None
+        if held.declared:
+            ground = self._ground
+            assert ground is not None
+            check_drivable(pattern, ground, held.outline, name=held.file)
+        return pattern, ground, [], _unreached(pattern)
+
+    @property
+    def _room_m(self) -> float | None:
+        return max(self._rooms) if self._held.declared else self._options.turning_room_m
+
+    def whole(self) -> _Made:
+        order = self._options.order
+        orders: tuple[Order, ...] = ORDERS if order == "best" else (order,)
+        tried = [self._tried(each, heading) for each in orders for heading in self._headings(each)]
+        good = [each for each in tried if each[0] is not None]
+        if not good:
+            raise next(each[3] for each in tried if each[3] is not None)
+        # What leaves ground unworked is no cheaper for it.
+        most = max(each[4] for each in good)
+        good.sort(key=lambda each: (each[4] < most - 0.005, each[2].time_s))
+        pattern, ground, cost, _, _, notes = good[0]
+        assert pattern is not None
+        others = [each[2] for each in tried if each[2] is not cost]
+        return pattern, ground, [cost, *others], notes
+
+    def _headings(self, order: Order) -> list[float | None]:
+        """Of the first side; with ``best`` those of the longest sides as well. Free order finds its own."""
+        if self._heading is not None or order == "free" or self._options.order != "best":
+            return [self._heading]
+        perimeter_m = self._held.field.perimeter_m
+        sides = np.roll(perimeter_m, -1, axis=0) - perimeter_m
+        found: list[float | None] = []
+        for side in sides[np.argsort(-np.hypot(*sides.T))]:
+            heading = math.atan2(side[1], side[0])
+            if all(each is None or abs(math.sin(heading - each)) > 0.1 for each in found):
+                found.append(heading)
+        return found[:3]
+
+    def _tried(
+        self, order: Order, heading_rad: float | None
+    ) -> tuple[Pattern | None, SafeGround | None, OrderCost, InputError | None, float, list[str]]:
+        held = self._held
+        degrees = self._degrees(heading_rad)
+        try:
+            if order == "free":
+                assert self._ground is not None
+                settings = self._settings_for("free", max(self._rooms), heading_rad)
+                tour = plan_tour(
+                    self._wider, self._ground, held.keep_outs_m, settings, held.tool, held.outline, name=held.file
+                )
+                pattern, share = tour.pattern, tour.worked_m2 / tour.target_m2
+                at = pose_on_line(pattern.lines[0], settings.tool_ahead_m, settings.tool_left_m)
+                inside = bool(contains(held.field.perimeter_m, at[None, :2])[0])
+                begun = (
+                    ["the first swath begins within the field: the vehicle has to be brought there"] if inside else []
+                )
+                notes = [
+                    *begun,
+                    *_unreached(pattern),
+                    f"the swaths pass {math.floor(1000.0 * share) / 10.0:.1f} % of the field",
+                ]
+                if tour.cusps:
+                    notes.append(f"the way changes between forward and reverse {tour.cusps} times")
+            else:
+
+                def lay(settings: PatternSettings) -> Pattern:
+                    return plan_pattern(self._wider, settings, name=held.file)
+
+                if held.keep_outs_m:
+                    raise InputError(held.file, f"order {order}", "free: it goes round keep-outs", order)
+                room_m = self._room_m if self._options.sides else self._options.turning_room_m
+                laid = _lay_within(
+                    lay, lambda within_m: self._settings_for(order, within_m, heading_rad), self._wider, room_m
+                )
+                assert laid is not None
+                pattern, share, notes = laid, 1.0, []
+            pattern = replace(pattern, field=held.field)
+            # Without sides the fence is laid around whatever an order needs.
+            ground = self._ground if self._options.sides or held.keep_outs_m or order == "free" else None
+            if ground is not None:
+                check_drivable(pattern, ground, held.outline, name=held.file)
+                ground = self._smaller(pattern, ground)
+        except InputError as error:
+            cost = OrderCost(order, degrees, math.nan, math.nan, math.inf, math.nan, str(error))
+            return None, None, cost, error, 0.0, []
+        cost = OrderCost(
+            order,
+            self._degrees(lines_heading_rad(held.field, heading_rad))
+            if order != "free"
+            else degrees_of(pattern, held.frame),
+            pattern.line_length_m,
+            pattern.length_m,
+            driving_time_s(pattern, self._options.speed_mps),
+            room_needed_m(held.field.perimeter_m, pattern, held.outline),
+            "",
+        )
+        return pattern, ground, cost, None, share, notes
+
+    def _degrees(self, heading_rad: float | None) -> float:
+        if heading_rad is None:
+            return math.nan
+        frame = self._held.frame
+        return float(frame.heading_of_yaw(np.array([heading_rad]), np.array([frame.longitude_deg]))[0])
+
+    def _smaller(self, pattern: Pattern, ground: SafeGround) -> SafeGround:
+        """The ground without what the way does not need: no more has to be safe than is used."""
+        held, options = self._held, self._options
+        if options.sides:
+            return ground
+        needed_m = room_needed_m(held.field.perimeter_m, pattern, held.outline) + options.clearance_m + 0.01
+        rooms = [min(each, needed_m) for each in self._rooms]
+        less = ground_of_sides(held.field.perimeter_m, rooms, held.keep_outs_m, options.clearance_m)
+        return ground if breaches(pattern, less, held.outline) else less
+
+
+def degrees_of(pattern: Pattern, frame: LocalFrame) -> float:
+    """Compass heading of the longest swath."""
+    longest = max(pattern.lines, key=lambda line: line.length_m)
+    along = longest.end_m - longest.start_m
+    yaw = np.array([math.atan2(along[1], along[0])])
+    return float(frame.heading_of_yaw(yaw, np.array([frame.longitude_deg]))[0])
+
+
+def _unreached(pattern: Pattern) -> list[str]:
+    if not pattern.unreached:
+        return []
+    at = pattern.unreached[0].start_m
+    where = f"the first at {at[0]:.1f} m east, {at[1]:.1f} m north of the anchor"
+    return [f"no way leads to {len(pattern.unreached)} swaths, {where}"]
+
+
+def rooms_of_sides(sides: Sequence[str], count: int, default_m: float) -> list[float] | None:
+    """Room outside each side, metres, from texts such as ``2:none``, ``3-5:4.5`` and ``rest:6``.
+
+    Raises:
+        ArgumentError: a text of another form, or a side that there is not.
+    """
+    if not sides:
         return None
-    return CoverPlan(name, frame, pattern, tool, vehicle.name, file_hash(vehicle_file))
+    rooms: dict[int, float] = {}
+    rest_m = default_m
+    for text in sides:
+        which, _, what = text.partition(":")
+        expected = "SIDE:ROOM, such as 2:none, 3-5:4.5 or rest:6"
+        try:
+            room_m = 0.0 if what == "none" else float(what)
+            low, _, high = which.partition("-")
+            chosen = range(0) if which == "rest" else range(int(low), int(high or low) + 1)
+        except ValueError:
+            raise ArgumentError("sides", expected, repr(text)) from None
+        if not 0.0 <= room_m <= 1000.0 or (which != "rest" and not (chosen and chosen[0] >= 1 and chosen[-1] <= count)):
+            raise ArgumentError("sides", f"{expected}; sides 1 to {count}, rooms of 0 to 1000 m", repr(text))
+        if which == "rest":
+            rest_m = room_m
+        rooms |= dict.fromkeys(chosen, room_m)
+    return [rooms.get(number + 1, rest_m) for number in range(count)]
 
 
 def save_cover_plan(path: str | Path, plan: CoverPlan, *, force: bool = False) -> None:
@@ -163,10 +530,43 @@ def _lay_within(
     return lay(settings_for(needed_m))
 
 
-def _field_of(places: FieldPlaces, frame: LocalFrame, name: str) -> Field:
+_TOLD_M = 0.02
+
+
+def _field_of(places: FieldPlaces, frame: LocalFrame, name: str) -> tuple[Field, list[str]]:
+    """The field, and what was done to its corners."""
+    corners = _local(places, frame)
+    notes = list(places.notes)
+    if not places.driven:
+        field = field_of_polygon(corners, name=name)
+        dropped = len(corners) - len(field.perimeter_m)
+        if dropped:
+            notes.append(f"{dropped} corners left out: in the place of the one before")
+        return field, notes
+    field = field_of_corners(corners, name=name)
+    for number, corner in enumerate(corners):
+        moved_m = float(np.hypot(*(field.perimeter_m - corner).T).min())
+        if moved_m > _TOLD_M:
+            notes.append(f"corner {number + 1} moved by {moved_m:.2f} m to make a rectangle")
+    ((fourth),) = [each for each in field.perimeter_m if np.hypot(*(corners - each).T).min() > 2.0 * SQUARED_M] or [
+        field.perimeter_m[3]
+    ]
+    latitude, longitude, _ = frame.to_geodetic(fourth[:1], fourth[1:], np.zeros(1))
+    notes.append(f"the fourth corner follows: {latitude[0]:.8f}, {longitude[0]:.8f}; visit it before you drive")
+    return field, notes
+
+
+def _local(places: FieldPlaces | KeepOut, frame: LocalFrame) -> Corners:
     east, north, _ = frame.to_local(places.latitude_deg, places.longitude_deg, places.height_m)
-    corners = np.stack([east, north], axis=1)
-    return field_of_corners(corners, name=name) if places.driven else field_of_polygon(corners, name=name)
+    return np.stack([east, north], axis=1)
+
+
+def _keep_out(ring: KeepOut, frame: LocalFrame, buffer_m: float) -> Corners:
+    return buffered(_local(ring, frame), buffer_m if ring.buffer_m is None else ring.buffer_m)
+
+
+def _counter_clockwise(places: FieldPlaces) -> bool:
+    return signed_area_m2(np.stack([places.longitude_deg, places.latitude_deg], axis=1)) > 0.0
 
 
 def _check_same_field(field: Field, worked: WorkedRecord, field_file: str | Path) -> None:

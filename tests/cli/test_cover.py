@@ -11,8 +11,11 @@ import pytest
 
 from drawn_field import FIELD_M, VEHICLE, Drive, cover_rows, write_cover_run
 from lgprjax.cli import main
+from lgprjax.errors import InputError
 from lgprjax.formats import check_file, read_cover_plan, read_worked
 from lgprjax.frames import LocalFrame
+from lgprjax.runtime.config import read_config
+from lgprjax.runtime.control.skid.setup import load_skid
 
 FRAME = LocalFrame(40.0, -100.0, 0.0)
 
@@ -59,7 +62,9 @@ def test_the_plan_is_there_and_tells_its_figures(
     options = ("--vehicle", work / "v.vehicle.toml", "--overlap", 0.1, "--json", tmp_path / "p.json")
     order = ("--order", "boustrophedon", "--turning-room-m", 9, "--heading-deg", 0)
     assert run("plan", work / "f.geojson", "-o", tmp_path / "x.cover.geojson", *options, *order) == 0
-    assert "9 m beyond the perimeter" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "m beyond the perimeter: this ground must be safe to drive on" in said
+    assert "no [body]" in said
     figures = json.loads((tmp_path / "p.json").read_text())
     # Lines northward over 8 m: ceil((8 - 1) / 0.9) + 1 = 9 of 5 m.
     assert (figures["lines"], figures["line_length_m"]) == (9, 45.0)
@@ -243,3 +248,67 @@ def test_runs_and_records_that_are_none_are_one_line(
         assert message in line
     assert run("record", work / "one", *plan, *output, "--cell-m", 5) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["empty"]
+
+
+NOTCHED_M = np.array([[0, 0], [14, 0], [14, 9], [9, 9], [9, 5], [5, 5], [5, 9], [0, 9]], float)
+
+
+def test_a_plan_of_sides_and_keep_outs_is_accepted_on_board(
+    work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Side 1 has no room: the plan, preflight and the control loop check the same ground."""
+    east, north = NOTCHED_M.T
+    latitude, longitude, _ = FRAME.to_geodetic(east, north, np.zeros(len(east)))
+    hole = FRAME.to_geodetic(np.array([6.5, 7.5, 7.5]), np.array([2.0, 2.0, 3.0]), np.zeros(3))
+    rings = [
+        [[float(x), float(y)] for x, y in zip(*each, strict=True)]
+        for each in ((longitude, latitude), (hole[1], hole[0]))
+    ]
+    (tmp_path / "f.geojson").write_text(
+        json.dumps({"type": "Polygon", "coordinates": [[*ring, ring[0]] for ring in rings]})
+    )
+    options = ("--vehicle", work / "v.vehicle.toml", "--order", "free", "--keep-out-buffer-m", 0.3)
+    output = ("-o", tmp_path / "x.cover.geojson", "--picture", tmp_path / "x.png")
+    assert run("plan", tmp_path / "f.geojson", *output, *options, "--sides", "1:none", "rest:6") == 0
+    said = capsys.readouterr().out
+    assert "1 keep-outs" in said
+    assert "6.00 m beyond the perimeter" in said
+    assert (tmp_path / "x.png").stat().st_size > 10_000
+    assert check_file(tmp_path / "x.cover.geojson") == []
+    plan = read_cover_plan(tmp_path / "x.cover.geojson")
+    assert plan.ground is not None
+    (tmp_path / "run.toml").write_text(
+        f'name = "f"\nvehicle = "{work}/v.vehicle.toml"\n[coverage]\nplan = "x.cover.geojson"\n[ports]\n'
+        + "".join(f'{name} = {{ url = "/dev/null" }}\n' for name in ("drive_by_wire", "controller", "gnss"))
+    )
+    loaded = load_skid(read_config(tmp_path / "run.toml"))
+    assert loaded.lines == len(plan.pattern.lines)
+    # Nothing safe lies south of the side without room.
+    assert float(np.asarray(loaded.fence)[:, :, 1].min()) > -6.1
+    south = [ring for part in plan.ground.polygons_m for ring in part]
+    assert not any(((ring[:, 0] > 0.5) & (ring[:, 0] < 13.5) & (ring[:, 1] < -0.01)).any() for ring in south)
+    # A vehicle file with a longer body is refused at start, by the name of the place.
+    longer = (
+        work / "v.vehicle.toml"
+    ).read_text() + "[body]\nfront_m = 1.1\nrear_m = 3.0\nleft_m = 0.6\nright_m = 0.6\n"
+    (tmp_path / "w.vehicle.toml").write_text(longer)
+    text = (tmp_path / "run.toml").read_text().replace(f"{work}/v.vehicle.toml", "w.vehicle.toml")
+    (tmp_path / "run.toml").write_text(text)
+    with pytest.raises(InputError, match="within the ground declared safe"):
+        load_skid(read_config(tmp_path / "run.toml"))
+
+
+def test_sides_and_moved_corners_are_told(work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    corners = FIELD_M[:3] + np.array([[0.0, 0.0], [0.0, 0.0], [0.15, 0.0]])
+    latitude, longitude, _ = FRAME.to_geodetic(corners[:, 0], corners[:, 1], np.zeros(3))
+    rows = [f"{lat:.12f},{lon:.12f}" for lat, lon in zip(latitude, longitude, strict=True)]
+    (tmp_path / "c.csv").write_text("\n".join(["latitude_deg,longitude_deg", *rows]) + "\n")
+    options = ("--vehicle", work / "v.vehicle.toml", "--overlap", 0, "--order", "best")
+    assert run("plan", tmp_path / "c.csv", "-o", tmp_path / "x.cover.geojson", *options) == 0
+    said = capsys.readouterr().out
+    assert "corner 3 moved by 0.15 m" in said
+    assert "the fourth corner follows" in said
+    assert all(order in said for order in ("zamboni", "boustrophedon", "racetrack", "free"))
+    for sides in ("5:none", "1:soft", "none", "2-1:3"):
+        assert run("plan", tmp_path / "c.csv", "-o", tmp_path / "y.cover.geojson", *options, "--sides", sides) == 2
+        assert "sides: expected SIDE:ROOM" in capsys.readouterr().err

@@ -2,13 +2,14 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from lgprjax.coverage import Field, Pattern, PatternSettings, Tool, plan_pattern
+from lgprjax.coverage import Field, Pattern, PatternSettings, SafeGround, Tool, plan_pattern
 from lgprjax.errors import InputError
 from lgprjax.formats import CoverPlan, check_file, read_cover_plan
 from lgprjax.frames import LocalFrame
@@ -103,7 +104,7 @@ def test_map_programs_open_it(tmp_path: Path) -> None:
         (lambda t: t["features"].pop(), "found one that was changed since"),
         (lambda t: t.pop("lgprjax"), "expected a coverage plan (lgprjax cover plan)"),
         (lambda t: t["lgprjax"].__setitem__("schema", "lgprjax.route"), "@schema: expected lgprjax.cover_plan"),
-        (lambda t: t["lgprjax"].__setitem__("schema_version", "2.0"), "update lgprjax"),
+        (lambda t: t["lgprjax"].__setitem__("schema_version", "3.0"), "update lgprjax"),
         (lambda t: t["lgprjax"].pop("turns"), "turns: expected a list, found none"),
         (lambda t: t["lgprjax"]["anchor"].pop("height_m"), "anchor.height_m: expected a number, finite, found none"),
         (lambda t: t["lgprjax"]["tool"].__setitem__("width_m", -1.0), "tool.width_m: expected a number, finite, above"),
@@ -140,3 +141,25 @@ def test_what_is_no_plan_is_refused(tmp_path: Path) -> None:
             read_cover_plan(path)
     with pytest.raises(InputError, match="a readable file"):
         read_cover_plan(tmp_path / "none.cover.geojson")
+
+
+def test_a_plan_with_declared_ground_is_one_that_older_readers_refuse(tmp_path: Path) -> None:
+    ring = np.array([[3.0, 2.0], [4.0, 2.0], [4.0, 3.0]])
+    outer = np.array([[-5.0, -5.0], [20.0, -5.0], [20.0, 20.0], [-5.0, 20.0]])
+    whole = _plan()._replace(ground=SafeGround(((outer, ring),), 0.25), keep_outs_m=(ring,))
+    turn = whole.pattern.turns[0]
+    backwards = turn._replace(pieces=np.concatenate([turn.pieces, [[-1.5, 0.25], [1.5, 0.25]]]))
+    whole = whole._replace(pattern=replace(whole.pattern, turns=(backwards, *whole.pattern.turns[1:])))
+    path = tmp_path / "x.cover.geojson"
+    save_cover_plan(path, whole)
+    assert check_file(path) == []
+    read = read_cover_plan(path)
+    assert read.ground is not None
+    assert read.ground.clearance_m == 0.25
+    np.testing.assert_array_equal(read.ground.polygons_m[0][1], ring)
+    np.testing.assert_array_equal(read.keep_outs_m[0], ring)
+    np.testing.assert_array_equal(read.pattern.turns[0].pieces, backwards.pieces)
+    assert json.loads(path.read_text())["lgprjax"]["schema_version"] == "2.0"
+    # One that needs nothing of it is what it was.
+    save_cover_plan(tmp_path / "y.cover.geojson", _plan())
+    assert json.loads((tmp_path / "y.cover.geojson").read_text())["lgprjax"]["schema_version"] == "1.0"

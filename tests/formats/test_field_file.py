@@ -48,7 +48,6 @@ def test_a_polygon_is_found_wherever_it_is(tmp_path: Path, table: dict[str, Any]
     [
         ({"type": "Polygon", "coordinates": []}, "geometry: expected a Polygon with corners, found an empty one"),
         ({"type": "Polygon", "coordinates": [[]]}, "found an empty one"),
-        ({"type": "Polygon", "coordinates": [_RING, _RING]}, "expected a Polygon without holes, found 1 of them"),
         (_LINE, "geometry: expected one Polygon, found none"),
         ({"type": "FeatureCollection", "features": [_feature(_POLYGON)] * 2}, "expected one Polygon, found 2"),
         ({"type": "MultiPolygon", "coordinates": [[_RING], [_RING]]}, "a MultiPolygon of several"),
@@ -92,7 +91,10 @@ def test_three_corners_are_read_from_a_table_or_a_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("latitude_deg,longitude_deg\n40,-100\n40,-99\n", "corners: expected three rows, one a corner, found 2"),
+        (
+            "latitude_deg,longitude_deg\n40,-100\n40,-99\n",
+            "corners: expected three rows or more, one a corner, found 2",
+        ),
         ("lat,lon\n1,2\n", "latitude_deg: expected a column latitude_deg, found lat, lon"),
         ("", "found an empty file"),
         ("latitude_deg,longitude_deg\n40,-100\n40,x\n40,-99\n", "row 2, longitude_deg: expected a number, found 'x'"),
@@ -114,7 +116,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "f.geojson").write_text("{")
     (tmp_path / "g.geojson").write_bytes(b"\xff\xfe")
     for name, message in (
-        ("f.shp", "a .geojson polygon, a .csv of three corners"),
+        ("f.gpx", "a .geojson, .kml, .shp or .csv of corners"),
         ("none.csv", "a readable file"),
         ("empty", "three corners marked while driving"),
         ("f.geojson", "expected GeoJSON, found no JSON"),
@@ -122,3 +124,46 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=message):
             read_field(tmp_path / name)
+
+
+def test_holes_and_polygons_of_their_kind_are_kept_out_of(tmp_path: Path) -> None:
+    inner = [[-99.99995, 40.00005], [-99.9999, 40.00005], [-99.9999, 40.0001], [-99.99995, 40.00005]]
+    pond = {
+        "type": "Feature",
+        "properties": {"kind": "keep_out", "buffer_m": 1.5},
+        "geometry": {"type": "Polygon", "coordinates": [inner]},
+    }
+    field = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [_RING, inner]}}
+    path = tmp_path / "f.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [pond, field]}))
+    places = read_field(path)
+    assert len(places.latitude_deg) == len(_RING) - 1
+    assert [each.buffer_m for each in places.keep_outs] == [None, 1.5]
+    assert places.keep_outs[0].longitude_deg.tolist() == [each[0] for each in inner[:-1]]
+    assert places.notes == ("2 keep-outs",)
+
+
+def test_a_kml_and_a_table_of_all_corners_are_the_same_field(tmp_path: Path) -> None:
+    text = " ".join(f"{longitude},{latitude},310" for longitude, latitude in _RING)
+    (tmp_path / "f.kml").write_text(
+        '<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><Polygon><outerBoundaryIs>'
+        f"<LinearRing><coordinates>{text}</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark></kml>"
+    )
+    rows = [f"{latitude},{longitude}" for longitude, latitude in _RING[:-1]]
+    (tmp_path / "f.csv").write_text("\n".join(["latitude_deg,longitude_deg", *rows]) + "\n")
+    one, other = read_field(tmp_path / "f.kml"), read_field(tmp_path / "f.csv")
+    for each in ("latitude_deg", "longitude_deg", "height_m"):
+        assert getattr(one, each).tolist() == getattr(other, each).tolist()
+    assert not one.driven
+    assert one.notes == ("heights of the KML left out: they do not count from the ellipsoid",)
+    (tmp_path / "g.kml").write_text("<kml>")
+    with pytest.raises(InputError, match="expected KML, found no XML"):
+        read_field(tmp_path / "g.kml")
+
+
+def test_a_shapefile_is_read(tmp_path: Path) -> None:
+    pyogrio, shapely = pytest.importorskip("pyogrio"), pytest.importorskip("shapely")
+    shapes = shapely.to_wkb(np.array([shapely.Polygon(_RING)], object))
+    pyogrio.raw.write(tmp_path / "f.shp", shapes, [], [], crs="EPSG:4326", geometry_type="Polygon")
+    places = read_field(tmp_path / "f.shp")
+    assert sorted(places.latitude_deg.tolist()) == sorted(each[1] for each in _RING[:-1])

@@ -83,7 +83,7 @@ class SkidResult(NamedTuple):
 def step_skid_compiled(
     setup: SkidSetup,
     route: CoverRoute,
-    fence: Float[Array, "slot 2"],
+    fence: Float[Array, "side 2 2"],
     state: SkidState,
     numbers: Float[Array, " number"],
     *,

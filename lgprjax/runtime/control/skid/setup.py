@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from lgprjax.autopilot.fence import fence_of_route, pad_fence
+from lgprjax.autopilot.fence import fence_of_ground, pad_fence
 from lgprjax.autopilot.skid_step import SkidSetup, skid_setup
 from lgprjax.batch.vehicles import carrot_of, skid_setup_of
+from lgprjax.coverage.ground import SafeGround, check_drivable, ground_of_plan
 from lgprjax.coverage.guidance import LEAST_ROWS, CoverRoute, lay_pattern
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
@@ -38,6 +39,7 @@ class SkidLoaded(NamedTuple):
         perimeter_m: of the field, corners; none without a plan.
         lines: of the plan.
         route, fence: as the step takes them; without a plan they are empty.
+        ground: that the fence is around; ``None`` without a plan.
         gnss_period_s: from one position to the next.
         hashes: of every file read, by its name in the configuration.
     """
@@ -49,9 +51,10 @@ class SkidLoaded(NamedTuple):
     perimeter_m: Float[np.ndarray, "corner 2"]
     lines: int
     route: CoverRoute
-    fence: Float[Array, "slot 2"]
+    fence: Float[Array, "side 2 2"]
     gnss_period_s: float
     hashes: dict[str, str]
+    ground: SafeGround | None = None
 
 
 def load_skid(config: RuntimeConfig) -> SkidLoaded:
@@ -77,12 +80,15 @@ def load_skid(config: RuntimeConfig) -> SkidLoaded:
         raise InputError(file, "tool", f"that of {path.name}, {setup.tool}", f"{plan.tool}: plan again")
     route = lay_pattern(plan.pattern)
     perimeter_m = plan.pattern.field.perimeter_m
+    ground = ground_of_plan(plan.pattern, plan.ground, setup.outline, spare_m=config.coverage.spare_m)
+    # The same check as when it was planned: a body that has grown since is found here.
+    check_drivable(plan.pattern, ground, setup.outline, name=str(file))
     try:
-        fence = fence_of_route(perimeter_m, route, setup.tool, spare_m=config.coverage.spare_m)
+        fence = fence_of_ground(ground)
     except InputError as error:
         raise InputError(file, error.place, error.expected, error.found) from None
     lines = len(plan.pattern.lines)
-    return SkidLoaded(setup, belief, plan.frame, plan.name, perimeter_m, lines, route, fence, period_s, hashes)
+    return SkidLoaded(setup, belief, plan.frame, plan.name, perimeter_m, lines, route, fence, period_s, hashes, ground)
 
 
 def _setup(config: RuntimeConfig, vehicle: VehicleFile) -> tuple[SkidSetup, ToolBelief]:
@@ -98,6 +104,7 @@ def _setup(config: RuntimeConfig, vehicle: VehicleFile) -> tuple[SkidSetup, Tool
         deepest_m=_DEEPER * depth_m,
         threshold_mps=vehicle.skid_steer.threshold_mps or 0.0,
         carrot=carrot_of(vehicle, path),
+        outline=parts.outline,
     )
     return setup, ToolBelief(depth_m, tolerance_m)
 

@@ -70,6 +70,8 @@ class FieldPanel:
         few = rows[np.unique(np.linspace(0, len(rows) - 1, _MOST_POINTS).astype(int))]
         self._points = [] if loaded.name is None else [[round(float(x), 2), round(float(y), 2)] for x, y in few]
         self._perimeter = [[round(float(x), 2), round(float(y), 2)] for x, y in loaded.perimeter_m]
+        parts = () if loaded.ground is None else loaded.ground.polygons_m
+        self._fence = [np.round(ring, 2).tolist() for part in parts for ring in part]
         self._path_tick: int | None = None
 
     def state(
@@ -81,6 +83,7 @@ class FieldPanel:
             "route": self._loaded.name,
             "routes": [],
             "speed_mps": result.speed_mps,
+            "cap_mps": float(self._loaded.setup.vehicle.largest_wheel_mps),
             "cross_track_m": result.cross_m,
             "to_go_m": result.to_go_m,
             "heading_error_deg": math.degrees(result.heading_error_rad),
@@ -91,6 +94,7 @@ class FieldPanel:
             "reaction": Reaction(int(result.reaction)).name if math.isfinite(result.reaction) else None,
             "field": {
                 "perimeter": self._perimeter,
+                "fence": self._fence,
                 "line": line + 1 if line >= 0 else None,
                 "lines": self._loaded.lines,
                 "tool_width_m": self._loaded.setup.tool.width_m,
@@ -264,6 +268,8 @@ def _stops(mode: Mode, bits: Watch, found: SkidFound) -> StopBits:
 COVER_TICKS = 5
 _DEGRADED_MPS = 0.2
 _NEAR_M = 10.0
+_GNSS_OFF_S = 1.6
+"""As on the page."""
 _TURNED_RAD = 1.6
 _VEHICLE_NOTHING = SkidSensed(0.0, math.nan, math.nan, None, None, None, math.inf, math.inf, math.inf, Quality.NONE)
 
@@ -388,7 +394,10 @@ class SkidSteerVehicle:
 
     def warnings(self) -> list[str]:
         """Warnings to the operator."""
-        return [*describe(self._watched.bits), *describe_found(self._found())]
+        age_s = self._sensed.gnss_age_s
+        # The page's own line says it as well; there must not be "no warnings" beside it.
+        off = [f"GNSS off for {age_s:.0f} s"] if _GNSS_OFF_S < age_s < math.inf else []
+        return [*describe(self._watched.bits), *describe_found(self._found()), *off]
 
     def inhibit_text(self) -> str:
         """An unknown heading, or a missing plan, which the operator can change."""

@@ -47,6 +47,16 @@ export function drawField(pen, field, worked, place, colour) {
       pen.fill();
     }
   }
+  // What nothing may cross: the border of the safe ground, and of what must be kept out of.
+  pen.strokeStyle = colour("--bad");
+  pen.lineWidth = 2;
+  for (const ring of Array.isArray(field.fence) ? field.fence : []) {
+    if (!Array.isArray(ring) || ring.length < 3) continue;
+    pen.beginPath();
+    ring.forEach((corner, i) => (i ? pen.lineTo(...place(...corner)) : pen.moveTo(...place(...corner))));
+    pen.closePath();
+    pen.stroke();
+  }
   const perimeter = Array.isArray(field.perimeter) ? field.perimeter : [];
   if (perimeter.length > 2) {
     pen.strokeStyle = colour("--ink");

@@ -1,0 +1,256 @@
+"""Ground that is declared safe to drive on, and the one check of whether a plan keeps vehicle and tool within it.
+
+The planner, the preflight check and the control loop all call ``breaches``: what the one accepts no other refuses.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from lgprjax.coverage.field import Corners, Outline
+from lgprjax.coverage.pattern import Pattern
+from lgprjax.coverage.swaths import Line
+from lgprjax.coverage.turns import HeadlandTurn, poses_along
+from lgprjax.errors import InputError
+
+GRID_M = 1e-6
+"""Of overlays: what rounding sets apart is one."""
+_TOLERANCE_M = 2e-3
+"""By which a way may come nearer to the border than its clearance: arcs of offsets are polygons."""
+_MITRE = 2.0
+_SLIVER_M2 = 1e-3
+_ARC_RAD = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class SafeGround:
+    """Ground that is declared safe to drive on.
+
+    Attributes:
+        polygons_m: of each part its outer ring, then its holes; east and north.
+        clearance_m: that a planned way keeps between vehicle or tool and the border: uncertainty of the position,
+            error of tracking, and the way to a stop.
+    """
+
+    polygons_m: tuple[tuple[Float[np.ndarray, "_ 2"], ...], ...]
+    clearance_m: float
+
+    @cached_property
+    def shape(self) -> Any:
+        """As a shapely geometry."""
+        return shapely.union_all([shapely.Polygon(part[0], part[1:]) for part in self.polygons_m])
+
+    @cached_property
+    def kept(self) -> Any:
+        """Where vehicle and tool may be planned to be: the ground less the clearance."""
+        less_m = max(self.clearance_m - _TOLERANCE_M, 0.0)
+        return self.shape.buffer(-less_m, join_style="mitre", mitre_limit=_MITRE)
+
+
+class Breach(NamedTuple):
+    """A place of a plan where vehicle or tool would be too near to the border of the safe ground, or beyond it.
+
+    Attributes:
+        place: of the plan.
+        east_m, north_m: of the corner of the vehicle that is worst.
+        missing_m: by how much.
+    """
+
+    place: str
+    east_m: float
+    north_m: float
+    missing_m: float
+
+
+def safe_ground(shape: Any, clearance_m: float) -> SafeGround:
+    """Ground of a shapely polygon or several; pieces and holes of next to no area are left out."""
+    polygons = []
+    for part in shapely.get_parts(shape):
+        if part.geom_type == "Polygon" and part.area > _SLIVER_M2:
+            # Overlays of sides that nearly coincide leave slivers, which are no holes.
+            holes = [each for each in part.interiors if shapely.Polygon(each).area > _SLIVER_M2]
+            polygons.append(tuple(_ring(each) for each in (part.exterior, *holes)))
+    return SafeGround(tuple(polygons), clearance_m)
+
+
+def _ring(ring: Any) -> Float[np.ndarray, "_ 2"]:
+    corners: Float[np.ndarray, "_ 2"] = np.asarray(ring.coords, np.float64)[:-1, :2]
+    return corners
+
+
+def ground_around(perimeter_m: Corners, room_m: float, clearance_m: float) -> SafeGround:
+    """A field and the ground within ``room_m`` of it; corners that would extend farther than twice that are cut.
+
+    A notch of the field that is narrower than twice the room is within it, whole.
+    """
+    shape = shapely.Polygon(perimeter_m).buffer(room_m, join_style="mitre", mitre_limit=_MITRE)
+    return safe_ground(shape, clearance_m)
+
+
+def ground_of_sides(
+    perimeter_m: Corners, rooms_m: Sequence[float], keep_outs_m: Sequence[Float[np.ndarray, "_ 2"]], clearance_m: float
+) -> SafeGround:
+    """A field, the ground outside its sides as deep as each is declared, less what must be kept out of.
+
+    Ground in front of a side without room is never safe, though another side's room should reach there.
+
+    Args:
+        perimeter_m: counter-clockwise and simple.
+        rooms_m: of each side, from its first corner on; 0 where there is none.
+        keep_outs_m: rings, with their buffers.
+        clearance_m: see ``SafeGround``.
+    """
+    field = shapely.Polygon(perimeter_m)
+    starts, ends = perimeter_m, np.roll(perimeter_m, -1, axis=0)
+    deepest_m = max(rooms_m, default=0.0)
+    free: list[Any] = []
+    shut: list[Any] = []
+    for number, (start, end, room_m) in enumerate(zip(starts, ends, rooms_m, strict=True)):
+        along = (end - start) / np.hypot(*(end - start))
+        out = np.array([along[1], -along[0]])
+        depth_m = room_m if room_m > 0.0 else deepest_m
+        strip = shapely.Polygon([start, start + depth_m * out, end + depth_m * out, end]) if depth_m > 0.0 else None
+        if strip is None:
+            continue
+        (free if room_m > 0.0 else shut).append(strip)
+        before_m = rooms_m[number - 1]
+        if room_m > 0.0 and before_m > 0.0:
+            free.append(shapely.Point(start).buffer(min(room_m, before_m), quad_segs=16))
+    outside = shapely.difference(shapely.union_all(free, grid_size=GRID_M), field, grid_size=GRID_M)
+    if shut:
+        outside = shapely.difference(outside, shapely.union_all(shut, grid_size=GRID_M), grid_size=GRID_M)
+    shape = shapely.union(field, outside, grid_size=GRID_M)
+    if keep_outs_m:
+        away = shapely.union_all([shapely.Polygon(ring) for ring in keep_outs_m], grid_size=GRID_M)
+        shape = shapely.difference(shape, away, grid_size=GRID_M)
+    return safe_ground(shape, clearance_m)
+
+
+def buffered(ring_m: Corners, buffer_m: float) -> Float[np.ndarray, "_ 2"]:
+    """A keep-out grown by its buffer; its corners are cut at twice that.
+
+    Raises:
+        InputError: a ring that encloses nothing, or whose sides cross.
+    """
+    shape = shapely.Polygon(ring_m)
+    if not shape.is_valid or shape.area <= 0.0:
+        raise InputError("keep-out", "sides", "a ring whose sides do not cross", shapely.is_valid_reason(shape))
+    grown = shape.buffer(buffer_m, join_style="mitre", mitre_limit=_MITRE) if buffer_m > 0.0 else shape
+    return _ring(shapely.Polygon(grown.exterior).normalize().exterior)
+
+
+# The check.
+
+
+def ground_of_plan(pattern: Pattern, ground: SafeGround | None, outline: Outline, *, spare_m: float) -> SafeGround:
+    """The ground that a plan declares safe; where it declares none, what vehicle and tool need and some spare room.
+
+    Args:
+        pattern: of the plan.
+        ground: declared with it.
+        outline: of vehicle and tool.
+        spare_m: must hold the margins of ``StopRules``, the stopping distance and the tracking error: some 0.8 m.
+    """
+    if ground is not None:
+        return ground
+    perimeter_m = pattern.field.perimeter_m
+    return ground_around(perimeter_m, room_needed_m(perimeter_m, pattern, outline) + spare_m, 0.0)
+
+
+def room_needed_m(perimeter_m: Corners, pattern: Pattern, outline: Outline) -> float:
+    """How far vehicle and tool reach beyond a perimeter on a pattern, metres."""
+    shapes = [shape for _, shape in _swept(pattern, outline)]
+    corners = shapely.points(shapely.get_coordinates(shapes))
+    return float(np.max(shapely.distance(shapely.Polygon(perimeter_m), corners), initial=0.0))
+
+
+def breaches(pattern: Pattern, ground: SafeGround, outline: Outline) -> list[Breach]:
+    """Where vehicle or tool would leave the safe ground less its clearance; none where the plan can be driven.
+
+    Args:
+        pattern: the way.
+        ground: declared safe.
+        outline: of vehicle and tool.
+    """
+    swept = _swept(pattern, outline)
+    kept = ground.kept
+    shapely.prepare(kept)
+    shapes = np.array([shape for _, shape in swept], object)
+    found: dict[str, Breach] = {}
+    for number in np.flatnonzero(~shapely.covers(kept, shapes)):
+        place = swept[number][0]
+        corners = shapely.get_coordinates(shapes[number])
+        away = shapely.distance(kept, shapely.points(corners))
+        worst = int(np.argmax(away))
+        # A border that bends in between two corners of the vehicle leaves all of them within.
+        missing_m = max(float(away[worst]), _TOLERANCE_M)
+        if place not in found or missing_m > found[place].missing_m:
+            found[place] = Breach(place, float(corners[worst, 0]), float(corners[worst, 1]), missing_m)
+    return list(found.values())
+
+
+def check_drivable(pattern: Pattern, ground: SafeGround, outline: Outline, *, name: str) -> None:
+    """Refuse a plan that does not keep to its ground.
+
+    Raises:
+        InputError: it names the worst place.
+    """
+    found = breaches(pattern, ground, outline)
+    if found:
+        worst = max(found, key=lambda each: each.missing_m)
+        expected = f"vehicle and tool {ground.clearance_m:.2f} m within the ground declared safe"
+        where = f"{worst.missing_m:.2f} m less at {worst.east_m:.1f} m east, {worst.north_m:.1f} m north of the anchor"
+        raise InputError(name, worst.place, expected, where)
+
+
+def _swept(pattern: Pattern, outline: Outline) -> list[tuple[str, Any]]:
+    """Place and swept polygon of each straight piece, and of small steps of each arc."""
+    swept = []
+    for number, line in enumerate(pattern.lines):
+        start = pose_on_line(line, pattern.settings.tool_ahead_m, pattern.settings.tool_left_m)
+        swept.append((f"line {line.number}", _straight(start, line.length_m, outline)))
+        if number < len(pattern.turns):
+            place = f"turn from line {line.number} to line {pattern.lines[number + 1].number}"
+            swept += [(place, shape) for shape in swept_of_turn(pattern.turns[number], outline)]
+    return swept
+
+
+def pose_on_line(line: Line, ahead_m: float, left_m: float) -> Float[np.ndarray, "3"]:
+    """Pose of the reference point (x_m, y_m, yaw_rad) where the tool's centre begins a line."""
+    along = (line.end_m - line.start_m) / max(line.length_m, 1e-9)
+    x, y = line.start_m - ahead_m * along - left_m * np.array([-along[1], along[0]])
+    return np.array([x, y, math.atan2(along[1], along[0])])
+
+
+def swept_of_turn(turn: HeadlandTurn, outline: Outline) -> list[Any]:
+    """Polygons that a turn sweeps: of each straight piece, and of small steps along each arc."""
+    swept = []
+    begins = np.concatenate([[0.0], np.cumsum(np.abs(turn.pieces[:, 0]))])
+    for number, (length_m, curvature) in enumerate(turn.pieces.tolist()):
+        if curvature == 0.0:
+            (start,) = poses_along(turn.start, turn.pieces, begins[number : number + 1])
+            swept.append(_straight(start, length_m, outline))
+            continue
+        count = max(math.ceil(abs(length_m * curvature) / _ARC_RAD), 1) + 1
+        arc_m = np.linspace(begins[number], begins[number + 1], count)
+        swept += list(shapely.polygons(rectangles(poses_along(turn.start, turn.pieces, arc_m), outline)))
+    return swept
+
+
+def _straight(start: Float[np.ndarray, "3"], length_m: float, outline: Outline) -> Any:
+    longer = outline._replace(front_m=outline.front_m + max(length_m, 0.0), rear_m=outline.rear_m + min(length_m, 0.0))
+    return shapely.polygons(rectangles(start[None], longer))[0]
+
+
+def rectangles(poses: Float[np.ndarray, "place 3"], outline: Outline) -> Float[np.ndarray, "place 4 2"]:
+    """Corners of the outline at poses."""
+    front, rear, left, right = outline
+    x, y = np.array([front, rear, rear, front]), np.array([left, left, right, right])
+    cos, sin = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    return np.stack([poses[:, :1] + cos * x - sin * y, poses[:, 1:2] + sin * x + cos * y], axis=-1)

@@ -1,0 +1,382 @@
+"""Ways from one pose to another within safe ground, forwards and in reverse, many tried at once.
+
+Words are those of Dubins (1957), the same in reverse, and the three arcs with two cusps of Reeds and Shepp (1990), each
+after some way straight back along the swath just driven, or on along it, and before some way straight into the next.
+What a raster lets pass is checked exactly before it is taken.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float
+from scipy import ndimage
+
+from lgprjax.coverage.field import Outline
+from lgprjax.coverage.ground import SafeGround, swept_of_turn
+from lgprjax.coverage.turns import HeadlandTurn, Pieces, Pose
+
+_EDGE_M = 0.05
+_STEP_M = 0.2
+_OUTLINE_M = 0.3
+_SLACK_M = 0.1
+"""By which the raster may be wrong: half a cell's diagonal, and what lies between two places of the outline."""
+_MOST_CELLS = 1_500_000
+_FINEST_M = 0.1
+_BATCH = 96
+_MOST_TRIED = 768
+_EXACT = 40
+_CUSP_M = 1.5
+"""Cost of a change between forward and reverse, as way."""
+_REVERSE = 1.3
+"""Cost of a metre in reverse."""
+_UNWORKED = 4.0
+"""Cost of a metre over ground not yet worked, where the vehicle lines up with its swath."""
+
+
+class Terrain:
+    """Raster of the ground: how far from its border, and what is not yet worked.
+
+    Args:
+        ground: declared safe.
+        target: shapely geometry to be worked.
+        outline: of vehicle and tool.
+
+    Attributes:
+        cell_m, origin_m: of the raster; away_m: distance from the ground's border, 0 beyond it.
+        unworked: cells of the target that no swath has passed.
+    """
+
+    def __init__(self, ground: SafeGround, target: Any, outline: Outline) -> None:
+        self.ground, self.outline = ground, outline
+        low, high = np.split(np.array(shapely.total_bounds(ground.shape)), 2)
+        self.cell_m = max(_FINEST_M, math.sqrt(float(np.prod(high - low)) / _MOST_CELLS))
+        self.origin_m = low - 2.0 * self.cell_m
+        columns, rows = (int(each) for each in np.ceil((high - low) / self.cell_m) + 4)
+        self.east_m = self.origin_m[0] + self.cell_m * (np.arange(columns) + 0.5)
+        self.north_m = self.origin_m[1] + self.cell_m * (np.arange(rows) + 0.5)
+        x, y = np.meshgrid(self.east_m, self.north_m)
+        shapely.prepare(ground.shape)
+        inside = shapely.contains_xy(ground.shape, x, y)
+        self.away_m = (ndimage.distance_transform_edt(inside) * self.cell_m).astype(np.float32)
+        shapely.prepare(target)
+        self.target = shapely.contains_xy(target, x, y)
+        # Errors of drawing and driving to corners are no ground left to be worked.
+        self.unworked = ndimage.binary_erosion(self.target, iterations=max(round(_EDGE_M / self.cell_m), 1))
+        shapely.prepare(ground.kept)
+        front, rear, left, right = outline
+        along = np.linspace(rear, front, max(math.ceil((front - rear) / _OUTLINE_M), 1) + 1)
+        across = np.linspace(right, left, max(math.ceil((left - right) / _OUTLINE_M), 1) + 1)[1:-1]
+        edge = [(each, side) for side in (left, right) for each in along]
+        edge += [(end, each) for end in (front, rear) for each in across]
+        self._edge_m = np.array(edge)
+
+    def cells(self, places_m: Float[np.ndarray, "*shape 2"]) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column of places; those beyond the raster are taken to its border, which is not safe."""
+        index = ((places_m - self.origin_m) / self.cell_m).astype(np.int64)
+        return np.clip(index[..., 1], 0, len(self.north_m) - 1), np.clip(index[..., 0], 0, len(self.east_m) - 1)
+
+    def in_rectangle(
+        self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"], half_m: float, more_m: float = 0.0
+    ) -> tuple[tuple[slice, slice], Bool[np.ndarray, "row column"]]:
+        """Cells whose centres lie within half a width of a way, lengthened at both ends; a part of the raster."""
+        along = (end_m - start_m) / max(float(np.hypot(*(end_m - start_m))), 1e-9)
+        reach_m = half_m + max(more_m, 0.0) + self.cell_m
+        low = np.minimum(start_m, end_m) - reach_m
+        high = np.maximum(start_m, end_m) + reach_m
+        (row, other_row), (column, other_column) = (each.tolist() for each in self.cells(np.stack([low, high])))
+        part = slice(row, other_row + 1), slice(column, other_column + 1)
+        x, y = self.east_m[None, part[1]] - start_m[0], self.north_m[part[0], None] - start_m[1]
+        length_m = float(np.hypot(*(end_m - start_m)))
+        ahead, aside = x * along[0] + y * along[1], y * along[0] - x * along[1]
+        return part, (ahead >= -more_m) & (ahead <= length_m + more_m) & (np.abs(aside) <= half_m)
+
+    def fits(self, poses: Float[np.ndarray, "*shape 3"]) -> Bool[np.ndarray, "*shape"]:
+        """Whether the outline may be within the ground at poses: never no where it is."""
+        cos, sin = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
+        x, y = self._edge_m.T
+        places = np.stack([poses[..., 0, None] + cos * x - sin * y, poses[..., 1, None] + sin * x + cos * y], axis=-1)
+        least_m = self.ground.clearance_m - _SLACK_M - 0.7 * (self.cell_m - _FINEST_M)
+        good: Bool[np.ndarray, "*shape"] = (self.away_m[self.cells(places)] > max(least_m, 0.0)).all(axis=-1)
+        return good
+
+    def fits_exactly(self, start: Pose, pieces: Pieces) -> bool:
+        """The check that the plan will be held against."""
+        return bool(shapely.covers(self.ground.kept, swept_of_turn(HeadlandTurn(start, pieces), self.outline)).all())
+
+
+class Joint(NamedTuple):
+    """A way found.
+
+    Attributes:
+        pieces: of it; cost_m: its length, with what cusps and reverse are taken to cost.
+    """
+
+    pieces: Pieces
+    cost_m: float
+
+
+def find_joint(
+    terrain: Terrain,
+    start: Float[np.ndarray, "3"],
+    end: Float[np.ndarray, "3"],
+    radius_m: float,
+    *,
+    back_m: float,
+    out_m: float,
+    in_m: float,
+    band: tuple[float, float],
+    limit_m: float = math.inf,
+) -> Joint | None:
+    """The cheapest way from one pose to another that keeps to the ground and off what is not yet worked.
+
+    Args:
+        terrain: with what is worked so far.
+        start, end: x_m, y_m, yaw_rad.
+        radius_m: of every arc.
+        back_m: how far straight back from the start is known to be worked ground.
+        out_m, in_m: straight on from the start, and straight into the end, that is tried as well.
+        band: half the width of the end's own swath, and how far before it the vehicle may stand on it unworked.
+        limit_m: a way that costs more is not wanted.
+    """
+    backs = [-each for each in (0.7, 1.5, 2.5, 4.0, 6.0, 9.0, 14.0, 22.0, 40.0, 80.0) if each < back_m]
+    # Back to where the swath began, and on beyond it: out of a field whose far side has no room.
+    beyond = [-back_m - more * radius_m for more in (0.0, 0.7, 1.5, 2.5, 3.5)] if back_m > 0.5 else []
+    leads = [0.0, *dict.fromkeys((out_m, out_m + radius_m)), *backs, *beyond]
+    ins = list(dict.fromkeys((0.0, in_m, in_m + 0.5 * radius_m, in_m + radius_m, in_m + 2.0 * radius_m)))
+    lead, into = (each.ravel() for each in np.meshgrid(leads, ins, indexing="ij"))
+    starts, ends = _on(start, lead), _on(end, -into)
+    middle, curvature = _words(starts, ends, radius_m)
+    words = middle.shape[1]
+    lengths = np.concatenate(
+        [
+            np.broadcast_to(lead[:, None, None], (len(lead), words, 1)),
+            middle,
+            np.broadcast_to(into[:, None, None], (len(lead), words, 1)),
+        ],
+        axis=2,
+    ).reshape(-1, 5)
+    straight = np.zeros((words, 1))
+    bends = np.tile(np.concatenate([straight, curvature, straight], axis=1), (len(lead), 1))
+    cost = _cost_m(lengths)
+    order = np.argsort(cost)
+    order = order[np.isfinite(cost[order]) & (cost[order] < limit_m)][:_MOST_TRIED]
+    # Where pieces join first: most ways fail there already.
+    begins = np.cumsum(np.abs(lengths[order]), axis=1)
+    halves = begins - 0.5 * np.abs(lengths[order])
+    if len(order):
+        order = order[
+            _clear(terrain, start, lengths[order], bends[order], np.concatenate([begins, halves], axis=1), end, band)[0]
+        ]
+    exact = 0
+    best: Joint | None = None
+    for begin in range(0, len(order), _BATCH):
+        chosen = order[begin : begin + _BATCH]
+        if best is not None and cost[chosen[0]] >= best.cost_m:
+            break
+        good, extra_m = _pass(terrain, start, lengths[chosen], bends[chosen], end, band)
+        full = cost[chosen] + _UNWORKED * extra_m
+        for number in np.argsort(full):
+            if not good[number] or full[number] >= min(limit_m, math.inf if best is None else best.cost_m):
+                continue
+            if exact >= _EXACT:
+                return best
+            exact += 1
+            pieces = joined(np.stack([lengths[chosen[number]], bends[chosen[number]]], axis=1))
+            if terrain.fits_exactly(Pose(*(float(each) for each in start)), pieces):
+                best = Joint(pieces, float(full[number]))
+                break
+    return best
+
+
+def joined(pieces: Pieces) -> Pieces:
+    """Pieces without those of no length; straight ones that follow each other in one direction are one."""
+    kept: list[list[float]] = []
+    for length, curvature in pieces.tolist():
+        if abs(length) < 1e-9:
+            continue
+        if kept and curvature == kept[-1][1] and (length > 0.0) == (kept[-1][0] > 0.0):
+            kept[-1][0] += length
+        else:
+            kept.append([length, curvature])
+    return np.array(kept).reshape(-1, 2)
+
+
+def cusps(pieces: Pieces) -> int:
+    """How often a way changes between forward and reverse, from the end of a swath to the beginning of the next."""
+    signs = np.concatenate([[1.0], np.sign(pieces[:, 0]), [1.0]])
+    return int(np.count_nonzero(signs[1:] != signs[:-1]))
+
+
+def _on(pose: Float[np.ndarray, "3"], ahead_m: Float[np.ndarray, " way"]) -> Float[np.ndarray, "way 3"]:
+    yaw = np.full_like(ahead_m, pose[2])
+    return np.stack([pose[0] + ahead_m * np.cos(yaw), pose[1] + ahead_m * np.sin(yaw), yaw], axis=1)
+
+
+def _cost_m(lengths: Float[np.ndarray, "way piece"]) -> Float[np.ndarray, " way"]:
+    cost = np.where(lengths < 0.0, -_REVERSE * lengths, lengths).sum(axis=1)
+    last = np.ones(len(lengths))
+    for piece in lengths.T:
+        sign = np.where(np.abs(piece) < 1e-9, last, np.sign(piece))
+        cost = cost + _CUSP_M * (sign != last)
+        last = sign
+    # Every swath begins forwards.
+    return np.asarray(cost + _CUSP_M * (last < 0.0))
+
+
+def _pass(
+    terrain: Terrain,
+    start: Float[np.ndarray, "3"],
+    lengths: Float[np.ndarray, "way piece"],
+    bends: Float[np.ndarray, "way piece"],
+    end: Float[np.ndarray, "3"],
+    band: tuple[float, float],
+) -> tuple[Bool[np.ndarray, " way"], Float[np.ndarray, " way"]]:
+    """Which ways the raster lets pass, and how much of each is over unworked ground of the swath to come."""
+    way_m = np.abs(lengths).sum(axis=1)
+    count = int(np.ceil(way_m.max() / _STEP_M)) + 2
+    arc_m = way_m[:, None] * np.linspace(0.0, 1.0, count)[None]
+    good, over = _clear(terrain, start, lengths, bends, arc_m, end, band)
+    return good, over * way_m / count
+
+
+def _clear(
+    terrain: Terrain,
+    start: Float[np.ndarray, "3"],
+    lengths: Float[np.ndarray, "way piece"],
+    bends: Float[np.ndarray, "way piece"],
+    arc_m: Float[np.ndarray, "way place"],
+    end: Float[np.ndarray, "3"],
+    band: tuple[float, float],
+) -> tuple[Bool[np.ndarray, " way"], Float[np.ndarray, " way"]]:
+    """Which ways are clear at all of their places, and at how many of them on unworked ground of the swath to come."""
+    poses = sample(start, lengths, bends, arc_m)
+    raw = terrain.unworked[terrain.cells(poses[..., :2])]
+    away = poses[..., :2] - end[:2]
+    cos, sin = math.cos(end[2]), math.sin(end[2])
+    ahead, aside = away[..., 0] * cos + away[..., 1] * sin, away[..., 1] * cos - away[..., 0] * sin
+    own = (np.abs(aside) <= band[0]) & (ahead <= 0.0) & (ahead >= -band[1])
+    good = ~(raw & ~own).any(axis=1)
+    few = np.flatnonzero(good)
+    if len(few):
+        good[few] = terrain.fits(poses[few]).all(axis=1)
+    return good, (raw & own).sum(axis=1).astype(np.float64)
+
+
+def sample(
+    start: Float[np.ndarray, "3"],
+    lengths: Float[np.ndarray, "way piece"],
+    bends: Float[np.ndarray, "way piece"],
+    arc_m: Float[np.ndarray, "way place"],
+) -> Float[np.ndarray, "way place 3"]:
+    """Poses along ways that begin at one pose."""
+    ways, count = lengths.shape
+    turned = np.cumsum(np.concatenate([np.full((ways, 1), start[2]), lengths * bends], axis=1), axis=1)
+    x, y = _chords(turned[:, :-1], lengths, bends)
+    knots_x = np.cumsum(np.concatenate([np.full((ways, 1), start[0]), x], axis=1), axis=1)
+    knots_y = np.cumsum(np.concatenate([np.full((ways, 1), start[1]), y], axis=1), axis=1)
+    begins = np.cumsum(np.concatenate([np.zeros((ways, 1)), np.abs(lengths)], axis=1), axis=1)
+    number = np.clip((arc_m[:, :, None] >= begins[:, None, 1:]).sum(axis=2), 0, count - 1)
+    row = np.arange(ways)[:, None]
+    within = (arc_m - begins[row, number]) * np.where(lengths[row, number] < 0.0, -1.0, 1.0)
+    bend, yaw = bends[row, number], turned[row, number]
+    x, y = _chords(yaw, within, bend)
+    return np.stack([knots_x[row, number] + x, knots_y[row, number] + y, yaw + within * bend], axis=-1)
+
+
+def _chords(yaw: np.ndarray, length: np.ndarray, bend: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    half = 0.5 * length * bend
+    chord = length * np.sinc(half / np.pi)
+    return chord * np.cos(yaw + half), chord * np.sin(yaw + half)
+
+
+def _words(
+    starts: Float[np.ndarray, "way 3"], ends: Float[np.ndarray, "way 3"], radius_m: float
+) -> tuple[Float[np.ndarray, "way word 3"], Float[np.ndarray, "word 3"]]:
+    """Signed lengths of the three pieces of every word, NaN where there is none, and the words' curvatures."""
+    forward, curvature = _dubins(starts, ends, radius_m)
+    turned = np.array([0.0, 0.0, math.pi])
+    reverse, _ = _dubins(starts + turned, ends + turned, radius_m)
+    cusped, bends = _three_arcs(starts, ends, radius_m)
+    lengths = np.concatenate([forward, -reverse, cusped], axis=1)
+    every = np.concatenate([curvature, -curvature, bends])
+    # The formulas' special cases are left to this: a word that does not lead to the end is none.
+    flat = lengths.reshape(-1, 3)
+    bent = np.tile(every, (len(starts), 1))
+    reached = np.repeat(starts, len(every), axis=0)
+    for piece in range(3):
+        x, y = _chords(reached[:, 2], flat[:, piece], bent[:, piece])
+        turn = flat[:, piece] * bent[:, piece]
+        reached = np.stack([reached[:, 0] + x, reached[:, 1] + y, reached[:, 2] + turn], axis=1)
+    goal = np.repeat(ends, len(every), axis=0)
+    wrong = np.hypot(*(reached - goal)[:, :2].T) > 1e-6
+    wrong |= np.abs(np.sin(0.5 * (reached - goal)[:, 2])) > 1e-6
+    flat = np.where((wrong | ~np.isfinite(flat).all(axis=1))[:, None], np.nan, flat)
+    return flat.reshape(lengths.shape), every
+
+
+def _dubins(
+    starts: Float[np.ndarray, "way 3"], ends: Float[np.ndarray, "way 3"], radius_m: float
+) -> tuple[Float[np.ndarray, "way 6 3"], Float[np.ndarray, "6 3"]]:
+    """Lengths of Dubins' six words, by Shkel and Lumelsky (2001)."""
+    east, north = (ends - starts)[:, :2].T
+    far, toward = np.hypot(east, north) / radius_m, np.arctan2(north, east)
+    a, b = starts[:, 2] - toward, ends[:, 2] - toward
+    sa, sb, ca, cb, cab = np.sin(a), np.sin(b), np.cos(a), np.cos(b), np.cos(a - b)
+    with np.errstate(invalid="ignore"):
+        lsl = np.sqrt(2.0 + far**2 - 2.0 * cab + 2.0 * far * (sa - sb))
+        rsr = np.sqrt(2.0 + far**2 - 2.0 * cab - 2.0 * far * (sa - sb))
+        lsr = np.sqrt(far**2 - 2.0 + 2.0 * cab + 2.0 * far * (sa + sb))
+        rsl = np.sqrt(far**2 - 2.0 + 2.0 * cab - 2.0 * far * (sa + sb))
+        rlr = 2.0 * np.pi - np.arccos((6.0 - far**2 + 2.0 * cab + 2.0 * far * (sa - sb)) / 8.0)
+        lrl = 2.0 * np.pi - np.arccos((6.0 - far**2 + 2.0 * cab - 2.0 * far * (sa - sb)) / 8.0)
+    one = np.arctan2(cb - ca, far + sa - sb)
+    two = np.arctan2(ca - cb, far - sa + sb)
+    three = np.arctan2(-ca - cb, far + sa + sb) - np.arctan2(-2.0, lsr)
+    four = np.arctan2(ca + cb, far - sa - sb) - np.arctan2(2.0, rsl)
+    five = _turn(a - two + 0.5 * rlr)
+    six = _turn(-a + one + 0.5 * lrl)
+    words = [
+        (_turn(one - a), lsl, _turn(b - one)),
+        (_turn(a - two), rsr, _turn(two - b)),
+        (_turn(three - a), lsr, _turn(three - b)),
+        (_turn(a - four), rsl, _turn(b - four)),
+        (five, rlr, _turn(a - b - five + rlr)),
+        (six, lrl, _turn(b - a - six + lrl)),
+    ]
+    signs = [(1, 0, 1), (-1, 0, -1), (1, 0, -1), (-1, 0, 1), (-1, 1, -1), (1, -1, 1)]
+    lengths = np.stack([np.stack(word, axis=1) for word in words], axis=1) * radius_m
+    return lengths, np.array(signs, float) / radius_m
+
+
+def _three_arcs(
+    starts: Float[np.ndarray, "way 3"], ends: Float[np.ndarray, "way 3"], radius_m: float
+) -> tuple[Float[np.ndarray, "way 4 3"], Float[np.ndarray, "4 3"]]:
+    """Lengths of Reeds and Shepp's words of three arcs with two cusps: forward, reverse, forward, and the like."""
+    cos, sin = np.cos(starts[:, 2]), np.sin(starts[:, 2])
+    east, north = (ends - starts)[:, :2].T / radius_m
+    x, y, turned = east * cos + north * sin, north * cos - east * sin, ends[:, 2] - starts[:, 2]
+    words, signs = [], []
+    for gear in (1.0, -1.0):
+        for hand in (1.0, -1.0):
+            along, aside, yaw = gear * x, hand * y, gear * hand * turned
+            xi, eta = along - np.sin(yaw), aside - 1.0 + np.cos(yaw)
+            apart, bearing = np.hypot(xi, eta), np.arctan2(eta, xi)
+            with np.errstate(invalid="ignore"):
+                rise = np.arccos(apart / 4.0)
+            first = _half_turn(rise + bearing + 0.5 * np.pi)
+            second = _turn(np.pi - 2.0 * rise)
+            third = _half_turn(yaw - first - second)
+            words.append(np.stack([gear * first, -gear * second, gear * third], axis=1))
+            signs.append((hand, -hand, hand))
+    return np.stack(words, axis=1) * radius_m, np.array(signs) / radius_m
+
+
+def _turn(angle: Float[np.ndarray, " way"]) -> Float[np.ndarray, " way"]:
+    turned = np.mod(angle, 2.0 * np.pi)
+    return np.where(turned > 2.0 * np.pi - 1e-9, 0.0, turned)
+
+
+def _half_turn(angle: Float[np.ndarray, " way"]) -> Float[np.ndarray, " way"]:
+    return np.asarray(np.arctan2(np.sin(angle), np.cos(angle)))

@@ -1,0 +1,103 @@
+"""How surely a vehicle will know where its tool is: the overlap and the border that a confidence asks for."""
+
+from statistics import NormalDist
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from lgprjax.coverage import Tool
+from lgprjax.errors import ArgumentError
+from lgprjax.navigation import SkidModel, SkidMotion, SkidObservations, init_skid_filter, skid_rules, step_skid_filter
+from lgprjax.navigation.observations import GnssObservation
+from lgprjax.navigation.skid_model import DeltaHeading, skid_pose_covariance
+
+_STEP_S = 0.1
+_SETTLED_S = 120.0
+_LONGEST_OFF_S = 180.0
+_GNSS_SIGMA_M = 0.02
+TRACKING_M = 0.05
+"""How far the tool is from its line: what 95 % of drawn drives of the made-up flail stay within."""
+
+
+class PredictedWidth(NamedTuple):
+    """What a pass will be worth.
+
+    Attributes:
+        sigma_m: of the tool, across its line, at its worst.
+        overlap: least share of the tool's width that neighbouring swaths must overlap by.
+        border_m: how far outside of the border the tool's edge must pass.
+    """
+
+    sigma_m: float
+    overlap: float
+    border_m: float
+
+
+def predicted_width(
+    model: SkidModel, tool: Tool, *, confidence: float, drop_out_s: float, speed_mps: float
+) -> PredictedWidth:
+    """Overlap and border by the covariance of the filter that runs on board.
+
+    A place at offset e from the middle of the tool's pass counts where Φ((h − e)/σ) − Φ((−h − e)/σ) ≥ p: for a half
+    width h well above σ, |e| ≤ h − z σ. From that the tracking error is taken as well.
+
+    Args:
+        model: of vehicle and sensors.
+        tool: that works.
+        confidence: p, above 0.5 and below 1.
+        drop_out_s: longest time without GNSS that is to be borne.
+        speed_mps: while working.
+
+    Raises:
+        ArgumentError: a number out of its range, or errors that leave nothing of the tool's width.
+    """
+    if not 0.5 < confidence < 1.0:
+        raise ArgumentError("confidence", "above 0.5 and below 1", f"{confidence:g}")
+    if not 0.0 <= drop_out_s <= _LONGEST_OFF_S:
+        raise ArgumentError("drop_out_s", f"0 to {_LONGEST_OFF_S:g}", f"{drop_out_s:g}")
+    sigma_m = _sigma_m(model, tool, drop_out_s, speed_mps)
+    margin_m = NormalDist().inv_cdf(confidence) * sigma_m + TRACKING_M
+    if 2.0 * margin_m > 0.8 * tool.width_m:
+        expected = f"errors that leave a fifth of the tool's {tool.width_m:g} m"
+        raise ArgumentError("drop_out_s", expected, f"{sigma_m:.2f} m across after {drop_out_s:g} s")
+    return PredictedWidth(sigma_m, 2.0 * margin_m / tool.width_m, margin_m)
+
+
+def _sigma_m(model: SkidModel, tool: Tool, drop_out_s: float, speed_mps: float) -> float:
+    """Largest standard deviation of the tool across a straight line: fixes once a second, then none."""
+    settled, off = round(_SETTLED_S / _STEP_S), round(drop_out_s / _STEP_S)
+    steps = settled + round(_LONGEST_OFF_S / _STEP_S)
+    across = np.asarray(_variances(model, jnp.float32(speed_mps), jnp.int32(settled), steps), np.float64)
+    ahead = tool.ahead_m
+    variance = across[:, 0] + 2.0 * ahead * across[:, 1] + ahead * ahead * across[:, 2]
+    # Between two fixes it grows as well.
+    return float(np.sqrt(variance[settled - round(1.0 / _STEP_S) : settled + off + 1].max()))
+
+
+def _variances(
+    model: SkidModel, speed_mps: Float[Array, ""], settled: Int[Array, ""], steps: int
+) -> Float[Array, "step 3"]:
+    zero = jnp.float32(0.0)
+    rules = skid_rules()
+
+    def step(state, number):  # type: ignore[no-untyped-def]
+        x = speed_mps * _STEP_S * (number + 1)
+        fix = GnssObservation(
+            x + model.gnss_x_m,
+            zero + model.gnss_y_m,
+            _GNSS_SIGMA_M**2 * jnp.eye(2, dtype=jnp.float32),
+            zero,
+            (number % 10 == 9) & (number < settled),
+        )
+        turn = DeltaHeading(zero, jnp.float32(_STEP_S), jnp.asarray(True))
+        motion = SkidMotion(speed_mps, speed_mps, jnp.float32(_STEP_S))
+        state, _ = step_skid_filter(model, rules, state, motion, SkidObservations(fix, turn))
+        covariance = skid_pose_covariance(state.estimate)
+        return state, jnp.stack([covariance[1, 1], covariance[1, 2], covariance[2, 2]])
+
+    begun = init_skid_filter(model, zero, zero)
+    across: Float[Array, "step 3"] = jax.jit(lambda: jax.lax.scan(step, begun, jnp.arange(steps))[1])()
+    return across

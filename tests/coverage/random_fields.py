@@ -1,0 +1,215 @@
+"""Fields drawn at random: 3 to 200 corners, concave, with keep-outs and sides without room; and what can be reached.
+
+The bound on what can be reached is a raster of its own in plain NumPy and SciPy: every heading of a ladder, the
+vehicle's rectangle eroded out of the ground, the tool's rectangle dilated back. It knows nothing of swaths or of ways.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float
+from scipy import ndimage, signal
+
+from lgprjax.coverage import (
+    Field,
+    Outline,
+    PatternSettings,
+    SafeGround,
+    Tool,
+    field_of_polygon,
+    ground_of_sides,
+    outline_of,
+)
+from lgprjax.coverage.ground import buffered
+
+CELL_M = 0.2
+HEADINGS = 16
+
+
+class DrawnField(NamedTuple):
+    """A field, what may be driven on, and the vehicle.
+
+    Attributes:
+        field, keep_outs_m, rooms_m, ground: as drawn.
+        settings, tool, outline: of the vehicle.
+    """
+
+    field: Field
+    keep_outs_m: tuple[Float[np.ndarray, "_ 2"], ...]
+    rooms_m: list[float]
+    ground: SafeGround
+    settings: PatternSettings
+    tool: Tool
+    outline: Outline
+
+
+def draw_field(seed: int) -> DrawnField:
+    """A field of 60 to 1500 m2 with at least one side that has room to come in from."""
+    rng = np.random.default_rng(seed)
+    tool = Tool(float(rng.uniform(0.8, 2.0)), 0.3, float(rng.uniform(0.6, 1.6)), 0.0)
+    half_m = 0.5 * tool.width_m + float(rng.uniform(0.0, 0.1))
+    body = Outline(tool.ahead_m + 0.2, -float(rng.uniform(0.3, 0.9)), half_m, -half_m)
+    radius_m = float(rng.uniform(1.0, 2.5))
+    corners = _corners(rng)
+    field = field_of_polygon(corners, name=f"seed {seed}")
+    count = len(field.perimeter_m)
+    deep_m = tool.ahead_m + 3.5 * radius_m + body.front_m
+    share = rng.choice([0.0, 0.3, 0.6])
+    rooms = [0.0 if rng.random() < share else float(rng.uniform(0.7, 1.2)) * deep_m for _ in range(count)]
+    if count > 8:
+        # Sides of many corners have or lack room by stretches, as hedges and roads do.
+        blocks = np.repeat(rng.random(4) < share, math.ceil(count / 4))[:count]
+        rooms = [0.0 if shut else deep_m for shut in blocks]
+    sides = np.hypot(*(np.roll(field.perimeter_m, -1, axis=0) - field.perimeter_m).T)
+    if not any(rooms):
+        rooms = [deep_m if count > 8 and side > 0.0 else 0.0 for side in sides]
+        rooms[int(np.argmax(sides))] = deep_m
+    keep_outs = tuple(_keep_outs(rng, field, int(rng.integers(0, 6))))
+    ground = ground_of_sides(field.perimeter_m, rooms, keep_outs, 0.25)
+    settings = PatternSettings(tool.width_m, 0.2, "free", radius_m, deep_m, tool.ahead_m)
+    return DrawnField(
+        field, keep_outs, rooms, ground, settings, tool, outline_of(tool, body, track_m=0.9 * tool.width_m)
+    )
+
+
+def _corners(rng: np.random.Generator) -> Float[np.ndarray, "corner 2"]:
+    """Rectangles with notches, stars, and smooth outlines of many corners."""
+    kind = rng.integers(4)
+    size_m = float(rng.uniform(10.0, 32.0))
+    if kind == 0:
+        count = int(rng.integers(3, 9))
+        angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, count))
+        while np.max(np.diff(np.append(angle, angle[0] + 2.0 * np.pi))) > 0.9 * np.pi:
+            angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, count))
+        radius = size_m * rng.uniform(0.55, 1.0, count)
+    elif kind == 1:
+        count = int(rng.integers(5, 13))
+        angle = (np.arange(count) + rng.uniform(-0.3, 0.3, count)) * 2.0 * np.pi / count
+        radius = size_m * rng.uniform(0.35, 1.0, count)
+    elif kind == 2:
+        count = int(rng.integers(30, 201))
+        angle = np.arange(count) * 2.0 * np.pi / count
+        waves = np.zeros(count)
+        for order in range(2, 6):
+            waves += rng.uniform(0.0, 0.25) / order * np.cos(order * angle + rng.uniform(0.0, 6.3))
+        radius = 0.7 * size_m * (1.0 + waves)
+    else:
+        return _notched(rng, size_m)
+    corners = np.stack([np.cos(angle) * radius, np.sin(angle) * radius * rng.uniform(0.5, 1.0)], axis=1)
+    shape = shapely.Polygon(corners)
+    return corners if shape.is_valid and shape.area > 60.0 else _notched(rng, size_m)
+
+
+def _notched(rng: np.random.Generator, size_m: float) -> Float[np.ndarray, "corner 2"]:
+    """A rectangle with one to three rectangles cut out of its border: L, T and U shapes."""
+    wide, high = size_m, size_m * rng.uniform(0.5, 1.2)
+    shape = shapely.box(0.0, 0.0, wide, high)
+    for _ in range(int(rng.integers(1, 4))):
+        x, y = rng.uniform(0.0, wide), rng.choice([0.0, high])
+        cut = shapely.box(x, y - 0.5 * high * rng.uniform(0.3, 1.0), x + rng.uniform(0.15, 0.4) * wide, y + 0.5 * high)
+        rest = shapely.difference(shape, cut)
+        if rest.geom_type == "Polygon" and rest.area > 60.0 and len(rest.interiors) == 0:
+            shape = rest
+    turned = rng.uniform(0.0, np.pi)
+    cos, sin = math.cos(turned), math.sin(turned)
+    turned_corners: Float[np.ndarray, "_ 2"] = np.asarray(shape.exterior.coords)[:-1] @ np.array(
+        [[cos, sin], [-sin, cos]]
+    )
+    return turned_corners
+
+
+def _keep_outs(rng: np.random.Generator, field: Field, count: int) -> list[Float[np.ndarray, "corner 2"]]:
+    low, high = field.perimeter_m.min(axis=0), field.perimeter_m.max(axis=0)
+    rings = []
+    for _ in range(count):
+        corners = int(rng.integers(3, 9))
+        angle = np.arange(corners) * 2.0 * np.pi / corners
+        ring = rng.uniform(low, high) + rng.uniform(0.2, 2.0) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        rings.append(buffered(ring, float(rng.uniform(0.0, 1.0))))
+    return rings
+
+
+def reachable(drawn: DrawnField) -> tuple[Bool[np.ndarray, "row column"], Bool[np.ndarray, "row column"], float]:
+    """Cells of the field, those that the tool can be over with the vehicle within the ground, and a cell's area.
+
+    A place counts if some heading of the ladder lets the vehicle stand there and it can be driven to from outside the
+    field: places of one heading join straight on, those of neighbouring headings where both fit.
+    """
+    shape = drawn.ground.kept
+    low, high = np.split(np.array(shapely.total_bounds(shape)), 2)
+    low = low - 3.0
+    columns, rows = (int(each) for each in np.ceil((high + 3.0 - low) / CELL_M))
+    x, y = np.meshgrid(low[0] + CELL_M * (np.arange(columns) + 0.5), low[1] + CELL_M * (np.arange(rows) + 0.5))
+    shapely.prepare(shape)
+    free = shapely.contains_xy(shape, x, y)
+    field = shapely.Polygon(drawn.field.perimeter_m)
+    inside = shapely.contains_xy(field, x, y)
+    target = inside.copy()
+    for ring in drawn.keep_outs_m:
+        target &= ~shapely.contains_xy(shapely.Polygon(ring), x, y)
+    # What lies partly beyond a cell's centre counts as free: the bound is generous by less than a cell.
+    stands = np.stack([_erode(free, drawn.outline, heading) for heading in _headings()])
+    joined = np.concatenate([stands, stands[:1]])
+    labels, _ = ndimage.label(joined, structure=np.ones((3, 3, 3)))
+    outside = labels[:, ~inside]
+    count = int(labels.max()) + 1
+    parent = np.arange(count)
+    # The first heading is the last one again.
+    for one, other in zip(labels[0][stands[0]], labels[-1][stands[0]], strict=True):
+        a, b = int(parent[one]), int(parent[other])
+        if a != b:
+            parent[parent == b] = a
+    entered = np.isin(parent, np.unique(parent[np.unique(outside[outside > 0])]))
+    entered[0] = False
+    reached = np.zeros_like(target)
+    for number, heading in enumerate(_headings()):
+        reached |= _dilate(entered[labels[number]], drawn.tool, heading)
+    return target, target & reached, CELL_M**2
+
+
+def _headings() -> Float[np.ndarray, " heading"]:
+    return np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS
+
+
+def _kernel(front: float, rear: float, left: float, right: float, heading: float) -> Float[np.ndarray, "row column"]:
+    """Cells of a rectangle about the origin, mirrored for use in a convolution."""
+    reach = math.ceil(max(math.hypot(a, b) for a in (front, rear) for b in (left, right)) / CELL_M) + 1
+    row, column = np.mgrid[-reach : reach + 1, -reach : reach + 1] * CELL_M
+    ahead, aside = (
+        column * math.cos(heading) + row * math.sin(heading),
+        row * math.cos(heading) - column * math.sin(heading),
+    )
+    return np.asarray((ahead <= front) & (ahead >= rear) & (aside <= left) & (aside >= right), np.float32)
+
+
+def _erode(free: Bool[np.ndarray, "row column"], outline: Outline, heading: float) -> Bool[np.ndarray, "row column"]:
+    kernel = _kernel(*outline, heading)
+    shut = signal.fftconvolve((~free).astype(np.float32), kernel[::-1, ::-1], mode="same")
+    return np.asarray(shut < 0.5)
+
+
+def _dilate(stands: Bool[np.ndarray, "row column"], tool: Tool, heading: float) -> Bool[np.ndarray, "row column"]:
+    half = 0.5 * tool.width_m
+    kernel = _kernel(tool.ahead_m + 0.5 * tool.length_m, tool.ahead_m - 0.5 * tool.length_m, half, -half, heading)
+    return np.asarray(signal.fftconvolve(stands.astype(np.float32), kernel, mode="same") > 0.5)
+
+
+def worked_share(drawn: DrawnField, lines: list[Float[np.ndarray, "2 2"]]) -> tuple[float, float]:
+    """Share of what can be reached that lines work, and reachable area, m2: from the lines' rectangles alone."""
+    target, reached, cell_m2 = reachable(drawn)
+    del target
+    shape = drawn.ground.kept
+    low = np.array(shapely.total_bounds(shape))[:2] - 3.0
+    rows, columns = np.nonzero(reached)
+    places = np.stack([low[0] + CELL_M * (columns + 0.5), low[1] + CELL_M * (rows + 0.5)], axis=1)
+    done = np.zeros(len(places), bool)
+    for start, end in lines:
+        length = float(np.hypot(*(end - start)))
+        along = (end - start) / max(length, 1e-9)
+        away = places - start
+        ahead, aside = away @ along, away @ np.array([-along[1], along[0]])
+        half = 0.5 * drawn.tool.length_m
+        done |= (ahead >= -half) & (ahead <= length + half) & (np.abs(aside) <= 0.5 * drawn.tool.width_m)
+    return float(np.mean(done)) if len(done) else 1.0, float(np.count_nonzero(reached)) * cell_m2

@@ -1,0 +1,186 @@
+"""Plans within declared ground: nothing of the vehicle is outside, and what can be reached is worked."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from jaxtyping import Float
+
+from lgprjax.coverage import (
+    Outline,
+    Pattern,
+    PatternSettings,
+    SafeGround,
+    Tool,
+    check_drivable,
+    field_of_polygon,
+    ground_of_plan,
+    ground_of_sides,
+    lay_pattern,
+    outline_of,
+)
+from lgprjax.coverage.ground import breaches, buffered
+from lgprjax.coverage.joints import _words
+from lgprjax.coverage.pattern import driving_time_s, plan_pattern
+from lgprjax.coverage.swaths import line_order
+from lgprjax.coverage.tour import Tour, plan_tour
+from lgprjax.coverage.turns import Pose, dubins_ways
+from lgprjax.errors import InputError
+
+from .random_fields import draw_field, worked_share
+
+TOOL = Tool(1.2, 0.3, 1.2, 0.0)
+OUTLINE = outline_of(TOOL, Outline(1.4, -0.5, 0.65, -0.65), track_m=1.1)
+FLAIL = PatternSettings(1.2, 0.2, "free", 1.5, 6.0, 1.2)
+BOX = np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 20.0], [0.0, 20.0]])
+
+
+def planned(
+    corners: Float[np.ndarray, "corner 2"], rooms: list[float], *keep_outs: np.ndarray
+) -> tuple[Tour, SafeGround]:
+    field = field_of_polygon(corners, name="field")
+    ground = ground_of_sides(field.perimeter_m, rooms, keep_outs, 0.25)
+    return plan_tour(field, ground, keep_outs, FLAIL, TOOL, OUTLINE, name="field"), ground
+
+
+def corners_driven(pattern: Pattern, outline: Outline) -> Float[np.ndarray, "place 2"]:
+    """Corners of the vehicle at every row of the route that is driven on board, by plain trigonometry."""
+    route = lay_pattern(pattern)
+    rows = np.asarray(route.rows, np.float64)[: int(route.count)]
+    gears = np.ones(len(rows)) if route.legs is None else np.asarray(route.legs)[: len(rows), 0]
+    yaw = rows[:, 2] + np.where(gears < 0.0, np.pi, 0.0)
+    ahead, left = np.stack([np.cos(yaw), np.sin(yaw)], axis=1), np.stack([-np.sin(yaw), np.cos(yaw)], axis=1)
+    ends = [(x, y) for x in (outline.front_m, outline.rear_m) for y in (outline.left_m, outline.right_m)]
+    return np.concatenate([rows[:, :2] + x * ahead + y * left for x, y in ends])
+
+
+def test_nothing_is_outside_of_two_sides_without_room() -> None:
+    tour, ground = planned(BOX, [0.0, 0.0, 6.0, 6.0])
+    assert breaches(tour.pattern, ground, OUTLINE) == []
+    east, north = corners_driven(tour.pattern, OUTLINE).T
+    # Along the first side and the second one the clearance is kept, less what a row of the route is off.
+    assert north.min() > 0.25 - 0.06
+    assert east.max() < 30.0 - 0.25 + 0.06
+    assert tour.pattern.unreached == ()
+    assert tour.worked_m2 > 0.96 * 600.0
+    assert tour.cusps >= 10
+
+
+def test_keep_outs_are_kept_out_of() -> None:
+    ring = buffered(np.array([[10.0, 8.0], [13.0, 8.0], [13.0, 11.0], [10.0, 11.0]]), 0.5)
+    tour, ground = planned(BOX, [6.0] * 4, ring)
+    check_drivable(tour.pattern, ground, OUTLINE, name="field")
+    places = shapely.points(corners_driven(tour.pattern, OUTLINE))
+    assert shapely.distance(shapely.Polygon(ring), places).min() > 0.25 - 0.06
+    assert tour.worked_m2 > 0.97 * tour.target_m2
+    # A body that is longer than the one planned for no longer fits, and the message names the place.
+    with pytest.raises(InputError, match=r"turn from line|line \d+: expected vehicle and tool 0\.25 m within"):
+        check_drivable(tour.pattern, ground, OUTLINE._replace(rear_m=-1.6), name="field")
+
+
+def test_a_u_is_driven_within_the_ground_that_its_plan_declares() -> None:
+    """What made the fence's sides cross: the notch is narrower than the room."""
+    corners = np.array([[0, 0], [30, 0], [30, 20], [18, 20], [18, 8], [12, 8], [12, 20], [0, 20]], float)
+    field = field_of_polygon(corners, name="u")
+    pattern = plan_pattern(
+        field, PatternSettings(1.2, 0.2, "boustrophedon", 1.5, 12.0, 1.2, heading_rad=0.5 * math.pi), name="u"
+    )
+    ground = ground_of_plan(pattern, None, OUTLINE, spare_m=0.8)
+    check_drivable(pattern, ground, OUTLINE, name="u")
+    shape = ground.shape
+    assert shapely.contains_xy(shape, *corners_driven(pattern, OUTLINE).T).all()
+
+
+@pytest.mark.parametrize("seed", [9, 11])
+def test_a_drawn_field_is_planned_and_what_can_be_reached_is_worked(seed: int) -> None:
+    check_drawn(seed)
+
+
+def check_drawn(seed: int) -> tuple[float, float]:
+    """Share of what can be reached that is worked, and that area; nothing outside the ground."""
+    drawn = draw_field(seed)
+    tour = plan_tour(
+        drawn.field, drawn.ground, drawn.keep_outs_m, drawn.settings, drawn.tool, drawn.outline, name=f"seed {seed}"
+    )
+    check_drivable(tour.pattern, drawn.ground, drawn.outline, name=f"seed {seed}")
+    assert shapely.contains_xy(drawn.ground.shape, *corners_driven(tour.pattern, drawn.outline).T).all()
+    share, reach_m2 = worked_share(drawn, [np.stack([line.start_m, line.end_m]) for line in tour.pattern.lines])
+    assert share > 0.98 or seed not in (9, 11)
+    return share, reach_m2
+
+
+@pytest.mark.campaign
+def test_a_thousand_drawn_fields() -> None:
+    """None planned and then refused; how many are planned over how much of what can be reached is printed."""
+    shares = []
+    for seed in range(1000, 2000):
+        try:
+            share, reach_m2 = check_drawn(seed)
+        except InputError:
+            share, reach_m2 = 0.0, worked_share(draw_field(seed), [])[1]
+        # A bound of nearly nothing admits no plan.
+        if reach_m2 > 10.0:
+            shares.append(share)
+    told = np.array(shares)
+    print(
+        f"{len(told)} fields, {np.mean(told >= 0.98):.3f} with 98 %, median {np.median(told):.4f}, "
+        f"least {told.min():.3f}"
+    )
+    assert np.mean(told >= 0.9) > 0.9
+
+
+def test_words_end_where_they_must_and_the_shortest_is_that_of_dubins() -> None:
+    rng = np.random.default_rng(3)
+    starts, ends = (
+        np.concatenate([rng.uniform(-6, 6, (60, 2)), rng.uniform(-4, 4, (60, 1))], axis=1) for _ in range(2)
+    )
+    lengths, bends = _words(starts, ends, 1.5)
+    for number in range(60):
+        forward = [np.abs(word).sum() for word in lengths[number, :6] if np.isfinite(word).all()]
+        known = dubins_ways(Pose(*starts[number]), Pose(*ends[number]), 1.5)[0]
+        assert min(forward) == pytest.approx(np.abs(known[:, 0]).sum(), abs=1e-9)
+        for word, bend in zip(lengths[number], bends, strict=True):
+            if np.isfinite(word).all():
+                # A millimetre at a time, by the midpoint rule.
+                x, y, yaw = starts[number]
+                for length, curvature in zip(word, bend, strict=True):
+                    count = max(int(abs(length) / 0.01), 1)
+                    steps = yaw + (np.arange(count) + 0.5) * length / count * curvature
+                    x, y = x + np.sum(np.cos(steps)) * length / count, y + np.sum(np.sin(steps)) * length / count
+                    yaw += length * curvature
+                assert math.hypot(x - ends[number, 0], y - ends[number, 1]) < 1e-3
+
+
+def test_a_route_in_reverse_runs_along_its_way_backwards() -> None:
+    tour, _ = planned(BOX, [0.0, 0.0, 6.0, 6.0])
+    route = lay_pattern(tour.pattern)
+    assert route.legs is not None
+    count = int(route.count)
+    rows, legs = np.asarray(route.rows, np.float64)[:count], np.asarray(route.legs, np.float64)[:count]
+    same = legs[1:, 1] == legs[:-1, 1]
+    along = np.diff(rows[:, :2], axis=0)
+    ahead = np.stack([np.cos(rows[:-1, 2]), np.sin(rows[:-1, 2])], axis=1)
+    # Within a leg every step leads on along the row's yaw, forwards or in reverse.
+    assert ((along * ahead).sum(axis=1)[same] > 0.9 * float(route.spacing_m)).all()
+    assert np.hypot(*along.T).max() < 1.01 * float(route.spacing_m)
+    # The tool works in no row that is driven in reverse.
+    assert not (rows[:, 4] > 0.5)[legs[:, 0] < 0.0].any()
+    assert np.count_nonzero(np.diff(legs[:, 0])) == tour.cusps
+
+
+def test_the_racetrack_takes_every_line_once_and_turns_no_wider_than_needed() -> None:
+    for count in (1, 2, 7, 21, 104):
+        order = line_order(count, "racetrack", 4)
+        assert sorted(order) == list(range(count))
+    steps = np.abs(np.diff(line_order(104, "racetrack", 4)))
+    assert steps.max() <= 8
+    assert np.median(steps) >= 3
+
+
+def test_time_counts_bends_and_cusps() -> None:
+    tour, _ = planned(BOX, [0.0, 0.0, 6.0, 6.0])
+    time_s = driving_time_s(tour.pattern, 0.3)
+    # At 0.3 m/s the yaw rate of 0.2 rad/s is that of 1.5 m: bends cost nothing, each cusp 1.5 s.
+    assert time_s == pytest.approx(tour.pattern.length_m / 0.3 + 1.5 * tour.cusps, rel=1e-6)
+    assert driving_time_s(tour.pattern, 0.6) > 0.5 * time_s
