@@ -19,6 +19,8 @@ Kind = Literal[
     "yaw_gain",
     "servo",
     "pedals",
+    "tracking",
+    "loop",
     "look_ahead",
     "fusion",
     "threshold",

@@ -173,10 +173,10 @@ def _driven(
     error = jnp.mean(jnp.stack([m.rms_m for _, m in runs]).reshape(len(runs), *shape), axis=(0, -1))
     effort = jnp.mean(jnp.stack([m.effort_radpm for _, m in runs]).reshape(len(runs), *shape), axis=(0, -1))
     cycle = jnp.max(jnp.stack([m.cycle_m for _, m in runs]).reshape(len(runs), *shape), axis=(0, -1))
-    lag = vehicles.servo.lag_s[:, None, None] / shares
+    lag = vehicles.servo.lag_s[:, None, None] / shares[None, None]
     lead = anchor_lead_m(vehicles.chassis)[:, None, None]
     delay = vehicles.servo.delay_s[:, None, None]
-    margin = phase_margin_rad(ahead, lead, speeds[:, None], lag, delay)
+    margin = phase_margin_rad(ahead, lead, speeds[None, :, None], lag, delay)
     return DrawnCosts(error + trials.effort_m2 * effort, error, cycle, margin)
 
 
@@ -309,7 +309,7 @@ def _long_enough(
 
     def fails(factor: float, exponent: float, share: float) -> bool:
         ahead = factor * np.asarray(look_ahead_m(schedule.look_ahead, jnp.asarray(speeds))) * share**-exponent
-        margin = np.asarray(phase_margin_rad(*(jnp.asarray(v, jnp.float32) for v in (ahead + 0.0 * lag, lead + 0.0 * lag, speeds + 0.0 * lag, lag / share + 0.0 * ahead, delay + 0.0 * ahead))))
+        margin = np.asarray(phase_margin_rad(*(jnp.asarray(v, jnp.float32) for v in (ahead + 0.0 * lag, lead + 0.0 * lag, speeds[None] + 0.0 * lag, lag / share + 0.0 * ahead, delay + 0.0 * ahead))))
         return bool((np.mean(margin >= trials.least_margin_rad, axis=0) < config.margin_draws).any())
 
     factor, exponent = 1.0, float(schedule.exponent)

@@ -110,14 +110,16 @@ class LoopPosterior(NamedTuple):
 
 def values_of(prior: LoopPrior, place: Float[Array, "*n number"]) -> Float[Array, "*n number"]:
     """Numbers at places in units of the prior's width."""
-    moved = place * prior.width
-    return jnp.where(_BY_FACTOR, prior.value * jnp.exp(moved), prior.value + moved)
+    value, width, by_factor = (jnp.broadcast_to(part, place.shape) for part in (prior.value, prior.width, _BY_FACTOR))
+    moved = place * width
+    return jnp.where(by_factor, value * jnp.exp(moved), value + moved)
 
 
 def places_of(prior: LoopPrior, values: Float[Array, "*n number"]) -> Float[Array, "*n number"]:
     """Places of numbers: the inverse of ``values_of``."""
-    ratio = jnp.where(_BY_FACTOR, values / jnp.where(_BY_FACTOR, prior.value, 1.0), 1.0)
-    return jnp.where(_BY_FACTOR, jnp.log(ratio), values - prior.value) / prior.width
+    value, width, by_factor = (jnp.broadcast_to(part, values.shape) for part in (prior.value, prior.width, _BY_FACTOR))
+    ratio = jnp.where(by_factor, values / jnp.where(by_factor, value, 1.0), 1.0)
+    return jnp.where(by_factor, jnp.log(ratio), values - value) / width
 
 
 def loop_model(
@@ -154,7 +156,11 @@ def _later(values: Float[Array, "drive step"], late_s: Float[Array, ""]) -> Floa
     before = jnp.clip(jnp.floor(at), 0.0, steps - 2.0)
     index = before.astype(jnp.int32)
     low, high = values[:, index], values[:, index + 1]
-    return low + (at - before) * (high - low)
+    return low + (at - before)[None] * (high - low)
+
+
+def _count(used: Bool[Array, "drive step"]) -> Float[Array, " drive"]:
+    return jnp.maximum(jnp.sum(used.astype(jnp.float32), axis=-1), 1.0)
 
 
 class _Looked(NamedTuple):
@@ -178,7 +184,7 @@ def _residuals(
     # The bias: a clipped mean of each drive's yaw rates.
     first = _middle(left[1], used[1])
     near = jnp.clip(left[1] - first[:, None], -2.0 * _spread(left[1], used[1]), 2.0 * _spread(left[1], used[1]))
-    bias = first + jnp.sum(jnp.where(used[1], near, 0.0), axis=-1) / jnp.maximum(jnp.sum(used[1], axis=-1), 1.0)
+    bias = first + jnp.sum(jnp.where(used[1], near, 0.0), axis=-1) / _count(used[1])
     left = jnp.where(used, left - jnp.stack([jnp.zeros_like(bias), bias])[..., None], 0.0)
     if scale is None:
         scale = jnp.stack([_spread(left[0], used[0])[:, 0], _spread(left[1], used[1])[:, 0]])
@@ -204,7 +210,7 @@ def _look(
     used = jnp.stack([logs.front_used, logs.yaw_used])
     slopes = jnp.stack(jax.jacfwd(lambda at: loop_model(prior, logs, at))(place)) / scale[..., None, None]
     slopes = jnp.where(used[..., None], slopes, 0.0)
-    mean = jnp.sum(slopes[1], axis=1) / jnp.maximum(jnp.sum(used[1], axis=-1), 1.0)[:, None]
+    mean = jnp.sum(slopes[1], axis=1) / _count(used[1])[:, None]
     slopes = slopes.at[1].set(jnp.where(used[1][..., None], slopes[1] - mean[:, None], 0.0))
     size = jnp.abs(score)
     cost = jnp.sum(jnp.where(size <= _HUBER, 0.5 * size**2, _HUBER * (size - 0.5 * _HUBER)))
@@ -280,6 +286,14 @@ def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
     return LoopPosterior(places, weight, roots, scale.T, memory, blocks, limit)
 
 
+@jax.jit
+def residual_scale(
+    prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"]
+) -> Float[Array, "drive 2"]:
+    """Robust scale of front angle and yaw rate about the model of a place, each drive by itself."""
+    return _residuals(prior, logs, place, None)[1].T
+
+
 def _blocks(values: Float[Array, "output drive step number"]) -> Float[Array, "block number"]:
     """Sums over blocks of a drive; both outputs of a block belong together."""
     drives, steps, count = values.shape[1:]
@@ -316,7 +330,7 @@ def draw_loops(
     rate = posterior.place[:, RATE]
     share = jnp.cumsum(posterior.weight)
     # Between the middles of neighbouring rates, evenly.
-    at = jnp.interp(jax.random.uniform(first, (count,)), share - 0.5 * posterior.weight, jnp.arange(len(rate)) * 1.0)
+    at = jnp.interp(jax.random.uniform(first, (count,)), share - 0.5 * posterior.weight, jnp.arange(len(rate), dtype=jnp.float32))
     below = jnp.clip(jnp.floor(at), 0.0, len(rate) - 2.0)
     index, part = below.astype(jnp.int32), (at - below)[:, None]
     middle = (1.0 - part) * posterior.place[index] + part * posterior.place[index + 1]
@@ -328,7 +342,7 @@ def draw_loops(
     values = values_of(prior, place)
     scale = ODOMETER_SHARE * jax.random.normal(jax.random.fold_in(third, 1), (count,))
     values = values.at[:, RATIO].add(scale * (1.0 + values[:, RATIO]))
-    least = jnp.asarray([1e-3, 0.0, 1e-3, 0.0, -0.5, 0.0, 0.0, -1.0, -1.0], jnp.float32)
+    least = jnp.asarray([[1e-3, 0.0, 1e-3, 0.0, -0.5, 0.0, 0.0, -1.0, -1.0]], jnp.float32)
     return jnp.maximum(values, least)
 
 
@@ -342,6 +356,7 @@ class LoopFit(NamedTuple):
         rate_bounded: the drives tell from below only how fast the servo turns.
         limit_share: highest share of the servo's largest rate that a drive reached.
         scale: of the residuals: front angle and yaw rate of each drive.
+        place: mean of the posterior, in units of the prior's width.
         posterior, prior: for draws.
     """
 
@@ -351,6 +366,7 @@ class LoopFit(NamedTuple):
     rate_bounded: bool
     limit_share: Float[np.ndarray, " drive"]
     scale: Float[np.ndarray, "drive 2"]
+    place: Float[Array, " number"]
     posterior: LoopPosterior
     prior: LoopPrior
 
@@ -397,6 +413,7 @@ def summarise(prior: LoopPrior, posterior: LoopPosterior) -> LoopFit:
         "rate_radps" not in told,
         np.asarray(posterior.limit_share, np.float64),
         np.asarray(posterior.scale, np.float64),
+        jnp.asarray(mean, jnp.float32),
         posterior,
         prior,
     )
