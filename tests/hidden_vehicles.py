@@ -265,9 +265,7 @@ def _coloured(draw: np.random.Generator, steps: int, lanes: int, seconds: float 
     return rows
 
 
-def _logged(
-    true: Hidden, laws: list[str], draw: np.random.Generator, rows: list[np.ndarray], *, quiet: bool
-) -> Driven:
+def _logged(true: Hidden, laws: list[str], draw: np.random.Generator, rows: list[np.ndarray], *, quiet: bool) -> Driven:
     """What the sensors make of it, each lane by its law."""
     command, wheel, offset, x, y, yaw, speed = rows
     count, lanes = wheel.shape

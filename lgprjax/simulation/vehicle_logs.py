@@ -133,7 +133,9 @@ MANOEUVRES = {
     ),
 }
 """By the word that a drives file has for them."""
-LISTS = frozenset({"radii_m", "speeds_mps", "angles_rad", "angles_deg", "sizes_rad", "sizes_deg", "throttles", "brakes"})
+LISTS = frozenset(
+    {"radii_m", "speeds_mps", "angles_rad", "angles_deg", "sizes_rad", "sizes_deg", "throttles", "brakes"}
+)
 """Keys that hold a list of numbers."""
 
 
@@ -230,7 +232,7 @@ def _plan_of(course: DrivenCourse, truth: DriveTruth, frame: LocalFrame) -> dict
         sigma_m=np.zeros(len(time_s)),
         anchor_m=course.anchor_m,
         speed_mps=truth.speed_mps[every],
-        yaw_rate_radps=np.zeros(len(time_s)),
+        answer_radpm=np.zeros(len(time_s)),
         engaged=course.mode[every] == int(Mode.SPEED),
     )
     offset = np.full(len(time_s), np.nan)

@@ -29,7 +29,7 @@ from lgprjax.registration import Code
 from lgprjax.run_records import FIX, RecordKind
 from lgprjax.studies.logs import Task
 from lgprjax.studies.navigation import TickedDrive, stack_drives, tick_drive
-from lgprjax.tuning.loop import PADDING, STEP_S, LoopLogs
+from lgprjax.tuning.loop import LANES, PADDING, STEP_S, LoopLogs
 from lgprjax.tuning.navigation import NavigationDrives, filter_drives
 from lgprjax.vehicle import Servo, VehiclePose, torque_share
 
@@ -259,7 +259,12 @@ def _ticked_run(
         HeadingObservation(single(yaw), single(10.0 * sigma**2), zero, yes),
         OdometerObservation(single(speed), single(np.full(count, 2.0 * (_ODOMETER_SIGMA_M / TICK_S) ** 2)), yes),
         LgprObservation(
-            single(values[:, 0]), single(values[:, 1]), single(values[:, 2]), single(spread), single(age), jnp.asarray(valid)
+            single(values[:, 0]),
+            single(values[:, 1]),
+            single(values[:, 2]),
+            single(spread),
+            single(age),
+            jnp.asarray(valid),
         ),
     )
     drive = NavigationDrives(
@@ -309,7 +314,13 @@ def loop_logs(drives: list[LoopDrive], servo: Servo) -> LoopLogs:
         return np.pad(values, (0, steps - len(values)), mode="constant" if values.dtype == bool else "edge")
 
     columns = [np.stack([padded(lane[column]) for lane in lanes]) for column in range(7)]
-    start = [lane[3][np.argmax(lane[5])] for lane in lanes]
+    start = np.array([lane[3][np.argmax(lane[5])] for lane in lanes])
+    # Drives that are none: nothing of them counts.
+    more = -len(lanes) % LANES
+    columns = [np.concatenate([column, *[column[-1:]] * more]) for column in columns]
+    start = np.concatenate([start, *[start[-1:]] * more])
+    for flag in columns[5:]:
+        flag[len(lanes) :] = False
     numbers = [jnp.asarray(column, jnp.float32) for column in columns[:5]]
     return LoopLogs(*numbers, *(jnp.asarray(flag) for flag in columns[5:]), jnp.asarray(start, jnp.float32))
 

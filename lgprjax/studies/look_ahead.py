@@ -179,7 +179,9 @@ def _from_logs(task: Task, options: LookAheadOptions) -> Outcome:
         for place, share in enumerate(tuned.shares):
             error = np.asarray(tuned.judged.error_m)[:, number, place]
             name = f"error at {speed:g} m/s and {share:.0%} of the torque, rms over courses and offsets"
-            figures.append(Figure(name, float(np.mean(error)), "m", *(float(v) for v in np.percentile(error, [2.5, 97.5]))))
+            figures.append(
+                Figure(name, float(np.mean(error)), "m", *(float(v) for v in np.percentile(error, [2.5, 97.5])))
+            )
     open_ = [name for name in ("lag_s", "delay_s", "rate_radps", "rear_ratio", "slip_s2pm2") if name not in fit.told]
     notes = [
         f"tuned over {len(tuned.best_m)} vehicles that {len(task.study.logs)} logs allow, each at "

@@ -158,7 +158,9 @@ def fit_of(task: Task, drives: list[LoopDrive], widths: float = 1.0) -> LoopFit:
             expected = "wheels that turn by 0.2° rms or more while it drives"
             raise InputError(drive.path, "/vehicle/wheel_angle_rad", expected, f"{spread:.2f}°")
     with fitting(task.study.logs[0]):
-        return fit_loop(prior_of(task, widths), _logs(task, drives))
+        fit = fit_loop(prior_of(task, widths), _logs(task, drives))
+    count = len(drives)
+    return fit._replace(limit_share=fit.limit_share[:count], scale=fit.scale[:count])
 
 
 def _logs(task: Task, drives: list[LoopDrive]):  # type: ignore[no-untyped-def]
@@ -167,9 +169,7 @@ def _logs(task: Task, drives: list[LoopDrive]):  # type: ignore[no-untyped-def]
 
 def _servo(task: Task) -> Servo:
     """The file's servo, with usual numbers where it has none yet."""
-    missing = {
-        key: _USUAL[name] for name, key in _KEYS.items() if name != "rear_ratio" and _value(task, key) is None
-    }
+    missing = {key: _USUAL[name] for name, key in _KEYS.items() if name != "rear_ratio" and _value(task, key) is None}
     return servo_of(with_values(task.vehicle, missing, {}), task.study.vehicle)
 
 
@@ -223,7 +223,9 @@ def _found(task: Task, fit: LoopFit) -> tuple[dict[str, Estimate], list[str]]:
             low, high = one.high**-0.5, one.low**-0.5
             found[_SLIP_KEY] = Estimate(one.value**-0.5, 0.25 * (high - low), low, high)
         else:
-            found[_KEYS[name]] = one._replace(value=max(one.value, 0.0), low=max(min(one.low, one.value), 0.0), high=max(one.high, 0.0))
+            found[_KEYS[name]] = one._replace(
+                value=max(one.value, 0.0), low=max(min(one.low, one.value), 0.0), high=max(one.high, 0.0)
+            )
     return found, notes
 
 
@@ -285,7 +287,11 @@ def predict(task: Task, fit: LoopFit, drive: LoopDrive) -> Predicted | None:
 def fitted_vehicle(believed: Chassis, fit: LoopFit) -> tuple[Chassis, Servo]:
     """Chassis and servo with the fit's numbers; the servo's nominal supply is 1."""
     value = {name: jnp.float32(one.value) for name, one in fit.numbers.items()}
-    rear = ProportionalRear(jnp.maximum(value["rear_ratio"], 0.0)) if isinstance(believed.rear, ProportionalRear) else believed.rear
+    rear = (
+        ProportionalRear(jnp.maximum(value["rear_ratio"], 0.0))
+        if isinstance(believed.rear, ProportionalRear)
+        else believed.rear
+    )
     speed = jnp.maximum(value["slip_s2pm2"], 1e-6) ** -0.5
     one, zero = jnp.float32(1.0), jnp.float32(0.0)
     servo = Servo(

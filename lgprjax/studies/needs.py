@@ -120,7 +120,9 @@ def _require_straight(path: Path, signals: DriveSignals) -> None:
     noise = 1.4826 * float(np.median(np.abs(np.diff(level, 2)))) / 6.0**0.5
     low, quarter, three, high = np.percentile(level, [2.5, 25.0, 75.0, 97.5])
     if three - quarter > _STRAIGHT_SHARE * (high - low) and high - low > 30.0 * max(noise, 1e-4):
-        found = f"half of the potentiometer's values within {three - quarter:.2g} V, nearly all within {high - low:.2g} V"
+        found = (
+            f"half of the potentiometer's values within {three - quarter:.2g} V, nearly all within {high - low:.2g} V"
+        )
         raise InputError(path, "straight", NEEDS["straight"].drive, found)
 
 

@@ -100,7 +100,9 @@ def study_pedals(task: Task) -> Outcome:
     else:
         notes.append(f"a metre of the odometer is {scale.value:.4f} m by the fixes")
     model_m = levelled(runs, _way(runs, fit))
-    return Outcome({**found}, {}, tuple(figures), tuple(notes), PedalsStudy(drive.signals, runs, model_m, fit), tuple(against))
+    return Outcome(
+        {**found}, {}, tuple(figures), tuple(notes), PedalsStudy(drive.signals, runs, model_m, fit), tuple(against)
+    )
 
 
 def _way(runs: PedalRuns, fit: PedalsFit) -> Float[np.ndarray, " record"]:
@@ -250,7 +252,11 @@ def study_encoder(task: Task) -> Outcome:
         per_count = float(np.degrees(abs(1.0 / (fit.counts_per_v.value * v_per_rad))))
         figures.append(Figure("the same at the road wheel", fit.rms_counts * per_count, "deg"))
     judged = [_judge_sensor(judge, fit, v_per_rad) for judge in task.judges]
-    own, unit = (figures[1].value, "deg") if v_per_rad is not None else (1e3 * fit.rms_counts / abs(fit.counts_per_v.value), "mV")
+    own, unit = (
+        (figures[1].value, "deg")
+        if v_per_rad is not None
+        else (1e3 * fit.rms_counts / abs(fit.counts_per_v.value), "mV")
+    )
     against = [
         one
         for judge, figure in zip(task.judges, judged, strict=True)

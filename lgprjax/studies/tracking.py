@@ -3,9 +3,12 @@
 from pathlib import Path as FilePath
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
+from lgprjax.batch.vehicles import chassis_of
 from lgprjax.config import ConfigTable
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleLog
@@ -23,7 +26,7 @@ from lgprjax.tuning.tracking import (
     speed_bands,
     track,
 )
-from lgprjax.vehicle import Path
+from lgprjax.vehicle import Path, turn_of, yaw_gain
 
 _LEAST_FIXES = 20
 
@@ -84,13 +87,13 @@ def study_tracking(task: Task) -> Outcome:
         if found.gains is not None:
             offset, heading = found.gains.offset_per_m2, found.gains.heading_per_m
             figures.append(Figure(f"{name}: curvature per offset", offset.value, "1/m^2", offset.low, offset.high))
-            figures.append(Figure(f"{name}: curvature per heading error", heading.value, "1/m", heading.low, heading.high))
+            figures.append(
+                Figure(f"{name}: curvature per heading error", heading.value, "1/m", heading.low, heading.high)
+            )
     return Outcome({}, {}, tuple(figures), tuple(notes), TrackingStudy(tuple(names), tuple(drives), tuple(each), bands))
 
 
-def tracked(
-    task: Task, drive: LoopDrive, places: SmoothedDrive, reference: str, anchor_m: float
-) -> TrackedDrive:
+def tracked(task: Task, drive: LoopDrive, places: SmoothedDrive, reference: str, anchor_m: float) -> TrackedDrive:
     """A smoothed drive beside its path.
 
     Raises:
@@ -109,9 +112,21 @@ def tracked(
         sigma_m=places.sigma_m,
         anchor_m=anchor_m,
         speed_mps=places.speed_mps,
-        yaw_rate_radps=places.yaw_rate_radps,
+        answer_radpm=_answer(task, drive, places),
         engaged=engaged,
     )
+
+
+def _answer(task: Task, drive: LoopDrive, places: SmoothedDrive) -> Float[np.ndarray, " tick"]:
+    """Curvature of the commanded wheel angles by the vehicle file, or of the way."""
+    moving = np.where(np.abs(places.speed_mps) > 0.3, places.speed_mps, np.nan)
+    if not np.isfinite(drive.command_rad).any():
+        return np.asarray(places.yaw_rate_radps / moving)
+    chassis = chassis_of(task.vehicle, task.study.vehicle)
+    commanded = np.interp(places.time_s, drive.time_s, np.where(drive.commanded, drive.command_rad, 0.0))
+    gain = yaw_gain(chassis.characteristic_speed_mps, jnp.asarray(places.speed_mps, jnp.float32))
+    curvature = turn_of(chassis, jnp.asarray(commanded, jnp.float32)).curvature_radpm
+    return np.asarray(gain * curvature, np.float64)
 
 
 def plan_path(drive: LoopDrive, places: SmoothedDrive, anchor_m: float) -> Path:

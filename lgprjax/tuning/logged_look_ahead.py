@@ -211,9 +211,7 @@ def _at_length(trials: TrialCourses, vehicles: DrawnVehicles, ahead: Float[Array
     return _driven(vehicles, trials, jnp.broadcast_to(ahead, (draws, len(trials.speeds_mps), 1)), jnp.ones(1))
 
 
-def tune_on_draws(
-    vehicles: DrawnVehicles, trials: TrialCourses, config: DrawnTuning | None = None
-) -> TunedOnDraws:
+def tune_on_draws(vehicles: DrawnVehicles, trials: TrialCourses, config: DrawnTuning | None = None) -> TunedOnDraws:
     """Least mean cost over draws, speeds and shares of the torque, by gradient through every step of every drive.
 
     Each step of Adam takes other draws; the result is judged on all of them, and lengthened until enough of them have
@@ -228,7 +226,9 @@ def tune_on_draws(
         raise ValueError("a look-ahead over speed needs trials at two speeds or more")
     longest = float(np.max(np.asarray(vehicles.servo.delay_s)))
     if longest > trials.longest_delay_s:
-        raise ValueError(f"trials are made for delays of up to {trials.longest_delay_s:g} s, draws go to {longest:.3f} s")
+        raise ValueError(
+            f"trials are made for delays of up to {trials.longest_delay_s:g} s, draws go to {longest:.3f} s"
+        )
     # One offset tells which look-ahead is best; the schedule itself is judged from all of them.
     one = TrialCourses(**{**trials.__dict__, "offsets_m": (max(trials.offsets_m, key=abs),)})
     best = _best_lengths(vehicles, one)
@@ -304,12 +304,26 @@ def _long_enough(
     """The schedule lengthened, and its exponent raised, until enough draws have the margin at full and least torque."""
     speeds = np.asarray(trials.speeds_mps, np.float32)
     lead, lag, delay = (
-        np.asarray(part)[:, None] for part in (anchor_lead_m(vehicles.chassis), vehicles.servo.lag_s, vehicles.servo.delay_s)
+        np.asarray(part)[:, None]
+        for part in (anchor_lead_m(vehicles.chassis), vehicles.servo.lag_s, vehicles.servo.delay_s)
     )
 
     def fails(factor: float, exponent: float, share: float) -> bool:
         ahead = factor * np.asarray(look_ahead_m(schedule.look_ahead, jnp.asarray(speeds))) * share**-exponent
-        margin = np.asarray(phase_margin_rad(*(jnp.asarray(v, jnp.float32) for v in (ahead + 0.0 * lag, lead + 0.0 * lag, speeds[None] + 0.0 * lag, lag / share + 0.0 * ahead, delay + 0.0 * ahead))))
+        margin = np.asarray(
+            phase_margin_rad(
+                *(
+                    jnp.asarray(v, jnp.float32)
+                    for v in (
+                        ahead + 0.0 * lag,
+                        lead + 0.0 * lag,
+                        speeds[None] + 0.0 * lag,
+                        lag / share + 0.0 * ahead,
+                        delay + 0.0 * ahead,
+                    )
+                )
+            )
+        )
         return bool((np.mean(margin >= trials.least_margin_rad, axis=0) < config.margin_draws).any())
 
     factor, exponent = 1.0, float(schedule.exponent)
@@ -374,7 +388,11 @@ def _experiments(slow_mps: float, fast_mps: float) -> list[tuple[str, Float[Arra
     slalom = 0.06 * np.sin(2.0 * np.pi * time_s / 4.0)
     turns = np.interp(time_s, [0.0, 3.0, 12.0, 18.0, 27.0, 30.0], [0.0, 0.05, 0.05, -0.05, -0.05, 0.0])
     return [
-        (f"steps of the steering command of 11° to both sides, at {slow_mps:g} m/s", jnp.asarray(steps, jnp.float32), slow_mps),
+        (
+            f"steps of the steering command of 11° to both sides, at {slow_mps:g} m/s",
+            jnp.asarray(steps, jnp.float32),
+            slow_mps,
+        ),
         (f"a slalom of 3.5° with a period of 4 s, at {slow_mps:g} m/s", jnp.asarray(slalom, jnp.float32), slow_mps),
         (f"steady turns of 3° to both sides, at {fast_mps:g} m/s", jnp.asarray(turns, jnp.float32), fast_mps),
     ]

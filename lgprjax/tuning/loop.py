@@ -33,7 +33,8 @@ WIDTH = np.array([0.6, 0.05, 0.45, 0.004, 0.05, 0.2, 0.004, 0.02, 0.06])
 STEP_S = 0.02
 BLOCK = 200
 """Steps of a block: errors in different blocks are taken as independent."""
-PADDING = 1024
+PADDING, LANES = 4096, 2
+"""Steps and drives are padded to whole multiples of these: few shapes are compiled."""
 LEAST_S = 10.0
 _HUBER = 1.345
 _ROUNDS = 8
@@ -287,9 +288,7 @@ def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
 
 
 @jax.jit
-def residual_scale(
-    prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"]
-) -> Float[Array, "drive 2"]:
+def residual_scale(prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"]) -> Float[Array, "drive 2"]:
     """Robust scale of front angle and yaw rate about the model of a place, each drive by itself."""
     return _residuals(prior, logs, place, None)[1].T
 
@@ -330,7 +329,9 @@ def draw_loops(
     rate = posterior.place[:, RATE]
     share = jnp.cumsum(posterior.weight)
     # Between the middles of neighbouring rates, evenly.
-    at = jnp.interp(jax.random.uniform(first, (count,)), share - 0.5 * posterior.weight, jnp.arange(len(rate), dtype=jnp.float32))
+    at = jnp.interp(
+        jax.random.uniform(first, (count,)), share - 0.5 * posterior.weight, jnp.arange(len(rate), dtype=jnp.float32)
+    )
     below = jnp.clip(jnp.floor(at), 0.0, len(rate) - 2.0)
     index, part = below.astype(jnp.int32), (at - below)[:, None]
     middle = (1.0 - part) * posterior.place[index] + part * posterior.place[index + 1]
@@ -400,7 +401,9 @@ def summarise(prior: LoopPrior, posterior: LoopPosterior) -> LoopFit:
             tail = 0.025 * (t95 / 1.96) ** -2
             low, high = (float(np.interp(q, shares, place[:, RATE])) for q in (tail, 1.0 - tail))
         bounds = [
-            float(value[number] * np.exp(width[number] * at) if _BY_FACTOR[number] else value[number] + width[number] * at)
+            float(
+                value[number] * np.exp(width[number] * at) if _BY_FACTOR[number] else value[number] + width[number] * at
+            )
             for at in (low, middle, high)
         ]
         numbers[name] = Estimate(bounds[1], 0.5 * (bounds[2] - bounds[0]) / t95, bounds[0], bounds[2])

@@ -19,7 +19,8 @@ NEAR_M = 1.2
 NEAR_PATH_M = 5.0
 SPEED_EDGES_MPS = (0.3, 1.5, 3.0, 4.5, 6.0, 8.0, 12.0, 20.0)
 _LINEAR_M = 1.0
-_LATEST_TICKS = 9
+_STRAIGHT_RADPM = 0.004
+_AHEAD_S = 3.0
 LEAST_S = 8.0
 """Of driving at a speed, by one who steers: less gives no RMS."""
 
@@ -31,7 +32,8 @@ class TrackedDrive(NamedTuple):
         time_s: of the ticks.
         offset_m: of the point that follows the path, to its left; sigma_m: of it.
         heading_error_rad: of the body against the path, to the left.
-        curvature_radpm: of the path; turned_radpm: of the vehicle's way, yaw rate over speed.
+        curvature_radpm: of the path.
+        answer_radpm: curvature that was commanded, or without commands that of the vehicle's way; NaN for neither.
         speed_mps: along the body.
         engaged: the autopilot steered.
     """
@@ -41,7 +43,7 @@ class TrackedDrive(NamedTuple):
     sigma_m: Float[np.ndarray, " tick"]
     heading_error_rad: Float[np.ndarray, " tick"]
     curvature_radpm: Float[np.ndarray, " tick"]
-    turned_radpm: Float[np.ndarray, " tick"]
+    answer_radpm: Float[np.ndarray, " tick"]
     speed_mps: Float[np.ndarray, " tick"]
     engaged: Bool[np.ndarray, " tick"]
 
@@ -85,7 +87,7 @@ class Engagement(NamedTuple):
 
 
 class Gains(NamedTuple):
-    """Curvature that answers offset and heading error, the path's own curvature taken out.
+    """Curvature that answers offset and heading error, where the path has none itself.
 
     Attributes:
         offset_per_m2, heading_per_m: rad/m a metre, and a radian.
@@ -139,7 +141,7 @@ def beside_path(
     sigma_m: Float[np.ndarray, " tick"],
     anchor_m: float,
     speed_mps: Float[np.ndarray, " tick"],
-    yaw_rate_radps: Float[np.ndarray, " tick"],
+    answer_radpm: Float[np.ndarray, " tick"],
     engaged: Bool[np.ndarray, " tick"],
 ) -> TrackedDrive:
     """A drive relative to a path; ticks before its beginning and after its end are left out.
@@ -148,7 +150,8 @@ def beside_path(
         path: that was to be followed.
         time_s, x_m, y_m, yaw_rad, sigma_m: of the rear axle, smoothed.
         anchor_m: of the point that follows, ahead of the rear axle.
-        speed_mps, yaw_rate_radps: of the body.
+        speed_mps: of the body.
+        answer_radpm: as in ``TrackedDrive``.
         engaged: by the autopilot.
 
     Raises:
@@ -167,9 +170,14 @@ def beside_path(
     if np.count_nonzero(on) < 20 or np.count_nonzero(on & near) < 0.5 * len(away):
         raise NotExcitedError("path", f"a drive within {NEAR_PATH_M:g} m of it", f"{np.mean(on & near):.0%} of it is")
     error = yaw_rad - np.arctan2(np.asarray(at.sin, np.float64), np.asarray(at.cos, np.float64))
-    moving = np.where(np.abs(speed_mps) > 0.3, speed_mps, np.nan)
-    parts = (time_s, away, sigma_m, np.arctan2(np.sin(error), np.cos(error)), np.asarray(at.curvature_radpm, np.float64))
-    return TrackedDrive(*(part[on] for part in (*parts, yaw_rate_radps / moving, speed_mps, engaged)))
+    parts = (
+        time_s,
+        away,
+        sigma_m,
+        np.arctan2(np.sin(error), np.cos(error)),
+        np.asarray(at.curvature_radpm, np.float64),
+    )
+    return TrackedDrive(*(part[on] for part in (*parts, answer_radpm, speed_mps, engaged)))
 
 
 def path_of_feet(
@@ -218,9 +226,7 @@ def _smoothed(points: np.ndarray) -> np.ndarray:
 
 def track(drives: list[TrackedDrive]) -> list[Tracking]:
     """The figures of each drive."""
-    return [
-        Tracking(tuple(_bands(one)), tuple(_engagements(one)), _cycle(one), _gains(one)) for one in drives
-    ]
+    return [Tracking(tuple(_bands(one)), tuple(_engagements(one)), _cycle(one), _gains(one)) for one in drives]
 
 
 def speed_bands(drives: list[TrackedDrive]) -> tuple[SpeedBand, ...]:
@@ -287,22 +293,19 @@ def _cycle(one: TrackedDrive) -> LimitCycle | None:
 
 
 def _gains(one: TrackedDrive) -> Gains | None:
-    """Gains with the answer as late as explains it best: a servo needs its time."""
-    used = one.engaged & np.isfinite(one.offset_m) & (np.abs(one.offset_m) < _LINEAR_M)
-    if np.count_nonzero(used) < 100 or float(np.std(one.offset_m[used])) < 0.02:
+    """Gains where the path is straight now and for seconds ahead: in a bend the law answers what lies ahead, too."""
+    ahead = round(_AHEAD_S / float(np.median(np.diff(one.time_s))))
+    bent = np.abs(np.append(one.curvature_radpm, np.full(ahead, np.nan)))
+    windows = np.lib.stride_tricks.sliding_window_view(bent, ahead + 1)
+    straight = np.nanmax(windows, axis=1) < _STRAIGHT_RADPM
+    used = one.engaged & straight & np.isfinite(one.offset_m + one.answer_radpm) & (np.abs(one.offset_m) < _LINEAR_M)
+    if np.count_nonzero(used) < 60 or float(np.std(one.offset_m[used])) < 0.02:
         return None
-    bent = one.curvature_radpm
-    best: tuple[float, Gains] | None = None
-    for late in range(_LATEST_TICKS):
-        answer = np.append(one.turned_radpm[late:], np.full(late, np.nan)) - bent
-        good = used & np.isfinite(answer)
-        design = np.stack([np.ones(len(answer)), -one.offset_m, -one.heading_error_rad], axis=1)[good]
-        try:
-            fit = robust_fit(design, answer[good], serial=True)
-        except NotExcitedError:
-            continue
-        if best is None or fit.scale < best[0]:
-            offset, heading = (combine(fit, np.eye(3)[column]) for column in (1, 2))
-            look = heading.value / offset.value if offset.low > 0.0 else float("nan")
-            best = (fit.scale, Gains(offset, heading, look))
-    return None if best is None else best[1]
+    design = np.stack([np.ones(len(used)), -one.offset_m, -one.heading_error_rad], axis=1)[used]
+    try:
+        fit = robust_fit(design, one.answer_radpm[used], serial=True)
+    except NotExcitedError:
+        return None
+    offset, heading = (combine(fit, np.eye(3)[column]) for column in (1, 2))
+    look = heading.value / offset.value if offset.low > 0.0 else float("nan")
+    return Gains(offset, heading, look)

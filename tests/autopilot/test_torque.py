@@ -31,9 +31,7 @@ def driven(share: float, size_rad: float, supply_v: float = 24.0, seconds: float
         wheel += min(max(wrong * (1.0 - math.exp(-TICK_S * share / WHEEL.lag_s)), -most), most)
         angles = WheelAngles(wheel, math.nan)
         watch, _ = step_servo_watch(WHEEL, watch, angles, supply_v, engaged=True, command_rad=command, step_s=TICK_S)
-        state = step_torque(
-            WHEEL, state, watch, front_rad=wheel, supply_v=supply_v, engaged=True, step_s=TICK_S
-        )
+        state = step_torque(WHEEL, state, watch, front_rad=wheel, supply_v=supply_v, engaged=True, step_s=TICK_S)
         found.append(state.share)
     return found
 

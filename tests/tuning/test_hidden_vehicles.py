@@ -193,8 +193,12 @@ def check_loops(which: tuple[int, ...]) -> None:
     inside, apart = [], []
     for number in which:
         fit, true = fitted(number, which), true_numbers(number)
-        row = [fit.numbers[name].low <= value <= fit.numbers[name].high for name, value in zip(NAMES, true, strict=True)]
-        inside.append([row[NAMES.index(name)] for name in ("lag_s", "delay_s", "rate_radps", "rear_ratio", "slip_s2pm2")])
+        row = [
+            fit.numbers[name].low <= value <= fit.numbers[name].high for name, value in zip(NAMES, true, strict=True)
+        ]
+        inside.append(
+            [row[NAMES.index(name)] for name in ("lag_s", "delay_s", "rate_radps", "rear_ratio", "slip_s2pm2")]
+        )
         rolled, driven = predicted_rms(number, which)
         apart.append(rolled / driven - 1.0)
     share = float(np.mean(inside))
