@@ -166,7 +166,7 @@ def drive(
         torque: share that is left.
         quiet: neither noise of the pose nor disturbance.
     """
-    lanes, steps = len(true.ratio), int(round(seconds / STEP_S))
+    lanes, steps = len(true.ratio), round(seconds / STEP_S)
     draw = np.random.default_rng(seed)
     speed = np.broadcast_to(speed_mps, (steps, lanes))
     slots = int(np.ceil(np.max(true.delay_s) / STEP_S)) + 2

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from pyproj import Transformer
 from pydantic import Field
+from pyproj import Transformer
 
 from lgprjax import __version__
 from lgprjax.config import ConfigTable, TableKey, fill_table

@@ -109,11 +109,11 @@ def draw_logged_look_ahead(detail: Any, path: Path, force: bool = False) -> None
         left.set_ylabel("look-ahead (m)")
         left.set_ylim(bottom=0.0)
         left.legend(loc="upper left")
-        left.set_title("schedule, and the best at full torque of 95 % of the vehicles")
+        left.set_title("schedule, and each vehicle's best")
         names = [one.what.split(",")[0] for one in detail.experiments]
         right.barh(range(len(names)), [100.0 * one.narrows for one in detail.experiments], color=BLUE)
         right.set_yticks(range(len(names)), [name.replace(" of ", "\nof ", 1) for name in names])
         right.invert_yaxis()
         right.set_xlabel("narrows the interval by (%)")
         right.set_title("what to drive next")
-        write_caption(figure, "Dots: each drawn vehicle's own best; the schedule also pays for oscillation and margin.")
+        write_caption(figure, "Dots and bars: the best at full torque of 95 % of the vehicles that the logs allow.")

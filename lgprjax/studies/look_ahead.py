@@ -1,4 +1,4 @@
-"""Study of the look-ahead over speed, by simulated drives along courses: of a file's vehicle, or of those that logs allow."""
+"""Study of the look-ahead over speed, by simulated drives: of a file's vehicle, or of those that logs allow."""
 
 from dataclasses import replace
 from typing import Annotated, Literal, NamedTuple

@@ -3,7 +3,9 @@
 A study without it is refused, with the reason: a number found from the wrong kind of drive is worse than none.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +29,7 @@ class Need(NamedTuple):
     signals: tuple[str, ...] = ()
     way_m: float = 0.0
     standing_s: float = 0.0
-    widest: dict[str, float] = {}
+    widest: Mapping[str, float] = MappingProxyType({})
 
 
 NEEDS: dict[str, Need] = {

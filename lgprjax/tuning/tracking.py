@@ -1,5 +1,6 @@
 """How well a drive followed its path: RMS by speed, settling, overshoot, limit cycle, gains; who steered told apart."""
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import jax
@@ -239,7 +240,7 @@ def _bands(one: TrackedDrive) -> list[SpeedBand]:
     found = []
     tick_s = float(np.median(np.diff(one.time_s)))
     for engaged in (True, False):
-        for low, high in zip(SPEED_EDGES_MPS, SPEED_EDGES_MPS[1:], strict=False):
+        for low, high in pairwise(SPEED_EDGES_MPS):
             speed = np.abs(one.speed_mps)
             inside = (one.engaged == engaged) & (speed >= low) & (speed < high) & np.isfinite(one.offset_m)
             if np.count_nonzero(inside) * tick_s < LEAST_S:

@@ -222,7 +222,7 @@ _TRIALS = TrialCourses((line_course(200.0), arc_course(25.0, 2.0 * np.pi)), (2.2
 
 
 def check_look_ahead(which: tuple[int, ...], draws: int, steps: int) -> None:
-    """Within a tenth of the true vehicle's own best; and it settles at 43 % of the torque, driven by the plain plant."""
+    """Within a tenth of the true vehicle's own best; at 43 % of the torque it settles, driven by the plain plant."""
     true, told, _ = world()
     config = DrawnTuning(steps=steps)
     shares = single(config.shares)
@@ -263,7 +263,7 @@ def check_look_ahead(which: tuple[int, ...], draws: int, steps: int) -> None:
 
 
 def coverage(number: int, law: str, draws: int, seed: int) -> dict[str, float]:
-    """Share of draws of the noise whose 95 % intervals hold the truth: one drive of 35 s, the odometer's scale drawn."""
+    """Share of draws of the noise whose 95 % intervals hold the truth; the odometer's scale is drawn, too."""
     true, told, _ = world()
     lanes = np.array([number])
     course = lay_courses([draw_course(77, length_m=200.0, least_radius_m=10.0, straight_m=10.0)])
@@ -282,7 +282,7 @@ def coverage(number: int, law: str, draws: int, seed: int) -> dict[str, float]:
     base = loop_logs(run, [0])
     prior = prior_of(number, float(true.backlash_rad[number]))
     random, count = np.random.default_rng(seed), len(run.time_s)
-    held = {name: 0 for name in NAMES}
+    held = dict.fromkeys(NAMES, 0)
     solve = jax.jit(jax.vmap(identify, in_axes=(None, LoopLogs(None, None, 0, 0, 0, None, None, None))))
     size = 20
     for _ in range(0, draws, size):
