@@ -235,7 +235,13 @@ def _at(course: Course, arc: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def _pursue(
-    true: Hidden, told: Believed, course: Course, pose: tuple[np.ndarray, ...], arc: np.ndarray, ahead, v: np.ndarray
+    true: Hidden,
+    told: Believed,
+    course: Course,
+    pose: tuple[np.ndarray, ...],
+    arc: np.ndarray,
+    ahead: Any,
+    v: np.ndarray,
 ) -> np.ndarray:
     """The exact pursuit equation (LL eq. 2) with the believed k, by bisection."""
     x, y, yaw = pose
@@ -251,7 +257,7 @@ def _pursue(
         middle = 0.5 * (low + high)
         over = front * np.tan(middle) + rear * np.tan(told.ratio * middle) > wanted
         low, high = np.where(over, low, middle), np.where(over, middle, high)
-    return 0.5 * (low + high)
+    return np.asarray(0.5 * (low + high))
 
 
 def _coloured(draw: np.random.Generator, steps: int, lanes: int, seconds: float | np.ndarray) -> np.ndarray:

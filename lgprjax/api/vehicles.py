@@ -221,7 +221,6 @@ def tune(
         tuned = lx.tune("tuning/k_ratio.toml")
         print(tuned)                       # Tuned 'k_ratio' (rear_ratio): steering.rear_ratio = 0.63
         tuned.vehicle.save("tuned.vehicle.toml", force=True)
-        loop = lx.tune("loop", vehicle="tuned.vehicle.toml", logs=["first.drive.h5"], held_out=["second.drive.h5"])
     """
     from lgprjax.formats import Study, read_study
     from lgprjax.studies.steering import run_study

@@ -244,7 +244,8 @@ def _solve(
         better = price(trial) < seen.cost + 0.5 * jnp.sum(place**2)
         return jnp.where(better, trial, place), jnp.where(better, 0.2, 6.0) * damping
 
-    return jax.lax.fori_loop(0, rounds, body, (start, jnp.float32(0.01)))[0]
+    found: Float[Array, " number"] = jax.lax.fori_loop(0, rounds, body, (start, jnp.float32(0.01)))[0]
+    return found
 
 
 @jax.jit
