@@ -336,14 +336,13 @@ def _navigation(
     assumed: dict[str, str],
 ) -> NavigationTrack:
     """Poses of the rear axle; without positions reckoned from speed and yaw rate, which the log then says."""
-    plane = None
     if {"latitude", "longitude"} <= set(series):
         time_s = series["latitude"].time_s
         latitude, longitude = series["latitude"].value, _at(series["longitude"], time_s)
     elif {"east", "north"} <= set(series):
         time_s = series["east"].time_s
-        plane = (series["east"].value, _at(series["north"], time_s))
-        latitude, longitude = _from_plane(map_file, asked, *plane, assumed)
+        north = _at(series["north"], time_s)
+        latitude, longitude = _from_plane(map_file, asked, series["east"].value, north, assumed)
     elif "yaw_rate" in series:
         time_s = series["yaw_rate"].time_s
         way = np.interp(time_s, odometry.time_s, odometry.distance_m)
@@ -351,8 +350,8 @@ def _navigation(
             0.0, np.cumsum(0.5 * np.diff(time_s) * (series["yaw_rate"].value[1:] + series["yaw_rate"].value[:-1]))
         )
         step, middle = np.diff(way), 0.5 * (yaw[1:] + yaw[:-1])
-        plane = tuple(np.append(0.0, np.cumsum(step * part)) for part in (np.cos(middle), np.sin(middle)))
-        latitude, longitude, _ = LocalFrame(0.0, 0.0, 0.0).to_geodetic(*plane, np.zeros_like(yaw))
+        x, y = (np.append(0.0, np.cumsum(step * part)) for part in (np.cos(middle), np.sin(middle)))
+        latitude, longitude, _ = LocalFrame(0.0, 0.0, 0.0).to_geodetic(x, y, np.zeros_like(yaw))
         assumed["positions"] = "reckoned from speed and yaw rate, with its bias"
         assumed["place on the earth"] = "latitude 0, longitude 0"
         series = {**series, "yaw": _Series(time_s, yaw)}

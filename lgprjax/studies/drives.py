@@ -322,7 +322,9 @@ def loop_logs(drives: list[LoopDrive], servo: Servo) -> LoopLogs:
     for flag in columns[5:]:
         flag[len(lanes) :] = False
     numbers = [jnp.asarray(column, jnp.float32) for column in columns[:5]]
-    return LoopLogs(*numbers, *(jnp.asarray(flag) for flag in columns[5:]), jnp.asarray(start, jnp.float32))
+    command, share, speed, front, rate = numbers
+    front_used, yaw_used = (jnp.asarray(flag) for flag in columns[5:])
+    return LoopLogs(command, share, speed, front, rate, front_used, yaw_used, jnp.asarray(start, jnp.float32))
 
 
 def _lane(drive: LoopDrive, servo: Servo) -> tuple[np.ndarray, ...]:

@@ -177,10 +177,10 @@ def _from_logs(task: Task, options: LookAheadOptions) -> Outcome:
         middle = float(np.median(tuned.best_m[:, number]))
         figures.append(Figure(f"best at {speed:g} m/s, by what the logs allow", middle, "m", float(low), float(high)))
         for place, share in enumerate(tuned.shares):
-            error = np.asarray(tuned.judged.error_m)[:, number, place]
+            errors = np.asarray(tuned.judged.error_m)[:, number, place]
             name = f"error at {speed:g} m/s and {share:.0%} of the torque, rms over courses and offsets"
             figures.append(
-                Figure(name, float(np.mean(error)), "m", *(float(v) for v in np.percentile(error, [2.5, 97.5])))
+                Figure(name, float(np.mean(errors)), "m", *(float(v) for v in np.percentile(errors, [2.5, 97.5])))
             )
     open_ = [name for name in ("lag_s", "delay_s", "rate_radps", "rear_ratio", "slip_s2pm2") if name not in fit.told]
     notes = [

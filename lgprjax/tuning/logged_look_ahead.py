@@ -13,7 +13,6 @@ from jaxtyping import Array, Float
 from lgprjax.tuning.look_ahead import TrialCourses, _Shape, schedule_of
 from lgprjax.tuning.loop import (
     NAMES,
-    RATE,
     STEP_S,
     LoopFit,
     LoopLogs,
@@ -22,7 +21,6 @@ from lgprjax.tuning.loop import (
     loop_model,
     places_of,
     servo_of_draws,
-    values_of,
 )
 from lgprjax.vehicle import (
     Chassis,
@@ -242,7 +240,7 @@ def tune_on_draws(vehicles: DrawnVehicles, trials: TrialCourses, config: DrawnTu
     count = len(best)
     for number in range(config.steps):
         at = (np.arange(config.batch) + number * config.batch) % count
-        some = vehicles._replace(**_taken(vehicles, at))
+        some = _taken(vehicles, at)
         value, gradient = _slope(trials, config.shares, some, free)
         history.append(float(value))
         gradient = jax.tree.map(lambda field: jnp.clip(jnp.nan_to_num(field), -1.0, 1.0), gradient)
@@ -258,11 +256,10 @@ def tune_on_draws(vehicles: DrawnVehicles, trials: TrialCourses, config: DrawnTu
     )
 
 
-def _taken(vehicles: DrawnVehicles, at: np.ndarray) -> dict[str, Chassis | Servo]:
-    return {
-        "chassis": jax.tree.map(lambda field: field[at], vehicles.chassis),
-        "servo": jax.tree.map(lambda field: field[at], vehicles.servo),
-    }
+def _taken(vehicles: DrawnVehicles, at: np.ndarray) -> DrawnVehicles:
+    """Some of the draws."""
+    chassis, servo = (jax.tree.map(lambda field: field[at], part) for part in (vehicles.chassis, vehicles.servo))
+    return DrawnVehicles(chassis, servo, vehicles.believed)
 
 
 def _over_draws(call, vehicles: DrawnVehicles) -> DrawnCosts:  # type: ignore[no-untyped-def]
@@ -272,7 +269,7 @@ def _over_draws(call, vehicles: DrawnVehicles) -> DrawnCosts:  # type: ignore[no
     parts = []
     for low in range(0, count, size):
         at = np.minimum(np.arange(low, low + size), count - 1)
-        found = call(vehicles._replace(**_taken(vehicles, at)))
+        found = call(_taken(vehicles, at))
         parts.append(jax.tree.map(lambda field, low=low: np.asarray(field)[: count - low], found))
     joined: DrawnCosts = jax.tree.map(lambda *fields: np.concatenate(fields), *parts)
     return joined
@@ -409,8 +406,3 @@ def _sensitivity(
         [part[0] for part in jax.jacfwd(lambda at: loop_model(prior, logs, at))(place)]
     )
     return slopes
-
-
-def rate_of_draws(prior: LoopPrior, place: Float[Array, "*n number"]) -> Float[Array, "*n"]:
-    """Largest rate of the servo at places of the posterior."""
-    return values_of(prior, place)[..., RATE]

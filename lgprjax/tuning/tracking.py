@@ -265,7 +265,7 @@ def _engagements(one: TrackedDrive) -> list[Engagement]:
         offset, time_s = one.offset_m[begin:end], one.time_s[begin:end]
         if time_s[-1] - time_s[0] < LEAST_S:
             continue
-        step = min(STEPS_M, key=lambda at, first=offset[0]: abs(at - first))
+        step = STEPS_M[int(np.argmin([abs(at - offset[0]) for at in STEPS_M]))]
         if abs(step - offset[0]) > NEAR_M:
             continue
         outside = np.flatnonzero(np.abs(offset) > TOLERANCE_M)

@@ -1,14 +1,21 @@
 """Studies of logged runs through ``lgprjax tune``: tracking, the loop, the look-ahead; wrong logs and held-out ones."""
 
 import json
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from batch.run_sample import MONO_NS, record
+from batch.run_sample import frame as frame_of
 from cli.test_tune import run
+from formats.run_log_sample import head_bytes, own_bytes, record_bytes
 from lgprjax.errors import InputError
-from lgprjax.formats import Study, VehicleLog, check_file, read_study, read_vehicle
+from lgprjax.formats import Study, VehicleLog, check_file, read_fixes, read_study, read_vehicle
+from lgprjax.formats.fixes import read_fix_poses
+from lgprjax.frames import LocalFrame
+from lgprjax.run_records import payload_type
 from lgprjax.studies.steering import FinishedStudy, run_study
 
 _TUNING = Path(__file__).parents[2] / "tuning"
@@ -148,3 +155,61 @@ def test_nothing_is_written_that_a_held_out_log_contradicts(logs: Path, tmp_path
         run_study(read_study(tmp_path / "bad.toml"))
     assert run("tune", tmp_path / "bad.toml", "-o", tmp_path / "out") == 1
     assert not (tmp_path / "out" / _VEHICLE.name).exists()
+
+
+def test_a_recorded_run_is_a_log(logs: Path, tmp_path: Path) -> None:
+    """The second drive as its records: the loop is that of the drive log, the tracking that of the truth."""
+    offset = write_run_of(logs / "second", tmp_path / "run")
+    fit = run_study(study("loop", logs, "second")._replace(logs=(tmp_path / "run",)))
+    lag = fit.outcome.found["steering.lag_s"]
+    assert not isinstance(lag, list)
+    assert lag.value == pytest.approx(0.2, rel=0.15)
+    tracked = run_study(study("tracking", logs)._replace(logs=(tmp_path / "run",)))
+    figures = {figure.name: figure.value for figure in tracked.outcome.figures}
+    assert figures["run: offset, rms"] == pytest.approx(np.sqrt(np.mean(offset**2)), rel=0.1)
+
+
+def write_run_of(log_path: Path, folder: Path) -> np.ndarray:
+    """Records of a drive log and its fixes; the offsets while the autopilot steered."""
+    log = VehicleLog.open(log_path.with_suffix(".drive.h5"))
+    vehicle, plan, track = log.vehicle, log.plan, log.navigation
+    assert vehicle is not None
+    assert plan is not None
+    frame = LocalFrame(float(track.latitude_deg[0]), float(track.longitude_deg[0]), 0.0)
+    east, north, _ = frame.to_local(track.latitude_deg, track.longitude_deg, track.height_m)
+    yaw = np.unwrap(frame.yaw_of_heading(track.heading_deg, track.longitude_deg))
+    sent = []
+    for number, at_s in enumerate(vehicle["time_s"]):
+        x, y, angle = (float(np.interp(at_s, track.time_s, part)) for part in (east, north, yaw))
+        rate, mode = float(vehicle["yaw_rate_radps"][number]), int(vehicle["mode"][number])
+        metres = float(np.interp(at_s, log.odometry.time_s, log.odometry.distance_m))
+        off = float(np.interp(at_s, plan["time_s"], plan["cross_track_m"]))
+        front, command = float(vehicle["wheel_angle_rad"][number]), float(vehicle["steering_command_rad"][number])
+        now = MONO_NS + int(1e9 * at_s)
+        status = struct.pack("<IBHHfiffBffdf", number, 3, 0, 0, 2.5, number, 24.0, 0.1, 0, 0.25, 0.0, metres, 2.0)
+        raw = frame_of(0x21, status, session=5, sequence=number, stamp_us=int(1e6 * at_s))
+        sent.append(record(2, 1, now, raw))
+        prior = struct.pack("<qB8d", now, 1, x, y, angle, 0.0, 0.002, 4.5, rate, metres)
+        sent.append(record(7, 10, now + 10_000, prior))
+        row = (mode, 1, 0, 0, 0, x, y, angle, 0.05, 4.5, 4.5, off, 30.0, front, command, 0.2, 0.0, 3, 0, 0)
+        sent.append(record(12, 10, now + 20_000, struct.pack("<BBBII3d6f3fBIB", *row)))
+    poses, covariance = read_fix_poses(log_path.with_suffix(".fixes.h5"))
+    table = read_fixes(log_path.with_suffix(".fixes.h5"))
+    assert covariance is not None
+    longitude = table["longitude_deg"].to_numpy()
+    x, y, _ = frame.to_local(table["latitude_deg"].to_numpy(), longitude, table["height_m"].to_numpy())
+    heading = frame.yaw_of_heading(table["heading_deg"].to_numpy(), longitude)
+    for row in np.flatnonzero(table["code"].to_numpy() == "ok"):
+        fix = np.zeros((), payload_type("fix"))
+        fix["scan_ns"], fix["scan"], fix["code"] = MONO_NS + int(1e9 * table["time_s"].to_numpy()[row]), row, 0
+        fix["pose"] = (x[row], y[row], 0.0, heading[row], 0.0)
+        fix["covariance"] = covariance[row]
+        sent.append(record(6, 11, int(fix["scan_ns"]) + 20_000_000, fix.tobytes()))
+    del poses
+    folder.mkdir()
+    parts = [head_bytes(0, 0, mono_ns=MONO_NS), own_bytes(0, dropped={})]
+    ordered = sorted(sent, key=lambda one: one.mono_ns)
+    parts += [record_bytes(number, one.data) for number, one in enumerate(ordered, 1)]
+    parts.append(own_bytes(len(ordered) + 1, end="ended"))
+    (folder / "0000.lgprun").write_bytes(b"".join(parts))
+    return np.asarray(plan["cross_track_m"][np.isfinite(plan["cross_track_m"])])

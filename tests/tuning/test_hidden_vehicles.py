@@ -283,7 +283,8 @@ def coverage(number: int, law: str, draws: int, seed: int) -> dict[str, float]:
     prior = prior_of(number, float(true.backlash_rad[number]))
     random, count = np.random.default_rng(seed), len(run.time_s)
     held = dict.fromkeys(NAMES, 0)
-    solve = jax.jit(jax.vmap(identify, in_axes=(None, LoopLogs(None, None, 0, 0, 0, None, None, None))))
+    axes: Any = LoopLogs._make([None, None, 0, 0, 0, None, None, None])
+    solve = jax.jit(jax.vmap(identify, in_axes=(None, axes)))
     size = 20
     for _ in range(0, draws, size):
         noise = np.zeros((2, size, 1, base.front_rad.shape[1]))
