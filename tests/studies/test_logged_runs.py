@@ -193,19 +193,18 @@ def write_run_of(log_path: Path, folder: Path) -> np.ndarray:
         sent.append(record(7, 10, now + 10_000, prior))
         row = (mode, 1, 0, 0, 0, x, y, angle, 0.05, 4.5, 4.5, off, 30.0, front, command, 0.2, 0.0, 3, 0, 0)
         sent.append(record(12, 10, now + 20_000, struct.pack("<BBBII3d6f3fBIB", *row)))
-    poses, covariance = read_fix_poses(log_path.with_suffix(".fixes.h5"))
+    _, covariance = read_fix_poses(log_path.with_suffix(".fixes.h5"))
     table = read_fixes(log_path.with_suffix(".fixes.h5"))
     assert covariance is not None
     longitude = table["longitude_deg"].to_numpy()
-    x, y, _ = frame.to_local(table["latitude_deg"].to_numpy(), longitude, table["height_m"].to_numpy())
+    fix_x, fix_y, _ = frame.to_local(table["latitude_deg"].to_numpy(), longitude, table["height_m"].to_numpy())
     heading = frame.yaw_of_heading(table["heading_deg"].to_numpy(), longitude)
-    for row in np.flatnonzero(table["code"].to_numpy() == "ok"):
+    for at in np.flatnonzero(table["code"].to_numpy() == "ok"):
         fix = np.zeros((), payload_type("fix"))
-        fix["scan_ns"], fix["scan"], fix["code"] = MONO_NS + int(1e9 * table["time_s"].to_numpy()[row]), row, 0
-        fix["pose"] = (x[row], y[row], 0.0, heading[row], 0.0)
-        fix["covariance"] = covariance[row]
+        fix["scan_ns"], fix["scan"], fix["code"] = MONO_NS + int(1e9 * table["time_s"].to_numpy()[at]), at, 0
+        fix["pose"] = (fix_x[at], fix_y[at], 0.0, heading[at], 0.0)
+        fix["covariance"] = covariance[at]
         sent.append(record(6, 11, int(fix["scan_ns"]) + 20_000_000, fix.tobytes()))
-    del poses
     folder.mkdir()
     parts = [head_bytes(0, 0, mono_ns=MONO_NS), own_bytes(0, dropped={})]
     ordered = sorted(sent, key=lambda one: one.mono_ns)
