@@ -22,6 +22,7 @@ _ROOT = Path(__file__).parents[1]
 _NOTEBOOKS = sorted(path.stem for path in (_ROOT / "notebooks").glob("*.ipynb"))
 _COVERAGE = "coverage_record"
 _LOCATED = ("archive", "drive_health", "first_registration", "own_radar")
+_LOGGED = ("first_tracking", "weak_servo", "what_logs_tell")
 
 _TRUE: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "palm_tree": ("steering.potentiometer_v_per_rad", lambda plan: plan.vehicle.potentiometer_per_rad_v[0]),
@@ -37,7 +38,7 @@ def _read(name: str) -> Any:
 
 def test_there_is_a_notebook_for_each_session() -> None:
     sessions = [_COVERAGE, "encoder_potentiometer", "fusion", "k_ratio", "look_ahead", "palm_tree"]
-    assert sorted([*_LOCATED, *sessions]) == _NOTEBOOKS
+    assert sorted([*_LOCATED, *_LOGGED, *sessions]) == _NOTEBOOKS
 
 
 @pytest.mark.parametrize("name", _NOTEBOOKS)
@@ -124,7 +125,7 @@ def test_the_faults_of_the_drive_are_found(tmp_path: Path, monkeypatch: pytest.M
     assert "sound: bad" not in printed
 
 
-@pytest.mark.parametrize("name", [name for name in _NOTEBOOKS if name not in (_COVERAGE, *_LOCATED)])
+@pytest.mark.parametrize("name", [name for name in _NOTEBOOKS if name not in (_COVERAGE, *_LOCATED, *_LOGGED)])
 def test_notebook_runs_from_a_fresh_clone(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (result,) = _run(name, tmp_path, monkeypatch)[0].glob("*.vehicle.toml")
     assert check_file(result) == []
@@ -141,3 +142,27 @@ def test_notebook_runs_from_a_fresh_clone(name: str, tmp_path: Path, monkeypatch
     assert isinstance(found.high, float)
     assert found.study == name
     assert found.low < truth < found.high
+
+
+def test_logged_runs_become_a_vehicle_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, _ = _run("first_tracking", tmp_path, monkeypatch)
+    vehicle = read_vehicle(folder / "tracking.vehicle.toml")
+    truth = read_vehicle_plan(_ROOT / "tuning" / "tracking_drives.toml").vehicle
+    assert vehicle.steering.lag_s == pytest.approx(truth.lag_s, rel=0.1)
+    assert vehicle.steering.largest_wheel_rate_radps == pytest.approx(truth.rate_radps, rel=0.05)
+    assert vehicle.steering.rear_ratio == pytest.approx(truth.rear, abs=0.04)
+    assert vehicle.pursuit.weak_exponent is not None
+    assert vehicle.pursuit.weak_exponent > 0.1
+
+
+def test_logs_that_do_not_tell_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, printed = _run("what_logs_tell", tmp_path, monkeypatch)
+    assert "largest rate of the servo: left open" in printed
+    assert "vehicle file: full" in printed
+    assert printed.count("expected") == 4
+
+
+def test_a_weak_servo_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, printed = _run("weak_servo", tmp_path, monkeypatch)
+    assert "gentle - torque of the servo against the vehicle file: not observable" in printed
+    assert "first, second - torque of the servo against the vehicle file: weak" in printed

@@ -1,9 +1,11 @@
 """Vehicles: opened from vehicle files, and calibrated on their logs."""
 
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import jax
@@ -18,7 +20,9 @@ from lgprjax.vehicle import Chassis, LookAhead, Servo
 if TYPE_CHECKING:
     import pandas as pd
 
+    from lgprjax.api.drives import Drive
     from lgprjax.formats import Study
+    from lgprjax.formats.settings_files import Kind
     from lgprjax.studies.steering import FinishedStudy
 
 
@@ -155,6 +159,24 @@ class Tuned:
         more = f" and {len(rows) - 4} more" if len(rows) > 4 else ""
         return f"Tuned {self.name!r} ({self.kind}): {', '.join(rows[:4])}{more}"
 
+    @property
+    def figures(self) -> "pd.DataFrame":
+        """DataFrame with one row per figure of quality: value, 95 % interval where it has one, and unit."""
+        import pandas as pd
+
+        return pd.DataFrame(self.finished.outcome.figures, columns=["figure", "value", "unit", "low", "high"])
+
+    def _repr_png_(self) -> bytes | None:
+        """The study's first picture, for notebooks; None for a kind without one."""
+        from lgprjax.report.study_pictures import study_pictures
+
+        draw = list(study_pictures(self.kind).values())
+        if not draw:
+            return None
+        with TemporaryDirectory() as folder:
+            draw[0](self.finished.outcome.detail, Path(folder) / "study.png", False)
+            return (Path(folder) / "study.png").read_bytes()
+
     @cached_property
     def table(self) -> "pd.DataFrame":
         """DataFrame with one row per number: value and 95 % interval, which a chosen number does not have."""
@@ -170,13 +192,24 @@ class Tuned:
         return pd.DataFrame(rows, columns=["number", "value", "low", "high", "unit"])
 
 
-def tune(study: "PathLike | Study") -> Tuned:
+def tune(
+    study: "PathLike | Study",
+    *,
+    vehicle: "Vehicle | PathLike | None" = None,
+    logs: "Iterable[PathLike | Drive]" = (),
+    held_out: "Iterable[PathLike | Drive]" = (),
+    **options: object,
+) -> Tuned:
     """Run a study on a vehicle's logs: a calibration with its 95 % intervals, or the choice of the look-ahead.
 
     Nothing is written. tuning/ has example studies, and docs/vehicle.md lists what each of them needs.
 
     Args:
-        study: a study file, with paths relative to its folder, or an ``lgprjax.formats.Study`` made in Python.
+        study: a study file, with paths relative to its folder; or, with ``vehicle``, the kind of a study, such as
+            ``"tracking"``, ``"loop"`` or ``"look_ahead"``.
+        vehicle: a vehicle of a file, or its path.
+        logs, held_out: drives, drive logs, or folders of recorded runs.
+        options: of this kind of study.
 
     Returns:
         Tuned: ``vehicle`` with the numbers found, ``table`` with their intervals.
@@ -192,6 +225,36 @@ def tune(study: "PathLike | Study") -> Tuned:
     from lgprjax.formats import Study, read_study
     from lgprjax.studies.steering import run_study
 
-    asked = study if isinstance(study, Study) else read_study(path_of(study, "study"))
+    if vehicle is not None:
+        file = vehicle.path if isinstance(vehicle, Vehicle) else path_of(vehicle, "vehicle")
+        if file is None:
+            raise InputError("call", "vehicle", "a vehicle of a file: save it first", repr(vehicle))
+        asked = Study(
+            Path("call"),
+            str(study),
+            _kind(study),
+            file,
+            None,
+            tuple(_log_path(log) for log in logs),
+            tuple(_log_path(log) for log in held_out),
+            dict(options),
+        )
+    else:
+        asked = study if isinstance(study, Study) else read_study(path_of(study, "study"))
     finished = run_study(asked)
     return Tuned(asked.name, asked.kind, vehicle_of(finished.vehicle, None), finished.outcome.notes, finished)
+
+
+def _kind(given: "PathLike | Study") -> "Kind":
+    from lgprjax.formats.settings_files import KINDS
+
+    for kind in KINDS:
+        if given == kind:
+            return kind
+    raise InputError("call", "study", "with a vehicle, one of " + ", ".join(KINDS), repr(given)[:60])
+
+
+def _log_path(given: "PathLike | Drive") -> Path:
+    from lgprjax.api.drives import Drive
+
+    return Path(given.path) if isinstance(given, Drive) else path_of(given, "log")

@@ -41,7 +41,16 @@ from lgprjax.navigation import (
     step_planner,
     switch_settings,
 )
-from lgprjax.vehicle import Chassis, LookAhead, Pedals, VehiclePose, look_ahead_m, steer_exact, yaw_gain
+from lgprjax.vehicle import (
+    Chassis,
+    LookAhead,
+    Pedals,
+    VehiclePose,
+    look_ahead_m,
+    steer_exact,
+    stretched_look_ahead,
+    yaw_gain,
+)
 
 
 class AutopilotConfig(NamedTuple):
@@ -51,6 +60,8 @@ class AutopilotConfig(NamedTuple):
         chassis, pedals: the vehicle.
         look_ahead: over the commanded speed; it replaces the planner's constant one.
         planner, velocity, limiter: settings of the parts.
+        weak_exponent, least_share: how the look-ahead grows as the servo's torque falls, and down to which share of it;
+            0 and 1 leave it.
     """
 
     chassis: Chassis
@@ -59,6 +70,8 @@ class AutopilotConfig(NamedTuple):
     planner: PlannerSettings
     velocity: VelocitySettings
     limiter: LimiterRules
+    weak_exponent: float | Float[Array, ""] = 0.0
+    least_share: float | Float[Array, ""] = 1.0
 
 
 class AutopilotState(NamedTuple):
@@ -81,6 +94,7 @@ class AutopilotInputs(NamedTuple):
         steering_engaged, speed_engaged: from the mode; the second requires the first.
         set_speed_mps: that the operator locked.
         front_rad: angle of the front wheels as measured.
+        torque_share: that the servo has left, as measured; 1 for all of it.
     """
 
     pose_route: VehiclePose
@@ -92,6 +106,7 @@ class AutopilotInputs(NamedTuple):
     speed_engaged: Bool[Array, ""]
     set_speed_mps: Float[Array, ""]
     front_rad: Float[Array, ""]
+    torque_share: float | Float[Array, ""] = 1.0
 
 
 class AutopilotInfo(NamedTuple):
@@ -102,12 +117,14 @@ class AutopilotInfo(NamedTuple):
         limited: bits of ``Limited``; the one that requests manual mode is an error for the mode machine.
         wanted_mps: speed being held or approached; 0 in a stop.
         reachable: the goal is on an arc within the wheels' limits.
+        look_ahead_m: that was steered by, lengthened for a weak servo.
     """
 
     plan: Plan
     limited: Int32[Array, ""]
     wanted_mps: Float[Array, ""]
     reachable: Bool[Array, ""]
+    look_ahead_m: Float[Array, ""]
 
 
 def init_autopilot(planner: PlannerState, speed_mps: Float[Array, ""], front_rad: Float[Array, ""]) -> AutopilotState:
@@ -135,7 +152,13 @@ def step_autopilot(
         step_s: since the last step.
     """
     pose = inputs.pose_route
-    ahead_m = look_ahead_m(config.look_ahead, state.velocity.reference_mps)
+    schedule = stretched_look_ahead(
+        config.look_ahead,
+        jnp.asarray(config.weak_exponent, jnp.float32),
+        jnp.asarray(inputs.torque_share, jnp.float32),
+        jnp.asarray(config.least_share, jnp.float32),
+    )
+    ahead_m = look_ahead_m(schedule, state.velocity.reference_mps)
     settings = config.planner._replace(look_ahead_m=ahead_m)
     planner, plan = step_planner(route, settings, config.chassis, state.planner, pose, inputs.speed_mps)
     engaged = inputs.steering_engaged
@@ -162,7 +185,7 @@ def step_autopilot(
         config.limiter, state.limiter, Command(front, throttle, brake), inputs.age_s, step_s
     )
     limiter = jax.tree.map(lambda one, two: jnp.where(engaged, one, two), limiter, free)
-    info = AutopilotInfo(plan, jnp.where(engaged, limited, 0), jnp.where(stops, 0.0, wanted), reachable)
+    info = AutopilotInfo(plan, jnp.where(engaged, limited, 0), jnp.where(stops, 0.0, wanted), reachable, ahead_m)
     return AutopilotState(planner, velocity, limiter), limiter.last, info
 
 
@@ -212,6 +235,8 @@ def onboard_setup(
     tick_s: float,
     gnss_period_s: float,
     risk: float,
+    weak_exponent: float = 0.0,
+    least_share: float = 1.0,
 ) -> OnboardSetup:
     """Settings of a vehicle whose heading and odometer speak every tick; what is not asked for is the same for all.
 
@@ -223,6 +248,7 @@ def onboard_setup(
         tick_s: of the loop.
         gnss_period_s: from one position to the next.
         risk: largest accepted probability of a false match.
+        weak_exponent, least_share: as in ``AutopilotConfig``.
     """
     one = jnp.float32
     navigator = NavigatorSetup(
@@ -250,8 +276,9 @@ def onboard_setup(
     )
     # Slopes of some per cent ask for a firmer hand than a road.
     velocity = default_velocity()._replace(proportional_per_s=one(1.5), integral_per_s2=one(0.4))
+    weak = (one(weak_exponent), one(least_share))
     return OnboardSetup(
-        navigator, AutopilotConfig(chassis, pedals, look_ahead, planner_settings(2.0), velocity, limits)
+        navigator, AutopilotConfig(chassis, pedals, look_ahead, planner_settings(2.0), velocity, limits, *weak)
     )
 
 
@@ -272,6 +299,7 @@ class Orders(NamedTuple):
         set_speed_mps: that the operator locked.
         front_rad: of the front wheels as measured; may be NaN.
         age_s: of the motion used to propagate the pose.
+        torque_share: that the servo has left; see ``step_torque``.
     """
 
     steering_engaged: Bool[Array, ""]
@@ -281,6 +309,7 @@ class Orders(NamedTuple):
     set_speed_mps: Float[Array, ""]
     front_rad: Float[Array, ""]
     age_s: Float[Array, ""]
+    torque_share: float | Float[Array, ""] = 1.0
 
 
 class OnboardInfo(NamedTuple):
@@ -326,6 +355,7 @@ def step_onboard(
         orders.speed_engaged,
         orders.set_speed_mps,
         orders.front_rad,
+        orders.torque_share,
     )
     autopilot, command, info = step_autopilot(setup.autopilot, route, state.autopilot, inputs, motion.step_s)
     return OnboardState(navigator, autopilot), command, OnboardInfo(navigated, info)

@@ -292,6 +292,36 @@ class ImportMcap:
             console.print(note, highlight=False, markup=False, soft_wrap=True)
 
 
+# ``lgprjax import signals``: a vehicle's signals out of a table or a recording.
+
+
+@dataclass(frozen=True)
+class ImportSignals:
+    """A vehicle's signals from a table or a recording: .csv, .parquet or .mcap, for the studies of lgprjax tune.
+
+    A TOML file says which column is which signal and in which unit: time, speed or travel, latitude and longitude or
+    east and north, heading, yaw rate, wheel angles, steering command, volts, pedals. Units are converted, and numbers
+    that are no such thing are refused. tuning/signals.toml is an example.
+    """
+
+    file: Annotated[Positional[Path], arg(metavar="FILE", help="the table or recording: .csv, .parquet or .mcap")]
+    output: Output
+    map: Annotated[Path, arg(metavar="COLUMNS.toml", help="which column is which signal, and its unit")]
+    force: Force = False
+
+    def run(self) -> None:
+        """Import."""
+        from lgprjax.formats.signal_tables import import_signals
+
+        with working(f"importing {self.file}"):
+            imported = import_signals(self.file, self.map, self.output, force=self.force)
+        rows = ", ".join(f"{name} {count}" for name, count in imported.signals.items())
+        _tell(f"{imported.seconds:.1f} s; numbers of each signal: {rows}")
+        for what, how in imported.assumed.items():
+            _tell(f"assumed, as nothing says it: {what}: {how}")
+        _tell(f"wrote {self.output}")
+
+
 @dataclass(frozen=True, kw_only=True)
 class _FoundInTraces:
     """Properties estimated from the traces of lines, which may be given instead."""
@@ -500,6 +530,7 @@ ImportVerb = (
     | Annotated[ImportCmu, tyro.conf.subcommand("cmu")]
     | Annotated[ImportGprMax, tyro.conf.subcommand("gprmax")]
     | Annotated[ImportMcap, tyro.conf.subcommand("mcap")]
+    | Annotated[ImportSignals, tyro.conf.subcommand("signals")]
 )
 
 
@@ -521,7 +552,7 @@ def recognised(arguments: Sequence[str]) -> list[str]:
     them lines. Anything unrecognised is left as it is.
     """
     words = [str(word) for word in arguments]
-    formats = ("dt1", "dzt", "mala", "iprb", "segy", "lines", "grounded", "cmu", "gprmax", "mcap")
+    formats = ("dt1", "dzt", "mala", "iprb", "segy", "lines", "grounded", "cmu", "gprmax", "mcap", "signals")
     if not words or words[0] in formats:
         return words
     outputs = {i + 1 for i, word in enumerate(words) if word in ("-o", "--output")}

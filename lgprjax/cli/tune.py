@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Tune:
-    """Run a study on a vehicle's logs: a calibration, or the choice of the look-ahead.
+    """Run a study on a vehicle's logs: a calibration, how well it tracked, or the choice of the look-ahead.
 
     The study file gives the numbers to fit, the vehicle file and the drive logs. The result is a new vehicle file, with
     the 95 % interval of every fitted number, and pictures. The old file is not changed. A log that lacks what the fit
-    needs is refused. tuning/ has example studies.
+    needs is refused, and nothing is written that a held-out log contradicts. tuning/ has example studies.
     """
 
     study: Annotated[Positional[Path], arg(metavar="STUDY.toml", help="the study file")]
@@ -54,11 +54,13 @@ class Tune:
             self.output.mkdir(parents=True, exist_ok=True)
             for name, path in pictures.items():
                 draw[name](finished.outcome.detail, path, self.force)
-        write_vehicle(target, finished.vehicle, force=self.force)
+        if study.kind != "tracking":
+            write_vehicle(target, finished.vehicle, force=self.force)
         if self.json is not None:
             write_figures(self.json, figures_of(finished), force=self.force)
         _print(finished)
-        console.print(f"vehicle file: {target}", highlight=False, markup=False, soft_wrap=True)
+        if study.kind != "tracking":
+            console.print(f"vehicle file: {target}", highlight=False, markup=False, soft_wrap=True)
         for path in pictures.values():
             console.print(f"picture: {path}", highlight=False, markup=False, soft_wrap=True)
 
@@ -76,7 +78,9 @@ def figures_of(finished: "FinishedStudy") -> dict[str, object]:
             for path, found in outcome.found.items()
         },
         "set": outcome.fixed,
-        "figures": [figure._asdict() for figure in outcome.figures],
+        "figures": [
+            {name: value for name, value in figure._asdict().items() if value is not None} for figure in outcome.figures
+        ],
         "notes": list(outcome.notes),
     }
 
@@ -96,7 +100,8 @@ def _print(finished: "FinishedStudy") -> None:
         table.add_row(path, f"{value:.5g} {units[path]}".strip(), "set, not measured")
     console.print(table)
     for figure in finished.outcome.figures:
-        console.print(f"{figure.name}: {figure.value:.3g} {figure.unit}", highlight=False, markup=False)
+        interval = "" if figure.low is None else f" ({figure.low:.3g} to {figure.high:.3g})"
+        console.print(f"{figure.name}: {figure.value:.3g} {figure.unit}{interval}", highlight=False, markup=False)
     for note in finished.outcome.notes:
         console.print(note, highlight=False, markup=False)
 

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 from pydantic import AfterValidator, ConfigDict, Field
 
@@ -19,10 +19,13 @@ Kind = Literal[
     "yaw_gain",
     "servo",
     "pedals",
+    "tracking",
+    "loop",
     "look_ahead",
     "fusion",
     "threshold",
 ]  # in the order in which a new vehicle needs them
+KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
 class _StudyTable(ConfigTable):

@@ -172,6 +172,8 @@ class PursuitTable(ConfigTable):
     long_m: float | None = None
     slow_mps: float | None = None
     fast_mps: float | None = None
+    weak_exponent: float | None = None
+    least_torque_share: float | None = None
 
     @model_validator(mode="after")
     def _in_order(self) -> "PursuitTable":
@@ -179,6 +181,9 @@ class PursuitTable(ConfigTable):
             first, last = getattr(self, low), getattr(self, high)
             if first is not None and last is not None and last < first:
                 raise BrokenRuleError(high, f"{low}, {first:g}, or more", f"{last:g}")
+        if (self.weak_exponent is None) != (self.least_torque_share is None):
+            absent = "weak_exponent" if self.weak_exponent is None else "least_torque_share"
+            raise BrokenRuleError(absent, "weak_exponent and least_torque_share, or neither", "none")
         return self
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from lgprjax.report.loop_pictures import draw_logged_look_ahead, draw_loop, draw_tracking
 from lgprjax.report.motion_pictures import (
     draw_look_ahead_sweep,
     draw_pedals,
@@ -152,6 +153,22 @@ def _draw_fusion(detail: Any, path: Path, force: bool) -> None:
     draw_fusion_fit(shown, path, caption=f"{one.name} with the fitted noises; 5 % are above the red line.", force=force)
 
 
+def _draw_look_ahead(detail: Any, path: Path, force: bool) -> None:
+    # Found from logs it has what they told, else the sweep.
+    if "fit" in detail._fields:
+        draw_logged_look_ahead(detail, path, force)
+        return
+    draw_look_ahead_sweep(
+        detail.tuned,
+        detail.swept,
+        detail.look_ahead_m,
+        detail.speed_mps,
+        detail.trials.least_margin_rad,
+        path,
+        force=force,
+    )
+
+
 _PICTURES: dict[str, dict[str, Callable[[Any, Path, bool], None]]] = {
     "straight": {"windows": lambda d, path, force: draw_straight(d, path, force=force)},
     "encoder": {
@@ -161,11 +178,9 @@ _PICTURES: dict[str, dict[str, Callable[[Any, Path, bool], None]]] = {
         "pedals": lambda d, path, force: draw_pedals(d.signals, d.runs, d.model_m, d.fit, path, force=force),
     },
     "rear_ratio": {"rear_ratio": _draw_rear_ratio},
-    "look_ahead": {
-        "look_ahead": lambda d, path, force: draw_look_ahead_sweep(
-            d.tuned, d.swept, d.look_ahead_m, d.speed_mps, d.trials.least_margin_rad, path, force=force
-        ),
-    },
+    "tracking": {"tracking": draw_tracking},
+    "loop": {"loop": draw_loop},
+    "look_ahead": {"look_ahead": _draw_look_ahead},
     "yaw_gain": {"yaw_gain": lambda d, path, force: draw_yaw_gain(d.fit, path, force=force)},
     "servo": {"servo": lambda d, path, force: draw_servo(d.signals, d.measured_rad, d.fit, path, force=force)},
     "fusion": {"innovations": _draw_fusion},

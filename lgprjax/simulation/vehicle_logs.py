@@ -6,17 +6,22 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from lgprjax import __version__
+from lgprjax.autopilot.modes import Mode
 from lgprjax.config import TableKey, as_table, nearest, refuse_unknown
 from lgprjax.errors import InputError
 from lgprjax.files import load_toml
 from lgprjax.formats import NavigationTrack, OdometryTrack, VehicleLog, write_fixes, write_vehicle_log
 from lgprjax.frames import LocalFrame
 from lgprjax.scene.drive import default_array
+from lgprjax.scene.motion import (
+    STEP_S as MOTION_STEP_S,
+)
 from lgprjax.scene.motion import (
     Manoeuvre,
     drive_palm_tree,
@@ -28,17 +33,34 @@ from lgprjax.scene.motion import (
 )
 from lgprjax.scene.sensors import FixErrors, calibrated_fixes
 from lgprjax.scene.vehicle_drive import (
+    DriveTruth,
     TrueVehicle,
     VehicleDrive,
     VehicleFixes,
     VehicleSensors,
+    chassis_of,
     draw_vehicle_fixes,
     read_yaw_rate,
+    servo_of,
     simulate_vehicle_drive,
 )
 from lgprjax.simulation.drives import SITE_FRAME
 from lgprjax.simulation.site_tables import fill_config
 from lgprjax.simulation.sites import derive_seed
+from lgprjax.tuning.tracking import beside_path
+from lgprjax.vehicle import (
+    Path as CoursePath,
+)
+from lgprjax.vehicle import (
+    RolloutLane,
+    RolloutSpec,
+    constant_look_ahead,
+    path_from_curvature,
+    roll_out_logged,
+    start_rollout,
+    torque_share,
+)
+from lgprjax.vehicle.path import SPACING_M
 
 # The manoeuvres of a drives file: construction from their numbers, and valid ranges.
 
@@ -92,6 +114,18 @@ MANOEUVRES = {
         },
         ("sizes_rad",),
     ),
+    "tracking": ManoeuvreKind(
+        lambda vehicle, numbers: drive_course(vehicle, **numbers)[0],
+        {
+            "speed_mps": _SPEED_MPS,
+            "radii_m": (-500.0, 500.0),
+            "offset_m": (-5.0, 5.0),
+            "look_ahead_m": (0.5, 60.0),
+            "lead_in_s": (0.0, 60.0),
+            "supply_v": (0.0, 1e3),
+        },
+        ("speed_mps", "radii_m", "look_ahead_m"),
+    ),
     "pedal_steps": ManoeuvreKind(
         lambda _, numbers: step_pedals(**numbers),
         {"throttles": _SHARE, "brakes": _SHARE, "back": _SHARE, "hold_s": _HOLD_S},
@@ -99,8 +133,120 @@ MANOEUVRES = {
     ),
 }
 """By the word that a drives file has for them."""
-LISTS = frozenset({"speeds_mps", "angles_rad", "angles_deg", "sizes_rad", "sizes_deg", "throttles", "brakes"})
+LISTS = frozenset(
+    {"radii_m", "speeds_mps", "angles_rad", "angles_deg", "sizes_rad", "sizes_deg", "throttles", "brakes"}
+)
 """Keys that hold a list of numbers."""
+
+
+# A course that the autopilot drives, with what its plan would have recorded.
+
+_RAMP_M, _STRAIGHT_M, _BEND_RAD, _LEAST_RADIUS_M = 8.0, 12.0, 1.0, 3.0
+_VARIES, _VARIES_S = 0.1, 17.0
+
+
+class DrivenCourse(NamedTuple):
+    """What the plan of such a drive records, at the simulation's steps.
+
+    Attributes:
+        path: that was followed; anchor_m: by this point ahead of the rear axle.
+        mode: of the autopilot.
+        wanted_mps: speed.
+    """
+
+    path: CoursePath
+    anchor_m: float
+    mode: Int[np.ndarray, " step"]
+    wanted_mps: Float[np.ndarray, " step"]
+
+
+def drive_course(
+    vehicle: TrueVehicle,
+    *,
+    speed_mps: float,
+    radii_m: Sequence[float],
+    look_ahead_m: float,
+    offset_m: float = 0.0,
+    lead_in_s: float = 0.0,
+    supply_v: float | None = None,
+) -> tuple[Manoeuvre, DrivenCourse]:
+    """A drive along bends, steered by the pursuit law from an offset.
+
+    Args:
+        vehicle: that drives; the centre of its array follows the course.
+        speed_mps: mean; it varies by a tenth.
+        radii_m: of the bends, to the left positive, each of a radian with clothoids, between straights.
+        look_ahead_m: along the course.
+        offset_m: where steering is engaged, to the left of the course.
+        lead_in_s: driven straight by hand before that, beside the course.
+        supply_v: at the servo; the vehicle's nominal one unless given.
+    """
+    volts = vehicle.nominal_v if supply_v is None else supply_v
+    parts = [np.zeros(round((_STRAIGHT_M + 1.1 * lead_in_s * speed_mps + max(vehicle.array_x_m, 0.0)) / SPACING_M))]
+    ramp = np.linspace(0.0, 1.0, round(_RAMP_M / SPACING_M))
+    for radius in radii_m:
+        hold = np.ones(max(round((abs(radius) * _BEND_RAD - _RAMP_M) / SPACING_M), 1))
+        bend = np.concatenate([ramp, hold, ramp[::-1]]) / radius
+        parts += [bend, np.zeros(round(_STRAIGHT_M / SPACING_M))]
+    curvature = np.concatenate(parts)
+    # The drive begins at the origin; the course lies so that its start is beside the array.
+    path = path_from_curvature(curvature, start=(vehicle.array_x_m, -offset_m, 0.0))
+    seconds = lead_in_s + (len(curvature) * SPACING_M - lead_in_s * speed_mps - 1.2 * look_ahead_m) / speed_mps
+    steps = round(max(seconds, 5.0) / MOTION_STEP_S)
+    time_s = MOTION_STEP_S * np.arange(steps)
+    speed = speed_mps * (1.0 + _VARIES * np.sin(2.0 * np.pi * time_s / _VARIES_S))
+    led = round(lead_in_s / MOTION_STEP_S)
+    chassis, servo = chassis_of(vehicle, vehicle.array_x_m), servo_of(vehicle)
+    lane = RolloutLane(
+        chassis,
+        chassis,
+        servo,
+        jnp.float32(volts),
+        jnp.float32(speed_mps),
+        constant_look_ahead(jnp.float32(look_ahead_m)),
+    )
+    zero, slots = jnp.float32(0.0), max(int(np.ceil(vehicle.delay_s / MOTION_STEP_S)), 1)
+    arc = jnp.float32(np.sum(speed[:led]) * MOTION_STEP_S)
+    start = start_rollout(path, lane, arc, jnp.float32(offset_m), zero, delay_slots=slots)
+    size = -(-(steps - led) // 2048) * 2048
+    driven = np.append(speed[led:], np.full(size - (steps - led), speed[-1]))
+    share = jnp.full(size, torque_share(servo, jnp.float32(volts)), jnp.float32)
+    spec = RolloutSpec(steps=size, step_s=MOTION_STEP_S, delay_slots=slots)
+    trace = roll_out_logged(spec, path, lane, start, jnp.asarray(driven, jnp.float32), share)
+    command = np.concatenate([np.zeros(led), np.asarray(trace.command_rad, np.float64)[: steps - led]])
+    mode = np.where(np.arange(steps) < led, int(Mode.MANUAL), int(Mode.SPEED))
+    manoeuvre = Manoeuvre(time_s, command, speed, np.full(steps, volts), by_hand=False)
+    return manoeuvre, DrivenCourse(path, vehicle.array_x_m, mode, np.full(steps, speed_mps))
+
+
+def _plan_of(course: DrivenCourse, truth: DriveTruth, frame: LocalFrame) -> dict[str, np.ndarray]:
+    """The plan of a drive along a course, ten times a second, by its true places."""
+    every = slice(None, None, 10)
+    time_s, east, north, yaw = (part[every] for part in (truth.time_s, truth.east_m, truth.north_m, truth.yaw_rad))
+    beside = beside_path(
+        course.path,
+        time_s=time_s,
+        x_m=east,
+        y_m=north,
+        yaw_rad=yaw,
+        sigma_m=np.zeros(len(time_s)),
+        anchor_m=course.anchor_m,
+        speed_mps=truth.speed_mps[every],
+        answer_radpm=np.zeros(len(time_s)),
+        engaged=course.mode[every] == int(Mode.SPEED),
+    )
+    offset = np.full(len(time_s), np.nan)
+    offset[np.searchsorted(time_s, beside.time_s)] = np.where(beside.engaged, beside.offset_m, np.nan)
+    latitude, longitude, _ = frame.to_geodetic(east, north, np.zeros_like(east))
+    return {
+        "time_s": time_s,
+        "latitude_deg": latitude,
+        "longitude_deg": longitude,
+        "heading_deg": frame.heading_of_yaw(yaw, longitude),
+        "speed_mps": truth.speed_mps[every],
+        "wanted_mps": course.wanted_mps[every],
+        "cross_track_m": offset,
+    }
 
 
 # The drives file: a made-up vehicle, its sensors and the calibration drives that it does, as TOML.
@@ -121,6 +267,7 @@ class PlannedVehicleDrive(NamedTuple):
         seed: of their noise.
         fixes: the day on which its fixes are to be as good as; ``None`` for none.
         fix_errors: of that day.
+        course: that the autopilot follows; ``None`` in the other manoeuvres.
     """
 
     name: str
@@ -129,6 +276,7 @@ class PlannedVehicleDrive(NamedTuple):
     seed: int
     fixes: str | None = None
     fix_errors: FixErrors | None = None
+    course: DrivenCourse | None = None
 
 
 class VehiclePlan(NamedTuple):
@@ -246,7 +394,13 @@ def _drive(
         raise place.at("brakes").refuse(f"{len(given['throttles'])}, as many as throttles", str(len(given["brakes"])))
     own = _sensors(place.at("sensors"), table.get("sensors", {}), sensors)
     fixes, errors = _fixes(place.at("fixes"), table.get("fixes"))
-    return PlannedVehicleDrive(name, kind.make(vehicle, given), own, derive_seed(seed, name), fixes, errors)
+    own_seed = derive_seed(seed, name)
+    if word != "tracking":
+        return PlannedVehicleDrive(name, kind.make(vehicle, given), own, own_seed, fixes, errors)
+    if min(abs(radius) for radius in given["radii_m"]) < _LEAST_RADIUS_M:
+        raise place.at("radii_m").refuse(f"bends of {_LEAST_RADIUS_M:g} m or more", f"{given['radii_m']}"[:60])
+    manoeuvre, course = drive_course(vehicle, **given)
+    return PlannedVehicleDrive(name, manoeuvre, own, own_seed, fixes, errors, course)
 
 
 def _fixes(place: TableKey, day: object) -> tuple[str | None, FixErrors | None]:
@@ -495,6 +649,10 @@ def _write_drive(plan: VehiclePlan, drive: PlannedVehicleDrive, path: Path, forc
         serial_number=plan.serial_number,
         provenance=origin,
     )
+    if drive.course is not None and log.vehicle is not None:
+        at = np.clip(np.searchsorted(simulated.truth.time_s, simulated.signals.time_s), 0, len(drive.course.mode) - 1)
+        signals = {**log.vehicle, "mode": drive.course.mode[at].astype(np.int8)}
+        log = replace(log, vehicle=signals, plan=_plan_of(drive.course, simulated.truth, plan.frame))
     write_vehicle_log(path, log, force=force)
     if drive.fix_errors is None:
         return

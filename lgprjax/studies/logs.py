@@ -13,6 +13,7 @@ from lgprjax.config import Table, TableKey, fill_table
 from lgprjax.errors import InputError
 from lgprjax.formats import NavigationTrack, Study, VehicleFile, VehicleLog, with_values
 from lgprjax.frames import LocalFrame
+from lgprjax.studies.needs import Contradiction
 from lgprjax.tuning import DriveSignals, Estimate, NotExcitedError
 from lgprjax.vehicle import Chassis
 
@@ -122,11 +123,13 @@ class Task(NamedTuple):
 
 
 class Figure(NamedTuple):
-    """A figure of the quality of a fit."""
+    """A figure of the quality of a fit, with its 95 % interval where it has one."""
 
     name: str
     value: float
     unit: str
+    low: float | None = None
+    high: float | None = None
 
 
 class Outcome(NamedTuple):
@@ -138,6 +141,7 @@ class Outcome(NamedTuple):
         figures: quality of the fit, on its logs and on those held out.
         notes: remarks, a line each.
         detail: fits and signals, for pictures; its type depends on the kind of study.
+        contradictions: held-out logs that do not agree: nothing is written then.
     """
 
     found: dict[str, Estimate | list[Estimate]]
@@ -145,6 +149,7 @@ class Outcome(NamedTuple):
     figures: tuple[Figure, ...]
     notes: tuple[str, ...]
     detail: Any
+    contradictions: tuple[Contradiction, ...] = ()
 
 
 @contextmanager

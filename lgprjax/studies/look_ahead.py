@@ -1,8 +1,9 @@
-"""Study of the look-ahead over speed for the vehicle of a file, by simulated drives along courses."""
+"""Study of the look-ahead over speed, by simulated drives: of a file's vehicle, or of those that logs allow."""
 
 from dataclasses import replace
 from typing import Annotated, Literal, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -10,7 +11,17 @@ from pydantic import AfterValidator, Field
 from lgprjax.batch.vehicles import chassis_of, servo_of
 from lgprjax.config import BrokenRuleError, ConfigTable
 from lgprjax.errors import InputError
+from lgprjax.studies.drives import loop_drive
 from lgprjax.studies.logs import Figure, Outcome, Task, options_of
+from lgprjax.studies.loop import fit_of
+from lgprjax.tuning.logged_look_ahead import (
+    DrawnTuning,
+    Experiment,
+    TunedOnDraws,
+    drawn_vehicles,
+    next_experiments,
+    tune_on_draws,
+)
 from lgprjax.tuning.look_ahead import (
     GradientConfig,
     LookAheadCosts,
@@ -20,7 +31,8 @@ from lgprjax.tuning.look_ahead import (
     sweep_look_ahead,
     tune_look_ahead,
 )
-from lgprjax.vehicle import arc_course, clothoid_course, line_course
+from lgprjax.tuning.loop import LoopFit, draw_loops
+from lgprjax.vehicle import arc_course, clothoid_course, line_course, look_ahead_m
 
 _Speed = Annotated[float, Field(ge=0.2, le=20.0)]
 _Metres = Annotated[float, Field(ge=0.3, le=100.0)]
@@ -49,6 +61,9 @@ class LookAheadOptions(ConfigTable):
         sweep_m: from and to, of the picture.
         supply_v: ``None``: the servo's nominal voltage.
         steps: of the gradient.
+        draws: of the vehicle, where there are logs: as many as the logs allow are driven.
+        torque_shares: of the servo, where there are logs, that the schedule is tuned for; the least is the least that
+            it follows on board.
     """
 
     courses: list[Literal["line", "arc", "curve"]] = Field(default=["line", "arc"], min_length=1)
@@ -63,6 +78,8 @@ class LookAheadOptions(ConfigTable):
     )
     supply_v: float | None = Field(default=None, ge=0.0, le=1e3)
     steps: float = Field(default=150.0, ge=1.0, le=5000.0)
+    draws: float = Field(default=1024.0, ge=32.0, le=16384.0)
+    torque_shares: list[Annotated[float, Field(gt=0.05, lt=1.0)]] = Field(default=[0.7, 0.43], min_length=1)
 
 
 # As many look-aheads as the tuner begins with, and as many speeds at a time, so that nothing is recompiled.
@@ -93,6 +110,8 @@ def study_look_ahead(task: Task) -> Outcome:
         InputError: an option is wrong, the vehicle file lacks a number, or no look-ahead leaves the required margin.
     """
     options = options_of(task, LookAheadOptions)
+    if task.study.logs:
+        return _from_logs(task, options)
     vehicle = _vehicle(task, options.supply_v)
     trials = _trials(options)
     try:
@@ -116,6 +135,61 @@ def study_look_ahead(task: Task) -> Outcome:
         f"cost {tuned.cost_m:.3f} m at a supply of {volts:g} V: a look-ahead is chosen, not measured: no interval",
     )
     return Outcome({}, chosen, tuple(figures), notes, LookAheadStudy(trials, tuned, look, speeds, swept))
+
+
+class LoggedLookAheadStudy(NamedTuple):
+    """For pictures: the schedule, what the logs told, and the experiments that would tell more."""
+
+    trials: TrialCourses
+    tuned: TunedOnDraws
+    fit: LoopFit
+    experiments: tuple[Experiment, ...]
+
+
+def _from_logs(task: Task, options: LookAheadOptions) -> Outcome:
+    """The schedule over speed and torque, for the vehicles that the logs allow."""
+    if options.supply_v is not None:
+        expected = "no supply where there are logs: the schedule is tuned for torque_shares"
+        raise InputError(task.study.file, "options.supply_v", expected, f"{options.supply_v:g}")
+    if task.study.held_out:
+        raise InputError(task.study.file, "held_out", "none: a study of loop judges what the logs tell", "logs")
+    fit = fit_of(task, [loop_drive(task, path, fixes=False) for path in task.study.logs])
+    chassis = chassis_of(task.vehicle, task.study.vehicle)
+    draws = draw_loops(fit.prior, fit.posterior, jax.random.key(0), count=round(options.draws))
+    trials = replace(_trials(options), longest_delay_s=0.4)
+    shares = (1.0, *sorted(options.torque_shares, reverse=True))
+    config = DrawnTuning(shares=shares, steps=min(round(options.steps), 100))
+    try:
+        tuned = tune_on_draws(drawn_vehicles(chassis, fit.prior, draws), trials, config)
+    except ValueError as error:
+        raise InputError(task.study.file, "options", "a look-ahead that the steering can follow", str(error)) from None
+    experiments = next_experiments(fit, tuned, draws)
+    chosen = {f"pursuit.{name}": float(value) for name, value in tuned.schedule.look_ahead._asdict().items()}
+    chosen |= {
+        "pursuit.weak_exponent": float(tuned.schedule.exponent),
+        "pursuit.least_torque_share": float(tuned.least_share),
+    }
+    figures = []
+    ahead = np.asarray(look_ahead_m(tuned.schedule.look_ahead, jnp.asarray(tuned.speeds_mps, jnp.float32)))
+    for number, speed in enumerate(tuned.speeds_mps):
+        low, high = tuned.low_m[number], tuned.high_m[number]
+        figures.append(Figure(f"look-ahead at {speed:g} m/s", float(ahead[number]), "m"))
+        middle = float(np.median(tuned.best_m[:, number]))
+        figures.append(Figure(f"best at {speed:g} m/s, by what the logs allow", middle, "m", float(low), float(high)))
+        for place, share in enumerate(tuned.shares):
+            errors = np.asarray(tuned.judged.error_m)[:, number, place]
+            name = f"error at {speed:g} m/s and {share:.0%} of the torque, rms over courses and offsets"
+            figures.append(
+                Figure(name, float(np.mean(errors)), "m", *(float(v) for v in np.percentile(errors, [2.5, 97.5])))
+            )
+    open_ = [name for name in ("lag_s", "delay_s", "rate_radps", "rear_ratio", "slip_s2pm2") if name not in fit.told]
+    notes = [
+        f"tuned over {len(tuned.best_m)} vehicles that {len(task.study.logs)} logs allow, each at "
+        f"{', '.join(f'{share:.0%}' for share in tuned.shares)} of the torque",
+        f"left open by the logs: {', '.join(open_) or 'nothing'}",
+        *(f"next: {one.what} would narrow the look-ahead by {one.narrows:.0%}" for one in experiments),
+    ]
+    return Outcome({}, chosen, tuple(figures), tuple(notes), LoggedLookAheadStudy(trials, tuned, fit, experiments))
 
 
 def _vehicle(task: Task, supply_v: float | None) -> TunedVehicle:

@@ -33,8 +33,11 @@ from lgprjax.studies.logs import (
     signals_of,
 )
 from lgprjax.studies.look_ahead import study_look_ahead
+from lgprjax.studies.loop import study_loop
 from lgprjax.studies.navigation import study_fusion
+from lgprjax.studies.needs import Contradiction, compared, judged_residual, require_excitation, require_precision
 from lgprjax.studies.threshold import study_threshold
+from lgprjax.studies.tracking import study_tracking
 from lgprjax.tuning import DriveSignals, Estimate, NotExcitedError
 from lgprjax.tuning.arcs import Arcs, find_stretches, fit_arcs
 from lgprjax.tuning.pedals import WHAT, PedalFit, PedalRuns, PedalsFit, cut_runs, fit_pedals, levelled, predict_way
@@ -83,7 +86,13 @@ def study_pedals(task: Task) -> Outcome:
     }
     found |= {"resistance.rolling_mps2": fit.rolling_mps2, "resistance.drag_per_s": fit.drag_per_s}
     figures = [Figure("distance in a run, measured minus model, rms", fit.rms_m, "m")]
-    figures += [_judge(judge, fit) for judge in task.judges]
+    judged = [_judge(judge, fit) for judge in task.judges]
+    figures += judged
+    against = [
+        one
+        for judge, figure in zip(task.judges, judged, strict=True)
+        for one in judged_residual("distance in a run", judge.path, max(fit.rms_m, 0.01), figure.value, "m")
+    ]
     scale = fit.metres_per_odometer_metre
     notes = [f"{fit.runs} runs from standstill to standstill"]
     if scale is None:
@@ -91,7 +100,9 @@ def study_pedals(task: Task) -> Outcome:
     else:
         notes.append(f"a metre of the odometer is {scale.value:.4f} m by the fixes")
     model_m = levelled(runs, _way(runs, fit))
-    return Outcome({**found}, {}, tuple(figures), tuple(notes), PedalsStudy(drive.signals, runs, model_m, fit))
+    return Outcome(
+        {**found}, {}, tuple(figures), tuple(notes), PedalsStudy(drive.signals, runs, model_m, fit), tuple(against)
+    )
 
 
 def _way(runs: PedalRuns, fit: PedalsFit) -> Float[np.ndarray, " record"]:
@@ -144,16 +155,17 @@ def study_rear_ratio(task: Task) -> Outcome:
         return _rear_map(task, drive)
     chassis = chassis_without_anchor(task)
     fit, detail = _fit(method, drive, chassis)
-    figures = []
+    figures, against = [], list[Contradiction]()
     for judge in task.judges:
-        away = _fit(method, judge, chassis)[0].ratio.value - fit.ratio.value
-        figures.append(Figure(f"held out, {judge.path.name}: its k minus this one", away, ""))
+        held = _fit(method, judge, chassis)[0].ratio
+        figures.append(Figure(f"held out, {judge.path.name}: its k minus this one", held.value - fit.ratio.value, ""))
+        against += compared("steering.rear_ratio", judge.path, fit.ratio, held)
     offset = np.degrees([fit.offset_rad.value, fit.offset_rad.low, fit.offset_rad.high])
     what = "INS heading against the body" if method == "heading" else "rear angle where the front one is 0"
     notes = [f"{what}: {offset[0]:.3f}° ({offset[1]:.3f} to {offset[2]:.3f})", f"{fit.numbers} numbers in the fit"]
     if method == "heading":
         notes.append(f"drift of the headings in addition to their noise: {np.degrees(fit.drift_rad):.3f}°")
-    return Outcome({"steering.rear_ratio": fit.ratio}, {}, tuple(figures), tuple(notes), detail)
+    return Outcome({"steering.rear_ratio": fit.ratio}, {}, tuple(figures), tuple(notes), detail, tuple(against))
 
 
 def _rear_map(task: Task, drive: LoggedDrive) -> Outcome:
@@ -207,14 +219,16 @@ def study_straight(task: Task) -> Outcome:
     drive = one_drive(task)
     with fitting(drive.path):
         fit = fit_straight(fixed_records(drive.signals))
-    figures = [Figure("windows relative to the fit, rms", _straight_rms_mv(fit), "mV")]
+    figures, against = [Figure("windows relative to the fit, rms", _straight_rms_mv(fit), "mV")], list[Contradiction]()
     for judge in task.judges:
         with fitting(judge.path):
             held = fit_straight(fixed_records(judge.signals))
         away_mv = 1e3 * (held.potentiometer_v.value - fit.potentiometer_v.value)
         figures.append(Figure(f"held out, {judge.path.name}: its value minus this one", away_mv, "mV"))
+        against += compared("steering.straight_potentiometer_v", judge.path, fit.potentiometer_v, held.potentiometer_v)
     notes = (f"{fit.turning} windows left out because they turned",) if fit.turning else ()
-    return Outcome({"steering.straight_potentiometer_v": fit.potentiometer_v}, {}, tuple(figures), notes, fit)
+    found = {"steering.straight_potentiometer_v": fit.potentiometer_v}
+    return Outcome({**found}, {}, tuple(figures), notes, fit, tuple(against))
 
 
 def study_encoder(task: Task) -> Outcome:
@@ -237,8 +251,20 @@ def study_encoder(task: Task) -> Outcome:
     if v_per_rad is not None:
         per_count = float(np.degrees(abs(1.0 / (fit.counts_per_v.value * v_per_rad))))
         figures.append(Figure("the same at the road wheel", fit.rms_counts * per_count, "deg"))
-    figures += [_judge_sensor(judge, fit, v_per_rad) for judge in task.judges]
-    return Outcome(found, {}, tuple(figures), tuple(notes), EncoderStudy(drive.signals, fit, v_per_rad))
+    judged = [_judge_sensor(judge, fit, v_per_rad) for judge in task.judges]
+    own, unit = (
+        (figures[1].value, "deg")
+        if v_per_rad is not None
+        else (1e3 * fit.rms_counts / abs(fit.counts_per_v.value), "mV")
+    )
+    against = [
+        one
+        for judge, figure in zip(task.judges, judged, strict=True)
+        for one in judged_residual("pauses", judge.path, own, figure.value, unit)
+    ]
+    figures += judged
+    detail = EncoderStudy(drive.signals, fit, v_per_rad)
+    return Outcome(found, {}, tuple(figures), tuple(notes), detail, tuple(against))
 
 
 def _straight_rms_mv(fit: StraightFit) -> float:
@@ -310,14 +336,21 @@ def study_servo(task: Task) -> Outcome:
         Figure("records per independent residual", fit.memory, ""),
         Figure("largest difference between the swarm's and the gradient's numbers", fit.apart, "standard errors"),
     ]
-    figures += [_judge_servo(task, judge, fit) for judge in task.judges]
+    judged = [_judge_servo(task, judge, fit) for judge in task.judges]
+    figures += judged
+    own_deg = max(figures[0].value, 0.05)
+    against = [
+        one
+        for judge, figure in zip(task.judges, judged, strict=True)
+        for one in judged_residual("wheel angle", judge.path, own_deg, figure.value, "deg")
+    ]
     agree = "agree" if fit.agree else "do NOT agree: the fit may not be the best one"
     notes = (
         f"wheel angles by {origin}; straight ahead they read {np.degrees(fit.zero_rad.value):.3f}°",
         f"play of {np.degrees(float(fit.servo.backlash_rad)):.2f}° taken as given",
         f"search by gradient and by particle swarm {agree}",
     )
-    return Outcome({**found}, {}, tuple(figures), notes, ServoStudy(drive.signals, measured, fit))
+    return Outcome({**found}, {}, tuple(figures), notes, ServoStudy(drive.signals, measured, fit), tuple(against))
 
 
 def _given(task: Task) -> Servo:
@@ -363,7 +396,14 @@ def study_wheel_angle(task: Task) -> Outcome:
     front, (low, high) = front_angle(steering_map, knots), front_band(steering_map, knots)
     sigma = 0.5 * (high - low) / student_95(steering_map.degrees)
     figures = [Figure("residuals of the fit, rms", rms(np.degrees(fit.residual_rad)), "deg")]
-    figures += [_judge_wheel_angle(judge, chassis, fit) for judge in task.judges]
+    judged = [_judge_wheel_angle(judge, chassis, fit) for judge in task.judges]
+    figures += judged
+    own_deg = max(figures[0].value, 0.1)
+    against = [
+        one
+        for judge, figure in zip(task.judges, judged, strict=True)
+        for one in judged_residual("wheel_map", judge.path, own_deg, figure.value, "deg")
+    ]
     return Outcome(
         found={
             "wheel_map.front_rad": [
@@ -375,6 +415,7 @@ def study_wheel_angle(task: Task) -> Outcome:
         figures=tuple(figures),
         notes=tuple(f"{count} stretches left out: {why}" for why, count in fit.dropped.items()),
         detail=WheelAngleStudy(drive.signals, arcs, fit),
+        contradictions=tuple(against),
     )
 
 
@@ -423,11 +464,13 @@ def study_yaw_gain(task: Task) -> Outcome:
     refuse_options(task)
     drive = one_drive(task)
     fit, origin = _fit_yaw_gain(task, drive)
-    figures = [Figure("scatter of 1/G beyond what the arcs explain", fit.extra, "")]
+    figures, against = [Figure("scatter of 1/G beyond what the arcs explain", fit.extra, "")], list[Contradiction]()
     for judge in task.judges:
         held = _fit_yaw_gain(task, judge)[0]
         away = held.characteristic_speed_mps.value - fit.characteristic_speed_mps.value
         figures.append(Figure(f"held out, {judge.path.name}: its speed minus this one", away, "m/s"))
+        place = "steering.characteristic_speed_mps"
+        against += compared(place, judge.path, fit.characteristic_speed_mps, held.characteristic_speed_mps)
     scale = fit.scale
     notes = (
         f"front angles from {origin}",
@@ -437,7 +480,7 @@ def study_yaw_gain(task: Task) -> Outcome:
         f"front angles read {np.degrees(fit.offset_rad):.3f}° too far to the left",
     )
     found = {"steering.characteristic_speed_mps": fit.characteristic_speed_mps}
-    return Outcome({**found}, {}, tuple(figures), notes, YawGainStudy(fit))
+    return Outcome({**found}, {}, tuple(figures), notes, YawGainStudy(fit), tuple(against))
 
 
 def _fit_yaw_gain(task: Task, drive: LoggedDrive) -> tuple[YawGainFit, str]:
@@ -488,6 +531,9 @@ def run_study(study: Study) -> FinishedStudy:
     drives = _read_logs(study, vehicle, study.logs, "logs")
     judges = _read_logs(study, vehicle, study.held_out, "held_out")
     outcome = _RUN[study.kind](Task(study, vehicle, drives, judges))
+    require_precision(study.kind, study.logs[0] if study.logs else study.file, outcome.found)
+    for one in outcome.contradictions:
+        raise InputError(one.path, f"{one.what}, held out", one.expected, f"{one.found}; no vehicle file is written")
     logs = ", ".join(path.name for path in study.logs) or "simulated"
     values: dict[str, Any] = dict(outcome.fixed)
     found: dict[str, Found] = {}
@@ -499,13 +545,15 @@ def run_study(study: Study) -> FinishedStudy:
 def _read_logs(study: Study, vehicle: VehicleFile, paths: Sequence[Path], key: str) -> tuple[LoggedDrive, ...]:
     if key == "logs" and not paths and study.kind != "look_ahead":
         raise InputError(study.file, key, "one drive log or more", "none")
-    if study.kind == "threshold":
-        return ()  # its logs are recorded runs, which it reads by itself
+    if study.kind in ("threshold", "tracking", "loop", "look_ahead"):
+        return ()  # their logs may be recorded runs, which they read by themselves
     drives = []
     for path in paths:
         log = VehicleLog.open(path)
         require_serial_number(vehicle, study.vehicle, log.serial_number, path, "/vehicle@serial_number")
-        drives.append(LoggedDrive(path, signals_of(log, str(path))))
+        signals = signals_of(log, str(path))
+        require_excitation(study.kind, path, signals)
+        drives.append(LoggedDrive(path, signals))
     return tuple(drives)
 
 
@@ -526,6 +574,8 @@ _RUN: dict[str, Callable[[Task], Outcome]] = {
     "yaw_gain": study_yaw_gain,
     "servo": study_servo,
     "pedals": study_pedals,
+    "loop": study_loop,
+    "tracking": study_tracking,
     "look_ahead": study_look_ahead,
     "fusion": study_fusion,
     "threshold": study_threshold,

@@ -76,6 +76,7 @@ from lgprjax.vehicle.pursuit import (
     steer_exact,
     steer_stanley,
     step_pulses,
+    stretched_look_ahead,
 )
 from lgprjax.vehicle.rollout import (
     RolloutLane,
@@ -83,6 +84,7 @@ from lgprjax.vehicle.rollout import (
     RolloutState,
     RolloutTrace,
     roll_out,
+    roll_out_logged,
     roll_out_many,
     roll_out_traced,
     start_rollout,
@@ -156,6 +158,7 @@ __all__ = [
     "rear_of_linkages",
     "reverse_look_ahead_m",
     "roll_out",
+    "roll_out_logged",
     "roll_out_many",
     "roll_out_traced",
     "servo_pace",
@@ -169,6 +172,7 @@ __all__ = [
     "step_pulses",
     "step_servo",
     "straight_slope",
+    "stretched_look_ahead",
     "torque_share",
     "turn_of",
     "turn_servo",

@@ -146,6 +146,25 @@ def look_ahead_m(schedule: LookAhead, speed_mps: Float[Array, "..."]) -> Float[A
     return schedule.short_m + (schedule.long_m - schedule.short_m) * jnp.where(span > 0.0, ramp, step)
 
 
+def stretched_look_ahead(
+    schedule: LookAhead,
+    exponent: Float[Array, "..."],
+    share: Float[Array, "..."],
+    least_share: Float[Array, "..."],
+) -> LookAhead:
+    """The schedule of a servo that has only a share of its torque left: longer by that share to minus the exponent.
+
+    Args:
+        schedule: at full torque.
+        exponent: how fast it grows; 0 leaves it.
+        share: of the torque; values above 1 are 1, what is not finite is ``least_share``.
+        least_share: below which it does not grow further: no study looked there.
+    """
+    held = jnp.clip(jnp.where(jnp.isfinite(share), share, least_share), least_share, 1.0)
+    longer = held**-exponent
+    return schedule._replace(short_m=schedule.short_m * longer, long_m=schedule.long_m * longer)
+
+
 def constant_look_ahead(length_m: Float[Array, "..."]) -> LookAhead:
     """The same at every speed."""
     zero = jnp.zeros_like(length_m)

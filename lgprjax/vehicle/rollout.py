@@ -324,6 +324,32 @@ def _run(
     return lax.scan(jax.checkpoint(step, prevent_cse=False), (start, init_metrics(start.x_m)), numbers)
 
 
+@partial(jax.jit, static_argnums=0)
+def roll_out_logged(
+    spec: RolloutSpec,
+    path: Path,
+    lane: RolloutLane,
+    start: RolloutState,
+    speed_mps: Float[Array, "step ..."],
+    share: Float[Array, "step ..."],
+) -> RolloutTrace:
+    """A drive at a speed and a share of the servo's torque that vary as logged, with every step kept.
+
+    Args:
+        spec, path, lane, start: as for ``roll_out``; the lane's speed and supply are not used.
+        speed_mps, share: of every step.
+    """
+
+    def step(state: RolloutState, now: tuple[Float[Array, "..."], Float[Array, "..."]]):  # type: ignore[no-untyped-def]
+        fixed = _prepare(spec, lane._replace(speed_mps=now[0]))
+        fixed = fixed._replace(pace=servo_pace(lane.servo, now[1], spec.step_s))
+        after, seen = _step(spec, path, lane._replace(speed_mps=now[0]), fixed, state)
+        return after, _trace(state, after, seen)
+
+    trace: RolloutTrace = lax.scan(step, start, (speed_mps, share))[1]
+    return trace
+
+
 class _Seen(NamedTuple):
     """Intermediate results of a step."""
 

@@ -99,6 +99,7 @@ class TickNumbers(NamedTuple):
     set_speed_mps: float
     front_rad: float
     age_s: float
+    torque_share: float
 
 
 class TickResult(NamedTuple):
@@ -114,7 +115,7 @@ class TickResult(NamedTuple):
         accepted, offered: bits of the sources.
         ahead_m ... gear: the plan, see ``Plan``.
         front_rad, throttle, brake, limited: the command and the limiter's bits.
-        wanted_mps, reachable: see ``AutopilotInfo``.
+        wanted_mps, reachable, look_ahead_m: see ``AutopilotInfo``.
     """
 
     x_m: float
@@ -151,6 +152,7 @@ class TickResult(NamedTuple):
     limited: float
     wanted_mps: float
     reachable: float
+    look_ahead_m: float
 
 
 @partial(jax.jit, static_argnames="fusion")
@@ -188,6 +190,7 @@ def step_compiled(
         inputs.set_speed_mps,
         inputs.front_rad,
         inputs.age_s,
+        inputs.torque_share,
     )
     state, command, info = step_onboard(
         setup, route, state, motion, observations, inputs.p_false, orders, fusion=fusion
@@ -218,6 +221,7 @@ def step_compiled(
         info.autopilot.limited,
         info.autopilot.wanted_mps,
         info.autopilot.reachable,
+        info.autopilot.look_ahead_m,
     )
     return state, as_row(row)
 

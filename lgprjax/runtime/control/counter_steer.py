@@ -117,6 +117,7 @@ class Ordered(NamedTuple):
     front_rad: float
     age_s: float
     yaw_rate_radps: float
+    torque_share: float
 
 
 class Pilot:
@@ -251,6 +252,7 @@ class Pilot:
             set_speed_mps=ordered.set_speed_mps,
             front_rad=ordered.front_rad,
             age_s=ordered.age_s,
+            torque_share=ordered.torque_share,
             **{name: seen.get(name, 0.0) for name in TickNumbers._fields if name[:4] == "fix_" and name != "fix_valid"},
         )
 
@@ -499,6 +501,7 @@ class CounterSteer:
             watched.front_rad,
             max(sensed.wheels_age_s, min(sensed.rate_age_s, sensed.wheels_age_s)),
             watched.yaw_rate_radps,
+            self._watches.torque_share,
         )
         self.pilot.step(sensed, ordered, now_ns)
 
@@ -537,7 +540,11 @@ class CounterSteer:
 
     def state(self, tick: int) -> dict[str, Any]:
         """State for the display."""
-        return self._panel.state(tick, self.pilot.route, self.pilot.result)
+        return {
+            **self._panel.state(tick, self.pilot.route, self.pilot.result),
+            "look_ahead_m": self.pilot.result.look_ahead_m,
+            "torque_share": self._watches.torque_share,
+        }
 
     def warnings(self) -> list[str]:
         """Warnings to the operator."""

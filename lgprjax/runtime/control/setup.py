@@ -100,6 +100,8 @@ def setup_of_vehicle(config: RuntimeConfig, vehicle: VehicleFile) -> OnboardSetu
         tick_s=TICK_S,
         gnss_period_s=config.sensors.gnss_period_s,
         risk=config.registration.risk,
+        weak_exponent=pursuit.weak_exponent or 0.0,
+        least_share=1.0 if pursuit.least_torque_share is None else pursuit.least_torque_share,
     )
 
 

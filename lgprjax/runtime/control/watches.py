@@ -38,6 +38,7 @@ from lgprjax.autopilot.position_monitors import (
     step_heading_watch,
     step_odometer_watch,
 )
+from lgprjax.autopilot.torque import TorqueState, step_torque
 from lgprjax.formats import VehicleFile
 from lgprjax.runtime.config import ControlTable, RuntimeConfig
 from lgprjax.runtime.control.modes import PEDALS, STEERING
@@ -154,8 +155,13 @@ class Watches:
         self._sensors: WheelSensorState = init_wheel_sensors()
         self._servo, self._rear, self._pedal = ServoWatchState(), ChassisWatchState(), PedalWatchState()
         self._odometer, self._path = OdometerWatchState(), PathWatchState()
-        self._heading = HeadingWatchState()
+        self._heading, self._torque = HeadingWatchState(), TorqueState()
         self._session = 0
+
+    @property
+    def torque_share(self) -> float:
+        """Share of the servo's torque that is left, as measured."""
+        return self._torque.share
 
     def step(
         self,
@@ -285,6 +291,15 @@ class Watches:
             wheels.number("supply_v"),
             engaged=bool(wheels.bits("engaged") & STEERING),
             command_rad=sent.front_rad,
+            step_s=sensed.step_s,
+        )
+        self._torque = step_torque(
+            self._wheel,
+            self._torque,
+            self._servo,
+            front_rad=angles.front_rad,
+            supply_v=wheels.number("supply_v"),
+            engaged=bool(wheels.bits("engaged") & STEERING),
             step_s=sensed.step_s,
         )
         self._rear, more = step_chassis_watch(

@@ -128,6 +128,13 @@ function showField() {
   at("route-list").replaceChildren(...words.map((text) => Object.assign(document.createElement("p"), { textContent: text })));
 }
 
+// A servo that has lost torque: the look-ahead is longer than the schedule's.
+function torqueWords() {
+  const share = state.torque_share, ahead = state.look_ahead_m;
+  if (!isNumber(share) || share > 0.95) return "";
+  return `servo at ${Math.round(100 * share)} % of its torque${isNumber(ahead) ? `, look-ahead ${ahead.toFixed(1)} m` : ""}`;
+}
+
 function showFigures() {
   tell("speed", fixed(state.speed_mps, state.field ? 2 : 1));
   const set = isNumber(state.set_speed_mps) ? `set ${fixed(state.set_speed_mps, 2)}` : "not held";
@@ -143,7 +150,7 @@ function showFigures() {
   at("bar-mark").className = kind;
   at("bar-mark").style.left = `${50 - 50 * Math.max(-0.97, Math.min(0.97, isNumber(cross) ? cross : 0))}%`;
   at("bar-mark").style.visibility = isNumber(cross) ? "visible" : "hidden";
-  tell("to-go", isNumber(state.to_go_m) ? `${Math.round(state.to_go_m)} m to go` : "");
+  tell("to-go", [isNumber(state.to_go_m) ? `${Math.round(state.to_go_m)} m to go` : "", torqueWords()].filter(Boolean).join(", "));
 }
 
 function showRoutes(engaged) {

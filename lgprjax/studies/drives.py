@@ -1,0 +1,385 @@
+"""Drives of the closed loop for studies: signals on even steps, smoothed places, who steered; of logs and of runs."""
+
+from pathlib import Path as FilePath
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from lgprjax.autopilot.modes import ENGAGED
+from lgprjax.batch.recover import RowGatherer, signals_of_run
+from lgprjax.batch.vehicles import filter_model_of
+from lgprjax.errors import InputError
+from lgprjax.formats import VehicleFile, VehicleLog, require_serial_number
+from lgprjax.formats.run_log import RunReading, read_run, read_run_record
+from lgprjax.frames import LocalFrame
+from lgprjax.navigation import (
+    GnssObservation,
+    HeadingObservation,
+    LgprObservation,
+    MotionInput,
+    Observations,
+    OdometerObservation,
+    default_rules,
+    smooth_estimates,
+)
+from lgprjax.registration import Code
+from lgprjax.run_records import FIX, RecordKind
+from lgprjax.studies.logs import Task
+from lgprjax.studies.navigation import TickedDrive, stack_drives, tick_drive
+from lgprjax.tuning.loop import LANES, PADDING, STEP_S, LoopLogs
+from lgprjax.tuning.navigation import NavigationDrives, filter_drives
+from lgprjax.vehicle import Servo, VehiclePose, torque_share
+
+TICK_S = 0.1
+_ODOMETER_SIGMA_M = 0.002
+_SETTLING_S = 0.5
+_GAP_S = 0.25
+
+
+class LoopDrive(NamedTuple):
+    """A drive as the studies of the loop see it; arrays on the times of the vehicle's records.
+
+    Attributes:
+        path: of its file or folder.
+        time_s: of the records.
+        command_rad, front_rad, rear_rad: commanded and measured; NaN where there is none.
+        supply_v: NaN where nobody measured it.
+        speed_mps: by odometry; yaw_rate_radps: by gyro, NaN without one.
+        engaged: the autopilot steered.
+        commanded: commands reached the servo; where nobody says who steered, wherever there is one.
+        offset_m: from the path, as driven by; NaN without a path.
+        ticked: for the smoother; None where there are no fixes.
+    """
+
+    path: FilePath
+    time_s: Float[np.ndarray, " record"]
+    command_rad: Float[np.ndarray, " record"]
+    front_rad: Float[np.ndarray, " record"]
+    rear_rad: Float[np.ndarray, " record"]
+    supply_v: Float[np.ndarray, " record"]
+    speed_mps: Float[np.ndarray, " record"]
+    yaw_rate_radps: Float[np.ndarray, " record"]
+    engaged: Bool[np.ndarray, " record"]
+    commanded: Bool[np.ndarray, " record"]
+    offset_m: Float[np.ndarray, " record"]
+    ticked: TickedDrive | None
+
+
+class SmoothedDrive(NamedTuple):
+    """Places of a drive by its fixes, smoothed back and forth, in level metres from its first place.
+
+    Attributes:
+        time_s: of the ticks.
+        x_m, y_m, yaw_rad: of the rear axle.
+        sigma_m: of the place, across the body.
+        speed_mps, yaw_rate_radps: of the body.
+        fixes: that were used.
+    """
+
+    time_s: Float[np.ndarray, " tick"]
+    x_m: Float[np.ndarray, " tick"]
+    y_m: Float[np.ndarray, " tick"]
+    yaw_rad: Float[np.ndarray, " tick"]
+    sigma_m: Float[np.ndarray, " tick"]
+    speed_mps: Float[np.ndarray, " tick"]
+    yaw_rate_radps: Float[np.ndarray, " tick"]
+    fixes: int
+
+
+def is_run(path: FilePath) -> bool:
+    """Whether a log is the folder of a recorded run."""
+    return path.is_dir()
+
+
+def loop_drive(task: Task, path: FilePath, *, fixes: bool) -> LoopDrive:
+    """A drive log or a recorded run.
+
+    Args:
+        task: of the study.
+        path: ``X.drive.h5``, or the folder of a run.
+        fixes: they are needed: those of ``X.drive.h5`` are beside it in ``X.fixes.h5``.
+
+    Raises:
+        InputError: it cannot be read, is another vehicle's, or holds no signals of a vehicle.
+    """
+    if is_run(path):
+        return _of_run(task.vehicle, task.study.vehicle, path)
+    log = VehicleLog.open(path)
+    require_serial_number(task.vehicle, task.study.vehicle, log.serial_number, path, "/vehicle@serial_number")
+    if log.vehicle is None:
+        raise InputError(path, "/vehicle", "signals of the vehicle", "none")
+    ticked = None
+    beside = path.with_name(path.name.removesuffix(".drive.h5") + ".fixes.h5")
+    if beside.is_file():
+        ticked = tick_drive(log, path, beside, tick_s=TICK_S, odometer_sigma_m=_ODOMETER_SIGMA_M)
+    elif fixes:
+        raise InputError(beside, "file", f"the fixes of {path.name} (lgprjax register writes them)", "none")
+    return _of_log(task.vehicle, path, log, ticked)
+
+
+def _of_log(vehicle: VehicleFile, path: FilePath, log: VehicleLog, ticked: TickedDrive | None) -> LoopDrive:
+    assert log.vehicle is not None
+    time_s = np.asarray(log.vehicle["time_s"], np.float64)
+    none = np.full(len(time_s), np.nan)
+
+    def signal(name: str) -> np.ndarray:
+        return np.asarray((log.vehicle or {}).get(name, none), np.float64)
+
+    front = signal("wheel_angle_rad")
+    if vehicle.wheel_map is not None and "steering_potentiometer_v" in log.vehicle:
+        held = vehicle.wheel_map
+        knots = held.first_v + held.step_v * np.arange(len(held.front_rad))
+        front = np.interp(signal("steering_potentiometer_v"), knots, held.front_rad, left=np.nan, right=np.nan)
+    command, engaged, offset = signal("steering_command_rad"), np.zeros(len(time_s), bool), none
+    commanded = np.isfinite(command)
+    if "mode" in log.vehicle:
+        engaged = np.isin(np.asarray(log.vehicle["mode"]), [int(mode) for mode in ENGAGED])
+        commanded &= engaged
+    if log.plan is not None:
+        at = np.asarray(log.plan["time_s"], np.float64)
+        off = np.asarray(log.plan["cross_track_m"], np.float64)
+        offset = np.interp(time_s, at, off, left=np.nan, right=np.nan)
+    speed = speed_of(log.odometry.time_s, log.odometry.distance_m, time_s)
+    return LoopDrive(
+        path,
+        time_s,
+        command,
+        front,
+        signal("rear_wheel_angle_rad"),
+        signal("supply_v"),
+        speed,
+        signal("yaw_rate_radps"),
+        engaged,
+        commanded,
+        offset,
+        ticked,
+    )
+
+
+def speed_of(
+    known_s: Float[np.ndarray, " known"], travel_m: Float[np.ndarray, " known"], time_s: Float[np.ndarray, " record"]
+) -> Float[np.ndarray, " record"]:
+    """Speed by travel, over 0.4 s about each record."""
+    ahead, behind = (np.clip(time_s + step, known_s[0], known_s[-1]) for step in (0.2, -0.2))
+    way = np.interp(ahead, known_s, travel_m) - np.interp(behind, known_s, travel_m)
+    return np.asarray(way / np.maximum(ahead - behind, 1e-3))
+
+
+def _of_run(vehicle: VehicleFile, vehicle_path: FilePath, folder: FilePath) -> LoopDrive:
+    """A run by its own records: box, priors, fixes and plans."""
+    reading = read_run(folder)
+    signals, fixes = signals_of_run(reading), _fixes_of(reading)
+    for place, rows in (("prior", signals.prior), ("drive_status", signals.box), ("plan", signals.plan)):
+        if len(rows) < 2:
+            raise InputError(folder, "segments", f"two whole records of {place} or more", str(len(rows)))
+    if not len(fixes):
+        raise InputError(folder, "segments", "fixes of the registration", "none")
+    zero_ns = int(signals.prior_ns[0])
+
+    def seconds(times: np.ndarray) -> np.ndarray:
+        return np.asarray(1e-9 * (times - zero_ns).astype(np.float64))
+
+    at, plan_s = signals.box_ns, seconds(signals.plan_ns)
+    time_s = seconds(at)
+    held = signals.plan[np.clip(np.searchsorted(signals.plan_ns, at, side="right") - 1, 0, None)]
+    engaged = np.isin(held["mode"], [int(mode) for mode in ENGAGED])
+    none = np.full(len(time_s), np.nan)
+    del vehicle, vehicle_path
+    return LoopDrive(
+        folder,
+        time_s,
+        held["command"][:, 0].astype(np.float64),
+        held["front_rad"].astype(np.float64),
+        none,
+        signals.box["supply_v"].astype(np.float64),
+        speed_of(time_s, signals.travel_m, time_s),
+        np.interp(at, signals.prior_ns, signals.prior["yaw_rate_radps"]),
+        engaged,
+        engaged,
+        np.interp(time_s, plan_s, signals.plan["cross_track_m"].astype(np.float64), left=np.nan, right=np.nan),
+        _ticked_run(signals.prior, seconds(signals.prior_ns), time_s, signals.travel_m, fixes, zero_ns),
+    )
+
+
+def _fixes_of(reading: RunReading) -> np.ndarray:
+    """Rows of the run's fixes that are right by their own judgement; older runs end before ``p_false``."""
+    gathered = RowGatherer(FIX)
+    for _, data in reading:
+        record = read_run_record(data)
+        if record is not None and record.kind is RecordKind.FIX:
+            gathered.add(record.mono_ns, record.payload.ljust(FIX.itemsize, b"\0"))
+    rows = gathered.rows
+    good = rows["code"] == int(Code.OK)
+    good &= np.isfinite(rows["covariance"]).all(axis=(1, 2)) & np.isfinite(rows["pose"]).all(axis=1)
+    return np.asarray(rows[good])
+
+
+def _ticked_run(
+    prior: np.ndarray,
+    prior_s: np.ndarray,
+    box_s: np.ndarray,
+    travel_m: np.ndarray,
+    fixes: np.ndarray,
+    zero_ns: int,
+) -> TickedDrive:
+    """A run on ticks: gyro, odometer, headings and fixes; its GNSS is in the priors already and is left out."""
+    first, last = max(prior_s[0], box_s[0]), min(prior_s[-1], box_s[-1])
+    count = max(int((last - first) / TICK_S), 1)
+    edges = first + TICK_S * np.arange(count + 1)
+    pose = prior["pose"].astype(np.float64)
+    origin = pose[0, :2]
+    yaw = np.interp(edges[1:], prior_s, np.unwrap(pose[:, 2]))
+    sigma = np.interp(edges[1:], prior_s, np.maximum(prior["sigma_yaw_rad"], 1e-3))
+    rate = np.interp(0.5 * (edges[1:] + edges[:-1]), prior_s, prior["yaw_rate_radps"])
+    speed = np.diff(np.interp(edges, box_s, travel_m)) / TICK_S
+    fix_s = 1e-9 * (fixes["scan_ns"].astype(np.int64) - zero_ns).astype(np.float64)
+    tick = np.searchsorted(edges, fix_s, side="left") - 1
+    inside = np.flatnonzero((tick >= 0) & (tick < count))
+    values, spread = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
+    age, valid = np.zeros(count), np.zeros(count, bool)
+    for row in inside:
+        at = tick[row]
+        values[at] = fixes["pose"][row][[0, 1, 3]] - np.array([*origin, 0.0])
+        spread[at] = fixes["covariance"][row][np.ix_([0, 1, 3], [0, 1, 3])]
+        age[at], valid[at] = max(edges[at + 1] - fix_s[row], 0.0), True
+    start = np.array([*np.array([np.interp(first, prior_s, pose[:, k]) for k in (0, 1)]) - origin, 0.0])
+    start[2] = np.interp(first, prior_s, np.unwrap(pose[:, 2]))
+
+    def single(array: np.ndarray) -> jax.Array:
+        return jnp.asarray(array, jnp.float32)
+
+    no = jnp.zeros(count, bool)
+    zero, yes = jnp.zeros(count), jnp.ones(count, bool)
+    observations = Observations(
+        GnssObservation(zero, zero, single(np.tile(np.eye(2), (count, 1, 1))), zero, no),
+        # Ten a second of a heading that wanders for seconds: each counts for a tenth.
+        HeadingObservation(single(yaw), single(10.0 * sigma**2), zero, yes),
+        OdometerObservation(single(speed), single(np.full(count, 2.0 * (_ODOMETER_SIGMA_M / TICK_S) ** 2)), yes),
+        LgprObservation(
+            single(values[:, 0]),
+            single(values[:, 1]),
+            single(values[:, 2]),
+            single(spread),
+            single(age),
+            jnp.asarray(valid),
+        ),
+    )
+    drive = NavigationDrives(
+        VehiclePose(*(jnp.float32(v) for v in start)),
+        jnp.float32(speed[0]),
+        MotionInput(single(rate), single(np.full(count, TICK_S))),
+        observations,
+    )
+    return TickedDrive(edges[1:], drive, np.where(valid, 1.0, np.nan), None)
+
+
+def smoothed(task: Task, drive: LoopDrive) -> SmoothedDrive:
+    """Places of a drive by Rauch, Tung and Striebel's smoother over its fixes.
+
+    Raises:
+        InputError: the vehicle file lacks a number of the filter's model.
+    """
+    assert drive.ticked is not None
+    zero = jnp.float32(0.0)
+    model = filter_model_of(task.vehicle, task.study.vehicle)._replace(gnss_x_m=zero, gnss_y_m=zero)
+    padded = stack_drives([drive.ticked])
+    estimates, info = jax.tree.map(lambda leaf: leaf[0], filter_drives(model, default_rules(), padded))
+    lane = jax.tree.map(lambda leaf: leaf[0], padded)
+    back = jax.jit(smooth_estimates)(model, estimates, lane.motions, info.reacquired.any(axis=-1))
+    count = len(drive.ticked.time_s)
+    mean, covariance = (np.asarray(part, np.float64)[:count] for part in back)
+    yaw = np.unwrap(mean[:, 2])
+    side = np.stack([-np.sin(yaw), np.cos(yaw)], axis=1)
+    sigma = np.sqrt(np.maximum(np.einsum("tp,tpq,tq->t", side, covariance[:, :2, :2], side), 0.0))
+    rate = np.gradient(yaw, drive.ticked.time_s)
+    used = int(np.asarray(info.accepted)[:count, 3].sum())
+    return SmoothedDrive(drive.ticked.time_s, mean[:, 0], mean[:, 1], yaw, sigma, mean[:, 3], rate, used)
+
+
+def loop_logs(drives: list[LoopDrive], servo: Servo) -> LoopLogs:
+    """Drives on the steps of the loop's model, padded to one length.
+
+    Args:
+        drives: of one vehicle.
+        servo: its voltages, for the torque by the supply.
+    """
+    lanes = [_lane(drive, servo) for drive in drives]
+    longest = max(len(lane[0]) for lane in lanes)
+    steps = -(-longest // PADDING) * PADDING
+
+    def padded(values: np.ndarray) -> np.ndarray:
+        return np.pad(values, (0, steps - len(values)), mode="constant" if values.dtype == bool else "edge")
+
+    columns = [np.stack([padded(lane[column]) for lane in lanes]) for column in range(7)]
+    start = np.array([lane[3][np.argmax(lane[5])] for lane in lanes])
+    # Drives that are none: nothing of them counts.
+    more = -len(lanes) % LANES
+    columns = [np.concatenate([column, *[column[-1:]] * more]) for column in columns]
+    start = np.concatenate([start, *[start[-1:]] * more])
+    for flag in columns[5:]:
+        flag[len(lanes) :] = False
+    numbers = [jnp.asarray(column, jnp.float32) for column in columns[:5]]
+    command, share, speed, front, rate = numbers
+    front_used, yaw_used = (jnp.asarray(flag) for flag in columns[5:])
+    return LoopLogs(command, share, speed, front, rate, front_used, yaw_used, jnp.asarray(start, jnp.float32))
+
+
+def _lane(drive: LoopDrive, servo: Servo) -> tuple[np.ndarray, ...]:
+    time_s = drive.time_s
+    steps = max(int((time_s[-1] - time_s[0]) / STEP_S) + 1, 2)
+    at_s = time_s[0] + STEP_S * np.arange(steps)
+    held = np.clip(np.searchsorted(time_s, at_s + 1e-6, side="right") - 1, 0, len(time_s) - 1)
+    nearest = np.clip(np.searchsorted(time_s, at_s), 1, len(time_s) - 1)
+    nearest = np.where(at_s - time_s[nearest - 1] <= time_s[nearest] - at_s, nearest - 1, nearest)
+    # A step has a record where one is nearer than half a step; slower logs leave steps without.
+    own = np.abs(time_s[nearest] - at_s) <= 0.5 * STEP_S + 1e-6
+    volts = np.where(np.isfinite(drive.supply_v), drive.supply_v, float(servo.nominal_v))
+    share = np.asarray(torque_share(servo, jnp.asarray(volts, jnp.float32)), np.float64)
+    live = drive.commanded & np.isfinite(drive.command_rad)
+    # What the servo does after a gap, or as the log begins, comes from commands that are not known. As it is engaged
+    # it stands where the wheels are.
+    fresh = np.full(steps, True)
+    gaps = np.flatnonzero(np.diff(time_s) > _GAP_S) + 1
+    for begin in (*([0] if live[0] else []), *gaps):
+        fresh &= (at_s < time_s[begin]) | (at_s > time_s[begin] + _SETTLING_S)
+    moving = np.abs(drive.speed_mps) > 0.3
+    front = np.interp(at_s, time_s, _filled(drive.front_rad))
+    rate = np.interp(at_s, time_s, _filled(drive.yaw_rate_radps))
+    usable = own & live[held] & fresh
+    return (
+        _filled(np.where(live, drive.command_rad, drive.front_rad))[held],
+        np.maximum(share[held], 0.02),
+        np.interp(at_s, time_s, drive.speed_mps),
+        front,
+        rate,
+        usable & np.isfinite(drive.front_rad)[nearest],
+        usable & np.isfinite(drive.yaw_rate_radps)[nearest] & moving[nearest],
+    )
+
+
+def _filled(values: np.ndarray) -> np.ndarray:
+    known = np.isfinite(values)
+    if not known.any():
+        return np.zeros(len(values))
+    index = np.arange(len(values))
+    return np.asarray(np.interp(index, index[known], values[known]))
+
+
+def local_track(log: VehicleLog, frame: LocalFrame) -> tuple[np.ndarray, np.ndarray]:
+    """East and north of a log's navigation in a frame."""
+    track = log.navigation
+    east, north, _ = frame.to_local(track.latitude_deg, track.longitude_deg, track.height_m)
+    return np.asarray(east), np.asarray(north)
+
+
+def origin_of(path: FilePath) -> LocalFrame:
+    """The frame that ``tick_drive`` puts a log in: its first position within the time of all its sensors."""
+    log = VehicleLog.open(path)
+    track = log.navigation
+    clocks = (track.time_s, log.odometry.time_s, (log.vehicle or {"time_s": track.time_s})["time_s"])
+    begin = int(np.searchsorted(track.time_s, max(float(clock[0]) for clock in clocks)))
+    begin = min(begin, len(track.time_s) - 1)
+    return LocalFrame(*(float(v[begin]) for v in (track.latitude_deg, track.longitude_deg, track.height_m)))

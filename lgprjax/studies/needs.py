@@ -1,0 +1,164 @@
+"""What each study needs of its logs, how well it must find its numbers, and what a held-out log contradicts.
+
+A study without it is refused, with the reason: a number found from the wrong kind of drive is worse than none.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+
+from lgprjax.errors import InputError
+from lgprjax.tuning import DriveSignals, Estimate
+
+
+class Need(NamedTuple):
+    """What a kind of study needs.
+
+    Attributes:
+        drive: in words, for messages and pages.
+        signals: of ``/vehicle`` beside time; a bar stands between alternatives.
+        way_m: driven at least.
+        widest: 95 % half interval that a number may have, by its path in the vehicle file.
+    """
+
+    drive: str
+    signals: tuple[str, ...] = ()
+    way_m: float = 0.0
+    widest: Mapping[str, float] = MappingProxyType({})
+
+
+NEEDS: dict[str, Need] = {
+    "straight": Need(
+        "40 m along a straight line, wheels hardly turned",
+        ("potentiometer_v",),
+    ),
+    "encoder": Need(
+        "the wheel turned at standstill from side to side, with pauses",
+        ("potentiometer_v", "encoder_counts"),
+    ),
+    "wheel_angle": Need(
+        "a palm tree: arcs at many settings of the steering wheel, to both sides",
+        ("potentiometer_v",),
+        way_m=20.0,
+        widest={"steering.potentiometer_v_per_rad": 0.05},
+    ),
+    "rear_ratio": Need(
+        "turns to both sides, the wheel held in each",
+        ("potentiometer_v|rear_rad",),
+        way_m=20.0,
+        widest={"steering.rear_ratio": 0.05},
+    ),
+    "yaw_gain": Need(
+        "steady turns to both sides at rising speed, the fastest at least twice the slowest",
+        ("potentiometer_v|front_rad",),
+        way_m=40.0,
+        widest={"steering.characteristic_speed_mps": 0.25},
+    ),
+    "servo": Need(
+        "steps of the steering command, large ones too, and a sweep",
+        ("command_rad", "potentiometer_v|front_rad"),
+    ),
+    "pedals": Need("steps of throttle and brake from standstill"),
+    "loop": Need(
+        "the autopilot steering through bends, with commands, wheel angles and a gyro",
+        ("command_rad", "potentiometer_v|front_rad"),
+        way_m=40.0,
+    ),
+    "tracking": Need("a drive along a path that is known, with the fixes of its scans", way_m=20.0),
+    "look_ahead": Need("as for loop, or no logs", ("command_rad", "potentiometer_v|front_rad"), way_m=40.0),
+    "fusion": Need("turns at changing speed, with a gyro and the fixes of the scans", way_m=20.0),
+    "threshold": Need("the folder of a recorded run of a field"),
+}
+
+_RELATIVE = ("steering.potentiometer_v_per_rad", "steering.characteristic_speed_mps")
+_SIGMAS = 4.0
+_LEAST_SHARE = 0.01
+_TIMES = 3.0
+_STRAIGHT_SHARE = 0.5
+_STRAIGHT_M = 40.0
+
+
+def require_excitation(kind: str, path: Path, signals: DriveSignals) -> None:
+    """Refuse a log that lacks what a study needs.
+
+    Raises:
+        InputError: a signal is missing, or the drive is not of the kind needed.
+    """
+    need = NEEDS[kind]
+    for wanted in need.signals:
+        names = wanted.split("|")
+        if all(getattr(signals, name) is None for name in names):
+            from lgprjax.studies.logs import SIGNAL_NAMES
+
+            place = " or ".join(f"/vehicle/{SIGNAL_NAMES[name]}" for name in names)
+            raise InputError(path, place, "a signal of the vehicle", "none")
+    steps_m = np.diff(signals.travel_m)
+    way_m = float(np.sum(np.abs(steps_m)))
+    if way_m < need.way_m:
+        raise InputError(path, kind, f"{need.way_m:g} m of driving or more: {need.drive}", f"{way_m:.1f} m")
+    if kind == "straight" and way_m >= _STRAIGHT_M:  # a shorter drive is refused by the fit
+        _require_straight(path, signals)
+
+
+def _require_straight(path: Path, signals: DriveSignals) -> None:
+    """Refuse a drive in which the wheel is turned to and fro: its mean is not that of straight driving."""
+    volts = signals.potentiometer_v
+    assert volts is not None
+    # Over as long as a driver holds the wheel still: half of the readings must lie together.
+    level = volts[np.isfinite(volts)]
+    noise = 1.4826 * float(np.median(np.abs(np.diff(level, 2)))) / 6.0**0.5
+    low, quarter, three, high = np.percentile(level, [2.5, 25.0, 75.0, 97.5])
+    if three - quarter > _STRAIGHT_SHARE * (high - low) and high - low > 30.0 * max(noise, 1e-4):
+        found = (
+            f"half of the potentiometer's values within {three - quarter:.2g} V, nearly all within {high - low:.2g} V"
+        )
+        raise InputError(path, "straight", NEEDS["straight"].drive, found)
+
+
+def require_precision(kind: str, path: Path, found: dict[str, Estimate | list[Estimate]]) -> None:
+    """Refuse numbers that the logs tell too poorly to write down.
+
+    Raises:
+        InputError: an interval is wider than the study may leave it.
+    """
+    for name, widest in NEEDS[kind].widest.items():
+        one = found.get(name)
+        if not isinstance(one, Estimate):
+            continue
+        half = 0.5 * (one.high - one.low)
+        relative = name in _RELATIVE
+        wide = half / abs(one.value) if relative else half
+        if not wide <= widest:
+            unit = " %" if relative else ""
+            times = 100.0 if relative else 1.0
+            expected = f"{name} to within {times * widest:g}{unit}: {NEEDS[kind].drive}"
+            raise InputError(path, kind, expected, f"{one.value:.4g}, to within {times * wide:.2g}{unit}")
+
+
+class Contradiction(NamedTuple):
+    """A held-out log that does not agree with what was found: no vehicle file is written."""
+
+    path: Path
+    what: str
+    expected: str
+    found: str
+
+
+def compared(what: str, path: Path, fitted: Estimate, held: Estimate) -> tuple[Contradiction, ...]:
+    """A number of the fit beside that of a held-out log."""
+    away = abs(held.value - fitted.value)
+    most = max(_SIGMAS * float(np.hypot(fitted.sigma, held.sigma)), _LEAST_SHARE * abs(fitted.value))
+    if away <= most:
+        return ()
+    return (Contradiction(path, what, f"{fitted.value:.4g} to within {most:.2g}, as fitted", f"{held.value:.4g}"),)
+
+
+def judged_residual(what: str, path: Path, fitted: float, held: float, unit: str) -> tuple[Contradiction, ...]:
+    """Residuals of a held-out log beside those of the fit."""
+    if held <= _TIMES * fitted:
+        return ()
+    expected = f"residuals of {_TIMES * fitted:.3g} {unit} or less, {_TIMES:g} times those of the fit"
+    return (Contradiction(path, what, expected, f"{held:.3g} {unit}"),)

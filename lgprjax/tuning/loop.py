@@ -1,0 +1,454 @@
+"""Identification of the steering loop from ordinary drives: servo, rear ratio and yaw gain, and what stays unknown.
+
+Two outputs are compared with the log: the front wheel angle, which the servo makes of its commands, and the yaw rate,
+which the chassis makes of that angle and the speed. The vehicle file is the prior: a number that the drives do not show
+keeps the file's value and width. The largest rate of the servo is not regular (a drive that never reaches it only says
+that it is higher), so the posterior is taken along a grid of rates, with the other numbers conditional on each.
+
+Errors of the signals need not be white: the information of a number is divided by the scatter of its score over blocks
+of four seconds (Liang and Zeger, 1986), outliers are clipped (Huber, 1964).
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from lgprjax.tuning.robust import Estimate, NotExcitedError, student_95
+from lgprjax.vehicle.actuators import Servo, ServoState, init_servo, servo_pace, turn_servo
+from lgprjax.vehicle.kinematics import Chassis, ProportionalRear
+
+NAMES = (
+    *("lag_s", "delay_s", "rate_radps", "dead_band_rad", "asymmetry"),
+    *("rear_ratio", "slip_s2pm2", "zero_rad", "gyro_late_s"),
+)
+"""What is fitted; ``slip_s2pm2`` is 1 / V_CHAR², the last two belong to the sensors."""
+RATE, RATIO = NAMES.index("rate_radps"), NAMES.index("rear_ratio")
+_BY_FACTOR = np.array([name in ("lag_s", "rate_radps") for name in NAMES])
+WIDTH = np.array([0.6, 0.05, 0.45, 0.004, 0.05, 0.2, 0.004, 0.02, 0.06])
+"""Standard deviation of each number about the vehicle file's before any drive; of lag and rate in their logarithm."""
+STEP_S = 0.02
+BLOCK = 200
+"""Steps of a block: errors in different blocks are taken as independent."""
+PADDING, LANES = 4096, 2
+"""Steps and drives are padded to whole multiples of these: few shapes are compiled."""
+LEAST_S = 10.0
+_HUBER = 1.345
+_ROUNDS = 8
+_NODE_ROUNDS = 2
+_NODES = 17
+_STARTS = np.array([-1.0, -0.2, 0.6])
+_SPAN = 4.0
+REACHED_SHARE = 0.7
+"""Of the largest rate: drives that turn the wheels no faster only bound it from below."""
+ODOMETER_SHARE = 0.005
+"""Standard deviation of the odometer's scale, which curvature, and so the rear ratio, cannot be told from."""
+TOLD_SHARE = 0.5
+"""A number is told by the drives where they halve its width, or narrow it further."""
+
+
+class LoopPrior(NamedTuple):
+    """The vehicle before the drives.
+
+    Attributes:
+        value: in the order of ``NAMES``.
+        width: standard deviation of each, of lag and rate of their logarithm.
+        wheelbase_m, backlash_rad: taken as given.
+    """
+
+    value: Float[Array, " number"]
+    width: Float[Array, " number"]
+    wheelbase_m: Float[Array, ""]
+    backlash_rad: Float[Array, ""]
+
+
+class LoopLogs(NamedTuple):
+    """Drives on even steps, padded; leading axis drive.
+
+    Attributes:
+        command_rad: holds from each step on.
+        share: of the servo's torque, by the supply.
+        speed_mps: along the body.
+        front_rad, yaw_rate_radps: measured; 0 where not used.
+        front_used, yaw_used: where they count.
+        start_rad: front angle at the first step.
+    """
+
+    command_rad: Float[Array, "drive step"]
+    share: Float[Array, "drive step"]
+    speed_mps: Float[Array, "drive step"]
+    front_rad: Float[Array, "drive step"]
+    yaw_rate_radps: Float[Array, "drive step"]
+    front_used: Bool[Array, "drive step"]
+    yaw_used: Bool[Array, "drive step"]
+    start_rad: Float[Array, " drive"]
+
+
+class LoopPosterior(NamedTuple):
+    """What is known of the numbers, in units of the prior's width from its value.
+
+    Attributes:
+        place: at each rate of the grid; its own place among them.
+        weight: of the rates; sums to one.
+        root: lower Cholesky factor of the others' covariance at that rate; the rate's row and column are 0.
+        scale: of the residuals: front angle and yaw rate of each drive.
+        memory: by how many times the score of a number scatters more than white noise would.
+        blocks: that the intervals rest on.
+        limit_share: of the largest rate, at its likeliest value, that the wheels' model reached in each drive.
+    """
+
+    place: Float[Array, "rate number"]
+    weight: Float[Array, " rate"]
+    root: Float[Array, "rate number number"]
+    scale: Float[Array, "drive 2"]
+    memory: Float[Array, " number"]
+    blocks: Float[Array, ""]
+    limit_share: Float[Array, " drive"]
+
+
+def values_of(prior: LoopPrior, place: Float[Array, "*n number"]) -> Float[Array, "*n number"]:
+    """Numbers at places in units of the prior's width."""
+    value, width, by_factor = (jnp.broadcast_to(part, place.shape) for part in (prior.value, prior.width, _BY_FACTOR))
+    moved = place * width
+    return jnp.where(by_factor, value * jnp.exp(moved), value + moved)
+
+
+def places_of(prior: LoopPrior, values: Float[Array, "*n number"]) -> Float[Array, "*n number"]:
+    """Places of numbers: the inverse of ``values_of``."""
+    value, width, by_factor = (jnp.broadcast_to(part, values.shape) for part in (prior.value, prior.width, _BY_FACTOR))
+    ratio = jnp.where(by_factor, values / jnp.where(by_factor, value, 1.0), 1.0)
+    return jnp.where(by_factor, jnp.log(ratio), values - value) / width
+
+
+def loop_model(
+    prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"]
+) -> tuple[Float[Array, "drive step"], Float[Array, "drive step"]]:
+    """Front angle as its sensor reads it, and yaw rate without a bias, at every step."""
+    lag, delay, rate, dead_band, asymmetry, ratio, slip, zero, late = values_of(prior, place)
+    still = jnp.zeros_like(lag)
+    servo = Servo(
+        lag,
+        rate,
+        still,
+        jnp.maximum(dead_band, 0.0),
+        prior.backlash_rad,
+        asymmetry,
+        jnp.ones_like(lag),
+        still,
+    )
+
+    def step(state: ServoState, inputs: tuple[Array, Array]) -> tuple[ServoState, Array]:
+        return turn_servo(state, servo_pace(servo, inputs[1], STEP_S), inputs[0]), state.wheel_rad
+
+    _, wheel = jax.lax.scan(step, init_servo(logs.start_rad - zero), (logs.command_rad.T, logs.share.T))
+    wheel = _later(wheel.T, delay)
+    gain = 1.0 / (1.0 + slip * logs.speed_mps**2)
+    yaw_rate = gain * logs.speed_mps * (jnp.tan(wheel) + jnp.tan(ratio * wheel)) / prior.wheelbase_m
+    return wheel + zero, _later(yaw_rate, late)
+
+
+def _later(values: Float[Array, "drive step"], late_s: Float[Array, ""]) -> Float[Array, "drive step"]:
+    """The same some time later, or earlier where negative; linear between steps."""
+    steps = values.shape[1]
+    at = jnp.clip(jnp.arange(steps, dtype=jnp.float32) - late_s / STEP_S, 0.0, steps - 1.0)
+    before = jnp.clip(jnp.floor(at), 0.0, steps - 2.0)
+    index = before.astype(jnp.int32)
+    low, high = values[:, index], values[:, index + 1]
+    return low + (at - before)[None] * (high - low)
+
+
+def _count(used: Bool[Array, "drive step"]) -> Float[Array, " drive"]:
+    return jnp.maximum(jnp.sum(used.astype(jnp.float32), axis=-1), 1.0)
+
+
+class _Looked(NamedTuple):
+    """Residuals at a place, their weights and derivatives; columns of ``jacobian`` are numbers."""
+
+    score: Float[Array, "output drive step"]
+    pull: Float[Array, "output drive step"]
+    inside: Float[Array, "output drive step"]
+    jacobian: Float[Array, "output drive step number"]
+    scale: Float[Array, "output drive"]
+    cost: Float[Array, ""]
+
+
+def _residuals(
+    prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"], scale: Float[Array, "output drive"] | None
+) -> tuple[Float[Array, "output drive step"], Float[Array, "output drive"]]:
+    """Measured less model over its scale, the gyro's bias taken out; 0 where not used."""
+    used = jnp.stack([logs.front_used, logs.yaw_used])
+    left = jnp.stack([logs.front_rad, logs.yaw_rate_radps]) - jnp.stack(loop_model(prior, logs, place))
+    left = jnp.where(used, left, 0.0)
+    # The bias: a clipped mean of each drive's yaw rates.
+    first = _middle(left[1], used[1])
+    near = jnp.clip(left[1] - first[:, None], -2.0 * _spread(left[1], used[1]), 2.0 * _spread(left[1], used[1]))
+    bias = first + jnp.sum(jnp.where(used[1], near, 0.0), axis=-1) / _count(used[1])
+    left = jnp.where(used, left - jnp.stack([jnp.zeros_like(bias), bias])[..., None], 0.0)
+    if scale is None:
+        scale = jnp.stack([_spread(left[0], used[0])[:, 0], _spread(left[1], used[1])[:, 0]])
+    return left / scale[..., None], scale
+
+
+def _middle(values: Float[Array, "drive step"], used: Bool[Array, "drive step"]) -> Float[Array, " drive"]:
+    ordered, count = jnp.sort(jnp.where(used, values, jnp.inf), axis=-1), jnp.sum(used, axis=-1)
+    middle = jnp.take_along_axis(ordered, jnp.maximum(count // 2, 0)[:, None], axis=-1)[:, 0]
+    return jax.lax.stop_gradient(jnp.where(count > 0, middle, 0.0))
+
+
+def _spread(values: Float[Array, "drive step"], used: Bool[Array, "drive step"]) -> Float[Array, "drive 1"]:
+    """Median absolute deviation as a standard deviation."""
+    away = jnp.abs(values - _middle(values, used)[:, None])
+    return jnp.maximum(1.4826 * _middle(away, used), 1e-5)[:, None]
+
+
+def _look(
+    prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"], scale: Float[Array, "output drive"]
+) -> _Looked:
+    score, _ = _residuals(prior, logs, place, scale)
+    used = jnp.stack([logs.front_used, logs.yaw_used])
+    slopes = jnp.stack(jax.jacfwd(lambda at: loop_model(prior, logs, at))(place)) / scale[..., None, None]
+    slopes = jnp.where(used[..., None], slopes, 0.0)
+    mean = jnp.sum(slopes[1], axis=1) / _count(used[1])[:, None]
+    slopes = slopes.at[1].set(jnp.where(used[1][..., None], slopes[1] - mean[:, None], 0.0))
+    size = jnp.abs(score)
+    cost = jnp.sum(jnp.where(size <= _HUBER, 0.5 * size**2, _HUBER * (size - 0.5 * _HUBER)))
+    inside = jnp.where(used & (size <= _HUBER), 1.0, 0.0)
+    return _Looked(score, jnp.clip(score, -_HUBER, _HUBER), inside, slopes, scale, cost)
+
+
+def _solve(
+    prior: LoopPrior, logs: LoopLogs, start: Float[Array, " number"], free: Float[Array, " number"], rounds: int
+) -> Float[Array, " number"]:
+    """Levenberg-Marquardt of the numbers that are free; the prior is a residual like any other."""
+
+    def body(_: Int[Array, ""], carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        place, damping = carry
+        scale = _residuals(prior, logs, place, None)[1]
+        seen = _look(prior, logs, place, scale)
+        weight = seen.pull / jnp.where(seen.score == 0.0, 1.0, seen.score)
+        weight = jnp.where(seen.score == 0.0, 1.0, weight)
+        normal = jnp.einsum("ods,odsp,odsq->pq", weight, seen.jacobian, seen.jacobian) + jnp.eye(len(NAMES))
+        gradient = (jnp.einsum("ods,odsp->p", seen.pull, seen.jacobian) - place) * free
+        held = normal * free[:, None] * free[None, :] + jnp.diag(1.0 - free)
+        step = jnp.linalg.solve(held + damping * jnp.diag(jnp.diagonal(held)), gradient)
+        trial = jnp.clip(place + jnp.clip(step, -0.7, 0.7), -5.0, 5.0)
+
+        def price(at: Float[Array, " number"]) -> Float[Array, ""]:
+            size = jnp.abs(_residuals(prior, logs, at, scale)[0])
+            huber = jnp.where(size <= _HUBER, 0.5 * size**2, _HUBER * (size - 0.5 * _HUBER))
+            return jnp.sum(huber) + 0.5 * jnp.sum(at**2)
+
+        better = price(trial) < seen.cost + 0.5 * jnp.sum(place**2)
+        return jnp.where(better, trial, place), jnp.where(better, 0.2, 6.0) * damping
+
+    found: Float[Array, " number"] = jax.lax.fori_loop(0, rounds, body, (start, jnp.float32(0.01)))[0]
+    return found
+
+
+@jax.jit
+def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
+    """The posterior of the numbers from all drives together."""
+    count = len(NAMES)
+    everything, others = jnp.ones(count), jnp.ones(count).at[RATE].set(0.0)
+    starts = jnp.zeros((len(_STARTS), count)).at[:, RATE].set(jnp.asarray(_STARTS, jnp.float32))
+    solved = jax.vmap(lambda at: _solve(prior, logs, at, everything, _ROUNDS))(starts)
+    scale = _residuals(prior, logs, solved[2], None)[1]
+    costs = jax.vmap(lambda at: _look(prior, logs, at, scale).cost + 0.5 * jnp.sum(at**2))(solved)
+    best = solved[jnp.argmin(costs)]
+    scale = _residuals(prior, logs, best, None)[1]
+    seen = _look(prior, logs, best, scale)
+    memory, blocks = _memory(logs, seen)
+    wheel, _ = loop_model(prior, logs, best)
+    turning = jnp.abs(jnp.diff(wheel, axis=1)) / STEP_S / logs.share[:, 1:]
+    fastest = jnp.max(jnp.where(logs.front_used[:, 1:], turning, 0.0), axis=1)
+    reached = jnp.max(fastest) >= REACHED_SHARE * values_of(prior, best)[RATE]
+    sigma = jnp.sqrt(jnp.linalg.inv(_information(seen, memory) + jnp.eye(count))[RATE, RATE])
+    node = jnp.where(reached, best[RATE] + sigma * jnp.linspace(-_SPAN, _SPAN, _NODES), jnp.linspace(-3.0, 3.0, _NODES))
+
+    def along(rate: Float[Array, ""]) -> tuple[Array, Array, Array]:
+        place = _solve(prior, logs, best.at[RATE].set(rate), others, _NODE_ROUNDS)
+        found = _look(prior, logs, place, scale)
+        information = _information(found, memory) * others[:, None] * others[None, :]
+        covariance = jnp.linalg.inv(information + jnp.eye(count))
+        root = jnp.linalg.cholesky(covariance) * others[:, None]
+        volume = jnp.sum(jnp.log(jnp.diagonal(root) + 1.0 - others))
+        # Drives that do not reach the rate say nothing of higher ones, whatever their noise does.
+        price = found.cost / memory[RATE] ** 2 + 0.5 * jnp.sum(place**2) - volume
+        return place, root, jnp.where(reached, price, 0.5 * rate**2)
+
+    places, roots, price = jax.vmap(along)(node)
+    above = values_of(prior, places)[:, RATE] >= jnp.max(fastest)
+    # Below the fastest turn seen there is nothing unless the limit was reached: a slower servo had not done it.
+    price = jnp.where(reached | above, price, jnp.inf)
+    weight = jax.nn.softmax(-(price - jnp.min(price)))
+    limit = fastest / values_of(prior, best)[RATE]
+    return LoopPosterior(places, weight, roots, scale.T, memory, blocks, limit)
+
+
+@jax.jit
+def residual_scale(prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"]) -> Float[Array, "drive 2"]:
+    """Robust scale of front angle and yaw rate about the model of a place, each drive by itself."""
+    return _residuals(prior, logs, place, None)[1].T
+
+
+def _blocks(values: Float[Array, "output drive step number"]) -> Float[Array, "block number"]:
+    """Sums over blocks of a drive; both outputs of a block belong together."""
+    drives, steps, count = values.shape[1:]
+    missing = -steps % BLOCK
+    padded = jnp.pad(jnp.sum(values, axis=0), ((0, 0), (0, missing), (0, 0)))
+    return jnp.sum(padded.reshape(drives, -1, BLOCK, count), axis=2).reshape(-1, count)
+
+
+def _memory(logs: LoopLogs, seen: _Looked) -> tuple[Float[Array, " number"], Float[Array, ""]]:
+    """Scatter of each number's score over its expectation for white noise of Huber's kind, and the blocks with data."""
+    scores = _blocks(seen.pull[..., None] * seen.jacobian)
+    used = jnp.stack([logs.front_used, logs.yaw_used]).astype(jnp.float32)
+    blocks = jnp.sum(_blocks(used[..., None])[:, 0] > 0.25 * BLOCK).astype(jnp.float32)
+    parts = _blocks(seen.inside[..., None] * seen.jacobian**2)
+    bread = jnp.maximum(jnp.sum(parts, axis=0), 1e-6)
+    ratio = jnp.sum(scores**2, axis=0) * blocks / jnp.maximum(blocks - len(NAMES), 1.0) / bread
+    # A number that few blocks show cannot show by them that its score scatters less than white noise.
+    rests_on = bread**2 / jnp.maximum(jnp.sum(parts**2, axis=0), 1e-12)
+    less = 1.0 - (1.0 - ratio) * rests_on / (rests_on + 20.0)
+    return jnp.sqrt(jnp.where(ratio < 1.0, less, ratio)), blocks
+
+
+def _information(seen: _Looked, memory: Float[Array, " number"]) -> Float[Array, "number number"]:
+    bread = jnp.einsum("ods,odsp,odsq->pq", seen.inside, seen.jacobian, seen.jacobian)
+    return bread / (memory[:, None] * memory[None, :])
+
+
+@partial(jax.jit, static_argnames="count")
+def draw_loops(
+    prior: LoopPrior, posterior: LoopPosterior, key: PRNGKeyArray, *, count: int
+) -> Float[Array, "draw number"]:
+    """Numbers drawn from the posterior; none is negative that cannot be."""
+    first, second, third = jax.random.split(key, 3)
+    rate = posterior.place[:, RATE]
+    share = jnp.cumsum(posterior.weight)
+    # Between the middles of neighbouring rates, evenly.
+    at = jnp.interp(
+        jax.random.uniform(first, (count,)), share - 0.5 * posterior.weight, jnp.arange(len(rate), dtype=jnp.float32)
+    )
+    below = jnp.clip(jnp.floor(at), 0.0, len(rate) - 2.0)
+    index, part = below.astype(jnp.int32), (at - below)[:, None]
+    middle = (1.0 - part) * posterior.place[index] + part * posterior.place[index + 1]
+    nearest = jnp.where(part[:, 0] > 0.5, index + 1, index)
+    normal = jax.random.normal(second, (count, len(NAMES)))
+    freedom = jnp.maximum(posterior.blocks - len(NAMES), 3.0)
+    wider = jnp.sqrt(freedom / (2.0 * jax.random.gamma(third, 0.5 * freedom, (count, 1))))
+    place = middle + jnp.einsum("dpq,dq->dp", posterior.root[nearest], normal) * wider
+    values = values_of(prior, place)
+    scale = ODOMETER_SHARE * jax.random.normal(jax.random.fold_in(third, 1), (count,))
+    values = values.at[:, RATIO].add(scale * (1.0 + values[:, RATIO]))
+    least = jnp.asarray([[1e-3, 0.0, 1e-3, 0.0, -0.5, 0.0, 0.0, -1.0, -1.0]], jnp.float32)
+    return jnp.maximum(values, least)
+
+
+class LoopFit(NamedTuple):
+    """The loop as drives and vehicle file tell it together.
+
+    Attributes:
+        numbers: by name, with 95 % intervals.
+        told: names of those that the drives tell, being half as wide as before or narrower.
+        narrowed: width over that before the drives, by name.
+        rate_bounded: the drives tell from below only how fast the servo turns.
+        limit_share: highest share of the servo's largest rate that a drive reached.
+        scale: of the residuals: front angle and yaw rate of each drive.
+        place: mean of the posterior, in units of the prior's width.
+        posterior, prior: for draws.
+    """
+
+    numbers: dict[str, Estimate]
+    told: tuple[str, ...]
+    narrowed: dict[str, float]
+    rate_bounded: bool
+    limit_share: Float[np.ndarray, " drive"]
+    scale: Float[np.ndarray, "drive 2"]
+    place: Float[Array, " number"]
+    posterior: LoopPosterior
+    prior: LoopPrior
+
+
+def fit_loop(prior: LoopPrior, logs: LoopLogs) -> LoopFit:
+    """Identify the loop.
+
+    Raises:
+        NotExcitedError: too little is left of the drives.
+    """
+    seconds = float(np.sum(np.asarray(logs.front_used))) * STEP_S
+    if seconds < LEAST_S:
+        raise NotExcitedError("loop", f"{LEAST_S:g} s of commands and wheel angles while driving", f"{seconds:.1f} s")
+    return summarise(prior, identify(prior, logs))
+
+
+def summarise(prior: LoopPrior, posterior: LoopPosterior) -> LoopFit:
+    """Numbers with intervals from a posterior."""
+    place, weight, root = (np.asarray(part, np.float64) for part in posterior[:3])
+    value, width = np.asarray(prior.value, np.float64), np.asarray(prior.width, np.float64)
+    t95 = student_95(max(float(posterior.blocks) - len(NAMES), 3.0))
+    mean = weight @ place
+    variance = weight @ (np.einsum("rpq,rpq->rp", root, root) + (place - mean) ** 2)
+    variance[RATIO] += (ODOMETER_SHARE * (1.0 + value[RATIO] + width[RATIO] * mean[RATIO]) / width[RATIO]) ** 2
+    numbers, narrowed = {}, {}
+    for number, name in enumerate(NAMES):
+        half = t95 * np.sqrt(variance[number])
+        low, middle, high = mean[number] - half, mean[number], mean[number] + half
+        if number == RATE:
+            shares = np.cumsum(weight) - 0.5 * weight
+            tail = 0.025 * (t95 / 1.96) ** -2
+            low, high = (float(np.interp(q, shares, place[:, RATE])) for q in (tail, 1.0 - tail))
+        bounds = [
+            float(
+                value[number] * np.exp(width[number] * at) if _BY_FACTOR[number] else value[number] + width[number] * at
+            )
+            for at in (low, middle, high)
+        ]
+        numbers[name] = Estimate(bounds[1], 0.5 * (bounds[2] - bounds[0]) / t95, bounds[0], bounds[2])
+        narrowed[name] = float(np.sqrt(variance[number]))
+    told = tuple(name for name in NAMES if narrowed[name] <= TOLD_SHARE)
+    return LoopFit(
+        numbers,
+        told,
+        narrowed,
+        "rate_radps" not in told,
+        np.asarray(posterior.limit_share, np.float64),
+        np.asarray(posterior.scale, np.float64),
+        jnp.asarray(mean, jnp.float32),
+        posterior,
+        prior,
+    )
+
+
+def servo_of_draws(prior: LoopPrior, draws: Float[Array, "draw number"]) -> Servo:
+    """Servos of drawn numbers, one value each; torque is a share: the nominal supply is 1."""
+    lag, delay, rate, dead_band, asymmetry = (draws[:, number] for number in range(5))
+    one = jnp.ones_like(lag)
+    return Servo(lag, rate, delay, dead_band, prior.backlash_rad * one, asymmetry, one, 0.0 * one)
+
+
+def chassis_of_draws(chassis: Chassis, draws: Float[Array, "draw number"]) -> Chassis:
+    """A chassis with drawn rear ratios and characteristic speeds, one value each."""
+    one = jnp.ones(len(draws), jnp.float32)
+    return Chassis(
+        chassis.wheelbase_m * one,
+        chassis.anchor_m * one,
+        ProportionalRear(draws[:, NAMES.index("rear_ratio")]),
+        chassis.largest_angle_rad * one,
+        jax.lax.rsqrt(jnp.maximum(draws[:, NAMES.index("slip_s2pm2")], 1e-6)),
+    )
+
+
+_WEAK_SHARE = 0.85
+"""Of the file's rate: where the whole interval lies below, torque is missing; above, it is there."""
+
+
+def torque_verdict(fit: LoopFit) -> str:
+    """``weak``, ``full`` or ``not observable``, by the rate against the vehicle file's."""
+    rate, before = fit.numbers["rate_radps"], float(fit.prior.value[RATE])
+    if rate.high < _WEAK_SHARE * before:
+        return "weak"
+    return "full" if rate.low > _WEAK_SHARE * before else "not observable"

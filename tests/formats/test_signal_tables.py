@@ -1,0 +1,139 @@
+"""Signals of a vehicle from CSV, Parquet and MCAP: units converted, checked, and nothing written that is wrong."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+
+from cli.test_tune import run
+from lgprjax.errors import InputError
+from lgprjax.formats import VehicleLog, check_file
+from lgprjax.formats.ros import layout_of
+from lgprjax.formats.signal_tables import import_signals
+
+_MAP = Path(__file__).parents[2] / "tuning" / "signals.toml"
+_COUNT = 400
+
+
+def columns() -> dict[str, np.ndarray]:
+    """A drive at 50 Hz along a bend to the left, in the units of tuning/signals.toml."""
+    t = 0.02 * np.arange(_COUNT)
+    yaw = 0.05 * t
+    x, y = np.cumsum(5.0 * np.cos(yaw) * 0.02), np.cumsum(5.0 * np.sin(yaw) * 0.02)
+    return {
+        "t_ms": 1e3 * t + 5000.0,
+        "v_kmh": np.full(_COUNT, 18.0),
+        "lat": 46.0 + np.degrees(y / 6.37e6),
+        "lon": 11.0 + np.degrees(x / (6.378e6 * np.cos(np.radians(46.0)))),
+        "heading": np.mod(90.0 - np.degrees(yaw), 360.0),
+        "yaw_rate_dps": np.full(_COUNT, np.degrees(0.05)),
+        "wheel_right_deg": -2.0 - 0.5 * np.sin(t),
+        "command_right_deg": np.full(_COUNT, -2.0),
+        "supply_mv": np.full(_COUNT, 23_500.0),
+        "throttle_pct": np.full(_COUNT, 40.0),
+    }
+
+
+def write_csv(path: Path, table: dict[str, np.ndarray]) -> Path:
+    rows = [
+        ",".join(table),
+        *(",".join(f"{value!r}" for value in map(float, row)) for row in zip(*table.values(), strict=True)),
+    ]
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def check_log(path: Path) -> None:
+    assert check_file(path) == []
+    log = VehicleLog.open(path)
+    assert log.vehicle is not None
+    assert log.serial_number == "SIM-1"
+    np.testing.assert_allclose(np.diff(log.odometry.distance_m), 5.0 * 0.02, rtol=1e-6)
+    np.testing.assert_allclose(log.vehicle["yaw_rate_radps"], 0.05, rtol=1e-6)
+    time_s = log.vehicle["time_s"]
+    np.testing.assert_allclose(log.vehicle["wheel_angle_rad"], np.radians(2.0 + 0.5 * np.sin(time_s)), atol=2e-6)
+    np.testing.assert_allclose(log.vehicle["supply_v"], 23.5)
+    np.testing.assert_allclose(log.vehicle["throttle"], 0.4)
+    assert log.navigation.heading_deg[0] == pytest.approx(90.0)
+
+
+def test_a_csv_file_becomes_a_drive_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = write_csv(tmp_path / "a.csv", columns())
+    assert run("import", "signals", file, "--map", _MAP, "-o", tmp_path / "a.drive.h5") == 0
+    check_log(tmp_path / "a.drive.h5")
+    assert "assumed, as nothing says it: height: 0 m" in " ".join(capsys.readouterr().out.split())
+    assert run("import", "signals", file, "--map", _MAP, "-o", tmp_path / "a.drive.h5") == 1
+
+
+def test_a_parquet_file_becomes_the_same(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = pytest.importorskip("pyarrow").table(columns())
+    parquet.write_table(table, tmp_path / "a.parquet")
+    import_signals(tmp_path / "a.parquet", _MAP, tmp_path / "a.drive.h5")
+    check_log(tmp_path / "a.drive.h5")
+
+
+def test_messages_become_a_drive_log(tmp_path: Path) -> None:
+    """Each signal by its own messages and clock."""
+    definition = "float64 value\nfloat64 other\n"
+    layout = layout_of("test_msgs/msg/Pair", definition)
+    topics = {"/wheels": ("wheel_right_deg", "v_kmh"), "/imu": ("yaw_rate_dps", "throttle_pct")}
+    table = columns()
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "test")
+        schema = writer.register_schema("test_msgs/msg/Pair", "ros2msg", definition.encode())
+        for topic, (first, second) in topics.items():
+            channel = writer.register_channel(topic, "cdr", schema)
+            for row in range(_COUNT):
+                at = 10**18 + 20_000_000 * row + (3_000_000 if topic == "/imu" else 0)
+                data = layout.encode({"value": table[first][row], "other": table[second][row]})
+                writer.add_message(channel, at, data, at)
+        writer.finish()
+    (tmp_path / "m.toml").write_text(
+        '[signals.speed]\ncolumn = "/wheels:other"\nunit = "km/h"\n'
+        '[signals.wheel_angle]\ncolumn = "/wheels:value"\nunit = "deg"\nscale = -1.0\n'
+        '[signals.yaw_rate]\ncolumn = "/imu:value"\nunit = "deg/s"\n'
+    )
+    found = import_signals(tmp_path / "a.mcap", tmp_path / "m.toml", tmp_path / "a.drive.h5")
+    assert check_file(tmp_path / "a.drive.h5") == []
+    assert found.signals == {"speed": _COUNT, "wheel_angle": _COUNT, "yaw_rate": _COUNT}
+    assert "reckoned" in found.assumed["positions"]
+    log = VehicleLog.open(tmp_path / "a.drive.h5")
+    assert log.vehicle is not None
+    wheel_s = log.vehicle["time_s"]
+    np.testing.assert_allclose(log.vehicle["wheel_angle_rad"], np.radians(2.0 + 0.5 * np.sin(wheel_s)), atol=2e-5)
+    # A quarter of a radian to the left in five seconds.
+    turned = np.unwrap(np.radians(log.navigation.heading_deg))
+    assert turned[0] - np.interp(5.0, log.navigation.time_s, turned) == pytest.approx(0.25, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "map_change", "message"),
+    [
+        ({"t_ms": None}, None, "column 't_ms': expected one of"),
+        ({"wheel_right_deg": 400.0}, None, r"wheel_angle from -1.3 to 1.3 once converted \(is the unit deg\?\)"),
+        ({"t_ms": 0.0}, None, "times that rise"),
+        ({"v_kmh": np.nan}, None, "20 numbers or more, found 0"),
+        ({}, ('unit = "km/h"', 'unit = "knots"'), "signals.speed.unit: expected m/s or km/h or mph"),
+        ({}, ("[signals.speed]", "[signals.velocity]"), "signals.velocity: expected one of"),
+        ({}, ('[signals.speed]\ncolumn = "v_kmh"\nunit = "km/h"\n', ""), "expected travel or speed"),
+    ],
+)
+def test_what_is_wrong_is_one_line_and_nothing_is_written(
+    tmp_path: Path, change: dict[str, float | None], map_change: tuple[str, str] | None, message: str
+) -> None:
+    table = columns()
+    for name, value in change.items():
+        if value is None:
+            del table[name]
+        else:
+            table[name] = np.full(_COUNT, value)
+    file = write_csv(tmp_path / "a.csv", table)
+    text = _MAP.read_text()
+    (tmp_path / "m.toml").write_text(text if map_change is None else text.replace(*map_change))
+    with pytest.raises(InputError, match=message) as told:
+        import_signals(file, tmp_path / "m.toml", tmp_path / "a.drive.h5")
+    assert "\n" not in str(told.value)
+    assert not (tmp_path / "a.drive.h5").exists()
