@@ -173,8 +173,9 @@ _SHARE = 0.01
 _MAIN_LOBE = 3.0
 """Lead of the best sign and direction over the others, from which no other time zeros are tried."""
 _ALIKE = 0.8
-_CLEAR = 1.5
-"""Lead of the best hypothesis over any that is not its neighbour."""
+_CLEAR = 1.4
+"""Lead of the best hypothesis over any that is not its neighbour. A wave of a narrow band half a period off, with the
+other sign, has up to two thirds of the evidence of the true one."""
 
 
 class _Evidence(NamedTuple):

@@ -55,14 +55,14 @@ def label_variance(prepared: PreparedGround, tile: int, pose: Float[np.ndarray, 
         pose: theirs, in the map's frame.
     """
     ground = prepared.ground
-    lanes = ground.lanes(tile)
-    if not len(lanes):
+    across_m = ground.baselines_across(tile)
+    if not len(across_m):
         return np.zeros(len(pose))
     east, north, yaw = ground.frame(tile)
     cross_m = (pose[:, 1] - north) * np.cos(yaw) - (pose[:, 0] - east) * np.sin(yaw)
     left_m = (prepared.array.y_m - centre_of(prepared.array)[1])[None] * np.cos(pose[:, 3] - yaw)[:, None]
     place = (cross_m[:, None] + left_m)[:, None]
-    covered = (place >= lanes[None, :, :1]) & (place <= lanes[None, :, 1:])
+    covered = (place >= across_m[None, :, :1]) & (place <= across_m[None, :, 1:])
     share = np.mean(covered / np.maximum(covered.sum(axis=1, keepdims=True), 1), axis=2)
     sigma_m = np.asarray(ground.description.label_sigma_m)
     # Channels beside all baselines (a crossing road, a curve) are over some baseline, no better than the rest.
@@ -71,7 +71,6 @@ def label_variance(prepared: PreparedGround, tile: int, pose: Float[np.ndarray, 
 
 
 _RIM = 0.25  # of the wavelength: sigma across at the map's edge
-_SETTLING, _SETTLED = 0.6, 2.2  # wavelengths: sigma along at a drive's start, and travel in which it falls to 1/e
 _AWAY = 0.6  # of the wavelength: a climb that ends farther off left its peak
 
 
@@ -159,13 +158,7 @@ class StopFixes:
         # Where the map ends next to the best place, the match cannot say how far beyond it the true one is.
         left = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
         at_end = ((ends > 0) * (_RIM * self._wavelength_m) ** 2)[:, None, None]
-        # A running mean that has just started is that of the ground behind, and shifts the remainder ahead.
-        ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
-        settling_m = _SETTLING * self._wavelength_m * np.exp(-stops.path_m[at] / (_SETTLED * self._wavelength_m))
-        at_start = (settling_m**2)[:, None, None]
-        beside = (
-            beside + at_end * left[:, :, None] * left[:, None, :] + at_start * ahead[:, :, None] * ahead[:, None, :]
-        )
+        beside = beside + at_end * left[:, :, None] * left[:, None, :]
         fixes.covariance[:] *= self._sigma_scale**2
         fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
         return fixes, beside

@@ -158,8 +158,8 @@ class EvidenceSearch:
     def feed(
         self, scans: LiveScans
     ) -> tuple[Int[np.ndarray, " stop"], Fix, Float[np.ndarray, "stop 2 2"], Float[np.ndarray, " stop"]]:
-        """Stops among these scans (positions in the block), their fixes in the map's frame, the part of each covariance
-        due to map and odometer, and the time scale.
+        """Stops among these scans (positions in the block) that were searched, their fixes in the map's frame, the part
+        of each covariance due to map and odometer, and the time scale.
         """
         chosen = self.choose(scans)
         fresh = stops_of(scans, chosen, self._prepared.array, self._ground.basis)
@@ -167,23 +167,28 @@ class EvidenceSearch:
         stops = (
             fresh if self._stops is None else Stops(*(np.concatenate(f) for f in zip(self._stops, fresh, strict=True)))
         )
-        if not len(chosen):
-            return chosen, blank_fixes(0), np.zeros((0, 2, 2)), np.zeros(0)
-        if before == 0:
+        if scans.background is not None:
+            earlier = np.where(stops.valid[:before, :, None], scans.background, np.float32(0.0))
+            stops.filtered[:before] -= earlier
+        if self._stops is None and len(chosen):
             self._seen_m = float(stops.path_m[0])
-        half_m = self._options.search_half_m(scans.track.sigma_m)
-        if half_m != self._lattice.half_m:
-            self._lattice.half_m, self._surfaces = half_m, None
         self._floor = np.concatenate([self._floor, np.zeros((2, len(chosen), len(self.plan.windows_m)))], axis=1)
-        judged, scale = self._judge_all(stops, before)
-        fix, beside = self._fixes.finish(stops, before, judged)
+        answered, fix, beside, scale = chosen[:0], blank_fixes(0), np.zeros((0, 2, 2)), np.zeros(0)
+        # Scans before the background is known wait, to be part of later windows.
+        if scans.settled and len(chosen):
+            half_m = self._options.search_half_m(scans.track.sigma_m)
+            if half_m != self._lattice.half_m:
+                self._lattice.half_m, self._surfaces = half_m, None
+            judged, scale = self._judge_all(stops, before)
+            fix, beside = self._fixes.finish(stops, before, judged)
+            answered = chosen
         keep = max(0, len(stops.number) - self.plan.history)
         self._stops = Stops(*(field[keep:] for field in stops))
         self._floor = self._floor[:, keep:]
         if self._surfaces is not None:
             self._surfaces = Surfaces(*(field[keep:] for field in self._surfaces))
         self._ready -= keep
-        return chosen, fix, beside, scale
+        return answered, fix, beside, scale
 
     def score_at(
         self, scans: LiveScans, at: Int[np.ndarray, " stop"], truth: Float[np.ndarray, "stop 5"]

@@ -61,6 +61,9 @@ class LiveScans(NamedTuple):
         track: of the scans.
         path_m: travel, never falling.
         dead_reckoned_m: of the rear axle, by odometry and heading alone.
+        settled: the drive's background is known; before, ``filtered`` is as recorded.
+        background: of each channel, in the block in which it becomes known: to be subtracted from the scans of earlier
+            blocks.
     """
 
     number: Int[np.ndarray, " scan"]
@@ -69,6 +72,14 @@ class LiveScans(NamedTuple):
     track: Track
     path_m: Float[np.ndarray, " scan"]
     dead_reckoned_m: Float[np.ndarray, "scan 2"]
+    settled: bool = True
+    background: Float[np.ndarray, "channel recorded"] | None = None
+
+
+# Of the filter's length: travel after which a drive's background is known. A mean that has just begun is that of the
+# ground just behind, and subtracting it moves what remains ahead, at the very start by half a wavelength. The first
+# scans therefore wait, and have the mean over all of them subtracted: no time where a drive comes in long blocks.
+_SETTLED = 0.5
 
 
 class LiveChain:
@@ -76,6 +87,8 @@ class LiveChain:
 
     Background removal is linear along the track, the conversion of traces to profiles is linear along the trace: the
     filter comes first, so that a scan can be requested at any time scale later.
+
+    The first scans, up to half the filter's length, share one background; see ``LiveScans.settled``.
 
     Args:
         operators: of the drive's recording at a time scale, with the map's settings.
@@ -91,6 +104,7 @@ class LiveChain:
         self._operators = operators
         self._basis = basis
         self._length_m = jnp.float32(track_filter_m)
+        self._settled_m: float | None = _SETTLED * track_filter_m
         self._state = init_live_filter(channels, recorded)
         self._fed = 0
         self._path_m = 0.0
@@ -113,23 +127,46 @@ class LiveChain:
             block: scans of a full block; a shorter one is padded, so that one shape is compiled.
         """
         scans = len(traces)
-        pad = [(0, block - scans), (0, 0)]
         before_m = track.travel_m[0] if self._travel_m is None else self._travel_m
         moved = np.diff(track.travel_m, prepend=before_m)
-        self._state, filtered = run_live_filter(
-            self._state,
-            jnp.asarray(np.pad(traces, [*pad, (0, 0)]), dtype=jnp.float32),
-            jnp.asarray(np.pad(valid, pad)),
-            jnp.asarray(np.pad(moved, pad[0]), dtype=jnp.float32),
-            self._length_m,
-        )
-        step = moved[:, None] * np.stack([np.cos(track.pose[:, 3]), np.sin(track.pose[:, 3])], axis=1)
         path_m = self._path_m + np.cumsum(np.abs(moved))
+        background = None
+        if self._settled_m is None:
+            filtered = self._filter(traces, valid, moved, block)
+        else:
+            at = int(np.searchsorted(path_m, self._settled_m))
+            first = (np.arange(scans) <= at)[:, None]
+            self._filter(traces, valid & first, moved, block)
+            filtered = np.where(valid[..., None], traces, 0.0).astype(np.float32)
+            if at < scans:
+                background, self._settled_m = np.asarray(self._state.mean), None
+                filtered -= np.where(valid[..., None], background, 0.0)
+                filtered = np.where(first[..., None], filtered, self._filter(traces, valid & ~first, moved, block))
+        step = moved[:, None] * np.stack([np.cos(track.pose[:, 3]), np.sin(track.pose[:, 3])], axis=1)
         reckoned_m = self._reckoned_m + np.cumsum(step, axis=0)
         number = np.arange(self._fed, self._fed + scans)
         self._fed += scans
         self._travel_m, self._path_m, self._reckoned_m = float(track.travel_m[-1]), float(path_m[-1]), reckoned_m[-1]
-        return LiveScans(number, np.asarray(filtered)[:scans], valid, track, path_m, reckoned_m)
+        settled = self._settled_m is None
+        return LiveScans(number, filtered, valid, track, path_m, reckoned_m, settled, background)
+
+    def _filter(
+        self,
+        traces: Float[np.ndarray, "scan channel recorded"],
+        valid: Bool[np.ndarray, "scan channel"],
+        moved_m: Float[np.ndarray, " scan"],
+        block: int,
+    ) -> Float[np.ndarray, "scan channel recorded"]:
+        """Scans less the running mean, which takes in the valid ones."""
+        pad = [(0, block - len(traces)), (0, 0)]
+        self._state, filtered = run_live_filter(
+            self._state,
+            jnp.asarray(np.pad(traces, [*pad, (0, 0)]), dtype=jnp.float32),
+            jnp.asarray(np.pad(valid, pad)),
+            jnp.asarray(np.pad(moved_m, pad[0]), dtype=jnp.float32),
+            self._length_m,
+        )
+        return np.asarray(filtered)[: len(traces)]
 
     def coefficients(
         self,

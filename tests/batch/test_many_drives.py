@@ -22,7 +22,7 @@ from lgprjax.files import file_hash
 from lgprjax.formats import DriveLog
 from lgprjax.registration import RegisterOptions
 
-DRIVES, SCANS = 12, 48
+DRIVES, SCANS = 12, 96
 
 
 class Short(NamedTuple):

@@ -111,28 +111,55 @@ def test_gnss_jumps_do_not_bend_a_template() -> None:
     np.testing.assert_array_equal(np.asarray(after.offset_m), np.asarray(smooth.offset_m))
 
 
+def in_blocks(traces: np.ndarray, valid: np.ndarray, where: Track, block: int) -> LiveScans:
+    """A drive fed in blocks; the scans that had to wait for the background have it subtracted when it is known."""
+    chain, parts, background = identity_chain(traces.shape[1]), [], np.zeros(traces.shape[1:], np.float32)
+    for low in range(0, len(traces), block):
+        some = slice(low, low + block)
+        part = chain.feed(traces[some], valid[some], Track(*(field[some] for field in where)), 64)
+        if part.background is not None:
+            assert not background.any()
+            background = part.background
+            parts = [each._replace(filtered=each.filtered - each.valid[..., None] * background) for each in parts]
+        parts.append(part)
+    joined = [np.concatenate([getattr(part, name) for part in parts]) for name in ("number", "filtered", "valid")]
+    travel = [np.concatenate([getattr(part, name) for part in parts]) for name in ("path_m", "dead_reckoned_m")]
+    assert [part.settled for part in parts] == [part.path_m[-1] >= 2.0 for part in parts]
+    return LiveScans(*joined, where, *travel, background=background)
+
+
 def test_blocks_give_the_scans_of_the_whole() -> None:
     """Filtered traces, travel and dead reckoning; the vehicle stands for 60 scans on the way, and backs up."""
     travel = np.concatenate([np.arange(100) * 0.05, np.full(60, 4.95), 4.95 - np.arange(1, 101) * 0.03])
     where = track(travel, 0.0 * travel, 0.2 * np.sin(travel), travel)
-    traces = np.random.default_rng(1).normal(size=(260, 2, SAMPLES)).astype(np.float32)
+    rng = np.random.default_rng(1)
+    traces, valid = rng.normal(size=(260, 2, SAMPLES)).astype(np.float32), rng.random((260, 2)) > 0.2
+    whole = in_blocks(traces, valid, where, 64)
+    for block in (23, 1):
+        other = in_blocks(traces, valid, where, block)
+        for name in ("number", "filtered", "path_m", "dead_reckoned_m", "background"):
+            np.testing.assert_allclose(getattr(whole, name), getattr(other, name), atol=1e-5)
+    assert whole.number.tolist() == list(range(260))
+    assert whole.path_m[-1] == pytest.approx(4.95 + 3.0)
+    assert np.all(np.diff(whole.path_m) >= 0.0)
+    assert whole.dead_reckoned_m[-1, 0] < whole.dead_reckoned_m[100, 0]
 
-    def whole(size: int) -> list[np.ndarray]:
-        chain, parts = identity_chain(2), []
-        for low in range(0, 260, size):
-            part = Track(*(field[low : low + size] for field in where))
-            valid = np.ones((len(part.travel_m), 2), bool)
-            scans = chain.feed(traces[low : low + size], valid, part, 64)
-            parts.append((scans.number, scans.filtered, scans.path_m, scans.dead_reckoned_m))
-        return [np.concatenate(field) for field in zip(*parts, strict=True)]
 
-    for one, other in zip(whole(64), whole(23), strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-5)
-    number, _, path_m, reckoned_m = whole(64)
-    assert number.tolist() == list(range(260))
-    assert path_m[-1] == pytest.approx(4.95 + 3.0)
-    assert np.all(np.diff(path_m) >= 0.0)
-    assert reckoned_m[-1, 0] < reckoned_m[100, 0]
+def test_the_first_scans_share_the_mean_over_all_of_them() -> None:
+    """Over half the filter's length: the exponential mean, written out, forgets what lies farther back."""
+    rng = np.random.default_rng(1)
+    traces = (rng.normal(size=(80, 2, SAMPLES)) + 3.0).astype(np.float32)
+    valid = rng.random((80, 2)) > 0.2
+    scans = in_blocks(traces, valid, straight(80, 0.051), 64)
+    assert scans.background is not None
+    for channel in range(2):
+        ok = np.flatnonzero(valid[:41, channel])
+        # The first scan has travelled nothing yet.
+        weight = np.exp(-0.051 / 2.0) ** np.arange(len(ok))[::-1] * (ok > 0)
+        np.testing.assert_allclose(scans.background[channel], weight @ traces[ok, channel] / weight.sum(), atol=0.01)
+        own = scans.filtered[ok, channel]
+        np.testing.assert_allclose(own, traces[ok, channel] - scans.background[channel], atol=1e-5)
+    assert not scans.filtered[~valid].any()
 
 
 def test_coefficients_do_not_depend_on_their_neighbours() -> None:
@@ -143,3 +170,9 @@ def test_coefficients_do_not_depend_on_their_neighbours() -> None:
     assert whole.shape == (40, 2, SAMPLES)
     for some in (slice(0, 1), slice(3, 20), slice(17, 40)):
         np.testing.assert_allclose(chain.coefficients(filtered[some], valid[some], 1.0), whole[some], atol=1e-6)
+
+
+def test_what_stays_the_same_is_gone_from_the_first_scan_on() -> None:
+    chain, where = identity_chain(1), straight(60, 0.05)
+    scans = chain.feed(np.full((60, 1, SAMPLES), 5.0, np.float32), np.ones((60, 1), bool), where, 64)
+    np.testing.assert_allclose(scans.filtered, 0.0, atol=1e-5)
