@@ -26,9 +26,7 @@ for names in (["gentle"], ["first", "second"]):
     print(", ".join(names), "-", next(note for note in loop.notes if note.startswith("torque")))
 
 # %%
-loop = lx.tune(
-    "loop", vehicle=VEHICLE, logs=[drives["first"], drives["second"]], held_out=[drives["held_out"]]
-)
+loop = lx.tune("loop", vehicle=VEHICLE, logs=[drives["first"], drives["second"]], held_out=[drives["held_out"]])
 loop
 
 # %% [markdown]

@@ -122,10 +122,13 @@ def in_blocks(traces: np.ndarray, valid: np.ndarray, where: Track, block: int) -
             background = part.background
             parts = [each._replace(filtered=each.filtered - each.valid[..., None] * background) for each in parts]
         parts.append(part)
-    joined = [np.concatenate([getattr(part, name) for part in parts]) for name in ("number", "filtered", "valid")]
-    travel = [np.concatenate([getattr(part, name) for part in parts]) for name in ("path_m", "dead_reckoned_m")]
+
+    def whole(name: str) -> np.ndarray:
+        return np.concatenate([getattr(part, name) for part in parts])
+
     assert [part.settled for part in parts] == [part.path_m[-1] >= 2.0 for part in parts]
-    return LiveScans(*joined, where, *travel, background=background)
+    travel = whole("path_m"), whole("dead_reckoned_m")
+    return LiveScans(whole("number"), whole("filtered"), whole("valid"), where, *travel, background=background)
 
 
 def test_blocks_give_the_scans_of_the_whole() -> None:
