@@ -36,6 +36,7 @@ ELSEWHERE = {
     r"(import X?LINE\*.DT1|map build day1|register day1).*": (
         "surveys/test_newcomer.py::test_four_commands_and_no_option"
     ),
+    r"import signals .*": "formats/test_signal_tables.py::test_a_csv_file_becomes_a_drive_log",
     r"import mcap .*": "cli/test_export.py::test_there_and_back",
     r"import grounded .*": "cli/test_cli.py::test_grounded_run_imports_by_the_documented_call",
     r"check X.drive.h5 --health": "cli/test_health.py::test_check_health_of_a_damaged_drive",

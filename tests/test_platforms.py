@@ -7,7 +7,7 @@ from pathlib import Path
 _PACKAGE = Path(__file__).parents[1] / "lgprjax"
 _UNIX = ("fcntl", "termios", "resource", "tty", "pty", "grp", "pwd")
 _OFFLINE = ("batch", "cli", "formats", "mapping", "registration", "report", "scene", "simulation", "studies", "tuning")
-_ON_BOARD = ("worker", "simulated_run", "simulated")  # a worker process; parts of `lgprjax run`
+_ON_BOARD = ("worker", "simulated_run", "simulated", "lockstep")  # a worker process; parts of `lgprjax run`
 _PROGRAM = """
 import importlib, sys
 for name in sys.argv[1].split():

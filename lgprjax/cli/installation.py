@@ -29,6 +29,7 @@ _EXTRA_FOR = {
     "notebook": "notebooks/",
     "onboard": "lgprjax run",
     "segy": "import segy",
+    "signals": "import signals from Parquet",
     "test": "make test",
 }
 _FOR_DEVELOPERS = {"docs", "lint", "test"}

@@ -51,6 +51,7 @@ NEEDS: dict[str, Need] = {
         way_m=20.0,
         widest={"steering.rear_ratio": 0.05},
     ),
+    "rear_map": Need("the wheel turned from side to side, standing or driving", ("rear_rad",)),
     "yaw_gain": Need(
         "steady turns to both sides at rising speed, the fastest at least twice the slowest",
         ("potentiometer_v|front_rad",),

@@ -552,7 +552,9 @@ def _read_logs(study: Study, vehicle: VehicleFile, paths: Sequence[Path], key: s
         log = VehicleLog.open(path)
         require_serial_number(vehicle, study.vehicle, log.serial_number, path, "/vehicle@serial_number")
         signals = signals_of(log, str(path))
-        require_excitation(study.kind, path, signals)
+        # A map of rear angles asks for measured angles, not for a drive.
+        by_map = study.kind == "rear_ratio" and study.options.get("method") == "rear_map"
+        require_excitation("rear_map" if by_map else study.kind, path, signals)
         drives.append(LoggedDrive(path, signals))
     return tuple(drives)
 

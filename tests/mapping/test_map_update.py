@@ -203,7 +203,8 @@ def test_the_route_of_the_map_goes_over_what_is_in_force(trench: TrenchSite, twi
         assert not source.retired[station[station >= 0]].any()
         length_m = float(np.ptp(source.pose[:, 0]))
     inside, outside = parts(trench, route.pose[:, 0], room_m=2.0)
-    assert len(route.at_m) == pytest.approx(length_m, abs=2.0)
+    # Before the trench, in it and after it: each of these ways is of whole metres.
+    assert length_m - 3.0 < len(route.at_m) <= length_m
     assert inside.sum() >= 2
     assert np.all(route.drive[inside] == 2)
     assert np.all(passes[inside] == 2)

@@ -113,7 +113,8 @@ def test_gnss_jumps_do_not_bend_a_template() -> None:
 
 def in_blocks(traces: np.ndarray, valid: np.ndarray, where: Track, block: int) -> LiveScans:
     """A drive fed in blocks; the scans that had to wait for the background have it subtracted when it is known."""
-    chain, parts, background = identity_chain(traces.shape[1]), [], np.zeros(traces.shape[1:], np.float32)
+    chain, background = identity_chain(traces.shape[1]), np.zeros(traces.shape[1:], np.float32)
+    parts: list[LiveScans] = []
     for low in range(0, len(traces), block):
         some = slice(low, low + block)
         part = chain.feed(traces[some], valid[some], Track(*(field[some] for field in where)), 64)

@@ -124,9 +124,10 @@ def test_a_jump_of_gnss_is_left_out_and_stops_the_vehicle_when_it_lasts(drive: D
     _held_to_its_rate(driven)
 
 
-def test_a_frozen_receiver_degrades(drive: Drive) -> None:
+def test_a_frozen_receiver_is_reported_and_costs_nothing_while_lgpr_bounds_the_error(drive: Drive) -> None:
     driven = drive(no_faults()._replace(gnss_frozen_s=_from(_FAULT_S)))
-    assert driven.reaction_after(1) < 1.0
+    assert driven.first(Reason.GNSS_STUCK) < 1.0
+    assert driven.reaction_after(1) == float("inf")
     assert np.abs(driven.tick.error_m[_AT:]).max() < 0.15
     assert driven.offset_after() < 0.3048
     _held_to_its_rate(driven)

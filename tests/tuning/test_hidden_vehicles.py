@@ -310,10 +310,6 @@ def test_a_few_hidden_vehicles_are_found_and_predicted() -> None:
     check_loops(FEW)
 
 
-def test_look_ahead_of_a_hidden_vehicle_is_near_its_best() -> None:
-    check_look_ahead(FEW[:1], 64, 25)
-
-
 @pytest.mark.campaign
 def test_twenty_hidden_vehicles() -> None:
     check_loops(tuple(range(COUNT)))
