@@ -11,7 +11,7 @@ from lgprjax.radar import centre_of
 from lgprjax.registration.coarse import ErrorLattice, Peaks
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.judge import MIN_OVERLAP, RegisterOptions
-from lgprjax.registration.queries import LiveScans, SearchSizes, Stops, templates_of
+from lgprjax.registration.queries import SETTLED, LiveScans, SearchSizes, Stops, templates_of
 from lgprjax.registration.refine import Finished, Region, finish_best
 from lgprjax.registration.score import OFF_MAP_SCORE, Template, score_each
 from lgprjax.registration.template_bank import PreparedGround, TemplateKey, fixes_to_map, to_tile
@@ -71,6 +71,7 @@ def label_variance(prepared: PreparedGround, tile: int, pose: Float[np.ndarray, 
 
 
 _RIM = 0.25  # of the wavelength: sigma across at the map's edge
+_SETTLING = 0.3  # of the wavelength: sigma along at a drive's start, falling to none where its background is known
 _AWAY = 0.6  # of the wavelength: a climb that ends farther off left its peak
 
 
@@ -158,7 +159,14 @@ class StopFixes:
         # Where the map ends next to the best place, the match cannot say how far beyond it the true one is.
         left = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
         at_end = ((ends > 0) * (_RIM * self._wavelength_m) ** 2)[:, None, None]
-        beside = beside + at_end * left[:, :, None] * left[:, None, :]
+        # The background of the first scans is that of the ground ahead of them, which moves what remains.
+        ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
+        settled_m = SETTLED * self._ground.description.settings.track_filter_m
+        settling = np.maximum(1.0 - stops.path_m[at] / settled_m, 0.0)
+        at_start = ((_SETTLING * self._wavelength_m * settling) ** 2)[:, None, None]
+        beside = (
+            beside + at_end * left[:, :, None] * left[:, None, :] + at_start * ahead[:, :, None] * ahead[:, None, :]
+        )
         fixes.covariance[:] *= self._sigma_scale**2
         fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
         return fixes, beside

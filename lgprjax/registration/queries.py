@@ -79,7 +79,7 @@ class LiveScans(NamedTuple):
 # Of the filter's length: travel after which a drive's background is known. A mean that has just begun is that of the
 # ground just behind, and subtracting it moves what remains ahead, at the very start by half a wavelength. The first
 # scans therefore wait, and have the mean over all of them subtracted: no time where a drive comes in long blocks.
-_SETTLED = 0.5
+SETTLED = 0.5
 
 
 class LiveChain:
@@ -104,7 +104,7 @@ class LiveChain:
         self._operators = operators
         self._basis = basis
         self._length_m = jnp.float32(track_filter_m)
-        self._settled_m: float | None = _SETTLED * track_filter_m
+        self._settled_m: float | None = SETTLED * track_filter_m
         self._state = init_live_filter(channels, recorded)
         self._fed = 0
         self._path_m = 0.0

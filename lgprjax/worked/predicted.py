@@ -19,8 +19,8 @@ _SETTLED_S = 120.0
 _LONGEST_OFF_S = 180.0
 _GNSS_SIGMA_M = 0.02
 TRACKING_M = 0.05
-"""How far the tool is taken to be from its line: an assumption. In closed loop the made-up flail kept 2 cm RMS, and 11 cm
-at most where its ways are short and in reverse."""
+"""How far the tool is taken to be from its line: an assumption. In closed loop the made-up flail kept 2 cm RMS, and
+11 cm at most where its ways are short and in reverse."""
 
 
 class PredictedWidth(NamedTuple):
