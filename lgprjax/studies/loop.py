@@ -16,7 +16,17 @@ from lgprjax.studies.logs import Figure, Outcome, Task, fitting, options_of, rms
 from lgprjax.studies.needs import Contradiction, judged_residual
 from lgprjax.studies.tracking import plan_path, tracked
 from lgprjax.tuning import Estimate
-from lgprjax.tuning.loop import NAMES, RATIO, WIDTH, LoopFit, LoopPrior, fit_loop, residual_scale, torque_verdict
+from lgprjax.tuning.loop import (
+    NAMES,
+    RATIO,
+    WIDTH,
+    LoopFit,
+    LoopLogs,
+    LoopPrior,
+    fit_loop,
+    residual_scale,
+    torque_verdict,
+)
 from lgprjax.vehicle import (
     Chassis,
     LookAhead,
@@ -163,7 +173,7 @@ def fit_of(task: Task, drives: list[LoopDrive], widths: float = 1.0) -> LoopFit:
     return fit._replace(limit_share=fit.limit_share[:count], scale=fit.scale[:count])
 
 
-def _logs(task: Task, drives: list[LoopDrive]):  # type: ignore[no-untyped-def]
+def _logs(task: Task, drives: list[LoopDrive]) -> LoopLogs:
     return loop_logs(drives, _servo(task))
 
 

@@ -1,5 +1,6 @@
 """The look-ahead over speed and torque of a vehicle that is known as far as its logs tell: tuned over draws of it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -262,7 +263,7 @@ def _taken(vehicles: DrawnVehicles, at: np.ndarray) -> DrawnVehicles:
     return DrawnVehicles(chassis, servo, vehicles.believed)
 
 
-def _over_draws(call, vehicles: DrawnVehicles) -> DrawnCosts:  # type: ignore[no-untyped-def]
+def _over_draws(call: Callable[[DrawnVehicles], DrawnCosts], vehicles: DrawnVehicles) -> DrawnCosts:
     """In slices of one size, so that one program serves any number of draws."""
     count = len(np.asarray(vehicles.servo.lag_s))
     size = min(_SLICE, count)
@@ -277,7 +278,7 @@ def _over_draws(call, vehicles: DrawnVehicles) -> DrawnCosts:  # type: ignore[no
 
 def _best_lengths(vehicles: DrawnVehicles, trials: TrialCourses) -> Float[np.ndarray, "draw speed"]:
     """Each draw's own best look-ahead with its margin, between the rungs of a ladder by a parabola."""
-    rungs = [_over_draws(lambda some, m=m: _at_length(trials, some, jnp.float32(m)), vehicles) for m in _LADDER_M]
+    rungs = [_over_draws(partial(_at_length, trials, ahead=jnp.float32(m)), vehicles) for m in _LADDER_M]
     cost = np.stack([np.asarray(rung.cost_m)[..., 0] for rung in rungs])
     margin = np.stack([np.asarray(rung.margin_rad)[..., 0] for rung in rungs])
     enough = margin >= trials.least_margin_rad

@@ -122,7 +122,7 @@ def _follow(
 ) -> tuple[Float[Array, " tick"], Float[Array, " tick"]]:
     """Arc length and offset of every place, each sought near the last one's."""
 
-    def step(near: Float[Array, ""], place: tuple[Array, Array]):  # type: ignore[no-untyped-def]
+    def step(near: Float[Array, ""], place: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
         for _ in range(4):
             foot = project(path, near, *place)
             near = foot.arc_m

@@ -340,7 +340,9 @@ def roll_out_logged(
         speed_mps, share: of every step.
     """
 
-    def step(state: RolloutState, now: tuple[Float[Array, "..."], Float[Array, "..."]]):  # type: ignore[no-untyped-def]
+    def step(
+        state: RolloutState, now: tuple[Float[Array, "..."], Float[Array, "..."]]
+    ) -> tuple[RolloutState, RolloutTrace]:
         fixed = _prepare(spec, lane._replace(speed_mps=now[0]))
         fixed = fixed._replace(pace=servo_pace(lane.servo, now[1], spec.step_s))
         after, seen = _step(spec, path, lane._replace(speed_mps=now[0]), fixed, state)

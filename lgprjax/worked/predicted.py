@@ -10,7 +10,15 @@ from jaxtyping import Array, Float, Int
 
 from lgprjax.coverage import Tool
 from lgprjax.errors import ArgumentError
-from lgprjax.navigation import SkidModel, SkidMotion, SkidObservations, init_skid_filter, skid_rules, step_skid_filter
+from lgprjax.navigation import (
+    SkidFilterState,
+    SkidModel,
+    SkidMotion,
+    SkidObservations,
+    init_skid_filter,
+    skid_rules,
+    step_skid_filter,
+)
 from lgprjax.navigation.observations import GnssObservation
 from lgprjax.navigation.skid_model import DeltaHeading, skid_pose_covariance
 
@@ -84,7 +92,7 @@ def _variances(
     zero = jnp.float32(0.0)
     rules = skid_rules()
 
-    def step(state, number):  # type: ignore[no-untyped-def]
+    def step(state: SkidFilterState, number: Array) -> tuple[SkidFilterState, Array]:
         x = speed_mps * _STEP_S * (number + 1)
         fix = GnssObservation(
             x + model.gnss_x_m,
