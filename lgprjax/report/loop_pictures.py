@@ -28,7 +28,7 @@ def draw_tracking(detail: Any, path: Path, force: bool = False) -> None:
                     ax.plot(time_s, np.where(mask, one.offset_m, np.nan), color=colour, linewidth=1.2, label=who)
             ax.set_ylabel("offset (m)")
             ax.set_title(name)
-            ax.legend(loc="upper right", ncols=2)
+            ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
         axes[len(shown) - 1].set_xlabel("time (s)")
         last = axes[-1]
         for engaged, colour, label in ((True, BLUE, "autopilot"), (False, VERMILLION, "driver")):
@@ -68,11 +68,14 @@ def draw_loop(detail: Any, path: Path, force: bool = False) -> None:
         names = list(_LABELS)
         width = [min(detail.fit.narrowed[name], 1.0) for name in names]
         colours = [GREEN if name in detail.fit.told else VERMILLION for name in names]
-        axes[0].bar([_LABELS[name] for name in names], width, color=colours, width=0.6)
+        hatches = ["" if name in detail.fit.told else "//" for name in names]
+        axes[0].bar(
+            [_LABELS[name] for name in names], width, color=colours, hatch=hatches, edgecolor="white", width=0.6
+        )
         axes[0].axhline(0.5, color=MUTED, linewidth=0.8)
         axes[0].set_ylim(0.0, 1.05)
-        axes[0].set_ylabel("width left")
-        axes[0].set_title("what the drives leave of the vehicle file's width: green is told, red left open")
+        axes[0].set_ylabel("share left")
+        axes[0].set_title("uncertainty left, as a share of that before the drives; hatched: not determined by them")
         for ax, one in zip(axes[1:], shown, strict=True):
             ax.axhline(0.0, color=MUTED, linewidth=0.8)
             ax.plot(one.time_s, one.driven_m, color=BLUE, linewidth=1.4, label="driven")
