@@ -5,6 +5,7 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
+import pyproj
 from jaxtyping import Array, Float
 
 from lgprjax import __version__
@@ -42,6 +43,20 @@ Progress = Callable[[int], None]
 
 MEASURING = "measuring the map's noise floor"
 """Last step of a map's writer."""
+
+
+_FARTHEST_M = 50e3
+"""Drives farther apart are not one site: local metres are float32 and on one tangent plane."""
+
+
+def _require_near(log: DriveLog, frame: LocalFrame, first: str | Path) -> None:
+    """Refuse a drive that is elsewhere on the earth. Raises ``InputError`` with the distance."""
+    place = log.description.navigation
+    here = (float(place.longitude_deg[0]), float(place.latitude_deg[0]))
+    away_m = pyproj.Geod(ellps="WGS84").inv(*here, frame.longitude_deg, frame.latitude_deg)[2]
+    if away_m > _FARTHEST_M:
+        expected = f"a drive within {_FARTHEST_M / 1e3:g} km of {Path(first).name}"
+        raise InputError(log.path, "/navigation", expected, f"one that begins {away_m / 1e3:.0f} km away")
 
 
 def build_map(
@@ -89,6 +104,9 @@ def build_map(
     references: list[float] = []
     coherence: Coherence | None = None
     inputs: list[dict[str, object]] = []
+    for path in drives[1:]:
+        with DriveLog.open(path) as log:
+            _require_near(log, frame, drives[0])
     with MapWriter.create(output, precision=precision, force=force) as writer:
         for number, path in enumerate(drives):
             with DriveLog.open(path) as log:

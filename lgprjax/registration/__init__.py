@@ -21,8 +21,17 @@ from lgprjax.registration.judge import (
     pooled_chance,
     thresholds_at,
 )
-from lgprjax.registration.queries import LiveChain, LiveScans, Operators, Stops, Track, stops_of, templates_of
-from lgprjax.registration.refine import Finished, Region, SwarmView, finish_best, watch_finish
+from lgprjax.registration.queries import (
+    LiveChain,
+    LiveScans,
+    Operators,
+    Stops,
+    Track,
+    least_overlap,
+    stops_of,
+    templates_of,
+)
+from lgprjax.registration.refine import FEW_CHANNELS, Finished, Region, SwarmView, finish_best, watch_finish
 from lgprjax.registration.scan_search import (
     Rules,
     SearchProblem,
@@ -56,6 +65,7 @@ from lgprjax.registration.template_bank import (
 
 __all__ = [
     "BLOCK_SCANS",
+    "FEW_CHANNELS",
     "LADDER_M",
     "LEAST_INDEPENDENT",
     "MIN_OVERLAP",
@@ -99,6 +109,7 @@ __all__ = [
     "ground_under",
     "joined",
     "ladder_of",
+    "least_overlap",
     "least_z",
     "live_chain",
     "make_columns",

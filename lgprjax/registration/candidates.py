@@ -9,10 +9,11 @@ from jaxtyping import Float, Int
 
 from lgprjax.radar import centre_of
 from lgprjax.registration.coarse import ErrorLattice, Peaks
+from lgprjax.registration.estimates import AttitudeEstimate
 from lgprjax.registration.fix import Code, Fix, blank_fixes
-from lgprjax.registration.judge import MIN_OVERLAP, RegisterOptions
+from lgprjax.registration.judge import RegisterOptions
 from lgprjax.registration.queries import SETTLED, LiveScans, SearchSizes, Stops, templates_of
-from lgprjax.registration.refine import Finished, Region, finish_best
+from lgprjax.registration.refine import CLIMB_STEPS, FAR_STEPS, Finished, Region, finish_best
 from lgprjax.registration.score import OFF_MAP_SCORE, Template, score_each
 from lgprjax.registration.template_bank import PreparedGround, TemplateKey, fixes_to_map, to_tile
 
@@ -72,6 +73,9 @@ def label_variance(prepared: PreparedGround, tile: int, pose: Float[np.ndarray, 
 
 _RIM = 0.25  # of the wavelength: sigma across at the map's edge
 _SETTLING = 0.3  # of the wavelength: sigma along at a drive's start, falling to none where its background is known
+_BOUNCE_M = 0.015  # sigma of the height that the map's own antennas had above the ground: nobody measured it
+_RIM_OF_ATTITUDE = 0.98  # of the half width of a region of attitudes
+_FAR = 1.5  # times the width that the log claims: a region whose rim is many steps away
 _AWAY = 0.6  # of the wavelength: a climb that ends farther off left its peak
 
 
@@ -105,6 +109,9 @@ class StopFixes:
         plan, options: of the search.
         sigma_scale: factor on the match's sigmas, unless the options hold user thresholds.
         batch: climbs run together; a compiled shape.
+
+    Attributes:
+        sigma_scale: in use.
     """
 
     def __init__(
@@ -119,16 +126,19 @@ class StopFixes:
         self._prepared, self._ground, self._lattice = prepared, prepared.ground, lattice
         self._plan, self._options, self._batch = plan, options, batch
         own = options.own_thresholds
-        self._sigma_scale = sigma_scale if own is None else own.sigma_scale
+        self.sigma_scale = sigma_scale if own is None else own.sigma_scale
         self._wavelength_m = self._ground.description.settings.wavelength_m
 
-    def finish(self, stops: Stops, before: int, judged: ChosenWindows) -> tuple[Fix, Float[np.ndarray, "stop 2 2"]]:
+    def finish(
+        self, stops: Stops, before: int, judged: ChosenWindows, attitude: AttitudeEstimate
+    ) -> tuple[Fix, Float[np.ndarray, "stop 2 2"]]:
         """Refine every candidate.
 
         Args:
             stops: history first.
             before: stops of the history.
-            judged: of the others.
+            judged: of those that follow.
+            attitude: what is known of the priors'; takes what the accepted matches tell of it.
 
         Returns:
             fixes in the map's frame, and the part of each covariance due to map and odometer.
@@ -146,6 +156,7 @@ class StopFixes:
         tiles = np.full(count, -1)
         tiles[candidate] = self._lattice.tiles_at(place[candidate], 1.0)
         candidate = candidate[tiles[candidate] >= 0]
+        half = attitude.half_width(stops.sigma_yaw_rad[at])
         fixes.p_false[candidate] = judged.p_false[candidate]
         fixes.window_m[candidate] = np.asarray(self._plan.windows_m)[judged.window[candidate]]
         for aspect, rows in self._prepared.aspects(
@@ -154,7 +165,22 @@ class StopFixes:
             rows = candidate[rows]
             for low in range(0, len(rows), self._batch):
                 some = rows[low : low + self._batch]
-                self._finish_some(stops, at, place, judged, aspect, some, fixes)
+                self._finish_some(stops, at, place, judged, aspect, some, half, fixes)
+        told = np.flatnonzero((judged.code == Code.OK) & np.isfinite(fixes.pose[:, 0]))
+        away = np.asarray(fixes.pose)[told, 2:] - stops.pose[at[told], 2:]
+        away[:, 1] = np.mod(away[:, 1] + np.pi, 2.0 * np.pi) - np.pi
+        # At the rim of its region an attitude is not the ground's but the region's.
+        rim = np.any(np.abs(away) > _RIM_OF_ATTITUDE * half[told], axis=1)
+        fixes.code[told[rim & (fixes.code[told] == Code.OK)]] = Code.EDGE
+        attitude.take(
+            away,
+            np.asarray(fixes.covariance)[told, 2:, 2:],
+            half[told],
+            stops.path_m[at[told]],
+            np.asarray(fixes.window_m)[told],
+            stops.sigma_yaw_rad[at[told]],
+        )
+        fixes.covariance[:] *= self.sigma_scale**2
         beside = map_odometry_covariance(self._prepared, tiles, fixes, self._options.odometer_sigma)
         # Where the map ends next to the best place, the match cannot say how far beyond it the true one is.
         left = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
@@ -167,8 +193,8 @@ class StopFixes:
         beside = (
             beside + at_end * left[:, :, None] * left[:, None, :] + at_start * ahead[:, :, None] * ahead[:, None, :]
         )
-        fixes.covariance[:] *= self._sigma_scale**2
         fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
+        fixes.covariance[:, 2, 2] += _BOUNCE_M**2
         return fixes, beside
 
     def _finish_some(
@@ -179,6 +205,7 @@ class StopFixes:
         judged: ChosenWindows,
         aspect: TemplateKey,
         some: Int[np.ndarray, " candidate"],
+        half_width: Float[np.ndarray, "stop 3"],
         fixes: Fix,
     ) -> None:
         ground = self._ground
@@ -192,7 +219,9 @@ class StopFixes:
         start = np.concatenate([place[rows], stops.pose[last, 2:]], axis=1)
         start[:, 2] += self._lattice.heights_m[judged.peak.height[rows]]
         half = self._options.half_width(stops.sigma_yaw_rad[last], self._lattice.half_m)
+        half[:, 2:5] = half_width[rows]
         half[:, :2] = np.maximum(half[:, :2], np.abs(place[rows] - prior[:, :2]) + self._wavelength_m)
+        far = np.any(half[:, 2:5] > _FAR * self._options.half_width(stops.sigma_yaw_rad[last], 1.0)[:, 2:5])
         level = [(0, 0), (0, 1)]
         found: Finished = jax.device_get(
             finish_best(
@@ -207,11 +236,12 @@ class StopFixes:
                     jnp.asarray(stops.number[last], dtype=jnp.uint32),
                 ),
                 judged.peak.floor[rows].astype(np.float32),
-                np.float32(MIN_OVERLAP),
+                np.float32(self._plan.min_overlap),
                 heading=self._plan.members * len(self._prepared.array.x_m) > 1,
                 pitch=self._options.pitch_deg > 0.0,
                 swarm=self._options.swarm,
                 seed=np.uint32(self._options.seed),
+                steps=np.int32(FAR_STEPS if far else CLIMB_STEPS),
             )
         )
         found = jax.tree.map(lambda field: np.asarray(field)[: len(some)], found)

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from lgprjax.radar import LIGHT_SPEED_M_PER_NS, WAVE_SPEED_M_PER_NS, air_delay_ns, centre_of, shift_travel_time
+from lgprjax.registration.estimates import WIDEST
 from lgprjax.registration.judge import RegisterOptions
 from lgprjax.registration.queries import SearchSizes, Stops
 from lgprjax.registration.score import OFF_MAP_SCORE
@@ -412,6 +413,7 @@ class ErrorLattice:
         place_m: error on which the lattice is centred while a place is tracked; None otherwise.
         origin_m: centre of the lattice while no place is tracked, east and north from dead reckoning: the prior.
         heights_m: added to the prior's height.
+        wide_heights_m: the same where the prior's height may be far off.
     """
 
     def __init__(self, prepared: PreparedGround, plan: SearchSizes, options: RegisterOptions, batch: int) -> None:
@@ -420,9 +422,9 @@ class ErrorLattice:
         self._wavelength_m = self._ground.description.settings.wavelength_m
         # Half a step of height is a twentieth of a period: refinement finds the rest.
         period_ns = self._wavelength_m / WAVE_SPEED_M_PER_NS
-        count = int(np.ceil(options.height_m / (LIGHT_SPEED_M_PER_NS * period_ns / 40.0)))
-        steps = np.arange(count) * (2.0 / count) + (1.0 / count - 1.0)
-        self.heights_m = (options.height_m * steps).astype(np.float32)
+        apart_m = LIGHT_SPEED_M_PER_NS * period_ns / 20.0
+        self.heights_m = _heights(options.height_m, apart_m)
+        self.wide_heights_m = _heights(max(options.height_m, WIDEST[0]), apart_m)
         self.half_m, self.wide = options.search_half_m(), False
         self.place_m: Float[np.ndarray, 2] | None = None
         self.origin_m: Float[np.ndarray, 2] = np.full(2, np.nan)
@@ -472,9 +474,12 @@ class ErrorLattice:
         about_m = point * self._plan.lattice_m - self._corner_m(points or self.points)
         return np.asarray(about_m @ _turn(self._facing_rad) + (self.middle_m if middle_m is None else middle_m))
 
-    def blank(self, stops: int, points: tuple[int, int] | None = None) -> Surfaces:
+    def blank(
+        self, stops: int, points: tuple[int, int] | None = None, heights_m: Float[np.ndarray, " height"] | None = None
+    ) -> Surfaces:
         """Surfaces of stops without a signal."""
-        planes, points = len(self.heights_m) + 2, self.points if points is None else points
+        planes = len(self.heights_m if heights_m is None else heights_m) + 2
+        points = self.points if points is None else points
         return Surfaces(
             np.zeros((stops, planes, *points), np.float32),
             np.zeros((stops, planes, _DECOYS), np.float32),
@@ -488,10 +493,12 @@ class ErrorLattice:
         coefficients: Float[np.ndarray, "stop channel coefficient"],
         middle_m: Float[np.ndarray, "2"] | None = None,
         points: tuple[int, int] | None = None,
+        heights_m: Float[np.ndarray, " height"] | None = None,
     ) -> Surfaces:
-        """Surfaces of some stops, with another centre and other points where these are given."""
+        """Surfaces of some stops, with another centre, other points and other heights where these are given."""
         middle_m, points = self.middle_m if middle_m is None else middle_m, points or self.points
-        out = self.blank(len(at), points)
+        heights_m = self.heights_m if heights_m is None else heights_m
+        out = self.blank(len(at), points, heights_m)
         centre = stops.reckoned_m[at] + middle_m
         tiles = self.tiles_at(centre, float(np.max(self._corner_m(points))))
         known = np.flatnonzero(tiles >= 0)
@@ -499,7 +506,7 @@ class ErrorLattice:
             rows = known[rows]
             for low in range(0, len(rows), self._batch):
                 some = rows[low : low + self._batch]
-                made = self._on_tile(stops, at[some], coefficients[some], centre[some], aspect, points)
+                made = self._on_tile(stops, at[some], coefficients[some], centre[some], aspect, points, heights_m)
                 for whole, part in zip(out, made, strict=True):
                     whole[some] = part[: len(some)]
         return out
@@ -512,6 +519,7 @@ class ErrorLattice:
         centre: Float[np.ndarray, "stop 2"],
         aspect: TemplateKey,
         points: tuple[int, int],
+        heights_m: Float[np.ndarray, " height"],
     ) -> Surfaces:
         ground, ready = self._ground, self._prepared.at(aspect)
         frame, fill = ground.frame(aspect.tile), self._batch - len(at)
@@ -533,7 +541,7 @@ class ErrorLattice:
             ),
             (self._plan.lattice_m[:, None] * aside).astype(np.float32),
             (self._decoys_about @ aside + half).astype(np.float32),
-            self.heights_m,
+            heights_m,
             ground.basis.angular_frequency_rad_per_ns,
             points=points,
             box=self._box(points, ready.columns.power.shape),
@@ -588,6 +596,13 @@ class ErrorLattice:
                 return tile
         self._lately = [nearest, *self._lately[: _LATELY - 1]]
         return nearest
+
+
+def _heights(half_m: float, apart_m: float) -> Float[np.ndarray, " height"]:
+    """Heights, at most this far apart, of which one is within half of that of any within the half width."""
+    count = int(np.ceil(2.0 * half_m / apart_m))
+    steps = np.arange(count) * (2.0 / count) + (1.0 / count - 1.0)
+    return np.asarray((half_m * steps).astype(np.float32))
 
 
 def _turn(angle_rad: float) -> Float[np.ndarray, "2 2"]:

@@ -9,85 +9,23 @@ Where a place is known, the next is searched for around it alone; every few metr
 place that is as good.
 """
 
+from collections.abc import Callable
+
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lgprjax.registration.candidates import ChosenWindows, StopFixes
 from lgprjax.registration.coarse import HELD_M, SLACK_M, ErrorLattice, Peaks, Surfaces, WindowBatch, window_peaks
+from lgprjax.registration.estimates import AttitudeEstimate, TimeScaleEstimate
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.judge import MIN_OVERLAP, PIECE_M, Chance, RegisterOptions, p_foreign, p_rival
 from lgprjax.registration.queries import LiveChain, LiveScans, SearchSizes, Stops, stops_of
 from lgprjax.registration.score import OFF_MAP_SCORE
 from lgprjax.registration.template_bank import PreparedGround
 
-# The time scale of a drive relative to the map, estimated from its own matches.
-#
-# Causal, and the same for a whole drive and for a vehicle: every few metres the last metres are matched at other
-# scales: a few around the present one where a place is known, all of them otherwise.
-
-SCALES = np.arange(0.925, 1.1301, 0.015)
-"""Time scales tried where no place is known."""
-_NEAR = np.array([-0.02, 0.0, 0.02])
-_NEAR_TRIED, _ALL_TRIED = 2.0, 7.0  # independent ones of these scales, as neighbours score alike
-_LEAST_GAIN = 0.5  # of the noise floor, averaged over the last probes
-_STEP = 0.0025  # a fortieth of a wavelength at forty wavelengths' depth
-_AGAIN = 0.01
-_FORGET = 0.75  # weight of earlier probes, from probe to probe
-
-
-class TimeScaleEstimate:
-    """The present time scale, and the results of the last probes.
-
-    Attributes:
-        value: the scale.
-        tried: independent scales that the match was chosen from.
-        probed_m: travel at the last probe.
-    """
-
-    def __init__(self, value: float) -> None:
-        self.value, self.tried, self.probed_m = value, 1.0, -np.inf
-        self._lately = np.zeros(len(SCALES))
-        self._bend = np.zeros(2)
-
-    def scales(self, *, near: bool) -> Float[np.ndarray, " scale"]:
-        """Scales to try."""
-        return self.value + _NEAR if near else SCALES
-
-    def take(self, score: Float[np.ndarray, " scale"], floor: Float[np.ndarray, " scale"], *, near: bool) -> bool:
-        """Update from the scores of a probe.
-
-        Args:
-            score: of the best place at each of ``scales``.
-            floor: noise floor of each.
-            near: scales around the present one were tried.
-
-        Returns:
-            whether the scale has changed so much that stops judged with it must be judged again.
-        """
-        before, noise, scales = self.value, float(np.median(floor)), self.scales(near=near)
-        if near:
-            # A parabola through the last probes together: scores of one alone scatter by more than they fall.
-            self._bend = _FORGET * self._bend + np.polyfit(scales - 1.0, score, 2)[:2]
-            peak = 1.0 - 0.5 * self._bend[1] / self._bend[0] if self._bend[0] < 0.0 else float(scales[np.argmax(score)])
-            peak = float(np.clip(peak, scales[0], scales[-1]))
-            # Not for a gain that noise alone would give.
-            gain = np.polyval([*self._bend, 0.0], peak - 1.0) - np.polyval([*self._bend, 0.0], before - 1.0)
-            step = peak - before if gain > _LEAST_GAIN * noise else 0.0
-        else:
-            self._lately = _FORGET * self._lately + score / noise
-            best = int(np.argmax(self._lately))
-            now = float(np.interp(before, SCALES, self._lately))
-            # Noise alone prefers one scale or another by about a noise floor.
-            step = float(SCALES[best]) - before if self._lately[best] > now + 1.0 else 0.0
-        self.value = round((before + step) / _STEP) * _STEP
-        if self.value != before:
-            self.tried = _NEAR_TRIED if near else _ALL_TRIED
-        if abs(self.value - before) < _AGAIN:
-            return False
-        self._bend[:] = 0.0
-        return True
-
+_FAR_GAIN = 1.5  # noise floors by which another attitude must match better
+_FAR_TRIED = 15.0  # independent ones of headings and heights
 
 _SMOOTH_M = 2.0  # of travel over which the prior's offset from dead reckoning is estimated
 _BATCH, _ENDS = 16, 32  # scans scored together, and window ends judged together
@@ -113,6 +51,7 @@ class EvidenceSearch:
         options: of the search.
         chance: of the map.
         block_scans: most scans that ``feed`` is given at once.
+        fed_back: the priors' heading comes from a filter that these fixes correct.
     """
 
     def __init__(
@@ -122,6 +61,8 @@ class EvidenceSearch:
         options: RegisterOptions,
         chance: Chance,
         block_scans: int = _ENDS,
+        *,
+        fed_back: bool = False,
     ) -> None:
         self._prepared, self._ground, self._chain = prepared, prepared.ground, chain
         self._options = options
@@ -132,6 +73,11 @@ class EvidenceSearch:
         self._lattice = ErrorLattice(prepared, self.plan, options, batch)
         self._fixes = StopFixes(prepared, self._lattice, self.plan, options, chance.sigma_scale, batch)
         self._scale = TimeScaleEstimate(1.0 if options.time_scale is None else options.time_scale)
+        self._attitude = AttitudeEstimate(
+            options, len(prepared.array.x_m), self._wavelength_m, self._fixes.sigma_scale, fed_back=fed_back
+        )
+        # Dead reckoning as the drive has it, turned by what heading was found to be wrong by.
+        self._turn, self._shift_m = np.eye(2), np.zeros(2)
         self._stops: Stops | None = None
         self._surfaces: Surfaces | None = None
         self._floor = np.zeros((2, 0, len(self.plan.windows_m)))
@@ -162,7 +108,7 @@ class EvidenceSearch:
         of each covariance due to map and odometer, and the time scale.
         """
         chosen = self.choose(scans)
-        fresh = stops_of(scans, chosen, self._prepared.array, self._ground.basis)
+        fresh = self._corrected(stops_of(scans, chosen, self._prepared.array, self._ground.basis))
         before = 0 if self._stops is None else len(self._stops.number)
         stops = (
             fresh if self._stops is None else Stops(*(np.concatenate(f) for f in zip(self._stops, fresh, strict=True)))
@@ -179,8 +125,7 @@ class EvidenceSearch:
             half_m = self._options.search_half_m(scans.track.sigma_m)
             if half_m != self._lattice.half_m:
                 self._lattice.half_m, self._surfaces = half_m, None
-            judged, scale = self._judge_all(stops, before)
-            fix, beside = self._fixes.finish(stops, before, judged)
+            fix, beside, scale = self._judge_all(stops, before)
             answered = chosen
         keep = max(0, len(stops.number) - self.plan.history)
         self._stops = Stops(*(field[keep:] for field in stops))
@@ -227,11 +172,34 @@ class EvidenceSearch:
         begin = np.searchsorted(stops.path_m, stops.path_m - _SMOOTH_M)
         return np.stack([np.median(apart[low : at + 1], axis=0) for at, low in enumerate(begin)])
 
-    def _judge_all(self, stops: Stops, before: int) -> tuple[ChosenWindows, Float[np.ndarray, " stop"]]:
-        """Judge every stop from ``before`` on, a few metres at a time, and the time scale of each."""
+    def _corrected(self, stops: Stops) -> Stops:
+        """Stops with the corrections of heading, height and roll that were found so far."""
+        pose = stops.pose.copy()
+        pose[:, 2:5] += self._attitude.applied
+        return stops._replace(pose=pose, reckoned_m=stops.reckoned_m @ self._turn.T + self._shift_m)
+
+    def _correct(self, stops: Stops, at: int) -> None:
+        """Correct all stops by what is known of their attitude now; dead reckoning is turned about one of them."""
+        wanted = self._attitude.correction()
+        if wanted is None:
+            return
+        more = wanted - self._attitude.applied
+        self._attitude.applied = wanted
+        turned, about_m = _turned(stops, more, at), stops.reckoned_m[at].copy()
+        stops.pose[:], stops.reckoned_m[:] = turned.pose, turned.reckoned_m
+        turn = _rotation(more[1])
+        self._turn, self._shift_m = turn @ self._turn, turn @ (self._shift_m - about_m) + about_m
+        self._surfaces = None
+
+    def _judge_all(
+        self, stops: Stops, before: int
+    ) -> tuple[Fix, Float[np.ndarray, "stop 2 2"], Float[np.ndarray, " stop"]]:
+        """Fixes of every stop from ``before`` on, a few metres at a time: each stretch begins with what the one before
+        it told of time scale and attitude. With the part of each covariance due to map and odometer, and the scale.
+        """
         astray = self._astray(stops)
         count = len(stops.number)
-        parts, scales = [], []
+        fixes, besides, scales = [], [], []
         low = before
         while low < count:
             self._follow(stops, astray, low)
@@ -242,11 +210,17 @@ class EvidenceSearch:
             # At most three rounds: released, then another time scale, then a wider region.
             while self._reconsider(stops, high, judged, astray):
                 judged = self._judge(stops, low, high, astray)
-            parts.append(judged)
+            fix, beside = self._fixes.finish(stops, low, judged, self._attitude)
+            fixes.append(fix)
+            besides.append(beside)
             scales.append(np.full(high - low, self._scale.value))
+            applied = self._attitude.applied
+            self._correct(stops, high - 1)
+            if applied is not self._attitude.applied:
+                astray = self._astray(stops)
             low = high
-        whole: ChosenWindows = jax.tree.map(lambda *fields: np.concatenate(fields), *parts)
-        return whole, np.concatenate(scales)
+        whole: Fix = jax.tree.map(lambda *fields: np.concatenate(fields), *fixes)
+        return whole, np.concatenate(besides), np.concatenate(scales)
 
     def _follow(self, stops: Stops, astray: Float[np.ndarray, "stop 2"], low: int) -> None:
         if self._lattice.follow(stops, astray, low, low + self._ends):
@@ -278,7 +252,7 @@ class EvidenceSearch:
                 self._widen(False)
         lost = not held and (not found or here_m - self._seen_m > _CHUNK_M)
         # A prior may be wrong enough to be off the map: that is no reason not to search farther.
-        on_map = bool(np.any(judged.peak.overlap >= MIN_OVERLAP))
+        on_map = bool(np.any(judged.peak.overlap >= self.plan.min_overlap))
         again = on_map and self._options.time_scale is None and self._probe(stops, high, lost, here_m)
         at_edge = np.mean(judged.code == Code.EDGE) > 0.25
         if lost and not again and not self._lattice.wide and (at_edge or self._overdue(here_m)):
@@ -340,10 +314,11 @@ class EvidenceSearch:
         coefficients: Float[np.ndarray, "stop channel coefficient"],
         middle_m: Float[np.ndarray, "2"],
         half_m: float,
+        heights_m: Float[np.ndarray, " height"] | None = None,
     ) -> Peaks:
-        """Peaks of one window of some stops over another lattice."""
+        """Peaks of one window of some stops over another lattice, and of other heights where these are given."""
         points = self.plan.points(half_m)
-        surfaces = self._lattice.surfaces_of(stops, at, coefficients, middle_m, points)
+        surfaces = self._lattice.surfaces_of(stops, at, coefficients, middle_m, points, heights_m)
         window = WindowBatch(
             np.zeros((1, 1), np.int32),
             np.full(1, len(at) - 1, np.int32),
@@ -374,17 +349,51 @@ class EvidenceSearch:
         scale.probed_m = here_m
         near = not lost and self._error_m is not None
         middle = self._error_m if near and self._error_m is not None else self._lattice.origin_m
+        half_m = HELD_M if near else self._lattice.half_m + SLACK_M
         at = _some(first, high)
-        score, floor = [], []
-        for each in scale.scales(near=near):
-            own = self._chain.coefficients(stops.filtered[at], stops.valid[at], float(each))
-            peaks = self._one_window(stops, at, own, middle, HELD_M if near else self._lattice.half_m + SLACK_M)
-            score.append(float(peaks.score))
-            floor.append(float(peaks.floor) or float(peaks.region_floor) or 0.5)
-        if min(score) <= OFF_MAP_SCORE or not scale.take(np.array(score), np.array(floor), near=near):
+        # A height that is wrong delays the wave as a scale does: where nothing matches both are tried together.
+        far = not near and self._attitude.may_be_far
+        heights_m = self._lattice.wide_heights_m if far else self._lattice.heights_m
+
+        def look(tried: Stops, each: float, heights_m: Float[np.ndarray, " height"]) -> tuple[float, float, float]:
+            own = self._chain.coefficients(tried.filtered[at], tried.valid[at], each)
+            peaks = self._one_window(tried, at, own, middle, half_m, heights_m)
+            floor = float(peaks.floor) or float(peaks.region_floor) or 0.5
+            return float(peaks.score), floor, float(heights_m[int(peaks.height)])
+
+        score, floor, _ = np.array([look(stops, float(each), heights_m) for each in scale.scales(near=near)]).T
+        if min(score) <= OFF_MAP_SCORE:
+            return False
+        changed = scale.take(score, floor, near=near)
+        if far:
+            changed |= self._suppose(stops, high, look)
+        if not changed:
             return False
         stops.coefficients[:high] = self._chain.coefficients(stops.filtered[:high], stops.valid[:high], scale.value)
         self._surfaces = None
+        return True
+
+    def _suppose(
+        self,
+        stops: Stops,
+        high: int,
+        look: Callable[[Stops, float, Float[np.ndarray, " height"]], tuple[float, float, float]],
+    ) -> bool:
+        """Try heights and headings far from the prior's on the last metres; True if one was taken."""
+        scale, lattice, applied = self._scale.value, self._lattice, self._attitude.applied
+        score, floor, _ = look(stops, scale, lattice.heights_m)
+        present = score / floor
+        best, wanted = present + _FAR_GAIN, applied
+        for heading in (applied[1], *self._attitude.headings):
+            more = np.array([0.0, heading - applied[1], 0.0])
+            score, floor, height_m = look(_turned(stops, more, high - 1), scale, lattice.wide_heights_m)
+            if score / floor > best:
+                best, wanted = score / floor, applied + more + np.array([height_m, 0.0, 0.0])
+        if wanted is applied:
+            return False
+        self._attitude.suppose(wanted)
+        self._scale.tried = max(self._scale.tried, _FAR_TRIED)
+        self._correct(stops, high - 1)
         return True
 
     def _extend(self, stops: Stops, high: int) -> Surfaces:
@@ -467,7 +476,7 @@ class EvidenceSearch:
                 windows,
                 self.plan.lattice_m.astype(np.float32),
                 np.float32(_APART * self._wavelength_m),
-                np.float32(MIN_OVERLAP),
+                np.float32(self.plan.min_overlap),
                 near=near,
             )
         )
@@ -585,7 +594,7 @@ class EvidenceSearch:
             (rivals > risk, Code.AMBIGUOUS),
             (at_edge[row, chosen], Code.EDGE),
             (foreign > risk, Code.LOW_CORRELATION),
-            (peak.overlap < MIN_OVERLAP, Code.LOW_OVERLAP),
+            (peak.overlap < self.plan.min_overlap, Code.LOW_OVERLAP),
             (peak.overlap <= 0.0, Code.OFF_MAP),
             (finite < MIN_OVERLAP, Code.NON_FINITE),
             (begin < 0, Code.NO_WINDOW),
@@ -593,6 +602,18 @@ class EvidenceSearch:
             code = np.where(applies, int(reason), code)
         error_m = self._lattice.error_of(np.asarray(peak.point))
         return ChosenWindows(chosen, peak, foreign, rivals, code, begin, error_m)
+
+
+def _rotation(angle_rad: float) -> Float[np.ndarray, "2 2"]:
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[cos, -sin], [sin, cos]])
+
+
+def _turned(stops: Stops, more: Float[np.ndarray, "3"], at: int) -> Stops:
+    """Stops with height, heading and roll changed by so much, and dead reckoning turned about one of them."""
+    pose, about_m = stops.pose.copy(), stops.reckoned_m[at]
+    pose[:, 2:5] += more
+    return stops._replace(pose=pose, reckoned_m=(stops.reckoned_m - about_m) @ _rotation(more[1]).T + about_m)
 
 
 def _some(first: int, stop: int) -> Int[np.ndarray, " stop"]:

@@ -22,7 +22,8 @@ from lgprjax.radar import (
     run_live_filter,
     to_coefficients,
 )
-from lgprjax.registration.judge import RegisterOptions, ladder_of
+from lgprjax.registration.judge import MIN_OVERLAP, RegisterOptions, ladder_of
+from lgprjax.registration.refine import FEW_CHANNELS
 from lgprjax.registration.score import Template
 from lgprjax.registration.template_bank import PreparedGround
 
@@ -184,6 +185,8 @@ class LiveChain:
 # Scans that represent their stretch of travel (stops), and the templates made from them.
 
 _SPACING = 0.3  # of the wavelength, from stop to stop
+_LEAST_WIDTH = 1.0  # of the wavelength: least width of an array over mapped ground
+_LEAST_SHARE = 0.3  # of an array's width, however wide
 _FINE_TRACES = 192  # of a window that the finish takes
 
 
@@ -222,6 +225,7 @@ class SearchSizes:
         windows_m: lengths tried.
         history: stops covered by the longest window.
         members: scans of a window used for refinement.
+        min_overlap: least share of a window's traces over mapped ground.
     """
 
     spacing_m: float
@@ -229,6 +233,7 @@ class SearchSizes:
     windows_m: tuple[float, ...]
     history: int
     members: int
+    min_overlap: float
 
     @staticmethod
     def of(prepared: PreparedGround, options: RegisterOptions) -> "SearchSizes":
@@ -240,12 +245,25 @@ class SearchSizes:
         history = int(np.ceil(longest_m / spacing_m)) + 2 if longest_m > 0.0 else 0
         channels = len(prepared.array.x_m)
         members = 1 if longest_m <= 0.0 else int(np.clip(_FINE_TRACES // channels, 8, 64))
-        return SearchSizes(spacing_m, prepared.step_m, windows_m, history, members)
+        least = least_overlap(prepared.array, wavelength_m)
+        return SearchSizes(spacing_m, prepared.step_m, windows_m, history, members, least)
 
     def points(self, half_m: float) -> tuple[int, int]:
         """Points, forward and left, of a lattice with this half side."""
         forward, left = (2 * int(np.ceil(half_m / step_m)) + 1 for step_m in self.lattice_m)
         return forward, left
+
+
+def least_overlap(array: ArrayGeometry, wavelength_m: float) -> float:
+    """Least share of an array's traces over mapped ground.
+
+    What lies beside the map adds nothing to a match, and takes nothing from what is on it: a score is as rare by chance
+    with half of its traces as with all. The rest must be wider than the ground's correlation length, or the map's
+    outermost line would stand for what is beside it.
+    """
+    if len(array.x_m) <= FEW_CHANNELS:
+        return MIN_OVERLAP
+    return float(np.clip(_LEAST_WIDTH * wavelength_m / max(np.ptp(array.y_m), 1e-6), _LEAST_SHARE, MIN_OVERLAP))
 
 
 def stops_of(

@@ -38,6 +38,8 @@ normal with the half width as three sigma."""
 
 CLIMB_STEPS = 3
 """Poses measured on a climb: two steps from a coarse place reach the centimetre."""
+FAR_STEPS = 9
+"""The same where the attitude may be far from the prior's: steps are short, lest a climb leaves its peak."""
 
 _LARGEST_STEP = (1.5, 1.5, 0.04, 0.035, 0.03, 0.03)
 """Position in cells along the tile, which are a tenth of a wavelength; the rest in metres and radians."""
@@ -53,7 +55,7 @@ class RefinedPeak(NamedTuple):
         information: of the match alone, per unit of 1/(1 - r²) and of independent numbers (see ``covariance_of``).
         covered: traces on the map.
         narrow: along and cross: a cell to either side of the pose is off the map.
-        left_m: along and cross: the step that the gradient there still asks for.
+        left: the step that the gradient there still asks for, over the largest allowed.
     """
 
     pose: Float[Array, "batch 6"]
@@ -62,7 +64,7 @@ class RefinedPeak(NamedTuple):
     information: Float[Array, "batch 6 6"]
     covered: Bool[Array, "batch trace"]
     narrow: Bool[Array, "batch 2"]
-    left_m: Float[Array, "batch 2"]
+    left: Float[Array, "batch 6"]
 
 
 def climb(
@@ -77,7 +79,7 @@ def climb(
     numbers: Float[Array, " batch"],
     free: Bool[Array, "6"],
     *,
-    steps: int = CLIMB_STEPS,
+    steps: int | Int[Array, ""] = CLIMB_STEPS,
 ) -> RefinedPeak:
     """Climb from each start and return the best pose on the way.
 
@@ -120,7 +122,7 @@ def climb(
         lower = jax.lax.linalg.cholesky(matrix, symmetrize_input=False)
         move = jnp.clip(jax.scipy.linalg.cho_solve((lower, True), side[..., None])[..., 0], -cap, cap)
         move = jnp.where((score > OFF_MAP_SCORE)[:, None], move, 0.0)
-        here = _Best(pose, posterior, correlation, score, information, sampled.covered, move[:, :2])
+        here = _Best(pose, posterior, correlation, score, information, sampled.covered, jnp.abs(move) / cap)
         better = posterior > best.posterior
         best = jax.tree.map(
             lambda new, old: jnp.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old), here, best
@@ -141,12 +143,12 @@ def climb(
         off,
         jnp.zeros((len(start), 6, 6), jnp.float32),
         jnp.zeros(template.valid.shape, bool),
-        jnp.zeros((len(start), 2), jnp.float32),
+        jnp.zeros((len(start), 6), jnp.float32),
     )
     pose, sampled, best = jax.lax.fori_loop(0, steps - 1, step, (start, hear(start), none))
     _, best = measure(pose, sampled, best)
     narrow = leads_off_map(tile, template, best.pose, min_overlap)
-    return RefinedPeak(best.pose, best.correlation, best.score, best.information, best.covered, narrow, best.left_m)
+    return RefinedPeak(best.pose, best.correlation, best.score, best.information, best.covered, narrow, best.left)
 
 
 class _Best(NamedTuple):
@@ -158,7 +160,7 @@ class _Best(NamedTuple):
     score: Float[Array, " batch"]
     information: Float[Array, "batch 6 6"]
     covered: Bool[Array, "batch trace"]
-    left_m: Float[Array, "batch 2"]
+    left: Float[Array, "batch 6"]
 
 
 def covariance_of(
@@ -325,8 +327,8 @@ def _hunt(
 FEW_CHANNELS = 3
 """An array with at most this many channels observes little to its sides."""
 
-_UNFINISHED = 1.0
-"""Cells: at a peak the remaining step is a small part of one."""
+_UNFINISHED = (0.67, 0.99, 0.9, 0.9, 0.9)
+"""Of the largest step: at a peak the remaining one is a small part of it."""
 
 
 class Region(NamedTuple):
@@ -377,6 +379,7 @@ def finish_best(
     pitch: bool,
     swarm: SwarmConfig | None = None,
     seed: UInt32[Array, ""] | None = None,
+    steps: Int[Array, ""] | int = CLIMB_STEPS,
 ) -> Finished:
     """Climb from one candidate of each template to its peak.
 
@@ -389,13 +392,13 @@ def finish_best(
         heading, pitch: are searched: one trace does not observe heading.
         swarm: refine by this swarm around each candidate before the last step of Gauss-Newton.
         seed: of the swarm.
+        steps: poses measured on a climb.
     """
     wide = jnp.sum(template.last_scan, axis=1)
     several = jnp.max(wide) > 1
     free = jnp.stack([*[jnp.asarray(True)] * 3, jnp.asarray(heading), several, jnp.asarray(pitch)])
     numbers = independent_numbers(floor)
     ground = (tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap)
-    steps = CLIMB_STEPS
     if swarm is not None:
         assert seed is not None
         start = swarm_poses(
@@ -414,7 +417,7 @@ def finish_best(
     top = climb(*ground, template, start, region.prior, region.half_width, numbers, free, steps=steps)
     found = top.score > OFF_MAP_SCORE
     covariance = covariance_of(top, numbers, region.half_width, free, tile.cell_m)
-    unfinished = jnp.abs(top.left_m) > _UNFINISHED * tile.cell_m[None]
+    unfinished = top.left[:, :5] > jnp.asarray(_UNFINISHED, dtype=jnp.float32)[None]
 
     def known(field: Float[Array, "end ..."]) -> Float[Array, "end ..."]:
         return jnp.where(found.reshape(-1, *(1,) * (field.ndim - 1)), field, jnp.float32(jnp.nan))
@@ -426,5 +429,5 @@ def finish_best(
         known(top.correlation),
         jnp.sum(top.covered, axis=1, dtype=jnp.float32) / valid,
         jnp.sum(top.covered & template.last_scan, axis=1, dtype=jnp.int32),
-        unfinished[:, 0] | (unfinished[:, 1] & (wide > FEW_CHANNELS)),
+        unfinished[:, 0] | (jnp.any(unfinished[:, 1:], axis=1) & (wide > FEW_CHANNELS)),
     )

@@ -17,7 +17,7 @@ from lgprjax.radar import ArrayGeometry, air_delay_ns, shift_travel_time
 from lgprjax.registration.fix import Fix
 from lgprjax.registration.judge import MIN_OVERLAP, POOLED, Chance, RegisterOptions, Thresholds, judge, thresholds_at
 from lgprjax.registration.refine import Region, finish_best
-from lgprjax.registration.score import OFF_MAP_SCORE, Template, normalise, score_of
+from lgprjax.registration.score import OFF_MAP_SCORE, Template, normalise, score_of, score_poses
 from lgprjax.subsurface import GroundMap, Tile, sample_tile
 
 # The coarse stage: every place of the search region on the grid's own cells, at the prior's attitude.
@@ -319,49 +319,70 @@ class SurfacePicture(NamedTuple):
     score: Float[np.ndarray, "along cross"]
 
 
+_SEEN_POINTS = 40
+"""Of a picture of the correlation, to each side of the fix."""
+
+
 def survey_surface(
     tile: Tile,
     template: Template,
-    prior: Float[Array, "5"],
-    half_width_m: Float[Array, "2"],
-    min_overlap: float | Float[Array, ""],
-    *,
-    lattice: tuple[int, int],
-    margin: tuple[int, int],
+    pose: Float[np.ndarray, "5"],
+    prior: Float[np.ndarray, "5"],
+    half_width_m: float,
+    height_reference_m: float | Float[Array, ""],
+    angular_frequency_rad_per_ns: Float[Array, " half"],
+    min_overlap: float,
 ) -> SurfacePicture:
-    """The coarse surface of one template (batch of one), as in ``register_batch``."""
-    score, first = _surface(tile, template, prior, half_width_m, min_overlap, lattice=lattice, margin=margin)
-    along, cross = (
-        np.asarray(tile.origin_m)[axis] + (int(first[axis]) + np.arange(lattice[axis])) * np.asarray(tile.cell_m)[axis]
-        for axis in range(2)
+    """Correlation over places of one template (batch of one), the rest of the pose as its fix has it.
+
+    The fix is a point of the lattice, so that the picture shows its correlation there.
+
+    Args:
+        tile, template: see ``score_poses``.
+        pose: of the fix in the tile's frame.
+        prior: middle of the search region.
+        half_width_m: of the region, to each side.
+        height_reference_m, angular_frequency_rad_per_ns, min_overlap: see ``score_poses``.
+    """
+    reach_m = float(np.max(np.abs(prior[:2] - pose[:2]))) + half_width_m
+    side_m = reach_m / _SEEN_POINTS * np.arange(-_SEEN_POINTS, _SEEN_POINTS + 1)
+    along, cross = pose[0] + side_m, pose[1] + side_m
+    score = _surface(
+        tile,
+        Template(*(field[0] for field in template)),
+        jnp.asarray(pose, dtype=jnp.float32),
+        jnp.asarray(side_m, dtype=jnp.float32),
+        jnp.float32(height_reference_m),
+        angular_frequency_rad_per_ns,
+        jnp.float32(min_overlap),
     )
     values = np.asarray(score, dtype=np.float64)
-    return SurfacePicture(along, cross, np.where(values > -1.5, values, np.nan))
+    inside = [np.abs(place - prior[axis]) <= half_width_m for axis, place in enumerate((along, cross))]
+    # At least two places a side: a picture has an area.
+    rows, columns = (part if part.sum() > 1 else np.abs(side_m) <= 1.5 * side_m[-1] / _SEEN_POINTS for part in inside)
+    scored = np.where(values > 0.75 * OFF_MAP_SCORE, values, np.nan)
+    return SurfacePicture(along[rows], cross[columns], scored[np.ix_(rows, columns)])
 
 
-@partial(jax.jit, static_argnames=("lattice", "margin"))
+@jax.jit
 def _surface(
     tile: Tile,
     template: Template,
-    prior: Float[Array, "5"],
-    half_width_m: Float[Array, "2"],
-    min_overlap: float | Float[Array, ""],
-    *,
-    lattice: tuple[int, int],
-    margin: tuple[int, int],
-) -> tuple[Array, Array]:
-    single = jax.tree.map(lambda field: field[0], template)
-    surface = coarse_surface(
-        tile,
-        single,
-        trace_products(tile, template)[0],
-        prior,
-        half_width_m,
-        min_overlap,
-        lattice=lattice,
-        margin=margin,
-    )
-    return surface.score, surface.first_cell
+    pose: Float[Array, "5"],
+    side_m: Float[Array, " side"],
+    height_reference_m: Float[Array, ""],
+    angular_frequency_rad_per_ns: Float[Array, " half"],
+    min_overlap: Float[Array, ""],
+) -> Float[Array, "side side"]:
+    def row(along_m: Float[Array, ""]) -> Float[Array, " side"]:
+        places = jnp.broadcast_to(pose[None], (len(side_m), 5))
+        places = places.at[:, 0].add(along_m).at[:, 1].add(side_m)
+        return score_poses(
+            tile, template, places, height_reference_m, angular_frequency_rad_per_ns, min_overlap
+        ).correlation
+
+    scores: Float[Array, "side side"] = jax.lax.map(row, side_m)
+    return scores
 
 
 def ground_under(

@@ -99,6 +99,7 @@ class Registration:
         recorded: numbers of a trace.
         prepared: of ground and array, shared between drives; None to make one.
         block_scans: largest block that ``feed`` is given; a compiled shape.
+        fed_back: the priors' heading comes from a filter that these fixes correct.
     """
 
     def __init__(
@@ -112,12 +113,13 @@ class Registration:
         recorded: int,
         prepared: PreparedGround | None = None,
         block_scans: int = BLOCK_SCANS,
+        fed_back: bool = False,
     ) -> None:
         self._block_scans = block_scans
         self._centre = centre_of(array)
         self._chain = live_chain(ground, operators, len(array.x_m), recorded)
         self.prepared = PreparedGround(ground, array) if prepared is None else prepared
-        self.search = EvidenceSearch(self.prepared, self._chain, options, chance, block_scans)
+        self.search = EvidenceSearch(self.prepared, self._chain, options, chance, block_scans, fed_back=fed_back)
         self._last: tuple[Fix, np.ndarray, np.ndarray, float] | None = None
 
     def feed(self, block: LiveBlock) -> DriveFixes:
@@ -168,7 +170,12 @@ class Registration:
         for whole, none in zip(spread, blank, strict=True):
             whole[apart] = none[apart]
         pose = np.array(spread.pose)
-        pose[:, :2] += place - here[known, :2]
+        # The matched heading turns the little travel since, where the prior's is wrong.
+        off = np.mod(pose[:, 3] - here[known, 2] + np.pi, 2.0 * np.pi) - np.pi
+        moved = place - here[known, :2]
+        cos, sin = np.cos(off), np.sin(off)
+        pose[:, 0] += cos * moved[:, 0] - sin * moved[:, 1]
+        pose[:, 1] += sin * moved[:, 0] + cos * moved[:, 1]
         pose[:, 3] += yaw - here[known, 2]
         spread = spread._replace(pose=pose)
         self._last = (

@@ -240,10 +240,7 @@ def _draw_scores(axes: Axes, swarm: SwarmPicture, moments: list[int]) -> None:
         axes.text(0.5, 0.5, "no particle met the map", transform=axes.transAxes, ha="center", va="center", color=INK)
     axes.set_xlim(-0.02 * max(len(known) - 1, 1), max(1.02 * (len(known) - 1), 1.0))
     axes.set_xlabel("iteration (dotted: the clouds above)")
-    axes.set_ylabel(
-        "best score found\
-by a particle"
-    )
+    axes.set_ylabel("best score found by a particle")
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(loc="lower right", edgecolor="none")
 
@@ -288,12 +285,15 @@ def draw_surface(surface: CorrelationSurface, path: str | Path, *, force: bool =
         axes.set_ylabel(f"{surface.axes[1]} (m)")
         highest = surface.correlation[np.isfinite(surface.correlation)]
         peak = f"highest {highest.max():.3f}" if highest.size else "all of it off the map"
+        if surface.at_best is not None:
+            peak = f"{surface.at_best:.3f} at the fix"
         figure.suptitle(f"Correlation over position: {peak}")
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, facecolor="#b8b8b8", framealpha=1.0)
         miss = "" if surface.truth is None else f" Best to truth: {math.dist(surface.best, surface.truth):.3f} m."
         write_caption(
             figure,
-            f"Metres relative to {surface.origin}. Ellipses: prior, 1 and 3 σ.{miss} Grey: off the map or not scored.",
+            f"Metres relative to {surface.origin}. Heading, roll and height are the fix's. Ellipses: prior, 1 and 3 "
+            f"σ.{miss} Grey: off the map, or outside of the search.",
         )
 
 

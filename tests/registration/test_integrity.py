@@ -26,7 +26,7 @@ def covariance(
         information=jnp.asarray(information[None], dtype=jnp.float32),
         covered=jnp.ones((1, 11), bool),
         narrow=jnp.asarray([narrow]),
-        left_m=jnp.zeros((1, 2), jnp.float32),
+        left=jnp.zeros((1, 6), jnp.float32),
     )
     widths = jnp.asarray(HALF_WIDTH[None], dtype=jnp.float32)
     found = covariance_of(

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 
 from lgprjax.autopilot import Action, Check, EngagementInhibit, Event, Mode, inhibit_of
 from lgprjax.autopilot.monitors import TEXT, Watch
+from lgprjax.coverage.resume import RoutePlace
 from lgprjax.run_records import Record, RecordKind, Source
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.counter_steer import CounterSteer
@@ -37,13 +38,17 @@ from lgprjax.wire import Sender, decode
 AnyLoaded: TypeAlias = Loaded | SkidLoaded
 
 
-def load_vehicle(config: RuntimeConfig) -> AnyLoaded:
+def load_vehicle(config: RuntimeConfig, place: RoutePlace | None = None) -> AnyLoaded:
     """The files of a configuration: of a field if it has one, else of a course.
+
+    Args:
+        config: of the run.
+        place: of a field's plan, to begin at after a relaunch.
 
     Raises:
         InputError: a file cannot be used.
     """
-    return load(config) if config.coverage is None else load_skid(config)
+    return load(config) if config.coverage is None else load_skid(config, place)
 
 
 def make_kind(config: RuntimeConfig, loaded: AnyLoaded) -> VehicleKind:

@@ -253,6 +253,7 @@ class Search:
             recorded=self._radar.recorded,
             prepared=self._held.prepared_for(self.array),
             block_scans=BLOCK_SCANS,
+            fed_back=True,
         )
 
     def _over_stations(self, *, known: bool) -> Iterator[LiveBlock]:

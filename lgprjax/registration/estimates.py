@@ -1,0 +1,212 @@
+"""What is estimated along a drive from its own matches: the time scale, and what height, heading and roll are wrong by.
+
+Both are causal, and the same for a whole drive and for a vehicle.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from lgprjax.registration.judge import RegisterOptions
+from lgprjax.registration.refine import FEW_CHANNELS, PRIOR
+
+# The time scale of a drive relative to the map, estimated from its own matches.
+#
+# Causal, and the same for a whole drive and for a vehicle: every few metres the last metres are matched at other
+# scales: a few around the present one where a place is known, all of them otherwise.
+
+SCALES = np.arange(0.925, 1.1301, 0.015)
+"""Time scales tried where no place is known."""
+_NEAR = np.array([-0.02, 0.0, 0.02])
+_NEAR_TRIED, _ALL_TRIED = 2.0, 7.0  # independent ones of these scales, as neighbours score alike
+_LEAST_GAIN = 0.5  # of the noise floor, averaged over the last probes
+_STEP = 0.0025  # a fortieth of a wavelength at forty wavelengths' depth
+_AGAIN = 0.01
+_FORGET = 0.75  # weight of earlier probes, from probe to probe
+
+
+class TimeScaleEstimate:
+    """The present time scale, and the results of the last probes.
+
+    Attributes:
+        value: the scale.
+        tried: independent scales that the match was chosen from.
+        probed_m: travel at the last probe.
+    """
+
+    def __init__(self, value: float) -> None:
+        self.value, self.tried, self.probed_m = value, 1.0, -np.inf
+        self._lately = np.zeros(len(SCALES))
+        self._bend = np.zeros(2)
+
+    def scales(self, *, near: bool) -> Float[np.ndarray, " scale"]:
+        """Scales to try."""
+        return self.value + _NEAR if near else SCALES
+
+    def take(self, score: Float[np.ndarray, " scale"], floor: Float[np.ndarray, " scale"], *, near: bool) -> bool:
+        """Update from the scores of a probe.
+
+        Args:
+            score: of the best place at each of ``scales``.
+            floor: noise floor of each.
+            near: scales around the present one were tried.
+
+        Returns:
+            whether the scale has changed so much that stops judged with it must be judged again.
+        """
+        before, noise, scales = self.value, float(np.median(floor)), self.scales(near=near)
+        if near:
+            # A parabola through the last probes together: scores of one alone scatter by more than they fall.
+            self._bend = _FORGET * self._bend + np.polyfit(scales - 1.0, score, 2)[:2]
+            peak = 1.0 - 0.5 * self._bend[1] / self._bend[0] if self._bend[0] < 0.0 else float(scales[np.argmax(score)])
+            peak = float(np.clip(peak, scales[0], scales[-1]))
+            # Not for a gain that noise alone would give.
+            gain = np.polyval([*self._bend, 0.0], peak - 1.0) - np.polyval([*self._bend, 0.0], before - 1.0)
+            step = peak - before if gain > _LEAST_GAIN * noise else 0.0
+        else:
+            self._lately = _FORGET * self._lately + score / noise
+            best = int(np.argmax(self._lately))
+            now = float(np.interp(before, SCALES, self._lately))
+            # Noise alone prefers one scale or another by about a noise floor.
+            step = float(SCALES[best]) - before if self._lately[best] > now + 1.0 else 0.0
+        self.value = round((before + step) / _STEP) * _STEP
+        if self.value != before:
+            self.tried = _NEAR_TRIED if near else _ALL_TRIED
+        if abs(self.value - before) < _AGAIN:
+            return False
+        self._bend[:] = 0.0
+        return True
+
+
+# Height, heading and roll, held against what the log claims of them.
+#
+# A single scan of an array a metre wide observes heading to a degree or so, which is no check of an INS that claims
+# 0.3. Scans of some metres together are one: a wrong heading turns them all alike. Each match therefore gives its
+# information on height, heading and roll, the prior's taken off, and their sum over the last metres is what the ground
+# says by itself. Until that is sharper than the claim, the claim is not relied on; where the two contradict each other,
+# the ground holds.
+
+WIDEST = np.array([0.25, np.radians(15.0), np.radians(6.0)])
+"""Half widths in height, heading and roll about a prior that nothing is known of."""
+_CONTRADICTED = 2.0  # standard deviations between ground and claim
+_HELD = 1.0  # the same, below which a contradicted claim holds again
+_UNCHECKED = 1.2  # standard deviations of the ground's own estimate that a claim may be wrong by
+_MEMORY_M = 8.0  # of travel over which evidence fades: an INS drifts
+_HEADINGS = np.radians([-12.0, -8.0, -4.0, 4.0, 8.0, 12.0])
+_SUPPOSED = np.array([0.03, np.radians(3.0), np.radians(2.0)])  # sigmas of offsets found by trial
+_MOVED = np.array([0.01, np.radians(0.4), np.radians(0.4)])  # below which a correction is not worth new surfaces
+
+
+class AttitudeEstimate:
+    """Offsets of the true height, heading and roll from the log's, in that order.
+
+    Arrays of few channels cannot tell heading and roll: for them the log's are taken as they are.
+
+    Args:
+        options: half widths that the log's values are taken to be good for.
+        channels: of the array.
+        wavelength_m: matches within one share their errors.
+        sigma_scale: factor on the sigmas of matches.
+        fed_back: the prior's heading comes from a filter that takes these fixes. It is not corrected here as well: two
+            corrections, one late, would chase each other.
+
+    Attributes:
+        applied: offsets that the priors have been corrected by.
+    """
+
+    def __init__(
+        self,
+        options: RegisterOptions,
+        channels: int,
+        wavelength_m: float,
+        sigma_scale: float,
+        *,
+        fed_back: bool = False,
+    ) -> None:
+        self._fed_back = np.array([False, fed_back, False])
+        self._options, self._wavelength_m, self._sigma_scale = options, wavelength_m, sigma_scale
+        self._few = channels <= FEW_CHANNELS
+        self._information = np.zeros((3, 3))
+        self._towards = np.zeros(3)
+        self._travelled_m: float | None = None
+        self._contradicted: Bool[np.ndarray, 3] = np.zeros(3, bool)
+        self.applied: Float[np.ndarray, 3] = np.zeros(3)
+
+    def half_width(self, sigma_yaw_rad: Float[np.ndarray, " scan"]) -> Float[np.ndarray, "scan 3"]:
+        """Half widths of the search in height, heading and roll about the corrected priors."""
+        claimed = self._claimed(sigma_yaw_rad)
+        if self._few:
+            return claimed
+        mean, sigma = self._ground()
+        wanted = np.hypot(claimed, 3.0 * _UNCHECKED * sigma) + np.where(self._fed_back, np.abs(mean), 0.0)
+        return np.asarray(np.minimum(wanted, np.maximum(WIDEST, claimed)))
+
+    def take(
+        self,
+        offset: Float[np.ndarray, "fix 3"],
+        covariance: Float[np.ndarray, "fix 3 3"],
+        half_width: Float[np.ndarray, "fix 3"],
+        path_m: Float[np.ndarray, " fix"],
+        window_m: Float[np.ndarray, " fix"],
+        sigma_yaw_rad: Float[np.ndarray, " fix"],
+    ) -> None:
+        """Take accepted matches, in order.
+
+        Args:
+            offset: of each from its corrected prior.
+            covariance: of it, prior included, not scaled.
+            half_width: of its search.
+            path_m: travel at each.
+            window_m: ground that each was matched with.
+            sigma_yaw_rad: claimed.
+        """
+        if self._few or not len(offset):
+            return
+        for each in range(len(offset)):
+            whole = np.linalg.inv(covariance[each])
+            level, turn = np.linalg.eigh(whole - np.diag(np.asarray(PRIOR[2:5]) / half_width[each] ** 2))
+            own = (turn * np.maximum(level, 0.0)) @ turn.T
+            moved_m = 0.0 if self._travelled_m is None else max(path_m[each] - self._travelled_m, 0.0)
+            # Matches of the same ground say the same again.
+            fresh = 1.0
+            if self._travelled_m is not None:
+                fresh = min(1.0, moved_m / max(float(window_m[each]), self._wavelength_m))
+            fresh /= self._sigma_scale**2
+            fade = np.exp(-moved_m / _MEMORY_M)
+            self._travelled_m = float(path_m[each])
+            self._information = fade * self._information + fresh * own
+            self._towards = fade * self._towards + fresh * (whole @ offset[each] + own @ self.applied)
+        mean, sigma = self._ground()
+        claimed = self._claimed(sigma_yaw_rad[-1:])[0] / 3.0
+        away = np.abs(mean) / np.hypot(sigma, claimed)
+        self._contradicted = away > np.where(self._contradicted, _HELD, _CONTRADICTED)
+
+    def correction(self) -> Float[np.ndarray, "3"] | None:
+        """Offsets that priors should be corrected by from now on; None while the present ones will do."""
+        mean, _ = self._ground()
+        wanted = np.where(self._contradicted & ~self._fed_back, mean, 0.0)
+        return wanted if np.any(np.abs(wanted - self.applied) > _MOVED) else None
+
+    def suppose(self, offset: Float[np.ndarray, "3"]) -> None:
+        """Take offsets that were found by trial, where nothing matched with the present ones, as far as they go."""
+        self._information = np.diag(_SUPPOSED**-2.0)
+        self._towards = (self._information + np.diag(np.asarray(PRIOR[2:5]) / WIDEST**2)) @ offset
+        self._contradicted = np.abs(offset) > _MOVED
+
+    @property
+    def may_be_far(self) -> bool:
+        """Whether the array can tell attitudes that are far from the prior's."""
+        return not self._few
+
+    @property
+    def headings(self) -> Float[np.ndarray, " heading"]:
+        """Offsets of heading to try where nothing matches."""
+        return _HEADINGS[:0] if self._fed_back.any() else _HEADINGS
+
+    def _claimed(self, sigma_yaw_rad: Float[np.ndarray, " scan"]) -> Float[np.ndarray, "scan 3"]:
+        """Half widths as the log has them."""
+        return np.asarray(self._options.half_width(sigma_yaw_rad, 1.0)[:, 2:5])
+
+    def _ground(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+        """Offsets by the ground alone, and their standard deviations."""
+        covariance = np.linalg.inv(self._information + np.diag(np.asarray(PRIOR[2:5]) / WIDEST**2))
+        return covariance @ self._towards, np.sqrt(np.diag(covariance))

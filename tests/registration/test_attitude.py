@@ -1,0 +1,106 @@
+"""What the ground says of height, heading and roll, against matches drawn from known offsets.
+
+The oracle is the linear Gaussian model itself: each match is an offset seen with known information, mixed with a prior.
+"""
+
+import numpy as np
+import pytest
+
+from lgprjax.registration import RegisterOptions
+from lgprjax.registration.estimates import WIDEST, AttitudeEstimate
+from lgprjax.registration.refine import PRIOR
+
+CLAIMED_RAD = np.radians(0.3)
+STEP_M = 0.1
+SEEN = np.array([0.01, np.radians(1.5), np.radians(1.0)])
+"""Standard deviations of one match by itself."""
+
+
+def drive(
+    estimate: AttitudeEstimate, truth: np.ndarray, seed: int, metres: float, moving: bool = True
+) -> AttitudeEstimate:
+    """Feed independent matches, eight at a time, as a search does; corrections are applied in between."""
+    rng = np.random.default_rng(seed)
+    for first in range(0, int(metres / STEP_M), 8):
+        half = estimate.half_width(np.full(8, CLAIMED_RAD))
+        offset, covariance = np.zeros((8, 3)), np.zeros((8, 3, 3))
+        for row in range(8):
+            prior = np.diag(np.asarray(PRIOR[2:5]) / half[row] ** 2)
+            own = np.diag(SEEN**-2.0)
+            seen = truth - estimate.applied + SEEN * rng.standard_normal(3)
+            covariance[row] = np.linalg.inv(own + prior)
+            offset[row] = covariance[row] @ own @ seen
+        path_m = STEP_M * (first + np.arange(8)) * moving
+        estimate.take(offset, covariance, half, path_m, np.zeros(8), np.full(8, CLAIMED_RAD))
+        wanted = estimate.correction()
+        if wanted is not None:
+            estimate.applied = wanted
+    return estimate
+
+
+def fresh(channels: int = 9, wavelength_m: float = STEP_M) -> AttitudeEstimate:
+    return AttitudeEstimate(RegisterOptions(), channels, wavelength_m, 1.0)
+
+
+@pytest.mark.parametrize("heading_deg", [-12.0, -6.0, 6.0, 12.0])
+def test_a_false_claim_is_contradicted_and_corrected(heading_deg: float) -> None:
+    truth = np.array([0.2, np.radians(heading_deg), np.radians(-4.0)])
+    off = []
+    for seed in range(40):
+        found = drive(fresh(), truth, seed, 8.0)
+        off.append((found.applied - truth) / SEEN)
+    # Eight metres are some fifty matches with fading: a mean of that many, less what is not worth a correction.
+    assert np.max(np.abs(np.mean(off, axis=0))) < 0.2
+    assert np.max(np.std(off, axis=0)) < 0.6
+
+
+def test_a_true_claim_is_left_alone() -> None:
+    truth = np.array([0.01, CLAIMED_RAD, np.radians(0.2)])
+    changed = [np.any(drive(fresh(), truth, seed, 8.0).applied != 0.0) for seed in range(100)]
+    assert np.mean(changed) <= 0.1
+
+
+def test_the_region_narrows_to_the_claim_with_evidence_alone() -> None:
+    claimed = RegisterOptions().half_width(np.full(1, CLAIMED_RAD), 1.0)[0, 2:5]
+    at_first = fresh().half_width(np.full(1, CLAIMED_RAD))[0]
+    later = drive(fresh(), np.zeros(3), 1, 12.0).half_width(np.full(1, CLAIMED_RAD))[0]
+    assert np.all(at_first >= 0.99 * WIDEST)
+    assert np.all(later < 0.35 * at_first)
+    assert np.all(later >= claimed)
+
+
+def test_the_same_ground_is_no_new_evidence() -> None:
+    """A vehicle that stands still, or windows that share their ground, do not make sure by repetition."""
+    one = drive(fresh(), np.zeros(3), 2, 0.8).half_width(np.full(1, CLAIMED_RAD))[0]
+    standing = drive(fresh(), np.zeros(3), 2, 8.0, moving=False)
+    again = standing.half_width(np.full(1, CLAIMED_RAD))[0]
+    assert np.all(again >= one)
+
+
+def test_few_channels_take_the_claim_as_it_is() -> None:
+    found = drive(fresh(channels=3), np.array([0.2, 0.2, 0.1]), 3, 8.0)
+    assert np.all(found.applied == 0.0)
+    claimed = RegisterOptions().half_width(np.full(1, CLAIMED_RAD), 1.0)[0, 2:5]
+    np.testing.assert_array_equal(found.half_width(np.full(1, CLAIMED_RAD))[0], claimed)
+
+
+def test_a_heading_that_is_fed_back_is_not_corrected_twice() -> None:
+    """Its region reaches as far as the ground says; height and roll, which no filter corrects, are."""
+    estimate = AttitudeEstimate(RegisterOptions(), 9, STEP_M, 1.0, fed_back=True)
+    truth = np.array([0.2, np.radians(6.0), np.radians(-4.0)])
+    drive(estimate, truth, 5, 8.0)
+    assert estimate.applied[1] == 0.0
+    assert np.all(np.abs(estimate.applied - truth)[[0, 2]] < [0.02, np.radians(1.0)])
+    assert estimate.half_width(np.full(1, CLAIMED_RAD))[0, 1] > np.radians(6.0)
+
+
+def test_what_was_found_by_trial_gives_way_to_matches() -> None:
+    estimate = fresh()
+    estimate.suppose(np.array([0.0, np.radians(4.0), 0.0]))
+    wanted = estimate.correction()
+    assert wanted is not None
+    estimate.applied = wanted
+    assert estimate.applied[1] == pytest.approx(np.radians(4.0))
+    truth = np.array([0.0, np.radians(6.5), 0.0])
+    drive(estimate, truth, 4, 8.0)
+    assert np.degrees(abs(estimate.applied[1] - truth[1])) < 1.0
