@@ -14,6 +14,7 @@ from lgprjax.coverage.field import (
     outline_of,
     tool_centre,
 )
+from lgprjax.coverage.gaps import GapPlan, plan_gaps
 from lgprjax.coverage.ground import SafeGround, check_drivable, ground_around, ground_of_plan, ground_of_sides
 from lgprjax.coverage.guidance import (
     CarrotPlan,
@@ -30,7 +31,7 @@ from lgprjax.coverage.guidance import (
     route_point,
     step_carrot,
 )
-from lgprjax.coverage.pattern import Pattern, plan_gaps, plan_pattern
+from lgprjax.coverage.pattern import Pattern, plan_pattern
 from lgprjax.coverage.swaths import Line, PatternSettings, line_count, line_order, lines_heading_rad, middle_line
 from lgprjax.coverage.turns import HeadlandTurn, Pose, turn_points
 from lgprjax.coverage.worked import (
@@ -52,6 +53,7 @@ __all__ = [
     "CellState",
     "CoverRoute",
     "Field",
+    "GapPlan",
     "HeadlandTurn",
     "Line",
     "Outline",

@@ -44,7 +44,7 @@ _HUBS = 12
 _LAST_PHASE = 2
 
 
-class _Swath(NamedTuple):
+class TourSwath(NamedTuple):
     """A swath that may be driven.
 
     Attributes:
@@ -58,7 +58,7 @@ class _Swath(NamedTuple):
     either: bool
     phase: int = 1
 
-    def turned(self) -> "_Swath":
+    def turned(self) -> "TourSwath":
         return self._replace(start_m=self.end_m, end_m=self.start_m)
 
 
@@ -106,7 +106,7 @@ def plan_tour(
     if keep_outs_m:
         target = shapely.difference(target, shapely.union_all([shapely.Polygon(each) for each in keep_outs_m]))
     terrain = Terrain(ground, target, outline)
-    layer = _Layer(terrain, target, settings, tool)
+    layer = TourLayer(terrain, target, settings, tool)
     headings = [settings.heading_rad] if settings.heading_rad is not None else _headings(field, ground)
     laid = sorted((layer.lay(each) for each in headings), key=lambda each: each.cost_m)
     best: Tour | None = None
@@ -116,17 +116,17 @@ def plan_tour(
         swaths = layer.fill(each.swaths, headings)
         if not swaths:
             continue
-        tour = _string(field, terrain, layer, swaths, headings, settings, name)
+        tour = string_swaths(field, terrain, layer, swaths, headings, settings, name)
         if best is None or tour.worked_m2 > best.worked_m2 + 1e-3 * tour.target_m2:
             best = tour
         if best.worked_m2 >= _ENOUGH * layer.open_m2:
             break
     if best is None:
-        raise _nowhere(target, ground, outline, name)
+        raise no_swath_fits(target, ground, outline, name)
     return best
 
 
-def _nowhere(target: Any, ground: SafeGround, outline: Outline, name: str) -> InputError:
+def no_swath_fits(target: Any, ground: SafeGround, outline: Outline, name: str) -> InputError:
     length_m, width_m = outline.front_m - outline.rear_m, outline.left_m - outline.right_m
     expected = f"room for a vehicle of {length_m:.2f} x {width_m:.2f} m, {ground.clearance_m:.2f} m within the ground"
     widest_m = 2.0 * float(shapely.maximum_inscribed_circle(ground.shape).length)
@@ -153,11 +153,11 @@ def _headings(field: Field, ground: SafeGround) -> list[float]:
 
 
 class _Laid(NamedTuple):
-    swaths: list[_Swath]
+    swaths: list[TourSwath]
     cost_m: float
 
 
-class _Layer:
+class TourLayer:
     """Lays swaths where vehicle and tool fit."""
 
     def __init__(self, terrain: Terrain, target: Any, settings: PatternSettings, tool: Tool) -> None:
@@ -191,7 +191,7 @@ class _Layer:
         else:
             count = line_count(high_m - low_m, width_m, settings.overlap)
             places = np.linspace(low_m + 0.5 * width_m, high_m - 0.5 * width_m, count)
-        swaths: list[_Swath] = []
+        swaths: list[TourSwath] = []
         missed_m = 0.0
         for across_m in places:
             found, missed = self.strip(heading_rad, float(across_m))
@@ -204,7 +204,7 @@ class _Layer:
 
     def strip(
         self, heading_rad: float, across_m: float, low_m: float = -math.inf, high_m: float = math.inf
-    ) -> tuple[list[_Swath], float]:
+    ) -> tuple[list[TourSwath], float]:
         """Swaths of one strip between two places along it, and the length of what they do not reach."""
         settings, outline = self.settings, self.terrain.outline
         half_m = 0.5 * settings.tool_width_m
@@ -239,11 +239,13 @@ class _Layer:
                 same = any(x <= low + 0.05 and y >= high - 0.05 for x, y in spans[not best])
                 ends = (low, high) if best else (high, low)
                 start, end = (self._out(heading_rad, along, across_m) for along in ends)
-                swaths.append(_Swath(start, end, same))
+                swaths.append(TourSwath(start, end, same))
             missed_m += b - a - sum(high - low for low, high in chosen)
         return swaths, missed_m
 
-    def fill(self, swaths: Sequence[_Swath], headings: Sequence[float], banned: Sequence[_Swath] = ()) -> list[_Swath]:
+    def fill(
+        self, swaths: Sequence[TourSwath], headings: Sequence[float], banned: Sequence[TourSwath] = ()
+    ) -> list[TourSwath]:
         """The swaths, and more of them over what they leave and a tool can reach; none like those that are banned."""
         terrain, settings = self.terrain, self.settings
         half_m = 0.5 * settings.tool_width_m
@@ -265,7 +267,7 @@ class _Layer:
                 break
             rows, columns = np.nonzero(labels == largest)
             places = np.stack([terrain.east_m[columns], terrain.north_m[rows]], axis=1)
-            best: tuple[float, _Swath] | None = None
+            best: tuple[float, TourSwath] | None = None
             for heading in self._ways_near(places, ways):
                 along = np.array([math.cos(heading), math.sin(heading)])
                 x, y = places @ along, places @ np.array([-along[1], along[0]])
@@ -302,7 +304,7 @@ class _Layer:
             every.append(best[1]._replace(phase=2))
         return every
 
-    def single(self, heading_rad: float, across_m: float, low_m: float, high_m: float) -> list[_Swath]:
+    def single(self, heading_rad: float, across_m: float, low_m: float, high_m: float) -> list[TourSwath]:
         """Swaths either way round over a stretch of a strip, whatever is to be worked there."""
         settings, outline = self.settings, self.terrain.outline
         _, kept = self._in_axes(heading_rad, whole=True)
@@ -323,10 +325,10 @@ class _Layer:
                     continue
                 ends = (start, end) if forward else (end, start)
                 first, last = (self._out(heading_rad, each, across_m) for each in ends)
-                found.append(_Swath(first, last, False))
+                found.append(TourSwath(first, last, False))
         return found
 
-    def mark(self, cells: np.ndarray, swath: _Swath) -> None:
+    def mark(self, cells: np.ndarray, swath: TourSwath) -> None:
         """Take out of cells what a swath works."""
         half_m = 0.5 * self.settings.tool_width_m
         part, within = self.terrain.in_rectangle(swath.start_m, swath.end_m, half_m, self._half_length_m)
@@ -374,7 +376,7 @@ class _Layer:
         return np.array([along_m * cos - across_m * sin, along_m * sin + across_m * cos])
 
 
-def _alike(one: _Swath, other: _Swath) -> bool:
+def _alike(one: TourSwath, other: TourSwath) -> bool:
     """Whether two swaths end at about the same place and heading."""
     a, b = one.end_m - one.start_m, other.end_m - other.start_m
     lengths = float(np.hypot(*a) * np.hypot(*b))
@@ -419,11 +421,11 @@ def _between(shut: list[tuple[float, float]], band: Any) -> list[tuple[float, fl
 # Strung one after the other.
 
 
-def _string(
+def string_swaths(
     field: Field,
     terrain: Terrain,
-    layer: _Layer,
-    swaths: list[_Swath],
+    layer: TourLayer,
+    swaths: list[TourSwath],
     headings: Sequence[float],
     settings: PatternSettings,
     name: str,
@@ -433,13 +435,13 @@ def _string(
     half_m = 0.5 * settings.tool_width_m + 0.05
     band = (half_m, max(ahead_m, 0.0) + radius_m)
 
-    def pose(swath: _Swath, at_end: bool = False) -> Float[np.ndarray, "3"]:
+    def pose(swath: TourSwath, at_end: bool = False) -> Float[np.ndarray, "3"]:
         at = pose_on_line(Line(1, swath.start_m, swath.end_m), ahead_m, left_m)
         if at_end:
             at[:2] += swath.end_m - swath.start_m
         return at
 
-    def joint(start: np.ndarray, back_m: float, swath: _Swath, limit_m: float = math.inf) -> Joint | None:
+    def joint(start: np.ndarray, back_m: float, swath: TourSwath, limit_m: float = math.inf) -> Joint | None:
         return find_joint(
             terrain,
             start,
@@ -456,13 +458,13 @@ def _string(
     lowest = min(each.phase for each in swaths)
     first = _first(terrain, [each for each in swaths if each.phase == lowest], pose)
     if first is None:
-        raise _nowhere(shapely.Polygon(field.perimeter_m), terrain.ground, outline, name)
+        raise no_swath_fits(shapely.Polygon(field.perimeter_m), terrain.ground, outline, name)
     _, swath = first
     number = next(number for number, each in enumerate(swaths) if each is swath or _same(each, swath))
     driven, ways = [(number, swath)], list[Pieces]()
     remaining.remove(number)
     layer.mark(terrain.unworked, swath)
-    rounds, failed = 0, list[_Swath]()
+    rounds, failed = 0, list[TourSwath]()
     while remaining:
         phase = min(swaths[each].phase for each in remaining)
         found = None
@@ -506,9 +508,9 @@ def _string(
     return Tour(pattern, target_m2, worked_m2, sum(cusps(way) for way in ways))
 
 
-def _first(terrain: Terrain, swaths: list[_Swath], pose: Any) -> tuple[int, _Swath] | None:
+def _first(terrain: Terrain, swaths: list[TourSwath], pose: Any) -> tuple[int, TourSwath] | None:
     """The swath to begin with: one that the vehicle stands before, off the field, as far out as there is one."""
-    best: tuple[tuple[bool, float], int, _Swath] | None = None
+    best: tuple[tuple[bool, float], int, TourSwath] | None = None
     middle = np.mean([0.5 * (each.start_m + each.end_m) for each in swaths], axis=0)
     for number, each in enumerate(swaths):
         for entry in (each, each.turned())[: 2 if each.either else 1]:
@@ -530,18 +532,18 @@ def _about_m(here: np.ndarray, there: np.ndarray, radius_m: float) -> float:
     return max(apart_m, turned * radius_m)
 
 
-def _same(one: _Swath, other: _Swath) -> bool:
+def _same(one: TourSwath, other: TourSwath) -> bool:
     return one.end_m is other.start_m and one.start_m is other.end_m
 
 
-_Found = tuple[float, int, _Swath, Pieces]
+_Found = tuple[float, int, TourSwath, Pieces]
 
 
 def _next(
     terrain: Terrain,
-    driven: list[tuple[int, _Swath]],
+    driven: list[tuple[int, TourSwath]],
     ways: list[Pieces],
-    remaining: list[tuple[int, _Swath]],
+    remaining: list[tuple[int, TourSwath]],
     pose: Any,
     joint: Any,
     radius_m: float,
@@ -575,7 +577,7 @@ def _next(
     return None
 
 
-def _direct(here: np.ndarray, back_m: float, entries: list[tuple[float, int, _Swath]], joint: Any) -> _Found | None:
+def _direct(here: np.ndarray, back_m: float, entries: list[tuple[float, int, TourSwath]], joint: Any) -> _Found | None:
     """The cheapest of the nearest swaths that one way leads to."""
     best: _Found | None = None
     for tried, (about_m, number, entry) in enumerate(entries[:_MOST_ENTRIES]):
@@ -591,8 +593,8 @@ def _by_hub(
     terrain: Terrain,
     here: np.ndarray,
     back_m: float,
-    entries: list[tuple[float, int, _Swath]],
-    driven: list[tuple[int, _Swath]],
+    entries: list[tuple[float, int, TourSwath]],
+    driven: list[tuple[int, TourSwath]],
     pose: Any,
     joint: Any,
     radius_m: float,

@@ -405,7 +405,13 @@ def init_worked(grid: CellGrid) -> WorkedState:
 
 
 @partial(jax.jit, static_argnames=("grid", "tool"), donate_argnames="state")
-def step_worked(grid: CellGrid, tool: Tool, state: WorkedState, moment: ToolMoment) -> WorkedState:
+def step_worked(
+    grid: CellGrid,
+    tool: Tool,
+    state: WorkedState,
+    moment: ToolMoment,
+    shared_sigma_m: float | Float[Array, ""] = 0.0,
+) -> WorkedState:
     """The map with one more moment.
 
     Nothing is claimed for a moment that does not count (``step_pass`` says when), nor between moments that the tool
@@ -416,22 +422,44 @@ def step_worked(grid: CellGrid, tool: Tool, state: WorkedState, moment: ToolMome
         tool: its rectangle, as plain numbers.
         state: before; it is given up.
         moment: one lane; more by ``vmap``.
+        shared_sigma_m: see ``run_worked``.
     """
-    return _step(grid, tool, state, moment)
+    return _step(grid, tool, state, moment, shared_sigma_m)
 
 
 @partial(jax.jit, static_argnames=("grid", "tool"))
-def run_worked(grid: CellGrid, tool: Tool, state: WorkedState, moments: ToolMoment) -> WorkedState:
-    """The map after moments with a leading axis of time: the same step, one after the other."""
+def run_worked(
+    grid: CellGrid,
+    tool: Tool,
+    state: WorkedState,
+    moments: ToolMoment,
+    shared_sigma_m: float | Float[Array, ""] = 0.0,
+) -> WorkedState:
+    """The map after moments with a leading axis of time: the same step, one after the other.
+
+    Args:
+        grid: of the map.
+        tool: its rectangle, as plain numbers.
+        state: before.
+        moments: in order.
+        shared_sigma_m: an axis, of the error that all positions share and no filter sees: of the base, and of where the
+            tool is mounted. It is added to every moment's covariance; that it is the same for all is not made use of.
+    """
 
     def step(carried: WorkedState, moment: ToolMoment) -> tuple[WorkedState, None]:
-        return _step(grid, tool, carried, moment), None
+        return _step(grid, tool, carried, moment, shared_sigma_m), None
 
     worked: WorkedState = jax.lax.scan(step, state, moments)[0]
     return worked
 
 
-def _step(grid: CellGrid, tool: Tool, state: WorkedState, moment: ToolMoment) -> WorkedState:
+def _step(
+    grid: CellGrid, tool: Tool, state: WorkedState, moment: ToolMoment, shared_sigma_m: float | Float[Array, ""]
+) -> WorkedState:
+    shared_m2 = jnp.square(jnp.asarray(shared_sigma_m, jnp.float32))
+    moment = moment._replace(
+        covariance=moment.covariance + shared_m2 * jnp.diag(jnp.array([1.0, 1.0, 0.0], jnp.float32))
+    )
     reach_m = 0.5 * math.hypot(tool.width_m, tool.length_m) + _REACH_WIDTHS * tool.width_m
     # The strips extend as far back as the patch, for any corner.
     spacing_m = math.sqrt(2.0) * reach_m / (STRIPS - 2)

@@ -2,8 +2,10 @@
 ``data_schema/worked.toml``.
 """
 
+import csv
 import json
 import tempfile
+import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -340,6 +342,89 @@ def write_geopackage(
                 dataset_metadata=metadata,
             )
         whole.replace(temporary)
+
+
+def write_shapefiles(path: str | Path, layers: Sequence[GeoLayer], *, force: bool = False) -> None:
+    """Write layers as shapefiles, one each, in a ZIP archive; names of columns are cut to ten characters, text to 254.
+
+    Empty layers are left out: a shapefile of no shapes has no columns either.
+
+    Raises:
+        InputError: pyogrio is missing, or the output exists (without ``force``) or cannot be written.
+    """
+    pyogrio = _pyogrio(path)
+    with (
+        atomic_output(path, force) as temporary,
+        tempfile.TemporaryDirectory(dir=Path(path).parent, prefix=".export-") as folder,
+    ):
+        for layer in layers:
+            if not layer.shapes:
+                continue
+            names = list(layer.properties[0])
+            pyogrio.raw.write(
+                Path(folder) / f"{layer.name}.shp",
+                geometry=np.array([shape.wkb for shape in layer.shapes], object),
+                field_data=[_column([_cut(row[name]) for row in layer.properties]) for name in names],
+                fields=_short(names),
+                driver="ESRI Shapefile",
+                geometry_type=layer.kind,
+                crs=_CRS,
+                encoding="UTF-8",
+            )
+        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+            for each in sorted(Path(folder).iterdir()):
+                archive.write(each, each.name)
+
+
+def _cut(value: Any) -> Any:
+    """A text as long as a shapefile's column, whole characters."""
+    return value.encode()[:254].decode("utf-8", "ignore") if isinstance(value, str) else value
+
+
+def _short(names: Sequence[str]) -> list[str]:
+    """Names of ten characters at most, none twice."""
+    found: list[str] = []
+    for name in names:
+        cut, number = name[:10], 1
+        while cut in found:
+            cut, number = f"{name[:8]}_{number}", number + 1
+        found.append(cut)
+    return found
+
+
+def write_cells(path: str | Path, record: WorkedRecord, inside: np.ndarray, *, force: bool = False) -> None:
+    """Write the cells of a field as CSV, row by row from the south-west.
+
+    Args:
+        path: the output.
+        record: whose cells they are.
+        inside: cells of the field.
+        force: replace an output that exists.
+
+    Raises:
+        InputError: the output exists (without ``force``) or cannot be written.
+    """
+    cells = record.cells
+    rows, columns = np.nonzero(inside)
+    east_m = cells.east_m + cells.cell_m * (columns + 0.5)
+    north_m = cells.north_m + cells.cell_m * (rows + 0.5)
+    latitude, longitude, _ = record.frame.to_geodetic(east_m, north_m, np.zeros(len(rows)))
+    # Rounded down, as in the record.
+    probability = np.floor(1e5 * (cells.probability[rows, columns] / FULL)) / 1e5
+    words = np.array(["not processed", "uncertain", "processed"])
+    names = [f"state_p{100.0 * level:g}".replace(".", "") for level in cells.level]
+    states = [words[state[rows, columns]] for state in cells.state]
+    with atomic_output(path, force) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["latitude_deg", "longitude_deg", "east_m", "north_m", "probability", *names])
+        for number in range(len(rows)):
+            place = (
+                f"{latitude[number]:.9f}",
+                f"{longitude[number]:.9f}",
+                f"{east_m[number]:.3f}",
+                f"{north_m[number]:.3f}",
+            )
+            writer.writerow([*place, f"{probability[number]:.5f}", *(state[number] for state in states)])
 
 
 def write_geojson(

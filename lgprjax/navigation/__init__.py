@@ -112,11 +112,13 @@ from lgprjax.navigation.skid_model import (
     SkidModel,
     SkidMotion,
     SkidObservations,
+    cautious_skid_model,
     default_skid_model,
     no_skid_observations,
     skid_pose,
     skid_pose_covariance,
 )
+from lgprjax.navigation.skid_smoother import SmoothedDrive, contradicted_m, smooth_skid
 
 __all__ = [
     "OF_GNSS",
@@ -162,13 +164,16 @@ __all__ = [
     "SkidMotion",
     "SkidObservations",
     "SlewLimits",
+    "SmoothedDrive",
     "Starts",
     "SwitchSettings",
     "SwitchState",
     "Transition",
     "acquire",
     "anchor_frame",
+    "cautious_skid_model",
     "choose",
+    "contradicted_m",
     "default_model",
     "default_rules",
     "default_skid_model",
@@ -205,6 +210,7 @@ __all__ = [
     "skid_rules",
     "slew_frame",
     "smooth_estimates",
+    "smooth_skid",
     "step_filter",
     "step_health",
     "step_local",

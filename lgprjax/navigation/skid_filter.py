@@ -98,7 +98,8 @@ def fix_innovation(
         fix: arbitrary if not offered.
         offered: whether it is usable.
     """
-    slow_x, slow_y = (jnp.sqrt(model.gnss_slow_share * _variance(fix, axis, offered)) for axis in (0, 1))
+    scale2 = model.gnss_scale * model.gnss_scale
+    slow_x, slow_y = (jnp.sqrt(scale2 * model.gnss_slow_share * _variance(fix, axis, offered)) for axis in (0, 1))
     at = antenna_reach(model, estimate, motion, jnp.where(offered, fix.age_s, 0.0))
     mean = estimate.mean
     x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), at)
@@ -106,7 +107,7 @@ def fix_innovation(
     rows = ({X: one, YAW: -y, SLOW_X: slow_x}, {Y: one, YAW: x, SLOW_Y: slow_y})
     expected = jnp.stack([mean[X] + x + slow_x * mean[SLOW_X], mean[Y] + y + slow_y * mean[SLOW_Y]])
     least = LEAST_FIX_VARIANCE * jnp.eye(2, dtype=mean.dtype)
-    white = (1.0 - model.gnss_slow_share) * fix.covariance + least
+    white = scale2 * (1.0 - model.gnss_slow_share) * fix.covariance + least
     return innovation_of(jnp.stack([fix.x_m, fix.y_m]) - expected, rows, white, offered)
 
 
@@ -131,7 +132,7 @@ def turn_innovation(
     expected = estimate.mean[TURNED] - received.late_s * yaw_rate_radps + estimate.mean[DRIFT] * span
     # The end of a span within its tick is unknown: its turn is uncertain if the rate changed between two ends.
     doubt = model.ins_clock_s * (yaw_rate_radps - epoch.yaw_rate_radps)
-    noise = model.ins_noise**2 * span + doubt * doubt
+    noise = model.ins_noise**2 * span + doubt * doubt + model.ins_turn_noise**2 * jnp.abs(expected)
     row = {TURNED: jnp.float32(1.0), DRIFT: span}
     return innovation_of((delta.turn_rad - expected)[None], (row,), noise[None, None], received.usable)
 
@@ -208,12 +209,18 @@ class Fate(NamedTuple):
 
 
 class HeadingUpdate(NamedTuple):
-    """Estimate, gates and the end of the last delta heading after a tick's, and its outcome."""
+    """Estimate, gates and the end of the last delta heading after a tick's, and its outcome.
+
+    Attributes:
+        counted: the estimate before the count of the turn starts anew; ends: whether it does.
+    """
 
     estimate: SkidEstimate
     gates: GateState
     epoch: InsEpoch
     fate: Fate
+    counted: SkidEstimate
+    ends: Bool[Array, ""]
 
 
 def update_turn(
@@ -246,6 +253,7 @@ def update_turn(
     mean = jnp.where(IS_YAW, wrap_yaw(mean + apart), mean)
     covariance = covariance + jnp.diag(jnp.where(IS_YAW, half * (half + 2.0 * sigma), 0.0))
     _, yaw_rate_radps = skid_rates(model, SkidEstimate(mean, covariance), motion)
+    counted = SkidEstimate(mean, covariance)
     begun = received.late_s * yaw_rate_radps - mean[TURNED]
     mean, covariance = reopen(mean, covariance, {TURNED: begun}, {TURNED: jnp.zeros_like(begun)}, received.ends)
     ended = InsEpoch(
@@ -253,7 +261,7 @@ def update_turn(
         jnp.where(received.ends, yaw_rate_radps, epoch.yaw_rate_radps),
     )
     fate = Fate(weighed.nis, received.usable, verdict.accepted, verdict.reacquired)
-    return HeadingUpdate(SkidEstimate(mean, covariance), gates, ended, fate)
+    return HeadingUpdate(SkidEstimate(mean, covariance), gates, ended, fate, counted, received.ends)
 
 
 # The first heading of a vehicle without a compass: from pairs of fixes while driving straight (MF section 2).
@@ -410,7 +418,7 @@ def _heading_of(model: SkidModel, start: HeadingStart, blind: Bool[Array, ""]) -
     full = start.taken >= 2 * PAIRS
     base_m = jnp.where(full, jnp.maximum(own_m.mean(), model.start_pair_m), model.start_pair_m)
     apart_s = jnp.mean(start.fix_s[PAIRS:] - start.fix_s[:PAIRS])
-    reported = start.fix_variance.mean()
+    reported = model.gnss_scale**2 * start.fix_variance.mean()
     white = 2.0 * (1.0 - model.gnss_slow_share) * reported / PAIRS
     slow = -2.0 * model.gnss_slow_share * reported * jnp.expm1(-jnp.maximum(apart_s, 0.0) / model.gnss_slow_s)
     aside = model.side_noise**2 * base_m
@@ -514,17 +522,24 @@ def step_skid_filter(
         motion: over the tick.
         observations: taken within it, or before and late; a slot that is not valid may hold anything.
     """
-    motion = _finite(motion, state.last.wheels)
+    motion, turned = hear_turn(model, rules, state, motion, observations.delta_heading)
     step = motion.step_s
-    epoch = state.last.epoch._replace(since_s=state.last.epoch.since_s + step)
-    estimate = predict_skid(model, state.estimate, motion)
-    gates = advance_gates(rules, state.gates, step)
-    turned = update_turn(model, rules, estimate, gates, epoch, motion, observations.delta_heading)
     turn = wrap_yaw(turned.estimate.mean[YAW] - state.estimate.mean[YAW])
     wheels = WheelSpeeds(motion.left_mps, motion.right_mps)
     last = state.last._replace(wheels=wheels, epoch=turned.epoch, fix_s=state.last.fix_s + step)
     received = SkidFilterState(turned.estimate, turned.gates, state.start, last)
     return _hear_fix(model, rules, received, motion, turn, observations.gnss, turned.fate)
+
+
+def hear_turn(
+    model: SkidModel, rules: GateRules, state: SkidFilterState, motion: SkidMotion, delta: DeltaHeading
+) -> tuple[SkidMotion, HeadingUpdate]:
+    """The first half of a tick: the motion, as far as it is finite, and the delta heading."""
+    motion = _finite(motion, state.last.wheels)
+    epoch = state.last.epoch._replace(since_s=state.last.epoch.since_s + motion.step_s)
+    estimate = predict_skid(model, state.estimate, motion)
+    gates = advance_gates(rules, state.gates, motion.step_s)
+    return motion, update_turn(model, rules, estimate, gates, epoch, motion, delta)
 
 
 def _finite(motion: SkidMotion, wheels: WheelSpeeds) -> SkidMotion:

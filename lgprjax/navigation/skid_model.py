@@ -73,6 +73,8 @@ class SkidModel(NamedTuple):
         start_rms_rad: largest RMS of its headings (MF: 1.5°).
         lost_yaw_rad: standard deviation of the heading from which on it counts as unknown and is started anew.
         contradiction_rad: a heading that straight fixes contradict by more, and by 4 sigmas, is started anew.
+        gnss_scale: by which the sigma that a fix reports is multiplied.
+        ins_turn_noise: of the INS, with the turn: rad/√rad.
     """
 
     track_m: Float[Array, "..."]
@@ -104,6 +106,8 @@ class SkidModel(NamedTuple):
     start_rms_rad: Float[Array, "..."]
     lost_yaw_rad: Float[Array, "..."]
     contradiction_rad: Float[Array, "..."]
+    gnss_scale: Float[Array, "..."]
+    ins_turn_noise: Float[Array, "..."]
 
 
 class SkidEstimate(NamedTuple):
@@ -155,6 +159,30 @@ def default_skid_model(*, track_m: float, gnss_x_m: float, gnss_y_m: float) -> S
         start_rms_rad=jnp.float32(0.02618),
         lost_yaw_rad=jnp.float32(0.0873),
         contradiction_rad=jnp.float32(0.0873),
+        gnss_scale=jnp.float32(1.0),
+        ins_turn_noise=jnp.float32(0.0),
+    )
+
+
+def cautious_skid_model(*, track_m: float, gnss_x_m: float, gnss_y_m: float) -> SkidModel:
+    """The model that vehicles drive with: noises that hold where ground and sensors follow none of its laws.
+
+    Slopes, soil and the tool's load slip more than ``default_skid_model`` has it, GNSS has bursts that it does not tell
+    of, the INS a scale of its own. The numbers make the normalised error squared of ``scene.other_laws`` about one in
+    the mean over drawn fields (``docs/worked_area.md``).
+
+    Args:
+        track_m, gnss_x_m, gnss_y_m: as for ``default_skid_model``.
+    """
+    return default_skid_model(track_m=track_m, gnss_x_m=gnss_x_m, gnss_y_m=gnss_y_m)._replace(
+        side_noise=jnp.float32(0.015),
+        along_noise=jnp.float32(0.010),
+        yaw_noise=jnp.float32(0.006),
+        slip_sigma=jnp.float32(0.025),
+        initial_drift_radps=jnp.float32(1e-4),
+        drift_walk=jnp.float32(3e-6),
+        gnss_scale=jnp.float32(1.4),
+        ins_turn_noise=jnp.float32(0.002),
     )
 
 

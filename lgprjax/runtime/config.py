@@ -104,6 +104,8 @@ class CoverageTable(ConfigTable):
         spare_m: extra room of the fence beyond the plan's, for stopping, uncertainty and tracking.
         cell_m: side of the cells of the worked map.
         level: probability from which the page shows a cell as worked.
+        shared_sigma_m: an axis, of the error that all positions share, of the base above all: added on the page's map.
+        resume: what the run takes up of earlier ones; written by ``run --resume``.
     """
 
     plan: str | None = None
@@ -112,6 +114,8 @@ class CoverageTable(ConfigTable):
     spare_m: float = Field(default=0.8, ge=0.0, le=20.0)
     cell_m: float = Field(default=0.05, gt=0.0, le=1.0)
     level: float = Field(default=0.95, gt=0.5, lt=1.0)
+    shared_sigma_m: float = Field(default=0.05, ge=0.0, le=1.0)
+    resume: str | None = None
 
 
 class RecordingTable(ConfigTable):
@@ -256,8 +260,8 @@ def write_config(path: Path, config: RuntimeConfig) -> None:
         if table.get(name):
             table[name] = str(config.path(table[name]))
     table["routes"] = [str(config.path(name)) for name in table["routes"]]
-    for name, key in (("coverage", "plan"), ("simulation", "field")):
-        if key in table.get(name, {}):
+    for name, key in (("coverage", "plan"), ("coverage", "resume"), ("simulation", "field")):
+        if table.get(name, {}).get(key):
             table[name][key] = str(config.path(table[name][key]))
     table["recording"]["folder"] = str(config.path(config.recording.folder))
     with atomic_output(path, force=True) as temporary:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from lgprjax import __version__
+from lgprjax.coverage.resume import RoutePlace
 from lgprjax.errors import InputError
 from lgprjax.formats import read_run
 from lgprjax.run_records import Record, RecordKind, Source, unpack
@@ -55,7 +56,7 @@ def replay_run(folder: Path, progress: Callable[[int], None] = lambda _: None) -
     totals = [0, 0, 0]
     first: tuple[int, str] | None = None
     starts, broken = 0, None
-    for header, ticks in _starts(folder):
+    for header, ticks in starts_of_run(folder):
         starts += 1
         core = _core(folder, header)
         expected = 1
@@ -82,7 +83,7 @@ def replay_run(folder: Path, progress: Callable[[int], None] = lambda _: None) -
     return Replayed(totals[0], totals[1], totals[2], first, starts, broken)
 
 
-def _starts(folder: Path) -> Iterator[tuple[dict[str, Any], Iterator[_Tick]]]:
+def starts_of_run(folder: Path) -> Iterator[tuple[dict[str, Any], Iterator[_Tick]]]:
     """Header and complete ticks of every start of the control process."""
     records = _records(folder)
     held: list[Record] = []
@@ -127,7 +128,8 @@ def _core(folder: Path, header: dict[str, Any]) -> ControlCore:
         raise InputError(folder, "version", f"a run of this version, {__version__}", str(header["version"]))
     config: RuntimeConfig = read_config(folder / "config.toml")
     config = config.model_copy(update={"file": Path(header["config"])})
-    loaded = load_vehicle(config)
+    place = header.get("place")
+    loaded = load_vehicle(config, None if place is None else RoutePlace(int(place[0]), float(place[1])))
     for name, digest in header["hashes"].items():
         if loaded.hashes.get(name) != digest:
             raise InputError(config.path(name), "file", f"as in the run, {digest[:12]}...", "another, or none")

@@ -210,6 +210,18 @@ def init_skid_plant(plant: SkidPlant, pose: VehiclePose, key: PRNGKeyArray, *, d
     return SkidPlantState(pose, WheelSpeeds(zero, zero), waiting, slip, zero, zero, zero, zero)
 
 
+def turn_wheels(
+    plant: SkidPlant, state: SkidPlantState, command: WheelSpeeds, step_s: float
+) -> tuple[Float[Array, "slot 2"], WheelSpeeds]:
+    """Commands that wait, and the wheels as they turn after a step: delay, threshold and lag of the hydraulics."""
+    waiting = jnp.concatenate([jnp.stack(command)[None], state.waiting[:-1]])
+    late = jnp.clip(jnp.round(plant.delay_s / step_s).astype(jnp.int32), 0, waiting.shape[0] - 1)
+    executed = obeyed_wheels(plant.threshold_mps, WheelSpeeds(waiting[late, 0], waiting[late, 1]))
+    slow = plant.lag_s > 0.0
+    share = jnp.where(slow, 1.0 - jnp.exp(-step_s / jnp.where(slow, plant.lag_s, 1.0)), 1.0)
+    return waiting, WheelSpeeds(*(was + share * (now - was) for was, now in zip(state.wheels, executed, strict=True)))
+
+
 def step_skid_plant(
     plant: SkidPlant, state: SkidPlantState, command: WheelSpeeds, key: PRNGKeyArray, step_s: float
 ) -> SkidPlantState:
@@ -223,12 +235,7 @@ def step_skid_plant(
         step_s: of the control loop.
     """
     noise = jax.random.normal(key, (5,))
-    waiting = jnp.concatenate([jnp.stack(command)[None], state.waiting[:-1]])
-    late = jnp.clip(jnp.round(plant.delay_s / step_s).astype(jnp.int32), 0, waiting.shape[0] - 1)
-    executed = obeyed_wheels(plant.threshold_mps, WheelSpeeds(waiting[late, 0], waiting[late, 1]))
-    slow = plant.lag_s > 0.0
-    share = jnp.where(slow, 1.0 - jnp.exp(-step_s / jnp.where(slow, plant.lag_s, 1.0)), 1.0)
-    left, right = (was + share * (now - was) for was, now in zip(state.wheels, executed, strict=True))
+    waiting, (left, right) = turn_wheels(plant, state, command, step_s)
     ways = jnp.abs(jnp.stack([left, right])) * step_s
     keep = jnp.exp(-ways / plant.slip_m)
     slip = keep * state.slip + plant.slip_sigma * jnp.sqrt(1.0 - keep * keep) * noise[:2]

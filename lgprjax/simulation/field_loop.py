@@ -50,6 +50,14 @@ from lgprjax.navigation.skid_model import (
     skid_pose,
     skid_pose_covariance,
 )
+from lgprjax.scene.other_laws import (
+    LawState,
+    OtherLaws,
+    draw_other_laws,
+    init_law_state,
+    read_other_sensors,
+    step_other_plant,
+)
 from lgprjax.scene.plant import (
     SkidPlant,
     SkidPlantState,
@@ -101,6 +109,8 @@ class FieldWorld(NamedTuple):
         plant, sensors: the world's; track_sigma: share by which a lane's track differs from the plant's.
         setup: of the step.
         set_speed_mps: that the operator locked.
+        largest_base_m: by other laws than the filter's, with a base that is off by as much at most, see
+            ``scene.other_laws``; ``None``: by the filter's own.
     """
 
     plant: SkidPlant
@@ -108,6 +118,7 @@ class FieldWorld(NamedTuple):
     track_sigma: Float[Array, ""]
     setup: SkidSetup
     set_speed_mps: Float[Array, ""]
+    largest_base_m: Float[Array, ""] | None = None
 
 
 class FieldCourse(NamedTuple):
@@ -180,6 +191,7 @@ class FieldState(NamedTuple):
         command: drives the next tick.
         handover: whether the computer drives.
         tick: how many have passed.
+        laws: other than the filter's, and what they carry.
     """
 
     track_m: Float[Array, ""]
@@ -189,6 +201,7 @@ class FieldState(NamedTuple):
     command: SkidCommand
     handover: Handover
     tick: Int[Array, ""]
+    laws: tuple[OtherLaws, LawState] | None = None
 
 
 class FieldMoment(NamedTuple):
@@ -207,6 +220,7 @@ class FieldMoment(NamedTuple):
         edge: a crossing of the fence is predicted.
         reasons: bits of ``Reason``; limited: of ``SkidLimited``.
         sigma_m: of the position, by the estimate.
+        tool_m: by how much the tool is mounted elsewhere than believed, forward and left.
     """
 
     x_m: Float[Array, "..."]
@@ -228,6 +242,7 @@ class FieldMoment(NamedTuple):
     reasons: Int[Array, "..."]
     limited: Int[Array, "..."]
     sigma_m: Float[Array, "..."]
+    tool_m: Float[Array, "... 2"]
 
 
 @partial(jax.jit, static_argnums=0)
@@ -264,6 +279,9 @@ def _start(spec: FieldLoopSpec, world: FieldWorld, route: CoverRoute, key: PRNGK
     pose = VehiclePose(begin.x_m, begin.y_m, begin.yaw_rad)
     off_m = _BELIEVED_OFF_M * jax.random.normal(place_key, (2,))
     skid = init_skid(world.setup, pose.x_m + off_m[0], pose.y_m + off_m[1])
+    laws = None
+    if world.largest_base_m is not None:
+        laws = draw_other_laws(jax.random.fold_in(key, 1), largest_base_m=world.largest_base_m), init_law_state()
     return FieldState(
         track_m,
         init_skid_plant(world.plant, pose, plant_key, delay_slots=spec.delay_slots),
@@ -272,6 +290,7 @@ def _start(spec: FieldLoopSpec, world: FieldWorld, route: CoverRoute, key: PRNGK
         skid.limiter.last,
         init_handover(),
         jnp.int32(0),
+        laws,
     )
 
 
@@ -307,9 +326,17 @@ def _tick(
         jnp.where(engaged, command.left_mps, by_hand.left_mps),
         jnp.where(engaged, command.right_mps, by_hand.right_mps),
     )
-    plant = step_skid_plant(world.plant._replace(track_m=state.track_m), state.plant, told, plant_key, TICK_S)
-    tick = state.tick + 1
-    sensors, readings = read_skid_sensors(world.sensors, state.sensors, plant, tick, sensor_key, TICK_S)
+    held, tick, laws = world.plant._replace(track_m=state.track_m), state.tick + 1, state.laws
+    if laws is None:
+        plant = step_skid_plant(held, state.plant, told, plant_key, TICK_S)
+        sensors, readings = read_skid_sensors(world.sensors, state.sensors, plant, tick, sensor_key, TICK_S)
+    else:
+        tool_on = jnp.where(engaged, command.tool, 0.0)
+        plant = step_other_plant(laws[0], held, state.plant, told, tool_on, plant_key, TICK_S)
+        carried, sensors, readings = read_other_sensors(
+            laws[0], laws[1], world.sensors, state.sensors, plant, tick, sensor_key, TICK_S
+        )
+        laws = laws[0], carried
     orders = SkidOrders(
         engaged=engaged,
         drives=engaged,
@@ -327,7 +354,7 @@ def _tick(
     sound = info.filter.heading_known & (info.reaction != Reaction.STOP) & (apart_m >= -_ENGAGE_M)
     stop = (info.reaction == Reaction.STOP) | info.edge_predicted
     handover = step_handover(state.handover, sound=sound, stop=stop)
-    return FieldState(state.track_m, plant, sensors, skid, command, handover, tick), info
+    return FieldState(state.track_m, plant, sensors, skid, command, handover, tick, laws), info
 
 
 def _by_hand(world: FieldWorld, begin: RoutePoint, pose: VehiclePose) -> WheelSpeeds:
@@ -373,6 +400,7 @@ def _kept(route: CoverRoute, state: FieldState, info: SkidInfo) -> FieldMoment:
         info.reasons,
         info.limited,
         info.sigma_m,
+        jnp.zeros(2, jnp.float32) if state.laws is None else state.laws[0].tool_m,
     )
 
 

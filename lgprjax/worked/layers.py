@@ -19,6 +19,39 @@ _QUALITY = {0: "none", 1: "single", 2: "float", 3: "fixed"}
 _NO_AREA_M2 = 1e-9
 
 
+def evidence_of(record: WorkedRecord) -> dict[str, Any]:
+    """What was told with the record; nothing of an older one."""
+    told = record.provenance.get("evidence", {})
+    return told if isinstance(told, dict) else {}
+
+
+def told_of_work(record: WorkedRecord) -> dict[str, str]:
+    """Task, hazard area, machine and operator, as far as they were told."""
+    told = evidence_of(record)
+    return {name: str(told[name]) for name in ("task", "hazard_area", "machine", "operator") if told.get(name)}
+
+
+_DRIVEN = {3: "by the computer", 4: "by the computer"}
+_BY_HAND = "by hand or remote control"
+
+
+def driver_of_pass(record: WorkedRecord, number: int) -> str:
+    """Who drove a pass: its moments are all of one mode."""
+    channels, passes = record.channels, record.passes
+    of_run = channels.run == passes.run[number]
+    near = np.flatnonzero(of_run)[int(np.argmin(np.abs(channels.time_s[of_run] - passes.begin_s[number])))]
+    return _DRIVEN.get(int(channels.mode[near]), _BY_HAND)
+
+
+def way_by_driver(record: WorkedRecord) -> dict[str, float]:
+    """Length of the passes by who drove them."""
+    found: dict[str, float] = {}
+    for number, length_m in enumerate(record.passes.length_m):
+        words = driver_of_pass(record, number)
+        found[words] = found.get(words, 0.0) + float(length_m)
+    return found
+
+
 def layer_name(level: float) -> str:
     """Name of the layer of processed ground: ``processed_p95``, ``processed_p996``."""
     return f"processed_p{100.0 * level:g}".replace(".", "")
@@ -36,7 +69,8 @@ def cover_layers(record: WorkedRecord, organisation: str) -> tuple[GeoLayer, ...
     """
     field = shapely.Polygon(record.perimeter_m)
     shapely.prepare(field)
-    common = {"organisation": organisation, "method": METHOD, "status": STATUS, **_dates(record)}
+    told = told_of_work(record)
+    common = {"organisation": organisation, "method": METHOD, "status": STATUS, **told, **_dates(record)}
     layers = [_perimeter(record, field, common), _swaths(record, common)]
     levels = list(zip(record.cells.level.tolist(), record.cells.state, strict=True))
     for level, state in levels:
@@ -44,7 +78,7 @@ def cover_layers(record: WorkedRecord, organisation: str) -> tuple[GeoLayer, ...
         properties = {**common, "state": "processed", "level": level}
         layers.append(_areas(record, layer_name(level), [(each, properties) for each in ground]))
     layers.append(_gaps(record, field, levels[0], common))
-    layers += [_stops(record, common), _events(record, common)]
+    layers += [_stops(record, common), _events(record, common), _finds(record, common)]
     return tuple(layers)
 
 
@@ -101,6 +135,7 @@ def _swaths(record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
         }
         times = {name: utc_of(record, float(getattr(passes, f"{name}_s")[number])) for name in ("begin", "end")}
         own = {"pass": number + 1, "run": _run(record, passes.run[number]), "line": int(passes.line[number]) + 1}
+        own["driven"] = driver_of_pass(record, number)
         rows.append(
             (
                 shapely.LineString(way if len(way) > 1 else np.repeat(way, 2, axis=0)),
@@ -152,6 +187,17 @@ def _events(record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
             )
         )
     return _layer(record, "events", "Point", rows)
+
+
+def _finds(record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
+    """Finds and detonations, at the places told."""
+    found = evidence_of(record).get("find", [])
+    shapes = tuple(shapely.Point(float(each["longitude_deg"]), float(each["latitude_deg"])) for each in found)
+    rows = tuple(
+        {**common, "kind": str(each["kind"]), "time": str(each["time_utc"]), "note": str(each["note"])}
+        for each in found
+    )
+    return GeoLayer("finds", "Point", shapes, rows)
 
 
 def _areas(record: WorkedRecord, name: str, rows: Iterable[tuple[Any, dict[str, Any]]]) -> GeoLayer:

@@ -51,6 +51,8 @@ SPARE_M = 0.8
 """Room of the fence beyond what a plan without declared ground needs; ``[coverage] spare_m`` of a run."""
 
 
+_BEGINS_WITHIN = "the first swath begins within the field: the vehicle has to be brought there"
+
 PlanOrder = Literal["zamboni", "boustrophedon", "racetrack", "free", "best"]
 
 
@@ -71,6 +73,7 @@ class PlanOptions(NamedTuple):
         confidence: that every place is to reach with one pass: overlap, and swaths beyond the border where the ground
             outside allows, follow from it; ``None``: ``overlap`` as it is, and swaths flush with the border.
         drop_out_s: with ``confidence``, longest time without GNSS that is to be borne.
+        least_width_m: of a plan for gaps, narrower places are left as they are.
     """
 
     overlap: float = 0.2
@@ -83,6 +86,7 @@ class PlanOptions(NamedTuple):
     speed_mps: float = 0.3
     confidence: float | None = None
     drop_out_s: float = 0.0
+    least_width_m: float = 0.1
 
 
 class OrderCost(NamedTuple):
@@ -137,6 +141,8 @@ def check_plan_options(options: PlanOptions, level: float) -> None:
         raise ArgumentError("keep_out_buffer_m", "0 to 100", f"{options.keep_out_buffer_m:g}")
     if not 0.0 <= options.clearance_m <= 10.0:
         raise ArgumentError("clearance_m", "0 to 10", f"{options.clearance_m:g}")
+    if not 0.0 <= options.least_width_m <= 10.0:
+        raise ArgumentError("least_width_m", "0 to 10", f"{options.least_width_m:g}")
     if not 0.01 <= options.speed_mps <= 10.0:
         raise ArgumentError("speed_mps", "0.01 to 10", f"{options.speed_mps:g}")
 
@@ -204,7 +210,7 @@ def plan_field(
     if vehicle.body.rear_m is None:
         notes.append("the vehicle file has no [body]: ground is for reference point, track and tool alone")
     keep_outs_m = tuple(_keep_out(each, frame, options.keep_out_buffer_m) for each in places.keep_outs)
-    declared = bool(options.sides) or bool(keep_outs_m) or options.order in ("free", "best")
+    declared = bool(options.sides) or bool(keep_outs_m) or options.order in ("free", "best") or worked is not None
     field_names = FieldNames(
         field, keep_outs_m, frame, name, Path(field_file).resolve().name.split(".")[0], tool, outline, declared
     )
@@ -333,23 +339,38 @@ class _Maker:
         done = cells.probability >= level * FULL
         for ring in held.keep_outs_m:
             done = done | inside_cells(Field(ring), grid)
-        asked = self._options.order
-        order: Order = "boustrophedon" if asked == "free" or asked == "best" else asked
-
-        def lay(settings: PatternSettings) -> Pattern | None:
-            return plan_gaps(held.field, done, grid, settings, name=held.file)
-
-        pattern = _lay_within(
-            lay, lambda room_m: self._settings_for(order, room_m, self._heading), held.field, self._room_m
+        ground = self._ground
+        assert ground is not None
+        settings = self._settings_for("free", max(self._rooms), self._heading)
+        least_m = self._options.least_width_m
+        made = plan_gaps(
+            held.field,
+            done,
+            grid,
+            ground,
+            settings,
+            held.tool,
+            held.outline,
+            least_width_m=least_m,
+            name=held.file,
         )
-        if pattern is None:
+        if made is None:
             return None
-        ground = None
-        if held.declared:
-            ground = self._ground
-            assert ground is not None
-            check_drivable(pattern, ground, held.outline, name=held.file)
-        return pattern, ground, [], _unreached(pattern)
+        pattern = made.pattern
+        check_drivable(pattern, ground, held.outline, name=held.file)
+        parts = "1 connected region" if made.regions == 1 else f"{made.regions} connected regions"
+        notes = [f"{parts} of {made.left_m2:.1f} m² in all; swaths end where work is left", *_unreached(pattern)]
+        if made.narrow_m2 > 0.0:
+            notes.append(f"{made.narrow_m2:.1f} m² in places narrower than {least_m:g} m are left as they are")
+        if made.shut_m2 > 0.0:
+            notes.append(f"{made.shut_m2:.1f} m² lie where no swath fits into the ground: not planned")
+        if self._begins_within(pattern, settings):
+            notes.append(_BEGINS_WITHIN)
+        return pattern, self._smaller(pattern, ground), [], notes
+
+    def _begins_within(self, pattern: Pattern, settings: PatternSettings) -> bool:
+        at = pose_on_line(pattern.lines[0], settings.tool_ahead_m, settings.tool_left_m)
+        return bool(contains(self._held.field.perimeter_m, at[None, :2])[0])
 
     @property
     def _room_m(self) -> float | None:
@@ -396,11 +417,7 @@ class _Maker:
                     self._wider, self._ground, held.keep_outs_m, settings, held.tool, held.outline, name=held.file
                 )
                 pattern, share = tour.pattern, tour.worked_m2 / tour.target_m2
-                at = pose_on_line(pattern.lines[0], settings.tool_ahead_m, settings.tool_left_m)
-                inside = bool(contains(held.field.perimeter_m, at[None, :2])[0])
-                begun = (
-                    ["the first swath begins within the field: the vehicle has to be brought there"] if inside else []
-                )
+                begun = [_BEGINS_WITHIN] if self._begins_within(pattern, settings) else []
                 notes = [
                     *begun,
                     *_unreached(pattern),

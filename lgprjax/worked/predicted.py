@@ -1,5 +1,6 @@
 """How surely a vehicle will know where its tool is: the overlap and the border that a confidence asks for."""
 
+import math
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from lgprjax.navigation import (
 )
 from lgprjax.navigation.observations import GnssObservation
 from lgprjax.navigation.skid_model import DeltaHeading, skid_pose_covariance
+from lgprjax.worked.evidence import UNCHECKED_SIGMA_M
 
 _STEP_S = 0.1
 _SETTLED_S = 120.0
@@ -46,7 +48,13 @@ class PredictedWidth(NamedTuple):
 
 
 def predicted_width(
-    model: SkidModel, tool: Tool, *, confidence: float, drop_out_s: float, speed_mps: float
+    model: SkidModel,
+    tool: Tool,
+    *,
+    confidence: float,
+    drop_out_s: float,
+    speed_mps: float,
+    shared_sigma_m: float = UNCHECKED_SIGMA_M,
 ) -> PredictedWidth:
     """Overlap and border by the covariance of the filter that runs on board.
 
@@ -59,6 +67,7 @@ def predicted_width(
         confidence: p, above 0.5 and below 1.
         drop_out_s: longest time without GNSS that is to be borne.
         speed_mps: while working.
+        shared_sigma_m: an axis, of what all positions share; the record adds it as well.
 
     Raises:
         ArgumentError: a number out of its range, or errors that leave nothing of the tool's width.
@@ -67,7 +76,7 @@ def predicted_width(
         raise ArgumentError("confidence", "above 0.5 and below 1", f"{confidence:g}")
     if not 0.0 <= drop_out_s <= _LONGEST_OFF_S:
         raise ArgumentError("drop_out_s", f"0 to {_LONGEST_OFF_S:g}", f"{drop_out_s:g}")
-    sigma_m = _sigma_m(model, tool, drop_out_s, speed_mps)
+    sigma_m = math.hypot(_sigma_m(model, tool, drop_out_s, speed_mps), shared_sigma_m)
     margin_m = NormalDist().inv_cdf(confidence) * sigma_m + TRACKING_M
     if 2.0 * margin_m > 0.8 * tool.width_m:
         expected = f"errors that leave a fifth of the tool's {tool.width_m:g} m"

@@ -39,6 +39,7 @@ from lgprjax.formats.worked import (
 from lgprjax.frames import body_to_local
 from lgprjax.run_records import RecordKind, payload_type
 from lgprjax.run_segment import segments_of
+from lgprjax.worked.evidence import Evidence, evidence_json, shared_error
 from lgprjax.worked.plans import PlanFile
 
 # Coverage data of a recorded run of a skid-steer vehicle.
@@ -61,6 +62,7 @@ class CoverRun(NamedTuple):
         events: events of the programs, in order.
         provenance: UUID, whether it is complete, and each segment's SHA-256.
         plan_sha256: of the plan that it was driven by; ``None`` if unknown.
+        folder: of the run.
     """
 
     name: str
@@ -69,6 +71,7 @@ class CoverRun(NamedTuple):
     events: tuple[RunEvent, ...]
     provenance: dict[str, Any]
     plan_sha256: str | None
+    folder: Path
 
 
 def read_cover_run(folder: str | Path) -> CoverRun:
@@ -116,6 +119,7 @@ def read_cover_run(folder: str | Path) -> CoverRun:
             ],
         },
         plan_sha256=plan,
+        folder=reading.folder,
     )
 
 
@@ -159,7 +163,7 @@ def passes_of_runs(runs: Sequence[CoverRun], tool: Tool, t0_ns: int) -> tuple[Co
         rows, time_s = run.rows, 1e-9 * (run.utc_ns - t0_ns).astype(np.float64)
         east, north = body_to_local(rows["x_m"], rows["y_m"], rows["yaw_rad"], tool.ahead_m, tool.left_m)
         counts = ((rows["tool"] & _COUNTS) != 0) & np.isfinite(east) & np.isfinite(north)
-        changes = np.flatnonzero(np.diff(rows["line"])) + 1
+        changes = np.flatnonzero((np.diff(rows["line"]) != 0) | (np.diff(rows["mode"].astype(np.int16)) != 0)) + 1
         for first, last in _stretches(counts, changes):
             of = slice(first, last + 1)
             way = np.stack([east[of], north[of]], axis=1)
@@ -233,6 +237,7 @@ def record_cover(
     runs: Sequence[CoverRun],
     *,
     cell_m: float = 0.05,
+    evidence: Evidence | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> WorkedRecord:
     """The record of a field.
@@ -243,21 +248,28 @@ def record_cover(
         plans: of the field; the first defines it, others are for its gaps. All have the same tool.
         runs: over it, each by one of the plans.
         cell_m: side of a cell.
+        evidence: task, people, finds and control points.
         progress: called with the number of moments done, now and then.
 
     Raises:
-        InputError: no run, the same run twice, one by another plan, plans of different fields or tools, or cells too
-            small for the field.
+        InputError: a control point of a run that is not among them, no run, the same run twice, one by another plan,
+            plans of different fields or tools, or cells too small for the field.
     """
     first, plan = plans[0], plans[0].plan
     _check_plans(plans)
     _check_runs(plans, runs)
     ordered = sorted(runs, key=lambda run: int(run.utc_ns[0]))
+    held = Evidence() if evidence is None else evidence
+    names = [run.name for run in ordered]
+    for number, point in enumerate(held.control_point, start=1):
+        if point.run is not None and point.run not in names:
+            raise InputError("evidence", f"control_point[{number}].run", "one of " + ", ".join(names), point.run)
     t0_ns = int(ordered[0].utc_ns[0])
     grid = grid_of_field(plan.pattern.field, cell_m, plan.tool.width_m)
     best = np.zeros(grid.shape, np.float32)
     for run in ordered:
-        best = np.maximum(best, _probability(grid, plan.tool, run, progress))
+        shared = shared_error(held.control_point, run.name)
+        best = np.maximum(best, probability_of_run(grid, plan.tool, run, progress, shared.sigma_m))
     numbers = whole_down(best)
     kept = numbers / FULL
     t0 = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=t0_ns // 1000)
@@ -289,6 +301,7 @@ def record_cover(
             "vehicle": {"name": plan.vehicle_name, "sha256": plan.vehicle_sha256},
             "runs": [{**run.provenance, "plan_sha256": run.plan_sha256} for run in ordered],
             "combined": "the largest probability of any pass of any run, per cell",
+            "evidence": evidence_json(held, names),
         },
     )
 
@@ -314,9 +327,15 @@ def moments_of_run(run: CoverRun) -> tuple[np.ndarray, ...]:
     return *(filled(name) for name in ToolMoment._fields[:-1]), on[kept]
 
 
-def _probability(
-    grid: CellGrid, tool: Tool, run: CoverRun, progress: Callable[[int], None] | None
+def probability_of_run(
+    grid: CellGrid,
+    tool: Tool,
+    run: CoverRun,
+    progress: Callable[[int], None] | None,
+    shared_sigma_m: float,
 ) -> Float[np.ndarray, "north east"]:
+    """The worked map of one run, by the step that keeps it on board."""
+    shared = jnp.float32(shared_sigma_m)
     moments = moments_of_run(run)
     count, state = len(moments[-1]), init_worked(grid)
     if progress is not None:
@@ -327,7 +346,7 @@ def _probability(
         # Padded with moments that do not count: one compiled size serves every run.
         full = [np.concatenate([each, np.repeat(each[-1:], short, axis=0)]) for each in block]
         full[-1] &= np.arange(_BLOCK) < _BLOCK - short
-        state = run_worked(grid, tool, state, ToolMoment(*(jnp.asarray(each) for each in full)))
+        state = run_worked(grid, tool, state, ToolMoment(*(jnp.asarray(each) for each in full)), shared)
         jax.block_until_ready(state.probability)
         if progress is not None:
             progress(min(_BLOCK, count - start))

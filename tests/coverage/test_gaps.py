@@ -1,6 +1,6 @@
-"""Plans for gaps: every cell left out lies in a line's tool, or on the list of what is not reached."""
+"""Plans for gaps: every cell left out lies in a line's tool, lines end there, no way crosses what is not worked."""
 
-from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -10,124 +10,192 @@ from lgprjax.coverage import (
     Field,
     Line,
     PatternSettings,
+    Tool,
+    check_drivable,
     field_of_polygon,
     grid_of_field,
+    ground_of_sides,
     inside_cells,
+    lay_pattern,
+    outline_of,
     plan_gaps,
 )
-from lgprjax.coverage.field import outside_m
-from lgprjax.coverage.turns import poses_along
+from lgprjax.coverage.gaps import GapPlan, wide_parts
 from lgprjax.errors import InputError
 
 FLAIL = PatternSettings(
-    tool_width_m=1.2, overlap=0.1, order="zamboni", smallest_radius_m=1.5, turning_room_m=8.0, tool_ahead_m=1.0
+    tool_width_m=1.2, overlap=0.2, order="free", smallest_radius_m=1.5, turning_room_m=5.5, tool_ahead_m=1.2
 )
+TOOL = Tool(1.2, 0.3, 1.2, 0.0)
+OUTLINE = outline_of(TOOL, track_m=1.1)
 CELL_M = 0.1
+SPACING_M = 0.96
 
 
-def field_and_grid(yaw_rad: float = 0.4) -> tuple[Field, CellGrid]:
+class Sample(NamedTuple):
+    field: Field
+    grid: CellGrid
+    east_m: np.ndarray
+    north_m: np.ndarray
+    inside: np.ndarray
+
+
+def sample(length_m: float = 30.0, width_m: float = 20.0, yaw_rad: float = 0.0, cell_m: float = CELL_M) -> Sample:
+    """A rectangle, turned, with places of its cells along and across its sides."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    corners = np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 20.0], [0.0, 20.0]]) @ np.array([[cos, sin], [-sin, cos]])
-    field = field_of_polygon(corners, name="field")
-    return field, grid_of_field(field, CELL_M, 1.0)
-
-
-def centres(grid: CellGrid) -> np.ndarray:
+    corners = np.array([[0.0, 0.0], [length_m, 0.0], [length_m, width_m], [0.0, width_m]])
+    field = field_of_polygon(corners @ np.array([[cos, sin], [-sin, cos]]), name="field")
+    grid = grid_of_field(field, cell_m, 1.0)
     north, east = np.mgrid[: grid.north_cells, : grid.east_cells] + 0.5
-    return np.stack([grid.east_m + east * grid.cell_m, grid.north_m + north * grid.cell_m], axis=-1)
+    east, north = grid.east_m + east * cell_m, grid.north_m + north * cell_m
+    return Sample(field, grid, cos * east + sin * north, cos * north - sin * east, inside_cells(field, grid))
 
 
-def under_tool(lines: tuple[Line, ...], places: np.ndarray, spare_m: float = 0.0) -> np.ndarray:
-    """Places in a line's tool, so far from its sides."""
-    under = np.zeros(places.shape[:-1], bool)
+def plan(held: Sample, left: np.ndarray, *, least_width_m: float = 0.0, room_m: float = 5.5) -> GapPlan | None:
+    ground = ground_of_sides(held.field.perimeter_m, [room_m] * 4, (), 0.25)
+    made = plan_gaps(
+        held.field, ~left, held.grid, ground, FLAIL, TOOL, OUTLINE, least_width_m=least_width_m, name="run"
+    )
+    if made is not None:
+        check_drivable(made.pattern, ground, OUTLINE, name="run")
+    return made
+
+
+def under_tool(lines: tuple[Line, ...], held: Sample) -> np.ndarray:
+    """Cells in a line's tool, by their centres."""
+    grid = held.grid
+    north, east = np.mgrid[: grid.north_cells, : grid.east_cells] + 0.5
+    places = np.stack([grid.east_m + east * grid.cell_m, grid.north_m + north * grid.cell_m], axis=-1)
+    under = np.zeros(grid.shape, bool)
     for line in lines:
         way = (line.end_m - line.start_m) / line.length_m
         along, aside = (places - line.start_m) @ way, (places - line.start_m) @ np.array([-way[1], way[0]])
-        under |= (along > -1e-6) & (along < line.length_m + 1e-6) & (np.abs(aside) < FLAIL.tool_width_m / 2.0 - spare_m)
+        reach_m = 0.5 * TOOL.length_m + 1e-6
+        under |= (along > -reach_m) & (along < line.length_m + reach_m) & (np.abs(aside) < 0.5 * TOOL.width_m)
     return under
 
 
+def crossed(made: GapPlan, held: Sample, left: np.ndarray) -> float:
+    """Length of turns, of the reference point, over cells not worked by then, but in the swath that comes next."""
+    grid, rest = held.grid, left.copy()
+    route = lay_pattern(made.pattern)
+    rows, line = np.asarray(route.rows)[: int(route.count)], np.asarray(route.line)[: int(route.count)]
+    total, last = 0.0, -1
+    for row, number in zip(rows, line, strict=True):
+        if number >= 0:
+            if number != last:
+                rest &= ~under_tool((made.pattern.lines[number],), held)
+                last = int(number)
+            continue
+        column = int((row[0] - grid.east_m) / grid.cell_m)
+        north = int((row[1] - grid.north_m) / grid.cell_m)
+        if not (0 <= north < rest.shape[0] and 0 <= column < rest.shape[1]) or not rest[north, column]:
+            continue
+        following = made.pattern.lines[last + 1]
+        way = (following.end_m - following.start_m) / following.length_m
+        away = row[:2] - following.start_m
+        aside, ahead = abs(float(away @ np.array([-way[1], way[0]]))), float(away @ way)
+        if not (aside <= 0.5 * TOOL.width_m + CELL_M and -TOOL.ahead_m - 1.7 < ahead < 0.2):
+            total += float(route.spacing_m)
+    return total
+
+
 def test_nothing_left_out_needs_no_plan() -> None:
-    field, grid = field_and_grid()
-    assert plan_gaps(field, inside_cells(field, grid), grid, FLAIL, name="run") is None
-    # What lies outside the field is no gap.
+    held = sample()
+    assert plan(held, np.zeros(held.grid.shape, bool)) is None
+    ground = ground_of_sides(held.field.perimeter_m, [5.5] * 4, (), 0.25)
     with pytest.raises(InputError, match="run: map: expected"):
-        plan_gaps(field, np.ones((3, 4), bool), grid, FLAIL, name="run")
+        plan_gaps(held.field, np.ones((3, 4), bool), held.grid, ground, FLAIL, TOOL, OUTLINE, name="run")
 
 
 @pytest.mark.parametrize("yaw_rad", [0.0, 0.4, 2.5])
 def test_gaps_of_all_shapes_are_worked_and_little_else(yaw_rad: float) -> None:
-    field, grid = field_and_grid(yaw_rad)
-    places = centres(grid)
-    local = places @ np.array([[np.cos(yaw_rad), -np.sin(yaw_rad)], [np.sin(yaw_rad), np.cos(yaw_rad)]])
-    along, across = local[..., 0], local[..., 1]
+    held = sample(yaw_rad=yaw_rad)
+    along, across = held.east_m, held.north_m
     left = (
         ((along > 5.0) & (along < 15.0) & (across > 7.0) & (across < 7.3))
         | ((along > 20.0) & (along < 24.0) & (across > 12.0) & (across < 14.6))
-        | ((along > 29.0) & (across > 19.2))
-    ) & inside_cells(field, grid)
-    pattern = plan_gaps(field, ~left, grid, FLAIL, name="run")
-    assert pattern is not None
-    assert pattern.unreached == ()
-    assert np.all(under_tool(pattern.lines, places)[left])
-    # The sliver: one line, in its middle, half a tool beyond each end.
-    first = pattern.lines[0]
-    assert first.length_m == pytest.approx(10.0 + 1.2, abs=0.3)
-    ends = np.stack([first.start_m, first.end_m]) @ np.array(
-        [[np.cos(yaw_rad), -np.sin(yaw_rad)], [np.sin(yaw_rad), np.cos(yaw_rad)]]
-    )
-    np.testing.assert_allclose(ends[:, 1], 7.15, atol=0.1)
-    # The block: three lines of 4 m; the corner: one of 1 m.
-    assert sum(line.length_m for line in pattern.lines) == pytest.approx(11.2 + 3 * 5.2 + 1.6, abs=1.0)
-    assert len(pattern.turns) == len(pattern.lines) - 1
-    for turn in pattern.turns:
-        way = poses_along(turn.start, turn.pieces, np.linspace(0.0, turn.length_m, 300))[:, :2]
-        assert outside_m(field.perimeter_m, way).max() <= FLAIL.turning_room_m + 1e-3
-        assert turn.tightest_radius_m >= 1.5 - 1e-6
+        | ((along > 27.0) & (across > 18.8))
+    ) & held.inside
+    made = plan(held, left)
+    assert made is not None
+    assert (made.pattern.unreached, made.regions) == ((), 3)
+    assert np.all(under_tool(made.pattern.lines, held)[left])
+    # The sliver: one line; the block: its own shorter side is no better; the corner: two lines of 3 m.
+    assert made.swath_m == pytest.approx(10.0 + 3 * 4.0 + 2 * 3.0, abs=1.0)
+    # Half a tool beyond each end, and no line across the field.
+    assert made.pattern.line_length_m <= made.swath_m + 1.2 * len(made.pattern.lines) + 1e-6
+    assert max(line.length_m for line in made.pattern.lines) < 11.6
+    assert crossed(made, held, left) == 0.0
 
 
-def test_gaps_of_one_strip_are_driven_straight_and_near_ones_are_one_line() -> None:
-    field, grid = field_and_grid(0.0)
-    places = centres(grid)
-    along, across = places[..., 0], places[..., 1]
-    strip = (across > 7.0) & (across < 7.5)
-    left = strip & (
-        ((along > 2.0) & (along < 5.0)) | ((along > 6.0) & (along < 9.0)) | ((along > 20.0) & (along < 22.0))
-    )
-    pattern = plan_gaps(field, ~left, grid, FLAIL, name="run")
-    assert pattern is not None
-    assert [round(line.length_m, 1) for line in pattern.lines] == [8.2, 3.2]
-    np.testing.assert_array_equal(pattern.turns[0].pieces[:, 1], [0.0])
-    assert pattern.turns[0].length_m == pytest.approx(11.0 - 1.2, abs=0.2)
+@pytest.mark.parametrize(("length_m", "width_m", "share"), [(8.0, 8.0, 0.4), (40.0, 40.0, 0.35), (60.0, 30.0, 0.62)])
+def test_what_a_day_leaves_costs_what_it_is_worth(length_m: float, width_m: float, share: float) -> None:
+    """The rest of a field of which a share was done: at most 1.15 times its area by the spacing."""
+    held = sample(length_m, width_m)
+    left = held.inside & (held.north_m > share * width_m)
+    made = plan(held, left)
+    assert made is not None
+    assert made.pattern.unreached == ()
+    assert np.all(under_tool(made.pattern.lines, held)[left])
+    assert made.swath_m <= 1.15 * made.left_m2 / SPACING_M
+    assert crossed(made, held, left) == 0.0
 
 
-def test_what_no_turn_leads_to_is_listed() -> None:
-    field, grid = field_and_grid(0.0)
-    places = centres(grid)
-    along, across = places[..., 0], places[..., 1]
-    # Two strips 3 m apart can be joined within 2.6 m of room, a third one beside the second cannot.
-    left = (along > 5.0) & (along < 8.0) & (np.abs(across - 2.0) < 0.3)
-    left |= (along > 5.0) & (along < 8.0) & (np.abs(across - 8.0) < 0.3)
-    left |= (along > 5.0) & (along < 8.0) & (np.abs(across - 9.3) < 0.3)
-    pattern = plan_gaps(field, ~left, grid, replace(FLAIL, turning_room_m=2.6), name="run")
-    assert pattern is not None
-    assert len(pattern.lines) + len(pattern.unreached) == 3
-    assert len(pattern.unreached) == 1
-    both = under_tool(pattern.lines, places) | under_tool(pattern.unreached, places)
-    assert np.all(both[left])
-    assert not np.all(under_tool(pattern.lines, places)[left])
-    roomy = plan_gaps(field, ~left, grid, FLAIL, name="run")
-    assert roomy is not None
-    assert roomy.unreached == ()
+def test_many_regions_drawn_at_random() -> None:
+    for seed in (3, 4, 5):
+        rng = np.random.default_rng(seed)
+        held = sample(yaw_rad=float(rng.uniform(0.0, 3.0)))
+        left = np.zeros(held.grid.shape, bool)
+        for _ in range(7):
+            at, half = rng.uniform((0.0, 0.0), (30.0, 20.0)), 0.5 * rng.uniform((0.2, 0.2), (9.0, 3.0))
+            left |= (np.abs(held.east_m - at[0]) < half[0]) & (np.abs(held.north_m - at[1]) < half[1])
+        left &= held.inside
+        made = plan(held, left)
+        assert made is not None
+        both = (*made.pattern.lines, *made.pattern.unreached)
+        assert np.all(under_tool(both, held)[left])
+        assert len(made.pattern.unreached) <= 1
+        assert crossed(made, held, left) <= 0.3
 
 
-def test_a_field_not_worked_at_all_is_planned_whole() -> None:
-    field, grid = field_and_grid(0.4)
-    pattern = plan_gaps(field, np.zeros(grid.shape, bool), grid, replace(FLAIL, overlap=0.0), name="run")
-    assert pattern is not None
-    assert pattern.unreached == ()
-    inside = inside_cells(field, grid)
-    # Whole cells, not their middles alone.
-    half_m = 0.5 * CELL_M * (np.cos(0.4) + np.sin(0.4)) - 1e-6
-    assert np.all(under_tool(pattern.lines, centres(grid), half_m)[inside])
-    assert 17 <= len(pattern.lines) <= 20
+def test_narrow_places_are_left_and_told() -> None:
+    held = sample(cell_m=0.05)
+    border = held.inside & ((held.north_m < 0.051) | (held.north_m > 19.949))
+    block = held.inside & (np.abs(held.east_m - 10.0) < 2.0) & (held.north_m < 2.0)
+    assert plan(held, border, least_width_m=0.1) is None
+    made = plan(held, border | block, least_width_m=0.1)
+    assert made is not None
+    assert made.left_m2 == pytest.approx(8.0, abs=0.05)
+    # Less what lies at the block's foot.
+    assert made.narrow_m2 == pytest.approx(0.05 * (2.0 * 30.0 - 4.0), abs=0.05)
+    assert all(line.length_m < 5.3 for line in made.pattern.lines)
+
+
+def test_wide_parts_are_those_that_hold_a_square() -> None:
+    cells = np.zeros((12, 12), bool)
+    cells[2:5, 1:9] = True
+    cells[5:11, 4] = True
+    cells[0, 0] = True
+    opened = wide_parts(cells, 2.0)
+    brute = np.zeros_like(cells)
+    for row in range(11):
+        for column in range(11):
+            if cells[row : row + 2, column : column + 2].all():
+                brute[row : row + 2, column : column + 2] = True
+    np.testing.assert_array_equal(opened, brute)
+    np.testing.assert_array_equal(wide_parts(cells, 1.0), cells)
+
+
+def test_where_no_swath_fits_it_is_said() -> None:
+    held = sample(8.0, 6.0)
+    ground = ground_of_sides(held.field.perimeter_m, [0.0] * 4, (), 2.6)
+    with pytest.raises(InputError, match="no swath fits"):
+        plan_gaps(held.field, ~held.inside, held.grid, ground, FLAIL, TOOL, OUTLINE, least_width_m=0.0, name="run")
+    # Of two gaps the one nearer to a wall than the clearance is told with its area.
+    ground = ground_of_sides(held.field.perimeter_m, [0.0, 5.5, 0.0, 5.5], (), 0.25)
+    left = held.inside & ((held.north_m < 0.15) | (np.abs(held.north_m - 3.0) < 0.3))
+    made = plan_gaps(held.field, ~left, held.grid, ground, FLAIL, TOOL, OUTLINE, name="run")
+    assert made is not None
+    assert made.shut_m2 == pytest.approx(np.count_nonzero(left & (held.north_m < 0.15)) * CELL_M**2)
+    assert under_tool(made.pattern.lines, held)[left & (held.north_m > 1.0)].all()

@@ -42,8 +42,8 @@ WRONG: dict[str, list[str]] = {
 }
 """Words of commands that must be refused, run in a folder of ``write_wrong_files``."""
 # An option begins its line of the table; what is said of it is set in.
-_OPTION = re.compile(r"^[│ ] (-{1,2}[a-z]\S*.*?)(?:  +.*)?[│ ]?$")
-_VERBS = re.compile(r"\{([a-z0-9,-]+)\}\s*$")
+_OPTION = re.compile(r"^  (-{1,2}[a-z]\S*.*?)(?:  +.*)?$")
+_VERB = re.compile(r"^  ([a-z0-9]+) +\S")
 
 
 def command(words: list[str]) -> tuple[int, str, str]:
@@ -67,12 +67,13 @@ def options_of_verbs() -> dict[str, list[str]]:
         words = waiting.pop()
         status, text, _ = command([*words, "--help"])
         assert status == 0, words
-        usage = text.partition("\n\n")[0]
-        if deeper := _VERBS.search(usage):
-            waiting += [[*words, verb] for verb in deeper[1].split(",")]
+        usage, _, rest = text.partition("\n\n")
+        table, _, _ = rest.partition("\nExamples\n")
+        if "VERB ..." in usage or "[FORMAT]" in usage:
+            waiting += [[*words, verb[1]] for line in table.splitlines() if (verb := _VERB.match(line))]
             continue
-        lines = text[len(usage) :].splitlines()
-        options = sorted(match[1].strip() for line in lines if (match := _OPTION.match(line)))
+        told = table.partition("Options\n")[2].splitlines()
+        options = sorted(match[1].strip() for line in told if (match := _OPTION.match(line)))
         # What is left of the usage without what may be left out and without options that may not.
         needed = re.sub(r"\[[^]]*\]|-\S+ \S+", "", usage).split()[2 + len(words) :]
         found[" ".join(words)] = needed + options

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from field_site import make_field
+from lgprjax.coverage.resume import line_arcs_m, place_of_tool, resume_place
 from lgprjax.formats.coverage_files import read_field
 from lgprjax.run_records import COVER, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.config import read_config
+from lgprjax.runtime.control.skid.setup import load_skid, place_after_death
 from lgprjax.runtime.coverage.program import CoverageProcess
 from lgprjax.runtime.coverage.worked_map import worked_runs
 from lgprjax.runtime.process import RINGS, Started
@@ -87,6 +89,17 @@ def test_what_counts_is_worked_and_nothing_else(folder: Path, tmp_path: Path) ->
             )
             cover.put(pack(record))
         found = told(worked)
+        loaded = load_skid(read_config(folder / "small.run.toml"))
+        assert loaded.pattern is not None
+        # A control loop that is relaunched goes on a little before the newest place, not at the plan's start.
+        place = place_after_death(tmp_path, loaded.pattern)
+        newest = place_of_tool(loaded.pattern, loaded.setup.tool, 0, (-1.5 + 0.1 * SPEED_MPS * 159, 3.0, 0.0))
+        assert place is not None
+        assert place == resume_place(loaded.pattern, newest)
+        assert place_after_death(tmp_path / "elsewhere", loaded.pattern) is None
+        again = load_skid(read_config(folder / "small.run.toml"), place)
+        begun_m = line_arcs_m(loaded.pattern)[place.line] + place.along_m
+        assert float(loaded.route.length_m) - float(again.route.length_m) == pytest.approx(begun_m, abs=0.06)
     # Another one takes the map up.
     with process(folder, tmp_path) as (cover, worked):
         cover.put(cover_record(400, counts=False))

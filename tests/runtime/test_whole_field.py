@@ -62,7 +62,7 @@ def test_a_whole_field_is_worked_with_gps_off_a_third_of_the_time(tmp_path: Path
 
     field = Field(loaded.perimeter_m)
     grid = grid_of_field(field, 0.1, loaded.setup.tool.width_m)
-    held = WorkedMap(grid, loaded.setup.tool)
+    held = WorkedMap(grid, loaded.setup.tool, 0.0)
     for time_ns, cover in covers:
         held.take(cover, time_ns)
     worked = cell_states(held.probability(), 0.95)[inside_cells(field, grid)] == CellState.PROCESSED

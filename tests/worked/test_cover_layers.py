@@ -18,7 +18,7 @@ shapely = pytest.importorskip("shapely")
 pyogrio = pytest.importorskip("pyogrio")
 raw = pytest.importorskip("pyogrio.raw")
 
-_NAMES = ["perimeter", "swaths", "processed_p95", "processed_p996", "gaps", "stops", "events"]
+_NAMES = ["perimeter", "swaths", "processed_p95", "processed_p996", "gaps", "stops", "events", "finds"]
 
 
 def local(record: WorkedRecord, layer: GeoLayer) -> list[Any]:

@@ -11,11 +11,18 @@ from drawn_field import FIELD_M, UTC_NS, VEHICLE, Drive, cover_rows, write_cover
 from lgprjax.errors import InputError
 from lgprjax.formats import CoverPlan, WorkedRecord, stop_words
 from lgprjax.frames import LocalFrame
-from lgprjax.worked.layers import cover_figures
+from lgprjax.worked.evidence import Evidence
+from lgprjax.worked.layers import cover_figures, way_by_driver
 from lgprjax.worked.plans import PlanFile, PlanOptions, make_cover_plan
 from lgprjax.worked.record import CoverRun, moments_of_run, read_cover_run, record_cover, whole_down
 
 _CELL_M = 0.1
+_MARK = {
+    "name": "M", "sigma_m": 0.0, "latitude_deg": 40.0, "longitude_deg": -100.0,
+    "measured_latitude_deg": 40.0, "measured_longitude_deg": -100.0,
+}  # fmt: skip
+CHECKED = Evidence.model_validate({"control_point": [{**_MARK, "when": when} for when in ("before", "after")]})
+"""A base that stands where it says: what is left is a centimetre of mounts."""
 _PLAN = "ab" * 32
 _LINES = tuple((line, 0.5 + line) for line in range(5))
 
@@ -42,7 +49,7 @@ def run_of(folder: Path, drive: Drive, *, begin_s: float = 0.0, cut: slice | Non
 
 
 def record_of(plan: CoverPlan, *runs: CoverRun) -> WorkedRecord:
-    return record_cover([PlanFile(Path("p.cover.geojson"), _PLAN, plan)], runs, cell_m=_CELL_M)
+    return record_cover([PlanFile(Path("p.cover.geojson"), _PLAN, plan)], runs, cell_m=_CELL_M, evidence=CHECKED)
 
 
 def column(record: WorkedRecord, north_m: float, east_m: float = 4.0) -> float:
@@ -67,7 +74,7 @@ def test_a_run_is_read_as_it_was_recorded(tmp_path: Path) -> None:
 
 def test_a_well_known_pass_works_its_width_and_no_more(tmp_path: Path, plan: CoverPlan) -> None:
     record = record_of(plan, run_of(tmp_path / "a", Drive(_LINES[:1])))
-    # The tool is 1 m wide about 0.5 m; cells 0.05 m from its edge are 5 sigma within.
+    # The tool is 1 m wide about 0.5 m; cells 0.05 m from its edge are 3.5 sigma within.
     assert all(column(record, north_m) > 0.999 for north_m in (0.15, 0.45, 0.85))
     assert all(column(record, north_m) < 0.001 for north_m in (-0.15, 1.15, 2.5))
     (low, high) = cover_figures(record).layers
@@ -120,6 +127,27 @@ def test_a_pose_that_is_no_number_claims_nothing(tmp_path: Path, plan: CoverPlan
     write_cover_run(tmp_path / "a", rows, time_s, plan_sha256=_PLAN)
     record = record_of(plan, read_cover_run(tmp_path / "a"))
     assert record.cells.probability.max() == 0
+
+
+def test_a_pass_by_hand_counts_as_what_it_is(tmp_path: Path, plan: CoverPlan) -> None:
+    rows, time_s = cover_rows(Drive(_LINES[:2]))
+    by_hand = rows["line"] == 1
+    rows["mode"][~by_hand], rows["mode"][by_hand] = 4, 5
+    # Measured turning and at its depth, and told on by nobody here; on no line of the plan.
+    rows["tool"][by_hand], rows["line"][by_hand] = 14, -1
+    write_cover_run(tmp_path / "a", rows, time_s, plan_sha256=_PLAN)
+    record = record_of(plan, read_cover_run(tmp_path / "a"))
+    assert record.passes.line.tolist() == [0, -1]
+    ways = way_by_driver(record)
+    assert set(ways) == {"by the computer", "by hand or remote control"}
+    assert ways["by hand or remote control"] == pytest.approx(9.0, abs=0.1)
+    assert column(record, 1.45) > 0.999
+    # Nobody measured a mark: the same pass, claimed over less.
+    plain = record_cover([PlanFile(Path("p"), _PLAN, plan)], [read_cover_run(tmp_path / "a")], cell_m=_CELL_M)
+    sure = record.cells.probability > 40_000
+    assert (plain.cells.probability <= record.cells.probability + 1)[sure].all()
+    assert cover_figures(plain).layers[0].processed_m2 < cover_figures(record).layers[0].processed_m2 - 1.0
+    assert "no control point was measured" in plain.provenance["evidence"]["shared_error"]["a"]["sentence"]
 
 
 def test_passes_stops_and_events_are_told(tmp_path: Path, plan: CoverPlan) -> None:

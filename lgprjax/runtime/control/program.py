@@ -9,11 +9,13 @@ import time
 from typing import Any
 
 from lgprjax import __version__
+from lgprjax.coverage.resume import RoutePlace
 from lgprjax.process_cost import count_compiles
 from lgprjax.run_records import Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import AnyLoaded, ControlCore, load_vehicle
 from lgprjax.runtime.control.setup import TICK_S
+from lgprjax.runtime.control.skid.setup import SkidLoaded, place_after_death
 from lgprjax.runtime.gnss import GnssParser
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import ProcessStage, Started
@@ -53,11 +55,15 @@ class Control:
         """Until SIGTERM."""
         started, config = self._started, self._started.config
         loaded = load_vehicle(config)
+        place = None
+        if started.after_death and isinstance(loaded, SkidLoaded) and loaded.pattern is not None:
+            place = place_after_death(started.folder, loaded.pattern)
+            loaded = load_vehicle(config, place)
         session = draw_session()
         core = ControlCore(config, loaded, session=session, after_death=started.after_death)
         started.beat(ProcessStage.WARMING)
         core.kind.warm_up()
-        self._header(loaded, session)
+        self._header(loaded, session, place)
         # Old fixes are invalid. Reports of the supervisor still hold.
         self._incoming[0].take()
         for port in self._ports:
@@ -133,19 +139,27 @@ class Control:
                     pack(Record(RecordKind.REFUSED, Source(port.source), begin.tick, refused.mono_ns, payload))
                 )
 
-    def _header(self, loaded: AnyLoaded, session: int) -> None:
-        started = self._started
-        record = header_record(started.config, loaded, session, time.monotonic_ns(), after_death=started.after_death)
+    def _header(self, loaded: AnyLoaded, session: int, place: RoutePlace | None) -> None:
+        started, now_ns = self._started, time.monotonic_ns()
+        record = header_record(started.config, loaded, session, now_ns, after_death=started.after_death, place=place)
         self._log.put(pack(record))
 
     def _end(self, *_: object) -> None:
         self._ended = True
 
 
-def header_record(config: RuntimeConfig, loaded: AnyLoaded, session: int, now_ns: int, *, after_death: bool) -> Record:
+def header_record(
+    config: RuntimeConfig,
+    loaded: AnyLoaded,
+    session: int,
+    now_ns: int,
+    *,
+    after_death: bool,
+    place: RoutePlace | None = None,
+) -> Record:
     """Data for a replay in addition to the ticks."""
     plan = None if config.coverage is None else config.coverage.plan
-    header = {
+    header: dict[str, object] = {
         "version": __version__,
         "config": str(config.file),
         "hashes": loaded.hashes,
@@ -154,6 +168,8 @@ def header_record(config: RuntimeConfig, loaded: AnyLoaded, session: int, now_ns
         "after_death": after_death,
         "pid": os.getpid(),
     }
+    if place is not None:
+        header["place"] = [place.line, place.along_m]
     return Record(RecordKind.HEADER, Source.CONTROL, 0, now_ns, json.dumps(header).encode())
 
 

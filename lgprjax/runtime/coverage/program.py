@@ -15,8 +15,9 @@ import numpy as np
 
 from lgprjax.coverage import CellState, cell_states, grid_of_field, inside_cells
 from lgprjax.coverage.field import Field
-from lgprjax.run_records import COVER, Record, RecordKind, Source, pack, unpack
-from lgprjax.runtime.control.skid.setup import SkidLoaded, load_skid
+from lgprjax.coverage.resume import place_of_tool
+from lgprjax.run_records import COVER, Record, RecordKind, Source, ToolBits, pack, unpack
+from lgprjax.runtime.control.skid.setup import PROGRESS_FILE, SkidLoaded, load_skid
 from lgprjax.runtime.coverage.worked_map import WorkedMap, worked_runs
 from lgprjax.runtime.process import ProcessStage, Started
 
@@ -46,6 +47,7 @@ class CoverageProcess:
         self._kept = started.rings / "worked.npy"
         self._reported_s, self._reported_moments = 0.0, -1
         self._ended = False
+        self._newest: np.void | None = None
         signal.signal(signal.SIGTERM, self._end)
         started.beat(ProcessStage.WARMING)
         loaded = load_skid(started.config)
@@ -68,15 +70,21 @@ class CoverageProcess:
         field, tool = Field(loaded.perimeter_m), loaded.setup.tool
         self._grid = grid_of_field(field, self._table.cell_m, tool.width_m)
         self._inside = inside_cells(field, self._grid)
-        opened = WorkedMap(self._grid, tool)
+        self._pattern, self._tool = loaded.pattern, tool
+        opened = WorkedMap(self._grid, tool, self._table.shared_sigma_m)
         opened.warm_up()
+        if loaded.taken_up is not None and loaded.taken_up.grid == self._grid:
+            opened.take_up(loaded.taken_up.probability)
         with suppress(OSError, ValueError):
             opened.take_up(np.load(self._kept))
         return opened
 
     def _take(self, record: Record) -> None:
         if record.kind is RecordKind.COVER and self._map is not None:
-            self._map.take(np.frombuffer(record.payload, COVER)[0], record.mono_ns)
+            cover = np.frombuffer(record.payload, COVER)[0]
+            self._map.take(cover, record.mono_ns)
+            if int(cover["tool"]) & ToolBits.COUNTS and int(cover["line"]) >= 0:
+                self._newest = cover
         elif record.kind is RecordKind.CORNER:
             self._keep_corner(json.loads(record.payload))
 
@@ -102,6 +110,7 @@ class CoverageProcess:
             with fresh.open("wb") as file:
                 np.save(file, probability)
             fresh.replace(self._kept)
+        self._keep_place()
         worked = cell_states(probability, self._table.level) == CellState.PROCESSED
         side, runs = worked_runs(worked, self._inside, _MOST_BLOCKS)
         grid = self._grid
@@ -117,6 +126,19 @@ class CoverageProcess:
         self._worked.put(
             pack(Record(RecordKind.WORKED, Source.COVERAGE, 0, time.monotonic_ns(), json.dumps(map_message).encode()))
         )
+
+    def _keep_place(self) -> None:
+        """The newest place that counted, for a control loop that is relaunched."""
+        cover, pattern = self._newest, self._pattern
+        if cover is None or pattern is None or not int(cover["line"]) < len(pattern.lines):
+            return
+        pose = (float(cover["x_m"]), float(cover["y_m"]), float(cover["yaw_rad"]))
+        place = place_of_tool(pattern, self._tool, int(cover["line"]), pose)
+        path = self._started.folder / PROGRESS_FILE
+        fresh = path.with_name(f"{path.name}.new")
+        with suppress(OSError):
+            fresh.write_text(json.dumps({"line": place.line, "along_m": place.along_m}), encoding="utf-8")
+            fresh.replace(path)
 
     def _end(self, *_: object) -> None:
         self._ended = True

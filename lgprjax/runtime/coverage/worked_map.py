@@ -19,13 +19,14 @@ class WorkedMap:
     Args:
         grid: of its cells.
         tool: of the vehicle.
+        shared_sigma_m: an axis, of the error that all positions share.
 
     Attributes:
         moments: taken so far.
     """
 
-    def __init__(self, grid: CellGrid, tool: Tool) -> None:
-        self._grid, self._tool = grid, tool
+    def __init__(self, grid: CellGrid, tool: Tool, shared_sigma_m: float) -> None:
+        self._grid, self._tool, self._shared = grid, tool, jnp.float32(shared_sigma_m)
         self._state = init_worked(grid)
         self._last_ns = 0
         self.moments = 0
@@ -66,14 +67,16 @@ class WorkedMap:
         return np.asarray(self._state.probability)
 
     def _step(self, numbers: Float[np.ndarray, "13"]) -> None:
-        self._state = _step_cover(self._grid, self._tool, self._state, numbers)
+        self._state = _step_cover(self._grid, self._tool, self._state, numbers, self._shared)
 
 
 @partial(jax.jit, static_argnames=("grid", "tool"), donate_argnames="state")
-def _step_cover(grid: CellGrid, tool: Tool, state: WorkedState, numbers: Float[Array, "13"]) -> WorkedState:
+def _step_cover(
+    grid: CellGrid, tool: Tool, state: WorkedState, numbers: Float[Array, "13"], shared_sigma_m: Float[Array, ""]
+) -> WorkedState:
     """One vector in: a transfer of each number would cost as much as the step."""
     moment = ToolMoment(numbers[0], numbers[1], numbers[2], jnp.reshape(numbers[3:12], (3, 3)), numbers[12] > 0.5)
-    stepped: WorkedState = step_worked(grid, tool, state, moment)
+    stepped: WorkedState = step_worked(grid, tool, state, moment, shared_sigma_m)
     return stepped
 
 

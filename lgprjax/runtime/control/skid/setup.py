@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -13,10 +14,13 @@ from lgprjax.autopilot.skid_step import SkidSetup, skid_setup
 from lgprjax.batch.vehicles import carrot_of, skid_setup_of
 from lgprjax.coverage.ground import SafeGround, check_drivable, ground_of_plan
 from lgprjax.coverage.guidance import LEAST_ROWS, CoverRoute, lay_pattern
+from lgprjax.coverage.pattern import Pattern
+from lgprjax.coverage.resume import Resumption, RoutePlace, resume_place, route_from
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import VehicleFile, read_vehicle
 from lgprjax.formats.coverage_files import read_cover_plan
+from lgprjax.formats.taken_up import TakenUp, read_taken_up
 from lgprjax.frames import LocalFrame
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.skid.compiled import SkidResult
@@ -40,6 +44,8 @@ class SkidLoaded(NamedTuple):
         lines: of the plan.
         route, fence: as the step takes them; without a plan they are empty.
         ground: that the fence is around; ``None`` without a plan.
+        pattern: of the plan, whole; ``None`` without one.
+        taken_up: of earlier runs; ``None`` where the plan begins anew.
         gnss_period_s: from one position to the next.
         hashes: of every file read, by its name in the configuration.
     """
@@ -55,13 +61,20 @@ class SkidLoaded(NamedTuple):
     gnss_period_s: float
     hashes: dict[str, str]
     ground: SafeGround | None = None
+    pattern: Pattern | None = None
+    taken_up: TakenUp | None = None
 
 
-def load_skid(config: RuntimeConfig) -> SkidLoaded:
-    """Read vehicle and plan.
+def load_skid(config: RuntimeConfig, place: RoutePlace | None = None) -> SkidLoaded:
+    """Read vehicle and plan, and what is taken up of earlier runs.
+
+    Args:
+        config: of the run.
+        place: to begin at, of a control loop that was relaunched; ``None``: where the run begins.
 
     Raises:
-        InputError: the vehicle file or the plan cannot be used, or the plan is for another tool.
+        InputError: the vehicle file or the plan cannot be used, the plan is for another tool, or what is taken up is of
+            another plan.
     """
     assert config.coverage is not None
     path = config.path(config.vehicle)
@@ -79,6 +92,12 @@ def load_skid(config: RuntimeConfig) -> SkidLoaded:
     if plan.tool != setup.tool:
         raise InputError(file, "tool", f"that of {path.name}, {setup.tool}", f"{plan.tool}: plan again")
     route = lay_pattern(plan.pattern)
+    taken_up = None if config.coverage.resume is None else _taken_up(config, hashes)
+    resumption = None if taken_up is None else taken_up.resumption
+    if place is not None:
+        resumption = Resumption(place, () if resumption is None else resumption.worked)
+    if resumption is not None:
+        route = route_from(route, plan.pattern, resumption)
     perimeter_m = plan.pattern.field.perimeter_m
     ground = ground_of_plan(plan.pattern, plan.ground, setup.outline, spare_m=config.coverage.spare_m)
     # The same check as when it was planned: a body that has grown since is found here.
@@ -88,7 +107,49 @@ def load_skid(config: RuntimeConfig) -> SkidLoaded:
     except InputError as error:
         raise InputError(file, error.place, error.expected, error.found) from None
     lines = len(plan.pattern.lines)
-    return SkidLoaded(setup, belief, plan.frame, plan.name, perimeter_m, lines, route, fence, period_s, hashes, ground)
+    return SkidLoaded(
+        setup,
+        belief,
+        plan.frame,
+        plan.name,
+        perimeter_m,
+        lines,
+        route,
+        fence,
+        period_s,
+        hashes,
+        ground,
+        plan.pattern,
+        taken_up,
+    )
+
+
+def _taken_up(config: RuntimeConfig, hashes: dict[str, str]) -> TakenUp:
+    """What earlier runs worked; its hash is added."""
+    assert config.coverage is not None
+    assert config.coverage.plan is not None
+    assert config.coverage.resume is not None
+    path = config.path(config.coverage.resume)
+    held = read_taken_up(path)
+    digest = hashes[config.coverage.plan]
+    if held.plan_sha256 != digest:
+        raise InputError(path, "plan", f"that of the run, {digest[:12]}...", f"{held.plan_sha256[:12]}...")
+    hashes[config.coverage.resume] = file_hash(path)
+    return held
+
+
+PROGRESS_FILE = "progress.json"
+"""In the run's folder: the place of the newest moment that counted, for a control loop that is relaunched."""
+
+
+def place_after_death(folder: Path, pattern: Pattern) -> RoutePlace | None:
+    """Where a relaunched control loop goes on; ``None`` where nothing had counted."""
+    try:
+        told = json.loads((folder / PROGRESS_FILE).read_text(encoding="utf-8"))
+        last = RoutePlace(int(told["line"]), float(told["along_m"]))
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return resume_place(pattern, last) if 0 <= last.line < len(pattern.lines) else None
 
 
 def _setup(config: RuntimeConfig, vehicle: VehicleFile) -> tuple[SkidSetup, ToolBelief]:

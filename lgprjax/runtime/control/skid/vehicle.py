@@ -220,7 +220,11 @@ def skid_plan_row(
 
 
 def tool_bits(belief: ToolBelief, sent: SkidSent, reading: ToolReading | None, *, heading_known: bool) -> ToolBits:
-    """Bits of the tool; commanded on requires that the computer drives."""
+    """Bits of the tool; commanded on requires that the computer drives.
+
+    Cells count by what is measured: a tool that turns at its depth works the ground whoever drives. While the computer
+    drives, it must have been told on as well: what it was told to leave it may have left.
+    """
     bits = ToolBits(0)
     if sent.tool and sent.engage & DRIVE:
         bits |= ToolBits.TOLD_ON
@@ -228,7 +232,8 @@ def tool_bits(belief: ToolBelief, sent: SkidSent, reading: ToolReading | None, *
         bits |= ToolBits.TURNS
     if reading is not None and depth_right(belief, reading.depth_m):
         bits |= ToolBits.DEPTH_RIGHT
-    right = ToolBits.TOLD_ON | ToolBits.TURNS | ToolBits.DEPTH_RIGHT
+    measured = ToolBits.TURNS | ToolBits.DEPTH_RIGHT
+    right = measured | ToolBits.TOLD_ON if sent.engage & DRIVE else measured
     return bits | ToolBits.COUNTS if bits == right and heading_known else bits
 
 
@@ -252,7 +257,8 @@ def cover_row(
     ]
     row["speed_mps"], row["left_mps"], row["right_mps"] = result.speed_mps, sensed.left_mps, sensed.right_mps
     row["tool"], row["depth_m"] = int(tool), math.nan if reading is None else reading.depth_m
-    row["mode"], row["line"] = mode, whole(result.line, -1)
+    # Driven by hand the vehicle is on no line of the plan, wherever it left its route.
+    row["mode"], row["line"] = mode, whole(result.line, -1) if mode == Mode.SPEED else -1
     row["stop"] = int(_stops(Mode(mode), bits, found))
     row["gnss_quality"] = int(sensed.quality)
     return row.tobytes()

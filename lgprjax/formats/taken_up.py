@@ -1,0 +1,80 @@
+"""What a run takes up of earlier ones: place, worked stretches and the worked map, one file in the run's folder."""
+
+import json
+import zipfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from lgprjax.coverage.field import CellGrid
+from lgprjax.coverage.resume import Resumption, RoutePlace, WorkedStretch
+from lgprjax.errors import InputError
+from lgprjax.formats.store import atomic_output
+
+_VERSION = 1
+
+
+class TakenUp(NamedTuple):
+    """Work of earlier runs by a plan.
+
+    Attributes:
+        plan_sha256: of the plan.
+        resumption: where to go on, and what is worked beyond it.
+        grid: of the map.
+        probability: of each cell, by the best pass of any run.
+        runs: identities of the runs that are in it.
+    """
+
+    plan_sha256: str
+    resumption: Resumption
+    grid: CellGrid
+    probability: Float[np.ndarray, "north east"]
+    runs: tuple[str, ...]
+
+
+def write_taken_up(path: Path, held: TakenUp) -> None:
+    """Write it; whole or not at all.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    head = {
+        "version": _VERSION,
+        "plan_sha256": held.plan_sha256,
+        "line": held.resumption.place.line,
+        "along_m": held.resumption.place.along_m,
+        "worked": [list(each) for each in held.resumption.worked],
+        "grid": asdict(held.grid),
+        "runs": list(held.runs),
+    }
+    with atomic_output(path, force=True) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, head=np.array(json.dumps(head)), probability=held.probability.astype(np.float32))
+
+
+def read_taken_up(path: Path) -> TakenUp:
+    """Read it.
+
+    Raises:
+        InputError: missing, damaged, or of another version.
+    """
+    try:
+        # NumPy leaves a damaged file open that it is given by name.
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            head: dict[str, Any] = json.loads(str(file["head"]))
+            probability = np.asarray(file["probability"], np.float32)
+        if head["version"] != _VERSION:
+            raise InputError(path, "version", str(_VERSION), str(head["version"]))
+        grid = CellGrid(**head["grid"])
+        worked = tuple(WorkedStretch(int(line), float(low), float(high)) for line, low, high in head["worked"])
+        place = RoutePlace(int(head["line"]), float(head["along_m"]))
+        held = TakenUp(str(head["plan_sha256"]), Resumption(place, worked), grid, probability, tuple(head["runs"]))
+    except FileNotFoundError:
+        raise InputError(path, "file", "what earlier runs worked", "no such file") from None
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError) as error:
+        raise InputError(path, "file", "what earlier runs worked, written by run --resume", repr(error)) from None
+    if held.probability.shape != held.grid.shape:
+        raise InputError(path, "probability", f"{held.grid.shape} cells", f"{held.probability.shape}")
+    return held

@@ -1,0 +1,196 @@
+"""What a record says of the work besides cells: task, people, finds, and control points that tell of the base.
+
+People write it as TOML; in the record it stands in the provenance. A control point is a mark of known coordinates that
+the machine's own receiver measures before and after a session: what the two differ by is an error that all positions of
+the session share, and no filter on board can see.
+"""
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from lgprjax.config import BrokenRuleError, ConfigTable, TableKey, fill_table
+from lgprjax.errors import InputError
+from lgprjax.files import load_toml
+from lgprjax.frames import LocalFrame
+
+UNCHECKED_SIGMA_M = 0.05
+"""An axis, of what all positions of a session share, where no control point was measured: a base within 10 cm."""
+MOUNT_SIGMA_M = 0.01
+"""Of where antenna and tool are mounted, always added to what control points tell."""
+_FAR_M = 5.0
+
+
+class ControlPoint(ConfigTable):
+    """A mark, as known and as measured.
+
+    Attributes:
+        name: of the mark.
+        latitude_deg, longitude_deg: as known.
+        measured_latitude_deg, measured_longitude_deg: by the machine's receiver, from the same base.
+        when: before or after the session.
+        run: folder of the session; without one it is for all.
+        sigma_m: of the measurement, an axis.
+    """
+
+    name: str = Field(min_length=1)
+    latitude_deg: float = Field(ge=-90.0, le=90.0)
+    longitude_deg: float = Field(ge=-180.0, le=180.0)
+    measured_latitude_deg: float = Field(ge=-90.0, le=90.0)
+    measured_longitude_deg: float = Field(ge=-180.0, le=180.0)
+    when: Literal["before", "after"]
+    run: str | None = None
+    sigma_m: float = Field(default=0.01, ge=0.0, le=1.0)
+
+
+class Find(ConfigTable):
+    """Something found, or a detonation.
+
+    Attributes:
+        kind: find or detonation.
+        time_utc: ISO 8601, of UTC.
+        latitude_deg, longitude_deg: where.
+        note: in words.
+    """
+
+    kind: Literal["find", "detonation"]
+    time_utc: str
+    latitude_deg: float = Field(ge=-90.0, le=90.0)
+    longitude_deg: float = Field(ge=-180.0, le=180.0)
+    note: str = ""
+
+    @model_validator(mode="after")
+    def _dated(self) -> "Find":
+        try:
+            datetime.fromisoformat(self.time_utc)
+        except ValueError:
+            raise BrokenRuleError("time_utc", "ISO 8601, such as 2026-03-01T10:12:00", self.time_utc) from None
+        return self
+
+    @property
+    def utc(self) -> str:
+        """The time with its zone: none stated is UTC."""
+        time = datetime.fromisoformat(self.time_utc)
+        return (time if time.tzinfo is not None else time.replace(tzinfo=UTC)).astimezone(UTC).isoformat()
+
+
+class Evidence(ConfigTable):
+    """A file of evidence.
+
+    Attributes:
+        task, hazard_area: their numbers or names; machine: its identity; operator: who worked.
+        control_point, find: tables, as many as there are.
+    """
+
+    task: str = ""
+    hazard_area: str = ""
+    machine: str = ""
+    operator: str = ""
+    control_point: list[ControlPoint] = Field(default_factory=list)
+    find: list[Find] = Field(default_factory=list)
+
+
+class SharedError(NamedTuple):
+    """What all positions of a session share.
+
+    Attributes:
+        sigma_m: an axis, added to every covariance.
+        east_m, north_m: mean of measured less known; NaN without control points. It is not corrected.
+        points: how many were measured; before, after: whether any was then.
+        change_m: between before and after; NaN without both.
+    """
+
+    sigma_m: float
+    east_m: float
+    north_m: float
+    points: int
+    before: bool
+    after: bool
+    change_m: float
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        if not self.points:
+            return f"no control point was measured: {100.0 * self.sigma_m:.1f} cm an axis are assumed"
+        off = f"{100.0 * self.east_m:.1f} cm east, {100.0 * self.north_m:.1f} cm north off"
+        missing = [word for word, there in (("before", self.before), ("after", self.after)) if not there]
+        told = f", none measured {' or '.join(missing)} the session" if missing else ""
+        changed = "" if math.isnan(self.change_m) else f", changed by {100.0 * self.change_m:.1f} cm"
+        return f"{self.points} control points: {off}{changed}{told}; {100.0 * self.sigma_m:.1f} cm an axis are added"
+
+
+def read_evidence(path: str | Path) -> Evidence:
+    """A file of evidence.
+
+    Raises:
+        InputError: missing, not TOML, a key or a value that is not as expected, or a control point measured far away.
+    """
+    file = Path(path)
+    held = fill_table(Evidence, TableKey(file), load_toml(file))
+    for number, point in enumerate(held.control_point, start=1):
+        away_m = float(np.hypot(*_residual_m(point)))
+        if away_m > _FAR_M:
+            expected = f"within {_FAR_M:g} m of the mark"
+            raise InputError(file, f"control_point[{number}]", expected, f"{away_m:.1f} m: {point.name}")
+    return held
+
+
+def shared_error(points: Sequence[ControlPoint], run: str | None = None) -> SharedError:
+    """What control points say of a session.
+
+    The mean residual is an error that is known of and not corrected, for who knows whether the mark or the base is
+    wrong: it counts in full, as one sigma. The change from before to after counts as well, and so does what the
+    measurements themselves are worth. A session without a point both before and after is not surer than one that was
+    not checked.
+
+    Args:
+        points: of the evidence.
+        run: folder of the session; points of other sessions are left out.
+    """
+    own = [each for each in points if each.run is None or each.run == run]
+    if not own:
+        return SharedError(UNCHECKED_SIGMA_M, math.nan, math.nan, 0, False, False, math.nan)
+    residual = np.array([_residual_m(each) for each in own])
+    mean = residual.mean(axis=0)
+    early = np.array([each.when == "before" for each in own])
+    both = bool(early.any() and not early.all())
+    change_m = float(np.hypot(*(residual[~early].mean(axis=0) - residual[early].mean(axis=0)))) if both else math.nan
+    measured_m2 = float(np.mean([each.sigma_m**2 for each in own])) / len(own)
+    spread_m2 = float(residual.var(axis=0, ddof=1).max()) / len(own) if len(own) > 1 else 0.0
+    moved_m2 = 0.0 if math.isnan(change_m) else change_m**2
+    sigma_m = math.sqrt(float(np.max(mean**2)) + moved_m2 + max(measured_m2, spread_m2) + MOUNT_SIGMA_M**2)
+    if not both:
+        sigma_m = max(sigma_m, UNCHECKED_SIGMA_M)
+    return SharedError(
+        sigma_m, float(mean[0]), float(mean[1]), len(own), bool(early.any()), not bool(early.all()), change_m
+    )
+
+
+def evidence_json(held: Evidence, runs: Sequence[str]) -> dict[str, Any]:
+    """For the provenance of a record."""
+    told = held.model_dump(mode="json")
+    told["find"] = [{**each.model_dump(mode="json"), "time_utc": each.utc} for each in held.find]
+    errors = {run: shared_error(held.control_point, run) for run in runs}
+    told["shared_error"] = {
+        run: {"sigma_m": round(each.sigma_m, 4), "sentence": each.sentence} for run, each in errors.items()
+    }
+    return told
+
+
+def _residual_m(point: ControlPoint) -> tuple[float, float]:
+    """Measured less known, east and north."""
+    return residual_of(point.model_dump())
+
+
+def residual_of(point: dict[str, Any]) -> tuple[float, float]:
+    """Measured less known, east and north, of a control point as the record has it."""
+    frame = LocalFrame(float(point["latitude_deg"]), float(point["longitude_deg"]), 0.0)
+    latitude, longitude = (np.array([float(point[f"measured_{name}_deg"])]) for name in ("latitude", "longitude"))
+    east, north, _ = frame.to_local(latitude, longitude, np.zeros(1))
+    return float(east[0]), float(north[0])

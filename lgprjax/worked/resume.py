@@ -1,0 +1,122 @@
+"""Work of earlier runs taken up by a new one: after a stop, a power cut, a new day, or beside another machine.
+
+Everything comes from the recordings: the place is that of the last moment that counted, the map is made by the step
+that keeps it on board. A run that took up others itself has them in its own file, so that only its rows are gone
+through again.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lgprjax.coverage import CellGrid, CellState, cell_states, grid_of_field
+from lgprjax.coverage.resume import Resumption, RoutePlace, place_of_tool, resume_place, worked_stretches
+from lgprjax.errors import InputError
+from lgprjax.formats.taken_up import TakenUp, read_taken_up
+from lgprjax.run_segment import segments_of
+from lgprjax.worked.evidence import UNCHECKED_SIGMA_M
+from lgprjax.worked.plans import PlanFile
+from lgprjax.worked.record import COUNTS, CoverRun, probability_of_run, read_cover_run
+
+TAKEN_UP = "taken_up.npz"
+"""In a run's folder: what it took up."""
+
+
+def runs_by_plan(folder: Path, plan: PlanFile) -> list[CoverRun]:
+    """Runs in a folder that were driven by a plan, the oldest first; those without any coverage are left out."""
+    found = []
+    for each in sorted(folder.iterdir()) if folder.is_dir() else []:
+        if not each.is_dir() or not segments_of(each):
+            continue
+        try:
+            run = read_cover_run(each)
+        except InputError:
+            continue
+        if run.plan_sha256 == plan.sha256:
+            found.append(run)
+    return sorted(found, key=lambda run: int(run.utc_ns[0]))
+
+
+def last_place(plan: PlanFile, runs: Sequence[CoverRun]) -> RoutePlace | None:
+    """Place of the last moment of any run that counted; ``None`` where none did."""
+    newest: tuple[int, RoutePlace] | None = None
+    for run in runs:
+        rows = run.rows
+        good = ((rows["tool"] & COUNTS) != 0) & (rows["line"] >= 0) & np.isfinite(rows["x_m"] + rows["y_m"])
+        good &= rows["line"] < len(plan.plan.pattern.lines)
+        if not good.any():
+            continue
+        at = int(np.flatnonzero(good)[-1])
+        if newest is None or int(run.utc_ns[at]) > newest[0]:
+            pose = tuple(float(rows[name][at]) for name in ("x_m", "y_m", "yaw_rad"))
+            place = place_of_tool(plan.plan.pattern, plan.plan.tool, int(rows["line"][at]), (pose[0], pose[1], pose[2]))
+            newest = int(run.utc_ns[at]), place
+    return None if newest is None else newest[1]
+
+
+def take_up(
+    plan: PlanFile,
+    runs: Sequence[CoverRun],
+    *,
+    cell_m: float,
+    level: float,
+    shared_sigma_m: float = UNCHECKED_SIGMA_M,
+    place: RoutePlace | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> TakenUp:
+    """What a new run is to take up.
+
+    Args:
+        plan: that all of them are driven by.
+        runs: earlier ones, of whatever machine.
+        cell_m: side of a cell of the map.
+        level: probability from which a cell counts as worked.
+        shared_sigma_m: an axis, of what all positions share.
+        place: to begin at; ``None``: where the last moment counted, a little back.
+        progress: called with the number of moments done, now and then.
+
+    Raises:
+        InputError: the plan has no such line, its end was reached, or a run's own file cannot be used.
+    """
+    pattern, tool = plan.plan.pattern, plan.plan.tool
+    grid = grid_of_field(pattern.field, cell_m, tool.width_m)
+    best = np.zeros(grid.shape, np.float32)
+    within: set[str] = set()
+    earlier = [_taken_up_by(run, plan, grid) for run in runs]
+    for held in earlier:
+        if held is not None:
+            best = np.maximum(best, held.probability)
+            within |= set(held.runs)
+    for run in runs:
+        if _identity(run) not in within:
+            best = np.maximum(best, probability_of_run(grid, tool, run, progress, shared_sigma_m))
+    if place is None:
+        last = last_place(plan, runs)
+        place = RoutePlace(0, 0.0) if last is None else resume_place(pattern, last)
+        if place is None:
+            raise InputError(plan.path, "resume", "work left of the plan", "its end was reached: cover plan --gaps")
+    if not 0 <= place.line < len(pattern.lines):
+        raise InputError(plan.path, "start line", f"1 to {len(pattern.lines)}", f"{place.line + 1}")
+    if not 0.0 <= place.along_m < pattern.lines[place.line].length_m:
+        length_m = pattern.lines[place.line].length_m
+        raise InputError(plan.path, "start metre", f"0 to below {length_m:.2f}", f"{place.along_m:g}")
+    worked = cell_states(best, level) == CellState.PROCESSED
+    stretches = worked_stretches(pattern, grid, worked, tool, after=place)
+    every = tuple(sorted(within | {_identity(run) for run in runs}))
+    return TakenUp(plan.sha256, Resumption(place, stretches), grid, best, every)
+
+
+def _taken_up_by(run: CoverRun, plan: PlanFile, grid: CellGrid) -> TakenUp | None:
+    path = run.folder / TAKEN_UP
+    if not path.exists():
+        return None
+    held = read_taken_up(path)
+    # Of another plan or another size of cells: the runs themselves are gone through.
+    return held if held.plan_sha256 == plan.sha256 and held.grid == grid else None
+
+
+def _identity(run: CoverRun) -> str:
+    stated: Any = run.provenance["run"]
+    return str(stated)

@@ -1,0 +1,118 @@
+"""Earlier runs taken up: the place where the last moment counted, a map that is the record's, machines side by side."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drawn_field import FIELD_M, VEHICLE, Drive, cover_rows, write_cover_run
+from lgprjax.coverage.resume import RoutePlace
+from lgprjax.errors import InputError
+from lgprjax.formats.taken_up import read_taken_up, write_taken_up
+from lgprjax.frames import LocalFrame
+from lgprjax.worked.plans import PlanFile, PlanOptions, make_cover_plan, open_cover_plan, save_cover_plan
+from lgprjax.worked.record import CoverRun, record_cover
+from lgprjax.worked.resume import TAKEN_UP, last_place, runs_by_plan, take_up
+
+_CELL_M = 0.1
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> PlanFile:
+    folder = tmp_path_factory.mktemp("plan")
+    (folder / "v.vehicle.toml").write_text(VEHICLE)
+    frame = LocalFrame(40.0, -100.0, 0.0)
+    latitude, longitude, _ = frame.to_geodetic(FIELD_M[:, 0], FIELD_M[:, 1], np.zeros(4))
+    ring = [[float(x), float(y)] for x, y in zip(longitude, latitude, strict=True)]
+    (folder / "f.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [[*ring, ring[0]]]}))
+    made = make_cover_plan(folder / "f.geojson", folder / "v.vehicle.toml", PlanOptions(0.0, "boustrophedon"))
+    assert made is not None
+    save_cover_plan(folder / "f.cover.geojson", made)
+    return open_cover_plan(folder / "f.cover.geojson")
+
+
+def drawn_run(folder: Path, plan: PlanFile, lines: range, *, keep: int | None = None, begin_s: float = 0.0) -> Path:
+    """A run along lines of the plan, cut after so many moments: the power went."""
+    rows, time_s = cover_rows(Drive(tuple((line, 0.5 + line) for line in lines)))
+    kept = slice(0, keep)
+    write_cover_run(folder, rows[kept], time_s[kept], begin_s=begin_s, plan_sha256=plan.sha256)
+    return folder
+
+
+def test_a_run_that_was_cut_is_taken_up_where_it_ended(tmp_path: Path, plan: PlanFile) -> None:
+    drawn_run(tmp_path / "one", plan, range(3), keep=330)
+    (run,) = runs_by_plan(tmp_path, plan)
+    counted = np.flatnonzero((run.rows["tool"] & 8) != 0)[-1]
+    row = run.rows[counted]
+    last = last_place(plan, [run])
+    assert last is not None
+    line = plan.plan.pattern.lines[last.line]
+    assert last.line == int(row["line"])
+    centre = np.array([row["x_m"] + 0.8 * np.cos(row["yaw_rad"]), row["y_m"] + 0.8 * np.sin(row["yaw_rad"])])
+    along = (line.end_m - line.start_m) / line.length_m
+    assert last.along_m == pytest.approx(float((centre - line.start_m) @ along), abs=0.01)
+    held = take_up(plan, [run], cell_m=_CELL_M, level=0.95, shared_sigma_m=0.0)
+    assert held.resumption.place.line == last.line
+    assert held.resumption.place.along_m == pytest.approx(max(last.along_m - 1.0, 0.0))
+    record = record_cover([plan], [run], cell_m=_CELL_M)
+    held = take_up(plan, [run], cell_m=_CELL_M, level=0.95)
+    np.testing.assert_array_equal(np.floor(held.probability.astype(np.float64) * 65535), record.cells.probability)
+
+
+def test_what_was_taken_up_is_not_gone_through_again(tmp_path: Path, plan: PlanFile) -> None:
+    drawn_run(tmp_path / "a", plan, range(2))
+    (first,) = runs_by_plan(tmp_path, plan)
+    held = take_up(plan, [first], cell_m=_CELL_M, level=0.95, shared_sigma_m=0.0)
+    drawn_run(tmp_path / "b", plan, range(2, 4), begin_s=900.0)
+    write_taken_up(tmp_path / "b" / TAKEN_UP, held)
+    again = read_taken_up(tmp_path / "b" / TAKEN_UP)
+    assert again._replace(probability=held.probability) == held
+    np.testing.assert_array_equal(again.probability, held.probability)
+    runs = runs_by_plan(tmp_path, plan)
+    done: list[int] = []
+    both = take_up(plan, runs, cell_m=_CELL_M, level=0.95, shared_sigma_m=0.0, progress=done.append)
+    assert sum(done) == len(runs[1].rows)
+    alone = [
+        take_up(plan, [run._replace(folder=tmp_path)], cell_m=_CELL_M, level=0.95, shared_sigma_m=0.0) for run in runs
+    ]
+    np.testing.assert_array_equal(both.probability, np.maximum(*(each.probability for each in alone)))
+    assert len(both.runs) == 2
+
+
+def test_another_machine_began_at_a_later_line(tmp_path: Path, plan: PlanFile) -> None:
+    drawn_run(tmp_path / "other", plan, range(3, 5))
+    runs = runs_by_plan(tmp_path, plan)
+    held = take_up(plan, runs, cell_m=_CELL_M, level=0.95, shared_sigma_m=0.0, place=RoutePlace(0, 0.0))
+    assert held.resumption.place == RoutePlace(0, 0.0)
+    assert {each.line for each in held.resumption.worked} <= {3, 4}
+    assert held.resumption.worked
+    with pytest.raises(InputError, match="start line: expected 1 to 5, found 9"):
+        take_up(plan, runs, cell_m=_CELL_M, level=0.95, shared_sigma_m=0.0, place=RoutePlace(8, 0.0))
+    with pytest.raises(InputError, match=r"start metre: expected 0 to below 8\.00, found 8"):
+        take_up(plan, runs, cell_m=_CELL_M, level=0.95, shared_sigma_m=0.0, place=RoutePlace(0, 8.0))
+    with pytest.raises(InputError, match="its end was reached"):
+        take_up(plan, [drawn(tmp_path, plan)], cell_m=_CELL_M, level=0.95, shared_sigma_m=0.0)
+
+
+def drawn(folder: Path, plan: PlanFile) -> CoverRun:
+    drawn_run(folder / "end" / "run", plan, range(4, 5), begin_s=5000.0)
+    run = runs_by_plan(folder / "end", plan)[0]
+    # The tool's centre beyond the last line's end.
+    line = plan.plan.pattern.lines[4]
+    along = (line.end_m - line.start_m) / line.length_m
+    rows = run.rows.copy()
+    at = np.flatnonzero((rows["tool"] & 8) != 0)[-1]
+    rows["x_m"][at], rows["y_m"][at] = line.end_m - 0.79 * along
+    return run._replace(rows=rows)
+
+
+@pytest.mark.parametrize("damage", ["none", "short", "other"])
+def test_a_file_that_is_damaged_is_refused(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / TAKEN_UP
+    if damage == "short":
+        path.write_bytes(b"PK\x03\x04 half")
+    elif damage == "other":
+        np.savez(path, head=np.array("{}"))
+    with pytest.raises(InputError, match="what earlier runs worked"):
+        read_taken_up(path)
