@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from lgprjax.registration import Fix as Fix
     from lgprjax.registration import RegisterOptions as RegisterOptions
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _MODULE_OF = {
     "simulate": "lgprjax.api.drives",

@@ -4,7 +4,6 @@ import hashlib
 import re
 import shlex
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from drawn_field import Drive, cover_rows, write_cover_run
 from formats.samples import write_dt1
 from generated import Site
 from lgprjax.cli import main
+from lgprjax.cli.verbs import parsed
 from lgprjax.formats import DriveLog, DriveWriter, read_fixes
 from shown_commands import PAGES, ROOT, benchmarks_shown, names_a_verb_only, shown_in_blocks, shown_in_text, words_of
 from vendor_sets import write_cmu, write_gprmax, write_iprb, write_segy
@@ -38,6 +38,10 @@ ELSEWHERE = {
     ),
     r"import signals .*": "formats/test_signal_tables.py::test_a_csv_file_becomes_a_drive_log",
     r"import mcap .*": "cli/test_export.py::test_there_and_back",
+    r"import (rosbag .*|RECORDING.bag -o X.drive.h5)": (
+        "formats/test_rosbag_import.py::test_a_bag_becomes_the_drive_that_mcap_becomes"
+    ),
+    r"compare .*": "test_commands.py::test_transfer",
     r"import grounded .*": "cli/test_cli.py::test_grounded_run_imports_by_the_documented_call",
     r"check X.drive.h5 --health": "cli/test_health.py::test_check_health_of_a_damaged_drive",
     r"view .*": "cli/test_view.py::test_every_vendors_file_becomes_a_picture",
@@ -56,6 +60,10 @@ ELSEWHERE = {
     r"run .* --replay RUN_FOLDER": "cli/test_run.py::test_the_run_replays_to_the_same_commands",
     r"run CONFIG.toml --preflight": "cli/test_run.py::test_a_preflight_names_what_is_not_in_order",
     r"run onboard/field.run.toml .*": _A_FIELD,
+    r"run field.run.toml --start-line .*": _A_FIELD,
+    r"run field.run.toml --resume": "worked/test_resume.py::test_a_run_that_was_cut_is_taken_up_where_it_ended",
+    r"run --resume": "worked/test_resume.py::test_a_run_that_was_cut_is_taken_up_where_it_ended",
+    r"cover record --(smooth|evidence).*": _A_FIELD,
     r"run CONFIG.toml --simulate --lockstep.*": _IN_LOCK_STEP,
     r"events .*": _IN_LOCK_STEP,
     r"doctor --onboard": "cli/test_real_time.py::test_a_machine_is_judged_by_what_was_measured",
@@ -65,6 +73,28 @@ ELSEWHERE = {
     r"simulate SITE.toml .*": "cli/test_simulate.py::test_drives_are_written_and_told",
     r"(simulate tuning|tune tuning|tune STUDY).*": "test_notebooks.py::test_notebook_runs_from_a_fresh_clone",
     r"examples .*": "cli/test_examples.py::test_every_example_is_copied_and_can_be_used",
+}
+# Pages whose commands are run as they stand, in their order.
+HOW_TO = {
+    "docs/own_radar.md": "test_howto.py::test_bring_your_own_radar",
+    "docs/own_vehicle.md": "test_howto.py::test_bring_your_own_vehicle",
+    "docs/from_ros2.md": "test_howto.py::test_from_ros2",
+}
+# The reference's examples, verb by verb: it is made from the verbs, whose options the tests of each run.
+REFERENCE = {
+    r"demo.*": "test_public.py::test_a_session_runs_as_it_stands",
+    r"import (dt1|dzt|mala) .*": "cli/test_cli.py::test_vendor_files_import",
+    r"import (iprb|segy|cmu|gprmax) .*": "test_commands.py::test_vendors",
+    r"import lines .*": "test_commands.py::test_lines",
+    r"check .*": "test_commands.py::test_map",
+    r"export .*": "test_commands.py::test_transfer",
+    r"map (build|info) .*": "test_commands.py::test_map",
+    r"register .*": "test_commands.py::test_road",
+    r"route list .*": "cli/test_route.py::test_routes_are_listed",
+    r"route (select|export) .*": "cli/test_route.py::test_a_stretch_is_selected_and_exported",
+    r"cover plan .*": "cli/test_cover.py::test_the_plan_is_there_and_tells_its_figures",
+    r"cover record .*": "cli/test_cover.py::test_the_record_tells_what_was_worked",
+    r"cover export .*": "cli/test_cover.py::test_the_export_is_whole",
 }
 
 
@@ -90,7 +120,7 @@ def run(command: str) -> int:
 
 @pytest.mark.parametrize("command", sorted({command for _, command in _shown()}))
 def test_the_parser_reads_what_is_shown(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["lgprjax.cli.main"], "run_verb", lambda _: 0)
+    monkeypatch.setattr("lgprjax.cli.verbs._parse_and_run", lambda words: int(parsed(words) is None))
     assert run(command + " --help" if names_a_verb_only(command) else command) == 0
 
 
@@ -99,7 +129,10 @@ def test_what_is_shown_is_run(page: str, command: str) -> None:
     told = command.removeprefix("lgprjax ")
     if any(page == where and re.fullmatch(which, told) for where, which in HERE.values()):
         return
-    tests = [test for which, test in ELSEWHERE.items() if re.fullmatch(which, told)]
+    known = ELSEWHERE | (REFERENCE if page == "docs/cli.md" else {})
+    if page in HOW_TO:
+        known = {r".*": HOW_TO[page]}
+    tests = [test for which, test in known.items() if re.fullmatch(which, told)]
     assert tests, f"{page}: no test runs: {command}"
     file, _, name = tests[0].partition("::")
     assert f"\ndef {name}(" in (ROOT / "tests" / file).read_text(encoding="utf-8")
@@ -205,7 +238,14 @@ def test_field(here: Path) -> None:
 def test_transfer(here: Path, site: Site, short: Path) -> None:
     shutil.copyfile(short, here / "X.drive.h5")
     assert run(f"lgprjax register {site.map} X.drive.h5 -o result") == 0
-    imported, exported = (each for each in shown_in_blocks(ROOT / HERE["transfer"][0]))
-    assert run(exported) == 0
+    shown = shown_in_blocks(ROOT / HERE["transfer"][0])
+    exported = [each for each in shown if " export " in each]
+    assert len(exported) == 5
+    for command in exported:
+        assert run(command) == 0
+    for name in ("X.tum", "truth.tum"):
+        assert np.loadtxt(here / name).shape[1] == 8
     (here / "X.mcap").rename("RECORDING.mcap")
+    (imported,) = (each for each in shown if " import mcap " in each)
     assert run(f"{imported} --force") == 0
+    assert run("lgprjax compare result result") == 0

@@ -87,7 +87,9 @@ def test_the_field_of_the_notebook_is_recorded(tmp_path: Path, monkeypatch: pyte
     processed = np.count_nonzero(record.cells.state[0] == 2) * record.cells.cell_m**2
     # The tool also worked a strip as long as itself beyond both ends of every line.
     assert 100.0 < processed < 108.0 + 10 * 2 * 1.2 * 0.6
-    assert {path.suffix for path in (folder / "export").iterdir()} == {".csv", ".geojson", ".gpkg", ".html", ".kml"}
+    assert {path.suffix for path in (folder / "export").iterdir()} == {
+        *(".csv", ".geojson", ".gpkg", ".html", ".kml", ".zip")
+    }
 
 
 def test_the_first_registration_is_right_and_refuses_the_impostor(

@@ -1,11 +1,15 @@
 """The package as it is installed: its data, its types, its command, outside of the repository."""
 
+import re
 import subprocess
 import sysconfig
+import tomllib
 from importlib import metadata
 from pathlib import Path
 
 import pytest
+
+import lgprjax
 
 _ROOT = Path(__file__).parents[1]
 
@@ -31,6 +35,20 @@ def test_formats_templates_and_types_are_installed(installed: list[str]) -> None
     page = {path.name for path in (_ROOT / "lgprjax" / "runtime" / "display" / "page").iterdir()}
     assert page <= {Path(name).name for name in installed}
     assert not [name for name in installed if name.startswith(("tests/", "docs/"))]
+
+
+def test_one_version_is_told_everywhere() -> None:
+    citation = (_ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.findall(r"^version: (.*)$", citation, re.MULTILINE) == [lgprjax.__version__]
+    changes = re.findall(r"^## (\d+\.\d+\.\d+)", (_ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert changes[0] == lgprjax.__version__
+    assert len(set(changes)) == len(changes)
+
+
+def test_the_source_distribution_names_files_that_there_are() -> None:
+    told = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    for name in told["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]:
+        assert (_ROOT / name).exists(), name
 
 
 def test_the_command_works_elsewhere(installed: list[str], tmp_path: Path) -> None:

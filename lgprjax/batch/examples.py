@@ -12,7 +12,6 @@ from lgprjax.formats import DriveLog, MapFile
 from lgprjax.radar import ArrayGeometry, CoefficientBasis
 from lgprjax.registration import (
     BLOCK_SCANS,
-    MIN_OVERLAP,
     RegisterOptions,
     Stops,
     SurfacePicture,
@@ -20,9 +19,9 @@ from lgprjax.registration import (
     Template,
     ground_map_for,
     ground_under,
+    least_overlap,
     live_chain,
     rival_of,
-    search_spec_for,
     stops_of,
     survey_surface,
     templates_of,
@@ -38,6 +37,7 @@ from lgprjax.subsurface import GroundMap, Tile
 def swarm_about(
     ground: GroundMap,
     tile_number: int,
+    array: ArrayGeometry,
     template: Template,
     prior: Float[np.ndarray, "5"],
     surface: SurfacePicture,
@@ -52,6 +52,7 @@ def swarm_about(
     Args:
         ground: the map.
         tile_number: of the tile that the scan was searched on.
+        array: of the drive.
         template: single, in a batch of one.
         prior: along_m, cross_m, height_m above ground, yaw_rad, roll_rad in the tile's frame.
         surface: of the scan over the search region.
@@ -75,7 +76,7 @@ def swarm_about(
         tile,
         jnp.float32(ground.source.height_reference_m[tile_number]),
         ground.basis.angular_frequency_rad_per_ns,
-        jnp.float32(MIN_OVERLAP),
+        jnp.float32(least_overlap(array, ground.description.settings.wavelength_m)),
         Template(*(field[0] for field in template)),
         single(start),
         single(whole),
@@ -121,7 +122,7 @@ class FixExample(NamedTuple):
     Attributes:
         scan: its number in the drive.
         strips: of the ground, live and in the map.
-        surface: the correlation around its prior.
+        surface: the correlation over the search region, the rest of the pose as the fix has it.
         prior_m, best_m, second_m, truth_m: start of the search, its result, the highest other peak of the surface, and
             the truth where it is known.
         prior_sigma_m: of the prior, east and north; 0 where the drive states none.
@@ -185,23 +186,23 @@ def fix_example(
     stops = stops._replace(coefficients=made)
     step_m = description.settings.step_m
     template = _template_of(stops, array, at, window_m, step_m)
-    spec = search_spec_for(ground, tile_number, array, search_m=search_m, window_m=window_m)
     prior = to_tile(drive.track.pose[[scan]], frame)[0]
+    pose = to_tile(np.asarray(drive.fix.pose)[[scan]], frame)[0]
     surface = survey_surface(
         tile,
         template,
-        jnp.asarray(prior, dtype=jnp.float32),
-        jnp.full(2, search_m, dtype=jnp.float32),
-        jnp.float32(MIN_OVERLAP),
-        lattice=spec.lattice,
-        margin=spec.margin,
+        pose,
+        prior,
+        search_m,
+        ground.source.height_reference_m[tile_number],
+        ground.basis.angular_frequency_rad_per_ns,
+        least_overlap(array, description.settings.wavelength_m),
     )
     strip = max(_STRIP_M if log.channels > 1 else 0.0, window_m, 1.0)
     stripe = _template_of(stops, array, at, strip, step_m)
     channel = log.channels // 2
     offset = np.asarray(stripe.offset_m)[0].reshape(-1, log.channels, 2)[:, channel]
     live = np.asarray(stripe.coefficients)[0].reshape(len(offset), log.channels, -1)[:, channel]
-    pose = to_tile(np.asarray(drive.fix.pose)[[scan]], frame)[0]
     under, _ = ground_under(tile, _placed(offset, pose))
     ahead, _ = ground_under(tile, _placed(offset - np.array([_BESIDE_M, 0.0]), pose))
     # Templates count backward from the scan; strips forward.
@@ -226,7 +227,7 @@ def fix_example(
         rival_of(surface, pose[:2], 0.6 * description.settings.wavelength_m),
         truth,
         frame,
-        swarm_about(ground, tile_number, template, prior, surface, drive, options, scan),
+        swarm_about(ground, tile_number, array, template, prior, surface, drive, options, scan),
     )
 
 

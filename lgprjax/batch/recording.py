@@ -35,6 +35,7 @@ from lgprjax.radar import (
 )
 from lgprjax.registration import Operators, Track
 
+_OTHER_SENSOR = "another sensor than the map's, or its description is wrong"
 _BAND_SHARE = 0.5
 """A recording that covers less than this share of a map's band is refused."""
 _HEAD_SCANS = 64
@@ -86,7 +87,7 @@ class TraceDrive:
                 self._log.path,
                 place,
                 f"at most {0.5e9 / _least_top_hz(settings):.3g} ns for half of the map's band, {_band(settings)}",
-                f"{known.sample_interval_ns:.3g} ns",
+                f"{known.sample_interval_ns:.3g} ns, which holds up to {highest_hz / 1e6:.4g} MHz: {_OTHER_SENSOR}",
             )
         return _trace_operator(known.samples, known.sample_interval_ns, known.time_zero_ns + later_ns, settings, kept)
 
@@ -149,7 +150,7 @@ class SweepDrive:
                 self._log.path,
                 "/radar/frequencies_hz",
                 f"half of the map's band, {_band(settings)}, or more",
-                f"{frequencies_hz[0] / 1e6:.4g} to {frequencies_hz[-1] / 1e6:.4g} MHz",
+                f"{frequencies_hz[0] / 1e6:.4g} to {frequencies_hz[-1] / 1e6:.4g} MHz: {_OTHER_SENSOR}",
             )
         return sweep_operator(frequencies_hz, settings, group_delay_ns=self._recording.group_delay_ns, kept=kept)
 

@@ -11,7 +11,7 @@ from lgprjax.coverage import CarrotSettings, Outline, PatternSettings, Tool, def
 from lgprjax.coverage.swaths import Order
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile, with_values
-from lgprjax.navigation import FilterModel, SkidModel, default_model, default_skid_model
+from lgprjax.navigation import FilterModel, SkidModel, cautious_skid_model, default_model
 from lgprjax.radar import ArrayGeometry, uniform_array
 from lgprjax.vehicle import (
     Chassis,
@@ -223,7 +223,7 @@ def skid_setup_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Sk
         wheel_rate_mps2=jnp.float32(_skid_needed(path, "skid_steer.wheel_rate_mps2", table.wheel_rate_mps2)),
         smallest_radius_m=jnp.float32(_skid_needed(path, "skid_steer.smallest_radius_m", table.smallest_radius_m)),
     )
-    model = default_skid_model(
+    model = cautious_skid_model(
         track_m=track_m,
         gnss_x_m=vehicle.navigation.gnss_x_m or 0.0,
         gnss_y_m=vehicle.navigation.gnss_y_m or 0.0,

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import tyro
 from rich.table import Table
 from tyro.conf import Positional, arg
 
+from lgprjax.cli.figures import check_outputs, write_figures
 from lgprjax.cli.terminal import UsageError, console, progress_bar, require_files, working
 from lgprjax.errors import InputError
 
@@ -18,13 +18,6 @@ if TYPE_CHECKING:
 
 
 # Common parts of the verbs of ``lgprjax cover``.
-
-
-def refuse_existing(outputs: tuple[Path | None, ...], force: bool) -> None:
-    """Refuse existing outputs before any work. Raises ``InputError`` for the first."""
-    for path in outputs:
-        if path is not None and path.exists() and not force:
-            raise InputError(path, "output", "a new file, or --force", "the file exists")
 
 
 def print_cover_figures(title: str, figures: "CoverFigures") -> None:
@@ -65,19 +58,18 @@ class CoverExport:
     benchmark_deg: Annotated[tuple[float, float] | None, arg(metavar="LATITUDE LONGITUDE")] = None
     """marked reference point of bearings and distances; default: the first corner"""
     json: Path | None = None
-    """also write the figures to this file"""
+    """also write the figures to this file, or - for standard output"""
     force: bool = False
     """replace outputs that exist"""
 
     def run(self) -> None:
         """Export."""
-        from lgprjax.cli.figures import write_figures
         from lgprjax.formats import read_worked
         from lgprjax.report.handover import hand_over, handover_files
         from lgprjax.worked.layers import cover_figures
 
         outputs = handover_files(self.record, self.output, self.benchmark_deg, force=self.force)
-        refuse_existing((self.json,), self.force)
+        check_outputs(self.json, force=self.force)
         record = read_worked(self.record)
         figures = cover_figures(record)
         with working("drawing layers and report"):
@@ -139,16 +131,17 @@ class CoverPlanVerb:
     """record of this field: plan only the ground below the level"""
     level: float = 0.95
     """with --gaps: probability from which a cell is left out"""
+    least_width_m: float = 0.1
+    """with --gaps: narrower places are left as they are"""
     picture: Path | None = None
     """also draw the plan to this PNG: swaths in their order, turns, keep-outs, fence"""
     json: Path | None = None
-    """also write the figures to this file"""
+    """also write the figures to this file, or - for standard output"""
     force: bool = False
     """replace outputs that exist"""
 
     def run(self) -> None:
         """Plan."""
-        from lgprjax.cli.figures import write_figures
         from lgprjax.formats import read_worked
         from lgprjax.worked.plans import PlanOptions, check_plan_options, plan_field, save_cover_plan
 
@@ -164,9 +157,10 @@ class CoverPlanVerb:
             self.speed_mps,
             self.confidence,
             self.drop_out_s,
+            self.least_width_m,
         )
         check_plan_options(options, self.level)
-        refuse_existing((self.output, self.json, self.picture), self.force)
+        check_outputs(self.output, self.json, self.picture, force=self.force)
         worked = None if self.gaps is None else read_worked(self.gaps)
         with working("laying lines and turns"):
             made = plan_field(self.field, self.vehicle, options, worked=worked, level=self.level)
@@ -207,17 +201,22 @@ class CoverRecord:
         tuple[Path, ...], arg(metavar="X.cover.geojson...", help="plan of the field, followed by those of its gaps")
     ]
     output: Annotated[Path, arg(aliases=["-o"], metavar="R.worked.h5", help="record to write")]
+    evidence: Annotated[Path | None, arg(metavar="E.toml")] = None
+    """task, hazard area, machine, operator, control points, finds and detonations; see docs/coverage.md"""
+    smooth: bool = False
+    """smooth every run's poses, forward and back, from the bytes of its lines: surer after drop-outs, and what later
+    evidence contradicts is taken back; needs the files that the run was driven with"""
     cell_m: float = 0.05
     """side of a cell"""
     json: Path | None = None
-    """also write the figures to this file"""
+    """also write the figures to this file, or - for standard output"""
     force: bool = False
     """replace outputs that exist"""
 
     def run(self) -> None:
         """Record."""
-        from lgprjax.cli.figures import write_figures
         from lgprjax.formats import write_worked
+        from lgprjax.worked.evidence import read_evidence
         from lgprjax.worked.layers import cover_figures
         from lgprjax.worked.plans import open_cover_plan
         from lgprjax.worked.record import read_cover_run, record_cover
@@ -227,17 +226,25 @@ class CoverRecord:
         _check_suffix("--output", self.output, _COVER_RECORD)
         if not 0.01 <= self.cell_m <= 1.0:
             raise UsageError(f"--cell-m: expected 0.01 to 1, found {self.cell_m:g}")
-        refuse_existing((self.output, self.json), self.force)
+        check_outputs(self.output, self.json, force=self.force)
+        evidence = None if self.evidence is None else read_evidence(self.evidence)
         plans = [open_cover_plan(path) for path in self.plan]
         runs = []
         for folder in self.runs:
             with working(f"reading {folder}"):
                 runs.append(read_cover_run(folder))
-        with progress_bar("working the cells", sum(len(run.rows) for run in runs)) as progress:
-            record = record_cover(plans, runs, cell_m=self.cell_m, progress=progress)
+            if self.smooth:
+                from lgprjax.runtime.smoothed import smooth_run
+
+                with working(f"smoothing {folder}"):
+                    runs[-1], _ = smooth_run(runs[-1])
+        with progress_bar("working the cells", sum(len(run.rows) for run in runs), "ticks") as progress:
+            record = record_cover(plans, runs, cell_m=self.cell_m, evidence=evidence, progress=progress)
         write_worked(self.output, record, force=self.force)
         figures = cover_figures(record)
         print_cover_figures(self.output.name, figures)
+        for run, told in record.provenance["evidence"]["shared_error"].items():
+            say(f"{run}: {told['sentence']}")
         say(f"wrote {self.output}")
         if self.json is not None:
             write_figures(self.json, figures.as_json(), force=self.force)
@@ -332,10 +339,3 @@ def _print_table(title: str, figures: dict[str, object]) -> None:
     for name, value in figures.items():
         table.add_row(name, str(value))
     console.print(table)
-
-
-CoverVerb = (
-    Annotated[CoverPlanVerb, tyro.conf.subcommand("plan")]
-    | Annotated[CoverRecord, tyro.conf.subcommand("record")]
-    | Annotated[CoverExport, tyro.conf.subcommand("export")]
-)

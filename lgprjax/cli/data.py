@@ -1,4 +1,4 @@
-"""``lgprjax check``, ``export`` and ``recover``: validate files, convert them, recover recorded runs."""
+"""``lgprjax check``, ``export``, ``compare`` and ``recover``: validate, convert and compare files, recover runs."""
 
 import json
 import shutil
@@ -11,12 +11,13 @@ from rich.table import Table
 from rich.text import Text
 from tyro.conf import Positional, arg
 
+from lgprjax.cli.figures import check_outputs, write_figures
 from lgprjax.cli.terminal import UsageError, console, progress_bar, require_files, working
 from lgprjax.errors import InputError
 from lgprjax.files import examples_folder
 
 if TYPE_CHECKING:
-    from lgprjax.batch import DriveHealth, Stretch
+    from lgprjax.batch import Comparison, DriveHealth, Stretch
     from lgprjax.formats import RunSummary
     from lgprjax.runtime.config import RuntimeConfig
 
@@ -41,16 +42,16 @@ class CheckVerb:
     health: bool = False
     """also measure the recording quality of drive logs: radar, clock, odometry, GNSS"""
     json: Path | None = None
-    """also write the findings to this file (with --health: findings and figures)"""
+    """also write the findings, with --health and figures, to this file, or - for standard output"""
     force: bool = False
     """replace that file if it exists"""
 
     def run(self) -> int:
         """Check; status 1 if any file cannot be used."""
-        from lgprjax.cli.figures import write_figures
         from lgprjax.formats import check_file
 
         require_files(self.files, "files")
+        check_outputs(self.json, force=self.force)
         if self.health and not all(path.name.lower().endswith(".drive.h5") for path in self.files):
             raise UsageError("--health: expected drive logs only, X.drive.h5")
         findings, reports = [], []
@@ -76,10 +77,14 @@ class CheckVerb:
 
 def _tell_assumed(path: Path) -> None:
     """Report quantities of a drive that no instrument recorded."""
-    from lgprjax.formats import DriveLog, assumed_in_words, assumed_of
+    from lgprjax.formats import DriveLog, VehicleLog, assumed_in_words, assumed_of
 
-    with DriveLog.open(path) as log:
-        assumed = assumed_of(log.description.provenance)
+    try:
+        with DriveLog.open(path) as log:
+            provenance = log.description.provenance
+    except InputError:  # of a vehicle without radar
+        provenance = VehicleLog.open(path).provenance
+    assumed = assumed_of(provenance)
     if assumed:
         message = f"{path}: assumed, as no instrument recorded it: {assumed_in_words(assumed)}"
         console.print(message, highlight=False, markup=False, soft_wrap=True)
@@ -124,31 +129,47 @@ def _where(stretches: "tuple[Stretch, ...]") -> str:
 
 # ``lgprjax export``: drives and their fixes for other programs.
 
-_SUFFIX = ".mcap"
+_MCAP = ".mcap"
 
 
 @dataclass(frozen=True)
 class Export:
-    """Write a drive, and its fixes, as ROS 2 messages in an MCAP file (needs: pip install lgprjax[log]).
+    """Write a drive as ROS 2 messages, or its trajectory for evo or GIS.
 
-    ROS 2 tools and Foxglove read it: scans as recorded, GNSS/INS as NavSatFix and Imu, travel as Odometry, fixes that
-    are ok as PoseWithCovarianceStamped in the map's frame and NavSatFix. lgprjax import mcap converts it back to a
-    drive log.
+    ROS 2 tools and Foxglove read .mcap (needs: pip install lgprjax[log]): scans as recorded, GNSS/INS as NavSatFix and
+    Imu, travel as Odometry, fixes that are ok as PoseWithCovarianceStamped in the map's frame and NavSatFix. lgprjax
+    import mcap converts it back.
+
+    A trajectory is that of the array's centre: of the fixes that are ok, if given, of the truth with --truth, else of
+    the navigation as recorded. .tum and .kitti (for evo) are in metres east, north and up of the drive's first recorded
+    place, so that all trajectories of a drive can be compared; .geojson (with code, correlation and sigmas of each
+    scan) and .kml are in WGS-84, for QGIS and globes.
     """
 
     drive: Annotated[Positional[Path], arg(metavar="DRIVE", help="drive log, X.drive.h5")]
-    output: Annotated[Path, arg(aliases=["-o"], metavar="X.mcap", help="recording to write")]
+    output: Annotated[
+        Path, arg(aliases=["-o"], metavar="X.SUFFIX", help="file to write: .mcap, .tum, .kitti, .geojson or .kml")
+    ]
     fixes: Annotated[Path | None, arg(metavar="X.fixes.h5")] = None
     """fixes of the drive, from lgprjax register"""
+    truth: bool = False
+    """trajectory of the true poses, where the log holds them"""
     force: bool = False
     """replace an output that exists"""
 
     def run(self) -> None:
         """Export."""
-        if not self.output.name.endswith(_SUFFIX):
-            raise UsageError(f"--output: expected a file name that ends in {_SUFFIX}, found {self.output.name!r}")
-        from lgprjax.formats import export_mcap
+        from lgprjax.formats import TRAJECTORY_SUFFIXES, export_mcap
 
+        suffix = self.output.suffix.lower()
+        if suffix in TRAJECTORY_SUFFIXES:
+            self._write_trajectory()
+            return
+        if suffix != _MCAP:
+            suffixes = ", ".join((_MCAP, *TRAJECTORY_SUFFIXES))
+            raise UsageError(f"--output: expected a file name that ends in {suffixes}, found {self.output.name!r}")
+        if self.truth:
+            raise UsageError("--truth: expected a trajectory as the output, found a recording of messages")
         with working(f"writing {self.output}"):
             exported = export_mcap(self.drive, self.output, fixes=self.fixes, force=self.force)
         poses = "" if self.fixes is None else f", {exported.poses} fixes that are ok"
@@ -156,7 +177,111 @@ class Export:
         if exported.left_out:
             self._say(f"not exported, as there are no messages for them: {', '.join(exported.left_out)}")
 
+    def _write_trajectory(self) -> None:
+        if self.truth and self.fixes is not None:
+            raise UsageError("--truth, --fixes: expected one of them")
+        from lgprjax.batch import frame_of_drive, trajectory_of_fixes, trajectory_of_track
+        from lgprjax.formats import DriveLog, read_fixes, write_trajectory
+
+        with DriveLog.open(self.drive) as log, working(f"writing {self.output}"):
+            found = (
+                trajectory_of_track(log, truth=self.truth)
+                if self.fixes is None
+                else trajectory_of_fixes(log, read_fixes(self.fixes), self.fixes)
+            )
+            write_trajectory(self.output, found, frame_of_drive(log), force=self.force)
+        self._say(f"wrote {self.output}: {len(found.time_s)} poses, {found.what}")
+
     def _say(self, line: str) -> None:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+# ``lgprjax compare``: two registrations of one drive.
+
+_CODES_SHOWN, _RUNS_SHOWN = 6, 5
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Compare two registrations of a drive, scan by scan: codes, distances, and whether the sigmas cover them.
+
+    A and B are fixes files, or folders of results of the same drives. Where both are ok and more than 0.3 m apart, one
+    of the two is wrong: these scans are listed.
+    """
+
+    first: Annotated[Positional[Path], arg(metavar="A", help="X.fixes.h5, X.fixes.csv, or a folder of results")]
+    second: Annotated[Positional[Path], arg(metavar="B", help="the same drive, or drives, registered otherwise")]
+    json: Path | None = None
+    """also write the figures to this file, or - for standard output"""
+    force: bool = False
+    """replace that file if it exists"""
+
+    def run(self) -> None:
+        """Compare."""
+        from lgprjax.batch import compare_fixes
+        from lgprjax.formats import read_fixes
+
+        pairs = self._pairs()
+        found = {
+            name: compare_fixes(read_fixes(first), read_fixes(second), second)
+            for name, (first, second) in pairs.items()
+        }
+        check_outputs(self.json, force=self.force)
+        for name, comparison in found.items():
+            _print_comparison(name, comparison)
+        if self.json is not None:
+            write_figures(self.json, {name: each.as_json() for name, each in found.items()}, force=self.force)
+
+    def _pairs(self) -> dict[str, tuple[Path, Path]]:
+        """Files of the drives that both sides have, by the drive's name."""
+        if self.first.is_dir() != self.second.is_dir():
+            odd = self.second if self.first.is_dir() else self.first
+            raise InputError(odd, "input", "a folder of results, as the other is one", "a file")
+        if not self.first.is_dir():
+            return {_drive_of(self.first): (self.first, self.second)}
+        sides = [
+            {_drive_of(path): path for path in sorted(side.glob("*.fixes.h5"))} for side in (self.first, self.second)
+        ]
+        common = [name for name in sides[0] if name in sides[1]]
+        if not common:
+            held = ", ".join(sides[0]) or "no X.fixes.h5"
+            raise InputError(
+                self.second, "drives", f"one of those of {self.first}: {held}", ", ".join(sides[1]) or "none"
+            )
+        return {name: (sides[0][name], sides[1][name]) for name in common}
+
+
+def _drive_of(path: Path) -> str:
+    return path.name.partition(".fixes.")[0]
+
+
+def _print_comparison(name: str, found: "Comparison") -> None:
+    table = Table("quantity", "A", "B", title=f"{name}: {found.scans} scans")
+    for column in (1, 2):
+        table.columns[column].justify = "right"
+    table.add_row("ok", str(found.ok_first), str(found.ok_second))
+    table.add_row("ok in both", str(found.ok_both), "")
+    correlations = (found.median_correlation_first, found.median_correlation_second)
+    table.add_row("median correlation, ok fixes", *("–" if each is None else f"{each:.3f}" for each in correlations))
+    console.print(table)
+    lines = [f"{count} scans: {change}" for change, count in list(found.codes.items())[:_CODES_SHOWN]]
+    if found.rms_cross_m is None or found.rms_along_m is None or found.largest_m is None or found.within_95 is None:
+        lines.append("no scan is ok in both: no distance")
+    else:
+        lines.append(
+            f"B - A where both are ok: along {found.rms_along_m:.3f} m RMS, across {found.rms_cross_m:.3f} m RMS, "
+            f"largest {found.largest_m:.3f} m; {100.0 * found.within_95:.1f} % within the 95 % of both sigmas"
+        )
+    if found.apart:
+        runs = ", ".join(
+            f"{start}-{stop}" if stop > start else f"{start}" for start, stop in found.apart_at[:_RUNS_SHOWN]
+        )
+        more = len(found.apart_at) - _RUNS_SHOWN
+        lines.append(
+            f"more than 0.3 m apart, so that one is wrong: {found.apart} scans, {runs}"
+            + (f", and {more} more places" if more > 0 else "")
+        )
+    for line in lines:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -187,12 +312,11 @@ class Recover:
             raise UsageError(
                 f"--output: expected a file name that ends in {_RECOVER_SUFFIX}, found {self.output.name!r}"
             )
-        if self.output.exists() and not self.force:
-            raise InputError(self.output, "output", "a new file, or --force", "the file exists")
         from lgprjax.batch import write_run_drive
         from lgprjax.formats import MapFile, read_run, read_vehicle
 
         reading = read_run(self.folder)
+        check_outputs(self.output, force=self.force)
         with working(f"reading {self.folder}"):
             found = reading.summary
         _tell(found, self.folder)

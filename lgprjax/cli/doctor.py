@@ -6,6 +6,7 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
+from lgprjax.cli.figures import check_outputs, write_figures
 from lgprjax.cli.terminal import console, working
 
 _STYLE = {"good": "green", "absent": "dim", "look": "yellow", "bad": "bold red"}
@@ -18,15 +19,15 @@ class Doctor:
     onboard: bool = False
     """also measure whether this machine can search the 126 scans a second of an array on board: about a minute"""
     json: Path | None = None
-    """also write the findings to this file"""
+    """also write the findings to this file, or - for standard output"""
     force: bool = False
     """replace that file if it exists"""
 
     def run(self) -> int:
         """Check; status 1 if something that every verb needs is missing or wrong."""
-        from lgprjax.cli.figures import write_figures
         from lgprjax.cli.installation import look_at_machine, look_at_packages
 
+        check_outputs(self.json, force=self.force)
         with working("looking"):
             findings = [*look_at_packages(), *look_at_machine()]
         if self.onboard:

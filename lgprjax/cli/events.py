@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 from tyro.conf import Positional, arg
 
+from lgprjax.cli.figures import check_outputs, write_figures
 from lgprjax.cli.terminal import console, working
 
 _STYLE = {"error": "bold red", "stop": "red", "check": "red", "refused": "yellow", "slow": "yellow", "arrived": "green"}
@@ -19,17 +20,17 @@ class Events:
 
     run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="folder of a recorded run")]
     json: Path | None = None
-    """also write the time line to this file"""
+    """also write the time line to this file, or - for standard output"""
     force: bool = False
     """replace that file if it exists"""
 
     def run(self) -> int:
         """Print the time line."""
-        from lgprjax.cli.figures import write_figures
         from lgprjax.runtime.timeline import read_timeline
 
         with working(f"reading {self.run_folder}"):
             found = read_timeline(self.run_folder)
+        check_outputs(self.json, force=self.force)
         table = Table("s", "mode", "what happened", title=str(self.run_folder))
         for entry in found.entries:
             style = _STYLE.get(entry.kind, "")

@@ -1,12 +1,55 @@
-"""Figures as JSON, for further computation."""
+"""Figures as JSON, for further computation: into a file, or onto standard output (``--json -``)."""
 
 import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
+from typing import TextIO
 
-from lgprjax.formats import atomic_output
+from lgprjax.errors import InputError
+
+STANDARD_OUTPUT = Path("-")
+_figures_to: list[TextIO] = []
 
 
 def write_figures(path: Path, figures: object, *, force: bool) -> None:
     """Write figures to a JSON file. Raises ``InputError`` if it exists (without ``force``) or cannot be written."""
+    from lgprjax.formats import atomic_output
+
+    text = json.dumps(figures, indent=2) + "\n"
+    if path == STANDARD_OUTPUT:
+        to = _figures_to[-1] if _figures_to else sys.stdout
+        to.write(text)
+        to.flush()
+        return
     with atomic_output(path, force) as temporary:
-        temporary.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def figures_alone() -> Iterator[None]:
+    """Keep standard output for the figures: whatever else is printed in the block goes to standard error."""
+    _figures_to.append(sys.stdout)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _figures_to.pop()
+
+
+def check_outputs(*outputs: Path | None, force: bool) -> None:
+    """Refuse files that cannot be written as they are named, before any work and after the inputs are read.
+
+    Raises:
+        InputError: one exists (without ``force``), is a folder, or its folder is missing.
+    """
+    for path in outputs:
+        if path is None or path == STANDARD_OUTPUT:
+            continue
+        if path.is_dir():
+            raise InputError(path, "output", "a file name", "a folder")
+        if path.exists() and not force:
+            raise InputError(path, "output", "a new file, or --force", "the file exists")
+        if not path.parent.is_dir():
+            raise InputError(path, "output", "a folder that exists", f"no folder {path.parent}")

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-import tyro
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.terminal import UsageError, console, require_files, working
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 
 # Common parts of the import verbs: the output, the site's origin, and the closing line.
 
-Output = Annotated[Path, arg(aliases=["-o"], help="drive log to write, X.drive.h5")]
+Output = Annotated[Path, arg(aliases=["-o"], metavar="X.drive.h5", help="drive log to write")]
 Force = Annotated[bool, arg(help="replace an output that exists")]
 
 
@@ -292,6 +291,16 @@ class ImportMcap:
             console.print(note, highlight=False, markup=False, soft_wrap=True)
 
 
+@dataclass(frozen=True)
+class ImportRosbag(ImportMcap):
+    """A ROS bag: ROS 1 (.bag), or ROS 2 in SQLite (.db3 or its folder; needs: pip install lgprjax[rosbag]).
+
+    Scans come from messages RadarScan, positions from NavSatFix, headings from an Imu with orientation or a
+    PoseWithCovarianceStamped, travel from Odometry; docs/transfer.md has their definitions. Topics are found by their
+    types. ROS 2 bags in MCAP are read by lgprjax import mcap.
+    """
+
+
 # ``lgprjax import signals``: a vehicle's signals out of a table or a recording.
 
 
@@ -519,27 +528,14 @@ class ImportLines(_FoundInTraces):
         )
 
 
-ImportVerb = (
-    Annotated[ImportDt1, tyro.conf.subcommand("dt1")]
-    | Annotated[ImportDzt, tyro.conf.subcommand("dzt")]
-    | Annotated[ImportMala, tyro.conf.subcommand("mala")]
-    | Annotated[ImportIprb, tyro.conf.subcommand("iprb")]
-    | Annotated[ImportSegy, tyro.conf.subcommand("segy")]
-    | Annotated[ImportLines, tyro.conf.subcommand("lines")]
-    | Annotated[ImportGrounded, tyro.conf.subcommand("grounded")]
-    | Annotated[ImportCmu, tyro.conf.subcommand("cmu")]
-    | Annotated[ImportGprMax, tyro.conf.subcommand("gprmax")]
-    | Annotated[ImportMcap, tyro.conf.subcommand("mcap")]
-    | Annotated[ImportSignals, tyro.conf.subcommand("signals")]
-)
-
-
 _BY_SUFFIX = {
     **dict.fromkeys((".dt1", ".dzt", ".rd3", ".rd7", ".sgy", ".segy", ".iprb"), "lines"),
     ".mcap": "mcap",
+    ".bag": "rosbag",
+    ".db3": "rosbag",
     ".out": "gprmax",
 }
-_BY_CONTENT = {"run.npy": "grounded", "gpr_meas.csv": "cmu"}
+_BY_CONTENT = {"run.npy": "grounded", "gpr_meas.csv": "cmu", "metadata.yaml": "rosbag"}
 """File that identifies a folder's format."""
 _TAPE = ("--line-spacing-m", "--lines-at-m", "--first-line-m")
 """Options of lines that the formats of a single file do not have."""
@@ -552,7 +548,7 @@ def recognised(arguments: Sequence[str]) -> list[str]:
     them lines. Anything unrecognised is left as it is.
     """
     words = [str(word) for word in arguments]
-    formats = ("dt1", "dzt", "mala", "iprb", "segy", "lines", "grounded", "cmu", "gprmax", "mcap", "signals")
+    formats = ("dt1", "dzt", "mala", "iprb", "segy", "lines", "grounded", "cmu", "gprmax", "mcap", "rosbag", "signals")
     if not words or words[0] in formats:
         return words
     outputs = {i + 1 for i, word in enumerate(words) if word in ("-o", "--output")}

@@ -26,6 +26,7 @@ _EXTRA_FOR = {
     "lint": "make lint, make types",
     "live": "the live view of lgprjax run",
     "log": "import mcap, export",
+    "rosbag": "import rosbag",
     "notebook": "notebooks/",
     "onboard": "lgprjax run",
     "segy": "import segy",

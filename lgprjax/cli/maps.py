@@ -1,15 +1,16 @@
 """``lgprjax map``: build, describe, verify, refine and update subsurface databases."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import tyro
 from rich.table import Table
 from rich.text import Text
 from tyro.conf import Positional, arg
 
+from lgprjax.cli.figures import check_outputs, write_figures
 from lgprjax.cli.terminal import UsageError, console, progress_bar, require_files
 from lgprjax.errors import InputError
 
@@ -31,15 +32,15 @@ class MapInfo:
 
     file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
     json: Path | None = None
-    """also write the figures to this file"""
+    """also write the figures to this file, or - for standard output"""
+    verbose: bool = False
+    """also show how the file is stored: bytes of each part, tiles, precision, steps of processing"""
     force: bool = False
     """replace that file if it exists"""
 
     def run(self) -> None:
         """Print."""
-        from lgprjax.cli.figures import write_figures
-
-        figures = print_info(self.file)
+        figures = print_info(self.file, verbose=self.verbose)
         if self.json is not None:
             write_figures(self.json, figures, force=self.force)
 
@@ -77,8 +78,8 @@ def _chance(chance: "Chance | None", wavelength_m: float) -> dict[str, object]:
     }
 
 
-def print_info(path: Path) -> dict[str, object]:
-    """Print the table of a database; the same figures by name."""
+def print_info(path: Path, *, verbose: bool = False) -> dict[str, object]:
+    """Print the table of a database; the same figures by name, with all their digits and how the file is stored."""
     import numpy as np
 
     from lgprjax.batch import map_assumed_in_words
@@ -116,19 +117,55 @@ def print_info(path: Path) -> dict[str, object]:
         }
         assumed = map_assumed_in_words(source)
     table = Table("quantity", "value", title=f"{path.name}")
-    for name, value in figures.items():
-        table.add_row(name, _label_text(value))
+    for name, value in _for_people(figures, verbose=verbose):
+        table.add_row(name, value)
     console.print(table)
     if assumed is not None:
         console.print(f"assumed: {assumed}", highlight=False, markup=False, soft_wrap=True)
     return {**figures, "assumed": assumed}
 
 
-def _label_text(value: object) -> str:
-    if isinstance(value, dict):
-        scores = ", ".join(f"{window} {score:.2f}" for window, score in value.items())
-        return f"{scores} noise floors by window (risk {_RISK:g}, one search)"
-    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+_HOW_STORED = ("track_filter_m", "tiles", "precision", "steps")
+"""Rows that few readers want; those of bytes are others."""
+
+
+def _for_people(figures: dict[str, Any], *, verbose: bool) -> Iterator[tuple[str, str]]:
+    """Quantities in words, with their units and no more digits than they are good for."""
+    (west, east), (south, north) = figures["east_m"], figures["north_m"]
+    low, high = figures["band_mhz"]
+    latitude, longitude = figures["anchor_latitude_deg"], figures["anchor_longitude_deg"]
+    yield "name", str(figures["name"])
+    yield "origin, latitude and longitude", f"{latitude:.7f}°, {longitude:.7f}°"
+    yield "extent from there", f"{west:.1f} to {east:.1f} m east, {south:.1f} to {north:.1f} m north"
+    yield "baselines", f"{figures['baselines']}, {figures['length_m']:.1f} m in all"
+    step_cm = 100.0 * figures["station_step_m"]
+    yield "stations", f"{figures['stations']}, {step_cm:.1f} cm apart" + _retired(figures["retired"])
+    yield "channels", f"{figures['channels']}, {100.0 * figures['channel_pitch_m']:.1f} cm apart"
+    yield "band", f"{low:.0f} to {high:.0f} MHz"
+    yield (
+        "travel time",
+        f"{figures['travel_time_ns']:.1f} ns, {0.05 * figures['travel_time_ns']:.1f} m deep at 0.1 m/ns",
+    )
+    yield "labels", str(figures["labels"])
+    yield "noise floor", str(figures["noise_floor"])
+    if figures["least_score"] is not None:
+        yield "least score of a match", _scores(figures["least_score"])
+    yield "scale of sigmas", str(figures["sigma_scale"])
+    if figures["weight"]:
+        yield "weights of the baselines", ", ".join(f"{weight:.2f}" for weight in figures["weight"])
+    yield "size", f"{figures['bytes_per_m'] / 1e3:.1f} kB a metre"
+    for name, value in figures.items() if verbose else ():
+        if name in _HOW_STORED or name.startswith("bytes_per_m_"):
+            yield name, ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def _retired(stations: int) -> str:
+    return f"; {stations} retired" if stations else ""
+
+
+def _scores(least: dict[str, float]) -> str:
+    scores = ", ".join(f"{window} {score:.2f}" for window, score in least.items())
+    return f"{scores} noise floors by window (risk {_RISK:g}, one search)"
 
 
 # ``lgprjax map refine``: make the baselines of a map consistent.
@@ -139,24 +176,22 @@ class MapRefine:
     """Make the baselines of a map consistent: register each on the others, correct its labels, write a new map."""
 
     file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
-    output: Annotated[Path, arg(aliases=["-o"], help="database to write, NEW.map.h5")]
+    output: Annotated[Path, arg(aliases=["-o"], metavar="NEW.map.h5", help="database to write")]
     json: Path | None = None
-    """also write the figures to this file"""
+    """also write the figures to this file, or - for standard output"""
     force: bool = False
     """replace outputs that exist"""
 
     def run(self) -> None:
         """Refine."""
-        from lgprjax.cli.figures import write_figures
         from lgprjax.formats import MapFile, locked_map
         from lgprjax.mapping.align import baseline_files, plan_matches, refine_map
 
-        for path in [self.output, *([] if self.json is None else [self.json])]:
-            if path.exists() and not self.force:
-                raise InputError(path, "output", "a new file, or --force", "the file exists")
+        with MapFile.open(self.file):
+            check_outputs(self.output, self.json, force=self.force)
         with locked_map(self.output), MapFile.open(self.file) as source:
             plan = plan_matches(source)
-            with progress_bar("matching baselines", 2 * len(plan.pairs.station)) as progress:
+            with progress_bar("matching baselines", 2 * len(plan.pairs.station), "matches") as progress:
                 agreed = refine_map(
                     source, plan, self.output, force=self.force, progress=progress, stage=progress.stage
                 )
@@ -206,25 +241,23 @@ class MapUpdate:
 
     file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5; without -o it is replaced")]
     drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs over its ground")]
-    output: Annotated[Path | None, arg(aliases=["-o"], help="write a new database, NEW.map.h5")] = None
+    output: Annotated[Path | None, arg(aliases=["-o"], metavar="NEW.map.h5", help="write a new database")] = None
     json: Path | None = None
-    """also write the figures to this file"""
+    """also write the figures to this file, or - for standard output"""
     force: bool = False
     """replace outputs that exist"""
 
     def run(self) -> None:
         """Update."""
-        from lgprjax.cli.figures import write_figures
         from lgprjax.formats import DriveLog
         from lgprjax.mapping import UPDATE_PASSES, update_map
 
         require_files(self.drives, "drives")
-        if self.json is not None and self.json.exists() and not self.force:
-            raise InputError(self.json, "output", "a new file, or --force", "the file exists")
         scans = 0
         for path in self.drives:
             with DriveLog.open(path) as log:
                 scans += log.scans
+        check_outputs(self.json, force=self.force)
         with progress_bar("updating map", UPDATE_PASSES * scans) as progress:
             update = update_map(
                 self.file, self.drives, self.output, force=self.force, progress=progress, stage=progress.stage
@@ -310,7 +343,7 @@ class MapBuild:
         Positional[tuple[Path, ...]],
         arg(metavar="DRIVE...", help="drive logs; the first defines the map's origin and processing"),
     ]
-    output: Annotated[Path, arg(aliases=["-o"], help="database to write, M.map.h5")]
+    output: Annotated[Path, arg(aliases=["-o"], metavar="M.map.h5", help="database to write")]
     centre_frequency_mhz: float | None = None
     """centre frequency of the antennas, if missing in the log"""
     travel_time_ns: float | None = None
@@ -334,6 +367,7 @@ class MapBuild:
         for path in self.drives:
             with DriveLog.open(path) as log:
                 scans += log.scans
+        check_outputs(self.output, force=self.force)
         frequency = None if self.centre_frequency_mhz is None else 1e6 * self.centre_frequency_mhz
         with locked_map(self.output), progress_bar("building map", scans) as progress:
             build_map(
@@ -356,27 +390,22 @@ class MapVerify:
 
     file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
     output: Annotated[
-        Path | None, arg(aliases=["-o"], help="folder for strips.png, passes.png, two tables and findings.json")
+        Path | None,
+        arg(aliases=["-o"], metavar="DIR", help="folder for strips.png, passes.png, two tables and findings.json"),
     ] = None
     json: Path | None = None
-    """also write the findings to this file"""
+    """also write the findings to this file, or - for standard output"""
     force: bool = False
     """replace outputs that exist"""
 
     def run(self) -> None:
         """Measure and judge; findings do not change the exit status."""
-        from lgprjax.cli.figures import write_figures
         from lgprjax.formats import MapFile
         from lgprjax.mapping import places_of, verify_map
 
-        outputs = [] if self.output is None else [self.output / name for name in _OUTPUTS]
-        for path in [*outputs, *([] if self.json is None else [self.json])]:
-            if path.exists() and not self.force:
-                raise InputError(path, "output", "a new file, or --force", "the file exists")
-        if self.output is not None and self.output.exists() and not self.output.is_dir():
-            raise InputError(self.output, "output", "a folder", "a file")
         with MapFile.open(self.file) as source:
-            with progress_bar("verifying map", places_of(source)) as progress:
+            self._check_outputs()
+            with progress_bar("verifying map", places_of(source), "places") as progress:
                 health = verify_map(source, progress)
             _print_health(self.file, health)
             if self.output is not None:
@@ -385,6 +414,14 @@ class MapVerify:
                 console.print(f"pictures and tables: {self.output}", highlight=False, markup=False, soft_wrap=True)
         if self.json is not None:
             write_figures(self.json, health.as_json(), force=self.force)
+
+    def _check_outputs(self) -> None:
+        check_outputs(self.json, force=self.force)
+        if self.output is not None and self.output.exists() and not self.output.is_dir():
+            raise InputError(self.output, "output", "a folder", "a file")
+        for path in () if self.output is None else (self.output / name for name in _OUTPUTS):
+            if path.exists() and not self.force:
+                raise InputError(path, "output", "a new file, or --force", "the file exists")
 
 
 def _print_health(path: Path, health: "MapHealth") -> None:
@@ -418,7 +455,6 @@ def _where(intervals: "tuple[RouteInterval, ...]") -> str:
 def _write_health(folder: Path, source: "MapFile", health: "MapHealth", force: bool) -> None:
     import numpy as np
 
-    from lgprjax.cli.figures import write_figures
     from lgprjax.formats import atomic_output
     from lgprjax.mapping.verify import WEAK_REPEATS, WIDE_OFFSET_M
     from lgprjax.registration import MIN_OVERLAP
@@ -463,12 +499,3 @@ def _write_health(folder: Path, source: "MapFile", health: "MapHealth", force: b
         folder / "strips.png",
         force=force,
     )
-
-
-MapVerb = (
-    Annotated[MapBuild, tyro.conf.subcommand("build")]
-    | Annotated[MapInfo, tyro.conf.subcommand("info")]
-    | Annotated[MapVerify, tyro.conf.subcommand("verify")]
-    | Annotated[MapRefine, tyro.conf.subcommand("refine")]
-    | Annotated[MapUpdate, tyro.conf.subcommand("update")]
-)

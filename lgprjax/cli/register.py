@@ -4,12 +4,14 @@ import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from rich.table import Table
 from tyro.conf import Positional, arg
 
+from lgprjax.cli.figures import check_outputs, write_figures
 from lgprjax.cli.terminal import BAD_INPUT, UsageError, console, progress_bar, require_files, working
 from lgprjax.errors import InputError
 
@@ -31,6 +33,7 @@ def hold_ground(source: "MapFile", options: "RegisterOptions") -> "HeldGround":
 
 
 _FEW = 0.1
+_SWARM = 24, 16  # particles and iterations
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,9 @@ class Register:
 
     map: Annotated[Positional[Path], arg(metavar="MAP", help="subsurface database, M.map.h5")]
     drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs, X.drive.h5")]
-    output: Annotated[Path, arg(aliases=["-o"], help="folder for DRIVE.fixes.csv, summary, pictures, report.html")]
+    output: Annotated[
+        Path, arg(aliases=["-o"], metavar="DIR", help="folder for DRIVE.fixes.csv, summary, pictures, report.html")
+    ]
     search_m: float | None = None
     """search this far to each side of the position in the log, in metres; default: the uncertainty stated by the log
     (4 sigma plus 0.5 m), or 2.5 m if it states none, and farther where no place is found"""
@@ -53,6 +58,10 @@ class Register:
     """
     risk: float = 1e-4
     """largest accepted probability, in each 4 m of travel, that foreign ground would have matched as well as a fix"""
+    finish: Literal["newton", "swarm"] = "newton"
+    """how a candidate is refined to a pose: by Gauss-Newton, or by a particle swarm about it, which needs no derivative
+    and several times the time
+    """
     thresholds: Path | None = None
     """judge by thresholds from lgprjax thresholds, calibrated with the same --window-m, instead of the map's noise
     floor and the risk
@@ -65,15 +74,15 @@ class Register:
     scheduler: str | None = None
     """run the workers on a cluster: address of a dask scheduler, tcp://HOST:8786"""
     json: Path | None = None
-    """also write the figures to this file"""
+    """also write the figures to this file, or - for standard output"""
     force: bool = False
-    """replace outputs that exist"""
+    """replace outputs of these drives that exist; others in the folder stay"""
 
     def run(self) -> int:
         """Register; the exit status."""
         from lgprjax.batch import check_search
-        from lgprjax.cli.figures import write_figures
         from lgprjax.formats import read_thresholds
+        from lgprjax.pso import SwarmConfig
         from lgprjax.registration import RegisterOptions, Thresholds
         from lgprjax.report import summary_table
         from lgprjax.report.registered import write_page
@@ -81,8 +90,6 @@ class Register:
         require_files(self.drives, "drives")
         if self.thresholds is not None and self.window_m is None:
             raise UsageError("--thresholds: expected --window-m, the length that they were calibrated for")
-        if self.json is not None and self.json.exists() and not self.force:
-            raise InputError(self.json, "output", "a new file, or --force", "the file exists")
         own = None if self.thresholds is None else read_thresholds(self.thresholds, self.window_m or 0.0)
         options = RegisterOptions(
             search_m=self.search_m,
@@ -90,8 +97,10 @@ class Register:
             time_scale=None if self.time_scale == "auto" else self.time_scale,
             risk=self.risk,
             own_thresholds=None if own is None else Thresholds(**own),
+            swarm=SwarmConfig(*_SWARM) if self.finish == "swarm" else None,
         )
         check_search(options)
+        check_outputs(self.json, force=self.force)
         if (self.workers, self.threads, self.scheduler) != (None, None, None):
             return self._register_folder(options)
         results = register_all(self.map, self.drives, self.output, options, force=self.force)
@@ -101,7 +110,7 @@ class Register:
             for remark in summary.remarks:
                 console.print(f"{summary.name}: {remark}", highlight=False, markup=False, soft_wrap=True)
         _advise(summaries)
-        write_page(results, self.output, "Registration", force=self.force, options=options)
+        write_page(results, self.output, "Registration", options=options)
         if self.json is not None:
             write_figures(self.json, [summary.as_json() for summary in summaries], force=self.force)
         console.print(f"fixes, summary.json and pictures: {self.output}", highlight=False, markup=False, soft_wrap=True)
@@ -113,16 +122,14 @@ class Register:
     def _register_folder(self, options: "RegisterOptions") -> int:
         """By worker processes into one folder; the table over all that it holds. Returns the exit status."""
         from lgprjax.batch.folder import Workforce, register_folder
-        from lgprjax.cli.figures import write_figures
         from lgprjax.report.registered_folder import facts_of, write_views
 
         if self.workers is None and self.scheduler is None:
             raise UsageError("--threads: expected --workers or --scheduler, found neither")
+        bars = partial(progress_bar, unit="drives")
         workforce, folder = Workforce(self.workers, self.threads, self.scheduler), self.output
         with (
-            register_folder(
-                self.map, self.drives, folder, options, workforce, force=self.force, bars=progress_bar
-            ) as done,
+            register_folder(self.map, self.drives, folder, options, workforce, force=self.force, bars=bars) as done,
             working("drawing"),
         ):
             sums = write_views(done.run)
@@ -162,16 +169,14 @@ def register_all(
     """
     from lgprjax.batch import check_region, recording_of, register_log, track_of_drive, write_registered
     from lgprjax.batch.recording import gnss_gaps
-    from lgprjax.cli.figures import write_figures
     from lgprjax.formats import DriveLog, MapFile
     from lgprjax.report import drive_section, summarise
-    from lgprjax.report.registered import draw_drive, drive_result
+    from lgprjax.report.registered import draw_drive, drive_result, earlier_summaries
 
     names = [path.name.removesuffix(".drive.h5") for path in drives]
     for name in names:
         if names.count(name) > 1:
             raise InputError(name, "drives", "drives of different names", "this name twice")
-    _claim(folder, names, force)
     # Every input is opened once before any is processed: a broken last drive must not waste the work on the first.
     with MapFile.open(map_path) as source:
         check_region(options.search_m, source)
@@ -179,6 +184,7 @@ def register_all(
             with DriveLog.open(path) as log:
                 recording_of(log).operator(source.description.settings, len(source.description.gain))
                 track_of_drive(log, source.description.frame)
+    _claim(folder, names, force)
     folder.mkdir(parents=True, exist_ok=True)
     results: list[Registered] = []
     with MapFile.open(map_path) as source:
@@ -193,8 +199,9 @@ def register_all(
                 with working(f"drawing {path.name}"):
                     figures = draw_drive(result, drive, source, log, options, folder, force)
                 summary = summarise(result)
-                results.append((result, summary, drive_section(result, summary, figures)))
-    write_figures(folder / "summary.json", [summary.as_json() for _, summary, _ in results], force=force)
+                results.append((result, summary, drive_section(summary, figures)))
+    summaries = [*earlier_summaries(folder, names), *(summary for _, summary, _ in results)]
+    write_figures(folder / "summary.json", [summary.as_json() for summary in summaries], force=True)
     return results
 
 
@@ -211,13 +218,15 @@ def _advise(summaries: "Sequence[DriveSummary]") -> None:
 
 
 def _claim(folder: Path, names: Sequence[str], force: bool) -> None:
-    """Check outputs before any work."""
-    from lgprjax.report.registered import ENDS
+    """Check outputs before any work. Other drives' results in the folder stay: page and summary cover them, too."""
+    from lgprjax.report.html import PAGE
+    from lgprjax.report.registered import ENDS, earlier_summaries
 
     if folder.exists() and not folder.is_dir():
         raise InputError(folder, "output", "a folder", "a file")
-    ends = (".fixes.csv", ".fixes.h5", *ENDS)
+    ends = (".fixes.csv", ".fixes.h5", PAGE, *ENDS)
     outputs = [f"{name}{end}" for name in names for end in ends]
-    for output in [*outputs, "codes.png", "summary.json", "report.html"]:
+    for output in outputs:
         if (folder / output).exists() and not force:
             raise InputError(folder / output, "output", "a new file, or --force", "the file exists")
+    earlier_summaries(folder, names)

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import tyro
 from rich.table import Table
 from tyro.conf import Positional, arg
 
+from lgprjax.cli.figures import check_outputs, write_figures
 from lgprjax.cli.terminal import UsageError, console
-from lgprjax.errors import InputError
 
 _TEN_MPH = 4.47
 _SUFFIX = ".route.toml"
@@ -21,13 +20,12 @@ class RouteList:
 
     file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
     json: Path | None = None
-    """also write the figures to this file"""
+    """also write the figures to this file, or - for standard output"""
     force: bool = False
     """replace that file if it exists"""
 
     def run(self) -> None:
         """Print."""
-        from lgprjax.cli.figures import write_figures
         from lgprjax.formats import MapFile
         from lgprjax.mapping import routes_of
 
@@ -93,9 +91,8 @@ class RouteSelect:
 
         if not self.output.name.endswith(_SUFFIX):
             raise UsageError(f"--output: expected a file name that ends in {_SUFFIX}, found {self.output.name!r}")
-        if self.output.exists() and not self.force:
-            raise InputError(self.output, "output", "a new file, or --force", "the file exists")
         with MapFile.open(self.file) as source:
+            check_outputs(self.output, force=self.force)
             length_m = route_named(source, self.route).length_m
             chosen = RouteFile(
                 self.file,
@@ -155,10 +152,3 @@ class RouteExport:
         console.print(
             f"wrote {self.output}: {len(waypoints.leg)} waypoints", highlight=False, markup=False, soft_wrap=True
         )
-
-
-RouteVerb = (
-    Annotated[RouteList, tyro.conf.subcommand("list")]
-    | Annotated[RouteSelect, tyro.conf.subcommand("select")]
-    | Annotated[RouteExport, tyro.conf.subcommand("export")]
-)

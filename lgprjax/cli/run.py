@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from rich.table import Table
 from tyro.conf import Positional, arg
 
-from lgprjax.cli.terminal import BAD_INPUT, UsageError, console, working
+from lgprjax.cli.figures import check_outputs, write_figures
+from lgprjax.cli.terminal import BAD_INPUT, UsageError, console, progress_bar, working
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,10 +46,17 @@ class Run:
     """run the control loop again on a recording: every command must be identical to the bit"""
     preflight: bool = False
     """check everything that a run needs without sending anything; status 1 if a check fails"""
+    resume: bool = False
+    """of a field: take up the work of all runs by this plan in the recording's folder, those of other machines copied
+    there among them; the tool is off where the ground is worked"""
+    start_line: int | None = None
+    """of a field: begin at this line of the plan, in driving order from 1"""
+    start_m: float = 0.0
+    """with --start-line: so many metres along it"""
     for_s: float | None = None
     """end so many seconds after everything is ready; in lock step, simulated ones, or earlier on arrival"""
     json: Path | None = None
-    """with --simulate or --replay, also write the figures to this file"""
+    """with --simulate or --replay, also write the figures to this file, or - for standard output"""
     force: bool = False
     """replace that file if it exists"""
 
@@ -62,9 +70,12 @@ class Run:
             raise UsageError("--lockstep, --realtime: expected with --simulate")
         if self.lockstep and self.realtime:
             raise UsageError("--lockstep, --realtime: expected one of them")
-        if self.json is not None and self.json.exists() and not self.force:
-            raise InputError(self.json, "output", "a new file, or --force", "the file exists")
+        if self.start_m and self.start_line is None:
+            raise UsageError("--start-m: expected with --start-line")
+        if self._takes_up and (self.preflight or self.replay is not None):
+            raise UsageError("--resume, --start-line: not with --preflight or --replay")
         config = read_config(self.config)
+        check_outputs(self.json, force=self.force)
         # A replay shows no page.
         _require_packages(_RECEIVERS if self.replay is not None else _RECEIVERS + _PAGE)
         if self.preflight:
@@ -73,10 +84,59 @@ class Run:
             return self._replay(self.replay)
         if self.simulate:
             return self._simulate(config)
-        return _drive(config, run_folder(config), self.for_s)
+        folder = run_folder(config)
+        return _drive(self._resumed(config, folder), folder, self.for_s)
+
+    @property
+    def _takes_up(self) -> bool:
+        return self.resume or self.start_line is not None
+
+    def _resumed(self, config: "RuntimeConfig", folder: Path) -> "RuntimeConfig":
+        """The configuration with what the run takes up of earlier ones, written into its folder."""
+        from lgprjax.coverage.resume import RoutePlace
+        from lgprjax.formats.taken_up import write_taken_up
+        from lgprjax.runtime.config import read_config, write_config
+        from lgprjax.worked.plans import open_cover_plan
+        from lgprjax.worked.resume import TAKEN_UP, runs_by_plan, take_up
+
+        if not self._takes_up:
+            return config
+        if config.coverage is None or config.coverage.plan is None:
+            raise InputError(self.config, "coverage.plan", "a plan to take up", "none")
+        plan = open_cover_plan(config.path(config.coverage.plan))
+        with working("reading earlier runs"):
+            runs = runs_by_plan(folder.parent, plan) if self.resume else []
+        if self.resume and not runs:
+            raise InputError(folder.parent, "runs", f"one or more by {plan.path.name}", "none: run without --resume")
+        place = None if self.start_line is None else RoutePlace(self.start_line - 1, self.start_m)
+        table = config.coverage
+        with progress_bar("working the cells", sum(len(run.rows) for run in runs), "ticks") as progress:
+            held = take_up(
+                plan,
+                runs,
+                cell_m=table.cell_m,
+                level=table.level,
+                shared_sigma_m=table.shared_sigma_m,
+                place=place,
+                progress=progress,
+            )
+        folder.mkdir(parents=True, exist_ok=True)
+        write_taken_up(folder / TAKEN_UP, held)
+        at = held.resumption.place
+        print(f"runs taken up: {len(held.runs)}; begins at line {at.line + 1}, metre {at.along_m:.1f}", flush=True)
+        if held.resumption.worked:
+            done_m = sum(each.high_m - each.low_m for each in held.resumption.worked)
+            print(f"{done_m:.0f} m of the rest are worked: the tool is off there", flush=True)
+        file = folder / "resumed.run.toml"
+        write_config(
+            file,
+            config.model_copy(
+                update={"coverage": table.model_copy(update={"resume": str(folder.resolve() / TAKEN_UP)})}
+            ),
+        )
+        return read_config(file)
 
     def _replay(self, folder: Path) -> int:
-        from lgprjax.cli.figures import write_figures
         from lgprjax.runtime.replay import replay_run
 
         with working(f"replaying {folder}"):
@@ -96,7 +156,6 @@ class Run:
         return BAD_INPUT if found.differing or not found.ticks else 0
 
     def _simulate(self, config: "RuntimeConfig") -> int:
-        from lgprjax.cli.figures import write_figures
         from lgprjax.cli.simulated import course_spec, devices, field_figures, field_spec, prepare_course, prepare_field
         from lgprjax.cli.simulated_run import figures_of, print_figures, read_records, timing_of
         from lgprjax.report import draw_timing
@@ -107,10 +166,14 @@ class Run:
         field = config.coverage is not None
         with working("plan" if field else "course, map and route"):
             (prepare_field if field else prepare_course)(config, table)
+        folder = run_folder(config)
+        config = self._resumed(config, folder)
+        table = config.simulation
+        assert table is not None
+        with working("devices"):
             spec = field_spec(config, table) if field else course_spec(config, table)
         lockstep = self.lockstep or not (self.realtime or _keeps_real_time())
-        folder = run_folder(config)
-        folder.mkdir(parents=True)
+        folder.mkdir(parents=True, exist_ok=self._takes_up)
         if lockstep:
             driven = self._in_lock_step(config, spec, folder)
         else:

@@ -53,7 +53,7 @@ class Simulate:
         from lgprjax.simulation import read_vehicle_plan, write_vehicle_logs
 
         plan = read_vehicle_plan(file)
-        with progress_bar("driving", len(self.only or plan.drives)) as progress:
+        with progress_bar("driving", len(self.only or plan.drives), "drives") as progress:
             paths = write_vehicle_logs(plan, self.output, only=self.only, force=self.force, progress=progress)
         title = f"vehicle {plan.serial_number or 'without serial number'}"
         table = Table("drive", "time", "file size", title=title)
@@ -121,8 +121,6 @@ class Demo:
         options = RegisterOptions()
         drives = [logs["live"], logs["impostor"]]
         results = register_all(database, drives, self.output, options, force=True, impostors=("impostor",))
-        page = write_page(
-            results, self.output, "lgprjax: a drive located by the ground", force=True, options=options, intro=_INTRO
-        )
+        page = write_page(results, self.output, "lgprjax: a drive located by the ground", options=options, intro=_INTRO)
         console.print(summary_table([summary for _, summary, _ in results]))
         console.print(f"report: {page.resolve()}", highlight=False, markup=False, soft_wrap=True)

@@ -319,7 +319,7 @@ def _worked(config: "RuntimeConfig", covers: "list[tuple[int, np.void]]") -> dic
     loaded = load_skid(config)
     field = Field(loaded.perimeter_m)
     grid = grid_of_field(field, config.coverage.cell_m, loaded.setup.tool.width_m)
-    held = WorkedMap(grid, loaded.setup.tool)
+    held = WorkedMap(grid, loaded.setup.tool, config.coverage.shared_sigma_m)
     for time_ns, cover in covers:
         held.take(cover, time_ns)
     inside = inside_cells(field, grid)

@@ -7,7 +7,17 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
 
 from lgprjax.errors import ArgumentError, InputError
 
@@ -30,10 +40,29 @@ class Bar:
         self._progress.update(self._task, description=what)
 
 
+class RateColumn(ProgressColumn):
+    """How many are done a second."""
+
+    def __init__(self, unit: str) -> None:
+        super().__init__()
+        self._unit = unit
+
+    def render(self, task: Task) -> Text:
+        """The rate; nothing before it is known."""
+        speed = task.finished_speed or task.speed
+        return Text("" if speed is None else f"{speed:.3g} {self._unit}/s")
+
+
 @contextmanager
-def progress_bar(what: str, total: int) -> Iterator[Bar]:
-    """A bar that the block advances by calling the yielded object."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+def progress_bar(what: str, total: int, unit: str = "scans") -> Iterator[Bar]:
+    """A bar that the block advances by calling the yielded object; rate and time left beside it."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(20),
+        MofNCompleteColumn(),
+        RateColumn(unit),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         yield Bar(progress, progress.add_task(what, total=total))
 
@@ -67,19 +96,25 @@ def require_files(files: Sequence[object], what: str) -> None:
         raise UsageError(f"{what}: expected at least one file, found none")
 
 
-def run_verb(verb: Callable[[], int | None]) -> int:
-    """Run a verb; bad input becomes one line on standard error and status 1."""
+def run_verb(verb: Callable[[], int | None], command: str = "") -> int:
+    """Run a verb; bad input becomes one line on standard error and status 1.
+
+    Args:
+        verb: what runs.
+        command: its words, which the lines about wrong usage refer to.
+    """
+    see = f"(see {command} --help)".replace("  ", " ") if command else "(see --help)"
     try:
         return verb() or 0
     except ArgumentError as error:
         options = ", ".join(f"--{name.replace('_', '-')}" for name in error.place.split(", "))
-        print(f"lgprjax: {options}: expected {error.expected}, found {error.found} (see --help)", file=sys.stderr)
+        print(f"lgprjax: {options}: expected {error.expected}, found {error.found} {see}", file=sys.stderr)
         return USAGE
     except InputError as error:
         print(f"lgprjax: {error}", file=sys.stderr)
         return BAD_INPUT
     except UsageError as error:
-        print(f"lgprjax: {error} (see --help)", file=sys.stderr)
+        print(f"lgprjax: {error} {see}", file=sys.stderr)
         return USAGE
     except OSError as error:
         if error.errno not in _ABOUT_FILES:

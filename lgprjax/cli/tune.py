@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from rich.table import Table
 from tyro.conf import Positional, arg
 
+from lgprjax.cli.figures import check_outputs, write_figures
 from lgprjax.cli.terminal import console, progress_bar, require_files, working
 from lgprjax.errors import InputError
 
@@ -27,13 +28,12 @@ class Tune:
     study: Annotated[Positional[Path], arg(metavar="STUDY.toml", help="the study file")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the new vehicle file and pictures")]
     json: Path | None = None
-    """also write the fitted numbers, with their intervals, to this file"""
+    """also write the fitted numbers, with their intervals, to this file, or - for standard output"""
     force: bool = False
     """replace outputs that exist"""
 
     def run(self) -> None:
         """Run the study."""
-        from lgprjax.cli.figures import write_figures
         from lgprjax.formats import read_study, write_vehicle
         from lgprjax.report.study_pictures import study_pictures
         from lgprjax.studies.steering import run_study
@@ -46,9 +46,10 @@ class Tune:
             raise InputError(target, "output", "another folder than that of the study's vehicle file", "the same")
         draw = study_pictures(study.kind)
         pictures = {name: self.output / f"{study.name}.{name}.png" for name in draw}
-        for path in (target, *pictures.values(), *([] if self.json is None else [self.json])):
+        for path in (target, *pictures.values()):
             if path.exists() and not self.force:
                 raise InputError(path, "output", "a new file, or --force", "the file exists")
+        check_outputs(self.json, force=self.force)
         with working(f"fitting {study.name}"):
             finished = run_study(study)
             self.output.mkdir(parents=True, exist_ok=True)
@@ -120,7 +121,7 @@ class ThresholdsVerb:
 
     map: Annotated[Positional[Path], arg(metavar="MAP", help="subsurface database, M.map.h5")]
     drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs over its ground")]
-    output: Annotated[Path, arg(aliases=["-o"], help="X.thresholds.toml")]
+    output: Annotated[Path, arg(aliases=["-o"], metavar="X.thresholds.toml", help="file to write")]
     window_m: float
     """length of the windows in metres, 0 for single scans; thresholds are valid for one length, which register then
     needs
@@ -132,7 +133,7 @@ class ThresholdsVerb:
     risk: float = 1e-4
     """probability that a match with ground that is not there passes"""
     json: Path | None = None
-    """also write the figures to this file"""
+    """also write the figures to this file, or - for standard output"""
     force: bool = False
     """replace outputs that exist"""
 
@@ -141,14 +142,10 @@ class ThresholdsVerb:
         import numpy as np
 
         from lgprjax.batch import check_region, check_search, thresholds_from, try_drives
-        from lgprjax.cli.figures import write_figures
         from lgprjax.formats import DriveLog, MapFile, write_thresholds
         from lgprjax.registration import RegisterOptions, squared_errors
 
         require_files(self.drives, "drives")
-        for output in (self.output, self.json):
-            if output is not None and output.exists() and not self.force:
-                raise InputError(output, "output", "a new file, or --force", "the file exists")
         options = RegisterOptions(
             search_m=self.search_m,
             window_m=self.window_m,
@@ -159,6 +156,7 @@ class ThresholdsVerb:
             source = opened.enter_context(MapFile.open(self.map))
             check_region(self.search_m, source)
             logs = [opened.enter_context(DriveLog.open(path)) for path in self.drives]
+            check_outputs(self.output, self.json, force=self.force)
             scans = sum(log.scans for log in logs)
             with progress_bar("matching, at true places and at false ones", 2 * scans) as advance:
                 trials = try_drives(source, logs, options, advance)

@@ -56,11 +56,13 @@ class View:
         check_speed(self.velocity_m_per_ns)
         outputs = self._outputs()
         for file, output in zip(self.files, outputs, strict=True):
-            # Checked before anything is read: the last of many outputs may exist.
-            if output.exists() and not self.force:
-                raise InputError(output, "output", "a new file, or --force", "the file exists")
             if file.name.lower().endswith(MAP) and (self.raw or self.channel is not None):
                 raise UsageError(f"--raw, --channel: expected files that become radargrams, found the map {file.name}")
+            if not file.exists():
+                raise InputError(file, "file", "a readable file", "No such file or directory")
+            # Checked before anything is drawn: the last of many outputs may exist.
+            if output.exists() and not self.force:
+                raise InputError(output, "output", "a new file, or --force", "the file exists")
         for file, output in zip(self.files, outputs, strict=True):
             with working(f"drawing {file}"):
                 output.parent.mkdir(parents=True, exist_ok=True)

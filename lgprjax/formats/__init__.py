@@ -36,6 +36,7 @@ from lgprjax.formats.store import atomic_output, create_store
 from lgprjax.formats.survey_layout import found_time_zero
 from lgprjax.formats.survey_track import SurveyOrigin, write_turning_points
 from lgprjax.formats.surveys import Survey, import_iprb, import_lines, read_profile
+from lgprjax.formats.trajectory import TRAJECTORY_SUFFIXES, Trajectory, write_trajectory
 from lgprjax.formats.vehicle import (
     ArrayTable,
     Found,
@@ -58,15 +59,18 @@ from lgprjax.formats.worked import (
     WorkedRecord,
     read_worked,
     stop_words,
+    write_cells,
     write_geojson,
     write_geopackage,
     write_kml,
+    write_shapefiles,
     write_worked,
 )
 
 __all__ = [
     "CHANCE_METHOD",
     "MAP_PRECISIONS",
+    "TRAJECTORY_SUFFIXES",
     "ArrayTable",
     "CoverPlan",
     "DriveDescription",
@@ -101,6 +105,7 @@ __all__ = [
     "TraceCoordinates",
     "TracePlaces",
     "TraceRecording",
+    "Trajectory",
     "UniformArray",
     "VehicleFile",
     "VehicleLog",
@@ -156,13 +161,16 @@ __all__ = [
     "scratch_folder",
     "stop_words",
     "with_values",
+    "write_cells",
     "write_cover_plan",
     "write_fixes",
     "write_geojson",
     "write_geopackage",
     "write_kml",
     "write_route",
+    "write_shapefiles",
     "write_thresholds",
+    "write_trajectory",
     "write_turning_points",
     "write_vehicle",
     "write_vehicle_log",

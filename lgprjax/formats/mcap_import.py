@@ -12,7 +12,6 @@ from jaxtyping import Bool, Float, Int
 from lgprjax.errors import InputError
 from lgprjax.formats.drive import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack
 from lgprjax.formats.mcap_recording import (
-    McapRecording,
     Scan,
     ScanForm,
     UniformArray,
@@ -41,6 +40,7 @@ from lgprjax.formats.ros import (
     TOPICS,
     is_kind,
 )
+from lgprjax.formats.rosbag_recording import Recording, is_bag, open_recording
 from lgprjax.formats.store import utc_ns, utc_text
 
 # Topics of a recording for a drive: one pass through the file, then a choice among them.
@@ -72,7 +72,7 @@ class TopicsFound(NamedTuple):
     arrays: dict[str, Mapping[str, Any]]
 
 
-def gather(recording: McapRecording) -> TopicsFound:
+def gather(recording: Recording) -> TopicsFound:
     """Read the file once. Raises ``InputError`` if the file system fails."""
     topics_found = TopicsFound({}, {}, {}, {})
     for topic, kind, log_ns, values in recording.messages():
@@ -98,7 +98,7 @@ def gather(recording: McapRecording) -> TopicsFound:
     return topics_found
 
 
-def scans_of(recording: McapRecording, radar: TopicRows) -> Iterator[Scan]:
+def scans_of(recording: Recording, radar: TopicRows) -> Iterator[Scan]:
     """The scans of a topic in file order: one for each row found by ``gather``."""
     again = TopicRows(radar.topic, radar.kind, radar.columns)
     for message in recording.messages(radar.topic):
@@ -107,7 +107,7 @@ def scans_of(recording: McapRecording, radar: TopicRows) -> Iterator[Scan]:
             yield scan
 
 
-def radar_topic(recording: McapRecording, topics_found: TopicsFound, requested: str | None) -> TopicRows:
+def radar_topic(recording: Recording, topics_found: TopicsFound, requested: str | None) -> TopicRows:
     """The topic of the scans.
 
     Raises:
@@ -125,7 +125,7 @@ def radar_topic(recording: McapRecording, topics_found: TopicsFound, requested: 
     return radar
 
 
-def position_topic(recording: McapRecording, topics_found: TopicsFound, requested: str | None) -> TopicRows:
+def position_topic(recording: Recording, topics_found: TopicsFound, requested: str | None) -> TopicRows:
     """The topic of the positions. Raises ``InputError`` as ``radar_topic`` does."""
     position = choose_topic(recording, topics_found, (NAV_SAT_FIX,), requested, "position", "--gnss-topic")
     if position is None:
@@ -133,7 +133,7 @@ def position_topic(recording: McapRecording, topics_found: TopicsFound, requeste
     return position
 
 
-def attitude_topic(recording: McapRecording, topics_found: TopicsFound, requested: str | None) -> TopicRows | None:
+def attitude_topic(recording: Recording, topics_found: TopicsFound, requested: str | None) -> TopicRows | None:
     """The topic of headings and rolls; ``None``: there is none. A wheel odometer's heading must be selected explicitly.
 
     Its heading is relative to where it was switched on, which cannot be distinguished from a heading relative to east.
@@ -147,14 +147,12 @@ def attitude_topic(recording: McapRecording, topics_found: TopicsFound, requeste
     return found or choose_topic(recording, topics_found, (POSE,), None, "attitude", "--heading-topic")
 
 
-def odometry_topic(recording: McapRecording, topics_found: TopicsFound, requested: str | None) -> TopicRows | None:
+def odometry_topic(recording: Recording, topics_found: TopicsFound, requested: str | None) -> TopicRows | None:
     """The topic of the odometer; ``None``: there is none. Raises ``InputError`` as ``attitude_topic`` does."""
     return choose_topic(recording, topics_found, (ODOMETRY,), requested, "odometry", "--odometry-topic")
 
 
-def array_message(
-    recording: McapRecording, topics_found: TopicsFound, requested: str | None
-) -> Mapping[str, Any] | None:
+def array_message(recording: Recording, topics_found: TopicsFound, requested: str | None) -> Mapping[str, Any] | None:
     """The message that describes the array; ``None``: there is none. Raises ``InputError`` as ``attitude_topic``."""
     if requested is not None and requested not in topics_found.arrays:
         raise InputError(recording.path, "--array-topic", f"a topic of type {RADAR_ARRAY}", topics_there(recording))
@@ -168,7 +166,7 @@ def array_message(
 
 
 def choose_topic(
-    recording: McapRecording,
+    recording: Recording,
     topics_found: TopicsFound,
     kinds: tuple[str, ...],
     requested: str | None,
@@ -196,7 +194,7 @@ def choose_topic(
     return found.get(preferred) or next(iter(found.values()), None)
 
 
-def topics_there(recording: McapRecording) -> str:
+def topics_there(recording: Recording) -> str:
     """Topics of a recording with their types, and why some cannot be read, for messages."""
     texts = {topic: f": {reason}" for topic, reason in recording.refused.items()}
     found = [f"{topic} ({kind}{texts.get(topic, '')})" for topic, kind in sorted(recording.kinds.items())]
@@ -254,7 +252,7 @@ def import_mcap(
             changes, a quantity is neither in the messages nor assumed, or the output cannot be written.
     """
     topics, assumed = topics or McapTopics(), assumed or McapAssumed()
-    recording = McapRecording(path)
+    recording = open_recording(path)
     topics_found = gather(recording)
     radar = radar_topic(recording, topics_found, topics.radar)
     form = topics_found.forms[radar.topic]
@@ -287,7 +285,7 @@ def import_mcap(
         truth=None,
         vehicle=None,
         provenance={
-            "made_by": "lgprjax import mcap",
+            "made_by": f"lgprjax import {'rosbag' if is_bag(recording.path) else 'mcap'}",
             "inputs": [{"file": recording.path.name, "sha256": _digest(recording.path)}],
             "topics": {each.topic: each.kind for each in used},
             "clocks": {each.topic: "header stamps" if each.header_clock else "times of recording" for each in used},
@@ -332,7 +330,7 @@ def _spanned(
 
 
 def _notes(
-    recording: McapRecording,
+    recording: Recording,
     used: Sequence[TopicRows],
     attitude: TopicRows | None,
     odometer: TopicRows | None,
@@ -373,7 +371,7 @@ def _notes(
 
 def _write_scans(
     writer: DriveWriter,
-    recording: McapRecording,
+    recording: Recording,
     radar: TopicRows,
     order: Int[np.ndarray, " scan"],
     time_s: Float[np.ndarray, " scan"],
@@ -413,6 +411,11 @@ def _append(writer: DriveWriter, block: list[Scan], time_s: Float[np.ndarray, " 
 
 
 def _digest(path: Path) -> str:
+    if path.is_dir():  # a ROS 2 bag: its files, in the order of their names
+        whole = hashlib.sha256()
+        for each in sorted(path.iterdir()):
+            whole.update(_digest(each).encode() if each.is_file() else b"")
+        return whole.hexdigest()
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 

@@ -225,10 +225,20 @@ def expected_scalar(entry: Entry) -> str:
     return ", ".join(parts)
 
 
+_KINDS = {
+    "lgprjax.drive": "a drive log",
+    "lgprjax.map": "a subsurface database",
+    "lgprjax.fixes": "the fixes of a drive",
+    "lgprjax.worked": "a record of a worked field",
+}
+"""Files that are easily mistaken for each other."""
+
+
 def check_version(schema: Schema, name: object, version: object) -> tuple[str, str, str] | None:
     """Place, expected and found when a file is of another format, or newer than this software reads."""
     if name != schema.name:
-        return "@schema", schema.name, "none" if name is None else f"{name!r}"
+        kind = _KINDS.get(str(name))
+        return "@schema", schema.name, "none" if name is None else f"{name!r}" + (f", which is {kind}" if kind else "")
     major, _, minor = str(version).partition(".")
     if not (major.isdecimal() and minor.isdecimal()):
         return "@schema_version", f"a version such as {schema.version}", "none" if version is None else f"{version!r}"

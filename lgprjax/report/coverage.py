@@ -33,10 +33,10 @@ _LIMITS = """This is the record of a machine, not a clearance certificate. It st
 turning and at its depth. It does not say that the ground holds no hazard: that takes a search after the machine and the
 decision of the authority in charge.
 
-Probabilities follow from the position's uncertainty as estimated by the filter on board. They hold if its receiver, its
-reference station and the measures in the vehicle file were right: an error that all positions share, such as a
-reference station that was set up wrongly, is not in them. A cell has the probability of its best pass; passes are
-never multiplied, since their errors are related.
+Probabilities follow from the position's uncertainty as estimated by the filter on board, and from what control points
+say of the error that all positions share, or what is assumed of it where none was measured (see The work). They hold if
+receiver, reference station and the measures in the vehicle file are no worse than that. A cell has the probability of
+its best pass; passes are never multiplied, since their errors are related.
 
 Depth is that of the tool against the ground as the machine measured it. Ground with stones, roots, slopes or soil that
 the tool was not proven on must be judged by someone who knows the ground."""
@@ -53,6 +53,8 @@ class CoveragePage:
         layers: level, processed, uncertain, not processed, share.
         passes: the passes with their figures; passes_header names the columns.
         stops: run, begin, duration, reasons.
+        finds: kind, time, latitude, longitude, note.
+        control_points: name, when, run, measured less known east and north, cm.
         turning_points: point, latitude, longitude.
         hashes: file and SHA-256.
         figures: map first.
@@ -67,6 +69,8 @@ class CoveragePage:
     passes_header: tuple[str, ...]
     passes: tuple[tuple[str, ...], ...]
     stops: tuple[tuple[str, ...], ...]
+    finds: tuple[tuple[str, ...], ...]
+    control_points: tuple[tuple[str, ...], ...]
     turning_points: tuple[tuple[str, ...], ...]
     hashes: tuple[tuple[str, str], ...]
     figures: tuple[ReportFigure, ...]
@@ -93,11 +97,20 @@ def write_coverage_page(path: str | Path, page: CoveragePage, *, force: bool = F
         tuple((role, _LINE, _LINE, _LINE) for role in ("operator", "team leader", "quality control")),
         "By signing, the record is accepted as that of the machine's work, no more.",
     )
+    finds = ReportTable(("kind", "time (UTC)", "latitude deg", "longitude deg", "note"), page.finds, "As told.")
+    control = ReportTable(
+        ("mark", "when", "run", "east cm", "north cm"),
+        page.control_points,
+        "Measured less known. The mean is not corrected; it is added to sigma.",
+    )
+    unchecked = "No control point was measured: nothing checks the base."
     sections = (
         Section("What was processed", "\n\n".join(page.sentences), (layers,), page.figures[:1]),
         Section("What this record does not say", _LIMITS),
         Section("The work", "", (facts,), page.figures[1:]),
         Section("Stops", "" if page.stops else "None.", (stops,) if page.stops else ()),
+        Section("Finds and detonations", "" if page.finds else "None told.", (finds,) if page.finds else ()),
+        Section("Control points", "" if page.control_points else unchecked, (control,) if page.control_points else ()),
         Section("Perimeter", "", (points,)),
         Section("Passes", "" if page.passes else "None.", (passes,) if page.passes else ()),
         Section("Files", "", (hashes,)),

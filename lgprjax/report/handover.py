@@ -11,9 +11,11 @@ from lgprjax.files import file_hash
 from lgprjax.formats import (
     WorkedRecord,
     stop_words,
+    write_cells,
     write_geojson,
     write_geopackage,
     write_kml,
+    write_shapefiles,
     write_turning_points,
 )
 from lgprjax.report.coverage import (
@@ -26,21 +28,26 @@ from lgprjax.report.coverage import (
     write_coverage_page,
 )
 from lgprjax.report.html import ReportFigure
+from lgprjax.worked.evidence import residual_of
 from lgprjax.worked.layers import (
     METHOD,
     STATUS,
     CoverFigures,
     cover_figures,
     cover_layers,
+    driver_of_pass,
+    evidence_of,
     inside_of,
     layer_name,
     percent,
     square_metres,
+    told_of_work,
     utc_of,
+    way_by_driver,
 )
 
 _RECORD = ".worked.h5"
-_SUFFIXES = (".gpkg", ".geojson", ".kml", ".turning_points.csv", ".html")
+_SUFFIXES = (".gpkg", ".geojson", ".kml", ".shp.zip", ".cells.csv", ".turning_points.csv", ".html")
 
 
 def handover_files(
@@ -73,7 +80,9 @@ def hand_over(
     benchmark_deg: tuple[float, float] | None = None,
     force: bool = False,
 ) -> tuple[Path, ...]:
-    """Write a record as GeoPackage, GeoJSON, KML, turning points as CSV, and a report; returns the files.
+    """Write a record as GeoPackage, GeoJSON, KML, shapefiles, cells and turning points as CSV, and a report.
+
+    Returns the files.
 
     Args:
         path: file of the record, whose hash they name.
@@ -88,13 +97,15 @@ def hand_over(
         InputError: as ``handover_files``, or a file cannot be written.
     """
     outputs = handover_files(path, folder, benchmark_deg, force=force)
-    package, collection, markup, table, page = outputs
+    package, collection, markup, shapes, cells, table, page = outputs
     layers = cover_layers(record, organisation)
     folder.mkdir(parents=True, exist_ok=True)
     metadata = _metadata(path, record, organisation)
     write_geopackage(package, layers, metadata, force=force)
     write_geojson(collection, layers, metadata, force=force)
     write_kml(markup, layers, metadata, colours=_colours(record), force=force)
+    write_shapefiles(shapes, layers, force=force)
+    write_cells(cells, record, inside_of(record), force=force)
     latitude, longitude = _corners(record)
     write_turning_points(table, latitude, longitude, benchmark_deg, force=force)
     _write_page(page, path, record, cover_figures(record), organisation, force)
@@ -107,6 +118,7 @@ def _metadata(path: Path, record: WorkedRecord, organisation: str) -> dict[str, 
         "organisation": organisation,
         "method": METHOD,
         "status": STATUS,
+        **told_of_work(record),
         "datum": "WGS 84",
         "record": path.name,
         "record_sha256": file_hash(path),
@@ -132,7 +144,9 @@ def _write_page(
     passes, stops, runs = record.passes, record.stops, record.provenance["runs"]
     time_s = record.channels.time_s
     latitude, longitude = _corners(record)
+    evidence = evidence_of(record)
     facts = (
+        *((name.replace("_", " "), value) for name, value in told_of_work(record).items()),
         ("method", METHOD),
         ("vehicle", str(record.provenance["vehicle"]["name"])),
         ("tool", f"{record.tool.width_m:g} m wide, {record.tool.length_m:g} m long"),
@@ -141,12 +155,15 @@ def _write_page(
         ("depth, mean and least", f"{_centimetres(figures.depth_mean_m)}, {_centimetres(figures.depth_least_m)}"),
         ("runs", ", ".join(f"{run['folder']}{'' if run['complete'] else ' (incomplete)'}" for run in runs)),
         ("fixed GNSS position", f"{figures.fixed:.1%} of the time"),
+        *(("driven", f"{words}: {way_m:.0f} m") for words, way_m in way_by_driver(record).items()),
+        *((f"base, {run}", str(told["sentence"])) for run, told in evidence.get("shared_error", {}).items()),
     )
     rows = [
         (
             str(number + 1),
             str(runs[int(passes.run[number])]["folder"]),
-            str(int(passes.line[number]) + 1),
+            driver_of_pass(record, number),
+            str(int(passes.line[number]) + 1) if passes.line[number] >= 0 else "",
             _clock(record, float(passes.begin_s[number])),
             f"{passes.length_m[number]:.1f}",
             f"{100.0 * passes.depth_mean_m[number]:.1f} / {100.0 * passes.depth_least_m[number]:.1f}",
@@ -172,6 +189,7 @@ def _write_page(
             passes_header=(
                 "pass",
                 "run",
+                "driven",
                 "line",
                 "begin (UTC)",
                 "length m",
@@ -188,6 +206,13 @@ def _write_page(
                 )
                 for number in range(len(stops.run))
             ),
+            finds=tuple(
+                (str(each["kind"]), *_place_and_time(each), str(each["note"])) for each in evidence.get("find", [])
+            ),
+            control_points=tuple(
+                (str(each["name"]), str(each["when"]), str(each["run"] or "all"), *_measured(each))
+                for each in evidence.get("control_point", [])
+            ),
             turning_points=tuple(
                 (f"TP{number + 1}", f"{one:.9f}", f"{other:.9f}")
                 for number, (one, other) in enumerate(zip(latitude, longitude, strict=True))
@@ -196,6 +221,16 @@ def _write_page(
             figures=_pictures(Path(folder), record),
         )
         write_coverage_page(path, page, force=force)
+
+
+def _place_and_time(find: dict[str, Any]) -> tuple[str, str, str]:
+    time = str(find["time_utc"])[:19].replace("T", " ")
+    return time, f"{find['latitude_deg']:.8f}", f"{find['longitude_deg']:.8f}"
+
+
+def _measured(point: dict[str, Any]) -> tuple[str, str]:
+    east, north = residual_of(point)
+    return f"{100.0 * east:.1f}", f"{100.0 * north:.1f}"
 
 
 def _clock(record: WorkedRecord, time_s: float) -> str:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import NamedTuple
+from urllib.parse import quote
 
 from rich.table import Table
 
 from lgprjax.formats.store import atomic_output
-from lgprjax.report.results import DriveResult
 from lgprjax.report.summary import OVERVIEW_HEADER, DriveSummary, overview_rows
 
 
@@ -34,12 +34,13 @@ class ReportFigure:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, its text (blank lines separate paragraphs), then tables and figures."""
+    """A heading, its text (blank lines separate paragraphs), a page beside it, then tables and figures."""
 
     heading: str
     text: str = ""
     tables: tuple[ReportTable, ...] = ()
     figures: tuple[ReportFigure, ...] = ()
+    beside: tuple[str, str] | None = None
 
 
 def write_report(path: str | Path, title: str, intro: str, sections: Sequence[Section], force: bool = False) -> None:
@@ -64,31 +65,44 @@ def write_report(path: str | Path, title: str, intro: str, sections: Sequence[Se
         )
         for number, section in enumerate(sections):
             page.write(f'<section id="s{number}">\n<h2>{escape(section.heading)}</h2>\n{_paragraphs(section.text)}')
+            if section.beside is not None:
+                name, words = section.beside
+                page.write(f'<p><a href="{escape(quote(name))}">{escape(words)}</a></p>\n')
             page.writelines(_table(table) for table in section.tables)
             page.writelines(_figure(figure) for figure in section.figures)
             page.write("</section>\n")
         page.write("</main>\n</body>\n</html>\n")
 
 
-def drive_section(result: DriveResult, summary: DriveSummary, figures: Sequence[ReportFigure]) -> Section:
+PAGE = "-scans.html"
+"""End of the name of a drive's page of scans, beside the report."""
+_AT_TRUTH = (
+    "Correlation at the truth: that of the scan at its true pose, where no search was needed. Fixes reach it, and a "
+    "little more, as they fit the noise too. Fixes far below it were not found; a low one at the truth says that the "
+    "ground or the radar has changed since the map, or that the map's labels are off."
+)
+
+
+def drive_section(summary: DriveSummary, figures: Sequence[ReportFigure]) -> Section:
     """The section of one drive: result in words, figures, pictures."""
-    if result.impostor:
+    if summary.impostor:
         text = (
             "This drive was recorded over ground that is not the map's. Every fix called ok would be wrong; "
             f"{summary.ok} of {summary.tried} tried scans were."
         )
     elif not summary.ok:
         text = f"None of {summary.tried} tried scans has an ok fix: this drive has no position from the map."
-    elif not result.has_truth:
+    elif summary.wrong_ok is None:
         text = f"{summary.ok} of {summary.tried} tried scans have an ok fix. No truth is known, so no error is stated."
     else:
         text = (
             f"{summary.ok} of {summary.tried} tried scans have an ok fix; {summary.judged} of these have a known "
             f"truth, and {summary.wrong_ok} are more than 0.3 m from it."
         )
-    table = ReportTable(("quantity", "value"), tuple(summary.as_rows()))
+    table = ReportTable(("quantity", "value"), tuple(summary.as_rows()), _AT_TRUTH if summary.judged else "")
     text = "\n\n".join([text, *summary.remarks])
-    return Section(f"{result.name} on {result.map_name}", text, (table,), tuple(figures))
+    beside = f"{summary.name}{PAGE}", "Scan by scan: a page that can be zoomed, with the numbers of every scan"
+    return Section(f"{summary.name} on {summary.map_name}", text, (table,), tuple(figures), beside)
 
 
 def overview_table(summaries: Sequence[DriveSummary]) -> ReportTable:
@@ -151,8 +165,15 @@ label input { position: absolute; opacity: 0; }
 label input + img { cursor: zoom-in; }
 label input:checked + img { width: 200%; min-width: 80rem; cursor: zoom-out; }
 label input:focus-visible + img { outline: 3px solid var(--link); }
-img { width: 100%; min-width: 40rem; height: auto; display: block; background: #fff; border-radius: 4px; }
+img { width: 100%; height: auto; display: block; background: #fff; border-radius: 4px; }
 figcaption { color: var(--soft); font-size: 0.92rem; max-width: 48rem; padding-top: 0.4rem; }
+@media (max-width: 45rem) {
+  main { padding: 1rem 0.7rem 3rem; }
+  h1 { font-size: 1.4rem; }
+  h2 { font-size: 1.15rem; margin-top: 2rem; }
+  label input:checked + img { width: auto; min-width: 56rem; }
+  figcaption::after { content: " Tap the picture to enlarge it."; }
+}
 @media print {
   :root { --ink: #000; --soft: #333; --ground: #fff; --line: #999; --link: #000; }
   body { font-size: 10pt; }

@@ -1,30 +1,50 @@
 """Registered drives as people see them: the pictures of one drive, and the page over those registered together."""
 
+import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from lgprjax.batch import FixExample, RegisteredDrive, example_scan, fix_example, settings_of
 from lgprjax.batch.assumptions import UNSTATED
-from lgprjax.formats import DriveLog, MapFile, assumed_in_words
+from lgprjax.errors import InputError
+from lgprjax.formats import DriveLog, MapFile, assumed_in_words, read_fixes
 from lgprjax.frames import LocalFrame
-from lgprjax.registration import LADDER_M, OFF_MAP_SCORE, PIECE_M, RegisterOptions
+from lgprjax.registration import FEW_CHANNELS, LADDER_M, OFF_MAP_SCORE, PIECE_M, RegisterOptions
 from lgprjax.report.drive import draw_confidence, draw_trajectory, stated_errors
-from lgprjax.report.html import ReportFigure, Section, declines_table, overview_table, write_report
+from lgprjax.report.html import PAGE, ReportFigure, Section, declines_table, drive_section, overview_table, write_report
 from lgprjax.report.match import SwarmPicture, draw_match, draw_surface, draw_swarm
 from lgprjax.report.results import CorrelationSurface, DriveResult, MatchExample
-from lgprjax.report.summary import DriveSummary, draw_codes
+from lgprjax.report.summary import CodedDrive, DriveSummary, draw_codes, summary_of
+from lgprjax.report.zoom_page import write_drive_page
 
 _LONE = (
     "one channel on a map of one channel: fixes locate the drive along the line. The ground next to the line "
     "resembles that on it, so that across it they only show that the drive is near, and the cross-track sigma "
     "is a bound"
 )
+_WRONG_SIGMAS = 2.0  # between ground and log
+_ANGLES = ("yaw", "roll")
 _USUAL_SCALE = 0.01
 """A time scale farther from 1 is remarked on."""
-ENDS = ("-trajectory.png", "-confidence.png", "-match.png", "-map.png", "-swarm.png")
-"""Suffixes of a drive's pictures; not every drive has them all."""
+_PICTURES = {
+    "-trajectory.png": ("Trajectory and errors along the drive.", "plan view above error curves"),
+    "-confidence.png": (
+        "Reliability of the fixes' sigmas, and the cost of a smaller risk.",
+        "true error over stated sigma, error distributions by evidence, share declined over evidence",
+    ),
+    "-match.png": ("The ground of one scan, live and in the map.", "radargram strips"),
+    "-map.png": ("Match of that scan over the search region.", "correlation map"),
+    "-swarm.png": (
+        "The swarm around the best place of that scan, run again.",
+        "clouds of particles over the score, score over the iterations",
+    ),
+}
+"""A drive's pictures by the ends of their names, with caption and alternative text; not every drive has them all."""
+ENDS = tuple(_PICTURES)
+_FIXES = ".fixes.h5"
 
 
 def draw_drive(
@@ -36,7 +56,7 @@ def draw_drive(
     folder: Path,
     force: bool,
 ) -> list[ReportFigure]:
-    """Write a drive's pictures to a folder; returns those written.
+    """Write a drive's pictures, and its page of scans, to a folder; returns the pictures written.
 
     The confidence is drawn if the truth is known, match and map if a scan was tried, the swarm if there is one.
 
@@ -45,24 +65,20 @@ def draw_drive(
     """
     trajectory, confidence, match, surface, swarm = (folder / f"{drive.name}{end}" for end in ENDS)
     draw_trajectory(result, trajectory, force=force)
-    figures = [ReportFigure(trajectory, "Trajectory and errors along the drive.", "plan view above error curves")]
+    write_drive_page(result, folder / f"{drive.name}{PAGE}", force=force)
+    figures = [ReportFigure(trajectory, *_PICTURES["-trajectory.png"])]
     stated = stated_errors([result])
     if len(stated.ok):
         draw_confidence(stated, confidence, force=force)
-        figures.append(
-            ReportFigure(
-                confidence,
-                "Reliability of the fixes' sigmas, and the cost of a smaller risk.",
-                "true error over stated sigma, error distributions by evidence, share declined over evidence",
-            )
-        )
+        figures.append(ReportFigure(confidence, *_PICTURES["-confidence.png"]))
     scan = example_scan(drive)
     example = None if scan is None else fix_example(source, log, drive, options, scan)
     if example is None:
         return figures
     draw_match(_match(example, drive), match, force=force)
     search_m = options.search_half_m(drive.track.sigma_m)
-    draw_surface(_surface(example, source.description.frame, search_m), surface, force=force)
+    correlation = float(drive.table["correlation"].iloc[example.scan])
+    draw_surface(_surface(example, source.description.frame, search_m, correlation), surface, force=force)
     code = drive.table["code"].iloc[example.scan]
     figures.append(
         ReportFigure(match, f"Scan {example.scan}, {code}: the ground, live and in the map.", "radargram strips")
@@ -105,7 +121,7 @@ def _match(example: FixExample, drive: RegisteredDrive) -> MatchExample:
     )
 
 
-def _surface(example: FixExample, frame: LocalFrame, search_m: float) -> CorrelationSurface:
+def _surface(example: FixExample, frame: LocalFrame, search_m: float, correlation: float) -> CorrelationSurface:
     prior, best = _pair(example.prior_m), _pair(example.best_m)
     assert prior is not None
     assert best is not None
@@ -119,6 +135,7 @@ def _surface(example: FixExample, frame: LocalFrame, search_m: float) -> Correla
         # The prior's sigmas are in east and north.
         prior_tilt_rad=-float(example.frame[2]),
         best=best,
+        at_best=correlation,
         second=_pair(example.second_m),
         truth=_pair(example.truth_m),
         origin=_origin(example, frame),
@@ -180,16 +197,60 @@ def search_in_words(settings: Mapping[str, object]) -> str:
     return "; ".join([*parts, "user thresholds" if settings["own_thresholds"] else judged]) + "."
 
 
+def earlier_summaries(folder: Path, names: Sequence[str]) -> list[DriveSummary]:
+    """Summaries of the drives that were registered into a folder before, and whose fixes are still there.
+
+    Args:
+        folder: of the results.
+        names: drives that are registered now, which are left out.
+
+    Raises:
+        InputError: ``summary.json`` is not one of a registration.
+    """
+    path = folder / "summary.json"
+    if not path.exists():
+        return []
+    try:
+        told = [summary_of(entry) for entry in json.loads(path.read_text(encoding="utf-8"))]
+    except (OSError, ValueError, TypeError, KeyError):
+        expected = "the summary of an earlier registration, or another folder"
+        raise InputError(path, "content", expected, "a file that is none") from None
+    return [each for each in told if each.name not in names and (folder / f"{each.name}{_FIXES}").is_file()]
+
+
+def _earlier(folder: Path, summary: DriveSummary) -> tuple[CodedDrive, Section]:
+    """A drive registered before, from its files: its codes, and its section of the page."""
+    table = read_fixes(folder / f"{summary.name}{_FIXES}")
+    margin = table["margin"].to_numpy()
+    coded = CodedDrive(
+        summary.name,
+        summary.impostor,
+        table["code"].to_numpy().astype(str),
+        np.where(margin <= 1.0, margin, np.nan),
+        table["p_false"].to_numpy() if "p_false" in table.columns else np.full(len(table), np.nan),
+    )
+    figures = [
+        ReportFigure(folder / f"{summary.name}{end}", *words)
+        for end, words in _PICTURES.items()
+        if (folder / f"{summary.name}{end}").is_file()
+    ]
+    section = drive_section(summary, figures)
+    # Of a folder of an older version there is no page of scans.
+    return coded, section if (folder / f"{summary.name}{PAGE}").is_file() else replace(section, beside=None)
+
+
 def write_page(
-    results: Sequence[Registered], folder: Path, title: str, *, force: bool, options: RegisterOptions, intro: str = ""
+    results: Sequence[Registered], folder: Path, title: str, *, options: RegisterOptions, intro: str = ""
 ) -> Path:
-    """Write ``report.html``: overview, codes of all drives, a section each."""
+    """Write ``report.html``: overview, codes of all drives, a section each; drives registered before are kept."""
     codes = folder / "codes.png"
+    before = earlier_summaries(folder, [result.name for result, _, _ in results])
+    earlier = [_earlier(folder, summary) for summary in before]
     draw_codes(
-        [result for result, _, _ in results],
+        [*(coded for coded, _ in earlier), *(result for result, _, _ in results)],
         codes,
         risk=options.risk,
-        force=force,
+        force=True,
     )
     figure = ReportFigure(
         codes,
@@ -197,12 +258,13 @@ def write_page(
         "decade of evidence is a tenth of the probability that foreign ground matches as well.",
         "histograms of evidence and margin, bar of codes, one row a drive",
     )
-    summaries = [summary for _, summary, _ in results]
+    summaries = [*before, *(summary for _, summary, _ in results)]
     tables = [table for table in (overview_table(summaries), declines_table(summaries)) if table is not None]
     overview = Section("All drives", "", tuple(tables), (figure,))
     page = folder / "report.html"
     search = search_in_words(settings_of(options))
-    write_report(page, title, f"{intro}\n\n{search}", [overview, *(s for _, _, s in results)], force)
+    sections = [overview, *(section for _, section in earlier), *(section for _, _, section in results)]
+    write_report(page, title, f"{intro}\n\n{search}", sections, force=True)
     return page
 
 
@@ -249,7 +311,15 @@ def drive_result(
 def _remarks(drive: RegisteredDrive, source: MapFile) -> tuple[str, ...]:
     """Remarks on the fixes."""
     labels = None if any(source.description.label_sigma_m) else f"labels: {UNSTATED}"
-    lines = (labels, drive.alignment.told, drive.jumps, _windows(drive), _time_scales(drive), *_unknowns(drive, source))
+    lines = (
+        labels,
+        drive.alignment.told,
+        drive.jumps,
+        _windows(drive),
+        _time_scales(drive),
+        _attitude(drive),
+        *_unknowns(drive, source),
+    )
     return tuple(line for line in lines if line is not None)
 
 
@@ -269,6 +339,26 @@ def _windows(drive: RegisteredDrive) -> str | None:
     named = ["single scans" if length == 0.0 else f"{length:g} m" for length in lengths]
     shares = [f"{name} {100.0 * count / len(window_m):.0f} %" for name, count in zip(named, counts, strict=True)]
     return f"windows of the ok fixes: {', '.join(shares)}"
+
+
+def _attitude(drive: RegisteredDrive) -> str | None:
+    """What the ground says of height, heading and roll where it differs from the log; what it cannot say."""
+    ok = drive.table["code"].to_numpy() == "ok"
+    if drive.channels <= FEW_CHANNELS:
+        few = f"an array of {drive.channels} channels" if drive.channels > 1 else "a single channel"
+        return f"heading and roll are those of the log: {few} cannot check them"
+    if not ok.any():
+        return None
+    off = np.asarray(drive.fix.pose)[ok, 2:] - drive.track.pose[ok, 2:]
+    off[:, 1] = np.mod(off[:, 1] + np.pi, 2.0 * np.pi) - np.pi
+    sigma = np.sqrt(np.einsum("sii->si", np.asarray(drive.fix.covariance)[ok, 2:, 2:]))
+    middle, wrong = np.median(off, axis=0), np.abs(np.median(off / sigma, axis=0)) > _WRONG_SIGMAS
+    named = (
+        f"height {middle[0]:+.2f} m",
+        *(f"{n} {np.degrees(v):+.1f} deg" for n, v in zip(_ANGLES, middle[1:], strict=True)),
+    )
+    said = [text for text, apart in zip(named, wrong, strict=True) if apart]
+    return f"the ground contradicts the log (median of fix less log): {', '.join(said)}" if said else None
 
 
 def _time_scales(drive: RegisteredDrive) -> str | None:

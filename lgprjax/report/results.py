@@ -143,6 +143,7 @@ class CorrelationSurface:
         correlation: NaN off the map.
         half_width_m: of the search box around the prior, in x and y.
         prior, best, second, truth: positions; ``second`` is the runner-up.
+        at_best: the fix's correlation, where it is known.
         prior_sigma_m: along the axes of its ellipse; ``prior_tilt_rad`` is their rotation from x and y.
         origin: what the zero of the axes is.
         axes: names of x and y: east and north, or along and cross.
@@ -156,6 +157,7 @@ class CorrelationSurface:
     prior_sigma_m: tuple[float, float]
     best: tuple[float, float]
     origin: str
+    at_best: float | None = None
     second: tuple[float, float] | None = None
     truth: tuple[float, float] | None = None
     axes: tuple[str, str] = ("east", "north")

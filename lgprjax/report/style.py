@@ -41,6 +41,20 @@ CODE_COLOURS = MappingProxyType(
     }
 )
 
+CODE_HATCHES = MappingProxyType(
+    {
+        "ok": "",
+        "low_correlation": "///",
+        "ambiguous": "xxx",
+        "edge": "\\\\\\",
+        "off_map": "...",
+        "low_overlap": "---",
+        "non_finite": "",
+        "no_window": "",
+    }
+)
+"""Patterns of codes whose colours are alike in a print without colours."""
+
 DPI = 120
 _CAPTION_CHARACTERS_PER_INCH = 15.0
 # Newer matplotlib types the keys as a list of literals, older ones as str.

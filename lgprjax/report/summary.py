@@ -1,17 +1,17 @@
 """A drive in a dozen figures, each named by its metric."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 from lgprjax.report.results import CODES, LEAST_P, DriveResult, track_errors
-from lgprjax.report.style import BLUE, CODE_COLOURS, GAP, INK, MUTED, picture, write_caption
+from lgprjax.report.style import BLUE, CODE_COLOURS, CODE_HATCHES, GAP, INK, MUTED, picture, write_caption
 
 WRONG_M = 0.3
 """An ``ok`` fix with a larger error is wrong: the nominal 1 ft of the Husky's requirements (``registration.WRONG_M``;
@@ -66,17 +66,22 @@ class DriveSummary:
             ("ok but wrong (more than 0.3 m off)", _whole(self.wrong_ok)),
             ("median correlation of ok fixes", _number(self.median_correlation_ok)),
             ("median correlation at the truth", _number(self.median_correlation_at_truth)),
-            ("RMS cross-track error (metric of 2016)", _metres(self.rms_cross_m)),
+            ("RMS cross-track error", _metres(self.rms_cross_m)),
             ("RMS along-track error", _metres(self.rms_along_m)),
-            ("mean absolute total error (metric of 2020, no clock offset fitted)", _metres(self.mean_absolute_total_m)),
-            ("mean absolute cross-track error (as above)", _metres(self.mean_absolute_cross_m)),
+            ("mean distance from the truth", _metres(self.mean_absolute_total_m)),
+            ("mean absolute cross-track error", _metres(self.mean_absolute_cross_m)),
             ("largest error of an ok fix", _metres(self.max_error_m)),
-            ("time per scan", f"{self.milliseconds_per_scan:.2f} ms"),
+            ("time per scan, compiling left out", f"{self.milliseconds_per_scan:.2f} ms"),
         ]
 
     def as_json(self) -> dict[str, object]:
         """Everything, ready for ``json.dump``."""
         return {**asdict(self), "remarks": list(self.remarks)}
+
+
+def summary_of(told: Mapping[str, Any]) -> DriveSummary:
+    """What ``as_json`` wrote. Raises ``TypeError`` or ``KeyError`` for anything else."""
+    return DriveSummary(**{**told, "remarks": tuple(told["remarks"])})
 
 
 def summarise(result: DriveResult) -> DriveSummary:
@@ -193,8 +198,29 @@ _MOST_RISKS = 5.0
 """Evidence beyond this multiple of the required is drawn in the last bin."""
 
 
+@dataclass(frozen=True)
+class CodedDrive:
+    """What the picture of the codes needs of a drive, one value a scan: see ``DriveResult``."""
+
+    name: str
+    impostor: bool
+    code: Shaped[np.ndarray, " scan"]
+    margin: Float[np.ndarray, " scan"]
+    p_false: Float[np.ndarray, " scan"]
+
+    @property
+    def ok(self) -> Shaped[np.ndarray, " scan"]:
+        """Scans whose fix is a position."""
+        return np.asarray(self.code == "ok")
+
+    @property
+    def tried(self) -> Shaped[np.ndarray, " scan"]:
+        """Scans that were registered."""
+        return np.asarray(self.code != "no_window")
+
+
 def draw_codes(
-    results: Sequence[DriveResult],
+    results: Sequence[DriveResult | CodedDrive],
     path: str | Path,
     *,
     risk: float,
@@ -234,7 +260,10 @@ def draw_codes(
         figure.supylabel("scans")
         figure.suptitle("Why fixes are accepted or refused")
         seen = [label for label in CODES[:-1] if any((result.code == label).any() for result in results)]
-        handles = [Patch(color=CODE_COLOURS[label], label=label) for label in seen]
+        handles = [
+            Patch(facecolor=CODE_COLOURS[label], edgecolor="white", hatch=CODE_HATCHES[label], label=label)
+            for label in seen
+        ]
         # Three columns of at most seven codes fit over the bars; without tried scans there is none.
         if handles:
             grid[0, 2].legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 0.9), ncols=3, **_COMPACT)
@@ -247,7 +276,7 @@ def draw_codes(
         )
 
 
-def _shown(values: Float[np.ndarray, " scan"], result: DriveResult) -> Float[np.ndarray, " shown"]:
+def _shown(values: Float[np.ndarray, " scan"], result: DriveResult | CodedDrive) -> Float[np.ndarray, " shown"]:
     return np.asarray(values[result.tried & np.isfinite(values)])
 
 
@@ -258,7 +287,7 @@ def _draw_histogram(axes: Axes, values: Float[np.ndarray, " shown"], span: tuple
     axes.locator_params(axis="y", nbins=3, integer=True)
 
 
-def _draw_codes_bar(axes: Axes, result: DriveResult) -> None:
+def _draw_codes_bar(axes: Axes, result: DriveResult | CodedDrive) -> None:
     axes.set_yticks([])
     axes.set_xlim(0.0, 100.0)
     axes.set_ylim(-0.5, 0.5)
@@ -271,9 +300,20 @@ def _draw_codes_bar(axes: Axes, result: DriveResult) -> None:
     left = 0.0
     for label in CODES[:-1]:
         share = 100.0 * float((result.code == label).sum()) / tried
-        axes.barh(0.0, share, left=left, height=0.6, color=CODE_COLOURS[label], edgecolor="white", linewidth=0.8)
+        axes.barh(
+            0.0,
+            share,
+            left=left,
+            height=0.6,
+            color=CODE_COLOURS[label],
+            hatch=CODE_HATCHES[label],
+            edgecolor="white",
+            linewidth=0.8,
+        )
         if share >= 100.0 * _LABELLED_SHARE:
             dark = label in ("non_finite", "low_overlap")
             text = f"{share:.0f}"
-            axes.text(left + share / 2, 0.0, text, ha="center", va="center", color="white" if dark else INK)
+            shown = axes.text(left + share / 2, 0.0, text, ha="center", va="center", color="white" if dark else INK)
+            if CODE_HATCHES[label]:
+                shown.set_bbox({"facecolor": CODE_COLOURS[label], "edgecolor": "none", "pad": 1.5})
         left += share

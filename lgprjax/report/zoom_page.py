@@ -3,7 +3,7 @@
 import base64
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -29,7 +29,8 @@ from lgprjax.report.radargram import (
     slice_map,
     slice_title,
 )
-from lgprjax.report.style import AMPLITUDE_MAP, BLUE, CORRELATION_MAP, FAINT, outer_edges
+from lgprjax.report.results import CODES, LEAST_P, DriveResult, track_errors
+from lgprjax.report.style import AMPLITUDE_MAP, BLUE, CODE_COLOURS, CORRELATION_MAP, FAINT, INK, outer_edges
 
 _MOST_COLUMNS, _MOST_ROWS = 2400, 1200
 _MOST_POINTS = 4000
@@ -37,7 +38,7 @@ _MOST_POINTS = 4000
 
 @dataclass(frozen=True, kw_only=True)
 class _Panel:
-    """A picture and its axes; ``lines`` are x and y of curves with their colours."""
+    """A picture and its axes; ``lines`` are x and y of curves with their colours, ``points`` x and y of the scans."""
 
     title: str
     labels: tuple[str, str]
@@ -45,6 +46,7 @@ class _Panel:
     y: tuple[float, float]
     pixels: UInt8[np.ndarray, "row column 4"] | None = None
     lines: tuple[tuple[str, np.ndarray, np.ndarray], ...] = ()
+    points: tuple[np.ndarray, np.ndarray] | None = None
     depth_m_per_ns: float | None = None
     equal: bool = False
     contrast: bool = False
@@ -95,6 +97,101 @@ def write_map_page(
     _write(path, f"Map {stations.name}", caption, panels, force)
 
 
+_MARKS = {
+    "ok": "disc",
+    "low_correlation": "cross",
+    "ambiguous": "square",
+    "edge": "up",
+    "off_map": "down",
+    "low_overlap": "ring",
+    "non_finite": "plus",
+}
+"""Shapes of codes, so that they are told apart without colours, too."""
+_MOST_SCANS = 20_000
+
+
+def write_drive_page(result: DriveResult, path: str | Path, *, force: bool = False) -> None:
+    """Write a registered drive as a page that can be zoomed, with the numbers of the scan that is pointed at.
+
+    Scans without a fix of their own are left out; of a very long drive every so many are drawn.
+
+    Raises:
+        InputError: the file exists (without ``force``) or cannot be written.
+    """
+    tried = np.flatnonzero(result.tried)
+    shown = tried[:: max(1, -(-len(tried) // _MOST_SCANS))]
+    errors = track_errors(result)
+    code = result.code[shown]
+    present = [label for label in CODES if (code == label).any()]
+    evidence = -np.log10(np.maximum(result.p_false[shown], LEAST_P))
+    distance_m = result.distance_m[shown]
+    against = "the truth" if result.has_truth else "the prior"
+    tracks = [(FAINT, track[:, 0], track[:, 1]) for track in map(_thinned_track, result.baseline_tracks)]
+    if result.truth_east_m is not None and result.truth_north_m is not None:
+        truth = np.stack([result.truth_east_m, result.truth_north_m], axis=1)
+        tracks.append((INK, *_thinned_track(truth[np.isfinite(truth).all(axis=1)]).T))
+    panels = [
+        _scan_panel("plan", ("east (m)", "north (m)"), result.east_m[shown], result.north_m[shown], tracks),
+        _scan_panel(f"across, from {against}", ("distance (m)", "to the left (m)"), distance_m, errors.cross_m[shown]),
+        _scan_panel(f"along, from {against}", ("distance (m)", "forward (m)"), distance_m, errors.along_m[shown]),
+        _scan_panel("correlation", ("distance (m)", "correlation"), distance_m, result.correlation[shown]),
+        _scan_panel("margin over the runner-up", ("distance (m)", "margin"), distance_m, result.margin[shown]),
+        _scan_panel("evidence", ("distance (m)", "−log₁₀ p_false"), distance_m, evidence),
+    ]
+    columns = (
+        ("scan", shown.astype(float), 0, ""),
+        ("time", result.time_s[shown], 2, " s"),
+        ("distance", distance_m, 2, " m"),
+        ("correlation", result.correlation[shown], 3, ""),
+        ("margin", result.margin[shown], 3, ""),
+        ("sigma along", 100.0 * result.sigma_along_m[shown], 1, " cm"),
+        ("sigma across", 100.0 * result.sigma_cross_m[shown], 1, " cm"),
+    )
+    scans = {
+        "code": [present.index(str(each)) for each in code],
+        "codes": [[each, CODE_COLOURS[each], _MARKS[each], int((code == each).sum())] for each in present],
+        "columns": [[name, _rounded(values, digits), unit, digits] for name, values, digits, unit in columns],
+    }
+    lines = "Grey: baselines of the map." + (" Black: the truth." if result.has_truth else "")
+    caption = f"Plan: metres from {result.origin[0]:.7f}°, {result.origin[1]:.7f}°. {lines}"
+    _write(path, f"{result.name} on {result.map_name}", caption, [each for each in panels if each], force, scans)
+
+
+def _scan_panel(
+    title: str,
+    labels: tuple[str, str],
+    x: Float[np.ndarray, " scan"],
+    y: Float[np.ndarray, " scan"],
+    lines: Sequence[tuple[str, np.ndarray, np.ndarray]] = (),
+) -> _Panel | None:
+    """A panel of one value a scan; None where no scan has one."""
+    known = np.isfinite(x) & np.isfinite(y)
+    if not known.any():
+        return None
+    equal = bool(lines)
+    spans = []
+    for values in (x[known], y[known]):
+        low, high = float(values.min()), float(values.max())
+        room = 0.05 * max(high - low, 1.0 if equal else 1e-3)
+        spans.append((low - room, high + room))
+    (left, right), (low, high) = spans
+    points = (np.where(known, x, np.nan), np.where(known, y, np.nan))
+    return _Panel(
+        title=title, labels=labels, x=(left, right), y=(high, low), lines=tuple(lines), points=points, equal=equal
+    )
+
+
+def _thinned_track(track_m: Float[np.ndarray, "place 2"]) -> Float[np.ndarray, "place 2"]:
+    return track_m[:: max(1, -(-len(track_m) // _MOST_POINTS))]
+
+
+def _rounded(values: Float[np.ndarray, " scan"], digits: int) -> list[float | int | None]:
+    return [
+        None if not np.isfinite(value) else int(value) if digits == 0 else round(float(value), digits)
+        for value in values
+    ]
+
+
 def _radargram_panel(radargram: Radargram, view: LineView) -> _Panel:
     limit = amplitude_limit(radargram)
     amplitude = _thinned(radargram.amplitude)
@@ -136,14 +233,22 @@ def _plan_panel(plan: LinePlan) -> _Panel:
     return _Panel(title="plan", labels=("east (m)", "north (m)"), x=x, y=y, lines=lines, equal=True)
 
 
-def _write(path: str | Path, title: str, caption: str, panels: Sequence[_Panel], force: bool) -> None:
-    data = json.dumps([_as_json(panel) for panel in panels]).replace("</", "<\\/")
+def _write(
+    path: str | Path,
+    title: str,
+    caption: str,
+    panels: Sequence[_Panel],
+    force: bool,
+    scans: Mapping[str, object] | None = None,
+) -> None:
+    data = json.dumps({"panels": [_as_json(panel) for panel in panels], "scans": scans}).replace("</", "<\\/")
+    help_text = _HELP if scans is None else f"{_HELP} {_HELP_SCANS}"
     with atomic_output(path, force) as temporary:
         temporary.write_text(
             '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<main>\n"
-            f"<h1>{escape(title)}</h1>\n<p>{_HELP}</p>\n<noscript><p>This page needs JavaScript.</p></noscript>\n"
+            f"<h1>{escape(title)}</h1>\n<p>{help_text}</p>\n<noscript><p>This page needs JavaScript.</p></noscript>\n"
             f'<div id="panels"></div>\n<p class="soft">{escape(caption)}</p>\n</main>\n'
             f'<script type="application/json" id="data">{data}</script>\n<script>{_SCRIPT}</script>\n'
             "</body>\n</html>\n",
@@ -165,6 +270,7 @@ def _as_json(panel: _Panel) -> dict[str, object]:
         "y": panel.y,
         "src": source,
         "lines": [[colour, np.round(x, 3).tolist(), np.round(y, 3).tolist()] for colour, x, y in panel.lines],
+        "points": None if panel.points is None else [_numbers(values) for values in panel.points],
         "depth": panel.depth_m_per_ns,
         "depthLabel": "" if panel.depth_m_per_ns is None else depth_label(2.0 * panel.depth_m_per_ns),
         "equal": panel.equal,
@@ -172,9 +278,17 @@ def _as_json(panel: _Panel) -> dict[str, object]:
     }
 
 
+def _numbers(values: np.ndarray) -> list[float | None]:
+    return [round(float(value), 3) if np.isfinite(value) else None for value in values]
+
+
 _HELP = (
     "Wheel, or + and −: zoom; with Shift along the line only. Drag, or the arrow keys: move. Double click, or 0: "
     "everything. Two fingers zoom on a touch screen."
+)
+_HELP_SCANS = (
+    "Point at a scan, or step from one to the next by n and p: its numbers stand above the picture, and every picture "
+    "rings it."
 )
 _STYLE = """
 body { margin: 0; background: #fff; color: #222;
@@ -185,7 +299,9 @@ h2 { font-size: 1.05rem; margin: 0; }
 p { max-width: 60rem; margin: 0.4rem 0; }
 .soft { color: #595959; font-size: 0.92rem; }
 .bar { display: flex; flex-wrap: wrap; gap: 0.3rem 1.2rem; align-items: center; margin-top: 1.2rem; }
-output { font-variant-numeric: tabular-nums; color: #595959; min-width: 18rem; }
+output { font-variant-numeric: tabular-nums; color: #595959; min-width: min(18rem, 100%); min-height: 1.5em; }
+.legend { display: flex; flex-wrap: wrap; gap: 0.2rem 1.2rem; list-style: none; padding: 0; margin: 0.8rem 0 0; }
+.legend canvas { width: 16px; height: 16px; display: inline-block; vertical-align: -3px; }
 canvas { width: 100%; display: block; touch-action: none; cursor: crosshair; }
 canvas:focus-visible { outline: 2px solid #0057a3; }
 """
@@ -202,6 +318,33 @@ function ticks(a, b, room) {
     found.push([n * step, (n === 0 ? 0 : n * step).toFixed(digits)]);
   return found;
 }
+const data = JSON.parse(document.getElementById("data").textContent), scans = data.scans, all = [];
+let picked = null;
+const MARKS = {
+  disc: (c, x, y, r) => { c.beginPath(); c.arc(x, y, r, 0, 7); c.fill(); },
+  cross: (c, x, y, r) => { c.beginPath(); c.moveTo(x - r, y - r); c.lineTo(x + r, y + r);
+    c.moveTo(x - r, y + r); c.lineTo(x + r, y - r); c.stroke(); },
+  square: (c, x, y, r) => c.strokeRect(x - r, y - r, 2 * r, 2 * r),
+  ring: (c, x, y, r) => { c.beginPath(); c.arc(x, y, r, 0, 7); c.stroke(); },
+  up: (c, x, y, r) => { c.beginPath(); c.moveTo(x, y - r); c.lineTo(x + r, y + r); c.lineTo(x - r, y + r);
+    c.closePath(); c.stroke(); },
+  down: (c, x, y, r) => { c.beginPath(); c.moveTo(x, y + r); c.lineTo(x + r, y - r); c.lineTo(x - r, y - r);
+    c.closePath(); c.stroke(); },
+  plus: (c, x, y, r) => { c.beginPath(); c.moveTo(x - r, y); c.lineTo(x + r, y); c.moveTo(x, y - r);
+    c.lineTo(x, y + r); c.stroke(); },
+};
+function pick(n) { picked = n; for (const each of all) each(); }
+function legend() {
+  const list = document.createElement("ul"); list.className = "legend";
+  scans.codes.forEach(([name, colour, mark, count]) => {
+    const entry = document.createElement("li"), sign = document.createElement("canvas");
+    const dots = window.devicePixelRatio || 1;
+    sign.width = sign.height = 16 * dots; sign.setAttribute("aria-hidden", "true");
+    const c = sign.getContext("2d"); c.scale(dots, dots); c.fillStyle = c.strokeStyle = colour; c.lineWidth = 1.6;
+    MARKS[mark](c, 8, 8, 4.5); entry.append(sign, " " + name + " (" + count + ")"); list.append(entry);
+  });
+  document.getElementById("panels").append(list);
+}
 function show(panel) {
   const box = document.createElement("section"), bar = document.createElement("div");
   const head = document.createElement("h2"), said = document.createElement("output");
@@ -216,6 +359,7 @@ function show(panel) {
     slide.addEventListener("input", () => { contrast = Math.pow(2, Number(slide.value)); draw(); });
     label.append("contrast ", slide); bar.append(label);
   }
+  if (all.length) said.setAttribute("aria-live", "off");
   bar.append(said); box.append(bar, canvas);
   document.getElementById("panels").append(box);
   const context = canvas.getContext("2d");
@@ -260,7 +404,23 @@ function show(panel) {
       xs.forEach((x, n) => n ? c.lineTo(px(x), py(ys[n])) : c.moveTo(px(x), py(ys[n])));
       c.stroke();
     }
+    if (panel.points) {
+      const [xs, ys] = panel.points;
+      c.lineWidth = 1.2;
+      xs.forEach((x, n) => {
+        if (x === null || ys[n] === null) return;
+        const [, colour, mark] = scans.codes[scans.code[n]];
+        c.fillStyle = c.strokeStyle = colour; MARKS[mark](c, px(x), py(ys[n]), 3);
+      });
+      if (picked !== null && xs[picked] !== null && ys[picked] !== null) {
+        c.strokeStyle = "#222"; c.lineWidth = 2.5; MARKS.ring(c, px(xs[picked]), py(ys[picked]), 8);
+      }
+    }
     c.restore();
+    if (panel.points) said.textContent = picked === null ? "" : scans.columns.map(
+      ([name, values, unit, digits]) => name + " " +
+        (values[picked] === null ? "–" : values[picked].toFixed(digits) + unit)).join(", ") +
+      ", code " + scans.codes[scans.code[picked]][0];
     c.strokeStyle = "#6b6b6b"; c.fillStyle = "#222"; c.lineWidth = 1; c.strokeRect(LEFT, TOP, wide, high);
     c.font = "12px system-ui, sans-serif"; c.textAlign = "center"; c.textBaseline = "top";
     for (const [x, text] of ticks(view.x0, view.x1, wide / 90)) {
@@ -293,6 +453,9 @@ function show(panel) {
     if (!alongOnly || panel.equal) { view.y0 = cy + (view.y0 - cy) * factor; view.y1 = cy + (view.y1 - cy) * factor; }
     draw();
   }
+  function step_scan(by) {
+    if (scans) pick(picked === null ? 0 : Math.max(0, Math.min(scans.code.length - 1, picked + by)));
+  }
   function move(dx, dy) {
     const x = dx / wide * (view.x1 - view.x0), y = dy / high * (view.y1 - view.y0);
     view.x0 -= x; view.x1 -= x; view.y0 -= y; view.y1 -= y;
@@ -317,6 +480,17 @@ function show(panel) {
     } else if (before) {
       held.set(event.pointerId, place); move(place[0] - before[0], place[1] - before[1]);
     }
+    if (panel.points) {
+      const [xs, ys] = panel.points;
+      let best = null, near = 196;
+      xs.forEach((x, n) => {
+        if (x === null || ys[n] === null) return;
+        const d = (px(x) - place[0]) ** 2 + (py(ys[n]) - place[1]) ** 2;
+        if (d < near) { near = d; best = n; }
+      });
+      if (best !== null && best !== picked) pick(best);
+      return;
+    }
     const x = xp(place[0]), y = yp(place[1]);
     const unit = panel.labels[0].includes("(m)") ? " m" : "";
     said.textContent = panel.depth ? x.toFixed(unit ? 2 : 0) + unit + ", " + y.toFixed(2) + " ns, depth " +
@@ -329,15 +503,16 @@ function show(panel) {
     const act = {
       "+": () => zoom(0.8, mx, my, false), "=": () => zoom(0.8, mx, my, false), "-": () => zoom(1.25, mx, my, false),
       "0": () => { whole(); draw(); }, ArrowLeft: () => move(step, 0), ArrowRight: () => move(-step, 0),
-      ArrowUp: () => move(0, step), ArrowDown: () => move(0, -step),
+      n: () => step_scan(1), p: () => step_scan(-1), ArrowUp: () => move(0, step), ArrowDown: () => move(0, -step),
     }[event.key];
     if (act && !event.ctrlKey && !event.metaKey) { event.preventDefault(); act(); }
   });
   window.addEventListener("resize", () => { size(); if (panel.equal) whole(); draw(); });
-  size(); whole();
+  all.push(draw); size(); whole();
   image.addEventListener("load", draw);
   if (panel.src) image.src = panel.src;
   draw();
 }
-JSON.parse(document.getElementById("data").textContent).forEach(show);
+if (scans) legend();
+data.panels.forEach(show);
 """

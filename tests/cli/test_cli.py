@@ -1,6 +1,7 @@
 """The command line as a person meets it: statuses, one clear line, nothing half-written."""
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -213,6 +214,7 @@ def test_register_writes_what_it_promises(
         "short-confidence.png",
         "short-match.png",
         "short-map.png",
+        "short-scans.html",
         "codes.png",
         "summary.json",
         "report.html",
@@ -241,6 +243,23 @@ def test_register_writes_what_it_promises(
     (figures,) = json.loads((tmp_path / "figures.json").read_text())
     assert figures["tried"] == 120
     assert run("check", folder / "short.fixes.csv", folder / "short.fixes.h5", site.map) == 0
+    capsys.readouterr()
+    # Another drive into the same folder: nothing of the first is lost, and page and summary have both.
+    shutil.copyfile(short, tmp_path / "again.drive.h5")
+    held = {path: path.read_bytes() for path in folder.glob("short*")}
+    assert run("register", site.map, tmp_path / "again.drive.h5", "-o", folder, "--json", "-") == 0
+    (alone,) = json.loads(capsys.readouterr().out)
+    assert alone["name"] == "again"
+    assert {path: path.read_bytes() for path in folder.glob("short*")} == held
+    assert [entry["name"] for entry in json.loads((folder / "summary.json").read_text())] == ["short", "again"]
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert all(page.count(f"<h2>{name} on ") == 1 for name in ("short", "again"))
+    # The same drive once more is refused; --force replaces its files and leaves the other's.
+    assert run("register", site.map, tmp_path / "again.drive.h5", "-o", folder) == 1
+    assert "again.fixes.csv" in capsys.readouterr().err
+    assert run("register", site.map, tmp_path / "again.drive.h5", "-o", folder, "--force") == 0
+    assert {path: path.read_bytes() for path in folder.glob("short*")} == held
+    assert [entry["name"] for entry in json.loads((folder / "summary.json").read_text())] == ["short", "again"]
 
 
 @pytest.mark.parametrize("verb", ["map", "register"])

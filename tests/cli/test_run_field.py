@@ -3,11 +3,15 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cli.test_run import ROOT, lgprjax
 from lgprjax.formats import read_cover_plan, read_run
 from lgprjax.run_records import RecordKind, unpack
+from lgprjax.runtime.smoothed import smooth_run
+from lgprjax.worked.plans import PlanOptions, make_cover_plan, save_cover_plan
+from lgprjax.worked.record import read_cover_run
 
 
 @pytest.fixture(scope="module")
@@ -24,23 +28,47 @@ def field(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_field_is_driven_recorded_and_replayed_to_the_same_frames(field: Path) -> None:
     figures = field.parent / "figures.json"
-    arguments = ("--simulate", "--lockstep", "--for-s", "12", "--json", str(figures))
+    # As if lines 1 and 2 were worked by another machine.
+    begin = ("--start-line", "3", "--start-m", "4.5")
+    arguments = ("--simulate", "--lockstep", *begin, "--for-s", "12", "--json", str(figures))
     done = lgprjax("run", str(field), *arguments, limit_s=600.0)
     # The plan takes longer than that.
     assert done.returncode == 1, done.stdout[-2000:] + done.stderr[-4000:]
     assert "did not arrive: " in done.stdout
+    assert "runs taken up: 0; begins at line 3, metre 4.5" in done.stdout
     assert len(read_cover_plan(field.parent / "field.cover.geojson").pattern.lines) == 21
     found = json.loads(figures.read_text(encoding="utf-8"))
     assert found["ticks"] > 300
     folder = next((field.parent / "runs").iterdir())
     kinds = {unpack(data).kind for _, data in read_run(folder)}
     assert {RecordKind.COVER, RecordKind.SKID_PLAN, RecordKind.PORT_IN, RecordKind.PORT_OUT} <= kinds
+    run = read_cover_run(folder)
+    smoothed, poses = smooth_run(run)
+    # The forward pass over the recorded bytes is what the vehicle had; only the way back adds to it.
+    near = np.searchsorted(poses.mono_ns, run.utc_ns - (run.utc_ns[-1] - poses.mono_ns[-1]) - 15_000_000)
+    known = near < len(poses.mono_ns)
+    live = np.stack([run.rows[name] for name in ("x_m", "y_m")], axis=1)[known]
+    assert np.median(np.hypot(*(poses.live[near[known], :2] - live).T)) < 2e-3
+    assert smoothed.provenance["poses"] == "smoothed forward and back"
+    assert np.isfinite(smoothed.rows["x_m"]).all()
     out = folder / "replayed.json"
     again = lgprjax("run", str(folder / "simulated.run.toml"), "--replay", str(folder), "--json", str(out))
     assert again.returncode == 0, again.stdout + again.stderr
     told = json.loads(out.read_text(encoding="utf-8"))
     assert told["differing"] == 0
     assert told["frames"] >= told["ticks"] > 300
+
+
+def test_what_cannot_be_taken_up_is_one_line(field: Path) -> None:
+    plan = make_cover_plan(
+        ROOT / "onboard/field.geojson", ROOT / "onboard/made_up_flail.vehicle.toml", PlanOptions(order="zamboni")
+    )
+    assert plan is not None
+    save_cover_plan(field.parent / "field.cover.geojson", plan, force=True)
+    done = lgprjax("run", str(field), "--start-line", "30")
+    assert done.returncode == 1
+    assert "start line: expected 1 to 21, found 30" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
 
 
 def test_a_configuration_that_is_of_both_kinds_is_one_line(field: Path) -> None:

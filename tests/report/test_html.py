@@ -3,6 +3,7 @@
 import base64
 from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import quote
 
 import pytest
 
@@ -67,7 +68,7 @@ def test_page_holds_every_figure_and_table(tmp_path: Path, picture: Path) -> Non
     summaries = [summarise(drive) for drive in drives]
     figure = ReportFigure(picture, "Seen from above.", "Correlation over position")
     sections = [Section("Overview", "All drives.\n\nAgainst one map.", (overview_table(summaries),))]
-    sections += [drive_section(d, s, [figure, figure]) for d, s in zip(drives, summaries, strict=True)]
+    sections += [drive_section(s, [figure, figure]) for s in summaries]
     write_report(tmp_path / "r.html", "Report", "First.\n\nSecond.", sections)
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     page = Page(text)
@@ -81,14 +82,16 @@ def test_page_holds_every_figure_and_table(tmp_path: Path, picture: Path) -> Non
     assert page.tags.count("input") == page.tags.count("label") == 6
     assert page.tags.count("table") == 4
     assert page.tags.count("figcaption") == 6
-    assert {link.removeprefix("#") for link in page.links} <= page.ids
+    beside = {f"{quote(summary.name)}-scans.html" for summary in summaries}
+    assert {link.removeprefix("#") for link in page.links} - beside <= page.ids
+    assert beside <= set(page.links)
     assert "script" not in page.tags
     assert "http" not in text
 
 
 def test_sections_say_what_kind_of_drive_it_was() -> None:
     texts = [
-        drive_section(drive, summarise(drive), ()).text
+        drive_section(summarise(drive), ()).text
         for drive in (straight_drive(), without_truth(), declined_drive(), declined_drive(impostor=False))
     ]
     assert "have a known truth, and 0 are more than 0.3 m from it" in texts[0]

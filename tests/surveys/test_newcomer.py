@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from lgprjax.cli.main import main
+from lgprjax.cli import main
 
 pytestmark = pytest.mark.real
 

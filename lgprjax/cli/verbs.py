@@ -1,0 +1,465 @@
+"""The verbs of ``lgprjax``: what each is for, two examples of each, and how a command is read and run."""
+
+import functools
+import operator
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import lgprjax
+from lgprjax.cli.cover import CoverExport, CoverPlanVerb, CoverRecord
+from lgprjax.cli.data import CheckVerb, Compare, Examples, Export, Recover
+from lgprjax.cli.doctor import Doctor
+from lgprjax.cli.events import Events
+from lgprjax.cli.figures import STANDARD_OUTPUT, figures_alone
+from lgprjax.cli.imports import (
+    ImportCmu,
+    ImportDt1,
+    ImportDzt,
+    ImportGprMax,
+    ImportGrounded,
+    ImportIprb,
+    ImportLines,
+    ImportMala,
+    ImportMcap,
+    ImportRosbag,
+    ImportSegy,
+    ImportSignals,
+    recognised,
+)
+from lgprjax.cli.maps import MapBuild, MapInfo, MapRefine, MapUpdate, MapVerify
+from lgprjax.cli.options import check_words, nearest
+from lgprjax.cli.register import Register
+from lgprjax.cli.route import RouteExport, RouteList, RouteSelect
+from lgprjax.cli.run import Run
+from lgprjax.cli.simulate import Demo, Simulate
+from lgprjax.cli.terminal import UsageError, run_verb
+from lgprjax.cli.tune import ThresholdsVerb, Tune
+from lgprjax.cli.view import View
+
+
+class Verb(NamedTuple):
+    """A verb: its dataclass, what it is for in a few words, and examples, which leave out ``lgprjax``."""
+
+    options: type
+    what: str
+    examples: tuple[str, ...]
+
+
+class VerbGroup(NamedTuple):
+    """Verbs under one name."""
+
+    what: str
+    text: str
+    verbs: Mapping[str, Verb]
+    examples: tuple[str, ...]
+
+
+_IMPORT = VerbGroup(
+    "recordings of other makers to drive logs (X.drive.h5)",
+    "Convert recordings of other makers to drive logs. Where no format is named, it is recognised by the files' names.",
+    {
+        "dt1": Verb(
+            ImportDt1,
+            "Sensors & Software .DT1, with its .HD",
+            ("import dt1 LINE01.DT1 -o line.drive.h5", "import dt1 LINE01.DT1 -o line.drive.h5 --length-m 48.5"),
+        ),
+        "dzt": Verb(
+            ImportDzt,
+            "GSSI .DZT",
+            ("import dzt FILE.DZT -o line.drive.h5", "import dzt FILE.DZT -o line.drive.h5 --partial"),
+        ),
+        "mala": Verb(
+            ImportMala,
+            "MALA .rd3 or .rd7, with its .rad",
+            ("import mala LINE.rd3 -o line.drive.h5", "import mala LINE.rd7 -o line.drive.h5 --time-zero header"),
+        ),
+        "iprb": Verb(
+            ImportIprb,
+            "ImpulseRadar .iprb, with its .iprh",
+            ("import iprb LINE_001_A*.iprb -o X.drive.h5", "import iprb LINE_001_A01.iprb -o X.drive.h5 --length-m 30"),
+        ),
+        "segy": Verb(
+            ImportSegy,
+            "SEG-Y .sgy or .segy (extra segy)",
+            ("import segy LINE.sgy --utm-zone 33N -o X.drive.h5", "import segy LINE.sgy -o X.drive.h5 --length-m 50"),
+        ),
+        "lines": Verb(
+            ImportLines,
+            "lines of a survey as one drive log",
+            (
+                "import lines XLINE*.DT1 --line-spacing-m 0.25 -o survey.drive.h5",
+                "import lines A.DZT B.DZT --lines-at-m 0 0.4 -o survey.drive.h5",
+            ),
+        ),
+        "grounded": Verb(
+            ImportGrounded,
+            "a run of the GROUNDED data set",
+            (
+                "import grounded run_0001 --utm-zone 19N --sample-interval-ns 0.16 --scan-rate-hz 126 -o X.drive.h5",
+                "import grounded run_0001 --utm-zone 19N --sample-interval-ns 0.16 --scan-rate-hz 126 -o X.drive.h5 "
+                "--force",
+            ),
+        ),
+        "cmu": Verb(
+            ImportCmu,
+            "a sequence of the CMU-GPR data set",
+            (
+                "import cmu SEQUENCE_DIR --time-window-ns 40 -o X.drive.h5",
+                "import cmu SEQUENCE_DIR --time-window-ns 40 --time-zero-ns 2.5 -o X.drive.h5",
+            ),
+        ),
+        "gprmax": Verb(
+            ImportGprMax,
+            "gprMax .out or .h5",
+            (
+                "import gprmax model*.h5 -o X.drive.h5",
+                "import gprmax merged.out --step-m 0.02 -o X.drive.h5",
+            ),
+        ),
+        "mcap": Verb(
+            ImportMcap,
+            "ROS 2 messages in an MCAP file (extra log)",
+            (
+                "import mcap RECORDING.mcap -o X.drive.h5",
+                "import mcap RECORDING.mcap -o X.drive.h5 --channel-pitch-m 0.127 --gnss-topic /gnss/fix",
+            ),
+        ),
+        "rosbag": Verb(
+            ImportRosbag,
+            "ROS 1 .bag or ROS 2 .db3 (extra rosbag)",
+            (
+                "import rosbag RECORDING.bag -o X.drive.h5",
+                "import rosbag BAG_FOLDER -o X.drive.h5 --radar-topic /gpr/scan",
+            ),
+        ),
+        "signals": Verb(
+            ImportSignals,
+            "a vehicle's signals, .csv, .parquet or .mcap",
+            (
+                "import signals LOG.csv --map COLUMNS.toml -o log.drive.h5",
+                "import signals LOG.parquet --map COLUMNS.toml -o log.drive.h5 --force",
+            ),
+        ),
+    },
+    ("import XLINE*.DT1 -o survey.drive.h5", "import RECORDING.mcap -o X.drive.h5"),
+)
+_MAP = VerbGroup(
+    "build, info, verify, refine and update subsurface databases",
+    "Build and keep up subsurface databases: maps of the ground, M.map.h5.",
+    {
+        "build": Verb(
+            MapBuild,
+            "drive logs to a map",
+            (
+                "map build left.drive.h5 right.drive.h5 -o road.map.h5",
+                "map build survey.drive.h5 -o field.map.h5 --centre-frequency-mhz 300",
+            ),
+        ),
+        "info": Verb(
+            MapInfo,
+            "what a map covers, and what it was made from",
+            ("map info road.map.h5", "map info road.map.h5 --json -"),
+        ),
+        "verify": Verb(
+            MapVerify,
+            "holes, weak or ambiguous ground, baselines that disagree",
+            ("map verify road.map.h5", "map verify road.map.h5 -o road-verified"),
+        ),
+        "refine": Verb(
+            MapRefine,
+            "make the baselines of a map consistent",
+            ("map refine road.map.h5 -o better.map.h5", "map refine road.map.h5 -o better.map.h5 --json moved.json"),
+        ),
+        "update": Verb(
+            MapUpdate,
+            "add newer drives, retire ground that changed",
+            ("map update road.map.h5 new.drive.h5 -o newer.map.h5", "map update road.map.h5 new.drive.h5"),
+        ),
+    },
+    ("map build X.drive.h5 -o road.map.h5", "map info road.map.h5"),
+)
+_ROUTE = VerbGroup(
+    "list, select and export the routes of a map",
+    "List, select and export routes of a subsurface database.",
+    {
+        "list": Verb(
+            RouteList, "the routes of a map", ("route list road.map.h5", "route list road.map.h5 --json routes.json")
+        ),
+        "select": Verb(
+            RouteSelect,
+            "a route, or a stretch of it, to drive",
+            (
+                "route select road.map.h5 baseline-0 -o home.route.toml",
+                "route select road.map.h5 baseline-0 --from-m 20 --to-m 80 --cruise-mps 3 -o home.route.toml",
+            ),
+        ),
+        "export": Verb(
+            RouteExport,
+            "waypoints as CSV, GeoJSON or GPX",
+            (
+                "route export home.route.toml -o waypoints.gpx",
+                "route export road.map.h5 baseline-0 -o waypoints.geojson",
+            ),
+        ),
+    },
+    ("route list road.map.h5", "route select road.map.h5 baseline-0 -o home.route.toml"),
+)
+_COVER = VerbGroup(
+    "cover a field: plan it, record what was worked, export",
+    "Cover fields: plan swaths, record the ground worked, export the record.",
+    {
+        "plan": Verb(
+            CoverPlanVerb,
+            "swaths over a field, in driving order",
+            (
+                "cover plan field.geojson --vehicle flail.vehicle.toml -o f.cover.geojson",
+                "cover plan field.geojson --vehicle flail.vehicle.toml -o f.cover.geojson --order best --picture f.png",
+            ),
+        ),
+        "record": Verb(
+            CoverRecord,
+            "recorded runs to a record of the ground worked",
+            (
+                "cover record RUN... --plan f.cover.geojson -o f.worked.h5",
+                "cover record one two --plan f.cover.geojson gaps.cover.geojson -o all.worked.h5",
+            ),
+        ),
+        "export": Verb(
+            CoverExport,
+            "a record as GIS layers, CSV and a report to sign",
+            (
+                "cover export f.worked.h5 -o handover",
+                'cover export f.worked.h5 -o handover --organisation "Made-up Works"',
+            ),
+        ),
+    },
+    (
+        "cover plan field.geojson --vehicle flail.vehicle.toml -o f.cover.geojson",
+        "cover export f.worked.h5 -o handover",
+    ),
+)
+
+VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
+    "First steps": {
+        "demo": Verb(
+            Demo,
+            "map a simulated road, locate a drive on it, write a page",
+            ("demo", "demo --output out/demo"),
+        ),
+        "examples": Verb(
+            Examples,
+            "copy example sites, studies and configurations",
+            ("examples", "examples -o my"),
+        ),
+        "doctor": Verb(
+            Doctor,
+            "what is installed, and what to do about problems",
+            ("doctor", "doctor --onboard"),
+        ),
+    },
+    "Own recordings": {
+        "import": _IMPORT,
+        "view": Verb(
+            View,
+            "radargram, plan, map from above: picture or page",
+            ("view LINE01.DT1", "view X.drive.h5 --html -o X.html"),
+        ),
+        "check": Verb(
+            CheckVerb,
+            "validate files; measure a recording's quality",
+            ("check X.drive.h5 M.map.h5", "check X.drive.h5 --health"),
+        ),
+        "export": Verb(
+            Export,
+            "ROS 2 messages (MCAP), or a trajectory for evo or GIS",
+            (
+                "export X.drive.h5 --fixes result/X.fixes.h5 -o X.mcap",
+                "export X.drive.h5 --fixes result/X.fixes.h5 -o X.tum",
+            ),
+        ),
+    },
+    "Maps and registration": {
+        "map": _MAP,
+        "register": Verb(
+            Register,
+            "locate drives on a map: fixes, pictures, page",
+            (
+                "register road.map.h5 Y.drive.h5 -o result",
+                "register road.map.h5 A.drive.h5 B.drive.h5 -o result --workers 2",
+            ),
+        ),
+        "compare": Verb(
+            Compare,
+            "two registrations of a drive, scan by scan",
+            ("compare result other-result", "compare result/X.fixes.h5 other/X.fixes.h5 --json -"),
+        ),
+        "thresholds": Verb(
+            ThresholdsVerb,
+            "calibrate when a fix is called ok, on own drives",
+            (
+                "thresholds road.map.h5 A.drive.h5 B.drive.h5 --window-m 4 -o own.thresholds.toml",
+                "thresholds road.map.h5 A.drive.h5 --window-m 0 --risk 1e-5 -o single.thresholds.toml",
+            ),
+        ),
+    },
+    "On the vehicle": {
+        "route": _ROUTE,
+        "run": Verb(
+            Run,
+            "the onboard runtime, on devices or on simulated ones",
+            ("run onboard/simulated.run.toml --simulate", "run CONFIG.toml --preflight"),
+        ),
+        "events": Verb(
+            Events,
+            "what happened in a run, and why",
+            ("events RUN_FOLDER", "events RUN_FOLDER --json -"),
+        ),
+        "recover": Verb(
+            Recover,
+            "a drive log from a run that a power cut ended",
+            ("recover RUN_FOLDER -o X.drive.h5", "recover RUN_FOLDER -o X.drive.h5 --map moved/M.map.h5"),
+        ),
+        "cover": _COVER,
+    },
+    "Simulation and calibration": {
+        "simulate": Verb(
+            Simulate,
+            "drive logs of a generated site, or of a vehicle",
+            ("simulate village -o drives", "simulate SITE.toml -o drives --only live"),
+        ),
+        "tune": Verb(
+            Tune,
+            "fit a vehicle file to logs",
+            ("tune tuning/k_ratio.toml -o out", "tune STUDY.toml -o out --json -"),
+        ),
+    },
+}
+"""Verbs by what a person is about, in the order of the help."""
+
+
+def all_verbs() -> dict[str, Verb | VerbGroup]:
+    """All verbs by name."""
+    return {name: verb for part in VERBS.values() for name, verb in part.items()}
+
+
+def every_verb() -> Iterator[tuple[str, Verb]]:
+    """Verbs that do something, by the words that name them: ``map build``."""
+    for name, verb in all_verbs().items():
+        if isinstance(verb, Verb):
+            yield name, verb
+        else:
+            yield from ((f"{name} {part}", inner) for part, inner in verb.verbs.items())
+
+
+def keep_compiled() -> None:
+    """Keep compiled programs from command to command, in ``$XDG_CACHE_HOME/lgprjax`` or ``~/.cache/lgprjax``.
+
+    An optimisation only, and only before JAX is imported: existing environment variables are respected.
+    """
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(root / "lgprjax" / "compiled"))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+
+
+def run_command(arguments: Sequence[str]) -> int:
+    """Read a command, without ``lgprjax``, and run it; the exit status."""
+    keep_compiled()
+    words = [str(word) for word in arguments]
+    if words[:1] == ["import"]:
+        words[1:] = recognised(words[1:])
+    if words[:1] == ["--version"]:
+        print(f"lgprjax {lgprjax.__version__}")
+        return 0
+    if words[:1] == ["--completion"]:
+        return run_verb(lambda: _print_completion(words[1:]))
+    return run_verb(lambda: _run(words), command=" ".join(["lgprjax", *_named(words)]))
+
+
+def _named(words: Sequence[str]) -> list[str]:
+    """The words of a command that name a verb, or a group of verbs."""
+    verb = all_verbs().get(words[0]) if words else None
+    if isinstance(verb, VerbGroup) and len(words) > 1 and words[1] in verb.verbs:
+        return list(words[:2])
+    return [] if verb is None else [words[0]]
+
+
+def _run(words: list[str]) -> int:
+    from lgprjax.cli.help import group_help, top_help, verb_help
+
+    name, known = _named(words), all_verbs()
+    rest = words[len(name) :]
+    wants_help = any(word in ("-h", "--help") for word in rest)
+    if not name:
+        if not wants_help:
+            if not words:
+                print(top_help(), end="", file=sys.stderr)
+                return 2
+            raise UsageError(f"{words[0]}: no such verb{nearest(words[0], list(known))}")
+        print(top_help(), end="")
+        return 0
+    verb = known[name[0]]
+    if isinstance(verb, VerbGroup):
+        if len(name) == 1:
+            if rest and not wants_help:
+                _refuse_group(name[0], verb, rest[0])
+            print(group_help(name[0], verb), end="", file=sys.stdout if wants_help else sys.stderr)
+            return 0 if wants_help else 2
+        verb = verb.verbs[name[1]]
+    if wants_help:
+        print(verb_help(" ".join(name), verb), end="")
+        return 0
+    check_words(verb.options, rest)
+    return _parse_and_run(words)
+
+
+def _refuse_group(name: str, group: VerbGroup, word: str) -> None:
+    if name == "import":
+        expected = f"one of {', '.join(group.verbs)}, or a file whose name ends as one of theirs does"
+        raise UsageError(f"{word}: expected {expected}{nearest(word, list(group.verbs))}")
+    raise UsageError(f"{word}: expected one of {', '.join(group.verbs)}{nearest(word, list(group.verbs))}")
+
+
+def _parse_and_run(words: Sequence[str]) -> int:
+    verb = parsed(words)
+    if getattr(verb, "json", None) == STANDARD_OUTPUT:
+        with figures_alone():
+            return verb.run() or 0
+    return verb.run() or 0
+
+
+def parsed(words: Sequence[str]) -> Any:
+    """The dataclass that words describe."""
+    import tyro
+
+    def one_of(verbs: Mapping[str, Verb | VerbGroup]) -> Any:
+        kinds = (
+            Annotated[
+                verb.options if isinstance(verb, Verb) else one_of(verb.verbs),
+                tyro.conf.subcommand(name, description=verb.what),
+            ]
+            for name, verb in verbs.items()
+        )
+        return functools.reduce(operator.or_, kinds)
+
+    return tyro.cli(
+        one_of(all_verbs()),
+        prog="lgprjax",
+        args=list(words),
+        config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+    )
+
+
+_SHELLS = ("bash", "zsh", "fish", "tcsh")
+
+
+def _print_completion(words: list[str]) -> int:
+    if len(words) != 1 or words[0] not in _SHELLS:
+        found = " ".join(words) or "nothing"
+        raise UsageError(f"--completion: expected one of {', '.join(_SHELLS)}, found {found}")
+    with suppress(SystemExit):  # when it has printed
+        parsed(["--tyro-write-completion", words[0], "-"])
+    return 0

@@ -1,0 +1,139 @@
+"""Help, version, completion, figures on standard output, and Ctrl-C at the first instant."""
+
+import contextlib
+import io
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import lgprjax
+from lgprjax.cli import main
+from lgprjax.cli.help import reference_page, top_help, verb_help
+from lgprjax.cli.options import options_of
+from lgprjax.cli.verbs import VERBS, VerbGroup, all_verbs, every_verb, parsed
+
+_ROOT = Path(__file__).parents[2]
+_EVERY = dict(every_verb())
+
+
+def run(*words: str) -> tuple[int, str, str]:
+    """Exit status, and what was printed, out and err."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as stopped:
+        main(words)
+    assert isinstance(stopped.value.code, int)
+    return stopped.value.code, out.getvalue(), err.getvalue()
+
+
+def test_the_version() -> None:
+    assert run("--version") == (0, f"lgprjax {lgprjax.__version__}\n", "")
+
+
+def test_the_top_help_is_one_screen_of_groups(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = top_help().splitlines()
+    assert len(lines) <= 40
+    assert max(map(len, lines)) <= 80
+    for part, verbs in VERBS.items():
+        assert part in lines
+        for name, verb in verbs.items():
+            assert sum(line.split(maxsplit=1) == [name, verb.what] for line in lines) == 1
+    assert run("--help") == (0, top_help(), "")
+    status, out, err = run()
+    assert (status, out, err) == (2, "", top_help())
+
+
+@pytest.mark.parametrize("name", _EVERY)
+def test_a_verbs_help_fits_a_screen_and_shows_two_examples(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    verb = _EVERY[name]
+    text = verb_help(name, verb)
+    assert len(text.splitlines()) <= 60
+    assert max(map(len, text.splitlines())) <= 80
+    assert len(verb.examples) == 2
+    for example in verb.examples:
+        assert example.startswith(name)
+        assert isinstance(parsed(shlex.split(example)), verb.options)
+    for wrong in ("(default: )", "None", "{", "FLOAT", "(default: False)"):
+        assert wrong not in text
+    assert run(*name.split(), "--help") == (0, text, "")
+
+
+@pytest.mark.parametrize("name", _EVERY)
+def test_the_options_are_the_parsers(name: str) -> None:
+    """tyro's own help names the same options, and the same ones as needed."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out), pytest.raises(SystemExit):
+        parsed([*name.split(), "--help"])
+    shown = re.sub(r"[│╭╰╮╯─]", " ", out.getvalue())
+    theirs = set(re.findall(r"^  (?:-\w \S+, )?(--[a-z][a-z0-9-]+)", shown, re.M))
+    ours = options_of(_EVERY[name].options)
+    assert {option.names[-1] for option in ours if not option.positional} == theirs
+    # Of several files tyro needs none.
+    needed = [option for option in ours if option.required and not (option.positional and option.values is None)]
+    assert shown.count("(required)") == len(needed)
+
+
+def test_groups_list_their_verbs() -> None:
+    groups = {name: verb for name, verb in all_verbs().items() if isinstance(verb, VerbGroup)}
+    assert len(groups) == 4
+    for name, group in groups.items():
+        status, out, _ = run(name, "--help")
+        assert status == 0
+        assert all(f"  {part:12}{verb.what}\n" in out for part, verb in group.verbs.items())
+        assert run(name)[0] == 2
+
+
+def test_the_reference_page_is_made_from_the_verbs() -> None:
+    page = (_ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    assert page == reference_page(), "python -m lgprjax.cli.help > docs/cli.md"
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_knows_the_verbs(shell: str) -> None:
+    status, out, _ = run("--completion", shell)
+    assert status == 0
+    assert "lgprjax" in out
+    assert "register" in out
+
+
+def test_figures_go_to_standard_output_alone() -> None:
+    status, out, err = run("doctor", "--json", "-")
+    assert status == 0
+    assert {"name", "found", "verdict", "advice"} <= json.loads(out)[0].keys()
+    assert "lgprjax can be used here" in err
+
+
+def test_a_file_called_dash_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "-").write_text("kept")
+    status, out, _ = run("doctor", "--json", "-")
+    assert status == 0
+    assert json.loads(out)
+    assert (tmp_path / "-").read_text() == "kept"
+
+
+@pytest.mark.parametrize("module", ["tyro", "rich", "lgprjax.cli.verbs", "lgprjax.cli.terminal", "argparse"])
+def test_ctrl_c_is_one_line_from_the_first_import_on(module: str) -> None:
+    """Ctrl-C while a module is imported, which is where a command spends its first half second."""
+    code = f"""
+import sys
+class Pressed:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Pressed())
+sys.modules.pop({module!r}, None)
+from lgprjax.cli import main
+main(["doctor", "--json", "-"])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    if module == "argparse" and done.returncode == 0:
+        pytest.skip("nothing imports it")
+    assert done.returncode == 130, done.stderr
+    assert re.fullmatch(r"lgprjax: interrupted.*\n", done.stderr), done.stderr

@@ -1,0 +1,158 @@
+"""Fifty wrong inputs, drawn up before their messages were read aloud: each is answered in a line that says what to do.
+
+A line of the list: what a person did, the words of the command, and what the answer must name. The answer begins with
+the command's name, is one line of standard error, and the status is 1 for bad input or 2 for wrong usage.
+"""
+
+import shutil
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from formats.samples import write_dt1
+from lgprjax.cli import main
+from lgprjax.formats import MAP_PRECISIONS
+from made_map import write_made_map
+
+# What was done: words, what is named.
+WRONG: dict[str, tuple[str, tuple[str, ...]]] = {
+    # Words.
+    "a verb misspelt": ("regster m.map.h5 x.drive.h5", ("regster", "register", "lgprjax --help")),
+    "a verb of elsewhere": ("localise x.drive.h5", ("localise", "no such verb", "lgprjax --help")),
+    "a verb of a group misspelt": ("map biuld x.drive.h5 -o m.map.h5", ("biuld", "build", "lgprjax map --help")),
+    "a verb of a group left out": ("map x.drive.h5", ("x.drive.h5", "build", "info")),
+    "an option misspelt": ("register m.map.h5 x.drive.h5 -o r --widow-m 4", ("--widow-m", "--window-m")),
+    "an option of another verb": ("check x.drive.h5 --search-m 2", ("--search-m", "no such option", "check --help")),
+    "an option of a short kind": ("map build x.drive.h5 -p m.map.h5", ("-p", "no such option")),
+    "no output": ("register m.map.h5 x.drive.h5", ("-o DIR", "is needed", "folder")),
+    "no value": ("register m.map.h5 x.drive.h5 -o", ("-o", "expected DIR", "nothing after it")),
+    "no value before an option": ("register m.map.h5 x.drive.h5 -o r --risk --force", ("--risk", "NUMBER")),
+    "a word for a number": ("register m.map.h5 x.drive.h5 -o r --search-m far", ("--search-m", "a number", "'far'")),
+    "a unit beside a number": ("register m.map.h5 x.drive.h5 -o r --search-m 2m", ("--search-m", "a number", "'2m'")),
+    "a comma in a number": ("register m.map.h5 x.drive.h5 -o r --search-m 2,5", ("--search-m", "a number", "'2,5'")),
+    "a fraction for a count": ("register m.map.h5 x.drive.h5 -o r --workers 1.5", ("--workers", "whole number")),
+    "a choice misspelt": ("map build x.drive.h5 -o m.map.h5 --precision smal", ("--precision", "full", "mean small?")),
+    "a word too many": ("export x.drive.h5 y.drive.h5 -o x.mcap", ("y.drive.h5", "one word too many", "DRIVE")),
+    "nothing to work on": ("tune -o out", ("STUDY.toml", "is needed", "the study file")),
+    "two numbers of three": ("import mcap r.mcap -o x.drive.h5 --gnss-m 1 2", ("--gnss-m", "X Y Z", "found 1 2")),
+    "a shell that is none": ("--completion powershell", ("--completion", "bash, zsh, fish, tcsh", "powershell")),
+    "a needed number left out": ("import cmu . -o x.drive.h5", ("--time-window-ns", "is needed", "travel time")),
+    # Numbers.
+    "a search of nothing": ("register m.map.h5 x.drive.h5 -o r --search-m 0", ("--search-m", "length in metres", "0")),
+    "a negative window": ("register m.map.h5 x.drive.h5 -o r --window-m -2", ("--window-m", "length in metres", "-2")),
+    "a time scale in percent": ("register m.map.h5 x.drive.h5 -o r --time-scale 105", ("--time-scale", "0.5 to 2")),
+    "a risk in percent": ("register m.map.h5 x.drive.h5 -o r --risk 5", ("--risk", "1e-9 to 0.01", "5")),
+    "a frequency in GHz": ("map build line.drive.h5 -o m.map.h5 --centre-frequency-mhz 0.4", ("1 to 10000", "0.4")),
+    "thresholds of no window": (
+        "register m.map.h5 x.drive.h5 -o r --thresholds t.toml",
+        ("--thresholds", "--window-m"),
+    ),
+    "threads of nobody": ("register m.map.h5 x.drive.h5 -o r --threads 2", ("--threads", "--workers")),
+    "a speed of light": ("view LINE.DT1 --velocity-m-per-ns 3e8", ("velocity", "3e+08")),
+    "two kinds of a run": ("run c.run.toml --simulate --preflight", ("--simulate", "--preflight", "one of them")),
+    "lock step of a real run": ("run c.run.toml --lockstep", ("--lockstep", "--simulate")),
+    # Files.
+    "a file that is not there": ("check nowhere.drive.h5", ("nowhere.drive.h5", "No such file")),
+    "a folder for a file": ("map info .", ("a readable file", "Is a directory")),
+    "an empty file": ("map build empty.drive.h5 -o m.map.h5", ("empty.drive.h5", "an empty file")),
+    "a text for a map": ("map info text.map.h5", ("text.map.h5", "HDF5", "another format")),
+    "HDF5 of another program": ("map info other.map.h5", ("other.map.h5", "lgprjax")),
+    "a vendor file without its header": ("view ALONE.DT1", ("ALONE.DT1", "header file", "beside it")),
+    "a vendor file cut short": ("view CUT.DT1", ("CUT.DT1", "traces", "found")),
+    "a file of no known kind": ("import notes.txt -o x.drive.h5", ("notes.txt", "dt1", "lines")),
+    "a recording named as another": ("import dzt LINE.DT1 -o x.drive.h5", ("LINE.DT1", ".dzt")),
+    "lines without places": ("import lines LINE.DT1 LINE2.DT1 -o x.drive.h5", ("--line-spacing-m", "--lines-at-m")),
+    "a site with a key misspelt": ("simulate wrong.toml -o d", ("wrong.toml", "colour")),
+    "an example site that is none": ("simulate vilage -o d", ("vilage", "village")),
+    "a field without corners": (
+        "cover plan empty.geojson -o p.cover.geojson --vehicle v.toml",
+        ("empty.geojson", "one Polygon"),
+    ),
+    "an output of another kind": ("export line.drive.h5 -o x.bag", ("--output", ".mcap", "x.bag")),
+    "figures into no folder": ("check line.drive.h5 --json no/f.json", ("no/f.json", "a folder that exists", "no")),
+    "an output that exists": ("import LINE.DT1 -o kept.drive.h5", ("kept.drive.h5", "--force", "exists")),
+    "a folder as an output": ("import LINE.DT1 -o folder", ("folder", "a file name")),
+    # Things that do not fit together.
+    "a map for a drive": (
+        "register site.map.h5 site.map.h5 -o r",
+        ("site.map.h5", "lgprjax.drive", "lgprjax.map", "a subsurface database"),
+    ),
+    "one drive twice": ("register site.map.h5 line.drive.h5 line.drive.h5 -o r", ("line", "twice")),
+    "a drive of another radar": (
+        "register site.map.h5 ground.drive.h5 -o r",
+        ("ground.drive.h5", "MHz", "another sensor than the map's"),
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Files that the commands name, and that are not what their names say."""
+    folder = tmp_path_factory.mktemp("wrong")
+    (folder / "empty.drive.h5").write_bytes(b"")
+    (folder / "text.map.h5").write_text("a text\n", encoding="utf-8")
+    (folder / "notes.txt").write_text("a text\n", encoding="utf-8")
+    (folder / "kept.drive.h5").write_text("kept\n", encoding="utf-8")
+    (folder / "wrong.toml").write_text('name = "x"\ncolour = "red"\n[ground]\nlength_m = 60\n', encoding="utf-8")
+    (folder / "empty.geojson").write_text('{"type": "FeatureCollection", "features": []}', encoding="utf-8")
+    (folder / "folder").mkdir()
+    with h5py.File(folder / "other.map.h5", "w") as store:
+        store["data"] = np.zeros(3)
+    rng = np.random.default_rng(3)
+    for name in ("LINE", "LINE2", "CUT", "ALONE"):
+        write_dt1(folder / f"{name}.DT1", (2000.0 * np.cumsum(rng.normal(size=(40, 60)), axis=0)).astype(np.int16))
+    (folder / "CUT.DT1").write_bytes((folder / "CUT.DT1").read_bytes()[:-400])
+    (folder / "ALONE.HD").unlink()
+    with pytest.raises(SystemExit):
+        main(["import", str(folder / "LINE.DT1"), "-o", str(folder / "line.drive.h5")])
+    write_made_map(folder / "site.map.h5", MAP_PRECISIONS["standard"])
+    # A radar of a tenth of the frequencies: the same traces, ten times as long.
+    shutil.copyfile(folder / "line.drive.h5", folder / "ground.drive.h5")
+    with h5py.File(folder / "ground.drive.h5", "r+") as store:
+        store["/radar/traces"].attrs["sample_interval_ns"] *= 10.0
+    return folder
+
+
+def test_drives_of_two_continents_make_no_map(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    with pytest.raises(SystemExit):
+        main(["import", "LINE.DT1", "-o", "boston.drive.h5", "--latitude-deg", "42.36", "--longitude-deg", "-71.06"])
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as stopped:
+        main(["map", "build", "line.drive.h5", "boston.drive.h5", "-o", "m.map.h5"])
+    assert stopped.value.code == 1
+    told = capsys.readouterr().err
+    # Of a sphere: arccos(cos 42.36 cos 71.06) of 6371 km.
+    away = float(told.partition("begins ")[2].partition(" km")[0])
+    assert away == pytest.approx(6371.0 * np.arccos(np.cos(np.radians(42.36)) * np.cos(np.radians(71.06))), rel=0.005)
+    assert "within 50 km of line.drive.h5" in told
+    assert not Path("m.map.h5").exists()
+
+
+def test_there_are_fifty() -> None:
+    assert len(WRONG) == 50
+
+
+@pytest.mark.parametrize("done", WRONG)
+def test_the_answer_says_what_to_do(
+    done: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    words, named = WRONG[done]
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    with pytest.raises(SystemExit) as stopped:
+        main(words.split())
+    out, err = capsys.readouterr()
+    assert stopped.value.code in (1, 2)
+    if words.startswith("check nowhere"):
+        err = out.replace("error: ", "lgprjax: ")
+    told = err.strip().splitlines()
+    assert len(told) == 1, err
+    assert told[0].startswith("lgprjax: ")
+    assert [part for part in named if part not in told[0]] == [], told[0]
+    assert "Traceback" not in out + err
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before

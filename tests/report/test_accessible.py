@@ -1,0 +1,77 @@
+"""Colours told apart by every eye and in print, and pages used without a mouse and at twice the size.
+
+Deficient colour vision as in Machado, Oliveira & Fernandes 2009 (severity 1, on linear RGB); differences are those of
+CIE 1976 L*a*b*, of which about 2 are just noticeable.
+"""
+
+import re
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from lgprjax.report.html import _STYLE as REPORT_STYLE
+from lgprjax.report.style import CODE_COLOURS, CODE_HATCHES, INK, MUTED
+from lgprjax.report.zoom_page import _MARKS, _SCRIPT
+
+_SEEN = {
+    "normal": np.eye(3),
+    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+}
+_TO_XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
+
+
+def _linear(colour: str) -> np.ndarray:
+    values = np.array([int(colour[at : at + 2], 16) for at in (1, 3, 5)]) / 255.0
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
+def _lab(linear: np.ndarray) -> np.ndarray:
+    x, y, z = _TO_XYZ @ np.clip(linear, 0.0, 1.0) / np.array([0.95047, 1.0, 1.08883])
+    bent = [np.cbrt(each) if each > 0.008856 else 7.787 * each + 16.0 / 116.0 for each in (x, y, z)]
+    return np.array([116.0 * bent[1] - 16.0, 500.0 * (bent[0] - bent[1]), 200.0 * (bent[1] - bent[2])])
+
+
+@pytest.mark.parametrize("eye", _SEEN)
+def test_codes_are_told_apart_by_every_eye(eye: str) -> None:
+    lab = {code: _lab(np.asarray(_SEEN[eye]) @ _linear(colour)) for code, colour in CODE_COLOURS.items()}
+    least = min((float(np.linalg.norm(lab[a] - lab[b])), a, b) for a, b in combinations(lab, 2))
+    assert least[0] > 15.0, least
+
+
+def test_codes_are_told_apart_in_a_print_without_colours() -> None:
+    light = {code: _lab(_linear(colour))[0] for code, colour in CODE_COLOURS.items()}
+    alike = [(a, b) for a, b in combinations(light, 2) if abs(light[a] - light[b]) < 10.0]
+    assert alike
+    assert [pair for pair in alike if CODE_HATCHES[pair[0]] == CODE_HATCHES[pair[1]]] == []
+    # On the page of scans their shapes do.
+    assert len(set(_MARKS.values())) == len(_MARKS)
+    assert set(_MARKS) == set(CODE_COLOURS) - {"no_window"}
+    assert all(f"  {mark}: (c" in _SCRIPT for mark in _MARKS.values())
+
+
+def _contrast(one: str, other: str) -> float:
+    """WCAG 2.1: of relative luminances."""
+    low, high = sorted(float(_TO_XYZ[1] @ _linear(each)) for each in (one, other))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_texts_stand_out_from_their_ground() -> None:
+    assert min(_contrast(each, "#ffffff") for each in (INK, MUTED)) >= 4.5
+    for rule in re.findall(r":root \{([^}]*--ground[^}]*)\}", REPORT_STYLE):
+        colours = dict(re.findall(r"--(\w+): (#[0-9a-f]{3,6})", rule))
+        full = {name: "#" + "".join(2 * digit for digit in c[1:]) if len(c) == 4 else c for name, c in colours.items()}
+        assert min(_contrast(full[name], full["ground"]) for name in ("ink", "soft", "link")) >= 4.5
+
+
+def test_the_page_can_be_used_by_keyboard_and_at_twice_the_size() -> None:
+    for key in ('"+"', '"-"', '"0"', "n:", "p:", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"):
+        assert f"{key}" in _SCRIPT
+    assert "canvas.tabIndex = 0" in _SCRIPT
+    # Nothing has a width in pixels that a narrow view, as at 200 %, could not hold.
+    outside = re.sub(r"@media \(max-width: 45rem\) \{.*?\n\}", "", REPORT_STYLE, flags=re.DOTALL)
+    assert re.findall(r"^(?:body|main|img|table|p)[^{]*\{[^}]*min-width: (\d+)rem", outside, re.MULTILINE) == []
