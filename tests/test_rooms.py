@@ -64,13 +64,14 @@ def test_a_numeric_room_knows_nothing_of_the_host(room: str) -> None:
 def test_what_drives_is_stepped_in_one_place() -> None:
     """Simulation and vehicle both call ``step_onboard`` and ``step_skid``: nothing else wires their parts.
 
-    What predicts the sigma of a planned field (``worked.predicted``) runs the filter alone, and drives nothing.
+    What predicts the sigma of a planned field (``worked.predicted``), and what smooths a recorded run
+    (``runtime.smoothed``), run the filter alone, and drive nothing.
     """
     parts = ("step_navigator(", "step_skid_filter(", "limit_command(", "limit_skid_command(")
     users = {
         path.relative_to(_PACKAGE).parts[0]
         for path in _PACKAGE.rglob("*.py")
-        if any(part in path.read_text(encoding="utf-8") for part in parts) and path.name != "predicted.py"
+        if any(part in path.read_text(encoding="utf-8") for part in parts) and path.name not in ("predicted.py", "smoothed.py")
     }
     assert users == {"autopilot", "navigation"}
 

@@ -216,8 +216,8 @@ _COVER = VerbGroup(
             CoverPlanVerb,
             "swaths over a field, in driving order",
             (
-                "cover plan field.geojson --vehicle flail.vehicle.toml -o f.cover.geojson",
-                "cover plan field.geojson --vehicle flail.vehicle.toml -o f.cover.geojson --order best --picture f.png",
+                "cover plan f.geojson --vehicle v.vehicle.toml -o f.cover.geojson",
+                "cover plan f.geojson --vehicle v.vehicle.toml -o f.cover.geojson --order best --picture f.png",
             ),
         ),
         "record": Verb(
@@ -238,7 +238,7 @@ _COVER = VerbGroup(
         ),
     },
     (
-        "cover plan field.geojson --vehicle flail.vehicle.toml -o f.cover.geojson",
+        "cover plan f.geojson --vehicle v.vehicle.toml -o f.cover.geojson",
         "cover export f.worked.h5 -o handover",
     ),
 )

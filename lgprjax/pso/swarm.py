@@ -1,8 +1,8 @@
 """A bounded particle swarm with ring neighbourhoods.
 
 Knows nothing of radar: it maximises any batched objective over the box [-1, 1]^dim. Constants are the
-constriction of Clerc & Kennedy (2002) in inertia form. The topology is a ring, because a single global best
-lost about a fifth of hard problems to premature convergence where both were measured. Particles that cross
+constriction of Clerc & Kennedy (2002) in inertia form. The topology is a ring unless a single global best is asked
+for, which lost about a fifth of hard problems to premature convergence where both were measured. Particles that cross
 a wall are reflected and their speed on that axis is turned and halved, since clipping glues small swarms to
 walls. A score that is not finite never becomes a best.
 """
@@ -27,14 +27,14 @@ class SwarmConfig:
 
     Attributes:
         particles, iterations: the size; each pair is a compile of its own.
-        neighbours: to each side on the ring.
+        neighbours: to each side on the ring; None: all are neighbours, the single global best.
         inertia, attraction: w and c1 = c2 of the constriction.
         velocity_cap: largest step, as a share of the box's width.
     """
 
     particles: int
     iterations: int
-    neighbours: int = 2
+    neighbours: int | None = 2
     inertia: float = 0.7298
     attraction: float = 1.49618
     velocity_cap: float = 0.25
@@ -185,8 +185,10 @@ def _run(
     return end, kept
 
 
-def _ring_best(state: SwarmState, neighbours: int) -> Float[Array, "particle dim"]:
+def _ring_best(state: SwarmState, neighbours: int | None) -> Float[Array, "particle dim"]:
     """Best personal best among each particle and its neighbours on the ring; shifts, no gather of a table."""
+    if neighbours is None:
+        return jnp.broadcast_to(state.best_position[jnp.argmax(state.best_score)], state.best_position.shape)
     leader, score = state.best_position, state.best_score
     for shift in [s for n in range(1, neighbours + 1) for s in (-n, n)]:
         other = jnp.roll(state.best_score, shift)

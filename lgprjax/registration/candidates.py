@@ -89,6 +89,7 @@ class ChosenWindows(NamedTuple):
         code: a ``Code``.
         first: first stop of the window.
         error_m: east and north of the place, less dead reckoning.
+        offset: of height, heading and roll there from the priors.
     """
 
     window: Int[np.ndarray, " stop"]
@@ -98,6 +99,7 @@ class ChosenWindows(NamedTuple):
     code: Int[np.ndarray, " stop"]
     first: Int[np.ndarray, " stop"]
     error_m: Float[np.ndarray, "stop 2"]
+    offset: Float[np.ndarray, "stop 3"]
 
 
 class StopFixes:
@@ -216,12 +218,14 @@ class StopFixes:
         fresh = np.diff(member, axis=1, prepend=last[:, None] + 1) != 0
         template = templates_of(stops, self._prepared.array, last, member, fresh)
         prior = stops.pose[last]
-        start = np.concatenate([place[rows], stops.pose[last, 2:]], axis=1)
-        start[:, 2] += self._lattice.heights_m[judged.peak.height[rows]]
+        start = np.concatenate([place[rows], stops.pose[last, 2:] + judged.offset[rows]], axis=1)
         half = self._options.half_width(stops.sigma_yaw_rad[last], self._lattice.half_m)
         half[:, 2:5] = half_width[rows]
         half[:, :2] = np.maximum(half[:, :2], np.abs(place[rows] - prior[:, :2]) + self._wavelength_m)
-        far = np.any(half[:, 2:5] > _FAR * self._options.half_width(stops.sigma_yaw_rad[last], 1.0)[:, 2:5])
+        # A swarm ends near a peak, in all dimensions: the exhaustive search on its lattice, at the prior's attitude.
+        far = self._options.search_swarm is not None or np.any(
+            half[:, 2:5] > _FAR * self._options.half_width(stops.sigma_yaw_rad[last], 1.0)[:, 2:5]
+        )
         level = [(0, 0), (0, 1)]
         found: Finished = jax.device_get(
             finish_best(

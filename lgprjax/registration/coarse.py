@@ -137,8 +137,8 @@ def _scan_alike(planes: Float[Array, "plane ..."]) -> Float[Array, "plane ..."]:
     return jnp.concatenate([planes[:-2] * level[None], jnp.sqrt(jnp.where(there, ground, 0.0))[None], planes[-1:]])
 
 
-# share of the distance at which places are distinct (half a wavelength): closer to an edge counts as at it
-_NEAR_RIM = 0.8
+NEAR_RIM = 0.8
+"""Share of the distance at which places are distinct (half a wavelength): closer to an edge counts as at it."""
 
 
 class Peaks(NamedTuple):
@@ -321,7 +321,7 @@ def _ends_beside(
     apart_m: Float[Array, ""],
 ) -> Int[Array, " window"]:
     """``Peaks.open_sides`` of places; what the lattice does not reach is taken to be on the map."""
-    reach = jnp.ceil(_NEAR_RIM * apart_m / lattice_m[1]).astype(jnp.int32)
+    reach = jnp.ceil(NEAR_RIM * apart_m / lattice_m[1]).astype(jnp.int32)
     window, last = jnp.arange(len(i)), usable.shape[2] - 1
     left = (j + reach <= last) & ~usable[window, i, jnp.minimum(j + reach, last)]
     right = (j >= reach) & ~usable[window, i, jnp.maximum(j - reach, 0)]
@@ -412,6 +412,7 @@ class ErrorLattice:
         wide: a region of twice the side is searched.
         place_m: error on which the lattice is centred while a place is tracked; None otherwise.
         origin_m: centre of the lattice while no place is tracked, east and north from dead reckoning: the prior.
+        facing_rad: heading of the lattice, from east.
         heights_m: added to the prior's height.
         wide_heights_m: the same where the prior's height may be far off.
     """
@@ -428,15 +429,15 @@ class ErrorLattice:
         self.half_m, self.wide = options.search_half_m(), False
         self.place_m: Float[np.ndarray, 2] | None = None
         self.origin_m: Float[np.ndarray, 2] = np.full(2, np.nan)
-        self._facing_rad = 0.0
+        self.facing_rad = 0.0
         self._lately: list[int] = []
 
     def follow(self, stops: Stops, astray: Float[np.ndarray, "stop 2"], low: int, high: int) -> bool:
         """Move the lattice when the prior has left its centre, and turn it with the vehicle; True if it moved."""
         turned = False
         yaw = float(stops.pose[low, 3])
-        if abs(np.mod(yaw - self._facing_rad + np.pi, 2.0 * np.pi) - np.pi) > _TURN_RAD:
-            self._facing_rad, turned = yaw, True
+        if abs(np.mod(yaw - self.facing_rad + np.pi, 2.0 * np.pi) - np.pi) > _TURN_RAD:
+            self.facing_rad, turned = yaw, True
         if np.all(np.abs(astray[low] - self.origin_m) <= SLACK_M):
             return turned
         ahead = astray[low:high]
@@ -461,7 +462,7 @@ class ErrorLattice:
 
     def point_of(self, error_m: Float[np.ndarray, "*stop 2"]) -> Float[np.ndarray, "*stop 2"]:
         """Lattice point of an error of the prior, east and north from dead reckoning."""
-        about_m = (error_m - self.middle_m) @ _turn(self._facing_rad).T
+        about_m = (error_m - self.middle_m) @ _turn(self.facing_rad).T
         return np.asarray((about_m + self._corner_m(self.points)) / self._plan.lattice_m)
 
     def error_of(
@@ -472,7 +473,7 @@ class ErrorLattice:
     ) -> Float[np.ndarray, "*stop 2"]:
         """The reverse of ``point_of``, for this lattice or another."""
         about_m = point * self._plan.lattice_m - self._corner_m(points or self.points)
-        return np.asarray(about_m @ _turn(self._facing_rad) + (self.middle_m if middle_m is None else middle_m))
+        return np.asarray(about_m @ _turn(self.facing_rad) + (self.middle_m if middle_m is None else middle_m))
 
     def blank(
         self, stops: int, points: tuple[int, int] | None = None, heights_m: Float[np.ndarray, " height"] | None = None
@@ -523,7 +524,7 @@ class ErrorLattice:
     ) -> Surfaces:
         ground, ready = self._ground, self._prepared.at(aspect)
         frame, fill = ground.frame(aspect.tile), self._batch - len(at)
-        aside = _turn(self._facing_rad - frame[2])
+        aside = _turn(self.facing_rad - frame[2])
         half = self._corner_m(points) @ aside
         rows = np.concatenate([at, np.full(fill, at[0])])
         middle = np.concatenate([centre, np.tile(centre[:1], (fill, 1))])
@@ -540,7 +541,7 @@ class ErrorLattice:
                 corner.astype(np.float32),
             ),
             (self._plan.lattice_m[:, None] * aside).astype(np.float32),
-            (self._decoys_about @ aside + half).astype(np.float32),
+            (self.decoys_about @ aside + half).astype(np.float32),
             heights_m,
             ground.basis.angular_frequency_rad_per_ns,
             points=points,
@@ -562,7 +563,7 @@ class ErrorLattice:
         return np.asarray((np.asarray(points) // 2) * self._plan.lattice_m)
 
     @property
-    def _decoys_about(self) -> Float[np.ndarray, "decoy 2"]:
+    def decoys_about(self) -> Float[np.ndarray, "decoy 2"]:
         """Forward and left of places beyond the region: evenly ahead and behind, as far to the sides as it is."""
         number, half_m = np.arange(_DECOYS), self.half_m
         forward, left = np.mod(0.5 + number * 0.7548776662, 1.0), np.mod(0.5 + number * 0.5698402910, 1.0)

@@ -29,17 +29,17 @@ _FAR_TRIED = 15.0  # independent ones of headings and heights
 
 _SMOOTH_M = 2.0  # of travel over which the prior's offset from dead reckoning is estimated
 _BATCH, _ENDS = 16, 32  # scans scored together, and window ends judged together
-_CHUNK_M = 4.0  # of travel judged before scale and region are reconsidered
-_LOST_M = 8.0  # without a place after which a region of twice the side is tried
+CHUNK_M = 4.0  # of travel judged before scale and region are reconsidered
+LOST_M = 8.0  # without a place after which a region of twice the side is tried
 _FLOOR_M = 6.0  # of travel over which the noise floor is estimated; in wavelengths where these are longer than a metre
 _COMPARED = 16  # stops of the last metres that time scales, and other places, are compared over
-_CARRIED_M = 0.3  # error that a carried place may have from the start
+CARRIED_M = 0.3  # error that a carried place may have from the start
 _CONTESTED = 0.05  # probability that a place only resembles the true one, above which it is not carried on
-_DRIFT = 0.05  # error of odometry and heading, as a share of the travel
+DRIFT = 0.05  # error of odometry and heading, as a share of the travel
 _ASIDE_M = 0.25  # from the centre of its lattice, at which the lattice follows a tracked place
-_NARROW = 0.5  # of the wavelength: width of an array that may be off the map without being noticed
+NARROW = 0.5  # of the wavelength: width of an array that may be off the map without being noticed
 _RIM_POWER = 1.5  # of the risk, within one piece, for a match at the map's edge
-_APART = 0.6  # of the wavelength: places closer than this are the same place
+APART = 0.6  # of the wavelength: places closer than this are the same place
 
 
 class EvidenceSearch:
@@ -204,7 +204,7 @@ class EvidenceSearch:
         while low < count:
             self._follow(stops, astray, low)
             off = np.any(np.abs(astray[low:count] - self._lattice.origin_m) > SLACK_M, axis=1)
-            off |= stops.path_m[low:count] > stops.path_m[low] + _CHUNK_M
+            off |= stops.path_m[low:count] > stops.path_m[low] + CHUNK_M
             high = min(low + self._ends, low + int(np.argmax(off)) if off.any() else count)
             judged = self._judge(stops, low, high, astray)
             # At most three rounds: released, then another time scale, then a wider region.
@@ -243,14 +243,14 @@ class EvidenceSearch:
         found = self._note(stops, high, judged)
         here_m = float(stops.path_m[high - 1])
         held = self._lattice.place_m is not None
-        if held and (here_m - self._seen_m > 0.5 * _CHUNK_M or self._contested(stops, high, astray, _CHUNK_M)):
+        if held and (here_m - self._seen_m > 0.5 * CHUNK_M or self._contested(stops, high, astray, CHUNK_M)):
             self._hold(None)
             return True
         if self._lattice.wide and found:
             off = np.abs(judged.error_m[judged.code == Code.OK] - astray[high - 1]).max()
             if off < self._lattice.half_m - SLACK_M:
                 self._widen(False)
-        lost = not held and (not found or here_m - self._seen_m > _CHUNK_M)
+        lost = not held and (not found or here_m - self._seen_m > CHUNK_M)
         # A prior may be wrong enough to be off the map: that is no reason not to search farther.
         on_map = bool(np.any(judged.peak.overlap >= self.plan.min_overlap))
         again = on_map and self._options.time_scale is None and self._probe(stops, high, lost, here_m)
@@ -261,7 +261,7 @@ class EvidenceSearch:
             return True
         if self._lattice.wide and not found and not again:
             self._widen(False)
-        if found and not again and self._may_hold and not self._contested(stops, high, astray, 0.25 * _CHUNK_M):
+        if found and not again and self._may_hold and not self._contested(stops, high, astray, 0.25 * CHUNK_M):
             self._hold(self._error_m)
         return again
 
@@ -282,7 +282,7 @@ class EvidenceSearch:
     def _last_metres(self, stops: Stops, high: int) -> int:
         """First stop of the last metres of one leg."""
         leg = int(np.searchsorted(stops.leg, stops.leg[high - 1]))
-        return max(leg, int(np.searchsorted(stops.path_m, stops.path_m[high - 1] - _CHUNK_M)))
+        return max(leg, int(np.searchsorted(stops.path_m, stops.path_m[high - 1] - CHUNK_M)))
 
     def _contested(self, stops: Stops, high: int, astray: Float[np.ndarray, "stop 2"], every_m: float) -> bool:
         """Whether the region around the prior holds another place about as good as the accepted one, or nothing
@@ -302,7 +302,7 @@ class EvidenceSearch:
             return True
         there_m = self._lattice.error_of(np.asarray(whole.point), middle, whole_points)
         here_at_m = self._lattice.error_of(np.asarray(near.point), self._error_m, self.plan.points(HELD_M))
-        apart = float(np.linalg.norm(there_m - here_at_m)) > _APART * self._wavelength_m
+        apart = float(np.linalg.norm(there_m - here_at_m)) > APART * self._wavelength_m
         z = np.array([near.score, whole.score if apart else whole.rival], np.float64) / whole.floor
         self._elsewhere = float(z[1])
         return bool(p_rival(z[:1], z[1:])[0] > _CONTESTED)
@@ -332,7 +332,7 @@ class EvidenceSearch:
 
     def _overdue(self, here_m: float) -> bool:
         """Whether to try a wider region: no place for a while, and not tried just now."""
-        return here_m - self._seen_m > _LOST_M and here_m - self._tried_m > 1.9 * _CHUNK_M
+        return here_m - self._seen_m > LOST_M and here_m - self._tried_m > 1.9 * CHUNK_M
 
     def _probe(self, stops: Stops, high: int, lost: bool, here_m: float) -> bool:
         """Try other time scales on the last metres: a few around the present one, or all where no place is known.
@@ -341,10 +341,10 @@ class EvidenceSearch:
             whether the stops must be judged again.
         """
         scale = self._scale
-        if here_m - scale.probed_m < (_CHUNK_M / 2 if lost else _CHUNK_M) - self.plan.spacing_m:
+        if here_m - scale.probed_m < (CHUNK_M / 2 if lost else CHUNK_M) - self.plan.spacing_m:
             return False
         first = self._last_metres(stops, high)
-        if here_m - stops.path_m[first] < 0.4 * _CHUNK_M:
+        if here_m - stops.path_m[first] < 0.4 * CHUNK_M:
             return False
         scale.probed_m = here_m
         near = not lost and self._error_m is not None
@@ -352,7 +352,8 @@ class EvidenceSearch:
         half_m = HELD_M if near else self._lattice.half_m + SLACK_M
         at = _some(first, high)
         # A height that is wrong delays the wave as a scale does: where nothing matches both are tried together.
-        far = not near and self._attitude.may_be_far
+        # User thresholds were calibrated without.
+        far = not near and self._attitude.may_be_far and self._options.own_thresholds is None
         heights_m = self._lattice.wide_heights_m if far else self._lattice.heights_m
 
         def look(tried: Stops, each: float, heights_m: Float[np.ndarray, " height"]) -> tuple[float, float, float]:
@@ -396,6 +397,15 @@ class EvidenceSearch:
         self._correct(stops, high - 1)
         return True
 
+    def _make_ready(self, stops: Stops, high: int) -> None:
+        """Coefficients of the stops up to ``high`` at the present time scale; missing ones are computed."""
+        if high > self._ready:
+            bare = np.arange(max(self._ready, 0), high)
+            stops.coefficients[bare] = self._chain.coefficients(
+                stops.filtered[bare], stops.valid[bare], self._scale.value
+            )
+            self._ready = high
+
     def _extend(self, stops: Stops, high: int) -> Surfaces:
         """Surfaces of the stops up to ``high``; missing ones are computed."""
         if self._surfaces is None:
@@ -404,12 +414,7 @@ class EvidenceSearch:
         if high <= have:
             return self._surfaces
         at = np.arange(have, high)
-        bare = at[at >= self._ready]
-        if len(bare):
-            stops.coefficients[bare] = self._chain.coefficients(
-                stops.filtered[bare], stops.valid[bare], self._scale.value
-            )
-            self._ready = high
+        self._make_ready(stops, high)
         made = self._lattice.surfaces_of(stops, at, stops.coefficients[at])
         self._surfaces = Surfaces(*(np.concatenate(both) for both in zip(self._surfaces, made, strict=True)))
         return self._surfaces
@@ -442,7 +447,7 @@ class EvidenceSearch:
         ends = np.concatenate([at, np.full(fill, at[-1])])
         starts = np.concatenate([first, np.tile(first[-1:], (fill, 1))])
         centre = lattice.point_of(astray[ends])
-        carried_m = _CARRIED_M + _DRIFT * np.abs(stops.path_m[ends] - self._seen_m)
+        carried_m = CARRIED_M + DRIFT * np.abs(stops.path_m[ends] - self._seen_m)
         carried = np.broadcast_to(
             centre[0] if self._error_m is None else lattice.point_of(self._error_m), (len(ends), 2)
         )
@@ -457,12 +462,12 @@ class EvidenceSearch:
                 carried.astype(np.float32),
                 carried_m.astype(np.float32),
             ),
-            near=(1, 1) if alone else plan.points(_CARRIED_M + _DRIFT * _LOST_M),
+            near=(1, 1) if alone else plan.points(CARRIED_M + DRIFT * LOST_M),
         )
         whole, near = (jax.tree.map(lambda field: field[: len(at)], peaks) for peaks in (whole, near))
         floor = self._settled_floor(stops, at, whole)
         whole, near = whole._replace(floor=floor), near._replace(floor=floor)
-        if np.ptp(self._prepared.array.y_m) > _NARROW * self._wavelength_m:
+        if np.ptp(self._prepared.array.y_m) > NARROW * self._wavelength_m:
             # An array wider than the correlation length of the ground can measure how much of it is beyond an edge.
             nowhere = np.zeros_like(whole.open_sides)
             whole, near = whole._replace(open_sides=nowhere), near._replace(open_sides=nowhere)
@@ -475,7 +480,7 @@ class EvidenceSearch:
                 *surfaces,
                 windows,
                 self.plan.lattice_m.astype(np.float32),
-                np.float32(_APART * self._wavelength_m),
+                np.float32(APART * self._wavelength_m),
                 np.float32(self.plan.min_overlap),
                 near=near,
             )
@@ -556,10 +561,10 @@ class EvidenceSearch:
         good = known & (foreign <= risk) & (rivals <= risk) & ~at_edge
         # Once there is a place, the next is searched for around it: few places that foreign ground could match. A place
         # about as good elsewhere contests it.
-        held = (self._error_m is not None) & (since_m <= _LOST_M)
+        held = (self._error_m is not None) & (since_m <= LOST_M)
         near_foreign, near_rivals = self._weigh(near, first, 1.0)
         astray = np.linalg.norm((whole.point - near.point) * self.plan.lattice_m, axis=-1)
-        elsewhere = np.where(astray > _APART * self._wavelength_m, whole.score, whole.rival)
+        elsewhere = np.where(astray > APART * self._wavelength_m, whole.score, whole.rival)
         here, there = (np.asarray(score / near.floor, dtype=np.float64) for score in (near.score, elsewhere))
         against = p_rival(here, there) > _CONTESTED
         near_edge = near.at_rim | self._beyond(near, near_foreign)
@@ -601,7 +606,8 @@ class EvidenceSearch:
         ):
             code = np.where(applies, int(reason), code)
         error_m = self._lattice.error_of(np.asarray(peak.point))
-        return ChosenWindows(chosen, peak, foreign, rivals, code, begin, error_m)
+        offset = self._lattice.heights_m[peak.height][:, None] * np.eye(1, 3)
+        return ChosenWindows(chosen, peak, foreign, rivals, code, begin, error_m, offset)
 
 
 def _rotation(angle_rad: float) -> Float[np.ndarray, "2 2"]:

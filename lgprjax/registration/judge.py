@@ -305,7 +305,9 @@ class RegisterOptions:
         odometer_sigma: relative error of the odometer's scale, which changes with the tyres' load, wear and pressure.
         own_thresholds: calibrated on the user's own drives, in place of the map's chance and the risk.
         swarm: refine by a swarm of this size around each candidate; without it by Gauss-Newton.
-        seed: of the swarm.
+        search_swarm: search by swarms of at most this size, begun anywhere in the region, in all five dimensions,
+            instead of over the lattice of all places: for comparison, and much slower.
+        seed: of the swarms.
     """
 
     search_m: float | None = None
@@ -318,6 +320,7 @@ class RegisterOptions:
     odometer_sigma: float = 0.005
     own_thresholds: Thresholds | None = None
     swarm: SwarmConfig | None = None
+    search_swarm: SwarmConfig | None = None
     seed: int = 0
 
     def search_half_m(self, sigma_m: Float[np.ndarray, " scan"] | None = None) -> float:

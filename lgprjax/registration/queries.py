@@ -245,7 +245,8 @@ class SearchSizes:
         history = int(np.ceil(longest_m / spacing_m)) + 2 if longest_m > 0.0 else 0
         channels = len(prepared.array.x_m)
         members = 1 if longest_m <= 0.0 else int(np.clip(_FINE_TRACES // channels, 8, 64))
-        least = least_overlap(prepared.array, wavelength_m)
+        own = options.own_thresholds
+        least = least_overlap(prepared.array, wavelength_m) if own is None else own.overlap
         return SearchSizes(spacing_m, prepared.step_m, windows_m, history, members, least)
 
     def points(self, half_m: float) -> tuple[int, int]:

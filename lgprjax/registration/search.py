@@ -13,6 +13,7 @@ from lgprjax.registration.evidence import EvidenceSearch
 from lgprjax.registration.fix import Fix, blank_fixes
 from lgprjax.registration.judge import POOLED, Chance, RegisterOptions
 from lgprjax.registration.queries import LiveChain, LiveScans, Operators, Track
+from lgprjax.registration.swarm_search import SwarmSearch
 from lgprjax.registration.template_bank import PreparedGround
 from lgprjax.subsurface import GroundMap, StationSource
 
@@ -119,7 +120,8 @@ class Registration:
         self._centre = centre_of(array)
         self._chain = live_chain(ground, operators, len(array.x_m), recorded)
         self.prepared = PreparedGround(ground, array) if prepared is None else prepared
-        self.search = EvidenceSearch(self.prepared, self._chain, options, chance, block_scans, fed_back=fed_back)
+        search = EvidenceSearch if options.search_swarm is None else SwarmSearch
+        self.search = search(self.prepared, self._chain, options, chance, block_scans, fed_back=fed_back)
         self._last: tuple[Fix, np.ndarray, np.ndarray, float] | None = None
 
     def feed(self, block: LiveBlock) -> DriveFixes:

@@ -189,7 +189,7 @@ def test_a_page_needs_nothing_from_outside(tmp_path: Path) -> None:
     assert "http" not in text
     data = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)
     assert data is not None
-    radargram, plan = json.loads(data[1])
+    radargram, plan = json.loads(data[1])["panels"]
     assert radargram["x"] == pytest.approx([1.95, 11.95])
     assert radargram["y"] == pytest.approx([-10.25, 109.75])
     assert radargram["src"].startswith("data:image/png;base64,")
