@@ -71,7 +71,8 @@ def test_what_drives_is_stepped_in_one_place() -> None:
     users = {
         path.relative_to(_PACKAGE).parts[0]
         for path in _PACKAGE.rglob("*.py")
-        if any(part in path.read_text(encoding="utf-8") for part in parts) and path.name not in ("predicted.py", "smoothed.py")
+        if any(part in path.read_text(encoding="utf-8") for part in parts)
+        and path.name not in ("predicted.py", "smoothed.py")
     }
     assert users == {"autopilot", "navigation"}
 
