@@ -33,7 +33,6 @@ def hold_ground(source: "MapFile", options: "RegisterOptions") -> "HeldGround":
 
 
 _FEW = 0.1
-_SWARM = 24, 16  # particles and iterations
 
 
 @dataclass(frozen=True)
@@ -58,6 +57,10 @@ class Register:
     """
     risk: float = 1e-4
     """largest accepted probability, in each 4 m of travel, that foreign ground would have matched as well as a fix"""
+    search: Literal["exhaustive", "swarm"] = "exhaustive"
+    """how places are searched: all of them, or by a particle swarm begun anywhere in all five dimensions, as a check;
+    the same codes, tens of times slower
+    """
     finish: Literal["newton", "swarm"] = "newton"
     """how a candidate is refined to a pose: by Gauss-Newton, or by a particle swarm about it, which needs no derivative
     and several times the time
@@ -82,8 +85,7 @@ class Register:
         """Register; the exit status."""
         from lgprjax.batch import check_search
         from lgprjax.formats import read_thresholds
-        from lgprjax.pso import SwarmConfig
-        from lgprjax.registration import RegisterOptions, Thresholds
+        from lgprjax.registration import FINISH_SWARM, SEARCH_SWARM, RegisterOptions, Thresholds
         from lgprjax.report import summary_table
         from lgprjax.report.registered import write_page
 
@@ -97,7 +99,8 @@ class Register:
             time_scale=None if self.time_scale == "auto" else self.time_scale,
             risk=self.risk,
             own_thresholds=None if own is None else Thresholds(**own),
-            swarm=SwarmConfig(*_SWARM) if self.finish == "swarm" else None,
+            swarm=FINISH_SWARM if self.finish == "swarm" else None,
+            search_swarm=SEARCH_SWARM if self.search == "swarm" else None,
         )
         check_search(options)
         check_outputs(self.json, force=self.force)

@@ -4,11 +4,13 @@ from lgprjax.registration.calibrate import Outcomes, calibrate, joined, outcomes
 from lgprjax.registration.evidence import EvidenceSearch
 from lgprjax.registration.fix import WRONG_M, Code, Fix, sigmas_along_cross
 from lgprjax.registration.judge import (
+    FINISH_SWARM,
     LADDER_M,
     LEAST_INDEPENDENT,
     MIN_OVERLAP,
     PIECE_M,
     POOLED,
+    SEARCH_SWARM,
     Chance,
     RegisterOptions,
     Thresholds,
@@ -66,12 +68,14 @@ from lgprjax.registration.template_bank import (
 __all__ = [
     "BLOCK_SCANS",
     "FEW_CHANNELS",
+    "FINISH_SWARM",
     "LADDER_M",
     "LEAST_INDEPENDENT",
     "MIN_OVERLAP",
     "OFF_MAP_SCORE",
     "PIECE_M",
     "POOLED",
+    "SEARCH_SWARM",
     "WRONG_M",
     "ArrayColumns",
     "Chance",

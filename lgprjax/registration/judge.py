@@ -286,6 +286,12 @@ _LEAST_M, _MOST_M = 2.0, 6.0
 _SIGMAS = 4.0
 
 
+FINISH_SWARM = SwarmConfig(particles=24, iterations=16)
+"""About a candidate: enough for what the coarse stage leaves open."""
+SEARCH_SWARM = SwarmConfig(particles=192, iterations=40)
+"""Begun anywhere in a region of 5 m and 30 degrees: largest size; around a known place a quarter and half of these."""
+
+
 @dataclass(frozen=True)
 class RegisterOptions:
     """What a user decides about a registration; nothing needs to be.

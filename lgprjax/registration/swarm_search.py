@@ -294,7 +294,7 @@ class SwarmSearch(EvidenceSearch):
                 config=config,
             )
         )
-        pose = fixes_to_map(peak.pose[None], np.zeros((1, 5, 5)), frame)[0][0]
+        pose = fixes_to_map(np.asarray(peak.pose)[None], np.zeros((1, 5, 5)), frame)[0][0]
         offset = pose[2:] - prior[0, 2:]
         offset[1] = np.mod(offset[1] + np.pi, 2.0 * np.pi) - np.pi
         away = np.abs(peak.pose[:2] - middle[:2])
@@ -302,16 +302,16 @@ class SwarmSearch(EvidenceSearch):
         area = float(peak.on_map) * (2.0 * region.half_m) ** 2 / float(np.prod(self.plan.lattice_m))
         nowhere = np.ptp(array.y_m) > NARROW * self._wavelength_m
         return Peaks(
-            lattice.point_of(pose[:2] - stops.reckoned_m[end[0]]),
-            0,
-            peak.score,
-            peak.rival,
-            peak.floor,
-            peak.region_floor,
-            peak.overlap,
-            area,
-            bool(np.any(away > _RIM * region.half_m)),
-            0 if nowhere else int(ends[0]) + 2 * int(ends[1]),
+            point=lattice.point_of(pose[:2] - stops.reckoned_m[end[0]]),
+            height=np.zeros((), int),
+            score=peak.score,
+            rival=peak.rival,
+            floor=peak.floor,
+            region_floor=peak.region_floor,
+            overlap=peak.overlap,
+            area=np.asarray(area),
+            at_rim=np.asarray(np.any(away > _RIM * region.half_m)),
+            open_sides=np.asarray(0 if nowhere else int(ends[0]) + 2 * int(ends[1])),
         ), offset
 
 

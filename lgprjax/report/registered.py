@@ -194,6 +194,9 @@ def search_in_words(settings: Mapping[str, object]) -> str:
     # Records of an older version in the same folder have no risk.
     risk = settings.get("risk")
     judged = "fixed thresholds" if risk is None else f"risk {risk:g} in each {PIECE_M:g} m of travel"
+    # Nor have they swarms.
+    swarms = (("search_swarm", "places searched by a particle swarm"), ("swarm", "finished by a particle swarm"))
+    parts += [words for name, words in swarms if settings.get(name)]
     return "; ".join([*parts, "user thresholds" if settings["own_thresholds"] else judged]) + "."
 
 

@@ -59,6 +59,8 @@ class RegistrationTable(ConfigTable):
         time_scale: travel time in the ground relative to the map; unset, it is estimated along the drive.
         risk: largest probability of a false match for an accepted fix, and for a scan that is evidence of the map's
             ground.
+        search: of all places, or by a particle swarm.
+        finish: by Gauss-Newton, or by a particle swarm about each candidate.
     """
 
     search_m: float = Field(default=1.5, gt=0.0, le=5.0)
@@ -66,6 +68,8 @@ class RegistrationTable(ConfigTable):
     time_scale: float | None = Field(default=None, gt=0.5, lt=2.0)
     risk: float = Field(default=1e-4, ge=1e-12, le=0.01)
     thresholds: str | None = None
+    search: Literal["exhaustive", "swarm"] = "exhaustive"
+    finish: Literal["newton", "swarm"] = "newton"
 
 
 class SensorsTable(ConfigTable):

@@ -19,6 +19,8 @@ from lgprjax.errors import InputError
 from lgprjax.formats import MapFile, VehicleFile, read_thresholds
 from lgprjax.radar import ArrayGeometry, ChannelResponse
 from lgprjax.registration import (
+    FINISH_SWARM,
+    SEARCH_SWARM,
     DriveFixes,
     LiveBlock,
     Operators,
@@ -147,6 +149,8 @@ def options_of(config: RuntimeConfig) -> RegisterOptions:
         risk=table.risk,
         time_scale=table.time_scale,
         own_thresholds=own,
+        swarm=FINISH_SWARM if table.finish == "swarm" else None,
+        search_swarm=SEARCH_SWARM if table.search == "swarm" else None,
     )
 
 
