@@ -217,7 +217,7 @@ _COVER = VerbGroup(
             "swaths over a field, in driving order",
             (
                 "cover plan f.geojson --vehicle v.vehicle.toml -o f.cover.geojson",
-                "cover plan f.kml --vehicle v.vehicle.toml -o f.cover.geojson --json -",
+                "cover plan f.kml --vehicle v.vehicle.toml -o f.cover.geojson",
             ),
         ),
         "record": Verb(

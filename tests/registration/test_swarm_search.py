@@ -32,7 +32,7 @@ def searched(site: Site, path: Path, swarm: SwarmConfig | None) -> RegisteredDri
 
 
 def ok_of(drive: RegisteredDrive) -> np.ndarray:
-    return drive.table["code"].to_numpy() == "ok"
+    return np.asarray(drive.table["code"].to_numpy() == "ok")
 
 
 def test_places_are_those_of_the_exhaustive_search(site: Site, tmp_path: Path) -> None:
