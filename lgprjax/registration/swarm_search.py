@@ -94,37 +94,39 @@ def search_region(
         found = score_poses(tile, template, pose, height_reference_m, angular_frequency_rad_per_ns, min_overlap)
         return found.score, found.covered
 
-    def hunt(key: Array, avoided_m: Float[Array, "2"]) -> tuple[Array, Array]:
+    def hunt(avoided_m: Float[Array, "2"], key: Array) -> tuple[Array, tuple[Array, Array]]:
         def objective(u: Float[Array, "particle 5"]) -> Float[Array, " particle"]:
             pose = middle[None] + u * half_width[None]
             near = jnp.sum((pose[:, :2] - avoided_m[None]) ** 2, axis=1) < apart_m**2
             return jnp.where(near, -jnp.inf, score(pose)[0])
 
         end = run_swarm(key, cloud, objective, free, config=config)
-        return middle + end.position * half_width, jnp.maximum(end.score, OFF_MAP_SCORE)
+        place = middle + end.position * half_width
+        return place[:2], (place, jnp.maximum(end.score, OFF_MAP_SCORE))
 
-    first, second, third = jax.random.split(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), 3)
-    cloud = jax.random.uniform(first, (config.particles, 5), minval=-1.0, maxval=1.0)
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), 3)
+    cloud = jax.random.uniform(keys[0], (config.particles, 5), minval=-1.0, maxval=1.0)
     cloud = jnp.where(free[None], cloud, 0.0)
-    pose, best = hunt(second, jnp.full(2, jnp.inf))
-    _, rival = hunt(third, pose[:2])
-    begun = middle[None] + cloud * half_width[None]
-    chance, covered = score(begun)
-    traces = jnp.maximum(jnp.sum(template.valid, dtype=jnp.float32), 1.0)
-    apart = jnp.sum((begun[:, :2] - pose[None, :2]) ** 2, axis=1) >= 4.0 * apart_m**2
-    places, names = decoys.reshape(-1, 5), decoys.shape[:2]
-    decoy = jnp.max(score(places)[0].reshape(names), axis=0)
+    # One after the other, as one program: the second avoids what the first has found.
+    _, (found, scores) = jax.lax.scan(hunt, jnp.full(2, jnp.inf), keys[1:])
+    pose = found[0]
+    begun, places = middle[None] + cloud * half_width[None], decoys.reshape(-1, 5)
     sideways = NEAR_RIM * apart_m * jnp.stack([-jnp.sin(pose[3]), jnp.cos(pose[3])])
     beside = jnp.stack([pose.at[:2].add(sideways), pose.at[:2].add(-sideways)])
+    sampled, covered = score(jnp.concatenate([begun, places, beside]))
+    chance, decoy, ends = jnp.split(sampled, [len(begun), len(begun) + len(places)])
+    decoy = jnp.max(decoy.reshape(decoys.shape[:2]), axis=0)
+    traces = jnp.maximum(jnp.sum(template.valid, dtype=jnp.float32), 1.0)
+    apart = jnp.sum((begun[:, :2] - pose[None, :2]) ** 2, axis=1) >= 4.0 * apart_m**2
     return SwarmPeak(
         pose,
-        best,
-        rival,
+        scores[0],
+        scores[1],
         _root_mean_square(decoy, decoy > OFF_MAP_SCORE, 12),
         _root_mean_square(chance, apart & (chance > OFF_MAP_SCORE), 16),
-        jnp.max(jnp.sum(covered, axis=1, dtype=jnp.float32)) / traces,
+        jnp.max(jnp.sum(covered[: len(begun)], axis=1, dtype=jnp.float32)) / traces,
         jnp.mean(chance > OFF_MAP_SCORE, dtype=jnp.float32),
-        score(beside)[0] <= OFF_MAP_SCORE,
+        ends <= OFF_MAP_SCORE,
     )
 
 
@@ -170,7 +172,7 @@ class SwarmSearch(EvidenceSearch):
                 continue
             for region, window in self._looks(stops, int(end), fitting[row], astray[end]):
                 begin = int(fitting[row, window])
-                member = np.round(np.linspace(end, begin, self.plan.members)).astype(int)
+                member = np.round(np.linspace(end, begin, self.plan.members if begin < end else 1)).astype(int)
                 seed = int(stops.number[end]) * 64 + 4 * window + region.level
                 peak, offset[row, window] = self._look(stops, member, region, seed)
                 for whole, part in zip(found, peak, strict=True):
