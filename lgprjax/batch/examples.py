@@ -45,9 +45,11 @@ def swarm_about(
     options: RegisterOptions,
     scan: int,
 ) -> SwarmView | None:
-    """The swarm around the highest place of a scan's surface; None without a swarm in the options, or without a place.
+    """The swarm of a scan, run again; None without a swarm in the options, or without a place.
 
-    The drive's own swarm began at the peaks of its coarse stage, on the template bank: a few centimetres away at most.
+    One that searches begins anywhere in the region; the drive's own were often smaller. One that finishes begins at the
+    highest place of the scan's surface; the drive's own began at the peaks of its coarse stage, on the template bank: a
+    few centimetres away at most.
 
     Args:
         ground: the map.
@@ -61,12 +63,14 @@ def swarm_about(
         scan: number in the drive.
     """
     noise_floor = float(np.asarray(drive.fix.noise_floor)[scan])
-    if options.swarm is None or not np.isfinite(noise_floor) or not np.isfinite(surface.score).any():
+    config = options.search_swarm or options.swarm
+    if config is None or not np.isfinite(noise_floor) or not np.isfinite(surface.score).any():
         return None
     i, j = np.unravel_index(int(np.nanargmax(surface.score)), surface.score.shape)
-    whole = np.append(prior, 0.0)
-    start = np.array([surface.along_m[i], surface.cross_m[j], *whole[2:]])
-    half_width = options.half_width(drive.track.sigma_yaw_rad[[scan]], options.search_half_m(drive.track.sigma_m))[0]
+    whole, anywhere = np.append(prior, 0.0), options.search_swarm is not None
+    start = whole if anywhere else np.array([surface.along_m[i], surface.cross_m[j], *whole[2:]])
+    half_m = options.search_half_m(drive.track.sigma_m)
+    half_width = options.half_width(drive.track.sigma_yaw_rad[[scan]], half_m)[0]
 
     def single(values: Float[np.ndarray, "6"]) -> jnp.ndarray:
         return jnp.asarray(values, dtype=jnp.float32)
@@ -85,7 +89,8 @@ def swarm_about(
         jnp.asarray([True, True, True, template.valid.shape[1] > 1, drive.fix.overlap_channels.max() > 1, False]),
         jnp.uint32(options.seed),
         jnp.uint32(scan),
-        config=options.swarm,
+        *([jnp.float32(half_m)] if anywhere else []),
+        config=config,
     )
     return SwarmView(*(np.asarray(field, np.float64) for field in view))
 

@@ -119,7 +119,9 @@ def count_traces(
     # More traces than stated are no truncation: the header is another file's, or the samples are of another type.
     cut = whole > 0 and (said is None or whole < said[0])
     if not (cut and partial):
-        raise InputError(file, "traces", expected, found + ("; lgprjax import --partial takes the whole ones" if cut else ""))
+        raise InputError(
+            file, "traces", expected, found + ("; lgprjax import --partial takes the whole ones" if cut else "")
+        )
     return whole, f"{whole} of {f'at least {whole + 1}' if said is None else said[0]} traces"
 
 

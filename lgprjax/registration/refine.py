@@ -237,12 +237,16 @@ class SwarmView(NamedTuple):
     Attributes:
         place_m: positions of the particles at the start and after each iteration.
         best_m: the best place found by any of them so far.
+        attitude: height in metres, yaw and roll of the particles, less the prior's.
+        best_attitude: the same of the best place found so far.
         best_score: the best score found by each of them so far; -inf before the first.
         along_m, cross_m, score: the objective over positions, with the rest of the pose as the swarm left it.
     """
 
     place_m: Float[Array | np.ndarray, "iteration particle 2"]
     best_m: Float[Array | np.ndarray, "iteration 2"]
+    attitude: Float[Array | np.ndarray, "iteration particle 3"]
+    best_attitude: Float[Array | np.ndarray, "iteration 3"]
     best_score: Float[Array | np.ndarray, "iteration particle"]
     along_m: Float[Array | np.ndarray, " along"]
     cross_m: Float[Array | np.ndarray, " cross"]
@@ -263,12 +267,16 @@ def watch_finish(
     free: Bool[Array, "6"],
     seed: UInt32[Array, ""],
     start_seed: UInt32[Array, ""],
+    reach_m: float | Float[Array, ""] = _REACH_M,
     *,
     config: SwarmConfig,
 ) -> SwarmView:
-    """One batch element of ``swarm_poses`` with its full history; ``template`` is a single one."""
+    """One batch element of ``swarm_poses`` with its full history; ``template`` is a single one.
+
+    Places within ``reach_m`` of the start are searched, as far as the region goes.
+    """
     ground = (tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap)
-    hunt = _hunt(ground, (template, start, prior, half_width, numbers, start_seed), free, seed, config)
+    hunt = _hunt(ground, (template, start, prior, half_width, numbers, start_seed), free, seed, config, reach_m)
     trail = watch_swarm(hunt.key, hunt.cloud, hunt.posterior, free[:5], config=config)
     rows = jnp.arange(len(trail.best_score))
     best = trail.best_position[rows, jnp.argmax(trail.best_score, axis=1)]
@@ -278,9 +286,12 @@ def watch_finish(
     seen = seen.at[:, 0].set(along.reshape(-1)).at[:, 1].set(cross.reshape(-1))
     middle, reach = hunt.centre[:2], hunt.reach[:2]
     place = middle[None, None] + trail.position[..., :2] * reach[None, None]
+    turned = hunt.centre[None, 2:] - prior[None, 2:5]
     return SwarmView(
         place,
         middle[None] + best[:, :2] * reach[None],
+        turned[None] + trail.position[..., 2:] * hunt.reach[None, None, 2:],
+        turned + best[:, 2:] * hunt.reach[None, 2:],
         trail.best_score,
         middle[0] + side * reach[0],
         middle[1] + side * reach[1],
@@ -304,12 +315,13 @@ def _hunt(
     free: Bool[Array, "6"],
     seed: UInt32[Array, ""],
     config: SwarmConfig,
+    reach_m: float | Float[Array, ""] = _REACH_M,
 ) -> _Hunt:
     tile, height_reference_m, omega, min_overlap = ground
     template, start, prior, half_width, numbers, start_seed = given
     pull = jnp.asarray([0.0, 0.0, *PRIOR[2:5]], dtype=jnp.float32)
     centre, width = start[:5], half_width[:5]
-    reach = width.at[:2].set(jnp.minimum(width[:2], _REACH_M))
+    reach = width.at[:2].set(jnp.minimum(width[:2], reach_m))
     first, second = jax.random.split(jax.random.fold_in(jax.random.key(seed), start_seed))
     cloud = jax.random.uniform(first, (config.particles, 5), minval=-1.0, maxval=1.0)
     cloud = jnp.where(free[None, :5], cloud, 0.0).at[0].set(0.0)

@@ -148,6 +148,8 @@ class SwarmPicture:
         score: the objective over them, with the rest of the pose as the swarm left it; NaN if missing.
         particle_m: positions of the particles at the start and after each iteration.
         best_m: the best place found by any of them so far.
+        offset: height (m), heading and roll (degrees, counter-clockwise) of the particles, less the prior's.
+        best_offset: the same of the best place.
         best_score: the best score found by each of them so far; not finite before the first.
         milliseconds: time per scan of the drive.
         origin: meaning of the axes' zero.
@@ -160,6 +162,8 @@ class SwarmPicture:
     score: Float[np.ndarray, "i j"]
     particle_m: Float[np.ndarray, "iteration particle 2"]
     best_m: Float[np.ndarray, "iteration 2"]
+    offset: Float[np.ndarray, "iteration particle 3"]
+    best_offset: Float[np.ndarray, "iteration 3"]
     best_score: Float[np.ndarray, "iteration particle"]
     milliseconds: float
     origin: str
@@ -168,7 +172,8 @@ class SwarmPicture:
 
 
 def draw_swarm(swarm: SwarmPicture, path: str | Path, *, force: bool = False) -> None:
-    """Draw the cloud at four moments over the score, and below the best and the median score over the iterations.
+    """Draw the cloud at four moments over the score; below, over the iterations, height, heading and roll of the
+    particles, and the best and the median score.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -184,8 +189,11 @@ def draw_swarm(swarm: SwarmPicture, path: str | Path, *, force: bool = False) ->
         above.colorbar(image, ax=clouds, label="score", extend="min", shrink=0.8, pad=0.01)
         # Outside, or it would hide the picture.
         above.legend(*clouds[-1].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
-        _draw_scores(below.subplots(), swarm, moments)
-        figure.suptitle(
+        *spreads, scores = below.subplots(1, 4, gridspec_kw={"width_ratios": (1.0, 1.0, 1.0, 1.3)})
+        for axis, (axes, label) in enumerate(zip(spreads, _OFFSETS, strict=True)):
+            _draw_spread(axes, swarm.offset[..., axis], swarm.best_offset[:, axis], label)
+        _draw_scores(scores, swarm, moments)
+        above.suptitle(
             f"Swarm of {particles} particles, {iterations} iterations: {particles * (iterations + 1)} evaluations; "
             f"{swarm.milliseconds:.3g} ms a scan"
         )
@@ -193,9 +201,8 @@ def draw_swarm(swarm: SwarmPicture, path: str | Path, *, force: bool = False) ->
         write_caption(
             figure,
             f"Metres relative to {swarm.origin}. Colours: the score over position, with the rest of the pose as "
-            "the swarm left it, in which the particles differ too. The time is that of the whole registration, "
-            "coarse stage "
-            f"included.{miss}",
+            "the swarm left it, in which the particles differ too. Height, heading and roll: less the log's; bands "
+            f"hold 80 % and all of the particles. The time is that of the whole registration.{miss}",
         )
 
 
@@ -226,6 +233,22 @@ def _draw_cloud(axes: Axes, swarm: SwarmPicture, moment: int) -> AxesImage:
     return image
 
 
+_OFFSETS = ("height (m)", "heading (°)", "roll (°)")
+
+
+def _draw_spread(
+    axes: Axes, value: Float[np.ndarray, "iteration particle"], best: Float[np.ndarray, " iteration"], label: str
+) -> None:
+    iteration = np.arange(len(value))
+    for share, shade in ((0.0, 0.18), (0.1, 0.4)):
+        low, high = np.quantile(value, [share, 1.0 - share], axis=1)
+        axes.fill_between(iteration, low, high, color=BLUE, alpha=shade, linewidth=0.0)
+    axes.plot(iteration, best, color=INK, linewidth=1.6)
+    axes.set_title(label)
+    axes.set_xlabel("line: best")
+    axes.spines[["top", "right"]].set_visible(False)
+
+
 def _draw_scores(axes: Axes, swarm: SwarmPicture, moments: list[int]) -> None:
     known = np.isfinite(swarm.best_score)
     iteration = np.arange(len(known))
@@ -240,7 +263,7 @@ def _draw_scores(axes: Axes, swarm: SwarmPicture, moments: list[int]) -> None:
         axes.text(0.5, 0.5, "no particle met the map", transform=axes.transAxes, ha="center", va="center", color=INK)
     axes.set_xlim(-0.02 * max(len(known) - 1, 1), max(1.02 * (len(known) - 1), 1.0))
     axes.set_xlabel("iteration (dotted: the clouds above)")
-    axes.set_ylabel("best score found by a particle")
+    axes.set_title("best score found by a particle")
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(loc="lower right", edgecolor="none")
 

@@ -38,8 +38,8 @@ _PICTURES = {
     "-match.png": ("The ground of one scan, live and in the map.", "radargram strips"),
     "-map.png": ("Match of that scan over the search region.", "correlation map"),
     "-swarm.png": (
-        "The swarm around the best place of that scan, run again.",
-        "clouds of particles over the score, score over the iterations",
+        "The swarm of that scan, run again.",
+        "clouds of particles over the score; height, heading, roll and score over the iterations",
     ),
 }
 """A drive's pictures by the ends of their names, with caption and alternative text; not every drive has them all."""
@@ -146,7 +146,10 @@ def _surface(example: FixExample, frame: LocalFrame, search_m: float, correlatio
 def _swarm(example: FixExample, drive: RegisteredDrive, frame: LocalFrame) -> SwarmPicture | None:
     if example.swarm is None:
         return None
-    place, best, met, along, cross, score = (np.asarray(field, np.float64) for field in example.swarm)
+    place, best, offset, best_offset, met, along, cross, score = (
+        np.asarray(field, np.float64) for field in example.swarm
+    )
+    degrees = np.array([1.0, *np.degrees([1.0, 1.0])])
     return SwarmPicture(
         x_m=along,
         y_m=cross,
@@ -154,6 +157,8 @@ def _swarm(example: FixExample, drive: RegisteredDrive, frame: LocalFrame) -> Sw
         score=np.where(score > 0.75 * OFF_MAP_SCORE, score, np.nan),
         particle_m=place,
         best_m=best,
+        offset=offset * degrees,
+        best_offset=best_offset * degrees,
         best_score=np.where(met > 0.75 * OFF_MAP_SCORE, met, -np.inf),
         milliseconds=drive.milliseconds_per_scan,
         origin=_origin(example, frame),

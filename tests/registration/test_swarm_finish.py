@@ -33,6 +33,7 @@ def test_a_watched_finish_is_the_one_that_runs() -> None:
     rows = CONFIG.iterations + 1
     assert view.place_m.shape == (rows, CONFIG.particles, 2)
     np.testing.assert_allclose(view.best_m[-1], ended[0, :2], atol=1e-6)
+    np.testing.assert_allclose(view.best_attitude[-1], ended[0, 2:5] - prior[0, 2:5], atol=1e-6)
     # The first particle starts on the summit of the coarse stage, the others about it.
     np.testing.assert_allclose(view.place_m[0, 0], start[0, :2], atol=1e-6)
     assert np.max(np.abs(np.asarray(view.place_m) - np.asarray(start[0, :2]))) <= 0.12 + 1e-6

@@ -23,6 +23,7 @@ def swarm(iterations: int = ITERATIONS) -> SwarmPicture:
     score = 0.9 - np.hypot(*(place - [0.03, -0.02]).transpose(2, 0, 1))
     met = np.maximum.accumulate(score, axis=0)
     best = place[np.arange(iterations + 1), np.argmax(score, axis=1)]
+    offset = left[:, None, None] * rng.uniform(-1.0, 1.0, (iterations + 1, PARTICLES, 3)) * [0.08, 5.0, 1.5]
     east, north = np.meshgrid(side, side, indexing="ij")
     surface = 0.9 - 4.0 * np.hypot(east - 0.03, north + 0.02)
     surface[0] = np.nan
@@ -32,6 +33,8 @@ def swarm(iterations: int = ITERATIONS) -> SwarmPicture:
         score=surface,
         particle_m=place,
         best_m=best,
+        offset=offset,
+        best_offset=offset[:, 0],
         best_score=met,
         milliseconds=5.67,
         origin="a place",
@@ -53,8 +56,18 @@ def test_clouds_stand_where_the_particles_stood(tmp_path: Path, drawn: list[Figu
         np.testing.assert_array_equal(np.ma.filled(np.ma.asarray(image.get_array()), np.nan), shown.score.T)
         assert image.get_clim() == (0.0, 1.0)
         assert axes.get_aspect() == 1.0
-    assert "9 particles, 24 iterations: 225 evaluations; 5.67 ms a scan" in drawn[0].get_suptitle()
+    assert "9 particles, 24 iterations: 225 evaluations; 5.67 ms a scan" in drawn[0].subfigs[0].get_suptitle()
     assert "relative to a place" in drawn[0].get_supxlabel().replace("\n", " ")
+
+
+def test_height_heading_and_roll_are_shown_as_they_gather(tmp_path: Path, drawn: list[Figure]) -> None:
+    shown = swarm()
+    draw_swarm(shown, tmp_path / "s.png")
+    for axis, label in enumerate(("height (m)", "heading (°)", "roll (°)")):
+        axes = next(axes for axes in drawn[0].axes if axes.get_title(loc="left") == label)
+        np.testing.assert_array_equal(np.asarray(axes.lines[0].get_ydata()), shown.best_offset[:, axis])
+        widest = axes.collections[0].get_paths()[0].vertices[:, 1]
+        assert (widest.min(), widest.max()) == (shown.offset[..., axis].min(), shown.offset[..., axis].max())
 
 
 def test_scores_are_the_best_and_the_median(tmp_path: Path, drawn: list[Figure]) -> None:
