@@ -66,7 +66,7 @@ def test_height_heading_and_roll_are_shown_as_they_gather(tmp_path: Path, drawn:
     for axis, label in enumerate(("height (m)", "heading (°)", "roll (°)")):
         axes = next(axes for axes in drawn[0].axes if axes.get_title(loc="left") == label)
         np.testing.assert_array_equal(np.asarray(axes.lines[0].get_ydata()), shown.best_offset[:, axis])
-        widest = axes.collections[0].get_paths()[0].vertices[:, 1]
+        widest = np.asarray(axes.collections[0].get_paths()[0].vertices)[:, 1]
         assert (widest.min(), widest.max()) == (shown.offset[..., axis].min(), shown.offset[..., axis].max())
 
 
