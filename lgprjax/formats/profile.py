@@ -120,7 +120,7 @@ def count_traces(
     cut = whole > 0 and (said is None or whole < said[0])
     if not (cut and partial):
         raise InputError(
-            file, "traces", expected, found + ("; lgprjax import --partial takes the whole ones" if cut else "")
+            file, "traces", expected, found + ("; read the whole ones with lgprjax import --partial" if cut else "")
         )
     return whole, f"{whole} of {f'at least {whole + 1}' if said is None else said[0]} traces"
 

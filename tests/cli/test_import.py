@@ -250,6 +250,6 @@ def test_cut_line_is_told_in_the_table(tmp_path: Path, capsys: pytest.CaptureFix
     path = write_dt1(tmp_path / "a.DT1", COUNTS)
     path.write_bytes(path.read_bytes()[:-9])
     assert run("import", path, "-o", tmp_path / "X.drive.h5") == 1
-    assert "lgprjax import --partial takes the whole ones" in capsys.readouterr().err
+    assert "read the whole ones with lgprjax import --partial" in capsys.readouterr().err
     assert run("import", path, "--partial", "-o", tmp_path / "X.drive.h5") == 0
     assert "11 of 12 traces" in capsys.readouterr().out

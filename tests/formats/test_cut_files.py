@@ -51,7 +51,7 @@ def test_cut_file(tmp_path: Path, name: str, extra: int) -> None:
     found = "2 and a part of one" if extra else "2"
     with pytest.raises(InputError) as caught:
         read_profile(path)
-    line = f"{path}: traces: expected {expected}, found {found}; lgprjax import --partial takes the whole ones"
+    line = f"{path}: traces: expected {expected}, found {found}; read the whole ones with lgprjax import --partial"
     assert str(caught.value) == line
     cut = read_profile(path, partial=True)
     np.testing.assert_array_equal(cut.channels, whole.channels[:2])

@@ -183,7 +183,7 @@ _BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
     "dt1 without header": (_lonely("a.DT1"), "header file: expected a.hd beside it, found none"),
     "dt1 count": (
         _dt1(NUMBER_OF_TRACES=5),
-        "a.DT1: traces: expected 5 as a.HD says, found 4; lgprjax import --partial takes the whole ones",
+        "a.DT1: traces: expected 5 as a.HD says, found 4; read the whole ones with lgprjax import --partial",
     ),
     "dt1 more than its header says": (_dt1(NUMBER_OF_TRACES=3), "a.DT1: traces: expected 3 as a.HD says, found 4"),
     "dt1 cut short": (_dt1_bytes(lambda data: data[:-7]), "expected 4 as a.HD says, found 3 and a part of one; read"),
