@@ -84,7 +84,7 @@ def test_single_file_is_a_single_channel_wherever_it_sat_in_the_array(tmp_path: 
 _BAD: list[tuple[dict[str, object], str]] = [
     ({"DATA__VERSION": 24}, "a.iprh: DATA VERSION: expected 16 or 32 (bits a sample), found 24"),
     ({"SAMPLES": 7, "TIMEWINDOW": 0.684}, "a.iprb: traces: expected 5 as a.iprh says, found 5 and a part of one"),
-    ({"LAST__TRACE": 9}, "traces: expected 9 as a.iprh says, found 5; read the whole ones with lgprjax import --partial"),
+    ({"LAST__TRACE": 9}, "traces: expected 9 as a.iprh says, found 5; read the whole ones with lgprjax import"),
     ({"DATA__VERSION": 32}, "found 2 and a part of one; read the whole ones with lgprjax import --partial"),
     ({"TIMEWINDOW": -1}, "TIMEWINDOW: expected a number above zero, found -1"),
     ({"FREQUENCY": 800}, "FREQUENCY: expected 10243.3 MHz, 8 samples in the TIMEWINDOW, found 800"),

@@ -177,7 +177,7 @@ def _cut(path: Path, traces: int) -> None:
 def test_cut_line_is_read_as_far_as_it_is_whole(tmp_path: Path) -> None:
     paths, truth = write_survey(tmp_path, firsts=[10, 12, 9], reversed_lines=[1])
     _cut(paths[2], 70)
-    with pytest.raises(InputError, match="found 70 and a part of one; read the whole ones with lgprjax import --partial"):
+    with pytest.raises(InputError, match="found 70 and a part of one; read the whole ones"):
         import_lines(paths, line_spacing_m=0.5, output=tmp_path / "a.drive.h5")
     assert not (tmp_path / "a.drive.h5").exists()
     survey = import_lines(paths, line_spacing_m=0.5, reversed_lines=[1], partial=True, output=tmp_path / "a.drive.h5")
