@@ -80,6 +80,7 @@ class EvidenceSearch:
         self._turn, self._shift_m = np.eye(2), np.zeros(2)
         self._stops: Stops | None = None
         self._surfaces: Surfaces | None = None
+        self._from = 0  # stop of the first of these surfaces
         self._floor = np.zeros((2, 0, len(self.plan.windows_m)))
         self._next_m = -np.inf
         self._ready = 0
@@ -88,6 +89,8 @@ class EvidenceSearch:
         self._checked_m = -np.inf
         self._elsewhere = 0.0
         self._error_m: Float[np.ndarray, 2] | None = None
+        # Where the present place was found, and the area and the time scales that it was found in.
+        self._found_m, self._found_in = -np.inf, (0.0, 1.0)
 
     def choose(self, scans: LiveScans) -> Int[np.ndarray, " stop"]:
         """Choose the scans that become stops: those nearest to equal steps of travel."""
@@ -130,9 +133,8 @@ class EvidenceSearch:
         keep = max(0, len(stops.number) - self.plan.history)
         self._stops = Stops(*(field[keep:] for field in stops))
         self._floor = self._floor[:, keep:]
-        if self._surfaces is not None:
-            self._surfaces = Surfaces(*(field[keep:] for field in self._surfaces))
         self._ready -= keep
+        self._from -= keep
         return answered, fix, beside, scale
 
     def score_at(
@@ -230,10 +232,15 @@ class EvidenceSearch:
         self._lattice.wide, self._surfaces = wide, None
 
     def _note(self, stops: Stops, high: int, judged: ChosenWindows) -> bool:
-        """Remember the last accepted place; True if there was one."""
+        """Remember the last accepted place, and where it was first found; True if there was one."""
         ok = np.flatnonzero(judged.code == Code.OK)
         if not len(ok):
             return False
+        first_m = float(stops.path_m[high - len(judged.code) + ok[0]])
+        known = self._error_m is not None and first_m - self._seen_m <= LOST_M
+        if not known or np.linalg.norm(judged.error_m[ok[0]] - self._error_m) > APART * self._wavelength_m:
+            area_m2 = float(judged.peak.area[ok[0]]) * float(np.prod(self.plan.lattice_m))
+            self._found_m, self._found_in = first_m, (area_m2, self._scale.tried)
         self._seen_m = float(stops.path_m[high - len(judged.code) + ok[-1]])
         self._error_m = judged.error_m[ok[-1]]
         return True
@@ -407,23 +414,28 @@ class EvidenceSearch:
             self._ready = high
 
     def _extend(self, stops: Stops, high: int) -> Surfaces:
-        """Surfaces of the stops up to ``high``; missing ones are computed."""
+        """Surfaces of the stops up to ``high``, from ``_from`` on: no more than windows that end in one batch need.
+        Missing ones are computed.
+        """
+        begin = max(0, high - self.plan.history - self._ends)
         if self._surfaces is None:
-            self._surfaces = self._lattice.blank(max(0, high - self._ends - self.plan.history))
-        have = len(self._surfaces.power)
-        if high <= have:
-            return self._surfaces
-        at = np.arange(have, high)
-        self._make_ready(stops, high)
-        made = self._lattice.surfaces_of(stops, at, stops.coefficients[at])
-        self._surfaces = Surfaces(*(np.concatenate(both) for both in zip(self._surfaces, made, strict=True)))
+            self._surfaces, self._from = self._lattice.blank(0), begin
+        drop = max(0, begin - self._from)
+        have = self._from + len(self._surfaces.power)
+        if high > have:
+            at = np.arange(max(have, begin), high)
+            self._make_ready(stops, high)
+            made = self._lattice.surfaces_of(stops, at, stops.coefficients[at])
+            both = zip(self._surfaces, made, strict=True)
+            self._surfaces = Surfaces(*(np.concatenate([old[drop:], new]) for old, new in both))
+            self._from += drop
         return self._surfaces
 
     def _judge(self, stops: Stops, low: int, high: int, astray: Float[np.ndarray, "stop 2"]) -> ChosenWindows:
         whole, near, first, centre = self._peaks(stops, low, high, astray)
         at, risk = np.arange(low, high), self._options.risk
         if self._lattice.place_m is not None:
-            foreign, rivals = self._weigh(whole, first, 1.0)
+            foreign, rivals = self._weigh(whole, first, 1.0, self._chose(stops, first))
             at_edge = np.asarray(whole.at_rim) | self._beyond(whole, foreign)
             good = (first >= 0) & (foreign <= risk) & (rivals <= risk) & ~at_edge
             # The reported runner-up is that of the whole region when it was last searched.
@@ -440,7 +452,8 @@ class EvidenceSearch:
         # One shape: as many surfaces as the longest window and a full batch need.
         held = plan.history + self._ends
         begin = max(0, high - held)
-        surfaces = Surfaces(*(field[begin:high] for field in self._extend(stops, high)))
+        extended = self._extend(stops, high)
+        surfaces = Surfaces(*(field[begin - self._from : high - self._from] for field in extended))
         at = np.arange(low, high)
         first = self._first_of(stops, at)
         fill = self._ends - len(at)
@@ -504,20 +517,35 @@ class EvidenceSearch:
         return np.where(count[0] > 0, mean[0], np.where(count[1] > 0, mean[1], 0.5))
 
     def _weigh(
-        self, peaks: Peaks, first: Int[np.ndarray, "end window"], scales: float
+        self,
+        peaks: Peaks,
+        first: Int[np.ndarray, "end window"],
+        scales: float,
+        chose: Bool[np.ndarray, "end window"] | None = None,
     ) -> tuple[Float[np.ndarray, "end window"], Float[np.ndarray, "end window"]]:
-        """Probabilities that foreign ground, and that a rival, would have produced these peaks; 1 without a peak."""
+        """Probabilities that foreign ground, and that a rival, would have produced these peaks; 1 without a peak.
+
+        Windows that ``chose`` the place have been searched as widely as it was, however small the region is now.
+        """
         known = (first >= 0) & (peaks.score > OFF_MAP_SCORE)
         z = np.where(known, peaks.score / peaks.floor, 0.0)
         rival = np.where(peaks.rival > OFF_MAP_SCORE, peaks.rival / peaks.floor, 0.0)
         area_m2 = peaks.area * np.prod(self.plan.lattice_m)
-        foreign = np.where(known, p_foreign(z, area_m2, self._chance, scales * len(self.plan.windows_m)), 1.0)
+        trials = np.full(z.shape, scales)
+        if chose is not None:
+            area_m2 = np.where(chose, np.maximum(area_m2, self._found_in[0]), area_m2)
+            trials = np.where(chose, np.maximum(trials, self._found_in[1]), trials)
+        foreign = np.where(known, p_foreign(z, area_m2, self._chance, trials * len(self.plan.windows_m)), 1.0)
         rivals = np.where(known, p_rival(z, rival), 1.0)
         own, risk = self._options.own_thresholds, self._options.risk
         if own is not None:
             foreign = np.where(z >= own.strength_by_chance, np.minimum(foreign, risk), np.maximum(foreign, 2.0 * risk))
             rivals = np.where(z - rival >= own.margin_by_chance, 0.0, 1.0)
         return foreign, rivals
+
+    def _chose(self, stops: Stops, first: Int[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
+        """Windows with ground that the present place was found by: it says the same again, and confirms nothing."""
+        return np.asarray(stops.path_m[np.maximum(first, 0)] < self._found_m)
 
     def _beyond(self, peaks: Peaks, foreign: Float[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
         """Windows whose true place may be beyond the map's edge.
@@ -562,7 +590,7 @@ class EvidenceSearch:
         # Once there is a place, the next is searched for around it: few places that foreign ground could match. A place
         # about as good elsewhere contests it.
         held = (self._error_m is not None) & (since_m <= LOST_M)
-        near_foreign, near_rivals = self._weigh(near, first, 1.0)
+        near_foreign, near_rivals = self._weigh(near, first, 1.0, self._chose(stops, first))
         astray = np.linalg.norm((whole.point - near.point) * self.plan.lattice_m, axis=-1)
         elsewhere = np.where(astray > APART * self._wavelength_m, whole.score, whole.rival)
         here, there = (np.asarray(score / near.floor, dtype=np.float64) for score in (near.score, elsewhere))

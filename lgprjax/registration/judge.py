@@ -163,7 +163,10 @@ def fit_sigma_scale(
 
 
 def p_foreign(
-    z: Float[np.ndarray, "*end window"], area_m2: Float[np.ndarray, "*end window"], chance: Chance, trials: float
+    z: Float[np.ndarray, "*end window"],
+    area_m2: Float[np.ndarray, "*end window"],
+    chance: Chance,
+    trials: float | Float[np.ndarray, "*end window"],
 ) -> Float[np.ndarray, "*end window"]:
     """Probability that foreign ground reaches this z somewhere within a piece, in any window tried.
 
