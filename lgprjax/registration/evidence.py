@@ -38,6 +38,10 @@ _CONTESTED = 0.05  # probability that a place only resembles the true one, above
 DRIFT = 0.05  # error of odometry and heading, as a share of the travel
 _ASIDE_M = 0.25  # from the centre of its lattice, at which the lattice follows a tracked place
 NARROW = 0.5  # of the wavelength: width of an array that may be off the map without being noticed
+# An array narrower than a wavelength sees one stone or one dipping layer in all its channels alike, for metres: where a
+# place is looked for anew, foreign ground was taken for the map's in 2 of 101 pieces, at a probability of 1e-4 by tails
+# that the map's own pieces are too few to show.
+_ALIKE = 100.0
 _RIM_POWER = 1.5  # of the risk, within one piece, for a match at the map's edge
 APART = 0.6  # of the wavelength: places closer than this are the same place
 
@@ -89,6 +93,7 @@ class EvidenceSearch:
         self._checked_m = -np.inf
         self._elsewhere = 0.0
         self._error_m: Float[np.ndarray, 2] | None = None
+        self._alike = _ALIKE if np.ptp(prepared.array.y_m) < self._wavelength_m else 1.0
         # Where the present place was found, and the area and the time scales that it was found in.
         self._found_m, self._found_in = -np.inf, (0.0, 1.0)
 
@@ -240,7 +245,7 @@ class EvidenceSearch:
         known = self._error_m is not None and first_m - self._seen_m <= LOST_M
         if not known or np.linalg.norm(judged.error_m[ok[0]] - self._error_m) > APART * self._wavelength_m:
             area_m2 = float(judged.peak.area[ok[0]]) * float(np.prod(self.plan.lattice_m))
-            self._found_m, self._found_in = first_m, (area_m2, self._scale.tried)
+            self._found_m, self._found_in = first_m, (area_m2, self._alike * self._scale.tried)
         self._seen_m = float(stops.path_m[high - len(judged.code) + ok[-1]])
         self._error_m = judged.error_m[ok[-1]]
         return True
@@ -581,7 +586,7 @@ class EvidenceSearch:
         centre: Float[np.ndarray, "end 2"],
     ) -> ChosenWindows:
         since_m = stops.path_m[at] - self._seen_m
-        foreign, rivals = self._weigh(whole, first, self._scale.tried)
+        foreign, rivals = self._weigh(whole, first, self._alike * self._scale.tried)
         off_m = np.max(np.abs(whole.point - centre[:, None]) * self.plan.lattice_m, axis=-1)
         at_edge = whole.at_rim | (off_m > self._lattice.region_m) | self._beyond(whole, foreign)
         risk = self._options.risk

@@ -19,8 +19,9 @@ def shown(row: Row) -> Row:
 def test_parallel_lines_are_found_between_the_lines_of_the_map(real_data: Path, tmp_path: Path) -> None:
     (row,) = map(shown, parallel_lines(real_data, tmp_path))
     assert row.tried >= 330
-    # Lines of 11.6 m with a wavelength of a metre: a third of each is driven before four metres are (performance.md).
-    assert row.ok >= 0.3 * row.tried
+    # Lines of 11.6 m with a wavelength of a metre: a third of each is driven before four metres are, and an array
+    # narrower than a wavelength needs more evidence (performance.md).
+    assert row.ok >= 0.25 * row.tried
     assert row.right >= 0.99 * row.ok
 
 
