@@ -1,8 +1,11 @@
 """Settings of every test: the shipped float32, no silent broadcasting, no silent promotion."""
 
+import atexit
 import os
+import shutil
 import signal
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,6 +29,11 @@ if _CACHE:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
     os.environ["JAX_COMPILATION_CACHE_DIR"] = _CACHE
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"
+# Matplotlib keeps its list of fonts in the home folder, and believes a list that was written while an environment was
+# rebuilt and that lacks its own fonts. A list of the run's own, shared with the workers and the programs started.
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    os.environ["MPLCONFIGDIR"] = tempfile.mkdtemp(prefix="lgprjax-matplotlib-")
+    atexit.register(shutil.rmtree, os.environ["MPLCONFIGDIR"], ignore_errors=True)
 
 # Files that drive the whole chain, minutes each: first, so that no worker is left with one when the others are done.
 _LONG = (
