@@ -241,14 +241,22 @@ class EvidenceSearch:
         ok = np.flatnonzero(judged.code == Code.OK)
         if not len(ok):
             return False
-        first_m = float(stops.path_m[high - len(judged.code) + ok[0]])
-        known = self._error_m is not None and first_m - self._seen_m <= LOST_M
-        if not known or np.linalg.norm(judged.error_m[ok[0]] - self._error_m) > APART * self._wavelength_m:
-            area_m2 = float(judged.peak.area[ok[0]]) * float(np.prod(self.plan.lattice_m))
-            self._found_m, self._found_in = first_m, (area_m2, self._alike * self._scale.tried)
-        self._seen_m = float(stops.path_m[high - len(judged.code) + ok[-1]])
-        self._error_m = judged.error_m[ok[-1]]
+        path_m = stops.path_m[high - len(judged.code) + ok]
+        for one in (0, -1):
+            area = float(judged.peak.area[ok[one]])
+            self._take(float(path_m[one]), judged.error_m[ok[one]], area, self._scale.tried)
         return True
+
+    def _take(self, here_m: float, error_m: Float[np.ndarray, "2"], points: float, tried: float) -> None:
+        """Take a place; one that was not known has been found among so many lattice points, and others tried."""
+        if self._error_m is None or here_m - self._seen_m > LOST_M or self._apart(error_m, self._error_m):
+            self._found_m = here_m
+            self._found_in = (points * float(np.prod(self.plan.lattice_m)), self._alike * tried)
+        self._seen_m, self._error_m = here_m, error_m
+
+    def _apart(self, one_m: Float[np.ndarray, "2"], other_m: Float[np.ndarray, "2"]) -> bool:
+        """Whether two places are not the same one."""
+        return float(np.linalg.norm(one_m - other_m)) > APART * self._wavelength_m
 
     def _reconsider(self, stops: Stops, high: int, judged: ChosenWindows, astray: Float[np.ndarray, "stop 2"]) -> bool:
         """Reconsider region and time scale after some metres; True if the metres must be judged again."""
@@ -314,7 +322,7 @@ class EvidenceSearch:
             return True
         there_m = self._lattice.error_of(np.asarray(whole.point), middle, whole_points)
         here_at_m = self._lattice.error_of(np.asarray(near.point), self._error_m, self.plan.points(HELD_M))
-        apart = float(np.linalg.norm(there_m - here_at_m)) > APART * self._wavelength_m
+        apart = self._apart(there_m, here_at_m)
         z = np.array([near.score, whole.score if apart else whole.rival], np.float64) / whole.floor
         self._elsewhere = float(z[1])
         return bool(p_rival(z[:1], z[1:])[0] > _CONTESTED)
@@ -418,9 +426,9 @@ class EvidenceSearch:
             )
             self._ready = high
 
-    def _extend(self, stops: Stops, high: int) -> Surfaces:
-        """Surfaces of the stops up to ``high``, from ``_from`` on: no more than windows that end in one batch need.
-        Missing ones are computed.
+    def _extend(self, stops: Stops, high: int) -> tuple[int, Surfaces]:
+        """Surfaces of the stops up to ``high``, no more than windows that end in one batch need, and the first of these
+        stops. Missing ones are computed.
         """
         begin = max(0, high - self.plan.history - self._ends)
         if self._surfaces is None:
@@ -434,7 +442,7 @@ class EvidenceSearch:
             both = zip(self._surfaces, made, strict=True)
             self._surfaces = Surfaces(*(np.concatenate([old[drop:], new]) for old, new in both))
             self._from += drop
-        return self._surfaces
+        return begin, Surfaces(*(field[begin - self._from : high - self._from] for field in self._surfaces))
 
     def _judge(self, stops: Stops, low: int, high: int, astray: Float[np.ndarray, "stop 2"]) -> ChosenWindows:
         whole, near, first, centre = self._peaks(stops, low, high, astray)
@@ -454,11 +462,7 @@ class EvidenceSearch:
         """Peaks of all windows that end at some stops, in the whole region and near the last place; first stops of the
         windows, and lattice points of the priors."""
         plan, lattice = self.plan, self._lattice
-        # One shape: as many surfaces as the longest window and a full batch need.
-        held = plan.history + self._ends
-        begin = max(0, high - held)
-        extended = self._extend(stops, high)
-        surfaces = Surfaces(*(field[begin - self._from : high - self._from] for field in extended))
+        begin, surfaces = self._extend(stops, high)
         at = np.arange(low, high)
         first = self._first_of(stops, at)
         fill = self._ends - len(at)
@@ -471,7 +475,8 @@ class EvidenceSearch:
         )
         alone = lattice.place_m is not None
         whole, near = self._peaks_of(
-            _padded(surfaces, held),
+            # One shape: as many surfaces as the longest window and a full batch need.
+            _padded(surfaces, plan.history + self._ends),
             WindowBatch(
                 np.where(starts >= 0, starts - begin, -1).astype(np.int32),
                 (ends - begin).astype(np.int32),
@@ -525,18 +530,19 @@ class EvidenceSearch:
         self,
         peaks: Peaks,
         first: Int[np.ndarray, "end window"],
-        scales: float,
+        tried: float,
         chose: Bool[np.ndarray, "end window"] | None = None,
     ) -> tuple[Float[np.ndarray, "end window"], Float[np.ndarray, "end window"]]:
         """Probabilities that foreign ground, and that a rival, would have produced these peaks; 1 without a peak.
 
-        Windows that ``chose`` the place have been searched as widely as it was, however small the region is now.
+        Around a known place, windows that ``chose`` it have been searched as widely as it was, however small the region
+        is now. Where no place is known (None) as many time scales and attitudes were ``tried``.
         """
         known = (first >= 0) & (peaks.score > OFF_MAP_SCORE)
         z = np.where(known, peaks.score / peaks.floor, 0.0)
         rival = np.where(peaks.rival > OFF_MAP_SCORE, peaks.rival / peaks.floor, 0.0)
         area_m2 = peaks.area * np.prod(self.plan.lattice_m)
-        trials = np.full(z.shape, scales)
+        trials = np.full(z.shape, tried if chose is not None else self._alike * tried)
         if chose is not None:
             area_m2 = np.where(chose, np.maximum(area_m2, self._found_in[0]), area_m2)
             trials = np.where(chose, np.maximum(trials, self._found_in[1]), trials)
@@ -550,7 +556,7 @@ class EvidenceSearch:
 
     def _chose(self, stops: Stops, first: Int[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
         """Windows with ground that the present place was found by: it says the same again, and confirms nothing."""
-        return np.asarray(stops.path_m[np.maximum(first, 0)] < self._found_m)
+        return np.asarray(stops.path_m[np.maximum(first, 0)] <= self._found_m)
 
     def _beyond(self, peaks: Peaks, foreign: Float[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
         """Windows whose true place may be beyond the map's edge.
@@ -586,7 +592,7 @@ class EvidenceSearch:
         centre: Float[np.ndarray, "end 2"],
     ) -> ChosenWindows:
         since_m = stops.path_m[at] - self._seen_m
-        foreign, rivals = self._weigh(whole, first, self._alike * self._scale.tried)
+        foreign, rivals = self._weigh(whole, first, self._scale.tried)
         off_m = np.max(np.abs(whole.point - centre[:, None]) * self.plan.lattice_m, axis=-1)
         at_edge = whole.at_rim | (off_m > self._lattice.region_m) | self._beyond(whole, foreign)
         risk = self._options.risk

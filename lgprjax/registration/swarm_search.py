@@ -20,6 +20,7 @@ from lgprjax.pso import SwarmConfig, run_swarm
 from lgprjax.registration.candidates import ChosenWindows
 from lgprjax.registration.coarse import NEAR_RIM, Peaks
 from lgprjax.registration.evidence import APART, CARRIED_M, CHUNK_M, DRIFT, LOST_M, NARROW, EvidenceSearch
+from lgprjax.registration.fix import Code
 from lgprjax.registration.queries import Stops, templates_of
 from lgprjax.registration.score import OFF_MAP_SCORE, Template, score_poses
 from lgprjax.registration.template_bank import fixes_to_map, to_tile
@@ -155,6 +156,10 @@ class SwarmSearch(EvidenceSearch):
     def _may_hold(self) -> bool:
         return False
 
+    def _note(self, stops: Stops, high: int, judged: ChosenWindows) -> bool:  # noqa: ARG002
+        """Whether there was a fix: each was taken where it was found."""
+        return bool(np.any(judged.code == Code.OK))
+
     def _judge(self, stops: Stops, low: int, high: int, astray: Float[np.ndarray, "stop 2"]) -> ChosenWindows:
         """Stop by stop: the region at each follows from the fix before."""
         at = np.arange(low, high)
@@ -181,15 +186,19 @@ class SwarmSearch(EvidenceSearch):
                 here = Peaks(*(field[own] for field in found))
                 floor[own] = self._settled_floor(stops, at[own], here)
                 here = here._replace(floor=floor[own])
-                scales = 1.0 if region.level < _WHOLE else self._scale.tried
-                foreign[own], rivals[own] = self._weigh(here, first[own], scales * self._attitudes(stops, int(end)))
+                attitudes = self._attitudes(stops, int(end))
+                tried, chose = attitudes * self._scale.tried, None
+                if region.level < _WHOLE:
+                    tried, chose = attitudes, self._chose(stops, first[own])
+                foreign[own], rivals[own] = self._weigh(here, first[own], tried, chose)
                 at_edge[own] = here.at_rim | self._beyond(here, foreign[own])
                 certain = max(foreign[row, window], rivals[row, window]) <= self._options.risk
                 good[row, window] = certain and not at_edge[row, window]
                 self._level = max(region.level - 1, 0) if good[row, window] else _WHOLE
                 if good[row, window]:
-                    self._window, self._seen_m = window, float(stops.path_m[end])
-                    self._error_m = self._lattice.error_of(np.asarray(peak.point))
+                    error_m = self._lattice.error_of(np.asarray(peak.point))
+                    self._take(float(stops.path_m[end]), error_m, float(peak.area), tried)
+                    self._window = window
                     break
             else:
                 # Evidence that one length lacks, the next may hold.

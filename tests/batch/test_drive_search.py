@@ -98,6 +98,20 @@ def test_a_lost_drive_is_found_again(site: Site, scans: LiveBlock, drift_m: floa
     assert ok[GARBAGE.stop + back :].mean() > 0.7
 
 
+@pytest.mark.parametrize("begin", [120, 360, 520])
+def test_other_ground_with_a_piece_of_the_map_is_soon_forgotten(site: Site, scans: LiveBlock, begin: int) -> None:
+    """1.5 m of the map's own ground in another's: windows that found it do not confirm it, however near they search."""
+    own = slice(begin, begin + int(1.5 / STEP_M))
+    traces = scans_of(site, "impostor").traces[: len(scans.traces)]
+    traces[own] = scans.traces[own]
+    found = replay(site, part_of(scans, slice(0, len(traces)))._replace(traces=traces), OPTIONS)
+    ok = np.flatnonzero(found.ok)
+    assert len(ok)
+    assert own.start <= ok.min()
+    assert (ok.max() - own.stop) * STEP_M < 1.5
+    assert found.off_m[ok].max() < 0.3
+
+
 def test_a_prior_beyond_all_that_is_searched_gives_no_fix(site: Site, scans: LiveBlock) -> None:
     """3 m off where one metre, then two, are searched."""
     found = replay(site, shifted(scans, 2.2), RegisterOptions(search_m=1.0))
