@@ -9,7 +9,8 @@ Where a place is known, the next is searched for around it alone; every few metr
 place that is as good.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -44,6 +45,37 @@ NARROW = 0.5  # of the wavelength: width of an array that may be off the map wit
 _ALIKE = 100.0
 _RIM_POWER = 1.5  # of the risk, within one piece, for a match at the map's edge
 APART = 0.6  # of the wavelength: places closer than this are the same place
+
+
+class Look(NamedTuple):
+    """The highest score of a window over a region, its noise floor, height, and place as an error of the prior."""
+
+    score: float
+    floor: float
+    height_m: float
+    place_m: Float[np.ndarray, "2"]
+
+    @property
+    def z(self) -> float:
+        """In noise floors."""
+        return self.score / self.floor
+
+
+def better_attitude(looks: Sequence[Look], apart_m: float, risk: float) -> int | None:
+    """Which of some attitudes to take instead of the present one; None for that.
+
+    Args:
+        looks: one for each attitude, the present one first.
+        apart_m: places closer than this are the same place.
+        risk: accepted probability that another attitude, which leads elsewhere, is the true one.
+    """
+    best = looks[int(np.argmax([look.z for look in looks]))]
+    if best.z <= looks[0].z + _FAR_GAIN:
+        return None
+    others = [look.z for look in looks if np.linalg.norm(look.place_m - best.place_m) > apart_m]
+    if others and p_rival(np.array([best.z]), np.array([max(others)]))[0] > risk:
+        return None
+    return next(number for number, look in enumerate(looks) if look is best)
 
 
 class EvidenceSearch:
@@ -376,13 +408,15 @@ class EvidenceSearch:
         far = not near and self._attitude.may_be_far and self._options.own_thresholds is None
         heights_m = self._lattice.wide_heights_m if far else self._lattice.heights_m
 
-        def look(tried: Stops, each: float, heights_m: Float[np.ndarray, " height"]) -> tuple[float, float, float]:
+        def look(tried: Stops, each: float, heights_m: Float[np.ndarray, " height"]) -> Look:
             own = self._chain.coefficients(tried.filtered[at], tried.valid[at], each)
             peaks = self._one_window(tried, at, own, middle, half_m, heights_m)
             floor = float(peaks.floor) or float(peaks.region_floor) or 0.5
-            return float(peaks.score), floor, float(heights_m[int(peaks.height)])
+            there_m = self._lattice.error_of(np.asarray(peaks.point), middle, self.plan.points(half_m))
+            return Look(float(peaks.score), floor, float(heights_m[int(peaks.height)]), there_m)
 
-        score, floor, _ = np.array([look(stops, float(each), heights_m) for each in scale.scales(near=near)]).T
+        looks = [look(stops, float(each), heights_m) for each in scale.scales(near=near)]
+        score, floor = np.array([[each.score, each.floor] for each in looks]).T
         if min(score) <= OFF_MAP_SCORE:
             return False
         changed = scale.take(score, floor, near=near)
@@ -395,24 +429,24 @@ class EvidenceSearch:
         return True
 
     def _suppose(
-        self,
-        stops: Stops,
-        high: int,
-        look: Callable[[Stops, float, Float[np.ndarray, " height"]], tuple[float, float, float]],
+        self, stops: Stops, high: int, look: Callable[[Stops, float, Float[np.ndarray, " height"]], Look]
     ) -> bool:
-        """Try heights and headings far from the prior's on the last metres; True if one was taken."""
+        """Try heights and headings far from the prior's on the last metres; True if one was taken.
+
+        None is taken where another one about as good leads elsewhere: from then on only its own headings are searched.
+        """
         scale, lattice, applied = self._scale.value, self._lattice, self._attitude.applied
-        score, floor, _ = look(stops, scale, lattice.heights_m)
-        present = score / floor
-        best, wanted = present + _FAR_GAIN, applied
-        for heading in (applied[1], *self._attitude.headings):
+        present = look(stops, scale, lattice.heights_m)
+        looks, offsets = [present], [applied]
+        far = self._attitude.headings
+        for heading in np.unique([applied[1], *([0.0] if len(far) else []), *far]):
             more = np.array([0.0, heading - applied[1], 0.0])
-            score, floor, height_m = look(_turned(stops, more, high - 1), scale, lattice.wide_heights_m)
-            if score / floor > best:
-                best, wanted = score / floor, applied + more + np.array([height_m, 0.0, 0.0])
-        if wanted is applied:
+            looks.append(look(_turned(stops, more, high - 1), scale, lattice.wide_heights_m))
+            offsets.append(applied + more + np.array([looks[-1].height_m, 0.0, 0.0]))
+        best = better_attitude(looks, APART * self._wavelength_m, self._options.risk)
+        if best is None:
             return False
-        self._attitude.suppose(wanted)
+        self._attitude.suppose(offsets[best])
         self._scale.tried = max(self._scale.tried, _FAR_TRIED)
         self._correct(stops, high - 1)
         return True

@@ -8,6 +8,7 @@ import pytest
 
 from lgprjax.registration import RegisterOptions
 from lgprjax.registration.estimates import WIDEST, AttitudeEstimate
+from lgprjax.registration.evidence import Look, better_attitude
 from lgprjax.registration.refine import PRIOR
 
 CLAIMED_RAD = np.radians(0.3)
@@ -104,3 +105,31 @@ def test_what_was_found_by_trial_gives_way_to_matches() -> None:
     truth = np.array([0.0, np.radians(6.5), 0.0])
     drive(estimate, truth, 4, 8.0)
     assert np.degrees(abs(estimate.applied[1] - truth[1])) < 1.0
+
+
+HERE, BESIDE, ELSEWHERE = np.zeros(2), np.array([0.1, 0.0]), np.array([0.8, 0.0])
+
+
+def looks(*found: tuple[float, np.ndarray]) -> list[Look]:
+    """Scores in noise floors of a tenth, and places."""
+    return [Look(0.1 * z, 0.1, 0.0, place) for z, place in found]
+
+
+@pytest.mark.parametrize(
+    ("found", "taken"),
+    [
+        # Nothing matches as the log has it, one attitude does.
+        ([(3.0, HERE), (3.2, ELSEWHERE), (9.0, BESIDE)], 2),
+        # Others lead to the same place: which of them is the true one does no harm.
+        ([(3.0, BESIDE), (8.5, BESIDE), (9.0, HERE)], 2),
+        # Ground that comes again on a bend: turned by as much, the next period fits about as well.
+        ([(7.0, HERE), (8.4, HERE), (9.0, ELSEWHERE)], None),
+        # Hardly better than the present one.
+        ([(8.0, HERE), (9.0, HERE)], None),
+        ([(8.0, HERE)], None),
+    ],
+)
+def test_another_attitude_is_taken_where_no_other_place_is_about_as_good(
+    found: list[tuple[float, np.ndarray]], taken: int | None
+) -> None:
+    assert better_attitude(looks(*found), apart_m=0.3, risk=1e-4) == taken
