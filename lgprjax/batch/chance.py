@@ -49,6 +49,7 @@ _COVERED = 0.5  # of the channels, over the ground of the others
 _BETWEEN = 0.6  # of the distance between map traces
 # wavelengths to each side, no more than 2.5 m: chances scale with the area, so that a small one suffices
 _REGION = 6.25
+_RESEMBLES = 2.5  # wavelengths over which ground resembles itself: layers and lenses, not single stones
 
 
 class _Swapped(NamedTuple):
@@ -145,8 +146,9 @@ def _swapped(source: MapFile, channels: int, half_m: float) -> Iterator[_Swapped
     """Pairs of stretches, drawn in a fixed order; each pair at least a region apart over its whole length."""
     draw = np.random.default_rng(_SEED)
     settings = source.description.settings
-    # The true place and its neighbourhood are then outside the region.
-    step_m, apart_m = settings.step_m, half_m + max(0.5, 0.6 * settings.wavelength_m)
+    # The true place is then outside the region, which is a square that turns with the heading, and so is the ground
+    # around it that resembles it.
+    step_m, apart_m = settings.step_m, np.sqrt(2.0) * half_m + max(1.0, _RESEMBLES * settings.wavelength_m)
     drive = source.drive
     starts = np.flatnonzero(np.diff(drive, prepend=-1))
     ends = np.append(starts[1:], len(drive))
@@ -164,7 +166,7 @@ def _swapped(source: MapFile, channels: int, half_m: float) -> Iterator[_Swapped
             traces = traces[::-1]
         under, channel = draw.integers(source.description.channels - channels + 1, size=2)
         place, origin = _places(source, poses, int(under), channels), _places(source, traces, int(channel), channels)
-        away = np.max(np.abs(place - origin), axis=1) >= apart_m
+        away = np.linalg.norm(place - origin, axis=1) >= apart_m
         # The longest run of places far enough apart.
         edges = np.flatnonzero(np.diff(np.concatenate([[0], away.astype(int), [0]])))
         runs = edges.reshape(-1, 2)

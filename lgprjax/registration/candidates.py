@@ -160,7 +160,11 @@ class StopFixes:
         candidate = candidate[tiles[candidate] >= 0]
         half = attitude.half_width(stops.sigma_yaw_rad[at])
         fixes.p_false[candidate] = judged.p_false[candidate]
-        fixes.window_m[candidate] = np.asarray(self._plan.windows_m)[judged.window[candidate]]
+        # A leg may be shorter than the window it was matched with.
+        length_m = np.asarray(self._plan.windows_m)[judged.window]
+        travel_m = stops.path_m[at] - stops.path_m[np.maximum(judged.first, 0)]
+        length_m = np.where(travel_m < length_m - self._plan.spacing_m, travel_m, length_m)
+        fixes.window_m[candidate] = length_m[candidate]
         for aspect, rows in self._prepared.aspects(
             tiles[candidate], stops.pose[at[candidate], 3], stops.speed_mps[at[candidate]]
         ):

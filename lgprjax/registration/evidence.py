@@ -522,7 +522,7 @@ class EvidenceSearch:
             near=(1, 1) if alone else plan.points(CARRIED_M + DRIFT * LOST_M),
         )
         whole, near = (jax.tree.map(lambda field: field[: len(at)], peaks) for peaks in (whole, near))
-        floor = self._settled_floor(stops, at, whole)
+        floor = self._settled_floor(stops, at, first, whole)
         whole, near = whole._replace(floor=floor), near._replace(floor=floor)
         if np.ptp(self._prepared.array.y_m) > NARROW * self._wavelength_m:
             # An array wider than the correlation length of the ground can measure how much of it is beyond an edge.
@@ -545,19 +545,21 @@ class EvidenceSearch:
         return both
 
     def _settled_floor(
-        self, stops: Stops, at: Int[np.ndarray, " end"], peaks: Peaks
+        self, stops: Stops, at: Int[np.ndarray, " end"], first: Int[np.ndarray, "end window"], peaks: Peaks
     ) -> Float[np.ndarray, "end window"]:
         """Noise floors pooled over the last metres: one place has few decoys, and each stop adds others.
 
-        Where hardly any decoy was on the map, the floor is estimated from the region itself, far from its best place;
-        where that is too little as well, the most cautious value is used.
+        A window that its leg is too short for yet has none. Of windows with less ground than the others, the floor is
+        higher by the root of that. Where hardly any decoy was on the map, the floor is estimated from the region
+        itself, far from its best place; where that is too little as well, the most cautious value is used.
         """
-        self._floor[:, at] = peaks.floor, peaks.region_floor
+        members = at[:, None] + 1 - first
+        self._floor[:, at] = np.where(first >= 0, [peaks.floor, peaks.region_floor] * np.sqrt(members), 0.0)
         begin = np.searchsorted(stops.path_m, stops.path_m[at] - _FLOOR_M * max(1.0, self._wavelength_m))
         conclusive = np.pad(np.cumsum(self._floor > 0.0, axis=1), [(0, 0), (1, 0), (0, 0)])
         total = np.pad(np.cumsum(self._floor**2, axis=1), [(0, 0), (1, 0), (0, 0)])
         count: Int[np.ndarray, "kind end window"] = conclusive[:, at + 1] - conclusive[:, begin]
-        mean = np.sqrt((total[:, at + 1] - total[:, begin]) / np.maximum(count, 1))
+        mean = np.sqrt((total[:, at + 1] - total[:, begin]) / np.maximum(count, 1) / members)
         return np.where(count[0] > 0, mean[0], np.where(count[1] > 0, mean[1], 0.5))
 
     def _weigh(
@@ -604,16 +606,20 @@ class EvidenceSearch:
         return np.asarray(one_side & (long | (foreign > self._options.risk**_RIM_POWER)))
 
     def _first_of(self, stops: Stops, at: Int[np.ndarray, " end"]) -> Int[np.ndarray, "end window"]:
-        """First stop of each window that ends at each stop; -1 where its leg is not that long yet."""
+        """First stop of each window that ends at each stop; -1 where its leg is not long enough yet.
+
+        A leg shorter than a window is matched whole with it, once it is longer than the next shorter window by a
+        quarter: after a drive's start, or a place where travel is not known, all the ground that there is counts.
+        """
         begin = np.searchsorted(stops.leg, stops.leg[at])
         # Stops before the history are dropped: the longest window reaches no farther.
         out = np.full((len(at), len(self.plan.windows_m)), -1)
         for number, length_m in enumerate(self.plan.windows_m):
-            wanted_m = stops.path_m[at] - length_m
-            whole = (stops.path_m[begin] <= wanted_m + 0.5 * self.plan.spacing_m + 1e-6) | (length_m <= 0.0)
-            inside = np.searchsorted(stops.path_m, wanted_m - 1e-6)
+            least_m = max(0.5 * length_m, 1.25 * self.plan.windows_m[number - 1]) if number else length_m
+            long = stops.path_m[at] - stops.path_m[begin] >= least_m - 0.5 * self.plan.spacing_m - 1e-6
+            inside = np.searchsorted(stops.path_m, stops.path_m[at] - length_m - 1e-6)
             inside = at if length_m <= 0.0 else np.maximum(inside, begin)
-            out[:, number] = np.where(whole, inside, -1)
+            out[:, number] = np.where(long, inside, -1)
         return out
 
     def _decide(
