@@ -160,12 +160,13 @@ def surfaces_at(
 
 def peaks_in(surfaces: tuple[Array, Array, Array], space: Space) -> Peaks:
     """Peaks of the scans, each by itself."""
-    own = jnp.arange(len(surfaces[0]), dtype=jnp.int32)
-    centre, half_m = jnp.broadcast_to(space.centre, (len(own), 2)), jnp.broadcast_to(space.half_m, own.shape)
+    count = len(surfaces[0])
+    centre, half_m = jnp.broadcast_to(space.centre, (count, 2)), jnp.broadcast_to(space.half_m, (count,))
     # No place is carried on from scan to scan: the one near it is asked for a single point.
-    windows = WindowBatch(own[:, None], own, centre, half_m, centre, 0.0 * half_m)
+    lattice, decoys, power = (field[:, None] for field in surfaces)
+    windows = WindowBatch(lattice, decoys, power, jnp.ones((count, 1), jnp.int32), centre, half_m, centre, 0.0 * half_m)
     step_m = jnp.broadcast_to(space.step_m, (2,))
-    peaks, _ = window_peaks(*surfaces, windows, step_m, jnp.float32(_APART_M), jnp.float32(MIN_OVERLAP), near=(1, 1))
+    peaks, _ = window_peaks(windows, step_m, jnp.float32(_APART_M), jnp.float32(MIN_OVERLAP), near=(1, 1))
     return Peaks(*peaks)
 
 

@@ -222,7 +222,8 @@ def _scans_of(source: MapFile, swapped: _Swapped, channels: int) -> LiveScans:
 def _left_out_errors(
     source: MapFile, options: RegisterOptions, channels: int, chance: Chance
 ) -> Float[np.ndarray, " piece"]:
-    """Squared errors of left-out baselines' places on the others' ground, in units of their matches' covariance.
+    """Squared errors of left-out baselines' places on the others' ground, in units of their matches' and labels'
+    covariance.
 
     Per degree of freedom, one fix a piece; a constant offset of a baseline's labels is no error of its matches.
     """
@@ -233,12 +234,15 @@ def _left_out_errors(
     some = numbers[np.unique(np.linspace(0, len(numbers) - 1, _LEFT_OUT).round().astype(int))]
     most_m = _LEFT_OUT_PIECES / len(some) * piece_m
     alone = chance._replace(sigma_scale=1.0)
+    label_m2 = np.nan_to_num(np.asarray(source.description.label_sigma_m)) ** 2
     out = []
     for number in some:
         others = OtherBaselines(source, int(number))
         ground = ground_map_for(others, options)
         prepared = PreparedGround(ground, uniform_array(channels, source.description.channel_pitch_m), keep=8)
         error_m, covariance, left_m = [], [], most_m
+        # Labels wander along their baselines, each by itself: what is apart of two is theirs as much as the match's.
+        labels_m2 = label_m2[int(number)] + np.mean(label_m2[numbers[numbers != number]])
         for stretch, covered in _stretches_over_others(source, int(number), channels, piece_m):
             if left_m < piece_m:
                 break
@@ -252,7 +256,7 @@ def _left_out_errors(
             piece = np.floor(scans.path_m[stops[ok]] / piece_m)
             ok = ok[::-1][np.unique(piece[::-1], return_index=True)[1]]
             error_m.append(np.asarray(fix.pose)[ok, :2] - scans.track.pose[stops[ok], :2])
-            covariance.append(np.asarray(fix.covariance)[ok, :2, :2] - beside[ok])
+            covariance.append(np.asarray(fix.covariance)[ok, :2, :2] - beside[ok] + labels_m2 * np.eye(2))
         error = np.concatenate(error_m) if error_m else np.zeros((0, 2))
         if len(error) >= _LEAST_LEFT_OUT:
             apart = error - np.median(error, axis=0)

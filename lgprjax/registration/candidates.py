@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from lgprjax.radar import centre_of
 from lgprjax.registration.coarse import ErrorLattice, Peaks
@@ -73,7 +73,6 @@ def label_variance(prepared: PreparedGround, tile: int, pose: Float[np.ndarray, 
 
 _RIM = 0.25  # of the wavelength: sigma across at the map's edge
 _SETTLING = 0.3  # of the wavelength: sigma along at a drive's start, falling to none where its background is known
-_BOUNCE_M = 0.015  # sigma of the height that the map's own antennas had above the ground: nobody measured it
 _RIM_OF_ATTITUDE = 0.98  # of the half width of a region of attitudes
 _FAR = 1.5  # times the width that the log claims: a region whose rim is many steps away
 _AWAY = 0.6  # of the wavelength: a climb that ends farther off left its peak
@@ -159,6 +158,9 @@ class StopFixes:
         tiles[candidate] = self._lattice.tiles_at(place[candidate], 1.0)
         candidate = candidate[tiles[candidate] >= 0]
         half = attitude.half_width(stops.sigma_yaw_rad[at])
+        # A swarm ends near a peak, in all dimensions: the exhaustive search on its lattice, at the prior's attitude.
+        far = np.any(half > _FAR * attitude.claimed(stops.sigma_yaw_rad[at]), axis=1)
+        far |= self._options.search_swarm is not None
         fixes.p_false[candidate] = judged.p_false[candidate]
         # A leg may be shorter than the window it was matched with.
         length_m = np.asarray(self._plan.windows_m)[judged.window]
@@ -171,7 +173,7 @@ class StopFixes:
             rows = candidate[rows]
             for low in range(0, len(rows), self._batch):
                 some = rows[low : low + self._batch]
-                self._finish_some(stops, at, place, judged, aspect, some, half, fixes)
+                self._finish_some(stops, at, place, judged, aspect, some, half, far, fixes)
         told = np.flatnonzero((judged.code == Code.OK) & np.isfinite(fixes.pose[:, 0]))
         away = np.asarray(fixes.pose)[told, 2:] - stops.pose[at[told], 2:]
         away[:, 1] = np.mod(away[:, 1] + np.pi, 2.0 * np.pi) - np.pi
@@ -200,7 +202,7 @@ class StopFixes:
             beside + at_end * left[:, :, None] * left[:, None, :] + at_start * ahead[:, :, None] * ahead[:, None, :]
         )
         fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
-        fixes.covariance[:, 2, 2] += _BOUNCE_M**2
+        fixes.covariance[:, 2:, 2:] += np.diag(attitude.unknown**2)
         return fixes, beside
 
     def _finish_some(
@@ -212,6 +214,7 @@ class StopFixes:
         aspect: TemplateKey,
         some: Int[np.ndarray, " candidate"],
         half_width: Float[np.ndarray, "stop 3"],
+        far: Bool[np.ndarray, " stop"],
         fixes: Fix,
     ) -> None:
         ground = self._ground
@@ -226,10 +229,6 @@ class StopFixes:
         half = self._options.half_width(stops.sigma_yaw_rad[last], self._lattice.half_m)
         half[:, 2:5] = half_width[rows]
         half[:, :2] = np.maximum(half[:, :2], np.abs(place[rows] - prior[:, :2]) + self._wavelength_m)
-        # A swarm ends near a peak, in all dimensions: the exhaustive search on its lattice, at the prior's attitude.
-        far = self._options.search_swarm is not None or np.any(
-            half[:, 2:5] > _FAR * self._options.half_width(stops.sigma_yaw_rad[last], 1.0)[:, 2:5]
-        )
         level = [(0, 0), (0, 1)]
         found: Finished = jax.device_get(
             finish_best(
@@ -249,7 +248,7 @@ class StopFixes:
                 pitch=self._options.pitch_deg > 0.0,
                 swarm=self._options.swarm,
                 seed=np.uint32(self._options.seed),
-                steps=np.int32(FAR_STEPS if far else CLIMB_STEPS),
+                steps=np.int32(FAR_STEPS if far[rows].any() else CLIMB_STEPS),
             )
         )
         found = jax.tree.map(lambda field: np.asarray(field)[: len(some)], found)

@@ -171,19 +171,22 @@ class Peaks(NamedTuple):
 
 
 class WindowBatch(NamedTuple):
-    """Windows over consecutive surfaces.
+    """Sums of surfaces over windows of scans, see ``scan_surfaces``, one row of lengths for every end.
 
     Attributes:
-        first: number of each window's first surface, one row of lengths for every end; -1 for none.
-        last: number of their last surface.
+        lattice, decoys: sums over the scans of each window.
+        power: the same of the scans' loudness.
+        scans: of each window; 0 for none.
         centre: lattice point, forward and left, of the prior at that end.
         half_m: half side of the region.
         carried: lattice point of the last accepted place, propagated by odometry.
         carried_m: half side of the region around it.
     """
 
-    first: Int[Array | np.ndarray, "end window"]
-    last: Int[Array | np.ndarray, " end"]
+    lattice: Float[Array | np.ndarray, "end window plane forward left"]
+    decoys: Float[Array | np.ndarray, "end window plane decoy"]
+    power: Float[Array | np.ndarray, "end window"]
+    scans: Int[Array | np.ndarray, "end window"]
     centre: Float[Array | np.ndarray, "end 2"]
     half_m: Float[Array | np.ndarray, " end"]
     carried: Float[Array | np.ndarray, "end 2"]
@@ -192,9 +195,6 @@ class WindowBatch(NamedTuple):
 
 @partial(jax.jit, static_argnames="near")
 def window_peaks(
-    surfaces: Float[Array, "scan plane forward left"],
-    decoys: Float[Array, "scan plane decoy"],
-    power: Float[Array, " scan"],
     windows: WindowBatch,
     lattice_m: Float[Array, "2"],
     apart_m: Float[Array, ""],
@@ -202,38 +202,29 @@ def window_peaks(
     *,
     near: tuple[int, int],
 ) -> tuple[Peaks, Peaks]:
-    """Peaks of all windows, from differences of running sums: in the whole region, and near the carried place.
+    """Peaks of all windows: in the whole region, and near the carried place.
 
     Args:
-        surfaces, decoys, power: of consecutive scans, from ``scan_surfaces`` over one lattice.
-        windows: over them.
+        windows: sums of surfaces over one lattice.
         lattice_m: step of the lattice, forward and left.
         apart_m: places closer than this are the same place.
         min_overlap: least share of a window's channels on the map.
         near: largest size of the region around the carried place, in lattice points forward and left.
     """
-    size = surfaces.shape[2:]
+    size = windows.lattice.shape[3:]
     near = (min(near[0], size[0]), min(near[1], size[1]))
-    total = jnp.concatenate([jnp.zeros_like(surfaces[:1]), jnp.cumsum(surfaces, axis=0)])
-    apart_total = jnp.concatenate([jnp.zeros_like(decoys[:1]), jnp.cumsum(decoys, axis=0)])
-    loud = jnp.concatenate([jnp.zeros_like(power[:1]), jnp.cumsum(power)])
 
     def one(end: tuple[Array, ...]) -> tuple[Peaks, Peaks]:
-        first, last, centre, half_m, carried, carried_m = end
-        known = first >= 0
-        begin = jnp.maximum(first, 0)
-        scans = (last + 1 - begin).astype(jnp.float32)
-        planes = total[last + 1][None] - total[begin]
-        live = loud[last + 1] - loud[begin]
-        floor = _floor_of(apart_total[last + 1][None] - apart_total[begin], live, scans, min_overlap)
+        planes, decoys, live, members, centre, half_m, carried, carried_m = end
+        known = members > 0
+        scans = jnp.maximum(members, 1).astype(jnp.float32)
+        floor = _floor_of(decoys, live, scans, min_overlap)
         peaks = _peaks_of(planes, live, floor, scans, centre, half_m, lattice_m, apart_m, min_overlap)
         corner = jnp.round(carried).astype(jnp.int32) - jnp.asarray(near, jnp.int32) // 2
         corner = jnp.clip(corner, 0, jnp.asarray(size, jnp.int32) - jnp.asarray(near, jnp.int32))
         cut = jax.lax.dynamic_slice(planes, (0, 0, corner[0], corner[1]), (*planes.shape[:2], *near))
         first_m = corner.astype(jnp.float32)
-        close = _peaks_of(
-            cut, live, jnp.asarray(peaks.floor), scans, carried - first_m, carried_m, lattice_m, apart_m, min_overlap
-        )
+        close = _peaks_of(cut, live, floor, scans, carried - first_m, carried_m, lattice_m, apart_m, min_overlap)
         close = close._replace(point=close.point + first_m[None])
         # The end of the map is not the end of the cut.
         at = jnp.round(close.point).astype(jnp.int32)
@@ -394,9 +385,56 @@ def decoy_reach_m(wavelength_m: float) -> float:
 class Surfaces(NamedTuple):
     """Of consecutive stops, see ``scan_surfaces``."""
 
-    lattice: Float[np.ndarray, "stop plane forward left"]
-    decoys: Float[np.ndarray, "stop plane decoy"]
-    power: Float[np.ndarray, " stop"]
+    lattice: Float[np.ndarray, "*batch plane forward left"]
+    decoys: Float[np.ndarray, "*batch plane decoy"]
+    power: Float[np.ndarray, "*batch"]
+
+
+class RunningSums:
+    """Sums of the surfaces of consecutive stops up to each of them: that of a window is a difference of two.
+
+    In double precision, since a drive has no end; kept for as many stops as the longest window needs.
+
+    Args:
+        blank: surfaces of no stop, of one lattice.
+        first: number of the first stop.
+        room: stops kept, at least.
+    """
+
+    def __init__(self, blank: Surfaces, first: int, room: int) -> None:
+        # Twice the room, so that old sums are moved out once in so many stops.
+        self._sums = Surfaces(*(np.zeros((2 * room + 1, *field.shape[1:])) for field in blank))
+        self._first, self._room, self._count = first, room, 0
+
+    @property
+    def end(self) -> int:
+        """Number of the next stop."""
+        return self._first + self._count
+
+    def renumber(self, dropped: int) -> None:
+        """Count stops from a later one on."""
+        self._first -= dropped
+
+    def append(self, surfaces: Surfaces) -> None:
+        """Add the surfaces of the next stops, at most as many as there is room for."""
+        more = len(surfaces.power)
+        if self._count + more > 2 * self._room:
+            keep = self._room
+            for whole in self._sums:
+                whole[: keep + 1] = whole[self._count - keep : self._count + 1].copy()
+            self._first, self._count = self.end - keep, keep
+        for whole, part in zip(self._sums, surfaces, strict=True):
+            into = whole[self._count + 1 : self._count + 1 + more]
+            np.cumsum(part, axis=0, dtype=np.float64, out=into)
+            into += whole[self._count]
+        self._count += more
+
+    def over(self, first: Int[np.ndarray, "end window"], last: Int[np.ndarray, " end"]) -> Surfaces:
+        """Sums over windows, from their first to their last stop; of no stop where the first is -1."""
+        after = last - self._first + 1
+        before = np.where(first >= 0, first - self._first, after[:, None])
+        windows = (np.stack([whole[after] - whole[begin] for begin in before.T], axis=1) for whole in self._sums)
+        return Surfaces(*(window.astype(np.float32) for window in windows))
 
 
 class ErrorLattice:

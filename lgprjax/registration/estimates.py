@@ -6,6 +6,7 @@ Both are causal, and the same for a whole drive and for a vehicle.
 import numpy as np
 from jaxtyping import Bool, Float
 
+from lgprjax.radar import LIGHT_SPEED_M_PER_NS, ArrayGeometry
 from lgprjax.registration.judge import RegisterOptions
 from lgprjax.registration.refine import FEW_CHANNELS, PRIOR
 
@@ -94,6 +95,25 @@ _MEMORY_M = 8.0  # of travel over which evidence fades: an INS drifts
 _HEADINGS = np.radians([-12.0, -8.0, -4.0, 4.0, 8.0, 12.0])
 _SUPPOSED = np.array([0.03, np.radians(3.0), np.radians(2.0)])  # sigmas of offsets found by trial
 _MOVED = np.array([0.01, np.radians(0.4), np.radians(0.4)])  # below which a correction is not worth new surfaces
+BOUNCE_M = 0.015
+"""Sigma of the height that the map's own antennas had above the ground: nobody measured it."""
+_SCALE_SIGMA = 0.005  # of a time scale that is followed along the drive
+_DEPTH = 1.0 / 3.0  # of a profile, at which its echoes are on the mean
+
+
+def unknown_attitude(array: ArrayGeometry, profile_ns: float, *, scale_followed: bool) -> Float[np.ndarray, "3"]:
+    """Standard deviations of height, heading and roll that no log can claim to know better: what a match tells of them
+    is relative to a map whose baselines bounced, each by itself, and an array may lie on two of them; and delays grow
+    with the time scale as they do with the height.
+
+    Args:
+        array: of the drive.
+        profile_ns: length of the map's profiles.
+        scale_followed: the time scale is an estimate too.
+    """
+    late_ns = _SCALE_SIGMA * _DEPTH * profile_ns if scale_followed else 0.0
+    height_m = np.hypot(BOUNCE_M, 0.5 * LIGHT_SPEED_M_PER_NS * late_ns)
+    return np.array([height_m, 0.0, BOUNCE_M / max(float(np.ptp(array.y_m)), BOUNCE_M)])
 
 
 class AttitudeEstimate:
@@ -106,11 +126,13 @@ class AttitudeEstimate:
         channels: of the array.
         wavelength_m: matches within one share their errors.
         sigma_scale: factor on the sigmas of matches.
+        unknown: see ``unknown_attitude``.
         fed_back: the prior's heading comes from a filter that takes these fixes. It is not corrected here as well: two
             corrections, one late, would chase each other.
 
     Attributes:
         applied: offsets that the priors have been corrected by.
+        unknown: as given.
     """
 
     def __init__(
@@ -119,11 +141,13 @@ class AttitudeEstimate:
         channels: int,
         wavelength_m: float,
         sigma_scale: float,
+        unknown: Float[np.ndarray, "3"],
         *,
         fed_back: bool = False,
     ) -> None:
         self._fed_back = np.array([False, fed_back, False])
         self._options, self._wavelength_m, self._sigma_scale = options, wavelength_m, sigma_scale
+        self.unknown = unknown
         self._few = channels <= FEW_CHANNELS
         self._information = np.zeros((3, 3))
         self._towards = np.zeros(3)
@@ -133,7 +157,7 @@ class AttitudeEstimate:
 
     def half_width(self, sigma_yaw_rad: Float[np.ndarray, " scan"]) -> Float[np.ndarray, "scan 3"]:
         """Half widths of the search in height, heading and roll about the corrected priors."""
-        claimed = self._claimed(sigma_yaw_rad)
+        claimed = self.claimed(sigma_yaw_rad)
         if self._few:
             return claimed
         mean, sigma = self._ground()
@@ -176,7 +200,7 @@ class AttitudeEstimate:
             self._information = fade * self._information + fresh * own
             self._towards = fade * self._towards + fresh * (whole @ offset[each] + own @ self.applied)
         mean, sigma = self._ground()
-        claimed = self._claimed(sigma_yaw_rad[-1:])[0] / 3.0
+        claimed = self.claimed(sigma_yaw_rad[-1:])[0] / 3.0
         away = np.abs(mean) / np.hypot(sigma, claimed)
         self._contradicted = away > np.where(self._contradicted, _HELD, _CONTRADICTED)
 
@@ -202,9 +226,9 @@ class AttitudeEstimate:
         """Offsets of heading to try where nothing matches."""
         return _HEADINGS[:0] if self._fed_back.any() else _HEADINGS
 
-    def _claimed(self, sigma_yaw_rad: Float[np.ndarray, " scan"]) -> Float[np.ndarray, "scan 3"]:
-        """Half widths as the log has them."""
-        return np.asarray(self._options.half_width(sigma_yaw_rad, 1.0)[:, 2:5])
+    def claimed(self, sigma_yaw_rad: Float[np.ndarray, " scan"]) -> Float[np.ndarray, "scan 3"]:
+        """Half widths as the log has them, and what it cannot know."""
+        return np.asarray(np.hypot(self._options.half_width(sigma_yaw_rad, 1.0)[:, 2:5], 3.0 * self.unknown))
 
     def _ground(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
         """Offsets by the ground alone, and their standard deviations."""

@@ -17,8 +17,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lgprjax.registration.candidates import ChosenWindows, StopFixes
-from lgprjax.registration.coarse import HELD_M, SLACK_M, ErrorLattice, Peaks, Surfaces, WindowBatch, window_peaks
-from lgprjax.registration.estimates import AttitudeEstimate, TimeScaleEstimate
+from lgprjax.registration.coarse import (
+    HELD_M,
+    SLACK_M,
+    ErrorLattice,
+    Peaks,
+    RunningSums,
+    Surfaces,
+    WindowBatch,
+    window_peaks,
+)
+from lgprjax.registration.estimates import AttitudeEstimate, TimeScaleEstimate, unknown_attitude
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.judge import MIN_OVERLAP, PIECE_M, Chance, RegisterOptions, p_foreign, p_rival
 from lgprjax.registration.queries import LiveChain, LiveScans, SearchSizes, Stops, stops_of
@@ -109,14 +118,19 @@ class EvidenceSearch:
         self._lattice = ErrorLattice(prepared, self.plan, options, batch)
         self._fixes = StopFixes(prepared, self._lattice, self.plan, options, chance.sigma_scale, batch)
         self._scale = TimeScaleEstimate(1.0 if options.time_scale is None else options.time_scale)
+        profile_ns = len(self._ground.basis.gain) * self._ground.description.settings.sample_interval_ns
         self._attitude = AttitudeEstimate(
-            options, len(prepared.array.x_m), self._wavelength_m, self._fixes.sigma_scale, fed_back=fed_back
+            options,
+            len(prepared.array.x_m),
+            self._wavelength_m,
+            self._fixes.sigma_scale,
+            unknown_attitude(prepared.array, profile_ns, scale_followed=options.time_scale is None),
+            fed_back=fed_back,
         )
         # Dead reckoning as the drive has it, turned by what heading was found to be wrong by.
         self._turn, self._shift_m = np.eye(2), np.zeros(2)
         self._stops: Stops | None = None
-        self._surfaces: Surfaces | None = None
-        self._from = 0  # stop of the first of these surfaces
+        self._surfaces: RunningSums | None = None
         self._floor = np.zeros((2, 0, len(self.plan.windows_m)))
         self._next_m = -np.inf
         self._ready = 0
@@ -171,7 +185,8 @@ class EvidenceSearch:
         self._stops = Stops(*(field[keep:] for field in stops))
         self._floor = self._floor[:, keep:]
         self._ready -= keep
-        self._from -= keep
+        if self._surfaces is not None:
+            self._surfaces.renumber(keep)
         return answered, fix, beside, scale
 
     def score_at(
@@ -371,15 +386,16 @@ class EvidenceSearch:
         """Peaks of one window of some stops over another lattice, and of other heights where these are given."""
         points = self.plan.points(half_m)
         surfaces = self._lattice.surfaces_of(stops, at, coefficients, middle_m, points, heights_m)
+        whole = Surfaces(*(field.sum(axis=0, dtype=np.float64).astype(np.float32)[None, None] for field in surfaces))
         window = WindowBatch(
-            np.zeros((1, 1), np.int32),
-            np.full(1, len(at) - 1, np.int32),
+            *whole,
+            np.full((1, 1), len(at), np.int32),
             np.asarray([points], np.float32) // 2,
             np.full(1, half_m, np.float32),
             np.zeros((1, 2), np.float32),
             np.zeros(1, np.float32),
         )
-        peaks, _ = self._peaks_of(_padded(surfaces, _COMPARED), window, near=(1, 1))
+        peaks, _ = self._peaks_of(window, near=(1, 1))
         return Peaks(*(field[0, 0] for field in peaks))
 
     def _overdue(self, here_m: float) -> bool:
@@ -460,23 +476,18 @@ class EvidenceSearch:
             )
             self._ready = high
 
-    def _extend(self, stops: Stops, high: int) -> tuple[int, Surfaces]:
-        """Surfaces of the stops up to ``high``, no more than windows that end in one batch need, and the first of these
-        stops. Missing ones are computed.
+    def _extend(self, stops: Stops, high: int) -> RunningSums:
+        """Sums of the surfaces of the stops up to ``high``, of no more than windows that end in one batch need. Missing
+        ones are computed.
         """
         begin = max(0, high - self.plan.history - self._ends)
         if self._surfaces is None:
-            self._surfaces, self._from = self._lattice.blank(0), begin
-        drop = max(0, begin - self._from)
-        have = self._from + len(self._surfaces.power)
-        if high > have:
-            at = np.arange(max(have, begin), high)
+            self._surfaces = RunningSums(self._lattice.blank(0), begin, self.plan.history + self._ends)
+        if high > self._surfaces.end:
+            at = np.arange(self._surfaces.end, high)
             self._make_ready(stops, high)
-            made = self._lattice.surfaces_of(stops, at, stops.coefficients[at])
-            both = zip(self._surfaces, made, strict=True)
-            self._surfaces = Surfaces(*(np.concatenate([old[drop:], new]) for old, new in both))
-            self._from += drop
-        return begin, Surfaces(*(field[begin - self._from : high - self._from] for field in self._surfaces))
+            self._surfaces.append(self._lattice.surfaces_of(stops, at, stops.coefficients[at]))
+        return self._surfaces
 
     def _judge(self, stops: Stops, low: int, high: int, astray: Float[np.ndarray, "stop 2"]) -> ChosenWindows:
         whole, near, first, centre = self._peaks(stops, low, high, astray)
@@ -496,7 +507,7 @@ class EvidenceSearch:
         """Peaks of all windows that end at some stops, in the whole region and near the last place; first stops of the
         windows, and lattice points of the priors."""
         plan, lattice = self.plan, self._lattice
-        begin, surfaces = self._extend(stops, high)
+        sums = self._extend(stops, high)
         at = np.arange(low, high)
         first = self._first_of(stops, at)
         fill = self._ends - len(at)
@@ -509,11 +520,9 @@ class EvidenceSearch:
         )
         alone = lattice.place_m is not None
         whole, near = self._peaks_of(
-            # One shape: as many surfaces as the longest window and a full batch need.
-            _padded(surfaces, plan.history + self._ends),
             WindowBatch(
-                np.where(starts >= 0, starts - begin, -1).astype(np.int32),
-                (ends - begin).astype(np.int32),
+                *sums.over(starts, ends),
+                np.where(starts >= 0, ends[:, None] + 1 - starts, 0).astype(np.int32),
                 (carried if alone else centre).astype(np.float32),
                 (carried_m if alone else np.full(len(ends), lattice.region_m)).astype(np.float32),
                 carried.astype(np.float32),
@@ -530,11 +539,10 @@ class EvidenceSearch:
             whole, near = whole._replace(open_sides=nowhere), near._replace(open_sides=nowhere)
         return whole, near, first, centre[: len(at)]
 
-    def _peaks_of(self, surfaces: Surfaces, windows: WindowBatch, *, near: tuple[int, int]) -> tuple[Peaks, Peaks]:
-        """Of windows over surfaces, on the host."""
+    def _peaks_of(self, windows: WindowBatch, *, near: tuple[int, int]) -> tuple[Peaks, Peaks]:
+        """On the host."""
         both: tuple[Peaks, Peaks] = jax.device_get(
             window_peaks(
-                *surfaces,
                 windows,
                 self.plan.lattice_m.astype(np.float32),
                 np.float32(APART * self._wavelength_m),
@@ -704,9 +712,3 @@ def _turned(stops: Stops, more: Float[np.ndarray, "3"], at: int) -> Stops:
 def _some(first: int, stop: int) -> Int[np.ndarray, " stop"]:
     """A subset of the stops, evenly spaced."""
     return np.unique(np.linspace(first, stop - 1, _COMPARED).round().astype(int))
-
-
-def _padded(surfaces: Surfaces, count: int) -> Surfaces:
-    """Surfaces padded with blank ones to the compiled shape."""
-    fill = count - len(surfaces.power)
-    return Surfaces(*(np.pad(field, [(0, fill)] + [(0, 0)] * (field.ndim - 1)) for field in surfaces))

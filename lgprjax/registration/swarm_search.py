@@ -184,7 +184,7 @@ class SwarmSearch(EvidenceSearch):
                     whole[row, window] = part
                 first[row, window] = begin
                 here = Peaks(*(field[own] for field in found))
-                floor[own] = self._settled_floor(stops, at[own], here)
+                floor[own] = self._settled_floor(stops, at[own], first[own], here)
                 here = here._replace(floor=floor[own])
                 attitudes = self._attitudes(stops, int(end))
                 tried, chose = attitudes * self._scale.tried, None
@@ -236,7 +236,7 @@ class SwarmSearch(EvidenceSearch):
     def _attitudes(self, stops: Stops, end: int) -> float:
         """Independent attitudes among those searched."""
         half = self._attitude.half_width(stops.sigma_yaw_rad[end : end + 1])[0]
-        claimed = self._options.half_width(stops.sigma_yaw_rad[end : end + 1], 1.0)[0, 2:5]
+        claimed = self._attitude.claimed(stops.sigma_yaw_rad[end : end + 1])[0]
         return _WIDE_ATTITUDES if np.any(half > 2.0 * claimed) else _ATTITUDES
 
     def _look(

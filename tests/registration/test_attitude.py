@@ -40,7 +40,7 @@ def drive(
 
 
 def fresh(channels: int = 9, wavelength_m: float = STEP_M) -> AttitudeEstimate:
-    return AttitudeEstimate(RegisterOptions(), channels, wavelength_m, 1.0)
+    return AttitudeEstimate(RegisterOptions(), channels, wavelength_m, 1.0, np.zeros(3))
 
 
 @pytest.mark.parametrize("heading_deg", [-12.0, -6.0, 6.0, 12.0])
@@ -87,7 +87,7 @@ def test_few_channels_take_the_claim_as_it_is() -> None:
 
 def test_a_heading_that_is_fed_back_is_not_corrected_twice() -> None:
     """Its region reaches as far as the ground says; height and roll, which no filter corrects, are."""
-    estimate = AttitudeEstimate(RegisterOptions(), 9, STEP_M, 1.0, fed_back=True)
+    estimate = AttitudeEstimate(RegisterOptions(), 9, STEP_M, 1.0, np.zeros(3), fed_back=True)
     truth = np.array([0.2, np.radians(6.0), np.radians(-4.0)])
     drive(estimate, truth, 5, 8.0)
     assert estimate.applied[1] == 0.0

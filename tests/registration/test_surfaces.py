@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from lgprjax.registration import OFF_MAP_SCORE, ArrayColumns
-from lgprjax.registration.coarse import Peaks, ScanBatch, WindowBatch, scan_surfaces, window_peaks
+from lgprjax.registration.coarse import (
+    Peaks,
+    RunningSums,
+    ScanBatch,
+    Surfaces,
+    WindowBatch,
+    scan_surfaces,
+    window_peaks,
+)
 from registration.synthetic_tile import HALF, NS_PER_M, OMEGA
 
 CHANNELS, NUMBERS, SCANS, PLACES, POINTS = 3, 4, 6, (13, 11), 9
@@ -215,18 +223,19 @@ def peaks_of(
 ) -> tuple[Peaks, Peaks]:
     """Of the whole region, and near the carried place."""
     ends = len(last)
+    whole = Surfaces(stack.surfaces, stack.decoys, stack.power)
+    sums = RunningSums(Surfaces(*(part[:0] for part in whole)), 0, STACK)
+    for part in (slice(0, 4), slice(4, STACK)):
+        sums.append(Surfaces(*(field[part] for field in whole)))
     windows = WindowBatch(
-        jnp.asarray(first, dtype=jnp.int32),
-        jnp.asarray(last, dtype=jnp.int32),
+        *(jnp.asarray(field) for field in sums.over(first, last)),
+        jnp.asarray(np.where(first >= 0, last[:, None] + 1 - first, 0), dtype=jnp.int32),
         single(centre),
         jnp.full(ends, half_m, jnp.float32),
         single(np.tile(CARRIED, (ends, 1))),
         jnp.full(ends, CARRIED_M, jnp.float32),
     )
     found = window_peaks(
-        single(stack.surfaces),
-        single(stack.decoys),
-        single(stack.power),
         windows,
         single(LATTICE_M),
         jnp.float32(APART_M),
@@ -293,3 +302,28 @@ def test_a_region_off_the_map_has_no_place() -> None:
     assert found.score[0, 0] == OFF_MAP_SCORE
     assert found.overlap[0, 0] == 0.0
     assert found.area[0, 0] == 0.0
+
+
+def test_sums_of_a_long_drive_are_those_of_its_windows() -> None:
+    rng = np.random.default_rng(3)
+    room, count = 6, 64
+    whole = Surfaces(rng.normal(size=(count, 3, 5, 4)), rng.normal(size=(count, 3, 7)), rng.uniform(size=count))
+    sums, dropped, low = RunningSums(Surfaces(*(part[:0] for part in whole)), 0, room), 0, 0
+    while low < count:
+        high = min(count, low + int(rng.integers(1, room)))
+        sums.append(Surfaces(*(field[low:high] for field in whole)))
+        low = high
+        # Stops are counted from a later one on, as those before are forgotten.
+        sums.renumber(2)
+        dropped += 2
+        assert sums.end == high - dropped
+        begin = max(high - room, 0)
+        last, first = np.array([high - 1 - dropped]), np.array([[high - 1, begin]]) - dropped
+        if begin < dropped:
+            continue
+        got = sums.over(np.concatenate([first, [[-1]]], axis=1), last)
+        for field, every in zip(got, whole, strict=True):
+            np.testing.assert_allclose(field[0, 0], every[high - 1], rtol=1e-5, atol=1e-6)
+            np.testing.assert_allclose(field[0, 1], every[begin:high].sum(axis=0), rtol=1e-5, atol=1e-6)
+            assert not np.any(field[0, 2])
+    assert dropped > room
