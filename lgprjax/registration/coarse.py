@@ -5,8 +5,9 @@ lattice of prior errors (forward and left) every scan gives one surface of produ
 window of any length is the sum over its scans and costs one subtraction of running sums.
 """
 
+from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +20,21 @@ from lgprjax.registration.judge import RegisterOptions
 from lgprjax.registration.queries import SearchSizes, Stops
 from lgprjax.registration.score import OFF_MAP_SCORE
 from lgprjax.registration.template_bank import ArrayColumns, PreparedGround, TemplateKey, to_tile
+
+
+def _each(one: Callable[[Any], Any], batch: Any, count: int | Int[Array, ""] | None) -> Any:
+    """The first ``count`` elements of a batch one by one, all of them without a count; zeros for the others, which fill
+    a compiled shape and cost nothing.
+    """
+    size = len(jax.tree.leaves(batch)[0])
+    shapes = jax.eval_shape(one, jax.tree.map(lambda field: field[0], batch))
+    blank = jax.tree.map(lambda shape: jnp.zeros((size, *shape.shape), shape.dtype), shapes)
+
+    def step(at: Int[Array, ""], made: Any) -> Any:
+        now = one(jax.tree.map(lambda field: jax.lax.dynamic_index_in_dim(field, at, keepdims=False), batch))
+        return jax.tree.map(lambda whole, part: whole.at[at].set(part), made, now)
+
+    return jax.lax.fori_loop(0, size if count is None else count, step, blank)
 
 
 class ScanBatch(NamedTuple):
@@ -49,6 +65,7 @@ def scan_surfaces(
     *,
     points: tuple[int, int],
     box: tuple[int, int] | None = None,
+    count: int | Int[Array, ""] | None = None,
 ) -> tuple[Float[Array, "scan plane forward left"], Float[Array, "scan plane decoy"], Float[Array, " scan"]]:
     """Surface of each scan over the lattice of prior errors, the same at decoys, and the power of the scan.
 
@@ -64,6 +81,7 @@ def scan_surfaces(
         points: of the lattice, forward and left.
         box: places along and across that contain the lattice at any rotation, where these are few: each scan is then
             multiplied with its own places only. Without it all scans are multiplied with all places at once.
+        count: of the scans that are asked for, the first ones; all without.
     """
     scan_count = len(scans.at_m)
     live = jnp.where(scans.valid[..., None], scans.coefficients, 0.0)
@@ -120,7 +138,7 @@ def scan_surfaces(
         )
         return _scan_alike(jnp.where(inside[None], lattice, 0.0)), _scan_alike(jnp.where(there[None], decoy, 0.0))
 
-    surfaces, decoys = jax.lax.map(one, (own, scans.at_m))
+    surfaces, decoys = _each(one, (own, jnp.asarray(scans.at_m)), count)
     return surfaces, decoys, loud
 
 
@@ -201,6 +219,7 @@ def window_peaks(
     min_overlap: Float[Array, ""],
     *,
     near: tuple[int, int],
+    count: int | Int[Array, ""] | None = None,
 ) -> tuple[Peaks, Peaks]:
     """Peaks of all windows: in the whole region, and near the carried place.
 
@@ -210,6 +229,7 @@ def window_peaks(
         apart_m: places closer than this are the same place.
         min_overlap: least share of a window's channels on the map.
         near: largest size of the region around the carried place, in lattice points forward and left.
+        count: of the ends that are asked for, the first ones; all without.
     """
     size = windows.lattice.shape[3:]
     near = (min(near[0], size[0]), min(near[1], size[1]))
@@ -235,7 +255,7 @@ def window_peaks(
             close._replace(score=jnp.where(known, close.score, OFF_MAP_SCORE)),
         )
 
-    both: tuple[Peaks, Peaks] = jax.lax.map(one, windows)
+    both: tuple[Peaks, Peaks] = _each(one, WindowBatch(*map(jnp.asarray, windows)), count)
     return both
 
 
@@ -423,18 +443,22 @@ class RunningSums:
             for whole in self._sums:
                 whole[: keep + 1] = whole[self._count - keep : self._count + 1].copy()
             self._first, self._count = self.end - keep, keep
+        # Plane after plane: memory is passed through in order, which a running sum along the first axis does not.
         for whole, part in zip(self._sums, surfaces, strict=True):
-            into = whole[self._count + 1 : self._count + 1 + more]
-            np.cumsum(part, axis=0, dtype=np.float64, out=into)
-            into += whole[self._count]
+            for at, one in enumerate(part, self._count):
+                np.add(whole[at], one, out=whole[at + 1, ...])
         self._count += more
 
     def over(self, first: Int[np.ndarray, "end window"], last: Int[np.ndarray, " end"]) -> Surfaces:
         """Sums over windows, from their first to their last stop; of no stop where the first is -1."""
         after = last - self._first + 1
         before = np.where(first >= 0, first - self._first, after[:, None])
-        windows = (np.stack([whole[after] - whole[begin] for begin in before.T], axis=1) for whole in self._sums)
-        return Surfaces(*(window.astype(np.float32) for window in windows))
+        windows = Surfaces(*(np.empty((*first.shape, *whole.shape[1:]), np.float32) for whole in self._sums))
+        for whole, window in zip(self._sums, windows, strict=True):
+            for end, number in np.ndindex(*first.shape):
+                sums = whole[after[end]], whole[before[end, number]]
+                np.subtract(*sums, out=window[end, number, ...], casting="same_kind")
+        return windows
 
 
 class ErrorLattice:
@@ -584,6 +608,7 @@ class ErrorLattice:
             ground.basis.angular_frequency_rad_per_ns,
             points=points,
             box=self._box(points, ready.columns.power.shape),
+            count=np.int32(len(at)),
         )
         return Surfaces(*(np.asarray(part) for part in made))
 

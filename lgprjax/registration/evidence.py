@@ -395,7 +395,7 @@ class EvidenceSearch:
             np.zeros((1, 2), np.float32),
             np.zeros(1, np.float32),
         )
-        peaks, _ = self._peaks_of(window, near=(1, 1))
+        peaks, _ = self._peaks_of(window, 1, near=(1, 1))
         return Peaks(*(field[0, 0] for field in peaks))
 
     def _overdue(self, here_m: float) -> bool:
@@ -528,6 +528,7 @@ class EvidenceSearch:
                 carried.astype(np.float32),
                 carried_m.astype(np.float32),
             ),
+            len(at),
             near=(1, 1) if alone else plan.points(CARRIED_M + DRIFT * LOST_M),
         )
         whole, near = (jax.tree.map(lambda field: field[: len(at)], peaks) for peaks in (whole, near))
@@ -539,8 +540,8 @@ class EvidenceSearch:
             whole, near = whole._replace(open_sides=nowhere), near._replace(open_sides=nowhere)
         return whole, near, first, centre[: len(at)]
 
-    def _peaks_of(self, windows: WindowBatch, *, near: tuple[int, int]) -> tuple[Peaks, Peaks]:
-        """On the host."""
+    def _peaks_of(self, windows: WindowBatch, count: int, *, near: tuple[int, int]) -> tuple[Peaks, Peaks]:
+        """Of the first ``count`` ends, on the host."""
         both: tuple[Peaks, Peaks] = jax.device_get(
             window_peaks(
                 windows,
@@ -548,6 +549,7 @@ class EvidenceSearch:
                 np.float32(APART * self._wavelength_m),
                 np.float32(self.plan.min_overlap),
                 near=near,
+                count=np.int32(count),
             )
         )
         return both
