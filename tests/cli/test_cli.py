@@ -238,7 +238,7 @@ def test_register_writes_what_it_promises(
     assert (np.abs(heading_deg - 90.0) < np.degrees(4.0 * sigma_rad))[ours].all()
     assert ok["height_m"].between(30.1, 30.5).all()
     assert (ok["p_false"] <= 1e-4).all()
-    assert set(table["window_m"].dropna()) <= {0.0, 1.0, 2.0, 4.0, 8.0}
+    assert table["window_m"].dropna().between(0.0, 8.0).all()
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "risk 0.0001 in each 4 m of travel" in page
     declined = set(table["code"]) - {"ok"}

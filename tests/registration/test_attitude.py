@@ -6,8 +6,9 @@ The oracle is the linear Gaussian model itself: each match is an offset seen wit
 import numpy as np
 import pytest
 
+from lgprjax.radar import uniform_array
 from lgprjax.registration import RegisterOptions
-from lgprjax.registration.estimates import WIDEST, AttitudeEstimate
+from lgprjax.registration.estimates import BOUNCE_M, WIDEST, AttitudeEstimate, unknown_attitude
 from lgprjax.registration.evidence import Look, better_attitude
 from lgprjax.registration.refine import PRIOR
 
@@ -133,3 +134,28 @@ def test_another_attitude_is_taken_where_no_other_place_is_about_as_good(
     found: list[tuple[float, np.ndarray]], taken: int | None
 ) -> None:
     assert better_attitude(looks(*found), apart_m=0.3, risk=1e-4) == taken
+
+
+@pytest.mark.parametrize("width_m", [0.7, 1.4])
+def test_an_array_on_two_baselines_rolls_with_their_heights(width_m: float) -> None:
+    """Half of the array on ground that is too high by one bounce, half by another: the straight line through them."""
+    channels = 8
+    array = uniform_array(channels, width_m / (channels - 1))
+    rng = np.random.default_rng(8)
+    tilts = []
+    for _ in range(2000):
+        heights = BOUNCE_M * np.repeat(rng.standard_normal(2), channels // 2)
+        tilts.append(np.polyfit(array.y_m, heights, 1)[0])
+    said = unknown_attitude(array, 50.0, scale_followed=False)
+    # Somewhere between an array on one baseline, whose roll is as good as its match, and one on two equal halves.
+    assert 0.0 < said[2] < np.std(tilts) < 3.0 * said[2]
+    assert said[0] == pytest.approx(BOUNCE_M)
+    assert said[1] == 0.0
+
+
+def test_a_time_scale_half_a_percent_off_is_a_height() -> None:
+    """An echo late in the profile is delayed by the scale as by a height: the longer the profile, the more."""
+    array = uniform_array(8, 0.1)
+    late_ns = 0.005 * 200.0 / 3.0
+    said = unknown_attitude(array, 200.0, scale_followed=True)
+    assert said[0] == pytest.approx(np.hypot(BOUNCE_M, 0.299792458 * late_ns / 2.0))
