@@ -263,7 +263,7 @@ def moved(rows: Int[np.ndarray, "scan 8"], pose: Float[np.ndarray, "scan 5"]) ->
 
 # A map's chance in its file, and as text for maps without one.
 
-CHANCE_METHOD = 5
+CHANCE_METHOD = 6
 """Version of the measurement. Increase it with every change of search, noise floor or measurement that changes the
 scores of foreign ground: a chance of another version is measured again.
 """
