@@ -12,14 +12,13 @@ from jaxtyping import Shaped
 
 from lgprjax.formats import MapFile, VehicleFile, read_vehicle
 from lgprjax.process_cost import count_compiles
-from lgprjax.registration import Code, DriveFixes
+from lgprjax.registration import TRACK_SCANS, Code, DriveFixes
 from lgprjax.run_records import FIX, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import ProcessStage, Started
 from lgprjax.runtime.registration.scans import SCAN_MESSAGES, RadarSelf
 from lgprjax.runtime.registration.search import (
     AHEAD_M,
-    BLOCK_SCANS,
     PriorTrack,
     RadarLine,
     Search,
@@ -63,12 +62,12 @@ class ScanQueue:
                 self._waiting.popleft()
 
     def step(self) -> Shaped[np.ndarray, " scan"] | None:
-        """Search at most ``BLOCK_SCANS`` waiting scans that have a prior: rows of ``FIX``; ``None`` without any."""
+        """Search at most ``TRACK_SCANS`` waiting scans that have a prior: rows of ``FIX``; ``None`` without any."""
         priors = self.priors
         while self._waiting and priors.covers(self._waiting[0].time_ns) is False:
             self._waiting.popleft()
         ready: list[_Scan] = []
-        while self._waiting and len(ready) < BLOCK_SCANS and priors.covers(self._waiting[0].time_ns):
+        while self._waiting and len(ready) < TRACK_SCANS and priors.covers(self._waiting[0].time_ns):
             scan = self._waiting.popleft()
             # At standstill ten scans a second are enough.
             if abs(priors.speed_mps) > _STANDING_MPS or scan.time_ns - self._searched_ns >= _STANDING_NS:
