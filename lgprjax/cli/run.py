@@ -315,8 +315,9 @@ def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None) -> int:
 
 def _write_drive(config: "RuntimeConfig", folder: Path) -> None:
     """Write the run as a drive log next to its recording; a failure is reported, the recording stays."""
-    from lgprjax.batch import write_run_drive
+    from lgprjax.batch import options_as_provenance, write_run_drive
     from lgprjax.formats import MapFile, read_vehicle
+    from lgprjax.runtime.registration.search import options_of
 
     output = folder / f"{config.name}.drive.h5"
     try:
@@ -327,6 +328,7 @@ def _write_drive(config: "RuntimeConfig", folder: Path) -> None:
                 source=source,
                 vehicle=read_vehicle(config.path(config.vehicle)),
                 position_sigma_m=config.sensors.gnss_sigma_m,
+                registration=options_as_provenance(options_of(config)),
             )
     except InputError as error:
         print(f"no drive log: {error}; retry with lgprjax recover", flush=True)

@@ -129,6 +129,7 @@ class DriveDescription:
         provenance: steps, parameters and inputs of the log; must be JSON.
         serial_number: of the vehicle, stored with its signals; ``None`` if unknown.
         plan: decisions of the autopilot, by name, ``time_s`` among them.
+        on_board: the search of a run as it was made on board, by the names of ``/on_board``.
     """
 
     name: str
@@ -142,6 +143,7 @@ class DriveDescription:
     provenance: dict[str, object]
     serial_number: str | None = None
     plan: dict[str, np.ndarray] | None = None
+    on_board: dict[str, np.ndarray] | None = None
 
 
 # Write a drive log scan by scan; the file appears under its name only when it is complete and valid.
@@ -282,6 +284,7 @@ def _write_description(
     write_tracks(store, description.navigation, description.odometry, description.truth)
     write_signals(store, target, description.vehicle, description.serial_number)
     write_plan(store, target, description.plan)
+    _write_named(store, target, "on_board", description.on_board)
     _write_recording(store, description.recording, channels, dtype)
     array = description.array
     for name in ("x_m", "y_m", "time_offset_s"):
@@ -560,6 +563,7 @@ def _read_description(store: h5py.File) -> DriveDescription:
         provenance=provenance_of(store),
         serial_number=serial_number_of(vehicle),
         plan=read_arrays(store.get("/plan")),
+        on_board=read_arrays(store.get("/on_board")),
     )
 
 

@@ -323,6 +323,7 @@ def _remarks(drive: RegisteredDrive, source: MapFile) -> tuple[str, ...]:
         labels,
         drive.alignment.told,
         drive.jumps,
+        None if drive.agreement is None else drive.agreement.told,
         _windows(drive),
         _time_scales(drive),
         _attitude(drive),

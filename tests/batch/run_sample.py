@@ -125,7 +125,7 @@ def _box(log: DriveLog, rng: np.random.Generator) -> list[Sent]:
 
 def _decided(log: DriveLog, source: MapFile) -> list[Sent]:
     """Priors and plans fifty times a second; the first prior of all is not valid."""
-    track, local = log.description.navigation, source.description.frame
+    track, local, odometry = log.description.navigation, source.description.frame, log.description.odometry
     east, north, _ = local.to_local(track.latitude_deg, track.longitude_deg, track.height_m)
     yaw = np.unwrap(local.yaw_of_heading(track.heading_deg, track.longitude_deg))
     sent = []
@@ -133,7 +133,9 @@ def _decided(log: DriveLog, source: MapFile) -> list[Sent]:
         x_m, y_m, angle = (float(np.interp(at_s, track.time_s, values)) for values in (east, north, yaw))
         roll = float(np.interp(at_s, track.time_s, np.radians(track.roll_deg)))
         mono_ns = MONO_NS + int(1e9 * at_s)
-        prior = struct.pack("<qB8d", mono_ns, number > 0, x_m, y_m, angle, roll, 0.001, 2.0, 0.01, 3.0)
+        travel_m, before_m = np.interp([at_s, at_s - 0.02], odometry.time_s, odometry.distance_m)
+        speed_mps = (travel_m - before_m) / 0.02
+        prior = struct.pack("<qB8d", mono_ns, number > 0, x_m, y_m, angle, roll, 0.001, speed_mps, 0.01, travel_m)
         plan = struct.pack(
             "<BBBII3d6f3fBIB", 4, 1, 2, 3, 4, x_m, y_m, angle, 0.05, 2.0, 2.2, -0.1, 30.0, 0.02, 0.03, 0.2, 0.0, 3, 0, 0
         )

@@ -11,7 +11,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from lgprjax.batch import array_of_vehicle, of_channels
 from lgprjax.batch.register import HeldGround
@@ -278,14 +278,15 @@ class Search:
             own = Track(*(field[span] for field in track))
             yield LiveBlock((traces if known else noise).astype(np.float32), stations.valid, own)
 
-    def feed(self, frames: list[Frame], track: Track) -> DriveFixes:
-        """Fixes of at most ``TRACK_SCANS`` scans.
+    def feed(self, frames: list[Frame], track: Track) -> tuple[DriveFixes, Bool[np.ndarray, "scan channel"]]:
+        """Fixes of at most ``TRACK_SCANS`` scans, and the channels of each that were used.
 
         Args:
             frames: radar_scan or radar_sweep.
             track: of them.
         """
-        return self.drive.feed(LiveBlock(*self._reader.read(frames), track))
+        recorded, valid = self._reader.read(frames)
+        return self.drive.feed(LiveBlock(recorded, valid, track)), valid
 
 
 # Pose by GNSS/INS at each scan: interpolated between the control loop's priors, or slightly beyond the last.
