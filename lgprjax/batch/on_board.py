@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lgprjax.batch.recording import recording_of
+from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog
 from lgprjax.frames import LocalFrame
 from lgprjax.registration import (
@@ -45,30 +46,31 @@ class OnBoard(NamedTuple):
 
 
 def on_board_of(log: DriveLog, frame: LocalFrame) -> OnBoard | None:
-    """The search as it was made on board, in a map's frame; ``None`` of a log that holds none."""
+    """The search as it was made on board, in a map's frame; ``None`` of a log that holds none.
+
+    Raises:
+        InputError: it was made on a map of another frame.
+    """
     told = log.description.on_board
     if told is None:
         return None
-    count = len(told["scan"])
-    yaw = np.unwrap(frame.yaw_of_heading(told["heading_deg"], told["longitude_deg"]))
-    place = _level(frame, told["latitude_deg"], told["longitude_deg"])
+    there, here = ((each.latitude_deg, each.longitude_deg, each.height_m) for each in (told.frame, frame))
+    if there != here:
+        latitude, longitude, _ = there
+        expected, found = f"the map of the run, anchored at {latitude:.6f}, {longitude:.6f}", "another map"
+        raise InputError(log.path, "/on_board", expected, found)
+    scans, count = told.scans, len(told.scans["scan"])
+    # As it was given, to the bit: a peak may stand between two points of a lattice.
     track = Track(
-        np.column_stack([place, told["array_height_m"], yaw, np.radians(told["roll_deg"])]),
-        told["travel_m"],
-        told["speed_mps"],
-        np.radians(told["sigma_heading_deg"]),
+        scans["pose_m"],
+        scans["travel_m"],
+        scans["speed_mps"],
+        scans["sigma_yaw_rad"],
         np.full(count, np.nan),
         np.zeros(count, np.int64),
     )
-    fix_m = _level(frame, told["fix_latitude_deg"], told["fix_longitude_deg"])
-    return OnBoard(
-        told["scan"].astype(np.int64),
-        told["begins"] != 0,
-        told["valid"] != 0,
-        track,
-        told["code"].astype(np.int64),
-        fix_m,
-    )
+    scan, code = scans["scan"].astype(np.int64), scans["code"].astype(np.int64)
+    return OnBoard(scan, scans["begins"] != 0, scans["valid"] != 0, track, code, scans["fix_m"])
 
 
 def searches_of(log: DriveLog, searched: OnBoard) -> Iterator[tuple[Int[np.ndarray, " scan"], Iterator[LiveBlock]]]:
@@ -170,17 +172,3 @@ def options_on_board(log: DriveLog) -> RegisterOptions | None:
         search_swarm=SEARCH_SWARM if told["search"] == "swarm" else None,
         track=True,
     )
-
-
-def _level(
-    frame: LocalFrame, latitude_deg: Float[np.ndarray, " place"], longitude_deg: Float[np.ndarray, " place"]
-) -> Float[np.ndarray, "place 2"]:
-    """East and north of places in the frame's own plane, as they were written; NaN where there are none."""
-    known = np.isfinite(latitude_deg)
-    latitude = np.where(known, latitude_deg, frame.latitude_deg)
-    longitude = np.where(known, longitude_deg, frame.longitude_deg)
-    height = np.full(len(latitude), frame.height_m)
-    for _ in range(3):
-        east, north, up = frame.to_local(latitude, longitude, height)
-        height = height - up
-    return np.asarray(np.stack([east, north], axis=1) * np.where(known, 1.0, np.nan)[:, None])

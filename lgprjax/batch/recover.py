@@ -17,6 +17,7 @@ from lgprjax.formats import (
     MapFile,
     NavigationTrack,
     OdometryTrack,
+    OnBoardSearch,
     SweepRecording,
     TraceRecording,
     VehicleFile,
@@ -489,7 +490,7 @@ def _recording(signals: RunSignals, source: MapFile, vehicle: VehicleFile) -> Tr
     )
 
 
-def _on_board(signals: RunSignals, kept: Bool[np.ndarray, " scan"], source: MapFile) -> dict[str, np.ndarray] | None:
+def _on_board(signals: RunSignals, kept: Bool[np.ndarray, " scan"], source: MapFile) -> OnBoardSearch | None:
     """The search as it was made on board, of the scans that are kept; ``None`` for a run that did not record it."""
     at = signals.searched_scan
     # Without one of its scans a search cannot be made again from there on, up to the next beginning.
@@ -501,31 +502,20 @@ def _on_board(signals: RunSignals, kept: Bool[np.ndarray, " scan"], source: MapF
     whole = (start >= 0) & (broken == before)
     if not whole.any():
         return None
-    given, found, frame = signals.searched[whole], signals.found[whole], source.description.frame
-    pose, fixed = given["pose"].astype(np.float64), found["pose"].astype(np.float64)
-    still = np.zeros(len(pose))
-    latitude, longitude, _ = frame.to_geodetic(pose[:, 0], pose[:, 1], still)
-    known = np.isfinite(fixed[:, 0])
-    fix_latitude, fix_longitude, _ = frame.to_geodetic(
-        np.where(known, fixed[:, 0], 0.0), np.where(known, fixed[:, 1], 0.0), still
-    )
-    blank, channels = np.where(known, 1.0, np.nan), np.arange(source.description.channels)
-    return {
+    given, found = signals.searched[whole], signals.found[whole]
+    channels = np.arange(source.description.channels)
+    searched = {
         "scan": number[at[whole]],
         "begins": given["begins"],
         "valid": ((given["valid"].astype(np.int64)[:, None] >> channels) & 1).astype(np.uint8),
-        "latitude_deg": latitude,
-        "longitude_deg": longitude,
-        "array_height_m": pose[:, 2],
-        "heading_deg": frame.heading_of_yaw(pose[:, 3], longitude),
-        "roll_deg": np.degrees(pose[:, 4]),
+        "pose_m": given["pose"].astype(np.float64),
         "travel_m": given["travel_m"].astype(np.float64),
         "speed_mps": given["speed_mps"].astype(np.float64),
-        "sigma_heading_deg": np.degrees(given["sigma_yaw_rad"]),
+        "sigma_yaw_rad": given["sigma_yaw_rad"].astype(np.float64),
         "code": found["code"].astype(np.int8),
-        "fix_latitude_deg": fix_latitude * blank,
-        "fix_longitude_deg": fix_longitude * blank,
+        "fix_m": found["pose"][:, :2].astype(np.float64),
     }
+    return OnBoardSearch(source.description.frame, searched)
 
 
 def _append_traces(writer: DriveWriter, times: list[float], frames: list[bytes]) -> None:

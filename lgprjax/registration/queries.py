@@ -132,7 +132,7 @@ class LiveChain:
         scans = len(traces)
         before_m = track.travel_m[0] if self._travel_m is None else self._travel_m
         moved = np.diff(track.travel_m, prepend=before_m)
-        path_m = self._path_m + np.cumsum(np.abs(moved))
+        path_m = _summed(self._path_m, np.abs(moved))
         background = None
         if self._settled:
             filtered = self._filter(traces, valid, moved, block)
@@ -146,7 +146,7 @@ class LiveChain:
                 filtered -= np.where(valid[..., None], background, 0.0)
                 filtered = np.where(first[..., None], filtered, self._filter(traces, valid & ~first, moved, block))
         step = moved[:, None] * np.stack([np.cos(track.pose[:, 3]), np.sin(track.pose[:, 3])], axis=1)
-        reckoned_m = self._reckoned_m + np.cumsum(step, axis=0)
+        reckoned_m = _summed(self._reckoned_m, step)
         number = np.arange(self._fed, self._fed + scans)
         self._fed += scans
         self._travel_m, self._path_m, self._reckoned_m = float(track.travel_m[-1]), float(path_m[-1]), reckoned_m[-1]
@@ -181,6 +181,13 @@ class LiveChain:
         pad = [(0, rows - len(filtered)), (0, 0)]
         profile = apply_operator(jnp.asarray(np.pad(filtered, [*pad, (0, 0)])), self._operators(time_scale))
         return np.asarray(to_coefficients(profile, jnp.asarray(np.pad(valid, pad)), self._basis))[: len(filtered)]
+
+
+def _summed(
+    before: float | Float[np.ndarray, "..."], more: Float[np.ndarray, "scan ..."]
+) -> Float[np.ndarray, "scan ..."]:
+    """Running sums from ``before`` on: one after the other, so that they are the same however scans come in blocks."""
+    return np.asarray(np.cumsum(np.concatenate([np.reshape(before, (1, *more.shape[1:])), more]), axis=0)[1:])
 
 
 # Scans that represent their stretch of travel (stops), and the templates made from them.
