@@ -92,7 +92,7 @@ def _blocks(log: DriveLog, searched: OnBoard, own: slice) -> Iterator[LiveBlock]
             return
 
 
-def placed(parts: list[DriveFixes], numbers: list[Int[np.ndarray, " scan"]], scans: int) -> DriveFixes:
+def placed(parts: list[DriveFixes], numbers: list[Int[np.ndarray, "..."]], scans: int) -> DriveFixes:
     """Fixes of some scans as those of a whole drive; the others have none."""
     out = DriveFixes(
         np.arange(scans),

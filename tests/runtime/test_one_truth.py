@@ -7,18 +7,21 @@ import numpy as np
 import pytest
 
 from batch.run_sample import MONO_NS, run_of_drive
+from batch.sweep_drives import write_sweeps
 from formats.run_log_sample import head_bytes, own_bytes, record_bytes
 from generated import Site
 from lgprjax.batch import agreement, on_board_of, options_as_provenance, register_log, write_run_drive
 from lgprjax.formats import DriveLog, MapFile, check_file, read_run, read_vehicle
+from lgprjax.mapping import build_map
 from lgprjax.registration import Code
 from lgprjax.run_records import FIX, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.registration.program import ScanQueue, array_place
-from lgprjax.runtime.registration.scans import RadarSelf
+from lgprjax.runtime.registration.scans import SCAN_MESSAGES, RadarSelf
 from lgprjax.runtime.registration.search import Search, options_of
 from lgprjax.runtime.stamps import StampClock
 from lgprjax.wire import decode
+from many_grounds import of_many_grounds
 
 _SCANS = 500
 _RESTART = 330
@@ -37,31 +40,44 @@ def _searched(
             queue.priors.take(record.payload)
         elif record.kind is RecordKind.PORT_IN and record.source is Source.RADAR:
             frame = decode(record.payload)
-            if frame.name == "radar_scan" and scans < _SCANS:
+            if frame.name in SCAN_MESSAGES and scans < _SCANS:
                 if scans in (0, _RESTART):
                     assert said.description is not None
-                    search = Search(config, vehicle, source, source, said.description)
+                    search = Search(config, vehicle, source, source, said.description, said.lookup)
                     search.ahead.close()
                     queue = ScanQueue(search, clock, *array_place(vehicle))
                 scans += 1
                 assert queue is not None
                 queue.take(frame, record.mono_ns)
-            elif frame.name != "radar_scan":
+            elif frame.name not in SCAN_MESSAGES:
                 said.take(frame)
         while queue is not None and rng.random() < 0.3 and (found := queue.step()) is not None:
             for kind, payload in found.records:
                 yield Record(kind, Source.REGISTRATION, 0, record.mono_ns, payload)
 
 
+@pytest.fixture(scope="module", params=["traces", "sweeps"])
+def ground(request: pytest.FixtureRequest, site: Site, tmp_path_factory: pytest.TempPathFactory) -> Site:
+    """The site, or the same as a stepped-frequency radar would have recorded it."""
+    if request.param == "traces":
+        return site
+    folder = tmp_path_factory.mktemp("swept")
+    names = ("baseline_left", "baseline_right", "live")
+    logs = {name: write_sweeps(site.logs[name], folder / f"{name}.drive.h5", day) for day, name in enumerate(names)}
+    database = folder / "swept.map.h5"
+    build_map([logs["baseline_left"], logs["baseline_right"]], database, measure=of_many_grounds)
+    return Site(folder, logs, database)
+
+
 @pytest.fixture(scope="module")
-def run(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(ground: Site, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run whose registration has searched its first scans."""
     folder = tmp_path_factory.mktemp("run") / "recorded"
-    run_of_drive(site, "live", folder)
+    run_of_drive(ground, "live", folder)
     config = read_config(folder.parent / "CONFIG.toml")
     records = [unpack(data) for _, data in read_run(folder)]
     parts = [head_bytes(0, 0, mono_ns=MONO_NS)]
-    with MapFile.open(site.map) as source:
+    with MapFile.open(ground.map) as source:
         for number, record in enumerate(_searched(records, config, source, np.random.default_rng(5))):
             parts.append(record_bytes(number, pack(record)))
     parts.append(own_bytes(len(parts) - 1, end="ended"))
@@ -69,10 +85,10 @@ def run(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_fixes_of_a_run_are_those_of_its_drive_log(site: Site, run: Path, tmp_path: Path) -> None:
+def test_the_fixes_of_a_run_are_those_of_its_drive_log(ground: Site, run: Path, tmp_path: Path) -> None:
     config, path = read_config(run.parent / "CONFIG.toml"), tmp_path / "run.drive.h5"
     options = options_of(config)
-    with MapFile.open(site.map) as source:
+    with MapFile.open(ground.map) as source:
         write_run_drive(
             run,
             path,
