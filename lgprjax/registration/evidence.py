@@ -198,12 +198,12 @@ class EvidenceSearch:
         return answered, fix, beside, scale
 
     def _dropped(self, stops: Stops) -> int:
-        """Stops farther back than any window, noise floor or probe reaches.
+        """Stops farther back than any window reaches; on board, than any noise floor or probe does, too.
 
-        An even number of them: some of a window are chosen by rounding their positions, halves to even.
+        There an even number of them: some of a window are chosen by rounding their positions, halves to even.
         """
-        if not len(stops.number):
-            return 0
+        if not len(stops.number) or not self._options.track:
+            return max(0, len(stops.number) - self.plan.history)
         reach_m = max(CHUNK_M, _FLOOR_M * max(1.0, self._wavelength_m))
         recent = len(stops.number) - int(np.searchsorted(stops.path_m, stops.path_m[-1] - reach_m))
         return max(0, len(stops.number) - max(self.plan.history, min(recent, _MOST_KEPT))) // 2 * 2
