@@ -57,6 +57,8 @@ class RecordKind(IntEnum):
     """JSON: a corner of a field that the operator marked."""
     POSE = 17
     """``POSE``: the corrected position as it is given to others; not recorded."""
+    SEARCHED = 18
+    """``SEARCHED``: what the search of a scan was given."""
 
 
 class Source(IntEnum):
@@ -94,7 +96,7 @@ class Record(NamedTuple):
 
 @cache
 def payload_type(name: str) -> np.dtype[Any]:
-    """Payload of a ``fix``, ``prior``, ``plan``, ``cover`` or ``skid_plan`` record. ``KeyError`` for another."""
+    """Payload of a record of fixed layout: ``fix``, ``searched``, ``prior``, ``plan`` and others. ``KeyError`` else."""
     for payload in _TABLE["payload"]:
         if payload["name"] == name:
             return np.dtype([_field(**field) for field in payload["fields"]])
@@ -112,8 +114,8 @@ def _field(name: str, type: str, **described: str) -> tuple[str, str, tuple[int,
     return name, numpy_type(kind), tuple(int(size) for size in shape.split(",")) if shape else ()
 
 
-FIX, PRIOR, PLAN, COVER, SKID_PLAN, POSE = (
-    payload_type(name) for name in ("fix", "prior", "plan", "cover", "skid_plan", "pose")
+FIX, PRIOR, PLAN, COVER, SKID_PLAN, POSE, SEARCHED = (
+    payload_type(name) for name in ("fix", "prior", "plan", "cover", "skid_plan", "pose", "searched")
 )
 _P_FALSE_BYTES = FIX["p_false"].itemsize
 

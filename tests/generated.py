@@ -1,6 +1,7 @@
 """The generated site of the tests: drives, map and registrations, made once a session in float32 as shipped."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from itertools import repeat
 from pathlib import Path
 from typing import NamedTuple
 
@@ -82,6 +83,7 @@ def replay(
     options: RegisterOptions,
     *,
     block_scans: int = 512,
+    sizes: Iterable[int] | None = None,
     watch: Callable[[Registration], None] = lambda _: None,
 ) -> Replay:
     """Feed scans that were made from the site's live drive, some at a time.
@@ -90,7 +92,7 @@ def replay(
         site: whose map is searched, and whose live drive says how the scans were recorded.
         block: the scans.
         options: of the search.
-        block_scans: fed at a time.
+        block_scans: fed at a time; sizes: of one feed after the other, no more than these.
         watch: told after each feed.
     """
     with MapFile.open(site.map) as source, DriveLog.open(site.logs["live"]) as log:
@@ -107,8 +109,12 @@ def replay(
             block_scans=block_scans,
         )
         parts = []
-        for low in range(0, len(block.traces), block_scans):
-            parts.append(drive.feed(part_of(block, slice(low, low + block_scans))._replace(truth=None)))
+        low = 0
+        for count in repeat(block_scans) if sizes is None else sizes:
+            parts.append(drive.feed(part_of(block, slice(low, low + count))._replace(truth=None)))
             watch(drive)
+            low += count
+            if low >= len(block.traces):
+                break
     fix = Fix(*(np.concatenate(field) for field in zip(*(part.fix for part in parts), strict=True)))
     return Replay(block, fix, np.concatenate([part.time_scale for part in parts]))

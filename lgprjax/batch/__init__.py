@@ -28,6 +28,7 @@ from lgprjax.batch.jobs import (
     stamp_of,
     write_record,
 )
+from lgprjax.batch.on_board import Agreement, agreement, on_board_of, options_as_provenance, options_on_board
 from lgprjax.batch.recording import DriveTrack, SweepDrive, TraceDrive, poses_of, recording_of, track_of_drive
 from lgprjax.batch.recover import RunDrive, write_run_drive
 from lgprjax.batch.register import (
@@ -75,6 +76,7 @@ from lgprjax.batch.workers import JobOutcome, WorkerPool, run_on_scheduler
 
 __all__ = [
     "CELL_M",
+    "Agreement",
     "ArchiveRun",
     "ArchiveSums",
     "BadPlace",
@@ -103,6 +105,7 @@ __all__ = [
     "Verdict",
     "WorkerPool",
     "WorkerShare",
+    "agreement",
     "array_of_vehicle",
     "away_in_words",
     "carrot_of",
@@ -126,6 +129,9 @@ __all__ = [
     "map_assumed_in_words",
     "note_failure",
     "of_channels",
+    "on_board_of",
+    "options_as_provenance",
+    "options_on_board",
     "outputs_of",
     "pattern_settings_of",
     "pedals_of",

@@ -17,6 +17,7 @@ from lgprjax.formats import (
     MapFile,
     NavigationTrack,
     OdometryTrack,
+    OnBoardSearch,
     SweepRecording,
     TraceRecording,
     VehicleFile,
@@ -33,7 +34,7 @@ from lgprjax.formats.run_log import (
     read_run_record,
 )
 from lgprjax.radar import ArrayGeometry
-from lgprjax.run_records import RecordKind, Source, payload_type
+from lgprjax.run_records import FIX, SEARCHED, RecordKind, Source, fix_row, payload_type
 from lgprjax.subsurface import SpatialIndex
 from lgprjax.wire import Frame, decode
 
@@ -55,6 +56,8 @@ class RunSignals(NamedTuple):
         travel_m: from the box, one distance over all its starts.
         prior_ns, prior: valid ``prior`` payloads.
         plan_ns, plan: ``plan`` payloads.
+        searched, searched_scan: ``searched`` payloads, and which scan of the recording each is about.
+        found: the ``fix`` payload of each.
     """
 
     scan_ns: Int[np.ndarray, " scan"]
@@ -68,6 +71,9 @@ class RunSignals(NamedTuple):
     prior: np.ndarray
     plan_ns: Int[np.ndarray, " plan"]
     plan: np.ndarray
+    searched: np.ndarray
+    searched_scan: Int[np.ndarray, " searched"]
+    found: np.ndarray
 
 
 class RowGatherer:
@@ -96,6 +102,7 @@ def signals_of_run(run: RunReading) -> RunSignals:
     names = ("radar_scan", "radar_sweep", "radar_description", "radar_sweep_description", "drive_status")
     by_message = {name: RowGatherer(frame_type(name)) for name in names}
     box, prior, plan = by_message["drive_status"], RowGatherer(payload_type("prior")), RowGatherer(payload_type("plan"))
+    searches = _Searches()
     lookup: Frame | None = None
     for _, data in run:
         record = read_run_record(data)
@@ -105,6 +112,11 @@ def signals_of_run(run: RunReading) -> RunSignals:
             name = frame_name(record.payload)
             rows = by_message.get(name or "")
             lookup = decode(record.payload) if name == "radar_lookup" else lookup
+            if name in ("radar_scan", "radar_sweep"):
+                searches.scan(record.payload, name)
+        elif record.source is Source.REGISTRATION and record.tick == 0:
+            rows = None
+            searches.take(record.kind, record.payload)
         else:
             rows = {RecordKind.PRIOR: prior, RecordKind.PLAN: plan}.get(record.kind)
         if rows is not None:
@@ -133,7 +145,40 @@ def signals_of_run(run: RunReading) -> RunSignals:
         prior=prior.rows[prior_good],
         plan_ns=plan.times_ns[plan_good],
         plan=plan.rows[plan_good],
+        searched=np.frombuffer(b"".join(searches.given), SEARCHED),
+        searched_scan=np.array(searches.scans, np.int64),
+        found=np.array(searches.found, FIX),
     )
+
+
+class _Searches:
+    """Scans that were searched on board: the newest of its number in the recording is the one that was."""
+
+    def __init__(self) -> None:
+        self._newest: dict[int, int] = {}
+        self._count = 0
+        self.given: list[bytes] = []
+        self.scans: list[int] = []
+        self.found: list[np.void] = []
+
+    def scan(self, frame: bytes, name: str) -> None:
+        """A scan of the recording."""
+        self._newest[int(np.frombuffer(frame, frame_type(name), 1)[0]["scan"])] = self._count
+        self._count += 1
+
+    def take(self, kind: RecordKind, payload: bytes) -> None:
+        """A record of the registration; a fix follows what its search was given."""
+        if kind is RecordKind.SEARCHED and len(payload) == SEARCHED.itemsize:
+            self._held = np.frombuffer(payload, SEARCHED)[0]
+        elif kind is RecordKind.FIX and self._held is not None:
+            fix, at = fix_row(payload), self._newest.get(int(self._held["scan"]))
+            if at is not None and int(fix["scan_ns"]) == int(self._held["scan_ns"]):
+                self.given.append(self._held.tobytes())
+                self.scans.append(at)
+                self.found.append(fix)
+            self._held = None
+
+    _held: np.void | None = None
 
 
 def scan_frames(run: RunReading, name: str = "radar_scan") -> Iterator[bytes]:
@@ -347,6 +392,7 @@ def write_run_drive(
     source: MapFile,
     vehicle: VehicleFile,
     position_sigma_m: float,
+    registration: dict[str, object] | None = None,
     force: bool = False,
 ) -> RunDrive:
     """Write a run as a drive log; scans are streamed. With fewer than two scans it is a log without radar.
@@ -376,7 +422,7 @@ def write_run_drive(
     name = Path(output).name.removesuffix(".drive.h5")
     t0_utc = datetime.fromtimestamp(clock[0] // 10**9, UTC).replace(microsecond=clock[0] % 10**9 // 1000).isoformat()
     tracks = RunTracks(signals, clock[1], source, position_sigma_m)
-    provenance = _provenance(reading, source)
+    provenance = _provenance(reading, source) | ({} if registration is None else {"registration": registration})
     kept = tracks.scans_kept()
     if np.count_nonzero(kept) < 2:
         log = VehicleLog(
@@ -394,6 +440,7 @@ def write_run_drive(
         return RunDrive(0, len(kept), tracks.seconds)
     assert signals.radar is not None
     recording = _recording(signals, source, vehicle)
+    on_board = _on_board(signals, kept, source)
     array = _array(vehicle, source, signals.radar)
     description = DriveDescription(
         name=name,
@@ -407,6 +454,7 @@ def write_run_drive(
         provenance=provenance,
         serial_number=vehicle.serial_number,
         plan=tracks.plan,
+        on_board=on_board,
     )
     dtype = np.uint8 if isinstance(recording, TraceRecording) else np.complex64
     with DriveWriter.create(output, description, channels=len(array.y_m), dtype=dtype, force=force) as writer:
@@ -440,6 +488,34 @@ def _recording(signals: RunSignals, source: MapFile, vehicle: VehicleFile) -> Tr
         channel_gain=None if place.channel_gain is None else np.array(place.channel_gain),
         channel_delay_ns=None if place.channel_delay_ns is None else np.array(place.channel_delay_ns),
     )
+
+
+def _on_board(signals: RunSignals, kept: Bool[np.ndarray, " scan"], source: MapFile) -> OnBoardSearch | None:
+    """The search as it was made on board, of the scans that are kept; ``None`` for a run that did not record it."""
+    at = signals.searched_scan
+    # Without one of its scans a search cannot be made again from there on, up to the next beginning.
+    number = np.cumsum(kept) - 1
+    begins = signals.searched["begins"] != 0
+    broken = np.cumsum(~kept[at] | (np.diff(at, prepend=-1) <= 0))
+    start = np.maximum.accumulate(np.where(begins, np.arange(len(at)), -1))
+    before = np.where(start > 0, broken[np.maximum(start, 1) - 1], 0)
+    whole = (start >= 0) & (broken == before)
+    if not whole.any():
+        return None
+    given, found = signals.searched[whole], signals.found[whole]
+    channels = np.arange(source.description.channels)
+    searched = {
+        "scan": number[at[whole]],
+        "begins": given["begins"],
+        "valid": ((given["valid"].astype(np.int64)[:, None] >> channels) & 1).astype(np.uint8),
+        "pose_m": given["pose"].astype(np.float64),
+        "travel_m": given["travel_m"].astype(np.float64),
+        "speed_mps": given["speed_mps"].astype(np.float64),
+        "sigma_yaw_rad": given["sigma_yaw_rad"].astype(np.float64),
+        "code": found["code"].astype(np.int8),
+        "fix_m": found["pose"][:, :2].astype(np.float64),
+    }
+    return OnBoardSearch(source.description.frame, searched)
 
 
 def _append_traces(writer: DriveWriter, times: list[float], frames: list[bytes]) -> None:

@@ -7,6 +7,7 @@ from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
@@ -15,6 +16,7 @@ from scipy.stats import chi2
 from lgprjax import __version__
 from lgprjax.batch.assumptions import away_in_words, is_place_assumed
 from lgprjax.batch.chance import chance_of
+from lgprjax.batch.on_board import Agreement, agreement, on_board_of, placed, searches_of
 from lgprjax.batch.recording import (
     AS_STATED,
     Alignment,
@@ -346,6 +348,7 @@ class RegisteredDrive:
         away: distance from the map, in words; None where it comes close.
         place_assumed: whether the place on the earth of the drive, or of the map, is assumed.
         channels: of the drive.
+        agreement: with the fixes that a run was driven by; None of another drive, or without ``track``.
     """
 
     name: str
@@ -363,6 +366,7 @@ class RegisteredDrive:
     away: str | None
     place_assumed: bool
     channels: int
+    agreement: Agreement | None = None
 
 
 def live_blocks(
@@ -403,30 +407,41 @@ def register_log(
     held, array = held or HeldGround(source, options), log.description.array
     moved: DriveTrack = track_of_drive(log, frame)
     moved = moved._replace(track=led_to(moved.track))
+    searched = on_board_of(log, frame) if options.track else None
     truth = true_poses(log, frame)
     compiling, began = compile_clock(), time.perf_counter()
-    alignment = find_alignment(source, log, moved.track, options, held) if may_be_misaligned(log) else AS_STATED
+    stated = options.track or not may_be_misaligned(log)
+    alignment = AS_STATED if stated else find_alignment(source, log, moved.track, options, held)
     if alignment.reversed:
         moved = moved._replace(track=reversed_track(moved.track))
     operators = live_operators(source, log, moved.track, alignment)
-    found = register_drive(
-        held.ground,
-        operators,
-        array,
-        live_blocks(log, moved.track, truth),
-        options,
-        chance=held.chance,
-        recorded=int(operators(1.0).shape[0]),
-        prepared=held.prepared_for(array),
-    )
-    parts: list[DriveFixes] = []
-    for fixes in found:
-        parts.append(fixes)
-        progress(len(fixes.scan))
-    fix = Fix(*(np.concatenate(field) for field in zip(*(part.fix for part in parts), strict=True)))
-    fix = fix._replace(p_false=np.minimum(np.asarray(fix.p_false) + alignment.chance, 1.0))
+
+    def search(blocks: Iterator[LiveBlock]) -> DriveFixes:
+        """One search from its beginning to its end."""
+        parts: list[DriveFixes] = []
+        for fixes in register_drive(
+            held.ground,
+            operators,
+            array,
+            blocks,
+            options,
+            chance=held.chance,
+            recorded=int(operators(1.0).shape[0]),
+            prepared=held.prepared_for(array),
+        ):
+            parts.append(fixes)
+            progress(len(fixes.scan))
+        joined: DriveFixes = jax.tree.map(lambda *fields: np.concatenate(fields), *parts)
+        return joined
+
+    if searched is None:
+        found = search(live_blocks(log, moved.track, truth))
+    else:
+        numbers, searches = zip(*searches_of(log, searched), strict=True)
+        found = placed([search(blocks) for blocks in searches], list(numbers), log.scans)
+    fix = found.fix._replace(p_false=np.minimum(np.asarray(found.fix.p_false) + alignment.chance, 1.0))
     took_s = time.perf_counter() - began - compiling.seconds_since(began)
-    time_scale = np.concatenate([part.time_scale for part in parts])
+    time_scale = found.time_scale
     return RegisteredDrive(
         name=log.path.name.removesuffix(".drive.h5"),
         table=fixes_table(fix, log.scan_time_s, frame, held.ground).assign(time_scale=time_scale),
@@ -435,14 +450,15 @@ def register_log(
         jumps=jump_line(moved),
         alignment=alignment,
         truth=truth,
-        correlation_at_truth=np.concatenate([part.correlation_at_truth for part in parts]),
+        correlation_at_truth=found.correlation_at_truth,
         time_scale=time_scale,
-        map_odometry_covariance=np.concatenate([part.map_odometry_covariance for part in parts]),
+        map_odometry_covariance=found.map_odometry_covariance,
         milliseconds_per_scan=1e3 * took_s / log.scans,
         assumed=assumed_of(log.description.provenance),
         away=away_in_words(source, log),
         place_assumed=is_place_assumed(source, log),
         channels=log.channels,
+        agreement=None if searched is None else agreement(searched, fix),
     )
 
 
@@ -483,6 +499,7 @@ def write_registered(
         "risk": options.risk,
         "time_scale": "found along the drive" if options.time_scale is None else options.time_scale,
         "seed": options.seed,
+        "track": options.track,
         "thresholds": thresholds,
         "against_the_map": drive.alignment._asdict(),
         "chain": source.description.settings.as_provenance(),

@@ -312,8 +312,9 @@ class Recover:
             raise UsageError(
                 f"--output: expected a file name that ends in {_RECOVER_SUFFIX}, found {self.output.name!r}"
             )
-        from lgprjax.batch import write_run_drive
+        from lgprjax.batch import options_as_provenance, write_run_drive
         from lgprjax.formats import MapFile, read_run, read_vehicle
+        from lgprjax.runtime.registration.search import options_of
 
         reading = read_run(self.folder)
         check_outputs(self.output, force=self.force)
@@ -331,6 +332,7 @@ class Recover:
                 source=source,
                 vehicle=vehicle,
                 position_sigma_m=config.sensors.gnss_sigma_m,
+                registration=options_as_provenance(options_of(config)),
                 force=self.force,
             )
         left_out = f", {drive.left_out} left out" if drive.left_out else ""

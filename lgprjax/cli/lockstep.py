@@ -283,11 +283,12 @@ class LockStep:
 
     def _search(self) -> None:
         """Every waiting scan is searched; its fix is there in the next tick."""
-        while self._queue is not None and (rows := self._queue.step()) is not None:
-            for row in rows:
-                record = Record(RecordKind.FIX, Source.REGISTRATION, 0, self._due_ns, row.tobytes())
+        while self._queue is not None and (searched := self._queue.step()) is not None:
+            for kind, payload in searched.records:
+                record = Record(kind, Source.REGISTRATION, 0, self._due_ns, payload)
                 self._registration.put(pack(record))
-                self._pending.append((self._due_ns, record))
+                if kind is RecordKind.FIX:
+                    self._pending.append((self._due_ns, record))
 
     def _log(self, record: Record) -> None:
         self._control.put(pack(record))

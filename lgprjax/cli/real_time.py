@@ -1,8 +1,13 @@
-"""Whether this machine keeps real time: measured, not guessed from its cores."""
+"""Runs in real time: whether this machine keeps it, measured, not guessed from its cores, and when one is over."""
 
 import multiprocessing
+import os
+import signal
 import tempfile
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import NamedTuple
@@ -10,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from lgprjax.cli.installation import InstallationFinding
+from lgprjax.run_segment import segments_of
+from lgprjax.runtime.timeline import read_timeline
 
 _SECONDS, _PERIOD_S = 1.0, 0.02
 _SIZE = 96
@@ -93,6 +100,66 @@ def _product(left: np.ndarray) -> None:
     # Row by row, so that no library spreads it over threads.
     for row in left:
         row @ left
+
+
+# A simulated run in real time ends when its vehicle has arrived, as one in lock step does.
+
+_LOOK_S = 0.5
+_AFTER_ARRIVAL_S = 2.0
+_ENDS = b'"ROUTE_OFF"'  # in the record of an event by which a route or a plan ends
+
+
+class ArrivalWatch:
+    """Looks at a recording that grows, for the vehicle's arrival: at the new bytes alone, so that it costs nothing.
+
+    Args:
+        folder: of the run.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._read: dict[int, int] = {}
+        self._ended = False
+
+    def arrived(self) -> bool:
+        """Whether the vehicle has arrived, as far as recorded."""
+        before, self._ended = self._ended, self._route_ended()
+        # The record with the mark may not be whole before the next look.
+        return (before or self._ended) and read_timeline(self._folder).arrived
+
+    def _route_ended(self) -> bool:
+        """Whether a route or a plan has ended since the last look; a mark cut by its end is seen by the next one."""
+        found = False
+        for number, path in segments_of(self._folder).items():
+            begin = self._read.get(number, 0)
+            with path.open("rb") as file:
+                file.seek(begin)
+                fresh = file.read()
+            found |= _ENDS in fresh
+            self._read[number] = begin + max(len(fresh) - len(_ENDS) + 1, 0)
+        return found
+
+
+@contextmanager
+def ended_on_arrival(folder: Path) -> Iterator[None]:
+    """Ask this process to end, as Ctrl-C does, soon after the vehicle of a run has arrived."""
+    over = threading.Event()
+
+    def watch() -> None:
+        found = ArrivalWatch(folder)
+        while not over.wait(_LOOK_S):
+            if found.arrived():
+                if not over.wait(_AFTER_ARRIVAL_S):
+                    os.kill(os.getpid(), signal.SIGTERM)
+                return
+
+    thread = threading.Thread(target=watch, name="arrival", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 # The search of registration itself, for ``lgprjax doctor --onboard``.

@@ -65,6 +65,10 @@ class Register:
     """how a candidate is refined to a pose: by Gauss-Newton, or by a particle swarm about it, which needs no derivative
     and several times the time
     """
+    track: bool = False
+    """search as a vehicle does, each fix by what lies behind it; the drive log of a run (lgprjax recover) by its own
+    scans, priors and search options, so that the fixes are those that it was driven by
+    """
     thresholds: Path | None = None
     """judge by thresholds from lgprjax thresholds, calibrated with the same --window-m, instead of the map's noise
     floor and the risk
@@ -101,7 +105,10 @@ class Register:
             own_thresholds=None if own is None else Thresholds(**own),
             swarm=FINISH_SWARM if self.finish == "swarm" else None,
             search_swarm=SEARCH_SWARM if self.search == "swarm" else None,
+            track=self.track,
         )
+        if self.track:
+            options = _options_of_run(self.drives, options)
         check_search(options)
         check_outputs(self.json, force=self.force)
         if (self.workers, self.threads, self.scheduler) != (None, None, None):
@@ -206,6 +213,27 @@ def register_all(
     summaries = [*earlier_summaries(folder, names), *(summary for _, summary, _ in results)]
     write_figures(folder / "summary.json", [summary.as_json() for summary in summaries], force=True)
     return results
+
+
+def _options_of_run(drives: Sequence[Path], given: "RegisterOptions") -> "RegisterOptions":
+    """The options that the runs were searched with on board; those given, for drives of which none is known."""
+    from lgprjax.batch import options_on_board
+    from lgprjax.formats import DriveLog
+    from lgprjax.registration import RegisterOptions
+
+    known = []
+    for drive in drives:
+        with DriveLog.open(drive) as log:
+            known.append(options_on_board(log))
+    if all(options is None for options in known):
+        return given
+    for drive, options in zip(drives, known, strict=True):
+        if options is None or options != known[0]:
+            raise UsageError(f"--track: expected runs of one search, found another in {drive}")
+    if given != RegisterOptions(track=True):
+        raise UsageError("--track: expected no other options of the search: a run is searched by its own")
+    assert known[0] is not None
+    return known[0]
 
 
 def _advise(summaries: "Sequence[DriveSummary]") -> None:

@@ -54,7 +54,7 @@ class Run:
     start_m: float = 0.0
     """with --start-line: so many metres along it"""
     for_s: float | None = None
-    """end so many seconds after everything is ready; in lock step, simulated ones, or earlier on arrival"""
+    """end so many seconds after everything is ready, in lock step simulated ones; a simulated run also on arrival"""
     json: Path | None = None
     """with --simulate or --replay, also write the figures to this file, or - for standard output"""
     force: bool = False
@@ -156,6 +156,7 @@ class Run:
         return BAD_INPUT if found.differing or not found.ticks else 0
 
     def _simulate(self, config: "RuntimeConfig") -> int:
+        from lgprjax.cli.real_time import ended_on_arrival
         from lgprjax.cli.simulated import course_spec, devices, field_figures, field_spec, prepare_course, prepare_field
         from lgprjax.cli.simulated_run import figures_of, print_figures, read_records, timing_of
         from lgprjax.report import draw_timing
@@ -179,7 +180,8 @@ class Run:
         else:
             with devices(config, spec, folder) as addresses:
                 driven = _written(folder, config, addresses)
-                _drive(driven, folder, self.for_s)
+                with ended_on_arrival(folder):
+                    _drive(driven, folder, self.for_s)
         with working("figures"):
             if field:
                 figures = field_figures(folder, driven)
@@ -315,8 +317,9 @@ def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None) -> int:
 
 def _write_drive(config: "RuntimeConfig", folder: Path) -> None:
     """Write the run as a drive log next to its recording; a failure is reported, the recording stays."""
-    from lgprjax.batch import write_run_drive
+    from lgprjax.batch import options_as_provenance, write_run_drive
     from lgprjax.formats import MapFile, read_vehicle
+    from lgprjax.runtime.registration.search import options_of
 
     output = folder / f"{config.name}.drive.h5"
     try:
@@ -327,6 +330,7 @@ def _write_drive(config: "RuntimeConfig", folder: Path) -> None:
                 source=source,
                 vehicle=read_vehicle(config.path(config.vehicle)),
                 position_sigma_m=config.sensors.gnss_sigma_m,
+                registration=options_as_provenance(options_of(config)),
             )
     except InputError as error:
         print(f"no drive log: {error}; retry with lgprjax recover", flush=True)

@@ -150,7 +150,9 @@ def figures_of(records: RunRecords, folder: Path) -> dict[str, Any]:
     found = records.fixes
     on = records.tracking(found["scan_ns"])
     if on.any():
-        figures["ok_share"] = float(np.mean(found["code"][on] == Code.OK))
+        # Scans between the stops of a search have no fix of their own.
+        stops = found["code"][on & (found["code"] != Code.NO_WINDOW)]
+        figures["ok_share"] = float(np.mean(stops == Code.OK)) if len(stops) else 0.0
         figures["most_waiting"] = int(found["waiting"][on].max())
         gaps = np.diff(found["scan"].astype(np.int64))[on[1:] & on[:-1]]
         figures["largest_gap_scans"] = int(gaps.max(initial=1))

@@ -15,6 +15,7 @@ from lgprjax.formats.drive import (
     DriveWriter,
     NavigationTrack,
     OdometryTrack,
+    OnBoardSearch,
     SweepRecording,
     TraceRecording,
 )
@@ -91,6 +92,7 @@ __all__ = [
     "McapTopics",
     "NavigationTrack",
     "OdometryTrack",
+    "OnBoardSearch",
     "Profile",
     "RearMap",
     "RouteFile",

@@ -26,6 +26,7 @@ from lgprjax.formats.store import (
     write_array,
     write_attribute,
 )
+from lgprjax.frames import LocalFrame
 from lgprjax.radar.array import ArrayGeometry, ChannelResponse
 
 # Contents of a drive log except its radar data: where, when, with which array and recording.
@@ -114,6 +115,19 @@ class SweepRecording:
 
 
 @dataclass(frozen=True)
+class OnBoardSearch:
+    """The search of a run as it was made on board.
+
+    Attributes:
+        frame: of the map.
+        scans: what each scan's search was given and what it found, by the names of ``/on_board``.
+    """
+
+    frame: LocalFrame
+    scans: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
 class DriveDescription:
     """Everything of a drive except its radar data.
 
@@ -129,6 +143,7 @@ class DriveDescription:
         provenance: steps, parameters and inputs of the log; must be JSON.
         serial_number: of the vehicle, stored with its signals; ``None`` if unknown.
         plan: decisions of the autopilot, by name, ``time_s`` among them.
+        on_board: the search of a run as it was made on board.
     """
 
     name: str
@@ -142,6 +157,7 @@ class DriveDescription:
     provenance: dict[str, object]
     serial_number: str | None = None
     plan: dict[str, np.ndarray] | None = None
+    on_board: OnBoardSearch | None = None
 
 
 # Write a drive log scan by scan; the file appears under its name only when it is complete and valid.
@@ -282,6 +298,10 @@ def _write_description(
     write_tracks(store, description.navigation, description.odometry, description.truth)
     write_signals(store, target, description.vehicle, description.serial_number)
     write_plan(store, target, description.plan)
+    if description.on_board is not None:
+        _write_named(store, target, "on_board", description.on_board.scans)
+        for name, value in _anchor_of(description.on_board.frame).items():
+            store["/on_board"].attrs[name] = value
     _write_recording(store, description.recording, channels, dtype)
     array = description.array
     for name in ("x_m", "y_m", "time_offset_s"):
@@ -560,7 +580,25 @@ def _read_description(store: h5py.File) -> DriveDescription:
         provenance=provenance_of(store),
         serial_number=serial_number_of(vehicle),
         plan=read_arrays(store.get("/plan")),
+        on_board=_read_on_board(store.get("/on_board")),
     )
+
+
+def _anchor_of(frame: LocalFrame) -> dict[str, float]:
+    """The origin of a frame as attributes."""
+    return {
+        "anchor_latitude_deg": frame.latitude_deg,
+        "anchor_longitude_deg": frame.longitude_deg,
+        "anchor_height_m": frame.height_m,
+    }
+
+
+def _read_on_board(group: Any) -> OnBoardSearch | None:
+    scans = read_arrays(group)
+    if scans is None:
+        return None
+    parts = ("anchor_latitude_deg", "anchor_longitude_deg", "anchor_height_m")
+    return OnBoardSearch(LocalFrame(*(_number(group, name) for name in parts)), scans)
 
 
 def read_arrays(group: Any) -> dict[str, np.ndarray] | None:

@@ -49,6 +49,7 @@ from lgprjax.registration.scan_search import (
 from lgprjax.registration.score import OFF_MAP_SCORE, Score, Template, score_poses
 from lgprjax.registration.search import (
     BLOCK_SCANS,
+    TRACK_SCANS,
     DriveFixes,
     LiveBlock,
     Registration,
@@ -76,6 +77,7 @@ __all__ = [
     "PIECE_M",
     "POOLED",
     "SEARCH_SWARM",
+    "TRACK_SCANS",
     "WRONG_M",
     "ArrayColumns",
     "Chance",

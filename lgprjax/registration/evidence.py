@@ -42,6 +42,7 @@ _BATCH, _ENDS = 16, 32  # scans scored together, and window ends judged together
 CHUNK_M = 4.0  # of travel judged before scale and region are reconsidered
 LOST_M = 8.0  # without a place after which a region of twice the side is tried
 _FLOOR_M = 6.0  # of travel over which the noise floor is estimated; in wavelengths where these are longer than a metre
+_MOST_KEPT = 256  # stops kept for it, beyond those of the longest window: at standstill every scan may be one
 _COMPARED = 16  # stops of the last metres that time scales, and other places, are compared over
 CARRIED_M = 0.3  # error that a carried place may have from the start
 _CONTESTED = 0.05  # probability that a place only resembles the true one, above which it is not carried on
@@ -95,8 +96,8 @@ class EvidenceSearch:
         chain: of the drive.
         options: of the search.
         chance: of the map.
-        block_scans: most scans that ``feed`` is given at once.
-        fed_back: the priors' heading comes from a filter that these fixes correct.
+        block_scans: most scans that ``feed`` is given at once. With ``options.track`` fixes do not depend on how scans
+            are divided into blocks.
     """
 
     def __init__(
@@ -106,15 +107,14 @@ class EvidenceSearch:
         options: RegisterOptions,
         chance: Chance,
         block_scans: int = _ENDS,
-        *,
-        fed_back: bool = False,
     ) -> None:
         self._prepared, self._ground, self._chain = prepared, prepared.ground, chain
         self._options = options
         self.plan = SearchSizes.of(prepared, options)
         self._wavelength_m = self._ground.description.settings.wavelength_m
         self._chance = chance.for_windows(self.plan.windows_m, self._wavelength_m)
-        batch, self._ends = min(_BATCH, block_scans), min(_ENDS, block_scans)
+        # A vehicle decides at each stop by what it has: whether another follows in its block is a matter of time.
+        batch, self._ends = min(_BATCH, block_scans), 1 if options.track else min(_ENDS, block_scans)
         self._lattice = ErrorLattice(prepared, self.plan, options, batch)
         self._fixes = StopFixes(prepared, self._lattice, self.plan, options, chance.sigma_scale, batch)
         self._scale = TimeScaleEstimate(1.0 if options.time_scale is None else options.time_scale)
@@ -125,7 +125,7 @@ class EvidenceSearch:
             self._wavelength_m,
             self._fixes.sigma_scale,
             unknown_attitude(prepared.array, profile_ns, scale_followed=options.time_scale is None),
-            fed_back=fed_back,
+            fed_back=options.track,
         )
         # Dead reckoning as the drive has it, turned by what heading was found to be wrong by.
         self._turn, self._shift_m = np.eye(2), np.zeros(2)
@@ -144,11 +144,13 @@ class EvidenceSearch:
         self._found_m, self._found_in = -np.inf, (0.0, 1.0)
 
     def choose(self, scans: LiveScans) -> Int[np.ndarray, " stop"]:
-        """Choose the scans that become stops: those nearest to equal steps of travel."""
+        """Choose the scans that become stops: those nearest to equal steps of travel, or the next after each."""
         if self.plan.spacing_m <= 0.0:
             return np.arange(len(scans.number))
         chosen = []
         ahead = np.diff(scans.path_m, append=scans.path_m[-1:])
+        if self._options.track:
+            ahead = np.zeros(len(ahead))
         for scan, path_m in enumerate(scans.path_m):
             if path_m + 0.5 * ahead[scan] >= self._next_m:
                 chosen.append(scan)
@@ -179,15 +181,32 @@ class EvidenceSearch:
             half_m = self._options.search_half_m(scans.track.sigma_m)
             if half_m != self._lattice.half_m:
                 self._lattice.half_m, self._surfaces = half_m, None
-            fix, beside, scale = self._judge_all(stops, before)
-            answered = chosen
-        keep = max(0, len(stops.number) - self.plan.history)
+            if self._options.track and scans.background is not None:
+                # Those before it in earlier blocks have no fix either.
+                waits = int(np.searchsorted(scans.path_m[chosen], scans.settled_m))
+                answered, before = chosen[waits:], before + waits
+            else:
+                answered = chosen
+            if len(answered):
+                fix, beside, scale = self._judge_all(stops, before)
+        keep = self._dropped(stops)
         self._stops = Stops(*(field[keep:] for field in stops))
         self._floor = self._floor[:, keep:]
         self._ready -= keep
         if self._surfaces is not None:
             self._surfaces.renumber(keep)
         return answered, fix, beside, scale
+
+    def _dropped(self, stops: Stops) -> int:
+        """Stops farther back than any window reaches; on board, than any noise floor or probe does, too.
+
+        There an even number of them: some of a window are chosen by rounding their positions, halves to even.
+        """
+        if not len(stops.number) or not self._options.track:
+            return max(0, len(stops.number) - self.plan.history)
+        reach_m = max(CHUNK_M, _FLOOR_M * max(1.0, self._wavelength_m))
+        recent = len(stops.number) - int(np.searchsorted(stops.path_m, stops.path_m[-1] - reach_m))
+        return max(0, len(stops.number) - max(self.plan.history, min(recent, _MOST_KEPT))) // 2 * 2
 
     def score_at(
         self, scans: LiveScans, at: Int[np.ndarray, " stop"], truth: Float[np.ndarray, "stop 5"]

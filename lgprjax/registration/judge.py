@@ -317,6 +317,8 @@ class RegisterOptions:
         search_swarm: search by swarms of at most this size, begun anywhere in the region, in all five dimensions,
             instead of over the lattice of all places: for comparison, and much slower.
         seed: of the swarms.
+        track: decide as a vehicle does: at each stop, by what lies behind it, for the drive log of a run; headings are
+            those of a filter that these fixes correct. Otherwise metres are judged again by what the next ones tell.
     """
 
     search_m: float | None = None
@@ -331,6 +333,7 @@ class RegisterOptions:
     swarm: SwarmConfig | None = None
     search_swarm: SwarmConfig | None = None
     seed: int = 0
+    track: bool = False
 
     def search_half_m(self, sigma_m: Float[np.ndarray, " scan"] | None = None) -> float:
         """Half side of the search square around priors with these sigmas (NaN: not stated)."""

@@ -65,6 +65,7 @@ class LiveScans(NamedTuple):
         settled: the drive's background is known; before, ``filtered`` is as recorded.
         background: of each channel, in the block in which it becomes known: to be subtracted from the scans of earlier
             blocks.
+        settled_m: travel from which on it is known.
     """
 
     number: Int[np.ndarray, " scan"]
@@ -75,6 +76,7 @@ class LiveScans(NamedTuple):
     dead_reckoned_m: Float[np.ndarray, "scan 2"]
     settled: bool = True
     background: Float[np.ndarray, "channel recorded"] | None = None
+    settled_m: float = 0.0
 
 
 # Of the filter's length: travel after which a drive's background is known. A mean that has just begun is that of the
@@ -105,7 +107,7 @@ class LiveChain:
         self._operators = operators
         self._basis = basis
         self._length_m = jnp.float32(track_filter_m)
-        self._settled_m: float | None = SETTLED * track_filter_m
+        self._settled_m, self._settled = SETTLED * track_filter_m, False
         self._state = init_live_filter(channels, recorded)
         self._fed = 0
         self._path_m = 0.0
@@ -130,9 +132,9 @@ class LiveChain:
         scans = len(traces)
         before_m = track.travel_m[0] if self._travel_m is None else self._travel_m
         moved = np.diff(track.travel_m, prepend=before_m)
-        path_m = self._path_m + np.cumsum(np.abs(moved))
+        path_m = _summed(self._path_m, np.abs(moved))
         background = None
-        if self._settled_m is None:
+        if self._settled:
             filtered = self._filter(traces, valid, moved, block)
         else:
             at = int(np.searchsorted(path_m, self._settled_m))
@@ -140,16 +142,15 @@ class LiveChain:
             self._filter(traces, valid & first, moved, block)
             filtered = np.where(valid[..., None], traces, 0.0).astype(np.float32)
             if at < scans:
-                background, self._settled_m = np.asarray(self._state.mean), None
+                background, self._settled = np.asarray(self._state.mean), True
                 filtered -= np.where(valid[..., None], background, 0.0)
                 filtered = np.where(first[..., None], filtered, self._filter(traces, valid & ~first, moved, block))
         step = moved[:, None] * np.stack([np.cos(track.pose[:, 3]), np.sin(track.pose[:, 3])], axis=1)
-        reckoned_m = self._reckoned_m + np.cumsum(step, axis=0)
+        reckoned_m = _summed(self._reckoned_m, step)
         number = np.arange(self._fed, self._fed + scans)
         self._fed += scans
         self._travel_m, self._path_m, self._reckoned_m = float(track.travel_m[-1]), float(path_m[-1]), reckoned_m[-1]
-        settled = self._settled_m is None
-        return LiveScans(number, filtered, valid, track, path_m, reckoned_m, settled, background)
+        return LiveScans(number, filtered, valid, track, path_m, reckoned_m, self._settled, background, self._settled_m)
 
     def _filter(
         self,
@@ -180,6 +181,13 @@ class LiveChain:
         pad = [(0, rows - len(filtered)), (0, 0)]
         profile = apply_operator(jnp.asarray(np.pad(filtered, [*pad, (0, 0)])), self._operators(time_scale))
         return np.asarray(to_coefficients(profile, jnp.asarray(np.pad(valid, pad)), self._basis))[: len(filtered)]
+
+
+def _summed(
+    before: float | Float[np.ndarray, "..."], more: Float[np.ndarray, "scan ..."]
+) -> Float[np.ndarray, "scan ..."]:
+    """Running sums from ``before`` on: one after the other, so that they are the same however scans come in blocks."""
+    return np.asarray(np.cumsum(np.concatenate([np.reshape(before, (1, *more.shape[1:])), more]), axis=0)[1:])
 
 
 # Scans that represent their stretch of travel (stops), and the templates made from them.

@@ -18,6 +18,8 @@ from lgprjax.registration.template_bank import PreparedGround
 from lgprjax.subsurface import GroundMap, StationSource
 
 BLOCK_SCANS = 512
+TRACK_SCANS = 4
+"""Largest number of scans that a vehicle searches at once."""
 
 
 class LiveBlock(NamedTuple):
@@ -34,6 +36,13 @@ class LiveBlock(NamedTuple):
     valid: Bool[np.ndarray, "scan channel"]
     track: Track
     truth: Float[np.ndarray, "scan 5"] | None = None
+
+    def part(self, scans: slice) -> "LiveBlock":
+        """Some of its scans."""
+        track = Track(*(field[scans] for field in self.track))
+        return LiveBlock(
+            self.traces[scans], self.valid[scans], track, None if self.truth is None else self.truth[scans]
+        )
 
 
 class DriveFixes(NamedTuple):
@@ -100,7 +109,6 @@ class Registration:
         recorded: numbers of a trace.
         prepared: of ground and array, shared between drives; None to make one.
         block_scans: largest block that ``feed`` is given; a compiled shape.
-        fed_back: the priors' heading comes from a filter that these fixes correct.
     """
 
     def __init__(
@@ -114,14 +122,13 @@ class Registration:
         recorded: int,
         prepared: PreparedGround | None = None,
         block_scans: int = BLOCK_SCANS,
-        fed_back: bool = False,
     ) -> None:
         self._block_scans = block_scans
         self._centre = centre_of(array)
         self._chain = live_chain(ground, operators, len(array.x_m), recorded)
         self.prepared = PreparedGround(ground, array) if prepared is None else prepared
         search = EvidenceSearch if options.search_swarm is None else SwarmSearch
-        self.search = search(self.prepared, self._chain, options, chance, block_scans, fed_back=fed_back)
+        self.search = search(self.prepared, self._chain, options, chance, block_scans)
         self._last: tuple[Fix, np.ndarray, np.ndarray, float] | None = None
 
     def feed(self, block: LiveBlock) -> DriveFixes:
@@ -201,6 +208,17 @@ def register_drive(
     prepared: PreparedGround | None = None,
 ) -> Iterator[DriveFixes]:
     """Fixes of every scan, block by block; memory does not grow with the drive. Arguments as for ``Registration``."""
-    search = Registration(ground, operators, array, options, chance=chance, recorded=recorded, prepared=prepared)
+    scans = TRACK_SCANS if options.track else BLOCK_SCANS
+    search = Registration(
+        ground,
+        operators,
+        array,
+        options,
+        chance=chance,
+        recorded=recorded,
+        prepared=prepared,
+        block_scans=scans,
+    )
     for block in blocks:
-        yield search.feed(block)
+        for low in range(0, len(block.traces), scans):
+            yield search.feed(block.part(slice(low, low + scans)))

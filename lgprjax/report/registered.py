@@ -323,6 +323,7 @@ def _remarks(drive: RegisteredDrive, source: MapFile) -> tuple[str, ...]:
         labels,
         drive.alignment.told,
         drive.jumps,
+        None if drive.agreement is None else drive.agreement.told,
         _windows(drive),
         _time_scales(drive),
         _attitude(drive),
@@ -338,12 +339,19 @@ def _unknowns(drive: RegisteredDrive, source: MapFile) -> tuple[str | None, ...]
     return assumed, drive.away, _LONE if lone else None
 
 
+_SELDOM = 0.01
+
+
 def _windows(drive: RegisteredDrive) -> str | None:
-    """Window lengths of the ok fixes."""
+    """Window lengths of the ok fixes; one that hardly occurs, as at a drive's start, counts with the next longer."""
     window_m = np.asarray(drive.fix.window_m)[drive.table["code"].to_numpy() == "ok"]
     if not len(window_m):
         return None
-    lengths, counts = np.unique(window_m, return_counts=True)
+    every, counts = np.unique(window_m, return_counts=True)
+    often = counts >= _SELDOM * len(window_m)
+    often[-1] = True
+    lengths = every[often]
+    counts = np.bincount(np.searchsorted(lengths, window_m), minlength=len(lengths))
     named = ["single scans" if length == 0.0 else f"{length:g} m" for length in lengths]
     shares = [f"{name} {100.0 * count / len(window_m):.0f} %" for name, count in zip(named, counts, strict=True)]
     return f"windows of the ok fixes: {', '.join(shares)}"

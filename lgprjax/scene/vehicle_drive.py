@@ -457,7 +457,7 @@ class VehicleFixes(NamedTuple):
         pose: east_m, north_m, height_m, yaw_rad, roll_rad.
         covariance: of them, as the fixes report it.
         sigma_m: along and across the fix's heading, as reported.
-        strength: correlation of the fixes that there are.
+        strength: correlation of the fixes that there are; p_false: probability that their matches are false.
     """
 
     time_s: Float[np.ndarray, " scan"]
@@ -466,6 +466,7 @@ class VehicleFixes(NamedTuple):
     covariance: Float[np.ndarray, "scan 5 5"]
     sigma_m: tuple[float, float]
     strength: float
+    p_false: float
 
 
 def draw_vehicle_fixes(
@@ -503,7 +504,9 @@ def draw_vehicle_fixes(
     covariance[:, 4, 4] = _SIGMA_ROLL_RAD**2
     pose[~found], covariance[~found] = np.nan, np.nan
     sigma_m = (float(reported[0]), float(reported[1]))
-    return VehicleFixes(truth.time_s[scan], found, pose, covariance, sigma_m, float(errors.strength))
+    return VehicleFixes(
+        truth.time_s[scan], found, pose, covariance, sigma_m, float(errors.strength), float(errors.p_false)
+    )
 
 
 @jax.jit

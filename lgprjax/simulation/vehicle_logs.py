@@ -510,6 +510,7 @@ def write_vehicle_fixes(
         "margin": np.full(scans, np.nan),
         "overlap_channels": np.where(fixes.found, default_array().x_m.size, 0),
         "code": np.where(fixes.found, "ok", _NO_FIX),
+        "p_false": np.where(fixes.found, fixes.p_false, 1.0),
     }
     attributes = {
         "name": name,

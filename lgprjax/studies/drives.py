@@ -273,7 +273,7 @@ def _ticked_run(
         MotionInput(single(rate), single(np.full(count, TICK_S))),
         observations,
     )
-    return TickedDrive(edges[1:], drive, np.where(valid, 1.0, np.nan), None)
+    return TickedDrive(edges[1:], drive, np.where(valid, 0.0, np.nan), None)
 
 
 def smoothed(task: Task, drive: LoopDrive) -> SmoothedDrive:

@@ -32,6 +32,7 @@ from lgprjax.navigation import (
     init_switch,
     smooth_estimates,
     step_switch,
+    switch_settings,
 )
 from lgprjax.studies.logs import Figure, LoggedDrive, Outcome, Task, fitting, options_of, rms
 from lgprjax.tuning.navigation import FusionFit, NavigationDrives, filter_drives, fit_fusion, mean_nis
@@ -52,13 +53,13 @@ class TickedDrive(NamedTuple):
     Attributes:
         time_s: end of each tick, on the log's clock.
         drive: a single drive, without a batch axis.
-        strength: correlation of the tick's fix; NaN if missing.
+        p_false: of the match of the tick's scan, see ``Fix``; NaN without one.
         truth: x_m, y_m, yaw_rad at the ticks' ends, ``None`` if the log has none.
     """
 
     time_s: Float[np.ndarray, " tick"]
     drive: NavigationDrives
-    strength: Float[np.ndarray, " tick"]
+    p_false: Float[np.ndarray, " tick"]
     truth: Float[np.ndarray, "tick 3"] | None
 
 
@@ -98,7 +99,7 @@ def tick_drive(
     rate = _mean_rate(vehicle["time_s"], vehicle["yaw_rate_radps"], edges_s)
     speed = np.diff(np.interp(edges_s, log.odometry.time_s, log.odometry.distance_m)) / tick_s
     gnss, heading = _navigation(path, track, place, edges_s)
-    lgpr, strength = _fixes(fixes, frame, edges_s)
+    lgpr, p_false = _fixes(fixes, frame, edges_s)
     variance = np.full(count, 2.0 * (odometer_sigma_m / tick_s) ** 2)
     odometer = OdometerObservation(_single(speed), _single(variance), jnp.ones(count, bool))
     start = VehiclePose(*(jnp.float32(value) for value in place[begin]))
@@ -108,7 +109,7 @@ def tick_drive(
     if log.truth is not None:
         true = _poses(frame, log.truth)
         truth = np.stack([np.interp(edges_s[1:], log.truth.time_s, column) for column in true.T], axis=1)
-    return TickedDrive(edges_s[1:], drive, strength, truth)
+    return TickedDrive(edges_s[1:], drive, p_false, truth)
 
 
 def stack_drives(drives: list[TickedDrive]) -> NavigationDrives:
@@ -183,15 +184,17 @@ def _fixes(
     path: Path | None, frame: LocalFrame, edges_s: Float[np.ndarray, " edge"]
 ) -> tuple[LgprObservation, Float[np.ndarray, " tick"]]:
     size = len(edges_s) - 1
-    values, age, strength = np.zeros((size, 3)), np.zeros(size), np.full(size, np.nan)
+    values, age, p_false = np.zeros((size, 3)), np.zeros(size), np.full(size, np.nan)
     covariance, valid = np.tile(np.eye(3), (size, 1, 1)), np.zeros(size, bool)
     if path is not None:
         table, (_, spread) = read_fixes(path), read_fix_poses(path)
         if spread is None:
             raise InputError(path, "/covariance", "covariances of the fixes", "none")
         ticks, row = _last_in_tick(table["time_s"].to_numpy(), edges_s)
-        strength[ticks] = table["correlation"].to_numpy()[row]
-        good = (table["code"].to_numpy()[row] == "ok") & np.isfinite(spread[row]).all(axis=(1, 2))
+        ok = table["code"].to_numpy()[row] == "ok"
+        # A file older than the column says only which matches were accepted.
+        p_false[ticks] = table["p_false"].to_numpy()[row] if "p_false" in table else np.where(ok, 0.0, 1.0)
+        good = ok & np.isfinite(spread[row]).all(axis=(1, 2))
         ticks, row = ticks[good], row[good]
         chosen = table.iloc[row]
         longitude = chosen["longitude_deg"].to_numpy()
@@ -203,7 +206,7 @@ def _fixes(
         age[ticks] = np.maximum(edges_s[1:][ticks] - chosen["time_s"].to_numpy(), 0.0)
         valid[ticks] = True
     x, y, heading = (_single(column) for column in values.T)
-    return LgprObservation(x, y, heading, _single(covariance), _single(age), jnp.asarray(valid)), strength
+    return LgprObservation(x, y, heading, _single(covariance), _single(age), jnp.asarray(valid)), p_false
 
 
 def _single(values: Float[np.ndarray, "..."]) -> Float[Array, "..."]:
@@ -218,8 +221,7 @@ class FusionOptions(ConfigTable):
 
     tick_s: _Number = 0.1
     odometer_sigma_m: _Number = 0.002
-    enter_strength: _Number = 0.6
-    stay_strength: _Number = 0.5
+    risk: _Number = 1e-4
     hold_s: _Number = 1.0
 
 
@@ -266,8 +268,9 @@ def study_fusion(task: Task) -> Outcome:
     notes = [f"left open by the drives: {', '.join(fit.left_open)}"] if fit.left_open else []
     judges = [(judge, _ticked(judge, tick_s, odometer_m)) for judge in task.judges]
     judged = []
-    enter, stay, hold = (jnp.float32(n) for n in (options.enter_strength, options.stay_strength, options.hold_s))
-    settings = SwitchSettings(enter, stay, hold, model.zero_slip_m, model.array_x_m, model.array_y_m)
+    settings = switch_settings(
+        options.risk, zero_slip_m=model.zero_slip_m, array_x_m=model.array_x_m, array_y_m=model.array_y_m
+    )._replace(hold_s=jnp.float32(options.hold_s))
     for drive, ticked in judges or list(zip(task.drives, drives, strict=True)):
         role = "held out" if judges else "fitted"
         one = _judge(fit.model, settings, drive, ticked)
@@ -293,8 +296,8 @@ def _judge(model: FilterModel, settings: SwitchSettings, drive: LoggedDrive, tic
     lane = jax.tree.map(lambda leaf: leaf[0], padded)
     smoothed = jax.jit(smooth_estimates)(model, estimates, lane.motions, info.reacquired.any(axis=-1))
     missing = lane.motions.step_s.size - len(ticked.time_s)
-    strength = np.pad(ticked.strength, (0, missing), constant_values=np.nan)
-    switched = _switch(settings, lane, jnp.asarray(strength, jnp.float32))
+    p_false = np.pad(ticked.p_false, (0, missing), constant_values=np.nan)
+    switched = _switch(settings, lane, jnp.asarray(p_false, jnp.float32))
     driven = slice(len(ticked.time_s))
     estimates, smoothed, info = jax.tree.map(lambda leaf: leaf[driven], (estimates, smoothed, info))
     poses = np.stack([np.asarray(part, np.float64)[driven] for part in switched], axis=1)
@@ -302,25 +305,25 @@ def _judge(model: FilterModel, settings: SwitchSettings, drive: LoggedDrive, tic
 
 
 @jax.jit
-def _switch(settings: SwitchSettings, drive: NavigationDrives, strength: jax.Array) -> VehiclePose:
+def _switch(settings: SwitchSettings, drive: NavigationDrives, p_false: jax.Array) -> VehiclePose:
     """Poses by the threshold switch; between positions GNSS/INS keeps the last one."""
 
     def step(
         carry: tuple[SwitchState, VehiclePose], tick: tuple[NavigationDrives, jax.Array]
     ) -> tuple[tuple[SwitchState, VehiclePose], VehiclePose]:
-        (state, last), (now, strong) = carry, tick
+        (state, last), (now, false) = carry, tick
         gnss, heading = now.observations.gnss, now.observations.heading
         gnss_ins = VehiclePose(gnss.x_m, gnss.y_m, heading.yaw_rad)
         last = VehiclePose(*(jnp.where(gnss.valid, new, old) for new, old in zip(gnss_ins, last, strict=True)))
         speed = now.observations.odometer.speed_mps
-        state = step_switch(settings, state, now.motions, speed, last, now.observations.lgpr, strong)
+        state = step_switch(settings, state, now.motions, speed, last, now.observations.lgpr, false)
         return (state, last), state.pose
 
     ticks = drive._replace(
-        start=VehiclePose(*(jnp.broadcast_to(v, strength.shape) for v in drive.start)),
-        speed_mps=jnp.broadcast_to(drive.speed_mps, strength.shape),
+        start=VehiclePose(*(jnp.broadcast_to(v, p_false.shape) for v in drive.start)),
+        speed_mps=jnp.broadcast_to(drive.speed_mps, p_false.shape),
     )
-    poses: VehiclePose = jax.lax.scan(step, (init_switch(drive.start), drive.start), (ticks, strength))[1]
+    poses: VehiclePose = jax.lax.scan(step, (init_switch(drive.start), drive.start), (ticks, p_false))[1]
     return poses
 
 

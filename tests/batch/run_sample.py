@@ -10,7 +10,7 @@ import numpy as np
 
 from formats.run_log_sample import head_bytes, own_bytes, record_bytes
 from generated import Site
-from lgprjax.formats import DriveLog, MapFile, TraceRecording
+from lgprjax.formats import DriveLog, MapFile, SweepRecording, TraceRecording
 
 MONO_NS = 10**12
 """Monotonic time of the drive's second 0."""
@@ -25,6 +25,7 @@ steering_kind = "counter_steer"
 [array]
 x_m = {x_m}
 height_m = {height_m}
+{channels}
 """
 CONFIG = """
 name = "test"
@@ -66,7 +67,11 @@ def run_of_drive(site: Site, name: str, folder: Path) -> None:
     with DriveLog.open(site.logs[name]) as log, MapFile.open(site.map) as source:
         sent = [*_radar(log, rng), *_box(log, rng), *_decided(log, source)]
         place = log.description.array
-        vehicle = VEHICLE.format(x_m=float(np.mean(place.x_m)), height_m=place.height_m)
+        known, channels = log.description.recording, ""
+        if isinstance(known, SweepRecording):
+            gain, delay_ns = (list(map(float, part)) for part in known.response)
+            channels = f"channel_gain = {gain}\nchannel_delay_ns = {delay_ns}"
+        vehicle = VEHICLE.format(x_m=float(np.mean(place.x_m)), height_m=place.height_m, channels=channels)
     sent.sort(key=lambda each: each.mono_ns)
     parts, number = [head_bytes(0, 0, mono_ns=MONO_NS), own_bytes(0, dropped={"control_log": 0})], 1
     for each in sent:
@@ -85,25 +90,63 @@ def run_of_drive(site: Site, name: str, folder: Path) -> None:
 def _radar(log: DriveLog, rng: np.random.Generator) -> list[Sent]:
     """Scans as they come: late by 3 ms or more, stamped by a clock of the radar's own that drifts."""
     told = log.description.recording
-    assert isinstance(told, TraceRecording)
-    traces, valid = log.read_traces(0, log.scans)
-    zero, step_ps = int(told.zero_level), round(1e3 * told.sample_interval_ns)
-    samples = np.clip(traces + zero, 0, 255).astype(np.uint8)
-    shape = log.channels, log.samples
-    describes = struct.pack("<HHIifI", *shape, step_ps, round(1e3 * told.time_zero_ns), zero, 7937)
     begun = MONO_NS + int(1e9 * log.scan_time_s[0]) - 10**8
-    sent = [record(_PORT_IN, _RADAR, begun, frame(0x14, describes, session=9, sequence=0, stamp_us=1))]
-    for scan, at_s in enumerate(log.scan_time_s):
+    kind, scans = (0x12, _trace_scans(log)) if isinstance(told, TraceRecording) else (0x15, _sweep_scans(log))
+    sent = [
+        record(_PORT_IN, _RADAR, begun + number, frame(each, payload, session=9, sequence=number, stamp_us=1))
+        for number, (each, payload) in enumerate(_describes(log))
+    ]
+    for scan, (at_s, payload) in enumerate(zip(log.scan_time_s, scans, strict=True)):
         mono_ns = MONO_NS + int(1e9 * at_s)
         stamp_us = 77_000_000 + int((mono_ns - MONO_NS) * (1 + 5e-5)) // 1000
-        bits = int(np.sum(valid[scan].astype(np.int64) << np.arange(log.channels)))
-        payload = struct.pack("<IHHI", scan, *shape, bits) + samples[scan].tobytes()
-        raw = frame(0x12, payload, session=9, sequence=scan + 1, stamp_us=stamp_us)
+        raw = frame(kind, payload, session=9, sequence=scan + 2, stamp_us=stamp_us)
         late_s = LEAST_DELAY_S + (0.0 if scan % 50 == 0 else rng.exponential(0.002))
         # A line keeps the order.
         arrival_ns = max(mono_ns + int(1e9 * late_s), sent[-1].mono_ns + 1)
         sent.append(record(_PORT_IN, _RADAR, arrival_ns, raw))
     return sent
+
+
+def _describes(log: DriveLog) -> list[tuple[int, bytes]]:
+    """Types and payloads of what the radar says of itself."""
+    told = log.description.recording
+    if isinstance(told, TraceRecording):
+        shape, step_ps = (log.channels, log.samples), round(1e3 * told.sample_interval_ns)
+        zero_ps, level = round(1e3 * told.time_zero_ns), told.zero_level
+        return [(0x14, struct.pack("<HHIifI", *shape, step_ps, zero_ps, level, 7937))]
+    hz = told.frequencies_hz
+    first_khz, step_khz = round(1e-3 * hz[0]), round(1e-3 * (hz[1] - hz[0]))
+    delay_ps = round(1e3 * told.group_delay_ns)
+    rows = np.concatenate([told.lookup_sweeps, told.lookup_calibration_sweep[None]])
+    return [
+        (0x16, struct.pack("<HHIIiI", log.channels, len(hz), first_khz, step_khz, delay_ps, 7937)),
+        (0x17, struct.pack("<HHHf", *rows.shape, 8, 1.0) + rows.astype("<c8").tobytes()),
+    ]
+
+
+def _bits(valid: np.ndarray) -> int:
+    return int(np.sum(valid.astype(np.int64) << np.arange(len(valid))))
+
+
+def _trace_scans(log: DriveLog) -> list[bytes]:
+    """Payloads of ``radar_scan``."""
+    told = log.description.recording
+    assert isinstance(told, TraceRecording)
+    traces, valid = log.read_traces(0, log.scans)
+    samples = np.clip(traces + told.zero_level, 0, 255).astype(np.uint8)
+    return [
+        struct.pack("<IHHI", scan, *one.shape, _bits(valid[scan])) + one.tobytes() for scan, one in enumerate(samples)
+    ]
+
+
+def _sweep_scans(log: DriveLog) -> list[bytes]:
+    """Payloads of ``radar_sweep``, numbers of 8 bytes."""
+    sweeps, calibration, valid = log.read_sweeps(0, log.scans)
+    rows = np.concatenate([sweeps, calibration[:, None]], axis=1).astype("<c8")
+    return [
+        struct.pack("<IHHHIf", scan, *one.shape, 8, _bits(valid[scan]), 1.0) + one.tobytes()
+        for scan, one in enumerate(rows)
+    ]
 
 
 def _box(log: DriveLog, rng: np.random.Generator) -> list[Sent]:
@@ -125,7 +168,7 @@ def _box(log: DriveLog, rng: np.random.Generator) -> list[Sent]:
 
 def _decided(log: DriveLog, source: MapFile) -> list[Sent]:
     """Priors and plans fifty times a second; the first prior of all is not valid."""
-    track, local = log.description.navigation, source.description.frame
+    track, local, odometry = log.description.navigation, source.description.frame, log.description.odometry
     east, north, _ = local.to_local(track.latitude_deg, track.longitude_deg, track.height_m)
     yaw = np.unwrap(local.yaw_of_heading(track.heading_deg, track.longitude_deg))
     sent = []
@@ -133,7 +176,9 @@ def _decided(log: DriveLog, source: MapFile) -> list[Sent]:
         x_m, y_m, angle = (float(np.interp(at_s, track.time_s, values)) for values in (east, north, yaw))
         roll = float(np.interp(at_s, track.time_s, np.radians(track.roll_deg)))
         mono_ns = MONO_NS + int(1e9 * at_s)
-        prior = struct.pack("<qB8d", mono_ns, number > 0, x_m, y_m, angle, roll, 0.001, 2.0, 0.01, 3.0)
+        travel_m, before_m = np.interp([at_s, at_s - 0.02], odometry.time_s, odometry.distance_m)
+        speed_mps = (travel_m - before_m) / 0.02
+        prior = struct.pack("<qB8d", mono_ns, number > 0, x_m, y_m, angle, roll, 0.001, speed_mps, 0.01, travel_m)
         plan = struct.pack(
             "<BBBII3d6f3fBIB", 4, 1, 2, 3, 4, x_m, y_m, angle, 0.05, 2.0, 2.2, -0.1, 30.0, 0.02, 0.03, 0.2, 0.0, 3, 0, 0
         )

@@ -58,6 +58,19 @@ def test_a_vehicle_feeds_few_scans_at_a_time(site: Site, scans: LiveBlock, plain
     assert few.off_m[few.ok].max() < 0.3
 
 
+@pytest.mark.parametrize("window_m", [None, 1.0])
+def test_on_board_it_does_not_matter_how_scans_come(site: Site, scans: LiveBlock, window_m: float | None) -> None:
+    """One truth: a vehicle's blocks are as long as its last search took, a replay's are not."""
+    options = RegisterOptions(search_m=1.5, window_m=window_m, track=True)
+    some = part_of(scans, slice(0, 400))
+    drawn = np.random.default_rng(7).integers(1, 5, 400)
+    one, other = (replay(site, some, options, block_scans=4, sizes=sizes) for sizes in (None, drawn))
+    np.testing.assert_array_equal(one.fix.code, other.fix.code)
+    np.testing.assert_array_equal(one.fix.pose, other.fix.pose)
+    assert one.ok.mean() > 0.7
+    assert one.off_m[one.ok].max() < 0.3
+
+
 def test_a_vehicle_that_stands_keeps_its_fix(site: Site, scans: LiveBlock, plain: Replay) -> None:
     """Six hundred scans of one place in the middle of the drive."""
     at, stand = 300, 600

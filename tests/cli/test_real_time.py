@@ -1,9 +1,14 @@
 """Whether a machine keeps real time: measured for a moment, and judged."""
 
+import json
+import struct
+from pathlib import Path
+
 import pytest
 
+from formats.run_log_sample import head_bytes, record_bytes
 from lgprjax.cli import real_time
-from lgprjax.cli.real_time import RealTime, look_at_onboard, measure_real_time
+from lgprjax.cli.real_time import ArrivalWatch, RealTime, look_at_onboard, measure_real_time
 
 
 @pytest.mark.parametrize(
@@ -45,3 +50,26 @@ def test_a_machine_is_judged_by_what_was_measured(
     assert [finding.verdict for finding in found] == verdicts
     assert f"{scans_hz:.0f} scans a second searched, 126 asked" in found[0].found
     assert all(bool(finding.advice) == (finding.verdict == "look") for finding in found)
+
+
+def test_a_recording_that_grows_is_watched_for_arrival(tmp_path: Path) -> None:
+    """Found wherever the record of it is cut between two looks; another end of a route is none."""
+    watch = ArrivalWatch(tmp_path)
+    assert not watch.arrived()
+    driven = _event(1, "SPEED", "CRUISE_PLUS", [])
+    chosen = _event(2, "SPEED", "ROUTE_OFF", ["another route was chosen"])
+    arrived = _event(3, "SPEED", "ROUTE_OFF", ["the end of the route is reached"])
+    whole = head_bytes(0, 0) + driven + chosen
+    (tmp_path / "0000.lgprun").write_bytes(whole)
+    assert not watch.arrived()
+    for cut in (10, arrived.index(b"ROUTE_OFF") + 4, len(arrived) - 1):
+        watch = ArrivalWatch(tmp_path)
+        (tmp_path / "0000.lgprun").write_bytes(whole + arrived[:cut])
+        assert not watch.arrived()
+        (tmp_path / "0000.lgprun").write_bytes(whole + arrived + _event(4, "SPEED", "CRUISE_MINUS", []))
+        assert watch.arrived()
+
+
+def _event(number: int, mode: str, event: str, why: list[str]) -> bytes:
+    told = json.dumps({"event": event, "mode": mode, "why": why, "actions": []}).encode()
+    return record_bytes(number, struct.pack("<BBHIQ", 8, 10, 0, number, 10**12 + number) + told)

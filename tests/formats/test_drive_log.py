@@ -219,7 +219,7 @@ _BAD: dict[str, tuple[Callable[[Path], object], str]] = {
         _set("schema_version", "2.0"),
         "@schema_version: expected version 1.x or older (update lgprjax), found 2.0",
     ),
-    "no version": (_set("schema_version", "new"), "@schema_version: expected a version such as 1.5, found 'new'"),
+    "no version": (_set("schema_version", "new"), "@schema_version: expected a version such as 1.6, found 'new'"),
     "time falls": (_put("/radar/time_s", 3, 0.0), "/radar/time_s: expected strictly increasing values, found 1 of 6"),
     "time repeats": (_put("/odometry/time_s", 1, 0.0), "/odometry/time_s: expected strictly increasing values"),
     "time nan": (_put("/radar/time_s", 2, np.nan), "/radar/time_s: expected finite values, found 1 of 6"),

@@ -172,7 +172,7 @@ def test_ticks_hold_what_was_drawn(folder: Path) -> None:
     )
     assert ticked.truth is not None
     np.testing.assert_allclose(ticked.truth[0, 2], drawn.states[skipped, 2], atol=1e-6)
-    assert np.isfinite(ticked.strength).sum() == int(np.asarray(seen.lgpr.valid).sum())
+    assert np.isfinite(ticked.p_false).sum() == int(np.asarray(seen.lgpr.valid).sum())
 
 
 def test_noises_go_into_the_vehicle_file_with_intervals(finished: FinishedStudy) -> None:

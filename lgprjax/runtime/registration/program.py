@@ -5,21 +5,21 @@ import json
 import signal
 import time
 from collections import deque
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Bool, Shaped
 
 from lgprjax.formats import MapFile, VehicleFile, read_vehicle
 from lgprjax.process_cost import count_compiles
-from lgprjax.registration import Code, DriveFixes
-from lgprjax.run_records import FIX, Record, RecordKind, Source, pack, unpack
+from lgprjax.registration import TRACK_SCANS, Code, DriveFixes, Track
+from lgprjax.run_records import FIX, SEARCHED, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.port import Arrival, Port
 from lgprjax.runtime.process import ProcessStage, Started
 from lgprjax.runtime.registration.scans import SCAN_MESSAGES, RadarSelf
 from lgprjax.runtime.registration.search import (
     AHEAD_M,
-    BLOCK_SCANS,
     PriorTrack,
     RadarLine,
     Search,
@@ -39,6 +39,20 @@ class _Scan(NamedTuple):
     frame: Frame
 
 
+class Searched(NamedTuple):
+    """Scans that were searched: rows of ``FIX``, and of ``SEARCHED``, from which their fixes can be found again."""
+
+    fixes: Shaped[np.ndarray, " scan"]
+    given: Shaped[np.ndarray, " scan"]
+
+    @property
+    def records(self) -> Iterator[tuple[RecordKind, bytes]]:
+        """Kind and payload of each, what was given before what was found."""
+        for fix, given in zip(self.fixes, self.given, strict=True):
+            yield RecordKind.SEARCHED, given.tobytes()
+            yield RecordKind.FIX, fix.tobytes()
+
+
 class ScanQueue:
     """Scans on their way to their fixes: waiting for a prior, then searched. Without clock, ports or rings.
 
@@ -52,7 +66,8 @@ class ScanQueue:
         self.priors = PriorTrack(array_x_m, height_m)
         self._search, self._clock = search, clock
         self._waiting: deque[_Scan] = deque()
-        self._searched_ns = 0
+        self._searched_ns = self._told_ns = 0
+        self._begins = True
 
     def take(self, frame: Frame, arrival_ns: int) -> None:
         """A radar_scan or radar_sweep that arrived."""
@@ -62,13 +77,13 @@ class ScanQueue:
             if len(self._waiting) > _WAITING:
                 self._waiting.popleft()
 
-    def step(self) -> Shaped[np.ndarray, " scan"] | None:
-        """Search at most ``BLOCK_SCANS`` waiting scans that have a prior: rows of ``FIX``; ``None`` without any."""
+    def step(self) -> Searched | None:
+        """Search at most ``TRACK_SCANS`` waiting scans that have a prior; ``None`` without any."""
         priors = self.priors
         while self._waiting and priors.covers(self._waiting[0].time_ns) is False:
             self._waiting.popleft()
         ready: list[_Scan] = []
-        while self._waiting and len(ready) < BLOCK_SCANS and priors.covers(self._waiting[0].time_ns):
+        while self._waiting and len(ready) < TRACK_SCANS and priors.covers(self._waiting[0].time_ns):
             scan = self._waiting.popleft()
             # At standstill ten scans a second are enough.
             if abs(priors.speed_mps) > _STANDING_MPS or scan.time_ns - self._searched_ns >= _STANDING_NS:
@@ -77,16 +92,33 @@ class ScanQueue:
         if not ready:
             return None
         times = np.array([scan.time_ns for scan in ready], np.int64)
-        found = self._search.feed([scan.frame for scan in ready], priors.track(times))
-        return self._rows(ready, found)
+        track = priors.track(times)
+        found, valid = self._search.feed([scan.frame for scan in ready], track)
+        return Searched(self._rows(ready, found), self._given(ready, track, valid))
+
+    def _given(
+        self, scans: list[_Scan], track: Track, valid: Bool[np.ndarray, "scan channel"]
+    ) -> Shaped[np.ndarray, " scan"]:
+        rows = np.zeros(len(scans), SEARCHED)
+        rows["scan_ns"] = [scan.time_ns for scan in scans]
+        rows["scan"] = [int(scan.frame.number("scan")) for scan in scans]
+        rows["begins"][0], self._begins = self._begins, False
+        rows["valid"] = valid @ (1 << np.arange(valid.shape[1]))
+        rows["pose"], rows["travel_m"], rows["speed_mps"] = track.pose, track.travel_m, track.speed_mps
+        rows["sigma_yaw_rad"] = track.sigma_yaw_rad
+        return rows
 
     def _rows(self, scans: list[_Scan], found: DriveFixes) -> Shaped[np.ndarray, " scan"]:
         fix = found.fix
         rows = np.zeros(len(scans), FIX)
         rows["scan_ns"] = [scan.time_ns for scan in scans]
         rows["scan"] = [int(scan.frame.number("scan")) for scan in scans]
-        # A propagated fix is no observation, except at standstill, where there is no other.
-        own = found.searched if found.searched.any() else np.arange(len(scans)) == len(scans) - 1
+        # A propagated fix is no observation, except at standstill and at a crawl, where there is no other.
+        own = np.array(found.searched)
+        for number, scan in enumerate(scans):
+            own[number] |= scan.time_ns - self._told_ns >= _STANDING_NS
+            if own[number]:
+                self._told_ns = scan.time_ns
         rows["code"] = np.where(own, fix.code, Code.NO_WINDOW)
         rows["waiting"] = len(self._waiting)
         rows["window_dm"] = np.where(np.isfinite(fix.window_m), np.round(10.0 * fix.window_m), -1)
@@ -156,12 +188,12 @@ class RegistrationProcess:
                 self._listen()
                 for message in self._priors.take():
                     self._queue.priors.take(unpack(message).payload)
-                rows = self._queue.step()
+                searched = self._queue.step()
                 self._look_ahead(search, self._queue.priors)
-                if rows is None:
+                if searched is None:
                     time.sleep(_IDLE_S)
                 else:
-                    self._tell(rows)
+                    self._tell(searched)
                 if compiles() != known:
                     known = compiles()
                     head = json.dumps({"compiled": known}).encode()
@@ -205,11 +237,12 @@ class RegistrationProcess:
         places = [place for place in (priors.ahead(way) for way in AHEAD_M) if place is not None]
         search.ahead.wish(places, priors.speed_mps, search.drive.prepared)
 
-    def _tell(self, rows: Shaped[np.ndarray, " scan"]) -> None:
+    def _tell(self, searched: Searched) -> None:
         now_ns = time.monotonic_ns()
-        for row in rows:
-            record = pack(Record(RecordKind.FIX, Source.REGISTRATION, 0, now_ns, row.tobytes()))
-            self._fixes.put(record)
+        for kind, payload in searched.records:
+            record = pack(Record(kind, Source.REGISTRATION, 0, now_ns, payload))
+            if kind is RecordKind.FIX:
+                self._fixes.put(record)
             self._log.put(record)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from lgprjax.batch import array_of_vehicle, of_channels
 from lgprjax.batch.register import HeldGround
@@ -21,6 +21,7 @@ from lgprjax.radar import ArrayGeometry, ChannelResponse
 from lgprjax.registration import (
     FINISH_SWARM,
     SEARCH_SWARM,
+    TRACK_SCANS,
     DriveFixes,
     LiveBlock,
     Operators,
@@ -124,8 +125,6 @@ class TilesAhead:
                 self._ready.append((aspect, made))
 
 
-BLOCK_SCANS = 4
-"""Largest number of scans searched at once: a compiled shape."""
 _HELD_TILES = 10
 _WARM_UP_M = 12.0
 """Travel within which a lost drive searches for another time scale, and for places farther away."""
@@ -151,6 +150,7 @@ def options_of(config: RuntimeConfig) -> RegisterOptions:
         own_thresholds=own,
         swarm=FINISH_SWARM if table.finish == "swarm" else None,
         search_swarm=SEARCH_SWARM if table.search == "swarm" else None,
+        track=True,
     )
 
 
@@ -205,7 +205,7 @@ class Search:
                 of_channels(place.channel_gain, 1.0, radar.channels, path, "array.channel_gain"),
                 of_channels(place.channel_delay_ns, 0.0, radar.channels, path, "array.channel_delay_ns"),
             )
-            self._reader = SweepReader(radar, lookup, response, BLOCK_SCANS, url)
+            self._reader = SweepReader(radar, lookup, response, TRACK_SCANS, url)
         self._operators: Operators = self._reader.operators(known.settings, len(known.gain), self.array.height_m)
         self._held = HeldGround(source, options, tiles=_HELD_TILES)
         self.drive = self._begin(options)
@@ -229,7 +229,7 @@ class Search:
         channels, recorded = self._radar.channels, self._radar.recorded
         chain = live_chain(self._held.ground, self._operators, channels, recorded)
         rows = 1
-        while rows < 2 * (self.drive.search.plan.history + BLOCK_SCANS):
+        while rows < 2 * (self.drive.search.plan.history + TRACK_SCANS):
             blank = np.zeros((rows, channels, recorded), np.float32)
             chain.coefficients(blank, np.ones((rows, channels), bool), fixed.time_scale or 1.0)
             rows *= 2
@@ -256,8 +256,7 @@ class Search:
             chance=self._held.chance,
             recorded=self._radar.recorded,
             prepared=self._held.prepared_for(self.array),
-            block_scans=BLOCK_SCANS,
-            fed_back=True,
+            block_scans=TRACK_SCANS,
         )
 
     def _over_stations(self, *, known: bool) -> Iterator[LiveBlock]:
@@ -271,22 +270,23 @@ class Search:
         travel = np.cumsum(np.hypot(*np.diff(pose[:, :2], axis=0, prepend=pose[:1, :2]).T))
         still = np.zeros(count)
         track = Track(pose, travel, still + 1.0, still + np.radians(1.0), still * np.nan, np.zeros(count, np.int64))
-        for low in range(0, count, BLOCK_SCANS):
-            span = slice(low, min(low + BLOCK_SCANS, count))
+        for low in range(0, count, TRACK_SCANS):
+            span = slice(low, min(low + TRACK_SCANS, count))
             stations = source.read_stations(np.arange(count)[span])
             traces = stations.profile @ back
             noise = draw.normal(scale=np.std(traces), size=traces.shape)
             own = Track(*(field[span] for field in track))
             yield LiveBlock((traces if known else noise).astype(np.float32), stations.valid, own)
 
-    def feed(self, frames: list[Frame], track: Track) -> DriveFixes:
-        """Fixes of at most ``BLOCK_SCANS`` scans.
+    def feed(self, frames: list[Frame], track: Track) -> tuple[DriveFixes, Bool[np.ndarray, "scan channel"]]:
+        """Fixes of at most ``TRACK_SCANS`` scans, and the channels of each that were used.
 
         Args:
             frames: radar_scan or radar_sweep.
             track: of them.
         """
-        return self.drive.feed(LiveBlock(*self._reader.read(frames), track))
+        recorded, valid = self._reader.read(frames)
+        return self.drive.feed(LiveBlock(recorded, valid, track)), valid
 
 
 # Pose by GNSS/INS at each scan: interpolated between the control loop's priors, or slightly beyond the last.

@@ -1,6 +1,7 @@
 """A course driven in closed loop with full registration: every scan rendered, searched, fused, steered by."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, cast
 
@@ -109,6 +110,8 @@ class RadarLoop:
             seed=seed,
             faults=ReceiverFaults(),
         )
+        # As on board: each stop is judged by itself.
+        options = replace(options, track=True)
         ground = ground_map_for(source, options)
         known, kept = self._radar.radar, len(source.description.gain)
         operators = trace_operators(
