@@ -1,9 +1,10 @@
 """Where a tool truly was: cells by plain geometry in float64, apart from the code that claims them."""
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lgprjax.coverage import CellGrid, Tool
+from lgprjax.coverage import CellGrid, CellState, Tool, ToolMoment, cell_states, init_worked, run_worked
 
 
 def true_cells(
@@ -28,3 +29,25 @@ def true_cells(
     moment, row, column = np.nonzero(holds)
     over[rows[moment, row], columns[moment, column]] = True
     return over
+
+
+def claims_and_truth(
+    tool: Tool,
+    pose: Float[np.ndarray, "moment 3"],
+    covariance: Float[np.ndarray, "moment 3 3"],
+    on: Bool[np.ndarray, " moment"],
+    truth: Float[np.ndarray, "moment 3"],
+    truly_on: Bool[np.ndarray, " moment"],
+    *,
+    levels: tuple[float, ...] = (0.95, 0.996),
+) -> Float[np.ndarray, "level 3"]:
+    """Cells of 10 cm claimed at each level, those of them that are true, and those worked, of one drive."""
+    size = 150.0
+    grid = CellGrid(-0.5 * size, -0.5 * size, 0.1, round(size / 0.1), round(size / 0.1))
+    middle = np.append(truth[:, :2].mean(axis=0), 0.0)
+    x, y, yaw = (jnp.asarray(each, jnp.float32) for each in (pose - middle).T)
+    moments = ToolMoment(x, y, yaw, jnp.asarray(covariance, jnp.float32), jnp.asarray(on))
+    probability = np.asarray(run_worked(grid, tool, init_worked(grid), moments).probability)
+    over = true_cells(grid, tool, truth - middle, truly_on)
+    claimed = [cell_states(probability, level) == CellState.PROCESSED for level in levels]
+    return np.array([(each.sum(), (each & over).sum(), over.sum()) for each in claimed], np.float64)

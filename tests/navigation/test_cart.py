@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.coverage import CellGrid, CellState, Tool, ToolMoment, cell_states, init_worked, run_worked
+from lgprjax.coverage import Tool
 from lgprjax.navigation import (
     SmoothedCart,
     cart_model,
@@ -16,11 +16,11 @@ from lgprjax.navigation import (
     smooth_cart,
     step_cart,
 )
-from navigation.cart_drives import ANTENNA_X_M, ANTENNA_Y_M, STEP_S, CartDrives, draw_cart_drives
+from navigation.cart_drives import ANTENNA_X_M, ANTENNA_Y_M, STEP_S, draw_cart_drives
 from navigation.skid_drives import ANTENNA_X_M as SKID_X_M
 from navigation.skid_drives import ANTENNA_Y_M as SKID_Y_M
 from navigation.skid_drives import SLIDE_SIGMA_M, draw_field_drives
-from true_cells import true_cells
+from true_cells import claims_and_truth
 
 MODEL = cart_model(gnss_x_m=ANTENNA_X_M, gnss_y_m=ANTENNA_Y_M)
 RUNS, SECONDS = 16, 400.0
@@ -107,32 +107,17 @@ def _earlier(rows: np.ndarray, early: np.ndarray) -> np.ndarray:
 def test_ground_claimed_with_gnss_alone_was_passed(on_the_spot: bool) -> None:
     drives = draw_cart_drives(runs=RUNS, seconds=SECONDS, seed=23, on_the_spot=on_the_spot)
     found = _SMOOTH(MODEL, drives.fixes)
-    for level, (claimed, true, worked) in areas(drives, found).items():
-        print(
-            f"on the spot {on_the_spot}, {level:g}: true {true / claimed:.5f}, claimed to worked {claimed / worked:.3f}"
-        )
+    # The tool works all along, and counts where the heading is known.
+    always = np.ones(drives.truth.shape[1], bool)
+    counts = sum(
+        claims_and_truth(TOOL, *(np.asarray(each[run]) for each in found), drives.truth[run], always)
+        for run in range(6)
+    )
+    for level, (claimed, true, worked) in zip((0.95, 0.996), np.asarray(counts), strict=True):
+        shares = f"true {true / claimed:.5f}, claimed to worked {claimed / worked:.3f}"
+        print(f"on the spot {on_the_spot}, {level:g}: {shares}")
         assert true >= level * claimed
         assert claimed > 0.3 * worked
-
-
-def areas(drives: CartDrives, found: SmoothedCart) -> dict[float, np.ndarray]:
-    """Cells claimed, those of them that are true, and those worked, of six runs, by level."""
-    size = 150.0
-    grid = CellGrid(-0.5 * size, -0.5 * size, 0.1, round(size / 0.1), round(size / 0.1))
-    counts = {level: np.zeros(3) for level in (0.95, 0.996)}
-    for run in range(6):
-        pose, covariance, known = (np.asarray(each[run]) for each in found)
-        middle = drives.truth[run, :, :2].mean(axis=0)
-        x, y, yaw = (jnp.asarray(each, jnp.float32) for each in (pose - np.append(middle, 0.0)).T)
-        moments = ToolMoment(x, y, yaw, jnp.asarray(covariance), jnp.asarray(known))
-        probability = np.asarray(run_worked(grid, TOOL, init_worked(grid), moments).probability)
-        truth = drives.truth[run] - np.append(middle, 0.0)
-        # The tool is told on where the heading is known; it truly was over ground all along.
-        over = true_cells(grid, TOOL, truth, np.ones(len(truth), bool))
-        for level, count in counts.items():
-            claimed = cell_states(probability, level) == CellState.PROCESSED
-            count += (claimed.sum(), (claimed & over).sum(), over.sum())
-    return counts
 
 
 def test_a_cart_that_stands_or_is_not_heard_gives_its_heading_up() -> None:
