@@ -1,5 +1,6 @@
 """A record of a worked field as it is handed over: GIS layers, turning points, and a report to be signed."""
 
+import math
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -166,7 +167,7 @@ def _write_page(
             str(int(passes.line[number]) + 1) if passes.line[number] >= 0 else "",
             _clock(record, float(passes.begin_s[number])),
             f"{passes.length_m[number]:.1f}",
-            f"{100.0 * passes.depth_mean_m[number]:.1f} / {100.0 * passes.depth_least_m[number]:.1f}",
+            _depths(float(passes.depth_mean_m[number]), float(passes.depth_least_m[number])),
             f"{passes.speed_mean_mps[number]:.2f} / {passes.speed_largest_mps[number]:.2f}",
         )
         for number in range(len(passes.run))
@@ -235,6 +236,10 @@ def _measured(point: dict[str, Any]) -> tuple[str, str]:
 
 def _clock(record: WorkedRecord, time_s: float) -> str:
     return utc_of(record, time_s)[:19].replace("T", " ")
+
+
+def _depths(mean_m: float, least_m: float) -> str:
+    return f"{100.0 * mean_m:.1f} / {100.0 * least_m:.1f}" if math.isfinite(mean_m) else "not measured"
 
 
 def _centimetres(depth_m: float | None) -> str:
