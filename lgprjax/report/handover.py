@@ -31,7 +31,6 @@ from lgprjax.report.coverage import (
 from lgprjax.report.html import ReportFigure
 from lgprjax.worked.evidence import residual_of
 from lgprjax.worked.layers import (
-    METHOD,
     STATUS,
     CoverFigures,
     cover_figures,
@@ -40,9 +39,11 @@ from lgprjax.worked.layers import (
     evidence_of,
     inside_of,
     layer_name,
+    method_of,
     percent,
     square_metres,
     told_of_work,
+    tool_measured,
     utc_of,
     way_by_driver,
 )
@@ -117,7 +118,7 @@ def _metadata(path: Path, record: WorkedRecord, organisation: str) -> dict[str, 
     return {
         "field": record.name,
         "organisation": organisation,
-        "method": METHOD,
+        "method": method_of(record),
         "status": STATUS,
         **told_of_work(record),
         "datum": "WGS 84",
@@ -148,7 +149,7 @@ def _write_page(
     evidence = evidence_of(record)
     facts = (
         *((name.replace("_", " "), value) for name, value in told_of_work(record).items()),
-        ("method", METHOD),
+        ("method", method_of(record)),
         ("vehicle", str(record.provenance["vehicle"]["name"])),
         ("tool", f"{record.tool.width_m:g} m wide, {record.tool.length_m:g} m long"),
         ("field", square_metres(figures.area_m2)),
@@ -219,6 +220,7 @@ def _write_page(
                 for number, (one, other) in enumerate(zip(latitude, longitude, strict=True))
             ),
             hashes=_hashes(source, record),
+            measured=tool_measured(record),
             figures=_pictures(Path(folder), record),
         )
         write_coverage_page(path, page, force=force)

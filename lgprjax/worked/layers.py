@@ -14,6 +14,7 @@ from lgprjax.coverage import CellGrid, CellState, Field, inside_cells
 from lgprjax.formats.worked import FULL, GeoLayer, WorkedRecord, stop_words
 
 METHOD = "mechanical: one pass of a machine, recorded by GNSS and INS"
+_CART = "a cart, recorded by GNSS alone; whether its tool worked was not measured"
 STATUS = "processed by machine; not searched, not released"
 _QUALITY = {0: "none", 1: "single", 2: "float", 3: "fixed"}
 _NO_AREA_M2 = 1e-9
@@ -52,6 +53,17 @@ def way_by_driver(record: WorkedRecord) -> dict[str, float]:
     return found
 
 
+def tool_measured(record: WorkedRecord) -> bool:
+    """Whether it was measured in all runs that the tool worked."""
+    return all("tool" not in run for run in record.provenance["runs"])
+
+
+def method_of(record: WorkedRecord) -> str:
+    """How the ground was worked and recorded, in words."""
+    carts = ["tool" in run for run in record.provenance["runs"]]
+    return "; ".join([*([METHOD] if not all(carts) else []), *([_CART] if any(carts) else [])])
+
+
 def layer_name(level: float) -> str:
     """Name of the layer of processed ground: ``processed_p95``, ``processed_p996``."""
     return f"processed_p{100.0 * level:g}".replace(".", "")
@@ -70,7 +82,7 @@ def cover_layers(record: WorkedRecord, organisation: str) -> tuple[GeoLayer, ...
     field = shapely.Polygon(record.perimeter_m)
     shapely.prepare(field)
     told = told_of_work(record)
-    common = {"organisation": organisation, "method": METHOD, "status": STATUS, **told, **_dates(record)}
+    common = {"organisation": organisation, "method": method_of(record), "status": STATUS, **told, **_dates(record)}
     layers = [_perimeter(record, field, common), _swaths(record, common)]
     levels = list(zip(record.cells.level.tolist(), record.cells.state, strict=True))
     for level, state in levels:
@@ -377,7 +389,7 @@ def _figures_layer(
         share=processed / max(len(state), 1),
         mean_miss=mean_miss,
         worked_share=worked,
-        measured=all("tool" not in run for run in record.provenance["runs"]),
+        measured=tool_measured(record),
     )
 
 

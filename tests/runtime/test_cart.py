@@ -85,7 +85,8 @@ def antenna_of(pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     at = np.stack(
         [ANTENNA_X_M * np.cos(yaw) - ANTENNA_Y_M * np.sin(yaw), ANTENNA_X_M * np.sin(yaw) + ANTENNA_Y_M * np.cos(yaw)]
     )
-    return np.stack([x, y], axis=1) + at.T + 0.015 * rng.standard_normal((len(pose), 2))
+    there: np.ndarray = np.stack([x, y], axis=1) + at.T + 0.015 * rng.standard_normal((len(pose), 2))
+    return there
 
 
 @pytest.fixture(scope="module")
