@@ -100,6 +100,7 @@ def write_cover_run(
     *,
     begin_s: float = 0.0,
     plan_sha256: str | None = None,
+    machine: str | None = None,
 ) -> None:
     """A run by a plan with these moments and two events, its UUID told by its beginning."""
     folder.mkdir(parents=True)
@@ -113,7 +114,7 @@ def write_cover_run(
     head = head_bytes(0, 0, utc_ns=UTC_NS, mono_ns=MONO_NS, run=run)
     parts = [head, own_bytes(0, run=run, dropped={"control_log": 0})]
     told = {0: {"event": "speed_engaged", "mode": "speed"}, len(rows) - 1: {"event": "route_done"}}
-    header = {"version": "0", "plan_sha256": plan_sha256}
+    header = {"version": "0", "plan_sha256": plan_sha256} | ({} if machine is None else {"machine": machine})
     parts.append(record(1, _HEADER, begin_ns, json.dumps(header).encode()))
     number = 2
     for row, at_s in enumerate(time_s):

@@ -54,7 +54,8 @@ from lgprjax.vehicle.pursuit import PulseState, init_pulses, settle_pulses, step
 
 # Health of a skid-steer vehicle's navigation: one of three reactions, and why. See ``navigation/health``.
 #
-# Loss of GNSS is no reason to stop: wheels and INS propagate the pose, and its uncertainty decides when to stop.
+# Loss of GNSS is no reason to stop: wheels and INS propagate the pose, and its uncertainty decides how fast to drive,
+# and when to wait.
 
 
 class SkidHealthRules(NamedTuple):
@@ -62,17 +63,22 @@ class SkidHealthRules(NamedTuple):
 
     Attributes:
         gnss_silent_s, heading_silent_s: without an observation for longer, the source is silent.
-        degrade_sigma_m, stop_sigma_m: standard deviation of the position, larger axis, that degrades, and that stops.
+        slow_sigma_m, degrade_sigma_m: standard deviation of the position, larger axis, from which on the vehicle slows
+            down, and at which it waits for a position.
+        stop_sigma_m: that stops it until the operator engages it again.
         longest_step_s: longest valid tick.
         degraded_mps: speed cap while degraded.
+        least_mps: a slower speed is none.
     """
 
     gnss_silent_s: Float[Array, "..."]
     heading_silent_s: Float[Array, "..."]
+    slow_sigma_m: Float[Array, "..."]
     degrade_sigma_m: Float[Array, "..."]
     stop_sigma_m: Float[Array, "..."]
     longest_step_s: Float[Array, "..."]
     degraded_mps: Float[Array, "..."]
+    least_mps: Float[Array, "..."]
 
 
 class SkidHealth(NamedTuple):
@@ -93,7 +99,7 @@ class SkidHealth(NamedTuple):
 
 def default_skid_health() -> SkidHealthRules:
     """For GNSS at 1 Hz and an INS at 10 Hz; the stop is at the 0.3 m of dead reckoning allowed by the fault list."""
-    return SkidHealthRules(*(jnp.float32(value) for value in (1.5, 0.5, 0.15, 0.3, 0.2, 0.3)))
+    return SkidHealthRules(*(jnp.float32(value) for value in (1.5, 0.5, 0.06, 0.1, 0.3, 0.2, 0.3, 0.05)))
 
 
 def judge_skid_health(
@@ -112,6 +118,9 @@ def judge_skid_health(
     """
     finite = jnp.isfinite(estimate.mean).all() & jnp.isfinite(estimate.covariance).all()
     sigma_m = position_sigma(estimate)
+    # The error grows with the way, not with the time: the less is known, the slower, and at last the vehicle waits.
+    share = jnp.clip((rules.degrade_sigma_m - sigma_m) / (rules.degrade_sigma_m - rules.slow_sigma_m), 0.0, 1.0)
+    waits = share * rules.degraded_mps < rules.least_mps
     seen = {
         Reason.NON_FINITE: ~finite,
         Reason.BAD_STEP: ~((step_s > 0.0) & (step_s <= rules.longest_step_s)),
@@ -119,7 +128,7 @@ def judge_skid_health(
         Reason.GNSS_REJECTED: gates.rejects[GNSS] > 0,
         Reason.HEADING_SILENT: gates.since_offered_s[HEADING] > rules.heading_silent_s,
         Reason.HEADING_REJECTED: gates.rejects[HEADING] > 1,
-        Reason.UNCERTAIN: sigma_m > rules.degrade_sigma_m,
+        Reason.UNCERTAIN: waits,
         Reason.HEADING_LOST: ~info.heading_known,
         # Written so that a NaN sigma stops.
         Reason.TOO_UNCERTAIN: ~(sigma_m <= rules.stop_sigma_m),
@@ -130,7 +139,8 @@ def judge_skid_health(
     stops = (reasons & jnp.int32(STOPPING.value)) != 0
     some = reasons != 0
     reaction = jnp.where(stops, Reaction.STOP.value, jnp.where(some, Reaction.DEGRADE.value, Reaction.CONTINUE.value))
-    cap = jnp.where(stops, 0.0, jnp.where(some, rules.degraded_mps, jnp.inf)).astype(jnp.float32)
+    slower = jnp.where(waits, 0.0, share * rules.degraded_mps)
+    cap = jnp.where(stops, 0.0, jnp.where(some, slower, jnp.inf)).astype(jnp.float32)
     return SkidHealth(reaction.astype(jnp.int32), reasons, cap, sigma_m)
 
 

@@ -231,6 +231,11 @@ def skid_setup_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Sk
     return SkidVehicle(steer, model, tool, outline_of_vehicle(vehicle, path))
 
 
+def machine_of(vehicle: VehicleFile) -> str:
+    """Name and serial number: two machines of one make are told apart by the latter."""
+    return f"{vehicle.name} {vehicle.serial_number or ''}".strip()
+
+
 def outline_of_vehicle(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Outline:
     """The rectangle around track, tool and, where the file has one, the body.
 

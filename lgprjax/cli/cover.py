@@ -196,13 +196,18 @@ class CoverRecord:
     clearance.
     """
 
-    runs: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN...", help="folders of recorded runs")]
+    runs: Annotated[
+        Positional[tuple[Path, ...]], arg(metavar="RUN...", help="folders of recorded runs, or with --cart logs")
+    ]
     plan: Annotated[
         tuple[Path, ...], arg(metavar="X.cover.geojson...", help="plan of the field, followed by those of its gaps")
     ]
     output: Annotated[Path, arg(aliases=["-o"], metavar="R.worked.h5", help="record to write")]
     evidence: Annotated[Path | None, arg(metavar="E.toml")] = None
     """task, hazard area, machine, operator, control points, finds and detonations; see docs/coverage.md"""
+    cart: Annotated[Path | None, arg(metavar="V.vehicle.toml")] = None
+    """vehicle file of a hand cart with GNSS alone: RUN... are its receiver's logs, NMEA or UBX. The heading is that of
+    its course, smoothed from both ends; whether the tool worked is not measured, and the record says so"""
     smooth: bool = False
     """smooth every run's poses, forward and back, from the bytes of its lines: surer after drop-outs, and what later
     evidence contradicts is taken back; needs the files that the run was driven with"""
@@ -226,13 +231,20 @@ class CoverRecord:
         _check_suffix("--output", self.output, _COVER_RECORD)
         if not 0.01 <= self.cell_m <= 1.0:
             raise UsageError(f"--cell-m: expected 0.01 to 1, found {self.cell_m:g}")
+        if self.cart is not None and self.smooth:
+            raise UsageError("--smooth: not with --cart, which smooths")
         check_outputs(self.output, self.json, force=self.force)
         evidence = None if self.evidence is None else read_evidence(self.evidence)
         plans = [open_cover_plan(path) for path in self.plan]
         runs = []
         for folder in self.runs:
             with working(f"reading {folder}"):
-                runs.append(read_cover_run(folder))
+                if self.cart is None:
+                    runs.append(read_cover_run(folder))
+                else:
+                    from lgprjax.runtime.cart import read_cart_run
+
+                    runs.append(read_cart_run(folder, self.cart, plans[0]))
             if self.smooth:
                 from lgprjax.runtime.smoothed import smooth_run
 

@@ -47,12 +47,14 @@ class Run:
     preflight: bool = False
     """check everything that a run needs without sending anything; status 1 if a check fails"""
     resume: bool = False
-    """of a field: take up the work of all runs by this plan in the recording's folder, those of other machines copied
-    there among them; the tool is off where the ground is worked"""
+    """of a field: go on where this machine's runs by this plan ended, with the map of all in the recording's folder,
+    those of other machines copied there among them; the tool is off where the ground is worked"""
     start_line: int | None = None
     """of a field: begin at this line of the plan, in driving order from 1"""
     start_m: float = 0.0
     """with --start-line: so many metres along it"""
+    end_line: int | None = None
+    """of a field: end with this line of the plan; what follows is another machine's"""
     for_s: float | None = None
     """end so many seconds after everything is ready, in lock step simulated ones; a simulated run also on arrival"""
     json: Path | None = None
@@ -73,7 +75,7 @@ class Run:
         if self.start_m and self.start_line is None:
             raise UsageError("--start-m: expected with --start-line")
         if self._takes_up and (self.preflight or self.replay is not None):
-            raise UsageError("--resume, --start-line: not with --preflight or --replay")
+            raise UsageError("--resume, --start-line, --end-line: not with --preflight or --replay")
         config = read_config(self.config)
         check_outputs(self.json, force=self.force)
         # A replay shows no page.
@@ -89,11 +91,13 @@ class Run:
 
     @property
     def _takes_up(self) -> bool:
-        return self.resume or self.start_line is not None
+        return self.resume or self.start_line is not None or self.end_line is not None
 
     def _resumed(self, config: "RuntimeConfig", folder: Path) -> "RuntimeConfig":
         """The configuration with what the run takes up of earlier ones, written into its folder."""
+        from lgprjax.batch.vehicles import machine_of
         from lgprjax.coverage.resume import RoutePlace
+        from lgprjax.formats import read_vehicle
         from lgprjax.formats.taken_up import write_taken_up
         from lgprjax.runtime.config import read_config, write_config
         from lgprjax.worked.plans import open_cover_plan
@@ -109,6 +113,8 @@ class Run:
         if self.resume and not runs:
             raise InputError(folder.parent, "runs", f"one or more by {plan.path.name}", "none: run without --resume")
         place = None if self.start_line is None else RoutePlace(self.start_line - 1, self.start_m)
+        if place is None and not self.resume:
+            place = RoutePlace(0, 0.0)
         table = config.coverage
         with progress_bar("working the cells", sum(len(run.rows) for run in runs), "ticks") as progress:
             held = take_up(
@@ -118,6 +124,8 @@ class Run:
                 level=table.level,
                 shared_sigma_m=table.shared_sigma_m,
                 place=place,
+                last_line=None if self.end_line is None else self.end_line - 1,
+                machine=machine_of(read_vehicle(config.path(config.vehicle))),
                 progress=progress,
             )
         folder.mkdir(parents=True, exist_ok=True)

@@ -124,6 +124,17 @@ def worked_stretches(
     return tuple(found)
 
 
+def share_of_lines(
+    pattern: Pattern, worked: Sequence[WorkedStretch], last_line: int | None
+) -> tuple[WorkedStretch, ...]:
+    """Worked stretches with all lines after the last of a machine's share: they are another one's to do."""
+    if last_line is None:
+        return tuple(worked)
+    own = [each for each in worked if each.line <= last_line]
+    others = range(last_line + 1, len(pattern.lines))
+    return (*own, *(WorkedStretch(number, 0.0, pattern.lines[number].length_m) for number in others))
+
+
 def _done_along(
     line: Line, grid: CellGrid, worked: Bool[np.ndarray, "north east"], aside_m: Float[np.ndarray, " place"]
 ) -> Bool[np.ndarray, " step"]:

@@ -477,7 +477,11 @@ def _step(
     y = jnp.broadcast_to(north[:, None], (rows, columns)).ravel()
 
     passing, known = _crossed(tool, spacing_m, running, x, y)
-    claimed = jnp.where(known & running.going, pass_probability(tool, passing), 0.0).reshape(rows, columns)
+    # At the border the slice is moved, away from a tool that is beyond it: what is out of its reach is not claimed. The
+    # formulas are those of places near the tool; across the centre of a tight turn they mean nothing.
+    near = jnp.maximum(jnp.abs(x - middle_x), jnp.abs(y - middle_y)) <= reach_m + grid.cell_m
+    claims = known & near & running.going
+    claimed = jnp.where(claims, pass_probability(tool, passing), 0.0).reshape(rows, columns)
     old = jax.lax.dynamic_slice(state.probability, (first_row, first_column), (rows, columns))
     new = jax.lax.dynamic_update_slice(state.probability, jnp.maximum(old, claimed), (first_row, first_column))
     return WorkedState(new, running)

@@ -1,5 +1,14 @@
 """Navigation: frames, fusion of fixes with GNSS, heading and odometry, routes and the planner."""
 
+from lgprjax.navigation.cart_filter import (
+    CartModel,
+    SmoothedCart,
+    cart_model,
+    cart_rules,
+    init_cart,
+    smooth_cart,
+    step_cart,
+)
 from lgprjax.navigation.counter_steer_filter import (
     FilterInfo,
     FilterState,
@@ -126,6 +135,7 @@ __all__ = [
     "SOURCES",
     "STATES",
     "STOPPING",
+    "CartModel",
     "DeltaHeading",
     "FilterInfo",
     "FilterModel",
@@ -164,6 +174,7 @@ __all__ = [
     "SkidMotion",
     "SkidObservations",
     "SlewLimits",
+    "SmoothedCart",
     "SmoothedDrive",
     "Starts",
     "SwitchSettings",
@@ -171,6 +182,8 @@ __all__ = [
     "Transition",
     "acquire",
     "anchor_frame",
+    "cart_model",
+    "cart_rules",
     "cautious_skid_model",
     "choose",
     "contradicted_m",
@@ -182,6 +195,7 @@ __all__ = [
     "gnss_innovation",
     "heading_innovation",
     "health_rules",
+    "init_cart",
     "init_estimate",
     "init_filter",
     "init_gates",
@@ -209,8 +223,10 @@ __all__ = [
     "skid_pose_covariance",
     "skid_rules",
     "slew_frame",
+    "smooth_cart",
     "smooth_estimates",
     "smooth_skid",
+    "step_cart",
     "step_filter",
     "step_health",
     "step_local",

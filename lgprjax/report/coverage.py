@@ -29,9 +29,13 @@ from lgprjax.report.style import (
 )
 
 _LINE = "_" * 24
-_LIMITS = """This is the record of a machine, not a clearance certificate. It states where the tool was, switched on,
-turning and at its depth. It does not say that the ground holds no hazard: that takes a search after the machine and the
-decision of the authority in charge.
+_WORKED = "It states where the tool was, switched on, turning and at its depth."
+_PASSED = (
+    "It states where the tool was. Of one run at least nobody measured whether it was switched on, turning and at its "
+    "depth there."
+)
+_LIMITS = """This is the record of a machine, not a clearance certificate. {stated} It does not say that the ground
+holds no hazard: that takes a search after the machine and the decision of the authority in charge.
 
 Probabilities follow from the position's uncertainty as estimated by the filter on board, and from what control points
 say of the error that all positions share, or what is assumed of it where none was measured (see The work). They hold if
@@ -58,6 +62,7 @@ class CoveragePage:
         turning_points: point, latitude, longitude.
         hashes: file and SHA-256.
         figures: map first.
+        measured: whether it was measured in all runs that the tool worked.
     """
 
     name: str
@@ -74,6 +79,7 @@ class CoveragePage:
     turning_points: tuple[tuple[str, ...], ...]
     hashes: tuple[tuple[str, str], ...]
     figures: tuple[ReportFigure, ...]
+    measured: bool = True
 
 
 def write_coverage_page(path: str | Path, page: CoveragePage, *, force: bool = False) -> None:
@@ -106,7 +112,7 @@ def write_coverage_page(path: str | Path, page: CoveragePage, *, force: bool = F
     unchecked = "No control point was measured: nothing checks the base."
     sections = (
         Section("What was processed", "\n\n".join(page.sentences), (layers,), page.figures[:1]),
-        Section("What this record does not say", _LIMITS),
+        Section("What this record does not say", _LIMITS.format(stated=_WORKED if page.measured else _PASSED)),
         Section("The work", "", (facts,), page.figures[1:]),
         Section("Stops", "" if page.stops else "None.", (stops,) if page.stops else ()),
         Section("Finds and detonations", "" if page.finds else "None told.", (finds,) if page.finds else ()),

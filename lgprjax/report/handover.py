@@ -1,5 +1,6 @@
 """A record of a worked field as it is handed over: GIS layers, turning points, and a report to be signed."""
 
+import math
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,6 @@ from lgprjax.report.coverage import (
 from lgprjax.report.html import ReportFigure
 from lgprjax.worked.evidence import residual_of
 from lgprjax.worked.layers import (
-    METHOD,
     STATUS,
     CoverFigures,
     cover_figures,
@@ -39,9 +39,11 @@ from lgprjax.worked.layers import (
     evidence_of,
     inside_of,
     layer_name,
+    method_of,
     percent,
     square_metres,
     told_of_work,
+    tool_measured,
     utc_of,
     way_by_driver,
 )
@@ -116,7 +118,7 @@ def _metadata(path: Path, record: WorkedRecord, organisation: str) -> dict[str, 
     return {
         "field": record.name,
         "organisation": organisation,
-        "method": METHOD,
+        "method": method_of(record),
         "status": STATUS,
         **told_of_work(record),
         "datum": "WGS 84",
@@ -147,7 +149,7 @@ def _write_page(
     evidence = evidence_of(record)
     facts = (
         *((name.replace("_", " "), value) for name, value in told_of_work(record).items()),
-        ("method", METHOD),
+        ("method", method_of(record)),
         ("vehicle", str(record.provenance["vehicle"]["name"])),
         ("tool", f"{record.tool.width_m:g} m wide, {record.tool.length_m:g} m long"),
         ("field", square_metres(figures.area_m2)),
@@ -166,7 +168,7 @@ def _write_page(
             str(int(passes.line[number]) + 1) if passes.line[number] >= 0 else "",
             _clock(record, float(passes.begin_s[number])),
             f"{passes.length_m[number]:.1f}",
-            f"{100.0 * passes.depth_mean_m[number]:.1f} / {100.0 * passes.depth_least_m[number]:.1f}",
+            _depths(float(passes.depth_mean_m[number]), float(passes.depth_least_m[number])),
             f"{passes.speed_mean_mps[number]:.2f} / {passes.speed_largest_mps[number]:.2f}",
         )
         for number in range(len(passes.run))
@@ -218,6 +220,7 @@ def _write_page(
                 for number, (one, other) in enumerate(zip(latitude, longitude, strict=True))
             ),
             hashes=_hashes(source, record),
+            measured=tool_measured(record),
             figures=_pictures(Path(folder), record),
         )
         write_coverage_page(path, page, force=force)
@@ -235,6 +238,10 @@ def _measured(point: dict[str, Any]) -> tuple[str, str]:
 
 def _clock(record: WorkedRecord, time_s: float) -> str:
     return utc_of(record, time_s)[:19].replace("T", " ")
+
+
+def _depths(mean_m: float, least_m: float) -> str:
+    return f"{100.0 * mean_m:.1f} / {100.0 * least_m:.1f}" if math.isfinite(mean_m) else "not measured"
 
 
 def _centimetres(depth_m: float | None) -> str:

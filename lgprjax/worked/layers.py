@@ -14,6 +14,7 @@ from lgprjax.coverage import CellGrid, CellState, Field, inside_cells
 from lgprjax.formats.worked import FULL, GeoLayer, WorkedRecord, stop_words
 
 METHOD = "mechanical: one pass of a machine, recorded by GNSS and INS"
+_CART = "a cart, recorded by GNSS alone; whether its tool worked was not measured"
 STATUS = "processed by machine; not searched, not released"
 _QUALITY = {0: "none", 1: "single", 2: "float", 3: "fixed"}
 _NO_AREA_M2 = 1e-9
@@ -52,6 +53,17 @@ def way_by_driver(record: WorkedRecord) -> dict[str, float]:
     return found
 
 
+def tool_measured(record: WorkedRecord) -> bool:
+    """Whether it was measured in all runs that the tool worked."""
+    return all("tool" not in run for run in record.provenance["runs"])
+
+
+def method_of(record: WorkedRecord) -> str:
+    """How the ground was worked and recorded, in words."""
+    carts = ["tool" in run for run in record.provenance["runs"]]
+    return "; ".join([*([METHOD] if not all(carts) else []), *([_CART] if any(carts) else [])])
+
+
 def layer_name(level: float) -> str:
     """Name of the layer of processed ground: ``processed_p95``, ``processed_p996``."""
     return f"processed_p{100.0 * level:g}".replace(".", "")
@@ -70,7 +82,7 @@ def cover_layers(record: WorkedRecord, organisation: str) -> tuple[GeoLayer, ...
     field = shapely.Polygon(record.perimeter_m)
     shapely.prepare(field)
     told = told_of_work(record)
-    common = {"organisation": organisation, "method": METHOD, "status": STATUS, **told, **_dates(record)}
+    common = {"organisation": organisation, "method": method_of(record), "status": STATUS, **told, **_dates(record)}
     layers = [_perimeter(record, field, common), _swaths(record, common)]
     levels = list(zip(record.cells.level.tolist(), record.cells.state, strict=True))
     for level, state in levels:
@@ -258,6 +270,7 @@ class LayerFigures(NamedTuple):
         share: processed, of the field.
         mean_miss: mean probability over the processed cells that the best pass missed the cell.
         worked_share: with probability ``PAC`` or more, at least this share of the processed area was worked.
+        measured: whether it was measured in all runs that the tool worked.
     """
 
     level: float
@@ -267,15 +280,17 @@ class LayerFigures(NamedTuple):
     share: float
     mean_miss: float
     worked_share: float
+    measured: bool = True
 
     @property
     def sentence(self) -> str:
         """Statement about the layer, valid if the onboard filter's errors were as estimated."""
         if self.processed_m2 == 0.0:
             return f"No cell is processed at {100.0 * self.level:g} %."
+        tool = "working tool" if self.measured else "tool, of which nobody measured whether it worked,"
         return (
             f"Each cell of {square_metres(self.processed_m2)} ({percent(self.share)} of the field) was passed by the "
-            f"working tool with probability {100.0 * self.level:g} % or more. With "
+            f"{tool} with probability {100.0 * self.level:g} % or more. With "
             f"probability {100.0 * PAC:g} % or more, at least {percent(self.worked_share)} of that area was."
         )
 
@@ -287,7 +302,7 @@ class CoverFigures(NamedTuple):
         area_m2: of the field.
         layers: one a level, rising.
         passes, way_m: their number, and total length.
-        depth_mean_m, depth_least_m: measured while cells counted; ``None`` without any.
+        depth_mean_m, depth_least_m: measured while cells counted; ``None`` where none was.
         stops: number by reason.
         hours: from the first to the last moment.
         moments: ten a second; fixed: share of them with a fixed GNSS position.
@@ -315,8 +330,9 @@ def cover_figures(record: WorkedRecord) -> CoverFigures:
     cells, channels, passes = record.cells, record.channels, record.passes
     inside = inside_of(record)
     reasons = [stop_words(int(each)) for each in record.stops.reasons]
-    known = len(passes.run) > 0
-    weight = passes.length_m if known and passes.length_m.sum() > 0.0 else np.ones(len(passes.run))
+    deep = np.isfinite(passes.depth_mean_m)
+    known = bool(deep.any())
+    weight = passes.length_m[deep] if known and passes.length_m[deep].sum() > 0.0 else np.ones(np.count_nonzero(deep))
     return CoverFigures(
         area_m2=Field(record.perimeter_m).area_m2,
         layers=tuple(
@@ -325,8 +341,8 @@ def cover_figures(record: WorkedRecord) -> CoverFigures:
         ),
         passes=len(passes.run),
         way_m=float(passes.length_m.sum()),
-        depth_mean_m=float(np.average(passes.depth_mean_m, weights=weight)) if known else None,
-        depth_least_m=float(passes.depth_least_m.min()) if known else None,
+        depth_mean_m=float(np.average(passes.depth_mean_m[deep], weights=weight)) if known else None,
+        depth_least_m=float(passes.depth_least_m[deep].min()) if known else None,
         stops={reason: reasons.count(reason) for reason in sorted(set(reasons))},
         hours=float(channels.time_s.max() - channels.time_s.min()) / 3600.0,
         moments=len(channels.time_s),
@@ -373,6 +389,7 @@ def _figures_layer(
         share=processed / max(len(state), 1),
         mean_miss=mean_miss,
         worked_share=worked,
+        measured=tool_measured(record),
     )
 
 

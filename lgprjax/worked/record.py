@@ -63,6 +63,7 @@ class CoverRun(NamedTuple):
         provenance: UUID, whether it is complete, and each segment's SHA-256.
         plan_sha256: of the plan that it was driven by; ``None`` if unknown.
         folder: of the run.
+        machine: that drove it; ``None`` if unknown.
     """
 
     name: str
@@ -72,6 +73,7 @@ class CoverRun(NamedTuple):
     provenance: dict[str, Any]
     plan_sha256: str | None
     folder: Path
+    machine: str | None = None
 
 
 def read_cover_run(folder: str | Path) -> CoverRun:
@@ -88,7 +90,7 @@ def read_cover_run(folder: str | Path) -> CoverRun:
     if clock is None:
         raise InputError(reading.folder, "segments", "a whole head, or run.json", "neither")
     gathered = RowGatherer(payload_type("cover"))
-    events, plan = [], None
+    events, plan, machine = [], None, None
     utc_of_mono_ns = clock[0] - clock[1]
     for _, data in reading:
         record = read_run_record(data)
@@ -99,7 +101,7 @@ def read_cover_run(folder: str | Path) -> CoverRun:
         elif record.kind is RecordKind.EVENT:
             events.append(RunEvent(record.mono_ns + utc_of_mono_ns, _line(record.payload)))
         elif record.kind is RecordKind.HEADER and plan is None:
-            plan = _plan_of(record.payload)
+            plan, machine = _stated(record.payload, "plan_sha256"), _stated(record.payload, "machine")
     kept = rising(gathered.times_ns, np.ones(len(gathered.rows), bool))
     if not kept.any():
         expected = "records of what a tool worked (a run of a skid-steer vehicle with a plan)"
@@ -120,6 +122,7 @@ def read_cover_run(folder: str | Path) -> CoverRun:
         },
         plan_sha256=plan,
         folder=reading.folder,
+        machine=machine,
     )
 
 
@@ -132,12 +135,13 @@ def _line(payload: bytes) -> str:
         return json.dumps(text)
 
 
-def _plan_of(payload: bytes) -> str | None:
+def _stated(payload: bytes, name: str) -> str | None:
+    """A text of a header."""
     try:
         header = json.loads(payload)
     except ValueError:
         return None
-    stated = header.get("plan_sha256") if isinstance(header, dict) else None
+    stated = header.get(name) if isinstance(header, dict) else None
     return stated if isinstance(stated, str) else None
 
 

@@ -12,7 +12,14 @@ from typing import Any
 import numpy as np
 
 from lgprjax.coverage import CellGrid, CellState, cell_states, grid_of_field
-from lgprjax.coverage.resume import Resumption, RoutePlace, place_of_tool, resume_place, worked_stretches
+from lgprjax.coverage.resume import (
+    Resumption,
+    RoutePlace,
+    place_of_tool,
+    resume_place,
+    share_of_lines,
+    worked_stretches,
+)
 from lgprjax.errors import InputError
 from lgprjax.formats.taken_up import TakenUp, read_taken_up
 from lgprjax.run_segment import segments_of
@@ -64,6 +71,8 @@ def take_up(
     level: float,
     shared_sigma_m: float = UNCHECKED_SIGMA_M,
     place: RoutePlace | None = None,
+    machine: str | None = None,
+    last_line: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> TakenUp:
     """What a new run is to take up.
@@ -74,7 +83,9 @@ def take_up(
         cell_m: side of a cell of the map.
         level: probability from which a cell counts as worked.
         shared_sigma_m: an axis, of what all positions share.
-        place: to begin at; ``None``: where the last moment counted, a little back.
+        place: to begin at; ``None``: where the last moment of the machine's own runs counted, a little back.
+        machine: that is to drive; ``None`` takes every run as its own, and so does one that names no machine.
+        last_line: of the machine's share, in driving order from 0; ``None``: to the plan's end.
         progress: called with the number of moments done, now and then.
 
     Raises:
@@ -93,7 +104,10 @@ def take_up(
         if _identity(run) not in within:
             best = np.maximum(best, probability_of_run(grid, tool, run, progress, shared_sigma_m))
     if place is None:
-        last = last_place(plan, runs)
+        own = [run for run in runs if machine is None or run.machine in (None, machine)]
+        if runs and not own:
+            raise InputError(plan.path, "resume", f"a run of {machine}", "runs of other machines alone: --start-line")
+        last = last_place(plan, own)
         place = RoutePlace(0, 0.0) if last is None else resume_place(pattern, last)
         if place is None:
             raise InputError(plan.path, "resume", "work left of the plan", "its end was reached: cover plan --gaps")
@@ -102,8 +116,10 @@ def take_up(
     if not 0.0 <= place.along_m < pattern.lines[place.line].length_m:
         length_m = pattern.lines[place.line].length_m
         raise InputError(plan.path, "start metre", f"0 to below {length_m:.2f}", f"{place.along_m:g}")
+    if last_line is not None and not place.line <= last_line < len(pattern.lines):
+        raise InputError(plan.path, "end line", f"{place.line + 1} to {len(pattern.lines)}", f"{last_line + 1}")
     worked = cell_states(best, level) == CellState.PROCESSED
-    stretches = worked_stretches(pattern, grid, worked, tool, after=place)
+    stretches = share_of_lines(pattern, worked_stretches(pattern, grid, worked, tool, after=place), last_line)
     every = tuple(sorted(within | {_identity(run) for run in runs}))
     return TakenUp(plan.sha256, Resumption(place, stretches), grid, best, every)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lgprjax.autopilot import SkidCommand, SkidInfo, SkidLimited, SkidOrders, SkidState, init_skid, pad_fence, step_skid
+from lgprjax.autopilot.skid_step import judge_skid_health
 from lgprjax.coverage import PatternSettings
 from lgprjax.navigation import DeltaHeading, GnssObservation, Reaction, Reason, SkidMotion, SkidObservations
 from lgprjax.navigation.skid_model import YAW
@@ -130,6 +131,39 @@ def test_gnss_that_is_gone_degrades_and_does_not_stop(on_line: SkidState) -> Non
     assert int(info.reaction) == Reaction.DEGRADE
     assert float(command.tool) == 1.0
     assert float(command.left_mps) < 0.9 * SPEED_MPS
+
+
+def test_the_less_is_known_the_slower_and_at_last_it_waits_for_a_position(on_line: SkidState) -> None:
+    """The cap falls with sigma, to nothing; a position that comes lets it go on, with nothing engaged anew."""
+    rules, estimate = SETUP.health, on_line.filter.estimate
+    gates = on_line.filter.gates._replace(since_offered_s=on_line.filter.gates.since_offered_s.at[0].set(20.0))
+    _, _, info = step(COURSE.fence, on_line, motion(), seen(), orders())
+    caps = []
+    for sigma_m in (0.03, 0.06, 0.07, 0.08, 0.09, 0.099, 0.2):
+        wide = jnp.diag(jnp.full(2, sigma_m**2, jnp.float32))
+        told = estimate._replace(covariance=estimate.covariance.at[:2, :2].set(wide))
+        health = judge_skid_health(rules, told, gates, info.filter, number(STEP_S))
+        assert int(health.reaction) == Reaction.DEGRADE
+        assert bool(int(health.reasons) & Reason.UNCERTAIN) == (float(health.speed_cap_mps) == 0.0)
+        caps.append(float(health.speed_cap_mps))
+    np.testing.assert_allclose(caps, [0.3, 0.3, 0.225, 0.15, 0.075, 0.0, 0.0], atol=1e-6)
+
+
+def test_it_waits_and_goes_on_by_itself(on_line: SkidState) -> None:
+    estimate = on_line.filter.estimate
+    wide = estimate._replace(covariance=estimate.covariance.at[:2, :2].set(0.12**2 * jnp.eye(2, dtype=jnp.float32)))
+    state = on_line._replace(filter=on_line.filter._replace(estimate=wide))
+    for tick in range(150):
+        state, command, info = step(COURSE.fence, state, motion(0.0), seen(speaks=tick % 5 == 0), orders())
+    assert int(info.reaction) == Reaction.DEGRADE
+    assert float(command.left_mps) == pytest.approx(0.0, abs=1e-3)
+    assert float(command.tool) == 1.0
+    x_m = float(state.filter.estimate.mean[0])
+    for tick in range(1, 201):
+        place = x_m + 1e-4 * tick if tick % 50 == 0 else None
+        state, command, info = step(COURSE.fence, state, motion(0.0), seen(place, speaks=tick % 5 == 0), orders())
+    assert int(info.reaction) == Reaction.CONTINUE
+    assert float(command.left_mps) > 0.2
 
 
 def test_a_foretold_edge_stops_until_nothing_is_engaged(on_line: SkidState) -> None:

@@ -217,6 +217,15 @@ def test_cells_at_the_border_are_those_of_a_larger_grid_and_none_is_taken_for_an
     assert claimed(far, LOST).max() == 0.0
 
 
+def test_a_tight_turn_beyond_the_border_claims_nothing_within() -> None:
+    """There the slice is not about the tool: what lies across the turn's centre, metres away, is none of its ground."""
+    for away_m in np.arange(0.9, 4.0, 0.3):
+        for side in (-1.0, 1.0):
+            start = (GRID.east_m + GRID.cell_m * GRID.east_cells + away_m, -0.7, 0.0)
+            poses = line(64, radius_m=side * 1.5, start=start)
+            assert claimed(poses, FIXED).max() == 0.0, (away_m, side)
+
+
 def test_lanes_by_vmap_are_those_of_a_loop() -> None:
     given = [moments(line(41), FIXED), moments(line(30, radius_m=8.0), LOST)]
     stacked = ToolMoment(*(jnp.stack(parts) for parts in zip(*given, strict=True)))

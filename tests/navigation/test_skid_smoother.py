@@ -4,11 +4,14 @@ import jax
 import numpy as np
 import pytest
 
-from lgprjax.navigation import SmoothedDrive, contradicted_m, skid_rules, smooth_skid
+from lgprjax.coverage import Tool
+from lgprjax.navigation import SmoothedDrive, contradicted_m, skid_pose_covariance, skid_rules, smooth_skid
 from navigation.skid_drives import FieldDrives, draw_field_drives
 from navigation.skid_runs import MODEL, begin, pose_errors
+from true_cells import claims_and_truth
 
 RUNS, SECONDS, STEP_S = 12, 230.0, 0.1
+TOOL = Tool(1.2, 0.3, 1.2, 0.0)
 _SMOOTH = jax.jit(
     jax.vmap(lambda state, motion, told: smooth_skid(MODEL, skid_rules(), state, motion, told), (0, 1, 1))
 )
@@ -48,6 +51,29 @@ def test_a_drop_out_is_told_by_the_fix_that_ends_it(off_s: float, every_s: float
     # Nothing is told of what comes after the last fix, and nothing is lost.
     np.testing.assert_array_equal(later[:, -1], live[:, -1])
     assert np.linalg.eigvalsh(np.asarray(found.smoothed.covariance, np.float64)[..., :3, :3]).min() > 0.0
+
+
+@pytest.mark.parametrize(("off_s", "every_s"), [(30.0, 90.0), (90.0, 180.0)])
+def test_the_area_worked_smoothed_against_truth(off_s: float, every_s: float) -> None:
+    """What a fix at a drop-out's end gives back of the area, and that it is true."""
+    drives = draw_field_drives(runs=RUNS, seconds=SECONDS, seed=17, step_s=STEP_S, off_s=off_s, every_s=every_s)
+    found = smoothed(drives)
+    truth = np.moveaxis(drives.truth, 0, 1)
+    known = np.asarray(found.info.heading_known)
+    turn = np.abs(np.diff(np.unwrap(truth[..., 2], axis=1), axis=1, prepend=truth[:, :1, 2])) / STEP_S > 0.05
+    shares = {}
+    for name, estimate in (("live", found.filtered), ("smoothed", found.smoothed)):
+        pose = np.asarray(estimate.mean[..., :3])
+        covariance = np.asarray(skid_pose_covariance(estimate))
+        # The tool is on in lines once the heading is known; each claim against where it truly was.
+        on = known & ~turn
+        parts = [claims_and_truth(TOOL, pose[run], covariance[run], on[run], truth[run], on[run]) for run in range(6)]
+        for level, (claimed, true, worked) in zip((0.95, 0.996), np.sum(parts, axis=0), strict=True):
+            shares[name, level] = claimed / worked
+            told = f"claimed to worked {claimed / worked:.3f}, true {true / claimed:.5f}"
+            print(f"off {off_s:g} of {every_s:g} s, {name}, {level:g}: {told}")
+            assert true >= level * claimed
+    assert all(shares["smoothed", level] > shares["live", level] for level in (0.95, 0.996))
 
 
 def test_what_later_evidence_contradicts_is_taken_back() -> None:

@@ -32,11 +32,19 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> PlanFile:
     return open_cover_plan(folder / "f.cover.geojson")
 
 
-def drawn_run(folder: Path, plan: PlanFile, lines: range, *, keep: int | None = None, begin_s: float = 0.0) -> Path:
+def drawn_run(
+    folder: Path,
+    plan: PlanFile,
+    lines: range,
+    *,
+    keep: int | None = None,
+    begin_s: float = 0.0,
+    machine: str | None = None,
+) -> Path:
     """A run along lines of the plan, cut after so many moments: the power went."""
     rows, time_s = cover_rows(Drive(tuple((line, 0.5 + line) for line in lines)))
     kept = slice(0, keep)
-    write_cover_run(folder, rows[kept], time_s[kept], begin_s=begin_s, plan_sha256=plan.sha256)
+    write_cover_run(folder, rows[kept], time_s[kept], begin_s=begin_s, plan_sha256=plan.sha256, machine=machine)
     return folder
 
 
@@ -93,6 +101,28 @@ def test_another_machine_began_at_a_later_line(tmp_path: Path, plan: PlanFile) -
         take_up(plan, runs, cell_m=_CELL_M, level=0.95, shared_sigma_m=0.0, place=RoutePlace(0, 8.0))
     with pytest.raises(InputError, match="its end was reached"):
         take_up(plan, [drawn(tmp_path, plan)], cell_m=_CELL_M, level=0.95, shared_sigma_m=0.0)
+
+
+def test_each_of_two_machines_goes_on_where_it_was_itself(tmp_path: Path, plan: PlanFile) -> None:
+    """The other one's last moment is the newer: begun there, all between the two would be left out."""
+    drawn_run(tmp_path / "a", plan, range(2), keep=330, machine="flail 1")
+    drawn_run(tmp_path / "b", plan, range(3, 5), keep=330, begin_s=900.0, machine="flail 2")
+    runs = runs_by_plan(tmp_path, plan)
+    assert [run.machine for run in runs] == ["flail 1", "flail 2"]
+    usual = {"cell_m": _CELL_M, "level": 0.95, "shared_sigma_m": 0.0}
+    held = [take_up(plan, runs, machine=each, **usual) for each in ("flail 1", "flail 2")]  # type: ignore[arg-type]
+    assert [each.resumption.place.line for each in held] == [1, 4]
+    np.testing.assert_array_equal(held[0].probability, held[1].probability)
+    with pytest.raises(InputError, match="expected a run of flail 3, found runs of other machines alone: --start-line"):
+        take_up(plan, runs, machine="flail 3", **usual)  # type: ignore[arg-type]
+    # Its share ends with its third line: nothing of the others' is driven, whoever has done it.
+    own = take_up(plan, runs, machine="flail 1", last_line=2, **usual)  # type: ignore[arg-type]
+    assert [(each.line, each.low_m) for each in own.resumption.worked if each.line > 2] == [(3, 0.0), (4, 0.0)]
+    with pytest.raises(InputError, match="end line: expected 2 to 5, found 1"):
+        take_up(plan, runs, machine="flail 1", last_line=0, **usual)  # type: ignore[arg-type]
+    # Who recorded before machines were told is taken as one's own.
+    old = [run._replace(machine=None) for run in runs]
+    assert take_up(plan, old, machine="flail 3", **usual).resumption.place.line == 4  # type: ignore[arg-type]
 
 
 def drawn(folder: Path, plan: PlanFile) -> CoverRun:

@@ -168,6 +168,9 @@ def header_record(
         "after_death": after_death,
         "pid": os.getpid(),
     }
+    machine = getattr(loaded, "machine", "")
+    if machine:
+        header["machine"] = machine
     if place is not None:
         header["place"] = [place.line, place.along_m]
     return Record(RecordKind.HEADER, Source.CONTROL, 0, now_ns, json.dumps(header).encode())

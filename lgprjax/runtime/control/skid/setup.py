@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from lgprjax.autopilot.fence import fence_of_ground, pad_fence
 from lgprjax.autopilot.skid_step import SkidSetup, skid_setup
-from lgprjax.batch.vehicles import carrot_of, skid_setup_of
+from lgprjax.batch.vehicles import carrot_of, machine_of, skid_setup_of
 from lgprjax.coverage.ground import SafeGround, check_drivable, ground_of_plan
 from lgprjax.coverage.guidance import LEAST_ROWS, CoverRoute, lay_pattern
 from lgprjax.coverage.pattern import Pattern
@@ -46,6 +46,7 @@ class SkidLoaded(NamedTuple):
         ground: that the fence is around; ``None`` without a plan.
         pattern: of the plan, whole; ``None`` without one.
         taken_up: of earlier runs; ``None`` where the plan begins anew.
+        machine: name and serial number: whose run it is.
         gnss_period_s: from one position to the next.
         hashes: of every file read, by its name in the configuration.
     """
@@ -63,6 +64,7 @@ class SkidLoaded(NamedTuple):
     ground: SafeGround | None = None
     pattern: Pattern | None = None
     taken_up: TakenUp | None = None
+    machine: str = ""
 
 
 def load_skid(config: RuntimeConfig, place: RoutePlace | None = None) -> SkidLoaded:
@@ -85,7 +87,19 @@ def load_skid(config: RuntimeConfig, place: RoutePlace | None = None) -> SkidLoa
     if config.coverage.plan is None:
         corners = _ANYWHERE_M * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
         none = np.zeros((0, 2))
-        return SkidLoaded(setup, belief, None, None, none, 0, _no_route(), pad_fence(corners), period_s, hashes)
+        return SkidLoaded(
+            setup,
+            belief,
+            None,
+            None,
+            none,
+            0,
+            _no_route(),
+            pad_fence(corners),
+            period_s,
+            hashes,
+            machine=machine_of(vehicle),
+        )
     file = config.path(config.coverage.plan)
     plan = read_cover_plan(file)
     hashes[config.coverage.plan] = file_hash(file)
@@ -121,6 +135,7 @@ def load_skid(config: RuntimeConfig, place: RoutePlace | None = None) -> SkidLoa
         ground,
         plan.pattern,
         taken_up,
+        machine_of(vehicle),
     )
 
 

@@ -273,6 +273,7 @@ def _stops(mode: Mode, bits: Watch, found: SkidFound) -> StopBits:
 
 COVER_TICKS = 5
 _DEGRADED_MPS = 0.2
+_WAITS = "position too uncertain to go on: waiting for GNSS"
 _NEAR_M = 10.0
 _GNSS_OFF_S = 1.6
 """As on the page."""
@@ -416,7 +417,12 @@ class SkidSteerVehicle:
         result, watched = self.pilot.result, self._watched
         cause = watched.severity is Severity.DEGRADE
         words = describe(watched.bits) if cause else []
-        return [*words, *(reason_words(result.reasons) if result.reaction == Reaction.DEGRADE else [])]
+        if result.reaction != Reaction.DEGRADE:
+            return words
+        # What the reason means for this vehicle stands first: it is why it does not move.
+        waits = bool(whole(result.reasons) & Reason.UNCERTAIN)
+        others = reason_words(whole(result.reasons) & ~Reason.UNCERTAIN)
+        return [*words, *([_WAITS] if waits else []), *others]
 
     def notes(self) -> list[dict[str, Any]]:
         """Corners, marked or refused."""

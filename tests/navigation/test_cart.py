@@ -1,0 +1,144 @@
+"""A hand cart with GNSS alone, at the source's speeds: what it is sure of is so, and where it may have been turned."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from lgprjax.coverage import Tool
+from lgprjax.navigation import (
+    SmoothedCart,
+    cart_model,
+    cart_rules,
+    init_cart,
+    smooth_cart,
+    step_cart,
+)
+from navigation.cart_drives import ANTENNA_X_M, ANTENNA_Y_M, STEP_S, draw_cart_drives
+from navigation.skid_drives import ANTENNA_X_M as SKID_X_M
+from navigation.skid_drives import ANTENNA_Y_M as SKID_Y_M
+from navigation.skid_drives import SLIDE_SIGMA_M, draw_field_drives
+from true_cells import claims_and_truth
+
+MODEL = cart_model(gnss_x_m=ANTENNA_X_M, gnss_y_m=ANTENNA_Y_M)
+RUNS, SECONDS = 16, 400.0
+TOOL = Tool(1.0, 0.3, 0.6, 0.0)
+_SMOOTH = jax.jit(jax.vmap(lambda model, fixes: smooth_cart(model, cart_rules(), STEP_S, fixes), (None, 0)))
+
+
+class Told(NamedTuple):
+    """Errors of what was known, with their covariance."""
+
+    error: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def nees(self) -> float:
+        """A degree of freedom of x, y and yaw."""
+        whole = np.linalg.solve(self.covariance, self.error[..., None])[..., 0]
+        return float(np.mean(np.sum(self.error * whole, axis=-1)) / 3.0)
+
+    @property
+    def heading_deg(self) -> float:
+        """RMS."""
+        return float(np.degrees(np.sqrt(np.mean(self.error[:, 2] ** 2))))
+
+    @property
+    def position_m(self) -> float:
+        """RMS, both axes together."""
+        return float(np.sqrt(np.mean(np.sum(self.error[:, :2] ** 2, axis=1))))
+
+
+def errors(truth: np.ndarray, found: SmoothedCart, where: np.ndarray) -> Told:
+    error = truth - np.asarray(found.pose, np.float64)
+    error[..., 2] = np.angle(np.exp(1j * error[..., 2]))
+    some = np.asarray(found.known) & where
+    return Told(error[some], np.asarray(found.covariance, np.float64)[some])
+
+
+@pytest.mark.parametrize(("on_the_spot", "off_s"), [(False, 0.0), (True, 0.0), (False, 15.0)])
+def test_an_inch_and_a_degree_with_gnss_alone(on_the_spot: bool, off_s: float) -> None:
+    """MF section 4: heading to 1°, position to an inch on a cart; turns on the spot and drop-outs cost ground alone."""
+    drives = draw_cart_drives(runs=RUNS, seconds=SECONDS, seed=19, on_the_spot=on_the_spot, off_s=off_s)
+    found = _SMOOTH(MODEL, drives.fixes)
+    told = errors(drives.truth, found, np.ones_like(drives.on_line))
+    line = errors(drives.truth, found, drives.on_line)
+    share = float(np.mean(np.asarray(found.known)[drives.on_line]))
+    headings = f"heading {told.heading_deg:.2f}°, on lines {line.heading_deg:.2f}°"
+    print(f"on the spot {on_the_spot}, off {off_s:g} s: {headings}, position {100 * told.position_m:.1f} cm")
+    print(f"NEES {told.nees:.2f}, {100 * share:.0f} % of lines")
+    assert line.heading_deg < 1.2
+    assert told.heading_deg < 1.3
+    assert told.position_m < 0.0254
+    assert 0.6 < told.nees < 1.2
+    assert share > (0.7 if off_s == 0.0 and not on_the_spot else 0.45)
+    # Nothing is far out: of tails as of a normal one some 1e-4 are beyond four sigmas.
+    beyond = told.error[:, 2] ** 2 > 16.0 * told.covariance[:, 2, 2]
+    assert np.mean(beyond) < 2e-3
+
+
+def test_a_body_that_slides_in_bends_is_told() -> None:
+    """Tracks point aside of their way in a bend, which one antenna cannot see: it stands in the covariance."""
+    drives = draw_field_drives(runs=RUNS, seconds=200.0, seed=41, step_s=STEP_S, off_s=0.0)
+    model = cart_model(gnss_x_m=SKID_X_M, gnss_y_m=SKID_Y_M, slip_ahead_m=SLIDE_SIGMA_M)
+    gnss = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), drives.observations.gnss)
+    # Of the log each fix stands in the tick in which it was taken.
+    early = np.asarray(gnss.age_s) > STEP_S
+    moved = jax.tree.map(lambda leaf: jnp.asarray(_earlier(np.asarray(leaf), early)), gnss)
+    moved = moved._replace(age_s=jnp.where(jnp.asarray(_earlier(early, early)), moved.age_s - STEP_S, moved.age_s))
+    found = _SMOOTH(model, moved)
+    truth = np.moveaxis(drives.truth, 0, 1)
+    told = errors(truth, found, np.ones(truth.shape[:2], bool))
+    assert 0.5 < told.nees < 1.3, told.nees
+    assert told.heading_deg < 2.0
+
+
+def _earlier(rows: np.ndarray, early: np.ndarray) -> np.ndarray:
+    """Rows with those that are early a tick sooner, which is empty: fixes come once a second."""
+    kept = rows.copy()
+    kept[:, :-1][early[:, 1:]] = rows[:, 1:][early[:, 1:]]
+    kept[early] = False if rows.dtype == bool else np.nan
+    return kept
+
+
+@pytest.mark.parametrize("on_the_spot", [False, True])
+def test_ground_claimed_with_gnss_alone_was_passed(on_the_spot: bool) -> None:
+    drives = draw_cart_drives(runs=RUNS, seconds=SECONDS, seed=23, on_the_spot=on_the_spot)
+    found = _SMOOTH(MODEL, drives.fixes)
+    # The tool works all along, and counts where the heading is known.
+    always = np.ones(drives.truth.shape[1], bool)
+    counts = sum(
+        claims_and_truth(TOOL, *(np.asarray(each[run]) for each in found), drives.truth[run], always)
+        for run in range(6)
+    )
+    for level, (claimed, true, worked) in zip((0.95, 0.996), np.asarray(counts), strict=True):
+        shares = f"true {true / claimed:.5f}, claimed to worked {claimed / worked:.3f}"
+        print(f"on the spot {on_the_spot}, {level:g}: {shares}")
+        assert true >= level * claimed
+        assert claimed > 0.3 * worked
+
+
+def test_a_cart_that_stands_or_is_not_heard_gives_its_heading_up() -> None:
+    """Straight on until it is known, then no fixes, or fixes of one place."""
+    one = jnp.float32
+    step = jax.jit(step_cart)
+    fix = draw_cart_drives(runs=1, seconds=1.0, seed=1, on_the_spot=False).fixes
+    fix = jax.tree.map(lambda leaf: leaf[0, 0], fix)
+    for heard in (False, True):
+        state = init_cart(MODEL, one(0.0), one(0.0))
+        rng, seen, lost_s = np.random.default_rng(4), False, None
+        for tick in range(600):
+            x = 0.04 * min(tick, 300)
+            valid = tick % 10 == 0 and (tick <= 300 or heard)
+            at = np.array([x, 0.0]) + 0.012 * rng.standard_normal(2)
+            told = fix._replace(x_m=one(at[0]), y_m=one(at[1]), age_s=one(0.0), valid=jnp.asarray(valid))
+            state, info = step(MODEL, cart_rules(), state, one(0.1), told)
+            seen |= bool(info.heading_known)
+            if tick > 300 and lost_s is None and not bool(info.heading_known):
+                lost_s = 0.1 * (tick - 300)
+        assert seen
+        assert lost_s is not None
+        assert lost_s < 5.0
+        assert not bool(info.heading_known)
