@@ -230,16 +230,18 @@ def pose_on_line(line: Line, ahead_m: float, left_m: float) -> Float[np.ndarray,
 
 def swept_of_turn(turn: HeadlandTurn, outline: Outline) -> list[Any]:
     """Polygons that a turn sweeps: of each straight piece, and of small steps along each arc."""
-    swept = []
     begins = np.concatenate([[0.0], np.cumsum(np.abs(turn.pieces[:, 0]))])
+    knots = poses_along(turn.start, turn.pieces, begins)
+    swept, arcs = [], []
     for number, (length_m, curvature) in enumerate(turn.pieces.tolist()):
         if curvature == 0.0:
-            (start,) = poses_along(turn.start, turn.pieces, begins[number : number + 1])
-            swept.append(_straight(start, length_m, outline))
-            continue
-        count = max(math.ceil(abs(length_m * curvature) / _ARC_RAD), 1) + 1
-        arc_m = np.linspace(begins[number], begins[number + 1], count)
-        swept += list(shapely.polygons(rectangles(poses_along(turn.start, turn.pieces, arc_m), outline)))
+            # Of a knot between two pieces the yaw is that of both.
+            swept.append(_straight(knots[number], length_m, outline))
+        else:
+            count = max(math.ceil(abs(length_m * curvature) / _ARC_RAD), 1) + 1
+            arcs.append(np.linspace(begins[number], begins[number + 1], count))
+    if arcs:
+        swept += list(shapely.polygons(rectangles(poses_along(turn.start, turn.pieces, np.concatenate(arcs)), outline)))
     return swept
 
 

@@ -141,6 +141,9 @@ def lay_pattern(pattern: Pattern, *, spacing_m: float = SPACING_M) -> CoverRoute
     for number in range(len(pattern.lines)):
         begin, end = ends_m[2 * number] - lengths_m[2 * number], ends_m[2 * number]
         line[math.floor(begin / step_m + rounding) : math.ceil(end / step_m - rounding)] = number
+    if legs is not None:
+        # A turn that ends in reverse has its last row within a step of the line.
+        line[in_reverse] = -1
     rows = np.concatenate([poses, np.stack([curvature, line >= 0], axis=1)], axis=1)
     return CoverRoute(
         jnp.asarray(rows.astype(np.float32)),

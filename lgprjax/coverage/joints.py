@@ -22,14 +22,18 @@ _STEP_M = 0.2
 _OUTLINE_M = 0.3
 _SLACK_M = 0.1
 """By which the raster may be wrong: half a cell's diagonal, and what lies between two places of the outline."""
-_MOST_CELLS = 1_500_000
+_MOST_CELLS = 600_000
+_HEADINGS = 64
+"""Of the ladder at which standing is looked up."""
 _FINEST_M = 0.1
 _BATCH = 96
 _MOST_TRIED = 768
 _EXACT = 40
-_CUSP_M = 1.5
+WIDE_RADII = (3.0, 8.0)
+"""Of gentle arcs, in smallest radii: along a wall, towards which the tail swings out of a tight one."""
+CUSP_M = 1.5
 """Cost of a change between forward and reverse, as way."""
-_REVERSE = 1.3
+REVERSE = 1.3
 """Cost of a metre in reverse."""
 _UNWORKED = 4.0
 """Cost of a metre over ground not yet worked, where the vehicle lines up with its swath."""
@@ -71,6 +75,39 @@ class Terrain:
         edge = [(each, side) for side in (left, right) for each in along]
         edge += [(end, each) for end in (front, rear) for each in across]
         self._edge_m = np.array(edge)
+        # Half a step of the ladder turns the farthest corner by so much.
+        turned_m = math.pi / _HEADINGS * float(np.hypot(*self._edge_m.T).max())
+        self._may_stand = self._standing(self._least_m - turned_m)
+        self._stands = self._standing(ground.clearance_m + 0.5 * self.cell_m)
+
+    @property
+    def _least_m(self) -> float:
+        return self.ground.clearance_m - _SLACK_M - 0.7 * (self.cell_m - _FINEST_M)
+
+    def _standing(self, least_m: float) -> Bool[np.ndarray, "heading row column"]:
+        """At each heading of a ladder the cells in which the reference point may be: for a look-up a pose."""
+        reach = math.ceil(float(np.hypot(*self._edge_m.T).max()) / self.cell_m) + 1
+        wide = np.pad(self.away_m > max(least_m, 0.0), reach)
+        rows, columns = self.away_m.shape
+        standing = np.ones((_HEADINGS, rows, columns), bool)
+        for number in range(_HEADINGS):
+            angle = 2.0 * math.pi * number / _HEADINGS
+            cos, sin = math.cos(angle), math.sin(angle)
+            shifts = np.rint(self._edge_m @ np.array([[sin, cos], [cos, -sin]]) / self.cell_m).astype(int) + reach
+            for row, column in np.unique(shifts, axis=0):
+                standing[number] &= wide[row : row + rows, column : column + columns]
+        return standing
+
+    def stands(self, poses: Float[np.ndarray, "*shape 3"], *, surely: bool = False) -> Bool[np.ndarray, "*shape"]:
+        """By one look-up a pose, whether the outline is within the ground.
+
+        Args:
+            poses: of the reference point.
+            surely: yes where it is as good as certain; else no where it certainly is not.
+        """
+        heading = np.rint(poses[..., 2] * (_HEADINGS / (2.0 * math.pi))).astype(np.int64) % _HEADINGS
+        held = self._stands if surely else self._may_stand
+        return np.asarray(held[(heading, *self.cells(poses[..., :2]))])
 
     def cells(self, places_m: Float[np.ndarray, "*shape 2"]) -> tuple[np.ndarray, np.ndarray]:
         """Row and column of places; those beyond the raster are taken to its border, which is not safe."""
@@ -97,8 +134,7 @@ class Terrain:
         cos, sin = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
         x, y = self._edge_m.T
         places = np.stack([poses[..., 0, None] + cos * x - sin * y, poses[..., 1, None] + sin * x + cos * y], axis=-1)
-        least_m = self.ground.clearance_m - _SLACK_M - 0.7 * (self.cell_m - _FINEST_M)
-        good: Bool[np.ndarray, "*shape"] = (self.away_m[self.cells(places)] > max(least_m, 0.0)).all(axis=-1)
+        good: Bool[np.ndarray, "*shape"] = (self.away_m[self.cells(places)] > max(self._least_m, 0.0)).all(axis=-1)
         return good
 
     def fits_exactly(self, start: Pose, pieces: Pieces) -> bool:
@@ -128,6 +164,7 @@ def find_joint(
     in_m: float,
     band: tuple[float, float],
     limit_m: float = math.inf,
+    wide: bool = False,
 ) -> Joint | None:
     """The cheapest way from one pose to another that keeps to the ground and off what is not yet worked.
 
@@ -139,15 +176,16 @@ def find_joint(
         out_m, in_m: straight on from the start, and straight into the end, that is tried as well.
         band: half the width of the end's own swath, and how far before it the vehicle may stand on it unworked.
         limit_m: a way that costs more is not wanted.
+        wide: arcs of ``WIDE_RADII`` times the radius are tried as well.
     """
-    backs = [-each for each in (0.7, 1.5, 2.5, 4.0, 6.0, 9.0, 14.0, 22.0, 40.0, 80.0) if each < back_m]
-    # Back to where the swath began, and on beyond it: out of a field whose far side has no room.
-    beyond = [-back_m - more * radius_m for more in (0.0, 0.7, 1.5, 2.5, 3.5)] if back_m > 0.5 else []
-    leads = [0.0, *dict.fromkeys((out_m, out_m + radius_m)), *backs, *beyond]
-    ins = list(dict.fromkeys((0.0, in_m, in_m + 0.5 * radius_m, in_m + radius_m, in_m + 2.0 * radius_m)))
+    leads, ins = leads_of(back_m, out_m, in_m, radius_m)
     lead, into = (each.ravel() for each in np.meshgrid(leads, ins, indexing="ij"))
-    starts, ends = _on(start, lead), _on(end, -into)
-    middle, curvature = _words(starts, ends, radius_m)
+    starts, ends = poses_ahead(start, lead), poses_ahead(end, -into)
+    radii = radius_m * np.array((1.0, *WIDE_RADII) if wide else (1.0,))
+    middle, curvature = (
+        np.concatenate(each, axis=axis)
+        for each, axis in zip(zip(*(_words(starts, ends, each) for each in radii), strict=True), (1, 0), strict=True)
+    )
     words = middle.shape[1]
     lengths = np.concatenate(
         [
@@ -175,7 +213,7 @@ def find_joint(
         chosen = order[begin : begin + _BATCH]
         if best is not None and cost[chosen[0]] >= best.cost_m:
             break
-        good, extra_m = _pass(terrain, start, lengths[chosen], bends[chosen], end, band)
+        good, extra_m = clear_ways(terrain, start, lengths[chosen], bends[chosen], end, band)
         full = cost[chosen] + _UNWORKED * extra_m
         for number in np.argsort(full):
             if not good[number] or full[number] >= min(limit_m, math.inf if best is None else best.cost_m):
@@ -209,31 +247,50 @@ def cusps(pieces: Pieces) -> int:
     return int(np.count_nonzero(signs[1:] != signs[:-1]))
 
 
-def _on(pose: Float[np.ndarray, "3"], ahead_m: Float[np.ndarray, " way"]) -> Float[np.ndarray, "way 3"]:
+def leads_of(
+    back_m: float, out_m: float, in_m: float, radius_m: float
+) -> tuple[Float[np.ndarray, " lead"], Float[np.ndarray, " into"]]:
+    """Ways straight on from the start, negative straight back, and ways straight into the end; see ``find_joint``."""
+    backs = [-each for each in (0.7, 1.5, 2.5, 4.0, 6.0, 9.0, 14.0, 22.0, 40.0, 80.0) if each < back_m]
+    # Back to where the swath began, and on beyond it: out of a field whose far side has no room.
+    beyond = [-back_m - more * radius_m for more in (0.0, 0.7, 1.5, 2.5, 3.5)] if back_m > 0.5 else []
+    leads = [0.0, *dict.fromkeys((out_m, out_m + radius_m)), *backs, *beyond]
+    ins = dict.fromkeys((0.0, in_m, in_m + 0.5 * radius_m, in_m + radius_m, in_m + 2.0 * radius_m))
+    return np.array(leads), np.array(list(ins))
+
+
+def poses_ahead(pose: Float[np.ndarray, "3"], ahead_m: Float[np.ndarray, " way"]) -> Float[np.ndarray, "way 3"]:
     yaw = np.full_like(ahead_m, pose[2])
     return np.stack([pose[0] + ahead_m * np.cos(yaw), pose[1] + ahead_m * np.sin(yaw), yaw], axis=1)
 
 
 def _cost_m(lengths: Float[np.ndarray, "way piece"]) -> Float[np.ndarray, " way"]:
-    cost = np.where(lengths < 0.0, -_REVERSE * lengths, lengths).sum(axis=1)
+    cost = np.where(lengths < 0.0, -REVERSE * lengths, lengths).sum(axis=1)
     last = np.ones(len(lengths))
     for piece in lengths.T:
         sign = np.where(np.abs(piece) < 1e-9, last, np.sign(piece))
-        cost = cost + _CUSP_M * (sign != last)
+        cost = cost + CUSP_M * (sign != last)
         last = sign
     # Every swath begins forwards.
-    return np.asarray(cost + _CUSP_M * (last < 0.0))
+    return np.asarray(cost + CUSP_M * (last < 0.0))
 
 
-def _pass(
+def clear_ways(
     terrain: Terrain,
-    start: Float[np.ndarray, "3"],
+    start: Float[np.ndarray, "*way 3"],
     lengths: Float[np.ndarray, "way piece"],
     bends: Float[np.ndarray, "way piece"],
     end: Float[np.ndarray, "3"],
     band: tuple[float, float],
 ) -> tuple[Bool[np.ndarray, " way"], Float[np.ndarray, " way"]]:
-    """Which ways the raster lets pass, and how much of each is over unworked ground of the swath to come."""
+    """Which ways the raster lets pass, and how much of each is over unworked ground of the swath to come.
+
+    Args:
+        terrain: with what is worked so far.
+        start: x_m, y_m, yaw_rad: of all ways, or of each.
+        lengths, bends: signed lengths of the pieces, and their curvatures.
+        end, band: see ``find_joint``.
+    """
     way_m = np.abs(lengths).sum(axis=1)
     count = int(np.ceil(way_m.max() / _STEP_M)) + 2
     arc_m = way_m[:, None] * np.linspace(0.0, 1.0, count)[None]
@@ -243,7 +300,7 @@ def _pass(
 
 def _clear(
     terrain: Terrain,
-    start: Float[np.ndarray, "3"],
+    start: Float[np.ndarray, "*way 3"],
     lengths: Float[np.ndarray, "way piece"],
     bends: Float[np.ndarray, "way piece"],
     arc_m: Float[np.ndarray, "way place"],
@@ -258,24 +315,26 @@ def _clear(
     ahead, aside = away[..., 0] * cos + away[..., 1] * sin, away[..., 1] * cos - away[..., 0] * sin
     own = (np.abs(aside) <= band[0]) & (ahead <= 0.0) & (ahead >= -band[1])
     good = ~(raw & ~own).any(axis=1)
-    few = np.flatnonzero(good)
-    if len(few):
-        good[few] = terrain.fits(poses[few]).all(axis=1)
+    for fits in (terrain.stands, terrain.fits):
+        few = np.flatnonzero(good)
+        if len(few):
+            good[few] = fits(poses[few]).all(axis=1)
     return good, (raw & own).sum(axis=1).astype(np.float64)
 
 
 def sample(
-    start: Float[np.ndarray, "3"],
+    start: Float[np.ndarray, "*way 3"],
     lengths: Float[np.ndarray, "way piece"],
     bends: Float[np.ndarray, "way piece"],
     arc_m: Float[np.ndarray, "way place"],
 ) -> Float[np.ndarray, "way place 3"]:
-    """Poses along ways that begin at one pose."""
+    """Poses along ways that begin at one pose, or each at its own."""
     ways, count = lengths.shape
-    turned = np.cumsum(np.concatenate([np.full((ways, 1), start[2]), lengths * bends], axis=1), axis=1)
+    first_x, first_y, first_yaw = np.broadcast_to(start, (ways, 3)).T[..., None]
+    turned = np.cumsum(np.concatenate([first_yaw, lengths * bends], axis=1), axis=1)
     x, y = _chords(turned[:, :-1], lengths, bends)
-    knots_x = np.cumsum(np.concatenate([np.full((ways, 1), start[0]), x], axis=1), axis=1)
-    knots_y = np.cumsum(np.concatenate([np.full((ways, 1), start[1]), y], axis=1), axis=1)
+    knots_x = np.cumsum(np.concatenate([first_x, x], axis=1), axis=1)
+    knots_y = np.cumsum(np.concatenate([first_y, y], axis=1), axis=1)
     begins = np.cumsum(np.concatenate([np.zeros((ways, 1)), np.abs(lengths)], axis=1), axis=1)
     number = np.clip((arc_m[:, :, None] >= begins[:, None, 1:]).sum(axis=2), 0, count - 1)
     row = np.arange(ways)[:, None]
@@ -295,13 +354,21 @@ def _words(
     starts: Float[np.ndarray, "way 3"], ends: Float[np.ndarray, "way 3"], radius_m: float
 ) -> tuple[Float[np.ndarray, "way word 3"], Float[np.ndarray, "word 3"]]:
     """Signed lengths of the three pieces of every word, NaN where there is none, and the words' curvatures."""
-    forward, curvature = _dubins(starts, ends, radius_m)
+    forward, curvature = forward_words(starts, ends, radius_m)
     turned = np.array([0.0, 0.0, math.pi])
-    reverse, _ = _dubins(starts + turned, ends + turned, radius_m)
+    reverse, _ = forward_words(starts + turned, ends + turned, radius_m)
     cusped, bends = _three_arcs(starts, ends, radius_m)
-    lengths = np.concatenate([forward, -reverse, cusped], axis=1)
-    every = np.concatenate([curvature, -curvature, bends])
-    # The formulas' special cases are left to this: a word that does not lead to the end is none.
+    lengths = np.concatenate([forward, -reverse, _leading(starts, ends, cusped, bends)], axis=1)
+    return lengths, np.concatenate([curvature, -curvature, bends])
+
+
+def _leading(
+    starts: Float[np.ndarray, "way 3"],
+    ends: Float[np.ndarray, "way 3"],
+    lengths: Float[np.ndarray, "way word 3"],
+    every: Float[np.ndarray, "word 3"],
+) -> Float[np.ndarray, "way word 3"]:
+    """The words' lengths, NaN where a word does not lead to the end: the formulas' special cases are left to this."""
     flat = lengths.reshape(-1, 3)
     bent = np.tile(every, (len(starts), 1))
     reached = np.repeat(starts, len(every), axis=0)
@@ -313,13 +380,13 @@ def _words(
     wrong = np.hypot(*(reached - goal)[:, :2].T) > 1e-6
     wrong |= np.abs(np.sin(0.5 * (reached - goal)[:, 2])) > 1e-6
     flat = np.where((wrong | ~np.isfinite(flat).all(axis=1))[:, None], np.nan, flat)
-    return flat.reshape(lengths.shape), every
+    return np.asarray(flat.reshape(lengths.shape))
 
 
-def _dubins(
+def forward_words(
     starts: Float[np.ndarray, "way 3"], ends: Float[np.ndarray, "way 3"], radius_m: float
 ) -> tuple[Float[np.ndarray, "way 6 3"], Float[np.ndarray, "6 3"]]:
-    """Lengths of Dubins' six words, by Shkel and Lumelsky (2001)."""
+    """Lengths of Dubins' six words, by Shkel and Lumelsky (2001), NaN where there is none; and their curvatures."""
     east, north = (ends - starts)[:, :2].T
     far, toward = np.hypot(east, north) / radius_m, np.arctan2(north, east)
     a, b = starts[:, 2] - toward, ends[:, 2] - toward
@@ -347,7 +414,8 @@ def _dubins(
     ]
     signs = [(1, 0, 1), (-1, 0, -1), (1, 0, -1), (-1, 0, 1), (-1, 1, -1), (1, -1, 1)]
     lengths = np.stack([np.stack(word, axis=1) for word in words], axis=1) * radius_m
-    return lengths, np.array(signs, float) / radius_m
+    curvature = np.array(signs, float) / radius_m
+    return _leading(starts, ends, lengths, curvature), curvature
 
 
 def _three_arcs(

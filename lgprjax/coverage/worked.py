@@ -193,6 +193,17 @@ def _in_body_axes(covariance: Float[Array, "3 3"], yaw_rad: Float[Array, ""]) ->
     return turned
 
 
+def _turned(covariance: Float[Array, "place 3 3"], turn_rad: Float[Array, " place"]) -> Float[Array, "place 3 3"]:
+    """Of the body's axes after a turn: the error stays where it is on the ground while the body turns."""
+    cos, sin = jnp.cos(turn_rad), jnp.sin(turn_rad)
+    forward = cos[:, None] * covariance[:, 0] + sin[:, None] * covariance[:, 1]
+    left = cos[:, None] * covariance[:, 1] - sin[:, None] * covariance[:, 0]
+    rows = jnp.stack([forward, left, covariance[:, 2]], axis=1)
+    forward = cos[:, None] * rows[:, :, 0] + sin[:, None] * rows[:, :, 1]
+    left = cos[:, None] * rows[:, :, 1] - sin[:, None] * rows[:, :, 0]
+    return jnp.stack([forward, left, rows[:, :, 2]], axis=2)
+
+
 def _choose(which: Bool[Array, ""], one: WorkedStrip, other: WorkedStrip) -> WorkedStrip:
     chosen: WorkedStrip = jax.tree.map(lambda a, b: jnp.where(which, a, b), one, other)
     return chosen
@@ -249,7 +260,13 @@ def pass_probability(tool: Tool, passing: Passing) -> Float[Array, "..."]:
     """
     half_length = 0.5 * tool.length_m
     side = passing.left_m + tool.left_m
-    along, error = _errors(tool, passing.covariance, side)
+    # On an arc the axes of the error turn with the body: what is along the way where the pass begins or ends counts.
+    end_m = jnp.where(
+        passing.last_m > -half_length,
+        jnp.clip(passing.last_m, -half_length, half_length),
+        jnp.where(passing.first_m < half_length, jnp.clip(passing.first_m, -half_length, half_length), 0.0),
+    )
+    along, error = _errors(tool, passing.covariance, side, passing.curvature_radpm, end_m)
     # Of second order, on average: a turned lever is shorter, and a turned body moves aside while it moves aside.
     yaw = passing.covariance[..., 2, 2]
     drop = 0.5 * tool.ahead_m * yaw + passing.covariance[..., 1, 2]
@@ -283,18 +300,33 @@ class _Aside(NamedTuple):
 
 
 def _errors(
-    tool: Tool, covariance: Float[Array, "... 3 3"], side: Float[Array, "..."]
+    tool: Tool,
+    covariance: Float[Array, "... 3 3"],
+    side: Float[Array, "..."],
+    curvature_radpm: Float[Array, "..."],
+    end_m: Float[Array, "..."],
 ) -> tuple[Float[Array, "..."], _Aside]:
-    """Variance of the along-track error at an offset from the reference point, and the others given it."""
+    """Variance of the along-track error at an offset from the reference point, and the others given it.
+
+    On an arc it is the error along the way where the place is ``end_m`` ahead of the tool's centre; those to the left
+    and of yaw are such that left + r yaw is the error where it is r ahead.
+    """
     ahead, yaw = tool.ahead_m, covariance[..., 2, 2]
     forward_yaw, left_yaw = covariance[..., 0, 2], covariance[..., 1, 2]
-    along = jnp.maximum(covariance[..., 0, 0] - 2.0 * side * forward_yaw + side * side * yaw, _LEAST_M2)
+    along = covariance[..., 0, 0] - 2.0 * side * forward_yaw + side * side * yaw
     left = covariance[..., 1, 1] + 2.0 * ahead * left_yaw + ahead * ahead * yaw
-    along_yaw = forward_yaw - side * yaw
+    along_yaw, left_turned = forward_yaw - side * yaw, left_yaw + ahead * yaw
     both = covariance[..., 0, 1] - side * left_yaw + ahead * along_yaw
+    turn = curvature_radpm * end_m
+    along = jnp.maximum(along - 2.0 * turn * both + turn * turn * left, _LEAST_M2)
+    both, along_yaw = both - turn * left, along_yaw - turn * left_turned
+    turns = curvature_radpm * curvature_radpm * ahead
+    scale = 1.0 - turns * end_m
+    yaw = yaw + turns * (2.0 * left_turned + turns * left)
+    along_yaw, left_turned = along_yaw + turns * both, scale * (left_turned + turns * left)
+    both, left = scale * both, scale * scale * left
     most = _STEEPEST * jnp.sqrt(along * jnp.maximum(left, _LEAST_M2))
     both = jnp.clip(both, -most, most)
-    left_turned = left_yaw + ahead * yaw
     given = _Aside(
         left_slope=both / along,
         yaw_slope_radpm=along_yaw / along,
@@ -383,6 +415,7 @@ def _cumulative(standard: Float[Array, "..."]) -> Float[Array, "..."]:
 _REACH_WIDTHS = 0.5
 """Extent of the patch beyond the tool, in tool widths: with larger errors nothing could be claimed."""
 
+_FAR_RAD = 0.5
 _FIXED_SHARE = 0.97
 """Of a strip's variance aside, below which the present one is the better: less than rounding leaves as it was."""
 
@@ -526,16 +559,25 @@ def _crossed(
     ahead_m = cos[nearest] * away_x + sin[nearest] * away_y
     left_m = cos[nearest] * away_y - sin[nearest] * away_x
     side = tool.left_m + left_m
-    bend = curvature[nearest] / (1.0 - curvature[nearest] * side)
+    # From the strip's pose on the same arc to where the place crosses the tool's axis, as the arc has it.
+    here = curvature[nearest] / (1.0 - curvature[nearest] * side)
+    reach = ahead_m * (2.0 * tool.ahead_m + ahead_m)
+    root = jnp.sqrt(jnp.maximum(1.0 + here * here * reach, 0.25))
+    bend = here / root
+    turn = jnp.arctan(here * (tool.ahead_m + ahead_m)) - jnp.arctan(bend * tool.ahead_m)
 
     def ahead_at(along_m: Float[Array, ""], turned_rad: Float[Array, ""]) -> Float[Array, " place"]:
-        return ahead_m - (along_m - along[nearest]) + side * (turned_rad - turned[nearest])
+        way, turned_back = along[nearest] - along_m, turned[nearest] - turned_rad
+        # Far from the place it does not matter by how much.
+        angle = jnp.clip(turned_back, -_FAR_RAD, _FAR_RAD)
+        sine = jnp.sinc(angle / math.pi)
+        return ahead_m + (way - side * turned_back) * sine - (tool.ahead_m + ahead_m) * (1.0 - jnp.cos(angle))
 
     first = ahead_at(running.low.along_m, running.low.turned_rad)
     last = ahead_at(running.high.along_m, running.high.turned_rad)
     passing = Passing(
-        covariance=covariance[nearest],
-        left_m=left_m - bend * ahead_m * (tool.ahead_m + 0.5 * ahead_m),
+        covariance=_turned(covariance[nearest], turn),
+        left_m=left_m - here * reach / (1.0 + root),
         curvature_radpm=bend,
         first_m=jnp.where(fixed, ahead_m, first),
         last_m=jnp.where(fixed, ahead_m, last),

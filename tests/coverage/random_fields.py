@@ -24,8 +24,8 @@ from lgprjax.coverage import (
 )
 from lgprjax.coverage.ground import buffered
 
-CELL_M = 0.2
-HEADINGS = 16
+CELL_M = 0.1
+HEADINGS = 32
 
 
 class DrawnField(NamedTuple):

@@ -20,12 +20,13 @@ from lgprjax.coverage import (
     lay_pattern,
     outline_of,
 )
-from lgprjax.coverage.ground import breaches, buffered
+from lgprjax.coverage.ground import breaches, buffered, pose_on_line
 from lgprjax.coverage.joints import _words
+from lgprjax.coverage.lattice import _primitives
 from lgprjax.coverage.pattern import driving_time_s, plan_pattern
 from lgprjax.coverage.swaths import line_order
 from lgprjax.coverage.tour import Tour, plan_tour
-from lgprjax.coverage.turns import Pose, dubins_ways
+from lgprjax.coverage.turns import Pose, dubins_ways, poses_along
 from lgprjax.errors import InputError
 
 from .random_fields import draw_field, worked_share
@@ -92,9 +93,11 @@ def test_a_u_is_driven_within_the_ground_that_its_plan_declares() -> None:
     assert shapely.contains_xy(shape, *corners_driven(pattern, OUTLINE).T).all()
 
 
-@pytest.mark.parametrize("seed", [9, 11])
-def test_a_drawn_field_is_planned_and_what_can_be_reached_is_worked(seed: int) -> None:
-    check_drawn(seed)
+@pytest.mark.parametrize(("seed", "least"), [(9, 0.98), (11, 0.98), (1008, 0.97)])
+def test_a_drawn_field_is_planned_and_what_can_be_reached_is_worked(seed: int, least: float) -> None:
+    """The last has three sides of four closed: no single word leads on from where most of its swaths end."""
+    share, _ = check_drawn(seed)
+    assert share > least
 
 
 def check_drawn(seed: int) -> tuple[float, float]:
@@ -105,8 +108,11 @@ def check_drawn(seed: int) -> tuple[float, float]:
     )
     check_drivable(tour.pattern, drawn.ground, drawn.outline, name=f"seed {seed}")
     assert shapely.contains_xy(drawn.ground.shape, *corners_driven(tour.pattern, drawn.outline).T).all()
+    for turn, line in zip(tour.pattern.turns, tour.pattern.lines[1:], strict=True):
+        end = poses_along(turn.start, turn.pieces, np.array([turn.length_m]))[0]
+        begin = pose_on_line(line, drawn.settings.tool_ahead_m, drawn.settings.tool_left_m)
+        assert np.hypot(*(end - begin)[:2]) < 1e-6
     share, reach_m2 = worked_share(drawn, [np.stack([line.start_m, line.end_m]) for line in tour.pattern.lines])
-    assert share > 0.98 or seed not in (9, 11)
     return share, reach_m2
 
 
@@ -127,7 +133,7 @@ def test_a_thousand_drawn_fields() -> None:
         f"{len(told)} fields, {np.mean(told >= 0.98):.3f} with 98 %, median {np.median(told):.4f}, "
         f"least {told.min():.3f}"
     )
-    assert np.mean(told >= 0.9) > 0.9
+    assert np.mean(told >= 0.95) > 0.9
 
 
 def test_words_end_where_they_must_and_the_shortest_is_that_of_dubins() -> None:
@@ -150,6 +156,23 @@ def test_words_end_where_they_must_and_the_shortest_is_that_of_dubins() -> None:
                     x, y = x + np.sum(np.cos(steps)) * length / count, y + np.sum(np.sin(steps)) * length / count
                     yaw += length * curvature
                 assert math.hypot(x - ends[number, 0], y - ends[number, 1]) < 1e-3
+
+
+def test_words_of_the_lattice_lead_from_node_to_node() -> None:
+    step_m, angle = 0.7, 2.0 * math.pi / 16
+    lengths, bends, moves = _primitives(step_m, 1.5)
+    assert len(moves) >= 16 * 4
+    for word, bend, (heading, across, up, turned) in zip(lengths, bends, moves.tolist(), strict=True):
+        assert (word >= 0.0).all()
+        assert np.abs(bend).max() <= 1.0 / 1.5 + 1e-9
+        x, y, yaw = 0.0, 0.0, heading * angle
+        for length, curvature in zip(word, bend, strict=True):
+            count = max(int(length / 0.005), 1)
+            steps = yaw + (np.arange(count) + 0.5) * length / count * curvature
+            x, y = x + np.sum(np.cos(steps)) * length / count, y + np.sum(np.sin(steps)) * length / count
+            yaw += length * curvature
+        assert math.hypot(x - across * step_m, y - up * step_m) < 1e-3
+        assert abs(math.remainder(yaw - (heading + turned) * angle, 2.0 * math.pi)) < 1e-6
 
 
 def test_a_route_in_reverse_runs_along_its_way_backwards() -> None:

@@ -84,16 +84,20 @@ def test_a_straight_pass_is_what_brute_force_finds(name: str) -> None:
     assert np.max(np.abs(wrong)) <= 0.008
 
 
-def test_a_curved_pass_is_what_brute_force_finds() -> None:
-    probability = claimed(line(41, radius_m=10.0), FIXED)
-    chosen = about_the_edge(probability, 90, 3)
-    share = arc_share(TOOL, START, 10.0, PASS_M, drawn_errors(FIXED, POWER, 4), places()[chosen])
+@pytest.mark.parametrize("radius_m", [10.0, 6.0, -6.0, 5.0])
+def test_a_curved_pass_is_what_brute_force_finds(radius_m: float) -> None:
+    probability = claimed(line(41, radius_m=radius_m), FIXED)
+    chosen = about_the_edge(probability, 150, 3)
+    share = arc_share(TOOL, START, radius_m, PASS_M, drawn_errors(FIXED, POWER - 1, 4), places()[chosen])
     wrong = probability.ravel()[chosen] - share
-    assert np.sqrt(np.mean(wrong**2)) <= 0.002
-    assert np.max(np.abs(wrong)) <= 0.008
+    assert np.sqrt(np.mean(wrong**2)) <= 0.0005
+    # Beside the pass's ends some cells are claimed up to 0.2 % too much; elsewhere it is less than 0.1 %.
+    assert np.max(wrong) <= 0.002
+    assert np.mean(np.abs(wrong) <= 0.001) >= 0.98
+    assert np.min(wrong) >= -0.004
 
 
-@pytest.mark.parametrize(("radius_m", "most"), [(-5.0, 0.012), (2.0, 0.01)])
+@pytest.mark.parametrize(("radius_m", "most"), [(-5.0, 0.003), (2.0, 0.003)])
 def test_a_tight_curve_claims_no_more_than_brute_force_finds(radius_m: float, most: float) -> None:
     probability = claimed(line(41, radius_m=radius_m), FIXED)
     chosen = about_the_edge(probability, 60, 5)

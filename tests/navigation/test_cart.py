@@ -109,11 +109,12 @@ def test_ground_claimed_with_gnss_alone_was_passed(on_the_spot: bool) -> None:
     found = _SMOOTH(MODEL, drives.fixes)
     # The tool works all along, and counts where the heading is known.
     always = np.ones(drives.truth.shape[1], bool)
-    counts = sum(
-        claims_and_truth(TOOL, *(np.asarray(each[run]) for each in found), drives.truth[run], always)
-        for run in range(6)
+    pose, covariance, known = (np.asarray(each) for each in found)
+    counts = np.sum(
+        [claims_and_truth(TOOL, pose[run], covariance[run], known[run], drives.truth[run], always) for run in range(6)],
+        axis=0,
     )
-    for level, (claimed, true, worked) in zip((0.95, 0.996), np.asarray(counts), strict=True):
+    for level, (claimed, true, worked) in zip((0.95, 0.996), counts, strict=True):
         shares = f"true {true / claimed:.5f}, claimed to worked {claimed / worked:.3f}"
         print(f"on the spot {on_the_spot}, {level:g}: {shares}")
         assert true >= level * claimed

@@ -223,12 +223,12 @@ def peaks_of(
 ) -> tuple[Peaks, Peaks]:
     """Of the whole region, and near the carried place."""
     ends = len(last)
-    whole = Surfaces(stack.surfaces, stack.decoys, stack.power)
-    sums = RunningSums(Surfaces(*(part[:0] for part in whole)), 0, STACK)
+    every = Surfaces(stack.surfaces, stack.decoys, stack.power)
+    sums = RunningSums(Surfaces(*(part[:0] for part in every)), 0, STACK)
     for part in (slice(0, 4), slice(4, STACK)):
-        sums.append(Surfaces(*(field[part] for field in whole)))
+        sums.append(Surfaces(*(field[part] for field in every)))
     windows = WindowBatch(
-        *(jnp.asarray(field) for field in sums.over(first, last)),
+        *sums.over(first, last),
         jnp.asarray(np.where(first >= 0, last[:, None] + 1 - first, 0), dtype=jnp.int32),
         single(centre),
         jnp.full(ends, half_m, jnp.float32),

@@ -1,0 +1,313 @@
+"""Ways through a lattice of poses, where no single word leads: forwards and in reverse, around whatever is in between.
+
+Nodes are places of a square grid with sixteen headings each (a state lattice: Pivtoraik, Knepper and Kelly 2009). Edges
+are Dubins' forward words between nodes near each other, of the vehicle's own radius, and each of them in reverse. Which
+of them the ground allows is found once for all nodes; which of them lead over ground not yet worked, at each search.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import sparse
+
+from lgprjax.coverage.joints import REVERSE, WIDE_RADII, Joint, Terrain, clear_ways, forward_words, joined, sample
+from lgprjax.coverage.turns import Pieces, Pose
+
+_HEADINGS = 16
+_MOST_TURNED = 2
+"""Headings from one node to the next."""
+_MOST_PLACES = 6000
+_FINEST_M = 0.6
+_KEPT = 3
+"""Words kept for each change of heading."""
+_LONGER = 1.3
+"""Longest word, in distances of its ends."""
+_STEP_M = 0.2
+_JOIN_TURNED = 3
+_LIMITS_M = (15.0, 40.0, math.inf)
+"""How far ways are searched at first, and then."""
+_AGAINST_M = 0.1
+"""Cost of an edge in reverse beyond its length: many short ones are many changes of direction."""
+_TRIED = 12
+"""Ways checked exactly before a swath is given up."""
+
+
+class Links(NamedTuple):
+    """Ways between one pose and nodes: the cheapest for each node.
+
+    Attributes:
+        node: numbers; lead: of the pose of each; cost_m: with the lead's own; pieces: of a word: length and curvature.
+    """
+
+    node: Int[np.ndarray, " link"]
+    lead: Int[np.ndarray, " link"]
+    cost_m: Float[np.ndarray, " link"]
+    pieces: Float[np.ndarray, "link 3 2"]
+
+
+class Lattice:
+    """Poses of a lattice within safe ground, and the ways between neighbours.
+
+    Args:
+        terrain: of the ground.
+        heading_rad: of the lattice's rows.
+        radius_m: of every arc.
+    """
+
+    def __init__(self, terrain: Terrain, heading_rad: float, radius_m: float) -> None:
+        self.terrain, self.radius_m = terrain, radius_m
+        rows, columns = np.nonzero(terrain.away_m > terrain.ground.clearance_m)
+        places = np.stack([terrain.east_m[columns], terrain.north_m[rows]], axis=1)
+        cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+        self._axes = np.array([[cos, sin], [-sin, cos]])
+        turned = places @ self._axes.T
+        low, high = turned.min(axis=0), turned.max(axis=0)
+        self.step_m = max(_FINEST_M, math.sqrt(float(np.prod(high - low)) / _MOST_PLACES))
+        count = np.ceil((high - low) / self.step_m).astype(int) + 1
+        self._low, self._shape = low, (int(count[1]), int(count[0]))
+        y, x = np.mgrid[: count[1], : count[0]]
+        grid = (np.stack([x, y], axis=-1).reshape(-1, 2) * self.step_m + low) @ self._axes
+        self._heading_rad = heading_rad
+        yaw = heading_rad + np.arange(_HEADINGS) * 2.0 * math.pi / _HEADINGS
+        # [place, heading] as one number.
+        self.poses = np.concatenate([np.repeat(grid, _HEADINGS, axis=0), np.tile(yaw, len(grid))[:, None]], axis=1)
+        self.free = terrain.stands(self.poses, surely=True)
+        self._grow()
+
+    def _grow(self) -> None:
+        """Edges between free nodes that the ground allows."""
+        lengths, bends, moves = _primitives(self.step_m, self.radius_m)
+        rows, columns = self._shape
+        source, target, word, passed = [], [], [], []
+        free = self.free.reshape(rows, columns, _HEADINGS)
+        for number, (heading, across, up, turned) in enumerate(moves.tolist()):
+            after = (heading + turned) % _HEADINGS
+            inner = free[max(0, -up) : rows - max(0, up), max(0, -across) : columns - max(0, across), heading]
+            there = free[max(0, up) : rows - max(0, -up), max(0, across) : columns - max(0, -across), after]
+            row, column = np.nonzero(inner & there)
+            if len(row) == 0:
+                continue
+            row, column = row + max(0, -up), column + max(0, -across)
+            begin = (row * columns + column) * _HEADINGS + heading
+            way_m = float(np.abs(lengths[number]).sum())
+            arc_m = np.linspace(0.0, way_m, math.ceil(way_m / _STEP_M) + 1)[None]
+            start = np.array([0.0, 0.0, self._heading_rad + heading * 2.0 * math.pi / _HEADINGS])
+            along = sample(start, lengths[number : number + 1], bends[number : number + 1], arc_m)[0]
+            poses = along[None] + self.poses[begin, None] * np.array([1.0, 1.0, 0.0])
+            good = self.terrain.stands(poses, surely=True).all(axis=1)
+            source.append(begin[good])
+            target.append(((row + up) * columns + column + across)[good] * _HEADINGS + after)
+            word.append(np.full(int(good.sum()), number))
+            cell = self.terrain.cells(poses[good, :, :2])
+            flat = cell[0] * len(self.terrain.east_m) + cell[1]
+            # Words differ in length: the last place of the short ones again.
+            passed.append(flat)
+        most = max((each.shape[1] for each in passed), default=1)
+        self.source, self.target, self.word = (
+            np.concatenate(each) if each else np.zeros(0, int) for each in (source, target, word)
+        )
+        self._passed = (
+            np.concatenate([np.pad(each, ((0, 0), (0, most - each.shape[1])), mode="edge") for each in passed]).astype(
+                np.int32
+            )
+            if passed
+            else np.zeros((0, 1), np.int32)
+        )
+        self.words = np.stack([lengths, bends], axis=2)
+        way_m = np.abs(lengths).sum(axis=1)[self.word]
+        edge = np.arange(len(self.source))
+        begin, end = np.concatenate([self.source, self.target]), np.concatenate([self.target, self.source])
+        cost = np.concatenate([way_m, REVERSE * way_m + _AGAINST_M])
+        # In order of rows, and of several ways between two nodes the cheapest: a sparse matrix would add them.
+        order = np.lexsort((cost, end, begin))
+        first = np.diff(begin[order] * len(self.poses) + end[order], prepend=-1) > 0
+        order = order[first]
+        self._begin, self._end, self._cost_m = begin[order], end[order], cost[order]
+        self.edge = np.concatenate([edge, edge])[order]
+        self.reverse = order >= len(edge)
+
+    def search(self, links: Links) -> "Tree":
+        """Cheapest ways from a pose's links to all nodes, over worked ground alone."""
+        worked = ~self.terrain.unworked.ravel()[self._passed].any(axis=1)
+        kept = np.flatnonzero(worked[self.edge])
+        count = len(self.poses)
+        # The pose itself is one more node, after all others.
+        rows = np.concatenate([np.bincount(self._begin[kept], minlength=count), [len(links.node)]])
+        cost = np.concatenate([self._cost_m[kept], links.cost_m + 1e-3])
+        ends = np.concatenate([self._end[kept], links.node])
+        graph = sparse.csr_matrix((cost, ends, np.concatenate([[0], np.cumsum(rows)])), shape=(count + 1, count + 1))
+        return Tree(self, links, graph, kept)
+
+    def links(
+        self,
+        leads: Float[np.ndarray, "lead 3"],
+        lead_cost_m: Float[np.ndarray, " lead"],
+        end: Float[np.ndarray, "3"],
+        band: tuple[float, float],
+        *,
+        inward: bool,
+        among: Bool[np.ndarray, " node"],
+        wide: bool = False,
+    ) -> Links:
+        """Words from leads to nodes near them, or from nodes near to leads, that the ground allows now.
+
+        Args:
+            leads: poses that the vehicle is known to get to; lead_cost_m: what that costs.
+            end: pose of the swath to come; band: see ``find_joint``.
+            inward: from nodes to the leads.
+            among: nodes that count.
+            wide: see ``find_joint``.
+        """
+        reach_m = max(1.5 * self.step_m, min(1.2 * self.radius_m, 2.5 * self.step_m)) + 1e-6
+        middle = (leads[:, :2] @ self._axes.T - self._low) / self.step_m
+        span = math.ceil(reach_m / self.step_m)
+        about = np.arange(-span, span + 1)
+        column = np.rint(middle[:, 0]).astype(int)[:, None, None] + about[None, None]
+        row = np.rint(middle[:, 1]).astype(int)[:, None, None] + about[None, :, None]
+        row, column = np.broadcast_arrays(row, column)
+        lead = np.broadcast_to(np.arange(len(leads))[:, None, None], row.shape)
+        good = (row >= 0) & (row < self._shape[0]) & (column >= 0) & (column < self._shape[1])
+        lead, place = lead[good], (row * self._shape[1] + column)[good]
+        heading = np.rint((leads[lead, 2] - self._heading_rad) * _HEADINGS / (2.0 * math.pi)).astype(int)
+        turned = np.arange(-_JOIN_TURNED, _JOIN_TURNED + 1)
+        node = (place[:, None] * _HEADINGS + (heading[:, None] + turned) % _HEADINGS).ravel()
+        lead = np.repeat(lead, len(turned))
+        good = among[node] & (np.hypot(*(self.poses[node, :2] - leads[lead, :2]).T) <= reach_m)
+        node, lead = node[good], lead[good]
+        one, other = leads[lead], self.poses[node]
+        if inward:
+            one, other = other, one
+        half = np.array([0.0, 0.0, math.pi])
+        parts, curves = [], []
+        for times in (1.0, *WIDE_RADII) if wide else (1.0,):
+            ahead, bends = forward_words(one, other, times * self.radius_m)
+            behind, _ = forward_words(one + half, other + half, times * self.radius_m)
+            parts += [ahead, -behind]
+            curves += [bends, -bends]
+        lengths = np.concatenate(parts, axis=1)
+        words = lengths.shape[1]
+        lengths = lengths.reshape(-1, 3)
+        bends = np.tile(np.concatenate(curves), (len(node), 1))
+        node, lead = np.repeat(node, words), np.repeat(lead, words)
+        way_m = np.abs(lengths).sum(axis=1)
+        apart_m = np.hypot(*(self.poses[node, :2] - leads[lead, :2]).T)
+        turns = np.abs(lengths * bends).sum(axis=1)
+        good = np.isfinite(way_m) & (way_m <= _LONGER * apart_m + self.step_m) & (turns < 0.75 * math.pi)
+        node, lead, lengths, bends = node[good], lead[good], lengths[good], bends[good]
+        cost = np.where(lengths < 0.0, -REVERSE * lengths, lengths).sum(axis=1) + lead_cost_m[lead]
+        # The cheapest few for each node.
+        order = np.lexsort((cost, node))
+        rank = np.arange(len(order)) - np.searchsorted(node[order], node[order])
+        order = order[rank < (4 * _KEPT if wide else _KEPT)]
+        node, lead, lengths, bends, cost = node[order], lead[order], lengths[order], bends[order], cost[order]
+        if len(node):
+            starts = self.poses[node] if inward else leads[lead]
+            good, extra_m = clear_ways(self.terrain, starts, lengths, bends, end, band)
+            node, lead, cost = node[good], lead[good], (cost + extra_m)[good]
+            lengths, bends = lengths[good], bends[good]
+        order = np.lexsort((cost, node))
+        first = order[np.diff(node[order], prepend=-1) > 0]
+        return Links(node[first], lead[first], cost[first], np.stack([lengths, bends], axis=2)[first])
+
+
+class Tree:
+    """Cheapest ways from one pose to the nodes of a lattice.
+
+    Args:
+        lattice: of the nodes.
+        links: from the pose.
+        graph: of all open edges, the pose its last node.
+        edges: of the lattice, in the graph's order.
+
+    Attributes:
+        near: nodes that can be reached.
+    """
+
+    def __init__(
+        self, lattice: Lattice, links: Links, graph: sparse.csr_matrix, edges: Int[np.ndarray, " edge"]
+    ) -> None:
+        self.lattice, self._links, self._graph, self._edges = lattice, links, graph, edges
+        # Every edge can be driven either way.
+        _, label = sparse.csgraph.connected_components(graph, directed=False)
+        self.near = label[:-1] == label[-1]
+        self._limit = 0
+        self._cost_m: Float[np.ndarray, " node"] = np.zeros(0)
+        self._before: Int[np.ndarray, " node"] = np.zeros(0, int)
+
+    def _cost_to(self, node: Int[np.ndarray, " link"]) -> Float[np.ndarray, " link"]:
+        """Of ways to nodes, at least one of them known; searched no farther than it takes."""
+        while self._limit == 0 or not np.isfinite(self._cost_m[node]).any():
+            if self._limit == len(_LIMITS_M):
+                break
+            self._cost_m, self._before = sparse.csgraph.dijkstra(
+                self._graph, indices=len(self.near), return_predecessors=True, limit=_LIMITS_M[self._limit]
+            )
+            self._limit += 1
+        return np.asarray(self._cost_m[node])
+
+    def _way(self, node: int) -> tuple[int, Pieces]:
+        """The lead that the way to a node begins at, and its pieces from there."""
+        lattice, origin = self.lattice, len(self.near)
+        parts: list[np.ndarray] = []
+        while True:
+            before = int(self._before[node])
+            begin, end = self._graph.indptr[before], self._graph.indptr[before + 1]
+            at = begin + int(np.searchsorted(self._graph.indices[begin:end], node))
+            if before == origin:
+                link = at - begin
+                parts.append(self._links.pieces[link])
+                return int(self._links.lead[link]), np.concatenate(parts[::-1])
+            number = self._edges[at]
+            pieces = lattice.words[lattice.word[lattice.edge[number]]]
+            parts.append(pieces[::-1] * np.array([-1.0, 1.0]) if lattice.reverse[number] else pieces)
+            node = before
+
+    def joint(
+        self, start: Float[np.ndarray, "3"], outs: Sequence[Pieces], inward: Links, ins: Sequence[Pieces]
+    ) -> Joint | None:
+        """The cheapest way on to a swath that the exact check lets pass.
+
+        Args:
+            start: pose; outs: from it to each lead.
+            inward: links to the leads of the swath; ins: from each of those to it.
+        """
+        cost = self._cost_to(inward.node) + inward.cost_m
+        for link in np.argsort(cost)[:_TRIED]:
+            if not np.isfinite(cost[link]):
+                break
+            lead, pieces = self._way(int(inward.node[link]))
+            whole = joined(np.concatenate([outs[lead], pieces, inward.pieces[link], ins[inward.lead[link]]]))
+            if self.lattice.terrain.fits_exactly(Pose(*(float(each) for each in start)), whole):
+                return Joint(whole, float(cost[link]))
+        return None
+
+
+def _primitives(
+    step_m: float, radius_m: float
+) -> tuple[Float[np.ndarray, "word 3"], Float[np.ndarray, "word 3"], Int[np.ndarray, "word 4"]]:
+    """Forward words from a node to its neighbours: lengths, curvatures, and heading, columns, rows and turn of each."""
+    angle = 2.0 * math.pi / _HEADINGS
+    reach_m = max(2.3 * step_m, 1.3 * radius_m)
+    span = math.ceil(reach_m / step_m)
+    row, column = (each.ravel() for each in np.mgrid[-span : span + 1, -span : span + 1])
+    apart_m = np.hypot(row, column) * step_m
+    near = (apart_m > 0.0) & (apart_m <= reach_m)
+    row, column, apart_m = row[near], column[near], apart_m[near]
+    lengths, bends, moves = [], [], []
+    for heading in range(_HEADINGS):
+        for turned in range(-_MOST_TURNED, _MOST_TURNED + 1):
+            starts = np.tile([0.0, 0.0, heading * angle], (len(row), 1))
+            ends = np.stack([column * step_m, row * step_m, np.full(len(row), (heading + turned) * angle)], axis=1)
+            words, curvature = forward_words(starts, ends, radius_m)
+            way_m = np.where(np.isfinite(words).all(axis=2), words.sum(axis=2), np.inf)
+            best = way_m.argmin(axis=1)
+            least_m = way_m.min(axis=1)
+            good = np.flatnonzero(least_m <= _LONGER * apart_m)
+            for each in good[np.argsort(least_m[good])][: _KEPT if turned else _KEPT + 1]:
+                lengths.append(words[each, best[each]])
+                bends.append(curvature[best[each]])
+                moves.append((heading, int(column[each]), int(row[each]), turned))
+    return np.array(lengths).reshape(-1, 3), np.array(bends).reshape(-1, 3), np.array(moves, int).reshape(-1, 4)
