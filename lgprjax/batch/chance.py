@@ -156,7 +156,9 @@ def _swapped(source: MapFile, channels: int, half_m: float) -> Iterator[_Swapped
     most = int(_STRETCH_M * max(1.0, settings.wavelength_m) / step_m)
     for _ in range(_TRIES):
         a, b = draw.integers(len(starts), size=2)
-        count = min(most, ends[a] - starts[a], ends[b] - starts[b])
+        # Half a short baseline at most: two stretches of nearly all of it would be in the same place.
+        shorter = min(ends[a] - starts[a], ends[b] - starts[b])
+        count = min(most, max(shorter // 2, min(shorter, int(piece_m / step_m))))
         if count * step_m < 0.5 * piece_m:
             continue
         at = starts[a] + draw.integers(ends[a] - starts[a] - count + 1)

@@ -47,7 +47,7 @@ from lgprjax.registration import (
     Track,
     ground_map_for,
     live_chain,
-    p_foreign,
+    log_p_foreign,
     register_drive,
     sigmas_along_cross,
 )
@@ -301,21 +301,23 @@ def _evidence(
     prepared = held.prepared_for(array)
     wavelength_m = source.description.settings.wavelength_m
     piece_m = PIECE_M * max(1.0, wavelength_m)
-    chances: list[float] = []
+    chances: list[float] = []  # logarithms
     for traces, valid, part in _stretches(log, moved, max(_STRETCH_M, 3.0 * piece_m)):
         chain = live_chain(held.ground, operators, log.channels, int(operators(1.0).shape[0]))
         search = EvidenceSearch(prepared, chain, options, held.chance)
         scans: LiveScans = chain.feed(traces, valid, part, BLOCK_SCANS)
         path_m, z, area_m2 = search.highest(scans)
         chance = held.chance.for_windows(search.plan.windows_m, wavelength_m)
-        p = p_foreign(np.nan_to_num(z, nan=0.0), area_m2, chance, float(len(search.plan.windows_m)))
+        log_p = log_p_foreign(np.nan_to_num(z, nan=0.0), area_m2, chance, float(len(search.plan.windows_m)))
         piece = np.floor((path_m - path_m[0]) / piece_m)
         for number in np.unique(piece):
             own = piece == number
             if np.isfinite(z[own]).any():
-                chances.append(float(np.clip(np.min(p[own][np.isfinite(z[own])]), 1e-300, 1.0)))
-    total = -2.0 * float(np.sum(np.log(chances))) if chances else 0.0
-    return _Evidence(total, float(chi2.sf(total, 2 * len(chances))) if chances else 1.0, len(chances))
+                chances.append(float(np.min(log_p[own][np.isfinite(z[own])])))
+    total = -2.0 * float(np.sum(chances))
+    # A probability that is no number any more is not none.
+    chance_of_all = max(float(chi2.sf(total, 2 * len(chances))), np.finfo(float).tiny) if chances else 1.0
+    return _Evidence(total, chance_of_all, len(chances))
 
 
 def _stretches(log: DriveLog, track: Track, length_m: float) -> Iterator[tuple[np.ndarray, np.ndarray, Track]]:

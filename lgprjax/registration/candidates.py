@@ -13,7 +13,7 @@ from lgprjax.registration.estimates import AttitudeEstimate
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.judge import RegisterOptions
 from lgprjax.registration.queries import SETTLED, LiveScans, SearchSizes, Stops, templates_of
-from lgprjax.registration.refine import CLIMB_STEPS, FAR_STEPS, Finished, Region, finish_best
+from lgprjax.registration.refine import CLIMB_STEPS, FAR_STEPS, LARGEST_STEP, Finished, Region, finish_best
 from lgprjax.registration.score import OFF_MAP_SCORE, Template, score_each
 from lgprjax.registration.template_bank import PreparedGround, TemplateKey, fixes_to_map, to_tile
 
@@ -74,7 +74,7 @@ def label_variance(prepared: PreparedGround, tile: int, pose: Float[np.ndarray, 
 _RIM = 0.25  # of the wavelength: sigma across at the map's edge
 _SETTLING = 0.3  # of the wavelength: sigma along at a drive's start, falling to none where its background is known
 _RIM_OF_ATTITUDE = 0.98  # of the half width of a region of attitudes
-_FAR = 1.5  # times the width that the log claims: a region whose rim is many steps away
+_FAR = 3.0  # of a climb's largest step: two reach the rim of a region as wide
 _AWAY = 0.6  # of the wavelength: a climb that ends farther off left its peak
 
 
@@ -159,13 +159,13 @@ class StopFixes:
         candidate = candidate[tiles[candidate] >= 0]
         half = attitude.half_width(stops.sigma_yaw_rad[at])
         # A swarm ends near a peak, in all dimensions: the exhaustive search on its lattice, at the prior's attitude.
-        far = np.any(half > _FAR * attitude.claimed(stops.sigma_yaw_rad[at]), axis=1)
+        far = np.any(half > _FAR * np.asarray(LARGEST_STEP[2:5]), axis=1)
         far |= self._options.search_swarm is not None
         fixes.p_false[candidate] = judged.p_false[candidate]
         # A leg may be shorter than the window it was matched with.
         length_m = np.asarray(self._plan.windows_m)[judged.window]
-        travel_m = stops.path_m[at] - stops.path_m[np.maximum(judged.first, 0)]
-        length_m = np.where(travel_m < length_m - self._plan.spacing_m, travel_m, length_m)
+        leg_m = stops.path_m[at] - stops.path_m[np.searchsorted(stops.leg, stops.leg[at])]
+        length_m = np.where(leg_m < length_m - 0.5 * self._plan.spacing_m - 1e-6, leg_m, length_m)
         fixes.window_m[candidate] = length_m[candidate]
         for aspect, rows in self._prepared.aspects(
             tiles[candidate], stops.pose[at[candidate], 3], stops.speed_mps[at[candidate]]

@@ -22,6 +22,7 @@ _NEAR_TRIED, _ALL_TRIED = 2.0, 7.0  # independent ones of these scales, as neigh
 _LEAST_GAIN = 0.5  # of the noise floor, averaged over the last probes
 _STEP = 0.0025  # a fortieth of a wavelength at forty wavelengths' depth
 _AGAIN = 0.01
+_UNFOLLOWED, _FOLLOWED = 0.02, 0.005  # sigma of a scale, at first and once it has been followed along the drive
 _FORGET = 0.75  # weight of earlier probes, from probe to probe
 
 
@@ -31,11 +32,13 @@ class TimeScaleEstimate:
     Attributes:
         value: the scale.
         tried: independent scales that the match was chosen from.
+        sigma: of the scale; it falls as it is followed, since height and scale are told apart by depth alone.
         probed_m: travel at the last probe.
     """
 
     def __init__(self, value: float) -> None:
         self.value, self.tried, self.probed_m = value, 1.0, -np.inf
+        self.sigma = _UNFOLLOWED
         self._lately = np.zeros(len(SCALES))
         self._bend = np.zeros(2)
 
@@ -70,6 +73,7 @@ class TimeScaleEstimate:
             # Noise alone prefers one scale or another by about a noise floor.
             step = float(SCALES[best]) - before if self._lately[best] > now + 1.0 else 0.0
         self.value = round((before + step) / _STEP) * _STEP
+        self.sigma = max(_FORGET * self.sigma, _FOLLOWED) if near else _UNFOLLOWED
         if self.value != before:
             self.tried = _NEAR_TRIED if near else _ALL_TRIED
         if abs(self.value - before) < _AGAIN:
@@ -97,11 +101,10 @@ _SUPPOSED = np.array([0.03, np.radians(3.0), np.radians(2.0)])  # sigmas of offs
 _MOVED = np.array([0.01, np.radians(0.4), np.radians(0.4)])  # below which a correction is not worth new surfaces
 BOUNCE_M = 0.015
 """Sigma of the height that the map's own antennas had above the ground: nobody measured it."""
-_SCALE_SIGMA = 0.005  # of a time scale that is followed along the drive
 _DEPTH = 1.0 / 3.0  # of a profile, at which its echoes are on the mean
 
 
-def unknown_attitude(array: ArrayGeometry, profile_ns: float, *, scale_followed: bool) -> Float[np.ndarray, "3"]:
+def unknown_attitude(array: ArrayGeometry, profile_ns: float, scale_sigma: float) -> Float[np.ndarray, "3"]:
     """Standard deviations of height, heading and roll that no log can claim to know better: what a match tells of them
     is relative to a map whose baselines bounced, each by itself, and an array may lie on two of them; and delays grow
     with the time scale as they do with the height.
@@ -109,9 +112,9 @@ def unknown_attitude(array: ArrayGeometry, profile_ns: float, *, scale_followed:
     Args:
         array: of the drive.
         profile_ns: length of the map's profiles.
-        scale_followed: the time scale is an estimate too.
+        scale_sigma: of the time scale; 0 where it is given.
     """
-    late_ns = _SCALE_SIGMA * _DEPTH * profile_ns if scale_followed else 0.0
+    late_ns = scale_sigma * _DEPTH * profile_ns
     height_m = np.hypot(BOUNCE_M, 0.5 * LIGHT_SPEED_M_PER_NS * late_ns)
     return np.array([height_m, 0.0, BOUNCE_M / max(float(np.ptp(array.y_m)), BOUNCE_M)])
 
@@ -132,7 +135,7 @@ class AttitudeEstimate:
 
     Attributes:
         applied: offsets that the priors have been corrected by.
-        unknown: as given.
+        unknown: as given; changes with what is known of the time scale.
     """
 
     def __init__(

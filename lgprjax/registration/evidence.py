@@ -55,6 +55,7 @@ NARROW = 0.5  # of the wavelength: width of an array that may be off the map wit
 _ALIKE = 100.0
 _RIM_POWER = 1.5  # of the risk, within one piece, for a match at the map's edge
 APART = 0.6  # of the wavelength: places closer than this are the same place
+_UNCONFIRMED_RAD = np.radians(6.0)  # half width of the region of headings
 
 
 class Look(NamedTuple):
@@ -118,20 +119,19 @@ class EvidenceSearch:
         self._lattice = ErrorLattice(prepared, self.plan, options, batch)
         self._fixes = StopFixes(prepared, self._lattice, self.plan, options, chance.sigma_scale, batch)
         self._scale = TimeScaleEstimate(1.0 if options.time_scale is None else options.time_scale)
-        profile_ns = len(self._ground.basis.gain) * self._ground.description.settings.sample_interval_ns
         self._attitude = AttitudeEstimate(
             options,
             len(prepared.array.x_m),
             self._wavelength_m,
             self._fixes.sigma_scale,
-            unknown_attitude(prepared.array, profile_ns, scale_followed=options.time_scale is None),
+            self._unknown_attitude(),
             fed_back=options.track,
         )
         # Dead reckoning as the drive has it, turned by what heading was found to be wrong by.
         self._turn, self._shift_m = np.eye(2), np.zeros(2)
         self._stops: Stops | None = None
         self._surfaces: RunningSums | None = None
-        self._floor = np.zeros((2, 0, len(self.plan.windows_m)))
+        self._floor = np.zeros((4, 0, len(self.plan.windows_m)))
         self._next_m = -np.inf
         self._ready = 0
         self._seen_m = 0.0
@@ -142,6 +142,11 @@ class EvidenceSearch:
         self._alike = _ALIKE if np.ptp(prepared.array.y_m) < self._wavelength_m else 1.0
         # Where the present place was found, and the area and the time scales that it was found in.
         self._found_m, self._found_in = -np.inf, (0.0, 1.0)
+
+    def _unknown_attitude(self) -> Float[np.ndarray, "3"]:
+        profile_ns = len(self._ground.basis.gain) * self._ground.description.settings.sample_interval_ns
+        scale_sigma = self._scale.sigma if self._options.time_scale is None else 0.0
+        return unknown_attitude(self._prepared.array, profile_ns, scale_sigma)
 
     def choose(self, scans: LiveScans) -> Int[np.ndarray, " stop"]:
         """Choose the scans that become stops: those nearest to equal steps of travel, or the next after each."""
@@ -174,7 +179,7 @@ class EvidenceSearch:
             stops.filtered[:before] -= earlier
         if self._stops is None and len(chosen):
             self._seen_m = float(stops.path_m[0])
-        self._floor = np.concatenate([self._floor, np.zeros((2, len(chosen), len(self.plan.windows_m)))], axis=1)
+        self._floor = np.concatenate([self._floor, np.zeros((4, len(chosen), len(self.plan.windows_m)))], axis=1)
         answered, fix, beside, scale = chosen[:0], blank_fixes(0), np.zeros((0, 2, 2)), np.zeros(0)
         # Scans before the background is known wait, to be part of later windows.
         if scans.settled and len(chosen):
@@ -225,7 +230,7 @@ class EvidenceSearch:
         """
         stops = stops_of(scans, self.choose(scans), self._prepared.array, self._ground.basis)
         astray = self._astray(stops)
-        self._floor = np.zeros((2, len(stops.number), len(self.plan.windows_m)))
+        self._floor = np.zeros((4, len(stops.number), len(self.plan.windows_m)))
         z, area_m2 = [], []
         low, count = 0, len(stops.number)
         while low < count:
@@ -455,6 +460,7 @@ class EvidenceSearch:
         if min(score) <= OFF_MAP_SCORE:
             return False
         changed = scale.take(score, floor, near=near)
+        self._attitude.unknown = self._unknown_attitude()
         if far:
             changed |= self._suppose(stops, high, look)
         if not changed:
@@ -578,17 +584,23 @@ class EvidenceSearch:
     ) -> Float[np.ndarray, "end window"]:
         """Noise floors pooled over the last metres: one place has few decoys, and each stop adds others.
 
-        A window that its leg is too short for yet has none. Of windows with less ground than the others, the floor is
-        higher by the root of that. Where hardly any decoy was on the map, the floor is estimated from the region
-        itself, far from its best place; where that is too little as well, the most cautious value is used.
+        A window that its leg is too short for yet has none. One that holds less than its length takes those of windows
+        that do so as well, which are higher by the root of what they lack. Where hardly any decoy was on the map, the
+        floor is estimated from the region itself, far from its best place; where that is too little as well, the most
+        cautious value is used.
         """
         members = at[:, None] + 1 - first
-        self._floor[:, at] = np.where(first >= 0, [peaks.floor, peaks.region_floor] * np.sqrt(members), 0.0)
+        leg_m = stops.path_m[at] - stops.path_m[np.searchsorted(stops.leg, stops.leg[at])]
+        whole = leg_m[:, None] >= np.asarray(self.plan.windows_m) - 0.5 * self.plan.spacing_m - 1e-6
+        both = np.where(first >= 0, [peaks.floor, peaks.region_floor] * np.sqrt(members), 0.0)
+        # By decoys and by the region, of all windows; the same of those of full length.
+        self._floor[:, at] = np.concatenate([both, np.where(whole, both, 0.0)])
         begin = np.searchsorted(stops.path_m, stops.path_m[at] - _FLOOR_M * max(1.0, self._wavelength_m))
         conclusive = np.pad(np.cumsum(self._floor > 0.0, axis=1), [(0, 0), (1, 0), (0, 0)])
         total = np.pad(np.cumsum(self._floor**2, axis=1), [(0, 0), (1, 0), (0, 0)])
         count: Int[np.ndarray, "kind end window"] = conclusive[:, at + 1] - conclusive[:, begin]
         mean = np.sqrt((total[:, at + 1] - total[:, begin]) / np.maximum(count, 1) / members)
+        count, mean = np.where(whole, count[2:], count[:2]), np.where(whole, mean[2:], mean[:2])
         return np.where(count[0] > 0, mean[0], np.where(count[1] > 0, mean[1], 0.5))
 
     def _weigh(
@@ -694,10 +706,15 @@ class EvidenceSearch:
         at_edge: Bool[np.ndarray, "end window"],
         good: Bool[np.ndarray, "end window"],
     ) -> ChosenWindows:
-        """The shortest accepted window at each end, or the best of the declined ones, with its code."""
+        """The shortest accepted window at each end, of more than a scan until the ground has confirmed the heading, or
+        the best of the declined ones, with its code.
+        """
         risk, known = self._options.risk, (first >= 0) & (peaks.score > OFF_MAP_SCORE)
         worst = np.where(known, np.maximum(foreign, rivals) + at_edge, 3.0)
-        chosen = np.where(good.any(axis=1), np.argmax(good, axis=1), np.argmin(worst, axis=1))
+        # A scan by itself hardly knows a heading that the ground has not confirmed yet: a longer window does.
+        unsure = self._attitude.half_width(stops.sigma_yaw_rad[at])[:, 1] > _UNCONFIRMED_RAD
+        several = good & ~(unsure[:, None] & (np.arange(good.shape[1]) == 0) & good[:, 1:].any(axis=1, keepdims=True))
+        chosen = np.where(good.any(axis=1), np.argmax(several, axis=1), np.argmin(worst, axis=1))
         row = np.arange(len(at))
         peak: Peaks = jax.tree.map(lambda field: field[row, chosen], peaks)
         foreign, rivals, begin = foreign[row, chosen], rivals[row, chosen], first[row, chosen]

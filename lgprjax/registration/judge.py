@@ -176,11 +176,23 @@ def p_foreign(
         chance: of the map.
         trials: window lengths, time scales and polarities that were tried.
     """
+    return np.asarray(np.exp(log_p_foreign(z, area_m2, chance, trials)))
+
+
+def log_p_foreign(
+    z: Float[np.ndarray, "*end window"],
+    area_m2: Float[np.ndarray, "*end window"],
+    chance: Chance,
+    trials: float | Float[np.ndarray, "*end window"],
+) -> Float[np.ndarray, "*end window"]:
+    """Natural logarithm of ``p_foreign``, which is below the smallest number where metres of ground match well."""
     square = np.square(np.maximum(z, 0.0))
-    beyond = chance.share * np.exp(-(square - chance.start) / chance.scale)
-    below = chance.share ** (square / chance.start)
+    share = np.log(chance.share)
+    tail = np.where(
+        square > chance.start, share - (square - chance.start) / chance.scale, share * square / chance.start
+    )
     more = np.maximum(area_m2 / chance.area_m2, _LEAST_SHARE)
-    return np.asarray(np.clip(trials * more * np.where(square > chance.start, beyond, below), 0.0, 1.0))
+    return np.asarray(np.minimum(np.log(trials * more) + tail, 0.0))
 
 
 def least_z(risk: float, chance: Chance) -> Float[np.ndarray, " window"]:

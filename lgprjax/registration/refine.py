@@ -41,7 +41,7 @@ CLIMB_STEPS = 3
 FAR_STEPS = 9
 """The same where the attitude may be far from the prior's: steps are short, lest a climb leaves its peak."""
 
-_LARGEST_STEP = (1.5, 1.5, 0.04, 0.035, 0.03, 0.03)
+LARGEST_STEP = (1.5, 1.5, 0.04, 0.035, 0.03, 0.03)
 """Position in cells along the tile, which are a tenth of a wavelength; the rest in metres and radians."""
 _RIDGE = 1e-5  # share of its diagonal added to a step's matrix
 
@@ -95,7 +95,7 @@ def climb(
     live_power = jnp.sum(template.coefficients**2, axis=-1)
     held = jnp.asarray(PRIOR, dtype=jnp.float32)[None] / half_width**2
     pull = held.at[:, :2].set(0.0)
-    cap = jnp.asarray(_LARGEST_STEP, dtype=jnp.float32).at[:2].multiply(tile.cell_m[0])[None]
+    cap = jnp.asarray(LARGEST_STEP, dtype=jnp.float32).at[:2].multiply(tile.cell_m[0])[None]
     traces = jnp.maximum(jnp.sum(template.valid, axis=-1, dtype=jnp.float32), 1.0)
     rate = angular_frequency_rad_per_ns * (2.0 / LIGHT_SPEED_M_PER_NS)
     both = free[:, None] & free[None, :]

@@ -146,7 +146,7 @@ def test_an_array_on_two_baselines_rolls_with_their_heights(width_m: float) -> N
     for _ in range(2000):
         heights = BOUNCE_M * np.repeat(rng.standard_normal(2), channels // 2)
         tilts.append(np.polyfit(array.y_m, heights, 1)[0])
-    said = unknown_attitude(array, 50.0, scale_followed=False)
+    said = unknown_attitude(array, 50.0, 0.0)
     # Somewhere between an array on one baseline, whose roll is as good as its match, and one on two equal halves.
     assert 0.0 < said[2] < np.std(tilts) < 3.0 * said[2]
     assert said[0] == pytest.approx(BOUNCE_M)
@@ -157,5 +157,5 @@ def test_a_time_scale_half_a_percent_off_is_a_height() -> None:
     """An echo late in the profile is delayed by the scale as by a height: the longer the profile, the more."""
     array = uniform_array(8, 0.1)
     late_ns = 0.005 * 200.0 / 3.0
-    said = unknown_attitude(array, 200.0, scale_followed=True)
+    said = unknown_attitude(array, 200.0, 0.005)
     assert said[0] == pytest.approx(np.hypot(BOUNCE_M, 0.299792458 * late_ns / 2.0))

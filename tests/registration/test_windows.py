@@ -59,7 +59,7 @@ def test_a_noise_floor_is_that_of_windows_of_its_own_length() -> None:
     rng = np.random.default_rng(2)
     # Where a window does not fit, what there is would be a shorter one: it must not count.
     floor = np.where(first >= 0, 0.3 / np.sqrt(members), 0.9) * rng.uniform(0.9, 1.1, size=members.shape)
-    search._floor = np.zeros((2, count, len(LADDER_M)))
+    search._floor = np.zeros((4, count, len(LADDER_M)))
     pooled = search._settled_floor(stops, at, first, peaks_with(floor))
     known = first >= 0
     np.testing.assert_allclose(pooled[known], (0.3 / np.sqrt(members))[known], rtol=0.1)
