@@ -62,6 +62,8 @@ ELSEWHERE = {
     r"run onboard/field.run.toml .*": _A_FIELD,
     r"run field.run.toml --start-line .*": _A_FIELD,
     r"run field.run.toml --resume": "worked/test_resume.py::test_a_run_that_was_cut_is_taken_up_where_it_ended",
+    r"run field.* --end-line .*": "worked/test_resume.py::test_each_of_two_machines_goes_on_where_it_was_itself",
+    r"register .* --track": "runtime/test_one_truth.py::test_the_fixes_of_a_run_are_those_of_its_drive_log",
     r"run --resume": "worked/test_resume.py::test_a_run_that_was_cut_is_taken_up_where_it_ended",
     r"cover record --(smooth|evidence).*": _A_FIELD,
     r"run CONFIG.toml --simulate --lockstep.*": _IN_LOCK_STEP,

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from batch.run_sample import MONO_NS, run_of_drive
@@ -11,6 +12,7 @@ from batch.sweep_drives import write_sweeps
 from formats.run_log_sample import head_bytes, own_bytes, record_bytes
 from generated import Site
 from lgprjax.batch import agreement, on_board_of, options_as_provenance, register_log, write_run_drive
+from lgprjax.cli import main
 from lgprjax.formats import DriveLog, MapFile, check_file, read_run, read_vehicle
 from lgprjax.mapping import build_map
 from lgprjax.registration import Code
@@ -120,3 +122,9 @@ def test_the_fixes_of_a_run_are_those_of_its_drive_log(ground: Site, run: Path, 
     told = agreement(searched, again.fix)
     assert (told.fixes, told.same_code) == (int(own.sum()), int(own.sum()))
     assert told.largest_m < 1e-3
+    # The command finds the options that the run was searched with by itself.
+    with pytest.raises(SystemExit) as ended:
+        main(["register", str(ground.map), str(path), "-o", str(tmp_path / "again"), "--track"])
+    assert ended.value.code == 0
+    table = pd.read_csv(tmp_path / "again" / "run.fixes.csv")
+    assert list(table["code"]) == list(again.table["code"])
