@@ -3,6 +3,9 @@
 Both are causal, and the same for a whole drive and for a vehicle.
 """
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -237,3 +240,44 @@ class AttitudeEstimate:
         """Offsets by the ground alone, and their standard deviations."""
         covariance = np.linalg.inv(self._information + np.diag(np.asarray(PRIOR[2:5]) / WIDEST**2))
         return covariance @ self._towards, np.sqrt(np.diag(covariance))
+
+
+# Attitudes far from the prior's, tried where nothing matches.
+
+_FAR_GAIN = 1.5  # noise floors by which another attitude must match better
+# Of the best attitude's score: one that leads elsewhere contests it. Attitudes are tried in steps; the true one may lie
+# between two of them, and its place score less than a wrong one.
+_FAR_RIVAL = 0.75
+
+FAR_TRIED = 15.0
+"""Independent ones of the headings and heights that are tried."""
+
+
+class Look(NamedTuple):
+    """The highest score of a window over a region, its noise floor, height, and place as an error of the prior."""
+
+    score: float
+    floor: float
+    height_m: float
+    place_m: Float[np.ndarray, "2"]
+
+    @property
+    def z(self) -> float:
+        """In noise floors."""
+        return self.score / self.floor
+
+
+def better_attitude(looks: Sequence[Look], apart_m: float) -> int | None:
+    """Which of some attitudes to take instead of the present one; None for that.
+
+    Args:
+        looks: one for each attitude, the present one first.
+        apart_m: places closer than this are the same place.
+    """
+    best = looks[int(np.argmax([look.z for look in looks]))]
+    if best.z <= looks[0].z + _FAR_GAIN:
+        return None
+    others = [look.z for look in looks if np.linalg.norm(look.place_m - best.place_m) > apart_m]
+    if others and max(others) > _FAR_RIVAL * best.z:
+        return None
+    return next(number for number, look in enumerate(looks) if look is best)

@@ -9,12 +9,11 @@ Where a place is known, the next is searched for around it alone; every few metr
 place that is as good.
 """
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from lgprjax.registration.candidates import ChosenWindows, StopFixes
 from lgprjax.registration.coarse import (
@@ -27,66 +26,37 @@ from lgprjax.registration.coarse import (
     WindowBatch,
     window_peaks,
 )
-from lgprjax.registration.estimates import AttitudeEstimate, TimeScaleEstimate, unknown_attitude
+from lgprjax.registration.estimates import (
+    FAR_TRIED,
+    AttitudeEstimate,
+    Look,
+    TimeScaleEstimate,
+    better_attitude,
+    unknown_attitude,
+)
 from lgprjax.registration.fix import Code, Fix, blank_fixes
-from lgprjax.registration.judge import MIN_OVERLAP, PIECE_M, Chance, RegisterOptions, p_foreign, p_rival
-from lgprjax.registration.queries import LiveChain, LiveScans, SearchSizes, Stops, stops_of
+from lgprjax.registration.judge import Chance, RegisterOptions
+from lgprjax.registration.queries import (
+    LiveChain,
+    LiveScans,
+    SearchSizes,
+    Stops,
+    rotation,
+    stops_of,
+    turned,
+)
 from lgprjax.registration.score import OFF_MAP_SCORE
 from lgprjax.registration.template_bank import PreparedGround
-
-_FAR_GAIN = 1.5  # noise floors by which another attitude must match better
-_FAR_TRIED = 15.0  # independent ones of headings and heights
+from lgprjax.registration.windows import APART, FLOOR_M, LOST_M, KnownPlace, WindowJudge
 
 _SMOOTH_M = 2.0  # of travel over which the prior's offset from dead reckoning is estimated
 _BATCH, _ENDS = 16, 32  # scans scored together, and window ends judged together
 CHUNK_M = 4.0  # of travel judged before scale and region are reconsidered
-LOST_M = 8.0  # without a place after which a region of twice the side is tried
-_FLOOR_M = 6.0  # of travel over which the noise floor is estimated; in wavelengths where these are longer than a metre
 _MOST_KEPT = 256  # stops kept for it, beyond those of the longest window: at standstill every scan may be one
 _COMPARED = 16  # stops of the last metres that time scales, and other places, are compared over
 CARRIED_M = 0.3  # error that a carried place may have from the start
-_CONTESTED = 0.05  # probability that a place only resembles the true one, above which it is not carried on
 DRIFT = 0.05  # error of odometry and heading, as a share of the travel
 _ASIDE_M = 0.25  # from the centre of its lattice, at which the lattice follows a tracked place
-NARROW = 0.5  # of the wavelength: width of an array that may be off the map without being noticed
-# An array narrower than a wavelength sees one stone or one dipping layer in all its channels alike, for metres: where a
-# place is looked for anew, foreign ground was taken for the map's in 2 of 101 pieces, at a probability of 1e-4 by tails
-# that the map's own pieces are too few to show.
-_ALIKE = 100.0
-_RIM_POWER = 1.5  # of the risk, within one piece, for a match at the map's edge
-APART = 0.6  # of the wavelength: places closer than this are the same place
-_UNCONFIRMED_RAD = np.radians(6.0)  # half width of the region of headings
-
-
-class Look(NamedTuple):
-    """The highest score of a window over a region, its noise floor, height, and place as an error of the prior."""
-
-    score: float
-    floor: float
-    height_m: float
-    place_m: Float[np.ndarray, "2"]
-
-    @property
-    def z(self) -> float:
-        """In noise floors."""
-        return self.score / self.floor
-
-
-def better_attitude(looks: Sequence[Look], apart_m: float, risk: float) -> int | None:
-    """Which of some attitudes to take instead of the present one; None for that.
-
-    Args:
-        looks: one for each attitude, the present one first.
-        apart_m: places closer than this are the same place.
-        risk: accepted probability that another attitude, which leads elsewhere, is the true one.
-    """
-    best = looks[int(np.argmax([look.z for look in looks]))]
-    if best.z <= looks[0].z + _FAR_GAIN:
-        return None
-    others = [look.z for look in looks if np.linalg.norm(look.place_m - best.place_m) > apart_m]
-    if others and p_rival(np.array([best.z]), np.array([max(others)]))[0] > risk:
-        return None
-    return next(number for number, look in enumerate(looks) if look is best)
 
 
 class EvidenceSearch:
@@ -113,7 +83,6 @@ class EvidenceSearch:
         self._options = options
         self.plan = SearchSizes.of(prepared, options)
         self._wavelength_m = self._ground.description.settings.wavelength_m
-        self._chance = chance.for_windows(self.plan.windows_m, self._wavelength_m)
         # A vehicle decides at each stop by what it has: whether another follows in its block is a matter of time.
         batch, self._ends = min(_BATCH, block_scans), 1 if options.track else min(_ENDS, block_scans)
         self._lattice = ErrorLattice(prepared, self.plan, options, batch)
@@ -131,17 +100,18 @@ class EvidenceSearch:
         self._turn, self._shift_m = np.eye(2), np.zeros(2)
         self._stops: Stops | None = None
         self._surfaces: RunningSums | None = None
-        self._floor = np.zeros((4, 0, len(self.plan.windows_m)))
+        width_m = float(np.ptp(prepared.array.y_m))
+        self._windows = WindowJudge(
+            width_m, self._wavelength_m, self.plan, options, chance, self._lattice, self._attitude
+        )
         self._next_m = -np.inf
         self._ready = 0
-        self._seen_m = 0.0
         self._tried_m = -np.inf
         self._checked_m = -np.inf
-        self._elsewhere = 0.0
-        self._error_m: Float[np.ndarray, 2] | None = None
-        self._alike = _ALIKE if np.ptp(prepared.array.y_m) < self._wavelength_m else 1.0
-        # Where the present place was found, and the area and the time scales that it was found in.
-        self._found_m, self._found_in = -np.inf, (0.0, 1.0)
+
+    @property
+    def _place(self) -> KnownPlace:
+        return self._windows.place
 
     def _unknown_attitude(self) -> Float[np.ndarray, "3"]:
         profile_ns = len(self._ground.basis.gain) * self._ground.description.settings.sample_interval_ns
@@ -178,8 +148,8 @@ class EvidenceSearch:
             earlier = np.where(stops.valid[:before, :, None], scans.background, np.float32(0.0))
             stops.filtered[:before] -= earlier
         if self._stops is None and len(chosen):
-            self._seen_m = float(stops.path_m[0])
-        self._floor = np.concatenate([self._floor, np.zeros((4, len(chosen), len(self.plan.windows_m)))], axis=1)
+            self._windows.place = KnownPlace(seen_m=float(stops.path_m[0]))
+        self._windows.make_room(len(chosen))
         answered, fix, beside, scale = chosen[:0], blank_fixes(0), np.zeros((0, 2, 2)), np.zeros(0)
         # Scans before the background is known wait, to be part of later windows.
         if scans.settled and len(chosen):
@@ -196,7 +166,7 @@ class EvidenceSearch:
                 fix, beside, scale = self._judge_all(stops, before)
         keep = self._dropped(stops)
         self._stops = Stops(*(field[keep:] for field in stops))
-        self._floor = self._floor[:, keep:]
+        self._windows.drop(keep)
         self._ready -= keep
         if self._surfaces is not None:
             self._surfaces.renumber(keep)
@@ -209,7 +179,7 @@ class EvidenceSearch:
         """
         if not len(stops.number) or not self._options.track:
             return max(0, len(stops.number) - self.plan.history)
-        reach_m = max(CHUNK_M, _FLOOR_M * max(1.0, self._wavelength_m))
+        reach_m = max(CHUNK_M, FLOOR_M * max(1.0, self._wavelength_m))
         recent = len(stops.number) - int(np.searchsorted(stops.path_m, stops.path_m[-1] - reach_m))
         return max(0, len(stops.number) - max(self.plan.history, min(recent, _MOST_KEPT))) // 2 * 2
 
@@ -230,7 +200,7 @@ class EvidenceSearch:
         """
         stops = stops_of(scans, self.choose(scans), self._prepared.array, self._ground.basis)
         astray = self._astray(stops)
-        self._floor = np.zeros((4, len(stops.number), len(self.plan.windows_m)))
+        self._windows.make_room(len(stops.number))
         z, area_m2 = [], []
         low, count = 0, len(stops.number)
         while low < count:
@@ -263,9 +233,9 @@ class EvidenceSearch:
             return
         more = wanted - self._attitude.applied
         self._attitude.applied = wanted
-        turned, about_m = _turned(stops, more, at), stops.reckoned_m[at].copy()
-        stops.pose[:], stops.reckoned_m[:] = turned.pose, turned.reckoned_m
-        turn = _rotation(more[1])
+        corrected, about_m = turned(stops, more, at), stops.reckoned_m[at].copy()
+        stops.pose[:], stops.reckoned_m[:] = corrected.pose, corrected.reckoned_m
+        turn = rotation(more[1])
         self._turn, self._shift_m = turn @ self._turn, turn @ (self._shift_m - about_m) + about_m
         self._surfaces = None
 
@@ -315,33 +285,22 @@ class EvidenceSearch:
         path_m = stops.path_m[high - len(judged.code) + ok]
         for one in (0, -1):
             area = float(judged.peak.area[ok[one]])
-            self._take(float(path_m[one]), judged.error_m[ok[one]], area, self._scale.tried)
+            self._windows.take(float(path_m[one]), judged.error_m[ok[one]], area, self._scale.tried)
         return True
-
-    def _take(self, here_m: float, error_m: Float[np.ndarray, "2"], points: float, tried: float) -> None:
-        """Take a place; one that was not known has been found among so many lattice points, and others tried."""
-        if self._error_m is None or here_m - self._seen_m > LOST_M or self._apart(error_m, self._error_m):
-            self._found_m = here_m
-            self._found_in = (points * float(np.prod(self.plan.lattice_m)), self._alike * tried)
-        self._seen_m, self._error_m = here_m, error_m
-
-    def _apart(self, one_m: Float[np.ndarray, "2"], other_m: Float[np.ndarray, "2"]) -> bool:
-        """Whether two places are not the same one."""
-        return float(np.linalg.norm(one_m - other_m)) > APART * self._wavelength_m
 
     def _reconsider(self, stops: Stops, high: int, judged: ChosenWindows, astray: Float[np.ndarray, "stop 2"]) -> bool:
         """Reconsider region and time scale after some metres; True if the metres must be judged again."""
         found = self._note(stops, high, judged)
         here_m = float(stops.path_m[high - 1])
         held = self._lattice.place_m is not None
-        if held and (here_m - self._seen_m > 0.5 * CHUNK_M or self._contested(stops, high, astray, CHUNK_M)):
+        if held and (here_m - self._place.seen_m > 0.5 * CHUNK_M or self._contested(stops, high, astray, CHUNK_M)):
             self._hold(None)
             return True
         if self._lattice.wide and found:
             off = np.abs(judged.error_m[judged.code == Code.OK] - astray[high - 1]).max()
             if off < self._lattice.half_m - SLACK_M:
                 self._widen(False)
-        lost = not held and (not found or here_m - self._seen_m > CHUNK_M)
+        lost = not held and (not found or here_m - self._place.seen_m > CHUNK_M)
         # A prior may be wrong enough to be off the map: that is no reason not to search farther.
         on_map = bool(np.any(judged.peak.overlap >= self.plan.min_overlap))
         again = on_map and self._options.time_scale is None and self._probe(stops, high, lost, here_m)
@@ -353,7 +312,7 @@ class EvidenceSearch:
         if self._lattice.wide and not found and not again:
             self._widen(False)
         if found and not again and self._may_hold and not self._contested(stops, high, astray, 0.25 * CHUNK_M):
-            self._hold(self._error_m)
+            self._hold(self._place.error_m)
         return again
 
     @property
@@ -361,10 +320,10 @@ class EvidenceSearch:
         """Whether a place should be tracked anew: none is yet, or it has left the centre of its lattice."""
         # User thresholds were calibrated on the whole region and require a margin over all of it.
         by_region = self._lattice.wide or self.plan.history == 0 or self._options.own_thresholds is not None
-        if self._error_m is None or by_region:
+        if self._place.error_m is None or by_region:
             return False
         held = self._lattice.place_m
-        return held is None or bool(np.max(np.abs(self._error_m - held)) > _ASIDE_M)
+        return held is None or bool(np.max(np.abs(self._place.error_m - held)) > _ASIDE_M)
 
     def _hold(self, place_m: Float[np.ndarray, "2"] | None) -> None:
         """Search around this place alone, or in the whole region again."""
@@ -383,20 +342,20 @@ class EvidenceSearch:
         if here_m - self._checked_m < every_m - self.plan.spacing_m:
             return self._lattice.place_m is None
         self._checked_m = here_m
-        assert self._error_m is not None
+        assert self._place.error_m is not None
         at = _some(self._last_metres(stops, high), high)
         middle = astray[high - 1]
         whole_points = self.plan.points(self._lattice.half_m + SLACK_M)
-        near = self._one_window(stops, at, stops.coefficients[at], self._error_m, HELD_M)
+        near = self._one_window(stops, at, stops.coefficients[at], self._place.error_m, HELD_M)
         whole = self._one_window(stops, at, stops.coefficients[at], middle, self._lattice.half_m + SLACK_M)
         if whole.floor == 0.0:
             return True
         there_m = self._lattice.error_of(np.asarray(whole.point), middle, whole_points)
-        here_at_m = self._lattice.error_of(np.asarray(near.point), self._error_m, self.plan.points(HELD_M))
-        apart = self._apart(there_m, here_at_m)
-        z = np.array([near.score, whole.score if apart else whole.rival], np.float64) / whole.floor
-        self._elsewhere = float(z[1])
-        return bool(p_rival(z[:1], z[1:])[0] > _CONTESTED)
+        here_at_m = self._lattice.error_of(np.asarray(near.point), self._place.error_m, self.plan.points(HELD_M))
+        apart = self._windows.apart(there_m, here_at_m)
+        here, there = (float(score / whole.floor) for score in (near.score, whole.score if apart else whole.rival))
+        self._windows.elsewhere = there
+        return self._windows.contested(here, there)
 
     def _one_window(
         self,
@@ -424,7 +383,7 @@ class EvidenceSearch:
 
     def _overdue(self, here_m: float) -> bool:
         """Whether to try a wider region: no place for a while, and not tried just now."""
-        return here_m - self._seen_m > LOST_M and here_m - self._tried_m > 1.9 * CHUNK_M
+        return here_m - self._place.seen_m > LOST_M and here_m - self._tried_m > 1.9 * CHUNK_M
 
     def _probe(self, stops: Stops, high: int, lost: bool, here_m: float) -> bool:
         """Try other time scales on the last metres: a few around the present one, or all where no place is known.
@@ -439,8 +398,8 @@ class EvidenceSearch:
         if here_m - stops.path_m[first] < 0.4 * CHUNK_M:
             return False
         scale.probed_m = here_m
-        near = not lost and self._error_m is not None
-        middle = self._error_m if near and self._error_m is not None else self._lattice.origin_m
+        known_m = None if lost else self._place.error_m
+        near, middle = known_m is not None, self._lattice.origin_m if known_m is None else known_m
         half_m = HELD_M if near else self._lattice.half_m + SLACK_M
         at = _some(first, high)
         # A height that is wrong delays the wave as a scale does: where nothing matches both are tried together.
@@ -482,13 +441,13 @@ class EvidenceSearch:
         far = self._attitude.headings
         for heading in np.unique([applied[1], *([0.0] if len(far) else []), *far]):
             more = np.array([0.0, heading - applied[1], 0.0])
-            looks.append(look(_turned(stops, more, high - 1), scale, lattice.wide_heights_m))
+            looks.append(look(turned(stops, more, high - 1), scale, lattice.wide_heights_m))
             offsets.append(applied + more + np.array([looks[-1].height_m, 0.0, 0.0]))
-        best = better_attitude(looks, APART * self._wavelength_m, self._options.risk)
+        best = better_attitude(looks, APART * self._wavelength_m)
         if best is None:
             return False
         self._attitude.suppose(offsets[best])
-        self._scale.tried = max(self._scale.tried, _FAR_TRIED)
+        self._scale.tried = max(self._scale.tried, FAR_TRIED)
         self._correct(stops, high - 1)
         return True
 
@@ -516,15 +475,10 @@ class EvidenceSearch:
 
     def _judge(self, stops: Stops, low: int, high: int, astray: Float[np.ndarray, "stop 2"]) -> ChosenWindows:
         whole, near, first, centre = self._peaks(stops, low, high, astray)
-        at, risk = np.arange(low, high), self._options.risk
+        at = np.arange(low, high)
         if self._lattice.place_m is not None:
-            foreign, rivals = self._weigh(whole, first, 1.0, self._chose(stops, first))
-            at_edge = np.asarray(whole.at_rim) | self._beyond(whole, foreign)
-            good = (first >= 0) & (foreign <= risk) & (rivals <= risk) & ~at_edge
-            # The reported runner-up is that of the whole region when it was last searched.
-            whole = whole._replace(rival=np.maximum(whole.rival, self._elsewhere * whole.floor))
-            return self._chosen(stops, at, first, whole, foreign, rivals, at_edge, good)
-        return self._decide(stops, whole, near, first, at, centre)
+            return self._windows.decide_held(stops, whole, first, at)
+        return self._windows.decide(stops, whole, near, first, at, centre, self._scale.tried)
 
     def _peaks(
         self, stops: Stops, low: int, high: int, astray: Float[np.ndarray, "stop 2"]
@@ -534,14 +488,14 @@ class EvidenceSearch:
         plan, lattice = self.plan, self._lattice
         sums = self._extend(stops, high)
         at = np.arange(low, high)
-        first = self._first_of(stops, at)
+        first = self._windows.first_of(stops, at)
         fill = self._ends - len(at)
         ends = np.concatenate([at, np.full(fill, at[-1])])
         starts = np.concatenate([first, np.tile(first[-1:], (fill, 1))])
         centre = lattice.point_of(astray[ends])
-        carried_m = CARRIED_M + DRIFT * np.abs(stops.path_m[ends] - self._seen_m)
+        carried_m = CARRIED_M + DRIFT * np.abs(stops.path_m[ends] - self._place.seen_m)
         carried = np.broadcast_to(
-            centre[0] if self._error_m is None else lattice.point_of(self._error_m), (len(ends), 2)
+            centre[0] if self._place.error_m is None else lattice.point_of(self._place.error_m), (len(ends), 2)
         )
         alone = lattice.place_m is not None
         whole, near = self._peaks_of(
@@ -557,12 +511,7 @@ class EvidenceSearch:
             near=(1, 1) if alone else plan.points(CARRIED_M + DRIFT * LOST_M),
         )
         whole, near = (jax.tree.map(lambda field: field[: len(at)], peaks) for peaks in (whole, near))
-        floor = self._settled_floor(stops, at, first, whole)
-        whole, near = whole._replace(floor=floor), near._replace(floor=floor)
-        if np.ptp(self._prepared.array.y_m) > NARROW * self._wavelength_m:
-            # An array wider than the correlation length of the ground can measure how much of it is beyond an edge.
-            nowhere = np.zeros_like(whole.open_sides)
-            whole, near = whole._replace(open_sides=nowhere), near._replace(open_sides=nowhere)
+        whole, near = self._windows.settled(stops, at, first, whole, near)
         return whole, near, first, centre[: len(at)]
 
     def _peaks_of(self, windows: WindowBatch, count: int, *, near: tuple[int, int]) -> tuple[Peaks, Peaks]:
@@ -578,173 +527,6 @@ class EvidenceSearch:
             )
         )
         return both
-
-    def _settled_floor(
-        self, stops: Stops, at: Int[np.ndarray, " end"], first: Int[np.ndarray, "end window"], peaks: Peaks
-    ) -> Float[np.ndarray, "end window"]:
-        """Noise floors pooled over the last metres: one place has few decoys, and each stop adds others.
-
-        A window that its leg is too short for yet has none. One that holds less than its length takes those of windows
-        that do so as well, which are higher by the root of what they lack. Where hardly any decoy was on the map, the
-        floor is estimated from the region itself, far from its best place; where that is too little as well, the most
-        cautious value is used.
-        """
-        members = at[:, None] + 1 - first
-        leg_m = stops.path_m[at] - stops.path_m[np.searchsorted(stops.leg, stops.leg[at])]
-        whole = leg_m[:, None] >= np.asarray(self.plan.windows_m) - 0.5 * self.plan.spacing_m - 1e-6
-        both = np.where(first >= 0, [peaks.floor, peaks.region_floor] * np.sqrt(members), 0.0)
-        # By decoys and by the region, of all windows; the same of those of full length.
-        self._floor[:, at] = np.concatenate([both, np.where(whole, both, 0.0)])
-        begin = np.searchsorted(stops.path_m, stops.path_m[at] - _FLOOR_M * max(1.0, self._wavelength_m))
-        conclusive = np.pad(np.cumsum(self._floor > 0.0, axis=1), [(0, 0), (1, 0), (0, 0)])
-        total = np.pad(np.cumsum(self._floor**2, axis=1), [(0, 0), (1, 0), (0, 0)])
-        count: Int[np.ndarray, "kind end window"] = conclusive[:, at + 1] - conclusive[:, begin]
-        mean = np.sqrt((total[:, at + 1] - total[:, begin]) / np.maximum(count, 1) / members)
-        count, mean = np.where(whole, count[2:], count[:2]), np.where(whole, mean[2:], mean[:2])
-        return np.where(count[0] > 0, mean[0], np.where(count[1] > 0, mean[1], 0.5))
-
-    def _weigh(
-        self,
-        peaks: Peaks,
-        first: Int[np.ndarray, "end window"],
-        tried: float,
-        chose: Bool[np.ndarray, "end window"] | None = None,
-    ) -> tuple[Float[np.ndarray, "end window"], Float[np.ndarray, "end window"]]:
-        """Probabilities that foreign ground, and that a rival, would have produced these peaks; 1 without a peak.
-
-        Around a known place, windows that ``chose`` it have been searched as widely as it was, however small the region
-        is now. Where no place is known (None) as many time scales and attitudes were ``tried``.
-        """
-        known = (first >= 0) & (peaks.score > OFF_MAP_SCORE)
-        z = np.where(known, peaks.score / peaks.floor, 0.0)
-        rival = np.where(peaks.rival > OFF_MAP_SCORE, peaks.rival / peaks.floor, 0.0)
-        area_m2 = peaks.area * np.prod(self.plan.lattice_m)
-        trials = np.full(z.shape, tried if chose is not None else self._alike * tried)
-        if chose is not None:
-            area_m2 = np.where(chose, np.maximum(area_m2, self._found_in[0]), area_m2)
-            trials = np.where(chose, np.maximum(trials, self._found_in[1]), trials)
-        foreign = np.where(known, p_foreign(z, area_m2, self._chance, trials * len(self.plan.windows_m)), 1.0)
-        rivals = np.where(known, p_rival(z, rival), 1.0)
-        own, risk = self._options.own_thresholds, self._options.risk
-        if own is not None:
-            foreign = np.where(z >= own.strength_by_chance, np.minimum(foreign, risk), np.maximum(foreign, 2.0 * risk))
-            rivals = np.where(z - rival >= own.margin_by_chance, 0.0, 1.0)
-        return foreign, rivals
-
-    def _chose(self, stops: Stops, first: Int[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
-        """Windows with ground that the present place was found by: it says the same again, and confirms nothing."""
-        return np.asarray(stops.path_m[np.maximum(first, 0)] <= self._found_m)
-
-    def _beyond(self, peaks: Peaks, foreign: Float[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
-        """Windows whose true place may be beyond the map's edge.
-
-        Ground next to a map resembles its outermost line, less with distance, and a long enough window finds the
-        resemblance significant. A place at the edge itself is evident within one piece.
-        """
-        piece_m = PIECE_M * max(1.0, self._wavelength_m)
-        long = np.asarray(self.plan.windows_m) > piece_m
-        one_side = (peaks.open_sides == 1) | (peaks.open_sides == 2)
-        return np.asarray(one_side & (long | (foreign > self._options.risk**_RIM_POWER)))
-
-    def _first_of(self, stops: Stops, at: Int[np.ndarray, " end"]) -> Int[np.ndarray, "end window"]:
-        """First stop of each window that ends at each stop; -1 where its leg is not long enough yet.
-
-        A leg shorter than a window is matched whole with it, once it is longer than the next shorter window by a
-        quarter: after a drive's start, or a place where travel is not known, all the ground that there is counts.
-        """
-        begin = np.searchsorted(stops.leg, stops.leg[at])
-        # Stops before the history are dropped: the longest window reaches no farther.
-        out = np.full((len(at), len(self.plan.windows_m)), -1)
-        for number, length_m in enumerate(self.plan.windows_m):
-            least_m = max(0.5 * length_m, 1.25 * self.plan.windows_m[number - 1]) if number else length_m
-            long = stops.path_m[at] - stops.path_m[begin] >= least_m - 0.5 * self.plan.spacing_m - 1e-6
-            inside = np.searchsorted(stops.path_m, stops.path_m[at] - length_m - 1e-6)
-            inside = at if length_m <= 0.0 else np.maximum(inside, begin)
-            out[:, number] = np.where(long, inside, -1)
-        return out
-
-    def _decide(
-        self,
-        stops: Stops,
-        whole: Peaks,
-        near: Peaks,
-        first: Int[np.ndarray, "end window"],
-        at: Int[np.ndarray, " end"],
-        centre: Float[np.ndarray, "end 2"],
-    ) -> ChosenWindows:
-        since_m = stops.path_m[at] - self._seen_m
-        foreign, rivals = self._weigh(whole, first, self._scale.tried)
-        off_m = np.max(np.abs(whole.point - centre[:, None]) * self.plan.lattice_m, axis=-1)
-        at_edge = whole.at_rim | (off_m > self._lattice.region_m) | self._beyond(whole, foreign)
-        risk = self._options.risk
-        known = (first >= 0) & (whole.score > OFF_MAP_SCORE)
-        good = known & (foreign <= risk) & (rivals <= risk) & ~at_edge
-        # Once there is a place, the next is searched for around it: few places that foreign ground could match. A place
-        # about as good elsewhere contests it.
-        held = (self._error_m is not None) & (since_m <= LOST_M)
-        near_foreign, near_rivals = self._weigh(near, first, 1.0, self._chose(stops, first))
-        astray = np.linalg.norm((whole.point - near.point) * self.plan.lattice_m, axis=-1)
-        elsewhere = np.where(astray > APART * self._wavelength_m, whole.score, whole.rival)
-        here, there = (np.asarray(score / near.floor, dtype=np.float64) for score in (near.score, elsewhere))
-        against = p_rival(here, there) > _CONTESTED
-        near_edge = near.at_rim | self._beyond(near, near_foreign)
-        carried = known & held[:, None] & (near_foreign <= risk) & (near_rivals <= risk) & ~near_edge & ~against
-        taken = carried & ~good
-        pick = taken[..., None]
-        whole = Peaks(*(np.where(pick if a.ndim == 3 else taken, b, a) for a, b in zip(whole, near, strict=True)))
-        foreign, rivals = np.where(taken, near_foreign, foreign), np.where(taken, near_rivals, rivals)
-        return self._chosen(stops, at, first, whole, foreign, rivals, at_edge & ~taken, good | taken)
-
-    def _chosen(
-        self,
-        stops: Stops,
-        at: Int[np.ndarray, " end"],
-        first: Int[np.ndarray, "end window"],
-        peaks: Peaks,
-        foreign: Float[np.ndarray, "end window"],
-        rivals: Float[np.ndarray, "end window"],
-        at_edge: Bool[np.ndarray, "end window"],
-        good: Bool[np.ndarray, "end window"],
-    ) -> ChosenWindows:
-        """The shortest accepted window at each end, of more than a scan until the ground has confirmed the heading, or
-        the best of the declined ones, with its code.
-        """
-        risk, known = self._options.risk, (first >= 0) & (peaks.score > OFF_MAP_SCORE)
-        worst = np.where(known, np.maximum(foreign, rivals) + at_edge, 3.0)
-        # A scan by itself hardly knows a heading that the ground has not confirmed yet: a longer window does.
-        unsure = self._attitude.half_width(stops.sigma_yaw_rad[at])[:, 1] > _UNCONFIRMED_RAD
-        several = good & ~(unsure[:, None] & (np.arange(good.shape[1]) == 0) & good[:, 1:].any(axis=1, keepdims=True))
-        chosen = np.where(good.any(axis=1), np.argmax(several, axis=1), np.argmin(worst, axis=1))
-        row = np.arange(len(at))
-        peak: Peaks = jax.tree.map(lambda field: field[row, chosen], peaks)
-        foreign, rivals, begin = foreign[row, chosen], rivals[row, chosen], first[row, chosen]
-        finite = np.array([np.mean(stops.valid[max(b, 0) : e + 1]) for b, e in zip(begin, at, strict=True)])
-        code = np.full(len(at), int(Code.OK))
-        for applies, reason in (
-            (rivals > risk, Code.AMBIGUOUS),
-            (at_edge[row, chosen], Code.EDGE),
-            (foreign > risk, Code.LOW_CORRELATION),
-            (peak.overlap < self.plan.min_overlap, Code.LOW_OVERLAP),
-            (peak.overlap <= 0.0, Code.OFF_MAP),
-            (finite < MIN_OVERLAP, Code.NON_FINITE),
-            (begin < 0, Code.NO_WINDOW),
-        ):
-            code = np.where(applies, int(reason), code)
-        error_m = self._lattice.error_of(np.asarray(peak.point))
-        offset = self._lattice.heights_m[peak.height][:, None] * np.eye(1, 3)
-        return ChosenWindows(chosen, peak, foreign, rivals, code, begin, error_m, offset)
-
-
-def _rotation(angle_rad: float) -> Float[np.ndarray, "2 2"]:
-    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([[cos, -sin], [sin, cos]])
-
-
-def _turned(stops: Stops, more: Float[np.ndarray, "3"], at: int) -> Stops:
-    """Stops with height, heading and roll changed by so much, and dead reckoning turned about one of them."""
-    pose, about_m = stops.pose.copy(), stops.reckoned_m[at]
-    pose[:, 2:5] += more
-    return stops._replace(pose=pose, reckoned_m=(stops.reckoned_m - about_m) @ _rotation(more[1]).T + about_m)
 
 
 def _some(first: int, stop: int) -> Int[np.ndarray, " stop"]:

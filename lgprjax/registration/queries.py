@@ -296,6 +296,19 @@ def stops_of(
     )
 
 
+def rotation(angle_rad: float) -> Float[np.ndarray, "2 2"]:
+    """Matrix that turns east and north counterclockwise."""
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[cos, -sin], [sin, cos]])
+
+
+def turned(stops: Stops, more: Float[np.ndarray, "3"], at: int) -> Stops:
+    """Stops with height, heading and roll changed by so much, and dead reckoning turned about one of them."""
+    pose, about_m = stops.pose.copy(), stops.reckoned_m[at]
+    pose[:, 2:5] += more
+    return stops._replace(pose=pose, reckoned_m=(stops.reckoned_m - about_m) @ rotation(more[1]).T + about_m)
+
+
 def templates_of(
     stops: Stops,
     array: ArrayGeometry,

@@ -19,11 +19,12 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 from lgprjax.pso import SwarmConfig, run_swarm
 from lgprjax.registration.candidates import ChosenWindows
 from lgprjax.registration.coarse import NEAR_RIM, Peaks
-from lgprjax.registration.evidence import APART, CARRIED_M, CHUNK_M, DRIFT, LOST_M, NARROW, EvidenceSearch
+from lgprjax.registration.evidence import CARRIED_M, CHUNK_M, DRIFT, EvidenceSearch
 from lgprjax.registration.fix import Code
 from lgprjax.registration.queries import Stops, templates_of
 from lgprjax.registration.score import OFF_MAP_SCORE, Template, score_poses
 from lgprjax.registration.template_bank import fixes_to_map, to_tile
+from lgprjax.registration.windows import APART, LOST_M
 from lgprjax.subsurface import Tile
 
 _LEVELS = ((0.25, 0.5), (0.5, 0.75), (1.0, 1.0))
@@ -164,7 +165,7 @@ class SwarmSearch(EvidenceSearch):
         """Stop by stop: the region at each follows from the fix before."""
         at = np.arange(low, high)
         self._make_ready(stops, high)
-        fitting = self._first_of(stops, at)
+        fitting = self._windows.first_of(stops, at)
         first, shape = np.full_like(fitting, -1), fitting.shape
         found, offset = _no_peaks(shape), np.zeros((*shape, 3))
         floor, foreign, rivals = np.full(shape, 0.5), np.ones(shape), np.ones(shape)
@@ -184,32 +185,32 @@ class SwarmSearch(EvidenceSearch):
                     whole[row, window] = part
                 first[row, window] = begin
                 here = Peaks(*(field[own] for field in found))
-                floor[own] = self._settled_floor(stops, at[own], first[own], here)
+                floor[own] = self._windows.settled_floor(stops, at[own], first[own], here)
                 here = here._replace(floor=floor[own])
                 attitudes = self._attitudes(stops, int(end))
                 tried, chose = attitudes * self._scale.tried, None
                 if region.level < _WHOLE:
-                    tried, chose = attitudes, self._chose(stops, first[own])
-                foreign[own], rivals[own] = self._weigh(here, first[own], tried, chose)
-                at_edge[own] = here.at_rim | self._beyond(here, foreign[own])
+                    tried, chose = attitudes, self._windows.chose(stops, first[own])
+                foreign[own], rivals[own] = self._windows.weigh(here, first[own], tried, chose)
+                at_edge[own] = here.at_rim | self._windows.beyond(here, foreign[own])
                 certain = max(foreign[row, window], rivals[row, window]) <= self._options.risk
                 good[row, window] = certain and not at_edge[row, window]
                 self._level = max(region.level - 1, 0) if good[row, window] else _WHOLE
                 if good[row, window]:
                     error_m = self._lattice.error_of(np.asarray(peak.point))
-                    self._take(float(stops.path_m[end]), error_m, float(peak.area), tried)
+                    self._windows.take(float(stops.path_m[end]), error_m, float(peak.area), tried)
                     self._window = window
                     break
             else:
                 # Evidence that one length lacks, the next may hold.
                 self._window = min(self._window + 1, int(np.max(np.flatnonzero(fitting[row] >= 0), initial=0)))
-        chosen = self._chosen(stops, at, first, found._replace(floor=floor), foreign, rivals, at_edge, good)
+        chosen = self._windows.chosen(stops, at, first, found._replace(floor=floor), foreign, rivals, at_edge, good)
         return chosen._replace(offset=offset[np.arange(len(at)), chosen.window])
 
     def _due(self, stops: Stops, end: int) -> bool:
         """Whether to search at a stop: where no place has been found for a while, only now and then."""
         here_m = float(stops.path_m[end])
-        return here_m - self._seen_m <= LOST_M or here_m - self._whole_m >= _NOW_AND_THEN_M
+        return here_m - self._place.seen_m <= LOST_M or here_m - self._whole_m >= _NOW_AND_THEN_M
 
     def _looks(
         self, stops: Stops, end: int, first: Int[np.ndarray, " window"], prior_m: Float[np.ndarray, "2"]
@@ -218,11 +219,11 @@ class SwarmSearch(EvidenceSearch):
         here_m = float(stops.path_m[end])
         whole = _Region(prior_m, self._lattice.region_m, _WHOLE)
         regions = [whole]
-        since_m = here_m - self._seen_m
-        if self._error_m is not None and since_m <= LOST_M and here_m - self._whole_m < CHUNK_M:
+        since_m = here_m - self._place.seen_m
+        if self._place.error_m is not None and since_m <= LOST_M and here_m - self._whole_m < CHUNK_M:
             near_m = CARRIED_M + DRIFT * since_m
             sides = (near_m, _WIDER * near_m)
-            around = [_Region(self._error_m, side_m, level) for level, side_m in enumerate(sides)]
+            around = [_Region(self._place.error_m, side_m, level) for level, side_m in enumerate(sides)]
             regions = [*around[self._level :], whole]
         begin = max(0, self._window - 1)
         windows = [window for window in range(begin, min(begin + 2, len(first))) if first[window] >= 0]
@@ -311,7 +312,6 @@ class SwarmSearch(EvidenceSearch):
         away = np.abs(peak.pose[:2] - middle[:2])
         ends = np.asarray(peak.ends)
         area = float(peak.on_map) * (2.0 * region.half_m) ** 2 / float(np.prod(self.plan.lattice_m))
-        nowhere = np.ptp(array.y_m) > NARROW * self._wavelength_m
         return Peaks(
             point=lattice.point_of(pose[:2] - stops.reckoned_m[end[0]]),
             height=np.zeros((), int),
@@ -322,7 +322,7 @@ class SwarmSearch(EvidenceSearch):
             overlap=peak.overlap,
             area=np.asarray(area),
             at_rim=np.asarray(np.any(away > _RIM * region.half_m)),
-            open_sides=np.asarray(0 if nowhere else int(ends[0]) + 2 * int(ends[1])),
+            open_sides=np.asarray(0 if self._windows.measures_edges else int(ends[0]) + 2 * int(ends[1])),
         ), offset
 
 

@@ -1,22 +1,21 @@
 """Windows of the ladder where the stretch of known travel is shorter than they are, and their noise floors."""
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 
-from lgprjax.registration.coarse import Peaks
-from lgprjax.registration.evidence import EvidenceSearch
-from lgprjax.registration.queries import Stops
+from lgprjax.registration.coarse import ErrorLattice, Peaks
+from lgprjax.registration.estimates import AttitudeEstimate
+from lgprjax.registration.judge import POOLED, RegisterOptions
+from lgprjax.registration.queries import SearchSizes, Stops
+from lgprjax.registration.windows import WindowJudge
 
 LADDER_M, SPACING_M = (0.0, 1.0, 2.0, 4.0, 8.0), 0.1
 
 
-def made_search() -> Any:
-    search: Any = object.__new__(EvidenceSearch)
-    search.plan = SimpleNamespace(windows_m=LADDER_M, spacing_m=SPACING_M)
-    search._wavelength_m = 0.3
-    return search
+def made_judge() -> WindowJudge:
+    """Of an array 1.4 m wide; windows and floors need neither lattice nor attitudes."""
+    plan = SearchSizes(SPACING_M, np.full(2, 0.1), LADDER_M, 80, 8, 0.3)
+    lattice, attitude = object.__new__(ErrorLattice), object.__new__(AttitudeEstimate)
+    return WindowJudge(1.4, 0.3, plan, RegisterOptions(), POOLED, lattice, attitude)
 
 
 def made_stops(metres: float, jump_m: float = np.inf) -> Stops:
@@ -36,7 +35,7 @@ def peaks_with(floor: np.ndarray) -> Peaks:
 
 def test_a_leg_is_matched_whole_by_windows_that_it_is_too_short_for() -> None:
     stops = made_stops(20.0, jump_m=10.0)
-    first = made_search()._first_of(stops, np.arange(len(stops.path_m)))
+    first = made_judge().first_of(stops, np.arange(len(stops.path_m)))
     lengths = np.where(first >= 0, stops.path_m[:, None] - stops.path_m[np.maximum(first, 0)], np.nan)
     since = stops.path_m - np.where(stops.leg == 1, 10.0, 0.0)
     for number, length_m in enumerate(LADDER_M):
@@ -51,16 +50,16 @@ def test_a_leg_is_matched_whole_by_windows_that_it_is_too_short_for() -> None:
 
 def test_a_noise_floor_is_that_of_windows_of_its_own_length() -> None:
     """Noise in each scan, independent of the others': floors fall with the root of what a window holds."""
-    search, stops = made_search(), made_stops(30.0)
+    judge, stops = made_judge(), made_stops(30.0)
     count = len(stops.path_m)
     at = np.arange(count)
-    first = search._first_of(stops, at)
+    first = judge.first_of(stops, at)
     members = at[:, None] + 1 - first
     rng = np.random.default_rng(2)
     # Where a window does not fit, what there is would be a shorter one: it must not count.
     floor = np.where(first >= 0, 0.3 / np.sqrt(members), 0.9) * rng.uniform(0.9, 1.1, size=members.shape)
-    search._floor = np.zeros((4, count, len(LADDER_M)))
-    pooled = search._settled_floor(stops, at, first, peaks_with(floor))
+    judge.make_room(count)
+    pooled = judge.settled_floor(stops, at, first, peaks_with(floor))
     known = first >= 0
     np.testing.assert_allclose(pooled[known], (0.3 / np.sqrt(members))[known], rtol=0.1)
     assert np.all(pooled[~known] == 0.5)
