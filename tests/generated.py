@@ -1,10 +1,11 @@
 """The generated site of the tests: drives, map and registrations, made once a session in float32 as shipped."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from itertools import repeat
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from lgprjax.batch import RegisteredDrive, register_log
@@ -12,7 +13,7 @@ from lgprjax.batch.recording import live_operators, recording_of, track_of_drive
 from lgprjax.batch.register import HeldGround, true_poses
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.mapping import build_map
-from lgprjax.registration import Fix, LiveBlock, RegisterOptions, Registration, Track
+from lgprjax.registration import DriveFixes, Fix, LiveBlock, RegisterOptions, Registration, Track, carry_back
 from lgprjax.simulation import write_drives
 
 
@@ -85,6 +86,7 @@ def replay(
     block_scans: int = 512,
     sizes: Iterable[int] | None = None,
     watch: Callable[[Registration], None] = lambda _: None,
+    back: bool = False,
 ) -> Replay:
     """Feed scans that were made from the site's live drive, some at a time.
 
@@ -94,21 +96,29 @@ def replay(
         options: of the search.
         block_scans: fed at a time; sizes: of one feed after the other, no more than these.
         watch: told after each feed.
+        back: places are carried back at the end, as ``register`` does.
     """
     with MapFile.open(site.map) as source, DriveLog.open(site.logs["live"]) as log:
         held, array = HeldGround(source, options), log.description.array
         operators = live_operators(source, log, track_of_drive(log, source.description.frame).track)
-        drive = Registration(
-            held.ground,
-            operators,
-            array,
-            options,
-            chance=held.chance,
-            recorded=block.traces.shape[2],
-            prepared=held.prepared_for(array),
-            block_scans=block_scans,
-        )
-        parts = []
+
+        def begin() -> Registration:
+            return Registration(
+                held.ground,
+                operators,
+                array,
+                options,
+                chance=held.chance,
+                recorded=block.traces.shape[2],
+                prepared=held.prepared_for(array),
+                block_scans=block_scans,
+            )
+
+        def blocks(first: int, stop: int) -> Iterator[LiveBlock]:
+            for begun in range(first, stop, block_scans):
+                yield part_of(block, slice(begun, min(begun + block_scans, stop)))
+
+        drive, parts = begin(), []
         low = 0
         for count in repeat(block_scans) if sizes is None else sizes:
             parts.append(drive.feed(part_of(block, slice(low, low + count))._replace(truth=None)))
@@ -116,5 +126,7 @@ def replay(
             low += count
             if low >= len(block.traces):
                 break
-    fix = Fix(*(np.concatenate(field) for field in zip(*(part.fix for part in parts), strict=True)))
-    return Replay(block, fix, np.concatenate([part.time_scale for part in parts]))
+        found: DriveFixes = jax.tree.map(lambda *fields: np.concatenate(fields), *parts)
+        if back:
+            found = carry_back(found, block.track, blocks, begin)
+    return Replay(block, found.fix, found.time_scale)

@@ -44,7 +44,9 @@ from lgprjax.registration import (
     LiveScans,
     PreparedGround,
     RegisterOptions,
+    Registration,
     Track,
+    carry_back,
     ground_map_for,
     live_chain,
     log_p_foreign,
@@ -372,11 +374,18 @@ class RegisteredDrive:
 
 
 def live_blocks(
-    log: DriveLog, track: Track, truth: Float[np.ndarray, "scan 5"] | None, start: int = 0
+    log: DriveLog,
+    track: Track,
+    truth: Float[np.ndarray, "scan 5"] | None,
+    start: int = 0,
+    stop: int | None = None,
 ) -> Iterator[LiveBlock]:
-    """Scans of a log from ``start`` on, in blocks of ``BLOCK_SCANS``."""
+    """Scans of a log from ``start`` up to ``stop``, or to its end, in blocks of ``BLOCK_SCANS``."""
     for low, recorded, valid in recording_of(log).blocks(BLOCK_SCANS, start):
-        span = slice(low, low + len(recorded))
+        count = len(recorded) if stop is None else min(len(recorded), stop - low)
+        if count <= 0:
+            return
+        recorded, valid, span = recorded[:count], valid[:count], slice(low, low + count)
         yield LiveBlock(
             recorded, valid, Track(*(field[span] for field in track)), None if truth is None else truth[span]
         )
@@ -438,6 +447,21 @@ def register_log(
 
     if searched is None:
         found = search(live_blocks(log, moved.track, truth))
+        if options.window_m is None and options.own_thresholds is None and options.search_swarm is None:
+            found = carry_back(
+                found,
+                moved.track,
+                lambda first, stop: live_blocks(log, moved.track, None, first, stop),
+                lambda: Registration(
+                    held.ground,
+                    operators,
+                    array,
+                    options,
+                    chance=held.chance,
+                    recorded=int(operators(1.0).shape[0]),
+                    prepared=held.prepared_for(array),
+                ),
+            )
     else:
         numbers, searches = zip(*searches_of(log, searched), strict=True)
         found = placed([search(blocks) for blocks in searches], list(numbers), log.scans)

@@ -196,7 +196,7 @@ class StopFixes:
         # The background of the first scans is that of the ground ahead of them, which moves what remains.
         ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
         settled_m = SETTLED * self._ground.description.settings.track_filter_m
-        settling = np.maximum(1.0 - stops.path_m[at] / settled_m, 0.0)
+        settling = np.maximum(1.0 - np.abs(stops.path_m[at]) / settled_m, 0.0)
         at_start = ((_SETTLING * self._wavelength_m * settling) ** 2)[:, None, None]
         beside = (
             beside + at_end * left[:, :, None] * left[:, None, :] + at_start * ahead[:, :, None] * ahead[:, None, :]

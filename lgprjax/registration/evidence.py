@@ -107,6 +107,7 @@ class EvidenceSearch:
         self._next_m = -np.inf
         self._ready = 0
         self._tried_m = -np.inf
+        self._start: tuple[Float[np.ndarray, 2], float] | None = None
         self._checked_m = -np.inf
 
     @property
@@ -117,6 +118,13 @@ class EvidenceSearch:
         profile_ns = len(self._ground.basis.gain) * self._ground.description.settings.sample_interval_ns
         scale_sigma = self._scale.sigma if self._options.time_scale is None else 0.0
         return unknown_attitude(self._prepared.array, profile_ns, scale_sigma)
+
+    def begin_at(self, place_m: Float[np.ndarray, "2"], until_m: float, time_scale: float) -> None:
+        """Begin at a known place of the first scan, in the map's frame, and at a time scale: search about the place
+        alone, up to this travel. Every window must hold against the whole region, and all attitudes, all the same.
+        """
+        self._start = place_m, until_m
+        self._scale.value, self._scale.tried = time_scale, FAR_TRIED
 
     def choose(self, scans: LiveScans) -> Int[np.ndarray, " stop"]:
         """Choose the scans that become stops: those nearest to equal steps of travel, or the next after each."""
@@ -156,6 +164,13 @@ class EvidenceSearch:
             half_m = self._options.search_half_m(scans.track.sigma_m)
             if half_m != self._lattice.half_m:
                 self._lattice.half_m, self._surfaces = half_m, None
+            if self._start is not None:
+                (place_m, until_m), self._start = self._start, None
+                error_m = place_m - stops.reckoned_m[0]
+                found_in = (2.0 * half_m) ** 2, self._windows.trials * self._scale.tried
+                self._windows.place = KnownPlace(error_m, until_m, np.inf, found_in)
+                self._checked_m = until_m - CHUNK_M
+                self._hold(error_m)
             if self._options.track and scans.background is not None:
                 # Those before it in earlier blocks have no fix either.
                 waits = int(np.searchsorted(scans.path_m[chosen], scans.settled_m))

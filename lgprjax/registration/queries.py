@@ -60,7 +60,7 @@ class LiveScans(NamedTuple):
         filtered: traces as recorded, background removed; ``LiveChain.coefficients`` makes templates of them.
         valid: channels that hold data.
         track: of the scans.
-        path_m: travel, never falling.
+        path_m: travel, never falling; minus that of the drive where scans come in the opposite order.
         dead_reckoned_m: of the rear axle, by odometry and heading alone.
         settled: the drive's background is known; before, ``filtered`` is as recorded.
         background: of each channel, in the block in which it becomes known: to be subtracted from the scans of earlier
@@ -207,7 +207,7 @@ class Stops(NamedTuple):
         coefficients, valid: of each trace, at the time scale of that moment.
         pose, speed_mps, sigma_yaw_rad: of the prior.
         reckoned_m: the array's centre from odometry and heading alone.
-        path_m: travel.
+        path_m: travel; minus that of the drive where scans come in the opposite order.
         leg: number of the stretch over which travel is known.
     """
 

@@ -1,8 +1,9 @@
 """Registration of a whole drive against a map: fixes of every scan, block by block."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -10,14 +11,17 @@ from lgprjax.frames import body_to_local
 from lgprjax.radar import ArrayGeometry, centre_of
 from lgprjax.registration.coarse import decoy_reach_m
 from lgprjax.registration.evidence import EvidenceSearch
-from lgprjax.registration.fix import Fix, blank_fixes
+from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.judge import POOLED, Chance, RegisterOptions
-from lgprjax.registration.queries import LiveChain, LiveScans, Operators, Track
+from lgprjax.registration.queries import SETTLED, LiveChain, LiveScans, Operators, Track
 from lgprjax.registration.swarm_search import SwarmSearch
 from lgprjax.registration.template_bank import PreparedGround
 from lgprjax.subsurface import GroundMap, StationSource
 
 BLOCK_SCANS = 512
+_NEEDS_GROUND = (Code.LOW_CORRELATION, Code.AMBIGUOUS, Code.NO_WINDOW)  # more of which may decide otherwise
+_WARM = 4.0  # filter lengths before a stretch, from which its background is known as in the drive
+_AGREED_M = 0.3  # within which both ways must find one place
 TRACK_SCANS = 4
 """Largest number of scans that a vehicle searches at once."""
 
@@ -141,6 +145,46 @@ class Registration:
         spread = self._spread(scans, stops, fix, beside, scale)
         return spread._replace(correlation_at_truth=at_truth)
 
+    @property
+    def track_filter_m(self) -> float:
+        """Length of the background removal."""
+        return float(self.prepared.ground.description.settings.track_filter_m)
+
+    def feed_back(
+        self,
+        blocks: Iterable[LiveBlock],
+        stretch: slice,
+        path_m: float,
+        start: tuple[Float[np.ndarray, "2"], float, float],
+        offset: Float[np.ndarray, "3"],
+    ) -> DriveFixes:
+        """Fixes of a stretch of a drive, the last scan first: filtered in order, searched in the opposite one.
+
+        Args:
+            blocks: of the stretch, and of as much about it as the background removal needs.
+            stretch: scans of it among these.
+            path_m: travel of the drive at the first scan of the stretch.
+            start: place of the last scan, minus the travel up to which it is known, and time scale
+                (``EvidenceSearch.begin_at``).
+            offset: of height, heading and roll there from the priors.
+        """
+        parts = [self._chain.feed(*block[:3], self._block_scans) for block in blocks]
+        background = next(part.background for part in parts if part.background is not None)
+        # As in the drive: the first scans have the background of the metres behind them.
+        for part in parts:
+            if not part.settled:
+                part.filtered[:] -= np.where(part.valid[..., None], background, np.float32(0.0))
+        number, filtered, valid, path, reckoned_m = (
+            np.concatenate([getattr(part, name) for part in parts])[stretch][::-1]
+            for name in ("number", "filtered", "valid", "path_m", "dead_reckoned_m")
+        )
+        fields = (np.concatenate(field)[stretch][::-1] for field in zip(*(part.track for part in parts), strict=True))
+        track = Track(*fields)
+        track = track._replace(pose=track.pose + np.pad(offset, (2, 0)))
+        scans = LiveScans(number, filtered, valid, track._replace(leg=-track.leg), path[-1] - path - path_m, reckoned_m)
+        self.search.begin_at(*start)
+        return self._spread(scans, *self.search.feed(scans))
+
     def _spread(
         self,
         scans: LiveScans,
@@ -222,3 +266,67 @@ def register_drive(
     for block in blocks:
         for low in range(0, len(block.traces), scans):
             yield search.feed(block.part(slice(low, low + scans)))
+
+
+def carry_back(
+    found: DriveFixes,
+    track: Track,
+    blocks: Callable[[int, int], Iterator[LiveBlock]],
+    begin: Callable[[], Registration],
+) -> DriveFixes:
+    """Fixes of a drive, with those of scans that were declined before a place was found ahead of them.
+
+    From some metres ahead of each such place the same scans are searched in the opposite order, about the place alone,
+    so that windows reach ahead. Each must hold against the whole region all the same. Where both orders have fixes they
+    must agree, or nothing is taken. Ground where no place was found is not searched again.
+
+    Args:
+        found: of every scan.
+        track: of the drive.
+        blocks: the scans from a number up to another, in blocks.
+        begin: a new search.
+    """
+    out: DriveFixes = jax.tree.map(np.array, found)
+    code, leg = np.asarray(out.fix.code), track.leg
+    path_m = np.cumsum(np.abs(np.diff(track.travel_m, prepend=track.travel_m[:1])))
+    low = len(code)
+    while low > 1:
+        declined, ok = np.isin(code[:low], _NEEDS_GROUND), code[:low] == Code.OK
+        places = np.flatnonzero(declined[:-1] & ok[1:] & (leg[: low - 1] == leg[1:low])) + 1
+        if not len(places):
+            break
+        place = int(places[-1])
+        search = begin()
+        window_m = max(search.search.plan.windows_m)
+        beside = np.flatnonzero((leg == leg[place]) & (np.abs(path_m - path_m[place]) <= window_m))
+        low, high = int(beside[0]), int(np.flatnonzero((code == Code.OK)[: beside[-1] + 1])[-1]) + 1
+        start = np.asarray(out.fix.pose)[high - 1, :2], -float(path_m[place]), float(out.time_scale[place])
+        known = np.flatnonzero(code[low:high] == Code.OK) + low
+        off = np.asarray(out.fix.pose)[known, 2:5] - track.pose[known, 2:5]
+        off[:, 1] = np.mod(off[:, 1] + np.pi, 2.0 * np.pi) - np.pi
+        warm = int(np.searchsorted(path_m, path_m[low] - _WARM * search.track_filter_m))
+        settled = int(np.searchsorted(path_m, path_m[warm] + SETTLED * search.track_filter_m)) + 2
+        back = search.feed_back(
+            blocks(warm, max(high, settled)),
+            slice(low - warm, high - warm),
+            float(path_m[low]),
+            start,
+            np.median(off, axis=0),
+        )
+        row = high - 1 - np.arange(high - low)
+        again = np.asarray(back.fix.code) == Code.OK
+        both = again & (np.asarray(found.fix.code)[row] == Code.OK)
+        off_m = np.asarray(back.fix.pose)[both, :2] - np.asarray(found.fix.pose)[row[both], :2]
+        taken = again & np.isin(code[row], _NEEDS_GROUND) & (row < place)
+        if np.any(np.hypot(*off_m.T) > _AGREED_M) or not taken.any():
+            low = min(low, place - 1)
+            continue
+        for whole, part in zip(
+            (*out.fix, out.map_odometry_covariance, out.time_scale),
+            (*back.fix, back.map_odometry_covariance, back.time_scale),
+            strict=True,
+        ):
+            whole[row[taken]] = part[taken]
+        # Farther back from there, where the search reached its end with a place.
+        low = int(row[taken].min()) + 1
+    return out

@@ -125,6 +125,49 @@ def test_other_ground_with_a_piece_of_the_map_is_soon_forgotten(site: Site, scan
     assert found.off_m[ok].max() < 0.3
 
 
+def test_the_first_metres_are_found_from_what_lies_ahead(site: Site, scans: LiveBlock) -> None:
+    """On a noisy day it takes metres to be certain; these metres have fixes as well, once there is a place."""
+    noise = np.random.default_rng(3).normal(0.0, 4.0 * scans.traces.std(), scans.traces.shape).astype(np.float32)
+    noisy = scans._replace(traces=scans.traces + noise)
+    forward, found = (replay(site, noisy, OPTIONS, back=back) for back in (False, True))
+    first = int(np.argmax(forward.ok))
+    print(f"first fix after {first * STEP_M:.1f} m; {forward.ok.mean():.2f} ok, {found.ok.mean():.2f} carried back")
+    assert first * STEP_M > 1.0
+    assert found.ok[:first].mean() > 0.95
+    assert found.ok.mean() > 0.97
+    # What had a fix keeps it.
+    np.testing.assert_array_equal(found.fix.pose[forward.ok], forward.fix.pose[forward.ok])
+    assert found.off_m[found.ok].max() < 0.3
+    assert np.all(found.fix.p_false[found.ok] <= OPTIONS.risk)
+    sigma_m = np.sqrt(np.trace(found.fix.covariance[:, :2, :2], axis1=1, axis2=2))
+    assert np.all(found.off_m[found.ok] <= 4.0 * sigma_m[found.ok])
+
+
+def test_a_place_is_not_carried_back_far_over_other_ground(site: Site, scans: LiveBlock) -> None:
+    """12 m of other ground, then the map's own: windows of 8 m that reach ahead know their place for some metres."""
+    begin = int(12.0 / STEP_M)
+    traces = scans.traces.copy()
+    traces[:begin] = scans_of(site, "impostor").traces[:begin]
+    found = replay(site, scans._replace(traces=traces), OPTIONS, back=True)
+    ok = np.flatnonzero(found.ok)
+    print(f"carried back over {(begin - ok.min()) * STEP_M:.1f} m of other ground")
+    assert found.ok[begin:].mean() > 0.9
+    assert (begin - ok.min()) * STEP_M < 6.5
+    assert found.off_m[ok].max() < 0.3
+
+
+@pytest.mark.parametrize("begin", [120, 360, 520])
+def test_a_piece_of_the_map_in_other_ground_is_not_carried_back_far(site: Site, scans: LiveBlock, begin: int) -> None:
+    own = slice(begin, begin + int(1.5 / STEP_M))
+    traces = scans_of(site, "impostor").traces[: len(scans.traces)]
+    traces[own] = scans.traces[own]
+    found = replay(site, part_of(scans, slice(0, len(traces)))._replace(traces=traces), OPTIONS, back=True)
+    ok = np.flatnonzero(found.ok)
+    print(f"carried back over {(own.start - ok.min()) * STEP_M:.1f} m of other ground")
+    assert (own.start - ok.min()) * STEP_M < 3.0
+    assert found.off_m[ok].max() < 0.3
+
+
 def test_a_prior_beyond_all_that_is_searched_gives_no_fix(site: Site, scans: LiveBlock) -> None:
     """3 m off where one metre, then two, are searched."""
     found = replay(site, shifted(scans, 2.2), RegisterOptions(search_m=1.0))

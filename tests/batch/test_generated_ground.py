@@ -140,13 +140,15 @@ def test_a_window_of_the_ladder_is_worth_as_much_by_itself(site: Site) -> None:
     """What was chosen of five lengths has more chance than the same length that alone is tried: five times as much."""
     ladder = registered(site, RegisterOptions(search_m=1.5, time_scale=1.0))
     alone = registered(site, RegisterOptions(search_m=1.5, time_scale=1.0, window_m=1.0))
-    same = (np.asarray(ladder.fix.code) == Code.OK) & (np.asarray(ladder.fix.window_m) == 1.0)
+    # Behind the first metres: there the windows of the ladder reach ahead.
+    behind = np.abs(ladder.track.travel_m - ladder.track.travel_m[0]) > 4.0
+    same = behind & (np.asarray(ladder.fix.code) == Code.OK) & (np.asarray(ladder.fix.window_m) == 1.0)
     assert same.mean() > 0.2
     p = np.asarray(alone.fix.p_false)[same]
     assert np.mean(np.asarray(alone.fix.code)[same] == Code.OK) > 0.99
     np.testing.assert_allclose(np.median(p / np.asarray(ladder.fix.p_false)[same]), 0.2, rtol=0.01)
     # Longer ones were taken where that length was not enough, or is none yet.
-    longer = np.asarray(ladder.fix.window_m) > 1.0
+    longer = behind & (np.asarray(ladder.fix.window_m) > 1.0)
     assert np.all(5.0 * np.asarray(alone.fix.p_false)[longer] > 0.5 * RISK)
 
 
@@ -166,7 +168,7 @@ def test_the_first_metres_say_how_far_they_may_lie(live: RegisteredDrive) -> Non
 def test_a_stricter_risk_believes_less(site: Site, live: RegisteredDrive) -> None:
     strict = registered(site, RegisterOptions(search_m=1.5, risk=1e-9))
     ok = [np.asarray(drive.fix.code) == Code.OK for drive in (strict, live)]
-    assert 0.3 < ok[0].mean() < ok[1].mean()
+    assert 0.3 < ok[0].mean() <= ok[1].mean()
     assert np.all(np.asarray(strict.fix.p_false)[ok[0]] <= 1e-9)
     # What it takes for the same certainty is a longer window.
     assert np.nanmean(strict.fix.window_m[ok[0]]) > np.nanmean(live.fix.window_m[ok[1]])
