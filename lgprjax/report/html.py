@@ -221,7 +221,7 @@ _PLACE_ASSUMED = (
 DECLINES = {
     "low_correlation": Decline(
         "no place in the search region matches better than other ground would",
-        "the first metres of a drive: no action, there is too little travel yet to be certain. Else: is the "
+        "a recording shorter than some metres: no action, there is too little travel to be certain. Else: is the "
         "drive over the map's ground, and its position correct to within the search region (--search-m)? Leave "
         "--window-m and "
         "--time-scale at their defaults; lgprjax check --health examines the recording",
