@@ -148,9 +148,16 @@ class FixExample(NamedTuple):
 
 
 def example_scan(drive: RegisteredDrive) -> int | None:
-    """The tried scan nearest to the middle of the drive whose fix is ok, else any tried; None without one."""
+    """The tried scan nearest to the middle of the drive whose fix is ok, by ground behind it where there is one, else
+    any tried; None without one.
+    """
     code = drive.table["code"].to_numpy()
-    for wanted in (code == "ok", (code != "no_window") & np.isfinite(drive.table["correlation"].to_numpy())):
+    ok = code == "ok"
+    for wanted in (
+        ok & ~drive.carried_back,
+        ok,
+        (code != "no_window") & np.isfinite(drive.table["correlation"].to_numpy()),
+    ):
         scans = np.flatnonzero(wanted)
         if len(scans):
             return int(scans[np.argmin(np.abs(scans - len(code) // 2))])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.stats import chi2
 
 from lgprjax import __version__
@@ -58,6 +58,7 @@ from lgprjax.subsurface import GroundMap
 
 # A map's ground cached between drives: drives on one road use the same tiles.
 
+_BANKS = 3  # template banks for each tile held
 _ROOM_M = 0.5  # by which a lattice extends beyond the region on each side, so that priors may move
 
 
@@ -67,7 +68,7 @@ class HeldGround:
     Args:
         source: the map; must stay open.
         options: the search.
-        tiles: held in memory, and as many template banks.
+        tiles: held in memory, and three times as many template banks: a bend has several headings in one tile.
     """
 
     def __init__(self, source: MapFile, options: RegisterOptions, *, tiles: int = 8) -> None:
@@ -79,7 +80,7 @@ class HeldGround:
     def prepared_for(self, array: ArrayGeometry) -> PreparedGround:
         """Template banks for an array: the cached ones, or empty ones for a new array."""
         if self._prepared is None or not _alike(self._prepared.array, array):
-            self._prepared = PreparedGround(self.ground, array, keep=self._tiles)
+            self._prepared = PreparedGround(self.ground, array, keep=_BANKS * self._tiles)
         return self._prepared
 
 
@@ -352,6 +353,7 @@ class RegisteredDrive:
         away: distance from the map, in words; None where it comes close.
         place_assumed: whether the place on the earth of the drive, or of the map, is assumed.
         channels: of the drive.
+        carried_back: scans whose place was found from the ground ahead of them.
         agreement: with the fixes that a run was driven by; None of another drive, or without ``track``.
     """
 
@@ -370,6 +372,7 @@ class RegisteredDrive:
     away: str | None
     place_assumed: bool
     channels: int
+    carried_back: Bool[np.ndarray, " scan"]
     agreement: Agreement | None = None
 
 
@@ -447,6 +450,7 @@ def register_log(
 
     if searched is None:
         found = search(live_blocks(log, moved.track, truth))
+        before = np.asarray(found.fix.code)
         if options.window_m is None and options.own_thresholds is None and options.search_swarm is None:
             found = carry_back(
                 found,
@@ -465,6 +469,7 @@ def register_log(
     else:
         numbers, searches = zip(*searches_of(log, searched), strict=True)
         found = placed([search(blocks) for blocks in searches], list(numbers), log.scans)
+        before = np.asarray(found.fix.code)
     fix = found.fix._replace(p_false=np.minimum(np.asarray(found.fix.p_false) + alignment.chance, 1.0))
     took_s = time.perf_counter() - began - compiling.seconds_since(began)
     time_scale = found.time_scale
@@ -484,6 +489,7 @@ def register_log(
         away=away_in_words(source, log),
         place_assumed=is_place_assumed(source, log),
         channels=log.channels,
+        carried_back=(np.asarray(fix.code) == Code.OK) & (before != Code.OK),
         agreement=None if searched is None else agreement(searched, fix),
     )
 

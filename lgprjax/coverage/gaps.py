@@ -17,6 +17,7 @@ from scipy import ndimage
 from lgprjax.coverage.field import CellGrid, Field, Outline, Tool, cell_centres, inside_cells
 from lgprjax.coverage.ground import SafeGround
 from lgprjax.coverage.joints import Terrain
+from lgprjax.coverage.layer import TourLayer, TourSwath
 from lgprjax.coverage.pattern import Pattern
 from lgprjax.coverage.swaths import (
     MOST_LINES,
@@ -27,7 +28,7 @@ from lgprjax.coverage.swaths import (
     strip_pieces,
     to_lines,
 )
-from lgprjax.coverage.tour import TourLayer, TourSwath, no_swath_fits, string_swaths
+from lgprjax.coverage.tour import no_swath_fits, string_swaths
 from lgprjax.errors import InputError
 
 EDGE_M = 0.1

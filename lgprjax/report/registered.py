@@ -354,7 +354,8 @@ def _windows(drive: RegisteredDrive) -> str | None:
     counts = np.bincount(np.searchsorted(lengths, window_m), minlength=len(lengths))
     named = ["single scans" if length == 0.0 else f"{length:g} m" for length in lengths]
     shares = [f"{name} {100.0 * count / len(window_m):.0f} %" for name, count in zip(named, counts, strict=True)]
-    return f"windows of the ok fixes: {', '.join(shares)}"
+    back = f"; {np.sum(drive.carried_back)} carried back from the ground ahead" if drive.carried_back.any() else ""
+    return f"windows of the ok fixes: {', '.join(shares)}{back}"
 
 
 def _attitude(drive: RegisteredDrive) -> str | None:
