@@ -19,10 +19,10 @@ def shown(row: Row) -> Row:
 def test_parallel_lines_are_found_between_the_lines_of_the_map(real_data: Path, tmp_path: Path) -> None:
     (row,) = map(shown, parallel_lines(real_data, tmp_path))
     assert row.tried >= 330
-    # Lines of 11.6 m with a wavelength of a metre: a third of each is driven before four metres are, and an array
-    # narrower than a wavelength needs more evidence (performance.md).
-    assert row.ok >= 0.25 * row.tried
-    assert row.right >= 0.99 * row.ok
+    # Lines of 11.6 m with a wavelength of a metre: half of each is driven before there is certainty, and the place is
+    # carried back over it.
+    assert row.ok >= 0.95 * row.tried
+    assert row.right >= 0.995 * row.ok
 
 
 def test_a_line_beside_the_map_is_not_lied_about(real_data: Path, tmp_path: Path) -> None:
@@ -31,13 +31,13 @@ def test_a_line_beside_the_map_is_not_lied_about(real_data: Path, tmp_path: Path
     assert row.ok == 0
 
 
-@pytest.mark.parametrize("name", ["Yosemite", "dune"])
-def test_odd_and_even_traces_of_a_line(name: str, real_data: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "least"), [("Yosemite", 0.9), ("dune", 0.95)])
+def test_odd_and_even_traces_of_a_line(name: str, least: float, real_data: Path, tmp_path: Path) -> None:
     """Yosemite: 50 MHz, a trace each two feet, so that map and live traces lie 1.22 m apart, half a step off."""
     (row,) = map(shown, single_lines(real_data, tmp_path, only=name))
     assert row.tried > 200
     assert row.right >= 0.99 * row.ok
-    assert row.ok >= 0.8 * row.tried
+    assert row.ok >= least * row.tried
 
 
 def test_another_days_lines(real_data: Path, tmp_path: Path) -> None:
