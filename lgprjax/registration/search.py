@@ -21,6 +21,7 @@ from lgprjax.subsurface import GroundMap, StationSource
 BLOCK_SCANS = 512
 _NEEDS_GROUND = (Code.LOW_CORRELATION, Code.AMBIGUOUS, Code.NO_WINDOW)  # more of which may decide otherwise
 _WARM = 4.0  # filter lengths before a stretch, from which its background is known as in the drive
+_MOST_SCANS = 4096  # to each side of a place, where a vehicle stood
 _AGREED_M = 0.3  # within which both ways must find one place
 TRACK_SCANS = 4
 """Largest number of scans that a vehicle searches at once."""
@@ -168,18 +169,29 @@ class Registration:
                 (``EvidenceSearch.begin_at``).
             offset: of height, heading and roll there from the priors.
         """
-        parts = [self._chain.feed(*block[:3], self._block_scans) for block in blocks]
-        background = next(part.background for part in parts if part.background is not None)
+        parts: list[LiveScans] = []
+        background: np.ndarray | None = None
+        read = 0
+        for block in blocks:
+            part = self._chain.feed(*block[:3], self._block_scans)
+            background = part.background if background is None else background
+            inside = slice(max(stretch.start - read, 0), max(stretch.stop - read, 0))
+            read += len(part.number)
+            if inside.start < min(inside.stop, len(part.number)):
+                track = Track(*(field[inside] for field in part.track))
+                kept = (part.number, part.filtered, part.valid, part.path_m, part.dead_reckoned_m)
+                number, filtered, valid, path, reckoned_m = (field[inside] for field in kept)
+                parts.append(LiveScans(number, filtered, valid, track, path, reckoned_m, part.settled))
         # As in the drive: the first scans have the background of the metres behind them.
         for part in parts:
             if not part.settled:
+                assert background is not None
                 part.filtered[:] -= np.where(part.valid[..., None], background, np.float32(0.0))
         number, filtered, valid, path, reckoned_m = (
-            np.concatenate([getattr(part, name) for part in parts])[stretch][::-1]
+            np.concatenate([getattr(part, name) for part in parts])[::-1]
             for name in ("number", "filtered", "valid", "path_m", "dead_reckoned_m")
         )
-        fields = (np.concatenate(field)[stretch][::-1] for field in zip(*(part.track for part in parts), strict=True))
-        track = Track(*fields)
+        track = Track(*(np.concatenate(field)[::-1] for field in zip(*(part.track for part in parts), strict=True)))
         track = track._replace(pose=track.pose + np.pad(offset, (2, 0)))
         scans = LiveScans(number, filtered, valid, track._replace(leg=-track.leg), path[-1] - path - path_m, reckoned_m)
         self.search.begin_at(*start)
@@ -298,13 +310,15 @@ def carry_back(
         place = int(places[-1])
         search = begin()
         window_m = max(search.search.plan.windows_m)
-        beside = np.flatnonzero((leg == leg[place]) & (np.abs(path_m - path_m[place]) <= window_m))
+        near = (leg == leg[place]) & (np.abs(path_m - path_m[place]) <= window_m)
+        beside = np.flatnonzero(near & (np.abs(np.arange(len(leg)) - place) < _MOST_SCANS))
         low, high = int(beside[0]), int(np.flatnonzero((code == Code.OK)[: beside[-1] + 1])[-1]) + 1
         start = np.asarray(out.fix.pose)[high - 1, :2], -float(path_m[place]), float(out.time_scale[place])
         known = np.flatnonzero(code[low:high] == Code.OK) + low
         off = np.asarray(out.fix.pose)[known, 2:5] - track.pose[known, 2:5]
         off[:, 1] = np.mod(off[:, 1] + np.pi, 2.0 * np.pi) - np.pi
         warm = int(np.searchsorted(path_m, path_m[low] - _WARM * search.track_filter_m))
+        warm = max(warm, low - 4 * _MOST_SCANS)
         settled = int(np.searchsorted(path_m, path_m[warm] + SETTLED * search.track_filter_m)) + 2
         back = search.feed_back(
             blocks(warm, max(high, settled)),

@@ -125,10 +125,31 @@ def test_other_ground_with_a_piece_of_the_map_is_soon_forgotten(site: Site, scan
     assert found.off_m[ok].max() < 0.3
 
 
-def test_the_first_metres_are_found_from_what_lies_ahead(site: Site, scans: LiveBlock) -> None:
-    """On a noisy day it takes metres to be certain; these metres have fixes as well, once there is a place."""
+@pytest.fixture(scope="module")
+def noisy(scans: LiveBlock) -> LiveBlock:
+    """A day on which it takes metres to be certain."""
     noise = np.random.default_rng(3).normal(0.0, 4.0 * scans.traces.std(), scans.traces.shape).astype(np.float32)
-    noisy = scans._replace(traces=scans.traces + noise)
+    return scans._replace(traces=scans.traces + noise)
+
+
+@pytest.mark.parametrize(("most", "least", "apart_m"), [(4096, 0.99, 1e-3), (200, 0.2, 0.1)])
+def test_a_place_is_carried_back_to_where_the_vehicle_stood(
+    site: Site, noisy: LiveBlock, most: int, least: float, apart_m: float
+) -> None:
+    """At the start; no more scans about a place are held at once than memory is meant for."""
+    stand = 600
+    held = part_of(noisy, np.concatenate([np.zeros(stand, int), np.arange(300)]))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("lgprjax.registration.search._MOST_SCANS", most)
+        found = replay(site, held, OPTIONS, back=True)
+    ok = found.ok[:stand]
+    assert ok.mean() > least
+    assert np.ptp(found.fix.pose[:stand, :2][ok], axis=0).max() < apart_m
+    assert found.off_m[found.ok].max() < 0.3
+
+
+def test_the_first_metres_are_found_from_what_lies_ahead(site: Site, noisy: LiveBlock) -> None:
+    """These metres have fixes as well, once there is a place."""
     forward, found = (replay(site, noisy, OPTIONS, back=back) for back in (False, True))
     first = int(np.argmax(forward.ok))
     print(f"first fix after {first * STEP_M:.1f} m; {forward.ok.mean():.2f} ok, {found.ok.mean():.2f} carried back")
