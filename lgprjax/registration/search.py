@@ -13,7 +13,7 @@ from lgprjax.registration.coarse import decoy_reach_m
 from lgprjax.registration.evidence import EvidenceSearch
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.judge import POOLED, Chance, RegisterOptions
-from lgprjax.registration.queries import SETTLED, LiveChain, LiveScans, Operators, Track
+from lgprjax.registration.queries import SETTLED, LiveChain, LiveScans, Operators, Track, rotation
 from lgprjax.registration.swarm_search import SwarmSearch
 from lgprjax.registration.template_bank import PreparedGround
 from lgprjax.subsurface import GroundMap, StationSource
@@ -193,6 +193,8 @@ class Registration:
         )
         track = Track(*(np.concatenate(field)[::-1] for field in zip(*(part.track for part in parts), strict=True)))
         track = track._replace(pose=track.pose + np.pad(offset, (2, 0)))
+        # Dead reckoning goes by the log's heading.
+        reckoned_m = reckoned_m @ rotation(offset[1]).T
         scans = LiveScans(number, filtered, valid, track._replace(leg=-track.leg), path[-1] - path - path_m, reckoned_m)
         self.search.begin_at(*start)
         return self._spread(scans, *self.search.feed(scans))

@@ -28,6 +28,7 @@ _NARROW = 0.5  # of the wavelength: width of an array that may be off the map wi
 _ALIKE = 100.0
 _RIM_POWER = 1.5  # of the risk, within one piece, for a match at the map's edge
 APART = 0.6  # of the wavelength: places closer than this are the same place
+_AGREED = 0.3  # of the wavelength: within which windows of one stop must lead to one place
 _UNCONFIRMED_RAD = np.radians(6.0)  # half width of the region of headings
 
 
@@ -243,6 +244,9 @@ class WindowJudge:
         at_edge = whole.at_rim | (off_m > self._lattice.region_m) | self.beyond(whole, foreign)
         risk = self._options.risk
         known = (first >= 0) & (whole.score > OFF_MAP_SCORE)
+        if len(self._plan.windows_m) > 1 and self._options.own_thresholds is None:
+            # One strong stone is one scan: a place is found by more.
+            foreign = np.where(np.arange(foreign.shape[1]) == 0, 1.0, foreign)
         good = known & (foreign <= risk) & (rivals <= risk) & ~at_edge
         # Once there is a place, the next is searched for around it: few places that foreign ground could match. A place
         # about as good elsewhere contests it.
@@ -278,6 +282,8 @@ class WindowJudge:
         worst = np.where(known, np.maximum(foreign, rivals) + at_edge, 3.0)
         # A scan by itself hardly knows a heading that the ground has not confirmed yet: a longer window does.
         unsure = self._attitude.half_width(stops.sigma_yaw_rad[at])[:, 1] > _UNCONFIRMED_RAD
+        if self._options.own_thresholds is None:
+            good = good & self._agreed(peaks, good)
         several = good & ~(unsure[:, None] & (np.arange(good.shape[1]) == 0) & good[:, 1:].any(axis=1, keepdims=True))
         chosen = np.where(good.any(axis=1), np.argmax(several, axis=1), np.argmin(worst, axis=1))
         row = np.arange(len(at))
@@ -298,3 +304,10 @@ class WindowJudge:
         error_m = self._lattice.error_of(np.asarray(peak.point))
         offset = self._lattice.heights_m[peak.height][:, None] * np.eye(1, 3)
         return ChosenWindows(chosen, peak, foreign, rivals, code, begin, error_m, offset)
+
+    def _agreed(self, peaks: Peaks, good: Bool[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
+        """Accepted windows that lead to the place of the longest of them: a short one at a strong stone may not."""
+        longest = good.shape[1] - 1 - np.argmax(good[:, ::-1], axis=1)
+        place = np.asarray(peaks.point)[np.arange(len(good)), longest]
+        off_m = np.linalg.norm((peaks.point - place[:, None]) * self._plan.lattice_m, axis=-1)
+        return np.asarray(off_m <= _AGREED * self._wavelength_m)
