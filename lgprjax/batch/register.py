@@ -429,6 +429,7 @@ def register_log(
     if alignment.reversed:
         moved = moved._replace(track=reversed_track(moved.track))
     operators = live_operators(source, log, moved.track, alignment)
+    recorded, prepared = int(operators(1.0).shape[0]), held.prepared_for(array)
 
     def search(blocks: Iterator[LiveBlock]) -> DriveFixes:
         """One search from its beginning to its end."""
@@ -440,8 +441,8 @@ def register_log(
             blocks,
             options,
             chance=held.chance,
-            recorded=int(operators(1.0).shape[0]),
-            prepared=held.prepared_for(array),
+            recorded=recorded,
+            prepared=prepared,
         ):
             parts.append(fixes)
             progress(len(fixes.scan))
@@ -450,26 +451,20 @@ def register_log(
 
     if searched is None:
         found = search(live_blocks(log, moved.track, truth))
-        before = np.asarray(found.fix.code)
-        if options.window_m is None and options.own_thresholds is None and options.search_swarm is None:
-            found = carry_back(
-                found,
-                moved.track,
-                lambda first, stop: live_blocks(log, moved.track, None, first, stop),
-                lambda: Registration(
-                    held.ground,
-                    operators,
-                    array,
-                    options,
-                    chance=held.chance,
-                    recorded=int(operators(1.0).shape[0]),
-                    prepared=held.prepared_for(array),
-                ),
-            )
     else:
         numbers, searches = zip(*searches_of(log, searched), strict=True)
         found = placed([search(blocks) for blocks in searches], list(numbers), log.scans)
-        before = np.asarray(found.fix.code)
+    before = np.asarray(found.fix.code)
+    forced = options.track or options.window_m is not None or options.own_thresholds is not None
+    if not forced and options.search_swarm is None:
+        found = carry_back(
+            found,
+            moved.track,
+            lambda first, stop: live_blocks(log, moved.track, None, first, stop),
+            lambda: Registration(
+                held.ground, operators, array, options, chance=held.chance, recorded=recorded, prepared=prepared
+            ),
+        )
     fix = found.fix._replace(p_false=np.minimum(np.asarray(found.fix.p_false) + alignment.chance, 1.0))
     took_s = time.perf_counter() - began - compiling.seconds_since(began)
     time_scale = found.time_scale

@@ -2,7 +2,7 @@
 
 Every few centimetres of travel a scan becomes a surface over the lattice of prior errors (``surfaces``). At each, all
 windows of the ladder are judged, and the shortest whose match has a false-match probability below the accepted risk
-makes the fix. No window length has to be chosen: good ground is recognised after a scan or a metre, ground under snow
+makes the fix. No window length has to be chosen: good ground is recognised within a metre, that under snow
 after four.
 
 Where a place is known, the next is searched for around it alone; every few metres the whole region is searched for a
