@@ -214,7 +214,8 @@ def _swept(pattern: Pattern, outline: Outline) -> list[tuple[str, Any]]:
     swept = []
     for number, line in enumerate(pattern.lines):
         start = pose_on_line(line, pattern.settings.tool_ahead_m, pattern.settings.tool_left_m)
-        swept.append((f"line {line.number}", _straight(start, line.length_m, outline)))
+        body = _straight(start[None], np.array([line.length_m]), outline)
+        swept.append((f"line {line.number}", shapely.polygons(body)[0]))
         if number < len(pattern.turns):
             place = f"turn from line {line.number} to line {pattern.lines[number + 1].number}"
             swept += [(place, shape) for shape in swept_of_turn(pattern.turns[number], outline)]
@@ -232,27 +233,38 @@ def swept_of_turn(turn: HeadlandTurn, outline: Outline) -> list[Any]:
     """Polygons that a turn sweeps: of each straight piece, and of small steps along each arc."""
     begins = np.concatenate([[0.0], np.cumsum(np.abs(turn.pieces[:, 0]))])
     knots = poses_along(turn.start, turn.pieces, begins)
-    swept, arcs = [], []
-    for number, (length_m, curvature) in enumerate(turn.pieces.tolist()):
-        if curvature == 0.0:
-            # Of a knot between two pieces the yaw is that of both.
-            swept.append(_straight(knots[number], length_m, outline))
-        else:
-            count = max(math.ceil(abs(length_m * curvature) / _ARC_RAD), 1) + 1
-            arcs.append(np.linspace(begins[number], begins[number + 1], count))
+    length_m, curvature = turn.pieces.T
+    straight = np.flatnonzero(curvature == 0.0)
+    # Of a knot between two pieces the yaw is that of both.
+    corners = [_straight(knots[straight], length_m[straight], outline)]
+    arcs = []
+    for number in np.flatnonzero(curvature != 0.0):
+        count = max(math.ceil(abs(length_m[number] * curvature[number]) / _ARC_RAD), 1) + 1
+        arcs.append(np.linspace(begins[number], begins[number + 1], count))
     if arcs:
-        swept += list(shapely.polygons(rectangles(poses_along(turn.start, turn.pieces, np.concatenate(arcs)), outline)))
-    return swept
+        corners.append(rectangles(poses_along(turn.start, turn.pieces, np.concatenate(arcs)), outline))
+    return list(shapely.polygons(np.concatenate(corners)))
 
 
-def _straight(start: Float[np.ndarray, "3"], length_m: float, outline: Outline) -> Any:
-    longer = outline._replace(front_m=outline.front_m + max(length_m, 0.0), rear_m=outline.rear_m + min(length_m, 0.0))
-    return shapely.polygons(rectangles(start[None], longer))[0]
+def _straight(
+    starts: Float[np.ndarray, "way 3"], length_m: Float[np.ndarray, " way"], outline: Outline
+) -> Float[np.ndarray, "way 4 2"]:
+    """Corners of what the outline sweeps on straight ways from poses, those of negative length in reverse."""
+    front, rear, left, right = outline
+    ahead, behind = front + np.maximum(length_m, 0.0), rear + np.minimum(length_m, 0.0)
+    x, y = np.stack([ahead, behind, behind, ahead], axis=1), np.array([left, left, right, right])
+    return _placed(starts, x, y)
 
 
 def rectangles(poses: Float[np.ndarray, "place 3"], outline: Outline) -> Float[np.ndarray, "place 4 2"]:
     """Corners of the outline at poses."""
     front, rear, left, right = outline
-    x, y = np.array([front, rear, rear, front]), np.array([left, left, right, right])
+    return _placed(poses, np.array([front, rear, rear, front]), np.array([left, left, right, right]))
+
+
+def _placed(
+    poses: Float[np.ndarray, "place 3"], x: Float[np.ndarray, "*place 4"], y: Float[np.ndarray, "4"]
+) -> Float[np.ndarray, "place 4 2"]:
+    """Points of the body at poses."""
     cos, sin = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
     return np.stack([poses[:, :1] + cos * x - sin * y, poses[:, 1:2] + sin * x + cos * y], axis=-1)

@@ -6,16 +6,17 @@ What a raster lets pass is checked exactly before it is taken.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-from lgprjax.coverage.field import Outline
+from lgprjax.coverage.field import Outline, Tool
 from lgprjax.coverage.ground import SafeGround, swept_of_turn
-from lgprjax.coverage.turns import HeadlandTurn, Pieces, Pose
+from lgprjax.coverage.turns import HeadlandTurn, Pieces, Pose, poses_along
 
 _EDGE_M = 0.05
 _STEP_M = 0.2
@@ -35,8 +36,12 @@ CUSP_M = 1.5
 """Cost of a change between forward and reverse, as way."""
 REVERSE = 1.3
 """Cost of a metre in reverse."""
+_OFF_M = 1e-6
 _UNWORKED = 4.0
 """Cost of a metre over ground not yet worked, where the vehicle lines up with its swath."""
+
+
+_HANDS = np.array([(1, 0, 1), (-1, 0, -1), (1, 0, -1), (-1, 0, 1), (-1, 1, -1), (1, -1, 1)], float)
 
 
 class Terrain:
@@ -70,8 +75,7 @@ class Terrain:
         self.unworked = ndimage.binary_erosion(self.target, iterations=max(round(_EDGE_M / self.cell_m), 1))
         shapely.prepare(ground.kept)
         front, rear, left, right = outline
-        along = np.linspace(rear, front, max(math.ceil((front - rear) / _OUTLINE_M), 1) + 1)
-        across = np.linspace(right, left, max(math.ceil((left - right) / _OUTLINE_M), 1) + 1)[1:-1]
+        along, across = _samples(rear, front, _OUTLINE_M), _samples(right, left, _OUTLINE_M)[1:-1]
         edge = [(each, side) for side in (left, right) for each in along]
         edge += [(end, each) for end in (front, rear) for each in across]
         self._edge_m = np.array(edge)
@@ -109,6 +113,23 @@ class Terrain:
         held = self._stands if surely else self._may_stand
         return np.asarray(held[(heading, *self.cells(poses[..., :2]))])
 
+    def under(self, tool: Tool) -> Bool[np.ndarray, "row column"]:
+        """Cells that a tool can be over with the outline within the ground, at some heading of the ladder."""
+        half_m = 0.5 * tool.width_m
+        along = tool.ahead_m + _samples(-0.5 * tool.length_m, 0.5 * tool.length_m, 1.5 * self.cell_m)
+        across = tool.left_m + _samples(-half_m, half_m, 1.5 * self.cell_m)
+        x, y = (each.ravel() for each in np.meshgrid(along, across))
+        rows, columns = self.away_m.shape
+        reach = math.ceil(float(np.hypot(x, y).max()) / self.cell_m) + 1
+        over = np.zeros((rows + 2 * reach, columns + 2 * reach), bool)
+        for number in range(0, _HEADINGS, 2):
+            angle = 2.0 * math.pi * number / _HEADINGS
+            places = np.stack([x * math.sin(angle) + y * math.cos(angle), x * math.cos(angle) - y * math.sin(angle)], 1)
+            for row, column in np.unique(np.rint(places / self.cell_m).astype(int) + reach, axis=0):
+                over[row : row + rows, column : column + columns] |= self._stands[number]
+        inner: Bool[np.ndarray, "row column"] = over[reach : reach + rows, reach : reach + columns]
+        return inner
+
     def cells(self, places_m: Float[np.ndarray, "*shape 2"]) -> tuple[np.ndarray, np.ndarray]:
         """Row and column of places; those beyond the raster are taken to its border, which is not safe."""
         index = ((places_m - self.origin_m) / self.cell_m).astype(np.int64)
@@ -137,9 +158,17 @@ class Terrain:
         good: Bool[np.ndarray, "*shape"] = (self.away_m[self.cells(places)] > max(self._least_m, 0.0)).all(axis=-1)
         return good
 
-    def fits_exactly(self, start: Pose, pieces: Pieces) -> bool:
-        """The check that the plan will be held against."""
-        return bool(shapely.covers(self.ground.kept, swept_of_turn(HeadlandTurn(start, pieces), self.outline)).all())
+    def leads_exactly(self, start: Float[np.ndarray, "3"], pieces: Pieces, end: Float[np.ndarray, "3"]) -> bool:
+        """Whether a way leads from one pose to another, and passes the check that the plan will be held against."""
+        turn = HeadlandTurn(Pose(*(float(each) for each in start)), pieces)
+        off = poses_along(turn.start, pieces, np.array([turn.length_m]))[0] - end
+        if float(np.hypot(*off[:2])) > _OFF_M or abs(math.sin(0.5 * off[2])) > _OFF_M:
+            return False
+        return bool(shapely.covers(self.ground.kept, swept_of_turn(turn, self.outline)).all())
+
+
+def _samples(low: float, high: float, step: float) -> Float[np.ndarray, " place"]:
+    return np.linspace(low, high, max(math.ceil((high - low) / step), 1) + 1)
 
 
 class Joint(NamedTuple):
@@ -156,76 +185,82 @@ class Joint(NamedTuple):
 def find_joint(
     terrain: Terrain,
     start: Float[np.ndarray, "3"],
-    end: Float[np.ndarray, "3"],
+    ends: Float[np.ndarray, "end 3"],
     radius_m: float,
     *,
     back_m: float,
     out_m: float,
     in_m: float,
     band: tuple[float, float],
-    limit_m: float = math.inf,
     wide: bool = False,
-) -> Joint | None:
-    """The cheapest way from one pose to another that keeps to the ground and off what is not yet worked.
+) -> tuple[int, Joint] | None:
+    """The cheapest way from a pose to one of several that keeps to the ground and off what is not yet worked.
 
     Args:
         terrain: with what is worked so far.
-        start, end: x_m, y_m, yaw_rad.
+        start: x_m, y_m, yaw_rad; ends: the same, of each swath that may come next.
         radius_m: of every arc.
         back_m: how far straight back from the start is known to be worked ground.
         out_m, in_m: straight on from the start, and straight into the end, that is tried as well.
         band: half the width of the end's own swath, and how far before it the vehicle may stand on it unworked.
-        limit_m: a way that costs more is not wanted.
         wide: arcs of ``WIDE_RADII`` times the radius are tried as well.
+
+    Returns:
+        The number of the end and the way to it; ``None`` where there is none.
     """
     leads, ins = leads_of(back_m, out_m, in_m, radius_m)
     lead, into = (each.ravel() for each in np.meshgrid(leads, ins, indexing="ij"))
-    starts, ends = poses_ahead(start, lead), poses_ahead(end, -into)
+    starts = np.tile(poses_ahead(start, lead), (len(ends), 1))
+    goals = np.concatenate([poses_ahead(end, -into) for end in ends])
     radii = radius_m * np.array((1.0, *WIDE_RADII) if wide else (1.0,))
-    middle, curvature = (
-        np.concatenate(each, axis=axis)
-        for each, axis in zip(zip(*(_words(starts, ends, each) for each in radii), strict=True), (1, 0), strict=True)
-    )
+    ways, radius = len(starts), np.repeat(radii, len(starts))
+    middle, hands = _words(np.tile(starts, (len(radii), 1)), np.tile(goals, (len(radii), 1)), radius)
+    lead, into = np.tile(lead, len(ends) * len(radii)), np.tile(into, len(ends) * len(radii))
+    cost = _cost_m((lead[:, None], *np.moveaxis(middle, 2, 0), into[:, None]))
+    cost = np.where(np.isfinite(cost), cost, math.inf)
+    # Of each end the cheapest ways, and then all of them in order.
     words = middle.shape[1]
-    lengths = np.concatenate(
-        [
-            np.broadcast_to(lead[:, None, None], (len(lead), words, 1)),
-            middle,
-            np.broadcast_to(into[:, None, None], (len(lead), words, 1)),
-        ],
-        axis=2,
-    ).reshape(-1, 5)
-    straight = np.zeros((words, 1))
-    bends = np.tile(np.concatenate([straight, curvature, straight], axis=1), (len(lead), 1))
-    cost = _cost_m(lengths)
-    order = np.argsort(cost)
-    order = order[np.isfinite(cost[order]) & (cost[order] < limit_m)][:_MOST_TRIED]
-    # Where pieces join first: most ways fail there already.
-    begins = np.cumsum(np.abs(lengths[order]), axis=1)
-    halves = begins - 0.5 * np.abs(lengths[order])
-    if len(order):
-        order = order[
-            _clear(terrain, start, lengths[order], bends[order], np.concatenate([begins, halves], axis=1), end, band)[0]
-        ]
-    exact = 0
-    best: Joint | None = None
-    for begin in range(0, len(order), _BATCH):
-        chosen = order[begin : begin + _BATCH]
-        if best is not None and cost[chosen[0]] >= best.cost_m:
-            break
-        good, extra_m = clear_ways(terrain, start, lengths[chosen], bends[chosen], end, band)
-        full = cost[chosen] + _UNWORKED * extra_m
-        for number in np.argsort(full):
-            if not good[number] or full[number] >= min(limit_m, math.inf if best is None else best.cost_m):
-                continue
-            if exact >= _EXACT:
+    end_of = np.repeat(np.tile(np.repeat(np.arange(len(ends)), ways // len(ends)), len(radii)), words)
+    flat = cost.ravel()
+    order = np.concatenate([_cheapest(flat, np.flatnonzero(end_of == end), _MOST_TRIED) for end in range(len(ends))])
+    order = order[np.argsort(flat[order], kind="stable")]
+    way, word = np.divmod(order, words)
+    zero = np.zeros(len(order))
+    lengths = np.column_stack([lead[way], middle[way, word], into[way]])
+    bends = np.column_stack([zero, hands[word] / radius[way, None], zero])
+    cost, end_of = flat[order], end_of[order]
+    exact = np.zeros(len(ends), int)
+    best: tuple[int, Joint] | None = None
+    for first in range(0, len(order), _MOST_TRIED):
+        # Where pieces join first: most ways fail there already.
+        part = np.arange(first, min(first + _MOST_TRIED, len(order)))
+        joins = np.cumsum(np.abs(lengths[part]), axis=1)
+        places = np.concatenate([joins, joins - 0.5 * np.abs(lengths[part])], axis=1)
+        part = part[_clear(terrain, start, lengths[part], bends[part], places, ends[end_of[part]], band)[0]]
+        for begin in range(0, len(part), _BATCH):
+            chosen = part[begin : begin + _BATCH]
+            if best is not None and cost[chosen[0]] >= best[1].cost_m:
                 return best
-            exact += 1
-            pieces = joined(np.stack([lengths[chosen[number]], bends[chosen[number]]], axis=1))
-            if terrain.fits_exactly(Pose(*(float(each) for each in start)), pieces):
-                best = Joint(pieces, float(full[number]))
-                break
+            good, extra_m = clear_ways(terrain, start, lengths[chosen], bends[chosen], ends[end_of[chosen]], band)
+            full = cost[chosen] + _UNWORKED * extra_m
+            for number in np.argsort(full):
+                end = int(end_of[chosen[number]])
+                if not good[number] or exact[end] >= _EXACT:
+                    continue
+                if best is not None and full[number] >= best[1].cost_m:
+                    break
+                exact[end] += 1
+                pieces = joined(np.stack([lengths[chosen[number]], bends[chosen[number]]], axis=1))
+                if terrain.leads_exactly(start, pieces, ends[end]):
+                    best = (end, Joint(pieces, float(full[number])))
+                    break
     return best
+
+
+def _cheapest(cost: Float[np.ndarray, " way"], among: Int[np.ndarray, " one"], count: int) -> Int[np.ndarray, " least"]:
+    """Numbers of the cheapest, in no order; of those that cost anything finite."""
+    among = among[cost[among] < math.inf]
+    return among[np.argpartition(cost[among], count)[:count]] if len(among) > count else among
 
 
 def joined(pieces: Pieces) -> Pieces:
@@ -264,12 +299,12 @@ def poses_ahead(pose: Float[np.ndarray, "3"], ahead_m: Float[np.ndarray, " way"]
     return np.stack([pose[0] + ahead_m * np.cos(yaw), pose[1] + ahead_m * np.sin(yaw), yaw], axis=1)
 
 
-def _cost_m(lengths: Float[np.ndarray, "way piece"]) -> Float[np.ndarray, " way"]:
-    cost = np.where(lengths < 0.0, -REVERSE * lengths, lengths).sum(axis=1)
-    last = np.ones(len(lengths))
-    for piece in lengths.T:
+def _cost_m(pieces: Sequence[Float[np.ndarray, "..."]]) -> Float[np.ndarray, "..."]:
+    """Of ways of the signed lengths of their pieces."""
+    cost, last = np.zeros(()), np.ones(())
+    for piece in pieces:
         sign = np.where(np.abs(piece) < 1e-9, last, np.sign(piece))
-        cost = cost + CUSP_M * (sign != last)
+        cost = cost + np.maximum(piece, -REVERSE * piece) + CUSP_M * (sign != last)
         last = sign
     # Every swath begins forwards.
     return np.asarray(cost + CUSP_M * (last < 0.0))
@@ -280,7 +315,7 @@ def clear_ways(
     start: Float[np.ndarray, "*way 3"],
     lengths: Float[np.ndarray, "way piece"],
     bends: Float[np.ndarray, "way piece"],
-    end: Float[np.ndarray, "3"],
+    end: Float[np.ndarray, "*each 3"],
     band: tuple[float, float],
 ) -> tuple[Bool[np.ndarray, " way"], Float[np.ndarray, " way"]]:
     """Which ways the raster lets pass, and how much of each is over unworked ground of the swath to come.
@@ -289,7 +324,7 @@ def clear_ways(
         terrain: with what is worked so far.
         start: x_m, y_m, yaw_rad: of all ways, or of each.
         lengths, bends: signed lengths of the pieces, and their curvatures.
-        end, band: see ``find_joint``.
+        end: of all ways, or of each; band: see ``find_joint``.
     """
     way_m = np.abs(lengths).sum(axis=1)
     count = int(np.ceil(way_m.max() / _STEP_M)) + 2
@@ -304,15 +339,15 @@ def _clear(
     lengths: Float[np.ndarray, "way piece"],
     bends: Float[np.ndarray, "way piece"],
     arc_m: Float[np.ndarray, "way place"],
-    end: Float[np.ndarray, "3"],
+    end: Float[np.ndarray, "*each 3"],
     band: tuple[float, float],
 ) -> tuple[Bool[np.ndarray, " way"], Float[np.ndarray, " way"]]:
     """Which ways are clear at all of their places, and at how many of them on unworked ground of the swath to come."""
     poses = sample(start, lengths, bends, arc_m)
     raw = terrain.unworked[terrain.cells(poses[..., :2])]
-    away = poses[..., :2] - end[:2]
-    cos, sin = math.cos(end[2]), math.sin(end[2])
-    ahead, aside = away[..., 0] * cos + away[..., 1] * sin, away[..., 1] * cos - away[..., 0] * sin
+    x, y = poses[..., 0] - end[..., :1], poses[..., 1] - end[..., 1:2]
+    cos, sin = np.cos(end[..., 2:]), np.sin(end[..., 2:])
+    ahead, aside = x * cos + y * sin, y * cos - x * sin
     own = (np.abs(aside) <= band[0]) & (ahead <= 0.0) & (ahead >= -band[1])
     good = ~(raw & ~own).any(axis=1)
     for fits in (terrain.stands, terrain.fits):
@@ -351,100 +386,88 @@ def _chords(yaw: np.ndarray, length: np.ndarray, bend: np.ndarray) -> tuple[np.n
 
 
 def _words(
-    starts: Float[np.ndarray, "way 3"], ends: Float[np.ndarray, "way 3"], radius_m: float
+    starts: Float[np.ndarray, "way 3"], ends: Float[np.ndarray, "way 3"], radius_m: Float[np.ndarray, " way"]
 ) -> tuple[Float[np.ndarray, "way word 3"], Float[np.ndarray, "word 3"]]:
-    """Signed lengths of the three pieces of every word, NaN where there is none, and the words' curvatures."""
-    forward, curvature = forward_words(starts, ends, radius_m)
+    """Signed lengths of the three pieces of every word, NaN where there is none, and to which hand each bends."""
     turned = np.array([0.0, 0.0, math.pi])
-    reverse, _ = forward_words(starts + turned, ends + turned, radius_m)
-    cusped, bends = _three_arcs(starts, ends, radius_m)
-    lengths = np.concatenate([forward, -reverse, _leading(starts, ends, cusped, bends)], axis=1)
-    return lengths, np.concatenate([curvature, -curvature, bends])
-
-
-def _leading(
-    starts: Float[np.ndarray, "way 3"],
-    ends: Float[np.ndarray, "way 3"],
-    lengths: Float[np.ndarray, "way word 3"],
-    every: Float[np.ndarray, "word 3"],
-) -> Float[np.ndarray, "way word 3"]:
-    """The words' lengths, NaN where a word does not lead to the end: the formulas' special cases are left to this."""
-    flat = lengths.reshape(-1, 3)
-    bent = np.tile(every, (len(starts), 1))
-    reached = np.repeat(starts, len(every), axis=0)
-    for piece in range(3):
-        x, y = _chords(reached[:, 2], flat[:, piece], bent[:, piece])
-        turn = flat[:, piece] * bent[:, piece]
-        reached = np.stack([reached[:, 0] + x, reached[:, 1] + y, reached[:, 2] + turn], axis=1)
-    goal = np.repeat(ends, len(every), axis=0)
-    wrong = np.hypot(*(reached - goal)[:, :2].T) > 1e-6
-    wrong |= np.abs(np.sin(0.5 * (reached - goal)[:, 2])) > 1e-6
-    flat = np.where((wrong | ~np.isfinite(flat).all(axis=1))[:, None], np.nan, flat)
-    return np.asarray(flat.reshape(lengths.shape))
+    both, hands = forward_words(
+        np.concatenate([starts, starts + turned]), np.concatenate([ends, ends + turned]), np.tile(radius_m, 2)
+    )
+    forward, reverse = np.split(both, 2)
+    cusped, more = _three_arcs(starts, ends, radius_m)
+    return np.concatenate([forward, -reverse, cusped], axis=1), np.concatenate([hands, -hands, more])
 
 
 def forward_words(
-    starts: Float[np.ndarray, "way 3"], ends: Float[np.ndarray, "way 3"], radius_m: float
-) -> tuple[Float[np.ndarray, "way 6 3"], Float[np.ndarray, "6 3"]]:
-    """Lengths of Dubins' six words, by Shkel and Lumelsky (2001), NaN where there is none; and their curvatures."""
+    starts: Float[np.ndarray, "way 3"],
+    ends: Float[np.ndarray, "way 3"],
+    radius_m: Float[np.ndarray, " way"] | float,
+    *,
+    straight: bool = False,
+) -> tuple[Float[np.ndarray, "way word 3"], Float[np.ndarray, "word 3"]]:
+    """Lengths of Dubins' six words, by Shkel and Lumelsky (2001), NaN where there is none, and each one's hands.
+
+    Args:
+        starts, ends: x_m, y_m, yaw_rad.
+        radius_m: of the arcs, of each way or of all.
+        straight: only the four with a straight piece: the middle of three arcs is at least half a turn.
+    """
     east, north = (ends - starts)[:, :2].T
     far, toward = np.hypot(east, north) / radius_m, np.arctan2(north, east)
     a, b = starts[:, 2] - toward, ends[:, 2] - toward
     sa, sb, ca, cb, cab = np.sin(a), np.sin(b), np.cos(a), np.cos(b), np.cos(a - b)
+    same, opposite = 2.0 + far**2 - 2.0 * cab, far**2 - 2.0 + 2.0 * cab
+    less, more = 2.0 * far * (sa - sb), 2.0 * far * (sa + sb)
+    one, two = np.arctan2(cb - ca, far + sa - sb), np.arctan2(ca - cb, far - sa + sb)
+    words = np.empty((len(starts), 4 if straight else 6, 3))
     with np.errstate(invalid="ignore"):
-        lsl = np.sqrt(2.0 + far**2 - 2.0 * cab + 2.0 * far * (sa - sb))
-        rsr = np.sqrt(2.0 + far**2 - 2.0 * cab - 2.0 * far * (sa - sb))
-        lsr = np.sqrt(far**2 - 2.0 + 2.0 * cab + 2.0 * far * (sa + sb))
-        rsl = np.sqrt(far**2 - 2.0 + 2.0 * cab - 2.0 * far * (sa + sb))
-        rlr = 2.0 * np.pi - np.arccos((6.0 - far**2 + 2.0 * cab + 2.0 * far * (sa - sb)) / 8.0)
-        lrl = 2.0 * np.pi - np.arccos((6.0 - far**2 + 2.0 * cab - 2.0 * far * (sa - sb)) / 8.0)
-    one = np.arctan2(cb - ca, far + sa - sb)
-    two = np.arctan2(ca - cb, far - sa + sb)
-    three = np.arctan2(-ca - cb, far + sa + sb) - np.arctan2(-2.0, lsr)
-    four = np.arctan2(ca + cb, far - sa - sb) - np.arctan2(2.0, rsl)
-    five = _turn(a - two + 0.5 * rlr)
-    six = _turn(-a + one + 0.5 * lrl)
-    words = [
-        (_turn(one - a), lsl, _turn(b - one)),
-        (_turn(a - two), rsr, _turn(two - b)),
-        (_turn(three - a), lsr, _turn(three - b)),
-        (_turn(a - four), rsl, _turn(b - four)),
-        (five, rlr, _turn(a - b - five + rlr)),
-        (six, lrl, _turn(b - a - six + lrl)),
-    ]
-    signs = [(1, 0, 1), (-1, 0, -1), (1, 0, -1), (-1, 0, 1), (-1, 1, -1), (1, -1, 1)]
-    lengths = np.stack([np.stack(word, axis=1) for word in words], axis=1) * radius_m
-    curvature = np.array(signs, float) / radius_m
-    return _leading(starts, ends, lengths, curvature), curvature
+        words[:, 0, 1], words[:, 1, 1] = np.sqrt(same + less), np.sqrt(same - less)
+        lsr, rsl = np.sqrt(opposite + more), np.sqrt(opposite - more)
+        words[:, 2, 1], words[:, 3, 1] = lsr, rsl
+        three = np.arctan2(-ca - cb, far + sa + sb) - np.arctan2(-2.0, lsr)
+        four = np.arctan2(ca + cb, far - sa - sb) - np.arctan2(2.0, rsl)
+        for number, (first, last) in enumerate(
+            ((one - a, b - one), (a - two, two - b), (three - a, three - b), (a - four, b - four))
+        ):
+            words[:, number, 0], words[:, number, 2] = _turn(first), _turn(last)
+        if not straight:
+            rlr = 2.0 * np.pi - np.arccos((6.0 - far**2 + 2.0 * cab + less) / 8.0)
+            lrl = 2.0 * np.pi - np.arccos((6.0 - far**2 + 2.0 * cab - less) / 8.0)
+            five, six = _turn(a - two + 0.5 * rlr), _turn(-a + one + 0.5 * lrl)
+            words[:, 4, 0], words[:, 4, 1], words[:, 4, 2] = five, rlr, _turn(a - b - five + rlr)
+            words[:, 5, 0], words[:, 5, 1], words[:, 5, 2] = six, lrl, _turn(b - a - six + lrl)
+    words *= np.reshape(radius_m, (-1, 1, 1))
+    return words, _HANDS[: words.shape[1]]
 
 
 def _three_arcs(
-    starts: Float[np.ndarray, "way 3"], ends: Float[np.ndarray, "way 3"], radius_m: float
+    starts: Float[np.ndarray, "way 3"], ends: Float[np.ndarray, "way 3"], radius_m: Float[np.ndarray, " way"]
 ) -> tuple[Float[np.ndarray, "way 4 3"], Float[np.ndarray, "4 3"]]:
     """Lengths of Reeds and Shepp's words of three arcs with two cusps: forward, reverse, forward, and the like."""
     cos, sin = np.cos(starts[:, 2]), np.sin(starts[:, 2])
     east, north = (ends - starts)[:, :2].T / radius_m
     x, y, turned = east * cos + north * sin, north * cos - east * sin, ends[:, 2] - starts[:, 2]
-    words, signs = [], []
+    across, ahead = np.sin(turned), np.cos(turned)
+    words, hands = np.empty((len(starts), 4, 3)), list[tuple[float, float, float]]()
     for gear in (1.0, -1.0):
         for hand in (1.0, -1.0):
-            along, aside, yaw = gear * x, hand * y, gear * hand * turned
-            xi, eta = along - np.sin(yaw), aside - 1.0 + np.cos(yaw)
-            apart, bearing = np.hypot(xi, eta), np.arctan2(eta, xi)
+            yaw = gear * hand * turned
+            xi, eta = gear * (x - hand * across), hand * y - 1.0 + ahead
             with np.errstate(invalid="ignore"):
-                rise = np.arccos(apart / 4.0)
-            first = _half_turn(rise + bearing + 0.5 * np.pi)
+                rise = np.arccos(np.hypot(xi, eta) / 4.0)
+            first = _half_turn(rise + np.arctan2(eta, xi) + 0.5 * np.pi)
             second = _turn(np.pi - 2.0 * rise)
             third = _half_turn(yaw - first - second)
-            words.append(np.stack([gear * first, -gear * second, gear * third], axis=1))
-            signs.append((hand, -hand, hand))
-    return np.stack(words, axis=1) * radius_m, np.array(signs) / radius_m
+            words[:, len(hands)] = np.stack([gear * first, -gear * second, gear * third], axis=1)
+            hands.append((hand, -hand, hand))
+    words *= np.reshape(radius_m, (-1, 1, 1))
+    return words, np.array(hands)
 
 
 def _turn(angle: Float[np.ndarray, " way"]) -> Float[np.ndarray, " way"]:
-    turned = np.mod(angle, 2.0 * np.pi)
+    turned = angle - 2.0 * np.pi * np.floor(angle * (0.5 / np.pi))
     return np.where(turned > 2.0 * np.pi - 1e-9, 0.0, turned)
 
 
 def _half_turn(angle: Float[np.ndarray, " way"]) -> Float[np.ndarray, " way"]:
-    return np.asarray(np.arctan2(np.sin(angle), np.cos(angle)))
+    return np.asarray(angle - 2.0 * np.pi * np.rint(angle * (0.5 / np.pi)))

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from scipy import sparse
 
 from lgprjax.coverage.joints import REVERSE, WIDE_RADII, Joint, Terrain, clear_ways, forward_words, joined, sample
-from lgprjax.coverage.turns import Pieces, Pose
+from lgprjax.coverage.turns import Pieces
 
 _HEADINGS = 16
 _MOST_TURNED = 2
@@ -27,6 +27,8 @@ _LONGER = 1.3
 """Longest word, in distances of its ends."""
 _STEP_M = 0.2
 _JOIN_TURNED = 3
+_MOST_BEND_RAD = 0.75 * math.pi
+"""Of a word between a lead and a node."""
 _LIMITS_M = (15.0, 40.0, math.inf)
 """How far ways are searched at first, and then."""
 _AGAINST_M = 0.1
@@ -46,6 +48,9 @@ class Links(NamedTuple):
     lead: Int[np.ndarray, " link"]
     cost_m: Float[np.ndarray, " link"]
     pieces: Float[np.ndarray, "link 3 2"]
+
+    def where(self, good: Bool[np.ndarray, " link"]) -> "Links":
+        return Links(*(each[good] for each in self))
 
 
 class Lattice:
@@ -75,6 +80,7 @@ class Lattice:
         # [place, heading] as one number.
         self.poses = np.concatenate([np.repeat(grid, _HEADINGS, axis=0), np.tile(yaw, len(grid))[:, None]], axis=1)
         self.free = terrain.stands(self.poses, surely=True)
+        self._seen: np.ndarray | None = None
         self._grow()
 
     def _grow(self) -> None:
@@ -125,27 +131,34 @@ class Lattice:
         order = np.lexsort((cost, end, begin))
         first = np.diff(begin[order] * len(self.poses) + end[order], prepend=-1) > 0
         order = order[first]
-        self._begin, self._end, self._cost_m = begin[order], end[order], cost[order]
+        self._begin, self._end = begin[order].astype(np.int32), end[order].astype(np.int32)
+        self._cost_m = cost[order]
         self.edge = np.concatenate([edge, edge])[order]
         self.reverse = order >= len(edge)
 
     def search(self, links: Links) -> "Tree":
         """Cheapest ways from a pose's links to all nodes, over worked ground alone."""
-        worked = ~self.terrain.unworked.ravel()[self._passed].any(axis=1)
-        kept = np.flatnonzero(worked[self.edge])
+        unworked = self.terrain.unworked
+        if self._seen is not unworked:
+            self._seen, self._worked = unworked, np.zeros(len(self.source), bool)
+        # What is worked remains so.
+        closed = np.flatnonzero(~self._worked)
+        self._worked[closed] = ~unworked.ravel()[self._passed[closed]].any(axis=1)
+        kept = np.flatnonzero(self._worked[self.edge])
         count = len(self.poses)
         # The pose itself is one more node, after all others.
         rows = np.concatenate([np.bincount(self._begin[kept], minlength=count), [len(links.node)]])
         cost = np.concatenate([self._cost_m[kept], links.cost_m + 1e-3])
-        ends = np.concatenate([self._end[kept], links.node])
-        graph = sparse.csr_matrix((cost, ends, np.concatenate([[0], np.cumsum(rows)])), shape=(count + 1, count + 1))
+        ends = np.concatenate([self._end[kept], links.node.astype(np.int32)])
+        begins = np.concatenate([[0], np.cumsum(rows)]).astype(np.int32)
+        graph = sparse.csr_matrix((cost, ends, begins), shape=(count + 1, count + 1))
         return Tree(self, links, graph, kept)
 
     def links(
         self,
         leads: Float[np.ndarray, "lead 3"],
         lead_cost_m: Float[np.ndarray, " lead"],
-        end: Float[np.ndarray, "3"],
+        end: Float[np.ndarray, "*each 3"],
         band: tuple[float, float],
         *,
         inward: bool,
@@ -156,8 +169,8 @@ class Lattice:
 
         Args:
             leads: poses that the vehicle is known to get to; lead_cost_m: what that costs.
-            end: pose of the swath to come; band: see ``find_joint``.
-            inward: from nodes to the leads.
+            end: pose of the swath to come, of all leads or of each; band: see ``find_joint``.
+            inward: from nodes to the leads; the cheapest for each swath to come, not for all of them together.
             among: nodes that count.
             wide: see ``find_joint``.
         """
@@ -180,37 +193,47 @@ class Lattice:
         one, other = leads[lead], self.poses[node]
         if inward:
             one, other = other, one
-        half = np.array([0.0, 0.0, math.pi])
-        parts, curves = [], []
-        for times in (1.0, *WIDE_RADII) if wide else (1.0,):
-            ahead, bends = forward_words(one, other, times * self.radius_m)
-            behind, _ = forward_words(one + half, other + half, times * self.radius_m)
-            parts += [ahead, -behind]
-            curves += [bends, -bends]
-        lengths = np.concatenate(parts, axis=1)
-        words = lengths.shape[1]
-        lengths = lengths.reshape(-1, 3)
-        bends = np.tile(np.concatenate(curves), (len(node), 1))
-        node, lead = np.repeat(node, words), np.repeat(lead, words)
-        way_m = np.abs(lengths).sum(axis=1)
-        apart_m = np.hypot(*(self.poses[node, :2] - leads[lead, :2]).T)
-        turns = np.abs(lengths * bends).sum(axis=1)
-        good = np.isfinite(way_m) & (way_m <= _LONGER * apart_m + self.step_m) & (turns < 0.75 * math.pi)
-        node, lead, lengths, bends = node[good], lead[good], lengths[good], bends[good]
+        lengths, bends, word = self._short_words(one, other, wide)
+        node, lead = node[word], lead[word]
         cost = np.where(lengths < 0.0, -REVERSE * lengths, lengths).sum(axis=1) + lead_cost_m[lead]
-        # The cheapest few for each node.
-        order = np.lexsort((cost, node))
-        rank = np.arange(len(order)) - np.searchsorted(node[order], node[order])
+        # The cheapest few for each node, of each of the ends.
+        if inward:
+            ends = np.broadcast_to(end, leads.shape)
+            goal = np.cumsum((np.diff(ends, axis=0, prepend=ends[:1]) != 0.0).any(axis=1))
+            key = goal[lead] * len(self.poses) + node
+        else:
+            ends, key = np.broadcast_to(end, leads.shape), node
+        order = np.lexsort((cost, key))
+        rank = np.arange(len(order)) - np.searchsorted(key[order], key[order])
         order = order[rank < (4 * _KEPT if wide else _KEPT)]
-        node, lead, lengths, bends, cost = node[order], lead[order], lengths[order], bends[order], cost[order]
+        node, lead, key, lengths, bends, cost = (each[order] for each in (node, lead, key, lengths, bends, cost))
         if len(node):
             starts = self.poses[node] if inward else leads[lead]
-            good, extra_m = clear_ways(self.terrain, starts, lengths, bends, end, band)
-            node, lead, cost = node[good], lead[good], (cost + extra_m)[good]
-            lengths, bends = lengths[good], bends[good]
-        order = np.lexsort((cost, node))
-        first = order[np.diff(node[order], prepend=-1) > 0]
+            good, extra_m = clear_ways(self.terrain, starts, lengths, bends, ends[lead], band)
+            node, lead, key, lengths, bends, cost = (
+                each[good] for each in (node, lead, key, lengths, bends, cost + extra_m)
+            )
+        order = np.lexsort((cost, key))
+        first = order[np.diff(key[order], prepend=-1) > 0]
         return Links(node[first], lead[first], cost[first], np.stack([lengths, bends], axis=2)[first])
+
+    def _short_words(
+        self, starts: Float[np.ndarray, "way 3"], ends: Float[np.ndarray, "way 3"], wide: bool
+    ) -> tuple[Float[np.ndarray, "word 3"], Float[np.ndarray, "word 3"], Int[np.ndarray, " word"]]:
+        """Lengths and curvatures of words not much longer than the way straight on, and which way each is of."""
+        half = np.array([0.0, 0.0, math.pi])
+        most_m = _LONGER * np.hypot(*(ends - starts)[:, :2].T) + self.step_m
+        lengths, bends, ways = [], [], []
+        for radius_m in self.radius_m * np.array((1.0, *WIDE_RADII) if wide else (1.0,)):
+            for sign, turned in ((1.0, 0.0), (-1.0, 1.0)):
+                words, hands = forward_words(starts + turned * half, ends + turned * half, radius_m, straight=True)
+                arcs_m = words[..., 0] + words[..., 2]
+                good = (arcs_m + words[..., 1] <= most_m[:, None]) & (arcs_m < _MOST_BEND_RAD * radius_m)
+                way, word = np.nonzero(good)
+                lengths.append(sign * words[way, word])
+                bends.append(sign * hands[word] / radius_m)
+                ways.append(way)
+        return np.concatenate(lengths), np.concatenate(bends), np.concatenate(ways)
 
 
 class Tree:
@@ -230,9 +253,9 @@ class Tree:
         self, lattice: Lattice, links: Links, graph: sparse.csr_matrix, edges: Int[np.ndarray, " edge"]
     ) -> None:
         self.lattice, self._links, self._graph, self._edges = lattice, links, graph, edges
-        # Every edge can be driven either way.
-        _, label = sparse.csgraph.connected_components(graph, directed=False)
-        self.near = label[:-1] == label[-1]
+        self.near = np.zeros(graph.shape[0], bool)
+        self.near[sparse.csgraph.breadth_first_order(graph, graph.shape[0] - 1, return_predecessors=False)] = True
+        self.near = self.near[:-1]
         self._limit = 0
         self._cost_m: Float[np.ndarray, " node"] = np.zeros(0)
         self._before: Int[np.ndarray, " node"] = np.zeros(0, int)
@@ -266,13 +289,18 @@ class Tree:
             node = before
 
     def joint(
-        self, start: Float[np.ndarray, "3"], outs: Sequence[Pieces], inward: Links, ins: Sequence[Pieces]
+        self,
+        start: Float[np.ndarray, "3"],
+        outs: Sequence[Pieces],
+        inward: Links,
+        ins: Sequence[Pieces],
+        end: Float[np.ndarray, "3"],
     ) -> Joint | None:
         """The cheapest way on to a swath that the exact check lets pass.
 
         Args:
             start: pose; outs: from it to each lead.
-            inward: links to the leads of the swath; ins: from each of those to it.
+            inward: links to the leads of the swath; ins: from each of those to it; end: its pose.
         """
         cost = self._cost_to(inward.node) + inward.cost_m
         for link in np.argsort(cost)[:_TRIED]:
@@ -280,7 +308,7 @@ class Tree:
                 break
             lead, pieces = self._way(int(inward.node[link]))
             whole = joined(np.concatenate([outs[lead], pieces, inward.pieces[link], ins[inward.lead[link]]]))
-            if self.lattice.terrain.fits_exactly(Pose(*(float(each) for each in start)), whole):
+            if self.lattice.terrain.leads_exactly(start, whole, end):
                 return Joint(whole, float(cost[link]))
         return None
 
@@ -301,13 +329,13 @@ def _primitives(
         for turned in range(-_MOST_TURNED, _MOST_TURNED + 1):
             starts = np.tile([0.0, 0.0, heading * angle], (len(row), 1))
             ends = np.stack([column * step_m, row * step_m, np.full(len(row), (heading + turned) * angle)], axis=1)
-            words, curvature = forward_words(starts, ends, radius_m)
+            words, hands = forward_words(starts, ends, radius_m)
             way_m = np.where(np.isfinite(words).all(axis=2), words.sum(axis=2), np.inf)
             best = way_m.argmin(axis=1)
             least_m = way_m.min(axis=1)
             good = np.flatnonzero(least_m <= _LONGER * apart_m)
             for each in good[np.argsort(least_m[good])][: _KEPT if turned else _KEPT + 1]:
                 lengths.append(words[each, best[each]])
-                bends.append(curvature[best[each]])
+                bends.append(hands[best[each]] / radius_m)
                 moves.append((heading, int(column[each]), int(row[each]), turned))
     return np.array(lengths).reshape(-1, 3), np.array(bends).reshape(-1, 3), np.array(moves, int).reshape(-1, 4)

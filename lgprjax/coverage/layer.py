@@ -15,11 +15,12 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from lgprjax.coverage.field import Tool
-from lgprjax.coverage.joints import Terrain
+from lgprjax.coverage.joints import WIDE_RADII, Terrain
 from lgprjax.coverage.swaths import PatternSettings, line_count, to_lines
 
 _SAFE_M = 0.01
 _LEAST_LINE_M = 0.3
+_SLIVER_M2 = 1e-9
 _SHORTEST_M = 0.15
 """Of a swath that the ground leaves of a longer one: a few rows of the route."""
 GAP_M2 = 0.1
@@ -46,6 +47,7 @@ class TourSwath(NamedTuple):
         either: it covers as much the other way round.
         phase: swaths of a lower one are driven before: headlands, strips, gaps, along walls.
         wall: beside it there is no room for the tail to swing: gentle arcs lead to it, or none.
+        back: what can be driven the other way round instead, where nothing leads to the swath itself.
     """
 
     start_m: Float[np.ndarray, "2"]
@@ -53,9 +55,11 @@ class TourSwath(NamedTuple):
     either: bool
     phase: int = 1
     wall: bool = False
+    back: "TourSwath | None" = None
 
-    def turned(self) -> "TourSwath":
-        return self._replace(start_m=self.end_m, end_m=self.start_m)
+    def entries(self) -> list["TourSwath"]:
+        """Ways round that work as much."""
+        return [self, self._replace(start_m=self.end_m, end_m=self.start_m)] if self.either else [self]
 
 
 class Laid(NamedTuple):
@@ -65,21 +69,30 @@ class Laid(NamedTuple):
 
 
 class TourLayer:
-    """Lays swaths where vehicle and tool fit."""
+    """Lays swaths where vehicle and tool fit.
+
+    Attributes:
+        reach_m2: area of the target that the tool can be over, turned any way.
+        wall_swings_m: what the tail swings out of no arc, and of gentler ones than the tightest: room beside a wall.
+    """
 
     def __init__(self, terrain: Terrain, target: Any, settings: PatternSettings, tool: Tool) -> None:
         self.terrain, self.settings, self._target = terrain, settings, target
         self._half_length_m = 0.5 * tool.length_m
-        # Nearer to the border of the ground than the clearance no tool gets.
-        self._open = terrain.target & (terrain.away_m > terrain.ground.clearance_m + 0.5 * terrain.cell_m)
+        self._open = terrain.target & terrain.under(tool)
+        self.reach_m2 = float(np.count_nonzero(self._open)) * terrain.cell_m**2
         outline = terrain.outline
         half_m = 0.5 * settings.tool_width_m
         # What the tool must stay off where the vehicle is wider than it, or has to keep clear.
         wider_m = max(outline.left_m - settings.tool_left_m, settings.tool_left_m - outline.right_m) - half_m
         # Turning away from a wall the tail swings towards it.
-        side_m = settings.smallest_radius_m + max(outline.left_m, -outline.right_m)
-        swing_m = math.hypot(side_m, outline.rear_m) - side_m
-        self._swing_m = swing_m
+        sides_m = [
+            times * settings.smallest_radius_m + max(outline.left_m, -outline.right_m)
+            for times in (1.0, *sorted(WIDE_RADII))
+        ]
+        swings_m = [math.hypot(side_m, outline.rear_m) - side_m for side_m in sides_m]
+        self._swing_m = swings_m[0]
+        self.wall_swings_m = (0.0, *swings_m[:0:-1])
         edge_m = max(wider_m, 0.0) + _SAFE_M
         self._within = shapely.intersection(target, terrain.ground.kept.buffer(-edge_m, join_style="mitre"))
         self._turned: dict[float, tuple[Any, Any]] = {}
@@ -129,7 +142,9 @@ class TourLayer:
             ahead, behind = outline.front_m - settings.tool_ahead_m, outline.rear_m - settings.tool_ahead_m
             low, high = (behind, ahead) if forward else (-ahead, -behind)
             free[forward] = [
-                (a - low + _SAFE_M, b - high - _SAFE_M) for a, b in _between(shut, band) if b - a > high - low
+                (a - low + _SAFE_M, b - high - _SAFE_M)
+                for a, b in _between(shut, *shapely.bounds(band)[[0, 2]].tolist())
+                if b - a > high - low
             ]
         for a, b in wanted:
             if b - a < 1e-6:
@@ -142,13 +157,20 @@ class TourLayer:
             covered = {forward: sum(max(high - low, 0.0) for low, high in spans[forward]) for forward in spans}
             best = covered[True] >= covered[False]
             chosen = [(low, high) for low, high in spans[best] if high - low >= _LEAST_LINE_M]
+            others = [(low, high) for low, high in spans[not best] if high - low >= _LEAST_LINE_M]
             for low, high in chosen:
                 same = any(x <= low + 0.05 and y >= high - 0.05 for x, y in spans[not best])
                 ends = (low, high) if best else (high, low)
                 start, end = (self._out(heading_rad, along, across_m) for along in ends)
                 rear, front = (behind, ahead) if best else (-ahead, -behind)
                 body = shapely.box(low + rear, across_m - wide_m, high + front, across_m + wide_m)
-                swaths.append(TourSwath(start, end, same, wall=not kept.covers(body)))
+                swath = TourSwath(start, end, same, wall=not kept.covers(body))
+                if not same and others:
+                    common_m, x, y = max((min(y, high) - max(x, low), x, y) for x, y in others)
+                    if common_m > 0.5 * (high - low):
+                        first, last = (self._out(heading_rad, each, across_m) for each in ((y, x) if best else (x, y)))
+                        swath = swath._replace(back=TourSwath(first, last, False, wall=True))
+                swaths.append(swath)
             missed_m += b - a - sum(high - low for low, high in chosen)
         return swaths, missed_m
 
@@ -157,8 +179,7 @@ class TourLayer:
         swaths: Sequence[TourSwath],
         headings: Sequence[float],
         banned: Sequence[TourSwath] = (),
-        *,
-        to_wall: bool = False,
+        swing_m: float | None = None,
     ) -> list[TourSwath]:
         """The swaths, and more of them over what they leave and a tool can reach; none like those that are banned.
 
@@ -166,7 +187,8 @@ class TourLayer:
             swaths: laid before.
             headings: to be tried.
             banned: what nothing leads to.
-            to_wall: leave the tail no room to swing: only gentle arcs, or none, lead to such a swath.
+            swing_m: room left for the tail to swing, of ``wall_swings_m``: only gentle arcs, or none, lead to such a
+                swath. ``None`` for what it swings in a tight turn.
         """
         terrain, settings = self.terrain, self.settings
         half_m = 0.5 * settings.tool_width_m
@@ -177,7 +199,11 @@ class TourLayer:
         cell_m2 = terrain.cell_m**2
         least = max(GAP_M2, _GAP_SHARE * float(self._target.area)) / cell_m2
         ways = list(headings[:4])
-        swing_m = 0.0 if to_wall else self._swing_m
+        starts = np.array([each.start_m for each in banned]).reshape(-1, 2)
+        along = np.array([each.end_m for each in banned]).reshape(-1, 2) - starts
+        begins = starts, along / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+        wall, swing_m = swing_m is not None, self._swing_m if swing_m is None else swing_m
+        phase = _WALL_PHASE if wall else 2
         for _ in range(_MOST_GAP_SWATHS):
             labels, count = ndimage.label(open_cells)
             if count == 0:
@@ -191,21 +217,27 @@ class TourLayer:
             places = np.stack([terrain.east_m[columns], terrain.north_m[rows]], axis=1)
             best: tuple[float, TourSwath] | None = None
             stretches = self._stretches(places, ways, swing_m, least)
-            for tried, (most, heading, across_m, low, high) in enumerate(stretches):
+            for begin in range(0, len(stretches), _MOST_STRETCHES):
+                several = stretches[begin : begin + _MOST_STRETCHES]
                 # About what it would be worth whole: the rest is worth less.
-                if best is not None and (most < best[0] or tried >= _MOST_STRETCHES):
+                if best is not None:
                     break
-                for swath in self._other_starts(self.single(heading, across_m, low, high, swing_m), banned):
-                    part, within = terrain.in_rectangle(swath.start_m, swath.end_m, half_m, self._half_length_m)
-                    gain = float(np.count_nonzero(open_cells[part] & within))
-                    worth = gain / (float(np.hypot(*(swath.end_m - swath.start_m))) + 6.0)
-                    if gain >= 0.5 * least and (best is None or worth > best[0]):
-                        best = (worth, swath)
+                found = self._singles([each[1:] for each in several], swing_m)
+                for (most, *_), alike in zip(several, found, strict=True):
+                    if best is not None and most < best[0]:
+                        break
+                    for swath in self._other_starts(alike, begins):
+                        part, within = terrain.in_rectangle(swath.start_m, swath.end_m, half_m, self._half_length_m)
+                        gain = float(np.count_nonzero(open_cells[part] & within))
+                        worth = gain / (float(np.hypot(*(swath.end_m - swath.start_m))) + 6.0)
+                        if gain >= 0.5 * least and (best is None or worth > best[0]):
+                            best = (worth, swath)
             if best is None:
                 open_cells[rows, columns] = False
                 continue
             self.mark(open_cells, best[1])
-            every.append(best[1]._replace(phase=_WALL_PHASE, wall=True) if to_wall else best[1]._replace(phase=2))
+            back = None if best[1].back is None else best[1].back._replace(phase=phase, wall=wall)
+            every.append(best[1]._replace(phase=phase, wall=wall, back=back))
         return every
 
     def _stretches(
@@ -232,25 +264,33 @@ class TourLayer:
                 shifts += [float(y[0]) + 0.5 * width_m, float(y[-1]) - 0.5 * width_m]
             strips += [(heading, shift) for shift in shifts]
         found = []
+        along: dict[float, tuple[np.ndarray, np.ndarray]] = {}
         for heading, across_m in strips:
-            x, y = to_lines(places, heading).T
-            near = np.sort(x[np.abs(y - across_m) <= 0.5 * width_m])
-            for run in np.split(near, np.flatnonzero(np.diff(near) > _APART_M) + 1):
-                if len(run) < 0.5 * least:
+            if heading not in along:
+                x, y = to_lines(places, heading).T
+                order = np.argsort(x)
+                along[heading] = x[order], y[order]
+            x, y = along[heading]
+            near = x[np.abs(y - across_m) <= 0.5 * width_m]
+            cuts = (np.flatnonzero(near[1:] - near[:-1] > _APART_M) + 1).tolist()
+            for first, last in zip([0, *cuts], [*cuts, len(near)], strict=True):
+                if last - first < max(0.5 * least, 1.0):
                     continue
-                low, high = float(run[0]) - 0.5 * cell_m, float(run[-1]) + 0.5 * cell_m
+                low, high = float(near[first]) - 0.5 * cell_m, float(near[last - 1]) + 0.5 * cell_m
                 if high - low < _LEAST_LINE_M:
                     low, high = low - 0.5 * _LEAST_LINE_M, high + 0.5 * _LEAST_LINE_M
-                found.append((len(run) / (high - low + 6.0), heading, across_m, low, high))
+                found.append(((last - first) / (high - low + 6.0), heading, across_m, low, high))
         return sorted(found, key=lambda each: -each[0])
 
-    def _other_starts(self, swaths: Sequence[TourSwath], banned: Sequence[TourSwath]) -> list[TourSwath]:
-        """Swaths none of which is like those that are banned: one that is begins further on, with room to turn in."""
-        if not banned:
-            return list(swaths)
-        starts = np.array([each.start_m for each in banned])
-        ways = np.array([each.end_m - each.start_m for each in banned])
-        ways = ways / np.maximum(np.hypot(*ways.T), 1e-9)[:, None]
+    def _other_starts(
+        self, swaths: Sequence[TourSwath], banned: tuple[Float[np.ndarray, "swath 2"], Float[np.ndarray, "swath 2"]]
+    ) -> list[TourSwath]:
+        """Swaths none of which is like those that are banned: one that is begins further on, with room to turn in.
+
+        Args:
+            swaths: wanted; banned: places where others begin, and the directions of these.
+        """
+        starts, ways = banned
         found = []
         for swath in swaths:
             way = swath.end_m - swath.start_m
@@ -266,37 +306,44 @@ class TourLayer:
                     break
         return found
 
-    def single(
-        self, heading_rad: float, across_m: float, low_m: float, high_m: float, swing_m: float | None = None
-    ) -> list[TourSwath]:
-        """Swaths either way round over a stretch of a strip, whatever is to be worked there.
+    def single(self, heading_rad: float, across_m: float, low_m: float, high_m: float) -> list[TourSwath]:
+        """Swaths either way round over a stretch of a strip, whatever is to be worked there; see ``_singles``."""
+        return self._singles([(heading_rad, across_m, low_m, high_m)], self._swing_m)[0]
+
+    def _singles(self, stretches: Sequence[tuple[float, float, float, float]], swing_m: float) -> list[list[TourSwath]]:
+        """Swaths either way round over each of several stretches of strips, whatever is to be worked there.
 
         Args:
-            heading_rad, across_m: of the strip; low_m, high_m: along it.
-            swing_m: kept clear to both sides; ``None`` for what the tail swings in a tight turn.
+            stretches: heading and place across of each, and from where to where along it.
+            swing_m: kept clear to both sides: what the tail swings in a tight turn, or nothing.
         """
-        swing_m = self._swing_m if swing_m is None else swing_m
         settings, outline = self.settings, self.terrain.outline
-        _, kept = self._in_axes(heading_rad, whole=True)
-        found = []
-        for forward in (True, False):
-            left, right = outline.left_m - settings.tool_left_m, outline.right_m - settings.tool_left_m
-            bottom, top = (across_m + right, across_m + left) if forward else (across_m - left, across_m - right)
-            length_m = outline.front_m - outline.rear_m + 0.5
-            # A swath along a wall with no room for the tail to swing is one that nothing leads to.
-            bottom, top = bottom - swing_m, top + swing_m
-            band = shapely.box(low_m - length_m, bottom, high_m + length_m, top)
-            shut = _extents(shapely.difference(band, kept))
-            ahead, behind = outline.front_m - settings.tool_ahead_m, outline.rear_m - settings.tool_ahead_m
-            low, high = (behind, ahead) if forward else (-ahead, -behind)
-            for a, b in _between(shut, band):
-                start, end = max(low_m, a - low + _SAFE_M), min(high_m, b - high - _SAFE_M)
+        # A swath along a wall with no room for the tail to swing is one that nothing leads to.
+        left = outline.left_m - settings.tool_left_m + swing_m
+        right = outline.right_m - settings.tool_left_m - swing_m
+        ahead, behind = outline.front_m - settings.tool_ahead_m, outline.rear_m - settings.tool_ahead_m
+        length_m = outline.front_m - outline.rear_m + 0.5
+        heading, across, low, high = np.repeat(np.array(stretches), 2, axis=0).T
+        forward = np.arange(len(heading)) % 2 == 0
+        bottom, top = across + np.where(forward, right, -left), across + np.where(forward, left, -right)
+        bands = shapely.box(low - length_m, bottom, high + length_m, top)
+        kept = np.array([self._in_axes(float(each), whole=True)[1] for each in heading], object)
+        parts, of = shapely.get_parts(shapely.difference(bands, kept), return_index=True)
+        solid = shapely.area(parts) >= _SLIVER_M2
+        shut: list[list[tuple[float, float]]] = [[] for _ in bands]
+        for number, (start, _, end, _) in zip(of[solid].tolist(), shapely.bounds(parts[solid]).tolist(), strict=True):
+            shut[number].append((start, end))
+        found: list[list[TourSwath]] = [[] for _ in stretches]
+        for number, spans in enumerate(shut):
+            rear, front = (behind, ahead) if forward[number] else (-ahead, -behind)
+            for a, b in _between(_merged(spans), float(low[number]) - length_m, float(high[number]) + length_m):
+                start, end = max(float(low[number]), a - rear + _SAFE_M), min(float(high[number]), b - front - _SAFE_M)
                 if end - start < _SHORTEST_M:
                     continue
-                ends = (start, end) if forward else (end, start)
-                first, last = (self._out(heading_rad, each, across_m) for each in ends)
-                found.append(TourSwath(first, last, False))
-        return found
+                ends = (start, end) if forward[number] else (end, start)
+                first, last = (self._out(float(heading[number]), each, float(across[number])) for each in ends)
+                found[number // 2].append(TourSwath(first, last, False))
+        return [_paired(each) for each in found]
 
     def mark(self, cells: np.ndarray, swath: TourSwath) -> None:
         """Take out of cells what a swath works."""
@@ -369,14 +416,33 @@ def _box(shape: Any, bottom_m: float, top_m: float) -> Any:
     return shapely.box(low - 100.0, bottom_m, high + 100.0, top_m)
 
 
+def _paired(swaths: list[TourSwath]) -> list[TourSwath]:
+    """Swaths of one strip, each with that the other way round which has most of the way in common."""
+    found = []
+    for one in swaths:
+        way = one.end_m - one.start_m
+        length_m = float(np.hypot(*way))
+        best_m, back = 0.5 * length_m, None
+        for other in swaths:
+            low_m, high_m = sorted(
+                float((each - one.start_m) @ way) / length_m for each in (other.start_m, other.end_m)
+            )
+            common_m = min(high_m, length_m) - max(low_m, 0.0)
+            if float((other.end_m - other.start_m) @ way) < 0.0 and common_m > best_m:
+                best_m, back = common_m, other
+        found.append(one._replace(back=back))
+    return found
+
+
 def _extents(shape: Any) -> list[tuple[float, float]]:
     """From where to where the parts of a geometry reach along x, those that overlap as one."""
-    spans: list[tuple[float, float]] = []
-    for part in shapely.get_parts(shape):
-        if part.area < 1e-9:
-            continue
-        low, _, high, _ = shapely.bounds(part)
-        spans.append((float(low), float(high)))
+    parts = shapely.get_parts(shape)
+    bounds = shapely.bounds(parts[shapely.area(parts) >= _SLIVER_M2])
+    return _merged([(low, high) for low, _, high, _ in bounds.tolist()])
+
+
+def _merged(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Spans in order, those that overlap as one."""
     merged: list[tuple[float, float]] = []
     for low, high in sorted(spans):
         if merged and low <= merged[-1][1]:
@@ -386,14 +452,13 @@ def _extents(shape: Any) -> list[tuple[float, float]]:
     return merged
 
 
-def _between(shut: list[tuple[float, float]], band: Any) -> list[tuple[float, float]]:
-    """Where a band is free."""
-    low, _, high, _ = shapely.bounds(band)
-    free, begin = [], float(low)
-    for start, end in shut:
-        if start > begin:
-            free.append((begin, start))
-        begin = max(begin, end)
-    if begin < high:
-        free.append((begin, float(high)))
+def _between(shut: list[tuple[float, float]], begin: float, end: float) -> list[tuple[float, float]]:
+    """What of a span is free."""
+    free = []
+    for low, high in shut:
+        if low > begin:
+            free.append((begin, low))
+        begin = max(begin, high)
+    if begin < end:
+        free.append((begin, end))
     return free

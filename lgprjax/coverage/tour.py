@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from lgprjax.coverage.field import Field, Outline, Tool
 from lgprjax.coverage.ground import SafeGround, pose_on_line
-from lgprjax.coverage.joints import REVERSE, Terrain, clear_ways, cusps, find_joint, leads_of, sample
+from lgprjax.coverage.joints import REVERSE, Terrain, clear_ways, cusps, find_joint, leads_of, poses_ahead, sample
 from lgprjax.coverage.lattice import Lattice, Tree
 from lgprjax.coverage.layer import GAP_M2, TourLayer, TourSwath
 from lgprjax.coverage.pattern import Pattern, pattern_of
@@ -26,8 +26,8 @@ from lgprjax.errors import InputError
 _NEXT = 6
 """Swaths tried in earnest each time."""
 _HEADINGS = 3
-_ENOUGH = 0.98
-"""Share of what swaths were laid for that is worked, from which no other heading is tried."""
+_ENOUGH = 0.985
+"""Share of what the tool can be over that is worked, from which no other heading is tried."""
 _ROUNDS = 3
 _MOST_ENTRIES = 8
 
@@ -88,10 +88,10 @@ def plan_tour(
         if not swaths:
             continue
         tour = string_swaths(field, terrain, layer, swaths, headings, settings, name, ways)
-        if best is None or tour.worked_m2 > best.worked_m2 + 1e-3 * tour.target_m2:
-            best = tour
-        # Another heading helps where ways are missing, not where no swath of any heading fits.
-        if best.worked_m2 >= _ENOUGH * layer.worked_m2(swaths):
+        better = best is None or tour.worked_m2 > best.worked_m2 + 1e-3 * tour.target_m2
+        best = tour if best is None or better else best
+        # Where another heading is no better, what is left is not a matter of headings.
+        if best.worked_m2 >= _ENOUGH * layer.reach_m2 or not better:
             break
     if best is None:
         raise no_swath_fits(target, ground, outline, name)
@@ -148,37 +148,29 @@ def string_swaths(
     driven, joints = [(number, swath)], list[Pieces]()
     remaining.remove(number)
     layer.mark(terrain.unworked, swath)
-    rounds, failed, walls = 0, list[TourSwath](), False
-    given_up: list[TourSwath] = []
-    while remaining or not walls:
-        if not remaining:
-            walls = True
-            done = [each for _, each in driven]
-            fresh = layer.fill(done, headings, failed, to_wall=True)[len(done) :]
-            remaining = list(range(len(swaths), len(swaths) + len(fresh)))
-            swaths = [*swaths, *fresh]
-            continue
+    failed, given_up = list[TourSwath](), list[TourSwath]()
+    # What no way leads to, or is left, is tried by other swaths: a few times, and then along walls.
+    fills = [*[None] * _ROUNDS, *layer.wall_swings_m]
+    while remaining or fills:
         found = ways.following([each for _, each in driven], joints, [(each, swaths[each]) for each in remaining])
-        if found is None:
-            # What no way leads to is tried by other swaths.
-            rounds += 1
-            failed += [swaths[each] for each in remaining]
-            given_up += [swaths[each] for each in remaining]
-            remaining = []
-            if walls:
-                break
-            if rounds > _ROUNDS:
-                continue
-            done = [each for _, each in driven]
-            fresh = layer.fill(done, headings, failed)[len(done) :]
-            remaining = list(range(len(swaths), len(swaths) + len(fresh)))
-            swaths = [*swaths, *fresh]
+        if found is not None:
+            _, number, swath, pieces = found
+            driven.append((number, swath))
+            joints.append(pieces)
+            remaining.remove(number)
+            layer.mark(terrain.unworked, swath)
             continue
-        _, number, swath, pieces = found
-        driven.append((number, swath))
-        joints.append(pieces)
-        remaining.remove(number)
-        layer.mark(terrain.unworked, swath)
+        failed += [each for number in remaining for each in (swaths[number], swaths[number].back) if each is not None]
+        given_up += [swaths[each] for each in remaining]
+        if not remaining:
+            # Nothing is left but what lies along walls.
+            fills = [each for each in fills if each is not None]
+        if not fills:
+            break
+        done = [each for _, each in driven]
+        fresh = layer.fill(done, headings, failed, fills.pop(0))[len(done) :]
+        remaining = list(range(len(swaths), len(swaths) + len(fresh)))
+        swaths = [*swaths, *fresh]
     lines = tuple(Line(number + 1, swath.start_m, swath.end_m) for number, swath in driven)
     turns = []
     for way, (_, before) in zip(joints, driven, strict=False):
@@ -214,7 +206,7 @@ def _first(terrain: Terrain, swaths: list[TourSwath], pose: Any) -> tuple[int, T
     sizes = np.bincount(rooms.ravel())
     sizes[0] = 0
     for number, each in enumerate(swaths):
-        for entry in (each, each.turned())[: 2 if each.either else 1]:
+        for entry in each.entries():
             at = pose(entry)
             row, column = terrain.cells(at[None, :2])
             size = float(sizes[rooms[row, column][0]]) / max(int(sizes.max()), 1)
@@ -290,43 +282,44 @@ class _Ways:
         here, length_m = self.pose(last, at_end=True), float(np.hypot(*(last.end_m - last.start_m)))
         back = _retraced(driven, joints)
         for phase in sorted({each.phase for _, each in remaining}):
-            entries = []
-            for number, swath in remaining:
-                if swath.phase == phase:
-                    for entry in (swath, swath.turned())[: 2 if swath.either else 1]:
+            own = [(number, swath) for number, swath in remaining if swath.phase == phase]
+            others = [(number, swath.back) for number, swath in own if swath.back is not None]
+            for several in (own, others):
+                entries = []
+                for number, swath in several:
+                    for entry in swath.entries():
                         entries.append((_about_m(here, self.pose(entry), self.radius_m), number, entry))
-            entries.sort(key=lambda entry: entry[0])
-            wide = last.wall or any(each.wall for _, _, each in entries[:_NEXT])
-            found = self._direct(here, length_m, entries, wide)
-            if found is None:
-                found = self._through(here, length_m, back, entries, wide)
-            if found is not None:
-                return found
+                entries.sort(key=lambda entry: entry[0])
+                wide = last.wall or any(each.wall for _, _, each in entries[:_NEXT])
+                found = self._direct(here, length_m, entries, wide)
+                if found is None and entries:
+                    found = self._through(here, length_m, back, entries, wide)
+                if found is not None:
+                    return found
         return None
 
     def _direct(
         self, here: np.ndarray, back_m: float, entries: list[tuple[float, int, TourSwath]], wide: bool
     ) -> _Found | None:
         """The cheapest of the nearest swaths that one word leads to."""
-        best: _Found | None = None
-        for tried, (about_m, number, entry) in enumerate(entries[:_MOST_ENTRIES]):
-            if best is not None and (tried >= _NEXT or about_m > best[0]):
+        for few in (entries[:_NEXT], entries[_NEXT:_MOST_ENTRIES]):
+            if not few:
                 break
             found = find_joint(
                 self.terrain,
                 here,
-                self.pose(entry),
+                np.stack([self.pose(entry) for _, _, entry in few]),
                 self.radius_m,
                 back_m=back_m,
                 out_m=self.out_m,
                 in_m=self.in_m,
                 band=self.band,
-                limit_m=math.inf if best is None else best[0],
                 wide=wide,
             )
             if found is not None:
-                best = (found.cost_m, number, entry, found.pieces)
-        return best
+                _, number, entry = few[found[0]]
+                return found[1].cost_m, number, entry, found[1].pieces
+        return None
 
     def _through(
         self, here: np.ndarray, back_m: float, back: Pieces, entries: list[tuple[float, int, TourSwath]], wide: bool
@@ -341,18 +334,30 @@ class _Ways:
             return None
         best: _Found | None = None
         reached = 0
-        for about_m, number, entry in entries:
-            if best is not None and (reached >= _NEXT or about_m > best[0]):
+        for begin in range(0, len(entries), _NEXT):
+            few = entries[begin : begin + _NEXT]
+            if best is not None and (reached >= _NEXT or few[0][0] > best[0]):
                 break
-            goal = self.pose(entry)
-            # Into the swath from behind: the same straight ways, from the goal backwards.
-            ins, poses, cost = self._ends(goal, [np.array([[-each, 0.0]]) for each in ins_m], check=goal)
-            inward = lattice.links(poses, cost / REVERSE, goal, self.band, inward=True, among=tree.near, wide=wide)
-            found = tree.joint(here, outs, inward, [-each[::-1] for each in ins]) if len(inward.node) else None
-            if found is not None:
-                reached += 1
-                if best is None or found.cost_m < best[0]:
-                    best = (found.cost_m, number, entry, found.pieces)
+            # Into the swaths from behind: the same straight ways, from their beginnings backwards.
+            goals = np.stack([self.pose(entry) for _, _, entry in few])
+            into = np.concatenate([poses_ahead(goal, -ins_m) for goal in goals])
+            ends, in_m = np.repeat(goals, len(ins_m), axis=0), np.tile(ins_m, len(goals))
+            good, extra_m = clear_ways(self.terrain, into, in_m[:, None], np.zeros((len(in_m), 1)), ends, self.band)
+            kept = np.flatnonzero(good)
+            inward = lattice.links(
+                into[kept], (in_m + extra_m)[kept], ends[kept], self.band, inward=True, among=tree.near, wide=wide
+            )
+            goal_of = kept[inward.lead] // len(ins_m)
+            for number, (about_m, swath, entry) in enumerate(few):
+                if best is not None and (reached >= _NEXT or about_m > best[0]):
+                    break
+                own = inward.where(goal_of == number)
+                ways = [np.array([[in_m[each], 0.0]]) for each in kept]
+                found = tree.joint(here, outs, own, ways, goals[number]) if len(own.node) else None
+                if found is not None:
+                    reached += 1
+                    if best is None or found.cost_m < best[0]:
+                        best = (found.cost_m, swath, entry, found.pieces)
         return best
 
     def _outward(self, here: np.ndarray, back_m: float, back: Pieces, wide: bool) -> tuple[list[Pieces], Tree | None]:

@@ -141,12 +141,12 @@ def test_words_end_where_they_must_and_the_shortest_is_that_of_dubins() -> None:
     starts, ends = (
         np.concatenate([rng.uniform(-6, 6, (60, 2)), rng.uniform(-4, 4, (60, 1))], axis=1) for _ in range(2)
     )
-    lengths, bends = _words(starts, ends, 1.5)
+    lengths, hands = _words(starts, ends, np.full(60, 1.5))
     for number in range(60):
         forward = [np.abs(word).sum() for word in lengths[number, :6] if np.isfinite(word).all()]
         known = dubins_ways(Pose(*starts[number]), Pose(*ends[number]), 1.5)[0]
         assert min(forward) == pytest.approx(np.abs(known[:, 0]).sum(), abs=1e-9)
-        for word, bend in zip(lengths[number], bends, strict=True):
+        for word, bend in zip(lengths[number], hands / 1.5, strict=True):
             if np.isfinite(word).all():
                 # A millimetre at a time, by the midpoint rule.
                 x, y, yaw = starts[number]
