@@ -12,7 +12,7 @@ from lgprjax.registration.coarse import ErrorLattice, Peaks
 from lgprjax.registration.estimates import AttitudeEstimate
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.judge import RegisterOptions
-from lgprjax.registration.queries import SETTLED, LiveScans, SearchSizes, Stops, rotation, templates_of
+from lgprjax.registration.queries import SETTLED, LiveScans, SearchSizes, Stops, templates_of
 from lgprjax.registration.refine import CLIMB_STEPS, FAR_STEPS, LARGEST_STEP, Finished, Region, finish_best
 from lgprjax.registration.score import OFF_MAP_SCORE, Template, score_each
 from lgprjax.registration.template_bank import PreparedGround, TemplateKey, fixes_to_map, to_tile
@@ -260,12 +260,8 @@ class StopFixes:
         fixes.margin[some] = score - fixes.runner_up[some]
         fixes.noise_floor[some] = np.asarray(judged.peak.floor)[some]
         fixes.overlap[some], fixes.overlap_channels[some] = found.overlap, found.overlap_channels
-        # The climb must end where it began: a peak of its own, not a slope that leads off the map. The heading turns a
-        # window about its middle.
-        end, begin = at[some], np.maximum(judged.first[some], 0)
-        middle_m = 0.5 * (stops.reckoned_m[begin] - stops.reckoned_m[end])
-        turn = rotation(pose[:, 3] - stops.pose[end, 3])
-        away = np.hypot(*(pose[:, :2] - place[some] - middle_m + np.einsum("ijs,sj->si", turn, middle_m)).T)
+        # The climb must end where it began: a peak of its own, not a slope that leads off the map.
+        away = np.hypot(*(pose[:, :2] - place[some]).T)
         left = np.asarray(found.unfinished) | (away > _AWAY * self._wavelength_m)
         lost = ~np.isfinite(pose[:, 0])
         fixes.code[some] = np.where(
