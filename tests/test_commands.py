@@ -71,6 +71,7 @@ ELSEWHERE = {
     r"doctor --onboard": "cli/test_real_time.py::test_a_machine_is_judged_by_what_was_measured",
     r"recover .*": "cli/test_recover.py::test_a_run_that_was_cut",
     r"cover plan RUN_FOLDER .*": _A_FIELD,
+    r"cover plan hectare.geojson .*": "cli/test_cover.py::test_sides_and_moved_corners_are_told",
     r"simulate village .*": "test_public.py::test_a_session_runs_as_it_stands",
     r"simulate SITE.toml .*": "cli/test_simulate.py::test_drives_are_written_and_told",
     r"(simulate tuning|tune tuning|tune STUDY).*": "test_notebooks.py::test_notebook_runs_from_a_fresh_clone",
