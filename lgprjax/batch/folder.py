@@ -86,7 +86,9 @@ def register_folder(
     names = [drive_name(path) for path in drives]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise InputError(twice, "drives", "drives of different names", "this name twice")
+        raise InputError(
+            twice, "drives", "drives of different names, by which their fixes are named", "this name twice"
+        )
     own_gpus = [] if workforce.scheduler else gpus()
     if own_gpus and (workforce.workers or 0) > len(own_gpus):
         raise ArgumentError("workers", f"at most {len(own_gpus)}, one a GPU", str(workforce.workers))

@@ -100,7 +100,8 @@ class CellTally(NamedTuple):
 
     Attributes:
         east, north: index of the cell: its south-west corner in cells from the map's anchor.
-        tried, ok, judged: scans searched; of these, with an ok fix; of these, with a known truth.
+        tried, ok, judged: scans with a match, their own or one that travel brought on; of these, with an ok fix; of
+            these, with a known truth.
         square_m2: sum of their squared errors.
         largest_m: of the errors; 0 where nothing was judged.
         largest_s: time of that scan in the drive.
@@ -126,7 +127,7 @@ class DriveFigures(_Kept):
     """A registered drive in numbers; ``None`` where unknown.
 
     Attributes:
-        scans, tried: of the drive; those that were searched.
+        scans, tried: of the drive; those with a match, their own or one that travel brought on.
         counts: scans by code.
         way_m: distance driven.
         correlation_ok, correlation_at_truth: medians, of the ok fixes and of all scans at their true pose.
@@ -373,7 +374,7 @@ def _ours(run: ArchiveRun, names: Sequence[str], force: bool) -> set[str]:
     foreign = [output for name in names if name not in ours for output in outputs_of(name)]
     for output in [*foreign, *(_DERIVED if mark is None else ())]:
         if (folder / output).exists():
-            raise InputError(folder / output, "output", "a new file, or --force", "the file exists")
+            raise InputError(folder / output, "output", "a new file, or --force", "one that exists")
     return ours
 
 

@@ -90,13 +90,28 @@ _MOST_POINTS = 400
 
 def check_search(options: RegisterOptions) -> None:
     """Refuse a length, a scale or a risk that no search can have. Raises ``ArgumentError``."""
-    for name, value, least in (("search_m", options.search_m, 1e-3), ("window_m", options.window_m, 0.0)):
+    lengths = (
+        ("search_m", options.search_m, 1e-3, "a length in metres, above zero"),
+        ("window_m", options.window_m, 0.0, "a length in metres, or 0 for single scans"),
+    )
+    for name, value, least, expected in lengths:
         if value is not None and not (np.isfinite(value) and least <= value <= 1e4):
-            raise ArgumentError(name, "a length in metres", f"{value:g}")
+            expected = "a length in metres, up to 10000" if value > 1e4 else expected
+            raise ArgumentError(name, expected, f"{value:g}")
+    bounds = (
+        ("height_m", options.height_m, 1e-3, 5.0, "a half width in metres"),
+        ("roll_deg", options.roll_deg, 1e-2, 45.0, "a half width in degrees"),
+        ("pitch_deg", options.pitch_deg, 0.0, 45.0, "a half width in degrees"),
+        ("odometer_sigma", options.odometer_sigma, 0.0, 0.5, "a share of the way"),
+        ("seed", options.seed, 0, 2**31 - 1, "a whole number"),
+    )
+    for name, value, least, most, what in bounds:
+        if not least <= value <= most:
+            raise ArgumentError(name, f"{what}, {least:g} to {most:g}", f"{value:g}")
     if options.time_scale is not None and not 0.5 <= options.time_scale <= 2.0:
-        raise ArgumentError("time_scale", "auto or 0.5 to 2", f"{options.time_scale:g}")
+        raise ArgumentError("time_scale", "auto, or a factor of 0.5 to 2, such as 1.05", f"{options.time_scale:g}")
     if not 1e-9 <= options.risk <= 0.01:
-        raise ArgumentError("risk", "a probability of 1e-9 to 0.01", f"{options.risk:g}")
+        raise ArgumentError("risk", "a probability of 1e-9 to 0.01, such as 1e-4", f"{options.risk:g}")
 
 
 def check_region(search_m: float | None, source: MapFile) -> None:
@@ -198,13 +213,25 @@ def may_be_misaligned(log: DriveLog) -> bool:
 
 
 def reversed_track(track: Track) -> Track:
-    """The same places in the opposite order, as driven by a reversing vehicle: antennas keep their sides."""
+    """The same way from its other end, as driven by a reversing vehicle: antennas keep their sides.
+
+    Travel is the odometer's, in the order of time. A scan is as far from the other end as it was thought to be from the
+    first one, whatever the speeds.
+    """
+    way_m = np.maximum.accumulate(np.asarray(track.travel_m, np.float64))
+    at_m = way_m[-1] - (way_m - way_m[0])
+
+    def there(values: Float[np.ndarray, " scan"]) -> Float[np.ndarray, " scan"]:
+        return np.asarray(np.interp(at_m, way_m, values))
+
+    pose = np.array(track.pose, np.float64)
+    pose[:, 3] = np.unwrap(pose[:, 3])
     return track._replace(
-        pose=track.pose[::-1],
+        pose=np.stack([there(column) for column in pose.T], axis=1),
         travel_m=-track.travel_m,
         speed_mps=-track.speed_mps,
-        sigma_m=track.sigma_m[::-1],
-        sigma_yaw_rad=track.sigma_yaw_rad[::-1],
+        sigma_m=there(track.sigma_m),
+        sigma_yaw_rad=there(track.sigma_yaw_rad),
     )
 
 

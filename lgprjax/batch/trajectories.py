@@ -1,7 +1,5 @@
 """Trajectories of a drive, by its fixes, its navigation or its truth, and two registrations of a drive compared."""
 
-import json
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -11,10 +9,11 @@ from jaxtyping import Bool, Float
 
 from lgprjax.batch.recording import poses_of
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, NavigationTrack, Trajectory
+from lgprjax.formats import DriveLog, NavigationTrack, Trajectory, drive_hash_of, refuse_other_drive
 from lgprjax.frames import LocalFrame, along_cross
 from lgprjax.registration import WRONG_M
 
+_SAME_TIME_S = 1e-3
 _SHOWN = ("code", "correlation", "margin", "sigma_along_m", "sigma_cross_m", "p_false")
 
 
@@ -32,6 +31,9 @@ def trajectory_of_fixes(log: DriveLog, fixes: pd.DataFrame, path: str | Path) ->
     """
     if len(fixes) != log.scans:
         raise InputError(path, "rows", f"{log.scans}, one a scan of {log.path.name}", str(len(fixes)))
+    if not np.allclose(fixes["time_s"].to_numpy(np.float64), log.scan_time_s, rtol=0.0, atol=_SAME_TIME_S):
+        raise InputError(path, "time_s", f"those of the scans of {log.path.name}", "others")
+    refuse_other_drive(path, fixes, log.path)
     ok = fixes[fixes["code"] == "ok"]
     time_s, latitude, longitude, height, heading, roll = (
         ok[name].to_numpy(np.float64)
@@ -130,12 +132,12 @@ def compare_fixes(first: pd.DataFrame, second: pd.DataFrame, path: str | Path) -
     Raises:
         InputError: the two are of different drives.
     """
-    hashes = [_drive_hash(table) for table in (first, second)]
+    hashes = [drive_hash_of(table) for table in (first, second)]
     if None not in hashes and hashes[0] != hashes[1]:
         raise InputError(path, "provenance", "fixes of the drive of the first file", "those of another drive")
     if len(first) != len(second):
         raise InputError(path, "rows", f"{len(first)}, those of the first file: fixes of one drive", str(len(second)))
-    if float(np.abs(first["time_s"].to_numpy() - second["time_s"].to_numpy()).max()) > 1e-3:
+    if float(np.abs(first["time_s"].to_numpy() - second["time_s"].to_numpy()).max()) > _SAME_TIME_S:
         raise InputError(path, "column time_s", "the times of the first file: fixes of one drive", "others")
     one, other = (table["code"].to_numpy().astype(str) == "ok" for table in (first, second))
     both = one & other
@@ -159,13 +161,6 @@ def compare_fixes(first: pd.DataFrame, second: pd.DataFrame, path: str | Path) -
         median_correlation_first=float(first["correlation"][one].median()) if one.any() else None,
         median_correlation_second=float(second["correlation"][other].median()) if other.any() else None,
     )
-
-
-def _drive_hash(table: pd.DataFrame) -> str | None:
-    """SHA-256 of the drive log that fixes were made from, where their file tells it."""
-    with suppress(ValueError, TypeError, KeyError):
-        return str(json.loads(table.attrs["provenance"])["drive"]["sha256"])
-    return None
 
 
 def _differences(

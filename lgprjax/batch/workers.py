@@ -326,6 +326,7 @@ def _lost(job: Job, why: str) -> JobOutcome:
 # time, whatever number of threads dask's worker has.
 
 _CONNECT = "10s"
+_ADDRESS = re.compile(r"(\w+://)?[^\s/]+:\d+|inproc://\S+")
 _one_at_a_time = threading.Lock()
 _open: dict[ArchiveRun, WorkerProcess] = {}
 
@@ -348,6 +349,8 @@ def run_on_scheduler(address: str, run: ArchiveRun, jobs: Sequence[Job]) -> Gene
     except ImportError:
         expected = 'the optional package distributed (pip install "lgprjax[batch]")'
         raise InputError("--scheduler", "option", expected, "none") from None
+    if not _ADDRESS.fullmatch(address):
+        raise InputError("--scheduler", "address", "HOST:PORT, such as tcp://10.0.0.5:8786", address)
     try:
         client = Client(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:

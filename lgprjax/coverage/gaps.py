@@ -1,7 +1,7 @@
 """Plans for what a record leaves: connected regions of cells, swaths that end where work is left, ways between them.
 
-Each region is laid in strips of its own, of the heading that costs least, and a swath is no longer than its gap and
-half a tool at both ends. The vehicle goes from one to the next over ground that is worked, or beyond the field; only
+Each region is laid in strips of its own, those that cost least, and a swath is no longer than its gap and half a tool
+at both ends. The vehicle goes from one to the next over ground that is worked, or beyond the field; only
 places narrower than ``EDGE_M``, which a tool's edge leaves everywhere, count as no ground left.
 """
 
@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from lgprjax.coverage.field import CellGrid, Field, Outline, Tool, cell_centres, inside_cells
@@ -23,7 +23,6 @@ from lgprjax.coverage.swaths import (
     MOST_LINES,
     Line,
     PatternSettings,
-    join_spans,
     lines_heading_rad,
     strip_pieces,
     to_lines,
@@ -35,9 +34,25 @@ EDGE_M = 0.1
 """Ground left in places narrower than this is driven over, not round: the border of every map has them."""
 _TURN_SHARE = 0.5
 _NEAR_SHARE = 0.25
-_STRETCH_SHARE = 0.03
-"""By which the last strip of a region may be wider, rather than one more driven."""
-_ROUNDING_M = 1e-6
+_ROUNDING = 1e-6
+_ROWS = 32
+"""Of a strip as wide as the spacing; the last of a region may have one more, rather than one more driven."""
+_SIZES = (32, 16)
+_LAST = _ROWS + 1
+_MOST_BINS = 2_000_000
+_AROUND = 12
+"""Headings over half a turn."""
+_MOST_TURNED = 100_000
+_MOST_MIXED = 12_000
+"""Cells of a region whose strips may have any heading, and of one whose strips may have several."""
+_MOST_TAKEN = 6
+_MOST_LAID = 4
+_BORDER = 3.0
+"""What a cell along a border counts for: no strip is to be left over there that is narrower than a tool."""
+_COARSE = 16
+"""Rows of a strip where one is taken after the other."""
+_RATES = 4
+"""Rounds of Dinkelbach's (1967) iteration for the largest ratio."""
 _MOST_REGIONS = 500
 _CONNECTED = np.ones((3, 3), bool)
 
@@ -96,11 +111,14 @@ def plan_gaps(
     if not wide.any():
         return None
     # Fragments nearer to each other than half a tool are one region: a swath serves both.
-    near = ndimage.distance_transform_edt(~wide) * grid.cell_m <= _NEAR_SHARE * settings.tool_width_m
-    labels, count = ndimage.label(near, _CONNECTED)
-    labels = np.where(wide, labels, 0)
+    near_m = ndimage.distance_transform_edt(~wide) * grid.cell_m
+    labels, count = ndimage.label(near_m <= _NEAR_SHARE * settings.tool_width_m, _CONNECTED)
     if count > _MOST_REGIONS:
         raise InputError(name, "gaps", f"at most {_MOST_REGIONS} regions: a larger least width", f"{count}")
+    # Of regions within a tool's width one swath may serve several.
+    groups, _ = ndimage.label(near_m <= 2.0 * _NEAR_SHARE * settings.tool_width_m, _CONNECTED)
+    labels, groups = np.where(wide, labels, 0), np.where(wide, groups, 0)
+    del near_m
     east_m, north_m = cell_centres(grid)
     terrain = Terrain(ground, _outline_of_cells(wide, grid), outline)
     # Not the eroded raster of a field: a gap is off limits to its edge.
@@ -108,64 +126,61 @@ def plan_gaps(
     rows, columns = np.nonzero(wide_parts(left, EDGE_M / grid.cell_m))
     terrain.unworked[terrain.cells(np.stack([east_m[columns], north_m[rows]], axis=1))] = True
     lines_rad = lines_heading_rad(field, settings.heading_rad)
+    layer = TourLayer(terrain, _outline_of_cells(wide, grid), settings, tool)
     swaths: list[TourSwath] = []
     headings: list[float] = []
     swath_m = 0.0
-    for number, part in enumerate(ndimage.find_objects(labels), start=1):
-        rows, columns = np.nonzero(labels[part] == number)
+    for number, part in enumerate(ndimage.find_objects(groups), start=1):
+        rows, columns = np.nonzero(groups[part] == number)
         places = np.stack([east_m[part[1]][columns], north_m[part[0]][rows]], axis=1)
-        best: tuple[float, list[TourSwath], float, float] | None = None
-        layer = TourLayer(terrain, _outline_of_cells(labels == number, grid), settings, tool)
-        for heading in _headings(places, lines_rad, settings.heading_rad is not None):
-            found, needed_m = _strips_of_region(field, layer, places, heading, grid.cell_m, settings, name)
-            turn_m = _TURN_SHARE * 2.0 * math.pi * settings.smallest_radius_m
-            cost_m = sum(float(np.hypot(*(each.end_m - each.start_m))) for each in found) + turn_m * len(found)
-            if found and (best is None or cost_m < best[0] - 1e-6):
-                best = cost_m, found, heading, needed_m
-        if best is not None:
-            swaths += best[1]
-            headings.append(best[2])
-            swath_m += best[3]
+        regions = labels[part][rows, columns]
+        several = [places[regions == each] for each in np.unique(regions)]
+        works = [_work(field, layer, each, lines_rad, grid.cell_m, settings, tool, name) for each in several]
+        best = [each for each in works if each.swaths]
+        if len(several) > 1:
+            one = _work(field, layer, places, lines_rad, grid.cell_m, settings, tool, name)
+            if (-one.passed, one.cost_m) < (-sum(each.passed for each in works), sum(each.cost_m for each in works)):
+                best = [one]
+        for each in best:
+            swaths += each.swaths
+            headings.append(each.heading_rad)
+            swath_m += each.needed_m
     if not swaths:
         raise no_swath_fits(_outline_of_cells(wide, grid), ground, outline, name)
     if len(swaths) > MOST_LINES:
         raise InputError(name, "gaps", f"at most {MOST_LINES} strips", f"{len(swaths)}")
-    layer = TourLayer(terrain, _outline_of_cells(wide, grid), settings, tool)
     ways = list(dict.fromkeys([lines_rad, lines_rad + 0.5 * math.pi, *headings]))[:4]
     tour = string_swaths(field, terrain, layer, swaths, ways, settings, name)
     cell_m2 = grid.cell_m2
-    lines = (*tour.pattern.lines, *tour.pattern.unreached)
-    reached = _passed(lines, wide, grid, 0.5 * tool.width_m, 0.5 * tool.length_m)
+    rows, columns = np.nonzero(wide)
+    places = np.stack([east_m[columns], north_m[rows]], axis=1)
+    passed = _passed((*tour.pattern.lines, *tour.pattern.unreached), places, tool)
     return GapPlan(
         tour.pattern,
         count,
         float(np.count_nonzero(wide)) * cell_m2,
         float(np.count_nonzero(left & ~wide)) * cell_m2,
-        float(np.count_nonzero(wide & ~reached)) * cell_m2,
+        float(np.count_nonzero(~passed)) * cell_m2,
         swath_m,
     )
 
 
 def _passed(
-    lines: Sequence[Line], cells: Bool[np.ndarray, "north east"], grid: CellGrid, half_m: float, more_m: float
-) -> Bool[np.ndarray, "north east"]:
-    """Of cells, those whose centres a tool passes on lines."""
-    rows, columns = np.nonzero(cells)
-    east_m, north_m = cell_centres(grid)
-    x, y = east_m[columns], north_m[rows]
-    under = np.zeros(len(rows), bool)
+    lines: Sequence[Line | TourSwath], places_m: Float[np.ndarray, "cell 2"], tool: Tool
+) -> Bool[np.ndarray, " cell"]:
+    """Of places in rows from south to north, those that a tool passes on lines."""
+    passed = np.zeros(len(places_m), bool)
+    half_m, more_m = 0.5 * tool.width_m, 0.5 * tool.length_m
     for line in lines:
-        along = (line.end_m - line.start_m) / max(line.length_m, 1e-9)
-        # Rows are sorted: most of a map is far from any one line.
+        length_m = float(np.hypot(*(line.end_m - line.start_m)))
+        along = (line.end_m - line.start_m) / max(length_m, 1e-9)
+        # Most of a map is far from any one line.
+        low, high = sorted((float(line.start_m[1]), float(line.end_m[1])))
         reach_m = half_m + more_m
-        low, high = sorted((line.start_m[1], line.end_m[1]))
-        part = slice(*(int(each) for each in np.searchsorted(y, (low - reach_m, high + reach_m))))
-        ahead = (x[part] - line.start_m[0]) * along[0] + (y[part] - line.start_m[1]) * along[1]
-        aside = (y[part] - line.start_m[1]) * along[0] - (x[part] - line.start_m[0]) * along[1]
-        within = (ahead >= -more_m) & (ahead <= line.length_m + more_m)
-        under[part] |= within & (np.abs(aside) <= half_m + 1e-6)
-    passed = np.zeros_like(cells)
-    passed[rows[under], columns[under]] = True
+        part = slice(*(int(each) for each in np.searchsorted(places_m[:, 1], (low - reach_m, high + reach_m))))
+        x, y = (places_m[part] - line.start_m).T
+        ahead, aside = x * along[0] + y * along[1], y * along[0] - x * along[1]
+        passed[part] |= (ahead >= -more_m) & (ahead <= length_m + more_m) & (np.abs(aside) <= half_m + 1e-6)
     return passed
 
 
@@ -180,7 +195,7 @@ def wide_parts(cells: Bool[np.ndarray, "north east"], width: float) -> Bool[np.n
 
 
 def _headings(places_m: Float[np.ndarray, "cell 2"], lines_rad: float, given: bool) -> list[float]:
-    """Of the lines, and of a region's own sides unless a heading was asked for."""
+    """Of the lines, of a region's own sides and, unless it is large, all round; one where it was asked for."""
     found = [lines_rad]
     if given or len(places_m) < 3:
         return found
@@ -189,41 +204,327 @@ def _headings(places_m: Float[np.ndarray, "cell 2"], lines_rad: float, given: bo
     if box.geom_type == "Polygon":
         sides = np.diff(shapely.get_coordinates(box), axis=0)[:2]
         own = [math.atan2(*side[::-1]) for side in sides[np.argsort(-np.hypot(*sides.T))]]
-    for heading in (*own, lines_rad + 0.5 * math.pi):
+    count = _AROUND if len(places_m) <= _MOST_TURNED else 1
+    around = [lines_rad + math.pi * each / count for each in range(1, count)]
+    for heading in (*own, lines_rad + 0.5 * math.pi, *around):
         if all(abs(math.sin(heading - other)) > 0.02 for other in found):
             found.append(heading)
     return found
 
 
-def _strips_of_region(
+class _Work(NamedTuple):
+    """Swaths over a region.
+
+    Attributes:
+        swaths: of it.
+        needed_m: length of what they must work.
+        cost_m: their length and that of their turns.
+        passed: cells of the region that they pass.
+        heading_rad: of the longest.
+    """
+
+    swaths: list[TourSwath]
+    needed_m: float
+    cost_m: float
+    passed: int
+    heading_rad: float
+
+
+def _work(
     field: Field,
     layer: TourLayer,
+    places_m: Float[np.ndarray, "cell 2"],
+    lines_rad: float,
+    cell_m: float,
+    settings: PatternSettings,
+    tool: Tool,
+    name: str,
+) -> _Work:
+    """The cheapest swaths over a region that pass all of it, or of a few tried those that pass most."""
+    best: _Work | None = None
+    headings = _headings(places_m, lines_rad, settings.heading_rad is not None)
+    for layout in _layouts(places_m, headings, cell_m, settings, name)[:_MOST_LAID]:
+        swaths: list[TourSwath] = []
+        for each in layout:
+            swaths += _laid(field, layer, each, settings.tool_width_m)
+        passed = int(np.count_nonzero(_passed(swaths, places_m, tool)))
+        longest = max(layout, key=lambda each: each.length_m)
+        cost_m, needed_m = _cost_m(layout, settings), sum(each.length_m for each in layout)
+        work = _Work(swaths, needed_m, cost_m, passed, longest.heading_rad)
+        if best is None or work.passed > best.passed:
+            best = work
+        if best.passed == len(places_m):
+            break
+    assert best is not None
+    return best
+
+
+# Strips of a region.
+
+
+class _Stretch(NamedTuple):
+    """Of a strip what a swath must work.
+
+    Attributes:
+        heading_rad: of the strip.
+        across_m: of its middle.
+        low_m, high_m: from where to where along it.
+    """
+
+    heading_rad: float
+    across_m: float
+    low_m: float
+    high_m: float
+
+    @property
+    def length_m(self) -> float:
+        return self.high_m - self.low_m
+
+
+def _cost_m(layout: Sequence[_Stretch], settings: PatternSettings) -> float:
+    """Way over a region: half a tool beyond each end of a stretch, and a share of the turns."""
+    return sum(each.length_m for each in layout) + _each_m(settings) * len(layout)
+
+
+def _each_m(settings: PatternSettings) -> float:
+    return settings.tool_width_m + _TURN_SHARE * 2.0 * math.pi * settings.smallest_radius_m
+
+
+def _layouts(
+    places_m: Float[np.ndarray, "cell 2"],
+    headings: Sequence[float],
+    cell_m: float,
+    settings: PatternSettings,
+    name: str,
+) -> list[list[_Stretch]]:
+    """Stretches that work a region together, the cheapest first.
+
+    Parallel ones of each heading; and, of small regions, one after the other that which works most for its cost, with
+    parallel ones over what these leave: of a region with several limbs each is laid along itself.
+    """
+    turned = [to_lines(places_m, heading) for heading in headings]
+    found = [_parallel(each, way, cell_m, settings, name) for each, way in zip(turned, headings, strict=True)]
+    if len(headings) > 1 and len(places_m) <= _MOST_MIXED:
+        rest, taken = np.ones(len(places_m), bool), list[_Stretch]()
+        while rest.any() and len(taken) < _MOST_TAKEN:
+            taken.append(_worth_most(places_m, turned, headings, rest, cell_m, settings))
+            rest &= ~_holds(taken[-1], places_m, 0.5 * _spacing_m(settings) - 0.25 * cell_m)
+            others = [
+                _parallel(each[rest], way, cell_m, settings, name)
+                for each, way in zip(turned, headings, strict=True)
+                if rest.any()
+            ]
+            found.append([*taken, *min(others, key=lambda each: _cost_m(each, settings), default=[])])
+        found = [_shortened(each, places_m, cell_m, settings) for each in found]
+    return sorted(found, key=lambda each: _cost_m(each, settings))
+
+
+def _spacing_m(settings: PatternSettings) -> float:
+    return (1.0 - settings.overlap) * settings.tool_width_m
+
+
+def _half_m(heading_rad: float, cell_m: float) -> float:
+    """How far a cell reaches along a heading, and across it, from its centre."""
+    return 0.5 * cell_m * (abs(math.cos(heading_rad)) + abs(math.sin(heading_rad)))
+
+
+def _parallel(
     places_m: Float[np.ndarray, "cell 2"],
     heading_rad: float,
     cell_m: float,
     settings: PatternSettings,
     name: str,
-) -> tuple[list[TourSwath], float]:
-    """Fewest strips of a heading over a region, and the length of what they must work."""
-    half_m = 0.5 * cell_m * (abs(math.cos(heading_rad)) + abs(math.sin(heading_rad)))
-    width_m = settings.tool_width_m
-    spacing_m = (1.0 - settings.overlap) * width_m
-    corners_m = to_lines(field.perimeter_m, heading_rad)
-    swaths: list[TourSwath] = []
-    needed_m = 0.0
-    for across_m, along_m in _strips(to_lines(places_m, heading_rad), half_m, spacing_m, name):
-        cells = np.unique(along_m)
-        gaps = join_spans([(float(each) - half_m, float(each) + half_m) for each in cells], width_m)
-        pieces = strip_pieces(corners_m, across_m, width_m)
-        for low, high in gaps:
-            needed_m += high - low
-            within = [piece for piece in pieces if piece[0] < high and piece[1] > low]
-            if within:
-                # A pass is sure of a place only some way after it begins, and before it ends.
-                low = max(low - 0.5 * width_m, within[0][0])
-                high = min(high + 0.5 * width_m, within[-1][1])
-            swaths += _either_way(layer.single(heading_rad, across_m, low, high))
-    return swaths, needed_m
+) -> list[_Stretch]:
+    """The cheapest parallel stretches over cells, no strip wider than the spacing.
+
+    Cells are put into rows along the heading, a fraction of the spacing wide, and strips are runs of rows: from the
+    last row back that strip is taken which is the cheapest with all beyond it.
+
+    Args:
+        places_m: of cells, along and across the heading.
+        heading_rad: of the strips.
+        cell_m: of the cells.
+        settings: of the pattern.
+        name: of the record, for errors.
+    """
+    half_m = _half_m(heading_rad, cell_m)
+    along, across = places_m.T
+    # A cell counts by its centre, so that the outermost are half there; the others are whole, lest strips overlap less.
+    origin_m, top_m = float(across.min()), float(across.max())
+    row_m = _spacing_m(settings) / _ROWS
+    low_m, high_m = np.maximum(across - half_m, origin_m), np.minimum(across + half_m, top_m)
+    first = np.floor((low_m - origin_m) / row_m + _ROUNDING).astype(np.int64)
+    beyond = np.maximum(np.ceil((high_m - origin_m) / row_m - _ROUNDING).astype(np.int64), first + 1)
+    rows = int(beyond.max())
+    if rows > MOST_LINES * _ROWS:
+        raise InputError(name, "gaps", f"at most {MOST_LINES} strips", f"{rows // _ROWS}")
+    length_m = float(np.ptp(along)) + cell_m
+    bin_m = max(cell_m, rows * length_m / _MOST_BINS)
+    place = ((along - along.min()) / bin_m + _ROUNDING).astype(np.int64)
+    columns = int(place.max()) + 1
+    entered, left = (
+        np.bincount(row * columns + place, minlength=(rows + 1) * columns).reshape(rows + 1, columns)
+        for row in (first, beyond)
+    )
+    held = np.cumsum(entered - left, axis=0)[:-1]
+    upto = np.concatenate([np.zeros((1, columns), np.int64), np.cumsum(held > 0, axis=0)])
+    empty = np.asarray(~(held > 0).any(axis=1))
+    ways = [(size, _costs_m(upto, size, bin_m, settings).tolist()) for size in (*_SIZES, _LAST)]
+    cost_m, taken = [0.0] * (rows + 1), [0] * rows
+    for row in reversed(range(rows)):
+        if empty[row]:
+            cost_m[row], taken[row] = cost_m[row + 1], 1
+            continue
+        cost_m[row], taken[row] = min(
+            (each[row] + cost_m[min(row + size, rows)], size)
+            for size, each in ways
+            if size < _LAST or row + size >= rows
+        )
+    # Strips that follow each other share their ground evenly, where this costs nothing.
+    edges, even, row = list[tuple[float, float]](), list[tuple[float, float]](), 0
+    while row < rows:
+        begin = row
+        while row < rows and not empty[row]:
+            edges.append((row, row + taken[row]))
+            row += taken[row]
+        count = len(edges) - len(even)
+        width = min((min(row, rows) - begin) / count, _ROWS) if count else 0.0
+        low = 0.5 * (begin + min(row, rows) - count * width)
+        even += [(low + width * part, low + width * (part + 1)) for part in range(count)]
+        row += 1
+    layouts = []
+    for bands in (even, edges):
+        layout: list[_Stretch] = []
+        for bottom, top in bands:
+            inner = (first < top - _ROUNDING) & (beyond > bottom + _ROUNDING)
+            if not inner.any():
+                continue
+            across_m = origin_m + 0.5 * (bottom + top) * row_m
+            if bands is edges:
+                low_edge_m = max(origin_m + bottom * row_m, float(low_m[inner].min()))
+                across_m = 0.5 * (low_edge_m + min(origin_m + top * row_m, float(high_m[inner].max())))
+            ends = np.sort(along[inner])
+            cuts = np.flatnonzero(np.diff(ends) >= settings.tool_width_m + 2.0 * half_m)
+            for one, other in zip(np.append(0, cuts + 1), np.append(cuts, len(ends) - 1), strict=True):
+                layout.append(_Stretch(heading_rad, across_m, float(ends[one]) - half_m, float(ends[other]) + half_m))
+        layouts.append(layout)
+    return min(layouts, key=lambda each: _cost_m(each, settings))
+
+
+def _costs_m(
+    upto: Int[np.ndarray, "edge column"], size: int, bin_m: float, settings: PatternSettings
+) -> Float[np.ndarray, " row"]:
+    """What a strip costs that begins at each row.
+
+    Args:
+        upto: rows with cells before an edge of rows, of each column.
+        size: rows of the strip.
+        bin_m: length of a column.
+        settings: of the pattern.
+    """
+    rows, columns = upto.shape[0] - 1, upto.shape[1]
+    held = upto[np.minimum(np.arange(rows) + size, rows)] > upto[:-1]
+    number = np.arange(columns)
+    latest = np.maximum.accumulate(np.where(held, number, -columns), axis=1)
+    step_m = bin_m * (number[1:] - latest[:, :-1])
+    step_m = np.where(step_m < settings.tool_width_m + bin_m, step_m, bin_m + _each_m(settings))
+    whole = np.where(held[:, 1:], step_m, 0.0).sum(axis=1) + held[:, 0] * (bin_m + _each_m(settings))
+    return np.asarray(whole)
+
+
+def _worth_most(
+    places_m: Float[np.ndarray, "cell 2"],
+    turned_m: Sequence[Float[np.ndarray, "cell 2"]],
+    headings: Sequence[float],
+    rest: Bool[np.ndarray, " cell"],
+    cell_m: float,
+    settings: PatternSettings,
+) -> _Stretch:
+    """The stretch of any heading that works most of what is left for what it costs.
+
+    Of each band of rows, at a rate, that span is the best which gains most over the rate times its length; the next
+    rate is that of the best of all.
+    """
+    cells = np.rint((places_m[rest] - places_m[rest].min(axis=0)) / cell_m).astype(np.int64)
+    inner = np.zeros(cells.max(axis=0) + 1, bool)
+    inner[tuple(cells.T)] = True
+    weight = np.where(ndimage.binary_erosion(inner)[tuple(cells.T)], 1.0, _BORDER)
+    sums = []
+    row_m = _spacing_m(settings) / _COARSE
+    bin_m = 2.0 * cell_m
+    for places in turned_m:
+        along, across = (places[rest] - places[rest].min(axis=0)).T
+        row, column = (across / row_m).astype(np.int64) + _COARSE, (along / bin_m).astype(np.int64)
+        shape = int(row.max()) + 1, int(column.max()) + 1
+        held = np.bincount(row * shape[1] + column, weight, shape[0] * shape[1]).reshape(shape)
+        upto = np.cumsum(held, axis=0)
+        bands = upto[_COARSE:] - upto[:-_COARSE]
+        sums.append(np.concatenate([np.zeros((len(bands), 1)), np.cumsum(bands, axis=1)], axis=1))
+    rate, best = 0.0, (0, 0, 0, 1)
+    for _ in range(_RATES):
+        value = -math.inf
+        for number, each in enumerate(sums):
+            way = each - rate * bin_m * np.arange(each.shape[1])
+            least = np.minimum.accumulate(way, axis=1)
+            gain = way - least
+            band, end = divmod(int(np.argmax(gain)), each.shape[1])
+            if gain[band, end] > value:
+                value = float(gain[band, end])
+                best = number, band, int(np.argmin(way[band, : end + 1])), end
+        number, band, begin, end = best
+        rate = (sums[number][band, end] - sums[number][band, begin]) / (bin_m * (end - begin) + _each_m(settings))
+    number, band, begin, end = best
+    low = turned_m[number][rest].min(axis=0)
+    across_m = float(low[1]) + row_m * (band + 1 - 0.5 * _COARSE)
+    return _Stretch(headings[number], across_m, float(low[0]) + bin_m * begin, float(low[0]) + bin_m * end)
+
+
+def _holds(stretch: _Stretch, places_m: Float[np.ndarray, "cell 2"], half_m: float) -> Bool[np.ndarray, " cell"]:
+    """Which places a stretch of half a width holds."""
+    along, across = to_lines(places_m, stretch.heading_rad).T
+    held = (np.abs(across - stretch.across_m) <= half_m) & (along >= stretch.low_m) & (along <= stretch.high_m)
+    return np.asarray(held)
+
+
+def _shortened(
+    layout: Sequence[_Stretch],
+    places_m: Float[np.ndarray, "cell 2"],
+    cell_m: float,
+    settings: PatternSettings,
+) -> list[_Stretch]:
+    """Stretches as short as they may be with the others there, none that works nothing of its own.
+
+    Args:
+        layout: of all stretches.
+        places_m: of cells.
+        cell_m: of the cells; settings: of the pattern.
+    """
+    half_m = 0.5 * (1.0 + 1.0 / _ROWS) * _spacing_m(settings) + _ROUNDING
+    held = np.array([_holds(each, places_m, half_m) for each in layout])
+    times = held.sum(axis=0)
+    kept = []
+    for each, own in zip(layout, held, strict=True):
+        alone = own & (times == 1)
+        times -= own
+        if alone.any():
+            along = to_lines(places_m[alone], each.heading_rad)[:, 0]
+            more_m = _half_m(each.heading_rad, cell_m)
+            each = each._replace(low_m=float(along.min()) - more_m, high_m=float(along.max()) + more_m)
+            kept.append(each)
+            times += _holds(each, places_m, half_m)
+    return kept
+
+
+def _laid(field: Field, layer: TourLayer, stretch: _Stretch, width_m: float) -> list[TourSwath]:
+    """Swaths over a stretch, half a tool longer at both ends where the field goes on so far."""
+    heading, across_m, low, high = stretch
+    pieces = strip_pieces(to_lines(field.perimeter_m, heading), across_m, width_m)
+    within = [piece for piece in pieces if piece[0] < high and piece[1] > low]
+    if within:
+        # A pass is sure of a place only some way after it begins, and before it ends.
+        low = max(low - 0.5 * width_m, within[0][0])
+        high = min(high + 0.5 * width_m, within[-1][1])
+    return _either_way(layer.single(heading, across_m, low, high))
 
 
 def _either_way(found: Sequence[TourSwath]) -> list[TourSwath]:
@@ -235,40 +536,12 @@ def _either_way(found: Sequence[TourSwath]) -> list[TourSwath]:
     if not found:
         return []
     along = found[0].end_m - found[0].start_m
-    ahead = [each for each in found if float((each.end_m - each.start_m) @ along) > 0.0]
-    behind = [each for each in found if each not in ahead]
+    ahead: list[TourSwath] = []
+    behind: list[TourSwath] = []
+    for each in found:
+        (ahead if float((each.end_m - each.start_m) @ along) > 0.0 else behind).append(each)
     lengths = [sum(float(np.hypot(*(each.end_m - each.start_m))) for each in way) for way in (ahead, behind)]
     return ahead if lengths[0] >= lengths[1] else behind
-
-
-def _strips(
-    places_m: Float[np.ndarray, "cell 2"], half_m: float, width_m: float, name: str
-) -> list[tuple[float, Float[np.ndarray, " part"]]]:
-    """Fewest strips of a width over cells: the middle of each, and where along it its cells are.
-
-    A cell on the border of two strips is in both: strips need not begin where cells do.
-    """
-    ordered = places_m[np.argsort(places_m[:, 1])]
-    across = ordered[:, 1]
-    strips = []
-    begin, last = float(across[0]) - half_m, float(across[-1]) + half_m
-    while True:
-        end = begin + width_m
-        if last - end < _STRETCH_SHARE * width_m:
-            end = last
-        inner = slice(
-            int(np.searchsorted(across, begin - half_m + _ROUNDING_M)),
-            int(np.searchsorted(across, end + half_m - _ROUNDING_M)),
-        )
-        top = min(end, float(across[inner][-1]) + half_m)
-        strips.append((0.5 * (begin + top), ordered[inner, 0]))
-        following = int(np.searchsorted(across, end - half_m + _ROUNDING_M))
-        if end >= last or following >= len(across):
-            break
-        begin = max(end, float(across[following]) - half_m)
-        if len(strips) > MOST_LINES:
-            raise InputError(name, "gaps", f"at most {MOST_LINES} strips", "more")
-    return strips
 
 
 def _outline_of_cells(cells: Bool[np.ndarray, "north east"], grid: CellGrid) -> shapely.Geometry:

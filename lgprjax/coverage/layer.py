@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from lgprjax.coverage.field import Tool
 from lgprjax.coverage.joints import WIDE_RADII, Terrain
-from lgprjax.coverage.swaths import PatternSettings, line_count, to_lines
+from lgprjax.coverage.swaths import PatternSettings, join_spans, line_count, to_lines
 
 _SAFE_M = 0.01
 _LEAST_LINE_M = 0.3
@@ -336,7 +336,7 @@ class TourLayer:
         found: list[list[TourSwath]] = [[] for _ in stretches]
         for number, spans in enumerate(shut):
             rear, front = (behind, ahead) if forward[number] else (-ahead, -behind)
-            for a, b in _between(_merged(spans), float(low[number]) - length_m, float(high[number]) + length_m):
+            for a, b in _between(join_spans(spans, 0.0), float(low[number]) - length_m, float(high[number]) + length_m):
                 start, end = max(float(low[number]), a - rear + _SAFE_M), min(float(high[number]), b - front - _SAFE_M)
                 if end - start < _SHORTEST_M:
                     continue
@@ -438,21 +438,10 @@ def _extents(shape: Any) -> list[tuple[float, float]]:
     """From where to where the parts of a geometry reach along x, those that overlap as one."""
     parts = shapely.get_parts(shape)
     bounds = shapely.bounds(parts[shapely.area(parts) >= _SLIVER_M2])
-    return _merged([(low, high) for low, _, high, _ in bounds.tolist()])
+    return list(join_spans([(low, high) for low, _, high, _ in bounds.tolist()], 0.0))
 
 
-def _merged(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Spans in order, those that overlap as one."""
-    merged: list[tuple[float, float]] = []
-    for low, high in sorted(spans):
-        if merged and low <= merged[-1][1]:
-            merged[-1] = (merged[-1][0], max(merged[-1][1], high))
-        else:
-            merged.append((low, high))
-    return merged
-
-
-def _between(shut: list[tuple[float, float]], begin: float, end: float) -> list[tuple[float, float]]:
+def _between(shut: Sequence[tuple[float, float]], begin: float, end: float) -> list[tuple[float, float]]:
     """What of a span is free."""
     free = []
     for low, high in shut:

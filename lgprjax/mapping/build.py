@@ -104,9 +104,15 @@ def build_map(
     references: list[float] = []
     coherence: Coherence | None = None
     inputs: list[dict[str, object]] = []
-    for path in drives[1:]:
+    hashes: list[str] = []
+    for path in drives:
         with DriveLog.open(path) as log:
             _require_near(log, frame, drives[0])
+        own = file_hash(path)
+        if own in hashes:
+            # It would agree with itself, and the map would believe that its labels are known better than they are.
+            raise InputError(path, "drives", "each drive once", f"the contents of {drives[hashes.index(own)]} again")
+        hashes.append(own)
     with MapWriter.create(output, precision=precision, force=force) as writer:
         for number, path in enumerate(drives):
             with DriveLog.open(path) as log:
@@ -125,7 +131,7 @@ def build_map(
                 inputs.append(
                     {
                         "file": Path(path).name,
-                        "sha256": file_hash(path),
+                        "sha256": hashes[number],
                         "t0_utc": log.description.t0_utc,
                         "scans": log.scans,
                         "position_sigma_m": position_sigma_m(log),

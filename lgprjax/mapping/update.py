@@ -428,7 +428,7 @@ def update_map(
     # A link would be replaced, and its target stay old.
     target = Path(os.path.realpath(path)) if output is None else Path(output)
     if output is not None and target.exists() and not force:
-        raise InputError(target, "output", "a new file, or --force", "the file exists")
+        raise InputError(target, "output", "a new file, or --force", "one that exists")
     with locked_map(target):
         scratch = scratch_folder(target)
         try:

@@ -31,7 +31,7 @@ from lgprjax.navigation.observations import (
     init_gates,
     judge,
 )
-from lgprjax.navigation.skid_filter import LEAST_FIX_VARIANCE, fix_variance
+from lgprjax.navigation.skid_filter import LEAST_FIX_VARIANCE, fix_variance, other_receiver
 from lgprjax.navigation.skid_model import UNKNOWN_YAW_VARIANCE
 
 CART_STATES = ("x_m", "y_m", "yaw_rad", "speed_mps", "curvature_radpm", "slow_error_x", "slow_error_y")
@@ -41,7 +41,6 @@ X, Y, YAW, SPEED, CURVATURE, SLOW_X, SLOW_Y = range(7)
 PAIRS = 4
 """Number of courses in the history of the heading start; twice as many fixes are kept."""
 _IS_YAW = np.arange(len(CART_STATES)) == YAW
-_OTHER_RECEIVER = 4.0
 _RIDGE = 1e-6
 _STRAIGHT_RADPM = 0.05
 """Curvature of a way on which the courses of pairs 0.5 m apart differ by 1.5° RMS."""
@@ -258,9 +257,7 @@ def step_cart(
     place = jnp.stack([fix.x_m, fix.y_m])
     offered = _fix_usable(model, fix, fix_s) & jnp.any(place != state.fix_m)
     variance = fix_variance(fix, offered)
-    other = offered & (
-        (variance > _OTHER_RECEIVER * state.fix_variance) | (state.fix_variance > _OTHER_RECEIVER * variance)
-    )
+    other = offered & other_receiver(variance, state.fix_variance)
 
     kept, takes = _keep(model, state, place, variance, offered, jnp.where(offered, fix.age_s, 0.0), step_s)
     yaw, yaw_variance, ready = _course(model, kept)

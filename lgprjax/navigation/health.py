@@ -371,14 +371,15 @@ def _seen(
         Reason.LGPR_FADED: faded,
         Reason.CONFLICT: conflict_s > 0.0,
         Reason.REACQUIRED: filter_info.reacquired.any(),
-        Reason.FRAME_BEHIND: frame_left_m > rules.degrade_frame_m,
-        Reason.UNCERTAIN: cross_m > rules.degrade_cross_m,
+        # What is no number is within no limit.
+        Reason.FRAME_BEHIND: ~(frame_left_m <= rules.degrade_frame_m),
+        Reason.UNCERTAIN: ~(cross_m <= rules.degrade_cross_m),
         Reason.POSITION_LOST: lost[GNSS] & lost[LGPR],
         Reason.HEADING_LOST: no_heading & lost[LGPR],
         Reason.SPEED_LOST: speed_variance > rules.stop_speed_mps * rules.stop_speed_mps,
         Reason.CONFLICT_LASTS: conflict_s > rules.conflict_stop_s,
-        Reason.FRAME_FAR: frame_left_m > rules.stop_frame_m,
-        Reason.TOO_UNCERTAIN: cross_m > rules.stop_cross_m,
+        Reason.FRAME_FAR: ~(frame_left_m <= rules.stop_frame_m),
+        Reason.TOO_UNCERTAIN: ~(cross_m <= rules.stop_cross_m),
     }
     return jnp.stack([seen[reason] for reason in Reason])
 
@@ -483,7 +484,7 @@ def step_switch(
     )
     now = step_local(seen, speed_mps, rate, slip, lgpr.age_s)
     required = jnp.where(state.on_lgpr, settings.stay_p_false, settings.enter_p_false)
-    good = lgpr.valid & (p_false <= required)
+    good = lgpr.valid & (p_false <= required) & jnp.isfinite(now.x_m + now.y_m + now.yaw_rad)
     carried = VehiclePose(*(jnp.where(good, new, old) for new, old in zip(now, carried, strict=True)))
     since_s = jnp.where(good, lgpr.age_s, state.since_good_s + motion.step_s)
     # Off LGPR only a fix that is good enough to take over leads back to it.

@@ -179,6 +179,14 @@ def fix_variance(fix: GnssObservation, offered: Bool[Array, ""]) -> Float[Array,
     return 0.5 * (_variance(fix, 0, offered) + _variance(fix, 1, offered))
 
 
+_OTHER_RECEIVER = 4.0
+
+
+def other_receiver(variance: Float[Array, "..."], before: Float[Array, "..."]) -> Bool[Array, "..."]:
+    """Whether a fix's reported variance differs so much from the one before that they share no slow error."""
+    return (variance > _OTHER_RECEIVER * before) | (before > _OTHER_RECEIVER * variance)
+
+
 def _variance(fix: GnssObservation, axis: int, offered: Bool[Array, ""]) -> Float[Array, ""]:
     return jnp.where(offered, fix.covariance[axis, axis], 0.0)
 
@@ -344,13 +352,11 @@ class StartedHeading(NamedTuple):
     Attributes:
         yaw_rad: of the body at the tick's end.
         variance: rad².
-        rms_rad: of the history about its mean.
         ready: a new fix completed a valid history.
     """
 
     yaw_rad: Float[Array, ""]
     variance: Float[Array, ""]
-    rms_rad: Float[Array, ""]
     ready: Bool[Array, ""]
 
 
@@ -425,7 +431,7 @@ def _heading_of(model: SkidModel, start: HeadingStart, blind: Bool[Array, ""]) -
     bent = jnp.where(blind, 2.0 * (model.slip_sigma * base_m / model.track_m) ** 2 + model.yaw_noise**2 * base_m, 0.0)
     variance = jnp.maximum((white + slow + aside) / (base_m * base_m) + bent, rms * rms / PAIRS)
     ready = full & as_long & (rms <= model.start_rms_rad)
-    return StartedHeading(wrap_yaw(offset + start.own.yaw_rad), variance, rms, ready)
+    return StartedHeading(wrap_yaw(offset + start.own.yaw_rad), variance, ready)
 
 
 def _direction(along: Float[Array, "..."], crossed: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -440,8 +446,6 @@ def _push(rows: Float[Array, "8 ..."], row: Float[Array, "..."], takes: Bool[Arr
 
 _BLIND_S = 1.0
 """An INS silent for longer does not support a heading start."""
-_OTHER_RECEIVER = 4.0
-"""A fix whose reported variance differs by this factor does not share its slow error with the one before."""
 
 
 class LastHeard(NamedTuple):
@@ -592,7 +596,7 @@ def _hear_fix(
     any_yaw, zero, one = jnp.float32(UNKNOWN_YAW_VARIANCE), jnp.float32(0.0), jnp.float32(1.0)
     mean, covariance = reopen(mean, covariance, {YAW: zero}, {YAW: any_yaw}, offered & ~known)
     variance = fix_variance(fix, offered)
-    other = (variance > _OTHER_RECEIVER * before.fix_variance) | (before.fix_variance > _OTHER_RECEIVER * variance)
+    other = other_receiver(variance, before.fix_variance)
     slow = {SLOW_X: -mean[SLOW_X], SLOW_Y: -mean[SLOW_Y]}
     mean, covariance = reopen(mean, covariance, slow, {SLOW_X: one, SLOW_Y: one}, offered & other)
     estimate = SkidEstimate(mean, covariance)

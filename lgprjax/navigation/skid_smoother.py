@@ -20,6 +20,7 @@ from lgprjax.navigation.skid_filter import (
     SkidFilterInfo,
     SkidFilterState,
     hear_turn,
+    other_receiver,
     step_skid_filter,
 )
 from lgprjax.navigation.skid_model import (
@@ -35,7 +36,6 @@ from lgprjax.navigation.skid_model import (
 )
 
 _RIDGE = 1e-6
-_OTHER_RECEIVER = 4.0
 _OTHERS = np.array([each for each in range(len(SKID_STATES)) if each != TURNED])
 
 
@@ -87,7 +87,7 @@ def smooth_skid(
         finite, turned = hear_turn(model, rules, state, motion, observed.delta_heading)
         after, info = step_skid_filter(model, rules, state, motion, observed)
         one, other = state.last.fix_variance, after.last.fix_variance
-        changed = (other > _OTHER_RECEIVER * one) | (one > _OTHER_RECEIVER * other)
+        changed = other_receiver(other, one)
         broken = info.reacquired[GNSS] | info.heading_started | info.heading_restarted | changed
         broken = broken | ~info.heading_known | ~state.start.known
         moved = after.estimate.mean[:2] - turned.estimate.mean[:2]

@@ -12,8 +12,16 @@ from lgprjax.registration.coarse import ErrorLattice, Peaks
 from lgprjax.registration.estimates import AttitudeEstimate
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.judge import RegisterOptions
-from lgprjax.registration.queries import SETTLED, LiveScans, SearchSizes, Stops, templates_of
-from lgprjax.registration.refine import CLIMB_STEPS, FAR_STEPS, LARGEST_STEP, Finished, Region, finish_best
+from lgprjax.registration.queries import SETTLED, LiveScans, SearchSizes, Stops, rotation, templates_of
+from lgprjax.registration.refine import (
+    CLIMB_STEPS,
+    FAR_STEPS,
+    LARGEST_STEP,
+    Finished,
+    Region,
+    finish_best,
+    trial_headings,
+)
 from lgprjax.registration.score import OFF_MAP_SCORE, Template, score_each
 from lgprjax.registration.template_bank import PreparedGround, TemplateKey, fixes_to_map, to_tile
 
@@ -84,7 +92,7 @@ class ChosenWindows(NamedTuple):
     Attributes:
         window: number in the ladder.
         peak: fields of ``Peaks`` of that window.
-        p_false, p_rival: see ``chance``.
+        p_false: see ``chance``.
         code: a ``Code``.
         first: first stop of the window.
         error_m: east and north of the place, less dead reckoning.
@@ -94,7 +102,6 @@ class ChosenWindows(NamedTuple):
     window: Int[np.ndarray, " stop"]
     peak: Peaks
     p_false: Float[np.ndarray, " stop"]
-    p_rival: Float[np.ndarray, " stop"]
     code: Int[np.ndarray, " stop"]
     first: Int[np.ndarray, " stop"]
     error_m: Float[np.ndarray, "stop 2"]
@@ -230,6 +237,9 @@ class StopFixes:
         half[:, 2:5] = half_width[rows]
         half[:, :2] = np.maximum(half[:, :2], np.abs(place[rows] - prior[:, :2]) + self._wavelength_m)
         level = [(0, 0), (0, 1)]
+        middle_m = 0.5 * (stops.reckoned_m[np.maximum(first, 0)] - stops.reckoned_m[last])
+        # What is declined has no position, wherever its heading leads.
+        swing_m = half[:, 3] * np.hypot(*middle_m.T) * (judged.code[rows] == Code.OK)
         found: Finished = jax.device_get(
             finish_best(
                 self._prepared.at(aspect).tile,
@@ -246,6 +256,7 @@ class StopFixes:
                 np.float32(self._plan.min_overlap),
                 heading=self._plan.members * len(self._prepared.array.x_m) > 1,
                 pitch=self._options.pitch_deg > 0.0,
+                headings=np.int32(trial_headings(float(np.max(swing_m)), self._wavelength_m)),
                 swarm=self._options.swarm,
                 seed=np.uint32(self._options.seed),
                 steps=np.int32(FAR_STEPS if far[rows].any() else CLIMB_STEPS),
@@ -260,8 +271,11 @@ class StopFixes:
         fixes.margin[some] = score - fixes.runner_up[some]
         fixes.noise_floor[some] = np.asarray(judged.peak.floor)[some]
         fixes.overlap[some], fixes.overlap_channels[some] = found.overlap, found.overlap_channels
-        # The climb must end where it began: a peak of its own, not a slope that leads off the map.
-        away = np.hypot(*(pose[:, :2] - place[some]).T)
+        # The climb must end where it began: a peak of its own, not a slope that leads off the map. The heading turns a
+        # window about its middle.
+        middle_m = middle_m[: len(some)]
+        turn = rotation(pose[:, 3] - stops.pose[at[some], 3])
+        away = np.hypot(*(pose[:, :2] - place[some] - middle_m + np.einsum("ijs,sj->si", turn, middle_m)).T)
         left = np.asarray(found.unfinished) | (away > _AWAY * self._wavelength_m)
         lost = ~np.isfinite(pose[:, 0])
         fixes.code[some] = np.where(

@@ -45,7 +45,8 @@ class Fix(NamedTuple):
         overlap_channels: channels of the last scan that lie on the map.
         overlap: share of all valid traces of the template that lie on the map.
         code: a ``Code``.
-        p_false: probability that foreign ground would have passed the whole search as well; 1 where nothing was tried.
+        p_false: probability that foreign ground would have passed the whole search as well; 1 where nothing was tried,
+            NaN for a single scan that thresholds alone have judged.
         window_m: length of the window that was matched; 0 for the scan alone.
     """
 

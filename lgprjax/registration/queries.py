@@ -296,8 +296,8 @@ def stops_of(
     )
 
 
-def rotation(angle_rad: float) -> Float[np.ndarray, "2 2"]:
-    """Matrix that turns east and north counterclockwise."""
+def rotation(angle_rad: float | Float[np.ndarray, "*angle"]) -> Float[np.ndarray, "2 2 *angle"]:
+    """Matrices that turn east and north counterclockwise."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[cos, -sin], [sin, cos]])
 

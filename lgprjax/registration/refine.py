@@ -19,7 +19,6 @@ from lgprjax.registration.score import (
     normal_equations,
     normalise,
     sample_ground_under,
-    score_of,
     score_poses,
     trace_sums,
 )
@@ -43,6 +42,7 @@ FAR_STEPS = 9
 
 LARGEST_STEP = (1.5, 1.5, 0.04, 0.035, 0.03, 0.03)
 """Position in cells along the tile, which are a tenth of a wavelength; the rest in metres and radians."""
+_SHORTER = 0.25  # of a step that led to less
 _RIDGE = 1e-5  # share of its diagonal added to a step's matrix
 
 
@@ -51,20 +51,21 @@ class RefinedPeak(NamedTuple):
 
     Attributes:
         pose: with pitch as its sixth number.
-        correlation, score: there, see ``Score``; ``OFF_MAP_SCORE`` where overlap is missing.
+        correlation: there; ``OFF_MAP_SCORE`` where overlap is missing.
+        overlap: share of the template's traces on the map.
         information: of the match alone, per unit of 1/(1 - r²) and of independent numbers (see ``covariance_of``).
         covered: traces on the map.
         narrow: along and cross: a cell to either side of the pose is off the map.
-        left: the step that the gradient there still asks for, over the largest allowed.
+        asked: the step that the gradient there still asks for, however long.
     """
 
     pose: Float[Array, "batch 6"]
     correlation: Float[Array, " batch"]
-    score: Float[Array, " batch"]
+    overlap: Float[Array, " batch"]
     information: Float[Array, "batch 6 6"]
     covered: Bool[Array, "batch trace"]
     narrow: Bool[Array, "batch 2"]
-    left: Float[Array, "batch 6"]
+    asked: Float[Array, "batch 6"]
 
 
 def climb(
@@ -82,6 +83,8 @@ def climb(
     steps: int | Int[Array, ""] = CLIMB_STEPS,
 ) -> RefinedPeak:
     """Climb from each start and return the best pose on the way.
+
+    A step that leads to less is taken again from where it began, a quarter as long.
 
     Args:
         tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap: as for ``score_poses``.
@@ -104,51 +107,66 @@ def climb(
     def hear(pose: Float[Array, "batch 6"]) -> SampledGround:
         return sample_ground_under(tile, template, pose, height_reference_m, rate)
 
-    def measure(pose: Float[Array, "batch 6"], sampled: SampledGround, best: _Best) -> tuple[Array, _Best]:
+    def measure(
+        pose: Float[Array, "batch 6"], sampled: SampledGround, best: _Best, length: Float[Array, " batch"]
+    ) -> tuple[Array, _Best, Array]:
         sums = trace_sums(sampled, rate, tile.cell_m)
         overlap = jnp.sum(sampled.covered, axis=-1, dtype=jnp.float32) / traces
         power = jnp.sum(jnp.where(sampled.covered, live_power, 0.0), axis=-1)
         product, ground = jnp.sum(sums.live_ground, axis=-1), jnp.sum(sums.ground_ground, axis=-1)
         correlation = normalise(product, power, ground, overlap, min_overlap)
-        score = score_of(correlation, overlap)
         information, gradient = normal_equations(sums, sampled, template, pose, power)
-        weight = numbers / jnp.maximum(1.0 - correlation**2, 1e-3)
+        weight = numbers * overlap / jnp.maximum(1.0 - correlation**2, 1e-3)
         away = pose - prior
-        posterior = score - 0.5 * jnp.sum(pull * away**2, axis=-1) / jnp.maximum(weight * correlation, 1e-3)
+        on_map = correlation > OFF_MAP_SCORE
+        evidence = _evidence(correlation, numbers * overlap)
+        posterior = jnp.where(on_map, evidence - 0.5 * jnp.sum(pull * away**2, axis=-1), -jnp.inf)
         matrix = jnp.where(both[None], weight[:, None, None] * information, 0.0) + unit[None] * held[:, None, :]
         # Directions that differ by rounding only (a single channel's along and yaw) must not break the factorisation.
         matrix = matrix * (1.0 + _RIDGE * unit[None])
         side = jnp.where(free[None], weight[:, None] * gradient - pull * away, 0.0)
         lower = jax.lax.linalg.cholesky(matrix, symmetrize_input=False)
-        move = jnp.clip(jax.scipy.linalg.cho_solve((lower, True), side[..., None])[..., 0], -cap, cap)
-        move = jnp.where((score > OFF_MAP_SCORE)[:, None], move, 0.0)
-        here = _Best(pose, posterior, correlation, score, information, sampled.covered, jnp.abs(move) / cap)
+        asked = jax.scipy.linalg.cho_solve((lower, True), side[..., None])[..., 0]
+        asked = jnp.where(on_map[:, None], asked, 0.0)
+        here = _Best(pose, posterior, correlation, overlap, information, sampled.covered, asked)
         better = posterior > best.posterior
         best = jax.tree.map(
             lambda new, old: jnp.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old), here, best
         )
-        return jnp.clip(pose + move, prior - half_width, prior + half_width), best
+        length = jnp.where(better, 1.0, _SHORTER * length)
+        move = length[:, None] * jnp.clip(best.asked, -cap, cap)
+        return jnp.clip(best.pose + move, prior - half_width, prior + half_width), best, length
 
     # The traces sampled at a pose are carried into the next round: gathered once, where the compiler would gather them
     # again for each of the sums.
-    def step(_: Int[Array, ""], carry: tuple[Array, SampledGround, _Best]) -> tuple[Array, SampledGround, _Best]:
-        after, best = measure(*carry)
-        return after, hear(after), best
+    def step(
+        _: Int[Array, ""], carry: tuple[Array, SampledGround, _Best, Array]
+    ) -> tuple[Array, SampledGround, _Best, Array]:
+        after, best, length = measure(*carry)
+        return after, hear(after), best, length
 
-    off = jnp.full(len(start), OFF_MAP_SCORE, jnp.float32)
     none = _Best(
         start,
         jnp.full(len(start), -jnp.inf, jnp.float32),
-        off,
-        off,
+        jnp.full(len(start), OFF_MAP_SCORE, jnp.float32),
+        jnp.zeros(len(start), jnp.float32),
         jnp.zeros((len(start), 6, 6), jnp.float32),
         jnp.zeros(template.valid.shape, bool),
         jnp.zeros((len(start), 6), jnp.float32),
     )
-    pose, sampled, best = jax.lax.fori_loop(0, steps - 1, step, (start, hear(start), none))
-    _, best = measure(pose, sampled, best)
+    whole = jnp.ones(len(start), jnp.float32)
+    pose, sampled, best, length = jax.lax.fori_loop(0, steps - 1, step, (start, hear(start), none, whole))
+    _, best, _ = measure(pose, sampled, best, length)
     narrow = leads_off_map(tile, template, best.pose, min_overlap)
-    return RefinedPeak(best.pose, best.correlation, best.score, best.information, best.covered, narrow, best.left)
+    return RefinedPeak(best.pose, best.correlation, best.overlap, best.information, best.covered, narrow, best.asked)
+
+
+def _evidence(correlation: Float[Array, " batch"], numbers: Float[Array, " batch"]) -> Float[Array, " batch"]:
+    """Log-likelihood of each pose by the independent numbers that lie on the map: traces off it say nothing, for or
+    against. Where nothing matches, the correlation itself.
+    """
+    known = -0.5 * numbers * jnp.log(jnp.maximum(1.0 - correlation**2, 1e-3))
+    return jnp.where(correlation > 0.0, known, correlation)
 
 
 class _Best(NamedTuple):
@@ -157,10 +175,10 @@ class _Best(NamedTuple):
     pose: Float[Array, "batch 6"]
     posterior: Float[Array, " batch"]
     correlation: Float[Array, " batch"]
-    score: Float[Array, " batch"]
+    overlap: Float[Array, " batch"]
     information: Float[Array, "batch 6 6"]
     covered: Bool[Array, "batch trace"]
-    left: Float[Array, "batch 6"]
+    asked: Float[Array, "batch 6"]
 
 
 def covariance_of(
@@ -172,12 +190,12 @@ def covariance_of(
 ) -> Float[Array, "batch 5 5"]:
     """Covariance of each pose, its pitch marginalised.
 
-    With the gain projected out, the log-likelihood of a template of N independent numbers is -N/2 log(1 - r²). N is not
-    the number of samples: neighbours in depth, channel and track are correlated. Ground that does not match scores with
-    variance 1/N, so N follows from the surface away from the peak. The prior is added (see ``PRIOR``): what the radar
-    does not observe (often roll) keeps the prior's width.
+    With the gain projected out, the log-likelihood of a template of N independent numbers on the map is
+    -N/2 log(1 - r²). N is not the number of samples: neighbours in depth, channel and track are correlated. Ground that
+    does not match scores with variance 1/N, so N follows from the surface away from the peak. The prior is added (see
+    ``PRIOR``): what the radar does not observe (often roll) keeps the prior's width.
     """
-    weight = numbers / jnp.maximum(1.0 - peak.correlation**2, 1e-3)
+    weight = numbers * peak.overlap / jnp.maximum(1.0 - peak.correlation**2, 1e-3)
     # Where a step to either side leaves the map (the line of a single channel), the map bounds the error.
     bound = jnp.pad(jnp.where(peak.narrow, 3.0 / cell_m[None] ** 2, 0.0), [(0, 0), (0, 4)])
     diagonal = jnp.asarray(PRIOR, dtype=jnp.float32)[None] / half_width**2 + bound
@@ -341,6 +359,7 @@ FEW_CHANNELS = 3
 
 _UNFINISHED = (0.67, 0.99, 0.9, 0.9, 0.9)
 """Of the largest step: at a peak the remaining one is a small part of it."""
+_MOVES = 0.5  # of a cell, which is a tenth of a wavelength
 
 
 class Region(NamedTuple):
@@ -376,6 +395,61 @@ class Finished(NamedTuple):
     unfinished: Bool[Array, " end"]
 
 
+_TURNS_APART = 2.5
+"""Cells, a quarter of a wavelength: how far the ends of a template move from one trial heading to the next."""
+
+
+def trial_headings(swing_m: float, wavelength_m: float) -> int:
+    """Headings at which a template is tried before the climb, by how far its region of headings moves its ends: one
+    where the prior is sure enough for its length.
+    """
+    turns = swing_m / (0.25 * wavelength_m)
+    return 1 if turns < 1.0 else 5 if turns <= 2.0 else 17
+
+
+def _turned_best(
+    ground: tuple[Tile, Float[Array, ""], Float[Array, " half"], float | Float[Array, ""]],
+    template: Template,
+    start: Float[Array, "end 6"],
+    region: "Region",
+    numbers: Float[Array, " end"],
+    headings: Int[Array, ""] | int,
+) -> Float[Array, "end 6"]:
+    """Turn each template about its middle to the best of several headings within its region; of one, not at all."""
+    tile, height_reference_m, rate, min_overlap = ground
+    valid = template.valid.astype(jnp.float32)[..., None]
+    middle_m = jnp.sum(template.offset_m * valid, axis=1) / jnp.maximum(jnp.sum(valid, axis=1), 1.0)
+    reach_m = jnp.max(jnp.linalg.norm((template.offset_m - middle_m[:, None]) * valid, axis=-1), axis=1)
+    step = _TURNS_APART * tile.cell_m[0] / jnp.maximum(reach_m, 0.1)
+    low, high = (region.prior[:, 3] + side * region.half_width[:, 3] for side in (-1.0, 1.0))
+
+    def middle(yaw: Float[Array, " end"]) -> Float[Array, "end 2"]:
+        cos, sin = jnp.cos(yaw), jnp.sin(yaw)
+        return jnp.stack(
+            [cos * middle_m[:, 0] - sin * middle_m[:, 1], sin * middle_m[:, 0] + cos * middle_m[:, 1]], axis=-1
+        )
+
+    traces = jnp.maximum(jnp.sum(template.valid, axis=-1, dtype=jnp.float32), 1.0)
+
+    def match(each: tuple[Template, Float[Array, "6"]]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        score = score_poses(tile, each[0], each[1][None, :5], height_reference_m, rate, min_overlap)
+        return score.correlation[0], jnp.sum(score.covered[0], dtype=jnp.float32)
+
+    def turn(number: Int[Array, ""], best: tuple[Array, Array]) -> tuple[Array, Array]:
+        away = (number - headings // 2).astype(jnp.float32) * step
+        yaw = jnp.clip(start[:, 3] + away, low, high)
+        pose = start.at[:, :2].add(middle(start[:, 3]) - middle(yaw)).at[:, 3].set(yaw)
+        correlation, covered = jax.lax.map(match, (template, pose))
+        evidence = _evidence(correlation, numbers * covered / traces)
+        better = evidence > best[1]
+        return jnp.where(better[:, None], pose, best[0]), jnp.where(better, evidence, best[1])
+
+    none = jnp.full(len(start), -jnp.inf, jnp.float32)
+    # The number of turns is no constant: a vehicle has one program, compiled before it drives.
+    turned: Float[Array, "end 6"] = jax.lax.fori_loop(0, jnp.where(headings > 1, headings, 0), turn, (start, none))[0]
+    return turned
+
+
 @partial(jax.jit, static_argnames=("heading", "pitch", "swarm"))
 def finish_best(
     tile: Tile,
@@ -389,6 +463,7 @@ def finish_best(
     *,
     heading: bool,
     pitch: bool,
+    headings: Int[Array, ""] | int = 1,
     swarm: SwarmConfig | None = None,
     seed: UInt32[Array, ""] | None = None,
     steps: Int[Array, ""] | int = CLIMB_STEPS,
@@ -411,6 +486,7 @@ def finish_best(
     free = jnp.stack([*[jnp.asarray(True)] * 3, jnp.asarray(heading), several, jnp.asarray(pitch)])
     numbers = independent_numbers(floor)
     ground = (tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap)
+    start = _turned_best(ground, template, start, region, numbers, headings)
     if swarm is not None:
         assert seed is not None
         start = swarm_poses(
@@ -427,19 +503,24 @@ def finish_best(
         )
         steps = 1
     top = climb(*ground, template, start, region.prior, region.half_width, numbers, free, steps=steps)
-    found = top.score > OFF_MAP_SCORE
+    found = top.correlation > OFF_MAP_SCORE
     covariance = covariance_of(top, numbers, region.half_width, free, tile.cell_m)
-    unfinished = top.left[:, :5] > jnp.asarray(_UNFINISHED, dtype=jnp.float32)[None]
+    largest = jnp.asarray(LARGEST_STEP[:5], dtype=jnp.float32).at[:2].multiply(tile.cell_m[0])
+    asked = jnp.abs(top.asked[:, :5])
+    unfinished = asked > (jnp.asarray(_UNFINISHED, dtype=jnp.float32) * largest)[None]
+    # An attitude that moves no trace by a share of the wavelength leads to no other peak.
+    reach_m = jnp.max(jnp.where(template.valid[..., None], jnp.abs(template.offset_m), 0.0), axis=1)
+    moves_m = asked[:, 3:] * jnp.stack([jnp.hypot(reach_m[:, 0], reach_m[:, 1]), reach_m[:, 1]], axis=-1)
+    unfinished = unfinished.at[:, 3:].min(moves_m > _MOVES * tile.cell_m[0])
 
     def known(field: Float[Array, "end ..."]) -> Float[Array, "end ..."]:
         return jnp.where(found.reshape(-1, *(1,) * (field.ndim - 1)), field, jnp.float32(jnp.nan))
 
-    valid = jnp.maximum(jnp.sum(template.valid, axis=1, dtype=jnp.float32), 1.0)
     return Finished(
         known(top.pose[:, :5]),
         known(covariance),
         known(top.correlation),
-        jnp.sum(top.covered, axis=1, dtype=jnp.float32) / valid,
+        top.overlap,
         jnp.sum(top.covered & template.last_scan, axis=1, dtype=jnp.int32),
         unfinished[:, 0] | (jnp.any(unfinished[:, 1:], axis=1) & (wide > FEW_CHANNELS)),
     )

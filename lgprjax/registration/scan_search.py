@@ -303,7 +303,7 @@ def register_batch(
         overlap_channels=found.overlap_channels,
         overlap=found.overlap,
         code=code,
-        p_false=jnp.where(code == 0, 0.0, 1.0),
+        p_false=jnp.where(code == 0, jnp.nan, 1.0),
         window_m=nothing,
     )
 

@@ -303,7 +303,7 @@ class WindowJudge:
             code = np.where(applies, int(reason), code)
         error_m = self._lattice.error_of(np.asarray(peak.point))
         offset = self._lattice.heights_m[peak.height][:, None] * np.eye(1, 3)
-        return ChosenWindows(chosen, peak, foreign, rivals, code, begin, error_m, offset)
+        return ChosenWindows(chosen, peak, foreign, code, begin, error_m, offset)
 
     def _agreed(self, peaks: Peaks, good: Bool[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
         """Accepted windows that lead to the place of the longest of them: a short one at a strong stone may not."""

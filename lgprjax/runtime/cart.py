@@ -19,10 +19,10 @@ from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import read_vehicle
 from lgprjax.navigation import GnssObservation, SmoothedCart, cart_model, cart_rules, smooth_cart
-from lgprjax.run_records import COVER
+from lgprjax.run_records import COVER, ToolBits
 from lgprjax.runtime.gnss import GnssParser, GnssPosition, Quality, read_gnss
 from lgprjax.worked.plans import PlanFile
-from lgprjax.worked.record import COUNTS, CoverRun
+from lgprjax.worked.record import CoverRun
 
 _STEP_S = 0.1
 _PIECE = 16_384
@@ -203,7 +203,7 @@ def _rows(found: SmoothedCart, ticks: _Ticks, count: int) -> np.ndarray:
     rows["speed_mps"] = np.where(known & np.roll(known, 1), speed, np.nan)
     for name in ("left_mps", "right_mps", "depth_m"):
         rows[name] = np.nan
-    rows["tool"], rows["mode"], rows["line"] = np.where(known, COUNTS, 0), Mode.MANUAL, -1
+    rows["tool"], rows["mode"], rows["line"] = np.where(known, ToolBits.COUNTS, 0), Mode.MANUAL, -1
     rows["gnss_quality"] = ticks.quality
     return rows
 

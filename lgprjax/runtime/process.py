@@ -188,19 +188,26 @@ def set_environment(config: RuntimeConfig) -> None:
 
     Existing variables of the environment are kept.
     """
-    settings = {
+    use_cache(config)
+    for name, value in {
         "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
         "JAX_CPU_ENABLE_ASYNC_DISPATCH": "false",
         "OMP_NUM_THREADS": "1",
         "OPENBLAS_NUM_THREADS": "1",
-    }
-    if config.cache is not None:
-        settings["JAX_COMPILATION_CACHE_DIR"] = str(config.path(config.cache))
-        # By default programs that compile within a second are not cached; many of those make a slow start.
-        settings["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
-        settings["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
-    for name, value in settings.items():
+    }.items():
         os.environ.setdefault(name, value)
+
+
+def use_cache(config: RuntimeConfig) -> None:
+    """Keep compiled functions in the configuration's folder, in this process and those that it starts; before JAX is
+    imported. Existing variables of the environment are kept.
+    """
+    if config.cache is None:
+        return
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.path(config.cache)))
+    # By default programs that compile within a second are not cached; many of those make a slow start.
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 
 
 def _cores() -> set[int]:

@@ -395,7 +395,7 @@ def output_paths(planned: PlannedSite, folder: Path, *, force: bool) -> dict[str
     paths = {entry.drive.name: folder / f"{entry.drive.name}.drive.h5" for entry in planned.drives}
     for path in paths.values():
         if path.exists() and not force:
-            raise InputError(path, "output", "a new file, or --force", "the file exists")
+            raise InputError(path, "output", "a new file, or --force", "one that exists")
     return paths
 
 

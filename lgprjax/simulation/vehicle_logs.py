@@ -630,7 +630,7 @@ def write_vehicle_logs(
     fixes = [path for name in paths if drives[name].fix_errors for path in fixes_paths(folder, name)]
     for path in (*paths.values(), *fixes):
         if path.exists() and not force:
-            raise InputError(path, "output", "a new file, or --force", "the file exists")
+            raise InputError(path, "output", "a new file, or --force", "one that exists")
     folder.mkdir(parents=True, exist_ok=True)
     for name, path in paths.items():
         drive = drives[name]

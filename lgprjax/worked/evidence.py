@@ -117,12 +117,14 @@ class SharedError(NamedTuple):
     def sentence(self) -> str:
         """In words."""
         if not self.points:
-            return f"no control point was measured: {100.0 * self.sigma_m:.1f} cm an axis are assumed"
+            return f"no control point was measured: sigma grows by an assumed {100.0 * self.sigma_m:.1f} cm per axis"
         off = f"{100.0 * self.east_m:.1f} cm east, {100.0 * self.north_m:.1f} cm north off"
         missing = [word for word, there in (("before", self.before), ("after", self.after)) if not there]
         told = f", none measured {' or '.join(missing)} the session" if missing else ""
         changed = "" if math.isnan(self.change_m) else f", changed by {100.0 * self.change_m:.1f} cm"
-        return f"{self.points} control points: {off}{changed}{told}; {100.0 * self.sigma_m:.1f} cm an axis are added"
+        return (
+            f"{self.points} control points: {off}{changed}{told}; sigma grows by {100.0 * self.sigma_m:.1f} cm per axis"
+        )
 
 
 def read_evidence(path: str | Path) -> Evidence:

@@ -289,9 +289,9 @@ class LayerFigures(NamedTuple):
             return f"No cell is processed at {100.0 * self.level:g} %."
         tool = "working tool" if self.measured else "tool, of which nobody measured whether it worked,"
         return (
-            f"Each cell of {square_metres(self.processed_m2)} ({percent(self.share)} of the field) was passed by the "
-            f"{tool} with probability {100.0 * self.level:g} % or more. With "
-            f"probability {100.0 * PAC:g} % or more, at least {percent(self.worked_share)} of that area was."
+            f"The {tool} passed each cell of an area of {square_metres(self.processed_m2)}, {percent(self.share)} of "
+            f"the field, with probability {100.0 * self.level:g} % or more. With probability {100.0 * PAC:g} % or "
+            f"more, it passed at least {percent(self.worked_share)} of that area."
         )
 
 

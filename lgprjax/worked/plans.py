@@ -205,6 +205,9 @@ def plan_field(
     else:
         frame = worked.frame
     field, notes = _field_of(places, frame, name)
+    if not options.sides and places.rooms_m:
+        options = options._replace(sides=tuple(f"{side}:{m:.6g}" for side, m in enumerate(places.rooms_m, start=1)))
+        notes.append(f"room outside the sides as {Path(field_file).name} declares it (--sides: others)")
     if worked is not None:
         _check_same_field(field, worked, field_file)
     if vehicle.body.rear_m is None:
@@ -251,6 +254,7 @@ def plan_field(
         file_hash(vehicle_file),
         ground=ground,
         keep_outs_m=keep_outs_m,
+        rooms_m=maker.declared_m,
     )
     fence = ground or ground_around(field.perimeter_m, ground_m, 0.0)
     return FieldPlan(plan, (*notes, *more), tuple(costs), ground_m, fence)
@@ -295,6 +299,11 @@ class _Maker:
             self._ground = ground_of_sides(held.field.perimeter_m, rooms, held.keep_outs_m, options.clearance_m)
 
         self._wider = self._with_border()
+
+    @property
+    def declared_m(self) -> tuple[float, ...]:
+        """Room outside each side of the field, where it was declared."""
+        return tuple(self._rooms) if self._options.sides else ()
 
     def _with_border(self) -> Field:
         """The field, wider by what the confidence asks for at its border, where the ground is safe."""

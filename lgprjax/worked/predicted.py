@@ -102,7 +102,7 @@ def _variances(
     rules = skid_rules()
 
     def step(state: SkidFilterState, number: Array) -> tuple[SkidFilterState, Array]:
-        x = speed_mps * _STEP_S * (number + 1)
+        x = speed_mps * _STEP_S * (number + 1).astype(jnp.float32)
         fix = GnssObservation(
             x + model.gnss_x_m,
             zero + model.gnss_y_m,

@@ -37,7 +37,7 @@ from lgprjax.formats.worked import (
     WorkedRecord,
 )
 from lgprjax.frames import body_to_local
-from lgprjax.run_records import RecordKind, payload_type
+from lgprjax.run_records import LONGEST_COVER_STEP_NS, RecordKind, ToolBits, payload_type
 from lgprjax.run_segment import segments_of
 from lgprjax.worked.evidence import Evidence, evidence_json, shared_error
 from lgprjax.worked.plans import PlanFile
@@ -147,7 +147,6 @@ def _stated(payload: bytes, name: str) -> str | None:
 
 # Passes, tracks of the tool and stops of recorded runs: stretches of consecutive moments.
 
-_COUNTS = 8
 _POINT_M = 0.2
 # Stops separated by less than this time are one.
 _SAME_STOP_S = 1.0
@@ -166,8 +165,9 @@ def passes_of_runs(runs: Sequence[CoverRun], tool: Tool, t0_ns: int) -> tuple[Co
     for number, run in enumerate(runs):
         rows, time_s = run.rows, 1e-9 * (run.utc_ns - t0_ns).astype(np.float64)
         east, north = body_to_local(rows["x_m"], rows["y_m"], rows["yaw_rad"], tool.ahead_m, tool.left_m)
-        counts = ((rows["tool"] & _COUNTS) != 0) & np.isfinite(east) & np.isfinite(north)
-        changes = np.flatnonzero((np.diff(rows["line"]) != 0) | (np.diff(rows["mode"].astype(np.int16)) != 0)) + 1
+        counts = ((rows["tool"] & ToolBits.COUNTS) != 0) & np.isfinite(east) & np.isfinite(north)
+        other = (np.diff(rows["line"]) != 0) | (np.diff(rows["mode"].astype(np.int16)) != 0)
+        changes = np.union1d(np.flatnonzero(other) + 1, _holes(run))
         for first, last in _stretches(counts, changes):
             of = slice(first, last + 1)
             way = np.stack([east[of], north[of]], axis=1)
@@ -198,7 +198,7 @@ def stops_of_runs(runs: Sequence[CoverRun], t0_ns: int) -> CoverStops:
         time_s = 1e-9 * (run.utc_ns - t0_ns).astype(np.float64)
         bits = run.rows["stop"]
         last_end = -np.inf
-        for first, last in _stretches(bits != 0, np.zeros(0, np.int64)):
+        for first, last in _stretches(bits != 0, _holes(run)):
             reasons = int(np.bitwise_or.reduce(bits[first : last + 1]))
             if time_s[first] - last_end <= _SAME_STOP_S:
                 begin = found.pop()
@@ -209,6 +209,11 @@ def stops_of_runs(runs: Sequence[CoverRun], t0_ns: int) -> CoverStops:
             last_end = time_s[last]
     run_of, begin_s, end_s, east_m, north_m, reason = np.array(found, np.float64).reshape(len(found), 6).T
     return CoverStops(run_of.astype(np.uint16), begin_s, end_s, east_m, north_m, reason.astype(np.uint16))
+
+
+def _holes(run: CoverRun) -> Int[np.ndarray, " hole"]:
+    """Moments before which the recording has a hole."""
+    return np.flatnonzero(np.diff(run.utc_ns) > LONGEST_COVER_STEP_NS) + 1
 
 
 def _stretches(held: Bool[np.ndarray, " moment"], changes: np.ndarray) -> Iterator[tuple[int, int]]:
@@ -229,11 +234,7 @@ def _thinned(step_m: Float[np.ndarray, " step"]) -> Bool[np.ndarray, " moment"]:
     return kept
 
 
-COUNTS = 8
-"""The bit of ``cover``'s tool field meaning that cells count."""
 _BLOCK = 256
-# Moments are a tenth of a second apart. Where one is missing the state of the tool is unknown.
-_LONGEST_STEP_NS = 250_000_000
 
 
 def record_cover(
@@ -319,8 +320,8 @@ def whole_down(probability: Float[np.ndarray, "north east"]) -> UInt16[np.ndarra
 def moments_of_run(run: CoverRun) -> tuple[np.ndarray, ...]:
     """Fields of ``ToolMoment`` over a run, on the host; a gap of the recording gets a moment that does not count."""
     rows = run.rows
-    holes = np.flatnonzero(np.diff(run.utc_ns) > _LONGEST_STEP_NS) + 1
-    on = np.insert((rows["tool"] & COUNTS) != 0, holes, False)
+    holes = _holes(run)
+    on = np.insert((rows["tool"] & ToolBits.COUNTS) != 0, holes, False)
     # A single moment that does not count ends a pass.
     kept = on | np.concatenate([[True], on[:-1]])
 

@@ -22,10 +22,11 @@ from lgprjax.coverage.resume import (
 )
 from lgprjax.errors import InputError
 from lgprjax.formats.taken_up import TakenUp, read_taken_up
+from lgprjax.run_records import ToolBits
 from lgprjax.run_segment import segments_of
 from lgprjax.worked.evidence import UNCHECKED_SIGMA_M
 from lgprjax.worked.plans import PlanFile
-from lgprjax.worked.record import COUNTS, CoverRun, probability_of_run, read_cover_run
+from lgprjax.worked.record import CoverRun, probability_of_run, read_cover_run
 
 TAKEN_UP = "taken_up.npz"
 """In a run's folder: what it took up."""
@@ -51,7 +52,7 @@ def last_place(plan: PlanFile, runs: Sequence[CoverRun]) -> RoutePlace | None:
     newest: tuple[int, RoutePlace] | None = None
     for run in runs:
         rows = run.rows
-        good = ((rows["tool"] & COUNTS) != 0) & (rows["line"] >= 0) & np.isfinite(rows["x_m"] + rows["y_m"])
+        good = ((rows["tool"] & ToolBits.COUNTS) != 0) & (rows["line"] >= 0) & np.isfinite(rows["x_m"] + rows["y_m"])
         good &= rows["line"] < len(plan.plan.pattern.lines)
         if not good.any():
             continue
@@ -95,7 +96,7 @@ def take_up(
     grid = grid_of_field(pattern.field, cell_m, tool.width_m)
     best = np.zeros(grid.shape, np.float32)
     within: set[str] = set()
-    earlier = [_taken_up_by(run, plan, grid) for run in runs]
+    earlier = [_taken_up_by(run, plan, grid, shared_sigma_m) for run in runs]
     for held in earlier:
         if held is not None:
             best = np.maximum(best, held.probability)
@@ -121,16 +122,17 @@ def take_up(
     worked = cell_states(best, level) == CellState.PROCESSED
     stretches = share_of_lines(pattern, worked_stretches(pattern, grid, worked, tool, after=place), last_line)
     every = tuple(sorted(within | {_identity(run) for run in runs}))
-    return TakenUp(plan.sha256, Resumption(place, stretches), grid, best, every)
+    return TakenUp(plan.sha256, Resumption(place, stretches), grid, best, every, shared_sigma_m)
 
 
-def _taken_up_by(run: CoverRun, plan: PlanFile, grid: CellGrid) -> TakenUp | None:
+def _taken_up_by(run: CoverRun, plan: PlanFile, grid: CellGrid, shared_sigma_m: float) -> TakenUp | None:
     path = run.folder / TAKEN_UP
     if not path.exists():
         return None
     held = read_taken_up(path)
-    # Of another plan or another size of cells: the runs themselves are gone through.
-    return held if held.plan_sha256 == plan.sha256 and held.grid == grid else None
+    # Of another plan, size of cells or shared error: the runs themselves are gone through.
+    same = (held.plan_sha256, held.grid, held.shared_sigma_m) == (plan.sha256, grid, shared_sigma_m)
+    return held if same else None
 
 
 def _identity(run: CoverRun) -> str:

@@ -121,7 +121,7 @@ def test_files_of_other_origin_are_refused(name: str, tmp_path: Path) -> None:
     run, drives = run_in(tmp_path), drives_in(tmp_path, "a")
     run.folder.mkdir()
     (run.folder / name).write_text("precious")
-    with pytest.raises(InputError, match="the file exists"):
+    with pytest.raises(InputError, match="one that exists"):
         planned(run, drives)
     assert [path.name for path in run.folder.iterdir()] == [name]
     assert len(planned(run, drives, force=True).todo) == 1

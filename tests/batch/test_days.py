@@ -123,19 +123,20 @@ def test_the_way_back_and_thirty_miles_an_hour(road: DaySite) -> None:
 
 
 def test_a_window_that_leaves_the_map_is_not_drawn_back_onto_it(road: DaySite) -> None:
-    """The way back ends before the map begins: a window half off it leans against the least overlap, and is no fix."""
+    """The way back ends before the map begins: a pose with more of the window on the map is not the better for that."""
     drive, _ = road.register(road.drive("clear", direction=-1), DEFAULT)
     assert drive.truth is not None
-    code, ok = np.asarray(drive.fix.code), np.asarray(drive.fix.code) == Code.OK
+    ok = np.asarray(drive.fix.code) == Code.OK
     off_m = np.hypot(*(np.asarray(drive.fix.pose)[:, :2] - drive.truth[:, :2]).T)
     on_map = road.on_map(drive.truth) & (np.abs(drive.track.travel_m - drive.track.travel_m[0]) >= WINDOW_M)
     print(f"way back: {ok[on_map].mean():.3f} ok on the map, largest error of an ok fix {off_m[ok].max():.3f} m")
     assert ok[on_map].mean() >= 0.99
-    assert off_m[ok].max() < 0.2
-    assert Code.EDGE in code[~on_map]
+    assert off_m[ok].max() < 0.1
+    half_off = np.asarray(drive.fix.overlap) < 0.8
+    assert ok[half_off].any()
 
 
-@pytest.mark.parametrize("repeat_m", [1.1, 2.4])
+@pytest.mark.parametrize("repeat_m", [pytest.param(1.1, marks=pytest.mark.campaign), 2.4])
 def test_slabs_that_repeat_themselves_are_declined(repeat_m: float, tmp_path: Path) -> None:
     """Places that look alike, three or two of them in the region: none is believed where another lies on the map."""
     site = DaySite(tmp_path, 4, 30.0, repeat_m=repeat_m)

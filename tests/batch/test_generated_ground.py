@@ -212,7 +212,8 @@ def test_a_swarm_finishes_as_well(site: Site) -> None:
     np.testing.assert_array_equal(again.fix.pose, drive.fix.pose)
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.campaign)])
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", [1, 2])
 def test_no_impostor_is_called_ok(seed: int, tmp_path: Path) -> None:
     """Two roads of 60 m: 2,520 scans over ground that is not the map's, none of them ok (10,072: ``make campaign``)."""
     road = make_site(tmp_path, seed, 60.0)

@@ -175,6 +175,7 @@ def cluster_of(workers: int) -> LocalCluster:
     return LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
 
 
+@pytest.mark.campaign
 def test_a_cluster_gives_the_same_bits(short: Short, tmp_path: Path) -> None:
     out = tmp_path / "cluster"
     with cluster_of(2) as cluster:

@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import shapely
+from scipy import ndimage
 
 from lgprjax.coverage import (
     CellGrid,
@@ -20,8 +22,11 @@ from lgprjax.coverage import (
     outline_of,
     plan_gaps,
 )
-from lgprjax.coverage.gaps import GapPlan, wide_parts
+from lgprjax.coverage.gaps import GapPlan, _either_way, wide_parts
+from lgprjax.coverage.layer import TourSwath
 from lgprjax.errors import InputError
+
+from .drawn_gaps import KINDS
 
 FLAIL = PatternSettings(
     tool_width_m=1.2, overlap=0.2, order="free", smallest_radius_m=1.5, turning_room_m=5.5, tool_ahead_m=1.2
@@ -199,3 +204,85 @@ def test_where_no_swath_fits_it_is_said() -> None:
     assert made is not None
     assert made.shut_m2 == pytest.approx(np.count_nonzero(left & (held.north_m < 0.15)) * CELL_M**2)
     assert under_tool(made.pattern.lines, held)[left & (held.north_m > 1.0)].all()
+
+
+# How long swaths are, of ground drawn by kind.
+
+MOST_RATIO = {"blocks": 1.15, "stripes": 1.15, "rectangles": 1.3, "branched": 1.45, "blobs": 1.3, "missed": 5.0}
+"""Median of swaths over area by spacing: 1.15 where what is left is about as wide as swaths are, or wide."""
+MOST_OVER_BOUND = {"blocks": 1.15, "stripes": 1.15, "rectangles": 1.3, "branched": 1.45, "blobs": 1.3, "missed": 1.05}
+
+
+def least_m(left: np.ndarray, cell_m: float) -> float:
+    """A bound on swaths, each with a tool's width more: of each region its area by the spacing, or how far it reaches.
+
+    A swath and the tool's width cannot reach farther than the two together; regions that are a tool's width apart share
+    no part of a swath.
+    """
+    near = ndimage.distance_transform_edt(~left) * cell_m <= 0.5 * TOOL.width_m
+    labels = np.where(left, ndimage.label(near, np.ones((3, 3)))[0], 0)
+    total_m = 0.0
+    for number in np.unique(labels[left]):
+        places = np.argwhere(labels == number) * cell_m
+        corners = shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(places)))
+        reach_m = max(float(np.hypot(*(corners - each).T).max()) for each in corners)
+        total_m += max(reach_m, len(places) * cell_m**2 / SPACING_M)
+    return total_m
+
+
+def drawn_lengths(kind: str, seeds: range, length_m: float, width_m: float) -> np.ndarray:
+    """Of each seed: swaths over area by spacing, and over the bound; area by spacing, and bound; lines, and the way."""
+    rows = []
+    for seed in seeds:
+        rng = np.random.default_rng([seed, list(KINDS).index(kind)])
+        held = sample(length_m, width_m, yaw_rad=float(rng.uniform(0.0, 3.0)))
+        left = KINDS[kind](rng, held.east_m, held.north_m, (length_m, width_m)) & held.inside
+        made = plan(held, left)
+        assert made is not None
+        assert np.all(under_tool((*made.pattern.lines, *made.pattern.unreached), held)[left])
+        assert len(made.pattern.unreached) <= 1
+        assert crossed(made, held, left) <= 0.3
+        area_m, bound_m = made.left_m2 / SPACING_M, least_m(left, CELL_M)
+        way_m = made.pattern.line_length_m + sum(each.length_m for each in made.pattern.turns)
+        rows.append((made.swath_m / area_m, made.swath_m / bound_m, len(made.pattern.lines), way_m))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_swaths_are_little_longer_than_area_by_spacing(kind: str) -> None:
+    found = drawn_lengths(kind, range(1), 30.0, 20.0)
+    assert np.median(found[:, 0]) <= MOST_RATIO[kind]
+    assert np.median(found[:, 1]) <= MOST_OVER_BOUND[kind]
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("kind", KINDS)
+def test_swaths_of_many_drawn(kind: str) -> None:
+    """Medians and worst are printed."""
+    found = drawn_lengths(kind, range(100, 106), 50.0, 40.0)
+    (median, over), (worst, worst_over) = np.median(found[:, :2], axis=0), found[:, :2].max(axis=0)
+    print(
+        f"{kind}: {median:.2f} ({worst:.2f} at most) of area by spacing, {over:.2f} ({worst_over:.2f}) of the bound; "
+        f"{found[:, 2].sum():.0f} lines, way {found[:, 3].sum():.0f} m"
+    )
+    assert median <= MOST_RATIO[kind]
+    assert over <= MOST_OVER_BOUND[kind]
+
+
+@pytest.mark.campaign
+def test_swaths_of_a_hectare_with_26_regions() -> None:
+    found = drawn_lengths("rectangles", range(3), 100.0, 100.0)
+    print("of area by spacing, of the bound, lines, way m:", *np.round(found, 2).tolist())
+    assert np.all(found[:, 0] <= 1.4)
+    assert np.all(found[:, 1] <= 1.3)
+
+
+def test_of_three_swaths_that_share_a_way_the_longer_direction_is_driven() -> None:
+    """Beside a keep-out a stretch has parts both ways round; two ahead are longer than one behind."""
+
+    def swath(begin_m: float, end_m: float) -> TourSwath:
+        return TourSwath(np.array([begin_m, 0.0]), np.array([end_m, 0.0]), False)
+
+    ahead = [swath(0.0, 4.0), swath(6.0, 9.0)]
+    assert _either_way([ahead[0], swath(4.0, 0.0), ahead[1]]) == ahead
+    assert _either_way([swath(4.0, 0.0), swath(0.0, 3.0), swath(4.0, 9.0)])[0].end_m[0] == 3.0

@@ -148,6 +148,7 @@ def test_a_second_newer_drive_outvotes_the_old_ground(trench: TrenchSite, twice:
     assert list(twice.path.parent.iterdir()) == [twice.path]
 
 
+@pytest.mark.campaign
 def test_the_trench_can_be_driven_again_and_nothing_else_is_lost(
     trench: TrenchSite, once: Updated, twice: Updated
 ) -> None:
@@ -321,6 +322,6 @@ def test_behind_a_link_it_is_the_map_that_is_locked(trench: TrenchSite, once: Up
 def test_an_output_that_exists_needs_force(trench: TrenchSite, once: Updated, tmp_path: Path) -> None:
     path = tmp_path / "new.map.h5"
     path.write_bytes(b"something")
-    with pytest.raises(InputError, match="expected a new file, or --force, found the file exists"):
+    with pytest.raises(InputError, match="expected a new file, or --force, found one that exists"):
         update_map(once.path, [trench.newer[1]], path)
     assert path.read_bytes() == b"something"

@@ -128,6 +128,14 @@ def test_fix_that_is_no_number_while_invalid_leaves_no_trace() -> None:
     assert all(np.isfinite(float(v)) for v in (*state.pose, *state.carried))
 
 
+def test_a_fix_that_is_no_number_is_none_though_it_is_called_valid() -> None:
+    other, motion = _pose(1.0, 1.0, 0.0), MotionInput(jnp.float32(0.1), jnp.float32(_TICK_S))
+    broken = _fix((math.nan, 4.0, 0.3))
+    state = _step(_SETTINGS, init_switch(other), motion, jnp.float32(1.0), other, broken, jnp.float32(1e-9))
+    assert not bool(state.on_lgpr)
+    assert all(np.isfinite(float(v)) for v in (*state.pose, *state.carried))
+
+
 def test_lanes_are_what_they_are_alone() -> None:
     chances = np.array([1e-9, 1e-5, 1.0], np.float32)
     fix, other = _fix((3.0, 4.0, 0.3)), _pose(0.0, 0.0, 0.0)

@@ -16,17 +16,21 @@ CELL_M = np.array([0.04, 0.06])
 
 
 def covariance(
-    information: np.ndarray, r: float, numbers: float, narrow: tuple[bool, bool] = (False, False)
+    information: np.ndarray,
+    r: float,
+    numbers: float,
+    narrow: tuple[bool, bool] = (False, False),
+    overlap: float = 1.0,
 ) -> np.ndarray:
     """Of one summit."""
     summit = RefinedPeak(
         pose=jnp.zeros((1, 6), jnp.float32),
         correlation=jnp.full(1, r, jnp.float32),
-        score=jnp.full(1, r, jnp.float32),
+        overlap=jnp.full(1, overlap, jnp.float32),
         information=jnp.asarray(information[None], dtype=jnp.float32),
         covered=jnp.ones((1, 11), bool),
         narrow=jnp.asarray([narrow]),
-        left=jnp.zeros((1, 6), jnp.float32),
+        asked=jnp.zeros((1, 6), jnp.float32),
     )
     widths = jnp.asarray(HALF_WIDTH[None], dtype=jnp.float32)
     found = covariance_of(
@@ -43,6 +47,13 @@ def test_the_covariance_is_the_inverse_of_the_information_and_the_prior() -> Non
     r, numbers = 0.8, 100.0
     information = (match * numbers / (1 - r**2) + np.diag(1.0 / PRIOR_SIGMA**2))[:5, :5]
     np.testing.assert_allclose(covariance(match, r, numbers), np.linalg.inv(information), rtol=1e-3, atol=1e-8)
+
+
+def test_traces_off_the_map_tell_nothing() -> None:
+    match = np.diag([50.0, 50.0, 50.0, 5.0, 5.0, 0.0])
+    half = covariance(match, 0.8, 100.0, overlap=0.5)
+    information = 0.5 * match * 100.0 / (1 - 0.8**2) + np.diag(1.0 / PRIOR_SIGMA**2)
+    np.testing.assert_allclose(half, np.linalg.inv(information[:5, :5]), rtol=1e-3, atol=1e-8)
 
 
 def test_a_flat_peak_leaves_the_region() -> None:

@@ -124,7 +124,7 @@ def test_reaches_the_truth_and_says_what_the_score_says() -> None:
     for number in range(BATCH):
         one = jax.tree.map(lambda field, number=number: field[number], NOISY)
         score = score_poses(TILE, one, top.pose[number : number + 1, :5], *SCENE)
-        np.testing.assert_allclose(top.score[number], score.score[0], atol=1e-5)
+        np.testing.assert_allclose(top.correlation[number], score.correlation[0], atol=1e-5)
         oracle = correlation(NOISY_WAVE[number], pose[number].astype(np.float64))
         np.testing.assert_allclose(top.correlation[number], oracle, atol=1e-5)
 
@@ -217,14 +217,29 @@ def test_traces_off_the_map_do_not_count() -> None:
         oracle = np.sum((live * ground[use].conj()).real) / (np.linalg.norm(live) * np.linalg.norm(ground[use]))
         np.testing.assert_allclose(top.correlation[number], oracle, atol=1e-5)
         share = use.sum() / valid[number].sum()
-        np.testing.assert_allclose(top.score[number], oracle * np.sqrt(share), atol=1e-5)
+        np.testing.assert_allclose(top.overlap[number], share, atol=1e-5)
 
 
 def test_a_pose_off_the_map_scores_nothing_and_stays() -> None:
     start = CENTRE.copy()
     start[:, :2] = [[9.0, 0.0], [-9.0, 0.0], [0.0, 9.0], [0.0, -9.0]]
     top = run(NOISY, start, prior=start)
-    np.testing.assert_array_equal(top.score, np.full(BATCH, OFF_MAP_SCORE, np.float32))
+    np.testing.assert_array_equal(top.correlation, np.full(BATCH, OFF_MAP_SCORE, np.float32))
+    np.testing.assert_array_equal(top.overlap, np.zeros(BATCH, np.float32))
     np.testing.assert_array_equal(top.pose, start.astype(np.float32))
     assert not np.asarray(top.covered).any()
     assert np.all(np.asarray(top.information) == 0.0)
+
+
+def test_a_pose_is_not_drawn_to_where_more_of_it_lies_on_the_map() -> None:
+    """The map ends beside the array: the true pose is higher, and has fewer traces on it than the start."""
+    covered = np.ones(CELLS, bool)
+    covered[:, 24:] = False
+    tile = make_tile(GROUND, covered)
+    start = CENTRE.copy()
+    start[:, :2] = TRUTH[:, :2] - [0.0, 0.05]
+    first = run(NOISY, start, tile=tile, steps=1)
+    top = run(NOISY, start, tile=tile, steps=6)
+    fewer = np.asarray(top.overlap) < np.asarray(first.overlap) - 0.05
+    assert fewer.sum() >= 2
+    assert np.hypot(*(np.asarray(top.pose) - TRUTH).T[:2])[fewer].max() < 0.015

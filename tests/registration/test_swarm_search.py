@@ -48,7 +48,7 @@ def test_places_are_those_of_the_exhaustive_search(site: Site, tmp_path: Path) -
 
 
 def test_other_ground_has_no_place(site: Site, tmp_path: Path) -> None:
-    assert not ok_of(searched(site, first_metres(site, "impostor", tmp_path, scans=120), SEARCH_SWARM)).any()
+    assert not ok_of(searched(site, first_metres(site, "impostor", tmp_path, scans=60), SEARCH_SWARM)).any()
 
 
 def test_the_seed_decides(site: Site, tmp_path: Path) -> None:

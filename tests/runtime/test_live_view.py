@@ -1,4 +1,4 @@
-"""The live view, as a viewer of Foxglove's websocket receives it; needs the extra live."""
+"""The live view, as a viewer of Foxglove's websocket receives it."""
 
 import asyncio
 import json
@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-import pytest
+import websockets
 
 from lgprjax.frames import LocalFrame
 from lgprjax.run_records import POSE, Record, RecordKind, Source, pack
@@ -16,9 +16,6 @@ from lgprjax.runtime.output.nmea import Given
 from lgprjax.runtime.process import RINGS, Heartbeats, Started
 from lgprjax.runtime.ring import Ring
 from lgprjax.wire import Sender
-
-pytest.importorskip("foxglove")
-websockets = pytest.importorskip("websockets")
 
 
 def test_a_viewer_gets_scene_position_radargram_and_modes(config: RuntimeConfig, tmp_path: Path) -> None:
@@ -48,7 +45,7 @@ def test_a_viewer_gets_scene_position_radargram_and_modes(config: RuntimeConfig,
         topics: dict[int, str] = {}
         heard: set[int] = set()
         url = f"ws://127.0.0.1:{port}"
-        async with websockets.connect(url, subprotocols=["foxglove.sdk.v1"]) as socket:
+        async with websockets.connect(url, subprotocols=[websockets.Subprotocol("foxglove.sdk.v1")]) as socket:
             end_s = time.monotonic() + 20.0
             while len(heard) < 5 and time.monotonic() < end_s:
                 feed()

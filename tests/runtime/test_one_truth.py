@@ -58,7 +58,7 @@ def _searched(
                 yield Record(kind, Source.REGISTRATION, 0, record.mono_ns, payload)
 
 
-@pytest.fixture(scope="module", params=["traces", "sweeps"])
+@pytest.fixture(scope="module", params=["traces", pytest.param("sweeps", marks=pytest.mark.campaign)])
 def ground(request: pytest.FixtureRequest, site: Site, tmp_path_factory: pytest.TempPathFactory) -> Site:
     """The site, or the same as a stepped-frequency radar would have recorded it."""
     if request.param == "traces":

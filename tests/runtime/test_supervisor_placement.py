@@ -26,6 +26,14 @@ set_environment(config)
 print(*sorted(os.sched_getaffinity(0)))
 print(os.environ["XLA_FLAGS"], os.environ["JAX_COMPILATION_CACHE_DIR"])
 """
+STARTED = """
+import os, sys
+from lgprjax.cli import main
+try:
+    main(["run", sys.argv[1], "--replay", "nowhere"])
+except SystemExit:
+    print(os.environ["JAX_COMPILATION_CACHE_DIR"])
+"""
 REAL_TIME = """
 import os, resource
 from lgprjax.runtime.process import run_in_ordinary_time, run_in_real_time
@@ -84,6 +92,12 @@ def test_a_core_that_is_not_there_is_one_line(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert done.stderr.startswith("monitor: ")
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_command_keeps_what_it_compiles_where_its_configuration_says(tmp_path: Path) -> None:
+    config = write_config(tmp_path, "")
+    told, _ = run(STARTED, str(config))
+    assert told[-1] == str(tmp_path / "cache")
 
 
 def test_real_time_that_is_not_permitted_is_said_and_no_more() -> None:

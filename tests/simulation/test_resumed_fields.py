@@ -15,6 +15,7 @@ from lgprjax.coverage import (
     CellGrid,
     Pattern,
     PatternSettings,
+    Tool,
     ToolMoment,
     cell_states,
     field_of_polygon,
@@ -100,7 +101,7 @@ def work_in_sessions(
             spans[number].append((low, high))
         if session:
             repeated.append(again_m)
-        probability = np.maximum(probability, _map(grid, kept, on))
+        probability = np.maximum(probability, map_of(grid, TOOL, kept, on))
         if done:
             break
         counted = np.flatnonzero(on & (kept.line >= 0))
@@ -139,7 +140,10 @@ def _hole_m(spans: list[tuple[float, float]], length_m: float) -> float:
     return hole + max(length_m - reached, 0.0)
 
 
-def _map(grid: CellGrid, kept, on: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
+def map_of(  # type: ignore[no-untyped-def]
+    grid: CellGrid, tool: Tool, kept, on: np.ndarray, shared_sigma_m: float = 0.0
+) -> np.ndarray:
+    """Probability of each cell by the moments of a drive at which the tool was on."""
     told = np.flatnonzero(on | np.roll(on, 1))
     state = init_worked(grid)
     for first in range(0, len(told), AT_ONCE):
@@ -148,7 +152,7 @@ def _map(grid: CellGrid, kept, on: np.ndarray) -> np.ndarray:  # type: ignore[no
         count = on[fill] & (np.arange(AT_ONCE) < len(part))
         x, y, yaw = (jnp.asarray(each[fill]) for each in (kept.believed.x_m, kept.believed.y_m, kept.believed.yaw_rad))
         moment = ToolMoment(x, y, yaw, jnp.asarray(kept.covariance[fill]), jnp.asarray(count))
-        state = run_worked(grid, TOOL, state, moment)
+        state = run_worked(grid, tool, state, moment, shared_sigma_m)
     return np.asarray(state.probability)
 
 
@@ -160,6 +164,7 @@ def test_a_small_field_killed_twice_is_worked_to_its_end() -> None:
     assert found.share > 0.95
 
 
+@pytest.mark.campaign
 def test_two_machines_on_one_field_leave_nothing_and_little_twice() -> None:
     """Lines 1 to 3 and 4 to 5; both are cut short, hand over their maps, and go on side by side."""
     settings = PatternSettings(1.2, 0.2, "boustrophedon", 1.5, 8.0, 1.2)
@@ -193,7 +198,7 @@ def test_two_machines_on_one_field_leave_nothing_and_little_twice() -> None:
                 low, high = _span(pattern, kept, on & (kept.line == number), int(number))
                 repeated_m += sum(max(min(high, b) - max(low, a), 0.0) for a, b in spans[number])
                 spans[number].append((low, high))
-            maps.append(_map(grid, kept, on))
+            maps.append(map_of(grid, TOOL, kept, on))
             at = np.flatnonzero(on & (kept.line >= 0))[-1]
             pose = tuple(float(each[at]) for each in (kept.believed.x_m, kept.believed.y_m, kept.believed.yaw_rad))
             last = place_of_tool(pattern, TOOL, int(kept.line[at]), (pose[0], pose[1], pose[2]))

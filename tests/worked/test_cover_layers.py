@@ -129,7 +129,7 @@ def test_the_geopackage_opens_with_all_layers(tmp_path: Path, empty: bool) -> No
         assert all(one.equals(other) for one, other in zip(read, layer.shapes, strict=True))
         for name, values in zip(told["fields"], fields, strict=True):
             assert [str(each) for each in values] == [str(row[name]) for row in layer.properties]
-    with pytest.raises(InputError, match="the file exists"):
+    with pytest.raises(InputError, match="one that exists"):
         write_geopackage(path, layers, {})
 
 

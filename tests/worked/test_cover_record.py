@@ -119,6 +119,17 @@ def test_nothing_is_claimed_across_a_hole_in_the_recording(tmp_path: Path, plan:
     assert (cut.cells.probability <= whole.cells.probability).all()
     assert column(cut, 0.45, 2.0) > 0.999
     assert len(whole.passes.run) == 1
+    # Nor does a pass, or the drawn swath, run across it: the way from the last moment before to the first after.
+    assert len(cut.passes.run) == 2
+    across = np.hypot(*(rows[name][middle + 5] - rows[name][middle - 1] for name in ("x_m", "y_m")))
+    assert across > 0.1
+    assert cut.passes.length_m.sum() == pytest.approx(whole.passes.length_m[0] - across, abs=1e-3)
+    assert set(cut.swaths.number) == {0, 1}
+
+
+def test_one_missing_moment_is_a_hole(tmp_path: Path) -> None:
+    run = run_of(tmp_path / "cut", Drive(_LINES[:1]), cut=slice(100, 101))
+    assert np.flatnonzero(~moments_of_run(run)[-1]).tolist()[:1] == [100]
 
 
 def test_a_pose_that_is_no_number_claims_nothing(tmp_path: Path, plan: CoverPlan) -> None:

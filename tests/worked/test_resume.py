@@ -86,6 +86,11 @@ def test_what_was_taken_up_is_not_gone_through_again(tmp_path: Path, plan: PlanF
     ]
     np.testing.assert_array_equal(both.probability, np.maximum(*(each.probability for each in alone)))
     assert len(both.runs) == 2
+    # A map that was made with less doubt of the positions is no evidence where more is called for.
+    done.clear()
+    doubted = take_up(plan, runs, cell_m=_CELL_M, level=0.95, shared_sigma_m=0.3, progress=done.append)
+    assert sum(done) == sum(len(run.rows) for run in runs)
+    assert (doubted.probability >= 0.95).sum() < 0.5 * (both.probability >= 0.95).sum()
 
 
 def test_another_machine_began_at_a_later_line(tmp_path: Path, plan: PlanFile) -> None:

@@ -275,10 +275,12 @@ class Pilot:
 # Rows of a tick for other processes: the prior for registration, the plan for the recording.
 
 
-def prior_row(result: TickResult, now_ns: int, *, roll_rad: float, yaw_rate_radps: float, travel_m: float) -> bytes:
+def prior_row(
+    result: TickResult, now_ns: int, *, valid: bool, roll_rad: float, yaw_rate_radps: float, travel_m: float
+) -> bytes:
     """``PRIOR``: from where the map is searched; without a yaw rate the vehicle is assumed not to turn."""
     row = np.zeros((), PRIOR)
-    row["time_ns"], row["valid"] = now_ns, 1
+    row["time_ns"], row["valid"] = now_ns, valid
     row["pose"] = (result.search_x_m, result.search_y_m, result.search_yaw_rad)
     row["roll_rad"], row["sigma_yaw_rad"] = roll_rad, result.reckoned_yaw_sigma_rad
     row["speed_mps"], row["travel_m"] = result.speed_mps, travel_m
@@ -348,6 +350,7 @@ def pose_row(result: TickResult, now_ns: int, height_m: float, antenna_m: tuple[
 _OLD_NS = 300_000_000
 _DEGRADED_MPS = 2.0
 _SCANS_NS = 200_000_000
+_TRAVEL_OLD_S = 0.1
 _SCANS = "no scans: radar, its line or registration"
 _PLACES = {
     PlanCode.FOLLOWING: Event.ROUTE_NEAR,
@@ -366,7 +369,7 @@ def degrading(result: TickResult) -> float:
     return whole(result.reasons) & ~(OF_GNSS if result.bounded == 1.0 else 0)
 
 
-_COUNTER_STEER_NOTHING = Sensed(0.0, math.nan, math.inf, None, None, None, math.nan, math.nan, None, False, math.inf)
+_COUNTER_STEER_NOTHING = Sensed(0.0, math.nan, None, None, None, math.nan, math.nan, False, None, False, math.inf)
 
 
 class CounterSteer:
@@ -392,6 +395,8 @@ class CounterSteer:
         self._antenna_m = (float(loaded.setup.navigator.model.gnss_x_m), float(loaded.setup.navigator.model.gnss_y_m))
         self._every = None if config.output is None else _TICKS_HZ // config.output.rate_hz
         self._ticks = 0
+        # What a process before this one said of travel has nothing in common with what this one says.
+        self._travel_lost = True
         self._fix_ns: int | None = None
         self._now_ns = 0
         self._sensed: Sensed = _COUNTER_STEER_NOTHING
@@ -499,7 +504,7 @@ class CounterSteer:
             _DEGRADED_MPS if slow else math.inf,
             wish.set_speed_mps,
             watched.front_rad,
-            max(sensed.wheels_age_s, min(sensed.rate_age_s, sensed.wheels_age_s)),
+            sensed.wheels_age_s,
             watched.yaw_rate_radps,
             self._watches.torque_share,
         )
@@ -523,15 +528,19 @@ class CounterSteer:
         """The prior for registration, and the plan."""
         result, attitude = self.pilot.result, self.senses.attitude
         rows: list[tuple[RecordKind, bytes]] = []
-        if self.pilot.started:
+        self._travel_lost |= self._sensed.travel_lost
+        # While the box is silent nobody knows how far the vehicle has gone: scans wait until its odometer is heard.
+        if self.pilot.started and self._sensed.wheels_age_s <= _TRAVEL_OLD_S:
             prior = prior_row(
                 result,
                 now_ns,
+                valid=not self._travel_lost,
                 roll_rad=0.0 if attitude is None else attitude.roll_rad,
                 yaw_rate_radps=self._sensed.yaw_rate_radps,
                 travel_m=self.senses.travel_m,
             )
             rows.append((RecordKind.PRIOR, prior))
+            self._travel_lost = False
         self._ticks += 1
         if self._every is not None and self._ticks % self._every == 0:
             height_m = math.nan if self.senses.place is None else self.senses.place.up_m

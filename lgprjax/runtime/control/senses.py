@@ -165,6 +165,8 @@ class GnssSenses:
 
 _RATE_OLD_S = 0.1
 _FIX_OLD_S = 0.25
+_STATUS_OLD_S = 0.5
+_FASTEST_MPS = 60.0
 _OK = 0
 
 
@@ -247,10 +249,10 @@ class Sensed(NamedTuple):
     Attributes:
         step_s: since the last tick.
         yaw_rate_radps: mean of the gyro over the tick, its last value, or NaN if that is old.
-        rate_age_s: of the newest value.
         place, attitude, fix: new in this tick; ``None`` if missing. The fix is a row of ``FIX``.
-        p_false: of the newest match, see ``FIX``; NaN without a match, or if unknown.
+        p_false: of the fix, else of the newest match, see ``FIX``; NaN without a match, or if unknown.
         odometer_mps: mean speed since the last drive_status of the tick before; NaN without one.
+        travel_lost: the box started anew, or its odometer leapt: how far the vehicle went meanwhile is not known.
         wheels: the last drive_status; ``None`` before the first.
         foot_on_brake: in any drive_status since the last tick.
         wheels_age_s: since it arrived; infinite before the first.
@@ -258,12 +260,12 @@ class Sensed(NamedTuple):
 
     step_s: float
     yaw_rate_radps: float
-    rate_age_s: float
     place: LocalPosition | None
     attitude: LocalAttitude | None
     fix: np.void | None
     p_false: float
     odometer_mps: float
+    travel_lost: bool
     wheels: BoxStatus | None
     foot_on_brake: bool
     wheels_age_s: float
@@ -283,7 +285,7 @@ class Senses(LineSenses):
         self.travel_m = 0.0
         self._odometer: tuple[int, float] | None = None
         self._rate = TurnRate(0, math.nan)
-        self._new_fix = self._foot = False
+        self._new_fix = self._foot = self._lost = False
         self._p_false = math.nan
 
     def take(self, record: Record) -> None:
@@ -294,8 +296,9 @@ class Senses(LineSenses):
             super().take(record)
 
     def _take_status(self, box: BoxStatus, *, anew: bool) -> None:
-        del anew  # the watches see to it
         self._foot |= bool(box.bits("pedals") & 1)
+        if anew:
+            self._odometer, self._lost = None, True
 
     def end_tick(self, now_ns: int) -> Sensed:
         """Everything since the last tick, which is then marked as seen."""
@@ -305,28 +308,31 @@ class Senses(LineSenses):
             self._rate = gnss.rates[-1]
         rate_age_s = (now_ns - self._rate.arrival_ns) / 1e9
         rate = float(np.mean([each.radps for each in gnss.rates])) if gnss.rates else self._rate.radps
+        odometer_mps = self._mean_speed()
         sensed = Sensed(
             step_s,
             rate if rate_age_s <= _RATE_OLD_S else math.nan,
-            rate_age_s,
             gnss.place,
             gnss.attitude,
             self._fresh_fix(now_ns),
             self._p_false,
-            self._mean_speed(),
+            odometer_mps,
+            self._lost,
             self.box,
             self._foot,
             self._box_age_s(now_ns),
         )
-        self._new_fix = self._foot = False
+        self._new_fix = self._foot = self._lost = False
         self._p_false = math.nan
         return sensed
 
     def _take_fix(self, fix: np.void) -> None:
-        # A scan compared with no ground, before the first window or off the map, is no evidence.
-        if math.isfinite(float(fix["correlation"])):
+        ok = int(fix["code"]) == _OK
+        # A scan compared with no ground, before the first window or off the map, is no evidence; nor is one that was
+        # declined for a fix of the same tick.
+        if ok or (math.isfinite(float(fix["correlation"])) and not self._new_fix):
             self._p_false = float(fix["p_false"])
-        if int(fix["code"]) == _OK:
+        if ok:
             self.fix = fix
             self._new_fix = True
 
@@ -340,14 +346,18 @@ class Senses(LineSenses):
         if self.box is None:
             return math.nan
         before, here = self._odometer, (self.box.time_ns, self.box.number("odometer_m"))
+        if not math.isfinite(here[1]):
+            return math.nan
         self._odometer = here
-        if before is None or here[0] <= before[0] or here[0] - before[0] > 500_000_000:
+        if before is None or here[0] <= before[0]:
             return math.nan
-        way = here[1] - before[1]
-        if not math.isfinite(way):
+        way, step_s = here[1] - before[1], (here[0] - before[0]) / 1e9
+        if abs(way) > _FASTEST_MPS * step_s:
+            self._lost = True
             return math.nan
+        # The odometer counts on while the box is not heard.
         self.travel_m += way
-        return way / ((here[0] - before[0]) / 1e9)
+        return way / step_s if step_s <= _STATUS_OLD_S else math.nan
 
 
 # The watches' model of a vehicle, from its file.

@@ -221,11 +221,6 @@ class Watches:
             rate = speed * curvature(self._chassis, front) * yaw_gain(self._chassis, speed)
         return Watched(bits, severity_of(bits), events, front, rate if math.isfinite(rate) else 0.0, speed_known)
 
-    @property
-    def heading(self) -> HeadingCheck:
-        """Whether the heading has been confirmed."""
-        return self._heading.check
-
     def _step_speed(
         self,
         sensed: Sensed,

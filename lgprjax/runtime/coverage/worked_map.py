@@ -8,9 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from lgprjax.coverage import CellGrid, Tool, ToolMoment, WorkedState, init_worked, step_worked
-from lgprjax.run_records import ToolBits
-
-_LONGEST_STEP_NS = 250_000_000  # rows come each tenth of a second; in a gap the state of the tool is unknown
+from lgprjax.run_records import LONGEST_COVER_STEP_NS, ToolBits
 
 
 class WorkedMap:
@@ -56,7 +54,7 @@ class WorkedMap:
             mono_ns: its time; a gap since the previous row is not counted.
         """
         place = (cover["x_m"], cover["y_m"], cover["yaw_rad"], *cover["covariance"].ravel())
-        if mono_ns - self._last_ns > _LONGEST_STEP_NS:
+        if mono_ns - self._last_ns > LONGEST_COVER_STEP_NS:
             self._step(np.array([*place, False], np.float32))
         self._step(np.array([*place, bool(int(cover["tool"]) & ToolBits.COUNTS)], np.float32))
         self._last_ns = mono_ns

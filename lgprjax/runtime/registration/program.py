@@ -32,6 +32,7 @@ _WISH_S = 0.2
 _STANDING_MPS = 0.05
 _STANDING_NS = 100_000_000
 _WAITING = 256  # scans: two seconds
+_REPEATED, _MOST_REPEATS = 4.0, 10  # factor on the covariance of a match that is told again, and its largest power
 
 
 class _Scan(NamedTuple):
@@ -68,6 +69,7 @@ class ScanQueue:
         self._waiting: deque[_Scan] = deque()
         self._searched_ns = self._told_ns = 0
         self._begins = True
+        self._repeats = 0
 
     def take(self, frame: Frame, arrival_ns: int) -> None:
         """A radar_scan or radar_sweep that arrived."""
@@ -80,6 +82,9 @@ class ScanQueue:
     def step(self) -> Searched | None:
         """Search at most ``TRACK_SCANS`` waiting scans that have a prior; ``None`` without any."""
         priors = self.priors
+        if priors.take_end() and not self._begins:
+            self._search.begin_anew()
+            self._begins = True
         while self._waiting and priors.covers(self._waiting[0].time_ns) is False:
             self._waiting.popleft()
         ready: list[_Scan] = []
@@ -114,11 +119,14 @@ class ScanQueue:
         rows["scan_ns"] = [scan.time_ns for scan in scans]
         rows["scan"] = [int(scan.frame.number("scan")) for scan in scans]
         # A propagated fix is no observation, except at standstill and at a crawl, where there is no other.
-        own = np.array(found.searched)
+        own, weight = np.array(found.searched), np.ones(len(scans))
         for number, scan in enumerate(scans):
             own[number] |= scan.time_ns - self._told_ns >= _STANDING_NS
             if own[number]:
                 self._told_ns = scan.time_ns
+            # The same match again knows nothing new: all repeats together say a third of what it said.
+            self._repeats = 0 if found.searched[number] else min(self._repeats + own[number], _MOST_REPEATS)
+            weight[number] = _REPEATED**self._repeats
         rows["code"] = np.where(own, fix.code, Code.NO_WINDOW)
         rows["waiting"] = len(self._waiting)
         rows["window_dm"] = np.where(np.isfinite(fix.window_m), np.round(10.0 * fix.window_m), -1)
@@ -126,7 +134,7 @@ class ScanQueue:
         overlap = np.maximum(np.asarray(fix.overlap, np.float64), 0.0)
         rows["strength"] = np.asarray(fix.correlation, np.float64) * np.sqrt(overlap)
         rows["overlap_channels"] = fix.overlap_channels
-        rows["pose"], rows["covariance"] = fix.pose, fix.covariance
+        rows["pose"], rows["covariance"] = fix.pose, weight[:, None, None] * np.asarray(fix.covariance, np.float64)
         rows["p_false"] = fix.p_false
         return rows
 

@@ -235,6 +235,10 @@ class Search:
             rows *= 2
         jax.effects_barrier()
 
+    def begin_anew(self) -> None:
+        """Forget the drive so far: the next scan is searched as a first one."""
+        self.drive = self._begin(self._options)
+
     def scans_per_second(self, seconds: float) -> float:
         """Scans searched in a second of this machine, over the map's first stations again and again."""
         done, spent_s = 0, 0.0
@@ -307,14 +311,21 @@ class PriorTrack:
     def __init__(self, array_x_m: float, height_m: float) -> None:
         self._array_x_m, self._height_m = array_x_m, height_m
         self._held: deque[np.void] = deque(maxlen=_KEPT)
+        self._ended = False
 
     def take(self, payload: bytes) -> None:
-        """Take a prior; an invalid one ends the known track."""
+        """Take a prior; an invalid one ends the known track: travel before and after it have nothing in common."""
         prior = np.frombuffer(payload, PRIOR)[0]
         if not prior["valid"]:
             self._held.clear()
+            self._ended = True
         elif not self._held or prior["time_ns"] > self._held[-1]["time_ns"]:
             self._held.append(prior)
+
+    def take_end(self) -> bool:
+        """Whether a known track ended since the last call."""
+        ended, self._ended = self._ended, False
+        return ended
 
     def covers(self, scan_ns: int) -> bool | None:
         """Whether there is a prior for a time; ``None`` if one may still arrive."""
