@@ -19,11 +19,11 @@ from lgprjax.formats.drive import (
     SweepRecording,
     TraceRecording,
 )
-from lgprjax.formats.fixes import read_fix_poses, read_fixes, write_fixes
+from lgprjax.formats.fixes import drive_hash_of, read_fix_poses, read_fixes, refuse_other_drive, write_fixes
 from lgprjax.formats.map_file import MapFile, MapHistory
 from lgprjax.formats.map_layout import CHANCE_METHOD, MAP_PRECISIONS, MapPrecision, chance_as_text, chance_of_text
 from lgprjax.formats.map_writer import MapWriter, copy_stations, locked_map, scratch_folder
-from lgprjax.formats.mcap_export import ExportedDrive, export_mcap
+from lgprjax.formats.mcap_export import MESSAGE_SUFFIXES, ExportedDrive, export_mcap
 from lgprjax.formats.mcap_import import ImportedRecording, McapTopics, import_mcap
 from lgprjax.formats.mcap_recording import UniformArray
 from lgprjax.formats.mcap_tracks import McapAssumed
@@ -71,6 +71,7 @@ from lgprjax.formats.worked import (
 __all__ = [
     "CHANCE_METHOD",
     "MAP_PRECISIONS",
+    "MESSAGE_SUFFIXES",
     "TRAJECTORY_SUFFIXES",
     "ArrayTable",
     "CoverPlan",
@@ -124,6 +125,7 @@ __all__ = [
     "copy_stations",
     "cover_plan_findings",
     "create_store",
+    "drive_hash_of",
     "export_mcap",
     "find_side_files",
     "found_time_zero",
@@ -158,6 +160,7 @@ __all__ = [
     "read_thresholds",
     "read_vehicle",
     "read_worked",
+    "refuse_other_drive",
     "require_serial_number",
     "route_findings",
     "scratch_folder",

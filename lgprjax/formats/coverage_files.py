@@ -28,8 +28,9 @@ from lgprjax.frames import LocalFrame
 _SCHEMA = load_schema("cover_plan")
 _MEMBER = "lgprjax"
 _LISTS = ("perimeter_m", "lines", "turns", "unreached")
-_GROUND_LISTS = ("ground_m", "keep_outs_m")
+_GROUND_LISTS = ("ground_m", "keep_outs_m", "rooms_m")
 _OLD_VERSION = "1.0"
+_GROUND_VERSION = "2.0"
 _DIGEST = "sha256"
 # 1e-10 degrees are a hundredth of a millimetre.
 _DECIMALS = 10
@@ -47,6 +48,7 @@ class CoverPlan(NamedTuple):
         made_by: program and version.
         ground: declared safe to drive on; ``None``: around the field, as far as the plan's turns need.
         keep_outs_m: rings, with their buffers, that nothing may reach into.
+        rooms_m: declared to be safe outside each side of the field, from its first corner on; empty: none was declared.
     """
 
     name: str
@@ -58,6 +60,7 @@ class CoverPlan(NamedTuple):
     made_by: str = f"lgprjax {__version__}"
     ground: SafeGround | None = None
     keep_outs_m: tuple[Float[np.ndarray, "_ 2"], ...] = ()
+    rooms_m: tuple[float, ...] = ()
 
 
 def write_cover_plan(
@@ -188,13 +191,17 @@ def _version_of(plan: CoverPlan) -> str:
     They lay the fence around the field and know no way in reverse: what needs more they must refuse.
     """
     old = plan.ground is None and not plan.keep_outs_m and plan.pattern.settings.order in ("zamboni", "boustrophedon")
-    return _OLD_VERSION if old else _SCHEMA.version
+    if old and not plan.rooms_m:
+        return _OLD_VERSION
+    return _SCHEMA.version if plan.rooms_m else _GROUND_VERSION
 
 
 def _ground_member(plan: CoverPlan) -> dict[str, Any]:
     if plan.ground is None and not plan.keep_outs_m:
         return {}
-    keep_outs = {"keep_outs_m": [ring.tolist() for ring in plan.keep_outs_m]}
+    keep_outs: dict[str, Any] = {"keep_outs_m": [ring.tolist() for ring in plan.keep_outs_m]}
+    if plan.rooms_m:
+        keep_outs["rooms_m"] = list(plan.rooms_m)
     if plan.ground is None:
         return keep_outs
     rings = [[ring.tolist() for ring in part] for part in plan.ground.polygons_m]
@@ -239,6 +246,7 @@ def _plan(member: dict[str, Any]) -> CoverPlan:
         made_by=member["made_by"],
         ground=_ground(member),
         keep_outs_m=tuple(np.array(ring, np.float64).reshape(-1, 2) for ring in member.get("keep_outs_m", [])),
+        rooms_m=tuple(float(room_m) for room_m in member.get("rooms_m", [])),
     )
 
 
@@ -315,6 +323,7 @@ class FieldPlaces(NamedTuple):
         latitude_deg, longitude_deg, height_m: of each; the height is ellipsoidal, 0 if the file has none.
         driven: the three corners were driven to, and the fourth is computed. Else all are given.
         keep_outs: holes of the polygon, and polygons of kind ``keep_out``.
+        rooms_m: declared outside each side, where the file is a plan that knows it.
         notes: what reading left out or changed.
     """
 
@@ -323,6 +332,7 @@ class FieldPlaces(NamedTuple):
     height_m: Float[np.ndarray, " corner"]
     driven: bool
     keep_outs: tuple[KeepOut, ...] = ()
+    rooms_m: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -413,7 +423,7 @@ def _from_geojson(file: Path) -> FieldPlaces:
     ]
     polygons = [each for each, properties in every if properties.get("kind") != "keep_out"]
     if len(polygons) != 1:
-        raise InputError(file, "geometry", "one Polygon", f"{len(polygons) or 'none'}")
+        raise InputError(file, "geometry", "one Polygon, the border of the field", f"{len(polygons) or 'none'}")
     outer, *holes = _rings(file, polygons[0])
     keep_outs: list[tuple[Float[np.ndarray, "_ 3"], float | None]] = [(ring, None) for ring in holes]
     for each, properties in every:
@@ -421,7 +431,11 @@ def _from_geojson(file: Path) -> FieldPlaces:
             buffer = properties.get("buffer_m")
             stated = None if buffer is None else _number(file, "buffer_m of a keep-out", str(buffer))
             keep_outs.append((_rings(file, each)[0], stated))
-    return _field(file, outer, keep_outs)
+    found = _field(file, outer, keep_outs)
+    if isinstance(table.get(_MEMBER), dict):
+        # A plan that was changed declares what nobody has declared.
+        found = found._replace(rooms_m=read_cover_plan(file).rooms_m)
+    return found
 
 
 def _rings(file: Path, polygon: dict[str, Any]) -> list[Float[np.ndarray, "_ 3"]]:
@@ -453,7 +467,7 @@ def _field(
         if len(checked.latitude_deg) < _CORNERS:
             raise InputError(file, "keep-out", "at least three corners", str(len(checked.latitude_deg)))
         held.append(KeepOut(checked.latitude_deg, checked.longitude_deg, checked.height_m, buffer_m))
-    notes = (f"{len(held)} keep-outs",) if held else ()
+    notes = (f"{len(held)} keep-out{'' if len(held) == 1 else 's'}",) if held else ()
     return places._replace(keep_outs=tuple(held), notes=notes)
 
 
@@ -504,7 +518,7 @@ def _from_shapefile(file: Path) -> FieldPlaces:
     parts = [part for shape in shapely.from_wkb(shapes) for part in shapely.get_parts(shape)]
     polygons = [part for part in parts if part.geom_type == "Polygon"]
     if len(polygons) != 1:
-        raise InputError(file, "geometry", "one Polygon", f"{len(polygons) or 'none'}")
+        raise InputError(file, "geometry", "one Polygon, the border of the field", f"{len(polygons) or 'none'}")
     rings = [
         np.array([_position(file, number, list(each)) for number, each in enumerate(ring.coords)])
         for ring in (polygons[0].exterior, *polygons[0].interiors)

@@ -3,6 +3,7 @@
 import csv
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from lgprjax.errors import InputError
+from lgprjax.files import file_hash
 from lgprjax.formats.schema import Entry, Finding, Tally, load_schema
 from lgprjax.formats.store import (
     atomic_output,
@@ -97,6 +99,20 @@ def read_fix_poses(
         with reading(path, "/pose_m"):
             pose_m, covariance = (store[n][()] if n in store else None for n in ("/pose_m", "/covariance"))
     return pose_m, covariance
+
+
+def drive_hash_of(table: pd.DataFrame) -> str | None:
+    """SHA-256 of the drive log that fixes were made from, where their file tells it."""
+    with suppress(ValueError, TypeError, KeyError):
+        return str(json.loads(table.attrs["provenance"])["drive"]["sha256"])
+    return None
+
+
+def refuse_other_drive(path: str | Path, table: pd.DataFrame, drive: Path) -> None:
+    """Raise ``InputError`` where the fixes in ``path`` tell that they were made from another file than ``drive``."""
+    known = drive_hash_of(table)
+    if known is not None and known != file_hash(drive):
+        raise InputError(path, "provenance", f"fixes of {drive.name}, as it is now", "those of another drive log")
 
 
 def table_findings(path: str | Path, table: pd.DataFrame) -> Iterator[Finding]:

@@ -85,7 +85,8 @@ def companion(path: Path, suffix: str) -> Path:
                 return candidate
     except OSError:
         pass
-    raise InputError(path, "header file", f"{path.stem}{suffix} beside it", "none")
+    header = path.stem + (suffix.upper() if path.suffix.isupper() else suffix)
+    raise InputError(path, "header file", f"{header} beside it", "none: copy it there")
 
 
 def named_frequency_hz(antenna: str) -> float | None:

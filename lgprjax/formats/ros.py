@@ -217,6 +217,8 @@ NAV_SAT_FIX = "sensor_msgs/msg/NavSatFix"
 IMU = "sensor_msgs/msg/Imu"
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 ODOMETRY = "nav_msgs/msg/Odometry"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+IMAGE = "sensor_msgs/msg/Image"
 
 TOPICS = {
     "scan": ("/gpr/scan", RADAR_SCAN),
@@ -227,6 +229,9 @@ TOPICS = {
     "fix pose": ("/lgpr/pose", POSE),
     "fix position": ("/lgpr/fix", NAV_SAT_FIX),
     "fix quality": ("/lgpr/quality", FIX_QUALITY),
+    "transform": ("/tf", TRANSFORMS),
+    "mounting": ("/tf_static", TRANSFORMS),
+    "radargram": ("/gpr/radargram", IMAGE),
 }
 """Topic and type of each part of a drive, as written; when reading, the preferred topic among several."""
 
@@ -305,6 +310,16 @@ string child_frame_id
 geometry_msgs/PoseWithCovariance pose
 geometry_msgs/TwistWithCovariance twist
 """,
+    TRANSFORMS: "geometry_msgs/TransformStamped[] transforms\n",
+    IMAGE: """\
+std_msgs/Header header
+uint32 height
+uint32 width
+string encoding
+uint8 is_bigendian
+uint32 step
+uint8[] data
+""",
 }
 _NESTED = {
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
@@ -328,6 +343,12 @@ uint16 service
     "geometry_msgs/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n",
     "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
     "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
+    "geometry_msgs/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
+    "geometry_msgs/TransformStamped": """\
+std_msgs/Header header
+string child_frame_id
+geometry_msgs/Transform transform
+""",
 }
 
 
@@ -342,8 +363,13 @@ def definition_of(name: str) -> str:
 
 
 def layout_to_write(name: str) -> MessageLayout:
-    """Layout for writing a message."""
-    return layout_of(name, definition_of(name))
+    """Layout for writing a message; an array of messages is written with one element.
+
+    In CDR such an array is its length, then its elements: here a member of the array's name and ``_count``, to be 1,
+    and the members of the only element.
+    """
+    single = re.sub(r"^(\w+/\w+)\[\] (\w+)$", r"uint32 \2_count\n\1 \2", definition_of(name), flags=re.MULTILINE)
+    return layout_of(name, single)
 
 
 @lru_cache(maxsize=1024)
@@ -359,6 +385,18 @@ def quaternion_of(yaw_rad: float, roll_rad: float) -> dict[str, float]:
     cos_yaw, sin_yaw = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
     cos_roll, sin_roll = math.cos(0.5 * roll_rad), math.sin(0.5 * roll_rad)
     return {"x": cos_yaw * sin_roll, "y": sin_yaw * sin_roll, "z": sin_yaw * cos_roll, "w": cos_yaw * cos_roll}
+
+
+def rotation_of(yaw_rad: float, roll_rad: float) -> Float[np.ndarray, "3 3"]:
+    """Matrix of ``quaternion_of``: from the turned axes, forward, left and up, to those that are turned."""
+    cos_yaw, sin_yaw, cos_roll, sin_roll = math.cos(yaw_rad), math.sin(yaw_rad), math.cos(roll_rad), math.sin(roll_rad)
+    return np.array(
+        [
+            [cos_yaw, -sin_yaw * cos_roll, sin_yaw * sin_roll],
+            [sin_yaw, cos_yaw * cos_roll, -cos_yaw * sin_roll],
+            [0.0, sin_roll, cos_roll],
+        ]
+    )
 
 
 def yaw_and_roll(x: float, y: float, z: float, w: float) -> tuple[float, float]:
@@ -381,4 +419,4 @@ def pose_covariance(covariance: Float[np.ndarray, "5 5"]) -> Float[np.ndarray, "
 
 
 def _nested_in(text: str) -> list[str]:
-    return list(dict.fromkeys(re.findall(r"^(\w+/\w+) ", text, re.MULTILINE)))
+    return list(dict.fromkeys(re.findall(r"^(\w+/\w+)(?:\[\])? ", text, re.MULTILINE)))

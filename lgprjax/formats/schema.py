@@ -237,8 +237,11 @@ _KINDS = {
 def check_version(schema: Schema, name: object, version: object) -> tuple[str, str, str] | None:
     """Place, expected and found when a file is of another format, or newer than this software reads."""
     if name != schema.name:
-        kind = _KINDS.get(str(name))
-        return "@schema", schema.name, "none" if name is None else f"{name!r}" + (f", which is {kind}" if kind else "")
+        wanted, kind = _KINDS.get(schema.name), _KINDS.get(str(name))
+        expected = schema.name + (f", {wanted}" if wanted else "")
+        if name is None:
+            return "@schema", expected, "none: another program wrote this file"
+        return "@schema", expected, f"{name!r}" + (f", which is {kind}" if kind else "")
     major, _, minor = str(version).partition(".")
     if not (major.isdecimal() and minor.isdecimal()):
         return "@schema_version", f"a version such as {schema.version}", "none" if version is None else f"{version!r}"

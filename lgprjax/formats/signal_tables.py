@@ -148,7 +148,10 @@ def _read(path: Path, asked: _SignalMap, map_file: Path) -> dict[str, _Series]:
         raw = {}
         for name, column in asked.signals.items():
             if column.column not in table:
-                raise InputError(path, f"column {column.column!r}", f"one of {', '.join(table)}"[:300], "none")
+                columns = f"a column of {path.name}: {', '.join(table)}"[:300]
+                raise TableKey(map_file, f"signals.{name}").refuse(
+                    columns, f"{column.column!r}: name the right one, or leave out a signal that you lack"
+                )
             raw[name] = (table[asked.signals["time"].column], table[column.column])
     else:
         raise InputError(path, "file name", "a name that ends in .csv, .parquet or .mcap", repr(path.name))

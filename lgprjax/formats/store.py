@@ -35,7 +35,9 @@ def open_store(path: str | Path) -> h5py.File:
         if error.errno is not None and error.strerror:
             raise InputError(file, "file", "a readable file", error.strerror) from None
         if not h5py.is_hdf5(file):
-            raise InputError(file, "file", "an HDF5 file", "another format") from None
+            raise InputError(
+                file, "file", "an HDF5 file", "another format (lgprjax import converts recordings)"
+            ) from None
         raise InputError(file, "file", "a whole HDF5 file", "one that is cut short or damaged") from None
 
 
@@ -283,7 +285,7 @@ def atomic_output(path: str | Path, force: bool = False) -> Iterator[Path]:
     if target.is_dir():
         raise InputError(target, "output", "a file name", "a folder")
     if target.exists() and not force:
-        raise InputError(target, "output", "a new file, or --force", "the file exists")
+        raise InputError(target, "output", "a new file, or --force", "one that exists")
     if not target.parent.is_dir():
         raise InputError(target, "output", "a folder that exists", f"no folder {target.parent}")
     temporary = target.parent / f".{target.name}.partial-{os.getpid()}"

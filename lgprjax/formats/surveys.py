@@ -234,7 +234,8 @@ def _tape(
             raise InputError(output, "lines at", "no line spacing beside them", "both")
         right_m = np.asarray(lines_at_m, dtype=np.float64)
         if len(right_m) != lines or not np.all(np.isfinite(right_m)):
-            raise InputError(output, "lines at", f"a distance for each of {lines} lines", f"{len(right_m)}")
+            found = f"{len(right_m)}" if len(right_m) != lines else "one that is no number"
+            raise InputError(output, "lines at", f"a distance for each of {lines} lines", found)
         same = np.diff(np.sort(right_m))
         if np.any(same < _SAME_LINE_M):
             raise InputError(output, "lines at", "lines apart from each other", f"two within {same.min():g} m")

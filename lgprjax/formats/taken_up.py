@@ -26,6 +26,8 @@ class TakenUp(NamedTuple):
         grid: of the map.
         probability: of each cell, by the best pass of any run.
         runs: identities of the runs that are in it.
+        shared_sigma_m: an axis, of the error that all positions share, as the map was made with; NaN where a file of
+            an older program does not say.
     """
 
     plan_sha256: str
@@ -33,6 +35,7 @@ class TakenUp(NamedTuple):
     grid: CellGrid
     probability: Float[np.ndarray, "north east"]
     runs: tuple[str, ...]
+    shared_sigma_m: float
 
 
 def write_taken_up(path: Path, held: TakenUp) -> None:
@@ -49,6 +52,7 @@ def write_taken_up(path: Path, held: TakenUp) -> None:
         "worked": [list(each) for each in held.resumption.worked],
         "grid": asdict(held.grid),
         "runs": list(held.runs),
+        "shared_sigma_m": held.shared_sigma_m,
     }
     with atomic_output(path, force=True) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, head=np.array(json.dumps(head)), probability=held.probability.astype(np.float32))
@@ -70,7 +74,9 @@ def read_taken_up(path: Path) -> TakenUp:
         grid = CellGrid(**head["grid"])
         worked = tuple(WorkedStretch(int(line), float(low), float(high)) for line, low, high in head["worked"])
         place = RoutePlace(int(head["line"]), float(head["along_m"]))
-        held = TakenUp(str(head["plan_sha256"]), Resumption(place, worked), grid, probability, tuple(head["runs"]))
+        shared_m = float(head.get("shared_sigma_m", "nan"))
+        runs = tuple(head["runs"])
+        held = TakenUp(str(head["plan_sha256"]), Resumption(place, worked), grid, probability, runs, shared_m)
     except FileNotFoundError:
         raise InputError(path, "file", "what earlier runs worked", "no such file") from None
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError) as error:

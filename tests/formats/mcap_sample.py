@@ -7,13 +7,15 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from mcap_ros2.writer import Writer
 
 from formats.samples import make_description
-from lgprjax.formats import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack, SweepRecording
+from lgprjax.formats import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack, SweepRecording, write_fixes
 from lgprjax.formats.ros import RADAR_ARRAY, RADAR_SCAN, definition_of
+from lgprjax.frames import LocalFrame
 
 CHANNELS, SAMPLES, SCANS = 3, 8, 300
 
@@ -65,6 +67,48 @@ def write_curved(path: Path, dtype: str = "uint8", *, scans: int = SCANS) -> tup
         else:
             writer.append(time_s, signal, valid)
     return signal, valid
+
+
+def curved_fixes(
+    folder: Path, name: str = "a", *, turned_deg: float = 0.0, scans: int = SCANS
+) -> tuple[Path, LocalFrame, np.ndarray]:
+    """Fixes of the curved drive, every third one ok; the map's anchor lies degrees of longitude away."""
+    rng = np.random.default_rng(9)
+    frame = LocalFrame(-33.9, -70.6 - turned_deg, 500.0)
+    root = rng.normal(size=(scans, 5, 5)) * 0.02
+    covariance = (root @ root.transpose(0, 2, 1)).astype(np.float32)
+    latitude, longitude = -33.9 + 1e-5 * rng.random(scans), -70.6 + 1e-5 * rng.random(scans)
+    height, heading = 540.0 + rng.random(scans), 360.0 * rng.random(scans)
+    east, north, _ = frame.to_local(latitude, longitude, height)
+    yaw = frame.yaw_of_heading(heading, longitude)
+    pose = np.stack([east, north, rng.random(scans), yaw, rng.normal(size=scans) * 0.05], axis=1)
+    table = pd.DataFrame(
+        {
+            "scan": np.arange(scans),
+            "time_s": np.arange(scans) / 100.0,
+            "latitude_deg": latitude,
+            "longitude_deg": longitude,
+            "height_m": height,
+            "heading_deg": heading,
+            "roll_deg": np.degrees(pose[:, 4]),
+            "sigma_along_m": 0.1,
+            "sigma_cross_m": 0.1,
+            "correlation": rng.random(scans),
+            "margin": np.where(np.arange(scans) % 7, rng.random(scans), np.nan),
+            "overlap_channels": 3,
+            "code": np.where(np.arange(scans) % 3, "ambiguous", "ok"),
+        }
+    )
+    attributes = {
+        "t0_utc": "2024-05-01T12:00:00.250000+00:00",
+        "map": "somewhere",
+        "anchor_latitude_deg": frame.latitude_deg,
+        "anchor_longitude_deg": frame.longitude_deg,
+        "anchor_height_m": frame.height_m,
+    }
+    paths = folder / f"{name}.fixes.csv", folder / f"{name}.fixes.h5"
+    write_fixes(*paths, table, attributes=attributes, pose_m=pose, covariance=covariance)
+    return paths[1], frame, covariance.astype(np.float64)
 
 
 HEADER = """\

@@ -50,7 +50,7 @@ def test_what_is_written_is_read_exactly(tmp_path: Path, across_m: float) -> Non
     _same(read.pattern, plan.pattern)
     assert len(plan.pattern.turns) == (0 if across_m == 1.0 else len(plan.pattern.lines) - 1)
     assert check_file(path) == []
-    with pytest.raises(InputError, match="the file exists"):
+    with pytest.raises(InputError, match="one that exists"):
         save_cover_plan(path, plan)
 
 

@@ -210,10 +210,13 @@ _BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     "empty": (lambda path: path.write_bytes(b""), "file: expected an HDF5 file, found an empty file"),
     "text": (lambda path: path.write_text("scan,time_s\n"), "file: expected an HDF5 file, found another format"),
     "cut short": (_cut(0.6), "file: expected a whole HDF5 file, found one that is cut short or damaged"),
-    "other schema": (_set("schema", "lgprjax.map"), "@schema: expected lgprjax.drive, found 'lgprjax.map'"),
+    "other schema": (
+        _set("schema", "lgprjax.map"),
+        "@schema: expected lgprjax.drive, a drive log, found 'lgprjax.map', which is a subsurface database",
+    ),
     "no schema": (
         _edit(lambda store: store.attrs.__delitem__("schema")),
-        "@schema: expected lgprjax.drive, found none",
+        "@schema: expected lgprjax.drive, a drive log, found none",
     ),
     "newer": (
         _set("schema_version", "2.0"),

@@ -48,8 +48,11 @@ def test_a_polygon_is_found_wherever_it_is(tmp_path: Path, table: dict[str, Any]
     [
         ({"type": "Polygon", "coordinates": []}, "geometry: expected a Polygon with corners, found an empty one"),
         ({"type": "Polygon", "coordinates": [[]]}, "found an empty one"),
-        (_LINE, "geometry: expected one Polygon, found none"),
-        ({"type": "FeatureCollection", "features": [_feature(_POLYGON)] * 2}, "expected one Polygon, found 2"),
+        (_LINE, "geometry: expected one Polygon, the border of the field, found none"),
+        (
+            {"type": "FeatureCollection", "features": [_feature(_POLYGON)] * 2},
+            "one Polygon, the border of the field, found 2",
+        ),
         ({"type": "MultiPolygon", "coordinates": [[_RING], [_RING]]}, "a MultiPolygon of several"),
         ([1], "file: expected a GeoJSON object, found list"),
         (

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from formats.mcap_sample import SCANS, curved_description, decoded, write_curved
+from formats.mcap_sample import SCANS, curved_description, curved_fixes, decoded, write_curved
 from formats.samples import make_description, make_track
 from lgprjax.errors import InputError
 from lgprjax.formats import (
@@ -21,13 +21,14 @@ from lgprjax.formats import (
     export_mcap,
     import_mcap,
     read_fixes,
-    write_fixes,
 )
 from lgprjax.frames import LocalFrame
 
 
 def _ns(message: SimpleNamespace) -> Any:
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+    """The stamp, of a transform that of its only one."""
+    (one,) = getattr(message, "transforms", (message,))
+    return one.header.stamp.sec * 10**9 + one.header.stamp.nanosec
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +44,7 @@ def test_the_library_of_ros_users_decodes_it(exported: tuple[Path, np.ndarray, n
     found, description = decoded(folder / "a.mcap"), curved_description()
     records, turns = len(description.navigation.time_s), len(description.odometry.time_s)
     counts = {"/gpr/array": 1, "/gpr/scan": SCANS, "/gnss/fix": records, "/gnss/imu": records, "/odometry": turns}
+    counts |= {"/tf": records, "/tf_static": 1, "/gpr/radargram": 2}
     assert {topic: len(messages) for topic, messages in found.items()} == counts
     for messages in found.values():
         assert all(log_ns == _ns(message) for log_ns, message in messages)
@@ -159,49 +161,9 @@ def test_the_moment_that_is_not_known_comes_back(tmp_path: Path) -> None:
         assert log.description.navigation.time_s[0] == 0.0
 
 
-def _fixes(folder: Path, name: str = "a", *, turned_deg: float = 0.0) -> tuple[Path, LocalFrame, np.ndarray]:
-    """Fixes of the curved drive, every third one ok; the map's anchor lies degrees of longitude away."""
-    rng = np.random.default_rng(9)
-    frame = LocalFrame(-33.9, -70.6 - turned_deg, 500.0)
-    root = rng.normal(size=(SCANS, 5, 5)) * 0.02
-    covariance = (root @ root.transpose(0, 2, 1)).astype(np.float32)
-    latitude, longitude = -33.9 + 1e-5 * rng.random(SCANS), -70.6 + 1e-5 * rng.random(SCANS)
-    height, heading = 540.0 + rng.random(SCANS), 360.0 * rng.random(SCANS)
-    east, north, _ = frame.to_local(latitude, longitude, height)
-    yaw = frame.yaw_of_heading(heading, longitude)
-    pose = np.stack([east, north, rng.random(SCANS), yaw, rng.normal(size=SCANS) * 0.05], axis=1)
-    table = pd.DataFrame(
-        {
-            "scan": np.arange(SCANS),
-            "time_s": np.arange(SCANS) / 100.0,
-            "latitude_deg": latitude,
-            "longitude_deg": longitude,
-            "height_m": height,
-            "heading_deg": heading,
-            "roll_deg": np.degrees(pose[:, 4]),
-            "sigma_along_m": 0.1,
-            "sigma_cross_m": 0.1,
-            "correlation": rng.random(SCANS),
-            "margin": np.where(np.arange(SCANS) % 7, rng.random(SCANS), np.nan),
-            "overlap_channels": 3,
-            "code": np.where(np.arange(SCANS) % 3, "ambiguous", "ok"),
-        }
-    )
-    attributes = {
-        "t0_utc": "2024-05-01T12:00:00.250000+00:00",
-        "map": "somewhere",
-        "anchor_latitude_deg": frame.latitude_deg,
-        "anchor_longitude_deg": frame.longitude_deg,
-        "anchor_height_m": frame.height_m,
-    }
-    paths = folder / f"{name}.fixes.csv", folder / f"{name}.fixes.h5"
-    write_fixes(*paths, table, attributes=attributes, pose_m=pose, covariance=covariance)
-    return paths[1], frame, covariance.astype(np.float64)
-
-
 def test_fixes_are_poses_only_where_they_are_ok(tmp_path: Path) -> None:
     write_curved(tmp_path / "a.drive.h5")
-    path, frame, covariance = _fixes(tmp_path, turned_deg=3.0)
+    path, frame, covariance = curved_fixes(tmp_path, turned_deg=3.0)
     assert export_mcap(tmp_path / "a.drive.h5", tmp_path / "a.mcap", fixes=path).poses == SCANS / 3
     found, table = decoded(tmp_path / "a.mcap"), read_fixes(path)
     quality = [message for _, message in found["/lgpr/quality"]]
@@ -249,7 +211,7 @@ def _turned(frame: LocalFrame, fix: pd.Series, covariance: np.ndarray) -> np.nda
 
 def test_a_drive_with_fixes_is_read_without_being_asked_for_topics(tmp_path: Path) -> None:
     write_curved(tmp_path / "a.drive.h5")
-    export_mcap(tmp_path / "a.drive.h5", tmp_path / "a.mcap", fixes=_fixes(tmp_path)[0])
+    export_mcap(tmp_path / "a.drive.h5", tmp_path / "a.mcap", fixes=curved_fixes(tmp_path)[0])
     assert import_mcap(tmp_path / "a.mcap", output=tmp_path / "b.drive.h5") == (SCANS, ())
     with DriveLog.open(tmp_path / "b.drive.h5") as log:
         np.testing.assert_array_equal(
@@ -260,12 +222,14 @@ def test_a_drive_with_fixes_is_read_without_being_asked_for_topics(tmp_path: Pat
 def test_fixes_of_another_drive_are_refused(tmp_path: Path) -> None:
     write_curved(tmp_path / "a.drive.h5")
     write_curved(tmp_path / "short.drive.h5", scans=100)
-    path, _, _ = _fixes(tmp_path)
+    path, _, _ = curved_fixes(tmp_path)
     cases = {
         "time_s: expected those of the scans of short.drive.h5": ("short.drive.h5", path),
         "file name: expected a name that ends in .fixes.h5": ("a.drive.h5", path.with_suffix(".csv")),
     }
-    for words, (drive, fixes) in cases.items():
-        with pytest.raises(InputError, match=words):
-            export_mcap(tmp_path / drive, tmp_path / "x.mcap", fixes=fixes)
-    assert not (tmp_path / "x.mcap").exists()
+    before = sorted(tmp_path.iterdir())
+    for output in ("x.mcap", "x.bag", "x.db3"):
+        for words, (drive, fixes) in cases.items():
+            with pytest.raises(InputError, match=words):
+                export_mcap(tmp_path / drive, tmp_path / output, fixes=fixes)
+    assert sorted(tmp_path.iterdir()) == before

@@ -71,7 +71,7 @@ def test_full_disk_that_shows_only_on_closing(tmp_path: Path, monkeypatch: pytes
 def test_existing_output_needs_force(tmp_path: Path) -> None:
     path = write_drive(tmp_path / "a.drive.h5")
     before = path.read_bytes()
-    with pytest.raises(InputError, match="output: expected a new file, or --force, found the file exists"):
+    with pytest.raises(InputError, match="output: expected a new file, or --force, found one that exists"):
         write_drive(path)
     assert path.read_bytes() == before
     with DriveWriter.create(path, make_description(), channels=3, dtype=np.uint8, force=True) as writer:

@@ -14,6 +14,7 @@ from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
 from formats.mcap_sample import DEFINITIONS
 from lgprjax.formats.ros import (
     FIX_QUALITY,
+    IMAGE,
     IMU,
     NAV_SAT_FIX,
     ODOMETRY,
@@ -27,10 +28,11 @@ from lgprjax.formats.ros import (
     layout_to_write,
     pose_covariance,
     quaternion_of,
+    rotation_of,
     yaw_and_roll,
 )
 
-_OURS = (FIX_QUALITY, IMU, NAV_SAT_FIX, ODOMETRY, POSE, RADAR_ARRAY, RADAR_SCAN)
+_OURS = (FIX_QUALITY, IMAGE, IMU, NAV_SAT_FIX, ODOMETRY, POSE, RADAR_ARRAY, RADAR_SCAN)
 _RULE = "=" * 80 + "\n"
 _ALPHABET = "CDEFGHIJKLMNOP"
 # Each message holds the next one twice: eight thousand members in all.
@@ -189,6 +191,8 @@ def test_angles() -> None:
         left = np.array([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)])
         np.testing.assert_allclose(forward, [np.cos(yaw), np.sin(yaw), 0.0], atol=1e-12)
         np.testing.assert_allclose(left[2], np.sin(roll), atol=1e-12)
+        np.testing.assert_allclose(rotation_of(yaw, roll)[:, :2], np.stack([forward, left], axis=1), atol=1e-12)
+        np.testing.assert_allclose(rotation_of(yaw, roll)[:, 2], np.cross(forward, left), atol=1e-12)
         again = yaw_and_roll(x, y, z, w)
         np.testing.assert_allclose(np.exp(1j * np.array(again)), np.exp(1j * np.array([yaw, roll])), atol=1e-12)
     # A pitch of half a radian on top changes neither.

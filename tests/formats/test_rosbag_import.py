@@ -27,8 +27,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with (folder / "x.mcap").open("rb") as stream:
         read = make_reader(stream).iter_messages(log_time_order=False)
         found = [(schema, channel, message) for schema, channel, message in read if schema is not None]
+    # In ROS 1 a header has a counter, and transforms came later.
+    store1 = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
     for schema, _, _ in found:
         store.register(typesys.get_types_from_msg(schema.data.decode(), schema.name))
+        if schema.name not in store1.fielddefs:
+            store1.register(typesys.get_types_from_msg(schema.data.decode().split("=" * 80)[0], schema.name))
     storage = rosbag2.StoragePlugin.SQLITE3
     with (
         rosbag2.Writer(folder / "two", version=9, storage_plugin=storage) as two,
@@ -39,7 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             if channel.topic not in topics:
                 topics[channel.topic] = (
                     two.add_connection(channel.topic, schema.name, typestore=store),
-                    one.add_connection(channel.topic, schema.name, typestore=store),
+                    one.add_connection(channel.topic, schema.name, typestore=store1),
                 )
             for_two, for_one = topics[channel.topic]
             two.write(for_two, message.log_time, message.data)

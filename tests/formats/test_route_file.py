@@ -28,7 +28,7 @@ def test_what_is_written_is_read_and_paths_follow_the_file(tmp_path: Path) -> No
     assert read.vehicle is not None
     assert read.vehicle.resolve() == (tmp_path / "v.vehicle.toml").resolve()
     assert read._replace(map=route.map, vehicle=route.vehicle) == route
-    with pytest.raises(InputError, match="the file exists"):
+    with pytest.raises(InputError, match="one that exists"):
         write_route(path, route)
     write_route(path, route._replace(vehicle=None), force=True)
     assert read_route(path).vehicle is None
@@ -142,6 +142,6 @@ def test_other_suffixes_and_standing_outputs_are_refused(tmp_path: Path, waypoin
     with pytest.raises(InputError, match=r"suffix \.csv, \.geojson or \.gpx"):
         write_waypoints(tmp_path / "w.kml", "road", waypoints)
     (tmp_path / "w.csv").write_text("mine")
-    with pytest.raises(InputError, match="the file exists"):
+    with pytest.raises(InputError, match="one that exists"):
         write_waypoints(tmp_path / "w.csv", "road", waypoints)
     assert (tmp_path / "w.csv").read_text() == "mine"

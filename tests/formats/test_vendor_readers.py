@@ -180,7 +180,7 @@ def _lonely(name: str) -> Callable[[Path], Path]:
 _DATA = _TRACES.astype("<i4").tobytes()
 _NAN = np.float32(np.nan).tobytes()
 _BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
-    "dt1 without header": (_lonely("a.DT1"), "header file: expected a.hd beside it, found none"),
+    "dt1 without header": (_lonely("a.DT1"), "header file: expected a.HD beside it, found none: copy it there"),
     "dt1 count": (
         _dt1(NUMBER_OF_TRACES=5),
         "a.DT1: traces: expected 5 as a.HD says, found 4; read the whole ones with lgprjax import --partial",

@@ -29,7 +29,7 @@ def test_what_is_written_is_read_again(tmp_path: Path, empty: bool) -> None:
     write_worked(path, record)
     _same(read_worked(path), record)
     assert check_file(path) == []
-    with pytest.raises(InputError, match="the file exists"):
+    with pytest.raises(InputError, match="one that exists"):
         write_worked(path, record)
 
 
