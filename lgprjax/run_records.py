@@ -120,6 +120,10 @@ FIX, PRIOR, PLAN, COVER, SKID_PLAN, POSE, SEARCHED = (
 _P_FALSE_BYTES = FIX["p_false"].itemsize
 
 
+LONGEST_COVER_STEP_NS = 150_000_000
+"""Rows ``COVER`` come each tenth of a second. Where one is missing nobody knows whether the tool worked."""
+
+
 class ToolBits(IntFlag):
     """``COVER.tool``."""
 

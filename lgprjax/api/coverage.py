@@ -275,7 +275,7 @@ def record_coverage(
         raise InputError(target, "file name", "a name that ends in .worked.h5", repr(target.name))
     require_number("cell_m", cell_m, "0.01 to 1", 0.01, 1.0)
     if target.exists() and not force:
-        raise InputError(target, "output", "a new file, or force=True", "the file exists")
+        raise InputError(target, "output", "a new file, or force=True", "one that exists")
     with told_as_arguments():
         opened = [open_cover_plan(path) for path in paths_of(plans, "plan")]
         record = record_cover(opened, [read_cover_run(path) for path in paths_of(runs, "run")], cell_m=cell_m)

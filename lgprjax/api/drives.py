@@ -118,7 +118,9 @@ def open_drive(path: PathLike) -> Drive:
     )
 
 
-def simulate(site: PathLike, folder: PathLike, *, only: Iterable[str] = (), force: bool = False) -> dict[str, Drive]:
+def simulate(
+    site: PathLike, folder: PathLike, *, only: str | Iterable[str] = (), force: bool = False
+) -> dict[str, Drive]:
     """Generate the drives of a site: synthetic ground with stones and layers, recorded by a radar array.
 
     The true pose of every scan is stored in the log, so that fixes can be evaluated. The same site gives the same
@@ -131,7 +133,7 @@ def simulate(site: PathLike, folder: PathLike, *, only: Iterable[str] = (), forc
             wrong by a metre (``live``), and the same drive over foreign ground, of which no scan may be located
             (``impostor``).
         folder: for ``NAME.drive.h5``, one for each drive; created if missing.
-        only: names of the drives to generate; by default all.
+        only: name, or names, of the drives to generate; by default all.
         force: replace files that exist.
 
     Returns:
@@ -154,7 +156,7 @@ def simulate(site: PathLike, folder: PathLike, *, only: Iterable[str] = (), forc
         write_vehicle_logs,
     )
 
-    target, wanted = path_of(folder, "folder"), tuple(only)
+    target, wanted = path_of(folder, "folder"), (only,) if isinstance(only, str) else tuple(only)
     with told_as_arguments():
         file = site_file(path_of(site, "site"))
         if is_vehicle_plan(file):

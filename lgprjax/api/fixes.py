@@ -104,9 +104,10 @@ class Fixes:
 
         drive, map_path, log_path, options = self._saved_with
         target = path_of(folder, "folder")
-        target.mkdir(parents=True, exist_ok=True)
-        with told_as_arguments(), using_map(map_path) as site, DriveLog.open(log_path) as log:
-            write_registered(drive, site.source, log, options, target, force)
+        with told_as_arguments():
+            target.mkdir(parents=True, exist_ok=True)
+            with using_map(map_path) as site, DriveLog.open(log_path) as log:
+                write_registered(drive, site.source, log, options, target, force)
         return target / f"{self.name}.fixes.csv"
 
 

@@ -77,7 +77,9 @@ def require_slice(given: object) -> None:
 
 @contextmanager
 def told_as_arguments() -> Iterator[None]:
-    """Errors that name options of the command line (``--search-m``) name the argument instead (``search_m``)."""
+    """Errors in the words of a call: an option of the command line (``--search-m``) is the argument (``search_m``), and
+    a folder or file that the system refuses is an ``InputError``.
+    """
     try:
         yield
     except InputError as error:
@@ -85,6 +87,11 @@ def told_as_arguments() -> Iterator[None]:
         if (place, expected) == (error.place, error.expected):
             raise
         raise InputError(error.file, place, expected, error.found) from None
+    except OSError as error:
+        if error.filename is None or error.errno is None:
+            raise
+        expected, found = "a folder or file that can be used", os.strerror(error.errno).lower()
+        raise InputError(error.filename, "file", expected, found) from error
 
 
 def _as_argument(text: str) -> str:

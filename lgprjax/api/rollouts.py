@@ -205,7 +205,7 @@ def rollout(
         vehicle: a counter-steered one.
         course: from ``course``.
         look_ahead_m: along the path; by default that of the vehicle file, over speed.
-        speed_mps: constant; negative in reverse. This and the look-ahead are scalars, or arrays with one value per
+        speed_mps: constant, above 0. This and the look-ahead are scalars, or arrays with one value per
             vehicle.
         duration_s, step_s: of the drive and of its steps; Python numbers, compiled in.
         law: pursuit, ``exact`` (LL eq. 2) or in its ``closed`` form (LL eq. 3), or for comparison Stanley's.

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from lgprjax.api.inputs import PathLike, path_of, told_as_arguments
+from lgprjax.api.inputs import PathLike, path_of, paths_of, told_as_arguments
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile, load_schema, read_vehicle, write_vehicle
 from lgprjax.vehicle import Chassis, LookAhead, Servo
@@ -20,7 +20,6 @@ from lgprjax.vehicle import Chassis, LookAhead, Servo
 if TYPE_CHECKING:
     import pandas as pd
 
-    from lgprjax.api.drives import Drive
     from lgprjax.formats import Study
     from lgprjax.formats.settings_files import Kind
     from lgprjax.studies.steering import FinishedStudy
@@ -166,6 +165,26 @@ class Tuned:
 
         return pd.DataFrame(self.finished.outcome.figures, columns=["figure", "value", "unit", "low", "high"])
 
+    def draw(self, folder: PathLike, *, force: bool = False) -> dict[str, Path]:
+        """Draw the study's pictures, as `lgprjax tune` does, and return their PNG files by name.
+
+        Args:
+            folder: for the pictures; created if missing.
+            force: replace files that exist.
+
+        Raises:
+            InputError: a picture exists, or cannot be written.
+        """
+        from lgprjax.report.study_pictures import study_pictures
+
+        target = path_of(folder, "folder")
+        drawn = {name: target / f"{self.name}.{name}.png" for name in study_pictures(self.kind)}
+        with told_as_arguments():
+            target.mkdir(parents=True, exist_ok=True)
+            for name, draw in study_pictures(self.kind).items():
+                draw(self.finished.outcome.detail, drawn[name], force)
+        return drawn
+
     def _repr_png_(self) -> bytes | None:
         """The study's first picture, for notebooks; None for a kind without one."""
         from lgprjax.report.study_pictures import study_pictures
@@ -196,8 +215,8 @@ def tune(
     study: "PathLike | Study",
     *,
     vehicle: "Vehicle | PathLike | None" = None,
-    logs: "Iterable[PathLike | Drive]" = (),
-    held_out: "Iterable[PathLike | Drive]" = (),
+    logs: PathLike | Iterable[PathLike] = (),
+    held_out: PathLike | Iterable[PathLike] = (),
     **options: object,
 ) -> Tuned:
     """Run a study on a vehicle's logs: a calibration with its 95 % intervals, or the choice of the look-ahead.
@@ -208,7 +227,7 @@ def tune(
         study: a study file, with paths relative to its folder; or, with ``vehicle``, the kind of a study, such as
             ``"tracking"``, ``"loop"`` or ``"look_ahead"``.
         vehicle: a vehicle of a file, or its path.
-        logs, held_out: drives, drive logs, or folders of recorded runs.
+        logs, held_out: drives, drive logs, or folders of recorded runs; one, or several.
         options: of this kind of study.
 
     Returns:
@@ -235,8 +254,8 @@ def tune(
             _kind(study),
             file,
             None,
-            tuple(_log_path(log) for log in logs),
-            tuple(_log_path(log) for log in held_out),
+            _log_paths(logs),
+            _log_paths(held_out),
             dict(options),
         )
     else:
@@ -254,7 +273,6 @@ def _kind(given: "PathLike | Study") -> "Kind":
     raise InputError("call", "study", "with a vehicle, one of " + ", ".join(KINDS), repr(given)[:60])
 
 
-def _log_path(given: "PathLike | Drive") -> Path:
-    from lgprjax.api.drives import Drive
-
-    return Path(given.path) if isinstance(given, Drive) else path_of(given, "log")
+def _log_paths(given: PathLike | Iterable[PathLike]) -> tuple[Path, ...]:
+    # Some studies need no log.
+    return () if isinstance(given, list | tuple) and not given else tuple(paths_of(given, "log"))

@@ -107,32 +107,32 @@ class CoverPlanVerb:
     vehicle: Path
     """vehicle file of a skid-steer vehicle: its tool and its smallest radius"""
     overlap: float = 0.2
-    """least share of the tool's width in which neighbouring swaths overlap"""
+    """least overlap of neighbouring swaths, in tool widths"""
     order: Literal["zamboni", "boustrophedon", "racetrack", "free", "best"] = "zamboni"
     """zamboni: first, middle, second, ... with wide turns to one side; boustrophedon: each swath next to the last;
-    racetrack: Zamboni in blocks; free: the cheapest next, round keep-outs and in reverse; best: least time of all"""
+    racetrack: Zamboni in blocks; free: the cheapest next, around keep-outs and in reverse; best: the fastest of all"""
     turning_room_m: float | None = None
     """distance that the vehicle may go beyond the perimeter, on safe ground; default: as far as the turns need"""
     sides: Annotated[tuple[str, ...], arg(metavar="SIDE:ROOM...")] = ()
-    """ground outside of sides: metres that are safe to drive on, or none; such as 1:none 3-5:4.5 rest:6"""
+    """safe ground outside each side, in metres, or none; side 1 begins at the first corner: 1:none 3-5:4.5 rest:6"""
     keep_out_buffer_m: float = 0.5
     """distance kept from keep-outs for which the file states none"""
     clearance_m: float = 0.25
     """distance kept between vehicle or tool and the border of declared ground"""
     speed_mps: float = 0.3
-    """speed on straight ways, for times"""
+    """speed on straights, to estimate times"""
     confidence: float | None = None
-    """that one pass is to reach everywhere: sets the overlap, and swaths beyond the border where there is room"""
+    """probability that one pass is to reach everywhere: sets the overlap, and adds swaths beyond the border"""
     drop_out_s: float = 0.0
-    """with --confidence: longest time without GNSS that is to be borne"""
+    """with --confidence: longest GNSS outage to allow for"""
     heading_deg: float | None = None
     """compass heading of the first swath; default: along the first side"""
     gaps: Annotated[Path | None, arg(metavar="R.worked.h5")] = None
-    """record of this field: plan only the ground below the level"""
+    """record of this field: plan only cells below --level"""
     level: float = 0.95
-    """with --gaps: probability from which a cell is left out"""
+    """with --gaps: probability at which a cell counts as worked"""
     least_width_m: float = 0.1
-    """with --gaps: narrower places are left as they are"""
+    """with --gaps: skip narrower gaps"""
     picture: Path | None = None
     """also draw the plan to this PNG: swaths in their order, turns, keep-outs, fence"""
     json: Path | None = None
@@ -165,7 +165,8 @@ class CoverPlanVerb:
         with working("laying lines and turns"):
             made = plan_field(self.field, self.vehicle, options, worked=worked, level=self.level)
         if made is None:
-            found = f"none below {100.0 * self.level:g} %: nothing to plan"
+            wide = f" that are {self.least_width_m:g} m wide" if self.least_width_m > 0.0 else ""
+            found = f"none below {100.0 * self.level:g} %{wide}: nothing to plan"
             raise InputError(str(self.gaps), "gaps", "cells that are not worked", found)
         plan = made.plan
         save_cover_plan(self.output, plan, force=self.force)
@@ -197,7 +198,7 @@ class CoverRecord:
     """
 
     runs: Annotated[
-        Positional[tuple[Path, ...]], arg(metavar="RUN...", help="folders of recorded runs, or with --cart logs")
+        Positional[tuple[Path, ...]], arg(metavar="RUN...", help="folders of recorded runs; with --cart, receiver logs")
     ]
     plan: Annotated[
         tuple[Path, ...], arg(metavar="X.cover.geojson...", help="plan of the field, followed by those of its gaps")
@@ -206,13 +207,13 @@ class CoverRecord:
     evidence: Annotated[Path | None, arg(metavar="E.toml")] = None
     """task, hazard area, machine, operator, control points, finds and detonations; see docs/coverage.md"""
     cart: Annotated[Path | None, arg(metavar="V.vehicle.toml")] = None
-    """vehicle file of a hand cart with GNSS alone: RUN... are its receiver's logs, NMEA or UBX. The heading is that of
-    its course, smoothed from both ends; whether the tool worked is not measured, and the record says so"""
+    """vehicle file of a hand cart; RUN... are then logs of its GNSS receiver, NMEA or UBX. Its heading is taken from
+    its smoothed course; whether the tool worked is not measured, and the record says so"""
     smooth: bool = False
-    """smooth every run's poses, forward and back, from the bytes of its lines: surer after drop-outs, and what later
-    evidence contradicts is taken back; needs the files that the run was driven with"""
+    """smooth the poses of every run, forward and backward, from its recorded messages: smaller sigmas after GNSS
+    outages, and no credit for what later evidence contradicts; needs the files that the run was driven with"""
     cell_m: float = 0.05
-    """side of a cell"""
+    """side length of a cell"""
     json: Path | None = None
     """also write the figures to this file, or - for standard output"""
     force: bool = False
@@ -341,9 +342,13 @@ def _print_costs(made: "FieldPlan") -> None:
             cost.order, heading, f"{cost.swath_m:.0f} m", f"{cost.way_m:.0f} m", hours, f"{cost.ground_m:.2f} m"
         )
     console.print(table)
+    # One reason may stand for several orders and headings.
+    orders: dict[str, list[str]] = {}
     for cost in made.costs:
-        if cost.refused:
-            say(f"{cost.order} refused: {cost.refused}")
+        if cost.refused and cost.order not in orders.setdefault(cost.refused, []):
+            orders[cost.refused].append(cost.order)
+    for reason, names in orders.items():
+        say(f"{', '.join(names)} refused: {reason}")
 
 
 def _print_table(title: str, figures: dict[str, object]) -> None:

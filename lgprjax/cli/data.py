@@ -12,7 +12,7 @@ from rich.text import Text
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.figures import check_outputs, write_figures
-from lgprjax.cli.terminal import UsageError, console, progress_bar, require_files, working
+from lgprjax.cli.terminal import UsageError, advice, console, progress_bar, require_files, working
 from lgprjax.errors import InputError
 from lgprjax.files import examples_folder
 
@@ -60,7 +60,7 @@ class CheckVerb:
                 found = check_file(path)
             findings += found
             for finding in found:
-                console.print(str(finding), highlight=False, soft_wrap=True, markup=False)
+                console.print(f"{finding}{advice(finding.error())}", highlight=False, soft_wrap=True, markup=False)
             if not found:
                 console.print(f"{path}: ok", highlight=False, soft_wrap=True, markup=False)
             whole = not any(finding.severity == "error" for finding in found)
@@ -129,16 +129,16 @@ def _where(stretches: "tuple[Stretch, ...]") -> str:
 
 # ``lgprjax export``: drives and their fixes for other programs.
 
-_MCAP = ".mcap"
-
 
 @dataclass(frozen=True)
 class Export:
-    """Write a drive as ROS 2 messages, or its trajectory for evo or GIS.
+    """Write a drive as ROS messages, or its trajectory for evo or GIS.
 
-    ROS 2 tools and Foxglove read .mcap (needs: pip install lgprjax[log]): scans as recorded, GNSS/INS as NavSatFix and
-    Imu, travel as Odometry, fixes that are ok as PoseWithCovarianceStamped in the map's frame and NavSatFix. lgprjax
-    import mcap converts it back.
+    ROS 2 tools and Foxglove read .mcap (needs: pip install lgprjax[log]): scans as recorded, the middle channel as a
+    radargram (Image), GNSS/INS as NavSatFix and Imu, travel as Odometry, fixes that are ok as
+    PoseWithCovarianceStamped in the map's frame and NavSatFix, and transforms of the vehicle by the fixes, else by
+    GNSS/INS. .bag has the same messages for ROS 1, .db3 for ROS 2 in SQLite, in a folder (both need: pip install
+    lgprjax[rosbag]). lgprjax import converts them back.
 
     A trajectory is that of the array's centre: of the fixes that are ok, if given, of the truth with --truth, else of
     the navigation as recorded. .tum and .kitti (for evo) are in metres east, north and up of the drive's first recorded
@@ -148,7 +148,12 @@ class Export:
 
     drive: Annotated[Positional[Path], arg(metavar="DRIVE", help="drive log, X.drive.h5")]
     output: Annotated[
-        Path, arg(aliases=["-o"], metavar="X.SUFFIX", help="file to write: .mcap, .tum, .kitti, .geojson or .kml")
+        Path,
+        arg(
+            aliases=["-o"],
+            metavar="X.SUFFIX",
+            help="file to write: .mcap, .bag, .tum, .kitti, .geojson or .kml; folder to write: .db3",
+        ),
     ]
     fixes: Annotated[Path | None, arg(metavar="X.fixes.h5")] = None
     """fixes of the drive, from lgprjax register"""
@@ -159,14 +164,14 @@ class Export:
 
     def run(self) -> None:
         """Export."""
-        from lgprjax.formats import TRAJECTORY_SUFFIXES, export_mcap
+        from lgprjax.formats import MESSAGE_SUFFIXES, TRAJECTORY_SUFFIXES, export_mcap
 
         suffix = self.output.suffix.lower()
         if suffix in TRAJECTORY_SUFFIXES:
             self._write_trajectory()
             return
-        if suffix != _MCAP:
-            suffixes = ", ".join((_MCAP, *TRAJECTORY_SUFFIXES))
+        if suffix not in MESSAGE_SUFFIXES:
+            suffixes = ", ".join((*MESSAGE_SUFFIXES, *TRAJECTORY_SUFFIXES))
             raise UsageError(f"--output: expected a file name that ends in {suffixes}, found {self.output.name!r}")
         if self.truth:
             raise UsageError("--truth: expected a trajectory as the output, found a recording of messages")
@@ -234,6 +239,11 @@ class Compare:
 
     def _pairs(self) -> dict[str, tuple[Path, Path]]:
         """Files of the drives that both sides have, by the drive's name."""
+        for side in (self.first, self.second):
+            if not side.exists():
+                raise InputError(
+                    side, "file", "X.fixes.h5, X.fixes.csv, or a folder of results", "No such file or directory"
+                )
         if self.first.is_dir() != self.second.is_dir():
             odd = self.second if self.first.is_dir() else self.first
             raise InputError(odd, "input", "a folder of results, as the other is one", "a file")
@@ -300,9 +310,9 @@ class Recover:
     folder: Annotated[Positional[Path], arg(metavar="RUN_FOLDER", help="folder of the run, with its .lgprun segments")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="X.drive.h5", help="drive log to write")]
     map: Path | None = None
-    """database that was driven on, if it has moved"""
+    """the database that the run used, if it has moved"""
     vehicle: Path | None = None
-    """vehicle file, if it has moved"""
+    """its vehicle file, if it has moved"""
     force: bool = False
     """replace an output that exists"""
 
@@ -383,9 +393,9 @@ class Examples:
     """
 
     output: Annotated[Path, arg(aliases=("-o",), metavar="DIR")] = Path("lgprjax-examples")
-    """folder to make"""
+    """folder to write to, created if missing"""
     force: bool = False
-    """replace files of these names that are there"""
+    """replace files that exist"""
 
     def run(self) -> None:
         """Copy; nothing is written if one of the files exists."""
@@ -397,7 +407,9 @@ class Examples:
         ]
         for folder, path in files:
             if (self.output / folder / path.name).exists() and not self.force:
-                raise InputError(self.output / folder / path.name, "output", "no file, or --force", "one is there")
+                raise InputError(
+                    self.output / folder / path.name, "output", "a new file, or --force", "one that exists"
+                )
         for folder, path in files:
             (self.output / folder).mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, self.output / folder / path.name)

@@ -17,7 +17,7 @@ class Doctor:
     """Report the installation and the machine, with advice for each problem."""
 
     onboard: bool = False
-    """also measure whether this machine can search the 126 scans a second of an array on board: about a minute"""
+    """also measure, for about a minute, whether this machine keeps up with the 126 scans per second of an array"""
     json: Path | None = None
     """also write the findings to this file, or - for standard output"""
     force: bool = False

@@ -50,6 +50,6 @@ def check_outputs(*outputs: Path | None, force: bool) -> None:
         if path.is_dir():
             raise InputError(path, "output", "a file name", "a folder")
         if path.exists() and not force:
-            raise InputError(path, "output", "a new file, or --force", "the file exists")
+            raise InputError(path, "output", "a new file, or --force", "one that exists")
         if not path.parent.is_dir():
-            raise InputError(path, "output", "a folder that exists", f"no folder {path.parent}")
+            raise InputError(path, "output", "a folder that exists (make it first)", f"no folder {path.parent}")

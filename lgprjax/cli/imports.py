@@ -129,7 +129,7 @@ class ImportGrounded:
     sample_interval_ns: float
     """two-way travel time between samples"""
     scan_rate_hz: float
-    """scans a second"""
+    """scans per second"""
     force: Force = False
 
     def run(self) -> None:
@@ -161,7 +161,7 @@ class ImportCmu:
     time_window_ns: float
     """two-way travel time of a trace (not published with the data set)"""
     time_zero_ns: float = 0.0
-    """how long after the first sample time zero lies"""
+    """time from the first sample to time zero"""
     origin: Origin = field(default_factory=Origin)
     force: Force = False
 
@@ -260,9 +260,9 @@ class ImportMcap:
     gnss_m: Annotated[tuple[float, float, float], arg(metavar="X Y Z")] = (0.0, 0.0, 0.0)
     """place of the GNSS antenna: forward and left of the rear axle, above the ground"""
     gnss_sigma_m: float | None = None
-    """sigma of positions whose messages do not tell their covariance"""
+    """sigma of positions whose messages state no covariance"""
     heading_sigma_deg: float | None = None
-    """sigma of headings whose messages do not tell their covariance"""
+    """sigma of headings whose messages state no covariance"""
     force: Force = False
 
     def run(self) -> None:
@@ -309,8 +309,8 @@ class ImportSignals:
     """A vehicle's signals from a table or a recording: .csv, .parquet or .mcap, for the studies of lgprjax tune.
 
     A TOML file says which column is which signal and in which unit: time, speed or travel, latitude and longitude or
-    east and north, heading, yaw rate, wheel angles, steering command, volts, pedals. Units are converted, and numbers
-    that are no such thing are refused. tuning/signals.toml is an example.
+    east and north, heading, yaw rate, wheel angles, steering command, volts, pedals. Units are converted; values out of
+    a signal's range are refused. tuning/signals.toml is an example.
     """
 
     file: Annotated[Positional[Path], arg(metavar="FILE", help="the table or recording: .csv, .parquet or .mcap")]
@@ -391,12 +391,14 @@ class ImportLine(_FoundInTraces):
 
     suffixes: ClassVar[tuple[str, ...]]
 
-    file: Annotated[Positional[Path], arg(metavar="FILE", help="the recording, with its header file next to it")]
+    file: Annotated[
+        Positional[Path], arg(metavar="FILE", help="the recording; its header file, if it has one, next to it")
+    ]
 
     def run(self) -> None:
         """Import."""
         if self.file.suffix.lower() not in self.suffixes:
-            expected = "a name that ends in " + " or ".join(self.suffixes)
+            expected = f"a name that ends in {' or '.join(self.suffixes)} (lgprjax import FILE recognises the format)"
             raise InputError(self.file, "file name", expected, repr(self.file.name))
         self._import((self.file,))
 
@@ -465,7 +467,7 @@ class ImportSegy:
     sample_interval_ns: float | None = None
     """two-way travel time between samples; needed if the header has no plausible one (picoseconds, 10 to 2000)"""
     time_zero_ns: float = 0.0
-    """how long after the first sample time zero lies"""
+    """time from the first sample to time zero"""
     utm_zone: str | None = None
     """UTM zone of coordinates in metres, such as 19N"""
     length_m: float | None = None

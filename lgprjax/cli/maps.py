@@ -360,9 +360,11 @@ class MapBuild:
 
         require_files(self.drives, "drives")
         if self.centre_frequency_mhz is not None and not 1.0 <= self.centre_frequency_mhz <= 1e4:
-            raise UsageError(f"--centre-frequency-mhz: expected 1 to 10000, found {self.centre_frequency_mhz:g}")
+            raise UsageError(
+                f"--centre-frequency-mhz: expected MHz, 1 to 10000 (1 GHz: 1000), found {self.centre_frequency_mhz:g}"
+            )
         if self.travel_time_ns is not None and not 1.0 <= self.travel_time_ns <= 1e5:
-            raise UsageError(f"--travel-time-ns: expected 1 to 100000, found {self.travel_time_ns:g}")
+            raise UsageError(f"--travel-time-ns: expected 1 to 100000, in ns, found {self.travel_time_ns:g}")
         scans = 0
         for path in self.drives:
             with DriveLog.open(path) as log:
@@ -421,7 +423,7 @@ class MapVerify:
             raise InputError(self.output, "output", "a folder", "a file")
         for path in () if self.output is None else (self.output / name for name in _OUTPUTS):
             if path.exists() and not self.force:
-                raise InputError(path, "output", "a new file, or --force", "the file exists")
+                raise InputError(path, "output", "a new file, or --force", "one that exists")
 
 
 def _print_health(path: Path, health: "MapHealth") -> None:

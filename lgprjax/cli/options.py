@@ -7,11 +7,13 @@ import ast
 import dataclasses
 import difflib
 import inspect
+import re
 import textwrap
 import types
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from lgprjax.cli.terminal import UsageError
@@ -155,8 +157,14 @@ def nearest(word: str, known: Sequence[str]) -> str:
     return f"; did you mean {found[0]}?" if found else ""
 
 
-def check_words(verb: type, words: Sequence[str]) -> None:
-    """Refuse words that a verb cannot take. Raises ``UsageError`` with a line that says what to type."""
+def check_words(verb: type, words: Sequence[str], others: Mapping[str, type] = MappingProxyType({})) -> None:
+    """Refuse words that a verb cannot take. Raises ``UsageError`` with a line that says what to type.
+
+    Args:
+        verb: the verb.
+        words: that follow it.
+        others: further verbs by name, for an option that is one of theirs.
+    """
     options = options_of(verb)
     named = {name: option for option in options if not option.positional for name in option.names}
     told: set[Option] = set()
@@ -173,7 +181,7 @@ def check_words(verb: type, words: Sequence[str]) -> None:
         name = typed.replace("_", "-") if typed.startswith("--") else typed
         option = named.get(name)
         if option is None:
-            raise UsageError(f"{typed}: no such option{nearest(name, list(named))}")
+            raise UsageError(f"{typed}: no such option{nearest(name, list(named)) or _whose(name, others)}")
         told.add(option)
         _check_values(typed, option, [value] if joined else _taken(option, rest))
     _check_positionals([option for option in options if option.positional], free)
@@ -181,6 +189,12 @@ def check_words(verb: type, words: Sequence[str]) -> None:
     if missing:
         option = missing[0]
         raise UsageError(f"{option.names[0]} {option.metavar} is needed: {option.text}")
+
+
+def _whose(name: str, others: Mapping[str, type]) -> str:
+    """The verbs that have an option of this name."""
+    have = [verb for verb, kind in others.items() if any(name in option.names for option in options_of(kind))]
+    return f"; it is one of {' and '.join(have)}" if 0 < len(have) <= 3 else ""
 
 
 def _is_option(word: str) -> bool:
@@ -198,10 +212,21 @@ def _taken(option: Option, rest: list[str]) -> list[str]:
 def _check_values(typed: str, option: Option, values: list[str]) -> None:
     if option.values is not None and len(values) < option.values:
         found = f"found {' '.join(values)}" if values else "found nothing after it"
-        raise UsageError(f"{typed}: expected {option.metavar}, {found}")
+        count = f"{option.values} values, " if option.values > 1 else ""
+        raise UsageError(f"{typed}: expected {count}{option.metavar}, {found}")
     for value in values:
         if not option.accepts(value):
-            raise UsageError(f"{typed}: expected {option.expected()}, found {value!r}{nearest(value, option.choices)}")
+            hint = nearest(value, option.choices) or _hint(value)
+            raise UsageError(f"{typed}: expected {option.expected()}, found {value!r}{hint}")
+
+
+def _hint(value: str) -> str:
+    """What to leave out of a number that is none; empty where it is no number with something beside it."""
+    if re.fullmatch(r"[-+]?\d+,\d+", value):
+        return "; write a point, not a comma"
+    if re.fullmatch(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)? *[A-Za-z%°µ/]+", value):
+        return "; leave out the unit"
+    return ""
 
 
 def _check_positionals(wanted: list[Option], found: list[str]) -> None:

@@ -58,16 +58,16 @@ class Register:
     risk: float = 1e-4
     """largest accepted probability, in each 4 m of travel, that foreign ground would have matched as well as a fix"""
     search: Literal["exhaustive", "swarm"] = "exhaustive"
-    """how places are searched: all of them, or by a particle swarm begun anywhere in all five dimensions, as a check;
-    the same codes, tens of times slower
+    """search every place of the region, or, as a check, by a particle swarm over all five dimensions: the same codes,
+    tens of times slower
     """
     finish: Literal["newton", "swarm"] = "newton"
-    """how a candidate is refined to a pose: by Gauss-Newton, or by a particle swarm about it, which needs no derivative
-    and several times the time
+    """refine candidates to poses by Gauss-Newton, or by a particle swarm around each, which needs no derivatives and
+    takes several times as long
     """
     track: bool = False
-    """search as a vehicle does, each fix by what lies behind it; the drive log of a run (lgprjax recover) by its own
-    scans, priors and search options, so that the fixes are those that it was driven by
+    """search as on board, where each fix uses only what was recorded before it. The drive log of a run (lgprjax
+    recover) is searched with the scans, priors and options of that run: the fixes are those that it was driven by
     """
     thresholds: Path | None = None
     """judge by thresholds from lgprjax thresholds, calibrated with the same --window-m, instead of the map's noise
@@ -95,7 +95,7 @@ class Register:
 
         require_files(self.drives, "drives")
         if self.thresholds is not None and self.window_m is None:
-            raise UsageError("--thresholds: expected --window-m, the length that they were calibrated for")
+            raise UsageError("--thresholds: needs --window-m as well, the length that they were calibrated for")
         own = None if self.thresholds is None else read_thresholds(self.thresholds, self.window_m or 0.0)
         options = RegisterOptions(
             search_m=self.search_m,
@@ -135,7 +135,7 @@ class Register:
         from lgprjax.report.registered_folder import facts_of, write_views
 
         if self.workers is None and self.scheduler is None:
-            raise UsageError("--threads: expected --workers or --scheduler, found neither")
+            raise UsageError("--threads: needs --workers or --scheduler as well")
         bars = partial(progress_bar, unit="drives")
         workforce, folder = Workforce(self.workers, self.threads, self.scheduler), self.output
         with (
@@ -186,7 +186,9 @@ def register_all(
     names = [path.name.removesuffix(".drive.h5") for path in drives]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(name, "drives", "drives of different names", "this name twice")
+            raise InputError(
+                name, "drives", "drives of different names, by which their fixes are named", "this name twice"
+            )
     # Every input is opened once before any is processed: a broken last drive must not waste the work on the first.
     with MapFile.open(map_path) as source:
         check_region(options.search_m, source)
@@ -259,5 +261,5 @@ def _claim(folder: Path, names: Sequence[str], force: bool) -> None:
     outputs = [f"{name}{end}" for name in names for end in ends]
     for output in outputs:
         if (folder / output).exists() and not force:
-            raise InputError(folder / output, "output", "a new file, or --force", "the file exists")
+            raise InputError(folder / output, "output", "a new file, or --force", "one that exists")
     earlier_summaries(folder, names)

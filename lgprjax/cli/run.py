@@ -1,6 +1,7 @@
 """``lgprjax run``: the onboard runtime."""
 
 import json as _json
+import math
 import os
 import signal
 import threading
@@ -28,9 +29,9 @@ _RECEIVERS, _PAGE = ("pynmeagps", "pyubx2"), ("starlette", "uvicorn", "websocket
 class Run:
     """Run the onboard runtime from a configuration, on a vehicle's devices or on simulated ones.
 
-    Radar, GNSS/INS, drive-by-wire box and operator controller are connected by the lines in the configuration. Only the
-    controller engages the vehicle; the display page shows and selects routes. A run is recorded into its own folder
-    and, at its end, converted to a drive log next to it. Ends with Ctrl-C or SIGTERM.
+    The configuration says how radar, GNSS/INS, drive-by-wire box and operator controller are connected. Only the
+    controller engages the vehicle; the display page shows and selects routes. A run is recorded in its own folder and,
+    at its end, converted to a drive log next to it. Ctrl-C or SIGTERM ends the run.
     """
 
     config: Annotated[Positional[Path], arg(metavar="CONFIG.toml", help="configuration, see onboard/")]
@@ -38,25 +39,26 @@ class Run:
     """start simulated devices as configured in [simulation]; missing map and route, or plan, are created. Status 0 if
     the autopilot was engaged and arrived at the end of its route or plan, else 1 with the reason"""
     lockstep: bool = False
-    """with --simulate: in simulated seconds, as fast as this machine can; chosen by itself where a measurement of a
-    second finds that it cannot keep real time"""
+    """with --simulate: run in simulated time, as fast as this machine can; the default where a one-second measurement
+    shows that it cannot keep real time"""
     realtime: bool = False
-    """with --simulate: in real time, whatever that measurement would find"""
+    """with --simulate: run in real time, whatever that measurement shows"""
     replay: Annotated[Path | None, arg(metavar="RUN_FOLDER")] = None
     """run the control loop again on a recording: every command must be identical to the bit"""
     preflight: bool = False
     """check everything that a run needs without sending anything; status 1 if a check fails"""
     resume: bool = False
-    """of a field: go on where this machine's runs by this plan ended, with the map of all in the recording's folder,
-    those of other machines copied there among them; the tool is off where the ground is worked"""
+    """field plans: continue where this machine's earlier runs of the plan ended. All runs in the recording folder count
+    as worked ground, also those copied there from other machines; the tool is off on it"""
     start_line: int | None = None
-    """of a field: begin at this line of the plan, in driving order from 1"""
+    """field plans: begin at this line of the plan, counted from 1 in driving order"""
     start_m: float = 0.0
-    """with --start-line: so many metres along it"""
+    """with --start-line: begin this many metres along it"""
     end_line: int | None = None
-    """of a field: end with this line of the plan; what follows is another machine's"""
+    """field plans: end with this line of the plan; the rest is left to another machine"""
     for_s: float | None = None
-    """end so many seconds after everything is ready, in lock step simulated ones; a simulated run also on arrival"""
+    """end this many seconds after everything is ready (simulated seconds in lock step); a simulated run also ends on
+    arrival"""
     json: Path | None = None
     """with --simulate or --replay, also write the figures to this file, or - for standard output"""
     force: bool = False
@@ -65,18 +67,23 @@ class Run:
     def run(self) -> int:
         """Run."""
         from lgprjax.runtime.config import read_config
+        from lgprjax.runtime.process import use_cache
 
-        if sum([self.simulate, self.replay is not None, self.preflight]) > 1:
-            raise UsageError("--simulate, --replay, --preflight: expected one of them")
+        kinds = {"--simulate": self.simulate, "--replay": self.replay is not None, "--preflight": self.preflight}
+        if sum(kinds.values()) > 1:
+            raise UsageError(f"{' and '.join(name for name in kinds if kinds[name])}: expected only one of them")
         if (self.lockstep or self.realtime) and not self.simulate:
-            raise UsageError("--lockstep, --realtime: expected with --simulate")
+            raise UsageError(f"{'--lockstep' if self.lockstep else '--realtime'}: needs --simulate as well")
         if self.lockstep and self.realtime:
-            raise UsageError("--lockstep, --realtime: expected one of them")
+            raise UsageError("--lockstep and --realtime: expected only one of them")
+        if self.for_s is not None and not 0.0 < self.for_s < math.inf:
+            raise UsageError(f"--for-s: expected seconds, above 0, found {self.for_s:g}")
         if self.start_m and self.start_line is None:
-            raise UsageError("--start-m: expected with --start-line")
+            raise UsageError("--start-m: needs --start-line as well")
         if self._takes_up and (self.preflight or self.replay is not None):
-            raise UsageError("--resume, --start-line, --end-line: not with --preflight or --replay")
+            raise UsageError("--resume, --start-line and --end-line: leave them out with --preflight and --replay")
         config = read_config(self.config)
+        use_cache(config)
         check_outputs(self.json, force=self.force)
         # A replay shows no page.
         _require_packages(_RECEIVERS if self.replay is not None else _RECEIVERS + _PAGE)
@@ -86,6 +93,10 @@ class Run:
             return self._replay(self.replay)
         if self.simulate:
             return self._simulate(config)
+        if config.coverage is None and not config.path(config.map).is_file():
+            raise InputError(
+                config.file, "map", "a map that exists (--simulate makes one)", str(config.path(config.map))
+            )
         folder = run_folder(config)
         return _drive(self._resumed(config, folder), folder, self.for_s)
 
@@ -186,7 +197,7 @@ class Run:
         if lockstep:
             driven = self._in_lock_step(config, spec, folder)
         else:
-            with devices(config, spec, folder) as addresses:
+            with devices(spec, folder) as addresses:
                 driven = _written(folder, config, addresses)
                 with ended_on_arrival(folder):
                     _drive(driven, folder, self.for_s)

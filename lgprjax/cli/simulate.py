@@ -96,7 +96,7 @@ The ground is synthetic: stones and rough layers from a seed, rendered as 11 cha
 class Demo:
     """Generate a site, map it, locate a drive on it, refuse an impostor road; write a report."""
 
-    output: Path = Path("out/demo")
+    output: Annotated[Path, arg(aliases=("-o",))] = Path("out/demo")
     """folder for drive logs, map, fixes and report; replaced if it exists"""
 
     def run(self) -> None:

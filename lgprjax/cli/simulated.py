@@ -91,11 +91,10 @@ def course_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, 
 
 
 @contextmanager
-def devices(config: "RuntimeConfig", spec: dict[str, Any], folder: Path) -> Iterator[dict[str, str]]:
+def devices(spec: dict[str, Any], folder: Path) -> Iterator[dict[str, str]]:
     """The simulated devices, for as long as the block lasts: addresses of their lines.
 
     Args:
-        config: of the run.
         spec: their specification.
         folder: for their truth and their messages.
 
@@ -107,9 +106,6 @@ def devices(config: "RuntimeConfig", spec: dict[str, Any], folder: Path) -> Iter
     file.write_text(json.dumps(spec, indent=1), encoding="utf-8")
     told = folder / "devices.log"
     environment = {**os.environ, "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false", "OMP_NUM_THREADS": "1"}
-    if config.cache is not None:
-        environment["JAX_COMPILATION_CACHE_DIR"] = str(config.path(config.cache))
-        environment["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     # The simulated world runs in real time: if permitted its devices have priority over the runtime.
     first = ["chrt", "--fifo", str(_PRIORITY)] if _may_run_in_real_time() else []
     with told.open("w", encoding="utf-8") as log:

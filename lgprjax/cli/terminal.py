@@ -1,10 +1,12 @@
 """The terminal: progress on standard error, exit statuses, one line for each bad input."""
 
+import difflib
 import errno
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 
 from rich.console import Console
 from rich.progress import (
@@ -96,6 +98,24 @@ def require_files(files: Sequence[object], what: str) -> None:
         raise UsageError(f"{what}: expected at least one file, found none")
 
 
+def advice(error: InputError) -> str:
+    """What to do where a file is none, or is not there; empty for every other error."""
+    path = Path(error.file)
+    if error.place != "file":
+        return ""
+    try:
+        if path.is_dir():
+            return "; name a file in it"
+        if path.exists():
+            return "; copy or record it again" if path.is_file() and not path.stat().st_size else ""
+        if not path.parent.is_dir():
+            return f"; there is no folder {path.parent}"
+        near = difflib.get_close_matches(path.name, [each.name for each in path.parent.iterdir()], n=1, cutoff=0.8)
+    except OSError:  # a folder that may not be read: the error itself says so
+        return ""
+    return f"; did you mean {path.with_name(near[0])}?" if near else "; check its name and folder"
+
+
 def run_verb(verb: Callable[[], int | None], command: str = "") -> int:
     """Run a verb; bad input becomes one line on standard error and status 1.
 
@@ -111,7 +131,7 @@ def run_verb(verb: Callable[[], int | None], command: str = "") -> int:
         print(f"lgprjax: {options}: expected {error.expected}, found {error.found} {see}", file=sys.stderr)
         return USAGE
     except InputError as error:
-        print(f"lgprjax: {error}", file=sys.stderr)
+        print(f"lgprjax: {error}{advice(error)}", file=sys.stderr)
         return BAD_INPUT
     except UsageError as error:
         print(f"lgprjax: {error} {see}", file=sys.stderr)

@@ -48,7 +48,7 @@ class Tune:
         pictures = {name: self.output / f"{study.name}.{name}.png" for name in draw}
         for path in (target, *pictures.values()):
             if path.exists() and not self.force:
-                raise InputError(path, "output", "a new file, or --force", "the file exists")
+                raise InputError(path, "output", "a new file, or --force", "one that exists")
         check_outputs(self.json, force=self.force)
         with working(f"fitting {study.name}"):
             finished = run_study(study)
@@ -115,8 +115,9 @@ class ThresholdsVerb:
     """Calibrate the thresholds of fixes on drives with known positions.
 
     Every drive is matched at its own place, and at other places of the same map, where no match can be right. With the
-    thresholds a match of the second kind passes with the given probability; the scale of the sigmas makes the errors of
-    the first kind consistent with their covariances. Use them on other drives than these: register --thresholds.
+    thresholds found, a match of the second kind passes with the probability given by --risk; a factor on all sigmas
+    makes the errors of the first kind consistent with their covariances. Use them on other drives: register
+    --thresholds.
     """
 
     map: Annotated[Positional[Path], arg(metavar="MAP", help="subsurface database, M.map.h5")]
@@ -131,7 +132,7 @@ class ThresholdsVerb:
     time_scale: float | Literal["auto"] = "auto"
     """as for register"""
     risk: float = 1e-4
-    """probability that a match with ground that is not there passes"""
+    """accepted probability that a match at a wrong place passes"""
     json: Path | None = None
     """also write the figures to this file, or - for standard output"""
     force: bool = False

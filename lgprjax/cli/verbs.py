@@ -1,5 +1,6 @@
 """The verbs of ``lgprjax``: what each is for, two examples of each, and how a command is read and run."""
 
+import dataclasses
 import functools
 import operator
 import os
@@ -39,6 +40,7 @@ from lgprjax.cli.simulate import Demo, Simulate
 from lgprjax.cli.terminal import UsageError, run_verb
 from lgprjax.cli.tune import ThresholdsVerb, Tune
 from lgprjax.cli.view import View
+from lgprjax.errors import InputError
 
 
 class Verb(NamedTuple):
@@ -59,7 +61,7 @@ class VerbGroup(NamedTuple):
 
 
 _IMPORT = VerbGroup(
-    "recordings of other makers to drive logs (X.drive.h5)",
+    "other makers' recordings to drive logs (X.drive.h5)",
     "Convert recordings of other makers to drive logs. Where no format is named, it is recognised by the files' names.",
     {
         "dt1": Verb(
@@ -100,8 +102,7 @@ _IMPORT = VerbGroup(
             "a run of the GROUNDED data set",
             (
                 "import grounded run_0001 --utm-zone 19N --sample-interval-ns 0.16 --scan-rate-hz 126 -o X.drive.h5",
-                "import grounded run_0001 --utm-zone 19N --sample-interval-ns 0.16 --scan-rate-hz 126 -o X.drive.h5 "
-                "--force",
+                "import grounded run_0002 --utm-zone 33N --sample-interval-ns 0.2 --scan-rate-hz 100 -o Y.drive.h5",
             ),
         ),
         "cmu": Verb(
@@ -141,7 +142,7 @@ _IMPORT = VerbGroup(
             "a vehicle's signals, .csv, .parquet or .mcap",
             (
                 "import signals LOG.csv --map COLUMNS.toml -o log.drive.h5",
-                "import signals LOG.parquet --map COLUMNS.toml -o log.drive.h5 --force",
+                "import signals LOG.parquet --map COLUMNS.toml -o log.drive.h5",
             ),
         ),
     },
@@ -184,7 +185,7 @@ _MAP = VerbGroup(
 )
 _ROUTE = VerbGroup(
     "list, select and export the routes of a map",
-    "List, select and export routes of a subsurface database.",
+    "List, select and export the routes of a subsurface database.",
     {
         "list": Verb(
             RouteList, "the routes of a map", ("route list road.map.h5", "route list road.map.h5 --json routes.json")
@@ -193,8 +194,8 @@ _ROUTE = VerbGroup(
             RouteSelect,
             "a route, or a stretch of it, to drive",
             (
-                "route select road.map.h5 baseline-0 -o home.route.toml",
-                "route select road.map.h5 baseline-0 --from-m 20 --to-m 80 --cruise-mps 3 -o home.route.toml",
+                "route select road.map.h5 baseline -o home.route.toml",
+                "route select road.map.h5 baseline --from-m 20 --to-m 80 --cruise-mps 3 -o home.route.toml",
             ),
         ),
         "export": Verb(
@@ -202,11 +203,11 @@ _ROUTE = VerbGroup(
             "waypoints as CSV, GeoJSON or GPX",
             (
                 "route export home.route.toml -o waypoints.gpx",
-                "route export road.map.h5 baseline-0 -o waypoints.geojson",
+                "route export road.map.h5 baseline -o waypoints.geojson",
             ),
         ),
     },
-    ("route list road.map.h5", "route select road.map.h5 baseline-0 -o home.route.toml"),
+    ("route list road.map.h5", "route select road.map.h5 baseline -o home.route.toml"),
 )
 _COVER = VerbGroup(
     "cover a field: plan it, record what was worked, export",
@@ -217,7 +218,7 @@ _COVER = VerbGroup(
             "swaths over a field, in driving order",
             (
                 "cover plan f.geojson --vehicle v.vehicle.toml -o f.cover.geojson",
-                "cover plan f.kml --vehicle v.vehicle.toml -o f.cover.geojson",
+                "cover plan f.cover.geojson --gaps f.worked.h5 --vehicle v.vehicle.toml -o g.cover.geojson",
             ),
         ),
         "record": Verb(
@@ -247,7 +248,7 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
     "First steps": {
         "demo": Verb(
             Demo,
-            "map a simulated road, locate a drive on it, write a page",
+            "the whole story: map a simulated road, locate a drive on it",
             ("demo", "demo --output out/demo"),
         ),
         "examples": Verb(
@@ -275,7 +276,7 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
         ),
         "export": Verb(
             Export,
-            "ROS 2 messages (MCAP), or a trajectory for evo or GIS",
+            "ROS messages (MCAP, bags), or a trajectory",
             (
                 "export X.drive.h5 --fixes result/X.fixes.h5 -o X.mcap",
                 "export X.drive.h5 --fixes result/X.fixes.h5 -o X.tum",
@@ -299,7 +300,7 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
         ),
         "thresholds": Verb(
             ThresholdsVerb,
-            "calibrate when a fix is called ok, on own drives",
+            "calibrate when a fix is called ok, on your drives",
             (
                 "thresholds road.map.h5 A.drive.h5 B.drive.h5 --window-m 4 -o own.thresholds.toml",
                 "thresholds road.map.h5 A.drive.h5 --window-m 0 --risk 1e-5 -o single.thresholds.toml",
@@ -355,6 +356,17 @@ def every_verb() -> Iterator[tuple[str, Verb]]:
             yield from ((f"{name} {part}", inner) for part, inner in verb.verbs.items())
 
 
+_MEANT = {
+    **dict.fromkeys(("locate", "localise", "localize", "match"), "register"),
+    **dict.fromkeys(("convert", "read", "open"), "import"),
+    **dict.fromkeys(("plot", "show", "draw"), "view"),
+    **dict.fromkeys(("validate", "health"), "check"),
+    **{part: f"map {part}" for part in _MAP.verbs},
+    **dict.fromkeys(("calibrate", "fit"), "tune"),
+}
+"""Verbs of other programs, and the one of this that does it."""
+
+
 def keep_compiled() -> None:
     """Keep compiled programs from command to command, in ``$XDG_CACHE_HOME/lgprjax`` or ``~/.cache/lgprjax``.
 
@@ -367,15 +379,17 @@ def keep_compiled() -> None:
 
 def run_command(arguments: Sequence[str]) -> int:
     """Read a command, without ``lgprjax``, and run it; the exit status."""
-    keep_compiled()
     words = [str(word) for word in arguments]
+    # The configuration of a run names a folder of its own.
+    if words[:1] != ["run"]:
+        keep_compiled()
     if words[:1] == ["import"]:
         words[1:] = recognised(words[1:])
     if words[:1] == ["--version"]:
         print(f"lgprjax {lgprjax.__version__}")
         return 0
     if words[:1] == ["--completion"]:
-        return run_verb(lambda: _print_completion(words[1:]))
+        return run_verb(lambda: _print_completion(words[1:]), command="lgprjax")
     return run_verb(lambda: _run(words), command=" ".join(["lgprjax", *_named(words)]))
 
 
@@ -398,7 +412,9 @@ def _run(words: list[str]) -> int:
             if not words:
                 print(top_help(), end="", file=sys.stderr)
                 return 2
-            raise UsageError(f"{words[0]}: no such verb{nearest(words[0], list(known))}")
+            meant = _MEANT.get(words[0].lower())
+            ask = nearest(words[0], list(known)) if meant is None else f"; did you mean {meant}?"
+            raise UsageError(f"{words[0]}: no such verb{ask}")
         print(top_help(), end="")
         return 0
     verb = known[name[0]]
@@ -412,19 +428,43 @@ def _run(words: list[str]) -> int:
     if wants_help:
         print(verb_help(" ".join(name), verb), end="")
         return 0
-    check_words(verb.options, rest)
+    check_words(verb.options, rest, {each: one.options for each, one in every_verb()})
     return _parse_and_run(words)
 
 
 def _refuse_group(name: str, group: VerbGroup, word: str) -> None:
     if name == "import":
-        expected = f"one of {', '.join(group.verbs)}, or a file whose name ends as one of theirs does"
+        expected = f"a format ({', '.join(group.verbs)}), or a recording whose name ends as theirs do"
         raise UsageError(f"{word}: expected {expected}{nearest(word, list(group.verbs))}")
     raise UsageError(f"{word}: expected one of {', '.join(group.verbs)}{nearest(word, list(group.verbs))}")
 
 
+_OUTPUTS = ("output", "json", "picture")
+
+
+def _refuse_own_input(verb: Any) -> None:
+    """Raise ``InputError`` where an output is one of the command's inputs: ``--force`` is about older outputs."""
+    if not dataclasses.is_dataclass(verb):
+        return
+    given = {field.name: getattr(verb, field.name) for field in dataclasses.fields(verb)}
+    if isinstance(verb, MapUpdate):
+        # Its map is what it replaces.
+        del given["output"]
+    inputs = [
+        path
+        for name, value in given.items()
+        if name not in _OUTPUTS
+        for path in (value if isinstance(value, tuple | list) else (value,))
+        if isinstance(path, Path) and path.is_file()
+    ]
+    for output in (given.get(name) for name in _OUTPUTS):
+        if isinstance(output, Path) and output.is_file() and any(output.samefile(path) for path in inputs):
+            raise InputError(output, "output", "another file than those that the command reads", "one of them")
+
+
 def _parse_and_run(words: Sequence[str]) -> int:
     verb = parsed(words)
+    _refuse_own_input(verb)
     if getattr(verb, "json", None) == STANDARD_OUTPUT:
         with figures_alone():
             return verb.run() or 0

@@ -62,7 +62,7 @@ class View:
                 raise InputError(file, "file", "a readable file", "No such file or directory")
             # Checked before anything is drawn: the last of many outputs may exist.
             if output.exists() and not self.force:
-                raise InputError(output, "output", "a new file, or --force", "the file exists")
+                raise InputError(output, "output", "a new file, or --force", "one that exists")
         for file, output in zip(self.files, outputs, strict=True):
             with working(f"drawing {file}"):
                 output.parent.mkdir(parents=True, exist_ok=True)

@@ -103,7 +103,9 @@ def write_coverage_page(path: str | Path, page: CoveragePage, *, force: bool = F
         tuple((role, _LINE, _LINE, _LINE) for role in ("operator", "team leader", "quality control")),
         "By signing, the record is accepted as that of the machine's work, no more.",
     )
-    finds = ReportTable(("kind", "time (UTC)", "latitude deg", "longitude deg", "note"), page.finds, "As told.")
+    finds = ReportTable(
+        ("kind", "time (UTC)", "latitude deg", "longitude deg", "note"), page.finds, "As reported with the evidence."
+    )
     control = ReportTable(
         ("mark", "when", "run", "east cm", "north cm"),
         page.control_points,
@@ -115,7 +117,7 @@ def write_coverage_page(path: str | Path, page: CoveragePage, *, force: bool = F
         Section("What this record does not say", _LIMITS.format(stated=_WORKED if page.measured else _PASSED)),
         Section("The work", "", (facts,), page.figures[1:]),
         Section("Stops", "" if page.stops else "None.", (stops,) if page.stops else ()),
-        Section("Finds and detonations", "" if page.finds else "None told.", (finds,) if page.finds else ()),
+        Section("Finds and detonations", "" if page.finds else "None reported.", (finds,) if page.finds else ()),
         Section("Control points", "" if page.control_points else unchecked, (control,) if page.control_points else ()),
         Section("Perimeter", "", (points,)),
         Section("Passes", "" if page.passes else "None.", (passes,) if page.passes else ()),
@@ -123,16 +125,18 @@ def write_coverage_page(path: str | Path, page: CoveragePage, *, force: bool = F
         Section("Signatures", "", (signatures,)),
     )
     intro = (
-        f"Worked by {page.organisation}, {page.period}.\n\nStatus: processed by machine; not searched, not released."
+        f"Responsible organisation: {page.organisation}. Worked {page.period}.\n\n"
+        "Status: processed by machine; not searched, not released."
     )
     write_report(path, f"{page.name}: record of machine processing", intro, sections, force)
 
 
 # Map of a worked field: processed ground by confidence, uncertain and unprocessed ground, and every stop.
 
-# Distinguishable with every common colour blindness, and of four different lightnesses in print.
-_YELLOW = "#F0E442"
-COLOURS = (VERMILLION, _YELLOW, SKY, BLUE)
+# Distinguishable with every common colour blindness, and of four different lightnesses in print: the palette's own blue
+# is as dark as its vermillion.
+_YELLOW, _DEEP_BLUE = "#F0E442", "#00456B"
+COLOURS = (VERMILLION, _YELLOW, SKY, _DEEP_BLUE)
 """Not processed, uncertain, processed at the lower level only, processed at the higher level."""
 _WIDTH_IN = 9.0
 

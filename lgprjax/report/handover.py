@@ -69,7 +69,7 @@ def handover_files(
     outputs = tuple(folder / f"{stem}{suffix}" for suffix in _SUFFIXES)
     for output in outputs:
         if output.exists() and not force:
-            raise InputError(output, "output", "a new file, or --force", "the file exists")
+            raise InputError(output, "output", "a new file, or --force", "one that exists")
     return outputs
 
 
@@ -156,7 +156,7 @@ def _write_page(
         ("passes", f"{figures.passes}, {figures.way_m:.0f} m"),
         ("depth, mean and least", f"{_centimetres(figures.depth_mean_m)}, {_centimetres(figures.depth_least_m)}"),
         ("runs", ", ".join(f"{run['folder']}{'' if run['complete'] else ' (incomplete)'}" for run in runs)),
-        ("fixed GNSS position", f"{figures.fixed:.1%} of the time"),
+        ("fixed GNSS position", f"{100.0 * figures.fixed:.1f} % of the time"),
         *(("driven", f"{words}: {way_m:.0f} m") for words, way_m in way_by_driver(record).items()),
         *((f"base, {run}", str(told["sentence"])) for run, told in evidence.get("shared_error", {}).items()),
     )
@@ -294,8 +294,14 @@ def _pictures(folder: Path, record: WorkedRecord) -> tuple[ReportFigure, ...]:
     draw_coverage(cover_picture(record), folder / "map.png")
     draw_cover_channels(measured, folder / "channels.png")
     return (
-        ReportFigure(folder / "map.png", "The field from above.", "Map of processed, uncertain and unprocessed ground"),
         ReportFigure(
-            folder / "channels.png", "Depth, speed and uncertainty.", "Depth, speed and uncertainty over time"
+            folder / "map.png",
+            "The field from above: what was processed, at which confidence, and every stop.",
+            "Map of processed, uncertain and unprocessed ground",
+        ),
+        ReportFigure(
+            folder / "channels.png",
+            "Depth, speed and the position's uncertainty over the recording.",
+            "Depth, speed and uncertainty over time",
         ),
     )

@@ -100,7 +100,7 @@ def drive_section(summary: DriveSummary, figures: Sequence[ReportFigure]) -> Sec
             f"truth, and {summary.wrong_ok} are more than 0.3 m from it."
         )
     table = ReportTable(("quantity", "value"), tuple(summary.as_rows()), _AT_TRUTH if summary.judged else "")
-    text = "\n\n".join([text, *summary.remarks])
+    text = "\n\n".join([text, *(f"{remark[:1].upper()}{remark[1:].rstrip('.')}." for remark in summary.remarks)])
     beside = f"{summary.name}{PAGE}", "Scan by scan: a page that can be zoomed, with the numbers of every scan"
     return Section(f"{summary.name} on {summary.map_name}", text, (table,), tuple(figures), beside)
 
@@ -118,11 +118,17 @@ def _paragraphs(text: str) -> str:
 def _table(table: ReportTable) -> str:
     head = "".join(f'<th scope="col">{escape(cell)}</th>' for cell in table.header)
     body = "".join(
-        f'<tr><th scope="row">{escape(first)}</th>{"".join(f"<td>{_cell(cell)}</td>" for cell in rest)}</tr>\n'
+        f'<tr><th scope="row">{escape(first)}</th>{"".join(_column(cell) for cell in rest)}</tr>\n'
         for first, *rest in table.rows
     )
     caption = f"<caption>{escape(table.caption)}</caption>" if table.caption else ""
     return f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>\n'
+
+
+def _column(cell: str) -> str:
+    # A sentence keeps some width on a telephone, where the table is scrolled.
+    opening = '<td class="long">' if len(cell) > _SENTENCE else "<td>"
+    return f"{opening}{_cell(cell)}</td>"
 
 
 def _cell(text: str) -> str:
@@ -141,6 +147,7 @@ def _figure(figure: ReportFigure) -> str:
 
 
 _UNBROKEN = 10
+_SENTENCE = 40
 _STYLE = """
 :root { color-scheme: light dark; --ink: #222; --soft: #595959; --ground: #fff; --line: #d0d0d0; --link: #0057a3; }
 @media (prefers-color-scheme: dark) {
@@ -155,6 +162,7 @@ h2 { font-size: 1.35rem; line-height: 1.3; margin-top: 2.8rem; padding-top: 0.6r
 a { color: var(--link); }
 .wide { overflow-x: auto; margin: 1rem 0; }
 table { border-collapse: collapse; font-size: 0.92rem; font-variant-numeric: tabular-nums; }
+.long { min-width: 14rem; }
 th, td { padding: 0.3rem 0.8rem 0.3rem 0; border-bottom: 1px solid var(--line); text-align: left; vertical-align: top; }
 th[scope="row"] { font-weight: 500; }
 thead th { color: var(--soft); font-weight: 600; vertical-align: bottom; }
@@ -172,6 +180,7 @@ figcaption { color: var(--soft); font-size: 0.92rem; max-width: 48rem; padding-t
   h1 { font-size: 1.4rem; }
   h2 { font-size: 1.15rem; margin-top: 2rem; }
   label input:checked + img { width: auto; min-width: 56rem; }
+  caption { max-width: calc(100vw - 1.4rem); }
   figcaption::after { content: " Tap the picture to enlarge it."; }
 }
 @media print {

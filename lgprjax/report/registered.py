@@ -339,7 +339,7 @@ def _unknowns(drive: RegisteredDrive, source: MapFile) -> tuple[str | None, ...]
     return assumed, drive.away, _LONE if lone else None
 
 
-_SELDOM = 0.01
+_SELDOM = 0.05
 
 
 def _windows(drive: RegisteredDrive) -> str | None:
@@ -352,7 +352,7 @@ def _windows(drive: RegisteredDrive) -> str | None:
     often[-1] = True
     lengths = every[often]
     counts = np.bincount(np.searchsorted(lengths, window_m), minlength=len(lengths))
-    named = ["single scans" if length == 0.0 else f"{length:g} m" for length in lengths]
+    named = ["single scans" if length == 0.0 else f"{length:.2g} m" for length in lengths]
     shares = [f"{name} {100.0 * count / len(window_m):.0f} %" for name, count in zip(named, counts, strict=True)]
     back = f"; {np.sum(drive.carried_back)} carried back from the ground ahead" if drive.carried_back.any() else ""
     return f"windows of the ok fixes: {', '.join(shares)}{back}"

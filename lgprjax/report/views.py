@@ -249,4 +249,8 @@ def _origin(frame: LocalFrame) -> str:
 def check_speed(speed_m_per_ns: float | None) -> None:
     """Refuse what no wave in the ground does. Raises ``ArgumentError``."""
     if speed_m_per_ns is not None and not 0.0 < speed_m_per_ns <= 0.3:
-        raise ArgumentError("velocity_m_per_ns", "more than 0 and at most 0.3", f"{speed_m_per_ns:g}")
+        raise ArgumentError(
+            "velocity_m_per_ns",
+            "metres per nanosecond, above 0 and at most 0.3 (about 0.1 in soil)",
+            f"{speed_m_per_ns:g}",
+        )

@@ -284,7 +284,7 @@ def _numbers(values: np.ndarray) -> list[float | None]:
 
 _HELP = (
     "Wheel, or + and −: zoom; with Shift along the line only. Drag, or the arrow keys: move. Double click, or 0: "
-    "everything. Two fingers zoom on a touch screen."
+    "everything. On a touch screen one finger moves along the line, two fingers zoom and move."
 )
 _HELP_SCANS = (
     "Point at a scan, or step from one to the next by n and p: its numbers stand above the picture, and every picture "
@@ -302,17 +302,17 @@ p { max-width: 60rem; margin: 0.4rem 0; }
 output { font-variant-numeric: tabular-nums; color: #595959; min-width: min(18rem, 100%); min-height: 1.5em; }
 .legend { display: flex; flex-wrap: wrap; gap: 0.2rem 1.2rem; list-style: none; padding: 0; margin: 0.8rem 0 0; }
 .legend canvas { width: 16px; height: 16px; display: inline-block; vertical-align: -3px; }
-canvas { width: 100%; display: block; touch-action: none; cursor: crosshair; }
+canvas { width: 100%; display: block; touch-action: pan-y; cursor: crosshair; }
 canvas:focus-visible { outline: 2px solid #0057a3; }
 """
 _SCRIPT = """
 "use strict";
-const LEFT = 66, RIGHT = 66, TOP = 8, BOTTOM = 46;
+const LEFT = 66, TOP = 8, BOTTOM = 46;
 function ticks(a, b, room) {
   const low = Math.min(a, b), high = Math.max(a, b), rough = (high - low) / Math.max(2, room);
   const ten = Math.pow(10, Math.floor(Math.log10(rough)));
   const step = [1, 2, 2.5, 5, 10].map(k => k * ten).find(k => k >= rough);
-  const digits = Math.max(0, Math.min(6, -Math.floor(Math.log10(step) - 1e-9) + (step / ten === 2.5 ? 1 : 0)));
+  const digits = Math.max(0, Math.min(6, -Math.floor(Math.log10(step) + 1e-9) + (step / ten === 2.5 ? 1 : 0)));
   const found = [];
   for (let n = Math.ceil(low / step - 1e-9); n * step <= high + 1e-9 * step; n++)
     found.push([n * step, (n === 0 ? 0 : n * step).toFixed(digits)]);
@@ -362,7 +362,7 @@ function show(panel) {
   if (all.length) said.setAttribute("aria-live", "off");
   bar.append(said); box.append(bar, canvas);
   document.getElementById("panels").append(box);
-  const context = canvas.getContext("2d");
+  const context = canvas.getContext("2d"), RIGHT = panel.depth ? 66 : 24;
   let view, wide = 0, high = 0;
   const image = new Image();
   function whole() {
@@ -471,12 +471,14 @@ function show(panel) {
     canvas.setPointerCapture(event.pointerId); held.set(event.pointerId, [event.offsetX, event.offsetY]);
   });
   const apart = () => { const [a, b] = [...held.values()]; return Math.hypot(a[0] - b[0], a[1] - b[1]); };
+  const middle = () => { const [a, b] = [...held.values()]; return [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2]; };
   canvas.addEventListener("pointermove", event => {
     const place = [event.offsetX, event.offsetY], before = held.get(event.pointerId);
     if (before && held.size === 2) {
-      const was = apart(); held.set(event.pointerId, place);
-      const [a, b] = [...held.values()];
-      if (apart() > 0) zoom(was / apart(), (a[0] + b[0]) / 2, (a[1] + b[1]) / 2, false);
+      const was = apart(), from = middle(); held.set(event.pointerId, place);
+      const to = middle();
+      move(to[0] - from[0], to[1] - from[1]);
+      if (apart() > 0) zoom(was / apart(), to[0], to[1], false);
     } else if (before) {
       held.set(event.pointerId, place); move(place[0] - before[0], place[1] - before[1]);
     }

@@ -336,13 +336,13 @@ def _observable(slope: Float[np.ndarray, "drive tick noise"]) -> Bool[np.ndarray
     return observable
 
 
-def _stretch_numbers(step_s: Float[np.ndarray, "drive tick"], stretch_s: float) -> list[Int[np.ndarray, " driven"]]:
+def _stretch_numbers(step_s: Float[np.ndarray, "drive tick"], stretch_s: float) -> list[Int[np.ndarray, " _"]]:
     """Of each drive the number of the stretch that each of its ticks lies in; ticks of no length are left out."""
     return [(np.cumsum(lane[lane > 0.0]) / stretch_s - 1e-6).astype(int) for lane in step_s]
 
 
 def _summed(
-    slope: Float[np.ndarray, "drive tick noise"], stretch: list[Int[np.ndarray, " driven"]]
+    slope: Float[np.ndarray, "drive tick noise"], stretch: list[Int[np.ndarray, " _"]]
 ) -> Float[np.ndarray, "stretch noise"]:
     """Slopes summed over stretches of every drive."""
     sums = [

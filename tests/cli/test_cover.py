@@ -301,7 +301,7 @@ def test_wrong_vehicles_and_outputs_are_one_line(
         assert message in capsys.readouterr().err
     vehicle = ("--vehicle", work / "v.vehicle.toml")
     assert run("plan", work / "f.geojson", "-o", work / "f.cover.geojson", *vehicle) == 1
-    assert "the file exists" in capsys.readouterr().err
+    assert "one that exists" in capsys.readouterr().err
     assert run("plan", work / "f.geojson", "-o", tmp_path / "x.json", *vehicle) == 2
     assert "ends in .cover.geojson" in capsys.readouterr().err
     options = ("-o", tmp_path / "x.cover.geojson", *vehicle)
@@ -349,7 +349,7 @@ def test_a_plan_of_sides_and_keep_outs_is_accepted_on_board(
     output = ("-o", tmp_path / "x.cover.geojson", "--picture", tmp_path / "x.png")
     assert run("plan", tmp_path / "f.geojson", *output, *options, "--sides", "1:none", "rest:6") == 0
     said = capsys.readouterr().out
-    assert "1 keep-outs" in said
+    assert "1 keep-out" in said
     assert "6.00 m beyond the perimeter" in said
     assert (tmp_path / "x.png").stat().st_size > 10_000
     assert check_file(tmp_path / "x.cover.geojson") == []
@@ -365,6 +365,16 @@ def test_a_plan_of_sides_and_keep_outs_is_accepted_on_board(
     assert float(np.asarray(loaded.fence)[:, :, 1].min()) > -6.1
     south = [ring for part in plan.ground.polygons_m for ring in part]
     assert not any(((ring[:, 0] > 0.5) & (ring[:, 0] < 13.5) & (ring[:, 1] < -0.01)).any() for ring in south)
+    # What was declared holds for a plan that is made from this one, and a plan that was changed declares nothing.
+    again = tmp_path / "again.cover.geojson"
+    assert run("plan", tmp_path / "x.cover.geojson", "-o", again, *options) == 0
+    assert "room outside the sides as x.cover.geojson declares it" in capsys.readouterr().out
+    assert read_cover_plan(again).rooms_m == plan.rooms_m == (0.0, *[6.0] * (len(NOTCHED_M) - 1))
+    changed = json.loads((tmp_path / "x.cover.geojson").read_text())
+    changed["lgprjax"]["rooms_m"][0] = 6.0
+    (tmp_path / "changed.cover.geojson").write_text(json.dumps(changed))
+    assert run("plan", tmp_path / "changed.cover.geojson", "-o", tmp_path / "y.cover.geojson", *options) == 1
+    assert "found one that was changed since" in capsys.readouterr().err
     # A vehicle file with a longer body is refused at start, by the name of the place.
     longer = (
         work / "v.vehicle.toml"

@@ -37,7 +37,7 @@ def test_nothing_is_replaced_unasked(tmp_path: Path, capsys: pytest.CaptureFixtu
     mine.parent.mkdir()
     mine.write_text("mine", encoding="utf-8")
     assert status_of("examples", "-o", tmp_path) == 1
-    assert f"{mine}: output: expected no file, or --force, found one is there" in capsys.readouterr().err
+    assert f"{mine}: output: expected a new file, or --force, found one that exists" in capsys.readouterr().err
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [mine]
     assert mine.read_text(encoding="utf-8") == "mine"
     assert status_of("examples", "-o", tmp_path, "--force") == 0

@@ -77,8 +77,8 @@ def test_bad_input_is_one_line(drive: Path, capsys: pytest.CaptureFixture[str]) 
         error = capsys.readouterr().err
         assert words in error
         assert len(error.strip().splitlines()) == 1
-    assert run("export", drive, "-o", drive.with_name("y.bag")) == 2
-    assert "ends in .mcap" in capsys.readouterr().err
+    assert run("export", drive, "-o", drive.with_name("y.csv")) == 2
+    assert "ends in .mcap, .bag, .db3, .tum" in capsys.readouterr().err
     assert sorted(drive.parent.iterdir()) == before
 
 

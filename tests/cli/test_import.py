@@ -84,7 +84,11 @@ def test_segy_with_a_utm_zone_needs_no_origin(tmp_path: Path, capsys: pytest.Cap
 @pytest.mark.parametrize(
     ("case", "status", "words"),
     [
-        ("mala wrong suffix", 1, "expected a name that ends in .rd3 or .rd7, found 'line.sgy'"),
+        (
+            "mala wrong suffix",
+            1,
+            "expected a name that ends in .rd3 or .rd7 (lgprjax import FILE recognises the format), found 'line.sgy'",
+        ),
         ("segy no interval", 1, "sample interval: expected one interval word that reads as picoseconds"),
         ("gprmax cut", 1, "scan5.out: file: expected a whole gprMax file (HDF5)"),
         ("gprmax needless step", 1, "--step-m: expected a merged B-scan"),

@@ -40,7 +40,7 @@ def test_two_baselines_of_a_road(site: Site, tmp_path: Path, capsys: pytest.Capt
         assert refined.chance.own
     # What is there is not replaced, and is refused before any work.
     assert run("map", "refine", site.map, "-o", output) == 1
-    assert "the file exists" in capsys.readouterr().err
+    assert "one that exists" in capsys.readouterr().err
 
 
 def test_one_baseline_has_nothing_to_agree_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

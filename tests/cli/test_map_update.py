@@ -60,6 +60,7 @@ def test_what_it_says(trench: TrenchSite, tmp_path: Path, capsys: pytest.Capture
     assert sorted(path.name for path in tmp_path.iterdir()) == ["figures.json", "new.map.h5"]
 
 
+@pytest.mark.campaign
 def test_the_same_is_said_in_python(trench: TrenchSite, tmp_path: Path) -> None:
     with lx.open_map(trench.map) as site:
         updated = site.update(trench.newer[0], tmp_path / "new.map.h5")
@@ -89,7 +90,7 @@ def test_bad_input_is_one_line(trench: TrenchSite, tmp_path: Path, capsys: pytes
         ([tmp_path / "none.map.h5", short], "No such file"),
         ([tmp_path / "no" / "none.map.h5", short], "folder that exists"),
         ([map_path, trench.newer[0], trench.newer[0]], "one that is given twice"),
-        ([map_path, trench.newer[0], "-o", map_path], "the file exists"),
+        ([map_path, trench.newer[0], "-o", map_path], "one that exists"),
     ):
         assert run("map", "update", *arguments) == 1
         said = capsys.readouterr().err.strip().splitlines()

@@ -38,7 +38,7 @@ def test_a_run_that_was_cut(run: Path, tmp_path: Path, capsys: pytest.CaptureFix
     segment.write_bytes(data[: len(data) // 2])
     status, _, err = _told(capsys, Recover(run, output).run)
     assert (status, err.count("\n")) == (1, 1)
-    assert "the file exists" in err
+    assert "one that exists" in err
     status, out, _ = _told(capsys, Recover(run, output, force=True).run)
     assert status == 0
     assert "interrupted" in out

@@ -24,7 +24,7 @@ def status_of(*arguments: object) -> int:
         (["--workers", "-2"], "--workers: expected 1 to 4096, found -2"),
         (["--workers", "2", "--threads", "0"], "--threads: expected 1 to 4096, found 0"),
         (["--workers", "2", "--scheduler", "tcp://localhost:1"], "expected one of them, found both"),
-        (["--threads", "2"], "--threads: expected --workers or --scheduler"),
+        (["--threads", "2"], "--threads: needs --workers or --scheduler as well"),
         (["--workers", "1", "--search-m", "0.2"], "--search-m"),
         (["--workers", "1", "--search-m", "100"], "--search-m: expected at most about "),
     ],
@@ -41,7 +41,8 @@ def test_drives_of_one_name_are_refused(site: Site, tmp_path: Path, capsys: pyte
     other = tmp_path / "live.drive.h5"
     drives = (site.logs["live"], other)
     assert status_of("register", site.map, *drives, "-o", tmp_path / "out", "--workers", 1) == 1
-    assert "live: drives: expected drives of different names, found this name twice" in capsys.readouterr().err
+    told = "live: drives: expected drives of different names, by which their fixes are named, found this name twice"
+    assert told in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

@@ -43,7 +43,7 @@ def test_routes_are_listed(site: Site, tmp_path: Path, capsys: pytest.CaptureFix
         assert abs(each["start_heading_deg"] - 90.0) < 5.0
         assert abs(each["start_latitude_deg"] - 42.0) < 1e-3
     assert run("list", site.map, "--json", tmp_path / "r.json") == 1
-    assert "the file exists" in capsys.readouterr().err
+    assert "one that exists" in capsys.readouterr().err
 
 
 def test_a_stretch_is_selected_and_exported(site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

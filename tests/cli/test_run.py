@@ -134,8 +134,6 @@ def test_in_lock_step_it_arrives_on_any_machine_and_tells_its_course(
     assert modes == ["CHECKS", "READY", "STEERING", "SPEED", "MANUAL"]
     times = [event["time_s"] for event in line["events"]]
     assert times == sorted(times)
-    again = lgprjax("run", str(folder / "simulated.run.toml"), "--replay", str(folder))
-    assert again.returncode == 0, again.stdout + again.stderr
 
 
 def test_a_preflight_names_what_is_not_in_order(course: Path) -> None:
@@ -148,10 +146,8 @@ def test_a_preflight_names_what_is_not_in_order(course: Path) -> None:
 def test_a_configuration_that_is_not_there_is_one_line() -> None:
     done = lgprjax("run", "nowhere.run.toml")
     assert done.returncode == 1
-    assert (
-        done.stderr.strip()
-        == "lgprjax: nowhere.run.toml: file: expected a readable file, found No such file or directory"
-    )
+    expected = "expected a readable file, found No such file or directory; check its name and folder"
+    assert done.stderr.strip() == f"lgprjax: nowhere.run.toml: file: {expected}"
 
 
 def test_packages_that_are_missing_are_one_line_before_anything_starts(

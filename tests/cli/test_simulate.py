@@ -50,7 +50,7 @@ def test_drives_are_written_and_told(site: Path, tmp_path: Path, capsys: pytest.
     # The same again is refused and leaves the files as they are; one that is asked for alone is the same drive.
     before = {path.name: path.stat().st_mtime_ns for path in out.iterdir()}
     assert run(site, "-o", out) == 1
-    assert "one.drive.h5: output: expected a new file, or --force, found the file exists" in capsys.readouterr().err
+    assert "one.drive.h5: output: expected a new file, or --force, found one that exists" in capsys.readouterr().err
     with DriveLog.open(out / "two.drive.h5") as log:
         first, _ = log.read_traces(0, log.scans)
     assert run(site, "-o", out, "--only", "two", "--force") == 0

@@ -64,7 +64,7 @@ def test_thresholds_of_another_window_are_refused(
 ) -> None:
     bare = ("register", site.map, site.logs["live"], "-o", tmp_path / "out", "--thresholds", calibrated)
     assert run(*bare) == 2
-    assert "--thresholds: expected --window-m" in capsys.readouterr().err
+    assert "--thresholds: needs --window-m as well" in capsys.readouterr().err
     assert run(*bare, "--window-m", 1) == 1
     said = capsys.readouterr().err.strip()
     assert "window_m" in said

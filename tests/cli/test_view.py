@@ -80,7 +80,7 @@ def test_an_output_that_exists_is_kept(here: Path, capsys: pytest.CaptureFixture
     (here / "line.png").write_text("mine")
     assert run("view", path) == 1
     assert (
-        capsys.readouterr().err == "lgprjax: line.png: output: expected a new file, or --force, found the file exists\n"
+        capsys.readouterr().err == "lgprjax: line.png: output: expected a new file, or --force, found one that exists\n"
     )
     assert (here / "line.png").read_text() == "mine"
     assert run("view", path, "--force") == 0

@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from lgprjax.report.coverage import COLOURS as GROUND_COLOURS
 from lgprjax.report.html import _STYLE as REPORT_STYLE
 from lgprjax.report.style import CODE_COLOURS, CODE_HATCHES, INK, MUTED
 from lgprjax.report.zoom_page import _MARKS, _SCRIPT
@@ -52,6 +53,17 @@ def test_codes_are_told_apart_in_a_print_without_colours() -> None:
     assert len(set(_MARKS.values())) == len(_MARKS)
     assert set(_MARKS) == set(CODE_COLOURS) - {"no_window"}
     assert all(f"  {mark}: (c" in _SCRIPT for mark in _MARKS.values())
+
+
+@pytest.mark.parametrize("eye", _SEEN)
+def test_states_of_worked_ground_are_told_apart_by_every_eye(eye: str) -> None:
+    lab = [_lab(np.asarray(_SEEN[eye]) @ _linear(colour)) for colour in GROUND_COLOURS]
+    assert min(float(np.linalg.norm(a - b)) for a, b in combinations(lab, 2)) > 20.0
+
+
+def test_states_of_worked_ground_are_told_apart_in_a_print_without_colours() -> None:
+    light = sorted(_lab(_linear(colour))[0] for colour in GROUND_COLOURS)
+    assert float(np.diff(light).min()) > 10.0
 
 
 def _contrast(one: str, other: str) -> float:

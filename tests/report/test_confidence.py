@@ -131,5 +131,5 @@ ODD = {
 def test_odd_input_draws(stated: StatedErrors, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     draw_confidence(stated, tmp_path / "c.png")
     assert not caplog.records
-    with pytest.raises(InputError, match="the file exists"):
+    with pytest.raises(InputError, match="one that exists"):
         draw_confidence(stated, tmp_path / "c.png")

@@ -43,7 +43,7 @@ def test_each_kind_of_cell_has_its_colour(tmp_path: Path, kind: int) -> None:
     assert shares[kind] > 0.1
     # The others are in the legend only.
     assert all(each < 0.01 for number, each in enumerate(shares) if number != kind)
-    with pytest.raises(InputError, match="the file exists"):
+    with pytest.raises(InputError, match="one that exists"):
         draw_coverage(picture_of(states), tmp_path / "m.png")
 
 

@@ -113,7 +113,7 @@ def test_names_cannot_become_markup(tmp_path: Path, picture: Path) -> None:
 def test_existing_page_is_refused_without_force(tmp_path: Path) -> None:
     target = tmp_path / "r.html"
     target.write_text("mine")
-    with pytest.raises(InputError, match="the file exists"):
+    with pytest.raises(InputError, match="one that exists"):
         write_report(target, "t", "", [])
     assert target.read_text() == "mine"
     write_report(target, "t", "", [], force=True)

@@ -107,5 +107,5 @@ def test_odd_input_draws(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> No
     for number, shown in enumerate((bare, one)):
         draw_passes(shown, tmp_path / f"{number}.png")
     assert not caplog.records
-    with pytest.raises(InputError, match="the file exists"):
+    with pytest.raises(InputError, match="one that exists"):
         draw_passes(whole, tmp_path / "1.png")

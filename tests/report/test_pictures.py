@@ -194,7 +194,7 @@ def test_existing_picture_is_refused_without_force(tmp_path: Path) -> None:
         lambda force: draw_codes_of(straight_drive(), target, force=force),
     ]
     for call in calls:
-        with pytest.raises(InputError, match="the file exists"):
+        with pytest.raises(InputError, match="one that exists"):
             call(False)
     assert target.read_bytes() == b"mine"
     calls[1](True)

@@ -97,5 +97,5 @@ def test_a_swarm_that_met_nothing_draws(tmp_path: Path, caplog: pytest.LogCaptur
     )
     draw_swarm(lost, tmp_path / "s.png")
     assert not caplog.records
-    with pytest.raises(InputError, match="the file exists"):
+    with pytest.raises(InputError, match="one that exists"):
         draw_swarm(lost, tmp_path / "s.png")

@@ -61,5 +61,5 @@ def test_odd_input_draws(values: np.ndarray, tmp_path: Path, caplog: pytest.LogC
     shown = TimingPicture(title="t", stages=(StageTimes("only", values),), note="Said.")
     draw_timing(shown, tmp_path / "t.png")
     assert not caplog.records
-    with pytest.raises(InputError, match="the file exists"):
+    with pytest.raises(InputError, match="one that exists"):
         draw_timing(shown, tmp_path / "t.png")
