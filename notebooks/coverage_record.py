@@ -44,15 +44,10 @@ axes = plan.plot()
 # Without a run of your own: a drive along the plan at 0.35 m/s, with GNSS for 60 s of every 90 s. While it is off, the position's sigma grows from 1.2 to 13 cm. In between the tool stops turning for five seconds.
 
 # %%
-import json
-import uuid
-
 import numpy as np
 
 from lgprjax.coverage import lay_pattern
-from lgprjax.files import file_hash
 from lgprjax.run_records import COVER, Record, RecordKind, Source, pack
-from lgprjax.run_segment import SegmentHead, pack_head, pack_record
 
 if not RUN.exists():
     route = lay_pattern(pattern)
@@ -68,6 +63,18 @@ if not RUN.exists():
     rows["tool"], rows["gnss_quality"] = np.where(rows["line"] >= 0, 15, 0), np.where(off_s > 0.0, 0, 3)
     stopped = (time_s > 200.0) & (time_s < 205.0)
     rows["tool"][stopped], rows["stop"][stopped] = 1, 4
+
+# %% [markdown]
+# What was driven is written as a run records it on board.
+
+# %%
+import json
+import uuid
+
+from lgprjax.files import file_hash
+from lgprjax.run_segment import SegmentHead, pack_head, pack_record
+
+if not RUN.exists():
     run, begin_ns = uuid.UUID(int=1).bytes, 10**12
     parts = [pack_head(SegmentHead(run, 0, 1_800_000_000 * 10**9, begin_ns, 0))]
     header = json.dumps({"plan_sha256": file_hash(plan.path)}).encode()

@@ -47,6 +47,9 @@ if not DRIVES:
     DRIVES = (sound, faulty)
 print(*(path.name for path in DRIVES))
 
+# %% [markdown]
+# What the check says of each:
+
 # %%
 health = {path.name.removesuffix(".drive.h5"): lx.check(path, health=True).health for path in map(Path, DRIVES)}
 for name, found in health.items():

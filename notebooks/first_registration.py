@@ -52,7 +52,6 @@ for fixes in found:
 # What the fixes of the first drive are worth: their error across the track, beside that of the GNSS that they began from, and the sigma that each of them told.
 
 # %%
-import matplotlib.pyplot as plt
 import numpy as np
 
 live = found[0]
@@ -70,6 +69,11 @@ def rms_cm(error):
 
 pose = np.asarray(live.fix.pose)
 error, believed = across(pose[:, 0], pose[:, 1]), across(live.result.prior_east_m, live.result.prior_north_m)
+print(f"across, RMS: GNSS/INS {rms_cm(believed):.0f} cm, fixes {rms_cm(error[ok]):.1f} cm")
+
+# %%
+import matplotlib.pyplot as plt
+
 sigma = live.table["sigma_cross_m"].to_numpy()
 figure, axes = plt.subplots(figsize=(9, 3.2), layout="constrained")
 axes.plot(way_m, 100 * believed, color="0.6", label="GNSS/INS")
@@ -78,7 +82,7 @@ axes.errorbar(
 )
 axes.set(xlabel="along the drive (m)", ylabel="error across the track (cm)")
 axes.legend()
-print(f"across, RMS: GNSS/INS {rms_cm(believed):.0f} cm, fixes {rms_cm(error[ok]):.1f} cm")
+plt.show()
 
 # %% [markdown]
 # The drive over other ground: correlations as high as chance makes them, and no fix is called `ok`. `lgprjax register MAP DRIVE... -o DIR` writes fixes, pictures and a report of all this.

@@ -36,28 +36,20 @@ if missing:
 # Half a minute, most of it compilation. The noises to begin with stand in the vehicle file and are rather too large: by them the filter's gates choose what is an outlier.
 
 # %%
-from lgprjax.formats import Study
-
-study = Study(Path("fusion.ipynb"), "fusion", "fusion", VEHICLE, None, tuple(LOGS), tuple(HELD_OUT), {})
-tuned = lx.tune(study)
+tuned = lx.tune("fusion", vehicle=VEHICLE, logs=LOGS, held_out=HELD_OUT)
 print(*tuned.notes, sep="\n")
 tuned.table.round(6)
 
 # %%
 from IPython.display import Image
 
-from lgprjax.report.study_pictures import study_pictures
-
-OUTPUT.mkdir(parents=True, exist_ok=True)
-study_pictures("fusion")["innovations"](tuned.finished.outcome.detail, OUTPUT / "innovations.png", True)
-Image(OUTPUT / "innovations.png", width=860)
+Image(tuned.draw(OUTPUT, force=True)["innovations"], width=860)
 
 # %% [markdown]
 # The same in numbers. The mean normalised innovation squared (NIS) of a component is 1 where the noises are right: below, the filter believes a source too little, above, too much. It stays below 1 for fixes that say of themselves less than they know: their covariance is taken as it is, and so is that of GNSS. Errors need a truth in the log. The threshold switch goes by the fixes while they match well, else by GNSS/INS; the smoother has the whole drive at hand.
 
 # %%
-for figure in tuned.finished.outcome.figures:
-    print(f"{figure.name}: {figure.value:.3g} {figure.unit}")
+tuned.figures.round(3)
 
 # %% [markdown]
 # The vehicle file gets the noises found.

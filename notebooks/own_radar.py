@@ -43,11 +43,8 @@ def write_lines(log, name, first_m):
     for line in range(log.channels):
         paths.append(OUTPUT / f"{name}{line:02d}.DT1")
         records = np.zeros(TRACES, [("head", "<f4", 32), ("samples", "<i2", radar.samples)])
-        records["head"][:, 1], records["head"][:, 2], records["head"][:, 5] = (
-            STEP_M * np.arange(TRACES),
-            radar.samples,
-            2,
-        )
+        records["head"][:, 1] = STEP_M * np.arange(TRACES)
+        records["head"][:, 2], records["head"][:, 5] = radar.samples, 2
         records["samples"] = 100 * traces[nearest, line]
         paths[-1].write_bytes(records.tobytes())
         header = {
@@ -63,6 +60,7 @@ def write_lines(log, name, first_m):
     return tuple(paths)
 
 
+# %%
 OUTPUT.mkdir(parents=True, exist_ok=True)
 if not MAP_LINES:
     logs = lx.simulate("village", OUTPUT, only=["baseline_left", "live"], force=True)
