@@ -75,12 +75,13 @@ def _place(path: str) -> str:
 
 def _records_page() -> str:
     """Figures and goals as the benchmarks wrote them, a table a benchmark; nobody has typed them."""
-    lines = ["# All records", "", "What `python -m benchmarks NAME --json FILE` wrote, as it is. [What was measured]"]
+    lines = ["# All records", "", "What benchmarks wrote themselves (`--json`), as it is. [What was measured]"]
     lines[-1] += "(performance.md) says what was measured and what of it may be concluded."
     for path in sorted((_ROOT / "docs" / "records").glob("*.json")):
         told = json.loads(path.read_text("utf-8"))
         quick = " --quick" if told["quick"] else ""
-        lines += ["", f"## python -m benchmarks {path.stem}{quick}", "", told["machine"], ""]
+        command = told.get("command", f"python -m benchmarks {path.stem}")
+        lines += ["", f"## {command}{quick}", "", told["machine"], ""]
         lines += ["| figure | value | unit | goal | met | |", "| --- " * 6 + "|"]
         lines += [_record_row(record) for record in told["records"]]
     return "\n".join([*lines, ""])

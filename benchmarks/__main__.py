@@ -80,7 +80,7 @@ class Bench:
             raise InputError("--figure", "option", "the benchmark registration, closed-loop or runtime", self.name)
         for path in (self.json, self.figure):
             if path is not None and path.exists() and not self.force:
-                raise InputError(path, "output", "a new file, or --force", "the file exists")
+                raise InputError(path, "output", "a new file, or --force", "one that exists")
             if path is not None and not path.absolute().parent.is_dir():
                 raise InputError(path, "output", "a file in a folder that exists", "no such folder")
         with tempfile.TemporaryDirectory() as folder, _sign("starting") as status:

@@ -1,6 +1,7 @@
 """Settings of every test: the shipped float32, no silent broadcasting, no silent promotion."""
 
 import atexit
+import gc
 import os
 import shutil
 import signal
@@ -29,6 +30,9 @@ if _CACHE:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
     os.environ["JAX_COMPILATION_CACHE_DIR"] = _CACHE
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"
+# A worker holds millions of objects, most of them compiled programs' descriptions: full collections are a twentieth of
+# the time, and find next to nothing.
+gc.set_threshold(100_000, 20, 100)
 # Matplotlib keeps its list of fonts in the home folder, and believes a list that was written while an environment was
 # rebuilt and that lacks its own fonts. A list of the run's own, shared with the workers and the programs started.
 if "PYTEST_XDIST_WORKER" not in os.environ:

@@ -30,6 +30,7 @@ HERE = {
     "transfer": ("docs/transfer.md", r"(import mcap|export) .*"),
 }
 _A_FIELD = "cli/test_run_field.py::test_a_field_is_driven_recorded_and_replayed_to_the_same_frames"
+_STUDIES = "studies/test_shipped_studies.py::test_each_study_goes_on_with_the_file_of_the_one_before"
 _IN_LOCK_STEP = "cli/test_run.py::test_in_lock_step_it_arrives_on_any_machine_and_tells_its_course"
 # Commands that take minutes, a cluster, a run or a drive of their own: the test that runs them, on less of it.
 ELSEWHERE = {
@@ -74,7 +75,7 @@ ELSEWHERE = {
     r"cover plan hectare.geojson .*": "cli/test_cover.py::test_sides_and_moved_corners_are_told",
     r"simulate village .*": "test_public.py::test_a_session_runs_as_it_stands",
     r"simulate SITE.toml .*": "cli/test_simulate.py::test_drives_are_written_and_told",
-    r"(simulate tuning|tune tuning|tune STUDY).*": "test_notebooks.py::test_notebook_runs_from_a_fresh_clone",
+    r"(simulate tuning|tune tuning|tune STUDY).*": _STUDIES,
     r"examples .*": "cli/test_examples.py::test_every_example_is_copied_and_can_be_used",
 }
 # Pages whose commands are run as they stand, in their order.
@@ -243,7 +244,7 @@ def test_transfer(here: Path, site: Site, short: Path) -> None:
     assert run(f"lgprjax register {site.map} X.drive.h5 -o result") == 0
     shown = shown_in_blocks(ROOT / HERE["transfer"][0])
     exported = [each for each in shown if " export " in each]
-    assert len(exported) == 5
+    assert len(exported) == 7
     for command in exported:
         assert run(command) == 0
     for name in ("X.tum", "truth.tum"):

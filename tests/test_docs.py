@@ -19,6 +19,7 @@ from benchmarks.records import Record
 from formats.samples import write_dt1
 from lgprjax.formats import DriveLog, TraceRecording, read_fixes
 from lgprjax.simulation import read_site
+from worlds.table import markdown_of, read_figures
 
 _ROOT = Path(__file__).parents[1]
 _PAGES = sorted([*(_ROOT / "docs").glob("*.md"), *_ROOT.glob("*.md"), *_ROOT.glob("[a-z]*/README.md")])
@@ -119,11 +120,17 @@ def test_the_reference_names_modules_that_there_are() -> None:
 @pytest.mark.parametrize("path", sorted((_ROOT / "docs" / "records").glob("*.json")), ids=lambda path: path.stem)
 def test_records_are_those_of_a_benchmark_and_say_whether_goals_are_met(path: Path) -> None:
     told = json.loads(path.read_text(encoding="utf-8"))
-    assert path.stem in get_args(Name)
+    assert path.stem in (*get_args(Name), "worlds")
     assert "cores" in told["machine"]
     for kept in told["records"]:
         record = Record(**{key: value for key, value in kept.items() if key != "met"})
         assert record.met == kept["met"]
+
+
+def test_the_tables_of_the_worlds_are_those_of_their_record() -> None:
+    page = (_ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
+    for table in markdown_of(read_figures(_ROOT / "docs" / "records" / "worlds.json")).split("\n\n"):
+        assert table.strip() in page
 
 
 def _python_of(page: str) -> list[str]:

@@ -4,9 +4,12 @@ import re
 import shlex
 from pathlib import Path
 
+import numpy as np
+import pyogrio
 import pytest
+from rosbags.highlevel import AnyReader
 
-from formats.mcap_sample import write_curved
+from formats.mcap_sample import curved_fixes, write_curved
 from formats.test_signal_tables import columns, write_csv
 from lgprjax.cli import main
 from lgprjax.formats import DriveLog, export_mcap
@@ -44,13 +47,23 @@ def test_bring_your_own_radar() -> None:
 
 def test_bring_your_own_vehicle() -> None:
     write_csv(Path("LOG.csv"), columns())
-    assert _follow("own_vehicle.md") == 4
+    assert _follow("own_vehicle.md") == 6
     assert Path("log.drive.h5").is_file()
 
 
 def test_from_ros2() -> None:
     write_curved(Path("x.drive.h5"), "int16", scans=120)
     export_mcap("x.drive.h5", "RECORDING.mcap")
-    assert _follow("from_ros2.md") == 5
-    assert Path("out.mcap").is_file()
-    assert len(Path("drive.tum").read_text().splitlines()) > 100
+    Path("result").mkdir()
+    curved_fixes(Path("result"), "drive", scans=120)
+    assert _follow("from_ros2.md") == 9
+    assert Path("out.mcap").stat().st_size > 10_000
+    with AnyReader([Path("out.bag")]) as one, AnyReader([Path("out.db3")]) as two:
+        assert one.message_count == two.message_count > 300
+    # Times, places and quaternions, as evo reads them; a pose a scan, and a pose a fix.
+    assert np.loadtxt("gnss.tum").shape == (120, 8)
+    assert np.loadtxt("fixes.tum").shape == (40, 8)
+    # By the library that QGIS reads with.
+    fixes = pyogrio.raw.read("fixes.geojson")
+    assert {"code", "correlation", "sigma_cross_m"} <= set(fixes[0]["fields"])
+    assert len(fixes[2]) == 41

@@ -103,6 +103,13 @@ def test_every_name_has_an_example_that_runs(
     exec(text, {"lx": lx})
 
 
+def test_one_name_or_log_is_several_of_one(tmp_path: Path) -> None:
+    drives = lx.simulate(_ROOT / "tuning" / "drives.toml", tmp_path, only="straight")
+    assert list(drives) == ["straight"]
+    tuned = lx.tune("straight", vehicle=_ROOT / "tuning" / "made_up.vehicle.toml", logs=drives["straight"])
+    assert repr(tuned).startswith("Tuned 'straight'")
+
+
 def test_the_page_is_made_from_the_docstrings() -> None:
     assert (_ROOT / "docs" / "api.md").read_text(encoding="utf-8") == api_page(), (
         "python -m lgprjax.api.page > docs/api.md"
@@ -317,6 +324,9 @@ def test_fixes_are_saved_as_the_command_line_does(session: tuple[Path, dict[str,
     assert lx.check(saved.with_name("live.fixes.h5")).ok
     with pytest.raises(InputError, match="force=True"):
         session[1]["fixes"].save(tmp_path / "saved")
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(InputError, match="file: expected a folder or file that can be used, found "):
+        session[1]["fixes"].save(tmp_path / "file" / "folder")
 
 
 def _closed(path: Path) -> Map:
@@ -347,11 +357,11 @@ def _calls(folder: Path, site: Site) -> dict[str, tuple[Any, str]]:
         ),
         "a map that is there": (
             lambda: lx.build_map(live, site.map),
-            "expected a new file, or force=True, found the file",
+            "expected a new file, or force=True, found one that",
         ),
         "a search": (
             lambda: lx.register(site.map, live, options=lx.RegisterOptions(search_m=-1.0)),
-            "call: search_m: expected a length in metres, found -1",
+            "call: search_m: expected a length in metres, above zero, found -1",
         ),
         "no options": (lambda: lx.register(site.map, live, options=2.5), "call: options: expected RegisterOptions"),  # type: ignore[arg-type]
         "two crews": (
@@ -367,7 +377,10 @@ def _calls(folder: Path, site: Site) -> dict[str, tuple[Any, str]]:
             lambda: lx.view(live, channel=11),
             "expected number 11 from channel, found 0 to 10",
         ),
-        "a speed": (lambda: lx.view(live, velocity_m_per_ns=1.0), "call: velocity_m_per_ns: expected more than 0"),
+        "a speed": (
+            lambda: lx.view(live, velocity_m_per_ns=1.0),
+            "call: velocity_m_per_ns: expected metres per nanosecond, above 0",
+        ),
         "a kind": (lambda: lx.course("spiral"), "course: kind: expected line, offset, arc, curve, eight, or points"),  # type: ignore[arg-type]
         "an argument": (
             lambda: lx.course("line", radius_m=3.0),

@@ -66,7 +66,7 @@ def test_output_is_refused_before_anything_runs(
     taken = tmp_path / "taken"
     taken.write_text("mine", encoding="utf-8")
     assert status_of("registration", option, taken) == 1
-    assert "the file exists" in capsys.readouterr().err
+    assert "one that exists" in capsys.readouterr().err
     assert taken.read_text(encoding="utf-8") == "mine"
     assert status_of("registration", option, tmp_path / "no" / "such.json") == 1
     assert "no such folder" in capsys.readouterr().err

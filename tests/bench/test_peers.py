@@ -45,8 +45,8 @@ def check(result: PeerResult) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    # Each compiles in a process of its own; that of one is enough to see that the way there works.
-    [name if name == "numba_control" else pytest.param(name, marks=pytest.mark.campaign) for name in sorted(PEERS)],
+    # Each compiles in a process of its own; the test below is enough to see that the way there works.
+    [pytest.param(name, marks=pytest.mark.campaign) for name in sorted(PEERS)],
 )
 def test_peer_finds_scans_in_the_band(name: str, hard_file: Path) -> None:
     if importlib.util.find_spec(PEERS[name]) is None:

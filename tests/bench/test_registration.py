@@ -275,5 +275,5 @@ def test_figure_is_drawn_and_not_over_another(tmp_path: Path) -> None:
     path = tmp_path / "figure.png"
     draw_sweeps(strides, grounds, path, usual_m=0.12)
     assert imread(path).std() > 0.01
-    with pytest.raises(InputError, match="file exists"):
+    with pytest.raises(InputError, match="one that exists"):
         draw_sweeps(strides, grounds, path, usual_m=0.12)

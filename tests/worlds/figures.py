@@ -3,7 +3,7 @@
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -76,10 +76,6 @@ class DayFigures:
     def ok_share(self) -> float:
         """Of the scans that count; NaN where there are none."""
         return self.ok / self.scans if self.scans else float("nan")
-
-    def as_record(self) -> dict[str, object]:
-        """For JSON."""
-        return {**asdict(self), "ok_share": self.ok_share}
 
 
 class Judged(NamedTuple):
