@@ -64,6 +64,8 @@ class Bench:
         Positional[Name],
         arg(metavar="NAME", help="registration, drive, rollouts, closed-loop, runtime, coverage or archive"),
     ]
+    device: Literal["cpu", "gpu"] = "cpu"
+    """gpu: registration, rollouts or drive on an accelerator beside two cores of its machine, and whether both agree"""
     quick: bool = False
     """few problems, about two minutes: rough figures"""
     json: Path | None = None
@@ -78,6 +80,8 @@ class Bench:
         """Run, print, write."""
         if self.figure is not None and self.name not in ("registration", *_DRAWN):
             raise InputError("--figure", "option", "the benchmark registration, closed-loop or runtime", self.name)
+        if self.device == "gpu" and (self.name not in ("registration", "rollouts", "drive") or self.figure is not None):
+            raise InputError("--device", "option", "registration, rollouts or drive, without --figure", self.name)
         for path in (self.json, self.figure):
             if path is not None and path.exists() and not self.force:
                 raise InputError(path, "output", "a new file, or --force", "one that exists")
@@ -85,7 +89,9 @@ class Bench:
                 raise InputError(path, "output", "a file in a folder that exists", "no such folder")
         with tempfile.TemporaryDirectory() as folder, _sign("starting") as status:
             # These pictures are of drives that are measured anyhow, the other one of measurements of its own.
-            if self.figure is not None and self.name in _DRAWN:
+            if self.device == "gpu":
+                measured = _accelerator(self.name, self.quick, Path(folder), status.update)
+            elif self.figure is not None and self.name in _DRAWN:
                 measured = _DRAWN[self.name](self.quick, Path(folder), status.update, self.figure)
             else:
                 measured = _BENCHMARKS[self.name](self.quick, Path(folder), status.update)
@@ -115,6 +121,7 @@ class Bench:
             return
         figures = {
             "machine": measured.machine,
+            "command": f"python -m benchmarks {self.name}" + (" --device gpu" if self.device == "gpu" else ""),
             "quick": self.quick,
             **measured.more,
             "records": loads(records_as_json(measured.records)),
@@ -160,6 +167,13 @@ def _rollouts(quick: bool, folder: Path, say: Say) -> Measured:
     outcome = run_rollouts(QUICK_ROLLOUTS if quick else FULL_ROLLOUTS, folder, say)
     lead = ["One step of one vehicle is a step. A ratio says how many times faster this project is than the other."]
     return Measured(outcome.machine, lead, outcome.records, outcome.not_measured, {})
+
+
+def _accelerator(name: Any, quick: bool, folder: Path, say: Say) -> Measured:
+    from benchmarks.accelerator import FULL_ACCELERATOR, QUICK_ACCELERATOR, run_accelerator
+
+    outcome = run_accelerator(name, QUICK_ACCELERATOR if quick else FULL_ACCELERATOR, folder, say)
+    return Measured(outcome.machine, [], outcome.records, outcome.not_measured, {})
 
 
 def _closed_loop(quick: bool, _: Path, say: Say, figure: Path | None = None) -> Measured:

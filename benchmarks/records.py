@@ -58,6 +58,15 @@ def markdown_table(records: Sequence[Record]) -> str:
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |\n" for row in rows)
 
 
+def read_records(path: Path) -> tuple[dict[str, Any], list[Record]]:
+    """What a benchmark wrote (``--json``): all of it, and its records; values that were not measured are NaN."""
+    told: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    kept = [{key: value for key, value in each.items() if key != "met"} for each in told["records"]]
+    return told, [
+        Record(**{**each, "value": float("nan") if each["value"] is None else each["value"]}) for each in kept
+    ]
+
+
 def records_as_json(records: Sequence[Record]) -> str:
     """A JSON list of the records with ``met``; values that are no numbers become null."""
     rows = [{**asdict(record), "value": _plain(record.value), "met": record.met} for record in records]

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from benchmarks.coverage import Texture, draw_ground, sample_ground
-from benchmarks.process import AS_THE_PEER, PeerResult, ProgramError, run_peer, run_program
+from benchmarks.process import AS_THE_PEER, ProgramError, run_peer, run_program
 from benchmarks.records import Ran, Record, Role, TileCost, machine_line, ratio_records
 from benchmarks.tracking import latency_records, length_records, tile_cost, tile_records
 from lgprjax.errors import InputError
@@ -324,7 +324,6 @@ def run_registration(plan: Plan, folder: Path, say: Callable[[str], None]) -> Ou
     unmet = any(record.unit == _RATIO and record.met is False for record in records)
     if plan.stages and unmet and not ours.missing:
         records += programs.stage_records(file)
-    records += programs.accelerator_records(file)
     return Outcome(machine, peers, records, programs.failed)
 
 
@@ -378,20 +377,6 @@ class _Programs:
                 for stage, value in (found or {}).items()
             ]
         return records
-
-    def accelerator_records(self, hard_set: Path) -> list[Record]:
-        """This project on an accelerator, if JAX has one."""
-        arguments = [str(hard_set), "--count", str(self._plan.peers[0].problems)]
-        anywhere = {"JAX_PLATFORMS": ""}
-        found = self._run("accelerator", "on_accelerator", arguments, max(self._plan.threads), anywhere)
-        if not found:
-            return []
-        result = PeerResult(**found)
-        told = f"{result.setting}, {result.successes} of {result.problems} found"
-        return [
-            Record("accelerator, batch", result.batch_ms, "ms", "lower", None, told),
-            Record("accelerator, single", result.single_ms, "ms", "lower", None, told),
-        ]
 
     def _run(
         self, what: str, module: str, arguments: list[str], threads: int, environment: dict[str, str] | None = None

@@ -19,6 +19,16 @@ def operations_a_step(rollout: ClosedJaxpr) -> int:
     return max(sum(inner.primitive.name in _ARITHMETIC for inner in _equations(body)) for body in bodies)
 
 
+def bytes_a_step(rollout: ClosedJaxpr, lanes: int) -> int:
+    """Bytes that one vehicle's step reads and writes where every step goes through memory: all that the longest loop
+    carries, read and written, and what it is given, read.
+    """
+    loops = [equation for equation in _equations(rollout.jaxpr) if equation.primitive.name == "scan"]
+    loop = max(loops, key=lambda found: len(found.params["jaxpr"].jaxpr.eqns))
+    read, written = (sum(4 for one in ends if one.aval.shape == (lanes,)) for ends in (loop.invars, loop.outvars))
+    return read + written
+
+
 def peak_operations() -> float:
     """Float32 operations a second of all cores that JAX uses here: a matrix product's, best of five."""
     size = 1536

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from benchmarks.peers.this_project import CHUNK, Search, peaks_in, surfaces_at
+from benchmarks.peers.this_project import Search, peaks_in, surfaces_at
 from benchmarks.process import hold_to
 from benchmarks.registration import CHANNELS, SAMPLES, load_hard_set
 from lgprjax.registration.coarse import Peaks
@@ -103,7 +103,7 @@ def main() -> None:
     chosen = parser.parse_args()
     hold_to(chosen.threads)
     search = Search(load_hard_set(chosen.hard_set), _STRIDE, chosen.threads)
-    figures = profile(search, CHUNK if chosen.batch else 1)
+    figures = profile(search, search.chunk if chosen.batch else 1)
     chosen.out.write_text(json.dumps(figures) + "\n", encoding="utf-8")
 
 

@@ -15,6 +15,7 @@ import pytest
 
 import lgprjax
 from benchmarks.__main__ import Name
+from benchmarks.page import filled_page
 from benchmarks.records import Record
 from formats.samples import write_dt1
 from lgprjax.formats import DriveLog, TraceRecording, read_fixes
@@ -120,11 +121,18 @@ def test_the_reference_names_modules_that_there_are() -> None:
 @pytest.mark.parametrize("path", sorted((_ROOT / "docs" / "records").glob("*.json")), ids=lambda path: path.stem)
 def test_records_are_those_of_a_benchmark_and_say_whether_goals_are_met(path: Path) -> None:
     told = json.loads(path.read_text(encoding="utf-8"))
-    assert path.stem in (*get_args(Name), "worlds")
+    assert path.stem.removeprefix("gpu_") in (*get_args(Name), "worlds")
     assert "cores" in told["machine"]
     for kept in told["records"]:
         record = Record(**{key: value for key, value in kept.items() if key != "met"})
         assert record.met == kept["met"]
+
+
+def test_the_tables_of_the_page_are_those_of_the_records() -> None:
+    """``python -m benchmarks.page`` writes them."""
+    page = (_ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
+    assert page.count("<!-- end -->") >= 3
+    assert filled_page(page, _ROOT / "docs" / "records") == page
 
 
 def test_the_tables_of_the_worlds_are_those_of_their_record() -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, Int8
 
 from benchmarks.peers.worker import Peer, arguments, work
 from benchmarks.registration import CHANNEL_LEFT_M, HEIGHT_REFERENCE_M, HardSet
@@ -20,6 +20,7 @@ from lgprjax.registration.coarse import Peaks, ScanBatch, WindowBatch, scan_surf
 from lgprjax.subsurface import Tile, leading_components
 
 CHUNK = 57  # half of a tile's scans at 3.5 cm
+CHUNK_ON_ACCELERATOR = 2048
 _HELD = 0.6
 _APART_M = 0.25
 _DECOYS = 384
@@ -59,6 +60,8 @@ class Search:
     ) -> None:
         self.hard_set, self.stride, self.swarm = hard_set, stride, swarm
         self.pool = ThreadPoolExecutor(threads)
+        self.chunk = CHUNK if jax.default_backend() == "cpu" else CHUNK_ON_ACCELERATOR
+        self.scans = hard_set.scans.astype(np.int8)  # as the radar gives them
         self.basis = jnp.asarray(hard_set.basis, dtype=jnp.float32)
         self.omega = jnp.asarray(hard_set.omega, dtype=jnp.float32)
         sample = hard_set.ground.reshape(-1, hard_set.ground.shape[-1])[::97]
@@ -67,7 +70,7 @@ class Search:
         self.columns: dict[int, ArrayColumns] = {}
         step_m = float(np.min(hard_set.cell_m * np.array(stride)))
         self.points = 2 * int(np.ceil(float(np.max(hard_set.half_width[:2])) / step_m)) + 1
-        self.spaces = {count: _space(hard_set, step_m, self.points, count) for count in (1, CHUNK)}
+        self.spaces = {count: _space(hard_set, step_m, self.points, count) for count in (1, self.chunk)}
 
     @property
     def places(self) -> int:
@@ -82,7 +85,7 @@ class Search:
 
     def locate(self, place: int, scan: Float[np.ndarray, "channel sample"]) -> Float[np.ndarray, " 5"]:
         """Pose of one scan."""
-        return np.asarray(self._found(place, scan[None], 1)[0])
+        return np.asarray(self.found(place, scan[None].astype(np.int8), 1)[0])
 
     def locate_all(self, problems: Int[np.ndarray, " problem"]) -> Float[np.ndarray, "problem 5"]:
         """Poses in chunks, as many in flight as there are threads."""
@@ -90,18 +93,19 @@ class Search:
         chunks: list[Int[np.ndarray, " chunk"]] = []
         for place in np.unique(maps):
             rows = np.flatnonzero(maps == place)
-            chunks += [rows[low : low + CHUNK] for low in range(0, len(rows), CHUNK)]
+            chunks += [rows[low : low + self.chunk] for low in range(0, len(rows), self.chunk)]
 
         def some(rows: Int[np.ndarray, " chunk"]) -> Float[np.ndarray, "chunk 5"]:
-            full = problems[np.resize(rows, CHUNK)]
-            return np.asarray(self._found(int(maps[rows[0]]), self.hard_set.scans[full], CHUNK))[: len(rows)]
+            full = problems[np.resize(rows, self.chunk)]
+            return np.asarray(self.found(int(maps[rows[0]]), self.scans[full], self.chunk))[: len(rows)]
 
         out = np.empty((len(problems), 5), np.float32)
         for rows, pose in zip(chunks, self.pool.map(some, chunks), strict=True):
             out[rows] = pose
         return out
 
-    def _found(self, place: int, scans: Float[np.ndarray, "scan channel sample"], count: int) -> Array:
+    def found(self, place: int, scans: Int8[np.ndarray | Array, "scan channel sample"], count: int) -> Array:
+        """Poses of a chunk, or of one scan."""
         pose: Array = _locate(
             scans,
             self.basis,
@@ -118,7 +122,7 @@ class Search:
 
 @partial(jax.jit, static_argnames=("points", "swarm"))
 def _locate(
-    scans: Float[Array, "scan channel sample"],
+    scans: Int8[Array, "scan channel sample"],
     basis: Float[Array, "sample coefficient"],
     columns: ArrayColumns,
     components: Float[Array, "coefficient component"],
@@ -129,7 +133,7 @@ def _locate(
     points: int,
     swarm: SwarmConfig | None,
 ) -> Float[Array, "scan 5"]:
-    heard = scans @ basis
+    heard = scans.astype(jnp.float32) @ basis
     surfaces = surfaces_at(columns, components, heard, space, omega, points=points)
     return poses_from(tile, heard, peaks_in(surfaces, space), space, omega, swarm=swarm)
 

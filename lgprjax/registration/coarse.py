@@ -23,10 +23,20 @@ from lgprjax.registration.template_bank import ArrayColumns, PreparedGround, Tem
 
 
 def _each(one: Callable[[Any], Any], batch: Any, count: int | Int[Array, ""] | None) -> Any:
-    """The first ``count`` elements of a batch one by one, all of them without a count; zeros for the others, which fill
-    a compiled shape and cost nothing.
+    """The first ``count`` elements of a batch, all of them without a count; zeros for the others, which fill a
+    compiled shape.
+
+    One by one where an element's numbers are to stay in a core's caches, and the others cost nothing; all at once on an
+    accelerator, which a single element does not fill.
     """
     size = len(jax.tree.leaves(batch)[0])
+    if jax.default_backend() != "cpu":
+        asked = jnp.arange(size) < (size if count is None else count)
+
+        def where_asked(part: Array) -> Array:
+            return jnp.where(asked.reshape(-1, *(1,) * (part.ndim - 1)), part, jnp.zeros((), part.dtype))
+
+        return jax.tree.map(where_asked, jax.vmap(one)(batch))
     shapes = jax.eval_shape(one, jax.tree.map(lambda field: field[0], batch))
     blank = jax.tree.map(lambda shape: jnp.zeros((size, *shape.shape), shape.dtype), shapes)
 

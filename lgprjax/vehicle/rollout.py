@@ -456,42 +456,52 @@ def _trace(state: RolloutState, after: RolloutState, seen: _Seen) -> RolloutTrac
     )
 
 
-# Many vehicles on the host: chunks of one shape, as many at once as there are cores.
+# Many vehicles on the host: chunks of one shape, as many at once as there are cores, in turn on every device.
 
 CHUNK = 8192
 """Vehicles in a chunk: a step's numbers fit a core's caches, and calls between the steps are few."""
+CHUNK_ON_ACCELERATOR = 1 << 18
+"""The same on an accelerator: enough for every step to fill it, 200 MB with inputs and results."""
 
 
 def roll_out_many(
-    spec: RolloutSpec, path: Path, lane: RolloutLane, start: RolloutState, *, chunk: int = CHUNK
+    spec: RolloutSpec, path: Path, lane: RolloutLane, start: RolloutState, *, chunk: int | None = None
 ) -> tuple[RolloutState, RolloutMetrics]:
     """``roll_out`` for any number of vehicles in bounded memory: inputs, outputs and a few chunks.
+
+    Chunks are spread over all devices that JAX has.
 
     Args:
         spec: the same for all.
         path: for all.
         lane: fields with one value per vehicle, or scalars for all; a measured ψ(φ) is for all.
         start: one value per vehicle.
-        chunk: vehicles at once; affects the time, not the result.
+        chunk: vehicles at once; affects the time, not the result. By default what suits the device.
 
     Returns:
         Final states and metrics, NumPy arrays with one value per vehicle.
     """
-    count = len(start.x_m)
+    devices, count = jax.devices(), len(start.x_m)
+    if chunk is None:
+        chunk = CHUNK if devices[0].platform == "cpu" else CHUNK_ON_ACCELERATOR
     size = min(chunk, count)
     bounds = [(low, min(low + size, count)) for low in range(0, count, size)]
     # On the host once: a slice of an array on the device would be compiled for every start.
     host_lane, host_start = _map_lanes(np.asarray, lane), tree_map(np.asarray, start)
 
-    def run(low: int, high: int) -> tuple[RolloutState, RolloutMetrics]:
+    def run(number: int) -> tuple[RolloutState, RolloutMetrics]:
+        low, high = bounds[number]
         cut_lane = _map_lanes(lambda leaf: _cut(leaf, low, high, size), host_lane)
         cut_start = tree_map(lambda leaf: _cut(leaf, low, high, size), host_start)
-        done = roll_out(spec, path, cut_lane, cut_start)
-        found: tuple[RolloutState, RolloutMetrics] = tree_map(lambda leaf: np.asarray(leaf)[..., : high - low], done)
+        given = jax.device_put((path, cut_lane, cut_start), devices[number % len(devices)])
+        done = jax.device_get(roll_out(spec, *given))
+        found: tuple[RolloutState, RolloutMetrics] = tree_map(lambda leaf: leaf[..., : high - low], done)
         return found
 
-    with ThreadPoolExecutor(usable_cores()) as pool:
-        chunks = list(pool.map(lambda bound: run(*bound), bounds))
+    with ThreadPoolExecutor(max(usable_cores(), len(devices))) as pool:
+        chunks = list(pool.map(run, range(len(bounds))))
+    if len(chunks) == 1:
+        return chunks[0]
     joined: tuple[RolloutState, RolloutMetrics] = tree_map(lambda *parts: np.concatenate(parts, axis=-1), *chunks)
     return joined
 
@@ -514,4 +524,6 @@ def _cut(values: Leaf, low: int, high: int, size: int) -> Leaf:
     if values.ndim == 0:
         return values
     part = values[..., low:high]
+    if high - low == size:
+        return part
     return np.concatenate([part, np.repeat(part[..., -1:], size - (high - low), axis=-1)], axis=-1)

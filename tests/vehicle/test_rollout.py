@@ -1,5 +1,9 @@
 """Rollouts: beside a tracker in float64, the figures of a steady circle, offsets that settle, lanes as one or many."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path as FilePath
 from typing import Any
 
 import jax
@@ -253,6 +257,40 @@ def test_chunks_change_nothing_and_compile_once() -> None:
             assert one.shape == other.shape
             np.testing.assert_allclose(one, other, rtol=1e-4, atol=2e-4)
     assert cache._cache_size() == before + 1
+
+
+_ON_THREE_DEVICES = """
+import jax
+import numpy as np
+from lgprjax.vehicle import roll_out, roll_out_many, rollout
+from test_rollout import RolloutSpec, begin_many, lanes, sine_curve
+
+used = set()
+plain = rollout.roll_out
+def seen(spec, path, lane, start):
+    used.update(start.x_m.devices())
+    return plain(spec, path, lane, start)
+rollout.roll_out = seen
+path, _ = sine_curve()
+lane = lanes(50)
+start = begin_many(path, lane, 50)
+many = jax.tree.leaves(roll_out_many(RolloutSpec(30), path, lane, start, chunk=8))
+whole = jax.tree.leaves(plain(RolloutSpec(30), path, lane, start))
+apart = max(float(np.max(np.abs(one - np.asarray(other)))) for one, other in zip(many, whole) if one.size)
+print(len(jax.devices()), len(used), apart < 2e-4)
+"""
+
+
+def test_chunks_are_spread_over_all_devices() -> None:
+    environment = {
+        **os.environ,
+        "XLA_FLAGS": "--xla_force_host_platform_device_count=3",
+        "JAX_PLATFORMS": "cpu",
+        "PYTHONPATH": os.pathsep.join([str(FilePath(__file__).parent), *sys.path]),
+    }
+    command = [sys.executable, "-c", _ON_THREE_DEVICES]
+    told = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=True)
+    assert told.stdout.split() == ["3", "3", "True"]
 
 
 def test_measured_rear_wheels_drive_as_their_ratio() -> None:
