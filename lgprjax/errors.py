@@ -1,5 +1,6 @@
 """The error for users: bad input, in one line that gives file, place, expected and found."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 
@@ -34,3 +35,13 @@ class ArgumentError(InputError):
 
     def __reduce__(self) -> tuple[type["InputError"], tuple[str, ...]]:
         return (ArgumentError, (self.place, self.expected, self.found))
+
+
+def refuse_own_input(output: Path, inputs: Iterable[Path]) -> None:
+    """Refuse an output that is one of the files it is made from: replacing what exists is about older outputs.
+
+    Raises:
+        InputError: it is one of them.
+    """
+    if output.is_file() and any(path.is_file() and output.samefile(path) for path in inputs):
+        raise InputError(output, "output", "another file than those that are read", "one of them")

@@ -334,6 +334,14 @@ def _closed(path: Path) -> Map:
         return opened
 
 
+def _options(**values: object) -> lx.RegisterOptions:
+    """Options as a notebook may give them, where no one checks types; here the tests' own check would refuse them."""
+    options = lx.RegisterOptions()
+    for name, value in values.items():
+        object.__setattr__(options, name, value)
+    return options
+
+
 def _calls(folder: Path, site: Site) -> dict[str, tuple[Any, str]]:
     vehicle = _ROOT / "onboard" / "made_up.vehicle.toml"
     flail = _ROOT / "onboard" / "made_up_flail.vehicle.toml"
@@ -362,6 +370,38 @@ def _calls(folder: Path, site: Site) -> dict[str, tuple[Any, str]]:
         "a search": (
             lambda: lx.register(site.map, live, options=lx.RegisterOptions(search_m=-1.0)),
             "call: search_m: expected a length in metres, above zero, found -1",
+        ),
+        "a map over its drive": (
+            lambda: lx.build_map(live, live, force=True),
+            "live.drive.h5: output: expected another file than those that are read",
+        ),
+        "a map over itself": (
+            lambda: lx.open_map(site.map).refine(site.map, force=True),
+            "site.map.h5: output: expected another file than those that are read",
+        ),
+        "half a seed": (
+            lambda: lx.register(site.map, live, options=_options(seed=0.5)),
+            "call: seed: expected a whole number, 0 to 2.14748e+09, found 0.5",
+        ),
+        "a swarm of three": (
+            lambda: lx.register(site.map, live, options=_options(swarm=3)),
+            "call: swarm: expected SwarmConfig, found 3",
+        ),
+        "a word for a risk": (
+            lambda: lx.register(site.map, live, options=_options(risk="low")),
+            "call: risk: expected a number, found 'low'",
+        ),
+        "sides that are numbers": (
+            lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, sides=[1]),  # type: ignore[list-item]
+            "call: sides: expected texts such as",
+        ),
+        "an outage without a confidence": (
+            lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, drop_out_s=30.0),
+            "call: drop_out_s: expected confidence beside it, found 30 alone",
+        ),
+        "no clearance": (
+            lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, clearance_m=None),  # type: ignore[arg-type]
+            "call: clearance_m: expected a number, found None",
         ),
         "no options": (lambda: lx.register(site.map, live, options=2.5), "call: options: expected RegisterOptions"),  # type: ignore[arg-type]
         "two crews": (

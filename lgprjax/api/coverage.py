@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, require_number, told_as_arguments
-from lgprjax.errors import InputError
+from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats import CoverPlan, WorkedRecord, read_worked
 
 if TYPE_CHECKING:
@@ -130,7 +130,10 @@ def plan_coverage(
     for name, value in (("overlap", overlap), ("turning_room_m", turning_room_m), ("heading_deg", heading_deg)):
         if value is not None or name == "overlap":
             require_number(name, value, "a number", -np.inf, np.inf)
-    require_number("level", level, "a number", -np.inf, np.inf)
+    for name, value in (("keep_out_buffer_m", keep_out_buffer_m), ("clearance_m", clearance_m), ("level", level)):
+        require_number(name, value, "a number", -np.inf, np.inf)
+    if isinstance(sides, str) or not all(isinstance(each, str) for each in sides):
+        raise ArgumentError("sides", 'texts such as "1:none" or "rest:6"', repr(sides)[:60])
     options = PlanOptions(
         overlap,
         order,

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, require_number, told_as_arguments
+from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, told_as_arguments
 from lgprjax.api.maps import Map, held_ground, using_map
-from lgprjax.errors import ArgumentError, InputError
+from lgprjax.errors import ArgumentError
 from lgprjax.formats import DriveLog, read_fixes
 from lgprjax.registration import Fix, RegisterOptions
 
@@ -166,11 +166,7 @@ def check_options(options: RegisterOptions, site: Map) -> None:
     from lgprjax.batch import check_region, check_search
 
     if not isinstance(options, RegisterOptions):
-        raise InputError("call", "options", "RegisterOptions", repr(options)[:60])
-    for name in ("search_m", "window_m", "time_scale", "risk"):
-        value = getattr(options, name)
-        if value is not None or name == "risk":
-            require_number(name, value, "a number", -np.inf, np.inf)
+        raise ArgumentError("options", "RegisterOptions", repr(options)[:60])
     check_search(options)
     check_region(options.search_m, site.source)
 

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Literal
 
 from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, require_number, told_as_arguments
-from lgprjax.errors import InputError
+from lgprjax.errors import InputError, refuse_own_input
 from lgprjax.formats import MapFile
 
 if TYPE_CHECKING:
@@ -120,6 +120,7 @@ class Map:
         from lgprjax.mapping.align import agreement_in_words, baseline_files, plan_matches, refine_map
 
         file = path_of(output, "map")
+        refuse_own_input(file, [self.path])
         with told_as_arguments(), locked_map(file):
             agreed = refine_map(self.source, plan_matches(self.source), file, force=force)
         files = baseline_files(self.source)
@@ -232,7 +233,8 @@ def build_map(
         The map, open.
 
     Raises:
-        InputError: an unusable log, drives that do not fit together, or an output that cannot be written.
+        InputError: an unusable log, drives that do not fit together, or an output that is one of them or cannot be
+            written.
 
     Example:
         site = lx.build_map(["drives/baseline_left.drive.h5"], "left.map.h5", force=True)
@@ -251,6 +253,7 @@ def build_map(
     ):
         if value is not None:
             require_number(name, value, f"1 to {most:g}", 1.0, most)
+    refuse_own_input(file, baselines)
     with told_as_arguments(), locked_map(file):
         build(
             baselines,

@@ -226,6 +226,7 @@ def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions 
     Raises:
         InputError: as ``Map.batch`` does, or the drive cannot be used on this map.
     """
+    from lgprjax.api.fixes import check_options
     from lgprjax.api.maps import held_ground
     from lgprjax.batch.recording import AS_STATED, live_operators, track_of_drive
     from lgprjax.batch.register import find_alignment, may_be_misaligned, reversed_track
@@ -235,6 +236,7 @@ def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions 
     description = source.description
     require_number("window_m", window_m, f"0 to {_FARTHEST_M:g}", 0.0, _FARTHEST_M)
     require_slice(scans)
+    check_options(options, site)
     with DriveLog.open(path) as log:
         held = held_ground(site, options)
         track = track_of_drive(log, description.frame).track

@@ -32,6 +32,7 @@ from lgprjax.files import file_hash
 from lgprjax.formats import DriveLog, MapFile, TraceRecording, assumed_of, write_fixes
 from lgprjax.frames import LocalFrame, along_cross
 from lgprjax.machine import compile_clock
+from lgprjax.pso import SwarmConfig
 from lgprjax.radar import ArrayGeometry, uniform_array
 from lgprjax.registration import (
     BLOCK_SCANS,
@@ -45,6 +46,7 @@ from lgprjax.registration import (
     PreparedGround,
     RegisterOptions,
     Registration,
+    Thresholds,
     Track,
     carry_back,
     ground_map_for,
@@ -88,8 +90,21 @@ _MOST_POINTS = 400
 """Largest number of lattice points to a side; memory and time grow with the square."""
 
 
+_NUMBERS = (
+    *("search_m", "window_m", "risk", "time_scale", "height_m", "roll_deg", "pitch_deg", "odometer_sigma", "seed"),
+)
+"""Options of a search that are numbers, or nothing."""
+
+
 def check_search(options: RegisterOptions) -> None:
     """Refuse a length, a scale or a risk that no search can have. Raises ``ArgumentError``."""
+    for name, kind in (("swarm", SwarmConfig), ("search_swarm", SwarmConfig), ("own_thresholds", Thresholds)):
+        if not isinstance(getattr(options, name), kind | None):
+            raise ArgumentError(name, kind.__name__, repr(getattr(options, name))[:60])
+    for name in _NUMBERS:
+        value = getattr(options, name)
+        if isinstance(value, bool) or not isinstance(value, int | float | np.number | None):
+            raise ArgumentError(name, "a number", repr(value)[:60])
     lengths = (
         ("search_m", options.search_m, 1e-3, "a length in metres, above zero"),
         ("window_m", options.window_m, 0.0, "a length in metres, or 0 for single scans"),
@@ -106,12 +121,12 @@ def check_search(options: RegisterOptions) -> None:
         ("seed", options.seed, 0, 2**31 - 1, "a whole number"),
     )
     for name, value, least, most, what in bounds:
-        if not least <= value <= most:
-            raise ArgumentError(name, f"{what}, {least:g} to {most:g}", f"{value:g}")
+        if value is None or not least <= value <= most or (name == "seed" and value != int(value)):
+            raise ArgumentError(name, f"{what}, {least:g} to {most:g}", f"{value}")
     if options.time_scale is not None and not 0.5 <= options.time_scale <= 2.0:
         raise ArgumentError("time_scale", "auto, or a factor of 0.5 to 2, such as 1.05", f"{options.time_scale:g}")
-    if not 1e-9 <= options.risk <= 0.01:
-        raise ArgumentError("risk", "a probability of 1e-9 to 0.01, such as 1e-4", f"{options.risk:g}")
+    if options.risk is None or not 1e-9 <= options.risk <= 0.01:
+        raise ArgumentError("risk", "a probability of 1e-9 to 0.01, such as 1e-4", f"{options.risk}")
 
 
 def check_region(search_m: float | None, source: MapFile) -> None:

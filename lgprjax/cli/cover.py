@@ -146,6 +146,8 @@ class CoverPlanVerb:
         from lgprjax.worked.plans import PlanOptions, check_plan_options, plan_field, save_cover_plan
 
         _check_suffix("--output", self.output, _PLAN)
+        if self.gaps is None and (self.level, self.least_width_m) != (0.95, 0.1):
+            raise UsageError("--level and --least-width-m: need --gaps as well")
         options = PlanOptions(
             self.overlap,
             self.order,

@@ -334,6 +334,9 @@ class Recover:
         if not found.records:
             raise InputError(self.folder, "segments", "a whole record", "none: nothing can be recovered")
         config = _config_of(self.folder)
+        if config.coverage is not None:
+            expected = "a run that located its scans on a map (lgprjax cover record takes runs of field plans)"
+            raise InputError(self.folder, "run", expected, "a run of a field plan, without radar")
         vehicle = read_vehicle(self.vehicle or config.path(config.vehicle))
         with MapFile.open(self.map or config.path(config.map)) as source, working(f"writing {self.output}"):
             drive = write_run_drive(

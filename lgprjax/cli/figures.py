@@ -1,6 +1,7 @@
 """Figures as JSON, for further computation: into a file, or onto standard output (``--json -``)."""
 
 import json
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -42,14 +43,21 @@ def check_outputs(*outputs: Path | None, force: bool) -> None:
     """Refuse files that cannot be written as they are named, before any work and after the inputs are read.
 
     Raises:
-        InputError: one exists (without ``force``), is a folder, or its folder is missing.
+        InputError: one exists (without ``force``), is a folder, is named twice, or its folder is missing or not to be
+            written to.
     """
+    seen: set[Path] = set()
     for path in outputs:
         if path is None or path == STANDARD_OUTPUT:
             continue
+        if path.absolute() in seen:
+            raise InputError(path, "output", "a file of its own for each output", "one name for two of them")
+        seen.add(path.absolute())
         if path.is_dir():
             raise InputError(path, "output", "a file name", "a folder")
         if path.exists() and not force:
             raise InputError(path, "output", "a new file, or --force", "one that exists")
         if not path.parent.is_dir():
             raise InputError(path, "output", "a folder that exists (make it first)", f"no folder {path.parent}")
+        if not os.access(path.parent, os.W_OK):
+            raise InputError(path, "output", "a folder that may be written to", f"{path.parent}, which may not")

@@ -76,6 +76,8 @@ class Run:
             raise UsageError(f"{'--lockstep' if self.lockstep else '--realtime'}: needs --simulate as well")
         if self.lockstep and self.realtime:
             raise UsageError("--lockstep and --realtime: expected only one of them")
+        if self.json is not None and not (self.simulate or self.replay is not None):
+            raise UsageError("--json: needs --simulate or --replay as well")
         if self.for_s is not None and not 0.0 < self.for_s < math.inf:
             raise UsageError(f"--for-s: expected seconds, above 0, found {self.for_s:g}")
         if self.start_m and self.start_line is None:

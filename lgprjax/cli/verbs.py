@@ -40,7 +40,7 @@ from lgprjax.cli.simulate import Demo, Simulate
 from lgprjax.cli.terminal import UsageError, run_verb
 from lgprjax.cli.tune import ThresholdsVerb, Tune
 from lgprjax.cli.view import View
-from lgprjax.errors import InputError
+from lgprjax.errors import refuse_own_input
 
 
 class Verb(NamedTuple):
@@ -455,11 +455,11 @@ def _refuse_own_input(verb: Any) -> None:
         for name, value in given.items()
         if name not in _OUTPUTS
         for path in (value if isinstance(value, tuple | list) else (value,))
-        if isinstance(path, Path) and path.is_file()
+        if isinstance(path, Path)
     ]
     for output in (given.get(name) for name in _OUTPUTS):
-        if isinstance(output, Path) and output.is_file() and any(output.samefile(path) for path in inputs):
-            raise InputError(output, "output", "another file than those that the command reads", "one of them")
+        if isinstance(output, Path):
+            refuse_own_input(output, inputs)
 
 
 def _parse_and_run(words: Sequence[str]) -> int:

@@ -18,6 +18,7 @@ from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, re
 from lgprjax.formats.vendors.segy import read_segy
 
 _SAME_LINE_M = 0.005
+_FARTHEST_LINES_M = 100.0
 
 READERS = {
     ".dt1": read_dt1,
@@ -244,8 +245,9 @@ def _tape(
         if first_line_m != 0.0:
             raise InputError(output, "first line", "a line spacing beside it", "none")
         return None
-    if lines > 1 and not (np.isfinite(line_spacing_m) and line_spacing_m > 0):
-        raise InputError(output, "line spacing", "a length above zero", f"{line_spacing_m:g} m")
+    if lines > 1 and not 0.0 < line_spacing_m <= _FARTHEST_LINES_M:
+        expected = f"metres, above 0 and up to {_FARTHEST_LINES_M:g}"
+        raise InputError(output, "line spacing", expected, f"{line_spacing_m:g}")
     return first_line_m + np.arange(lines) * line_spacing_m
 
 

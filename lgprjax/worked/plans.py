@@ -135,6 +135,8 @@ def check_plan_options(options: PlanOptions, level: float) -> None:
         raise ArgumentError("turning_room_m", "0 to 1000", f"{options.turning_room_m:g}")
     if options.heading_deg is not None and not 0.0 <= options.heading_deg <= 360.0:
         raise ArgumentError("heading_deg", "0 to 360", f"{options.heading_deg:g}")
+    if options.drop_out_s and options.confidence is None:
+        raise ArgumentError("drop_out_s", "confidence beside it", f"{options.drop_out_s:g} alone")
     if not 0.5 < level < 1.0:
         raise ArgumentError("level", "above 0.5 and below 1", f"{level:g}")
     if not 0.0 <= options.keep_out_buffer_m <= 100.0:

@@ -42,7 +42,7 @@ def test_no_command_replaces_what_it_reads(
     assert run(*words, "--force") == 1
     told = capsys.readouterr().err
     assert len(told.strip().splitlines()) == 1
-    assert "output: expected another file than those that the command reads, found one of them" in told
+    assert "output: expected another file than those that are read, found one of them" in told
     assert (drive.read_bytes(), database.read_bytes()) == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["m.map.h5", "x.drive.h5"]
 

@@ -235,15 +235,15 @@ _BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     "channel order": (_put("/array/y_m", 2, 9.0), "/array/y_m: expected strictly decreasing values"),
     "interval zero": (
         _set("sample_interval_ns", 0.0, "/radar/traces"),
-        "expected a number, finite, above zero, found 0",
+        "expected a number, finite, from 0.001 to 1000, found 0",
     ),
-    "interval negative": (_set("sample_interval_ns", -0.2, "/radar/traces"), "above zero, found -0.2"),
-    "interval nan": (_set("sample_interval_ns", np.nan, "/radar/traces"), "above zero, found nan"),
+    "interval negative": (_set("sample_interval_ns", -0.2, "/radar/traces"), "from 0.001 to 1000, found -0.2"),
+    "interval nan": (_set("sample_interval_ns", np.nan, "/radar/traces"), "from 0.001 to 1000, found nan"),
     "no interval": (
         _edit(lambda s: s["/radar/traces"].attrs.__delitem__("sample_interval_ns")),
-        "above zero, found none",
+        "from 0.001 to 1000, found none",
     ),
-    "interval text": (_set("sample_interval_ns", "0.2", "/radar/traces"), "above zero, found '0.2'"),
+    "interval text": (_set("sample_interval_ns", "0.2", "/radar/traces"), "from 0.001 to 1000, found '0.2'"),
     "t0": (_set("t0_utc", "yesterday"), "/@t0_utc: expected a UTC time in ISO 8601, found 'yesterday'"),
     "t0 zone": (_set("t0_utc", "2024-05-01T12:00:00+02:00"), "/@t0_utc: expected a UTC time in ISO 8601"),
     "provenance": (_set("provenance", "{"), "/@provenance: expected a JSON object, found text that is no JSON"),
@@ -295,7 +295,7 @@ def test_damaged_radar_data_are_one_clear_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda d: replace(d, recording=replace(d.recording, sample_interval_ns=0.0)), "above zero, found 0"),
+        (lambda d: replace(d, recording=replace(d.recording, sample_interval_ns=0.0)), "from 0.001 to 1000, found 0"),
         (lambda d: replace(d, vehicle={"time_s": np.arange(2.0), "speed": np.arange(2.0)}), "found speed"),
         (lambda d: replace(d, t0_utc="now"), "expected a UTC time"),
     ],

@@ -164,7 +164,7 @@ def test_bad_surveys_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
         ([first, _line(tmp_path, 4, _ramp(1))], {}, "LINE04.DT1: traces: expected at least 2, found 1"),
         ([timed], {}, "timed.DZT: trace spacing: expected a spacing in the header, or the length"),
         ([wide, wide], {}, "wide.DZT: channels: expected one a file when several files are given, found 2"),
-        ([first, first], {"line_spacing_m": 0.0}, "line spacing: expected a length above zero, found 0 m"),
+        ([first, first], {"line_spacing_m": 0.0}, "line spacing: expected metres, above 0 and up to 100, found 0"),
         ([first, first], {"length_m": -3.0}, "line length: expected a length above zero, found -3 m"),
         ([first], {"time_zero": float("nan")}, "LINE00.DT1: time zero: expected less than its 6.4 ns, found nan ns"),
         ([first], {"time_zero": -7.0}, "LINE00.DT1: time zero: expected less than its 6.4 ns, found -7 ns"),
