@@ -262,6 +262,10 @@ def init_live_filter(channels: int, samples: int) -> LiveFilterState:
     return LiveFilterState(jnp.zeros((channels, samples), jnp.float32), jnp.zeros(channels, jnp.float32))
 
 
+_LEAP = 4.0
+"""Lengths of the filter that one step moves, at least, where the mean begins anew."""
+
+
 @jax.jit
 def run_live_filter(
     state: LiveFilterState,
@@ -274,7 +278,7 @@ def run_live_filter(
 
     The mean decays with travel, not with time: it does not change while the vehicle stands, and travel in reverse
     counts as travel (``travel_m`` is the distance since the last scan, either sign). At the start the mean is the plain
-    average so far, so that no first scan decays in it.
+    average so far, so that no first scan decays in it; after a step of four lengths or more it begins anew.
 
     Args:
         state: from the previous scan.
@@ -293,9 +297,12 @@ def run_live_filter(
         traces, ok, moved_m = scan
         # A mean of length L over the past is centred L/2 back, like an exponential one of L/2.
         forget = 1.0 - jnp.exp(-jnp.abs(moved_m) / (0.5 * length_m))
-        first = ok & (carry.weight == 0.0)
+        # After a leap, as from one survey line to the next, nothing of the old mean is left.
+        leapt = jnp.abs(moved_m) > _LEAP * length_m
+        first = ok & ((carry.weight == 0.0) | leapt)
         weight = jnp.where(ok, carry.weight + (1.0 - carry.weight) * forget, carry.weight)
-        weight = jnp.where(first, jnp.maximum(forget, 1e-3), weight)
+        weight = jnp.where(first, jnp.where(leapt, 1e-3, jnp.maximum(forget, 1e-3)), weight)
+        weight = jnp.where(leapt & ~ok, 0.0, weight)
         rate = jnp.where(first, 1.0, jnp.where(ok, forget / jnp.maximum(weight, 1e-6), 0.0))
         mean = carry.mean + rate[:, None] * (jnp.where(ok[:, None], traces, 0.0) - carry.mean)
         out = jnp.where(ok[:, None], traces - mean, 0.0)

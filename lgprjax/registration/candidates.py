@@ -235,7 +235,9 @@ class StopFixes:
         start = np.concatenate([place[rows], stops.pose[last, 2:] + judged.offset[rows]], axis=1)
         half = self._options.half_width(stops.sigma_yaw_rad[last], self._lattice.half_m)
         half[:, 2:5] = half_width[rows]
-        half[:, :2] = np.maximum(half[:, :2], np.abs(place[rows] - prior[:, :2]) + self._wavelength_m)
+        # Along and across the tile, like the half widths.
+        from_prior = to_tile(start, frame)[:, :2] - to_tile(prior, frame)[:, :2]
+        half[:, :2] = np.maximum(half[:, :2], np.abs(from_prior) + self._wavelength_m)
         level = [(0, 0), (0, 1)]
         middle_m = 0.5 * (stops.reckoned_m[np.maximum(first, 0)] - stops.reckoned_m[last])
         # What is declined has no position, wherever its heading leads.

@@ -6,6 +6,7 @@ traces (interpolation pull). Streaming: only the stretch under the background re
 """
 
 from collections.abc import Callable, Iterable, Iterator
+from itertools import pairwise
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -119,7 +120,8 @@ def stations_of_drive(
     """Scans of one drive to its stations, streaming.
 
     Standing adds nothing and reverse is left out: a station uses scans only from the vehicle's first pass. A station
-    without a scan nearby is skipped.
+    without a scan nearby is skipped. Where more are missing than the background removal spans, as between the lines of
+    a survey, it begins anew: nothing ties the background there to the one before.
 
     Args:
         blocks: the drive's scans in order.
@@ -134,14 +136,25 @@ def stations_of_drive(
     halo = filter_stations // 2
     smooth = scan_spacing_m < 0.9 * settings.step_m
     pending: StationBlock | None = None
-    before = 0
-    for block in _uniform(blocks, settings.step_m, smooth):
-        pending = block if pending is None else _concatenate(pending, block)
-        ready = len(pending.pose) - halo
-        if ready - before >= 256:
-            yield _filtered(pending, before, ready, filter_stations)
-            cut = max(ready - halo, 0)
-            pending, before = _slice(pending, cut, len(pending.pose)), ready - cut
+    before, end = 0, 0
+    for block, number in _uniform(blocks, settings.step_m, smooth):
+        leaps = np.flatnonzero(np.diff(number, prepend=end) > filter_stations)
+        edges = [0, *leaps.tolist(), len(number)]
+        for first, last in pairwise(edges):
+            if first in leaps and pending is not None:
+                if len(pending.pose) > before:
+                    yield _filtered(pending, before, len(pending.pose), filter_stations)
+                pending, before = None, 0
+            if first == last:
+                continue
+            part = _slice(block, first, last)
+            pending = part if pending is None else _concatenate(pending, part)
+            ready = len(pending.pose) - halo
+            if ready - before >= 256:
+                yield _filtered(pending, before, ready, filter_stations)
+                cut = max(ready - halo, 0)
+                pending, before = _slice(pending, cut, len(pending.pose)), ready - cut
+        end = int(number[-1]) if len(number) else end
     if pending is not None and len(pending.pose) > before:
         yield _filtered(pending, before, len(pending.pose), filter_stations)
 
@@ -151,8 +164,10 @@ def _filtered(block: StationBlock, first: int, last: int, stations: int) -> Stat
     return _slice(filtered, first, last)
 
 
-def _uniform(blocks: Iterable[ScanBlock], step_m: float, smooth: bool) -> Iterator[StationBlock]:
-    """Unfiltered stations; holds back the scans that later stations still need."""
+def _uniform(
+    blocks: Iterable[ScanBlock], step_m: float, smooth: bool
+) -> Iterator[tuple[StationBlock, Int[np.ndarray, " station"]]]:
+    """Unfiltered stations and their numbers; holds back the scans that later stations still need."""
     held: ScanBlock | None = None
     farthest, next_station = -np.inf, 0
     origin: float | None = None
@@ -167,16 +182,20 @@ def _uniform(blocks: Iterable[ScanBlock], step_m: float, smooth: bool) -> Iterat
         held = block if held is None else ScanBlock(*(np.concatenate(f) for f in zip(held, block, strict=True)))
         complete = int(np.floor(farthest / step_m - _REACH)) + 1
         if complete > next_station:
-            yield _stations(held, np.arange(next_station, complete) * step_m, step_m, smooth)
+            yield _stations(held, np.arange(next_station, complete), step_m, smooth)
             next_station = complete
             keep = held.travel_m >= (next_station - _REACH) * step_m
             held = ScanBlock(*(field[keep] for field in held))
     if held is not None and len(held.travel_m):
-        rest = np.arange(next_station, int(np.floor(farthest / step_m + 0.5)) + 1) * step_m
+        rest = np.arange(next_station, int(np.floor(farthest / step_m + 0.5)) + 1)
         yield _stations(held, rest, step_m, smooth)
 
 
-def _stations(scans: ScanBlock, at_m: Float[np.ndarray, " scan"], step_m: float, smooth: bool) -> StationBlock:
+def _stations(
+    scans: ScanBlock, number: Int[np.ndarray, " station"], step_m: float, smooth: bool
+) -> tuple[StationBlock, Int[np.ndarray, " seen"]]:
+    """Those of the stations that have a scan nearby, and their numbers."""
+    at_m = number * step_m
     apart = scans.travel_m[None, :] - at_m[:, None]
     if smooth:
         weight = np.where(np.abs(apart) <= _REACH * step_m, np.exp(-0.5 * (apart / (_KERNEL * step_m)) ** 2), 0.0)
@@ -192,7 +211,7 @@ def _stations(scans: ScanBlock, at_m: Float[np.ndarray, " scan"], step_m: float,
     share = of_channel / np.maximum(total, 1e-9)[:, None, :]
     weight = weight / weight.sum(axis=1, keepdims=True)
     profile = np.einsum("kns,nst->kst", share, scans.profile, optimize=True)
-    return StationBlock(
+    found = StationBlock(
         profile=profile.astype(np.float32),
         valid=total > 0.05,
         pose=weight @ scans.pose,
@@ -200,6 +219,7 @@ def _stations(scans: ScanBlock, at_m: Float[np.ndarray, " scan"], step_m: float,
         antenna_m=np.einsum("kn,ncd->kcd", weight, scans.antenna_m),
         time_s=weight @ scans.time_s,
     )
+    return found, number[seen]
 
 
 def _concatenate(a: StationBlock, b: StationBlock) -> StationBlock:

@@ -109,11 +109,26 @@ def test_what_is_constant_along_the_drive_is_gone_from_the_first_scan_on() -> No
     np.testing.assert_allclose(out, 0.0, atol=1e-4)
 
 
+def test_after_a_leap_to_another_line_the_mean_begins_anew() -> None:
+    """A second line in one log is filtered as if it were the first, in each channel from its own first scan on."""
+    rng = np.random.default_rng(4)
+    line = rng.normal(size=(SCANS, CHANNELS, SAMPLES))
+    valid = np.ones((SCANS, CHANNELS), bool)
+    valid[:5, 1] = False
+    step = np.full(SCANS, 0.05)
+    step[0] = 0.0
+    _, alone = run(line, valid, step)
+    leap = np.where(np.arange(SCANS) == 0, 100.0, step)
+    before = line + 7.0
+    _, after = run(np.concatenate([before, line]), np.concatenate([valid, valid]), np.concatenate([step, leap]))
+    np.testing.assert_allclose(after[SCANS:], alone, atol=2e-3)
+
+
 def test_the_mean_forgets_over_half_its_length() -> None:
     """After a step of the surface return the rest fades by e over L/2: metres, not scans."""
     for spacing_m in (0.05, 0.1):
         profile = np.zeros((SCANS, CHANNELS, SAMPLES))
-        _, valid, far = None, np.ones((SCANS, CHANNELS), bool), np.full(SCANS, 10 * LENGTH_M)
+        _, valid, far = None, np.ones((SCANS, CHANNELS), bool), np.full(SCANS, 3 * LENGTH_M)
         state, _ = run(profile, valid, far)
         _, out = run(profile + 1.0, valid, np.full(SCANS, spacing_m), state)
         path_m = np.arange(1, SCANS + 1) * spacing_m

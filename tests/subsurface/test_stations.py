@@ -206,3 +206,18 @@ def test_the_short_lag_of_coherence_never_shares_scans_and_the_long_one_is_a_wav
     assert coherence_lags(SETTINGS, 0.035) == (2, 10)
     assert coherence_lags(SETTINGS, 0.05) == (1, 10)
     assert coherence_lags(replace(SETTINGS, step_m=0.01), 0.01) == (6, 50)  # an eighth of 0.5 m, and all of it
+
+
+@pytest.mark.parametrize("block", [64, 200, 5000])
+def test_the_background_of_a_line_ends_with_it(block: int) -> None:
+    """Two lines of one log, 100 m of travel apart, with direct waves that differ: nothing is left of either."""
+    one = scans(constant())
+    count = len(one.travel_m)
+    level = np.full((count, CHANNELS, SAMPLES), 100.0, np.float32)
+    both = ScanBlock(*(np.concatenate([field, field]) for field in one))._replace(
+        profile=np.concatenate([level, level + 5.0]),
+        travel_m=np.concatenate([one.travel_m, one.travel_m + one.travel_m[-1] + 100.0]),
+    )
+    found = collect(both, block)
+    assert len(found.pose) == pytest.approx(2 * len(collect(one).pose), abs=4)
+    assert np.max(np.abs(found.profile)) < 1e-3
