@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from lgprjax.batch.travel import Jump, legs_of, mend_travel
+from lgprjax.batch.travel import Jump, legs_of, mend_travel, silences
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, MapFile, NavigationTrack, OdometryTrack, SweepRecording, TraceRecording
 from lgprjax.formats.survey_track import CHORD_M, path_headings_deg
@@ -233,6 +233,8 @@ def poses_of(
 def track_of_drive(log: DriveLog, frame: LocalFrame) -> DriveTrack:
     """Track of a drive log in a map's frame; false travel, as where positions jump, is removed.
 
+    Where the odometer is silent, and beyond its first and last record, travel is unknown: such scans are on other legs.
+
     Raises:
         InputError: navigation or odometry does not span the scans (more than a second is missing).
     """
@@ -262,7 +264,7 @@ def track_of_drive(log: DriveLog, frame: LocalFrame) -> DriveTrack:
         speed_mps=_speed(travel, time_s),
         sigma_yaw_rad=np.radians(sigma),
         sigma_m=_position_sigma(navigation, time_s),
-        leg=legs_of(time_s, mended.broken),
+        leg=legs_of(time_s, (*mended.broken, *silences(odometry.time_s, mended.distance_m))),
     )
     return DriveTrack(track, up, len(mended.bridged), len(mended.broken))
 

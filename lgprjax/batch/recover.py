@@ -49,9 +49,11 @@ class RunSignals(NamedTuple):
 
     Attributes:
         scan_ns: of each scan in the order of the recording, whether kept or not.
-        scan_kept: whether its time rises and its shape is as in ``radar``.
-        radar: ``radar_description`` or ``radar_sweep_description``, ``None`` if the radar never sent one.
-        lookup: the last ``radar_lookup`` of a stepped-frequency radar, ``None`` if it never sent one.
+        scan_kept: whether its time rises, its shape is as in ``radar``, and the radar had not told another description
+            or look-up since.
+        radar: ``radar_description`` or ``radar_sweep_description`` at the first scan, ``None`` if the radar never sent
+            one.
+        lookup: ``radar_lookup`` of a stepped-frequency radar at the first scan, ``None`` if it never sent one.
         box_ns, box: ``drive_status`` frames.
         travel_m: from the box, one distance over all its starts.
         prior_ns, prior: valid ``prior`` payloads.
@@ -99,11 +101,9 @@ class RowGatherer:
 
 def signals_of_run(run: RunReading) -> RunSignals:
     """Gather everything except the samples: some hundred bytes every hundredth of a second."""
-    names = ("radar_scan", "radar_sweep", "radar_description", "radar_sweep_description", "drive_status")
-    by_message = {name: RowGatherer(frame_type(name)) for name in names}
+    by_message = {name: RowGatherer(frame_type(name)) for name in ("radar_scan", "radar_sweep", "drive_status")}
     box, prior, plan = by_message["drive_status"], RowGatherer(payload_type("prior")), RowGatherer(payload_type("plan"))
-    searches = _Searches()
-    lookup: Frame | None = None
+    searches, said = _Searches(), _Said()
     for _, data in run:
         record = read_run_record(data)
         if record is None:
@@ -111,9 +111,11 @@ def signals_of_run(run: RunReading) -> RunSignals:
         if record.kind is RecordKind.PORT_IN and record.source in (Source.RADAR, Source.DRIVE_BY_WIRE):
             name = frame_name(record.payload)
             rows = by_message.get(name or "")
-            lookup = decode(record.payload) if name == "radar_lookup" else lookup
             if name in ("radar_scan", "radar_sweep"):
                 searches.scan(record.payload, name)
+                said.scan(name)
+            elif name in _TOLD:
+                said.tell(name, decode(record.payload))
         elif record.source is Source.REGISTRATION and record.tick == 0:
             rows = None
             searches.take(record.kind, record.payload)
@@ -121,9 +123,10 @@ def signals_of_run(run: RunReading) -> RunSignals:
             rows = {RecordKind.PRIOR: prior, RecordKind.PLAN: plan}.get(record.kind)
         if rows is not None:
             rows.add(record.mono_ns, record.payload)
-    kind = "sweep" if len(by_message["radar_sweep_description"].rows) else "scan"
-    scans, radar = (by_message[name] for name in _SCANS[kind])
-    told = radar.rows[0] if len(radar.rows) and (kind == "scan" or lookup is not None) else None
+    form = "radar_scan" if said.first("radar_sweep_description") is None else "radar_sweep"
+    scans, first = by_message[form], [frame for each in _SCANS[form] if (frame := said.first(each)) is not None]
+    whole = len(first) == len(_SCANS[form])
+    told = np.frombuffer(first[0].raw, frame_type(first[0].name), 1)[0] if whole else None
     scan_ns = device_times(scans.rows["session"], scans.rows["stamp_us"], scans.times_ns)
     box_ns = device_times(box.rows["session"], box.rows["stamp_us"], box.times_ns)
     travel_m = _joined(box.rows["session"], box.rows["odometer_m"])
@@ -135,9 +138,9 @@ def signals_of_run(run: RunReading) -> RunSignals:
     plan_good = rising(plan.times_ns, np.ones(len(plan.rows), bool))
     return RunSignals(
         scan_ns=scan_ns,
-        scan_kept=rising(scan_ns, _as_told(scans.rows, told)),
+        scan_kept=rising(scan_ns, _as_told(scans.rows, told) & said.as_at_first(form)),
         radar=told,
-        lookup=lookup,
+        lookup=said.first("radar_lookup"),
         box_ns=box_ns[box_good],
         box=box.rows[box_good],
         travel_m=travel_m[box_good],
@@ -191,7 +194,43 @@ def scan_frames(run: RunReading, name: str = "radar_scan") -> Iterator[bytes]:
             yield record.payload
 
 
-_SCANS = {"scan": ("radar_scan", "radar_description"), "sweep": ("radar_sweep", "radar_sweep_description")}
+_SCANS = {"radar_scan": ("radar_description",), "radar_sweep": ("radar_sweep_description", "radar_lookup")}
+"""What a radar tells of its scans, by the message that these come in."""
+_TOLD = frozenset(name for told in _SCANS.values() for name in told)
+
+
+class _Said:
+    """What the radar told of its scans, and which of them were made as it had told at the first one.
+
+    A drive log has one description for all of its scans. A radar that was started anew with other settings, or took
+    its look-up anew, tells so before it goes on; the same ones told again change nothing.
+    """
+
+    def __init__(self) -> None:
+        self._first: dict[str, Frame] = {}
+        self._now: dict[str, Frame] = {}
+        self._settled: set[str] = set()
+        self._as_at_first: dict[str, list[bool]] = {name: [] for name in _SCANS}
+
+    def tell(self, name: str, frame: Frame) -> None:
+        """A description, or a look-up; the newest before the first scan counts."""
+        self._now[name] = frame
+        if name not in self._settled:
+            self._first[name] = frame
+
+    def scan(self, name: str) -> None:
+        """A scan; before anything was told it is taken for one of what is told first."""
+        told = [each for each in _SCANS[name] if each in self._now]
+        self._settled.update(told)
+        self._as_at_first[name].append(all(self._now[each].fields == self._first[each].fields for each in told))
+
+    def first(self, name: str) -> Frame | None:
+        """What was told at the first scan; ``None`` if it never was."""
+        return self._first.get(name)
+
+    def as_at_first(self, name: str) -> Bool[np.ndarray, " scan"]:
+        """Of the scans that came in a message, those made as the radar had told at the first one."""
+        return np.array(self._as_at_first[name], bool)
 
 
 def device_times(
@@ -376,7 +415,7 @@ class RunDrive(NamedTuple):
     Attributes:
         scans: in it.
         left_out: scans of the run that are not: their stamps do not rise, their shape is not that of the radar's
-            description, or the vehicle's place is unknown.
+            description, the radar told another description or look-up before them, or the vehicle's place is unknown.
         seconds: from its first to its last record of navigation.
     """
 

@@ -37,6 +37,7 @@ _MOST_ROUNDS = 12
 _APART_CELLS = 2  # with fewer cells between them, jumps leave no measured speed between
 _BRIDGED_S, _BRIDGED_M = 1.05, 1.0
 _MOST_PIECES = 3
+_SILENT_STEPS = 3.0  # slow records miss one or two of their steps, as a receiver at 1 Hz does
 
 
 class Jump(NamedTuple):
@@ -99,13 +100,30 @@ def mend_travel(time_s: Float[np.ndarray, " odometry"], distance_m: Float[np.nda
     return MendedTravel(whole, tuple(bridged), tuple(broken))
 
 
-def legs_of(time_s: Float[np.ndarray, " scan"], broken: tuple[Jump, ...]) -> Int[np.ndarray, " scan"]:
-    """Leg of each scan: a new one after every open gap."""
+def legs_of(time_s: Float[np.ndarray, " scan"], gaps: tuple[Jump, ...]) -> Int[np.ndarray, " scan"]:
+    """Leg of each scan: a new one after every open gap, in any order."""
     leg = np.zeros(len(time_s), np.int64)
-    for jump in broken:
+    for jump in gaps:
         # A scan within the gap is a leg of its own: its distance from either side is unknown.
         leg[1:] += (time_s[1:] > jump.start_s) & (time_s[:-1] < jump.stop_s)
     return np.cumsum(leg > 0)
+
+
+def silences(time_s: Float[np.ndarray, " odometry"], distance_m: Float[np.ndarray, " odometry"]) -> tuple[Jump, ...]:
+    """Gaps for ``legs_of`` where the record is silent: travel there is interpolated, or held at its ends.
+
+    A gap within the record counts if it is longer than a second and than three usual steps. Odometers that send only
+    while wheels turn are silent at standstill: a gap without travel does not count. All scans before the record share
+    a leg, and all scans after it; those within a twentieth of a second, or a usual step, of its ends belong to it.
+    """
+    step_s = np.diff(time_s)
+    usual_s = float(np.median(step_s))
+    silent = (step_s > max(_BRIDGED_S, _SILENT_STEPS * usual_s)) & (np.abs(np.diff(distance_m)) > _LEAST_JUMP_M)
+    inside = [Jump(float(time_s[at]), float(time_s[at + 1]), 0.0) for at in np.flatnonzero(silent)]
+    beside_s = min(usual_s, _CELL_S)
+    # A moment between two neighbouring numbers parts scans once, even if one of them is at it.
+    ends = [float(time_s[0]) - beside_s, float(time_s[-1]) + beside_s]
+    return (*inside, *(Jump(end_s, float(np.nextafter(end_s, np.inf)), 0.0) for end_s in ends))
 
 
 def _informative(distance_m: Float[np.ndarray, " odometry"]) -> Int[np.ndarray, " own"]:

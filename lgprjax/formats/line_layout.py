@@ -66,7 +66,7 @@ def write_lines(
     check_length(output, length_m)
     check_alike(lines)
     time_zero_ns = float(np.median([line.time_zero_ns for line in lines]))
-    _check_time_zeros(lines, time_zero_ns)
+    check_time_zeros(lines, time_zero_ns)
 
     along = [_along_m(lines, i, length_m) for i in range(len(lines))] if along_m is None else along_m
     step_m = _common_step_m(lines, along, length_m)
@@ -146,7 +146,8 @@ def check_alike(lines: Sequence[Profile]) -> None:
             raise InputError(line.path, "sample interval", expected, f"{line.sample_interval_ns:g} ns")
 
 
-def _check_time_zeros(lines: Sequence[Profile], time_zero_ns: float) -> None:
+def check_time_zeros(lines: Sequence[Profile], time_zero_ns: float) -> None:
+    """Raise ``InputError`` for a line whose time zero is far from a common one: another recording."""
     for line in lines:
         shift = abs(line.time_zero_ns - time_zero_ns) / line.sample_interval_ns
         if shift > _LARGEST_SHIFT * line.channels.shape[2]:
@@ -170,6 +171,7 @@ def own_distances_m(line: Profile, length_m: float | None) -> Float[np.ndarray, 
     if line.positions_m is None:
         raise InputError(line.path, "trace spacing", "a spacing in the header, or the length of the line", "none")
     own = np.asarray(line.positions_m - line.positions_m[0])
+    own = -own if own[-1] < 0.0 else own
     check_rising(line, own)
     return own
 

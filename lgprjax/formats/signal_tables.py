@@ -363,11 +363,9 @@ def _navigation(
         raise TableKey(map_file, "signals").refuse(expected, f"none of them, for {path.name}")
     frame = LocalFrame(float(latitude[0]), float(longitude[0]), 0.0)
     if "heading" in series:
-        heading = _at(
-            _Series(series["heading"].time_s, np.degrees(np.unwrap(np.radians(series["heading"].value)))), time_s
-        )
+        heading = _turning_at(series["heading"], time_s, 360.0)
     elif "yaw" in series:
-        heading = frame.heading_of_yaw(_at(series["yaw"], time_s), longitude)
+        heading = frame.heading_of_yaw(_turning_at(series["yaw"], time_s, 2.0 * np.pi), longitude)
     else:
         east, north, _ = frame.to_local(latitude, longitude, np.zeros_like(latitude))
         heading = frame.heading_of_yaw(np.unwrap(np.arctan2(np.gradient(north), np.gradient(east))), longitude)
@@ -392,6 +390,11 @@ def _navigation(
 
 def _at(one: _Series, time_s: Float[np.ndarray, " row"]) -> Float[np.ndarray, " row"]:
     return np.asarray(np.interp(time_s, one.time_s, one.value))
+
+
+def _turning_at(one: _Series, time_s: Float[np.ndarray, " row"], period: float) -> Float[np.ndarray, " row"]:
+    """An angle at some times; where its values step from one end of their range to the other, it goes on turning."""
+    return np.asarray(np.interp(time_s, one.time_s, np.unwrap(one.value, period=period)))
 
 
 def _from_plane(

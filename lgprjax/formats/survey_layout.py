@@ -185,7 +185,7 @@ def _receiver_path(
 ) -> tuple[Float[np.ndarray, " trace"], Float[np.ndarray, " trace"]]:
     """Latitude and longitude of a line's traces, averaged along it."""
     found = _of_traces(line, side)
-    spacing_m = line.spacing_m or 0.0
+    spacing_m = _usual_step_m(line)
     half = int(0.5 * _SMOOTHED_M / spacing_m) if spacing_m else 0
     # Before the first fix there is no value to unwrap from.
     longitude, known = found.x.copy(), np.isfinite(found.x)
@@ -212,14 +212,22 @@ def _filled(
     index = np.arange(len(east_m), dtype=np.float64)
     step = np.array([np.polyfit(index[known], values[known], 1)[0] for values in (east_m, north_m)])
     length_m = float(np.hypot(*step))
-    if line.spacing_m and length_m > 0.0 and abs(length_m / line.spacing_m - 1.0) > _OTHER_STEP:
-        step *= line.spacing_m / length_m
+    usual_m = _usual_step_m(line)
+    if usual_m and length_m > 0.0 and abs(length_m / usual_m - 1.0) > _OTHER_STEP:
+        step *= usual_m / length_m
     low, high = known[0], known[-1]
     out = []
     for values, each_m in ((east_m, step[0]), (north_m, step[1])):
         filled = np.where(index < low, values[low] + each_m * (index - low), values)
         out.append(np.where(index > high, values[high] + each_m * (index - high), filled))
     return out[0], out[1]
+
+
+def _usual_step_m(line: Profile) -> float:
+    """The header's spacing; of uneven positions the step of most traces, 0 if there are none."""
+    if line.spacing_m is not None or line.positions_m is None:
+        return line.spacing_m or 0.0
+    return float(np.median(np.abs(np.diff(line.positions_m))))
 
 
 def _averaged(values: Float[np.ndarray, " trace"], half: int) -> Float[np.ndarray, " trace"]:
@@ -268,7 +276,7 @@ class LineFinding:
         sign: of the direct wave's first lobe; 0 if it is not detected.
         inverted: whether the traces were inverted.
         reversed: whether the order of the traces was reversed.
-        direction_from: ``neighbours``, ``topography``, ``receiver``, ``option``, or ``assumed``: as stored.
+        direction_from: ``header``, ``neighbours``, ``topography``, ``receiver``, ``option``, or ``assumed``: as stored.
         start_m: along the lines' direction; 0 where each trace has its own place on the earth.
         start_from: ``header``, ``topography``, ``receiver``, ``neighbours`` or ``tape``.
         correlation: with the previous line, at the best lag; 0 for the first.
@@ -326,7 +334,8 @@ def find_lines(
         time_zero: ``auto``: the header's where it agrees with the direct wave, else the first break, as far from it as
             the other headers are; ``header``; or nanoseconds after the first sample, for all lines.
         polarity: ``auto``: lines with a sign other than most are inverted; ``keep``.
-        reversed_lines: ``auto``: detected; ``odd`` or ``even``: by the numbers in their names; or their numbers from 0.
+        reversed_lines: ``auto``: those whose header positions fall, if any do, or else detected; ``odd`` or ``even``:
+            by the numbers in their names; or their numbers from 0.
         length_m: length over which every line is spread evenly.
         topography_m: place of each trace along the lines' direction, in the order of the survey.
         on_earth_by: source of each stored trace's own place on the earth, such as ``receiver``: directions and starts
@@ -346,6 +355,9 @@ def find_lines(
     ]
     if on_earth_by is not None:
         backwards, direction_from, topography_m = [False] * len(lines), [on_earth_by] * len(lines), None
+    elif reversed_lines == "auto" and topography_m is None and any(_falls(line) for line in lines):
+        # Positions rise by default: where some fall, somebody has told the way of every line.
+        backwards, direction_from = [_falls(line) for line in lines], ["header"] * len(lines)
     else:
         backwards, direction_from = _directions(lines, images, step_m, reversed_lines)
     if topography_m is not None:
@@ -363,7 +375,7 @@ def find_lines(
     if on_earth_by is not None:
         along, start_from = own, on_earth_by
     else:
-        along, start_from = _along(lines, own, backwards, beside, length_m, topography_m)
+        along, start_from = _along(lines, own, backwards, direction_from, beside, length_m, topography_m)
     found = []
     for i, line in enumerate(lines):
         channels = line.channels[::-1] if backwards[i] else line.channels
@@ -534,6 +546,7 @@ def _along(
     lines: Sequence[Profile],
     own_m: Sequence[Float[np.ndarray, " _"]],
     backwards: Sequence[bool],
+    direction_from: Sequence[str],
     beside: Sequence[Neighbours],
     length_m: float | None,
     topography_m: Sequence[Float[np.ndarray, " _"]] | None,
@@ -558,10 +571,17 @@ def _along(
             starts_m -= np.polyval(np.polyfit(order, starts_m, 1), order)
         starts_m -= starts_m.min()
         return [own + start for own, start in zip(turned, starts_m, strict=True)], "neighbours"
-    starts = [0.0 if line.positions_m is None else float(line.positions_m[0]) for line in lines]
+    starts = [0.0 if line.positions_m is None else float(min(line.positions_m[[0, -1]])) for line in lines]
+    # Of a line that another source has turned, the header's positions are not those of its ends.
+    known = [not back or source == "header" for back, source in zip(backwards, direction_from, strict=True)]
     return [
-        own if back else start - min(starts) + own for own, start, back in zip(turned, starts, backwards, strict=True)
+        start - min(starts) + own if sure else own for own, start, sure in zip(turned, starts, known, strict=True)
     ], "header"
+
+
+def _falls(line: Profile) -> bool:
+    """Whether the header's positions fall: the line was walked back."""
+    return line.positions_m is not None and bool(line.positions_m[-1] < line.positions_m[0])
 
 
 def _turned(channels: np.ndarray) -> np.ndarray:

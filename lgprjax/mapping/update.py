@@ -386,7 +386,11 @@ def stage_map(
         pose = np.array([[frame[0], frame[1], height_m, frame[2], 0.0]])
         references += [float(height_m)] * tiles.place(pose)
     operator = live_operators(source, log, track, located.alignment)(1.0)
-    blocks = baseline_stations(log, located.track, operator, description.settings, scan_spacing_m(track), progress)
+    # A line walked the other way is taken for a vehicle in reverse, whose travel falls: stations would leave it out.
+    passed = located.track
+    if located.alignment.reversed:
+        passed = passed._replace(track=track._replace(travel_m=-track.travel_m))
+    blocks = baseline_stations(log, passed, operator, description.settings, scan_spacing_m(track), progress)
     times = []
     with MapWriter.create(path) as writer:
         copy_stations(source, writer)

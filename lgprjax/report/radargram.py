@@ -88,12 +88,13 @@ def radargram_of(profile: Profile, channel: int = 0) -> Radargram:
     traces = profile.channels[:, channel]
     count, samples = traces.shape
     start_m = 0.0 if profile.positions_m is None else float(profile.positions_m[0])
+    way = -1.0 if profile.positions_m is not None and profile.positions_m[-1] < profile.positions_m[0] else 1.0
     if profile.spacing_m is not None:
-        falls = profile.positions_m is not None and profile.positions_m[-1] < profile.positions_m[0]
         chosen = counted_columns(count)
-        along = start_m + (-profile.spacing_m if falls else profile.spacing_m) * chosen
+        along = start_m + way * profile.spacing_m * chosen
     elif profile.positions_m is not None:
-        along, chosen = even_columns(profile.positions_m)
+        along, chosen = even_columns(way * profile.positions_m)
+        along = way * along
     else:
         chosen = counted_columns(count)
         along = chosen.astype(np.float64)

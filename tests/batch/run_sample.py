@@ -60,12 +60,15 @@ def record(kind: int, source: int, mono_ns: int, payload: bytes) -> Sent:
     return Sent(mono_ns, struct.pack("<BBHIQ", kind, source, 0, 7, mono_ns) + payload)
 
 
-def run_of_drive(site: Site, name: str, folder: Path) -> None:
-    """Record a drive of the site as a run, with what ``lgprjax recover`` needs beside it."""
+def run_of_drive(site: Site, name: str, folder: Path, *, anew: str = "") -> None:
+    """Record a drive of the site as a run, with what ``lgprjax recover`` needs beside it.
+
+    Halfway the radar describes itself once more: as before, or with ``anew``: ``description`` or ``look-up``.
+    """
     folder.mkdir()
     rng = np.random.default_rng(3)
     with DriveLog.open(site.logs[name]) as log, MapFile.open(site.map) as source:
-        sent = [*_radar(log, rng), *_box(log, rng), *_decided(log, source)]
+        sent = [*_radar(log, rng, anew), *_box(log, rng), *_decided(log, source)]
         place = log.description.array
         known, channels = log.description.recording, ""
         if isinstance(known, SweepRecording):
@@ -87,7 +90,7 @@ def run_of_drive(site: Site, name: str, folder: Path) -> None:
     (folder.parent / "m.map.h5").symlink_to(site.map)
 
 
-def _radar(log: DriveLog, rng: np.random.Generator) -> list[Sent]:
+def _radar(log: DriveLog, rng: np.random.Generator, anew: str) -> list[Sent]:
     """Scans as they come: late by 3 ms or more, stamped by a clock of the radar's own that drifts."""
     told = log.description.recording
     begun = MONO_NS + int(1e9 * log.scan_time_s[0]) - 10**8
@@ -97,6 +100,10 @@ def _radar(log: DriveLog, rng: np.random.Generator) -> list[Sent]:
         for number, (each, payload) in enumerate(_describes(log))
     ]
     for scan, (at_s, payload) in enumerate(zip(log.scan_time_s, scans, strict=True)):
+        if scan == log.scans // 2:
+            for each, described in _describes(log, anew):
+                raw = frame(each, described, session=9, sequence=scan, stamp_us=1)
+                sent.append(record(_PORT_IN, _RADAR, sent[-1].mono_ns + 1, raw))
         mono_ns = MONO_NS + int(1e9 * at_s)
         stamp_us = 77_000_000 + int((mono_ns - MONO_NS) * (1 + 5e-5)) // 1000
         raw = frame(kind, payload, session=9, sequence=scan + 2, stamp_us=stamp_us)
@@ -107,19 +114,20 @@ def _radar(log: DriveLog, rng: np.random.Generator) -> list[Sent]:
     return sent
 
 
-def _describes(log: DriveLog) -> list[tuple[int, bytes]]:
-    """Types and payloads of what the radar says of itself."""
+def _describes(log: DriveLog, anew: str = "") -> list[tuple[int, bytes]]:
+    """Types and payloads of what the radar says of itself; ``anew`` with twice the interval, or half the look-up."""
     told = log.description.recording
+    longer, lower = 2 if anew == "description" else 1, 0.5 if anew == "look-up" else 1.0
     if isinstance(told, TraceRecording):
-        shape, step_ps = (log.channels, log.samples), round(1e3 * told.sample_interval_ns)
+        shape, step_ps = (log.channels, log.samples), longer * round(1e3 * told.sample_interval_ns)
         zero_ps, level = round(1e3 * told.time_zero_ns), told.zero_level
         return [(0x14, struct.pack("<HHIifI", *shape, step_ps, zero_ps, level, 7937))]
     hz = told.frequencies_hz
     first_khz, step_khz = round(1e-3 * hz[0]), round(1e-3 * (hz[1] - hz[0]))
     delay_ps = round(1e3 * told.group_delay_ns)
-    rows = np.concatenate([told.lookup_sweeps, told.lookup_calibration_sweep[None]])
+    rows = lower * np.concatenate([told.lookup_sweeps, told.lookup_calibration_sweep[None]])
     return [
-        (0x16, struct.pack("<HHIIiI", log.channels, len(hz), first_khz, step_khz, delay_ps, 7937)),
+        (0x16, struct.pack("<HHIIiI", log.channels, len(hz), first_khz, longer * step_khz, delay_ps, 7937)),
         (0x17, struct.pack("<HHHf", *rows.shape, 8, 1.0) + rows.astype("<c8").tobytes()),
     ]
 

@@ -1,5 +1,6 @@
 """Accuracy and refusal on generated ground, prior wrong by a metre. Figures: docs/performance.md."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from generated import Site, make_site, register_site, replay, scans_of
 from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.batch.register import true_errors
-from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording
+from lgprjax.formats import DriveLog, DriveWriter, MapFile, OdometryTrack, TraceRecording
 from lgprjax.mapping import build_map
 from lgprjax.pso import SwarmConfig
 from lgprjax.registration import Code, RegisterOptions, Thresholds, finish_best
@@ -117,6 +118,31 @@ def test_damaged_scans_say_so_and_disturb_nobody(site: Site, live: RegisteredDri
     off = np.hypot(*(np.asarray(ladder.fix.pose)[:, :2] - ladder.truth[:, :2]).T)
     assert np.mean(code[40:] == Code.OK) > 0.9
     assert np.max(off[code == Code.OK]) < 0.3
+
+
+def test_nothing_is_ok_where_the_odometer_is_silent(site: Site, tmp_path: Path) -> None:
+    """It begins 0.9 s after the radar and ends as long before it: a fix there would be carried by no travel at all."""
+    short = tmp_path / "short.drive.h5"
+    with DriveLog.open(site.logs["live"]) as log:
+        odometry, time_s = log.description.odometry, log.scan_time_s
+        kept = (odometry.time_s > time_s[0] + 0.9) & (odometry.time_s < time_s[-1] - 0.9)
+        cut = OdometryTrack(odometry.time_s[kept], odometry.distance_m[kept])
+        recording = log.description.recording
+        assert isinstance(recording, TraceRecording)
+        traces, valid = log.read_traces(0, log.scans)
+        description = replace(log.description, odometry=cut)
+        with DriveWriter.create(short, description, channels=log.channels, dtype=np.float32) as writer:
+            writer.append(time_s, traces + np.float32(recording.zero_level), valid)
+    with MapFile.open(site.map) as source, DriveLog.open(short) as log:
+        drive = register_log(source, log, RegisterOptions(search_m=1.5))
+    before, after = time_s < cut.time_s[0] - 0.06, time_s > cut.time_s[-1] + 0.06
+    assert min(before.sum(), after.sum()) > 90
+    ok, leg = np.asarray(drive.fix.code) == Code.OK, drive.track.leg
+    assert ok.sum() > 400
+    assert not ok[before | after].any()
+    assert np.max(np.hypot(*(value[ok] for value in errors_m(drive)))) < 0.3
+    assert [len(set(leg[part])) for part in (before, after)] == [1, 1]
+    assert not set(leg[before | after]) & set(leg[(time_s > cut.time_s[0]) & (time_s < cut.time_s[-1])])
 
 
 @pytest.mark.parametrize("window_m", [0.0, 0.5, 4.0])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from batch.run_sample import LEAST_DELAY_S, MONO_NS, run_of_drive
+from batch.sweep_drives import write_sweeps
 from formats.run_log_sample import head_bytes, record_bytes
 from generated import Site
 from lgprjax.batch import register_log, write_run_drive
@@ -15,6 +16,7 @@ from lgprjax.errors import InputError
 from lgprjax.formats import (
     DriveLog,
     MapFile,
+    SweepRecording,
     TraceRecording,
     VehicleFile,
     VehicleLog,
@@ -159,6 +161,32 @@ def test_it_registers_like_the_drive_itself(site: Site, recovered: Path) -> None
 def test_a_map_is_built_of_it(recovered: Path, tmp_path: Path) -> None:
     build_map([recovered], tmp_path / "again.map.h5", measure=of_many_grounds)
     assert check_file(tmp_path / "again.map.h5") == []
+
+
+@pytest.mark.parametrize("anew", ["description", "look-up"])
+def test_scans_of_another_description_are_left_out(site: Site, anew: str, tmp_path: Path) -> None:
+    """Halfway the radar starts with another interval, or with a look-up taken anew: as many samples, other ground."""
+    name, path = _name(site), tmp_path / "a.drive.h5"
+    if anew == "look-up":
+        write_sweeps(site.logs[name], tmp_path / "sweeps.drive.h5", 5, scans=200)
+        site = site._replace(logs={name: tmp_path / "sweeps.drive.h5"})
+    run_of_drive(site, name, tmp_path / "run", anew=anew)
+    vehicle = read_vehicle(tmp_path / "v.vehicle.toml")
+    with MapFile.open(site.map) as source, DriveLog.open(site.logs[name]) as due:
+        made = write_run_drive(tmp_path / "run", path, source=source, vehicle=vehicle, position_sigma_m=0.02)
+        half = due.scans // 2
+        assert half - 20 <= made.scans <= half
+        assert made.left_out == due.scans - made.scans
+        with DriveLog.open(path) as found:
+            assert found.scan_time_s[-1] == pytest.approx(due.scan_time_s[half - 1] + LEAST_DELAY_S, abs=1e-3)
+            one, other = found.description.recording, due.description.recording
+        if isinstance(one, TraceRecording) and isinstance(other, TraceRecording):
+            assert one.sample_interval_ns == pytest.approx(other.sample_interval_ns, abs=1e-3)
+        else:
+            assert isinstance(one, SweepRecording)
+            assert isinstance(other, SweepRecording)
+            np.testing.assert_allclose(one.lookup_sweeps, other.lookup_sweeps, rtol=1e-6)
+    assert check_file(path) == []
 
 
 def test_a_run_without_scans(site: Site, run: Path, vehicle: VehicleFile, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from drawn_travel import Drawn, draw
 from formats.samples import make_description
 from lgprjax.batch.recording import jump_line, track_of_drive
-from lgprjax.batch.travel import MendedTravel, legs_of, mend_travel
+from lgprjax.batch.travel import MendedTravel, legs_of, mend_travel, silences
 from lgprjax.formats import DriveLog, DriveWriter, NavigationTrack, OdometryTrack
 from lgprjax.formats.survey_track import distances_m, path_headings_deg
 from lgprjax.frames import LocalFrame
@@ -104,6 +104,28 @@ def test_a_gap_too_long_to_bridge_parts_the_track() -> None:
     assert len(set(leg[scans_s >= 30.0])) == 1
     # A scan within the gap is on a leg of its own.
     assert np.all(np.diff(leg[(scans_s >= 27.0) & (scans_s <= 30.0)]) == 1)
+
+
+def test_a_silent_odometer_parts_the_track() -> None:
+    """Within the silence, and beyond the record, travel is not known; scans beyond one end share a leg."""
+    time_s = np.concatenate([np.arange(1.0, 10.0, 0.02), np.arange(15.0, 30.0, 0.02)])
+    scans_s = np.arange(0.0, 31.0, 0.03)
+    leg = legs_of(scans_s, silences(time_s, 2.0 * time_s))
+    parts = [scans_s < 0.95, (scans_s > 1.0) & (scans_s < 9.9), (scans_s > 15.1) & (scans_s < 29.9), scans_s > 30.05]
+    assert [len(set(leg[part])) for part in parts] == [1, 1, 1, 1]
+    assert len({int(leg[part][0]) for part in parts}) == 4
+    assert np.all(np.diff(leg[(scans_s > 9.98) & (scans_s < 15.0)]) == 1)
+
+
+def test_an_odometer_of_few_records_is_not_silent() -> None:
+    """A receiver at 1 Hz that misses two records, one that is silent while the vehicle stands, and ends that agree."""
+    slow_s = np.delete(np.arange(0.0, 60.0), [20, 21])
+    stood_s = np.concatenate([np.arange(0.0, 10.0, 0.02), np.arange(25.0, 40.0, 0.02)])
+    travel_m = np.interp(stood_s, [0.0, 10.0, 25.0, 40.0], [0.0, 20.0, 20.0, 50.0])
+    for time_s, distance_m in ((slow_s, 2.0 * slow_s), (stood_s, travel_m)):
+        scans_s = np.arange(time_s[0], time_s[-1], 0.01)
+        assert not legs_of(scans_s, silences(time_s, distance_m)).any()
+        assert not legs_of(time_s, silences(time_s, distance_m)).any()
 
 
 @pytest.fixture(scope="module")

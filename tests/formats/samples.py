@@ -62,10 +62,21 @@ def write_drive(path: Path, traces: np.ndarray | None = None, *, scans: int = 6)
 
 
 def write_dt1(
-    path: Path, traces: np.ndarray, *, unit: str = "m", step: float = 0.05, start: float = 0.0, **lines: object
+    path: Path,
+    traces: np.ndarray,
+    *,
+    unit: str = "m",
+    step: float = 0.05,
+    start: float = 0.0,
+    positions: np.ndarray | None = None,
+    **lines: object,
 ) -> Path:
-    """A pulseEKKO line; ``lines`` replace lines of the header, underscores standing for spaces."""
+    """A pulseEKKO line; ``lines`` replace lines of the header, underscores standing for spaces.
+
+    ``positions`` are those of the traces' headers, in place of ``start`` and ``step``.
+    """
     count, samples = traces.shape
+    positions = start + np.arange(count) * step if positions is None else positions
     header: dict[str, object] = {
         "NUMBER OF TRACES": count,
         "NUMBER OF PTS/TRC": samples,
@@ -81,7 +92,7 @@ def write_dt1(
     with path.open("wb") as stream:
         for index, trace in enumerate(traces):
             words = np.zeros(32, "<f4")
-            words[[0, 1, 2, 5]] = index + 1, start + index * step, samples, 2
+            words[[0, 1, 2, 5]] = index + 1, positions[index], samples, 2
             stream.write(words.tobytes() + trace.astype("<i2").tobytes())
     return path
 

@@ -73,6 +73,39 @@ def test_array_is_placed_by_its_headers(tmp_path: Path) -> None:
     assert header["USER DISTANCE INTERVAL"] == "0.010000"
 
 
+@pytest.mark.parametrize("zeros", [(10, 40), (40, 10), (25, 40, 10)])
+def test_every_channel_has_its_own_time_zero(zeros: tuple[int, ...], tmp_path: Path) -> None:
+    """An echo 20 ns after time zero lies there in every channel of the array."""
+    interval_ns = 0.5
+    paths = []
+    for number, zero in enumerate(zeros):
+        traces = np.zeros((5, 800), np.int64)
+        traces[:, zero + 40] = 1000 + number
+        path = tmp_path / f"a_A{number}.iprb"
+        window = {"TIMEWINDOW": 800 * interval_ns, "FREQUENCY": 1000.0 / interval_ns}
+        paths.append(write_iprb(path, traces, CH_X_OFFSET=0.1 * number, ZERO__LEVEL=zero, **window))  # type: ignore[arg-type]
+    profile = read_iprb_array(paths)
+    at_ns = np.argmax(profile.channels, axis=2) * interval_ns - profile.time_zero_ns
+    np.testing.assert_array_equal(at_ns, 20.0)
+    np.testing.assert_array_equal(profile.channels.max(axis=2), [1000.0 + np.arange(len(zeros))] * 5)
+    output = tmp_path / "a.drive.h5"
+    import_iprb(paths, place=_PLACE, output=output)
+    with DriveLog.open(output) as log:
+        traces, _ = log.read_traces(0, log.scans)
+        recording = log.description.recording
+    assert isinstance(recording, TraceRecording)
+    np.testing.assert_array_equal(np.argmax(traces, axis=2) * interval_ns - recording.time_zero_ns, 20.0)
+
+
+def test_time_zeros_of_different_recordings_are_no_array(tmp_path: Path) -> None:
+    paths = [
+        write_iprb(tmp_path / f"a_A{number}.iprb", CH_X_OFFSET=0.1 * number, ZERO__LEVEL=zero)
+        for number, zero in enumerate((0, 0, 1))
+    ]
+    with pytest.raises(InputError, match=r"a_A2\.iprb: time zero: expected about 0 ns, found 0\.0976\d* ns"):
+        read_iprb_array(paths)
+
+
 def test_single_file_is_a_single_channel_wherever_it_sat_in_the_array(tmp_path: Path) -> None:
     path = write_iprb(tmp_path / "a_001_A04.iprb", CHANNELS=8, CH_X_OFFSET=0.3)
     import_iprb([path], place=_PLACE, length_m=2.0, output=tmp_path / "a.drive.h5")

@@ -137,3 +137,31 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(
         import_signals(file, tmp_path / "m.toml", tmp_path / "a.drive.h5")
     assert "\n" not in str(told.value)
     assert not (tmp_path / "a.drive.h5").exists()
+
+
+def test_a_yaw_at_other_times_than_the_positions_turns_through_no_circle(tmp_path: Path) -> None:
+    """Driving west, where yaw jumps from 180 to -180 degrees: between two messages it is not interpolated through 0."""
+    definition = "float64 value\nfloat64 other\n"
+    layout = layout_of("test_msgs/msg/Pair", definition)
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "test")
+        schema = writer.register_schema("test_msgs/msg/Pair", "ros2msg", definition.encode())
+        gnss, ins = (writer.register_channel(topic, "cdr", schema) for topic in ("/gnss", "/ins"))
+        for row in range(_COUNT):
+            at = 10**18 + 20_000_000 * row
+            place = layout.encode({"value": 46.0, "other": 11.0 - 1e-6 * row})
+            writer.add_message(gnss, at, place, at)
+            turned = layout.encode({"value": 179.0 if row % 2 else -179.0, "other": 5.0})
+            writer.add_message(ins, at + 9_000_000, turned, at + 9_000_000)
+        writer.finish()
+    (tmp_path / "m.toml").write_text(
+        '[signals.latitude]\ncolumn = "/gnss:value"\nunit = "deg"\n'
+        '[signals.longitude]\ncolumn = "/gnss:other"\nunit = "deg"\n'
+        '[signals.yaw]\ncolumn = "/ins:value"\nunit = "deg"\n'
+        '[signals.speed]\ncolumn = "/ins:other"\nunit = "m/s"\n'
+    )
+    import_signals(tmp_path / "a.mcap", tmp_path / "m.toml", tmp_path / "a.drive.h5")
+    heading_deg = VehicleLog.open(tmp_path / "a.drive.h5").navigation.heading_deg
+    assert len(heading_deg) == _COUNT
+    np.testing.assert_allclose(heading_deg, 270.0, atol=1.01)

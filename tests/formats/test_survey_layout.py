@@ -241,6 +241,21 @@ def test_receiver_beside_one_line(noise_m: float, tmp_path: Path) -> None:
     np.testing.assert_allclose(headings, np.rad2deg(0.6), atol=0.2 if noise_m == 0.0 else 8.0)
 
 
+def test_receiver_beside_a_line_with_a_gap_is_averaged_as_well(tmp_path: Path) -> None:
+    """Two metres were skipped in the middle; before the first fix the line goes on in its usual step."""
+    along = np.arange(120) * STEP_M + 2.0 * (np.arange(120) >= 60)
+    traces = np.random.default_rng(1).normal(scale=1000.0, size=(120, 64)).astype(np.int16)
+    path = write_dt1(tmp_path / "a.DT1", traces, step=STEP_M, positions=along)
+    _write_gps(path, np.zeros(120), along, every=4, first=20, noise_m=0.05, seed=1)
+    import_lines([path], output=tmp_path / "a.drive.h5")
+    antennas = _antennas(tmp_path / "a.drive.h5", _plane())[:, 0]
+    off = np.hypot(*(antennas - np.stack([np.zeros(120), along], axis=-1)).T)
+    assert np.median(off[20:]) < 0.04
+    assert off[:20].max() < 1.0
+    with DriveLog.open(tmp_path / "a.drive.h5") as log:
+        np.testing.assert_allclose(log.description.odometry.distance_m, along, atol=1e-5)
+
+
 @pytest.mark.parametrize("longitude_deg", [_LONGITUDE, 180.0 - 5e-5])
 def test_receiver_that_finds_itself_late_and_crosses_the_date_line(longitude_deg: float, tmp_path: Path) -> None:
     (path,), _ = write_survey(tmp_path, firsts=[5], traces=[100])

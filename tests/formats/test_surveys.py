@@ -115,6 +115,64 @@ def test_reversed_line_is_flipped(tmp_path: Path) -> None:
     np.testing.assert_array_equal(traces[:, 0], traces[:, 1])
 
 
+@pytest.mark.parametrize("back", [0, 1])
+def test_line_whose_positions_fall_is_walked_back(back: int, tmp_path: Path) -> None:
+    """The other line begins at 1 m, whichever of them is the first."""
+    rising, falling = 1.0 + 0.25 * np.arange(60), 14.75 - 0.25 * np.arange(60)
+    positions = [falling, rising] if back == 0 else [rising, falling]
+    paths = [_line(tmp_path, i, _ramp(60)[:, ::-1], positions=each, step=0.25) for i, each in enumerate(positions)]
+    output = tmp_path / "a.drive.h5"
+    survey = import_lines(paths, lines_at_m=[0.0, 1.0], output=output)
+    assert [line.reversed for line in survey.lines] == [i == back for i in range(2)]
+    assert [line.direction_from for line in survey.lines] == ["header"] * 2
+    assert [line.start_m for line in survey.lines] == [1.0 if i != back else 0.0 for i in range(2)]
+    assert "direction" not in survey.assumed
+    with DriveLog.open(output) as log:
+        np.testing.assert_allclose(log.description.odometry.distance_m, 0.25 * np.arange(64))
+    traces, valid = _read(output)
+    for channel, first in enumerate(line.start_m for line in survey.lines):
+        low = round(first / 0.25)
+        assert np.flatnonzero(valid[:, channel]).tolist() == list(range(low, low + 60))
+        stored = _ramp(60)[:, -1]
+        expected = stored[::-1] if channel == back else stored
+        np.testing.assert_array_equal(traces[low : low + 60, channel, 0], expected)
+
+
+def test_gap_in_the_positions_stays_open(tmp_path: Path) -> None:
+    """Two metres were skipped after ten traces, walking either way."""
+    places = 0.05 * np.arange(20) + 2.0 * (np.arange(20) >= 10)
+    for name, positions in (("there", places), ("back", places[::-1])):
+        path = write_dt1(tmp_path / f"{name}.DT1", _ramp(20), positions=positions)
+        output = tmp_path / f"{name}.drive.h5"
+        import_lines([path], output=output)
+        with DriveLog.open(output) as log:
+            travel_m = log.description.odometry.distance_m
+        assert travel_m[-1] == pytest.approx(2.95)
+        traces, valid = _read(output)
+        gap = (travel_m > 0.46) & (travel_m < 2.49)
+        assert np.array_equal(valid[:, 0], ~gap)
+        expected = _ramp(20)[:, 0] if name == "there" else _ramp(20)[::-1, 0]
+        np.testing.assert_allclose(traces[valid[:, 0], 0, 0], expected, atol=1.0)
+
+
+def test_positions_that_jitter_or_stand_are_no_gaps(tmp_path: Path) -> None:
+    jitter = 0.01 * np.random.default_rng(1).uniform(-1.0, 1.0, 20)
+    for name, positions in (("jitter", 0.05 * np.arange(20) + jitter), ("none", np.zeros(20))):
+        output = tmp_path / f"{name}.drive.h5"
+        import_lines([write_dt1(tmp_path / f"{name}.DT1", _ramp(20), positions=positions)], output=output)
+        traces, valid = _read(output)
+        assert valid.all()
+        np.testing.assert_array_equal(traces[:, 0], _ramp(20))
+
+
+def test_positions_that_turn_back_are_named(tmp_path: Path) -> None:
+    positions = 0.05 * np.array([0, 1, 2, 3, 2, 3, 4, 5])
+    path = write_dt1(tmp_path / "a.DT1", _ramp(8), positions=positions)
+    with pytest.raises(InputError, match=r"position of trace 4: expected positions that rise .* a step of -0.05 m"):
+        import_lines([path], output=tmp_path / "a.drive.h5")
+    import_lines([path], length_m=0.7, output=tmp_path / "a.drive.h5")
+
+
 def test_lines_of_other_spacing_are_resampled(tmp_path: Path) -> None:
     paths = [_line(tmp_path, 0, _ramp(5), step=0.1), _line(tmp_path, 1, _ramp(9, factor=50), step=0.05)]
     import_lines(paths, line_spacing_m=0.5, output=tmp_path / "a.drive.h5")

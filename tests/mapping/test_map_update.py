@@ -16,7 +16,7 @@ import pytest
 from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.batch.register import true_poses
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, DriveWriter, MapFile, check_file, locked_map
+from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording, check_file, locked_map
 from lgprjax.mapping import UpdatedMap, update_map
 from lgprjax.mapping.matching import passes_at, places_of_drives, route_of
 from lgprjax.mapping.update import LocatedDrive, locate_drive
@@ -210,6 +210,37 @@ def test_the_route_of_the_map_goes_over_what_is_in_force(trench: TrenchSite, twi
     assert np.all(route.drive[inside] == 2)
     assert np.all(passes[inside] == 2)
     assert np.all(passes[outside] >= 3)
+
+
+def test_a_line_walked_the_other_way_makes_as_many_stations(trench: TrenchSite, tmp_path: Path) -> None:
+    """An imported line, and a copy whose traces are stored from its other end."""
+    added = []
+    for back in (False, True):
+        drive, path = tmp_path / f"line{back:d}.drive.h5", tmp_path / f"road{back:d}.map.h5"
+        _as_a_line(trench.newer[0], drive, back=back)
+        (update,) = update_map(trench.map, [drive], path).drives
+        assert check_file(path) == []
+        with MapFile.open(path) as source:
+            added.append(source.pose[source.drive == 2])
+        assert update.stations == len(added[-1])
+    assert len(added[0]) > 100
+    assert abs(len(added[0]) - len(added[1])) <= 1
+    # The last station of one is the first of the other, and the antennas keep their sides.
+    for one, other in ((0, -1), (-1, 0)):
+        assert np.hypot(*(added[0][one, :2] - added[1][other, :2])) < 0.2
+    assert abs(np.median(added[0][:, 3]) - np.median(added[1][:, 3])) < 0.1
+
+
+def _as_a_line(drive: Path, target: Path, *, back: bool) -> None:
+    """A drive as if it had been imported from a survey line of which nobody knows the direction."""
+    with DriveLog.open(drive) as log:
+        recording = log.description.recording
+        assert isinstance(recording, TraceRecording)
+        provenance = log.description.provenance | {"lines": [], "assumed": {"direction": "as stored"}}
+        description = replace(log.description, recording=replace(recording, zero_level=0.0), provenance=provenance)
+        traces, valid = (each[::-1] if back else each for each in log.read_traces(0, log.scans))
+        with DriveWriter.create(target, description, channels=log.channels, dtype=np.float32) as writer:
+            writer.append(log.scan_time_s, traces.astype(np.float32), valid)
 
 
 @pytest.mark.parametrize("wrong", ["elsewhere", "off", "short", "twice", "channels"])

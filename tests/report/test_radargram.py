@@ -83,6 +83,16 @@ def test_a_line_with_falling_positions_keeps_its_order_and_its_places() -> None:
     assert largest_at(clear_view(radargram_of(back))) == pytest.approx((AT_M, AT_NS))
 
 
+def test_falling_positions_with_a_gap_keep_it_open() -> None:
+    places = 0.1 * np.arange(100) + 2.0 * (np.arange(100) >= 50)
+    falling = replace(point_line(), spacing_m=None, positions_m=places[::-1])
+    held = radargram_of(falling)
+    assert (held.along[0], held.along[-1]) == pytest.approx((11.9, 0.0))
+    assert np.all(np.diff(held.along) < 0.0)
+    assert np.isnan(held.amplitude[np.abs(held.along - 5.95) < 0.4]).all()
+    assert np.isfinite(held.amplitude[np.abs(held.along - 5.95) > 1.1]).all()
+
+
 def test_axes_say_what_they_are() -> None:
     figure = Figure()
     axes = draw_radargram(radargram_of(point_line()), figure.add_subplot(), wave_speed_m_per_ns=0.125)

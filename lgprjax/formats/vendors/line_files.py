@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Num
+from jaxtyping import Float, Num
 
 from lgprjax.errors import InputError
+from lgprjax.formats.line_layout import at_time_zero, check_time_zeros
 from lgprjax.formats.profile import Profile, TextHeader, companion, count_traces, named_frequency_hz, read_bytes
 
 _HEADER_BYTES = 1024
@@ -157,7 +158,8 @@ def read_dt1(path: str | Path, *, partial: bool = False) -> Profile:
     """Read one ``.DT1`` file with its ``.HD``.
 
     Every trace is a header of 32 float32 words (word 1 its position, word 2 its samples, word 5 bytes a sample)
-    and int16 samples. Positions may be in feet; time zero is a fractional sample number counted from sample 0.
+    and int16 samples. Positions may be in feet; time zero is a fractional sample number counted from sample 0. A line
+    whose positions skip a stretch, or go back, has no spacing: its positions count.
 
     Args:
         path: the file.
@@ -197,12 +199,21 @@ def read_dt1(path: str | Path, *, partial: bool = False) -> Profile:
         channels=records["samples"][:, None, :].astype(np.int16),
         sample_interval_ns=interval_ns,
         time_zero_ns=header.number("TIMEZERO AT POINT", default=0.0) * interval_ns,
-        spacing_m=step * _UNIT_M[unit],
+        spacing_m=step * _UNIT_M[unit] if _are_even(positions_m) else None,
         centre_frequency_hz=frequency_mhz * 1e6 if frequency_mhz > 0 else None,
         positions_m=positions_m,
         metadata=dict(header.values),
         cut=cut,
     )
+
+
+def _are_even(positions_m: Float[np.ndarray, " trace"]) -> bool:
+    """Whether positions go one way in similar steps, or are all the same: those of a line triggered by time."""
+    steps_m = np.diff(positions_m)
+    if not steps_m.any():
+        return True
+    usual_m = float(np.median(steps_m))
+    return bool(np.all(np.abs(steps_m - usual_m) < 0.5 * abs(usual_m)))
 
 
 # MALA lines: ``.rd3`` (int16) or ``.rd7`` (int32) samples with a ``.rad`` text header.
@@ -283,7 +294,8 @@ def read_iprb_array(paths: Sequence[str | Path], *, partial: bool = False) -> Pr
     """Read the channels of one line, ``NAME_001_A01.iprb``, ``NAME_001_A02.iprb`` ..., as one profile.
 
     ``CH_X_OFFSET`` is to the right of the position reference, ``CH_Y_OFFSET`` forward; channels are returned from left
-    to right. A single file has no place in an array.
+    to right. ``ZERO LEVEL`` is each channel's own: all are brought to the middle one. A single file has no place in an
+    array.
 
     Args:
         paths: the files, in any order.
@@ -291,7 +303,8 @@ def read_iprb_array(paths: Sequence[str | Path], *, partial: bool = False) -> Pr
             ``Profile.cut`` then gives their number.
 
     Raises:
-        InputError: a file cannot be read, or the channels are not an array: different recordings, or two in one place.
+        InputError: a file cannot be read, or the channels are not an array: different recordings, time zeros farther
+            apart than a twentieth of the trace, or two in one place.
     """
     if not paths:
         raise InputError("files", "channels", "at least one .iprb file", "none")
@@ -308,11 +321,15 @@ def read_iprb_array(paths: Sequence[str | Path], *, partial: bool = False) -> Pr
     for i in order[1:]:
         _check_same_recording(read[i][0], read[i][1], first, header)
     whole = min(len(profile.channels) for profile, _ in read)
+    ordered = [read[i][0] for i in order]
+    # That of a channel, not between two: whole samples are moved without smoothing them.
+    time_zero_ns = sorted(profile.time_zero_ns for profile in ordered)[len(ordered) // 2]
+    check_time_zeros(ordered, time_zero_ns)
     return Profile(
         path=first.path,
-        channels=np.concatenate([read[i][0].channels[:whole] for i in order], axis=1),
+        channels=np.stack([at_time_zero(profile, time_zero_ns)[:whole] for profile in ordered], axis=1),
         sample_interval_ns=first.sample_interval_ns,
-        time_zero_ns=first.time_zero_ns,
+        time_zero_ns=time_zero_ns,
         spacing_m=first.spacing_m,
         centre_frequency_hz=first.centre_frequency_hz,
         positions_m=None if first.positions_m is None else first.positions_m[:whole],
