@@ -37,6 +37,7 @@ _HANDS = (
     Event.CRUISE_PLUS,
     Event.OVERRIDE_PRESSED,
     Event.OVERRIDE_RELEASED,
+    Event.OVERRIDE_ASSUMED,
     Event.TICK,
 )
 _VIEWS: tuple[tuple[Event, ...], ...] = (

@@ -2,9 +2,10 @@
 
 The modes and their order are LL's (its figure 4). The operator drives in every mode but STEERING and SPEED. The
 override button always gives the vehicle back: pressed in STEERING or SPEED it leads to MANUAL in one step, as do
-steering torque and a held brake; released, with nothing wrong, it leads from MANUAL to READY. An error or a dead
-control process leads to ERROR, after handing over, which only the button leaves for READY, once nothing is wrong any
-more. The emergency stop cuts the actuators' power, so that the system checks must pass again after it.
+steering torque and a held brake; released, with nothing wrong, it leads from MANUAL to READY. A button that cannot be
+read gives the vehicle back too, but only a press acknowledges. An error or a dead control process leads to ERROR, after
+handing over, which only the button leaves for READY, once nothing is wrong any more. The emergency stop cuts the
+actuators' power, so that the system checks must pass again after it.
 
 Time is the host's monotonic clock; a decreasing time is ignored.
 """
@@ -36,7 +37,9 @@ class Event(Enum):
     """Events. Buttons and pedals report both edges; everything else reports a change.
 
     ``BRAKE_TAPPED`` is the brake being pressed, ``BRAKE_HELD`` its remaining pressed, ``ERROR_CLEARED`` the end of the
-    last error raised. ``ROUTE_NEAR`` is within 10 m of the chosen path, at a unique place and aligned with it.
+    last error raised. ``OVERRIDE_ASSUMED`` is the override button being unreadable, by its contacts or a silent
+    controller: nobody pressed it. ``ROUTE_NEAR`` is within 10 m of the chosen path, at a unique place and aligned with
+    it.
     """
 
     BOOT_DONE = auto()
@@ -47,6 +50,7 @@ class Event(Enum):
     CRUISE_MINUS = auto()
     OVERRIDE_PRESSED = auto()
     OVERRIDE_RELEASED = auto()
+    OVERRIDE_ASSUMED = auto()
     STEERING_TORQUE = auto()
     BRAKE_TAPPED = auto()
     BRAKE_HELD = auto()
@@ -244,8 +248,8 @@ class ModeState(NamedTuple):
         sources_present: the sources that navigation needs to engage are present.
         health_good: navigation does not request a stop.
         brake_pressed, override_pressed, estop_pressed: operator inputs.
-        override_since_s: time at which the override button was pressed.
-        override_stuck: held for too long, or since before the end of the boot; until released.
+        override_since_s: time at which the override button was pressed, or assumed to be.
+        override_stuck: held for too long, since before the end of the boot, or assumed; until released.
         registration_dead: driving continues without it, on GNSS and INS.
         failures: deaths of supervised processes in the last minute, each by its event and its time.
         stopping: a controlled stop runs; it ends standing, in MANUAL.
@@ -353,6 +357,8 @@ def _others(state: ModeState, happening: ModeEvent) -> Step:
             return _override_pressed(state)
         case Event.OVERRIDE_RELEASED:
             return _override_released(state)
+        case Event.OVERRIDE_ASSUMED:
+            return _override_assumed(state)
         case Event.ESTOP_PRESSED:
             state = state._replace(mode=Mode.EMERGENCY_STOP, estop_pressed=True, checks_passed=False, stopping=False)
             return state, (Action.CUT_POWER, Action.RELEASE_ACTUATORS, Action.LIGHT_BUTTON, Action.WARN)
@@ -410,9 +416,25 @@ def _hand_over(state: ModeState) -> Step:
     return state._replace(mode=Mode.MANUAL, stopping=False), (Action.RELEASE_ACTUATORS, Action.WARN)
 
 
-def _override_pressed(state: ModeState) -> Step:
+def _hold_override(state: ModeState) -> ModeState:
     since_s = state.override_since_s if state.override_pressed else state.time_s
-    state = state._replace(override_pressed=True, override_since_s=since_s, stopping=False)
+    return state._replace(override_pressed=True, override_since_s=since_s, stopping=False)
+
+
+def _override_assumed(state: ModeState) -> Step:
+    """Gives the vehicle back and acknowledges nothing: an error stays, power that is cut stays cut."""
+    # On the way to READY no press is awaited: a controller that is heard late goes on there. From elsewhere the end of
+    # the silence must not arm either.
+    underway = state.mode in (Mode.BOOT, Mode.CHECKS, Mode.READY)
+    keeps = state.mode in (Mode.ERROR, Mode.EMERGENCY_STOP)
+    state = _hold_override(state)._replace(
+        mode=state.mode if keeps else Mode.MANUAL, override_stuck=state.override_stuck or not underway
+    )
+    return state, (Action.RELEASE_ACTUATORS,)
+
+
+def _override_pressed(state: ModeState) -> Step:
+    state = _hold_override(state)
     release = (Action.RELEASE_ACTUATORS,)
     if state.mode is Mode.EMERGENCY_STOP:
         if state.estop_pressed:

@@ -1,7 +1,8 @@
 """The operator's hands and feet: buttons, contacts, brake and torque as events of the mode machine. Faults 32 to 34.
 
 Overrides act on the first status; engaging and releasing need two in a row. A button that was down when the watch began
-does not count as pressed. Anything unreadable counts as the override.
+does not count as pressed. Anything unreadable gives the vehicle back as the override does, and acknowledges nothing: an
+event of its own tells it from a press.
 """
 
 from typing import NamedTuple
@@ -46,7 +47,7 @@ class ButtonState(NamedTuple):
         received: the controller has been received.
         unreceived_s: time since the watch began, until it is received.
         resting: statuses in a row with the override at rest.
-        override, estop, brake: as reported to the mode machine.
+        override, estop, brake: as reported to the mode machine; ``override`` pressed or assumed to be.
         braked_s: time for which the brake has been pressed.
         freed: ticks in a row with the brake free.
         contacts, torque, unread: findings.
@@ -101,7 +102,7 @@ def step_buttons(
         # Two statuses at rest release it, not one.
         state = state._replace(resting=0)
         if not state.override:
-            events.append(Event.OVERRIDE_PRESSED)
+            events.append(Event.OVERRIDE_ASSUMED)
             state = state._replace(override=True)
     state = _take_brake(state, hands, events, step_s)
     state = _take_torque(state, hands.torque_nm, override_torque_nm, engaged, events, step_s)

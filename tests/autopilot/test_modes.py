@@ -72,7 +72,9 @@ def test_from_boot_to_a_driven_speed_and_back() -> None:
 
 
 @pytest.mark.parametrize("engaged", [TO_STEERING, TO_SPEED])
-@pytest.mark.parametrize("event", [Event.OVERRIDE_PRESSED, Event.STEERING_TORQUE, Event.BRAKE_HELD])
+@pytest.mark.parametrize(
+    "event", [Event.OVERRIDE_PRESSED, Event.OVERRIDE_ASSUMED, Event.STEERING_TORQUE, Event.BRAKE_HELD]
+)
 def test_the_operator_takes_over_in_one_step(engaged: tuple[Event, ...], event: Event) -> None:
     state, actions = after(*engaged, event)
     assert state.mode is Mode.MANUAL
@@ -80,18 +82,19 @@ def test_the_operator_takes_over_in_one_step(engaged: tuple[Event, ...], event: 
 
 
 def test_override_gives_the_vehicle_back_from_every_state_that_can_be_reached() -> None:
-    takes_over = {Event.OVERRIDE_PRESSED, Event.STEERING_TORQUE, Event.BRAKE_HELD}
+    override = {Event.OVERRIDE_PRESSED, Event.OVERRIDE_ASSUMED}
+    takes_over = {*override, Event.STEERING_TORQUE, Event.BRAKE_HELD}
     seen = set()
     for before, event, state, actions in every_transition():
         if event not in takes_over:
             continue
         seen.add((event, before.mode))
         assert operator_drives(state)
-        if not operator_drives(before) or event is Event.OVERRIDE_PRESSED:
+        if not operator_drives(before) or event in override:
             assert Action.RELEASE_ACTUATORS in actions
-        if event is Event.OVERRIDE_PRESSED and before.mode not in (Mode.ERROR, Mode.EMERGENCY_STOP):
+        if event in override and before.mode not in (Mode.ERROR, Mode.EMERGENCY_STOP):
             assert state.mode is Mode.MANUAL
-        elif event is not Event.OVERRIDE_PRESSED:
+        elif event not in override:
             assert state.mode is (before.mode if operator_drives(before) else Mode.MANUAL)
     assert seen == {(event, mode) for event in takes_over for mode in Mode}
 
@@ -109,6 +112,39 @@ def test_error_and_emergency_stop_are_left_as_they_must_be() -> None:
             assert not state.checks_passed
             assert Action.RESTORE_POWER in actions
     assert left == {Mode.READY, Mode.CHECKS, Mode.BOOT, Mode.EMERGENCY_STOP}
+
+
+def test_an_override_that_cannot_be_read_acknowledges_nothing() -> None:
+    """Neither its beginning nor its end: error and emergency stop stay, and nothing is done but to release."""
+    seen = set()
+    for before, event, state, actions in every_transition():
+        if event is not Event.OVERRIDE_ASSUMED:
+            continue
+        seen.add(before.mode)
+        assert actions == (Action.RELEASE_ACTUATORS,)
+        assert (state.faults, state.checks_passed) == (before.faults, before.checks_passed)
+        freed, then = step_modes(state, ModeEvent(Event.OVERRIDE_RELEASED, 0.0))
+        if before.mode in (Mode.ERROR, Mode.EMERGENCY_STOP):
+            assert state.mode is before.mode
+        if before.mode not in (Mode.BOOT, Mode.CHECKS, Mode.READY):
+            assert (freed.mode, then) == (state.mode, ())
+    assert seen == set(Mode)
+
+
+@pytest.mark.parametrize("engaged", [TO_STEERING, TO_SPEED])
+def test_after_a_silence_that_took_the_vehicle_ready_takes_a_press(engaged: tuple[Event, ...]) -> None:
+    state, _ = after(*engaged, Event.OVERRIDE_ASSUMED, Event.OVERRIDE_RELEASED)
+    assert state.mode is Mode.MANUAL
+    assert after(*REARM, start=state)[0].mode is Mode.READY
+
+
+def test_a_controller_that_is_heard_late_stops_no_start() -> None:
+    late = after(Event.BOOT_DONE, Event.OVERRIDE_ASSUMED, *TO_READY[1:])[0]
+    assert (late.mode, after(Event.STEERING_BUTTON, start=late)[0].inhibit) == (
+        Mode.MANUAL,
+        EngagementInhibit.OVERRIDE_PRESSED,
+    )
+    assert after(Event.OVERRIDE_RELEASED, start=late)[0].mode is Mode.READY
 
 
 def test_every_entry_of_error_is_lit_and_told_and_hands_over() -> None:
@@ -351,7 +387,7 @@ class AnyDrive(RuleBasedStateMachine):
             self.estop |= event is Event.ESTOP_PRESSED
         elif event is Event.ESTOP_RELEASED:
             self.estop = False
-        elif event is Event.OVERRIDE_PRESSED:
+        elif event in (Event.OVERRIDE_PRESSED, Event.OVERRIDE_ASSUMED):
             self.pressed_s = self.time_s if self.pressed_s is None else self.pressed_s
         elif event is Event.OVERRIDE_RELEASED:
             self.pressed_s, self.at_boot = None, False

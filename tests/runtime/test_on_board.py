@@ -11,7 +11,7 @@ import pytest
 
 from lgprjax.autopilot import EngagementInhibit, Mode
 from lgprjax.autopilot.monitors import Watch
-from lgprjax.navigation import Reason
+from lgprjax.navigation import PlanCode, Reason
 from lgprjax.run_records import FIX, Record, RecordKind
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore
@@ -21,6 +21,22 @@ from onboard_loop import DRIVE, OnboardLoop
 from onboard_moments import ENGAGED, Moment, follow, goes_on, stops
 
 STEER: dict[str, Any] = {"do": "press", "button": "steering", "for_s": 0.3}
+
+
+def test_engaged_again_soon_after_the_override_the_plan_is_followed_to_its_end(moments: dict[str, Moment]) -> None:
+    """The place is searched anew before anything can be engaged, however soon the steering button follows."""
+    drive = {"do": "drive", "speed_mps": 4.0}
+    after = follow(moments["fast"], 0.12, script=[{"do": "press", "button": "override", "for_s": 0.06}, drive])
+    assert after.mode(Mode.MANUAL) <= 0.1
+    again = follow(Moment(after.loop, moments["fast"].shared), 0.5, script=[drive, STEER])
+    assert again.mode(Mode.STEERING) <= 0.3, again.told
+    pilot = again.loop.kind.pilot
+    assert pilot.on_route
+    assert pilot.code == int(pilot.result.code)
+    lock = {"do": "press", "button": "plus", "for_s": 0.3}
+    ended = follow(Moment(again.loop, moments["fast"].shared), 45.0, script=[lock])
+    assert any("STOP_CONTROLLED" in event and "ROUTE_OFF" in event for _, event in ended.loop.events), ended.told
+    assert PlanCode.DONE in {PlanCode(int(row["code"])) for row in ended.loop.rows[ended.first :]}
 
 
 @pytest.mark.parametrize("moment", ["straight", "bend", "fast"])
@@ -171,6 +187,39 @@ def test_fixes_of_a_wrong_place_do_not_move_the_vehicle(moments: dict[str, Momen
     assert goes_on(after) or stops(after)
 
 
+@pytest.mark.parametrize("moment", ["straight", "bend"])
+def test_with_a_dead_odometer_a_controlled_stop_brakes_until_the_vehicle_stands(
+    moments: dict[str, Moment], moment: str
+) -> None:
+    """The wheels say zero from the beginning; GNSS, which carried the speed, is lost while the vehicle still drives."""
+    faults = [{"kind": "odometer_dead"}]
+    driven = follow(moments[moment], 1.5, faults=faults)
+    assert goes_on(driven), driven.told
+    assert driven.speed_at(1.5) > 1.0
+    after = follow(
+        Moment(driven.loop, moments[moment].shared), 9.0, faults=[*faults, {"kind": "gnss_off"}], change=lose_fixes
+    )
+    assert any("STOP_CONTROLLED" in event for _, event in after.loop.events), after.told
+    assert max(float(row["command"][2]) for row in after.loop.rows[after.first :]) > 0.1
+    assert after.watch(Watch.SPEED_UNKNOWN) < 2.0
+    over_s = after.mode(Mode.MANUAL, Mode.ERROR)
+    assert over_s == math.inf or abs(after.speed_at(over_s)) < 0.1, after.told
+    assert after.speed_at(9.0) < 0.1
+
+
+def test_an_odometer_that_dies_with_gnss_does_not_end_the_stop_once_its_finding_clears(
+    moments: dict[str, Moment],
+) -> None:
+    """Without GNSS nothing goes on saying that its zero is wrong."""
+    faults = [{"kind": "odometer_dead"}, {"kind": "gnss_off"}]
+    after = follow(moments["fast"], 9.0, faults=faults, change=lose_fixes)
+    assert after.when(lambda row: bool(row["command"][2] > 0.3)) < 3.0, after.told
+    assert not int(after.last["watch"]) & Watch.SPEED_UNKNOWN
+    over_s = after.mode(Mode.MANUAL)
+    assert over_s < 9.0, after.told
+    assert abs(after.speed_at(over_s)) < 0.1, after.told
+
+
 @pytest.mark.parametrize("moment", ["straight", "bend", "fast"])
 def test_without_gnss_and_scans_the_vehicle_stops(moments: dict[str, Moment], moment: str) -> None:
     after = follow(moments[moment], 9.0, faults=[{"kind": "gnss_off"}], change=lose_fixes)
@@ -236,8 +285,9 @@ def test_a_control_loop_that_was_relaunched_is_never_engaged_by_itself(
     loop.held_up = [(loop.time_s, loop.time_s + 2.0)]
     loop.run(1.9)
     loop.core = ControlCore(config, loaded, session=78, after_death=True)
-    loop.tell({"ready": "recorder"})
-    loop.tell({"ready": "registration"})
+    # As the supervisor tells every new control process.
+    for name in ("recorder", "registration"):
+        loop.tell({"ready": name})
     first, loop.tick = len(loop.rows), 0
     loop.run(6.0)
     assert {Mode(int(row["mode"])) for row in loop.rows[first:]} == {Mode.ERROR}

@@ -128,8 +128,8 @@ _UNCHECKED = (Mode.BOOT, Mode.CHECKS)
 _TOLD = (Mode.ERROR, Mode.MANUAL, Mode.EMERGENCY_STOP)
 """Modes whose cause the page tells."""
 _CONTROLLER = TEXT[Watch.CONTROLLER_SILENT]
-_AS_PRESSED = {_CONTROLLER, TEXT[Watch.OVERRIDE_CONTACTS]}
-"""Findings that act as the override button."""
+_OVERRIDE_UNREAD = {_CONTROLLER, TEXT[Watch.OVERRIDE_CONTACTS]}
+"""Findings for which the override button is assumed to be pressed."""
 
 
 class ControlCore:
@@ -194,8 +194,8 @@ class ControlCore:
             if self._after_death:
                 self._tell(Event.CONTROL_RELAUNCHED, now_ns)
         for event in events:
-            as_pressed = [text for text in self.kind.warnings() if text in _AS_PRESSED]
-            self._tell(event, now_ns, why=as_pressed if event is Event.OVERRIDE_PRESSED else None)
+            unread = [text for text in self.kind.warnings() if text in _OVERRIDE_UNREAD]
+            self._tell(event, now_ns, why=unread if event is Event.OVERRIDE_ASSUMED else None)
         self._run_checks(now_ns)
         self._notice(self.kind.status(decided=False), now_ns)
         self.kind.step(self._wish(), now_ns)
@@ -392,7 +392,7 @@ class ControlCore:
             if event in _PRESSES and happened.actions == (Action.WARN.name,):
                 why = [self._refusal(self.modes.state.inhibit)]
             self._event(now_ns, {**happened._asdict(), **({"why": why} if why else {})})
-        if event is Event.OVERRIDE_PRESSED:
+        if event in (Event.OVERRIDE_PRESSED, Event.OVERRIDE_ASSUMED):
             self.kind.leave()
 
     def _event(self, now_ns: int, state_json: dict[str, Any]) -> None:

@@ -204,8 +204,8 @@ class Pilot:
         return self.result
 
     def leave(self) -> None:
-        """Search for a place again: the operator has driven."""
-        self.on_route = False
+        """Search for a place again: the operator has driven. Until one is found the old plan is no reason to engage."""
+        self.on_route, self.code, self._searched = False, PlanCode.LOST, 0
 
     def _search(self) -> None:
         """Search for a place on the route, twice a second."""
@@ -433,6 +433,7 @@ class CounterSteer:
             controller_age_s=operator.age_s,
             heading_rad=math.nan if attitude is None or now_ns - attitude.time_ns > _OLD_NS else attitude.yaw_rad,
             cross_track_m=self.pilot.result.offset_m,
+            estimated_mps=self.pilot.result.speed_mps,
         )
         if not self.pilot.started and place is not None and attitude is not None:
             self.pilot.start(place, attitude, watched.front_rad)

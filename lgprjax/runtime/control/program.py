@@ -87,9 +87,10 @@ class Control:
             wait_ns = due_ns - time.monotonic_ns()
             if wait_ns > 0:
                 time.sleep(wait_ns / 1e9)
-            now_ns = time.monotonic_ns()
             tick += 1
             came = self._came(tick)
+            # After its messages: to a loop preempted between the two they would come from the future.
+            now_ns = time.monotonic_ns()
             core.unrecorded = self._log.lost
             out = core.step(tick, now_ns, came)
             for record in out:

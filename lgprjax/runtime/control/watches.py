@@ -17,13 +17,16 @@ from lgprjax.autopilot.chassis_monitors import (
     step_wheel_sensors,
 )
 from lgprjax.autopilot.monitors import (
+    Dwell,
     LineWatchState,
     MotionState,
     PathWatchState,
     Severity,
     Watch,
+    counted_step_s,
     curvature,
     severity_of,
+    step_dwell,
     step_line_watch,
     step_motion,
     step_path_watch,
@@ -46,6 +49,9 @@ from lgprjax.runtime.control.senses import BoxStatus, Sensed, chassis_belief, pe
 
 ODOMETER = Watch.ODOMETER_DEAD | Watch.ODOMETER_REVERSED | Watch.ODOMETER_SLIPS | Watch.SPEED_UNKNOWN
 _TOLD = STEERING | PEDALS
+_DOUBT_S = 3.0
+"""Time for which wheels that were found bad are not believed again while engaged: with GNSS gone the finding clears
+although nothing has improved, and their zero would end a controlled stop at speed."""
 
 
 class SentCommand(NamedTuple):
@@ -109,7 +115,7 @@ class SharedWatches:
             statuses: buttons of the controller since the last tick, oldest first.
             controller_age_s: since the newest one; infinite before the first.
             hands: of the operator on the vehicle.
-            speed_mps: measured.
+            speed_mps: as far as it is believed, else NaN.
             step_s: since the last tick.
         """
         state, held = box
@@ -156,6 +162,7 @@ class Watches:
         self._servo, self._rear, self._pedal = ServoWatchState(), ChassisWatchState(), PedalWatchState()
         self._odometer, self._path = OdometerWatchState(), PathWatchState()
         self._heading, self._torque = HeadingWatchState(), TorqueState()
+        self._doubt, self._blind = Dwell(), Dwell()
         self._session = 0
 
     @property
@@ -173,6 +180,7 @@ class Watches:
         controller_age_s: float,
         heading_rad: float,
         cross_track_m: float,
+        estimated_mps: float,
     ) -> Watched:
         """A tick.
 
@@ -184,6 +192,7 @@ class Watches:
             controller_age_s: since the newest one; infinite before the first.
             heading_rad: by GNSS/INS, NaN without one.
             cross_track_m: of the last tick.
+            estimated_mps: speed by the navigation, of the last tick; NaN before there is a pose.
         """
         time_s, step_s = now_ns / 1e9, sensed.step_s
         steers = bool(sent.engage & STEERING)
@@ -212,7 +221,7 @@ class Watches:
             statuses=statuses,
             controller_age_s=controller_age_s,
             hands=hands,
-            speed_mps=speed,
+            speed_mps=self._believed_mps(speed, bits, steers or bool(sent.engage & PEDALS), estimated_mps, step_s),
             step_s=step_s,
         )
         bits |= found
@@ -220,6 +229,18 @@ class Watches:
         if not math.isfinite(rate) and math.isfinite(front + speed):
             rate = speed * curvature(self._chassis, front) * yaw_gain(self._chassis, speed)
         return Watched(bits, severity_of(bits), events, front, rate if math.isfinite(rate) else 0.0, speed_known)
+
+    def _believed_mps(self, speed_mps: float, bits: Watch, engaged: bool, estimated_mps: float, step_s: float) -> float:
+        """Speed that decides whether the vehicle stands: the wheels' only while they are believed.
+
+        Else the navigation's, which GNSS carries; without GNSS none, which counts as too fast and never as standing.
+        """
+        off_s, step_s = (_DOUBT_S if engaged else 0.0), counted_step_s(step_s)
+        self._doubt = step_dwell(self._doubt, bool(bits & ODOMETER), step_s, on_s=0.0, off_s=off_s)
+        self._blind = step_dwell(self._blind, bool(bits & Watch.SPEED_UNKNOWN), step_s, on_s=0.0, off_s=off_s)
+        if self._blind.on:
+            return math.nan
+        return estimated_mps if self._doubt.on else speed_mps
 
     def _step_speed(
         self,
