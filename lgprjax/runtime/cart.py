@@ -20,7 +20,7 @@ from lgprjax.files import file_hash
 from lgprjax.formats import read_vehicle
 from lgprjax.navigation import GnssObservation, SmoothedCart, cart_model, cart_rules, smooth_cart
 from lgprjax.run_records import COVER, ToolBits
-from lgprjax.runtime.gnss import GnssParser, GnssPosition, Quality, read_gnss
+from lgprjax.runtime.gnss import Accuracy, GnssParser, GnssPosition, Quality, read_gnss
 from lgprjax.worked.plans import PlanFile
 from lgprjax.worked.record import CoverRun
 
@@ -76,6 +76,7 @@ def read_cart_fixes(path: str | Path) -> CartFixes:
         raise InputError(file, "file", "the log of a receiver", str(error.strerror or error)) from None
     heard: list[_Heard] = []
     clock: datetime | None = None
+    told: Accuracy | None = None
     for message in GnssParser().feed(data):
         if not isinstance(message, bytes):
             continue
@@ -83,10 +84,17 @@ def read_cart_fixes(path: str | Path) -> CartFixes:
         sample = read_gnss(message)
         if sample is None:
             continue
-        if sample.accuracy is not None and heard and heard[-1].position.tow_s == sample.accuracy.tow_s:
-            heard[-1] = heard[-1]._replace(sigma_m=sample.accuracy.sigma_m)
-        if sample.position is not None and sample.position.quality is not Quality.NONE:
-            heard.append(_Heard(clock, message[:1] == b"\xb5", sample.position, sample.position.sigma_m))
+        if sample.accuracy is not None:
+            told = sample.accuracy
+            if heard and heard[-1].position.tow_s == told.tow_s:
+                heard[-1] = heard[-1]._replace(sigma_m=told.sigma_m)
+        position = sample.position
+        if position is not None and position.quality is not Quality.NONE:
+            sigma_m = position.sigma_m
+            # Some receivers send the accuracy of a position before it.
+            if not np.isfinite(sigma_m) and told is not None and told.tow_s == position.tow_s:
+                sigma_m = told.sigma_m
+            heard.append(_Heard(clock, message[:1] == b"\xb5", position, sigma_m))
     if heard and clock is None:
         raise InputError(file, "date", "RMC or ZDA sentences, or NAV-PVT, beside the positions", "none")
     # Positions before the first date are of the same day, or of the evening before.

@@ -131,14 +131,14 @@ class Resume(NamedTuple):
     Attributes:
         run: UUID of the run, 16 bytes.
         segment, number: the next ones.
-        positions: of the rings by origin, end of the last record on disk in each.
+        last: of each ring, by origin: end and data of the last record on disk.
         dropped: lost messages by ring known in the recording.
     """
 
     run: bytes
     segment: int
     number: int
-    positions: dict[int, int]
+    last: dict[int, tuple[int, bytes]]
     dropped: dict[str, int]
 
 
@@ -157,7 +157,7 @@ def resume(folder: Path) -> Resume:
     found = Resume(run, max(files, default=-1) + 1, 0, {}, {})
     for segment in reversed(files):
         head = heads[segment]
-        positions: dict[int, int] = {}
+        last: dict[int, tuple[int, bytes]] = {}
         dropped: dict[str, int] = {}
         number = -1 if head is None or head.run != run else head.number - 1
         seen = False
@@ -166,10 +166,10 @@ def resume(folder: Path) -> Resume:
             if record.origin == OWN:
                 dropped |= json.loads(record.data).get("dropped", {})
             else:
-                positions[record.origin] = record.position
+                last[record.origin] = record.position, record.data
         found = found._replace(number=max(found.number, number + 1))
         if seen:
-            return found._replace(positions=positions, dropped=dropped)
+            return found._replace(last=last, dropped=dropped)
     return found
 
 
@@ -319,8 +319,11 @@ class Recorder:
         tell_run(self._folder, before.run, started.config.file)
         if started.after_death:
             # Records written but not released by the previous recorder are not recorded twice.
-            for origin, position in before.positions.items():
-                self._rings[origin].release(position)
+            for origin, last in before.last.items():
+                # If that one died before its first write, the last on disk are of earlier rings, where the same count
+                # of bytes means another record: only the record itself tells that it is this ring's.
+                if last in self._rings[origin].peek().messages:
+                    self._rings[origin].release(last[0])
         # Damage found by the previous recorder, and losses of rings that no longer exist.
         self._known = {ORIGINS[o]: max(0, before.dropped.get(ORIGINS[o], 0) - r.lost) for o, r in self._rings.items()}
         self._dropped = self._losses()

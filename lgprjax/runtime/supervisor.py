@@ -1,7 +1,8 @@
 """The supervisor: starts the processes of the runtime, replaces dead and hung ones, ends them in order.
 
-It makes no driving decisions. It reports the state of the others to the control process, whose mode machine reacts; a
-control process that died is restarted with ``--after-death``, never engaged.
+It makes no driving decisions. It reports the state of the others to the control process, whose mode machine reacts.
+Control and recorder, if they died, are restarted with ``--after-death``: control is never engaged then, and the
+recorder writes nothing twice.
 """
 
 import json
@@ -123,6 +124,13 @@ class Child:
         """Whether there is a process, alive or still ending."""
         return self._process is not None and self._process.poll() is None
 
+    @property
+    def state(self) -> What | None:
+        """Its last state change; ``None`` before the first."""
+        if self.ready:
+            return What.READY
+        return What.LEFT if self.left else What.DIED if self.died_before else None
+
     def look(self, now_s: float, passed_s: float) -> list[ProcessReports]:
         """New state changes; starts it when due, kills it if it hangs.
 
@@ -237,6 +245,8 @@ CommandMaker = Callable[[str, RuntimeConfig, Path, Path, bool], Sequence[str]]
 
 _PERIOD_S = 0.01
 _END_S = 5.0  # for each of the three steps of the end
+_TOLD_OF_DEATH = ("control", "recorder")
+"""Processes that start differently after a death."""
 _ENDED_BY = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
@@ -318,7 +328,9 @@ class _Supervisor:
         self._notifier = Notifier()
         self._watchdog_s = watchdog_s()
         self._start_s = config.supervision.start_s
-        self._rings = [Ring.create(rings / name, RINGS[name]) for name in ("notes", "supervisor_log")]
+        self._notes, self._log = (Ring.create(rings / name, RINGS[name]) for name in ("notes", "supervisor_log"))
+        self._untold: set[str] = set()
+        """Processes whose last change only a dead control process was told."""
         beats = Heartbeats(rings)
         self._children = {
             name: Child(
@@ -351,11 +363,13 @@ class _Supervisor:
             self._end()
 
     def _tell(self, reports: ProcessReports) -> None:
-        content = {reports.what.value: reports.name} | ({"why": reports.why} if reports.why else {})
-        payload = json.dumps(content).encode()
-        record = pack(Record(RecordKind.EVENT, Source.SUPERVISOR, 0, time.monotonic_ns(), payload))
-        for ring in self._rings:
-            ring.put(record)
+        record = _note(reports)
+        self._notes.put(record)
+        self._log.put(record)
+        if reports.name == "control":
+            self._tell_anew(reports.what)
+        else:
+            self._untold.discard(reports.name)
         if reports.name == "control" and self._watchdog_s is not None:
             # Until a new control process feeds the watchdog, it would end the whole service.
             self._notifier.watchdog_within(self._watchdog_s if reports.what is What.READY else self._start_s)
@@ -363,6 +377,17 @@ class _Supervisor:
             _say(f"{reports.name} {reports.what.value}: {reports.why}", sys.stderr)
         missing = self._missing()
         self._notifier.status(f"without {', '.join(missing)}" if missing else "all processes ready")
+
+    def _tell_anew(self, control: What) -> None:
+        """A new control process is told how the others are: the dead one took the notes of it with it."""
+        if control is not What.READY:
+            self._untold = {name for name in self._children if name != "control"}
+            return
+        for name in sorted(self._untold):
+            what = self._children[name].state
+            if what is not None:
+                self._notes.put(_note(ProcessReports(what, name)))
+        self._untold.clear()
 
     def _missing(self) -> tuple[str, ...]:
         return tuple(name for name, child in self._children.items() if not child.ready)
@@ -384,10 +409,16 @@ class _Supervisor:
         self._notifier.close()
 
 
+def _note(reports: ProcessReports) -> bytes:
+    content = {reports.what.value: reports.name} | ({"why": reports.why} if reports.why else {})
+    payload = json.dumps(content).encode()
+    return pack(Record(RecordKind.EVENT, Source.SUPERVISOR, 0, time.monotonic_ns(), payload))
+
+
 def _command(
     command: CommandMaker, name: str, config: RuntimeConfig, rings: Path, run_folder: Path, died: bool
 ) -> Sequence[str]:
-    return command(name, config, rings, run_folder, died and name == "control")
+    return command(name, config, rings, run_folder, died and name in _TOLD_OF_DEATH)
 
 
 def _limits(name: str, config: RuntimeConfig) -> Limits:

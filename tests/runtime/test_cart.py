@@ -1,5 +1,6 @@
 """A hand cart's log as a record: sentences in, ground claimed where the cart was, and nothing said of its tool."""
 
+import itertools
 import json
 from datetime import UTC, datetime, timedelta
 from functools import reduce
@@ -51,7 +52,16 @@ def degrees(value: float, width: int, letters: str) -> str:
     return f"{whole:0{width}d}{60.0 * (abs(value) - whole):010.7f},{letters[int(value < 0.0)]}"
 
 
-def log_of(time_s: np.ndarray, antenna_m: np.ndarray, *, dated: bool = True, stated: bool = True) -> bytes:
+def log_of(
+    time_s: np.ndarray,
+    antenna_m: np.ndarray,
+    *,
+    dated: bool = True,
+    stated: bool = True,
+    order: tuple[str, ...] = ("GGA", "GST", "RMC"),
+    quality: int = 4,
+    sigma_m: float = 0.02,
+) -> bytes:
     """GGA, GST and RMC once a second, across midnight."""
     latitude, longitude, height = FRAME.to_geodetic(antenna_m[:, 0], antenna_m[:, 1], np.zeros(len(time_s)))
     parts = []
@@ -59,11 +69,12 @@ def log_of(time_s: np.ndarray, antenna_m: np.ndarray, *, dated: bool = True, sta
         utc = START + timedelta(seconds=float(at))
         clock = f"{utc:%H%M%S}.{utc.microsecond // 10000:02d}"
         place = f"{degrees(one, 2, 'NS')},{degrees(other, 3, 'EW')}"
-        parts.append(sentence(f"GNGGA,{clock},{place},4,20,0.6,{up:.3f},M,0.0,M,1.0,0000"))
+        said = {"GGA": sentence(f"GNGGA,{clock},{place},{quality},20,0.6,{up:.3f},M,0.0,M,1.0,0000")}
         if stated:
-            parts.append(sentence(f"GNGST,{clock},0.02,0.02,0.02,0,0.020,0.020,0.03"))
+            said["GST"] = sentence(f"GNGST,{clock},0.02,0.02,0.02,0,{sigma_m:.3f},{sigma_m:.3f},0.03")
         if dated:
-            parts.append(sentence(f"GNRMC,{clock},A,{place},0.8,0.0,{utc:%d%m%y},,,R"))
+            said["RMC"] = sentence(f"GNRMC,{clock},A,{place},0.8,0.0,{utc:%d%m%y},,,R")
+        parts += [said[each] for each in order if each in said]
     return "".join(parts).encode()
 
 
@@ -117,6 +128,20 @@ def test_a_log_is_read_with_its_dates_across_midnight(folder: Path) -> None:
     east, north, _ = FRAME.to_local(fixes.latitude_deg, fixes.longitude_deg, fixes.height_m)
     assert np.hypot(east - pose[::10, 0], north - pose[::10, 1]).max() < 0.4
     assert set(fixes.sigma_m) == {0.02}
+
+
+@pytest.mark.parametrize("quality", [4, 5], ids=["fixed", "float"])
+@pytest.mark.parametrize("order", list(itertools.permutations(("GGA", "GST", "RMC"))))
+def test_a_stated_accuracy_holds_in_whatever_order_the_sentences_come(
+    tmp_path: Path, order: tuple[str, ...], quality: int
+) -> None:
+    pose, time_s = pulled()
+    few = slice(0, 300, 10)
+    antenna = antenna_of(pose[few], np.random.default_rng(5))
+    (tmp_path / "cart.nmea").write_bytes(log_of(time_s[few], antenna, order=order, quality=quality, sigma_m=0.08))
+    fixes = read_cart_fixes(tmp_path / "cart.nmea")
+    assert len(fixes.utc_ns) == len(antenna)
+    np.testing.assert_allclose(fixes.sigma_m, 0.08)
 
 
 def test_what_a_log_lacks_is_told(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from lgprjax.runtime.config import read_config
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.skid.setup import load_skid
 from lgprjax.runtime.control.skid.watches import SkidFound
+from lgprjax.simulation.devices import field_stage
 
 BOTH = pytest.mark.parametrize("where", ["line", "turn"])
 
@@ -189,6 +190,31 @@ def test_23_24_without_its_box_it_is_an_error(
     assert loop.when(first, lambda row: Mode(int(row["mode"])) is Mode.ERROR) <= within_s, loop.events[-5:]
     assert not int(loop.rows[-1]["engage"]) & 1
     assert not int(loop.rows[-1]["tool"])
+
+
+def test_ground_counts_by_remote_control_only_while_the_box_is_heard(
+    moments: Moments, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step, depth_m = field_stage.step_tool, float(moments.loaded.belief.depth_m)
+    # The operator has the tool work, whatever the computer last told the box.
+    monkeypatch.setattr(field_stage, "step_tool", lambda state, _, *others: step(state, depth_m, *others))
+    loop = moments.at("line")
+    loop.act({"do": "press", "button": "override"})
+    loop.run(2.0)
+    assert not int(loop.rows[-1]["engage"])
+    assert counted(loop, loop.time_s - 0.3)
+    loop.inject({"kind": "line_silent", "line": "drive_by_wire"})
+    loop.run(3.0)
+    box = loop.kind.senses.box
+    assert box is not None
+    last_s = (box.arrival_ns - BEGIN_NS) / 1e9
+    assert loop.time_s - last_s > 2.5
+    assert loop.state["field"]["gnss_age_s"] < 2.0
+    assert counted(loop, last_s - 0.3)
+    assert not counted(loop, last_s + 0.1)
+    # Nobody knows what the tool does: neither the record nor the page says a depth.
+    assert math.isnan(float(loop.covers[-1][1]["depth_m"]))
+    assert (loop.state["field"]["turns"], loop.state["field"]["depth_right"]) == (None, None)
 
 
 def test_27_an_estimate_that_is_no_number_stops_it(moments: Moments) -> None:

@@ -13,13 +13,14 @@ import pytest
 from pynmeagps import NMEAReader
 
 from lgprjax.formats import MapFile
+from lgprjax.frames import LocalFrame
 from lgprjax.navigation import OF_GNSS, Reason
 from lgprjax.run_records import POSE, Record, RecordKind, Source, pack
 from lgprjax.runtime.config import OutputTable, RuntimeConfig, read_config, write_config
 from lgprjax.runtime.control.compiled import TickResult
 from lgprjax.runtime.control.counter_steer import pose_row, quality_of
 from lgprjax.runtime.main import process_command
-from lgprjax.runtime.output.nmea import Given, sentences
+from lgprjax.runtime.output.nmea import Given, given_of, sentences
 from lgprjax.runtime.output.program import ADDRESS_FILE
 from lgprjax.runtime.process import RINGS, Heartbeats
 from lgprjax.runtime.ring import Ring
@@ -102,6 +103,24 @@ def test_the_position_is_that_of_the_antenna() -> None:
     np.testing.assert_allclose(row["pose"], [4.5, 2.0, math.pi / 2], atol=1e-6)
 
 
+@pytest.mark.parametrize("anchor_m", [500.0, -30.0])
+def test_the_height_given_is_above_the_ellipsoid(anchor_m: float) -> None:
+    frame = LocalFrame(48.0, 11.0, anchor_m)
+    # An antenna 1.2 m above the anchor's height and a kilometre away, as the control loop has it.
+    truth = (48.008, 11.006, anchor_m + 1.2)
+    x, y, up = (float(each[0]) for each in frame.to_local(*(np.array([each]) for each in truth)))
+    result = _result(fused_x_m=x, fused_y_m=y, fused_yaw_rad=0.5)
+    row = np.frombuffer(pose_row(result, 7, up, (0.0, 0.0)), POSE)[0]
+    given = given_of(row, frame, 1.8e9)
+    assert given.height_m == pytest.approx(truth[2], abs=0.001)
+    assert (given.latitude_deg, given.longitude_deg) == pytest.approx(truth[:2], abs=1e-8)
+    assert f",{truth[2]:.3f},M,,M,," in sentences(given).decode()
+    unknown = given_of(np.frombuffer(pose_row(result, 7, math.nan, (0.0, 0.0)), POSE)[0], frame, 1.8e9)
+    assert math.isnan(unknown.height_m)
+    assert (unknown.latitude_deg, unknown.longitude_deg) == pytest.approx(truth[:2], abs=1e-7)
+    assert _read(sentences(unknown))["GGA"].quality == 0  # type: ignore[attr-defined]
+
+
 _FOLLOWER = """
 import json, socket, sys
 from pynmeagps import NMEAReader
@@ -113,7 +132,7 @@ with socket.create_connection((host, int(port)), timeout=20.0) as line:
     while len(seen) < 25:
         _, message = reader.read()
         if message.msgID == "GGA":
-            place = (message.lat, message.lon, message.quality)
+            place = (message.lat, message.lon, message.quality, message.alt)
         elif message.msgID == "HDT":
             heading = message.headingT
         elif message.msgID == "GST":
@@ -153,13 +172,14 @@ def test_a_process_that_only_knows_nmea_follows(config: RuntimeConfig, tmp_path:
             process.terminate()
     with MapFile.open(config.path(config.map)) as source:
         frame = source.description.frame
-    latitude, longitude = (np.array([row[column] for row in seen]) for column in (0, 1))
-    east, north, _ = frame.to_local(latitude, longitude, np.zeros(len(seen)))
+    latitude, longitude, height = (np.array([row[column] for row in seen]) for column in (0, 1, 3))
+    east, north, up = frame.to_local(latitude, longitude, height)
+    np.testing.assert_allclose(up, 30.0, atol=0.001)
     way = np.array(sent)
     at = np.argmin(np.abs(way[:, 0][None] - east[:, None]), axis=1)
     # Every one of them, in order, to a millimetre.
     np.testing.assert_array_equal(np.diff(at), 1)
     assert np.abs(np.stack([east, north], axis=1) - way[at, :2]).max() < 0.001
-    turned = frame.yaw_of_heading(np.array([row[3] for row in seen]), longitude)
+    turned = frame.yaw_of_heading(np.array([row[4] for row in seen]), longitude)
     assert np.abs((turned - way[at, 2] + math.pi) % (2.0 * math.pi) - math.pi).max() < 2e-5
     assert {row[2] for row in seen} == {4}

@@ -1,6 +1,7 @@
 """The recorder as a process: what it is fed is on the disk once and in order, whatever happens to it."""
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -10,10 +11,13 @@ from pathlib import Path
 import pytest
 
 from lgprjax.formats.run_log import read_run
+from lgprjax.runtime import supervisor
 from lgprjax.runtime.config import read_config
+from lgprjax.runtime.main import process_command
 from lgprjax.runtime.process import Heartbeats, ProcessStage, Started
 from lgprjax.runtime.recorder import Recorder
 from lgprjax.runtime.ring import Ring
+from lgprjax.runtime.service import SUPERVISOR
 from runtime.recorder_process import Feeder, end, make_place, make_record, recorded, ring, start_recorder
 
 
@@ -108,13 +112,58 @@ def test_written_but_not_let_go_of_is_not_recorded_twice(tmp_path: Path, monkeyp
     assert recorded(place)["control_log"] == messages[:31]
 
 
+def test_the_supervisor_tells_a_recorder_that_it_replaces_one_that_died(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = make_place(tmp_path, least_free_mb=0)
+    control, config = ring(place, "control_log"), read_config(place.config)
+    messages = [make_record(n) for n in range(50)]
+    for message in messages:
+        control.put(message)
+    # As the real thing that is killed between its write to the disk and its word to the ring.
+    recorder = Recorder(Started("recorder", config, place.rings, place.run, False))
+    monkeypatch.setattr(Ring, "release", lambda *_: None)
+    recorder.write()
+    monkeypatch.undo()
+    commands = [
+        supervisor._command(process_command, "recorder", config, place.rings, place.run, died) for died in (False, True)
+    ]
+    assert ["--after-death" in command for command in commands] == [False, True]
+    environment = {**os.environ, SUPERVISOR: str(os.getpid())}
+    with subprocess.Popen(commands[1], env=environment, stderr=subprocess.PIPE, text=True) as process:
+        until_s = time.monotonic() + 20.0
+        while Heartbeats(place.rings).read("recorder").stage is not ProcessStage.READY:
+            assert time.monotonic() < until_s
+            assert process.poll() is None
+            time.sleep(0.01)
+        assert end(process) == (0, "")
+    assert recorded(place)["control_log"] == messages
+
+
+def test_what_an_earlier_recording_in_the_folder_had_written_lets_go_of_nothing(tmp_path: Path) -> None:
+    place = make_place(tmp_path, least_free_mb=0)
+    process = start_recorder(place)
+    before = [make_record(n) for n in range(5)]
+    for message in before:
+        ring(place, "control_log").put(message)
+    assert end(process) == (0, "")
+    # New rings, as after a new start of everything, and the first recorder on them died before it wrote anything.
+    for path in place.rings.iterdir():
+        path.unlink()
+    after = [make_record(n) for n in range(10, 30)]
+    for message in after:
+        ring(place, "control_log").put(message)
+    assert end(start_recorder(place, after_death=True)) == (0, "")
+    assert recorded(place)["control_log"] == before + after
+
+
 def test_messages_that_found_no_room_are_told(tmp_path: Path) -> None:
     place = make_place(tmp_path, least_free_mb=0)
-    supervisor = ring(place, "supervisor_log")
+    log = ring(place, "supervisor_log")
     message = make_record(0, bytes(60_000))
-    while supervisor.put(message):
+    while log.put(message):
         pass
-    assert not supervisor.put(message)
+    assert not log.put(message)
     assert end(start_recorder(place)) == (0, "")
     assert end(start_recorder(place, after_death=True)) == (0, "")
     summary = read_run(place.run).summary

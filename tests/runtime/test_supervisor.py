@@ -67,12 +67,40 @@ def test_a_death_is_found_told_and_mended(
         status, _, errors = run.end()
     assert found_s < FOUND_S
     assert died.content["why"].startswith(why)
-    assert starts[len(before)][1] is (name == "control")
+    assert starts[len(before)][1] is (name in ("control", "recorder"))
     assert not is_there(pid)
     # The recorder is told the same.
     assert (died.mono_ns, died.content) in [(record.mono_ns, json.loads(record.payload)) for record in log]
     assert f"{name} died: {died.content['why']}" in errors.splitlines()
     assert status == 0
+
+
+def test_a_new_control_process_is_told_how_the_others_are(tmp_path: Path) -> None:
+    run = SupervisedRun(tmp_path)
+    (run.run_folder / "recorder.fails").write_text("3")
+    with run.start():
+        run.wait_ready()
+        display = run.starts("display")[-1][0]
+        (run.run_folder / "display.fails").write_text("1")
+        os.kill(display, signal.SIGKILL)
+        run.wait_note(died="display")
+        run.wait_note(left="recorder")
+        began_ns = time.monotonic_ns()
+        os.kill(run.starts("control")[-1][0], signal.SIGKILL)
+        died = run.wait_note(after_ns=began_ns, died="control")
+        ready = run.wait_note(after_ns=died.mono_ns, ready="control")
+        # The dead one had taken what was told of them before.
+        for name in ("registration", "monitor"):
+            run.wait_note(after_ns=ready.mono_ns, ready=name)
+        run.wait_note(after_ns=ready.mono_ns, left="recorder")
+        run.wait_note(after_ns=died.mono_ns, died="display")
+        time.sleep(0.1)
+        log = [json.loads(unpack(message).payload) for message in Ring(run.rings / "supervisor_log").take()]
+        told = [note.content for note in run.notes]
+        run.end()
+    # Told anew once, and only to control: it is no change.
+    assert [told.count({"ready": name}) for name in ("registration", "monitor")] == [2, 2]
+    assert [log.count({"ready": name}) for name in ("registration", "monitor", "control")] == [1, 1, 2]
 
 
 def test_deaths_at_once_after_the_start_are_waited_out_longer_and_longer(tmp_path: Path) -> None:

@@ -15,7 +15,13 @@ from lgprjax.formats import (
     complex_rows,
 )
 from lgprjax.radar import ChannelResponse, sweep_chain, uniform_array
-from lgprjax.runtime.registration.scans import LookUpSweeps, SweepDescription, SweepReader
+from lgprjax.runtime.registration.scans import (
+    LookUpSweeps,
+    RadarDescription,
+    SweepDescription,
+    SweepReader,
+    TraceReader,
+)
 from lgprjax.wire import Frame, Sender, Value, decode
 
 _CHANNELS, _STEPS, _SCANS = 5, 41, 96
@@ -123,6 +129,32 @@ def test_the_matrices_are_those_of_the_drive_log(log: DriveLog) -> None:
     assert np.asarray(operators(1.03)).shape == (2 * _STEPS, 200)
 
 
+def test_a_scan_of_traces_of_another_size_is_none_and_its_neighbours_are_what_they_were() -> None:
+    rng, channels, samples = np.random.default_rng(5), 11, 369
+    sender = Sender(9)
+
+    def scan(number: int, channels: int, samples: int) -> Frame:
+        data = rng.integers(0, 256, channels * samples, dtype=np.uint8).tobytes()
+        fields: dict[str, Value] = {"scan": number, "channels": channels, "samples": samples, "valid": 2047}
+        return decode(sender.frame("radar_scan", {**fields, "data": data}, mode=0, mono_ns=number))
+
+    reader = TraceReader(RadarDescription(channels, samples, 0.1, 5.0, 127.5, 1.0 / 126.0))
+    good = [scan(number, channels, samples) for number in range(3)]
+    other, fewer = scan(3, channels, 368), scan(4, 9, samples)
+    # As many bytes as it should have are no proof of its shape.
+    turned = scan(5, samples, channels)
+    alone, usable = reader.read(good)
+    traces, valid = reader.read([good[0], other, good[1], fewer, turned, good[2]])
+    assert traces.dtype == np.float32
+    assert usable.all()
+    np.testing.assert_array_equal(traces[[0, 2, 5]], alone)
+    assert valid.all(axis=1).tolist() == valid.any(axis=1).tolist() == [True, False, True, False, False, True]
+    assert not traces[[1, 3, 4]].any()
+    data = good[0].fields["data"]
+    assert isinstance(data, bytes)
+    np.testing.assert_array_equal(alone[0].ravel(), np.frombuffer(data, np.uint8).astype(np.float32) - 127.5)
+
+
 def test_what_does_not_fit_is_one_line_or_no_data(log: DriveLog) -> None:
     with pytest.raises(InputError, match=r"radar_lookup: expected \(6, 41\) channels and steps, found \(5, 41\)"):
         _reader(log, channels=6)
@@ -130,6 +162,11 @@ def test_what_does_not_fit_is_one_line_or_no_data(log: DriveLog) -> None:
     with pytest.raises(ValueError, match="numbers of 4 or 8 bytes were expected, found 2"):
         complex_rows(frame._replace(fields={**frame.fields, "width": 2}))
     short = frame._replace(fields={**frame.fields, "steps": 20, "data": bytes(6 * 20 * 4)})
+    unknown = frame._replace(fields={**frame.fields, "width": 2, "data": bytes(6 * 41 * 2)})
+    good = _reader(log).read([frame, frame, frame])
+    recorded, valid = _reader(log).read([frame, unknown, frame])
+    np.testing.assert_array_equal(recorded[[0, 2]], good[0][[0, 2]])
+    assert valid.any(axis=1).tolist() == [True, False, True]
     assert not _reader(log).read([short])[1].any()
     narrow = sweep_chain(np.linspace(8e8, 2e9, 61), 0.04)
     with pytest.raises(InputError, match="half of the map's band"):

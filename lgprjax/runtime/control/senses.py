@@ -31,6 +31,10 @@ from lgprjax.wire import Frame, decode
 # GNSS/INS data: positions in a local frame, attitudes and turn rates, with their times.
 
 _LOOSE_M = 2.0
+_STATED_NS = 2_000_000_000
+"""An accuracy of a message of its own is used for later positions for this long."""
+
+_Epoch = tuple[GnssTimeScale, float]
 
 
 class LocalPosition(NamedTuple):
@@ -76,6 +80,14 @@ class GnssTick(NamedTuple):
     rates: list[TurnRate]
 
 
+class _Stated(NamedTuple):
+    """The accuracy of a position, from a message of its own; the quality is that position's."""
+
+    sigma_m: float
+    quality: Quality
+    arrival_ns: int
+
+
 class GnssSenses:
     """Takes the line's messages one by one.
 
@@ -97,7 +109,10 @@ class GnssSenses:
         self.attitude: LocalAttitude | None = None
         self._rates: list[TurnRate] = []
         self._new_place = self._new_attitude = False
-        self._accuracy_m = math.nan
+        # Accuracies come before or after their position: the newest of both, and the newest that belong together.
+        self._told: tuple[_Epoch, float] | None = None
+        self._place_epoch: _Epoch | None = None
+        self._stated: _Stated | None = None
 
     def take(self, record: Record) -> None:
         """Take a message of the line."""
@@ -107,7 +122,7 @@ class GnssSenses:
         if sample.position is not None:
             self._take_position(sample, sample.position, record.mono_ns)
         if sample.accuracy is not None:
-            self._accuracy_m = sample.accuracy.sigma_m
+            self._take_accuracy((sample.scale, sample.accuracy.tow_s), sample.accuracy.sigma_m, record.mono_ns)
         if sample.attitude is not None and self.frame is not None:
             turned = sample.attitude
             time_ns = self._time_of("attitude", sample.scale, turned.tow_s, record.mono_ns)
@@ -136,23 +151,49 @@ class GnssSenses:
         east, north, up = self.frame.to_local(
             np.array([stated.latitude_deg]), np.array([stated.longitude_deg]), np.array([stated.height_m])
         )
-        least = self._sensors.gnss_sigma_m
-        reported = stated.sigma_m if math.isfinite(stated.sigma_m) else self._accuracy_m
-        # Without a stated accuracy, a position that is not fixed has metres of error.
-        loose = max(least, reported) if math.isfinite(reported) else _LOOSE_M
-        fixed = stated.quality is Quality.FIXED
-        honest = least if fixed and not math.isfinite(reported) else loose
+        epoch, own_m = (sample.scale, stated.tow_s), stated.sigma_m
+        # A position with an accuracy of its own takes none of another message.
+        self._place_epoch = None if math.isfinite(own_m) else epoch
+        reported_m = own_m if math.isfinite(own_m) else self._stated_m(epoch, stated.quality, arrival_ns)
         self._longitude_deg = stated.longitude_deg
         self.place = LocalPosition(
             time_ns,
             float(east[0]),
             float(north[0]),
             float(up[0]),
-            least if fixed else loose,
-            honest,
+            *self._sigmas_m(stated.quality, reported_m),
             stated.quality,
         )
         self._new_place = True
+
+    def _take_accuracy(self, epoch: _Epoch, sigma_m: float, arrival_ns: int) -> None:
+        self._told = (epoch, sigma_m)
+        place = self.place
+        if place is not None and epoch == self._place_epoch:
+            self._stated = _Stated(sigma_m, place.quality, arrival_ns)
+            sigma, reported = self._sigmas_m(place.quality, sigma_m)
+            self.place = place._replace(sigma_m=sigma, reported_m=reported)
+
+    def _stated_m(self, epoch: _Epoch, quality: Quality, arrival_ns: int) -> float:
+        """The accuracy of a position that states none itself; NaN if unknown.
+
+        An accuracy often follows its position: until it comes, that of the position before holds. It does so only
+        briefly, and only for the same quality: the first position after a loss of the fix is metres off, not the
+        centimetre of the fixed one before.
+        """
+        if self._told is not None and self._told[0] == epoch:
+            self._stated = _Stated(self._told[1], quality, arrival_ns)
+        stated = self._stated
+        if stated is None or stated.quality is not quality or arrival_ns - stated.arrival_ns >= _STATED_NS:
+            return math.nan
+        return stated.sigma_m
+
+    def _sigmas_m(self, quality: Quality, reported_m: float) -> tuple[float, float]:
+        """``sigma_m`` and ``reported_m`` of a position; NaN: no accuracy is stated."""
+        least, fixed = self._sensors.gnss_sigma_m, quality is Quality.FIXED
+        # Without a stated accuracy, a position that is not fixed has metres of error.
+        loose = max(least, reported_m) if math.isfinite(reported_m) else _LOOSE_M
+        return least if fixed else loose, least if fixed and not math.isfinite(reported_m) else loose
 
     def _time_of(self, what: str, scale: GnssTimeScale, tow_s: float, arrival_ns: int) -> int | None:
         """By the sample's stamp; a message without one is as old as its delay."""

@@ -10,6 +10,7 @@ import numpy as np
 import serial
 
 from lgprjax.errors import InputError
+from lgprjax.frames import LocalFrame
 from lgprjax.runtime.config import OutputTable, RuntimeConfig
 
 _MOST_CLIENTS = 8
@@ -155,14 +156,18 @@ class NmeaOutlets:
             self._serial = None
 
 
-def given_of(row: np.void, latitude_deg: float, longitude_deg: float, heading_deg: float, utc_s: float) -> Given:
-    """A record ``pose``, at its place and time."""
+def given_of(row: np.void, frame: LocalFrame, utc_s: float) -> Given:
+    """A record ``pose`` of the map's frame, at its time. Its height is above the frame's origin, as its place is."""
+    x, y, yaw = (np.array([value]) for value in row["pose"])
+    up = np.array([float(row["height_m"])])
+    # Before the first height the place is known all the same.
+    latitude, longitude, height = frame.to_geodetic(x, y, np.nan_to_num(up))
     return Given(
         utc_s,
-        latitude_deg,
-        longitude_deg,
-        float(row["height_m"]),
-        heading_deg,
+        float(latitude[0]),
+        float(longitude[0]),
+        float(height[0]) if np.isfinite(up[0]) else math.nan,
+        float(frame.heading_of_yaw(yaw, longitude)[0]),
         float(row["sigma_along_m"]),
         float(row["sigma_cross_m"]),
         int(row["quality"]),

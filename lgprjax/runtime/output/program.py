@@ -68,11 +68,7 @@ class OutputProcess:
         age_ns = time.monotonic_ns() - int(row["time_ns"])
         if age_ns > _OLD_NS:
             return
-        x, y, yaw = (np.array([value]) for value in row["pose"])
-        latitude, longitude, _ = self._frame.to_geodetic(x, y, np.zeros(1))
-        heading = self._frame.heading_of_yaw(yaw, longitude)
-        place = (float(latitude[0]), float(longitude[0]), float(heading[0]))
-        given = given_of(row, *place, 1e-9 * (time.time_ns() - age_ns))
+        given = given_of(row, self._frame, 1e-9 * (time.time_ns() - age_ns))
         self._outlets.send(sentences(given), time.monotonic())
         if self._live is not None:
             self._live.place(given, row)

@@ -180,13 +180,16 @@ class TraceReader:
     def read(self, frames: list[Frame]) -> Recorded:
         """Traces, and which channels of each hold data."""
         shape = (self._radar.channels, self._radar.samples)
-        traces, valid = [], []
-        for frame in frames:
+        traces = np.zeros((len(frames), *shape), np.float32)
+        valid = np.zeros((len(frames), self._radar.channels), bool)
+        for number, frame in enumerate(frames):
             data = frame.fields["data"]
             assert isinstance(data, bytes)
-            traces.append(np.frombuffer(data, np.uint8).reshape(shape).astype(np.float32) - self._radar.zero_level)
-            valid.append(_valid_of(frame, self._radar.channels))
-        return np.stack(traces), np.stack(valid)
+            # A scan of another size is none: its channels stay invalid.
+            if (int(frame.number("channels")), int(frame.number("samples"))) == shape:
+                traces[number] = np.frombuffer(data, np.uint8).reshape(shape) - np.float32(self._radar.zero_level)
+                valid[number] = _valid_of(frame, self._radar.channels)
+        return traces, valid
 
     def operators(self, settings: ChainSettings, kept: int, height_m: float) -> Operators:
         """The matrices of its traces."""
@@ -231,9 +234,9 @@ class SweepReader:
         scans = np.zeros((self._block, *shape), np.complex64)
         stated = np.zeros((len(frames), self._radar.channels), bool)
         for number, frame in enumerate(frames):
-            rows = complex_rows(frame)
-            # A scan of another size is none: its channels stay invalid.
-            if rows.shape == shape:
+            # A scan of another size, or of numbers of another, is none: its channels stay invalid.
+            rows = _rows_of(frame)
+            if rows is not None and rows.shape == shape:
                 scans[number], stated[number] = rows, _valid_of(frame, self._radar.channels)
                 self._look_for_dead(rows)
         ground, usable = calibrate_sweeps(
@@ -273,6 +276,14 @@ class SweepReader:
         if len(self._head) == HEAD_SCANS:
             head = np.stack(self._head)
             self._alive = ~find_dead_channels(head[:, :-1], head[:, -1])
+
+
+def _rows_of(frame: Frame) -> Complex[np.ndarray, "row frequency"] | None:
+    """The sweeps of a radar_sweep; ``None`` if they are of numbers that nobody knows."""
+    try:
+        return complex_rows(frame)
+    except ValueError:
+        return None
 
 
 def _valid_of(frame: Frame, channels: int) -> Bool[np.ndarray, " channel"]:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from lgprjax.autopilot import Event
 from lgprjax.autopilot.monitors import (
+    SILENT_S,
     Dwell,
     Severity,
     Watch,
@@ -118,7 +119,7 @@ _MOVES_MPS = 0.02
 
 
 class ToolReading(NamedTuple):
-    """Of the newest status of the box: whether the tool turns, and how deep it is."""
+    """Of the newest status of a box that is heard: whether the tool turns, and how deep it is."""
 
     turns: bool
     depth_m: float
@@ -158,7 +159,7 @@ def step_tool_watch(
     Args:
         belief: commanded state of the tool.
         state: of the last tick.
-        reading: ``None`` before the box has reported.
+        reading: ``None`` before the box has reported, and while it is silent.
         commanded_on: by the last command.
         speed_mps: of the vehicle; NaN counts as moving.
         step_s: since the last tick.
@@ -247,7 +248,7 @@ class SkidWatched(NamedTuple):
         bits, found: findings that all vehicles share, and those of this kind; severity: the largest of both.
         events: of buttons and motion, in their order.
         corner: the button that marks a corner was pressed.
-        reading: of the tool; ``None`` before the box was received.
+        reading: of the tool; ``None`` before the box was received, and while it is silent.
     """
 
     bits: Watch
@@ -285,7 +286,9 @@ class SkidWatches:
         drives = bool(sent.engage & DRIVE)
         state, engaged = (0, 0) if box is None else (box.bits("state"), box.bits("engaged"))
         speed = 0.5 * (sensed.left_mps + sensed.right_mps)
-        reading = None if box is None else ToolReading(bool(box.bits("tool") & 1), box.number("depth_m"))
+        # What a silent box said last is no measurement of the present: it would count ground as worked for ever.
+        heard = box is not None and 0.0 <= sensed.box_age_s <= SILENT_S
+        reading = ToolReading(bool(box.bits("tool") & 1), box.number("depth_m")) if box is not None and heard else None
         self._tool, found = step_tool_watch(
             self._belief, self._tool, reading, commanded_on=drives and bool(sent.tool), speed_mps=speed, step_s=step_s
         )
