@@ -98,7 +98,8 @@ def ground_of_sides(
 ) -> SafeGround:
     """A field, the ground outside its sides as deep as each is declared, less what must be kept out of.
 
-    Ground in front of a side without room is never safe, though another side's room should reach there.
+    Ground straight in front of a side is safe no deeper than that side declares, none for one without room, though
+    another side's room or a corner between deeper sides should reach there.
 
     Args:
         perimeter_m: counter-clockwise and simple.
@@ -114,14 +115,14 @@ def ground_of_sides(
     for number, (start, end, room_m) in enumerate(zip(starts, ends, rooms_m, strict=True)):
         along = (end - start) / np.hypot(*(end - start))
         out = np.array([along[1], -along[0]])
-        depth_m = room_m if room_m > 0.0 else deepest_m
-        strip = shapely.Polygon([start, start + depth_m * out, end + depth_m * out, end]) if depth_m > 0.0 else None
-        if strip is None:
-            continue
-        (free if room_m > 0.0 else shut).append(strip)
         before_m = rooms_m[number - 1]
-        if room_m > 0.0 and before_m > 0.0:
-            free.append(shapely.Point(start).buffer(min(room_m, before_m), quad_segs=16))
+        if room_m > 0.0:
+            free.append(shapely.Polygon([start, start + room_m * out, end + room_m * out, end]))
+            if before_m > 0.0:
+                free.append(shapely.Point(start).buffer(min(room_m, before_m), quad_segs=16))
+        if room_m < deepest_m:
+            near_m, far_m = room_m * out, deepest_m * out
+            shut.append(shapely.Polygon([start + near_m, start + far_m, end + far_m, end + near_m]))
     outside = shapely.difference(shapely.union_all(free, grid_size=GRID_M), field, grid_size=GRID_M)
     if shut:
         outside = shapely.difference(outside, shapely.union_all(shut, grid_size=GRID_M), grid_size=GRID_M)

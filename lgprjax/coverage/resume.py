@@ -12,10 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lgprjax.coverage.field import CellGrid, Tool
+from lgprjax.coverage.field import CellGrid, Tool, cell_centres, inside_cells
 from lgprjax.coverage.guidance import CoverRoute
 from lgprjax.coverage.pattern import Pattern
-from lgprjax.coverage.swaths import Line
 from lgprjax.frames import body_to_local
 
 BACK_M = 1.0
@@ -24,6 +23,7 @@ LEAST_STRETCH_M = 3.0
 """Shorter stretches of worked ground are not worth turning the tool off for."""
 _INNER_M = 0.5
 _STEP_M = 0.1
+_PIECE_M = 10.0
 
 
 class RoutePlace(NamedTuple):
@@ -92,10 +92,14 @@ def worked_stretches(
     tool: Tool,
     *,
     after: RoutePlace | None = None,
+    last_line: int | None = None,
+    edge_m: float = 0.0,
 ) -> tuple[WorkedStretch, ...]:
-    """Stretches of lines over which all cells nearer to the line than to its neighbours are worked.
+    """Stretches of lines over which nothing is left that the line is there for.
 
-    Their ends are taken back by half a metre, and short ones are left out: the tool is rather on too long.
+    Each cell of the field that is left is the business of one line, of those that are still to be driven and pass it:
+    the one whose middle it is nearest to. Their ends are taken back by half a metre, and short ones are left out: the
+    tool is rather on too long.
 
     Args:
         pattern: the plan.
@@ -103,21 +107,27 @@ def worked_stretches(
         worked: cells that count as worked.
         tool: of the vehicle.
         after: only beyond this place.
+        last_line: to be driven, in driving order from 0; ``None``: all.
+        edge_m: of the tool's edge, on either side, that works nothing for sure: what lies there is no reason to drive.
     """
-    # Of lines that overlap more than they need, each has to do its own middle alone.
-    own_m = min(pattern.spacing_m, tool.width_m) if pattern.spacing_m > 0.0 else tool.width_m
-    aside_m = np.linspace(-0.5 * own_m, 0.5 * own_m, 2 * math.ceil(own_m / grid.cell_m) + 1)
+    begin = RoutePlace(0, 0.0) if after is None else after
+    numbers = range(begin.line, len(pattern.lines) if last_line is None else last_line + 1)
+    # Parallel lines share the field out evenly: each has to do its own middle alone, however much they overlap. Of free
+    # swaths many are there for what their edge alone works.
+    half_m = 0.5 * tool.width_m - edge_m
+    if pattern.settings.order != "free" and pattern.spacing_m > 0.0:
+        half_m = 0.5 * min(pattern.spacing_m, tool.width_m)
+    ends_m = max(0.5 * tool.length_m - edge_m, 0.0)
+    left = inside_cells(pattern.field, grid) & ~worked
     found = []
-    for number, line in enumerate(pattern.lines):
-        if after is not None and number < after.line:
-            continue
-        begin_m = after.along_m if after is not None and number == after.line else 0.0
-        done = _done_along(line, grid, worked, aside_m)
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], done.astype(np.int8), [0]])))
+    for number, to_do in _to_do(pattern, numbers, begin.along_m, grid, left, (half_m, ends_m)).items():
+        line = pattern.lines[number]
+        begin_m = begin.along_m if number == begin.line else 0.0
+        edges = np.flatnonzero(np.diff(np.concatenate([[1], to_do.astype(np.int8), [1]])))
         for low, high in edges.reshape(-1, 2):
             # Nothing of the line is left before its start or after its end.
             low_m = 0.0 if low == 0 else low * _STEP_M + _INNER_M
-            high_m = line.length_m if high == len(done) else (high - 1) * _STEP_M - _INNER_M
+            high_m = line.length_m if high == len(to_do) else (high - 1) * _STEP_M - _INNER_M
             low_m = max(low_m, begin_m)
             if high_m - low_m >= min(LEAST_STRETCH_M, line.length_m - 1e-3):
                 found.append(WorkedStretch(number, float(low_m), float(high_m)))
@@ -135,19 +145,58 @@ def share_of_lines(
     return (*own, *(WorkedStretch(number, 0.0, pattern.lines[number].length_m) for number in others))
 
 
-def _done_along(
-    line: Line, grid: CellGrid, worked: Bool[np.ndarray, "north east"], aside_m: Float[np.ndarray, " place"]
-) -> Bool[np.ndarray, " step"]:
-    """Whether the cells across a line are worked, at each step along it; beyond the map nothing is to be worked."""
-    along = (line.end_m - line.start_m) / max(line.length_m, 1e-9)
-    steps = np.arange(math.floor(line.length_m / _STEP_M) + 1) * _STEP_M
-    places = line.start_m + steps[:, None, None] * along + aside_m[None, :, None] * np.array([-along[1], along[0]])
-    columns = np.floor((places[..., 0] - grid.east_m) / grid.cell_m).astype(int)
-    rows = np.floor((places[..., 1] - grid.north_m) / grid.cell_m).astype(int)
-    within = (rows >= 0) & (rows < worked.shape[0]) & (columns >= 0) & (columns < worked.shape[1])
-    rows, columns = np.clip(rows, 0, worked.shape[0] - 1), np.clip(columns, 0, worked.shape[1] - 1)
-    done: Bool[np.ndarray, " step"] = (worked[rows, columns] | ~within).all(axis=1)
-    return done
+def _to_do(
+    pattern: Pattern,
+    numbers: range,
+    begin_m: float,
+    grid: CellGrid,
+    left: Bool[np.ndarray, "north east"],
+    reach_m: tuple[float, float],
+) -> dict[int, Bool[np.ndarray, " step"]]:
+    """Of each line whether it has something to do, at each step along it.
+
+    Args:
+        pattern: the plan.
+        numbers: of the lines that are to be driven; the first of them from ``begin_m`` on.
+        begin_m: along it.
+        grid: of the cells.
+        left: cells that are to be worked.
+        reach_m: how far a line works aside of itself, and beyond its ends.
+    """
+    half_m, ends_m = reach_m
+    east_m, north_m = cell_centres(grid)
+    nearest_m, owner = np.full(grid.shape, np.inf), np.full(grid.shape, -1)
+    for number in numbers:
+        line = pattern.lines[number]
+        low_m = (begin_m if number == numbers[0] else 0.0) - ends_m
+        high_m = line.length_m + ends_m
+        along = (line.end_m - line.start_m) / max(line.length_m, 1e-9)
+        # Piece by piece: all cells between the corners of a slanting line would be most of the field.
+        for piece_m in np.arange(low_m, high_m, _PIECE_M):
+            ends = line.start_m + np.array([[piece_m], [min(piece_m + _PIECE_M, high_m)]]) * along
+            box = tuple(
+                slice(*np.searchsorted(places, [part.min() - half_m, part.max() + half_m]))
+                for places, part in ((north_m, ends[:, 1]), (east_m, ends[:, 0]))
+            )
+            x, y = east_m[None, box[1]] - line.start_m[0], north_m[box[0], None] - line.start_m[1]
+            ahead_m, aside_m = x * along[0] + y * along[1], np.abs(y * along[0] - x * along[1])
+            own = left[box] & (aside_m <= half_m) & (ahead_m >= low_m) & (ahead_m <= high_m)
+            own &= aside_m < nearest_m[box]
+            nearest_m[box] = np.where(own, aside_m, nearest_m[box])
+            owner[box] = np.where(own, number, owner[box])
+    rows, columns = np.nonzero(owner >= 0)
+    of = owner[rows, columns]
+    found = {}
+    for number in numbers:
+        line = pattern.lines[number]
+        along = (line.end_m - line.start_m) / max(line.length_m, 1e-9)
+        steps = np.zeros(math.floor(line.length_m / _STEP_M) + 1, bool)
+        own = of == number
+        away = np.stack([east_m[columns[own]], north_m[rows[own]]], axis=1) - line.start_m
+        before = np.floor(away @ along / _STEP_M).astype(int)
+        steps[np.clip([before, before + 1], 0, len(steps) - 1)] = True
+        found[number] = steps
+    return found
 
 
 def line_arcs_m(pattern: Pattern) -> Float[np.ndarray, " line"]:

@@ -316,6 +316,18 @@ class KeepOut(NamedTuple):
     buffer_m: float | None
 
 
+class PlacedGround(NamedTuple):
+    """Ground that a plan declares safe, on WGS-84.
+
+    Attributes:
+        parts: of each its outer ring, then its holes: latitude, longitude and height of each corner.
+        clearance_m: see ``SafeGround``.
+    """
+
+    parts: tuple[tuple[Float[np.ndarray, "_ 3"], ...], ...]
+    clearance_m: float
+
+
 class FieldPlaces(NamedTuple):
     """Corners of a field on WGS-84.
 
@@ -324,6 +336,7 @@ class FieldPlaces(NamedTuple):
         driven: the three corners were driven to, and the fourth is computed. Else all are given.
         keep_outs: holes of the polygon, and polygons of kind ``keep_out``.
         rooms_m: declared outside each side, where the file is a plan that knows it.
+        ground: declared safe, where the file is a plan with such ground.
         notes: what reading left out or changed.
     """
 
@@ -333,6 +346,7 @@ class FieldPlaces(NamedTuple):
     driven: bool
     keep_outs: tuple[KeepOut, ...] = ()
     rooms_m: tuple[float, ...] = ()
+    ground: PlacedGround | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -417,11 +431,9 @@ def _from_geojson(file: Path) -> FieldPlaces:
     if stated is not None and name not in _WGS84:
         raise InputError(file, "crs", "WGS-84 longitude and latitude (save the layer as EPSG:4326)", repr(name)[:60])
     every = [
-        (each, properties)
-        for each, properties in _geometries(table)
-        if each.get("type") in ("Polygon", "MultiPolygon") and properties.get("kind") != "ground"
+        (each, properties) for each, properties in _geometries(table) if each.get("type") in ("Polygon", "MultiPolygon")
     ]
-    polygons = [each for each, properties in every if properties.get("kind") != "keep_out"]
+    polygons = [each for each, properties in every if properties.get("kind") not in ("ground", "keep_out")]
     if len(polygons) != 1:
         raise InputError(file, "geometry", "one Polygon, the border of the field", f"{len(polygons) or 'none'}")
     outer, *holes = _rings(file, polygons[0])
@@ -434,7 +446,13 @@ def _from_geojson(file: Path) -> FieldPlaces:
     found = _field(file, outer, keep_outs)
     if isinstance(table.get(_MEMBER), dict):
         # A plan that was changed declares what nobody has declared.
-        found = found._replace(rooms_m=read_cover_plan(file).rooms_m)
+        plan = read_cover_plan(file)
+        found = found._replace(rooms_m=plan.rooms_m)
+        if plan.ground is not None:
+            # As drawn on the map: its corners lie on the level that those of the field lie on.
+            drawn = (each for each, properties in every if properties.get("kind") == "ground")
+            parts = tuple(tuple(ring[:-1] for ring in _rings(file, each)) for each in drawn)
+            found = found._replace(ground=PlacedGround(parts, plan.ground.clearance_m))
     return found
 
 

@@ -25,7 +25,8 @@ class TakenUp(NamedTuple):
         resumption: where to go on, and what is worked beyond it.
         grid: of the map.
         probability: of each cell, by the best pass of any run.
-        runs: identities of the runs that are in it.
+        runs: UUID and number of moments, ``UUID:MOMENTS``, of the runs that are in it; an older program's file has the
+            UUID alone.
         shared_sigma_m: an axis, of the error that all positions share, as the map was made with; NaN where a file of
             an older program does not say.
     """

@@ -4,6 +4,7 @@
 
 import csv
 import json
+import math
 import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
@@ -298,7 +299,7 @@ class GeoLayer(NamedTuple):
         name: of the layer.
         kind: ``Polygon``, ``LineString`` or ``Point``.
         shapes: of shapely, in degrees, longitude first; polygons with their outer ring counter-clockwise.
-        properties: of each shape.
+        properties: of each shape; ``None`` for a number that is not known.
     """
 
     name: str
@@ -446,7 +447,7 @@ def write_geojson(
     ]
     collection = {"type": "FeatureCollection", "lgprjax": metadata, "features": features}
     with atomic_output(path, force) as temporary:
-        temporary.write_text(json.dumps(collection, ensure_ascii=False) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(collection, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def write_kml(
@@ -502,9 +503,13 @@ def _places(line: Any) -> list[list[float]]:
 
 
 def _column(values: list[Any]) -> np.ndarray:
-    """A column of a table: numbers as they are, anything else as text."""
+    """A column of a table: numbers as they are, those that are not known as NaN, anything else as text."""
     kinds = {type(value) for value in values}
-    return np.array(values) if kinds <= {int} or kinds <= {float} else np.array([str(each) for each in values], object)
+    if kinds <= {int}:
+        return np.array(values)
+    if kinds <= {float, type(None)}:
+        return np.array([math.nan if value is None else value for value in values])
+    return np.array([str(each) for each in values], object)
 
 
 def _placemark(layer: GeoLayer, shape: Any, properties: dict[str, Any]) -> ElementTree.Element:
@@ -513,7 +518,8 @@ def _placemark(layer: GeoLayer, shape: Any, properties: dict[str, Any]) -> Eleme
     ElementTree.SubElement(placemark, "styleUrl").text = f"#{layer.name}"
     extended = ElementTree.SubElement(placemark, "ExtendedData")
     for name, value in properties.items():
-        ElementTree.SubElement(ElementTree.SubElement(extended, "Data", {"name": name}), "value").text = str(value)
+        if value is not None:
+            ElementTree.SubElement(ElementTree.SubElement(extended, "Data", {"name": name}), "value").text = str(value)
     drawn = ElementTree.SubElement(placemark, layer.kind)
     if layer.kind != "Polygon":
         ElementTree.SubElement(drawn, "coordinates").text = _tuples(shape)

@@ -121,6 +121,9 @@ def study_loop(task: Task) -> Outcome:
         figures.append(Figure(f"held out, {path.name}: wheel angle, robust scale", float(np.degrees(scale[0])), "deg"))
         own = float(np.degrees(np.median(fit.scale[:, 0])))
         against += judged_residual("wheel angle", path, max(own, 0.05), float(np.degrees(scale[0])), "deg")
+        figures.append(Figure(f"held out, {path.name}: yaw rate, robust scale", float(np.degrees(scale[1])), "deg/s"))
+        own = float(np.degrees(np.median(fit.scale[:, 1])))
+        against += judged_residual("yaw rate", path, max(own, 0.1), float(np.degrees(scale[1])), "deg/s")
         one = predict(task, fit, judge)
         if one is None:
             notes.append(f"held out, {path.name}: no fixes or no path: nothing to roll out beside")

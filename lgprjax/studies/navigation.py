@@ -35,6 +35,7 @@ from lgprjax.navigation import (
     switch_settings,
 )
 from lgprjax.studies.logs import Figure, LoggedDrive, Outcome, Task, fitting, options_of, rms
+from lgprjax.studies.needs import Contradiction
 from lgprjax.tuning.navigation import FusionFit, NavigationDrives, filter_drives, fit_fusion, mean_nis
 from lgprjax.vehicle import VehiclePose
 
@@ -45,6 +46,7 @@ _LEAST_TICKS = 20
 _BLOCK_TICKS = 256
 # Times that differ by less are equal: a record at a tick's end belongs to it despite rounding.
 _CLOCK_S = 1e-6
+_NIS_TIMES = 3.0
 
 
 class TickedDrive(NamedTuple):
@@ -267,7 +269,8 @@ def study_fusion(task: Task) -> Outcome:
     figures = [Figure("log-likelihood gained", fit.gained, "")]
     notes = [f"left open by the drives: {', '.join(fit.left_open)}"] if fit.left_open else []
     judges = [(judge, _ticked(judge, tick_s, odometer_m)) for judge in task.judges]
-    judged = []
+    judged, against = [], list[Contradiction]()
+    own_nis = mean_nis(filter_drives(fit.model, rules, stack_drives(drives))[1])
     settings = switch_settings(
         options.risk, zero_slip_m=model.zero_slip_m, array_x_m=model.array_x_m, array_y_m=model.array_y_m
     )._replace(hold_s=jnp.float32(options.hold_s))
@@ -276,10 +279,37 @@ def study_fusion(task: Task) -> Outcome:
         one = _judge(fit.model, settings, drive, ticked)
         judged.append(one)
         figures += _figures(f"{role}, {one.name}", one)
+        if judges:
+            against += _against(drive.path, one, own_nis)
         before = mean_nis(filter_drives(model, rules, stack_drives([ticked]))[1])
         figures += [Figure(f"{role}, {one.name}: NIS of {s}, before", value, "") for s, value in before.items()]
     found = {f"navigation.{name}": estimate for name, estimate in fit.found.items()}
-    return Outcome({**found}, {}, tuple(figures), tuple(notes), FusionStudy(fit, tuple(judged)))
+    detail = FusionStudy(fit, tuple(judged))
+    return Outcome({**found}, {}, tuple(figures), tuple(notes), detail, tuple(against))
+
+
+def _against(path: Path, judged: JudgedDrive, own_nis: dict[str, float]) -> list[Contradiction]:
+    """Sources whose innovations are not as large as the fitted noises say, or that the filter mostly shuts out.
+
+    Sigmas of positions come with the logs: where they are off in the fitted drives too, that contradicts nothing.
+    """
+    found = []
+    for source, value in mean_nis(_one_lane(judged.info)).items():
+        own = own_nis.get(source, 1.0)
+        low, high = min(own, 1.0) / _NIS_TIMES, max(own, 1.0) * _NIS_TIMES
+        if not low <= value <= high:
+            found.append(Contradiction(path, f"NIS of {source}", f"{low:.2g} to {high:.2g}", f"{value:.2g}"))
+    offered, accepted = (np.asarray(each).sum(axis=0) for each in (judged.info.offered, judged.info.accepted))
+    for source, of, kept in zip(SOURCES, offered, accepted, strict=True):
+        if 2 * kept < of:
+            expected = f"half or more of {of} accepted by the fitted noises"
+            found.append(Contradiction(path, f"observations of {source}", expected, str(kept)))
+    return found
+
+
+def _one_lane(info: FilterInfo) -> FilterInfo:
+    lane: FilterInfo = jax.tree.map(lambda leaf: leaf[None], info)
+    return lane
 
 
 def _ticked(drive: LoggedDrive, tick_s: float, odometer_m: float) -> TickedDrive:
@@ -328,7 +358,7 @@ def _switch(settings: SwitchSettings, drive: NavigationDrives, p_false: jax.Arra
 
 
 def _figures(name: str, judged: JudgedDrive) -> list[Figure]:
-    nis = mean_nis(jax.tree.map(lambda leaf: leaf[None], judged.info))
+    nis = mean_nis(_one_lane(judged.info))
     figures = [Figure(f"{name}: NIS of {source}", value, "") for source, value in nis.items()]
     shut_out = np.asarray(judged.info.offered & ~judged.info.accepted).sum(axis=0)
     figures += [

@@ -173,12 +173,22 @@ def _rear_map(task: Task, drive: LoggedDrive) -> Outcome:
     with fitting(drive.path):
         fit, ratio = fit_rear_map(drive.signals), rear_ratio_by_angles(drive.signals)
     rear = np.asarray(fit.rear.rear_rad, np.float64)
-    figures = [Figure("records' means about the map", np.degrees(fit.scale_rad), "deg")]
+    own_deg = float(np.degrees(fit.scale_rad))
+    figures, against = [Figure("records' means about the map", own_deg, "deg")], list[Contradiction]()
     for judge in task.judges:
         with fitting(judge.path):
             held = fit_rear_map(judge.signals)
-        away = np.interp(fit.front_rad, held.front_rad, np.asarray(held.rear.rear_rad, np.float64)) - rear
-        figures.append(Figure(f"held out, {judge.path.name}: its map less this one, rms", np.degrees(rms(away)), "deg"))
+        # Beyond the angles of the shorter one there is nothing to compare.
+        low, high = max(fit.front_rad[0], held.front_rad[0]), min(fit.front_rad[-1], held.front_rad[-1])
+        if low >= high:
+            first, last = np.degrees(fit.front_rad[[0, -1]])
+            found = f"{np.degrees(held.front_rad[0]):.1f} to {np.degrees(held.front_rad[-1]):.1f}°"
+            raise InputError(judge.path, "front_rad", f"angles between {first:.1f} and {last:.1f}°", found)
+        front = np.linspace(low, high, len(rear))
+        theirs = np.interp(front, held.front_rad, np.asarray(held.rear.rear_rad, np.float64))
+        away_deg = float(np.degrees(rms(theirs - np.interp(front, fit.front_rad, rear))))
+        figures.append(Figure(f"held out, {judge.path.name}: its map less this one, rms", away_deg, "deg"))
+        against += judged_residual("rear_map", judge.path, max(own_deg, 0.1), away_deg, "deg")
     knots = zip(rear, (fit.high_rad - fit.low_rad) / 3.92, fit.low_rad, fit.high_rad, strict=True)
     return Outcome(
         {"rear_map.rear_rad": [Estimate(*(float(number) for number in knot)) for knot in knots]},
@@ -189,6 +199,7 @@ def _rear_map(task: Task, drive: LoggedDrive) -> Outcome:
         tuple(figures),
         (f"a constant k would be {ratio.ratio.value:.4f} ({ratio.ratio.low:.4f} to {ratio.ratio.high:.4f})",),
         WheelAnglesStudy(*wheel_angle_blocks(drive.signals), ratio),
+        tuple(against),
     )
 
 

@@ -12,8 +12,10 @@ from lgprjax.errors import InputError
 from lgprjax.formats.run_log import read_run, read_run_record
 from lgprjax.run_records import SKID_PLAN, RecordKind
 from lgprjax.studies.logs import Figure, Outcome, Task, fitting, refuse_options
+from lgprjax.studies.needs import Contradiction, compared
 from lgprjax.tuning import LimitCycle, NotExcitedError, ThresholdFit, find_limit_cycle, fit_threshold
 
+_KEY = "skid_steer.threshold_mps"
 # Every fifth tick: a hundred milliseconds are short against the lag of any vehicle that swings.
 _STEP_S = 0.1
 # Records further apart are not of one stretch.
@@ -101,15 +103,31 @@ def study_threshold(task: Task) -> Outcome:
         Figure("lag of the turn", fit.lag_s, "s"),
     ]
     notes = [_note(folder, ticks, figures)]
+    against: list[Contradiction] = []
     for judge in task.study.held_out:
-        held = read_field_ticks(judge)
-        away = _fit(judge, held).threshold_mps.value - fit.threshold_mps.value
+        ticks = read_field_ticks(judge)
+        held = _fit(judge, ticks)
+        away = held.threshold_mps.value - fit.threshold_mps.value
         figures.append(Figure(f"held out, {judge.name}: its threshold less this one", away, "m/s"))
-        notes.append(_note(judge, held, figures))
+        notes.append(_note(judge, ticks, figures))
+        against += _against(judge, fit, held)
     if not fit.found:
         notes.insert(0, "no threshold: the vehicle obeys small commands as well as large ones")
-    found = {"skid_steer.threshold_mps": fit.threshold_mps} if fit.found else {}
-    return Outcome({**found}, {}, tuple(figures), tuple(notes), fit)
+    found = {_KEY: fit.threshold_mps} if fit.found else {}
+    return Outcome({**found}, {}, tuple(figures), tuple(notes), fit, tuple(against))
+
+
+def _against(judge: Path, fit: ThresholdFit, held: ThresholdFit) -> tuple[Contradiction, ...]:
+    """Two thresholds that differ, or one beside a run that tells that there is none there."""
+    if fit.found and held.found:
+        return compared(_KEY, judge, fit.threshold_mps, held.threshold_mps)
+    if fit.found == held.found:
+        return ()
+    one, none = (fit, held) if fit.found else (held, fit)
+    if none.threshold_mps.low <= one.threshold_mps.value <= none.threshold_mps.high:
+        return ()
+    told = [f"{each.threshold_mps.value:.4g}" if each.found else "none" for each in (fit, held)]
+    return (Contradiction(judge, _KEY, f"{told[0]}, as fitted", told[1]),)
 
 
 def _fit(folder: Path, ticks: FieldTicks) -> ThresholdFit:

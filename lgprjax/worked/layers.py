@@ -141,7 +141,7 @@ def _swaths(record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
         of = swaths.number == number
         way = np.stack([swaths.east_m[of], swaths.north_m[of]], axis=1)
         figures = {
-            name: round(float(getattr(passes, name)[number]), 3)
+            name: _rounded(float(getattr(passes, name)[number]))
             for name in passes._fields
             if name not in ("run", "line", "begin_s", "end_s")
         }
@@ -155,6 +155,11 @@ def _swaths(record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
             )
         )
     return _layer(record, "swaths", "LineString", rows)
+
+
+def _rounded(value: float) -> float | None:
+    """``None`` where nothing was measured, as a cart's depth: JSON knows no NaN."""
+    return round(value, 3) if math.isfinite(value) else None
 
 
 def _gaps(record: WorkedRecord, field: Any, lowest: tuple[float, np.ndarray], common: dict[str, Any]) -> GeoLayer:

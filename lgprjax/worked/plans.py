@@ -210,14 +210,21 @@ def plan_field(
     if not options.sides and places.rooms_m:
         options = options._replace(sides=tuple(f"{side}:{m:.6g}" for side, m in enumerate(places.rooms_m, start=1)))
         notes.append(f"room outside the sides as {Path(field_file).name} declares it (--sides: others)")
+    carried: SafeGround | None = None
+    if places.ground is not None and not options.sides and options.turning_room_m is None:
+        parts_m = (tuple(_east_north(ring, frame) for ring in part) for part in places.ground.parts)
+        carried = SafeGround(tuple(parts_m), options.clearance_m)
+        notes.append(f"within the ground that {Path(field_file).name} declares (--sides: other ground)")
+        if options.clearance_m != places.ground.clearance_m:
+            notes.append(f"{options.clearance_m:g} m of clearance; {places.ground.clearance_m:g} m there")
     if worked is not None:
         _check_same_field(field, worked, field_file)
     if vehicle.body.rear_m is None:
         notes.append("the vehicle file has no [body]: ground is for reference point, track and tool alone")
     keep_outs_m = tuple(_keep_out(each, frame, options.keep_out_buffer_m) for each in places.keep_outs)
-    declared = bool(options.sides) or bool(keep_outs_m) or options.order in ("free", "best") or worked is not None
+    declared = bool(options.sides or keep_outs_m or carried) or options.order in ("free", "best") or worked is not None
     field_names = FieldNames(
-        field, keep_outs_m, frame, name, Path(field_file).resolve().name.split(".")[0], tool, outline, declared
+        field, keep_outs_m, frame, name, Path(field_file).resolve().name.split(".")[0], tool, outline, declared, carried
     )
 
     def settings_for(order: Order, room_m: float, heading_rad: float | None) -> PatternSettings:
@@ -245,8 +252,7 @@ def plan_field(
     if ground is None:
         ground_m = room_needed_m(field.perimeter_m, pattern, outline) + SPARE_M
     else:
-        corners = shapely.points(shapely.get_coordinates(ground.shape))
-        ground_m = float(shapely.distance(shapely.Polygon(field.perimeter_m), corners).max())
+        ground_m = _reach_m(ground, field)
     plan = CoverPlan(
         field_names.title,
         frame,
@@ -264,7 +270,7 @@ def plan_field(
 
 class FieldNames(NamedTuple):
     """A field on its way to a plan: geometry, frame, file and title, the vehicle's outline, whether its ground is
-    declared, and how far swaths go beyond the border."""
+    declared, that ground where the plan that it comes from carries it, and how far swaths go beyond the border."""
 
     field: Field
     keep_outs_m: tuple[Float[np.ndarray, "_ 2"], ...]
@@ -274,6 +280,7 @@ class FieldNames(NamedTuple):
     tool: Tool
     outline: Outline
     declared: bool
+    carried: SafeGround | None = None
     border_m: float = 0.0
 
 
@@ -295,12 +302,17 @@ class _Maker:
         heading = options.heading_deg
         longitude = np.array([held.frame.longitude_deg])
         self._heading = None if heading is None else float(held.frame.yaw_of_heading(np.array([heading]), longitude)[0])
-        self._ground: SafeGround | None = None
-        if held.declared:
+        self._ground: SafeGround | None = held.carried
+        if held.declared and held.carried is None:
             rooms = self._rooms
             self._ground = ground_of_sides(held.field.perimeter_m, rooms, held.keep_outs_m, options.clearance_m)
 
         self._wider = self._with_border()
+
+    @property
+    def _bound(self) -> bool:
+        """Whether the ground was told, side by side or by a plan: then it is no less and no more than that."""
+        return bool(self._options.sides) or self._held.carried is not None
 
     @property
     def declared_m(self) -> tuple[float, ...]:
@@ -314,8 +326,11 @@ class _Maker:
             return held.field
         shape = shapely.Polygon(held.field.perimeter_m).buffer(held.border_m, join_style="mitre", mitre_limit=2.0)
         if self._ground is not None:
-            whole = ground_of_sides(held.field.perimeter_m, self._rooms, (), 0.0)
-            shape = shapely.intersection(shape, whole.shape)
+            if held.carried is None:
+                whole = ground_of_sides(held.field.perimeter_m, self._rooms, (), 0.0).shape
+            else:
+                whole = shapely.union(held.carried.shape, shapely.Polygon(held.field.perimeter_m))
+            shape = shapely.intersection(shape, whole)
         largest = max(shapely.get_parts(shape), key=lambda part: part.area)
         ring = np.asarray(shapely.simplify(largest, 1e-4).exterior.coords)[:-1]
         if not largest.exterior.is_ccw:
@@ -328,6 +343,8 @@ class _Maker:
 
     def _rooms_of(self, places: FieldPlaces) -> list[float]:
         held, options = self._held, self._options
+        if held.carried is not None:
+            return [_reach_m(held.carried, held.field)] * len(held.field.perimeter_m)
         settings = self._settings_for("free", 0.0, None)
         outline = held.outline
         # A bulb between adjacent swaths, with the tool out of the field before; what is not used is given back.
@@ -443,7 +460,7 @@ class _Maker:
 
                 if held.keep_outs_m:
                     raise InputError(held.file, f"order {order}", "free: it goes round keep-outs", order)
-                room_m = self._room_m if self._options.sides else self._options.turning_room_m
+                room_m = self._room_m if self._bound else self._options.turning_room_m
                 laid = _lay_within(
                     lay, lambda within_m: self._settings_for(order, within_m, heading_rad), self._wider, room_m
                 )
@@ -451,7 +468,7 @@ class _Maker:
                 pattern, share, notes = laid, 1.0, []
             pattern = replace(pattern, field=held.field)
             # Without sides the fence is laid around whatever an order needs.
-            ground = self._ground if self._options.sides or held.keep_outs_m or order == "free" else None
+            ground = self._ground if self._bound or held.keep_outs_m or order == "free" else None
             if ground is not None:
                 check_drivable(pattern, ground, held.outline, name=held.file)
                 ground = self._smaller(pattern, ground)
@@ -480,12 +497,18 @@ class _Maker:
     def _smaller(self, pattern: Pattern, ground: SafeGround) -> SafeGround:
         """The ground without what the way does not need: no more has to be safe than is used."""
         held, options = self._held, self._options
-        if options.sides:
+        if self._bound:
             return ground
         needed_m = room_needed_m(held.field.perimeter_m, pattern, held.outline) + options.clearance_m + 0.01
         rooms = [min(each, needed_m) for each in self._rooms]
         less = ground_of_sides(held.field.perimeter_m, rooms, held.keep_outs_m, options.clearance_m)
         return ground if breaches(pattern, less, held.outline) else less
+
+
+def _reach_m(ground: SafeGround, field: Field) -> float:
+    """How far ground reaches beyond a field."""
+    corners = shapely.points(shapely.get_coordinates(ground.shape))
+    return float(shapely.distance(shapely.Polygon(field.perimeter_m), corners).max())
 
 
 def degrees_of(pattern: Pattern, frame: LocalFrame) -> float:
@@ -585,7 +608,12 @@ def _field_of(places: FieldPlaces, frame: LocalFrame, name: str) -> tuple[Field,
 
 
 def _local(places: FieldPlaces | KeepOut, frame: LocalFrame) -> Corners:
-    east, north, _ = frame.to_local(places.latitude_deg, places.longitude_deg, places.height_m)
+    return _east_north(np.stack([places.latitude_deg, places.longitude_deg, places.height_m], axis=1), frame)
+
+
+def _east_north(ring: Float[np.ndarray, "corner 3"], frame: LocalFrame) -> Corners:
+    """Of latitude, longitude and height."""
+    east, north, _ = frame.to_local(*ring.T)
     return np.stack([east, north], axis=1)
 
 

@@ -7,6 +7,7 @@ through again.
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -120,9 +121,14 @@ def take_up(
     if last_line is not None and not place.line <= last_line < len(pattern.lines):
         raise InputError(plan.path, "end line", f"{place.line + 1} to {len(pattern.lines)}", f"{last_line + 1}")
     worked = cell_states(best, level) == CellState.PROCESSED
-    stretches = share_of_lines(pattern, worked_stretches(pattern, grid, worked, tool, after=place), last_line)
-    every = tuple(sorted(within | {_identity(run) for run in runs}))
-    return TakenUp(plan.sha256, Resumption(place, stretches), grid, best, every, shared_sigma_m)
+    # Whatever else is unknown, the error that all positions share leaves this much of the edge below the level.
+    edge_m = NormalDist().inv_cdf(level) * shared_sigma_m
+    done = worked_stretches(pattern, grid, worked, tool, after=place, last_line=last_line, edge_m=edge_m)
+    stretches = share_of_lines(pattern, done, last_line)
+    # Of a run of which there is another copy now, that one tells how much of it is in the map.
+    copies = {_identity(run).partition(":")[0] for run in runs}
+    every = {each for each in within if each.partition(":")[0] not in copies} | {_identity(run) for run in runs}
+    return TakenUp(plan.sha256, Resumption(place, stretches), grid, best, tuple(sorted(every)), shared_sigma_m)
 
 
 def _taken_up_by(run: CoverRun, plan: PlanFile, grid: CellGrid, shared_sigma_m: float) -> TakenUp | None:
@@ -136,5 +142,6 @@ def _taken_up_by(run: CoverRun, plan: PlanFile, grid: CellGrid, shared_sigma_m: 
 
 
 def _identity(run: CoverRun) -> str:
+    """UUID and number of moments: a run that was copied while it grew is not the whole one."""
     stated: Any = run.provenance["run"]
-    return str(stated)
+    return f"{stated}:{len(run.rows)}"

@@ -32,10 +32,12 @@ _KINDS = (
     "loop",
     "fusion",
 )
-# Which drive fits which study; a drive with nothing but pedals goes straight, and palm tree and turns both hold turns.
+# Which drive fits which study; a drive with nothing but pedals goes straight, one of steps of the steering does so for
+# half of its time, and palm tree and turns both hold turns.
 _FITS = {
     ("straight", "straight"),
     ("straight", "pedals"),
+    ("straight", "steering"),
     ("encoder", "standing"),
     ("wheel_angle", "palm_tree"),
     ("rear_ratio", "palm_tree"),
@@ -53,8 +55,8 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Drives by the autopilot, and calibration drives."""
     folder = tmp_path_factory.mktemp("logged")
     assert run("simulate", _TUNING / "tracking_drives.toml", "-o", folder) == 0
-    only = [word for name in _LOGS for word in ("--only", name)]
-    assert run("simulate", _TUNING / "drives.toml", "-o", folder, *only) == 0
+    assert run("simulate", _TUNING / "drives.toml", "-o", folder, "--only", *_LOGS) == 0
+    assert all((folder / f"{name}.drive.h5").is_file() for name in _LOGS)
     return folder
 
 
@@ -156,6 +158,23 @@ def test_nothing_is_written_that_a_held_out_log_contradicts(tmp_path: Path) -> N
         run_study(read_study(tmp_path / "bad.toml"))
     assert run("tune", tmp_path / "bad.toml", "-o", tmp_path / "out") == 1
     assert not (tmp_path / "out" / _VEHICLE.name).exists()
+
+
+def test_nothing_is_written_that_a_held_out_drive_contradicts(logs: Path, tmp_path: Path) -> None:
+    """Maps of another vehicle's rear wheels, and a drive whose wheels turn alike and the vehicle does not."""
+    other = (_TUNING / "drives.toml").read_text().replace("rear = 0.63", "rear = 0.7")
+    (tmp_path / "other.toml").write_text(other)
+    assert run("simulate", tmp_path / "other.toml", "-o", tmp_path, "--only", "palm_tree") == 0
+    rear = study("rear_ratio", logs, "palm_tree", method="rear_map")
+    # Its turns reach over part of the map only.
+    run_study(rear._replace(held_out=(logs / "turns.drive.h5",)))
+    with pytest.raises(InputError, match=r"rear_map, held out: expected residuals .* no vehicle file is written"):
+        run_study(rear._replace(held_out=(tmp_path / "palm_tree.drive.h5",)))
+    other = (_TUNING / "tracking_drives.toml").read_text().replace("rear = 0.6", "rear = 0.0")
+    (tmp_path / "tracking.toml").write_text(other)
+    assert run("simulate", tmp_path / "tracking.toml", "-o", tmp_path, "--only", "held_out") == 0
+    with pytest.raises(InputError, match=r"yaw rate, held out: expected residuals .* no vehicle file is written"):
+        run_study(study("loop", logs, "first")._replace(held_out=(tmp_path / "held_out.drive.h5",)))
 
 
 def test_a_recorded_run_is_a_log(logs: Path, tmp_path: Path) -> None:

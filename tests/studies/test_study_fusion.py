@@ -56,7 +56,7 @@ def _track(time_s: np.ndarray, x: np.ndarray, y: np.ndarray, yaw: np.ndarray, **
     return NavigationTrack(time_s, latitude, longitude, height, heading, np.zeros_like(x), **sigmas)
 
 
-def _write_drive(folder: Path, name: str, seed: int) -> Path:
+def _write_drive(folder: Path, name: str, seed: int, *, fix_error_m: float = 0.0) -> Path:
     """A drawn drive as a log without radar, and its fixes beside it."""
     drawn = draw_drive(_TRUE, seed, seconds=_SECONDS)
     seen, states = drawn.observations, drawn.states
@@ -92,6 +92,7 @@ def _write_drive(folder: Path, name: str, seed: int) -> Path:
     write_vehicle_log(path, log)
     scans = np.flatnonzero(np.asarray(seen.lgpr.valid))
     x, y, yaw = (np.asarray(v, np.float64)[scans] for v in seen.lgpr[:3])
+    x, y = np.random.default_rng(seed).normal(0.0, fix_error_m, (2, len(scans))) + [x, y]
     latitude, longitude, height = _FRAME.to_geodetic(x, y, np.zeros_like(x))
     none = np.zeros(scans.size)
     columns = {
@@ -195,6 +196,16 @@ def test_held_out_drive_judges(finished: FinishedStudy) -> None:
         assert figures[f"{prefix}: {source}, rejected"] <= 2
     errors = [figures[f"{prefix}: {what}, position, rms"] for what in ("filter", "smoother", "threshold switch")]
     assert errors[1] < errors[0] < errors[2] < 1.0
+
+
+def test_a_held_out_drive_with_worse_fixes_contradicts(folder: Path) -> None:
+    """Fixes that lie eight times as far off as they say, or nowhere near."""
+    table = (folder / "fusion.toml").read_text()
+    for name, error_m in (("worse", 0.3), ("nowhere", 5.0)):
+        _write_drive(folder, name, 1, fix_error_m=error_m)
+        (folder / f"{name}.toml").write_text(table.replace("two.drive.h5", f"{name}.drive.h5"))
+        with pytest.raises(InputError, match=r"of lgpr, held out: expected .*; no vehicle file is written"):
+            run_study(read_study(folder / f"{name}.toml"))
 
 
 def test_picture_draws(finished: FinishedStudy, tmp_path: Path) -> None:

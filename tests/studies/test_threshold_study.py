@@ -1,6 +1,7 @@
 """``lgprjax tune`` on a recorded run of a field: the control threshold, and the limit cycle about the lines."""
 
 import json
+import re
 import struct
 from pathlib import Path
 
@@ -43,10 +44,16 @@ def write_run(folder: Path, drive: Drive) -> None:
     (folder / "0000.lgprun").write_bytes(b"".join(parts))
 
 
-def tune(folder: Path, drive: Drive, *, vehicle: str = VEHICLE, logs: str = '["run"]') -> int:
+def tune(
+    folder: Path, drive: Drive, *, vehicle: str = VEHICLE, logs: str = '["run"]', held_out: Drive | None = None
+) -> int:
     write_run(folder / "run", drive)
     (folder / "v.vehicle.toml").write_text(vehicle)
-    (folder / "s.toml").write_text(f'name = "s"\nkind = "threshold"\nvehicle = "v.vehicle.toml"\nlogs = {logs}\n')
+    table = f'name = "s"\nkind = "threshold"\nvehicle = "v.vehicle.toml"\nlogs = {logs}\n'
+    if held_out is not None:
+        write_run(folder / "judge", held_out)
+        table += 'held_out = ["judge"]\n'
+    (folder / "s.toml").write_text(table)
     with pytest.raises(SystemExit) as end:
         main(["tune", str(folder / "s.toml"), "-o", str(folder / "out"), "--json", str(folder / "s.json")])
     return int(end.value.code or 0)
@@ -75,6 +82,24 @@ def test_a_vehicle_that_obeys_keeps_its_file(tmp_path: Path, capsys: pytest.Capt
 
 
 @pytest.mark.parametrize(
+    ("fitted_mps", "held_mps", "told"),
+    [
+        (0.3, 0.31, ""),
+        (0.3, 0.6, r"threshold_mps, held out: expected 0\.\d+ to within 0\.\d+, as fitted, found 0\.[56]"),
+        (0.3, 0.0, r"threshold_mps, held out: expected 0\.\d+, as fitted, found none; no vehicle file is written"),
+        (0.0, 0.3, r"threshold_mps, held out: expected none, as fitted, found 0\.[23]\d*; no vehicle file is written"),
+    ],
+)
+def test_nothing_is_written_that_a_held_out_run_contradicts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], fitted_mps: float, held_mps: float, told: str
+) -> None:
+    drives = (swinging_drive(seed, threshold_mps=each) for seed, each in ((1, fitted_mps), (2, held_mps)))
+    assert tune(tmp_path, next(drives), held_out=next(drives)) == (1 if told else 0)
+    assert (tmp_path / "out" / "v.vehicle.toml").exists() == (not told)
+    assert re.search(told, " ".join(capsys.readouterr().err.split()))
+
+
+@pytest.mark.parametrize(
     ("changes", "expected"),
     [
         ({"vehicle": VEHICLE.replace('skid_steer"', 'counter_steer"')}, "steering_kind: expected skid_steer"),
@@ -85,5 +110,6 @@ def test_a_vehicle_that_obeys_keeps_its_file(tmp_path: Path, capsys: pytest.Capt
 def test_what_tells_nothing_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], changes: dict[str, str], expected: str
 ) -> None:
-    assert tune(tmp_path, swinging_drive(3, threshold_mps=0.3, records=300), **changes) == 1
+    vehicle, logs = changes.get("vehicle", VEHICLE), changes.get("logs", '["run"]')
+    assert tune(tmp_path, swinging_drive(3, threshold_mps=0.3, records=300), vehicle=vehicle, logs=logs) == 1
     assert expected in " ".join(capsys.readouterr().err.split())

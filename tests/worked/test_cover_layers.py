@@ -156,6 +156,40 @@ def test_geojson_and_kml_hold_the_same_shapes(tmp_path: Path) -> None:
     np.testing.assert_allclose(places, np.array(layers[0].shapes[0].exterior.coords), rtol=0.0, atol=1e-10)
 
 
+def test_depths_that_a_cart_does_not_measure_are_no_numbers(tmp_path: Path) -> None:
+    """A cart's passes have no depth: JSON knows no NaN, and programs for maps refuse a file with one."""
+    record = made_record()
+    unknown = np.full(len(record.passes.run), np.nan)
+    record = record._replace(passes=record.passes._replace(depth_mean_m=unknown, depth_least_m=unknown))
+    layers = cover_layers(record, "us")
+    write_geojson(tmp_path / "r.geojson", layers, {})
+
+    def refuse(name: str) -> None:
+        raise AssertionError(name)
+
+    collection = json.loads((tmp_path / "r.geojson").read_text(encoding="utf-8"), parse_constant=refuse)
+    swaths = [each["properties"] for each in collection["features"] if each["properties"]["layer"] == "swaths"]
+    assert swaths
+    assert all(each["depth_mean_m"] is each["depth_least_m"] is None for each in swaths)
+    assert all(each["length_m"] == 5.0 for each in swaths)
+    write_kml(tmp_path / "r.kml", layers, {}, colours={})
+    text = (tmp_path / "r.kml").read_text(encoding="utf-8")
+    assert "length_m" in text
+    assert "depth_mean_m" not in text
+    # A column of numbers it stays, also where a later run measured them.
+    of_swaths = next(layer for layer in layers if layer.name == "swaths")
+    mixed = of_swaths._replace(
+        properties=({**of_swaths.properties[0], "depth_mean_m": 0.15}, *of_swaths.properties[1:])
+    )
+    for number, layer in enumerate((of_swaths, mixed)):
+        write_geopackage(tmp_path / f"{number}.gpkg", [layer], {})
+        told, _, _, fields = raw.read(tmp_path / f"{number}.gpkg", layer="swaths")
+        depths = fields[list(told["fields"]).index("depth_mean_m")]
+        assert depths.dtype == np.float64
+        np.testing.assert_array_equal(depths[1:], np.full(len(depths) - 1, np.nan))
+        assert np.isnan(depths[0]) == (number == 0)
+
+
 @pytest.mark.parametrize("mark", [None, (-20.501, 30.249)])
 def test_turning_points_lead_from_the_benchmark(tmp_path: Path, mark: tuple[float, float] | None) -> None:
     record = made_record(yaw_rad=0.4)

@@ -93,6 +93,31 @@ def test_what_was_taken_up_is_not_gone_through_again(tmp_path: Path, plan: PlanF
     assert (doubted.probability >= 0.95).sum() < 0.5 * (both.probability >= 0.95).sum()
 
 
+def test_a_run_that_was_copied_while_it_grew_is_read_again(tmp_path: Path, plan: PlanFile) -> None:
+    """Machine B began with half of A's run: what A did in the afternoon is in the map as soon as the rest is there."""
+    usual = {"cell_m": _CELL_M, "level": 0.95, "shared_sigma_m": 0.0}
+    drawn_run(tmp_path / "half" / "a", plan, range(3), keep=330)
+    half = take_up(plan, runs_by_plan(tmp_path / "half", plan), **usual)  # type: ignore[arg-type]
+    drawn_run(tmp_path / "whole" / "a", plan, range(3))
+    drawn_run(tmp_path / "whole" / "b", plan, range(3, 4), begin_s=900.0)
+    write_taken_up(tmp_path / "whole" / "b" / TAKEN_UP, half)
+    runs = runs_by_plan(tmp_path / "whole", plan)
+    held = take_up(plan, runs, **usual)  # type: ignore[arg-type]
+    alone = [take_up(plan, [run._replace(folder=tmp_path)], **usual) for run in runs]  # type: ignore[arg-type]
+    np.testing.assert_array_equal(held.probability, np.maximum(*(each.probability for each in alone)))
+    assert (held.probability > half.probability).any()
+    assert len(held.runs) == 2
+    # Then it is known whole, and a file of a program that did not count moments has it read once more.
+    write_taken_up(tmp_path / "whole" / "b" / TAKEN_UP, held)
+    done: list[int] = []
+    take_up(plan, runs, progress=done.append, **usual)  # type: ignore[arg-type]
+    assert sum(done) == 0
+    old = held._replace(runs=tuple(each.partition(":")[0] for each in held.runs))
+    write_taken_up(tmp_path / "whole" / "b" / TAKEN_UP, old)
+    assert take_up(plan, runs, progress=done.append, **usual).runs == held.runs  # type: ignore[arg-type]
+    assert sum(done) == sum(len(run.rows) for run in runs)
+
+
 def test_another_machine_began_at_a_later_line(tmp_path: Path, plan: PlanFile) -> None:
     drawn_run(tmp_path / "other", plan, range(3, 5))
     runs = runs_by_plan(tmp_path, plan)
