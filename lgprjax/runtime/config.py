@@ -77,13 +77,13 @@ class SensorsTable(ConfigTable):
 
     gnss_delay_s: float = Field(default=0.0, ge=0.0, le=1.0)
     gnss_period_s: float = Field(default=0.143, gt=0.0, le=2.0)
-    gnss_sigma_m: float = Field(default=0.01, gt=0.0)
-    heading_sigma_deg: float = Field(default=0.06, gt=0.0)
-    heading_slow_deg: float = Field(default=0.12, ge=0.0)
-    heading_slow_s: float = Field(default=60.0, gt=0.0)
-    odometer_sigma_mps: float = Field(default=0.03, gt=0.0)
-    fix_heading_slow_deg: float = Field(default=0.25, ge=0.0)
-    fix_changes_m: float = Field(default=4.0, gt=0.0)
+    gnss_sigma_m: float = Field(default=0.01, gt=0.0, le=10.0)
+    heading_sigma_deg: float = Field(default=0.06, gt=0.0, le=20.0)
+    heading_slow_deg: float = Field(default=0.12, ge=0.0, le=20.0)
+    heading_slow_s: float = Field(default=60.0, gt=0.0, le=3600.0)
+    odometer_sigma_mps: float = Field(default=0.03, gt=0.0, le=5.0)
+    fix_heading_slow_deg: float = Field(default=0.25, ge=0.0, le=20.0)
+    fix_changes_m: float = Field(default=4.0, gt=0.0, le=1000.0)
 
 
 class ControlTable(ConfigTable):
@@ -94,8 +94,8 @@ class ControlTable(ConfigTable):
     realtime_priority: int | None = Field(default=None, ge=1, le=99)
     collect_garbage: Literal["never", "between"] = "between"
     set_speed_step_mps: float = Field(default=0.25, gt=0.0, le=2.0)
-    fastest_engage_mps: float = Field(default=4.5, gt=0.0)
-    override_torque_nm: float = Field(default=4.0, gt=0.0)
+    fastest_engage_mps: float = Field(default=4.5, gt=0.0, le=30.0)
+    override_torque_nm: float = Field(default=4.0, gt=0.0, le=50.0)
 
 
 class CoverageTable(ConfigTable):
@@ -161,11 +161,11 @@ class OutputTable(ConfigTable):
 class SupervisionTable(ConfigTable):
     """Time limits of processes for silence once ready and for starting; registration's core; temperature limit."""
 
-    control_s: float = Field(default=0.2, gt=0.0)
-    others_s: float = Field(default=1.0, gt=0.0)
-    start_s: float = Field(default=120.0, gt=0.0)
+    control_s: float = Field(default=0.2, gt=0.0, le=2.0)
+    others_s: float = Field(default=1.0, gt=0.0, le=30.0)
+    start_s: float = Field(default=120.0, gt=0.0, le=3600.0)
     registration_core: int | None = None
-    hottest_c: float = Field(default=95.0, gt=0.0)
+    hottest_c: float = Field(default=95.0, gt=0.0, le=150.0)
 
 
 class SimulationTable(ConfigTable):
@@ -264,7 +264,8 @@ def write_config(path: Path, config: RuntimeConfig) -> None:
         if table.get(name):
             table[name] = str(config.path(table[name]))
     table["routes"] = [str(config.path(name)) for name in table["routes"]]
-    for name, key in (("coverage", "plan"), ("coverage", "resume"), ("simulation", "field")):
+    paths = (("coverage", "plan"), ("coverage", "resume"), ("simulation", "field"), ("registration", "thresholds"))
+    for name, key in paths:
         if table.get(name, {}).get(key):
             table[name][key] = str(config.path(table[name][key]))
     table["recording"]["folder"] = str(config.path(config.recording.folder))

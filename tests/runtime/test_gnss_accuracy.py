@@ -1,8 +1,9 @@
-"""Accuracies from a message of their own (GST): which position each is of, and for how long it says anything."""
+"""What a receiver states beside its positions: accuracies of a message of their own (GST), rolls, and headings."""
 
 from functools import reduce
 from operator import xor
 
+import numpy as np
 import pytest
 
 from lgprjax.frames import LocalFrame
@@ -26,6 +27,14 @@ class Receiver:
         """A position; as the control loop has it then."""
         self._say(at_s, f"GNGGA,{self._clock(at_s)},4800.0,N,01100.0,E,{quality},12,0.6,500.0,M,0.0,M,1.0,0000")
         return self.place
+
+    def pashr(self, at_s: float, roll_deg: float, sigma_deg: float = 0.05) -> None:
+        """A heading of 90 degrees with roll and its own accuracy."""
+        self._say(at_s, f"PASHR,{self._clock(at_s)},90.0,T,{roll_deg:.2f},0.5,,0.01,0.01,{sigma_deg:.3f},2,1")
+
+    def hdt(self, at_s: float) -> None:
+        """The heading by itself."""
+        self._say(at_s, "GPHDT,90.0,T")
 
     def gst(self, at_s: float, sigma_m: float, of_s: float | None = None) -> None:
         """An accuracy, of the same time or of another."""
@@ -105,3 +114,27 @@ def test_an_accuracy_of_another_time_says_nothing() -> None:
     alone = Receiver()
     alone.gst(0.0, 0.011)
     assert alone.gga(1.0, SINGLE).sigma_m == LOOSE_M
+
+
+def test_a_heading_by_itself_keeps_the_roll_of_half_a_second() -> None:
+    receiver = Receiver()
+    rolls = []
+    for number in range(6):
+        at_s = 0.1 * number
+        receiver.pashr(at_s, 6.0)
+        assert receiver.senses.attitude is not None
+        rolls.append(receiver.senses.attitude.roll_rad)
+        receiver.hdt(at_s + 0.05)
+        rolls.append(receiver.senses.attitude.roll_rad)
+    assert np.degrees(rolls) == pytest.approx(6.0)
+    receiver.hdt(2.0)
+    assert receiver.senses.attitude.roll_rad == 0.0
+
+
+def test_a_heading_comes_with_the_accuracy_that_its_receiver_states() -> None:
+    receiver = Receiver()
+    receiver.pashr(0.0, 1.0, sigma_deg=45.0)
+    assert receiver.senses.attitude is not None
+    assert np.degrees(receiver.senses.attitude.sigma_yaw_rad) == pytest.approx(45.0)
+    receiver.hdt(0.1)
+    assert np.isnan(receiver.senses.attitude.sigma_yaw_rad)

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -20,7 +21,7 @@ from lgprjax.runtime.config import OutputTable, RuntimeConfig, read_config, writ
 from lgprjax.runtime.control.compiled import TickResult
 from lgprjax.runtime.control.counter_steer import pose_row, quality_of
 from lgprjax.runtime.main import process_command
-from lgprjax.runtime.output.nmea import Given, given_of, sentences
+from lgprjax.runtime.output.nmea import Given, NmeaOutlets, given_of, horizontal_covariance, sentences
 from lgprjax.runtime.output.program import ADDRESS_FILE
 from lgprjax.runtime.process import RINGS, Heartbeats
 from lgprjax.runtime.ring import Ring
@@ -35,6 +36,36 @@ def _read(data: bytes) -> dict[str, object]:
         message = NMEAReader.parse(line)
         found[message.msgID] = message
     return found
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 30.0, 45.0, 90.0, 200.0])
+def test_the_covariance_is_the_ellipse_turned_from_the_heading(heading_deg: float) -> None:
+    """By a matrix: the heading is clockwise from north, and across it lies to its right."""
+    given = Given(1.8e9, 42.0, -71.0, 30.0, heading_deg, 0.5, 0.02, 4)
+    ahead = np.array([np.sin(np.radians(heading_deg)), np.cos(np.radians(heading_deg))])
+    across = np.array([ahead[1], -ahead[0]])
+    expected = 0.5**2 * np.outer(ahead, ahead) + 0.02**2 * np.outer(across, across)
+    ee, en, nn = horizontal_covariance(given)
+    np.testing.assert_allclose([[ee, en], [en, nn]], expected, atol=1e-12)
+
+
+def test_a_client_too_many_is_turned_away_and_the_others_go_on(config: RuntimeConfig) -> None:
+    outlets = NmeaOutlets(config, OutputTable(nmea_port=0))
+    assert outlets.address is not None
+    clients = []
+    try:
+        for _ in range(9):
+            clients.append(socket.create_connection(outlets.address, timeout=5.0))
+            outlets.send(b"one\n", 0.0)
+        outlets.send(b"two\n", 0.0)
+        heard = [client.recv(100) for client in clients]
+        assert heard[8] == b""
+        outlets.send(b"later\n", 0.0)
+        assert all(client.recv(100).endswith(b"later\n") for client in clients[:8])
+    finally:
+        for client in clients:
+            client.close()
+        outlets.close()
 
 
 @pytest.mark.parametrize("seed", range(40))

@@ -72,6 +72,9 @@ def test_a_missing_map_and_a_vehicle_without_its_numbers_are_refused(folder: Pat
         ("gnss_delay_s = 0.03", "gnss_delay_s = -1.0", "gnss_delay_s"),
         ("gnss_delay_s = 0.03", 'gnss_delay_s = "soon"', "gnss_delay_s"),
         ("[recording]", "[recordings]", "recordings"),
+        ("gnss_delay_s = 0.03", "gnss_delay_s = 0.03\nheading_sigma_deg = inf", "heading_sigma_deg"),
+        ("[recording]", "[supervision]\ncontrol_s = 200\n[recording]", "supervision.control_s"),
+        ("[recording]", "[supervision]\nhottest_c = 1e9\n[recording]", "supervision.hottest_c"),
     ],
 )
 def test_a_configuration_that_is_wrong_names_the_place(folder: Path, old: str, new: str, place: str) -> None:
@@ -85,10 +88,13 @@ def test_a_configuration_that_is_wrong_names_the_place(folder: Path, old: str, n
 
 def test_a_configuration_written_with_absolute_paths_is_the_same(folder: Path) -> None:
     config = read_config(folder / "course.run.toml")
+    registration = config.registration.model_copy(update={"thresholds": "own.thresholds.toml"})
+    config = config.model_copy(update={"registration": registration})
     target = folder / "elsewhere" / "written.run.toml"
     target.parent.mkdir()
     write_config(target, config)
     again = read_config(target)
+    assert again.registration.thresholds == str(config.path("own.thresholds.toml"))
     assert again.path(again.map).resolve() == config.path(config.map).resolve()
     assert again.simulation == config.simulation
     assert again.control == config.control

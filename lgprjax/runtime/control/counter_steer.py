@@ -39,6 +39,10 @@ from lgprjax.runtime.words import ARRIVED, limited_words, reason_words, whole
 # The control loop's state for the display.
 
 
+_OLD_TICKS = 25
+"""Half a second: what the page shows of a scan is not older."""
+
+
 class Panel:
     """Keeps display data in addition to the tick's numbers.
 
@@ -53,15 +57,21 @@ class Panel:
             for route in routes
         ]
         self._codes: list[tuple[int, bool]] = []
+        self._decided = self._searched = -_OLD_TICKS
         self._shown = -1
         self._path_tick = 0
-        self.code = ""
+        self.code: str | None = None
         self.correlation = math.nan
 
     def take_fix(self, tick: int, code: int, correlation: float) -> None:
-        """Take a searched scan."""
+        """Take a searched scan. Those between the stops of a search have no fix of their own, and say nothing new."""
+        self._searched = tick
+        if code != Code.NO_WINDOW:
+            self._decided = tick
+            self._codes.append((tick, code == Code.OK))
+        elif tick - self._decided < _OLD_TICKS:
+            return
         self.code, self.correlation = Code(code).name.lower(), correlation
-        self._codes.append((tick, code == Code.OK))
 
     def state(self, tick: int, route: int, result: TickResult) -> dict[str, Any]:
         """Display state of a tick, in addition to the modes.
@@ -73,6 +83,7 @@ class Panel:
         """
         self._codes = [known for known in self._codes if known[0] > tick - 500]
         share = sum(good for _, good in self._codes) / len(self._codes) if self._codes else None
+        old = tick - self._searched > _OLD_TICKS
         state: dict[str, Any] = {
             "route": self._routes[route].name,
             "routes": self._listed,
@@ -81,8 +92,8 @@ class Panel:
             "cross_track_m": result.offset_m,
             "to_go_m": result.to_go_m,
             "heading_error_deg": math.degrees(result.heading_error_rad),
-            "correlation": self.correlation,
-            "code": self.code,
+            "correlation": math.nan if old else self.correlation,
+            "code": None if old else self.code,
             "ok_share": share,
             "sigma_along_m": result.sigma_along_m,
             "sigma_cross_m": result.sigma_cross_m,
@@ -103,6 +114,8 @@ class Panel:
 # The compiled step: its state, the chosen route, and the vehicle's place on it.
 
 _SEARCH_TICKS = 25
+_UNSURE_RAD = math.radians(5.0)
+"""A heading that its receiver states less surely is none to begin with."""
 _NOTHING = TickResult(*[math.nan] * len(TickResult._fields))
 
 
@@ -222,9 +235,11 @@ class Pilot:
     def _numbers(self, sensed: Sensed, ordered: Ordered, now_ns: int) -> TickNumbers:
         known = self._sensors
         place, attitude, fix = sensed.place, sensed.attitude, sensed.fix
-        heading_rad2 = math.radians(known.heading_sigma_deg) ** 2
+        stated_rad = 0.0 if attitude is None or not math.isfinite(attitude.sigma_yaw_rad) else attitude.sigma_yaw_rad
+        heading_rad2 = max(math.radians(known.heading_sigma_deg), stated_rad) ** 2
         # A heading error that lasts for a minute is modelled as this much more noise per tick.
-        heading_rad2 += 2.0 * known.heading_slow_s / TICK_S * math.radians(known.heading_slow_deg) ** 2
+        slow_rad = max(math.radians(known.heading_slow_deg), stated_rad)
+        heading_rad2 += 2.0 * known.heading_slow_s / TICK_S * slow_rad**2
         speed = max(abs(sensed.odometer_mps), 1.0) if math.isfinite(sensed.odometer_mps) else 1.0
         shared = 2.0 * known.fix_changes_m * math.radians(known.fix_heading_slow_deg) ** 2 / (speed * TICK_S)
         seen = {} if fix is None else self._fix_numbers(fix, now_ns, shared)
@@ -435,7 +450,8 @@ class CounterSteer:
             cross_track_m=self.pilot.result.offset_m,
             estimated_mps=self.pilot.result.speed_mps,
         )
-        if not self.pilot.started and place is not None and attitude is not None:
+        sure = attitude is not None and not attitude.sigma_yaw_rad > _UNSURE_RAD
+        if not self.pilot.started and place is not None and attitude is not None and sure:
             self.pilot.start(place, attitude, watched.front_rad)
         return watched.events
 

@@ -34,6 +34,8 @@ _LOOSE_M = 2.0
 _STATED_NS = 2_000_000_000
 """An accuracy of a message of its own is used for later positions for this long."""
 
+_ROLL_OLD_NS = 500_000_000
+
 _Epoch = tuple[GnssTimeScale, float]
 
 
@@ -58,11 +60,12 @@ class LocalPosition(NamedTuple):
 
 
 class LocalAttitude(NamedTuple):
-    """A heading as yaw in the local frame, and roll, positive right side down."""
+    """A heading as yaw in the local frame, and roll, positive right side down; the yaw's sigma is NaN if unstated."""
 
     time_ns: int
     yaw_rad: float
     roll_rad: float
+    sigma_yaw_rad: float = math.nan
 
 
 class TurnRate(NamedTuple):
@@ -107,6 +110,7 @@ class GnssSenses:
         self._longitude_deg = 0.0 if frame is None else frame.longitude_deg
         self.place: LocalPosition | None = None
         self.attitude: LocalAttitude | None = None
+        self._roll: tuple[float, int] | None = None
         self._rates: list[TurnRate] = []
         self._new_place = self._new_attitude = False
         # Accuracies come before or after their position: the newest of both, and the newest that belong together.
@@ -129,8 +133,11 @@ class GnssSenses:
             if time_ns is not None:
                 heading = np.array([turned.heading_deg])
                 yaw = float(self.frame.yaw_of_heading(heading, np.array([self._longitude_deg]))[0])
-                roll = math.radians(turned.roll_deg) if math.isfinite(turned.roll_deg) else 0.0
-                self.attitude = LocalAttitude(time_ns, yaw, roll)
+                if math.isfinite(turned.roll_deg):
+                    self._roll = math.radians(turned.roll_deg), record.mono_ns
+                # A heading by itself (HDT beside PASHR) takes the roll of the message before.
+                roll = 0.0 if self._roll is None or record.mono_ns - self._roll[1] > _ROLL_OLD_NS else self._roll[0]
+                self.attitude = LocalAttitude(time_ns, yaw, roll, math.radians(turned.sigma_heading_deg))
                 self._new_attitude = True
         if sample.rate is not None:
             self._rates.append(TurnRate(record.mono_ns, sample.rate.yaw_rate_radps))

@@ -13,7 +13,7 @@ from lgprjax.errors import InputError
 from lgprjax.formats import complex_rows
 from lgprjax.frames import LocalFrame
 from lgprjax.run_records import unpack
-from lgprjax.runtime.output.nmea import Given
+from lgprjax.runtime.output.nmea import Given, horizontal_covariance
 from lgprjax.runtime.process import Started
 from lgprjax.wire import Frame, decode
 
@@ -89,15 +89,15 @@ class LiveView:
         """Show a position."""
         from foxglove import log, messages
 
-        if given.quality == 0:
+        if given.quality == 0 or not np.all(np.isfinite(given[1:7])):
             return
-        east, north = given.sigma_along_m, given.sigma_cross_m
+        ee, en, nn = horizontal_covariance(given)
         fix = messages.LocationFix(
             frame_id="map",
             latitude=given.latitude_deg,
             longitude=given.longitude_deg,
             altitude=given.height_m,
-            position_covariance=[east**2, 0.0, 0.0, 0.0, north**2, 0.0, 0.0, 0.0, 1.0],
+            position_covariance=[ee, en, 0.0, en, nn, 0.0, 0.0, 0.0, 1.0],
             position_covariance_type=messages.LocationFixPositionCovarianceType.Approximated,
         )
         log("/position", fix)

@@ -38,6 +38,17 @@ class Given(NamedTuple):
     quality: int
 
 
+def horizontal_covariance(given: Given) -> tuple[float, float, float]:
+    """Variance of east, covariance, and variance of north, square metres: the ellipse turned from the heading."""
+    heading, along_m2, cross_m2 = math.radians(given.heading_deg), given.sigma_along_m**2, given.sigma_cross_m**2
+    sin, cos = math.sin(heading), math.cos(heading)
+    return (
+        along_m2 * sin**2 + cross_m2 * cos**2,
+        (along_m2 - cross_m2) * sin * cos,
+        along_m2 * cos**2 + cross_m2 * sin**2,
+    )
+
+
 def sentences(given: Given) -> bytes:
     """GGA, HDT and GST of one moment. Without a position the fields are empty and the quality is 0.
 
@@ -52,10 +63,9 @@ def sentences(given: Given) -> bytes:
         )
     place = f"{_degrees(given.latitude_deg, 2)},{'NS'[given.latitude_deg < 0.0]}"
     place += f",{_degrees(given.longitude_deg, 3)},{'EW'[given.longitude_deg < 0.0]}"
-    heading = math.radians(given.heading_deg)
     along, cross = given.sigma_along_m, given.sigma_cross_m
-    north = math.hypot(along * math.cos(heading), cross * math.sin(heading))
-    east = math.hypot(along * math.sin(heading), cross * math.cos(heading))
+    east2, _, north2 = horizontal_covariance(given)
+    north, east = math.sqrt(north2), math.sqrt(east2)
     # The larger axis of the error ellipse is along the heading or across it.
     turned = given.heading_deg if along >= cross else given.heading_deg + 90.0
     ellipse = f"{max(along, cross):.3f},{min(along, cross):.3f},{round(turned, 1) % 180.0:.1f}"
@@ -117,14 +127,17 @@ class NmeaOutlets:
         if self._listener is not None:
             with contextlib.suppress(OSError):
                 client, _ = self._listener.accept()
-                client.setblocking(False)
-                self._clients.append(client)
+                if len(self._clients) < _MOST_CLIENTS:
+                    client.setblocking(False)
+                    self._clients.append(client)
+                else:
+                    client.close()
         for client in [*self._clients]:
             try:
                 whole = client.send(data) == len(data)
             except OSError:
                 whole = False
-            if not whole or len(self._clients) > _MOST_CLIENTS:
+            if not whole:
                 client.close()
                 self._clients.remove(client)
         self._send_serial(data, now_s)
