@@ -247,7 +247,11 @@ def lgpr_innovation(
             wrap_yaw(observation.yaw_rad - (mean[YAW] - age * rate)),
         ]
     )
-    return innovation_of(residual, (*rows, turn_row), observation.covariance, usable(observation))
+    noise = observation.covariance
+    # Of two parts each: a covariance that is none would make the estimate's one none as well.
+    apart = noise**2 < jnp.diagonal(noise)[:, None] * jnp.diagonal(noise)[None, :]
+    sound = jnp.all(jnp.diagonal(noise) > 0.0) & jnp.all(apart | jnp.eye(len(noise), dtype=bool))
+    return innovation_of(residual, (*rows, turn_row), noise, usable(observation) & sound)
 
 
 def _body_motion(estimate: NavEstimate, motion: MotionInput) -> tuple[Pair, Float[Array, ""], Float[Array, ""]]:

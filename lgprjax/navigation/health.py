@@ -196,6 +196,7 @@ class HealthState(NamedTuple):
         unproven, scans, fixes: scans without evidence of the map's ground, all, and accepted fixes, in each tenth of
             the sliding share, the newest first.
         bin_s: since the newest tenth began.
+        fix_way_m: driven since the last fix that counts among ``fixes``.
         held_s: remaining time for which each reason, in the order of its bits, is reported.
         bounded_s: for how long LGPR has bounded the error.
     """
@@ -208,6 +209,7 @@ class HealthState(NamedTuple):
     scans: Float[Array, "10"]
     fixes: Float[Array, "10"]
     bin_s: Float[Array, ""]
+    fix_way_m: Float[Array, ""]
     held_s: Float[Array, "23"]
     bounded_s: Float[Array, ""]
 
@@ -232,7 +234,9 @@ def init_health() -> HealthState:
     """Before the first tick."""
     zero, bins = jnp.float32(0.0), jnp.zeros(_BINS, jnp.float32)
     unknown = jnp.float32(jnp.nan)
-    return HealthState(unknown, unknown, zero, zero, bins, bins, bins, zero, jnp.zeros(len(Reason), jnp.float32), zero)
+    return HealthState(
+        unknown, unknown, zero, zero, bins, bins, bins, zero, zero, jnp.zeros(len(Reason), jnp.float32), zero
+    )
 
 
 def step_health(
@@ -274,6 +278,10 @@ def step_health(
     state = state._replace(held_s=held_s, bounded_s=bounded_s)
     return state, Health(reaction.astype(jnp.int32), reasons, cap, bounded)
 
+
+_MOVING_MPS = 0.1
+_OWN_WAY_M = 0.03
+"""Way from one fix to the next that is an observation of its own."""
 
 _UNLOCKS = (
     Reason.NON_FINITE
@@ -317,6 +325,11 @@ def _listened(
     repeated_m = jnp.where(filter_info.offered[GNSS], stuck_m, state.repeated_m)
     full = state.bin_s + passed_s >= rules.fading_s / _BINS
     matched = ~jnp.isnan(lgpr_p_false)
+    # At standstill one match is told again and again: no fix more, and none that were there are forgotten.
+    speed_mps = jnp.abs(filter_state.estimate.mean[SPEED])
+    moving = speed_mps >= _MOVING_MPS
+    way_m = state.fix_way_m + jnp.where(moving, speed_mps * passed_s, 0.0)
+    own = filter_info.accepted[LGPR] & (way_m >= _OWN_WAY_M)
     return state._replace(
         gnss_x_m=jnp.where(changed, gnss.x_m, state.gnss_x_m),
         gnss_y_m=jnp.where(changed, gnss.y_m, state.gnss_y_m),
@@ -324,7 +337,8 @@ def _listened(
         repeated_m=repeated_m,
         unproven=_pushed(state.unproven, jnp.where(lgpr_p_false > rules.risk, 1.0, 0.0), full),
         scans=_pushed(state.scans, jnp.where(matched, 1.0, 0.0), full),
-        fixes=_pushed(state.fixes, filter_info.accepted[LGPR].astype(jnp.float32), full),
+        fixes=_pushed(state.fixes, own.astype(jnp.float32), full & moving),
+        fix_way_m=jnp.where(own, 0.0, way_m),
         bin_s=jnp.where(full, 0.0, state.bin_s + passed_s),
     )
 

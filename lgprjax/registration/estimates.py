@@ -21,7 +21,7 @@ from lgprjax.registration.refine import FEW_CHANNELS, PRIOR
 SCALES = np.arange(0.925, 1.1301, 0.015)
 """Time scales tried where no place is known."""
 _NEAR = np.array([-0.02, 0.0, 0.02])
-_NEAR_TRIED, _ALL_TRIED = 2.0, 7.0  # independent ones of these scales, as neighbours score alike
+NEAR_TRIED, _ALL_TRIED = 2.0, 7.0  # independent ones of these scales, as neighbours score alike
 _LEAST_GAIN = 0.5  # of the noise floor, averaged over the last probes
 _STEP = 0.0025  # a fortieth of a wavelength at forty wavelengths' depth
 _AGAIN = 0.01
@@ -34,13 +34,14 @@ class TimeScaleEstimate:
 
     Attributes:
         value: the scale.
-        tried: independent scales that the match was chosen from.
+        tried, least_tried: independent scales that the match was chosen from, and how many count at least.
         sigma: of the scale; it falls as it is followed, since height and scale are told apart by depth alone.
         probed_m: travel at the last probe.
     """
 
     def __init__(self, value: float) -> None:
         self.value, self.tried, self.probed_m = value, 1.0, -np.inf
+        self.least_tried = 1.0
         self.sigma = _UNFOLLOWED
         self._lately = np.zeros(len(SCALES))
         self._bend = np.zeros(2)
@@ -78,7 +79,7 @@ class TimeScaleEstimate:
         self.value = round((before + step) / _STEP) * _STEP
         self.sigma = max(_FORGET * self.sigma, _FOLLOWED) if near else _UNFOLLOWED
         if self.value != before:
-            self.tried = _NEAR_TRIED if near else _ALL_TRIED
+            self.tried = max(self.least_tried, NEAR_TRIED if near else _ALL_TRIED)
         if abs(self.value - before) < _AGAIN:
             return False
         self._bend[:] = 0.0

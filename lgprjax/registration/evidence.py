@@ -124,7 +124,8 @@ class EvidenceSearch:
         alone, up to this travel. Every window must hold against the whole region, and all attitudes, all the same.
         """
         self._start = place_m, until_m
-        self._scale.value, self._scale.tried = time_scale, FAR_TRIED
+        self._scale.value = time_scale
+        self._scale.tried = self._scale.least_tried = FAR_TRIED
 
     def choose(self, scans: LiveScans) -> Int[np.ndarray, " stop"]:
         """Choose the scans that become stops: those nearest to equal steps of travel, or the next after each."""
@@ -232,7 +233,9 @@ class EvidenceSearch:
     def _astray(self, stops: Stops) -> Float[np.ndarray, "stop 2"]:
         """Prior minus dead reckoning at each stop: the median over the last metres, to suppress the noise of GNSS."""
         apart = stops.pose[:, :2] - stops.reckoned_m
+        # Of one leg: where travel is not known, dead reckoning goes on from anywhere.
         begin = np.searchsorted(stops.path_m, stops.path_m - _SMOOTH_M)
+        begin = np.maximum(begin, np.searchsorted(stops.leg, stops.leg))
         return np.stack([np.median(apart[low : at + 1], axis=0) for at, low in enumerate(begin)])
 
     def _corrected(self, stops: Stops) -> Stops:
@@ -265,8 +268,13 @@ class EvidenceSearch:
         fixes, besides, scales = [], [], []
         low = before
         while low < count:
+            if low and stops.leg[low] != stops.leg[low - 1]:
+                # Where travel is not known, the place is not either.
+                self._windows.place = KnownPlace(seen_m=float(stops.path_m[low]))
+                self._hold(None)
             self._follow(stops, astray, low)
             off = np.any(np.abs(astray[low:count] - self._lattice.origin_m) > SLACK_M, axis=1)
+            off |= stops.leg[low:count] != stops.leg[low]
             off |= stops.path_m[low:count] > stops.path_m[low] + CHUNK_M
             high = min(low + self._ends, low + int(np.argmax(off)) if off.any() else count)
             judged = self._judge(stops, low, high, astray)
@@ -492,7 +500,7 @@ class EvidenceSearch:
         whole, near, first, centre = self._peaks(stops, low, high, astray)
         at = np.arange(low, high)
         if self._lattice.place_m is not None:
-            return self._windows.decide_held(stops, whole, first, at)
+            return self._windows.decide_held(stops, whole, first, at, self._scale.tried)
         return self._windows.decide(stops, whole, near, first, at, centre, self._scale.tried)
 
     def _peaks(

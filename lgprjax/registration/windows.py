@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from lgprjax.registration.candidates import ChosenWindows
 from lgprjax.registration.coarse import ErrorLattice, Peaks
-from lgprjax.registration.estimates import AttitudeEstimate
+from lgprjax.registration.estimates import NEAR_TRIED, AttitudeEstimate
 from lgprjax.registration.fix import Code
 from lgprjax.registration.judge import MIN_OVERLAP, PIECE_M, Chance, RegisterOptions, p_foreign, p_rival
 from lgprjax.registration.queries import SearchSizes, Stops
@@ -96,9 +96,14 @@ class WindowJudge:
     def take(self, here_m: float, error_m: Float[np.ndarray, "2"], points: float, tried: float) -> None:
         """Take a place; one that was not known has been found among so many lattice points, and others tried."""
         found_m, found_in, known = self.place.found_m, self.place.found_in, self.place.error_m
-        if known is None or here_m - self.place.seen_m > LOST_M or self.apart(error_m, known):
+        if known is None or here_m - self.place.seen_m > LOST_M:
             found_m = here_m
             found_in = (points * float(np.prod(self._plan.lattice_m)), self.trials * tried)
+        elif self.apart(error_m, known):
+            # Found about a known place, it is no surer than that one was.
+            found_m = max(here_m, found_m)
+            area_m2 = points * float(np.prod(self._plan.lattice_m))
+            found_in = max(area_m2, found_in[0]), max(self.trials * tried, found_in[1])
         self.place = KnownPlace(error_m, here_m, found_m, found_in)
 
     def apart(self, one_m: Float[np.ndarray, "2"], other_m: Float[np.ndarray, "2"]) -> bool:
@@ -207,11 +212,16 @@ class WindowJudge:
         return np.asarray(one_side & (long | (foreign > self._options.risk**_RIM_POWER)))
 
     def decide_held(
-        self, stops: Stops, peaks: Peaks, first: Int[np.ndarray, "end window"], at: Int[np.ndarray, " end"]
+        self,
+        stops: Stops,
+        peaks: Peaks,
+        first: Int[np.ndarray, "end window"],
+        at: Int[np.ndarray, " end"],
+        tried: float,
     ) -> ChosenWindows:
-        """Choose among windows searched around a known place alone."""
+        """Choose among windows searched around a known place alone; as ``decide``."""
         risk = self._options.risk
-        foreign, rivals = self.weigh(peaks, first, 1.0, self.chose(stops, first))
+        foreign, rivals = self.weigh(peaks, first, min(tried, NEAR_TRIED), self.chose(stops, first))
         at_edge = np.asarray(peaks.at_rim) | self.beyond(peaks, foreign)
         good = (first >= 0) & (foreign <= risk) & (rivals <= risk) & ~at_edge
         # The reported runner-up is that of the whole region when it was last searched.
@@ -251,7 +261,7 @@ class WindowJudge:
         # Once there is a place, the next is searched for around it: few places that foreign ground could match. A place
         # about as good elsewhere contests it.
         held = (self.place.error_m is not None) & (since_m <= LOST_M)
-        near_foreign, near_rivals = self.weigh(near, first, 1.0, self.chose(stops, first))
+        near_foreign, near_rivals = self.weigh(near, first, min(tried, NEAR_TRIED), self.chose(stops, first))
         astray = np.linalg.norm((whole.point - near.point) * self._plan.lattice_m, axis=-1)
         elsewhere = np.where(astray > APART * self._wavelength_m, whole.score, whole.rival)
         here, there = (np.asarray(score / near.floor, dtype=np.float64) for score in (near.score, elsewhere))

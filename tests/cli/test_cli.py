@@ -100,7 +100,7 @@ BAD_LOGS: dict[str, tuple[Callable[[Path, Path], Path], str]] = {
     ),
     "negative interval": (
         lambda s, t: edited(s, t, attribute("/radar/traces", "sample_interval_ns", -0.1)),
-        "above zero",
+        "from 0.001 to 1000",
     ),
     "time not rising": (lambda s, t: edited(s, t, swap_times), "strictly increasing"),
     "newer schema": (lambda s, t: edited(s, t, attribute("/", "schema_version", "2.0")), "update lgprjax"),

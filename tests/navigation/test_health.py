@@ -477,3 +477,26 @@ def test_each_reason_is_a_bit_of_its_own_and_stopping_ones_stop() -> None:
     assert [reason.value for reason in Reason] == [1 << bit for bit in range(len(Reason))]
     assert Reason.CONFLICT not in STOPPING
     assert Reason.CONFLICT_LASTS in STOPPING
+
+
+def _bounded_at(speeds_mps: list[float]) -> list[bool]:
+    """Whether LGPR bounds the error, tick after tick, where every tick accepts a fix."""
+    sound, info = _sound()
+    state, found = init_health(), []
+    for speed in speeds_mps:
+        moving = sound._replace(estimate=sound.estimate._replace(mean=sound.estimate.mean.at[SPEED].set(speed)))
+        state, health = _one(
+            _RULES, state, moving, info, no_observations(), jnp.float32(1e-9), jnp.float32(0.0), jnp.float32(TICK_S)
+        )
+        found.append(bool(health.bounded))
+    return found
+
+
+def test_one_match_told_again_at_standstill_is_no_lock() -> None:
+    assert not any(_bounded_at([0.0] * 200 + [0.02] * 200))
+
+
+def test_a_lock_of_a_drive_holds_while_the_vehicle_stands() -> None:
+    found = _bounded_at([2.0] * 100 + [0.0] * 200)
+    assert found[99]
+    assert all(found[99:])

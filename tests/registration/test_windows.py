@@ -1,9 +1,11 @@
 """Windows of the ladder where the stretch of known travel is shorter than they are, and their noise floors."""
 
 import numpy as np
+import pytest
 
 from lgprjax.registration.coarse import ErrorLattice, Peaks
 from lgprjax.registration.estimates import AttitudeEstimate
+from lgprjax.registration.evidence import EvidenceSearch
 from lgprjax.registration.judge import POOLED, RegisterOptions
 from lgprjax.registration.queries import SearchSizes, Stops
 from lgprjax.registration.windows import WindowJudge
@@ -63,3 +65,29 @@ def test_a_noise_floor_is_that_of_windows_of_its_own_length() -> None:
     known = first >= 0
     np.testing.assert_allclose(pooled[known], (0.3 / np.sqrt(members))[known], rtol=0.1)
     assert np.all(pooled[~known] == 0.5)
+
+
+def test_a_place_found_about_a_known_one_is_no_surer_than_that_one() -> None:
+    """A jump inside the small region about it; without a place, the region it was found in counts."""
+    judge = made_judge()
+    judge.take(10.0, np.zeros(2), 2500.0, 7.0)
+    assert judge.place.found_m == 10.0
+    assert judge.place.found_in == pytest.approx((25.0, 7.0))
+    judge.take(12.0, np.array([0.26, 0.0]), 49.0, 1.0)
+    assert judge.place.found_m == 12.0
+    assert judge.place.found_in == pytest.approx((25.0, 7.0))
+    # A place carried back holds every window against all that was searched for it, wherever it moves.
+    judge.place = judge.place._replace(found_m=np.inf)
+    judge.take(14.0, np.array([0.6, 0.0]), 49.0, 1.0)
+    assert judge.place.found_m == np.inf
+    assert judge.place.found_in == pytest.approx((25.0, 7.0))
+
+
+def test_what_a_prior_is_off_by_is_not_smoothed_over_unknown_travel() -> None:
+    stops = made_stops(10.0, jump_m=5.0)
+    away = np.where(stops.leg[:, None] == 1, np.array([10.0, 0.0]), 0.0)
+    pose = stops.pose.copy()
+    pose[:, :2] = away
+    stops = stops._replace(pose=pose, reckoned_m=np.zeros_like(away))
+    found = EvidenceSearch._astray(object.__new__(EvidenceSearch), stops)
+    np.testing.assert_array_equal(found, away)
