@@ -115,7 +115,7 @@ class Panel:
 
 _SEARCH_TICKS = 25
 _UNSURE_RAD = math.radians(5.0)
-"""A heading that its receiver states less surely is none to begin with."""
+"""A heading that its receiver states less surely is none."""
 _NOTHING = TickResult(*[math.nan] * len(TickResult._fields))
 
 
@@ -131,6 +131,10 @@ class Ordered(NamedTuple):
     age_s: float
     yaw_rate_radps: float
     torque_share: float
+
+
+def _is_sure(attitude: LocalAttitude | None) -> bool:
+    return attitude is not None and not attitude.sigma_yaw_rad > _UNSURE_RAD
 
 
 class Pilot:
@@ -234,7 +238,8 @@ class Pilot:
 
     def _numbers(self, sensed: Sensed, ordered: Ordered, now_ns: int) -> TickNumbers:
         known = self._sensors
-        place, attitude, fix = sensed.place, sensed.attitude, sensed.fix
+        place, fix = sensed.place, sensed.fix
+        attitude = sensed.attitude if _is_sure(sensed.attitude) else None
         stated_rad = 0.0 if attitude is None or not math.isfinite(attitude.sigma_yaw_rad) else attitude.sigma_yaw_rad
         heading_rad2 = max(math.radians(known.heading_sigma_deg), stated_rad) ** 2
         # A heading error that lasts for a minute is modelled as this much more noise per tick.
@@ -450,8 +455,7 @@ class CounterSteer:
             cross_track_m=self.pilot.result.offset_m,
             estimated_mps=self.pilot.result.speed_mps,
         )
-        sure = attitude is not None and not attitude.sigma_yaw_rad > _UNSURE_RAD
-        if not self.pilot.started and place is not None and attitude is not None and sure:
+        if not self.pilot.started and place is not None and attitude is not None and _is_sure(attitude):
             self.pilot.start(place, attitude, watched.front_rad)
         return watched.events
 
