@@ -75,6 +75,10 @@ class StopRules(NamedTuple):
     sigmas: Float[Array, "..."]
 
 
+_MOST_SWING_RAD = 0.5
+"""A heading that is less sure stops the vehicle anyway."""
+
+
 def edge_ahead(
     rules: StopRules,
     fence: Float[Array, "side 2 2"],
@@ -83,6 +87,7 @@ def edge_ahead(
     pose: VehiclePose,
     wheels: WheelSpeeds,
     sigma_m: Float[Array, ""],
+    sigma_yaw_rad: Float[Array, ""],
 ) -> Bool[Array, ""]:
     """Whether vehicle or tool would cross the fence before the vehicle stands, if it were stopped now.
 
@@ -96,13 +101,17 @@ def edge_ahead(
         pose: of the reference point.
         wheels: as commanded or as measured: their arc is held to the end.
         sigma_m: of the position.
+        sigma_yaw_rad: of the heading.
     """
     fastest = jnp.maximum(jnp.abs(wheels.left_mps), jnp.abs(wheels.right_mps))
     # At constant initial speed the braking distance takes half of its time.
     rolling_s = rules.reaction_s + 0.5 * fastest / rules.stop_mps2
     shares = jnp.linspace(0.0, 1.0, _PLACES, dtype=jnp.float32)
     reached = drive_skid_arc(pose, track_m, wheels, shares * rolling_s)
-    margin = rules.margin_m + rules.sigmas * sigma_m
+    # The farthest corner swings with the heading, and so does the way to the stop.
+    reach_m = jnp.hypot(jnp.maximum(outline.front_m, -outline.rear_m), jnp.maximum(outline.left_m, -outline.right_m))
+    swing_m = (reach_m + fastest * rolling_s) * jnp.minimum(sigma_yaw_rad, _MOST_SWING_RAD)
+    margin = rules.margin_m + rules.sigmas * jnp.hypot(sigma_m, swing_m)
     front, rear = outline.front_m + margin, outline.rear_m - margin
     left, right = outline.left_m + margin, outline.right_m - margin
     ahead, aside = jnp.stack([front, rear, rear, front])[None], jnp.stack([left, left, right, right])[None]

@@ -41,6 +41,7 @@ from lgprjax.navigation.skid_model import (
     SLIP_LEFT,
     SLIP_RIGHT,
     TURN_SCALE,
+    YAW,
     SkidEstimate,
     SkidModel,
     SkidMotion,
@@ -140,7 +141,9 @@ def judge_skid_health(
     some = reasons != 0
     reaction = jnp.where(stops, Reaction.STOP.value, jnp.where(some, Reaction.DEGRADE.value, Reaction.CONTINUE.value))
     slower = jnp.where(waits, 0.0, share * rules.degraded_mps)
-    cap = jnp.where(stops, 0.0, jnp.where(some, slower, jnp.inf)).astype(jnp.float32)
+    # Also while fixes come: written so that a sigma that is no number slows down.
+    unsure = some | ~(sigma_m < rules.slow_sigma_m)
+    cap = jnp.where(stops, 0.0, jnp.where(unsure, slower, jnp.inf)).astype(jnp.float32)
     return SkidHealth(reaction.astype(jnp.int32), reasons, cap, sigma_m)
 
 
@@ -368,7 +371,8 @@ def step_skid(
     measured = WheelSpeeds(
         *(jnp.where(jnp.isfinite(wheel), wheel, 0.0) for wheel in (orders.left_mps, orders.right_mps))
     )
-    edge = orders.engaged & (state.edge | _edge(setup, fence, pose, (requested, measured), drives, health.sigma_m))
+    sigmas = health.sigma_m, jnp.sqrt(jnp.maximum(filtered.estimate.covariance[YAW, YAW], 0.0))
+    edge = orders.engaged & (state.edge | _edge(setup, fence, pose, (requested, measured), drives, sigmas))
     stops = orders.stop | (health.reaction == Reaction.STOP) | edge | ~drives
     halted = WheelSpeeds(*slowed(last.left_mps, last.right_mps, setup.stop.stop_mps2 * jnp.fmax(step_s, 0.0)))
     wheels = _chosen(stops, halted, pulsed)
@@ -429,7 +433,7 @@ def _edge(
     pose: VehiclePose,
     arcs: tuple[WheelSpeeds, WheelSpeeds],
     drives: Bool[Array, ""],
-    sigma_m: Float[Array, ""],
+    sigmas: tuple[Float[Array, ""], Float[Array, ""]],
 ) -> Bool[Array, ""]:
     """Whether a stop along the commanded or the measured arc would cross the fence.
 
@@ -437,8 +441,8 @@ def _edge(
     """
     requested, measured = arcs
     track, rules = setup.vehicle.track_m, setup.stop
-    along_requested = edge_ahead(rules, fence, setup.outline, track, pose, requested, sigma_m)
-    along_measured = edge_ahead(rules, fence, setup.outline, track, pose, measured, sigma_m)
+    along_requested = edge_ahead(rules, fence, setup.outline, track, pose, requested, *sigmas)
+    along_measured = edge_ahead(rules, fence, setup.outline, track, pose, measured, *sigmas)
     some = jnp.isfinite(requested.left_mps + requested.right_mps)
     return (drives & some & along_requested) | along_measured
 

@@ -464,8 +464,9 @@ def lead(
     foot, leg = route_foot(route, state.arc_m, pose), leg_at(route, state.arc_m)
     waits = route_point(route, state.carrot_m, leg)
     distance = jnp.hypot(waits.x_m - pose.x_m, waits.y_m - pose.y_m)
-    # A vehicle that has passed a waiting lookahead point would circle around it: the point is moved ahead at once.
-    passed = ~state.begun & (foot.arc_m > state.carrot_m)
+    # A vehicle that has passed its lookahead point, waiting or while the operator drove on, would be steered away from
+    # its line by a point behind it: it is moved ahead at once.
+    passed = foot.arc_m > state.carrot_m
     begun = state.begun | passed | (distance <= settings.distance_m)
     furthest = state.carrot_m + _CATCH_UP * jnp.maximum(speed_mps, 0.0) * step_s
     furthest = jnp.where(passed, foot.arc_m + settings.distance_m, furthest)

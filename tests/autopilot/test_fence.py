@@ -21,6 +21,7 @@ NOTCHED = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], *NOTCH, [0.0, 10.0]])
 OUTLINE = outline_of(Tool(1.2, 0.3, 1.2, 0.1))
 TRACK_M, STEP_S, DELAY_TICKS, LAG_S = 1.1, 0.05, 4, 0.2
 STEPS, LANES = 400, 300
+SURE = jnp.float32(0.0)
 
 
 def fence_around(corners: Corners, room_m: float) -> Corners:
@@ -73,8 +74,12 @@ def drive_until_stopped(
     def lane(carried, wanted):  # type: ignore[no-untyped-def]
         pose, told, waiting, turning, stops = carried
         track = jnp.float32(TRACK_M)
-        foretold = edge_ahead(RULES, fence, OUTLINE, track, pose, WheelSpeeds(wanted[0], wanted[1]), jnp.float32(0.0))
-        foretold |= edge_ahead(RULES, fence, OUTLINE, track, pose, WheelSpeeds(*turning), jnp.float32(0.0))
+        foretold = edge_ahead(
+            RULES, fence, OUTLINE, track, pose, WheelSpeeds(wanted[0], wanted[1]), jnp.float32(0.0), jnp.float32(0.0)
+        )
+        foretold |= edge_ahead(
+            RULES, fence, OUTLINE, track, pose, WheelSpeeds(*turning), jnp.float32(0.0), jnp.float32(0.0)
+        )
         stops = stops | foretold
         halted = jnp.stack(slowed(told[0], told[1], RULES.stop_mps2 * STEP_S))
         told = jnp.where(stops, halted, told + jnp.clip(wanted - told, -0.04, 0.04))
@@ -135,11 +140,11 @@ def test_no_part_of_the_vehicle_ever_crosses_a_fence(seed: int) -> None:
 
 def test_beyond_the_fence_or_with_no_numbers_it_is_foretold() -> None:
     fence, track, sigma = pad_fence(SQUARE), jnp.float32(TRACK_M), jnp.float32(0.01)
-    standing = WheelSpeeds(jnp.float32(0.0), jnp.float32(0.0))
+    standing = WheelSpeeds(jnp.float32(0.0), SURE)
 
     def told(x_m: float, y_m: float, sigma_m: Float[Array, ""] = sigma) -> bool:
         pose = VehiclePose(jnp.float32(x_m), jnp.float32(y_m), jnp.float32(0.0))
-        return bool(edge_ahead(RULES, fence, OUTLINE, track, pose, standing, sigma_m))
+        return bool(edge_ahead(RULES, fence, OUTLINE, track, pose, standing, sigma_m, SURE))
 
     assert not told(5.0, 5.0)
     assert told(15.0, 5.0)
@@ -149,4 +154,21 @@ def test_beyond_the_fence_or_with_no_numbers_it_is_foretold() -> None:
     assert told(5.0, 5.0, jnp.float32(2.0))
     driving = WheelSpeeds(jnp.float32(0.5), jnp.float32(jnp.nan))
     at = VehiclePose(jnp.float32(5.0), jnp.float32(5.0), jnp.float32(0.0))
-    assert bool(edge_ahead(RULES, fence, OUTLINE, track, at, driving, sigma))
+    assert bool(edge_ahead(RULES, fence, OUTLINE, track, at, driving, sigma, SURE))
+
+
+@pytest.mark.parametrize("sigma_yaw_deg", [0.2, 4.0])
+def test_no_corner_is_beyond_the_fence_whichever_way_an_uncertain_heading_is_wrong(sigma_yaw_deg: float) -> None:
+    """A vehicle that stands beside a side of the fence, its position known; the heading is three sigma off at most."""
+    fence, track = pad_fence(SQUARE), jnp.float32(TRACK_M)
+    standing = WheelSpeeds(jnp.float32(0.0), jnp.float32(0.0))
+    sigma, allowed = np.radians(sigma_yaw_deg), 0
+    for y_m in np.linspace(5.0, 10.0, 101):
+        at = VehiclePose(jnp.float32(5.0), jnp.float32(y_m), jnp.float32(0.0))
+        if edge_ahead(RULES, fence, OUTLINE, track, at, standing, jnp.float32(0.0), jnp.float32(sigma)):
+            continue
+        allowed += 1
+        yaw = np.linspace(-3.0, 3.0, 25) * sigma
+        places = outline(np.stack([np.full(25, 5.0), np.full(25, y_m), yaw], axis=1)).reshape(-1, 2)
+        assert Polygon(SQUARE).contains_points(places).all()
+    assert 20 < allowed < 101

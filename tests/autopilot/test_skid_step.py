@@ -149,6 +149,20 @@ def test_the_less_is_known_the_slower_and_at_last_it_waits_for_a_position(on_lin
     np.testing.assert_allclose(caps, [0.3, 0.3, 0.225, 0.15, 0.075, 0.0, 0.0], atol=1e-6)
 
 
+def test_it_slows_down_while_uncertain_positions_come(on_line: SkidState) -> None:
+    rules, estimate, gates = SETUP.health, on_line.filter.estimate, on_line.filter.gates
+    gates = gates._replace(
+        since_offered_s=jnp.zeros_like(gates.since_offered_s), since_accepted_s=jnp.zeros_like(gates.since_accepted_s)
+    )
+    _, _, info = step(COURSE.fence, on_line, motion(), seen(), orders())
+    caps = []
+    for sigma_m in (0.03, 0.07, 0.09):
+        wide = jnp.diag(jnp.full(2, sigma_m**2, jnp.float32))
+        told = estimate._replace(covariance=estimate.covariance.at[:2, :2].set(wide))
+        caps.append(float(judge_skid_health(rules, told, gates, info.filter, number(STEP_S)).speed_cap_mps))
+    np.testing.assert_allclose(caps, [np.inf, 0.225, 0.075], atol=1e-6)
+
+
 def test_it_waits_and_goes_on_by_itself(on_line: SkidState) -> None:
     estimate = on_line.filter.estimate
     wide = estimate._replace(covariance=estimate.covariance.at[:2, :2].set(0.12**2 * jnp.eye(2, dtype=jnp.float32)))

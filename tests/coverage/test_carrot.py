@@ -154,3 +154,17 @@ def test_many_lanes_are_as_one() -> None:
             jnp.float32(0.05),
         )[1]
         np.testing.assert_allclose(many.yaw_rate_radps[number], one.yaw_rate_radps, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("x_m", [12.0, 13.0, 15.0, 18.0])
+def test_a_vehicle_that_the_operator_drove_on_does_not_swerve_when_engaged_again(law: str, x_m: float) -> None:
+    """Its route was begun: the lookahead point that it left behind would steer it away from its line."""
+    told, state, at = settings(), MIDWAY, np.array([x_m, 0.05, 0.0])
+    for _ in range(round(20.0 / STEP_S)):
+        state, plan = once(law, told, state, pose(*at), jnp.float32(STEP_S))
+        at[2] += float(plan.yaw_rate_radps) * STEP_S
+        at[:2] += SPEED_MPS * STEP_S * np.array([np.cos(at[2]), np.sin(at[2])])
+        if at[0] > LINE_M - 1.5:
+            break
+        assert abs(at[1]) <= 0.06

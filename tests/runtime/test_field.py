@@ -16,9 +16,12 @@ from field_loop import BEGIN_NS, FieldLoop
 from field_site import Moments, before_the_start, drive_to_moments, make_field
 from lgprjax.autopilot import Mode
 from lgprjax.autopilot.fence import pad_fence
+from lgprjax.autopilot.modes import Action
+from lgprjax.errors import InputError
 from lgprjax.run_records import RecordKind, StopBits, ToolBits
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.control.core import ControlCore
+from lgprjax.runtime.control.modes import ModeKeeper
 from lgprjax.runtime.control.skid.setup import load_skid
 from lgprjax.runtime.control.skid.watches import SkidFound
 from lgprjax.simulation.devices import field_stage
@@ -338,3 +341,20 @@ def test_a_whole_field_is_driven_without_intervention(moments: Moments) -> None:
     assert loop.run(600.0, until=lambda each: each.mode is not Mode.SPEED)
     assert any("the plan is done" in event for _, event in loop.events), loop.events[-5:]
     assert {int(row["line"]) for row in loop.rows} >= set(range(moments.loaded.lines))
+
+
+def test_a_plan_with_turns_that_the_vehicle_cannot_drive_is_refused(folder: Path, tmp_path: Path) -> None:
+    """Its file was corrected since the plan was made, or the plan is of another machine with the same tool."""
+    config = read_config(folder / "small.run.toml")
+    text = config.path(config.vehicle).read_text(encoding="utf-8")
+    assert "smallest_radius_m = 1.5" in text
+    wider = tmp_path / "wider.vehicle.toml"
+    wider.write_text(text.replace("smallest_radius_m = 1.5", "smallest_radius_m = 2.5"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"turns: expected none tighter than 2\.5 m, the smallest radius of wider"):
+        load_skid(config.model_copy(update={"vehicle": str(wider)}))
+
+
+def test_plus_locks_the_speed_that_is_configured_and_no_more() -> None:
+    keeper = ModeKeeper(after_death=False, speed_step_mps=0.25)
+    keeper._act(Action.LOCK_SPEED, 0.15)
+    assert keeper.set_speed_mps == 0.15

@@ -411,6 +411,7 @@ class CounterSteer:
         self.pilot = Pilot(loaded, config.control, config.sensors)
         self._watches = Watches(config, loaded.vehicle)
         self._panel = Panel(loaded.routes)
+        self._step_mps = config.control.set_speed_step_mps
         self._sent = SentCommand(0.0, 0.0, 0.0, 0)
         self._antenna_m = (float(loaded.setup.navigator.model.gnss_x_m), float(loaded.setup.navigator.model.gnss_y_m))
         self._every = None if config.output is None else _TICKS_HZ // config.output.rate_hz
@@ -424,9 +425,9 @@ class CounterSteer:
 
     @property
     def lock_mps(self) -> float:
-        """The present speed."""
+        """The present speed; a step of the buttons while standing."""
         speed = self.pilot.result.speed_mps
-        return speed if math.isfinite(speed) else 0.0
+        return max(speed, self._step_mps) if math.isfinite(speed) else self._step_mps
 
     def warm_up(self) -> None:
         """Compile all that a tick may need."""

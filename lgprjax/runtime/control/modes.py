@@ -93,7 +93,7 @@ class ModeKeeper:
             case Action.ENGAGE_SPEED:
                 self.engage |= PEDALS
             case Action.LOCK_SPEED:
-                self.set_speed_mps = max(speed_mps, self._step_mps)
+                self.set_speed_mps = speed_mps
             case Action.RAISE_SPEED:
                 self.set_speed_mps += self._step_mps
             case Action.LOWER_SPEED:

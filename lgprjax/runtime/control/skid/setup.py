@@ -29,6 +29,7 @@ from lgprjax.runtime.gnss import Quality
 
 _DEEPER = 2.0
 """Limit of the depth, as a multiple of the commanded one."""
+_SAME_RADIUS_M = 1e-3
 _ANYWHERE_M = 5000.0
 
 
@@ -105,6 +106,11 @@ def load_skid(config: RuntimeConfig, place: RoutePlace | None = None) -> SkidLoa
     hashes[config.coverage.plan] = file_hash(file)
     if plan.tool != setup.tool:
         raise InputError(file, "tool", f"that of {path.name}, {setup.tool}", f"{plan.tool}: plan again")
+    least_m = float(setup.vehicle.smallest_radius_m)
+    tightest_m = min((turn.tightest_radius_m for turn in plan.pattern.turns), default=math.inf)
+    if tightest_m < least_m - _SAME_RADIUS_M:
+        expected = f"none tighter than {least_m:g} m, the smallest radius of {path.name}"
+        raise InputError(file, "turns", expected, f"{tightest_m:.3g} m: plan again")
     route = lay_pattern(plan.pattern)
     taken_up = None if config.coverage.resume is None else _taken_up(config, hashes)
     resumption = None if taken_up is None else taken_up.resumption
