@@ -161,7 +161,7 @@ class OutputTable(ConfigTable):
 class SupervisionTable(ConfigTable):
     """Time limits of processes for silence once ready and for starting; registration's core; temperature limit."""
 
-    control_s: float = Field(default=0.2, gt=0.0, le=10.0)
+    control_s: float = Field(default=0.2, gt=0.0, le=60.0)
     others_s: float = Field(default=1.0, gt=0.0, le=60.0)
     start_s: float = Field(default=120.0, gt=0.0, le=3600.0)
     registration_core: int | None = None
