@@ -241,10 +241,11 @@ class Pilot:
         place, fix = sensed.place, sensed.fix
         attitude = sensed.attitude if _is_sure(sensed.attitude) else None
         stated_rad = 0.0 if attitude is None or not math.isfinite(attitude.sigma_yaw_rad) else attitude.sigma_yaw_rad
-        heading_rad2 = max(math.radians(known.heading_sigma_deg), stated_rad) ** 2
+        heading_rad2 = math.radians(known.heading_sigma_deg) ** 2
+        # What the receiver states is white and slow error together; more than is configured is taken to be slow.
+        slow_rad2 = max(math.radians(known.heading_slow_deg) ** 2, stated_rad**2 - heading_rad2)
         # A heading error that lasts for a minute is modelled as this much more noise per tick.
-        slow_rad = max(math.radians(known.heading_slow_deg), stated_rad)
-        heading_rad2 += 2.0 * known.heading_slow_s / TICK_S * slow_rad**2
+        heading_rad2 += 2.0 * known.heading_slow_s / TICK_S * slow_rad2
         speed = max(abs(sensed.odometer_mps), 1.0) if math.isfinite(sensed.odometer_mps) else 1.0
         shared = 2.0 * known.fix_changes_m * math.radians(known.fix_heading_slow_deg) ** 2 / (speed * TICK_S)
         seen = {} if fix is None else self._fix_numbers(fix, now_ns, shared)
