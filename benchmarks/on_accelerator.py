@@ -136,6 +136,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, required=True)
     chosen = parser.parse_args()
     hold_to(chosen.threads)
+    arrays: dict[str, Any]
     figures, arrays = _PROBLEMS[chosen.problem](chosen.files)
     with chosen.results.open("wb") as file:
         np.savez(file, **arrays)

@@ -128,6 +128,7 @@ def test_a_heading_by_itself_keeps_the_roll_of_half_a_second() -> None:
         rolls.append(receiver.senses.attitude.roll_rad)
     assert np.degrees(rolls) == pytest.approx(6.0)
     receiver.hdt(2.0)
+    assert receiver.senses.attitude is not None
     assert receiver.senses.attitude.roll_rad == 0.0
 
 
