@@ -30,7 +30,7 @@ _COPIED = {"cpu": 1 << 26}
 _COPIED_ELSEWHERE = 1 << 29
 
 
-def registration(files: list[Path]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def registration(files: list[Path]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Scans from the host's bytes to poses on the host, and one chunk whose samples are on the device."""
     hard_set = load_hard_set(files[0])
     search = this_project.Search(hard_set, (3, 2), usable_cores())
@@ -66,7 +66,7 @@ def _least_of(search: this_project.Search, hard_set: HardSet) -> dict[str, float
     }
 
 
-def rollouts(files: list[Path]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def rollouts(files: list[Path]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Lanes from the host to metrics on the host, and the same with lanes that are on the device."""
     problem = load_problem(files[0])
     steps = int(files[1].read_text(encoding="utf-8"))
@@ -87,7 +87,7 @@ def rollouts(files: list[Path]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return figures, {"pose": np.stack([final.x_m, final.y_m]), "rms_m": np.asarray(metrics.rms_m)}
 
 
-def drive(files: list[Path]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def drive(files: list[Path]) -> tuple[dict[str, Any], dict[str, Any]]:
     """A drive registered by default, twice: the first time compiles."""
     road, live = files
     each_ms, taken_s = [], []
@@ -101,7 +101,7 @@ def drive(files: list[Path]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return figures, {"code": found.table["code"].to_numpy(str), "pose": np.asarray(found.fix.pose)}
 
 
-_PROBLEMS: dict[str, Callable[[list[Path]], tuple[dict[str, Any], dict[str, np.ndarray]]]] = {
+_PROBLEMS: dict[str, Callable[[list[Path]], tuple[dict[str, Any], dict[str, Any]]]] = {
     "registration": registration,
     "rollouts": rollouts,
     "drive": drive,
@@ -136,7 +136,6 @@ def main() -> None:
     parser.add_argument("--threads", type=int, required=True)
     chosen = parser.parse_args()
     hold_to(chosen.threads)
-    arrays: dict[str, Any]
     figures, arrays = _PROBLEMS[chosen.problem](chosen.files)
     with chosen.results.open("wb") as file:
         np.savez(file, **arrays)
