@@ -251,3 +251,20 @@ def test_an_observation_updates_as_the_textbook_says(
     np.testing.assert_allclose((covariance - covariance.T) / np.outer(sigma, sigma), 0.0, atol=1e-6)
     np.testing.assert_array_equal(unused_mean, np.float32(case.state))
     np.testing.assert_array_equal(unused_covariance, np.float32(before))
+
+
+@pytest.mark.parametrize(
+    ("noise", "offered"),
+    [
+        (np.diag([1e-4, 1e-4, 1e-6]), True),
+        (np.zeros((3, 3)), False),
+        (-1e-2 * np.eye(3), False),
+        (np.array([[1e-4, 2e-4, 0.0], [2e-4, 1e-4, 0.0], [0.0, 0.0, 1e-6]]), False),
+    ],
+    ids=["sound", "zero", "negative", "indefinite"],
+)
+def test_a_fix_whose_covariance_is_none_is_not_taken(model: FilterModel, noise: np.ndarray, offered: bool) -> None:
+    zero, estimate = jnp.float32(0.0), estimate_of(CASES[0], model)
+    lgpr = LgprObservation(zero, zero, zero, jnp.asarray(noise, jnp.float32), zero, jnp.asarray(True))
+    innovation = lgpr_innovation(model, estimate, MotionInput(zero, jnp.float32(0.02)), lgpr)
+    assert bool(innovation.offered) is offered
