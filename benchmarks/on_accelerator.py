@@ -18,6 +18,7 @@ from benchmarks.peers import this_project
 from benchmarks.process import hold_to
 from benchmarks.registration import HardSet, load_hard_set, success
 from benchmarks.rollout_operations import bytes_a_step
+from benchmarks.rollout_peers.work import seconds
 from benchmarks.rollout_problem import as_rollout, load_problem
 from lgprjax.batch import register_log
 from lgprjax.formats import DriveLog, MapFile
@@ -26,8 +27,8 @@ from lgprjax.registration import RegisterOptions
 from lgprjax.vehicle import roll_out, roll_out_many
 
 _REPEATS = 5
-_COPIED = {"cpu": 1 << 26}
-_COPIED_ELSEWHERE = 1 << 29
+_COPIED = {"cpu": 1 << 26, "gpu": 1 << 29}
+"""Numbers that are copied: many times what caches hold."""
 
 
 def registration(files: list[Path]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -109,19 +110,13 @@ _PROBLEMS: dict[str, Callable[[list[Path]], tuple[dict[str, Any], dict[str, Any]
 
 
 def best_s(action: Callable[[], Any]) -> float:
-    """Least seconds of a few runs, after one that is not counted."""
-    action()
-    taken = []
-    for _ in range(_REPEATS):
-        begin = time.perf_counter()
-        action()
-        taken.append(time.perf_counter() - begin)
-    return min(taken)
+    """Least seconds of a few runs."""
+    return min(seconds(action, _REPEATS))
 
 
 def bandwidth() -> float:
     """Bytes a second that the device reads and writes when it copies an array much larger than its caches."""
-    numbers = jnp.zeros(_COPIED.get(jax.default_backend(), _COPIED_ELSEWHERE), jnp.float32)
+    numbers = jnp.zeros(_COPIED[jax.default_backend()], jnp.float32)
     copy = jax.jit(lambda values: values + 1.0)
     return 2.0 * numbers.nbytes / best_s(lambda: jax.block_until_ready(copy(numbers)))
 

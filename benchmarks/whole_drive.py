@@ -33,7 +33,7 @@ _PARTS = {
     "reading": ("formats/drive.py", "read_traces"),
     "samples to coefficients": ("registration/queries.py", "coefficients"),
     "ground and template banks": ("registration/template_bank.py", "make"),
-    "scores over lattices": ("registration/coarse.py", "surfaces_of"),
+    "scores over lattices": ("registration/lattice.py", "surfaces_of"),
     "peaks of windows": ("registration/evidence.py", "_peaks_of"),
     "refinement and covariance": ("registration/candidates.py", "finish"),
     "scores at the true pose": ("registration/candidates.py", "score_at"),

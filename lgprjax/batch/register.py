@@ -90,9 +90,7 @@ _MOST_POINTS = 400
 """Largest number of lattice points to a side; memory and time grow with the square."""
 
 
-_NUMBERS = (
-    *("search_m", "window_m", "risk", "time_scale", "height_m", "roll_deg", "pitch_deg", "odometer_sigma", "seed"),
-)
+_NUMBERS = ["search_m", "window_m", "risk", "time_scale", "height_m", "roll_deg", "pitch_deg", "odometer_sigma", "seed"]
 """Options of a search that are numbers, or nothing."""
 
 

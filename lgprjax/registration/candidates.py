@@ -8,10 +8,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lgprjax.radar import centre_of
-from lgprjax.registration.coarse import ErrorLattice, Peaks
+from lgprjax.registration.coarse import Peaks
 from lgprjax.registration.estimates import AttitudeEstimate
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.judge import RegisterOptions
+from lgprjax.registration.lattice import ErrorLattice
 from lgprjax.registration.queries import SETTLED, LiveScans, SearchSizes, Stops, rotation, templates_of
 from lgprjax.registration.refine import (
     CLIMB_STEPS,

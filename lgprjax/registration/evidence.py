@@ -16,16 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lgprjax.registration.candidates import ChosenWindows, StopFixes
-from lgprjax.registration.coarse import (
-    HELD_M,
-    SLACK_M,
-    ErrorLattice,
-    Peaks,
-    RunningSums,
-    Surfaces,
-    WindowBatch,
-    window_peaks,
-)
+from lgprjax.registration.coarse import Peaks, WindowBatch, window_peaks
 from lgprjax.registration.estimates import (
     FAR_TRIED,
     AttitudeEstimate,
@@ -36,6 +27,7 @@ from lgprjax.registration.estimates import (
 )
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.judge import Chance, RegisterOptions
+from lgprjax.registration.lattice import HELD_M, SLACK_M, ErrorLattice, RunningSums, Surfaces
 from lgprjax.registration.queries import (
     LiveChain,
     LiveScans,

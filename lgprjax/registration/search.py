@@ -9,10 +9,10 @@ from jaxtyping import Bool, Float, Int
 
 from lgprjax.frames import body_to_local
 from lgprjax.radar import ArrayGeometry, centre_of
-from lgprjax.registration.coarse import decoy_reach_m
 from lgprjax.registration.evidence import EvidenceSearch
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.judge import POOLED, Chance, RegisterOptions
+from lgprjax.registration.lattice import decoy_reach_m
 from lgprjax.registration.queries import SETTLED, LiveChain, LiveScans, Operators, Track, rotation
 from lgprjax.registration.swarm_search import SwarmSearch
 from lgprjax.registration.template_bank import PreparedGround

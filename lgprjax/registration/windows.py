@@ -11,10 +11,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lgprjax.registration.candidates import ChosenWindows
-from lgprjax.registration.coarse import ErrorLattice, Peaks
+from lgprjax.registration.coarse import Peaks
 from lgprjax.registration.estimates import NEAR_TRIED, AttitudeEstimate
 from lgprjax.registration.fix import Code
 from lgprjax.registration.judge import MIN_OVERLAP, PIECE_M, Chance, RegisterOptions, p_foreign, p_rival
+from lgprjax.registration.lattice import ErrorLattice
 from lgprjax.registration.queries import SearchSizes, Stops
 from lgprjax.registration.score import OFF_MAP_SCORE
 

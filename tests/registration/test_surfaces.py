@@ -7,15 +7,8 @@ import numpy as np
 import pytest
 
 from lgprjax.registration import OFF_MAP_SCORE, ArrayColumns
-from lgprjax.registration.coarse import (
-    Peaks,
-    RunningSums,
-    ScanBatch,
-    Surfaces,
-    WindowBatch,
-    scan_surfaces,
-    window_peaks,
-)
+from lgprjax.registration.coarse import Peaks, ScanBatch, WindowBatch, scan_surfaces, window_peaks
+from lgprjax.registration.lattice import RunningSums, Surfaces
 from registration.synthetic_tile import HALF, NS_PER_M, OMEGA
 
 CHANNELS, NUMBERS, SCANS, PLACES, POINTS = 3, 4, 6, (13, 11), 9

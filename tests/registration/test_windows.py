@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from lgprjax.registration.coarse import ErrorLattice, Peaks
+from lgprjax.registration.coarse import Peaks
 from lgprjax.registration.estimates import AttitudeEstimate
 from lgprjax.registration.evidence import EvidenceSearch
 from lgprjax.registration.judge import POOLED, RegisterOptions
+from lgprjax.registration.lattice import ErrorLattice
 from lgprjax.registration.queries import SearchSizes, Stops
 from lgprjax.registration.windows import WindowJudge
 
