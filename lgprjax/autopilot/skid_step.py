@@ -239,6 +239,9 @@ def skid_setup(
 
 _Tree = TypeVar("_Tree")
 
+OFF_LINE_M = 0.5
+"""Distance from its line beyond which the tool does not work."""
+
 Guidance = Literal["carrot", "pursuit"]
 """MF's PID on a lookahead point (the "carrot"), or the pursuit law; both on the same route."""
 
@@ -329,7 +332,8 @@ def step_skid(
 ) -> tuple[SkidState, SkidCommand, SkidInfo]:
     """State, command and diagnostics of one step. Unbatched; ``vmap`` for many.
 
-    The tool is off unless the vehicle is engaged, drives, is not being stopped and knows its heading. A stop slows both
+    The tool is off unless the vehicle is engaged, drives, is not being stopped, knows its heading and is within
+    ``OFF_LINE_M`` of its line. A stop slows both
     wheels in proportion: the vehicle stays on its arc, for which the fence was checked. The lookahead point does not
     move while nothing is engaged: engaged again, the vehicle continues where it left the route. Not engaged, the
     command follows the wheels as measured, so that the first one after engaging starts from there.
@@ -376,7 +380,8 @@ def step_skid(
     stops = orders.stop | (health.reaction == Reaction.STOP) | edge | ~drives
     halted = WheelSpeeds(*slowed(last.left_mps, last.right_mps, setup.stop.stop_mps2 * jnp.fmax(step_s, 0.0)))
     wheels = _chosen(stops, halted, pulsed)
-    tool = jnp.where(~stops & found.heading_known & plan.tool_on, 1.0, 0.0)
+    on_line = plan.tool_on & (jnp.abs(plan.cross_m) <= OFF_LINE_M)
+    tool = jnp.where(~stops & found.heading_known & on_line, 1.0, 0.0)
     wanted = SkidCommand(wheels.left_mps, wheels.right_mps, tool, setup.depth_m)
 
     limiter, _, limited = limit_skid_command(setup.limiter, state.limiter, wanted, orders.age_s, step_s)

@@ -9,7 +9,7 @@ from lgprjax.autopilot import SkidCommand, SkidInfo, SkidLimited, SkidOrders, Sk
 from lgprjax.autopilot.skid_step import judge_skid_health
 from lgprjax.coverage import PatternSettings
 from lgprjax.navigation import DeltaHeading, GnssObservation, Reaction, Reason, SkidMotion, SkidObservations
-from lgprjax.navigation.skid_model import YAW
+from lgprjax.navigation.skid_model import YAW, Y
 from lgprjax.simulation.field_loop import made_up_field_world, made_up_tool, rectangle_course
 
 SETUP = made_up_field_world().setup
@@ -93,6 +93,18 @@ def test_the_tool_is_off_and_the_vehicle_slows(on_line: SkidState, change: dict[
     if "engaged" not in change:
         slower = float(on_line.limiter.last.left_mps) - 0.6 * STEP_S
         assert float(command.left_mps) == pytest.approx(slower, abs=2e-3)
+
+
+@pytest.mark.parametrize(("off_m", "tool"), [(0.4, 1.0), (0.6, 0.0), (-0.6, 0.0)])
+def test_the_tool_is_off_beside_its_line(on_line: SkidState, off_m: float, tool: float) -> None:
+    estimate = on_line.filter.estimate
+    moved = estimate._replace(mean=estimate.mean.at[Y].add(off_m))
+    state = on_line._replace(filter=on_line.filter._replace(estimate=moved))
+    far = pad_fence(200.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]))
+    _, command, info = step(far, state, motion(), seen(), orders())
+    assert float(info.plan.cross_m) == pytest.approx(off_m, abs=0.05)
+    assert bool(info.plan.tool_on)
+    assert float(command.tool) == tool
 
 
 def test_not_engaged_the_command_follows_the_wheels_and_the_carrot_waits(on_line: SkidState) -> None:

@@ -148,6 +148,30 @@ def test_37_a_tool_that_does_not_work_stops_it_and_counts_nothing(
     loop.within_limits(first)
 
 
+def test_engaged_beside_its_line_it_stops_and_its_tool_never_works(moments: Moments) -> None:
+    loop = moments.at("line")
+    loop.act({"do": "press", "button": "override", "for_s": 0.3})
+    loop.run(1.0)
+    assert loop.mode is Mode.READY
+    heading = float(loop.rows[-1]["pose"][2])
+    x_m, y_m = (float(each) for each in loop.rows[-1]["pose"][:2])
+    aside_m = 2.0
+    place = {"x_m": x_m + 6.0 * math.cos(heading) + aside_m * math.sin(heading),
+             "y_m": y_m + 6.0 * math.sin(heading) - aside_m * math.cos(heading)}  # fmt: skip
+    loop.act({"do": "drive_to", **place, "speed_mps": 0.7})
+    loop.run(14.0)
+    first = len(loop.rows)
+    for button in ("steering", "plus"):
+        loop.act({"do": "press", "button": button, "for_s": 0.3})
+        loop.run(0.6)
+    loop.run(3.0)
+    driven = loop.rows[first:]
+    assert any(int(row["mode"]) == Mode.SPEED for row in driven), loop.events[-5:]
+    assert not any(int(row["tool"]) for row in driven)
+    assert found_after(loop, first, SkidFound.OFF_LINE) < 3.0
+    assert loop.mode is Mode.MANUAL
+
+
 def test_a_position_that_is_too_uncertain_stops_it(moments: Moments) -> None:
     loop = moments.at("line")
     first = len(loop.rows)

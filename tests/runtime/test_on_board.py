@@ -9,13 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.autopilot import EngagementInhibit, Mode
+from lgprjax.autopilot import EngagementInhibit, Event, Mode
 from lgprjax.autopilot.monitors import Watch
 from lgprjax.navigation import PlanCode, Reason
 from lgprjax.run_records import FIX, Record, RecordKind
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.setup import Loaded
+from lgprjax.simulation.devices.boxes import POWER_CUT
 from lgprjax.simulation.devices.world import CourseWorld
 from onboard_loop import DRIVE, OnboardLoop
 from onboard_moments import ENGAGED, Moment, follow, goes_on, stops
@@ -292,6 +293,26 @@ def test_a_control_loop_that_was_relaunched_is_never_engaged_by_itself(
     loop.run(6.0)
     assert {Mode(int(row["mode"])) for row in loop.rows[first:]} == {Mode.ERROR}
     assert all(not int(row["engage"]) & 3 for row in loop.rows[first:])
+
+
+def test_power_that_was_cut_stays_cut_over_a_relaunch(
+    moments: dict[str, Moment], config: RuntimeConfig, loaded: Loaded
+) -> None:
+    loop = moments["straight"].copy()
+    loop.core.modes.tell(Event.ERROR_RAISED, loop.time_s, 0.0)
+    loop.core.modes.cut()
+    loop.run(0.1)
+    assert loop.stage.drive_box.held == POWER_CUT
+    loop.held_up = [(loop.time_s, loop.time_s + 2.0)]
+    loop.run(1.9)
+    loop.core = ControlCore(config, loaded, session=78, after_death=True)
+    for name in ("recorder", "registration"):
+        loop.tell({"ready": name})
+    first, loop.tick = len(loop.rows), 0
+    loop.run(3.0)
+    assert loop.stage.drive_box.held == POWER_CUT
+    assert {int(row["engage"]) for row in loop.rows[first:]} <= {0, POWER_CUT}
+    assert loop.stage.drive_box.orders(loop._now_ns).cut
 
 
 def test_registration_that_dies_degrades_and_comes_back(moments: dict[str, Moment]) -> None:

@@ -31,7 +31,7 @@ from lgprjax.runtime.control.vehicle_kind import (
     events_of,
 )
 from lgprjax.runtime.words import ARRIVED, FAULTS, REFUSALS, cause_words, causes_of
-from lgprjax.wire import Sender, decode
+from lgprjax.wire import Frame, Sender, decode
 
 # The vehicle that a configuration is about.
 
@@ -156,6 +156,8 @@ class ControlCore:
         self.processes = Processes(config)
         self.unrecorded = 0
         self._after_death = after_death
+        # The first command of a session releases what the box holds. A power cut is held on: it is learned first.
+        self._box_unheard = after_death
         self._checks, self._late = SystemChecks(), LateTicks()
         # One numbering per line, one session per start.
         self._box, self._controller = Sender(session), Sender(session)
@@ -222,6 +224,8 @@ class ControlCore:
                 self._buttons.append(int(decode(record.payload).number("buttons")))
             case RecordKind.PORT_IN | RecordKind.FIX:
                 self.kind.take(record, self._tick)
+                if self._box_unheard and record.source is Source.DRIVE_BY_WIRE:
+                    self._learn_cut(decode(record.payload))
             case RecordKind.EVENT:
                 for event in self.processes.take(json.loads(record.payload)):
                     self._tell(event, now_ns)
@@ -229,6 +233,12 @@ class ControlCore:
                 self._monitor = json.loads(record.payload)
             case RecordKind.REQUEST:
                 self._choose(str(json.loads(record.payload).get("select_route")), now_ns)
+
+    def _learn_cut(self, frame: Frame) -> None:
+        """Power that the box keeps cut since before a relaunch stays cut."""
+        if "engaged" in frame.fields:
+            self._box_unheard = False
+            self.modes.engage |= int(frame.number("engaged")) & CUT
 
     def _choose(self, name: str, now_ns: int) -> None:
         """Select another route: only while the operator drives."""
@@ -320,7 +330,8 @@ class ControlCore:
         )
 
     def _command(self, now_ns: int) -> None:
-        self._port_out(Source.DRIVE_BY_WIRE, self._framed(self.kind.command(self.modes.engage), now_ns), now_ns)
+        if not self._box_unheard:
+            self._port_out(Source.DRIVE_BY_WIRE, self._framed(self.kind.command(self.modes.engage), now_ns), now_ns)
         if self._tick % _STATE_TICKS == 0:
             light = {"light": int(self.modes.lit)}
             frame = self._controller.frame(

@@ -44,7 +44,8 @@ class SkidResult(NamedTuple):
         speed_mps, sigma_m: forward, and of the position's larger axis.
         heading_known, reaction, reasons: of navigation.
         accepted, offered: bits of the sources.
-        cross_m, heading_error_rad, to_go_m, line, done, off_m: the plan, and the vehicle's distance from it.
+        cross_m, heading_error_rad, to_go_m, line, works, done, off_m: the plan, driven where it wants the tool, and the
+            vehicle's distance from it.
         edge: a crossing of the fence is predicted.
         left_mps, right_mps, tool, depth_m, limited: the command and the limiter's bits.
     """
@@ -69,6 +70,7 @@ class SkidResult(NamedTuple):
     heading_error_rad: float
     to_go_m: float
     line: float
+    works: float
     done: float
     off_m: float
     edge: float
@@ -122,6 +124,7 @@ def step_skid_compiled(
         plan.heading_error_rad,
         plan.to_go_m,
         plan.line,
+        plan.tool_on & ~info.stops,
         plan.done,
         jnp.hypot(pose.x_m - foot.x_m, pose.y_m - foot.y_m),
         info.edge_predicted,

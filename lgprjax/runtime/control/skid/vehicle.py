@@ -10,7 +10,7 @@ import numpy as np
 from lgprjax.autopilot import Check, Event, Mode
 from lgprjax.autopilot.limiter import SkidLimited
 from lgprjax.autopilot.monitors import REFUSING, Severity, Watch, describe
-from lgprjax.autopilot.skid_step import SkidState
+from lgprjax.autopilot.skid_step import OFF_LINE_M, SkidState
 from lgprjax.navigation import Reaction, Reason
 from lgprjax.run_records import COVER, SKID_PLAN, Record, RecordKind, StopBits, ToolBits
 from lgprjax.runtime.config import CoverageTable, RuntimeConfig
@@ -322,7 +322,9 @@ class SkidSteerVehicle:
     def update(self, operator: Operator, now_ns: int) -> list[Event]:
         """End of the messages."""
         self._sensed = self.senses.end_tick(now_ns)
-        self._watched = self._watches.step(self._sensed, self._sent, operator, cross_m=self.pilot.result.cross_m)
+        result = self.pilot.result
+        off_line = result.works > 0.5 and abs(result.cross_m) > OFF_LINE_M
+        self._watched = self._watches.step(self._sensed, self._sent, operator, off_line=off_line)
         return self._watched.events
 
     def status(self, *, decided: bool) -> VehicleStatus:

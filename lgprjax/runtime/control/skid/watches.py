@@ -61,7 +61,7 @@ TEXT = {
     SkidFound.RIGHT_DEAD: "right track or its sensor is dead",
     SkidFound.HEADING_UNKNOWN: "heading not known: drive straight by remote control",
     SkidFound.UNCERTAIN: "position too uncertain: no GNSS for too long?",
-    SkidFound.OFF_LINE: "off the line with the tool on: stopping",
+    SkidFound.OFF_LINE: "off a line on which the tool works: stopping",
 }
 """Each finding in plain words."""
 
@@ -228,7 +228,6 @@ MARK_CORNER = 128
 """Bit of ``controller_status.buttons`` in addition to those of all vehicles."""
 REMOTE_SILENT_S = 0.98
 """Fault 35: found within a second."""
-_OFF_LINE_M = 0.5
 
 
 class SkidSent(NamedTuple):
@@ -273,14 +272,14 @@ class SkidWatches:
         self._corner_down, self._last = True, 0
         self._held = SkidFound(0)
 
-    def step(self, sensed: SkidSensed, sent: SkidSent, operator: Operator, *, cross_m: float) -> SkidWatched:
+    def step(self, sensed: SkidSensed, sent: SkidSent, operator: Operator, *, off_line: bool) -> SkidWatched:
         """A tick.
 
         Args:
             sensed: of the tick.
             sent: command of the last one.
             operator: since the last one.
-            cross_m: off the line, of the last tick.
+            off_line: the plan wanted the tool in the last tick, too far from its line.
         """
         box, step_s = sensed.box, sensed.step_s
         drives = bool(sent.engage & DRIVE)
@@ -300,7 +299,7 @@ class SkidWatches:
             step_s=step_s,
         )
         found |= more
-        if drives and sent.tool and abs(cross_m) > _OFF_LINE_M:
+        if drives and off_line:
             found |= SkidFound.OFF_LINE
         # Stopping removes the cause of most of them: the reason of the stop is reported until release.
         found = self._held = (self._held | found) if drives else SkidFound(0)
