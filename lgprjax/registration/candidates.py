@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from lgprjax.radar import centre_of
 from lgprjax.registration.coarse import Peaks
 from lgprjax.registration.estimates import AttitudeEstimate
-from lgprjax.registration.fix import Code, Fix, blank_fixes
+from lgprjax.registration.fix import WRONG_M, Code, Fix, blank_fixes
 from lgprjax.registration.judge import RegisterOptions
 from lgprjax.registration.lattice import ErrorLattice
 from lgprjax.registration.queries import SETTLED, LiveScans, SearchSizes, Stops, rotation, templates_of
@@ -197,17 +197,20 @@ class StopFixes:
             stops.sigma_yaw_rad[at[told]],
         )
         fixes.covariance[:] *= self.sigma_scale**2
+        # Where the ground hardly changes along the way, places farther away than a fix may be match as well.
+        facing = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
+        along_m2 = np.einsum("si,sij,sj->s", facing, np.asarray(fixes.covariance)[:, :2, :2], facing)
+        fixes.code[(fixes.code == Code.OK) & (along_m2 > WRONG_M**2)] = Code.AMBIGUOUS
         beside = map_odometry_covariance(self._prepared, tiles, fixes, self._options.odometer_sigma)
         # Where the map ends next to the best place, the match cannot say how far beyond it the true one is.
         left = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
         at_end = ((ends > 0) * (_RIM * self._wavelength_m) ** 2)[:, None, None]
         # The background of the first scans is that of the ground ahead of them, which moves what remains.
-        ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
         settled_m = SETTLED * self._ground.description.settings.track_filter_m
         settling = np.maximum(1.0 - np.abs(stops.path_m[at]) / settled_m, 0.0)
         at_start = ((_SETTLING * self._wavelength_m * settling) ** 2)[:, None, None]
         beside = (
-            beside + at_end * left[:, :, None] * left[:, None, :] + at_start * ahead[:, :, None] * ahead[:, None, :]
+            beside + at_end * left[:, :, None] * left[:, None, :] + at_start * facing[:, :, None] * facing[:, None, :]
         )
         fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
         fixes.covariance[:, 2:, 2:] += np.diag(attitude.unknown**2)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from lgprjax.radar import ArrayGeometry, centre_of
 from lgprjax.registration.refine import FEW_CHANNELS
-from lgprjax.subsurface import GroundMap, Tile
+from lgprjax.subsurface import GroundMap, StationSource, Tile
 
 # The template bank: the signal of the whole array at every coarse place of a tile, ready for one matrix product.
 #
@@ -102,6 +102,8 @@ _BIN_RAD = np.radians(6.0)
 """Spacing of the headings with columns of their own: half of it moves the end channel of a wide array by 3 cm."""
 _CARRIED_M = 0.04
 _STRIDE = 0.3  # of the wavelength: spacing of the coarse places
+_NARROW = 2  # channels
+_LOOKED_AT = 16
 
 
 class TemplateKey(NamedTuple):
@@ -153,10 +155,12 @@ class PreparedGround:
         spec, _ = ground.grid_of(0)
         self._cell_m = np.array([spec.along_cell_m, spec.cross_cell_m])
         wavelength_m = description.settings.wavelength_m
-        # A baseline is at least a channel's pitch wide: places farther apart across could miss that of a single
-        # channel.
+        # A baseline is a channel's pitch wide for each of its channels: places farther apart across could miss it. An
+        # array of one or two channels has enough overlap on half a pitch alone.
         step_m = _STRIDE * wavelength_m
-        steps_m = (step_m, min(step_m, description.channel_pitch_m))
+        narrow = description.channels <= len(array.x_m) <= _NARROW and _stand_alone(ground.source)
+        widest_m = description.channel_pitch_m * (0.5 if narrow else 1.0)
+        steps_m = (step_m, min(step_m, widest_m))
         along, cross = (int(max(1, round(s / cell_m))) for s, cell_m in zip(steps_m, self._cell_m, strict=True))
         # Lines of few channels have few places across; their peaks, of few traces, are narrow and many.
         self.few_channels = len(array.x_m) <= FEW_CHANNELS
@@ -223,6 +227,21 @@ class PreparedGround:
         yaw = aspect.heading * _BIN_RAD
         cos, sin = np.cos(yaw), np.sin(yaw)
         return np.asarray(body_m @ np.array([[cos, sin], [-sin, cos]]))
+
+
+def _stand_alone(source: StationSource) -> bool:
+    """Whether a map's baselines have no others beside them, at most of the places looked at."""
+    frames, description = source.tile_frame, source.description
+    pitch_m, width_m = description.channel_pitch_m, description.array_width_m
+    reach_m = width_m + max(pitch_m, description.settings.step_m)
+    chosen = np.unique(np.linspace(0, len(frames) - 1, _LOOKED_AT).astype(int))
+    alone = 0
+    for east_m, north_m, yaw in frames[chosen]:
+        point_m = np.array([east_m, north_m])
+        apart_m = source.places.read(source.places.near(point_m, reach_m)).pose[:, :2] - point_m
+        left_m = np.abs(np.cos(yaw) * apart_m[:, 1] - np.sin(yaw) * apart_m[:, 0])
+        alone += not np.any((left_m > 0.5 * pitch_m) & (left_m < width_m + 0.5 * pitch_m))
+    return 2 * alone > len(chosen)
 
 
 # Poses in the frame of a tile, and back.
