@@ -101,7 +101,7 @@ def devices(spec: dict[str, Any], folder: Path) -> Iterator[dict[str, str]]:
     Raises:
         InputError: they did not start.
     """
-    spec = {**spec, "ports": str(folder / "ports.json"), "truth": str(folder / "truth.npz")}
+    spec = {**spec, "ports": str(folder / "ports.json"), "truth": str(folder / "truth.npz"), "parent": os.getpid()}
     file = folder / "devices.json"
     file.write_text(json.dumps(spec, indent=1), encoding="utf-8")
     told = folder / "devices.log"

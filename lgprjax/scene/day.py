@@ -194,15 +194,20 @@ def _aged(scatterers: Scatterers, config: GroundConfig, day: Day) -> Scatterers:
 
 def _dug(scatterers: Scatterers, config: GroundConfig, day: Day, trenches: Float[np.ndarray, "trench 5"]) -> Scatterers:
     rng = np.random.default_rng([day.seed, 7])
+    top, bottom = config.stone_depth_m
+    # The fill is as stony as the ground that was dug out: stones of all depths, less those below the trench.
+    above = np.exp(-np.array([top, bottom]) / config.stone_depth_scale_m)
     for low, high, right, left, deep in trenches:
         along, cross, depth = scatterers.place_m.T
         inside = (along >= low) & (along <= high) & (cross >= right) & (cross <= left) & (depth <= deep)
+        lowest = min(max(float(deep), top), bottom)
+        share = (above[0] - np.exp(-lowest / config.stone_depth_scale_m)) / (above[0] - above[1])
         fill = draw_stones(
             rng,
             (float(low), float(high)),
             half_width_m=config.half_width_m,
-            per_m2=config.stones_per_m2,
-            depth_m=(min(config.stone_depth_m[0], 0.5 * deep), float(deep)),
+            per_m2=config.stones_per_m2 * float(share),
+            depth_m=(top, lowest),
             depth_scale_m=config.stone_depth_scale_m,
             strength_m=config.stone_strength_m,
             strength_spread=config.stone_strength_spread,

@@ -24,6 +24,7 @@ from lgprjax.scene.motion import (
 )
 from lgprjax.scene.propagation import (
     LIGHT_M_PER_NS,
+    TRENCHES,
     GroundSlice,
     RadarConfig,
     band_spectrum,
@@ -204,7 +205,8 @@ class SimulatedDrive(NamedTuple):
         ground_up_m: true height of the ground below the body origin, above the road's start.
         antenna_m: true (east_m, north_m, height) of each channel at its own instant.
         road_antenna_m: the same in the road frame: (along, cross, height above the ground).
-        odometer, navigation: what the vehicle's own sensors say; navigation_up_m: the ground below, at its times.
+        odometer, navigation: what the vehicle's own sensors say; navigation_up_m, navigation_springs_m: at its times
+            the true height of the ground below, and of the body above its place at rest.
         ground: with the day's clutter in it; conditions, response, errors: the day's, for whoever checks.
     """
 
@@ -216,6 +218,7 @@ class SimulatedDrive(NamedTuple):
     odometer: OdometerTrack
     navigation: PoseTrack
     navigation_up_m: Float[np.ndarray, " time"]
+    navigation_springs_m: Float[np.ndarray, " time"]
     array: ArrayGeometry
     day: Day
     seed: int
@@ -252,7 +255,8 @@ def simulate_drive(
         seed: of the driving (wander, bounce), the navigation's errors and the faults; with the day's, of the noise.
 
     Raises:
-        ValueError: a plan that cannot be driven, or an antenna that would hear beyond the corridor's edge.
+        ValueError: a plan that cannot be driven, an antenna that would hear beyond the corridor's edge, or more
+            trenches next to each other than a slice of the ground holds.
     """
     array = default_array() if array is None else array
     radar = RadarConfig(height_m=array.height_m) if radar is None else radar
@@ -266,6 +270,7 @@ def simulate_drive(
     check_inside(ground, on_road, radar)
     odometer, navigation = observe_drive(motion, NavigationErrors() if errors is None else errors, seed)
     that_day, conditions = ground_on(ground, day)
+    _check_trenches(conditions, on_road, radar)
     return SimulatedDrive(
         scan_time_s=time_s,
         pose=poses_at(motion, time_s),
@@ -275,6 +280,7 @@ def simulate_drive(
         odometer=odometer,
         navigation=navigation,
         navigation_up_m=ground_up_at(motion, navigation.time_s),
+        navigation_springs_m=poses_at(motion, navigation.time_s)[:, 2],
         array=array,
         day=day,
         seed=seed,
@@ -333,17 +339,13 @@ def soil_of(ground: Ground, conditions: Conditions) -> dict[str, float]:
 
 def _blocks(drive: SimulatedDrive) -> Iterator[_Block]:
     """Inputs of the recorders, ``BLOCK_SCANS`` scans at a time; the last block is padded with its last scan."""
-    scans = len(drive.scan_time_s)
-    blocks = -(-scans // BLOCK_SCANS)
-    index = np.minimum(np.arange(blocks * BLOCK_SCANS), scans - 1).reshape(blocks, BLOCK_SCANS)
+    index, from_m, to_m = _windows(drive.road_antenna_m, drive.radar)
     antenna_m = drive.road_antenna_m[index]
-    reach = drive.radar.aperture_m
-    from_m, to_m = antenna_m[..., 0].min(axis=(1, 2)) - reach, antenna_m[..., 0].max(axis=(1, 2)) + reach
     stones = -(-max(count_stones(drive.ground, from_m, to_m), 1) // STONE_STEP) * STONE_STEP
     utilities = -(-max(count_utilities(drive.ground, from_m, to_m), 1) // UTILITY_STEP) * UTILITY_STEP
     key = jax.random.fold_in(jax.random.key(drive.day.seed), drive.seed)
     noise_field = jnp.asarray(drive.day.noise_field, jnp.float32)
-    for block in range(blocks):
+    for block in range(len(index)):
         origin = antenna_m[block].reshape(-1, 3).mean(axis=0) * [1.0, 1.0, 0.0]
         piece = slice_ground(
             drive.ground,
@@ -363,6 +365,27 @@ def _blocks(drive: SimulatedDrive) -> Iterator[_Block]:
             ScanErrors(*(e[index[block]] for e in drive.errors)),
             noise_field,
         )
+
+
+def _windows(
+    antenna_m: Float[np.ndarray, "scan channel 3"], radar: RadarConfig
+) -> tuple[Int[np.ndarray, "block member"], Float[np.ndarray, " block"], Float[np.ndarray, " block"]]:
+    """Scans of each block, and from where to where along the road they hear."""
+    scans = len(antenna_m)
+    blocks = -(-scans // BLOCK_SCANS)
+    index = np.minimum(np.arange(blocks * BLOCK_SCANS), scans - 1).reshape(blocks, BLOCK_SCANS)
+    along_m, reach = antenna_m[index, :, 0], radar.aperture_m
+    return index, along_m.min(axis=(1, 2)) - reach, along_m.max(axis=(1, 2)) + reach
+
+
+def _check_trenches(conditions: Conditions, antenna_m: Float[np.ndarray, "scan channel 3"], radar: RadarConfig) -> None:
+    """Raises ``ValueError`` where a block of scans hears more trenches than a slice holds."""
+    _, from_m, to_m = _windows(antenna_m, radar)
+    begin_m, end_m = conditions.trenches[:, 0], conditions.trenches[:, 1]
+    heard = np.sum((end_m >= from_m[:, None]) & (begin_m <= to_m[:, None]), axis=1)
+    if heard.max(initial=0) > TRENCHES:
+        at = int(np.argmax(heard))
+        raise ValueError(f"{heard[at]} trenches from {from_m[at]:.1f} to {to_m[at]:.1f} m, more than {TRENCHES}")
 
 
 def _chunks(blocks: Iterator[tuple[np.ndarray, ...]], scans: int, chunk_scans: int) -> Iterator[tuple[np.ndarray, ...]]:

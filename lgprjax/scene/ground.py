@@ -224,7 +224,8 @@ class GroundConfig:
         moisture_rms: relative change of the wave's slowness with place, fractal, the same every day.
         velocity_m_per_ns, attenuation_per_m: of the wave in the ground (amplitude, one way, at the band's middle).
         dispersive_share: of the attenuation: it grows with the frequency, the rest does not.
-        repeat_m: the ground repeats itself after this length (slabs, sleepers); None for ground that never does.
+        repeat_m: the ground repeats itself after this length (slabs, sleepers), without trees and pipes across; None
+            for ground that never does.
     """
 
     length_m: float = 200.0
@@ -310,8 +311,12 @@ def make_ground(seed: int, config: GroundConfig | None = None) -> Ground:
     else:
         field = repeated(field, config.repeat_m, high)
         pipes = draw_utilities(utilities, span, config.half_width_m, 0.0, config.utilities_along)
-        # Lines along the road follow it exactly, or they would be elsewhere after one length.
-        pipes = pipes._replace(direction=np.tile([1.0, 0.0], (config.utilities_along, 1)))
+        # Lines along the road follow it exactly, or they would be elsewhere after one length; and over all of it.
+        pipes = pipes._replace(
+            centre_m=np.column_stack([np.full(config.utilities_along, (low + high) / 2), pipes.centre_m[:, 1]]),
+            direction=np.tile([1.0, 0.0], (config.utilities_along, 1)),
+            half_length_m=np.full(config.utilities_along, high - low),
+        )
     return Ground(
         config,
         field,

@@ -206,7 +206,7 @@ class Manoeuvre(NamedTuple):
         time_s: from 0, every ``STEP_S``.
         wanted_rad: front angle: the servo's command or, by hand, what the steering wheel is turned to.
         speed_mps: held by the driver, negative in reverse; without meaning where the pedals are commanded.
-        supply_v: at the servo.
+        supply_v: at the servo; 24 V where the makers below do not know the vehicle's.
         by_hand: the wheels follow the steering wheel with no more than the play.
         throttle, brake: commands, 0 to 1; None where the driver holds the speed.
     """

@@ -268,7 +268,7 @@ class SkidSensors(NamedTuple):
     """Sensor properties; float32 scalars, ticks int32.
 
     Attributes:
-        gnss_ticks: from one fix to the next; late_ticks: from its moment to its arrival.
+        gnss_ticks: from one fix to the next; late_ticks: from its moment to its arrival, before the next is measured.
         gnss_x_m, gnss_y_m: antenna in the body.
         gnss_sigma_m: white error an axis; slow_sigma_m, slow_s: slow error an axis, a Gauss-Markov process.
         reported_sigma_m: what a fix says of itself, an axis.

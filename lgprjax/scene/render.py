@@ -424,10 +424,14 @@ def record_scans(
     return jnp.clip(jnp.round(counts), 0.0, 255.0).astype(jnp.uint8)
 
 
+NOISE_STEP_MHZ = 5.0
+"""Between the frequencies of the noise: it repeats after 200 ns."""
+
+
 def _noise_matrix(radar: RadarConfig) -> Float[np.ndarray, "number sample"]:
-    """Unit white numbers to noise of unit rms with the band's spectrum (5 MHz apart: it repeats after 200 ns)."""
+    """Unit white numbers to noise of unit rms with the band's spectrum."""
     low, high = radar.band_mhz
-    frequency_mhz = np.arange(low, high, 5.0) + 2.5
+    frequency_mhz = np.arange(low, high, NOISE_STEP_MHZ) + 0.5 * NOISE_STEP_MHZ
     spectrum = band_spectrum(radar, frequency_mhz)
     angle = 2e-3 * np.pi * np.outer(frequency_mhz, radar.bin_ns[: radar.samples])
     waves = np.concatenate([np.cos(angle) * spectrum[:, None], np.sin(angle) * spectrum[:, None]])

@@ -348,7 +348,7 @@ class SensorFaults(NamedTuple):
 
     Attributes:
         gnss_lost_s: no positions.
-        gnss_frozen_s: the receiver repeats its last one.
+        gnss_frozen_s: the receiver repeats its last one, and gives none before it had a first.
         gnss_jump_s, gnss_jump_m: from this moment on positions are wrong by this, east and north.
         gnss_drift_s, gnss_drift_mps: from this moment on they drift away, as by a spoofer.
         heading_lost_s: no INS heading.
@@ -548,10 +548,13 @@ def read_live_sensors(
     wrong += jnp.where(jnp.isfinite(faults.gnss_drift_s), faults.gnss_drift_mps * drifting_s, 0.0)
     reported_m = antenna + slow + model.gnss_sigma_m * noise[5:7] + wrong
     due = tick % model.gnss_ticks == 0
-    reported_m = jnp.where(during(faults.gnss_frozen_s, time_s) | ~due, state.last_gnss_m, reported_m)
+    frozen = during(faults.gnss_frozen_s, time_s)
+    reported_m = jnp.where(frozen | ~due, state.last_gnss_m, reported_m)
+    first_s = model.gnss_ticks.astype(jnp.float32) * tick_s
+    nothing_yet = frozen & (faults.gnss_frozen_s[0] <= first_s)
     readings = Readings(
         reported_m,
-        due & ~during(faults.gnss_lost_s, time_s),
+        due & ~nothing_yet & ~during(faults.gnss_lost_s, time_s),
         yaw_rate_radps + bias + model.yaw_rate_noise / root_s * noise[7],
         pose.yaw_rad + heading_slow + model.heading_sigma_rad * noise[8],
         ~during(faults.heading_lost_s, time_s),

@@ -82,7 +82,7 @@ class VehicleSensors:
         odometer_scale_error, odometer_sigma_m: distance reads (1 + scale) times the truth plus noise.
         yaw_rate_noise: white noise of the gyro, rad/s/√Hz.
         yaw_rate_bias_radps, yaw_rate_bias_walk: its bias at the start, and the bias's random walk in rad/s/√s.
-        fix_hz: of the radar's fixes, for drives that have any.
+        fix_hz: of the radar's fixes, for drives that have any; the simulation's 100 Hz or a whole part of it.
         outlier_share, outlier_m: share of fixes that are displaced, by a normal deviate of this sigma.
         spike_share, spike_v: share of potentiometer readings that are displaced, by a normal deviate of this sigma.
         gnss_gaps_s: (start, stop) intervals without fixes.
@@ -185,12 +185,17 @@ def read_yaw_rate(truth: DriveTruth, sensors: VehicleSensors, seed: int) -> Floa
 
 
 def _record_steps(truth: DriveTruth, sensors: VehicleSensors) -> Int[np.ndarray, " record"]:
-    every = round(1.0 / (STEP_S * sensors.record_hz))
-    if every < 1 or abs(every * STEP_S * sensors.record_hz - 1.0) > 1e-9:
-        raise ValueError(f"record_hz is {1.0 / STEP_S:g} or a whole part of it, not {sensors.record_hz:g}")
+    every = _steps_between("record_hz", sensors.record_hz)
     if not 0.0 < sensors.gnss_hz <= sensors.record_hz:
         raise ValueError(f"gnss_hz is positive and at most record_hz, not {sensors.gnss_hz:g}")
     return np.arange(0, truth.time_s.size, every)
+
+
+def _steps_between(name: str, rate_hz: float) -> int:
+    every = round(1.0 / (STEP_S * rate_hz))
+    if every < 1 or abs(every * STEP_S * rate_hz - 1.0) > 1e-9:
+        raise ValueError(f"{name} is {1.0 / STEP_S:g} or a whole part of it, not {rate_hz:g}")
+    return every
 
 
 def _fixed(time_s: Float[np.ndarray, " record"], sensors: VehicleSensors) -> Bool[np.ndarray, " record"]:
@@ -478,10 +483,13 @@ def draw_vehicle_fixes(
         truth: of the drive.
         errors: what fixes are wrong by.
         array_x_m: the array's centre ahead of the rear axle, on the centre line.
-        rate_hz: of the scans, no more than the simulation's 100 Hz.
+        rate_hz: of the scans, the simulation's 100 Hz or a whole part of it.
         seed: of all that is drawn.
+
+    Raises:
+        ValueError: the rate is no whole part of the simulation's.
     """
-    every = max(round(1.0 / (STEP_S * rate_hz)), 1)
+    every = _steps_between("rate_hz", rate_hz)
     scan = np.arange(0, truth.time_s.size, every)
     way_m = np.append(0.0, np.abs(np.diff(truth.travel_m[scan])))
     way_m = np.pad(way_m, (0, -scan.size % _BLOCK_SCANS))

@@ -85,8 +85,7 @@ def describe_drive(
     )
     own = {"program": f"lgprjax {__version__}", "synthetic": True, "drive_seed": drive.seed, "day": asdict(drive.day)}
     # A log's height is the road's below the vehicle: of what navigation says, its error counts and the springs do not.
-    springs_m = np.interp(drive.navigation.time_s, drive.scan_time_s, drive.pose[:, 2])
-    wrong_m = drive.navigation.pose[:, 2] - springs_m
+    wrong_m = drive.navigation.pose[:, 2] - drive.navigation_springs_m
     return DriveDescription(
         name=name,
         t0_utc=_T0_UTC,

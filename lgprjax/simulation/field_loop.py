@@ -245,7 +245,6 @@ class FieldMoment(NamedTuple):
     tool_m: Float[Array, "... 2"]
 
 
-@partial(jax.jit, static_argnums=0)
 def run_fields(
     spec: FieldLoopSpec,
     world: FieldWorld,
@@ -259,7 +258,25 @@ def run_fields(
         spec: compiled in.
         world, route, fence: all lanes'.
         keys: of the lanes' draws.
+
+    Raises:
+        ValueError: a fix would arrive when the next one is measured, or later.
     """
+    late, period = int(world.sensors.late_ticks), int(world.sensors.gnss_ticks)
+    if late >= period:
+        raise ValueError(f"late_ticks is less than gnss_ticks, {period}, not {late}")
+    kept: FieldMoment = _run_fields(spec, world, route, fence, keys)
+    return kept
+
+
+@partial(jax.jit, static_argnums=0)
+def _run_fields(
+    spec: FieldLoopSpec,
+    world: FieldWorld,
+    route: CoverRoute,
+    fence: Float[Array, "side 2 2"],
+    keys: Key[Array, " lane"],
+) -> FieldMoment:
     states = jax.vmap(partial(_start, spec, world, route))(keys)
 
     def moment(states: FieldState, number: Int[Array, ""]) -> tuple[FieldState, FieldMoment]:

@@ -25,6 +25,8 @@ from lgprjax.scene import (
     SimulatedDrive,
     SweepPlan,
 )
+from lgprjax.scene.propagation import band_spectrum
+from lgprjax.scene.render import NOISE_STEP_MHZ
 from lgprjax.simulation.drives import write_drive
 from lgprjax.simulation.site_tables import (
     LIMITS,
@@ -47,10 +49,13 @@ def refuse_impossible(site: Site, root: TableKey) -> None:
     """Hold sections and drives against each other.
 
     Raises:
-        InputError: a band that the time axis cannot hold, an arc that is too tight, a drive that leaves the road or
-            hears beyond the ground, a dead channel that there is none of.
+        InputError: a band that the time axis cannot hold, or that is too narrow or off the sweeps' frequencies; ground
+            without interfaces; an arc that is too tight; a drive that leaves the road or hears beyond the ground; a
+            dead channel that there is none of, or sweeps of dead channels alone.
     """
     _check_radar(site, root.at("radar"))
+    if not site.ground.layer_depth_m:
+        raise root.at("ground").at("layer_depth_m").refuse("one depth or more", "none")
     tightest = 1.0 / site.road.min_radius_m
     for number, (length_m, curvature) in enumerate(site.road.arcs, 1):
         place = root.at("road").at(f"arcs[{number}]")
@@ -72,12 +77,18 @@ def _check_radar(site: Site, place: TableKey) -> None:
     highest = 500.0 / radar.sample_step_ns
     if radar.band_mhz[1] > highest:
         raise place.at("band_mhz").refuse(f"at most {highest:.0f} MHz at this sample_step_ns", f"{radar.band_mhz[1]:g}")
+    if radar.band_mhz[1] - radar.band_mhz[0] < NOISE_STEP_MHZ:
+        expected = f"a band of {NOISE_STEP_MHZ:g} MHz or more, the step of its noise"
+        raise place.at("band_mhz").refuse(expected, f"{radar.band_mhz[1] - radar.band_mhz[0]:g} MHz")
     if 2 * radar.band_edge_mhz > radar.band_mhz[1] - radar.band_mhz[0]:
         expected = f"at most half the band, {0.5 * (radar.band_mhz[1] - radar.band_mhz[0]):g}"
         raise place.at("band_edge_mhz").refuse(expected, f"{radar.band_edge_mhz:g}")
     if sweeps is not None and sweeps.frequency_mhz[-1] > highest:
         last = f"a last frequency of {sweeps.frequency_mhz[-1]:g} MHz"
         raise place.at("sweeps").at("steps").refuse(f"at most {highest:.0f} MHz at this sample_step_ns", last)
+    if sweeps is not None and not band_spectrum(radar, sweeps.frequency_mhz).any():
+        expected = f"frequencies within band_mhz, {radar.band_mhz[0]:g} to {radar.band_mhz[1]:g}"
+        raise place.at("sweeps").refuse(expected, f"{sweeps.first_mhz:g} to {sweeps.frequency_mhz[-1]:g}")
 
 
 def _check_drive(site: Site, drive: SiteDrive, place: TableKey) -> None:
@@ -114,6 +125,8 @@ def _check_drive(site: Site, drive: SiteDrive, place: TableKey) -> None:
         if channel >= array.channels:
             expected = f"dead_channels from 0 to {array.channels - 1}"
             raise place.at("faults").refuse(expected, str(channel))
+    if site.sweeps is not None and len(set(drive.faults.dead_channels)) == array.channels:
+        raise place.at("faults").refuse("a live channel, which sweeps are calibrated by", "all channels dead")
 
 
 NAVIGATION = {
@@ -157,11 +170,15 @@ def read_site(path: str | Path) -> Site:
     """
     root = TableKey(Path(path))
     table = load_toml(root.file)
+    if "kind" in table and "vehicle" in table:
+        raise root.at("kind").refuse(
+            'a site, or drives of a vehicle (kind = "vehicle_drives")', "a study (lgprjax tune)"
+        )
     refuse_unknown(root, table, [*_HEADER, *_SECTIONS])
     given = {key: table[key] for key in _HEADER if key in table}
     header = fill_config(SiteHeader, root, {"name": root.file.name.removesuffix(".toml"), **given})
     array = fill_config(ArrayConfig, root.at("array"), table.get("array", {}))
-    ground = fill_config(GroundConfig, root.at("ground"), table.get("ground", {}))
+    ground = _read_ground(root.at("ground"), table.get("ground", {}))
     radar, sweeps = _read_radar(root.at("radar"), table.get("radar", {}), array)
     site = Site(
         header=header,
@@ -202,6 +219,15 @@ class _Choices:
     days: Mapping[str, Day]
     navigation: Mapping[str, NavigationErrors]
     faults: Mapping[str, ReceiverFaults]
+
+
+def _read_ground(place: TableKey, table: object) -> GroundConfig:
+    ground = fill_config(GroundConfig, place, table)
+    if ground.repeat_m is not None:
+        for key in ("trees_per_100m", "utilities_per_100m"):
+            if number := as_table(place, table).get(key):
+                raise place.at(key).refuse("0, or no such key: ground with repeat_m has none", f"{number:g}")
+    return ground
 
 
 def _read_road(place: TableKey, table: object, ground: GroundConfig) -> RoadConfig:

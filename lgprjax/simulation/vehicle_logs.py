@@ -213,6 +213,10 @@ def drive_course(
     share = jnp.full(size, torque_share(servo, jnp.float32(volts)), jnp.float32)
     spec = RolloutSpec(steps=size, step_s=MOTION_STEP_S, delay_slots=slots)
     trace = roll_out_logged(spec, path, lane, start, jnp.asarray(driven, jnp.float32), share)
+    # Sharp bends and the varying speed may take the array to the end of its course sooner: there the drive ends.
+    beyond = np.asarray(trace.arc_m, np.float64)[: steps - led] > float(path.length_m) - SPACING_M
+    steps = led + int(np.argmax(beyond)) if beyond.any() else steps
+    time_s, speed = time_s[:steps], speed[:steps]
     command = np.concatenate([np.zeros(led), np.asarray(trace.command_rad, np.float64)[: steps - led]])
     mode = np.where(np.arange(steps) < led, int(Mode.MANUAL), int(Mode.SPEED))
     manoeuvre = Manoeuvre(time_s, command, speed, np.full(steps, volts), by_hand=False)
@@ -351,6 +355,13 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
     place, withheld = root.at("vehicle"), {"linkage": "rear (a drives file knows no linkages)"}
     vehicle = fill_config(TrueVehicle, place, table.get("vehicle", {}), base=TrueVehicle(), withheld=withheld)
     _hold(place, vehicle, _VEHICLE)
+    if vehicle.stall_v >= vehicle.nominal_v:
+        expected = f"a voltage below nominal_v, {vehicle.nominal_v:g}"
+        raise place.at("stall_v").refuse(expected, f"{vehicle.stall_v:g}")
+    for key, (pre_tension, dead_zone, *_) in (("throttle", vehicle.throttle), ("brake", vehicle.brake)):
+        if dead_zone > pre_tension:
+            expected = f"a dead zone of at most the pre-tension, {pre_tension:g}, or the pedal would not release"
+            raise place.at(key).refuse(expected, f"{dead_zone:g}")
     sensors = _sensors(root.at("sensors"), table.get("sensors", {}), VehicleSensors())
     entries = table.get("drive")
     if not isinstance(entries, list) or not entries:
@@ -396,7 +407,9 @@ def _drive(
     fixes, errors = _fixes(place.at("fixes"), table.get("fixes"))
     own_seed = derive_seed(seed, name)
     if word != "tracking":
-        return PlannedVehicleDrive(name, kind.make(vehicle, given), own, own_seed, fixes, errors)
+        manoeuvre = kind.make(vehicle, given)
+        manoeuvre = manoeuvre._replace(supply_v=np.full(manoeuvre.time_s.size, vehicle.nominal_v))
+        return PlannedVehicleDrive(name, manoeuvre, own, own_seed, fixes, errors)
     if min(abs(radius) for radius in given["radii_m"]) < _LEAST_RADIUS_M:
         raise place.at("radii_m").refuse(f"bends of {_LEAST_RADIUS_M:g} m or more", f"{given['radii_m']}"[:60])
     manoeuvre, course = drive_course(vehicle, **given)
@@ -417,6 +430,8 @@ def _numbers(place: TableKey, table: dict[str, Any], key: str, limits: Range) ->
     """A number or list of numbers, ``None`` where there is none; angles also in degrees."""
     in_degrees = f"{key.removesuffix('_rad')}_deg"
     if key.endswith("_rad") and in_degrees in table:
+        if key in table:
+            raise place.at(in_degrees).refuse(f"{key} or {in_degrees}", "both")
         low, high = limits
         asked = _numbers(place, table, in_degrees, (math.degrees(low), math.degrees(high)))
         return [math.radians(v) for v in asked] if isinstance(asked, list) else math.radians(asked)
@@ -443,6 +458,8 @@ def _sensors(place: TableKey, table: object, base: VehicleSensors) -> VehicleSen
     if sensors.gnss_hz > sensors.record_hz or abs(100.0 / sensors.record_hz % 1.0) > 1e-9:
         expected = "a record_hz of 100 or a whole part of it, no less than gnss_hz"
         raise place.at("record_hz").refuse(expected, f"{sensors.record_hz:g}")
+    if abs(round(100.0 / sensors.fix_hz) * sensors.fix_hz / 100.0 - 1.0) > 1e-9:
+        raise place.at("fix_hz").refuse("100 or a whole part of it", f"{sensors.fix_hz:g}")
     return sensors
 
 

@@ -104,11 +104,28 @@ def test_a_trench_takes_what_lay_in_it_and_leaves_the_rest() -> None:
 def test_a_trench_is_filled_with_other_stones() -> None:
     day = replace(SPOTLESS, trenches=(Trench((10.0, 14.0), (-1.0, 1.0), depth_m=1.2),))
     dug = ground_on(STONY, day)[0].scatterers.place_m
+    # Of the ground's stones between 0.15 and 2.5 m, with a density that falls as exp(-depth / 1.5 m), to 1.2 m.
+    share = (np.exp(-0.1) - np.exp(-0.8)) / (np.exp(-0.1) - np.exp(-2.5 / 1.5))
     before = set(map(tuple, STONY.scatterers.place_m))
     fresh = np.array([p for p in dug if tuple(p) not in before])
-    assert len(fresh) == pytest.approx(4.0 * 2.0 * 14, rel=0.3)
+    assert len(fresh) == pytest.approx(4.0 * 2.0 * 14 * share, rel=0.2)
+    assert fresh[:, 2].min() >= STONY.config.stone_depth_m[0]
     assert np.all((fresh[:, 0] >= 10.0) & (fresh[:, 0] <= 14.0) & (np.abs(fresh[:, 1]) <= 1.0) & (fresh[:, 2] <= 1.2))
     assert np.all(np.diff(dug[:, 0]) >= 0)
+
+
+@pytest.mark.parametrize("depth_m", [0.1, 1.2, 4.0])
+def test_a_long_trench_is_as_stony_as_the_ground_was(depth_m: float) -> None:
+    ground = make_ground(5, GroundConfig(length_m=200.0, trees_per_100m=0.0))
+    day = replace(SPOTLESS, trenches=(Trench((20.0, 180.0), depth_m=depth_m),))
+    dug = ground_on(ground, day)[0].scatterers.place_m
+    within = [
+        int(np.sum((place[:, 0] >= 20.0) & (place[:, 0] <= 180.0) & (place[:, 2] <= depth_m)))
+        for place in (ground.scatterers.place_m, dug)
+    ]
+    assert within[1] == pytest.approx(within[0], rel=0.03)
+    assert dug[:, 2].min() >= 0.15
+    assert dug[:, 2].max() <= 2.5
 
 
 def test_years_move_their_share_of_the_shallow_stones() -> None:

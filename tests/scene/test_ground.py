@@ -60,6 +60,10 @@ def test_repeated_ground_has_the_same_things_a_length_on() -> None:
     moved = value_at(ground.moisture, place + [15.0, 0.0])
     np.testing.assert_allclose(moved, value_at(ground.moisture, place), atol=1e-9)
     assert np.all(ground.utilities.direction == [1.0, 0.0])
+    # Lines along the road are under all of it, not under the first lengths alone.
+    reach_m = ground.utilities.half_length_m
+    assert np.all(ground.utilities.centre_m[:, 0] - reach_m <= -12.0)
+    assert np.all(ground.utilities.centre_m[:, 0] + reach_m >= 42.0)
 
 
 @pytest.mark.parametrize("repeat_m", [0.0, -5.0, float("nan")])

@@ -110,3 +110,11 @@ def test_a_jump_stays_a_drift_grows_and_a_frozen_receiver_repeats(run: Run) -> N
     )
     frozen = run(no_faults()._replace(gnss_frozen_s=jnp.asarray([5.0, jnp.inf]))).gnss_m
     assert np.all(frozen[:, _TIME_S >= 5.0] == frozen[:, _TIME_S >= 5.0][:, :1])
+
+
+def test_a_receiver_that_is_frozen_from_the_start_has_nothing_to_repeat(run: Run) -> None:
+    found = run(no_faults()._replace(gnss_frozen_s=jnp.asarray([0.0, 5.0])))
+    assert not found.gnss_valid[:, _TIME_S < 5.0].any()
+    assert found.gnss_valid[:, _TIME_S >= 5.0].any()
+    # Once it has given a position it repeats that.
+    assert run(no_faults()._replace(gnss_frozen_s=jnp.asarray([1.0, 5.0]))).gnss_valid[:, _TIME_S < 5.0].any()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lgprjax.navigation import Reason
-from lgprjax.scene import SensorFaults, calibrated_fixes, no_faults
+from lgprjax.scene import SensorFaults, TrueVehicle, calibrated_fixes, no_faults
 from lgprjax.simulation.loop import (
     LoopSetup,
     LoopSpec,
@@ -52,6 +52,14 @@ class Driven(NamedTuple):
 
 
 Drive = Callable[..., Driven]
+
+
+def test_a_delay_that_its_slots_do_not_hold_is_refused() -> None:
+    course = draw_course(OffRoad(3, 60.0))
+    slow = LoopVehicle(vehicle=TrueVehicle(delay_s=0.2))
+    with pytest.raises(ValueError, match=r"delay_s is at most 0\.07937 with 5 delay_slots, not 0\.2"):
+        loop_setup(_SPEC, slow, course.terrain)
+    loop_setup(LoopSpec(delay_slots=13), slow, course.terrain)
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -12,6 +13,7 @@ from lgprjax.mapping import build_map
 from lgprjax.navigation import RouteSpeeds
 from lgprjax.registration import Code, RegisterOptions
 from lgprjax.report import draw_driven_course
+from lgprjax.scene import no_faults
 from lgprjax.simulation.loop import (
     MILE_M,
     DrivenCourse,
@@ -23,6 +25,7 @@ from lgprjax.simulation.loop import (
     make_course,
     route_of_map,
 )
+from lgprjax.simulation.loop.driven_course import _refuse_drawn_faults, _scans_a_tick
 from many_grounds import of_many_grounds
 
 _SPEC = LoopSpec()
@@ -41,6 +44,20 @@ def _drive(folder: Path, spec: OffRoad, seed: int) -> tuple[DrivenCourse, dict[s
         driven = drive_course(course, source, _SPEC, setup, route, options, weather="clear", seed=seed)
     figures = figures_of(driven, spec.array_x_m, labels)
     return driven, figures, float(setup.autopilot.limiter.front_rate_radps) * _SPEC.tick_s
+
+
+@pytest.mark.parametrize("share", [4, 5, 7])
+def test_a_tick_of_broken_scans_is_refused(share: int) -> None:
+    with pytest.raises(ValueError, match=f"scan_share {share} makes"):
+        _scans_a_tick(OffRoad(7, 32.0, scan_share=share), _SPEC.tick_s)
+    assert [_scans_a_tick(OffRoad(7, 32.0, scan_share=whole), _SPEC.tick_s) for whole in (1, 2, 3, 6)] == [6, 3, 2, 1]
+
+
+@pytest.mark.parametrize("fault", ["odometer_lost_s", "lgpr_wrong_s", "lgpr_faded_s"])
+def test_a_fault_of_drawn_fixes_is_refused(fault: str) -> None:
+    with pytest.raises(ValueError, match=fault):
+        _refuse_drawn_faults(no_faults()._replace(**{fault: jnp.asarray([5.0, 9.0])}))
+    _refuse_drawn_faults(no_faults()._replace(lgpr_lost_s=jnp.asarray([5.0, 9.0])))
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,25 @@ import pytest
 
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, SweepRecording, TraceRecording, check_file
-from lgprjax.scene import SimulatedDrive
-from lgprjax.simulation import PlannedSite, describe_drive, plan_drive, plan_site, read_site, write_drive, write_site
+from lgprjax.scene import (
+    Day,
+    DrivePlan,
+    GroundConfig,
+    NavigationErrors,
+    SimulatedDrive,
+    make_ground,
+    simulate_drive,
+)
+from lgprjax.simulation import (
+    SITE_FRAME,
+    PlannedSite,
+    describe_drive,
+    plan_drive,
+    plan_site,
+    read_site,
+    write_drive,
+    write_site,
+)
 
 SITE = """
 name = "hilly"
@@ -101,12 +118,20 @@ def test_heights_are_the_roads_and_the_springs_do_not_count(
     # Within 4 m the Earth's curvature is a micrometre: height above the ellipsoid is the anchor's plus up.
     np.testing.assert_allclose(truth.height_m, 600.0 + there.ground_up_m, atol=1e-5)
     assert np.ptp(there.ground_up_m) > 0.005
-    bounce = np.interp(navigation.time_s, there.scan_time_s, there.pose[:, 2])
+    bounce = there.navigation_springs_m
     assert bounce.std() > 0.01
     wrong = navigation.height_m - 600.0 - there.navigation_up_m
-    inside = navigation.time_s <= there.scan_time_s[-1]
-    assert wrong[inside].std() > 0.01
-    np.testing.assert_allclose(wrong[inside] + bounce[inside], there.navigation.pose[inside, 2], atol=1e-5)
+    assert wrong.std() > 0.01
+    np.testing.assert_allclose(wrong + bounce, there.navigation.pose[:, 2], atol=1e-5)
+
+
+def test_springs_do_not_count_however_few_scans_there_are() -> None:
+    plan = DrivePlan(0.0, 50.0, speed_mps=10.0, scan_rate_hz=2.0, height_sigma_m=0.05)
+    errors = NavigationErrors(height_sigma_m=0.0)
+    drive = simulate_drive(make_ground(1, GroundConfig(length_m=60.0)), plan, Day(), 1, errors=errors)
+    track = describe_drive("few", drive).navigation
+    _, _, up = SITE_FRAME.to_local(track.latitude_deg, track.longitude_deg, track.height_m)
+    np.testing.assert_allclose(up, drive.navigation_up_m, atol=1e-5)
 
 
 def test_sigmas_are_what_the_receiver_says(traces: tuple[PlannedSite, dict[str, Path]], there: SimulatedDrive) -> None:

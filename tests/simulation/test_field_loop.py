@@ -55,6 +55,14 @@ def mean_nees(kept: FieldMoment, chosen: Bool[np.ndarray | Array, "moment lane"]
     return float(np.mean(np.einsum("ti,tij,tj->t", wrong, np.linalg.inv(spread), wrong)) / 3.0)
 
 
+def test_a_fix_that_comes_after_the_next_was_measured_is_refused() -> None:
+    world = made_up_field_world()
+    world = world._replace(sensors=world.sensors._replace(gnss_ticks=jnp.int32(10), late_ticks=jnp.int32(12)))
+    course = rectangle_course(12.0, 6.0, settings(), made_up_tool())
+    with pytest.raises(ValueError, match="late_ticks is less than gnss_ticks, 10, not 12"):
+        driven(world, course, FAR)
+
+
 @pytest.fixture(scope="module")
 def small_field() -> FieldMoment:
     """12 x 6 m with GNSS off 30 s of every 90 s."""

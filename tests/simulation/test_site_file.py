@@ -118,6 +118,8 @@ navigation = "survey"
     assert c.navigation.position_sigma_m == 0.01
 
 
+GROUND = "[ground]\nlength_m = 20\n"
+LIVE = '\n[[drive]]\nname = "live"\n'
 LAST = '\n[[drive]]\nname = "last"\n'
 
 
@@ -126,6 +128,24 @@ LAST = '\n[[drive]]\nname = "last"\n'
     [
         ("colour = 3\n" + SHORT, "colour: expected a key among array, day, drive, faults,"),
         ("sede = 3\n" + SHORT, "sede: expected a key, perhaps seed, found an unknown key"),
+        (GROUND + "layer_depth_m = []" + LIVE, "ground.layer_depth_m: expected one depth or more, found none"),
+        (GROUND + "repeat_m = 1.1\ntrees_per_100m = 6" + LIVE, "ground.trees_per_100m: expected 0, or no such key"),
+        (GROUND + "repeat_m = 1.1\nutilities_per_100m = 2" + LIVE, "ground.utilities_per_100m: expected 0, or no such"),
+        (
+            GROUND + "[radar]\nband_mhz = [100, 102]\nband_edge_mhz = 1" + LIVE,
+            "radar.band_mhz: expected a band of 5 MHz",
+        ),
+        (
+            GROUND + "[radar.sweeps]\nfirst_mhz = 1000\nsteps = 50" + LIVE,
+            "radar.sweeps: expected frequencies within band_mhz, 100 to 400, found 1000 to 1245",
+        ),
+        (
+            GROUND
+            + "[array]\nchannels = 2\n[radar.sweeps]\n[faults.f]\ndead_channels = [0, 1]"
+            + LIVE
+            + 'faults = "f"',
+            "drive[1].faults: expected a live channel, which sweeps are calibrated by, found all channels dead",
+        ),
         (SHORT + "lane = 0.3", "drive[2].lane: expected a key, perhaps lane_m, found an unknown key"),
         (SHORT + "lane_m = true", "drive[2].lane_m: expected a number, found True"),
         (SHORT + 'lane_m = "left"', "drive[2].lane_m: expected a number, found 'left'"),
@@ -233,3 +253,13 @@ def test_every_number_has_a_range() -> None:
 
 def _holds_number(hint: object) -> bool:
     return hint in (int, float) or any(_holds_number(inner) for inner in get_args(hint))
+
+
+def test_more_trenches_than_a_block_of_scans_hears_are_refused_before_anything_is_rendered(tmp_path: Path) -> None:
+    def plan(*starts_m: int) -> None:
+        trenches = "".join(f"[[day.dug.trenches]]\nalong_m = [{at}, {at + 1}]\n" for at in starts_m)
+        plan_site(site_of(tmp_path, GROUND + trenches + LIVE + 'day = "dug"'), tmp_path / "s.toml")
+
+    plan(2, 4, 18)
+    with pytest.raises(InputError, match=r"drive\[1\]: .*3 trenches from .* m, more than 2"):
+        plan(4, 6, 8)

@@ -46,6 +46,22 @@ weave_deg = 0.5
             "[sensors]\nfix_hz = 0.0\n[vehicle]",
             "sensors.fix_hz: expected a number from 0.1 to 100",
         ),
+        (
+            "[vehicle]",
+            "[sensors]\nfix_hz = 30.0\n[vehicle]",
+            "sensors.fix_hz: expected 100 or a whole part of it, found 30",
+        ),
+        (
+            "weave_deg = 0.5",
+            "weave_deg = 0.5\nweave_rad = 0.01",
+            "drive[2].weave_deg: expected weave_rad or weave_deg, found",
+        ),
+        ("rear = 0.55", "stall_v = 24.0", "vehicle.stall_v: expected a voltage below nominal_v, 24, found 24"),
+        (
+            "rear = 0.55",
+            "brake = [0.1, 0.2, 6.0, 0.25]",
+            "vehicle.brake: expected a dead zone of at most the pre-tension",
+        ),
         ("pause_s = 1.5", 'fixes = "hail"', "drive[1].fixes: expected a day whose fixes were measured, found 'hail'"),
         ("pause_s = 1.5", "fixes = true", "drive[1].fixes: expected a day whose fixes were measured, found True"),
     ],
@@ -67,6 +83,28 @@ def test_a_drives_file_in_degrees_is_one_in_radians(tmp_path: Path) -> None:
     degrees = read_vehicle_plan(path).drives[1].manoeuvre
     path.write_text(_DRIVES.replace("weave_deg = 0.5", f"weave_rad = {float(np.radians(0.5))!r}"))
     np.testing.assert_allclose(read_vehicle_plan(path).drives[1].manoeuvre.wanted_rad, degrees.wanted_rad, atol=1e-12)
+
+
+def test_the_servo_has_its_vehicles_voltage(tmp_path: Path) -> None:
+    path = tmp_path / "drives.toml"
+    path.write_text(_DRIVES.replace("rear = 0.55", "nominal_v = 48.0\nstall_v = 24.0"))
+    for drive in read_vehicle_plan(path).drives:
+        assert np.all(drive.manoeuvre.supply_v == 48.0)
+
+
+@pytest.mark.parametrize(
+    "numbers", ["speed_mps = 15.0\nradii_m = [60, -60]", "speed_mps = 4.0\nradii_m = [9, -9, 9, -9]"]
+)
+def test_a_tracking_drive_ends_with_its_course(tmp_path: Path, numbers: str) -> None:
+    path = tmp_path / "drives.toml"
+    tracking = f'[[drive]]\nname = "t"\nmanoeuvre = "tracking"\nlook_ahead_m = 3.0\n{numbers}\n'
+    path.write_text(_DRIVES + tracking)
+    plan = read_vehicle_plan(path)
+    write_vehicle_logs(plan, tmp_path / "logs", only=["t"])
+    log = VehicleLog.open(tmp_path / "logs" / "t.drive.h5")
+    assert log.plan is not None
+    # It begins where the course does: only from the next record on it is beside it.
+    assert np.isfinite(log.plan["cross_track_m"][1:]).all()
 
 
 def test_a_drives_file_is_told_from_a_site_file(tmp_path: Path) -> None:

@@ -1,10 +1,12 @@
 """Faults of the simulated devices: names, and those active at a time."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+from lgprjax.config import between
 from lgprjax.errors import InputError
 
 # When the items of a script, or faults, begin and end.
@@ -108,7 +110,8 @@ def read_items(
         lasts_s: how long each lasts where it does not say; for ever where it is not here.
 
     Raises:
-        InputError: a name or key is not known, is missing, or there is not one beginning.
+        InputError: a name or key is not known, is missing, or there is not one beginning; a value is no number, or
+            outside its range.
     """
     items = []
     for number, row in enumerate(rows):
@@ -124,20 +127,74 @@ def read_items(
             raise InputError(file, f"{where}.{unknown[0]}", f"one of {', '.join(sorted(allowed))}", unknown[0])
         if missing := [needed for needed in known[name] if needed not in row]:
             raise InputError(file, f"{where}.{missing[0]}", f"a value: {name} needs it", "none")
-        after = row.get("after")
+        times = {
+            timed: _number(file, f"{where}.{timed}", row[timed], *limits)
+            for timed, limits in _TIMES.items()
+            if timed in row
+        }
+        arrival = row.get("at_arrival")
         items.append(
             ScriptItem(
                 name,
-                {needed: row[needed] for needed in known[name]},
-                float(row.get("for_s", lasts_s.get(name, float("inf")))),
-                None if "at_s" not in row else float(row["at_s"]),
-                None if "at_way_m" not in row else float(row["at_way_m"]),
-                None if after is None else (int(after["mode"]), float(after["for_s"])),
-                None if "at_arrival" not in row else int(row["at_arrival"]),
-                None if "every_s" not in row else float(row["every_s"]),
+                {needed: _value(file, f"{where}.{needed}", name, needed, row[needed]) for needed in known[name]},
+                times.get("for_s", lasts_s.get(name, math.inf)),
+                times.get("at_s"),
+                times.get("at_way_m"),
+                None if "after" not in row else _after(file, f"{where}.after", row["after"]),
+                None if arrival is None else int(_number(file, f"{where}.at_arrival", arrival, 0, 1e6, whole=True)),
+                times.get("every_s"),
             )
         )
     return items
+
+
+_TIMES = {"at_s": (-1e6, 1e6), "at_way_m": (-1e6, 1e6), "for_s": (0.0, math.inf), "every_s": (1e-3, 1e6)}
+_RANGES = {
+    "m": (-1e5, 1e5),
+    "x_m": (-1e6, 1e6),
+    "y_m": (-1e6, 1e6),
+    "speed_mps": (0.0, 100.0),
+    "s": (-1e6, 1e6),
+    "rad": (-10.0, 10.0),
+    "radps": (-100.0, 100.0),
+    "share": (-10.0, 10.0),
+    "at": (0.0, 1.0),
+    "bits": (0, 0xFFFF),
+    "counts": (-1e9, 1e9),
+    "supply_v": (0.0, 1e3),
+    "v": (0.0, 1e3),
+    "nm": (-1e3, 1e3),
+}
+"""Closed range of each number of a script or a fault."""
+_PAIRS = ("gnss_jump", "radar_wrong_place")
+_TEXTS = ("line", "button")
+
+
+def _value(file: Path, place: str, name: str, key: str, value: Any) -> Any:
+    """An item's own value; texts are left to ``check_choice``."""
+    if key in _TEXTS:
+        return value
+    limits = _RANGES[key]
+    if name not in _PAIRS:
+        return _number(file, place, value, *limits, whole=key == "bits")
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise InputError(file, place, "a list of 2 numbers", repr(value)[:60])
+    return tuple(_number(file, f"{place}[{at}]", number, *limits) for at, number in enumerate(value))
+
+
+def _after(file: Path, place: str, value: Any) -> tuple[int, float]:
+    if not isinstance(value, dict) or set(value) != {"mode", "for_s"}:
+        raise InputError(file, place, "a table of mode and for_s", repr(value)[:60])
+    mode = _number(file, f"{place}.mode", value["mode"], 0, 0xFF, whole=True)
+    return int(mode), _number(file, f"{place}.for_s", value["for_s"], 0.0, 1e6)
+
+
+def _number(file: Path, place: str, value: Any, low: float, high: float, *, whole: bool = False) -> float:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not low <= value <= high or (whole and value != int(value)):
+        expected = f"a {'whole ' if whole else ''}number, {between(low, high)}"
+        raise InputError(file, place, expected, repr(value)[:60])
+    return float(value)
 
 
 def check_choice(file: Path, place: str, items: list[ScriptItem], key: str, known: tuple[str, ...]) -> None:

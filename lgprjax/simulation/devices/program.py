@@ -207,13 +207,14 @@ class RealTime:
     Args:
         make: the stage that begins at a time.
         rate: world's seconds in one of the computer's.
+        parent: process without which the devices end.
 
     Raises:
         InputError: the spec cannot be used.
     """
 
-    def __init__(self, make: StageMaker, rate: float) -> None:
-        self._rate = rate
+    def __init__(self, make: StageMaker, rate: float, parent: int) -> None:
+        self._rate, self._parent = rate, parent
         _warm(make(0))
         gc.collect()
         gc.freeze()
@@ -221,11 +222,12 @@ class RealTime:
         self.stage = make(self._origin_ns)
         self.ports = Ports(self.stage.renew)
         self._ends = threading.Event()
+        self._failure: BaseException | None = None
         self._late_ticks, self._skipped = 0, 0
         self._largest_late_s, self._render_s = 0.0, 0.0
 
     def run(self) -> dict[str, float]:
-        """Run until ``end``; figures of the run."""
+        """Run until ``end``; figures of the run. What ends the thread of the ports is raised here."""
         began_s, cpu_s = time.monotonic(), time.process_time()
         server = threading.Thread(target=self._serve, name="ports")
         server.start()
@@ -235,6 +237,8 @@ class RealTime:
             self._ends.set()
             server.join()
             self.ports.close()
+        if self._failure is not None:
+            raise self._failure
         cpu_s = time.process_time() - cpu_s
         return {
             "cpu_s": cpu_s,
@@ -256,7 +260,7 @@ class RealTime:
         return self._origin_ns + (since_ns if self._rate == 1.0 else round(self._rate * since_ns))
 
     def _tick_on(self) -> None:
-        stage, parent, looked_s = self.stage, os.getppid(), 0.0
+        stage, looked_s = self.stage, 0.0
         while not self._ends.is_set():
             wait_s = 1e-9 * (stage.next_ns - self._now_ns()) / self._rate
             if wait_s > 0.0:
@@ -273,7 +277,7 @@ class RealTime:
                 self._render_s += time.thread_time() - began_s
             if time.monotonic() - looked_s > _PARENT_S:
                 looked_s = time.monotonic()
-                if os.getppid() != parent:
+                if os.getppid() != self._parent:
                     self._ends.set()
 
     def _serve(self) -> None:
@@ -283,6 +287,8 @@ class RealTime:
                     self.ports.send(line, data)
                 for line, data in self.ports.exchange(_LOOK_S):
                     self.stage.receive(line, data, self._now_ns())
+        except BaseException as error:
+            self._failure = error
         finally:
             # Without its ports the world has no use.
             self._ends.set()
@@ -297,7 +303,7 @@ def run_devices(file: Path) -> int:
     _hold_xla_to_one()
     sys.setswitchinterval(0.0005)
     spec, make = open_spec(file)
-    real = RealTime(make, spec.rate)
+    real = RealTime(make, spec.rate, spec.parent)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: real.end())
     real.ports.announce(Path(spec.ports))

@@ -299,7 +299,7 @@ class RadarBox:
         self._listener = HostListener("radar")
         self._begun_ns: int | None = None
         self._first: int | None = None
-        self._every = 1
+        self._every, self._base, self._next = 1, 0, 0
         self._busy_since_ns = 0
         self._waiting: deque[RecordedScan] = deque()
 
@@ -320,8 +320,10 @@ class RadarBox:
                 continue
             if self._first is None:
                 self._first = scan.number
-            if (scan.number - self._first) % self._every == 0:
-                self._waiting.append(scan)
+            count, between = divmod(scan.number - self._first, self._every)
+            if between == 0:
+                self._next = self._base + count + 1
+                self._waiting.append(scan._replace(number=self._base + count))
 
     def due(self, now_ns: int, late_ns: int = 0) -> list[tuple[int, bytes]]:
         """Scan frames whose time has come, each with when it was due; ``late_ns`` later than a sound radar's."""
@@ -330,12 +332,11 @@ class RadarBox:
         wait_ns = round(1e9 * self._period_s) + PROCESSING_NS + late_ns
         while self._waiting and self._waiting[0].stamp_ns + wait_ns <= now_ns:
             scan = self._waiting.popleft()
-            if scan.data is None or self._first is None:
+            if scan.data is None:
                 self.dropped += 1
                 continue
             channels, samples = scan.data.shape
-            number = (scan.number - self._first) // self._every
-            fields = {"scan": number, "channels": channels, "samples": samples, "valid": (1 << channels) - 1}
+            fields = {"scan": scan.number, "channels": channels, "samples": samples, "valid": (1 << channels) - 1}
             frame = self._frame("radar_scan", {**fields, "data": scan.data.tobytes()}, scan.stamp_ns)
             frames.append((scan.stamp_ns + wait_ns, frame))
         return frames
@@ -372,9 +373,13 @@ class RadarBox:
             self.state = RadarState.IDLE
             self._waiting.clear()
         elif action == 1:
+            every = max(round(period_us / (1e6 * self._period_s)), 1)
             if self.state is not RadarState.SCANNING:
-                self._begun_ns, self._first = now_ns, None
-            self._every = max(round(period_us / (1e6 * self._period_s)), 1)
+                self._begun_ns, self._first, self._base, self._next = now_ns, None, 0, 0
+            elif every != self._every:
+                # The start has been before: numbers go on from it at the other period.
+                self._first, self._base = None, self._next
+            self._every = every
             self.state = RadarState.SCANNING
         elif action in (2, 3) and self.state is RadarState.IDLE:
             self.state = RadarState.CALIBRATING if action == 2 else RadarState.LOOKING_UP

@@ -1,6 +1,7 @@
 """What every stage is: devices in their world, with a script, faults and lines; bytes and time in, frames out."""
 
 import json
+import os
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
@@ -44,6 +45,8 @@ class StageSpec(BaseModel):
         script: what the driver does.
         faults: what goes wrong.
         rate: world's seconds in one of the computer's.
+        parent: process without which the devices end. Whoever starts them writes its own here: loading takes seconds,
+            and a parent that dies meanwhile is no longer this process's when the file is read.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -53,6 +56,7 @@ class StageSpec(BaseModel):
     script: list[dict[str, Any]] = []
     faults: list[dict[str, Any]] = []
     rate: float = Field(default=1.0, gt=0.0, le=10.0)
+    parent: int = Field(default_factory=os.getppid, gt=0)
 
 
 _Spec = TypeVar("_Spec", bound=StageSpec)

@@ -37,10 +37,10 @@ from lgprjax.registration import (
     ground_map_for,
     sigmas_along_cross,
 )
-from lgprjax.scene import WEATHER, LiveRadar, Readings, ReceiverFaults, draw_springs
+from lgprjax.scene import WEATHER, LiveRadar, Readings, ReceiverFaults, SensorFaults, draw_springs
 from lgprjax.simulation.loop.closed_loop import LoopTick, decide, move, tick_record
 from lgprjax.simulation.loop.loop_setup import LoopSetup, LoopSpec, LoopState, TrackingError, start_loop, tracking_error
-from lgprjax.simulation.loop.off_road import OffRoadCourse, SceneFrame, scene_frame_of
+from lgprjax.simulation.loop.off_road import OffRoad, OffRoadCourse, SceneFrame, scene_frame_of
 from lgprjax.vehicle import VehiclePose
 
 # The radar's part of a closed loop: scans rendered at the true pose, registered from the estimated one.
@@ -82,6 +82,9 @@ class RadarLoop:
         ticks: that it may last.
         tick_s: of the loop.
         chance: of the map.
+
+    Raises:
+        ValueError: a tick is not a whole number of the course's scans.
     """
 
     def __init__(
@@ -97,9 +100,8 @@ class RadarLoop:
         tick_s: float,
         chance: Chance = POOLED,
     ) -> None:
-        self._course, self._tick_s = course, tick_s
+        self._course, self._tick_s, self._scans = course, tick_s, _scans_a_tick(course.spec, tick_s)
         self.frame: SceneFrame = scene_frame_of(source.description.frame)
-        self._scans = round(tick_s * course.spec.scan_hz)
         self._radar = LiveRadar(
             course.ground,
             WEATHER[weather](day_seed),
@@ -213,6 +215,14 @@ class RadarLoop:
         return np.stack([centre[:, 0], centre[:, 1], height, centre[:, 2], roll_rad + self._roll_error], axis=1)
 
 
+def _scans_a_tick(spec: OffRoad, tick_s: float) -> int:
+    scans = tick_s * spec.scan_hz
+    if scans < 0.5 or abs(scans - round(scans)) > 1e-6:
+        found = f"scan_share {spec.scan_share} makes {scans:g}"
+        raise ValueError(f"a tick of {tick_s:.4g} s holds a whole number of scans, one or more: {found}")
+    return round(scans)
+
+
 class _Seen(NamedTuple):
     """Inputs of a tick's search, fetched at once: four numbers a row, the last of a pose's unused.
 
@@ -279,6 +289,8 @@ def _observation(
     return LgprObservation(*(cast("Array", number) for number in numbers))
 
 
+_DRAWN_FAULTS = ("odometer_lost_s", "lgpr_wrong_s", "lgpr_faded_s")
+"""Drawn fixes alone are wrong or faded on demand; the search between them goes by the odometer."""
 _STARTS_AT_M = 2.0
 _START_MPS = 2.0
 _BELIEVED_OFF_M = 0.3
@@ -353,7 +365,11 @@ def drive_course(
         seed: of the day, the faults of the radar, and all noise.
         chance: of the map.
         progress: called for every tick.
+
+    Raises:
+        ValueError: a fault that is none of a real search, or that the search does not know; no start on the route.
     """
+    _refuse_drawn_faults(setup.faults)
     length_m = float(route.legs.length_m[0])
     ticks = int(1.3 * length_m / float(setup.set_speed_mps) / spec.tick_s) + 200
     radar = RadarLoop(
@@ -412,6 +428,12 @@ def drive_course(
         np.asarray(travelled),
         finished,
     )
+
+
+def _refuse_drawn_faults(faults: SensorFaults) -> None:
+    for name in _DRAWN_FAULTS:
+        if float(getattr(faults, name)[0]) < np.inf:
+            raise ValueError(f"{name}: a course with full registration has no such fault")
 
 
 def _start_of(source: MapFile, course: OffRoadCourse) -> tuple[VehiclePose, float]:

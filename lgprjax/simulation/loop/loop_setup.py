@@ -49,6 +49,7 @@ from lgprjax.scene import (
     live_sensors,
     no_faults,
 )
+from lgprjax.scene.plant import SUBSTEPS
 from lgprjax.scene.road import follow_centre
 from lgprjax.scene.vehicle_drive import chassis_of, pedals_of, servo_of
 from lgprjax.simulation.handover import Handover, init_handover
@@ -230,8 +231,17 @@ class LoopVehicle:
 
 
 def loop_setup(spec: LoopSpec, made_of: LoopVehicle, terrain: Terrain) -> LoopSetup:
-    """The loop of a vehicle whose calibration is good, not perfect."""
+    """The loop of a vehicle whose calibration is good, not perfect.
+
+    Raises:
+        ValueError: its servo's delay is longer than the loop's slots.
+    """
     true = made_of.vehicle
+    longest_s = spec.delay_slots * spec.tick_s / SUBSTEPS
+    if true.delay_s > longest_s * (1 + 1e-6):
+        raise ValueError(
+            f"delay_s is at most {longest_s:.4g} with {spec.delay_slots} delay_slots, not {true.delay_s:g}"
+        )
     ratio = true.rear
     believed = replace(
         true,

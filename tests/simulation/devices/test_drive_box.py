@@ -185,6 +185,18 @@ def test_the_braking_test_presses_and_measures(pressure: float, state: int) -> N
     assert bench.status().state & (128 | 32) == state
 
 
+def test_a_braking_test_that_is_asked_for_again_goes_on() -> None:
+    bench = _Bench()
+    bench.command(0)
+    for _ in range(50):
+        bench.box.receive(host_frame(0x22, b"\x01", bench.sequence, bench.now_ns), bench.now_ns)
+        bench.sequence += 1
+        bench.wait(20)
+        bench.command(0)
+        bench.rolls(0.0, 0.48)
+    assert bench.status().state & (128 | 32) == 128
+
+
 def test_no_braking_test_while_it_rolls() -> None:
     bench = _Bench()
     bench.command(0)

@@ -62,6 +62,16 @@ def test_a_longer_period_leaves_scans_out() -> None:
     assert struct.unpack("<HHIifI", read_frame(box.description(0)).payload)[5] == 23810
 
 
+def test_numbers_go_on_where_the_period_changes_while_it_scans() -> None:
+    box = _radar()
+    _tell(box, 1, 0, 0)
+    box.put([_scan(number) for number in range(4)])
+    _tell(box, 1, 1, 4 * _PERIOD_NS, period_us=2 * 7937)
+    box.put([_scan(number) for number in range(4, 9)])
+    numbers = [struct.unpack_from("<I", read_frame(data).payload)[0] for _, data in box.due(1000 * MS)]
+    assert numbers == [0, 1, 2, 3, 4, 5, 6]
+
+
 def test_it_describes_itself() -> None:
     told = read_frame(_radar().description(5000))
     assert told.kind == 0x14

@@ -1,5 +1,6 @@
 """When the items of scripts and faults begin and end, and which are refused."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +84,18 @@ def test_a_stuck_value_is_held_until_the_fault_ends() -> None:
         ({"kind": "gnss_off"}, "faults[0]"),
         ({"at_s": 1, "at_way_m": 2, "kind": "gnss_off"}, "faults[0]"),
         ({"at_s": 1, "kind": "gnss_off", "colour": 2}, "faults[0].colour"),
+        ({"at_s": "x", "kind": "gnss_off"}, "faults[0].at_s"),
+        ({"at_s": 0, "kind": "gnss_off", "every_s": 0}, "faults[0].every_s"),
+        ({"at_s": 0, "kind": "gnss_off", "for_s": math.nan}, "faults[0].for_s"),
+        ({"at_way_m": math.inf, "kind": "gnss_off"}, "faults[0].at_way_m"),
+        ({"at_arrival": 1.5, "kind": "gnss_off"}, "faults[0].at_arrival"),
+        ({"after": {"for_s": 1}, "kind": "gnss_off"}, "faults[0].after"),
+        ({"after": {"mode": "SPEED", "for_s": 1}, "kind": "gnss_off"}, "faults[0].after.mode"),
+        ({"at_s": 1, "kind": "gnss_jump", "m": 3.0}, "faults[0].m"),
+        ({"at_s": 1, "kind": "gnss_jump", "m": [3.0, "x"]}, "faults[0].m[1]"),
+        ({"at_s": 1, "kind": "supply_sag", "v": "low"}, "faults[0].v"),
+        ({"at_s": 1, "kind": "radar_errors", "bits": 70_000}, "faults[0].bits"),
+        ({"at_s": 1, "kind": "time_step", "s": True}, "faults[0].s"),
     ],
 )
 def test_what_is_not_as_expected_is_refused(row: dict[str, Any], place: str) -> None:
