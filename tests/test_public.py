@@ -22,11 +22,14 @@ from matplotlib.axes import Axes
 import lgprjax as lx
 from frozen.recordings import lay_out
 from generated import Site
+from lgprjax.api.inputs import whole_number
 from lgprjax.api.maps import Map
 from lgprjax.api.matching import Batch
 from lgprjax.api.page import api_page, examples
 from lgprjax.api.vehicles import Vehicle
+from lgprjax.batch.recording import RecordedBlock, TraceDrive
 from lgprjax.errors import InputError
+from lgprjax.files import file_hash
 from lgprjax.pso import SwarmResult
 from lgprjax.report import WRONG_M
 from lgprjax.tuning.look_ahead import TrialCourses, TunedVehicle, sweep_look_ahead
@@ -110,10 +113,16 @@ def test_one_name_or_log_is_several_of_one(tmp_path: Path) -> None:
     assert repr(tuned).startswith("Tuned 'straight'")
 
 
+def test_a_study_file_takes_no_logs_or_options_beside_it(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"call: logs, degree: expected vehicle beside them"):
+        lx.tune(_ROOT / "tuning" / "k_ratio.toml", logs=[tmp_path / "none"], degree=3)
+
+
 def test_the_page_is_made_from_the_docstrings() -> None:
     assert (_ROOT / "docs" / "api.md").read_text(encoding="utf-8") == api_page(), (
         "python -m lgprjax.api.page > docs/api.md"
     )
+    assert "tune(study, *, vehicle=None, logs=(), held_out=(), **options)" in api_page()
 
 
 def test_the_import_costs_nothing() -> None:
@@ -265,14 +274,60 @@ def test_a_rollout_under_jit_vmap_and_grad(vehicle: Vehicle) -> None:
     single = drive(vehicle, bend, 3.0)
     assert isinstance(single.plot(), Axes)
     many = jax.vmap(lambda metres: drive(vehicle, bend, metres))(jnp.array([2.0, 3.0]))
+    assert many.trace.x_m.shape == (2, 200)
     np.testing.assert_allclose(many.metrics.rms_m[1], single.metrics.rms_m, rtol=1e-4)
     together = drive(vehicle, bend, jnp.array([2.0, 3.0]))
     np.testing.assert_allclose(together.metrics.rms_m, many.metrics.rms_m, rtol=1e-4)
+    for several in (many, together):
+        assert repr(several) == "Rollout: 200 steps of 2 vehicles"
+        _, *lines = several.plot().lines
+        np.testing.assert_allclose(lines[1].get_xydata(), single.plot().lines[1].get_xydata(), atol=1e-3)
     slope = jax.grad(lambda metres: drive(vehicle, bend, metres).metrics.rms_m)(3.0)
     assert np.isfinite(slope)
     assert slope != 0.0
     own = drive(vehicle, bend)
     assert float(own.metrics.rms_m) != float(single.metrics.rms_m)
+
+
+def test_a_batch_of_courses_says_so_and_is_drawn() -> None:
+    batch = jax.tree.map(lambda field: jnp.stack([field, field]), lx.course("offset"))
+    assert repr(batch) == "Course 'offset': a batch of 2"
+    assert len(batch.plot().lines) == 2
+
+
+def test_numbers_of_numpy_are_numbers(vehicle: Vehicle) -> None:
+    course = lx.course("offset", metres=np.float32(2.0), length_m=np.int64(50))  # type: ignore[arg-type]
+    assert repr(course) == "Course 'offset': 50.0 m, begun 2 m to the left"
+    drive = lx.rollout(vehicle, lx.course("line"), 3.0, duration_s=np.int64(1), step_s=np.float64(0.05))  # type: ignore[arg-type]
+    assert drive.trace.x_m.shape == (20,)
+    assert whole_number("workers", np.int64(2)) == 2
+
+
+def test_traces_come_in_the_order_of_the_slice(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lgprjax.api.drives._BLOCK_SCANS", 64)
+    drive, starts = lx.open_drive(site.logs["live"]), list[int]()
+    blocks = TraceDrive.blocks
+
+    def noted(self: TraceDrive, scans: int, start: int = 0) -> Iterator[RecordedBlock]:
+        starts.append(start)
+        return blocks(self, scans, start)
+
+    monkeypatch.setattr(TraceDrive, "blocks", noted)
+    whole = drive.traces(slice(0, 300))
+    np.testing.assert_array_equal(drive.traces(slice(299, None, -3)), whole[299::-3])
+    np.testing.assert_array_equal(drive.traces(slice(200, 300)), whole[200:])
+    assert starts == [0, 2, 200]
+    assert drive.traces(slice(5, 5)).shape == (0, *whole.shape[1:])
+
+
+def test_a_map_is_sliced_at_the_time_asked_for(site: Site) -> None:
+    assert lx.view(site.map, travel_time_ns=7.3).get_title().startswith("Map site: 7.3 ns, ")
+
+
+def test_a_clean_file_has_a_table_of_findings_without_rows(site: Site) -> None:
+    table = lx.check(site.map).table
+    assert list(table.columns) == ["file", "place", "expected", "found", "severity"]
+    assert not len(table)
 
 
 def test_axes_of_ones_own_are_drawn_on(session: tuple[Path, dict[str, Any]], opened: Map, site: Site) -> None:
@@ -327,6 +382,27 @@ def test_fixes_are_saved_as_the_command_line_does(session: tuple[Path, dict[str,
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(InputError, match="file: expected a folder or file that can be used, found "):
         session[1]["fixes"].save(tmp_path / "file" / "folder")
+
+
+def test_fixes_of_a_file_that_was_replaced_are_not_saved(
+    session: tuple[Path, dict[str, Any]], site: Site, tmp_path: Path
+) -> None:
+    copy = tmp_path / "site.map.h5"
+    shutil.copyfile(site.map, copy)
+    with lx.open_map(copy) as opened:
+        before = opened.sha256
+        fixes = lx.register(opened, site.logs["live"], options=lx.RegisterOptions(search_m=1.5, window_m=0.0))
+    copy.unlink()
+    shutil.copyfile(session[0] / "site.map.h5", copy)
+    with pytest.raises(InputError, match="expected the file that the fixes were made from, found one written since"):
+        fixes.save(tmp_path / "saved")
+    assert not (tmp_path / "saved").exists()
+    with lx.open_map(copy) as opened:
+        copy.unlink()
+        shutil.copyfile(site.map, copy)
+        with pytest.raises(InputError, match="expected the file that was opened, found one written since"):
+            _ = opened.sha256
+    assert before == file_hash(copy)
 
 
 def _closed(path: Path) -> Map:
@@ -415,7 +491,7 @@ def _calls(folder: Path, site: Site) -> dict[str, tuple[Any, str]]:
         "a window": (lambda: lx.open_map(site.map).batch(live, slice(9), window_m=-1.0), "window_m: expected 0 to 30"),
         "a channel": (
             lambda: lx.view(live, channel=11),
-            "expected number 11 from channel, found 0 to 10",
+            "live.drive.h5: channel: expected 0 to 10, found 11",
         ),
         "a speed": (
             lambda: lx.view(live, velocity_m_per_ns=1.0),
@@ -441,7 +517,7 @@ def _calls(folder: Path, site: Site) -> dict[str, tuple[Any, str]]:
         ),
         "a duration": (
             lambda: lx.tracking_cost(3.0, lx.open_vehicle(vehicle), lx.course("line"), duration_s=0.0),
-            "call: duration_s: expected a positive Python number",
+            "call: duration_s: expected a positive number",
         ),
         "no vehicle": (
             lambda: lx.tracking_cost(3.0, vehicle, lx.course("line")),  # type: ignore[arg-type]
@@ -493,6 +569,53 @@ def _calls(folder: Path, site: Site) -> dict[str, tuple[Any, str]]:
             "a name that ends in .vehicle",
         ),
         "no study": (lambda: lx.tune(folder / "none.toml"), "none.toml: file: "),
+        "a word for a speed": (
+            lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, speed_mps="a"),  # type: ignore[arg-type]
+            "call: speed_mps: expected a number, found 'a'",
+        ),
+        "a word for a confidence": (
+            lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, confidence="x"),  # type: ignore[arg-type]
+            "call: confidence: expected a number, found 'x'",
+        ),
+        "a number of sides": (
+            lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, sides=3),  # type: ignore[arg-type]
+            "call: sides: expected texts such as",
+        ),
+        "no points": (
+            lambda: lx.course(np.zeros((0, 2))),
+            "course: points: expected an array [point, 2], found one of",
+        ),
+        "a huge arc": (
+            lambda: lx.course("arc", radius_m=1e6),
+            "course: radius_m, turn_deg: expected a course of at most 100000 m, found one of",
+        ),
+        "a huge eight": (lambda: lx.course("eight", radius_m=1e5), "course: radius_m: expected a course of at most"),
+        "far points": (
+            lambda: lx.course([[0.0, 0.0], [1e9, 1.0], [0.0, 2.0]]),  # type: ignore[arg-type]
+            "course: points: expected a course of at most 100000 m",
+        ),
+        "an array of hands": (
+            lambda: lx.course("arc", hand=np.array(["left", "right"])),  # type: ignore[arg-type]
+            "course: hand: expected left or right",
+        ),
+        "uneven look-aheads": (
+            lambda: lx.rollout(lx.open_vehicle(vehicle), lx.course("line"), [3.0, [2.0]]),  # type: ignore[arg-type]
+            "call: look_ahead_m: expected a number above 0, or an array of them",
+        ),
+        "two look-aheads at three speeds": (
+            lambda: lx.rollout(
+                lx.open_vehicle(vehicle), lx.course("line"), np.array([3.0, 2.0]), speed_mps=np.array([1.0, 2.0, 3.0])
+            ),
+            "call: look_ahead_m, speed_mps, course: expected shapes that go together, found (2,), (3,), ()",
+        ),
+        "a word for an effort": (
+            lambda: lx.tracking_cost(3.0, lx.open_vehicle(vehicle), lx.course("line"), effort_m2="x"),  # type: ignore[arg-type]
+            "call: effort_m2: expected a number of at least 0, or an array of them, found 'x'",
+        ),
+        "a time below the map": (
+            lambda: lx.view(site.map, travel_time_ns=500.0),
+            "call: travel_time_ns: expected above 0 and at most ",
+        ),
         "no format": (lambda: lx.check(_ROOT / "README.md"), "README.md: file name: expected a suffix among"),
     }
 

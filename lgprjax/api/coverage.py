@@ -127,12 +127,19 @@ def plan_coverage(
     """
     from lgprjax.worked import PlanOptions, check_plan_options, make_cover_plan
 
-    for name, value in (("overlap", overlap), ("turning_room_m", turning_room_m), ("heading_deg", heading_deg)):
-        if value is not None or name == "overlap":
-            require_number(name, value, "a number", -np.inf, np.inf)
-    for name, value in (("keep_out_buffer_m", keep_out_buffer_m), ("clearance_m", clearance_m), ("level", level)):
+    for name, value in (
+        ("overlap", overlap),
+        ("keep_out_buffer_m", keep_out_buffer_m),
+        ("clearance_m", clearance_m),
+        ("speed_mps", speed_mps),
+        ("drop_out_s", drop_out_s),
+        ("level", level),
+    ):
         require_number(name, value, "a number", -np.inf, np.inf)
-    if isinstance(sides, str) or not all(isinstance(each, str) for each in sides):
+    for name, perhaps in (("turning_room_m", turning_room_m), ("heading_deg", heading_deg), ("confidence", confidence)):
+        if perhaps is not None:
+            require_number(name, perhaps, "a number", -np.inf, np.inf)
+    if isinstance(sides, str) or not isinstance(sides, Iterable) or not all(isinstance(each, str) for each in sides):
         raise ArgumentError("sides", 'texts such as "1:none" or "rest:6"', repr(sides)[:60])
     options = PlanOptions(
         overlap,
@@ -202,7 +209,7 @@ class WorkedArea:
         benchmark_deg: tuple[float, float] | None = None,
         force: bool = False,
     ) -> tuple[Path, ...]:
-        """Write what is handed over: GeoPackage, GeoJSON, KML, turning points as CSV, and a report to be signed.
+        """Write what is handed over: the area as GIS layers, cells and turning points as CSV, a report to be signed.
 
         Args:
             folder: of the files, which have the record's name; it is made.
@@ -212,7 +219,7 @@ class WorkedArea:
             force: replace files that exist.
 
         Returns:
-            The files.
+            The files: GeoPackage, GeoJSON, KML, zipped shapefiles, the two CSV files, and the report in HTML.
 
         Raises:
             InputError: a file exists (without ``force``) or cannot be written, the benchmark is no place, or the

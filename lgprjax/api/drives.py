@@ -50,7 +50,7 @@ class Drive:
         For a stepped-frequency radar these are the calibrated sweeps, real parts before imaginary parts.
 
         Args:
-            scans: to read.
+            scans: to read; a negative step reads backwards.
 
         Raises:
             InputError: the log holds no radar recording or is damaged, or ``scans`` is no slice.
@@ -60,13 +60,17 @@ class Drive:
         require_slice(scans)
         with DriveLog.open(self.path) as log:
             wanted = np.arange(log.scans)[scans]
+            # Blocks come in the order of the log, whatever that of the slice. Without scans one still gives the shape.
+            rising = np.sort(wanted)
+            first, last = (int(rising[0]), int(rising[-1])) if len(rising) else (0, 0)
             found = []
-            for block in recording_of(log).blocks(_BLOCK_SCANS, int(wanted.min(initial=0))):
-                rows = wanted[(wanted >= block.start) & (wanted < block.start + len(block.recorded))] - block.start
+            for block in recording_of(log).blocks(_BLOCK_SCANS, first):
+                rows = rising[(rising >= block.start) & (rising < block.start + len(block.recorded))] - block.start
                 found.append(np.where(block.valid[rows][..., None], block.recorded[rows], np.float32(np.nan)))
-                if not len(wanted) or block.start + len(block.recorded) > wanted.max():
+                if block.start + len(block.recorded) > last:
                     break
-            return np.concatenate(found)
+            traces = np.concatenate(found)
+            return traces if np.array_equal(wanted, rising) else traces[::-1]
 
     def plot(self, *, channel: int | None = None, ax: "Axes | None" = None) -> "Axes":
         """Draw the radargram of one channel, by default the middle one, and return the axes. See ``view``."""

@@ -1,14 +1,14 @@
 """Files of the package and of instruments: validation and display."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lgprjax.api.inputs import PathLike, axes_or_new, path_of, require_number, told_as_arguments
-from lgprjax.errors import ArgumentError, InputError
+from lgprjax.api.inputs import PathLike, axes_or_new, path_of, require_number, told_as_arguments, whole_number
+from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, Finding, check_file
 
 if TYPE_CHECKING:
@@ -43,7 +43,8 @@ class Checked:
         import pandas as pd
 
         if self.health is None:
-            return pd.DataFrame([vars(finding) for finding in self.findings])
+            columns = [field.name for field in fields(Finding)]
+            return pd.DataFrame([vars(finding) for finding in self.findings], columns=columns)
         return pd.DataFrame([figure._asdict() for figure in self.health.figures]).drop(columns="where")
 
     def __repr__(self) -> str:
@@ -100,11 +101,12 @@ def view(
         channel: of a recording, from 0; by default the middle one.
         raw: amplitudes as recorded, without processing or gain.
         velocity_m_per_ns: of the wave, for depths; by default 0.1.
-        travel_time_ns: of the time slice of a map; by default that of its second slice of five, from the top.
+        travel_time_ns: two-way, of the middle of a map's time slice; by default the second of five, from the top.
         ax: axes to draw on; by default those of a new figure.
 
     Raises:
-        InputError: the file cannot be read, has no such channel, or the velocity is impossible.
+        InputError: the file cannot be read, has no such channel, the velocity is impossible, or the map holds nothing
+            at that travel time.
 
     Example:
         ax = lx.view("drives/live.drive.h5", channel=5)
@@ -117,8 +119,7 @@ def view(
 
     path = path_of(file, "file")
     name = path.name.lower()
-    if channel is not None and not isinstance(channel, int | np.integer):
-        raise ArgumentError("channel", "a whole number", repr(channel)[:60])
+    channel = None if channel is None else whole_number("channel", channel)
     for argument, value in (("velocity_m_per_ns", velocity_m_per_ns), ("travel_time_ns", travel_time_ns)):
         if value is not None:
             require_number(argument, value, "a number", -np.inf, np.inf)
@@ -140,9 +141,12 @@ def view(
             line = view_of_profile(
                 path, channel=channel, raw=raw, speed_m_per_ns=velocity_m_per_ns, sample_interval_ns=None
             )
-    radargram = line.radargrams[len(line.radargrams) // 2]
+    middle = len(line.radargrams) // 2
+    radargram = line.radargrams[middle]
     axes = draw_radargram(radargram, axes_or_new(ax), wave_speed_m_per_ns=line.wave_speed_m_per_ns)
-    axes.set_title(line.title)
+    # Of several channels, which its title need not tell apart, only one is drawn here.
+    shown = f"; channel {middle} of 0 to {len(line.radargrams) - 1}" if len(line.radargrams) > 1 else ""
+    axes.set_title(line.title + shown)
     return axes
 
 
@@ -152,9 +156,9 @@ def _draw_slice(path: Path, travel_time_ns: float | None, speed_m_per_ns: float,
     from lgprjax.report.style import CORRELATION_MAP, outer_edges
     from lgprjax.report.views import stations_of_map
 
-    stations = stations_of_map(path)
+    stations = stations_of_map(path, travel_time_ns)
     slices = slice_map(stations)
-    number = 1 if travel_time_ns is None else int(np.argmin(np.abs(stations.time_ns - travel_time_ns)))
+    number = 1 if travel_time_ns is None else 0
     low, high = level_limits(slices.level)
     image = axes.imshow(
         slices.level[number],

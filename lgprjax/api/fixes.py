@@ -10,9 +10,10 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, told_as_arguments
+from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, told_as_arguments, whole_number
 from lgprjax.api.maps import Map, held_ground, using_map
-from lgprjax.errors import ArgumentError
+from lgprjax.errors import ArgumentError, InputError
+from lgprjax.files import file_hash
 from lgprjax.formats import DriveLog, read_fixes
 from lgprjax.registration import Fix, RegisterOptions
 
@@ -44,7 +45,7 @@ class Fixes:
     fix: Fix
     truth: Float[np.ndarray, "scan 5"] | None
     result: "DriveResult"
-    _saved_with: "tuple[RegisteredDrive, Path, Path, RegisterOptions]"
+    _saved_with: "tuple[RegisteredDrive, Path, Path, RegisterOptions, tuple[str, str]]"
 
     def __repr__(self) -> str:
         told = self.summary
@@ -98,16 +99,21 @@ class Fixes:
             The CSV file.
 
         Raises:
-            InputError: a file exists (without ``force``) or cannot be written.
+            InputError: a file exists (without ``force``) or cannot be written, or the map or the drive log is no longer
+                the file that the fixes were made from.
         """
         from lgprjax.batch import write_registered
 
-        drive, map_path, log_path, options = self._saved_with
+        drive, map_path, log_path, options, sha256 = self._saved_with
         target = path_of(folder, "folder")
         with told_as_arguments():
+            # What is written names both files and takes the map's anchor: another file's would be untrue.
+            for path, then in zip((map_path, log_path), sha256, strict=True):
+                if file_hash(path) != then:
+                    raise InputError(path, "file", "the file that the fixes were made from", "one written since")
             target.mkdir(parents=True, exist_ok=True)
             with using_map(map_path) as site, DriveLog.open(log_path) as log:
-                write_registered(drive, site.source, log, options, target, force)
+                write_registered(drive, site.source, log, options, target, force, sha256)
         return target / f"{self.name}.fixes.csv"
 
 
@@ -144,6 +150,7 @@ def register(site: PathLike, drive: PathLike, *, options: RegisterOptions | None
     with using_map(site) as opened:
         check_options(options, opened)
         with DriveLog.open(path) as log:
+            sha256 = (opened.sha256, file_hash(path))
             done = register_log(opened.source, log, options, held=held_ground(opened, options))
             result = drive_result(done, opened.source, impostor=False, gnss_gap=gnss_gaps(log))
         return Fixes(
@@ -153,7 +160,7 @@ def register(site: PathLike, drive: PathLike, *, options: RegisterOptions | None
             fix=done.fix,
             truth=done.truth,
             result=result,
-            _saved_with=(done, opened.path, path.absolute(), options),
+            _saved_with=(done, opened.path, path.absolute(), options, sha256),
         )
 
 
@@ -178,7 +185,7 @@ class ManyFixes(Mapping[str, pd.DataFrame]):
     Attributes:
         folder: of ``NAME.fixes.csv``, ``NAME.fixes.h5``, ``archive.csv`` and the page ``archive.html``.
         table: DataFrame with one row a drive: scans by code, errors where the truth is known, what it cost.
-        failed: why a drive could not be registered, by its name.
+        failed: why a drive could not be registered now, by its name; its result of an earlier run is kept.
     """
 
     folder: Path
@@ -242,9 +249,10 @@ def register_many(
     from lgprjax.batch.folder import Workforce, register_folder
     from lgprjax.report.registered_folder import write_views
 
-    for name, count in (("workers", workers), ("threads", threads)):
-        if count is not None and not isinstance(count, int):
-            raise ArgumentError(name, "a whole number", repr(count)[:60])
+    workers, threads = (
+        None if count is None else whole_number(name, count)
+        for name, count in (("workers", workers), ("threads", threads))
+    )
     options = RegisterOptions() if options is None else options
     paths, target = paths_of(drives, "drive"), path_of(folder, "folder").absolute()
     with using_map(site) as opened:
@@ -258,7 +266,5 @@ def register_many(
     )
     names = [drive_name(path) for path in paths]
     table = whole[whole["drive"].isin(names)].reset_index(drop=True)
-    # A drive that cannot be read has no job, and none of the table's rows.
-    failed = {drive_name(Path(error.file)): str(error) for error in done.failed}
-    recorded = table[table["state"] == "failed"]
-    return ManyFixes(target, table, failed | dict(zip(recorded["drive"], recorded["error"], strict=True)))
+    lost = table[table["error"].notna()]
+    return ManyFixes(target, table, dict(zip(lost["drive"], lost["error"], strict=True)))

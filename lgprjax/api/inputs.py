@@ -65,8 +65,20 @@ def require_number(name: str, value: object, expected: str, least: float, most: 
     Raises:
         InputError: it is, and why.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not least <= value <= most:
+    if not is_number(value) or not least <= value <= most:  # type: ignore[operator]
         raise ArgumentError(name, expected, repr(value)[:60])
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is a plain real number, of Python or of NumPy; NaN and infinities are."""
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
+def whole_number(name: str, value: object) -> int:
+    """An argument as a Python number. Raises ``InputError`` where it is no whole number, of Python or of NumPy."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise ArgumentError(name, "a whole number", repr(value)[:60])
+    return int(value)
 
 
 def require_slice(given: object) -> None:

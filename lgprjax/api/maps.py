@@ -3,12 +3,14 @@
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal
 
 from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, require_number, told_as_arguments
 from lgprjax.errors import InputError, refuse_own_input
+from lgprjax.files import file_hash
 from lgprjax.formats import MapFile
 
 if TYPE_CHECKING:
@@ -41,6 +43,7 @@ class Map:
     def __init__(self, source: MapFile) -> None:
         self._source, self._closed = source, False
         self.path: Path = source.path.absolute()
+        self._opened_as = self._stamp()
         known = source.description
         self.name: str = known.name
         self.stations = len(source.places)
@@ -78,6 +81,24 @@ class Map:
         if self._closed:
             raise InputError(self.path, "file", "an open map", "closed: open it again")
         return self._source
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the file in hexadecimal, read once; what is made from the map names it.
+
+        Raises:
+            InputError: the file was removed or replaced since it was opened.
+        """
+        with told_as_arguments():
+            found = file_hash(self.path)
+        # The open file stays what it was when another takes its name; that other one is not what fixes are made from.
+        if self._stamp() != self._opened_as:
+            raise InputError(self.path, "file", "the file that was opened", "one written since: open it again")
+        return found
+
+    def _stamp(self) -> tuple[int, int]:
+        status = self.path.stat()
+        return status.st_size, status.st_mtime_ns
 
     def batch(
         self,

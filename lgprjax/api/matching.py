@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from lgprjax.api.maps import Map
 
 _TOGETHER = 16  # scans whose products with all cells of a tile are in memory together
-_FARTHEST_M = 30.0  # largest distance largest distance of a scan from the middle of its batch
+_FARTHEST_M = 30.0  # largest distance of a scan from the middle of its batch
 _EXTENT_STEP_M = 4.0  # extents of a tile are multiples of it, so that few shapes are compiled
 _WINDOW_SPACING = 0.3  # of the wavelength, between the scans of a window
 

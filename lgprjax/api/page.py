@@ -120,7 +120,10 @@ def _signature(name: str, public: object) -> str:
             continue
         if each.kind is each.KEYWORD_ONLY and not starred:
             told, starred = [*told, "*"], True
-        told.append(each.name if each.default is each.empty else f"{each.name}={each.default!r}")
+        several = each.kind is each.VAR_POSITIONAL
+        stars = "*" if several else "**" if each.kind is each.VAR_KEYWORD else ""
+        starred |= several
+        told.append(stars + each.name if each.default is each.empty else f"{each.name}={each.default!r}")
     inside = ", ".join(told)
     if len(inside) + len(name) > 100:
         inside = "\n" + textwrap.indent(",\n".join(told), "    ") + ",\n"

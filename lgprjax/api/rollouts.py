@@ -11,7 +11,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from lgprjax.api.inputs import axes_or_new
+from lgprjax.api.inputs import axes_or_new, is_number
 from lgprjax.api.vehicles import Vehicle, moving_parts
 from lgprjax.errors import InputError
 from lgprjax.vehicle import (
@@ -53,6 +53,7 @@ _USUAL: dict[str, float | str] = {
 }
 _SPEED_MPS = 2.235  # 5 mph
 _LONGEST_M = 1e5  # of a course: its table has a row every few centimetres
+_EIGHT_RADII = 15.73  # length of a lemniscate by its least radius
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["path", "offset_m"], meta_fields=["kind"])
@@ -73,14 +74,18 @@ class Course:
     def __repr__(self) -> str:
         if isinstance(self.path.length_m, jax.core.Tracer):
             return f"Course {self.kind!r}"
+        several = jnp.broadcast_shapes(jnp.shape(self.path.length_m), jnp.shape(self.offset_m))
+        if several:
+            return f"Course {self.kind!r}: a batch of {math.prod(several)}"
         beside = f", begun {float(self.offset_m):g} m to the left" if np.any(np.asarray(self.offset_m)) else ""
         return f"Course {self.kind!r}: {float(self.path.length_m):.1f} m{beside}"
 
     def plot(self, *, ax: "Axes | None" = None) -> "Axes":
-        """Draw the path from above and return the axes."""
+        """Draw the path from above, each of a batch, and return the axes."""
         axes = axes_or_new(ax)
-        rows = np.asarray(self.path.rows)[1:]
-        axes.plot(rows[:, 0], rows[:, 1])
+        rows = np.asarray(self.path.rows)
+        for path in rows.reshape(-1, *rows.shape[-2:]):
+            axes.plot(path[1:, 0], path[1:, 1])
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel("x (m)")
         axes.set_ylabel("y (m)")
@@ -129,11 +134,11 @@ def course(
             )
     told = {name: _USUAL[name] if given[name] is None else given[name] for name in takes}
     for name in takes:
-        if name != "hand" and not (isinstance(told[name], int | float) and math.isfinite(told[name])):  # type: ignore[arg-type]
+        if name != "hand" and not (is_number(told[name]) and math.isfinite(told[name])):  # type: ignore[arg-type]
             raise InputError("course", name, "a finite number", repr(told[name])[:60])
         if name == "length_m" and not 0.0 < told[name] <= _LONGEST_M:  # type: ignore[operator]
             raise InputError("course", name, f"more than 0 and at most {_LONGEST_M:g} m", f"{told[name]:g}")
-    if told.get("hand", "left") not in ("left", "right"):
+    if not isinstance(told.get("hand", "left"), str) or told.get("hand", "left") not in ("left", "right"):
         raise InputError("course", "hand", "left or right", repr(told["hand"])[:60])
     return Course(_path(kind, told), jnp.float32(told.get("metres", 0.0)), named)  # type: ignore[arg-type]
 
@@ -145,19 +150,27 @@ def _path(kind: Kind | Float[np.ndarray, "point 2"], told: dict[str, object]) ->
             points = np.asarray(kind, np.float64)
         except (TypeError, ValueError):
             raise InputError("course", "points", "an array [point, 2] of numbers", repr(kind)[:60]) from None
-        if points.ndim != 2 or points.shape[1] != 2:
+        if points.ndim != 2 or points.shape[1] != 2 or not len(points):
             raise InputError("course", "points", "an array [point, 2]", f"one of shape {points.shape}")
+        _require_length("points", float(np.sum(np.hypot(*np.diff(points, axis=0).T))))
         return path_from_points(points)
     if kind == "eight":
+        _require_length("radius_m", _EIGHT_RADII * number["radius_m"])
         return eight_course(number["radius_m"])
     if kind in ("line", "offset"):
         return line_course(number["length_m"])
     hand: Literal["left", "right"] = "right" if told["hand"] == "right" else "left"
     turn_rad = math.radians(number["turn_deg"])
+    _require_length("radius_m, turn_deg", number["radius_m"] * turn_rad)
     if kind == "arc":
         return arc_course(number["radius_m"], turn_rad, hand)
     # Clothoids over half of the turn: a quarter at each end.
     return clothoid_course(number["radius_m"], turn_rad, 0.5 * number["radius_m"] * turn_rad, hand)
+
+
+def _require_length(name: str, length_m: float) -> None:
+    if length_m > _LONGEST_M:
+        raise InputError("course", name, f"a course of at most {_LONGEST_M:g} m", f"one of {length_m:g} m")
 
 
 class Rollout(NamedTuple):
@@ -173,20 +186,28 @@ class Rollout(NamedTuple):
 
     def __repr__(self) -> str:
         if isinstance(self.metrics.rms_m, jax.core.Tracer) or jnp.ndim(self.metrics.rms_m):
-            return (
-                f"Rollout: {jnp.shape(self.trace.x_m)[0]} steps of {math.prod(jnp.shape(self.metrics.rms_m))} vehicles"
-            )
+            steps, vehicles = jnp.shape(self.trace.x_m)[self._steps_axis()], math.prod(jnp.shape(self.metrics.rms_m))
+            return f"Rollout: {steps} steps of {vehicles} vehicles"
         rms_m, most_m = float(self.metrics.rms_m), float(self.metrics.largest_m)
         return f"Rollout: {len(self.trace.x_m)} steps, off the path by {rms_m:.3f} m RMS, {most_m:.3f} m at most"
 
     def plot(self, *, ax: "Axes | None" = None) -> "Axes":
-        """Draw the distance from the path over the arc length, and return the axes."""
+        """Draw the distance from the path over the arc length, a line for each vehicle, and return the axes."""
         axes = axes_or_new(ax)
         axes.axhline(0.0, linewidth=0.8, color="0.6")
-        axes.plot(np.asarray(self.trace.arc_m), np.asarray(self.trace.offset_m))
+        ways = (
+            np.moveaxis(np.asarray(each), self._steps_axis(), 0) for each in (self.trace.arc_m, self.trace.offset_m)
+        )
+        axes.plot(*(way.reshape(len(way), -1) for way in ways))
         axes.set_xlabel("distance along the path (m)")
         axes.set_ylabel("offset (m), left positive")
         return axes
+
+    def _steps_axis(self) -> int:
+        """Axis of the trace's steps: the first for arrays of vehicles, behind those that ``vmap`` puts in front."""
+        shape, vehicles = jnp.shape(self.trace.x_m), jnp.shape(self.metrics.rms_m)
+        # With as many steps as vehicles both would do.
+        return next(axis for axis in range(len(shape)) if shape[:axis] + shape[axis + 1 :] == vehicles)
 
 
 def rollout(
@@ -207,14 +228,15 @@ def rollout(
         look_ahead_m: along the path; by default that of the vehicle file, over speed.
         speed_mps: constant, above 0. This and the look-ahead are scalars, or arrays with one value per
             vehicle.
-        duration_s, step_s: of the drive and of its steps; Python numbers, compiled in.
+        duration_s, step_s: of the drive and of its steps; plain numbers, compiled in.
         law: pursuit, ``exact`` (LL eq. 2) or in its ``closed`` form (LL eq. 3), or for comparison Stanley's.
 
     Returns:
-        Rollout: ``trace`` [step, ...] and ``metrics``.
+        Rollout: ``trace`` [step, ...] and ``metrics``; ``vmap`` puts its axis in front of the steps.
 
     Raises:
-        InputError: a skid-steer vehicle, a number missing in its file, or a duration that is not positive.
+        InputError: a skid-steer vehicle, a number missing in its file, a duration that is not positive, or arrays that
+            do not go together.
 
     Example:
         import jax
@@ -251,8 +273,8 @@ def tracking_cost(
         vehicle: a counter-steered one.
         course: from ``course``.
         speed_mps: constant.
-        duration_s: of the drive; a Python number, compiled in.
-        effort_m2: metres of cost per radian of wheel movement a metre.
+        duration_s: of the drive; a plain number, compiled in.
+        effort_m2: metres of cost per radian of wheel movement a metre; 0 or more.
 
     Raises:
         InputError: as ``rollout``.
@@ -265,6 +287,7 @@ def tracking_cost(
         cost, slope = jax.value_and_grad(lx.tracking_cost)(3.0, vehicle, beside)
         costs = jax.vmap(lx.tracking_cost, in_axes=(0, None, None))(jnp.linspace(2.0, 6.0, 5), vehicle, beside)
     """
+    _require_numbers("effort_m2", effort_m2, zero=True)
     spec, lane, start = _prepared(vehicle, course, look_ahead_m, speed_mps, duration_s, 0.05, "exact")
     _, metrics = roll_out(spec, course.path, lane, start)
     cost: Array = metrics.rms_m + jnp.asarray(effort_m2, jnp.float32) * metrics.effort_radpm
@@ -284,11 +307,12 @@ def _prepared(
         if not isinstance(given, type_):
             raise InputError("call", type_.__name__.lower(), f"what {maker}() gives", repr(given)[:60])
     for name, numbers in (("look_ahead_m", look_ahead_m), ("speed_mps", speed_mps)):
-        if numbers is not None and not isinstance(numbers, jax.core.Tracer):
-            _require_positive(name, numbers)
+        if numbers is not None:
+            _require_numbers(name, numbers)
     for name, value in (("duration_s", duration_s), ("step_s", step_s)):
-        if not (isinstance(value, int | float) and math.isfinite(value) and value > 0.0):
-            raise InputError("call", name, "a positive Python number (it is compiled in)", repr(value)[:60])
+        if not (is_number(value) and math.isfinite(value) and value > 0.0):
+            raise InputError("call", name, "a positive number (it is compiled in)", repr(value)[:60])
+    duration_s, step_s = float(duration_s), float(step_s)
     if law not in ("exact", "closed", "stanley"):
         raise InputError("call", "law", "exact, closed or stanley", repr(law)[:60])
     if vehicle.chassis is None or vehicle.servo is None:
@@ -300,7 +324,12 @@ def _prepared(
         where = "vehicle file" if vehicle.path is None else vehicle.path
         raise InputError(where, "pursuit.short_m", "a look-ahead, or the argument look_ahead_m", "none")
     speed = jnp.asarray(speed_mps, jnp.float32)
-    shape = jnp.broadcast_shapes(jnp.shape(ahead.short_m), jnp.shape(speed), jnp.shape(course.offset_m))
+    shapes = jnp.shape(ahead.short_m), jnp.shape(speed), jnp.shape(course.offset_m)
+    try:
+        shape = jnp.broadcast_shapes(*shapes)
+    except ValueError:
+        places, found = "look_ahead_m, speed_mps, course", ", ".join(map(str, shapes))
+        raise InputError("call", places, "shapes that go together", found) from None
     lane = RolloutLane(
         vehicle.chassis,
         vehicle.chassis,
@@ -316,11 +345,15 @@ def _prepared(
     return spec, lane, start
 
 
-def _require_positive(name: str, given: ArrayLike) -> None:
-    """Refuse what is no number or array of numbers above 0; what is traced cannot be looked at."""
+def _require_numbers(name: str, given: ArrayLike, *, zero: bool = False) -> None:
+    """Refuse what is no number or array of numbers above 0, or from 0 on; what is traced cannot be looked at."""
     try:
         values = np.asarray(given)
-    except jax.errors.TracerArrayConversionError:  # a list of traced numbers
+    except jax.errors.TracerArrayConversionError:
         return
-    if not (np.issubdtype(values.dtype, np.number) and np.all(np.isfinite(values)) and np.all(values > 0.0)):
-        raise InputError("call", name, "a number above 0, or an array of them", repr(given)[:60])
+    except ValueError:  # lists of unequal lengths
+        values = np.asarray(None)
+    real = np.issubdtype(values.dtype, np.integer) or np.issubdtype(values.dtype, np.floating)
+    if not (real and np.all(np.isfinite(values)) and np.all((values >= 0.0) if zero else (values > 0.0))):
+        least = "of at least 0" if zero else "above 0"
+        raise InputError("call", name, f"a number {least}, or an array of them", repr(given)[:60])

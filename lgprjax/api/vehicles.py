@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from lgprjax.api.inputs import PathLike, path_of, paths_of, told_as_arguments
-from lgprjax.errors import InputError
+from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats import VehicleFile, load_schema, read_vehicle, write_vehicle
 from lgprjax.vehicle import Chassis, LookAhead, Servo
 
@@ -227,14 +227,15 @@ def tune(
         study: a study file, with paths relative to its folder; or, with ``vehicle``, the kind of a study, such as
             ``"tracking"``, ``"loop"`` or ``"look_ahead"``.
         vehicle: a vehicle of a file, or its path.
-        logs, held_out: drives, drive logs, or folders of recorded runs; one, or several.
-        options: of this kind of study.
+        logs, held_out: with ``vehicle``, drives, drive logs, or folders of recorded runs; one, or several.
+        options: with ``vehicle``, of this kind of study.
 
     Returns:
         Tuned: ``vehicle`` with the numbers found, ``table`` with their intervals.
 
     Raises:
-        InputError: a file cannot be read, is about another vehicle, or does not hold what the fit needs.
+        InputError: logs or options without ``vehicle``, or a file cannot be read, is about another vehicle, or does not
+            hold what the fit needs.
 
     Example:
         tuned = lx.tune("tuning/k_ratio.toml")
@@ -259,6 +260,9 @@ def tune(
             dict(options),
         )
     else:
+        given = [name for name, paths in (("logs", logs), ("held_out", held_out)) if _log_paths(paths)] + list(options)
+        if given:
+            raise ArgumentError(", ".join(given), "vehicle beside them, as a study file states its own", "none")
         asked = study if isinstance(study, Study) else read_study(path_of(study, "study"))
     finished = run_study(asked)
     return Tuned(asked.name, asked.kind, vehicle_of(finished.vehicle, None), finished.outcome.notes, finished)

@@ -189,7 +189,7 @@ class JobRecord(_Kept):
         settings: of the search.
         version: of the program.
         attempts: workers that tried.
-        error: why it failed, one line.
+        error: why it failed, one line; of a job that is done, why a later run could not do it anew.
         outputs: SHA-256 of each, by file name.
         figures, cells, cost: of a job that is done.
     """
@@ -331,16 +331,31 @@ def plan_jobs(
         for found in readers.map(look, drives):
             if isinstance(found, InputError):
                 plan.unreadable.append(found)
+                drive = Path(found.file)
+                note_failure(run, Job(drive_name(drive), drive.absolute(), "", ""), found, attempts=1)
             elif force or not _is_done(run.folder, found):
                 plan.todo.append(found)
             else:
                 plan.done.append(found.name)
+                _forget_failure(run.folder, found.name)
             progress(1)
     return plan
 
 
 def note_failure(run: ArchiveRun, job: Job, error: InputError, attempts: int) -> None:
-    """Keep a record of a job that failed for good; a later run tries it again."""
+    """Keep a record of a job that failed for good; a later run tries it again.
+
+    A result that the drive has from an earlier run stays, with the failure noted beside it.
+    """
+    earlier = read_record(jobs_folder(run.folder) / f"{job.name}.json")
+    if (
+        earlier is not None
+        and earlier.state == "done"
+        and earlier.map_sha256 == run.map_sha256
+        and _outputs_unchanged(run.folder, earlier)
+    ):
+        write_record(run.folder, earlier.model_copy(update={"error": str(error)}))
+        return
     write_record(
         run.folder,
         JobRecord(
@@ -383,10 +398,21 @@ def _is_done(folder: Path, job: Job) -> bool:
     record = read_record(jobs_folder(folder) / f"{job.name}.json")
     if record is None or record.state != "done" or record.key != job.key:
         return False
+    return _outputs_unchanged(folder, record)
+
+
+def _outputs_unchanged(folder: Path, record: JobRecord) -> bool:
     try:
         return all(file_hash(folder / name) == sha256 for name, sha256 in record.outputs.items())
     except OSError:
         return False
+
+
+def _forget_failure(folder: Path, name: str) -> None:
+    """Drop the failure noted beside a result, whose drive is now what it was made from again."""
+    record = read_record(jobs_folder(folder) / f"{name}.json")
+    if record is not None and record.error:
+        write_record(folder, record.model_copy(update={"error": ""}))
 
 
 def _read_mark(path: Path) -> _Mark | None:

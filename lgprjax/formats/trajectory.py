@@ -149,9 +149,12 @@ def _kml(trajectory: Trajectory, _: LocalFrame) -> str:
     ).text = (
         f"{len(trajectory.time_s)} poses from {(began + timedelta(seconds=float(trajectory.time_s[0]))).isoformat()}"
     )
-    line = ElementTree.SubElement(mark, f"{{{_KML}}}LineString")
-    ElementTree.SubElement(line, f"{{{_KML}}}tessellate").text = "1"
-    ElementTree.SubElement(line, f"{{{_KML}}}coordinates").text = " ".join(
+    # KML's lines have two places or more.
+    several = len(trajectory.time_s) > 1
+    shape = ElementTree.SubElement(mark, f"{{{_KML}}}{'LineString' if several else 'Point'}")
+    if several:
+        ElementTree.SubElement(shape, f"{{{_KML}}}tessellate").text = "1"
+    ElementTree.SubElement(shape, f"{{{_KML}}}coordinates").text = " ".join(
         f"{longitude:.9f},{latitude:.9f}"
         for longitude, latitude in zip(trajectory.longitude_deg, trajectory.latitude_deg, strict=True)
     )

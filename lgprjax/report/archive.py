@@ -38,9 +38,9 @@ class ArchivePage:
         facts: quantity and value over all drives.
         places: number, place, latitude and longitude, scans, ok, largest error, drive, time.
         drives: the worst: name, scans searched, ok, wrong, RMS across and along, largest error, time a scan.
-        failed: drive and reason.
+        failed: drive and reason, also of drives that have a result of an earlier run.
         workers: worker, drives, programs compiled, drives after the first that compiled, peak memory, busy.
-        spread, plan: pictures of all drives and of all places.
+        spread, plan: pictures of all drives and of all places; None where no scan was searched.
     """
 
     title: str
@@ -66,7 +66,7 @@ def write_archive_page(path: str | Path, page: ArchivePage, *, force: bool = Fal
     drives = ReportTable(_DRIVES, page.drives, "Wrong: error above 0.3 m. All drives are in archive.csv.")
     workers = ReportTable(_WORKERS, page.workers, "Processes that made the results kept here.")
     failed = ReportTable(("drive", "why"), page.failed)
-    none = "No place with a scan that lacks a correct fix."
+    none = "No scan was searched." if page.plan is None else "No place with a scan that lacks a correct fix."
     sections = [
         Section("All drives", "", (ReportTable(("quantity", "value"), page.facts),), _figures(page.spread)),
         Section("Worst places", "" if page.places else none, (places,) if page.places else (), _figures(page.plan)),
@@ -115,11 +115,12 @@ def draw_archive_drives(drives: ArchiveDrives, path: str | Path, *, force: bool 
     """
     with picture(path, 11.0, 5.6, force) as figure:
         (share, errors), (times, codes) = figure.subplots(2, 2)
-        share.hist(100.0 * drives.ok_share, bins=_BINS, range=(0.0, 100.0), color=BLUE)
+        share.hist(100.0 * _finite(drives.ok_share), bins=_BINS, range=(0.0, 100.0), color=BLUE)
         share.set_xlabel("scans with an ok fix (%)")
         _draw_errors(errors, drives)
-        top_ms = 2.0 * float(np.percentile(drives.milliseconds_per_scan, 90.0))
-        times.hist(np.minimum(drives.milliseconds_per_scan, top_ms), bins=_BINS, range=(0.0, top_ms), color=MUTED)
+        took_ms = _finite(drives.milliseconds_per_scan)
+        top_ms = 2.0 * float(np.percentile(took_ms, 90.0)) if len(took_ms) else 1.0
+        times.hist(np.minimum(took_ms, top_ms), bins=_BINS, range=(0.0, top_ms), color=MUTED)
         times.set_xlabel("time a scan (ms)")
         for axes in (share, errors, times):
             axes.set_ylabel("drives")
@@ -129,12 +130,12 @@ def draw_archive_drives(drives: ArchiveDrives, path: str | Path, *, force: bool 
         write_caption(
             figure,
             "Errors are those of the ok fixes, root mean square over a drive, in the map's frame; where known. "
-            "Values beyond an axis are in its last bar: a worker's first drive includes compilation.",
+            "Values beyond an axis are in its last bar.",
         )
 
 
 def _draw_errors(axes: Axes, drives: ArchiveDrives) -> None:
-    cross, along = (values[np.isfinite(values)] for values in (drives.rms_cross_m, drives.rms_along_m))
+    cross, along = _finite(drives.rms_cross_m), _finite(drives.rms_along_m)
     axes.set_xlabel("RMS error (m)")
     if not len(cross):
         axes.text(0.5, 0.5, "no truth is known", transform=axes.transAxes, ha="center", color=MUTED)
@@ -143,6 +144,10 @@ def _draw_errors(axes: Axes, drives: ArchiveDrives) -> None:
     for values, colour, label in ((cross, BLUE, "across"), (along, ORANGE, "along")):
         axes.hist(np.minimum(values, top), bins=_BINS, range=(0.0, top), color=colour, histtype="step", label=label)
     axes.legend(frameon=False)
+
+
+def _finite(values: Float[np.ndarray, " drive"]) -> Float[np.ndarray, " known"]:
+    return np.asarray(values[np.isfinite(values)])
 
 
 def _draw_codes(axes: Axes, counts: dict[str, int]) -> None:

@@ -66,9 +66,11 @@ class PlanFrame:
 
 def reference_track(result: DriveResult) -> Float[np.ndarray, "scan 2"]:
     """East and north of the truth where it is known, else of the prior."""
-    if result.truth_east_m is not None and result.truth_north_m is not None:
-        return np.stack([result.truth_east_m, result.truth_north_m], axis=1)
-    return np.stack([result.prior_east_m, result.prior_north_m], axis=1)
+    prior = np.stack([result.prior_east_m, result.prior_north_m], axis=1)
+    if result.truth_east_m is None or result.truth_north_m is None:
+        return prior
+    truth = np.stack([result.truth_east_m, result.truth_north_m], axis=1)
+    return np.where(np.isfinite(truth).all(axis=1, keepdims=True), truth, prior)
 
 
 def plan_frame(track: Float[np.ndarray, "scan 2"]) -> PlanFrame:
@@ -107,12 +109,17 @@ def draw_plan(
     if declined.any():
         place = frame(result.prior_east_m[declined], result.prior_north_m[declined])
         axes.plot(*place, "x", color=MUTED, markersize=4, mew=1.0, label="declined (at the prior)", zorder=2.5)
-    fixes = frame(result.east_m[result.ok], result.north_m[result.ok])
-    drawn.append(fixes)
+    drawn.append(frame(result.east_m[result.ok], result.north_m[result.ok]))
+    known = np.isfinite(error_m)
+    judged, blind = result.ok & known, result.ok & ~known
+    if blind.any():
+        place = frame(result.east_m[blind], result.north_m[blind])
+        axes.plot(*place, "o", color=MUTED, markersize=4, mew=0.0, label="ok fixes, no truth", zorder=4)
+    fixes = frame(result.east_m[judged], result.north_m[judged])
     points = axes.scatter(
-        *fixes, c=error_m[result.ok], s=16, cmap=ERROR_MAP, vmin=-limit_m, vmax=limit_m, linewidth=0, zorder=4
+        *fixes, c=error_m[judged], s=16, cmap=ERROR_MAP, vmin=-limit_m, vmax=limit_m, linewidth=0, zorder=4
     )
-    if result.ok.any():
+    if judged.any():
         axes.plot([], [], "o", color=colormaps[ERROR_MAP](0.85), markersize=5, label="ok fixes, coloured by error")
     _set_limits(axes, frame, drawn)
     axes.legend(
@@ -201,6 +208,9 @@ def draw_trajectory(result: DriveResult, path: str | Path, *, force: bool = Fals
 
         _set_title(figure, result)
         notes = [] if result.has_truth else ["No truth: differences from the prior are drawn, not errors."]
+        blind = int((result.ok & ~np.isfinite(errors.cross_m)).sum())
+        if blind:
+            notes.append(f"No truth is known for {blind} of the ok fixes, whose errors are not drawn.")
         notes.append("Shaded: tried, but no ok fix.")
         if result.gnss_gap is not None and result.gnss_gap.any():
             notes.append("Hatched at the bottom: GNSS/INS silent for a second, or its sigma three times its best.")
@@ -221,19 +231,15 @@ def _draw_error(
     axes.axhline(0.0, color=MUTED, linewidth=0.8)
     shown = error_m[result.ok]
     if not np.isfinite(shown).any():
+        text = "no truth is known for the ok fixes" if len(shown) else "no ok fix"
         axes.set_ylim(-1.0, 1.0)
-        axes.text(0.5, 0.72, "no ok fix", transform=axes.transAxes, ha="center", va="center", color=MUTED, fontsize=12)
+        axes.text(0.5, 0.72, text, transform=axes.transAxes, ha="center", va="center", color=MUTED, fontsize=12)
         return
     distance, ok = result.distance_m[result.tried], result.ok[result.tried]
     sigma = np.where(ok, sigma_m[result.tried], np.nan)
     _draw_bands(axes, distance, sigma)
-    reach = 0.0
-    if result.prior_sigma_m is not None and not result.has_truth:
-        reach = result.prior_sigma_m
-        for sign, label in ((1.0, "± σ of the prior"), (-1.0, "_")):
-            axes.axhline(sign * reach, color=MUTED, linewidth=1.0, linestyle=":", label=label)
     axes.plot(result.distance_m[result.ok], shown, ".", color=INK, markersize=_dot_size(shown), label="ok fixes")
-    limit = _error_limit(shown, sigma, reach, _LEAST_LIMIT_M)
+    limit = _error_limit(shown, sigma, _LEAST_LIMIT_M)
     axes.set_ylim(-limit, limit)
 
 
@@ -254,7 +260,7 @@ def _draw_heading_error(axes: Axes, result: DriveResult) -> None:
         sigma_deg = np.where(result.ok, np.degrees(result.sigma_yaw_rad), np.nan)
         _draw_bands(axes, result.distance_m[result.tried], sigma_deg[result.tried])
     axes.plot(result.distance_m[result.ok], error_deg[result.ok], ".", color=INK, markersize=_dot_size(error_deg))
-    limit = _error_limit(error_deg[result.ok], sigma_deg, 0.0, _LEAST_LIMIT_DEG)
+    limit = _error_limit(error_deg[result.ok], sigma_deg, _LEAST_LIMIT_DEG)
     axes.set_ylim(-limit, limit)
     axes.set_ylabel("heading\nerror (°)\nleft positive")
 
@@ -310,13 +316,11 @@ def _colour_limit(error_m: Float[np.ndarray, " fix"]) -> float:
     return max(float(np.percentile(finite, 98.0)), _LEAST_LIMIT_M) if finite.size else _LEAST_LIMIT_M
 
 
-def _error_limit(
-    error: Float[np.ndarray, " fix"], sigma: Float[np.ndarray, " tried"], reach: float, least: float
-) -> float:
+def _error_limit(error: Float[np.ndarray, " fix"], sigma: Float[np.ndarray, " tried"], least: float) -> float:
     """Every ok fix stays visible, however wrong; the bands only as far as they do not flatten the errors."""
     errors, sigmas = (np.abs(values[np.isfinite(values)]) for values in (error, sigma))
     largest = float(errors.max()) if errors.size else 0.0
-    band = max(3.0 * float(np.percentile(sigmas, 95.0)) if sigmas.size else 0.0, reach)
+    band = 3.0 * float(np.percentile(sigmas, 95.0)) if sigmas.size else 0.0
     return 1.15 * max(largest, min(band, 5.0 * largest), least)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import quote
 
+from rich import markup
 from rich.table import Table
 
 from lgprjax.formats.store import atomic_output
@@ -93,7 +94,10 @@ def drive_section(summary: DriveSummary, figures: Sequence[ReportFigure]) -> Sec
     elif not summary.ok:
         text = f"None of {summary.tried} tried scans has an ok fix: this drive has no position from the map."
     elif summary.wrong_ok is None:
-        text = f"{summary.ok} of {summary.tried} tried scans have an ok fix. No truth is known, so no error is stated."
+        text = (
+            f"{summary.ok} of {summary.tried} tried scans have an ok fix. No truth is known for them, so no error is "
+            "stated."
+        )
     else:
         text = (
             f"{summary.ok} of {summary.tried} tried scans have an ok fix; {summary.judged} of these have a known "
@@ -206,9 +210,10 @@ def summary_table(summaries: Sequence[DriveSummary]) -> Table:
     rows = overview_rows(summaries)
     table.add_column(OVERVIEW_HEADER[0])
     for summary, row in zip(summaries, rows, strict=True):
-        table.add_column(row[0], justify="right", style="bold red" if summary.wrong_ok else None)
+        # A bracket in a name is no markup.
+        table.add_column(markup.escape(row[0]), justify="right", style="bold red" if summary.wrong_ok else None)
     for number, title in enumerate(OVERVIEW_HEADER[1:], start=1):
-        table.add_row(title, *(row[number] for row in rows))
+        table.add_row(title, *(markup.escape(row[number]) for row in rows))
     return table
 
 

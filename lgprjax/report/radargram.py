@@ -89,22 +89,22 @@ def radargram_of(profile: Profile, channel: int = 0) -> Radargram:
     count, samples = traces.shape
     start_m = 0.0 if profile.positions_m is None else float(profile.positions_m[0])
     way = -1.0 if profile.positions_m is not None and profile.positions_m[-1] < profile.positions_m[0] else 1.0
+    chosen = counted_columns(count)
+    along, in_metres = chosen.astype(np.float64), False
     if profile.spacing_m is not None:
-        chosen = counted_columns(count)
-        along = start_m + way * profile.spacing_m * chosen
+        along, in_metres = start_m + way * profile.spacing_m * chosen, True
     elif profile.positions_m is not None:
-        along, chosen = even_columns(way * profile.positions_m)
-        along = way * along
-    else:
-        chosen = counted_columns(count)
-        along = chosen.astype(np.float64)
+        places, nearest = even_columns(way * profile.positions_m)
+        # Traces that all have one position are counted, as those without any are.
+        if len(places) > 1:
+            along, chosen, in_metres = way * places, nearest, True
     held = traces[chosen].astype(np.float32)
     amplitude = np.where((chosen[:, None] >= 0) & np.isfinite(held), held, np.float32(np.nan))
     return Radargram(
         name=profile.path.name if profile.channels.shape[1] == 1 else f"channel {channel}",
         amplitude=amplitude,
         along=along,
-        in_metres=profile.spacing_m is not None or profile.positions_m is not None,
+        in_metres=in_metres,
         time_ns=np.arange(samples) * profile.sample_interval_ns - profile.time_zero_ns,
         centre_frequency_hz=profile.centre_frequency_hz,
     )

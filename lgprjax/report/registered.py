@@ -10,7 +10,7 @@ import numpy as np
 from lgprjax.batch import FixExample, RegisteredDrive, example_scan, fix_example, settings_of
 from lgprjax.batch.assumptions import UNSTATED
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, MapFile, assumed_in_words, read_fixes
+from lgprjax.formats import DriveLog, MapFile, assumed_in_words, atomic_output, read_fixes
 from lgprjax.frames import LocalFrame
 from lgprjax.registration import FEW_CHANNELS, LADDER_M, OFF_MAP_SCORE, PIECE_M, RegisterOptions
 from lgprjax.report.drive import draw_confidence, draw_trajectory, stated_errors
@@ -45,6 +45,7 @@ _PICTURES = {
 """A drive's pictures by the ends of their names, with caption and alternative text; not every drive has them all."""
 ENDS = tuple(_PICTURES)
 _FIXES = ".fixes.h5"
+_SUMMARY = "summary.json"
 
 
 def draw_drive(
@@ -63,7 +64,11 @@ def draw_drive(
     Raises:
         InputError: one of them exists (without ``force``) or cannot be written.
     """
-    trajectory, confidence, match, surface, swarm = (folder / f"{drive.name}{end}" for end in ENDS)
+    trajectory, confidence, match, surface, swarm = pictures = [folder / f"{drive.name}{end}" for end in ENDS]
+    if force:
+        # Not all are drawn of every drive: one of an earlier run would pass for a picture of these fixes.
+        for picture in pictures:
+            picture.unlink(missing_ok=True)
     draw_trajectory(result, trajectory, force=force)
     write_drive_page(result, folder / f"{drive.name}{PAGE}", force=force)
     figures = [ReportFigure(trajectory, *_PICTURES["-trajectory.png"])]
@@ -215,7 +220,7 @@ def earlier_summaries(folder: Path, names: Sequence[str]) -> list[DriveSummary]:
     Raises:
         InputError: ``summary.json`` is not one of a registration.
     """
-    path = folder / "summary.json"
+    path = folder / _SUMMARY
     if not path.exists():
         return []
     try:
@@ -250,14 +255,27 @@ def _earlier(folder: Path, summary: DriveSummary) -> tuple[CodedDrive, Section]:
 def write_page(
     results: Sequence[Registered], folder: Path, title: str, *, options: RegisterOptions, intro: str = ""
 ) -> Path:
-    """Write ``report.html``: overview, codes of all drives, a section each; drives registered before are kept."""
+    """Write ``report.html``: overview, codes of all drives, a section each; drives registered before are kept.
+
+    ``summary.json`` is completed by the search of each drive.
+
+    Raises:
+        InputError: ``summary.json`` is not one of a registration, or a file cannot be written.
+    """
     codes = folder / "codes.png"
     before = earlier_summaries(folder, [result.name for result, _, _ in results])
+    search = search_in_words(settings_of(options))
+    now = [replace(summary, search=search, risk=options.risk) for _, summary, _ in results]
+    summaries = [*before, *now]
+    # The next page over this folder, of drives searched otherwise, reads there how these were.
+    with atomic_output(folder / _SUMMARY, force=True) as temporary:
+        told = json.dumps([summary.as_json() for summary in summaries], indent=2)
+        temporary.write_text(f"{told}\n", encoding="utf-8")
     earlier = [_earlier(folder, summary) for summary in before]
     draw_codes(
         [*(coded for coded, _ in earlier), *(result for result, _, _ in results)],
         codes,
-        risk=options.risk,
+        risks=[summary.risk for summary in summaries],
         force=True,
     )
     figure = ReportFigure(
@@ -266,14 +284,17 @@ def write_page(
         "decade of evidence is a tenth of the probability that foreign ground matches as well.",
         "histograms of evidence and margin, bar of codes, one row a drive",
     )
-    summaries = [*before, *(summary for _, summary, _ in results)]
     tables = [table for table in (overview_table(summaries), declines_table(summaries)) if table is not None]
     overview = Section("All drives", "", tuple(tables), (figure,))
     page = folder / "report.html"
-    search = search_in_words(settings_of(options))
-    sections = [overview, *(section for _, section in earlier), *(section for _, _, section in results)]
-    write_report(page, title, f"{intro}\n\n{search}", sections, force=True)
+    drawn = [*(section for _, section in earlier), *(section for _, _, section in results)]
+    searched = [_with_search(section, summary) for section, summary in zip(drawn, summaries, strict=True)]
+    write_report(page, title, intro, [overview, *searched], force=True)
     return page
+
+
+def _with_search(section: Section, summary: DriveSummary) -> Section:
+    return replace(section, text=f"{section.text}\n\n{summary.search}")
 
 
 def drive_result(
@@ -289,7 +310,7 @@ def drive_result(
         origin=(frame.latitude_deg, frame.longitude_deg),
         milliseconds_per_scan=drive.milliseconds_per_scan,
         time_s=table["time_s"].to_numpy(),
-        distance_m=drive.track.travel_m - drive.track.travel_m[0],
+        distance_m=np.cumsum(np.abs(np.diff(drive.track.travel_m, prepend=drive.track.travel_m[0]))),
         east_m=pose[:, 0],
         north_m=pose[:, 1],
         prior_east_m=prior[:, 0],

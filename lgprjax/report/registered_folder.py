@@ -56,7 +56,7 @@ def write_views(run: ArchiveRun) -> ArchiveSums:
             facts=tuple(facts_of(sums)),
             places=tuple(_place_row(number, place, frame) for number, place in enumerate(worst, start=1)),
             drives=tuple(_drive_row(record) for record in _worst_drives(records)),
-            failed=tuple((record.name, record.error) for record in records if record.state == "failed"),
+            failed=tuple(_failed_row(record) for record in records if record.error),
             workers=tuple(_worker_row(share) for share in shares_of(records)[:_FEW]),
             spread=spread,
             plan=plan,
@@ -68,7 +68,7 @@ def write_views(run: ArchiveRun) -> ArchiveSums:
 def facts_of(sums: ArchiveSums) -> list[tuple[str, str]]:
     """Quantity and value of an archive's sums."""
     declined = ", ".join(f"{n} {c}" for c, n in sums.counts.items() if n and c not in ("ok", "no_window"))
-    wrong = "–" if sums.wrong is None else f"{sums.wrong} of {sums.judged} judged"
+    wrong = f"{sums.wrong} of {sums.judged} judged" if sums.judged else "–"
     return [
         ("drives registered, failed", f"{sums.drives}, {sums.failed}"),
         ("way driven", f"{1e-3 * sums.way_m:.2f} km"),
@@ -83,7 +83,7 @@ def facts_of(sums: ArchiveSums) -> list[tuple[str, str]]:
 
 
 def _intro(records: Sequence[JobRecord]) -> str:
-    told = {search_in_words(record.settings) for record in records}
+    told = {search_in_words(record.settings) for record in records if record.state == "done"}
     if not told:
         return "No drive could be registered."
     how = told.pop() if len(told) == 1 else f"Registered with {len(told)} different searches: see archive.csv."
@@ -167,10 +167,15 @@ def _drive_row(record: JobRecord) -> tuple[str, ...]:
         record.name,
         str(figures.tried),
         _percent(figures.ok, figures.tried),
-        "–" if figures.wrong is None else str(figures.wrong),
+        str(figures.wrong) if figures.judged else "–",
         *(_number(value, 3, " m") for value in (figures.rms_cross_m, figures.rms_along_m, figures.largest_m)),
         f"{figures.milliseconds_per_scan:.2f}",
     )
+
+
+def _failed_row(record: JobRecord) -> tuple[str, str]:
+    kept = "; the result of an earlier run is kept" if record.state == "done" else ""
+    return record.name, f"{record.error}{kept}"
 
 
 def _worker_row(share: WorkerShare) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ class DriveResult:
         name, map_name: for titles.
         origin: latitude_deg, longitude_deg of the local frame's anchor.
         milliseconds_per_scan: wall time of the registration, divided by the scans.
-        time_s, distance_m: since the drive's start; distance is travel, not a coordinate.
+        time_s, distance_m: since the drive's start; distance is travel, which reverse adds to.
         east_m, north_m: of the fixes.
         prior_east_m, prior_north_m, heading_rad: start of the search; yaw counter-clockwise from east.
         sigma_along_m, sigma_cross_m: of the fixes, about the heading.
@@ -39,7 +39,6 @@ class DriveResult:
         truth_east_m, truth_north_m, truth_yaw_rad: all three, or none.
         correlation_at_truth: score of a perfect search.
         baseline_tracks: east_m, north_m of each drive the map was built from.
-        prior_sigma_m: standard deviation of the prior's position, per axis.
         remarks: further remarks for the report, a line each.
         place_assumed: whether the place on the earth of the drive, or of the map, is assumed.
         impostor: recorded over foreign ground, so that every ``ok`` is wrong.
@@ -70,7 +69,6 @@ class DriveResult:
     truth_yaw_rad: Float[np.ndarray, " scan"] | None = None
     correlation_at_truth: Float[np.ndarray, " scan"] | None = None
     baseline_tracks: tuple[Float[np.ndarray, "_ 2"], ...] = ()
-    prior_sigma_m: float | None = None
     remarks: tuple[str, ...] = ()
     place_assumed: bool = False
     impostor: bool = False

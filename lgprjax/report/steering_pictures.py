@@ -248,8 +248,8 @@ def draw_servo_steps(
 
 
 def _largest_step(response: ServoResponse) -> float:
-    """Time of the largest change of the command from one record to the next."""
-    return float(response.time_s[np.argmax(np.abs(np.diff(response.command_rad))) + 1])
+    """Time of the largest change of the command from one record to the next; unknown commands do not count."""
+    return float(response.time_s[np.argmax(np.nan_to_num(np.abs(np.diff(response.command_rad)))) + 1])
 
 
 # The palm tree: one branch for each setting of the steering, its positions and the fitted arc.

@@ -109,21 +109,6 @@ def _chi_square(level: Float[np.ndarray, " level"], parts: int) -> Float[np.ndar
     return np.asarray(level ** (0.5 * parts - 1.0) * np.exp(-0.5 * level) / scale)
 
 
-__all__ = [
-    "draw_arcs",
-    "draw_encoder",
-    "draw_look_ahead_sweep",
-    "draw_pedals",
-    "draw_rear_ratio_angles",
-    "draw_rear_ratio_heading",
-    "draw_servo",
-    "draw_straight",
-    "draw_wheel_angle",
-    "draw_yaw_gain",
-    "study_pictures",
-]
-
-
 def study_pictures(kind: str) -> dict[str, Callable[[Any, Path, bool], None]]:
     """Pictures of a kind of study by name: each draws a study's detail to a path, optionally replacing a file."""
     return _PICTURES[kind]

@@ -32,7 +32,9 @@ class DriveSummary:
         max_error_m: the largest distance from the truth.
         remarks: further remarks, a line each.
         place_assumed: whether the place on the earth of the drive, or of the map, is assumed.
-        wrong_ok: ok fixes with an error above ``WRONG_M``; for an impostor all of them.
+        search: that the drive was registered with, in words; empty in summaries of older versions.
+        risk: largest accepted probability of a false match; None likewise.
+        wrong_ok: of the judged, those with an error above ``WRONG_M``; for an impostor all ok fixes.
     """
 
     name: str
@@ -55,6 +57,8 @@ class DriveSummary:
     milliseconds_per_scan: float
     remarks: tuple[str, ...] = ()
     place_assumed: bool = False
+    search: str = ""
+    risk: float | None = None
 
     def as_rows(self) -> list[tuple[str, str]]:
         """Label and value with its unit, for a table of one drive."""
@@ -93,7 +97,7 @@ def summarise(result: DriveResult) -> DriveSummary:
     judged &= not result.impostor
     along, cross = errors.along_m[judged].astype(np.float64), errors.cross_m[judged].astype(np.float64)
     total = np.hypot(along, cross)
-    wrong = int((total > WRONG_M).sum()) if result.has_truth else None
+    wrong = int((total > WRONG_M).sum()) if len(total) else None
     at_truth = result.correlation_at_truth
     return DriveSummary(
         name=result.name,
@@ -194,6 +198,7 @@ _COMPACT: dict[str, Any] = {"frameon": False, "handlelength": 1.2, "columnspacin
 _LABELLED_SHARE = 0.07
 _LEAST_SPAN = 0.1
 """Least range of the margins, so that a drive with almost none is not magnified."""
+_NO_RISK = 4.0  # decades that the picture is laid out for where no risk is known
 _MOST_RISKS = 5.0
 """Evidence beyond this multiple of the required is drawn in the last bin."""
 
@@ -223,7 +228,7 @@ def draw_codes(
     results: Sequence[DriveResult | CodedDrive],
     path: str | Path,
     *,
-    risk: float,
+    risks: Sequence[float | None],
     force: bool = False,
 ) -> None:
     """Draw a row a drive: histograms of evidence, with the risk, and of margin, and the shares of the codes.
@@ -231,7 +236,7 @@ def draw_codes(
     Args:
         results: at least one drive.
         path: the PNG.
-        risk: largest accepted probability of a false match.
+        risks: largest accepted probability of a false match of each drive's search; None where it is unknown.
         force: replace a file that exists.
 
     Raises:
@@ -240,16 +245,18 @@ def draw_codes(
     margins = np.concatenate([_shown(result.margin, result) for result in results])
     low, high = (float(margins.min()), float(margins.max())) if margins.size else (0.0, 0.0)
     span = (min(low, 0.0), max(high, _LEAST_SPAN))
-    required = -np.log10(risk)
+    required = [None if risk is None else float(-np.log10(risk)) for risk in risks]
+    largest = max((each for each in required if each is not None), default=_NO_RISK)
     evidence = [-np.log10(np.maximum(_shown(result.p_false, result), LEAST_P)) for result in results]
-    most = float(min(_MOST_RISKS * required, max(2.0 * required, *(each.max(initial=0.0) for each in evidence))))
+    most = float(min(_MOST_RISKS * largest, max(2.0 * largest, *(each.max(initial=0.0) for each in evidence))))
     with picture(path, 11.0, 2.1 + 1.15 * len(results), force) as figure:
         grid = figure.subplots(len(results), 3, squeeze=False, sharex="col", width_ratios=(1.0, 1.0, 1.1))
-        for row, result, decades in zip(grid, results, evidence, strict=True):
+        for row, result, decades, least in zip(grid, results, evidence, required, strict=True):
             colour = INK if result.impostor else BLUE
             _draw_histogram(row[0], decades, (0.0, most), colour)
-            row[0].axvspan(0.0, required, color=GAP, zorder=0)
-            row[0].axvline(required, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
+            if least is not None:
+                row[0].axvspan(0.0, least, color=GAP, zorder=0)
+                row[0].axvline(least, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
             _draw_histogram(row[1], _shown(result.margin, result), span, colour)
             _draw_codes_bar(row[2], result)
             name = labelled(result.name, impostor=result.impostor)
@@ -267,9 +274,11 @@ def draw_codes(
         # Three columns of at most seven codes fit over the bars; without tried scans there is none.
         if handles:
             grid[0, 2].legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 0.9), ncols=3, **_COMPACT)
+        told = dict.fromkeys(f"{risk:g}" for risk in risks if risk is not None)
+        stated = f", {', '.join(told)}" if len(told) == 1 else " of each drive's search"
         write_caption(
             figure,
-            f"Dashed: the risk, {risk:g}. To be ok a fix must be in the white part, where foreign ground would "
+            f"Dashed: the risk{stated}. To be ok a fix must be in the white part, where foreign ground would "
             "match as well less often than that, and exceed its runner-up by enough noise floors. Without a "
             "runner-up there is no margin. Black: an impostor. Scans without a fix of their own (no_window) "
             "are left out.",

@@ -43,7 +43,9 @@ def view_of_profile(
         profile = replace(profile, time_zero_ns=zero_ns)
     radargrams = tuple(radargram_of(profile, each) for each in shown)
     first = radargrams[0]
-    notes = [] if first.in_metres else ["The file holds no distance: traces are counted."]
+    placed = profile.spacing_m is not None or profile.positions_m is not None
+    why = "The line does not move" if placed else "The file holds no distance"
+    notes = [] if first.in_metres else [f"{why}: traces are counted."]
     if len(first.along) < _NEARLY_ALL * len(profile.channels):
         notes.append(f"{len(first.along)} of {len(profile.channels)} traces are drawn.")
     if zero_from != "header" and not raw:
@@ -65,13 +67,17 @@ def view_of_drive(path: Path, *, channel: int | None, raw: bool, speed_m_per_ns:
         odometry = log.description.odometry
         travel_m = np.interp(log.scan_time_s, odometry.time_s, odometry.distance_m)
         travel_m = travel_m - travel_m[0]
+        notes = []
+        # A drive that goes farther in reverse than forward is shown along its way in reverse.
+        if -travel_m.min() > travel_m.max():
+            travel_m = -travel_m
+            notes.append("The drive goes farthest in reverse: distance is counted that way.")
         along, chosen = even_columns(travel_m)
         in_metres = len(along) > 1
-        notes = []
         if in_metres:
             backwards = int(np.count_nonzero(np.diff(np.maximum.accumulate(travel_m)) <= 0))
             if backwards:
-                notes.append(f"{backwards} of {log.scans} scans, taken standing or in reverse, are skipped.")
+                notes.append(f"{backwards} of {log.scans} scans, taken standing or going back, are skipped.")
             if len(along) < _NEARLY_ALL * (log.scans - backwards):
                 notes.append(f"{len(along)} of {log.scans} scans are drawn.")
         else:
@@ -102,8 +108,12 @@ def view_of_drive(path: Path, *, channel: int | None, raw: bool, speed_m_per_ns:
     )
 
 
-def stations_of_map(path: Path) -> MapStations:
-    """A map's stations; very many are decimated. Raises ``InputError``."""
+def stations_of_map(path: Path, travel_time_ns: float | None = None) -> MapStations:
+    """A map's stations, with the level of the ground at one two-way travel time, or at five; very many are decimated.
+
+    Raises:
+        InputError: the file is no map, or it holds nothing at this travel time.
+    """
     with MapFile.open(path) as source:
         known = source.description
         count = len(source.places)
@@ -117,7 +127,13 @@ def stations_of_map(path: Path) -> MapStations:
         )
         # Where nothing repeats, a map's gain is zero and nothing can be drawn.
         deepest = 1 + int(np.flatnonzero(loudness >= _QUIET * loudness.max())[-1])
-        time_ns = (np.arange(_SLICES) + 0.5) / _SLICES * deepest * interval_ns
+        if travel_time_ns is None:
+            time_ns = (np.arange(_SLICES) + 0.5) / _SLICES * deepest * interval_ns
+        elif 0.0 < travel_time_ns <= deepest * interval_ns:
+            time_ns = np.array([travel_time_ns], dtype=np.float64)
+        else:
+            expected = f"above 0 and at most {deepest * interval_ns:.3g} ns, beyond which the map holds almost nothing"
+            raise ArgumentError("travel_time_ns", expected, f"{travel_time_ns:g}")
         first = np.clip(np.round(time_ns / interval_ns - window / 2).astype(int), 0, max(samples - window, 0))
         places, levels, baselines = [], [], []
         for low in range(0, len(chosen), _BLOCK):
@@ -157,7 +173,7 @@ def _shown(path: Path, count: int, channel: int | None) -> tuple[int, ...]:
     if channel is None:
         return tuple(range(count)) if count <= _MOST_PANELS else (count // 2,)
     if not 0 <= channel < count:
-        raise InputError(path, "channels", f"number {channel} from --channel", f"0 to {count - 1}")
+        raise InputError(path, "--channel", f"0 to {count - 1}", str(channel))
     return (channel,)
 
 

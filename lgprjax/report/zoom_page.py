@@ -31,6 +31,7 @@ from lgprjax.report.radargram import (
 )
 from lgprjax.report.results import CODES, LEAST_P, DriveResult, track_errors
 from lgprjax.report.style import AMPLITUDE_MAP, BLUE, CODE_COLOURS, CORRELATION_MAP, FAINT, INK, outer_edges
+from lgprjax.report.summary import WRONG_M
 
 _MOST_COLUMNS, _MOST_ROWS = 2400, 1200
 _MOST_POINTS = 4000
@@ -113,16 +114,18 @@ _MOST_SCANS = 20_000
 def write_drive_page(result: DriveResult, path: str | Path, *, force: bool = False) -> None:
     """Write a registered drive as a page that can be zoomed, with the numbers of the scan that is pointed at.
 
-    Scans without a fix of their own are left out; of a very long drive every so many are drawn.
+    Scans without a fix of their own are left out; of a very long drive every so many are drawn, and all wrong ok fixes.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
     """
     tried = np.flatnonzero(result.tried)
-    shown = tried[:: max(1, -(-len(tried) // _MOST_SCANS))]
+    step = max(1, -(-len(tried) // _MOST_SCANS))
     errors = track_errors(result)
+    wrong = result.ok & (np.hypot(*errors) > WRONG_M) & result.has_truth
+    shown = np.union1d(tried[::step], np.flatnonzero(wrong))
     code = result.code[shown]
-    present = [label for label in CODES if (code == label).any()]
+    present = [label for label in CODES if (result.code[tried] == label).any()]
     evidence = -np.log10(np.maximum(result.p_false[shown], LEAST_P))
     distance_m = result.distance_m[shown]
     against = "the truth" if result.has_truth else "the prior"
@@ -149,11 +152,16 @@ def write_drive_page(result: DriveResult, path: str | Path, *, force: bool = Fal
     )
     scans = {
         "code": [present.index(str(each)) for each in code],
-        "codes": [[each, CODE_COLOURS[each], _MARKS[each], int((code == each).sum())] for each in present],
+        "codes": [[each, CODE_COLOURS[each], _MARKS[each], int((result.code == each).sum())] for each in present],
         "columns": [[name, _rounded(values, digits), unit, digits] for name, values, digits, unit in columns],
     }
     lines = "Grey: baselines of the map." + (" Black: the truth." if result.has_truth else "")
     caption = f"Plan: metres from {result.origin[0]:.7f}°, {result.origin[1]:.7f}°. {lines}"
+    if step > 1:
+        caption += (
+            f" One in {step} of {len(tried)} scans is drawn, and every ok fix more than {WRONG_M:g} m from the truth; "
+            "the counts are of all."
+        )
     _write(path, f"{result.name} on {result.map_name}", caption, [each for each in panels if each], force, scans)
 
 
@@ -181,7 +189,7 @@ def _scan_panel(
     )
 
 
-def _thinned_track(track_m: Float[np.ndarray, "place 2"]) -> Float[np.ndarray, "place 2"]:
+def _thinned_track(track_m: Float[np.ndarray, "place 2"]) -> Float[np.ndarray, "kept 2"]:
     return track_m[:: max(1, -(-len(track_m) // _MOST_POINTS))]
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from archive_records import done, figures
 from lgprjax.batch import ArchiveRun, JobPlan, claimed, key_of_job, note_failure, plan_jobs, settings_of
-from lgprjax.batch.jobs import FileStamp, Job, jobs_folder, outputs_of, read_record, write_record
+from lgprjax.batch.jobs import FileStamp, Job, jobs_folder, outputs_of, read_record, read_records, write_record
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.registration import RegisterOptions, Thresholds
@@ -104,6 +104,32 @@ def test_a_drive_that_is_not_there_does_not_stop_the_others(tmp_path: Path) -> N
     assert [str(error) for error in plan.unreadable] == [
         f"{drives[1]}: file: expected a readable file, found No such file or directory"
     ]
+    assert read_records(tmp_path / "out")["gone"].state == "failed"
+
+
+def test_a_good_result_outlives_a_drive_that_can_no_longer_be_read(tmp_path: Path) -> None:
+    run, drives = run_in(tmp_path), drives_in(tmp_path, "a", "b")
+    for job in planned(run, drives).todo:
+        do(run, job)
+    # One is cut short, which its worker finds out, and one is gone.
+    whole = drives[0].read_bytes()
+    drives[0].write_bytes(whole[:5])
+    drives[1].unlink()
+    plan = planned(run, drives)
+    assert names_of(plan) == (["a"], [])
+    note_failure(run, plan.todo[0], InputError("a.drive.h5", "file", "a whole HDF5 file", "a cut one"), 1)
+    kept = read_records(run.folder)
+    assert [record.state for record in kept.values()] == ["done", "done"]
+    assert "a cut one" in kept["a"].error
+    assert "No such file" in kept["b"].error
+    # Readable again, it is up to date, and the failure is forgotten.
+    drives[0].write_bytes(whole)
+    assert names_of(planned(run, drives)) == ([], ["a"])
+    assert not read_records(run.folder)["a"].error
+    # Without its outputs nothing is left to keep.
+    (run.folder / "b.fixes.csv").unlink()
+    planned(run, drives)
+    assert read_records(run.folder)["b"].state == "failed"
 
 
 def test_results_of_another_map_are_refused_and_nothing_is_touched(tmp_path: Path) -> None:

@@ -137,3 +137,13 @@ def test_fixes_of_two_drives_are_not_compared() -> None:
         compare_fixes(one, other, "second")
     nothing = table.assign(code="edge")
     assert compare_fixes(nothing, nothing, "second").rms_cross_m is None
+
+
+def test_one_pose_is_a_point_in_kml(tmp_path: Path) -> None:
+    write_trajectory(tmp_path / "d.kml", _trajectory(np.zeros(1), np.zeros(1), 30.0, 5.0), _FRAME)
+    root = ElementTree.parse(tmp_path / "d.kml").getroot()
+    kml = "{http://www.opengis.net/kml/2.2}"
+    assert root.find(f".//{kml}LineString") is None
+    coordinates = root.findtext(f".//{kml}Point/{kml}coordinates")
+    assert coordinates is not None
+    np.testing.assert_allclose([float(part) for part in coordinates.split(",")], [-71.0, 42.0], atol=1e-8)

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import segyio
+from matplotlib.figure import Figure
 
+import lgprjax as lx
 from formats.samples import dzt_header, make_description, write_drive, write_dt1
 from generated import Site
 from lgprjax.cli import main
@@ -141,15 +143,25 @@ def test_one_file_goes_where_it_is_told(here: Path, capsys: pytest.CaptureFixtur
         assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_of_a_few_channels_all_are_drawn_and_of_many_the_middle_one(here: Path) -> None:
+def test_of_a_few_channels_all_are_drawn_and_of_many_the_middle_one(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = here / "line.DZT"
     for channels, shown in ((2, ["channel 0", "channel 1"]), (5, ["channel 2"])):
         headers = dzt_header(channels=channels, word=1024 * channels) * channels
         path.write_bytes(headers + np.arange(10 * channels * 8, dtype="<u2").tobytes())
         assert [each.name for each in profile_view(path).radargrams] == shown
+        # Python draws one of them, and says which.
+        assert (
+            lx.view(path, raw=True, ax=Figure().add_subplot())
+            .get_title()
+            .endswith(f"; channel {channels // 2} of 0 to {channels - 1}")
+        )
     (one,) = profile_view(path, channel=4).radargrams
     assert one.name == "channel 4"
+    capsys.readouterr()
     assert run("view", path, "--channel", 5) == 1
+    assert "--channel: expected 0 to 4, found 5" in capsys.readouterr().err
     assert run("view", path, "--channel", 1) == 0
 
 
@@ -182,7 +194,7 @@ def test_a_drive_shows_every_place_once(here: Path) -> None:
     assert first.in_metres
     assert (np.diff(first.along) > 0).all()
     assert first.time_ns[0] == pytest.approx(-1.5)
-    assert any("in reverse" in note for note in view.notes)
+    assert any("going back" in note for note in view.notes)
     np.testing.assert_array_equal(first.amplitude[0], traces[0, 0].astype(np.float32) - 128.0)
     assert view.plan is not None
     assert view.plan.east_m.shape[1] == 3
@@ -190,6 +202,21 @@ def test_a_drive_shows_every_place_once(here: Path) -> None:
     assert view.plan.north_m[0, 0] - view.plan.north_m[0, 2] == pytest.approx(2 * 0.127, abs=1e-6)
     assert run("view", here / "a.drive.h5") == 0
     assert run("view", here / "a.drive.h5", "--html") == 0
+
+
+def test_a_drive_in_reverse_is_shown_along_its_way(here: Path) -> None:
+    path = here / "a.drive.h5"
+    known = make_description()
+    back = replace(known, odometry=replace(known.odometry, distance_m=-np.arange(4.0)))
+    traces = np.random.default_rng(1).integers(0, 256, (100, 3, 8), dtype=np.uint8)
+    with DriveWriter.create(path, back, channels=3, dtype=np.uint8) as writer:
+        writer.append(np.arange(100) / 126, traces)
+    view = drive(path)
+    first = view.radargrams[0]
+    assert first.in_metres
+    assert (np.diff(first.along) > 0).all()
+    np.testing.assert_array_equal(first.amplitude[-1], traces[-1, 0].astype(np.float32) - 128.0)
+    assert view.notes == ("The drive goes farthest in reverse: distance is counted that way.",)
 
 
 def test_a_drive_that_stands_is_counted(here: Path) -> None:
@@ -224,6 +251,9 @@ def test_a_map_is_seen_from_above(site: Site, here: Path) -> None:
     stations = stations_of_map(site.map)
     assert stations.level.shape == (len(stations.east_m), 5)
     assert set(stations.baseline) == {0, 1}
+    own = stations_of_map(site.map, travel_time_ns=float(stations.time_ns[3]))
+    np.testing.assert_array_equal(own.time_ns, stations.time_ns[3:4])
+    np.testing.assert_array_equal(own.level[:, 0], stations.level[:, 3])
     assert np.hypot(np.ptp(stations.east_m), np.ptp(stations.north_m)) == pytest.approx(40.0, abs=5.0)
     assert run("view", site.map, site.logs["live"]) == 0
     assert {path.name for path in here.iterdir()} == {"site.map.png", f"{site.logs['live'].stem}.png"}

@@ -58,7 +58,6 @@ def straight_drive(scans: int = 400, *, seed: int = 3, **changes: Any) -> DriveR
         "baseline_tracks": tuple(
             np.stack([12.0 + along * cos - side * sin, -7.0 + along * sin + side * cos], axis=1) for side in (-0.6, 0.6)
         ),
-        "prior_sigma_m": 0.5,
     }
     return DriveResult(**(fields | changes))
 

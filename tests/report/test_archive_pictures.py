@@ -1,5 +1,6 @@
 """Pictures and page of an archive: drawn whatever there is, and every number where it belongs."""
 
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -7,6 +8,8 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+from archive_records import done, failed, figures
+from lgprjax.batch import sums_of
 from lgprjax.errors import InputError
 from lgprjax.report import (
     ArchiveDrives,
@@ -17,6 +20,7 @@ from lgprjax.report import (
     draw_archive_places,
     write_archive_page,
 )
+from lgprjax.report.registered_folder import _drive_row, _failed_row, _intro, facts_of
 
 
 def places(cells: int = 30, *, known: bool = True, step: int = 1) -> ArchivePlaces:
@@ -101,7 +105,13 @@ class Words(HTMLParser):
         self.words.append(data.replace("\xa0", " ").strip())
 
 
-def page(tmp_path: Path, *, failed: tuple[tuple[str, str], ...], bad: tuple[tuple[str, ...], ...]) -> list[str]:
+def page(
+    tmp_path: Path,
+    *,
+    failed: tuple[tuple[str, str], ...],
+    bad: tuple[tuple[str, ...], ...],
+    searched: bool = True,
+) -> list[str]:
     draw_archive_drives(drives(), tmp_path / "spread.png", force=True)
     figure = ReportFigure(tmp_path / "spread.png", "caption", "words")
     told = ArchivePage(
@@ -112,8 +122,8 @@ def page(tmp_path: Path, *, failed: tuple[tuple[str, str], ...], bad: tuple[tupl
         drives=(("drive_1", "252", "90.0 %", "0", "0.020 m", "0.030 m", "0.100 m", "0.50"),),
         failed=failed,
         workers=(("host:1", "2", "40", "0", "500 MB", "3.0 s"),),
-        spread=figure,
-        plan=None,
+        spread=figure if searched else None,
+        plan=figure if searched else None,
     )
     write_archive_page(tmp_path / "archive.html", told, force=True)
     return Words((tmp_path / "archive.html").read_text(encoding="utf-8")).words
@@ -134,3 +144,38 @@ def test_a_page_without_bad_places_says_so(tmp_path: Path) -> None:
     words = page(tmp_path, failed=(), bad=())
     assert "Drives that failed" not in words
     assert "No place with a scan that lacks a correct fix." in words
+
+
+def test_where_nothing_was_searched_no_place_is_called_good(tmp_path: Path) -> None:
+    words = page(tmp_path, failed=(("drive_9", "gone"),), bad=(), searched=False)
+    assert "No scan was searched." in words
+    assert not any("No place" in word for word in words)
+
+
+def test_unknown_shares_and_times_of_drives_are_left_out(tmp_path: Path) -> None:
+    share = np.where(np.arange(200) < 5, np.nan, 1.0)
+    known = replace(drives(), ok_share=share, milliseconds_per_scan=np.full(200, np.nan))
+    draw_archive_drives(known, tmp_path / "spread.png")
+    draw_archive_drives(drives(), tmp_path / "all.png")
+    assert size(tmp_path / "spread.png") == size(tmp_path / "all.png")
+
+
+def test_a_failure_beside_a_kept_result_is_on_the_page() -> None:
+    kept = done("a", figures({"ok": 3})).model_copy(update={"error": "a.drive.h5: file: cut"})
+    records = [kept, failed("b", "b.drive.h5: file: gone"), done("c", figures({"ok": 2}))]
+    rows = [_failed_row(record) for record in records if record.error]
+    assert rows == [
+        ("a", "a.drive.h5: file: cut; the result of an earlier run is kept"),
+        ("b", "b.drive.h5: file: gone"),
+    ]
+
+
+def test_nothing_is_said_of_a_search_where_all_drives_failed() -> None:
+    assert _intro([failed("b", "gone")]) == "No drive could be registered."
+
+
+def test_errors_that_nobody_judged_are_none() -> None:
+    told = figures({"ok": 3}).model_copy(update={"wrong": 0})
+    facts = dict(facts_of(sums_of([done("a", told)])))
+    assert facts["ok but wrong (more than 0.3 m off)"] == "–"
+    assert _drive_row(done("a", told))[3] == "–"

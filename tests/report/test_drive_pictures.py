@@ -1,17 +1,20 @@
 """The pictures of a registered drive: those that its knowledge allows, and what they say of a fix."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from generated import Site, register_site
-from lgprjax.batch import RegisteredDrive, example_scan, fix_example
+from lgprjax.batch import RegisteredDrive, example_scan, fix_example, settings_of, write_registered
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.pso import SwarmConfig
 from lgprjax.registration import RegisterOptions
-from lgprjax.report.registered import draw_drive, drive_result
+from lgprjax.report import DriveResult, drive_section, summarise
+from lgprjax.report.registered import Registered, draw_drive, drive_result, search_in_words, write_page
 
 SWARM = RegisterOptions(search_m=1.5, swarm=SwarmConfig(particles=32, iterations=12))
 
@@ -21,17 +24,17 @@ def live(site: Site) -> RegisteredDrive:
     return register_site(site, "live")
 
 
-def drawn(site: Site, drive: RegisteredDrive, options: RegisterOptions, folder: Path, *, impostor: bool) -> set[str]:
+def pictures(site: Site, drive: RegisteredDrive, options: RegisterOptions, folder: Path, *, impostor: bool) -> set[str]:
     with MapFile.open(site.map) as source, DriveLog.open(site.logs["live"]) as log:
         result = drive_result(drive, source, impostor=impostor)
-        figures = draw_drive(result, drive, source, log, options, folder, False)
+        figures = draw_drive(result, drive, source, log, options, folder, True)
     assert {figure.path.name for figure in figures} | {"live-scans.html"} == {path.name for path in folder.iterdir()}
     return {figure.path.name.removeprefix("live-") for figure in figures}
 
 
 def test_a_swarm_is_drawn_where_one_searches(site: Site, live: RegisteredDrive, tmp_path: Path) -> None:
     whole = {"trajectory.png", "confidence.png", "match.png", "map.png", "swarm.png"}
-    assert drawn(site, live, SWARM, tmp_path, impostor=False) == whole
+    assert pictures(site, live, SWARM, tmp_path, impostor=False) == whole
 
 
 def test_nothing_is_said_of_confidence_where_no_truth_is_known(
@@ -42,8 +45,11 @@ def test_nothing_is_said_of_confidence_where_no_truth_is_known(
     impostor.mkdir()
     left = {"trajectory.png", "match.png", "map.png"}
     plain = RegisterOptions(search_m=1.5)
-    assert drawn(site, replace(live, truth=None), plain, blind, impostor=False) == left
-    assert drawn(site, live, plain, impostor, impostor=True) == left
+    # A picture of an earlier run would pass for one of these fixes.
+    for old in ("live-confidence.png", "live-swarm.png"):
+        (blind / old).write_bytes(b"of an earlier run")
+    assert pictures(site, replace(live, truth=None), plain, blind, impostor=False) == left
+    assert pictures(site, live, plain, impostor, impostor=True) == left
 
 
 def test_the_swarm_of_an_example_ends_at_its_fix(site: Site, live: RegisteredDrive) -> None:
@@ -62,3 +68,40 @@ def test_the_swarm_of_an_example_ends_at_its_fix(site: Site, live: RegisteredDri
     assert 0.2 < np.hypot(*(example.second_m - example.best_m)) < 5.0
     # The road runs east: the tile's frame lies along it.
     assert abs(np.degrees(example.frame[2])) < 5.0
+
+
+def test_each_drive_of_a_page_says_how_it_was_searched(
+    site: Site, live: RegisteredDrive, tmp_path: Path, drawn: list[Figure]
+) -> None:
+    first, second = RegisterOptions(search_m=1.5, risk=1e-3), RegisterOptions(search_m=3.0, risk=1e-6)
+    with MapFile.open(site.map) as source, DriveLog.open(site.logs["live"]) as log:
+        result = drive_result(live, source, impostor=False)
+        write_registered(live, source, log, first, tmp_path, False)
+
+    def registered(result: DriveResult) -> Registered:
+        summary = summarise(result)
+        return result, summary, drive_section(summary, ())
+
+    write_page([registered(result)], tmp_path, "page", options=first)
+    write_page([registered(replace(result, name="other"))], tmp_path, "page", options=second)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    words = [search_in_words(settings_of(options)) for options in (first, second)]
+    # The drive that was registered before stands first.
+    assert 0 < page.index(words[0]) < page.index(words[1])
+    told = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert [(each["name"], each["search"], each["risk"]) for each in told] == [
+        ("live", words[0], 1e-3),
+        ("other", words[1], 1e-6),
+    ]
+    dashed = [drawn[-1].axes[3 * row].lines[0].get_xdata()[0] for row in range(2)]  # type: ignore[index]
+    assert dashed == pytest.approx([3.0, 6.0])
+
+
+def test_travel_in_reverse_adds_to_the_distance(site: Site, live: RegisteredDrive) -> None:
+    way = live.track.travel_m - live.track.travel_m[0]
+    turned = np.where(way < 10.0, way, 20.0 - way)
+    back = replace(live, track=live.track._replace(travel_m=turned))
+    with MapFile.open(site.map) as source:
+        distance_m = drive_result(back, source, impostor=False).distance_m
+    assert (np.diff(distance_m) >= 0.0).all()
+    assert distance_m[-1] == pytest.approx(way[-1], abs=0.1)

@@ -1,6 +1,9 @@
 """The page: well formed, whole in one file, safe from what names contain."""
 
 import base64
+import json
+import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import quote
@@ -18,6 +21,7 @@ from lgprjax.report import (
     summarise,
     write_report,
 )
+from lgprjax.report.zoom_page import write_drive_page
 from report.synthetic import correlation_surface, declined_drive, straight_drive, without_truth
 
 VOID = {"meta", "img", "br", "link", "input"}
@@ -125,3 +129,21 @@ def test_missing_picture_leaves_no_page(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         write_report(tmp_path / "r.html", "t", "", [section])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_long_drive_is_thinned_but_counts_and_wrong_fixes_are_whole(tmp_path: Path) -> None:
+    drive = straight_drive(30_000)
+    scan = 101  # odd, an ok one
+    drive.east_m[scan] += 5.0
+    write_drive_page(drive, tmp_path / "scans.html")
+    text = (tmp_path / "scans.html").read_text(encoding="utf-8")
+    found = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)
+    assert found is not None
+    scans = json.loads(found[1].replace("<\\/", "</"))["scans"]
+    counts = {code: count for code, count in summarise(drive).counts.items() if count}
+    assert {code: count for code, _, _, count in scans["codes"]} == counts
+    assert len(scans["code"]) == 15_001
+    assert scan in scans["columns"][0][1]
+    assert "One in 2 of 30000 scans is drawn" in text
+    write_drive_page(replace(straight_drive(), name="short"), tmp_path / "short.html")
+    assert "is drawn" not in (tmp_path / "short.html").read_text(encoding="utf-8")

@@ -19,7 +19,7 @@ from report.synthetic import correlation_surface, declined_drive, match_example,
 
 
 def draw_codes_of(result: DriveResult, path: Path, *, force: bool = False) -> None:
-    draw_codes([result], path, risk=1e-4, force=force)
+    draw_codes([result], path, risks=[1e-4], force=force)
 
 
 def closed_loop() -> DriveResult:
@@ -66,7 +66,7 @@ def test_any_drive_draws(drive: Callable[[], DriveResult], tmp_path: Path, caplo
 
 def test_codes_of_all_kinds_of_drives_draw(tmp_path: Path) -> None:
     drives = [drive() for drive in DRIVES.values()]
-    draw_codes(drives, tmp_path / "c.png", risk=1e-3)
+    draw_codes(drives, tmp_path / "c.png", risks=[1e-3] * len(drives))
     draw_codes_of(DRIVES["nothing tried"](), tmp_path / "d.png")
     assert all(imread(tmp_path / name).std() > 0.01 for name in ("c.png", "d.png"))
 
@@ -122,6 +122,39 @@ def panel_of(figure: Figure, word: str) -> Axes:
     return next(axes for axes in figure.axes if axes.get_ylabel().startswith(word))
 
 
+def known_from(first: int) -> DriveResult:
+    """The drive with its truth from a scan on."""
+    drive = straight_drive()
+    late = np.arange(len(drive.code)) >= first
+    assert drive.truth_east_m is not None
+    assert drive.truth_north_m is not None
+    assert drive.truth_yaw_rad is not None
+    return replace(
+        drive,
+        truth_east_m=np.where(late, drive.truth_east_m, np.nan),
+        truth_north_m=np.where(late, drive.truth_north_m, np.nan),
+        truth_yaw_rad=np.where(late, drive.truth_yaw_rad, np.nan),
+    )
+
+
+def test_ok_fixes_without_truth_are_seen_as_such(tmp_path: Path, drawn: list[Figure]) -> None:
+    # At the end of the drive there are no ok fixes.
+    for name, first in (("some", 300), ("none", 395)):
+        drive = known_from(first)
+        draw_trajectory(drive, tmp_path / f"{name}.png")
+        plan = drawn[-1].axes[0]
+        blind = next(line for line in plan.lines if line.get_label() == "ok fixes, no truth")
+        judged = np.asarray(plan.collections[-1].get_offsets())
+        assert len(np.asarray(blind.get_xdata())) == drive.ok[:first].sum()
+        assert len(judged) == drive.ok[first:].sum()
+        said = drawn[-1].get_supxlabel().replace("\n", " ")
+        assert f"No truth is known for {drive.ok[:first].sum()} of the ok fixes" in said
+    texts = [text.get_text() for text in panel_of(drawn[-1], "cross-track").texts]
+    assert texts == ["no truth is known for the ok fixes"]
+    # The plan follows the road, of which the truth shows a few metres.
+    assert plan_frame(reference_track(known_from(395))).along_road
+
+
 def test_trajectory_shows_every_ok_fix_however_wrong(tmp_path: Path, drawn: list[Figure]) -> None:
     drive = straight_drive()
     east = drive.east_m.copy()
@@ -172,7 +205,7 @@ def test_plan_of_a_straight_road_runs_ahead_and_left() -> None:
 
 def test_codes_draws_the_risk_and_shares(tmp_path: Path, drawn: list[Figure]) -> None:
     drives = [straight_drive(), declined_drive()]
-    draw_codes(drives, tmp_path / "c.png", risk=1e-3)
+    draw_codes(drives, tmp_path / "c.png", risks=[1e-3] * len(drives))
     evidence, margin, bar = drawn[0].axes[:3]
     assert evidence.lines[0].get_xdata()[0] == pytest.approx(3.0)  # type: ignore[index]
     # What a lead must be differs from fix to fix: there is no line for all.
@@ -182,6 +215,14 @@ def test_codes_draws_the_risk_and_shares(tmp_path: Path, drawn: list[Figure]) ->
     assert widths[0] == pytest.approx(100.0 * drives[0].ok.mean())
     assert any("the risk, 0.001." in text.get_text() for text in drawn[0].texts)
     assert "(impostor): 0 ok of 200 tried" in drawn[0].axes[3].get_title(loc="left")
+
+
+def test_each_drive_is_drawn_with_its_own_risk(tmp_path: Path, drawn: list[Figure]) -> None:
+    draw_codes([straight_drive(), straight_drive(), straight_drive()], tmp_path / "c.png", risks=[1e-3, 1e-5, None])
+    lines = [drawn[0].axes[3 * row].lines for row in range(3)]
+    assert [line[0].get_xdata()[0] for line in lines[:2]] == pytest.approx([3.0, 5.0])  # type: ignore[index]
+    assert not lines[2]
+    assert any("the risk of each drive's search." in text.get_text().replace("\n", " ") for text in drawn[0].texts)
 
 
 def test_existing_picture_is_refused_without_force(tmp_path: Path) -> None:

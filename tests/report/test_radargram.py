@@ -109,8 +109,9 @@ def test_axes_say_what_they_are() -> None:
     assert image.norm.vmin == -image.norm.vmax  # type: ignore[operator]
 
 
-def test_without_distances_traces_are_counted() -> None:
-    radargram = radargram_of(replace(point_line(), spacing_m=None, positions_m=None))
+@pytest.mark.parametrize("positions_m", [None, np.full(100, 3.0)], ids=["none", "one"])
+def test_without_distances_traces_are_counted(positions_m: np.ndarray | None) -> None:
+    radargram = radargram_of(replace(point_line(), spacing_m=None, positions_m=positions_m))
     axes = draw_radargram(radargram, Figure().add_subplot())
     assert axes.get_xlabel() == "trace number"
     assert axes.get_xlim() == (-0.5, 99.5)

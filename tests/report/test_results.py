@@ -1,13 +1,15 @@
 """Records and their figures, against hand computation."""
 
+import io
 import json
 import math
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from lgprjax.registration.fix import Code
-from lgprjax.report import CODES, DriveResult, summarise, summary_table, track_errors
+from lgprjax.report import CODES, DriveResult, drive_section, summarise, summary_table, track_errors
 from report.synthetic import declined_drive, straight_drive, without_truth
 
 
@@ -88,6 +90,15 @@ def test_truth_unknown_at_some_scans_judges_the_others() -> None:
     assert summary.max_error_m == pytest.approx(0.2)
 
 
+def test_where_no_ok_fix_was_judged_none_is_called_right() -> None:
+    truth = np.where(np.arange(6) < 3, np.nan, 0.0)
+    summary = summarise(hand_drive(truth_east_m=truth))
+    assert (summary.ok, summary.judged, summary.wrong_ok) == (3, 0, None)
+    assert drive_section(summary, ()).text == (
+        "3 of 5 tried scans have an ok fix. No truth is known for them, so no error is stated."
+    )
+
+
 def test_without_truth_no_error_is_stated() -> None:
     summary = summarise(without_truth())
     assert summary.ok > 0
@@ -144,3 +155,11 @@ def test_terminal_table_has_a_column_a_drive_and_marks_the_wrong() -> None:
     assert [column.style for column in table.columns[1:]] == ["", "bold red"]
     wrong = list(table.columns[0].cells).index("ok but wrong")
     assert [list(column.cells)[wrong] for column in table.columns[1:]] == ["0", "1"]
+
+
+def test_brackets_in_names_stay_in_the_terminal_table() -> None:
+    told = io.StringIO()
+    named = summarise(hand_drive(name="road[left]", map_name="m[old]"))
+    Console(file=told, width=100, no_color=True).print(summary_table([named]))
+    assert "road[left]" in told.getvalue()
+    assert "m[old]" in told.getvalue()

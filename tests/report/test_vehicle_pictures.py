@@ -182,11 +182,14 @@ def test_look_ahead_marks_the_least_error_and_what_was_chosen(tmp_path: Path, dr
 
 
 def test_servo_shows_the_largest_step_close_by(tmp_path: Path, drawn: list[Figure]) -> None:
-    draw_servo_steps(servo_response(), tmp_path / "s.png", title="servo", caption="said.")
-    close = drawn[0].axes[1]
-    low, high = close.get_xlim()
-    assert low < 4.0 < high
-    assert high - low < 3.0
+    response = servo_response()
+    unknown = replace(response, command_rad=np.where(response.time_s < 0.1, np.nan, response.command_rad))
+    draw_servo_steps(response, tmp_path / "s.png", title="servo", caption="said.")
+    draw_servo_steps(unknown, tmp_path / "u.png", title="servo", caption="said.")
+    for figure in drawn:
+        low, high = figure.axes[1].get_xlim()
+        assert low < 4.0 < high
+        assert high - low < 3.0
     assert f"{np.degrees(0.01):.2f}° rms" in drawn[0].get_suptitle()
 
 
