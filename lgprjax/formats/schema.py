@@ -239,6 +239,8 @@ def check_version(schema: Schema, name: object, version: object) -> tuple[str, s
     if name != schema.name:
         wanted, kind = _KINDS.get(schema.name), _KINDS.get(str(name))
         expected = schema.name + (f", {wanted}" if wanted else "")
+        if name is None and schema.suffix.endswith(".toml"):
+            return "schema", f'schema = "{schema.name}" and schema_version = "{schema.version}" at the top', "none"
         if name is None:
             return "@schema", expected, "none: another program wrote this file"
         return "@schema", expected, f"{name!r}" + (f", which is {kind}" if kind else "")

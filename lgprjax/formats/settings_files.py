@@ -70,7 +70,10 @@ def read_study(path: str | Path) -> Study:
             judges.
     """
     file = Path(path)
-    study = fill_table(_StudyTable, TableKey(file), load_toml(file))
+    table = load_toml(file)
+    if table.get("schema") == "lgprjax.vehicle":
+        raise InputError(file, "file", "a study: name, kind, vehicle, logs", "a vehicle file, which a study names")
+    study = fill_table(_StudyTable, TableKey(file), table)
     for name in study.held_out:
         if name in study.logs:
             raise InputError(file, "held_out", "logs that take no part in the fit", name)

@@ -12,6 +12,7 @@ import numpy as np
 
 from lgprjax.errors import InputError
 from lgprjax.tuning import DriveSignals, Estimate
+from lgprjax.tuning.steering import LEAST_SPEEDS
 
 
 class Need(NamedTuple):
@@ -47,7 +48,7 @@ NEEDS: dict[str, Need] = {
     ),
     "rear_ratio": Need(
         "turns to both sides, the wheel held in each",
-        ("potentiometer_v|rear_rad",),
+        ("potentiometer_v|front_rad",),
         way_m=20.0,
         widest={"steering.rear_ratio": 0.05},
     ),
@@ -80,6 +81,7 @@ _LEAST_SHARE = 0.01
 _TIMES = 3.0
 _STRAIGHT_SHARE = 0.5
 _STRAIGHT_M = 40.0
+_SPEED_S = 1.0
 
 
 def require_excitation(kind: str, path: Path, signals: DriveSignals) -> None:
@@ -102,6 +104,20 @@ def require_excitation(kind: str, path: Path, signals: DriveSignals) -> None:
         raise InputError(path, kind, f"{need.way_m:g} m of driving or more: {need.drive}", f"{way_m:.1f} m")
     if kind == "straight" and way_m >= _STRAIGHT_M:  # a shorter drive is refused by the fit
         _require_straight(path, signals)
+    if kind == "yaw_gain":
+        _require_speeds(path, signals)
+
+
+def _require_speeds(path: Path, signals: DriveSignals) -> None:
+    """Refuse turning tests at one speed before their arcs are fitted."""
+    edges_s = np.arange(signals.time_s[0], signals.time_s[-1], _SPEED_S)
+    way_m = np.abs(np.diff(np.interp(edges_s, signals.time_s, signals.travel_m)))
+    order = np.argsort(way_m)
+    # By the way: what is driven while it starts and stops is no turn.
+    share = np.cumsum(way_m[order]) / max(float(np.sum(way_m)), 1e-9)
+    slow, fast = (float(np.interp(part, share, way_m[order])) / _SPEED_S for part in (0.02, 0.98))
+    if fast < LEAST_SPEEDS * slow:
+        raise InputError(path, "yaw_gain", NEEDS["yaw_gain"].drive, f"{slow:.1f} to {fast:.1f} m/s nearly all the way")
 
 
 def _require_straight(path: Path, signals: DriveSignals) -> None:

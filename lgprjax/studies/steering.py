@@ -208,7 +208,10 @@ def _fit(method: str, drive: LoggedDrive, chassis: Chassis) -> tuple[RearRatioFi
         if method == "wheel_angles":
             fit = rear_ratio_by_angles(drive.signals)
             return fit, WheelAnglesStudy(*wheel_angle_blocks(drive.signals), fit)
-        arcs = fit_arcs(drive.signals, find_stretches(drive.signals, potentiometer_of(drive)))
+        # Any signal of the steering cuts the stretches: where it is still, so are the wheels.
+        volts = drive.signals.potentiometer_v
+        steering = signal_of(drive, "front_rad") if volts is None else volts
+        arcs = fit_arcs(drive.signals, find_stretches(drive.signals, steering))
         fit = rear_ratio_by_heading(arcs, chassis)
         return fit, HeadingStudy(arcs, chassis, fit)
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from lgprjax.tuning.robust import Estimate, NotExcitedError, student_95
 from lgprjax.vehicle.actuators import Servo, ServoState, init_servo, servo_pace, turn_servo
@@ -27,6 +27,7 @@ NAMES = (
 )
 """What is fitted; ``slip_s2pm2`` is 1 / V_CHAR², the last two belong to the sensors."""
 RATE, RATIO = NAMES.index("rate_radps"), NAMES.index("rear_ratio")
+_CHASSIS = slice(RATIO, NAMES.index("zero_rad") + 1)
 _BY_FACTOR = np.array([name in ("lag_s", "rate_radps") for name in NAMES])
 WIDTH = np.array([0.6, 0.05, 0.45, 0.004, 0.05, 0.2, 0.004, 0.02, 0.06])
 """Standard deviation of each number about the vehicle file's before any drive; of lag and rate in their logarithm."""
@@ -36,9 +37,14 @@ BLOCK = 200
 PADDING, LANES = 4096, 2
 """Steps and drives are padded to whole multiples of these: few shapes are compiled."""
 LEAST_S = 10.0
+AROUND_S = 1.0
+"""From a step to those whose speed makes the slip: beyond the 0.4 s that the odometer's speeds are taken over."""
 _HUBER = 1.345
-_ROUNDS = 8
-_NODE_ROUNDS = 2
+_ROUNDS = 30
+_NODE_ROUNDS = 6
+_AT_REST = 1e-3
+_LARGEST_DAMPING = 1e5
+_LARGEST_LEFT = 0.5
 _NODES = 17
 _STARTS = np.array([-1.0, -0.2, 0.6])
 _SPAN = 4.0
@@ -98,6 +104,7 @@ class LoopPosterior(NamedTuple):
         memory: by how many times the score of a number scatters more than white noise would.
         blocks: that the intervals rest on.
         limit_share: of the largest rate, at its likeliest value, that the wheels' model reached in each drive.
+        left: step that the chassis' numbers would still take, in standard errors of the one that moves most.
     """
 
     place: Float[Array, "rate number"]
@@ -107,6 +114,7 @@ class LoopPosterior(NamedTuple):
     memory: Float[Array, " number"]
     blocks: Float[Array, ""]
     limit_share: Float[Array, " drive"]
+    left: Float[Array, ""]
 
 
 def values_of(prior: LoopPrior, place: Float[Array, "*n number"]) -> Float[Array, "*n number"]:
@@ -145,12 +153,15 @@ def loop_model(
 
     _, wheel = jax.lax.scan(step, init_servo(logs.start_rad - zero), (logs.command_rad.T, logs.share.T))
     wheel = _later(wheel.T, delay)
-    gain = 1.0 / (1.0 + slip * logs.speed_mps**2)
+    # The odometer's noise moves the yaw rate of the model, not the vehicle's. Were slip taken at the same speed, it
+    # would be fitted to make the model deaf to that noise, and k with it; a second before and after, it is another.
+    around = 0.5 * (_later(logs.speed_mps, AROUND_S) + _later(logs.speed_mps, -AROUND_S))
+    gain = 1.0 / (1.0 + slip * around**2)
     yaw_rate = gain * logs.speed_mps * (jnp.tan(wheel) + jnp.tan(ratio * wheel)) / prior.wheelbase_m
     return wheel + zero, _later(yaw_rate, late)
 
 
-def _later(values: Float[Array, "drive step"], late_s: Float[Array, ""]) -> Float[Array, "drive step"]:
+def _later(values: Float[Array, "drive step"], late_s: float | Float[Array, ""]) -> Float[Array, "drive step"]:
     """The same some time later, or earlier where negative; linear between steps."""
     steps = values.shape[1]
     at = jnp.clip(jnp.arange(steps, dtype=jnp.float32) - late_s / STEP_S, 0.0, steps - 1.0)
@@ -205,9 +216,9 @@ def _spread(values: Float[Array, "drive step"], used: Bool[Array, "drive step"])
 
 
 def _look(
-    prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"], scale: Float[Array, "output drive"]
+    prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"], scale: Float[Array, "output drive"] | None
 ) -> _Looked:
-    score, _ = _residuals(prior, logs, place, scale)
+    score, scale = _residuals(prior, logs, place, scale)
     used = jnp.stack([logs.front_used, logs.yaw_used])
     slopes = jnp.stack(jax.jacfwd(lambda at: loop_model(prior, logs, at))(place)) / scale[..., None, None]
     slopes = jnp.where(used[..., None], slopes, 0.0)
@@ -220,31 +231,46 @@ def _look(
 
 
 def _solve(
-    prior: LoopPrior, logs: LoopLogs, start: Float[Array, " number"], free: Float[Array, " number"], rounds: int
+    prior: LoopPrior,
+    logs: LoopLogs,
+    start: Float[Array, " number"],
+    free: Float[Array, " number"],
+    memory: Float[Array, " number"],
+    rounds: int,
 ) -> Float[Array, " number"]:
-    """Levenberg-Marquardt of the numbers that are free; the prior is a residual like any other."""
+    """Levenberg-Marquardt of the numbers that are free, until it rests; the prior is a residual like any other.
 
-    def body(_: Int[Array, ""], carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        place, damping = carry
-        scale = _residuals(prior, logs, place, None)[1]
-        seen = _look(prior, logs, place, scale)
+    Where a score scatters more than white noise would, the drives tell less of its number, and the prior counts for
+    more by the square: so that the place belongs to the interval.
+    """
+    held = memory**2
+
+    def body(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        place, damping, _, count = carry
+        seen = _look(prior, logs, place, None)
         weight = seen.pull / jnp.where(seen.score == 0.0, 1.0, seen.score)
         weight = jnp.where(seen.score == 0.0, 1.0, weight)
-        normal = jnp.einsum("ods,odsp,odsq->pq", weight, seen.jacobian, seen.jacobian) + jnp.eye(len(NAMES))
-        gradient = (jnp.einsum("ods,odsp->p", seen.pull, seen.jacobian) - place) * free
-        held = normal * free[:, None] * free[None, :] + jnp.diag(1.0 - free)
-        step = jnp.linalg.solve(held + damping * jnp.diag(jnp.diagonal(held)), gradient)
+        normal = jnp.einsum("ods,odsp,odsq->pq", weight, seen.jacobian, seen.jacobian) + jnp.diag(held)
+        gradient = (jnp.einsum("ods,odsp->p", seen.pull, seen.jacobian) - held * place) * free
+        normal = normal * free[:, None] * free[None, :] + jnp.diag(1.0 - free)
+        step = jnp.linalg.solve(normal + damping * jnp.diag(jnp.diagonal(normal)), gradient)
         trial = jnp.clip(place + jnp.clip(step, -0.7, 0.7), -5.0, 5.0)
 
         def price(at: Float[Array, " number"]) -> Float[Array, ""]:
-            size = jnp.abs(_residuals(prior, logs, at, scale)[0])
+            size = jnp.abs(_residuals(prior, logs, at, seen.scale)[0])
             huber = jnp.where(size <= _HUBER, 0.5 * size**2, _HUBER * (size - 0.5 * _HUBER))
-            return jnp.sum(huber) + 0.5 * jnp.sum(at**2)
+            return jnp.sum(huber) + 0.5 * jnp.sum(held * at**2)
 
-        better = price(trial) < seen.cost + 0.5 * jnp.sum(place**2)
-        return jnp.where(better, trial, place), jnp.where(better, 0.2, 6.0) * damping
+        better = price(trial) < seen.cost + 0.5 * jnp.sum(held * place**2)
+        moved = jnp.where(better, jnp.max(jnp.abs(trial - place)), 1.0)
+        return jnp.where(better, trial, place), jnp.where(better, 0.2, 6.0) * damping, moved, count + 1
 
-    found: Float[Array, " number"] = jax.lax.fori_loop(0, rounds, body, (start, jnp.float32(0.01)))[0]
+    def restless(carry: tuple[Array, Array, Array, Array]) -> Array:
+        _, damping, moved, count = carry
+        return (count < rounds) & (moved > _AT_REST) & (damping < _LARGEST_DAMPING)
+
+    begin = (start, jnp.float32(0.01), jnp.float32(1.0), jnp.int32(0))
+    found: Float[Array, " number"] = jax.lax.while_loop(restless, body, begin)[0]
     return found
 
 
@@ -253,13 +279,14 @@ def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
     """The posterior of the numbers from all drives together."""
     count = len(NAMES)
     everything, others = jnp.ones(count), jnp.ones(count).at[RATE].set(0.0)
+    # Times, rate, asymmetry and dead band are not regular and may stop a solution before the chassis' numbers rest.
+    chassis = jnp.zeros(count).at[_CHASSIS].set(1.0)
     starts = jnp.zeros((len(_STARTS), count)).at[:, RATE].set(jnp.asarray(_STARTS, jnp.float32))
-    solved = jax.vmap(lambda at: _solve(prior, logs, at, everything, _ROUNDS))(starts)
+    solved = jax.vmap(lambda at: _solve(prior, logs, at, everything, jnp.ones(count), _ROUNDS))(starts)
     scale = _residuals(prior, logs, solved[2], None)[1]
     costs = jax.vmap(lambda at: _look(prior, logs, at, scale).cost + 0.5 * jnp.sum(at**2))(solved)
-    best = solved[jnp.argmin(costs)]
-    scale = _residuals(prior, logs, best, None)[1]
-    seen = _look(prior, logs, best, scale)
+    best = _solve(prior, logs, solved[jnp.argmin(costs)], chassis, jnp.ones(count), _ROUNDS)
+    seen = _look(prior, logs, best, None)
     memory, blocks = _memory(logs, seen)
     wheel, _ = loop_model(prior, logs, best)
     turning = jnp.abs(jnp.diff(wheel, axis=1)) / STEP_S / logs.share[:, 1:]
@@ -268,24 +295,30 @@ def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
     sigma = jnp.sqrt(jnp.linalg.inv(_information(seen, memory) + jnp.eye(count))[RATE, RATE])
     node = jnp.where(reached, best[RATE] + sigma * jnp.linspace(-_SPAN, _SPAN, _NODES), jnp.linspace(-3.0, 3.0, _NODES))
 
-    def along(rate: Float[Array, ""]) -> tuple[Array, Array, Array]:
-        place = _solve(prior, logs, best.at[RATE].set(rate), others, _NODE_ROUNDS)
-        found = _look(prior, logs, place, scale)
+    def along(rate: Float[Array, ""]) -> tuple[Array, Array, Array, Array]:
+        place = _solve(prior, logs, best.at[RATE].set(rate), others, memory, _NODE_ROUNDS)
+        place = _solve(prior, logs, place, chassis, memory, _ROUNDS)
+        found = _look(prior, logs, place, seen.scale)
         information = _information(found, memory) * others[:, None] * others[None, :]
         covariance = jnp.linalg.inv(information + jnp.eye(count))
         root = jnp.linalg.cholesky(covariance) * others[:, None]
+        # In the chassis' numbers alone: one that is not regular rests where its slope is not 0.
+        pull = jnp.einsum("ods,odsp->p", found.pull, found.jacobian) - memory**2 * place
+        inner = _information(found, jnp.ones(count)) + jnp.diag(memory**2)
+        step = jnp.linalg.solve(inner[_CHASSIS, _CHASSIS], pull[_CHASSIS])
+        left = jnp.max(jnp.abs(step) / jnp.sqrt(jnp.diagonal(covariance)[_CHASSIS]))
         volume = jnp.sum(jnp.log(jnp.diagonal(root) + 1.0 - others))
         # Drives that do not reach the rate say nothing of higher ones, whatever their noise does.
         price = found.cost / memory[RATE] ** 2 + 0.5 * jnp.sum(place**2) - volume
-        return place, root, jnp.where(reached, price, 0.5 * rate**2)
+        return place, root, left, jnp.where(reached, price, 0.5 * rate**2)
 
-    places, roots, price = jax.vmap(along)(node)
+    places, roots, left, price = jax.vmap(along)(node)
     above = values_of(prior, places)[:, RATE] >= jnp.max(fastest)
     # Below the fastest turn seen there is nothing unless the limit was reached: a slower servo had not done it.
     price = jnp.where(reached | above, price, jnp.inf)
     weight = jax.nn.softmax(-(price - jnp.min(price)))
     limit = fastest / values_of(prior, best)[RATE]
-    return LoopPosterior(places, weight, roots, scale.T, memory, blocks, limit)
+    return LoopPosterior(places, weight, roots, seen.scale.T, memory, blocks, limit, weight @ left)
 
 
 @jax.jit
@@ -377,12 +410,17 @@ def fit_loop(prior: LoopPrior, logs: LoopLogs) -> LoopFit:
     """Identify the loop.
 
     Raises:
-        NotExcitedError: too little is left of the drives.
+        NotExcitedError: too little is left of the drives, or the fit does not come to rest on them.
     """
     seconds = float(np.sum(np.asarray(logs.front_used))) * STEP_S
     if seconds < LEAST_S:
         raise NotExcitedError("loop", f"{LEAST_S:g} s of commands and wheel angles while driving", f"{seconds:.1f} s")
-    return summarise(prior, identify(prior, logs))
+    posterior = identify(prior, logs)
+    left = float(posterior.left)
+    if not left <= _LARGEST_LEFT:
+        expected = f"drives on which the fit comes to rest, to within {_LARGEST_LEFT:g} standard errors"
+        raise NotExcitedError("loop", expected, f"{left:.2g} standard errors left to go")
+    return summarise(prior, posterior)
 
 
 def summarise(prior: LoopPrior, posterior: LoopPosterior) -> LoopFit:

@@ -148,6 +148,14 @@ _SWARM = SwarmConfig(particles=48, iterations=300)
 _STARTS = np.array(
     [[lag, delay, 0.003, rate, 0.0, 0.0] for lag in (0.05, 0.3) for delay in (0.02, 0.15) for rate in (0.2, 1.5)]
 )
+_SHOWN_BY = {
+    "lag_s": "quick steps of the command, recorded ten times a second or more",
+    "delay_s": "quick steps of the command, recorded ten times a second or more",
+    "dead_band_rad": "small steps of the command and a slow sweep",
+    "rate_radps": "larger steps of the command, such that the wheels turn as fast as they can",
+    "asymmetry": "larger steps of the command to both sides, such that the wheels turn as fast as they can",
+}
+"""What to drive for a number that makes no difference to a log."""
 _AGREE = 1.0
 _FOLLOWS = 0.2
 """Standard errors that swarm and gradient may lie apart, and the share of the angles' spread that the model may leave
@@ -263,7 +271,7 @@ def servo_estimates(solved: ServoSolution, used: Bool[np.ndarray, " record"]) ->
     )
     for name, size in zip(NAMES, np.linalg.norm(jacobian, axis=0), strict=True):
         if size < 3.0 * scale:
-            raise NotExcitedError("servo", f"commands that show its {name}", "none that depend on it")
+            raise NotExcitedError("servo", _SHOWN_BY.get(name, "wheels that turn"), f"no wheel angle shows its {name}")
     clipped = np.clip(residual, -_HUBER * scale, _HUBER * scale)
     inside = float(np.mean(np.abs(residual) <= _HUBER * scale))
     memory = serial_memory((clipped / scale)[None], np.ones((1, len(clipped)), dtype=bool), len(u))

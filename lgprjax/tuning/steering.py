@@ -33,7 +33,7 @@ from lgprjax.vehicle.sensors import DriveSignals
 
 _LEAST_TURN = 0.1
 """κL of a turn that is used."""
-_LEAST_SPEEDS = 2.0
+LEAST_SPEEDS = 2.0
 """Fastest over slowest speed."""
 _LEAST_TURNS = 6
 _STEP_RAD = 0.01
@@ -89,8 +89,8 @@ def fit_yaw_gain(
     gain, sigma_gain = np.abs(curvature) / left, arcs.sigma_radpm[used] * geometry.bend**2 / left**3
     sigma_gain = np.hypot(sigma_gain, gain * geometry.turned * sigma_front_rad[used])
     speed = arcs.speed_mps[used] / np.hypot(1.0, gain * geometry.tangent)
-    if speed.max() < _LEAST_SPEEDS * speed.min():
-        wanted = f"speeds of which the fastest is {_LEAST_SPEEDS:g} times the slowest"
+    if speed.max() < LEAST_SPEEDS * speed.min():
+        wanted = f"speeds of which the fastest is {LEAST_SPEEDS:g} times the slowest"
         raise NotExcitedError("turning tests", wanted, f"{speed.min():.1f} to {speed.max():.1f} m/s")
     columns = [np.ones(len(speed)), speed**2]
     if front.min() < 0.0 < front.max():
@@ -471,7 +471,8 @@ def rear_ratio_by_angles(signals: DriveSignals) -> RearRatioFit:
     """k from measured front and rear wheel angles, moving or standing still.
 
     Raises:
-        NotExcitedError: an angle is missing, the front wheels were hardly turned, or too few records.
+        NotExcitedError: an angle is missing, the front wheels were hardly turned, too few records, or front and rear
+            wheels turn the same way.
     """
     front, rear = wheel_angle_blocks(signals)
     if np.ptp(front) < _LEAST_TURN:
@@ -479,6 +480,11 @@ def rear_ratio_by_angles(signals: DriveSignals) -> RearRatioFit:
     fit = robust_line(front, rear, serial=True)
     offset, slope = combine(fit, np.array([1.0, 0.0])), combine(fit, np.array([0.0, 1.0]))
     ratio = Estimate(-slope.value, slope.sigma, -slope.high, -slope.low)
+    if ratio.high < 0.0:
+        expected = (
+            "angles of rear wheels that counter-steer, left positive as in front; is a sign wrong (scale = -1.0)?"
+        )
+        raise NotExcitedError("rear_rad", expected, f"front and rear turn the same way (k = {ratio.value:.3f})")
     return RearRatioFit(ratio, offset, 0.0, len(front))
 
 

@@ -1,0 +1,61 @@
+"""The loop of drives with a noisy odometer, at one speed and at several, against a plain plant that draws its truth."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from lgprjax.tuning.loop import PADDING, STEP_S, WIDTH, LoopFit, LoopLogs, LoopPrior, fit_loop
+
+BASE_M, LAG_S = 2.6, 0.3
+RATIO_BEFORE, SLIP_BEFORE = 0.45, 1.0 / 25.0**2
+
+
+def fit_of(draw: np.random.Generator, speed: np.ndarray, ratio: float, slip: float) -> LoopFit:
+    """Fit steps of the command to both sides; speeds err by 0.6 %, as long as the window that they are taken over."""
+    command = np.repeat(draw.uniform(-0.45, 0.45, PADDING // 256), 256)
+    wheel = np.zeros(PADDING)
+    keep = np.exp(-STEP_S / LAG_S)
+    for step in range(1, PADDING):
+        wheel[step] = command[step - 1] + (wheel[step - 1] - command[step - 1]) * keep
+    rate = speed * (np.tan(wheel) + np.tan(ratio * wheel)) / BASE_M / (1.0 + slip * speed**2)
+    # The mean of 20 steps: 0.4 s of an odometer's records.
+    jitter = np.convolve(draw.normal(size=PADDING + 19), np.ones(20), mode="valid") / 20.0**0.5
+
+    def lanes(values: np.ndarray) -> jnp.ndarray:
+        return jnp.asarray(np.stack([values, values]), jnp.float32)
+
+    used = np.stack([np.arange(PADDING) > 25, np.zeros(PADDING, bool)])
+    logs = LoopLogs(
+        lanes(command),
+        lanes(np.ones(PADDING)),
+        lanes(speed * (1.0 + 0.006 * jitter)),
+        lanes(wheel + np.radians(0.1) * draw.normal(size=PADDING)),
+        lanes(rate + np.radians(0.15) * draw.normal(size=PADDING)),
+        jnp.asarray(used),
+        jnp.asarray(used),
+        jnp.zeros(2, jnp.float32),
+    )
+    before = jnp.asarray([0.15, 0.06, 0.5, 0.002, 0.0, RATIO_BEFORE, SLIP_BEFORE, 0.0, 0.0], jnp.float32)
+    return fit_loop(LoopPrior(before, jnp.asarray(WIDTH, jnp.float32), jnp.float32(BASE_M), jnp.float32(0.0)), logs)
+
+
+def test_at_one_speed_the_odometers_noise_is_not_taken_for_slip() -> None:
+    draw = np.random.default_rng(3)
+    ratio = draw.uniform(0.3, 0.6)
+    fit = fit_of(draw, np.full(PADDING, 1.8), ratio, 0.0)
+    found = fit.numbers["rear_ratio"]
+    assert "slip_s2pm2" not in fit.told
+    assert found.low < ratio < found.high
+    assert abs(found.value - ratio) < 0.02
+    # The interval is that of a slip which nobody knows: (1 + k) times 1.96 widths of it, at 1.8 m/s.
+    assert 0.5 * (found.high - found.low) > 0.6 * 1.96 * (1.0 + ratio) * WIDTH[6] * 1.8**2
+
+
+def test_at_several_speeds_ratio_and_slip_are_both_told() -> None:
+    draw = np.random.default_rng(4)
+    ratio, slip = draw.uniform(0.3, 0.6), draw.uniform(12.0, 20.0) ** -2.0
+    speed = 4.75 + 3.25 * np.sin(2.0 * np.pi * STEP_S * np.arange(PADDING) / 37.0)
+    fit = fit_of(draw, speed, ratio, slip)
+    for name, truth in (("rear_ratio", ratio), ("slip_s2pm2", slip)):
+        found = fit.numbers[name]
+        assert name in fit.told
+        assert found.low < truth < found.high
