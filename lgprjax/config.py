@@ -127,6 +127,8 @@ def nearest(name: str, known: Iterable[str], what: str) -> str:
 
 def say(value: object) -> str:
     """A value as an error shows it."""
+    if isinstance(value, list) and value and all(isinstance(item, dict) for item in value):
+        return "an array of tables"
     text = repr(value) if not isinstance(value, dict) else "a table"
     return text if len(text) <= 60 else f"{text[:57]}..."
 

@@ -1,12 +1,13 @@
 """Thresholds calibrated on the user's drives: matches at their true places, and at wrong places of the map."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from lgprjax.batch.recording import track_of_drive
 from lgprjax.batch.register import RegisteredDrive, register_log
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, MapFile
@@ -27,7 +28,7 @@ class CalibrationMatches(NamedTuple):
 
 def try_drives(
     source: MapFile,
-    logs: Iterable[DriveLog],
+    logs: Sequence[DriveLog],
     options: RegisterOptions,
     progress: Callable[[int], None] = lambda _: None,
 ) -> CalibrationMatches:
@@ -48,6 +49,9 @@ def try_drives(
     search = RegisterOptions(
         search_m=options.search_m, window_m=options.window_m, time_scale=options.time_scale, own_thresholds=_OPEN
     )
+    apart_m = _APART * 2.0 * options.search_half_m() + (options.window_m or 0.0)
+    for log in logs:  # before any is matched, which takes long
+        _elsewhere(track_of_drive(log, source.description.frame).track, log=log, apart_m=apart_m)
     true, false = [], []
     for log in logs:
         own = register_log(source, log, search, progress)
@@ -55,11 +59,11 @@ def try_drives(
         share = float(np.mean(outcomes.right)) if len(outcomes.right) else 0.0
         if share < _LEAST_RIGHT:
             expected = f"a drive over the ground of {source.path.name}, half of its matches or more at their places"
-            raise InputError(log.path, "drive", expected, f"{share:.0%} of {len(outcomes.right)} matches")
+            found = f"{share:.0%} of {len(outcomes.right)} matches" if len(outcomes.right) else "no match"
+            raise InputError(log.path, "drive", expected, found)
         true.append(outcomes)
         # The same time scale is used elsewhere: one estimated on ground that does not match would be arbitrary.
         known = RegisterOptions(**{**vars(search), "time_scale": _common_scale(own)})
-        apart_m = _APART * 2.0 * options.search_half_m() + (options.window_m or 0.0)
         other = register_log(source, log, known, progress, partial(_elsewhere, log=log, apart_m=apart_m))
         false.append(_outcomes(other, log, led_astray=True))
     return CalibrationMatches(joined(true), joined(false))
@@ -89,12 +93,14 @@ def _common_scale(drive: RegisteredDrive) -> float:
 def _elsewhere(track: Track, *, log: DriveLog, apart_m: float) -> Track:
     """The track with every prior moved along the drive to a place that cannot match."""
     path_m = np.cumsum(np.abs(np.diff(track.travel_m, prepend=track.travel_m[0])))
-    scans = len(path_m)
+    scans, farthest_m = len(path_m), 0.0
     for share in (0.5, 0.4, 0.6, 0.3, 0.7):
         pose: Float[np.ndarray, "scan 5"] = np.roll(track.pose, int(share * scans), axis=0)
         away_m = np.hypot(*(pose[:, :2] - track.pose[:, :2]).T)
+        farthest_m = max(farthest_m, float(np.quantile(away_m, 0.05)))
         if np.mean(away_m >= apart_m) > 0.95:
             pose[away_m < apart_m, :2] += 1e6  # what cannot be moved is put off the map
             return track._replace(pose=pose)
-    expected = f"a drive that comes at least {apart_m:.3g} m from where it was"
-    raise InputError(log.path, "/odometry/distance_m", expected, f"{path_m[-1]:.3g} m of travel")
+    expected = f"a drive with wrong places {apart_m:.3g} m from the right ones"
+    found = f"{path_m[-1]:.3g} m of travel, with places {farthest_m:.3g} m apart; try a smaller search or window"
+    raise InputError(log.path, "/odometry/distance_m", expected, found)

@@ -1,5 +1,6 @@
 """Worker processes, local or on a cluster: started, given one drive after another, replaced when they die."""
 
+import asyncio
 import os
 import queue
 import re
@@ -9,6 +10,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Generator, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import entry_points
 from multiprocessing import Pipe
 from pathlib import Path
@@ -325,7 +327,7 @@ def _lost(job: Job, why: str) -> JobOutcome:
 # and BLAS read their number of threads when they start, and dask may have loaded them by then. It runs one job at a
 # time, whatever number of threads dask's worker has.
 
-_CONNECT = "10s"
+_CONNECT_S = 10.0
 _ADDRESS = re.compile(r"(\w+://)?[^\s/]+:\d+|inproc://\S+")
 _one_at_a_time = threading.Lock()
 _open: dict[ArchiveRun, WorkerProcess] = {}
@@ -345,16 +347,28 @@ def run_on_scheduler(address: str, run: ArchiveRun, jobs: Sequence[Job]) -> Gene
         InputError: dask.distributed is not installed, or no scheduler answers.
     """
     try:
-        from distributed import Client, as_completed
+        from distributed import Client, Security, as_completed
+        from distributed.comm.core import connect
     except ImportError:
         expected = 'the optional package distributed (pip install "lgprjax[batch]")'
         raise InputError("--scheduler", "option", expected, "none") from None
     if not _ADDRESS.fullmatch(address):
         raise InputError("--scheduler", "address", "HOST:PORT, such as tcp://10.0.0.5:8786", address)
+
+    async def answers() -> None:
+        secured = Security().get_connection_args("client")
+        comm = await asyncio.wait_for(connect(address, timeout=_CONNECT_S, **secured), _CONNECT_S + 1.0)
+        comm.abort()
+
     try:
-        client = Client(address, timeout=_CONNECT, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise InputError("--scheduler", address, "a scheduler that answers", str(error)) from None
+        # Before the client: that of an address of no use prints a traceback when the program ends, and where something
+        # else than a scheduler listens, it waits for ever. In a thread: a notebook's own has an event loop already.
+        with ThreadPoolExecutor(1) as thread:
+            thread.submit(lambda: asyncio.run(answers())).result()
+        client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        found = str(error) or f"something that does not answer as one within {_CONNECT_S:g} s"
+        raise InputError("--scheduler", address, "a scheduler that answers", found) from None
     with client:
         futures = {client.submit(do_job, run, job, pure=False, retries=ATTEMPTS - 1): job for job in jobs}
         try:

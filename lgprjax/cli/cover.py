@@ -88,9 +88,6 @@ class CoverExport:
             write_figures(self.json, figures.as_json(), force=self.force)
 
 
-_PLAN, _COVER_RECORD = ".cover.geojson", ".worked.h5"
-
-
 @dataclass(frozen=True)
 class CoverPlanVerb:
     """Plan parallel swaths over a field, in driving order, with turns that the vehicle can drive.
@@ -145,7 +142,6 @@ class CoverPlanVerb:
         from lgprjax.formats import read_worked
         from lgprjax.worked.plans import PlanOptions, check_plan_options, plan_field, save_cover_plan
 
-        _check_suffix("--output", self.output, _PLAN)
         if self.gaps is None and (self.level, self.least_width_m) != (0.95, 0.1):
             raise UsageError("--level and --least-width-m: need --gaps as well")
         options = PlanOptions(
@@ -230,8 +226,6 @@ class CoverRecord:
         from lgprjax.worked.record import read_cover_run, record_cover
 
         require_files(self.runs, "runs")
-        require_files(self.plan, "--plan")
-        _check_suffix("--output", self.output, _COVER_RECORD)
         if not 0.01 <= self.cell_m <= 1.0:
             raise UsageError(f"--cell-m: expected 0.01 to 1, found {self.cell_m:g}")
         if self.cart is not None and self.smooth:
@@ -263,11 +257,6 @@ class CoverRecord:
         say(f"wrote {self.output}")
         if self.json is not None:
             write_figures(self.json, figures.as_json(), force=self.force)
-
-
-def _check_suffix(option: str, path: Path, suffix: str) -> None:
-    if not path.name.endswith(suffix):
-        raise UsageError(f"{option}: expected a file name that ends in {suffix}, found {path.name!r}")
 
 
 def _plan_figures(made: "FieldPlan", speed_mps: float) -> dict[str, object]:

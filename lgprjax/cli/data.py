@@ -297,8 +297,6 @@ def _print_comparison(name: str, found: "Comparison") -> None:
 
 # ``lgprjax recover``: the intact part of a recorded run as a drive log.
 
-_RECOVER_SUFFIX = ".drive.h5"
-
 
 @dataclass(frozen=True)
 class Recover:
@@ -318,10 +316,6 @@ class Recover:
 
     def run(self) -> None:
         """Recover."""
-        if not self.output.name.endswith(_RECOVER_SUFFIX):
-            raise UsageError(
-                f"--output: expected a file name that ends in {_RECOVER_SUFFIX}, found {self.output.name!r}"
-            )
         from lgprjax.batch import options_as_provenance, write_run_drive
         from lgprjax.formats import MapFile, read_run, read_vehicle
         from lgprjax.runtime.registration.search import options_of

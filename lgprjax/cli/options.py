@@ -62,6 +62,11 @@ class Option(NamedTuple):
             return True
         return False
 
+    def suffix(self) -> str:
+        """How the name of an output must end, as its metavar does: X.drive.h5; empty where it may end in anything."""
+        named = re.fullmatch(r"[A-Z]+(\.[a-z0-9.]+)", self.metavar)
+        return named[1] if named is not None and "--output" in self.names else ""
+
     def expected(self) -> str:
         """What a value may be, in words."""
         kinds = [_WORDS[kind][1] for kind in self.reads if _WORDS[kind][1]]
@@ -210,14 +215,18 @@ def _taken(option: Option, rest: list[str]) -> list[str]:
 
 
 def _check_values(typed: str, option: Option, values: list[str]) -> None:
-    if option.values is not None and len(values) < option.values:
+    needed = 1 if option.values is None else option.values
+    if len(values) < needed:
         found = f"found {' '.join(values)}" if values else "found nothing after it"
-        count = f"{option.values} values, " if option.values > 1 else ""
+        count = f"{needed} values, " if needed > 1 else ""
         raise UsageError(f"{typed}: expected {count}{option.metavar}, {found}")
     for value in values:
         if not option.accepts(value):
             hint = nearest(value, option.choices) or _hint(value)
             raise UsageError(f"{typed}: expected {option.expected()}, found {value!r}{hint}")
+        suffix = option.suffix()
+        if not value.endswith(suffix):
+            raise UsageError(f"{typed}: expected a file name that ends in {suffix}, found {Path(value).name!r}")
 
 
 def _hint(value: str) -> str:

@@ -89,8 +89,6 @@ class RouteSelect:
         from lgprjax.formats import MapFile, RouteFile, write_route
         from lgprjax.mapping import lay_route, route_named
 
-        if not self.output.name.endswith(_SUFFIX):
-            raise UsageError(f"--output: expected a file name that ends in {_SUFFIX}, found {self.output.name!r}")
         with MapFile.open(self.file) as source:
             check_outputs(self.output, force=self.force)
             length_m = route_named(source, self.route).length_m

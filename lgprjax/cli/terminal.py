@@ -1,7 +1,9 @@
 """The terminal: progress on standard error, exit statuses, one line for each bad input."""
 
+import codecs
 import difflib
 import errno
+import io
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -25,6 +27,28 @@ from lgprjax.errors import ArgumentError, InputError
 
 # Names of files and extras may contain brackets: nothing printed is markup.
 console = Console(markup=False)
+
+
+# What a terminal that is not of UTF-8 shows in place of these characters; every other one as Python writes it.
+_PLAIN = {"°": " deg", "²": "2", "₀": "0", "₁": "1", "–": "-", "−": "-", "→": "->", "φ": "phi"}
+
+
+def _as_it_can_be_shown(error: UnicodeError) -> tuple[str | bytes, int]:
+    assert isinstance(error, UnicodeEncodeError)
+    character = error.object[error.start]
+    if "\udc80" <= character <= "\udcff":  # a byte of a file's name that is no text: as it came
+        return bytes([ord(character) - 0xDC00]), error.start + 1
+    return _PLAIN.get(character) or character.encode("ascii", "backslashreplace").decode(), error.start + 1
+
+
+codecs.register_error("lgprjax.terminal", _as_it_can_be_shown)
+
+
+def show_every_character() -> None:
+    """Let what is printed pass through a terminal or pipe of any encoding."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="lgprjax.terminal")
 
 
 class Bar:
@@ -65,13 +89,16 @@ def progress_bar(what: str, total: int, unit: str = "scans") -> Iterator[Bar]:
         RateColumn(unit),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    shown = Console(stderr=True)
+    # Where nobody watches, as in a log, the bar would leave an empty line.
+    with Progress(*columns, console=shown, transient=True, disable=not shown.is_terminal) as progress:
         yield Bar(progress, progress.add_task(what, total=total))
 
 
 def working(what: str) -> AbstractContextManager[object]:
     """A spinner for work of unknown length."""
-    return Console(stderr=True).status(what)
+    shown = Console(stderr=True)
+    return shown.status(what, spinner="dots" if shown.encoding.startswith("utf") else "line")
 
 
 # Exit statuses: 0 done, 1 bad input with one clear line, 2 usage.
@@ -106,6 +133,8 @@ def advice(error: InputError) -> str:
     try:
         if path.is_dir():
             return "; name a file in it"
+        if path.is_symlink() and not path.exists():
+            return f"; it is a link to {path.readlink()}, which is not there"
         if path.exists():
             return "; copy or record it again" if path.is_file() and not path.stat().st_size else ""
         if not path.parent.is_dir():

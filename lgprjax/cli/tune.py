@@ -122,7 +122,7 @@ class ThresholdsVerb:
 
     map: Annotated[Positional[Path], arg(metavar="MAP", help="subsurface database, M.map.h5")]
     drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs over its ground")]
-    output: Annotated[Path, arg(aliases=["-o"], metavar="X.thresholds.toml", help="file to write")]
+    output: Annotated[Path, arg(aliases=["-o"], metavar="X.toml", help="file to write")]
     window_m: float
     """length of the windows in metres, 0 for single scans; thresholds are valid for one length, which register then
     needs

@@ -37,7 +37,7 @@ from lgprjax.cli.register import Register
 from lgprjax.cli.route import RouteExport, RouteList, RouteSelect
 from lgprjax.cli.run import Run
 from lgprjax.cli.simulate import Demo, Simulate
-from lgprjax.cli.terminal import UsageError, run_verb
+from lgprjax.cli.terminal import UsageError, run_verb, show_every_character
 from lgprjax.cli.tune import ThresholdsVerb, Tune
 from lgprjax.cli.view import View
 from lgprjax.errors import refuse_own_input
@@ -380,6 +380,7 @@ def keep_compiled() -> None:
 def run_command(arguments: Sequence[str]) -> int:
     """Read a command, without ``lgprjax``, and run it; the exit status."""
     words = [str(word) for word in arguments]
+    show_every_character()
     # The configuration of a run names a folder of its own.
     if words[:1] != ["run"]:
         keep_compiled()

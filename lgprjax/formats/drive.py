@@ -1,6 +1,7 @@
 """The drive log: its description, read at once; its radar data, read by ranges of scans; its writer."""
 
 import json
+import reprlib
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
@@ -13,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Bool, Complex, Float, Num
 
-from lgprjax.errors import InputError
+from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.schema import load_schema
 from lgprjax.formats.store import (
     GuardedFile,
@@ -242,9 +243,8 @@ class DriveWriter:
         """
         if not isinstance(self._recording, TraceRecording):
             raise InputError(self.path, "/radar/sweeps", "stepped-frequency sweeps", "traces")
-        if valid is None:
-            valid = np.ones(traces.shape[:2], dtype=bool)
-        self._append(scan_time_s, {"/radar/traces": traces, "/radar/valid": valid})
+        arrays = {"/radar/traces": _numbers("traces", traces)}
+        self._append(scan_time_s, arrays, valid)
 
     def append_sweeps(
         self,
@@ -260,15 +260,19 @@ class DriveWriter:
         """
         if not isinstance(self._recording, SweepRecording):
             raise InputError(self.path, "/radar/traces", "traces", "stepped-frequency sweeps")
-        if valid is None:
-            valid = np.ones(sweeps.shape[:2], dtype=bool)
-        arrays = {"/radar/sweeps": sweeps, "/radar/calibration_sweeps": calibration_sweeps, "/radar/valid": valid}
-        self._append(scan_time_s, arrays)
+        arrays = {
+            "/radar/sweeps": _numbers("sweeps", sweeps),
+            "/radar/calibration_sweeps": _numbers("calibration_sweeps", calibration_sweeps),
+        }
+        self._append(scan_time_s, arrays, valid)
 
-    def _append(self, scan_time_s: np.ndarray, arrays: dict[str, np.ndarray]) -> None:
-        times = np.asarray(scan_time_s, dtype=np.float64)
-        steps = np.diff(times, prepend=self._last_time_s)
-        if times.ndim != 1 or not np.all(np.isfinite(times)) or not np.all(steps > 0):
+    def _append(self, scan_time_s: np.ndarray, arrays: dict[str, np.ndarray], valid: np.ndarray | None) -> None:
+        times = _numbers("scan_time_s", scan_time_s).astype(np.float64)
+        if times.ndim != 1:
+            raise InputError(self.path, "/radar/time_s", "one time for each scan", f"shape {times.shape}")
+        every = np.ones((len(times), self._store["/radar/valid"].shape[1]), dtype=bool)
+        arrays["/radar/valid"] = every if valid is None else _numbers("valid", valid)
+        if not np.all(np.isfinite(times)) or not np.all(np.diff(times, prepend=self._last_time_s) > 0):
             found = f"others among the {len(times)} after scan {self.scans}"
             raise InputError(self.path, "/radar/time_s", "finite, strictly increasing times", found)
         for name, values in arrays.items():
@@ -287,6 +291,17 @@ class DriveWriter:
         self._output.check()
         self.scans = stop
         self._last_time_s = times[-1]
+
+
+def _numbers(argument: str, given: npt.ArrayLike) -> np.ndarray:
+    """What a caller passed as an array. Raises ``ArgumentError`` where it is none of numbers."""
+    try:
+        made = np.asarray(given)
+    except ValueError:  # rows of different lengths
+        made = np.asarray(None)
+    if made.dtype.kind not in "biufc":
+        raise ArgumentError(argument, "an array of numbers", reprlib.repr(given))
+    return made
 
 
 def _write_description(

@@ -3,6 +3,7 @@
 import errno
 import os
 import re
+import reprlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
@@ -82,7 +83,10 @@ def write_array(store: h5py.File, schema: Schema, path: str, values: np.ndarray)
     entry = schema.dataset(path)
     # Fixed-length text: readable everywhere and compressible, unlike HDF5's own strings.
     kind = f"S{max(map(len, entry.choices))}" if entry.choices else entry.dtype[0]
-    data = np.asarray(values).astype(kind)
+    try:
+        data = np.asarray(values).astype(kind)
+    except (TypeError, ValueError):  # such as None, or rows of different lengths
+        raise InputError("call", path, "an array of numbers", reprlib.repr(values)) from None
     compression = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if data.nbytes > 4096 else {}
     return _describe(store.create_dataset(path, data=data, **compression), entry)
 

@@ -135,7 +135,7 @@ def _on_grid(known: Sequence[SidePositions], utm_zone: str | None) -> tuple[Surv
     file = known[0].path
     if utm_zone is None:
         raise InputError(file, "positions", "metres within 10 km of the site's origin, or --utm-zone", "a grid's")
-    projection = utm_projection(file, utm_zone)
+    projection = utm_projection(utm_zone)
     x, y = float(known[0].x[0]), float(known[0].y[0])
     longitude, latitude = projection(x, y, inverse=True)
     if not (np.isfinite(longitude) and np.isfinite(latitude) and abs(latitude) <= 90.0):

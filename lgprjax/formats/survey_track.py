@@ -10,7 +10,7 @@ import pyproj
 from jaxtyping import Float
 from pyproj import Geod
 
-from lgprjax.errors import InputError
+from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.drive import NavigationTrack
 from lgprjax.formats.profile import Assumed
 from lgprjax.formats.store import atomic_output
@@ -50,11 +50,12 @@ class SurveyOrigin(NamedTuple):
         return SurveyOrigin(latitude, longitude, (back + 180.0) % 360.0)
 
 
-def utm_projection(file: str | Path, utm_zone: str) -> pyproj.Proj:
-    """Projection of a zone such as ``19N``. Raises ``InputError``, about a file, if invalid."""
+def utm_projection(utm_zone: str) -> pyproj.Proj:
+    """Projection of a zone such as ``19N``. Raises ``ArgumentError`` if invalid."""
     parts = re.fullmatch(r"(\d{1,2})([NS])", utm_zone.strip().upper())
     if parts is None or not 1 <= int(parts[1]) <= 60:
-        raise InputError(file, "UTM zone", "a number from 1 to 60 and N or S, such as 19N", repr(utm_zone))
+        expected = "a number from 1 to 60 and the hemisphere, N or S, such as 19N"
+        raise ArgumentError("utm_zone", expected, repr(utm_zone))
     return pyproj.Proj(proj="utm", zone=int(parts[1]), ellps="WGS84", south=parts[2] == "S")
 
 

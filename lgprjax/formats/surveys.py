@@ -13,7 +13,7 @@ from lgprjax.formats.line_layout import check_alike, check_length, inputs_of, wr
 from lgprjax.formats.profile import Assumed, Profile
 from lgprjax.formats.side_files import RECEIVERS, SidePositions, find_side_files, read_side_file
 from lgprjax.formats.survey_layout import LineFinding, Reversed, TimeZero, find_lines, lay_out
-from lgprjax.formats.survey_track import SurveyOrigin
+from lgprjax.formats.survey_track import SurveyOrigin, utm_projection
 from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala
 from lgprjax.formats.vendors.segy import read_segy
 
@@ -103,6 +103,8 @@ def import_lines(
     Raises:
         InputError: a file cannot be read, or the lines do not belong together.
     """
+    if utm_zone is not None:
+        utm_projection(utm_zone)  # a wrong zone is refused where nothing needs one, too
     lines = [_read(path, sample_interval_ns, partial) for path in paths]
     if not lines:
         raise InputError(output, "lines", "at least one file", "none")

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from lgprjax.config import BrokenRuleError, ConfigTable, violations
+from lgprjax.config import BrokenRuleError, ConfigTable, say, violations
 from lgprjax.errors import InputError
 from lgprjax.files import load_toml
 from lgprjax.formats.schema import Entry, Finding, check_scalar, check_version, expected_scalar, load_schema
@@ -399,8 +399,11 @@ def _key_problems(values: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
         for path in [path for path in left if path.startswith(prefix) and path.endswith(suffix)]:
             value = left.pop(path)
             yield from _value_problems(entry, path, value, many=isinstance(value, list))
-    for path in left:
-        yield path, "a key of data_schema/vehicle.toml", "an unknown key"
+    for path, value in left.items():
+        if any(entry.path.startswith(f"{path}.") for entry in _SCHEMA.keys):
+            yield path, "a table", say(value)
+        else:
+            yield path, "a key of data_schema/vehicle.toml", "an unknown key"
 
 
 def _value_problems(entry: Entry, path: str, value: object, *, many: bool) -> Iterator[tuple[str, str, str]]:

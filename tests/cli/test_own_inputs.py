@@ -20,7 +20,7 @@ def run(*arguments: object) -> int:
 @pytest.mark.parametrize(
     "command",
     [
-        "map build X -o X",
+        "map build M -o M",
         "check X --json X",
         "register M X -o out --json X",
         "register M X -o out --json M",

@@ -69,6 +69,3 @@ def test_map_and_vehicle_that_lie_elsewhere(
     assert status == 1
     assert "m.map.h5" in err
     assert _told(capsys, Recover(run, output, map=site.map).run)[0] == 0
-    status, _, err = _told(capsys, Recover(run, tmp_path / "saved.h5").run)
-    assert status == 2
-    assert ".drive.h5" in err

@@ -1,5 +1,6 @@
 """``lgprjax register --workers`` and ``--scheduler``: what is refused, in one line and before anything is written."""
 
+import socket
 import sys
 from pathlib import Path
 
@@ -64,6 +65,34 @@ def test_a_cluster_needs_its_package(
     err = capsys.readouterr().err
     assert 'pip install "lgprjax[batch]"' in err
     assert len(err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("address", "told"),
+    [
+        ("foo://localhost:1", "unknown address scheme 'foo'"),
+        ("tls://localhost:1", "TLS configuration"),
+        ("tcp://localhost:PORT", "something that does not answer as one within 0.3 s"),
+    ],
+)
+def test_an_address_of_no_scheduler_makes_no_client(
+    address: str,
+    told: str,
+    site: Site,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("lgprjax.batch.workers._CONNECT_S", 0.3)
+    monkeypatch.setattr("distributed.Client", None)  # its end, 20 s later, prints a traceback; or it waits for ever
+    with socket.create_server(("localhost", 0)) as mute:
+        address = address.replace("PORT", str(mute.getsockname()[1]))
+        arguments = ("-o", tmp_path / "out", "--scheduler", address)
+        assert status_of("register", site.map, site.logs["live"], *arguments) == 1
+    err = capsys.readouterr().err
+    assert f"--scheduler: {address}: expected a scheduler that answers, found " in err
+    assert told in err
+    assert len(err.splitlines()) == 1
 
 
 def test_more_workers_than_gpus_are_refused(

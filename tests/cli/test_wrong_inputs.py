@@ -4,6 +4,7 @@ A line of the list: what a person did, the words of the command, and what the an
 the command's name, is one line of standard error, and the status is 1 for bad input or 2 for wrong usage.
 """
 
+import io
 import shutil
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from formats.samples import write_dt1
 from lgprjax.cli import main
 from lgprjax.formats import MAP_PRECISIONS
 from made_map import write_made_map
+
+_ONBOARD = Path(__file__).parents[2] / "onboard"
 
 # What was done: words, what is named.
 WRONG: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -49,6 +52,10 @@ WRONG: dict[str, tuple[str, tuple[str, ...]]] = {
         "import mcap r.mcap -o x.drive.h5 --gnss-m 1 2",
         ("--gnss-m", "3 values, X Y Z", "found 1 2"),
     ),
+    "no side behind the option": (
+        "cover plan empty.geojson -o p.cover.geojson --vehicle v.toml --sides",
+        ("--sides", "SIDE:ROOM", "nothing after it"),
+    ),
     "a shell that is none": ("--completion powershell", ("--completion", "bash, zsh, fish, tcsh", "powershell")),
     "a needed number left out": ("import cmu . -o x.drive.h5", ("--time-window-ns", "is needed", "travel time")),
     # Numbers.
@@ -82,8 +89,23 @@ WRONG: dict[str, tuple[str, tuple[str, ...]]] = {
         "import lines LINE.DT1 LINE2.DT1 -o x.drive.h5 --line-spacing-m 1e9",
         ("line spacing", "up to 100"),
     ),
+    "a zone without its hemisphere": ("import LINE.DT1 -o x.drive.h5 --utm-zone 33", ("--utm-zone", "N or S", "'33'")),
+    "a zone by a band's letter": ("import LINE.DT1 -o x.drive.h5 --utm-zone 33X", ("--utm-zone", "N or S", "'33X'")),
+    "a zone the wrong way round": (
+        "import LINE.DT1 -o x.drive.h5 --utm-zone N33",
+        ("--utm-zone", "such as 19N", "'N33'"),
+    ),
+    "a zone that is none": ("import segy LINE.sgy -o x.drive.h5 --utm-zone 61N", ("--utm-zone", "1 to 60", "'61N'")),
+    "a window longer than the drive": (
+        "thresholds site.map.h5 line.drive.h5 -o t.toml --window-m 100",
+        ("line.drive.h5", "wrong places 110 m", "of travel", "a smaller search or window"),
+    ),
     # Files.
     "a file that is not there": ("check nowhere.drive.h5", ("nowhere.drive.h5", "No such file", "check its name")),
+    "a link to nothing": (
+        "check link.drive.h5",
+        ("link.drive.h5", "No such file", "a link to elsewhere.drive.h5, which is not there"),
+    ),
     "a folder for a file": ("map info .", ("a readable file", "Is a directory", "a file in it")),
     "an empty file": ("map build empty.drive.h5 -o m.map.h5", ("empty.drive.h5", "an empty file", "again")),
     "a text for a map": ("map info text.map.h5", ("text.map.h5", "HDF5", "another format", "lgprjax import")),
@@ -97,12 +119,22 @@ WRONG: dict[str, tuple[str, tuple[str, ...]]] = {
     "a recording named as another": ("import dzt LINE.DT1 -o x.drive.h5", ("LINE.DT1", ".dzt", "recognises")),
     "lines without places": ("import lines LINE.DT1 LINE2.DT1 -o x.drive.h5", ("--line-spacing-m", "--lines-at-m")),
     "a site with a key misspelt": ("simulate wrong.toml -o d", ("wrong.toml", "colour")),
+    "a site with a table's brackets doubled": (
+        "simulate doubled.toml -o d",
+        ("doubled.toml", "ground", "expected a table, found an array of tables"),
+    ),
+    "a vehicle with a table's brackets doubled": (
+        "check doubled.vehicle.toml",
+        ("doubled.vehicle.toml", "body", "expected a table, found an array of tables"),
+    ),
     "an example site that is none": ("simulate vilage -o d", ("vilage", "village")),
     "a field without corners": (
         "cover plan empty.geojson -o p.cover.geojson --vehicle v.toml",
         ("empty.geojson", "one Polygon"),
     ),
     "an output of another kind": ("export line.drive.h5 -o x.csv", ("--output", ".mcap", "x.csv")),
+    "a drive log without its suffix": ("import LINE.DT1 -o line", ("-o", "ends in .drive.h5", "'line'")),
+    "a map without its suffix": ("map build line.drive.h5 --output=site", ("--output", "ends in .map.h5", "'site'")),
     "figures into no folder": (
         "check line.drive.h5 --json no/f.json",
         ("no/f.json", "a folder that exists", "make it", "no"),
@@ -132,6 +164,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "kept.drive.h5").write_text("kept\n", encoding="utf-8")
     (folder / "wrong.toml").write_text('name = "x"\ncolour = "red"\n[ground]\nlength_m = 60\n', encoding="utf-8")
     (folder / "empty.geojson").write_text('{"type": "FeatureCollection", "features": []}', encoding="utf-8")
+    (folder / "doubled.toml").write_text('name = "x"\n[[ground]]\nlength_m = 60\n', encoding="utf-8")
+    flail = (_ONBOARD / "made_up_flail.vehicle.toml").read_text(encoding="utf-8")
+    (folder / "doubled.vehicle.toml").write_text(flail.replace("[body]", "[[body]]"), encoding="utf-8")
+    (folder / "link.drive.h5").symlink_to("elsewhere.drive.h5")
     (folder / "folder").mkdir()
     with h5py.File(folder / "other.map.h5", "w") as store:
         store["data"] = np.zeros(3)
@@ -183,11 +219,29 @@ def test_the_answer_says_what_to_do(
         main(words.split())
     out, err = capsys.readouterr()
     assert stopped.value.code in (1, 2)
-    if words.startswith("check nowhere"):
+    if words.startswith("check") and not err:
         err = out.replace("error: ", "lgprjax: ")
-    told = err.strip().splitlines()
+    told = err.splitlines()
     assert len(told) == 1, err
     assert told[0].startswith("lgprjax: ")
     assert [part for part in named if part not in told[0]] == [], told[0]
     assert "Traceback" not in out + err
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_a_terminal_of_any_encoding_shows_the_answer(
+    encoding: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    shown = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+    monkeypatch.setattr("sys.stdout", shown)
+    for words in (["map", "info", "site.map.h5"], ["check", "\udcb5\u20ac.drive.h5"]):
+        with pytest.raises(SystemExit):
+            main(words)
+    shown.flush()
+    told = shown.buffer.getvalue()
+    assert (" deg" if encoding == "ascii" else "\u00b0").encode(encoding) in told
+    # A name as it is on the disk, its odd byte too.
+    euro = "\u20ac".encode(encoding, "backslashreplace")
+    assert b"error: \xb5" + euro + b".drive.h5: file: expected" in told

@@ -1,5 +1,6 @@
 """Drive log: what is written comes back, and a bad one is refused in one line."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -329,6 +330,54 @@ def test_writer_refuses_bad_scans_and_leaves_nothing(
     ):
         writer.append(np.array(times), np.zeros(shape, dtype))
     assert words in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+_NO_ARRAYS = """
+import numpy as np
+from dataclasses import replace
+from formats.samples import make_description
+from lgprjax.errors import InputError
+from lgprjax.formats import DriveWriter, OdometryTrack
+
+good = {"scan_time_s": np.arange(2.0), "traces": np.zeros((2, 3, 8), np.uint8), "valid": None}
+description = make_description()
+for name, wrong in (
+    ("scan_time_s", None), ("scan_time_s", 0.5), ("traces", None), ("traces", [[1, 2], [3]]), ("valid", ["yes", "no"])
+):
+    try:
+        with DriveWriter.create("a.drive.h5", description, channels=3, dtype=np.uint8) as writer:
+            writer.append(**good | {name: wrong})
+    except InputError as error:
+        print(error)
+for wrong in (None, [[0.0], [1.0, 2.0]]):
+    try:
+        bare = replace(description, odometry=OdometryTrack(wrong, np.arange(3.0)))
+        DriveWriter.create("a.drive.h5", bare, channels=3, dtype=np.uint8)
+    except InputError as error:
+        print(error)
+"""
+
+
+def test_writer_names_an_argument_that_is_no_array(tmp_path: Path) -> None:
+    """In a process of its own: here the types of arguments are checked, which they are in the tests alone."""
+    told = subprocess.run(
+        [sys.executable, "-c", _NO_ARRAYS],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+    assert told.splitlines() == [
+        "call: scan_time_s: expected an array of numbers, found None",
+        "a.drive.h5: /radar/time_s: expected one time for each scan, found shape ()",
+        "call: traces: expected an array of numbers, found None",
+        "call: traces: expected an array of numbers, found [[1, 2], [3]]",
+        "call: valid: expected an array of numbers, found ['yes', 'no']",
+        "a.drive.h5: /odometry/time_s: expected axes [odometry], found shape ()",
+        "call: /odometry/time_s: expected an array of numbers, found [[0.0], [1.0, 2.0]]",
+    ]
     assert list(tmp_path.iterdir()) == []
 
 

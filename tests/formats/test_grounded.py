@@ -110,7 +110,11 @@ def test_bad_runs_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
     spoiled = points.copy()
     spoiled[4, 1, 0] = np.nan
     cases: list[tuple[dict[str, object], dict[str, object], str]] = [
-        ({}, {"utm_zone": "north"}, "UTM zone: expected a number from 1 to 60 and N or S, such as 19N, found 'north'"),
+        (
+            {},
+            {"utm_zone": "north"},
+            "utm_zone: expected a number from 1 to 60 and the hemisphere, N or S, such as 19N",
+        ),
         ({}, {"utm_zone": "61N"}, "found '61N'"),
         ({}, {"scan_rate_hz": 0.0}, "scan rate: expected a number above zero, found 0"),
         ({}, {"sample_interval_ns": -1.0}, "sample interval: expected a number above zero, found -1"),

@@ -142,7 +142,7 @@ def test_topography_in_metres_of_a_grid(tmp_path: Path) -> None:
     places = _at_an_angle(paths, (691_000.0, 5_335_000.0), 25.0)
     with pytest.raises(InputError, match=r"topo_LINE0\.txt: positions: expected metres within 10 km .*--utm-zone"):
         import_lines(paths, output=tmp_path / "a.drive.h5")
-    with pytest.raises(InputError, match="UTM zone: expected a number from 1 to 60 and N or S"):
+    with pytest.raises(InputError, match="utm_zone: expected a number from 1 to 60 and the hemisphere, N or S"):
         import_lines(paths, utm_zone="32X", output=tmp_path / "a.drive.h5")
     output = tmp_path / "a.drive.h5"
     survey = import_lines(paths, utm_zone="32N", output=output)

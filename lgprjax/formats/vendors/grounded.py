@@ -52,7 +52,7 @@ def import_grounded(
         InputError: a file is missing or damaged, shapes disagree, or positions are not finite or never move.
     """
     folder = Path(run_dir)
-    projection = utm_projection(folder, utm_zone)
+    projection = utm_projection(utm_zone)
     for place, value in (("sample interval", sample_interval_ns), ("scan rate", scan_rate_hz)):
         if not (np.isfinite(value) and value > 0):
             raise InputError(folder, place, "a number above zero", f"{value:g}")

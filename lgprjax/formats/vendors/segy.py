@@ -250,6 +250,8 @@ def import_segy(
     Raises:
         InputError: the file cannot be read or has no sample interval, or the line has no length.
     """
+    if utm_zone is not None:
+        utm_projection(utm_zone)  # a wrong zone is refused where nothing needs one, too
     profile = read_segy(path, sample_interval_ns=sample_interval_ns, time_zero_ns=time_zero_ns)
     provenance: dict[str, object] = {
         "made_by": "lgprjax import segy",
@@ -304,5 +306,5 @@ def _on_the_earth(
     if low[0] < 1e5 or high[0] > 9e5 or low[1] < 0 or high[1] > 1e7:
         found = f"eastings {low[0]:.6g} to {high[0]:.6g}, northings {low[1]:.6g} to {high[1]:.6g}"
         raise InputError(profile.path, "coordinates", "UTM metres (easting 100000 to 900000)", found)
-    longitude_deg, latitude_deg = utm_projection(profile.path, utm_zone)(coordinates.x, coordinates.y, inverse=True)
+    longitude_deg, latitude_deg = utm_projection(utm_zone)(coordinates.x, coordinates.y, inverse=True)
     return np.asarray(latitude_deg), np.asarray(longitude_deg)
