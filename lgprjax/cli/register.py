@@ -120,7 +120,7 @@ class Register:
             for remark in summary.remarks:
                 console.print(f"{summary.name}: {remark}", highlight=False, markup=False, soft_wrap=True)
         _advise(summaries)
-        write_page(results, self.output, "Registration", options=options)
+        write_page(results, self.output, "Registration")
         if self.json is not None:
             write_figures(self.json, [summary.as_json() for summary in summaries], force=self.force)
         console.print(f"fixes, summary.json and pictures: {self.output}", highlight=False, markup=False, soft_wrap=True)
@@ -180,8 +180,8 @@ def register_all(
     from lgprjax.batch import check_region, recording_of, register_log, track_of_drive, write_registered
     from lgprjax.batch.recording import gnss_gaps
     from lgprjax.formats import DriveLog, MapFile
-    from lgprjax.report import drive_section, summarise
-    from lgprjax.report.registered import draw_drive, drive_result, earlier_summaries
+    from lgprjax.report import drive_section
+    from lgprjax.report.registered import draw_drive, drive_result, earlier_summaries, summarise_search
 
     names = [path.name.removesuffix(".drive.h5") for path in drives]
     for name in names:
@@ -210,7 +210,7 @@ def register_all(
                 result = drive_result(drive, source, impostor=impostor, gnss_gap=gnss_gaps(log))
                 with working(f"drawing {path.name}"):
                     figures = draw_drive(result, drive, source, log, options, folder, force)
-                summary = summarise(result)
+                summary = summarise_search(result, options)
                 results.append((result, summary, drive_section(summary, figures)))
     summaries = [*earlier_summaries(folder, names), *(summary for _, summary, _ in results)]
     write_figures(folder / "summary.json", [summary.as_json() for summary in summaries], force=True)

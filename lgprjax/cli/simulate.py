@@ -121,6 +121,6 @@ class Demo:
         options = RegisterOptions()
         drives = [logs["live"], logs["impostor"]]
         results = register_all(database, drives, self.output, options, force=True, impostors=("impostor",))
-        page = write_page(results, self.output, "lgprjax: a drive located by the ground", options=options, intro=_INTRO)
+        page = write_page(results, self.output, "lgprjax: a drive located by the ground", intro=_INTRO)
         console.print(summary_table([summary for _, summary, _ in results]))
         console.print(f"report: {page.resolve()}", highlight=False, markup=False, soft_wrap=True)

@@ -10,14 +10,14 @@ import numpy as np
 from lgprjax.batch import FixExample, RegisteredDrive, example_scan, fix_example, settings_of
 from lgprjax.batch.assumptions import UNSTATED
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, MapFile, assumed_in_words, atomic_output, read_fixes
+from lgprjax.formats import DriveLog, MapFile, assumed_in_words, read_fixes
 from lgprjax.frames import LocalFrame
 from lgprjax.registration import FEW_CHANNELS, LADDER_M, OFF_MAP_SCORE, PIECE_M, RegisterOptions
 from lgprjax.report.drive import draw_confidence, draw_trajectory, stated_errors
 from lgprjax.report.html import PAGE, ReportFigure, Section, declines_table, drive_section, overview_table, write_report
 from lgprjax.report.match import SwarmPicture, draw_match, draw_surface, draw_swarm
 from lgprjax.report.results import CorrelationSurface, DriveResult, MatchExample
-from lgprjax.report.summary import CodedDrive, DriveSummary, draw_codes, summary_of
+from lgprjax.report.summary import CodedDrive, DriveSummary, draw_codes, summarise, summary_of
 from lgprjax.report.zoom_page import write_drive_page
 
 _LONE = (
@@ -252,25 +252,20 @@ def _earlier(folder: Path, summary: DriveSummary) -> tuple[CodedDrive, Section]:
     return coded, section if (folder / f"{summary.name}{PAGE}").is_file() else replace(section, beside=None)
 
 
-def write_page(
-    results: Sequence[Registered], folder: Path, title: str, *, options: RegisterOptions, intro: str = ""
-) -> Path:
-    """Write ``report.html``: overview, codes of all drives, a section each; drives registered before are kept.
+def summarise_search(result: DriveResult, options: RegisterOptions) -> DriveSummary:
+    """``summarise``, and how the drive was searched: a later page over its folder has drives searched otherwise."""
+    return replace(summarise(result), search=search_in_words(settings_of(options)), risk=options.risk)
 
-    ``summary.json`` is completed by the search of each drive.
+
+def write_page(results: Sequence[Registered], folder: Path, title: str, *, intro: str = "") -> Path:
+    """Write ``report.html``: overview, codes of all drives, a section each; drives registered before are kept.
 
     Raises:
         InputError: ``summary.json`` is not one of a registration, or a file cannot be written.
     """
     codes = folder / "codes.png"
     before = earlier_summaries(folder, [result.name for result, _, _ in results])
-    search = search_in_words(settings_of(options))
-    now = [replace(summary, search=search, risk=options.risk) for _, summary, _ in results]
-    summaries = [*before, *now]
-    # The next page over this folder, of drives searched otherwise, reads there how these were.
-    with atomic_output(folder / _SUMMARY, force=True) as temporary:
-        told = json.dumps([summary.as_json() for summary in summaries], indent=2)
-        temporary.write_text(f"{told}\n", encoding="utf-8")
+    summaries = [*before, *(summary for _, summary, _ in results)]
     earlier = [_earlier(folder, summary) for summary in before]
     draw_codes(
         [*(coded for coded, _ in earlier), *(result for result, _, _ in results)],
