@@ -95,10 +95,12 @@ class Run:
             return self._replay(self.replay)
         if self.simulate:
             return self._simulate(config)
+        if config.simulation is not None:
+            # Its ports lead to no device: the runtime would wait for one for ever.
+            expected = "--simulate as well, or no such table where the devices are a vehicle's"
+            raise InputError(config.file, "simulation", expected, "a table")
         if config.coverage is None and not config.path(config.map).is_file():
-            raise InputError(
-                config.file, "map", "a map that exists (--simulate makes one)", str(config.path(config.map))
-            )
+            raise InputError(config.file, "map", "a map that exists", str(config.path(config.map)))
         folder = run_folder(config)
         return _drive(self._resumed(config, folder), folder, self.for_s)
 

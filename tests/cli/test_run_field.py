@@ -65,9 +65,16 @@ def test_what_cannot_be_taken_up_is_one_line(field: Path) -> None:
     )
     assert plan is not None
     save_cover_plan(field.parent / "field.cover.geojson", plan, force=True)
-    done = lgprjax("run", str(field), "--start-line", "30")
+    done = lgprjax("run", str(field), "--simulate", "--start-line", "30")
     assert done.returncode == 1
     assert "start line: expected 1 to 21, found 30" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_a_simulated_configuration_does_not_wait_for_devices(field: Path) -> None:
+    done = lgprjax("run", str(field))
+    assert done.returncode == 1
+    assert "simulation: expected --simulate as well, or no such table" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
 
 

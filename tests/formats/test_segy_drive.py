@@ -57,6 +57,9 @@ def test_line_on_the_earth(tmp_path: Path, degrees: bool) -> None:
     traces = np.tile(np.arange(10), (120, 1)) + np.arange(120)[:, None]
     path = write_segy(tmp_path / "a.sgy", traces, headers=headers)
     output = tmp_path / "a.drive.h5"
+    if not degrees:
+        with pytest.raises(InputError, match="coordinates: expected --utm-zone, or --length-m to leave them unused"):
+            import_segy(path, place=_PLACE, output=output)
     assert import_segy(path, place=_PLACE, utm_zone=None if degrees else "32N", output=output)
     assert check_file(output) == []
     with DriveLog.open(output) as log:

@@ -300,11 +300,15 @@ def _on_the_earth(
         return None
     if coordinates.kind == "degrees":
         return coordinates.y, coordinates.x
-    if utm_zone is None:
-        return None
     low, high = (f(np.stack([coordinates.x, coordinates.y]), axis=1) for f in (np.min, np.max))
-    if low[0] < 1e5 or high[0] > 9e5 or low[1] < 0 or high[1] > 1e7:
-        found = f"eastings {low[0]:.6g} to {high[0]:.6g}, northings {low[1]:.6g} to {high[1]:.6g}"
+    found = f"eastings {low[0]:.6g} to {high[0]:.6g}, northings {low[1]:.6g} to {high[1]:.6g}"
+    on_grid = low[0] >= 1e5 and high[0] <= 9e5 and low[1] >= 0 and high[1] <= 1e7
+    if utm_zone is None:
+        # Metres of a survey's own begin near 0; those of a grid are a place, which is not dropped unsaid.
+        if on_grid and low[1] > 1e4:
+            raise InputError(profile.path, "coordinates", "--utm-zone, or --length-m to leave them unused", found)
+        return None
+    if not on_grid:
         raise InputError(profile.path, "coordinates", "UTM metres (easting 100000 to 900000)", found)
     longitude_deg, latitude_deg = utm_projection(utm_zone)(coordinates.x, coordinates.y, inverse=True)
     return np.asarray(latitude_deg), np.asarray(longitude_deg)
