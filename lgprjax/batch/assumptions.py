@@ -1,4 +1,4 @@
-"""Assumptions behind a map's labels that no instrument recorded, and distances of drives from a map."""
+"""Assumptions behind a map's labels that no instrument recorded; drives away from a map, and those it was made of."""
 
 from collections.abc import Mapping, Sequence
 
@@ -6,6 +6,7 @@ import numpy as np
 import pyproj
 from scipy.spatial import KDTree
 
+from lgprjax.files import file_hash
 from lgprjax.formats import DriveLog, MapFile, MapHistory, assumed_of
 
 UNSTATED = "sigma not stated (fixes are relative to the map's labels)"
@@ -66,6 +67,14 @@ def away_in_words(source: MapFile, log: DriveLog) -> str | None:
 def is_place_assumed(source: MapFile, log: DriveLog) -> bool:
     """Whether the place on the earth of the drive, or of a baseline of the map, is assumed."""
     return any("place on the earth" in each for each in (assumed_of(log.description.provenance), *map_assumed(source)))
+
+
+def is_baseline(source: MapFile, log: DriveLog) -> bool:
+    """Whether the map was made of this very drive."""
+    # The hash reads the whole log: it is taken where the rest is alike.
+    head = {"t0_utc": log.description.t0_utc, "scans": log.scans}
+    alike = [row for row in MapHistory.of(source).inputs if all(row.get(name) == head[name] for name in head)]
+    return bool(alike) and file_hash(log.path) in [row.get("sha256") for row in alike]
 
 
 def _on_sphere(latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:

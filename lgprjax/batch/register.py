@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from scipy.stats import chi2
 
 from lgprjax import __version__
-from lgprjax.batch.assumptions import away_in_words, is_place_assumed
+from lgprjax.batch.assumptions import away_in_words, is_baseline, is_place_assumed
 from lgprjax.batch.chance import chance_of
 from lgprjax.batch.on_board import Agreement, agreement, on_board_of, placed, searches_of
 from lgprjax.batch.recording import (
@@ -392,6 +392,7 @@ class RegisteredDrive:
         assumed: quantities of the drive that no instrument recorded, and what was assumed instead.
         away: distance from the map, in words; None where it comes close.
         place_assumed: whether the place on the earth of the drive, or of the map, is assumed.
+        is_baseline: the map was made of this very drive.
         channels: of the drive.
         carried_back: scans whose place was found from the ground ahead of them.
         agreement: with the fixes that a run was driven by; None of another drive, or without ``track``.
@@ -411,6 +412,7 @@ class RegisteredDrive:
     assumed: dict[str, str]
     away: str | None
     place_assumed: bool
+    is_baseline: bool
     channels: int
     carried_back: Bool[np.ndarray, " scan"]
     agreement: Agreement | None = None
@@ -523,6 +525,7 @@ def register_log(
         assumed=assumed_of(log.description.provenance),
         away=away_in_words(source, log),
         place_assumed=is_place_assumed(source, log),
+        is_baseline=is_baseline(source, log),
         channels=log.channels,
         carried_back=(np.asarray(fix.code) == Code.OK) & (before != Code.OK),
         agreement=None if searched is None else agreement(searched, fix),

@@ -20,6 +20,7 @@ from lgprjax.report.results import CorrelationSurface, DriveResult, MatchExample
 from lgprjax.report.summary import CodedDrive, DriveSummary, draw_codes, summarise, summary_of
 from lgprjax.report.zoom_page import write_drive_page
 
+_OWN = "the map was made of this very drive: that it is found there says nothing of accuracy"
 _LONE = (
     "one channel on a map of one channel: fixes locate the drive along the line. The ground next to the line "
     "resembles that on it, so that across it they only show that the drive is near, and the cross-track sigma "
@@ -336,6 +337,7 @@ def _remarks(drive: RegisteredDrive, source: MapFile) -> tuple[str, ...]:
     """Remarks on the fixes."""
     labels = None if any(source.description.label_sigma_m) else f"labels: {UNSTATED}"
     lines = (
+        _OWN if drive.is_baseline else None,
         labels,
         drive.alignment.told,
         drive.jumps,

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from generated import Site, register_site
 from lgprjax.batch import RegisteredDrive, example_scan, fix_example, settings_of, write_registered
+from lgprjax.batch.assumptions import is_baseline
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.pso import SwarmConfig
 from lgprjax.registration import RegisterOptions
@@ -98,6 +99,16 @@ def test_each_drive_of_a_page_says_how_it_was_searched(
     assert 0 < page.index(words[0]) < page.index(words[1])
     dashed = [drawn[-1].axes[3 * row].lines[0].get_xdata()[0] for row in range(2)]  # type: ignore[index]
     assert dashed == pytest.approx([3.0, 6.0])
+
+
+def test_a_drive_that_the_map_was_made_of_is_told(site: Site, live: RegisteredDrive) -> None:
+    told = "the map was made of this very drive: that it is found there says nothing of accuracy"
+    with MapFile.open(site.map) as source:
+        for name, own in (("baseline_left", True), ("live", False)):
+            with DriveLog.open(site.logs[name]) as log:
+                assert is_baseline(source, log) is own
+        plain = drive_result(live, source, impostor=False).remarks
+        assert drive_result(replace(live, is_baseline=True), source, impostor=False).remarks == (told, *plain)
 
 
 def test_travel_in_reverse_adds_to_the_distance(site: Site, live: RegisteredDrive) -> None:
