@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeGuard
 
 import numpy as np
 
@@ -65,11 +65,11 @@ def require_number(name: str, value: object, expected: str, least: float, most: 
     Raises:
         InputError: it is, and why.
     """
-    if not is_number(value) or not least <= value <= most:  # type: ignore[operator]
+    if not is_number(value) or not least <= value <= most:
         raise ArgumentError(name, expected, repr(value)[:60])
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """Whether a value is a plain real number, of Python or of NumPy; NaN and infinities are."""
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 

@@ -134,7 +134,8 @@ def course(
             )
     told = {name: _USUAL[name] if given[name] is None else given[name] for name in takes}
     for name in takes:
-        if name != "hand" and not (is_number(told[name]) and math.isfinite(told[name])):  # type: ignore[arg-type]
+        one = told[name]
+        if name != "hand" and not (is_number(one) and math.isfinite(one)):
             raise InputError("course", name, "a finite number", repr(told[name])[:60])
         if name == "length_m" and not 0.0 < told[name] <= _LONGEST_M:  # type: ignore[operator]
             raise InputError("course", name, f"more than 0 and at most {_LONGEST_M:g} m", f"{told[name]:g}")

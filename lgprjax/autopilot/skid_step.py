@@ -333,10 +333,10 @@ def step_skid(
     """State, command and diagnostics of one step. Unbatched; ``vmap`` for many.
 
     The tool is off unless the vehicle is engaged, drives, is not being stopped, knows its heading and is within
-    ``OFF_LINE_M`` of its line. A stop slows both
-    wheels in proportion: the vehicle stays on its arc, for which the fence was checked. The lookahead point does not
-    move while nothing is engaged: engaged again, the vehicle continues where it left the route. Not engaged, the
-    command follows the wheels as measured, so that the first one after engaging starts from there.
+    ``OFF_LINE_M`` of its line. A stop slows both wheels in proportion: the vehicle stays on its arc, for which the
+    fence was checked. The lookahead point does not move while nothing is engaged: engaged again, the vehicle continues
+    where it left the route. Not engaged, the command follows the wheels as measured, so that the first one after
+    engaging starts from there.
 
     A NaN pose or order makes a NaN command, which the limiter handles.
 

@@ -197,7 +197,7 @@ class StopFixes:
             stops.sigma_yaw_rad[at[told]],
         )
         fixes.covariance[:] *= self.sigma_scale**2
-        # Where the ground hardly changes along the way, places farther away than a fix may be match as well.
+        # Where the ground hardly changes along the way, places that count as wrong match as well as the best one.
         facing = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
         along_m2 = np.einsum("si,sij,sj->s", facing, np.asarray(fixes.covariance)[:, :2, :2], facing)
         fixes.code[(fixes.code == Code.OK) & (along_m2 > WRONG_M**2)] = Code.AMBIGUOUS

@@ -279,17 +279,23 @@ def test_a_control_loop_that_hangs_leaves_the_box_to_its_defaults(moments: dict[
     assert loop.stage._known.last.speed_mps < before - 0.5
 
 
-def test_a_control_loop_that_was_relaunched_is_never_engaged_by_itself(
-    moments: dict[str, Moment], config: RuntimeConfig, loaded: Loaded
-) -> None:
-    loop = moments["straight"].copy()
+def relaunch(loop: OnboardLoop, config: RuntimeConfig, loaded: Loaded) -> int:
+    """The control process dies, and another one takes its place after two seconds; number of its first row."""
     loop.held_up = [(loop.time_s, loop.time_s + 2.0)]
     loop.run(1.9)
     loop.core = ControlCore(config, loaded, session=78, after_death=True)
     # As the supervisor tells every new control process.
     for name in ("recorder", "registration"):
         loop.tell({"ready": name})
-    first, loop.tick = len(loop.rows), 0
+    loop.tick = 0
+    return len(loop.rows)
+
+
+def test_a_control_loop_that_was_relaunched_is_never_engaged_by_itself(
+    moments: dict[str, Moment], config: RuntimeConfig, loaded: Loaded
+) -> None:
+    loop = moments["straight"].copy()
+    first = relaunch(loop, config, loaded)
     loop.run(6.0)
     assert {Mode(int(row["mode"])) for row in loop.rows[first:]} == {Mode.ERROR}
     assert all(not int(row["engage"]) & 3 for row in loop.rows[first:])
@@ -303,12 +309,7 @@ def test_power_that_was_cut_stays_cut_over_a_relaunch(
     loop.core.modes.cut()
     loop.run(0.1)
     assert loop.stage.drive_box.held == POWER_CUT
-    loop.held_up = [(loop.time_s, loop.time_s + 2.0)]
-    loop.run(1.9)
-    loop.core = ControlCore(config, loaded, session=78, after_death=True)
-    for name in ("recorder", "registration"):
-        loop.tell({"ready": name})
-    first, loop.tick = len(loop.rows), 0
+    first = relaunch(loop, config, loaded)
     loop.run(3.0)
     assert loop.stage.drive_box.held == POWER_CUT
     assert {int(row["engage"]) for row in loop.rows[first:]} <= {0, POWER_CUT}
