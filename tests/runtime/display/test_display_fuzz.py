@@ -70,6 +70,17 @@ def open_socket(line: socket.socket, served: ServedPage, draw: random.Random) ->
     return str(json.loads(text[: text.index(b"}") + 1])["session"])
 
 
+def await_answer(line: socket.socket) -> None:
+    """Until the server answered or ended the connection: closed earlier, it would drop the request unread."""
+    line.settimeout(1.0)
+    answer = b""
+    while b'"answer"' not in answer:
+        part = line.recv(4096)
+        if not part:
+            return
+        answer = answer[-16:] + part
+
+
 def send_frames(served: ServedPage, draw: random.Random) -> tuple[int, int]:
     """A connection with up to eight messages; how many were sent, and how many of them were good requests."""
     sent = wishes = number = 0
@@ -83,6 +94,7 @@ def send_frames(served: ServedPage, draw: random.Random) -> tuple[int, int]:
                     # The second one has the number of the first, which was taken or refused a moment before.
                     again = frame(wish(session, number, BAD_ROUTE), draw)
                     line.sendall(frame(wish(session, number, GOOD_ROUTE), draw) + again)
+                    await_answer(line)
                 else:
                     line.sendall(malformed_frame(session, number, draw))
                 sent += 1
@@ -119,7 +131,8 @@ def check(served: ServedPage, seen: Seen) -> None:
     """It did nothing that it was not rightly asked for, and is as it was."""
     asked = Counter(json.dumps(request) for request in served.requests())
     assert asked.keys() == {json.dumps({"select_route": GOOD_ROUTE})}, asked
-    assert 0 < asked.total() <= seen.wishes
+    # Most of the others share a connection with a message that ends it.
+    assert seen.wishes // 10 < asked.total() <= seen.wishes
     assert seen.growth_kb < LARGEST_GROWTH_KB
     assert seen.silence_s < LONGEST_SILENCE_S
     assert served.errors.read_text() == ""
