@@ -49,8 +49,8 @@ class Bench:
     registration: the search for a scan's pose, on hard generated ground.
     drive: a drive of ten minutes registered from end to end: what a scan costs, and where the time goes; half an hour.
     rollouts: vehicles driven along a path in closed loop, very many at once.
-    closed-loop: a mile off road driven by the autopilot with full registration, twenty seeds, snow and rain, about an
-    hour and a half; and a thousand kilometres with an error model of fixes.
+    closed-loop: a mile off road driven by the autopilot with full registration, in each of seven conditions, about
+    twenty minutes; and a thousand kilometres with an error model of fixes.
     runtime: the onboard runtime in real time against simulated devices, a mile with 126 scans a second.
     coverage: the worked area of a hectare kept up live, beside the source's cached shapes and brute force.
     archive: a thousand drives registered by one worker process and by several, one of them killed; about half an hour.

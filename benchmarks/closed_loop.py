@@ -11,22 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks.course_drive import CONDITIONS
 from benchmarks.process import ProgramError, run_program
 from benchmarks.records import Record, machine_line
 from lgprjax.machine import usable_cores
 
 MILE_M = 1609.344
-_PUBLISHED_CROSS_M = {"clear": 0.26, "snow": 0.29, "rain": 0.40}
-
-
-class Drives(NamedTuple):
-    """Drives of one kind: ``share`` records every so many-th scan."""
-
-    name: str
-    seeds: tuple[int, ...]
-    share: int
-    weather: str = "clear"
-    fusion: str = "filter"
+_PUBLISHED_CROSS_M = {"clear": 0.26, "snow": 0.29, "rain, drifting scale": 0.40}
 
 
 @dataclass(frozen=True)
@@ -35,10 +26,8 @@ class LoopPlan:
 
     Attributes:
         length_m: of each drive.
-        full_rate: seeds driven with all 126 scans a second.
-        third_rate: seeds driven with every third.
-        switched: seeds of those driven by LL's threshold switch too.
-        days: seeds of the days in snow and rain.
+        seeds: of the courses that each condition is driven on.
+        conditions: of ``course_drive``.
         lanes: drives of a mile with the error model.
         lane_m: length of each.
         limit_s: of each process.
@@ -47,35 +36,17 @@ class LoopPlan:
     """
 
     length_m: float = MILE_M
-    full_rate: tuple[int, ...] = (1,)
-    third_rate: tuple[int, ...] = tuple(range(2, 21))
-    switched: tuple[int, ...] = (2,)
-    days: tuple[int, ...] = (2,)
+    seeds: tuple[int, ...] = (2,)
+    conditions: tuple[str, ...] = tuple(CONDITIONS)
     lanes: int = 640
     lane_m: float = MILE_M
     limit_s: float = 7200.0
     processes: int = field(default_factory=usable_cores)
     picture: Path | None = None
 
-    @property
-    def drives(self) -> list[Drives]:
-        """All drives with full registration; those of one entry share a process."""
-        third = [Drives("42 Hz", self.third_rate[n :: self.processes], 3) for n in range(self.processes)]
-        return [
-            group
-            for group in (
-                *third,
-                Drives("126 Hz", self.full_rate, 1),
-                Drives("switch", self.switched, 3, fusion="switch"),
-                Drives("snow", self.days, 3, weather="snow"),
-                Drives("rain", self.days, 3, weather="rain"),
-            )
-            if group.seeds
-        ]
-
 
 FULL_LOOP = LoopPlan()
-QUICK_LOOP = LoopPlan(length_m=60.0, full_rate=(), third_rate=(1,), switched=(), days=(), lanes=64, lane_m=100.0)
+QUICK_LOOP = LoopPlan(length_m=60.0, conditions=("clear",), lanes=64, lane_m=100.0)
 
 
 class LoopOutcome(NamedTuple):
@@ -87,8 +58,8 @@ class LoopOutcome(NamedTuple):
     drives: list[dict[str, Any]]
 
 
-Done = tuple[Drives, dict[str, Any]]
-"""A drive's kind and its figures."""
+Done = tuple[str, dict[str, Any]]
+"""A drive's condition and its figures."""
 
 
 def run_closed_loop(plan: LoopPlan, say: Callable[[str], None]) -> LoopOutcome:
@@ -97,67 +68,52 @@ def run_closed_loop(plan: LoopPlan, say: Callable[[str], None]) -> LoopOutcome:
     done: list[Done] = []
     say(f"drives of {plan.length_m:.0f} m")
     with ThreadPoolExecutor(plan.processes) as pool:
-        for group, found in zip(plan.drives, pool.map(lambda each: _drive(plan, each), plan.drives), strict=True):
+        # The longest, at the full rate, is among the first.
+        for name, found in zip(
+            plan.conditions, pool.map(lambda each: _drive(plan, each), plan.conditions), strict=True
+        ):
             if isinstance(found, str):
-                failed.append(f"{group.name}, seeds {group.seeds}: {found}")
+                failed.append(f"{name}, seeds {plan.seeds}: {found}")
             else:
-                done += [(group, figures) for figures in found]
+                done += [(name, figures) for figures in found]
             say(f"{len(done)} drives of {plan.length_m:.0f} m done")
     say(f"{plan.lanes} drives with the error model")
     many = _many(plan, failed)
-    records = [*drive_records(done), *day_records(done), *(many_records(many) if many else [])]
-    told = [{"name": group.name, "weather": group.weather, **found} for group, found in done]
+    records = [*drive_records(done), *(many_records(many) if many else [])]
+    told = [{"name": name, **found} for name, found in done]
     return LoopOutcome(machine, records, failed, [*told, *([{"name": "error model", **many}] if many else [])])
 
 
 def drive_records(done: Sequence[Done]) -> list[Record]:
-    """Tracking of the clear drives, and of those by the threshold switch beside the same seeds by the filter."""
+    """Figures of the drives with full registration, a condition after the other; of several seeds the worst."""
     records = []
-    for name in ("126 Hz", "42 Hz", "switch"):
-        found = [figures for drive, figures in done if drive.name == name]
+    for name, condition in CONDITIONS.items():
+        found = [figures for kind, figures in done if kind == name]
         if not found:
             continue
-        goal = {"126 Hz": (0.10, 0.9144, 0.99), "42 Hz": (0.10, 0.9144, 0.99)}.get(name, (None, None, None))
-        note = f"{len(found)} drives of {_mean(found, 'way_m'):.0f} m at {_mean(found, 'speed_mps'):.1f} m/s"
+        worst = {key: max(f[key] for f in found) for key in ("rms_m", "largest_m", "wrong_fixes")}
+        least = {key: min(f[key] for f in found) for key in ("engaged_share", "speed_mps", "finished")}
+        steering = max(f["largest_steering_step_rad"] / f["steering_limit_rad"] for f in found)
+        note = f"{len(found)} drives of {_mean(found, 'way_m'):.0f} m, {_mean(found, 'seconds'):.0f} s of a core each"
+        published = _PUBLISHED_CROSS_M.get(name)
+        beside = "" if published is None else f"mean, across; RA-L 2020 has {published:.2f} m on its own roads"
+        relative = _mean(found, "relative_cross_mean_m")
+        nees = f"position; heading {_mean(found, 'nees_yaw'):.2f}"
         records += [
-            Record(f"{name}: tracking, worst RMS", max(f["rms_m"] for f in found), "m", "lower", goal[0], note),
-            Record(f"{name}: tracking, mean RMS", _mean(found, "rms_m"), "m", "lower"),
-            Record(f"{name}: tracking, largest", max(f["largest_m"] for f in found), "m", "lower", goal[1]),
-            Record(f"{name}: length within a foot, least", min(f["within_foot"] for f in found), "", "higher", goal[2]),
-            Record(f"{name}: finished", float(np.mean([f["finished"] for f in found])), "", "higher", 1.0),
-            Record(f"{name}: ok fixes", _mean(found, "ok_share"), "", "higher", None, "share of the scans"),
-            Record(f"{name}: wrong fixes", float(sum(f["wrong_fixes"] for f in found)), "", "lower", 0.0),
-            Record(f"{name}: located, cross RMS", _mean(found, "located_cross_rms_m"), "m", "lower"),
-            Record(f"{name}: threshold switch beside it, cross RMS", _mean(found, "switch_cross_rms_m"), "m", "lower"),
-            Record(f"{name}: GNSS/INS beside it, cross RMS", _mean(found, "gnss_ins_cross_rms_m"), "m", "lower"),
-            Record(f"{name}: NEES, position", _mean(found, "nees_position"), "", "lower", None, "a degree of freedom"),
-            Record(f"{name}: NEES, heading", _mean(found, "nees_yaw"), "", "lower"),
-            Record(
-                f"{name}: largest steering step / limit",
-                max(f["largest_steering_step_rad"] / f["steering_limit_rad"] for f in found),
-                "×",
-                "lower",
-                1.001,
-            ),
-            Record(f"{name}: degraded", _mean(found, "degraded_share"), "", "lower", None, "share of the time"),
-            Record(f"{name}: time", _mean(found, "seconds"), "s", "lower", None, "a drive, on one core"),
+            Record(f"{name}: finished", float(least["finished"]), "", "higher", 1.0, note),
+            Record(f"{name}: engaged, of the way", 100.0 * least["engaged_share"], "%", "higher", 95.0),
+            Record(f"{name}: speed", least["speed_mps"], "m/s", "higher", condition.speed_goal_mps),
+            Record(f"{name}: tracking, RMS", worst["rms_m"], "m", "lower", condition.rms_goal_m),
+            Record(f"{name}: tracking, largest", worst["largest_m"], "m", "lower", 0.9144),
+            Record(f"{name}: ok", 100.0 * _mean(found, "ok_share"), "%", "higher", None, "of the scans"),
+            Record(f"{name}: wrong by over 0.3 m", float(worst["wrong_fixes"]), "", "lower", 0.0, "ok fixes"),
+            Record(f"{name}: located across, RMS", _mean(found, "located_cross_rms_m"), "m", "lower"),
+            Record(f"{name}: GNSS/INS across, RMS", _mean(found, "gnss_ins_cross_rms_m"), "m", "lower"),
+            Record(f"{name}: relative accuracy", relative, "m", "lower", published, beside),
+            Record(f"{name}: NEES", _mean(found, "nees_position"), "", "lower", None, nees),
+            Record(f"{name}: degraded", 100.0 * _mean(found, "degraded_share"), "%", "lower", None, "of the time"),
+            Record(f"{name}: largest steering step / limit", steering, "×", "lower", 1.001),
         ]
-    return records
-
-
-def day_records(done: Sequence[Done]) -> list[Record]:
-    """Relative accuracy by day, beside what was published of other ground."""
-    records = []
-    for weather, published_m in _PUBLISHED_CROSS_M.items():
-        found = [f for drive, f in done if drive.weather == weather and drive.fusion == "filter"]
-        if found:
-            note = (
-                f"mean, across; RA-L 2020 has {published_m:.2f} m on its own roads. {_mean(found, 'ok_share'):.0%} ok"
-            )
-            key = f"{weather}: relative accuracy"
-            records.append(Record(key, _mean(found, "relative_cross_mean_m"), "m", "lower", published_m, note))
-            tracking = max(f["rms_m"] for f in found)
-            records.append(Record(f"{weather}: tracking, worst RMS of days", tracking, "m", "lower"))
     return records
 
 
@@ -179,16 +135,11 @@ def many_records(found: dict[str, Any]) -> list[Record]:
     ]
 
 
-def _drive(plan: LoopPlan, group: Drives) -> list[dict[str, Any]] | str:
-    options = {
-        "--weather": group.weather,
-        "--fusion": group.fusion,
-        "--share": group.share,
-        "--length-m": plan.length_m,
-        "--threads": 1,
-    }
-    arguments = ["--picture", str(plan.picture.absolute())] if plan.picture and group == plan.drives[0] else []
-    arguments += ["--seeds", *map(str, group.seeds), *(str(part) for pair in options.items() for part in pair)]
+def _drive(plan: LoopPlan, condition: str) -> list[dict[str, Any]] | str:
+    arguments = ["--condition", condition, "--seeds", *map(str, plan.seeds)]
+    arguments += ["--length-m", str(plan.length_m), "--threads", "1"]
+    if plan.picture and condition == plan.conditions[0]:
+        arguments += ["--picture", str(plan.picture.absolute())]
     try:
         found = run_program("benchmarks.course_drive", arguments, threads=1, limit_s=plan.limit_s)
     except ProgramError as error:

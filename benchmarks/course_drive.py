@@ -1,4 +1,4 @@
-"""Courses driven with full registration (``python -m benchmarks.course_drive OUT --seeds N M ...``).
+"""Courses driven with full registration (``python -m benchmarks.course_drive OUT --condition NAME --seeds N ...``).
 
 Each seed is a course of its own; what is compiled for the first serves all. OUT grows by a drive at a time.
 """
@@ -7,9 +7,12 @@ import argparse
 import json
 import tempfile
 import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.accuracy import Labels, fit_fix_errors, labels_of, relative_error
@@ -20,6 +23,7 @@ from lgprjax.mapping import build_map
 from lgprjax.navigation import RouteSpeeds
 from lgprjax.registration import WRONG_M, Code, RegisterOptions
 from lgprjax.report import DrivenResult, draw_driven_course
+from lgprjax.scene import WEATHER, Day, Trench
 from lgprjax.simulation.loop import (
     DrivenCourse,
     LoopSpec,
@@ -33,14 +37,62 @@ from lgprjax.simulation.loop import (
 )
 
 
+@dataclass(frozen=True)
+class Condition:
+    """What a mile is driven in.
+
+    Attributes:
+        day: from its seed and the length of the course.
+        share: every so many-th of 126 scans a second.
+        gnss_slow_m: how far GNSS wanders from the map, sigma an axis.
+        gnss_lost_s: from this moment on there is no GNSS.
+        settled_s: the driver engages once navigation has been sound for this long.
+        rms_goal_m, speed_goal_mps: to be reached; no speed where something is wrong.
+    """
+
+    day: Callable[[int, float], Day]
+    share: int = 3
+    gnss_slow_m: float = 0.3
+    gnss_lost_s: float = np.inf
+    settled_s: float = 1.0
+    rms_goal_m: float = 0.10
+    speed_goal_mps: float | None = None
+
+
+def _clear(seed: int, _: float) -> Day:
+    return WEATHER["clear"](seed)
+
+
+def _drifting_rain(seed: int, _: float) -> Day:
+    """Travel times longer by 2.5 % in the mean, and by that and as much as 5.5 % more or less along the way."""
+    return replace(
+        WEATHER["rain"](seed), velocity_factor=1 / 1.025, moisture_rms=0.0275, moisture_wavelength_m=(100.0, 400.0)
+    )
+
+
+def _rebuilt(seed: int, length_m: float) -> Day:
+    """Other ground, down to below what the radar sees, for an eighth of the way in its middle: 200 m of a mile."""
+    return replace(WEATHER["clear"](seed), trenches=(Trench((0.44 * length_m, 0.565 * length_m), depth_m=4.0),))
+
+
+CONDITIONS = {
+    "clear, 126 Hz": Condition(_clear, share=1, speed_goal_mps=4.4),
+    "clear": Condition(_clear, speed_goal_mps=4.4),
+    "snow": Condition(lambda seed, _: WEATHER["snow"](seed), speed_goal_mps=4.4),
+    "rain, drifting scale": Condition(_drifting_rain, rms_goal_m=0.14),
+    "GNSS 2 m": Condition(_clear, gnss_slow_m=2.0),
+    # Lost after 13 s, some 50 m with fixes; engaged a few seconds later, by LGPR alone.
+    "GNSS off": Condition(_clear, gnss_lost_s=13.0, settled_s=12.0),
+    "rebuilt road": Condition(_rebuilt),
+}
+
+
 def main() -> None:
     """The program."""
     parser = argparse.ArgumentParser(prog="benchmarks.course_drive")
     parser.add_argument("out", type=Path)
     parser.add_argument("--seeds", type=int, nargs="+", required=True)
-    parser.add_argument("--weather", default="clear")
-    parser.add_argument("--fusion", default="filter")
-    parser.add_argument("--share", type=int, default=3)
+    parser.add_argument("--condition", choices=CONDITIONS, required=True)
     parser.add_argument("--length-m", type=float, required=True)
     parser.add_argument("--picture", type=Path, help="of the first drive, a PNG")
     parser.add_argument("--threads", type=int, required=True)
@@ -48,41 +100,38 @@ def main() -> None:
     hold_to(chosen.threads)
     done: list[dict[str, Any]] = []
     for seed in chosen.seeds:
-        done.append({"seed": seed, **drive_one(chosen, seed)})
+        picture = None if done else chosen.picture
+        done.append({"seed": seed, **drive_one(CONDITIONS[chosen.condition], seed, chosen.length_m, picture)})
         chosen.out.write_text(json.dumps({"drives": done}), encoding="utf-8")
 
 
-def drive_one(chosen: argparse.Namespace, seed: int) -> dict[str, Any]:
+def drive_one(condition: Condition, seed: int, length_m: float, picture: Path | None = None) -> dict[str, Any]:
     """Make a course, map it, drive it; its figures."""
-    spec = LoopSpec(fusion=chosen.fusion)
-    options = RegisterOptions(search_m=1.5)
+    spec = LoopSpec()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        course = make_course(OffRoad(seed, chosen.length_m, chosen.share), folder)
+        course = make_course(OffRoad(seed, length_m, condition.share), folder)
         database = folder / "course.map.h5"
         build_map([course.baseline], database)
         with MapFile.open(database) as source, DriveLog.open(course.baseline) as log:
-            setup = loop_setup(spec, LoopVehicle(), course.terrain)
+            setup = loop_setup(spec, LoopVehicle(gnss_slow_m=condition.gnss_slow_m), course.terrain)
+            setup = setup._replace(
+                settled_s=jnp.float32(condition.settled_s),
+                faults=setup.faults._replace(gnss_lost_s=jnp.asarray([condition.gnss_lost_s, np.inf], jnp.float32)),
+            )
             route = route_of_map(source, setup, RouteSpeeds(float(setup.set_speed_mps)))
             labels = labels_of([log], source.description.frame)
             began = time.perf_counter()
-            drive = drive_course(
-                course,
-                source,
-                spec,
-                setup,
-                route,
-                options,
-                weather=chosen.weather,
-                seed=100 + seed,
-                chance=chance_of(source),
-            )
+            day = condition.day(7919 * seed + 100 + seed, length_m)
+            options, chance = RegisterOptions(), chance_of(source)
+            drive = drive_course(course, source, spec, setup, route, options, day=day, seed=100 + seed, chance=chance)
             seconds = time.perf_counter() - began
-    if chosen.picture is not None and seed == chosen.seeds[0]:
-        title = f"{chosen.length_m:.0f} m off road, {chosen.weather} day, seed {seed}"
+    if picture is not None:
         # Whether a file may be replaced was asked before the drive.
-        draw_driven_course(as_result(drive, title), chosen.picture, force=True)
+        draw_driven_course(as_result(drive, f"{length_m:.0f} m off road, seed {seed}"), picture, force=True)
     figures = figures_of(drive, course.spec.array_x_m, labels)
+    figures["engaged_without_gnss"] = bool(np.argmax(drive.engaged) * spec.tick_s > condition.gnss_lost_s)
+    figures["engaged_share"] = figures["way_m"] / float(route.legs.length_m[0])
     figures["seconds"] = seconds
     figures["steering_limit_rad"] = float(setup.autopilot.limiter.front_rate_radps) * spec.tick_s
     return figures

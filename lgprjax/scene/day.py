@@ -90,7 +90,8 @@ class Day:
         velocity_factor, velocity_spread: the wave's velocity is the ground's, times the factor, times
             1 + spread * normal.
         attenuation_factor: of the ground's attenuation.
-        moisture_rms: relative change of slowness with place, that day only.
+        moisture_rms, moisture_wavelength_m: relative change of slowness with place, that day only; None: over the
+            wavelengths of the ground's own.
         clutter_per_m2, clutter_depth_m, clutter_strength_m: small shallow things, there on this day only.
         moved_share: of the ground's stones shallower than ``moved_depth_m``, replaced by others since.
         cover, skin, trenches: see there.
@@ -105,6 +106,7 @@ class Day:
     velocity_spread: float = 0.002
     attenuation_factor: float = 1.0
     moisture_rms: float = 0.0025
+    moisture_wavelength_m: tuple[float, float] | None = None
     clutter_per_m2: float = 7.0
     clutter_depth_m: tuple[float, float] = (0.03, 0.5)
     clutter_strength_m: float = 0.0065
@@ -164,10 +166,11 @@ def ground_on(ground: Ground, day: Day) -> tuple[Ground, Conditions]:
     if day.cover is not None:
         c = day.cover
         cover_m = draw_field(cover, rms=c.relief_m, wavelength_m=_COVER_WAVELENGTH_M, waves=WAVES, mean=c.thickness_m)
+    wavelength_m = config.wavelength_m if day.moisture_wavelength_m is None else day.moisture_wavelength_m
     conditions = Conditions(
         velocity_factor=day.velocity_factor * (1 + day.velocity_spread * float(velocity.normal())),
         attenuation_factor=day.attenuation_factor,
-        moisture=draw_field(moisture, rms=day.moisture_rms, wavelength_m=config.wavelength_m, waves=WAVES),
+        moisture=draw_field(moisture, rms=day.moisture_rms, wavelength_m=wavelength_m, waves=WAVES),
         skin_m=skin_m,
         skin_slowness=0.0 if day.skin is None else day.skin.slowness,
         cover_m=cover_m,

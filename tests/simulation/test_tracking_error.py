@@ -17,7 +17,7 @@ def test_offset_from_a_circle_is_the_difference_of_radii() -> None:
     cross = cross_track_m(inside, baseline)
     # Counter-clockwise the centre is to the left; the chord's sagitta is 0.04 mm.
     assert cross == pytest.approx(np.full(len(inside), 0.2), abs=1e-4)
-    found = tracking_error(inside, baseline)
+    found = tracking_error(inside, baseline, np.ones(len(inside), bool))
     assert found.rms_m == pytest.approx(0.2, abs=1e-4)
     assert found.within_foot == pytest.approx(1.0)
     assert found.way_m == pytest.approx(2.0 * np.pi * 29.8, rel=0.01)
@@ -40,7 +40,7 @@ def test_share_within_a_foot_is_by_length() -> None:
     baseline = np.stack([np.arange(0.0, 101.0), np.zeros(101)], axis=1)
     x = np.arange(0.0, 100.0, 0.5)
     track = np.stack([x, np.where(x < 25.0, 0.4, 0.1)], axis=1)
-    found = tracking_error(track, baseline)
+    found = tracking_error(track, baseline, np.ones(len(track), bool))
     assert found.within_foot == pytest.approx(0.75, abs=0.01)
     assert found.largest_m == pytest.approx(0.4)
     assert found.rms_m == pytest.approx(np.sqrt(0.25 * 0.4**2 + 0.75 * 0.1**2), rel=0.01)

@@ -37,7 +37,7 @@ from lgprjax.registration import (
     ground_map_for,
     sigmas_along_cross,
 )
-from lgprjax.scene import WEATHER, LiveRadar, Readings, ReceiverFaults, SensorFaults, draw_springs
+from lgprjax.scene import Day, LiveRadar, Readings, ReceiverFaults, SensorFaults, draw_springs
 from lgprjax.simulation.loop.closed_loop import LoopTick, decide, move, tick_record
 from lgprjax.simulation.loop.loop_setup import LoopSetup, LoopSpec, LoopState, TrackingError, start_loop, tracking_error
 from lgprjax.simulation.loop.off_road import OffRoad, OffRoadCourse, SceneFrame, scene_frame_of
@@ -76,7 +76,7 @@ class RadarLoop:
     Args:
         course: that is driven.
         source: its map.
-        weather, day_seed: of the live day, see ``WEATHER``.
+        day: the live one.
         options: of the search.
         seed: of the drive's faults and springs.
         ticks: that it may last.
@@ -93,8 +93,7 @@ class RadarLoop:
         source: MapFile,
         options: RegisterOptions,
         *,
-        weather: str,
-        day_seed: int,
+        day: Day,
         seed: int,
         ticks: int,
         tick_s: float,
@@ -104,7 +103,7 @@ class RadarLoop:
         self.frame: SceneFrame = scene_frame_of(source.description.frame)
         self._radar = LiveRadar(
             course.ground,
-            WEATHER[weather](day_seed),
+            day,
             course.road,
             course.array,
             draw_springs(course.plan, seed),
@@ -330,7 +329,7 @@ class DrivenCourse(NamedTuple):
     @property
     def tracking(self) -> TrackingError:
         """Over the part driven by the autopilot."""
-        return tracking_error(self.anchor_m[self.engaged], self.baseline_m)
+        return tracking_error(self.anchor_m, self.baseline_m, self.engaged)
 
 
 def route_of_map(source: MapFile, setup: LoopSetup, speeds: RouteSpeeds) -> RoutePath:
@@ -348,7 +347,7 @@ def drive_course(
     route: RoutePath,
     options: RegisterOptions,
     *,
-    weather: str,
+    day: Day,
     seed: int,
     chance: Chance = POOLED,
     progress: Callable[[int], None] = lambda _: None,
@@ -361,8 +360,8 @@ def drive_course(
         course, source: that is driven, and its map.
         spec, setup, route: of the loop.
         options: of the search.
-        weather: of the day, see ``WEATHER``.
-        seed: of the day, the faults of the radar, and all noise.
+        day: the live one.
+        seed: of the faults of the radar, and of all noise.
         chance: of the map.
         progress: called for every tick.
 
@@ -376,8 +375,7 @@ def drive_course(
         course,
         source,
         options,
-        weather=weather,
-        day_seed=7919 * course.spec.seed + seed,
+        day=day,
         seed=seed,
         ticks=ticks,
         tick_s=spec.tick_s,

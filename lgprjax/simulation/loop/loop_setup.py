@@ -391,10 +391,19 @@ def cross_track_m(
     return out
 
 
-def tracking_error(track_m: Float[np.ndarray, "tick 2"], baseline_m: Float[np.ndarray, "point 2"]) -> TrackingError:
-    """Figures of a track relative to a baseline, each place weighted by the distance to the next."""
-    cross = cross_track_m(track_m, baseline_m)
-    way = np.append(np.hypot(*np.diff(track_m, axis=0).T), 0.0)
+def tracking_error(
+    track_m: Float[np.ndarray, "tick 2"],
+    baseline_m: Float[np.ndarray, "point 2"],
+    counts: Bool[np.ndarray, " tick"],
+) -> TrackingError:
+    """Figures of a track relative to a baseline, each place weighted by the distance to the next.
+
+    Args:
+        track_m, baseline_m: as for ``cross_track_m``.
+        counts: places that are judged, of those that are followed.
+    """
+    cross = cross_track_m(track_m, baseline_m)[counts]
+    way = np.append(np.hypot(*np.diff(track_m, axis=0).T), 0.0)[counts]
     total = max(float(way.sum()), 1e-9)
     return TrackingError(
         float(np.sqrt(np.sum(cross**2 * way) / total)),
