@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from lgprjax.batch.travel import Jump, legs_of, mend_travel, silences
+from lgprjax.batch.travel import Jump, legs_of, mend_travel, scale_by_fixes, silences
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, MapFile, NavigationTrack, OdometryTrack, SweepRecording, TraceRecording
 from lgprjax.formats.survey_track import CHORD_M, path_headings_deg
@@ -208,12 +208,14 @@ class DriveTrack(NamedTuple):
         ground_up_m: up coordinate of the ground under the vehicle.
         jumps_bridged: jumps of the recorded travel that were removed.
         breaks: jumps across which the travel is unknown: legs of the track begin there.
+        travel_scale: by which the recorded travel was multiplied.
     """
 
     track: Track
     ground_up_m: Float[np.ndarray, " scan"]
     jumps_bridged: int = 0
     breaks: int = 0
+    travel_scale: float = 1.0
 
 
 def poses_of(
@@ -269,12 +271,44 @@ def track_of_drive(log: DriveLog, frame: LocalFrame) -> DriveTrack:
     return DriveTrack(track, up, len(mended.bridged), len(mended.broken))
 
 
-def jump_line(drive: DriveTrack) -> str | None:
-    """One line about jumps of the recorded travel; None without any."""
-    if not drive.jumps_bridged + drive.breaks:
-        return None
-    told = f"travel jumps that no vehicle can drive: {drive.jumps_bridged} bridged at local speed"
-    return told if not drive.breaks else f"{told}, {drive.breaks} left open (no window reaches across)"
+def travel_scale(
+    track: Track, array: ArrayGeometry, pose: Float[np.ndarray, "scan 5"], ok: Bool[np.ndarray, " scan"]
+) -> float | None:
+    """``scale_by_fixes`` of the rear axle, whose travel it is.
+
+    Args:
+        track: of the drive.
+        array: whose centre is placed.
+        pose, ok: fixes.
+    """
+    yaw = np.asarray(track.pose[:, 3], np.float64)
+    lever = np.stack(body_to_local(np.zeros(len(yaw)), np.zeros(len(yaw)), yaw, *centre_of(array)), axis=1)
+    axle_m, travel_m = np.asarray(pose[:, :2], np.float64) - lever, np.asarray(track.travel_m, np.float64)
+    return scale_by_fixes(axle_m, np.unwrap(yaw), travel_m, np.asarray(track.leg), ok)
+
+
+def scaled_travel(drive: DriveTrack, scale: float) -> DriveTrack:
+    """The track of an odometer that counts ``1 / scale`` of a metre for each."""
+    track = drive.track
+    travel_m = track.travel_m[0] + scale * (track.travel_m - track.travel_m[0])
+    track = track._replace(travel_m=travel_m, speed_mps=scale * track.speed_mps)
+    return drive._replace(track=track, travel_scale=scale * drive.travel_scale)
+
+
+def travel_line(drive: DriveTrack) -> str | None:
+    """One line about what was changed in the recorded travel; None where nothing was."""
+    told = []
+    if drive.jumps_bridged + drive.breaks:
+        told.append(f"travel jumps that no vehicle can drive: {drive.jumps_bridged} bridged at local speed")
+        if drive.breaks:
+            told[0] += f", {drive.breaks} left open (no window reaches across)"
+    if drive.travel_scale != 1.0:
+        way = "less" if drive.travel_scale > 1.0 else "more"
+        told.append(
+            f"travel counts {100.0 * abs(1.0 / drive.travel_scale - 1.0):.1f} % {way} than the map: "
+            "it was scaled by the fixes, and the drive searched again"
+        )
+    return "; ".join(told) or None
 
 
 def _position_sigma(navigation: NavigationTrack, time_s: Float[np.ndarray, " scan"]) -> Float[np.ndarray, " scan"]:

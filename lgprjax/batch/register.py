@@ -21,11 +21,13 @@ from lgprjax.batch.recording import (
     AS_STATED,
     Alignment,
     DriveTrack,
-    jump_line,
     live_operators,
     poses_of,
     recording_of,
+    scaled_travel,
     track_of_drive,
+    travel_line,
+    travel_scale,
 )
 from lgprjax.errors import ArgumentError
 from lgprjax.files import file_hash
@@ -382,7 +384,7 @@ class RegisteredDrive:
         table: the columns of the fixes CSV.
         fix: poses, covariances and quality.
         track: prior poses and travel.
-        jumps: one line about jumps of the recorded travel; None without any.
+        travel_changed: one line about what was changed in the recorded travel; None where nothing was.
         alignment: how its traces were adjusted to the map's.
         truth: true poses of the array's centre, where the log holds them.
         correlation_at_truth: NaN where not known.
@@ -402,7 +404,7 @@ class RegisteredDrive:
     table: pd.DataFrame
     fix: Fix
     track: Track
-    jumps: str | None
+    travel_changed: str | None
     alignment: Alignment
     truth: Float[np.ndarray, "scan 5"] | None
     correlation_at_truth: Float[np.ndarray, " scan"]
@@ -473,7 +475,7 @@ def register_log(
     operators = live_operators(source, log, moved.track, alignment)
     recorded, prepared = int(operators(1.0).shape[0]), held.prepared_for(array)
 
-    def search(blocks: Iterator[LiveBlock]) -> DriveFixes:
+    def search(blocks: Iterator[LiveBlock], told: Callable[[int], None] = progress) -> DriveFixes:
         """One search from its beginning to its end."""
         parts: list[DriveFixes] = []
         for fixes in register_drive(
@@ -487,12 +489,16 @@ def register_log(
             prepared=prepared,
         ):
             parts.append(fixes)
-            progress(len(fixes.scan))
+            told(len(fixes.scan))
         joined: DriveFixes = jax.tree.map(lambda *fields: np.concatenate(fields), *parts)
         return joined
 
     if searched is None:
         found = search(live_blocks(log, moved.track, truth))
+        scale = travel_scale(moved.track, array, np.asarray(found.fix.pose), np.asarray(found.fix.code) == Code.OK)
+        if scale is not None:
+            moved = scaled_travel(moved, scale)
+            found = search(live_blocks(log, moved.track, truth), lambda _: None)
     else:
         numbers, searches = zip(*searches_of(log, searched), strict=True)
         found = placed([search(blocks) for blocks in searches], list(numbers), log.scans)
@@ -515,7 +521,7 @@ def register_log(
         table=fixes_table(fix, log.scan_time_s, frame, held.ground).assign(time_scale=time_scale),
         fix=fix,
         track=moved.track,
-        jumps=jump_line(moved),
+        travel_changed=travel_line(moved),
         alignment=alignment,
         truth=truth,
         correlation_at_truth=found.correlation_at_truth,

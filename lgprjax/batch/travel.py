@@ -1,4 +1,4 @@
-"""Jumps in an odometer's record: detected, then bridged or left open.
+"""Jumps in an odometer's record: detected, then bridged or left open. And its scale, by the fixes of the drive.
 
 The odometry of some logs is the distance between positions. Where the positions jump, such a record jumps with them. A
 jump is detected from the record alone: around it, the travel before and after is one smooth curve (a cubic) except for
@@ -386,3 +386,47 @@ def _merged(
         else:
             out.append((before, after, metres, 1))
     return [(Jump(float(time_s[a]), float(time_s[b]), metres), pieces) for a, b, metres, pieces in out]
+
+
+# The scale of an odometer whose wheels are not as large as was thought, by a drive's own fixes.
+
+_SCALE_PIECE_M, _SCALE_PIECES = 4.0, 5
+_SCALE_SIGMAS, _SCALE_LEAST, _SCALE_MOST = 4.0, 0.01, 0.1
+
+
+def scale_by_fixes(
+    place_m: Float[np.ndarray, "scan 2"],
+    yaw_rad: Float[np.ndarray, " scan"],
+    travel_m: Float[np.ndarray, " scan"],
+    leg: Int[np.ndarray, " scan"],
+    ok: Bool[np.ndarray, " scan"],
+) -> float | None:
+    """Metres by the map a metre of recorded travel; None where it is 1 as far as the fixes tell, or they are too few.
+
+    Chords between fixes some metres apart are compared with those of dead reckoning. A window that is laid out by a
+    wrong scale displaces both ends of a chord alike.
+
+    Args:
+        place_m: of the point whose travel is recorded, by each fix.
+        yaw_rad: of the vehicle; a constant error does not matter.
+        travel_m, leg: signed travel, known within a leg.
+        ok: scans with a fix.
+    """
+    step_m = np.diff(travel_m, prepend=travel_m[:1])
+    middle = yaw_rad - 0.5 * np.diff(yaw_rad, prepend=yaw_rad[:1])
+    reckoned_m = np.cumsum(step_m[:, None] * np.stack([np.cos(middle), np.sin(middle)], axis=1), axis=0)
+    piece = np.floor(np.cumsum(np.abs(step_m)) / _SCALE_PIECE_M)
+    at = np.flatnonzero(ok)
+    at = at[np.unique(piece[at], return_index=True)[1]]
+    a, b = at[:-1], at[1:]
+    near = (leg[a] == leg[b]) & (piece[b] - piece[a] == 1.0)
+    a, b = a[near], b[near]
+    by_map, by_odometer = (np.hypot(*(points[b] - points[a]).T) for points in (place_m, reckoned_m))
+    long = by_odometer > 0.25 * _SCALE_PIECE_M
+    if np.count_nonzero(long) < _SCALE_PIECES:
+        return None
+    ratio = by_map[long] / by_odometer[long]
+    scale = float(np.median(ratio))
+    sigma = 1.25 * 1.4826 * float(np.median(np.abs(ratio - scale))) / np.sqrt(len(ratio))
+    off = abs(scale - 1.0)
+    return scale if max(_SCALE_LEAST, _SCALE_SIGMAS * sigma) < off < _SCALE_MOST else None

@@ -340,7 +340,7 @@ def _remarks(drive: RegisteredDrive, source: MapFile) -> tuple[str, ...]:
         _OWN if drive.is_baseline else None,
         labels,
         drive.alignment.told,
-        drive.jumps,
+        drive.travel_changed,
         None if drive.agreement is None else drive.agreement.told,
         _windows(drive),
         _time_scales(drive),

@@ -41,3 +41,23 @@ def test_an_attitude_that_is_wrong_is_found(site: Site, height_m: float, heading
     assert np.max(np.hypot(error[ok, 0], error[ok, 1])) < 0.3
     assert np.mean(np.abs(error[ok, 2:]) > 4.0 * sigma[ok, 2:]) <= 1e-3
     assert max(heading, roll) <= 1.0
+
+
+@pytest.mark.parametrize("scale", [0.97, 1.03])
+def test_an_odometer_that_miscounts_is_noticed(site: Site, scale: float) -> None:
+    """By 3 %: the fixes tell it, travel is scaled back, and they are as good as with a true one."""
+
+    def led_to(track: Track) -> Track:
+        return track._replace(travel_m=scale * track.travel_m, speed_mps=scale * track.speed_mps)
+
+    with MapFile.open(site.map) as source, DriveLog.open(site.logs["live"]) as log:
+        drive = register_log(source, log, RegisterOptions(search_m=1.5), led_to=led_to)
+        plain = register_log(source, log, RegisterOptions(search_m=1.5))
+    assert plain.travel_changed is None
+    assert drive.travel_changed is not None
+    assert f"% {'less' if scale < 1.0 else 'more'} than the map" in drive.travel_changed
+    np.testing.assert_allclose(np.ptp(drive.track.travel_m), np.ptp(plain.track.travel_m), rtol=0.01)
+    apart = np.asarray(drive.fix.pose)[:, :2] - np.asarray(plain.fix.pose)[:, :2]
+    both = np.asarray((drive.table.code == "ok") & (plain.table.code == "ok"))
+    assert both.mean() > np.mean(plain.table.code == "ok") - 0.01
+    assert np.quantile(np.hypot(*apart[both].T), 0.99) < 0.03
