@@ -137,6 +137,10 @@ def study_look_ahead(task: Task) -> Outcome:
     return Outcome({}, chosen, tuple(figures), notes, LookAheadStudy(trials, tuned, look, speeds, swept))
 
 
+SETTLED_M = 0.1
+"""Amplitude of an oscillation above which a schedule is said not to settle."""
+
+
 class LoggedLookAheadStudy(NamedTuple):
     """For pictures: the schedule, what the logs told, and the experiments that would tell more."""
 
@@ -169,7 +173,7 @@ def _from_logs(task: Task, options: LookAheadOptions) -> Outcome:
         "pursuit.weak_exponent": float(tuned.schedule.exponent),
         "pursuit.least_torque_share": float(tuned.least_share),
     }
-    figures = []
+    figures, unsettled = [], []
     ahead = np.asarray(look_ahead_m(tuned.schedule.look_ahead, jnp.asarray(tuned.speeds_mps, jnp.float32)))
     for number, speed in enumerate(tuned.speeds_mps):
         low, high = tuned.low_m[number], tuned.high_m[number]
@@ -182,11 +186,21 @@ def _from_logs(task: Task, options: LookAheadOptions) -> Outcome:
             figures.append(
                 Figure(name, float(np.mean(errors)), "m", *(float(v) for v in np.percentile(errors, [2.5, 97.5])))
             )
+            left = np.asarray(tuned.judged.cycle_m)[:, number, place]
+            name = f"oscillation left at {speed:g} m/s and {share:.0%} of the torque, amplitude"
+            low, high = (float(value) for value in np.percentile(left, [2.5, 97.5]))
+            figures.append(Figure(name, float(np.mean(left)), "m", low, high))
+            if high > SETTLED_M:
+                unsettled.append(f"{speed:g} m/s and {share:.0%} of the torque ({low:.2f} to {high:.2f} m)")
     open_ = [name for name in ("lag_s", "delay_s", "rate_radps", "rear_ratio", "slip_s2pm2") if name not in fit.told]
     notes = [
         f"tuned over {len(tuned.best_m)} vehicles that {len(task.study.logs)} logs allow, each at "
         f"{', '.join(f'{share:.0%}' for share in tuned.shares)} of the torque",
         f"left open by the logs: {', '.join(open_) or 'nothing'}",
+        *(
+            f"may not settle below {SETTLED_M:g} m at {where}: play and dead band of the servo; drive slower there"
+            for where in unsettled
+        ),
         *(f"next: {one.what} would narrow the look-ahead by {one.narrows:.0%}" for one in experiments),
     ]
     return Outcome({}, chosen, tuple(figures), tuple(notes), LoggedLookAheadStudy(trials, tuned, fit, experiments))

@@ -85,13 +85,13 @@ class DrawnCosts(NamedTuple):
 
     Attributes:
         cost_m: error and weighted effort; error_m: RMS alone.
-        left_m: largest distance over the last stretch: what has not settled.
+        cycle_m: amplitude of the oscillation over the last stretch, the largest of the courses.
         margin_rad: phase margin on a straight path.
     """
 
     cost_m: Float[Array, "draw speed share"]
     error_m: Float[Array, "draw speed share"]
-    left_m: Float[Array, "draw speed share"]
+    cycle_m: Float[Array, "draw speed share"]
     margin_rad: Float[Array, "draw speed share"]
 
 

@@ -16,6 +16,7 @@ from lgprjax.formats import Study, VehicleLog, check_file, read_fixes, read_stud
 from lgprjax.formats.fixes import read_fix_poses
 from lgprjax.frames import LocalFrame
 from lgprjax.run_records import payload_type
+from lgprjax.studies.look_ahead import SETTLED_M
 from lgprjax.studies.steering import FinishedStudy, run_study
 
 _TUNING = Path(__file__).parents[2] / "tuning"
@@ -31,6 +32,7 @@ _KINDS = (
     "tracking",
     "loop",
     "fusion",
+    "look_ahead",
 )
 # Which drive fits which study; a drive with nothing but pedals goes straight, one of steps of the steering does so for
 # half of its time, and palm tree and turns both hold turns.
@@ -46,6 +48,7 @@ _FITS = {
     ("servo", "steering"),
     ("pedals", "pedals"),
     ("loop", "steering"),
+    ("look_ahead", "steering"),
 }
 _LOGS = ("straight", "standing", "palm_tree", "turns", "steering", "pedals")
 
@@ -128,6 +131,10 @@ def test_the_look_ahead_comes_from_logs_with_its_interval(logs: Path, tmp_path: 
     best = next(figure for figure in table["figures"] if figure["name"].startswith("best at 4.47"))
     assert best["low"] <= best["value"] <= best["high"]
     assert any(note.startswith("next: ") for note in table["notes"])
+    weak = [figure for figure in table["figures"] if "oscillation left" in figure["name"] and "43%" in figure["name"]]
+    unsettled = [note for note in table["notes"] if note.startswith("may not settle")]
+    assert weak
+    assert any("43%" in note for note in unsettled) == any(figure["high"] > SETTLED_M for figure in weak)
 
 
 @pytest.mark.parametrize("kind", _KINDS)
