@@ -204,6 +204,7 @@ class StopFixes:
         beside = map_odometry_covariance(self._prepared, tiles, fixes, self._options.odometer_sigma)
         # Where the map ends next to the best place, the match cannot say how far beyond it the true one is.
         left = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
+        label_m2 = np.nan_to_num(np.einsum("si,sij,sj->s", left, beside, left))
         at_end = ((ends > 0) * (_RIM * self._wavelength_m) ** 2)[:, None, None]
         # The background of the first scans is that of the ground ahead of them, which moves what remains.
         settled_m = SETTLED * self._ground.description.settings.track_filter_m
@@ -213,7 +214,10 @@ class StopFixes:
             beside + at_end * left[:, :, None] * left[:, None, :] + at_start * facing[:, :, None] * facing[:, None, :]
         )
         fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
-        fixes.covariance[:, 2:, 2:] += np.diag(attitude.unknown**2)
+        fixes.covariance[:, 2:, 2:] += np.diag(attitude.unobserved**2)
+        # The map is turned by as much as its labels are wrong at the two ends of what was matched.
+        reach_m = np.hypot(fixes.window_m, np.ptp(self._prepared.array.y_m))
+        fixes.covariance[:, 3, 3] += 2.0 * label_m2 / np.maximum(reach_m, 0.5 * self._wavelength_m) ** 2
         return fixes, beside
 
     def _finish_some(

@@ -133,7 +133,7 @@ class AttitudeEstimate:
         channels: of the array.
         wavelength_m: matches within one share their errors.
         sigma_scale: factor on the sigmas of matches.
-        unknown: see ``unknown_attitude``.
+        unknown: see ``unknown_attitude``; of a time scale that has not been followed yet.
         fed_back: the prior's heading comes from a filter that takes these fixes. It is not corrected here as well: two
             corrections, one late, would chase each other.
 
@@ -154,13 +154,21 @@ class AttitudeEstimate:
     ) -> None:
         self._fed_back = np.array([False, fed_back, False])
         self._options, self._wavelength_m, self._sigma_scale = options, wavelength_m, sigma_scale
-        self.unknown = unknown
+        self.unknown = self._unfollowed = unknown
         self._few = channels <= FEW_CHANNELS
         self._information = np.zeros((3, 3))
         self._towards = np.zeros(3)
         self._travelled_m: float | None = None
         self._contradicted: Bool[np.ndarray, 3] = np.zeros(3, bool)
         self.applied: Float[np.ndarray, 3] = np.zeros(3)
+
+    @property
+    def unobserved(self) -> Float[np.ndarray, "3"]:
+        """``unknown`` as a fix states it.
+
+        Of a height that the log had wrong, height and time scale were found together: one may stand for the other.
+        """
+        return np.where([self.applied[0] != 0.0, False, False], self._unfollowed, self.unknown)
 
     def half_width(self, sigma_yaw_rad: Float[np.ndarray, " scan"]) -> Float[np.ndarray, "scan 3"]:
         """Half widths of the search in height, heading and roll about the corrected priors."""

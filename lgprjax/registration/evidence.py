@@ -85,6 +85,7 @@ class EvidenceSearch:
             len(prepared.array.x_m),
             self._wavelength_m,
             self._fixes.sigma_scale,
+            # Nothing has been followed yet.
             self._unknown_attitude(),
             fed_back=options.track,
         )
