@@ -370,12 +370,13 @@ def step_skid(
     requested = _requested_wheels(
         setup, grip, wheel_speeds(track, gear * speed, plan.yaw_rate_radps), slower / _positive(speed)
     )
+    sigmas = health.sigma_m, jnp.sqrt(jnp.maximum(filtered.estimate.covariance[YAW, YAW], 0.0))
+    requested = _slowed_at_edge(setup, fence, pose, requested, sigmas)
     pulses, pulsed = step_pulses(setup.threshold_mps, state.pulses, requested, step_s)
 
     measured = WheelSpeeds(
         *(jnp.where(jnp.isfinite(wheel), wheel, 0.0) for wheel in (orders.left_mps, orders.right_mps))
     )
-    sigmas = health.sigma_m, jnp.sqrt(jnp.maximum(filtered.estimate.covariance[YAW, YAW], 0.0))
     edge = orders.engaged & (state.edge | _edge(setup, fence, pose, (requested, measured), drives, sigmas))
     stops = orders.stop | (health.reaction == Reaction.STOP) | edge | ~drives
     halted = WheelSpeeds(*slowed(last.left_mps, last.right_mps, setup.stop.stop_mps2 * jnp.fmax(step_s, 0.0)))
@@ -405,6 +406,12 @@ def step_skid(
     return SkidState(filtered, carrot, pulses, limiter, edge), limiter.last, info
 
 
+_EDGE_SHARES = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.22, 0.15, 0.1)
+"""Of the speed that is tried near the fence, the largest first."""
+_LATE = 3.0
+"""Times the reaction time of a stop: wheels that are told to slow down do so before the stop itself would come."""
+
+
 def _grip(estimate: SkidEstimate) -> WheelSpeeds:
     """Ground distance of either side per metre of its wheels, as learnt by the filter.
 
@@ -430,6 +437,29 @@ def _positive(value: Float[Array, ""]) -> Float[Array, ""]:
 def _near_one(part: Float[Array, ""]) -> Float[Array, ""]:
     """One plus a learnt part, limited to 30 %."""
     return 1.0 + jnp.clip(part, -0.3, 0.3)
+
+
+def _slowed_at_edge(
+    setup: SkidSetup,
+    fence: Float[Array, "side 2 2"],
+    pose: VehiclePose,
+    requested: WheelSpeeds,
+    sigmas: tuple[Float[Array, ""], Float[Array, ""]],
+) -> WheelSpeeds:
+    """The same arc at the largest speed from which even a late stop stays within the fence; else the least one.
+
+    A plan turns close to walls: the arc of one moment, held for as long as a stop at full speed takes, would cross
+    them.
+    """
+    late = setup.stop._replace(reaction_s=_LATE * setup.stop.reaction_s)
+
+    def crosses(share: Float[Array, ""]) -> Bool[Array, ""]:
+        arc = WheelSpeeds(share * requested.left_mps, share * requested.right_mps)
+        return edge_ahead(late, fence, setup.outline, setup.vehicle.track_m, pose, arc, *sigmas)
+
+    shares = jnp.asarray(_EDGE_SHARES, jnp.float32)
+    share = jnp.max(jnp.where(jax.vmap(crosses)(shares), shares[-1], shares))
+    return WheelSpeeds(share * requested.left_mps, share * requested.right_mps)
 
 
 def _edge(

@@ -296,7 +296,8 @@ def _within_leg(route: CoverRoute, arc_m: Float[Array, "..."], leg: RouteLeg) ->
     """An arc length that rounding takes to no other leg; the route's first and last lead straight on."""
     low = jnp.where(leg.first > 0.0, (leg.first + 0.25) * route.spacing_m, -jnp.inf)
     # The last row may be cut short by the leg's end.
-    high = jnp.where(leg.last < route.count - 1, jnp.minimum(leg.end_m, (leg.last + 0.9) * route.spacing_m), jnp.inf)
+    inner = leg.last.astype(jnp.int32) < route.count - 1
+    high = jnp.where(inner, jnp.minimum(leg.end_m, (leg.last + 0.9) * route.spacing_m), jnp.inf)
     return jnp.clip(arc_m, low, jnp.maximum(low, high))
 
 
@@ -484,7 +485,7 @@ def lead(
     arc_m = foot.arc_m
     if leg is not None:
         # At a cusp the next leg is taken up; the vehicle turns its wheels round by way of standstill.
-        last = leg.last >= route.count - 1
+        last = leg.last.astype(jnp.int32) >= route.count - 1
         over = begun & ~last & (leg.end_m - foot.arc_m <= jnp.maximum(DONE_M, route.spacing_m))
         next_m = (leg.last + 1.25) * route.spacing_m
         arc_m = jnp.where(over, next_m, arc_m)
