@@ -126,7 +126,9 @@ def ground_of_sides(
     outside = shapely.difference(shapely.union_all(free, grid_size=GRID_M), field, grid_size=GRID_M)
     if shut:
         outside = shapely.difference(outside, shapely.union_all(shut, grid_size=GRID_M), grid_size=GRID_M)
-    shape = shapely.union(field, outside, grid_size=GRID_M)
+    # An overlay may leave lines beside its areas, and such a mixture cannot be joined to a field.
+    parts = [each for each in shapely.get_parts(shapely.get_parts(outside)) if each.geom_type == "Polygon"]
+    shape = shapely.union(field, shapely.multipolygons(parts), grid_size=GRID_M) if parts else field
     if keep_outs_m:
         away = shapely.union_all([shapely.Polygon(ring) for ring in keep_outs_m], grid_size=GRID_M)
         shape = shapely.difference(shape, away, grid_size=GRID_M)

@@ -27,6 +27,8 @@ _MOST_CELLS = 600_000
 _HEADINGS = 64
 """Of the ladder at which standing is looked up."""
 _FINEST_M = 0.1
+_FEW_CELLS = 250_000
+"""Cells of a raster that is finer than that."""
 _BATCH = 96
 _MOST_TRIED = 768
 _EXACT = 40
@@ -51,16 +53,18 @@ class Terrain:
         ground: declared safe.
         target: shapely geometry to be worked.
         outline: of vehicle and tool.
+        finest_m: cell of the raster of small ground.
 
     Attributes:
         cell_m, origin_m: of the raster; away_m: distance from the ground's border, 0 beyond it.
         unworked: cells of the target that no swath has passed.
     """
 
-    def __init__(self, ground: SafeGround, target: Any, outline: Outline) -> None:
+    def __init__(self, ground: SafeGround, target: Any, outline: Outline, *, finest_m: float = _FINEST_M) -> None:
         self.ground, self.outline = ground, outline
         low, high = np.split(np.array(shapely.total_bounds(ground.shape)), 2)
-        self.cell_m = max(_FINEST_M, math.sqrt(float(np.prod(high - low)) / _MOST_CELLS))
+        few_m, most_m = (math.sqrt(float(np.prod(high - low)) / count) for count in (_FEW_CELLS, _MOST_CELLS))
+        self.cell_m = max(min(finest_m, _FINEST_M), min(few_m, _FINEST_M), most_m)
         self.origin_m = low - 2.0 * self.cell_m
         columns, rows = (int(each) for each in np.ceil((high - low) / self.cell_m) + 4)
         self.east_m = self.origin_m[0] + self.cell_m * (np.arange(columns) + 0.5)
@@ -86,7 +90,7 @@ class Terrain:
 
     @property
     def _least_m(self) -> float:
-        return self.ground.clearance_m - _SLACK_M - 0.7 * (self.cell_m - _FINEST_M)
+        return self.ground.clearance_m - _SLACK_M - 0.7 * max(self.cell_m - _FINEST_M, 0.0)
 
     def _standing(self, least_m: float) -> Bool[np.ndarray, "heading row column"]:
         """At each heading of a ladder the cells in which the reference point may be: for a look-up a pose."""
@@ -164,6 +168,11 @@ class Terrain:
         off = poses_along(turn.start, pieces, np.array([turn.length_m]))[0] - end
         if float(np.hypot(*off[:2])) > _OFF_M or abs(math.sin(0.5 * off[2])) > _OFF_M:
             return False
+        return self.keeps_exactly(start, pieces)
+
+    def keeps_exactly(self, start: Float[np.ndarray, "3"], pieces: Pieces) -> bool:
+        """Whether a way passes the check that the plan will be held against."""
+        turn = HeadlandTurn(Pose(*(float(each) for each in start)), pieces)
         return bool(shapely.covers(self.ground.kept, swept_of_turn(turn, self.outline)).all())
 
 

@@ -35,6 +35,10 @@ _AGAINST_M = 0.1
 """Cost of an edge in reverse beyond its length: many short ones are many changes of direction."""
 _TRIED = 12
 """Ways checked exactly before a swath is given up."""
+_SEARCHES = 8
+"""Searches again without what the exact check did not let pass, at most, for one swath."""
+_UNSURE_M = 2.0
+"""Cost of a way between a pose and a node that the raster does not let pass for certain."""
 
 
 class Links(NamedTuple):
@@ -82,6 +86,8 @@ class Lattice:
         self.free = terrain.stands(self.poses, surely=True)
         self._seen: np.ndarray | None = None
         self._grow()
+        # What the exact check says of edges: 0 nothing yet, 1 that they may be driven, -1 that they may not.
+        self._exact = np.zeros(len(self.source), np.int8)
 
     def _grow(self) -> None:
         """Edges between free nodes that the ground allows."""
@@ -144,7 +150,7 @@ class Lattice:
         # What is worked remains so.
         closed = np.flatnonzero(~self._worked)
         self._worked[closed] = ~unworked.ravel()[self._passed[closed]].any(axis=1)
-        kept = np.flatnonzero(self._worked[self.edge])
+        kept = np.flatnonzero((self._worked & (self._exact >= 0))[self.edge])
         count = len(self.poses)
         # The pose itself is one more node, after all others.
         rows = np.concatenate([np.bincount(self._begin[kept], minlength=count), [len(links.node)]])
@@ -153,6 +159,13 @@ class Lattice:
         begins = np.concatenate([[0], np.cumsum(rows)]).astype(np.int32)
         graph = sparse.csr_matrix((cost, ends, begins), shape=(count + 1, count + 1))
         return Tree(self, links, graph, kept)
+
+    def may_pass(self, edge: int) -> bool:
+        """Whether an edge passes the exact check, made once for each."""
+        if self._exact[edge] == 0:
+            good = self.terrain.keeps_exactly(self.poses[self.source[edge]], self.words[self.word[edge]])
+            self._exact[edge] = 1 if good else -1
+        return bool(self._exact[edge] > 0)
 
     def links(
         self,
@@ -210,8 +223,10 @@ class Lattice:
         if len(node):
             starts = self.poses[node] if inward else leads[lead]
             good, extra_m = clear_ways(self.terrain, starts, lengths, bends, ends[lead], band)
+            arc_m = np.abs(lengths).sum(axis=1)[:, None] * np.linspace(0.0, 1.0, 12)[None]
+            sure = self.terrain.stands(sample(starts, lengths, bends, arc_m), surely=True).all(axis=1)
             node, lead, key, lengths, bends, cost = (
-                each[good] for each in (node, lead, key, lengths, bends, cost + extra_m)
+                each[good] for each in (node, lead, key, lengths, bends, cost + extra_m + _UNSURE_M * ~sure)
             )
         order = np.lexsort((cost, key))
         first = order[np.diff(key[order], prepend=-1) > 0]
@@ -256,7 +271,7 @@ class Tree:
         self.near = np.zeros(graph.shape[0], bool)
         self.near[sparse.csgraph.breadth_first_order(graph, graph.shape[0] - 1, return_predecessors=False)] = True
         self.near = self.near[:-1]
-        self._limit = 0
+        self._limit, self._checked = 0, False
         self._cost_m: Float[np.ndarray, " node"] = np.zeros(0)
         self._before: Int[np.ndarray, " node"] = np.zeros(0, int)
 
@@ -271,22 +286,42 @@ class Tree:
             self._limit += 1
         return np.asarray(self._cost_m[node])
 
-    def _way(self, node: int) -> tuple[int, Pieces]:
-        """The lead that the way to a node begins at, and its pieces from there."""
+    def _way(self, node: int) -> tuple[list[int], Pieces]:
+        """Where in the graph's order the way to a node leads, its last part first, and its pieces after the lead."""
         lattice, origin = self.lattice, len(self.near)
-        parts: list[np.ndarray] = []
+        parts, used = list[np.ndarray](), list[int]()
         while True:
             before = int(self._before[node])
             begin, end = self._graph.indptr[before], self._graph.indptr[before + 1]
-            at = begin + int(np.searchsorted(self._graph.indices[begin:end], node))
+            at = int(begin) + int(np.searchsorted(self._graph.indices[begin:end], node))
+            used.append(at)
             if before == origin:
-                link = at - begin
-                parts.append(self._links.pieces[link])
-                return int(self._links.lead[link]), np.concatenate(parts[::-1])
+                parts.append(self._links.pieces[at - begin])
+                return used, np.concatenate(parts[::-1])
             number = self._edges[at]
             pieces = lattice.words[lattice.word[lattice.edge[number]]]
             parts.append(pieces[::-1] * np.array([-1.0, 1.0]) if lattice.reverse[number] else pieces)
             node = before
+
+    def _bar(self, used: Sequence[int], start: Float[np.ndarray, "3"], outs: Sequence[Pieces]) -> bool:
+        """Whether something of a way does not pass the exact check; it is then not searched through again."""
+        terrain, links = self.lattice.terrain, self._links
+        first = int(self._graph.indptr[len(self.near)])
+        barred = list[int]()
+        for at in used:
+            if at < first:
+                if not self.lattice.may_pass(int(self.lattice.edge[self._edges[at]])):
+                    barred.append(at)
+            elif not self._checked:
+                # Out of a narrow place all ways begin much alike: what one of them fails at others do too.
+                whole = [np.concatenate([outs[lead], links.pieces[link]]) for link, lead in enumerate(links.lead)]
+                bad = [first + link for link, way in enumerate(whole) if not terrain.keeps_exactly(start, joined(way))]
+                self._checked = True
+                barred += bad
+        if barred:
+            self._graph.data[barred] = np.inf
+            self._limit = 0
+        return bool(barred)
 
     def joint(
         self,
@@ -302,14 +337,23 @@ class Tree:
             start: pose; outs: from it to each lead.
             inward: links to the leads of the swath; ins: from each of those to it; end: its pose.
         """
-        cost = self._cost_to(inward.node) + inward.cost_m
-        for link in np.argsort(cost)[:_TRIED]:
-            if not np.isfinite(cost[link]):
+        first = int(self._graph.indptr[len(self.near)])
+        for _ in range(_SEARCHES):
+            cost = self._cost_to(inward.node) + inward.cost_m
+            again = False
+            for link in np.argsort(cost)[:_TRIED]:
+                if not np.isfinite(cost[link]):
+                    break
+                used, pieces = self._way(int(inward.node[link]))
+                lead = int(self._links.lead[used[-1] - first])
+                whole = joined(np.concatenate([outs[lead], pieces, inward.pieces[link], ins[inward.lead[link]]]))
+                if self.lattice.terrain.leads_exactly(start, whole, end):
+                    return Joint(whole, float(cost[link]))
+                again = self._bar(used, start, outs)
+                if again:
+                    break
+            if not again:
                 break
-            lead, pieces = self._way(int(inward.node[link]))
-            whole = joined(np.concatenate([outs[lead], pieces, inward.pieces[link], ins[inward.lead[link]]]))
-            if self.lattice.terrain.leads_exactly(start, whole, end):
-                return Joint(whole, float(cost[link]))
         return None
 
 

@@ -18,12 +18,14 @@ from lgprjax.coverage.field import Tool
 from lgprjax.coverage.joints import WIDE_RADII, Terrain
 from lgprjax.coverage.swaths import PatternSettings, join_spans, line_count, to_lines
 
-_SAFE_M = 0.01
+_SAFE_M = 0.004
 _LEAST_LINE_M = 0.3
 _SLIVER_M2 = 1e-9
 _SHORTEST_M = 0.15
 """Of a swath that the ground leaves of a longer one: a few rows of the route."""
 GAP_M2 = 0.1
+"""Smallest gap that is told where nothing led to it."""
+_LEAST_GAP_M2 = 0.03
 _GAP_SHARE = 5e-4
 """Smallest gap that another swath is laid for, and as a share of the field."""
 _MOST_GAP_SWATHS = 400
@@ -83,6 +85,8 @@ class TourLayer:
         self.reach_m2 = float(np.count_nonzero(self._open)) * terrain.cell_m**2
         outline = terrain.outline
         half_m = 0.5 * settings.tool_width_m
+        # A cell whose centre alone is worked has a seam that is not; swaths of one heading overlap anyway.
+        self._seam_m = min(0.5 * terrain.cell_m, 0.5 * settings.overlap * settings.tool_width_m)
         # What the tool must stay off where the vehicle is wider than it, or has to keep clear.
         wider_m = max(outline.left_m - settings.tool_left_m, settings.tool_left_m - outline.right_m) - half_m
         # Turning away from a wall the tail swings towards it.
@@ -93,7 +97,8 @@ class TourLayer:
         swings_m = [math.hypot(side_m, outline.rear_m) - side_m for side_m in sides_m]
         self._swing_m = swings_m[0]
         self.wall_swings_m = (0.0, *swings_m[:0:-1])
-        edge_m = max(wider_m, 0.0) + _SAFE_M
+        # Strips that are driven first are left in gentle arcs; what they leave at a wall is worked last.
+        edge_m = max(wider_m, 0.0) + max(_SAFE_M, self.wall_swings_m[1] + _SAFE_M)
         self._within = shapely.intersection(target, terrain.ground.kept.buffer(-edge_m, join_style="mitre"))
         self._turned: dict[float, tuple[Any, Any]] = {}
 
@@ -191,19 +196,22 @@ class TourLayer:
                 swath. ``None`` for what it swings in a tight turn.
         """
         terrain, settings = self.terrain, self.settings
-        half_m = 0.5 * settings.tool_width_m
+        half_m = 0.5 * settings.tool_width_m - self._seam_m
         open_cells = self._open.copy()
         for each in swaths:
-            self.mark(open_cells, each)
+            self.mark(open_cells, each, self._seam_m)
         every = list(swaths)
         cell_m2 = terrain.cell_m**2
-        least = max(GAP_M2, _GAP_SHARE * float(self._target.area)) / cell_m2
+        least = max(_LEAST_GAP_M2, _GAP_SHARE * float(self._target.area)) / cell_m2
         ways = list(headings[:4])
         starts = np.array([each.start_m for each in banned]).reshape(-1, 2)
         along = np.array([each.end_m for each in banned]).reshape(-1, 2) - starts
         begins = starts, along / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
         wall, swing_m = swing_m is not None, self._swing_m if swing_m is None else swing_m
         phase = _WALL_PHASE if wall else 2
+        # Cells of gaps that no swath was found for as a whole: what winds along walls is tried piece by piece.
+        parts = np.zeros_like(open_cells)
+        near = math.ceil(settings.tool_width_m / terrain.cell_m)
         for _ in range(_MOST_GAP_SWATHS):
             labels, count = ndimage.label(open_cells)
             if count == 0:
@@ -214,6 +222,10 @@ class TourLayer:
             if sizes[largest] < least:
                 break
             rows, columns = np.nonzero(labels == largest)
+            piecewise = bool(parts[rows[0], columns[0]])
+            if piecewise:
+                close = (rows - rows[0] <= 2 * near) & (np.abs(columns - columns[0]) <= near)
+                rows, columns = rows[close], columns[close]
             places = np.stack([terrain.east_m[columns], terrain.north_m[rows]], axis=1)
             best: tuple[float, TourSwath] | None = None
             stretches = self._stretches(places, ways, swing_m, least)
@@ -233,9 +245,12 @@ class TourLayer:
                         if gain >= 0.5 * least and (best is None or worth > best[0]):
                             best = (worth, swath)
             if best is None:
-                open_cells[rows, columns] = False
+                if wall and not piecewise:
+                    parts[rows, columns] = True
+                else:
+                    open_cells[rows, columns] = False
                 continue
-            self.mark(open_cells, best[1])
+            self.mark(open_cells, best[1], self._seam_m)
             back = None if best[1].back is None else best[1].back._replace(phase=phase, wall=wall)
             every.append(best[1]._replace(phase=phase, wall=wall, back=back))
         return every
@@ -345,9 +360,9 @@ class TourLayer:
                 found[number // 2].append(TourSwath(first, last, False))
         return [_paired(each) for each in found]
 
-    def mark(self, cells: np.ndarray, swath: TourSwath) -> None:
-        """Take out of cells what a swath works."""
-        half_m = 0.5 * self.settings.tool_width_m
+    def mark(self, cells: np.ndarray, swath: TourSwath, seam_m: float = 0.0) -> None:
+        """Take out of cells what a swath works, less a seam to both sides."""
+        half_m = 0.5 * self.settings.tool_width_m - seam_m
         part, within = self.terrain.in_rectangle(swath.start_m, swath.end_m, half_m, self._half_length_m)
         cells[part] &= ~within
 

@@ -30,6 +30,10 @@ _ENOUGH = 0.985
 """Share of what the tool can be over that is worked, from which no other heading is tried."""
 _ROUNDS = 3
 _MOST_ENTRIES = 8
+_CELL_M = 0.05
+"""Of the raster of small ground: strips beside walls are a larger share of a small field."""
+_FIRSTS = 8
+"""Swaths tried to begin with."""
 
 
 class Tour(NamedTuple):
@@ -75,7 +79,7 @@ def plan_tour(
     target = shapely.Polygon(field.perimeter_m)
     if keep_outs_m:
         target = shapely.difference(target, shapely.union_all([shapely.Polygon(each) for each in keep_outs_m]))
-    terrain = Terrain(ground, target, outline)
+    terrain = Terrain(ground, target, outline, finest_m=_CELL_M)
     layer = TourLayer(terrain, target, settings, tool)
     headings = [settings.heading_rad] if settings.heading_rad is not None else _headings(field, ground)
     laid = sorted((layer.lay(each) for each in headings), key=lambda each: each.cost_m)
@@ -138,16 +142,19 @@ def string_swaths(
     ways: "_Ways | None" = None,
 ) -> Tour:
     ways = _Ways(terrain, headings[0], settings) if ways is None else ways
-    remaining = list(range(len(swaths)))
     lowest = min(each.phase for each in swaths)
-    first = _first(terrain, [each for each in swaths if each.phase == lowest], ways.pose)
-    if first is None:
-        raise no_swath_fits(shapely.Polygon(field.perimeter_m), terrain.ground, terrain.outline, name)
-    swath = first[1]
-    number = next(number for number, each in enumerate(swaths) if each is swath or _same(each, swath))
+    firsts = _firsts(terrain, [each for each in swaths if each.phase == lowest], ways.pose)
+    untouched = terrain.unworked
+    # The best of them, should nothing lead on from any.
+    for swath in (*firsts, firsts[0]):
+        terrain.unworked = untouched.copy()
+        layer.mark(terrain.unworked, swath)
+        number = next(number for number, each in enumerate(swaths) if each is swath or _same(each, swath))
+        remaining = [each for each in range(len(swaths)) if each != number]
+        # Out of a place with no room to turn nothing leads on.
+        if ways.following([swath], [], [(each, swaths[each]) for each in remaining]) is not None:
+            break
     driven, joints = [(number, swath)], list[Pieces]()
-    remaining.remove(number)
-    layer.mark(terrain.unworked, swath)
     failed, given_up = list[TourSwath](), list[TourSwath]()
     # What no way leads to, or is left, is tried by other swaths: a few times, and then along walls.
     fills = [*[None] * _ROUNDS, *layer.wall_swings_m]
@@ -195,17 +202,17 @@ def _left(layer: TourLayer, given_up: Sequence[TourSwath]) -> list[TourSwath]:
     return found
 
 
-def _first(terrain: Terrain, swaths: list[TourSwath], pose: Any) -> tuple[int, TourSwath] | None:
-    """The swath to begin with: the vehicle stands before it off the field, with room to turn, and as far out as one.
+def _firsts(terrain: Terrain, swaths: list[TourSwath], pose: Any) -> list[TourSwath]:
+    """Swaths to begin with, the best first: the vehicle stands before it off the field, with room to turn, far out.
 
     Ground off the field is the better the larger it is: out of a narrow way between hedges no other swath is reached.
     """
-    best: tuple[tuple[float, float], int, TourSwath] | None = None
+    found = list[tuple[tuple[float, float], TourSwath]]()
     middle = np.mean([0.5 * (each.start_m + each.end_m) for each in swaths], axis=0)
     rooms, _ = ndimage.label(~terrain.unworked & (terrain.away_m > terrain.ground.clearance_m))
     sizes = np.bincount(rooms.ravel())
     sizes[0] = 0
-    for number, each in enumerate(swaths):
+    for each in swaths:
         for entry in each.entries():
             at = pose(entry)
             row, column = terrain.cells(at[None, :2])
@@ -213,9 +220,8 @@ def _first(terrain: Terrain, swaths: list[TourSwath], pose: Any) -> tuple[int, T
             along = (each.end_m - each.start_m) / max(float(np.hypot(*(each.end_m - each.start_m))), 1e-9)
             aside = abs(float((each.start_m - middle) @ np.array([-along[1], along[0]])))
             value = (min(2.0 * size, 1.0), aside + 0.01 * float(np.hypot(*(each.end_m - each.start_m))))
-            if best is None or value > best[0]:
-                best = (value, number, entry)
-    return None if best is None else (best[1], best[2])
+            found.append((value, entry))
+    return [entry for _, entry in sorted(found, key=lambda each: each[0], reverse=True)][:_FIRSTS]
 
 
 def _about_m(here: np.ndarray, there: np.ndarray, radius_m: float) -> float:

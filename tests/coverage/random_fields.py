@@ -5,12 +5,13 @@ vehicle's rectangle eroded out of the ground, the tool's rectangle dilated back.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
-from scipy import ndimage, signal
+from jaxtyping import Bool, Float, Int
+from scipy import fft, ndimage, signal, sparse
 
 from lgprjax.coverage import (
     Field,
@@ -204,12 +205,211 @@ def worked_share(drawn: DrawnField, lines: list[Float[np.ndarray, "2 2"]]) -> tu
     low = np.array(shapely.total_bounds(shape))[:2] - 3.0
     rows, columns = np.nonzero(reached)
     places = np.stack([low[0] + CELL_M * (columns + 0.5), low[1] + CELL_M * (rows + 0.5)], axis=1)
+    done = _worked(places, drawn.tool, lines)
+    return float(np.mean(done)) if len(done) else 1.0, float(np.count_nonzero(reached)) * cell_m2
+
+
+def _worked(
+    places: Float[np.ndarray, "cell 2"], tool: Tool, lines: Sequence[Float[np.ndarray, "2 2"]]
+) -> Bool[np.ndarray, " cell"]:
+    """Which places the tool's rectangle passes on lines of its centre."""
     done = np.zeros(len(places), bool)
     for start, end in lines:
         length = float(np.hypot(*(end - start)))
         along = (end - start) / max(length, 1e-9)
         away = places - start
         ahead, aside = away @ along, away @ np.array([-along[1], along[0]])
-        half = 0.5 * drawn.tool.length_m
-        done |= (ahead >= -half) & (ahead <= length + half) & (np.abs(aside) <= 0.5 * drawn.tool.width_m)
-    return float(np.mean(done)) if len(done) else 1.0, float(np.count_nonzero(reached)) * cell_m2
+        half = 0.5 * tool.length_m
+        done |= (ahead >= -half) & (ahead <= length + half) & (np.abs(aside) <= 0.5 * tool.width_m)
+    return done
+
+
+# A bound by how the vehicle moves: finer, of every heading of a ladder and of every long side of the ground.
+
+FINE_M = 0.05
+LEAST_SWATH_M = 0.3
+_LONG_SIDE_M = 1.0
+_MOST_SIDES = 12
+_COMPONENTS = 3
+
+
+class Bound(NamedTuple):
+    """What can be worked at most, on a raster of ``FINE_M``.
+
+    Attributes:
+        low_m: east and north of the raster's first corner.
+        target, reached: cells to be worked, and of them those that can be.
+    """
+
+    low_m: Float[np.ndarray, "2"]
+    target: Bool[np.ndarray, "row column"]
+    reached: Bool[np.ndarray, "row column"]
+
+    @property
+    def reached_m2(self) -> float:
+        return float(np.count_nonzero(self.reached)) * FINE_M**2
+
+    def share(self, drawn: DrawnField, lines: Sequence[Float[np.ndarray, "2 2"]]) -> float:
+        """Of what can be worked, what lines do."""
+        places = self.places()
+        return float(np.mean(_worked(places, drawn.tool, lines))) if len(places) else 1.0
+
+    def places(self) -> Float[np.ndarray, "cell 2"]:
+        """East and north of what can be worked."""
+        rows, columns = np.nonzero(self.reached)
+        return np.asarray(self.low_m + FINE_M * (np.stack([columns, rows], axis=1) + 0.5))
+
+
+def bound_by_motion(drawn: DrawnField) -> Bound:
+    """Cells that the tool can be over on a straight way forwards of ``LEAST_SWATH_M`` that the vehicle can get to.
+
+    Poses of one heading are joined wherever they touch, so that sliding sideways costs nothing. From one heading to the
+    next leads an arc of the smallest radius alone, forwards or in reverse: a vehicle that has no room for it cannot
+    turn. The ladder has ``HEADINGS`` and the directions of long sides. A plan begins at one place, so of several
+    parts of the ground that are not joined that counts in which most can be worked. It asks less than a
+    plan does: ways over ground that is still to be worked count, and so do bends between any two cells.
+    """
+    kept, tool, radius_m = drawn.ground.kept, drawn.tool, drawn.settings.smallest_radius_m
+    low, high = np.split(np.array(shapely.total_bounds(kept)), 2)
+    reach_m = max(math.hypot(a, b) for a in drawn.outline[:2] for b in drawn.outline[2:]) + LEAST_SWATH_M + 0.2
+    low = low - reach_m
+    columns, rows = (fft.next_fast_len(int(each), real=True) for each in np.ceil((high + reach_m - low) / FINE_M))
+    x, y = np.meshgrid(low[0] + FINE_M * (np.arange(columns) + 0.5), low[1] + FINE_M * (np.arange(rows) + 0.5))
+    shapely.prepare(kept)
+    shut = fft.rfft2((~shapely.contains_xy(kept, x, y)).astype(np.float32))
+    field = shapely.Polygon(drawn.field.perimeter_m)
+    shapely.prepare(field)
+    inside = shapely.contains_xy(field, x, y)
+    target = inside.copy()
+    for ring in drawn.keep_outs_m:
+        target &= ~shapely.contains_xy(shapely.Polygon(ring), x, y)
+    headings = _ladder(kept)
+    labels, offset = list[np.ndarray](), 0
+    links = list[np.ndarray]()
+    for number, heading in enumerate(headings):
+        hit = fft.irfft2(shut * np.conj(_fine_kernel((rows, columns), *drawn.outline, heading)), s=(rows, columns))
+        # Generous: what reaches beyond a cell's centre by less than half a cell is not seen.
+        own, count = ndimage.label(hit < 0.5, structure=np.ones((3, 3)))
+        own[own > 0] += offset
+        offset += count
+        labels.append(own)
+        if number:
+            links.append(_arcs(labels[-2], own, headings[number - 1], heading, radius_m))
+    links.append(_arcs(labels[-1], labels[0], headings[-1], headings[0] + 2.0 * math.pi, radius_m))
+    one, other = np.concatenate(links).T
+    graph = sparse.coo_matrix((np.ones(len(one), bool), (one, other)), shape=(offset + 1, offset + 1))
+    _, part = sparse.csgraph.connected_components(graph, directed=False)
+    about = shapely.contains_xy(field.buffer(reach_m), x, y)
+    counted = sum(np.bincount(own[about & (own > 0)], minlength=offset + 1) for own in labels)
+    sizes = np.bincount(part, weights=counted)
+    begins = np.zeros(len(sizes), bool)
+    for own in labels:
+        begins[part[np.flatnonzero(np.bincount(own[~inside]))]] = True
+    begins[part[0]] = False
+    best = np.zeros_like(target)
+    candidates = [each for each in np.argsort(-sizes) if begins[each]][:_COMPONENTS]
+    for each in candidates:
+        reached = target & _swept(labels, headings, part == each, tool)
+        if np.count_nonzero(reached) > np.count_nonzero(best):
+            best = reached
+    return Bound(low, target, best)
+
+
+def _ladder(kept: shapely.Geometry) -> Float[np.ndarray, " heading"]:
+    """Headings tried, ascending: equally spaced, and both ways along the longest sides."""
+    found = list(_headings())
+    starts, ends = [], []
+    for polygon in shapely.get_parts(shapely.simplify(kept, 0.02)):
+        for ring in (polygon.exterior, *polygon.interiors):
+            corners = shapely.get_coordinates(ring)
+            starts.append(corners[:-1])
+            ends.append(corners[1:])
+    sides = np.concatenate(ends) - np.concatenate(starts)
+    lengths = np.hypot(*sides.T)
+    added = 0
+    for side in np.argsort(-lengths):
+        angle = math.atan2(sides[side, 1], sides[side, 0])
+        if lengths[side] < _LONG_SIDE_M or added == _MOST_SIDES:
+            break
+        if min(abs(math.remainder(angle - each, math.pi)) for each in found) > math.radians(1.0):
+            found += [angle % (2.0 * math.pi), (angle + math.pi) % (2.0 * math.pi)]
+            added += 1
+    return np.sort(np.array(found))
+
+
+def _fine_kernel(
+    shape: tuple[int, int], front: float, rear: float, left: float, right: float, heading: float
+) -> np.ndarray:
+    """Spectrum of the cells of a rectangle about the first cell."""
+    whole = np.zeros(shape, np.float32)
+    reach = math.ceil(max(math.hypot(a, b) for a in (front, rear) for b in (left, right)) / FINE_M) + 1
+    row, column = np.mgrid[-reach : reach + 1, -reach : reach + 1] * FINE_M
+    ahead, aside = (
+        column * math.cos(heading) + row * math.sin(heading),
+        row * math.cos(heading) - column * math.sin(heading),
+    )
+    near = (ahead <= front) & (ahead >= rear) & (aside <= left) & (aside >= right)
+    whole[: 2 * reach + 1, : 2 * reach + 1] = near
+    return np.asarray(fft.rfft2(np.roll(whole, (-reach, -reach), axis=(0, 1))))
+
+
+def _shift(ahead_m: float, heading: float) -> tuple[int, int]:
+    return round(ahead_m * math.sin(heading) / FINE_M), round(ahead_m * math.cos(heading) / FINE_M)
+
+
+def _arcs(
+    one: np.ndarray, other: np.ndarray, heading: float, after: float, radius_m: float
+) -> Int[np.ndarray, "link 2"]:
+    """Parts of one heading and of the next that an arc of the smallest radius joins, in either gear."""
+    turned = after - heading
+    chord_m = 2.0 * radius_m * math.sin(0.5 * turned)
+    pairs = []
+    for gear in (1.0, -1.0):
+        (row, other_row), (column, other_column) = (
+            _overlap(*each) for each in zip(_shift(gear * chord_m, heading + 0.5 * turned), one.shape, strict=True)
+        )
+        here, there = one[row, column], other[other_row, other_column]
+        both = (here > 0) & (there > 0)
+        found = np.stack([here[both], there[both]], axis=1)
+        # Neighbours along a row mostly are of the same parts.
+        pairs.append(found[(np.diff(found, axis=0, prepend=0) != 0).any(axis=1)])
+    return np.concatenate(pairs)
+
+
+def _overlap(by: int, count: int) -> tuple[slice, slice]:
+    """Of an axis what has a place so many further on, and those places."""
+    return slice(max(-by, 0), count - max(by, 0)), slice(max(by, 0), count - max(-by, 0))
+
+
+def _swept(
+    labels: Sequence[np.ndarray],
+    headings: Float[np.ndarray, " heading"],
+    counts: Bool[np.ndarray, " label"],
+    tool: Tool,
+) -> Bool[np.ndarray, "row column"]:
+    """Cells under the tool on straight ways forwards through poses that count."""
+    shape = labels[0].shape
+    total = np.zeros((), np.complex64)
+    steps = round(LEAST_SWATH_M / FINE_M)
+    half_m = 0.5 * tool.width_m
+    for own, heading in zip(labels, headings, strict=True):
+        stands = counts[own]
+        if not stands.any():
+            continue
+        leads = stands.copy()
+        for step in range(1, steps + 1):
+            (row, other_row), (column, other_column) = (
+                _overlap(*each) for each in zip(_shift(step * FINE_M, heading), shape, strict=True)
+            )
+            # The border of the raster is never free.
+            leads[row, column] &= stands[other_row, other_column]
+        kernel = _fine_kernel(
+            (shape[0], shape[1]),
+            tool.ahead_m + 0.5 * tool.length_m + LEAST_SWATH_M,
+            tool.ahead_m - 0.5 * tool.length_m,
+            half_m,
+            -half_m,
+            heading,
+        )
+        total = total + fft.rfft2(leads.astype(np.float32)) * kernel
+    return np.asarray(fft.irfft2(total, s=shape) > 0.5) if total.shape else np.zeros(shape, bool)
