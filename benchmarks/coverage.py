@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from benchmarks.process import AS_THE_PEER, ProgramError, run_program
 from benchmarks.records import Record, machine_line
-from lgprjax.coverage.worked import LEVELS
+from lgprjax.coverage.field import LEVELS
 
 _PERIOD_MS = 100.0
 _SPARE = 10.0

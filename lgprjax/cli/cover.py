@@ -57,6 +57,8 @@ class CoverExport:
     """responsible organisation, named in every shape and in the report"""
     benchmark_deg: Annotated[tuple[float, float] | None, arg(metavar="LATITUDE LONGITUDE")] = None
     """marked reference point of bearings and distances; default: the first corner"""
+    confidence: Annotated[tuple[float, ...], arg(metavar="LEVEL...")] = ()
+    """probabilities at which ground counts as processed, such as 0.99; default: those of the record"""
     json: Path | None = None
     """also write the figures to this file, or - for standard output"""
     force: bool = False
@@ -66,11 +68,14 @@ class CoverExport:
         """Export."""
         from lgprjax.formats import read_worked
         from lgprjax.report.handover import hand_over, handover_files
-        from lgprjax.worked.layers import cover_figures
+        from lgprjax.worked.layers import at_levels, checked_levels, cover_figures
 
+        levels = checked_levels(self.confidence) if self.confidence else None
         outputs = handover_files(self.record, self.output, self.benchmark_deg, force=self.force)
         check_outputs(self.json, force=self.force)
         record = read_worked(self.record)
+        if levels is not None:
+            record = at_levels(record, levels)
         figures = cover_figures(record)
         with working("drawing layers and report"):
             hand_over(
@@ -210,6 +215,8 @@ class CoverRecord:
     smooth: bool = False
     """smooth the poses of every run, forward and backward, from its recorded messages: smaller sigmas after GNSS
     outages, and no credit for what later evidence contradicts; needs the files that the run was driven with"""
+    confidence: Annotated[tuple[float, ...], arg(metavar="LEVEL...")] = (0.95, 0.996)
+    """probabilities at which cells are judged; those of the cells are kept, so the export can judge at others"""
     cell_m: float = 0.05
     """side length of a cell"""
     json: Path | None = None
@@ -221,7 +228,7 @@ class CoverRecord:
         """Record."""
         from lgprjax.formats import write_worked
         from lgprjax.worked.evidence import read_evidence
-        from lgprjax.worked.layers import cover_figures
+        from lgprjax.worked.layers import checked_levels, cover_figures
         from lgprjax.worked.plans import open_cover_plan
         from lgprjax.worked.record import read_cover_run, record_cover
 
@@ -230,6 +237,7 @@ class CoverRecord:
             raise UsageError(f"--cell-m: expected 0.01 to 1, found {self.cell_m:g}")
         if self.cart is not None and self.smooth:
             raise UsageError("--smooth: not with --cart, which smooths")
+        levels = checked_levels(self.confidence)
         check_outputs(self.output, self.json, force=self.force)
         evidence = None if self.evidence is None else read_evidence(self.evidence)
         plans = [open_cover_plan(path) for path in self.plan]
@@ -248,7 +256,7 @@ class CoverRecord:
                 with working(f"smoothing {folder}"):
                     runs[-1], _ = smooth_run(runs[-1])
         with progress_bar("working the cells", sum(len(run.rows) for run in runs), "ticks") as progress:
-            record = record_cover(plans, runs, cell_m=self.cell_m, evidence=evidence, progress=progress)
+            record = record_cover(plans, runs, cell_m=self.cell_m, levels=levels, evidence=evidence, progress=progress)
         write_worked(self.output, record, force=self.force)
         figures = cover_figures(record)
         print_cover_figures(self.output.name, figures)
@@ -288,18 +296,11 @@ def _plan_figures(made: "FieldPlan", speed_mps: float) -> dict[str, object]:
 def _draw(made: "FieldPlan", path: Path, figures: dict[str, object], *, force: bool) -> None:
     import numpy as np
 
-    from lgprjax.coverage.turns import poses_along
     from lgprjax.report.coverage import CoverPlanPicture, draw_cover_plan
+    from lgprjax.runtime.coverage.overview import turn_ways
 
-    plan, pattern = made.plan, made.plan.pattern
-    ways: dict[bool, list[np.ndarray]] = {True: [], False: []}
-    for turn in pattern.turns:
-        begins = np.concatenate([[0.0], np.cumsum(np.abs(turn.pieces[:, 0]))])
-        for number, (length_m, _) in enumerate(turn.pieces):
-            inner = np.linspace(begins[number], begins[number + 1], max(math.ceil(abs(length_m) / 0.2), 1) + 1)
-            # A hair before the border, where the next piece may go the other way.
-            inner[-1] -= 1e-9
-            ways[bool(length_m > 0.0)].append(poses_along(turn.start, turn.pieces, inner)[:, :2])
+    plan, pattern, computed = made.plan, made.plan.pattern, made.plan.computed_corner
+    ways = turn_ways(pattern)
     seconds = float(str(figures["time_s"]))
     draw_cover_plan(
         CoverPlanPicture(
@@ -310,9 +311,10 @@ def _draw(made: "FieldPlan", path: Path, figures: dict[str, object], *, force: b
             ground_m=tuple(ring for part in made.ground.polygons_m for ring in part),
             keep_outs_m=plan.keep_outs_m,
             swaths_m=tuple(np.stack([line.start_m, line.end_m]) for line in pattern.lines),
-            forward_m=tuple(ways[True]),
-            reverse_m=tuple(ways[False]),
+            forward_m=ways.forward_m,
+            reverse_m=ways.reverse_m,
             width_m=plan.tool.width_m,
+            computed_m=None if computed is None else pattern.field.perimeter_m[computed],
         ),
         path,
         force=force,

@@ -1,12 +1,15 @@
 """Coverage of a field: its lines and turns, the route along them, guidance on it, and the area truly worked."""
 
 from lgprjax.coverage.field import (
+    LEVELS,
     CellGrid,
+    CellState,
     Field,
     Outline,
     Tool,
     ToolMoment,
     cell_centres,
+    cell_states,
     field_of_corners,
     field_of_polygon,
     grid_of_field,
@@ -34,15 +37,7 @@ from lgprjax.coverage.guidance import (
 from lgprjax.coverage.pattern import Pattern, plan_pattern
 from lgprjax.coverage.swaths import Line, PatternSettings, line_count, line_order, lines_heading_rad, middle_line
 from lgprjax.coverage.turns import HeadlandTurn, Pose, turn_points
-from lgprjax.coverage.worked import (
-    LEVELS,
-    CellState,
-    WorkedState,
-    cell_states,
-    init_worked,
-    run_worked,
-    step_worked,
-)
+from lgprjax.coverage.worked import WorkedState, init_worked, run_worked, step_worked
 
 __all__ = [
     "LEVELS",

@@ -32,6 +32,7 @@ _GROUND_LISTS = ("ground_m", "keep_outs_m", "rooms_m")
 _OLD_VERSION = "1.0"
 _GROUND_VERSION = "2.0"
 _DIGEST = "sha256"
+_COMPUTED = "computed_corner"
 # 1e-10 degrees are a hundredth of a millimetre.
 _DECIMALS = 10
 
@@ -49,6 +50,8 @@ class CoverPlan(NamedTuple):
         ground: declared safe to drive on; ``None``: around the field, as far as the plan's turns need.
         keep_outs_m: rings, with their buffers, that nothing may reach into.
         rooms_m: declared to be safe outside each side of the field, from its first corner on; empty: none was declared.
+        computed_corner: of the perimeter's, from 0, the one that follows from three that were driven to; ``None``: all
+            were given. Nobody was there yet.
     """
 
     name: str
@@ -61,6 +64,7 @@ class CoverPlan(NamedTuple):
     ground: SafeGround | None = None
     keep_outs_m: tuple[Float[np.ndarray, "_ 2"], ...] = ()
     rooms_m: tuple[float, ...] = ()
+    computed_corner: int | None = None
 
 
 def write_cover_plan(
@@ -97,7 +101,7 @@ def read_cover_plan(path: str | Path) -> CoverPlan:
     for finding in _problems(file, collection):
         raise finding.error()
     try:
-        return _plan(collection[_MEMBER])
+        return _plan(collection[_MEMBER])._replace(computed_corner=_computed_corner(collection["features"]))
     except (TypeError, ValueError, KeyError, IndexError) as error:
         raise InputError(file, _MEMBER, "lines and turns as they were written", str(error)) from None
 
@@ -265,6 +269,10 @@ def _features(plan: CoverPlan, turns_m: Sequence[Float[np.ndarray, "_ 2"]]) -> l
     ring = np.concatenate([pattern.field.perimeter_m, pattern.field.perimeter_m[:1]])
     properties = {"kind": "perimeter", "name": plan.name, "area_m2": round(pattern.field.area_m2, 2)}
     features = [_feature("Polygon", [_positions(frame, ring)], properties)]
+    if plan.computed_corner is not None:
+        corner = pattern.field.perimeter_m[plan.computed_corner]
+        properties = {"kind": _COMPUTED, "corner": plan.computed_corner + 1, "note": "follows from three: visit it"}
+        features.append(_feature("Point", _positions(frame, corner[None])[0], properties))
     for ring in plan.keep_outs_m:
         closed = _positions(frame, np.concatenate([ring, ring[:1]]))
         features.append(_feature("Polygon", [closed], {"kind": "keep_out", "buffer_m": 0.0}))
@@ -284,6 +292,12 @@ def _features(plan: CoverPlan, turns_m: Sequence[Float[np.ndarray, "_ 2"]]) -> l
             properties = {"kind": "turn", "order": order, "length_m": round(turn.length_m, 3)}
             features.append(_feature("LineString", _positions(frame, turns_m[order]), properties))
     return features
+
+
+def _computed_corner(features: list[dict[str, Any]]) -> int | None:
+    """It stands among the features, for map programs and so that older readers still drive the plan."""
+    found = [each["properties"]["corner"] for each in features if each["properties"].get("kind") == _COMPUTED]
+    return int(found[0]) - 1 if found else None
 
 
 def _feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import LinearSegmentedColormap, ListedColormap, to_hex
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.ticker import NullFormatter
@@ -141,6 +141,13 @@ COLOURS = (VERMILLION, _YELLOW, SKY, _DEEP_BLUE)
 _WIDTH_IN = 9.0
 
 
+def level_colours(count: int) -> tuple[str, ...]:
+    """Colours of ground processed at rising levels: the surest is the darkest."""
+    shades = LinearSegmentedColormap.from_list("levels", COLOURS[2:])
+    between = [to_hex(shades(share)) for share in np.linspace(0.0, 1.0, count)[1:-1]]
+    return (SKY, *between, _DEEP_BLUE)[-count:]
+
+
 @dataclass(frozen=True, kw_only=True)
 class CoverPicture:
     """Contents of the map of a field, metres east and north of its anchor.
@@ -150,7 +157,7 @@ class CoverPicture:
         perimeter_m: its corners.
         east_m, north_m, cell_m: south-west corner and side of the cells.
         inside: cells whose centre is inside the perimeter.
-        levels: the lower and the higher confidence.
+        levels: of confidence, rising.
         states: of the cells at each level: 0 not processed, 1 uncertain, 2 processed.
         swaths_m: tracks of the tool.
         stops_m: places with a reason to stop.
@@ -162,8 +169,8 @@ class CoverPicture:
     north_m: float
     cell_m: float
     inside: Bool[np.ndarray, "north east"]
-    levels: tuple[float, float]
-    states: UInt8[np.ndarray, "2 north east"]
+    levels: tuple[float, ...]
+    states: UInt8[np.ndarray, "level north east"]
     swaths_m: tuple[Float[np.ndarray, "_ 2"], ...]
     stops_m: Float[np.ndarray, "stop 2"]
 
@@ -189,7 +196,9 @@ def draw_coverage(cover: CoverPicture, path: str | Path, *, force: bool = False)
 
 def draw_coverage_on(axes: Axes, cover: CoverPicture) -> None:
     """Draw the map on axes, with its legend above them."""
-    kinds = np.where(cover.states[1] == 2, 3, cover.states[0])
+    # What is processed at a level is so at each lower one.
+    kinds = cover.states[0] + np.sum(cover.states[1:] == 2, axis=0, dtype=np.uint8)
+    colours = (*COLOURS[:2], *level_colours(len(cover.levels)))
     north, east = kinds.shape
     extent = (
         cover.east_m,
@@ -199,9 +208,9 @@ def draw_coverage_on(axes: Axes, cover: CoverPicture) -> None:
     )
     axes.imshow(
         np.ma.masked_array(kinds, ~cover.inside),
-        cmap=ListedColormap(COLOURS).with_extremes(bad=GAP),
+        cmap=ListedColormap(colours).with_extremes(bad=GAP),
         vmin=-0.5,
-        vmax=3.5,
+        vmax=len(colours) - 0.5,
         origin="lower",
         extent=extent,
         interpolation="nearest",
@@ -216,16 +225,17 @@ def draw_coverage_on(axes: Axes, cover: CoverPicture) -> None:
     axes.set_ylim(*extent[2:])
     axes.set_xlabel("east of the anchor (m)")
     axes.set_ylabel("north of the anchor (m)")
-    _legend(axes, cover, kinds)
+    _legend(axes, cover, kinds, colours)
 
 
-def _legend(axes: Axes, cover: CoverPicture, kinds: UInt8[np.ndarray, "north east"]) -> None:
-    low, high = (f"{100.0 * level:g} %" for level in cover.levels)
-    words = ("not processed", f"uncertain at {low}", f"processed at {low} only", f"processed at {high}")
+def _legend(axes: Axes, cover: CoverPicture, kinds: UInt8[np.ndarray, "north east"], colours: tuple[str, ...]) -> None:
+    *lower, highest = (f"{100.0 * level:g} %" for level in cover.levels)
+    uncertain = f"uncertain at {100.0 * cover.levels[0]:g} %"
+    words = ("not processed", uncertain, *(f"processed at {each} only" for each in lower), f"processed at {highest}")
     inside = kinds[cover.inside]
     patches = [
         Patch(facecolor=colour, edgecolor=MUTED, label=f"{word}: {_share(inside == kind)}")
-        for kind, (colour, word) in enumerate(zip(COLOURS, words, strict=True))
+        for kind, (colour, word) in enumerate(zip(colours, words, strict=True))
     ]
     handles, _ = axes.get_legend_handles_labels()
     axes.legend(
@@ -252,6 +262,7 @@ class CoverPlanPicture:
         swaths_m: start and end of each, in driving order.
         forward_m, reverse_m: points along the ways between them.
         width_m: of the tool.
+        computed_m: corner that follows from three that were driven to; ``None``: there is none.
     """
 
     title: str
@@ -263,6 +274,7 @@ class CoverPlanPicture:
     forward_m: tuple[Float[np.ndarray, "_ 2"], ...]
     reverse_m: tuple[Float[np.ndarray, "_ 2"], ...]
     width_m: float
+    computed_m: Float[np.ndarray, "2"] | None = None
 
 
 def draw_cover_plan(plan: CoverPlanPicture, path: str | Path, *, force: bool = False) -> None:
@@ -296,6 +308,13 @@ def draw_cover_plan(plan: CoverPlanPicture, path: str | Path, *, force: bool = F
             Line2D([], [], color=INK, marker="o", linestyle="none", label="begin"),
             Line2D([], [], color=INK, marker="s", linestyle="none", label="end"),
         ]
+        if plan.computed_m is not None:
+            east, north = plan.computed_m.tolist()
+            mark = Line2D([east], [north], color=VERMILLION, marker="o", markersize=14, linestyle="none")
+            mark.set(markerfacecolor="none", markeredgewidth=2.5, label="fourth corner: computed, visit it")
+            axes.add_line(mark)
+            axes.annotate("visit", (east, north), (10, 10), textcoords="offset points", color=VERMILLION)
+            handles.append(mark)
         axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.01), ncols=3, frameon=False)
         axes.set_aspect("equal", adjustable="datalim")
         axes.autoscale_view()

@@ -26,6 +26,7 @@ from lgprjax.report.coverage import (
     CoverPicture,
     draw_cover_channels,
     draw_coverage,
+    level_colours,
     write_coverage_page,
 )
 from lgprjax.report.html import ReportFigure
@@ -130,8 +131,9 @@ def _metadata(path: Path, record: WorkedRecord, organisation: str) -> dict[str, 
 
 
 def _colours(record: WorkedRecord) -> dict[str, str]:
-    ground = {layer_name(float(level)): colour for level, colour in zip(record.cells.level, COLOURS[2:], strict=True)}
-    return {**ground, "gaps": COLOURS[0]}
+    levels = record.cells.level.tolist()
+    names = map(layer_name, levels)
+    return {**dict(zip(names, level_colours(len(levels)), strict=True)), "gaps": COLOURS[0]}
 
 
 def _corners(record: WorkedRecord) -> tuple[np.ndarray, np.ndarray]:
@@ -272,8 +274,8 @@ def cover_picture(record: WorkedRecord) -> CoverPicture:
         north_m=cells.north_m,
         cell_m=cells.cell_m,
         inside=inside_of(record),
-        levels=(float(cells.level[0]), float(cells.level[-1])),
-        states=cells.state[[0, -1]],
+        levels=tuple(cells.level.tolist()),
+        states=cells.state,
         swaths_m=tuple(np.stack([swaths.east_m[of], swaths.north_m[of]], axis=1) for of in ways),
         stops_m=np.stack([stops.east_m, stops.north_m], axis=1),
     )

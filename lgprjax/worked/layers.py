@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
@@ -10,7 +10,8 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from lgprjax.coverage import CellGrid, CellState, Field, inside_cells
+from lgprjax.coverage import CellGrid, CellState, Field, cell_states, inside_cells
+from lgprjax.errors import ArgumentError
 from lgprjax.formats.worked import FULL, GeoLayer, WorkedRecord, stop_words
 
 METHOD = "mechanical: one pass of a machine, recorded by GNSS and INS"
@@ -67,6 +68,37 @@ def method_of(record: WorkedRecord) -> str:
 def layer_name(level: float) -> str:
     """Name of the layer of processed ground: ``processed_p95``, ``processed_p996``."""
     return f"processed_p{100.0 * level:g}".replace(".", "")
+
+
+_HIGHEST_LEVEL = 0.9999
+"""A cell's largest probability is 0.99994: no ground can be processed at a level beyond it."""
+
+
+def checked_levels(confidence: Sequence[float]) -> tuple[float, ...]:
+    """Levels of confidence for the layers of a record, rising.
+
+    Raises:
+        ArgumentError: none, one that nothing can be said at, or two whose layers would have the same name.
+    """
+    levels = tuple(sorted(confidence))
+    names = {layer_name(level) for level in levels}
+    possible = all(0.5 < level <= _HIGHEST_LEVEL for level in levels)
+    if levels and possible and len(names) == len(levels):
+        return levels
+    found = ", ".join(f"{level:g}" for level in levels) or "none"
+    raise ArgumentError("confidence", f"different levels above 0.5, {_HIGHEST_LEVEL:g} at most", found)
+
+
+def at_levels(record: WorkedRecord, levels: Sequence[float]) -> WorkedRecord:
+    """The same record judged at other levels: its cells keep their probabilities, so any level can be asked of it.
+
+    Args:
+        record: to judge.
+        levels: as ``checked_levels`` gives them.
+    """
+    cells = record.cells
+    states = [cell_states(cells.probability / FULL, level) for level in levels]
+    return record._replace(cells=cells._replace(level=np.array(levels), state=np.stack(states)))
 
 
 def cover_layers(record: WorkedRecord, organisation: str) -> tuple[GeoLayer, ...]:

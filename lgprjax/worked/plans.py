@@ -20,7 +20,6 @@ from lgprjax.coverage import (
     SafeGround,
     Tool,
     check_drivable,
-    field_of_corners,
     field_of_polygon,
     ground_of_sides,
     inside_cells,
@@ -30,21 +29,20 @@ from lgprjax.coverage import (
     plan_pattern,
     turn_points,
 )
-from lgprjax.coverage.field import SQUARED_M, Corners, contains, outside_m, signed_area_m2
-from lgprjax.coverage.ground import breaches, buffered, ground_around, pose_on_line, room_needed_m
+from lgprjax.coverage.field import contains, outside_m
+from lgprjax.coverage.ground import breaches, ground_around, pose_on_line, room_needed_m
 from lgprjax.coverage.pattern import driving_time_s
 from lgprjax.coverage.swaths import ORDERS, Order
 from lgprjax.coverage.tour import plan_tour
 from lgprjax.errors import ArgumentError, InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import CoverPlan, read_cover_plan, read_vehicle, write_cover_plan
-from lgprjax.formats.coverage_files import FieldPlaces, KeepOut, read_field
+from lgprjax.formats.coverage_files import FieldPlaces, read_field
 from lgprjax.formats.worked import FULL, WorkedRecord
 from lgprjax.frames import LocalFrame
+from lgprjax.worked.corners import check_same_field, counter_clockwise, east_north, field_of_places, keep_out_of
 from lgprjax.worked.predicted import predicted_width
 
-# Largest difference between the perimeters of a record and of a plan for its gaps.
-_SAME_FIELD_M = 0.05
 # Turning room used when none is given: more than any field needs.
 _ANY_ROOM_M = 1000.0
 SPARE_M = 0.8
@@ -206,22 +204,22 @@ def plan_field(
         frame = LocalFrame(*first)
     else:
         frame = worked.frame
-    field, notes = _field_of(places, frame, name)
+    field, notes, computed = field_of_places(places, frame, name)
     if not options.sides and places.rooms_m:
         options = options._replace(sides=tuple(f"{side}:{m:.6g}" for side, m in enumerate(places.rooms_m, start=1)))
         notes.append(f"room outside the sides as {Path(field_file).name} declares it (--sides: others)")
     carried: SafeGround | None = None
     if places.ground is not None and not options.sides and options.turning_room_m is None:
-        parts_m = (tuple(_east_north(ring, frame) for ring in part) for part in places.ground.parts)
+        parts_m = (tuple(east_north(ring, frame) for ring in part) for part in places.ground.parts)
         carried = SafeGround(tuple(parts_m), options.clearance_m)
         notes.append(f"within the ground that {Path(field_file).name} declares (--sides: other ground)")
         if options.clearance_m != places.ground.clearance_m:
             notes.append(f"{options.clearance_m:g} m of clearance; {places.ground.clearance_m:g} m there")
     if worked is not None:
-        _check_same_field(field, worked, field_file)
+        check_same_field(field, worked, field_file)
     if vehicle.body.rear_m is None:
         notes.append("the vehicle file has no [body]: ground is for reference point, track and tool alone")
-    keep_outs_m = tuple(_keep_out(each, frame, options.keep_out_buffer_m) for each in places.keep_outs)
+    keep_outs_m = tuple(keep_out_of(each, frame, options.keep_out_buffer_m) for each in places.keep_outs)
     declared = bool(options.sides or keep_outs_m or carried) or options.order in ("free", "best") or worked is not None
     field_names = FieldNames(
         field, keep_outs_m, frame, name, Path(field_file).resolve().name.split(".")[0], tool, outline, declared, carried
@@ -263,6 +261,7 @@ def plan_field(
         ground=ground,
         keep_outs_m=keep_outs_m,
         rooms_m=maker.declared_m,
+        computed_corner=computed,
     )
     fence = ground or ground_around(field.perimeter_m, ground_m, 0.0)
     return FieldPlan(plan, (*notes, *more), tuple(costs), ground_m, fence)
@@ -358,7 +357,7 @@ class _Maker:
         if given is None:
             return [default_m] * count
         # A ring that was turned round keeps its first side and has the others in reverse order.
-        return given if _counter_clockwise(places) else [given[0], *given[:0:-1]]
+        return given if counter_clockwise(places) else [given[0], *given[:0:-1]]
 
     def gaps(self, worked: WorkedRecord, level: float) -> _Made | None:
         held = self._held
@@ -579,58 +578,3 @@ def _lay_within(
     way = np.asarray(route.rows[: int(route.count), :2], np.float64)
     needed_m = math.ceil(10.0 * float(outside_m(field.perimeter_m, way).max()) + 0.1) / 10.0
     return lay(settings_for(needed_m))
-
-
-_TOLD_M = 0.02
-
-
-def _field_of(places: FieldPlaces, frame: LocalFrame, name: str) -> tuple[Field, list[str]]:
-    """The field, and what was done to its corners."""
-    corners = _local(places, frame)
-    notes = list(places.notes)
-    if not places.driven:
-        field = field_of_polygon(corners, name=name)
-        dropped = len(corners) - len(field.perimeter_m)
-        if dropped:
-            notes.append(f"{dropped} corners left out: in the place of the one before")
-        return field, notes
-    field = field_of_corners(corners, name=name)
-    for number, corner in enumerate(corners):
-        moved_m = float(np.hypot(*(field.perimeter_m - corner).T).min())
-        if moved_m > _TOLD_M:
-            notes.append(f"corner {number + 1} moved by {moved_m:.2f} m to make a rectangle")
-    ((fourth),) = [each for each in field.perimeter_m if np.hypot(*(corners - each).T).min() > 2.0 * SQUARED_M] or [
-        field.perimeter_m[3]
-    ]
-    latitude, longitude, _ = frame.to_geodetic(fourth[:1], fourth[1:], np.zeros(1))
-    notes.append(f"the fourth corner follows: {latitude[0]:.8f}, {longitude[0]:.8f}; visit it before you drive")
-    return field, notes
-
-
-def _local(places: FieldPlaces | KeepOut, frame: LocalFrame) -> Corners:
-    return _east_north(np.stack([places.latitude_deg, places.longitude_deg, places.height_m], axis=1), frame)
-
-
-def _east_north(ring: Float[np.ndarray, "corner 3"], frame: LocalFrame) -> Corners:
-    """Of latitude, longitude and height."""
-    east, north, _ = frame.to_local(*ring.T)
-    return np.stack([east, north], axis=1)
-
-
-def _keep_out(ring: KeepOut, frame: LocalFrame, buffer_m: float) -> Corners:
-    return buffered(_local(ring, frame), buffer_m if ring.buffer_m is None else ring.buffer_m)
-
-
-def _counter_clockwise(places: FieldPlaces) -> bool:
-    return signed_area_m2(np.stack([places.longitude_deg, places.latitude_deg], axis=1)) > 0.0
-
-
-def _check_same_field(field: Field, worked: WorkedRecord, field_file: str | Path) -> None:
-    here, there = field.perimeter_m, worked.perimeter_m
-    apart_m = math.inf
-    if here.shape == there.shape:
-        turned = [np.roll(there, shift, axis=0) for shift in range(len(there))]
-        apart_m = min(float(np.hypot(*(here - each).T).max()) for each in turned)
-    if apart_m > _SAME_FIELD_M:
-        found = "another number of corners" if math.isinf(apart_m) else f"corners up to {apart_m:.2f} m from its own"
-        raise InputError(field_file, "perimeter", f"the field of the record, {worked.name}", found)

@@ -242,6 +242,7 @@ def record_cover(
     runs: Sequence[CoverRun],
     *,
     cell_m: float = 0.05,
+    levels: Sequence[float] = LEVELS,
     evidence: Evidence | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> WorkedRecord:
@@ -253,6 +254,7 @@ def record_cover(
         plans: of the field; the first defines it, others are for its gaps. All have the same tool.
         runs: over it, each by one of the plans.
         cell_m: side of a cell.
+        levels: of confidence that cells are judged at, rising.
         evidence: task, people, finds and control points.
         progress: called with the number of moments done, now and then.
 
@@ -290,8 +292,8 @@ def record_cover(
             north_m=grid.north_m,
             cell_m=grid.cell_m,
             probability=numbers,
-            level=np.array(LEVELS),
-            state=np.stack([cell_states(kept, level) for level in LEVELS]),
+            level=np.array(levels),
+            state=np.stack([cell_states(kept, level) for level in levels]),
         ),
         channels=_channels(ordered, t0_ns),
         passes=passes,

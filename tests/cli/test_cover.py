@@ -248,6 +248,58 @@ def test_the_export_is_whole(work: Path, tmp_path: Path, capsys: pytest.CaptureF
     assert run(*arguments, "--force") == 0
 
 
+def test_the_confidence_is_asked_for(work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pyogrio")
+    exported = ("export", work / "r.worked.h5", "-o")
+    assert run(*exported, tmp_path / "usual") == 0
+    assert run(*exported, tmp_path / "same", "--confidence", 0.996, 0.95) == 0
+    for name in ("r.cells.csv", "r.geojson", "r.kml", "r.html"):
+        assert (tmp_path / "usual" / name).read_bytes() == (tmp_path / "same" / name).read_bytes()
+    capsys.readouterr()
+    assert run(*exported, tmp_path / "out", "--confidence", 0.99, "--json", tmp_path / "e.json") == 0
+    said = capsys.readouterr().out
+    (layer,) = json.loads((tmp_path / "e.json").read_text())["layers"]
+    assert layer["level"] == 0.99
+    assert "with probability 99 % or more" in layer["sentence"]
+    assert layer["sentence"] in said
+    with (tmp_path / "out" / "r.cells.csv").open() as file:
+        cells = list(csv.DictReader(file))
+    assert list(cells[0])[4:] == ["probability", "state_p99"]
+    assert {row["state_p99"] == "processed" for row in cells if float(row["probability"]) >= 0.99} == {True}
+    processed = sum(row["state_p99"] == "processed" for row in cells)
+    assert processed * 0.01 == pytest.approx(layer["processed_m2"], abs=1e-6)
+    text = (tmp_path / "out" / "r.html").read_text(encoding="utf-8")
+    assert layer["sentence"] in " ".join(Page(text).words)
+    assert "99.6 %" not in text
+    layers = {
+        each["properties"]["layer"] for each in json.loads((tmp_path / "out" / "r.geojson").read_text())["features"]
+    }
+    assert {name for name in layers if name.startswith("processed")} == {"processed_p99"}
+    # A record that is made so says the same, and still answers for the usual levels.
+    made = ("record", work / "one", work / "two", "--plan", work / "f.cover.geojson", "--evidence", work / "e.toml")
+    assert run(*made, "-o", tmp_path / "r.worked.h5", "--cell-m", 0.1, "--confidence", 0.99) == 0
+    assert check_file(tmp_path / "r.worked.h5") == []
+    record, usual = read_worked(tmp_path / "r.worked.h5"), read_worked(work / "r.worked.h5")
+    assert record.cells.level.tolist() == [0.99]
+    np.testing.assert_array_equal(record.cells.probability, usual.cells.probability)
+    again = ("export", tmp_path / "r.worked.h5", "-o", tmp_path / "back", "--confidence", 0.95, 0.996)
+    assert run(*again) == 0
+    assert (tmp_path / "back" / "r.cells.csv").read_bytes() == (tmp_path / "usual" / "r.cells.csv").read_bytes()
+
+
+@pytest.mark.parametrize("level", ["0.5", "1", "99", "nan"])
+def test_an_impossible_confidence_is_one_line(
+    work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], level: str
+) -> None:
+    export = ("export", work / "r.worked.h5", "-o", tmp_path / "out")
+    record = ("record", work / "one", "--plan", work / "f.cover.geojson", "-o", tmp_path / "r.worked.h5")
+    for arguments in (export, record):
+        assert run(*arguments, "--confidence", level) == 2
+        (line,) = filter(str.strip, capsys.readouterr().err.splitlines())
+        assert f"--confidence: expected different levels above 0.5, 0.9999 at most, found {level}" in line
+    assert not list(tmp_path.iterdir())
+
+
 _BAD_FIELDS = {
     "collinear": ([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], "corner"),
     "crossed": ([[0.0, 0.0], [10.0, 10.0], [10.0, 0.0], [0.0, 10.0]], "side 1 meets side 3"),

@@ -1,5 +1,6 @@
 """Pictures of a worked field: colours where the cells are, and lightnesses that tell them apart in print."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.image
@@ -9,7 +10,7 @@ from matplotlib.colors import to_rgb
 
 from lgprjax.errors import InputError
 from lgprjax.report import CoverChannelsPicture, CoverPicture, draw_cover_channels, draw_coverage
-from lgprjax.report.coverage import COLOURS
+from lgprjax.report.coverage import COLOURS, level_colours
 
 
 def picture_of(states: np.ndarray, stops: int = 1) -> CoverPicture:
@@ -45,6 +46,18 @@ def test_each_kind_of_cell_has_its_colour(tmp_path: Path, kind: int) -> None:
     assert all(each < 0.01 for number, each in enumerate(shares) if number != kind)
     with pytest.raises(InputError, match="one that exists"):
         draw_coverage(picture_of(states), tmp_path / "m.png")
+
+
+@pytest.mark.parametrize("levels", [(0.99,), (0.9, 0.95, 0.99)])
+def test_any_number_of_levels_is_drawn(tmp_path: Path, levels: tuple[float, ...]) -> None:
+    colours = level_colours(len(levels))
+    assert colours[-1] == COLOURS[-1]
+    for number, colour in enumerate(colours):
+        # Processed up to this level, uncertain at the others.
+        states = np.stack([np.full((5, 6), 2 if each <= number else 1, np.uint8) for each in range(len(levels))])
+        draw_coverage(replace(picture_of(states), levels=levels), tmp_path / f"{number}.png")
+        assert share(tmp_path / f"{number}.png", colour) > 0.1
+        assert sum(share(tmp_path / f"{number}.png", each) for each in colours if each != colour) < 0.02
 
 
 def test_kinds_differ_in_lightness() -> None:

@@ -6,13 +6,15 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from field_site import make_field
+from lgprjax.coverage.pattern import driving_time_s
 from lgprjax.coverage.resume import line_arcs_m, place_of_tool, resume_place
-from lgprjax.formats.coverage_files import read_field
+from lgprjax.formats.coverage_files import read_cover_plan, read_field
 from lgprjax.run_records import COVER, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.control.skid.setup import load_skid, place_after_death
@@ -65,9 +67,9 @@ def process(folder: Path, run: Path) -> Iterator[tuple[Ring, Ring]]:
         thread.join(20.0)
 
 
-def told(worked: Ring, until: float = 20.0) -> dict[str, float]:
+def told(worked: Ring, until: float = 20.0) -> dict[str, Any]:
     """The newest map after the process has taken everything."""
-    newest: dict[str, float] = {}
+    newest: dict[str, Any] = {}
     begun_s, quiet_s = time.monotonic(), time.monotonic()
     while time.monotonic() - begun_s < until and time.monotonic() - quiet_s < 2.5:
         message = worked.latest()
@@ -81,7 +83,14 @@ def test_what_counts_is_worked_and_nothing_else(folder: Path, tmp_path: Path) ->
     with process(folder, tmp_path) as (cover, worked):
         for number in range(160):
             cover.put(cover_record(number, counts=False))
-        assert told(worked)["worked_m2"] == 0.0
+        shown = told(worked)
+        assert shown["worked_m2"] == 0.0
+        # The page shows what will be driven before it is.
+        plan = read_cover_plan(folder / "small.cover.geojson").pattern
+        first = plan.lines[0]
+        assert len(shown["plan"]["swaths"]) == len(plan.lines)
+        assert shown["plan"]["swaths"][0] == pytest.approx([*first.start_m, *first.end_m], abs=0.006)
+        assert shown["plan"]["time_s"] == pytest.approx(driving_time_s(plan, SPEED_MPS), abs=1.0)
         for number in range(160, 320):
             moved = np.frombuffer(unpack(cover_record(number - 160, counts=True)).payload, COVER)[0]
             record = Record(

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from drawn_record import CELL_M, LEVELS, made_record
-from lgprjax.errors import InputError
+from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats import GeoLayer, WorkedRecord, write_geojson, write_geopackage, write_kml, write_turning_points
-from lgprjax.worked.layers import cells_union, cover_layers, layer_name
+from lgprjax.worked.layers import at_levels, cells_union, checked_levels, cover_figures, cover_layers, layer_name
 
 shapely = pytest.importorskip("shapely")
 pyogrio = pytest.importorskip("pyogrio")
@@ -215,3 +215,40 @@ def test_turning_points_lead_from_the_benchmark(tmp_path: Path, mark: tuple[floa
             assert float(row[4]) == pytest.approx(math.degrees(math.atan2(*way)) % 360.0, abs=0.05)
     for row, length_m in zip(rows, (6.0, 4.0, 6.0, 4.0), strict=True):
         assert float(row[7]) == pytest.approx(length_m * (1.0 - 900.0 / 6.37e6), abs=2e-3)
+
+
+def test_a_record_is_judged_at_any_level() -> None:
+    record = made_record()
+    same = at_levels(record, LEVELS)
+    np.testing.assert_array_equal(same.cells.state, record.cells.state)
+    np.testing.assert_array_equal(same.cells.level, record.cells.level)
+    other = at_levels(record, checked_levels((0.999, 0.99)))
+    assert other.cells.level.tolist() == [0.99, 0.999]
+    value = record.cells.probability / 65535
+    for level, state in zip((0.99, 0.999), other.cells.state, strict=True):
+        np.testing.assert_array_equal(state, np.where(value >= level, 2, np.where(value < 1.0 - level, 0, 1)))
+    assert [layer.name for layer in cover_layers(other, "us")][2:5] == ["processed_p99", "processed_p999", "gaps"]
+    # The same cells, asked for more: less is processed, and more is uncertain.
+    asked, usual = cover_figures(other).layers, cover_figures(record).layers
+    assert usual[0].processed_m2 > asked[0].processed_m2 > usual[1].processed_m2 >= asked[1].processed_m2
+    assert "with probability 99.9 % or more" in asked[1].sentence
+
+
+@pytest.mark.parametrize(
+    "confidence",
+    [
+        (),
+        (0.5,),
+        (1.0,),
+        (0.99995,),
+        (95.0,),
+        (-0.9,),
+        (float("nan"),),
+        (0.9, 0.9),
+        (0.95, 0.9500001),
+        (0.9, float("nan"), 0.95),
+    ],
+)
+def test_levels_that_nothing_can_be_said_at_are_refused(confidence: tuple[float, ...]) -> None:
+    with pytest.raises(ArgumentError, match=r"confidence: expected different levels above 0\.5, 0\.9999 at most"):
+        checked_levels(confidence)

@@ -16,8 +16,10 @@ import numpy as np
 from lgprjax.coverage import CellState, cell_states, grid_of_field, inside_cells
 from lgprjax.coverage.field import Field
 from lgprjax.coverage.resume import place_of_tool
+from lgprjax.formats import read_cover_plan
 from lgprjax.run_records import COVER, Record, RecordKind, Source, ToolBits, pack, unpack
 from lgprjax.runtime.control.skid.setup import PROGRESS_FILE, SkidLoaded, load_skid
+from lgprjax.runtime.coverage.overview import plan_overview
 from lgprjax.runtime.coverage.worked_map import WorkedMap, worked_runs
 from lgprjax.runtime.process import ProcessStage, Started
 
@@ -51,6 +53,7 @@ class CoverageProcess:
         signal.signal(signal.SIGTERM, self._end)
         started.beat(ProcessStage.WARMING)
         loaded = load_skid(started.config)
+        self._overview = None if loaded.name is None else self._look()
         self._map = None if loaded.name is None else self._open(loaded)
 
     def run(self) -> None:
@@ -78,6 +81,10 @@ class CoverageProcess:
         with suppress(OSError, ValueError):
             opened.take_up(np.load(self._kept))
         return opened
+
+    def _look(self) -> dict[str, Any]:
+        assert self._table.plan is not None
+        return plan_overview(read_cover_plan(self._started.config.path(self._table.plan)), self._table.speed_mps)
 
     def _take(self, record: Record) -> None:
         if record.kind is RecordKind.COVER and self._map is not None:
@@ -122,6 +129,7 @@ class CoverageProcess:
             "level": self._table.level,
             "worked_m2": round(float(np.count_nonzero(worked & self._inside)) * grid.cell_m2, 2),
             "field_m2": round(float(np.count_nonzero(self._inside)) * grid.cell_m2, 2),
+            "plan": self._overview,
         }
         self._worked.put(
             pack(Record(RecordKind.WORKED, Source.COVERAGE, 0, time.monotonic_ns(), json.dumps(map_message).encode()))

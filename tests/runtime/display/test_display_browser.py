@@ -336,3 +336,78 @@ def test_a_field_shows_its_line_tool_gnss_and_what_is_worked(served: ServedPage,
     # Worked ground has its colour: some percent of the window.
     colour = np.array([0x9A, 0xD0, 0xB0]) / 255.0
     assert 0.001 < float((np.abs(day - colour).max(axis=-1) < 0.02).mean()) < 0.5
+
+
+PLAN: dict[str, object] = {
+    "swaths": [[30.0 * (line % 2), 0.6 + line, 30.0 * (1 - line % 2), 0.6 + line] for line in range(20)],
+    "reverse": [[[30.0, 5.0], [20.0, 5.5], [12.0, 5.5]]],
+    "keep_outs": [[[8.0, 12.0], [11.0, 12.0], [11.0, 15.0]], [[20.0, 12.0], [22.0, 12.0], [22.0, 14.0]]],
+    "computed_corner": [0.0, 20.0],
+    "length_m": 1234.4,
+    "time_s": 5461,
+}
+PLANNED = WORKED | {"runs": [], "worked_m2": 0.0, "plan": PLAN}
+BEFORE = FIELD | {"mode": "READY", "refusal": "NONE", "warnings": [], "reasons": [], "pose": [-5.0, 0.6, 0.0]}
+BEFORE["field"] = FIELD["field"] | {"gnss": "fixed", "gnss_age_s": 0.3, "told_on": False, "fence": [
+    [[-6.0, -6.0], [36.0, -6.0], [36.0, 26.0], [-6.0, 26.0]]
+]}  # fmt: skip
+_LISTEN = """(() => { window.drawn = []; const pen = CanvasRenderingContext2D.prototype, write = pen.fillText;
+    pen.fillText = function (text, x, y) { window.drawn.push([text, x, y]); write.call(this, text, x, y); }; })()"""
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_before_engaging_the_plan_is_seen_as_it_will_be_driven(
+    served: ServedPage, tab: Tab, size: tuple[int, int]
+) -> None:
+    served.show_worked(PLANNED)
+    show(served, tab, BEFORE, size)
+    tab.wait_for("document.body.innerText.includes('Plan: 20 swaths, 1234 m, 1.5 h')")
+    assert tab.text("#words") == "▲ One corner of the field is computed: visit it first"
+    assert "in reverse" in tab.text("#legend")
+    assert "computed corner" in tab.text("#legend")
+    tab.evaluate(_LISTEN)
+    tab.wait_for("window.drawn.length > 40")
+    drawn = {text: (x, y) for text, x, y in tab.evaluate("window.drawn")}
+    assert {"1", "20", "keep out 1", "keep out 2", "visit"} <= set(drawn)
+    # All of the field is on the canvas, and what is written beside each other can be read.
+    width, height = tab.evaluate("(c => [c.clientWidth, c.clientHeight])(document.getElementById('plan'))")
+    away = {text: at for text, at in drawn.items() if not (0.0 < at[0] < width and 0.0 < at[1] < height)}
+    assert away == {}, (width, height)
+    numbers = [place for text, place in drawn.items() if text.isdigit()]
+    assert 3 <= len(numbers) <= 13
+    assert min(math.dist(a, b) for a in numbers for b in numbers if a != b) >= 22.0
+    page = tab.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]")
+    assert page == list(size)
+    heading = tab.evaluate(
+        "['mode-text', 'top'].map((name) => document.getElementById(name).getBoundingClientRect().bottom)"
+    )
+    assert heading[0] < heading[1]
+
+
+def test_dashes_are_ways_in_reverse_and_nothing_is_numbered_while_it_drives(served: ServedPage, tab: Tab) -> None:
+    served.show_worked(PLANNED)
+    show(served, tab, BEFORE, SIZES[1])
+    tab.wait_for("document.body.innerText.includes('Plan: 20 swaths')")
+
+    def orange() -> float:
+        pixels = picture(tab, "plan")
+        return float((np.abs(pixels - np.array([0xD3, 0x54, 0x00]) / 255.0).max(axis=-1) < 0.02).sum())
+
+    both = orange()
+    served.show_worked(PLANNED | {"plan": PLAN | {"reverse": []}})
+    tab.wait_for("document.getElementById('reverse-key').hidden")
+    assert both > orange() + 100
+    served.show_worked(PLANNED)
+    served.show(FIELD)
+    tab.wait_for("document.getElementById('mode').innerText.includes('SPEED')")
+    tab.evaluate(_LISTEN)
+    tab.wait_for("window.drawn.length > 12")
+    told = {text for text, _, _ in tab.evaluate("window.drawn")}
+    assert "keep out 1" in told
+    assert not told & {"1", "20", "visit"}
+    assert "computed" not in tab.text("body")
+    # A message of which half is missing is no plan.
+    served.show_worked(PLANNED | {"plan": {"swaths": []}})
+    served.show(BEFORE)
+    tab.wait_for("!document.body.innerText.includes('Plan:')")
+    assert tab.complaints == []

@@ -1,7 +1,7 @@
 // The operator's page: shows what the control process says, and says loudly when it says nothing.
 
 import { drawPlan, points } from "./plan.js";
-import { FIELD_MODES, fieldWords, toolWords } from "./field.js";
+import { FIELD_MODES, computedCorner, fieldWords, toolWords } from "./field.js";
 
 const STALE_S = 0.5;
 const GNSS_OLD_S = 1.6;
@@ -81,6 +81,9 @@ function sayings(mode, engaged) {
   if (state.field && isNumber(state.field.gnss_age_s) && state.field.gnss_age_s > GNSS_OLD_S) {
     said.push(["warn", `▲ GNSS off for ${Math.round(state.field.gnss_age_s)} s`]);
   }
+  if (state.field && !engaged && computedCorner(worked)) {
+    said.push(["warn", "▲ One corner of the field is computed: visit it first"]);
+  }
   for (const [name, stage] of Object.entries(state.processes || {})) {
     if (stage !== "ready") said.push(["warn", `▲ ${name}: ${stage}`]);
   }
@@ -119,9 +122,9 @@ function showTool() {
   at("correlation").className = `figure ${tool.kind}`;
 }
 
-function showField() {
+function showField(engaged) {
   tell("route-title", typeof state.route === "string" ? `Field ${fileName(state.route)}` : "No plan: mark three corners");
-  const words = fieldWords(state.field, worked);
+  const words = fieldWords(state.field, worked, engaged);
   const all = JSON.stringify(words);
   if (at("route-list").dataset.all === all) return;
   at("route-list").dataset.all = all;
@@ -194,10 +197,16 @@ function render() {
   showMode(mode, mode === "READY" && refusal() !== null);
   showFigures();
   showWords(mode, engaged);
-  if (state.field) showField();
+  if (state.field) showField(engaged);
   else showRoutes(engaged);
   showFoot();
-  const times = drawPlan(at("plan"), state, path, vehicleUp, worked);
+  drawWhole();
+}
+
+function drawWhole() {
+  const { times, reverse, corner } = drawPlan(at("plan"), state, path, vehicleUp, worked, ENGAGED.includes(state.mode));
+  at("reverse-key").hidden = !reverse;
+  at("corner-key").hidden = !corner;
   tell("ellipse-key", times === null ? "uncertainty unknown" : times === 1 ? "3σ" : `3σ × ${times}`);
 }
 
@@ -286,7 +295,7 @@ function connect() {
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme;
   tell("theme", theme === "night" ? "DAY" : "NIGHT");
-  if (state !== null) drawPlan(at("plan"), state, path, vehicleUp, worked);
+  if (state !== null) drawWhole();
 }
 
 const dark = window.matchMedia("(prefers-color-scheme: dark)");
@@ -296,7 +305,7 @@ at("theme").addEventListener("click", () => setTheme(document.documentElement.da
 at("up").addEventListener("click", () => {
   vehicleUp = !vehicleUp;
   tell("up", vehicleUp ? "NORTH UP" : "VEHICLE UP");
-  if (state !== null) drawPlan(at("plan"), state, path, vehicleUp, worked);
+  if (state !== null) drawWhole();
 });
 connect();
 setInterval(watch, 100);

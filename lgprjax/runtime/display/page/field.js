@@ -4,8 +4,8 @@ const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
 const centimetres = (value) => (isNumber(value) ? `${(100 * value).toFixed(0)} cm` : "–");
 
 export const FIELD_MODES = {
-  READY: "You drive by remote control. The controller's button can engage.",
-  READY_REFUSED: "You drive by remote control. It cannot be engaged now.",
+  READY: "You drive by remote control. Its button engages.",
+  READY_REFUSED: "You drive by remote control. It cannot engage.",
   STEERING: "The computer holds the vehicle. It stands.",
   SPEED: "The vehicle drives its plan.",
   MANUAL: "You drive by remote control.",
@@ -20,9 +20,25 @@ export function toolWords(field) {
   return { line, figure, more: wrong ? `▲ ${told}` : told, kind: wrong ? "warn" : "" };
 }
 
-// Lines beside the plan: worked share, GNSS, heading.
-export function fieldWords(field, worked) {
-  const words = [];
+const duration = (seconds) => (seconds < 5400 ? `${Math.ceil(seconds / 60)} min` : `${(seconds / 3600).toFixed(1)} h`);
+// Of a plan that the page can draw, whatever came.
+const planOf = (worked) => {
+  const plan = worked && worked.plan;
+  return plan && ["swaths", "reverse", "keep_outs"].every((name) => Array.isArray(plan[name])) ? plan : null;
+};
+
+// A corner that follows from three that were driven to: nobody has been there.
+export const computedCorner = (worked) => {
+  const plan = planOf(worked);
+  return plan && Array.isArray(plan.computed_corner) ? plan.computed_corner : null;
+};
+
+// Lines beside the plan: what is to be driven, worked share, GNSS, heading.
+export function fieldWords(field, worked, engaged) {
+  const words = [], plan = planOf(worked);
+  if (plan && !engaged) {
+    words.push(`Plan: ${plan.swaths.length} swaths, ${Math.round(plan.length_m)} m, ${duration(plan.time_s)}`);
+  }
   if (worked && isNumber(worked.worked_m2) && worked.field_m2 > 0) {
     const share = Math.floor((1000 * worked.worked_m2) / worked.field_m2) / 10;
     words.push(`Worked at ${(100 * worked.level).toFixed(1).replace(".0", "")} %: ${share} % of ${Math.round(worked.field_m2)} m²`);
@@ -68,4 +84,87 @@ export function drawField(pen, field, worked, place, colour) {
     pen.stroke();
     pen.setLineDash([]);
   }
+}
+
+// A label that can be read over lines.
+function label(pen, text, [x, y], ink, paper) {
+  pen.font = "bold 14px sans-serif";
+  pen.textAlign = "center";
+  pen.textBaseline = "middle";
+  pen.strokeStyle = paper;
+  pen.lineWidth = 4;
+  pen.strokeText(text, x, y);
+  pen.fillStyle = ink;
+  pen.fillText(text, x, y);
+  pen.textBaseline = "alphabetic";
+}
+
+const LEAST_APART_PX = 22;
+const MOST_NUMBERS = 12;
+
+// Swaths that are numbered: the first, the last, and every so many, as far as they can be read side by side.
+function numbered(swaths, place) {
+  const every = [1, 2, 5, 10, 20, 50, 100].find((n) => swaths.length / n <= MOST_NUMBERS) || 200;
+  const shown = [];
+  const order = [...swaths.keys()].filter((k) => k === 0 || (k + 1) % every === 0);
+  for (const k of [0, swaths.length - 1, ...order]) {
+    const at = place(swaths[k][0], swaths[k][1]);
+    if (shown.every((other) => Math.hypot(at[0] - other.at[0], at[1] - other.at[1]) >= LEAST_APART_PX)) shown.push({ k, at });
+  }
+  return shown;
+}
+
+// What is to be driven, over the path: ways in reverse, keep-outs, order of the swaths, a corner that nobody drove to.
+// Returns which of these there are, for the legend.
+export function drawOrder(pen, worked, place, colour, engaged) {
+  const plan = planOf(worked);
+  if (!plan) return { reverse: false, corner: false };
+  const trace = (line) => {
+    pen.beginPath();
+    line.forEach((point, i) => (i ? pen.lineTo(...place(...point)) : pen.moveTo(...place(...point))));
+  };
+  const lines = (ways, ink, width, dash) => {
+    pen.strokeStyle = ink;
+    pen.lineWidth = width;
+    pen.setLineDash(dash);
+    for (const way of ways) {
+      trace(way);
+      pen.stroke();
+    }
+  };
+  // The path's own line gives way to the dashes, but for swaths: a vehicle that backs out does so along one.
+  if (plan.reverse.length) {
+    lines(plan.reverse, colour("--paper"), 4, []);
+    lines(plan.swaths.map(([x, y, endX, endY]) => [[x, y], [endX, endY]]), colour("--path"), 2, []);
+    lines(plan.reverse, colour("--reverse"), 3, [5, 5]);
+  }
+  pen.setLineDash([]);
+  plan.keep_outs.forEach((ring, i) => {
+    pen.fillStyle = pen.strokeStyle = colour("--bad");
+    pen.lineWidth = 2;
+    trace(ring);
+    pen.closePath();
+    pen.globalAlpha = 0.25;
+    pen.fill();
+    pen.globalAlpha = 1;
+    pen.stroke();
+    const middle = [0, 1].map((axis) => ring.reduce((sum, point) => sum + point[axis], 0) / ring.length);
+    label(pen, plan.keep_outs.length > 1 ? `keep out ${i + 1}` : "keep out", place(...middle), colour("--bad-text"), colour("--paper"));
+  });
+  const corner = engaged ? null : computedCorner(worked);
+  if (corner) {
+    const at = place(...corner);
+    pen.strokeStyle = colour("--ink");
+    pen.lineWidth = 3;
+    for (const radius of [6, 12]) {
+      pen.beginPath();
+      pen.arc(...at, radius, 0, 2 * Math.PI);
+      pen.stroke();
+    }
+    label(pen, "visit", [at[0], at[1] - 22], colour("--ink"), colour("--paper"));
+  }
+  if (!engaged) {
+    for (const { k, at } of numbered(plan.swaths, place)) label(pen, `${k + 1}`, at, colour("--ink"), colour("--paper"));
+  }
+  return { reverse: plan.reverse.length > 0, corner: corner !== null };
 }

@@ -2,8 +2,9 @@
 
 const LEAST_HALF_M = 18;
 const VEHICLE_PX = 17;
+const SPARE_PX = 44; // above and below a field: scale bar, north arrow, legend
 
-import { drawField } from "./field.js";
+import { drawField, drawOrder } from "./field.js";
 
 const number = (value) => typeof value === "number" && Number.isFinite(value);
 const pose = (value) => (Array.isArray(value) && value.length >= 3 && value.slice(0, 3).every(number) ? value : null);
@@ -19,6 +20,24 @@ function halfWidth(path, vehicle) {
   let nearest = Infinity;
   for (const [x, y] of path) nearest = Math.min(nearest, Math.hypot(x - vehicle[0], y - vehicle[1]));
   return Math.max(LEAST_HALF_M, Number.isFinite(nearest) ? 1.3 * nearest : 0);
+}
+
+// Before anything is engaged all of a field is shown, with the vehicle: its middle, and pixels a metre.
+function overview(field, vehicle, turn, width, height) {
+  const rings = [field.perimeter, ...(Array.isArray(field.fence) ? field.fence : [])];
+  const seen = [...rings.flatMap(points), ...(vehicle ? [vehicle] : [])];
+  if (seen.length < 3) return null;
+  const cos = Math.cos(turn), sin = Math.sin(turn);
+  const spans = [([x, y]) => x * cos + y * sin, ([x, y]) => y * cos - x * sin].map((along) => {
+    const values = seen.map(along);
+    return [Math.min(...values), Math.max(...values)];
+  });
+  const [right, up] = spans.map(([low, high]) => 0.5 * (low + high));
+  const [wide_m, high_m] = spans.map(([low, high]) => Math.max(high - low, 1));
+  return {
+    middle: [right * cos - up * sin, right * sin + up * cos],
+    px_m: Math.min((width - 2 * VEHICLE_PX) / wide_m, (height - 2 * SPARE_PX) / high_m),
+  };
 }
 
 function frame(canvas) {
@@ -103,8 +122,8 @@ function drawGnss(pen, at, ink) {
   pen.stroke();
 }
 
-// Draws, and returns how many times the uncertainty is enlarged, null where none is known.
-export function drawPlan(canvas, state, path, vehicleUp, worked) {
+// Draws, and returns how many times the uncertainty is enlarged, null where none is known, and what the legend names.
+export function drawPlan(canvas, state, path, vehicleUp, worked, engaged) {
   const { pen, width, height } = frame(canvas);
   const style = getComputedStyle(document.documentElement);
   const colour = (name) => style.getPropertyValue(name).trim();
@@ -115,19 +134,22 @@ export function drawPlan(canvas, state, path, vehicleUp, worked) {
     pen.font = "bold 18px sans-serif";
     pen.textAlign = "center";
     pen.fillText("no place known", width / 2, height / 2);
-    return null;
+    return { times: null, reverse: false, corner: false };
   }
-  const px_m = Math.min(width, height) / 2 / halfWidth(path, centre);
   // Angles of the canvas run clockwise, yaw runs counter-clockwise from east.
   const turn = vehicleUp ? centre[2] - Math.PI / 2 : 0;
+  const whole = state.field && !engaged ? overview(state.field, vehicle, turn, width, height) : null;
+  const px_m = whole ? whole.px_m : Math.min(width, height) / 2 / halfWidth(path, centre);
+  const middle = whole ? whole.middle : centre;
   const place = (x, y) => {
-    const east = x - centre[0], north = y - centre[1];
+    const east = x - middle[0], north = y - middle[1];
     const right = east * Math.cos(turn) + north * Math.sin(turn);
     const up = north * Math.cos(turn) - east * Math.sin(turn);
     return [width / 2 + right * px_m, height / 2 - up * px_m];
   };
   if (state.field) drawField(pen, state.field, worked, place, colour);
   drawPath(pen, path, place, colour("--path"), state.field ? 2 : 5);
+  const named = state.field ? drawOrder(pen, worked, place, colour, engaged) : { reverse: false, corner: false };
   let times = null;
   if (vehicle) {
     const heading = Math.PI / 2 - vehicle[2] + turn;
@@ -146,5 +168,5 @@ export function drawPlan(canvas, state, path, vehicleUp, worked) {
   if (gnss) drawGnss(pen, place(gnss[0], gnss[1]), colour("--gnss"));
   northArrow(pen, turn, colour("--ink"));
   scaleBar(pen, px_m, width, colour("--ink"));
-  return times;
+  return { times, ...named };
 }
