@@ -1,7 +1,5 @@
 """``lgprjax import FORMAT``: vendor files to drive logs."""
 
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
@@ -12,7 +10,8 @@ from lgprjax.cli.terminal import UsageError, console, require_files, working
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
-    from lgprjax.formats import Survey, SurveyOrigin
+    from lgprjax.formats import NavigationTrack, Survey, SurveyOrigin
+    from lgprjax.radar.array import ArrayGeometry
 
 
 # Common parts of the import verbs: the output, the site's origin, and the closing line.
@@ -86,6 +85,8 @@ def print_survey(survey: "Survey") -> None:
         "header, break (the direct wave's first), wave (its strongest lobe) and zero (time zero) in samples; "
         f"r: correlation with the previous line; positions from: {survey.placed_by}"
     )
+    for note in survey.notes:
+        _tell(f"note: {note}")
 
 
 def _tell(text: str) -> None:
@@ -97,16 +98,44 @@ def _sample(value: float | None) -> str:
 
 
 def finished(output: Path) -> None:
-    """Report what was written, and which quantities no instrument recorded."""
+    """Report what was written and where it is, and which quantities no instrument recorded."""
     from lgprjax.formats import DriveLog, assumed_in_words, assumed_of
 
     with DriveLog.open(output) as log:
-        assumed = assumed_of(log.description.provenance)
+        description = log.description
+    assumed = assumed_of(description.provenance)
     if assumed:
         _tell(f"assumed, as no instrument recorded it: {assumed_in_words(assumed)}")
+    _tell(place_in_words(description.navigation, description.array, known="place on the earth" not in assumed))
     _tell(f"wrote {output}")
     if "place on the earth" in assumed:
         _tell("the site's origin was set to latitude 0, longitude 0 (see --latitude-deg)")
+
+
+def place_in_words(navigation: "NavigationTrack", array: "ArrayGeometry | None", *, known: bool) -> str:
+    """Where a drive begins, unless its place on the earth was made up, and how far it reaches with its array."""
+    import numpy as np
+
+    from lgprjax.frames import LocalFrame
+
+    latitude, longitude = float(navigation.latitude_deg[0]), float(navigation.longitude_deg[0])
+    frame = LocalFrame(latitude, longitude, 0.0)
+    zeros = np.zeros(len(navigation.latitude_deg))
+    east, north, _ = frame.to_local(navigation.latitude_deg, navigation.longitude_deg, zeros)
+    yaw = frame.yaw_of_heading(navigation.heading_deg, navigation.longitude_deg)
+    y_m = (0.0,) if array is None else (float(np.min(array.y_m)), float(np.max(array.y_m)))
+    spans = (
+        float(np.ptp([values + side * y for y in y_m])) for values, side in ((east, -np.sin(yaw)), (north, np.cos(yaw)))
+    )
+    across, up = (
+        f"{span:.2f} m" if span < 10.0 else f"{span:.1f} m" if span < 1e4 else f"{span / 1e3:.1f} km" for span in spans
+    )
+    extent = f"{across} from west to east, {up} from south to north"
+    if not known:
+        return f"extent: {extent}"
+    longitude = (longitude + 180.0) % 360.0 - 180.0
+    letters = "N" if latitude >= 0.0 else "S", "E" if longitude >= 0.0 else "W"
+    return f"place: {abs(latitude):.4f} {letters[0]}, {abs(longitude):.4f} {letters[1]}; extent: {extent}"
 
 
 # ``lgprjax import grounded|cmu|gprmax``: published data sets and simulations to drive logs.
@@ -308,6 +337,9 @@ class ImportRosbag(ImportMcap):
 class ImportSignals:
     """A vehicle's signals from a table or a recording: .csv, .parquet or .mcap, for the studies of lgprjax tune.
 
+    The columns of a .csv are separated by commas, semicolons or tabs; with the latter two a comma may be the decimal
+    sign. Cells that are no numbers are left out and counted; a column with more than 5 % of them is refused.
+
     A TOML file says which column is which signal and in which unit: time, speed or travel, latitude and longitude or
     east and north, heading, yaw rate, wheel angles, steering command, volts, pedals. Units are converted; values out of
     a signal's range are refused. tuning/signals.toml is an example.
@@ -320,14 +352,19 @@ class ImportSignals:
 
     def run(self) -> None:
         """Import."""
+        from lgprjax.formats import VehicleLog
         from lgprjax.formats.signal_tables import import_signals
 
         with working(f"importing {self.file}"):
             imported = import_signals(self.file, self.map, self.output, force=self.force)
         rows = ", ".join(f"{name} {count}" for name, count in imported.signals.items())
         _tell(f"{imported.seconds:.1f} s; numbers of each signal: {rows}")
+        for name, how in imported.left_out.items():
+            _tell(f"left out of {name}: {how}")
         for what, how in imported.assumed.items():
             _tell(f"assumed, as nothing says it: {what}: {how}")
+        known = "place on the earth" not in imported.assumed
+        _tell(place_in_words(VehicleLog.open(self.output).navigation, None, known=known))
         _tell(f"wrote {self.output}")
 
 
@@ -344,7 +381,7 @@ class _FoundInTraces:
     reversed_lines: Literal["auto", "odd", "even"] | tuple[int, ...] = "auto"
     """lines recorded backward: auto detects them; odd or even by the numbers in their names; or numbers from 0"""
     utm_zone: str | None = None
-    """UTM zone of a topography file in metres of that grid, such as 33N"""
+    """UTM zone of a topography, or of SEG-Y coordinates, in metres of that grid, such as 33N"""
     partial: bool = False
     """read the whole traces of a file that is cut short"""
     origin: Origin = field(default_factory=Origin)
@@ -397,6 +434,8 @@ class ImportLine(_FoundInTraces):
 
     def run(self) -> None:
         """Import."""
+        if self.file.is_dir():
+            raise InputError(self.file, "file", "a recording", "a folder")
         if self.file.suffix.lower() not in self.suffixes:
             expected = f"a name that ends in {' or '.join(self.suffixes)} (lgprjax import FILE recognises the format)"
             raise InputError(self.file, "file name", expected, repr(self.file.name))
@@ -498,8 +537,9 @@ class ImportLines(_FoundInTraces):
     """Lines of a survey (DT1, DZT, rd3, rd7, iprb or SEG-Y) as one drive log.
 
     Their places come from a tape (--lines-at-m or --line-spacing-m), or from files next to them: a topography
-    (topo_NAME.txt, NAME.xyz or NAME.csv: a row of N, E, Z for each trace) or a receiver's (.GPS, .DZG, .cor). Time
-    zero, sign, direction and start of each line are estimated from its traces and listed.
+    (topo_NAME.txt, NAME.xyz or NAME.csv: a row of N, E, Z for each trace) or a receiver's (.GPS, .DZG, .cor); those of
+    SEG-Y lines also from the coordinates of their headers. Time zero, sign, direction and start of each line are
+    estimated from its traces and listed.
     """
 
     files: Annotated[
@@ -528,48 +568,3 @@ class ImportLines(_FoundInTraces):
             first_line_m=self.first_line_m,
             sample_interval_ns=self.sample_interval_ns,
         )
-
-
-_BY_SUFFIX = {
-    **dict.fromkeys((".dt1", ".dzt", ".rd3", ".rd7", ".sgy", ".segy", ".iprb"), "lines"),
-    ".mcap": "mcap",
-    ".bag": "rosbag",
-    ".db3": "rosbag",
-    ".out": "gprmax",
-}
-_BY_CONTENT = {"run.npy": "grounded", "gpr_meas.csv": "cmu", "metadata.yaml": "rosbag"}
-"""File that identifies a folder's format."""
-_TAPE = ("--line-spacing-m", "--lines-at-m", "--first-line-m")
-"""Options of lines that the formats of a single file do not have."""
-
-
-def recognised(arguments: Sequence[str]) -> list[str]:
-    """Arguments of ``import`` with the format inserted, if files are given without one.
-
-    A single SEG-Y file and the channels of one ImpulseRadar line have formats of their own, unless tape options make
-    them lines. Anything unrecognised is left as it is.
-    """
-    words = [str(word) for word in arguments]
-    formats = ("dt1", "dzt", "mala", "iprb", "segy", "lines", "grounded", "cmu", "gprmax", "mcap", "rosbag", "signals")
-    if not words or words[0] in formats:
-        return words
-    outputs = {i + 1 for i, word in enumerate(words) if word in ("-o", "--output")}
-    found = [Path(word) for i, word in enumerate(words) if not word.startswith("-") and i not in outputs]
-    taped = any(word.partition("=")[0].replace("_", "-") in _TAPE for word in words)
-    for path in found:
-        known = next((name for part, name in _BY_CONTENT.items() if (path / part).is_file()), None)
-        known = known or _BY_SUFFIX.get(path.suffix.lower())
-        if known is None and path.suffix.lower() == ".h5" and not path.name.endswith((".drive.h5", ".map.h5")):
-            known = "gprmax"
-        if known is None:
-            continue
-        files = [other for other in found if other.suffix.lower() == path.suffix.lower()]
-        if taped:
-            return [known, *words]
-        if known == "lines" and path.suffix.lower() in (".sgy", ".segy") and len(files) == 1:
-            known = "segy"
-        if known == "lines" and path.suffix.lower() == ".iprb":
-            lines = {re.sub(r"_A\d+$", "", file.stem, flags=re.IGNORECASE) for file in files}
-            known = "iprb" if len(lines) == 1 else "lines"
-        return [known, *words]
-    return words

@@ -233,6 +233,8 @@ def _hint(value: str) -> str:
     """What to leave out of a number that is none; empty where it is no number with something beside it."""
     if re.fullmatch(r"[-+]?\d+,\d+", value):
         return "; write a point, not a comma"
+    if re.fullmatch(r"[-+]?\d+(\.\d*)?([,;][-+]?\d+(\.\d*)?)+", value):
+        return "; put blanks between numbers"
     if re.fullmatch(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)? *[A-Za-z%°µ/]+", value):
         return "; leave out the unit"
     return ""

@@ -1,6 +1,7 @@
 """The verbs of ``lgprjax``: what each is for, two examples of each, and how a command is read and run."""
 
 import dataclasses
+import difflib
 import functools
 import operator
 import os
@@ -29,10 +30,10 @@ from lgprjax.cli.imports import (
     ImportRosbag,
     ImportSegy,
     ImportSignals,
-    recognised,
 )
 from lgprjax.cli.maps import MapBuild, MapInfo, MapRefine, MapUpdate, MapVerify
 from lgprjax.cli.options import check_words, nearest
+from lgprjax.cli.recognised import recognised, recording_suffixes, told_instead
 from lgprjax.cli.register import Register
 from lgprjax.cli.route import RouteExport, RouteList, RouteSelect
 from lgprjax.cli.run import Run
@@ -361,7 +362,7 @@ _MEANT = {
     **dict.fromkeys(("convert", "read", "open"), "import"),
     **dict.fromkeys(("plot", "show", "draw"), "view"),
     **dict.fromkeys(("validate", "health"), "check"),
-    **{part: f"map {part}" for part in _MAP.verbs},
+    **{words.split()[1]: words for words, _ in every_verb() if " " in words and words.split()[1] not in all_verbs()},
     **dict.fromkeys(("calibrate", "fit"), "tune"),
 }
 """Verbs of other programs, and the one of this that does it."""
@@ -413,9 +414,7 @@ def _run(words: list[str]) -> int:
             if not words:
                 print(top_help(), end="", file=sys.stderr)
                 return 2
-            meant = _MEANT.get(words[0].lower())
-            ask = nearest(words[0], list(known)) if meant is None else f"; did you mean {meant}?"
-            raise UsageError(f"{words[0]}: no such verb{ask}")
+            raise UsageError(f"{words[0]}: no such verb{_meant(words[0], list(known))}")
         print(top_help(), end="")
         return 0
     verb = known[name[0]]
@@ -433,9 +432,20 @@ def _run(words: list[str]) -> int:
     return _parse_and_run(words)
 
 
+def _meant(word: str, known: Sequence[str]) -> str:
+    """A question that names what was probably meant by a word that is no verb; empty where nothing resembles it."""
+    if recognised([word]) != [word]:
+        return f"; did you mean import {word}?"
+    near = difflib.get_close_matches(word.lower(), [*known, *_MEANT], n=1, cutoff=0.6)
+    return f"; did you mean {_MEANT.get(near[0], near[0])}?" if near else ""
+
+
 def _refuse_group(name: str, group: VerbGroup, word: str) -> None:
     if name == "import":
-        expected = f"a format ({', '.join(group.verbs)}), or a recording whose name ends as theirs do"
+        instead, recordings = told_instead(word), f"a recording ({recording_suffixes()})"
+        if instead:
+            raise UsageError(f"{word}: expected {recordings}; found {instead}")
+        expected = f"a format ({', '.join(group.verbs)}), or {recordings}"
         raise UsageError(f"{word}: expected {expected}{nearest(word, list(group.verbs))}")
     raise UsageError(f"{word}: expected one of {', '.join(group.verbs)}{nearest(word, list(group.verbs))}")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
-from lgprjax.errors import InputError
+from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.drive import DriveDescription, DriveWriter, OdometryTrack, TraceRecording
 from lgprjax.formats.profile import Assumed, Profile
 from lgprjax.formats.survey_track import (
@@ -15,6 +15,7 @@ from lgprjax.formats.survey_track import (
     SURVEY_SPEED_MPS,
     TRACK_ASSUMED,
     SurveyOrigin,
+    distances_m,
     path_headings_deg,
     straight_track,
     track,
@@ -27,6 +28,7 @@ _LARGEST_SHIFT = 0.05
 # A gap of more usual steps than this is left open, not bridged; a line with more steps per trace is refused.
 _LARGEST_GAP_STEPS = 3.0
 _STEPS_A_TRACE = 20
+_LARGEST_STEP_M = 10.0
 
 
 def write_lines(
@@ -62,13 +64,15 @@ def write_lines(
     Raises:
         InputError: the lines do not belong together, or an option is invalid.
     """
-    place.check(output)
-    check_length(output, length_m)
+    place.check()
+    check_length(length_m)
     check_alike(lines)
     time_zero_ns = float(np.median([line.time_zero_ns for line in lines]))
     check_time_zeros(lines, time_zero_ns)
 
     along = [_along_m(lines, i, length_m) for i in range(len(lines))] if along_m is None else along_m
+    for line, own in zip(lines, along, strict=True):
+        check_steps(line, own)
     step_m = _common_step_m(lines, along, length_m)
     start_m = min(float(a[0]) for a in along)
     # Scans are on one grid from the origin, so that lines surveyed on it stay as recorded.
@@ -123,10 +127,10 @@ def inputs_of(paths: Sequence[str | Path]) -> list[dict[str, str]]:
     return [{"file": Path(p).name, "sha256": hashlib.sha256(Path(p).read_bytes()).hexdigest()} for p in paths]
 
 
-def check_length(output: str | Path, length_m: float | None) -> None:
-    """Raise ``InputError`` for an invalid length of a line."""
+def check_length(length_m: float | None) -> None:
+    """Raise ``ArgumentError`` for an invalid length of a line."""
     if length_m is not None and not (np.isfinite(length_m) and length_m > 0):
-        raise InputError(output, "line length", "a length above zero", f"{length_m:g} m")
+        raise ArgumentError("length_m", "a length above zero", f"{length_m:g}")
 
 
 def check_alike(lines: Sequence[Profile]) -> None:
@@ -134,8 +138,8 @@ def check_alike(lines: Sequence[Profile]) -> None:
     first = lines[0]
     for line in lines:
         if line.channels.shape[1] != 1:
-            found = str(line.channels.shape[1])
-            raise InputError(line.path, "channels", "one a file when several files are given", found)
+            found = f"{line.channels.shape[1]}: import it by itself"
+            raise InputError(line.path, "channels", "one in each of several files", found)
         if len(line.channels) < 2:
             raise InputError(line.path, "traces", "at least 2", str(len(line.channels)))
         if line.channels.shape[2] != first.channels.shape[2]:
@@ -169,7 +173,8 @@ def own_distances_m(line: Profile, length_m: float | None) -> Float[np.ndarray, 
     if line.spacing_m is not None:
         return np.arange(traces) * line.spacing_m
     if line.positions_m is None:
-        raise InputError(line.path, "trace spacing", "a spacing in the header, or the length of the line", "none")
+        found = f"none (coordinates: {line.metadata['coordinates']})" if "coordinates" in line.metadata else "none"
+        raise InputError(line.path, "trace spacing", "a spacing in the header, or --length-m", found)
     own = np.asarray(line.positions_m - line.positions_m[0])
     own = -own if own[-1] < 0.0 else own
     check_rising(line, own)
@@ -182,13 +187,21 @@ def check_rising(line: Profile, place_m: Float[np.ndarray, " trace"]) -> None:
     usual_m = float(np.median(steps_m))
     if np.any(steps_m <= 0):
         bad = int(np.argmax(steps_m <= 0))
-        expected = "positions that rise from trace to trace, or the length of the line"
+        expected = "positions that rise from trace to trace, or --length-m"
     elif place_m[-1] - place_m[0] > _STEPS_A_TRACE * len(place_m) * usual_m:
         bad = int(np.argmax(steps_m))
         expected = f"steps like most of them, {usual_m:g} m"
     else:
         return
     raise InputError(line.path, f"position of trace {bad + 1}", expected, f"a step of {steps_m[bad]:g} m")
+
+
+def check_steps(line: Profile, place_m: Float[np.ndarray, " trace"]) -> None:
+    """Raise ``InputError`` where most traces are farther apart than any radar records them: places in another unit."""
+    usual_m = float(np.median(np.diff(place_m)))
+    if usual_m > _LARGEST_STEP_M:
+        expected = f"metres, traces up to {_LARGEST_STEP_M:g} m apart (are the places millimetres?)"
+        raise InputError(line.path, "trace spacing", expected, f"{usual_m:g} m from trace to trace")
 
 
 def _common_step_m(lines: Sequence[Profile], along: Sequence[Float[np.ndarray, " _"]], length_m: float | None) -> float:
@@ -287,6 +300,7 @@ def write_positioned_lines(
         traces = len(line.channels)
         if traces < 2:
             raise InputError(line.path, "traces", "at least 2", str(traces))
+        check_steps(line, distances_m(latitude, longitude))
         try:
             headings.append(path_headings_deg(latitude, longitude, own))
         except ValueError:

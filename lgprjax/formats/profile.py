@@ -71,7 +71,7 @@ def read_bytes(path: Path) -> bytes:
     except OSError as error:
         raise InputError(path, "file", "a readable file", error.strerror or str(error)) from None
     if not data:
-        raise InputError(path, "file", "radar data", "an empty file")
+        raise InputError(path, "file", "data", "an empty file")
     return data
 
 
@@ -115,7 +115,7 @@ def count_traces(
     whole, rest = divmod(max(data_bytes, 0), trace_bytes)
     if rest == 0 and whole and (said is None or said[0] == whole):
         return whole, None
-    expected = "a whole number" if said is None else f"{said[0]} as {said[1].name} says"
+    expected = ("a whole number" if whole else "at least one") if said is None else f"{said[0]} as {said[1].name} says"
     found = f"{whole} and a part of one" if whole and rest else "a part of one" if rest else f"{whole or 'none'}"
     # More traces than stated are no truncation: the header is another file's, or the samples are of another type.
     cut = whole > 0 and (said is None or whole < said[0])
@@ -174,6 +174,7 @@ class TextHeader:
 
 Quantity = Literal[
     "time",
+    "time zero",
     "speed",
     "odometry",
     "position",
@@ -185,8 +186,9 @@ Quantity = Literal[
     "position sigma",
     "heading sigma",
 ]
-"""Quantities that may be assumed: the clock of the scans; the speed; travel; the path; its place on the earth; the
-heading along it; which of its ends is the first; roll; height; and the sigmas of positions and headings.
+"""Quantities that may be assumed: the clock of the scans; time zero of their samples; the speed; travel; the path; its
+place on the earth; the heading along it; which of its ends is the first; roll; height; and the sigmas of positions and
+headings.
 """
 
 Assumed = dict[Quantity, str]

@@ -144,11 +144,27 @@ def read_run(folder: str | Path) -> RunReading:
     """
     path = Path(folder)
     if not path.is_dir():
-        raise InputError(path, "folder", "the folder of a recorded run", "no folder")
+        raise InputError(path, "folder", "the folder of a recorded run", _instead_of_folder(path))
     files = segments_of(path)
     if not files:
-        raise InputError(path, "folder", f"segments of a recorded run, 0000{SUFFIX} and on", "none")
+        raise InputError(path, "folder", f"segments of a recorded run, 0000{SUFFIX} and on", _instead_of_run(path))
     return RunReading(path, files)
+
+
+def _instead_of_folder(path: Path) -> str:
+    if not path.exists():
+        return "no folder"
+    if path.suffix == SUFFIX:
+        return f"one of its segments: name its folder, {path.parent}"
+    if path.suffix == ".toml":
+        return "a configuration or another TOML file: runs are in the folder that its recording.folder names"
+    return "a file"
+
+
+def _instead_of_run(path: Path) -> str:
+    """What a folder without segments is: often the one that the runs are in."""
+    runs = sorted(each for each in path.iterdir() if each.is_dir() and segments_of(each))
+    return f"a folder of runs: name one of them, such as {runs[-1]}" if runs else "none"
 
 
 class _Tally:

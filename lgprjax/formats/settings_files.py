@@ -73,6 +73,8 @@ def read_study(path: str | Path) -> Study:
     table = load_toml(file)
     if table.get("schema") == "lgprjax.vehicle":
         raise InputError(file, "file", "a study: name, kind, vehicle, logs", "a vehicle file, which a study names")
+    if "ports" in table:
+        raise InputError(file, "file", "a study: name, kind, vehicle, logs", "the configuration of a run (lgprjax run)")
     study = fill_table(_StudyTable, TableKey(file), table)
     for name in study.held_out:
         if name in study.logs:

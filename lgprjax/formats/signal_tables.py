@@ -1,6 +1,7 @@
 """Signals of a vehicle from elsewhere, CSV, Parquet or MCAP, as a drive log without radar."""
 
 import csv
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ from lgprjax.errors import InputError
 from lgprjax.files import load_toml
 from lgprjax.formats.drive import NavigationTrack, OdometryTrack
 from lgprjax.formats.mcap_recording import McapRecording
+from lgprjax.formats.survey_track import check_utm
 from lgprjax.formats.vehicle_log import VehicleLog, write_vehicle_log
 from lgprjax.frames import LocalFrame
 
@@ -68,6 +70,12 @@ _SIGNALS: dict[str, _Signal] = {
 }
 _LEAST_ROWS = 20
 _GAP_S = 2.0
+_LEAST_S = 1.0
+_WORDS_SHARE = 0.05
+"""Share of a column's cells that may be words, such as ``error``; they are left out and counted."""
+_EMPTY = ("", "nan", "na", "n/a", "null", "none", "-")
+_SITE_M = 1e5
+"""A site's own metres do not reach this far; those of a grid do."""
 
 
 class _Column(ConfigTable):
@@ -96,12 +104,29 @@ class _Series(NamedTuple):
     value: Float[np.ndarray, " row"]
 
 
+class _Table(NamedTuple):
+    """Columns of a table, NaN where a cell is empty or no number.
+
+    Attributes:
+        columns: by name.
+        first_row: number of the first row of numbers, as a spreadsheet counts.
+        words: of a column, the cells that are neither empty nor a number: how many, and row and text of the first.
+        repeated: names that several columns have.
+    """
+
+    columns: dict[str, np.ndarray]
+    first_row: int
+    words: dict[str, tuple[int, int, str]]
+    repeated: frozenset[str]
+
+
 class ImportedSignals(NamedTuple):
-    """What was imported: names of the signals, their count of rows, and what nobody measured."""
+    """What was imported: names of the signals, their count of rows, what nobody measured, and cells left out."""
 
     signals: dict[str, int]
     seconds: float
     assumed: dict[str, str]
+    left_out: dict[str, str]
 
 
 def import_signals(
@@ -110,15 +135,17 @@ def import_signals(
     """Signals of a table or of messages as a drive log without radar.
 
     Args:
-        file: .csv (a header, then numbers), .parquet (needs pyarrow), or .mcap (needs mcap): there a column is
-            ``/topic:member.of.message``, each with its own times.
+        file: .csv (a header, then numbers; separated by semicolons or tabs, commas may be decimal signs), .parquet
+            (needs pyarrow), or .mcap (needs mcap): there a column is ``/topic:member.of.message``, each with its own
+            times.
         columns: which column is which signal, in which unit, as TOML.
         output: ``X.drive.h5``.
         force: replace an output that exists.
 
     Raises:
-        InputError: a file cannot be read; a column, unit or signal is missing, unknown or out of its range; times do
-            not rise; neither position nor speed is there; the output cannot be written.
+        InputError: a file cannot be read; a column, unit or signal is missing, unknown or out of its range; a column
+            has many cells that are no numbers; times do not rise; neither position nor speed is there; or the output
+            cannot be written.
     """
     path, map_file = Path(file), Path(columns)
     asked = fill_table(_SignalMap, TableKey(map_file), load_toml(map_file))
@@ -129,22 +156,23 @@ def import_signals(
         units = _UNITS[_SIGNALS[name].kind]
         if column.unit not in units:
             raise place.at("unit").refuse(" or ".join(units), repr(column.unit))
-    series = _read(path, asked, map_file)
+    series, left_out = _read(path, asked, map_file)
     log, assumed = _as_log(path, asked, map_file, series)
     write_vehicle_log(output, log, force=force)
     seconds = float(log.odometry.time_s[-1] - log.odometry.time_s[0])
-    return ImportedSignals({name: len(one.value) for name, one in series.items()}, seconds, assumed)
+    return ImportedSignals({name: len(one.value) for name, one in series.items()}, seconds, assumed, left_out)
 
 
-def _read(path: Path, asked: _SignalMap, map_file: Path) -> dict[str, _Series]:
+def _read(path: Path, asked: _SignalMap, map_file: Path) -> tuple[dict[str, _Series], dict[str, str]]:
+    """The signals, and of which of them cells were left out."""
     readers = {".csv": _read_csv, ".parquet": _read_parquet}
-    suffix = path.suffix.lower()
+    suffix, first_row, left_out = path.suffix.lower(), 1, dict[str, str]()
     if suffix == ".mcap":
         raw = _read_mcap(path, asked, map_file)
     elif suffix in readers:
         if "time" not in asked.signals:
             raise TableKey(map_file, "signals").refuse("a signal called time", "none")
-        table = readers[suffix](path)
+        table, first_row, words, repeated = readers[suffix](path)
         raw = {}
         for name, column in asked.signals.items():
             if column.column not in table:
@@ -152,18 +180,44 @@ def _read(path: Path, asked: _SignalMap, map_file: Path) -> dict[str, _Series]:
                 raise TableKey(map_file, f"signals.{name}").refuse(
                     columns, f"{column.column!r}: name the right one, or leave out a signal that you lack"
                 )
+            if column.column in repeated:
+                raise InputError(path, "row 1", "one column of each name", f"{column.column!r} more than once")
+            if column.column in words:
+                left_out[name] = _left_out(path, column.column, table[column.column], *words[column.column])
             raw[name] = (table[asked.signals["time"].column], table[column.column])
     else:
-        raise InputError(path, "file name", "a name that ends in .csv, .parquet or .mcap", repr(path.name))
-    return {
-        name: _converted(path, name, asked.signals, *pair, own=suffix == ".mcap")
+        raise InputError(
+            path,
+            "file name",
+            "a name that ends in .csv, .parquet or .mcap (save a spreadsheet as CSV)",
+            repr(path.name),
+        )
+    series = {
+        name: _converted(path, name, asked.signals, *pair, first_row=first_row, own=suffix == ".mcap")
         for name, pair in raw.items()
         if name != "time"
     }
+    return series, left_out
+
+
+def _left_out(path: Path, column: str, values: np.ndarray, count: int, row: int, text: str) -> str:
+    """Cells of a column that are words, in words. Raises ``InputError`` where they are many."""
+    first = f"the first {text[:40]!r} in row {row}"
+    cells = count + int(np.count_nonzero(np.isfinite(values)))
+    if count > _WORDS_SHARE * cells:
+        raise InputError(path, f"column {column!r}", "numbers", f"{count} of {cells} cells that are none, {first}")
+    return f"{count} of {cells} cells of column {column!r} are no numbers, {first}"
 
 
 def _converted(
-    path: Path, name: str, columns: dict[str, _Column], time: np.ndarray, value: np.ndarray, *, own: bool
+    path: Path,
+    name: str,
+    columns: dict[str, _Column],
+    time: np.ndarray,
+    value: np.ndarray,
+    *,
+    first_row: int,
+    own: bool,
 ) -> _Series:
     """A signal in the log's unit, checked; rows that hold no number are left out."""
     column, signal = columns[name], _SIGNALS[name]
@@ -173,19 +227,22 @@ def _converted(
     if not own:
         time_s = time_s * columns["time"].scale + columns["time"].offset
     known = np.isfinite(numbers) & np.isfinite(time_s)
-    time_s, numbers = time_s[known], numbers[known]
+    rows, time_s, numbers = np.flatnonzero(known) + first_row, time_s[known], numbers[known]
     if len(numbers) < _LEAST_ROWS:
         raise InputError(path, f"column {column.column!r}", f"{_LEAST_ROWS} numbers or more", str(len(numbers)))
     wrong = np.flatnonzero(np.diff(time_s) <= 0.0)
     if len(wrong):
         row = int(wrong[0]) + 1
-        found = f"{time_s[row]:.6f} s after {time_s[row - 1]:.6f} s in row {row + 1}"
+        found = f"{time_s[row]:.6f} s after {time_s[row - 1]:.6f} s in row {rows[row]}"
         raise InputError(path, f"time of {column.column!r}", "times that rise", found)
+    if not own and time_s[-1] - time_s[0] < _LEAST_S:
+        expected = f"{_LEAST_S:g} s or more once converted (is the unit {columns['time'].unit}?)"
+        raise InputError(path, f"column {columns['time'].column!r}", expected, f"{time_s[-1] - time_s[0]:g} s")
     outside = np.flatnonzero((numbers < signal.low) | (numbers > signal.high))
     if len(outside):
         row = int(outside[0])
         expected = f"{name} from {signal.low:g} to {signal.high:g} once converted (is the unit {column.unit}?)"
-        raise InputError(path, f"column {column.column!r}", expected, f"{numbers[row]:g} in row {row + 1}")
+        raise InputError(path, f"column {column.column!r}", expected, f"{numbers[row]:g} in row {rows[row]}")
     return _Series(time_s, numbers)
 
 
@@ -193,32 +250,58 @@ def _factor(column: _Column, kind: str) -> float:
     return _UNITS[kind][column.unit]
 
 
-def _read_csv(path: Path) -> dict[str, np.ndarray]:
+def _read_csv(path: Path) -> _Table:
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.reader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, "file", "a readable CSV file", str(error)) from None
+            first = stream.readline()
+            separator = next((each for each in (";", "\t") if each in first), ",")
+            stream.seek(0)
+            rows = list(csv.reader(stream, delimiter=separator))
+    except UnicodeDecodeError as error:
+        found = f"the byte {error.object[error.start]:#04x}: save the table as CSV in UTF-8"
+        raise InputError(path, "file", "a CSV file in UTF-8", found) from None
+    except (OSError, csv.Error) as error:
+        found = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise InputError(path, "file", "a readable CSV file", found) from None
     if len(rows) < 2:
-        raise InputError(path, "rows", "a header and numbers", f"{len(rows)} rows")
+        raise InputError(path, "rows", "a header and numbers", "a header only" if rows else "none")
     header = [name.strip() for name in rows[0]]
+    if all(_number(name, separator) is not None for name in header):
+        raise InputError(path, "row 1", "the names of the columns", "numbers")
     columns = np.full((len(header), len(rows) - 1), np.nan)
+    words: dict[str, tuple[int, int, str]] = {}
     for number, row in enumerate(rows[1:]):
         if not row:
             continue
-        if len(row) != len(header):
-            raise InputError(path, f"row {number + 2}", f"{len(header)} columns", str(len(row)))
-        for column, text in enumerate(row):
-            if text.strip():
-                try:
-                    columns[column, number] = float(text)
-                except ValueError:
-                    # A column of words may be there; it is refused where it is asked for, having no numbers.
-                    continue
-    return dict(zip(header, columns, strict=True))
+        if len(row) < len(header) or any(row[len(header) :]):
+            hint = " (decimal commas? separate the columns by semicolons)" if len(row) > len(header) else ""
+            raise InputError(path, f"row {number + 2}", f"{len(header)} columns", f"{len(row)}{hint}")
+        for column, (name, text) in enumerate(zip(header, row, strict=False)):
+            if text.strip().lower() in _EMPTY:
+                continue
+            value = _number(text, separator)
+            if value is None:
+                # It is told or refused where its column is asked for.
+                count, at, word = words.get(name, (0, number + 2, text.strip()))
+                words[name] = (count + 1, at, word)
+            else:
+                columns[column, number] = value
+    repeated = frozenset(name for name in header if header.count(name) > 1)
+    return _Table(dict(zip(header, columns, strict=True)), 2, words, repeated)
 
 
-def _read_parquet(path: Path) -> dict[str, np.ndarray]:
+def _number(text: str, separator: str) -> float | None:
+    """The number of a cell, with a decimal comma where it does not separate columns; ``None`` if it is none."""
+    plain = text.replace(",", ".") if separator != "," and "." not in text else text
+    try:
+        # Python's digit groups (1_000) are no numbers of a table.
+        value = math.inf if "_" in plain else float(plain)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _read_parquet(path: Path) -> _Table:
     try:
         from pyarrow import ArrowException, parquet
     except ImportError:
@@ -235,7 +318,7 @@ def _read_parquet(path: Path) -> dict[str, np.ndarray]:
             values = (values - values[0]) / np.timedelta64(1, "s")
         if np.issubdtype(values.dtype, np.number) or values.dtype == bool:
             found[name] = values.astype(np.float64)
-    return found
+    return _Table(found, 1, {}, frozenset())
 
 
 def _read_mcap(path: Path, asked: _SignalMap, map_file: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -345,7 +428,7 @@ def _navigation(
     elif {"east", "north"} <= set(series):
         time_s = series["east"].time_s
         north = _at(series["north"], time_s)
-        latitude, longitude = _from_plane(map_file, asked, series["east"].value, north, assumed)
+        latitude, longitude = _from_plane(path, map_file, asked, series["east"].value, north, assumed)
     elif "yaw_rate" in series:
         time_s = series["yaw_rate"].time_s
         way = np.interp(time_s, odometry.time_s, odometry.distance_m)
@@ -398,9 +481,13 @@ def _turning_at(one: _Series, time_s: Float[np.ndarray, " row"], period: float) 
 
 
 def _from_plane(
-    map_file: Path, asked: _SignalMap, east_m: np.ndarray, north_m: np.ndarray, assumed: dict[str, str]
+    path: Path, map_file: Path, asked: _SignalMap, east_m: np.ndarray, north_m: np.ndarray, assumed: dict[str, str]
 ) -> tuple[np.ndarray, np.ndarray]:
     if asked.utm_zone is None:
+        far_m = float(max(np.abs(east_m).max(), np.abs(north_m).max()))
+        if far_m > _SITE_M:
+            expected = f"a zone such as 33N, or east and north within {_SITE_M / 1e3:g} km of the site's origin"
+            raise TableKey(map_file, "utm_zone").refuse(expected, f"none, and {far_m:.0f} m in {path.name}")
         assumed["place on the earth"] = "latitude 0, longitude 0: east and north are local metres"
         latitude, longitude, _ = LocalFrame(0.0, 0.0, 0.0).to_geodetic(east_m, north_m, np.zeros_like(east_m))
         return latitude, longitude
@@ -409,5 +496,6 @@ def _from_plane(
     if not (number.isdigit() and 1 <= int(number) <= 60 and band in "NS"):
         raise TableKey(map_file, "utm_zone").refuse("a zone such as 33N", repr(asked.utm_zone))
     code = (32600 if band == "N" else 32700) + int(number)
+    check_utm(path, "east and north", east_m, north_m)
     longitude, latitude = Transformer.from_crs(code, 4326, always_xy=True).transform(east_m, north_m)
     return np.asarray(latitude), np.asarray(longitude)

@@ -18,6 +18,7 @@ from lgprjax.formats.store import atomic_output
 # A survey's clock does not matter: scans are timed as if walked at this speed.
 SURVEY_SPEED_MPS = 1.0
 CLOCK_ASSUMED: Assumed = {"time": "unknown", "speed": f"{SURVEY_SPEED_MPS:g} m/s"}
+FIRST_SAMPLE = "the first sample"
 TRACK_ASSUMED: Assumed = {"roll": "taken as 0", "position sigma": "not recorded", "heading sigma": "not recorded"}
 # Headings are computed over this length of path: centimetres of noise then change them by a degree or two at most.
 CHORD_M = 1.0
@@ -31,13 +32,14 @@ class SurveyOrigin(NamedTuple):
     longitude_deg: float
     heading_deg: float
 
-    def check(self, file: str | Path) -> None:
-        """Raise ``InputError``, about a file to write, unless this is a place on the earth."""
-        for name, value, limit in (("latitude", self.latitude_deg, 90.0), ("longitude", self.longitude_deg, 360.0)):
+    def check(self) -> None:
+        """Raise ``ArgumentError`` unless this is a place on the earth."""
+        limits = {"latitude_deg": (self.latitude_deg, 90.0), "longitude_deg": (self.longitude_deg, 360.0)}
+        for name, (value, limit) in limits.items():
             if not abs(value) <= limit:
-                raise InputError(file, name, f"degrees from {-limit:g} to {limit:g}", f"{value:g}")
+                raise ArgumentError(name, f"degrees from {-limit:g} to {limit:g}", f"{value:g}")
         if not np.isfinite(self.heading_deg):
-            raise InputError(file, "heading", "degrees", f"{self.heading_deg:g}")
+            raise ArgumentError("heading_deg", "degrees", f"{self.heading_deg:g}")
 
     def assumed(self) -> Assumed:
         """Whether this is the default place, used when none is given."""
@@ -57,6 +59,20 @@ def utm_projection(utm_zone: str) -> pyproj.Proj:
         expected = "a number from 1 to 60 and the hemisphere, N or S, such as 19N"
         raise ArgumentError("utm_zone", expected, repr(utm_zone))
     return pyproj.Proj(proj="utm", zone=int(parts[1]), ellps="WGS84", south=parts[2] == "S")
+
+
+def check_utm(file: Path, place: str, east_m: Float[np.ndarray, "..."], north_m: Float[np.ndarray, "..."]) -> None:
+    """Raise ``InputError`` for metres that no UTM zone has."""
+    east, north = ((float(values.min()), float(values.max())) for values in (east_m, north_m))
+
+    def fits(easting: tuple[float, float], northing: tuple[float, float]) -> bool:
+        return easting[0] >= 1e5 and easting[1] <= 9e5 and northing[0] >= 0.0 and northing[1] <= 1e7
+
+    if fits(east, north):
+        return
+    found = f"eastings {east[0]:.6g} to {east[1]:.6g}, northings {north[0]:.6g} to {north[1]:.6g}"
+    hint = "; are they exchanged?" if fits(north, east) else ""
+    raise InputError(file, place, "UTM metres (easting 100000 to 900000, northing 0 to 10000000)", found + hint)
 
 
 def straight_track(

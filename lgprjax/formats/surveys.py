@@ -1,5 +1,6 @@
 """Parallel lines of a survey, or an array's files, as one drive log."""
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -8,12 +9,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.errors import InputError
+from lgprjax.errors import ArgumentError, InputError
+from lgprjax.formats.line_findings import LineFinding, Reversed, TimeZero, find_lines
 from lgprjax.formats.line_layout import check_alike, check_length, inputs_of, write_lines, write_positioned_lines
 from lgprjax.formats.profile import Assumed, Profile
-from lgprjax.formats.side_files import RECEIVERS, SidePositions, find_side_files, read_side_file
-from lgprjax.formats.survey_layout import LineFinding, Reversed, TimeZero, find_lines, lay_out
-from lgprjax.formats.survey_track import SurveyOrigin, utm_projection
+from lgprjax.formats.side_files import RECEIVERS, find_side_files, read_side_file, unread_notes
+from lgprjax.formats.side_positions import SidePositions
+from lgprjax.formats.survey_layout import OTHER_LENGTH, SurveyLayout, header_positions, lay_out, places_traces
+from lgprjax.formats.survey_track import SurveyOrigin, distances_m, utm_projection
 from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala
 from lgprjax.formats.vendors.segy import read_segy
 
@@ -37,6 +40,8 @@ def read_profile(path: str | Path, *, partial: bool = False) -> Profile:
     Raises ``InputError``.
     """
     reader = READERS.get(Path(path).suffix.lower())
+    if reader is None and Path(path).is_dir():
+        raise InputError(path, "file", "a recording", "a folder")
     if reader is None:
         raise InputError(path, "file name", "a suffix among " + ", ".join(READERS), repr(Path(path).suffix))
     return reader(path, partial=partial)
@@ -49,11 +54,13 @@ class Survey(NamedTuple):
         lines: findings on each, from left to right, or in driving order.
         placed_by: ``tape``, ``topography``, ``receiver`` or ``header``.
         assumed: quantities that no instrument recorded, and what the drive log assumes instead.
+        notes: what was left unused, or looks wrong; each a line.
     """
 
     lines: tuple[LineFinding, ...]
     placed_by: str
     assumed: Assumed
+    notes: tuple[str, ...]
 
 
 def import_lines(
@@ -78,9 +85,10 @@ def import_lines(
     """Write the lines of a survey as one drive log.
 
     With tape geometry (``line_spacing_m`` or ``lines_at_m``) every line is a channel of one array that drives along
-    ``heading_deg`` from the origin. Without it positions come from the side files of the lines: a topography in metres
-    of the site, whose x axis then points along ``heading_deg``, or the receiver's latitudes and longitudes, with which
-    lines become consecutive passes of one channel. A single line without any runs straight from the origin.
+    ``heading_deg`` from the origin. Without it positions come from the side files of the lines, or from the coordinates
+    in their trace headers: metres of the site, whose x axis then points along ``heading_deg``, or latitudes and
+    longitudes, with which lines become consecutive passes of one channel. A single line without any runs straight from
+    the origin.
 
     Time zeros, signs, directions and starts are estimated from the traces (``survey_layout``).
 
@@ -94,7 +102,7 @@ def import_lines(
             step. Without it lines keep the spacing and start of their headers and may end early.
         time_zero, polarity, reversed_lines: see ``find_lines``.
         sample_interval_ns: two-way travel time between samples of SEG-Y files, if missing in the headers.
-        utm_zone: of a topography in metres of a UTM grid, such as ``33N``.
+        utm_zone: of positions in metres of a UTM grid, such as ``33N``.
         partial: read the intact traces of truncated files.
         latitude_deg, longitude_deg: origin, WGS-84.
         heading_deg: direction of the lines, clockwise from true north.
@@ -105,22 +113,26 @@ def import_lines(
     """
     if utm_zone is not None:
         utm_projection(utm_zone)  # a wrong zone is refused where nothing needs one, too
+    _check_once(paths)
     lines = [_read(path, sample_interval_ns, partial) for path in paths]
     if not lines:
         raise InputError(output, "lines", "at least one file", "none")
     if len(lines) == 1:
         lines = _channels(lines[0])
     place = SurveyOrigin(latitude_deg, longitude_deg, heading_deg)
-    place.check(output)
-    check_length(output, length_m)
+    place.check()
+    check_length(length_m)
     check_alike(lines)
     if not isinstance(reversed_lines, str) and any(not 0 <= i < len(lines) for i in reversed_lines):
         bad = next(i for i in reversed_lines if not 0 <= i < len(lines))
-        raise InputError(output, "reversed lines", f"numbers from 0 to {len(lines) - 1}", str(bad))
-    right_m = _tape(output, len(lines), line_spacing_m, lines_at_m, first_line_m)
+        raise ArgumentError("reversed_lines", f"numbers from 0 to {len(lines) - 1}", str(bad))
+    right_m = _tape(len(lines), line_spacing_m, lines_at_m, first_line_m)
     taped = right_m is not None
     beside = [None if length_m is not None else _positions_beside(line, surveyed=taped) for line in lines]
+    if not taped and length_m is None:
+        lines, beside = _by_their_headers(lines, beside)
     layout = lay_out(lines, beside, right_m, place, utm_zone)
+    notes = _notes(lines, beside, layout, place, utm_zone, length_m)
     # From left to right, so that neighbours are compared; lines driven one by one keep their order.
     order = np.argsort(-layout.left_m, kind="stable")
     lines = [lines[i] for i in order]
@@ -133,6 +145,7 @@ def import_lines(
         reversed_lines=reversed_lines,
         length_m=length_m,
         topography_m=None if layout.along_m is None else [layout.along_m[i] for i in order],
+        topography_from="header" if layout.source == "header" else "topography",
         on_earth_by=None if layout.on_earth is None else layout.source,
     )
     assumed: Assumed = place.assumed() if layout.place_assumed else {}
@@ -160,9 +173,10 @@ def import_lines(
         )
     else:
         if layout.along_m is not None:
-            assumed["odometry"] = "along the topography"
-        if layout.source == "topography":
-            assumed["position"] = "from the topography, in the site's own metres"
+            assumed["odometry"] = f"along the {_OF_SOURCE.get(layout.source, 'topography')}"
+        if layout.source in _OF_SOURCE and layout.along_m is not None:
+            metres = "the site's own metres" if layout.place[:2] == place[:2] else f"metres of UTM zone {utm_zone}"
+            assumed["position"] = f"from the {_OF_SOURCE[layout.source]}, in {metres}"
         assumed = write_lines(
             [line.profile for line in found],
             left_m=layout.left_m[order],
@@ -175,7 +189,10 @@ def import_lines(
             along_m=[line.along_m for line in found],
             force=force,
         )
-    return Survey(tuple(line.finding for line in found), layout.source, assumed)
+    return Survey(tuple(line.finding for line in found), layout.source, assumed, notes)
+
+
+_OF_SOURCE = {"topography": "topography", "header": "coordinates of the headers"}
 
 
 def import_iprb(
@@ -224,8 +241,81 @@ def _read(path: str | Path, sample_interval_ns: float | None, partial: bool) -> 
     return read_segy(path, sample_interval_ns=sample_interval_ns, partial=partial)
 
 
+def _check_once(paths: Sequence[str | Path]) -> None:
+    """Raise ``InputError`` for a file that is given twice."""
+    seen: set[Path] = set()
+    for path in map(Path, paths):
+        if path.resolve() in seen:
+            raise InputError(path, "lines", "each file once", "it twice")
+        seen.add(path.resolve())
+
+
+def _by_their_headers(
+    lines: list[Profile], beside: list[SidePositions | None]
+) -> tuple[list[Profile], list[SidePositions | None]]:
+    """Lines without side positions on the coordinates of their headers; metres of the site place several lines only."""
+    placed = [header_positions(line) if side is None else None for line, side in zip(lines, beside, strict=True)]
+    if len(lines) == 1 and placed[0] is not None and placed[0].kind == "local metres":
+        return lines, beside
+    moved = [
+        line if side is None else replace(line, spacing_m=None, positions_m=_path_m(side))
+        for line, side in zip(lines, placed, strict=True)
+    ]
+    return moved, [side or other for side, other in zip(beside, placed, strict=True)]
+
+
+def _path_m(side: SidePositions) -> Float[np.ndarray, " trace"]:
+    if side.kind == "degrees":
+        return distances_m(side.y, side.x)
+    return np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(side.x), np.diff(side.y)))])
+
+
+def _notes(
+    lines: Sequence[Profile],
+    beside: Sequence[SidePositions | None],
+    layout: SurveyLayout,
+    place: SurveyOrigin,
+    utm_zone: str | None,
+    length_m: float | None,
+) -> tuple[str, ...]:
+    """What was left unused and what looks wrong, in words."""
+    notes = []
+    files = dict.fromkeys(line.path for line in lines)
+    if length_m is not None:
+        unused = [file for path in files for file in find_side_files(path)]
+        notes += _of_files(unused, "not used, as --length-m places the traces")
+    notes += _of_files([file for path in files for file in unread_notes(path)], "not read, as it is no topography")
+    sides = [(line, side) for line, side in zip(lines, beside, strict=True) if side is not None]
+    points = [side.path for line, side in sides if not places_traces(line, side)]
+    notes += _of_files(list(dict.fromkeys(points)), "not used, as fewer points than traces tell heights only")
+    for (line, _), rows in zip(sides, layout.along_m, strict=True) if layout.along_m is not None else ():
+        header_m = (line.spacing_m or 0.0) * (len(line.channels) - 1)
+        rows_m = float(abs(rows[-1] - rows[0]))
+        if header_m and not 1.0 / OTHER_LENGTH < rows_m / header_m < OTHER_LENGTH:
+            notes.append(
+                f"{line.path.name}: its topography is {rows_m:.2f} m long, by its header it is {header_m:.2f} m"
+            )
+    dead = dict.fromkeys(line.path.name for line in lines if not np.ptp(line.traces))
+    notes += [f"{name}: nothing was recorded: all of its samples are alike" for name in dead]
+    first: dict[str, Path] = {}
+    for line in lines:
+        same = first.setdefault(hashlib.sha256(line.traces.tobytes()).hexdigest(), line.path)
+        if same != line.path and line.path.name not in dead:
+            notes.append(f"{line.path.name}: its traces are those of {same.name}: a copy?")
+    if utm_zone is not None and all(side.kind != "grid metres" for _, side in sides):
+        notes.append(f"--utm-zone {utm_zone} was not used: no positions are metres of a grid")
+    if not place.assumed() and place[:2] != layout.place[:2]:
+        notes.append("--latitude-deg and --longitude-deg were not used: the lines have places of their own")
+    return tuple(notes)
+
+
+def _of_files(files: Sequence[Path], what: str) -> list[str]:
+    """A note on the first of some files, and how many more there are."""
+    more = f" (and {len(files) - 1} more)" if len(files) > 1 else ""
+    return [f"{files[0].name}{more}: {what}"] if files else []
+
+
 def _tape(
-    output: str | Path,
     lines: int,
     line_spacing_m: float | None,
     lines_at_m: Sequence[float] | None,
@@ -234,22 +324,29 @@ def _tape(
     """Places of lines to the right of the origin, if measured by tape."""
     if lines_at_m is not None:
         if line_spacing_m is not None or first_line_m != 0.0:
-            raise InputError(output, "lines at", "no line spacing beside them", "both")
+            other = "first_line_m" if line_spacing_m is None else "line_spacing_m"
+            raise ArgumentError(f"lines_at_m, {other}", "one of them", "both")
         right_m = np.asarray(lines_at_m, dtype=np.float64)
         if len(right_m) != lines or not np.all(np.isfinite(right_m)):
-            found = f"{len(right_m)}" if len(right_m) != lines else "one that is no number"
-            raise InputError(output, "lines at", f"a distance for each of {lines} lines", found)
-        same = np.diff(np.sort(right_m))
-        if np.any(same < _SAME_LINE_M):
-            raise InputError(output, "lines at", "lines apart from each other", f"two within {same.min():g} m")
+            expected = (
+                f"{lines} distances in metres, one for each line" if lines > 1 else "one distance, as of one line"
+            )
+            found = " ".join(f"{each:g}" for each in right_m[:12]) + (" ..." if len(right_m) > 12 else "")
+            raise ArgumentError("lines_at_m", expected, f"{len(right_m)}: {found}")
+        apart_m = np.diff(np.sort(right_m))
+        if np.any(apart_m < _SAME_LINE_M):
+            raise ArgumentError("lines_at_m", "lines apart from each other", f"two within {apart_m.min():g} m")
+        if np.any(apart_m > _FARTHEST_LINES_M):
+            expected = f"metres, neighbours up to {_FARTHEST_LINES_M:g} m apart"
+            raise ArgumentError("lines_at_m", expected, f"two {apart_m.max():g} m apart")
         return right_m
     if line_spacing_m is None:
         if first_line_m != 0.0:
-            raise InputError(output, "first line", "a line spacing beside it", "none")
+            raise ArgumentError("first_line_m", "--line-spacing-m beside it", "none")
         return None
     if lines > 1 and not 0.0 < line_spacing_m <= _FARTHEST_LINES_M:
         expected = f"metres, above 0 and up to {_FARTHEST_LINES_M:g}"
-        raise InputError(output, "line spacing", expected, f"{line_spacing_m:g}")
+        raise ArgumentError("line_spacing_m", expected, f"{line_spacing_m:g}")
     return first_line_m + np.arange(lines) * line_spacing_m
 
 

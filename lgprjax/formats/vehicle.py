@@ -410,7 +410,7 @@ def _value_problems(entry: Entry, path: str, value: object, *, many: bool) -> It
     if not many:
         problem = check_scalar(entry, value)
         if problem is not None:
-            yield path, expected_scalar(entry), problem + _degrees_hint(entry, value)
+            yield path, expected_scalar(entry), problem + _unit_hint(entry, value)
         return
     if not isinstance(value, list):
         yield path, f"a list, each {expected_scalar(entry)}", repr(value)
@@ -418,16 +418,20 @@ def _value_problems(entry: Entry, path: str, value: object, *, many: bool) -> It
     for index, item in enumerate(value):
         problem = check_scalar(entry, item)
         if problem is not None:
-            yield f"{path}[{index}]", expected_scalar(entry), problem + _degrees_hint(entry, item)
+            yield f"{path}[{index}]", expected_scalar(entry), problem + _unit_hint(entry, item)
 
 
-def _degrees_hint(entry: Entry, value: object) -> str:
-    """A hint if the number would be valid in degrees."""
-    if not entry.unit.startswith("rad") or isinstance(value, bool) or not isinstance(value, int | float):
+def _unit_hint(entry: Entry, value: object) -> str:
+    """A hint if the number would be valid in degrees, or in millimetres."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
         return ""
+    # A number with the wrong sign is of no other unit either.
+    if check_scalar(replace(entry, bounds=None), value) is not None:
+        return ""
+    if entry.unit == "m" and check_scalar(entry, 1e-3 * value) is None:
+        return f", which looks like millimetres ({value:g} mm are {1e-3 * value:.4g} m)"
     radians = math.radians(value)
-    # A number with the wrong sign is not a degree value either.
-    if check_scalar(replace(entry, bounds=None), value) is not None or check_scalar(entry, radians) is not None:
+    if not entry.unit.startswith("rad") or check_scalar(entry, radians) is not None:
         return ""
     per = entry.unit.removeprefix("rad")
     return f", which looks like degrees ({value:g} deg{per} are {radians:.4g} {entry.unit})"

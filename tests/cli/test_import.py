@@ -11,7 +11,7 @@ from formats.samples import dzt_header, write_dt1
 from formats.side_samples import cor_row
 from formats.survey_sample import write_survey
 from lgprjax.cli import main
-from lgprjax.cli.imports import recognised
+from lgprjax.cli.recognised import recognised
 from lgprjax.formats import DriveLog
 from vendor_sets import COUNTS, write_cmu, write_gprmax, write_iprb, write_mala_pair, write_segy
 
@@ -214,7 +214,7 @@ def test_table_has_a_row_a_line_and_says_what_is_assumed(tmp_path: Path, capsys:
     paths, _ = write_survey(tmp_path, firsts=[10, 12, 9], reversed_lines=[1], inverted=[2], time_zeros={0: 0.0})
     output = tmp_path / "X.drive.h5"
     assert run("import", *paths, "--line-spacing-m", 0.5, "-o", output) == 0
-    head, *rows, legend, assumed, wrote, origin = capsys.readouterr().out.splitlines()
+    head, *rows, legend, assumed, extent, wrote, origin = capsys.readouterr().out.splitlines()
     assert head.split()[:6] == ["line", "traces", "header", "break", "wave", "zero"]
     assert [row.split()[0] for row in rows] == [path.name for path in paths]
     assert [row.split()[1] for row in rows] == ["100"] * 3
@@ -227,9 +227,11 @@ def test_table_has_a_row_a_line_and_says_what_is_assumed(tmp_path: Path, capsys:
     assert "direction (as stored)" in assumed
     assert wrote == f"wrote {output}"
     assert origin.startswith("the site's origin was set to latitude 0, longitude 0")
+    assert extent == "extent: 25.2 m from west to east, 1.00 m from south to north"
     # A single line cannot tell its direction; where it lies was said.
     assert run("import", paths[0], "--latitude-deg", 48, "-o", output, "--force") == 0
-    head, row, _, assumed, wrote = capsys.readouterr().out.splitlines()
+    head, row, _, assumed, place, wrote = capsys.readouterr().out.splitlines()
+    assert place.startswith("place: 48.0000 N, 0.0000 E; extent: 24.7 m from west to east")
     assert "assumed" in row
     assert head.startswith("line")
     assert wrote == f"wrote {output}"

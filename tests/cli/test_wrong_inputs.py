@@ -87,7 +87,7 @@ WRONG: dict[str, tuple[str, tuple[str, ...]]] = {
     "figures of a real run": ("run c.run.toml --json f.json", ("--json", "--simulate or --replay")),
     "lines a country apart": (
         "import lines LINE.DT1 LINE2.DT1 -o x.drive.h5 --line-spacing-m 1e9",
-        ("line spacing", "up to 100"),
+        ("--line-spacing-m", "up to 100"),
     ),
     "a zone without its hemisphere": ("import LINE.DT1 -o x.drive.h5 --utm-zone 33", ("--utm-zone", "N or S", "'33'")),
     "a zone by a band's letter": ("import LINE.DT1 -o x.drive.h5 --utm-zone 33X", ("--utm-zone", "N or S", "'33X'")),
@@ -141,6 +141,37 @@ WRONG: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "an output that exists": ("import LINE.DT1 -o kept.drive.h5", ("kept.drive.h5", "--force", "exists")),
     "a folder as an output": ("import LINE.DT1 -o folder", ("folder", "a file name")),
+    "a drive log for a configuration": (
+        "run line.drive.h5 --simulate",
+        ("line.drive.h5", "TOML", "HDF5", "drive logs"),
+    ),
+    "a drive log for a study": ("tune line.drive.h5 -o t", ("line.drive.h5", "TOML", "HDF5", "drive logs")),
+    "a vehicle for a configuration": (
+        "run doubled.vehicle.toml",
+        ("doubled.vehicle.toml", "the configuration of a run", "a vehicle file"),
+    ),
+    "a site for a configuration": ("run site.toml", ("site.toml", "the configuration of a run", "lgprjax simulate")),
+    "a configuration for a study": (
+        "tune flail.run.toml -o t",
+        ("flail.run.toml", "a study", "the configuration of a run"),
+    ),
+    "runs for a run": ("events runs", ("runs", "a folder of runs", "such as runs/second")),
+    "runs for a run to replay": ("run flail.run.toml --replay runs", ("runs", "a folder of runs", "runs/second")),
+    "a configuration for a run": ("recover flail.run.toml -o x.drive.h5", ("a recorded run", "recording.folder names")),
+    "a segment for a run": ("events runs/first/0000.lgprun", ("one of its segments", "name its folder, runs/first")),
+    "a run that is not there": ("events nowhere", ("nowhere", "a recorded run", "no folder")),
+    "results below a file": (
+        "register site.map.h5 line.drive.h5 -o kept.drive.h5/r",
+        ("a folder that can be made", "Not a"),
+    ),
+    "a vehicle of the other kind": (
+        "run flail.run.toml --simulate",
+        ("flail.vehicle.toml", "steering_kind", "counter_steer", "skid_steer"),
+    ),
+    "a button misspelt": (
+        "run button.run.toml --simulate",
+        ("button.run.toml", "simulation.script", "steering, plus", "'sterring'"),
+    ),
     # Things that do not fit together.
     "a map for a drive": (
         "register site.map.h5 site.map.h5 -o r",
@@ -167,6 +198,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "doubled.toml").write_text('name = "x"\n[[ground]]\nlength_m = 60\n', encoding="utf-8")
     flail = (_ONBOARD / "made_up_flail.vehicle.toml").read_text(encoding="utf-8")
     (folder / "doubled.vehicle.toml").write_text(flail.replace("[body]", "[[body]]"), encoding="utf-8")
+    (folder / "flail.vehicle.toml").write_text(flail, encoding="utf-8")
+    run = (_ONBOARD / "simulated.run.toml").read_text(encoding="utf-8").replace("../out/onboard/", "")
+    (folder / "flail.run.toml").write_text(run.replace("made_up.v", "flail.v"), encoding="utf-8")
+    mistyped = run.replace('"made_up.v', f'"{_ONBOARD}/made_up.v').replace('button = "steering"', 'button = "sterring"')
+    (folder / "button.run.toml").write_text(mistyped, encoding="utf-8")
+    (folder / "site.toml").write_text('name = "x"\n[[drive]]\nname = "live"\n', encoding="utf-8")
+    for name in ("first", "second"):
+        (folder / "runs" / name).mkdir(parents=True)
+        (folder / "runs" / name / "0000.lgprun").write_bytes(b"")
     (folder / "link.drive.h5").symlink_to("elsewhere.drive.h5")
     (folder / "folder").mkdir()
     with h5py.File(folder / "other.map.h5", "w") as store:

@@ -41,7 +41,10 @@ def _assumed(path: Path) -> dict[str, str]:
 
 _IMPORTERS: dict[str, tuple[Callable[[Path, SurveyOrigin, Path], object], set[str]]] = {
     "iprb": (lambda folder, place, out: import_iprb(write_iprb(folder), place=place, output=out), _STRAIGHT),
-    "segy": (lambda folder, place, out: import_segy(write_segy(folder)[0], place=place, output=out), _STRAIGHT),
+    "segy": (
+        lambda folder, place, out: import_segy(write_segy(folder)[0], place=place, output=out),
+        _STRAIGHT | {"time zero"},
+    ),
     "gprmax": (lambda folder, place, out: import_gprmax(write_gprmax(folder), place=place, output=out), _STRAIGHT),
     "lines": (
         lambda folder, place, out: import_lines(
@@ -57,7 +60,7 @@ _IMPORTERS: dict[str, tuple[Callable[[Path, SurveyOrigin, Path], object], set[st
     # Its clock and its wheel were recorded.
     "cmu": (
         lambda folder, place, out: import_cmu(write_cmu(folder)[0], time_window_ns=8.0, place=place, output=out),
-        {"position", "heading", "roll", "height"} | _SIGMAS,
+        {"time zero", "position", "heading", "roll", "height"} | _SIGMAS,
     ),
 }
 
@@ -80,7 +83,7 @@ def test_a_run_with_positions_has_a_path_but_no_clock(tmp_path: Path) -> None:
     _write_run(tmp_path, 0.5 * np.arange(6))
     import_run(tmp_path, tmp_path / "run.drive.h5")
     found = _assumed(tmp_path / "run.drive.h5")
-    assert set(found) == {"time", "odometry", "roll", "height"} | _SIGMAS
+    assert set(found) == {"time", "time zero", "odometry", "roll", "height"} | _SIGMAS
 
 
 def test_a_recording_of_every_sensor_assumes_nothing(tmp_path: Path) -> None:

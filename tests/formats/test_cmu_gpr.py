@@ -131,16 +131,24 @@ def test_bad_sequences_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
     standing = b"t,x,y,z\n" + b"".join(b"%.2f,1,2,0\n" % (_T0_S + i) for i in range(12))
     elsewhen = b"t,d\n5,0\n6,1\n"
     cases: list[tuple[dict[str, bytes | None], dict[str, object], str]] = [
-        ({}, {"time_window_ns": 0.0}, "time window: expected a number above zero, found 0"),
-        ({}, {"time_zero_ns": float("inf")}, "time zero: expected a number, found inf"),
-        ({}, {"place": SurveyOrigin(0.0, 400.0, 0.0)}, "longitude: expected degrees from -360 to 360, found 400"),
+        ({}, {"time_window_ns": 0.0}, "time_window_ns: expected a number above zero, found 0"),
+        ({}, {"time_zero_ns": float("inf")}, "time_zero_ns: expected a number, found inf"),
+        ({}, {"place": SurveyOrigin(0.0, 400.0, 0.0)}, "longitude_deg: expected degrees from -360 to 360, found 400"),
         ({"gpr_meas.csv": None}, {}, "gpr_meas.csv: file: expected a readable file, found No such file"),
         ({"we_odom.csv": None}, {}, "we_odom.csv: file: expected a readable file"),
         ({"gpr_meas.csv": b""}, {}, "gpr_meas.csv: rows: expected at least 2, found 0"),
         ({"gpr_meas.csv": b"".join(radar[:2])}, {}, "gpr_meas.csv: rows: expected at least 2, found 1"),
-        ({"gpr_meas.csv": b"".join(radar)[:-700]}, {}, "gpr_meas.csv: row 130: expected 202 numbers, found fewer"),
-        ({"gpr_meas.csv": b"".join([*radar[:4], b"stop\n"])}, {}, "gpr_meas.csv: row 4: expected 202 numbers"),
-        ({"gpr_meas.csv": b"".join([*radar[:4], radar[2]])}, {}, "gpr_meas.csv: row 4: expected times that rise"),
+        ({"gpr_meas.csv": b"".join(radar)[:-700]}, {}, "gpr_meas.csv: row 130 below the heading, column 8"),
+        (
+            {"gpr_meas.csv": b"".join([*radar[:4], b"stop\n"])},
+            {},
+            "row 4 below the heading, column 1: expected a number, found 'stop'",
+        ),
+        (
+            {"gpr_meas.csv": b"".join([*radar[:4], radar[2]])},
+            {},
+            "gpr_meas.csv: row 4 below the heading: expected times that rise",
+        ),
         ({"gpr_meas.csv": radar[0] + radar[1][:200] + b"\n" + radar[2]}, {}, "expected rows of time and amplitudes"),
         ({"gpr_meas.csv": whole["we_odom.csv"]}, {}, "columns: expected time and amplitudes: at least 3, found 2"),
         ({"we_odom.csv": whole["ts_meas.csv"]}, {}, "we_odom.csv: columns: expected time and distance: 2, found 4"),

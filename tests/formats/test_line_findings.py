@@ -153,7 +153,10 @@ def test_topography_of_another_line_is_refused(tmp_path: Path) -> None:
     paths, _ = write_survey(tmp_path, firsts=[10, 10])
     for path, rows in zip(paths, (100, 60), strict=True):
         write_topography(path, np.arange(rows) * STEP_M, np.full(rows, 1.0 if rows == 100 else 0.0))
-    with pytest.raises(InputError, match=r"LINE01\.DT1: topography: expected a row for each of 100 traces, found 60"):
+    with pytest.raises(
+        InputError,
+        match=r"topo_LINE01\.txt: rows: expected one for each of the 100 traces of LINE01\.DT1, found 60 rows; move",
+    ):
         import_lines(paths, output=tmp_path / "a.drive.h5")
 
 

@@ -117,7 +117,7 @@ def test_bad_files_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
     cases: list[tuple[bytes, dict[str, Any], str]] = [
         (b"", {}, "an empty file"),
         (whole[:3500], {}, "expected SEG-Y headers of 3600 bytes, found 3500 bytes"),
-        (whole[:3600], {}, "traces: expected a whole number, found none"),
+        (whole[:3600], {}, "traces: expected at least one, found none"),
         (
             whole[:-7],
             {},
@@ -127,12 +127,16 @@ def test_bad_files_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
         (patched(3220, b"\0\0"), {}, "binary header, samples a trace: expected at least 2, found 0"),
         (patched(3220, b"\0\14"), {}, "traces: expected a whole number, found 5 and a part of one"),
         (patched(3504, b"\xff\xff"), {}, "binary header, extended text headers: expected a number of them, found -1"),
-        (patched(3504, b"\0\1"), {}, "traces: expected a whole number, found none"),
+        (patched(3504, b"\0\1"), {}, "traces: expected at least one, found none"),
         (whole, {"sample_interval_ns": -1.0}, "sample interval: expected a number above zero, found -1"),
         (whole, {"time_zero_ns": float("nan")}, "time zero: expected a number, found nan"),
-        (whole, {"utm_zone": "32N"}, "coordinates: expected UTM metres (easting 100000 to 900000), found eastings 10"),
-        (whole, {"length_m": -2.0}, "line length: expected a length above zero, found -2 m"),
-        (whole, {"place": SurveyOrigin(95.0, 0.0, 0.0)}, "latitude: expected degrees from -90 to 90, found 95"),
+        (
+            whole,
+            {"utm_zone": "32N"},
+            "coordinates: expected UTM metres (easting 100000 to 900000, northing 0 to 10000000), found eastings 10",
+        ),
+        (whole, {"length_m": -2.0}, "length_m: expected a length above zero, found -2"),
+        (whole, {"place": SurveyOrigin(95.0, 0.0, 0.0)}, "latitude_deg: expected degrees from -90 to 90, found 95"),
     ]
     for data, options, words in cases:
         path.write_bytes(data)

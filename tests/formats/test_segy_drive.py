@@ -105,12 +105,100 @@ def test_parallel_segy_lines(tmp_path: Path) -> None:
         import_lines([tmp_path / "a.rd3"], line_spacing_m=0.5, sample_interval_ns=0.4, output=tmp_path / "c.drive.h5")
 
 
+def _coordinates(path: Path, x: np.ndarray, y: np.ndarray, traces: np.ndarray, *, degrees: bool = False) -> Path:
+    """A line with coordinates in centimetres, or in ten-thousandths of a second of arc."""
+    scale, scalar, unit = (36e6, -10000, 2) if degrees else (100.0, -100, 1)
+    return write_segy(path, traces, headers={71: scalar, 73: np.rint(x * scale), 77: np.rint(y * scale), 89: unit})
+
+
+def _places(output: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Longitude and latitude of the scans, and their travel."""
+    with DriveLog.open(output) as log:
+        track, odometry = log.description.navigation, log.description.odometry
+    return track.longitude_deg, track.latitude_deg, odometry.distance_m
+
+
+def test_several_lines_in_degrees_are_passes_on_their_own_coordinates(tmp_path: Path) -> None:
+    """The second line's receiver was slower than the radar: it has a new place at every third trace only."""
+    utm = pyproj.Proj(proj="utm", zone=32, ellps="WGS84")
+    east, north, _ = _curve()
+    expected = [utm(east, north + 2.0 * line, inverse=True) for line in range(2)]
+    traces = np.tile(np.arange(10), (120, 1)) + np.arange(120)[:, None]
+    held = np.arange(120) // 3 * 3
+    paths = [
+        _coordinates(tmp_path / "0.sgy", *expected[0], traces, degrees=True),
+        _coordinates(tmp_path / "1.sgy", expected[1][0][held], expected[1][1][held], traces, degrees=True),
+    ]
+    output = tmp_path / "a.drive.h5"
+    survey = import_lines(paths, output=output)
+    assert check_file(output) == []
+    assert survey.placed_by == "header"
+    assert {line.direction_from for line in survey.lines} == {line.start_from for line in survey.lines} == {"header"}
+    assert "place on the earth" not in survey.assumed
+    longitude, latitude, travel_m = _places(output)
+    for line, tolerance_m in ((0, 0.01), (1, 0.03)):
+        part = slice(120 * line, 120 * (line + 1))
+        off_m = pyproj.Geod(ellps="WGS84").inv(*expected[line], longitude[part], latitude[part])[2]
+        assert np.max(off_m) < tolerance_m
+        assert np.ptp(travel_m[part]) == pytest.approx(30 * np.pi / 2, abs=0.1)
+
+
+@pytest.mark.parametrize("site", [False, True])
+def test_several_straight_lines_in_metres_lie_side_by_side(tmp_path: Path, site: bool) -> None:
+    """Metres of a UTM zone, or of the site: its x axis points along the heading."""
+    x0, y0 = (10.0, 20.0) if site else (500_800.0, 5_316_000.0)
+    along = 0.2 * np.arange(6)
+    paths = [
+        _coordinates(tmp_path / f"{line}.sgy", x0 + along, np.full(6, y0 + 0.5 * line), COUNTS + line)
+        for line in range(2)
+    ]
+    output = tmp_path / "a.drive.h5"
+    if site:
+        survey = import_lines(paths, latitude_deg=48.0, longitude_deg=11.0, output=output)
+    else:
+        with pytest.raises(InputError, match=r"0\.sgy: positions: expected metres within 10 km .*, or --utm-zone"):
+            import_lines(paths, output=output)
+        survey = import_lines(paths, utm_zone="32N", output=output)
+    assert survey.placed_by == "header"
+    assert [line.file for line in survey.lines] == ["1.sgy", "0.sgy"]
+    assert {line.start_from for line in survey.lines} == {"header"}
+    words = "the site's own metres" if site else "metres of UTM zone 32N"
+    assert survey.assumed["position"] == f"from the coordinates of the headers, in {words}"
+    with DriveLog.open(output) as log:
+        description = log.description
+        traces, valid = log.read_traces(0, log.scans)
+    left_m = description.array.y_m
+    assert np.diff(left_m).tolist() == pytest.approx([-0.5])
+    assert valid.all()
+    # The lines are to the left of the track by what the northern one is.
+    np.testing.assert_array_equal(traces, np.stack([COUNTS + 1, COUNTS], axis=1))
+    plane = (
+        pyproj.Proj(proj="aeqd", ellps="WGS84", lat_0=48.0, lon_0=11.0)
+        if site
+        else pyproj.Proj(proj="utm", zone=32, ellps="WGS84")
+    )
+    longitude, latitude, _ = _places(output)
+    east, north = plane(longitude, latitude)
+    np.testing.assert_allclose(east, x0 + along, atol=0.02)
+    np.testing.assert_allclose(north + left_m[1], y0, atol=0.02)
+
+
+def test_one_line_in_degrees_is_not_moved_to_the_origin(tmp_path: Path) -> None:
+    path = _coordinates(tmp_path / "0.sgy", 11.0 + 2e-6 * np.arange(6), np.full(6, 48.0), COUNTS, degrees=True)
+    import_lines([path], output=tmp_path / "a.drive.h5")
+    longitude, latitude, _ = _places(tmp_path / "a.drive.h5")
+    np.testing.assert_allclose([longitude[0], latitude[0]], [11.0, 48.0], atol=1e-6)
+
+
 def test_traces_without_coordinates_need_a_length(tmp_path: Path) -> None:
     partly = 1000 + 20 * np.arange(6)
     partly[2] = 0
     path = write_segy(tmp_path / "a.sgy", headers={71: -100, 73: partly})
     assert "1 of 6 traces without" in str(read_segy(path).metadata["reading"])
-    with pytest.raises(InputError, match="trace spacing: expected a spacing in the header, or the length"):
+    with pytest.raises(
+        InputError,
+        match=r"trace spacing: expected a spacing in the header, or --length-m, found none \(coordinates: no header",
+    ):
         import_segy(path, place=_PLACE, output=tmp_path / "a.drive.h5")
     with pytest.raises(InputError, match="expected eastings and northings, found sample interval"):
         import_segy(path, place=_PLACE, utm_zone="32N", output=tmp_path / "a.drive.h5")

@@ -54,7 +54,7 @@ def test_kinds_of_topography(tmp_path: Path) -> None:
 
 
 _BAD_TOPOGRAPHY = [
-    ("", "file: expected radar data, found an empty file"),
+    ("", "file: expected data, found an empty file"),
     ("\n \n# nothing\n", "rows: expected at least one place, found none"),
     ("N,E,Z\n", "rows: expected at least one place, found none"),
     ("1,2,3\n1,2\n", "line 2: expected 3 columns, found 2"),

@@ -66,6 +66,33 @@ def test_a_csv_file_becomes_a_drive_log(tmp_path: Path, capsys: pytest.CaptureFi
     assert run("import", "signals", file, "--map", _MAP, "-o", tmp_path / "a.drive.h5") == 1
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+@pytest.mark.parametrize("comma", [False, True])
+def test_a_table_of_another_separator_becomes_the_same(tmp_path: Path, separator: str, comma: bool) -> None:
+    """As spreadsheets write it where the comma is the decimal sign; some end their rows with empty cells."""
+    file = write_csv(tmp_path / "a.csv", columns())
+    text = file.read_text().replace(",", separator)
+    head, _, rows = text.partition("\n")
+    rows = rows.replace(".", ",") if comma else rows
+    file.write_text(head + "\n" + rows.replace("\n", f"{separator}\n"))
+    import_signals(file, _MAP, tmp_path / "a.drive.h5")
+    check_log(tmp_path / "a.drive.h5")
+
+
+def test_cells_that_are_no_numbers_are_counted(tmp_path: Path) -> None:
+    file = write_csv(tmp_path / "a.csv", columns())
+    rows = file.read_text().splitlines()
+    for row, word in ((9, "N/A"), (10, "err"), (11, ""), (12, "1_0"), (13, "inf")):
+        cells = rows[row].split(",")
+        rows[row] = ",".join([cells[0], word, *cells[2:]])
+    file.write_text("\n".join(rows) + "\n")
+    found = import_signals(file, _MAP, tmp_path / "a.drive.h5")
+    assert found.signals["speed"] == _COUNT - 5
+    assert found.left_out == {
+        "speed": "3 of 398 cells of column 'v_kmh' are no numbers, the first 'err' in row 11",
+    }
+
+
 def test_a_parquet_file_becomes_the_same(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     table = pytest.importorskip("pyarrow").table(columns())

@@ -61,11 +61,19 @@ def test_uneven_tape(places: list[float], tmp_path: Path) -> None:
 
 
 _WRONG: list[tuple[dict[str, object], str]] = [
-    ({"lines_at_m": [0.0, 1.0]}, "lines at: expected a distance for each of 3 lines, found 2"),
-    ({"lines_at_m": [0.0, 1.0, np.nan]}, "lines at: expected a distance for each of 3 lines"),
-    ({"lines_at_m": [0.0, 1.0, 1.001]}, "lines at: expected lines apart from each other, found two within 0.001 m"),
-    ({"lines_at_m": [0.0, 1.0, 2.0], "line_spacing_m": 1.0}, "lines at: expected no line spacing beside them"),
-    ({"first_line_m": 2.0}, "first line: expected a line spacing beside it, found none"),
+    ({"lines_at_m": [0.0, 1.0]}, "lines_at_m: expected 3 distances in metres, one for each line, found 2: 0 1"),
+    (
+        {"lines_at_m": [0.0, 1.0, np.nan]},
+        "lines_at_m: expected 3 distances in metres, one for each line, found 3: 0 1 nan",
+    ),
+    ({"lines_at_m": [0.0, 1.0, 1.001]}, "lines_at_m: expected lines apart from each other, found two within 0.001 m"),
+    (
+        {"lines_at_m": [0.0, 1.0, 2.0], "line_spacing_m": 1.0},
+        "lines_at_m, line_spacing_m: expected one of them, found both",
+    ),
+    ({"lines_at_m": [0.0, 1.0, 2.0], "first_line_m": 1.0}, "lines_at_m, first_line_m: expected one of them"),
+    ({"lines_at_m": [0.0, 250.0, 500.0]}, "lines_at_m: expected metres, neighbours up to 100 m apart, found two 250 m"),
+    ({"first_line_m": 2.0}, "first_line_m: expected --line-spacing-m beside it, found none"),
     ({}, "LINE0.DT1: positions: expected positions beside every line, or --line-spacing-m or --lines-at-m, found none"),
 ]
 
@@ -181,7 +189,9 @@ def test_bent_lines_keep_their_own_paths(tmp_path: Path) -> None:
     np.testing.assert_allclose(headings[5:55], 90.0 - np.arange(5, 55), atol=0.5)
     # Fewer rows than traces would put the line anywhere.
     write_topography(paths[1], np.arange(20.0), np.arange(20.0) ** 2 / 20.0)
-    with pytest.raises(InputError, match=r"LINE1\.DT1: topography: expected a row for each of 60 traces, found 20"):
+    with pytest.raises(
+        InputError, match=r"topo_LINE1\.txt: rows: expected one for each of the 60 traces of LINE1\.DT1, found 20 rows"
+    ):
         import_lines(paths, output=output, force=True)
 
 

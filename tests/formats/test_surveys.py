@@ -204,8 +204,10 @@ def test_bad_surveys_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
     first = _line(tmp_path, 0, _ramp(4))
     timed = tmp_path / "timed.DZT"
     timed.write_bytes(dzt_header(bits=32, per_m=0.0) + np.arange(16, dtype="<i4").tobytes())
-    wide = tmp_path / "wide.DZT"
-    wide.write_bytes(dzt_header(word=2, bits=32, channels=2) * 2 + np.arange(32, dtype="<i4").tobytes())
+    second = _line(tmp_path, 5, _ramp(4))
+    wide, wider = tmp_path / "wide.DZT", tmp_path / "wider.DZT"
+    for path in (wide, wider):
+        path.write_bytes(dzt_header(word=2, bits=32, channels=2) * 2 + np.arange(32, dtype="<i4").tobytes())
     cases: list[tuple[list[Path], dict[str, object], str]] = [
         ([], {}, "lines: expected at least one file, found none"),
         ([first, _line(tmp_path, 1, _ramp(4, samples=7))], {}, "LINE01.DT1: samples a trace: expected 8 as in LINE00"),
@@ -215,18 +217,20 @@ def test_bad_surveys_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
             "LINE02.DT1: sample interval: expected 0.8 ns as in LINE00.DT1, found 0.4 ns",
         ),
         (
-            [first, first, _line(tmp_path, 3, _ramp(4), TIMEZERO_AT_POINT=4)],
+            [first, second, _line(tmp_path, 3, _ramp(4), TIMEZERO_AT_POINT=4)],
             {},
             "LINE03.DT1: time zero: expected about 1 ns, or --time-zero (the record begins after",
         ),
         ([first, _line(tmp_path, 4, _ramp(1))], {}, "LINE04.DT1: traces: expected at least 2, found 1"),
-        ([timed], {}, "timed.DZT: trace spacing: expected a spacing in the header, or the length"),
-        ([wide, wide], {}, "wide.DZT: channels: expected one a file when several files are given, found 2"),
-        ([first, first], {"line_spacing_m": 0.0}, "line spacing: expected metres, above 0 and up to 100, found 0"),
-        ([first, first], {"length_m": -3.0}, "line length: expected a length above zero, found -3 m"),
+        ([timed], {}, "timed.DZT: trace spacing: expected a spacing in the header, or --length-m"),
+        ([wide, wider], {}, "wide.DZT: channels: expected one in each of several files, found 2: import it by"),
+        ([first, second, first], {}, "LINE00.DT1: lines: expected each file once, found it twice"),
+        ([first, second], {"line_spacing_m": 0.0}, "line_spacing_m: expected metres, above 0 and up to 100, found 0"),
+        ([first, second], {"length_m": -3.0}, "length_m: expected a length above zero, found -3"),
+        ([first, second], {"length_m": 48500.0}, "up to 10 m apart (are the places millimetres?), found 16166.7 m"),
         ([first], {"time_zero": float("nan")}, "LINE00.DT1: time zero: expected less than its 6.4 ns, found nan ns"),
         ([first], {"time_zero": -7.0}, "LINE00.DT1: time zero: expected less than its 6.4 ns, found -7 ns"),
-        ([first, first], {"reversed_lines": [2]}, "reversed lines: expected numbers from 0 to 1, found 2"),
+        ([first, second], {"reversed_lines": [2]}, "reversed_lines: expected numbers from 0 to 1, found 2"),
         ([tmp_path / "none.DT1"], {}, "none.DT1: file: expected a readable file, found no such file"),
     ]
     before = sorted(tmp_path.iterdir())

@@ -9,11 +9,18 @@ import pandas as pd
 import pyproj
 from jaxtyping import Float
 
-from lgprjax.errors import InputError
+from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.drive import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack, TraceRecording
 from lgprjax.formats.line_layout import inputs_of
 from lgprjax.formats.profile import Assumed
-from lgprjax.formats.survey_track import TRACK_ASSUMED, SurveyOrigin, path_headings_deg, straight_track, track
+from lgprjax.formats.survey_track import (
+    FIRST_SAMPLE,
+    TRACK_ASSUMED,
+    SurveyOrigin,
+    path_headings_deg,
+    straight_track,
+    track,
+)
 from lgprjax.radar.array import ArrayGeometry
 
 # The first is in the data set's README, the second in its programs.
@@ -52,11 +59,11 @@ def import_cmu(
         InputError: a file is missing or damaged, or times do not overlap.
     """
     folder = Path(sequence_dir)
-    place.check(output)
+    place.check()
     if not (np.isfinite(time_window_ns) and time_window_ns > 0):
-        raise InputError(folder, "time window", "a number above zero", f"{time_window_ns:g}")
+        raise ArgumentError("time_window_ns", "a number above zero", f"{time_window_ns:g}")
     if not np.isfinite(time_zero_ns):
-        raise InputError(folder, "time zero", "a number", f"{time_zero_ns:g}")
+        raise ArgumentError("time_zero_ns", "a number", f"{time_zero_ns:g}")
     radar_file = folder / "gpr_meas.csv"
     odometry_file = next((folder / name for name in _ODOMETRY if (folder / name).exists()), folder / _ODOMETRY[0])
     truth_file = folder / "ts_meas.csv"
@@ -96,7 +103,7 @@ def import_cmu(
             "inputs": inputs_of([radar_file, odometry_file, *([truth_file] if len(truth) >= 2 else [])]),
             "time_window_ns": time_window_ns,
             "origin": place._asdict(),
-            "assumed": _assumed(place, surveyed=true_track is not None),
+            "assumed": _assumed(place, time_zero_ns, surveyed=true_track is not None),
             "positions": "total station" if true_track is not None else "odometry along a straight line",
             "scans_left_out": int(np.count_nonzero(~kept)),
             "rows_of_repeated_time": repeated + odometry_repeated + truth_repeated,
@@ -107,11 +114,12 @@ def import_cmu(
         writer.append(radar[kept, 0] - t0_s, traces)
 
 
-def _assumed(place: SurveyOrigin, *, surveyed: bool) -> Assumed:
+def _assumed(place: SurveyOrigin, time_zero_ns: float, *, surveyed: bool) -> Assumed:
+    at_first: Assumed = {} if time_zero_ns else {"time zero": FIRST_SAMPLE}
     if surveyed:
-        return {"heading": "along the path", **TRACK_ASSUMED, **place.assumed()}
+        return {**at_first, "heading": "along the path", **TRACK_ASSUMED, **place.assumed()}
     straight: Assumed = {"position": "straight from the origin", "heading": f"{place.heading_deg:g} degrees all along"}
-    return {**straight, "height": "taken as 0", **TRACK_ASSUMED, **place.assumed()}
+    return {**at_first, **straight, "height": "taken as 0", **TRACK_ASSUMED, **place.assumed()}
 
 
 def _table(file: Path, what: str, columns: int | None) -> tuple[Float[np.ndarray, "row column"], int]:
@@ -131,14 +139,20 @@ def _table(file: Path, what: str, columns: int | None) -> tuple[Float[np.ndarray
     if values.shape[1] != columns and (columns is not None or values.shape[1] < 3):
         expected = f"{what}: {columns or 'at least 3'}"
         raise InputError(file, "columns", expected, str(values.shape[1]))
-    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    bad = np.argwhere(~np.isfinite(values))
     if bad.size:
-        raise InputError(file, f"row {bad[0] + 1}", f"{values.shape[1]} numbers", "fewer, or another text")
+        row, column = bad[0]
+        cell = table.iat[row, column]
+        found = "none" if pd.isna(cell) else repr(str(cell)[:40])
+        raise InputError(file, f"row {row + 1} below the heading, column {column + 1}", "a number", found)
     steps = np.diff(values[:, 0], prepend=-np.inf)
     if np.any(steps < 0):
         row = int(np.argmax(steps < 0))
         raise InputError(
-            file, f"row {row + 1}", "times that rise", f"{values[row, 0]:.6f} after {values[row - 1, 0]:.6f}"
+            file,
+            f"row {row + 1} below the heading",
+            "times that rise",
+            f"{values[row, 0]:.6f} after {values[row - 1, 0]:.6f}",
         )
     return values[steps > 0], int(np.count_nonzero(steps == 0))
 

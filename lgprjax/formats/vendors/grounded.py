@@ -6,10 +6,10 @@ import numpy as np
 import pyproj
 from jaxtyping import Float
 
-from lgprjax.errors import InputError
+from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.drive import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack, TraceRecording
 from lgprjax.formats.profile import Assumed
-from lgprjax.formats.survey_track import TRACK_ASSUMED, utm_projection
+from lgprjax.formats.survey_track import FIRST_SAMPLE, TRACK_ASSUMED, check_utm, utm_projection
 from lgprjax.radar.array import ArrayGeometry
 
 _BLOCK_SCANS = 4096
@@ -53,9 +53,9 @@ def import_grounded(
     """
     folder = Path(run_dir)
     projection = utm_projection(utm_zone)
-    for place, value in (("sample interval", sample_interval_ns), ("scan rate", scan_rate_hz)):
+    for name, value in (("sample_interval_ns", sample_interval_ns), ("scan_rate_hz", scan_rate_hz)):
         if not (np.isfinite(value) and value > 0):
-            raise InputError(folder, place, "a number above zero", f"{value:g}")
+            raise ArgumentError(name, "a number above zero", f"{value:g}")
     cube = _load(folder / "run.npy", "[scan, sample, channel]")
     points = _load(folder / "run_UTM_point.npy", "[scan, channel, 2]")
     scans, samples, channels = cube.shape
@@ -79,6 +79,7 @@ def import_grounded(
     time_s = np.arange(scans) / scan_rate_hz
     assumed: Assumed = {
         "time": f"{scan_rate_hz:g} scans a second, as given; the date is unknown",
+        "time zero": FIRST_SAMPLE,
         "odometry": "from the positions",
         "height": "taken as 0",
         **TRACK_ASSUMED,
@@ -132,10 +133,7 @@ def _positions_m(path: Path, points: np.ndarray) -> Float[np.ndarray, "scan chan
     if np.any(bad):
         found = f"{np.count_nonzero(bad)} of {len(bad)} scans otherwise, the first is {np.argmax(bad)}"
         raise InputError(path, "positions", "finite eastings and northings", found)
-    low, high = positions_m.min(axis=(0, 1)), positions_m.max(axis=(0, 1))
-    if low[0] < 1e5 or high[0] > 9e5 or low[1] < 0 or high[1] > 1e7:
-        found = f"eastings {low[0]:.6g} to {high[0]:.6g}, northings {low[1]:.6g} to {high[1]:.6g}"
-        raise InputError(path, "positions", "UTM metres (easting 100000 to 900000, northing 0 to 10000000)", found)
+    check_utm(path, "positions", positions_m[..., 0], positions_m[..., 1])
     return positions_m
 
 

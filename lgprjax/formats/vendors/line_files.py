@@ -179,6 +179,10 @@ def read_dt1(path: str | Path, *, partial: bool = False) -> Profile:
         raise InputError(header.path, "POSITION UNITS", "m or ft", repr(unit[:40]))
 
     data = read_bytes(file)
+    first = np.frombuffer(data[:_TRACE_HEADER_BYTES].ljust(_TRACE_HEADER_BYTES, b"\0"), "<f4")
+    if len(data) >= _TRACE_HEADER_BYTES and not (2 <= first[2] <= 65536 and first[5] in (0.0, 2.0)):
+        found = "other numbers: the file is damaged, or of another format"
+        raise InputError(file, "header of trace 0", f"{samples} samples of 2 bytes", found)
     record_bytes = _TRACE_HEADER_BYTES + 2 * samples
     whole, cut = count_traces(file, len(data), record_bytes, said=(traces, header.path), partial=partial)
     records = np.frombuffer(data, dtype=np.dtype([("header", "<f4", 32), ("samples", "<i2", samples)]), count=whole)

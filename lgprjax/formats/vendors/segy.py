@@ -11,8 +11,9 @@ from jaxtyping import Float, Int, Num
 
 from lgprjax.errors import InputError
 from lgprjax.formats.line_layout import inputs_of, write_lines, write_positioned_lines
-from lgprjax.formats.profile import Profile, TraceCoordinates, count_traces, read_bytes
-from lgprjax.formats.survey_track import SurveyOrigin, distances_m, utm_projection
+from lgprjax.formats.profile import Assumed, Profile, TraceCoordinates, count_traces, read_bytes
+from lgprjax.formats.side_positions import metres_kind
+from lgprjax.formats.survey_track import FIRST_SAMPLE, SurveyOrigin, check_utm, distances_m, utm_projection
 
 _TEXT_BYTES, _BINARY_BYTES, _TRACE_HEADER_BYTES = 3200, 400, 240
 # Bytes a sample and the type returned, by the format code: IBM float, int32, int16, IEEE float, int8.
@@ -89,6 +90,7 @@ def read_segy(
             "revision": binary["revision"],
             "format": binary["format"],
             "reading": f"sample interval {interval_ns:g} ns from {interval_from}; coordinates from {coordinates_from}",
+            "coordinates": coordinates_from,
         },
         coordinates=coordinates,
         cut=cut,
@@ -195,7 +197,8 @@ def _coordinates(words: dict[int, Int[np.ndarray, " trace"]], *, feet: bool) -> 
         to_degrees = 3600.0 if unit == 2 else 1.0
         x, y = x / to_degrees, y / to_degrees
         if np.max(np.abs(x)) > 360 or np.max(np.abs(y)) > 90:
-            return None, f"no header ({name}: degrees that are none)"
+            far = f"longitude {x[np.argmax(np.abs(x))]:g}, latitude {y[np.argmax(np.abs(y))]:g}"
+            return None, f"no header ({name}: {far} are no degrees)"
         return TraceCoordinates("degrees", x, y), f"{name}, degrees"
     if unit == 4:
         return None, f"no header ({name}: degrees, minutes and seconds are not read)"
@@ -260,6 +263,8 @@ def import_segy(
         "reading": profile.metadata["reading"],
         "utm_zone": utm_zone,
     }
+    # No header has it: without the option it is made up.
+    at_first: Assumed = {} if time_zero_ns else {"time zero": FIRST_SAMPLE}
     where = None if length_m is not None else _on_the_earth(profile, utm_zone)
     if where is not None:
         latitude_deg, longitude_deg = where
@@ -271,7 +276,7 @@ def import_segy(
             travel_m=[distances_m(latitude_deg, longitude_deg)],
             output=output,
             provenance=provenance,
-            assumed={"odometry": "from the positions"},
+            assumed={"odometry": "from the positions", **at_first},
             force=force,
         )
         return True
@@ -282,7 +287,7 @@ def import_segy(
         place=place,
         output=output,
         provenance=provenance,
-        assumed=place.assumed(),
+        assumed={**place.assumed(), **at_first},
         length_m=length_m,
         force=force,
     )
@@ -300,15 +305,13 @@ def _on_the_earth(
         return None
     if coordinates.kind == "degrees":
         return coordinates.y, coordinates.x
-    low, high = (f(np.stack([coordinates.x, coordinates.y]), axis=1) for f in (np.min, np.max))
-    found = f"eastings {low[0]:.6g} to {high[0]:.6g}, northings {low[1]:.6g} to {high[1]:.6g}"
-    on_grid = low[0] >= 1e5 and high[0] <= 9e5 and low[1] >= 0 and high[1] <= 1e7
+    x, y = coordinates.x, coordinates.y
     if utm_zone is None:
         # Metres of a survey's own begin near 0; those of a grid are a place, which is not dropped unsaid.
-        if on_grid and low[1] > 1e4:
+        if metres_kind(x, y) == "grid metres":
+            found = f"x {x.min():.6g} to {x.max():.6g} m, y {y.min():.6g} to {y.max():.6g} m"
             raise InputError(profile.path, "coordinates", "--utm-zone, or --length-m to leave them unused", found)
         return None
-    if not on_grid:
-        raise InputError(profile.path, "coordinates", "UTM metres (easting 100000 to 900000)", found)
-    longitude_deg, latitude_deg = utm_projection(utm_zone)(coordinates.x, coordinates.y, inverse=True)
+    check_utm(profile.path, "coordinates", x, y)
+    longitude_deg, latitude_deg = utm_projection(utm_zone)(x, y, inverse=True)
     return np.asarray(latitude_deg), np.asarray(longitude_deg)
