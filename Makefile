@@ -53,7 +53,7 @@ types: $(VENV)/.lint $(VENV)/.test
 # Any warning ends it. The site needs nothing from outside, neither now nor when it is read.
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
-	@echo "site: build/site/index.html; with search: python3 -m http.server -d build/site"
+	@echo "site: build/site/index.html"
 
 $(VENV)/.venv:
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"Python 3.11 or newer is needed, this is {v[0]}.{v[1]}: make PYTHON=python3.12 ...")'
@@ -70,7 +70,7 @@ $(VENV)/.wheel: $(VENV)/.venv $(SOURCES)
 	@touch $@
 
 $(VENV)/.test: $(VENV)/.wheel
-	$(PIP) install --constraint constraints.txt "lgprjax[test] @ file://$(CURDIR)/$$(ls build/wheel/lgprjax-*.whl)"
+	$(PIP) install --constraint constraints.txt "lgprjax[test,docs] @ file://$(CURDIR)/$$(ls build/wheel/lgprjax-*.whl)"
 	@touch $@
 
 $(VENV)/.lint: $(VENV)/.wheel

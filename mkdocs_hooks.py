@@ -1,14 +1,20 @@
-"""What the site shows beside docs/: the reference, the file formats as tables, and the files that pages link to."""
+"""What the site shows beside docs/: the reference, the notebooks as they are kept, the file formats as tables, and the
+files that pages link to."""
 
 import json
 import re
 import tomllib
+from collections.abc import Iterator
+from html import unescape
 from pathlib import Path
+from textwrap import indent
 from typing import Any
 
+import nbformat
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
+from nbconvert import MarkdownExporter
 
 _ROOT = Path(__file__).parent
 _ROOMS = (
@@ -18,6 +24,12 @@ _ROOMS = (
 )
 # A link that leaves docs/, with the heading that it may name.
 _OUTSIDE = re.compile(r"\]\(\.\./([^)#\s]+)(?:#[^)]*)?\)")
+# Of a notebook's outputs: a page within the page, and what pandas says about the looks of its tables.
+_FRAME = re.compile(r'<iframe srcdoc="(.*?)" title="(.*?)"[^>]*></iframe>', re.DOTALL)
+_LOOKS = re.compile(r'<style scoped>.*?</style>\s*| border="1" class="dataframe"', re.DOTALL)
+_DIAGRAM = re.compile(r"^```mermaid\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_CELL = re.compile(r"<td>(.*?)</td>", re.DOTALL)
+_PICTURE = re.compile(r'(<img [^>]*src="([^"]+)"[^>]*>)')
 _TABLES = {
     "attribute": "Attributes",
     "group": "Groups",
@@ -50,6 +62,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, f"files/{schema.stem}.md", content=_format_page(schema)))
     files.append(File.generated(config, "all_records.md", content=_records_page()))
     files.append(File.generated(config, "repository/CHANGELOG.md", content=(_ROOT / "CHANGELOG.md").read_text("utf-8")))
+    for file in _notebook_files(config):
+        files.append(file)
     for path in sorted(linked):
         if _place(path).startswith("repository/"):
             files.append(File.generated(config, _place(path), content=(_ROOT / path).read_bytes()))
@@ -57,9 +71,68 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Point links that leave docs/ at the places that these files have on the site."""
+    """Point links that leave docs/ at the places that these files have on the site, and fold up diagrams' sources.
+
+    GitHub draws them; here the script that would is fetched from elsewhere, and the tables below them say the same.
+    """
     up = "../" * page.file.src_uri.count("/")
+    markdown = _DIAGRAM.sub(_folded, markdown)
     return _OUTSIDE.sub(lambda link: f"]({up}{_place(link[1])})", markdown)
+
+
+def _notebook_files(config: MkDocsConfig) -> Iterator[File]:
+    """The notebooks' list and their pages, with what belongs to these. No cell is run."""
+    folder = _ROOT / "notebooks"
+    contents = (folder / "README.md").read_text("utf-8").replace(".ipynb)", ".md)")
+    yield File.generated(config, "notebooks/README.md", content=contents)
+    for path in sorted(folder.glob("*.ipynb")):
+        for name, content in _notebook_page(path):
+            yield File.generated(config, f"notebooks/{name}", content=content)
+        for kept in (path, path.with_suffix(".py")):
+            yield File.generated(config, f"notebooks/{kept.name}", content=kept.read_bytes())
+
+
+def _notebook_page(path: Path) -> Iterator[tuple[str, str | bytes]]:
+    """Names and contents of a notebook's page, its pictures, and the interactive pages among its outputs."""
+    book = nbformat.read(path, as_version=4)
+    beside = f"{path.stem}_files"
+    pages: list[str] = []
+
+    def in_file(frame: re.Match[str]) -> str:
+        pages.append(unescape(frame[1]))
+        source = f"{beside}/page_{len(pages)}.html"
+        opened = f'<p><a href="{source}">Open this picture on a page of its own</a></p>'
+        return f'<iframe src="{source}" title="{frame[2]}" loading="lazy"></iframe>\n{opened}'
+
+    for cell in book.cells:
+        for output in cell.get("outputs", ()):
+            shown = output.get("data", {})
+            if "text/html" in shown:
+                shown["text/html"] = _FRAME.sub(in_file, _LOOKS.sub("", shown["text/html"]))
+    exporter = MarkdownExporter(preprocessors=["nbconvert.preprocessors.CoalesceStreamsPreprocessor"])
+    markdown, found = exporter.from_notebook_node(book, {"unique_key": path.stem, "output_files_dir": beside})
+    title, text = markdown.strip().split("\n", 1)
+    files = f"*Kept outputs of [{path.name}]({path.name}); the same as a script: [{path.stem}.py]({path.stem}.py).*"
+    text = text.replace("![png](", "![Drawn by the cell above](")
+    # Without the column of contents, code of 120 characters fits.
+    yield f"{path.stem}.md", f"---\nhide: [toc]\n---\n{title}\n\n{files}\n{text}\n"
+    yield from found["outputs"].items()
+    yield from ((f"{beside}/page_{number}.html", page) for number, page in enumerate(pages, 1))
+
+
+def _folded(diagram: re.Match[str]) -> str:
+    return '??? note "The same as a diagram in Mermaid\'s language"\n' + indent(f"```text\n{diagram[1]}```", "    ")
+
+
+def on_page_content(html: str, page: Page, **_: object) -> str:
+    """For telephones: pictures that open by themselves, to be enlarged, and room for the sentences of wide tables."""
+    html = _PICTURE.sub(r'<a href="\2">\1</a>', html)
+    html = _CELL.sub(lambda cell: cell[0].replace("<td", '<td class="long"', 1) if _is_long(cell[1]) else cell[0], html)
+    return f'<div class="notebook">{html}</div>' if page.file.src_uri.startswith("notebooks/") else html
+
+
+def _is_long(cell: str) -> bool:
+    return len(re.sub("<[^>]*>", "", cell)) > 60
 
 
 def _schemas() -> list[Path]:
@@ -70,6 +143,8 @@ def _place(path: str) -> str:
     """Where a file of the repository is on the site; a page of its own links would not hold there."""
     if path.startswith("data_schema/") and path.endswith(".toml"):
         return f"files/{Path(path).stem}.md"
+    if path.startswith("notebooks/"):
+        return path.replace(".ipynb", ".md")
     return f"repository/{path.removesuffix('.md')}{'.txt' if path.endswith('.md') else ''}"
 
 
@@ -104,21 +179,27 @@ def _format_page(path: Path) -> str:
     for key, title in _TABLES.items():
         entries = [each for each in schema.get(key, ()) if "path" in each]
         if entries:
-            lines += ["", f"## {title}", "", "| name | type | axes | unit | | what it is |", "| --- " * 6 + "|"]
-            lines += [_row(entry) for entry in entries]
+            lines += ["", f"## {title}", "", *_table(("name", "what it is", "type", "axes", "unit", "rules"), entries)]
     return "\n".join([*lines, "", "## The file itself", "", "```toml", text.rstrip(), "```", ""])
 
 
-def _row(entry: dict[str, Any]) -> str:
+def _table(titles: tuple[str, ...], entries: list[dict[str, Any]]) -> list[str]:
+    """Entries of a schema as lines of a table, without the columns that are empty."""
+    rows = [_row(entry) for entry in entries]
+    kept = [place for place in range(len(titles)) if any(row[place] for row in rows)]
+    table = [[titles[place] for place in kept], ["---"] * len(kept), *([row[place] for place in kept] for row in rows)]
+    return ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in table]
+
+
+def _row(entry: dict[str, Any]) -> tuple[str, ...]:
     rules = [*entry.get("checks", ()), *([] if entry.get("required", True) else ["may be absent"])]
     if "range" in entry:
         rules.append("{} to {}".format(*entry["range"]))
-    cells = (
+    return (
         f"`{entry['path']}`",
+        entry.get("description", ""),
         ", ".join(entry.get("dtype", ())),
         ", ".join(map(str, entry.get("dims", ()))),
         entry.get("unit", ""),
         ", ".join(rules),
-        entry.get("description", ""),
     )
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

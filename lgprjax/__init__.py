@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from lgprjax.api.rollouts import tracking_cost as tracking_cost
     from lgprjax.api.vehicles import open_vehicle as open_vehicle
     from lgprjax.api.vehicles import tune as tune
+    from lgprjax.api.zoom import zoom as zoom
     from lgprjax.pso import SwarmConfig as SwarmConfig
     from lgprjax.pso import run_swarm as run_swarm
     from lgprjax.registration import Code as Code
@@ -38,6 +39,7 @@ _MODULE_OF = {
     "open_drive": "lgprjax.api.drives",
     "check": "lgprjax.api.files",
     "view": "lgprjax.api.files",
+    "zoom": "lgprjax.api.zoom",
     "build_map": "lgprjax.api.maps",
     "open_map": "lgprjax.api.maps",
     "register": "lgprjax.api.fixes",
@@ -63,6 +65,7 @@ __all__ = [  # noqa: RUF022  # in the order in which they are used, which is tha
     "open_drive",
     "check",
     "view",
+    "zoom",
     "build_map",
     "open_map",
     "register",

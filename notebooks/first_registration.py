@@ -85,6 +85,12 @@ axes.legend()
 plt.show()
 
 # %% [markdown]
+# Scan by scan: point at one to read its numbers, or step from scan to scan by n and p; zoom by the wheel, by two fingers, or by + and −. (Where notebooks are shown without scripts, as on GitHub, the picture is missing.)
+
+# %%
+lx.zoom(live)
+
+# %% [markdown]
 # The drive over other ground: correlations as high as chance makes them, and no fix is called `ok`. `lgprjax register MAP DRIVE... -o DIR` writes fixes, pictures and a report of all this.
 
 # %%

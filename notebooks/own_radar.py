@@ -79,6 +79,12 @@ lx.view(MAP_LINES[5], ax=axes).set_ylim(55, 0)
 plt.show()
 
 # %% [markdown]
+# Closer: zoom by the wheel, by two fingers, or by + and −, and read travel time and depth where you point; contrast is above the picture. `lgprjax view LINE.DT1 --html` writes the same page. (Where notebooks are shown without scripts, as on GitHub, it is missing.)
+
+# %%
+lx.zoom(MAP_LINES[5])
+
+# %% [markdown]
 # Lines side by side are a drive of many channels (`lgprjax import lines`). Its place on earth is that of the lines' origin, wherever you say that it is.
 
 # %%

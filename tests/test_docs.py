@@ -1,4 +1,4 @@
-"""The pages: the tutorial's commands run in its order in an empty folder, and links lead somewhere."""
+"""The pages: the tutorial runs in its order in an empty folder, links lead somewhere, the site needs no network."""
 
 import json
 import os
@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from html.parser import HTMLParser
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, get_args
@@ -20,6 +21,7 @@ from benchmarks.records import Record
 from formats.samples import write_dt1
 from lgprjax.formats import DriveLog, TraceRecording, read_fixes
 from lgprjax.simulation import read_site
+from runtime.display.browser import open_tab
 from worlds.table import markdown_of, read_figures
 
 _ROOT = Path(__file__).parents[1]
@@ -179,3 +181,81 @@ def test_the_tables_of_the_page(tutorial: Path, monkeypatch: pytest.MonkeyPatch)
     exec(text, scope)
     assert len(scope["beside"]) == len(scope["ok"]) > 0
     assert scope["beside"]["valid_channels"].notna().all()
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site as ``make docs`` builds it, where no host can be reached."""
+    if not all(map(find_spec, ("material", "mkdocstrings", "nbconvert"))):
+        pytest.skip("lgprjax[docs] is not installed: the site was NOT built")
+    folder = tmp_path_factory.mktemp("site")
+    nowhere = dict.fromkeys(("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9")
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", folder],
+        cwd=_ROOT,
+        env=os.environ | nowhere | {"NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        timeout=400,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+class _Loaded(HTMLParser):
+    """What a page has a browser fetch: not its links, which a reader follows, or not."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.classes: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = {name: value or "" for name, value in attrs}
+        self.classes |= set(values.get("class", "").split())
+        self.addresses += [values[name] for name in ("src", "srcset", "data", "poster") if name in values]
+        if tag == "link" and values.get("rel") not in ("canonical", "prev", "next"):
+            self.addresses.append(values["href"])
+
+
+def test_no_page_of_the_site_loads_from_another_host(site: Path) -> None:
+    pages = sorted(site.rglob("*.html"))
+    assert len(pages) > 50
+    for page in pages:
+        loaded = _Loaded()
+        loaded.feed(page.read_text(encoding="utf-8"))
+        assert [each for each in loaded.addresses if re.match(r"\w+:(?!image/)|//", each)] == [], page
+        # The theme fetches the script that draws these.
+        assert "mermaid" not in loaded.classes, page
+    for style in site.rglob("*.css"):
+        assert re.findall(r"(?:@import|url\()\s*[\"']?(?:\w+:)?//", style.read_text(encoding="utf-8")) == [], style
+
+
+def test_notebooks_are_pages_with_their_pictures(site: Path) -> None:
+    books = sorted(path.stem for path in (_ROOT / "notebooks").glob("*.ipynb"))
+    contents = (site / "notebooks" / "index.html").read_text(encoding="utf-8")
+    for name in books:
+        assert f'href="{name}.html"' in contents
+        page = (site / "notebooks" / f"{name}.html").read_text(encoding="utf-8")
+        pictures = re.findall(rf'<img [^>]*src="({name}_files/[^"]+)"', page)
+        assert pictures
+        for path in (*pictures, *re.findall(r'<iframe [^>]*src="([^"]+)"', page), f"{name}.ipynb", f"{name}.py"):
+            assert (site / "notebooks" / path).is_file(), path
+
+
+def test_the_site_is_searched_when_it_is_opened_as_files(site: Path) -> None:
+    with open_tab() as tab:
+        tab.open((site / "notebooks" / "accuracy.html").as_uri(), 390, 844)
+        tab.wait_for("document.readyState === 'complete'")
+        tab.evaluate("document.querySelector('label[for=__search]').click()")
+        tab.evaluate("document.querySelector('.md-search__input').focus()")
+        tab.call("Input.insertText", text="potentiometer")
+        tab.wait_for("document.querySelector('.md-search-result__link')", 60.0)
+        found = tab.evaluate("[...document.querySelectorAll('.md-search-result__link')].map(each => each.href)")
+        assert any("/own_vehicle.html" in each for each in found)
+        assert all(each.startswith(site.as_uri()) for each in found)
+        tab.open((site / "modes.html").as_uri(), 390, 844)
+        tab.wait_for("document.readyState === 'complete' && location.pathname.endsWith('modes.html')")
+        assert [each for each in tab.requested if not each.startswith("file:")] == []
+        assert tab.complaints == []

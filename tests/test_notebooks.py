@@ -24,6 +24,7 @@ _ROOT = Path(__file__).parents[1]
 _NOTEBOOKS = sorted(path.stem for path in (_ROOT / "notebooks").glob("*.ipynb"))
 _COVERAGE = "coverage_record"
 _LOCATED = ("accuracy", "archive", "drive_health", "first_registration", "own_radar")
+_ZOOMED = ("first_registration", "own_radar")
 _LOGGED = ("first_tracking", "fusion", "own_vehicle", "weak_servo", "what_logs_tell")
 
 
@@ -60,6 +61,10 @@ def test_notebook_is_short_and_keeps_its_pictures(name: str) -> None:
     assert not re.search(r"(import|\.) _", source)
     # ``lx`` is enough, but where files are made up that a person has.
     assert bool(re.search(r"from lgprjax", source)) == (name in (_COVERAGE, "own_radar"))
+    assert (name in _ZOOMED) == any(
+        "<iframe srcdoc=" in output.get("data", {}).get("text/html", "") for output in outputs
+    )
+    assert (_ROOT / "notebooks" / f"{name}.ipynb").stat().st_size < 1.5e6
 
 
 def _run(name: str, clone: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, str]:

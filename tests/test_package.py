@@ -1,9 +1,12 @@
-"""The package as it is installed: its data, its types, its command, outside of the repository."""
+"""The package as it is installed and as it is handed on: its data, its types, its command."""
 
 import re
 import subprocess
+import sys
 import sysconfig
+import tarfile
 import tomllib
+import zipfile
 from importlib import metadata
 from pathlib import Path
 
@@ -45,10 +48,66 @@ def test_one_version_is_told_everywhere() -> None:
     assert len(set(changes)) == len(changes)
 
 
-def test_the_source_distribution_names_files_that_there_are() -> None:
+def _build(kind: str, source: Path, target: Path) -> Path:
+    """Have the project's own build program make a distribution, as pip does, in a process of its own."""
+    call = f"import hatchling.build, sys; print(hatchling.build.build_{kind}(sys.argv[1]))"
+    done = subprocess.run(
+        [sys.executable, "-c", call, target], cwd=source, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return target / done.stdout.splitlines()[-1]
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The source distribution, unpacked."""
+    folder = tmp_path_factory.mktemp("source")
+    with tarfile.open(_build("sdist", _ROOT, folder)) as packed:
+        packed.extractall(folder, filter="data")
+    return folder / f"lgprjax-{lgprjax.__version__}"
+
+
+@pytest.fixture(scope="module")
+def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel that is built from the source distribution."""
+    return _build("wheel", source, tmp_path_factory.mktemp("wheel"))
+
+
+def _files(folder: Path) -> set[str]:
+    return {
+        path.relative_to(folder).as_posix()
+        for path in folder.rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts and not path.name.startswith(".")
+    }
+
+
+def test_the_source_distribution_holds_all_that_it_is_told_to(source: Path) -> None:
     told = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     for name in told["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]:
-        assert (_ROOT / name).exists(), name
+        assert (source / name).exists(), name
+        if (_ROOT / name).is_dir():
+            assert _files(source / name) == _files(_ROOT / name)
+    present = {path.name for path in source.iterdir()}
+    assert present & {"build", "dist", "out", ".venv", ".git", ".hypothesis", ".pytest_cache"} == set()
+
+
+def test_the_wheel_of_the_source_distribution_holds_package_schemas_and_examples(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as packed:
+        names = set(packed.namelist())
+        (metadata_of,) = (name for name in names if name.endswith(".dist-info/METADATA"))
+        (commands,) = (name for name in names if name.endswith(".dist-info/entry_points.txt"))
+        told, command = packed.read(metadata_of).decode(), packed.read(commands).decode()
+    expected = {f"lgprjax/{name}" for name in _files(_ROOT / "lgprjax")}
+    expected |= {f"lgprjax/data_schema/{name}" for name in _files(_ROOT / "data_schema")}
+    for folder in ("onboard", "sites", "tuning"):
+        expected |= {f"lgprjax/examples/{folder}/{name}" for name in _files(_ROOT / folder)}
+    assert {name for name in names if ".dist-info/" not in name} == expected
+    assert {"lgprjax/py.typed", "lgprjax/examples/sites/village.toml", "lgprjax/data_schema/drive.toml"} <= names
+    assert {path.suffix for path in map(Path, names) if "/display/page/" in str(path)} >= {".html", ".js", ".css"}
+    assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
+    assert f"Version: {lgprjax.__version__}\n" in told
+    assert "License-Expression: Apache-2.0\n" in told
+    assert "lgprjax = lgprjax.cli:main" in command
 
 
 def test_the_command_works_elsewhere(installed: list[str], tmp_path: Path) -> None:

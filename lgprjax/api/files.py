@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from lgprjax.batch import DriveHealth
+    from lgprjax.report import LineView
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,32 +116,24 @@ def view(
     """
     from lgprjax.radar import WAVE_SPEED_M_PER_NS
     from lgprjax.report import draw_radargram
-    from lgprjax.report.views import DRIVE, MAP, check_speed, view_of_drive, view_of_profile
+    from lgprjax.report.views import MAP, check_speed
 
     path = path_of(file, "file")
-    name = path.name.lower()
-    channel = None if channel is None else whole_number("channel", channel)
-    for argument, value in (("velocity_m_per_ns", velocity_m_per_ns), ("travel_time_ns", travel_time_ns)):
-        if value is not None:
-            require_number(argument, value, "a number", -np.inf, np.inf)
-    with told_as_arguments():
-        check_speed(velocity_m_per_ns)
-        if name.endswith(MAP):
+    if travel_time_ns is not None:
+        require_number("travel_time_ns", travel_time_ns, "a number", -np.inf, np.inf)
+    if path.name.lower().endswith(MAP):
+        if velocity_m_per_ns is not None:
+            require_number("velocity_m_per_ns", velocity_m_per_ns, "a number", -np.inf, np.inf)
+        with told_as_arguments():
+            check_speed(velocity_m_per_ns)
             if raw or channel is not None:
                 raise InputError(path, "raw, channel", "a recording, to which these apply", "a map")
             speed = WAVE_SPEED_M_PER_NS if velocity_m_per_ns is None else velocity_m_per_ns
             return _draw_slice(path, travel_time_ns, speed, axes_or_new(ax))
-        if travel_time_ns is not None:
+    if travel_time_ns is not None:
+        with told_as_arguments():
             raise InputError(path, "travel_time_ns", "a map, to which it applies", repr(path.name))
-        if name.endswith(DRIVE):
-            if channel is None:
-                with DriveLog.open(path) as log:
-                    channel = log.channels // 2
-            line = view_of_drive(path, channel=channel, raw=raw, speed_m_per_ns=velocity_m_per_ns)
-        else:
-            line = view_of_profile(
-                path, channel=channel, raw=raw, speed_m_per_ns=velocity_m_per_ns, sample_interval_ns=None
-            )
+    line = line_view(path, channel, raw=raw, velocity_m_per_ns=velocity_m_per_ns)
     middle = len(line.radargrams) // 2
     radargram = line.radargrams[middle]
     axes = draw_radargram(radargram, axes_or_new(ax), wave_speed_m_per_ns=line.wave_speed_m_per_ns)
@@ -148,6 +141,32 @@ def view(
     shown = f"; channel {middle} of 0 to {len(line.radargrams) - 1}" if len(line.radargrams) > 1 else ""
     axes.set_title(line.title + shown)
     return axes
+
+
+def line_view(path: Path, channel: int | None, *, raw: bool, velocity_m_per_ns: float | None) -> "LineView":
+    """The radargram of a recording, for ``view`` and ``zoom``: of a drive log the middle channel if none is asked for.
+
+    Raises:
+        InputError: as for ``view``.
+    """
+    from lgprjax.report.views import DRIVE, MAP, check_speed, view_of_drive, view_of_profile
+
+    channel = None if channel is None else whole_number("channel", channel)
+    if velocity_m_per_ns is not None:
+        require_number("velocity_m_per_ns", velocity_m_per_ns, "a number", -np.inf, np.inf)
+    with told_as_arguments():
+        check_speed(velocity_m_per_ns)
+        name = path.name.lower()
+        if name.endswith(MAP):
+            raise InputError(path, "file", "a recording", "a map; lgprjax view MAP --html draws one to zoom into")
+        if name.endswith(DRIVE):
+            if channel is None:
+                with DriveLog.open(path) as log:
+                    channel = log.channels // 2
+            return view_of_drive(path, channel=channel, raw=raw, speed_m_per_ns=velocity_m_per_ns)
+        return view_of_profile(
+            path, channel=channel, raw=raw, speed_m_per_ns=velocity_m_per_ns, sample_interval_ns=None
+        )
 
 
 def _draw_slice(path: Path, travel_time_ns: float | None, speed_m_per_ns: float, axes: "Axes") -> "Axes":

@@ -78,7 +78,7 @@ from lgprjax.report.steering_pictures import (
     draw_servo_steps,
 )
 from lgprjax.report.summary import WRONG_M, DriveSummary, draw_codes, summarise
-from lgprjax.report.zoom_page import write_line_page, write_map_page
+from lgprjax.report.zoom_page import write_drive_page, write_line_page, write_map_page
 
 __all__ = [
     "CODES",
@@ -155,6 +155,7 @@ __all__ = [
     "track_errors",
     "write_archive_page",
     "write_coverage_page",
+    "write_drive_page",
     "write_line_page",
     "write_map_page",
     "write_report",

@@ -6,6 +6,7 @@ CIE 1976 L*a*b*, of which about 2 are just noticeable.
 
 import re
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -78,6 +79,13 @@ def test_texts_stand_out_from_their_ground() -> None:
         colours = dict(re.findall(r"--(\w+): (#[0-9a-f]{3,6})", rule))
         full = {name: "#" + "".join(2 * digit for digit in c[1:]) if len(c) == 4 else c for name, c in colours.items()}
         assert min(_contrast(full[name], full["ground"]) for name in ("ink", "soft", "link")) >= 4.5
+
+
+def test_links_of_the_site_stand_out_from_its_pages() -> None:
+    style = (Path(__file__).parents[2] / "docs" / "extra.css").read_text(encoding="utf-8")
+    colours = re.findall(r"--md-(?:primary-fg|typeset-a)-color: (#[0-9a-f]{6})", style)
+    assert len(colours) == 2
+    assert min(_contrast(each, "#ffffff") for each in colours) >= 4.5
 
 
 def test_the_page_can_be_used_by_keyboard_and_at_twice_the_size() -> None:
