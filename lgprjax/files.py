@@ -20,11 +20,24 @@ def load_toml(path: str | Path) -> dict[str, Any]:
         InputError: it cannot be read, or is not TOML.
     """
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        data = Path(path).read_bytes()
+        return tomllib.loads(data.decode("utf-8"))
     except OSError as error:
         raise InputError(path, "file", "a readable file", error.strerror or str(error)) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        hdf5 = "HDF5, as drive logs and maps are"
+        found = hdf5 if data.startswith(b"\x89HDF") else f"bytes that are no text in UTF-8, from byte {error.start} on"
+        raise InputError(path, "file", "TOML, which is a text", found) from None
+    except tomllib.TOMLDecodeError as error:
         raise InputError(path, "file", "TOML", str(error)) from None
+
+
+def make_folder(folder: Path) -> None:
+    """A folder for results, where there is none yet. Raises ``InputError`` where it cannot be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, "output", "a folder that can be made", error.strerror or str(error)) from None
 
 
 def schema_text(name: str) -> str:

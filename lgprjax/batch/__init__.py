@@ -4,7 +4,7 @@ from lgprjax.batch.assumptions import away_in_words, distance_to_map_m, is_place
 from lgprjax.batch.calibrate import CalibrationMatches, thresholds_from, try_drives
 from lgprjax.batch.chance import chance_of
 from lgprjax.batch.examples import FixExample, GroundStrips, example_scan, fix_example
-from lgprjax.batch.health import DriveHealth, drive_health
+from lgprjax.batch.health import DriveHealth, drive_health, vehicle_health
 from lgprjax.batch.jobs import (
     CELL_M,
     ArchiveRun,
@@ -156,6 +156,7 @@ __all__ = [
     "trajectory_of_fixes",
     "trajectory_of_track",
     "try_drives",
+    "vehicle_health",
     "worst_places",
     "write_record",
     "write_registered",

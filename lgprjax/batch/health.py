@@ -11,7 +11,15 @@ from lgprjax.batch.radar_health import radar_figures, sweep_blocks, sweep_figure
 from lgprjax.batch.signals import RecordingTraits, SignalBlocks, SignalReducer, block_edges, regular_scans
 from lgprjax.batch.travel import mend_travel
 from lgprjax.batch.verdicts import Findings, HealthFigure, Stretch, Verdict, figure, not_recorded, runs, worst
-from lgprjax.formats import DriveLog, NavigationTrack, OdometryTrack, TraceRecording, assumed_in_words, assumed_of
+from lgprjax.formats import (
+    DriveLog,
+    NavigationTrack,
+    OdometryTrack,
+    TraceRecording,
+    VehicleLog,
+    assumed_in_words,
+    assumed_of,
+)
 from lgprjax.formats.store import open_store, reading
 from lgprjax.frames import LocalFrame
 
@@ -275,7 +283,7 @@ class DriveHealth(NamedTuple):
 
     Attributes:
         name: of the drive.
-        kind: ``traces`` or ``sweeps``.
+        kind: ``traces``, ``sweeps``, or ``no radar``.
         scans, channels: of the recording.
         duration_s, travel_m: from the first scan to the last; reverse counts as travel.
         figures: measured, or of the verdict ``not recorded``.
@@ -295,8 +303,9 @@ class DriveHealth(NamedTuple):
 
     @property
     def verdict(self) -> Verdict:
-        """The worst verdict of all figures that were recorded."""
-        return worst([entry.verdict for entry in self.figures])
+        """The worst verdict of all figures that were recorded; ``not recorded`` where none was."""
+        judged = [entry.verdict for entry in self.figures if entry.verdict != "not recorded"]
+        return worst(judged) if judged else "not recorded"
 
     def figure(self, name: str) -> HealthFigure:
         """The figure of this name. Raises ``KeyError`` where it was not measured."""
@@ -353,6 +362,28 @@ def drive_health(log: DriveLog, progress: Callable[[int], None] = lambda _: None
         scans=log.scans,
         channels=log.channels,
         duration_s=float(time_s[-1] - time_s[0]),
+        travel_m=float(path_m[-1]),
+        figures=tuple(measured),
+        not_measured=tuple(lacking),
+        assumed=assumed,
+    )
+
+
+def vehicle_health(log: VehicleLog) -> DriveHealth:
+    """Measure odometry and GNSS/INS of a drive without radar."""
+    odometry = log.odometry
+    path_m = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(odometry.distance_m)))])
+    motion, unknown = motion_figures(log.navigation, odometry, odometry.time_s, path_m)
+    assumed = assumed_of(log.provenance)
+    radar = [("radar and its clock", "a drive without radar")]
+    figures = [*jump_figures(odometry, odometry.time_s, path_m), *motion]
+    measured, lacking = _as_recorded(figures, [*radar, *unknown], assumed)
+    return DriveHealth(
+        name=log.name,
+        kind="no radar",
+        scans=0,
+        channels=0,
+        duration_s=float(odometry.time_s[-1] - odometry.time_s[0]),
         travel_m=float(path_m[-1]),
         figures=tuple(measured),
         not_measured=tuple(lacking),

@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from lgprjax import __version__
 from lgprjax.batch.register import HeldGround, RegisteredDrive, register_log, true_errors, write_registered
 from lgprjax.errors import InputError
-from lgprjax.files import file_hash, lock_file
+from lgprjax.files import file_hash, lock_file, make_folder
 from lgprjax.formats import DriveLog, MapFile, atomic_output
 from lgprjax.process_cost import count_compiles, peak_rss_mb
 from lgprjax.registration import WRONG_M, Code, RegisterOptions
@@ -292,7 +292,7 @@ def claimed(run: ArchiveRun, names: Sequence[str], *, force: bool) -> Iterator[N
     """
     folder = run.folder
     _ours(run, names, force)
-    jobs_folder(folder).mkdir(parents=True, exist_ok=True)
+    make_folder(jobs_folder(folder))
     with lock_file(jobs_folder(folder) / ".lock") as holder:
         if holder is not None:
             raise InputError(folder, "output", "a folder that no other run works in", f"{holder} at work in it")
@@ -451,7 +451,7 @@ def figures_of(drive: RegisteredDrive) -> DriveFigures:
         correlation_ok=_median(correlation[code == Code.OK]),
         correlation_at_truth=_median(drive.correlation_at_truth),
         judged=len(apart),
-        wrong=None if drive.truth is None else int(np.sum(apart > WRONG_M)),
+        wrong=int(np.sum(apart > WRONG_M)) if len(apart) else None,
         rms_along_m=_rms(along),
         rms_cross_m=_rms(cross),
         largest_m=float(apart.max()) if len(apart) else None,

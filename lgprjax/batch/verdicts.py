@@ -1,5 +1,6 @@
 """Verdicts on measured figures: a value, its limits, and where along the drive it falls short."""
 
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -60,7 +61,7 @@ def verdict_of(value: float, look: float, bad: float) -> Verdict:
     return "look" if sign * value >= sign * look else "good"
 
 
-def worst(verdicts: list[Verdict]) -> Verdict:
+def worst(verdicts: Sequence[Verdict]) -> Verdict:
     """The worst of some verdicts, ignoring those not recorded; ``good`` for none."""
     order: tuple[Verdict, ...] = ("good", "look", "bad")
     return max((each for each in verdicts if each in order), key=order.index, default="good")

@@ -77,26 +77,28 @@ class CheckVerb:
 
 def _tell_assumed(path: Path) -> None:
     """Report quantities of a drive that no instrument recorded."""
-    from lgprjax.formats import DriveLog, VehicleLog, assumed_in_words, assumed_of
+    from lgprjax.formats import VehicleLog, assumed_in_words, assumed_of
 
-    try:
-        with DriveLog.open(path) as log:
-            provenance = log.description.provenance
-    except InputError:  # of a vehicle without radar
-        provenance = VehicleLog.open(path).provenance
-    assumed = assumed_of(provenance)
+    assumed = assumed_of(VehicleLog.open(path).provenance)
     if assumed:
         message = f"{path}: assumed, as no instrument recorded it: {assumed_in_words(assumed)}"
         console.print(message, highlight=False, markup=False, soft_wrap=True)
 
 
 def _measure(path: Path) -> "DriveHealth":
-    from lgprjax.batch import drive_health
-    from lgprjax.formats import DriveLog
+    from lgprjax.batch import drive_health, vehicle_health
+    from lgprjax.formats import DriveLog, VehicleLog
+    from lgprjax.formats.store import open_store
 
-    with DriveLog.open(path) as log, progress_bar(f"measuring {path.name}", log.scans) as progress:
-        health = drive_health(log, progress)
-    title = f"{path.name}: {health.scans} scans of {health.channels} channels, {health.travel_m:.1f} m"
+    with open_store(path) as store:
+        has_radar = "/radar" in store
+    if has_radar:
+        with DriveLog.open(path) as log, progress_bar(f"measuring {path.name}", log.scans) as progress:
+            health = drive_health(log, progress)
+        recorded = f"{health.scans} scans of {health.channels} channels"
+    else:
+        health, recorded = vehicle_health(VehicleLog.open(path)), "no radar"
+    title = f"{path.name}: {recorded}, {health.travel_m:.1f} m"
     table = Table("figure", "value", "look / bad at", "verdict", "where", title=title)
     table.columns[0].no_wrap = True
     for entry in health.figures:
@@ -104,8 +106,8 @@ def _measure(path: Path) -> "DriveHealth":
         if entry.verdict != "not recorded":
             value = f"{0.0 if abs(entry.value) < 1e-6 else entry.value:.3g} {entry.unit}".strip()
             limits = f"{entry.look:g} / {entry.bad:g}"
-        verdict = Text(entry.verdict, _VERDICT_STYLE[entry.verdict])
-        table.add_row(entry.name, value, limits, verdict, _where(entry.where))
+        judged = Text(entry.verdict, _VERDICT_STYLE[entry.verdict])
+        table.add_row(entry.name, value, limits, judged, _where(entry.where))
     console.print(table)
     for entry in health.figures:
         if entry.verdict != "good":
@@ -113,7 +115,8 @@ def _measure(path: Path) -> "DriveHealth":
     for name, why in health.not_measured:
         console.print(f"not measured: {name}: {why}", highlight=False, markup=False, style="dim")
     beside = f"; not recorded, and not judged: {', '.join(health.assumed)}" if health.assumed else ""
-    console.print(f"{path}: recording {health.verdict}{beside}", highlight=False, markup=False, soft_wrap=True)
+    verdict = "nothing could be judged" if health.verdict == "not recorded" else f"recording {health.verdict}"
+    console.print(f"{path}: {verdict}{beside}", highlight=False, markup=False, soft_wrap=True)
     return health
 
 

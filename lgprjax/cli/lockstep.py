@@ -7,6 +7,7 @@ keeps up. However slow the machine is, nothing comes late.
 """
 
 import json
+import math
 import subprocess
 import time
 import uuid
@@ -47,12 +48,19 @@ _LATEST_DESCRIPTION_S = 30.0
 
 
 class Progress(NamedTuple):
-    """Where a run is: simulated seconds, mode, speed, way to go."""
+    """Where a run is: simulated seconds, mode, speed, way to go. NaN where there is no pose or no route yet."""
 
     time_s: float
     mode: str
     speed_mps: float
     to_go_m: float
+
+    @property
+    def line(self) -> str:
+        """For a person; what is not known yet is left out."""
+        known = ((self.speed_mps, f"{self.speed_mps:.1f} m/s"), (self.to_go_m, f"{self.to_go_m:.0f} m to go"))
+        told = [text for number, text in known if math.isfinite(number)]
+        return ", ".join((f"{self.time_s:.0f} s simulated", self.mode, *told))
 
 
 class _Line:

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import re
 import signal
 import tempfile
 import threading
@@ -14,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lgprjax.autopilot import Mode
 from lgprjax.cli.installation import InstallationFinding
 from lgprjax.run_segment import segments_of
 from lgprjax.runtime.timeline import read_timeline
@@ -102,33 +104,42 @@ def _product(left: np.ndarray) -> None:
         row @ left
 
 
-# A simulated run in real time ends when its vehicle has arrived, as one in lock step does.
+# A simulated run in real time ends when its vehicle has arrived, as one in lock step does, or when it never will.
 
 _LOOK_S = 0.5
 _AFTER_ARRIVAL_S = 2.0
+_STUCK_S = 30.0
+"""Without READY so long after all processes are ready, or in ERROR: the system checks give up after 12 s."""
 _ENDS = b'"ROUTE_OFF"'  # in the record of an event by which a route or a plan ends
+_MODE = re.compile(rb'"mode": "([A-Z_]+)"')
+_OVERLAP = 32
+"""Bytes that two looks share, so that no mark is cut between them."""
 
 
-class ArrivalWatch:
-    """Looks at a recording that grows, for the vehicle's arrival: at the new bytes alone, so that it costs nothing.
+class RunWatch:
+    """Looks at a recording that grows, for mode and arrival: at the new bytes alone, so that it costs nothing.
 
     Args:
         folder: of the run.
+
+    Attributes:
+        mode: the last one recorded; empty before the first.
     """
 
     def __init__(self, folder: Path) -> None:
+        self.mode = ""
         self._folder = folder
         self._read: dict[int, int] = {}
         self._ended = False
 
     def arrived(self) -> bool:
         """Whether the vehicle has arrived, as far as recorded."""
-        before, self._ended = self._ended, self._route_ended()
+        before, self._ended = self._ended, self._look()
         # The record with the mark may not be whole before the next look.
         return (before or self._ended) and read_timeline(self._folder).arrived
 
-    def _route_ended(self) -> bool:
-        """Whether a route or a plan has ended since the last look; a mark cut by its end is seen by the next one."""
+    def _look(self) -> bool:
+        """Whether a route or a plan has ended since the last look."""
         found = False
         for number, path in segments_of(self._folder).items():
             begin = self._read.get(number, 0)
@@ -136,27 +147,72 @@ class ArrivalWatch:
                 file.seek(begin)
                 fresh = file.read()
             found |= _ENDS in fresh
-            self._read[number] = begin + max(len(fresh) - len(_ENDS) + 1, 0)
+            modes = _MODE.findall(fresh)
+            self.mode = modes[-1].decode() if modes else self.mode
+            self._read[number] = begin + max(len(fresh) - _OVERLAP, 0)
         return found
 
 
+class StuckWatch:
+    """Finds that a run will never arrive: not READY for a while, or in an ERROR that nobody leaves.
+
+    Args:
+        leaves_error: the script presses the override button, which leaves an error.
+    """
+
+    def __init__(self, *, leaves_error: bool) -> None:
+        self._stuck = ("", Mode.BOOT.name, Mode.CHECKS.name, Mode.ERROR.name)
+        self._leaves_error = leaves_error
+        self._was_ready = False
+        self._since_s: float | None = None
+
+    def look(self, mode: str, now_s: float) -> str:
+        """Why the run may be ended; empty while it may not.
+
+        Args:
+            mode: of the vehicle, from the moment when all processes are ready.
+            now_s: time of this look.
+        """
+        self._was_ready |= mode not in self._stuck
+        if self._since_s is None or mode not in self._stuck or (self._was_ready and self._leaves_error):
+            self._since_s = now_s
+        if now_s - self._since_s <= _STUCK_S:
+            return ""
+        if self._was_ready:
+            return f"{mode} for {_STUCK_S:.0f} s"
+        return f"not READY within {_STUCK_S:.0f} s of the start, but {mode or Mode.BOOT.name}"
+
+
 @contextmanager
-def ended_on_arrival(folder: Path) -> Iterator[None]:
-    """Ask this process to end, as Ctrl-C does, soon after the vehicle of a run has arrived."""
-    over = threading.Event()
+def ended_when_over(folder: Path, *, leaves_error: bool) -> Iterator[threading.Event]:
+    """Ask this process to end, as Ctrl-C does, soon after the vehicle of a run has arrived, or when it never will.
+
+    Args:
+        folder: of the run.
+        leaves_error: see ``StuckWatch``.
+
+    Yields:
+        an event to be set when all processes are ready.
+    """
+    over, ready = threading.Event(), threading.Event()
 
     def watch() -> None:
-        found = ArrivalWatch(folder)
+        found, stuck = RunWatch(folder), StuckWatch(leaves_error=leaves_error)
         while not over.wait(_LOOK_S):
             if found.arrived():
-                if not over.wait(_AFTER_ARRIVAL_S):
-                    os.kill(os.getpid(), signal.SIGTERM)
-                return
+                over.wait(_AFTER_ARRIVAL_S)
+            elif ready.is_set() and (why := stuck.look(found.mode, time.monotonic())):
+                print(f"ended early: {why}", flush=True)
+            else:
+                continue
+            if not over.is_set():
+                os.kill(os.getpid(), signal.SIGTERM)
+            return
 
-    thread = threading.Thread(target=watch, name="arrival", daemon=True)
+    thread = threading.Thread(target=watch, name="watch", daemon=True)
     thread.start()
     try:
-        yield
+        yield ready
     finally:
         over.set()
         thread.join()

@@ -14,6 +14,7 @@ from tyro.conf import Positional, arg
 from lgprjax.cli.figures import check_outputs, write_figures
 from lgprjax.cli.terminal import BAD_INPUT, UsageError, console, progress_bar, require_files, working
 from lgprjax.errors import InputError
+from lgprjax.files import make_folder
 
 if TYPE_CHECKING:
     from lgprjax.batch import HeldGround
@@ -197,7 +198,6 @@ def register_all(
                 recording_of(log).operator(source.description.settings, len(source.description.gain))
                 track_of_drive(log, source.description.frame)
     _claim(folder, names, force)
-    folder.mkdir(parents=True, exist_ok=True)
     results: list[Registered] = []
     with MapFile.open(map_path) as source:
         held = hold_ground(source, options)
@@ -263,3 +263,4 @@ def _claim(folder: Path, names: Sequence[str], force: bool) -> None:
         if (folder / output).exists() and not force:
             raise InputError(folder / output, "output", "a new file, or --force", "one that exists")
     earlier_summaries(folder, names)
+    make_folder(folder)

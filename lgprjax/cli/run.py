@@ -121,7 +121,8 @@ class Run:
         if not self._takes_up:
             return config
         if config.coverage is None or config.coverage.plan is None:
-            raise InputError(self.config, "coverage.plan", "a plan to take up", "none")
+            expected = "a plan, which --resume, --start-line and --end-line are about"
+            raise InputError(self.config, "coverage.plan", expected, "none")
         plan = open_cover_plan(config.path(config.coverage.plan))
         with working("reading earlier runs"):
             runs = runs_by_plan(folder.parent, plan) if self.resume else []
@@ -179,14 +180,23 @@ class Run:
         return BAD_INPUT if found.differing or not found.ticks else 0
 
     def _simulate(self, config: "RuntimeConfig") -> int:
-        from lgprjax.cli.real_time import ended_on_arrival
-        from lgprjax.cli.simulated import course_spec, devices, field_figures, field_spec, prepare_course, prepare_field
+        from lgprjax.cli.real_time import ended_when_over
+        from lgprjax.cli.simulated import (
+            check_before,
+            course_spec,
+            devices,
+            field_figures,
+            field_spec,
+            prepare_course,
+            prepare_field,
+        )
         from lgprjax.cli.simulated_run import figures_of, print_figures, read_records, timing_of
         from lgprjax.report import draw_timing
 
         table = config.simulation
         if table is None:
             raise InputError(self.config, "simulation", "a table that says what to simulate", "none")
+        check_before(config, table)
         field = config.coverage is not None
         with working("plan" if field else "course, map and route"):
             (prepare_field if field else prepare_course)(config, table)
@@ -203,8 +213,11 @@ class Run:
         else:
             with devices(spec, folder) as addresses:
                 driven = _written(folder, config, addresses)
-                with ended_on_arrival(folder):
-                    _drive(driven, folder, self.for_s)
+                leaves_error = any(line.get("button") == "override" for line in table.script)
+                with ended_when_over(folder, leaves_error=leaves_error) as all_ready:
+                    status = _drive(driven, folder, self.for_s, all_ready)
+            if status:
+                return status
         with working("figures"):
             if field:
                 figures = field_figures(folder, driven)
@@ -222,7 +235,7 @@ class Run:
         import shutil
         from contextlib import ExitStack
 
-        from lgprjax.cli.lockstep import LockStep, Progress, display_beside
+        from lgprjax.cli.lockstep import LockStep, display_beside
         from lgprjax.runtime.supervisor import make_rings_folder
 
         written = folder / "devices.json"
@@ -234,15 +247,10 @@ class Run:
         with ExitStack() as held:
             held.callback(shutil.rmtree, rings, ignore_errors=True)
             page = held.enter_context(display_beside(driven, rings, folder))
-            status = held.enter_context(console.status("starting"))
-
-            def report(at: Progress) -> None:
-                line = f"{at.time_s:.0f} s, {at.mode}, {at.speed_mps:.1f} m/s, {at.to_go_m:.0f} m to go"
-                status.update(line)
-
+            status = held.enter_context(working("starting"))
             run = LockStep(driven, written, folder, page)
             try:
-                run.run(self.for_s, report)
+                run.run(self.for_s, lambda at: status.update(at.line))
             except KeyboardInterrupt:
                 print("interrupted", flush=True)
             finally:
@@ -319,11 +327,13 @@ def run_folder(config: "RuntimeConfig") -> Path:
     return config.path(config.recording.folder) / f"{config.name}-{name}"
 
 
-def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None) -> int:
+def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None, all_ready: threading.Event | None = None) -> int:
     from lgprjax.runtime.supervisor import Ready, make_rings_folder, say_ready, supervise
 
     def ready(found: Ready) -> None:
         say_ready(found)
+        if all_ready is not None:
+            all_ready.set()
         if for_s is not None:
             ending = threading.Timer(for_s, os.kill, (os.getpid(), signal.SIGTERM))
             ending.daemon = True
@@ -333,7 +343,7 @@ def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None) -> int:
     print(f"run: {folder}", flush=True)
     print(f"display: http://{config.display.host}:{config.display.port}", flush=True)
     status = supervise(config, folder, make_rings_folder(), ready=ready)
-    if config.coverage is None:
+    if config.coverage is None and not status:
         _write_drive(config, folder)
     return status
 

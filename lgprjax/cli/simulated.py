@@ -29,6 +29,35 @@ _PRIORITY = 10
 _CRUISE_MPS = 4.4704
 
 
+def check_before(config: "RuntimeConfig", table: "SimulationTable") -> None:
+    """Check vehicle file, script and faults before anything is made or started.
+
+    Raises:
+        InputError: the vehicle file cannot be used; an action or fault is not known, or its numbers are not as
+            expected.
+    """
+    from lgprjax.formats import read_vehicle
+    from lgprjax.runtime.control.setup import setup_of_vehicle
+    from lgprjax.simulation.devices.faults import FAULTS, check_choice, read_items
+    from lgprjax.simulation.devices.field_stage import FIELD_BUTTONS, FIELD_FAULTS, FIELD_LINES, FIELD_SCRIPT
+    from lgprjax.simulation.devices.sensors import LINES
+    from lgprjax.simulation.devices.vehicle import BUTTONS, SCRIPT
+
+    field = config.coverage is not None
+    vehicle = read_vehicle(config.path(config.vehicle))
+    if not field:
+        setup_of_vehicle(config, vehicle)
+    actions, buttons = (FIELD_SCRIPT, FIELD_BUTTONS) if field else (SCRIPT, BUTTONS)
+    faults, lines = (FIELD_FAULTS, FIELD_LINES) if field else (FAULTS, LINES)
+    for name, key, rows, known, choice, choices in (
+        ("script", "do", _script(table, (0.0, 0.0)), actions, "button", buttons),
+        ("faults", "kind", table.faults, faults, "line", lines),
+    ):
+        place = f"simulation.{name}"
+        items = read_items(config.file, place, rows, key=key, known=known, lasts_s={})
+        check_choice(config.file, place, items, choice, choices)
+
+
 def prepare_course(config: "RuntimeConfig", table: "SimulationTable") -> None:
     """Create missing files of the configuration: the map, and its first route.
 

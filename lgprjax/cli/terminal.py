@@ -21,6 +21,7 @@ from rich.progress import (
     TextColumn,
     TimeRemainingColumn,
 )
+from rich.status import Status
 from rich.text import Text
 
 from lgprjax.errors import ArgumentError, InputError
@@ -95,8 +96,8 @@ def progress_bar(what: str, total: int, unit: str = "scans") -> Iterator[Bar]:
         yield Bar(progress, progress.add_task(what, total=total))
 
 
-def working(what: str) -> AbstractContextManager[object]:
-    """A spinner for work of unknown length."""
+def working(what: str) -> AbstractContextManager[Status]:
+    """A spinner for work of unknown length, whose text may be updated."""
     shown = Console(stderr=True)
     return shown.status(what, spinner="dots" if shown.encoding.startswith("utf") else "line")
 

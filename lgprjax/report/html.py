@@ -12,7 +12,7 @@ from rich import markup
 from rich.table import Table
 
 from lgprjax.formats.store import atomic_output
-from lgprjax.report.summary import OVERVIEW_HEADER, DriveSummary, overview_rows
+from lgprjax.report.summary import DriveSummary, overview, overview_caption
 
 
 @dataclass(frozen=True)
@@ -111,8 +111,8 @@ def drive_section(summary: DriveSummary, figures: Sequence[ReportFigure]) -> Sec
 
 def overview_table(summaries: Sequence[DriveSummary]) -> ReportTable:
     """All drives, a row each."""
-    caption = "Errors of the ok fixes in the map frame; wrong: error above 0.3 m."
-    return ReportTable(OVERVIEW_HEADER, tuple(overview_rows(summaries)), caption)
+    header, rows = overview(summaries)
+    return ReportTable(header, tuple(rows), overview_caption(summaries))
 
 
 def _paragraphs(text: str) -> str:
@@ -204,15 +204,13 @@ figcaption { color: var(--soft); font-size: 0.92rem; max-width: 48rem; padding-t
 
 def summary_table(summaries: Sequence[DriveSummary]) -> Table:
     """One column a drive, to fit a terminal of 80 columns; a drive with wrong ok fixes is highlighted."""
-    table = Table(
-        title="Registration", caption="Errors of the ok fixes, map frame; wrong: error above 0.3 m.", min_width=66
-    )
-    rows = overview_rows(summaries)
-    table.add_column(OVERVIEW_HEADER[0])
+    table = Table(title="Registration", caption=overview_caption(summaries), min_width=66)
+    header, rows = overview(summaries)
+    table.add_column(header[0])
     for summary, row in zip(summaries, rows, strict=True):
         # A bracket in a name is no markup.
         table.add_column(markup.escape(row[0]), justify="right", style="bold red" if summary.wrong_ok else None)
-    for number, title in enumerate(OVERVIEW_HEADER[1:], start=1):
+    for number, title in enumerate(header[1:], start=1):
         table.add_row(title, *(markup.escape(row[number]) for row in rows))
     return table
 
@@ -270,6 +268,10 @@ DECLINES = {
 }
 
 
+_BESIDE = ("low_correlation", "low_overlap")
+"""Codes of a drive beside the lines of the map: other ground, or part of the array without any."""
+
+
 def declines_table(summaries: Sequence[DriveSummary]) -> ReportTable | None:
     """Declined scans of all drives by code, the most frequent first; None without any.
 
@@ -295,6 +297,9 @@ def main_decline(summary: DriveSummary) -> tuple[str, Decline] | None:
 def _decline(code: str, summary: DriveSummary) -> Decline:
     """A code in words for one drive."""
     words = DECLINES[code]
+    if code in _BESIDE and summary.median_off_line_m is not None:
+        away = f"by the log's positions the scans are {summary.median_off_line_m:.2f} m (median) from the nearest line"
+        return words._replace(action=f"{away} of the map. {words.action[:1].upper()}{words.action[1:]}")
     if code != "off_map" or not summary.place_assumed:
         return words
     return words._replace(action=f"{words.action}. {_PLACE_ASSUMED}")

@@ -66,18 +66,20 @@ def write_views(run: ArchiveRun) -> ArchiveSums:
 
 
 def facts_of(sums: ArchiveSums) -> list[tuple[str, str]]:
-    """Quantity and value of an archive's sums."""
+    """Quantity and value of an archive's sums; of errors only where a truth is known."""
     declined = ", ".join(f"{n} {c}" for c, n in sums.counts.items() if n and c not in ("ok", "no_window"))
-    wrong = f"{sums.wrong} of {sums.judged} judged" if sums.judged else "–"
+    errors = [
+        ("ok but wrong (more than 0.3 m off)", f"{sums.wrong} of {sums.judged} judged"),
+        ("RMS error across, along", f"{_number(sums.rms_cross_m, 3, ' m')}, {_number(sums.rms_along_m, 3, ' m')}"),
+        ("largest error of an ok fix", _number(sums.largest_m, 3, " m")),
+    ]
     return [
         ("drives registered, failed", f"{sums.drives}, {sums.failed}"),
         ("way driven", f"{1e-3 * sums.way_m:.2f} km"),
         ("scans, of these searched", f"{sums.scans}, {sums.tried}"),
         ("ok", f"{sums.counts['ok']} ({_percent(sums.counts['ok'], sums.tried)} of the searched)"),
         ("declined", declined or "none"),
-        ("ok but wrong (more than 0.3 m off)", wrong),
-        ("RMS error across, along", f"{_number(sums.rms_cross_m, 3, ' m')}, {_number(sums.rms_along_m, 3, ' m')}"),
-        ("largest error of an ok fix", _number(sums.largest_m, 3, " m")),
+        *(errors if sums.judged else ()),
         ("time a scan, median drive", _number(sums.milliseconds_per_scan, 2, " ms")),
     ]
 

@@ -1,6 +1,6 @@
 """A drive in a dozen figures, each named by its metric."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -9,10 +9,12 @@ import numpy as np
 from jaxtyping import Float, Shaped
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
+from scipy.spatial import KDTree
 
 from lgprjax.report.results import CODES, LEAST_P, DriveResult, track_errors
 from lgprjax.report.style import BLUE, CODE_COLOURS, CODE_HATCHES, GAP, INK, MUTED, picture, write_caption
 
+_UNKNOWN = "–"
 WRONG_M = 0.3
 """An ``ok`` fix with a larger error is wrong: the nominal 1 ft of the Husky's requirements (``registration.WRONG_M``;
 repeated here so that pictures need no accelerator library)."""
@@ -35,6 +37,10 @@ class DriveSummary:
         search: that the drive was registered with, in words; empty in summaries of older versions.
         risk: largest accepted probability of a false match; None likewise.
         wrong_ok: of the judged, those with an error above ``WRONG_M``; for an impostor all ok fixes.
+        length_m: driven; this and the following are None in summaries of older versions.
+        median_sigma_along_m, median_sigma_cross_m: of the ok fixes.
+        median_offset_m: of the ok fixes from the position in the log.
+        median_off_line_m: of the positions in the log from the nearest line of the map, whose place is known.
     """
 
     name: str
@@ -59,11 +65,17 @@ class DriveSummary:
     place_assumed: bool = False
     search: str = ""
     risk: float | None = None
+    length_m: float | None = None
+    median_sigma_along_m: float | None = None
+    median_sigma_cross_m: float | None = None
+    median_offset_m: float | None = None
+    median_off_line_m: float | None = None
 
     def as_rows(self) -> list[tuple[str, str]]:
-        """Label and value with its unit, for a table of one drive."""
+        """Label and value with its unit, for a table of one drive; what is not known is left out."""
         declined = ", ".join(f"{n} {c}" for c, n in self.counts.items() if n and c not in ("ok", "no_window"))
-        return [
+        rows = [
+            ("length", _length(self.length_m)),
             ("scans, of these tried", f"{self.scans}, {self.tried}"),
             ("ok", f"{self.ok} ({_percent(self.ok_fraction)} of the tried)"),
             ("declined", declined or "none"),
@@ -75,8 +87,13 @@ class DriveSummary:
             ("mean distance from the truth", _metres(self.mean_absolute_total_m)),
             ("mean absolute cross-track error", _metres(self.mean_absolute_cross_m)),
             ("largest error of an ok fix", _metres(self.max_error_m)),
+            ("median sigma cross-track of ok fixes", _metres(self.median_sigma_cross_m)),
+            ("median sigma along-track of ok fixes", _metres(self.median_sigma_along_m)),
+            ("median offset of ok fixes from the log's position", _metres(self.median_offset_m)),
+            ("median distance of the log's positions from a line of the map", _metres(self.median_off_line_m)),
             ("time per scan, compiling left out", f"{self.milliseconds_per_scan:.2f} ms"),
         ]
+        return [(label, value) for label, value in rows if value != _UNKNOWN]
 
     def as_json(self) -> dict[str, object]:
         """Everything, ready for ``json.dump``."""
@@ -99,6 +116,7 @@ def summarise(result: DriveResult) -> DriveSummary:
     total = np.hypot(along, cross)
     wrong = int((total > WRONG_M).sum()) if len(total) else None
     at_truth = result.correlation_at_truth
+    offset = np.hypot(result.east_m - result.prior_east_m, result.north_m - result.prior_north_m)
     return DriveSummary(
         name=result.name,
         map_name=result.map_name,
@@ -120,23 +138,21 @@ def summarise(result: DriveResult) -> DriveSummary:
         milliseconds_per_scan=float(result.milliseconds_per_scan),
         remarks=result.remarks,
         place_assumed=result.place_assumed,
+        length_m=float(result.distance_m[-1] - result.distance_m[0]) if len(result.distance_m) else None,
+        median_sigma_along_m=_median(result.sigma_along_m[result.ok]),
+        median_sigma_cross_m=_median(result.sigma_cross_m[result.ok]),
+        median_offset_m=None if result.place_assumed else _median(offset[result.ok]),
+        median_off_line_m=_off_line_m(result),
     )
 
 
-OVERVIEW_HEADER = (
-    "drive",
-    "map",
-    "tried",
-    "ok",
-    "ok but wrong",
-    "median r, ok fixes",
-    "median r at the truth",
-    "RMS cross-track",
-    "RMS along-track",
-    "mean total",
-    "largest",
-    "ms/scan",
-)
+def _off_line_m(result: DriveResult) -> float | None:
+    """Median distance of the log's positions from the nearest line of the map; None where their place is assumed."""
+    if result.place_assumed or not result.baseline_tracks:
+        return None
+    prior = np.stack([result.prior_east_m, result.prior_north_m], axis=1)
+    away = KDTree(np.concatenate(result.baseline_tracks)).query(prior[np.isfinite(prior).all(axis=1)])[0]
+    return _median(away)
 
 
 def labelled(name: str, *, impostor: bool) -> str:
@@ -144,25 +160,41 @@ def labelled(name: str, *, impostor: bool) -> str:
     return f"{name} (impostor)" if impostor and "impostor" not in name else name
 
 
-def overview_rows(summaries: Sequence[DriveSummary]) -> list[tuple[str, ...]]:
-    """One row a drive under ``OVERVIEW_HEADER``, for terminal and page."""
-    return [
-        (
-            labelled(s.name, impostor=s.impostor),
-            s.map_name,
-            str(s.tried),
-            _percent(s.ok_fraction),
-            _whole(s.wrong_ok),
-            _number(s.median_correlation_ok),
-            _number(s.median_correlation_at_truth),
-            _metres(s.rms_cross_m),
-            _metres(s.rms_along_m),
-            _metres(s.mean_absolute_total_m),
-            _metres(s.max_error_m),
-            f"{s.milliseconds_per_scan:.2f}",
-        )
-        for s in summaries
-    ]
+_OVERVIEW: tuple[tuple[str, Callable[[DriveSummary], str]], ...] = (
+    ("drive", lambda s: labelled(s.name, impostor=s.impostor)),
+    ("map", lambda s: s.map_name),
+    ("tried", lambda s: str(s.tried)),
+    ("ok", lambda s: _percent(s.ok_fraction)),
+    ("ok but wrong", lambda s: _whole(s.wrong_ok)),
+    ("length", lambda s: _length(s.length_m)),
+    ("median r, ok fixes", lambda s: _number(s.median_correlation_ok)),
+    ("median r at the truth", lambda s: _number(s.median_correlation_at_truth)),
+    ("RMS cross-track", lambda s: _metres(s.rms_cross_m)),
+    ("RMS along-track", lambda s: _metres(s.rms_along_m)),
+    ("mean total", lambda s: _metres(s.mean_absolute_total_m)),
+    ("largest", lambda s: _metres(s.max_error_m)),
+    ("sigma cross-track", lambda s: _metres(s.median_sigma_cross_m)),
+    ("sigma along-track", lambda s: _metres(s.median_sigma_along_m)),
+    ("offset from the log", lambda s: _metres(s.median_offset_m)),
+    ("ms/scan", lambda s: f"{s.milliseconds_per_scan:.2f}"),
+)
+_WITHOUT_ERRORS = ("length", "sigma cross-track", "sigma along-track", "offset from the log")
+"""Shown where no error is known."""
+
+
+def overview(summaries: Sequence[DriveSummary]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Header, and one row a drive, for terminal and page. What is known of no drive is left out."""
+    left_out = _WITHOUT_ERRORS if any(summary.judged for summary in summaries) else ()
+    columns = [(title, *map(cell, summaries)) for title, cell in _OVERVIEW if title not in left_out]
+    header, *rows = zip(*(each for each in columns if set(each[1:]) != {_UNKNOWN}), strict=True)
+    return header, rows
+
+
+def overview_caption(summaries: Sequence[DriveSummary]) -> str:
+    """How the figures of the overview are meant."""
+    if any(summary.judged for summary in summaries):
+        return "Errors of the ok fixes, map frame; wrong: error above 0.3 m."
+    return "No errors without a truth. Sigmas and offsets: medians of the ok fixes."
 
 
 def _median(values: Float[np.ndarray, " any"]) -> float | None:
@@ -175,19 +207,23 @@ def _rms(values: Float[np.ndarray, " any"]) -> float | None:
 
 
 def _percent(value: float | None) -> str:
-    return "–" if value is None else f"{100.0 * value:.1f} %"
+    return _UNKNOWN if value is None else f"{100.0 * value:.1f} %"
 
 
 def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3f}"
+    return _UNKNOWN if value is None else f"{value:.3f}"
+
+
+def _length(value: float | None) -> str:
+    return _UNKNOWN if value is None else f"{value:.1f} m"
 
 
 def _metres(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3f} m"
+    return _UNKNOWN if value is None else f"{value:.3f} m"
 
 
 def _whole(value: int | None) -> str:
-    return "–" if value is None else str(value)
+    return _UNKNOWN if value is None else str(value)
 
 
 # Why fixes were accepted or refused: evidence, margin and codes of several drives side by side.

@@ -7,6 +7,7 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from lgprjax.config import BrokenRuleError, ConfigTable, TableKey, fill_table
+from lgprjax.errors import InputError
 from lgprjax.files import load_toml
 
 
@@ -242,10 +243,23 @@ def read_config(path: str | Path) -> RuntimeConfig:
     """A configuration from its file.
 
     Raises:
-        InputError: it is missing, not TOML, or a key is unknown, missing or not as expected.
+        InputError: it is missing, not TOML, of another kind, or a key is unknown, missing or not as expected.
     """
     file = Path(path)
-    return fill_table(RuntimeConfig, TableKey(file), {**load_toml(file), "file": file.resolve()})
+    table = load_toml(file)
+    other = next((words for key, words in _OTHER_FILES.items() if key in table), str(table.get("schema", "")))
+    if other and "ports" not in table:
+        expected = "the configuration of a run: name, vehicle, map and routes or [coverage], [ports]"
+        raise InputError(file, "file", expected, other)
+    return fill_table(RuntimeConfig, TableKey(file), {**table, "file": file.resolve()})
+
+
+_OTHER_FILES = {
+    "steering_kind": "a vehicle file, which a configuration names",
+    "kind": "the study of lgprjax tune",
+    "drive": "the site of lgprjax simulate",
+}
+"""What a TOML file of this project is that has a key."""
 
 
 # A configuration as text: the file that a run is started from, with its lines and paths.

@@ -10,6 +10,7 @@ from lgprjax.errors import InputError
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.process import (
     PROCESSES,
+    UNUSABLE_INPUT,
     Started,
     hold_to_cores,
     run_in_real_time,
@@ -41,7 +42,7 @@ def process_command(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one process until it ends; its exit status: 0 for success, 1 for unusable input."""
+    """Run one process until it ends; its exit status: 0 for success, ``UNUSABLE_INPUT``."""
     parser = argparse.ArgumentParser(prog="lgprjax.runtime.main", description="One process of the onboard runtime.")
     parser.add_argument("name", choices=PROCESSES)
     parser.add_argument("--config", required=True, type=Path, help="CONFIG.toml of the run")
@@ -60,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         program.run(Started(given.name, config, given.rings, given.run, given.after_death))
     except InputError as error:
         print(f"{given.name}: {error}", file=sys.stderr, flush=True)
-        return 1
+        return UNUSABLE_INPUT
     return 0
 
 

@@ -95,6 +95,10 @@ class Heartbeats:
         self._map[at : at + _ROW.size] = bytes(_ROW.size)
 
 
+UNUSABLE_INPUT = 4
+"""Exit status of a process whose configuration, or a file of it, cannot be used: it has said why."""
+
+
 @dataclass
 class Started:
     """Arguments of a process's ``run``.

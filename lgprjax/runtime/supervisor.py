@@ -28,6 +28,7 @@ from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.main import process_command
 from lgprjax.runtime.process import (
     RINGS,
+    UNUSABLE_INPUT,
     HeartbeatRow,
     Heartbeats,
     ProcessStage,
@@ -92,6 +93,10 @@ class Child:
         environment: of the process.
         beats: its heartbeats.
         limits: time limits.
+
+    Attributes:
+        ready, left, died_before: its state; died at least once.
+        input_refused: it ended last because its input cannot be used.
     """
 
     def __init__(
@@ -106,6 +111,7 @@ class Child:
         self.ready = False
         self.left = False
         self.died_before = False
+        self.input_refused = False
         self._command = command
         self._environment = environment
         self._beats = beats
@@ -144,6 +150,7 @@ class Child:
         if status is None:
             return [] if self._reported_dead else self._listen(self._process, now_s, min(passed_s, _LOOK_S))
         self._process = None
+        self.input_refused = status == UNUSABLE_INPUT
         if self._reported_dead:
             return []
         if status == STORAGE_FULL and not self._limits.patient:
@@ -301,7 +308,7 @@ def supervise(
         command: how a process is started.
 
     Returns:
-        The exit status, 0.
+        The exit status: 0; 1 where the control process cannot use its input and never was ready.
 
     Raises:
         InputError: another run holds the device or the folder, a core is missing, or there is not enough memory for the
@@ -312,14 +319,13 @@ def supervise(
         with only_instance(config, run_folder), _end_signals() as end_requested, _priority(config):
             try:
                 _make_rings(rings)
-                _Supervisor(config, run_folder, rings, command).run(end_requested, ready)
+                return _Supervisor(config, run_folder, rings, command).run(end_requested, ready)
             finally:
                 shutil.rmtree(rings, ignore_errors=True)
     finally:
         # Rings of another run are not empty.
         with suppress(OSError):
             rings.rmdir()
-    return 0
 
 
 class _Supervisor:
@@ -343,9 +349,10 @@ class _Supervisor:
             for name in processes_of(config)
         }
 
-    def run(self, end_requested: list[int], ready: Callable[[Ready], None]) -> None:
+    def run(self, end_requested: list[int], ready: Callable[[Ready], None]) -> int:
         began_s = before_s = time.monotonic()
-        is_ready = False
+        is_ready = control_was_up = False
+        control = self._children["control"]
         try:
             while not end_requested:
                 now_s = time.monotonic()
@@ -353,6 +360,10 @@ class _Supervisor:
                     for reports in child.look(now_s, now_s - before_s):
                         self._tell(reports)
                 before_s = now_s
+                control_was_up |= control.ready
+                if control.input_refused and not control_was_up:
+                    # Nothing has been driven yet: its own line is worth more than starting it again for ever.
+                    return 1
                 if not is_ready and self._all_up():
                     is_ready = True
                     now_ready = Ready(now_s - began_s, self._missing())
@@ -361,6 +372,7 @@ class _Supervisor:
                 time.sleep(max(0.0, now_s + _PERIOD_S - time.monotonic()))
         finally:
             self._end()
+        return 0
 
     def _tell(self, reports: ProcessReports) -> None:
         record = _note(reports)

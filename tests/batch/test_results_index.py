@@ -2,13 +2,18 @@
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from archive_records import MAP_SHA256, cell, done, failed, figures
 from lgprjax.batch import cell_sums, records_of, shares_of, sums_of, worst_places, write_table
-from lgprjax.batch.jobs import CELL_M, jobs_folder, read_record, write_record
+from lgprjax.batch.jobs import CELL_M, figures_of, jobs_folder, read_record, write_record
+from lgprjax.batch.register import RegisteredDrive
+from lgprjax.batch.results import table_of
 
 RECORDS = [
     done("a", figures({"ok": 30, "edge": 10}, rms_m=0.10), compiled=40),
@@ -77,3 +82,22 @@ def test_wrong_fixes_come_before_missing_ones_and_right_places_are_not_named() -
     assert (fewest.drive, fewest.cell.ok, fewest.east_m, fewest.north_m) == ("c", 4, 3.5 * CELL_M, -0.5 * CELL_M)
     assert (half.drive, half.time_s, half.cell.tried, half.cell.ok) == ("a", 3.0, 40, 20)
     assert len(worst_places(cells, 2)) == 2
+
+
+@pytest.mark.parametrize("truth", [None, np.full((3, 5), np.nan)])
+def test_where_no_fix_could_be_judged_none_is_called_right(truth: np.ndarray | None) -> None:
+    none = np.full(3, np.nan)
+    drive: Any = RegisteredDrive.__new__(RegisteredDrive)
+    for name, value in {
+        "fix": SimpleNamespace(code=np.zeros(3, int), correlation=np.full(3, 0.8), pose=np.zeros((3, 5))),
+        "table": none,
+        "track": SimpleNamespace(travel_m=np.arange(3.0)),
+        "truth": truth,
+        "correlation_at_truth": none,
+        "milliseconds_per_scan": 1.0,
+    }.items():
+        object.__setattr__(drive, name, value)
+    told = figures_of(drive)
+    assert (told.counts, told.judged, told.wrong) == ({"ok": 3}, 0, None)
+    row = table_of([done("a", told)]).to_csv(index=False).splitlines()[1]
+    assert row.startswith("a,done,3,3,1.0,3,0,0,0,0,0,0,0,2.0,0,,,,,0.8,")

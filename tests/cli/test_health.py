@@ -66,6 +66,27 @@ def test_check_says_what_was_assumed(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "not recorded: time_jitter: no instrument recorded time (unknown)" in shown
 
 
+def test_a_drive_without_radar_is_judged_by_its_odometry_and_gnss(
+    site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plain = tmp_path / "plain.drive.h5"
+    shutil.copyfile(site.logs["live"], plain)
+    with h5py.File(plain, "r+") as store:
+        del store["radar"], store["array"]
+    assert run("check", plain, "--health", "--json", tmp_path / "health.json") == 0
+    shown = capsys.readouterr().out
+    assert "not measured: radar and its clock: a drive without radar" in shown
+    (health,) = json.loads((tmp_path / "health.json").read_text())["health"]
+    assert (health["kind"], health["scans"]) == ("no radar", 0)
+    assert {"gnss_outage", "odometer_scale"} <= {row["name"] for row in health["figures"]}
+    assert shown.splitlines()[-1] == f"{plain}: recording {health['verdict']}"
+    # Without GNSS at that time there is nothing to judge, and that is said.
+    with h5py.File(plain, "r+") as store:
+        store["gnss_ins/time_s"][:] += 1e4
+    assert run("check", plain, "--health") == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"{plain}: nothing could be judged"
+
+
 def test_check_without_health_writes_findings_as_before(site: Site, tmp_path: Path) -> None:
     assert run("check", site.logs["live"], "--json", tmp_path / "plain.json") == 0
     assert json.loads((tmp_path / "plain.json").read_text()) == []

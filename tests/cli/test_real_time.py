@@ -1,6 +1,7 @@
 """Whether a machine keeps real time: measured for a moment, and judged."""
 
 import json
+import math
 import struct
 from pathlib import Path
 
@@ -8,7 +9,8 @@ import pytest
 
 from formats.run_log_sample import head_bytes, record_bytes
 from lgprjax.cli import real_time
-from lgprjax.cli.real_time import ArrivalWatch, RealTime, look_at_onboard, measure_real_time
+from lgprjax.cli.lockstep import Progress
+from lgprjax.cli.real_time import RealTime, RunWatch, StuckWatch, look_at_onboard, measure_real_time
 
 
 @pytest.mark.parametrize(
@@ -54,7 +56,7 @@ def test_a_machine_is_judged_by_what_was_measured(
 
 def test_a_recording_that_grows_is_watched_for_arrival(tmp_path: Path) -> None:
     """Found wherever the record of it is cut between two looks; another end of a route is none."""
-    watch = ArrivalWatch(tmp_path)
+    watch = RunWatch(tmp_path)
     assert not watch.arrived()
     driven = _event(1, "SPEED", "CRUISE_PLUS", [])
     chosen = _event(2, "SPEED", "ROUTE_OFF", ["another route was chosen"])
@@ -63,13 +65,60 @@ def test_a_recording_that_grows_is_watched_for_arrival(tmp_path: Path) -> None:
     (tmp_path / "0000.lgprun").write_bytes(whole)
     assert not watch.arrived()
     for cut in (10, arrived.index(b"ROUTE_OFF") + 4, len(arrived) - 1):
-        watch = ArrivalWatch(tmp_path)
+        watch = RunWatch(tmp_path)
         (tmp_path / "0000.lgprun").write_bytes(whole + arrived[:cut])
         assert not watch.arrived()
         (tmp_path / "0000.lgprun").write_bytes(whole + arrived + _event(4, "SPEED", "CRUISE_MINUS", []))
         assert watch.arrived()
 
 
+def test_the_mode_is_that_of_the_last_event_recorded(tmp_path: Path) -> None:
+    watch = RunWatch(tmp_path)
+    assert not watch.arrived()
+    assert watch.mode == ""
+    parts = head_bytes(0, 0) + _event(1, "CHECKS", "BOOT_DONE", [])
+    late = _event(2, "ERROR", "CHECKS_FAILED", [])
+    for data, mode in (
+        (parts, "CHECKS"),
+        (parts + late[: late.index(b"ERROR") + 2], "CHECKS"),
+        (parts + late, "ERROR"),
+        (parts + late, "ERROR"),
+    ):
+        (tmp_path / "0000.lgprun").write_bytes(data)
+        assert not watch.arrived()
+        assert watch.mode == mode
+
+
+@pytest.mark.parametrize(
+    ("modes", "leaves_error", "why", "ends_s"),
+    [
+        # Seconds after all processes are ready: mode.
+        ({0.0: "CHECKS", 12.0: "ERROR"}, False, "not READY within 30 s of the start, but ERROR", 30.5),
+        ({0.0: "CHECKS", 12.0: "ERROR"}, True, "not READY within 30 s of the start, but ERROR", 30.5),
+        ({0.0: ""}, False, "not READY within 30 s of the start, but BOOT", 30.5),
+        ({0.0: "CHECKS", 2.0: "READY", 50.0: "ERROR"}, False, "ERROR for 30 s", 80.0),
+        ({0.0: "CHECKS", 2.0: "READY", 50.0: "ERROR"}, True, "", None),
+        ({0.0: "CHECKS", 29.0: "READY"}, False, "", None),
+        ({0.0: "CHECKS", 2.0: "READY", 50.0: "ERROR", 70.0: "READY", 80.0: "ERROR"}, False, "ERROR for 30 s", 110.0),
+        ({0.0: "EMERGENCY_STOP"}, False, "", None),
+    ],
+)
+def test_a_run_that_never_arrives_is_ended(
+    modes: dict[float, str], leaves_error: bool, why: str, ends_s: float | None
+) -> None:
+    watch, said = StuckWatch(leaves_error=leaves_error), dict[str, float]()
+    for half_seconds in range(240):
+        at_s = 0.5 * half_seconds
+        if found := watch.look(next(m for since, m in reversed(modes.items()) if since <= at_s), 1e4 + at_s):
+            said.setdefault(found, at_s)
+    assert said == ({} if ends_s is None else {why: ends_s})
+
+
 def _event(number: int, mode: str, event: str, why: list[str]) -> bytes:
     told = json.dumps({"event": event, "mode": mode, "why": why, "actions": []}).encode()
     return record_bytes(number, struct.pack("<BBHIQ", 8, 10, 0, number, 10**12 + number) + told)
+
+
+def test_what_is_not_known_yet_is_left_out_of_the_progress() -> None:
+    assert Progress(0.4, "CHECKS", math.nan, math.nan).line == "0 s simulated, CHECKS"
+    assert Progress(12.0, "SPEED", 2.94, 63.4).line == "12 s simulated, SPEED, 2.9 m/s, 63 m to go"

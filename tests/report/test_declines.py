@@ -23,7 +23,8 @@ def test_the_table_counts_by_code_the_most_frequent_first() -> None:
     # The impostor's scans must be declined: there is nothing to do about them.
     assert [(row[0], row[1]) for row in table.rows] == [(drive.name, code) for code in expected]
     first = f"{counts[expected[0]]}, {100.0 * counts[expected[0]] / len(drive.code):.1f} %"
-    assert table.rows[0][2:] == (first, *DECLINES[expected[0]])
+    assert table.rows[0][2:4] == (first, DECLINES[expected[0]].meaning)
+    assert table.rows[0][4].endswith(DECLINES[expected[0]].action[1:])
 
 
 def test_nothing_declined_is_no_table() -> None:
@@ -36,7 +37,20 @@ def test_nothing_declined_is_no_table() -> None:
 def test_the_most_frequent_code_is_the_one_to_look_at() -> None:
     code, words = main_decline(summarise(declined_drive())) or ("", None)
     assert code == "low_correlation"
-    assert words == DECLINES["low_correlation"]
+    assert words is not None
+    assert words.meaning == DECLINES["low_correlation"].meaning
+
+
+def test_a_drive_beside_the_map_is_told_how_far() -> None:
+    drive = declined_drive()
+    line = np.stack([drive.prior_east_m, drive.prior_north_m], axis=1)[::2] + np.array([30.0, -40.0])
+    beside = main_decline(summarise(replace(drive, baseline_tracks=(line,))))
+    assert beside is not None
+    said = "by the log's positions the scans are "
+    assert beside[1].action.startswith(said)
+    metres, _, rest = beside[1].action.removeprefix(said).partition(" ")
+    assert 40.0 < float(metres) < 50.1
+    assert rest.startswith("m (median) from the nearest line of the map. A recording shorter")
 
 
 def test_a_place_that_nobody_said_is_what_to_mend() -> None:

@@ -105,7 +105,10 @@ def test_without_truth_no_error_is_stated() -> None:
     assert summary.judged == 0
     for value in (summary.rms_cross_m, summary.rms_along_m, summary.max_error_m, summary.wrong_ok):
         assert value is None
-    assert dict(summary.as_rows())["RMS cross-track error"] == "–"
+    rows = dict(summary.as_rows())
+    assert "–" not in rows.values()
+    assert rows["length"] == "60.0 m"
+    assert rows["median sigma cross-track of ok fixes"] == f"{summary.median_sigma_cross_m:.3f} m"
 
 
 def test_differences_from_the_prior_use_its_heading() -> None:
@@ -155,6 +158,33 @@ def test_terminal_table_has_a_column_a_drive_and_marks_the_wrong() -> None:
     assert [column.style for column in table.columns[1:]] == ["", "bold red"]
     wrong = list(table.columns[0].cells).index("ok but wrong")
     assert [list(column.cells)[wrong] for column in table.columns[1:]] == ["0", "1"]
+
+
+def test_without_truth_the_terminal_table_says_what_is_known_instead() -> None:
+    table = summary_table(
+        [summarise(without_truth()), summarise(without_truth(name="third", code=np.full(400, "edge")))]
+    )
+    rows = dict(zip(table.columns[0].cells, zip(*(c.cells for c in table.columns[1:]), strict=True), strict=True))
+    assert "RMS cross-track" not in rows
+    assert "ok but wrong" not in rows
+    assert rows["length"] == ("60.0 m", "60.0 m")
+    assert all(rows[title][0].endswith(" m") for title in ("sigma cross-track", "sigma along-track"))
+    # Of a drive without an ok fix they are not known; of the other one they are.
+    assert rows["sigma cross-track"][1] == rows["offset from the log"][1] == "–"
+    assert not any(set(cells) == {"–"} for cells in rows.values())
+    assert "truth" in str(table.caption)
+    assert "sigma cross-track" not in summary_table([summarise(straight_drive())]).columns[0].cells
+
+
+def test_offsets_from_the_log_and_from_the_lines_by_hand() -> None:
+    line = np.stack([np.full(61, 2.0), np.arange(0.0, 6.1, 0.1)], axis=1)
+    summary = summarise(hand_drive(baseline_tracks=(line, line + 40.0)))
+    assert summary.length_m == pytest.approx(5.0)
+    assert summary.median_offset_m == pytest.approx(0.2)
+    assert summary.median_off_line_m == pytest.approx(2.0)
+    nowhere = summarise(hand_drive(baseline_tracks=(line,), place_assumed=True))
+    assert (nowhere.median_offset_m, nowhere.median_off_line_m) == (None, None)
+    assert summarise(hand_drive()).median_off_line_m is None
 
 
 def test_brackets_in_names_stay_in_the_terminal_table() -> None:

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from lgprjax.run_records import unpack
-from lgprjax.runtime.process import PROCESSES
+from lgprjax.runtime.process import PROCESSES, UNUSABLE_INPUT
 from lgprjax.runtime.ring import Ring
-from runtime.supervised_run import SupervisedRun, is_there, wait_gone
+from runtime.supervised_run import LIMIT_S, SupervisedRun, is_there, wait_gone
 
 STARTED = tuple(name for name in PROCESSES if name not in ("coverage", "output"))
 """Processes of a run on a course."""
@@ -116,6 +116,28 @@ def test_deaths_at_once_after_the_start_are_waited_out_longer_and_longer(tmp_pat
     # Each holds a start beside the wait.
     assert all(wait_s >= least_s for wait_s, least_s in zip(waits_s, (0.1, 0.2, 0.4), strict=True))
     assert waits_s[2] > waits_s[0]
+
+
+def test_a_control_process_that_cannot_use_its_files_ends_the_run(tmp_path: Path) -> None:
+    run = SupervisedRun(tmp_path)
+    (run.run_folder / "control.fails").write_text(str(UNUSABLE_INPUT))
+    with run.start():
+        output, errors = run.process.communicate(timeout=LIMIT_S)
+        assert (run.process.returncode, output) == (1, "")
+        assert "control died: exit 4" in errors
+        assert len(run.starts("control")) == 1
+        assert not wait_gone(run.pids())
+
+
+def test_once_it_was_ready_it_is_started_again_whatever_it_says(tmp_path: Path) -> None:
+    run = SupervisedRun(tmp_path)
+    with run.start():
+        run.wait_ready()
+        (run.run_folder / "control.fails").write_text(str(UNUSABLE_INPUT))
+        os.kill(run.starts("control")[0][0], signal.SIGKILL)
+        run.wait_note(3, died="control")
+        (run.run_folder / "control.fails").unlink()
+        run.wait_note(2, ready="control")
 
 
 def test_without_display_or_monitor_it_is_ready_and_says_so(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from lgprjax.errors import InputError
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.main import PROGRAMS, process_command
-from lgprjax.runtime.process import PROCESSES, check_cores
+from lgprjax.runtime.process import PROCESSES, UNUSABLE_INPUT, check_cores
 from lgprjax.runtime.supervisor import make_rings_folder, supervise
 from runtime.supervised_run import toy_command, write_config
 
@@ -89,7 +89,7 @@ def test_a_core_that_is_not_there_is_one_line(tmp_path: Path) -> None:
         check=False,
         timeout=60,
     )
-    assert done.returncode == 1
+    assert done.returncode == UNUSABLE_INPUT
     assert done.stderr.startswith("monitor: ")
     assert len(done.stderr.splitlines()) == 1
 

@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import time
+from pathlib import Path
 from typing import Any
 
 from lgprjax import __version__
@@ -26,6 +27,34 @@ from lgprjax.wire import Frame, draw_session
 _TICK_NS = int(TICK_S * 1e9)
 
 
+class SelectedRoute:
+    """The operator's last selection: a control process that replaces one that died makes it again.
+
+    Args:
+        rings: folder of the rings, in memory: it outlives a control process, and no slow disk delays a tick.
+    """
+
+    def __init__(self, rings: Path) -> None:
+        self._file = rings / "selected_route"
+
+    def keep(self, out: list[Record]) -> None:
+        """Keep a selection among the records of a tick."""
+        for record in out:
+            if record.kind is RecordKind.EVENT and "route" in (told := json.loads(record.payload)):
+                fresh = self._file.with_suffix(".new")
+                fresh.write_text(told["route"], encoding="utf-8")
+                fresh.replace(self._file)
+
+    def again(self) -> list[Record]:
+        """The request for it, anew; none where nothing was selected."""
+        try:
+            name = self._file.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return []
+        request = json.dumps({"select_route": name}).encode()
+        return [Record(RecordKind.REQUEST, Source.DISPLAY, 0, time.monotonic_ns(), request)]
+
+
 class Control:
     """The process's ports, rings and loop."""
 
@@ -33,6 +62,7 @@ class Control:
         self._started, config = started, started.config
         self._log = started.ring("control_log")
         self._incoming = [started.ring(name) for name in ("fixes", "notes", "monitor", "requests")]
+        self._selected = SelectedRoute(started.rings)
         self._state = started.ring("state")
         priors, cover = started.ring("priors"), started.ring("cover")
         self._onward = {RecordKind.PRIOR: priors, RecordKind.COVER: cover, RecordKind.CORNER: cover}
@@ -93,6 +123,7 @@ class Control:
             now_ns = time.monotonic_ns()
             core.unrecorded = self._log.lost
             out = core.step(tick, now_ns, came)
+            self._selected.keep(out)
             for record in out:
                 if record.kind is RecordKind.PORT_OUT:
                     self._port_of[record.source].write(record.payload)
@@ -111,8 +142,12 @@ class Control:
                 gc.collect(0)
 
     def _came(self, tick: int) -> list[Record]:
-        """Messages since the last tick, as recorded: line by line, then the rings."""
-        came: list[Record] = []
+        """Messages since the last tick, as recorded: line by line, then the rings.
+
+        Before the first of a relaunched process: the route that was selected.
+        """
+        again = self._selected.again() if tick == 1 and self._started.after_death else []
+        came: list[Record] = [record._replace(tick=tick) for record in again]
         for port in self._ports:
             for arrival in port.take():
                 came.append(Record(RecordKind.PORT_IN, Source(port.source), tick, arrival.mono_ns, _raw(arrival)))

@@ -269,7 +269,7 @@ FIELD_SCRIPT: dict[str, tuple[str, ...]] = {
 }
 """Items of a script, and their parameters."""
 _SCRIPT_LASTS_S = {"press": 0.3, "brake_tap": 0.3}
-_BUTTONS = ("steering", "plus", "minus", "override", "estop", "corner")
+FIELD_BUTTONS = ("steering", "plus", "minus", "override", "estop", "corner")
 
 _THERE_M = 0.05
 _WAITS_S = 2.0
@@ -333,7 +333,7 @@ class Teleoperator:
         return SkidActing(speed - 0.5 * _TRACK_M * turn, speed + 0.5 * _TRACK_M * turn, None)
 
 
-_KIND = StageKind(FIELD_LINES, FIELD_SCRIPT, _SCRIPT_LASTS_S, _BUTTONS, FIELD_FAULTS)
+_KIND = StageKind(FIELD_LINES, FIELD_SCRIPT, _SCRIPT_LASTS_S, FIELD_BUTTONS, FIELD_FAULTS)
 _SUPPLY_V, _FLOAT_M = 24.0, 0.4
 
 
