@@ -155,7 +155,7 @@ def plan_drive(scene: SiteScene, drive: SiteDrive) -> SimulatedDrive:
 ASCENDING = frozenset(
     {
         *("stone_depth_m", "wavelength_m", "arc_length_m", "grade_wavelength_m", "bank_wavelength_m"),
-        *("roughness_wavelength_m", "band_mhz", "clutter_depth_m", "along_m", "cross_m"),
+        *("roughness_wavelength_m", "band_mhz", "clutter_depth_m", "moisture_wavelength_m", "along_m", "cross_m"),
         *("wander_wavelength_m", "bounce_wavelength_m", "outages_s", "slips_s"),
     }
 )
@@ -247,6 +247,7 @@ LIMITS: dict[type, Limits] = {
         "velocity_spread": (0.0, 0.05),
         "attenuation_factor": (0.0, 20.0),
         "moisture_rms": (0.0, 0.1),
+        "moisture_wavelength_m": (0.05, 1e4),
         "clutter_per_m2": (0.0, 200.0),
         "clutter_depth_m": (0.01, 10.0),
         "clutter_strength_m": (0.0, 1.0),

@@ -404,5 +404,5 @@ def test_grounded_run_imports_by_the_documented_call(tmp_path: Path) -> None:
     assert run(*grounded, "--scan-rate-hz", 126, "-o", output) == 0
     with DriveLog.open(output) as log:
         assert (log.scans, log.channels, log.samples) == (60, 11, 369)
-    assert run(*grounded, "--scan-rate-hz", -1, "-o", tmp_path / "Y.drive.h5") == 1
+    assert run(*grounded, "--scan-rate-hz", -1, "-o", tmp_path / "Y.drive.h5") == 2
     assert listing(tmp_path) == {"run_0001", "run_0001/run.npy", "run_0001/run_UTM_point.npy", "X.drive.h5"}

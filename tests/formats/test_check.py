@@ -158,10 +158,10 @@ def test_vehicle(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("3.3", "-3.3", "chassis.wheelbase_m: expected a number, finite, above zero, found -3.3"),
-        ("3.3", '"long"', "chassis.wheelbase_m: expected a number, finite, above zero, found 'long'"),
-        ("3.3", "true", "chassis.wheelbase_m: expected a number, finite, above zero, found True"),
-        ("3.3", "nan", "above zero, found nan"),
+        ("3.3", "-3.3", "chassis.wheelbase_m: expected a number, finite, from 0.1 to 20, found -3.3"),
+        ("3.3", '"long"', "chassis.wheelbase_m: expected a number, finite, from 0.1 to 20, found 'long'"),
+        ("3.3", "true", "chassis.wheelbase_m: expected a number, finite, from 0.1 to 20, found True"),
+        ("3.3", "nan", "from 0.1 to 20, found nan"),
         ("0.63", "1.63", "steering.rear_ratio: expected a number, finite, zero or more, from 0 to 1, found 1.63"),
         ("wheelbase_m", "wheel_base_m", "chassis.wheel_base_m: expected a key of data_schema/vehicle.toml"),
         ("counter_steer", "crab", "steering_kind: expected a text, one of counter_steer, skid_steer, found 'crab'"),
