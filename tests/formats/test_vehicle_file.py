@@ -115,9 +115,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
 
 def test_a_value_out_of_range_is_not_written(tmp_path: Path) -> None:
     wrong = VehicleFile(name="x", steering_kind="counter_steer", chassis=ChassisTable(wheelbase_m=-1.0))
-    with pytest.raises(
-        InputError, match=r"chassis.wheelbase_m: expected a number, finite, from 0.1 to 20, found -1"
-    ):
+    with pytest.raises(InputError, match=r"chassis.wheelbase_m: expected a number, finite, from 0.1 to 20, found -1"):
         write_vehicle(tmp_path / "c.vehicle.toml", wrong)
     assert list(tmp_path.iterdir()) == []
 
