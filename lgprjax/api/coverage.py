@@ -201,6 +201,19 @@ class WorkedArea:
         )
         return f"WorkedArea of {self.record.name!r}: {layers} of {told.area_m2:.1f} m2 ({self.path.name})"
 
+    def at(self, *confidence: float) -> "WorkedArea":
+        """The same cells, judged as processed at other probabilities, such as 0.99.
+
+        Raises:
+            InputError: a level is not between 0.5 and 0.9999, or no number.
+        """
+        from lgprjax.worked.layers import at_levels, checked_levels
+
+        for level in confidence:
+            require_number("confidence", level, "above 0.5, up to 0.9999", 0.5, 0.9999)
+        with told_as_arguments():
+            return WorkedArea(at_levels(self.record, checked_levels(confidence)), self.path)
+
     def export(
         self,
         folder: PathLike,
@@ -275,7 +288,7 @@ def record_coverage(
         print(worked)                      # WorkedArea of ...: ... m2 processed at 95 %, ...
         print(worked.table[["level", "processed_m2", "share"]])
         worked.plot()
-        worked.export("handed_over/", organisation="Example", force=True)
+        worked.at(0.99).export("handed_over/", organisation="Example", force=True)
     """
     from lgprjax.formats import write_worked
     from lgprjax.worked import open_cover_plan, read_cover_run, record_cover

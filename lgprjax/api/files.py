@@ -9,7 +9,8 @@ import numpy as np
 
 from lgprjax.api.inputs import PathLike, axes_or_new, path_of, require_number, told_as_arguments, whole_number
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, Finding, check_file
+from lgprjax.formats import DriveLog, Finding, VehicleLog, check_file
+from lgprjax.formats.store import open_store
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,7 +61,8 @@ def check(file: PathLike, *, health: bool = False) -> Checked:
     Args:
         file: a drive log, map, fixes, route, vehicle, coverage plan or record of worked area, or what was opened from
             one.
-        health: also measure the recording quality of a drive log: radar, clock, odometry, GNSS.
+        health: also measure the recording quality of a drive log: radar, clock, odometry, GNSS; of one without radar
+            the last two.
 
     Raises:
         InputError: the file's format is unknown, or ``health`` was requested for a file that is not a drive log.
@@ -76,8 +78,12 @@ def check(file: PathLike, *, health: bool = False) -> Checked:
     checked = Checked(path.absolute(), tuple(check_file(path)))
     if not (health and checked.ok):
         return checked
-    from lgprjax.batch import drive_health
+    from lgprjax.batch import drive_health, vehicle_health
 
+    with open_store(path) as store:
+        has_radar = "/radar" in store
+    if not has_radar:
+        return Checked(checked.path, checked.findings, vehicle_health(VehicleLog.open(path)))
     with DriveLog.open(path) as log:
         return Checked(checked.path, checked.findings, drive_health(log))
 

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import lgprjax as lx
 from generated import Site
 from lgprjax.cli import main
 from vendor_sets import write_segy
@@ -80,6 +81,9 @@ def test_a_drive_without_radar_is_judged_by_its_odometry_and_gnss(
     assert (health["kind"], health["scans"]) == ("no radar", 0)
     assert {"gnss_outage", "odometer_scale"} <= {row["name"] for row in health["figures"]}
     assert shown.splitlines()[-1] == f"{plain}: recording {health['verdict']}"
+    checked = lx.check(plain, health=True).health
+    assert checked is not None
+    assert (checked.kind, checked.verdict) == ("no radar", health["verdict"])
     # Without GNSS at that time there is nothing to judge, and that is said.
     with h5py.File(plain, "r+") as store:
         store["gnss_ins/time_s"][:] += 1e4
