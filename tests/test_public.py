@@ -330,6 +330,12 @@ def test_a_clean_file_has_a_table_of_findings_without_rows(site: Site) -> None:
     assert not len(table)
 
 
+def test_fixes_have_no_channel_to_zoom_into(session: tuple[Path, dict[str, Any]]) -> None:
+    said = r"call: channel, raw, velocity_m_per_ns: expected a recording, to which these apply, found fixes"
+    with pytest.raises(InputError, match=said):
+        lx.zoom(session[1]["fixes"], channel=1)
+
+
 def test_axes_of_ones_own_are_drawn_on(session: tuple[Path, dict[str, Any]], opened: Map, site: Site) -> None:
     _, names = session
     drive, fixes = lx.open_drive(site.logs["live"]), names["fixes"]
@@ -531,6 +537,7 @@ def _calls(folder: Path, site: Site) -> dict[str, tuple[Any, str]]:
         "a table for a site": (lambda: lx.simulate(_ROOT / "README.md", folder), "README.md: file: expected TOML"),
         "one scan": (lambda: lx.open_drive(live).traces(3), "call: scans: expected a slice, as slice(0, 512), found 3"),  # type: ignore[arg-type]
         "half a channel": (lambda: lx.view(live, channel=1.5), "call: channel: expected a whole number, found 1.5"),  # type: ignore[arg-type]
+        "a map to zoom": (lambda: lx.zoom(site.map), "site.map.h5: file: expected a recording, found a map"),
         "no axes": (lambda: lx.view(live, ax="x"), "call: ax: expected axes of matplotlib, found 'x'"),  # type: ignore[arg-type]
         "a word for a number": (
             lambda: lx.view(live, velocity_m_per_ns="x"),  # type: ignore[arg-type]

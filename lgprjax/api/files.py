@@ -10,7 +10,6 @@ import numpy as np
 from lgprjax.api.inputs import PathLike, axes_or_new, path_of, require_number, told_as_arguments, whole_number
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, Finding, VehicleLog, check_file
-from lgprjax.formats.store import open_store
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -78,11 +77,9 @@ def check(file: PathLike, *, health: bool = False) -> Checked:
     checked = Checked(path.absolute(), tuple(check_file(path)))
     if not (health and checked.ok):
         return checked
-    from lgprjax.batch import drive_health, vehicle_health
+    from lgprjax.batch import drive_health, has_radar, vehicle_health
 
-    with open_store(path) as store:
-        has_radar = "/radar" in store
-    if not has_radar:
+    if not has_radar(path):
         return Checked(checked.path, checked.findings, vehicle_health(VehicleLog.open(path)))
     with DriveLog.open(path) as log:
         return Checked(checked.path, checked.findings, drive_health(log))
@@ -164,7 +161,7 @@ def line_view(path: Path, channel: int | None, *, raw: bool, velocity_m_per_ns: 
         check_speed(velocity_m_per_ns)
         name = path.name.lower()
         if name.endswith(MAP):
-            raise InputError(path, "file", "a recording", "a map; lgprjax view MAP --html draws one to zoom into")
+            raise InputError(path, "file", "a recording", "a map, of which view() draws a time slice")
         if name.endswith(DRIVE):
             if channel is None:
                 with DriveLog.open(path) as log:

@@ -7,6 +7,7 @@ from pathlib import Path
 from lgprjax.api.files import line_view
 from lgprjax.api.fixes import Fixes
 from lgprjax.api.inputs import PathLike, path_of, told_as_arguments
+from lgprjax.errors import ArgumentError
 from lgprjax.formats.store import atomic_output
 
 
@@ -53,7 +54,8 @@ def zoom(
         channel, raw, velocity_m_per_ns: of a recording, as for ``view``.
 
     Raises:
-        InputError: the file cannot be read or is a map, or as for ``view``.
+        InputError: the file cannot be read or is a map, an option of recordings is given with fixes, or as for
+            ``view``.
 
     Example:
         lx.zoom("drives/live.drive.h5", channel=5).save("live.html")
@@ -64,6 +66,8 @@ def zoom(
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "page.html"
         if isinstance(shown, Fixes):
+            if channel is not None or raw or velocity_m_per_ns is not None:
+                raise ArgumentError("channel, raw, velocity_m_per_ns", "a recording, to which these apply", "fixes")
             title = shown.name
             write_drive_page(shown.result, page)
         else:

@@ -4,7 +4,7 @@ from lgprjax.batch.assumptions import away_in_words, distance_to_map_m, is_place
 from lgprjax.batch.calibrate import CalibrationMatches, thresholds_from, try_drives
 from lgprjax.batch.chance import chance_of
 from lgprjax.batch.examples import FixExample, GroundStrips, example_scan, fix_example
-from lgprjax.batch.health import DriveHealth, drive_health, vehicle_health
+from lgprjax.batch.health import DriveHealth, drive_health, has_radar, vehicle_health
 from lgprjax.batch.jobs import (
     CELL_M,
     ArchiveRun,
@@ -123,6 +123,7 @@ __all__ = [
     "filter_model_of",
     "fix_example",
     "frame_of_drive",
+    "has_radar",
     "is_place_assumed",
     "jobs_folder",
     "key_of_job",

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -367,6 +368,12 @@ def drive_health(log: DriveLog, progress: Callable[[int], None] = lambda _: None
         not_measured=tuple(lacking),
         assumed=assumed,
     )
+
+
+def has_radar(path: Path) -> bool:
+    """Whether a drive log holds radar data: ``drive_health`` measures it; else ``vehicle_health``."""
+    with open_store(path) as store:
+        return "/radar" in store
 
 
 def vehicle_health(log: VehicleLog) -> DriveHealth:

@@ -86,13 +86,10 @@ def _tell_assumed(path: Path) -> None:
 
 
 def _measure(path: Path) -> "DriveHealth":
-    from lgprjax.batch import drive_health, vehicle_health
+    from lgprjax.batch import drive_health, has_radar, vehicle_health
     from lgprjax.formats import DriveLog, VehicleLog
-    from lgprjax.formats.store import open_store
 
-    with open_store(path) as store:
-        has_radar = "/radar" in store
-    if has_radar:
+    if has_radar(path):
         with DriveLog.open(path) as log, progress_bar(f"measuring {path.name}", log.scans) as progress:
             health = drive_health(log, progress)
         recorded = f"{health.scans} scans of {health.channels} channels"
