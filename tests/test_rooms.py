@@ -1,6 +1,8 @@
 """The rooms of the package: arrows between them go one way, and numeric rooms know no files, ports or pictures."""
 
 import ast
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -80,3 +82,17 @@ def test_what_drives_is_stepped_in_one_place() -> None:
 def test_the_command_line_calls_and_is_not_called() -> None:
     assert [room for room, names in _arrows().items() if "cli" in names] == ["__main__"]
     assert not [room for room, names in _arrows().items() if "api" in names and room != "__init__"]
+
+
+def test_no_process_waits_for_what_few_of_its_commands_need() -> None:
+    """Half a second each: every command, and every process on board, would start so much later."""
+    slow = ("scipy.signal", "scipy.stats", "matplotlib", "xarray")
+    modules = (
+        "lgprjax.formats",
+        "lgprjax.batch",
+        "lgprjax.runtime.registration.program",
+        "lgprjax.runtime.control.program",
+    )
+    code = f"import sys, {', '.join(modules)}; print(*[name for name in {slow} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []

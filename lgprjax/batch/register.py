@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from lgprjax import __version__
 from lgprjax.batch.assumptions import away_in_words, is_baseline, is_place_assumed
@@ -361,7 +361,7 @@ def _evidence(
                 chances.append(float(np.min(log_p[own][np.isfinite(z[own])])))
     total = -2.0 * float(np.sum(chances))
     # A probability that is no number any more is not none.
-    chance_of_all = max(float(chi2.sf(total, 2 * len(chances))), np.finfo(float).tiny) if chances else 1.0
+    chance_of_all = max(float(chdtrc(2 * len(chances), total)), np.finfo(float).tiny) if chances else 1.0
     return _Evidence(total, chance_of_all, len(chances))
 
 

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int, Num
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import butter, sosfiltfilt
 
 _ONSET = 0.05
 """Share of the direct wave's amplitude that defines its first break: above the ringing of band-limited receivers."""
@@ -114,6 +113,8 @@ def echo_image(
         sample_interval_ns, centre_frequency_hz: see ``pick_direct_wave``.
         step_m: between traces.
     """
+    from scipy.signal import butter, sosfiltfilt  # half a second, which only imports of lines need to wait for
+
     nyquist_hz = 0.5e9 / sample_interval_ns
     frequency_hz = centre_frequency_hz or 0.05 * nyquist_hz
     band = [share * frequency_hz for share in _BAND]
