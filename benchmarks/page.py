@@ -26,19 +26,21 @@ def filled_page(page: str, folder: Path) -> str:
 def condition_table(records: Sequence[Record]) -> str:
     """Records whose keys are ``CONDITION: FIGURE``, a row a condition; what misses its goal is bold.
 
-    Conditions that lack the first record's figure are of another kind, and left out.
+    Conditions that lack the first record's figure are of another kind, and left out; what is no number is left empty.
     """
     cells: dict[str, dict[str, str]] = {}
     heads: dict[str, str] = {}
-    first = records[0].key.partition(": ")[2]
-    shown = {record.key.partition(": ")[0] for record in records if record.key.endswith(f": {first}")}
+    first = records[0].key.rpartition(": ")[2]
+    shown = {record.key.rpartition(": ")[0] for record in records if record.key.endswith(f": {first}")}
     for record in records:
-        condition, _, figure = record.key.partition(": ")
+        condition, _, figure = record.key.rpartition(": ")
         if condition not in shown:
             continue
         unit = f", {record.unit}" if record.unit else ""
         heads.setdefault(figure, f"{figure}{unit}")
-        text = f"{record.value:.3g}" if abs(record.value) < 99.0 else f"{record.value:.1f}"
+        text = f"{record.value:.3g}" if abs(record.value) < 99.0 else f"{record.value:.1f}".removesuffix(".0")
+        if record.value != record.value:
+            text = ""
         cells.setdefault(condition, {})[figure] = f"**{text}**" if record.met is False else text
     rows = [["", *heads.values()], ["---"] * (1 + len(heads))]
     rows += [[condition, *(own.get(figure, "") for figure in heads)] for condition, own in cells.items()]

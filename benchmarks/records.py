@@ -73,6 +73,13 @@ def records_as_json(records: Sequence[Record]) -> str:
     return json.dumps(rows, indent=2, allow_nan=False) + "\n"
 
 
+def kept_text(command: str, records: Sequence[Record], *, quick: bool = False, **more: object) -> str:
+    """What a measuring program keeps, as ``read_records`` reads it: its command, the machine, its records, and more."""
+    rows = json.loads(records_as_json(records))
+    told = {"command": command, "machine": machine_line(), "quick": quick, "records": rows, **more}
+    return json.dumps(told, indent=1, allow_nan=False) + "\n"
+
+
 def _row(record: Record) -> tuple[str, ...]:
     sign = "≥" if record.direction == "higher" else "≤"
     goal = "" if record.goal is None else f"{sign} {record.goal:.4g}"

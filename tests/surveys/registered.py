@@ -10,16 +10,18 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from benchmarks.archive import cut_drive
+from benchmarks.records import Record, kept_text
 from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording, import_lines
 from lgprjax.mapping import build_map
 from lgprjax.registration import RegisterOptions
 
+_DECLINED = ("edge", "low_correlation", "low_overlap", "ambiguous", "non_finite")
 WINDOWS = RegisterOptions(window_m=4.0)
 """Forced windows of 4 m: what the recordings' page states its figures for."""
 
@@ -211,11 +213,32 @@ def table(rows: Sequence[Row]) -> str:
     return "\n".join(lines + [f"{row.name}: {row.told}" for row in rows if row.told])
 
 
+def records_of(rows: Sequence[Row]) -> list[Record]:
+    """The same as records. Asked of other ground: nothing ``ok``; of what is ``ok``: right."""
+    records: list[Record] = []
+    for row in rows:
+        share = 100.0 * row.ok / max(row.tried, 1)
+        other = row.name.endswith("other ground")
+        figures: list[tuple[str, float, str, Literal["higher", "lower"], float | None]] = [
+            ("tried", row.tried, "", "higher", None),
+            ("`ok`", share, "%", "lower" if other else "higher", 0.0 if other else None),
+            ("right, of the `ok`", 100.0 * row.right / row.ok if row.ok else np.nan, "%", "higher", None),
+            ("within", row.within_m, "m", "lower", None),
+            ("along, median", row.along_m, "m", "lower", None),
+            ("across, median", row.cross_m, "m", "lower", None),
+            ("largest", row.largest_m, "m", "lower", None),
+            *((code, row.declined.get(code, 0), "", "lower", None) for code in _DECLINED),
+        ]
+        records += [Record(f"{row.name}: {key}", value, unit, way, goal) for key, value, unit, way, goal in figures]
+    return records
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command."""
     parser = argparse.ArgumentParser(prog="python -m surveys.registered", description="Register the real recordings.")
     parser.add_argument("folder", type=Path, help="of the real recordings")
     parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS))
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write every figure")
     chosen = parser.parse_args(arguments)
     rows: list[Row] = []
     for name in chosen.sets:
@@ -224,6 +247,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 rows.append(row)
                 print(table([row]).splitlines()[2], file=sys.stderr, flush=True)
     print(table(rows))
+    if chosen.json:
+        quick = list(chosen.sets) != list(SETS)
+        chosen.json.write_text(kept_text("python -m surveys.registered", records_of(rows), quick=quick), "utf-8")
     return 0
 
 

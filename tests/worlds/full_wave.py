@@ -7,6 +7,7 @@ is one pass, a day's drive another one along it, between its places, with GNSS t
 wavelength, so that one compiled program serves all bands.
 """
 
+import argparse
 import math
 import sys
 import tempfile
@@ -21,6 +22,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.ndimage import gaussian_filter
 
+from benchmarks.page import condition_table
+from benchmarks.records import Record, kept_text
 from lgprjax.batch import register_log
 from lgprjax.formats import DriveDescription, DriveLog, DriveWriter, MapFile, NavigationTrack, OdometryTrack
 from lgprjax.formats import TraceRecording as Traces
@@ -283,18 +286,32 @@ def line_figures(seed: int, folder: Path) -> Iterator[LineFigures]:
         yield figures_of(map_path, path, seed, name)
 
 
+def records_of(row: LineFigures) -> list[Record]:
+    """Of a day of a line: nothing wrong is asked, and of other ground nothing ``ok``."""
+    key, other = f"{row.ground}, {GROUNDS[row.ground]:.0f} MHz, {row.day}", DAYS[row.day].other
+    share = 100.0 * row.ok / row.scans
+    return [
+        Record(f"{key}: scans", row.scans, "", "higher"),
+        Record(f"{key}: `ok`", share, "%", "lower" if other else "higher", 0.0 if other else None),
+        Record(f"{key}: wrong by over 0.3 m", row.wrong, "", "lower", 0.0),
+        Record(f"{key}: along, RMS", 100.0 * row.rms_along_m, "cm", "lower"),
+        Record(f"{key}: along, largest", 100.0 * row.largest_m, "cm", "lower"),
+    ]
+
+
 def main() -> int:
     """Print the table."""
-    print("ground  MHz  day       scans   ok %  wrong  RMS along  largest")
-    for seed, centre_mhz in GROUNDS.items():
+    parser = argparse.ArgumentParser(prog="worlds.full_wave")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write every figure")
+    chosen = parser.parse_args()
+    records: list[Record] = []
+    for seed in GROUNDS:
         with tempfile.TemporaryDirectory() as folder:
             for row in line_figures(seed, Path(folder)):
-                share = 100.0 * row.ok / row.scans
-                print(
-                    f"{seed:6d} {centre_mhz:4.0f}  {row.day:8s} {row.scans:6d} {share:6.1f} {row.wrong:6d}"
-                    f" {row.rms_along_m:10.3f} {row.largest_m:8.3f}",
-                    flush=True,
-                )
+                records += records_of(row)
+    print(condition_table(records))
+    if chosen.json:
+        chosen.json.write_text(kept_text("python -m worlds.full_wave", records), encoding="utf-8")
     return 0
 
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.records import Record, machine_line, records_as_json
+from benchmarks.records import Record, kept_text
 from worlds.drives import DAYS
 from worlds.figures import DayFigures, Pooled, pooled_nees, world_figures
 from worlds.parameters import World, read_worlds
@@ -241,14 +241,8 @@ def _write(path: Path, rows: Sequence[DayFigures], quick: bool) -> None:
         }
         for row in sorted(rows, key=lambda row: (row.world, DAYS.index(row.day)))
     ]
-    told = {
-        "command": "python -m worlds.table",
-        "machine": machine_line(),
-        "quick": quick,
-        "records": json.loads(records_as_json(records_of(rows))),
-        "figures": figures,
-    }
-    path.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    text = kept_text("python -m worlds.table", records_of(rows), quick=quick, figures=figures)
+    path.write_text(text, encoding="utf-8")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -6,12 +6,14 @@ miscount by 3 %; on the clear day of worlds, scans after the first 4 m. A few mi
 
 import argparse
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.page import condition_table
+from benchmarks.records import Record, kept_text
 from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.mapping import build_map
@@ -24,7 +26,6 @@ from worlds.parameters import World, read_worlds
 ATTITUDES = ((0.0, 0.0, 0.0), (0.2, -6.0, 4.0), (-0.2, 6.0, -4.0), (0.0, 12.0, 0.0))
 """Height in metres, heading and roll in degrees."""
 SCALES = (1.0, 0.97, 1.03)
-HEAD = "| world | window | log | ok | heading, roll, height wrong by, RMS | outside 4 sigma | NEES | along, RMS |"
 
 
 class Wrong(NamedTuple):
@@ -89,8 +90,8 @@ def judged(drive: RegisteredDrive) -> Wrong:
     )
 
 
-def rows_of(world: World, folder: Path) -> None:
-    """Print a row a log."""
+def rows_of(world: World, folder: Path) -> Iterator[tuple[str, Wrong]]:
+    """A row a log."""
     ground = ground_of(world, centreline_of(world), "clear")
     passes, live = write_passes(world, ground, folder), write_live(world, ground, "clear", folder)
     del ground
@@ -100,27 +101,42 @@ def rows_of(world: World, folder: Path) -> None:
     for name, led_to, window_m in logs:
         with MapFile.open(folder / "ground.map.h5") as source, DriveLog.open(live.path) as log:
             found = judged(register_log(source, log, RegisterOptions(window_m=window_m), led_to=led_to))
-        wrong = f", **{found.wrong} wrong**" if found.wrong else ""
-        window = "default" if window_m is None else f"{window_m:g} m"
-        print(
-            f"| {world.number} | {window} | {name} | {found.ok:.1%}{wrong} | {found.heading_deg:.2f}°, "
-            f"{found.roll_deg:.2f}°, {100.0 * found.height_m:.1f} cm | {found.outside:.1%} | {found.nees:.2f} | "
-            f"{100.0 * found.along_m:.1f} cm |",
-            flush=True,
-        )
+        window = "by default" if window_m is None else f"windows of {window_m:g} m"
+        yield f"{world.number}, {window}, {name}", found
+
+
+def records_of(row: str, found: Wrong) -> list[Record]:
+    """Of a row, with what is asked of windows of 4 m and wrong attitudes."""
+    asked = "windows" in row
+    return [
+        Record(f"{row}: `ok`", 100.0 * found.ok, "%", "higher", 90.0 if asked else None),
+        Record(f"{row}: wrong by over 0.3 m", found.wrong, "", "lower", 0.0),
+        Record(f"{row}: heading, RMS", found.heading_deg, "°", "lower", 0.7 if asked else None),
+        Record(f"{row}: roll, RMS", found.roll_deg, "°", "lower", 1.0 if asked else None),
+        Record(f"{row}: height, RMS", 100.0 * found.height_m, "cm", "lower"),
+        Record(f"{row}: outside 4 sigma", 100.0 * found.outside, "%", "lower", 0.1),
+        Record(f"{row}: NEES", found.nees, "", "lower"),
+        Record(f"{row}: along, RMS", 100.0 * found.along_m, "cm", "lower"),
+    ]
 
 
 def main() -> None:
     """The program."""
     parser = argparse.ArgumentParser(prog="worlds.wrong_logs")
     parser.add_argument("worlds", type=int, nargs="+")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write every figure, and what is asked beside it")
     chosen = parser.parse_args()
-    print(HEAD)
-    print("| --- " * HEAD.count(" | ") + "| --- |")
+    records: list[Record] = []
     for world in read_worlds():
         if world.number in chosen.worlds:
             with tempfile.TemporaryDirectory() as folder:
-                rows_of(world, Path(folder))
+                for row, found in rows_of(world, Path(folder)):
+                    records += records_of(row, found)
+                    print(row, *(f"{record.value:.4g} {record.unit}" for record in records_of(row, found)), flush=True)
+    if chosen.json:
+        chosen.json.write_text(kept_text("python -m worlds.wrong_logs", records), encoding="utf-8")
+    else:
+        print(condition_table(records))
 
 
 if __name__ == "__main__":
