@@ -24,7 +24,7 @@ from lgprjax.registration.refine import (
     trial_headings,
 )
 from lgprjax.registration.score import OFF_MAP_SCORE, Template, score_each
-from lgprjax.registration.template_bank import PreparedGround, TemplateKey, fixes_to_map, to_tile
+from lgprjax.registration.template_bank import PreparedGround, TileBatch, fixes_to_map, to_tile
 
 # Errors that no match can observe: those of the map's own positions and of the odometer that lays out a window.
 
@@ -97,7 +97,7 @@ class ChosenWindows(NamedTuple):
         code: a ``Code``.
         first: first stop of the window.
         error_m: east and north of the place, less dead reckoning.
-        offset: of height, heading and roll there from the priors.
+        offset: from there, at the prior's height, heading and roll, to the pose that the climb begins at.
     """
 
     window: Int[np.ndarray, " stop"]
@@ -106,7 +106,7 @@ class ChosenWindows(NamedTuple):
     code: Int[np.ndarray, " stop"]
     first: Int[np.ndarray, " stop"]
     error_m: Float[np.ndarray, "stop 2"]
-    offset: Float[np.ndarray, "stop 3"]
+    offset: Float[np.ndarray, "stop 5"]
 
 
 class StopFixes:
@@ -166,7 +166,7 @@ class StopFixes:
         tiles[candidate] = self._lattice.tiles_at(place[candidate], 1.0)
         candidate = candidate[tiles[candidate] >= 0]
         half = attitude.half_width(stops.sigma_yaw_rad[at])
-        # A swarm ends near a peak, in all dimensions: the exhaustive search on its lattice, at the prior's attitude.
+        # A swarm ends near a peak, in all dimensions, but not as near as a lattice's step.
         far = np.any(half > _FAR * np.asarray(LARGEST_STEP[2:5]), axis=1)
         far |= self._options.search_swarm is not None
         fixes.p_false[candidate] = judged.p_false[candidate]
@@ -175,13 +175,8 @@ class StopFixes:
         leg_m = stops.path_m[at] - stops.path_m[np.searchsorted(stops.leg, stops.leg[at])]
         length_m = np.where(leg_m < length_m - 0.5 * self._plan.spacing_m - 1e-6, leg_m, length_m)
         fixes.window_m[candidate] = length_m[candidate]
-        for aspect, rows in self._prepared.aspects(
-            tiles[candidate], stops.pose[at[candidate], 3], stops.speed_mps[at[candidate]]
-        ):
-            rows = candidate[rows]
-            for low in range(0, len(rows), self._batch):
-                some = rows[low : low + self._batch]
-                self._finish_some(stops, at, place, judged, aspect, some, half, far, fixes)
+        for batch in self._prepared.batches(tiles, yaw, stops.speed_mps[at], self._batch):
+            self._finish_some(stops, at, place, judged, batch, half, far, fixes)
         told = np.flatnonzero((judged.code == Code.OK) & np.isfinite(fixes.pose[:, 0]))
         away = np.asarray(fixes.pose)[told, 2:] - stops.pose[at[told], 2:]
         away[:, 1] = np.mod(away[:, 1] + np.pi, 2.0 * np.pi) - np.pi
@@ -226,21 +221,20 @@ class StopFixes:
         at: Int[np.ndarray, " stop"],
         place: Float[np.ndarray, "stop 2"],
         judged: ChosenWindows,
-        aspect: TemplateKey,
-        some: Int[np.ndarray, " candidate"],
+        batch: TileBatch,
         half_width: Float[np.ndarray, "stop 3"],
         far: Bool[np.ndarray, " stop"],
         fixes: Fix,
     ) -> None:
-        ground = self._ground
-        frame = ground.frame(aspect.tile)
+        ground, some = self._ground, batch.rows
+        frame = ground.frame(batch.number)
         rows = np.concatenate([some, np.full(self._batch - len(some), some[0])])
         last, first = at[rows], judged.first[rows]
         member = np.round(np.linspace(last, first, self._plan.members, axis=1)).astype(int)
         fresh = np.diff(member, axis=1, prepend=last[:, None] + 1) != 0
         template = templates_of(stops, self._prepared.array, last, member, fresh)
         prior = stops.pose[last]
-        start = np.concatenate([place[rows], stops.pose[last, 2:] + judged.offset[rows]], axis=1)
+        start = np.concatenate([place[rows], stops.pose[last, 2:]], axis=1) + judged.offset[rows]
         half = self._options.half_width(stops.sigma_yaw_rad[last], self._lattice.half_m)
         half[:, 2:5] = half_width[rows]
         # Along and across the tile, like the half widths.
@@ -252,8 +246,8 @@ class StopFixes:
         swing_m = half[:, 3] * np.hypot(*middle_m.T) * (judged.code[rows] == Code.OK)
         found: Finished = jax.device_get(
             finish_best(
-                self._prepared.at(aspect).tile,
-                np.float32(ground.source.height_reference_m[aspect.tile]),
+                batch.ready.tile,
+                np.float32(ground.source.height_reference_m[batch.number]),
                 ground.basis.angular_frequency_rad_per_ns,
                 template,
                 np.pad(to_tile(start, frame), level).astype(np.float32),
@@ -313,26 +307,22 @@ class StopFixes:
         known = np.flatnonzero(np.isfinite(truth[:, 0]))
         tiles = np.full(len(at), -1)
         tiles[known] = self._lattice.tiles_at(truth[known, :2], 1.0)
-        known = known[tiles[known] >= 0]
-        yaw, speed = truth[:, 3], scans.track.speed_mps[at]
+        speed = scans.track.speed_mps[at]
         array, centre_m = self._prepared.array, centre_of(self._prepared.array)
-        for aspect, rows in self._prepared.aspects(tiles[known], yaw[known], speed[known]):
-            for low in range(0, len(rows), self._batch):
-                some = known[rows[low : low + self._batch]]
-                full = np.concatenate([some, np.full(self._batch - len(some), some[0])])
-                x_m = array.x_m - centre_m[0] + speed[full, None] * array.time_offset_s
-                offset = np.stack([x_m, np.broadcast_to(array.y_m - centre_m[1], x_m.shape)], axis=-1)
-                frame = self._ground.frame(aspect.tile)
-                valid = scans.valid[at][full]
-                template = Template(
-                    *(jnp.asarray(part) for part in (coefficients[full], offset.astype(np.float32), valid, valid))
-                )
-                scores = score_each(
-                    self._prepared.at(aspect).tile,
-                    template,
-                    to_tile(truth[full], frame).astype(np.float32),
-                    np.float32(self._ground.source.height_reference_m[aspect.tile]),
-                    self._ground.basis.angular_frequency_rad_per_ns,
-                )
-                out[some] = np.asarray(scores)[: len(some)]
+        for batch in self._prepared.batches(tiles, truth[:, 3], speed, self._batch):
+            full = np.concatenate([batch.rows, np.full(self._batch - len(batch.rows), batch.rows[0])])
+            x_m = array.x_m - centre_m[0] + speed[full, None] * array.time_offset_s
+            offset = np.stack([x_m, np.broadcast_to(array.y_m - centre_m[1], x_m.shape)], axis=-1)
+            valid = scans.valid[at][full]
+            template = Template(
+                *(jnp.asarray(part) for part in (coefficients[full], offset.astype(np.float32), valid, valid))
+            )
+            scores = score_each(
+                batch.ready.tile,
+                template,
+                to_tile(truth[full], self._ground.frame(batch.number)).astype(np.float32),
+                np.float32(self._ground.source.height_reference_m[batch.number]),
+                self._ground.basis.angular_frequency_rad_per_ns,
+            )
+            out[batch.rows] = np.asarray(scores)[: len(batch.rows)]
         return out

@@ -358,20 +358,27 @@ class EvidenceSearch:
         if here_m - self._checked_m < every_m - self.plan.spacing_m:
             return self._lattice.place_m is None
         self._checked_m = here_m
-        assert self._place.error_m is not None
         at = _some(self._last_metres(stops, high), high)
-        middle = astray[high - 1]
+        compared = self._compared(stops, at, astray[high - 1])
+        if compared is None:
+            return True
+        self._windows.elsewhere = compared[1]
+        return self._windows.contested(*compared)
+
+    def _compared(
+        self, stops: Stops, at: Int[np.ndarray, " stop"], prior_m: Float[np.ndarray, "2"]
+    ) -> tuple[float, float] | None:
+        """z of the accepted place, and of the best other one in the whole region; None where nothing is conclusive."""
+        assert self._place.error_m is not None
         whole_points = self.plan.points(self._lattice.half_m + SLACK_M)
         near = self._one_window(stops, at, stops.coefficients[at], self._place.error_m, HELD_M)
-        whole = self._one_window(stops, at, stops.coefficients[at], middle, self._lattice.half_m + SLACK_M)
+        whole = self._one_window(stops, at, stops.coefficients[at], prior_m, self._lattice.half_m + SLACK_M)
         if whole.floor == 0.0:
-            return True
-        there_m = self._lattice.error_of(np.asarray(whole.point), middle, whole_points)
+            return None
+        there_m = self._lattice.error_of(np.asarray(whole.point), prior_m, whole_points)
         here_at_m = self._lattice.error_of(np.asarray(near.point), self._place.error_m, self.plan.points(HELD_M))
         apart = self._windows.apart(there_m, here_at_m)
-        here, there = (float(score / whole.floor) for score in (near.score, whole.score if apart else whole.rival))
-        self._windows.elsewhere = there
-        return self._windows.contested(here, there)
+        return float(near.score / whole.floor), float((whole.score if apart else whole.rival) / whole.floor)
 
     def _one_window(
         self,

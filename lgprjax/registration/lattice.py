@@ -13,7 +13,7 @@ from lgprjax.registration.coarse import ScanBatch, scan_surfaces
 from lgprjax.registration.estimates import WIDEST
 from lgprjax.registration.judge import RegisterOptions
 from lgprjax.registration.queries import SearchSizes, Stops
-from lgprjax.registration.template_bank import PreparedGround, TemplateKey, to_tile
+from lgprjax.registration.template_bank import PreparedGround, TileBatch, to_tile
 
 SLACK_M = 0.5
 """Distance that the prior may move from the lattice's centre before the lattice follows."""
@@ -193,14 +193,11 @@ class ErrorLattice:
         out = self.blank(len(at), points, heights_m)
         centre = stops.reckoned_m[at] + middle_m
         tiles = self.tiles_at(centre, float(np.max(self._corner_m(points))))
-        known = np.flatnonzero(tiles >= 0)
-        for aspect, rows in self._prepared.aspects(tiles[known], stops.pose[at[known], 3], stops.speed_mps[at[known]]):
-            rows = known[rows]
-            for low in range(0, len(rows), self._batch):
-                some = rows[low : low + self._batch]
-                made = self._on_tile(stops, at[some], coefficients[some], centre[some], aspect, points, heights_m)
-                for whole, part in zip(out, made, strict=True):
-                    whole[some] = part[: len(some)]
+        for batch in self._prepared.batches(tiles, stops.pose[at, 3], stops.speed_mps[at], self._batch):
+            some = batch.rows
+            made = self._on_tile(stops, at[some], coefficients[some], centre[some], batch, points, heights_m)
+            for whole, part in zip(out, made, strict=True):
+                whole[some] = part[: len(some)]
         return out
 
     def _on_tile(
@@ -209,12 +206,12 @@ class ErrorLattice:
         at: Int[np.ndarray, " stop"],
         coefficients: Float[np.ndarray, "stop channel coefficient"],
         centre: Float[np.ndarray, "stop 2"],
-        aspect: TemplateKey,
+        batch: TileBatch,
         points: tuple[int, int],
         heights_m: Float[np.ndarray, " height"],
     ) -> Surfaces:
-        ground, ready = self._ground, self._prepared.at(aspect)
-        frame, fill = ground.frame(aspect.tile), self._batch - len(at)
+        ground, columns = self._ground, batch.ready.columns
+        frame, fill = ground.frame(batch.number), self._batch - len(at)
         aside = _turn(self.facing_rad - frame[2])
         half = self._corner_m(points) @ aside
         rows = np.concatenate([at, np.full(fill, at[0])])
@@ -223,12 +220,12 @@ class ErrorLattice:
         corner = to_tile(np.concatenate([middle, pose[:, 2:]], axis=1), frame)[:, :2] - half
         above = pose[:, 2, None] + self._left_m * np.sin(pose[:, 4, None])
         made = scan_surfaces(
-            ready.columns,
+            columns,
             ground.components,
             ScanBatch(
                 np.concatenate([coefficients, np.tile(coefficients[:1], (fill, 1, 1))]),
                 stops.valid[rows],
-                (above - ground.source.height_reference_m[aspect.tile]).astype(np.float32),
+                (above - ground.source.height_reference_m[batch.number]).astype(np.float32),
                 corner.astype(np.float32),
             ),
             (self._plan.lattice_m[:, None] * aside).astype(np.float32),
@@ -236,7 +233,7 @@ class ErrorLattice:
             heights_m,
             ground.basis.angular_frequency_rad_per_ns,
             points=points,
-            box=self._box(points, ready.columns.power.shape),
+            box=self._box(points, columns.power.shape),
             count=np.int32(len(at)),
         )
         return Surfaces(*(np.asarray(part) for part in made))

@@ -14,6 +14,7 @@ from lgprjax.registration.judge import independent_numbers
 from lgprjax.registration.score import (
     OFF_MAP_SCORE,
     SampledGround,
+    Score,
     Template,
     leads_off_map,
     normal_equations,
@@ -317,6 +318,27 @@ def watch_finish(
     )
 
 
+def held_score(
+    score: Score,
+    pose: Float[Array, "particle 5"],
+    prior: Float[Array, "5"],
+    half_width: Float[Array, "5"],
+    numbers: Float[Array, ""],
+) -> Float[Array, " particle"]:
+    """Scores of poses, less what the prior's attitude and height weigh against them, as on a climb.
+
+    Args:
+        score: of the poses.
+        pose: along_m, cross_m, height_m, yaw_rad, roll_rad in the tile's frame.
+        prior: the same, with ``half_width`` the search region about it.
+        numbers: independent numbers that the template holds.
+    """
+    pull = jnp.asarray([0.0, 0.0, *PRIOR[2:5]], dtype=jnp.float32)
+    r = jnp.clip(score.correlation, 0.05, 0.999)
+    away = (pose - prior[None]) / half_width[None]
+    return score.score - 0.5 * (1.0 - r**2) / (numbers * r) * jnp.sum(pull[None] * away**2, axis=-1)
+
+
 class _Hunt(NamedTuple):
     """Inputs of a swarm around one start: its particles are in units of ``reach`` about ``centre``."""
 
@@ -337,7 +359,6 @@ def _hunt(
 ) -> _Hunt:
     tile, height_reference_m, omega, min_overlap = ground
     template, start, prior, half_width, numbers, start_seed = given
-    pull = jnp.asarray([0.0, 0.0, *PRIOR[2:5]], dtype=jnp.float32)
     centre, width = start[:5], half_width[:5]
     reach = width.at[:2].set(jnp.minimum(width[:2], reach_m))
     first, second = jax.random.split(jax.random.fold_in(jax.random.key(seed), start_seed))
@@ -347,9 +368,7 @@ def _hunt(
     def posterior(u: Float[Array, "particle 5"]) -> Float[Array, " particle"]:
         pose = centre[None] + u * reach[None]
         score = score_poses(tile, template, pose, height_reference_m, omega, min_overlap)
-        r = jnp.clip(score.correlation, 0.05, 0.999)
-        away = (pose - prior[None, :5]) / width[None]
-        return score.score - 0.5 * (1.0 - r**2) / (numbers * r) * jnp.sum(pull[None] * away**2, axis=-1)
+        return held_score(score, pose, prior[:5], width, numbers)
 
     return _Hunt(second, cloud, posterior, centre, reach)
 

@@ -2,11 +2,11 @@
 
 The search of the first system of this kind (LL). It begins anywhere in its region and knows no derivative; region,
 particles and iterations follow the correlation: small where the last place was certain, the whole region where it was
-not. Evidence, codes, probabilities and the time scale are those of the exhaustive search, which it can replace and
-check: a place that both accept was found in two ways.
+not. A swarm says where the best pose is. Whether that is certain, and in which window, is decided as by default, by
+scores close to the place and at decoys: probabilities, codes and the time scale mean the same, and a place that both
+accept was found in two ways.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -18,10 +18,13 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from lgprjax.pso import SwarmConfig, run_swarm
 from lgprjax.registration.candidates import ChosenWindows
-from lgprjax.registration.coarse import NEAR_RIM, Peaks
-from lgprjax.registration.evidence import CARRIED_M, CHUNK_M, DRIFT, EvidenceSearch
+from lgprjax.registration.coarse import Peaks
+from lgprjax.registration.evidence import CARRIED_M, DRIFT, EvidenceSearch
 from lgprjax.registration.fix import Code
-from lgprjax.registration.queries import Stops, templates_of
+from lgprjax.registration.judge import independent_numbers
+from lgprjax.registration.lattice import HELD_M
+from lgprjax.registration.queries import Stops, rotation, templates_of
+from lgprjax.registration.refine import held_score
 from lgprjax.registration.score import OFF_MAP_SCORE, Template, score_poses
 from lgprjax.registration.template_bank import fixes_to_map, to_tile
 from lgprjax.registration.windows import APART, LOST_M
@@ -32,38 +35,26 @@ _LEVELS = ((0.25, 0.5), (0.5, 0.75), (1.0, 1.0))
 and in the whole region."""
 _WHOLE = len(_LEVELS) - 1
 _WIDER = 3.0  # times the side of the region around the last place
-_ATTITUDES = 4.0  # independent ones within what a log claims
-_WIDE_ATTITUDES = 15.0  # the same before the ground has confirmed the claims
-_DECOYS = 64
 _NOW_AND_THEN_M = 1.0  # of travel
-_RIM = 0.98  # of the half side of a region
+_SEEDS = _WHOLE + 3  # of searches at one stop: anew, about a known place at each level, against others
 
 
 class SwarmPeak(NamedTuple):
     """The best pose that a swarm found in its region, in the tile's frame; scores as of ``Score``.
 
     Attributes:
-        pose: along_m, cross_m, height_m, yaw_rad, roll_rad.
+        pose: along_m, cross_m, height_m, yaw_rad, roll_rad of each swarm: of the best place, and where a rival was
+            looked for of the best one at least a distance apart.
         score: there; ``OFF_MAP_SCORE`` where nothing was on the map.
-        rival: best score that a second swarm found at least a distance apart.
-        floor: root mean square score at decoys; 0 where too few of them are on the map.
-        region_floor: the same of the first positions far from the best.
-        overlap: largest share of the template on the map.
         on_map: share of the region on the map.
-        ends: the map ends close to the place, on its left and on its right.
     """
 
-    pose: Float[Array, "5"]
-    score: Float[Array, ""]
-    rival: Float[Array, ""]
-    floor: Float[Array, ""]
-    region_floor: Float[Array, ""]
-    overlap: Float[Array, ""]
+    pose: Float[Array, "swarm 5"]
+    score: Float[Array, " swarm"]
     on_map: Float[Array, ""]
-    ends: Bool[Array, "2"]
 
 
-@partial(jax.jit, static_argnames="config")
+@partial(jax.jit, static_argnames=("config", "rival"))
 def search_region(
     tile: Tile,
     height_reference_m: Float[Array, ""],
@@ -73,11 +64,12 @@ def search_region(
     middle: Float[Array, "5"],
     half_width: Float[Array, "5"],
     free: Bool[Array, "5"],
-    decoys: Float[Array, "height decoy 5"],
+    floor: Float[Array, ""],
     apart_m: Float[Array, ""],
     seed: UInt32[Array, "2"],
     *,
     config: SwarmConfig,
+    rival: bool,
 ) -> SwarmPeak:
     """Search a region of poses by a swarm that begins anywhere in it, and for a rival by a second one.
 
@@ -86,57 +78,37 @@ def search_region(
         template: a single one.
         middle, half_width: of the region, in the tile's frame.
         free: degrees of freedom that may move.
-        decoys: poses where a match is due to chance; of the heights the best counts.
+        floor: noise floor of the template: its match is weighed against the prior's height and attitude, as on a climb.
         apart_m: places closer than this are the same place.
         seed: of the drive and of this search.
         config: of the swarms.
+        rival: look for one.
     """
 
-    def score(pose: Float[Array, "particle 5"]) -> tuple[Array, Array]:
-        found = score_poses(tile, template, pose, height_reference_m, angular_frequency_rad_per_ns, min_overlap)
-        return found.score, found.covered
+    numbers = independent_numbers(floor)
 
     def hunt(avoided_m: Float[Array, "2"], key: Array) -> tuple[Array, tuple[Array, Array]]:
         def objective(u: Float[Array, "particle 5"]) -> Float[Array, " particle"]:
             pose = middle[None] + u * half_width[None]
             near = jnp.sum((pose[:, :2] - avoided_m[None]) ** 2, axis=1) < apart_m**2
-            return jnp.where(near, -jnp.inf, score(pose)[0])
+            return jnp.where(near, -jnp.inf, score(pose))
 
         end = run_swarm(key, cloud, objective, free, config=config)
         place = middle + end.position * half_width
         return place[:2], (place, jnp.maximum(end.score, OFF_MAP_SCORE))
 
+    def score(pose: Float[Array, "particle 5"]) -> Float[Array, " particle"]:
+        found = score_poses(tile, template, pose, height_reference_m, angular_frequency_rad_per_ns, min_overlap)
+        held = held_score(found, pose, middle, half_width, numbers)
+        return jnp.where(found.score > OFF_MAP_SCORE, held, OFF_MAP_SCORE)
+
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), 3)
     cloud = jax.random.uniform(keys[0], (config.particles, 5), minval=-1.0, maxval=1.0)
     cloud = jnp.where(free[None], cloud, 0.0)
     # One after the other, as one program: the second avoids what the first has found.
-    _, (found, scores) = jax.lax.scan(hunt, jnp.full(2, jnp.inf), keys[1:])
-    pose = found[0]
-    begun, places = middle[None] + cloud * half_width[None], decoys.reshape(-1, 5)
-    sideways = NEAR_RIM * apart_m * jnp.stack([-jnp.sin(pose[3]), jnp.cos(pose[3])])
-    beside = jnp.stack([pose.at[:2].add(sideways), pose.at[:2].add(-sideways)])
-    sampled, covered = score(jnp.concatenate([begun, places, beside]))
-    chance, decoy, ends = jnp.split(sampled, [len(begun), len(begun) + len(places)])
-    decoy = jnp.max(decoy.reshape(decoys.shape[:2]), axis=0)
-    traces = jnp.maximum(jnp.sum(template.valid, dtype=jnp.float32), 1.0)
-    apart = jnp.sum((begun[:, :2] - pose[None, :2]) ** 2, axis=1) >= 4.0 * apart_m**2
-    return SwarmPeak(
-        pose,
-        scores[0],
-        scores[1],
-        _root_mean_square(decoy, decoy > OFF_MAP_SCORE, 12),
-        _root_mean_square(chance, apart & (chance > OFF_MAP_SCORE), 16),
-        jnp.max(jnp.sum(covered[: len(begun)], axis=1, dtype=jnp.float32)) / traces,
-        jnp.mean(chance > OFF_MAP_SCORE, dtype=jnp.float32),
-        ends <= OFF_MAP_SCORE,
-    )
-
-
-def _root_mean_square(score: Float[Array, " place"], counts: Bool[Array, " place"], least: int) -> Float[Array, ""]:
-    """Of the places that count; 0 where they are fewer than ``least``."""
-    number = jnp.sum(counts, dtype=jnp.float32)
-    mean = jnp.sum(jnp.where(counts, score**2, 0.0)) / jnp.maximum(number, 1.0)
-    return jnp.where(number >= least, jnp.sqrt(mean), 0.0)
+    _, (found, scores) = jax.lax.scan(hunt, jnp.full(2, jnp.inf), keys[1:] if rival else keys[1:2])
+    begun = score(middle[None] + cloud * half_width[None])
+    return SwarmPeak(found, scores, jnp.mean(begun > OFF_MAP_SCORE, dtype=jnp.float32))
 
 
 class _Region(NamedTuple):
@@ -147,125 +119,195 @@ class _Region(NamedTuple):
     level: int
 
 
+class _Found(NamedTuple):
+    """What each swarm found; of the poses, what they are off from dead reckoning and the prior's height, heading and
+    roll.
+    """
+
+    offset: Float[np.ndarray, "swarm 5"]
+    score: Float[np.ndarray, " swarm"]
+    on_map: float
+
+
 class SwarmSearch(EvidenceSearch):
     """Search of one drive by swarms of at most ``options.search_swarm``; arguments as for ``EvidenceSearch``."""
 
-    _window, _level = 0, _WHOLE
+    _window, _level = 0, 0
     _whole_m = -np.inf
-
-    @property
-    def _may_hold(self) -> bool:
-        return False
-
-    def _note(self, stops: Stops, high: int, judged: ChosenWindows) -> bool:  # noqa: ARG002
-        """Whether there was a fix: each was taken where it was found."""
-        return bool(np.any(judged.code == Code.OK))
+    _declined: ChosenWindows | None = None
 
     def _judge(self, stops: Stops, low: int, high: int, astray: Float[np.ndarray, "stop 2"]) -> ChosenWindows:
-        """Stop by stop: the region at each follows from the fix before."""
-        at = np.arange(low, high)
-        self._make_ready(stops, high)
-        fitting = self._windows.first_of(stops, at)
-        first, shape = np.full_like(fitting, -1), fitting.shape
-        found, offset = _no_peaks(shape), np.zeros((*shape, 3))
-        floor, foreign, rivals = np.full(shape, 0.5), np.ones(shape), np.ones(shape)
-        at_edge, good = np.zeros(shape, bool), np.zeros(shape, bool)
-        for row, end in enumerate(at):
-            own = slice(row, row + 1)
-            if row and not self._due(stops, int(end)):
-                for whole in (*found, offset, first, floor, foreign, rivals, at_edge):
-                    whole[row] = whole[row - 1]
-                continue
-            for region, window in self._looks(stops, int(end), fitting[row], astray[end]):
-                begin = int(fitting[row, window])
-                member = np.round(np.linspace(end, begin, self.plan.members if begin < end else 1)).astype(int)
-                seed = int(stops.number[end]) * 64 + 4 * window + region.level
-                peak, offset[row, window] = self._look(stops, member, region, seed)
-                for whole, part in zip(found, peak, strict=True):
-                    whole[row, window] = part
-                first[row, window] = begin
-                here = Peaks(*(field[own] for field in found))
-                floor[own] = self._windows.settled_floor(stops, at[own], first[own], here)
-                here = here._replace(floor=floor[own])
-                attitudes = self._attitudes(stops, int(end))
-                tried, chose = attitudes * self._scale.tried, None
-                if region.level < _WHOLE:
-                    tried, chose = attitudes, self._windows.chose(stops, first[own])
-                foreign[own], rivals[own] = self._windows.weigh(here, first[own], tried, chose)
-                at_edge[own] = here.at_rim | self._windows.beyond(here, foreign[own])
-                certain = max(foreign[row, window], rivals[row, window]) <= self._options.risk
-                good[row, window] = certain and not at_edge[row, window]
-                self._level = max(region.level - 1, 0) if good[row, window] else _WHOLE
-                if good[row, window]:
-                    error_m = self._lattice.error_of(np.asarray(peak.point))
-                    self._windows.take(float(stops.path_m[end]), error_m, float(peak.area), tried)
-                    self._window = window
+        """Stop by stop while no place is tracked; from then on as by default around the place, each accepted window's
+        pose found by a swarm.
+        """
+        parts: list[ChosenWindows] = []
+        at, tracked = low, self._lattice.place_m is not None
+        while at < high:
+            if self._lattice.place_m is not None:
+                parts.append(self._confirmed(stops, at, super()._judge(stops, at, high, astray), astray))
+                break
+            parts.append(self._anew(stops, at, astray))
+            at += 1
+        if not tracked:
+            # Whether a new place is kept is decided after these metres.
+            self._hold(None)
+        whole: ChosenWindows = jax.tree.map(lambda *fields: np.concatenate(fields), *parts)
+        return whole
+
+    def _anew(self, stops: Stops, end: int, astray: Float[np.ndarray, "stop 2"]) -> ChosenWindows:
+        """Look for a place in the whole region about the prior."""
+        plan, lattice, windows = self.plan, self._lattice, self._windows
+        at, prior_m, here_m = np.array([end]), astray[end], float(stops.path_m[end])
+        # Noise floors are those of scores about the prior, of all windows.
+        self._hold(prior_m)
+        known, _, first, _ = self._peaks(stops, end, end + 1, astray)
+        self._hold(None)
+        # One strong stone is one scan: a place is found by more.
+        least = int(len(plan.windows_m) > 1 and self._options.own_thresholds is None)
+        fitting = np.flatnonzero(first[0] >= 0)
+        fitting = fitting[fitting >= least]
+        peaks = _no_peaks(first.shape)
+        nothing = np.ones(first.shape)
+        none = np.zeros(first.shape, bool)
+        # Where no place has been found for a while, only now and then.
+        due = here_m - self._place.seen_m <= LOST_M or here_m - self._whole_m >= _NOW_AND_THEN_M
+        if self._declined is not None and not due:
+            return self._declined
+        if not len(fitting):
+            return windows.chosen(stops, at, np.full_like(first, -1), peaks, nothing, nothing, none, none)
+        # Evidence that one length lacks, the next may hold.
+        window = int(np.clip(self._window, fitting[0], fitting[-1]))
+        self._window, self._whole_m = window + 1, here_m
+        first = np.where(np.arange(first.shape[1]) == window, first, -1)
+        region = _Region(prior_m, lattice.region_m, _WHOLE)
+        begin = int(first[0, window])
+        floor, seed = float(known.floor[0, window]), _SEEDS * int(stops.number[end])
+        found = self._look(stops, self._members(end, begin), region, floor, seed=seed)
+        there_m, rival_m = self._at_prior_heading(stops, end, begin, found.offset)
+        near, place_m = self._around(stops, end, begin, there_m)
+        other, other_m = self._around(stops, end, begin, rival_m)
+        rival = other.score if windows.apart(other_m, place_m) else other.rival
+        near = near._replace(
+            point=lattice.point_of(place_m),
+            score=np.where(found.score[0] > OFF_MAP_SCORE, near.score, OFF_MAP_SCORE),
+            rival=np.maximum(near.rival, np.where(found.score[1] > OFF_MAP_SCORE, rival, OFF_MAP_SCORE)),
+            area=np.asarray(found.on_map * (2.0 * region.half_m) ** 2 / np.prod(plan.lattice_m)),
+        )
+        for whole, part in zip(peaks, near, strict=True):
+            whole[0, window] = part
+        sides = 0 if windows.measures_edges else peaks.open_sides
+        peaks = peaks._replace(floor=known.floor, open_sides=np.broadcast_to(sides, first.shape))
+        foreign, rivals = windows.weigh(peaks, first, self._scale.tried)
+        away_m = float(np.max(np.abs(place_m - prior_m)))
+        at_edge = peaks.at_rim | windows.beyond(peaks, foreign) | (away_m > region.half_m)
+        same = not windows.apart(place_m, there_m)
+        risk = self._options.risk
+        good = (first >= 0) & (foreign <= risk) & (rivals <= risk) & ~at_edge & same
+        judged = windows.chosen(
+            stops, at, first, peaks, foreign, np.where(same, rivals, 1.0), np.asarray(at_edge), good
+        )
+        if judged.code[0] == Code.OK:
+            windows.take(here_m, place_m, float(near.area), self._scale.tried)
+            self._window = self._level = 0
+            if self._may_hold:
+                self._hold(place_m)
+            judged = judged._replace(offset=found.offset[:1] - np.pad(place_m, (0, 3)))
+        else:
+            self._declined = judged._replace(first=np.full(1, -1))
+        return judged
+
+    def _confirmed(
+        self, stops: Stops, low: int, judged: ChosenWindows, astray: Float[np.ndarray, "stop 2"]
+    ) -> ChosenWindows:
+        """Windows accepted around the tracked place, where a swarm finds the place too, with its pose.
+
+        It looks within a small region around the last place, where it misses that in one of some times its side, and
+        then in the whole one.
+        """
+        code, offset = judged.code.copy(), judged.offset.copy()
+        assert self._place.error_m is not None
+        last_m, seen_m = self._place.error_m, self._place.seen_m
+        for row in np.flatnonzero(code == Code.OK):
+            end, begin = low + int(row), int(judged.first[row])
+            here_m, place_m, floor = float(stops.path_m[end]), judged.error_m[row], float(judged.peak.floor[row])
+            near_m, seed = CARRIED_M + DRIFT * abs(here_m - seen_m), _SEEDS * int(stops.number[end]) + 1
+            code[row] = Code.AMBIGUOUS
+            for level in range(self._level, _WHOLE + 1):
+                region = (
+                    _Region(astray[end], self._lattice.region_m, _WHOLE)
+                    if level == _WHOLE
+                    else _Region(last_m, near_m * _WIDER**level, level)
+                )
+                found = self._look(stops, self._members(end, begin), region, floor, seed=seed + level)
+                there_m = self._at_prior_heading(stops, end, begin, found.offset[:1])[0]
+                if found.score[0] > OFF_MAP_SCORE and not self._windows.apart(there_m, place_m):
+                    code[row], offset[row] = Code.OK, found.offset[0] - np.pad(place_m, (0, 3))
+                    last_m, seen_m, self._level = place_m, here_m, max(level - 1, 0)
                     break
             else:
-                # Evidence that one length lacks, the next may hold.
-                self._window = min(self._window + 1, int(np.max(np.flatnonzero(fitting[row] >= 0), initial=0)))
-        chosen = self._windows.chosen(stops, at, first, found._replace(floor=floor), foreign, rivals, at_edge, good)
-        return chosen._replace(offset=offset[np.arange(len(at)), chosen.window])
+                self._level = _WHOLE
+        return judged._replace(code=code, offset=offset)
 
-    def _due(self, stops: Stops, end: int) -> bool:
-        """Whether to search at a stop: where no place has been found for a while, only now and then."""
-        here_m = float(stops.path_m[end])
-        return here_m - self._place.seen_m <= LOST_M or here_m - self._whole_m >= _NOW_AND_THEN_M
+    def _compared(
+        self, stops: Stops, at: Int[np.ndarray, " stop"], prior_m: Float[np.ndarray, "2"]
+    ) -> tuple[float, float] | None:
+        """By two swarms in the whole region."""
+        assert self._place.error_m is not None
+        near = self._one_window(stops, at, stops.coefficients[at], self._place.error_m, HELD_M)
+        if near.floor == 0.0:
+            return None
+        end, begin = int(at[-1]), int(at[0])
+        region = _Region(prior_m, self._lattice.half_m, _WHOLE)
+        seed = _SEEDS * int(stops.number[end]) + _SEEDS - 1
+        found = self._look(stops, self._members(end, begin), region, float(near.floor), seed=seed)
+        there_m = self._at_prior_heading(stops, end, begin, found.offset)[0]
+        here, there = (float(score) for score in found.score)
+        if self._windows.apart(there_m, self._place.error_m):
+            here, there = there, here
+        # Both may have missed the known place.
+        return max(here, float(near.score)) / float(near.floor), there / float(near.floor)
 
-    def _looks(
-        self, stops: Stops, end: int, first: Int[np.ndarray, " window"], prior_m: Float[np.ndarray, "2"]
-    ) -> Iterator[tuple[_Region, int]]:
-        """Regions and windows to search at a stop, until one of them gives a fix."""
-        here_m = float(stops.path_m[end])
-        whole = _Region(prior_m, self._lattice.region_m, _WHOLE)
-        regions = [whole]
-        since_m = here_m - self._place.seen_m
-        if self._place.error_m is not None and since_m <= LOST_M and here_m - self._whole_m < CHUNK_M:
-            near_m = CARRIED_M + DRIFT * since_m
-            sides = (near_m, _WIDER * near_m)
-            around = [_Region(self._place.error_m, side_m, level) for level, side_m in enumerate(sides)]
-            regions = [*around[self._level :], whole]
-        begin = max(0, self._window - 1)
-        windows = [window for window in range(begin, min(begin + 2, len(first))) if first[window] >= 0]
-        for region in regions:
-            if region.level == _WHOLE:
-                self._whole_m = here_m
-            for window in windows or [0]:
-                if first[window] >= 0:
-                    yield region, window
+    def _around(
+        self, stops: Stops, end: int, begin: int, place_m: Float[np.ndarray, "2"]
+    ) -> tuple[Peaks, Float[np.ndarray, "2"]]:
+        """Peaks of a window close to a place, at the prior's attitude as by default, and the place of the best."""
+        at = np.arange(begin, end + 1)
+        peaks = self._one_window(stops, at, stops.coefficients[at], place_m, HELD_M)
+        return peaks, self._lattice.error_of(np.asarray(peaks.point), place_m, self.plan.points(HELD_M))
 
-    def _attitudes(self, stops: Stops, end: int) -> float:
-        """Independent attitudes among those searched."""
-        half = self._attitude.half_width(stops.sigma_yaw_rad[end : end + 1])[0]
-        claimed = self._attitude.claimed(stops.sigma_yaw_rad[end : end + 1])[0]
-        return _WIDE_ATTITUDES if np.any(half > 2.0 * claimed) else _ATTITUDES
+    def _members(self, end: int, begin: int) -> Int[np.ndarray, " member"]:
+        """Stops of a window that are matched, the last one first."""
+        return np.round(np.linspace(end, begin, self.plan.members if begin < end else 1)).astype(int)
+
+    def _at_prior_heading(
+        self, stops: Stops, end: int, begin: int, offset: Float[np.ndarray, "swarm 5"]
+    ) -> Float[np.ndarray, "swarm 2"]:
+        """Errors of the prior at which a window's middle is where poses have it: a lattice knows the prior's heading
+        alone.
+        """
+        middle_m = 0.5 * (stops.reckoned_m[begin] - stops.reckoned_m[end])
+        turned_m = np.einsum("ijs,j->si", rotation(offset[:, 3]), middle_m)
+        return np.asarray(offset[:, :2] + turned_m - middle_m)
 
     def _look(
-        self,
-        stops: Stops,
-        member: Int[np.ndarray, " member"],
-        region: _Region,
-        seed: int,
-    ) -> tuple[Peaks, Float[np.ndarray, "3"]]:
-        """Search a region for the place of one window.
+        self, stops: Stops, member: Int[np.ndarray, " member"], region: _Region, floor: float, *, seed: int
+    ) -> _Found:
+        """Search a region for the pose of one window.
 
         Args:
             stops: the scans.
-            member: those of the window, the last one first.
-            region: of places.
+            member: those of the window, the last one first; as many as are compiled for, or repeated.
+            region: of places; for the whole one a rival is looked for.
+            floor: noise floor of the window.
             seed: of the swarm.
-
-        Returns:
-            its peak, and the offset of height, heading and roll from the prior.
         """
         lattice, ground, array = self._lattice, self._ground, self._prepared.array
         end = member[:1]
         prior = stops.pose[end].copy()
         prior[:, :2] = stops.reckoned_m[end] + region.middle_m
-        blank = _no_peaks(())
         tiles = lattice.tiles_at(prior[:, :2], region.half_m)
         if tiles[0] < 0:
-            return blank, np.zeros(3)
+            return _Found(np.tile(np.pad(region.middle_m, (0, 3)), (2, 1)), np.full(2, OFF_MAP_SCORE), 0.0)
         aspect, _ = self._prepared.aspects(tiles, prior[:, 3], stops.speed_mps[end])[0]
         frame, (particles, iterations) = ground.frame(aspect.tile), _LEVELS[region.level]
         largest = self._options.search_swarm
@@ -280,15 +322,6 @@ class SwarmSearch(EvidenceSearch):
         half = self._options.half_width(stops.sigma_yaw_rad[end], region.half_m)[0, :5]
         half[2:] = self._attitude.half_width(stops.sigma_yaw_rad[end])[0]
         middle = to_tile(prior, frame)[0]
-        turn = lattice.facing_rad - frame[2]
-        cos, sin = np.cos(turn), np.sin(turn)
-        apart_m = lattice.decoys_about[:: -(-len(lattice.decoys_about) // _DECOYS)] @ np.array(
-            [[cos, sin], [-sin, cos]]
-        )
-        heights = lattice.heights_m
-        decoys = np.broadcast_to(middle, (len(heights), len(apart_m), 5)).copy()
-        decoys[..., :2] += apart_m[None]
-        decoys[..., 2] += heights[:, None]
         several = len(array.x_m) > 1
         peak: SwarmPeak = jax.device_get(
             search_region(
@@ -300,30 +333,18 @@ class SwarmSearch(EvidenceSearch):
                 middle.astype(np.float32),
                 half.astype(np.float32),
                 np.array([True, True, True, self.plan.members > 1 or several, several]),
-                decoys.astype(np.float32),
+                np.float32(floor),
                 np.float32(APART * self._wavelength_m),
                 np.array([self._options.seed, seed], np.uint32),
                 config=config,
+                rival=region.level == _WHOLE,
             )
         )
-        pose = fixes_to_map(np.asarray(peak.pose)[None], np.zeros((1, 5, 5)), frame)[0][0]
-        offset = pose[2:] - prior[0, 2:]
-        offset[1] = np.mod(offset[1] + np.pi, 2.0 * np.pi) - np.pi
-        away = np.abs(peak.pose[:2] - middle[:2])
-        ends = np.asarray(peak.ends)
-        area = float(peak.on_map) * (2.0 * region.half_m) ** 2 / float(np.prod(self.plan.lattice_m))
-        return Peaks(
-            point=lattice.point_of(pose[:2] - stops.reckoned_m[end[0]]),
-            height=np.zeros((), int),
-            score=peak.score,
-            rival=peak.rival,
-            floor=peak.floor,
-            region_floor=peak.region_floor,
-            overlap=peak.overlap,
-            area=np.asarray(area),
-            at_rim=np.asarray(np.any(away > _RIM * region.half_m)),
-            open_sides=np.asarray(0 if self._windows.measures_edges else int(ends[0]) + 2 * int(ends[1])),
-        ), offset
+        pose, score = np.asarray(peak.pose), np.asarray(peak.score)
+        pose, _ = fixes_to_map(pose, np.zeros((len(pose), 5, 5)), frame)
+        offset = pose - np.concatenate([stops.reckoned_m[end[0]], prior[0, 2:]])
+        offset[:, 3] = np.mod(offset[:, 3] + np.pi, 2.0 * np.pi) - np.pi
+        return _Found(offset, score, float(peak.on_map))
 
 
 def _no_peaks(shape: tuple[int, ...]) -> Peaks:

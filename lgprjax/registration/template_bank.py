@@ -1,6 +1,7 @@
 """The map prepared for one array: tiles filtered like its scans, and templates for its heading and speed."""
 
 from collections import OrderedDict
+from collections.abc import Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -60,39 +61,45 @@ def make_columns(
         stride: cells from place to place, along and across.
         margin: cells that an antenna may be outside the tile.
     """
-    size = tile.valid.shape
+    size, kept = tile.valid.shape, components.shape[1]
     border = [(m, m + 1) for m in margin]
-    ground = jnp.pad(jnp.moveaxis(tile.coefficients @ components, -1, 0), [(0, 0), *border])
-    valid = jnp.pad(tile.valid.astype(jnp.float32), border)
+    # The numbers of a place are contiguous, so that some places are read without the others.
+    ground = jnp.pad(tile.coefficients @ components, [*border, (0, 0)])
+    valid = jnp.pad(tile.valid.astype(jnp.float32), border)[..., None]
+    # In memory before the channels begin: each would compute it again.
+    ground, valid = jax.lax.optimization_barrier((ground, valid))
     reach = jnp.asarray(margin, dtype=jnp.int32)
     cells = offset_m / tile.cell_m[None]
     low = jnp.clip(jnp.floor(cells).astype(jnp.int32), -reach[None], reach[None] - 1)
     part = cells - low.astype(jnp.float32)
     first = [s // 2 for s in stride]
 
-    def channel(each: tuple[Array, Array]) -> tuple[Array, Array]:
-        base, (u, v) = each[0] + reach, each[1]
+    def channel(number: Int[Array, ""], made: tuple[Array, Array]) -> tuple[Array, Array]:
+        value, channels = made
+        base, (u, v) = low[number] + reach, part[number]
 
-        def moved(planes: Float[Array, "plane _ _"]) -> Float[Array, "plane _ _"]:
-            start = (0, base[0], base[1])
-            window = jax.lax.dynamic_slice(planes, start, (len(planes), size[0] + 1, size[1] + 1))
-            near, far = window[:, first[0] : -1 : stride[0]], window[:, first[0] + 1 :: stride[0]]
+        def moved(numbers: Float[Array, "_ _ number"]) -> Float[Array, "along cross number"]:
+            window = jax.lax.dynamic_slice(
+                numbers, (base[0], base[1], 0), (size[0] + 1, size[1] + 1, numbers.shape[-1])
+            )
+            near, far = window[first[0] : -1 : stride[0]], window[first[0] + 1 :: stride[0]]
             along = (1.0 - u) * near + u * far
-            left, right = along[:, :, first[1] : -1 : stride[1]], along[:, :, first[1] + 1 :: stride[1]]
-            between: Float[Array, "plane _ _"] = (1.0 - v) * left + v * right
+            left, right = along[:, first[1] : -1 : stride[1]], along[:, first[1] + 1 :: stride[1]]
+            between: Float[Array, "along cross number"] = (1.0 - v) * left + v * right
             return between
 
         # A place between cells is on the map where all of them are.
-        on_map = (moved(valid[None]) > 1.0 - 1e-4).astype(jnp.float32)
-        return moved(ground) * on_map, on_map[0]
+        on_map = (moved(valid) > 1.0 - 1e-4).astype(jnp.float32)
+        value = jax.lax.dynamic_update_slice(value, moved(ground) * on_map, (0, 0, number * kept))
+        return value, channels + on_map[..., 0]
 
-    values, masks = jax.lax.map(channel, (low, part))
-    # The numbers of a place are contiguous, so that some places are read without the others.
-    value = jnp.moveaxis(values.reshape(-1, *values.shape[2:]), 0, -1)
+    places = tuple(len(range(f, cells, step)) for f, cells, step in zip(first, size, stride, strict=True))
+    blank = jnp.zeros((*places, len(offset_m) * kept), jnp.float32), jnp.zeros(places, jnp.float32)
+    value, channels = jax.lax.fori_loop(0, len(offset_m), channel, blank)
     return ArrayColumns(
         value=value,
         power=jnp.sum(value**2, axis=-1),
-        overlap=jnp.mean(masks, axis=0),
+        overlap=channels / len(offset_m),
         origin_m=tile.origin_m + jnp.asarray(first, dtype=jnp.float32) * tile.cell_m,
         step_m=tile.cell_m * jnp.asarray(stride, dtype=jnp.float32),
     )
@@ -127,6 +134,20 @@ class PreparedTile(NamedTuple):
 
     tile: Tile
     columns: ArrayColumns
+
+
+class TileBatch(NamedTuple):
+    """Scans that are worked on together.
+
+    Attributes:
+        number: of their tile.
+        ready: their ground.
+        rows: their positions.
+    """
+
+    number: int
+    ready: PreparedTile
+    rows: Int[np.ndarray, " scan"]
 
 
 class PreparedGround:
@@ -188,6 +209,20 @@ class PreparedGround:
         rows, group = np.unique(key, axis=0, return_inverse=True)
         group = group.reshape(-1)
         return [(TemplateKey(*(int(v) for v in row)), np.flatnonzero(group == n)) for n, row in enumerate(rows)]
+
+    def batches(
+        self,
+        tile: Int[np.ndarray, " scan"],
+        yaw_rad: Float[np.ndarray, " scan"],
+        speed_mps: Float[np.ndarray, " scan"],
+        size: int,
+    ) -> Iterator[TileBatch]:
+        """Scans on a tile (those with -1 have none) that share a template key, at most ``size`` together."""
+        known = np.flatnonzero(tile >= 0)
+        for aspect, rows in self.aspects(tile[known], yaw_rad[known], speed_mps[known]):
+            ready, own = self.at(aspect), known[rows]
+            for low in range(0, len(own), size):
+                yield TileBatch(aspect.tile, ready, own[low : low + size])
 
     def at(self, aspect: TemplateKey) -> PreparedTile:
         """Tile and columns, from the cache or computed now."""

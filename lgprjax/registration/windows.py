@@ -313,7 +313,7 @@ class WindowJudge:
         ):
             code = np.where(applies, int(reason), code)
         error_m = self._lattice.error_of(np.asarray(peak.point))
-        offset = self._lattice.heights_m[peak.height][:, None] * np.eye(1, 3)
+        offset = self._lattice.heights_m[peak.height][:, None] * np.eye(1, 5, 2)
         return ChosenWindows(chosen, peak, foreign, code, begin, error_m, offset)
 
     def _agreed(self, peaks: Peaks, good: Bool[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:

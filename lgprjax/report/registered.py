@@ -12,7 +12,7 @@ from lgprjax.batch.assumptions import UNSTATED
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, MapFile, assumed_in_words, read_fixes
 from lgprjax.frames import LocalFrame
-from lgprjax.registration import FEW_CHANNELS, LADDER_M, OFF_MAP_SCORE, PIECE_M, RegisterOptions
+from lgprjax.registration import FEW_CHANNELS, LADDER_M, OFF_MAP_SCORE, PIECE_M, WRONG_M, RegisterOptions
 from lgprjax.report.drive import draw_confidence, draw_trajectory, stated_errors
 from lgprjax.report.html import PAGE, ReportFigure, Section, declines_table, drive_section, overview_table, write_report
 from lgprjax.report.match import SwarmPicture, draw_match, draw_surface, draw_swarm
@@ -345,6 +345,7 @@ def _remarks(drive: RegisteredDrive, source: MapFile) -> tuple[str, ...]:
         _windows(drive),
         _time_scales(drive),
         _attitude(drive),
+        _along(drive),
         *_unknowns(drive, source),
     )
     return tuple(line for line in lines if line is not None)
@@ -394,6 +395,22 @@ def _attitude(drive: RegisteredDrive) -> str | None:
     )
     said = [text for text, apart in zip(named, wrong, strict=True) if apart]
     return f"the ground contradicts the log (median of fix less log): {', '.join(said)}" if said else None
+
+
+def _along(drive: RegisteredDrive) -> str | None:
+    """Where the ground does not tell the place along the way."""
+    # What map and odometer add says nothing of the ground.
+    matched = np.asarray(drive.fix.covariance)[:, :2, :2] - drive.map_odometry_covariance
+    yaw = np.asarray(drive.fix.pose)[:, 3]
+    facing = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+    along_m2 = np.einsum("si,sij,sj->s", facing, matched, facing)
+    flat = (drive.table["code"].to_numpy() == "ambiguous") & (along_m2 > WRONG_M**2)
+    if not flat.any():
+        return None
+    return (
+        f"{flat.sum()} scans declined where the ground hardly changes along the way (flat layers): the match leaves "
+        f"their place along it open (sigma above {WRONG_M:g} m)"
+    )
 
 
 def _time_scales(drive: RegisteredDrive) -> str | None:

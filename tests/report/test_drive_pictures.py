@@ -111,6 +111,31 @@ def test_a_drive_that_the_map_was_made_of_is_told(site: Site, live: RegisteredDr
         assert drive_result(replace(live, is_baseline=True), source, impostor=False).remarks == (told, *plain)
 
 
+def test_what_a_dimension_cannot_know_is_told(site: Site, live: RegisteredDrive) -> None:
+    """Roll by one channel; the place along flat layers."""
+    with MapFile.open(site.map) as source:
+
+        def remarks(drive: RegisteredDrive) -> str:
+            return " ".join(drive_result(drive, source, impostor=False).remarks)
+
+        assert "channel" not in remarks(live)
+        assert "flat layers" not in remarks(live)
+        told = "heading and roll are those of the log: a single channel cannot check them"
+        assert told in remarks(replace(live, channels=1))
+        flat = np.arange(len(live.table)) < 7
+        table, covariance = live.table.copy(), np.array(live.fix.covariance)
+        table.loc[flat, "code"] = "ambiguous"
+        # Half a metre along the way: the drive leads anywhere.
+        yaw = np.asarray(live.fix.pose)[flat, 3]
+        facing = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+        covariance[flat, :2, :2] = live.map_odometry_covariance[flat] + 0.25 * facing[:, :, None] * facing[:, None]
+        changed = replace(live, table=table, fix=live.fix._replace(covariance=covariance))
+        assert f"{flat.sum()} scans declined where the ground hardly changes along the way" in remarks(changed)
+        # Uncertain labels of the map are no flat layers.
+        labels = replace(changed, map_odometry_covariance=covariance[:, :2, :2])
+        assert "flat layers" not in remarks(labels)
+
+
 def test_travel_in_reverse_adds_to_the_distance(site: Site, live: RegisteredDrive) -> None:
     way = live.track.travel_m - live.track.travel_m[0]
     turned = np.where(way < 10.0, way, 20.0 - way)
