@@ -150,7 +150,7 @@ def plan_gaps(
     if len(swaths) > MOST_LINES:
         raise InputError(name, "gaps", f"at most {MOST_LINES} strips", f"{len(swaths)}")
     ways = list(dict.fromkeys([lines_rad, lines_rad + 0.5 * math.pi, *headings]))[:4]
-    tour = string_swaths(field, terrain, layer, swaths, ways, settings, name)
+    tour = string_swaths(field, layer, swaths, ways, name)
     cell_m2 = grid.cell_m2
     rows, columns = np.nonzero(wide)
     places = np.stack([east_m[columns], north_m[rows]], axis=1)

@@ -85,23 +85,30 @@ class Terrain:
         self._edge_m = np.array(edge)
         # Half a step of the ladder turns the farthest corner by so much.
         turned_m = math.pi / _HEADINGS * float(np.hypot(*self._edge_m.T).max())
-        self._may_stand = self._standing(self._least_m - turned_m)
-        self._stands = self._standing(ground.clearance_m + 0.5 * self.cell_m)
+        self._may_stand = self.standing(self._least_m - turned_m)
+        self._stands = self.standing(ground.clearance_m + 0.5 * self.cell_m)
 
     @property
     def _least_m(self) -> float:
         return self.ground.clearance_m - _SLACK_M - 0.7 * max(self.cell_m - _FINEST_M, 0.0)
 
-    def _standing(self, least_m: float) -> Bool[np.ndarray, "heading row column"]:
-        """At each heading of a ladder the cells in which the reference point may be: for a look-up a pose."""
-        reach = math.ceil(float(np.hypot(*self._edge_m.T).max()) / self.cell_m) + 1
-        wide = np.pad(self.away_m > max(least_m, 0.0), reach)
-        rows, columns = self.away_m.shape
+    def standing(self, least_m: float, *, every: int = 1) -> Bool[np.ndarray, "heading row column"]:
+        """At each heading of a ladder the cells in which the reference point may be: for a look-up a pose.
+
+        Args:
+            least_m: distance that the outline keeps from the border of the ground.
+            every: so many cells are one.
+        """
+        cell_m = every * self.cell_m
+        reach = math.ceil(float(np.hypot(*self._edge_m.T).max()) / cell_m) + 1
+        away_m = self.away_m[::every, ::every]
+        wide = np.pad(away_m > max(least_m, 0.0), reach)
+        rows, columns = away_m.shape
         standing = np.ones((_HEADINGS, rows, columns), bool)
         for number in range(_HEADINGS):
             angle = 2.0 * math.pi * number / _HEADINGS
             cos, sin = math.cos(angle), math.sin(angle)
-            shifts = np.rint(self._edge_m @ np.array([[sin, cos], [cos, -sin]]) / self.cell_m).astype(int) + reach
+            shifts = np.rint(self._edge_m @ np.array([[sin, cos], [cos, -sin]]) / cell_m).astype(int) + reach
             for row, column in np.unique(shifts, axis=0):
                 standing[number] &= wide[row : row + rows, column : column + columns]
         return standing
@@ -119,20 +126,7 @@ class Terrain:
 
     def under(self, tool: Tool) -> Bool[np.ndarray, "row column"]:
         """Cells that a tool can be over with the outline within the ground, at some heading of the ladder."""
-        half_m = 0.5 * tool.width_m
-        along = tool.ahead_m + _samples(-0.5 * tool.length_m, 0.5 * tool.length_m, 1.5 * self.cell_m)
-        across = tool.left_m + _samples(-half_m, half_m, 1.5 * self.cell_m)
-        x, y = (each.ravel() for each in np.meshgrid(along, across))
-        rows, columns = self.away_m.shape
-        reach = math.ceil(float(np.hypot(x, y).max()) / self.cell_m) + 1
-        over = np.zeros((rows + 2 * reach, columns + 2 * reach), bool)
-        for number in range(0, _HEADINGS, 2):
-            angle = 2.0 * math.pi * number / _HEADINGS
-            places = np.stack([x * math.sin(angle) + y * math.cos(angle), x * math.cos(angle) - y * math.sin(angle)], 1)
-            for row, column in np.unique(np.rint(places / self.cell_m).astype(int) + reach, axis=0):
-                over[row : row + rows, column : column + columns] |= self._stands[number]
-        inner: Bool[np.ndarray, "row column"] = over[reach : reach + rows, reach : reach + columns]
-        return inner
+        return cells_under(self._stands[::2], tool, self.cell_m)
 
     def cells(self, places_m: Float[np.ndarray, "*shape 2"]) -> tuple[np.ndarray, np.ndarray]:
         """Row and column of places; those beyond the raster are taken to its border, which is not safe."""
@@ -178,6 +172,32 @@ class Terrain:
 
 def _samples(low: float, high: float, step: float) -> Float[np.ndarray, " place"]:
     return np.linspace(low, high, max(math.ceil((high - low) / step), 1) + 1)
+
+
+def cells_under(
+    stands: Bool[np.ndarray, "heading row column"], tool: Tool, cell_m: float
+) -> Bool[np.ndarray, "row column"]:
+    """Cells that a tool is over while the reference point is in cells that count.
+
+    Args:
+        stands: those cells at each heading of a ladder all round, the first along x.
+        tool: that is carried.
+        cell_m: of the raster.
+    """
+    half_m = 0.5 * tool.width_m
+    along = tool.ahead_m + _samples(-0.5 * tool.length_m, 0.5 * tool.length_m, 1.5 * cell_m)
+    across = tool.left_m + _samples(-half_m, half_m, 1.5 * cell_m)
+    x, y = (each.ravel() for each in np.meshgrid(along, across))
+    headings, rows, columns = stands.shape
+    reach = math.ceil(float(np.hypot(x, y).max()) / cell_m) + 1
+    over = np.zeros((rows + 2 * reach, columns + 2 * reach), bool)
+    for number in range(headings):
+        angle = 2.0 * math.pi * number / headings
+        places = np.stack([x * math.sin(angle) + y * math.cos(angle), x * math.cos(angle) - y * math.sin(angle)], 1)
+        for row, column in np.unique(np.rint(places / cell_m).astype(int) + reach, axis=0):
+            over[row : row + rows, column : column + columns] |= stands[number]
+    inner: Bool[np.ndarray, "row column"] = over[reach : reach + rows, reach : reach + columns]
+    return inner
 
 
 class Joint(NamedTuple):

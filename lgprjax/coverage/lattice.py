@@ -20,7 +20,9 @@ _HEADINGS = 16
 _MOST_TURNED = 2
 """Headings from one node to the next."""
 _MOST_PLACES = 6000
-_FINEST_M = 0.6
+_FIRST_M = 0.6
+_FINER = 2.0 / 3.0
+_FINEST_M = 0.25
 _KEPT = 3
 """Words kept for each change of heading."""
 _LONGER = 1.3
@@ -64,9 +66,10 @@ class Lattice:
         terrain: of the ground.
         heading_rad: of the lattice's rows.
         radius_m: of every arc.
+        step_m: from one place to the next; by the size of the ground where it is not told.
     """
 
-    def __init__(self, terrain: Terrain, heading_rad: float, radius_m: float) -> None:
+    def __init__(self, terrain: Terrain, heading_rad: float, radius_m: float, step_m: float | None = None) -> None:
         self.terrain, self.radius_m = terrain, radius_m
         rows, columns = np.nonzero(terrain.away_m > terrain.ground.clearance_m)
         places = np.stack([terrain.east_m[columns], terrain.north_m[rows]], axis=1)
@@ -74,7 +77,8 @@ class Lattice:
         self._axes = np.array([[cos, sin], [-sin, cos]])
         turned = places @ self._axes.T
         low, high = turned.min(axis=0), turned.max(axis=0)
-        self.step_m = max(_FINEST_M, math.sqrt(float(np.prod(high - low)) / _MOST_PLACES))
+        self._least_m = math.sqrt(float(np.prod(high - low)) / _MOST_PLACES)
+        self.step_m = max(_FIRST_M, self._least_m) if step_m is None else step_m
         count = np.ceil((high - low) / self.step_m).astype(int) + 1
         self._low, self._shape = low, (int(count[1]), int(count[0]))
         y, x = np.mgrid[: count[1], : count[0]]
@@ -88,6 +92,13 @@ class Lattice:
         self._grow()
         # What the exact check says of edges: 0 nothing yet, 1 that they may be driven, -1 that they may not.
         self._exact = np.zeros(len(self.source), np.int8)
+
+    def finer(self) -> "Lattice | None":
+        """The same with places nearer to each other; ``None`` where these would be too many."""
+        step_m = _FINER * self.step_m
+        if step_m < max(_FINEST_M, self._least_m):
+            return None
+        return Lattice(self.terrain, self._heading_rad, self.radius_m, step_m)
 
     def _grow(self) -> None:
         """Edges between free nodes that the ground allows."""

@@ -5,7 +5,7 @@ ahead of the vehicle, so it works up to a wall and the vehicle backs out, but it
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ from scipy import ndimage
 
 from lgprjax.coverage.field import Tool
 from lgprjax.coverage.joints import WIDE_RADII, Terrain
+from lgprjax.coverage.parts import workable_cells
 from lgprjax.coverage.swaths import PatternSettings, join_spans, line_count, to_lines
 
 _SAFE_M = 0.004
@@ -26,8 +27,8 @@ _SHORTEST_M = 0.15
 GAP_M2 = 0.1
 """Smallest gap that is told where nothing led to it."""
 _LEAST_GAP_M2 = 0.03
-_GAP_SHARE = 5e-4
-"""Smallest gap that another swath is laid for, and as a share of the field."""
+_GAP_SHARES = (5e-4, 2e-4)
+"""Smallest gap that another swath is laid for, and as a share of the field: at first, and when those are worked."""
 _MOST_GAP_SWATHS = 400
 _MOST_STRETCHES = 32
 """Strips tried over a gap."""
@@ -65,24 +66,37 @@ class TourSwath(NamedTuple):
 
 
 class Laid(NamedTuple):
+    """Strips of a heading.
+
+    Attributes:
+        heading_rad: of them.
+        swaths: in the part of the ground that the plan is for; cost_m: about what driving them costs.
+        apart: swaths in other parts.
+    """
+
     heading_rad: float
     swaths: list[TourSwath]
     cost_m: float
+    apart: list[TourSwath]
 
 
 class TourLayer:
     """Lays swaths where vehicle and tool fit.
 
     Attributes:
-        reach_m2: area of the target that the tool can be over, turned any way.
+        reach_m2: area of the target that the tool can be over, turned any way, in the part that the plan is for.
+        gaps_m2: smallest gap that another swath is laid for, at first, and when those are worked.
         wall_swings_m: what the tail swings out of no arc, and of gentler ones than the tightest: room beside a wall.
     """
 
     def __init__(self, terrain: Terrain, target: Any, settings: PatternSettings, tool: Tool) -> None:
         self.terrain, self.settings, self._target = terrain, settings, target
         self._half_length_m = 0.5 * tool.length_m
-        self._open = terrain.target & terrain.under(tool)
+        self._over = terrain.target & terrain.under(tool)
+        self._open = self._over & workable_cells(terrain, tool)
         self.reach_m2 = float(np.count_nonzero(self._open)) * terrain.cell_m**2
+        least_m2 = (max(_LEAST_GAP_M2, share * float(target.area)) for share in _GAP_SHARES)
+        self.gaps_m2 = tuple(dict.fromkeys(least_m2))
         outline = terrain.outline
         half_m = 0.5 * settings.tool_width_m
         # A cell whose centre alone is worked has a seam that is not; swaths of one heading overlap anyway.
@@ -107,7 +121,7 @@ class TourLayer:
         settings = self.settings
         within, _ = self._in_axes(heading_rad)
         if within.is_empty:
-            return Laid(heading_rad, [], math.inf)
+            return Laid(heading_rad, [], math.inf, [])
         low_m, high_m = float(shapely.bounds(within)[1]), float(shapely.bounds(within)[3])
         width_m = settings.tool_width_m
         if high_m - low_m <= width_m:
@@ -115,16 +129,24 @@ class TourLayer:
         else:
             count = line_count(high_m - low_m, width_m, settings.overlap)
             places = np.linspace(low_m + 0.5 * width_m, high_m - 0.5 * width_m, count)
-        swaths: list[TourSwath] = []
+        swaths, apart = list[TourSwath](), list[TourSwath]()
         missed_m = 0.0
         for across_m in places:
             found, missed = self.strip(heading_rad, float(across_m))
-            swaths += found
+            for each in found:
+                (apart if self.is_apart(each) else swaths).append(each)
             missed_m += missed
         way_m = sum(float(np.hypot(*(each.end_m - each.start_m))) * (1.0 if each.either else 1.5) for each in swaths)
         # What strips miss takes swaths of its own, each with a turn.
         turn_m = 2.0 * math.pi * settings.smallest_radius_m
-        return Laid(heading_rad, swaths, way_m + turn_m * len(swaths) + 3.0 * missed_m if swaths else math.inf)
+        cost_m = way_m + turn_m * len(swaths) + 3.0 * missed_m if swaths else math.inf
+        return Laid(heading_rad, swaths, cost_m, apart)
+
+    def is_apart(self, swath: TourSwath) -> bool:
+        """Whether most of what a swath works is in parts of the ground that the plan is not for."""
+        half_m = 0.5 * self.settings.tool_width_m
+        part, within = self.terrain.in_rectangle(swath.start_m, swath.end_m, half_m, self._half_length_m)
+        return bool(2 * np.count_nonzero(self._open[part] & within) < np.count_nonzero(self._over[part] & within))
 
     def strip(
         self, heading_rad: float, across_m: float, low_m: float = -math.inf, high_m: float = math.inf
@@ -185,6 +207,7 @@ class TourLayer:
         headings: Sequence[float],
         banned: Sequence[TourSwath] = (),
         swing_m: float | None = None,
+        least_m2: float | None = None,
     ) -> list[TourSwath]:
         """The swaths, and more of them over what they leave and a tool can reach; none like those that are banned.
 
@@ -194,6 +217,7 @@ class TourLayer:
             banned: what nothing leads to.
             swing_m: room left for the tail to swing, of ``wall_swings_m``: only gentle arcs, or none, lead to such a
                 swath. ``None`` for what it swings in a tight turn.
+            least_m2: smallest gap; ``None`` for the first of ``gaps_m2``.
         """
         terrain, settings = self.terrain, self.settings
         half_m = 0.5 * settings.tool_width_m - self._seam_m
@@ -202,7 +226,7 @@ class TourLayer:
             self.mark(open_cells, each, self._seam_m)
         every = list(swaths)
         cell_m2 = terrain.cell_m**2
-        least = max(_LEAST_GAP_M2, _GAP_SHARE * float(self._target.area)) / cell_m2
+        least = (self.gaps_m2[0] if least_m2 is None else least_m2) / cell_m2
         ways = list(headings[:4])
         starts = np.array([each.start_m for each in banned]).reshape(-1, 2)
         along = np.array([each.end_m for each in banned]).reshape(-1, 2) - starts
@@ -373,11 +397,14 @@ class TourLayer:
             self.mark(left, each)
         return float(np.count_nonzero(self.terrain.target & ~left)) * self.terrain.cell_m**2
 
-    def gain(self, swath: TourSwath) -> int:
-        """How many cells not yet worked a swath works."""
+    def gain_m2(self, swaths: Iterable[TourSwath]) -> float:
+        """Area not yet worked that swaths work together."""
         half_m = 0.5 * self.settings.tool_width_m
-        part, within = self.terrain.in_rectangle(swath.start_m, swath.end_m, half_m, self._half_length_m)
-        return int(np.count_nonzero(self.terrain.unworked[part] & within))
+        gained = np.zeros_like(self.terrain.unworked)
+        for each in swaths:
+            part, within = self.terrain.in_rectangle(each.start_m, each.end_m, half_m, self._half_length_m)
+            gained[part] |= within
+        return float(np.count_nonzero(gained & self.terrain.unworked)) * self.terrain.cell_m**2
 
     def _walls_near(self, places: Float[np.ndarray, "cell 2"], swing_m: float) -> list[tuple[float, float]]:
         """Heading and place across of strips beside the sides of the ground next to a gap, as near as they may be."""

@@ -32,6 +32,8 @@ _ROUNDS = 3
 _MOST_ENTRIES = 8
 _CELL_M = 0.05
 """Of the raster of small ground: strips beside walls are a larger share of a small field."""
+_MUCH = 0.01
+"""Share of what the tool can be over: more that no way leads to is sought by a finer lattice, or another beginning."""
 _FIRSTS = 8
 """Swaths tried to begin with."""
 
@@ -91,7 +93,7 @@ def plan_tour(
         swaths = layer.fill(each.swaths, headings)
         if not swaths:
             continue
-        tour = string_swaths(field, terrain, layer, swaths, headings, settings, name, ways)
+        tour = string_swaths(field, layer, [*swaths, *each.apart], headings, name, ways)
         better = best is None or tour.worked_m2 > best.worked_m2 + 1e-3 * tour.target_m2
         best = tour if best is None or better else best
         # Where another heading is no better, what is left is not a matter of headings.
@@ -133,81 +135,129 @@ def _headings(field: Field, ground: SafeGround) -> list[float]:
 
 def string_swaths(
     field: Field,
-    terrain: Terrain,
     layer: TourLayer,
     swaths: list[TourSwath],
     headings: Sequence[float],
-    settings: PatternSettings,
     name: str,
     ways: "_Ways | None" = None,
 ) -> Tour:
+    """A tour of swaths, the cheapest next, and of more over what is left where nothing leads to one.
+
+    Args:
+        field: to be covered.
+        layer: that lays swaths; what is worked is marked in its terrain.
+        swaths: to be strung; those in parts of the ground that the layer is not for are left.
+        headings: of more swaths.
+        name: of the field, or its file, for errors.
+        ways: known from a tour before.
+    """
+    terrain, settings = layer.terrain, layer.settings
     ways = _Ways(terrain, headings[0], settings) if ways is None else ways
+    apart = [each for each in swaths if layer.is_apart(each)]
+    # Where all of them are apart, the raster is too coarse for what fits.
+    swaths = [each for each in swaths if not layer.is_apart(each)] or swaths
     lowest = min(each.phase for each in swaths)
-    firsts = _firsts(terrain, [each for each in swaths if each.phase == lowest], ways.pose)
-    untouched = terrain.unworked
-    # The best of them, should nothing lead on from any.
-    for swath in (*firsts, firsts[0]):
-        terrain.unworked = untouched.copy()
-        layer.mark(terrain.unworked, swath)
-        number = next(number for number, each in enumerate(swaths) if each is swath or _same(each, swath))
-        remaining = [each for each in range(len(swaths)) if each != number]
-        # Out of a place with no room to turn nothing leads on.
-        if ways.following([swath], [], [(each, swaths[each]) for each in remaining]) is not None:
-            break
-    driven, joints = [(number, swath)], list[Pieces]()
-    failed, given_up = list[TourSwath](), list[TourSwath]()
-    # What no way leads to, or is left, is tried by other swaths: a few times, and then along walls.
-    fills = [*[None] * _ROUNDS, *layer.wall_swings_m]
-    while remaining or fills:
-        found = ways.following([each for _, each in driven], joints, [(each, swaths[each]) for each in remaining])
-        if found is not None:
-            _, number, swath, pieces = found
-            driven.append((number, swath))
-            joints.append(pieces)
-            remaining.remove(number)
-            layer.mark(terrain.unworked, swath)
-            continue
-        failed += [each for number in remaining for each in (swaths[number], swaths[number].back) if each is not None]
-        given_up += [swaths[each] for each in remaining]
-        if not remaining:
-            # Nothing is left but what lies along walls.
-            fills = [each for each in fills if each is not None]
-        if not fills:
-            break
-        done = [each for _, each in driven]
-        fresh = layer.fill(done, headings, failed, fills.pop(0))[len(done) :]
-        remaining = list(range(len(swaths), len(swaths) + len(fresh)))
-        swaths = [*swaths, *fresh]
-    lines = tuple(Line(number + 1, swath.start_m, swath.end_m) for number, swath in driven)
+    firsts = [entry for entry, _ in _firsts(terrain, [each for each in swaths if each.phase == lowest], ways.pose)]
+    untouched = terrain.unworked.copy()
+    best = _string(layer, ways, firsts, swaths, headings)
+    if layer.gain_m2(best.left) > _MUCH * layer.reach_m2:
+        # A neck that the raster takes for open may set it apart: more may be reached from there.
+        worked, terrain.unworked = terrain.unworked, untouched
+        lowest = min(each.phase for each in best.left)
+        begins = _firsts(terrain, [each for each in best.left if each.phase == lowest], ways.pose)
+        others = [entry for entry, share in begins if share > 0.0]
+        other = _string(layer, ways, others, swaths, headings) if others else best
+        if layer.worked_m2(other.driven) > layer.worked_m2(best.driven):
+            best = other
+        else:
+            terrain.unworked = worked
+    lines = tuple(Line(number, each.start_m, each.end_m) for number, each in enumerate(best.driven, start=1))
     turns = []
-    for way, (_, before) in zip(joints, driven, strict=False):
+    for way, before in zip(best.joints, best.driven, strict=False):
         x, y, yaw = ways.pose(before, at_end=True)
         turns.append(HeadlandTurn(Pose(float(x), float(y), float(yaw)), way))
     unreached = tuple(
-        Line(len(driven) + number + 1, each.start_m, each.end_m) for number, each in enumerate(_left(layer, given_up))
+        Line(number, each.start_m, each.end_m)
+        for number, each in enumerate(_left(layer, [*apart, *best.left]), start=len(lines) + 1)
     )
     spacing_m = (1.0 - settings.overlap) * settings.tool_width_m
     pattern = pattern_of(field, settings, lines, tuple(turns), spacing_m, unreached=unreached, name=name)
     target_m2 = float(np.count_nonzero(terrain.target)) * terrain.cell_m**2
-    worked_m2 = layer.worked_m2([each for _, each in driven])
-    return Tour(pattern, target_m2, worked_m2, sum(cusps(way) for way in joints))
+    return Tour(pattern, target_m2, layer.worked_m2(best.driven), sum(cusps(way) for way in best.joints))
+
+
+class _Strung(NamedTuple):
+    """Swaths in driving order, the ways between them, and swaths that no way led to."""
+
+    driven: list[TourSwath]
+    joints: list[Pieces]
+    left: list[TourSwath]
+
+
+def _string(
+    layer: TourLayer,
+    ways: "_Ways",
+    firsts: Sequence[TourSwath],
+    swaths: Sequence[TourSwath],
+    headings: Sequence[float],
+) -> _Strung:
+    """Swaths strung from the first of ``firsts`` from which a way leads on; see ``string_swaths``."""
+    terrain, untouched = layer.terrain, layer.terrain.unworked
+    # The best of them, should nothing lead on from any.
+    for swath in (*firsts, firsts[0]):
+        terrain.unworked = untouched.copy()
+        layer.mark(terrain.unworked, swath)
+        remaining = [each for each in swaths if each is not swath and not _same(each, swath)]
+        # Out of a place with no room to turn nothing leads on.
+        if ways.following([swath], [], list(enumerate(remaining))) is not None:
+            break
+    driven, joints = [swath], list[Pieces]()
+    failed, left = list[TourSwath](), list[TourSwath]()
+    # What no way leads to, or is left, is tried by other swaths: a few times, along walls, and then the smaller gaps.
+    again: list[tuple[float | None, float]] = [(None, layer.gaps_m2[0])] * (_ROUNDS - 1)
+    fills = [*again, *((each, least_m2) for least_m2 in layer.gaps_m2 for each in (None, *layer.wall_swings_m))]
+    while remaining or fills:
+        found = ways.following(driven, joints, list(enumerate(remaining)))
+        if found is not None:
+            _, number, swath, pieces = found
+            driven.append(swath)
+            joints.append(pieces)
+            del remaining[number]
+            layer.mark(terrain.unworked, swath)
+            continue
+        if layer.gain_m2(remaining) > _MUCH * layer.reach_m2 and ways.refine():
+            continue
+        failed += [each for swath in remaining for each in (swath, swath.back) if each is not None]
+        left += remaining
+        if not remaining:
+            # Nothing of that size is left but what lies along walls.
+            fills = [each for each in fills if each not in again]
+        if not fills:
+            break
+        remaining = layer.fill(driven, headings, failed, *fills.pop(0))[len(driven) :]
+    return _Strung(driven, joints, left)
 
 
 def _left(layer: TourLayer, given_up: Sequence[TourSwath]) -> list[TourSwath]:
     """Of swaths that nothing led to those that would still work something: others may have done instead."""
-    found = []
-    for each in given_up:
-        if layer.gain(each) * layer.terrain.cell_m**2 > GAP_M2:
+    terrain = layer.terrain
+    found = list[TourSwath]()
+    before, terrain.unworked = terrain.unworked, terrain.unworked.copy()
+    for each in sorted(given_up, key=lambda each: -layer.gain_m2([each])):
+        if layer.gain_m2([each]) > GAP_M2:
             found.append(each)
+            layer.mark(terrain.unworked, each)
+    terrain.unworked = before
     return found
 
 
-def _firsts(terrain: Terrain, swaths: list[TourSwath], pose: Any) -> list[TourSwath]:
+def _firsts(terrain: Terrain, swaths: list[TourSwath], pose: Any) -> list[tuple[TourSwath, float]]:
     """Swaths to begin with, the best first: the vehicle stands before it off the field, with room to turn, far out.
 
-    Ground off the field is the better the larger it is: out of a narrow way between hedges no other swath is reached.
+    With each comes how large the ground off the field is that it begins from, as a share of the largest: out of a
+    narrow way between hedges no other swath is reached.
     """
-    found = list[tuple[tuple[float, float], TourSwath]]()
+    found = list[tuple[tuple[float, float], TourSwath, float]]()
     middle = np.mean([0.5 * (each.start_m + each.end_m) for each in swaths], axis=0)
     rooms, _ = ndimage.label(~terrain.unworked & (terrain.away_m > terrain.ground.clearance_m))
     sizes = np.bincount(rooms.ravel())
@@ -220,8 +270,8 @@ def _firsts(terrain: Terrain, swaths: list[TourSwath], pose: Any) -> list[TourSw
             along = (each.end_m - each.start_m) / max(float(np.hypot(*(each.end_m - each.start_m))), 1e-9)
             aside = abs(float((each.start_m - middle) @ np.array([-along[1], along[0]])))
             value = (min(2.0 * size, 1.0), aside + 0.01 * float(np.hypot(*(each.end_m - each.start_m))))
-            found.append((value, entry))
-    return [entry for _, entry in sorted(found, key=lambda each: each[0], reverse=True)][:_FIRSTS]
+            found.append((value, entry, size))
+    return [each[1:] for each in sorted(found, key=lambda each: each[0], reverse=True)][:_FIRSTS]
 
 
 def _about_m(here: np.ndarray, there: np.ndarray, radius_m: float) -> float:
@@ -264,6 +314,12 @@ class _Ways:
         if self._lattice is None:
             self._lattice = Lattice(self.terrain, self._heading_rad, self.radius_m)
         return self._lattice
+
+    def refine(self) -> bool:
+        """Make the lattice finer, where it may be: narrow places lead through between its nodes."""
+        finer = self.lattice.finer()
+        self._lattice, self._tree = finer or self._lattice, None
+        return finer is not None
 
     def pose(self, swath: TourSwath, *, at_end: bool = False) -> Float[np.ndarray, "3"]:
         """Of the reference point where a swath begins, or ends."""

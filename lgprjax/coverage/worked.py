@@ -130,13 +130,15 @@ def step_pass(tool: Tool, spacing_m: float, past: RunningPass, moment: ToolMomen
     )
 
 
-def way_curvatures(tool: Tool, spacing_m: float, running: RunningPass) -> Float[Array, " entry"]:
-    """Curvature of the path around the last moment, then around each strip.
+def way_curvatures(
+    tool: Tool, spacing_m: float, running: RunningPass
+) -> tuple[Float[Array, " entry"], Bool[Array, " entry"]]:
+    """Curvature of the path around the last moment, then around each strip; and of which it can be told.
 
     It is the smallest of those of the stretches of half a tool around, two before and two after as far as they were
-    driven; 0 where they differ in sign or are fewer than two. A correction of the heading is a jump within one stretch
-    only, and so makes no curve. About a strip some of the way after it must be known, for a curve may have ended there;
-    the last moment claims nothing of what comes.
+    driven; 0 where they differ in sign. Of fewer than two, where a pass has just begun, none can be told. A correction
+    of the heading is a jump within one stretch only, and so makes no curve. About a strip some of the way after it must
+    be known, for a curve may have ended there; the last moment claims nothing of what comes.
     """
     place, reach = np.arange(STRIPS + 1), max(1, math.ceil(0.5 * tool.length_m / spacing_m))
     along, turned = (
@@ -159,10 +161,11 @@ def way_curvatures(tool: Tool, spacing_m: float, running: RunningPass) -> Float[
     parts = [(after, after_known), further, stretch(place, place + reach), stretch(place + reach, place + 2 * reach)]
     curvatures, known = (jnp.stack(part) for part in zip(*parts, strict=True))
     same = jnp.all((curvatures > 0.0) | ~known, axis=0) | jnp.all((curvatures < 0.0) | ~known, axis=0)
-    enough = (jnp.sum(known, axis=0) >= 2) & (after_known | jnp.asarray(place == 0))
+    told = jnp.sum(known, axis=0) >= 2
+    same = same & told & (after_known | jnp.asarray(place == 0))
     least = jnp.min(jnp.where(known, jnp.abs(curvatures), jnp.inf), axis=0)
     sign = jnp.where(jnp.any(curvatures > 0.0, axis=0), 1.0, -1.0)
-    return jnp.where(same & enough, sign * jnp.minimum(least, tightest_radpm(tool)), 0.0)
+    return jnp.where(same, sign * jnp.minimum(least, tightest_radpm(tool)), 0.0), told
 
 
 def tightest_radpm(tool: Tool) -> float:
@@ -543,7 +546,7 @@ def _crossed(
     )
     covariance = jnp.concatenate([now.covariance[None], strips.covariance])
     centre_x, centre_y = tool_centre(tool, joined(now.x_m, strips.x_m), joined(now.y_m, strips.y_m), yaw)
-    curvature = way_curvatures(tool, spacing_m, running)
+    curvature, told = way_curvatures(tool, spacing_m, running)
     cos, sin = jnp.cos(yaw), jnp.sin(yaw)
 
     there = jnp.concatenate([jnp.ones(1, bool), jnp.arange(STRIPS) < running.strip_count])
@@ -552,7 +555,9 @@ def _crossed(
     # A new fix improves the place of the tool at this moment, but not of its path to it.
     aside = covariance[:, 1, 1] + tool.ahead_m * (2.0 * covariance[:, 1, 2] + tool.ahead_m * covariance[:, 2, 2])
     fixed = (jnp.abs(ahead[:, 0]) <= 0.5 * tool.length_m) & (aside[0] < _FIXED_SHARE * aside[nearest])
-    nearest = jnp.where(fixed, 0, nearest)
+    # The map keeps its largest value: what a way taken for straight would claim before its curve is told would stay.
+    alone = fixed | ~told[nearest]
+    nearest = jnp.where(alone, 0, nearest)
 
     away_x, away_y = x_m - centre_x[nearest], y_m - centre_y[nearest]
     ahead_m = cos[nearest] * away_x + sin[nearest] * away_y
@@ -578,8 +583,8 @@ def _crossed(
         covariance=_turned(covariance[nearest], turn),
         left_m=left_m - here * reach / (1.0 + root),
         curvature_radpm=bend,
-        first_m=jnp.where(fixed, ahead_m, first),
-        last_m=jnp.where(fixed, ahead_m, last),
+        first_m=jnp.where(alone, ahead_m, first),
+        last_m=jnp.where(alone, ahead_m, last),
     )
     # Behind the oldest strip only the pass's beginning is known.
     lost = (nearest == running.strip_count) & ~running.begun_here & (ahead_m < -spacing_m)
