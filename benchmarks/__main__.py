@@ -20,7 +20,7 @@ from lgprjax.errors import InputError
 if TYPE_CHECKING:
     from benchmarks.records import Record
 
-Name = Literal["registration", "drive", "rollouts", "closed-loop", "runtime", "coverage", "archive"]
+Name = Literal["registration", "drive", "rollouts", "tuning", "closed-loop", "runtime", "coverage", "archive"]
 Say = Callable[[str], None]
 
 
@@ -49,6 +49,7 @@ class Bench:
     registration: the search for a scan's pose, on hard generated ground.
     drive: a drive of ten minutes registered from end to end: what a scan costs, and where the time goes; half an hour.
     rollouts: vehicles driven along a path in closed loop, very many at once.
+    tuning: a whole study, the look-ahead from twenty logs, beside SciPy's fit and NumPy's rollouts.
     closed-loop: a mile off road driven by the autopilot with full registration, in each of seven conditions, about
     twenty minutes; and a thousand kilometres with an error model of fixes.
     runtime: the onboard runtime in real time against simulated devices, a mile with 126 scans a second.
@@ -62,7 +63,7 @@ class Bench:
 
     name: Annotated[
         Positional[Name],
-        arg(metavar="NAME", help="registration, drive, rollouts, closed-loop, runtime, coverage or archive"),
+        arg(metavar="NAME", help="registration, drive, rollouts, tuning, closed-loop, runtime, coverage or archive"),
     ]
     device: Literal["cpu", "gpu"] = "cpu"
     """gpu: registration, rollouts or drive on an accelerator beside two cores of its machine, and whether both agree"""
@@ -169,6 +170,14 @@ def _rollouts(quick: bool, folder: Path, say: Say) -> Measured:
     return Measured(outcome.machine, lead, outcome.records, outcome.not_measured, {})
 
 
+def _tuning(quick: bool, folder: Path, say: Say) -> Measured:
+    from benchmarks.tuning import FULL_TUNING, QUICK_TUNING, run_tuning
+
+    outcome = run_tuning(QUICK_TUNING if quick else FULL_TUNING, folder, say)
+    lead = ["A ratio says how many times faster this project is than what stands after the stroke."]
+    return Measured(outcome.machine, lead, outcome.records, outcome.not_measured, {})
+
+
 def _accelerator(name: Any, quick: bool, folder: Path, say: Say) -> Measured:
     from benchmarks.accelerator import FULL_ACCELERATOR, QUICK_ACCELERATOR, run_accelerator
 
@@ -214,6 +223,7 @@ _BENCHMARKS: dict[Name, Callable[[bool, Path, Say], Measured]] = {
     "registration": _registration,
     "drive": _drive,
     "rollouts": _rollouts,
+    "tuning": _tuning,
     "closed-loop": _closed_loop,
     "runtime": _runtime,
     "coverage": _coverage,

@@ -15,6 +15,7 @@ from lgprjax.studies.drives import loop_drive
 from lgprjax.studies.logs import Figure, Outcome, Task, options_of
 from lgprjax.studies.loop import fit_of
 from lgprjax.tuning.logged_look_ahead import (
+    SETTLED_M,
     DrawnTuning,
     Experiment,
     TunedOnDraws,
@@ -135,10 +136,6 @@ def study_look_ahead(task: Task) -> Outcome:
         f"cost {tuned.cost_m:.3f} m at a supply of {volts:g} V: a look-ahead is chosen, not measured: no interval",
     )
     return Outcome({}, chosen, tuple(figures), notes, LookAheadStudy(trials, tuned, look, speeds, swept))
-
-
-SETTLED_M = 0.1
-"""Amplitude of an oscillation above which a schedule is said not to settle."""
 
 
 class LoggedLookAheadStudy(NamedTuple):

@@ -15,6 +15,7 @@ from lgprjax.batch.vehicles import servo_of
 from lgprjax.config import ConfigTable
 from lgprjax.errors import InputError
 from lgprjax.formats import Found, Study, VehicleFile, VehicleLog, read_vehicle, require_serial_number, with_values
+from lgprjax.studies.drives import is_run
 from lgprjax.studies.logs import (
     Figure,
     LoggedDrive,
@@ -35,7 +36,14 @@ from lgprjax.studies.logs import (
 from lgprjax.studies.look_ahead import study_look_ahead
 from lgprjax.studies.loop import study_loop
 from lgprjax.studies.navigation import study_fusion
-from lgprjax.studies.needs import Contradiction, compared, judged_residual, require_excitation, require_precision
+from lgprjax.studies.needs import (
+    NEEDS,
+    Contradiction,
+    compared,
+    judged_residual,
+    require_excitation,
+    require_precision,
+)
 from lgprjax.studies.threshold import study_threshold
 from lgprjax.studies.tracking import study_tracking
 from lgprjax.tuning import DriveSignals, Estimate, NotExcitedError
@@ -563,6 +571,8 @@ def _read_logs(study: Study, vehicle: VehicleFile, paths: Sequence[Path], key: s
         return ()  # their logs may be recorded runs, which they read by themselves
     drives = []
     for path in paths:
+        if is_run(path):
+            raise InputError(path, study.kind, f"a drive log: {NEEDS[study.kind].drive}", "the folder of a run")
         log = VehicleLog.open(path)
         require_serial_number(vehicle, study.vehicle, log.serial_number, path, "/vehicle@serial_number")
         signals = signals_of(log, str(path))

@@ -1,7 +1,7 @@
 """The look-ahead over speed and torque of a vehicle that is known as far as its logs tell: tuned over draws of it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -32,6 +32,7 @@ from lgprjax.vehicle import (
     anchor_lead_m,
     look_ahead_m,
     phase_margin_rad,
+    rear_angle,
     roll_out,
     start_rollout,
     stretched_look_ahead,
@@ -87,12 +88,14 @@ class DrawnCosts(NamedTuple):
         cost_m: error and weighted effort; error_m: RMS alone.
         cycle_m: amplitude of the oscillation over the last stretch, the largest of the courses.
         margin_rad: phase margin on a straight path.
+        left_m: offset from a straight path up to which dead band and play stop the wheels.
     """
 
     cost_m: Float[Array, "draw speed share"]
     error_m: Float[Array, "draw speed share"]
     cycle_m: Float[Array, "draw speed share"]
     margin_rad: Float[Array, "draw speed share"]
+    left_m: Float[Array, "draw speed share"]
 
 
 class TunedOnDraws(NamedTuple):
@@ -176,10 +179,19 @@ def _driven(
     lead = anchor_lead_m(vehicles.chassis)[:, None, None]
     delay = vehicles.servo.delay_s[:, None, None]
     margin = phase_margin_rad(ahead, lead, speeds[None, :, None], lag, delay)
-    return DrawnCosts(error + trials.effort_m2 * effort, error, cycle, margin)
+    slope = rear_angle(vehicles.chassis.rear, jnp.zeros_like(vehicles.servo.lag_s))[1]
+    stuck = vehicles.servo.dead_band_rad + 0.5 * vehicles.servo.backlash_rad
+    bend = ((1.0 + slope) * stuck / vehicles.chassis.wheelbase_m)[:, None, None]
+    left = ahead * (0.5 * ahead + lead) * bend
+    return DrawnCosts(error + trials.effort_m2 * effort, error, cycle, margin, left)
 
 
+SETTLED_M = 0.1
+"""Amplitude of an oscillation above which a schedule is said not to settle."""
 _PENALTY_M = 20.0
+"""Cost of a radian of missing phase margin, and of a metre that is left: steep compared with what it saves."""
+_LEFT_SHARE = 0.75
+"""Of ``SETTLED_M`` that dead band and play may leave: lag and delay carry the vehicle on by some tenths of it."""
 _LADDER_M = np.geomspace(0.8, 20.0, 10)
 _SLICE = 512
 
@@ -192,7 +204,8 @@ def _slope(
         schedule = WeakSchedule(schedule_of(free[0]), jax.nn.softplus(free[1]))
         judged = judge_drawn(vehicles, trials, schedule, jnp.asarray(shares, jnp.float32))
         missing = jnp.maximum(trials.least_margin_rad - judged.margin_rad, 0.0)
-        return jnp.mean(judged.cost_m) + _PENALTY_M * jnp.mean(missing)
+        beyond = jnp.maximum(judged.left_m - _LEFT_SHARE * SETTLED_M, 0.0)
+        return jnp.mean(judged.cost_m) + _PENALTY_M * jnp.mean(missing + beyond)
 
     return jax.value_and_grad(price)(free)
 
@@ -213,6 +226,8 @@ def _at_length(trials: TrialCourses, vehicles: DrawnVehicles, ahead: Float[Array
 def tune_on_draws(vehicles: DrawnVehicles, trials: TrialCourses, config: DrawnTuning | None = None) -> TunedOnDraws:
     """Least mean cost over draws, speeds and shares of the torque, by gradient through every step of every drive.
 
+    A look-ahead that leaves the phase margin and still settles within ``SETTLED_M`` is preferred to one of less cost:
+    a long one is as good in a drive's first seconds and leaves more in the end.
     Each step of Adam takes other draws; the result is judged on all of them, and lengthened until enough of them have
     the required phase margin.
 
@@ -229,7 +244,7 @@ def tune_on_draws(vehicles: DrawnVehicles, trials: TrialCourses, config: DrawnTu
             f"trials are made for delays of up to {trials.longest_delay_s:g} s, draws go to {longest:.3f} s"
         )
     # One offset tells which look-ahead is best; the schedule itself is judged from all of them.
-    one = TrialCourses(**{**trials.__dict__, "offsets_m": (max(trials.offsets_m, key=abs),)})
+    one = replace(trials, offsets_m=(max(trials.offsets_m, key=abs),))
     best = _best_lengths(vehicles, one)
     middle = np.median(best, axis=0)
     slow, fast = int(np.argmin(speeds)), int(np.argmax(speeds))

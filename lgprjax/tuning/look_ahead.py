@@ -1,9 +1,9 @@
 """The look-ahead distance: tuned on trial courses by gradient, and limit cycles that a short one brings."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
-from typing import NamedTuple
+from dataclasses import dataclass, fields
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -47,7 +47,7 @@ class TunedVehicle(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TrialCourses:
-    """Courses, each driven at every speed from every offset. Static: each object is compiled once.
+    """Courses, each driven at every speed from every offset. Static: what is compiled serves all of equal content.
 
     Attributes:
         paths: courses.
@@ -68,6 +68,17 @@ class TrialCourses:
     effort_m2: float = 2.0
     least_margin_rad: float = float(np.radians(30.0))
     longest_delay_s: float = 0.2
+
+    @cached_property
+    def _content(self) -> tuple[Any, ...]:
+        paths = [np.asarray(leaf).tobytes() for path in self.paths for leaf in path]
+        return (*paths, *(getattr(self, field.name) for field in fields(self) if field.name != "paths"))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, TrialCourses) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
 
 
 class LookAheadCosts(NamedTuple):

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from lgprjax.tuning.robust import Estimate, NotExcitedError, student_95
 from lgprjax.vehicle.actuators import Servo, ServoState, init_servo, servo_pace, turn_servo
@@ -27,7 +27,8 @@ NAMES = (
 )
 """What is fitted; ``slip_s2pm2`` is 1 / V_CHAR², the last two belong to the sensors."""
 RATE, RATIO = NAMES.index("rate_radps"), NAMES.index("rear_ratio")
-_CHASSIS = slice(RATIO, NAMES.index("zero_rad") + 1)
+_ALL = np.arange(len(NAMES))
+_CHASSIS = np.arange(RATIO, NAMES.index("zero_rad") + 1)
 _BY_FACTOR = np.array([name in ("lag_s", "rate_radps") for name in NAMES])
 WIDTH = np.array([0.6, 0.05, 0.45, 0.004, 0.05, 0.2, 0.004, 0.02, 0.06])
 """Standard deviation of each number about the vehicle file's before any drive; of lag and rate in their logarithm."""
@@ -40,6 +41,9 @@ LEAST_S = 10.0
 AROUND_S = 1.0
 """From a step to those whose speed makes the slip: beyond the 0.4 s that the odometer's speeds are taken over."""
 _HUBER = 1.345
+_LATEST_S = 2.0
+"""Delays of the model reach no further, to either side."""
+_HALVINGS = 32
 _ROUNDS = 30
 _NODE_ROUNDS = 6
 _AT_REST = 1e-3
@@ -162,13 +166,15 @@ def loop_model(
 
 
 def _later(values: Float[Array, "drive step"], late_s: float | Float[Array, ""]) -> Float[Array, "drive step"]:
-    """The same some time later, or earlier where negative; linear between steps."""
-    steps = values.shape[1]
-    at = jnp.clip(jnp.arange(steps, dtype=jnp.float32) - late_s / STEP_S, 0.0, steps - 1.0)
-    before = jnp.clip(jnp.floor(at), 0.0, steps - 2.0)
-    index = before.astype(jnp.int32)
-    low, high = values[:, index], values[:, index + 1]
-    return low + (at - before)[None] * (high - low)
+    """The same some time later, or earlier where negative; linear between steps, constant beyond the ends."""
+    steps, most = values.shape[1], round(_LATEST_S / STEP_S)
+    ahead = jnp.clip(-jnp.asarray(late_s, jnp.float32) / STEP_S, -most, most)
+    whole = jnp.floor(ahead)
+    first = whole.astype(jnp.int32) + most
+    # Two slices: fetching each step by its own index takes many times longer.
+    padded = jnp.pad(values, ((0, 0), (most, most + 1)), mode="edge")
+    low, high = (jax.lax.dynamic_slice_in_dim(padded, at, steps, axis=1) for at in (first, first + 1))
+    return low + (ahead - whole) * (high - low)
 
 
 def _count(used: Bool[Array, "drive step"]) -> Float[Array, " drive"]:
@@ -187,54 +193,83 @@ class _Looked(NamedTuple):
 
 
 def _residuals(
-    prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"], scale: Float[Array, "output drive"] | None
+    logs: LoopLogs,
+    model: tuple[Float[Array, "drive step"], Float[Array, "drive step"]],
+    scale: Float[Array, "output drive"] | None,
 ) -> tuple[Float[Array, "output drive step"], Float[Array, "output drive"]]:
     """Measured less model over its scale, the gyro's bias taken out; 0 where not used."""
     used = jnp.stack([logs.front_used, logs.yaw_used])
-    left = jnp.stack([logs.front_rad, logs.yaw_rate_radps]) - jnp.stack(loop_model(prior, logs, place))
+    left = jnp.stack([logs.front_rad, logs.yaw_rate_radps]) - jnp.stack(model)
     left = jnp.where(used, left, 0.0)
     # The bias: a clipped mean of each drive's yaw rates.
     first = _middle(left[1], used[1])
-    near = jnp.clip(left[1] - first[:, None], -2.0 * _spread(left[1], used[1]), 2.0 * _spread(left[1], used[1]))
+    widest = 2.0 * _spread(left[1], used[1], first)[:, None]
+    near = jnp.clip(left[1] - first[:, None], -widest, widest)
     bias = first + jnp.sum(jnp.where(used[1], near, 0.0), axis=-1) / _count(used[1])
     left = jnp.where(used, left - jnp.stack([jnp.zeros_like(bias), bias])[..., None], 0.0)
     if scale is None:
-        scale = jnp.stack([_spread(left[0], used[0])[:, 0], _spread(left[1], used[1])[:, 0]])
+        scale = jnp.stack([_spread(one, of, _middle(one, of)) for one, of in zip(left, used, strict=True)])
     return left / scale[..., None], scale
 
 
 def _middle(values: Float[Array, "drive step"], used: Bool[Array, "drive step"]) -> Float[Array, " drive"]:
-    ordered, count = jnp.sort(jnp.where(used, values, jnp.inf), axis=-1), jnp.sum(used, axis=-1)
-    middle = jnp.take_along_axis(ordered, jnp.maximum(count // 2, 0)[:, None], axis=-1)[:, 0]
-    return jax.lax.stop_gradient(jnp.where(count > 0, middle, 0.0))
+    """Median of each drive, by halving the range that holds it: sorting takes many times longer."""
+    wanted = jnp.sum(used, axis=-1) // 2
+    least, most = (
+        jnp.min(values, axis=-1, where=used, initial=jnp.inf),
+        jnp.max(values, axis=-1, where=used, initial=-jnp.inf),
+    )
+
+    def halve(_: Int[Array, ""], bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, high = bounds
+        middle = 0.5 * (low + high)
+        above = jnp.sum(used & (values <= middle[:, None]), axis=-1) > wanted
+        return jnp.where(above, low, middle), jnp.where(above, middle, high)
+
+    _, found = jax.lax.fori_loop(0, _HALVINGS, halve, (least, most))
+    return jax.lax.stop_gradient(jnp.where(jnp.any(used, axis=-1), found, 0.0))
 
 
-def _spread(values: Float[Array, "drive step"], used: Bool[Array, "drive step"]) -> Float[Array, "drive 1"]:
+def _spread(
+    values: Float[Array, "drive step"], used: Bool[Array, "drive step"], middle: Float[Array, " drive"]
+) -> Float[Array, " drive"]:
     """Median absolute deviation as a standard deviation."""
-    away = jnp.abs(values - _middle(values, used)[:, None])
-    return jnp.maximum(1.4826 * _middle(away, used), 1e-5)[:, None]
+    return jnp.maximum(1.4826 * _middle(jnp.abs(values - middle[:, None]), used), 1e-5)
+
+
+def _huber(score: Float[Array, "..."]) -> Float[Array, ""]:
+    size = jnp.abs(score)
+    return jnp.sum(jnp.where(size <= _HUBER, 0.5 * size**2, _HUBER * (size - 0.5 * _HUBER)))
 
 
 def _look(
-    prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"], scale: Float[Array, "output drive"] | None
+    prior: LoopPrior,
+    logs: LoopLogs,
+    place: Float[Array, " number"],
+    scale: Float[Array, "output drive"] | None,
+    free: Int[np.ndarray, " free"] = _ALL,
 ) -> _Looked:
-    score, scale = _residuals(prior, logs, place, scale)
+    """At a place, with derivatives by the numbers that are free."""
+
+    def model(part: Float[Array, " free"]) -> tuple[Array, Array]:
+        made = jnp.stack(loop_model(prior, logs, place.at[free].set(part)))
+        return made, made
+
+    slopes, made = jax.jacfwd(model, has_aux=True)(place[free])
+    score, scale = _residuals(logs, (made[0], made[1]), scale)
     used = jnp.stack([logs.front_used, logs.yaw_used])
-    slopes = jnp.stack(jax.jacfwd(lambda at: loop_model(prior, logs, at))(place)) / scale[..., None, None]
-    slopes = jnp.where(used[..., None], slopes, 0.0)
+    slopes = jnp.where(used[..., None], slopes / scale[..., None, None], 0.0)
     mean = jnp.sum(slopes[1], axis=1) / _count(used[1])[:, None]
     slopes = slopes.at[1].set(jnp.where(used[1][..., None], slopes[1] - mean[:, None], 0.0))
-    size = jnp.abs(score)
-    cost = jnp.sum(jnp.where(size <= _HUBER, 0.5 * size**2, _HUBER * (size - 0.5 * _HUBER)))
-    inside = jnp.where(used & (size <= _HUBER), 1.0, 0.0)
-    return _Looked(score, jnp.clip(score, -_HUBER, _HUBER), inside, slopes, scale, cost)
+    inside = jnp.where(used & (jnp.abs(score) <= _HUBER), 1.0, 0.0)
+    return _Looked(score, jnp.clip(score, -_HUBER, _HUBER), inside, slopes, scale, _huber(score))
 
 
 def _solve(
     prior: LoopPrior,
     logs: LoopLogs,
     start: Float[Array, " number"],
-    free: Float[Array, " number"],
+    free: Int[np.ndarray, " free"],
     memory: Float[Array, " number"],
     rounds: int,
 ) -> Float[Array, " number"]:
@@ -247,21 +282,14 @@ def _solve(
 
     def body(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         place, damping, _, count = carry
-        seen = _look(prior, logs, place, None)
-        weight = seen.pull / jnp.where(seen.score == 0.0, 1.0, seen.score)
-        weight = jnp.where(seen.score == 0.0, 1.0, weight)
-        normal = jnp.einsum("ods,odsp,odsq->pq", weight, seen.jacobian, seen.jacobian) + jnp.diag(held)
-        gradient = (jnp.einsum("ods,odsp->p", seen.pull, seen.jacobian) - held * place) * free
-        normal = normal * free[:, None] * free[None, :] + jnp.diag(1.0 - free)
+        seen = _look(prior, logs, place, None, free)
+        weight = jnp.where(seen.score == 0.0, 1.0, seen.pull / jnp.where(seen.score == 0.0, 1.0, seen.score))
+        normal = jnp.einsum("ods,odsp,odsq->pq", weight, seen.jacobian, seen.jacobian) + jnp.diag(held[free])
+        gradient = jnp.einsum("ods,odsp->p", seen.pull, seen.jacobian) - held[free] * place[free]
         step = jnp.linalg.solve(normal + damping * jnp.diag(jnp.diagonal(normal)), gradient)
-        trial = jnp.clip(place + jnp.clip(step, -0.7, 0.7), -5.0, 5.0)
-
-        def price(at: Float[Array, " number"]) -> Float[Array, ""]:
-            size = jnp.abs(_residuals(prior, logs, at, seen.scale)[0])
-            huber = jnp.where(size <= _HUBER, 0.5 * size**2, _HUBER * (size - 0.5 * _HUBER))
-            return jnp.sum(huber) + 0.5 * jnp.sum(held * at**2)
-
-        better = price(trial) < seen.cost + 0.5 * jnp.sum(held * place**2)
+        trial = jnp.clip(place.at[free].add(jnp.clip(step, -0.7, 0.7)), -5.0, 5.0)
+        price = _huber(_residuals(logs, loop_model(prior, logs, trial), seen.scale)[0])
+        better = price + 0.5 * jnp.sum(held * trial**2) < seen.cost + 0.5 * jnp.sum(held * place**2)
         moved = jnp.where(better, jnp.max(jnp.abs(trial - place)), 1.0)
         return jnp.where(better, trial, place), jnp.where(better, 0.2, 6.0) * damping, moved, count + 1
 
@@ -278,14 +306,13 @@ def _solve(
 def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
     """The posterior of the numbers from all drives together."""
     count = len(NAMES)
-    everything, others = jnp.ones(count), jnp.ones(count).at[RATE].set(0.0)
-    # Times, rate, asymmetry and dead band are not regular and may stop a solution before the chassis' numbers rest.
-    chassis = jnp.zeros(count).at[_CHASSIS].set(1.0)
+    others = jnp.ones(count).at[RATE].set(0.0)
     starts = jnp.zeros((len(_STARTS), count)).at[:, RATE].set(jnp.asarray(_STARTS, jnp.float32))
-    solved = jax.vmap(lambda at: _solve(prior, logs, at, everything, jnp.ones(count), _ROUNDS))(starts)
-    scale = _residuals(prior, logs, solved[2], None)[1]
+    solved = jax.vmap(lambda at: _solve(prior, logs, at, _ALL, jnp.ones(count), _ROUNDS))(starts)
+    scale = residual_scale(prior, logs, solved[2]).T
     costs = jax.vmap(lambda at: _look(prior, logs, at, scale).cost + 0.5 * jnp.sum(at**2))(solved)
-    best = _solve(prior, logs, solved[jnp.argmin(costs)], chassis, jnp.ones(count), _ROUNDS)
+    # Times, rate, asymmetry and dead band are not regular and may stop a solution before the chassis' numbers rest.
+    best = _solve(prior, logs, solved[jnp.argmin(costs)], _CHASSIS, jnp.ones(count), _ROUNDS)
     seen = _look(prior, logs, best, None)
     memory, blocks = _memory(logs, seen)
     wheel, _ = loop_model(prior, logs, best)
@@ -296,8 +323,8 @@ def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
     node = jnp.where(reached, best[RATE] + sigma * jnp.linspace(-_SPAN, _SPAN, _NODES), jnp.linspace(-3.0, 3.0, _NODES))
 
     def along(rate: Float[Array, ""]) -> tuple[Array, Array, Array, Array]:
-        place = _solve(prior, logs, best.at[RATE].set(rate), others, memory, _NODE_ROUNDS)
-        place = _solve(prior, logs, place, chassis, memory, _ROUNDS)
+        place = _solve(prior, logs, best.at[RATE].set(rate), np.delete(_ALL, RATE), memory, _NODE_ROUNDS)
+        place = _solve(prior, logs, place, _CHASSIS, memory, _ROUNDS)
         found = _look(prior, logs, place, seen.scale)
         information = _information(found, memory) * others[:, None] * others[None, :]
         covariance = jnp.linalg.inv(information + jnp.eye(count))
@@ -305,7 +332,7 @@ def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
         # In the chassis' numbers alone: one that is not regular rests where its slope is not 0.
         pull = jnp.einsum("ods,odsp->p", found.pull, found.jacobian) - memory**2 * place
         inner = _information(found, jnp.ones(count)) + jnp.diag(memory**2)
-        step = jnp.linalg.solve(inner[_CHASSIS, _CHASSIS], pull[_CHASSIS])
+        step = jnp.linalg.solve(inner[np.ix_(_CHASSIS, _CHASSIS)], pull[_CHASSIS])
         left = jnp.max(jnp.abs(step) / jnp.sqrt(jnp.diagonal(covariance)[_CHASSIS]))
         volume = jnp.sum(jnp.log(jnp.diagonal(root) + 1.0 - others))
         # Drives that do not reach the rate say nothing of higher ones, whatever their noise does.
@@ -324,7 +351,7 @@ def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
 @jax.jit
 def residual_scale(prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"]) -> Float[Array, "drive 2"]:
     """Robust scale of front angle and yaw rate about the model of a place, each drive by itself."""
-    return _residuals(prior, logs, place, None)[1].T
+    return _residuals(logs, loop_model(prior, logs, place), None)[1].T
 
 
 def _blocks(values: Float[Array, "output drive step number"]) -> Float[Array, "block number"]:

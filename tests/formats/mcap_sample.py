@@ -273,7 +273,58 @@ def odometry_of(time_s: float, x_m: float, speed_mps: float = 0.0, **other: obje
     }
 
 
+VECTOR3_STAMPED = f"""\
+std_msgs/Header header
+Vector3 vector
+{HEADER}{_QUATERNION}"""
+JOINT_STATE = f"""\
+std_msgs/Header header
+
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+{HEADER}"""
+BATTERY_STATE = f"""\
+# Constants are chosen to match the enums in the linux kernel
+uint8 POWER_SUPPLY_STATUS_UNKNOWN = 0
+uint8 POWER_SUPPLY_STATUS_CHARGING = 1
+
+std_msgs/Header  header
+float32 voltage          # Voltage in Volts (Mandatory)
+float32 temperature
+float32 current
+float32 charge
+float32 capacity
+float32 design_capacity
+float32 percentage
+uint8   power_supply_status
+uint8   power_supply_health
+uint8   power_supply_technology
+bool    present
+float32[] cell_voltage
+float32[] cell_temperature
+string location
+string serial_number
+{HEADER}"""
+ACKERMANN = f"""\
+std_msgs/Header header
+AckermannDrive  drive
+================================================================================
+MSG: ackermann_msgs/AckermannDrive
+# The steering_angle is positive to the left
+float32 steering_angle
+float32 steering_angle_velocity
+float32 speed
+float32 acceleration
+float32 jerk
+{HEADER}"""
+
 DEFINITIONS = {
+    "geometry_msgs/msg/Vector3Stamped": VECTOR3_STAMPED,
+    "sensor_msgs/msg/JointState": JOINT_STATE,
+    "sensor_msgs/msg/BatteryState": BATTERY_STATE,
+    "ackermann_msgs/msg/AckermannDriveStamped": ACKERMANN,
     "sensor_msgs/msg/NavSatFix": NAV_SAT_FIX,
     "sensor_msgs/msg/Imu": IMU,
     "nav_msgs/msg/Odometry": ODOMETRY,

@@ -7,10 +7,12 @@ import pytest
 from mcap.writer import Writer
 
 from cli.test_tune import run
+from formats.mcap_sample import Message, attitude_of, header_of, odometry_of, position_of, write_recording
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleLog, check_file
 from lgprjax.formats.ros import layout_of
 from lgprjax.formats.signal_tables import import_signals
+from lgprjax.frames import LocalFrame
 
 _MAP = Path(__file__).parents[2] / "tuning" / "signals.toml"
 _COUNT = 400
@@ -134,6 +136,80 @@ def test_messages_become_a_drive_log(tmp_path: Path) -> None:
     # A quarter of a radian to the left in five seconds.
     turned = np.unwrap(np.radians(log.navigation.heading_deg))
     assert turned[0] - np.interp(5.0, log.navigation.time_s, turned) == pytest.approx(0.25, abs=2e-3)
+
+
+def test_the_example_of_a_parquet_file_is_one(tmp_path: Path) -> None:
+    """tuning/signals_parquet.toml: dates, feet of travel, metres of UTM, volts and counts."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    t = 0.02 * np.arange(_COUNT)
+    table = {
+        "timestamp": np.datetime64("2026-03-01T08:00:00", "ns") + (1e9 * t).astype("timedelta64[ns]"),
+        "odometer_ft": 5.0 * t / 0.3048,
+        "utm_east_m": 700_000.0 + 5.0 * t,
+        "utm_north_m": np.full(_COUNT, 5_100_000.0),
+        "heading_rad": np.full(_COUNT, np.pi / 2),
+        "sigma_m": np.full(_COUNT, 0.02),
+        "yaw_rate_dps": np.zeros(_COUNT),
+        "pot_mv": 2430.0 + 100.0 * np.sin(t),
+        "encoder": (12_000.0 * 0.05 * np.sin(t)).round().astype(np.int64),
+        "command_deg": np.full(_COUNT, 4.5),
+        "throttle": np.full(_COUNT, 0.3),
+        "brake_pct": np.zeros(_COUNT),
+        "mode": np.full(_COUNT, 3),
+    }
+    parquet.write_table(pytest.importorskip("pyarrow").table(table), tmp_path / "a.parquet")
+    found = import_signals(tmp_path / "a.parquet", _MAP.with_name("signals_parquet.toml"), tmp_path / "a.drive.h5")
+    assert check_file(tmp_path / "a.drive.h5") == []
+    assert found.assumed == {"height": "0 m"}
+    log = VehicleLog.open(tmp_path / "a.drive.h5")
+    assert log.vehicle is not None
+    np.testing.assert_allclose(np.diff(log.odometry.distance_m), 0.1, rtol=1e-6)
+    np.testing.assert_allclose(log.vehicle["steering_command_rad"], np.radians(3.0), rtol=1e-6)
+    np.testing.assert_allclose(log.vehicle["steering_potentiometer_v"], 2.43 + 0.1 * np.sin(t), atol=1e-6)
+    np.testing.assert_array_equal(log.vehicle["encoder_counts"], table["encoder"])
+    np.testing.assert_array_equal(log.vehicle["mode"], 3)
+    np.testing.assert_allclose(log.navigation.heading_deg, 90.0)
+    track = log.navigation
+    place = track.latitude_deg, track.longitude_deg, track.height_m
+    east, north, _ = LocalFrame(*(float(values[0]) for values in place)).to_local(*place)
+    # The grid's metres are 0.9996 to 1.0001 long there, and its north 1.9 degrees off.
+    np.testing.assert_allclose(np.hypot(east, north), 5.0 * t, rtol=1e-3, atol=1e-6)
+
+
+def test_the_example_of_a_recording_is_one(tmp_path: Path) -> None:
+    """tuning/signals_mcap.toml: what a ROS 2 user records, each topic at its own rate, by the times of its headers."""
+    messages: list[Message] = []
+    for at in np.arange(0.0, 8.0, 0.02):
+        stamped = {"header": header_of(at)}
+        imu = attitude_of(at, 0.05 * at, angular_velocity={"x": 0.0, "y": 0.0, "z": 0.05})
+        angle, command = 0.04 + 0.01 * np.sin(at), 0.05
+        messages += [
+            ("/imu/data", "sensor_msgs/msg/Imu", at, imu),
+            ("/imu/euler", "geometry_msgs/msg/Vector3Stamped", at, {**stamped, "vector": {"z": 0.05 * at}}),
+            ("/odometry", "nav_msgs/msg/Odometry", at, odometry_of(at, 5.0 * at, 5.0)),
+            ("/steering/joint_states", "sensor_msgs/msg/JointState", at, {**stamped, "position": [angle, 0.0]}),
+            ("/drive/command", "ackermann_msgs/msg/AckermannDriveStamped", at,
+             {**stamped, "drive": {"steering_angle": command}}),
+        ]  # fmt: skip
+    for at in np.arange(0.0, 8.0, 0.2):
+        messages += [
+            ("/gnss/fix", "sensor_msgs/msg/NavSatFix", at, position_of(at, 5.0 * at)),
+            ("/battery", "sensor_msgs/msg/BatteryState", at, {"header": header_of(at), "voltage": 24.5}),
+        ]
+    write_recording(tmp_path / "a.mcap", sorted(messages, key=lambda message: message[2]))
+    found = import_signals(tmp_path / "a.mcap", _MAP.with_name("signals_mcap.toml"), tmp_path / "a.drive.h5")
+    assert check_file(tmp_path / "a.drive.h5") == []
+    assert (found.signals["wheel_angle"], found.signals["latitude"], found.assumed) == (400, 40, {})
+    log = VehicleLog.open(tmp_path / "a.drive.h5")
+    assert log.vehicle is not None
+    at = log.vehicle["time_s"]
+    np.testing.assert_allclose(log.vehicle["wheel_angle_rad"], 0.04 + 0.01 * np.sin(at), atol=1e-6)
+    np.testing.assert_allclose(log.vehicle["steering_command_rad"], 0.05, rtol=1e-6)
+    np.testing.assert_allclose(log.vehicle["yaw_rate_radps"], 0.05, rtol=1e-6)
+    np.testing.assert_allclose(log.vehicle["supply_v"], 24.5)
+    np.testing.assert_allclose(log.navigation.height_m, 430.0)
+    turned = np.unwrap(np.radians(log.navigation.heading_deg))
+    np.testing.assert_allclose(turned[0] - turned, 0.05 * log.navigation.time_s, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -16,41 +16,32 @@ from lgprjax.formats import Study, VehicleLog, check_file, read_fixes, read_stud
 from lgprjax.formats.fixes import read_fix_poses
 from lgprjax.frames import LocalFrame
 from lgprjax.run_records import payload_type
-from lgprjax.studies.look_ahead import SETTLED_M
+from lgprjax.studies.needs import NEEDS
 from lgprjax.studies.steering import FinishedStudy, run_study
+from lgprjax.tuning.logged_look_ahead import SETTLED_M
 
 _TUNING = Path(__file__).parents[2] / "tuning"
 _VEHICLE = _TUNING / "tracking.vehicle.toml"
-_KINDS = (
-    "straight",
-    "encoder",
-    "wheel_angle",
-    "rear_ratio",
-    "yaw_gain",
-    "servo",
-    "pedals",
-    "tracking",
-    "loop",
-    "fusion",
-    "look_ahead",
-)
-# Which drive fits which study; a drive with nothing but pedals goes straight, one of steps of the steering does so for
-# half of its time, and palm tree and turns both hold turns.
+_FLAIL = _TUNING.parent / "onboard" / "made_up_flail.vehicle.toml"
+# Which log fits which study; a drive with nothing but pedals goes straight, one of steps of the steering does so for
+# half of its time, palm tree and turns both hold turns, and an autopilot that begins beside its path steps the command.
 _FITS = {
-    ("straight", "straight"),
-    ("straight", "pedals"),
-    ("straight", "steering"),
-    ("encoder", "standing"),
-    ("wheel_angle", "palm_tree"),
-    ("rear_ratio", "palm_tree"),
-    ("rear_ratio", "turns"),
-    ("yaw_gain", "turns"),
-    ("servo", "steering"),
-    ("pedals", "pedals"),
-    ("loop", "steering"),
-    ("look_ahead", "steering"),
+    "straight": ("straight", "pedals", "steering"),
+    "encoder": ("standing",),
+    "wheel_angle": ("palm_tree",),
+    "rear_ratio": ("palm_tree", "turns"),
+    "rear_map": ("standing", "palm_tree", "turns", "first"),
+    "yaw_gain": ("turns",),
+    "servo": ("steering", "first"),
+    "pedals": ("pedals",),
+    "tracking": ("first", "run"),
+    "loop": ("steering", "first", "run"),
+    "look_ahead": ("steering", "first", "run"),
+    "fusion": (),  # one drive is too short for its noises
+    "threshold": (),
 }
 _LOGS = ("straight", "standing", "palm_tree", "turns", "steering", "pedals")
+_ALL_LOGS = (*_LOGS, "first", "run")
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +52,12 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert run("simulate", _TUNING / "drives.toml", "-o", folder, "--only", *_LOGS) == 0
     assert all((folder / f"{name}.drive.h5").is_file() for name in _LOGS)
     return folder
+
+
+@pytest.fixture(scope="module")
+def recorded(logs: Path) -> np.ndarray:
+    """The second drive as a run's records beside the logs; the offsets while the autopilot steered."""
+    return write_run_of(logs / "second", logs / "run")
 
 
 def study(kind: str, logs: Path, *names: str, held_out: tuple[str, ...] = (), **options: object) -> Study:
@@ -137,18 +134,27 @@ def test_the_look_ahead_comes_from_logs_with_its_interval(logs: Path, tmp_path: 
     assert any("43%" in note for note in unsettled) == any(figure["high"] > SETTLED_M for figure in weak)
 
 
-@pytest.mark.parametrize("kind", _KINDS)
-def test_a_log_of_the_wrong_kind_is_refused(kind: str, logs: Path) -> None:
-    for name in _LOGS:
-        if (kind, name) in _FITS:
+def test_every_kind_of_study_is_tried_on_every_kind_of_log() -> None:
+    assert set(_FITS) == set(NEEDS)
+    assert {name for names in _FITS.values() for name in names} == set(_ALL_LOGS)
+
+
+@pytest.mark.parametrize("kind", _FITS)
+def test_a_log_of_the_wrong_kind_is_refused(kind: str, logs: Path, recorded: np.ndarray) -> None:
+    del recorded
+    for name in _ALL_LOGS:
+        if name in _FITS[kind]:
             continue
-        with pytest.raises(InputError, match=r"expected .*, found "):
-            run_study(study(kind, logs, name))
-
-
-def test_a_drive_log_is_no_run_of_a_field(logs: Path) -> None:
-    with pytest.raises(InputError):
-        run_study(study("threshold", logs, "first"))
+        asked = study(kind, logs)
+        if kind == "rear_map":  # a method of its own
+            asked = study("rear_ratio", logs, method="rear_map")
+        if kind == "threshold":  # of a vehicle that could have such a run
+            asked = asked._replace(vehicle=_FLAIL)
+        path = logs / (name if name == "run" else f"{name}.drive.h5")
+        with pytest.raises(InputError, match=r"expected .*, found ") as told:
+            run_study(asked._replace(logs=(path,)))
+        # Of the log, or of the fixes that are not beside it.
+        assert str(told.value).startswith(str(logs / name))
 
 
 def test_nothing_is_written_that_a_held_out_log_contradicts(tmp_path: Path) -> None:
@@ -184,16 +190,15 @@ def test_nothing_is_written_that_a_held_out_drive_contradicts(logs: Path, tmp_pa
         run_study(study("loop", logs, "first")._replace(held_out=(tmp_path / "held_out.drive.h5",)))
 
 
-def test_a_recorded_run_is_a_log(logs: Path, tmp_path: Path) -> None:
-    """The second drive as its records: the loop is that of the drive log, the tracking that of the truth."""
-    offset = write_run_of(logs / "second", tmp_path / "run")
-    fit = run_study(study("loop", logs, "second")._replace(logs=(tmp_path / "run",)))
+def test_a_recorded_run_is_a_log(logs: Path, recorded: np.ndarray) -> None:
+    """The loop is that of the drive log, the tracking that of the truth."""
+    fit = run_study(study("loop", logs)._replace(logs=(logs / "run",)))
     lag = fit.outcome.found["steering.lag_s"]
     assert not isinstance(lag, list)
     assert lag.value == pytest.approx(0.2, rel=0.15)
-    tracked = run_study(study("tracking", logs)._replace(logs=(tmp_path / "run",)))
+    tracked = run_study(study("tracking", logs)._replace(logs=(logs / "run",)))
     figures = {figure.name: figure.value for figure in tracked.outcome.figures}
-    assert figures["run: offset, rms"] == pytest.approx(np.sqrt(np.mean(offset**2)), rel=0.1)
+    assert figures["run: offset, rms"] == pytest.approx(np.sqrt(np.mean(recorded**2)), rel=0.1)
 
 
 def write_run_of(log_path: Path, folder: Path) -> np.ndarray:

@@ -29,6 +29,7 @@ from lgprjax.tuning.logged_look_ahead import DrawnTuning, drawn_vehicles, judge_
 from lgprjax.tuning.look_ahead import TrialCourses
 from lgprjax.tuning.loop import (
     NAMES,
+    ODOMETER_SHARE,
     PADDING,
     STEP_S,
     WIDTH,
@@ -270,64 +271,89 @@ def check_look_ahead(which: tuple[int, ...], draws: int, steps: int) -> None:
         fit = fitted(number, which)
         drawn = draw_loops(fit.prior, fit.posterior, jax.random.key(1), count=draws)
         tuned = tune_on_draws(drawn_vehicles(believed(number), fit.prior, drawn), _TRIALS, config)
-        exact = drawn_vehicles(believed(number), fit.prior, single(np.tile(true_numbers(number), (draws, 1))))
+        # Alike: as many as a step of the tuner takes.
+        alike = single(np.tile(true_numbers(number), (config.batch, 1)))
+        exact = drawn_vehicles(believed(number), fit.prior, alike)
         best = tune_on_draws(exact, _TRIALS, config)
-        one = jax.tree.map(lambda field: field[:32] if jnp.ndim(field) else field, exact)
-        costs = [float(jnp.mean(judge_drawn(one, _TRIALS, s, shares).cost_m)) for s in (tuned.schedule, best.schedule)]
+        costs = [
+            float(jnp.mean(judge_drawn(exact, _TRIALS, s, shares).cost_m)) for s in (tuned.schedule, best.schedule)
+        ]
         worst = max(worst, costs[0] / costs[1] - 1.0)
         stretched = stretched_look_ahead(
             tuned.schedule.look_ahead, tuned.schedule.exponent, single(WEAK), single(tuned.least_share)
         )
         left.append(left_weak(number, np.asarray(look_ahead_m(stretched, single(speeds)), np.float64), speeds))
         bound.append(least_left(number, speeds))
-        print(number, f"cost {costs[0] / costs[1] - 1.0:+.1%}, left at 43 % torque {left[-1]}, at best {bound[-1]}")
-    settled, could = np.array(left) < 0.10, np.array(bound) < 0.10
-    print(
-        f"worst: {worst:.1%} more than the optimum; below 0.10 m {settled.sum()} of {settled.size}, {could.sum()} could"
-    )
+        found, could = (np.array2string(row[-1], precision=3) for row in (left, bound))
+        print(number, f"cost {costs[0] / costs[1] - 1.0:+.1%}, left at 43 % torque {found} m, at best {could}")
+    settles, settled = np.sum(np.array(bound) < 0.10), np.sum(np.array(left) < 0.10)
+    print(f"worst: {worst:.1%} more than the optimum; below 0.10 m {settled} of {np.size(left)}, {settles} could")
     assert worst <= 0.10
     assert np.all(np.array(left) <= np.maximum(0.10, 1.25 * np.array(bound)))
 
 
+def drawn_files(number: int, random: np.random.Generator, count: int) -> np.ndarray:
+    """Numbers of vehicle files that are as wrong as the widths say; a file says nothing of the sensors."""
+    truth = true_numbers(number)
+    wrong = random.normal(size=(count, len(NAMES))) * WIDTH
+    by_factor = np.isin(NAMES, ("lag_s", "rate_radps"))
+    files = np.where(by_factor, truth * np.exp(np.where(by_factor, wrong, 0.0)), truth + wrong)
+    files[:, NAMES.index("zero_rad") :] = 0.0
+    physical = ("delay_s", "dead_band_rad", "rear_ratio", "slip_s2pm2")
+    files[:, [NAMES.index(name) for name in physical]] = np.maximum(
+        files[:, [NAMES.index(name) for name in physical]], (0.0, 0.0, 0.0, 1e-4)
+    )
+    return files
+
+
 def coverage(number: int, law: str, draws: int, seed: int) -> dict[str, float]:
-    """Share of draws of the noise whose 95 % intervals hold the truth; the odometer's scale is drawn, too."""
+    """Share of draws whose 95 % intervals hold the truth: of noise, of the odometer's scale, and of the vehicle file.
+
+    An interval is made of file and drives together. With one file for all draws it would measure how wrong that file
+    happens to be.
+    """
     true, told, _ = world()
-    lanes = np.array([number])
-    course = lay_courses([draw_course(77, length_m=200.0, least_radius_m=10.0, straight_m=10.0)])
+    drives = DRIVES - 1
+    lanes, speed = np.full(drives, number), SPEEDS[:drives]
+    least_m = np.maximum(9.0, 0.35 * speed**2 + 6.0)
+    course = lay_courses([draw_course(77 + i, length_m=400.0, least_radius_m=r) for i, r in enumerate(least_m)])
+    time_s = PLANT_S * np.arange(int(SECONDS / PLANT_S))[:, None]
     run = drive(
         true.take(lanes),
         told.take(lanes),
         course,
-        ["white"],
+        ["white"] * drives,
         ahead_m=ahead,
-        speed_mps=3.5 * (1.0 + 0.3 * np.sin(2.0 * np.pi * PLANT_S * np.arange(4000) / 17.0))[:, None],
-        offset_m=np.array([2.5]),
-        seconds=40.0,
+        speed_mps=speed * (1.0 + 0.12 * np.sin(2.0 * np.pi * time_s / 23.0)),
+        offset_m=OFFSETS[:drives],
+        seconds=SECONDS,
         seed=9,
         quiet=True,
     )
-    base = loop_logs(run, [0])
+    base = loop_logs(run, list(range(drives)))
     prior = prior_of(number, float(true.backlash_rad[number]))
     random, count = np.random.default_rng(seed), len(run.time_s)
     held = dict.fromkeys(NAMES, 0)
-    axes: Any = LoopLogs._make([None, None, 0, 0, 0, None, None, None])
-    solve = jax.jit(jax.vmap(identify, in_axes=(None, axes)))
+    axes: Any = (LoopPrior(0, None, None, None), LoopLogs._make([None, None, 0, 0, 0, None, None, None]))  # type: ignore[arg-type]
+    solve = jax.jit(jax.vmap(identify, in_axes=axes))
     size = 20
     for _ in range(0, draws, size):
-        noise = np.zeros((2, size, 1, base.front_rad.shape[1]))
-        for lane in range(size):
+        noise = np.zeros((2, size, drives, base.front_rad.shape[1]))
+        for lane, own in np.ndindex(size, drives):
             for output, sigma in enumerate((true.front_sigma_rad[number], true.yaw_rate_sigma[number])):
-                noise[output, lane, 0, :count] = sigma * noise_of(law, random, count, true.colour_s[number])
-        scale = 1.0 + 0.005 * random.normal(size=(size, 1, 1))
+                noise[output, lane, own, :count] = sigma * noise_of(law, random, count, true.colour_s[number])
+        scale = 1.0 + ODOMETER_SHARE * random.normal(size=(size, 1, 1))
         front, rate = np.asarray(base.front_rad) + noise[0], np.asarray(base.yaw_rate_radps) + noise[1]
         if law == "quantised":
             front, rate = (np.radians(s) * np.round(v / np.radians(s)) for v, s in ((front, 0.35), (rate, 0.5)))
         many = base._replace(
             speed_mps=single(np.asarray(base.speed_mps) * scale), front_rad=single(front), yaw_rate_radps=single(rate)
         )
-        found = solve(prior, many)
+        files = prior._replace(value=single(drawn_files(number, random, size)))
+        found = solve(files, many)
         for lane in range(size):
-            fit = summarise(prior, jax.tree.map(lambda leaf, lane=lane: leaf[lane], found))
+            own_file = prior._replace(value=files.value[lane])
+            fit = summarise(own_file, jax.tree.map(lambda leaf, lane=lane: leaf[lane], found))
             for name, value in zip(NAMES, true_numbers(number), strict=True):
                 held[name] += fit.numbers[name].low <= value <= fit.numbers[name].high
     return {name: held[name] / (len(range(0, draws, size)) * size) for name in NAMES}
