@@ -76,11 +76,13 @@ def _make_map(table: "SimulationTable", database: Path) -> None:
     import tempfile
 
     from lgprjax.mapping import build_map
+    from lgprjax.scene import SweepPlan
     from lgprjax.simulation.loop import OffRoad, make_course
 
     database.parent.mkdir(parents=True, exist_ok=True)
+    sweeps = SweepPlan() if table.recording == "sweeps" else None
     with tempfile.TemporaryDirectory(dir=database.parent) as name:
-        course = make_course(OffRoad(table.seed, table.length_m, table.scan_share), Path(name))
+        course = make_course(OffRoad(table.seed, table.length_m, table.scan_share, sweeps=sweeps), Path(name))
         build_map([course.baseline], database)
 
 
@@ -113,6 +115,8 @@ def course_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, 
         "scan_share": table.scan_share,
         "weather": table.weather,
         "drive_seed": table.drive_seed,
+        "recording": table.recording,
+        "gain_drift": table.gain_drift,
         "map": str(config.path(config.map)),
         "script": table.script,
         "faults": table.faults,

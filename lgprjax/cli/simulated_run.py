@@ -21,6 +21,8 @@ ENGAGED = (3, 4)
 COMMAND_MS = 100.0
 """Largest time from a scan's start to the resulting command."""
 _MOVING_MPS = 0.1
+_SCANS = (0x12, 0x15)
+"""Types of the frames with a scan, radar_scan and radar_sweep; see data_schema/wire.toml."""
 
 
 class RunRecords(NamedTuple):
@@ -98,7 +100,7 @@ def read_records(folder: Path) -> RunRecords:
         elif record.kind is RecordKind.FIX:
             used.append((int(fix_row(record.payload)["scan_ns"]), record.tick))
         elif record.kind is RecordKind.PORT_IN and record.source is Source.RADAR:
-            scans += record.payload[3] == 0x12
+            scans += record.payload[3] in _SCANS
         elif record.kind is RecordKind.MONITOR and record.tick > 0:
             held = [value for value in json.loads(record.payload).get("rss_mb", {}).values() if value is not None]
             memory.append((record.mono_ns / 1e9, float(sum(held))))

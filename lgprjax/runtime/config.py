@@ -1,10 +1,11 @@
 """The configuration of the onboard runtime, ``CONFIG.toml``: paths are relative to the file's folder."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from lgprjax.config import BrokenRuleError, ConfigTable, TableKey, fill_table
 from lgprjax.errors import InputError
@@ -25,6 +26,15 @@ class PortsTable(ConfigTable):
     controller: PortTable
     gnss: PortTable
     radar: PortTable | None = None
+
+    @field_validator("drive_by_wire", "controller", "gnss", "radar")
+    @classmethod
+    def _can_be_opened(cls, port: PortTable | None) -> PortTable | None:
+        """The lines of a vehicle are serial devices or sockets; pyserial knows more."""
+        if port is not None and "://" in port.url and not re.fullmatch(r"socket://[^/\s]+:\d+", port.url):
+            expected = "a serial device, such as /dev/ttyUSB0, or socket://HOST:PORT"
+            raise BrokenRuleError("url", expected, repr(port.url))
+        return port
 
 
 class SweepTable(ConfigTable):
@@ -174,6 +184,8 @@ class SimulationTable(ConfigTable):
 
     Attributes:
         length_m, weather, scan_share: of a course.
+        recording, gain_drift: of its radar: finished traces or stepped-frequency sweeps, and the change of the
+            receiver's gain over 20 minutes, half of it in the first 4.
         field: X.geojson from which a missing plan is made; of a field.
         overlap, order, turning_room_m: of that plan, see ``lgprjax cover plan``.
         script: operator actions: times in seconds since the vehicle was ready, and buttons pressed.
@@ -182,9 +194,11 @@ class SimulationTable(ConfigTable):
 
     seed: int = 2
     length_m: float = Field(default=300.0, ge=60.0, le=2000.0)
-    weather: str = "clear"
+    weather: Literal["clear", "snow", "rain", "frost", "years", "repaired"] = "clear"
     scan_share: int = Field(default=1, ge=1, le=6)
     drive_seed: int = 102
+    recording: Literal["traces", "sweeps"] = "traces"
+    gain_drift: float = Field(default=0.05, ge=-0.9, le=10.0)
     field: str | None = None
     overlap: float = Field(default=0.2, ge=0.0, lt=1.0)
     order: Literal["zamboni", "boustrophedon", "racetrack", "free", "best"] = "zamboni"
@@ -231,8 +245,11 @@ class RuntimeConfig(ConfigTable):
         return self
 
     def _of_work(self, expected: str) -> BrokenRuleError:
-        given = ", ".join(name for name in type(self).model_fields if name in self.model_fields_set - {"file"})
-        return BrokenRuleError("map, routes, coverage", expected, given)
+        deciding = ("map", "routes", "coverage", "output")
+        given = ", ".join(name for name in deciding if name in self.model_fields_set)
+        if self.ports.radar is not None:
+            given += ", ports.radar"
+        return BrokenRuleError("map, routes, coverage", expected, given.removeprefix(", ") or "none of them")
 
     def path(self, named: str) -> Path:
         """A path of the configuration, ready to open."""

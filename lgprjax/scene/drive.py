@@ -82,6 +82,11 @@ class SweepPlan:
     ripple: float = 0.15
 
     @property
+    def step(self) -> float:
+        """One count of the converter, as a field."""
+        return float(2.0 * self.full_scale_field / 2**self.adc_bits)
+
+    @property
     def frequency_mhz(self) -> Float[np.ndarray, " frequency"]:
         """The frequencies."""
         return np.asarray(self.first_mhz + self.step_mhz * np.arange(self.steps))
@@ -173,7 +178,7 @@ def record_sweeps(
     turn = jax.lax.complex(jnp.cos(2 * jnp.pi * phase), jnp.sin(2 * jnp.pi * phase)) * connected[None, :]
     sweep += share.astype(jnp.complex64)[:, None, :] * turn[..., None]
 
-    step = 2.0 * plan.full_scale_field / 2**plan.adc_bits
+    step = plan.step
 
     def digitise(x: Float[Array, "..."]) -> Float[Array, "..."]:
         return jnp.clip(jnp.round(x / step) * step, -plan.full_scale_field, plan.full_scale_field - step)

@@ -5,14 +5,30 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Complex64, Float, UInt8
 
 from lgprjax.radar.array import ArrayGeometry
 from lgprjax.scene.day import Day, ground_on
-from lgprjax.scene.drive import STONE_STEP, UTILITY_STEP, check_inside, soil_of
+from lgprjax.scene.drive import (
+    STONE_STEP,
+    UTILITY_STEP,
+    StartOfDay,
+    SweepPlan,
+    check_inside,
+    record_sweeps,
+    soil_of,
+    start_of_day,
+)
 from lgprjax.scene.ground import Ground
 from lgprjax.scene.motion import DrivePlan, place_antennas
-from lgprjax.scene.propagation import RadarConfig, count_stones, count_utilities, slice_ground, trace_matrix
+from lgprjax.scene.propagation import (
+    RadarConfig,
+    count_stones,
+    count_utilities,
+    slice_ground,
+    sweep_matrix,
+    trace_matrix,
+)
 from lgprjax.scene.render import (
     ReceiverConfig,
     ReceiverFaults,
@@ -38,12 +54,12 @@ class LiveScan(NamedTuple):
     """A block as recorded.
 
     Attributes:
-        traces: bytes, 128 for silence.
+        recorded: traces as bytes, 128 for silence; or sweeps, the calibration channel as the last row.
         received: scans that came through.
         roll_rad: true roll of the body at each scan's own time.
     """
 
-    traces: UInt8[np.ndarray, "scan channel sample"]
+    recorded: UInt8[np.ndarray, "scan channel sample"] | Complex64[np.ndarray, "scan row frequency"]
     received: Bool[np.ndarray, " scan"]
     roll_rad: Float[np.ndarray, " scan"]
 
@@ -66,6 +82,10 @@ class LiveRadar:
         springs: of the vehicle.
         scans: most that will be asked for; drifts run over them.
         seed: of the faults; with the day's, of the noise.
+        sweeps: what a stepped-frequency radar measures; None for one that records traces.
+
+    Attributes:
+        start: recordings at the start of the day; None for a radar that records traces.
 
     Raises:
         ValueError: a scan is recorded where the ground has ended.
@@ -84,6 +104,7 @@ class LiveRadar:
         faults: ReceiverFaults | None = None,
         radar: RadarConfig | None = None,
         receiver: ReceiverConfig | None = None,
+        sweeps: SweepPlan | None = None,
     ) -> None:
         faults = ReceiverFaults() if faults is None else faults
         self.radar = RadarConfig(height_m=array.height_m) if radar is None else radar
@@ -95,7 +116,14 @@ class LiveRadar:
         self._received = np.isin(np.arange(scans), kept_scans(faults, scans, seed))
         self._key = jax.random.fold_in(jax.random.key(day.seed), seed)
         self._noise_field = jnp.asarray(day.noise_field, jnp.float32)
-        self._matrix = jnp.asarray(trace_matrix(self.radar, **soil_of(self._ground, self._conditions)))
+        self._sweeps = sweeps
+        self.start: StartOfDay | None = None
+        soil = soil_of(self._ground, self._conditions)
+        if sweeps is None:
+            self._matrix = jnp.asarray(trace_matrix(self.radar, **soil))
+        else:
+            self.start = start_of_day(sweeps, self.radar, self._response, day.noise_field, day.seed)
+            self._matrix = jnp.asarray(sweep_matrix(self.radar, sweeps.frequency_mhz, **soil))
         config = self._ground.config
         # Any block's window is within one of these, so that one program serves the drive.
         reach = 2.0 * self.radar.aperture_m + _ALONG_M
@@ -146,7 +174,7 @@ class LiveRadar:
             conditions=self._conditions,
         )
         span = slice(first_scan, first_scan + scans)
-        traces = record_scans(
+        heard = (
             self._key,
             jnp.asarray(first_scan, jnp.int32),
             piece,
@@ -155,7 +183,11 @@ class LiveRadar:
             ScanErrors(*(error[span] for error in self._errors)),
             self._noise_field,
             self._matrix,
-            radar=self.radar,
-            receiver=self._receiver,
         )
-        return LiveScan(np.asarray(traces), self._received[span], poses[:, 0, 4])
+        recorded: np.ndarray
+        if self._sweeps is None:
+            recorded = np.asarray(record_scans(*heard, radar=self.radar, receiver=self._receiver))
+        else:
+            channels, calibration = record_sweeps(*heard, radar=self.radar, plan=self._sweeps)
+            recorded = np.concatenate([np.asarray(channels), np.asarray(calibration)[:, None]], axis=1)
+        return LiveScan(recorded, self._received[span], poses[:, 0, 4])

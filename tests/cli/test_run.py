@@ -136,6 +136,35 @@ def test_in_lock_step_it_arrives_on_any_machine_and_tells_its_course(
     assert times == sorted(times)
 
 
+@pytest.mark.campaign
+def test_a_radar_of_sweeps_drives_on_the_ground_alone_and_its_log_gives_the_same_fixes(course: Path) -> None:
+    """Sweeps whose gain drifts by a tenth while it drives; GNSS is lost before anything is engaged, and stays so."""
+    folder = course.parent / "swept"
+    folder.mkdir()
+    text = course.read_text(encoding="utf-8").replace("at_way_m = 12.0", "at_way_m = 24.0")
+    swept = 'recording = "sweeps"\ngain_drift = 1.2\nfaults = [{ kind = "gnss_off", at_way_m = 16.0 }]'
+    text = text.replace("scan_share = 3", f"scan_share = 3\n{swept}")
+    (folder / "swept.run.toml").write_text(text, encoding="utf-8")
+    figures = folder / "figures.json"
+    arguments = ("--simulate", "--lockstep", "--for-s", "90", "--json", str(figures))
+    done = lgprjax("run", str(folder / "swept.run.toml"), *arguments, limit_s=900.0)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    found = json.loads(figures.read_text(encoding="utf-8"))
+    assert found["ok_share"] > 0.97
+    assert found["tracking_rms_m"] < 0.15
+    run = next((folder / "runs").iterdir())
+    out = folder / "again"
+    told = lgprjax(
+        "register", str(folder / "course300.map.h5"), str(run / "simulated.drive.h5"), "-o", str(out), "--track"
+    )
+    assert told.returncode == 0, told.stdout + told.stderr
+    agreed = re.search(r"as on board: (\d+) of (\d+) fixes with the same code, at most (\S+) mm apart", told.stdout)
+    assert agreed is not None, told.stdout
+    assert agreed[1] == agreed[2]
+    assert int(agreed[2]) > 100
+    assert float(agreed[3]) < 1.0
+
+
 def test_a_preflight_names_what_is_not_in_order(course: Path) -> None:
     done = lgprjax("run", str(course), "--preflight")
     assert done.returncode == 1

@@ -1,5 +1,6 @@
 """The corrected position as NMEA: read by pynmeagps, and followed by a process that knows nothing else."""
 
+import io
 import json
 import math
 import os
@@ -17,7 +18,7 @@ from lgprjax.formats import MapFile
 from lgprjax.frames import LocalFrame
 from lgprjax.navigation import OF_GNSS, Reason
 from lgprjax.run_records import POSE, Record, RecordKind, Source, pack
-from lgprjax.runtime.config import OutputTable, RuntimeConfig, read_config, write_config
+from lgprjax.runtime.config import OutputTable, PortTable, RuntimeConfig, read_config, write_config
 from lgprjax.runtime.control.compiled import TickResult
 from lgprjax.runtime.control.counter_steer import pose_row, quality_of
 from lgprjax.runtime.main import process_command
@@ -26,6 +27,7 @@ from lgprjax.runtime.output.program import ADDRESS_FILE
 from lgprjax.runtime.process import RINGS, Heartbeats
 from lgprjax.runtime.ring import Ring
 from lgprjax.runtime.service import SUPERVISOR
+from runtime.line_ends import pty_line, read_now
 
 _METRES_A_DEGREE = 111_320.0
 
@@ -95,6 +97,34 @@ def test_a_reader_of_receivers_reads_it(seed: int) -> None:
     assert gst.stdLat == pytest.approx(north, abs=6e-4)  # type: ignore[attr-defined]
     assert gst.stdLong == pytest.approx(east, abs=6e-4)  # type: ignore[attr-defined]
     assert gst.stdMajor == pytest.approx(max(along, cross), abs=6e-4)  # type: ignore[attr-defined]
+
+
+def test_a_serial_line_gives_the_same_and_holds_nobody_up(config: RuntimeConfig) -> None:
+    """Read by pynmeagps at the other end of a pseudo-terminal; one that nobody reads, or that goes, costs moments."""
+    given = [
+        Given(1.8e9 + 0.1 * number, 42.0, -71.0 + 1e-6 * number, 30.0, 10.0, 0.02, 0.02, 4) for number in range(20)
+    ]
+    with pty_line() as line:
+        outlets = NmeaOutlets(config, OutputTable(nmea_serial=PortTable(url=line.path, baud=115200)))
+        try:
+            for each in given:
+                outlets.send(sentences(each), each.utc_s)
+            reader = NMEAReader(io.BytesIO(read_now(line.fd)))
+            messages = [message for _, message in reader]
+            assert [message.msgID for message in messages] == ["GGA", "HDT", "GST"] * len(given)
+            places = [message.lon for message in messages[::3]]
+            np.testing.assert_allclose(places, [each.longitude_deg for each in given], atol=1e-8)
+            begun_s = time.monotonic()
+            for number in range(100):
+                outlets.send(sentences(given[0]), 3e9 + number)
+            # Full after some kilobytes; then each further moment waits for the write's limit at most.
+            assert time.monotonic() - begun_s < 100 * 0.05 + 2.0
+        finally:
+            outlets.close()
+    # Nothing is there any more: told as nothing, and tried again later.
+    gone = NmeaOutlets(config, OutputTable(nmea_serial=PortTable(url=line.path, baud=115200)))
+    gone.send(sentences(given[0]), 0.0)
+    gone.close()
 
 
 @pytest.mark.parametrize("broken", [{"quality": 0}, {"latitude_deg": math.nan}, {"sigma_cross_m": math.inf}])

@@ -180,6 +180,31 @@ def test_in_rain_the_autopilot_is_engaged(world: CourseWorld, config: RuntimeCon
     assert not any(int(row["reasons"]) & Reason.LGPR_FADED for row in loop.rows)
 
 
+@pytest.mark.parametrize("fixes", [True, False])
+def test_after_a_lock_the_autopilot_is_engaged_without_gnss(
+    world: CourseWorld, config: RuntimeConfig, loaded: Loaded, fixes: bool
+) -> None:
+    """GNSS is gone before the button is pressed; without LGPR's fixes the press is refused."""
+    plus = {"after": {"mode": 3, "for_s": 1.0}, "do": "press", "button": "plus", "for_s": 0.3}
+    script = [{"at_s": 0.2, "do": "drive", "speed_mps": 2.0}, {"at_way_m": 24.0, **STEER}, plus]
+    loop = OnboardLoop(world, config, loaded, script, [{"kind": "gnss_off", "at_way_m": 16.0}], fixes=fixes)
+    pressed = loop.run(40.0, until=lambda at: at.stage._known.last.travel_m > 23.5)
+    assert pressed
+    assert int(loop.rows[-1]["reasons"]) & Reason.GNSS_SILENT
+    first = len(loop.rows)
+    loop.run(8.0)
+    modes = {Mode(int(row["mode"])) for row in loop.rows[first:]}
+    if not fixes:
+        assert not modes & {Mode.STEERING, Mode.SPEED}
+        assert loop.core.modes.state.inhibit is EngagementInhibit.SOURCE_MISSING
+        return
+    assert loop.mode is Mode.SPEED
+    # Nothing slows it: the error is bounded by the ground alone.
+    assert not int(loop.rows[-1]["watch"])
+    assert all(int(row["reasons"]) & Reason.GNSS_SILENT for row in loop.rows[first:])
+    assert max(abs(float(row["cross_track_m"])) for row in loop.rows[-50:]) < 0.2
+
+
 @pytest.mark.parametrize("moment", ["straight", "bend", "fast"])
 def test_fixes_of_a_wrong_place_do_not_move_the_vehicle(moments: dict[str, Moment], moment: str) -> None:
     after = follow(moments[moment], 4.0, change=misplace(1.5))

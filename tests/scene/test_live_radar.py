@@ -9,15 +9,19 @@ from lgprjax.scene import (
     DrivePlan,
     GroundConfig,
     LiveRadar,
+    ReceiverFaults,
     RoadConfig,
     Springs,
+    SweepPlan,
     draw_springs,
+    iterate_sweeps,
     make_ground,
     make_road,
     render_drive,
     simulate_drive,
 )
 from lgprjax.scene.motion import place_on_road, plan_motion, poses_at
+from lgprjax.simulation import describe_sweeps
 
 _ROAD = RoadConfig(
     length_m=60.0,
@@ -47,11 +51,37 @@ def test_same_bytes_as_a_planned_drive(direction: int) -> None:
     along = float(place_on_road(motion, instants)[0].mean()) + direction * 4.0
     found = live.record(number, poses_at(motion, instants)[..., [0, 1, 3]], along, direction)
     assert found.received.all()
-    difference = np.abs(found.traces.astype(int) - planned[at : at + 3].astype(int))
+    difference = np.abs(found.recorded.astype(int) - planned[at : at + 3].astype(int))
     # Another origin of the block rounds otherwise: a count here and there.
     assert difference.max() <= 1
     assert np.mean(difference > 0) < 0.02
     assert found.roll_rad == pytest.approx(drive.pose[at : at + 3, 4], abs=1e-9)
+
+
+def test_sweeps_are_those_of_a_planned_drive_but_for_rounding() -> None:
+    """The calibration channel comes last, in units of the converter's counts."""
+    ground, road, day = make_ground(3, GroundConfig(length_m=60.0)), make_road(3, _ROAD), WEATHER["clear"](7)
+    array, sweeps = uniform_array(5, 0.127, x_m=4.0, height_m=0.3, scan_period_s=1 / 126), SweepPlan(steps=21)
+    faults = ReceiverFaults(gain_drift=0.2, phase_drift_rad=0.5)
+    drive = simulate_drive(ground, _PLAN, day, 5, road=road, array=array, faults=faults)
+    motion = plan_motion(_PLAN, 5, road)
+    count = round(motion.duration_s * _PLAN.scan_rate_hz - 0.5) + 1
+    springs = Springs(motion.height, motion.roll)
+    live = LiveRadar(ground, day, road, array, springs, scans=count, seed=5, faults=faults, sweeps=sweeps)
+    known = describe_sweeps(drive, sweeps)
+    assert live.start is not None
+    np.testing.assert_array_equal(live.start.empty, known.lookup_sweeps)
+    np.testing.assert_array_equal(live.start.empty_calibration, known.lookup_calibration_sweep)
+    number = 40
+    at = int(np.flatnonzero(np.isclose(drive.scan_time_s, number / 42.0))[0])
+    planned, calibration = next(iterate_sweeps(drive, sweeps))
+    instants = (number + np.arange(3))[:, None] / 42.0 + array.time_offset_s
+    along = float(place_on_road(motion, instants)[0].mean()) + 4.0
+    found = live.record(number, poses_at(motion, instants)[..., [0, 1, 3]], along).recorded
+    wanted = np.concatenate([planned[at : at + 3], calibration[at : at + 3, None]], axis=1)
+    off = np.abs(found - wanted) / sweeps.step
+    assert off.max() < 1.5
+    assert np.mean(off > 0.5) < 0.02
 
 
 def test_ground_that_ends_is_an_error() -> None:

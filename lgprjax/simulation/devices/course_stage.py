@@ -19,12 +19,13 @@ from lgprjax.simulation.devices.sensors import (
     RadarState,
     RecordedScan,
     Sensing,
+    SweepForm,
     attitude_messages,
     position_message,
 )
 from lgprjax.simulation.devices.stage import Stage, StageKind, StageSpec, Ticker
 from lgprjax.simulation.devices.vehicle import BUTTONS, SCRIPT, SCRIPT_LASTS_S, Body, Driver, DriverInput, Moved, Truth
-from lgprjax.simulation.devices.world import CourseWorld, Sample, Trajectory
+from lgprjax.simulation.devices.world import GAIN_DRIFT, CourseWorld, Sample, Trajectory
 from lgprjax.wire import Sender, Value, decode
 
 # What a run of the devices on a course is asked for.
@@ -37,6 +38,7 @@ class CourseSpec(StageSpec):
         seed, length_m, scan_share: of the course, see ``OffRoad``.
         weather: of the day.
         drive_seed: of the day and of all errors.
+        recording, gain_drift: of the radar: finished traces, or stepped-frequency sweeps; see ``CourseWorld``.
         map: the course's map, whose frame poses are in.
         start_m: way along the baseline at which the vehicle stands.
     """
@@ -46,6 +48,8 @@ class CourseSpec(StageSpec):
     scan_share: Literal[1, 2, 3, 4, 5, 6] = 1
     weather: Literal["clear", "snow", "rain", "frost", "years", "repaired"] = "clear"
     drive_seed: int
+    recording: Literal["traces", "sweeps"] = "traces"
+    gain_drift: float = Field(default=GAIN_DRIFT, ge=-0.9, le=10.0)
     map: str
     start_m: float = Field(default=2.0, ge=0.0)
 
@@ -96,7 +100,11 @@ class CourseStage(Stage[DriveBox, Tick]):
         self._sensing = Sensing(true, self._body.vehicle.sensors, world, self.faults, seed)
         self._driver = Driver(true, world.laid.spec.array_x_m, world.baseline_m)
         self.truth = Truth(true.rear, world.laid.spec.array_x_m, world.baseline_m)
-        self.radar = RadarBox(self._senders["radar"], world.radar, len(world.laid.array.x_m), world.scan_period_s)
+        channels, sweeps, form = len(world.laid.array.x_m), world.laid.spec.sweeps, None
+        if sweeps is not None:
+            assert world.lookup is not None
+            form = SweepForm(sweeps, world.lookup)
+        self.radar = RadarBox(self._senders["radar"], world.radar, channels, world.scan_period_s, form)
         self._second = Sender(int(self._rng.integers(1, 1 << 32)))
         self._hands = DriverInput(0.0, 0.0, 0.0, foot_on_brake=False, torque_nm=0.0, buttons=frozenset())
         self.latest_s["scan"] = 0.0
@@ -182,7 +190,8 @@ class CourseStage(Stage[DriveBox, Tick]):
             measured = self._sensing.measured(self._known.at(due_ns), self._hands)
             told.append(("drive_by_wire", self.drive_box.status(due_ns, measured)))
         told += [("gnss", data) for data in self._navigation(now_ns)]
-        told += [("radar", self.radar.description(due_ns)) for due_ns in self._described.due(now_ns)]
+        for due_ns in self._described.due(now_ns):
+            told += [("radar", frame) for frame in self.radar.descriptions(due_ns)]
         self.radar.errors = int(self.faults.number("radar_errors", "bits", 0.0))
         told += [("radar", self.radar.health(due_ns)) for due_ns in self._health.due(now_ns)]
         slow_ns = round(1e9 * self.faults.number("radar_slow", "s", 0.0))

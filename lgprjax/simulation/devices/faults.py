@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from lgprjax.config import between
+from lgprjax.config import between, nearest
 from lgprjax.errors import InputError
 
 # When the items of a script, or faults, begin and end.
@@ -114,11 +114,11 @@ def read_items(
             outside its range.
     """
     items = []
-    for number, row in enumerate(rows):
+    for number, row in enumerate(rows, 1):
         where = f"{place}[{number}]"
         name = str(row.get(key))
         if name not in known:
-            raise InputError(file, f"{where}.{key}", f"one of {', '.join(known)}", name)
+            raise InputError(file, f"{where}.{key}", nearest(name, known, f"a {key}"), name)
         begin = [begins for begins in ("at_s", "at_way_m", "at_arrival", "after") if begins in row]
         if len(begin) != 1:
             raise InputError(file, where, "one of at_s, at_way_m, at_arrival, after", ", ".join(begin) or "none")
@@ -179,7 +179,7 @@ def _value(file: Path, place: str, name: str, key: str, value: Any) -> Any:
         return _number(file, place, value, *limits, whole=key == "bits")
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise InputError(file, place, "a list of 2 numbers", repr(value)[:60])
-    return tuple(_number(file, f"{place}[{at}]", number, *limits) for at, number in enumerate(value))
+    return tuple(_number(file, f"{place}[{at}]", number, *limits) for at, number in enumerate(value, 1))
 
 
 def _after(file: Path, place: str, value: Any) -> tuple[int, float]:
@@ -203,9 +203,11 @@ def check_choice(file: Path, place: str, items: list[ScriptItem], key: str, know
     Raises:
         InputError: one is not among them.
     """
-    for item in items:
-        if item.numbers.get(key, known[0]) not in known:
-            raise InputError(file, f"{place}: {item.name}.{key}", f"one of {', '.join(known)}", repr(item.numbers[key]))
+    for number, item in enumerate(items, 1):
+        told = item.numbers.get(key, known[0])
+        if told not in known:
+            where = f"{place}[{number}].{key}"
+            raise InputError(file, where, f"one of {', '.join(known)}, for {item.name}", repr(told))
 
 
 FAULTS: dict[str, tuple[str, ...]] = {

@@ -20,6 +20,7 @@ import jax
 
 from lgprjax.formats import MapFile
 from lgprjax.formats.store import atomic_output
+from lgprjax.scene import SweepPlan
 from lgprjax.simulation.devices.course_stage import CourseSpec, CourseStage
 from lgprjax.simulation.devices.field_stage import FieldSpec, FieldStage
 from lgprjax.simulation.devices.stage import Stage, StageSpec, read_spec
@@ -44,8 +45,9 @@ def open_spec(file: Path) -> tuple[StageSpec, StageMaker]:
     spec = read_spec(file, CourseSpec)
     with MapFile.open(spec.map) as opened:
         local = opened.description.frame
-    course = OffRoad(spec.seed, spec.length_m, spec.scan_share)
-    world = CourseWorld(course, local, weather=spec.weather, drive_seed=spec.drive_seed)
+    sweeps = SweepPlan() if spec.recording == "sweeps" else None
+    course = OffRoad(spec.seed, spec.length_m, spec.scan_share, sweeps=sweeps)
+    world = CourseWorld(course, local, weather=spec.weather, drive_seed=spec.drive_seed, gain_drift=spec.gain_drift)
     return spec, lambda begin_ns: CourseStage(spec, world, file, begin_ns)
 
 

@@ -7,10 +7,10 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Complex64, Shaped, UInt8
 from pyubx2 import GET, UBXMessage
 
-from lgprjax.scene import LiveSensors
+from lgprjax.scene import LiveSensors, SweepPlan
 from lgprjax.scene.propagation import RadarConfig
 from lgprjax.scene.vehicle_drive import TrueVehicle
 from lgprjax.simulation.devices.boxes import DeviceSender, HostListener, Measured
@@ -242,8 +242,10 @@ class Sensing:
         )
         return faults.hold("gnss_stuck", told)
 
-    def scan(self, data: UInt8[np.ndarray, "channel sample"]) -> UInt8[np.ndarray, "channel sample"]:
-        """The radar's data of a scan."""
+    def scan(self, data: Shaped[np.ndarray, "row number"]) -> Shaped[np.ndarray, "row number"]:
+        """The radar's data of a scan, see ``RecordedScan``."""
+        if np.iscomplexobj(data):
+            return self._sweeps(data)
         if self._faults.has("radar_garbage"):
             return self._rng.integers(0, 256, data.shape, dtype=np.uint8)
         share = self._faults.number("radar_faded", "share", 1.0)
@@ -253,6 +255,21 @@ class Sensing:
         # The receiver's gain compensates: lost signal is replaced by noise.
         noise = np.sqrt(max(1.0 - share**2, 0.0)) * signal.std() * self._rng.normal(size=data.shape)
         return np.asarray(np.clip(np.round(128.0 + share * signal + noise), 0.0, 255.0), np.uint8)
+
+    def _sweeps(self, data: Complex64[np.ndarray, "row frequency"]) -> Complex64[np.ndarray, "row frequency"]:
+        """The same for sweeps; the path of the calibration channel, the last row, has no antenna that could fade."""
+        if self._faults.has("radar_garbage"):
+            return self._white(data.shape, float(np.abs(data).max()))
+        share = self._faults.number("radar_faded", "share", 1.0)
+        if share == 1.0:
+            return data
+        heard = data[:-1]
+        noise = self._white(heard.shape, float(np.sqrt(max(1.0 - share**2, 0.0)) * heard.std()))
+        return np.concatenate([np.float32(share) * heard + noise, data[-1:]])
+
+    def _white(self, shape: tuple[int, ...], rms: float) -> Complex64[np.ndarray, "row frequency"]:
+        parts = self._rng.normal(scale=rms * np.sqrt(0.5), size=(*shape, 2)).astype(np.float32)
+        return parts.view(np.complex64)[..., 0]
 
 
 # The radar's box: obeys start, stop, calibrate and look-up, describes itself, sends scans when they are due.
@@ -275,11 +292,47 @@ class RadarState(IntEnum):
 
 
 class RecordedScan(NamedTuple):
-    """A scan of the world: its number there, when it began, and its bytes; ``None`` where it was lost."""
+    """A scan of the world: its number there, when it began, and its traces as bytes, or its sweeps, the calibration
+    channel last; ``None`` where it was lost.
+    """
 
     number: int
     stamp_ns: int
-    data: UInt8[np.ndarray, "channel sample"] | None
+    data: UInt8[np.ndarray, "channel sample"] | Complex64[np.ndarray, "row frequency"] | None
+
+
+class SweepForm(NamedTuple):
+    """How a stepped-frequency radar sends: its frequencies, and its recording of empty space."""
+
+    plan: SweepPlan
+    lookup: Complex64[np.ndarray, "row frequency"]
+
+    def scan(self, rows: Complex64[np.ndarray, "row frequency"]) -> dict[str, Value]:
+        """Fields of radar_sweep: counts of a converter of up to 16 bits."""
+        step = self.plan.step
+        counts = np.round(_parts(rows) / step).clip(-(2**15), 2**15 - 1).astype("<i2")
+        return {"rows": rows.shape[0], "steps": rows.shape[1], "width": 4, "scale": step, "data": counts.tobytes()}
+
+    def description(self, channels: int, scan_period_us: int) -> dict[str, Value]:
+        """Fields of radar_sweep_description."""
+        plan = self.plan
+        return {
+            "channels": channels,
+            "steps": plan.steps,
+            "first_khz": round(1e3 * plan.first_mhz),
+            "step_khz": round(1e3 * plan.step_mhz),
+            "group_delay_ps": round(1e3 * plan.calibration_delay_ns),
+            "scan_period_us": scan_period_us,
+        }
+
+    def empty(self) -> dict[str, Value]:
+        """Fields of radar_lookup: means of many scans, finer than a count."""
+        rows, data = self.lookup, _parts(self.lookup).astype("<f4")
+        return {"rows": rows.shape[0], "steps": rows.shape[1], "width": 8, "scale": 1.0, "data": data.tobytes()}
+
+
+def _parts(rows: Complex64[np.ndarray, "row frequency"]) -> Shaped[np.ndarray, "row frequency 2"]:
+    return np.stack([rows.real, rows.imag], axis=-1)
 
 
 class RadarBox:
@@ -290,12 +343,21 @@ class RadarBox:
         radar: time axis of its scans.
         channels: of a scan.
         period_s: from scan to scan.
+        sweeps: form of a stepped-frequency radar's scans; None: finished traces.
     """
 
-    def __init__(self, sender: DeviceSender, radar: RadarConfig, channels: int, period_s: float) -> None:
+    def __init__(
+        self,
+        sender: DeviceSender,
+        radar: RadarConfig,
+        channels: int,
+        period_s: float,
+        sweeps: SweepForm | None = None,
+    ) -> None:
         self.state = RadarState.IDLE
         self.dropped, self.errors = 0, 0
         self._sender, self._radar, self._channels, self._period_s = sender, radar, channels, period_s
+        self._sweeps = sweeps
         self._listener = HostListener("radar")
         self._begun_ns: int | None = None
         self._first: int | None = None
@@ -335,9 +397,13 @@ class RadarBox:
             if scan.data is None:
                 self.dropped += 1
                 continue
-            channels, samples = scan.data.shape
-            fields = {"scan": scan.number, "channels": channels, "samples": samples, "valid": (1 << channels) - 1}
-            frame = self._frame("radar_scan", {**fields, "data": scan.data.tobytes()}, scan.stamp_ns)
+            fields: dict[str, Value] = {"scan": scan.number, "valid": (1 << self._channels) - 1}
+            if self._sweeps is None:
+                channels, samples = scan.data.shape
+                fields |= {"channels": channels, "samples": samples, "data": scan.data.tobytes()}
+                frame = self._frame("radar_scan", fields, scan.stamp_ns)
+            else:
+                frame = self._frame("radar_sweep", {**fields, **self._sweeps.scan(scan.data)}, scan.stamp_ns)
             frames.append((scan.stamp_ns + wait_ns, frame))
         return frames
 
@@ -351,18 +417,23 @@ class RadarBox:
         }
         return self._frame("radar_health", fields, due_ns)
 
-    def description(self, due_ns: int) -> bytes:
-        """The description of its scans."""
-        radar = self._radar
+    def descriptions(self, due_ns: int) -> list[bytes]:
+        """The description of its scans; of sweeps, and their look-up."""
+        radar, period_us = self._radar, round(1e6 * self._period_s * self._every)
+        if self._sweeps is not None:
+            described = self._frame(
+                "radar_sweep_description", self._sweeps.description(self._channels, period_us), due_ns
+            )
+            return [described, self._frame("radar_lookup", self._sweeps.empty(), due_ns)]
         fields = {
             "channels": self._channels,
             "samples": radar.samples,
             "sample_interval_ps": round(1e3 * radar.sample_step_ns),
             "time_zero_ps": round(1e3 * radar.time_zero_ns),
             "zero_level": 128.0,
-            "scan_period_us": round(1e6 * self._period_s * self._every),
+            "scan_period_us": period_us,
         }
-        return self._frame("radar_description", fields, due_ns)
+        return [self._frame("radar_description", fields, due_ns)]
 
     def _frame(self, name: str, fields: Mapping[str, Value], stamp_ns: int) -> bytes:
         return self._sender.frame(name, fields, mode=self._listener.mode, mono_ns=stamp_ns)

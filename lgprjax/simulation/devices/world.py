@@ -4,7 +4,7 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex64, Float
 
 from lgprjax.frames import LocalFrame
 from lgprjax.scene import WEATHER, LiveRadar, draw_springs
@@ -22,6 +22,7 @@ from lgprjax.simulation.loop.off_road import (
     scene_frame_of,
 )
 
+GAIN_DRIFT = RadarErrors().gain_drift
 _DRIFTS_OVER_S = 1200.0
 _EARTH_M = 6_378_137.0
 
@@ -41,9 +42,12 @@ class CourseWorld:
         local: the map's frame, which poses are in.
         weather: of the day, see ``WEATHER``.
         drive_seed: of the day, the radar's errors and the springs.
+        gain_drift: of the radar's receiver while it warms up, see ``ReceiverFaults``: over 20 minutes, half of it in 4.
     """
 
-    def __init__(self, spec: OffRoad, local: LocalFrame, *, weather: str, drive_seed: int) -> None:
+    def __init__(
+        self, spec: OffRoad, local: LocalFrame, *, weather: str, drive_seed: int, gain_drift: float = GAIN_DRIFT
+    ) -> None:
         self.local = local
         self.laid: Laid = lay_course(spec)
         self.frame: SceneFrame = scene_frame_of(local)
@@ -64,8 +68,15 @@ class CourseWorld:
             draw_springs(self.laid.plan, drive_seed),
             scans=self._numbers,
             seed=drive_seed,
-            faults=RadarErrors(),
+            faults=RadarErrors(gain_drift=gain_drift),
+            sweeps=spec.sweeps,
         )
+
+    @property
+    def lookup(self) -> Complex64[np.ndarray, "row frequency"] | None:
+        """A stepped-frequency radar's recording of empty space, its calibration channel last."""
+        start = self._radar.start
+        return None if start is None else np.concatenate([start.empty, start.empty_calibration[None]])
 
     @property
     def radar(self) -> RadarConfig:
@@ -128,8 +139,8 @@ class CourseWorld:
         except ValueError:
             # The ground is drawn for the course only: next to it there is nothing to receive.
             return [None] * self.scans_a_tick
-        pairs = zip(recorded.traces, recorded.received, strict=True)
-        return [traces if received else None for traces, received in pairs]
+        pairs = zip(recorded.recorded, recorded.received, strict=True)
+        return [data if received else None for data, received in pairs]
 
 
 # The true vehicle over the last moments, at any time of them.

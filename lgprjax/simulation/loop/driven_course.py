@@ -162,7 +162,7 @@ class RadarLoop:
         sigma_yaw = max(float(seen.odometer[1]), _LEAST_YAW_SIGMA_RAD)
         kept = recorded.received
         block = LiveBlock(
-            recorded.traces[kept].astype(np.float32) - 128.0,
+            recorded.recorded[kept].astype(np.float32) - 128.0,
             np.ones((int(kept.sum()), len(self._course.array.x_m)), bool),
             Track(
                 prior[kept],

@@ -18,6 +18,7 @@ from lgprjax.scene import (
     NavigationErrors,
     Road,
     RoadConfig,
+    SweepPlan,
     Terrain,
     make_ground,
     make_road,
@@ -44,12 +45,14 @@ class OffRoad:
         length_m: to be driven.
         scan_share: every so many-th scan of 126 a second is recorded, on the baseline too.
         array_x_m: centre of the array ahead of the rear axle.
+        sweeps: what a stepped-frequency radar measures, on the baseline too; None for one that records traces.
     """
 
     seed: int
     length_m: float = MILE_M
     scan_share: int = 1
     array_x_m: float = 6.2
+    sweeps: SweepPlan | None = None
 
     @property
     def scan_hz(self) -> float:
@@ -171,7 +174,7 @@ def make_course(spec: OffRoad, folder: Path) -> OffRoadCourse:
     day = WEATHER["clear"](100 * spec.seed)
     drive = simulate_drive(laid.ground, laid.plan, day, spec.seed, road=laid.road, array=laid.array, errors=_SURVEY)
     path = folder / "baseline.drive.h5"
-    write_drive(path, drive)
+    write_drive(path, drive, sweeps=spec.sweeps)
     return OffRoadCourse(*laid, path, drive.antenna_m[..., :2].mean(axis=1))
 
 

@@ -1,12 +1,14 @@
 """A host of the whole stage, in simulated time: commands at 50 Hz, everything that comes kept."""
 
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lgprjax.frames import LocalFrame
+from lgprjax.scene import SweepPlan
 from lgprjax.simulation.devices.course_stage import CourseSpec, CourseStage
 from lgprjax.simulation.devices.world import CourseWorld
 from lgprjax.simulation.loop.off_road import OffRoad
@@ -18,9 +20,9 @@ DRIVE_SEED = 102
 BEGIN_NS = 7_000_000_000_000
 
 
-def make_world() -> CourseWorld:
+def make_world(sweeps: SweepPlan | None = None) -> CourseWorld:
     """A course whose map's frame is the scene's."""
-    return CourseWorld(COURSE, FRAME, weather="clear", drive_seed=DRIVE_SEED)
+    return CourseWorld(replace(COURSE, sweeps=sweeps), FRAME, weather="clear", drive_seed=DRIVE_SEED)
 
 
 class StageHost:

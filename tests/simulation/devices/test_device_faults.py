@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from pyubx2 import UBXReader
 
+from lgprjax.scene import SweepPlan
 from lgprjax.simulation.devices.world import CourseWorld
 from simulation.devices.host_frames import read_frame
 from simulation.devices.stage_host import StageHost, make_world
@@ -239,6 +240,26 @@ def test_what_the_radar_sends(world: CourseWorld) -> None:
     assert abs(garbage) < 0.06
     # Before its fault each heard the same.
     assert all(np.array_equal(_data(sound, 0), _data(other, 0)) for other in wrong)
+
+
+def test_sweeps_fade_and_are_garbage_but_for_the_calibration_channel() -> None:
+    """Sent and damaged as sweeps: what fades is the antennas' own, drift and calibration path stay."""
+    swept = make_world(SweepPlan())
+
+    def rows(*faults: dict[str, Any]) -> np.ndarray:
+        payload = _scan(swept, *faults).frames("radar", 0x15)[-1].payload
+        return np.frombuffer(payload[18:], "<i2").reshape(12, 61, 2).astype(np.float64)
+
+    sound = rows()
+    faded = rows({"at_s": 0.1, "kind": "radar_faded", "share": 0.2})
+    garbage = rows({"at_s": 0.1, "kind": "radar_garbage"})
+
+    def alike(one: np.ndarray, other: np.ndarray) -> float:
+        return float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
+
+    assert alike(sound[:-1], faded[:-1]) == pytest.approx(0.2, abs=0.1)
+    np.testing.assert_array_equal(sound[-1], faded[-1])
+    assert abs(alike(sound, garbage)) < 0.1
 
 
 def test_missing_and_late_scans(world: CourseWorld) -> None:

@@ -5,9 +5,10 @@ import struct
 import numpy as np
 import pytest
 
+from lgprjax.scene import SweepPlan
 from lgprjax.scene.propagation import RadarConfig
 from lgprjax.simulation.devices.boxes import ControllerBox, DeviceSender, buttons_of
-from lgprjax.simulation.devices.sensors import PROCESSING_NS, RadarBox, RadarState, RecordedScan
+from lgprjax.simulation.devices.sensors import PROCESSING_NS, RadarBox, RadarState, RecordedScan, SweepForm
 from simulation.devices.host_frames import MS, host_frame, read_frame
 
 _PERIOD_NS = 7_936_508
@@ -59,7 +60,7 @@ def test_a_longer_period_leaves_scans_out() -> None:
     box.put([_scan(number) for number in range(7)])
     numbers = [struct.unpack_from("<I", read_frame(data).payload)[0] for _, data in box.due(1000 * MS)]
     assert numbers == [0, 1, 2]
-    assert struct.unpack("<HHIifI", read_frame(box.description(0)).payload)[5] == 23810
+    assert struct.unpack("<HHIifI", read_frame(box.descriptions(0)[0]).payload)[5] == 23810
 
 
 def test_numbers_go_on_where_the_period_changes_while_it_scans() -> None:
@@ -73,9 +74,32 @@ def test_numbers_go_on_where_the_period_changes_while_it_scans() -> None:
 
 
 def test_it_describes_itself() -> None:
-    told = read_frame(_radar().description(5000))
+    told = read_frame(_radar().descriptions(5000)[0])
     assert told.kind == 0x14
     assert struct.unpack("<HHIifI", told.payload) == (11, 369, 160, 4000, 128.0, 7937)
+
+
+def test_sweeps_are_sent_as_counts_and_described_with_their_look_up() -> None:
+    plan, rng = SweepPlan(steps=9), np.random.default_rng(4)
+    counts = rng.integers(-(2**13), 2**13, size=(4, 9, 2))
+    lookup = (rng.normal(size=(4, 9, 2)) @ [1.0, 1.0j]).astype(np.complex64)
+    box = RadarBox(DeviceSender(9, 0), RadarConfig(), 3, 1.0 / 126.0, SweepForm(plan, lookup))
+    first, second = map(read_frame, box.descriptions(5000))
+    assert first.kind == 0x16
+    assert struct.unpack("<HHIIiI", first.payload) == (3, 9, 100_000, 5_000, 6000, 7937)
+    assert second.kind == 0x17
+    assert struct.unpack_from("<HHHf", second.payload) == (4, 9, 8, 1.0)
+    np.testing.assert_array_equal(np.frombuffer(second.payload[10:], "<c8").reshape(4, 9), lookup)
+    _tell(box, 1, 0, 0)
+    step = 2.0 * 3.0 / 2**14
+    box.put([RecordedScan(0, 0, (counts @ [step, step * 1j]).astype(np.complex64))])
+    ((_, data),) = box.due(1000 * MS)
+    told = read_frame(data)
+    assert told.kind == 0x15
+    scan, rows, steps, width, valid, scale = struct.unpack_from("<IHHHIf", told.payload)
+    assert (scan, rows, steps, width, valid) == (0, 4, 9, 4, 7)
+    assert scale == pytest.approx(step, rel=1e-6)
+    np.testing.assert_array_equal(np.frombuffer(told.payload[18:], "<i2").reshape(4, 9, 2), counts)
 
 
 def test_calibrating_takes_a_second() -> None:

@@ -116,7 +116,7 @@ def test_scans_are_rendered_where_the_vehicle_was(driven: StageHost, world: Cour
         seed=DRIVE_SEED,
     )
     scene = np.concatenate([world.frame.to_scene(place[..., :2]), place[..., 2:] + world.frame.turn_rad], axis=-1)
-    wanted = radar.record(first, scene, float(truth["x_m"][block])).traces[(number + round(_UNSEEN_S * 126)) % 3]
+    wanted = radar.record(first, scene, float(truth["x_m"][block])).recorded[(number + round(_UNSEEN_S * 126)) % 3]
     found = np.frombuffer(frame.payload[12:], np.uint8).reshape(11, 369)
     assert np.mean(np.abs(found.astype(int) - wanted.astype(int)) <= 1) > 0.999
 
