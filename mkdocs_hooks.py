@@ -124,6 +124,11 @@ def _folded(diagram: re.Match[str]) -> str:
     return '??? note "The same as a diagram in Mermaid\'s language"\n' + indent(f"```text\n{diagram[1]}```", "    ")
 
 
+def on_post_template(output_content: str, template_name: str, **_: object) -> str:
+    """Addresses on the page of what is not found: beside it, as the site need not stand at the root of its host."""
+    return re.sub('"/(?!>)', '"./', output_content) if template_name == "404.html" else output_content
+
+
 def on_page_content(html: str, page: Page, **_: object) -> str:
     """For telephones: pictures that open by themselves, to be enlarged, and room for the sentences of wide tables."""
     html = _PICTURE.sub(r'<a href="\2">\1</a>', html)

@@ -89,7 +89,7 @@ def write_map_page(
     for number, level in enumerate(slices.level):
         shade = np.clip((level - low) / (high - low), 0.0, 1.0)
         pixels = colormaps[CORRELATION_MAP](np.nan_to_num(shade), bytes=True)
-        pixels[~np.isfinite(level)] = 255
+        pixels[~np.isfinite(level)] = 0  # transparent
         title = slice_title(stations, number, wave_speed_m_per_ns)
         panels.append(
             _Panel(title=title, labels=slices.labels, x=x, y=(y[1], y[0]), pixels=pixels[::-1], equal=slices.equal)
@@ -249,7 +249,8 @@ def _write(
     force: bool,
     scans: Mapping[str, object] | None = None,
 ) -> None:
-    data = json.dumps({"panels": [_as_json(panel) for panel in panels], "scans": scans}).replace("</", "<\\/")
+    told = {"ink": INK, "panels": [_as_json(panel) for panel in panels], "scans": scans}
+    data = json.dumps(told).replace("</", "<\\/")
     help_text = _HELP if scans is None else f"{_HELP} {_HELP_SCANS}"
     with atomic_output(path, force) as temporary:
         temporary.write_text(
@@ -299,19 +300,24 @@ _HELP_SCANS = (
     "rings it."
 )
 _STYLE = """
-body { margin: 0; background: #fff; color: #222;
+:root { color-scheme: light dark; --ground: #fff; --ink: #222222; --soft: #595959; --frame: #6b6b6b;
+  --focus: #0057a3; }
+@media (prefers-color-scheme: dark) {
+  :root { --ground: #16181a; --ink: #e4e4e4; --soft: #b0b0b0; --frame: #8f8f8f; --focus: #7cc4ff; }
+}
+body { margin: 0; background: var(--ground); color: var(--ink);
   font: 1rem/1.5 system-ui, -apple-system, "Segoe UI", "DejaVu Sans", sans-serif; }
 main { max-width: 80rem; margin: 0 auto; padding: 1rem 1rem 3rem; }
 h1 { font-size: 1.4rem; margin: 0 0 0.4rem; }
 h2 { font-size: 1.05rem; margin: 0; }
 p { max-width: 60rem; margin: 0.4rem 0; }
-.soft { color: #595959; font-size: 0.92rem; }
+.soft { color: var(--soft); font-size: 0.92rem; }
 .bar { display: flex; flex-wrap: wrap; gap: 0.3rem 1.2rem; align-items: center; margin-top: 1.2rem; }
-output { font-variant-numeric: tabular-nums; color: #595959; min-width: min(18rem, 100%); min-height: 1.5em; }
+output { font-variant-numeric: tabular-nums; color: var(--soft); min-width: min(18rem, 100%); min-height: 1.5em; }
 .legend { display: flex; flex-wrap: wrap; gap: 0.2rem 1.2rem; list-style: none; padding: 0; margin: 0.8rem 0 0; }
 .legend canvas { width: 16px; height: 16px; display: inline-block; vertical-align: -3px; }
 canvas { width: 100%; display: block; touch-action: pan-y; cursor: crosshair; }
-canvas:focus-visible { outline: 2px solid #0057a3; }
+canvas:focus-visible { outline: 2px solid var(--focus); }
 """
 _SCRIPT = """
 "use strict";
@@ -327,6 +333,9 @@ function ticks(a, b, room) {
   return found;
 }
 const data = JSON.parse(document.getElementById("data").textContent), scans = data.scans, all = [];
+const style = getComputedStyle(document.documentElement), tone = name => style.getPropertyValue(name).trim();
+// What the house draws in its ink has that of the page, which is dark where the reader's system is.
+const shade = colour => colour === data.ink ? tone("--ink") : colour;
 let picked = null;
 const MARKS = {
   disc: (c, x, y, r) => { c.beginPath(); c.arc(x, y, r, 0, 7); c.fill(); },
@@ -348,8 +357,11 @@ function legend() {
     const entry = document.createElement("li"), sign = document.createElement("canvas");
     const dots = window.devicePixelRatio || 1;
     sign.width = sign.height = 16 * dots; sign.setAttribute("aria-hidden", "true");
-    const c = sign.getContext("2d"); c.scale(dots, dots); c.fillStyle = c.strokeStyle = colour; c.lineWidth = 1.6;
-    MARKS[mark](c, 8, 8, 4.5); entry.append(sign, " " + name + " (" + count + ")"); list.append(entry);
+    const c = sign.getContext("2d"); c.scale(dots, dots); c.lineWidth = 1.6;
+    const paint = () => {
+      c.clearRect(0, 0, 16, 16); c.fillStyle = c.strokeStyle = shade(colour); MARKS[mark](c, 8, 8, 4.5);
+    };
+    all.push(paint); paint(); entry.append(sign, " " + name + " (" + count + ")"); list.append(entry);
   });
   document.getElementById("panels").append(list);
 }
@@ -367,7 +379,7 @@ function show(panel) {
     slide.addEventListener("input", () => { contrast = Math.pow(2, Number(slide.value)); draw(); });
     label.append("contrast ", slide); bar.append(label);
   }
-  if (all.length) said.setAttribute("aria-live", "off");
+  if (document.querySelector("output")) said.setAttribute("aria-live", "off");
   bar.append(said); box.append(bar, canvas);
   document.getElementById("panels").append(box);
   const context = canvas.getContext("2d"), RIGHT = panel.depth ? 66 : 24;
@@ -408,7 +420,7 @@ function show(panel) {
       c.strokeStyle = "#D55E00"; c.lineWidth = 1; stroke(LEFT, py(0), right, py(0));
     }
     for (const [colour, xs, ys] of panel.lines) {
-      c.strokeStyle = colour; c.lineWidth = 1.5; c.beginPath();
+      c.strokeStyle = shade(colour); c.lineWidth = 1.5; c.beginPath();
       xs.forEach((x, n) => n ? c.lineTo(px(x), py(ys[n])) : c.moveTo(px(x), py(ys[n])));
       c.stroke();
     }
@@ -418,10 +430,10 @@ function show(panel) {
       xs.forEach((x, n) => {
         if (x === null || ys[n] === null) return;
         const [, colour, mark] = scans.codes[scans.code[n]];
-        c.fillStyle = c.strokeStyle = colour; MARKS[mark](c, px(x), py(ys[n]), 3);
+        c.fillStyle = c.strokeStyle = shade(colour); MARKS[mark](c, px(x), py(ys[n]), 3);
       });
       if (picked !== null && xs[picked] !== null && ys[picked] !== null) {
-        c.strokeStyle = "#222"; c.lineWidth = 2.5; MARKS.ring(c, px(xs[picked]), py(ys[picked]), 8);
+        c.strokeStyle = tone("--ink"); c.lineWidth = 2.5; MARKS.ring(c, px(xs[picked]), py(ys[picked]), 8);
       }
     }
     c.restore();
@@ -429,7 +441,7 @@ function show(panel) {
       ([name, values, unit, digits]) => name + " " +
         (values[picked] === null ? "–" : values[picked].toFixed(digits) + unit)).join(", ") +
       ", code " + scans.codes[scans.code[picked]][0];
-    c.strokeStyle = "#6b6b6b"; c.fillStyle = "#222"; c.lineWidth = 1; c.strokeRect(LEFT, TOP, wide, high);
+    c.strokeStyle = tone("--frame"); c.fillStyle = tone("--ink"); c.lineWidth = 1; c.strokeRect(LEFT, TOP, wide, high);
     c.font = "12px system-ui, sans-serif"; c.textAlign = "center"; c.textBaseline = "top";
     for (const [x, text] of ticks(view.x0, view.x1, wide / 90)) {
       stroke(px(x), bottom, px(x), bottom + 5); c.fillText(text, px(x), bottom + 8);
@@ -525,4 +537,5 @@ function show(panel) {
 }
 if (scans) legend();
 data.panels.forEach(show);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => all.forEach(each => each()));
 """

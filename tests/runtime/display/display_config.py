@@ -10,7 +10,7 @@ TOKEN = "correct horse battery staple"
 
 def config_with(**display: Any) -> RuntimeConfig:
     """A configuration with these values of ``[display]``."""
-    line = PortTable(url="loop://")
+    line = PortTable(url="/dev/null")
     ports = PortsTable(drive_by_wire=line, controller=line, gnss=line, radar=line)
     return RuntimeConfig(
         file=Path("CONFIG.toml"),

@@ -22,10 +22,10 @@ vehicle = "x.vehicle.toml"
 map = "x.map.h5"
 routes = ["x.map.h5"]
 [ports]
-drive_by_wire = {{ url = "loop://" }}
-controller = {{ url = "loop://" }}
-gnss = {{ url = "loop://" }}
-radar = {{ url = "loop://" }}
+drive_by_wire = {{ url = "/dev/null" }}
+controller = {{ url = "/dev/null" }}
+gnss = {{ url = "/dev/null" }}
+radar = {{ url = "/dev/null" }}
 [display]
 port = {port}
 {display}

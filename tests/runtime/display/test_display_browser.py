@@ -107,6 +107,40 @@ def test_everything_is_on_the_screen(
     )
 
 
+@pytest.mark.parametrize("size", [(360, 740), (768, 1024), (1280, 800), (1920, 1080)])
+@pytest.mark.parametrize("dark", [False, True], ids=["day", "night"])
+def test_at_twice_the_zoom_the_text_grows_and_everything_can_be_scrolled_to(
+    served: ServedPage, tab: Tab, size: tuple[int, int], dark: bool
+) -> None:
+    """A browser that zooms by 2 shows half as many of its pixels, each twice as large."""
+    read = "parseFloat(getComputedStyle(document.getElementById('words')).fontSize)"
+    show(served, tab, ERROR, size, dark=dark)
+    before = tab.evaluate(read)
+    show(served, tab, ERROR, (size[0] // 2, size[1] // 2), dark=dark)
+    assert 2.0 * tab.evaluate(read) > 1.25 * before
+    # Nothing is cut at the side, and no text covers the next: the page below the mode scrolls.
+    assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    assert tab.evaluate("getComputedStyle(document.documentElement).overflowY") == "visible"
+    apart = """(() => { const tops = ['top', 'figures', 'cross-tile', 'words', 'plan-box', 'routes', 'foot'];
+        const boxes = tops.map((name) => document.getElementById(name).getBoundingClientRect());
+        return boxes.every((box, at) => at === 0 || box.top >= boxes[at - 1].bottom - 0.5); })()"""
+    assert tab.evaluate(apart)
+    cut = """[...document.querySelectorAll('header *, main *, footer *')].filter((e) => e.children.length === 0
+        && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== 'inline').map((e) => e.id)"""
+    assert tab.evaluate(cut) == []
+
+
+def test_every_button_is_reached_by_the_keyboard_and_shows_it(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, READY | PLACE, (1280, 800))
+    reached = []
+    for _ in range(4):
+        for kind in ("keyDown", "keyUp"):
+            tab.call("Input.dispatchKeyEvent", type=kind, key="Tab", code="Tab", windowsVirtualKeyCode=9)
+        assert tab.evaluate("getComputedStyle(document.activeElement).outlineStyle") != "none"
+        reached.append(tab.evaluate("document.activeElement.id || document.activeElement.textContent"))
+    assert reached == ["theme", "up", "●\u00a0meadow412 m", "○\u00a0quarry1609 m"]
+
+
 def test_driving(served: ServedPage, tab: Tab) -> None:
     show(served, tab, DRIVING | PLACE)
     assert tab.text("#mode") == "STEERING + SPEED"
