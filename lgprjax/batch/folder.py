@@ -1,5 +1,6 @@
 """Many drives registered into one folder by worker processes, of this machine or of a cluster."""
 
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
@@ -16,11 +17,11 @@ from lgprjax.machine import usable_cores
 from lgprjax.registration import RegisterOptions
 
 Progress = Callable[[int], None]
-Bars = Callable[[str, int], AbstractContextManager[Progress]]
-"""Makes a progress bar of a title and a total; the block that it is open for advances it."""
+Bars = Callable[[str, int, str], AbstractContextManager[Progress]]
+"""Makes a progress bar of a title, a total and its unit; the block that it is open for advances it."""
 
 
-def no_bars(_title: str, _total: int) -> AbstractContextManager[Progress]:
+def no_bars(_title: str, _total: int, _unit: str) -> AbstractContextManager[Progress]:
     """Bars that nobody sees."""
     return nullcontext(lambda _: None)
 
@@ -95,37 +96,59 @@ def register_folder(
     with MapFile.open(map_path) as source:
         check_region(options.search_m, source)
         # Measured and cached here, or each worker would measure it.
-        with bars("preparing the map", 1):
+        with bars("preparing the map", 1, "maps"):
             HeldGround(source, options)
     stamp = stamp_of(map_path)
-    with bars(f"reading {map_path.name}", 1):
+    with bars(f"reading {map_path.name}", 1, "maps"):
         map_sha256 = file_hash(map_path)
     threads = workforce.threads or (1 if workforce.workers is None else max(1, usable_cores() // workforce.workers))
     run = ArchiveRun(map_path.absolute(), map_sha256, stamp, options, folder.absolute(), threads)
     with claimed(run, names, force=force):
-        with bars("looking at drives", len(drives)) as progress:
+        with bars("looking at drives", len(drives), "drives") as progress:
             plan = plan_jobs(run, drives, force=force, progress=progress)
         failed = list(plan.unreadable)
-        with (
-            bars("registering drives", len(plan.todo)) as progress,
-            _done_by(workforce, run, own_gpus, plan.todo) as outcomes,
-        ):
-            for outcome in outcomes:
-                if outcome.error is not None:
-                    failed.append(outcome.error)
-                    note_failure(run, outcome.job, outcome.error, outcome.attempts)
-                progress(1)
+        with bars(f"registering {len(plan.todo)} drives", sum(job.scans for job in plan.todo), "scans") as progress:
+            told = ScansDone(progress)
+            with _done_by(workforce, run, own_gpus, plan.todo, told.some) as outcomes:
+                for outcome in outcomes:
+                    if outcome.error is not None:
+                        failed.append(outcome.error)
+                        note_failure(run, outcome.job, outcome.error, outcome.attempts)
+                    told.all_of(outcome.job)
         done = len(drives) - len(plan.done) - len(failed)
         yield RegisteredFolder(run, done, len(plan.done), tuple(failed))
 
 
+class ScansDone:
+    """Progress in scans over all drives: a drive that is searched twice, or tried again, counts once."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress, self._lock = progress, threading.Lock()
+        self._told: dict[str, int] = {}
+
+    def some(self, job: Job, scans: int) -> None:
+        """Scans of a job, as they are done; by any thread."""
+        with self._lock:
+            before = self._told.get(job.name, 0)
+            self._told[job.name] = min(before + scans, job.scans)
+            self._progress(self._told[job.name] - before)
+
+    def all_of(self, job: Job) -> None:
+        """A job that is finished, or has failed."""
+        self.some(job, job.scans)
+
+
 @contextmanager
 def _done_by(
-    workforce: Workforce, run: ArchiveRun, own_gpus: Sequence[str], jobs: Sequence[Job]
+    workforce: Workforce,
+    run: ArchiveRun,
+    own_gpus: Sequence[str],
+    jobs: Sequence[Job],
+    progress: Callable[[Job, int], None],
 ) -> Iterator[Iterator[JobOutcome]]:
-    """Outcomes of jobs as they come; leaving the block ends running workers."""
+    """Outcomes of jobs as they come; leaving the block ends running workers. A cluster tells of whole drives alone."""
     if workforce.workers is not None:
-        with WorkerPool(run, workforce.workers, gpus=own_gpus) as pool:
+        with WorkerPool(run, workforce.workers, gpus=own_gpus, progress=progress) as pool:
             yield pool.run(jobs)
     else:
         assert workforce.scheduler is not None

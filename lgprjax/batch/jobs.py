@@ -61,12 +61,14 @@ class Job(NamedTuple):
         drive: its log; absolute.
         drive_sha256: of the log.
         key: of the job, see ``key_of_job``.
+        scans: of the drive; 0 if the log cannot be read, as its job will tell.
     """
 
     name: str
     drive: Path
     drive_sha256: str
     key: str
+    scans: int = 0
 
 
 def stamp_of(path: Path) -> FileStamp:
@@ -324,7 +326,8 @@ def plan_jobs(
             sha256 = file_hash(drive)
         except OSError as error:
             return InputError(drive, "file", "a readable file", error.strerror or str(error))
-        return Job(drive_name(drive), drive.absolute(), sha256, key_of_job(sha256, run.map_sha256, settings))
+        key = key_of_job(sha256, run.map_sha256, settings)
+        return Job(drive_name(drive), drive.absolute(), sha256, key, _scans_of(drive))
 
     plan = JobPlan([], [], [])
     with ThreadPoolExecutor(max_workers=_READERS) as readers:
@@ -340,6 +343,14 @@ def plan_jobs(
                 _forget_failure(run.folder, found.name)
             progress(1)
     return plan
+
+
+def _scans_of(drive: Path) -> int:
+    try:
+        with DriveLog.open(drive) as log:
+            return log.scans
+    except InputError:
+        return 0
 
 
 def note_failure(run: ArchiveRun, job: Job, error: InputError, attempts: int) -> None:
@@ -539,8 +550,13 @@ class DriveJobs:
         """Close the map."""
         self._source.close()
 
-    def do(self, job: Job, attempt: int = 1) -> InputError | None:
+    def do(self, job: Job, attempt: int = 1, progress: Callable[[int], None] = lambda _: None) -> InputError | None:
         """Register a drive; outputs and record are written, the record last.
+
+        Args:
+            job: of the run.
+            attempt: number of this one.
+            progress: called with the number of scans done since the last call.
 
         Returns:
             why it failed; None if done. A traceback of a defect goes to standard error as well.
@@ -549,7 +565,7 @@ class DriveJobs:
             MemoryError: there is too little memory; the next drive would fail as well.
         """
         try:
-            self._register(job, attempt)
+            self._register(job, attempt, progress)
         except InputError as error:
             return error
         except Exception as error:
@@ -559,13 +575,13 @@ class DriveJobs:
             return InputError(job.drive, "registration", "a result", f"a defect: {type(error).__name__}: {error}")
         return None
 
-    def _register(self, job: Job, attempt: int) -> None:
+    def _register(self, job: Job, attempt: int, progress: Callable[[int], None]) -> None:
         began, run = time.perf_counter(), self._run
         with DriveLog.open(job.drive) as log:
             # The file read must be the one that the job's key names; an open file stays the same when it is replaced.
             if file_hash(job.drive) != job.drive_sha256:
                 raise InputError(job.drive, "file", "the file that the run began with", "one written since")
-            drive = register_log(self._source, log, run.options, held=self._held)
+            drive = register_log(self._source, log, run.options, progress, held=self._held)
             sha256 = (run.map_sha256, job.drive_sha256)
             write_registered(drive, self._source, log, run.options, run.folder, force=True, sha256=sha256)
         write_record(run.folder, self._record(job, drive, time.perf_counter() - began, attempt))

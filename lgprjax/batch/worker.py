@@ -1,8 +1,9 @@
 """A worker of an archive run: registers the drives that it receives (``python -m lgprjax.batch.worker DESCRIPTOR``).
 
 The pool sends an ``ArchiveRun`` over a connection, which the worker answers with True or the reason why it cannot
-begin, then pairs of a ``Job`` and the number of the attempt, each answered with None or the reason of a failure. The
-worker ends when the other end closes, so that none outlives its pool by more than a drive.
+begin, then pairs of a ``Job`` and the number of the attempt. Each is answered with numbers of scans as they are done,
+and at last with None or the reason of a failure. The worker ends when the other end closes, so that none outlives its
+pool by more than a drive.
 """
 
 import sys
@@ -31,7 +32,7 @@ def _serve(connection: Connection) -> None:
         connection.send(True)
         while True:
             job, attempt = connection.recv()
-            connection.send(jobs.do(job, attempt))
+            connection.send(jobs.do(job, attempt, lambda scans: connection.send(int(scans))))
     finally:
         jobs.close()
 

@@ -9,8 +9,9 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from importlib.metadata import entry_points
 from multiprocessing import Pipe
 from pathlib import Path
@@ -110,10 +111,13 @@ class WorkerProcess:
         if isinstance(answer, InputError):
             raise answer
 
-    def do(self, job: Job, attempt: int) -> InputError | None:
-        """Have a drive registered; returns why it failed, or None. Raises ``WorkerDiedError`` if the worker died."""
+    def do(self, job: Job, attempt: int, progress: Callable[[int], None] = lambda _: None) -> InputError | None:
+        """Have a drive registered; returns why it failed, or None. Raises ``WorkerDiedError`` if the worker died.
+
+        ``progress`` is called with numbers of scans done.
+        """
         self.drive = job.name
-        answer = self._request((job, attempt))
+        answer = self._request((job, attempt), progress)
         self.drive = ""
         assert answer is None or isinstance(answer, InputError)
         return answer
@@ -136,10 +140,13 @@ class WorkerProcess:
         self.await_end()
         self._said.close()
 
-    def _request(self, what: object) -> object:
+    def _request(self, what: object, progress: Callable[[int], None] = lambda _: None) -> object:
         try:
             self._connection.send(what)
-            return self._connection.recv()
+            # True is the answer of one that begins, and no number of scans.
+            while type(answer := self._connection.recv()) is int:
+                progress(answer)
+            return answer
         except (EOFError, OSError):
             raise WorkerDiedError(self._death()) from None
 
@@ -181,12 +188,19 @@ class WorkerPool:
         workers: processes.
         gpus: numbers of the machine's GPUs, one for each worker; empty without any.
         program: command line of a worker; the descriptor number of its connection is appended.
+        progress: called with a job and the number of its scans done since the last call; by several threads.
     """
 
     def __init__(
-        self, run: ArchiveRun, workers: int, *, gpus: Sequence[str] = (), program: Sequence[str] = PROGRAM
+        self,
+        run: ArchiveRun,
+        workers: int,
+        *,
+        gpus: Sequence[str] = (),
+        program: Sequence[str] = PROGRAM,
+        progress: Callable[[Job, int], None] = lambda _job, _scans: None,
     ) -> None:
-        self._run = run
+        self._run, self._progress = run, progress
         self._workers = workers
         self._gpus = gpus
         self._program = program
@@ -254,7 +268,7 @@ class WorkerPool:
                         self._give_back(job, died)
                         return
                     try:
-                        outcome = JobOutcome(job, worker.do(job, attempt), attempt)
+                        outcome = JobOutcome(job, worker.do(job, attempt, partial(self._progress, job)), attempt)
                         break
                     except WorkerDiedError as died:
                         why = str(died)

@@ -24,6 +24,13 @@ if TYPE_CHECKING:
 
 _VERDICT_STYLE = {"good": "green", "look": "yellow", "bad": "bold red", "not recorded": "dim"}
 _NOTHING = "–"
+_CHECKED_BY = {
+    ".run.toml": "a run's configuration is checked by lgprjax run {} --preflight",
+    ".lgprun": "a run's recording is read, by its folder, by lgprjax events and lgprjax recover",
+    ".toml": "a site file is checked by lgprjax simulate {0} -o DIR, a study by lgprjax tune {0} -o DIR",
+    ".geojson": "a field is checked by lgprjax cover plan {} -o X.cover.geojson --vehicle V.vehicle.toml",
+}
+"""What checks files of other kinds, by the end of their name."""
 _STRETCHES = 3  # listed in the table; all of them are in the JSON
 
 
@@ -56,8 +63,15 @@ class CheckVerb:
             raise UsageError("--health: expected drive logs only, X.drive.h5")
         findings, reports = [], []
         for path in self.files:
-            with working(f"checking {path}"):
-                found = check_file(path)
+            try:
+                with working(f"checking {path}"):
+                    found = check_file(path)
+            except InputError as error:
+                if path.is_dir() or not path.exists():
+                    raise InputError(path, "file", "a file", "a folder" if path.is_dir() else "none") from None
+                verb = next((words for end, words in _CHECKED_BY.items() if path.name.lower().endswith(end)), "")
+                elsewhere = f"; {verb.format(path)}" if verb else ""
+                raise InputError(path, error.place, error.expected, f"{error.found}{elsewhere}") from None
             findings += found
             for finding in found:
                 console.print(f"{finding}{advice(finding.error())}", highlight=False, soft_wrap=True, markup=False)

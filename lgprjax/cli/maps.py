@@ -140,7 +140,8 @@ def _for_people(figures: dict[str, Any], *, verbose: bool) -> Iterator[tuple[str
     yield "baselines", f"{figures['baselines']}, {figures['length_m']:.1f} m in all"
     step_cm = 100.0 * figures["station_step_m"]
     yield "stations", f"{figures['stations']}, {step_cm:.1f} cm apart" + _retired(figures["retired"])
-    yield "channels", f"{figures['channels']}, {100.0 * figures['channel_pitch_m']:.1f} cm apart"
+    pitch = f", {100.0 * figures['channel_pitch_m']:.1f} cm apart" if figures["channels"] > 1 else ""
+    yield "channels", f"{figures['channels']}{pitch}"
     yield "band", f"{low:.0f} to {high:.0f} MHz"
     yield (
         "travel time",

@@ -256,7 +256,7 @@ def measure_search(seconds: float = 3.0) -> float:
         build_map([make_course(spec, folder).baseline], folder / "course.map.h5")
         vehicle = folder / "v.vehicle.toml"
         vehicle.write_text(_VEHICLE, encoding="utf-8")
-        port = PortTable(url="loop://")
+        port = PortTable(url="/dev/null")
         ports = PortsTable(drive_by_wire=port, controller=port, gnss=port, radar=port)
         config = RuntimeConfig(
             file=folder / "c.toml", name="doctor", vehicle=vehicle.name, map="course.map.h5", routes=["-"], ports=ports

@@ -4,7 +4,6 @@ import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -137,10 +136,11 @@ class Register:
 
         if self.workers is None and self.scheduler is None:
             raise UsageError("--threads: needs --workers or --scheduler as well")
-        bars = partial(progress_bar, unit="drives")
         workforce, folder = Workforce(self.workers, self.threads, self.scheduler), self.output
         with (
-            register_folder(self.map, self.drives, folder, options, workforce, force=self.force, bars=bars) as done,
+            register_folder(
+                self.map, self.drives, folder, options, workforce, force=self.force, bars=progress_bar
+            ) as done,
             working("drawing"),
         ):
             sums = write_views(done.run)

@@ -324,7 +324,7 @@ def _require_packages(needed: Sequence[str]) -> None:
 def run_folder(config: "RuntimeConfig") -> Path:
     """A new folder for a run, named by its start in UTC."""
     name = datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
-    return config.path(config.recording.folder) / f"{config.name}-{name}"
+    return (config.path(config.recording.folder) / f"{config.name}-{name}").resolve()
 
 
 def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None, all_ready: threading.Event | None = None) -> int:

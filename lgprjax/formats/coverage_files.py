@@ -449,7 +449,9 @@ def _from_geojson(file: Path) -> FieldPlaces:
     ]
     polygons = [each for each, properties in every if properties.get("kind") not in ("ground", "keep_out")]
     if len(polygons) != 1:
-        raise InputError(file, "geometry", "one Polygon, the border of the field", f"{len(polygons) or 'none'}")
+        others = sorted({str(each.get("type")) for each, _ in _geometries(table)} - {"Polygon", "MultiPolygon"})
+        count = f"{len(polygons)}" if polygons else f"none, but {', '.join(others)}" if others else "none"
+        raise InputError(file, "geometry", "one Polygon, the border of the field", count)
     outer, *holes = _rings(file, polygons[0])
     keep_outs: list[tuple[Float[np.ndarray, "_ 3"], float | None]] = [(ring, None) for ring in holes]
     for each, properties in every:

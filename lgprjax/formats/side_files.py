@@ -206,6 +206,14 @@ def unread_notes(path: str | Path) -> list[Path]:
     ]
 
 
+def strangers(path: str | Path) -> list[Path]:
+    """Files of positions beside a line that are named as no file next to them: whose they are, nobody can tell."""
+    files = [each for each in sorted(Path(path).parent.glob("*")) if each.is_file()]
+    kinds = (".xyz", *RECEIVERS)
+    others = {each.stem.lower() for each in files if each.suffix.lower() not in kinds}
+    return [each for each in files if each.suffix.lower() in kinds and each.stem.lower() not in others]
+
+
 def read_side_file(path: str | Path) -> SidePositions:
     """Read the positions of a file by its suffix, one of ``SIDE_READERS``.
 

@@ -13,7 +13,7 @@ from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.line_findings import LineFinding, Reversed, TimeZero, find_lines
 from lgprjax.formats.line_layout import check_alike, check_length, inputs_of, write_lines, write_positioned_lines
 from lgprjax.formats.profile import Assumed, Profile
-from lgprjax.formats.side_files import RECEIVERS, find_side_files, read_side_file, unread_notes
+from lgprjax.formats.side_files import RECEIVERS, find_side_files, read_side_file, strangers, unread_notes
 from lgprjax.formats.side_positions import SidePositions
 from lgprjax.formats.survey_layout import OTHER_LENGTH, SurveyLayout, header_positions, lay_out, places_traces
 from lgprjax.formats.survey_track import SurveyOrigin, distances_m, utm_projection
@@ -286,6 +286,9 @@ def _notes(
         notes += _of_files(unused, "not used, as --length-m places the traces")
     notes += _of_files([file for path in files for file in unread_notes(path)], "not read, as it is no topography")
     sides = [(line, side) for line, side in zip(lines, beside, strict=True) if side is not None]
+    if not sides:
+        first_file = next(iter(files))
+        notes += _of_files(strangers(first_file), f"not read; positions of {first_file.name} are in a file of its name")
     points = [side.path for line, side in sides if not places_traces(line, side)]
     notes += _of_files(list(dict.fromkeys(points)), "not used, as fewer points than traces tell heights only")
     for (line, _), rows in zip(sides, layout.along_m, strict=True) if layout.along_m is not None else ():

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from lgprjax.batch import ArchiveRun, Job, JobOutcome, WorkerPool
+from lgprjax.batch.folder import ScansDone
 from lgprjax.batch.jobs import FileStamp
 from lgprjax.errors import InputError
 from lgprjax.registration import RegisterOptions
@@ -61,6 +62,40 @@ def test_every_job_is_done_once_by_as_many_workers_as_asked(tmp_path: Path) -> N
     assert len(found) == 30
     assert {(outcome.error, outcome.attempts) for outcome in found.values()} == {(None, 1)}
     assert 1 <= len(list(tmp_path.iterdir())) <= 3
+
+
+_COUNTS = """
+connection.send(True)
+while True:
+    try:
+        asked = connection.recv_bytes()
+    except EOFError:
+        break
+    first = b"once" in asked and not (folder / "tried").exists()
+    (folder / "tried").touch()
+    for scans in (30, 40, 30) if b"whole" in asked else (60, 60):
+        connection.send(scans)
+    if first:
+        os.kill(os.getpid(), signal.SIGKILL)
+    connection.send(None)
+"""
+
+
+def test_scans_are_told_as_they_are_done_each_once(tmp_path: Path) -> None:
+    """Of drives that a worker died on, or searched twice, too: the sum is that of all scans, and never falls."""
+    told: list[int] = []
+    done = ScansDone(told.append)
+    run = ArchiveRun(tmp_path / "m.map.h5", "m", FileStamp(0, 0), RegisterOptions(), tmp_path, 1)
+    program = (sys.executable, "-c", _BEGIN + _COUNTS, str(tmp_path))
+    jobs = [job._replace(scans=100) for job in jobs_of("once", "whole", "twice")]
+    with WorkerPool(run, 1, program=program, progress=done.some) as pool:
+        for outcome in pool.run(jobs):
+            assert outcome.error is None
+            done.all_of(outcome.job)
+    assert sum(told) == 300
+    assert min(told) >= 0
+    # Within a drive as well, not at its end alone.
+    assert {30, 40} <= set(told)
 
 
 def test_a_drive_whose_worker_dies_is_tried_again(tmp_path: Path) -> None:

@@ -415,6 +415,11 @@ SAID: dict[str, tuple[Callable[[], object], str, tuple[str, ...]]] = {
         "import L1.DZT",
         ("note: L1.txt: not read, as it is no topography",),
     ),
+    "positions of nobody knows which line": (
+        lambda: _beside("GPS.xyz", 103),
+        "import L1.DZT",
+        ("note: GPS.xyz: not read; positions of L1.DZT are in a file of its name",),
+    ),
     "points along a line": (
         lambda: _beside("L1.csv", 5, 2),
         "import L1.DZT",

@@ -170,7 +170,30 @@ WRONG: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "a button misspelt": (
         "run button.run.toml --simulate",
-        ("button.run.toml", "simulation.script", "steering, plus", "'sterring'"),
+        ("button.run.toml", "simulation.script[", "].button", "steering, plus", "'sterring'"),
+    ),
+    "a fault misspelt": (
+        "run fault.run.toml --simulate",
+        ("fault.run.toml", "simulation.faults[1].kind", "perhaps gnss_off", "gnss_of"),
+    ),
+    "weather that is none": (
+        "run hail.run.toml --simulate",
+        ("hail.run.toml", "simulation.weather", "'rain'", "'hail'"),
+    ),
+    "an address of another kind": (
+        "run tcp.run.toml --preflight",
+        ("tcp.run.toml", "ports.radar.url", "socket://HOST:PORT", "'tcp://10.0.0.7:5001'"),
+    ),
+    "a road and a field at once": (
+        "run both.run.toml --simulate",
+        ("both.run.toml", "either [coverage], or map and routes", "found map, routes, coverage, ports.radar"),
+    ),
+    "a configuration to check": ("check flail.run.toml", ("flail.run.toml", "lgprjax run flail.run.toml --preflight")),
+    "a site to check": ("check site.toml", ("site.toml", "a suffix among", "lgprjax simulate site.toml -o DIR")),
+    "a folder to check": ("check runs", ("runs", "expected a file, found a folder", "name a file in it")),
+    "a way for a border": (
+        "cover plan way.geojson -o p.cover.geojson --vehicle flail.vehicle.toml",
+        ("way.geojson", "one Polygon, the border of the field", "none, but LineString"),
     ),
     # Things that do not fit together.
     "a map for a drive": (
@@ -203,6 +226,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "flail.run.toml").write_text(run.replace("made_up.v", "flail.v"), encoding="utf-8")
     mistyped = run.replace('"made_up.v', f'"{_ONBOARD}/made_up.v').replace('button = "steering"', 'button = "sterring"')
     (folder / "button.run.toml").write_text(mistyped, encoding="utf-8")
+    own = run.replace('"made_up.v', f'"{_ONBOARD}/made_up.v')
+    (folder / "fault.run.toml").write_text(f'{own}\nfaults = [{{ kind = "gnss_of", at_s = 3 }}]\n', encoding="utf-8")
+    (folder / "hail.run.toml").write_text(own.replace("seed = 2\n", 'seed = 2\nweather = "hail"\n'), encoding="utf-8")
+    (folder / "tcp.run.toml").write_text(own.replace("socket://127.0.0.1:1", "tcp://10.0.0.7:5001"), encoding="utf-8")
+    (folder / "both.run.toml").write_text(f"{own}\n[coverage]\nspeed_mps = 0.3\n", encoding="utf-8")
+    way = '{"type": "LineString", "coordinates": [[11, 48], [11.001, 48]]}'
+    (folder / "way.geojson").write_text(way, encoding="utf-8")
     (folder / "site.toml").write_text('name = "x"\n[[drive]]\nname = "live"\n', encoding="utf-8")
     for name in ("first", "second"):
         (folder / "runs" / name).mkdir(parents=True)
