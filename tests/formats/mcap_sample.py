@@ -320,11 +320,14 @@ float32 acceleration
 float32 jerk
 {HEADER}"""
 
-DEFINITIONS = {
+READ_ONLY = {
     "geometry_msgs/msg/Vector3Stamped": VECTOR3_STAMPED,
     "sensor_msgs/msg/JointState": JOINT_STATE,
     "sensor_msgs/msg/BatteryState": BATTERY_STATE,
     "ackermann_msgs/msg/AckermannDriveStamped": ACKERMANN,
+}
+"""Definitions of messages that are read and never written."""
+DEFINITIONS = {
     "sensor_msgs/msg/NavSatFix": NAV_SAT_FIX,
     "sensor_msgs/msg/Imu": IMU,
     "nav_msgs/msg/Odometry": ODOMETRY,
@@ -359,7 +362,7 @@ def write_recording(path: Path, messages: list[Message], *, lag_s: float = 0.02,
         schemas: dict[str, Any] = {}
         for topic, kind, time_s, values in messages:
             if kind not in schemas:
-                schemas[kind] = writer.register_msgdef(kind, DEFINITIONS[kind])
+                schemas[kind] = writer.register_msgdef(kind, {**DEFINITIONS, **READ_ONLY}[kind])
             log_ns = T0_NS + round(1e9 * (time_s + lag_s))
             writer.write_message(topic, schemas[kind], values, log_time=log_ns, publish_time=log_ns)
         writer.finish()
