@@ -224,9 +224,9 @@ def records_of(rows: Sequence[Row]) -> list[Record]:
             ("`ok`", share, "%", "lower" if other else "higher", 0.0 if other else None),
             ("right, of the `ok`", 100.0 * row.right / row.ok if row.ok else np.nan, "%", "higher", None),
             ("within", row.within_m, "m", "lower", None),
-            ("along, median", row.along_m, "m", "lower", None),
-            ("across, median", row.cross_m, "m", "lower", None),
-            ("largest", row.largest_m, "m", "lower", None),
+            ("along, median", 100.0 * row.along_m, "cm", "lower", None),
+            ("across, median", 100.0 * row.cross_m, "cm", "lower", None),
+            ("largest", 100.0 * row.largest_m, "cm", "lower", None),
             *((code, row.declined.get(code, 0), "", "lower", None) for code in _DECLINED),
         ]
         records += [Record(f"{row.name}: {key}", value, unit, way, goal) for key, value, unit, way, goal in figures]
