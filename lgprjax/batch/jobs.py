@@ -61,7 +61,7 @@ class Job(NamedTuple):
         drive: its log; absolute.
         drive_sha256: of the log.
         key: of the job, see ``key_of_job``.
-        scans: of the drive; 0 if the log cannot be read, as its job will tell.
+        scans: of a drive that is to be done; 0 if the log cannot be read, as its job will tell.
     """
 
     name: str
@@ -326,8 +326,7 @@ def plan_jobs(
             sha256 = file_hash(drive)
         except OSError as error:
             return InputError(drive, "file", "a readable file", error.strerror or str(error))
-        key = key_of_job(sha256, run.map_sha256, settings)
-        return Job(drive_name(drive), drive.absolute(), sha256, key, _scans_of(drive))
+        return Job(drive_name(drive), drive.absolute(), sha256, key_of_job(sha256, run.map_sha256, settings))
 
     plan = JobPlan([], [], [])
     with ThreadPoolExecutor(max_workers=_READERS) as readers:
@@ -337,7 +336,7 @@ def plan_jobs(
                 drive = Path(found.file)
                 note_failure(run, Job(drive_name(drive), drive.absolute(), "", ""), found, attempts=1)
             elif force or not _is_done(run.folder, found):
-                plan.todo.append(found)
+                plan.todo.append(found._replace(scans=_scans_of(found.drive)))
             else:
                 plan.done.append(found.name)
                 _forget_failure(run.folder, found.name)

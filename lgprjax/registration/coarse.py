@@ -34,6 +34,7 @@ def _each(one: Callable[[Any], Any], batch: Any, count: int | Int[Array, ""] | N
             return jnp.where(asked.reshape(-1, *(1,) * (part.ndim - 1)), part, jnp.zeros((), part.dtype))
 
         return jax.tree.map(where_asked, jax.vmap(one)(batch))
+    # Traced once, here and in the loop.
     one = jax.jit(one)
     shapes = jax.eval_shape(one, jax.tree.map(lambda field: field[0], batch))
     blank = jax.tree.map(lambda shape: jnp.zeros((size, *shape.shape), shape.dtype), shapes)
