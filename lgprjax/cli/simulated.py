@@ -338,7 +338,7 @@ def _against_truth(path: Path, times_ns: np.ndarray, rows: np.ndarray) -> dict[s
 
 
 def _worked(config: "RuntimeConfig", covers: "list[tuple[int, np.void]]") -> dict[str, float]:
-    """Share of the field worked at 95 %, by the map's own rule."""
+    """Share of the field worked at 95 %, by the map's own rule; what the run took up is in it."""
     from lgprjax.coverage import CellState, cell_states, grid_of_field, inside_cells
     from lgprjax.coverage.field import Field
     from lgprjax.runtime.control.skid.setup import load_skid
@@ -349,6 +349,8 @@ def _worked(config: "RuntimeConfig", covers: "list[tuple[int, np.void]]") -> dic
     field = Field(loaded.perimeter_m)
     grid = grid_of_field(field, config.coverage.cell_m, loaded.setup.tool.width_m)
     held = WorkedMap(grid, loaded.setup.tool, config.coverage.shared_sigma_m)
+    if loaded.taken_up is not None:
+        held.take_up(loaded.taken_up.probability)
     for time_ns, cover in covers:
         held.take(cover, time_ns)
     inside = inside_cells(field, grid)

@@ -207,10 +207,67 @@ def _against_truth(path: Path, plan_ns: Int[np.ndarray, " plan"], modes: Int[np.
     return figures
 
 
+_SHOWN: tuple[tuple[str, str, float, tuple[str, ...]], ...] = (
+    ("control ticks", "{:.0f}", 1.0, ("ticks",)),
+    ("control period, median", "{:.1f} ms", 1.0, ("period_p50_ms",)),
+    (
+        "control period: p99, p99.9, largest",
+        "{:.1f} ms",
+        1.0,
+        ("period_p99_ms", "period_p99_9_ms", "period_largest_ms"),
+    ),
+    ("scans: arrived, searched", "{:.0f}", 1.0, ("scans", "searched")),
+    ("scans: missed while tracking", "{:.0f}", 1.0, ("missed_scans",)),
+    ("scans: most from fix to fix, most waiting", "{:.0f}", 1.0, ("largest_gap_scans", "most_waiting")),
+    ("fixes ok, of the stops searched", "{:.2f} %", 100.0, ("ok_share",)),
+    ("scan to command, median", "{:.1f} ms", 1.0, ("scan_to_command_p50_ms",)),
+    ("scan to command, p99, largest", "{:.1f} ms", 1.0, ("scan_to_command_p99_ms", "scan_to_command_largest_ms")),
+    ("memory of all processes", "{:.0f} MB", 1.0, ("memory_mb",)),
+    ("memory, growth in the second half", "{:.0f} MB/h", 1.0, ("memory_growth_mb_per_h",)),
+    ("devices: processor time, rendering", "{:.1f} s", 1.0, ("devices_cpu_s", "devices_render_s")),
+    ("devices: of one core", "{:.1f} %", 100.0, ("devices_cpu_share",)),
+    ("devices: late ticks", "{:.0f}", 1.0, ("devices_late_ticks",)),
+    ("way engaged", "{:.1f} m", 1.0, ("engaged_way_m",)),
+    ("off the baseline, RMS, largest", "{:.1f} cm", 100.0, ("tracking_rms_m", "tracking_largest_m")),
+    ("within a foot of it", "{:.2f} %", 100.0, ("within_foot",)),
+    ("swaths: of the plan, driven to their end", "{:.0f}", 1.0, ("passes", "passes_driven")),
+    ("taken over by the operator", "{:.0f} times", 1.0, ("times_taken_over",)),
+    ("way left", "{:.0f} m", 1.0, ("to_go_m",)),
+    ("time with a GNSS position", "{:.1f} %", 100.0, ("share_fixed",)),
+    ("position error with GNSS, RMS", "{:.1f} cm", 100.0, ("position_rms_fixed_m",)),
+    ("position error, RMS, largest", "{:.1f} cm", 100.0, ("position_rms_m", "position_largest_m")),
+    ("off the line with GNSS, RMS", "{:.1f} cm", 100.0, ("cross_track_rms_fixed_m",)),
+    ("off the line, RMS, largest", "{:.1f} cm", 100.0, ("cross_track_rms_m", "cross_track_largest_m")),
+    ("heading error, RMS, largest", "{:.2f}°", 1.0, ("heading_rms_deg", "heading_largest_deg")),
+    (
+        "squared error over variance, x, y, yaw",
+        "{:.2f}",
+        1.0,
+        tuple(f"squared_error_over_variance_{name}" for name in ("x", "y", "yaw")),
+    ),
+    ("of the field: processed, not processed, at 95 %", "{:.1f} %", 100.0, ("worked_share_95", "not_worked_share_95")),
+)
+"""Rows of the table of figures: words, how a number is written, what it is multiplied with, and the figures' names."""
+
+
+def figure_rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
+    """Figures in words and units, as a reader wants them; those that a run has not are left out."""
+    from lgprjax.autopilot import Mode
+
+    rows = []
+    for words, form, scale, names in _SHOWN:
+        found = [figures[name] for name in names if name in figures]
+        if found:
+            rows.append((words, ", ".join(form.format(scale * value) for value in found)))
+    modes = figures.get("modes", {})
+    ticks = max(sum(modes.values()), 1)
+    shares = [f"{Mode(int(mode)).name} {100.0 * count / ticks:.1f} %" for mode, count in modes.items()]
+    return [*rows, ("time in each mode", ", ".join(shares))] if shares else rows
+
+
 def print_figures(figures: dict[str, Any], folder: Path) -> None:
     """Print as a table."""
     table = Table("simulated run", "", title=str(folder))
-    for name, value in figures.items():
-        shown = f"{value:.4g}" if isinstance(value, float) else str(value)
-        table.add_row(name.replace("_", " "), shown)
+    for row in figure_rows(figures):
+        table.add_row(*row)
     console.print(table, highlight=False, markup=False)

@@ -22,6 +22,7 @@ _SHOWN = {
     Event.DRIVE_BY_WIRE_RELAUNCHED.name,
 }
 """Events that are told though they change no mode."""
+_FREE = "no longer slowed"
 
 
 class TimelineEntry(NamedTuple):
@@ -71,8 +72,8 @@ class Timeline(NamedTuple):
         taken = next((each for each in reversed(self.entries) if each.kind in ("error", "mode", "stop")), None)
         if taken is not None and taken.mode not in ENGAGED:
             return f"{left}: {taken.text}"
-        slow = next((each.text for each in reversed(self.entries) if each.kind == "slow"), "")
-        return f"{left} when the time ran out" + (f"; last slowed: {slow}" if slow else "")
+        slow = next((each.text for each in reversed(self.entries) if each.kind == "slow" and each.text != _FREE), "")
+        return f"{left} when the time ran out" + (f"; last of what slowed it: {slow}" if slow else "")
 
 
 def read_timeline(folder: str | Path) -> Timeline:
@@ -142,7 +143,7 @@ class _Reader:
             slow = tuple(str(text) for text in told["slow"])
             if slow != self._slow:
                 self._slow = slow
-                yield "slow", f"driving slowly: {'; '.join(slow)}" if slow else "no longer slowed"
+                yield "slow", f"driving slowly: {'; '.join(slow)}" if slow else _FREE
         elif "check" in told:
             yield "check", f"system check {str(told['check']).lower().replace('_', ' ')}: {told['why']}"
         elif "refused" in told:
@@ -174,7 +175,8 @@ class _Reader:
             kind = "error" if mode in (Mode.ERROR.name, Mode.EMERGENCY_STOP.name) else "mode"
             yield kind, f"{mode}: {f'stopped, {self._stopped_for}' if stopped else text}"
             self._stopped_for = "" if mode not in ENGAGED else self._stopped_for
-        elif event in _SHOWN:
+        elif event in _SHOWN and not (event == Event.SOURCE_MISSING.name and mode in ENGAGED):
+            # Nothing has to be engaged while something is: what is missing slows it, and is told by that.
             yield "note", text
 
 

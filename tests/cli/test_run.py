@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from lgprjax.cli import main
+from lgprjax.cli.simulated_run import _SHOWN
 from lgprjax.formats import VehicleLog, read_run
 from lgprjax.process_cost import count_compiles
 from lgprjax.run_records import RecordKind, unpack
@@ -125,6 +126,9 @@ def test_in_lock_step_it_arrives_on_any_machine_and_tells_its_course(
     found = json.loads(figures.read_text(encoding="utf-8"))
     assert found["tracking_rms_m"] < 0.15
     assert found["period_largest_ms"] == pytest.approx(20.0, abs=0.1)
+    # Every figure stands in the table, in words and with its unit.
+    assert set(found) <= {name for *_, names in _SHOWN for name in names} | {"modes"}
+    assert re.search(r"off the baseline, RMS, largest +│ [0-9.]+ cm, [0-9.]+ cm", done.stdout)
     folder = next(iter(set((course.parent / "runs").iterdir()) - before))
     told = lgprjax("events", str(folder), "--json", str(folder / "events.json"))
     assert told.returncode == 0, told.stdout + told.stderr

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cli.test_run import ROOT, lgprjax
+from lgprjax.cli.simulated_run import _SHOWN
 from lgprjax.formats import read_cover_plan, read_run
 from lgprjax.run_records import RecordKind, unpack
 from lgprjax.runtime.smoothed import smooth_run
@@ -39,6 +40,7 @@ def test_a_field_is_driven_recorded_and_replayed_to_the_same_frames(field: Path)
     assert len(read_cover_plan(field.parent / "field.cover.geojson").pattern.lines) == 21
     found = json.loads(figures.read_text(encoding="utf-8"))
     assert found["ticks"] > 300
+    assert set(found) <= {name for *_, names in _SHOWN for name in names} | {"modes"}
     folder = next((field.parent / "runs").iterdir())
     kinds = {unpack(data).kind for _, data in read_run(folder)}
     assert {RecordKind.COVER, RecordKind.SKID_PLAN, RecordKind.PORT_IN, RecordKind.PORT_OUT} <= kinds
