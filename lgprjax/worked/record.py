@@ -189,6 +189,9 @@ def passes_of_runs(runs: Sequence[CoverRun], tool: Tool, t0_ns: int) -> tuple[Co
 def stops_of_runs(runs: Sequence[CoverRun], t0_ns: int) -> CoverStops:
     """Stretches of time with a reason to stop; those less than a second apart are one.
 
+    What ends before a run's first work stopped nothing: until the vehicle has been driven to its start its heading is
+    not known.
+
     Args:
         runs: in order.
         t0_ns: UTC origin of times.
@@ -198,7 +201,10 @@ def stops_of_runs(runs: Sequence[CoverRun], t0_ns: int) -> CoverStops:
         time_s = 1e-9 * (run.utc_ns - t0_ns).astype(np.float64)
         bits = run.rows["stop"]
         last_end = -np.inf
+        begun = np.append(np.flatnonzero(run.rows["tool"] & ToolBits.COUNTS), len(bits))[0]
         for first, last in _stretches(bits != 0, _holes(run)):
+            if last < begun:
+                continue
             reasons = int(np.bitwise_or.reduce(bits[first : last + 1]))
             if time_s[first] - last_end <= _SAME_STOP_S:
                 begin = found.pop()

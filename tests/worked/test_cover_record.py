@@ -183,6 +183,17 @@ def test_passes_stops_and_events_are_told(tmp_path: Path, plan: CoverPlan) -> No
     assert record.events.east_m[0] == pytest.approx(record.channels.x_m[0])
 
 
+def test_what_was_missing_before_the_first_work_is_no_stop(tmp_path: Path, plan: CoverPlan) -> None:
+    rows, time_s = cover_rows(Drive(_LINES[:2], stop_s=4.0))
+    rows["tool"][:30], rows["stop"][:30] = 0, 8 | 16
+    write_cover_run(tmp_path / "a", rows, time_s, plan_sha256=_PLAN)
+    stops = record_of(plan, read_cover_run(tmp_path / "a")).stops
+    assert [stop_words(int(each)) for each in stops.reasons] == ["operator or remote link"]
+    rows["tool"] = 0
+    write_cover_run(tmp_path / "b", rows, time_s, begin_s=900.0, plan_sha256=_PLAN)
+    assert not len(record_of(plan, read_cover_run(tmp_path / "b")).stops.run)
+
+
 def test_the_sentence_is_markovs_bound(tmp_path: Path, plan: CoverPlan) -> None:
     record = record_of(plan, run_of(tmp_path / "a", Drive(_LINES, sigma_m=0.1)))
     cells = record.cells
