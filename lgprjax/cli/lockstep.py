@@ -1,9 +1,10 @@
 """``run --simulate --lockstep``: the runtime and its simulated devices in simulated seconds.
 
-The control loop, the registration's search, the parsers of the lines and the recording are the vehicle's own. What is
-left out is the computer: processes, rings, threads and its clock. The devices' world advances by 2 ms at a time, the
-control loop is stepped every 20 ms, and a fix is ready in the tick after the one its scan came in: a computer that
-keeps up. However slow the machine is, nothing comes late.
+The control loop, the registration's search, the parsers of the lines and the recording are the vehicle's own, and so
+are the processes of the page and of a field's worked map. What is left out is the computer: the other processes, their
+rings and threads, and its clock. The devices' world advances by 2 ms at a time, the control loop is stepped every
+20 ms, and a fix is ready in the tick after the one its scan came in: a computer that keeps up. However slow the machine
+is, nothing comes late.
 """
 
 import json
@@ -278,6 +279,8 @@ class LockStep:
                     self._shown.show(record)
                 continue
             self._log(record)
+            if record.kind in (RecordKind.COVER, RecordKind.CORNER) and self._shown is not None:
+                self._shown.worked(record)
             if record.kind is RecordKind.PRIOR and self._queue is not None:
                 self._queue.priors.take(record.payload)
         for name in ("drive_by_wire", "controller"):
@@ -328,14 +331,20 @@ class _Into:
 
 
 class Page:
-    """The rings of a display process beside a run in lock step."""
+    """The rings of the display process, and of a field's coverage process, beside a run in lock step."""
 
     def __init__(self, rings: Path) -> None:
-        self._state, self._requests = (Ring.create(rings / name, RINGS[name]) for name in ("state", "requests"))
+        self._state, self._requests, self._cover = (
+            Ring.create(rings / name, RINGS[name]) for name in ("state", "requests", "cover")
+        )
 
     def show(self, state: Record) -> None:
         """To the page; it judges ages by the computer's clock."""
         self._state.put(pack(state._replace(mono_ns=time.monotonic_ns())))
+
+    def worked(self, record: Record) -> None:
+        """A moment of work or a corner, to the coverage process."""
+        self._cover.put(pack(record))
 
     def requests(self) -> list[Record]:
         """What the page asks for."""
@@ -347,20 +356,27 @@ class Page:
 
 
 @contextmanager
-def display_beside(config: RuntimeConfig, rings: Path, folder: Path) -> Iterator[Page]:
-    """The display process, for as long as the block lasts; a page that cannot be served is only missed."""
+def page_beside(config: RuntimeConfig, rings: Path, folder: Path) -> Iterator[Page]:
+    """Display, and coverage of a field, as processes for as long as the block lasts; one that dies is missed."""
     Heartbeats(rings)
     for name, size in RINGS.items():
         Ring.create(rings / name, size)
     shown = Page(rings)
-    environment = child_environment("display", SUPERVISOR)
-    process = subprocess.Popen(
-        process_command("display", config, rings, folder, False), env=environment, stdin=subprocess.DEVNULL
-    )
+    processes = [
+        subprocess.Popen(
+            process_command(name, config, rings, folder, False),
+            env=child_environment(name, SUPERVISOR),
+            stdin=subprocess.DEVNULL,
+        )
+        for name in ("display", "coverage")
+        if name in processes_of(config)
+    ]
     try:
         yield shown
     finally:
-        process.terminate()
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(5.0)
-        process.kill()
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(5.0)
+            process.kill()

@@ -235,7 +235,7 @@ class Run:
         import shutil
         from contextlib import ExitStack
 
-        from lgprjax.cli.lockstep import LockStep, display_beside
+        from lgprjax.cli.lockstep import LockStep, page_beside
         from lgprjax.runtime.supervisor import make_rings_folder
 
         written = folder / "devices.json"
@@ -246,7 +246,7 @@ class Run:
         print(f"display: http://{config.display.host}:{config.display.port}", flush=True)
         with ExitStack() as held:
             held.callback(shutil.rmtree, rings, ignore_errors=True)
-            page = held.enter_context(display_beside(driven, rings, folder))
+            page = held.enter_context(page_beside(driven, rings, folder))
             status = held.enter_context(working("starting"))
             run = LockStep(driven, written, folder, page)
             try:

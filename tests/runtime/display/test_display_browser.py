@@ -354,7 +354,9 @@ def test_a_field_shows_its_line_tool_gnss_and_what_is_worked(served: ServedPage,
     show(served, tab, FIELD)
     tab.wait_for("document.body.innerText.includes('Worked at 95 %: 15 %')")
     told = tab.evaluate("document.body.innerText")
+    assert told.count("GNSS off for") == 1
     for words in (
+        "worked",
         "line 4 of 21",
         "15 cm",
         "told on, 15 cm",

@@ -404,8 +404,9 @@ class SkidSteerVehicle:
     def warnings(self) -> list[str]:
         """Warnings to the operator."""
         age_s = self._sensed.gnss_age_s
-        # The page's own line says it as well; there must not be "no warnings" beside it.
-        off = [f"GNSS off for {age_s:.0f} s"] if _GNSS_OFF_S < age_s < math.inf else []
+        # There must not be "no warnings" beside the page's own line of it; once health calls it silent, that is one.
+        told = whole(self.pilot.result.reasons) & Reason.GNSS_SILENT
+        off = [f"GNSS off for {age_s:.0f} s"] if _GNSS_OFF_S < age_s < math.inf and not told else []
         return [*describe(self._watched.bits), *describe_found(self._found()), *off]
 
     def inhibit_text(self) -> str:

@@ -4,7 +4,6 @@ import { drawPlan, points } from "./plan.js";
 import { FIELD_MODES, computedCorner, fieldWords, toolWords } from "./field.js";
 
 const STALE_S = 0.5;
-const GNSS_OLD_S = 1.6;
 const NOMINAL_M = 0.305, MOST_M = 0.914; // one foot and three
 const ENGAGED = ["STEERING", "SPEED"];
 const MODES = {
@@ -77,9 +76,6 @@ function sayings(mode, engaged) {
   }
   for (const warning of texts(state.warnings)) {
     if (!slow.includes(warning) && !(refusal() || "").includes(warning)) said.push(["warn", `▲ ${fileName(warning)}`]);
-  }
-  if (state.field && isNumber(state.field.gnss_age_s) && state.field.gnss_age_s > GNSS_OLD_S) {
-    said.push(["warn", `▲ GNSS off for ${Math.round(state.field.gnss_age_s)} s`]);
   }
   if (state.field && !engaged && computedCorner(worked)) {
     said.push(["warn", "▲ One corner of the field is computed: visit it first"]);
@@ -207,6 +203,7 @@ function drawWhole() {
   const { times, reverse, corner } = drawPlan(at("plan"), state, path, vehicleUp, worked, ENGAGED.includes(state.mode));
   at("reverse-key").hidden = !reverse;
   at("corner-key").hidden = !corner;
+  at("worked-key").hidden = !(state.field && worked && Array.isArray(worked.runs) && worked.runs.length);
   tell("ellipse-key", times === null ? "uncertainty unknown" : times === 1 ? "3σ" : `3σ × ${times}`);
 }
 
