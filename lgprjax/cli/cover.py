@@ -1,9 +1,10 @@
 """``lgprjax cover``: plan a field, record the ground worked, export the record."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from rich.table import Table
 from tyro.conf import Positional, arg
@@ -174,7 +175,7 @@ class CoverPlanVerb:
         plan = made.plan
         save_cover_plan(self.output, plan, force=self.force)
         figures = _plan_figures(made, self.speed_mps)
-        _print_table(self.output.name, figures)
+        _print_plan(self.output.name, figures)
         if len(made.costs) > 1:
             _print_costs(made)
         room = f"{made.ground_m:.2f} m beyond the perimeter"
@@ -227,7 +228,7 @@ class CoverRecord:
     def run(self) -> None:
         """Record."""
         from lgprjax.formats import write_worked
-        from lgprjax.worked.evidence import read_evidence
+        from lgprjax.worked.evidence import read_evidence, shared_error_lines
         from lgprjax.worked.layers import checked_levels, cover_figures
         from lgprjax.worked.plans import open_cover_plan
         from lgprjax.worked.record import read_cover_run, record_cover
@@ -260,14 +261,14 @@ class CoverRecord:
         write_worked(self.output, record, force=self.force)
         figures = cover_figures(record)
         print_cover_figures(self.output.name, figures)
-        for run, told in record.provenance["evidence"]["shared_error"].items():
-            say(f"{run}: {told['sentence']}")
+        for words, sentence in shared_error_lines(record.provenance["evidence"]):
+            say(f"{words}: {sentence}")
         say(f"wrote {self.output}")
         if self.json is not None:
             write_figures(self.json, figures.as_json(), force=self.force)
 
 
-def _plan_figures(made: "FieldPlan", speed_mps: float) -> dict[str, object]:
+def _plan_figures(made: "FieldPlan", speed_mps: float) -> dict[str, Any]:
     from lgprjax.coverage.pattern import driving_time_s
 
     plan = made.plan
@@ -293,7 +294,7 @@ def _plan_figures(made: "FieldPlan", speed_mps: float) -> dict[str, object]:
     }
 
 
-def _draw(made: "FieldPlan", path: Path, figures: dict[str, object], *, force: bool) -> None:
+def _draw(made: "FieldPlan", path: Path, figures: dict[str, Any], *, force: bool) -> None:
     import numpy as np
 
     from lgprjax.report.coverage import CoverPlanPicture, draw_cover_plan
@@ -301,7 +302,7 @@ def _draw(made: "FieldPlan", path: Path, figures: dict[str, object], *, force: b
 
     plan, pattern, computed = made.plan, made.plan.pattern, made.plan.computed_corner
     ways = turn_ways(pattern)
-    seconds = float(str(figures["time_s"]))
+    seconds = figures["time_s"]
     draw_cover_plan(
         CoverPlanPicture(
             title=f"{plan.name}: {len(pattern.lines)} swaths, {pattern.length_m:.0f} m, {seconds / 3600.0:.2f} h",
@@ -344,8 +345,24 @@ def _print_costs(made: "FieldPlan") -> None:
         say(f"{', '.join(names)} refused: {reason}")
 
 
-def _print_table(title: str, figures: dict[str, object]) -> None:
+def _for_people(figures: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """A plan's quantities in words, with their units."""
+    yield "field", f"{figures['field']}, {figures['area_m2']:.1f} m²"
+    yield "first corner, latitude and longitude", f"{figures['latitude_deg']:.7f}°, {figures['longitude_deg']:.7f}°"
+    yield "vehicle", str(figures["vehicle"])
+    yield "order", str(figures["order"])
+    yield "swaths", f"{figures['lines']}, {figures['line_length_m']:.0f} m in all, {figures['spacing_m']:.2f} m apart"
+    yield "whole way", f"{figures['length_m']:.0f} m, {figures['time_s'] / 3600.0:.2f} h"
+    if figures["tightest_radius_m"] is not None:
+        yield "tightest turn", f"{figures['tightest_radius_m']:.2f} m of radius"
+    if figures["keep_outs"]:
+        yield "keep-outs", str(figures["keep_outs"])
+    if figures["unreached"]:
+        yield "swaths that no way leads to", str(figures["unreached"])
+
+
+def _print_plan(title: str, figures: dict[str, Any]) -> None:
     table = Table("quantity", "value", title=title)
-    for name, value in figures.items():
-        table.add_row(name, str(value))
-    console.print(table)
+    for name, value in _for_people(figures):
+        table.add_row(name, value)
+    console.print(table, highlight=False, markup=False)

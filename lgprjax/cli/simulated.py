@@ -286,7 +286,8 @@ def field_figures(folder: Path, config: "RuntimeConfig") -> dict[str, Any]:
     loaded = load_skid(config)
     figures["passes"], figures["passes_driven"] = loaded.lines, _passes(rows, drives)
     figures["times_taken_over"] = int(np.sum(np.diff(drives.astype(int)) == -1))
-    figures["to_go_m"] = float(rows["to_go_m"][drives][-1]) if drives.any() else math.nan
+    # The end is passed by some centimetres.
+    figures["to_go_m"] = max(float(rows["to_go_m"][drives][-1]), 0.0) if drives.any() else math.nan
     truth = folder / "truth.npz"
     if truth.exists() and drives.any():
         times_ns = np.array([time_ns for time_ns, _ in plans])

@@ -30,7 +30,7 @@ from lgprjax.report.coverage import (
     write_coverage_page,
 )
 from lgprjax.report.html import ReportFigure
-from lgprjax.worked.evidence import residual_of
+from lgprjax.worked.evidence import residual_of, shared_error_lines
 from lgprjax.worked.layers import (
     STATUS,
     CoverFigures,
@@ -160,7 +160,7 @@ def _write_page(
         ("runs", ", ".join(f"{run['folder']}{'' if run['complete'] else ' (incomplete)'}" for run in runs)),
         ("fixed GNSS position", f"{100.0 * figures.fixed:.1f} % of the time"),
         *(("driven", f"{words}: {way_m:.0f} m") for words, way_m in way_by_driver(record).items()),
-        *((f"base, {run}", str(told["sentence"])) for run, told in evidence.get("shared_error", {}).items()),
+        *shared_error_lines(evidence),
     )
     rows = [
         (

@@ -101,7 +101,7 @@ class SharedError(NamedTuple):
     Attributes:
         sigma_m: an axis, added to every covariance.
         east_m, north_m: mean of measured less known; NaN without control points. It is not corrected.
-        points: how many were measured; before, after: whether any was then.
+        points: how many measurements there are; before, after: whether any was then.
         change_m: between before and after; NaN without both.
     """
 
@@ -118,13 +118,13 @@ class SharedError(NamedTuple):
         """In words."""
         if not self.points:
             return f"no control point was measured: sigma grows by an assumed {100.0 * self.sigma_m:.1f} cm per axis"
-        off = f"{100.0 * self.east_m:.1f} cm east, {100.0 * self.north_m:.1f} cm north off"
+        east_cm, north_cm = (round(100.0 * each, 1) + 0.0 for each in (self.east_m, self.north_m))
+        off = f"{east_cm:.1f} cm east, {north_cm:.1f} cm north off"
         missing = [word for word, there in (("before", self.before), ("after", self.after)) if not there]
         told = f", none measured {' or '.join(missing)} the session" if missing else ""
         changed = "" if math.isnan(self.change_m) else f", changed by {100.0 * self.change_m:.1f} cm"
-        return (
-            f"{self.points} control points: {off}{changed}{told}; sigma grows by {100.0 * self.sigma_m:.1f} cm per axis"
-        )
+        measured = f"control points measured {self.points} time{'s' if self.points > 1 else ''}"
+        return f"{measured}: {off}{changed}{told}; sigma grows by {100.0 * self.sigma_m:.1f} cm per axis"
 
 
 def read_evidence(path: str | Path) -> Evidence:
@@ -183,6 +183,14 @@ def evidence_json(held: Evidence, runs: Sequence[str]) -> dict[str, Any]:
         run: {"sigma_m": round(each.sigma_m, 4), "sentence": each.sentence} for run, each in errors.items()
     }
     return told
+
+
+def shared_error_lines(evidence: dict[str, Any]) -> list[tuple[str, str]]:
+    """What is said of the base, for whom and in words, of the evidence as the record has it; what is the same once."""
+    told = {run: str(each["sentence"]) for run, each in evidence.get("shared_error", {}).items()}
+    if len(told) > 1 and len(set(told.values())) == 1:
+        return [("base, every run", next(iter(told.values())))]
+    return [(f"base, {run}", sentence) for run, sentence in told.items()]
 
 
 def _residual_m(point: ControlPoint) -> tuple[float, float]:

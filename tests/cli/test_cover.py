@@ -225,7 +225,7 @@ def test_the_export_is_whole(work: Path, tmp_path: Path, capsys: pytest.CaptureF
         "T-7",
         "HA-12",
         "detonation",
-        "2 control points: 0.0 cm east",
+        "control points measured 2 times: 0.0 cm east",
         "signature",
         "operator or remote link",
         "not processed",
