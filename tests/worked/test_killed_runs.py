@@ -191,6 +191,6 @@ def test_a_small_field_cut_off_twice(tmp_path: Path) -> None:
 
 
 @pytest.mark.campaign
-def test_a_hectare_cut_off_ten_times(tmp_path: Path) -> None:
-    """Ten kilometres in some four hours of simulated time."""
-    work_through(tmp_path, 100.0, 100.0, kills=10, seed=5)
+def test_a_quarter_of_a_hectare_cut_off_ten_times(tmp_path: Path) -> None:
+    """A quarter of an hour of a core. ``test_resumed_fields`` has the hectare, by the compiled loop."""
+    work_through(tmp_path, 50.0, 50.0, kills=10, seed=5)
