@@ -22,7 +22,7 @@ _SHOWN = {
     Event.DRIVE_BY_WIRE_RELAUNCHED.name,
 }
 """Events that are told though they change no mode."""
-_FREE = "no longer slowed"
+_SLOWLY, _FREE = "driving slowly: ", "no longer slowed"
 
 
 class TimelineEntry(NamedTuple):
@@ -73,7 +73,7 @@ class Timeline(NamedTuple):
         if taken is not None and taken.mode not in ENGAGED:
             return f"{left}: {taken.text}"
         slow = next((each.text for each in reversed(self.entries) if each.kind == "slow" and each.text != _FREE), "")
-        return f"{left} when the time ran out" + (f"; last of what slowed it: {slow}" if slow else "")
+        return f"{left} when the time ran out" + (f"; last slowed: {slow.removeprefix(_SLOWLY)}" if slow else "")
 
 
 def read_timeline(folder: str | Path) -> Timeline:
@@ -143,7 +143,7 @@ class _Reader:
             slow = tuple(str(text) for text in told["slow"])
             if slow != self._slow:
                 self._slow = slow
-                yield "slow", f"driving slowly: {'; '.join(slow)}" if slow else _FREE
+                yield "slow", f"{_SLOWLY}{'; '.join(slow)}" if slow else _FREE
         elif "check" in told:
             yield "check", f"system check {str(told['check']).lower().replace('_', ' ')}: {told['why']}"
         elif "refused" in told:
