@@ -130,6 +130,20 @@ def test_at_twice_the_zoom_the_text_grows_and_everything_can_be_scrolled_to(
     assert tab.evaluate(cut) == []
 
 
+@pytest.mark.parametrize("mode", ["READY", "SPEED", "ERROR", "EMERGENCY_STOP", "UNKNOWN"])
+def test_on_a_phone_at_twice_the_zoom_the_mode_stays_and_leaves_room(served: ServedPage, tab: Tab, mode: str) -> None:
+    show(served, tab, DRIVING | PLACE | {"mode": mode}, (180, 370))
+    heights = "['top', 'theme', 'up'].map((name) => document.getElementById(name).getBoundingClientRect().height)"
+    header, *buttons = tab.evaluate(heights)
+    assert header <= 0.3 * 370
+    assert min(buttons) >= 24.0  # pixels of a page that is shown twice as large
+    cut = "['mode', 'mode-text', 'theme', 'up'].filter((name) => { const e = document.getElementById(name);"
+    assert tab.evaluate(cut + " return e.scrollWidth > e.clientWidth + 1})") == []
+    # Scrolled to the end, the mode is still at the top.
+    tab.evaluate("window.scrollTo(0, document.documentElement.scrollHeight)")
+    assert tab.evaluate("document.getElementById('mode').getBoundingClientRect().top") >= 0.0
+
+
 def test_every_button_is_reached_by_the_keyboard_and_shows_it(served: ServedPage, tab: Tab) -> None:
     show(served, tab, READY | PLACE, (1280, 800))
     reached = []
