@@ -1,6 +1,7 @@
 """The site file: a road, its ground, a radar, days and drives as TOML (docs/scene.md lists the keys)."""
 
 import hashlib
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ import numpy as np
 from lgprjax.config import TableKey, as_table, nearest, refuse_unknown
 from lgprjax.errors import InputError
 from lgprjax.files import examples_folder, load_toml
+from lgprjax.radar import unambiguous_ns
 from lgprjax.scene import (
     NO_FAULTS,
     WEATHER,
@@ -89,6 +91,15 @@ def _check_radar(site: Site, place: TableKey) -> None:
     if sweeps is not None and not band_spectrum(radar, sweeps.frequency_mhz).any():
         expected = f"frequencies within band_mhz, {radar.band_mhz[0]:g} to {radar.band_mhz[1]:g}"
         raise place.at("sweeps").refuse(expected, f"{sweeps.first_mhz:g} to {sweeps.frequency_mhz[-1]:g}")
+    if sweeps is not None:
+        window_ns = radar.samples * radar.sample_step_ns - radar.time_zero_ns
+        clear_ns = unambiguous_ns(sweeps.frequency_mhz * 1e6)
+        if clear_ns < window_ns:
+            widest = sweeps.step_mhz * clear_ns / window_ns
+            window = f"unambiguous over the radar's window of {window_ns:.3g} ns"
+            expected = f"at most {math.floor(10.0 * widest) / 10.0:g} MHz, {window}"
+            found = f"{sweeps.step_mhz:g} MHz, unambiguous over {clear_ns:.3g} ns"
+            raise place.at("sweeps").at("step_mhz").refuse(expected, found)
 
 
 def _check_drive(site: Site, drive: SiteDrive, place: TableKey) -> None:

@@ -196,6 +196,10 @@ LAST = '\n[[drive]]\nname = "last"\n'
             "[radar.sweeps]\nstep_mhz = 90" + LAST,
             "radar.sweeps.steps: expected at most 3125 MHz at this sample_step_ns",
         ),
+        (
+            "[radar.sweeps]\nstep_mhz = 50\nsteps = 8" + LAST,
+            "radar.sweeps.step_mhz: expected at most 12.9 MHz, unambiguous over the radar's window of 55 ns, found",
+        ),
         ("[faults.a]\ndead_channels = [11]" + LAST + 'faults = "a"', "drive[1].faults: expected dead_channels from 0"),
     ],
 )
