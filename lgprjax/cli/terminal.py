@@ -7,7 +7,7 @@ import io
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 
 from rich.console import Console
@@ -80,6 +80,57 @@ class RateColumn(ProgressColumn):
         return Text("" if speed is None else f"{speed:.3g} {self._unit}/s")
 
 
+_LONG_S = 1.0
+_COMPILING = "compiling for this machine, up to two minutes the first time; later commands load what is compiled now"
+
+
+class Compiling:
+    """Tells a terminal, once a command, that programs are compiled that no earlier command has kept.
+
+    JAX reports a program when it has been compiled; those loaded from the cache do not count.
+    """
+
+    def __init__(self) -> None:
+        import jax.monitoring
+
+        self._shown: Console | None = None
+        self._new, self._took_s = False, 0.0
+        jax.monitoring.register_event_listener(self._heard)
+        jax.monitoring.register_event_duration_secs_listener(self._ended)
+
+    def _heard(self, event: str, **_: str | int) -> None:
+        self._new = self._new or event == "/jax/compilation_cache/cache_misses"
+
+    def _ended(self, event: str, duration_secs: float, **_: str | int) -> None:
+        if event != "/jax/core/compile/backend_compile_duration" or not self._new:
+            return
+        self._new, before_s = False, self._took_s
+        self._took_s += duration_secs
+        if before_s < _LONG_S <= self._took_s and self._shown is not None:
+            self._shown.print(_COMPILING, highlight=False, soft_wrap=True)
+
+    @contextmanager
+    def told_on(self, shown: Console) -> Iterator[None]:
+        """Tell it on this console during the block."""
+        before, self._shown = self._shown, shown
+        try:
+            yield
+        finally:
+            self._shown = before
+
+
+_compiling: list[Compiling] = []
+
+
+def _tells_of_compiling(shown: Console) -> AbstractContextManager[None]:
+    """Where somebody watches, say why nothing moves while programs are compiled."""
+    if not shown.is_terminal:
+        return nullcontext()
+    if not _compiling:
+        _compiling.append(Compiling())
+    return _compiling[0].told_on(shown)
+
+
 @contextmanager
 def progress_bar(what: str, total: int, unit: str = "scans") -> Iterator[Bar]:
     """A bar that the block advances by calling the yielded object; rate and time left beside it."""
@@ -92,7 +143,8 @@ def progress_bar(what: str, total: int, unit: str = "scans") -> Iterator[Bar]:
     )
     shown = Console(stderr=True)
     # Where nobody watches, as in a log, the bar would leave an empty line.
-    with Progress(*columns, console=shown, transient=True, disable=not shown.is_terminal) as progress:
+    bar = Progress(*columns, console=shown, transient=True, disable=not shown.is_terminal)
+    with bar as progress, _tells_of_compiling(shown):
         yield Bar(progress, progress.add_task(what, total=total))
 
 
